@@ -1,0 +1,358 @@
+"""The seam between `rso` and whatever computes: knobs, cases, responses, failures and the run key.
+
+A backend is any object with the attributes of :class:`Backend`.  It receives one value per knob and one
+:class:`Case`, and returns a :class:`Response` or raises :class:`SimulationFailed`.  A run therefore ends
+
+* **done**: a response;
+* **failed**: the backend itself says that there is no answer (:class:`SimulationFailed`, with a cause class);
+* **crashed**: anything else (another exception, a killed process, a time-out).  It is shown apart and tried
+  again next time, so that a bug is never recorded as physics.
+
+Units inside are N, mm, MPa, s.  This module needs numpy and the standard library only.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, Protocol, runtime_checkable
+
+import numpy as np
+
+CAUSES = (
+    "inversion",  # an element turned inside out and no smaller step helped
+    "contact",  # the contact search or its multipliers did not settle
+    "step_limit",  # the load step became smaller than allowed
+    "instability",  # the tangent lost positive definiteness and no equilibrium was found
+    "time_limit",  # the backend's own limit, not the dispatcher's
+    "bad_geometry",  # the values describe no body (inclusion outside, negative thickness, ...)
+    "inadmissible",  # the values describe no material (energy not convex over the stretches reached)
+    "not_supported",  # the backend does not model what was asked
+)
+
+Scope = Literal["study", "mounting", "curve"]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One scalar knob: its meaning, unit, hard bounds and, for an effect, the value that switches it off."""
+
+    name: str
+    description: str
+    unit: str
+    low: float
+    high: float
+    default: float | None = None
+    neutral: float | None = None
+    group: str = ""
+    typical: float | None = None
+    scope: Scope = "study"
+
+    def check(self, value: float) -> float:
+        """Return `value` as a float, or raise ValueError naming knob, value, unit and bounds."""
+        x = float(value)
+        if not (math.isfinite(x) and self.low <= x <= self.high):
+            raise ValueError(
+                f"{self.name} = {value} {self.unit} is outside its hard bounds "
+                f"[{self.low:g}, {self.high:g}] {self.unit} ({self.description})"
+            )
+        return x
+
+
+def knob(
+    description: str,
+    unit: str,
+    low: float,
+    high: float,
+    *,
+    default: float | None = None,
+    neutral: float | None = None,
+    group: str = "",
+    typical: float | None = None,
+    scope: Scope = "study",
+) -> Any:
+    """Declare one knob as a dataclass field; an effect gives `neutral`, which is then also its default."""
+    start = neutral if default is None else default
+    metadata = {"parameter": Parameter("", description, unit, low, high, start, neutral, group, typical, scope)}
+    return field(metadata=metadata) if start is None else field(default=start, metadata=metadata)
+
+
+def parameters_of(knobs: type) -> tuple[Parameter, ...]:
+    """Every knob declared on a dataclass, in order of declaration."""
+    return tuple(
+        dataclasses.replace(f.metadata["parameter"], name=f.name)
+        for f in dataclasses.fields(knobs)
+        if "parameter" in f.metadata
+    )
+
+
+@dataclass(frozen=True)
+class Programme:
+    """Indenter travel over time, piecewise linear through (`time_s`, `travel_mm`), and the travels asked for.
+
+    Channels are returned at each passage of an asked travel, in order of time.
+    """
+
+    time_s: tuple[float, ...]
+    travel_mm: tuple[float, ...]
+    asked_mm: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("time_s", "travel_mm", "asked_mm"):
+            object.__setattr__(self, name, tuple(float(v) for v in getattr(self, name)))
+        t, u, a = (np.asarray(v) for v in (self.time_s, self.travel_mm, self.asked_mm))
+        if len(t) != len(u) or len(t) < 2:
+            raise ValueError(f"programme: time_s ({len(t)}) and travel_mm ({len(u)}) need the same length >= 2")
+        if not all(np.all(np.isfinite(v)) for v in (t, u, a)):
+            raise ValueError("programme: time_s, travel_mm and asked_mm must be finite")
+        if np.any(np.diff(t) <= 0):
+            raise ValueError(f"programme: time_s must increase, got {list(self.time_s)}")
+        if len(a) == 0 or np.any(np.diff(a) <= 0) or a[0] <= 0 or a[-1] > u.max() + 1e-12:
+            raise ValueError(
+                f"programme: asked_mm must increase within (0, {u.max():g}] mm, got {list(self.asked_mm)}"
+            )
+
+    @classmethod
+    def ramp(cls, asked_mm: tuple[float, ...], speed_mm_s: float = 0.5) -> Programme:
+        """Monotonic loading to the deepest asked travel at one speed (mm/s)."""
+        deepest = float(max(asked_mm))
+        return cls((0.0, deepest / speed_mm_s), (0.0, deepest), tuple(asked_mm))
+
+
+@dataclass(frozen=True)
+class Case:
+    """One simulation: a programme and the backend's own settings (where, geometry, support, law).
+
+    `artefacts` maps a name to the SHA-256 of what the backend made for this case beforehand (a mesh); the
+    hashes are part of the run key.  `objects` is the folder that holds them and is not.
+    """
+
+    name: str
+    programme: Programme
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    artefacts: Mapping[str, str] = field(default_factory=dict)
+    objects: str | None = None
+
+    def artefact(self, name: str) -> Path | None:
+        """File of the named artefact, or None if the dispatcher prepared none."""
+        if self.objects is None or name not in self.artefacts:
+            return None
+        return object_path(Path(self.objects), self.artefacts[name])
+
+    def to_json(self) -> dict[str, Any]:
+        """The case as plain JSON data (the `case` of a request)."""
+        return {
+            "name": self.name,
+            "programme": dataclasses.asdict(self.programme),
+            "settings": plain(self.settings),
+            "artefacts": dict(self.artefacts),
+            "objects": self.objects,
+        }
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Case:
+        """Inverse of :meth:`to_json`; a missing `artefacts`, `objects` or `settings` means none."""
+        unknown = sorted(set(data) - {"name", "programme", "settings", "artefacts", "objects"})
+        if unknown or "programme" not in data:
+            raise ValueError(f"case: needs name, programme, settings[, artefacts, objects]; unknown: {unknown}")
+        programme = data["programme"]
+        if not isinstance(programme, Mapping) or set(programme) != {"time_s", "travel_mm", "asked_mm"}:
+            raise ValueError("case.programme: needs exactly time_s, travel_mm and asked_mm")
+        return cls(
+            str(data.get("name", "case")),
+            Programme(**{k: tuple(v) for k, v in programme.items()}),
+            dict(data.get("settings") or {}),
+            dict(data.get("artefacts") or {}),
+            data.get("objects"),
+        )
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One channel over travel: `travel_mm` (n,), `value` (n,) in `unit`, estimated numerical error (n,)."""
+
+    channel: str
+    unit: str
+    travel_mm: np.ndarray
+    value: np.ndarray
+    error: np.ndarray
+
+
+@dataclass(frozen=True)
+class Response:
+    """Channels over the programme, each (n,), with units and estimated numerical error in the same unit.
+
+    `time` (s) and `travel` (mm) are always among the channels.  `gradients[knob][channel]` (n,) is optional:
+    whoever needs derivatives must be able to live without.  `info` carries plain facts about the run
+    (CPU seconds, iterations, versions); nothing in it enters a result.
+    """
+
+    channels: Mapping[str, np.ndarray]
+    units: Mapping[str, str]
+    error: Mapping[str, np.ndarray] = field(default_factory=dict)
+    gradients: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
+    info: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        channels = {k: np.atleast_1d(np.asarray(v, float)) for k, v in self.channels.items()}
+        for name in ("time", "travel"):
+            if name not in channels:
+                raise ValueError(f"response: channel {name!r} is missing (got {sorted(channels)})")
+        n = len(channels["travel"])
+        error = {k: np.broadcast_to(np.asarray(v, float), (n,)).copy() for k, v in self.error.items()}
+        for k, v in channels.items():
+            if v.shape != (n,):
+                raise ValueError(f"response: channel {k!r} has shape {v.shape}, expected ({n},)")
+            if not np.all(np.isfinite(v)):
+                raise ValueError(f"response: channel {k!r} holds NaN or infinity; a run without an answer must fail")
+            if k not in self.units:
+                raise ValueError(f"response: channel {k!r} has no unit")
+        object.__setattr__(self, "channels", channels)
+        object.__setattr__(self, "error", error)
+
+    def curve(self, channel: str) -> Curve:
+        """One channel as a curve over travel; unknown channels raise KeyError listing the known ones."""
+        if channel not in self.channels:
+            raise KeyError(f"no channel {channel!r}; this response has {sorted(self.channels)}")
+        value = self.channels[channel]
+        error = self.error.get(channel, np.zeros_like(value))
+        return Curve(channel, self.units[channel], self.channels["travel"], value, error)
+
+    def to_json(self) -> dict[str, Any]:
+        """The response as plain JSON data."""
+        return {
+            "status": "done",
+            "channels": plain(self.channels),
+            "units": dict(self.units),
+            "error": plain(self.error),
+            "gradients": plain(self.gradients),
+            "info": plain(self.info),
+        }
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Response:
+        """Inverse of :meth:`to_json`; raises ValueError on missing channels, units or non-finite values."""
+        return cls(
+            data["channels"],
+            data["units"],
+            data.get("error") or {},
+            {k: {c: np.asarray(v, float) for c, v in g.items()} for k, g in (data.get("gradients") or {}).items()},
+            data.get("info") or {},
+        )
+
+
+class SimulationFailed(Exception):
+    """The backend says that there is no answer: a cause class, a sentence, what was reached, the history."""
+
+    def __init__(
+        self,
+        cause: str,
+        reason: str,
+        partial: Response | None = None,
+        history: tuple[Mapping[str, Any], ...] = (),
+    ) -> None:
+        if cause not in CAUSES:
+            raise ValueError(f"unknown cause {cause!r}; choose one of {', '.join(CAUSES)}")
+        super().__init__(f"{cause}: {reason}")
+        self.cause, self.reason, self.partial, self.history = cause, reason, partial, history
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.cause, self.reason, self.partial, self.history)
+
+
+@runtime_checkable
+class Backend(Protocol):
+    """What `rso` needs of a simulator.  `name` and `numerics` enter the run key.
+
+    `numerics` is raised when, and only when, answers change: the package version does not enter the key.
+    """
+
+    name: str
+    numerics: int
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Every scalar knob."""
+
+    @property
+    def channels(self) -> Mapping[str, str]:
+        """Name → unit of every channel a response can hold."""
+
+    def check(self, case: Case) -> None:
+        """Raise ValueError for settings this backend does not know, naming key, value and choices."""
+
+    def canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
+        """Drop what has no influence on the answer: effects at neutral, rates of an elastic body."""
+
+    def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
+        """Name → recipe of each artefact the case needs; equal recipes mean the same artefact."""
+
+    def make(self, recipe: str) -> bytes:
+        """Make one artefact (a mesh) from its recipe; slow, run once, stored by hash."""
+
+    def __call__(self, values: Mapping[str, float], case: Case) -> Response:
+        """Compute the response, or raise SimulationFailed."""
+
+
+def drop_neutral(parameters: tuple[Parameter, ...], values: Mapping[str, float]) -> dict[str, float]:
+    """Values without the effects that are switched off: adding an effect later keeps every old key valid."""
+    neutral = {p.name: p.neutral for p in parameters if p.neutral is not None}
+    return {k: float(v) for k, v in values.items() if k not in neutral or float(v) != neutral[k]}
+
+
+def plain(data: Any) -> Any:
+    """Plain JSON data (dicts with string keys, lists, str, int, float, bool, None); ValueError for the rest."""
+    if isinstance(data, Mapping | MappingProxyType):
+        return {str(k): plain(v) for k, v in data.items()}
+    if isinstance(data, np.ndarray):
+        return plain(data.tolist())
+    if isinstance(data, list | tuple):
+        return [plain(v) for v in data]
+    if isinstance(data, np.bool_ | np.integer | np.floating):
+        return data.item()
+    if data is None or isinstance(data, str | bool | int | float):
+        return data
+    raise ValueError(f"{data!r} ({type(data).__name__}) is not plain data")
+
+
+def digest(data: Any) -> str:
+    """SHA-256 of plain data in canonical form; 4 and 4.0 are the same number, -0.0 is 0.0."""
+
+    def normal(x: Any) -> Any:
+        if isinstance(x, dict):
+            return {k: normal(v) for k, v in x.items()}
+        if isinstance(x, list):
+            return [normal(v) for v in x]
+        if isinstance(x, int | float) and not isinstance(x, bool):
+            return (float(x) + 0.0).hex()
+        return x
+
+    return hashlib.sha256(json.dumps(normal(plain(data)), sort_keys=True, ensure_ascii=True).encode()).hexdigest()
+
+
+def run_key(backend: Backend, values: Mapping[str, float], case: Case) -> str:
+    """Content address of a run: everything that influences the answer and nothing else (no names, no paths).
+
+    `values` and `case` are expected in the backend's canonical form.
+    """
+    return digest(
+        {
+            "backend": backend.name,
+            "numerics": backend.numerics,
+            "values": {k: float(v) for k, v in values.items()},
+            "programme": dataclasses.asdict(case.programme),
+            "settings": plain(case.settings),
+            "artefacts": dict(case.artefacts),
+        }
+    )
+
+
+def object_path(folder: Path, sha: str) -> Path:
+    """Where a content-addressed object lies below `folder`."""
+    return folder / sha[:2] / sha

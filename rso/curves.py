@@ -1,0 +1,133 @@
+"""Curves over travel: resampling, windows and the error metrics of the literature.  Arrays in, arrays out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+# Beyond the last computed travel by this share of it is round-off, not extrapolation.
+_ROUND_OFF = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Resampling:
+    """A monotonic loading curve that starts at (0, 0), as a cubic spline in s = √u with dF/ds = 0 at contact.
+
+        F(u) = Σ_k c_k (√u − s_i)^k   on [s_i, s_{i+1}],   F(u ≤ 0) = 0
+
+    `travel` (n,) mm, increasing and positive; `value` (n,) or (n, m) for m curves over the same travel.  The
+    spline is exact for F = a u + b u^{3/2}: Hertz is a cubic in s.  It is linear in `value`.  A single
+    point is taken as Hertz's F ∝ u^{3/2}.
+
+    Raises ValueError for anything else, and for a travel beyond the last point: nothing is extrapolated.
+    Assumption: F rises more slowly than √u at contact (every smooth indenter; a flat punch too).
+    """
+
+    travel: np.ndarray
+    value: np.ndarray
+
+    def __post_init__(self) -> None:
+        u, y = np.array(self.travel, float), np.array(self.value, float)
+        if u.ndim != 1 or len(u) == 0 or y.ndim not in (1, 2) or len(y) != len(u):
+            raise ValueError(f"a curve needs travel (n,) and value (n,) or (n, m), got {u.shape} and {y.shape}")
+        if not (np.all(np.isfinite(u)) and np.all(np.isfinite(y))):
+            raise ValueError("a curve needs finite travel and value")
+        if u[0] <= 0 or np.any(np.diff(u) <= 0):
+            raise ValueError(f"travel must increase and be positive ((0, 0) is implied), got {u.tolist()[:10]} mm")
+        object.__setattr__(self, "travel", u)
+        object.__setattr__(self, "value", y)
+
+    @cached_property
+    def _spline(self) -> CubicSpline:
+        s = np.sqrt(np.concatenate([[0.0], self.travel]))
+        y = np.concatenate([np.zeros_like(self.value[:1]), self.value])
+        flat = np.zeros_like(y[0])
+        # With one point the missing condition is Hertz's: no curvature in s at contact.
+        end = "not-a-knot" if len(s) > 2 else (1, 3 * y[-1] / s[-1])
+        return CubicSpline(s, y, bc_type=((1, flat), end))
+
+    def _root(self, at: np.ndarray | float) -> np.ndarray:
+        u = np.asarray(at, float)
+        last = self.travel[-1]
+        if not np.all(u <= last * (1 + _ROUND_OFF)):
+            raise ValueError(f"travel {np.max(u):g} mm lies beyond the last point of the curve, {last:g} mm")
+        return np.sqrt(np.clip(u, 0.0, last))
+
+    def __call__(self, at: np.ndarray | float) -> np.ndarray:
+        """Value at travel `at` (mm), any shape; 0 before contact."""
+        return self._spline(self._root(at))
+
+    def slope(self, at: np.ndarray | float) -> np.ndarray:
+        """dF/du at travel `at` (value per mm): F'(s) / 2s, with the limit F''(0)/2 at contact and 0 before it."""
+        u, s = np.asarray(at, float), self._root(at)
+        tiny = s < 1e-6 * np.sqrt(self.travel[-1])
+        more = tuple(range(s.ndim, s.ndim + self.value.ndim - 1))
+        steep, limit = self._spline(s, 1), self._spline(0.0, 2) / 2
+        inside = steep / np.expand_dims(2 * np.where(tiny, 1.0, s), more)
+        slope = np.where(np.expand_dims(tiny, more), limit, inside)
+        return np.where(np.expand_dims(u < 0, more), 0.0, slope)
+
+
+def window(travel: np.ndarray, value: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points with low ≤ travel ≤ high (mm); ValueError if none is left."""
+    u = np.asarray(travel, float)
+    keep = (u >= low) & (u <= high)
+    if not keep.any():
+        reach = f"[{u.min():g}, {u.max():g}] mm" if u.size else "nothing"
+        raise ValueError(f"no point of the curve lies in [{low:g}, {high:g}] mm; it spans {reach}")
+    return u[keep], np.asarray(value, float)[keep]
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Error norms of a prediction against `n` measured values; those that have no meaning are NaN.
+
+    RMSE = √mean(Δ²) in the unit of y, NRMSE = RMSE / |mean(y)|, MRE = mean|Δ/y|, MAPE = 100 MRE,
+    RRMSE = √mean((Δ/y)²); Δ = prediction − measurement.  `excluded` points with |y| ≤ `floor` do not enter
+    MRE, MAPE and RRMSE.
+    """
+
+    rmse: float
+    nrmse: float
+    mre: float
+    mape: float
+    rrmse: float
+    n: int
+    excluded: int
+    floor: float
+
+
+def metrics(measured: np.ndarray, predicted: np.ndarray, floor: float = 0.0) -> Metrics:
+    """Error norms of `predicted` (n,) against `measured` (n,); `floor` in the unit of the channel.
+
+    NRMSE is NaN when |mean(y)| ≤ `floor`, the relative norms when every point is excluded.  ValueError for
+    shapes that differ, no points, NaN or a negative floor.
+    """
+    y, f = np.asarray(measured, float), np.asarray(predicted, float)
+    if y.shape != f.shape or y.ndim != 1 or y.size == 0:
+        raise ValueError(f"metrics need two arrays of the same length >= 1, got shapes {y.shape} and {f.shape}")
+    if not (np.all(np.isfinite(y)) and np.all(np.isfinite(f))):
+        raise ValueError("metrics need finite values")
+    if not floor >= 0:
+        raise ValueError(f"floor = {floor} must be >= 0")
+    Δ = f - y
+    used = np.abs(y) > floor
+    relative = Δ[used] / y[used]
+    rmse, mean = float(np.sqrt(np.mean(Δ**2))), abs(float(np.mean(y)))
+    mre = float(np.mean(np.abs(relative))) if used.any() else np.nan
+    rrmse = float(np.sqrt(np.mean(relative**2))) if used.any() else np.nan
+    nrmse = rmse / mean if mean > floor else np.nan
+    return Metrics(rmse, nrmse, mre, 100 * mre, rrmse, y.size, int(np.sum(~used)), floor)
+
+
+def baseline(measured: np.ndarray, floor: float = 0.0) -> Metrics:
+    """Metrics of the model that predicts mean(y) everywhere: what a prediction must beat.
+
+    Its NRMSE is the standard deviation (divisor n) over the mean.  Some authors print mean|y − ȳ|/ȳ as its
+    MRE; here MRE keeps its definition.
+    """
+    y = np.asarray(measured, float)
+    return metrics(y, np.full(y.shape, np.mean(y) if y.size else np.nan), floor)

@@ -1,0 +1,193 @@
+"""Repeats of one test → one curve with its uncertainty."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from rso.measurement.reading import Measurement, Repeat
+from rso.units import COLUMNS
+
+# Dense records are averaged in blocks: a curve of this many points says all that such a test knows.
+MAX_POINTS = 200
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What repeats cannot tell: standard uncertainties stated by the experimenter.
+
+    `Fx`, `Fy`, `Fz` N (x and y are as z unless given), `uz` mm (all displacements), `depth` mm (white), `gain`
+    relative and common to the whole curve, `correlation` mm: length over which the force noise, and what a
+    column such as Fz_sigma_N states, is correlated along the depth, exp(−|Δu|/correlation), 0 = white.
+    """
+
+    Fz: float = 0.0
+    Fx: float | None = None
+    Fy: float | None = None
+    uz: float = 0.0
+    depth: float = 0.0
+    gain: float = 0.0
+    correlation: float = 0.0
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if value is not None and not (math.isfinite(value) and value >= 0):
+                raise ValueError(f"noise: {f.name} = {value} must be finite and >= 0")
+
+    def of(self, channel: str) -> float:
+        """Additive standard uncertainty of one channel."""
+        if channel in ("ux", "uy", "uz"):
+            return self.uz
+        own = {"Fx": self.Fx, "Fy": self.Fy, "Fz": self.Fz}[channel]
+        return self.Fz if own is None else own
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredCurve:
+    """Mean of the repeats of one channel: arrays (n,), `covariance` (n, n), `sigma` = √diag(covariance).
+
+    `position` (n, 2) holds x, y in mm for a profile and is None for a force curve.
+    """
+
+    channel: str
+    unit: str
+    depth: np.ndarray
+    value: np.ndarray
+    sigma: np.ndarray
+    n_repeats: int
+    covariance: np.ndarray
+    position: np.ndarray | None = None
+
+
+def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment: str = "loading") -> MeasuredCurve:
+    """Average the repeats on a common grid of the depths that all of them reach.
+
+        C = diag(w²) + g² y yᵀ + o² y' y'ᵀ                    scatter of the repeats, as standard error of the mean
+          + (s sᵀ + F²) e^{−|Δu|/ℓ} + G² y yᵀ + diag((d y')²)  stated: per reading, force, gain, depth
+
+    The repeats' deviations are split into a part along y (gain g), one along y' (contact offset o) and a
+    rest w, pooled over neighbouring depths: with few repeats a single depth can agree by chance.  One
+    repeat alone shows only its white noise, taken from third differences.  Assumption: y' is that of a
+    polynomial of degree 4 (it only weights uncertainties).  ValueError if channel or segment is not there, or
+    the repeats share no depths.
+    """
+    if channel not in measurement.channels:
+        raise ValueError(f"{measurement.path}: no channel {channel!r}; there are {', '.join(measurement.channels)}")
+    if measurement.kind == "profile":
+        return _combine_profile(measurement, noise, channel)
+    branches = [_branch(r, channel, segment) for r in measurement.repeats if np.any(r.segment == segment)]
+    if not branches:
+        present = sorted({str(s) for r in measurement.repeats for s in r.segment})
+        raise ValueError(f"{measurement.path}: no segment {segment!r}; there are {', '.join(present)}")
+    u = _grid(measurement, [b[0] for b in branches])
+    y = np.array([np.interp(u, depth, value) for depth, value, _ in branches])
+    stated = np.mean([np.interp(u, depth, sigma) for depth, _, sigma in branches], axis=0)
+    mean = y.mean(axis=0)
+    slope = _slope(u, mean)
+    along = np.exp(-np.abs(u[:, None] - u) / noise.correlation) if noise.correlation > 0 else np.eye(len(u))
+    covariance = (
+        _scatter(y, mean, slope)
+        + (np.outer(stated, stated) + noise.of(channel) ** 2) * along
+        + np.diag((noise.depth * slope) ** 2)
+        + noise.gain**2 * np.outer(mean, mean)
+    )
+    sigma = np.sqrt(np.diag(covariance))
+    return MeasuredCurve(channel, COLUMNS[channel], u, mean, sigma, len(branches), covariance)
+
+
+def value_at(curve: MeasuredCurve, depth: float) -> tuple[float, float]:
+    """Value and standard uncertainty of a measured curve at one depth (mm), by linear interpolation.
+
+    Half a point spacing beyond either end is still granted (recorded depths scatter about the nominal ones),
+    along the slope of the end; ValueError farther out.
+    """
+    u, y = curve.depth, curve.value
+    slack = 0.5 * float(np.median(np.diff(u))) if len(u) > 1 else 1e-6 * max(1.0, abs(float(u[0])))
+    if not u[0] - slack <= depth <= u[-1] + slack:
+        raise ValueError(f"depth {depth:g} mm is outside the measured range {u[0]:g} to {u[-1]:g} mm")
+    value = float(np.interp(depth, u, y))
+    beyond = depth - float(np.clip(depth, u[0], u[-1]))
+    if beyond:
+        value += beyond * float(_slope(u, y)[0 if beyond < 0 else -1])
+    return value, float(np.interp(depth, u, curve.sigma))
+
+
+def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Depth, value and stated sigma of one segment, sorted, equal depths merged, dense records block-averaged."""
+    rows = repeat.segment == segment
+    depth = repeat.depth[rows]
+    stated = repeat.sigma.get(channel, np.zeros_like(repeat.depth))[rows]
+    block = np.unique(depth, return_inverse=True)[1].ravel()
+    distinct = block.max() + 1
+    if distinct > MAX_POINTS:
+        block = block * MAX_POINTS // distinct
+    count = np.bincount(block)
+    mean = [np.bincount(block, weights=v) / count for v in (depth, repeat.channels[channel][rows], stated)]
+    return mean[0], mean[1], mean[2]
+
+
+def _grid(measurement: Measurement, depths: list[np.ndarray]) -> np.ndarray:
+    """Depths common to all repeats: their own if they agree, else as many evenly spaced ones."""
+    first = depths[0]
+    if all(len(d) == len(first) and np.allclose(d, first, rtol=0, atol=1e-9) for d in depths):
+        return first
+    low, high = max(d[0] for d in depths), min(d[-1] for d in depths)
+    if low >= high:
+        raise ValueError(f"{measurement.path}: the repeats share no range of depths ({low:g} mm against {high:g} mm)")
+    return np.linspace(low, high, int(np.median([len(d) for d in depths])))
+
+
+def _slope(u: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """dy/du of a smooth curve through the points; one point alone is taken as Hertz's, 3/2 y/u."""
+    if len(u) == 1:
+        return 1.5 * y / u if u[0] > 0 else np.zeros(1)
+    # full=True: badly spread depths give the least-norm fit, without a warning.
+    return np.polynomial.Polynomial.fit(u, y, min(4, len(u) - 1), full=True)[0].deriv()(u)
+
+
+def _scatter(y: np.ndarray, mean: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Covariance (n, n) of the mean of the repeats y (r, n), from their scatter."""
+    r, n = y.shape
+    if r == 1:
+        white = np.mean(np.diff(mean, 3) ** 2) / 20 if n >= 8 else 0.0  # 1 + 9 + 9 + 1
+        return white * np.eye(n)
+    shapes = np.stack([mean, slope], axis=1)
+    part = np.linalg.lstsq(shapes, (y - mean).T, rcond=None)[0]  # (2, r)
+    rest = (y - mean).T - shapes @ part
+    # Two shapes were fitted to each of the n-point deviations.
+    white = np.sum(rest**2, axis=1) / (r - 1) * (n / max(n - 2, 1))
+    width = min(n, 2 * max(2, n // 16) + 1)
+    ones = np.ones(width)
+    white = np.convolve(white, ones, "same") / np.convolve(np.ones(n), ones, "same")
+    modes = shapes @ np.diag(np.std(part, axis=1, ddof=1))
+    return (np.diag(white) + modes @ modes.T) / r
+
+
+def _combine_profile(measurement: Measurement, noise: Noise, channel: str) -> MeasuredCurve:
+    """Average a profile over repeats, place by place; places are those of the first repeat."""
+    tables = []
+    for repeat in measurement.repeats:
+        places = np.stack([repeat.depth, repeat.channels["x"], repeat.channels["y"]], axis=1)
+        order = np.lexsort(places.T[::-1])
+        stated = repeat.sigma.get(channel, np.zeros(len(order)))
+        tables.append((places[order], repeat.channels[channel][order], stated[order]))
+    places = tables[0][0]
+    if any(t[0].shape != places.shape or not np.allclose(t[0], places, rtol=0, atol=1e-9) for t in tables):
+        raise ValueError(f"{measurement.path}: the repeats of a profile need the same depths and places")
+    y = np.array([t[1] for t in tables])
+    stated = np.mean([t[2] for t in tables], axis=0)
+    scatter = np.mean(np.var(y, axis=0, ddof=1)) / len(y) if len(y) > 1 else 0.0
+    variance = scatter + stated**2 + noise.of(channel) ** 2
+    return MeasuredCurve(
+        channel,
+        COLUMNS[channel],
+        places[:, 0],
+        y.mean(axis=0),
+        np.sqrt(variance),
+        len(y),
+        np.diag(variance),
+        places[:, 1:],
+    )

@@ -1,0 +1,252 @@
+"""Reading a measured CSV file.  Whatever is wrong is a ValueError naming file, line, column, value and choices.
+
+Header: names with units (:func:`rso.units.header`).  Separator: semicolon, tab or comma, whichever the header
+has first in this order; with the first two a decimal comma is understood.  Lines that start with '#' are notes.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from array import array
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, NoReturn
+
+import numpy as np
+
+from rso.units import column_factor, header
+
+MAX_BYTES = 200_000_000
+SEGMENTS = ("loading", "hold", "unloading")
+FORCES = ("Fx", "Fy", "Fz")
+DISPLACEMENTS = ("ux", "uy", "uz")
+# A return by less than this share of the stroke is jitter at the end, not unloading; a second turn by more
+# than the other share means several tests in one.
+_JITTER, _SECOND_TURN = 0.05, 0.2
+_LARGEST = 1e12
+
+
+@dataclass(frozen=True, eq=False)
+class Repeat:
+    """One test as recorded: arrays (n,) in N, mm, s.
+
+    `channels` holds forces (kind force) or x, y and displacements (kind profile); `sigma` the stated standard
+    uncertainty of each reading where the file has such a column; `segment` one of loading, hold, unloading.
+    """
+
+    label: str
+    depth: np.ndarray
+    time: np.ndarray | None
+    channels: Mapping[str, np.ndarray]
+    sigma: Mapping[str, np.ndarray]
+    segment: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """One measured file: its repeats and its notes (comment lines without '#')."""
+
+    path: Path
+    kind: Literal["force", "profile"]
+    repeats: tuple[Repeat, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the measured channels (without x and y)."""
+        return tuple(k for k in self.repeats[0].channels if k not in ("x", "y"))
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Columns by name in base units, the label of each row's repeat and segment, and where each row stood."""
+
+    path: Path
+    columns: Mapping[str, np.ndarray]
+    labels: np.ndarray
+    segments: np.ndarray | None
+    line: np.ndarray
+    notes: tuple[str, ...]
+
+
+def read(path: str | Path) -> Measurement:
+    """Read one measured file; ValueError for everything that is not a clean table of finite numbers."""
+    table = _table(Path(path))
+    kind = _kind(table)
+    order = dict.fromkeys(table.labels.tolist())
+    repeats = tuple(_repeat(table, kind, label) for label in order)
+    for repeat in repeats:
+        if len(repeat.depth) == 1 and len(table.line) > 1 and kind == "force":
+            raise ValueError(f"{path}: repeat {repeat.label!r} has too few points (1) to be a curve")
+    return Measurement(Path(path), kind, repeats, table.notes)
+
+
+def _fail(path: Path, line: int, message: str) -> NoReturn:
+    raise ValueError(f"{path}:{line}: {message}")
+
+
+def _text(path: Path) -> str:
+    """Contents as text: UTF-8 with or without mark, else Latin-1."""
+    try:
+        if not path.is_file():
+            raise ValueError(f"{path}: there is no such file" if not path.exists() else f"{path}: is not a file")
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise ValueError(f"{path}: {size / 1e6:.0f} MB is more than the {MAX_BYTES / 1e6:.0f} MB that are read")
+        raw = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror})") from error
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise ValueError(f"{path}: is UTF-16 text; save it as UTF-8 (utf-8, utf-8-sig and latin-1 are understood)")
+    if b"\0" in raw:
+        raise ValueError(f"{path}: is not a text file (it holds zero bytes); a CSV file is expected")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
+
+
+def _table(path: Path) -> _Table:
+    """The file as columns."""
+    notes: list[str] = []
+    rows = _lines(_text(path), notes)
+    try:
+        top, head = next(rows)
+    except StopIteration:
+        raise ValueError(f"{path}: holds no header line such as depth_mm,Fz_N") from None
+    separator = next((s for s in (";", "\t") if s in head), ",")
+    names, factors = _headers(path, top, head, separator)
+    columns = [array("d") for _ in names]
+    text = {name: list[str]() for name in names if name in ("repeat", "segment")}
+    line = array("q")
+    for number, row in rows:
+        cells = row.split(separator)
+        if len(cells) != len(names):
+            _fail(path, number, f"{len(cells)} values in a table of {len(names)} columns ({head!r})")
+        line.append(number)
+        for name, column, cell in zip(names, columns, cells, strict=True):
+            if name in text:
+                text[name].append(cell.strip().strip('"'))
+            else:
+                column.append(_number(path, number, name, cell, decimal_comma=separator != ","))
+    if not line:
+        raise ValueError(f"{path}: too few points: there is no row of numbers below the header")
+    arrays = {n: np.array(c) * f for n, c, f in zip(names, columns, factors, strict=True) if n not in text}
+    segments = _segment_column(path, line, text["segment"]) if "segment" in text else None
+    labels = np.array(text.get("repeat", ["1"] * len(line)))
+    return _Table(path, arrays, labels, segments, np.array(line), tuple(notes))
+
+
+def _lines(text: str, notes: list[str]) -> Iterator[tuple[int, str]]:
+    """Numbered lines that hold data; comments go to `notes`."""
+    for number, line in enumerate(io.StringIO(text, newline=None), 1):
+        row = line.strip("\r\n")
+        if row.lstrip().startswith("#"):
+            notes.append(row.lstrip()[1:].strip())
+        elif row.strip():
+            yield number, row
+
+
+def _headers(path: Path, line: int, head: str, separator: str) -> tuple[list[str], list[float]]:
+    """Names and factors to base units of all columns."""
+    names, factors = [], []
+    for cell in head.split(separator):
+        try:
+            name, unit = header(cell.strip().strip('"'))
+        except ValueError as error:
+            _fail(path, line, str(error))
+        if name in names:
+            _fail(path, line, f"column {name!r} appears twice")
+        names.append(name)
+        factors.append(column_factor(name, unit))
+    for name in names:
+        if name.endswith("_sigma") and name.removesuffix("_sigma") not in names:
+            _fail(path, line, f"column {name!r} states an uncertainty of a column that is not there")
+    return names, factors
+
+
+def _number(path: Path, line: int, name: str, cell: str, decimal_comma: bool) -> float:
+    """One cell as a finite float."""
+    text = cell.strip().strip('"')
+    try:
+        value = float(text.replace(",", ".") if decimal_comma else text)
+    except ValueError:
+        value = math.nan
+    # float() also reads 1_000 as a number, which nobody means in a table.
+    if not math.isfinite(value) or "_" in text:
+        _fail(path, line, f"column {name!r}: {text[:40]!r} is not a finite number")
+    if abs(value) > _LARGEST:
+        _fail(path, line, f"column {name!r}: {text[:40]!r} is larger than anything measured ({_LARGEST:g})")
+    if value < 0 and name.endswith("_sigma"):
+        _fail(path, line, f"column {name!r}: {text[:40]!r} is negative, a standard uncertainty is not")
+    return value
+
+
+def _segment_column(path: Path, line: array[int], text: list[str]) -> np.ndarray:
+    for number, value in zip(line, text, strict=True):
+        if value not in SEGMENTS:
+            _fail(path, number, f"column 'segment': {value[:40]!r} is none of {', '.join(SEGMENTS)}")
+    return np.array(text)
+
+
+def _kind(table: _Table) -> Literal["force", "profile"]:
+    """Force curve or surface profile, by the columns present."""
+    names = [n for n in table.columns if not n.endswith("_sigma")]
+    forces = [n for n in names if n in FORCES]
+    surface = [n for n in names if n in DISPLACEMENTS]
+    found = f"; found are {', '.join(names)}"
+    if "depth" not in names:
+        raise ValueError(f"{table.path}: column depth_mm is missing{found}")
+    if bool(forces) == bool(surface):
+        raise ValueError(
+            f"{table.path}: either forces (Fz_N, Fx_N, Fy_N) or a profile (x_mm, y_mm, uz_mm) is expected{found}"
+        )
+    if surface and not {"x", "y"} <= set(names):
+        raise ValueError(f"{table.path}: a profile needs the columns x_mm and y_mm{found}")
+    if forces and {"x", "y"} & set(names):
+        raise ValueError(f"{table.path}: x_mm and y_mm belong to a profile; a force curve's place is a setting{found}")
+    return "profile" if surface else "force"
+
+
+def _repeat(table: _Table, kind: str, label: str) -> Repeat:
+    """The rows of one repeat, checked."""
+    rows = table.labels == label
+    data = {name: column[rows] for name, column in table.columns.items()}
+    depth, time = data.pop("depth"), data.pop("time", None)
+    if kind == "force" and time is not None and np.any(np.diff(time) <= 0):
+        k = int(np.argmax(np.diff(time) <= 0)) + 1
+        hint = "" if len(set(table.labels.tolist())) > 1 else "; several tests in one file need a column 'repeat'"
+        _fail(
+            table.path,
+            int(table.line[rows][k]),
+            f"column 'time': {time[k]:g} s does not follow {time[k - 1]:g} s{hint}",
+        )
+    if table.segments is not None:
+        segment = table.segments[rows]
+    elif kind == "profile":
+        segment = np.full(len(depth), "loading")
+    else:
+        segment = _segments(table.path, label, depth)
+    channels = {k: v for k, v in data.items() if not k.endswith("_sigma")}
+    sigma = {k.removesuffix("_sigma"): v for k, v in data.items() if k.endswith("_sigma")}
+    return Repeat(label, depth, time, channels, sigma, segment)
+
+
+def _segments(path: Path, label: str, depth: np.ndarray) -> np.ndarray:
+    """Loading up to the deepest point and unloading after it."""
+    stroke = float(np.ptp(depth))
+    k = int(np.argmax(depth))
+    before, after = depth[: k + 1], depth[k:]
+    backwards = np.max(np.maximum.accumulate(before) - before)
+    forwards = np.max(after - np.minimum.accumulate(after))
+    if max(backwards, forwards) > _SECOND_TURN * stroke:
+        raise ValueError(
+            f"{path}: repeat {label!r} turns back more than once within {stroke:g} mm; "
+            f"add a column 'repeat', or 'segment' with {', '.join(SEGMENTS)}"
+        )
+    segment = np.full(len(depth), "loading", dtype="<U9")
+    if depth[k] - after.min() > _JITTER * stroke:
+        segment[k + 1 :] = "unloading"
+    return segment

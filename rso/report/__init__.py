@@ -1,0 +1,5 @@
+"""The finished page of a study: numbers and sentences, figures, HTML and PDF.  Never simulates, never fits."""
+
+from rso.report.page import render
+
+__all__ = ["render"]

@@ -1,0 +1,199 @@
+"""Numbers, units and names as text: as many digits as are known, otherwise four; never markup."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rso.report.document import Cell
+
+DASH = "–"
+_LADDERS = {
+    "MPa": (("MPa", 1.0), ("kPa", 1e3), ("Pa", 1e6)),
+    "N": (("N", 1.0), ("mN", 1e3)),
+    "mm": (("mm", 1.0), ("µm", 1e3)),
+}
+_GREEK = dict(
+    zip(
+        "alpha beta gamma delta epsilon eta theta kappa lambda mu nu rho sigma tau phi".split(),
+        "αβγδεηθκλμνρστφ",
+        strict=True,
+    )
+)
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """How a quantity is shown: value in base units × `factor` is a number of `label`."""
+
+    label: str
+    factor: float = 1.0
+
+    @property
+    def after(self) -> str:
+        """The label with the space that goes before it, or nothing."""
+        return f" {self.label}" if self.label else ""
+
+    @property
+    def bracket(self) -> str:
+        """The label in brackets for an axis, or nothing."""
+        return f" ({self.label})" if self.label else ""
+
+
+def clean(text: object) -> str:
+    """Any text without control characters and lone surrogates, which neither page can hold."""
+    return _CONTROL.sub("\N{REPLACEMENT CHARACTER}", "" if text is None else str(text))
+
+
+def symbol(name: str) -> str:
+    """The literature's letter of a parameter: mu → μ, D1 → D₁, C10 → C₁₀; any other name as it is."""
+    match = re.fullmatch(r"([A-Za-z]+?)_?(\d{0,2})", name)
+    if match is None:
+        return clean(name)
+    letter, index = match.groups()
+    if letter in _GREEK:
+        return _GREEK[letter] + index.translate(_SUBSCRIPT)
+    return letter + index.translate(_SUBSCRIPT) if len(letter) == 1 else clean(name)
+
+
+def unit_text(unit: str) -> str:
+    """A unit as it is printed: 1/MPa → MPa⁻¹, 1 → nothing."""
+    if unit in ("1", "-", ""):
+        return ""
+    match = re.fullmatch(r"1/([A-Za-zµ]+)", unit)
+    return f"{match.group(1)}⁻¹" if match else clean(unit)
+
+
+def shown(unit: str, size: float | None = None) -> Unit:
+    """The unit people would use for a quantity of this size (MPa, kPa or Pa; N or mN; mm or µm)."""
+    ladder = _LADDERS.get(unit)
+    if ladder is None or not known(size) or size == 0:
+        return Unit(unit_text(unit))
+    for label, factor in ladder:
+        if abs(size) * factor >= 0.1:
+            return Unit(label, factor)
+    return Unit(*ladder[-1])
+
+
+def known(x: object) -> bool:
+    """True for a finite number."""
+    return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
+
+
+def largest(values: Sequence[float | None]) -> float | None:
+    """The largest size among the known values, None where nothing is known."""
+    sizes = [abs(v) for v in values if known(v)]
+    return max(sizes, default=None)
+
+
+def places(x: float, digits: int = 4) -> int:
+    """Decimals with which x has that many significant digits (negative: tens, hundreds)."""
+    return digits - 1 - _exponent(x, digits) if x else digits - 1
+
+
+def _exponent(x: float, digits: int) -> int:
+    # After rounding: 9.9997 with three digits is 10.0.
+    return int(f"{abs(x):.{digits - 1}e}".split("e")[1])
+
+
+def fixed(x: float, decimals: int) -> str:
+    """x with that many decimals and a true minus sign; zero has no sign."""
+    text = f"{x:.{max(decimals, 0)}f}"
+    if not text.strip("-0."):
+        text = text.lstrip("-")
+    return text.replace("-", "−")
+
+
+def significant(x: float | None, digits: int = 4) -> str:
+    """x with that many significant digits, as a decimal between 1e-4 and 1e6 and as a power of ten outside."""
+    if not known(x):
+        return DASH
+    if x == 0:
+        return "0"
+    exponent = _exponent(x, digits)
+    if -5 < exponent < 6:
+        return fixed(x, digits - 1 - exponent)
+    mantissa = f"{x:.{digits - 1}e}".split("e")[0].replace("-", "−")
+    return f"{mantissa} × 10{str(exponent).translate(_SUPERSCRIPT)}"
+
+
+def rounded(x: float | None, half_width: float | None) -> str:
+    """x to the digit in which its half-width has its first (second, where the first is a 1)."""
+    if not known(x) or not known(half_width) or half_width <= 0:
+        return significant(x)
+    digits = 2 if f"{half_width:.1e}"[0] == "1" else 1
+    decimals = places(half_width, digits)
+    if decimals < 0:
+        return fixed(round(x, decimals), 0)
+    # A half-width far below 1e-4 of x claims more digits than a reader can use.
+    return fixed(x, min(decimals, max(places(x, 5), 0)))
+
+
+def quantity(x: float | None, unit: str, digits: int = 4, size: float | None = None) -> str:
+    """A number with the unit people would use for it."""
+    if not known(x):
+        return DASH
+    use = shown(unit, x if size is None else size)
+    return f"{significant(x * use.factor, digits)}{use.after}"
+
+
+def signed(x: float | None, text: str) -> str:
+    """Text of a number with a plus sign where it is positive."""
+    return f"+{text}" if known(x) and x > 0 else text
+
+
+def percent(fraction: float | None, digits: int = 2) -> str:
+    """A fraction as a percentage; below one part in 10⁵ it is only said to be so."""
+    if not known(fraction):
+        return DASH
+    if 0 < abs(fraction) < 1e-5:
+        return "< 0.001 %"
+    return f"{significant(100 * fraction, digits)} %"
+
+
+def between(low: float | None, high: float | None, unit: Unit, digits: int = 3) -> str:
+    """Two ends of a range with one unit, rounded by its width where that is small."""
+    if not (known(low) and known(high)):
+        return DASH
+    a, b = low * unit.factor, high * unit.factor
+    narrow = 0 < b - a < 0.5 * abs(b)
+    text = [rounded(v, (b - a) / 2) if narrow else significant(v, digits) for v in (a, b)]
+    return f"{text[0]} to {text[1]}{unit.after}"
+
+
+def duration(seconds: float | None) -> str:
+    """Seconds as people say them: 8.4 s, 4 min 12 s, 3 h 20 min."""
+    if not known(seconds):
+        return DASH
+    if seconds < 60:
+        return f"{significant(seconds, 2 if seconds < 10 else 3)} s" if seconds else "0 s"
+    whole = round(seconds)
+    hours, minutes = whole // 3600, whole % 3600 // 60
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {whole % 60} s"
+
+
+def aligned(values: Sequence[float | None], digits: int = 4, plus: bool = False) -> tuple[Cell, ...]:
+    """One column of numbers with their decimal points below each other.
+
+    The largest number gets `digits` significant digits and the others as many decimals; where the column spans
+    more than three decades each number gets its own digits, and invisible ones keep the points in line.
+    """
+    sizes = [abs(v) for v in values if known(v) and v != 0]
+    if not sizes:
+        return tuple(Cell(fixed(v, 0) if known(v) else DASH) for v in values)
+    decimals = max(places(max(sizes), digits), 0)
+    wide = max(sizes) >= 1e3 * min(sizes) and not plus
+    if wide and (min(sizes) < 1e-4 or max(sizes) >= 1e6):
+        return tuple(Cell(significant(v, digits)) for v in values)
+    text = [
+        DASH if not known(v) else significant(v, digits) if wide else signed(v, fixed(v, decimals)) for v in values
+    ]
+    tail = [t.partition(".")[2] for t in text]
+    longest = max(map(len, tail))
+    pad = ["0" * (longest - len(t)) if t else ("." + "0" * longest) * (longest > 0) for t in tail]
+    return tuple(Cell(t, "" if t == DASH else p) for t, p in zip(text, pad, strict=True))

@@ -1,0 +1,112 @@
+"""What a report is made of, whatever it is printed on: sections of sentences, tables and pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Mark = Literal["", "good", "bad", "warn", "strong", "quiet", "code"]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Text of a table cell; `pad` is invisible text behind it that keeps decimal points in line."""
+
+    text: str
+    pad: str = ""
+    mark: Mark = ""
+
+
+@dataclass(frozen=True)
+class Column:
+    """Heading of a column, with its unit; numbers stand to the right."""
+
+    title: str
+    unit: str = ""
+    number: bool = True
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of cells under columns; `folded` tables are long and start closed where a page can do that."""
+
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+    folded: bool = False
+    kind: Literal["table"] = "table"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure by name, with a caption that states its finding."""
+
+    name: str
+    caption: str
+    kind: Literal["picture"] = "picture"
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph; `role` says how it is set."""
+
+    text: str
+    role: Literal["plain", "lead", "missing", "warning", "note"] = "plain"
+    kind: Literal["text"] = "text"
+
+
+@dataclass(frozen=True)
+class Fact:
+    """One thing to take away: what, how much, and what it means."""
+
+    label: str
+    value: str
+    note: str
+    mark: Mark = ""
+
+
+@dataclass(frozen=True)
+class Facts:
+    """The few things to take away."""
+
+    facts: tuple[Fact, ...]
+    kind: Literal["facts"] = "facts"
+
+
+Block = Table | Picture | Text | Facts
+
+
+@dataclass(frozen=True)
+class Section:
+    """A numbered section."""
+
+    id: str
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """The whole document."""
+
+    title: str
+    subtitle: str
+    byline: str
+    sections: tuple[Section, ...]
+
+
+def column(title: str, cells: tuple[Cell, ...], unit: str = "", number: bool = True) -> tuple[Column, tuple[Cell, ...]]:
+    """A heading and the cells below it, for :func:`table`."""
+    return Column(title, unit, number), cells
+
+
+def words(texts: list[str], mark: Mark = "") -> tuple[Cell, ...]:
+    """Cells of plain text."""
+    return tuple(Cell(t, mark=mark) for t in texts)
+
+
+def table(title: str, columns: list[tuple[Column, tuple[Cell, ...]]], note: str = "", folded: bool = False) -> Table:
+    """A table from its columns, all of the same length."""
+    rows = tuple(zip(*(cells for _, cells in columns), strict=True))
+    return Table(title, tuple(heading for heading, _ in columns), rows, note, folded)

@@ -1,0 +1,203 @@
+"""The results dictionary as typed views: what sections and figures share.  Missing keys give empty views."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rso.report.digits import Unit, clean, known, largest, quantity, shown, significant, symbol
+
+Results = Mapping[str, Any]
+STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter: its letter, the unit people use (values stay in base units), range and scale."""
+
+    name: str
+    letter: str
+    description: str
+    base: str
+    unit: Unit
+    low: float
+    high: float
+    log: bool
+    fixed: float | None
+
+    def show(self, value: float | None, digits: int = 4) -> str:
+        """A value with its unit."""
+        return f"{significant(value * self.unit.factor, digits)}{self.unit.after}" if known(value) else "–"
+
+    def share(self, low: float, high: float) -> float:
+        """How much of the range [low, high] covers, on the scale of the parameter."""
+        if not self.high > self.low:
+            return 1.0
+        log = self.log and min(low, self.low) > 0
+        a, b, x, y = (math.log(v) if log else v for v in (self.low, self.high, low, high))
+        return max(0.0, min(y, b) - max(x, a)) / (b - a)
+
+
+@dataclass(frozen=True)
+class Output:
+    """One scalar of the response: a short label and the unit people use for it."""
+
+    id: str
+    experiment: str
+    label: str
+    base: str
+    unit: Unit
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One candidate of one search, with its entry in the results."""
+
+    search: str
+    name: str
+    best: bool
+    data: Mapping[str, Any]
+
+    @property
+    def label(self) -> str:
+        """The name by which the whole report knows it."""
+        return self.name if self.name.startswith(self.search) else f"{self.search} {self.name}"
+
+    @property
+    def verified(self) -> bool:
+        """Recomputed, and predicted = recomputed within the study's tolerance."""
+        return self.data.get("verified") is True
+
+    def value(self, parameter: str) -> float | None:
+        """Value of a parameter in base units."""
+        return number((self.data.get("values") or {}).get(parameter))
+
+    def metrics(self, experiment: str) -> Mapping[str, Any]:
+        """Error metrics for an experiment, empty if there are none."""
+        return (self.data.get("metrics") or {}).get(experiment) or {}
+
+    def curve(self, experiment: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Depths (mm) and values of the recomputed curve of an experiment, empty if there is none."""
+        curve = (self.data.get("curves") or {}).get(experiment) or {}
+        return points(curve.get("depth"), curve.get("value"))
+
+
+def number(x: object) -> float | None:
+    """A finite number, or None."""
+    return float(x) if known(x) else None
+
+
+def points(x: Sequence[Any] | None, y: Sequence[Any] | None) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The pairs of which both numbers are known."""
+    pairs = [(float(a), float(b)) for a, b in zip(x or (), y or (), strict=False) if known(a) and known(b)]
+    return tuple(a for a, _ in pairs), tuple(b for _, b in pairs)
+
+
+def listed(results: Results, key: str) -> list[Mapping[str, Any]]:
+    """The list under a key, empty where it is missing or null."""
+    return list(results.get(key) or ())
+
+
+def parameters(results: Results, free: bool = False) -> tuple[Parameter, ...]:
+    """Every parameter, or only those that are not fixed."""
+    views = []
+    for p in listed(results, "parameters"):
+        fixed = number(p.get("fixed"))
+        low, high = (number(p.get(k)) for k in ("low", "high"))
+        unit = shown(p.get("unit", ""), largest([high, fixed]))
+        views.append(
+            Parameter(
+                clean(p["name"]),
+                symbol(p["name"]),
+                clean(p.get("description")),
+                clean(p.get("unit", "")),
+                unit,
+                math.nan if low is None else low,
+                math.nan if high is None else high,
+                bool(p.get("log")),
+                fixed,
+            )
+        )
+    return tuple(v for v in views if not (free and v.fixed is not None))
+
+
+def outputs(results: Results) -> dict[str, Output]:
+    """Every output by its id; the experiment is part of the label only where there are several."""
+    every = listed(results, "outputs")
+    several = len({o["experiment"] for o in every}) > 1
+    views = {}
+    for o in every:
+        label = f"{clean(o['channel'])} at {significant_short(o['depth_mm'])} mm"
+        sizes = [number((r.get("outputs") or {}).get(o["id"])) for r in listed(results, "runs")]
+        sizes += [number(e.get("predicted")) for c in candidates(results) for e in output_rows(c, o["id"])]
+        unit = shown(o.get("unit", ""), largest(sizes))
+        label = f"{clean(o['experiment'])}: {label}" if several else label
+        views[o["id"]] = Output(o["id"], clean(o["experiment"]), label, o.get("unit", ""), unit)
+    return views
+
+
+def significant_short(x: object) -> str:
+    """A depth in its shortest form."""
+    return f"{x:.6g}" if known(x) else clean(x)
+
+
+def output_rows(candidate: Candidate, output: str) -> list[Mapping[str, Any]]:
+    """The entry of a candidate for one output: a list of one, or empty."""
+    return [o for o in candidate.data.get("outputs") or () if o.get("output") == output]
+
+
+def candidates(results: Results) -> tuple[Candidate, ...]:
+    """Every candidate of every search."""
+    best = results.get("best") or {}
+    return tuple(
+        Candidate(
+            clean(s["name"]),
+            clean(c["name"]),
+            best.get("search") == s["name"] and best.get("candidate") == c["name"],
+            c,
+        )
+        for s in listed(results, "searches")
+        for c in s.get("candidates") or ()
+    )
+
+
+def best_candidate(results: Results) -> Candidate | None:
+    """The candidate named as the best, if one is."""
+    return next((c for c in candidates(results) if c.best), None)
+
+
+def experiments(results: Results, *roles: str) -> tuple[Mapping[str, Any], ...]:
+    """Experiments of these roles."""
+    return tuple(e for e in listed(results, "experiments") if e.get("role") in roles)
+
+
+def experiment(results: Results, name: str) -> Mapping[str, Any]:
+    """The entry of an experiment, empty if it is unknown."""
+    return next((e for e in listed(results, "experiments") if e.get("name") == name), {})
+
+
+def curve_unit(results: Results, name: str) -> Unit:
+    """The unit people use for the measured channel of an experiment."""
+    e = experiment(results, name)
+    return shown(e.get("unit", ""), largest((e.get("measured") or {}).get("value") or ()))
+
+
+def target_output(target: Mapping[str, Any]) -> str:
+    """Id of the output that a target asks for."""
+    return f"{target['experiment']}:{target['channel']}@{significant_short(target['depth_mm'])}"
+
+
+def target_text(target: Mapping[str, Any]) -> str:
+    """A target in words: what, where, how much."""
+    value, sigma, unit = number(target.get("value")), number(target.get("sigma")), target.get("unit", "")
+    spread = f" ± {quantity(sigma, unit, 2)}" if sigma else ""
+    what = f"{clean(target['channel'])} at {significant_short(target['depth_mm'])} mm"
+    return f"{what} = {quantity(value, unit)}{spread}"
+
+
+def finished(results: Results, stage: str) -> bool:
+    """Whether the study has come as far as this stage."""
+    last = results.get("stage")
+    return last in STAGES and STAGES.index(last) >= STAGES.index(stage)

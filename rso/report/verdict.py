@@ -1,0 +1,289 @@
+"""The first page: what the material is, how sure that is, and what it cost, in sentences and a few large numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rso.report.digits import (
+    Unit,
+    between,
+    clean,
+    duration,
+    known,
+    percent,
+    quantity,
+    rounded,
+    significant,
+    unit_text,
+)
+from rso.report.document import Block, Fact, Facts, Picture, Section, Text
+from rso.report.reading import (
+    STAGES,
+    Candidate,
+    Parameter,
+    Results,
+    best_candidate,
+    candidates,
+    experiment,
+    experiments,
+    finished,
+    listed,
+    number,
+    parameters,
+)
+
+
+def verdict(results: Results) -> Section:
+    """The answers, the most important first."""
+    blocks: list[Block] = []
+    facts = _facts(results)
+    if facts:
+        blocks.append(Facts(facts))
+    blocks += [Text(t, "missing") for t in unfinished(results)]
+    blocks += [Text(t, "lead" if k == 0 else "plain") for k, t in enumerate(sentences(results))]
+    if interval_rows(results):
+        blocks.append(Picture("determined", _determined_caption(results)))
+    blocks += [Text(clean(w), "warning") for w in results.get("warnings") or ()]
+    return Section("verdict", "Verdict", tuple(blocks))
+
+
+def unfinished(results: Results) -> list[str]:
+    """What is missing of a study that is not complete."""
+    stage = results.get("stage")
+    if stage == STAGES[-1]:
+        return []
+    if stage not in STAGES:
+        return [f"This study has not finished any stage that this report knows (stage: {clean(stage) or 'none'})."]
+    later = ", ".join(STAGES[STAGES.index(stage) + 1 :])
+    return [f"This study is not complete. The last finished stage is “{stage}”; still to come: {later}."]
+
+
+def sentences(results: Results) -> list[str]:
+    """One paragraph per question; questions without an answer yet are left out."""
+    paragraphs = [
+        " ".join(_material(results)),
+        " ".join(_reason(results)),
+        " ".join(_verification(results)),
+        " ".join(_fit(results)),
+        " ".join(_validation(results)),
+        _cost(results),
+    ]
+    return [p for p in paragraphs if p]
+
+
+def interval_rows(results: Results) -> list[tuple[Parameter, Mapping[str, Any]]]:
+    """Parameters whose interval is known."""
+    known_intervals = results.get("determined") or {}
+    rows = [(p, known_intervals.get(p.name) or {}) for p in parameters(results, free=True)]
+    return [(p, d) for p, d in rows if len(d.get("interval") or ()) == 2 and all(map(known, d["interval"]))]
+
+
+def _value(p: Parameter, x: float, interval: list[float], unit: Unit) -> str:
+    half = (interval[1] - interval[0]) / 2 * unit.factor
+    return f"{rounded(x * unit.factor, half)}{unit.after}"
+
+
+def _also(p: Parameter, x: float, interval: list[float]) -> str:
+    base = Unit(unit_text(p.base))
+    return "" if base.label == p.unit.label else f" ({_value(p, x, interval, base)})"
+
+
+def _material(results: Results) -> list[str]:
+    best, said = best_candidate(results), []
+    for p, d in interval_rows(results):
+        low, high = d["interval"]
+        x = best.value(p.name) if best else None
+        span = between(low, high, p.unit)
+        if d.get("determined") is True:
+            if x is None:
+                said.append(f"{p.letter} is determined: it lies between {span.replace(' to ', ' and ')}.")
+            else:
+                value = _value(p, x, d["interval"], p.unit) + _also(p, x, d["interval"])
+                said.append(f"{p.letter} is determined: {value}, and anything from {span} is compatible with the data.")
+        else:
+            share = percent(p.share(low, high))
+            said.append(
+                f"{p.letter} is not determined: every value from {span} ({share} of the range that was searched) "
+                "can meet the targets."
+            )
+    return said
+
+
+def _reason(results: Results) -> list[str]:
+    """Why a parameter is not determined: along the valley it changes much and the targets do not."""
+    open_ones = [(p, d) for p, d in interval_rows(results) if d.get("determined") is not True]
+    said = [clean(d.get("story")) for _, d in open_ones if d.get("story")]
+    for s in listed(results, "searches"):
+        chosen = [c for c in candidates(results) if c.search == s["name"] and c.data.get("state") == "done"]
+        spread = _spread(chosen)
+        for p, _ in open_ones:
+            values = [v for c in chosen if known(v := c.value(p.name)) and v > 0]
+            if s.get("kind") == "valley" and len(values) > 1 and known(spread):
+                said.append(
+                    f"The candidates of search {clean(s['name'])} show it: {p.letter} goes from "
+                    f"{p.show(min(values), 3)} to {p.show(max(values), 3)}, a factor of "
+                    f"{significant(max(values) / min(values), 2)}, and yet their recomputed target values differ by "
+                    f"at most {percent(spread)}."
+                )
+        if len(said) > len(open_ones):
+            break
+    return said
+
+
+def _spread(chosen: list[Candidate]) -> float | None:
+    """Largest relative difference between candidates over the targets, recomputed."""
+    by_output: dict[str, list[float]] = {}
+    for c in chosen:
+        for o in c.data.get("outputs") or ():
+            if known(o.get("target")) and known(o.get("recomputed")):
+                by_output.setdefault(o["output"], []).append(o["recomputed"])
+    spreads = [(max(v) - min(v)) / abs(sum(v) / len(v)) for v in by_output.values() if len(v) > 1 and sum(v)]
+    return max(spreads, default=None)
+
+
+def _verification(results: Results) -> list[str]:
+    every = candidates(results)
+    if not every:
+        return []
+    if not finished(results, "verify"):
+        return [f"{len(every)} candidates were found on the response surface; none has been recomputed yet."]
+    good = [c for c in every if c.verified]
+    worst = max((a for c in good if known(a := c.data.get("agreement"))), default=None)
+    said = [f"{len(good)} of {len(every)} candidates are verified: recomputed with the full model"]
+    said[0] += f", their target values agree with the prediction within {percent(worst)}." if worst is not None else "."
+    missed = [c for c in every if not c.verified and c.data.get("state") == "done"]
+    if missed:
+        each = ", ".join(f"{c.label} ({percent(c.data.get('agreement'))})" for c in missed)
+        said.append(f"Not within the tolerance: {each}.")
+    stopped = [f"{c.label} ({clean(c.data.get('state'))})" for c in every if c.data.get("state") in ("failed", "crashed")]
+    if stopped:
+        said.append(f"Without an answer: {', '.join(stopped)}.")
+    added = sum(s.get("infill") or 0 for s in listed(results, "searches"))
+    if added:
+        said.append(f"{added} run{'s were' if added > 1 else ' was'} added to the response surface on the way.")
+    return said
+
+
+def _fit(results: Results) -> list[str]:
+    best, said = best_candidate(results), []
+    if best is None:
+        return ["No candidate is verified, so none is called the best."] if finished(results, "verify") else []
+    for name in best.data.get("metrics") or {}:
+        m, base = best.metrics(name), (results.get("baseline") or {}).get(name) or {}
+        unit = experiment(results, name).get("unit", "")
+        text = (
+            f"The best candidate, {best.label}, reproduces the measured curve {clean(name)} with an NRMSE of "
+            f"{significant(m.get('nrmse'), 3)} (RMSE {quantity(m.get('rmse'), unit, 3)})"
+        )
+        if known(base.get("nrmse")) and known(m.get("nrmse")) and m["nrmse"] > 0:
+            text += (
+                f"; the model that only predicts the mean of the curve has {significant(base['nrmse'], 3)}, "
+                f"{significant(base['nrmse'] / m['nrmse'], 2)} times as much"
+            )
+        said.append(text + ".")
+    return said
+
+
+def _validation(results: Results) -> list[str]:
+    said = []
+    best = best_candidate(results)
+    for e in experiments(results, "validate"):
+        rows = [v for v in listed(results, "validation") if v.get("experiment") == e["name"]]
+        mine = [v for v in rows if best and v.get("search") == best.search and v.get("candidate") == best.name]
+        if not mine:
+            if finished(results, "validate"):
+                said.append(f"Validation with {clean(e['name'])}: no prediction of the best candidate.")
+            continue
+        said.append(_one_validation(e, mine[0]))
+    return said
+
+
+def _one_validation(e: Mapping[str, Any], v: Mapping[str, Any]) -> str:
+    name, unit = clean(e["name"]), e.get("unit", "")
+    if v.get("state") != "done":
+        return f"Validation with {name}: the run {clean(v.get('state'))} ({clean(v.get('cause'))}: {clean(v.get('reason'))})."
+    if len(v.get("depth") or ()) == 1:
+        depth, y, f = v["depth"][0], number(v["measured"][0]), number(v["predicted"][0])
+        if y and f is not None:
+            relative = (f - y) / abs(y)
+            way = "more" if relative > 0 else "less"
+            text = (
+                f"Validation, not used for the fit: {name} at {significant(depth, 2)} mm is predicted as "
+                f"{quantity(f, unit)} and was measured as {quantity(y, unit)}, that is {percent(abs(relative))} {way}"
+            )
+            sigma = number((v.get("sigma") or [None])[0])
+            return text + (f" ({significant(abs(f - y) / sigma, 2)} standard deviations)." if sigma else ".")
+    m = v.get("metrics") or {}
+    return f"Validation, not used for the fit: {name} is predicted with an NRMSE of {significant(m.get('nrmse'), 3)}."
+
+
+def _cost(results: Results) -> str:
+    c, t = results.get("counts") or {}, results.get("timings") or {}
+    if not known(c.get("fe_runs")):
+        return ""
+    text = f"This took {c['fe_runs']} simulations"
+    details = [
+        f"{c[k]} {word}"
+        for k, word in (("failed", "failed"), ("crashed", "crashed"), ("from_store", "taken from the store"))
+        if c.get(k)
+    ]
+    text += f" ({', '.join(details)})" if details else ""
+    text += f" and {duration(t['total'])} of wall time" if known(t.get("total")) else ""
+    if c.get("saved_by_similarity"):
+        text += f"; {c['saved_by_similarity']} of the {c.get('asked')} runs asked for were saved by exact similarity"
+    return text + "."
+
+
+def _facts(results: Results) -> tuple[Fact, ...]:
+    facts, best = [], best_candidate(results)
+    for p, d in interval_rows(results)[:3]:
+        span = between(*d["interval"], p.unit)
+        if d.get("determined") is True:
+            x = best.value(p.name) if best else None
+            value = span if x is None else _value(p, x, d["interval"], p.unit)
+            facts.append(Fact(p.letter, value, f"determined: {span}", "good"))
+        else:
+            facts.append(Fact(p.letter, "open", f"not determined: {span}", "warn"))
+    if best:
+        for name in list(best.data.get("metrics") or {})[:1]:
+            base = ((results.get("baseline") or {}).get(name) or {}).get("nrmse")
+            note = f"NRMSE of the best candidate; {significant(base, 3)} for the mean"
+            facts.append(Fact("Fit", significant(best.metrics(name).get("nrmse"), 3), note))
+    facts += _validation_fact(results, best)
+    if finished(results, "verify") and candidates(results):
+        good = sum(c.verified for c in candidates(results))
+        note = "candidates verified: predicted = recomputed"
+        facts.append(Fact("Verified", f"{good} of {len(candidates(results))}", note))
+    c, t = results.get("counts") or {}, results.get("timings") or {}
+    if known(c.get("fe_runs")):
+        facts.append(Fact("Cost", f"{c['fe_runs']} runs", f"simulations, {duration(t.get('total'))} of wall time"))
+    return tuple(facts)
+
+
+def _validation_fact(results: Results, best: Candidate | None) -> list[Fact]:
+    for v in listed(results, "validation"):
+        if best and (v.get("search"), v.get("candidate")) == (best.search, best.name) and v.get("state") == "done":
+            y, f = number((v.get("measured") or [None])[-1]), number((v.get("predicted") or [None])[-1])
+            if y and f is not None:
+                depth = significant(v["depth"][-1], 2)
+                value = f"{'+' if f > y else ''}{percent((f - y) / abs(y))}".replace("-", "−")
+                return [Fact("Validation", value, f"{clean(v['experiment'])} at {depth} mm, predicted − measured")]
+    return []
+
+
+def _determined_caption(results: Results) -> str:
+    rows = interval_rows(results)
+    fixed = [p.letter for p, d in rows if d.get("determined") is True]
+    loose = [p.letter for p, d in rows if d.get("determined") is not True]
+    said = []
+    if fixed:
+        said.append(f"the targets leave {_and(fixed)} only a part of the range that was searched")
+    if loose:
+        said.append(f"{_and(loose)} may be almost anywhere in it")
+    text = "; ".join(said)
+    return f"{text[:1].upper()}{text[1:]}. Thin line: range searched; bar: what the data allow; dot: best candidate."
+
+
+def _and(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

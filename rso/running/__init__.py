@@ -1,0 +1,31 @@
+"""Running simulations: adapters for backends, a pool of worker processes, and `run_all`.
+
+Public names are listed here; the files behind them are private to this room.
+"""
+
+from rso.running.adapters import CommandBackend, Source, load_backend
+from rso.running.dispatch import Event, Finished, Planned, Preparing, Retried, Task, run_all
+from rso.running.pool import WorkerDied, WorkerPool, WorkersCannotStart
+from rso.store import Crashed, Done, Failed
+
+Outcome = Done | Failed | Crashed
+
+__all__ = [
+    "CommandBackend",
+    "Crashed",
+    "Done",
+    "Event",
+    "Failed",
+    "Finished",
+    "Outcome",
+    "Planned",
+    "Preparing",
+    "Retried",
+    "Source",
+    "Task",
+    "WorkerDied",
+    "WorkerPool",
+    "WorkersCannotStart",
+    "load_backend",
+    "run_all",
+]

@@ -1,0 +1,252 @@
+"""Two adapters and no registry: a Python object ``"module:ATTR"``, and an external command."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import importlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+from rso.contract import Backend, Case, Parameter, Response, SimulationFailed, drop_neutral, run_key
+
+GUARD = str(Path(__file__).with_name("guard.py"))
+SCHEMA_TIMEOUT_S = 60.0
+_MEMBERS = (*Backend.__annotations__, *(m for m in vars(Backend) if m == "__call__" or not m.startswith("_")))
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a backend comes from, in words that travel to another process: the arguments of `load_backend`."""
+
+    use: str | None = None
+    command: tuple[str, ...] | None = None
+    base: str | None = None
+    keep_folder: str | None = None
+    timeout_s: float | None = None
+
+    @functools.cache  # noqa: B019  one entry per backend of the process, for as long as the process lives
+    def load(self) -> Backend:
+        """The backend, loaded once per process."""
+        return load_backend(
+            self.use, self.command, base=self.base, keep_folder=self.keep_folder, timeout_s=self.timeout_s
+        )
+
+
+def load_backend(
+    use: str | None = None,
+    command: Sequence[str] | None = None,
+    *,
+    base: str | os.PathLike[str] | None = None,
+    keep_folder: str | os.PathLike[str] | None = None,
+    timeout_s: float | None = None,
+) -> Backend:
+    """Load a backend: either the object that ``use = "module:ATTR"`` names, or an external `command`.
+
+    `base` is the folder that relative names refer to (the study's): a module may lie in it, and arguments of the
+    command that name an existing file in it are made absolute.  `keep_folder` and `timeout_s` (wall, s) are for the
+    command only: see :class:`CommandBackend`.
+
+    Raises ValueError if not exactly one of the two is given, if the module, attribute or program does not exist,
+    or if what was found is no backend (listing what it lacks).
+    """
+    if (use is None) == (command is None):
+        raise ValueError(f"backend: give either use or command, got use = {use!r} and command = {command!r}")
+    if command is not None:
+        return _load_command(tuple(command), base, keep_folder, timeout_s)
+    assert use is not None
+    return _load_object(use, base)
+
+
+def _load_object(use: str, base: str | os.PathLike[str] | None) -> Backend:
+    module_name, _, attribute = use.partition(":")
+    if not module_name or not attribute:
+        raise ValueError(f'backend: use = {use!r} must read "module:ATTRIBUTE", e.g. "fem_backend.backend:BACKEND"')
+    if base is not None and str(Path(base).absolute()) not in sys.path:
+        sys.path.append(str(Path(base).absolute()))
+    try:
+        module = importlib.import_module(module_name)
+    except ImportError as error:
+        raise ValueError(f"backend: cannot import module {module_name!r} of use = {use!r}: {error}") from error
+    if not hasattr(module, attribute):
+        raise ValueError(f"backend: module {module_name!r} ({module.__file__}) has no {attribute!r} (use = {use!r})")
+    backend = getattr(module, attribute)
+    missing = [m for m in _MEMBERS if not hasattr(backend, m)]
+    if missing or isinstance(backend, type):
+        lack = f"lacks {', '.join(missing)}" if missing else "is a class; an instance is needed"
+        raise ValueError(f"backend: {use!r} is not a backend (rso.contract.Backend): it {lack}")
+    return backend  # type: ignore[no-any-return]
+
+
+def check_values(parameters: tuple[Parameter, ...], values: Mapping[str, float]) -> dict[str, float]:
+    """Every parameter with its value or default; ValueError for unknown, missing and out-of-bounds values."""
+    known = {p.name: p for p in parameters}
+    unknown = sorted(set(values) - set(known))
+    if unknown:
+        raise ValueError(f"unknown parameter {', '.join(unknown)}; this backend has {', '.join(known)}")
+    missing = [p.name for p in parameters if p.name not in values and p.default is None]
+    if missing:
+        raise ValueError(f"no value for {', '.join(missing)}, which have no default")
+    given = {p.name: p.check(values[p.name]) for p in parameters if p.name in values}
+    return {p.name: given.get(p.name, p.default) for p in parameters}  # type: ignore[misc]
+
+
+@dataclass(frozen=True)
+class CommandBackend:
+    """An external program as a backend: ``command request.json response.json``, no shell.
+
+    *Schema.* ``command --schema`` prints ``{"name": str, "numerics": int, "parameters": [{"name", "description",
+    "unit", "low", "high"[, "default", "neutral", "group", "typical", "scope"]}], "channels": {name: unit}}``;
+    other keys are ignored.
+
+    *Request.* ``{"values": {name: number}, "case": …}`` with every declared parameter (effects at their neutral
+    value included) and :meth:`rso.contract.Case.to_json`.
+
+    *Response.* ``{"status": "done", "channels", "units"[, "error", "gradients", "info"]}`` as in
+    :meth:`rso.contract.Response.from_json`, or ``{"status": "failed", "cause", "reason"[, "channels", "units",
+    "history"]}`` with a cause of `rso.contract.CAUSES`.  *done* needs exit code 0.  Anything else is a crash:
+    RuntimeError with the end of stderr.  Python's JSON words for NaN and infinity are refused.
+
+    Each run has a fresh folder below `keep_folder` (the system's folder for temporary files if None), which is also
+    its working directory; it is removed after *done* and kept otherwise.  After `timeout_s` the program and all
+    processes of its group are killed, and so they are when this process dies.
+
+    *Assumptions.* The program ignores no setting silently: `check` cannot know its settings.
+    """
+
+    command: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    channels: Mapping[str, str]
+    name: str
+    numerics: int
+    keep_folder: str | None = None
+    timeout_s: float | None = None
+
+    def check(self, case: Case) -> None:
+        """Nothing to say before the program runs."""
+
+    def canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
+        """Defaults filled in, effects at neutral dropped."""
+        return drop_neutral(self.parameters, check_values(self.parameters, values)), case
+
+    def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
+        """No artefacts: a program makes its own meshes."""
+        return {}
+
+    def make(self, recipe: str) -> bytes:
+        """Never asked for."""
+        raise ValueError(f"{self.name}: a command makes no artefacts (recipe {recipe!r})")
+
+    def __call__(self, values: Mapping[str, float], case: Case) -> Response:
+        """Run the program once; SimulationFailed if it says so, RuntimeError for a crash."""
+        filled = check_values(self.parameters, values)
+        key = run_key(self, *self.canonical(values, case))
+        folder = Path(tempfile.mkdtemp(prefix=f"{key[:12]}-", dir=self.keep_folder))
+        request, answer = folder / "request.json", folder / "response.json"
+        request.write_text(json.dumps({"values": filled, "case": case.to_json()}, allow_nan=False, indent=1))
+        code = _run_guarded((*self.command, str(request), str(answer)), folder, self.timeout_s)
+        response = _read_answer(answer, code)
+        shutil.rmtree(folder)
+        return response
+
+
+def _load_command(
+    command: tuple[str, ...],
+    base: str | os.PathLike[str] | None,
+    keep_folder: str | os.PathLike[str] | None,
+    timeout_s: float | None,
+) -> CommandBackend:
+    root = Path.cwd() if base is None else Path(base).absolute()
+    words = tuple(str(root / word) if (root / word).is_file() else word for word in command)
+    if not words or shutil.which(words[0]) is None:
+        raise ValueError(f"backend: program {words[0] if words else ''!r} of command = {list(command)} was not found")
+    try:
+        done = subprocess.run(
+            (*words, "--schema"), capture_output=True, text=True, timeout=SCHEMA_TIMEOUT_S, stdin=subprocess.DEVNULL
+        )
+        schema = json.loads(done.stdout)
+        parameters = tuple(_parameter(p) for p in schema["parameters"])
+        channels = {str(name): str(unit) for name, unit in schema["channels"].items()}
+        name, numerics = str(schema["name"]), int(schema["numerics"])
+    except subprocess.TimeoutExpired as error:
+        raise ValueError(f"backend: {' '.join(words)} --schema gave no answer in {SCHEMA_TIMEOUT_S:g} s") from error
+    except (json.JSONDecodeError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(
+            f"backend: {' '.join(words)} --schema must print JSON with name, numerics, parameters and channels "
+            f"({type(error).__name__}: {error}; exit code {done.returncode}): {_tail(done.stderr or done.stdout)}"
+        ) from error
+    if keep_folder is not None:
+        Path(keep_folder).mkdir(parents=True, exist_ok=True)
+        keep_folder = str(Path(keep_folder).absolute())
+    return CommandBackend(words, parameters, channels, name, numerics, keep_folder, timeout_s)
+
+
+def _parameter(data: Mapping[str, Any]) -> Parameter:
+    fields = [f.name for f in dataclasses.fields(Parameter)]
+    if unknown := sorted(set(data) - set(fields)):
+        raise KeyError(f"parameter {data.get('name')!r} has unknown {unknown}; known are {fields}")
+    return Parameter(**data)
+
+
+def _run_guarded(command: Sequence[str], folder: Path, timeout_s: float | None) -> int:
+    """Exit code of the command, run in `folder` with its output in files; RuntimeError when time is up."""
+    with open(folder / "stdout.txt", "wb") as out, open(folder / "stderr.txt", "wb") as err:
+        process = subprocess.Popen(
+            (sys.executable, "-I", "-S", GUARD, *command),
+            stdin=subprocess.PIPE,
+            stdout=out,
+            stderr=err,
+            cwd=folder,
+            process_group=0,
+        )
+    try:
+        return process.wait(timeout_s)
+    except subprocess.TimeoutExpired:
+        raise RuntimeError(f"{command[0]} stopped after the time-out of {timeout_s:g} s; see {folder}") from None
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+        assert process.stdin is not None
+        process.stdin.close()
+
+
+def _read_answer(answer: Path, code: int) -> Response:
+    """The response in the file, or SimulationFailed if it says so, or RuntimeError if it is none."""
+
+    def refuse(word: str) -> NoReturn:
+        raise ValueError(f"{word} is not a number; a run without an answer must say status = failed")
+
+    def crash(why: object) -> RuntimeError:
+        stderr = _tail((answer.parent / "stderr.txt").read_text(errors="replace"))
+        return RuntimeError(f"exit code {code}, {why}; see {answer.parent}; stderr ends with: {stderr or '(nothing)'}")
+
+    if not answer.is_file():
+        raise crash("no response file")
+    try:
+        data = json.loads(answer.read_text(), parse_constant=refuse)
+        if data["status"] == "failed":
+            partial = Response.from_json(data) if data.get("channels") else None
+            failure = SimulationFailed(data["cause"], data["reason"], partial, tuple(data.get("history") or ()))
+        elif data["status"] != "done":
+            raise ValueError(f"status = {data['status']!r}, must be done or failed")
+        elif code != 0:
+            raise ValueError("although status = done")
+        else:
+            return Response.from_json(data)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise crash(f"response file not understood ({type(error).__name__}: {error})") from error
+    raise failure
+
+
+def _tail(text: str, lines: int = 20) -> str:
+    return "\n".join(text.strip().splitlines()[-lines:])

@@ -1,0 +1,336 @@
+"""`run_all`: from tasks to outcomes through the store, with any executor."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+import queue
+import time
+import traceback
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from rso.contract import Backend, Case, Response, SimulationFailed, digest, plain, run_key
+from rso.running.adapters import Source, check_values
+from rso.running.pool import WorkerPool
+from rso.store import Crashed, Done, Failed, RunStore
+
+Outcome = Done | Failed | Crashed
+
+
+@dataclass(frozen=True)
+class Task:
+    """One simulation that is wanted: a value per knob, and a case."""
+
+    values: Mapping[str, float]
+    case: Case
+
+
+@dataclass(frozen=True)
+class Preparing:
+    """Artefacts (meshes) are about to be made."""
+
+    n_artefacts: int
+
+
+@dataclass(frozen=True)
+class Planned:
+    """`n_tasks` tasks are `n_runs` different runs, of which `n_cached` are in the store."""
+
+    n_tasks: int
+    n_runs: int
+    n_cached: int
+
+
+@dataclass(frozen=True)
+class Retried:
+    """A run (or an artefact) crashed and is tried again."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A run has ended; `n_done` of `n_runs` are now known."""
+
+    key: str
+    name: str
+    state: Literal["done", "failed", "crashed"]
+    wall_s: float
+    n_done: int
+    n_runs: int
+
+
+Event = Preparing | Planned | Retried | Finished
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """A task in canonical form with its key; `lost` says that an artefact it needs could not be made."""
+
+    name: str
+    values: Mapping[str, float]
+    case: Case
+    recipes: Mapping[str, str]
+    key: str = ""
+    lost: SimulationFailed | str | None = None
+
+
+@dataclass(frozen=True)
+class _Ended:
+    """What comes back from a worker: a result or a failure, and what it cost."""
+
+    result: Any
+    wall_s: float
+    cpu_s: float
+
+
+@dataclass(frozen=True)
+class _Job:
+    key: str
+    name: str
+    call: tuple[Any, ...]
+
+
+def run_all(
+    backend: Backend,
+    tasks: Sequence[Task],
+    store: RunStore,
+    executor: Executor,
+    *,
+    retries: int = 1,
+    watch: Callable[[Event], None] | None = None,
+) -> list[Outcome]:
+    """Outcome of every task, in the order of the tasks; only what the store does not hold is computed.
+
+    Equal runs (equal `run_key` after ``backend.canonical``) are computed once.  Each result is stored as it
+    arrives, so that an interruption loses nothing that had finished.  A run that crashes is tried `retries` times
+    more, then reported as Crashed; it is tried again in the next call.  An outcome holds the canonical values and
+    case (with artefacts) of its task.  `watch` is called in this thread.
+
+    In a WorkerPool with a `source` the backend is the one loaded there; other executors get `backend` itself, which
+    must then be picklable if they are made of processes.
+
+    Raises ValueError for a task that the backend does not know (before anything runs), StoreError,
+    and BrokenExecutor if the executor can run nothing.
+    """
+    tell = watch or (lambda _: None)
+    target: Backend | Source = backend
+    if isinstance(executor, WorkerPool) and executor.source is not None:
+        target = executor.source
+    plans = _prepare([_plan(backend, t) for t in tasks], backend, target, store, executor, retries, tell)
+    runs = {p.key: p for p in reversed(plans)}  # of equal runs the first task gives the name
+    runs = {p.key: runs[p.key] for p in plans}
+    outcomes: dict[str, Outcome] = {k: found for k in runs if (found := store.get(k)) is not None}
+    tell(Planned(len(plans), len(runs), len(outcomes)))
+
+    def settle(outcome: Outcome, wall_s: float) -> None:
+        _put(store, outcome)
+        outcomes[outcome.key] = outcome
+        state = type(outcome).__name__.lower()
+        tell(Finished(outcome.key, outcome.case.name, state, wall_s, len(outcomes), len(runs)))  # type: ignore[arg-type]
+
+    missing = [p for p in runs.values() if p.key not in outcomes]
+    for p in missing:
+        if p.lost is not None:
+            settle(_outcome(p, p.lost, attempts=retries + 1), 0.0)
+    jobs = [_Job(p.key, p.case.name, (simulate, target, p.values, p.case)) for p in missing if p.lost is None]
+
+    def arrived(job: _Job, result: _Ended | str, attempt: int, last: bool) -> None:
+        outcome = _outcome(runs[job.key], result, attempt)
+        if last:
+            settle(outcome, result.wall_s if isinstance(result, _Ended) else 0.0)
+        else:
+            _put(store, outcome)
+            tell(Retried(job.name, outcome.reason))  # type: ignore[union-attr]
+
+    _drive(executor, jobs, retries, arrived)
+    return [dataclasses.replace(outcomes[p.key], values=p.values, case=p.case) for p in plans]
+
+
+def simulate(backend: Backend | Source, values: Mapping[str, float], case: Case) -> _Ended:
+    """One run in the process that computes it; a failure comes back as a result, with its cost."""
+    if isinstance(backend, Source):
+        backend = backend.load()
+    wall, cpu = time.perf_counter(), _cpu_s()
+    try:
+        response = backend(values, case)
+        if not isinstance(response, Response):
+            raise TypeError(f"{backend.name} returned {type(response).__name__}, must be a Response")
+        result: Any = Response.from_json(response.to_json())  # the same whether fresh or read from the store
+    except SimulationFailed as failure:
+        partial = None if failure.partial is None else Response.from_json(failure.partial.to_json())
+        result = SimulationFailed(failure.cause, failure.reason, partial, tuple(plain(failure.history)))
+    return _Ended(result, time.perf_counter() - wall, _cpu_s() - cpu)
+
+
+def make(backend: Backend | Source, recipe: str) -> _Ended:
+    """One artefact, made in the process that computes it."""
+    if isinstance(backend, Source):
+        backend = backend.load()
+    wall, cpu = time.perf_counter(), _cpu_s()
+    try:
+        result: Any = bytes(backend.make(recipe))
+    except SimulationFailed as failure:
+        result = SimulationFailed(failure.cause, failure.reason)
+    return _Ended(result, time.perf_counter() - wall, _cpu_s() - cpu)
+
+
+def _cpu_s() -> float:
+    """CPU time (s) of this process, all its threads and its finished children."""
+    times = os.times()
+    return time.process_time() + times.children_user + times.children_system
+
+
+def _plan(backend: Backend, task: Task) -> _Plan:
+    try:
+        check_values(backend.parameters, task.values)
+        backend.check(task.case)
+        values, case = backend.canonical(task.values, task.case)
+    except ValueError as error:
+        raise ValueError(f"task {task.case.name!r}: {error}") from error
+    case = dataclasses.replace(case, name=task.case.name)
+    return _Plan(task.case.name, values, case, backend.recipes(values, case))
+
+
+def _prepare(
+    plans: list[_Plan],
+    backend: Backend,
+    target: Backend | Source,
+    store: RunStore,
+    executor: Executor,
+    retries: int,
+    tell: Callable[[Event], None],
+) -> list[_Plan]:
+    """The plans with artefacts and keys; artefacts that the store lacks are made, each once."""
+    known: dict[str, str | SimulationFailed | _Lost] = {}
+    names: dict[str, str] = {}
+    for plan in plans:
+        for name, recipe in plan.recipes.items():
+            names.setdefault(recipe, name)
+    for recipe in names:
+        if (sha := store.artefact(recipe)) is not None:
+            known[recipe] = sha
+    wanted: dict[str, None] = {}
+    for plan in plans:
+        lacking = [recipe for recipe in plan.recipes.values() if recipe not in known]
+        if lacking and store.get(_with_artefacts(plan, backend, store, known).key) is None:
+            wanted.update(dict.fromkeys(lacking))
+
+    def arrived(job: _Job, result: _Ended | str, _: int, last: bool) -> None:
+        if isinstance(result, str):
+            known[job.key] = _Lost(f"{job.name} could not be made: {result}")
+            if not last:
+                tell(Retried(job.name, result))
+        elif isinstance(result.result, SimulationFailed):
+            known[job.key] = result.result
+        else:
+            known[job.key] = store.put_artefact(job.name, job.key, result.result)
+
+    if wanted:
+        tell(Preparing(len(wanted)))
+        _drive(executor, [_Job(r, names[r], (make, target, r)) for r in wanted], retries, arrived)
+    return [_with_artefacts(plan, backend, store, known) for plan in plans]
+
+
+@dataclass(frozen=True)
+class _Lost:
+    reason: str
+
+
+def _with_artefacts(
+    plan: _Plan, backend: Backend, store: RunStore, known: Mapping[str, str | SimulationFailed | _Lost]
+) -> _Plan:
+    """The plan with its artefacts and key; for an artefact that does not exist the hash of its recipe stands in."""
+    shas, lost = {}, None
+    for name, recipe in plan.recipes.items():
+        found = known.get(recipe)
+        shas[name] = found if isinstance(found, str) else f"recipe {digest(recipe)}"
+        if lost is None and found is not None and not isinstance(found, str):
+            lost = found.reason if isinstance(found, _Lost) else found
+    objects = str(store.objects) if shas else None
+    case = dataclasses.replace(plan.case, artefacts=shas, objects=objects)
+    return dataclasses.replace(plan, case=case, key=run_key(backend, plan.values, case), lost=lost)
+
+
+def _outcome(plan: _Plan, result: _Ended | SimulationFailed | str, attempts: int) -> Outcome:
+    """What has become of a plan: an answer, a failure, or the reason of a crash."""
+    head = (plan.key, plan.values, plan.case)
+    if isinstance(result, str):
+        return Crashed(*head, result, attempts)
+    ended = result if isinstance(result, _Ended) else _Ended(result, 0.0, 0.0)
+    if isinstance(ended.result, Response):
+        return Done(*head, ended.result, ended.wall_s, ended.cpu_s)
+    f = ended.result
+    return Failed(*head, f.cause, f.reason, f.partial, tuple(f.history), ended.wall_s, ended.cpu_s)
+
+
+def _put(store: RunStore, outcome: Outcome) -> None:
+    if isinstance(outcome, Done):
+        store.put_done(outcome)
+    elif isinstance(outcome, Failed):
+        store.put_failed(outcome)
+    else:
+        store.put_crashed(outcome)
+
+
+def _drive(
+    executor: Executor,
+    jobs: Iterable[_Job],
+    retries: int,
+    arrived: Callable[[_Job, _Ended | str, int, bool], None],
+) -> None:
+    """Run the jobs and hand on each result as it arrives: (job, result or reason of the crash, attempt, last)."""
+    ready: queue.SimpleQueue[Future[_Ended]] = queue.SimpleQueue()
+    running: dict[Future[_Ended], tuple[_Job, int]] = {}
+
+    def submit(job: _Job, attempt: int) -> None:
+        future = executor.submit(*job.call)
+        running[future] = (job, attempt)
+        future.add_done_callback(ready.put)
+
+    def take(future: Future[_Ended]) -> None:
+        job, attempt = running[future]
+        error = future.exception()
+        if isinstance(error, BrokenExecutor):
+            raise error
+        if error is None:
+            arrived(job, future.result(), attempt, True)
+        else:
+            arrived(job, _reason(error), attempt, attempt > retries)
+        del running[future]
+        if error is not None and attempt <= retries:
+            submit(job, attempt + 1)
+
+    try:
+        for job in jobs:
+            submit(job, 1)
+            while not ready.empty():  # an executor that computes at once must not keep its results waiting
+                take(ready.get())
+        while running:
+            take(ready.get())
+    except BaseException:
+        _rescue(running, arrived)
+        raise
+
+
+def _rescue(
+    running: Mapping[Future[_Ended], tuple[_Job, int]], arrived: Callable[[_Job, _Ended | str, int, bool], None]
+) -> None:
+    """Stop what has not begun and hand on what has finished, whatever went wrong."""
+    for future in running:
+        future.cancel()
+    for future, (job, attempt) in running.items():
+        if future.done() and not future.cancelled() and future.exception() is None:
+            with contextlib.suppress(Exception, KeyboardInterrupt):  # the first error is the one to be told
+                arrived(job, future.result(), attempt, True)
+
+
+def _reason(error: BaseException) -> str:
+    """One line, then the traceback."""
+    first = f"{type(error).__name__}: {error}"
+    return first + "\n" + "".join(traceback.format_exception(error))

@@ -1,0 +1,351 @@
+"""The runs of one study: content-addressed, one writer, safe against ``kill -9`` at any moment.
+
+One folder holds ``runs.sqlite`` (write-ahead log, one transaction per run), ``objects/ab/<sha256>`` (meshes and
+other artefacts) and ``runs.lock`` (who writes).  A run is stored once as *done* or *failed* and never changed;
+a *crashed* run is noted apart and has no result, so that it is tried again.  Responses are zlib-compressed JSON
+of :meth:`rso.contract.Response.to_json`: Python prints the shortest decimal that reads back to the same double,
+so the bits survive, the checksum of zlib finds damage, and any language can read them.
+
+With ``synchronous=NORMAL`` a committed run survives the death of the process; a power cut may lose the last
+commits but not what was stored before.  The folder must lie on a local disk (write-ahead logs need shared memory).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import fcntl
+import hashlib
+import json
+import os
+import sqlite3
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from rso.contract import Case, Response, object_path, plain
+
+SCHEMA = 1
+
+_TABLES = (
+    """CREATE TABLE runs (
+        key TEXT PRIMARY KEY, state TEXT NOT NULL CHECK (state IN ('done', 'failed')), name TEXT NOT NULL,
+        "values" TEXT NOT NULL, "case" TEXT NOT NULL, response BLOB, cause TEXT, reason TEXT, history TEXT,
+        partial BLOB, wall_s REAL NOT NULL, cpu_s REAL NOT NULL, created TEXT NOT NULL, attempts INTEGER NOT NULL)""",
+    """CREATE TABLE crashes (
+        key TEXT NOT NULL, "when" TEXT NOT NULL, reason TEXT NOT NULL, attempt INTEGER NOT NULL,
+        name TEXT NOT NULL, "values" TEXT NOT NULL)""",
+    "CREATE INDEX crashes_key ON crashes (key)",
+    """CREATE TABLE artefacts (
+        recipe_hash TEXT PRIMARY KEY, recipe TEXT NOT NULL, name TEXT NOT NULL, sha TEXT NOT NULL)""",
+    f"PRAGMA user_version = {SCHEMA}",
+)
+
+
+class StoreError(Exception):
+    """The store cannot be used; the message names the file and says what to do."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """A run with an answer."""
+
+    key: str
+    values: Mapping[str, float]
+    case: Case
+    response: Response
+    wall_s: float
+    cpu_s: float
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A run of which the backend says that there is no answer: a result, kept, never turned into a number."""
+
+    key: str
+    values: Mapping[str, float]
+    case: Case
+    cause: str
+    reason: str
+    partial: Response | None = None
+    history: tuple[Mapping[str, Any], ...] = ()
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Crashed:
+    """A run that ended in any other way: not a result, tried again next time.
+
+    The first line of `reason` is one sentence; a traceback may follow.
+    """
+
+    key: str
+    values: Mapping[str, float]
+    case: Case
+    reason: str
+    attempts: int = 1
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the list of runs; `cause` and `reason` are None for a run that is done."""
+
+    key: str
+    state: Literal["done", "failed", "crashed"]
+    name: str
+    values: Mapping[str, float]
+    cause: str | None
+    reason: str | None
+    wall_s: float | None
+    cpu_s: float | None
+    created: str
+    attempts: int
+
+
+class RunStore:
+    """The store of one study folder, used as ``with RunStore(folder) as store``.
+
+    One process at a time may write; any number may read with ``read_only=True`` meanwhile.
+    Every method raises StoreError when the file is damaged, foreign, locked, not writable or the disk is full.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], *, read_only: bool = False) -> None:
+        self.folder = Path(folder).absolute()
+        self.objects = self.folder / "objects"
+        self.read_only = read_only
+        self._file = self.folder / "runs.sqlite"
+        self._lock: int | None = None
+        self._db: sqlite3.Connection | None = None
+
+    def __enter__(self) -> Self:
+        try:
+            with _explained(self._file):
+                if self.read_only:
+                    self._db = _connect_to_read(self._file)
+                else:
+                    self.objects.mkdir(parents=True, exist_ok=True)
+                    self._lock = _lock(self.folder / "runs.lock")
+                    for left_over in self.objects.glob("tmp-*"):  # we hold the lock: whoever wrote it is dead
+                        left_over.unlink()
+                    self._db = _connect_to_write(self._file)
+                _check_schema(self._db, self._file)
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._db is not None:
+            self._db.close()
+        if self._lock is not None:
+            os.close(self._lock)
+        self._db = self._lock = None
+
+    def get(self, key: str) -> Done | Failed | None:
+        """The stored result of a run, or None if it has none (never run, or crashed)."""
+        with self._reading() as db:
+            row = db.execute("SELECT * FROM runs WHERE key = ?", (key,)).fetchone()
+            if row is None:
+                return None
+            case = dataclasses.replace(Case.from_json(json.loads(row["case"])), objects=str(self.objects))
+            values, wall_s, cpu_s = json.loads(row["values"]), row["wall_s"], row["cpu_s"]
+            if row["state"] == "done":
+                return Done(key, values, case, _unpack(row["response"]), wall_s, cpu_s)
+            partial = None if row["partial"] is None else _unpack(row["partial"])
+            history = tuple(json.loads(row["history"]))
+            return Failed(key, values, case, row["cause"], row["reason"], partial, history, wall_s, cpu_s)
+
+    def put_done(self, run: Done) -> None:
+        """Store an answer; a run that is already stored stays as it is."""
+        self._put(run, "done", _pack(run.response), None, None, None, None)
+
+    def put_failed(self, run: Failed) -> None:
+        """Store that there is no answer; a run that is already stored stays as it is."""
+        partial = None if run.partial is None else _pack(run.partial)
+        self._put(run, "failed", None, run.cause, run.reason, json.dumps(plain(run.history)), partial)
+
+    def put_crashed(self, run: Crashed) -> None:
+        """Note one more crash of a run; it stays without result."""
+        with self._writing() as db:
+            sql = """INSERT INTO crashes SELECT ?, ?, ?, count(*) + 1, ?, ? FROM crashes WHERE key = ?"""
+            db.execute(sql, (run.key, _now(), run.reason, run.case.name, json.dumps(plain(run.values)), run.key))
+
+    def artefact(self, recipe: str) -> str | None:
+        """SHA-256 of the artefact made from this recipe, or None if there is none (or its file was removed).
+
+        Raises StoreError if the file no longer has this hash.
+        """
+        with self._reading() as db:
+            row = db.execute("SELECT sha FROM artefacts WHERE recipe_hash = ?", (_sha(recipe.encode()),)).fetchone()
+            path = None if row is None else object_path(self.objects, row["sha"])
+            if path is None or not path.is_file():
+                return None
+            if _sha(path.read_bytes()) != row["sha"]:
+                raise StoreError(f"{path} is damaged (its content has another hash): delete it, it will be made again")
+            return str(row["sha"])
+
+    def put_artefact(self, name: str, recipe: str, data: bytes) -> str:
+        """Store what was made from a recipe and return its SHA-256; an older artefact of the recipe is replaced."""
+        sha = _sha(data)
+        path = object_path(self.objects, sha)
+        with self._writing() as db:
+            path.parent.mkdir(exist_ok=True)
+            _write_durably(self.objects / f"tmp-{os.getpid()}-{sha}", path, data)
+            db.execute(
+                "INSERT OR REPLACE INTO artefacts VALUES (?, ?, ?, ?)", (_sha(recipe.encode()), recipe, name, sha)
+            )
+        return sha
+
+    def rows(self) -> list[Row]:
+        """Every run with its state, in order of storing; a crash that later got a result is not listed."""
+        columns = 'key, state, name, "values" AS v, cause, reason, wall_s, cpu_s, created, attempts'
+        crashed = """SELECT key, 'crashed', name, "values", NULL, reason, NULL, NULL, "when", max(attempt)
+                     FROM crashes WHERE key NOT IN (SELECT key FROM runs) GROUP BY key"""
+        with self._reading() as db:
+            found = db.execute(f"SELECT {columns} FROM runs UNION ALL {crashed} ORDER BY created, key").fetchall()
+            return [Row(*r[:3], json.loads(r["v"]), *r[4:]) for r in found]
+
+    def _put(self, run: Done | Failed, state: str, *columns: object) -> None:
+        case = dataclasses.replace(run.case, objects=None).to_json()  # no machine's path in the file
+        head = (run.key, state, run.case.name, json.dumps(plain(run.values)), json.dumps(case))
+        sql = """INSERT OR IGNORE INTO runs SELECT ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, count(*) + 1
+                 FROM crashes WHERE key = ?"""
+        with self._writing() as db:
+            db.execute(sql, (*head, *columns, run.wall_s, run.cpu_s, _now(), run.key))
+
+    @contextmanager
+    def _reading(self) -> Iterator[sqlite3.Connection]:
+        if self._db is None:
+            raise StoreError(f"{self._file} is not open: use `with RunStore(folder) as store`")
+        with _explained(self._file):
+            yield self._db
+
+    @contextmanager
+    def _writing(self) -> Iterator[sqlite3.Connection]:
+        if self.read_only:
+            raise StoreError(f"{self._file} was opened read-only: nothing can be stored")
+        with self._reading() as db:
+            try:
+                db.execute("BEGIN IMMEDIATE")
+                yield db
+                db.execute("COMMIT")
+            finally:
+                if db.in_transaction:
+                    db.execute("ROLLBACK")
+
+
+def _connect_to_write(file: Path) -> sqlite3.Connection:
+    db = sqlite3.connect(file, timeout=30.0, isolation_level=None)
+    db.row_factory = sqlite3.Row
+    db.execute("BEGIN IMMEDIATE")
+    try:
+        if db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0:
+            for statement in _TABLES:
+                db.execute(statement)
+        db.execute("COMMIT")
+        db.execute("PRAGMA synchronous = NORMAL")
+        if db.execute("PRAGMA user_version").fetchone()[0] == SCHEMA:  # leave a foreign file as it is
+            db.execute("PRAGMA journal_mode = WAL")
+    except BaseException:
+        db.close()
+        raise
+    return db
+
+
+def _connect_to_read(file: Path) -> sqlite3.Connection:
+    if not file.is_file():
+        raise StoreError(f"{file} does not exist: nothing has been run in this folder yet")
+    wal = file.with_name(file.name + "-wal")
+    db = sqlite3.connect(f"{file.as_uri()}?mode=ro", uri=True, timeout=30.0)
+    try:
+        db.execute("PRAGMA user_version")
+    except sqlite3.OperationalError:
+        db.close()
+        if wal.exists() and wal.stat().st_size:
+            raise
+        # On a read-only disk no log can be set up; without a pending one the file itself is complete.
+        db = sqlite3.connect(f"{file.as_uri()}?mode=ro&immutable=1", uri=True)
+    db.row_factory = sqlite3.Row
+    return db
+
+
+def _check_schema(db: sqlite3.Connection, file: Path) -> None:
+    version = db.execute("PRAGMA user_version").fetchone()[0]
+    if version != SCHEMA:
+        what = f"has schema {version}" if version else "is not a store of rso"
+        raise StoreError(
+            f"{file} {what}; this version of rso reads schema {SCHEMA}: "
+            "use the version that wrote it, or move the folder aside and run again"
+        )
+    finding = db.execute("PRAGMA quick_check(1)").fetchone()[0]
+    if finding != "ok":
+        raise sqlite3.DatabaseError(finding)
+
+
+def _lock(path: Path) -> int:
+    """Descriptor that holds the lock until it is closed or the process ends, however it ends."""
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        holder = os.read(descriptor, 32).decode() or "of unknown number"
+        os.close(descriptor)
+        raise StoreError(
+            f"{path.parent} is in use by process {holder}: wait for it to finish or stop it, "
+            "or read with `rso status`, which needs no lock"
+        ) from None
+    os.ftruncate(descriptor, 0)
+    os.write(descriptor, str(os.getpid()).encode())
+    return descriptor
+
+
+@contextmanager
+def _explained(file: Path) -> Iterator[None]:
+    """Turn what sqlite3, zlib and the operating system raise into StoreError; programming errors pass through."""
+    try:
+        yield
+    except (sqlite3.ProgrammingError, sqlite3.IntegrityError):
+        raise
+    except (sqlite3.OperationalError, OSError) as error:
+        raise StoreError(
+            f"{file} cannot be used ({error}): check that its folder exists, is writable and that the disk is not "
+            "full, then run again; runs stored so far are kept"
+        ) from error
+    except (sqlite3.DatabaseError, zlib.error, json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise StoreError(
+            f"{file} is damaged ({' '.join(str(error).split())}): restore a copy, or move it aside and run again; "
+            "the artefacts beside it in objects/ can stay"
+        ) from error
+
+
+def _write_durably(temporary: Path, path: Path, data: bytes) -> None:
+    with open(temporary, "wb") as f:
+        f.write(data)
+        f.flush()
+        os.fsync(f.fileno())
+    os.replace(temporary, path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)  # the new name too must survive a power cut before the database mentions it
+    finally:
+        os.close(folder)
+
+
+def _pack(response: Response) -> bytes:
+    return zlib.compress(json.dumps(response.to_json(), separators=(",", ":")).encode())
+
+
+def _unpack(blob: bytes) -> Response:
+    return Response.from_json(json.loads(zlib.decompress(blob)))
+
+
+def _sha(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

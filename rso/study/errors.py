@@ -1,0 +1,113 @@
+"""What is wrong with a study file, in words: file, line, key, value, and what is allowed."""
+
+from __future__ import annotations
+
+import difflib
+import types
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from rso.study.places import Place, line_of
+
+_SHOWN = 60
+
+
+class StudyError(ValueError):
+    """A study or one of its data files cannot be used; the text has one problem per line."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        super().__init__("\n".join(problems))
+        self.problems = tuple(problems)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.problems,)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing wrong at one place; `value` is shown unless it is None or a table."""
+
+    place: Place
+    message: str
+    value: Any = None
+
+
+def study_error(file: Path, lines: Mapping[Place, int], problems: Iterable[Problem]) -> StudyError:
+    """All problems of one file, in the order of its lines."""
+    placed = sorted(((line_of(dict(lines), p.place), p) for p in problems), key=lambda pair: pair[0])
+    return StudyError([f"{file}:{line}: {_dotted(p.place)}{_shown(p.value)}: {p.message}" for line, p in placed])
+
+
+def choose(name: str, choices: Iterable[str]) -> str:
+    """``did you mean 'mu'? choose from D1, mu``: the nearest names first, then all."""
+    known = sorted(choices)
+    by_lower = {c.lower(): c for c in known}
+    near = [by_lower[m] for m in difflib.get_close_matches(name.lower(), by_lower, n=2, cutoff=0.5)]
+    hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
+    return f"{hint}choose from {', '.join(known) if known else 'nothing: there is none'}"
+
+
+def schema_problems(model: type[BaseModel], error: ValidationError) -> list[Problem]:
+    """The problems that pydantic found, in our words."""
+    return [_problem(model, e) for e in error.errors(include_url=False)]
+
+
+def _problem(model: type[BaseModel], error: Mapping[str, Any]) -> Problem:
+    place, kind, value = tuple(error["loc"]), error["type"], error["input"]
+    if kind == "extra_forbidden":
+        return Problem(place, f"unknown key; {choose(str(place[-1]), _keys_at(model, place[:-1]))}", value)
+    if kind == "missing":
+        return Problem(place, "is missing and has no default")
+    message = error["msg"].removeprefix("Value error, ")
+    if kind == "literal_error":
+        message = f"allowed is {error['ctx']['expected']}"
+        if isinstance(value, str):
+            near = difflib.get_close_matches(value, error["ctx"]["expected"].replace("'", " ").split(), n=1)
+            message += f"; did you mean {near[0]!r}?" if near else ""
+    elif kind == "string_pattern_mismatch":
+        message = f"does not have the form {error['ctx']['pattern']}"
+    elif kind in ("tuple_type", "list_type"):
+        message = "expected an array: [...], or [[...]] for tables"
+    elif kind in ("model_type", "dict_type", "model_attributes_type"):
+        message = "expected a table"
+    return Problem(place, message.replace("Input should be", "should be"), value)
+
+
+def _keys_at(model: type[BaseModel], place: Place) -> list[str]:
+    """Keys that the table at `place` may have."""
+    keys = iter(place)
+    for key in keys:
+        if isinstance(key, int):
+            continue
+        annotation = model.model_fields[key].annotation
+        inner = _model_in(annotation)
+        if inner is None:
+            return []
+        model = inner
+        if getattr(annotation, "__origin__", None) is dict:
+            next(keys, None)  # the user's own name
+    return list(model.model_fields)
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """The model inside an annotation such as tuple[Target, ...]."""
+    if isinstance(annotation, type) and not isinstance(annotation, types.GenericAlias):
+        return annotation if issubclass(annotation, BaseModel) else None
+    return next((m for a in get_args(annotation) if (m := _model_in(a)) is not None), None)
+
+
+def _dotted(place: Place) -> str:
+    """``search.targets[0].depth``"""
+    text = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in place)
+    return text.removeprefix(".") or "study file"
+
+
+def _shown(value: Any) -> str:
+    if value is None or isinstance(value, dict | BaseModel):
+        return ""
+    text = repr(value)
+    return f" = {text if len(text) <= _SHOWN else text[:_SHOWN] + '…'}"

@@ -1,0 +1,212 @@
+"""study.toml → :class:`Study`: every problem of the file and of its data files at once, each with its place."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
+
+from rso.measurement import Measurement, Noise, combine, read, value_at
+from rso.study.errors import Problem, StudyError, choose, schema_problems, study_error
+from rso.study.places import Place, lines_of
+from rso.study.schema import Constraint, DoeTable, ExperimentTable, Source, Study, Table, Target
+
+MAX_BYTES = 5_000_000
+T = TypeVar("T", bound=Table)
+
+
+def load(path: str | Path) -> Study:
+    """Read and check a study file, or the study.toml inside a folder; StudyError with all that is wrong.
+
+    Data files are read too.  What needs the backend (names, units and hard bounds of the parameters) is
+    checked by :func:`rso.study.resolve.resolve`.
+    """
+    file, text = _text(path)
+    raw = _toml(file, text)
+    lines = lines_of(text)
+    problems: list[Problem] = []
+    study = None
+    try:
+        study = Study.model_validate(raw)
+    except ValidationError as error:
+        problems += schema_problems(Study, error)
+    measurements: dict[str, Measurement] = {}
+    problems += _check_experiments(raw, file.parent, measurements)
+    problems += _check_search(raw, measurements)
+    problems += _check_names(raw, file.parent)
+    if problems or study is None:
+        raise study_error(file, lines, problems)
+    study._source = Source(file, lines, measurements)
+    return study
+
+
+def _text(path: str | Path) -> tuple[Path, str]:
+    """The study file and its text."""
+    file = Path(path)
+    try:
+        if file.is_dir():
+            file = file / "study.toml"
+        if not file.exists():
+            near = [f.name for f in file.parent.glob("*.toml")] if file.parent.is_dir() else []
+            raise StudyError([f"{file}: there is no such study file; {choose(file.name, near)}"])
+        if not file.is_file():
+            raise StudyError([f"{file}: is not a file; a study file such as study.toml is expected"])
+        size = file.stat().st_size
+        if size > MAX_BYTES:
+            raise StudyError([f"{file}: {size / 1e6:.1f} MB is too large for a study file (5 MB)"])
+        raw = file.read_bytes()
+    except OSError as error:
+        raise StudyError([f"{path}: cannot be read ({error.strerror})"]) from error
+    except ValueError as error:
+        if isinstance(error, StudyError):
+            raise
+        raise StudyError([f"{str(path)!r}: is not a path ({error})"]) from error
+    try:
+        return file, raw.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise StudyError([f"{file}:{line}: is not UTF-8 text; save the study file as UTF-8"]) from error
+
+
+def _toml(file: Path, text: str) -> dict[str, Any]:
+    """The parsed file; a syntax error keeps its line."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        match = re.search(r"\(at line (\d+), column \d+\)", str(error))
+        line = int(match[1]) if match else text.count("\n") + 1
+        where = text.split("\n")[line - 1].strip()[:60]
+        raise StudyError([f"{file}:{line}: not valid TOML: {error}: {where!r}"]) from error
+    except RecursionError as error:
+        raise StudyError([f"{file}: not a study file: brackets are nested too deeply"]) from error
+    except ValueError as error:  # an integer of thousands of digits
+        raise StudyError([f"{file}: not valid TOML: {error}"]) from error
+
+
+def _tables(raw: dict[str, Any], *place: str) -> list[Any]:
+    """The array of tables at `place` of unchecked data; empty where there is none."""
+    inner: Any = raw
+    for key in place:
+        inner = inner.get(key) if isinstance(inner, dict) else None
+    return inner if isinstance(inner, list) else []
+
+
+def _valid(model: type[T], raw: list[Any]) -> Iterator[tuple[int, T]]:
+    """Those tables that are right in themselves: the others have been reported, checks go on with these."""
+    for n, table in enumerate(raw):
+        try:
+            yield n, model.model_validate(table)
+        except ValidationError:
+            continue
+
+
+def _names(raw: dict[str, Any]) -> list[str]:
+    """Names of all experiments, right or wrong."""
+    tables = [e for e in _tables(raw, "experiments") if isinstance(e, dict)]
+    return [e["name"] for e in tables if isinstance(e.get("name"), str)]
+
+
+def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str, Measurement]) -> Iterator[Problem]:
+    """Names, order, data; fills `measurements`."""
+    names = _names(raw)
+    experiments = dict(_valid(ExperimentTable, _tables(raw, "experiments")))
+    roles = [e.get("role") for e in _tables(raw, "experiments") if isinstance(e, dict)]
+    if "experiments" in raw and "fit" not in roles:
+        yield Problem(("experiments",), 'at least one experiment needs role = "fit"')
+    for n, e in experiments.items():
+        place: Place = ("experiments", n)
+        if names.count(e.name) > 1 and any(other.name == e.name for k, other in experiments.items() if k < n):
+            yield Problem((*place, "name"), "this name is taken by an earlier experiment", e.name)
+        for other in e.after:
+            if other not in names or (other == e.name and names.count(other) == 1):
+                yield Problem((*place, "after"), f"no other experiment; {choose(other, set(names) - {e.name})}", other)
+        try:
+            measurement = read(folder / e.data)
+        except ValueError as error:
+            yield Problem((*place, "data"), f"cannot be used: {error}", e.data)
+            continue
+        if measurement.kind != e.kind:
+            yield Problem((*place, "kind"), f"the columns of {e.data} are those of a {measurement.kind}", e.kind)
+            continue
+        measurements.setdefault(e.name, measurement)
+        for channel in e.compared:
+            if channel not in measurement.channels:
+                message = f"{e.data} has no such channel; {choose(channel, measurement.channels)}"
+                yield Problem((*place, "channels"), message, channel)
+
+
+def _check_search(raw: dict[str, Any], measurements: dict[str, Measurement]) -> Iterator[Problem]:
+    """Targets and constraints refer to what is there; variants have names of their own and known parameters."""
+    names = _names(raw)
+    variants = _tables(raw, "search", "variants")
+    places: list[Place] = [("search",), *(("search", "variants", n) for n in range(len(variants)))]
+    owners = [raw.get("search"), *variants]
+    experiments = [e for _, e in _valid(ExperimentTable, _tables(raw, "experiments"))]
+    roles = {e.name: e.role for e in reversed(experiments)}  # of two with one name the first counts
+    for owner, place in zip(owners, places, strict=True):
+        if not isinstance(owner, dict):
+            continue
+        for n, target in _valid(Target, _tables(owner, "targets")):
+            yield from _check_target(target, (*place, "targets", n), names, roles, measurements)
+        if place != ("search",):
+            yield from _check_ranges(owner, (*place, "ranges"), raw.get("parameters"))
+    for n, constraint in _valid(Constraint, _tables(raw, "search", "constraints")):
+        if constraint.experiment not in names:
+            where = ("search", "constraints", n, "experiment")
+            yield Problem(where, f"unknown experiment; {choose(constraint.experiment, names)}", constraint.experiment)
+    titles = [v.get("name") for v in variants if isinstance(v, dict)]
+    for n, title in enumerate(titles):
+        if isinstance(title, str) and title in titles[:n]:
+            yield Problem(("search", "variants", n, "name"), "this name is taken by an earlier variant", title)
+
+
+def _check_target(
+    target: Target, place: Place, names: list[str], roles: dict[str, str], measurements: dict[str, Measurement]
+) -> Iterator[Problem]:
+    name = target.experiment
+    if name not in names:
+        yield Problem((*place, "experiment"), f"unknown experiment; {choose(name, names)}", name)
+        return
+    if roles.get(name) == "validate":
+        yield Problem((*place, "experiment"), 'is for validation (role = "validate") and cannot be a target', name)
+        return
+    if name not in measurements:
+        return
+    measurement = measurements[name]
+    if measurement.kind == "profile":
+        yield Problem((*place, "experiment"), "is a profile; targets are points of a force curve", name)
+        return
+    if target.channel not in measurement.channels:
+        message = f"not measured in {name!r}; {choose(target.channel, measurement.channels)}"
+        yield Problem((*place, "channel"), message, target.channel)
+        return
+    try:
+        value_at(combine(measurement, Noise(), target.channel), target.depth)
+    except ValueError as error:
+        yield Problem((*place, "depth"), f"{name}: {error}", target.depth)
+
+
+def _check_ranges(variant: dict[str, Any], place: Place, parameters: Any) -> Iterator[Problem]:
+    ranges = variant.get("ranges")
+    if isinstance(ranges, dict) and isinstance(parameters, dict):
+        for name in ranges.keys() - parameters.keys():
+            yield Problem((*place, name), f"no parameter of this study; {choose(name, parameters)}")
+
+
+def _check_names(raw: dict[str, Any], folder: Path) -> Iterator[Problem]:
+    """Required parameters are searched for, something is searched for, and the DOE file is there."""
+    parameters = raw.get("parameters")
+    if isinstance(parameters, dict):
+        free = [k for k, v in parameters.items() if not (isinstance(v, dict) and "value" in v)]
+        if not free:
+            yield Problem(("parameters",), "nothing to identify: at least one parameter needs low and high")
+        for n, name in enumerate(_tables(raw, "identify", "require")):
+            if isinstance(name, str) and name not in free:
+                yield Problem(("identify", "require", n), f"not searched for; {choose(name, free)}", name)
+    for _, doe in _valid(DoeTable, [raw.get("doe", {})]):
+        if doe.file is not None and not (folder / doe.file).is_file():
+            yield Problem(("doe", "file"), "there is no such file next to the study", doe.file)

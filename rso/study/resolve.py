@@ -1,0 +1,121 @@
+"""Second step of a study: its parameters against those that the backend declares."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Literal
+
+from rso.contract import Parameter
+from rso.study.errors import Problem, choose, study_error
+from rso.study.places import Place
+from rso.study.schema import ParameterTable, Study, Target
+from rso.units import quantity
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One parameter to be identified, with its range in the parameter's unit."""
+
+    parameter: Parameter
+    low: float
+    high: float
+    scale: Literal["linear", "log"]
+
+    @property
+    def name(self) -> str:
+        """Name of the parameter."""
+        return self.parameter.name
+
+
+@dataclass(frozen=True)
+class Search:
+    """One search: its name, its targets, and its ranges, one axis per free parameter of the study."""
+
+    name: str
+    targets: tuple[Target, ...]
+    axes: tuple[Axis, ...]
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """A study whose numbers have units: `axes` to be identified, `fixed` values, `variants` of the search."""
+
+    study: Study
+    axes: tuple[Axis, ...]
+    fixed: Mapping[str, float]
+    variants: tuple[Search, ...]
+
+
+def resolve(study: Study, parameters: tuple[Parameter, ...]) -> Resolved:
+    """Bounds in the units of `parameters` (the backend's, and the measurement chain's if they are open).
+
+    StudyError for unknown parameters, wrong units, values outside hard bounds, low ≥ high, a log scale that
+    starts at or below 0, and variants that leave the study's range; all at once.
+    """
+    known = {p.name: p for p in parameters}
+    problems: list[Problem] = []
+    axes: dict[str, Axis] = {}
+    fixed: dict[str, float] = {}
+    for name, table in study.parameters.items():
+        place: Place = ("parameters", name)
+        if name not in known:
+            problems.append(Problem(place, f"the backend has no such parameter; {choose(name, known)}"))
+        elif table.value is not None:
+            value = _number(table.value, known[name], (*place, "value"), problems)
+            if value is not None:
+                fixed[name] = value
+        else:
+            axis = _axis(known[name], table, place, problems)
+            if axis is not None:
+                axes[name] = axis
+    variants = []
+    for n, variant in enumerate(study.search.variants):
+        place = ("search", "variants", n, "ranges")
+        narrowed = dict(axes)
+        for name, (low, high) in variant.ranges.items():
+            if name in fixed:
+                problems.append(Problem((*place, name), "this parameter has a fixed value in [parameters]"))
+            elif name in axes:
+                narrowed[name] = _narrowed(axes[name], low, high, (*place, name), problems) or axes[name]
+        variants.append(Search(variant.name, variant.targets or study.search.targets, tuple(narrowed.values())))
+    if problems:
+        raise study_error(study.file, study.lines, problems)
+    return Resolved(study, tuple(axes.values()), MappingProxyType(fixed), tuple(variants))
+
+
+def _number(written: Any, parameter: Parameter, place: Place, problems: list[Problem]) -> float | None:
+    """A value in the parameter's unit and within its hard bounds; None after noting a problem."""
+    try:
+        return parameter.check(quantity(written, parameter.unit))
+    except ValueError as error:
+        problems.append(Problem(place, str(error), written))
+        return None
+
+
+def _axis(parameter: Parameter, table: ParameterTable, place: Place, problems: list[Problem]) -> Axis | None:
+    low = _number(table.low, parameter, (*place, "low"), problems)
+    high = _number(table.high, parameter, (*place, "high"), problems)
+    if low is None or high is None:
+        return None
+    if low >= high:
+        problems.append(Problem(place, f"low = {low:g} must be below high = {high:g} {parameter.unit}"))
+        return None
+    if table.scale == "log" and low <= 0:
+        problems.append(Problem((*place, "low"), f"a log scale needs low > 0 {parameter.unit}", table.low))
+        return None
+    return Axis(parameter, low, high, table.scale)
+
+
+def _narrowed(axis: Axis, low: Any, high: Any, place: Place, problems: list[Problem]) -> Axis | None:
+    """The axis with the range of a variant, which must lie inside."""
+    ends = [_number(v, axis.parameter, (*place, n), problems) for n, v in enumerate((low, high))]
+    if ends[0] is None or ends[1] is None:
+        return None
+    if not axis.low <= ends[0] < ends[1] <= axis.high:
+        unit = axis.parameter.unit
+        message = f"must lie inside the study's range [{axis.low:g}, {axis.high:g}] {unit} with low below high"
+        problems.append(Problem(place, message, (low, high)))
+        return None
+    return Axis(axis.parameter, ends[0], ends[1], axis.scale)

@@ -1,0 +1,348 @@
+"""The tables of study.toml as frozen models: one class per table, every key with its default, nothing else allowed.
+
+Quantities are floats in N, mm, MPa, s after loading.  Bounds of parameters stay as written, because their unit
+is the backend's to say: see :func:`rso.study.resolve.resolve`.
+"""
+
+from __future__ import annotations
+
+import datetime
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from rso.measurement import Measurement, Noise
+from rso.study.places import Place
+from rso.units import COLUMNS, quantity
+
+
+def _list_to_tuple(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _as_written(value: Any) -> Any:
+    """A bound: a finite bare number, or text that will be read with the parameter's unit."""
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise ValueError('expected a number or text with a unit, for example 0.0032 or "3.2 kPa"')
+    if not isinstance(value, str) and not math.isfinite(value):
+        raise ValueError("expected a finite number")
+    return value
+
+
+def _plain(value: Any) -> Any:
+    """Settings travel to the backend as JSON: no dates, no NaN, no infinity."""
+    if isinstance(value, dict):
+        for v in value.values():
+            _plain(v)
+    elif isinstance(value, list):
+        for v in value:
+            _plain(v)
+    elif isinstance(value, datetime.date | datetime.time) or (isinstance(value, float) and not math.isfinite(value)):
+        raise ValueError(f"{value} cannot be handed to a backend; allowed are text, finite numbers, booleans, tables")
+    return value
+
+
+def _effects(value: Any) -> Any:
+    if value == "all" or (isinstance(value, list) and all(isinstance(v, str) for v in value)):
+        return _list_to_tuple(value)
+    raise ValueError('expected "all" or a list of effects such as ["friction", "compliance"]')
+
+
+def _quantity(unit: str) -> BeforeValidator:
+    return BeforeValidator(lambda value: quantity(value, unit))
+
+
+Bound = Annotated[Any, AfterValidator(_as_written)]
+Settings = Annotated[dict[str, Any], AfterValidator(_plain)]
+Names = Annotated[tuple[str, ...], BeforeValidator(_list_to_tuple)]
+Name = Annotated[str, Field(pattern=r"^\w[\w .+-]{0,63}$")]
+NotNegativeForce = Annotated[float, _quantity("N"), Field(ge=0)]
+NotNegativeLength = Annotated[float, _quantity("mm"), Field(ge=0)]
+Depth = Annotated[float, _quantity("mm"), Field(gt=0)]
+Share = Annotated[float, _quantity("1"), Field(ge=0, lt=1)]
+Tolerance = Annotated[float, _quantity("1"), Field(gt=0, lt=1)]
+Duration = Annotated[float, _quantity("s"), Field(gt=0)]
+Count = Annotated[int, Field(ge=0, le=10_000_000)]
+Positive = Annotated[int, Field(ge=1, le=10_000_000)]
+
+
+class Table(BaseModel):
+    """What all tables share: no unknown keys, no conversions behind one's back, no changes afterwards."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class StudyTable(Table):
+    """[study]"""
+
+    title: Annotated[str, Field(min_length=1, max_length=200)]
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)]
+    units: Literal["N-mm-MPa-s"] = "N-mm-MPa-s"
+
+
+class BackendTable(Table):
+    """[backend]: a Python object or an external command; `timeout` is the longest one run may take."""
+
+    use: Annotated[str, Field(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")] | None = None
+    command: Annotated[tuple[str, ...], BeforeValidator(_list_to_tuple), Field(min_length=1)] | None = None
+    settings: Settings = {}
+    timeout: Duration | None = None
+
+    @model_validator(mode="after")
+    def _one_of(self) -> BackendTable:
+        if (self.use is None) == (self.command is None):
+            raise ValueError('give either use = "package.module:NAME" or command = ["program", "argument"]')
+        return self
+
+
+class ParameterTable(Table):
+    """[parameters] name: a range to search, or a `value` that fixes it."""
+
+    low: Bound = None
+    high: Bound = None
+    scale: Literal["linear", "log"] = "linear"
+    value: Bound = None
+
+    @model_validator(mode="after")
+    def _range_or_value(self) -> ParameterTable:
+        if self.value is None and (self.low is None or self.high is None):
+            raise ValueError("give low and high, or value to fix it")
+        if (self.low is None) != (self.high is None):
+            raise ValueError("low and high belong together")
+        return self
+
+
+class NoiseTable(Table):
+    """noise of an experiment: what repeats cannot tell (see :class:`rso.measurement.Noise`)."""
+
+    Fz: NotNegativeForce = 0.0
+    Fx: NotNegativeForce | None = None
+    Fy: NotNegativeForce | None = None
+    uz: NotNegativeLength = 0.0
+    depth: NotNegativeLength = 0.0
+    gain: Share = 0.0
+    correlation: NotNegativeLength = 0.0
+
+    def noise(self) -> Noise:
+        """The same as a plain dataclass."""
+        return Noise(**self.model_dump())
+
+
+class ExperimentTable(Table):
+    """[[experiments]]: `channels` are those compared with the model, by default Fz, or uz for a profile."""
+
+    name: Name
+    role: Literal["fit", "select", "validate"]
+    data: Annotated[str, Field(min_length=1)]
+    kind: Literal["force", "profile"] = "force"
+    channels: Names = ()
+    settings: Settings = {}
+    noise: NoiseTable = NoiseTable()
+    mounting: Annotated[str, Field(min_length=1)] = "A"
+    after: Names = ()
+
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """Channels to compare."""
+        return self.channels or (("Fz",) if self.kind == "force" else ("uz",))
+
+
+class DoeTable(Table):
+    """[doe]: `runs` is what the user asks for; with `reduce`, similarity may need fewer."""
+
+    kind: Literal["lhs", "sobol", "ccd", "box_behnken", "factorial", "osf", "file"] = "lhs"
+    runs: Positive = 40
+    held_out: Count = 5
+    reduce: bool = True
+    file: str | None = None
+
+    @model_validator(mode="after")
+    def _file_with_kind(self) -> DoeTable:
+        if (self.kind == "file") != (self.file is not None):
+            raise ValueError('file = "points.csv" and kind = "file" belong together')
+        return self
+
+
+class SurrogateTable(Table):
+    """[surrogate]: `tolerance` is the held-out relative error above which a surrogate is refused."""
+
+    kind: Literal["auto", "polynomial", "kriging", "whole_curve"] = "auto"
+    degree: Annotated[int, Field(ge=1, le=8)] = 2
+    tolerance: Tolerance = 0.01
+
+
+class SensitivityTable(Table):
+    """[sensitivity]"""
+
+    local: bool = True
+    morris: bool = False
+    sobol: bool = True
+    samples: Positive = 1024
+
+
+class Target(Table):
+    """A force (or displacement) to meet at one depth; without `value` it is read off the measured curve."""
+
+    experiment: str
+    depth: Depth
+    channel: Literal["Fx", "Fy", "Fz", "ux", "uy", "uz"] = "Fz"
+    value: float | None = None
+
+    @field_validator("value", mode="before")
+    @classmethod
+    def _in_unit_of_channel(cls, value: Any, info: ValidationInfo) -> float:
+        return quantity(value, COLUMNS.get(info.data.get("channel", "Fz"), "N"))
+
+
+class Constraint(Table):
+    """low ≤ response ≤ high at one depth."""
+
+    experiment: str
+    channel: Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$")]
+    depth: Depth
+    low: float | None = None
+    high: float | None = None
+
+    @field_validator("low", "high", mode="before")
+    @classmethod
+    def _in_unit_of_channel(cls, value: Any, info: ValidationInfo) -> float:
+        channel = info.data.get("channel", "Fz")
+        if channel not in COLUMNS and isinstance(value, str):
+            raise ValueError(f"the unit of channel {channel!r} is the backend's, give a bare number in it")
+        return quantity(value, COLUMNS.get(channel, "1"))
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Constraint:
+        if self.low is None and self.high is None:
+            raise ValueError("give low, high or both")
+        if self.low is not None and self.high is not None and self.low >= self.high:
+            raise ValueError(f"low = {self.low:g} must be below high = {self.high:g}")
+        return self
+
+
+Range = Annotated[tuple[Bound, Bound], BeforeValidator(_list_to_tuple)]
+
+
+class Variant(Table):
+    """One more search of the same study: other targets (those of [search] if none) and narrower ranges."""
+
+    name: Name
+    targets: Annotated[tuple[Target, ...], BeforeValidator(_list_to_tuple)] = ()
+    ranges: dict[str, Range] = {}
+
+
+class SearchTable(Table):
+    """[search]: without targets the metric of the fitted curves alone is minimised."""
+
+    targets: Annotated[tuple[Target, ...], BeforeValidator(_list_to_tuple)] = ()
+    constraints: Annotated[tuple[Constraint, ...], BeforeValidator(_list_to_tuple)] = ()
+    metric: Literal["rmse", "nrmse", "mre", "mape", "rrmse"] = "nrmse"
+    candidates: Positive = 3
+    population: Annotated[int, Field(ge=4, le=100_000)] = 100
+    generations: Positive = 100
+    variants: Annotated[tuple[Variant, ...], BeforeValidator(_list_to_tuple)] = ()
+
+
+class IdentifyTable(Table):
+    """[identify]: parameters that the data must determine."""
+
+    require: Names = ()
+
+
+class VerifyTable(Table):
+    """[verify]: how well a rerun must agree with its prediction, and how many runs may be added for it."""
+
+    tolerance: Tolerance = 0.005
+    max_infill: Count = 8
+
+
+class DiagnoseTable(Table):
+    """[diagnose]"""
+
+    effects: Annotated[Any, AfterValidator(_effects)] = "all"
+
+
+class DispatchTable(Table):
+    """[dispatch]: `timeout` is for one run, whatever the backend's own limit."""
+
+    jobs: Annotated[int, Field(ge=1, le=10_000)] = 2
+    engine: Literal["local", "dask"] = "local"
+    address: str | None = None
+    timeout: Duration | None = None
+
+
+class ReportTable(Table):
+    """[report]"""
+
+    html: bool = True
+    pdf: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """Where a study came from: its file, the line of every key, and the measured files by experiment."""
+
+    file: Path
+    lines: Mapping[Place, int]
+    measurements: Mapping[str, Measurement] = field(default_factory=dict)
+
+
+class Study(Table):
+    """A whole study file; made by :func:`rso.study.load`."""
+
+    study: StudyTable
+    backend: BackendTable
+    parameters: dict[str, ParameterTable]
+    experiments: Annotated[tuple[ExperimentTable, ...], BeforeValidator(_list_to_tuple)]
+    doe: DoeTable = DoeTable()
+    surrogate: SurrogateTable = SurrogateTable()
+    sensitivity: SensitivityTable = SensitivityTable()
+    search: SearchTable = SearchTable()
+    identify: IdentifyTable = IdentifyTable()
+    verify: VerifyTable = VerifyTable()
+    diagnose: DiagnoseTable = DiagnoseTable()
+    dispatch: DispatchTable = DispatchTable()
+    report: ReportTable = ReportTable()
+
+    _source: Source = PrivateAttr()
+
+    @property
+    def file(self) -> Path:
+        """The study file."""
+        return self._source.file
+
+    @property
+    def folder(self) -> Path:
+        """The folder that paths in the study are relative to."""
+        return self._source.file.parent
+
+    @property
+    def lines(self) -> Mapping[Place, int]:
+        """Line of every key, for messages."""
+        return self._source.lines
+
+    def experiment(self, name: str) -> ExperimentTable:
+        """The experiment of this name."""
+        return next(e for e in self.experiments if e.name == name)
+
+    def measurement(self, name: str) -> Measurement:
+        """The measured file of an experiment, as read when the study was loaded."""
+        return self._source.measurements[name]
+
+    def settings_of(self, name: str) -> dict[str, Any]:
+        """Settings of an experiment: its own replace those of the backend, whole top-level keys at a time."""
+        return {**self.backend.settings, **self.experiment(name).settings}

@@ -1,0 +1,57 @@
+"""What every surrogate shares: the cube it lives in, the polynomial basis, the logarithm of a positive output."""
+
+from __future__ import annotations
+
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+
+def outside(X: np.ndarray, d: int, tolerance: float = 1e-9) -> np.ndarray:
+    """Mask (n,) of the points X (n, d) that lie outside the unit cube by more than `tolerance`."""
+    X = np.asarray(X, float)
+    if X.ndim != 2 or X.shape[1] != d:
+        raise ValueError(f"surrogate: expected points of shape (n, {d}), got {X.shape}")
+    return ~np.all((X >= -tolerance) & (X <= 1 + tolerance), axis=1)
+
+
+def inside(X: np.ndarray, d: int) -> np.ndarray:
+    """X as an array, or ValueError: a surrogate knows nothing outside the ranges that were sampled."""
+    bad = outside(X, d)
+    if bad.any():
+        first = np.asarray(X, float)[bad][0]
+        raise ValueError(f"surrogate: {bad.sum()} of {len(bad)} points lie outside the unit cube, the first at {first}")
+    return np.asarray(X, float)
+
+
+def checked(X: np.ndarray, y: np.ndarray, log: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Data of a fit as float arrays X (n, d) and y (n,); ValueError for what no fit can use."""
+    X, y = np.asarray(X, float), np.asarray(y, float)
+    if X.ndim != 2 or y.shape != (len(X),):
+        raise ValueError(f"surrogate: needs X (n, d) and y (n,), got {X.shape} and {y.shape}")
+    if not np.all(np.isfinite(y)):
+        raise ValueError(f"surrogate: {np.sum(~np.isfinite(y))} values are not finite; leave failed runs out")
+    if log and y.min() <= 0:
+        raise ValueError(f"surrogate: a logarithm needs positive outputs, the smallest is {y.min():g}")
+    return inside(X, X.shape[1]), y
+
+
+def powers(d: int, degree: int) -> np.ndarray:
+    """Exponents (terms, d) of every monomial of total degree <= `degree`, constant first."""
+    rows = [c for k in range(degree + 1) for c in combinations_with_replacement(range(d), k)]
+    return np.array([[row.count(j) for j in range(d)] for row in rows])
+
+
+def legendre(X: np.ndarray, exponents: np.ndarray) -> np.ndarray:
+    """Basis Π_j P_{e_j}(2 x_j − 1) (n, terms): spans the monomials and is far better conditioned."""
+    V = np.polynomial.legendre.legvander(2 * X - 1, int(exponents.max(initial=0)))
+    A = np.ones((len(X), len(exponents)))
+    for j, column in enumerate(exponents.T):
+        A *= V[:, j, column]
+    return A
+
+
+def from_log(m: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation of exp(N(m, s²)): e^(m + s²/2) and mean·√(e^(s²) − 1)."""
+    mean = np.exp(m + s**2 / 2)
+    return mean, mean * np.sqrt(np.expm1(s**2))

@@ -1,0 +1,65 @@
+"""How wrong a surrogate is, in the units of what it predicts: on held-out points and by cross-validation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+
+class Predictor(Protocol):
+    """Anything with a mean prediction."""
+
+    def mean(self, X: np.ndarray) -> np.ndarray:
+        """Predicted y (n,) at X (n, d)."""
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Errors over n points: rmse and max_abs in the units of y, q2 and relative_rmse without unit.
+
+    q2 = 1 − Σ(ŷ − y)²/Σ(y − ȳ)² (nan where y is constant); relative_rmse = rmse/√mean(y²).
+    """
+
+    rmse: float
+    max_abs: float
+    q2: float
+    relative_rmse: float
+    n: int
+
+
+def score(predicted: np.ndarray, y: np.ndarray) -> Scores:
+    """Scores of predictions (n,) against y (n,)."""
+    y = np.asarray(y, float)
+    error = np.asarray(predicted, float) - y
+    rmse, spread, size = np.sqrt(np.mean(error**2)), np.sum((y - y.mean()) ** 2), np.sqrt(np.mean(y**2))
+    q2 = 1 - np.sum(error**2) / spread if spread > 0 else np.nan
+    return Scores(
+        float(rmse), float(np.abs(error).max()), float(q2), float(rmse / size) if size > 0 else np.nan, len(y)
+    )
+
+
+def held_out(model: Predictor, X: np.ndarray, y: np.ndarray) -> Scores:
+    """Scores of a fitted model on points X (m, d), y (m,) that it has not seen."""
+    return score(model.mean(np.asarray(X, float)), y)
+
+
+def cross_validate(
+    refit: Callable[[np.ndarray], Predictor], X: np.ndarray, y: np.ndarray, seed: int, folds: int = 10
+) -> Scores:
+    """Scores of predictions for each fold by a model refitted without it; `refit(rows)` fits to those rows.
+
+    Leave-one-out where there are no more points than folds. The assignment to folds depends on n and seed only.
+    """
+    y = np.asarray(y, float)
+    n = len(y)
+    if n < 2 or folds < 2:
+        raise ValueError(f"cross-validation needs at least 2 points and 2 folds, got {n} and {folds}")
+    order = np.random.default_rng(seed).permutation(n)
+    predicted = np.empty(n)
+    for part in np.array_split(order, min(folds, n)):
+        rows = np.setdiff1d(np.arange(n), part)
+        predicted[part] = refit(rows).mean(X[part])
+    return score(predicted, y)

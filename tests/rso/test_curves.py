@@ -1,0 +1,145 @@
+"""Resampling is exact for Hertz and of fourth order in √u otherwise; metrics are those of the literature."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rso.curves import Resampling, baseline, metrics, window
+
+# Round-off of a handful of operations on numbers of order one.
+EXACT = 1e-13
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 40])
+def test_linear_plus_hertz_is_reproduced_with_its_slope(n):
+    u = np.linspace(0.1, 4.0, n)
+    curve = Resampling(u, 0.2 * u + 0.3 * u**1.5)
+    at = np.linspace(0.0, 4.0, 33)
+    np.testing.assert_allclose(curve(at), 0.2 * at + 0.3 * at**1.5, rtol=0, atol=EXACT)
+    np.testing.assert_allclose(curve.slope(at), 0.2 + 0.45 * at**0.5, rtol=0, atol=1e-10)  # divides by √u
+
+
+def test_one_point_is_hertz():
+    curve = Resampling(np.array([4.0]), np.array([0.8]))
+    np.testing.assert_allclose(curve(np.array([1.0, 4.0])), [0.1, 0.8], rtol=EXACT, atol=0)
+    np.testing.assert_allclose(curve.slope(4.0), 1.5 * 0.8 / 4, rtol=EXACT, atol=0)
+
+
+def test_smooth_curves_converge_with_fourth_order():
+    def exact(u):
+        return u**1.5 * np.exp(0.3 * u)
+
+    at = np.linspace(0.0, 4.0, 401)
+    error = []
+    for n in (20, 40, 80):
+        u = 4.0 * (np.arange(1, n + 1) / n) ** 2  # even in √u
+        error.append(np.max(np.abs(Resampling(u, exact(u))(at) - exact(at))))
+    rate = np.log2(np.array(error[:-1]) / error[1:])
+    np.testing.assert_allclose(rate, 4.0, rtol=0, atol=0.3)  # cubic spline, 4th order; the ends settle last
+
+
+def test_interpolation_linear_in_depth_would_not_do():
+    """Negative control: the same points joined by straight lines miss Hertz by far more."""
+    u = np.linspace(0.5, 4.0, 8)
+    at = np.linspace(0.0, 4.0, 81)
+    assert np.max(np.abs(np.interp(at, np.r_[0, u], np.r_[0, u**1.5]) - at**1.5)) > 0.05
+
+
+def test_many_curves_at_once_equal_each_alone():
+    u = np.linspace(0.1, 4.0, 12)
+    values = np.stack([u**1.4, u**1.6, np.sin(u)], axis=1)
+    at = np.array([0.0, 0.05, 1.234, 4.0])
+    together = Resampling(u, values)
+    for k in range(3):
+        alone = Resampling(u, values[:, k])
+        np.testing.assert_allclose(together(at)[:, k], alone(at), rtol=0, atol=EXACT)
+        np.testing.assert_allclose(together.slope(at)[:, k], alone.slope(at), rtol=0, atol=1e-10)
+
+
+def test_slope_is_the_derivative():
+    u = np.linspace(0.1, 4.0, 30)
+    curve = Resampling(u, np.sin(u))
+    at, h = np.linspace(0.3, 3.9, 20), 1e-5
+    difference = (curve(at + h) - curve(at - h)) / (2 * h)
+    np.testing.assert_allclose(curve.slope(at), difference, rtol=0, atol=1e-8)  # h² and round-off / h
+
+
+def test_nothing_before_contact_and_nothing_beyond_the_last_point():
+    curve = Resampling(np.array([1.0, 2.0]), np.array([1.0, 3.0]))
+    assert curve(-0.1) == 0 and curve(0.0) == 0 and curve.slope(-0.1) == 0
+    assert curve(2.0 * (1 + 1e-12)) == pytest.approx(3.0, rel=1e-12)
+    for call in (curve, curve.slope):
+        with pytest.raises(ValueError, match=r"2\.01 mm lies beyond the last point of the curve, 2 mm"):
+            call(np.array([1.0, 2.01]))
+        with pytest.raises(ValueError, match="beyond"):
+            call(np.nan)
+
+
+@pytest.mark.parametrize(
+    ("u", "y"),
+    [([], []), ([0.0, 1.0], [0, 1]), ([1.0, 1.0], [1, 1]), ([2.0, 1.0], [1, 1]), ([1.0], [1, 2]), ([1.0], [np.nan])],
+)
+def test_curves_that_are_none(u, y):
+    with pytest.raises(ValueError):
+        Resampling(np.array(u), np.array(y))
+
+
+def test_window():
+    u, y = window(np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 10.0, 20.0, 30.0]), 1.0, 2.0)
+    assert u.tolist() == [1.0, 2.0] and y.tolist() == [10.0, 20.0]
+    with pytest.raises(ValueError, match=r"\[4, 5\] mm; it spans \[0, 3\] mm"):
+        window(np.arange(4.0), np.arange(4.0), 4, 5)
+
+
+def test_metrics_by_hand():
+    m = metrics(np.array([1.0, 2.0, 4.0]), np.array([2.0, 2.0, 2.0]))
+    rmse = math.sqrt((1 + 0 + 4) / 3)
+    assert m.rmse == pytest.approx(rmse, rel=1e-15)
+    assert m.nrmse == pytest.approx(rmse / (7 / 3), rel=1e-15)
+    assert m.mre == pytest.approx((1 + 0 + 0.5) / 3, rel=1e-15)
+    assert m.mape == pytest.approx(50.0, rel=1e-15)
+    assert m.rrmse == pytest.approx(math.sqrt((1 + 0 + 0.25) / 3), rel=1e-15)
+    assert (m.n, m.excluded) == (3, 0)
+
+
+def test_points_at_or_below_the_floor_leave_the_relative_norms_only():
+    y, f = np.array([0.0, 0.1, 1.0]), np.array([0.5, 0.2, 1.1])
+    m = metrics(y, f, floor=0.1)
+    assert (m.excluded, m.floor) == (2, 0.1)
+    assert m.mre == pytest.approx(0.1, rel=1e-12) and m.rrmse == pytest.approx(0.1, rel=1e-12)
+    assert m.rmse == pytest.approx(math.sqrt((0.25 + 0.01 + 0.01) / 3), rel=1e-12)
+    assert metrics(y, f).excluded == 1  # y = 0 even without a floor
+
+
+def test_properties_of_the_norms():
+    rng = np.random.default_rng(7)
+    y, f = rng.uniform(0.1, 1, 50), rng.uniform(0.1, 1, 50)
+    m, scaled = metrics(y, f), metrics(1000 * y, 1000 * f)
+    assert m.rrmse >= m.mre  # Jensen: a mean RRMSE below the mean MRE, as printed somewhere, cannot be
+    for name in ("nrmse", "mre", "rrmse"):
+        assert getattr(scaled, name) == pytest.approx(getattr(m, name), rel=1e-12)  # no unit
+    assert metrics(y, y).rmse == 0
+    assert metrics(-y, -f).nrmse == pytest.approx(m.nrmse, rel=1e-12)  # a channel that points down
+
+
+def test_norms_without_meaning_are_nan():
+    m = metrics(np.array([-1.0, 1.0]), np.array([0.0, 0.0]))
+    assert math.isnan(m.nrmse) and m.mre == 1
+    m = metrics(np.zeros(3), np.ones(3))
+    assert math.isnan(m.mre) and math.isnan(m.rrmse) and m.excluded == 3
+
+
+def test_baseline_is_standard_deviation_over_mean():
+    y = np.linspace(0.1, 4, 40) ** 1.335
+    assert baseline(y).nrmse == pytest.approx(np.std(y) / np.mean(y), rel=1e-12)
+    # A power law has p / √(2p + 1) in the continuum; 40 points differ from it by about 1/(2n).
+    assert baseline(y).nrmse == pytest.approx(1.335 / math.sqrt(2 * 1.335 + 1), abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("y", "f", "floor"), [([], [], 0), ([1.0], [1.0, 2.0], 0), ([np.nan], [1.0], 0), ([1.0], [1.0], -1)]
+)
+def test_metrics_refuse(y, f, floor):
+    with pytest.raises(ValueError):
+        metrics(np.array(y), np.array(f), floor)

@@ -1,0 +1,149 @@
+import numpy as np
+import pytest
+from scipy.spatial.distance import pdist
+from scipy.stats import qmc
+
+from rso.doe import Box, box_behnken, central_composite, design, extend, factorial
+
+
+def is_latin(X):
+    n = len(X)
+    return all(np.array_equal(np.sort(np.floor(column * n).astype(int)), np.arange(n)) for column in X.T)
+
+
+@pytest.mark.parametrize("d", [1, 2, 5])
+@pytest.mark.parametrize("runs", [2, 7, 20])
+def test_latin_hypercubes_have_one_point_per_row_of_cells(d, runs):
+    for X in (design("lhs", d, runs, 0), design("lhs", d, runs, 0, optimise=False), design("osf", d, runs, 0)):
+        assert X.shape == (runs, d)
+        assert is_latin(X)
+
+
+def test_a_sobol_sample_is_not_latin_at_an_odd_count():
+    # Negative control of `is_latin`.
+    assert not is_latin(design("sobol", 3, 20, 0))
+
+
+def test_optimised_designs_are_better_at_what_they_optimise():
+    plain, optimised = design("lhs", 3, 30, 5, optimise=False), design("lhs", 3, 30, 5)
+    assert qmc.discrepancy(optimised) < 0.7 * qmc.discrepancy(plain)
+    random = [pdist(design("lhs", 3, 30, s, optimise=False)).min() for s in range(20)]
+    assert pdist(design("osf", 3, 30, 5)).min() > max(random)
+
+
+@pytest.mark.parametrize("kind,runs", [("lhs", 16), ("sobol", 16), ("osf", 16), ("ccd", None), ("box_behnken", None)])
+def test_every_design_is_in_the_cube_and_repeats_to_the_bit(kind, runs):
+    X = design(kind, 4, runs, 3)
+    assert X.min() >= 0 and X.max() <= 1
+    assert np.array_equal(X, design(kind, 4, runs, 3))
+    if kind in ("lhs", "sobol", "osf"):
+        assert not np.array_equal(X, design(kind, 4, runs, 4))
+
+
+@pytest.mark.parametrize("d", range(2, 9))
+def test_rotatable_ccd_has_the_moments_of_a_rotatable_design(d):
+    coded = 2 * central_composite(d) - 1
+    m2, m4 = (coded**2).sum(0), (coded**4).sum(0)
+    mixed = (coded[:, :, None] ** 2 * coded[:, None, :] ** 2).sum(0)[~np.eye(d, dtype=bool)]
+    odd = (coded[:, :, None] * coded[:, None, :]).sum(0)[~np.eye(d, dtype=bool)]
+    # Sums of at most 80 numbers below 1: rounding only.
+    np.testing.assert_allclose(coded.sum(0), 0, atol=1e-12)
+    np.testing.assert_allclose(odd, 0, atol=1e-12)
+    np.testing.assert_allclose(m2, m2[0], rtol=1e-12)
+    # Box & Hunter 1957: rotatable if and only if Σx_i⁴ = 3 Σx_i²x_j².
+    np.testing.assert_allclose(m4, 3 * mixed[0], rtol=1e-12)
+    np.testing.assert_allclose(mixed, mixed[0], rtol=1e-12)
+
+
+def test_fractional_ccd_does_not_confuse_pairs_of_factors():
+    for d in (5, 6, 7, 8):
+        X = 2 * central_composite(d, "face") - 1
+        corners = X[np.all(np.abs(X) == 1, axis=1)]
+        assert len(corners) == 2 ** (d - (2 if d == 8 else 1))
+        i, j = np.triu_indices(d, 1)
+        effects = np.column_stack([np.ones(len(corners)), corners, corners[:, i] * corners[:, j]])
+        # Resolution V: constant, main effects and pairs are mutually orthogonal; integers, hence exact.
+        assert np.array_equal(effects.T @ effects, len(corners) * np.eye(effects.shape[1]))
+
+
+def test_face_centred_points_lie_on_faces_and_stars_never_leave_the_box():
+    X = central_composite(3, "face")
+    assert len(X) == 15
+    on_face = np.isin(X, (0.0, 1.0)).sum(axis=1)
+    assert sorted(on_face) == [0] + [1] * 6 + [3] * 8
+    for star in ("circumscribed", "inscribed"):
+        X = central_composite(3, star, alpha=1.7)
+        assert X.min() == 0 and X.max() == 1
+        # Corners at 0.5 ± 0.5/α; one rounding.
+        np.testing.assert_allclose(np.sort(np.unique(X))[1], 0.5 - 0.5 / 1.7, rtol=1e-14)
+
+
+@pytest.mark.parametrize("d,runs", [(3, 13), (4, 25), (5, 41), (6, 49), (7, 57)])
+def test_box_behnken_counts_and_balance(d, runs):
+    X = 2 * box_behnken(d) - 1
+    assert len(X) == runs == len(np.unique(X, axis=0))
+    assert not np.any(np.all(np.abs(X) == 1, axis=1))
+    assert np.array_equal(X.sum(0), np.zeros(d))
+    assert len(set((X**2).sum(0))) == 1
+
+
+def test_factorial():
+    assert np.array_equal(np.unique(factorial(2, 9)), [0, 0.5, 1])
+    assert len(np.unique(factorial(2, levels=(2, 5)), axis=0)) == 10
+
+
+@pytest.mark.parametrize(
+    "kind,d,runs,words",
+    [
+        ("lloyd", 2, 5, "choose one of"),
+        ("lhs", 2, 1, "runs >= 2"),
+        ("sobol", 2, None, "runs >= 2"),
+        ("factorial", 3, 20, r"\[8, 27, 64\]"),
+        ("ccd", 2, 20, "has 9 runs, not 20"),
+        ("ccd", 9, None, "2 to 8"),
+        ("ccd", 1, None, "2 to 8"),
+        ("box_behnken", 2, None, "3 to 7"),
+    ],
+)
+def test_impossible_counts_are_refused_with_the_possible_ones(kind, d, runs, words):
+    with pytest.raises(ValueError, match=words):
+        design(kind, d, runs, 0)
+
+
+def test_extend_goes_where_the_gap_is():
+    # With all corners but one taken, the farthest point of the square is the last corner.
+    existing = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    np.testing.assert_allclose(extend(existing, 1, 0), [[1, 1]], atol=1e-12)  # clipped to the face, exact
+    X = design("lhs", 3, 20, 1)
+    new = extend(X, 10, 2)
+    assert np.array_equal(new, extend(X, 10, 2))
+    random = np.random.default_rng(0).random((10, 3))
+    assert pdist(np.vstack([X, new])).min() > pdist(np.vstack([X, random])).min()
+    assert pdist(np.vstack([X, new])).min() >= pdist(X).min()
+
+
+BOX = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.006, 1.0), (0.015, 160.0), (False, True))
+
+
+def test_box_maps_both_ways_and_hits_its_ends_exactly():
+    X = np.random.default_rng(0).random((50, 2))
+    theta = BOX.from_unit(X)
+    assert BOX.contains(theta).all()
+    np.testing.assert_allclose(BOX.to_unit(theta), X, atol=1e-14)  # a few roundings of numbers up to 1
+    ends = BOX.from_unit(np.array([[0.0, 0.0], [1.0, 1.0]]))
+    assert np.array_equal(ends, [BOX.low, BOX.high])
+    assert np.array_equal(BOX.to_unit(ends), [[0, 0], [1, 1]])
+    # The middle of a log scale is the geometric mean: pow and sqrt agree to rounding.
+    np.testing.assert_allclose(BOX.from_unit(np.array([0.5, 0.5])), [0.0105, np.sqrt(160)], rtol=1e-14)
+    assert not BOX.contains(np.array([0.016, 10.0]))
+
+
+def test_box_refuses_nonsense():
+    with pytest.raises(ValueError, match="low < high"):
+        Box(("a",), ("1",), (1.0,), (1.0,), (False,))
+    with pytest.raises(ValueError, match="low > 0"):
+        Box(("a",), ("1",), (0.0,), (1.0,), (True,))
+    with pytest.raises(ValueError, match="D1 must be > 0"):
+        BOX.to_unit(np.array([0.01, -1.0]))
+    with pytest.raises(ValueError, match="expected 2 values"):
+        BOX.from_unit(np.zeros((4, 3)))

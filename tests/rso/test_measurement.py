@@ -1,0 +1,289 @@
+"""Reading, averaging and the measurement chain."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rso.contract import parameters_of
+from rso.measurement import Chain, Noise, combine, correct, read, record, value_at
+from rso.measurement import reading as reading_module
+
+U = np.linspace(0.1, 4.0, 40)
+
+
+def write(tmp_path: Path, content: str, encoding: str = "utf-8") -> Path:
+    path = tmp_path / "data.csv"
+    path.write_bytes(content.encode(encoding))
+    return path
+
+
+def table(head: str, rows) -> str:
+    return head + "\n" + "\n".join(",".join(str(float(v)) for v in row) for row in rows) + "\n"
+
+
+# ---- reading
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1"])
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_dialects_read_the_same(tmp_path, encoding, separator, newline):
+    lines = ["# Prüfstand", "", '"depth_um";Fz_mN;time_min', "100;10.5;0.5", "200;30.25;1", "400 ; 90 ;1.5"]
+    content = newline.join(lines).replace(";", separator)
+    if separator != ",":
+        content = content.replace(".", ",")
+    m = read(write(tmp_path, content, encoding))
+    (r,) = m.repeats
+    assert m.notes == ("Prüfstand",) and m.kind == "force" and m.channels == ("Fz",)
+    np.testing.assert_allclose(r.depth, [0.1, 0.2, 0.4], rtol=1e-15, atol=0)
+    np.testing.assert_allclose(r.channels["Fz"], [0.0105, 0.03025, 0.09], rtol=1e-15, atol=0)
+    np.testing.assert_allclose(r.time, [30, 60, 90], rtol=1e-15, atol=0)
+
+
+def test_single_row_sigma_and_profile(tmp_path):
+    m = read(write(tmp_path, "depth_mm,Fz_N,Fz_sigma_mN\n8,1.283,2\n"))
+    assert m.repeats[0].sigma["Fz"].tolist() == [0.002]
+    curve = combine(m, Noise())
+    assert (curve.depth.tolist(), curve.value.tolist(), curve.sigma.tolist()) == ([8.0], [1.283], [0.002])
+    assert value_at(curve, 8.0) == (1.283, 0.002)
+    p = read(write(tmp_path, "depth_mm,x_mm,y_mm,uz_mm\n1,5,5,-0.1\n1,-5,5,-0.2\n2,0,5,-0.3\n"))
+    c = combine(p, Noise(uz=0.05), "uz")
+    assert p.kind == "profile" and c.position.tolist() == [[-5, 5], [5, 5], [0, 5]]
+    np.testing.assert_allclose(c.sigma, 0.05, rtol=1e-12, atol=0)
+
+
+def test_segments_follow_the_direction_of_travel(tmp_path):
+    up, down = np.arange(0, 5.0), np.arange(3.0, -1, -1)
+    depth = np.r_[up, down]
+    m = read(write(tmp_path, table("depth_mm,Fz_N", zip(depth, depth, strict=True))))
+    assert m.repeats[0].segment.tolist() == ["loading"] * 5 + ["unloading"] * 4
+    jitter = np.r_[up, 3.99]  # the last reading falls back by less than the noise: still loading
+    m = read(write(tmp_path, table("depth_mm,Fz_N", zip(jitter, jitter, strict=True))))
+    assert set(m.repeats[0].segment) == {"loading"}
+    stacked = np.r_[up, up]
+    with pytest.raises(ValueError, match=r"turns back more than once .* add a column 'repeat'"):
+        read(write(tmp_path, table("depth_mm,Fz_N", zip(stacked, stacked, strict=True))))
+    m = read(write(tmp_path, "depth_mm,Fz_N,segment\n1,1,loading\n1,0.9,hold\n0.5,0.2,unloading\n"))
+    assert m.repeats[0].segment.tolist() == ["loading", "hold", "unloading"]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", ["holds no header line"]),
+        ("# only a note\n", ["holds no header line"]),
+        ("depth_mm,Fz_N\n", ["too few points"]),
+        ("depth_mm,Fz_N\n1,2\n2,abc\n", [":3:", "'Fz'", "'abc'", "finite"]),
+        ("depth_mm,Fz_N\n1,2\n2,NaN\n", [":3:", "'Fz'", "'NaN'"]),
+        ("depth_mm,Fz_N\n1,2\n2,inf\n", [":3:", "'inf'"]),
+        ("depth_mm,Fz_N\n1,2\n2,\n", [":3:", "''"]),
+        ("depth_mm,Fz_N\n1,1_0\n", [":2:", "'1_0'"]),
+        ("depth_mm,Fz_N\n1,1e300\n", [":2:", "'1e300'", "larger than"]),
+        ("depth_mm,Fz_N\n1,2\n2\n", [":3:", "1 values", "2 columns"]),
+        ("depth_mm;Fz_N\n1.000,5;2,0\n", [":2:", "'depth'", "'1.000,5'"]),
+        ("depth_mm,force\n1,2\n", [":1:", "'force'", "understood are depth_mm"]),
+        ("depth_mm,depth_um,Fz_N\n1,1,2\n", [":1:", "'depth'", "twice"]),
+        ("Fz_N\n1\n", ["depth_mm is missing", "Fz"]),
+        ("depth_mm,time_s\n1,2\n", ["either forces"]),
+        ("depth_mm,Fz_N,uz_mm,x_mm,y_mm\n1,2,3,4,5\n", ["either forces"]),
+        ("depth_mm,uz_mm\n1,2\n", ["x_mm and y_mm"]),
+        ("depth_mm,Fz_N,x_mm\n1,2,3\n", ["belong to a profile"]),
+        ("depth_mm,Fz_N,Fx_sigma_N\n1,2,3\n", [":1:", "'Fx_sigma'", "not there"]),
+        ("depth_mm,Fz_N,Fz_sigma_N\n1,2,-3\n", [":2:", "'Fz_sigma'", "negative"]),
+        ("time_s,depth_mm,Fz_N\n0,1,1\n1,2,1\n1,3,1\n", [":4:", "'time'", "does not follow", "'repeat'"]),
+        ("depth_mm,Fz_N,segment\n1,2,up\n", [":2:", "'segment'", "'up'", "loading, hold, unloading"]),
+        ("depth_mm,Fz_N,repeat\n1,2,1\n2,3,1\n1,2,2\n", ["repeat '2'", "too few points"]),
+    ],
+)
+def test_bad_tables_are_answered_with_place_and_choices(tmp_path, content, words):
+    path = write(tmp_path, content)
+    with pytest.raises(ValueError) as caught:
+        read(path)
+    for word in [str(path), *words]:
+        assert word in str(caught.value)
+
+
+def test_bad_files(tmp_path, monkeypatch):
+    for content, word in [(b"\xff\xfed\0", "UTF-16"), (b"PK\0\0", "not a text file")]:
+        (tmp_path / "x.csv").write_bytes(content)
+        with pytest.raises(ValueError, match=word):
+            read(tmp_path / "x.csv")
+    with pytest.raises(ValueError, match="no such file"):
+        read(tmp_path / "none.csv")
+    with pytest.raises(ValueError, match="is not a file"):
+        read(tmp_path)
+    assert reading_module.MAX_BYTES == 200_000_000
+    monkeypatch.setattr(reading_module, "MAX_BYTES", 10)
+    with pytest.raises(ValueError, match="is more than the"):
+        read(write(tmp_path, "depth_mm,Fz_N\n1,2\n"))
+
+
+# ---- averaging
+
+
+def repeats(tmp_path, rng, n=5, white=0.003, gain=0.0, depth_noise=0.0, p=1.4):
+    rows = []
+    for k in range(n):
+        g = 1 + gain * rng.standard_normal()
+        u = U + depth_noise * rng.standard_normal(U.size)
+        rows += [(k, d, g * 0.06 * x**p + white * rng.standard_normal()) for d, x in zip(u, U, strict=True)]
+    return read(write(tmp_path, table("repeat,depth_mm,Fz_N", rows)))
+
+
+def test_identical_repeats_average_to_themselves(tmp_path):
+    m = repeats(tmp_path, np.random.default_rng(0), white=0.0)
+    curve = combine(m, Noise(Fz=0.01))
+    np.testing.assert_allclose(curve.depth, U, rtol=1e-12, atol=0)
+    np.testing.assert_allclose(curve.value, 0.06 * U**1.4, rtol=1e-12, atol=0)
+    np.testing.assert_allclose(curve.sigma, 0.01, rtol=1e-6, atol=0)  # nothing but what was stated
+    assert curve.n_repeats == 5 and curve.unit == "N"
+
+
+def test_sigma_is_honest_for_white_noise_gain_scatter_and_depth_noise(tmp_path):
+    """χ² of the error against the stated covariance has mean 1 per point over many synthetic experiments."""
+    rng, chi2, naive = np.random.default_rng(3), [], []
+    for _ in range(60):
+        curve = combine(repeats(tmp_path, rng, white=0.003, gain=0.03, depth_noise=0.005), Noise())
+        error = curve.value - 0.06 * curve.depth**1.4
+        chi2.append(np.mean((error / curve.sigma) ** 2))
+        naive.append(np.mean((error / (0.003 / np.sqrt(5))) ** 2))
+    # Gain scatter is one number per experiment, known from 5 repeats (Student's t with 4 degrees: mean χ² 2 in
+    # part), hence the width of the band; standard error of the mean over 60 experiments about 0.2.
+    assert 0.6 < np.mean(chi2) < 2.0
+    assert np.mean(naive) > 3  # negative control: white noise alone does not cover it
+
+
+def test_one_repeat_shows_its_white_noise(tmp_path):
+    m = repeats(tmp_path, np.random.default_rng(5), n=1, white=0.003)
+    # 37 third differences of correlated terms: about 20 % standard error; three of them.
+    assert combine(m, Noise()).sigma[0] == pytest.approx(0.003, rel=0.6)
+
+
+def test_stated_noise_adds_as_written(tmp_path):
+    m = repeats(tmp_path, np.random.default_rng(0), white=0.0, n=2, p=1.0)  # slope 0.06 everywhere
+    noise = Noise(Fz=0.003, depth=0.1, gain=0.05, correlation=0.5)
+    curve = combine(m, noise)
+    expected = np.sqrt(0.003**2 + (0.1 * 0.06) ** 2 + (0.05 * 0.06 * U) ** 2)
+    np.testing.assert_allclose(curve.sigma, expected, rtol=1e-6, atol=0)  # round-off of the polynomial slope
+    off = 0.003**2 * np.exp(-(U[5] - U[0]) / 0.5) + 0.05**2 * 0.06**2 * U[0] * U[5]
+    np.testing.assert_allclose(curve.covariance[0, 5], off, rtol=1e-6, atol=0)
+    assert np.linalg.eigvalsh(curve.covariance).min() > 0
+
+
+def test_grid_is_what_all_repeats_reach(tmp_path):
+    rows = [(1, d, d) for d in np.linspace(0, 3, 31)] + [(2, d, d) for d in np.linspace(0.55, 4, 30)]
+    curve = combine(read(write(tmp_path, table("repeat,depth_mm,Fz_N", rows))), Noise())
+    assert (curve.depth[0], curve.depth[-1]) == (0.55, 3.0)
+    np.testing.assert_allclose(curve.value, curve.depth, rtol=1e-12, atol=0)
+    rows = [(1, d, d) for d in (0.0, 1.0)] + [(2, d, d) for d in (2.0, 3.0)]
+    with pytest.raises(ValueError, match="share no range"):
+        combine(read(write(tmp_path, table("repeat,depth_mm,Fz_N", rows))), Noise())
+
+
+def test_dense_records_shrink_without_bias(tmp_path):
+    u = np.linspace(0, 4, 8001)
+    curve = combine(read(write(tmp_path, table("depth_mm,Fz_N", zip(u, u, strict=True)))), Noise())
+    assert len(curve.depth) == 200
+    np.testing.assert_allclose(curve.value, curve.depth, rtol=0, atol=1e-12)
+
+
+def test_value_at_grants_half_a_spacing(tmp_path):
+    m = read(write(tmp_path, table("depth_mm,Fz_N", [(d, 2 * d) for d in np.linspace(0.2, 3.99, 20)])))
+    curve = combine(m, Noise())
+    assert value_at(curve, 1.0)[0] == pytest.approx(2.0, rel=1e-12)
+    assert value_at(curve, 4.0)[0] == pytest.approx(8.0, rel=1e-9)
+    for depth in (4.2, 0.05, 40.0):
+        with pytest.raises(ValueError, match=r"outside the measured range 0\.2 to 3\.99 mm"):
+            value_at(curve, depth)
+
+
+def test_combine_names_choices(tmp_path):
+    m = read(write(tmp_path, "depth_mm,Fz_N\n1,1\n2,2\n3,3\n"))
+    with pytest.raises(ValueError, match="no channel 'Fx'; there are Fz"):
+        combine(m, Noise(), "Fx")
+    with pytest.raises(ValueError, match="no segment 'unloading'; there are loading"):
+        combine(m, Noise(), segment="unloading")
+    with pytest.raises(ValueError, match="gain = -1"):
+        Noise(gain=-1)
+
+
+# ---- the chain
+
+T = U / 0.5
+FORCES = {"Fx": 0.01 * U, "Fy": -0.02 * U**2, "Fz": 0.06 * U**1.5}
+# One non-neutral value for each knob, and what it must do, written without the code under test.
+EFFECTS = {
+    "offset": (0.05, lambda u, F: (u - 0.05, F["Fx"], F["Fy"], F["Fz"])),
+    "compliance": (0.3, lambda u, F: (u + 0.3 * F["Fz"], F["Fx"], F["Fy"], F["Fz"])),
+    "gain": (1.1, lambda u, F: (u, F["Fx"], F["Fy"], 1.1 * F["Fz"])),
+    "bias": (0.01, lambda u, F: (u, F["Fx"], F["Fy"], F["Fz"] + 0.01)),
+    "drift": (0.001, lambda u, F: (u, F["Fx"], F["Fy"], F["Fz"] + 0.001 * T)),
+    "cross_x": (0.02, lambda u, F: (u, F["Fx"] + 0.02 * F["Fz"], F["Fy"], F["Fz"])),
+    "cross_y": (0.02, lambda u, F: (u, F["Fx"], F["Fy"] + 0.02 * F["Fz"], F["Fz"])),
+    # One reading late: 0.1 mm at 0.5 mm/s.
+    "lag": (0.2, lambda u, F: (u, *(np.r_[F[k][0], F[k][:-1]] for k in ("Fx", "Fy", "Fz")))),
+}
+
+
+def test_neutral_chain_changes_nothing():
+    for time in (None, T):
+        r = record(Chain(), U, FORCES, time)
+        assert np.array_equal(r.depth, U)
+        for k, v in FORCES.items():
+            np.testing.assert_allclose(r.forces[k], v, rtol=1e-15, atol=0)
+
+
+def test_every_knob_is_tested_and_is_an_effect():
+    knobs = parameters_of(Chain)
+    assert {p.name for p in knobs} == set(EFFECTS)
+    for p in knobs:
+        assert p.low < p.neutral < p.high or (p.low == p.neutral == 0)
+        assert p.low <= p.typical <= p.high and p.typical != p.neutral and p.default == p.neutral
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_each_knob_does_what_its_definition_says(name):
+    value, law = EFFECTS[name]
+    r = record(Chain(**{name: value}), U, FORCES, T)
+    expected = law(U, FORCES)
+    got = (r.depth, r.forces["Fx"], r.forces["Fy"], r.forces["Fz"])
+    for g, e in zip(got, expected, strict=True):
+        np.testing.assert_allclose(g, e, rtol=1e-12, atol=1e-15)  # T / 0.2 s is an integer to round-off only
+    # Negative control: the knob shows at all.
+    assert any(np.max(np.abs(g - v)) > 1e-4 for g, v in zip(got, (U, *FORCES.values()), strict=True))
+
+
+def test_correct_undoes_record():
+    chain = Chain(0.05, 0.3, 1.1, 0.01, 0.001, 0.0, 0.02, -0.03)
+    r = record(chain, U, FORCES, T)
+    back = correct(chain, r.depth, r.forces, T)
+    np.testing.assert_allclose(back.depth, U, rtol=1e-13, atol=0)
+    for k, v in FORCES.items():
+        np.testing.assert_allclose(back.forces[k], v, rtol=0, atol=1e-15)
+    wrong = correct(Chain(), r.depth, r.forces, T)
+    assert np.max(np.abs(wrong.depth - U)) > 0.01  # negative control
+
+
+def test_lag_is_undone_inside_the_record():
+    chain = Chain(lag=0.3)
+    r = record(chain, U, FORCES, T)
+    back = correct(chain, r.depth, r.forces, T)
+    inside = (T > T[0] + 0.6) & (T < T[-1] - 0.6)  # what was shifted out at the ends is lost
+    h = 0.1  # mm; two linear interpolations, each off by at most h²/8 |F''|, F'' < 0.07 N/mm² inside
+    np.testing.assert_allclose(back.forces["Fz"][inside], FORCES["Fz"][inside], rtol=0, atol=2 * h**2 / 8 * 0.07)
+
+
+def test_chain_refuses():
+    with pytest.raises(ValueError, match="gain = 3"):
+        Chain(gain=3)
+    with pytest.raises(ValueError, match="need the time"):
+        record(Chain(drift=0.001), U, FORCES)
+    with pytest.raises(ValueError, match="needs Fz"):
+        record(Chain(), U, {"Fx": U})
+    with pytest.raises(ValueError, match="knows Fx, Fy, Fz"):
+        record(Chain(), U, {"Fz": U, "Mx": U})
+    with pytest.raises(ValueError, match="differ in length"):
+        record(Chain(), U, {"Fz": U[1:]})
+    with pytest.raises(ValueError, match="time must increase"):
+        record(Chain(), U, FORCES, T[::-1])

@@ -1,0 +1,634 @@
+import dataclasses
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from pathlib import Path
+
+import dummy_backend as dummy
+import numpy as np
+import pytest
+
+from rso.contract import Case, Programme, SimulationFailed
+from rso.running import (
+    Crashed,
+    Done,
+    Failed,
+    Finished,
+    Planned,
+    Preparing,
+    Retried,
+    Source,
+    Task,
+    WorkerDied,
+    WorkerPool,
+    WorkersCannotStart,
+    load_backend,
+    run_all,
+)
+from rso.store import RunStore
+
+HERE = Path(__file__).parent
+SOURCE = Source(use="dummy_backend:BACKEND", base=str(HERE))
+
+
+class InlineExecutor(Executor):
+    """Computes in `submit`; the simplest thing that is an executor."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        future.set_running_or_notify_cancel()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+def task(x=1.0, name="case", asked=(0.5, 1.0), lag=None, **settings):
+    values = {"x": x} if lag is None else {"x": x, "lag": lag}
+    return Task(values, Case(name, Programme.ramp(asked), settings))
+
+
+def run(folder, tasks, executor=None, **options):
+    with RunStore(folder) as store:
+        return run_all(dummy.BACKEND, tasks, store, executor or InlineExecutor(), **options)
+
+
+def bits(outcomes):
+    """Everything that is a result, as text that shows every bit; times and paths are none."""
+    return [
+        (o.key, o.values, o.case.name, type(o).__name__, o.response.to_json() if isinstance(o, Done) else o.reason)
+        for o in outcomes
+    ]
+
+
+# ---------------------------------------------------------------------------------------------- run_all
+
+
+def test_order_of_tasks_whatever_the_order_of_completion(tmp_path):
+    tasks = [task(x, sleep_s=0.2 if x == 0 else 0.0) for x in range(6)]
+    with ThreadPoolExecutor(3) as pool:
+        outcomes = run(tmp_path, tasks, pool)
+    assert [o.values["x"] for o in outcomes] == list(range(6))
+    for o in outcomes:  # the dummy's law written once more
+        u = np.array([0.5, 1.0])
+        np.testing.assert_array_equal(o.response.channels["Fz"], np.sin(o.values["x"]) * u / 3.0)
+
+
+def test_same_bits_for_any_executor_fresh_or_stored(tmp_path):
+    tasks = [task(x, do="fail" if x == 2 else "", mesh=f"fine@{tmp_path}/log") for x in range(5)]
+    reference = run(tmp_path / "inline", tasks)
+    assert [type(o) for o in reference] == [Done, Done, Failed, Done, Done]
+    stored = run(tmp_path / "inline", tasks)
+    assert bits(stored) == bits(reference)
+    assert stored[0].response.info == reference[0].response.info  # not even a tuple that became a list
+    executors = {
+        "one": WorkerPool(1, source=SOURCE),
+        "two": WorkerPool(2, source=SOURCE),
+        "pickled": WorkerPool(1),
+        "standard": ProcessPoolExecutor(1),
+    }
+    for name, executor in executors.items():
+        with executor:
+            assert bits(run(tmp_path / name, tasks, executor)) == bits(reference), name
+
+
+def test_equal_runs_are_computed_once_and_stored_ones_not_at_all(tmp_path):
+    log = str(tmp_path / "log")
+    tasks = [task(1, "a", log=log), task(1.0, "b", log=log, lag=0.0), task(2, "c", log=log)]
+    events = []
+    outcomes = run(tmp_path, tasks, watch=events.append)
+    assert [o.case.name for o in outcomes] == ["a", "b", "c"]
+    assert outcomes[0].key == outcomes[1].key != outcomes[2].key
+    assert events[0] == Planned(3, 2, 0)
+    assert [(e.name, e.state, e.n_done, e.n_runs) for e in events[1:]] == [("a", "done", 1, 2), ("c", "done", 2, 2)]
+    assert dummy.calls(log, "begin") == 2
+    again = []
+    assert bits(run(tmp_path, [*tasks, task(3, "d", log=log)], watch=again.append)[:3]) == bits(outcomes)
+    assert again[0] == Planned(4, 3, 2)
+    assert dummy.calls(log, "begin") == 3
+
+
+def test_a_failure_is_a_result_and_keeps_what_it_knows(tmp_path):
+    log = str(tmp_path / "log")
+    with WorkerPool(1, source=SOURCE) as pool:
+        (first,) = run(tmp_path, [task(do="fail", log=log)], pool)
+    (second,) = run(tmp_path, [task(do="fail", log=log)])
+    assert dummy.calls(log, "begin") == 1  # not tried again
+    for outcome in (first, second):
+        assert isinstance(outcome, Failed)
+        assert (outcome.cause, outcome.reason) == ("step_limit", "too soft")
+        assert outcome.history == ({"step": 1, "residual": 0.1},)
+        np.testing.assert_array_equal(outcome.partial.channels["travel"], [0.5, 1.0])
+
+
+def test_a_crash_is_retried_now_and_next_time(tmp_path):
+    log = str(tmp_path / "log")
+    events = []
+    (outcome,) = run(tmp_path, [task(do="crash", log=log)], retries=2, watch=events.append)
+    assert isinstance(outcome, Crashed) and outcome.attempts == 3
+    assert outcome.reason.startswith("ZeroDivisionError: a bug\nTraceback")
+    assert [type(e) for e in events] == [Planned, Retried, Retried, Finished]
+    assert dummy.calls(log, "begin") == 3
+    run(tmp_path, [task(do="crash", log=log)], retries=0)
+    assert dummy.calls(log, "begin") == 4
+    with RunStore(tmp_path, read_only=True) as store:
+        assert [(r.state, r.attempts) for r in store.rows()] == [("crashed", 4)]
+
+
+def test_a_crash_that_does_not_return_is_done(tmp_path):
+    (outcome,) = run(tmp_path, [task(do="crash once", log=str(tmp_path / "log"))])
+    assert isinstance(outcome, Done)
+    with RunStore(tmp_path, read_only=True) as store:
+        assert [(r.state, r.attempts) for r in store.rows()] == [("done", 2)]
+
+
+def test_an_answer_that_is_none_is_a_crash(tmp_path):
+    @dataclasses.dataclass(frozen=True)
+    class Silent(dummy.Dummy):
+        def __call__(self, values, case):
+            return {"Fz": 0.0}
+
+    with RunStore(tmp_path) as store:
+        (outcome,) = run_all(Silent(), [task()], store, InlineExecutor(), retries=0)
+    assert outcome.reason.splitlines()[0] == "TypeError: dummy returned dict, must be a Response"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (task(2e6), r"task 'case': x = 2000000.0 1 is outside its hard bounds"),
+        (Task({"x": 1.0, "z": 1.0}, task().case), "unknown parameter z; this backend has x, lag"),
+        (Task({}, task().case), "no value for x"),
+        (task(colour="red"), "unknown settings"),
+    ],
+)
+def test_misuse_is_found_before_anything_runs(tmp_path, wrong, message):
+    with pytest.raises(ValueError, match=message):
+        run(tmp_path, [task(log=str(tmp_path / "log")), wrong])
+    assert not (tmp_path / "log").exists()
+
+
+def test_artefacts_are_made_once_and_enter_the_key(tmp_path):
+    log = str(tmp_path / "log")
+    tasks = [task(x, mesh=f"{mesh}@{log}") for mesh in ("fine", "coarse") for x in (1, 2)]
+    events = []
+    outcomes = run(tmp_path, tasks, watch=events.append)
+    assert events[0] == Preparing(2)
+    assert [o.response.info["mesh"] for o in outcomes] == ["fine", "fine", "coarse", "coarse"]
+    assert len({o.key for o in outcomes}) == 4
+    assert bits(run(tmp_path, tasks)) == bits(outcomes)
+    assert (dummy.calls(log, "make fine"), dummy.calls(log, "make coarse")) == (1, 1)
+    mesh = outcomes[0].case.artefact("mesh")
+    mesh.unlink()  # made again when missing
+    assert bits(run(tmp_path, tasks)) == bits(outcomes)
+    assert mesh.read_text() == "fine" and dummy.calls(log, "make fine") == 2
+
+
+def test_artefact_that_cannot_be_made(tmp_path):
+    log = str(tmp_path / "log")
+    tasks = [task(x, mesh=f"{mesh}@{log}") for mesh in ("impossible", "fine", "buggy") for x in (1, 2)]
+    for n_impossible, n_buggy in ((1, 2), (1, 4)):  # a failure is not tried again, a crash is, each with one retry
+        outcomes = run(tmp_path, tasks)
+        assert [type(o) for o in outcomes] == [Failed, Failed, Done, Done, Crashed, Crashed]
+        assert (outcomes[0].cause, outcomes[0].reason) == ("bad_geometry", "no such body")
+        assert outcomes[4].reason.startswith("mesh could not be made: ZeroDivisionError: a bug in the mesher")
+        assert (dummy.calls(log, "make impossible"), dummy.calls(log, "make buggy")) == (n_impossible, n_buggy)
+
+
+def test_each_result_is_stored_as_it_arrives(tmp_path):
+    log, seen = str(tmp_path / "log"), []
+
+    def watch(event):
+        if isinstance(event, Finished):
+            with RunStore(tmp_path, read_only=True) as store:
+                seen.append((dummy.calls(log, "begin"), len(store.rows())))
+
+    run(tmp_path, [task(x, log=log) for x in range(3)], watch=watch)
+    assert seen == [(1, 1), (2, 2), (3, 3)]
+
+
+class Interrupted(InlineExecutor):
+    """Ctrl-C while the third task is handed over; the first two have finished."""
+
+    n = 0
+
+    def submit(self, fn, /, *args, **kwargs):
+        self.n += 1
+        if self.n == 3:
+            raise KeyboardInterrupt
+        return super().submit(fn, *args, **kwargs)
+
+
+def test_interrupt_keeps_what_is_finished(tmp_path):
+    log = str(tmp_path / "log")
+    tasks = [task(x, log=log) for x in range(4)]
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path, tasks, Interrupted())
+    events = []
+    run(tmp_path, tasks, watch=events.append)
+    assert events[0] == Planned(4, 4, 2)
+    assert dummy.calls(log, "end") == 4
+
+
+def test_interrupt_of_watch_keeps_what_arrives_together(tmp_path):
+    def watch(event):
+        if isinstance(event, Finished):
+            time.sleep(0.3)  # meanwhile the others finish too
+            raise KeyboardInterrupt
+
+    tasks = [task(x, sleep_s=0.1) for x in range(4)]
+    with ThreadPoolExecutor(4) as pool, pytest.raises(KeyboardInterrupt):
+        run(tmp_path, tasks, pool, watch=watch)
+    events = []
+    run(tmp_path, tasks, watch=events.append)
+    assert events[0] == Planned(4, 4, 4)
+
+
+# ---------------------------------------------------------------------------------------------- WorkerPool
+
+
+def test_workers_are_pinned_and_separate():
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+    with WorkerPool(2) as pool:
+        assert pool.submit(dummy.environment, names).result() == dict.fromkeys(names, "1")
+        pids = {f.result() for f in [pool.submit(dummy.sleep, 0.3) for _ in range(4)]}
+        assert list(pool.map(dummy.square, [1.0, 2.0, 3.0])) == [1.0, 4.0, 9.0]
+    assert len(pids) == 2 and os.getpid() not in pids
+    assert not any(alive(pid) for pid in pids)
+
+
+def test_exceptions_travel():
+    with WorkerPool(1) as pool:
+        with pytest.raises(SimulationFailed, match="contact: lost") as failure:
+            pool.submit(dummy.fail, "lost").result()
+        assert failure.value.cause == "contact" and failure.value.partial.channels["travel"] == [0.1]
+        assert "in fail" in str(failure.value.__cause__)  # the worker's traceback
+        with pytest.raises(RuntimeError, match="Twisted: only one"):
+            pool.submit(dummy.twist).result()
+        with pytest.raises(RuntimeError, match=r"SystemExit\(3\)"):
+            pool.submit(dummy.leave).result()
+        with pytest.raises(Exception, match="pickle"):
+            pool.submit(dummy.unpicklable).result()
+        assert pool.submit(dummy.square, 3.0).result() == 9.0  # after all that
+
+
+def test_a_killed_worker_costs_one_run(tmp_path):
+    tasks = [task(x, sleep_s=0.05, do="kill" if x == 2 else "exit" if x == 4 else "") for x in range(7)]
+    with WorkerPool(2, source=SOURCE) as pool:
+        outcomes = run(tmp_path, tasks, pool, retries=0)
+    assert [type(o) for o in outcomes] == [Done, Done, Crashed, Done, Crashed, Done, Done]
+    assert "ended by signal SIGKILL while it computed" in outcomes[2].reason
+    assert "ended with exit code 7 while it computed" in outcomes[4].reason
+
+
+def test_a_worker_killed_from_outside_costs_one_run(tmp_path):
+    with WorkerPool(2) as pool:
+        futures = [pool.submit(dummy.sleep, 0.6) for _ in range(2)]
+        others = [pool.submit(dummy.square, float(i)) for i in range(5)]
+        time.sleep(0.3)
+        next(iter(pool._alive)).send_signal(signal.SIGKILL)
+        errors = [f.exception() for f in futures]
+        assert [e is None for e in errors].count(False) == 1
+        assert isinstance(next(e for e in errors if e), WorkerDied)
+        assert [f.result() for f in others] == [0.0, 1.0, 4.0, 9.0, 16.0]
+        for process in list(pool._alive):  # killed while idle: costs nothing
+            process.kill()
+            process.wait()
+        assert [pool.submit(dummy.square, 2.0).result() for _ in range(3)] == [4.0] * 3
+
+
+def test_time_out_kills_and_respawns():
+    with WorkerPool(1, timeout_s=0.5) as pool:
+        before = pool.submit(dummy.sleep, 0.0).result()
+        start = time.monotonic()
+        with pytest.raises(WorkerDied, match=r"stopped after the time-out of 0.5 s"):
+            pool.submit(dummy.sleep, 60.0).result()
+        assert time.monotonic() - start < 5.0
+        assert not alive(before)
+        assert pool.submit(dummy.sleep, 0.0).result() != before
+
+
+def test_leaving_by_an_exception_kills_what_runs():
+    start = time.monotonic()
+    with pytest.raises(KeyboardInterrupt), WorkerPool(1) as pool:
+        running, waiting = pool.submit(dummy.sleep, 60.0), pool.submit(dummy.sleep, 60.0)
+        while not running.running():
+            time.sleep(0.01)
+        raise KeyboardInterrupt
+    assert time.monotonic() - start < 10.0
+    assert isinstance(running.exception(), WorkerDied) and waiting.cancelled()
+    with pytest.raises(RuntimeError, match="shut down"):
+        pool.submit(dummy.square, 1.0)
+
+
+@pytest.mark.parametrize("use", ["no_such_module:BACKEND", "dummy_backend:NOTHING"])
+def test_workers_that_cannot_start_say_so_once(tmp_path, use):
+    with WorkerPool(2, source=Source(use=use, base=str(HERE))) as pool:
+        with pytest.raises(WorkersCannotStart, match=r"a worker process cannot start: ValueError: backend: .*" + use):
+            run(tmp_path, [task(x) for x in range(5)], pool)
+        with pytest.raises(WorkersCannotStart):
+            pool.submit(dummy.square, 1.0)
+
+
+@pytest.mark.parametrize("n_deaths", [1, 100])
+def test_workers_that_die_on_the_way(tmp_path, n_deaths):
+    """One death is bad luck and costs one try; when nobody arrives, the pool gives up instead of trying forever."""
+    (tmp_path / f"deadly_{n_deaths}.py").write_text(
+        textwrap.dedent(
+            f"""
+            import os, signal
+            from dummy_backend import BACKEND, calls, note
+            log = {str(tmp_path / "starts")!r}
+            note(log, "start")
+            if calls(log, "start") <= {n_deaths}:
+                os.kill(os.getpid(), signal.SIGKILL)
+            """
+        )
+    )
+    source = Source(use=f"deadly_{n_deaths}:BACKEND", base=str(tmp_path))
+    with WorkerPool(1, source=source) as pool:
+        if n_deaths == 1:
+            assert all(isinstance(o, Done) for o in run(tmp_path, [task(x) for x in range(3)], pool))
+        else:
+            with pytest.raises(WorkersCannotStart, match=r"cannot start: WorkerDied: .* by signal SIGKILL"):
+                run(tmp_path, [task(x) for x in range(10)], pool)
+    assert dummy.calls(str(tmp_path / "starts"), "start") == min(n_deaths + 1, 3)
+
+
+def test_misuse_of_the_pool():
+    with pytest.raises(ValueError, match="workers = 0"):
+        WorkerPool(0)
+    local = type("f", (), {"__module__": "__main__"})
+    with WorkerPool(1) as pool, pytest.raises(ValueError, match="__main__"):
+        pool.submit(local)
+
+
+def test_a_script_without_guard(tmp_path):
+    """The script runs once: its workers do not import it; what lives in it is refused with a reason."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        textwrap.dedent(
+            f"""
+            import sys
+            sys.path.insert(0, {str(HERE)!r})
+            import dummy_backend as dummy
+            from rso.running import WorkerPool
+            print("once")
+            class Mine:
+                pass
+            with WorkerPool(1) as pool:
+                print(pool.submit(dummy.square, 3.0).result())
+                print(pool.submit(dummy.square, Mine()).exception())
+            """
+        )
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=60)
+    lines = done.stdout.splitlines()
+    assert lines[:2] == ["once", "9.0"] and "must live in an importable module, not in __main__" in lines[2]
+    assert (len(lines), done.returncode, done.stderr) == (3, 0, "")
+
+
+# ---------------------------------------------------------------------------------------------- kill -9 of the parent
+
+STUDY = f"""
+import sys
+sys.path.insert(0, {str(HERE)!r})
+from pathlib import Path
+from test_running import SOURCE, killable_tasks
+from rso.running import WorkerPool, run_all
+from rso.store import RunStore
+folder = Path(sys.argv[1])
+sys.stdin.readline()  # everything is imported: go when told
+with RunStore(folder / "results") as store, WorkerPool(2, source=SOURCE) as pool:
+    run_all(SOURCE.load(), killable_tasks(folder), store, pool)
+"""
+
+
+def killable_tasks(folder):
+    log = str(folder / "log")
+    return [task(x, sleep_s=0.08, log=log, mesh=f"fine@{log}", do="fail" if x == 3 else "") for x in range(16)]
+
+
+def alive(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+def test_kill_9_of_the_parent_then_resume(tmp_path):
+    rng, finished = np.random.default_rng(5), 0
+    for i in range(6):
+        n_log = len(log_lines(tmp_path, "begin"))
+        with subprocess.Popen([sys.executable, "-c", STUDY, str(tmp_path)], stdin=subprocess.DEVNULL) as parent:
+            while i % 2 and parent.poll() is None and len(log_lines(tmp_path, "begin")) == n_log:
+                time.sleep(0.01)  # every other time: not before it computes
+            time.sleep(rng.uniform(0.0, 0.4))
+            parent.kill()
+        pids = {int(line.split()[2]) for line in log_lines(tmp_path, "begin")}
+        deadline = time.monotonic() + 3.0
+        while any(map(alive, pids)) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        assert not any(map(alive, pids))  # no orphans
+        with RunStore(tmp_path / "results") as store:
+            rows = store.rows()
+        assert len(rows) >= finished and not any(r.state == "crashed" for r in rows)
+        finished = len(rows)
+    before = {r.values["x"] for r in rows}
+    n_log = len(log_lines(tmp_path, "begin"))
+    with WorkerPool(2, source=SOURCE) as pool:
+        resumed = run(tmp_path / "results", killable_tasks(tmp_path), pool)
+    repeated = {float(line.split()[1]) for line in log_lines(tmp_path, "begin")[n_log:]}
+    assert repeated == set(range(16)) - before  # what was stored is not repeated, the rest is computed
+    assert 0 < finished
+    assert dummy.calls(str(tmp_path / "log"), "make") <= 7
+    (tmp_path / "in one go").mkdir()
+    reference = run(tmp_path / "in one go", killable_tasks(tmp_path))
+    assert bits(resumed) == bits(reference)
+
+
+def log_lines(folder, beginning):
+    path = folder / "log"
+    return [li for li in path.read_text().splitlines() if li.startswith(beginning)] if path.exists() else []
+
+
+def test_two_parents_at_once(tmp_path):
+    command = [sys.executable, "-c", STUDY, str(tmp_path)]
+    pipes = {"stdin": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **pipes) as first, subprocess.Popen(command, **pipes) as second:
+        first.stdin.write("go\n")
+        first.stdin.flush()
+        while not log_lines(tmp_path, "begin"):
+            time.sleep(0.01)
+        _, said = second.communicate("go\n", timeout=60)
+        assert second.returncode != 0
+        assert f"StoreError: {tmp_path / 'results'} is in use by process {first.pid}" in said
+        assert first.wait() == 0
+    assert len(log_lines(tmp_path, "begin")) == 16
+
+
+# ---------------------------------------------------------------------------------------------- adapters
+
+
+def test_load_python_object():
+    assert load_backend("dummy_backend:BACKEND", base=HERE) is dummy.BACKEND
+    assert SOURCE.load() is dummy.BACKEND
+    assert pickle.loads(pickle.dumps(SOURCE)) == SOURCE
+
+
+@pytest.mark.parametrize(
+    ("use", "message"),
+    [
+        ("dummy_backend", "must read"),
+        ("no_such_module:BACKEND", "cannot import module 'no_such_module'"),
+        ("dummy_backend:NOTHING", r"module 'dummy_backend' .* has no 'NOTHING'"),
+        ("dummy_backend:Dummy", "is a class"),
+        ("dummy_backend:note", "lacks name, numerics, parameters, channels, check, canonical, recipes, make$"),
+    ],
+)
+def test_load_python_object_that_is_none(use, message):
+    with pytest.raises(ValueError, match=message):
+        load_backend(use)
+
+
+def test_load_needs_exactly_one():
+    for arguments in ((None, None), ("a:B", ["c"])):
+        with pytest.raises(ValueError, match="either use or command"):
+            load_backend(*arguments)
+
+
+PROGRAM = """
+import json, subprocess, sys, time
+if sys.argv[1] == "--schema":
+    print(json.dumps({
+        "name": "program", "numerics": 3, "channels": {"time": "s", "travel": "mm", "Fz": "N"}, "more": [],
+        "parameters": [
+            {"name": "x", "description": "force", "unit": "N", "low": 0, "high": 10},
+            {"name": "lag", "description": "an effect", "unit": "1", "low": 0, "high": 1, "default": 0, "neutral": 0},
+        ],
+    }))
+    sys.exit()
+request = json.load(open(sys.argv[1]))
+do = request["case"]["settings"].get("do", "")
+a = request["case"]["programme"]["asked_mm"]
+channels = {"time": a, "travel": a, "Fz": [request["values"]["x"] + request["values"]["lag"] for _ in a]}
+done = {"status": "done", "channels": channels, "units": {"time": "s", "travel": "mm", "Fz": "N"}}
+failed = {"status": "failed", "cause": "contact", "reason": "lost", "history": [{"step": 1}]}
+open("scratch.txt", "w").close()  # programs litter their working directory
+if do == "silent":
+    print("licence server not found", file=sys.stderr)
+    sys.exit(4)
+if do == "sleep":
+    child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    open(request["case"]["settings"]["pid"], "w").write(str(child.pid))
+    time.sleep(60)
+answers = {
+    "": done, "fail": failed, "fail far": {**failed, **done, "status": "failed"}, "done but 1": done,
+    "nan": {**done, "channels": {**channels, "Fz": [float("nan")] * len(a)}},
+    "strange": {"status": "perhaps"}, "cause": {**failed, "cause": "mood"}, "units": {**done, "units": {}}, "list": [],
+}
+open(sys.argv[2], "w").write("{" if do == "half" else json.dumps(answers[do]))
+sys.exit(1 if do in ("fail", "done but 1") else 0)
+"""
+
+
+@pytest.fixture
+def program(tmp_path):
+    (tmp_path / "program.py").write_text(PROGRAM)
+    return [sys.executable, "program.py"]
+
+
+def call(program, tmp_path, timeout_s=None, **settings):
+    backend = load_backend(command=program, base=tmp_path, keep_folder=tmp_path / "work", timeout_s=timeout_s)
+    return backend({"x": 2.0}, Case("c", Programme.ramp((0.5, 1.0)), settings))
+
+
+def test_command_done_leaves_nothing_behind(program, tmp_path):
+    response = call(program, tmp_path)
+    np.testing.assert_array_equal(response.channels["Fz"], [2.0, 2.0])
+    assert list((tmp_path / "work").iterdir()) == []
+    assert not Path("scratch.txt").exists() and not (tmp_path / "scratch.txt").exists()
+
+
+def test_command_schema(program, tmp_path):
+    backend = load_backend(command=program, base=tmp_path)
+    assert (backend.name, backend.numerics, backend.channels["Fz"]) == ("program", 3, "N")
+    assert [p.name for p in backend.parameters] == ["x", "lag"] and backend.parameters[1].neutral == 0
+    case = task().case
+    assert backend.canonical({"x": 1.0, "lag": 0.0}, case) == ({"x": 1.0}, case)
+    assert backend.recipes({}, case) == {}
+    with pytest.raises(ValueError, match=r"x = 11.0 N is outside"):
+        backend({"x": 11.0}, case)
+
+
+def test_command_failed_keeps_its_folder(program, tmp_path):
+    with pytest.raises(SimulationFailed) as failure:
+        call(program, tmp_path, do="fail")
+    assert (failure.value.cause, failure.value.reason) == ("contact", "lost")
+    assert failure.value.partial is None and failure.value.history == ({"step": 1},)
+    (folder,) = (tmp_path / "work").iterdir()
+    assert {"request.json", "response.json", "stderr.txt", "scratch.txt"} <= {p.name for p in folder.iterdir()}
+    assert json.loads((folder / "request.json").read_text())["values"] == {"x": 2.0, "lag": 0.0}
+    with pytest.raises(SimulationFailed) as failure:
+        call(program, tmp_path, do="fail far")
+    np.testing.assert_array_equal(failure.value.partial.channels["travel"], [0.5, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("do", "message"),
+    [
+        ("silent", r"exit code 4, no response file; see .*licence server not found"),
+        ("half", "exit code 0, response file not understood .*JSONDecodeError"),
+        ("nan", "NaN is not a number"),
+        ("strange", "status = 'perhaps'"),
+        ("cause", "unknown cause 'mood'"),
+        ("units", "has no unit"),
+        ("list", "not understood"),
+        ("done but 1", "exit code 1, .*although status = done"),
+    ],
+)
+def test_command_crash(program, tmp_path, do, message):
+    with pytest.raises(RuntimeError, match=r"(?s)" + message):
+        call(program, tmp_path, do=do)
+    assert len(list((tmp_path / "work").iterdir())) == 1
+
+
+def test_command_time_out_kills_its_children(program, tmp_path):
+    pid_file = tmp_path / "pid"
+    with pytest.raises(RuntimeError, match=r"stopped after the time-out of 1 s"):
+        call(program, tmp_path, timeout_s=1.0, do="sleep", pid=str(pid_file))
+    assert_dies(int(pid_file.read_text()))
+
+
+def test_command_dies_with_a_killed_worker(program, tmp_path):
+    """The program is not the worker's to clean up any more: its guard sees that the worker is gone."""
+    pid_file = tmp_path / "pid"
+    source = Source(command=tuple(program), base=str(tmp_path), keep_folder=str(tmp_path / "work"))
+    sleepy = Task({"x": 1.0}, Case("c", Programme.ramp((1.0,)), {"do": "sleep", "pid": str(pid_file)}))
+    with RunStore(tmp_path / "results") as store, WorkerPool(1, source=source, timeout_s=1.5) as pool:
+        (outcome,) = run_all(source.load(), [sleepy], store, pool, retries=0)
+    assert outcome.reason.startswith("WorkerDied: stopped after the time-out of 1.5 s")
+    assert_dies(int(pid_file.read_text()))
+
+
+def assert_dies(pid):
+    deadline = time.monotonic() + 3.0
+    while alive(pid) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert not alive(pid)
+
+
+def test_command_that_is_none(tmp_path):
+    with pytest.raises(ValueError, match=r"program 'no_such_program' .* was not found"):
+        load_backend(command=["no_such_program", "x"])
+    for code in ("print('hello')", "print('{}')", "import sys; sys.exit('no licence')"):
+        with pytest.raises(ValueError, match="must print JSON with name, numerics, parameters and channels"):
+            load_backend(command=[sys.executable, "-c", code])

@@ -1,0 +1,353 @@
+"""study.toml: what is right loads to numbers with units; what is wrong is answered at its line, all at once."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from rso.contract import Parameter
+from rso.study import Study, StudyError, load, resolve
+from rso.study.places import line_of, lines_of
+
+GOOD = """\
+[study]
+title = "Test"
+seed = 0
+
+[backend]
+use = "fake.backend:BACKEND"
+timeout = "10 min"
+[backend.settings]
+support = { kind = "bowl", friction = 0.2 }
+material = { law = "neo_hookean" }
+
+[parameters]
+mu = { low = "3356 Pa", high = "36765 Pa", scale = "log" }
+D1 = { low = 1, high = "168 1/MPa" }
+friction = { value = "20 %" }
+
+[[experiments]]
+name = "top"
+role = "fit"
+data = "top.csv"
+settings = { point = [0.0, 0.0], support = { kind = "fixed" } }
+noise = { Fz = "10 mN", depth = "20 um", gain = "1 %", correlation = 0.2 }
+
+[[experiments]]
+name = "profile"
+role = "validate"
+kind = "profile"
+data = "profile.csv"
+after = ["top"]
+
+[search]
+targets = [
+  { experiment = "top", depth = "2 mm" },
+  { experiment = "top", depth = 3.9, value = "500 mN" },
+]
+constraints = [{ experiment = "top", channel = "uz", depth = 4, low = "-4 mm" }]
+
+[[search.variants]]
+name = "narrow"
+ranges = { mu = ["7500 Pa", "9.5 kPa"] }
+
+[verify]
+tolerance = "0.5 %"
+"""
+MU = Parameter("mu", "shear modulus", "MPa", 1e-6, 1.0)
+D1 = Parameter("D1", "compressibility", "1/MPa", 1e-3, 1e4)
+FRICTION = Parameter("friction", "friction", "1", 0.0, 0.6, neutral=0.0)
+KNOWN = (MU, D1, FRICTION)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "top.csv").write_text("depth_mm,Fz_N\n" + "".join(f"{k / 10},{k / 80}\n" for k in range(41)))
+    (tmp_path / "profile.csv").write_text("depth_mm,x_mm,y_mm,uz_mm\n1,0,5,-0.1\n1,5,5,-0.05\n")
+    return tmp_path
+
+
+def save(folder: Path, text: str) -> Path:
+    (folder / "study.toml").write_text(text, encoding="utf-8")
+    return folder / "study.toml"
+
+
+def problems(folder: Path, text: str) -> tuple[str, ...]:
+    with pytest.raises(StudyError) as caught:
+        load(save(folder, text))
+    return caught.value.problems
+
+
+def test_a_good_study(folder):
+    study = load(save(folder, GOOD))
+    assert isinstance(study, Study)
+    assert study.backend.timeout == 600.0
+    assert study.search.targets[1].value == 0.5 and study.search.targets[0].value is None
+    assert study.search.constraints[0].low == -4.0
+    assert study.verify.tolerance == 0.005
+    noise = study.experiment("top").noise.noise()
+    assert (noise.Fz, noise.depth, noise.gain, noise.correlation, noise.of("Fx")) == (0.01, 0.02, 0.01, 0.2, 0.01)
+    assert study.settings_of("top") == {
+        "support": {"kind": "fixed"},  # replaced whole: no friction of a bowl is left behind
+        "material": {"law": "neo_hookean"},
+        "point": [0.0, 0.0],
+    }
+    assert study.settings_of("profile")["support"]["kind"] == "bowl"
+    assert study.experiment("profile").compared == ("uz",)
+    assert study.measurement("top").channels == ("Fz",)
+    assert (study.file, study.folder) == (folder / "study.toml", folder)
+    assert load(folder).model_dump() == study.model_dump()  # the folder stands for the study.toml inside
+
+
+def test_seed_zero_is_a_seed_and_defaults_are_there(folder):
+    study = load(save(folder, GOOD))
+    assert study.study.seed == 0
+    assert (study.doe.kind, study.doe.runs, study.doe.reduce) == ("lhs", 40, True)
+    assert (study.search.metric, study.search.candidates, study.diagnose.effects) == ("nrmse", 3, "all")
+
+
+def test_models_are_frozen(folder):
+    study = load(save(folder, GOOD))
+    with pytest.raises(ValueError, match="frozen"):
+        study.doe.runs = 3
+
+
+def test_resolve_gives_units(folder):
+    r = resolve(load(save(folder, GOOD)), KNOWN)
+    assert [(a.name, a.low, a.high, a.scale) for a in r.axes] == [
+        ("mu", 0.003356, 0.036765, "log"),
+        ("D1", 1.0, 168.0, "linear"),
+    ]
+    assert dict(r.fixed) == {"friction": 0.2}
+    (variant,) = r.variants
+    assert variant.targets == r.study.search.targets
+    assert [(a.low, a.high) for a in variant.axes] == [(0.0075, 0.0095), (1.0, 168.0)]
+
+
+def at(text: str, fragment: str) -> int:
+    """Line of a fragment."""
+    return text[: text.index(fragment)].count("\n") + 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "words"),
+    [
+        ('title = "Test"', 'titel = "Test"', "study.titel", ["unknown key", "'title'", "seed, title, units"]),
+        ("seed = 0", "seed = true", "study.seed", ["True", "valid integer"]),
+        ("seed = 0", 'seed = "0"', "study.seed", ["'0'", "valid integer"]),
+        ("seed = 0", "seed = -1", "study.seed", ["-1", "greater than or equal to 0"]),
+        ("seed = 0", 'seed = 0\nunits = "SI"', "study.units", ["'SI'", "N-mm-MPa-s"]),
+        ('use = "fake.backend:BACKEND"', 'use = "fake.backend"', "backend.use", ["form"]),
+        ('use = "fake.backend:BACKEND"', "", "backend", ["either use", "command"]),
+        ('timeout = "10 min"', 'timeout = "10 mm"', "backend.timeout", ["'10 mm'", "in s", "1 min"]),
+        ('law = "neo_hookean"', "law = 2020-01-01", "backend.settings", ["2020-01-01", "cannot be handed"]),
+        ('law = "neo_hookean"', "law = nan", "backend.settings", ["nan", "cannot be handed"]),
+        ('scale = "log"', 'scale = "loq"', "parameters.mu.scale", ["'loq'", "'linear' or 'log'", "did you mean 'log'"]),
+        ("D1 = { low = 1,", "D1 = { low = true,", "parameters.D1.low", ["True", "expected a number"]),
+        ("D1 = { low = 1,", "D1 = { low = inf,", "parameters.D1.low", ["inf", "finite"]),
+        ("D1 = { low = 1,", "D1 = { ", "parameters.D1", ["low and high"]),
+        ("D1 = { low = 1,", "D1 = { lo = 1, low = 1,", "parameters.D1.lo", ["did you mean 'low'"]),
+        ('role = "validate"', 'role = "valid"', "experiments[1].role", ["'valid'", "did you mean 'validate'?"]),
+        ('role = "fit"', "", "experiments[0].role", ["is missing"]),
+        ('role = "fit"', 'role = "select"', "experiments", ['role = "fit"']),
+        ('name = "profile"', 'name = "top"', "experiments[1].name", ["'top'", "taken"]),
+        ('name = "profile"', 'name = "../x"', "experiments[1].name", ["'../x'", "form"]),
+        ('after = ["top"]', 'after = ["topp"]', "experiments[1].after", ["'topp'", "did you mean 'top'"]),
+        ('after = ["top"]', 'after = "top"', "experiments[1].after", ["'top'", "array"]),
+        ('data = "top.csv"', 'data = "tip.csv"', "experiments[0].data", ["'tip.csv'", "no such file"]),
+        ('data = "top.csv"', 'data = "profile.csv"', "experiments[0].kind", ["'force'", "profile"]),
+        ('data = "top.csv"', 'data = "top.csv"\nchannels = ["Fx"]', "experiments[0].channels", ["'Fx'", "Fz"]),
+        ('Fz = "10 mN"', 'Fz = "10 mm"', "experiments[0].noise.Fz", ["'10 mm'", "in N"]),
+        ('Fz = "10 mN"', 'Fz = "-10 mN"', "experiments[0].noise.Fz", ["greater than or equal to 0"]),
+        ('gain = "1 %"', 'Gain = "1 %"', "experiments[0].noise.Gain", ["did you mean 'gain'"]),
+        (
+            'depth = "2 mm" }',
+            'depth = "20 mm" }',
+            "search.targets[0].depth",
+            ["20", "outside the measured range 0 to 4"],
+        ),
+        ('depth = "2 mm" }', 'depth = 2, channel = "Fx" }', "search.targets[0].channel", ["'Fx'", "choose from Fz"]),
+        ('experiment = "top", depth = "2', 'experiment = "tob", depth = "2', "search.targets[0].experiment", ["'top'"]),
+        (
+            'experiment = "top", depth = "2',
+            'experiment = "profile", depth = "2',
+            "search.targets[0].experiment",
+            ["valid"],
+        ),
+        ('value = "500 mN"', 'value = "500 mm"', "search.targets[1].value", ["'500 mm'", "in N"]),
+        ('low = "-4 mm"', 'low = "-4 N"', "search.constraints[0].low", ["'-4 N'", "in mm"]),
+        (', low = "-4 mm"', "", "search.constraints[0]", ["low, high or both"]),
+        ("ranges = { mu =", "ranges = { nu =", "search.variants[0].ranges.nu", ["did you mean 'mu'"]),
+        ('["7500 Pa", "9.5 kPa"]', '["7500 Pa"]', "search.variants[0].ranges.mu[1]", ["missing"]),
+        ('tolerance = "0.5 %"', 'tolerance = "0.5"', "verify.tolerance", ["'0.5'", "without a unit", '"1 %"']),
+        ('tolerance = "0.5 %"', "max_infill = 1.5", "verify.max_infill", ["1.5", "integer"]),
+        ("[verify]", '[identify]\nrequire = ["D2"]\n[verify]', "identify.require[0]", ["'D2'", "D1, mu"]),
+        ("[verify]", '[identify]\nrequire = ["friction"]\n[verify]', "identify.require[0]", ["not searched for"]),
+        ("[verify]", '[doe]\nkind = "LHS"\n[verify]', "doe.kind", ["'LHS'", "box_behnken"]),
+        ("[verify]", '[doe]\nkind = "file"\n[verify]', "doe", ["belong together"]),
+        ("[verify]", '[doe]\nkind = "file"\nfile = "x.csv"\n[verify]', "doe.file", ["'x.csv'", "no such file"]),
+        ("[verify]", "[diagnose]\neffects = 3\n[verify]", "diagnose.effects", ["3", '"all" or a list']),
+        ("[verify]", "[verifi]\n[verify]", "verifi", ["unknown key", "did you mean 'verify'"]),
+        ("[verify]", "[dispatch]\njobs = 0\n[verify]", "dispatch.jobs", ["0", "greater than or equal to 1"]),
+    ],
+)
+def test_one_mistake_is_one_problem_at_its_line(folder, old, new, key, words):
+    assert GOOD.count(old) >= 1
+    text = GOOD.replace(old, new, 1)
+    found = problems(folder, text)
+    match = [p for p in found if re.match(rf".*study\.toml:\d+: {re.escape(key)}( = .*)?: ", p)]
+    assert len(match) == 1, found
+    for word in words:
+        assert word in match[0]
+    # The key itself where it is written down, else the table that lacks it.
+    path = tuple(int(k) if k.isdigit() else k for k in re.findall(r"\w+", key))
+    assert f"study.toml:{line_of(lines_of(text), path)}: " in match[0]
+    # A misspelt required key is also missing, a wrong role leaves nothing to fit; nothing else may cascade.
+    assert len(found) == (2 if key in ("study.titel", "experiments[0].role") else 1), found
+
+
+def test_lines_are_those_an_editor_shows(folder):
+    for old, new in [('depth = "2 mm" }', 'depth = "20 mm" }'), ('role = "validate"', 'role = "valid"')]:
+        text = GOOD.replace(old, new, 1)
+        assert any(p.startswith(f"{folder / 'study.toml'}:{at(text, new)}: ") for p in problems(folder, text))
+
+
+def test_all_problems_at_once_in_order_of_lines(folder):
+    text = GOOD
+    for old, new in [
+        ("seed = 0", "seed = 1.5"),
+        ('scale = "log"', 'scale = "loq"'),
+        ('data = "top.csv"', 'data = "tip.csv"'),
+        ('after = ["top"]', 'after = ["tip"]'),
+        ("depth = 3.9", "depth = -3.9"),
+        ('tolerance = "0.5 %"', 'tolerance = "2 MPa"'),
+    ]:
+        text = text.replace(old, new, 1)
+    found = problems(folder, text)
+    assert len(found) == 6, found
+    lines = [int(re.search(r"study\.toml:(\d+):", p)[1]) for p in found]
+    assert lines == sorted(lines)
+    with pytest.raises(StudyError) as caught:
+        load(folder)
+    assert str(caught.value).count("\n") == 5 and "Traceback" not in str(caught.value)
+
+
+def test_a_bad_data_file_is_reported_with_its_own_line(folder):
+    (folder / "top.csv").write_text("depth_mm,Fz_N\n1,2\n2,x\n")
+    (problem,) = problems(folder, GOOD)
+    assert "experiments[0].data" in problem and f"{folder / 'top.csv'}:3" in problem and "'x'" in problem
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", [":1:", "study", "missing"]),
+        (b"x = ", [":1:", "not valid TOML"]),
+        (b"[study]\nseed = 1\nseed = 2\n", [":3:", "not valid TOML"]),
+        (b"[study\n", [":1:", "not valid TOML"]),
+        (b"\x89PNG\r\n\x00\xff\xfe", [":1:", "not UTF-8"]),
+        (b"[study]\ntitle = '\xfcber'\n", [":2:", "not UTF-8"]),
+        (b"\0\0\0", [":1:", "not valid TOML"]),
+        (b"x = " + b"[" * 100_000, ["nested too deeply"]),
+        (b"x = " + b"1" * 10_000, ["not valid TOML"]),
+        (b"#" * 5_000_001, ["too large"]),
+        (b"study = 3\nbackend = []\nparameters = 1\nexperiments = {}\n", [":1:", ":4:", "table", "array"]),
+        (b"[experiments]\nname = 3\n[search]\ntargets = 3\nvariants = [1]\n", ["array", "table"]),
+    ],
+)
+def test_files_that_are_no_study(folder, content, words):
+    (folder / "study.toml").write_bytes(content)
+    with pytest.raises(StudyError) as caught:
+        load(folder / "study.toml")
+    for word in [str(folder / "study.toml"), *words]:
+        assert word in str(caught.value)
+
+
+def test_missing_files_name_their_neighbours(folder):
+    save(folder, GOOD)
+    with pytest.raises(StudyError, match=r"no such study file; did you mean 'study\.toml'"):
+        load(folder / "stud.toml")
+    with pytest.raises(StudyError, match="no such study file"):
+        load(folder / "nowhere" / "study.toml")
+    with pytest.raises(StudyError, match=r"not a path|no such"):
+        load("a\0b")
+
+
+def test_byte_order_mark_and_windows_line_ends_do_not_matter(folder):
+    expected = load(save(folder, GOOD))
+    (folder / "study.toml").write_bytes(b"\xef\xbb\xbf" + GOOD.replace("\n", "\r\n").encode())
+    study = load(folder)
+    assert study.model_dump() == expected.model_dump() and study.lines == expected.lines
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "words"),
+    [
+        ("friction = {", "frictoin = {", "parameters.frictoin", ["did you mean 'friction'", "D1, friction, mu"]),
+        ("3356 Pa", "3356 mm", "parameters.mu.low", ["'3356 mm'", "in MPa"]),
+        ('"3356 Pa"', '"0.0001 Pa"', "parameters.mu.low", ["hard bounds", "[1e-06, 1] MPa"]),
+        ("36765 Pa", "3000 Pa", "parameters.mu", ["must be below"]),
+        ("20 %", "70 %", "parameters.friction.value", ["hard bounds"]),
+        ("9.5 kPa", "95 kPa", "search.variants[0].ranges.mu", ["inside the study's range [0.003356, 0.036765] MPa"]),
+        ("ranges = { mu =", "ranges = { friction =", "search.variants[0].ranges.friction", ["fixed value"]),
+    ],
+)
+def test_resolve_answers_at_the_line(folder, old, new, key, words):
+    text = GOOD.replace(old, new, 1)
+    with pytest.raises(StudyError) as caught:
+        resolve(load(save(folder, text)), KNOWN)
+    match = [p for p in caught.value.problems if f"study.toml:{at(text, new)}: {key}" in p]
+    assert len(match) == 1, caught.value.problems
+    for word in words:
+        assert word in match[0]
+
+
+def test_log_scale_needs_a_positive_start(folder):
+    text = GOOD.replace("D1 = { low = 1,", 'D1 = { scale = "log", low = 0,')
+    zero = Parameter("D1", "compressibility", "1/MPa", 0.0, 1e4)
+    with pytest.raises(StudyError, match="a log scale needs low > 0 1/MPa"):
+        resolve(load(save(folder, text)), (MU, zero, FRICTION))
+
+
+def places(value, place=()):
+    """Every place in parsed TOML."""
+    if place:
+        yield place
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, inner in items:
+        yield from places(inner, (*place, key))
+
+
+TRICKY = '''# [not.a.table]
+a.b."c.d" = "# no = [comment]" # comment
+text = """
+[fake]
+x = 1 \\""" ""\\"
+"""
+raw = \'\'\'a = ']'
+\'\'\'\'
+[ t . "u v" ]
+list = [ 1, # one
+  [2, 3], "]", {x = 1, y = {z = "}"}},
+]
+when = 1979-05-27 07:32:00
+[[t.many]]
+[[t.many]]
+[t.many.sub]
+k = 1
+[[t.many.deep]]
+k = 2
+'''
+
+
+@pytest.mark.parametrize("text", [GOOD, TRICKY])
+def test_scanner_finds_every_place_that_the_parser_finds(text):
+    """Oracle: tomllib.  Lines: deleting nothing, the key must be written in the line it is said to be in."""
+    lines = lines_of(text)
+    assert set(places(tomllib.loads(text))) == set(lines)
+    for place, line in lines.items():
+        key = next(k for k in reversed(place) if isinstance(k, str))
+        if isinstance(place[-1], str):
+            assert key in text.split("\n")[line - 1]
+    assert lines_of(GOOD)[("search", "targets", 1, "depth")] == at(GOOD, "depth = 3.9")

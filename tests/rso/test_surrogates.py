@@ -1,0 +1,247 @@
+import json
+import warnings
+
+import numpy as np
+import pytest
+
+from rso.benchmarks import borehole, branin, indentation
+from rso.doe import Box, design, sobol
+from rso.surrogates import cross_validate, fit, fit_kriging, fit_polynomial, from_dict, held_out, score
+from rso.surrogates.kriging import matern
+
+WIDE = Box(("mu", "D1"), ("MPa", "1/MPa"), (1e-4, 1.0), (0.1, 160.0), (True, True))
+
+
+def decades(X):
+    """A force over three decades of modulus."""
+    theta = WIDE.from_unit(X)
+    return indentation(2.0, theta[:, 0], theta[:, 1])
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_polynomial_reproduces_polynomials_of_its_degree(d, degree):
+    rng = np.random.default_rng(degree)
+    direction, shift = rng.normal(size=d), rng.normal()
+    X, Q = rng.random((60, d)), rng.random((200, d))
+
+    def f(Z):
+        return (Z @ direction + shift) ** degree - 2.0
+
+    model = fit_polynomial(X, f(X), degree=degree)
+    np.testing.assert_allclose(model.predict(Q)[0], f(Q), rtol=0, atol=1e-10 * np.abs(f(Q)).max())  # conditioning < 1e4
+    assert model.predict(Q)[1].max() < 1e-10 * np.abs(f(Q)).max()
+    assert fit_polynomial(X, f(X)).degree >= degree
+    if degree > 1:  # negative control: one degree less does not
+        lower = fit_polynomial(X, f(X), degree=degree - 1)
+        assert held_out(lower, Q, f(Q)).max_abs > 1e-4
+
+
+def test_leave_one_out_of_the_polynomial_equals_refitting():
+    X = design("lhs", 2, 20, 0)
+    y = branin(X)
+    refitted = cross_validate(lambda rows: fit_polynomial(X[rows], y[rows], degree=2), X, y, seed=0, folds=20)
+    # The identity e/(1 − h) is exact.
+    np.testing.assert_allclose(fit_polynomial(X, y, degree=2).cv.rmse, refitted.rmse, rtol=1e-9)
+
+
+def test_polynomial_sd_covers_new_values():
+    rng = np.random.default_rng(3)
+    X, Q = rng.random((40, 2)), rng.random((4000, 2))
+    y = 1 + X @ [2.0, -1.0] + rng.normal(0, 0.1, 40)
+    mean, sd = fit_polynomial(X, y, degree=1).predict(Q)
+    new = 1 + Q @ [2.0, -1.0] + rng.normal(0, 0.1, 4000)
+    # s itself has a relative error of 1/sqrt(2·37) = 12 %: four of these.
+    np.testing.assert_allclose(np.std((new - mean) / sd), 1, atol=0.5)
+    assert sd.min() > 0.05
+
+
+def test_polynomial_refuses_what_the_points_do_not_determine():
+    X = design("lhs", 2, 6, 0)
+    with pytest.raises(ValueError, match="6 terms: needs more than 6 points"):
+        fit_polynomial(X, X[:, 0], degree=2)
+    corners = design("factorial", 3, 8, 0)
+    X = np.vstack([corners, corners, corners])
+    with pytest.raises(ValueError, match="do not determine"):
+        fit_polynomial(X, X[:, 0], degree=2)
+    with pytest.raises(ValueError, match="degree must be"):
+        fit_polynomial(X, X[:, 0], degree=7)
+
+
+@pytest.mark.parametrize("trend", [0, 1, 2])
+@pytest.mark.parametrize("log", [False, True])
+def test_kriging_interpolates(trend, log):
+    X = design("lhs", 2, 25, 0)
+    y = branin(X) + 1
+    mean, sd = fit_kriging(X, y, seed=0, trend=trend, log=log).predict(X)
+    # The jitter of 1e-10 of the process variance, times weights of at most a few thousand.
+    np.testing.assert_allclose(mean, y, atol=1e-4 * np.ptp(y))
+    assert sd.max() < 1e-3 * np.ptp(y)
+
+
+def test_kriging_with_known_noise_does_not_interpolate_and_finds_the_line():
+    rng = np.random.default_rng(0)
+    X = rng.random((60, 1))
+    y = np.sin(4 * X[:, 0]) + rng.normal(0, 0.1, 60)
+    Q = np.linspace(0.05, 0.95, 50)[:, None]
+    smooth = fit_kriging(X, y, seed=0, noise_sd=0.1)
+    assert held_out(smooth, Q, np.sin(4 * Q[:, 0])).rmse < 0.06
+    assert np.std(smooth.mean(X) - y) > 0.07
+    assert held_out(fit_kriging(X, y, seed=0), Q, np.sin(4 * Q[:, 0])).rmse > 0.06  # negative control
+
+
+def test_noise_of_a_logarithm_is_relative():
+    X = design("lhs", 2, 20, 0)
+    y = decades(X)
+    model = fit_kriging(X, y, seed=0, log=True, noise_sd=0.05 * y)
+    np.testing.assert_allclose(model.noise, 0.05, rtol=1e-12)  # one division
+
+
+def test_kriging_error_falls_with_the_number_of_points():
+    Q = sobol(2, 1024, 9)
+    errors = [
+        held_out(fit_kriging(X, branin(X), seed=0), Q, branin(Q)).relative_rmse
+        for X in (design("lhs", 2, n, 0) for n in (15, 30, 60))
+    ]
+    assert errors[1] < 0.5 * errors[0] and errors[2] < 0.5 * errors[1]
+    X, Q = design("lhs", 8, 40, 0), sobol(8, 1024, 9)
+    assert held_out(fit("kriging", X, borehole(X), seed=0), Q, borehole(Q)).q2 > 0.998  # as scikit-learn and SMT alone
+
+
+def test_kriging_agrees_with_universal_kriging_of_scikit_learn():
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import ConstantKernel, Matern
+
+    X, Q = design("lhs", 2, 25, 0), sobol(2, 256, 1)
+    y = branin(X)
+    model = fit_kriging(X, y, seed=0, trend=0)
+    # An unknown mean is the limit of a constant kernel with a huge variance.
+    kernel = ConstantKernel(1e5 * model.variance, "fixed") + ConstantKernel(model.variance, "fixed") * Matern(
+        model.lengths, "fixed", nu=2.5
+    )
+    process = GaussianProcessRegressor(kernel, alpha=1e-10 * model.variance, optimizer=None).fit(X, y)
+    mean, sd = process.predict(Q, return_std=True)
+    # 1e5 is not infinity (1e-5 relative) and costs that many digits of the Cholesky factor.
+    np.testing.assert_allclose(model.predict(Q)[0], mean, atol=1e-4 * np.ptp(y))
+    np.testing.assert_allclose(model.predict(Q)[1], sd, rtol=1e-2, atol=1e-3 * sd.max())
+    np.testing.assert_allclose(matern(X, Q, model.lengths), Matern(model.lengths, nu=2.5)(X, Q), atol=1e-12)
+
+
+def test_kriging_sd_covers_the_error():
+    X, Q = design("lhs", 2, 30, 2), sobol(2, 1024, 5)
+    mean, sd = fit_kriging(X, branin(X), seed=0, trend=0).predict(Q)
+    z = (mean - branin(Q)) / sd
+    assert np.mean(np.abs(z) < 2) > 0.75  # one smooth function at fitted hyper-parameters: no exact 95 %
+    assert np.std(z) > 0.05  # and not absurdly wide
+
+
+def test_leave_one_out_of_kriging_equals_conditioning_without_the_point():
+    from rso.surrogates.kriging import _condition
+
+    X = design("lhs", 2, 15, 0)
+    y = branin(X)
+    for log in (False, True):
+        full = fit_kriging(X, y, seed=0, trend=1, log=log)
+
+        def refit(rows, m=full):
+            return _condition(m.X[rows], m.t[rows], m.noise[rows], m.trend, m.variance, m.lengths, m.log)
+
+        # Dubrule's identity is exact; the condition number of K eats digits.
+        np.testing.assert_allclose(full.cv.rmse, cross_validate(refit, X, y, seed=0, folds=15).rmse, rtol=1e-5)
+
+
+def test_the_logarithm_is_chosen_for_decades_and_helps():
+    X, Q = design("lhs", 2, 20, 0), sobol(2, 1024, 3)
+    for kind in ("polynomial", "kriging"):
+        chosen = fit(kind, X, decades(X), seed=0)
+        linear = fit(kind, X, decades(X), seed=0, log=False)
+        assert chosen.log
+        assert held_out(chosen, Q, decades(Q)).rmse < 0.5 * held_out(linear, Q, decades(Q)).rmse
+
+
+def test_the_logarithm_is_not_chosen_where_it_hurts():
+    X = design("lhs", 2, 20, 0)
+    y = 0.02 + 3 * X[:, 0] ** 2 + X[:, 1]
+    for kind in ("polynomial", "kriging"):
+        assert not fit(kind, X, y, seed=0).log
+    assert not fit("auto", X, y - 1, seed=0).log  # and cannot be where y changes sign
+    with pytest.raises(ValueError, match="positive"):
+        fit_polynomial(X, y - 1, log=True)
+
+
+def test_mean_and_sd_of_the_logarithm_are_those_of_a_lognormal():
+    rng = np.random.default_rng(1)
+    X = rng.random((4000, 1))
+    y = np.exp(1 + 0.5 * X[:, 0] + rng.normal(0, 0.6, 4000))
+    mean, sd = fit_polynomial(X, y, degree=1, log=True).predict(np.array([[0.5]]))
+    sample = np.exp(1.25 + rng.normal(0, 0.6, 400_000))
+    # 0.6/√4000 = 1 % on ln y and 1 % on s: four of these; e^(m) alone would be 17 % low.
+    np.testing.assert_allclose([mean[0], sd[0]], [sample.mean(), sample.std()], rtol=0.05)
+
+
+def test_auto_takes_the_better_kind_and_says_why():
+    X = design("lhs", 2, 30, 0)
+    quadratic = fit("auto", X, 1 + X[:, 0] * X[:, 1], seed=0, unit="N")
+    assert quadratic.to_dict()["kind"] == "polynomial" and "cross-validation error" in quadratic.story
+    assert " N " in quadratic.story
+    wavy = fit("auto", X, np.sin(7 * X[:, 0]) * np.cos(5 * X[:, 1]), seed=0)
+    assert wavy.to_dict()["kind"] == "kriging" and "polynomial of degree" in wavy.story
+    with pytest.raises(ValueError, match="choose one of"):
+        fit("spline", X, X[:, 0], seed=0)
+
+
+def test_auto_lives_with_very_few_points_and_with_a_constant():
+    X = design("lhs", 2, 4, 0)
+    assert fit("auto", X, decades(X), seed=0).story
+    for value in (0.0, 3.0):
+        model = fit("auto", design("lhs", 2, 12, 0), np.full(12, value), seed=0)
+        np.testing.assert_allclose(model.mean(X), value, atol=1e-12)  # rounding
+    with pytest.raises(ValueError, match="needs more than 2 points"):
+        fit("auto", X[:2], np.array([1.0, 2.0]), seed=0)
+
+
+@pytest.mark.parametrize("kind", ["polynomial", "kriging"])
+@pytest.mark.parametrize("log", [False, True])
+def test_surrogates_survive_json_to_the_bit(kind, log):
+    X, Q = design("lhs", 2, 20, 0), sobol(2, 64, 3)
+    model = fit(kind, X, decades(X), seed=0, log=log, noise_sd=0.001)
+    copy = from_dict(json.loads(json.dumps(model.to_dict())))
+    assert np.array_equal(copy.predict(Q), model.predict(Q))
+    assert copy.story == model.story and copy.cv == model.cv
+    again = fit(kind, X, decades(X), seed=0, log=log, noise_sd=0.001)
+    assert np.array_equal(again.predict(Q), model.predict(Q))
+    # BLAS may sum in another order for another number of columns.
+    np.testing.assert_allclose(model.mean(Q), model.predict(Q)[0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["polynomial", "kriging"])
+def test_no_silent_extrapolation(kind):
+    X = design("lhs", 2, 20, 0)
+    model = fit(kind, X, decades(X), seed=0)
+    Q = np.array([[0.5, 0.5], [1.0 + 1e-8, 0.5], [1.0 + 1e-10, -1e-10]])
+    assert model.outside(Q).tolist() == [False, True, False]
+    for answer in (model.predict, model.mean):
+        with pytest.raises(ValueError, match="1 of 3 points lie outside"):
+            answer(Q)
+
+
+def test_failed_runs_are_no_data_and_nothing_is_printed():
+    X = design("lhs", 2, 20, 0)
+    y = decades(X)
+    y[3] = np.nan
+    with pytest.raises(ValueError, match="1 values are not finite"):
+        fit_polynomial(X, y)
+    with pytest.raises(ValueError, match="noise_sd"):
+        fit_kriging(X, X[:, 0], seed=0, noise_sd=-1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model = fit("kriging", X, np.sin(6 * X[:, 0]), seed=0, names=("mu", "D1"))
+    assert "does not depend on D1" in model.story
+
+
+def test_scores_by_hand():
+    s = score(np.array([1.0, 2.0, 5.0]), np.array([1.0, 2.0, 3.0]))
+    # Exact but for rounding: errors 0, 0, 2; spread 2; mean square of y 14/3.
+    np.testing.assert_allclose([s.rmse, s.max_abs, s.q2], [np.sqrt(4 / 3), 2, -1], rtol=1e-12)
+    np.testing.assert_allclose(s.relative_rmse, np.sqrt(4 / 14), rtol=1e-12)
+    assert s.n == 3 and np.isnan(score(np.ones(3), np.ones(3)).q2)

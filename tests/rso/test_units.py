@@ -1,0 +1,95 @@
+"""Units at the door: exact conversion, and a refusal that says what was expected."""
+
+import numpy as np
+import pytest
+
+from rso.units import BARE_COLUMNS, COLUMNS, column_factor, header, quantity
+
+
+@pytest.mark.parametrize(
+    ("written", "unit", "value"),
+    [
+        ("3.2 kPa", "MPa", 0.0032),
+        ("3356 Pa", "MPa", 0.003356),
+        ("1 N/mm^2", "MPa", 1.0),
+        ("1 N/mm²", "MPa", 1.0),
+        ("1 %", "1", 0.01),
+        ("1 1/MPa", "1/MPa", 1.0),
+        ("0.0058 1/kPa", "1/MPa", 5.8),
+        ("30 mm/min", "mm/s", 0.5),
+        ("20 um", "mm", 0.02),
+        ("20 µm", "mm", 0.02),
+        ("-1.5e-3 m", "mm", -1.5),
+        ("2mN", "N", 0.002),
+        ("0.2 um/mN", "mm/N", 0.2),
+        (5, "MPa", 5.0),
+        (np.float64(0.25), "mm", 0.25),
+    ],
+)
+def test_quantities_convert_exactly(written, unit, value):
+    # Equality to the bit: "3.2 kPa" and the bare 0.0032 must give the same run key.
+    assert quantity(written, unit) == value
+    assert type(quantity(written, unit)) is float
+
+
+@pytest.mark.parametrize(
+    ("written", "unit"),
+    [
+        ("3.2", "MPa"),
+        ("kPa", "MPa"),
+        ("3.2 mm", "MPa"),
+        ("3.2 kPaa", "MPa"),
+        ("3,2 kPa", "MPa"),
+        ("nan MPa", "MPa"),
+        ("inf MPa", "MPa"),
+        ("1e400 MPa", "MPa"),
+        ("1e999 MPa", "MPa"),
+        ("1_0 MPa", "MPa"),
+        ("5 deg", "1"),
+        ("20 °C", "K"),
+        ("", "mm"),
+        ("9 mm**9**9**9", "mm"),
+        ("9 9**9**9**9 mm", "mm"),
+        ("1 __import__", "mm"),
+        ("1 %%", "1"),
+        ("1" * 100 + " mm", "mm"),
+        (True, "MPa"),
+        (None, "MPa"),
+        ([1.0], "MPa"),
+        (float("nan"), "MPa"),
+        (float("inf"), "MPa"),
+        (10**400, "MPa"),
+    ],
+)
+def test_refusals_name_value_unit_and_an_example(written, unit):
+    with pytest.raises(ValueError) as caught:
+        quantity(written, unit)
+    text = str(caught.value)
+    assert str(written)[:20] in text
+    assert "for example" in text
+    assert ("pure number" if unit == "1" else f"in {unit}") in text
+
+
+def test_every_column_in_its_base_unit_has_factor_one():
+    for name, unit in COLUMNS.items():
+        assert header(f"{name}_{unit}") == (name, unit)
+        assert column_factor(name, unit) == 1.0
+        assert header(f"{name}_sigma_{unit}") == (f"{name}_sigma", unit)
+    for name in BARE_COLUMNS:
+        assert header(name) == (name, "")
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "factor"),
+    [("Fz_mN", "Fz", 1e-3), ("depth_um", "depth", 1e-3), ("time_ms", "time", 1e-3), ("time_min", "time", 60.0)],
+)
+def test_columns_in_other_units(text, name, factor):
+    assert header(text)[0] == name
+    assert column_factor(*header(text)) == factor
+
+
+@pytest.mark.parametrize("text", ["Fz", "force_N", "depth_N", "depth_", "", "Fz_kNN", "repeat_1", "_mm", "fz_N"])
+def test_unknown_columns_are_answered_with_the_list(text):
+    with pytest.raises(ValueError, match="understood are depth_mm") as caught:
+        header(text)
+    assert repr(text) in str(caught.value)
