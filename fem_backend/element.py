@@ -207,17 +207,18 @@ def _stiffness(G, w, F, S, C, place, nnz):  # type: ignore[no-untyped-def]
                     B[4, p] = f[i, 0] * g2 + f[i, 2] * g0
                     B[5, p] = f[i, 0] * g1 + f[i, 1] * g0
             for k in range(6):
+                c0, c1, c2 = wq * C[e, q, k, 0], wq * C[e, q, k, 1], wq * C[e, q, k, 2]
+                c3, c4, c5 = wq * C[e, q, k, 3], wq * C[e, q, k, 4], wq * C[e, q, k, 5]
                 for p in range(30):
-                    CB[k, p] = 0.0
-                for l in range(6):
-                    c = wq * C[e, q, k, l]
-                    for p in range(30):
-                        CB[k, p] += c * B[l, p]
+                    CB[k, p] = (
+                        c0 * B[0, p] + c1 * B[1, p] + c2 * B[2, p] + c3 * B[3, p] + c4 * B[4, p] + c5 * B[5, p]
+                    )
             for p in range(30):
-                for k in range(6):
-                    b = B[k, p]
-                    for r in range(30):
-                        K[p, r] += b * CB[k, r]
+                b0, b1, b2, b3, b4, b5 = B[0, p], B[1, p], B[2, p], B[3, p], B[4, p], B[5, p]
+                for r in range(30):
+                    K[p, r] += (
+                        b0 * CB[0, r] + b1 * CB[1, r] + b2 * CB[2, r] + b3 * CB[3, r] + b4 * CB[4, r] + b5 * CB[5, r]
+                    )
             for a in range(10):
                 g0, g1, g2 = G[e, q, a, 0], G[e, q, a, 1], G[e, q, a, 2]
                 t0 = wq * (s[0] * g0 + s[5] * g1 + s[4] * g2)

@@ -6,10 +6,8 @@ about four times faster.  Both are exact to round-off, so the choice does not en
 
 from __future__ import annotations
 
-import ctypes
 import functools
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -106,11 +104,5 @@ class _Pardiso:
                 raise NotPositiveDefinite("negative pivot") from error
             raise
         return lambda b: self._call(33, data, np.asfortranarray(b))
-
-    def __del__(self) -> None:
-        solver: Any = getattr(self, "_solver", None)
-        if solver is not None and getattr(self, "_analysed", False):
-            try:
-                self._call(-1, np.zeros(len(self._pattern.indices)), np.zeros(self._shape[0]))
-            except (self._error, ctypes.ArgumentError, TypeError):
-                pass
+        # MKL's memory is freed with the process: a worker keeps a handful of these, and a finaliser would run
+        # after the interpreter has taken its modules down.

@@ -15,6 +15,9 @@ import io
 import itertools
 import json
 import os
+import subprocess
+import sys
+import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import ModuleType
@@ -73,12 +76,26 @@ def volumes(mesh: Mesh) -> np.ndarray:
 
 
 def make(recipe: str) -> Mesh:
-    """Mesh from its recipe, JSON with the keys body, mesher and size; the same recipe means the same mesh."""
+    """Mesh from its recipe (JSON with the keys mesher, semi_axes and size).
+
+    fTetWild runs in a child process: it is native code that can crash, and it litters its working directory.
+    Raises BadMesh when it fails.
+    """
     data = json.loads(recipe)
-    body = Ellipsoid(*data["semi_axes"])
     if data["mesher"] == "mapped":
-        return mapped_quarter(body, data["n"], data["slip"])
-    return tetwild_quarter(body, Sizing(**data["sizing"]))
+        return mapped_quarter(Ellipsoid(*data["semi_axes"]), data["n"], data["slip"])
+    with tempfile.TemporaryDirectory() as folder:
+        child = [sys.executable, "-m", "fem_backend.meshing", recipe, "mesh.npz"]
+        path = os.pathsep.join([str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH", "")])
+        environment = {**os.environ, "PYTHONPATH": path}
+        try:
+            done = subprocess.run(child, cwd=folder, env=environment, capture_output=True, text=True, timeout=600)
+        except subprocess.TimeoutExpired:
+            raise BadMesh("fTetWild took more than 600 s") from None
+        if done.returncode != 0:
+            last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+            raise BadMesh(f"fTetWild ended with code {done.returncode}: {last}")
+        return Mesh.from_file(Path(folder) / "mesh.npz")
 
 
 def tetwild_recipe(body: Ellipsoid, sizing: Sizing) -> str:
@@ -421,3 +438,9 @@ def quadratic(body: Ellipsoid, mesh: Mesh) -> MeshTet2:
     middle = linear.nvertices + edges
     nodes[:, middle] = body.project(nodes[:, middle].T).T
     return MeshTet2(nodes, curved.t)
+
+
+if __name__ == "__main__":
+    _recipe = json.loads(sys.argv[1])
+    _mesh = tetwild_quarter(Ellipsoid(*_recipe["semi_axes"]), Sizing(**_recipe["sizing"]))
+    Path(sys.argv[2]).write_bytes(_mesh.to_bytes())

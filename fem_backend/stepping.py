@@ -14,34 +14,42 @@ from fem_backend.newton import Counters, Equilibrium, Load, NotConverged, System
 class Control:
     """Numerical settings of a run.
 
-    `first` and `largest` step (mm); relative residual while travelling and at asked travels; augmentations of the
-    multipliers at asked travels; smallest step as a fraction of the first.
+    `first` and `largest` step (mm); relative residual while travelling, between augmentations and at the end of them;
+    augmentations of the multipliers at asked travels; smallest step as a fraction of the first.
     """
 
-    first: float = 0.1
-    largest: float = 0.5
-    loose: float = 1e-3
+    first: float = 0.15
+    largest: float = 0.6
+    loose: float = 1e-2
+    medium: float = 1e-6
     tight: float = 1e-9
-    augmentations: int = 2
+    augmentations: int = 1
     smallest: float = 1e-4
 
 
 @dataclass(frozen=True)
 class Point:
-    """Equilibrium at an asked travel (mm); `penalty_force` is the indenter force before any augmentation (N)."""
+    """Equilibrium at an asked travel (mm); `previous_force` is the indenter force before the last augmentation (N)."""
 
     travel: float
     equilibrium: Equilibrium
-    penalty_force: np.ndarray
+    previous_force: np.ndarray
     load: Load
+
+    @property
+    def force(self) -> np.ndarray:
+        """Force of the modelled part of the specimen on the indenter (3,) N."""
+        return self.equilibrium.evaluation.contact.force
 
 
 class Stopped(ArithmeticError):
     """The run ended early: cause class, message, what was reached, residual history."""
 
-    def __init__(self, cause: str, message: str, points: list[Point], history: tuple[float, ...]) -> None:
+    def __init__(
+        self, cause: str, message: str, points: list[Point], history: tuple[float, ...], counters: Counters
+    ) -> None:
         super().__init__(message)
-        self.cause, self.points, self.history = cause, points, history
+        self.cause, self.points, self.history, self.counters = cause, points, history, counters
 
 
 def travel(
@@ -65,7 +73,7 @@ def travel(
                 if step < control.smallest * control.first:
                     cause = error.cause if error.cause == "inversion" else "step_limit"
                     message = f"no equilibrium beyond {here:.4g} mm ({error})"
-                    raise Stopped(cause, message, points, error.history) from error
+                    raise Stopped(cause, message, points, error.history, counters) from error
                 rate = rate if step > control.first / 4 else np.zeros_like(rate)
                 continue
             counters.steps += 1
@@ -82,11 +90,13 @@ def _settle(
 ) -> Point:
     """Tight equilibrium at an asked travel, multipliers λ ← p a fixed number of times (Uzawa)."""
     try:
-        found = solve(system, u, load, control.tight, counters)
-        penalty_force = found.evaluation.contact.force
-        for _ in range(control.augmentations):
+        found = solve(system, u, load, control.medium if control.augmentations else control.tight, counters)
+        previous = found.evaluation.contact.force
+        for k in range(control.augmentations):
             load = replace(load, multiplier=found.evaluation.contact.pressure)
-            found = solve(system, found.evaluation.u, load, control.tight, counters)
+            previous = found.evaluation.contact.force
+            last = k == control.augmentations - 1
+            found = solve(system, found.evaluation.u, load, control.tight if last else control.medium, counters)
     except NotConverged as error:
-        raise Stopped(error.cause, f"at {target:.4g} mm: {error}", points, error.history) from error
-    return Point(target, found, penalty_force, load)
+        raise Stopped(error.cause, f"at {target:.4g} mm: {error}", points, error.history, counters) from error
+    return Point(target, found, previous, load)

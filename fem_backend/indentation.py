@@ -1,0 +1,211 @@
+"""The whole story on one page: an indentation test from its knobs and settings to forces.
+
+Settings name what cannot be a number: shapes, support, law, place, mesh.  Knobs are numbers.  A setting or a value
+that this backend does not model is refused by name; it is never ignored.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from skfem import MeshTet2
+
+from fem_backend import element, linsolve, meshing, stepping
+from fem_backend.contact import ContactSurface, contact_surface, quadratic_facets
+from fem_backend.geometry import Ellipsoid, Sphere
+from fem_backend.laws import Law, LinearElastic, NeoHooke
+from fem_backend.meshing import Mesh, Sizing
+from fem_backend.newton import Counters, Load, System
+from fem_backend.stepping import Control, Point
+from rso.contract import knob
+
+LAWS = {"neo_hookean": NeoHooke, "linear_elastic": LinearElastic}
+LEVELS = {
+    "coarse": Sizing(0.7, 3.0, 0.6, 24.0),
+    "standard": Sizing(0.5, 3.0, 0.4, 24.0),
+    "fine": Sizing(0.4, 3.0, 0.25, 20.0),
+}
+PENALTY = 900.0  # ε R/μ: the multipliers remove its error, so it only steers convergence
+REACH = 3.0  # facets within REACH·R of the first contact may touch
+
+
+@dataclass(frozen=True)
+class Knobs:
+    """Every number that a study may open; an effect also says the value that switches it off."""
+
+    mu: float = knob("initial shear modulus", "MPa", 1e-6, 1e3)
+    D1: float = knob("compressibility, bulk modulus K = 2/D1", "1/MPa", 1e-6, 1e6)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """An indentation experiment without its numbers; lengths in mm."""
+
+    body: Ellipsoid
+    indenter: Sphere
+    law: str = "neo_hookean"
+    recipe: str = ""
+    control: Control = field(default_factory=Control)
+    solver: str = "auto"
+
+
+@dataclass(frozen=True)
+class Result:
+    """Channels at the asked travels, (n,): forces on the indenter (N), reaction of the support (N), largest |u_z| (mm).
+
+    `contact_error` is what the last augmentation changed (N).
+    """
+
+    travel: np.ndarray
+    Fz: np.ndarray
+    reaction: np.ndarray
+    uz_max: np.ndarray
+    contact_error: np.ndarray
+    counters: Counters
+    cpu_s: float
+
+
+# --------------------------------------------------------------------------------------------------- settings
+
+
+def read_settings(settings: Mapping[str, Any]) -> Settings:
+    """Settings from plain data; raises ValueError naming key, value and choices."""
+    data = dict(settings)
+    specimen = _table(data.pop("specimen", {}), "specimen", {"shape": "ellipsoid", "semi_axes": [60.0, 35.0, 35.0]})
+    _choice("specimen.shape", specimen["shape"], ["ellipsoid"])
+    body = Ellipsoid(*_lengths("specimen.semi_axes", specimen["semi_axes"], 3))
+    indenter = _table(data.pop("indenter", {}), "indenter", {"shape": "sphere", "radius": 3.0})
+    _choice("indenter.shape", indenter["shape"], ["sphere"])
+    sphere = Sphere(_lengths("indenter.radius", [indenter["radius"]], 1)[0])
+    support = _table(data.pop("support", {}), "support", {"kind": "fixed"})
+    _choice("support.kind", support["kind"], ["fixed"])
+    law = _choice("material.law", _table(data.pop("material", {}), "material", {"law": "neo_hookean"})["law"], LAWS)
+    point = data.pop("point", [0.0, 0.0])
+    if [float(v) for v in _numbers("point", point, 2)] != [0.0, 0.0]:
+        raise ValueError(f"point = {point} mm: only the top, [0, 0], is modelled so far")
+    _choice("direction", data.pop("direction", "vertical"), ["vertical", "normal"])
+    data.pop("speed", None)  # an elastic body does not know it
+    if data.pop("unload", False) is not False:
+        raise ValueError("unload = true: an elastic body unloads on its loading curve; leave the key out")
+    mesh = _table(data.pop("mesh", {}), "mesh", {"mesher": "tetwild", "level": "standard", "n": 12, "slip": 0.55})
+    solver = _choice("solver", data.pop("solver", "auto"), ["auto", "pardiso", "superlu"])
+    if data:
+        known = "specimen, indenter, support, material, point, direction, speed, unload, mesh, solver"
+        raise ValueError(f"unknown setting {sorted(data)[0]!r}; choose from {known}")
+    if sphere.R > 0.5 * float(body.semi_axes.min()):
+        raise ValueError(f"indenter.radius = {sphere.R} mm: only indenters much smaller than the specimen are modelled")
+    return Settings(body, sphere, law, _recipe(body, sphere, mesh), Control(), solver)
+
+
+def _recipe(body: Ellipsoid, sphere: Sphere, mesh: Mapping[str, Any]) -> str:
+    if _choice("mesh.mesher", mesh["mesher"], ["tetwild", "mapped"]) == "mapped":
+        n = mesh["n"]
+        if not isinstance(n, int) or not 4 <= n <= 40:
+            raise ValueError(f"mesh.n = {n!r}: number of subdivisions, an integer from 4 to 40")
+        slip = _numbers("mesh.slip", [mesh["slip"]], 1)[0]
+        if not 0.0 <= slip <= 0.8:
+            raise ValueError(f"mesh.slip = {slip}: grading of the mapped mesh, from 0 to 0.8")
+        return meshing.mapped_recipe(body, n, slip)
+    level = LEVELS[_choice("mesh.level", mesh["level"], LEVELS)]
+    scale = sphere.R / 3.0  # the levels are calibrated for R = 3 mm
+    sizing = replace(level, h0=level.h0 * scale, r0=level.r0 * scale, hmax=min(level.hmax, 0.7 * body.semi_axes.min()))
+    return meshing.tetwild_recipe(body, sizing)
+
+
+def _table(value: object, name: str, defaults: dict[str, Any]) -> dict[str, Any]:
+    if not isinstance(value, Mapping):
+        raise ValueError(f"{name} = {value!r}: a table with the keys {', '.join(defaults)} is expected")
+    unknown = sorted(set(value) - set(defaults))
+    if unknown:
+        raise ValueError(f"{name}.{unknown[0]} = {value[unknown[0]]!r}: unknown; choose from {', '.join(defaults)}")
+    return {**defaults, **value}
+
+
+def _choice(name: str, value: object, choices: Any) -> str:
+    if value not in list(choices):
+        raise ValueError(f"{name} = {value!r} is not modelled; choose from {', '.join(choices)}")
+    return str(value)
+
+
+def _numbers(name: str, value: object, count: int) -> list[float]:
+    good = isinstance(value, list | tuple) and len(value) == count
+    if not good or not all(isinstance(v, int | float) and np.isfinite(v) and not isinstance(v, bool) for v in value):
+        raise ValueError(f"{name} = {value!r}: {count} finite number(s) expected")
+    return [float(v) for v in value]
+
+
+def _lengths(name: str, value: object, count: int) -> list[float]:
+    numbers = _numbers(name, value, count)
+    if min(numbers) <= 0:
+        raise ValueError(f"{name} = {value!r} mm: must be positive")
+    return numbers
+
+
+# --------------------------------------------------------------------------------------------------- the run
+
+
+@dataclass(frozen=True)
+class Model:
+    """A discretised experiment that every law and every value of its knobs can share."""
+
+    body: element.Body
+    surface: ContactSurface
+    factor: linsolve.Factor
+    held: np.ndarray
+
+
+def build(settings: Settings, mesh: Mesh) -> Model:
+    """Quarter model: symmetry planes x = 0 and y = 0, surface below z = 0 held, contact around the top."""
+    quadratic = meshing.quadratic(settings.body, mesh)
+    X = quadratic.doflocs.T
+    facets = _curved_facets(quadratic)
+    held = X == 0.0
+    held[:, 2] = False
+    lower = np.unique(facets)
+    lower = lower[X[lower, 2] <= 1e-9]
+    held[lower] = True
+    body = element.discretise(quadratic, held)
+    near = np.linalg.norm(X[facets].mean(1) - settings.body.top, axis=1) < REACH * settings.indenter.R
+    surface = contact_surface(body, facets[near])
+    return Model(body, surface, linsolve.symmetric_solver(body.pattern, settings.solver), lower)
+
+
+def _curved_facets(mesh: MeshTet2) -> np.ndarray:
+    """Boundary facets that lie on the specimen's surface, not on a symmetry plane."""
+    facets = quadratic_facets(mesh, mesh.boundary_facets())
+    X = mesh.doflocs.T
+    return facets[~((X[facets, 0] == 0).all(1) | (X[facets, 1] == 0).all(1))]
+
+
+def solve(settings: Settings, law: Law, model: Model, asked_mm: np.ndarray) -> Result:
+    """Forces at the asked travels (mm, increasing); raises stepping.Stopped with what was reached."""
+    started = time.process_time()
+    epsilon = PENALTY * law.shear_modulus / settings.indenter.R
+    system = System(model.body, law, model.surface, settings.indenter, epsilon, model.factor)
+    touch = settings.body.top + [0.0, 0.0, settings.indenter.R]
+    down = np.array([0.0, 0.0, -1.0])
+    nothing = np.zeros(model.surface.weights.shape)
+    counters = Counters()
+    points = stepping.travel(
+        system, lambda s: Load(touch + s * down, nothing, down), np.asarray(asked_mm, float), settings.control, counters
+    )
+    return collect(model, points, counters, time.process_time() - started)
+
+
+def collect(model: Model, points: list[Point], counters: Counters, cpu_s: float) -> Result:
+    """Channels of the whole specimen (four quarters) from the points reached."""
+    at = [p.equilibrium.evaluation for p in points]
+    return Result(
+        travel=np.array([p.travel for p in points]),
+        Fz=np.array([4.0 * e.contact.force[2] for e in at]),
+        reaction=np.array([4.0 * (e.residual - e.contact.residual)[model.held, 2].sum() for e in at]),
+        uz_max=np.array([np.abs(e.u[:, 2]).max() for e in at]),
+        contact_error=np.array([4.0 * abs((p.previous_force - p.force)[2]) for p in points]),
+        counters=counters,
+        cpu_s=cpu_s,
+    )
+
