@@ -25,10 +25,10 @@ from rso.contract import knob
 
 LAWS = {"neo_hookean": NeoHooke, "linear_elastic": LinearElastic}
 LEVELS = {
-    "coarse": Sizing(0.7, 3.0, 0.6, 24.0),
-    "standard": Sizing(0.5, 3.0, 0.4, 24.0),
-    "fine": Sizing(0.4, 3.0, 0.25, 20.0),
-}
+    "coarse": Sizing(0.8, 2.5, 0.45, 40.0),
+    "standard": Sizing(0.5, 2.5, 0.3, 40.0),
+    "fine": Sizing(0.4, 2.5, 0.22, 40.0),
+}  # for R = 3 mm
 PENALTY = 900.0  # ε R/μ: the multipliers remove its error, so it only steers convergence
 REACH = 3.0  # facets within REACH·R of the first contact may touch
 
@@ -111,8 +111,8 @@ def _recipe(body: Ellipsoid, sphere: Sphere, mesh: Mapping[str, Any]) -> str:
             raise ValueError(f"mesh.slip = {slip}: grading of the mapped mesh, from 0 to 0.8")
         return meshing.mapped_recipe(body, n, slip)
     level = LEVELS[_choice("mesh.level", mesh["level"], LEVELS)]
-    scale = sphere.R / 3.0  # the levels are calibrated for R = 3 mm
-    sizing = replace(level, h0=level.h0 * scale, r0=level.r0 * scale, hmax=min(level.hmax, 0.7 * body.semi_axes.min()))
+    scale = sphere.R / 3.0
+    sizing = replace(level, h0=level.h0 * scale, r0=level.r0 * scale, hmax=1.15 * float(body.semi_axes.min()))
     return meshing.tetwild_recipe(body, sizing)
 
 

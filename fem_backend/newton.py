@@ -99,9 +99,8 @@ def factorise(
     state: PointState = stress.evaluate(system.law, at.H, tangent=True)
     bulk = element.stiffness(system.body, state.F, state.S_geometric, state.C)
     diagonal = system.body.pattern.indptr[:-1]  # the first entry of each row of an upper triangle
-    shift = 0.0
-    geometric = True
-    while True:
+    shift, geometric = 0.0, True
+    for _ in range(8):
         data = bulk.copy()
         moving = contact.tangent(
             system.surface, system.body.nodes + at.u, system.indenter, load.centre, system.epsilon,
@@ -117,9 +116,8 @@ def factorise(
             if geometric:
                 geometric = False
             else:
-                shift = 4.0 * shift or 1e-3 * float(np.median(bulk[diagonal]))
-            if counters.shifts % 20 == 0:
-                raise NotConverged("instability", "the tangent stays indefinite", ()) from None
+                shift = 10.0 * shift or 1e-3 * float(np.median(bulk[diagonal]))
+    raise NotConverged("instability", "the tangent stays indefinite", ())
 
 
 def solve(

@@ -24,7 +24,7 @@ class Control:
     medium: float = 1e-6
     tight: float = 1e-9
     augmentations: int = 1
-    smallest: float = 1e-4
+    smallest: float = 0.02
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rso.report.digits import DASH, aligned, clean, duration, known, percent, significant
+from rso.report.digits import DASH, aligned, clean, duration, known, percent, shortest, significant
 from rso.report.document import Block, Cell, Section, Table, Text, column, table, words
-from rso.report.reading import Results, listed, number, outputs, parameters, significant_short
+from rso.report.reading import Results, listed, number, outputs, parameters
 
 _EXIT = {
     0: "done and verified",
@@ -37,7 +37,7 @@ def _summary(results: Results) -> list[str]:
     design, c = results.get("design") or {}, results.get("counts") or {}
     said = []
     if design:
-        text = f"The design ({clean(design.get('kind'))}) asked for {significant_short(design.get('asked'))} runs"
+        text = f"The design ({clean(design.get('kind'))}) asked for {shortest(design.get('asked'))} runs"
         said.append(text + (f", and {design['held_out']} more held out." if design.get("held_out") else "."))
         similarity = design.get("similarity") or {}
         if similarity.get("story"):
@@ -46,7 +46,9 @@ def _summary(results: Results) -> list[str]:
             said.append(f"Exact similarity saved {similarity['runs_saved']} runs.")
     if known(c.get("fe_runs")):
         states = ", ".join(f"{c[k]} {k}" for k in ("done", "failed", "crashed") if known(c.get(k)))
-        said.append(f"In all, {c['fe_runs']} simulations: {states}; {c.get('from_store') or 0} answers from the store.")
+        said.append(
+            f"In all, {c['fe_runs']} simulations: {states}; {c.get('from_store') or 0} answers were in the store already."
+        )
     return [" ".join(said)] if said else []
 
 
@@ -60,7 +62,7 @@ def _proof(results: Results, proof: list[Mapping[str, Any]]) -> Table:
         column("by similarity", aligned([number(e.get("similar")) for e in proof])),
         column("difference", tuple(Cell(percent(number(e.get("relative_difference")))) for e in proof)),
     ]
-    return table("Similarity, checked on runs made both ways", columns)
+    return table("Similarity, checked on runs made both ways", columns, "Outputs in N, mm, MPa, s.")
 
 
 def _scaled(values: Mapping[str, Any], name: str, factor: float) -> float | None:
@@ -75,7 +77,10 @@ def _trouble(results: Results, troubled: list[Mapping[str, Any]]) -> Table:
         *_value_columns(results, troubled),
         column("in words", words([clean(r.get("reason")) or DASH for r in troubled]), number=False),
     ]
-    note = "Failed: the model itself has no answer there. Crashed: anything else; tried again next time. No number enters."
+    note = (
+        "Failed: the model itself has no answer there. Crashed: anything else, tried again next time. "
+        "Neither gives the response surface a number."
+    )
     return table("Runs without an answer", columns, note)
 
 
@@ -144,7 +149,7 @@ def _pairs(title: str, rows: list[tuple[str, str]], mark: str = "") -> Table:
 
 def _parameters(results: Results) -> Table:
     views = parameters(results)
-    low, high = ([significant_short(x) for x in ends] for ends in _ends(views))
+    low, high = ([shortest(x) for x in ends] for ends in _ends(views))
     state = [f"fixed at {p.show(p.fixed)}" if p.fixed is not None else "log" if p.log else "linear" for p in views]
     columns = [
         column("", words([p.letter for p in views]), number=False),
@@ -192,7 +197,7 @@ def _settings(value: object) -> str:
         return ", ".join(f"{clean(k)} = {_settings(v)}" for k, v in value.items())
     if isinstance(value, list | tuple):
         return f"[{', '.join(_settings(v) for v in value)}]"
-    return significant_short(value) if known(value) else clean(value)
+    return shortest(value) if known(value) else clean(value)
 
 
 def _data(results: Results) -> Table | None:
@@ -205,7 +210,7 @@ def _data(results: Results) -> Table | None:
         column("role", words([clean(e.get("role")) for e in every]), number=False),
         column("file", words([clean(e.get("file")) for e in every], "code"), number=False),
         column("channel", words([clean(e.get("channel")) for e in every]), number=False),
-        column("repeats", words([significant_short(e.get("n_repeats")) for e in every])),
+        column("repeats", words([shortest(e.get("n_repeats")) for e in every])),
         column("points", words([str(len(d)) for d in depth])),
         column("to depth", words([significant(max(d), 2) if d else DASH for d in depth]), "mm"),
         column("settings", words([_settings(e.get("settings") or {}) for e in every]), number=False),

@@ -122,6 +122,11 @@ def significant(x: float | None, digits: int = 4) -> str:
     return f"{mantissa} × 10{str(exponent).translate(_SUPERSCRIPT)}"
 
 
+def shortest(x: object) -> str:
+    """A number as a person wrote it (a depth, a count), or any text."""
+    return f"{x:.6g}" if known(x) else clean(x)
+
+
 def rounded(x: float | None, half_width: float | None) -> str:
     """x to the digit in which its half-width has its first (second, where the first is a 1)."""
     if not known(x) or not known(half_width) or half_width <= 0:
@@ -144,7 +149,7 @@ def quantity(x: float | None, unit: str, digits: int = 4, size: float | None = N
 
 def signed(x: float | None, text: str) -> str:
     """Text of a number with a plus sign where it is positive."""
-    return f"+{text}" if known(x) and x > 0 else text
+    return f"+{text}" if known(x) and x > 0 and text.strip("0.") else text
 
 
 def percent(fraction: float | None, digits: int = 2) -> str:
@@ -160,10 +165,17 @@ def between(low: float | None, high: float | None, unit: Unit, digits: int = 3) 
     """Two ends of a range with one unit, rounded by its width where that is small."""
     if not (known(low) and known(high)):
         return DASH
+    if low == high:
+        return f"{significant(low * unit.factor, digits)}{unit.after}"
+    return f"{' to '.join(ends(low, high, unit, digits))}{unit.after}"
+
+
+def ends(low: float, high: float, unit: Unit, digits: int = 3) -> tuple[str, str]:
+    """Two ends of a range without their unit, rounded by its width where that is small."""
     a, b = low * unit.factor, high * unit.factor
     narrow = 0 < b - a < 0.5 * abs(b)
-    text = [rounded(v, (b - a) / 2) if narrow else significant(v, digits) for v in (a, b)]
-    return f"{text[0]} to {text[1]}{unit.after}"
+    first, last = (rounded(v, (b - a) / 2) if narrow else significant(v, digits) for v in (a, b))
+    return first, last
 
 
 def duration(seconds: float | None) -> str:
@@ -180,19 +192,21 @@ def duration(seconds: float | None) -> str:
 def aligned(values: Sequence[float | None], digits: int = 4, plus: bool = False) -> tuple[Cell, ...]:
     """One column of numbers with their decimal points below each other.
 
-    The largest number gets `digits` significant digits and the others as many decimals; where the column spans
-    more than three decades each number gets its own digits, and invisible ones keep the points in line.
+    The largest number gets `digits` significant digits and the others as many decimals; where
+    that leaves the smallest fewer than two each number gets its own digits, and invisible ones keep the points in line.
     """
     sizes = [abs(v) for v in values if known(v) and v != 0]
     if not sizes:
         return tuple(Cell(fixed(v, 0) if known(v) else DASH) for v in values)
     decimals = max(places(max(sizes), digits), 0)
-    wide = max(sizes) >= 1e3 * min(sizes) and not plus
-    if wide and (min(sizes) < 1e-4 or max(sizes) >= 1e6):
+    wide = max(sizes) >= 10 ** max(digits - 2, 1) * min(sizes) and not plus
+    if max(sizes) < 1e-5 or max(sizes) >= 1e6 or (wide and min(sizes) < 1e-4):
         return tuple(Cell(significant(v, digits)) for v in values)
-    text = [
-        DASH if not known(v) else significant(v, digits) if wide else signed(v, fixed(v, decimals)) for v in values
-    ]
+    if wide:
+        text = [significant(v, digits) for v in values]
+    else:
+        text = [fixed(v, decimals) if known(v) else DASH for v in values]
+    text = [signed(v, s) for v, s in zip(values, text, strict=True)] if plus else text
     tail = [t.partition(".")[2] for t in text]
     longest = max(map(len, tail))
     pad = ["0" * (longest - len(t)) if t else ("." + "0" * longest) * (longest > 0) for t in tail]

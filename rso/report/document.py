@@ -19,7 +19,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Column:
-    """Heading of a column, with its unit; numbers stand to the right."""
+    """Heading of a column, with a second line for its unit or group; numbers stand to the right."""
 
     title: str
     unit: str = ""
@@ -52,7 +52,7 @@ class Text:
     """A paragraph; `role` says how it is set."""
 
     text: str
-    role: Literal["plain", "lead", "missing", "warning", "note"] = "plain"
+    role: Literal["plain", "lead", "heading", "missing", "warning", "note"] = "plain"
     kind: Literal["text"] = "text"
 
 
@@ -110,3 +110,8 @@ def table(title: str, columns: list[tuple[Column, tuple[Cell, ...]]], note: str 
     """A table from its columns, all of the same length."""
     rows = tuple(zip(*(cells for _, cells in columns), strict=True))
     return Table(title, tuple(heading for heading, _ in columns), rows, note, folded)
+
+
+def missing(what: str, stage: str) -> Text:
+    """A section that cannot be written yet."""
+    return Text(f"{what} are not there yet: the stage “{stage}” has not finished.", "missing")

@@ -1,9 +1,8 @@
-"""The results dictionary as a document: tables, captions and sentences.  Pure; never simulates, never fits, no markup."""
+"""The results dictionary as a document: tables, captions, sentences.  Pure: no simulation, no fit, no markup."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -18,31 +17,35 @@ from rso.report.digits import (
     largest,
     percent,
     quantity,
+    shortest,
     shown,
-    significant,
-    unit_text,
 )
-from rso.report.document import Block, Cell, Picture, Report, Section, Table, Text, column, table, words
+from rso.report.document import Block, Cell, Picture, Report, Section, Table, Text, column, missing, table, words
 from rso.report.reading import (
     Candidate,
-    Output,
     Results,
     best_candidate,
     candidates,
     curve_unit,
-    experiment,
     experiments,
     listed,
     number,
     outputs,
     parameters,
     points,
-    significant_short,
-    target_text,
+    target_output,
 )
+from rso.report.responses import front_section, sensitivity_section, surface_section
 from rso.report.verdict import verdict
 
 _METRICS = (("NRMSE", "nrmse", ""), ("MRE", "mre", ""), ("MAPE", "mape", "%"), ("RRMSE", "rrmse", ""))
+
+_KINDS = {
+    "valley": "a valley",
+    "islands": "separate solutions",
+    "front": "a front of compromises",
+    "single": "one solution",
+}
 
 
 def report(results: Results) -> Report:
@@ -67,11 +70,6 @@ def report(results: Results) -> Report:
             provenance(results),
         ),
     )
-
-
-def missing(what: str, stage: str) -> Text:
-    """A section that cannot be written yet."""
-    return Text(f"{what} are not there yet: the stage “{stage}” has not finished.", "missing")
 
 
 def candidate_section(results: Results) -> Section:
@@ -106,6 +104,8 @@ def _candidate_table(results: Results, s: Mapping[str, Any], chosen: list[Candid
     units = {o["output"]: known_outputs[o["output"]].unit for _, o in rows if o.get("output") in known_outputs}
     unit = next(iter(units.values()), Unit(""))
     predicted, recomputed, target = ([number(o.get(k)) for _, o in rows] for k in ("predicted", "recomputed", "target"))
+    asked = {target_output(t): number(t.get("sigma")) for t in s.get("targets") or ()}
+    sigma = [asked.get(o.get("output", "")) for _, o in rows]
     gap = [None if a is None or b is None else a - b for a, b in zip(predicted, recomputed, strict=True)]
     small = shown(next((known_outputs[i].base for i in units), ""), largest(gap))
     relative = [None if d is None or not b else 100 * d / abs(b) for d, b in zip(gap, recomputed, strict=True)]
@@ -119,6 +119,7 @@ def _candidate_table(results: Results, s: Mapping[str, Any], chosen: list[Candid
     columns += [
         column("Target", words(labels), number=False),
         column("wanted", _scaled(target, unit), unit.label),
+        column("± σ", aligned([s and s * unit.factor for s in sigma], 3), unit.label),
         column("predicted", _scaled(predicted, unit), unit.label),
         column("recomputed", _scaled(recomputed, unit), unit.label),
         column("difference", aligned([d and d * small.factor for d in gap], 3, plus=True), small.label),
@@ -132,8 +133,8 @@ def _zip(a: Sequence[Any], b: Sequence[Any]) -> Any:
     return zip(a, b, strict=True)
 
 
-def _scaled(values: Sequence[float | None], unit: Unit) -> tuple[Cell, ...]:
-    return aligned([None if v is None else v * unit.factor for v in values])
+def _scaled(values: Sequence[float | None], unit: Unit, digits: int = 4) -> tuple[Cell, ...]:
+    return aligned([None if v is None else v * unit.factor for v in values], digits)
 
 
 def _state(c: Candidate) -> Cell:
@@ -146,9 +147,8 @@ def _state(c: Candidate) -> Cell:
 
 
 def _search_title(s: Mapping[str, Any]) -> str:
-    targets = s.get("targets") or ()
-    kind = f" ({clean(s['kind'])})" if s.get("kind") else ""
-    return f"Search {clean(s['name'])}{kind}: {', '.join(target_text(t) for t in targets)}"
+    kind = clean(s.get("kind"))
+    return f"Search {clean(s['name'])}" + (f": {_KINDS.get(kind, kind)}" if kind else "")
 
 
 def _search_note(results: Results, s: Mapping[str, Any], chosen: list[Candidate]) -> str:
@@ -158,7 +158,7 @@ def _search_note(results: Results, s: Mapping[str, Any], chosen: list[Candidate]
     for p in parameters(results, free=True):
         ends = ranges.get(p.name) or ()
         if len(ends) == 2 and all(map(known, ends)):
-            a, b = (significant_short(float(f"{x * p.unit.factor:.4g}")) for x in ends)
+            a, b = (shortest(float(f"{x * p.unit.factor:.4g}")) for x in ends)
             each.append(f"{p.letter} {a} to {b}{p.unit.after}")
     if each:
         said.append(f"Searched: {', '.join(each)}.")
@@ -201,7 +201,7 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     inside = [(a, b, float(np.interp(a, x, f))) for a, b in zip(u, y, strict=True) if x[0] <= a <= x[-1]]
     a, b, c = max(inside, key=lambda row: abs(row[2] - row[1]))
     text = f"{name}: {best.label} deviates from the measurement by at most {quantity(abs(c - b), e['unit'], 2)}"
-    text += f" (at {significant(a, 2)} mm, where {quantity(b, e['unit'], 3, 1 / unit.factor)} was measured)."
+    text += f" (at {shortest(a)} mm, where {quantity(b, e['unit'], 3, 1 / unit.factor)} was measured)."
     du, sigma = points(m.get("depth"), m.get("sigma"))
     if du:
         s = dict(zip(du, sigma, strict=True))
@@ -220,18 +220,19 @@ def metric_rows(results: Results, name: str) -> list[tuple[str, str, Mapping[str
 
 
 def _metric_table(results: Results, e: Mapping[str, Any], rows: list[tuple[str, str, Mapping[str, Any]]]) -> Table:
-    unit = shown(e.get("unit", ""), largest([number(m.get("rmse")) for _, _, m in rows]))
+    unit = shown(e.get("unit", ""), min((r for _, _, m in rows if (r := number(m.get("rmse")))), default=None))
     names = tuple(Cell(label, mark=kind) for label, kind, _ in rows)
     columns = [
         column("Model", names, number=False),
-        column("RMSE", _scaled([number(m.get("rmse")) for _, _, m in rows], unit), unit.label),
+        column("RMSE", _scaled([number(m.get("rmse")) for _, _, m in rows], unit, 3), unit.label),
     ]
     for title, key, label in _METRICS:
-        columns.append(column(title, aligned([number(m.get(key)) for _, _, m in rows]), label))
+        columns.append(column(title, aligned([number(m.get(key)) for _, _, m in rows], 3), label))
     used = rows[0][2]
     note = (
-        f"Over {used['n']} points; {used.get('excluded') or 0} of them, too close to zero, do not enter the relative "
-        "norms. NRMSE = RMSE / mean(y), MRE = mean|Δ/y|, MAPE = 100 MRE, RRMSE = √mean((Δ/y)²)."
+        f"Over {used['n']} points; excluded from the relative norms, because too close to zero: "
+        f"{used.get('excluded') or 0}. NRMSE = RMSE / mean(y), MRE = mean(|Δ/y|), MAPE = 100 MRE, "
+        "RRMSE = √mean((Δ/y)²)."
         if known(used.get("n"))
         else ""
     )
@@ -245,7 +246,7 @@ def _validation_blocks(results: Results) -> list[Block]:
     rows = listed(results, "validation")
     if not rows:
         return [missing("Predictions of the validation experiments", "validate")]
-    blocks: list[Block] = []
+    blocks: list[Block] = [Text("Validation", "heading")]
     for k, e in enumerate(planned):
         mine = [v for v in rows if v.get("experiment") == e["name"]]
         if not mine:
@@ -265,7 +266,7 @@ def _validation_caption(e: Mapping[str, Any], rows: list[Mapping[str, Any]]) -> 
     if not off:
         return f"Validation with {clean(e['name'])}."
     low, high = (percent(x).replace("-", "−") for x in (min(off), max(off)))
-    at = significant(rows[0]["depth"][-1], 2) if rows[0].get("depth") else DASH
+    at = shortest(rows[0]["depth"][-1]) if rows[0].get("depth") else DASH
     where = f"{clean(e['name'])}, which was not used for the fit, at {at} mm"
     return f"Validation: {where}: predictions are off by {low if low == high else f'{low} to {high}'}."
 
@@ -278,7 +279,9 @@ def _validation_table(results: Results, e: Mapping[str, Any], rows: list[Mapping
     label = {(c.search, c.name): c.label for c in candidates(results)}
     names = [label.get((clean(v.get("search")), clean(v.get("candidate"))), clean(v.get("candidate"))) for v in rows]
     state = [
-        Cell("done") if v.get("state") == "done" else Cell(f"{clean(v.get('state'))}: {clean(v.get('cause'))}", mark="bad")
+        Cell("done")
+        if v.get("state") == "done"
+        else Cell(f"{clean(v.get('state'))}: {clean(v.get('cause'))}", mark="bad")
         for v in rows
     ]
     columns = [
@@ -297,149 +300,3 @@ def _validation_table(results: Results, e: Mapping[str, Any], rows: list[Mapping
     many = any(len(v.get("depth") or ()) > 1 for v in rows)
     note = ("Values are those at the last depth. " if many else "") + " ".join(reasons)
     return table(f"Validation with {clean(e['name'])}", columns, note)
-
-
-def surface_section(results: Results) -> Section:
-    """Section 4: the response surface and how well it is known."""
-    blocks: list[Block] = []
-    if listed(results, "surfaces"):
-        blocks.append(Picture("surface", _surface_caption(results)))
-    scores = listed(results, "surrogates")
-    if scores:
-        blocks.append(_score_table(scores, outputs(results)))
-    title = "Response surface"
-    return Section("surface", title, tuple(blocks) or (missing("Response surfaces", "surrogates"),))
-
-
-def _surface_caption(results: Results) -> str:
-    states = [r.get("state") for r in listed(results, "runs")]
-    parts = [f"{states.count('done')} runs done (dots)"]
-    parts += [f"{states.count('failed')} failed (crosses)"] if "failed" in states else []
-    parts += [f"{states.count('crashed')} crashed (triangles)"] if "crashed" in states else []
-    text = f"{', '.join(parts)}."
-    flat = not any((s.get("y") or {}).get("values") for s in listed(results, "surfaces"))
-    if listed(results, "searches"):
-        text += " Accent line: where the surface meets the target, dashed ±σ." if not flat else ""
-        text += " Numbered diamonds: candidates of the first search; small ones: of the others."
-    if flat:
-        text += " Band: the surrogate's own error on points that it has not seen."
-    others = {k: v for s in listed(results, "surfaces") for k, v in (s.get("others") or {}).items()}
-    held = [f"{p.letter} = {p.show(others[p.name])}" for p in parameters(results) if known(others.get(p.name))]
-    return text + (f" Held: {', '.join(held)}." if held else "")
-
-
-def _score_table(scores: list[Mapping[str, Any]], known_outputs: Mapping[str, Output]) -> Table:
-    views = [known_outputs.get(s["output"]) for s in scores]
-    labels = [v.label if v else clean(s["output"]) for v, s in _zip(views, scores)]
-    sized = [
-        shown(s.get("unit", ""), largest([number((s.get(k) or {}).get("max_abs")) for k in ("cross_validation", "held_out")]))
-        for s in scores
-    ]
-    columns = [
-        column("Output", words(labels), number=False),
-        column("surrogate", words([clean(s.get("kind")) for s in scores]), number=False),
-        column("runs", words([significant_short(s.get("n")) for s in scores])),
-    ]
-    for key, title in (("cross_validation", "cross-validated"), ("held_out", "held out")):
-        each = [s.get(key) or {} for s in scores]
-        for field, word in (("rmse", "RMSE"), ("max_abs", "largest")):
-            values = [number(e.get(field)) for e in each]
-            cells = aligned([None if v is None else v * u.factor for v, u in _zip(values, sized)], 3)
-            columns.append(column(f"{title} {word}", cells, ""))
-        columns.append(column("Q²", tuple(Cell(significant(number(e.get("q2")), 4)) for e in each)))
-    columns.append(column("unit", words([u.label for u in sized]), number=False))
-    held = {(s.get("held_out") or {}).get("n") for s in scores}
-    seen = ", ".join(f"{n}" for n in sorted(n for n in held if known(n)))
-    stories = list(dict.fromkeys(clean(s["story"]) for s in scores if s.get("story")))
-    note = (f"Held out: {seen} runs that no surrogate has seen. " if seen else "") + " ".join(stories)
-    return table("Errors of the surrogates", columns, note)
-
-
-def sensitivity_section(results: Results) -> Section:
-    """Section 5: what each parameter moves."""
-    data = results.get("sensitivity") or {}
-    if not data:
-        return Section("sensitivity", "Sensitivity", (missing("Sensitivities", "sensitivity"),))
-    blocks: list[Block] = [Text(_definition(results, data))]
-    if data.get("local") or data.get("sobol"):
-        blocks += [Picture("sensitivity", clean(data.get("story"))), _sensitivity_table(results, data)]
-    return Section("sensitivity", "Sensitivity", tuple(blocks))
-
-
-def _definition(results: Results, data: Mapping[str, Any]) -> str:
-    at = data.get("at") or {}
-    point = ", ".join(f"{p.letter} = {p.show(at[p.name])}" for p in parameters(results) if known(at.get(p.name)))
-    around = f" ({point})" if point else ""
-    return (
-        f"Local: the output at the two ends of a parameter's range with the others held{around}; the elasticity is "
-        "d ln y / d ln θ there. Sobol: the share of the output's variance over the whole box that a parameter causes "
-        "alone (first order) and together with the others (total), with bootstrap intervals, on the surrogate."
-    )
-
-
-def _sensitivity_table(results: Results, data: Mapping[str, Any]) -> Table:
-    views = outputs(results)
-    letters = {p.name: p.letter for p in parameters(results)}
-    sobol = {(b["output"], b["parameter"]): b for b in data.get("sobol") or ()}
-    local = {(b["output"], b["parameter"]): b for b in data.get("local") or ()}
-    keys = list(dict.fromkeys([*local, *sobol]))
-    first = [k == 0 or keys[k - 1][0] != key[0] for k, key in enumerate(keys)]
-    unit = [views[o].unit if o in views else Unit("") for o, _ in keys]
-    label = [views[o].label if o in views else clean(o) for o, _ in keys]
-    label = [f"{text} ({u.label})" if u.label else text for text, u in _zip(label, unit)]
-
-    def values(of: Mapping[Any, Any], field: str, scale: bool) -> list[float | None]:
-        found = [number(of.get(k, {}).get(field)) for k in keys]
-        return [v if v is None or not scale else v * u.factor for v, u in _zip(found, unit)]
-
-    def interval(field: str) -> tuple[Cell, ...]:
-        ends = [sobol.get(k, {}).get(field) or () for k in keys]
-        return words([" to ".join(significant(x, 3) for x in e) if len(e) == 2 else DASH for e in ends], "quiet")
-
-    columns = [
-        column("Output", tuple(Cell(t) if f else Cell("") for t, f in _zip(label, first)), number=False),
-        column("θ", words([letters.get(p, clean(p)) for _, p in keys]), number=False),
-        column("at low", aligned(values(local, "low", True))),
-        column("at high", aligned(values(local, "high", True))),
-        column("change", aligned(values(local, "change", True))),
-        column("elasticity", aligned(values(local, "elasticity", False), 3, plus=True)),
-        column("first", aligned(values(sobol, "first", False), 3)),
-        column("interval", interval("first_interval")),
-        column("total", aligned(values(sobol, "total", False), 3)),
-        column("interval", interval("total_interval")),
-    ]
-    return table("Local effects and Sobol indices", columns)
-
-
-def front_section(results: Results) -> Section:
-    """Section 6: the compromises between the targets, and the valley of one target."""
-    blocks: list[Block] = []
-    for s, group in groupby(listed(results, "searches"), key=lambda s: clean(s["name"])):
-        for entry in group:
-            front = entry.get("front") or {}
-            if front.get("values") and front.get("objectives"):
-                blocks.append(Picture(f"front-{s}", _front_caption(results, entry)))
-    title = "Compromises between the targets"
-    return Section("front", title, tuple(blocks) or (missing("Pareto fronts", "search"),))
-
-
-def _front_caption(results: Results, s: Mapping[str, Any]) -> str:
-    values, objectives = s["front"]["values"], s["front"]["objectives"]
-    targets = s.get("targets") or ()
-    what = f"Search {clean(s['name'])}: "
-    if len(targets) < 2:
-        spans = []
-        for p in parameters(results, free=True):
-            x = [v for e in values if known(v := e.get(p.name))]
-            if x:
-                spans.append(f"{p.letter} from {p.show(min(x), 3)} to {p.show(max(x), 3)}")
-        return f"{what}one target leaves a valley of {len(values)} points, {', '.join(spans)}."
-    unit = targets[0].get("unit", "")
-    worst = min(max(o) for o in objectives)
-    return (
-        f"{what}the best compromise of {len(values)} misses its worst target by {quantity(worst, unit, 2)}. "
-        "Diamonds: candidates, as predicted."
-    )
-
-
-__all__ = ["curve_caption", "metric_rows", "report", "unit_text"]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rso.report.digits import Unit, clean, known, largest, quantity, shown, significant, symbol
+from rso.report.digits import Unit, clean, known, largest, shortest, shown, significant, symbol
 
 Results = Mapping[str, Any]
 STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
@@ -57,6 +57,7 @@ class Candidate:
 
     search: str
     name: str
+    order: int
     best: bool
     data: Mapping[str, Any]
 
@@ -64,6 +65,12 @@ class Candidate:
     def label(self) -> str:
         """The name by which the whole report knows it."""
         return self.name if self.name.startswith(self.search) else f"{self.search} {self.name}"
+
+    @property
+    def mark(self) -> str:
+        """At most two characters for a mark in a figure: the name without the search, or its place in the table."""
+        rest = self.name.removeprefix(self.search).strip(" -_#:")
+        return rest if 0 < len(rest) <= 2 else str(self.order)
 
     @property
     def verified(self) -> bool:
@@ -129,18 +136,13 @@ def outputs(results: Results) -> dict[str, Output]:
     several = len({o["experiment"] for o in every}) > 1
     views = {}
     for o in every:
-        label = f"{clean(o['channel'])} at {significant_short(o['depth_mm'])} mm"
+        label = f"{clean(o['channel'])} at {shortest(o['depth_mm'])} mm"
         sizes = [number((r.get("outputs") or {}).get(o["id"])) for r in listed(results, "runs")]
         sizes += [number(e.get("predicted")) for c in candidates(results) for e in output_rows(c, o["id"])]
         unit = shown(o.get("unit", ""), largest(sizes))
         label = f"{clean(o['experiment'])}: {label}" if several else label
         views[o["id"]] = Output(o["id"], clean(o["experiment"]), label, o.get("unit", ""), unit)
     return views
-
-
-def significant_short(x: object) -> str:
-    """A depth in its shortest form."""
-    return f"{x:.6g}" if known(x) else clean(x)
 
 
 def output_rows(candidate: Candidate, output: str) -> list[Mapping[str, Any]]:
@@ -155,11 +157,12 @@ def candidates(results: Results) -> tuple[Candidate, ...]:
         Candidate(
             clean(s["name"]),
             clean(c["name"]),
+            k,
             best.get("search") == s["name"] and best.get("candidate") == c["name"],
             c,
         )
         for s in listed(results, "searches")
-        for c in s.get("candidates") or ()
+        for k, c in enumerate(s.get("candidates") or (), 1)
     )
 
 
@@ -186,15 +189,7 @@ def curve_unit(results: Results, name: str) -> Unit:
 
 def target_output(target: Mapping[str, Any]) -> str:
     """Id of the output that a target asks for."""
-    return f"{target['experiment']}:{target['channel']}@{significant_short(target['depth_mm'])}"
-
-
-def target_text(target: Mapping[str, Any]) -> str:
-    """A target in words: what, where, how much."""
-    value, sigma, unit = number(target.get("value")), number(target.get("sigma")), target.get("unit", "")
-    spread = f" ± {quantity(sigma, unit, 2)}" if sigma else ""
-    what = f"{clean(target['channel'])} at {significant_short(target['depth_mm'])} mm"
-    return f"{what} = {quantity(value, unit)}{spread}"
+    return f"{target['experiment']}:{target['channel']}@{shortest(target['depth_mm'])}"
 
 
 def finished(results: Results, stage: str) -> bool:

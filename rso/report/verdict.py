@@ -14,6 +14,7 @@ from rso.report.digits import (
     percent,
     quantity,
     rounded,
+    shortest,
     significant,
     unit_text,
 )
@@ -114,21 +115,23 @@ def _reason(results: Results) -> list[str]:
     """Why a parameter is not determined: along the valley it changes much and the targets do not."""
     open_ones = [(p, d) for p, d in interval_rows(results) if d.get("determined") is not True]
     said = [clean(d.get("story")) for _, d in open_ones if d.get("story")]
-    for s in listed(results, "searches"):
-        chosen = [c for c in candidates(results) if c.search == s["name"] and c.data.get("state") == "done"]
-        spread = _spread(chosen)
-        for p, _ in open_ones:
-            values = [v for c in chosen if known(v := c.value(p.name)) and v > 0]
-            if s.get("kind") == "valley" and len(values) > 1 and known(spread):
-                said.append(
-                    f"The candidates of search {clean(s['name'])} show it: {p.letter} goes from "
-                    f"{p.show(min(values), 3)} to {p.show(max(values), 3)}, a factor of "
-                    f"{significant(max(values) / min(values), 2)}, and yet their recomputed target values differ by "
-                    f"at most {percent(spread)}."
-                )
-        if len(said) > len(open_ones):
-            break
-    return said
+    valleys = [clean(s["name"]) for s in listed(results, "searches") if s.get("kind") == "valley"]
+    shown_by = [text for name in valleys for p, _ in open_ones if (text := _valley(results, name, p))]
+    return said + shown_by[:1]
+
+
+def _valley(results: Results, name: str, p: Parameter) -> str:
+    """What the candidates of one search show about a parameter, or nothing."""
+    chosen = [c for c in candidates(results) if c.search == name and c.data.get("state") == "done"]
+    values = [v for c in chosen if known(v := c.value(p.name)) and v > 0]
+    spread = _spread(chosen)
+    if len(values) < 2 or spread is None:
+        return ""
+    return (
+        f"The candidates of search {name} show it: {p.letter} goes from {p.show(min(values), 3)} to "
+        f"{p.show(max(values), 3)}, a factor of {significant(max(values) / min(values), 2)}, and yet their recomputed "
+        f"target values differ by at most {percent(spread)}."
+    )
 
 
 def _spread(chosen: list[Candidate]) -> float | None:
@@ -156,7 +159,9 @@ def _verification(results: Results) -> list[str]:
     if missed:
         each = ", ".join(f"{c.label} ({percent(c.data.get('agreement'))})" for c in missed)
         said.append(f"Not within the tolerance: {each}.")
-    stopped = [f"{c.label} ({clean(c.data.get('state'))})" for c in every if c.data.get("state") in ("failed", "crashed")]
+    stopped = [
+        f"{c.label} ({clean(c.data.get('state'))})" for c in every if c.data.get("state") in ("failed", "crashed")
+    ]
     if stopped:
         said.append(f"Without an answer: {', '.join(stopped)}.")
     added = sum(s.get("infill") or 0 for s in listed(results, "searches"))
@@ -202,18 +207,21 @@ def _validation(results: Results) -> list[str]:
 def _one_validation(e: Mapping[str, Any], v: Mapping[str, Any]) -> str:
     name, unit = clean(e["name"]), e.get("unit", "")
     if v.get("state") != "done":
-        return f"Validation with {name}: the run {clean(v.get('state'))} ({clean(v.get('cause'))}: {clean(v.get('reason'))})."
+        why = f"{clean(v.get('cause'))}: {clean(v.get('reason'))}"
+        return f"Validation with {name}: the run {clean(v.get('state'))} ({why})."
     if len(v.get("depth") or ()) == 1:
         depth, y, f = v["depth"][0], number(v["measured"][0]), number(v["predicted"][0])
         if y and f is not None:
             relative = (f - y) / abs(y)
-            way = "more" if relative > 0 else "less"
+            way = "high" if relative > 0 else "low"
             text = (
-                f"Validation, not used for the fit: {name} at {significant(depth, 2)} mm is predicted as "
-                f"{quantity(f, unit)} and was measured as {quantity(y, unit)}, that is {percent(abs(relative))} {way}"
+                f"Validation, not used for the fit: {name} at {shortest(depth)} mm was measured as "
+                f"{quantity(y, unit)} and is predicted as {quantity(f, unit)}, {percent(abs(relative))} too {way}"
             )
             sigma = number((v.get("sigma") or [None])[0])
-            return text + (f" ({significant(abs(f - y) / sigma, 2)} standard deviations)." if sigma else ".")
+            return text + (
+                f" ({significant(abs(f - y) / sigma, 2)} standard deviations of the measurement)." if sigma else "."
+            )
     m = v.get("metrics") or {}
     return f"Validation, not used for the fit: {name} is predicted with an NRMSE of {significant(m.get('nrmse'), 3)}."
 
@@ -223,15 +231,12 @@ def _cost(results: Results) -> str:
     if not known(c.get("fe_runs")):
         return ""
     text = f"This took {c['fe_runs']} simulations"
-    details = [
-        f"{c[k]} {word}"
-        for k, word in (("failed", "failed"), ("crashed", "crashed"), ("from_store", "taken from the store"))
-        if c.get(k)
-    ]
+    details = [f"{c[k]} {word}" for k, word in (("failed", "failed"), ("crashed", "crashed")) if c.get(k)]
     text += f" ({', '.join(details)})" if details else ""
     text += f" and {duration(t['total'])} of wall time" if known(t.get("total")) else ""
     if c.get("saved_by_similarity"):
         text += f"; {c['saved_by_similarity']} of the {c.get('asked')} runs asked for were saved by exact similarity"
+    text += f"; {c['from_store']} answers were in the store already" if c.get("from_store") else ""
     return text + "."
 
 
@@ -242,9 +247,9 @@ def _facts(results: Results) -> tuple[Fact, ...]:
         if d.get("determined") is True:
             x = best.value(p.name) if best else None
             value = span if x is None else _value(p, x, d["interval"], p.unit)
-            facts.append(Fact(p.letter, value, f"determined: {span}", "good"))
+            facts.append(Fact(p.letter, value, f"determined; compatible with the data: {span}", "good"))
         else:
-            facts.append(Fact(p.letter, "open", f"not determined: {span}", "warn"))
+            facts.append(Fact(p.letter, "not determined", f"{span} can all meet the targets", "warn"))
     if best:
         for name in list(best.data.get("metrics") or {})[:1]:
             base = ((results.get("baseline") or {}).get(name) or {}).get("nrmse")
@@ -266,7 +271,7 @@ def _validation_fact(results: Results, best: Candidate | None) -> list[Fact]:
         if best and (v.get("search"), v.get("candidate")) == (best.search, best.name) and v.get("state") == "done":
             y, f = number((v.get("measured") or [None])[-1]), number((v.get("predicted") or [None])[-1])
             if y and f is not None:
-                depth = significant(v["depth"][-1], 2)
+                depth = shortest(v["depth"][-1])
                 value = f"{'+' if f > y else ''}{percent((f - y) / abs(y))}".replace("-", "−")
                 return [Fact("Validation", value, f"{clean(v['experiment'])} at {depth} mm, predicted − measured")]
     return []

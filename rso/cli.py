@@ -1,0 +1,213 @@
+"""rso check | run | status | report : parse, call a stage, print."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+
+import rso
+
+EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_STORE = 2, 130, 1
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Console script; returns the exit code."""
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    options = _parser().parse_args(arguments)
+    from rso.store import StoreError
+    from rso.study import StudyError
+
+    try:
+        return options.call(options, shlex.join(["rso", *arguments]))
+    except StudyError as error:
+        print(error, file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except StoreError as error:
+        print(f"rso: {error}", file=sys.stderr)
+        return EXIT_STORE
+    except KeyboardInterrupt:
+        print("\nrso: interrupted; everything finished is stored, the same command goes on from there", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        return EXIT_STORE
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="rso", description="Response surface optimisation for indentation tests.",
+        epilog="exit codes: 0 done and verified, 2 bad study or data, 3 some runs failed, 4 not verified, "
+        "5 a required parameter is not determined, 130 interrupted (resumable)",
+    )  # fmt: skip
+    parser.add_argument("--version", action="version", version=f"rso {rso.__version__}")
+    commands = parser.add_subparsers(required=True, metavar="command")
+    for name, call, text in (
+        ("check", _check, "read a study, say what would run and about how long; compute nothing"),
+        ("run", _run, "run a study, or go on with it, and write its report"),
+        ("status", _status, "say how far a study is"),
+        ("report", _report, "write the report again from results.json"),
+    ):
+        command = commands.add_parser(name, help=text, description=text)
+        command.add_argument("study", type=Path, help="study.toml, or the folder that holds it")
+        command.add_argument("--out", type=Path, help="folder of the results (default: results/ beside the study)")
+        command.set_defaults(call=call)
+        if name == "run":
+            command.add_argument("--jobs", type=int, help="simulations at a time (default: dispatch.jobs)")
+            command.add_argument("--fresh", action="store_true", help="move the old results aside and start again")
+    return parser
+
+
+def _check(options: argparse.Namespace, command: str) -> int:
+    from rso.study import load
+    from rso.study.plan import fe_design, full_design, make_plan, proofs
+
+    study = load(options.study)
+    plan = make_plan(study)
+    similar = plan.group.reference is not None
+    design, held = fe_design(plan, similar)
+    asked = len(full_design(plan))
+    proof = len(proofs(plan, design)) if similar else 0
+    cases = len(plan.cases)
+    last = sum(study.search.candidates for _ in plan.searches) + study.search.candidates * len(plan.validation)
+    total = cases * (len(design) + len(held) + proof) + last
+    print(f"{study.file}: good")
+    print(f"  {study.study.title}")
+    for axis in plan.resolved.axes:
+        print(f"  {axis.name}: {axis.low:g} to {axis.high:g} {axis.parameter.unit} ({axis.scale}), {axis.parameter.description}")
+    for name, value in plan.resolved.fixed.items():
+        print(f"  {name} = {value:g} (fixed)")
+    for e in study.experiments:
+        curve = plan.curves[e.name]
+        print(f"  experiment {e.name!r} ({e.role}): {len(curve.depth)} depths to {curve.depth.max():g} mm, {curve.n_repeats} repeat(s)")
+    print(f"  design: {study.doe.kind}, {asked} runs asked + {study.doe.held_out} held out; similarity: {plan.group.why}")
+    print(f"  simulations: {cases * len(design)} design + {cases * len(held)} held out + {cases * proof} proof + up to {last} "
+          f"candidates and validations = {total}, and at most {study.verify.max_infill} infill a search")  # fmt: skip
+    folder = _folder(options, study.folder)
+    seconds, known = _seconds_per_run(folder)
+    jobs = study.dispatch.jobs
+    basis = "as measured in this study" if known else "a guess, nothing was run yet"
+    print(f"  about {total * seconds / jobs / 60:.1f} min with {jobs} job(s) ({seconds:.0f} s a simulation, {basis})")
+    print(f"  results: {folder}")
+    return 0
+
+
+def _seconds_per_run(folder: Path) -> tuple[float, bool]:
+    from rso.store import RunStore, StoreError
+
+    try:
+        with RunStore(folder, read_only=True) as store:
+            walls = [r.wall_s for r in store.rows() if r.wall_s]
+    except StoreError:
+        walls = []
+    return (sum(walls) / len(walls), True) if walls else (10.0, False)
+
+
+def _run(options: argparse.Namespace, command: str) -> int:
+    from rso.progress import Progress
+    from rso.report import render
+    from rso.running import WorkerPool
+    from rso.store import RunStore
+    from rso.study import load
+    from rso.study.plan import make_plan
+    from rso.study.stages import NothingToFit
+    from rso.study.whole import run_study
+
+    study = load(options.study)
+    plan = make_plan(study)
+    jobs = study.dispatch.jobs if options.jobs is None else options.jobs
+    if jobs < 1:
+        print(f"rso: --jobs {jobs}: at least 1 is needed", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    folder = _folder(options, study.folder)
+    if options.fresh and folder.exists():
+        aside = folder.with_name(f"{folder.name}-{datetime.now():%Y%m%d-%H%M%S}")
+        folder.rename(aside)
+        print(f"old results moved to {aside}")
+    with (
+        RunStore(folder) as store,
+        WorkerPool(jobs, source=plan.source, timeout_s=study.dispatch.timeout) as pool,
+        Progress() as progress,
+    ):
+        try:
+            found = run_study(
+                plan, store, pool, folder, command=command, jobs=jobs, watch=progress.watch, say=progress.say
+            )
+        except NothingToFit as error:
+            progress.say(f"stopped: {error}")
+            return 3
+    files = render(found, folder, html=study.report.html, pdf=study.report.pdf)
+    _summary(found, files)
+    return int(found["exit_code"])
+
+
+def _summary(found: dict, files: list[Path]) -> None:  # type: ignore[type-arg]
+    counts, best = found["counts"], found["best"]
+    print(f"\n{found['study']['title']}")
+    for name, state in found["determined"].items():
+        print(f"  {name}: {state['story']}")
+    if best:
+        candidate = next(
+            c for s in found["searches"] if s["name"] == best["search"] for c in s["candidates"] if c["name"] == best["candidate"]
+        )
+        units = {p["name"]: p["unit"] for p in found["parameters"]}
+        values = ", ".join(f"{k} = {v:.4g} {units[k]}" for k, v in candidate["values"].items())
+        scores = "; ".join(f"NRMSE {m['nrmse']:.4f} on {e}" for e, m in candidate["metrics"].items())
+        print(f"  best verified candidate ({best['candidate']}): {values}; {scores}")
+    for v in found["validation"]:
+        predicted = f"predicted {v['predicted'][-1]:.4g}, measured {v['measured'][-1]:.4g}" if len(v["predicted"]) else f"{v['state']}: {v['reason']}"
+        print(f"  validation {v['experiment']} with {v['candidate']}: {predicted}")
+    print(f"  {counts['fe_runs']} simulations ({counts['done']} done, {counts['failed']} failed, {counts['crashed']} crashed), "
+          f"{counts['saved_by_similarity']} saved by similarity, {found['timings']['total']:.0f} s")  # fmt: skip
+    for warning in found["warnings"]:
+        print(f"  warning: {warning}")
+    for file in files:
+        print(f"  {file}")
+
+
+def _status(options: argparse.Namespace, command: str) -> int:
+    from rso.store import RunStore
+    from rso.study import load
+
+    study = load(options.study)
+    folder = _folder(options, study.folder)
+    if not folder.exists():
+        print(f"{study.file}: not started ({folder} does not exist)")
+        return 0
+    with RunStore(folder, read_only=True) as store:
+        rows = list(store.rows())
+    for state in ("done", "failed", "crashed"):
+        print(f"{state}: {sum(r.state == state for r in rows)}")
+    for row in rows:
+        if row.state != "done":
+            print(f"  {row.state} {row.key[:12]} {dict(row.values)}: {(row.reason or '').splitlines()[0]}")
+    return 0
+
+
+def _report(options: argparse.Namespace, command: str) -> int:
+    import json
+
+    from rso.report import render
+    from rso.study import load
+
+    study = load(options.study)
+    folder = _folder(options, study.folder)
+    path = folder / "results.json"
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        print(f"rso: {path}: {error}; run the study first: rso run {options.study}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    for file in render(found, folder, html=True, pdf=True):
+        print(file)
+    return 0
+
+
+def _folder(options: argparse.Namespace, study: Path) -> Path:
+    return (options.out or study / "results").absolute()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

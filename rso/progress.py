@@ -1,0 +1,78 @@
+"""What is going on: a live line on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any
+
+from rso.running import Event, Finished, Planned, Preparing, Retried
+
+EVERY_S = 20.0  # between plain lines
+
+
+class Progress:
+    """Context manager; `watch` takes the events of the dispatcher, `say` the stages of a study."""
+
+    def __init__(self) -> None:
+        self._terminal = sys.stdout.isatty()
+        self._bar: Any = None
+        self._task: Any = None
+        self._started = self._last = time.monotonic()
+        self._counts = {"done": 0, "failed": 0, "crashed": 0}
+        self._first = 0
+
+    def __enter__(self) -> Progress:
+        if self._terminal:
+            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+            self._bar = Progress(*columns, transient=True)
+            self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def say(self, text: str) -> None:
+        """One line."""
+        if self._bar is not None:
+            self._bar.console.print(text, markup=False, highlight=False)
+        else:
+            print(text, flush=True)
+
+    def watch(self, event: Event) -> None:
+        """Show an event of :func:`rso.running.run_all`."""
+        if isinstance(event, Preparing):
+            self.say(f"  preparing {event.n_artefacts} artefact(s) (meshes)")
+        elif isinstance(event, Planned):
+            self._planned(event)
+        elif isinstance(event, Retried):
+            self.say(f"  {event.name}: crashed, tried again ({event.reason.splitlines()[0]})")
+        elif isinstance(event, Finished):
+            self._finished(event)
+
+    def _planned(self, event: Planned) -> None:
+        self._counts = {"done": 0, "failed": 0, "crashed": 0}
+        self._started, self._first = time.monotonic(), event.n_cached
+        if event.n_runs > event.n_cached:
+            known = f", {event.n_cached} of them in the store" if event.n_cached else ""
+            self.say(f"  {event.n_runs} simulations{known}")
+        if self._bar is not None:
+            if self._task is not None:
+                self._bar.remove_task(self._task)
+            self._task = self._bar.add_task("  simulating", total=event.n_runs, completed=event.n_cached)
+
+    def _finished(self, event: Finished) -> None:
+        self._counts[event.state] += 1
+        if self._bar is not None:
+            bad = [f"{n} {state}" for state, n in self._counts.items() if n and state != "done"]
+            self._bar.update(self._task, completed=event.n_done, description="  simulating " + " ".join(bad))
+            return
+        now = time.monotonic()
+        if event.n_done == event.n_runs or now - self._last > EVERY_S or event.state != "done":
+            self._last = now
+            rest = (now - self._started) / max(event.n_done - self._first, 1) * (event.n_runs - event.n_done)
+            counts = ", ".join(f"{n} {state}" for state, n in self._counts.items() if n)
+            print(f"  {event.n_done}/{event.n_runs} ({counts}), about {rest:.0f} s left", flush=True)

@@ -1,0 +1,68 @@
+"""The report as one HTML file and one PDF: the same document, poured into two templates."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import typst
+from markupsafe import Markup
+
+from rso.report.document import Picture, Report
+from rso.report.figures import draw
+from rso.report.numbers import report
+
+_HERE = Path(__file__).parent
+
+
+def render(results: Mapping[str, Any], folder: Path, html: bool = True, pdf: bool = True) -> list[Path]:
+    """Write report.html and report.pdf into `folder` from the documented layout of results.json; list of files.
+
+    The same results give the same bytes. A study that is not complete gives a report that says what is missing.
+    """
+    document = report(results)
+    names = [b.name for s in document.sections for b in s.blocks if isinstance(b, Picture)]
+    figures = {name: draw(results, name) for name in names}
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    if html:
+        written.append(_write(folder / "report.html", html_page(document, figures).encode("utf-8")))
+    if pdf:
+        written.append(_write(folder / "report.pdf", pdf_page(document, figures)))
+    return written
+
+
+def html_page(document: Report, figures: Mapping[str, str]) -> str:
+    """One self-contained file; every text is escaped, only our own figures are markup."""
+    loader = jinja2.FileSystemLoader(_HERE)
+    environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
+    environment.trim_blocks = environment.lstrip_blocks = True
+    template = environment.get_template("page.html.j2")
+    return template.render(report=document, figures={k: Markup(v) for k, v in figures.items()})
+
+
+def pdf_page(document: Report, figures: Mapping[str, str]) -> bytes:
+    """A4 pages set by typst; texts travel as JSON strings, which it never reads as markup."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for figure, svg in figures.items():
+            (folder / f"{figure}.svg").write_text(svg, encoding="utf-8", newline="\n")
+        data = json.dumps(dataclasses.asdict(document), ensure_ascii=False)
+        (folder / "report.json").write_text(data, encoding="utf-8")
+        source = folder / "page.typ"
+        source.write_bytes((_HERE / "page.typ").read_bytes())
+        return typst.compile(str(source), root=str(folder), format="pdf", ignore_system_fonts=True)
+
+
+def _write(path: Path, content: bytes) -> Path:
+    """Whole or not at all: an interrupted report leaves the last one."""
+    part = path.with_name(f"{path.name}.part")
+    part.write_bytes(content)
+    os.replace(part, path)
+    return path

@@ -1,0 +1,363 @@
+"""The stages of a study, one function each: design → surrogates → sensitivity → search and verify → validate."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from rso import search, sensitivity
+from rso.curves import Metrics, Resampling, baseline, metrics
+from rso.emulator import Emulator, Output, Sample, learn
+from rso.running import Event, Outcome, Task, run_all
+from rso.search import Choice
+from rso.store import Done, RunStore
+from rso.study.plan import Plan, SearchPlan, fe_design, full_design, proofs
+from rso.surrogates import Scores
+from rso.targets import residuals, violations
+from rso.verify import Candidate, Verified, agreement, verify
+
+SIMILAR_TO = 1e-8  # relative difference up to which two runs count as the same by similarity
+
+Watch = Callable[[Event], None]
+
+
+class NothingToFit(RuntimeError):
+    """Too few runs are done for a surrogate; the message says how the others ended."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """Where runs happen: the store, an executor and somebody who watches."""
+
+    plan: Plan
+    store: RunStore
+    executor: Executor
+    watch: Watch | None = None
+
+    def run(self, values: Sequence[Mapping[str, float]]) -> list[tuple[Outcome, ...]]:
+        """Outcomes of each point, one per case, in order."""
+        tasks = [task for v in values for task in self.plan.tasks(v)]
+        outcomes = run_all(self.plan.backend, tasks, self.store, self.executor, watch=self.watch)
+        n = len(self.plan.cases)
+        return [tuple(outcomes[k * n : (k + 1) * n]) for k in range(len(values))]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A point that was run, why, and how its cases ended."""
+
+    purpose: str
+    values: Mapping[str, float]
+    outcomes: tuple[Outcome, ...]
+
+    @property
+    def done(self) -> bool:
+        """Whether every case has an answer."""
+        return all(isinstance(o, Done) for o in self.outcomes)
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """Similarity put to the test: a direct run against the design run scaled; None where one of them failed."""
+
+    values: Mapping[str, float]
+    direct: float | None
+    similar: float | None
+    relative_difference: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """What was run to learn from; `asked` (runs, d) is the design of the study file in the unit cube."""
+
+    asked: np.ndarray
+    similar: bool
+    story: str
+    proofs: tuple[Proof, ...]
+    runs: tuple[Run, ...]
+
+    def samples(self, plan: Plan, purpose: str) -> list[Sample]:
+        """Runs of one purpose that are done."""
+        return [sample(plan, r.values, r.outcomes) for r in self.runs if r.purpose == purpose and r.done]
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """Surrogates of all outputs, and their errors on held-out runs before these were learnt too."""
+
+    emulator: Emulator
+    held_out: Mapping[str, Scores]
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """Local bars and Sobol indices by output id, at the centre (d,) of the unit cube."""
+
+    at: np.ndarray
+    local: Mapping[str, tuple[sensitivity.LocalBar, ...]]
+    sobol: Mapping[str, sensitivity.SobolIndices]
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A search that is finished and verified."""
+
+    plan: SearchPlan
+    front: search.Front
+    result: Verified
+    story: str
+    metrics: tuple[Mapping[str, Metrics], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """One experiment kept for the end, predicted by one candidate of the main search."""
+
+    experiment: str
+    candidate: int
+    outcome: Outcome
+    depth: np.ndarray
+    measured: np.ndarray
+    sigma: np.ndarray
+    predicted: np.ndarray | None
+    metrics: Metrics | None
+
+
+def sample(plan: Plan, values: Mapping[str, float], outcomes: Sequence[Outcome]) -> Sample:
+    """Outputs of a point whose runs are all done."""
+    outputs = {}
+    for output in (*plan.outputs, *plan.extras):
+        outcome = outcomes[plan.case_of[output.experiment]]
+        assert isinstance(outcome, Done)
+        outputs[output.id] = output.read(outcome.response)
+    return Sample(dict(values), outputs)
+
+
+# ------------------------------------------------------------------------------------------------------ design
+
+
+def run_design(bench: Bench) -> Design:
+    """Run the design; with similarity first the reduced one and its proof, the full one if the proof fails."""
+    plan = bench.plan
+    asked = full_design(plan)
+    if plan.group.reference is None:
+        return Design(asked, False, plan.group.why, (), _runs(bench, *fe_design(plan, False), []))
+    points, held = fe_design(plan, True)
+    pairs = proofs(plan, points)
+    runs = _runs(bench, points, held, [direct for direct, _ in pairs])
+    proved = tuple(_proof(plan, pair, runs) for pair in pairs)
+    wrong = [p for p in proved if p.relative_difference is not None and p.relative_difference > SIMILAR_TO]
+    if not wrong:
+        return Design(asked, True, plan.group.why, proved, runs)
+    worst = max(p.relative_difference or 0.0 for p in wrong)
+    story = f"not applied: the proof runs differ by {worst:.1e}, more than {SIMILAR_TO:g}; the backend is not similar"
+    return Design(asked, False, story, proved, (*runs, *_runs(bench, *fe_design(plan, False), [])))
+
+
+def _runs(bench: Bench, design: list[dict], held: list[dict], direct: list[dict]) -> tuple[Run, ...]:  # type: ignore[type-arg]
+    purposes = ["design"] * len(design) + ["held_out"] * len(held) + ["proof"] * len(direct)
+    points = [*design, *held, *direct]
+    return tuple(Run(p, v, o) for p, v, o in zip(purposes, points, bench.run(points), strict=True))
+
+
+def _proof(plan: Plan, pair: tuple[dict, dict], runs: Sequence[Run]) -> Proof:  # type: ignore[type-arg]
+    direct, similar = (next(r for r in runs if r.values == v) for v in pair)
+    if not (direct.done and similar.done):
+        return Proof(pair[0], None, None, None)
+    ratio = pair[0][plan.group.reference] / plan.group.reference_value
+    a, b = sample(plan, *_of(direct)).outputs, sample(plan, *_of(similar)).outputs
+    scaled = {o.id: plan.group.expand(o.channel, b[o.id], ratio) for o in plan.outputs}
+    worst = max(plan.outputs, key=lambda o: abs(a[o.id] - scaled[o.id]) / abs(a[o.id]))
+    return Proof(pair[0], a[worst.id], scaled[worst.id], abs(a[worst.id] - scaled[worst.id]) / abs(a[worst.id]))
+
+
+def _of(run: Run) -> tuple[Mapping[str, float], tuple[Outcome, ...]]:
+    return run.values, run.outcomes
+
+
+# ------------------------------------------------------------------------------------------------------ surrogates
+
+
+def fit_surrogates(plan: Plan, design: Design) -> Fitted:
+    """Fit all outputs on the design, score on the held-out runs, then learn those too (and the proofs)."""
+    kind = plan.study.surrogate.kind
+    kind = "auto" if kind == "whole_curve" else kind
+    learnt, held = design.samples(plan, "design"), design.samples(plan, "held_out")
+    varying = [o for o in plan.extras if learnt and np.ptp([s.outputs[o.id] for s in learnt]) > 1e-9]
+    outputs = [*plan.outputs, *varying]
+    similar = design.similar
+    group = plan.group if similar else dataclasses.replace(plan.group, reference=None)
+    try:
+        first = learn(plan.box, group, outputs, learnt, kind=kind, seed=plan.seed)
+        scores = {o.id: first.score(o, held) for o in outputs} if held else {}
+        everything = [*learnt, *held, *design.samples(plan, "proof")]
+        emulator = learn(plan.box, group, outputs, everything, kind=kind, seed=plan.seed) if held else first
+    except ValueError as error:
+        ended = [o for r in design.runs for o in r.outcomes if not isinstance(o, Done)]
+        text = "; ".join(sorted({o.reason.splitlines()[0] for o in ended})) or "none failed"
+        raise NothingToFit(f"{error} ({len(learnt)} of {len(design.runs)} runs done; the others: {text})") from error
+    return Fitted(emulator, scores)
+
+
+# ------------------------------------------------------------------------------------------------------ sensitivity
+
+
+def analyse(plan: Plan, fitted: Fitted) -> Sensitivity:
+    """Local bars and Sobol indices of the targets of the main search and of the extra outputs."""
+    table = plan.study.sensitivity
+    centre = np.full(plan.box.d, 0.5)
+    emulator = fitted.emulator
+    wanted = [*plan.searches[0].outputs, *(o for o in emulator.outputs if o in plan.extras)]
+    samples = 2 ** max(2, round(np.log2(table.samples)))
+    local, sobol = {}, {}
+    for output in dict.fromkeys(wanted):
+
+        def predict(X: np.ndarray, output: Output = output) -> np.ndarray:
+            return emulator.mean(output, X)
+
+        if table.local:
+            local[output.id] = sensitivity.local(predict, centre, plan.box.names, plan.box)
+        if table.sobol:
+            sobol[output.id] = sensitivity.sobol(predict, plan.box.d, plan.seed, n=samples)
+    return Sensitivity(centre, local, sobol)
+
+
+# ------------------------------------------------------------------------------------------------------ search
+
+
+def find(bench: Bench, wanted: SearchPlan, emulator: Emulator) -> Found:
+    """NSGA-II on the surrogates, candidates, their reruns, infill until predicted and recomputed agree."""
+    plan, table = bench.plan, bench.plan.study.search
+    fronts: list[search.Front] = []
+
+    def propose(current: Emulator) -> Choice:
+        front, choice = _propose(plan, wanted, current)
+        fronts.append(front)
+        return choice
+
+    def rerun(current: Emulator, choice: Choice) -> list[Candidate]:
+        points = [plan.values(x) for x in choice.X]
+        return [
+            _candidate(plan, wanted, current, x, v, outcomes)
+            for x, v, outcomes in zip(choice.X, points, bench.run(points), strict=True)
+        ]
+
+    def enrich(current: Emulator, candidates: list[Candidate]) -> Emulator:
+        known = {tuple(sorted(s.values.items())) for s in current.samples}
+        new = [
+            Sample(c.values, c.recomputed)
+            for c in candidates
+            if c.state == "done" and tuple(sorted(c.values.items())) not in known
+        ]
+        if not new:
+            return current
+        kind = plan.study.surrogate.kind if plan.study.surrogate.kind != "whole_curve" else "auto"
+        samples = [*current.samples, *new]
+        return learn(current.box, current.group, current.outputs, samples, kind=kind, seed=plan.seed)
+
+    result = verify(emulator, wanted.outputs, propose, rerun, enrich, plan.study.verify.max_infill)
+    scores = tuple(
+        {e: curve_metrics(plan, e, c.outcomes) for e in plan.case_of} if c.state == "done" else {}
+        for c in result.candidates
+    )
+    assert table.candidates >= 1
+    return Found(wanted, fronts[-1], result, search.story(result.choice, plan.box, wanted.goals), scores)
+
+
+def _propose(plan: Plan, wanted: SearchPlan, emulator: Emulator) -> tuple[search.Front, Choice]:
+    table = plan.study.search
+    limited = [Output(c.experiment, c.channel, c.depth_mm, c.unit) for c in plan.constraints]
+
+    def signed(X: np.ndarray) -> np.ndarray:
+        return residuals(wanted.goals, emulator.means(wanted.outputs, X))
+
+    def violated(X: np.ndarray) -> np.ndarray:
+        return violations(plan.constraints, emulator.means(limited, X))
+
+    front = search.nsga2(
+        lambda X: np.abs(signed(X)), plan.box.d, seed=plan.seed, constraints=violated if limited else None,
+        population=table.population + table.population % 2, generations=table.generations, low=wanted.low,
+        high=wanted.high,
+    )  # fmt: skip
+    choice = search.choose(
+        front, signed, np.array([g.sigma for g in wanted.goals]), seed=plan.seed,
+        violations=violated if limited else None, count=table.candidates, low=wanted.low, high=wanted.high,
+    )  # fmt: skip
+    return front, choice
+
+
+def _candidate(
+    plan: Plan, wanted: SearchPlan, emulator: Emulator, x: np.ndarray, values: Mapping[str, float],
+    outcomes: tuple[Outcome, ...],
+) -> Candidate:  # fmt: skip
+    predicted = {}
+    for output in emulator.outputs:
+        mean, sd = emulator.predict(output, x[None])
+        predicted[output.id] = (float(mean[0]), float(sd[0]))
+    if not all(isinstance(o, Done) for o in outcomes):
+        return Candidate(values, predicted, {}, outcomes, None, False)
+    recomputed = sample(plan, values, outcomes).outputs
+    gap = agreement(predicted, recomputed, [o.id for o in wanted.outputs])
+    return Candidate(values, predicted, recomputed, outcomes, gap, gap <= plan.study.verify.tolerance)
+
+
+def curve_metrics(plan: Plan, experiment: str, outcomes: Sequence[Outcome]) -> Metrics:
+    """Error metrics of a run against one measured curve, at the measured depths."""
+    outcome = outcomes[plan.case_of[experiment]]
+    assert isinstance(outcome, Done)
+    measured = plan.curves[experiment]
+    simulated = outcome.response.curve(measured.channel)
+    keep = (measured.depth > 0) & (measured.depth <= simulated.travel_mm[-1] + 1e-9)
+    at = np.minimum(measured.depth[keep], simulated.travel_mm[-1])
+    return metrics(measured.value[keep], Resampling(simulated.travel_mm, simulated.value)(at))
+
+
+def mean_over_design(plan: Plan, design: Design, emulator: Emulator) -> dict[str, Metrics]:
+    """Mean of each metric over the design that was asked for, from the surrogates of the curve."""
+    found = {}
+    for name, measured in plan.curves.items():
+        if name not in plan.case_of:
+            continue
+        outputs = [o for o in plan.outputs if o.experiment == name and o.channel == measured.channel]
+        travel = np.array([o.depth_mm for o in outputs])
+        keep = (measured.depth > 0) & (measured.depth <= travel[-1] + 1e-9)
+        at = np.minimum(measured.depth[keep], travel[-1])
+        curves = emulator.means(outputs, design.asked)
+        each = [metrics(measured.value[keep], Resampling(travel, y)(at)) for y in curves]
+        mean = {k: float(np.mean([getattr(m, k) for m in each])) for k in ("rmse", "nrmse", "mre", "mape", "rrmse")}
+        found[name] = Metrics(**mean, n=each[0].n, excluded=each[0].excluded, floor=each[0].floor)
+    return found
+
+
+def baselines(plan: Plan) -> dict[str, Metrics]:
+    """The model that predicts the mean of each fitted curve."""
+    return {
+        e: baseline(c.value[c.depth > 0]) for e, c in plan.curves.items() if e in plan.case_of and len(c.depth) > 1
+    }
+
+
+# ------------------------------------------------------------------------------------------------------ validation
+
+
+def validate(bench: Bench, main: Found) -> list[Validation]:
+    """Predict the experiments kept for the end with every candidate of the main search."""
+    plan = bench.plan
+    pairs = [(e, k) for e in plan.validation for k in range(len(main.result.candidates))]
+    tasks = [Task(main.result.candidates[k].values, plan.validation[e]) for e, k in pairs]
+    outcomes = run_all(plan.backend, tasks, bench.store, bench.executor, watch=bench.watch) if tasks else []
+    found = []
+    for (e, k), outcome in zip(pairs, outcomes, strict=True):
+        curve = plan.curves[e]
+        keep = curve.depth > 0
+        depth, y, sigma = curve.depth[keep], curve.value[keep], curve.sigma[keep]
+        predicted, scores = None, None
+        if isinstance(outcome, Done):
+            simulated = outcome.response.curve(curve.channel)
+            predicted = np.asarray(Resampling(simulated.travel_mm, simulated.value)(depth))
+            scores = metrics(y, predicted)
+        found.append(Validation(e, k, outcome, depth, y, sigma, predicted, scores))
+    return found

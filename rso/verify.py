@@ -1,0 +1,76 @@
+"""Candidates are rerun by the backend until what was predicted is what comes out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from rso.emulator import Emulator, Output
+from rso.running import Outcome
+from rso.search import Choice
+from rso.store import Done
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Values, predicted (mean, sd) and recomputed outputs by id, and the largest relative difference of the targets."""
+
+    values: Mapping[str, float]
+    predicted: Mapping[str, tuple[float, float]]
+    recomputed: Mapping[str, float]
+    outcomes: tuple[Outcome, ...]
+    agreement: float | None
+    verified: bool
+
+    @property
+    def state(self) -> str:
+        """'done' if every run is done, else the state of the first that is not."""
+        other = [o for o in self.outcomes if not isinstance(o, Done)]
+        return type(other[0]).__name__.lower() if other else "done"
+
+
+@dataclass(frozen=True, eq=False)
+class Verified:
+    """A finished search: the last choice, its candidates, the runs added on the way, the emulator that knows them."""
+
+    choice: Choice
+    candidates: tuple[Candidate, ...]
+    infill: int
+    emulator: Emulator
+
+    @property
+    def verified(self) -> bool:
+        """Whether every candidate agrees with its prediction."""
+        return all(c.verified for c in self.candidates)
+
+
+def verify(
+    emulator: Emulator,
+    targets: Sequence[Output],
+    propose: Callable[[Emulator], Choice],
+    rerun: Callable[[Emulator, Choice], list[Candidate]],
+    enrich: Callable[[Emulator, list[Candidate]], Emulator],
+    max_infill: int,
+) -> Verified:
+    """Propose, rerun, learn from the reruns, propose again, until all candidates agree or `max_infill` runs are spent.
+
+    A candidate that failed or crashed is not verified and teaches nothing; when a round brings no new run the loop
+    ends.
+    """
+    infill = 0
+    while True:
+        choice = propose(emulator)
+        candidates = rerun(emulator, choice)
+        wrong = [c for c in candidates if not c.verified]
+        learned = enrich(emulator, candidates)
+        new = len(learned.samples) - len(emulator.samples)
+        done = not wrong or infill + len(wrong) > max_infill or new == 0
+        if done:
+            return Verified(choice, tuple(candidates), infill, learned)
+        infill += new
+        emulator = learned
+
+
+def agreement(predicted: Mapping[str, tuple[float, float]], recomputed: Mapping[str, float], ids: Sequence[str]) -> float:
+    """max |predicted − recomputed| / |recomputed| over the outputs `ids`."""
+    return max(abs(predicted[i][0] - recomputed[i]) / abs(recomputed[i]) for i in ids)
