@@ -7,14 +7,14 @@ and predictions are made for θ.  Runs that failed take no part.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rso.contract import Response
 from rso.doe import Box
 from rso.similarity import Group
-from rso.surrogates import Scores, Surrogate, fit, score
+from rso.surrogates import Scores, Surrogate, fit, refit, score
 
 
 @dataclass(frozen=True)
@@ -61,13 +61,7 @@ class Emulator:
 
     def predict(self, output: Output, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (n,) of one output at points X (n, d) of the unit cube of `box`."""
-        s, R = self._reduce(X)
-        if self.reduced is None:
-            f, sd = np.full(len(s), self._constant(output)), np.zeros(len(s))
-        else:
-            f, sd = self.surrogates[output.id].predict(R)
-        scale = self.group.expand(output.channel, np.ones(len(s)), s)
-        return f * scale, sd * scale
+        return self._predict(output, *self._reduce(X))
 
     def mean(self, output: Output, X: np.ndarray) -> np.ndarray:
         """Mean alone (n,)."""
@@ -75,22 +69,40 @@ class Emulator:
 
     def means(self, outputs: Sequence[Output], X: np.ndarray) -> np.ndarray:
         """Means of several outputs (n, m)."""
-        return np.stack([self.mean(o, X) for o in outputs], axis=1)
+        s, R = self._reduce(X)
+        return np.stack([self._scaled(o, self._means(o, s, R), s) for o in outputs], axis=1)
 
     def score(self, output: Output, held_out: Sequence[Sample]) -> Scores:
         """Errors on runs that took no part in the fit, in the unit of the output."""
-        X = self.box.to_unit(np.array([[s.values[n] for n in self.box.names] for s in held_out]))
-        predicted = self.mean(output, np.clip(X, 0.0, 1.0))
+        theta = {n: np.array([s.values[n] for s in held_out]) for n in self.box.names}
+        predicted, _ = self._predict(output, *self._reduced(theta))
         return score(predicted, np.array([s.outputs[output.id] for s in held_out]))
 
-    def _reduce(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        theta = self.box.from_unit(np.asarray(X, float))
-        pairs = [self.group.reduce(dict(zip(self.box.names, row, strict=True))) for row in theta]
-        s = np.array([p[0] for p in pairs])
+    def _reduce(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        theta = self.box.from_unit(np.asarray(X, float)).T
+        return self._reduced(dict(zip(self.box.names, theta, strict=True)))
+
+    def _reduced(self, theta: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Scales s (n,) and points (n, d') of the reduced unit cube from physical values (n,) by name."""
+        group = self.group
+        n = len(next(iter(theta.values())))
+        s = np.ones(n) if group.reference is None else theta[group.reference] / group.reference_value
         if self.reduced is None:
-            return s, None
-        physical = np.array([[p[1][n] for n in self.reduced.names] for p in pairs])
+            return s, np.empty((n, 0))
+        physical = np.stack([theta[k] * s ** -group.exponents.get(k, 0) for k in self.reduced.names], axis=1)
         return s, np.clip(self.reduced.to_unit(physical), 0.0, 1.0)
+
+    def _predict(self, output: Output, s: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self.reduced is None:
+            return self._scaled(output, np.full(len(s), self._constant(output)), s), np.zeros(len(s))
+        f, sd = self.surrogates[output.id].predict(R)
+        return self._scaled(output, f, s), self._scaled(output, sd, s)
+
+    def _means(self, output: Output, s: np.ndarray, R: np.ndarray) -> np.ndarray:
+        return np.full(len(s), self._constant(output)) if self.reduced is None else self.surrogates[output.id].mean(R)
+
+    def _scaled(self, output: Output, f: np.ndarray, s: np.ndarray) -> np.ndarray:
+        return self.group.expand(output.channel, f, s)
 
     def _constant(self, output: Output) -> float:
         sample = self.samples[0]
@@ -120,23 +132,39 @@ def reduced_box(box: Box, group: Group) -> Box | None:
 def learn(
     box: Box, group: Group, outputs: Sequence[Output], samples: Sequence[Sample], *, kind: str, seed: int
 ) -> Emulator:
-    """Emulator of all outputs from the samples; equal reduced points count once.
+    """Emulator of all outputs from the samples; the kind of each surrogate is chosen by cross-validation.
 
     Raises ValueError if there are too few runs for any surrogate.
     """
-    reduced = reduced_box(box, group)
-    pairs = [group.reduce(s.values) for s in samples]
     if not samples:
         raise ValueError("no run is done: nothing to fit")
+    reduced = reduced_box(box, group)
+    bare = Emulator(box, group, reduced, tuple(outputs), {}, tuple(samples))
     if reduced is None:
-        return Emulator(box, group, None, tuple(outputs), {}, tuple(samples))
-    X = reduced.to_unit(np.array([[r[n] for n in reduced.names] for _, r in pairs]))
+        return bare
+    X, columns = _data(bare)
+    fitted = {o.id: fit(kind, X, columns[o.id], seed=seed, unit=o.unit, names=reduced.names) for o in outputs}
+    return replace(bare, surrogates=fitted)
+
+
+def relearn(emulator: Emulator, new: Sequence[Sample], *, seed: int) -> Emulator:
+    """The emulator with new samples in it, every surrogate of the kind it already is."""
+    bare = replace(emulator, samples=(*emulator.samples, *new))
+    if emulator.reduced is None:
+        return bare
+    X, columns = _data(bare)
+    fitted = {k: refit(model, X, columns[k], seed=seed) for k, model in emulator.surrogates.items()}
+    return replace(bare, surrogates=fitted)
+
+
+def _data(emulator: Emulator) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Reduced points (n, d') and reduced outputs (n,) by id of the samples; equal points count once."""
+    theta = {n: np.array([s.values[n] for s in emulator.samples]) for n in emulator.box.names}
+    s, X = emulator._reduced(theta)
     _, first = np.unique(np.round(X, 9), axis=0, return_index=True)
     first = np.sort(first)
-    surrogates = {}
-    for output in outputs:
-        y = np.array([samples[i].outputs[output.id] / group.expand(output.channel, 1.0, pairs[i][0]) for i in first])
-        surrogates[output.id] = fit(
-            kind, np.clip(X[first], 0.0, 1.0), y, seed=seed, unit=output.unit, names=reduced.names
-        )
-    return Emulator(box, group, reduced, tuple(outputs), surrogates, tuple(samples))
+    columns = {
+        o.id: np.array([emulator.samples[i].outputs[o.id] / emulator.group.expand(o.channel, 1.0, s[i]) for i in first])
+        for o in emulator.outputs
+    }
+    return X[first], columns

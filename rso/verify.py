@@ -61,12 +61,13 @@ def verify(
     while True:
         choice = propose(emulator)
         candidates = rerun(emulator, choice)
-        wrong = [c for c in candidates if not c.verified]
+        wrong = sum(not c.verified for c in candidates)
+        if not wrong or infill + wrong > max_infill:
+            return Verified(choice, tuple(candidates), infill, emulator)
         learned = enrich(emulator, candidates)
         new = len(learned.samples) - len(emulator.samples)
-        done = not wrong or infill + len(wrong) > max_infill or new == 0
-        if done:
-            return Verified(choice, tuple(candidates), infill, learned)
+        if not new:
+            return Verified(choice, tuple(candidates), infill, emulator)
         infill += new
         emulator = learned
 

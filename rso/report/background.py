@@ -46,9 +46,8 @@ def _summary(results: Results) -> list[str]:
             said.append(f"Exact similarity saved {similarity['runs_saved']} runs.")
     if known(c.get("fe_runs")):
         states = ", ".join(f"{c[k]} {k}" for k in ("done", "failed", "crashed") if known(c.get(k)))
-        said.append(
-            f"In all, {c['fe_runs']} simulations: {states}; {c.get('from_store') or 0} answers were in the store already."
-        )
+        stored = f"{c.get('from_store') or 0} answers were in the store already"
+        said.append(f"In all, {c['fe_runs']} simulations: {states}; {stored}.")
     return [" ".join(said)] if said else []
 
 

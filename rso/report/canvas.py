@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -93,7 +94,8 @@ def parameter_axis(axes: Axes, which: str, p: Parameter, low: float | None = Non
     # Ticks at 1, 2, 5 need some room; over a short piece the logarithm is a line anyway.
     log = p.log and low > 0 and high > 5 * low
     getattr(axes, f"set_{which}scale")("log" if log else "linear")
-    getattr(axes, f"set_{which}lim")(low * p.unit.factor, high * p.unit.factor)
+    if math.isfinite(low) and math.isfinite(high):
+        getattr(axes, f"set_{which}lim")(low * p.unit.factor, high * p.unit.factor)
     if log:
         plain_log(axis)
     else:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from rso.report.document import Cell
 
 DASH = "–"
+NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
 _LADDERS = {
     "MPa": (("MPa", 1.0), ("kPa", 1e3), ("Pa", 1e6)),
     "N": (("N", 1.0), ("mN", 1e3)),
@@ -36,8 +37,8 @@ class Unit:
 
     @property
     def after(self) -> str:
-        """The label with the space that goes before it, or nothing."""
-        return f" {self.label}" if self.label else ""
+        """The label with the unbreakable space that goes before it, or nothing."""
+        return f"{NBSP}{self.label}" if self.label else ""
 
     @property
     def bracket(self) -> str:
@@ -119,12 +120,14 @@ def significant(x: float | None, digits: int = 4) -> str:
     if -5 < exponent < 6:
         return fixed(x, digits - 1 - exponent)
     mantissa = f"{x:.{digits - 1}e}".split("e")[0].replace("-", "−")
-    return f"{mantissa} × 10{str(exponent).translate(_SUPERSCRIPT)}"
+    return f"{mantissa}{NBSP}×{NBSP}10{str(exponent).translate(_SUPERSCRIPT)}"
 
 
 def shortest(x: object) -> str:
     """A number as a person wrote it (a depth, a count), or any text."""
-    return f"{x:.6g}" if known(x) else clean(x)
+    if isinstance(x, str):
+        return clean(x)
+    return f"{x:.6g}" if known(x) else DASH
 
 
 def rounded(x: float | None, half_width: float | None) -> str:
@@ -157,8 +160,8 @@ def percent(fraction: float | None, digits: int = 2) -> str:
     if not known(fraction):
         return DASH
     if 0 < abs(fraction) < 1e-5:
-        return "< 0.001 %"
-    return f"{significant(100 * fraction, digits)} %"
+        return f"<{NBSP}0.001{NBSP}%"
+    return f"{significant(100 * fraction, digits)}{NBSP}%"
 
 
 def between(low: float | None, high: float | None, unit: Unit, digits: int = 3) -> str:
@@ -183,10 +186,11 @@ def duration(seconds: float | None) -> str:
     if not known(seconds):
         return DASH
     if seconds < 60:
-        return f"{significant(seconds, 2 if seconds < 10 else 3)} s" if seconds else "0 s"
+        return f"{significant(seconds, 2 if seconds < 10 else 3)}{NBSP}s"
     whole = round(seconds)
     hours, minutes = whole // 3600, whole % 3600 // 60
-    return f"{hours} h {minutes} min" if hours else f"{minutes} min {whole % 60} s"
+    parts = (hours, "h", minutes, "min") if hours else (minutes, "min", whole % 60, "s")
+    return NBSP.join(map(str, parts))
 
 
 def aligned(values: Sequence[float | None], digits: int = 4, plus: bool = False) -> tuple[Cell, ...]:

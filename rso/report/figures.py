@@ -93,17 +93,10 @@ def verification(results: Results, name: str) -> str:
             y = -k - 0.16 * (ids.index(i) - (len(ids) - 1) / 2)
             axes.plot([x - bar, x + bar], [y, y], color=LIGHT, lw=1.6, solid_capstyle="butt", zorder=1)
             axes.plot([x], [y], "os^Dv"[ids.index(i) % 5], ms=3.6, mfc=colour if c.verified else PAPER, mec=colour)
-        if not c.verified:
-            axes.annotate(
-                "not verified",
-                (1, -k),
-                xycoords=("axes fraction", "data"),
-                ha="right",
-                va="center",
-                color=WARM,
-                fontsize=8,
-            )
-    axes.set_yticks([-k for k in range(len(rows))], [short(c.label) for c, _ in rows])
+    labels = [short(c.label) + ("" if c.verified else ", not verified") for c, _ in rows]
+    ticks = axes.set_yticks([-k for k in range(len(rows))], labels)
+    for tick, (c, _) in zip(ticks, rows, strict=True):
+        tick.label1.set_color(INK if c.verified else WARM)
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     axes.set(ylim=(-len(rows) + 0.3, 0.7), xlabel="predicted − recomputed (%)")
@@ -202,6 +195,12 @@ def _residuals(
     for c, x, r in left:
         look = {"color": ACCENT, "lw": 1.6, "zorder": 3} if c.best else {"color": GREY, "lw": 0.6, "zorder": 1}
         axes.plot(x, r * unit.factor, **look)
+        if c.best:
+            curve = c.data["curves"][e["name"]]
+            d, error = points(curve.get("depth"), curve.get("error"))
+            if d:
+                wide = np.interp(x, d, error)
+                axes.fill_between(x, (r - wide) * unit.factor, (r + wide) * unit.factor, color=ACCENT, alpha=0.25, lw=0)
     axes.set(xlabel="depth (mm)", ylabel=f"residual{unit.bracket}")
     axes.yaxis.set_major_locator(MaxNLocator(5))
 
@@ -215,6 +214,7 @@ def validation(results: Results, e: Mapping[str, Any], name: str) -> str:
         (c, *map(np.array, points(v.get("depth"), v.get("predicted"))))
         for v in rows
         if (c := known_candidates.get((clean(v.get("search")), clean(v.get("candidate"))))) is not None
+        and points(v.get("depth"), v.get("predicted"))[0]
     ]
     m = e.get("measured") or {}
     u, y = (np.array(x) for x in points(m.get("depth"), m.get("value")))

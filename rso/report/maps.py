@@ -32,6 +32,8 @@ from rso.report.reading import (
     Parameter,
     Results,
     candidates,
+    front,
+    grids,
     listed,
     number,
     output_rows,
@@ -47,7 +49,7 @@ _PANELS = 6
 
 def surfaces(results: Results, name: str) -> str:
     """Filled contours (or lines, for one parameter) of the first outputs, with runs, targets and candidates."""
-    shown_ones = listed(results, "surfaces")[:_PANELS]
+    shown_ones = grids(results)[:_PANELS]
     by_name = {p.name: p for p in parameters(results)}
     columns = 1 if len(shown_ones) == 1 else 2
     rows = -(-len(shown_ones) // columns)
@@ -143,7 +145,7 @@ def _mark(
 
 def _line(axes: Axes, results: Results, s: Mapping[str, Any], x: Parameter, output: Output) -> None:
     X = np.array(s["x"]["values"]) * x.unit.factor
-    Y = np.ravel(np.array(s["mean"], float)) * output.unit.factor
+    Y = np.array([np.nan if v is None else v for v in np.ravel(s["mean"])], float) * output.unit.factor
     score = next((g for g in listed(results, "surrogates") if g.get("output") == s["output"]), {})
     found = [number((score.get(k) or {}).get("rmse")) for k in ("held_out", "cross_validation")]
     band = next((b for b in found if b is not None), 0.0) * output.unit.factor
@@ -219,10 +221,10 @@ def fronts(results: Results, s: Mapping[str, Any], name: str) -> str:
     pairs = list(combinations(range(len(targets)), 2))[:3]
     figure = canvas((2.3, 2.0, 2.5, 2.1, 2.1)[len(pairs) + (len(pairs) > 0)])
     grid = np.atleast_1d(figure.subplots(1, len(pairs) + (len(free) > 0)))
-    F = np.array(s["front"]["objectives"], float)
+    values, F = front(s)
     mine = [c for c in candidates(results) if c.search == clean(s["name"])]
     if free:
-        _valley(grid[0], s, F, free, mine, wide=not pairs)
+        _valley(grid[0], s, values, F, free, mine, wide=not pairs)
     for (i, j), axes in zip(pairs, grid[len(grid) - len(pairs) :], strict=True):
         _pair(axes, targets, F, i, j, mine)
     return svg(figure, name)
@@ -247,12 +249,13 @@ def _pair(axes: Axes, targets: list[Mapping[str, Any]], F: np.ndarray, i: int, j
 def _valley(
     axes: Axes,
     s: Mapping[str, Any],
+    front_values: list[Mapping[str, Any]],
     F: np.ndarray,
     free: tuple[Parameter, ...],
     mine: list[Candidate],
     wide: bool,
 ) -> None:
-    values = [[number(v.get(p.name)) for p in free] for v in s["front"]["values"]]
+    values = [[number(v.get(p.name)) for p in free] for v in front_values]
     if len(free) > 1:
         every = values + [[c.value(p.name) for p in free] for c in mine]
         P = np.array([v for v in every if None not in v], float).reshape(-1, 2)

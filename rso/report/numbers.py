@@ -166,6 +166,10 @@ def _search_note(results: Results, s: Mapping[str, Any], chosen: list[Candidate]
         said.append(clean(s["story"]))
     if s.get("infill"):
         said.append(f"{s['infill']} run{'s' if s['infill'] > 1 else ''} added until predicted = recomputed.")
+    every = [o for c in chosen for o in c.data.get("outputs") or () if known(o.get("target")) and o.get("recomputed")]
+    error = largest([o["numerical_error"] / o["recomputed"] for o in every if known(o.get("numerical_error"))])
+    if error:
+        said.append(f"Estimated numerical error of the recomputed values: up to {percent(error)}.")
     letters = {p.name: p.letter for p in parameters(results)}
     bound = [(c.name, letters.get(k, clean(k))) for c in chosen for k in c.data.get("at_bound") or ()]
     said += [f"Candidate {name} lies on a bound of {k}." for name, k in bound]
@@ -206,7 +210,11 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     if du:
         s = dict(zip(du, sigma, strict=True))
         near = sum(abs(c - b) <= 2 * s[a] for a, b, c in inside if a in s)
-        text += f" {near} of {sum(a in s for a, _, _ in inside)} points lie within 2σ; band: ±σ of the measurement."
+        text += (
+            f" {near} of {sum(a in s for a, _, _ in inside)} points lie within 2σ; grey band: ±σ of the measurement."
+        )
+    if any(known(v) and v for v in (best.data["curves"][e["name"]].get("error") or ())):
+        text += " Blue band of the residual: estimated numerical error of the simulation."
     return text
 
 
@@ -251,7 +259,9 @@ def _validation_blocks(results: Results) -> list[Block]:
         mine = [v for v in rows if v.get("experiment") == e["name"]]
         if not mine:
             continue
-        if any(points(v.get("depth"), v.get("predicted"))[0] for v in mine):
+        m = e.get("measured") or {}
+        drawn = any(points(v.get("depth"), v.get("predicted"))[0] for v in mine)
+        if drawn and points(m.get("depth"), m.get("value"))[0]:
             blocks.append(Picture(f"validation-{k}", _validation_caption(e, mine)))
         blocks.append(_validation_table(results, e, mine))
     return blocks
@@ -292,9 +302,7 @@ def _validation_table(results: Results, e: Mapping[str, Any], rows: list[Mapping
         column("predicted", _scaled(last["predicted"], unit), unit.label),
         column("difference", aligned(gap, 3, plus=True), "%"),
     ]
-    if any(len(v.get("depth") or ()) > 1 for v in rows):
-        nrmse = [number((v.get("metrics") or {}).get("nrmse")) for v in rows]
-        columns.append(column("NRMSE", aligned(nrmse)))
+    columns.append(column("NRMSE", aligned([number((v.get("metrics") or {}).get("nrmse")) for v in rows], 3)))
     columns.append(column("", tuple(state), number=False))
     reasons = [f"{n}: {clean(v['reason'])}." for n, v in _zip(names, rows) if v.get("reason")]
     many = any(len(v.get("depth") or ()) > 1 for v in rows)

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from rso.report.digits import Unit, clean, known, largest, shortest, shown, significant, symbol
 
 Results = Mapping[str, Any]
@@ -102,6 +104,11 @@ def points(x: Sequence[Any] | None, y: Sequence[Any] | None) -> tuple[tuple[floa
     return tuple(a for a, _ in pairs), tuple(b for _, b in pairs)
 
 
+def pair(x: object) -> bool:
+    """True for two known numbers, the ends of an interval."""
+    return isinstance(x, list | tuple) and len(x) == 2 and all(map(known, x))
+
+
 def listed(results: Results, key: str) -> list[Mapping[str, Any]]:
     """The list under a key, empty where it is missing or null."""
     return list(results.get(key) or ())
@@ -169,6 +176,29 @@ def candidates(results: Results) -> tuple[Candidate, ...]:
 def best_candidate(results: Results) -> Candidate | None:
     """The candidate named as the best, if one is."""
     return next((c for c in candidates(results) if c.best), None)
+
+
+def front(search: Mapping[str, Any]) -> tuple[list[Mapping[str, Any]], np.ndarray]:
+    """Values and objectives (n, m) of the points of a front that are wholly known."""
+    data = search.get("front") or {}
+    pairs = zip(data.get("values") or (), data.get("objectives") or (), strict=False)
+    whole = [(v, o) for v, o in pairs if o and all(map(known, o)) and all(map(known, v.values()))]
+    return [v for v, _ in whole], np.array([o for _, o in whole], float)
+
+
+def grids(results: Results) -> list[Mapping[str, Any]]:
+    """Surfaces whose axes are known and of which at least one value is."""
+
+    def whole(axis: Mapping[str, Any] | None) -> bool:
+        values = (axis or {}).get("values") or ()
+        return all(map(known, values))
+
+    found = []
+    for s in listed(results, "surfaces"):
+        some = any(known(v) for row in s.get("mean") or () for v in (row if isinstance(row, list) else [row]))
+        if some and (s.get("x") or {}).get("values") and whole(s["x"]) and whole(s.get("y")):
+            found.append(s)
+    return found
 
 
 def experiments(results: Results, *roles: str) -> tuple[Mapping[str, Any], ...]:

@@ -20,13 +20,13 @@ from rso.report.digits import (
     significant,
 )
 from rso.report.document import Block, Cell, Picture, Section, Table, Text, column, missing, table, words
-from rso.report.reading import Output, Results, listed, number, outputs, parameters
+from rso.report.reading import Output, Results, front, grids, listed, number, outputs, pair, parameters
 
 
 def surface_section(results: Results) -> Section:
     """Section 4: the response surface and how well it is known."""
     blocks: list[Block] = []
-    if listed(results, "surfaces"):
+    if grids(results):
         blocks.append(Picture("surface", _surface_caption(results)))
     scores = listed(results, "surrogates")
     if scores:
@@ -41,13 +41,13 @@ def _surface_caption(results: Results) -> str:
     parts += [f"{states.count('failed')} failed (crosses)"] if "failed" in states else []
     parts += [f"{states.count('crashed')} crashed (triangles)"] if "crashed" in states else []
     text = f"{', '.join(parts)}."
-    flat = not any((s.get("y") or {}).get("values") for s in listed(results, "surfaces"))
+    flat = not any((s.get("y") or {}).get("values") for s in grids(results))
     if listed(results, "searches"):
         text += " Accent line: where the surface meets the target, dashed ±σ." if not flat else ""
         text += " Numbered diamonds: candidates of the first search; small ones: of the others."
     if flat:
         text += " Band: the surrogate’s own error on points that it has not seen."
-    others = {k: v for s in listed(results, "surfaces") for k, v in (s.get("others") or {}).items()}
+    others = {k: v for s in grids(results) for k, v in (s.get("others") or {}).items()}
     held = [f"{p.letter} = {p.show(others[p.name])}" for p in parameters(results) if known(others.get(p.name))]
     return text + (f" Held: {', '.join(held)}." if held else "")
 
@@ -122,9 +122,12 @@ def _sensitivity_table(results: Results, data: Mapping[str, Any]) -> Table:
         found = [number(of.get(k, {}).get(field)) for k in keys]
         return [v if v is None or not scale else v * u.factor for v, u in zip(found, unit, strict=True)]
 
+    def index(field: str) -> tuple[Cell, ...]:
+        return words([fixed(v, 3) if v is not None else DASH for v in values(sobol, field, False)])
+
     def interval(field: str) -> tuple[Cell, ...]:
         ends = [sobol.get(k, {}).get(field) or () for k in keys]
-        return words([" to ".join(fixed(x, 3) for x in e) if len(e) == 2 else DASH for e in ends], "quiet")
+        return words([" to ".join(fixed(x, 3) for x in e) if pair(e) else DASH for e in ends], "quiet")
 
     columns = [
         column("Output", tuple(Cell(t) if f else Cell("") for t, f in zip(label, first, strict=True)), number=False),
@@ -133,9 +136,9 @@ def _sensitivity_table(results: Results, data: Mapping[str, Any]) -> Table:
         column("at high", aligned(values(local, "high", True))),
         column("change", aligned(values(local, "change", True))),
         column("elasticity", aligned(values(local, "elasticity", False), 3, plus=True)),
-        column("first", aligned(values(sobol, "first", False), 3)),
+        column("first", index("first")),
         column("interval", interval("first_interval")),
-        column("total", aligned(values(sobol, "total", False), 3)),
+        column("total", index("total")),
         column("interval", interval("total_interval")),
     ]
     return table("Local effects and Sobol indices", columns)
@@ -145,15 +148,14 @@ def front_section(results: Results) -> Section:
     """Section 6: the compromises between the targets, and the valley of one target."""
     blocks: list[Block] = []
     for k, s in enumerate(listed(results, "searches")):
-        front = s.get("front") or {}
-        if front.get("values") and front.get("objectives"):
+        if len(front(s)[0]) and (parameters(results, free=True) or len(s.get("targets") or ()) > 1):
             blocks.append(Picture(f"front-{k}", _front_caption(results, s)))
     title = "Compromises between the targets"
     return Section("front", title, tuple(blocks) or (missing("Pareto fronts", "search"),))
 
 
 def _front_caption(results: Results, s: Mapping[str, Any]) -> str:
-    values, objectives = s["front"]["values"], s["front"]["objectives"]
+    values, objectives = front(s)
     targets = s.get("targets") or ()
     what = f"Search {clean(s['name'])}: "
     if len(targets) < 2:
@@ -164,7 +166,7 @@ def _front_caption(results: Results, s: Mapping[str, Any]) -> str:
                 spans.append(f"{p.letter} {between(min(x), max(x), p.unit)}")
         return f"{what}one target, met along a line of {len(values)} points: {', '.join(spans)}."
     unit = targets[0].get("unit", "")
-    worst = min(max(o) for o in objectives)
+    worst = float(objectives.max(axis=1).min())
     return (
         f"{what}the best compromise of {len(values)} misses its worst target by {quantity(worst, unit, 2)}. "
         "Left: parameters; right: what each target is missed by. Diamonds: candidates, as predicted."

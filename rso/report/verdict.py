@@ -31,6 +31,7 @@ from rso.report.reading import (
     finished,
     listed,
     number,
+    pair,
     parameters,
 )
 
@@ -77,7 +78,7 @@ def interval_rows(results: Results) -> list[tuple[Parameter, Mapping[str, Any]]]
     """Parameters whose interval is known."""
     known_intervals = results.get("determined") or {}
     rows = [(p, known_intervals.get(p.name) or {}) for p in parameters(results, free=True)]
-    return [(p, d) for p, d in rows if len(d.get("interval") or ()) == 2 and all(map(known, d["interval"]))]
+    return [(p, d) for p, d in rows if pair(d.get("interval")) and pair([p.low, p.high])]
 
 
 def _value(p: Parameter, x: float, interval: list[float], unit: Unit) -> str:

@@ -30,11 +30,13 @@ DETERMINED = 0.15  # half-width of the acceptable range, as a share of its middl
 PACKAGES = ("numpy", "scipy", "scikit-learn", "pymoo", "scikit-fem", "pytetwild", "pymetis", "numba", "pypardiso")
 
 
-def write(path: Path, results: Mapping[str, Any]) -> None:
-    """Replace the file in one step: a reader never sees half of it."""
+def write(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:
+    """Replace the file in one step, so that a reader never sees half of it; returns what was written, plain."""
+    data: dict[str, Any] = _finite(plain(results))
     temporary = path.with_suffix(".tmp")
-    temporary.write_text(json.dumps(_finite(plain(results)), indent=1, allow_nan=False), encoding="utf-8")
+    temporary.write_text(json.dumps(data, indent=1, allow_nan=False), encoding="utf-8")
     os.replace(temporary, path)
+    return data
 
 
 def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
@@ -93,6 +95,11 @@ def of_design(plan: Plan, design: Design) -> dict[str, Any]:
         },
         "runs": [run for r in design.runs for run in _runs(plan, r)],
     }
+
+
+def added_runs(plan: Plan, fitted: Fitted) -> list[dict[str, Any]]:
+    """Rows of `runs` for the points that were added to make the surrogates good enough."""
+    return [row for r in fitted.added for row in _runs(plan, r)]
 
 
 def of_surrogates(plan: Plan, design: Design, fitted: Fitted) -> dict[str, Any]:

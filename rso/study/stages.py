@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rso import search, sensitivity
+from rso import doe, search, sensitivity
 from rso.curves import Metrics, Resampling, baseline, metrics
-from rso.emulator import Emulator, Output, Sample, learn
+from rso.emulator import Emulator, Output, Sample, learn, relearn
 from rso.running import Event, Outcome, Task, run_all
 from rso.search import Choice
 from rso.store import Done, RunStore
@@ -87,10 +87,11 @@ class Design:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """Surrogates of all outputs, and their errors on held-out runs before these were learnt too."""
+    """Surrogates of all outputs, their errors on the last runs before these were learnt too, and the runs added."""
 
     emulator: Emulator
     held_out: Mapping[str, Scores]
+    added: tuple[Run, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,25 +183,55 @@ def _of(run: Run) -> tuple[Mapping[str, float], tuple[Outcome, ...]]:
 # ------------------------------------------------------------------------------------------------------ surrogates
 
 
-def fit_surrogates(plan: Plan, design: Design) -> Fitted:
-    """Fit all outputs on the design, score on the held-out runs, then learn those too (and the proofs)."""
-    kind = plan.study.surrogate.kind
-    kind = "auto" if kind == "whole_curve" else kind
-    learnt, held = design.samples(plan, "design"), design.samples(plan, "held_out")
+def fit_surrogates(bench: Bench, design: Design) -> Fitted:
+    """Fit all outputs; predict new runs, then learn them, until the predictions are good enough.
+
+    The first new runs are the held-out ones.  While their relative error exceeds surrogate.tolerance, points are
+    added where the design is thinnest, at most verify.max_infill of them.
+    """
+    plan = bench.plan
+    kind = surrogate_kind(plan)
+    group = plan.group if design.similar else dataclasses.replace(plan.group, reference=None)
+    learnt, new = design.samples(plan, "design"), design.samples(plan, "held_out")
     varying = [o for o in plan.extras if learnt and np.ptp([s.outputs[o.id] for s in learnt]) > 1e-9]
     outputs = [*plan.outputs, *varying]
-    similar = design.similar
-    group = plan.group if similar else dataclasses.replace(plan.group, reference=None)
+    added: list[Run] = []
+    scores: dict[str, Scores] = {}
     try:
-        first = learn(plan.box, group, outputs, learnt, kind=kind, seed=plan.seed)
-        scores = {o.id: first.score(o, held) for o in outputs} if held else {}
-        everything = [*learnt, *held, *design.samples(plan, "proof")]
-        emulator = learn(plan.box, group, outputs, everything, kind=kind, seed=plan.seed) if held else first
+        emulator = learn(plan.box, group, outputs, learnt, kind=kind, seed=plan.seed)
+        while new:
+            scores = {o.id: emulator.score(o, new) for o in outputs}
+            emulator = relearn(emulator, new, seed=plan.seed)
+            room = min(len(new), plan.study.verify.max_infill - len(added))
+            if max(s.relative_rmse for s in scores.values()) <= plan.study.surrogate.tolerance or room < 1:
+                break
+            points = thinnest(plan, emulator, room)
+            runs = [Run("infill", v, o) for v, o in zip(points, bench.run(points), strict=True)]
+            added += runs
+            new = [sample(plan, r.values, r.outcomes) for r in runs if r.done]
     except ValueError as error:
         ended = [o for r in design.runs for o in r.outcomes if not isinstance(o, Done)]
         text = "; ".join(sorted({o.reason.splitlines()[0] for o in ended})) or "none failed"
         raise NothingToFit(f"{error} ({len(learnt)} of {len(design.runs)} runs done; the others: {text})") from error
-    return Fitted(emulator, scores)
+    return Fitted(emulator, scores, tuple(added))
+
+
+def thinnest(plan: Plan, emulator: Emulator, count: int) -> list[dict[str, float]]:
+    """Values of `count` new points that are farthest from all samples in the (reduced) box."""
+    box = emulator.reduced
+    if box is None:
+        return []
+    group = emulator.group
+    known = box.to_unit(np.array([[group.reduce(s.values)[1][n] for n in box.names] for s in emulator.samples]))
+    fresh = box.from_unit(doe.extend(np.clip(known, 0.0, 1.0), count, plan.seed))
+    fixed = {} if group.reference is None else {group.reference: group.reference_value}
+    return [{**fixed, **dict(zip(box.names, map(float, row), strict=True)), **plan.resolved.fixed} for row in fresh]
+
+
+def surrogate_kind(plan: Plan) -> str:
+    """Kind for one output; a whole curve is one surrogate per travel."""
+    kind = plan.study.surrogate.kind
+    return "auto" if kind == "whole_curve" else kind
 
 
 # ------------------------------------------------------------------------------------------------------ sensitivity
@@ -255,9 +286,7 @@ def find(bench: Bench, wanted: SearchPlan, emulator: Emulator) -> Found:
         ]
         if not new:
             return current
-        kind = plan.study.surrogate.kind if plan.study.surrogate.kind != "whole_curve" else "auto"
-        samples = [*current.samples, *new]
-        return learn(current.box, current.group, current.outputs, samples, kind=kind, seed=plan.seed)
+        return relearn(current, new, seed=plan.seed)
 
     result = verify(emulator, wanted.outputs, propose, rerun, enrich, plan.study.verify.max_infill)
     scores = tuple(

@@ -51,7 +51,8 @@ def run_study(
     if not design.similar and design.proofs:
         found["warnings"].append(f"similarity {design.story}")
     say("surrogates: response surfaces of every output")
-    fitted = stages.fit_surrogates(plan, design)
+    fitted = stages.fit_surrogates(bench, design)
+    found["runs"] += results.added_runs(plan, fitted)
     _warn_of_poor_surrogates(plan, fitted, found)
     note("surrogates", **results.of_surrogates(plan, design, fitted))
     say("sensitivity")
@@ -78,7 +79,7 @@ def run_study(
     found["provenance"]["solver"] = _solver(design)
     found["provenance"]["finished"] = datetime.now(UTC).isoformat(timespec="seconds")
     note("validate")
-    return found
+    return results.write(path, found)
 
 
 def exit_code(plan: Plan, found: dict[str, Any], searches: list[Found]) -> int:

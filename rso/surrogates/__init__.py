@@ -1,6 +1,6 @@
 """Surrogates of one output: polynomial and kriging, each with a mean, a standard deviation and a reason."""
 
-from rso.surrogates.choice import Surrogate, fit, from_dict
+from rso.surrogates.choice import Surrogate, fit, from_dict, refit
 from rso.surrogates.kriging import Kriging, fit_kriging
 from rso.surrogates.polynomial import Polynomial, fit_polynomial
 from rso.surrogates.scores import Scores, cross_validate, held_out, score
@@ -16,5 +16,6 @@ __all__ = [
     "fit_polynomial",
     "from_dict",
     "held_out",
+    "refit",
     "score",
 ]

@@ -66,6 +66,18 @@ def fit(
     return replace(model, cv=cv, story="; ".join([story, *others]) + ".")
 
 
+def refit(model: Surrogate, X: np.ndarray, y: np.ndarray, *, seed: int) -> Surrogate:
+    """The same kind of surrogate on other (usually more) data: hyper-parameters anew from the old ones, no contest.
+
+    Its cross-validation scores are leave-one-out at fixed hyper-parameters.
+    """
+    if isinstance(model, Kriging):
+        new: Surrogate = fit_kriging(X, y, seed=seed, trend=model.trend, log=model.log, restarts=0, start=model)
+    else:
+        new = fit_polynomial(X, y, log=model.log)
+    return replace(new, story=f"{model.story} Fitted again to {len(y)} runs.")
+
+
 def from_dict(data: Mapping[str, Any]) -> Surrogate:
     """The surrogate that `to_dict` wrote."""
     makers = {"polynomial": Polynomial.from_dict, "kriging": Kriging.from_dict}

@@ -1,0 +1,369 @@
+import copy
+import html
+import re
+import shutil
+import subprocess
+import time
+
+import matplotlib
+import numpy as np
+import pytest
+from report_fixture import STAGES, complete, one_parameter, until
+
+from rso.report import render
+from rso.report.digits import aligned, between, duration, percent, rounded, shown, significant, symbol, unit_text
+from rso.report.document import Picture, Table, Text
+from rso.report.figures import draw
+from rso.report.numbers import report
+from rso.report.page import html_page, pdf_page
+
+NASTY = (
+    r"""<script>alert("1")</script> & 'x' #panic("no") $\frac{1}{0}$ _a_ *b* @cite \ `raw` [c] {{ 7*7 }} // no ~ <l>"""
+)
+
+
+def texts(document):
+    """Every string of a document, figures aside."""
+    found = [document.title, document.subtitle, document.byline]
+    for section in document.sections:
+        found.append(section.title)
+        for b in section.blocks:
+            if isinstance(b, Table):
+                found += [b.title, b.note, *(c.title for c in b.columns), *(c.unit for c in b.columns)]
+                found += [cell.text for row in b.rows for cell in row]
+            elif isinstance(b, Text):
+                found.append(b.text)
+            elif isinstance(b, Picture):
+                found.append(b.caption)
+            else:
+                found += [t for f in b.facts for t in (f.label, f.value, f.note)]
+    return found
+
+
+def pictures(document):
+    return [b.name for s in document.sections for b in s.blocks if isinstance(b, Picture)]
+
+
+def everything(results):
+    """What a reader can see: texts, and the geometry of the figures."""
+    document = report(results)
+    return texts(document), [draw(results, name) for name in pictures(document)]
+
+
+def page(results):
+    """Visible text of the HTML page, entities resolved, hidden spacing and figures removed."""
+    document = report(results)
+    source = html_page(document, {name: "" for name in pictures(document)})
+    return html.unescape(re.sub(r"<[^>]*>", " ", source[source.index("<body>") :])).replace("\xa0", " ")
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report") / "new" / "folder"
+    start = time.process_time()
+    files = render(complete(), folder)
+    return files, time.process_time() - start
+
+
+def test_files_are_self_contained_small_and_quick(written):
+    files, cpu = written
+    assert [f.name for f in files] == ["report.html", "report.pdf"]
+    assert sorted(p.name for p in files[0].parent.iterdir()) == ["report.html", "report.pdf"]
+    source = files[0].read_text(encoding="utf-8")
+    assert len(source) < 3e6 and cpu < 15
+    # Nothing is loaded: the only addresses are names of XML namespaces.
+    assert set(re.findall(r"""https?://[^"'\s>]+""", source)) <= {
+        "http://www.w3.org/2000/svg",
+        "http://www.w3.org/1999/xlink",
+    }
+    assert not re.search(r"<script|<link|<img|@import|url\((?!#)", source)
+    ids = re.findall(r'\bid="([^"]+)"', source)
+    assert len(ids) == len(set(ids))  # several figures in one page must not answer to the same name
+    assert set(re.findall(r'href="#([^"]+)"', source)) | set(re.findall(r"url\(#([^)]+)\)", source)) <= set(ids)
+    assert files[1].read_bytes().startswith(b"%PDF-")
+
+
+def test_only_what_is_asked_for_is_written(tmp_path):
+    assert [f.name for f in render(until("plan"), tmp_path, pdf=False)] == ["report.html"]
+    assert [f.name for f in render(until("plan"), tmp_path / "b", html=False)] == ["report.pdf"]
+
+
+def test_same_results_same_bytes_whatever_the_users_settings(written, tmp_path):
+    with matplotlib.rc_context({"font.size": 30, "axes.grid": True, "svg.fonttype": "none", "text.parse_math": True}):
+        again = render(complete(), tmp_path)
+        assert matplotlib.rcParams["font.size"] == 30
+    for a, b in zip(written[0], again, strict=True):
+        assert a.read_bytes() == b.read_bytes(), a.name
+    changed = complete()
+    changed["study"]["title"] += "."  # negative control
+    assert report(changed) != report(complete())
+
+
+def test_the_verdict_answers_first():
+    section = report(complete()).sections[0]
+    said = " ".join(b.text for b in section.blocks if isinstance(b, Text)).replace("\xa0", " ")
+    assert "μ is determined: 10.2 kPa (0.0102 MPa), and anything from 8.8 to 12.6 kPa" in said
+    assert "D₁ is not determined: every value from 1.09 to 160 MPa⁻¹ (97 % of the range" in said
+    assert "D₁ goes from 6.20 MPa⁻¹ to 139 MPa⁻¹, a factor of 22" in said
+    assert "13 of 15 candidates are verified" in said and "Not within the tolerance: 3P 2" in said
+    assert "1P FR 3 (failed)" in said
+    assert "NRMSE of 0.0279 (RMSE 6.56 mN); the model that only predicts the mean of the curve has 0.710" in said
+    assert "force_8mm at 8 mm was measured as 1.283 N and is predicted as 1.356 N, 5.7 % too high" in said
+    assert "49 simulations (3 failed, 1 crashed) and 6 min 1 s of wall time" in said
+    assert "widen the range of mu" in said
+
+
+def test_every_candidate_run_and_metric_is_on_the_page():
+    results, text = complete(), page(complete())
+    for s in results["searches"]:
+        assert f"Search {s['name']}" in text and s["story"] in text
+    for r in results["runs"]:
+        assert r["key"][:8] in text
+        assert r["reason"] is None or r["reason"] in text
+    for word in ("failed: inversion", "failed: contact", "crashed", "not verified", "mean over all design runs"):
+        assert word in text
+    for e in results["experiments"]:
+        assert all(note in text for note in e["notes"])
+    for value in (
+        *results["provenance"]["data_sha256"].values(),
+        results["provenance"]["command"],
+        "scikit-learn 1.7.2",
+    ):
+        assert value in text
+
+
+def leaves(data, path=()):
+    """(path, number) of one example of every kind of number: of a list only its first element."""
+    if isinstance(data, dict):
+        for k, v in data.items():
+            yield from leaves(v, (*path, k))
+    elif isinstance(data, list) and data:
+        yield from leaves(data[0], (*path, 0))
+    elif isinstance(data, float) or (isinstance(data, int) and not isinstance(data, bool)):
+        yield path, data
+
+
+# Read by machines only, or shown in another form: the layout's version; CPU time of one run; the metrics of one
+# candidate carry the number of points for all; a validation shows the difference and the NRMSE of its metrics; the
+# largest numerical error stands for all (here every one is 0.4 %); a surrogate's RMSE is given in units.
+SILENT = re.compile(
+    r"schema|cpu_s|(baseline|mean_over_runs).*\.(n|excluded)$|validation.*metrics.(rmse|mre|mape|rrmse|n|excluded)|"
+    r"surrogates.*cross_validation\.n$|relative_rmse"
+)
+
+
+def changed(path):
+    """The study with one number changed."""
+    results = complete()
+    place = results
+    for key in path[:-1]:
+        place = place[key]
+    value = place[path[-1]]
+    place[path[-1]] = value + 1 if isinstance(value, int) else value * 1.25 + 0.013
+    return results
+
+
+def test_every_number_is_taken_from_the_results():
+    base_text, names = texts(report(complete())), pictures(report(complete()))
+    figures = {name: draw(complete(), name) for name in names}
+    paths = [path for path, _ in leaves(complete())]
+    assert len(paths) > 100
+    quiet = [p for p in paths if not SILENT.search(".".join(map(str, p))) and texts(report(changed(p))) == base_text]
+    # What no text shows must move a figure.
+    assert quiet and len(quiet) < 20
+    for path in quiet:
+        kind = next((k for k in ("surface", "front", "curve", "validation") if k in ".".join(map(str, path))), "")
+        likely = sorted(names, key=lambda name: not name.startswith(kind))
+        assert any(draw(changed(path), name) != figures[name] for name in likely), path
+
+
+def test_no_number_of_a_table_is_written_into_the_code():
+    def other(data, k=[0]):  # noqa: B006  a counter
+        if isinstance(data, dict):
+            return {a: other(b) for a, b in data.items()}
+        if isinstance(data, list):
+            return [other(b) for b in data]
+        if isinstance(data, float):
+            k[0] += 1
+            return data * (1 + 0.17 * np.sin(1.7 * k[0]) ** 2 + 0.05)
+        return data
+
+    def decimals(results):
+        tables = [b for s in report(results).sections[1:6] for b in s.blocks if isinstance(b, Table)]
+        assert tables
+        return [c.text for t in tables for row in t.rows for c in row if re.fullmatch(r"[+−]?\d*\.\d{3,}", c.text)]
+
+    first, second = decimals(complete()), decimals(other(complete()))
+    assert len(first) > 200
+    # Four digits of 300 numbers meet by chance now and then.
+    assert sum(a == b for a, b in zip(first, second, strict=False)) < 0.02 * len(first)
+
+
+def test_no_number_has_more_digits_than_anyone_can_use():
+    stray = complete()
+    stray["runs"][0]["values"]["mu"] = 1 / 3 * 1e-2
+    stray["searches"][0]["candidates"][0]["agreement"] = 1 / 7
+    text = page(stray)
+    text = re.sub(r"\b[0-9a-f]{8,}\b", "", text)
+    assert not re.findall(r"\d\.\d{7,}", text)
+    assert not re.search(r"\b(nan|None|inf)\b", text)
+
+
+def nasty():
+    results = complete()
+    results["study"]["title"] = NASTY
+    results["warnings"] = [NASTY]
+    results["provenance"]["command"] = NASTY
+    results["backend"]["settings"]["note"] = NASTY
+    results["parameters"][0]["description"] = NASTY
+    results["experiments"][0]["notes"] = [NASTY]
+    results["experiments"][0]["name"] = results["searches"][0]["name"] = NASTY
+    results["runs"][7]["reason"] = NASTY
+    results["searches"][0]["story"] = results["determined"]["D1"]["story"] = NASTY
+    for o in results["outputs"]:
+        o["channel"] = NASTY
+    for c in results["searches"][0]["candidates"]:
+        c["curves"] = {NASTY: c["curves"]["middle_point"]}
+        c["metrics"] = {NASTY: c["metrics"]["middle_point"]}
+    results["best"] = {"search": NASTY, "candidate": "1"}
+    return results
+
+
+def test_text_of_other_people_stays_text(tmp_path):
+    files = render(nasty(), tmp_path)
+    source = files[0].read_text(encoding="utf-8")
+    assert "<script" not in source and "<l>" not in source and source.count(html.escape("<script>")) >= 8
+    assert NASTY in html.unescape(source)
+    assert "{{ 7*7 }}" in source and "49*" not in source
+    if shutil.which("pdftotext") is None:
+        pytest.skip("pdftotext is not installed; that the PDF compiles at all shows that #panic was not run")
+    read = subprocess.run(["pdftotext", "-layout", files[1], "-"], capture_output=True, text=True, check=True).stdout
+    flat = re.sub(r"\s+", "", read)
+    for piece in NASTY.split():
+        assert flat.count(piece) >= 6, piece
+    assert re.sub(r"\s+", "", NASTY) in flat
+
+
+def test_a_template_that_ran_text_would_be_noticed():
+    document = report(nasty())
+    with pytest.raises(Exception, match="no"):  # negative control: typst itself does run it
+        import typst
+
+        typst.compile(b'#panic("no")')
+    assert pdf_page(report({}), {}).startswith(b"%PDF") and document.title == NASTY
+
+
+def test_control_characters_and_lone_surrogates_reach_neither_page(tmp_path):
+    results = until("plan")
+    results["study"]["title"] = "a\x00b\x1bc\ud800d"
+    files = render(results, tmp_path)
+    assert "a�b�c�d" in files[0].read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("stage", STAGES[:-1])
+def test_every_stage_renders_and_says_what_is_missing(stage, tmp_path):
+    results = until(stage)
+    document = report(results)
+    said = " ".join(texts(document))
+    later = STAGES[STAGES.index(stage) + 1 :]
+    assert "not complete" in said and "not complete" not in " ".join(texts(report(complete())))
+    assert f"“{stage}”" in said and ", ".join(later) in said
+    figures = {name: draw(results, name) for name in pictures(document)}
+    assert len(html_page(document, figures)) > 5000
+    assert pdf_page(document, figures).startswith(b"%PDF")
+
+
+def test_nothing_at_all_still_renders(tmp_path):
+    for results in ({}, {"stage": "later"}, {k: None for k in complete()}):
+        assert len(render(results, tmp_path)) == 2
+        assert "has not finished any stage" in page(results)
+
+
+def test_one_parameter_gives_a_line_and_no_surface():
+    results = one_parameter()
+    text, figures = page(results), everything(results)[1]
+    assert len(figures) > 8
+    assert "Band: the surrogate’s own error" in text and "Accent line" not in text
+
+
+def drop(data, chance, rng):
+    """The same data with some numbers unknown."""
+    if isinstance(data, dict):
+        return {k: drop(v, chance, rng) for k, v in data.items()}
+    if isinstance(data, list):
+        return [drop(v, chance, rng) for v in data]
+    return None if isinstance(data, float) and rng.random() < chance else data
+
+
+@pytest.mark.parametrize("chance", [0.05, 0.5, 1.0])
+def test_unknown_numbers_are_dashes_not_errors(chance):
+    results = drop(complete(), chance, np.random.default_rng(3))
+    texts_, figures = everything(results)
+    assert figures and not any(re.search(r"\b(nan|None|inf)\b", t) for t in texts_)
+
+
+def test_curve_validation_many_parameters_and_other_shapes():
+    results = complete()
+    for v in results["validation"]:
+        if v["state"] == "done":
+            v.update(depth=[2.0, 5.0, 8.0], measured=[0.2, 0.7, 1.283], sigma=[0.01] * 3, predicted=[0.21, 0.72, 1.3])
+    results["experiments"][1]["measured"] = {"depth": [2.0, 5.0, 8.0], "value": [0.2, 0.7, 1.283], "sigma": None}
+    extra = {**results["parameters"][0], "name": "skin_stiffness", "unit": "MPa", "low": 0.2, "high": 2.0, "log": False}
+    results["parameters"].append(extra)
+    results["searches"][0]["kind"] = "islands"
+    for s in results["surfaces"]:
+        s["others"] = {"skin_stiffness": 0.7}
+    text, figures = page(results), everything(results)[1]
+    assert "skin_stiffness = 0.7000 MPa" in text and "separate solutions" in text and len(figures) > 8
+
+
+def test_a_thousand_runs_stay_readable(tmp_path):
+    results = complete()
+    results["runs"] = [copy.deepcopy(results["runs"][k % 30]) for k in range(1000)]
+    start = time.process_time()
+    files = render(results, tmp_path)
+    assert time.process_time() - start < 15 and files[0].stat().st_size < 3e6
+
+
+@pytest.mark.parametrize(
+    "x,half,text",
+    [(10.17, 1.9, "10.2"), (10.17, 0.04, "10.17"), (10.17, 30.0, "10"), (1234.0, 200.0, "1200"), (9.996, 0.3, "10.0")],
+)
+def test_digits_follow_the_uncertainty(x, half, text):
+    assert rounded(x, half) == text
+
+
+def test_numbers_and_units_as_people_write_them():
+    assert significant(0.0033560001) == "0.003356" and significant(9.99996) == "10.00"
+    assert significant(-1.5, 2) == "−1.5" and significant(None) == "–" and significant(float("nan")) == "–"
+    assert significant(1.234e-9) == "1.234\xa0×\xa010⁻⁹" and significant(0) == "0"
+    assert percent(1e-9) == "<\xa00.001\xa0%" and percent(0.0339) == "3.4\xa0%"
+    assert shown("MPa", 0.036).label == "kPa" and shown("MPa", 2e-5).label == "Pa" and shown("MPa", 0.5).label == "MPa"
+    assert shown("N", 0.03).label == "mN" and shown("N", 0.5).label == "N" and shown("1/MPa", 5).label == "MPa⁻¹"
+    assert symbol("mu") == "μ" and symbol("D1") == "D₁" and symbol("C10") == "C₁₀" and symbol("skin") == "skin"
+    assert unit_text("1") == "" and unit_text("1/MPa") == "MPa⁻¹"
+    assert (
+        duration(252) == "4\xa0min\xa012\xa0s"
+        and duration(8.4) == "8.4\xa0s"
+        and duration(12000) == "3\xa0h\xa020\xa0min"
+    )
+    assert between(0.00884, 0.01263, shown("MPa", 0.0367)) == "8.8 to 12.6\xa0kPa"
+
+
+@pytest.mark.parametrize(
+    "values", [[1.1, 159.683, 5.8], [0.0339, 0.6835, 0.034], [3.0, 250000.0], [12.0, 3456.0, None]]
+)
+def test_decimal_points_stand_below_each_other(values):
+    cells = [c for c in aligned(values) if c.text != "–"]
+    behind = {len((c.text + c.pad).partition(".")[2]) for c in cells}
+    assert len(behind) == 1
+    for c, v in zip(cells, values, strict=False):
+        # Four digits of the largest number, or of each.
+        np.testing.assert_allclose(float(c.text), v, atol=0.5 * 10.0 ** -len(c.text.partition(".")[2]), rtol=5e-4)
+
+
+def test_colour_is_never_the_only_sign(written):
+    source = written[0][0].read_text(encoding="utf-8")
+    assert re.search(r'class="bad k">failed', source) and re.search(r'class="warn k">not verified', source)
+    with pytest.raises(ValueError, match="no figure"):
+        draw(complete(), "unknown")
