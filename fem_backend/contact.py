@@ -66,16 +66,21 @@ def contact_surface(body: Body, facets: np.ndarray) -> ContactSurface:
 
 
 def evaluate(
-    surface: ContactSurface, x: np.ndarray, indenter: Sphere, centre: np.ndarray, epsilon: float, multiplier: np.ndarray
+    surface: ContactSurface,
+    x: np.ndarray,
+    indenter: Sphere,
+    centre: np.ndarray,
+    epsilon: np.ndarray,
+    multiplier: np.ndarray,
 ) -> ContactState:
-    """Energy, residual and force at current positions x (n, 3), indenter centre (3,), ε (MPa/mm), λ (f, q) MPa."""
+    """Energy, residual and force at current positions x (n, 3), indenter centre (3,), ε (f, q) MPa/mm, λ (f, q) MPa."""
     points = np.einsum("qa,fai->fqi", surface.N, x[surface.facets])
     gap, normal, _ = indenter.gap(points, centre)
     pressure = np.maximum(multiplier - epsilon * gap, 0.0)
     traction = (surface.weights * pressure)[..., None] * normal
     residual = np.zeros_like(x)
     np.add.at(residual, surface.facets, -np.einsum("qa,fqi->fai", surface.N, traction))
-    energy = float((surface.weights * (pressure**2 - multiplier**2)).sum() / (2.0 * epsilon))
+    energy = 0.5 * float((surface.weights * (pressure**2 - multiplier**2) / epsilon).sum())
     return ContactState(energy, residual, -traction.sum((0, 1)), pressure, gap)
 
 
@@ -84,7 +89,7 @@ def tangent(
     x: np.ndarray,
     indenter: Sphere,
     centre: np.ndarray,
-    epsilon: float,
+    epsilon: np.ndarray,
     pressure: np.ndarray,
     direction: np.ndarray,
     data: np.ndarray,
@@ -100,7 +105,8 @@ def tangent(
     points = np.einsum("qa,fai->fqi", surface.N, x[facets])
     _, normal, hessian = indenter.gap(points, centre)
     p = pressure[active]
-    k = np.where((p > 0)[..., None, None], epsilon * normal[..., :, None] * normal[..., None, :], 0.0)
+    stiff = np.where(p > 0, epsilon[active], 0.0)[..., None, None]
+    k = stiff * normal[..., :, None] * normal[..., None, :]
     if geometric:
         k -= p[..., None, None] * hessian
     k *= surface.weights[active][..., None, None]

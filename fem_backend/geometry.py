@@ -21,7 +21,7 @@ class Ellipsoid:
     @property
     def semi_axes(self) -> np.ndarray:
         """(a, b, c), shape (3,)."""
-        return np.array([self.a, self.b, self.c])
+        return np.array([self.a, self.b, self.c], dtype=float)
 
     @property
     def top(self) -> np.ndarray:

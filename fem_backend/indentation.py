@@ -30,6 +30,7 @@ LEVELS = {
     "fine": Sizing(0.4, 2.5, 0.22, 40.0),
 }  # for R = 3 mm
 PENALTY = 900.0  # ε R/μ: the multipliers remove its error, so it only steers convergence
+RAISED, RAISED_WITHIN = 10.0, 0.5  # factor and width (in R) of the raised penalty
 REACH = 3.0  # facets within REACH·R of the first contact may touch
 
 
@@ -184,7 +185,7 @@ def _curved_facets(mesh: MeshTet2) -> np.ndarray:
 def solve(settings: Settings, law: Law, model: Model, asked_mm: np.ndarray) -> Result:
     """Forces at the asked travels (mm, increasing); raises stepping.Stopped with what was reached."""
     started = time.process_time()
-    epsilon = PENALTY * law.shear_modulus / settings.indenter.R
+    epsilon = penalty(model.surface, model.body, settings, law)
     system = System(model.body, law, model.surface, settings.indenter, epsilon, model.factor)
     touch = settings.body.top + [0.0, 0.0, settings.indenter.R]
     down = np.array([0.0, 0.0, -1.0])
@@ -194,6 +195,17 @@ def solve(settings: Settings, law: Law, model: Model, asked_mm: np.ndarray) -> R
         system, lambda s: Load(touch + s * down, nothing, down), np.asarray(asked_mm, float), settings.control, counters
     )
     return collect(model, points, counters, time.process_time() - started)
+
+
+def penalty(surface: ContactSurface, body: element.Body, settings: Settings, law: Law) -> np.ndarray:
+    """ε (f, q) MPa/mm, a multiple of μ/R, raised around the first contact.
+
+    ε acts per reference area, and the skin under the ball stretches up to twenty times in area: with a uniform ε the
+    ball would pierce the surface at depths beyond 2R.
+    """
+    points = np.einsum("qa,fai->fqi", surface.N, body.nodes[surface.facets])
+    d = np.linalg.norm(points - settings.body.top, axis=-1) / settings.indenter.R
+    return PENALTY * law.shear_modulus / settings.indenter.R * (1.0 + RAISED * np.exp(-((d / RAISED_WITHIN) ** 2)))
 
 
 def collect(model: Model, points: list[Point], counters: Counters, cpu_s: float) -> Result:

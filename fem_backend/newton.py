@@ -25,13 +25,13 @@ class NotConverged(ArithmeticError):
 
 @dataclass(frozen=True)
 class System:
-    """Everything that stays the same during a run; ε in MPa/mm."""
+    """Everything that stays the same during a run; ε (f, q) in MPa/mm at the contact points."""
 
     body: Body
     law: Law
     surface: ContactSurface
     indenter: Sphere
-    epsilon: float
+    epsilon: np.ndarray
     factor: Factor
 
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, canvas, short, style, svg, tag
-from rso.report.digits import Unit, clean, ends, known, largest, shortest, shown, significant
+from rso.report.digits import Unit, clean, ends, known, largest, shortest, shown, signed, significant
 from rso.report.maps import fronts, sensitivity, surfaces
 from rso.report.reading import (
     Candidate,
@@ -196,8 +196,7 @@ def _residuals(
         look = {"color": ACCENT, "lw": 1.6, "zorder": 3} if c.best else {"color": GREY, "lw": 0.6, "zorder": 1}
         axes.plot(x, r * unit.factor, **look)
         if c.best:
-            curve = c.data["curves"][e["name"]]
-            d, error = points(curve.get("depth"), curve.get("error"))
+            d, error = c.error(e["name"])
             if d:
                 wide = np.interp(x, d, error)
                 axes.fill_between(x, (r - wide) * unit.factor, (r + wide) * unit.factor, color=ACCENT, alpha=0.25, lw=0)
@@ -235,7 +234,7 @@ def _dots(
     for k, (c, f) in enumerate(rows):
         axes.plot([y * unit.factor, f * unit.factor], [-k, -k], color=PALE, lw=1.2, zorder=0)
         axes.plot([f * unit.factor], [-k], "o", ms=5 if c.best else 4, color=ACCENT if c.best else GREY)
-        text = f"{'+' if f > y else '−'}{significant(100 * abs(f - y) / abs(y), 2)} %"
+        text = signed(f - y, f"{significant(100 * (f - y) / abs(y), 2)} %") if y else ""
         axes.annotate(
             text, (f * unit.factor, -k), xytext=(6, 0), textcoords="offset points", va="center", fontsize=7.5,
             color=ACCENT if c.best else INK, path_effects=HALO,

@@ -34,6 +34,7 @@ from rso.report.reading import (
     candidates,
     front,
     grids,
+    lead_search,
     listed,
     number,
     output_rows,
@@ -120,7 +121,7 @@ def _runs(axes: Axes, results: Results, x: Parameter, y: Parameter) -> None:
 def _marks(axes: Axes, results: Results, x: Parameter, y: Parameter) -> None:
     """Candidates as diamonds, those of the first search with their names."""
     every = candidates(results)
-    lead = next((c.search for c in every if c.best), every[0].search if every else "")
+    lead = lead_search(results)
     for c in every:
         if c.search != lead:
             _mark(axes, c.value(x.name), c.value(y.name), x, y, "")
@@ -276,6 +277,8 @@ def _valley(
         [a * x.unit.factor for a, _ in pairs], [f * unit.factor for _, f in pairs], "o", ms=3, mfc=GREY, mec="none"
     )
     parameter_axis(axes, "x", x, *_around(np.array([a for a, _ in pairs]), x))
+    if F[:, 0].max() * unit.factor < 1e-3:
+        axes.set_ylim(-0.05, 1.0)  # every target is met; ticks of 1e-13 would only show rounding
     axes.set_ylabel(f"missed by{unit.bracket}")
 
 

@@ -213,7 +213,7 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
         text += (
             f" {near} of {sum(a in s for a, _, _ in inside)} points lie within 2σ; grey band: ±σ of the measurement."
         )
-    if any(known(v) and v for v in (best.data["curves"][e["name"]].get("error") or ())):
+    if any(best.error(e["name"])[1]):
         text += " Blue band of the residual: estimated numerical error of the simulation."
     return text
 

@@ -87,6 +87,11 @@ class Candidate:
         """Error metrics for an experiment, empty if there are none."""
         return (self.data.get("metrics") or {}).get(experiment) or {}
 
+    def error(self, experiment: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Depths (mm) and estimated numerical error of that curve, empty if there is none."""
+        curve = (self.data.get("curves") or {}).get(experiment) or {}
+        return points(curve.get("depth"), curve.get("error"))
+
     def curve(self, experiment: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Depths (mm) and values of the recomputed curve of an experiment, empty if there is none."""
         curve = (self.data.get("curves") or {}).get(experiment) or {}
@@ -176,6 +181,12 @@ def candidates(results: Results) -> tuple[Candidate, ...]:
 def best_candidate(results: Results) -> Candidate | None:
     """The candidate named as the best, if one is."""
     return next((c for c in candidates(results) if c.best), None)
+
+
+def lead_search(results: Results) -> str:
+    """The search whose candidates are numbered in the figures: that of the best candidate, else the first."""
+    every = candidates(results)
+    return next((c.search for c in every if c.best), every[0].search if every else "")
 
 
 def front(search: Mapping[str, Any]) -> tuple[list[Mapping[str, Any]], np.ndarray]:

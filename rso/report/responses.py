@@ -20,7 +20,7 @@ from rso.report.digits import (
     significant,
 )
 from rso.report.document import Block, Cell, Picture, Section, Table, Text, column, missing, table, words
-from rso.report.reading import Output, Results, front, grids, listed, number, outputs, pair, parameters
+from rso.report.reading import Output, Results, front, grids, lead_search, listed, number, outputs, pair, parameters
 
 
 def surface_section(results: Results) -> Section:
@@ -44,7 +44,7 @@ def _surface_caption(results: Results) -> str:
     flat = not any((s.get("y") or {}).get("values") for s in grids(results))
     if listed(results, "searches"):
         text += " Accent line: where the surface meets the target, dashed ±σ." if not flat else ""
-        text += " Numbered diamonds: candidates of the first search; small ones: of the others."
+        text += f" Numbered diamonds: candidates of search {lead_search(results)}; small ones: of the others."
     if flat:
         text += " Band: the surrogate’s own error on points that it has not seen."
     others = {k: v for s in grids(results) for k, v in (s.get("others") or {}).items()}

@@ -1,0 +1,189 @@
+"""Stress and tangent against an oracle of its own: the energy as a function of C, differentiated by complex step."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from fem_backend import stress
+from fem_backend.laws import Derivatives, LinearElastic, NeoHooke
+
+PAIRS = [(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]
+
+
+@dataclass(frozen=True)
+class MooneyRivlin:
+    """W = Σ c_ij (Ī₁ − 3)^i (Ī₂ − 3)^j + (J − 1)²/D₁ + d (J − 1)⁴ with i + j ≤ 2: every derivative is alive."""
+
+    c10: float = 0.003
+    c01: float = 0.002
+    c20: float = 0.0007
+    c11: float = 0.0011
+    c02: float = 0.0005
+    D1: float = 5.8
+    d: float = 0.05
+    small_strain = False
+
+    @property
+    def shear_modulus(self):
+        return 2.0 * (self.c10 + self.c01)
+
+    @property
+    def bulk_modulus(self):
+        return 2.0 / self.D1
+
+    def energy(self, i1, i2, J):
+        x, y, v = i1 - 3.0, i2 - 3.0, J - 1.0
+        shape = self.c10 * x + self.c01 * y + self.c20 * x**2 + self.c11 * x * y + self.c02 * y**2
+        return shape + v**2 / self.D1 + self.d * v**4
+
+    def derivatives(self, i1, i2, J):
+        x, y, v, one = i1 - 3.0, i2 - 3.0, J - 1.0, np.ones_like(J)
+        return Derivatives(
+            self.c10 + 2 * self.c20 * x + self.c11 * y,
+            self.c01 + self.c11 * x + 2 * self.c02 * y,
+            2 * self.c20 * one,
+            self.c11 * one,
+            2 * self.c02 * one,
+            2 * v / self.D1 + 4 * self.d * v**3,
+            2 / self.D1 + 12 * self.d * v**2,
+        )
+
+
+LAWS = [NeoHooke(0.01, 5.8), MooneyRivlin()]
+NAMES = [type(law).__name__ for law in LAWS]
+
+
+def gradients(count: int = 6, size: float = 0.25, seed: int = 0) -> np.ndarray:
+    """Displacement gradients (1, count, 3, 3) with J well above 0."""
+    H = size * np.random.default_rng(seed).normal(size=(1, count, 3, 3))
+    assert np.linalg.det(H + np.eye(3)).min() > 0.2
+    return H
+
+
+def energy_of_C(law, C: np.ndarray) -> complex:
+    """W from C (3, 3), written once more from the definitions of Ī₁, Ī₂ and J; analytic, so C may be complex."""
+    J2 = np.einsum("ijk,i,j,k->", LEVI_CIVITA, C[0], C[1], C[2])
+    trace = np.einsum("ii->", C)
+    second = 0.5 * (trace**2 - np.einsum("ij,ji->", C, C))
+    return law.energy(trace * J2 ** (-1 / 3), second * J2 ** (-2 / 3), np.sqrt(J2))
+
+
+LEVI_CIVITA = np.zeros((3, 3, 3))
+for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    LEVI_CIVITA[_i, _j, _k], LEVI_CIVITA[_i, _k, _j] = 1.0, -1.0
+
+
+def unit_strain(k: int) -> np.ndarray:
+    """dC (3, 3) for a unit of the k-th Voigt strain (doubled shear): C = 1 + 2E."""
+    dC = np.zeros((3, 3))
+    i, j = PAIRS[k]
+    dC[i, j] += 1.0
+    dC[j, i] += 1.0
+    return dC
+
+
+def stress_of_C(law, C: np.ndarray) -> np.ndarray:
+    h = 1e-30
+    return np.array([energy_of_C(law, C + 1j * h * unit_strain(k)).imag / h for k in range(6)])
+
+
+@pytest.mark.parametrize("law", LAWS, ids=NAMES)
+def test_stress_is_the_derivative_of_the_energy(law):
+    H = gradients()
+    at = stress.evaluate(law, H, tangent=True)
+    for q in range(H.shape[1]):
+        F = H[0, q] + np.eye(3)
+        np.testing.assert_allclose(at.F[0, q], F, rtol=1e-15)
+        # the complex step is exact: round-off of terms of the size K
+        np.testing.assert_allclose(at.S[0, q], stress_of_C(law, F.T @ F), rtol=1e-11, atol=1e-13)
+        np.testing.assert_allclose(at.energy[0, q], energy_of_C(law, F.T @ F), rtol=1e-11)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=NAMES)
+def test_tangent_is_the_derivative_of_the_stress(law):
+    H, h = gradients(), 1e-5
+    at = stress.evaluate(law, H, tangent=True)
+    for q in range(H.shape[1]):
+        F = H[0, q] + np.eye(3)
+        C = F.T @ F
+        columns = [
+            (stress_of_C(law, C + h * unit_strain(k)) - stress_of_C(law, C - h * unit_strain(k))) / (2 * h)
+            for k in range(6)
+        ]
+        # central difference: h² = 1e-10 times fourth derivatives of order 10 to 100 of the size of C
+        scale = np.abs(at.C[0, q]).max()
+        np.testing.assert_allclose(at.C[0, q], np.array(columns).T, rtol=0, atol=1e-7 * scale)
+        np.testing.assert_array_equal(at.C[0, q], at.C[0, q].T)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=NAMES)
+def test_rotation_of_the_body_changes_nothing(law):
+    H = gradients()
+    Q, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    Q *= np.linalg.det(Q)
+    turned = np.einsum("ij,mqjk->mqik", Q, H + np.eye(3)) - np.eye(3)
+    a, b = stress.evaluate(law, H, True), stress.evaluate(law, turned, True)
+    for one, other in ((a.S, b.S), (a.C, b.C), (a.energy, b.energy)):  # round-off relative to the size of K
+        np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-13)
+    mirrored = np.einsum("ij,mqjk->mqik", Q * [1, 1, 1.1], H + np.eye(3)) - np.eye(3)  # negative control: no rotation
+    assert np.abs(stress.evaluate(law, mirrored, True).S - a.S).max() > 1e-3 * np.abs(a.S).max()
+
+
+@pytest.mark.parametrize("law", [*LAWS, LinearElastic(0.01, 5.8)], ids=[*NAMES, "LinearElastic"])
+def test_at_rest(law):
+    """No stress, no energy, and the small-strain moduli λ + 2μ, λ, μ."""
+    at = stress.evaluate(law, np.zeros((2, 3, 3, 3)), tangent=True)
+    assert np.abs(at.S).max() < 1e-17 and np.abs(at.energy).max() < 1e-17
+    mu, lam = law.shear_modulus, law.bulk_modulus - 2 / 3 * law.shear_modulus
+    D = np.diag([2 * mu] * 3 + [mu] * 3)
+    D[:3, :3] += lam
+    np.testing.assert_allclose(at.C, np.broadcast_to(D, at.C.shape), rtol=1e-14, atol=1e-16)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=NAMES)
+def test_small_strains_become_linear_elasticity(law):
+    """|S − σ_linear| = O(ε²): slope 2 over three decades."""
+    linear = LinearElastic(law.shear_modulus, 2.0 / law.bulk_modulus)
+    H, t = gradients(3), np.array([1e-2, 1e-3, 1e-4])
+    error = [np.abs(stress.evaluate(law, e * H, False).S - stress.evaluate(linear, e * H, False).S).max() for e in t]
+    np.testing.assert_allclose(np.diff(np.log10(error)), -2.0, atol=0.1)
+
+
+def test_linear_elastic_stress_and_energy():
+    """σ = 2μ dev ε + K tr ε I from the tensor definition; only the symmetric part of ∇u counts."""
+    law, H = LinearElastic(0.02, 3.0), gradients()
+    at = stress.evaluate(law, H, tangent=True)
+    strain = 0.5 * (H + np.swapaxes(H, -1, -2))
+    trace = np.einsum("mqii->mq", strain)[..., None, None] * np.eye(3)
+    sigma = 2 * 0.02 * (strain - trace / 3) + 2 / 3.0 * trace
+    voigt = np.stack([sigma[..., i, j] for i, j in PAIRS], -1)
+    np.testing.assert_allclose(at.S, voigt, rtol=1e-13, atol=1e-16)
+    np.testing.assert_allclose(at.energy, 0.5 * np.einsum("mqij,mqij->mq", sigma, strain), rtol=1e-13)
+    assert np.all(at.S_geometric == 0.0) and np.all(at.F == np.eye(3))
+
+
+@pytest.mark.parametrize("stretch", [0.5, 0.8, 1.3, 2.0])
+def test_uniaxial_stretch_of_a_nearly_incompressible_body(stretch):
+    """P = μ(λ − λ⁻²) for J = 1; with K/μ = 2e6 the difference is of the order μ/K."""
+    law = NeoHooke(mu=0.01, D1=1e-4)
+
+    def at(side: float) -> np.ndarray:
+        H = np.diag([stretch - 1.0, side - 1.0, side - 1.0])[None, None]
+        return stress.evaluate(law, H, tangent=False).S[0, 0]
+
+    side = brentq(lambda s: at(s)[1], 0.99 / np.sqrt(stretch), 1.01 / np.sqrt(stretch), xtol=1e-15, rtol=1e-14)
+    nominal = stretch * at(side)[0]
+    np.testing.assert_allclose(nominal, 0.01 * (stretch - stretch**-2), rtol=2e-5)
+
+
+def test_inverted_points_are_refused_and_counted():
+    H = np.zeros((2, 3, 3, 3))
+    H[0, 1] = np.diag([-2.0, 0.0, 0.0])
+    H[1, 2] = np.diag([-1.0, 0.0, 0.0])  # flat: J = 0
+    with pytest.raises(stress.Inverted, match="2 quadrature points"):
+        stress.evaluate(NeoHooke(0.01, 5.8), H, tangent=True)
+    H[0, 0] = np.nan
+    with pytest.raises(stress.Inverted, match="3 quadrature points"):
+        stress.evaluate(NeoHooke(0.01, 5.8), H, tangent=True)

@@ -1,0 +1,79 @@
+"""Small studies on the closed-form backend: written to a folder, and run without processes."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import Executor, Future
+from pathlib import Path
+from typing import Any
+
+import indentation_backend
+import numpy as np
+
+from rso.store import RunStore
+from rso.study import load
+from rso.study.plan import make_plan
+from rso.study.whole import run_study
+
+MU, D1, THICKNESS = 0.012, 60.0, 8.0
+SECTIONS = {
+    "study": 'title = "Layer"\nseed = 0',
+    "backend": 'use = "indentation_backend:BACKEND"',
+    "backend.settings": f"thickness = {THICKNESS}",
+    "parameters": 'mu = { low = "4 kPa", high = "40 kPa", scale = "log" }\nD1 = { low = 10, high = 300, scale = "log" }',
+    "[experiments]": 'name = "top"\nrole = "fit"\ndata = "top.csv"\nnoise = { Fz = "0.02 mN" }',
+    "doe": "runs = 16\nheld_out = 3",
+    "sensitivity": "samples = 64",
+    "search": 'population = 20\ngenerations = 10\ntargets = [{ experiment = "top", depth = 0.8 }, '
+    '{ experiment = "top", depth = 2 }]',
+    "report": "html = false\npdf = false",
+}
+
+
+class Inline(Executor):
+    """Computes at once in this process."""
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+def measured(noise: float = 1e-5, thickness: float = THICKNESS, deepest: float = 2.0, n: int = 20) -> str:
+    """A curve of the closed form with known parameters and noise (N, one standard deviation)."""
+    h = np.linspace(0, deepest, n + 1)[1:]
+    F = indentation_backend.force(MU, D1, h, thickness)
+    F = F + noise * np.random.default_rng(0).standard_normal(n)
+    return "depth_mm,Fz_N\n" + "".join(f"{u!r},{f!r}\n" for u, f in zip(h.tolist(), F.tolist(), strict=True))
+
+
+def text(**changes: str | None) -> str:
+    """study.toml with some sections replaced, added or (None) left out; `__` in a name stands for a point."""
+    sections = {**SECTIONS, **{k.replace("__", "."): v for k, v in changes.items()}}
+    sections = {"[experiments]" if k == "experiments" else k: v for k, v in sections.items()}
+    return "\n".join(f"[{k}]\n{v}\n" for k, v in sections.items() if v is not None)
+
+
+def write(folder: Path, **changes: str | None) -> Path:
+    """The study file, with top.csv beside it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if not (folder / "top.csv").exists():
+        (folder / "top.csv").write_text(measured())
+    (folder / "study.toml").write_text(text(**changes), encoding="utf-8")
+    return folder / "study.toml"
+
+
+def run(folder: Path, **changes: str | None) -> dict[str, Any]:
+    """Results of the study, as they stand in the file."""
+    plan = make_plan(load(write(folder, **changes)))
+    with RunStore(folder / "results") as store:
+        run_study(plan, store, Inline(), folder / "results", command="test", jobs=1)
+    return read(folder)
+
+
+def read(folder: Path) -> dict[str, Any]:
+    """results.json of a study."""
+    return json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
