@@ -30,7 +30,7 @@ def schema() -> dict[str, Any]:
                     "support": {"kind": "fixed"},
                     "material": {"law": "neo_hookean | linear_elastic"},
                     "point": [0, 0],
-                    "mesh": {"mesher": "tetwild | mapped", "level": "coarse | standard | fine"},
+                    "mesh": {"mesher": "tetwild | mapped", "level": "coarse | standard | fine | reference"},
                 },
             },
         },

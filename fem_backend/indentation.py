@@ -26,11 +26,12 @@ from rso.contract import knob
 LAWS = {"neo_hookean": NeoHooke, "linear_elastic": LinearElastic}
 LEVELS = {
     "coarse": Sizing(0.8, 2.5, 0.45, 40.0),
-    "standard": Sizing(0.5, 2.5, 0.3, 40.0),
-    "fine": Sizing(0.4, 2.5, 0.22, 40.0),
+    "standard": Sizing(0.6, 2.5, 0.4, 40.0),
+    "fine": Sizing(0.5, 2.5, 0.3, 40.0),
+    "reference": Sizing(0.4, 2.5, 0.22, 40.0),
 }  # for R = 3 mm
 PENALTY = 900.0  # ε R/μ: the multipliers remove its error, so it only steers convergence
-RAISED, RAISED_WITHIN = 10.0, 0.5  # factor and width (in R) of the raised penalty
+RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep ball; width in R
 REACH = 3.0  # facets within REACH·R of the first contact may touch
 
 
@@ -191,21 +192,29 @@ def solve(settings: Settings, law: Law, model: Model, asked_mm: np.ndarray) -> R
     down = np.array([0.0, 0.0, -1.0])
     nothing = np.zeros(model.surface.weights.shape)
     counters = Counters()
-    points = stepping.travel(
-        system, lambda s: Load(touch + s * down, nothing, down), np.asarray(asked_mm, float), settings.control, counters
-    )
+
+    def start(s: float) -> Load:
+        return Load(touch + s * down, nothing, down, raised(model.surface, model.body, settings, s))
+
+    points = stepping.travel(system, start, np.asarray(asked_mm, float), settings.control, counters)
     return collect(model, points, counters, time.process_time() - started)
 
 
 def penalty(surface: ContactSurface, body: element.Body, settings: Settings, law: Law) -> np.ndarray:
-    """ε (f, q) MPa/mm, a multiple of μ/R, raised around the first contact.
+    """ε (f, q) MPa/mm at the contact points, a multiple of μ/R so that similarity stays exact."""
+    return np.full(surface.weights.shape, PENALTY * law.shear_modulus / settings.indenter.R)
 
-    ε acts per reference area, and the skin under the ball stretches up to twenty times in area: with a uniform ε the
+
+def raised(surface: ContactSurface, body: element.Body, settings: Settings, travel: float) -> np.ndarray:
+    """Factor (f, q) on ε around the first contact, 1 to R of travel, growing to 1 + RAISED from there to 2R.
+
+    ε acts per reference area, and the skin under a deep ball stretches up to twenty times in area: with a uniform ε the
     ball would pierce the surface at depths beyond 2R.
     """
     points = np.einsum("qa,fai->fqi", surface.N, body.nodes[surface.facets])
     d = np.linalg.norm(points - settings.body.top, axis=-1) / settings.indenter.R
-    return PENALTY * law.shear_modulus / settings.indenter.R * (1.0 + RAISED * np.exp(-((d / RAISED_WITHIN) ** 2)))
+    deep = min(max(travel / settings.indenter.R - 1.0, 0.0), 1.0)
+    return 1.0 + RAISED * deep * np.exp(-((d / RAISED_WITHIN) ** 2))
 
 
 def collect(model: Model, points: list[Point], counters: Counters, cpu_s: float) -> Result:

@@ -65,7 +65,7 @@ def _superlu(pattern: Pattern, mirror: tuple[np.ndarray, np.ndarray, np.ndarray]
         lu = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     except RuntimeError as error:  # "Factor is exactly singular"
         raise NotPositiveDefinite(str(error)) from error
-    if np.any(lu.U.diagonal() <= 0.0):
+    if np.any(lu.perm_r != lu.perm_c) or np.any(lu.U.diagonal() <= 0.0):  # rows are swapped where a pivot is zero
         raise NotPositiveDefinite("negative pivot")
     return lu.solve
 

@@ -15,6 +15,9 @@ from fem_backend.linsolve import Factor, NotPositiveDefinite, Solve
 from fem_backend.stress import PointState
 
 
+FAR = 0.3  # relative residual above which the negative contact term is left out: it would only spoil the matrix
+
+
 class NotConverged(ArithmeticError):
     """No equilibrium was found; carries the cause class and the residual history (relative)."""
 
@@ -37,11 +40,15 @@ class System:
 
 @dataclass(frozen=True)
 class Load:
-    """Where the indenter's centre is (3,), the multipliers λ (f, q) MPa, and the way it moves (3,)."""
+    """Where the indenter's centre is (3,), the multipliers λ (f, q) MPa, the way it moves (3,).
+
+    `raised` (f, q) multiplies the penalty of the system.
+    """
 
     centre: np.ndarray
     multiplier: np.ndarray
     direction: np.ndarray
+    raised: np.ndarray | float = 1.0
 
 
 @dataclass(frozen=True)
@@ -82,14 +89,15 @@ def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
     state = stress.evaluate(system.law, H, tangent=False)
     inside = element.internal_force(system.body, state.F, state.S)
     touch = contact.evaluate(
-        system.surface, system.body.nodes + u, system.indenter, load.centre, system.epsilon, load.multiplier
+        system.surface, system.body.nodes + u, system.indenter, load.centre, system.epsilon * load.raised,
+        load.multiplier,
     )
     energy = float((system.body.w * state.energy).sum()) + touch.energy
     return Evaluation(u, energy, inside + touch.residual, touch, H)
 
 
 def factorise(
-    system: System, at: Evaluation, load: Load, counters: Counters
+    system: System, at: Evaluation, load: Load, counters: Counters, geometric: bool = True
 ) -> tuple[Solve, np.ndarray]:
     """Factor of the tangent at a state and ∂R/∂s (n, 3).
 
@@ -99,11 +107,11 @@ def factorise(
     state: PointState = stress.evaluate(system.law, at.H, tangent=True)
     bulk = element.stiffness(system.body, state.F, state.S_geometric, state.C)
     diagonal = system.body.pattern.indptr[:-1]  # the first entry of each row of an upper triangle
-    shift, geometric = 0.0, True
+    shift = 0.0
     for _ in range(8):
         data = bulk.copy()
         moving = contact.tangent(
-            system.surface, system.body.nodes + at.u, system.indenter, load.centre, system.epsilon,
+            system.surface, system.body.nodes + at.u, system.indenter, load.centre, system.epsilon * load.raised,
             at.contact.pressure, load.direction, data, geometric,
         )  # fmt: skip
         if shift:
@@ -151,7 +159,7 @@ def solve(
         scale = float(np.linalg.norm(at.contact.residual))
         history.append(float(np.linalg.norm(R)) / scale if scale > 0 else float(np.linalg.norm(R) > 0))
         if history[-1] > tolerance or len(history) == 1:
-            factor, moving = factorise(system, at, load, counters)
+            factor, moving = factorise(system, at, load, counters, history[-1] < FAR)
         if history[-1] <= tolerance:  # the rate is only a predictor: the last factor is good enough
             return Equilibrium(at, full(factor(-reduced(moving))), tuple(history))
         counters.iterations += 1

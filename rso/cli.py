@@ -3,44 +3,50 @@
 from __future__ import annotations
 
 import argparse
+import json
+import os
 import shlex
 import sys
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import rso
 
-EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_STORE = 2, 130, 1
+EXIT_BROKEN, EXIT_BAD_INPUT, EXIT_FAILED_RUNS, EXIT_INTERRUPTED = 1, 2, 3, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Console script; returns the exit code."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     options = _parser().parse_args(arguments)
+    from concurrent.futures import BrokenExecutor
+
     from rso.store import StoreError
     from rso.study import StudyError
 
     try:
         return options.call(options, shlex.join(["rso", *arguments]))
-    except StudyError as error:
-        print(error, file=sys.stderr)
-        return EXIT_BAD_INPUT
-    except StoreError as error:
-        print(f"rso: {error}", file=sys.stderr)
-        return EXIT_STORE
     except KeyboardInterrupt:
         print("\nrso: interrupted; everything finished is stored, the same command goes on from there", file=sys.stderr)
         return EXIT_INTERRUPTED
+    except StudyError as error:
+        print(error, file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except (StoreError, BrokenExecutor) as error:
+        print(f"rso: {error}", file=sys.stderr)
+        return EXIT_BROKEN
     except BrokenPipeError:
-        return EXIT_STORE
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing to complain about at the end
+        return EXIT_BROKEN
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="rso", description="Response surface optimisation for indentation tests.",
-        epilog="exit codes: 0 done and verified, 2 bad study or data, 3 some runs failed, 4 not verified, "
-        "5 a required parameter is not determined, 130 interrupted (resumable)",
+        epilog="exit codes: 0 done and verified, 1 results folder or workers unusable, 2 bad study or data, 3 some "
+        "runs failed, 4 not verified, 5 a required parameter is not determined, 130 interrupted (resumable)",
     )  # fmt: skip
     parser.add_argument("--version", action="version", version=f"rso {rso.__version__}")
     commands = parser.add_subparsers(required=True, metavar="command")
@@ -68,28 +74,36 @@ def _check(options: argparse.Namespace, command: str) -> int:
     plan = make_plan(study)
     similar = plan.group.reference is not None
     design, held = fe_design(plan, similar)
-    asked = len(full_design(plan))
-    proof = len(proofs(plan, design)) if similar else 0
-    cases = len(plan.cases)
-    last = sum(study.search.candidates for _ in plan.searches) + study.search.candidates * len(plan.validation)
-    total = cases * (len(design) + len(held) + proof) + last
+    proof = proofs(plan, design) if similar else []
+    cases, candidates = len(plan.cases), study.search.candidates
+    parts = {
+        "design": cases * len(design),
+        "held out": cases * len(held),
+        "proof": cases * len(proof),
+        "candidates": cases * candidates * len(plan.searches),
+        "validation": candidates * len(plan.validation),
+    }
+    total = sum(parts.values())
     print(f"{study.file}: good")
     print(f"  {study.study.title}")
-    for axis in plan.resolved.axes:
-        print(f"  {axis.name}: {axis.low:g} to {axis.high:g} {axis.parameter.unit} ({axis.scale}), {axis.parameter.description}")
+    for a in plan.resolved.axes:
+        print(f"  {a.name}: {a.low:g} to {a.high:g} {a.parameter.unit} ({a.scale}), {a.parameter.description}")
     for name, value in plan.resolved.fixed.items():
         print(f"  {name} = {value:g} (fixed)")
     for e in study.experiments:
         curve = plan.curves[e.name]
-        print(f"  experiment {e.name!r} ({e.role}): {len(curve.depth)} depths to {curve.depth.max():g} mm, {curve.n_repeats} repeat(s)")
-    print(f"  design: {study.doe.kind}, {asked} runs asked + {study.doe.held_out} held out; similarity: {plan.group.why}")
-    print(f"  simulations: {cases * len(design)} design + {cases * len(held)} held out + {cases * proof} proof + up to {last} "
-          f"candidates and validations = {total}, and at most {study.verify.max_infill} infill a search")  # fmt: skip
+        reach = f"{len(curve.depth)} depths to {curve.depth.max():g} mm, {curve.n_repeats} repeat(s)"
+        print(f"  experiment {e.name!r} ({e.role}): {reach}")
+    print(f"  design: {study.doe.kind}, {len(full_design(plan))} runs asked + {study.doe.held_out} held out")
+    print(f"  similarity: {plan.group.why}")
+    shown = ", ".join(f"{n} {what}" for what, n in parts.items() if n)
+    print(f"  simulations: {total} at most ({shown}),")
+    print(f"    and for the surrogates and for each search up to {study.verify.max_infill} points of infill")
     folder = _folder(options, study.folder)
     seconds, known = _seconds_per_run(folder)
     jobs = study.dispatch.jobs
     basis = "as measured in this study" if known else "a guess, nothing was run yet"
-    print(f"  about {total * seconds / jobs / 60:.1f} min with {jobs} job(s) ({seconds:.0f} s a simulation, {basis})")
+    print(f"  about {total * seconds / jobs / 60:.1f} min with {jobs} job(s) ({seconds:.3g} s a simulation, {basis})")
     print(f"  results: {folder}")
     return 0
 
@@ -137,30 +151,34 @@ def _run(options: argparse.Namespace, command: str) -> int:
             )
         except NothingToFit as error:
             progress.say(f"stopped: {error}")
-            return 3
+            return EXIT_FAILED_RUNS
     files = render(found, folder, html=study.report.html, pdf=study.report.pdf)
     _summary(found, files)
     return int(found["exit_code"])
 
 
-def _summary(found: dict, files: list[Path]) -> None:  # type: ignore[type-arg]
+def _summary(found: dict[str, Any], files: list[Path]) -> None:
     counts, best = found["counts"], found["best"]
     print(f"\n{found['study']['title']}")
     for name, state in found["determined"].items():
         print(f"  {name}: {state['story']}")
     if best:
-        candidate = next(
-            c for s in found["searches"] if s["name"] == best["search"] for c in s["candidates"] if c["name"] == best["candidate"]
-        )
+        every = [(s["name"], c) for s in found["searches"] for c in s["candidates"]]
+        candidate = next(c for name, c in every if (name, c["name"]) == (best["search"], best["candidate"]))
         units = {p["name"]: p["unit"] for p in found["parameters"]}
         values = ", ".join(f"{k} = {v:.4g} {units[k]}" for k, v in candidate["values"].items())
-        scores = "; ".join(f"NRMSE {m['nrmse']:.4f} on {e}" for e, m in candidate["metrics"].items())
+        scores = "; ".join(
+            f"NRMSE {m['nrmse']:.4f} on {e}" for e, m in candidate["metrics"].items() if m["nrmse"] is not None
+        )
         print(f"  best verified candidate ({best['candidate']}): {values}; {scores}")
     for v in found["validation"]:
-        predicted = f"predicted {v['predicted'][-1]:.4g}, measured {v['measured'][-1]:.4g}" if len(v["predicted"]) else f"{v['state']}: {v['reason']}"
+        predicted = f"{v['state']}: {v['reason']}"
+        if v["predicted"]:
+            predicted = f"predicted {v['predicted'][-1]:.4g}, measured {v['measured'][-1]:.4g}"
         print(f"  validation {v['experiment']} with {v['candidate']}: {predicted}")
-    print(f"  {counts['fe_runs']} simulations ({counts['done']} done, {counts['failed']} failed, {counts['crashed']} crashed), "
-          f"{counts['saved_by_similarity']} saved by similarity, {found['timings']['total']:.0f} s")  # fmt: skip
+    ended = ", ".join(f"{counts[state]} {state}" for state in ("done", "failed", "crashed"))
+    saved = f"{counts['from_store']} of them known before, {counts['saved_by_similarity']} saved by similarity"
+    print(f"  {counts['fe_runs']} simulations ({ended}; {saved}), {found['timings']['total']:.0f} s")
     for warning in found["warnings"]:
         print(f"  warning: {warning}")
     for file in files:
@@ -176,19 +194,23 @@ def _status(options: argparse.Namespace, command: str) -> int:
     if not folder.exists():
         print(f"{study.file}: not started ({folder} does not exist)")
         return 0
+    try:
+        found = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+        print(f"last finished stage: {found['stage']}")
+    except (OSError, ValueError, KeyError):
+        print("no stage is finished")
     with RunStore(folder, read_only=True) as store:
-        rows = list(store.rows())
+        rows = store.rows()
     for state in ("done", "failed", "crashed"):
         print(f"{state}: {sum(r.state == state for r in rows)}")
     for row in rows:
         if row.state != "done":
-            print(f"  {row.state} {row.key[:12]} {dict(row.values)}: {(row.reason or '').splitlines()[0]}")
+            reason = (row.reason or "no reason given").splitlines()[0]
+            print(f"  {row.state} {row.key[:12]} {dict(row.values)}: {reason}")
     return 0
 
 
 def _report(options: argparse.Namespace, command: str) -> int:
-    import json
-
     from rso.report import render
     from rso.study import load
 

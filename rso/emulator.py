@@ -14,7 +14,7 @@ import numpy as np
 from rso.contract import Response
 from rso.doe import Box
 from rso.similarity import Group
-from rso.surrogates import Scores, Surrogate, fit, refit, score
+from rso.surrogates import Kriging, Scores, Surrogate, fit, refit, score
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,10 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class Emulator:
-    """Surrogates by output id over the `reduced` box (None if similarity leaves no dimension), and the data in them."""
+    """Surrogates by output id over the `reduced` box (None if similarity leaves no dimension), and the data in them.
+
+    `degree` is that of the polynomials, None where the data choose it.
+    """
 
     box: Box
     group: Group
@@ -58,6 +61,7 @@ class Emulator:
     outputs: tuple[Output, ...]
     surrogates: Mapping[str, Surrogate]
     samples: tuple[Sample, ...]
+    degree: int | None = None
 
     def predict(self, output: Output, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (n,) of one output at points X (n, d) of the unit cube of `box`."""
@@ -130,8 +134,9 @@ def reduced_box(box: Box, group: Group) -> Box | None:
 
 
 def learn(
-    box: Box, group: Group, outputs: Sequence[Output], samples: Sequence[Sample], *, kind: str, seed: int
-) -> Emulator:
+    box: Box, group: Group, outputs: Sequence[Output], samples: Sequence[Sample], *, kind: str, seed: int,
+    degree: int | None = None,
+) -> Emulator:  # fmt: skip
     """Emulator of all outputs from the samples; the kind of each surrogate is chosen by cross-validation.
 
     Raises ValueError if there are too few runs for any surrogate.
@@ -139,11 +144,13 @@ def learn(
     if not samples:
         raise ValueError("no run is done: nothing to fit")
     reduced = reduced_box(box, group)
-    bare = Emulator(box, group, reduced, tuple(outputs), {}, tuple(samples))
+    bare = Emulator(box, group, reduced, tuple(outputs), {}, tuple(samples), degree)
     if reduced is None:
         return bare
     X, columns = _data(bare)
-    fitted = {o.id: fit(kind, X, columns[o.id], seed=seed, unit=o.unit, names=reduced.names) for o in outputs}
+    fitted = {
+        o.id: fit(kind, X, columns[o.id], seed=seed, degree=degree, unit=o.unit, names=reduced.names) for o in outputs
+    }
     return replace(bare, surrogates=fitted)
 
 
@@ -153,7 +160,12 @@ def relearn(emulator: Emulator, new: Sequence[Sample], *, seed: int) -> Emulator
     if emulator.reduced is None:
         return bare
     X, columns = _data(bare)
-    fitted = {k: refit(model, X, columns[k], seed=seed) for k, model in emulator.surrogates.items()}
+    fitted = {
+        k: refit(model, X, columns[k], seed=seed)
+        if emulator.degree is None or isinstance(model, Kriging)
+        else fit("polynomial", X, columns[k], seed=seed, degree=emulator.degree, log=model.log)
+        for k, model in emulator.surrogates.items()
+    }
     return replace(bare, surrogates=fitted)
 
 

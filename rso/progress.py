@@ -38,7 +38,7 @@ class Progress:
     def say(self, text: str) -> None:
         """One line."""
         if self._bar is not None:
-            self._bar.console.print(text, markup=False, highlight=False)
+            self._bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
         else:
             print(text, flush=True)
 
@@ -73,6 +73,7 @@ class Progress:
         now = time.monotonic()
         if event.n_done == event.n_runs or now - self._last > EVERY_S or event.state != "done":
             self._last = now
-            rest = (now - self._started) / max(event.n_done - self._first, 1) * (event.n_runs - event.n_done)
+            each = (now - self._started) / max(event.n_done - self._first, 1)
+            rest = f", about {each * (event.n_runs - event.n_done):.0f} s left" if event.n_done < event.n_runs else ""
             counts = ", ".join(f"{n} {state}" for state, n in self._counts.items() if n)
-            print(f"  {event.n_done}/{event.n_runs} ({counts}), about {rest:.0f} s left", flush=True)
+            print(f"  {event.n_done}/{event.n_runs} ({counts}){rest}", flush=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -31,10 +32,14 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Verified:
-    """A finished search: the last choice, its candidates, the runs added on the way, the emulator that knows them."""
+    """A finished search: the last choice and its candidates, those of the rounds before, the emulator that knows these.
+
+    `infill` counts the points of the rounds before that were new to the emulator.
+    """
 
     choice: Choice
     candidates: tuple[Candidate, ...]
+    earlier: tuple[Candidate, ...]
     infill: int
     emulator: Emulator
 
@@ -58,20 +63,27 @@ def verify(
     ends.
     """
     infill = 0
+    earlier: list[Candidate] = []
     while True:
         choice = propose(emulator)
         candidates = rerun(emulator, choice)
         wrong = sum(not c.verified for c in candidates)
-        if not wrong or infill + wrong > max_infill:
-            return Verified(choice, tuple(candidates), infill, emulator)
-        learned = enrich(emulator, candidates)
+        learned = enrich(emulator, candidates) if wrong and infill + wrong <= max_infill else emulator
         new = len(learned.samples) - len(emulator.samples)
         if not new:
-            return Verified(choice, tuple(candidates), infill, emulator)
+            return Verified(choice, tuple(candidates), tuple(earlier), infill, emulator)
+        earlier += candidates
         infill += new
         emulator = learned
 
 
-def agreement(predicted: Mapping[str, tuple[float, float]], recomputed: Mapping[str, float], ids: Sequence[str]) -> float:
-    """max |predicted − recomputed| / |recomputed| over the outputs `ids`."""
-    return max(abs(predicted[i][0] - recomputed[i]) / abs(recomputed[i]) for i in ids)
+def agreement(
+    predicted: Mapping[str, tuple[float, float]], recomputed: Mapping[str, float], ids: Sequence[str]
+) -> float:
+    """max |predicted − recomputed| / |recomputed| over the outputs `ids`; infinite where 0 was not predicted as 0."""
+
+    def difference(i: str) -> float:
+        gap, size = abs(predicted[i][0] - recomputed[i]), abs(recomputed[i])
+        return gap / size if size > 0 else (math.inf if gap > 0 else 0.0)
+
+    return max(difference(i) for i in ids)

@@ -100,14 +100,14 @@ def verification(results: Results, name: str) -> str:
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     axes.set(ylim=(-len(rows) + 0.3, 0.7), xlabel="predicted − recomputed (%)")
-    _key(axes, [(short(views[i].label if i in views else clean(i)), "os^Dv"[n % 5]) for n, i in enumerate(ids)])
+    _key(axes, [(short(views[i].label if i in views else clean(i), 24), "os^Dv"[n % 5]) for n, i in enumerate(ids)])
     return svg(figure, name)
 
 
 def _key(axes: Axes, entries: list[tuple[str, str]]) -> None:
     handles = [axes.plot([], [], marker, ms=3.6, color=INK, ls="none")[0] for _, marker in entries]
     axes.legend(
-        handles, [text for text, _ in entries], loc="lower left", bbox_to_anchor=(0, 1), ncols=5, frameon=False,
+        handles, [text for text, _ in entries], loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False,
         fontsize=8, handletextpad=0.1, columnspacing=1.4, borderaxespad=0.2,
     )  # fmt: skip
 
@@ -163,11 +163,11 @@ def _curves(
     for c, x, f in simulated[-1:]:
         k = int(np.argmin(np.abs(x - 0.72 * x[-1])))
         if c.best:
-            tag(axes, x[k], f[k] * unit.factor, c.label, colour=ACCENT, offset=(12, -9), ha="left")
+            tag(axes, x[k], f[k] * unit.factor, short(c.label), colour=ACCENT, offset=(12, -9), ha="left")
     if others:
         word = f"{len(others)} other candidate{'s' if len(others) > 1 else ''} (thin)"
         axes.text(0.985, 0.04, word, transform=axes.transAxes, ha="right", color=GREY)
-    axes.set_ylabel(f"{clean(e.get('channel'))}{unit.bracket}")
+    axes.set_ylabel(f"{short(clean(e.get('channel')), 20)}{unit.bracket}")
     axes.set_title(short(clean(e["name"]), 60), color=GREY)
     axes.set_xlim(0, None)
     if rest is None:
@@ -243,7 +243,7 @@ def _dots(
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     axes.margins(x=0.12)
-    axes.set(ylim=(-len(rows) + 0.3, 0.7), xlabel=f"{clean(e.get('channel'))}{unit.bracket}")
+    axes.set(ylim=(-len(rows) + 0.3, 0.7), xlabel=f"{short(clean(e.get('channel')), 20)}{unit.bracket}")
     words = f"measured{' ± σ, ± 2σ' if sigma else ''}"
     axes.annotate(
         words, (y * unit.factor, 1), xycoords=("data", "axes fraction"), xytext=(0, 3), textcoords="offset points",

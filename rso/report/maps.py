@@ -95,7 +95,7 @@ def _surface(axes: Axes, results: Results, s: Mapping[str, Any], x: Parameter, y
     for spine in axes.spines.values():
         spine.set_visible(False)
     aims = [quantity(t["value"], output.base, 3, 1 / output.unit.factor) for t in _targets(results, s["output"])]
-    axes.set_title(f"{short(output.label, 34)}{output.unit.bracket}")
+    axes.set_title(f"{short(output.label, 26)}{output.unit.bracket}")
     if aims:
         axes.set_title(f"target {', '.join(aims)}", loc="right", color=ACCENT, fontsize=8)
 
@@ -168,7 +168,7 @@ def _line(axes: Axes, results: Results, s: Mapping[str, Any], x: Parameter, outp
             if a is not None and b is not None:
                 axes.plot([a * x.unit.factor], [b * output.unit.factor], "D", ms=3.6, mfc=PAPER, mec=ACCENT)
     parameter_axis(axes, "x", x)
-    axes.set_ylabel(f"{short(output.label)}{output.unit.bracket}")
+    axes.set_ylabel(f"{short(output.label, 24)}{output.unit.bracket}")
 
 
 def sensitivity(results: Results, name: str) -> str:
@@ -241,7 +241,10 @@ def _pair(axes: Axes, targets: list[Mapping[str, Any]], F: np.ndarray, i: int, j
             at = np.array(miss) * unit.factor
             axes.scatter(*at, marker="D", s=46, c=PAPER, edgecolors=ACCENT, linewidths=0.9, zorder=3)
             axes.annotate(c.mark, at, ha="center", va="center", fontsize=6, zorder=4)
-    a, b = (f"|Δ{clean(t['channel'])}| at {shortest(t['depth_mm'])} mm{unit.bracket}" for t in (targets[i], targets[j]))
+    a, b = (
+        f"|Δ{short(clean(t['channel']), 8)}| at {shortest(t['depth_mm'])} mm{unit.bracket}"
+        for t in (targets[i], targets[j])
+    )
     few_ticks(axes)
     axes.set(xlabel=a, ylabel=b)
     axes.margins(0.1)

@@ -6,7 +6,6 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -17,9 +16,12 @@ from rso.emulator import Output, reduced_box
 from rso.measurement import MeasuredCurve, combine, value_at
 from rso.running import Source, Task
 from rso.similarity import Group, group
-from rso.study.errors import Problem, study_error
+from rso.study.errors import Problem, choose, study_error
+from rso.study.places import Place
 from rso.study.resolve import Axis, Resolved, Search, resolve
+from rso.study.schema import Constraint as ConstraintTable
 from rso.study.schema import ExperimentTable, Study, Target
+from rso.surrogates.polynomial import HIGHEST
 from rso.targets import Constraint
 from rso.targets import Target as Goal
 
@@ -79,56 +81,43 @@ class Plan:
 
 
 def make_plan(study: Study) -> Plan:
-    """Plan of a loaded study; StudyError for whatever its backend does not know."""
-    source = Source(
-        study.backend.use,
-        study.backend.command,
-        str(study.folder),
-        None,
-        study.backend.timeout,
-    )
+    """Plan of a loaded study; StudyError for whatever its backend or its data do not allow."""
+    source = Source(study.backend.use, study.backend.command, str(study.folder), None, study.backend.timeout)
     try:
         backend = source.load()
     except ValueError as error:
         raise study_error(study.file, study.lines, [Problem(("backend",), str(error))]) from error
     resolved = resolve(study, backend.parameters)
-    if not resolved.axes:
-        raise study_error(study.file, study.lines, [Problem(("parameters",), "no parameter is open: nothing to find")])
-    box = _box(resolved.axes)
-    curves = {
-        e.name: combine(study.measurement(e.name), e.noise.noise(), e.compared[0])
-        for e in study.experiments
-        if e.kind == "force"
-    }
+    curves = _curves(study)
     _refuse_what_is_not_modelled(study, backend, resolved, curves)
     fitted = [e for e in study.experiments if e.role != "validate"]
-    asked = {e.name: _travels(curves[e.name], _target_depths(study, e.name)) for e in fitted}
+    main = Search("main", study.search.targets or _default_targets(curves, fitted), resolved.axes)
+    wanted = [main, *(dataclasses.replace(v, targets=v.targets or main.targets) for v in resolved.variants)]
+    depths = [*(t for s in wanted for t in s.targets), *study.search.constraints]
+    asked = {e.name: _travels(curves[e.name], {t.depth for t in depths if t.experiment == e.name}) for e in fitted}
     cases, case_of = _merge(study, backend, fitted, asked, resolved)
     validation = {
-        e.name: _case(study, e.name, _travels(curves[e.name], ())) for e in study.experiments if e.role == "validate"
+        e.name: _case(study, e.name, _travels(curves[e.name], set())) for e in study.experiments if e.role == "validate"
     }
-    units = backend.channels
-    outputs = tuple(
+    units, box = backend.channels, _box(resolved.axes)
+    searches = tuple(_search(study, s, box, curves, units) for s in wanted)
+    constraints = tuple(_constraint(c, units) for c in study.search.constraints)
+    outputs = [
         Output(e.name, channel, u, units[channel]) for e in fitted for channel in e.compared for u in asked[e.name]
-    )
-    deepest = fitted[0].name
-    others = [c for c in units if c not in ("time", "travel", *fitted[0].compared)]
-    extras = tuple(Output(deepest, c, max(_target_depths(study, deepest) or asked[deepest]), units[c]) for c in others)
-    constraints = tuple(
-        Constraint(
-            c.experiment, c.channel, c.depth, -math.inf if c.low is None else c.low,
-            math.inf if c.high is None else c.high, units[c.channel],
-        )
-        for c in study.search.constraints
+    ]
+    outputs = list(dict.fromkeys([*outputs, *(o for s in searches for o in s.outputs)]))
+    extras = [*_others(backend, fitted[0], asked[fitted[0].name], main.targets), *map(limited, constraints)]
+    plan = Plan(
+        study, resolved, backend, source, box, _group(study, backend, resolved, box), cases, case_of, validation,
+        curves, tuple(outputs), tuple(o for o in dict.fromkeys(extras) if o not in outputs), constraints, searches,
     )  # fmt: skip
-    limited = [Output(c.experiment, c.channel, c.depth_mm, c.unit) for c in constraints]
-    extras = tuple(dict.fromkeys([*extras, *(o for o in limited if o not in outputs)]))
-    main = Search("main", study.search.targets or _default_targets(curves, fitted), resolved.axes)
-    searches = tuple(_search(s, box, curves, units) for s in (main, *resolved.variants))
-    return Plan(
-        study, resolved, backend, source, box, _group(study, backend, resolved), cases, case_of, validation, curves,
-        outputs, extras, constraints, searches,
-    )  # fmt: skip
+    full_design(plan)  # whatever is wrong with the design is said now, not when runs have begun
+    return plan
+
+
+def limited(constraint: Constraint) -> Output:
+    """The output that a constraint limits."""
+    return Output(constraint.experiment, constraint.channel, constraint.depth_mm, constraint.unit)
 
 
 def full_design(plan: Plan) -> np.ndarray:
@@ -137,8 +126,10 @@ def full_design(plan: Plan) -> np.ndarray:
     if table.kind == "file":
         assert table.file is not None
         return _from_file(plan, table.file)
+    # The other kinds know their number of runs; the default of `runs` is not the user's wish.
+    stated = "runs" in table.model_fields_set or table.kind in ("lhs", "sobol", "osf")
     try:
-        return doe.design(table.kind, plan.box.d, table.runs, plan.seed)
+        return doe.design(table.kind, plan.box.d, table.runs if stated else None, plan.seed)
     except ValueError as error:
         raise study_error(plan.study.file, plan.study.lines, [Problem(("doe",), str(error))]) from error
 
@@ -155,7 +146,7 @@ def fe_design(plan: Plan, similar: bool) -> tuple[list[dict[str, float]], list[d
     reduced = reduced_box(plan.box, group)
     if reduced is None:
         return [_back(plan, {})], []
-    count = max(FEWEST, math.ceil(len(full) ** (reduced.d / plan.box.d)))
+    count = min(len(full), max(FEWEST, math.ceil(len(full) ** (reduced.d / plan.box.d))))
     if reduced.d == 1:
         X = np.linspace(0.0, 1.0, count)[:, None]
         middles = 0.5 * (X[1:] + X[:-1])
@@ -164,21 +155,28 @@ def fe_design(plan: Plan, similar: bool) -> tuple[list[dict[str, float]], list[d
     else:
         X = doe.design("lhs", reduced.d, count, plan.seed)
         H = doe.latin(reduced.d, table.held_out, plan.seed + 1) if table.held_out else np.empty((0, reduced.d))
-    return tuple([_back(plan, dict(zip(reduced.names, row, strict=True))) for row in reduced.from_unit(P)] for P in (X, H))  # type: ignore[return-value]
+    design, held = (
+        [_back(plan, dict(zip(reduced.names, row, strict=True))) for row in reduced.from_unit(P)] for P in (X, H)
+    )
+    return design, held
 
 
 def proofs(plan: Plan, design: list[dict[str, float]]) -> list[tuple[dict[str, float], dict[str, float]]]:
-    """Pairs (direct, similar): points of the study's box and the design runs that similarity says are theirs."""
+    """Pairs (direct, similar): points of the study's box and the design runs that similarity says are theirs.
+
+    The modulus of a direct run differs from the reference by 10 %, or by a quarter of its range if that is narrow.
+    """
     rng = np.random.default_rng([plan.seed, 77])
-    reference = plan.group.reference
-    k = plan.box.names.index(reference)
+    box, group = plan.box, plan.group
+    k = box.names.index(group.reference)
+    apart = min(0.1, 0.25 * math.log(box.high[k] / box.low[k]))
     pairs = []
     for i in rng.permutation(len(design)):
         for _ in range(200):
-            s = float(plan.box.from_unit(rng.random((1, plan.box.d)))[0, k]) / plan.group.reference_value
-            theta = {n: design[i][n] * s ** plan.group.exponents.get(n, 0) for n in plan.box.names}
-            inside = all(lo <= theta[n] <= hi for n, lo, hi in zip(plan.box.names, plan.box.low, plan.box.high, strict=True))
-            if inside and abs(math.log(s)) > 0.1:
+            s = float(box.from_unit(rng.random((1, box.d)))[0, k]) / group.reference_value
+            theta = {n: design[i][n] * s ** group.exponents.get(n, 0) for n in box.names}
+            inside = all(lo <= theta[n] <= hi for n, lo, hi in zip(box.names, box.low, box.high, strict=True))
+            if inside and abs(math.log(s)) > apart:
                 pairs.append(({**theta, **plan.resolved.fixed}, design[i]))
                 break
         if len(pairs) == PROOFS:
@@ -201,26 +199,70 @@ def _box(axes: tuple[Axis, ...]) -> Box:
     )
 
 
-def _group(study: Study, backend: Backend, resolved: Resolved) -> Group:
-    """Similarity of the open parameters; a fixed one with a stress in its unit stands in the way."""
+def _group(study: Study, backend: Backend, resolved: Resolved, box: Box) -> Group:
+    """Similarity of the open parameters; any other with a stress in its unit and a value but zero stands in the way."""
     opened = [dataclasses.replace(a.parameter, low=a.low, high=a.high) for a in resolved.axes]
-    units = {p.name: p.unit for p in backend.parameters}
-    constants = {n: units[n] for n, v in resolved.fixed.items() if v != 0.0}
+    bounds = {p.name: p for p in backend.parameters}
+    others = [p for p in backend.parameters if p.name not in box.names]
+    constants = {p.name: p.unit for p in others if resolved.fixed.get(p.name, p.default) != 0.0}
+    try:
+        found = group(opened, backend.channels, constants=constants)
+    except ValueError as error:
+        return Group(None, 1.0, {}, dict.fromkeys(backend.channels, 0), f"not applied: {error}")
+    if found.reference is None:
+        return found
     if not study.doe.reduce:
-        return dataclasses.replace(group(opened, backend.channels), reference=None, why="switched off: doe.reduce = false")
-    return group(opened, backend.channels, constants=constants)
+        return dataclasses.replace(found, reference=None, why="switched off: doe.reduce = false")
+    reduced = reduced_box(box, found)
+    ends = () if reduced is None else zip(reduced.names, reduced.low, reduced.high, strict=True)
+    beyond = [n for n, low, high in ends if low < bounds[n].low or high > bounds[n].high]
+    if beyond:
+        why = f"not applied: it would run {', '.join(beyond)} outside the hard bounds of the backend"
+        return dataclasses.replace(found, reference=None, why=why)
+    return found
 
 
-def _target_depths(study: Study, name: str) -> tuple[float, ...]:
-    tables = [*study.search.targets, *study.search.constraints, *(t for v in study.search.variants for t in v.targets)]
-    return tuple(sorted({t.depth for t in tables if t.experiment == name}))
+def _others(
+    backend: Backend, experiment: ExperimentTable, asked: tuple[float, ...], targets: tuple[Target, ...]
+) -> list[Output]:
+    """Every channel that is not compared, of the first experiment at its deepest target (or travel)."""
+    names = [c for c in backend.channels if c not in ("time", "travel", *experiment.compared)]
+    depth = max((t.depth for t in targets if t.experiment == experiment.name), default=asked[-1])
+    return [Output(experiment.name, c, depth, backend.channels[c]) for c in names]
 
 
-def _travels(curve: MeasuredCurve, targets: tuple[float, ...]) -> tuple[float, ...]:
-    """Evenly spaced travels to the deepest measured depth, and the targets; a single measured point is itself."""
+def _constraint(table: ConstraintTable, units: Mapping[str, str]) -> Constraint:
+    low, high = -math.inf if table.low is None else table.low, math.inf if table.high is None else table.high
+    return Constraint(table.experiment, table.channel, table.depth, low, high, units[table.channel])
+
+
+def _curves(study: Study) -> dict[str, MeasuredCurve]:
+    """First compared channel of every force experiment, repeats combined."""
+    curves, problems = {}, []
+    for n, e in enumerate(study.experiments):
+        if e.kind != "force":
+            continue
+        try:
+            curve = combine(study.measurement(e.name), e.noise.noise(), e.compared[0])
+            if not curve.depth.max() > 0:
+                raise ValueError(f"no depth is positive, the largest is {curve.depth.max():g} mm")
+            curves[e.name] = curve
+        except ValueError as error:
+            problems.append(Problem(("experiments", n, "data"), f"cannot be used: {error}", e.data))
+    if problems:
+        raise study_error(study.file, study.lines, problems)
+    return curves
+
+
+def _travels(curve: MeasuredCurve, targets: set[float]) -> tuple[float, ...]:
+    """The targets, and evenly spaced travels to the deepest measured depth where no target is near."""
     deepest = float(curve.depth.max())
-    grid = [deepest] if len(curve.depth) == 1 else [round(deepest * k / STEPS, 6) for k in range(1, STEPS + 1)]
-    return tuple(sorted({*grid, *targets}))
+    steps = 1 if len(curve.depth) == 1 else STEPS
+    grid = [round(deepest * k / steps, 6) for k in range(1, steps)]
+    kept = {u for u in grid if all(abs(u - t) > 0.01 * deepest for t in targets)}
+    if max(targets, default=0.0) < deepest:
+        kept.add(deepest)  # not rounded: every measured depth must be reached
+    return tuple(sorted({*kept, *targets}))
 
 
 def _case(study: Study, name: str, asked: tuple[float, ...]) -> Case:
@@ -229,10 +271,12 @@ def _case(study: Study, name: str, asked: tuple[float, ...]) -> Case:
 
 
 def _merge(
-    study: Study, backend: Backend, fitted: list[ExperimentTable], asked: dict[str, tuple[float, ...]], resolved: Resolved
-) -> tuple[tuple[Case, ...], dict[str, int]]:
+    study: Study, backend: Backend, fitted: list[ExperimentTable], asked: Mapping[str, tuple[float, ...]],
+    resolved: Resolved,
+) -> tuple[tuple[Case, ...], dict[str, int]]:  # fmt: skip
     """Experiments whose canonical settings are equal become one case that is asked for all their travels."""
-    example = {a.name: a.low for a in resolved.axes} | dict(resolved.fixed)
+    # Inside the ranges: at their ends an effect may be neutral, and then more drops out than elsewhere.
+    example = {a.name: 0.5 * (a.low + a.high) for a in resolved.axes} | dict(resolved.fixed)
     cases: list[Case] = []
     index: dict[str, int] = {}
     case_of: dict[str, int] = {}
@@ -255,52 +299,78 @@ def _refuse_what_is_not_modelled(
 ) -> None:
     problems = []
     for n, e in enumerate(study.experiments):
-        place: tuple[Any, ...] = ("experiments", n)
+        place: Place = ("experiments", n)
         if e.kind != "force":
             problems.append(Problem((*place, "kind"), f"the backend {backend.name!r} has no profiles", e.kind))
             continue
-        for channel in e.compared:
-            if channel not in backend.channels:
-                known = ", ".join(backend.channels)
-                problems.append(Problem((*place, "channels"), f"the backend has no such channel; choose from {known}", channel))
+        problems += [_no_channel(backend, (*place, "channels"), c) for c in e.compared if c not in backend.channels]
         try:
-            backend.check(_case(study, e.name, _travels(curves[e.name], _target_depths(study, e.name))))
+            backend.check(_case(study, e.name, _travels(curves[e.name], set())))
         except ValueError as error:
             problems.append(Problem((*place, "settings") if e.settings else ("backend", "settings"), str(error)))
-    for n, c in enumerate(study.search.constraints):
-        if c.channel not in backend.channels:
-            known = ", ".join(backend.channels)
-            problems.append(Problem(("search", "constraints", n, "channel"), f"choose from {known}", c.channel))
-    given = {*(a.name for a in resolved.axes), *resolved.fixed}
+    problems += _refuse_search(study, backend)
+    opened = [a.name for a in resolved.axes]
     for p in backend.parameters:
-        if p.default is None and p.name not in given:
+        if p.default is None and p.name not in opened and p.name not in resolved.fixed:
             text = f"the backend needs {p.name!r} ({p.description}, {p.unit}): give low and high, or value"
             problems.append(Problem(("parameters",), text))
-    for n, name in enumerate(study.identify.require):
-        if name not in {a.name for a in resolved.axes}:
-            opened = ", ".join(a.name for a in resolved.axes)
-            problems.append(Problem(("identify", "require", n), f"not an open parameter; choose from {opened}", name))
+    if "degree" in study.surrogate.model_fields_set and study.surrogate.degree > HIGHEST:
+        text = f"polynomials have degrees 1 to {HIGHEST}"
+        problems.append(Problem(("surrogate", "degree"), text, study.surrogate.degree))
     if problems:
         raise study_error(study.file, study.lines, problems)
 
 
+def _refuse_search(study: Study, backend: Backend) -> list[Problem]:
+    """Targets and constraints on channels that the backend has, constraints on experiments that are fitted."""
+    problems = []
+    owners: list[tuple[Place, tuple[Target, ...]]] = [(("search",), study.search.targets)]
+    owners += [(("search", "variants", n), v.targets) for n, v in enumerate(study.search.variants)]
+    for place, targets in owners:
+        for n, t in enumerate(targets):
+            if t.channel not in backend.channels:
+                problems.append(_no_channel(backend, (*place, "targets", n, "channel"), t.channel))
+    for n, c in enumerate(study.search.constraints):
+        place = ("search", "constraints", n)
+        if c.channel not in backend.channels:
+            problems.append(_no_channel(backend, (*place, "channel"), c.channel))
+        if study.experiment(c.experiment).role == "validate":
+            text = 'is for validation (role = "validate") and cannot be constrained'
+            problems.append(Problem((*place, "experiment"), text, c.experiment))
+    return problems
+
+
+def _no_channel(backend: Backend, place: Place, channel: str) -> Problem:
+    return Problem(
+        place, f"the backend {backend.name!r} has no such channel; {choose(channel, backend.channels)}", channel
+    )
+
+
 def _default_targets(curves: Mapping[str, MeasuredCurve], fitted: list[ExperimentTable]) -> tuple[Target, ...]:
-    """Without targets: three points of each fitted curve, so that its whole shape counts."""
+    """Without targets: up to three points of each curve that is fitted, so that its whole shape counts."""
     found = []
     for e in fitted:
-        u = curves[e.name].depth
-        for share in (0.4, 0.7, 1.0) if len(u) > 2 else (1.0,):
-            depth = float(u[np.argmin(np.abs(u - share * u.max()))])
-            found.append(Target(experiment=e.name, depth=depth, channel=e.compared[0]))
+        if e.role == "fit":
+            u = curves[e.name].depth[curves[e.name].depth > 0]
+            depths = {float(u[np.argmin(np.abs(u - share * u.max()))]) for share in (0.4, 0.7, 1.0)}
+            found += [Target(experiment=e.name, depth=depth, channel=e.compared[0]) for depth in sorted(depths)]
     return tuple(found)
 
 
-def _search(search: Search, box: Box, curves: Mapping[str, MeasuredCurve], units: Mapping[str, str]) -> SearchPlan:
+def _search(
+    study: Study, search: Search, box: Box, curves: Mapping[str, MeasuredCurve], units: Mapping[str, str]
+) -> SearchPlan:
     goals, outputs = [], []
     for t in search.targets:
-        value, sigma = value_at(curves[t.experiment], t.depth)
+        e, curve = study.experiment(t.experiment), curves[t.experiment]
+        if t.channel != curve.channel:
+            curve = combine(study.measurement(e.name), e.noise.noise(), t.channel)
+        value, sigma = value_at(curve, t.depth)
         value = value if t.value is None else t.value
         sigma = max(sigma, 1e-3 * abs(value))  # a perfect measurement would leave nothing acceptable
+        if sigma == 0.0:
+            text = f"the target {t.channel} of {e.name!r} at {t.depth:g} mm is 0 without uncertainty: state a noise"
+            raise study_error(study.file, study.lines, [Problem(("search", "targets"), text)])
         goals.append(Goal(t.experiment, t.channel, t.depth, value, sigma, units[t.channel]))
         outputs.append(Output(t.experiment, t.channel, t.depth, units[t.channel]))
     low, high = (box.to_unit(np.array([[getattr(a, end) for a in search.axes]]))[0] for end in ("low", "high"))

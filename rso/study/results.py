@@ -14,14 +14,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 import rso
 from rso.contract import plain
 from rso.emulator import Emulator, Output
 from rso.running import Outcome
-from rso.store import Done, Failed
+from rso.store import Done
 from rso.study.plan import Plan, SearchPlan
-from rso.study.stages import Design, Fitted, Found, Run, Sensitivity, Validation, baselines, mean_over_design
+from rso.study.stages import Design, Fitted, Found, Run, Sensitivity, Validation, baselines, mean_over_design, why
 from rso.surrogates import Scores
 
 SCHEMA = 1
@@ -37,6 +38,18 @@ def write(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:
     temporary.write_text(json.dumps(data, indent=1, allow_nan=False), encoding="utf-8")
     os.replace(temporary, path)
     return data
+
+
+def write_runs(path: Path, found: Mapping[str, Any]) -> None:
+    """All runs as a table: state, values with units, outputs; empty cells where a run has no answer."""
+    units = {p["name"]: p["unit"] for p in found["parameters"]}
+    rows = [
+        {k: r[k] for k in ("key", "purpose", "state", "cause", "reason", "wall_s", "cpu_s")}
+        | {f"{n} [{units.get(n, '')}]": v for n, v in r["values"].items()}
+        | r["outputs"]
+        for r in found["runs"]
+    ]
+    pd.DataFrame(rows).to_csv(path, index=False)
 
 
 def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
@@ -160,23 +173,23 @@ def of_searches(plan: Plan, found: list[Found]) -> dict[str, Any]:
 
 
 def candidate_runs(plan: Plan, found: Found) -> list[dict[str, Any]]:
-    """Rows of `runs` for the candidates of a search and for the infill that came before them."""
-    last = [tuple(sorted(c.values.items())) for c in found.result.candidates]
-    rows = []
-    for c in found.result.candidates:
-        rows += _runs(plan, Run("candidate", c.values, c.outcomes))
-    for s in found.result.emulator.samples[len(found.result.emulator.samples) - found.result.infill :]:
-        if tuple(sorted(s.values.items())) not in last:
-            rows.append({"key": "", "purpose": "infill", "state": "done", "values": dict(s.values),
-                         "outputs": dict(s.outputs), "cause": None, "reason": None, "wall_s": None, "cpu_s": None})  # fmt: skip
-    return rows
+    """Rows of `runs` for the infill of a search (candidates of its earlier rounds), then for its candidates."""
+    last = [c.values for c in found.result.candidates]
+    earlier = [Run("infill", c.values, c.outcomes) for c in found.result.earlier if c.values not in last]
+    candidates = [Run("candidate", c.values, c.outcomes) for c in found.result.candidates]
+    return [row for run in (*earlier, *candidates) for row in _runs(plan, run)]
+
+
+def validation_runs(found: list[Validation], main: Found) -> list[dict[str, Any]]:
+    """Rows of `runs` for the experiments kept for the end."""
+    return [_row(v.outcome, "validate", main.result.candidates[v.candidate].values, {}) for v in found]
 
 
 def of_validation(plan: Plan, found: list[Validation]) -> dict[str, Any]:
     """validation."""
     rows = []
     for v in found:
-        cause, reason = _why(v.outcome)
+        cause, reason = why(v.outcome)
         rows.append(
             {
                 "experiment": v.experiment, "search": "main", "candidate": f"main {v.candidate + 1}",
@@ -197,6 +210,7 @@ def best(plan: Plan, found: list[Found]) -> dict[str, str] | None:
         for k, (c, scores) in enumerate(zip(f.result.candidates, f.metrics, strict=True))
         if c.verified and scores
     ]
+    scored = [s for s in scored if math.isfinite(s[0])]
     if not scored:
         return None
     _, name, k = min(scored)
@@ -206,19 +220,21 @@ def best(plan: Plan, found: list[Found]) -> dict[str, str] | None:
 def determined(plan: Plan, main: Found) -> dict[str, Any]:
     """Which parameters the targets of the main search determine: the range that hits all of them within noise."""
     choice, search = main.result.choice, main.plan
+    lowest, highest = choice.lowest, choice.highest
     if not choice.reachable:
         return {
             n: {"determined": False, "interval": [None, None], "story": "the targets are not reachable in these ranges"}
             for n in plan.box.names
         }
-    low, high = plan.box.from_unit(np.stack([choice.lowest, choice.highest]))
+    low, high = plan.box.from_unit(np.stack([lowest, highest]))
     result = {}
     for k, (name, unit) in enumerate(zip(plan.box.names, plan.box.units, strict=True)):
         a, b = float(low[k]), float(high[k])
+        margin = 0.02 * (search.high[k] - search.low[k])
         ends = [
             word
-            for word, at, end in (("lower", choice.lowest[k], search.low[k]), ("upper", choice.highest[k], search.high[k]))
-            if abs(at - end) < 0.02
+            for word, gap in (("lower", lowest[k] - search.low[k]), ("upper", search.high[k] - highest[k]))
+            if gap < margin
         ]
         half = (b - a) / (b + a) if a + b > 0 else math.inf
         good = half <= DETERMINED and not ends
@@ -266,25 +282,21 @@ def _output(o: Output) -> dict[str, Any]:
 def _runs(plan: Plan, run: Run) -> list[dict[str, Any]]:
     rows = []
     for k, outcome in enumerate(run.outcomes):
-        cause, reason = _why(outcome)
         outputs = {}
         if isinstance(outcome, Done):
             mine = [o for o in (*plan.outputs, *plan.extras) if plan.case_of[o.experiment] == k]
             outputs = {o.id: o.read(outcome.response) for o in mine}
-        rows.append(
-            {
-                "key": outcome.key, "purpose": run.purpose, "state": type(outcome).__name__.lower(),
-                "values": dict(run.values), "outputs": outputs, "cause": cause, "reason": reason,
-                "wall_s": getattr(outcome, "wall_s", None), "cpu_s": getattr(outcome, "cpu_s", None),
-            }
-        )  # fmt: skip
+        rows.append(_row(outcome, run.purpose, run.values, outputs))
     return rows
 
 
-def _why(outcome: Outcome) -> tuple[str | None, str | None]:
-    if isinstance(outcome, Done):
-        return None, None
-    return (outcome.cause if isinstance(outcome, Failed) else "crash"), outcome.reason.splitlines()[0]
+def _row(outcome: Outcome, purpose: str, values: Mapping[str, float], outputs: Mapping[str, float]) -> dict[str, Any]:
+    cause, reason = why(outcome)
+    return {
+        "key": outcome.key, "purpose": purpose, "state": type(outcome).__name__.lower(), "values": dict(values),
+        "outputs": dict(outputs), "cause": cause, "reason": reason, "wall_s": getattr(outcome, "wall_s", None),
+        "cpu_s": getattr(outcome, "cpu_s", None),
+    }  # fmt: skip
 
 
 def _surface(plan: Plan, emulator: Emulator, output: Output) -> dict[str, Any]:

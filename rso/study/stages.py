@@ -14,13 +14,15 @@ from rso.curves import Metrics, Resampling, baseline, metrics
 from rso.emulator import Emulator, Output, Sample, learn, relearn
 from rso.running import Event, Outcome, Task, run_all
 from rso.search import Choice
-from rso.store import Done, RunStore
-from rso.study.plan import Plan, SearchPlan, fe_design, full_design, proofs
+from rso.store import Done, Failed, RunStore
+from rso.study.plan import Plan, SearchPlan, fe_design, full_design, limited, proofs
 from rso.surrogates import Scores
 from rso.targets import residuals, violations
 from rso.verify import Candidate, Verified, agreement, verify
 
 SIMILAR_TO = 1e-8  # relative difference up to which two runs count as the same by similarity
+NOISE = 1e-4  # share of the largest output of its unit below which an output that nobody asked for is not learnt
+REASONS = 3  # reasons of failed runs that are told
 
 Watch = Callable[[Event], None]
 
@@ -81,8 +83,11 @@ class Design:
     runs: tuple[Run, ...]
 
     def samples(self, plan: Plan, purpose: str) -> list[Sample]:
-        """Runs of one purpose that are done."""
-        return [sample(plan, r.values, r.outcomes) for r in self.runs if r.purpose == purpose and r.done]
+        """Runs of one purpose that are done; without similarity those of the reduced box that lie in the study's."""
+        runs = [r for r in self.runs if r.purpose == purpose and r.done]
+        if not self.similar:
+            runs = [r for r in runs if plan.box.contains(np.array([r.values[n] for n in plan.box.names]))]
+        return [sample(plan, r.values, r.outcomes) for r in runs]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,11 +143,19 @@ def sample(plan: Plan, values: Mapping[str, float], outcomes: Sequence[Outcome])
     return Sample(dict(values), outputs)
 
 
+def why(outcome: Outcome) -> tuple[str | None, str | None]:
+    """Cause class and first line of the reason of a run that is not done; ("crash", …) for a crash."""
+    if isinstance(outcome, Done):
+        return None, None
+    first = (outcome.reason.splitlines() or ["no reason given"])[0]
+    return (outcome.cause if isinstance(outcome, Failed) else "crash"), first
+
+
 # ------------------------------------------------------------------------------------------------------ design
 
 
 def run_design(bench: Bench) -> Design:
-    """Run the design; with similarity first the reduced one and its proof, the full one if the proof fails."""
+    """Run the design; with similarity first the reduced one and its proof, and without a proof the full one."""
     plan = bench.plan
     asked = full_design(plan)
     if plan.group.reference is None:
@@ -151,11 +164,13 @@ def run_design(bench: Bench) -> Design:
     pairs = proofs(plan, points)
     runs = _runs(bench, points, held, [direct for direct, _ in pairs])
     proved = tuple(_proof(plan, pair, runs) for pair in pairs)
-    wrong = [p for p in proved if p.relative_difference is not None and p.relative_difference > SIMILAR_TO]
-    if not wrong:
+    differences = [p.relative_difference for p in proved if p.relative_difference is not None]
+    if differences and max(differences) <= SIMILAR_TO:
         return Design(asked, True, plan.group.why, proved, runs)
-    worst = max(p.relative_difference or 0.0 for p in wrong)
-    story = f"not applied: the proof runs differ by {worst:.1e}, more than {SIMILAR_TO:g}; the backend is not similar"
+    story = "not applied: none of the proof runs was done"
+    if differences:
+        story = f"not applied: the proof runs differ by {max(differences):.1e}, more than {SIMILAR_TO:g}; "
+        story += "the backend is not similar"
     return Design(asked, False, story, proved, (*runs, *_runs(bench, *fe_design(plan, False), [])))
 
 
@@ -166,14 +181,33 @@ def _runs(bench: Bench, design: list[dict], held: list[dict], direct: list[dict]
 
 
 def _proof(plan: Plan, pair: tuple[dict, dict], runs: Sequence[Run]) -> Proof:  # type: ignore[type-arg]
+    """The output with the largest relative difference among those that are not noise about zero."""
     direct, similar = (next(r for r in runs if r.values == v) for v in pair)
     if not (direct.done and similar.done):
         return Proof(pair[0], None, None, None)
     ratio = pair[0][plan.group.reference] / plan.group.reference_value
-    a, b = sample(plan, *_of(direct)).outputs, sample(plan, *_of(similar)).outputs
-    scaled = {o.id: plan.group.expand(o.channel, b[o.id], ratio) for o in plan.outputs}
-    worst = max(plan.outputs, key=lambda o: abs(a[o.id] - scaled[o.id]) / abs(a[o.id]))
-    return Proof(pair[0], a[worst.id], scaled[worst.id], abs(a[worst.id] - scaled[worst.id]) / abs(a[worst.id]))
+    every = (*plan.outputs, *plan.extras)
+    a, b = sample(plan, *_of(direct)), sample(plan, *_of(similar))
+    scaled = {o.id: plan.group.expand(o.channel, b.outputs[o.id], ratio) for o in every}
+    largest = _largest(plan, [a])
+    difference = {
+        o.id: abs(a.outputs[o.id] - scaled[o.id]) / abs(a.outputs[o.id])
+        for o in every
+        if abs(a.outputs[o.id]) > NOISE * largest[o.unit]
+    }
+    if not difference:
+        return Proof(pair[0], None, None, None)
+    worst = max(difference, key=lambda i: difference[i])
+    return Proof(pair[0], a.outputs[worst], scaled[worst], difference[worst])
+
+
+def _largest(plan: Plan, samples: Sequence[Sample]) -> dict[str, float]:
+    """Largest absolute output by unit."""
+    every = (*plan.outputs, *plan.extras)
+    return {
+        unit: max((abs(s.outputs[o.id]) for s in samples for o in every if o.unit == unit), default=0.0)
+        for unit in {o.unit for o in every}
+    }
 
 
 def _of(run: Run) -> tuple[Mapping[str, float], tuple[Outcome, ...]]:
@@ -190,29 +224,31 @@ def fit_surrogates(bench: Bench, design: Design) -> Fitted:
     added where the design is thinnest, at most verify.max_infill of them.
     """
     plan = bench.plan
-    kind = surrogate_kind(plan)
+    table = plan.study.surrogate
+    kind = "auto" if table.kind == "whole_curve" else table.kind  # a whole curve is one surrogate per travel
+    degree = table.degree if "degree" in table.model_fields_set else None
     group = plan.group if design.similar else dataclasses.replace(plan.group, reference=None)
     learnt, new = design.samples(plan, "design"), design.samples(plan, "held_out")
-    varying = [o for o in plan.extras if learnt and np.ptp([s.outputs[o.id] for s in learnt]) > 1e-9]
-    outputs = [*plan.outputs, *varying]
+    outputs = [*plan.outputs, *_worth_learning(plan, learnt)]
     added: list[Run] = []
     scores: dict[str, Scores] = {}
     try:
-        emulator = learn(plan.box, group, outputs, learnt, kind=kind, seed=plan.seed)
+        emulator = learn(plan.box, group, outputs, learnt, kind=kind, degree=degree, seed=plan.seed)
         while new:
             scores = {o.id: emulator.score(o, new) for o in outputs}
             emulator = relearn(emulator, new, seed=plan.seed)
             room = min(len(new), plan.study.verify.max_infill - len(added))
-            if max(s.relative_rmse for s in scores.values()) <= plan.study.surrogate.tolerance or room < 1:
+            if not any(s.relative_rmse > plan.study.surrogate.tolerance for s in scores.values()) or room < 1:
                 break
             points = thinnest(plan, emulator, room)
             runs = [Run("infill", v, o) for v, o in zip(points, bench.run(points), strict=True)]
             added += runs
             new = [sample(plan, r.values, r.outcomes) for r in runs if r.done]
     except ValueError as error:
-        ended = [o for r in design.runs for o in r.outcomes if not isinstance(o, Done)]
-        text = "; ".join(sorted({o.reason.splitlines()[0] for o in ended})) or "none failed"
-        raise NothingToFit(f"{error} ({len(learnt)} of {len(design.runs)} runs done; the others: {text})") from error
+        reasons = [why(o)[1] or "" for r in design.runs for o in r.outcomes if not isinstance(o, Done)]
+        shown = "; ".join(list(dict.fromkeys(reasons))[:REASONS]) or "none failed"
+        done = sum(r.done for r in design.runs)
+        raise NothingToFit(f"{error} ({done} of {len(design.runs)} runs done; the others: {shown})") from error
     return Fitted(emulator, scores, tuple(added))
 
 
@@ -228,10 +264,12 @@ def thinnest(plan: Plan, emulator: Emulator, count: int) -> list[dict[str, float
     return [{**fixed, **dict(zip(box.names, map(float, row), strict=True)), **plan.resolved.fixed} for row in fresh]
 
 
-def surrogate_kind(plan: Plan) -> str:
-    """Kind for one output; a whole curve is one surrogate per travel."""
-    kind = plan.study.surrogate.kind
-    return "auto" if kind == "whole_curve" else kind
+def _worth_learning(plan: Plan, samples: Sequence[Sample]) -> list[Output]:
+    """Extra outputs that are constrained or vary: by symmetry a channel may be noise about zero everywhere."""
+    constrained = {limited(c) for c in plan.constraints}
+    largest = _largest(plan, samples)
+    spread = {o: np.ptp([s.outputs[o.id] for s in samples]) if samples else 0.0 for o in plan.extras}
+    return [o for o in plan.extras if o in constrained or spread[o] > NOISE * largest[o.unit]]
 
 
 # ------------------------------------------------------------------------------------------------------ sensitivity
@@ -262,7 +300,7 @@ def analyse(plan: Plan, fitted: Fitted) -> Sensitivity:
 
 def find(bench: Bench, wanted: SearchPlan, emulator: Emulator) -> Found:
     """NSGA-II on the surrogates, candidates, their reruns, infill until predicted and recomputed agree."""
-    plan, table = bench.plan, bench.plan.study.search
+    plan = bench.plan
     fronts: list[search.Front] = []
 
     def propose(current: Emulator) -> Choice:
@@ -293,28 +331,27 @@ def find(bench: Bench, wanted: SearchPlan, emulator: Emulator) -> Found:
         {e: curve_metrics(plan, e, c.outcomes) for e in plan.case_of} if c.state == "done" else {}
         for c in result.candidates
     )
-    assert table.candidates >= 1
     return Found(wanted, fronts[-1], result, search.story(result.choice, plan.box, wanted.goals), scores)
 
 
 def _propose(plan: Plan, wanted: SearchPlan, emulator: Emulator) -> tuple[search.Front, Choice]:
     table = plan.study.search
-    limited = [Output(c.experiment, c.channel, c.depth_mm, c.unit) for c in plan.constraints]
+    constrained = [limited(c) for c in plan.constraints]
 
     def signed(X: np.ndarray) -> np.ndarray:
         return residuals(wanted.goals, emulator.means(wanted.outputs, X))
 
     def violated(X: np.ndarray) -> np.ndarray:
-        return violations(plan.constraints, emulator.means(limited, X))
+        return violations(plan.constraints, emulator.means(constrained, X))
 
     front = search.nsga2(
-        lambda X: np.abs(signed(X)), plan.box.d, seed=plan.seed, constraints=violated if limited else None,
+        lambda X: np.abs(signed(X)), plan.box.d, seed=plan.seed, constraints=violated if constrained else None,
         population=table.population + table.population % 2, generations=table.generations, low=wanted.low,
         high=wanted.high,
     )  # fmt: skip
     choice = search.choose(
         front, signed, np.array([g.sigma for g in wanted.goals]), seed=plan.seed,
-        violations=violated if limited else None, count=table.candidates, low=wanted.low, high=wanted.high,
+        violations=violated if constrained else None, count=table.candidates, low=wanted.low, high=wanted.high,
     )  # fmt: skip
     return front, choice
 
@@ -346,8 +383,15 @@ def curve_metrics(plan: Plan, experiment: str, outcomes: Sequence[Outcome]) -> M
 
 
 def mean_over_design(plan: Plan, design: Design, emulator: Emulator) -> dict[str, Metrics]:
-    """Mean of each metric over the design that was asked for, from the surrogates of the curve."""
+    """Mean of each metric over the design that was asked for, from the surrogates of the curve.
+
+    Points whose own run failed take no part.
+    """
     found = {}
+    failed = [r.values for r in design.runs if not r.done]
+    points = np.array([x for x in design.asked if plan.values(x) not in failed])
+    if not len(points):
+        return {}
     for name, measured in plan.curves.items():
         if name not in plan.case_of:
             continue
@@ -355,7 +399,7 @@ def mean_over_design(plan: Plan, design: Design, emulator: Emulator) -> dict[str
         travel = np.array([o.depth_mm for o in outputs])
         keep = (measured.depth > 0) & (measured.depth <= travel[-1] + 1e-9)
         at = np.minimum(measured.depth[keep], travel[-1])
-        curves = emulator.means(outputs, design.asked)
+        curves = emulator.means(outputs, points)
         each = [metrics(measured.value[keep], Resampling(travel, y)(at)) for y in curves]
         mean = {k: float(np.mean([getattr(m, k) for m in each])) for k in ("rmse", "nrmse", "mre", "mape", "rrmse")}
         found[name] = Metrics(**mean, n=each[0].n, excluded=each[0].excluded, floor=each[0].floor)
@@ -364,9 +408,7 @@ def mean_over_design(plan: Plan, design: Design, emulator: Emulator) -> dict[str
 
 def baselines(plan: Plan) -> dict[str, Metrics]:
     """The model that predicts the mean of each fitted curve."""
-    return {
-        e: baseline(c.value[c.depth > 0]) for e, c in plan.curves.items() if e in plan.case_of and len(c.depth) > 1
-    }
+    return {e: baseline(c.value[c.depth > 0]) for e, c in plan.curves.items() if e in plan.case_of and len(c.depth) > 1}
 
 
 # ------------------------------------------------------------------------------------------------------ validation

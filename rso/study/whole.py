@@ -34,24 +34,30 @@ def run_study(
     """
     started = time.perf_counter()
     found = results.begin(plan, command, datetime.now(UTC).isoformat(timespec="seconds"), jobs)
-    path = folder / "results.json"
     bench = Bench(plan, store, executor, watch)
+    known = {row.key for row in store.rows() if row.state != "crashed"}
     clock = _Clock(found["timings"])
 
-    def note(stage: str, **parts: Any) -> None:
+    def note(stage: str, **parts: Any) -> dict[str, Any]:
         found.update(parts, stage=stage)
         clock.lap(stage)
         found["timings"]["total"] = time.perf_counter() - started
-        results.write(path, found)
+        return results.write(folder / "results.json", found)
 
+    found["warnings"] += unused(plan)
     note("plan")
     say("design: simulations to learn from")
     design = stages.run_design(bench)
-    note("design", **results.of_design(plan, design))
-    if not design.similar and design.proofs:
+    if not design.similar and plan.group.reference is not None:
         found["warnings"].append(f"similarity {design.story}")
+    note("design", **results.of_design(plan, design))
     say("surrogates: response surfaces of every output")
-    fitted = stages.fit_surrogates(bench, design)
+    try:
+        fitted = stages.fit_surrogates(bench, design)
+    except stages.NothingToFit as error:
+        found["warnings"].append(str(error))
+        note("design", counts=_counts(plan, found, known), exit_code=EXIT_FAILED_RUNS)
+        raise
     found["runs"] += results.added_runs(plan, fitted)
     _warn_of_poor_surrogates(plan, fitted, found)
     note("surrogates", **results.of_surrogates(plan, design, fitted))
@@ -70,16 +76,29 @@ def run_study(
     if plan.validation:
         say("validation: experiments kept for the end")
     checked = stages.validate(bench, searches[0])
-    found["runs"] += [_validation_row(v, searches[0]) for v in checked]
-    note("validate", **results.of_validation(plan, checked))
-    found["counts"] = _counts(plan, design, found, store)
+    found["runs"] += results.validation_runs(checked, searches[0])
     found["timings"]["fe_cpu"] = sum(r["cpu_s"] or 0.0 for r in _distinct(found["runs"]))
-    found["exit_code"] = exit_code(plan, found, searches)
-    found["provenance"]["artefacts"] = _artefacts(design)
-    found["provenance"]["solver"] = _solver(design)
-    found["provenance"]["finished"] = datetime.now(UTC).isoformat(timespec="seconds")
-    note("validate")
-    return results.write(path, found)
+    finished = datetime.now(UTC).isoformat(timespec="seconds")
+    found["provenance"].update(artefacts=_artefacts(design), solver=_solver(design), finished=finished)
+    return note(
+        "validate",
+        **results.of_validation(plan, checked),
+        counts=_counts(plan, found, known),
+        exit_code=exit_code(plan, found, searches),
+    )
+
+
+def unused(plan: Plan) -> list[str]:
+    """Settings of the study file that ask for what is not done."""
+    study = plan.study
+    return [
+        text
+        for asked, text in (
+            (study.sensitivity.morris, "sensitivity.morris = true: Morris screening is not part of a run, use Sobol"),
+            (study.dispatch.engine != "local", f"dispatch.engine = {study.dispatch.engine!r}: runs are local"),
+        )
+        if asked
+    ]
 
 
 def exit_code(plan: Plan, found: dict[str, Any], searches: list[Found]) -> int:
@@ -109,33 +128,26 @@ def _warn_of_poor_surrogates(plan: Plan, fitted: stages.Fitted, found: dict[str,
     if poor:
         name, worst = max(poor, key=lambda pair: pair[1].relative_rmse)
         found["warnings"].append(
-            f"{len(poor)} of {len(fitted.held_out)} surrogates miss surrogate.tolerance = {100 * limit:g} % on held-out "
-            f"runs; worst is {name} with {100 * worst.relative_rmse:.2g} %"
+            f"{len(poor)} of {len(fitted.held_out)} surrogates miss surrogate.tolerance = {100 * limit:g} % on the "
+            f"last {worst.n} runs that were new to them; worst is {name} with {100 * worst.relative_rmse:.2g} %"
         )
 
 
-def _validation_row(v: stages.Validation, main: Found) -> dict[str, Any]:
-    cause, reason = results._why(v.outcome)
-    return {
-        "key": v.outcome.key, "purpose": "validate", "state": type(v.outcome).__name__.lower(),
-        "values": dict(main.result.candidates[v.candidate].values), "outputs": {}, "cause": cause, "reason": reason,
-        "wall_s": getattr(v.outcome, "wall_s", None), "cpu_s": getattr(v.outcome, "cpu_s", None),
-    }  # fmt: skip
-
-
 def _distinct(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    return list({r["key"]: r for r in runs if r["key"]}.values())
+    return list({r["key"]: r for r in runs}.values())
 
 
-def _counts(plan: Plan, design: stages.Design, found: dict[str, Any], store: RunStore) -> dict[str, int]:
+def _counts(plan: Plan, found: dict[str, Any], known: set[str]) -> dict[str, int]:
+    """Simulations: asked by the study file, different ones behind `runs`, and how those ended."""
     runs = _distinct(found["runs"])
     states = [r["state"] for r in runs]
+    design, cases = found["design"], len(plan.cases)
     return {
-        "asked": len(design.asked) + plan.study.doe.held_out,
+        "asked": cases * (design["asked"] + plan.study.doe.held_out),
         "fe_runs": len(runs),
         **{state: states.count(state) for state in ("done", "failed", "crashed")},
-        "from_store": 0,
-        "saved_by_similarity": found["design"]["similarity"]["runs_saved"],
+        "from_store": sum(r["key"] in known for r in runs),
+        "saved_by_similarity": cases * design["similarity"]["runs_saved"],
     }
 
 

@@ -49,10 +49,18 @@ HERTZ = {
     "other_setting": {"radius": 2.0},
     "failing": ({"mu": 0.01, "D1": 5.8}, {"radius": 0.9}, (0.5, 1.0)),
 }
+MAPPED = {"mesher": "mapped", "n": 6, "slip": 0.3}  # the same to the bit everywhere, and coarse
 SUBJECTS = {
     "hertz": Subject(Source(use="hertz_backend:BACKEND", base=str(HERE)), **HERTZ),
     "hertz command": Subject(
         Source(command=(sys.executable, "hertz_command.py"), base=str(HERE)), checks_settings=False, **HERTZ
+    ),
+    "finite elements": Subject(
+        Source(use="fem_backend.backend:BACKEND"),
+        values={"mu": 0.01, "D1": 5.8},
+        settings={"mesh": MAPPED},
+        other_setting={"indenter": {"shape": "sphere", "radius": 2.0}},
+        failing=({"mu": 0.01, "D1": 5.8}, {"mesh": MAPPED}, (0.5, 10.5)),  # deeper than so coarse a mesh can follow
     ),
 }
 

@@ -61,6 +61,14 @@ class Waves:
         return self.amplitude * np.sin(X @ self.B + 0.3)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def own_mesh_cache(tmp_path_factory):
+    """Meshes made here do not go to the user's cache, and none is taken from it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
 @pytest.fixture(scope="session")
 def graded() -> Bench:
     return bench(MESH)

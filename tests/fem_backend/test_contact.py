@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from fem_backend import contact, indentation
+from fem_backend import contact, indentation, meshing
 from fem_backend.geometry import Ellipsoid, Sphere, hertz_radius
-from fem_backend.stepping import Control
+from fem_backend.stepping import Control, Stopped
 
 
 @dataclass(frozen=True)
@@ -122,10 +122,10 @@ def test_moving_the_indenter_changes_the_residual_as_predicted(pressed, slopes):
 
 
 def test_forces_are_in_balance(pressed):
-    """What the body gets the indenter gives, and the moments about its centre vanish without friction."""
+    """What the body gets (−∂Π/∂u) the indenter gives, and the moments about its centre vanish without friction."""
     system, load, x = pressed
     at = evaluate(system, load, x)
-    np.testing.assert_allclose(at.residual.sum(0), at.force * -1.0, rtol=1e-12, atol=1e-16)
+    np.testing.assert_allclose(-at.residual.sum(0), -at.force, rtol=1e-12)
     moment = np.cross(x - load.centre, at.residual).sum(0)
     # nodes are not the contact points, but shape functions hold linear fields: Σ x_a N_a is the point
     np.testing.assert_allclose(moment, 0.0, atol=1e-12 * np.abs(at.residual).sum() * system.indenter.R)
@@ -163,8 +163,6 @@ def test_augmentation_makes_contact_complementary(graded):
 
 def test_body_does_not_resist_an_indenter_with_the_normal_reversed(graded):
     """Negative control of the whole chain: equilibrium under the reversed indenter is missing or pulls it in."""
-    from fem_backend.stepping import Stopped
-
     wrong = replace(graded.settings, indenter=WrongWay(graded.settings.indenter.R))
     law = graded.system().law
     try:
@@ -177,21 +175,12 @@ def test_body_does_not_resist_an_indenter_with_the_normal_reversed(graded):
 # ---------------------------------------------------------------------------------------------- geometry
 
 
-def test_surface_area_is_that_of_the_sphere_cap(make_bench):
-    """Weights of the contact surface of a sphere add up to the area of its facets: 2πRh/4 within the mesh's error."""
-    body = make_bench({"mesher": "mapped", "n": 8, "slip": 0.0}, specimen={"semi_axes": [30.0, 30.0, 30.0]})
-    facets = indentation._curved_facets(
-        __import__("fem_backend.meshing", fromlist=["x"]).quadratic(
-            body.settings.body,
-            __import__("fem_backend.meshing", fromlist=["x"]).make(body.settings.recipe),
-        )
-    )
-    whole = contact.contact_surface(body.model.body, _all_free(body, facets))
+def test_surface_area_is_that_of_the_sphere(make_bench):
+    """Weights of all curved facets of a quarter sphere add up to πr²; quadratic facets of 6 mm are exact to 1e-3."""
+    ball = make_bench({"mesher": "mapped", "n": 8, "slip": 0.0}, specimen={"semi_axes": [30.0, 30.0, 30.0]})
+    facets = indentation._curved_facets(meshing.quadratic(ball.settings.body, meshing.make(ball.settings.recipe)))
+    whole = contact.contact_surface(ball.model.body, facets)
     np.testing.assert_allclose(whole.weights.sum(), np.pi * 30.0**2, rtol=1e-3)
-
-
-def _all_free(body, facets):
-    return facets
 
 
 def test_gap_derivatives():

@@ -2,7 +2,8 @@
 
 Settings: `thickness` (mm); `fail_below` and `crash_above` (MPa) make runs with a smaller or larger mu end badly;
 `spring` (N/mm) adds a force with a constant that no parameter declares, which breaks similarity; `sleep_s`; `log`
-names a file to which every call adds a line; `speed` has no influence.
+names a file to which every call adds a line; `lateral` makes Fx that share of Fz (else Fx is noise about zero, as by
+symmetry); `speed` has no influence.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from rso.benchmarks import indentation
 from rso.contract import Case, Parameter, Response, SimulationFailed, drop_neutral, knob, parameters_of
 
-SETTINGS = ("thickness", "fail_below", "crash_above", "spring", "sleep_s", "log", "speed")
+SETTINGS = ("thickness", "fail_below", "crash_above", "spring", "sleep_s", "log", "lateral", "speed")
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Layer:
 
     @property
     def channels(self) -> Mapping[str, str]:
-        return {"time": "s", "travel": "mm", "Fz": "N", "uz_max": "mm"}
+        return {"time": "s", "travel": "mm", "Fx": "N", "Fz": "N", "uz_max": "mm"}
 
     def check(self, case: Case) -> None:
         if unknown := sorted(set(case.settings) - set(SETTINGS)):
@@ -77,7 +78,9 @@ class Layer:
         h = np.array(case.programme.asked_mm)
         F = force(mu, D1, h, s.get("thickness", 8.0), radius) + s.get("spring", 0.0) * h
         sunk = -h * (0.9 + 0.1 * mu * D1 / (1 + mu * D1))
-        return Response({"time": 2 * h, "travel": h, "Fz": F, "uz_max": sunk}, self.channels, {"Fz": 1e-4 * F})
+        Fx = s["lateral"] * F if "lateral" in s else 1e-13 * np.sin(1e7 * mu * h)
+        channels = {"time": 2 * h, "travel": h, "Fx": Fx, "Fz": F, "uz_max": sunk}
+        return Response(channels, self.channels, {"Fz": 1e-4 * F})
 
 
 BACKEND = Layer()

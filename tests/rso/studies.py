@@ -20,9 +20,11 @@ SECTIONS = {
     "study": 'title = "Layer"\nseed = 0',
     "backend": 'use = "indentation_backend:BACKEND"',
     "backend.settings": f"thickness = {THICKNESS}",
-    "parameters": 'mu = { low = "4 kPa", high = "40 kPa", scale = "log" }\nD1 = { low = 10, high = 300, scale = "log" }',
+    "parameters": 'mu = { low = "6 kPa", high = "20 kPa", scale = "log" }\n'
+    'D1 = { low = 10, high = 150, scale = "log" }',
     "[experiments]": 'name = "top"\nrole = "fit"\ndata = "top.csv"\nnoise = { Fz = "0.02 mN" }',
     "doe": "runs = 16\nheld_out = 3",
+    "surrogate": 'kind = "polynomial"',
     "sensitivity": "samples = 64",
     "search": 'population = 20\ngenerations = 10\ntargets = [{ experiment = "top", depth = 0.8 }, '
     '{ experiment = "top", depth = 2 }]',
@@ -42,11 +44,10 @@ class Inline(Executor):
         return future
 
 
-def measured(noise: float = 1e-5, thickness: float = THICKNESS, deepest: float = 2.0, n: int = 20) -> str:
-    """A curve of the closed form with known parameters and noise (N, one standard deviation)."""
-    h = np.linspace(0, deepest, n + 1)[1:]
-    F = indentation_backend.force(MU, D1, h, thickness)
-    F = F + noise * np.random.default_rng(0).standard_normal(n)
+def measured(noise: float = 1e-5, thickness: float = THICKNESS, deepest: float = 2.0, D1: float = D1) -> str:
+    """A curve of 20 points of the closed form with known parameters and noise (N, one standard deviation)."""
+    h = np.linspace(0, deepest, 21)[1:]
+    F = indentation_backend.force(MU, D1, h, thickness) + noise * np.random.default_rng(0).standard_normal(20)
     return "depth_mm,Fz_N\n" + "".join(f"{u!r},{f!r}\n" for u, f in zip(h.tolist(), F.tolist(), strict=True))
 
 
@@ -58,7 +59,7 @@ def text(**changes: str | None) -> str:
 
 
 def write(folder: Path, **changes: str | None) -> Path:
-    """The study file, with top.csv beside it."""
+    """The study file, with top.csv beside it unless there is one."""
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / "top.csv").exists():
         (folder / "top.csv").write_text(measured())
@@ -77,3 +78,13 @@ def run(folder: Path, **changes: str | None) -> dict[str, Any]:
 def read(folder: Path) -> dict[str, Any]:
     """results.json of a study."""
     return json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
+
+
+def timeless(results: dict[str, Any]) -> dict[str, Any]:
+    """Results without what says when and how they were computed rather than what came out."""
+    clean = {k: v for k, v in results.items() if k not in ("timings", "provenance")}
+    clean["counts"] = {k: v for k, v in results["counts"].items() if k != "from_store"}
+    clean["runs"] = [{k: v for k, v in r.items() if k not in ("wall_s", "cpu_s")} for r in results["runs"]]
+    when = ("started", "finished", "command", "jobs")
+    clean["provenance"] = {k: v for k, v in results["provenance"].items() if k not in when}
+    return clean

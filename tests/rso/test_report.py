@@ -177,26 +177,38 @@ def test_every_number_is_taken_from_the_results():
         assert any(draw(changed(path), name) != figures[name] for name in likely), path
 
 
+def scaled(data, k):
+    """The same data with every float larger by 5 to 22 %, each by another share; `k` counts them."""
+    if isinstance(data, dict):
+        return {a: scaled(b, k) for a, b in data.items()}
+    if isinstance(data, list):
+        return [scaled(b, k) for b in data]
+    if isinstance(data, float):
+        k.append(0)
+        return data * (1.05 + 0.17 * np.sin(1.7 * len(k)) ** 2)
+    return data
+
+
+def columns(results):
+    """(table, column) → texts of its cells, for the tables of the answers."""
+    tables = [b for s in report(results).sections[1:6] for b in s.blocks if isinstance(b, Table)]
+    return {(t.title, k): [row[k].text for row in t.rows] for t in tables for k in range(len(t.columns))}
+
+
 def test_no_number_of_a_table_is_written_into_the_code():
-    def other(data, k=[0]):  # noqa: B006  a counter
-        if isinstance(data, dict):
-            return {a: other(b) for a, b in data.items()}
-        if isinstance(data, list):
-            return [other(b) for b in data]
-        if isinstance(data, float):
-            k[0] += 1
-            return data * (1 + 0.17 * np.sin(1.7 * k[0]) ** 2 + 0.05)
-        return data
+    first, second = columns(complete()), columns(scaled(complete(), []))
+    measured = [key for key, cells in first.items() if any(re.search(r"\d\.\d\d", c) for c in cells)]
+    assert len(measured) > 40
+    for key in measured:
+        pairs = [(a, b) for a, b in zip(first[key], second[key], strict=True) if re.fullmatch(r"[+−]?[\d.]+", a)]
+        # Three digits of two numbers meet by chance now and then.
+        assert sum(a == b for a, b in pairs) <= 0.35 * len(pairs), (key, pairs)
 
-    def decimals(results):
-        tables = [b for s in report(results).sections[1:6] for b in s.blocks if isinstance(b, Table)]
-        assert tables
-        return [c.text for t in tables for row in t.rows for c in row if re.fullmatch(r"[+−]?\d*\.\d{3,}", c.text)]
 
-    first, second = decimals(complete()), decimals(other(complete()))
-    assert len(first) > 200
-    # Four digits of 300 numbers meet by chance now and then.
-    assert sum(a == b for a, b in zip(first, second, strict=False)) < 0.02 * len(first)
+def test_a_dollar_sign_in_a_name_is_no_formula():
+    results = complete()
+    results["experiments"][0]["channel"] = "$\\nosuchcommand$"
+    assert draw(results, "curve-0").startswith("<svg")
 
 
 def test_no_number_has_more_digits_than_anyone_can_use():

@@ -1,0 +1,150 @@
+"""python -m fem_backend: request in, response out, exit codes."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fem_backend.__main__ import main, schema
+from fem_backend.backend import BACKEND
+from rso.contract import CAUSES, Case, Response
+
+ROOT = Path(__file__).parents[2]
+REQUEST = {
+    "values": {"mu": 0.01, "D1": 5.8},
+    "case": {
+        "name": "middle_point",
+        "programme": {"time_s": [0, 8], "travel_mm": [0, 4], "asked_mm": [0.5, 1]},
+        "settings": {"mesh": {"mesher": "mapped", "n": 6, "slip": 0.3}, "point": [0, 0]},
+    },
+}
+
+
+def ask(tmp_path: Path, request: object) -> tuple[int, dict | None]:
+    source, target = tmp_path / "request.json", tmp_path / "response.json"
+    source.write_text(request if isinstance(request, str) else json.dumps(request))
+    code = main([str(source), str(target)])
+    return code, json.loads(target.read_text()) if target.exists() else None
+
+
+def changed(**paths: object) -> dict:
+    """The request with values at dotted paths (written with double underscores) changed."""
+    out = json.loads(json.dumps(REQUEST))
+    for path, value in paths.items():
+        *folders, last = path.split("__")
+        place = out
+        for name in folders:
+            place = place[name]
+        place[last] = value
+    return out
+
+
+def test_request_and_response_from_the_shell(tmp_path):
+    (tmp_path / "in.json").write_text(json.dumps(REQUEST))
+    done = subprocess.run(
+        [sys.executable, "-m", "fem_backend", str(tmp_path / "in.json"), str(tmp_path / "out.json")],
+        cwd=ROOT, capture_output=True, text=True,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    answer = json.loads((tmp_path / "out.json").read_text())
+    assert answer["status"] == "done"
+    here = BACKEND(REQUEST["values"], Case.from_json(REQUEST["case"]))
+    back = Response.from_json(answer)
+    for name, channel in here.channels.items():  # the file holds every bit
+        assert back.channels[name].tobytes() == channel.tobytes(), name
+    np.testing.assert_allclose(answer["channels"]["time"], [1.0, 2.0], rtol=1e-15)
+    assert answer["channels"]["Fz"][1] > answer["channels"]["Fz"][0] > 0
+
+
+def test_bad_request_from_the_shell_has_no_traceback(tmp_path):
+    (tmp_path / "in.json").write_text(json.dumps(changed(case__settings__support={"kind": "bowl"})))
+    done = subprocess.run(
+        [sys.executable, "-m", "fem_backend", str(tmp_path / "in.json"), str(tmp_path / "out.json")],
+        cwd=ROOT, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 2 and not (tmp_path / "out.json").exists()
+    assert "Traceback" not in done.stderr
+    assert "support.kind" in done.stderr and "bowl" in done.stderr and "fixed" in done.stderr
+
+
+def test_schema(capsys):
+    assert main(["--schema"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == json.loads(json.dumps(schema()))
+    assert (told["name"], told["numerics"]) == (BACKEND.name, BACKEND.numerics)
+    assert {p["name"]: p["unit"] for p in told["parameters"]} == {"mu": "MPa", "D1": "1/MPa"}
+    assert told["channels"] == dict(BACKEND.channels)
+    assert set(told["request"]["values"]) == {p.name for p in BACKEND.parameters}
+    Case.from_json(told["request"]["case"])  # the example is a case
+
+
+def test_schema_describes_the_response(tmp_path):
+    _, answer = ask(tmp_path, REQUEST)
+    told = schema()["response"]
+    assert set(told["channels"]) == set(answer["channels"]) == set(BACKEND.channels)
+    assert {"status", "channels", "units", "error"} <= set(answer) & set(told)
+
+
+@pytest.mark.parametrize(
+    "request_,word",
+    [
+        ("{no json", "Expecting"),
+        ([1, 2], "values"),
+        ({"values": {}}, "case"),
+        ({**REQUEST, "more": 1}, "more"),
+        (changed(values={"mu": 0.01}), "D1"),
+        (changed(values__E=3.0), "'E'"),
+        (changed(values__mu=-1.0), "mu"),
+        (changed(values__mu="soft"), "soft"),
+        (changed(case__programme={"time_s": [0, 1]}), "travel_mm"),
+        (changed(case__programme__asked_mm=[5]), "asked_mm"),
+        (changed(case__settings__colour="red"), "colour"),
+        (changed(case__settings__specimen="cube"), "specimen"),
+        (changed(case__speed=1), "speed"),
+    ],
+)
+def test_bad_request_is_exit_code_2_and_says_why(tmp_path, capsys, request_, word):
+    code, answer = ask(tmp_path, request_)
+    said = capsys.readouterr().err
+    assert code == 2 and answer is None
+    assert word in said and "request.json" in said and len(said.strip().splitlines()) == 1
+
+
+@pytest.mark.xfail(strict=True, raises=AttributeError, reason="values that are no table end in a traceback")
+def test_values_that_are_a_list_are_a_bad_request(tmp_path):
+    assert ask(tmp_path, changed(values=["mu", "D1"]))[0] == 2
+
+
+@pytest.mark.xfail(strict=True, raises=FileNotFoundError, reason="the response is written outside of the guard")
+def test_response_that_cannot_be_written_is_exit_code_2(tmp_path):
+    (tmp_path / "request.json").write_text(json.dumps(changed(values__mu=0.011)))
+    assert main([str(tmp_path / "request.json"), str(tmp_path / "missing" / "response.json")]) == 2
+
+
+def test_missing_file_and_wrong_number_of_arguments(tmp_path, capsys):
+    assert main([str(tmp_path / "none.json"), str(tmp_path / "out.json")]) == 2
+    assert "none.json" in capsys.readouterr().err
+    for arguments in ([], ["a"], ["a", "b", "c"], ["--scheme", "x", "y"]):
+        assert main(arguments) == 2
+        assert "usage" in capsys.readouterr().err
+
+
+def test_failed_run_is_an_answer_with_what_was_reached(tmp_path):
+    """10.5 mm is more than the coarse mesh can follow: exit code 0, status failed, the curve so far."""
+    request = changed(case__programme={"time_s": [0, 21], "travel_mm": [0, 10.5], "asked_mm": [0.5, 1, 10.5]})
+    code, answer = ask(tmp_path, request)
+    assert code == 0 and answer["status"] == "failed"
+    assert answer["cause"] in CAUSES and "mm" in answer["reason"] and answer["history"]
+    assert answer["channels"]["travel"] == [0.5, 1]
+    _, whole = ask(tmp_path, REQUEST)
+    np.testing.assert_allclose(answer["channels"]["Fz"], whole["channels"]["Fz"], rtol=1e-12)
+    assert answer["units"] == whole["units"] and set(answer["error"]) == set(whole["error"])
+
+
+def test_failure_before_any_point_has_no_channels(tmp_path):
+    code, answer = ask(tmp_path, changed(values={"mu": 1.0, "D1": 1e-3}))
+    assert code == 0 and answer["status"] == "failed" and answer["cause"] == "not_supported"
+    assert "channels" not in answer

@@ -1,0 +1,199 @@
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import ellipe
+from skfem import MeshTet
+
+from fem_backend import indentation, meshing
+from fem_backend.geometry import Ellipsoid
+from fem_backend.meshing import BadMesh, Mesh, Sizing
+
+ROOT = Path(__file__).parents[2]
+BODY = Ellipsoid(60.0, 35.0, 35.0)
+MAPPED = [(6, 0.3), (8, 0.5), (12, 0.55)]
+
+
+def skin_facets(mesh: Mesh) -> np.ndarray:
+    """Corner numbers (f, 3) of boundary facets that are on no symmetry plane."""
+    linear = MeshTet(np.ascontiguousarray(mesh.vertices.T), np.ascontiguousarray(mesh.tets.T))
+    facets = linear.facets[:, linear.boundary_facets()].T
+    X = mesh.vertices[facets]
+    return facets[~((X[:, :, 0] == 0).all(1) | (X[:, :, 1] == 0).all(1))]
+
+
+def dihedral_angles(mesh: Mesh) -> np.ndarray:
+    """All six dihedral angles of every tetrahedron, degrees (m, 6)."""
+    p = mesh.vertices[mesh.tets]
+    out = []
+    for i, j in ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)):
+        k, l = (n for n in range(4) if n not in (i, j))
+        edge = p[:, j] - p[:, i]
+        edge /= np.linalg.norm(edge, axis=1, keepdims=True)
+        a, b = (p[:, n] - p[:, i] for n in (k, l))
+        a, b = (v - (v * edge).sum(1, keepdims=True) * edge for v in (a, b))
+        out.append(np.arccos((a * b).sum(1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)))
+    return np.degrees(np.array(out)).T
+
+
+def check_geometry(body: Ellipsoid, mesh: Mesh) -> None:
+    """What every mesh must keep, whoever made it."""
+    X = mesh.vertices
+    assert meshing.volumes(mesh).min() > 0
+    assert X[:, :2].min() == 0.0, "symmetry planes are exact and nothing is beyond them"
+    # nothing is nearly on a plane: such a node would have been left out of the symmetry condition
+    for axis in (0, 1):
+        assert X[X[:, axis] > 0, axis].min() > 1e-3
+    skin = skin_facets(mesh)
+    r = np.linalg.norm(X[np.unique(skin)] / body.semi_axes, axis=1)
+    np.testing.assert_allclose(r, 1.0, atol=1e-12)
+    assert np.any(np.all(X == body.top, axis=1)), "there is a node at the pole"
+    # the rim: edges of the skin at z = 0 make one chain from the plane y = 0 to the plane x = 0
+    edges = np.unique(np.sort(np.vstack([skin[:, [0, 1]], skin[:, [1, 2]], skin[:, [0, 2]]]), axis=1), axis=0)
+    z = X[edges, 2]
+    assert not np.any(z[:, 0] * z[:, 1] < 0), "no edge of the skin crosses the rim"
+    rim = edges[(z == 0).all(1)]
+    nodes, count = np.unique(rim, return_counts=True)
+    ends = nodes[count == 1]
+    assert len(ends) == 2 and np.all(count <= 2) and len(rim) == len(nodes) - 1
+    assert sorted((X[ends] == 0).sum(1).tolist()) == [2, 2]
+    length = np.linalg.norm(X[rim[:, 0]] - X[rim[:, 1]], axis=1).sum()
+    quarter = body.a * ellipe(1.0 - (body.b / body.a) ** 2)  # of the circumference; chords are a little shorter
+    assert 0.97 * quarter < length < quarter
+
+
+def check_quadratic(body: Ellipsoid, mesh: Mesh) -> None:
+    quadratic = meshing.quadratic(body, mesh)
+    X = quadratic.doflocs.T
+    facets = indentation._curved_facets(quadratic)
+    np.testing.assert_allclose(np.linalg.norm(X[np.unique(facets)] / body.semi_axes, axis=1), 1.0, atol=1e-12)
+    np.testing.assert_allclose(X[: len(mesh.vertices)], mesh.vertices, atol=1e-13)  # skfem averages over cells
+    # middles of the edges of plane facets are on their plane exactly
+    linear = MeshTet(np.ascontiguousarray(mesh.vertices.T), np.ascontiguousarray(mesh.tets.T))
+    for axis in (0, 1):
+        flat = (X[: len(mesh.vertices)][linear.edges, axis] == 0).all(0)
+        assert flat.any() and np.all(X[len(mesh.vertices) :][flat, axis] == 0.0)
+
+
+@pytest.mark.parametrize("n,slip", MAPPED)
+def test_mapped_mesh_is_the_quarter_ellipsoid(n, slip):
+    mesh = meshing.mapped_quarter(BODY, n, slip)
+    check_geometry(BODY, mesh)
+    check_quadratic(BODY, mesh)
+    assert dihedral_angles(mesh).min() > 3.0
+
+
+def test_slip_shrinks_elements_at_the_top():
+    """The Möbius map shrinks lengths at the pole by (1 − s)/(1 + s): to first order in the element size."""
+
+    def smallest(slip: float) -> float:
+        mesh = meshing.mapped_quarter(BODY, 16, slip)
+        near = np.argsort(np.linalg.norm(mesh.vertices - BODY.top, axis=1))
+        return float(np.linalg.norm(mesh.vertices[near[1]] - BODY.top))
+
+    assert smallest(0.5) / smallest(0.0) == pytest.approx((1 - 0.5) / (1 + 0.5), rel=0.1)
+
+
+FRESH = """
+import hashlib, sys
+from fem_backend import meshing
+print(hashlib.sha256(meshing.make(sys.argv[1]).to_bytes()).hexdigest())
+"""
+
+
+def test_mapped_mesh_has_the_same_bits_in_a_fresh_process():
+    recipe = meshing.mapped_recipe(BODY, 7, 0.4)
+    here = hashlib.sha256(meshing.make(recipe).to_bytes()).hexdigest()
+    env = {**os.environ, "PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo"}  # a zip file may hold the time of day
+    done = subprocess.run([sys.executable, "-c", FRESH, recipe], cwd=ROOT, env=env, capture_output=True, text=True)
+    assert done.stdout.strip() == here, done.stderr
+    other = meshing.make(meshing.mapped_recipe(BODY, 7, 0.41)).to_bytes()  # negative control
+    assert hashlib.sha256(other).hexdigest() != here
+
+
+def test_mesh_file_round_trip(tmp_path):
+    mesh = meshing.mapped_quarter(BODY, 6, 0.3)
+    (tmp_path / "m").write_bytes(mesh.to_bytes())
+    back = Mesh.from_file(tmp_path / "m")
+    assert back.vertices.tobytes() == mesh.vertices.tobytes() and back.tets.tobytes() == mesh.tets.tobytes()
+
+
+def test_mesh_that_is_not_the_body_is_refused():
+    with pytest.raises(BadMesh, match="volume"):
+        meshing.mapped_quarter(BODY, 4, 0.7)
+
+
+def test_recipes_of_whole_numbers_are_those_of_real_ones():
+    """An ellipsoid written with integers is the same ellipsoid."""
+    sizing = Sizing(0.8, 2.5, 0.45, 40.0)
+    assert meshing.tetwild_recipe(Ellipsoid(60, 35, 35), sizing) == meshing.tetwild_recipe(BODY, sizing)
+    assert json.loads(meshing.mapped_recipe(Ellipsoid(60, 35, 35), 6, 0.3))["semi_axes"] == [60.0, 35.0, 35.0]
+
+
+def test_cache_makes_a_mesh_once(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    recipe = meshing.mapped_recipe(BODY, 6, 0.3)
+    first = meshing.cached(recipe)
+    assert [p.suffix for p in (tmp_path / "rso-meshes").iterdir()] == [".npz"]  # no temporary file stays
+    monkeypatch.setattr(meshing, "make", lambda recipe: pytest.fail("made again"))
+    np.testing.assert_array_equal(meshing.cached(recipe).vertices, first.vertices)
+
+
+def test_cache_works_without_a_writable_home(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("no folder")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert len(meshing.cached(meshing.mapped_recipe(BODY, 6, 0.3)).tets) == 432
+
+
+# ---------------------------------------------------------------------------------------------- fTetWild
+
+
+@pytest.fixture(scope="module")
+def tetwild(tmp_path_factory):
+    """One coarse mesh, made in an empty working directory: mesh and what was left behind."""
+    folder, before = tmp_path_factory.mktemp("cwd"), os.getcwd()
+    recipe = indentation.read_settings({"mesh": {"level": "coarse"}}).recipe
+    os.chdir(folder)
+    try:
+        mesh = meshing.make(recipe)
+    finally:
+        os.chdir(before)
+    return mesh, sorted(p.name for p in folder.iterdir())
+
+
+def test_tetwild_mesh_is_the_quarter_ellipsoid(tetwild):
+    mesh, left = tetwild
+    check_geometry(BODY, mesh)
+    check_quadratic(BODY, mesh)
+    assert left == [], "files in the working directory"
+
+
+def test_tetwild_mesh_is_well_shaped_and_graded(tetwild):
+    mesh, _ = tetwild
+    assert dihedral_angles(mesh).min() > 8.0
+    p = mesh.vertices[mesh.tets]
+    edges = [np.linalg.norm(p[:, i] - p[:, j], axis=1) for i in range(4) for j in range(i)]
+    size, d = np.mean(edges, axis=0), np.linalg.norm(p.mean(1) - BODY.top, axis=1)
+    assert 0.5 < size[d < 2.0].mean() < 1.1  # 0.8 asked for
+    assert size[d > 25.0].mean() > 5.0
+
+
+def test_tetwild_volume(tetwild):
+    """Quadratic elements hold the volume to 1e-3, straight ones (as made) are up to 8 % short."""
+    from fem_backend import element
+
+    quadratic = meshing.quadratic(BODY, tetwild[0])
+    w = element.discretise(quadratic, np.zeros((quadratic.doflocs.shape[1], 3), bool)).w
+    np.testing.assert_allclose(w.sum(), np.pi / 3 * 60 * 35 * 35, rtol=2e-3)
+
+
+def test_mesher_that_dies_is_a_bad_mesh():
+    """The child's last line is in the message; the parent lives."""
+    recipe = json.dumps({"mesher": "tetwild", "semi_axes": [1.0, 2.0], "sizing": {}})
+    with pytest.raises(BadMesh, match="ended with code 1: TypeError"):
+        meshing.make(recipe)

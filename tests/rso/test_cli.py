@@ -1,0 +1,355 @@
+"""The command line as people use it: exit codes, messages, progress, interruptions."""
+
+import json
+import os
+import pty
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import studies
+from rso.cli import main
+
+HERE = Path(__file__).parent
+TOP = studies.SECTIONS["[experiments]"]
+SEARCH = studies.SECTIONS["search"]
+PARAMETERS = studies.SECTIONS["parameters"]
+MU, D1 = PARAMETERS.split("\n")
+
+
+def command(*arguments: object) -> list[str]:
+    return [sys.executable, "-m", "rso.cli", *map(str, arguments)]
+
+
+def environment() -> dict[str, str]:
+    path = os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")])
+    return {**os.environ, "PYTHONPATH": path, "COLUMNS": "80", "TERM": "xterm"}
+
+
+# ------------------------------------------------------------------------------------------------------ bad input
+
+
+def experiments(*more: str, first: str = TOP) -> dict[str, str]:
+    return {"experiments": "\n[[experiments]]\n".join([first, *more])}
+
+
+def targets(text: str) -> dict[str, str]:
+    return {"search": f"targets = [{text}]"}
+
+
+BROKEN = {  # changes of the study file, other files, what the message must hold
+    "unknown table": ({"serach": "population = 20"}, {}, "serach: unknown key; did you mean 'search'"),
+    "unknown key": ({"doe": "run = 16"}, {}, "doe.run = 16: unknown key; did you mean 'runs'"),
+    "wrong type": ({"doe": 'runs = "16"'}, {}, "doe.runs = '16'"),
+    "negative seed": ({"study": 'title = "x"\nseed = -1'}, {}, "study.seed = -1"),
+    "no title": ({"study": "seed = 1"}, {}, "study.title: is missing"),
+    "tolerance of 5": ({"verify": "tolerance = 5"}, {}, "verify.tolerance = 5"),
+    "no workers": ({"dispatch": "jobs = 0"}, {}, "dispatch.jobs = 0"),
+    "wrong unit": ({"parameters": MU.replace("6 kPa", "6 mm") + "\n" + D1}, {}, "parameters.mu.low = '6 mm'"),
+    "no unit": ({"parameters": MU.replace("6 kPa", "6") + "\n" + D1}, {}, "text without a unit"),
+    "low above high": ({"parameters": MU.replace("6 kPa", "60 kPa") + "\n" + D1}, {}, "must be below high"),
+    "beyond hard bounds": ({"parameters": MU.replace("20 kPa", "20 GPa") + "\n" + D1}, {}, "outside its hard bounds"),
+    "log of zero": ({"parameters": MU + "\n" + D1.replace("10,", "0,")}, {}, "a log scale needs low > 0"),
+    "half a range": ({"parameters": MU + "\nD1 = { low = 10 }"}, {}, "parameters.D1: give low and high"),
+    "unknown parameter": ({"parameters": PARAMETERS + "\nnu = { value = 0.4 }"}, {}, "parameters.nu: the backend has no"),
+    "nothing open": ({"parameters": "mu = { value = 0.01 }"}, {}, "parameters: nothing to identify"),
+    "needed parameter": ({"parameters": D1}, {}, "the backend needs 'mu' (shear modulus, MPa)"),
+    "no backend": ({"backend": None, "backend__settings": None}, {}, "backend: is missing"),
+    "no such module": ({"backend": 'use = "nowhere:BACKEND"'}, {}, "cannot import module 'nowhere'"),
+    "no such object": ({"backend": 'use = "indentation_backend:FRONTEND"'}, {}, "has no 'FRONTEND'"),
+    "no backend at all": ({"backend": 'use = "json:dumps"'}, {}, "is not a backend"),
+    "no such program": ({"backend": 'command = ["no-such-solver"]'}, {}, "program 'no-such-solver'"),
+    "program and module": (
+        {"backend": 'use = "indentation_backend:BACKEND"\ncommand = ["ls"]'}, {}, "give either use ="),
+    "unknown setting": ({"backend__settings": 'law = "yeoh"'}, {}, "unknown settings ['law']; choose from thickness"),
+    "bad setting": (experiments(first=TOP + "\nsettings = { thickness = -1 }"), {}, "thickness = -1 mm must be"),
+    "no such data": (experiments(first=TOP.replace("top.csv", "tip.csv")), {}, "tip.csv"),
+    "wrong column": ({}, {"top.csv": "depth_mm,force_N\n1,2\n"}, "top.csv:1: unknown column 'force_N'"),
+    "wrong unit of a column": ({}, {"top.csv": "depth_mm,Fz_mm\n1,2\n"}, "Fz_mm"),
+    "NaN in the data": ({}, {"top.csv": "depth_mm,Fz_N\n1,0.1\n2,nan\n"}, "top.csv:3: column 'Fz': 'nan'"),
+    "text in the data": ({}, {"top.csv": "depth_mm,Fz_N\n1,0.1\n2,much\n"}, "top.csv:3: column 'Fz': 'much'"),
+    "no data": ({}, {"top.csv": ""}, "top.csv"),
+    "no contact": ({}, {"top.csv": "depth_mm,Fz_N\n-2,0\n-1,0\n"}, "no depth is positive"),
+    "repeats apart": (
+        {"search": None}, {"top.csv": "depth_mm,Fz_N,repeat\n1,.1,a\n2,.2,a\n3,.3,b\n4,.4,b\n"}, "share no range"),
+    "no such channel": (experiments(first=TOP + '\nchannels = ["Fq"]'), {}, "top.csv has no such channel"),
+    "channel that is not modelled": (
+        experiments(first=TOP + '\nchannels = ["Fy"]') | {"search": None},
+        {"top.csv": "depth_mm,Fy_N\n1,.1\n2,.2\n"}, "the backend 'layer' has no such channel"),
+    "target that is not modelled": (
+        targets('{ experiment = "top", depth = 1, channel = "Fy" }'),
+        {"top.csv": "depth_mm,Fz_N,Fy_N\n1,.1,.1\n2,.2,.2\n"}, "search.targets[0].channel = 'Fy'"),
+    "target too deep": (targets('{ experiment = "top", depth = 4 }'), {}, "4 mm is outside the measured range"),
+    "target elsewhere": (targets('{ experiment = "tip", depth = 1 }'), {}, "unknown experiment; did you mean 'top'"),
+    "target of zero": (
+        targets('{ experiment = "top", depth = 2, value = 0 }') | experiments(first=TOP.split("\nnoise")[0]),
+        {"top.csv": "depth_mm,Fz_N\n1,0\n2,0\n"}, "without uncertainty"),
+    "target to validate": (
+        experiments('name = "end"\nrole = "validate"\ndata = "top.csv"') | targets('{ experiment = "end", depth = 1 }'),
+        {}, "cannot be a target"),
+    "constraint to validate": (
+        experiments('name = "end"\nrole = "validate"\ndata = "top.csv"')
+        | {"search": 'constraints = [{ experiment = "end", channel = "Fz", depth = 1, low = 0 }]'},
+        {}, "cannot be constrained"),
+    "constraint on nothing": (
+        {"search": 'constraints = [{ experiment = "top", channel = "ux_max", depth = 1, low = 0 }]'},
+        {}, "did you mean 'uz_max'"),
+    "variant outside": (
+        {"[search__variants]": 'name = "wide"\nranges = { mu = ["1 kPa", "9 kPa"] }'}, {}, "must lie inside"),
+    "required but fixed": ({"identify": 'require = ["radius"]'}, {}, "identify.require[0] = 'radius'"),
+    "two of one name": (experiments(TOP), {}, "this name is taken"),
+    "unknown role": (experiments(first=TOP.replace('"fit"', '"fitt"')), {}, "did you mean 'fit'"),
+    "nothing to fit": (experiments(first=TOP.replace('"fit"', '"select"')), {}, 'needs role = "fit"'),
+    "profile": (
+        experiments('name = "p"\nrole = "fit"\nkind = "profile"\ndata = "p.csv"'),
+        {"p.csv": "depth_mm,x_mm,y_mm,uz_mm\n1,0,5,-.1\n"}, "has no profiles"),
+    "wrong number of runs": ({"doe": 'kind = "ccd"\nruns = 12'}, {}, "ccd of 2 parameters has 9 runs, not 12"),
+    "too few parameters": ({"doe": 'kind = "box_behnken"'}, {}, "box_behnken is for 3 to 7"),
+    "no factorial": ({"doe": 'kind = "factorial"\nruns = 10'}, {}, "try one of [4, 9, 16]"),
+    "no points": ({"doe": 'kind = "file"\nfile = "p.csv"'}, {}, "doe.file = 'p.csv': there is no such file"),
+    "points of others": ({"doe": 'kind = "file"\nfile = "p.csv"'}, {"p.csv": "mu,nu\n0.01,0.3\n"}, "p.csv"),
+    "points outside": (
+        {"doe": 'kind = "file"\nfile = "p.csv"'}, {"p.csv": "mu,D1\n0.01,1000\n"}, "outside the parameters' ranges"),
+    "degree of 7": ({"surrogate": "degree = 7"}, {}, "surrogate.degree = 7: polynomials have degrees 1 to 4"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_broken_studies_are_answered_with_file_line_and_key(tmp_path, capsys, name):
+    changes, files, message = BROKEN[name]
+    path = studies.write(tmp_path, **changes)
+    for file, content in files.items():
+        (tmp_path / file).write_text(content)
+    assert main(["run" if "data" in name else "check", str(path)]) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and "Traceback" not in said.err
+    assert message in said.err
+    for line in said.err.splitlines():
+        assert re.match(rf"{re.escape(str(path))}:\d+: ", line)
+    assert not (tmp_path / "results").exists()
+
+
+def test_every_problem_is_said_at_once(tmp_path, capsys):
+    assert main(["check", str(studies.write(tmp_path, doe="run = 16", study="seed = 1"))]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 2
+
+
+@pytest.mark.parametrize("content", [b"[study\n", b"\xff\xfe", b"a = 1\na = 2\n"], ids=["syntax", "bytes", "twice"])
+def test_files_that_are_no_toml(tmp_path, capsys, content):
+    (tmp_path / "study.toml").write_bytes(content)
+    assert main(["run", str(tmp_path)]) == 2
+    assert re.match(r".*study\.toml:\d+: ", capsys.readouterr().err)
+
+
+def test_a_study_that_is_not_there(tmp_path, capsys):
+    assert main(["run", str(tmp_path / "stuby.toml")]) == 2
+    assert "there is no such study file" in capsys.readouterr().err
+    assert main(["run", str(studies.write(tmp_path)), "--jobs", "0"]) == 2
+    with pytest.raises(SystemExit, match="2"):
+        main(["simulate", "study.toml"])
+
+
+# ------------------------------------------------------------------------------------------------------ check, status
+
+
+def test_check_says_what_would_run_and_computes_nothing(tmp_path, capsys):
+    path = studies.write(tmp_path, backend__settings=f"thickness = 8\nlog = {str(tmp_path / 'calls')!r}")
+    before = sorted(tmp_path.iterdir())
+    assert main(["check", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert f"{path}: good" in said and "2 → 1 dimensions" in said
+    assert "16 at most (8 design, 3 held out, 2 proof, 3 candidates)" in said
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_help_names_the_exit_codes(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main(["--help"])
+    said = capsys.readouterr().out
+    assert all(word in said for word in ("check", "run", "status", "report", "130"))
+
+
+def test_a_whole_study_with_its_report(tmp_path, capsys):
+    path = str(studies.write(tmp_path, report="html = true\npdf = true"))
+    assert main(["status", path]) == 0 and "not started" in capsys.readouterr().out
+    assert main(["report", path]) == 2 and "run the study first" in capsys.readouterr().err
+    assert main(["run", path, "--jobs", "1"]) == 0
+    said = capsys.readouterr().out
+    assert "mu: every value from" in said and "16 simulations (16 done, 0 failed, 0 crashed" in said
+    results = tmp_path / "results"
+    assert b"<html" in (results / "report.html").read_bytes()[:500]
+    assert (results / "report.pdf").read_bytes().startswith(b"%PDF")
+    assert main(["status", path]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "last finished stage: validate",
+        "done: 16",
+        "failed: 0",
+        "crashed: 0",
+    ]
+    page = (results / "report.html").read_bytes()
+    (results / "report.html").unlink()
+    assert main(["report", path]) == 0
+    assert (results / "report.html").read_bytes() == page
+    assert main(["check", path]) == 0 and "as measured in this study" in capsys.readouterr().out
+    # Moved aside, not deleted.
+    assert main(["run", path, "--jobs", "1", "--fresh"]) == 0
+    (aside,) = tmp_path.glob("results-*")
+    assert (aside / "results.json").exists() and studies.read(tmp_path)["counts"]["from_store"] == 0
+
+
+def test_failures_and_crashes_end_with_3_and_a_message(tmp_path, capsys):
+    some = "thickness = 8\nfail_below = 0.007\ncrash_above = 0.018"
+    path = str(studies.write(tmp_path, backend__settings=some, doe="runs = 24\nheld_out = 2\nreduce = false"))
+    assert main(["run", path, "--jobs", "2"]) == 3
+    said = capsys.readouterr()
+    assert re.search(r"\([1-9]\d* done, [1-9]\d* failed, [1-9]\d* crashed", said.out) and said.err == ""
+    found = studies.read(tmp_path)
+    assert found["exit_code"] == 3 and {r["state"] for r in found["runs"]} == {"done", "failed", "crashed"}
+    main(["status", path])
+    assert re.search(r"  failed \w{12} .*: too soft", capsys.readouterr().out)
+    every = studies.write(tmp_path / "b", backend__settings="thickness = 8\ncrash_above = 0.001")
+    assert main(["run", str(every), "--jobs", "2"]) == 3
+    said = capsys.readouterr()
+    assert "stopped: no run is done" in said.out and "ZeroDivisionError: a bug" in said.out
+    assert "Traceback" not in said.out + said.err
+
+
+# ------------------------------------------------------------------------------------------------------ again, killed
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """Results with one job, of the study that is interrupted below."""
+    folder = tmp_path_factory.mktemp("reference")
+    assert main(["run", str(studies.write(folder)), "--jobs", "1"]) == 0
+    return studies.timeless(studies.read(folder))
+
+
+def test_two_jobs_give_the_same_results_as_one(tmp_path, reference):
+    path = str(studies.write(tmp_path))
+    assert main(["run", path, "--jobs", "2"]) == 0
+    assert studies.timeless(studies.read(tmp_path)) == reference
+    assert main(["run", path, "--jobs", "2"]) == 0
+    again = studies.read(tmp_path)
+    assert again["counts"]["from_store"] == again["counts"]["fe_runs"]
+    assert studies.timeless(again) == reference
+
+
+def begun(folder: Path, jobs: int = 2) -> subprocess.Popen:
+    """`rso run` in a process of its own, once a first simulation was asked for."""
+    log = folder / "calls"
+    had = len(log.read_text().splitlines()) if log.exists() else 0
+    process = subprocess.Popen(
+        command("run", folder, "--jobs", jobs), env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    end = time.monotonic() + 60
+    while time.monotonic() < end and process.poll() is None:
+        if log.exists() and len(log.read_text().splitlines()) > had:
+            break
+        time.sleep(0.01)
+    return process
+
+
+def sleepy(folder: Path, seconds: float) -> None:
+    settings = f"thickness = 8\nsleep_s = {seconds}\nlog = {str(folder / 'calls')!r}"
+    studies.write(folder, backend__settings=settings)
+
+
+def test_killed_at_random_moments_and_resumed_it_ends_the_same(tmp_path, reference):
+    sleepy(tmp_path, 0.15)
+    moments = random.Random(0)
+    ended = []
+    for _ in range(5):
+        process = begun(tmp_path)
+        time.sleep(moments.uniform(0.0, 0.35))
+        process.kill()
+        process.communicate()
+        ended.append(process.returncode)
+    assert ended[:3] == [-signal.SIGKILL] * 3  # it was killed, not too late
+    done = subprocess.run(command("run", tmp_path, "--jobs", 2), env=environment(), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    found = studies.read(tmp_path)
+    assert 0 < found["counts"]["from_store"]
+    # Only what ran at the moment of a death was begun twice: at most two simulations each time.
+    calls = (tmp_path / "calls").read_text().splitlines()
+    assert len(set(calls)) == found["counts"]["fe_runs"] and len(calls) <= len(set(calls)) + 2 * 5
+    without = ("backend", "provenance", "experiments")  # hold the settings, which enter the keys
+    assert _bare(studies.timeless(found), without) == _bare(reference, without)
+
+
+def _bare(results: dict, without: tuple[str, ...]) -> dict:
+    kept = {k: v for k, v in results.items() if k not in without}
+    return {**kept, "runs": [{k: v for k, v in r.items() if k != "key"} for r in results["runs"]]}
+
+
+def test_control_c_says_that_it_can_go_on(tmp_path):
+    sleepy(tmp_path, 0.3)
+    process = begun(tmp_path)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert b"interrupted" in err and b"goes on from there" in err and b"Traceback" not in out + err
+    assert studies.read(tmp_path)["stage"] == "plan"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(HERE))
+        assert main(["run", str(tmp_path), "--jobs", "2"]) == 0
+
+
+# ------------------------------------------------------------------------------------------------------ progress
+
+
+SOME_FAIL = "thickness = 8\nfail_below = 0.007"
+FULL = "runs = 24\nheld_out = 2\nreduce = false"
+
+
+def test_progress_on_a_terminal_shows_counts_and_does_not_wrap(tmp_path):
+    studies.write(tmp_path, backend__settings=SOME_FAIL + "\nsleep_s = 0.02", doe=FULL)
+    import fcntl
+    import struct
+    import termios
+
+    parent, child = pty.openpty()
+    fcntl.ioctl(child, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    process = subprocess.Popen(command("run", tmp_path, "--jobs", 2), env=environment(), stdout=child, stderr=child)
+    os.close(child)
+    shown = b""
+    while True:
+        try:
+            part = os.read(parent, 65536)
+        except OSError:  # the other end is closed
+            break
+        if not part:
+            break
+        shown += part
+    os.close(parent)
+    assert process.wait() == 3
+    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown.decode())
+    bars = [line for line in re.split(r"[\r\n]+", text) if "/26" in line]
+    assert any(re.search(r"[1-9]\d* failed.* [1-9]\d*/26", line) for line in bars)
+    assert max(map(len, bars)) <= 80
+    assert "design: simulations to learn from" in text
+
+
+def test_without_a_terminal_there_are_plain_lines(tmp_path, capsys):
+    studies.write(tmp_path, backend__settings=SOME_FAIL, doe=FULL)
+    assert main(["run", str(tmp_path), "--jobs", "1"]) == 3
+    said = capsys.readouterr().out
+    assert "\x1b" not in said and "  26 simulations\n" in said
+    assert re.search(r"^  26/26 \(\d+ done, \d+ failed\)$", said, re.MULTILINE)
+
+
+def test_the_results_are_strict_json(tmp_path):
+    """The other tests read them with a parser that lets NaN pass."""
+
+    def refuse(word: str) -> float:
+        raise AssertionError(word)
+
+    studies.run(tmp_path, doe="runs = 8\nheld_out = 0")
+    text = (tmp_path / "results" / "results.json").read_text(encoding="utf-8")
+    json.loads(text, parse_constant=refuse)
