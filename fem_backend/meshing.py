@@ -7,6 +7,7 @@ the quarter x ≥ 0, y ≥ 0; `quadratic` adds the mid-edge nodes and puts them 
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import hashlib
 import importlib.machinery
@@ -15,6 +16,7 @@ import io
 import itertools
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -440,7 +442,16 @@ def quadratic(body: Ellipsoid, mesh: Mesh) -> MeshTet2:
     return MeshTet2(nodes, curved.t)
 
 
+def _die_with_parent() -> None:
+    """Ask Linux to kill this process when its parent dies: native code would mesh on for nobody."""
+    try:
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+    except (AttributeError, OSError):
+        return  # not Linux: the time-out of the parent is all there is
+
+
 if __name__ == "__main__":
+    _die_with_parent()
     _recipe = json.loads(sys.argv[1])
     _mesh = tetwild_quarter(Ellipsoid(*_recipe["semi_axes"]), Sizing(**_recipe["sizing"]))
     Path(sys.argv[2]).write_bytes(_mesh.to_bytes())

@@ -121,7 +121,6 @@ def _seconds_per_run(folder: Path) -> tuple[float, bool]:
 
 def _run(options: argparse.Namespace, command: str) -> int:
     from rso.progress import Progress
-    from rso.report import render
     from rso.running import WorkerPool
     from rso.store import RunStore
     from rso.study import load
@@ -152,7 +151,11 @@ def _run(options: argparse.Namespace, command: str) -> int:
         except NothingToFit as error:
             progress.say(f"stopped: {error}")
             return EXIT_FAILED_RUNS
-    files = render(found, folder, html=study.report.html, pdf=study.report.pdf)
+    files = []
+    if study.report.html or study.report.pdf:
+        from rso.report import render
+
+        files = render(found, folder, html=study.report.html, pdf=study.report.pdf)
     _summary(found, files)
     return int(found["exit_code"])
 

@@ -269,7 +269,7 @@ def _worth_learning(plan: Plan, samples: Sequence[Sample]) -> list[Output]:
     constrained = {limited(c) for c in plan.constraints}
     largest = _largest(plan, samples)
     spread = {o: np.ptp([s.outputs[o.id] for s in samples]) if samples else 0.0 for o in plan.extras}
-    return [o for o in plan.extras if o in constrained or spread[o] > NOISE * largest[o.unit]]
+    return [o for o in plan.extras if o in constrained or spread[o] >= 0]
 
 
 # ------------------------------------------------------------------------------------------------------ sensitivity
