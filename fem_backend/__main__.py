@@ -36,7 +36,7 @@ def schema() -> dict[str, Any]:
         },
         "response": {
             "status": "done | failed",
-            "channels": {"time": [], "travel": [], "Fx": [], "Fy": [], "Fz": [], "uz_max": []},
+            "channels": {"time": [], "travel": [], "Fx": [], "Fy": [], "Fz": [], "uz_max": [], "bulge": []},
             "units": {},
             "error": {},
             "cause": "only if failed",

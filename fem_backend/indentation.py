@@ -57,15 +57,17 @@ class Settings:
 
 @dataclass(frozen=True)
 class Result:
-    """Channels at the asked travels, (n,): forces on the indenter (N), reaction of the support (N), largest |u_z| (mm).
+    """Channels at the asked travels, (n,): force on the indenter (N), reaction of the support (N).
 
-    `contact_error` is what the last augmentation changed (N).
+    `uz_max` (mm) is how far the deepest point went down, `bulge` (mm) how far the highest went up (the material rises
+    around the ball, the more the less compressible it is); `contact_error` (N) is what the last augmentation changed.
     """
 
     travel: np.ndarray
     Fz: np.ndarray
     reaction: np.ndarray
     uz_max: np.ndarray
+    bulge: np.ndarray
     contact_error: np.ndarray
     counters: Counters
     cpu_s: float
@@ -224,7 +226,8 @@ def collect(model: Model, points: list[Point], counters: Counters, cpu_s: float)
         travel=np.array([p.travel for p in points]),
         Fz=np.array([4.0 * e.contact.force[2] for e in at]),
         reaction=np.array([4.0 * (e.residual - e.contact.residual)[model.held, 2].sum() for e in at]),
-        uz_max=np.array([np.abs(e.u[:, 2]).max() for e in at]),
+        uz_max=np.array([-e.u[:, 2].min() for e in at]),
+        bulge=np.array([e.u[:, 2].max() for e in at]),
         contact_error=np.array([4.0 * abs((p.previous_force - p.force)[2]) for p in points]),
         counters=counters,
         cpu_s=cpu_s,

@@ -21,7 +21,7 @@ ROOMS = {
     "fem_backend": (
         "analytic laws geometry",
         "stress meshing",
-        "element linsolve condense contact newton",
+        "element linsolve contact newton",
         "stepping",
         "indentation",
         "backend",

@@ -7,7 +7,9 @@ from typing import Any
 
 from rso.report.digits import DASH, aligned, clean, duration, known, percent, shortest, significant
 from rso.report.document import Block, Cell, Section, Table, Text, column, table, words
-from rso.report.reading import Results, listed, number, outputs, parameters
+from rso.report.reading import Output, Results, listed, number, outputs, parameters
+
+OUTPUT_COLUMNS = 4  # of the table of all runs
 
 _EXIT = {
     0: "done and verified",
@@ -96,14 +98,26 @@ def _runs(results: Results, every: list[Mapping[str, Any]]) -> Table:
         column("purpose", words([clean(r.get("purpose")).replace("_", " ") for r in every]), number=False),
         *_value_columns(results, every),
     ]
-    for o in outputs(results).values():
+    for o in _shown_outputs(results):
         cells = aligned([_scaled(r.get("outputs") or {}, o.id, o.unit.factor) for r in every])
         columns.append(column(o.label, cells, o.unit.label))
     columns += [
         column("wall", aligned([number(r.get("wall_s")) for r in every], 3), "s"),
         column("state", tuple(_state(r) for r in every), number=False),
     ]
-    return table(f"Every run ({len(every)})", columns, folded=True)
+    return table(f"Every run ({len(every)})", columns, "All outputs of every run are in runs.csv.", folded=True)
+
+
+def _shown_outputs(results: Results) -> list[Output]:
+    """The targets of the main search, or the first outputs if there are none: a page has room for a few columns."""
+    every = outputs(results)
+    targets = {
+        f"{t.get('experiment')}:{t.get('channel')}@{t['depth_mm']:g}"
+        for search in listed(results, "searches")[:1]
+        for t in search.get("targets") or ()
+        if known(t.get("depth_mm"))
+    }
+    return ([o for o in every.values() if o.id in targets] or list(every.values()))[:OUTPUT_COLUMNS]
 
 
 def _state(run: Mapping[str, Any]) -> Cell:
@@ -123,8 +137,8 @@ def provenance(results: Results) -> Section:
     if data:
         blocks.append(data)
     for e in listed(results, "experiments"):
-        for note in e.get("notes") or ():
-            blocks.append(Text(f"{clean(e['name'])}: {clean(note)}", "note"))
+        if e.get("notes"):
+            blocks.append(Text(f"{clean(e['name'])}: {' '.join(clean(n) for n in e['notes'])}", "note"))
     times = {k: v for k, v in (results.get("timings") or {}).items() if known(v)}
     if times:
         names = {"total": "total", "fe_cpu": "CPU time of the simulations"}

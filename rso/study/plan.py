@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -25,7 +26,7 @@ from rso.surrogates.polynomial import HIGHEST
 from rso.targets import Constraint
 from rso.targets import Target as Goal
 
-STEPS = 8  # travels at which a whole curve is computed; the interpolation between them is exact for Hertz
+STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for Hertz
 FEWEST = 8  # runs of a reduced design
 PROOFS = 2  # direct runs that prove similarity on the study itself
 
@@ -307,7 +308,8 @@ def _refuse_what_is_not_modelled(
         try:
             backend.check(_case(study, e.name, _travels(curves[e.name], set())))
         except ValueError as error:
-            problems.append(Problem((*place, "settings") if e.settings else ("backend", "settings"), str(error)))
+            found = Problem(_setting(study, n, str(error)), str(error))
+            problems += [] if found in problems else [found]  # what all experiments share is said once
     problems += _refuse_search(study, backend)
     opened = [a.name for a in resolved.axes]
     for p in backend.parameters:
@@ -319,6 +321,16 @@ def _refuse_what_is_not_modelled(
         problems.append(Problem(("surrogate", "degree"), text, study.surrogate.degree))
     if problems:
         raise study_error(study.file, study.lines, problems)
+
+
+def _setting(study: Study, n: int, message: str) -> Place:
+    """Where the setting stands that a message of the backend names; else where the n-th experiment has its own."""
+    own, words = study.experiments[n].settings, re.findall(r"\w+", message)
+    for place, settings in ((("experiments", n, "settings"), own), (("backend", "settings"), study.backend.settings)):
+        for key in words:
+            if key in settings:
+                return (*place, key)
+    return ("experiments", n, "settings") if own else ("backend", "settings")
 
 
 def _refuse_search(study: Study, backend: Backend) -> list[Problem]:

@@ -67,6 +67,8 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
         "parameters": _parameters(plan),
         "experiments": [_experiment(plan, e.name) for e in study.experiments if e.name in plan.curves],
         "outputs": [_output(o) for o in (*plan.outputs, *plan.extras)],
+        "verify": {"tolerance": study.verify.tolerance, "max_infill": study.verify.max_infill},
+        "metric": study.search.metric,
         "baseline": {e: dataclasses.asdict(m) for e, m in baselines(plan).items()},
         "warnings": [],
         "timings": {},
@@ -370,7 +372,6 @@ def _candidate(plan: Plan, found: Found, k: int) -> dict[str, Any]:
         "curves": curves,
         "metrics": {e: dataclasses.asdict(m) for e, m in found.metrics[k].items()},
         "at_bound": at_bound(found.plan, plan, c.values),
-        "admissible": None,
     }  # fmt: skip
 
 

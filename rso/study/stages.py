@@ -167,6 +167,8 @@ def run_design(bench: Bench) -> Design:
     differences = [p.relative_difference for p in proved if p.relative_difference is not None]
     if differences and max(differences) <= SIMILAR_TO:
         return Design(asked, True, plan.group.why, proved, runs)
+    if not any(r.done for r in runs):  # nothing says that the full design would do better
+        return Design(asked, False, "not applied: no run was done", proved, runs)
     story = "not applied: none of the proof runs was done"
     if differences:
         story = f"not applied: the proof runs differ by {max(differences):.1e}, more than {SIMILAR_TO:g}; "
@@ -269,7 +271,7 @@ def _worth_learning(plan: Plan, samples: Sequence[Sample]) -> list[Output]:
     constrained = {limited(c) for c in plan.constraints}
     largest = _largest(plan, samples)
     spread = {o: np.ptp([s.outputs[o.id] for s in samples]) if samples else 0.0 for o in plan.extras}
-    return [o for o in plan.extras if o in constrained or spread[o] >= 0]
+    return [o for o in plan.extras if o in constrained or spread[o] > NOISE * largest[o.unit]]
 
 
 # ------------------------------------------------------------------------------------------------------ sensitivity

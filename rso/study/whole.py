@@ -33,7 +33,7 @@ def run_study(
     Raises stages.NothingToFit when too few runs are done, StoreError, KeyboardInterrupt; what was computed stays.
     """
     started = time.perf_counter()
-    found = results.begin(plan, command, datetime.now(UTC).isoformat(timespec="seconds"), jobs)
+    found = results.begin(plan, command, _now(), jobs)
     bench = Bench(plan, store, executor, watch)
     known = {row.key for row in store.rows() if row.state != "crashed"}
     clock = _Clock(found["timings"])
@@ -70,6 +70,7 @@ def run_study(
         one = stages.find(bench, wanted, emulator)
         emulator = one.result.emulator
         searches.append(one)
+        _warn_of_constraints(one, found)
         found["runs"] += results.candidate_runs(plan, one)
         note("search", **results.of_searches(plan, searches))
     note("verify")
@@ -78,8 +79,7 @@ def run_study(
     checked = stages.validate(bench, searches[0])
     found["runs"] += results.validation_runs(checked, searches[0])
     found["timings"]["fe_cpu"] = sum(r["cpu_s"] or 0.0 for r in _distinct(found["runs"]))
-    finished = datetime.now(UTC).isoformat(timespec="seconds")
-    found["provenance"].update(artefacts=_artefacts(design), solver=_solver(design), finished=finished)
+    found["provenance"].update(artefacts=_artefacts(design), solver=_solver(design), finished=_now())
     return note(
         "validate",
         **results.of_validation(plan, checked),
@@ -120,6 +120,15 @@ class _Clock:
         now = time.perf_counter()
         self._timings[stage] = self._timings.get(stage, 0.0) + now - self._last
         self._last = now
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _warn_of_constraints(one: Found, found: dict[str, Any]) -> None:
+    if not one.result.choice.feasible:
+        found["warnings"].append(f"search {one.plan.name!r}: no point of the ranges respects every constraint")
 
 
 def _warn_of_poor_surrogates(plan: Plan, fitted: stages.Fitted, found: dict[str, Any]) -> None:

@@ -1,0 +1,100 @@
+"""Cost and accuracy of the mesh levels, and of the linear solvers: python benchmarks/fe_levels.py
+
+Two tables: every level on a run to 4 mm, and seconds per factorisation on the standard mesh.
+Times are CPU seconds of one thread.
+"""
+
+from __future__ import annotations
+
+import time
+
+from fem_backend import element, indentation, linsolve, meshing, stress  # isort: skip (pins the threads before numpy)
+from fem_backend.indentation import Model, Result, Settings
+from fem_backend.laws import NeoHooke
+
+import numpy as np  # isort: skip
+
+ASKED = np.array([1.0, 2.0, 3.0, 4.0])
+INDEPENDENT = np.array([0.08433, 0.22897, 0.40047, 0.5807])  # N, NGSolve, P2, penalty-corrected, error about 0.2 %
+LAW = NeoHooke(mu=0.0099997, D1=5.8)
+REPEATS = {"coarse": 3, "standard": 2, "fine": 1, "reference": 1}  # the last is what the others are compared with
+
+
+def model_of(level: str) -> tuple[Settings, Model]:
+    """The level's model on the mesh of this user's cache."""
+    settings = indentation.read_settings({"mesh": {"level": level}})
+    return settings, indentation.build(settings, meshing.cached(settings.recipe))
+
+
+def timed(settings: Settings, model: Model, repeats: int) -> tuple[Result, float]:
+    """Result and the median of the CPU seconds."""
+    results = [indentation.solve(settings, LAW, model, ASKED) for _ in range(repeats)]
+    return results[0], float(np.median([r.cpu_s for r in results]))
+
+
+def levels(models: dict[str, tuple[Settings, Model]]) -> None:
+    """Table of the levels; percentages are those of the depth where they are largest."""
+    indentation.solve(*_first(models), np.array([0.2]))  # compile the kernels
+    runs = {level: timed(*models[level], REPEATS[level]) for level in REPEATS}
+    finest = list(runs.values())[-1][0].Fz
+    print(f"solver {linsolve.available()}; run to 4 mm, forces at {', '.join(f'{d:g}' for d in ASKED)} mm\n")
+    print(f"{'level':9} {'nodes':>7} {'dofs':>7} {'CPU s':>7} {'its':>4} {'fact.':>5} {'F(4) N':>8}"
+          f" {'to finest %':>26} {'to NGSolve %':>26}")  # fmt: skip
+    for level, (result, seconds) in runs.items():
+        body = models[level][1].body
+        to_fine, to_other = (100 * (result.Fz / other - 1) for other in (finest, INDEPENDENT))
+        print(f"{level:9} {len(body.nodes):7d} {body.pattern.size:7d} {seconds:7.2f} {result.counters.iterations:4d} "
+              f"{result.counters.factorisations:5d} {result.Fz[-1]:8.5f} {_row(to_fine):>26} {_row(to_other):>26}")  # fmt: skip
+
+
+def _first(models: dict[str, tuple[Settings, Model]]) -> tuple[Settings, NeoHooke, Model]:
+    settings, model = models["coarse"]
+    return settings, LAW, model
+
+
+def _row(percent: np.ndarray) -> str:
+    return " ".join(f"{p:+.2f}" for p in percent)
+
+
+def solvers(model: Model, repeats: int = 3) -> None:
+    """Seconds per factorisation and per solution of the undeformed stiffness on one mesh."""
+    body = model.body
+    state = stress.evaluate(LAW, np.zeros((*body.w.shape, 3, 3)), tangent=True)
+    data = element.stiffness(body, state.F, state.S_geometric, state.C)
+    b = np.random.default_rng(0).normal(size=body.pattern.size)
+    print(f"\nstandard mesh, {body.pattern.size} dofs: CPU s, median of {repeats}")
+    print(f"{'solver':9} {'analysis':>9} {'factor':>9} {'solve':>9} {'residual':>9}")
+    for name in ("pardiso", "superlu"):
+        try:
+            start = time.process_time()
+            factor = linsolve.symmetric_solver(body.pattern, name)
+            factor(data)  # pardiso analyses here
+            first = time.process_time() - start
+        except ImportError:
+            print(f"{name:9} not installed")
+            continue
+        made, solved = [], []
+        for _ in range(repeats):
+            start = time.process_time()
+            solve = factor(data)
+            made.append(time.process_time() - start)
+            start = time.process_time()
+            x = solve(b)
+            solved.append(time.process_time() - start)
+        seconds = float(np.median(made))
+        residual = np.linalg.norm(_times(body.pattern, data, x) - b) / np.linalg.norm(b)
+        print(f"{name:9} {max(first - seconds, 0.0):9.3f} {seconds:9.3f} {np.median(solved):9.4f} {residual:9.1e}")
+
+
+def _times(pattern: element.Pattern, data: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """The symmetric matrix times x."""
+    rows = np.repeat(np.arange(pattern.size), np.diff(pattern.indptr))
+    off = rows != pattern.indices
+    out = np.bincount(rows, data * x[pattern.indices], minlength=pattern.size)
+    return out + np.bincount(pattern.indices[off], data[off] * x[rows[off]], minlength=pattern.size)
+
+
+if __name__ == "__main__":
+    MODELS = {level: model_of(level) for level in REPEATS}
+    levels(MODELS)
+    solvers(MODELS["standard"][1])
