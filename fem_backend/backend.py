@@ -46,7 +46,9 @@ class FiniteElements:
         if max(asked) > deepest:
             raise ValueError(f"travel {max(asked):g} mm: at most {deepest:g} mm (0.3 of the smallest semi-axis)")
         if np.any(np.diff(case.programme.travel_mm) < 0):
-            raise ValueError("the programme unloads: an elastic body returns on its loading curve, ask for loading only")
+            raise ValueError(
+                "the programme unloads: an elastic body returns on its loading curve, ask for loading only"
+            )
 
     def canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
         """Defaults written out; speed, direction at the top and the solver dropped: they do not change the answer."""
@@ -117,7 +119,9 @@ def _law(settings: Settings, values: Mapping[str, float]) -> Law:
 @functools.lru_cache(maxsize=4)
 def _model(settings: Settings, mesh: str | None) -> Model:
     """Discretisation, shared by all runs of a worker on one mesh."""
-    return indentation.build(settings, meshing.cached(settings.recipe) if mesh is None else meshing.Mesh.from_file(mesh))
+    return indentation.build(
+        settings, meshing.cached(settings.recipe) if mesh is None else meshing.Mesh.from_file(mesh)
+    )
 
 
 def _response(result: Result, case: Case, model: Model) -> Response:
@@ -144,7 +148,12 @@ def _response(result: Result, case: Case, model: Model) -> Response:
             "bulge": result.bulge,
         },
         units=dict(UNITS),
-        error={"Fz": relative * result.Fz + 0.1 * result.contact_error, "uz_max": 1e-3 + zero, "bulge": 1e-3 + zero, "Fx": zero, "Fy": zero},
+        error={
+            "Fz": relative * result.Fz + 0.1 * result.contact_error,
+            "uz_max": 1e-3 + zero,
+            "bulge": 1e-3 + zero,
+            "Fx": zero,
+            "Fy": zero,
+        },
         info=info,
     )
-

@@ -210,9 +210,7 @@ def _stiffness(G, w, F, S, C, place, nnz):  # type: ignore[no-untyped-def]
                 c0, c1, c2 = wq * C[e, q, k, 0], wq * C[e, q, k, 1], wq * C[e, q, k, 2]
                 c3, c4, c5 = wq * C[e, q, k, 3], wq * C[e, q, k, 4], wq * C[e, q, k, 5]
                 for p in range(30):
-                    CB[k, p] = (
-                        c0 * B[0, p] + c1 * B[1, p] + c2 * B[2, p] + c3 * B[3, p] + c4 * B[4, p] + c5 * B[5, p]
-                    )
+                    CB[k, p] = c0 * B[0, p] + c1 * B[1, p] + c2 * B[2, p] + c3 * B[3, p] + c4 * B[4, p] + c5 * B[5, p]
             for p in range(30):
                 b0, b1, b2, b3, b4, b5 = B[0, p], B[1, p], B[2, p], B[3, p], B[4, p], B[5, p]
                 for r in range(30):

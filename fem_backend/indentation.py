@@ -190,7 +190,7 @@ def solve(settings: Settings, law: Law, model: Model, asked_mm: np.ndarray) -> R
     started = time.process_time()
     epsilon = penalty(model.surface, model.body, settings, law)
     system = System(model.body, law, model.surface, settings.indenter, epsilon, model.factor)
-    touch = settings.body.top + [0.0, 0.0, settings.indenter.R]
+    touch = settings.body.top + np.array([0.0, 0.0, settings.indenter.R])
     down = np.array([0.0, 0.0, -1.0])
     nothing = np.zeros(model.surface.weights.shape)
     counters = Counters()
@@ -232,4 +232,3 @@ def collect(model: Model, points: list[Point], counters: Counters, cpu_s: float)
         counters=counters,
         cpu_s=cpu_s,
     )
-

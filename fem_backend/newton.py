@@ -14,7 +14,6 @@ from fem_backend.laws import Law
 from fem_backend.linsolve import Factor, NotPositiveDefinite, Solve
 from fem_backend.stress import PointState
 
-
 FAR = 0.3  # relative residual above which the negative contact term is left out: it would only spoil the matrix
 
 
@@ -89,7 +88,11 @@ def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
     state = stress.evaluate(system.law, H, tangent=False)
     inside = element.internal_force(system.body, state.F, state.S)
     touch = contact.evaluate(
-        system.surface, system.body.nodes + u, system.indenter, load.centre, system.epsilon * load.raised,
+        system.surface,
+        system.body.nodes + u,
+        system.indenter,
+        load.centre,
+        system.epsilon * load.raised,
         load.multiplier,
     )
     energy = float((system.body.w * state.energy).sum()) + touch.energy

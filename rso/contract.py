@@ -114,9 +114,7 @@ class Programme:
         if np.any(np.diff(t) <= 0):
             raise ValueError(f"programme: time_s must increase, got {list(self.time_s)}")
         if len(a) == 0 or np.any(np.diff(a) <= 0) or a[0] <= 0 or a[-1] > u.max() + 1e-12:
-            raise ValueError(
-                f"programme: asked_mm must increase within (0, {u.max():g}] mm, got {list(self.asked_mm)}"
-            )
+            raise ValueError(f"programme: asked_mm must increase within (0, {u.max():g}] mm, got {list(self.asked_mm)}")
 
     @classmethod
     def ramp(cls, asked_mm: tuple[float, ...], speed_mm_s: float = 0.5) -> Programme:

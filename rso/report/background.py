@@ -111,6 +111,8 @@ def _runs(results: Results, every: list[Mapping[str, Any]]) -> Table:
 def _shown_outputs(results: Results) -> list[Output]:
     """The targets of the main search, or the first outputs if there are none: a page has room for a few columns."""
     every = outputs(results)
+    if len(every) <= OUTPUT_COLUMNS:
+        return list(every.values())
     targets = {
         f"{t.get('experiment')}:{t.get('channel')}@{t['depth_mm']:g}"
         for search in listed(results, "searches")[:1]

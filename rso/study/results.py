@@ -167,9 +167,10 @@ def of_sensitivity(plan: Plan, found: Sensitivity) -> dict[str, Any]:
 
 def of_searches(plan: Plan, found: list[Found]) -> dict[str, Any]:
     """searches, best, determined; the runs of candidates are added to `runs` by the caller."""
+    first = best(plan, found)
     return {
         "searches": [_search(plan, f) for f in found],
-        "best": best(plan, found),
+        "best": None if first is None else {"search": first[0], "candidate": f"{first[0]} {first[1] + 1}"},
         "determined": determined(plan, found[0]) if found else {},
     }
 
@@ -182,9 +183,9 @@ def candidate_runs(plan: Plan, found: Found) -> list[dict[str, Any]]:
     return [row for run in (*earlier, *candidates) for row in _runs(plan, run)]
 
 
-def validation_runs(found: list[Validation], main: Found) -> list[dict[str, Any]]:
+def validation_runs(found: list[Validation]) -> list[dict[str, Any]]:
     """Rows of `runs` for the experiments kept for the end."""
-    return [_row(v.outcome, "validate", main.result.candidates[v.candidate].values, {}) for v in found]
+    return [_row(v.outcome, "validate", v.values, {}) for v in found]
 
 
 def of_validation(plan: Plan, found: list[Validation]) -> dict[str, Any]:
@@ -194,7 +195,7 @@ def of_validation(plan: Plan, found: list[Validation]) -> dict[str, Any]:
         cause, reason = why(v.outcome)
         rows.append(
             {
-                "experiment": v.experiment, "search": "main", "candidate": f"main {v.candidate + 1}",
+                "experiment": v.experiment, "search": v.search, "candidate": f"{v.search} {v.candidate + 1}",
                 "state": type(v.outcome).__name__.lower(), "cause": cause, "reason": reason, "depth": v.depth,
                 "measured": v.measured, "sigma": v.sigma, "predicted": [] if v.predicted is None else v.predicted,
                 "metrics": None if v.metrics is None else dataclasses.asdict(v.metrics),
@@ -203,8 +204,8 @@ def of_validation(plan: Plan, found: list[Validation]) -> dict[str, Any]:
     return {"validation": rows}
 
 
-def best(plan: Plan, found: list[Found]) -> dict[str, str] | None:
-    """Smallest study metric, averaged over the fitted experiments, among the verified candidates."""
+def best(plan: Plan, found: list[Found]) -> tuple[str, int] | None:
+    """Search and place of the verified candidate with the smallest study metric, averaged over the fitted curves."""
     metric = plan.study.search.metric
     scored = [
         (float(np.mean([getattr(m, metric) for m in scores.values()])), f.plan.name, k)
@@ -216,7 +217,7 @@ def best(plan: Plan, found: list[Found]) -> dict[str, str] | None:
     if not scored:
         return None
     _, name, k = min(scored)
-    return {"search": name, "candidate": f"{name} {k + 1}"}
+    return name, k
 
 
 def determined(plan: Plan, main: Found) -> dict[str, Any]:

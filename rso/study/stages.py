@@ -109,6 +109,14 @@ class Sensitivity:
 
 
 @dataclass(frozen=True, eq=False)
+class Proposal:
+    """What a search on the surrogates proposes."""
+
+    front: search.Front
+    choice: Choice
+
+
+@dataclass(frozen=True, eq=False)
 class Found:
     """A search that is finished and verified."""
 
@@ -121,10 +129,12 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """One experiment kept for the end, predicted by one candidate of the main search."""
+    """One experiment kept for the end, predicted by one candidate: the search's name, its place there, its values."""
 
     experiment: str
+    search: str
     candidate: int
+    values: Mapping[str, float]
     outcome: Outcome
     depth: np.ndarray
     measured: np.ndarray
@@ -300,15 +310,22 @@ def analyse(plan: Plan, fitted: Fitted) -> Sensitivity:
 # ------------------------------------------------------------------------------------------------------ search
 
 
-def find(bench: Bench, wanted: SearchPlan, emulator: Emulator) -> Found:
-    """NSGA-II on the surrogates, candidates, their reruns, infill until predicted and recomputed agree."""
-    plan = bench.plan
-    fronts: list[search.Front] = []
+def propose_all(bench: Bench, emulator: Emulator) -> list[Proposal]:
+    """First proposal of every search; their candidates are run in one go, so that no worker waits for a search."""
+    proposals = [propose(bench.plan, wanted, emulator) for wanted in bench.plan.searches]
+    bench.run([bench.plan.values(x) for p in proposals for x in p.choice.X])
+    return proposals
 
-    def propose(current: Emulator) -> Choice:
-        front, choice = _propose(plan, wanted, current)
-        fronts.append(front)
-        return choice
+
+def find(bench: Bench, wanted: SearchPlan, emulator: Emulator, first: Proposal) -> Found:
+    """Candidates, their reruns, infill and new proposals until predicted and recomputed agree."""
+    plan = bench.plan
+    proposals = [first]
+
+    def again(current: Emulator) -> Choice:
+        if current is not emulator:
+            proposals.append(propose(plan, wanted, current))
+        return proposals[-1].choice
 
     def rerun(current: Emulator, choice: Choice) -> list[Candidate]:
         points = [plan.values(x) for x in choice.X]
@@ -328,15 +345,16 @@ def find(bench: Bench, wanted: SearchPlan, emulator: Emulator) -> Found:
             return current
         return relearn(current, new, seed=plan.seed)
 
-    result = verify(emulator, wanted.outputs, propose, rerun, enrich, plan.study.verify.max_infill)
+    result = verify(emulator, wanted.outputs, again, rerun, enrich, plan.study.verify.max_infill)
     scores = tuple(
         {e: curve_metrics(plan, e, c.outcomes) for e in plan.case_of} if c.state == "done" else {}
         for c in result.candidates
     )
-    return Found(wanted, fronts[-1], result, search.story(result.choice, plan.box, wanted.goals), scores)
+    return Found(wanted, proposals[-1].front, result, search.story(result.choice, plan.box, wanted.goals), scores)
 
 
-def _propose(plan: Plan, wanted: SearchPlan, emulator: Emulator) -> tuple[search.Front, Choice]:
+def propose(plan: Plan, wanted: SearchPlan, emulator: Emulator) -> Proposal:
+    """NSGA-II on the surrogates, and the choice of candidates from its front and the acceptable set."""
     table = plan.study.search
     constrained = [limited(c) for c in plan.constraints]
 
@@ -355,7 +373,7 @@ def _propose(plan: Plan, wanted: SearchPlan, emulator: Emulator) -> tuple[search
         front, signed, np.array([g.sigma for g in wanted.goals]), seed=plan.seed,
         violations=violated if constrained else None, count=table.candidates, low=wanted.low, high=wanted.high,
     )  # fmt: skip
-    return front, choice
+    return Proposal(front, choice)
 
 
 def _candidate(
@@ -416,21 +434,30 @@ def baselines(plan: Plan) -> dict[str, Metrics]:
 # ------------------------------------------------------------------------------------------------------ validation
 
 
-def validate(bench: Bench, main: Found) -> list[Validation]:
-    """Predict the experiments kept for the end with every candidate of the main search."""
+def validate(bench: Bench, found: Sequence[Found], best: tuple[str, int] | None) -> list[Validation]:
+    """Predict the experiments kept for the end with the candidates of the main search and the best one of all."""
     plan = bench.plan
-    pairs = [(e, k) for e in plan.validation for k in range(len(main.result.candidates))]
-    tasks = [Task(main.result.candidates[k].values, plan.validation[e]) for e, k in pairs]
+    chosen = [(found[0].plan.name, k) for k in range(len(found[0].result.candidates))]
+    chosen = list(dict.fromkeys([*chosen, *([best] if best else [])]))
+    values = {f.plan.name: [c.values for c in f.result.candidates] for f in found}
+    trios = [(e, name, k) for e in plan.validation for name, k in chosen]
+    tasks = [Task(values[name][k], plan.validation[e]) for e, name, k in trios]
     outcomes = run_all(plan.backend, tasks, bench.store, bench.executor, watch=bench.watch) if tasks else []
-    found = []
-    for (e, k), outcome in zip(pairs, outcomes, strict=True):
-        curve = plan.curves[e]
-        keep = curve.depth > 0
-        depth, y, sigma = curve.depth[keep], curve.value[keep], curve.sigma[keep]
-        predicted, scores = None, None
-        if isinstance(outcome, Done):
-            simulated = outcome.response.curve(curve.channel)
-            predicted = np.asarray(Resampling(simulated.travel_mm, simulated.value)(depth))
-            scores = metrics(y, predicted)
-        found.append(Validation(e, k, outcome, depth, y, sigma, predicted, scores))
-    return found
+    return [
+        _validated(plan, e, name, k, values[name][k], outcome)
+        for (e, name, k), outcome in zip(trios, outcomes, strict=True)
+    ]
+
+
+def _validated(
+    plan: Plan, experiment: str, search: str, candidate: int, values: Mapping[str, float], outcome: Outcome
+) -> Validation:
+    curve = plan.curves[experiment]
+    keep = curve.depth > 0
+    depth, y, sigma = curve.depth[keep], curve.value[keep], curve.sigma[keep]
+    predicted, scores = None, None
+    if isinstance(outcome, Done):
+        simulated = outcome.response.curve(curve.channel)
+        predicted = np.asarray(Resampling(simulated.travel_mm, simulated.value)(depth))
+        scores = metrics(y, predicted)
+    return Validation(experiment, search, candidate, values, outcome, depth, y, sigma, predicted, scores)

@@ -65,9 +65,10 @@ def run_study(
     note("sensitivity", **results.of_sensitivity(plan, stages.analyse(plan, fitted)))
     searches: list[Found] = []
     emulator = fitted.emulator
-    for wanted in plan.searches:
-        say(f"search {wanted.name!r}: NSGA-II, then its candidates are rerun")
-        one = stages.find(bench, wanted, emulator)
+    say(f"search: NSGA-II for {', '.join(s.name for s in plan.searches)}; then all candidates are rerun")
+    proposals = stages.propose_all(bench, emulator)
+    for wanted, first in zip(plan.searches, proposals, strict=True):
+        one = stages.find(bench, wanted, emulator, first)
         emulator = one.result.emulator
         searches.append(one)
         _warn_of_constraints(one, found)
@@ -76,8 +77,8 @@ def run_study(
     note("verify")
     if plan.validation:
         say("validation: experiments kept for the end")
-    checked = stages.validate(bench, searches[0])
-    found["runs"] += results.validation_runs(checked, searches[0])
+    checked = stages.validate(bench, searches, results.best(plan, searches))
+    found["runs"] += results.validation_runs(checked)
     found["timings"]["fe_cpu"] = sum(r["cpu_s"] or 0.0 for r in _distinct(found["runs"]))
     found["provenance"].update(artefacts=_artefacts(design), solver=_solver(design), finished=_now())
     return note(

@@ -33,5 +33,6 @@ def test_force_and_depth_of_sneddon_belong_together():
 def test_incompressible_hertz():
     """E/(1 − ν²) = 4μ: F = 16/3 μ √R h^1.5."""
     np.testing.assert_allclose(
-        analytic.hertz_force(np.array([0.0, 0.25, 1.0]), 4.0, 0.03, 0.5), 16 / 3 * 0.01 * 2.0 * np.array([0, 0.125, 1.0])
+        analytic.hertz_force(np.array([0.0, 0.25, 1.0]), 4.0, 0.03, 0.5),
+        16 / 3 * 0.01 * 2.0 * np.array([0, 0.125, 1.0]),
     )

@@ -114,7 +114,9 @@ def test_moving_the_indenter_changes_the_residual_as_predicted(pressed, slopes):
     steps = 0.9 * margin * np.array([1.0, 0.3, 0.1])
     error = [
         np.linalg.norm(
-            evaluate(system, replace(load, centre=load.centre + s * load.direction), x).residual - at.residual - s * rate
+            evaluate(system, replace(load, centre=load.centre + s * load.direction), x).residual
+            - at.residual
+            - s * rate
         )
         for s in steps
     ]

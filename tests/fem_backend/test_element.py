@@ -239,7 +239,9 @@ def test_metis_order_fills_less_than_the_order_of_the_mesh(small):
     back = np.argsort(body.free[body.free >= 0])
     of_mesh = in_order[np.argsort(back)][:, np.argsort(back)]
     fills = [
-        sparse.linalg.splu(m.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True}).L.nnz
+        sparse.linalg.splu(
+            m.tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        ).L.nnz
         for m in (in_order, of_mesh)
     ]
     assert fills[0] < 0.7 * fills[1], fills

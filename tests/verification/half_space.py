@@ -33,7 +33,7 @@ class HalfSpace:
 
 def half_space(n: int, h0: float, L: float, R: float, deepest: float) -> HalfSpace:
     """n layers of elements, the first of size h0 (mm), each larger than the one before: r(s) ~ sinh(k s)."""
-    points, tets = meshing._kuhn_simplex(n)
+    points, tets = meshing.kuhn_simplex(n)
     x = np.c_[points[:, 0] - points[:, 1], points[:, 1] - points[:, 2], -points[:, 2]] / n
     layer, length = np.abs(x).sum(1), np.linalg.norm(x, axis=1)
     k = _stretch(L / (n * h0))

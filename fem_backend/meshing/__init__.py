@@ -1,0 +1,24 @@
+"""A body becomes graded tetrahedra: fTetWild for any body, a conformal map of a subdivided ball for tests.
+
+fTetWild gives the better elements but is not reproducible, so its mesh is an artefact: made once, stored under
+its hash.  The mapped mesh is the same to the bit everywhere.  Both give a `Mesh` of vertices and tetrahedra of
+the quarter x ≥ 0, y ≥ 0; `quadratic` adds the mid-edge nodes and puts them on the true surface.
+"""
+
+from fem_backend.meshing.mapped import kuhn_simplex, mapped_quarter
+from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, quadratic, volumes
+from fem_backend.meshing.recipes import cached, make, mapped_recipe, tetwild_recipe
+
+__all__ = [
+    "BadMesh",
+    "Mesh",
+    "Sizing",
+    "cached",
+    "kuhn_simplex",
+    "make",
+    "mapped_quarter",
+    "mapped_recipe",
+    "quadratic",
+    "tetwild_recipe",
+    "volumes",
+]

@@ -1,0 +1,73 @@
+"""Recipes: a mesh in words, made once and kept."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+
+from fem_backend.geometry import Ellipsoid
+from fem_backend.meshing.mapped import mapped_quarter
+from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing
+
+
+def make(recipe: str) -> Mesh:
+    """Mesh from its recipe (JSON with the keys mesher, semi_axes and size).
+
+    fTetWild runs in a child process: it is native code that can crash, and it litters its working directory.
+    Raises BadMesh when it fails.
+    """
+    data = json.loads(recipe)
+    if data["mesher"] == "mapped":
+        return mapped_quarter(Ellipsoid(*data["semi_axes"]), data["n"], data["slip"])
+    with tempfile.TemporaryDirectory() as folder:
+        child = [sys.executable, "-m", "fem_backend.meshing.tetwild", recipe, "mesh.npz"]
+        path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
+        environment = {**os.environ, "PYTHONPATH": path}
+        try:
+            done = subprocess.run(child, cwd=folder, env=environment, capture_output=True, text=True, timeout=600)
+        except subprocess.TimeoutExpired:
+            raise BadMesh("fTetWild took more than 600 s") from None
+        if done.returncode != 0:
+            last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+            raise BadMesh(f"fTetWild ended with code {done.returncode}: {last}")
+        return Mesh.from_file(Path(folder) / "mesh.npz")
+
+
+def tetwild_recipe(body: Ellipsoid, sizing: Sizing) -> str:
+    """Recipe of a graded fTetWild mesh of the quarter body."""
+    return json.dumps(
+        {"mesher": "tetwild", "version": 1, "semi_axes": list(body.semi_axes), "sizing": asdict(sizing)}, sort_keys=True
+    )
+
+
+def mapped_recipe(body: Ellipsoid, n: int, slip: float) -> str:
+    """Recipe of the reproducible mapped mesh: n subdivisions, grading `slip` in [0, 1)."""
+    return json.dumps(
+        {"mesher": "mapped", "version": 1, "semi_axes": list(body.semi_axes), "n": n, "slip": slip}, sort_keys=True
+    )
+
+
+def cached(recipe: str) -> Mesh:
+    """Mesh of a recipe from this user's cache, made there if missing: two studies then share one mesh."""
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    path = base / "rso-meshes" / f"{hashlib.sha256(recipe.encode()).hexdigest()}.npz"
+    if not path.exists():
+        mesh = make(recipe)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            temporary = path.with_suffix(f".{os.getpid()}")
+            temporary.write_bytes(mesh.to_bytes())
+            try:
+                os.link(temporary, path)  # the first of two racing processes wins: both then read the same mesh
+            except FileExistsError:
+                pass
+            temporary.unlink()
+        except OSError:
+            return mesh  # no writable home: the caller's store keeps the artefact
+    return Mesh.from_file(path)
