@@ -42,9 +42,10 @@ def levels(models: dict[str, tuple[Settings, Model]]) -> None:
           f" {'to finest %':>26} {'to NGSolve %':>26}")  # fmt: skip
     for level, (result, seconds) in runs.items():
         body = models[level][1].body
-        to_fine, to_other = (100 * (result.Fz / other - 1) for other in (finest, INDEPENDENT))
+        to_finest, to_other = (100 * (result.Fz / other - 1) for other in (finest, INDEPENDENT))
         print(f"{level:9} {len(body.nodes):7d} {body.pattern.size:7d} {seconds:7.2f} {result.counters.iterations:4d} "
-              f"{result.counters.factorisations:5d} {result.Fz[-1]:8.5f} {_row(to_fine):>26} {_row(to_other):>26}")  # fmt: skip
+              f"{result.counters.factorisations:5d} {result.Fz[-1]:8.5f} "
+              f"{_row(to_finest):>26} {_row(to_other):>26}")  # fmt: skip
 
 
 def _first(models: dict[str, tuple[Settings, Model]]) -> tuple[Settings, NeoHooke, Model]:

@@ -229,10 +229,15 @@ def _of(run: Run) -> tuple[Mapping[str, float], tuple[Outcome, ...]]:
 # ------------------------------------------------------------------------------------------------------ surrogates
 
 
+def decisive(plan: Plan) -> list[str]:
+    """Ids of the outputs that a search or a metric rests on: the fitted curves and what is constrained."""
+    return [o.id for o in (*plan.outputs, *map(limited, plan.constraints))]
+
+
 def fit_surrogates(bench: Bench, design: Design) -> Fitted:
     """Fit all outputs; predict new runs, then learn them, until the predictions are good enough.
 
-    The first new runs are the held-out ones.  While their relative error exceeds surrogate.tolerance, points are
+    The first new runs are the held-out ones.  While the error of a decisive output exceeds surrogate.tolerance, points are
     added where the design is thinnest, at most verify.max_infill of them.
     """
     plan = bench.plan
@@ -250,7 +255,7 @@ def fit_surrogates(bench: Bench, design: Design) -> Fitted:
             scores = {o.id: emulator.score(o, new) for o in outputs}
             emulator = relearn(emulator, new, seed=plan.seed)
             room = min(len(new), plan.study.verify.max_infill - len(added))
-            if not any(s.relative_rmse > plan.study.surrogate.tolerance for s in scores.values()) or room < 1:
+            if not any(scores[i].relative_rmse > table.tolerance for i in decisive(plan)) or room < 1:
                 break
             points = thinnest(plan, emulator, room)
             runs = [Run("infill", v, o) for v, o in zip(points, bench.run(points), strict=True)]

@@ -134,11 +134,12 @@ def _warn_of_constraints(one: Found, found: dict[str, Any]) -> None:
 
 def _warn_of_poor_surrogates(plan: Plan, fitted: stages.Fitted, found: dict[str, Any]) -> None:
     limit = plan.study.surrogate.tolerance
-    poor = [(o, s) for o, s in fitted.held_out.items() if s.relative_rmse > limit]
+    used = {k: s for k, s in fitted.held_out.items() if k in stages.decisive(plan)}
+    poor = [(o, s) for o, s in used.items() if s.relative_rmse > limit]
     if poor:
         name, worst = max(poor, key=lambda pair: pair[1].relative_rmse)
         found["warnings"].append(
-            f"{len(poor)} of {len(fitted.held_out)} surrogates miss surrogate.tolerance = {100 * limit:g} % on the "
+            f"{len(poor)} of {len(used)} surrogates miss surrogate.tolerance = {100 * limit:g} % on the "
             f"last {worst.n} runs that were new to them; worst is {name} with {100 * worst.relative_rmse:.2g} %"
         )
 

@@ -38,9 +38,9 @@ def evaluate(system, load, x, indenter=None):
     )
 
 
-def safe_direction(system, load, x, surface_only=True) -> np.ndarray:
+def safe_direction(system, load, x) -> np.ndarray:
     """A rough direction so small that no contact point opens or closes along it (those are kinks of the tangent)."""
-    v = np.random.default_rng(2).normal(size=x.shape) + [0.0, 0.0, 1.0]
+    v = np.random.default_rng(2).normal(size=x.shape) + np.array([0.0, 0.0, 1.0])
     at = evaluate(system, load, x)
     margin = np.abs(load.multiplier - system.epsilon * at.gap) / system.epsilon
     points = np.einsum("qa,fai->fqi", system.surface.N, v[system.surface.facets])

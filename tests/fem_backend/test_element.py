@@ -12,7 +12,7 @@ LAW = NeoHooke(0.01, 5.8)
 
 
 def box(cells: int, corners: float, middles: float) -> tuple[MeshTet2, np.ndarray]:
-    """Unit cube with inner vertices moved by `corners` and all inner mid-edge nodes by `middles`; mask of inner nodes."""
+    """Unit cube with inner vertices moved by `corners`, inner mid-edge nodes by `middles`; mask of inner nodes."""
     rng = np.random.default_rng(2)
     linear = MeshTet.init_tensor(*[np.linspace(0, 1, cells + 1)] * 3)
     inner = np.all((linear.p > 1e-9) & (linear.p < 1 - 1e-9), axis=0)
@@ -75,7 +75,7 @@ def test_patch_inner_forces_vanish_on_straight_elements():
 
 
 def test_patch_inner_forces_on_curved_elements_are_an_error_of_the_quadrature_only():
-    """∫ cof J ∇N has degree 3 and four points integrate degree 2: a curvature κ leaves forces of higher than first order.
+    """∫ cof J ∇N has degree 3 and four points integrate degree 2: a curvature κ leaves forces that vanish with it.
 
     The rate is what counts: on bodies the curvature of an edge falls with the mesh.
     """
@@ -142,12 +142,12 @@ def test_stiffness_is_the_derivative_of_the_force(slopes):
         out[free[~held]] = x[~held]
         return out
 
-    steps = 10.0 ** np.array([-1.0, -1.5, -2.0, -2.5, -3.0])
+    steps = 10.0 ** np.array([-2.0, -3.0, -4.0, -5.0])  # small, so that 1 % in one term of the matrix shows
     K = matrix(body, u)
     Kv = K @ reduced(v)
     error = [np.linalg.norm(reduced(forces(body, u + t * v) - forces(body, u)) - t * Kv) for t in steps]
     np.testing.assert_allclose(slopes(np.array(error), steps), 2.0, atol=0.1)
-    wrong = [np.linalg.norm(reduced(forces(body, u + t * v) - forces(body, u)) - t * 1.01 * Kv) for t in steps]
+    wrong = [np.linalg.norm(reduced(forces(body, u + t * v) - forces(body, u)) - t * 1.0001 * Kv) for t in steps]
     assert slopes(np.array(wrong), steps)[-1] < 1.5  # negative control
 
 
@@ -162,7 +162,7 @@ def test_undeformed_stiffness_has_six_rigid_modes():
 
 
 def test_volume_converges_to_that_of_the_quarter_ellipsoid():
-    """|Σ w − 4/3 π abc/4| = O(h⁴): quadratic surfaces interpolate a smooth one to h³, symmetric edges gain one order."""
+    """|Σ w − 4/3 π abc/4| = O(h⁴): quadratic surfaces interpolate to h³, symmetric edges gain one."""
     body = geometry.Ellipsoid(60.0, 35.0, 35.0)
     n = np.array([6, 8, 10, 12])
     error = []

@@ -93,7 +93,7 @@ def test_solvers_agree(small):
 
 
 def test_unknown_solver_is_refused_by_name(small):
-    with pytest.raises(ValueError, match="'mumps'.*auto, pardiso or superlu"):
+    with pytest.raises(ValueError, match=r"'mumps'.*auto, pardiso or superlu"):
         symmetric_solver(small.model.body.pattern, "mumps")
 
 

@@ -140,7 +140,7 @@ def test_cache_makes_a_mesh_once(tmp_path, monkeypatch):
     recipe = meshing.mapped_recipe(BODY, 6, 0.3)
     first = meshing.cached(recipe)
     assert [p.suffix for p in (tmp_path / "rso-meshes").iterdir()] == [".npz"]  # no temporary file stays
-    monkeypatch.setattr(meshing, "make", lambda recipe: pytest.fail("made again"))
+    monkeypatch.setitem(meshing.cached.__globals__, "make", lambda recipe: pytest.fail("made again"))
     np.testing.assert_array_equal(meshing.cached(recipe).vertices, first.vertices)
 
 

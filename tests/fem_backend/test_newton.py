@@ -30,7 +30,7 @@ def test_last_iterations_converge_quadratically(graded, start):
 
 
 def test_wrong_tangent_is_seen_in_the_rate(graded, monkeypatch):
-    """Negative control of the test above: 5 % off in the contact stiffness, and the residual falls by a fixed factor."""
+    """Negative control of the test above: with 5 % off in the contact stiffness the rate is linear."""
     system, load = graded.system(), graded.load(1.0)
     start = graded.travel([0.95], PENALTY_ONLY)[0].equilibrium
     u = start.evaluation.u + 0.05 * start.rate
@@ -71,7 +71,7 @@ def test_run_to_two_is_in_balance_and_monotonic(to_two):
     assert np.all(to_two.uz_max < 1.1 * to_two.travel) and np.all(to_two.uz_max > 0.5 * to_two.travel)
 
 
-# ---------------------------------------------------------------------------------------------- what an answer depends on
+# -------------------------------------------------------------------------------------- what an answer depends on
 
 
 def test_answer_does_not_depend_on_the_way(graded, law, to_two):

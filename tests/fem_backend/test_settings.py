@@ -153,8 +153,13 @@ def test_what_has_no_influence_is_not_in_the_canonical_case():
 @pytest.mark.xfail(strict=True, reason="the mesh table is kept as written, so equal meshes get two keys")
 @pytest.mark.parametrize(
     "one,other",
-    [({}, {"mesher": "tetwild"}), ({}, {"n": 9}), (MESH, {**MESH, "level": "coarse"}), ({"level": "fine"}, {"mesher": "tetwild", "level": "fine"})],
-)  # fmt: skip
+    [
+        ({}, {"mesher": "tetwild"}),
+        ({}, {"n": 9}),
+        (MESH, {**MESH, "level": "coarse"}),
+        ({"level": "fine"}, {"mesher": "tetwild", "level": "fine"}),
+    ],
+)
 def test_equal_meshes_have_equal_keys(one, other):
     a, b = (Case("case", Programme.ramp((1.0,)), {"mesh": m}) for m in (one, other))
     assert BACKEND.recipes(VALUES, a) == BACKEND.recipes(VALUES, b)
