@@ -81,6 +81,7 @@ def run_study(
     found["runs"] += results.validation_runs(checked)
     found["timings"]["fe_cpu"] = sum(r["cpu_s"] or 0.0 for r in _distinct(found["runs"]))
     found["provenance"].update(artefacts=_artefacts(design), solver=_solver(design), finished=_now())
+    results.write_runs(folder / "runs.csv", found)
     return note(
         "validate",
         **results.of_validation(plan, checked),
