@@ -50,6 +50,8 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
     unknown = sorted(set(request) - {"values", "case"})
     if unknown or set(request) != {"values", "case"}:
         raise ValueError(f"request: exactly 'values' and 'case' are expected, got {sorted(request)}")
+    if not isinstance(request["values"], dict):
+        raise ValueError(f"request: 'values' must be a table of numbers, got {request['values']!r}")
     try:
         return BACKEND(request["values"], Case.from_json(request["case"])).to_json()
     except SimulationFailed as failed:
@@ -67,12 +69,11 @@ def main(arguments: list[str]) -> int:
         print("usage: python -m fem_backend request.json response.json | --schema", file=sys.stderr)
         return 2
     try:
-        request = json.loads(Path(arguments[0]).read_text(encoding="utf-8"))
-        response = answer(request)
+        response = answer(json.loads(Path(arguments[0]).read_text(encoding="utf-8")))
+        Path(arguments[1]).write_text(json.dumps(response, indent=1), encoding="utf-8")
     except (OSError, ValueError, KeyError, TypeError) as error:
         print(f"{arguments[0]}: {error}", file=sys.stderr)
         return 2
-    Path(arguments[1]).write_text(json.dumps(response, indent=1), encoding="utf-8")
     return 0
 
 

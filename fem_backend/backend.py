@@ -19,7 +19,6 @@ from rso.contract import Case, Parameter, Programme, Response, SimulationFailed,
 NUMERICS = 1  # raised when, and only when, answers change
 UNITS = {"time": "s", "travel": "mm", "Fx": "N", "Fy": "N", "Fz": "N", "uz_max": "mm", "bulge": "mm"}
 STIFFEST = 1000.0  # K/μ beyond which the displacement element is not verified
-MESH_ERROR = {"coarse": 0.013, "standard": 0.007, "fine": 0.004, "reference": 0.002}  # of Fz: benchmarks/fe_levels.py
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,7 +57,7 @@ class FiniteElements:
             "indenter": {"shape": "sphere", "radius": settings.indenter.R},
             "support": {"kind": "fixed"},
             "material": {"law": settings.law},
-            "mesh": dict(case.settings.get("mesh", {})) or {"level": "standard"},
+            "mesh": dict(settings.mesh),
         }
         programme = Programme.ramp(case.programme.asked_mm, 1.0)
         return drop_neutral(self.parameters, values), dataclasses.replace(case, settings=plain, programme=programme)
@@ -87,10 +86,10 @@ class FiniteElements:
             partial = None
             if stopped.points:
                 reached = indentation.collect(model, stopped.points, stopped.counters, 0.0)
-                partial = _response(reached, case, model)
+                partial = _response(reached, case, model, settings)
             history = tuple({"iteration": k, "residual": r} for k, r in enumerate(stopped.history))
             raise SimulationFailed(stopped.cause, str(stopped), partial, history) from stopped
-        return _response(result, case, model)
+        return _response(result, case, model, settings)
 
     def _values(self, values: Mapping[str, float]) -> dict[str, float]:
         known = {p.name: p for p in self.parameters}
@@ -118,28 +117,37 @@ def _law(settings: Settings, values: Mapping[str, float]) -> Law:
 
 @functools.lru_cache(maxsize=4)
 def _model(settings: Settings, mesh: str | None) -> Model:
-    """Discretisation, shared by all runs of a worker on one mesh."""
-    return indentation.build(
-        settings, meshing.cached(settings.recipe) if mesh is None else meshing.Mesh.from_file(mesh)
-    )
+    """Discretisation, shared by all runs of a worker on one mesh; SimulationFailed (bad_geometry) without a mesh."""
+    if mesh is not None:
+        return indentation.build(settings, meshing.Mesh.from_file(mesh))
+    try:
+        return indentation.build(settings, meshing.cached(settings.recipe))
+    except meshing.BadMesh as error:
+        raise SimulationFailed("bad_geometry", f"no mesh: {error}") from error
 
 
-def _response(result: Result, case: Case, model: Model) -> Response:
+def _passage(programme: Programme, travel: np.ndarray) -> np.ndarray:
+    """Time (s) at which a loading programme first reaches each travel."""
+    u, t = np.array(programme.travel_mm), np.array(programme.time_s)
+    rising = np.concatenate([[True], np.diff(u) > 0])
+    return np.interp(travel, u[rising], t[rising])
+
+
+def _response(result: Result, case: Case, model: Model, settings: Settings) -> Response:
     travel = result.travel
     zero = np.zeros_like(travel)
-    relative = MESH_ERROR.get(case.settings.get("mesh", {}).get("level", "standard"), 0.03)
     info: dict[str, Any] = {
         "cpu_s": result.cpu_s,
         **dataclasses.asdict(result.counters),
         "nodes": len(model.body.nodes),
         "dofs": model.body.pattern.size,
-        "solver": linsolve.available(),
+        "solver": linsolve.available() if settings.solver == "auto" else settings.solver,
         "machine": platform.machine(),
         "reaction_Fz": result.reaction.tolist(),
     }
     return Response(
         channels={
-            "time": np.interp(travel, case.programme.travel_mm, case.programme.time_s),
+            "time": _passage(case.programme, travel),
             "travel": travel,
             "Fx": zero,
             "Fy": zero,
@@ -149,7 +157,7 @@ def _response(result: Result, case: Case, model: Model) -> Response:
         },
         units=dict(UNITS),
         error={
-            "Fz": relative * result.Fz + 0.1 * result.contact_error,
+            "Fz": indentation.force_error(settings, result),
             "uz_max": 1e-3 + zero,
             "bulge": 1e-3 + zero,
             "Fx": zero,

@@ -6,6 +6,7 @@ that this backend does not model is refused by name; it is never ignored.
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -28,8 +29,10 @@ LEVELS = {
     "coarse": Sizing(0.8, 2.5, 0.45, 40.0),
     "standard": Sizing(0.6, 2.5, 0.4, 40.0),
     "fine": Sizing(0.5, 2.5, 0.3, 40.0),
-    "reference": Sizing(0.4, 2.5, 0.22, 40.0),
+    "reference": Sizing(0.36, 2.5, 0.2, 40.0),
 }  # for R = 3 mm
+LEVEL_ERROR = {"coarse": 0.011, "standard": 0.008, "fine": 0.004, "reference": 0.002}  # of the force, deep contact
+EDGE_ERROR = 0.05  # of the force, times h0²/(R·travel): few elements under a small contact; benchmarks/fe_levels.py
 PENALTY = 900.0  # ε R/μ: the multipliers remove its error, so it only steers convergence
 RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep ball; width in R
 REACH = 3.0  # facets within REACH·R of the first contact may touch
@@ -45,12 +48,19 @@ class Knobs:
 
 @dataclass(frozen=True)
 class Settings:
-    """An indentation experiment without its numbers; lengths in mm."""
+    """An indentation experiment without its numbers; lengths in mm.
+
+    `mesh` is the mesh table with the keys that count, `h0` the element size at the contact, `level_error` the relative
+    error of the force when the contact is many elements wide.
+    """
 
     body: Ellipsoid
     indenter: Sphere
     law: str = "neo_hookean"
     recipe: str = ""
+    mesh: tuple[tuple[str, Any], ...] = ()
+    h0: float = 0.0
+    level_error: float = 0.0
     control: Control = field(default_factory=Control)
     solver: str = "auto"
 
@@ -92,7 +102,7 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
     if [float(v) for v in _numbers("point", point, 2)] != [0.0, 0.0]:
         raise ValueError(f"point = {point} mm: only the top, [0, 0], is modelled so far")
     _choice("direction", data.pop("direction", "vertical"), ["vertical", "normal"])
-    data.pop("speed", None)  # an elastic body does not know it
+    _speed(data.pop("speed", 1.0))  # an elastic body does not know it
     if data.pop("unload", False) is not False:
         raise ValueError("unload = true: an elastic body unloads on its loading curve; leave the key out")
     mesh = _table(data.pop("mesh", {}), "mesh", {"mesher": "tetwild", "level": "standard", "n": 12, "slip": 0.55})
@@ -102,22 +112,45 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
         raise ValueError(f"unknown setting {sorted(data)[0]!r}; choose from {known}")
     if sphere.R > 0.5 * float(body.semi_axes.min()):
         raise ValueError(f"indenter.radius = {sphere.R} mm: only indenters much smaller than the specimen are modelled")
-    return Settings(body, sphere, law, _recipe(body, sphere, mesh), Control(), solver)
+    return Settings(body, sphere, law, *_mesh(body, sphere, mesh), Control(), solver)
 
 
-def _recipe(body: Ellipsoid, sphere: Sphere, mesh: Mapping[str, Any]) -> str:
-    if _choice("mesh.mesher", mesh["mesher"], ["tetwild", "mapped"]) == "mapped":
-        n = mesh["n"]
-        if not isinstance(n, int) or not 4 <= n <= 40:
-            raise ValueError(f"mesh.n = {n!r}: number of subdivisions, an integer from 4 to 40")
-        slip = _numbers("mesh.slip", [mesh["slip"]], 1)[0]
-        if not 0.0 <= slip <= 0.8:
-            raise ValueError(f"mesh.slip = {slip}: grading of the mapped mesh, from 0 to 0.8")
-        return meshing.mapped_recipe(body, n, slip)
-    level = LEVELS[_choice("mesh.level", mesh["level"], LEVELS)]
+def _mesh(
+    body: Ellipsoid, sphere: Sphere, mesh: Mapping[str, Any]
+) -> tuple[str, tuple[tuple[str, Any], ...], float, float]:
+    """Recipe, the keys that count, element size at the contact and error of the level."""
+    mesher = _choice("mesh.mesher", mesh["mesher"], ["tetwild", "mapped"])
+    n, level = mesh["n"], _choice("mesh.level", mesh["level"], LEVELS)
+    if not isinstance(n, int) or isinstance(n, bool) or not 4 <= n <= 40:
+        raise ValueError(f"mesh.n = {n!r}: number of subdivisions, an integer from 4 to 40")
+    slip = _numbers("mesh.slip", [mesh["slip"]], 1)[0]
+    if not 0.0 <= slip <= 0.8:
+        raise ValueError(f"mesh.slip = {slip}: grading of the mapped mesh, from 0 to 0.8")
+    if mesher == "mapped":
+        h0 = 0.5 * np.pi * body.c / n * (1.0 - slip) / (1.0 + slip)
+        used = (("mesher", mesher), ("n", n), ("slip", slip))
+        return meshing.mapped_recipe(body, n, slip), used, float(h0), 0.03 * (12.0 / n) ** 2
     scale = sphere.R / 3.0
-    sizing = replace(level, h0=level.h0 * scale, r0=level.r0 * scale, hmax=1.15 * float(body.semi_axes.min()))
-    return meshing.tetwild_recipe(body, sizing)
+    sizing = LEVELS[level]
+    sizing = replace(sizing, h0=sizing.h0 * scale, r0=sizing.r0 * scale, hmax=1.15 * float(body.semi_axes.min()))
+    return meshing.tetwild_recipe(body, sizing), (("mesher", mesher), ("level", level)), sizing.h0, LEVEL_ERROR[level]
+
+
+def force_error(settings: Settings, result: Result) -> np.ndarray:
+    """Estimated error (n,) N of Fz: of the mesh (level and width of the contact) and of the contact.
+
+    Calibrated on one law and specimen by comparing the levels (benchmarks/fe_levels.py and the verification set).
+    """
+    contact = EDGE_ERROR * settings.h0**2 / (settings.indenter.R * result.travel)
+    return (settings.level_error + contact) * result.Fz + 0.2 * result.contact_error
+
+
+def _speed(value: object) -> None:
+    good = isinstance(value, int | float) and not isinstance(value, bool) and value > 0
+    if not good and not (
+        isinstance(value, str) and re.fullmatch(r"\s*\d+(\.\d*)?([eE][+-]?\d+)?\s*mm/(s|min)\s*", value)
+    ):
+        raise ValueError(f'speed = {value!r}: a speed such as "30 mm/min", or a number in mm/s')
 
 
 def _table(value: object, name: str, defaults: dict[str, Any]) -> dict[str, Any]:

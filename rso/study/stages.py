@@ -237,8 +237,8 @@ def decisive(plan: Plan) -> list[str]:
 def fit_surrogates(bench: Bench, design: Design) -> Fitted:
     """Fit all outputs; predict new runs, then learn them, until the predictions are good enough.
 
-    The first new runs are the held-out ones.  While the error of a decisive output exceeds surrogate.tolerance, points are
-    added where the design is thinnest, at most verify.max_infill of them.
+    The first new runs are the held-out ones.  While the error of a decisive output exceeds surrogate.tolerance,
+    points are added where the design is thinnest, at most verify.max_infill of them.
     """
     plan = bench.plan
     table = plan.study.surrogate
