@@ -226,7 +226,7 @@ def determined(plan: Plan, main: Found) -> dict[str, Any]:
     lowest, highest = choice.lowest, choice.highest
     if not choice.reachable:
         return {
-            n: {"determined": False, "interval": [None, None], "story": "the targets are not reachable in these ranges"}
+            n: {"determined": False, "interval": [None, None], "story": "The targets are not reachable in these ranges."}
             for n in plan.box.names
         }
     low, high = plan.box.from_unit(np.stack([lowest, highest]))
@@ -241,10 +241,10 @@ def determined(plan: Plan, main: Found) -> dict[str, Any]:
         ]
         half = (b - a) / (b + a) if a + b > 0 else math.inf
         good = half <= DETERMINED and not ends
-        text = f"every value from {a:.3g} to {b:.3g} {unit} hits all targets within their uncertainty"
+        text = f"Every value from {a:.3g} to {b:.3g} {unit} hits all targets within their uncertainty"
         if ends:
             text += f"; the range goes to the {' and the '.join(ends)} bound of the search"
-        text += f" (±{100 * half:.0f} %)" if good else ": the data do not determine it"
+        text += f" (±{100 * half:.0f} %)." if good else ": the data do not determine it."
         result[name] = {"determined": bool(good), "interval": [a, b], "story": text}
     return result
 
