@@ -22,7 +22,8 @@ from rso.emulator import Emulator, Output
 from rso.running import Outcome
 from rso.store import Done
 from rso.study.plan import Plan, SearchPlan
-from rso.study.stages import Design, Fitted, Found, Run, Sensitivity, Validation, baselines, mean_over_design, why
+from rso.study.searching import Found, Validation, baselines, mean_over_design
+from rso.study.stages import Design, Fitted, Run, Sensitivity, why
 from rso.surrogates import Scores
 
 SCHEMA = 1
@@ -226,7 +227,11 @@ def determined(plan: Plan, main: Found) -> dict[str, Any]:
     lowest, highest = choice.lowest, choice.highest
     if not choice.reachable:
         return {
-            n: {"determined": False, "interval": [None, None], "story": "The targets are not reachable in these ranges."}
+            n: {
+                "determined": False,
+                "interval": [None, None],
+                "story": "The targets are not reachable in these ranges.",
+            }
             for n in plan.box.names
         }
     low, high = plan.box.from_unit(np.stack([lowest, highest]))

@@ -9,16 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rso import doe, search, sensitivity
-from rso.curves import Metrics, Resampling, baseline, metrics
+from rso import doe, sensitivity
 from rso.emulator import Emulator, Output, Sample, learn, relearn
-from rso.running import Event, Outcome, Task, run_all
-from rso.search import Choice
+from rso.running import Event, Outcome, run_all
 from rso.store import Done, Failed, RunStore
-from rso.study.plan import Plan, SearchPlan, fe_design, full_design, limited, proofs
+from rso.study.plan import Plan, fe_design, full_design, limited, proofs
 from rso.surrogates import Scores
-from rso.targets import residuals, violations
-from rso.verify import Candidate, Verified, agreement, verify
 
 SIMILAR_TO = 1e-8  # relative difference up to which two runs count as the same by similarity
 NOISE = 1e-4  # share of the largest output of its unit below which an output that nobody asked for is not learnt
@@ -106,41 +102,6 @@ class Sensitivity:
     at: np.ndarray
     local: Mapping[str, tuple[sensitivity.LocalBar, ...]]
     sobol: Mapping[str, sensitivity.SobolIndices]
-
-
-@dataclass(frozen=True, eq=False)
-class Proposal:
-    """What a search on the surrogates proposes."""
-
-    front: search.Front
-    choice: Choice
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """A search that is finished and verified."""
-
-    plan: SearchPlan
-    front: search.Front
-    result: Verified
-    story: str
-    metrics: tuple[Mapping[str, Metrics], ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Validation:
-    """One experiment kept for the end, predicted by one candidate: the search's name, its place there, its values."""
-
-    experiment: str
-    search: str
-    candidate: int
-    values: Mapping[str, float]
-    outcome: Outcome
-    depth: np.ndarray
-    measured: np.ndarray
-    sigma: np.ndarray
-    predicted: np.ndarray | None
-    metrics: Metrics | None
 
 
 def sample(plan: Plan, values: Mapping[str, float], outcomes: Sequence[Outcome]) -> Sample:
@@ -310,159 +271,3 @@ def analyse(plan: Plan, fitted: Fitted) -> Sensitivity:
         if table.sobol:
             sobol[output.id] = sensitivity.sobol(predict, plan.box.d, plan.seed, n=samples)
     return Sensitivity(centre, local, sobol)
-
-
-# ------------------------------------------------------------------------------------------------------ search
-
-
-def propose_all(bench: Bench, emulator: Emulator) -> list[Proposal]:
-    """First proposal of every search; their candidates are run in one go, so that no worker waits for a search."""
-    proposals = [propose(bench.plan, wanted, emulator) for wanted in bench.plan.searches]
-    bench.run([bench.plan.values(x) for p in proposals for x in p.choice.X])
-    return proposals
-
-
-def find(bench: Bench, wanted: SearchPlan, emulator: Emulator, first: Proposal) -> Found:
-    """Candidates, their reruns, infill and new proposals until predicted and recomputed agree."""
-    plan = bench.plan
-    proposals = [first]
-
-    def again(current: Emulator) -> Choice:
-        if current is not emulator:
-            proposals.append(propose(plan, wanted, current))
-        return proposals[-1].choice
-
-    def rerun(current: Emulator, choice: Choice) -> list[Candidate]:
-        points = [plan.values(x) for x in choice.X]
-        return [
-            _candidate(plan, wanted, current, x, v, outcomes)
-            for x, v, outcomes in zip(choice.X, points, bench.run(points), strict=True)
-        ]
-
-    def enrich(current: Emulator, candidates: list[Candidate]) -> Emulator:
-        known = {tuple(sorted(s.values.items())) for s in current.samples}
-        new = [
-            Sample(c.values, c.recomputed)
-            for c in candidates
-            if c.state == "done" and tuple(sorted(c.values.items())) not in known
-        ]
-        if not new:
-            return current
-        return relearn(current, new, seed=plan.seed)
-
-    result = verify(emulator, wanted.outputs, again, rerun, enrich, plan.study.verify.max_infill)
-    scores = tuple(
-        {e: curve_metrics(plan, e, c.outcomes) for e in plan.case_of} if c.state == "done" else {}
-        for c in result.candidates
-    )
-    return Found(wanted, proposals[-1].front, result, search.story(result.choice, plan.box, wanted.goals), scores)
-
-
-def propose(plan: Plan, wanted: SearchPlan, emulator: Emulator) -> Proposal:
-    """NSGA-II on the surrogates, and the choice of candidates from its front and the acceptable set."""
-    table = plan.study.search
-    constrained = [limited(c) for c in plan.constraints]
-
-    def signed(X: np.ndarray) -> np.ndarray:
-        return residuals(wanted.goals, emulator.means(wanted.outputs, X))
-
-    def violated(X: np.ndarray) -> np.ndarray:
-        return violations(plan.constraints, emulator.means(constrained, X))
-
-    front = search.nsga2(
-        lambda X: np.abs(signed(X)), plan.box.d, seed=plan.seed, constraints=violated if constrained else None,
-        population=table.population + table.population % 2, generations=table.generations, low=wanted.low,
-        high=wanted.high,
-    )  # fmt: skip
-    choice = search.choose(
-        front, signed, np.array([g.sigma for g in wanted.goals]), seed=plan.seed,
-        violations=violated if constrained else None, count=table.candidates, low=wanted.low, high=wanted.high,
-    )  # fmt: skip
-    return Proposal(front, choice)
-
-
-def _candidate(
-    plan: Plan, wanted: SearchPlan, emulator: Emulator, x: np.ndarray, values: Mapping[str, float],
-    outcomes: tuple[Outcome, ...],
-) -> Candidate:  # fmt: skip
-    predicted = {}
-    for output in emulator.outputs:
-        mean, sd = emulator.predict(output, x[None])
-        predicted[output.id] = (float(mean[0]), float(sd[0]))
-    if not all(isinstance(o, Done) for o in outcomes):
-        return Candidate(values, predicted, {}, outcomes, None, False)
-    recomputed = sample(plan, values, outcomes).outputs
-    gap = agreement(predicted, recomputed, [o.id for o in wanted.outputs])
-    return Candidate(values, predicted, recomputed, outcomes, gap, gap <= plan.study.verify.tolerance)
-
-
-def curve_metrics(plan: Plan, experiment: str, outcomes: Sequence[Outcome]) -> Metrics:
-    """Error metrics of a run against one measured curve, at the measured depths."""
-    outcome = outcomes[plan.case_of[experiment]]
-    assert isinstance(outcome, Done)
-    measured = plan.curves[experiment]
-    simulated = outcome.response.curve(measured.channel)
-    keep = (measured.depth > 0) & (measured.depth <= simulated.travel_mm[-1] + 1e-9)
-    at = np.minimum(measured.depth[keep], simulated.travel_mm[-1])
-    return metrics(measured.value[keep], Resampling(simulated.travel_mm, simulated.value)(at))
-
-
-def mean_over_design(plan: Plan, design: Design, emulator: Emulator) -> dict[str, Metrics]:
-    """Mean of each metric over the design that was asked for, from the surrogates of the curve.
-
-    Points whose own run failed take no part.
-    """
-    found = {}
-    failed = [r.values for r in design.runs if not r.done]
-    points = np.array([x for x in design.asked if plan.values(x) not in failed])
-    if not len(points):
-        return {}
-    for name, measured in plan.curves.items():
-        if name not in plan.case_of:
-            continue
-        outputs = [o for o in plan.outputs if o.experiment == name and o.channel == measured.channel]
-        travel = np.array([o.depth_mm for o in outputs])
-        keep = (measured.depth > 0) & (measured.depth <= travel[-1] + 1e-9)
-        at = np.minimum(measured.depth[keep], travel[-1])
-        curves = emulator.means(outputs, points)
-        each = [metrics(measured.value[keep], Resampling(travel, y)(at)) for y in curves]
-        mean = {k: float(np.mean([getattr(m, k) for m in each])) for k in ("rmse", "nrmse", "mre", "mape", "rrmse")}
-        found[name] = Metrics(**mean, n=each[0].n, excluded=each[0].excluded, floor=each[0].floor)
-    return found
-
-
-def baselines(plan: Plan) -> dict[str, Metrics]:
-    """The model that predicts the mean of each fitted curve."""
-    return {e: baseline(c.value[c.depth > 0]) for e, c in plan.curves.items() if e in plan.case_of and len(c.depth) > 1}
-
-
-# ------------------------------------------------------------------------------------------------------ validation
-
-
-def validate(bench: Bench, found: Sequence[Found], best: tuple[str, int] | None) -> list[Validation]:
-    """Predict the experiments kept for the end with the candidates of the main search and the best one of all."""
-    plan = bench.plan
-    chosen = [(found[0].plan.name, k) for k in range(len(found[0].result.candidates))]
-    chosen = list(dict.fromkeys([*chosen, *([best] if best else [])]))
-    values = {f.plan.name: [c.values for c in f.result.candidates] for f in found}
-    trios = [(e, name, k) for e in plan.validation for name, k in chosen]
-    tasks = [Task(values[name][k], plan.validation[e]) for e, name, k in trios]
-    outcomes = run_all(plan.backend, tasks, bench.store, bench.executor, watch=bench.watch) if tasks else []
-    return [
-        _validated(plan, e, name, k, values[name][k], outcome)
-        for (e, name, k), outcome in zip(trios, outcomes, strict=True)
-    ]
-
-
-def _validated(
-    plan: Plan, experiment: str, search: str, candidate: int, values: Mapping[str, float], outcome: Outcome
-) -> Validation:
-    curve = plan.curves[experiment]
-    keep = curve.depth > 0
-    depth, y, sigma = curve.depth[keep], curve.value[keep], curve.sigma[keep]
-    predicted, scores = None, None
-    if isinstance(outcome, Done):
-        simulated = outcome.response.curve(curve.channel)
-        predicted = np.asarray(Resampling(simulated.travel_mm, simulated.value)(depth))
-        scores = metrics(y, predicted)
-    return Validation(experiment, search, candidate, values, outcome, depth, y, sigma, predicted, scores)

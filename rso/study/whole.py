@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from rso.store import Done, RunStore
-from rso.study import results, stages
+from rso.study import results, searching, stages
 from rso.study.plan import Plan
-from rso.study.stages import Bench, Found, Watch
+from rso.study.searching import Found
+from rso.study.stages import Bench, Watch
 
 EXIT_DONE, EXIT_FAILED_RUNS, EXIT_NOT_VERIFIED, EXIT_NOT_DETERMINED = 0, 3, 4, 5
 
@@ -66,9 +67,9 @@ def run_study(
     searches: list[Found] = []
     emulator = fitted.emulator
     say(f"search: NSGA-II for {', '.join(s.name for s in plan.searches)}; then all candidates are rerun")
-    proposals = stages.propose_all(bench, emulator)
+    proposals = searching.propose_all(bench, emulator)
     for wanted, first in zip(plan.searches, proposals, strict=True):
-        one = stages.find(bench, wanted, emulator, first)
+        one = searching.find(bench, wanted, emulator, first)
         emulator = one.result.emulator
         searches.append(one)
         _warn_of_constraints(one, found)
@@ -77,7 +78,7 @@ def run_study(
     note("verify")
     if plan.validation:
         say("validation: experiments kept for the end")
-    checked = stages.validate(bench, searches, results.best(plan, searches))
+    checked = searching.validate(bench, searches, results.best(plan, searches))
     found["runs"] += results.validation_runs(checked)
     found["timings"]["fe_cpu"] = sum(r["cpu_s"] or 0.0 for r in _distinct(found["runs"]))
     found["provenance"].update(artefacts=_artefacts(design), solver=_solver(design), finished=_now())

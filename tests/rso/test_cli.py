@@ -187,7 +187,7 @@ def test_a_whole_study_with_its_report(tmp_path, capsys):
     assert main(["report", path]) == 2 and "run the study first" in capsys.readouterr().err
     assert main(["run", path, "--jobs", "1"]) == 0
     said = capsys.readouterr().out
-    assert "mu: every value from" in said and "16 simulations (16 done, 0 failed, 0 crashed" in said
+    assert "mu: Every value from" in said and "16 simulations (16 done, 0 failed, 0 crashed" in said
     results = tmp_path / "results"
     assert b"<html" in (results / "report.html").read_bytes()[:500]
     assert (results / "report.pdf").read_bytes().startswith(b"%PDF")
