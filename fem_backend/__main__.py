@@ -69,9 +69,12 @@ def main(arguments: list[str]) -> int:
         print("usage: python -m fem_backend request.json response.json | --schema", file=sys.stderr)
         return 2
     try:
-        response = answer(json.loads(Path(arguments[0]).read_text(encoding="utf-8")))
+        request = json.loads(Path(arguments[0]).read_text(encoding="utf-8"))
+        if not isinstance(request, dict):
+            raise ValueError("request: a table with 'values' and 'case' is expected")
+        response = answer(request)
         Path(arguments[1]).write_text(json.dumps(response, indent=1), encoding="utf-8")
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError) as error:  # anything else is a bug and must look like one
         print(f"{arguments[0]}: {error}", file=sys.stderr)
         return 2
     return 0

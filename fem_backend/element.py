@@ -16,8 +16,6 @@ from skfem import ElementTetP2, MeshTet2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
-POINTS = 4  # enough to K/μ = 200; eleven points lock earlier (measured, see docs)
-
 
 @dataclass(frozen=True)
 class Pattern:
@@ -85,7 +83,7 @@ def discretise(mesh: MeshTet2, held: np.ndarray) -> Body:
     """Body from a quadratic mesh; `held` (n, 3) marks displacement components fixed at zero."""
     nodes = mesh.doflocs.T.copy()
     cells = np.ascontiguousarray(mesh.dofs.element_dofs.T).astype(np.int64)
-    X, weights = get_quadrature(RefTet, 2)
+    X, weights = get_quadrature(RefTet, 2)  # four points: no locking to K/μ = 200 (verification set)
     gradient = np.stack([ElementTetP2().lbasis(X, a)[1] for a in range(10)])  # (10, 3, q)
     jacobian = np.einsum("mai,ajq->mqij", nodes[cells], gradient)  # ∂x_i/∂ξ_j
     det = np.linalg.det(jacobian)

@@ -182,6 +182,10 @@ def _summary(found: dict[str, Any], files: list[Path]) -> None:
     ended = ", ".join(f"{counts[state]} {state}" for state in ("done", "failed", "crashed"))
     saved = f"{counts['from_store']} of them known before, {counts['saved_by_similarity']} saved by similarity"
     print(f"  {counts['fe_runs']} simulations ({ended}; {saved}), {found['timings']['total']:.0f} s")
+    proved = [p["relative_difference"] for p in found["design"]["similarity"]["proof"]]
+    proved = [p for p in proved if p is not None]
+    if proved:
+        print(f"  similarity proved on {len(proved)} direct runs: largest relative difference {max(proved):.1e}")
     for warning in found["warnings"]:
         print(f"  warning: {warning}")
     for file in files:

@@ -247,12 +247,21 @@ def test_two_jobs_give_the_same_results_as_one(tmp_path, reference):
     assert studies.timeless(again) == reference
 
 
+def _hears_control_c() -> None:
+    """A test run in the background of a shell inherits that SIGINT is ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def begun(folder: Path, jobs: int = 2) -> subprocess.Popen:
     """`rso run` in a process of its own, once a first simulation was asked for."""
     log = folder / "calls"
     had = len(log.read_text().splitlines()) if log.exists() else 0
     process = subprocess.Popen(
-        command("run", folder, "--jobs", jobs), env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        command("run", folder, "--jobs", jobs),
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        preexec_fn=_hears_control_c,
     )
     end = time.monotonic() + 60
     while time.monotonic() < end and process.poll() is None:
