@@ -10,15 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from fem_backend import indentation, linsolve, meshing
-from fem_backend.indentation import Knobs, Model, Result, Settings
-from fem_backend.laws import Law
-from fem_backend.stepping import Control, Stopped
+from fem_backend import experiment, indentation, linsolve, meshing, model as modelling
+from fem_backend.errors import stated
+from fem_backend.experiment import SWITCHES, Knobs, Settings
+from fem_backend.geometry import Ellipsoid
+from fem_backend.indentation import UNITS, Result
+from fem_backend.model import Model, NotModelled, Placement
+from fem_backend.stepping import Control, Instant, Stopped
 from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
 
-NUMERICS = 1  # raised when, and only when, answers change
-UNITS = {"time": "s", "travel": "mm", "Fx": "N", "Fy": "N", "Fz": "N", "uz_max": "mm", "bulge": "mm"}
+NUMERICS = 2  # raised when, and only when, answers change
 STIFFEST = 1000.0  # K/μ beyond which the displacement element is not verified
+DEEPEST = 0.3  # of the smallest semi-axis
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,7 +33,7 @@ class FiniteElements:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Every knob of :class:`fem_backend.indentation.Knobs`."""
+        """Every knob of :class:`fem_backend.experiment.Knobs`."""
         return parameters_of(Knobs)
 
     @property
@@ -40,31 +43,42 @@ class FiniteElements:
 
     def check(self, case: Case) -> None:
         """Raise ValueError for settings or programmes that are not modelled."""
-        settings = indentation.read_settings(case.settings)
-        asked, deepest = case.programme.asked_mm, 0.3 * float(settings.body.semi_axes.min())
-        if max(asked) > deepest:
-            raise ValueError(f"travel {max(asked):g} mm: at most {deepest:g} mm (0.3 of the smallest semi-axis)")
-        if np.any(np.diff(case.programme.travel_mm) < 0):
+        settings = experiment.read_settings(case.settings)
+        deepest = DEEPEST * float(settings.body.semi_axes.min())
+        if max(case.programme.travel_mm) > deepest or settings.earlier > deepest:
             raise ValueError(
-                "the programme unloads: an elastic body returns on its loading curve, ask for loading only"
+                f"travel {max(*case.programme.travel_mm, settings.earlier):g} mm: at most {deepest:g} mm "
+                f"({DEEPEST:g} of the smallest semi-axis)"
             )
+        if case.programme.travel_mm[0] != 0.0 or min(case.programme.travel_mm) < 0.0:
+            raise ValueError("programme: travel_mm starts at 0 (first contact) and is never negative")
 
     def canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
-        """Defaults written out; speed, direction at the top and the solver dropped: they do not change the answer."""
-        settings = indentation.read_settings(case.settings)
-        plain = {
-            "specimen": {"shape": "ellipsoid", "semi_axes": settings.body.semi_axes.tolist()},
-            "indenter": {"shape": "sphere", "radius": settings.indenter.R},
-            "support": {"kind": "fixed"},
-            "material": {"law": settings.law},
-            "mesh": dict(settings.mesh),
-        }
-        programme = Programme.ramp(case.programme.asked_mm, 1.0)
-        return drop_neutral(self.parameters, values), dataclasses.replace(case, settings=plain, programme=programme)
+        """Defaults written out, what has no influence dropped: effects at neutral, times and returns of elastic bodies."""
+        settings = experiment.read_settings(case.settings)
+        kept = {**dict(settings.defaults), **values}
+        if settings.support != "bowl":
+            kept = {k: v for k, v in kept.items() if not k.startswith("bowl_")}
+        neutral = {p.name: p.neutral for p in self.parameters}
+        for p in self.parameters:
+            switches = SWITCHES.get(p.group, ())
+            off = any(kept.get(s, neutral[s]) in (neutral[s], 0.0) for s in switches if neutral[s] is not None)
+            if p.group in SWITCHES and (off or kept.get("skin_thickness") == 0.0 == (p.group != "skin")):
+                kept.pop(p.name, None)
+        kept = drop_neutral(self.parameters, kept)
+        plain = experiment.plain_settings(settings)
+        if settings.direction == "normal" and settings.point == (0.0, 0.0):
+            plain["direction"] = "vertical"
+        if "mullins" not in kept:
+            plain["earlier"] = 0.0
+        programme = case.programme
+        if not path_dependent(settings, kept):
+            programme = Programme.ramp(programme.asked_mm, 1.0)
+        return kept, dataclasses.replace(case, settings=plain, programme=programme)
 
     def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
         """The mesh of the experiment."""
-        return {"mesh": indentation.read_settings(case.settings).recipe}
+        return {"mesh": experiment.read_settings(case.settings).recipe}
 
     def make(self, recipe: str) -> bytes:
         """A mesh from its recipe; raises SimulationFailed (bad_geometry) if there is none."""
@@ -74,94 +88,121 @@ class FiniteElements:
             raise SimulationFailed("bad_geometry", f"no mesh: {error}") from error
 
     def __call__(self, values: Mapping[str, float], case: Case) -> Response:
-        """Forces at the asked travels, or SimulationFailed with the curve so far."""
+        """Channels at every passage of an asked travel, or SimulationFailed with the curve so far."""
         self.check(case)
-        settings = indentation.read_settings(case.settings)
-        law = _law(settings, self._values(values))
+        settings = experiment.read_settings(case.settings)
+        knobs = self.knobs(values, settings)
         path = case.artefact("mesh")
-        model = _model(dataclasses.replace(settings, law="", control=Control()), None if path is None else str(path))
         try:
-            result = indentation.solve(settings, law, model, np.array(case.programme.asked_mm))
+            placement = modelling.place(settings, knobs)
+            model = model_for(settings, knobs, placement, None if path is None else str(path))
+            instants = passages(case.programme)
+            result = indentation.solve(
+                settings, knobs, placement, model, instants, gradients=differentiable(settings, knobs)
+            )
+        except NotModelled as error:
+            raise SimulationFailed(error.cause, str(error)) from error
         except Stopped as stopped:
             partial = None
             if stopped.points:
-                reached = indentation.collect(model, stopped.points, stopped.counters, 0.0)
-                partial = _response(reached, case, model, settings)
+                at = indentation.bench(settings, knobs, placement, model, stopped.counters)
+                reached = indentation.collect(at, stopped.points, stopped.counters, 0.0)
+                partial = _response(reached, model, settings, knobs)
             history = tuple({"iteration": k, "residual": r} for k, r in enumerate(stopped.history))
             raise SimulationFailed(stopped.cause, str(stopped), partial, history) from stopped
-        return _response(result, case, model, settings)
+        return _response(result, model, settings, knobs)
 
-    def _values(self, values: Mapping[str, float]) -> dict[str, float]:
+    def knobs(self, values: Mapping[str, float], settings: Settings) -> Knobs:
+        """Values with the defaults of knobs and settings; ValueError for unknown, missing or unbounded ones."""
         known = {p.name: p for p in self.parameters}
         unknown = sorted(set(values) - set(known))
         if unknown:
             raise ValueError(f"unknown parameter {unknown[0]!r}; choose from {', '.join(known)}")
-        missing = sorted(n for n, p in known.items() if p.default is None and n not in values)
+        given = {**{n: p.default for n, p in known.items()}, **dict(settings.defaults), **values}
+        missing = sorted(n for n, v in given.items() if v is None)
         if missing:
             raise ValueError(f"parameter {missing[0]!r} ({known[missing[0]].unit}) has no value")
-        return {n: p.check(values.get(n, p.default)) for n, p in known.items()}
+        return Knobs(**{n: known[n].check(v) for n, v in given.items()})
 
 
 BACKEND = FiniteElements()
 
 
-def _law(settings: Settings, values: Mapping[str, float]) -> Law:
-    law = indentation.LAWS[settings.law](mu=values["mu"], D1=values["D1"])
-    ratio = law.bulk_modulus / law.shear_modulus
+def path_dependent(settings: Settings, values: Mapping[str, float]) -> bool:
+    """Whether the answer depends on times and on the way there."""
+    rubbing = bool(values.get("friction") or values.get("adhesion"))
+    rubbing = rubbing or (settings.support == "bowl" and values.get("bowl_friction", Knobs.bowl_friction) != 0.0)
+    memory = any(values.get(k) for k in ("prony_g", "prony_g2", "prony_g3", "mullins")) or settings.prony
+    return bool(rubbing or memory)
+
+
+def passages(programme: Programme) -> list[Instant]:
+    """Every asked moment and every corner of a programme, in order of time, after its start."""
+    t, s = np.array(programme.time_s), np.array(programme.travel_mm)
+    found = {float(a): float(b) for a, b in zip(t[1:], s[1:], strict=True)}
+    asked: dict[float, float] = {}
+    for k in range(len(t) - 1):
+        for a in programme.asked_mm:
+            low, high = sorted((s[k], s[k + 1]))
+            if low < a <= high if s[k + 1] > s[k] else low <= a < high:
+                asked[float(t[k] + (t[k + 1] - t[k]) * (a - s[k]) / (s[k + 1] - s[k]))] = float(a)
+    for moment in programme.asked_s:
+        asked[float(moment)] = float(np.interp(moment, t, s))
+    return [Instant(at, {**found, **asked}[at], at in asked) for at in sorted({**found, **asked})]
+
+
+def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
+    """Material knobs that are in use, smooth and differentiated."""
+    if path_dependent(settings, dataclasses.asdict(knobs)):
+        return ()
+    neutral = {p.name: p.neutral for p in BACKEND.parameters}
+    names = [n for n in indentation.MATERIAL_KNOBS if getattr(knobs, n) != neutral[n]]
+    if "fibre" not in names or knobs.fibre_k2 == 0.0:
+        names = [n for n in names if n != "fibre_k2"]
+    return tuple(names)
+
+
+def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> Model:
+    """The discretised specimen of an experiment; NotModelled without a mesh or for a material out of reach."""
+    material = modelling.material(settings, knobs)
+    ratio = material.bulk_modulus / material.shear_modulus
     if ratio > STIFFEST:
-        raise SimulationFailed(
+        raise NotModelled(
             "not_supported", f"K/mu = {ratio:.4g}: the element is verified to {STIFFEST:g} (nearly incompressible)"
         )
-    return law
-
-
-@functools.lru_cache(maxsize=4)
-def _model(settings: Settings, mesh: str | None) -> Model:
-    """Discretisation, shared by all runs of a worker on one mesh; SimulationFailed (bad_geometry) without a mesh."""
-    if mesh is not None:
-        return indentation.build(settings, meshing.Mesh.from_file(mesh))
+    symmetric = knobs.friction == 0.0 and not (settings.support == "bowl" and knobs.bowl_friction)
+    shared = Settings(settings.body, settings.R, support=settings.support, point=settings.point,
+                      recipe=settings.recipe, control=Control(), solver=settings.solver)  # fmt: skip
     try:
-        return indentation.build(settings, meshing.cached(settings.recipe))
+        return _model(shared, tuple(placement.body.semi_axes), placement.planes, symmetric, mesh)
     except meshing.BadMesh as error:
-        raise SimulationFailed("bad_geometry", f"no mesh: {error}") from error
+        raise NotModelled("bad_geometry", f"no mesh: {error}") from error
 
 
-def _passage(programme: Programme, travel: np.ndarray) -> np.ndarray:
-    """Time (s) at which a loading programme first reaches each travel."""
-    u, t = np.array(programme.travel_mm), np.array(programme.time_s)
-    rising = np.concatenate([[True], np.diff(u) > 0])
-    return np.interp(travel, u[rising], t[rising])
+@functools.lru_cache(maxsize=6)
+def _model(
+    settings: Settings, axes: tuple[float, ...], planes: tuple[bool, bool], symmetric: bool, mesh: str | None
+) -> Model:
+    """Shared by all runs of a worker on one mesh."""
+    made = meshing.cached(settings.recipe) if mesh is None else meshing.Mesh.from_file(mesh)
+    return modelling.build(settings, made, Ellipsoid(*axes), planes, symmetric)
 
 
-def _response(result: Result, case: Case, model: Model, settings: Settings) -> Response:
-    travel = result.travel
-    zero = np.zeros_like(travel)
+def _response(result: Result, model: Model, settings: Settings, knobs: Knobs) -> Response:
     info: dict[str, Any] = {
         "cpu_s": result.cpu_s,
-        **dataclasses.asdict(result.counters),
+        **{k: v for k, v in dataclasses.asdict(result.counters).items() if k != "deadline"},
+        **result.notes,
         "nodes": len(model.body.nodes),
         "dofs": model.body.pattern.size,
         "solver": linsolve.available() if settings.solver == "auto" else settings.solver,
         "machine": platform.machine(),
-        "reaction_Fz": result.reaction.tolist(),
+        "reaction_Fz": result.reaction[:, 2].tolist(),
     }
     return Response(
-        channels={
-            "time": _passage(case.programme, travel),
-            "travel": travel,
-            "Fx": zero,
-            "Fy": zero,
-            "Fz": result.Fz,
-            "uz_max": result.uz_max,
-            "bulge": result.bulge,
-        },
+        channels=result.channels,
         units=dict(UNITS),
-        error={
-            "Fz": indentation.force_error(settings, result),
-            "uz_max": 1e-3 + zero,
-            "bulge": 1e-3 + zero,
-            "Fx": zero,
-            "Fy": zero,
-        },
+        error=stated(settings, knobs, result),
+        gradients={k: dict(v) for k, v in result.gradients.items()},
         info=info,
     )

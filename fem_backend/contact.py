@@ -1,22 +1,28 @@
-"""Frictionless contact of the curved surface with a rigid indenter by an augmented Lagrangian.
+"""Contact of the curved surface with rigid bodies: augmented Lagrangian, Coulomb friction, adhesion.
 
 Π_c = ∫ (p² − λ²)/(2ε) dA₀ with the pressure p = ⟨λ − ε g⟩ per reference area, gap g and multiplier λ ≥ 0
 (Wriggers 2006, §6.3.4).  ε is a multiple of the shear modulus per length, so that similarity stays exact.
+
+Friction by return mapping over a step (Wriggers 2006, §9.2): t = P(t₀ − ε_T (Δx − Δc)) cut to |t| ≤ μ_f p, P = I − n⊗n;
+it has no potential and, where points slip, an unsymmetric tangent.  Adhesion has one, Π_a = ∫ ψ(g) dA₀.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from skfem import ElementTriP2, MeshTet2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTri
 
 from fem_backend.element import Body
-from fem_backend.geometry import Sphere
+from fem_backend.geometry import Bowl, Sphere
 
 ORDER = 6  # twelve points a facet
+TANGENTIAL = 0.3  # ε_T/ε: sticking points give way by t/ε_T, some 0.01 mm
+OUT_OF_REACH = 40.0  # ranges of the adhesion: exp(−40) is beyond round-off
 
 
 @dataclass(frozen=True)
@@ -30,14 +36,66 @@ class ContactSurface:
 
 
 @dataclass(frozen=True)
+class Adhesion:
+    """Attraction σ = (W/ℓ) exp(−g/ℓ) per reference area: `work` of separation W (N/mm), `range` ℓ (mm).
+
+    Below g = 0 it goes on as (W/ℓ)(2 − exp(g/ℓ)), C¹ and bounded.
+    """
+
+    work: float
+    range: float
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The surface and a rigid body that it may touch: ε (f, q) MPa/mm, Coulomb coefficient (1), adhesion."""
+
+    surface: ContactSurface
+    rigid: Sphere | Bowl
+    epsilon: np.ndarray
+    friction: float = 0.0
+    adhesion: Adhesion | None = None
+
+
+@dataclass(frozen=True)
+class Before:
+    """Start of the step: contact points (f, q, 3) mm, centre (3,) mm, tangential traction on the body (f, q, 3) MPa."""
+
+    points: np.ndarray
+    centre: np.ndarray
+    traction: np.ndarray
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Load on a pair: centre (3,) mm, unit way `direction` (3,) into the body, λ (f, q) MPa.
+
+    A bowl stands still, its direction is zero.  `raised` (f, q) multiplies ε; `before` is needed with friction.
+    """
+
+    centre: np.ndarray
+    direction: np.ndarray
+    multiplier: np.ndarray
+    raised: np.ndarray | float = 1.0
+    before: Before | None = None
+
+
+@dataclass(frozen=True)
 class ContactState:
-    """One evaluation: energy (N mm), nodal forces as residual (n, 3) N, force on the indenter (3,) N, p, g (f, q)."""
+    """One evaluation: energy (N mm), residual (n, 3) N, force on the rigid body (3,) N; at the points (f, q) the rest.
+
+    Pressure p ≥ 0 (MPa, the contact alone), gap g (mm), tangential traction on the body (f, q, 3) MPa, whether a point
+    slips, attraction σ ≥ 0 (MPa), all per reference area.  The energy is without friction, which has none.
+    """
 
     energy: float
     residual: np.ndarray
     force: np.ndarray
     pressure: np.ndarray
     gap: np.ndarray
+    traction: np.ndarray
+    slipping: np.ndarray
+    attraction: np.ndarray
 
 
 def quadratic_facets(mesh: MeshTet2, facets: np.ndarray) -> np.ndarray:
@@ -62,58 +120,263 @@ def contact_surface(body: Body, facets: np.ndarray) -> ContactSurface:
     tangent = np.einsum("fai,akq->fqki", body.nodes[facets], dN)
     area = np.linalg.norm(np.cross(tangent[:, :, 0], tangent[:, :, 1]), axis=-1)
     dofs = body.free[(3 * facets[:, :, None] + np.arange(3)).reshape(len(facets), 18)]
-    return ContactSurface(facets, N.T.copy(), area * weights, body.pattern.find(dofs))
+    return ContactSurface(facets.astype(np.int64), N.T.copy(), area * weights, body.pattern.find(dofs))
 
 
-def evaluate(
-    surface: ContactSurface,
-    x: np.ndarray,
-    indenter: Sphere,
-    centre: np.ndarray,
-    epsilon: np.ndarray,
-    multiplier: np.ndarray,
-) -> ContactState:
-    """Energy, residual and force at current positions x (n, 3), indenter centre (3,), ε (f, q) MPa/mm, λ (f, q) MPa."""
-    points = np.einsum("qa,fai->fqi", surface.N, x[surface.facets])
-    gap, normal, _ = indenter.gap(points, centre)
-    pressure = np.maximum(multiplier - epsilon * gap, 0.0)
-    traction = (surface.weights * pressure)[..., None] * normal
-    residual = np.zeros_like(x)
-    np.add.at(residual, surface.facets, -np.einsum("qa,fqi->fai", surface.N, traction))
-    energy = 0.5 * float((surface.weights * (pressure**2 - multiplier**2) / epsilon).sum())
-    return ContactState(energy, residual, -traction.sum((0, 1)), pressure, gap)
+def contact_points(surface: ContactSurface, x: np.ndarray) -> np.ndarray:
+    """Contact points (f, q, 3) mm at nodal positions x (n, 3)."""
+    return _points(surface.facets, surface.N, np.ascontiguousarray(x, float))
+
+
+def remember(pair: Pair, x: np.ndarray, touch: Touch, state: ContactState) -> Before:
+    """What the next step has to know of a converged one."""
+    return Before(contact_points(pair.surface, x), np.array(touch.centre, float), state.traction)
+
+
+def evaluate(pair: Pair, x: np.ndarray, touch: Touch) -> ContactState:
+    """Energy, residual and force at current positions x (n, 3) mm.
+
+    Raises ValueError when a pair with friction does not know the start of the step.
+    """
+    surface = pair.surface
+    points = contact_points(surface, x)
+    gap, normal, _ = pair.rigid.gap(points, touch.centre, touch.direction)
+    before, motion = _before(pair, touch)
+    residual, force, pressure, traction, slipping, attraction, energy = _evaluate(
+        surface.facets, surface.N, surface.weights, len(x), points, gap, normal, _epsilon(pair, touch),
+        _full(touch.multiplier, gap.shape), float(pair.friction), *before, motion, *_adhesion(pair),
+    )  # fmt: skip
+    return ContactState(energy, residual, force, pressure, gap, traction, slipping, attraction)
 
 
 def tangent(
-    surface: ContactSurface,
-    x: np.ndarray,
-    indenter: Sphere,
-    centre: np.ndarray,
-    epsilon: np.ndarray,
-    pressure: np.ndarray,
-    direction: np.ndarray,
-    data: np.ndarray,
-    geometric: bool = True,
+    pair: Pair, x: np.ndarray, touch: Touch, state: ContactState, data: np.ndarray, geometric: bool = True
 ) -> np.ndarray:
-    """Add the contact stiffness to `data` and return ∂R/∂s (n, 3) for an indenter moving as c + s·direction.
+    """Add ∂R/∂x to `data` and return ∂R/∂s (n, 3) N/mm for a rigid body moving as c + s·direction.
 
-    k = ε n⊗n − p ∇∇g at points in contact; without `geometric` the second, negative term is left out, which keeps
-    the matrix positive semi-definite at the price of slower convergence.
+    k = ε n⊗n − p ∇∇g − ∂t/∂x + σ′ n⊗n + σ ∇∇g at points within reach, the whole block, symmetric or not.  Without
+    `geometric` all that comes from the turning of the normal and the falling attraction is left out, which keeps the
+    symmetric part positive semi-definite where nothing slips, at the price of slower convergence.
     """
-    active = np.nonzero((pressure > 0).any(1))[0]
-    facets = surface.facets[active]
-    points = np.einsum("qa,fai->fqi", surface.N, x[facets])
-    _, normal, hessian = indenter.gap(points, centre)
-    p = pressure[active]
-    stiff = np.where(p > 0, epsilon[active], 0.0)[..., None, None]
-    k = stiff * normal[..., :, None] * normal[..., None, :]
-    if geometric:
-        k -= p[..., None, None] * hessian
-    k *= surface.weights[active][..., None, None]
-    block = np.einsum("qa,qb,fqij->faibj", surface.N, surface.N, k, optimize=True).reshape(len(active), 18, 18)
-    place = surface.place[active]
-    known = place >= 0
-    np.add.at(data, place[known], block[known])
-    moving = np.zeros_like(x)
-    np.add.at(moving, facets, -np.einsum("qa,fqij,j->fai", surface.N, k, direction))
+    surface = pair.surface
+    active = np.nonzero(((state.pressure > 0) | (state.attraction > 0)).any(1))[0]
+    points = _points(surface.facets[active], surface.N, np.ascontiguousarray(x, float))
+    _, normal, hessian = pair.rigid.gap(points, touch.centre, touch.direction)
+    (start, traction), motion = _before(pair, touch)
+    if pair.friction > 0.0:
+        start, traction = start[active], traction[active]
+    moving = np.zeros(x.shape)
+    _tangent(
+        surface.facets[active], surface.N, surface.weights[active], surface.place[active], points, normal, hessian,
+        state.gap[active], state.pressure[active], _epsilon(pair, touch)[active], float(pair.friction), start, traction,
+        motion, *_adhesion(pair), np.asarray(touch.direction, float), geometric, data, moving,
+    )  # fmt: skip
     return moving
+
+
+def first_touch(
+    surface: ContactSurface, x: np.ndarray, rigid: Sphere | Bowl, centre: np.ndarray, direction: np.ndarray
+) -> float:
+    """How far (mm, signed) the rigid body must still go along the unit `direction` to touch the deformed surface.
+
+    The least travel over the quadratic facets at nodal positions x (n, 3): a grid on every facet, then ever finer
+    grids on the best ones, so that the answer follows the deformation without steps; ∞ when it passes by.
+    """
+    i, j = np.indices((9, 9)).reshape(2, -1)[:, [k for k in range(81) if k // 9 + k % 9 <= 8]] / 8.0
+    travel = rigid.travel(np.einsum("aq,fai->fqi", _quadratic(i, j), x[surface.facets]), centre, direction)
+    best = np.argsort(travel.min(1), kind="stable")[:8]
+    nodes, at = x[surface.facets[best]], travel[best].argmin(1)
+    at, width, least = np.stack([i[at], j[at]]), 0.2, float(travel.min())
+    offsets = np.indices((7, 7)).reshape(2, -1) / 3.0 - 1.0
+    for _ in range(26):
+        grid = np.maximum(at[:, :, None] + width * offsets[:, None, :], 0.0)
+        grid /= np.maximum(grid.sum(0), 1.0)
+        travel = rigid.travel(np.einsum("afq,fai->fqi", _quadratic(*grid), nodes), centre, direction)
+        at = grid[:, np.arange(len(best)), travel.argmin(1)]
+        width, least = 0.5 * width, min(least, float(travel.min()))
+    return least
+
+
+def _quadratic(r: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Shape functions (6, …) of the quadratic triangle at (r, s)."""
+    t = 1.0 - r - s
+    return np.stack([t * (2 * t - 1), r * (2 * r - 1), s * (2 * s - 1), 4 * t * r, 4 * r * s, 4 * t * s])
+
+
+def _full(value: np.ndarray | float, shape: tuple[int, ...]) -> np.ndarray:
+    return np.ascontiguousarray(np.broadcast_to(np.asarray(value, float), shape))
+
+
+def _epsilon(pair: Pair, touch: Touch) -> np.ndarray:
+    return _full(np.asarray(pair.epsilon, float) * touch.raised, pair.surface.weights.shape)
+
+
+def _before(pair: Pair, touch: Touch) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """Points and traction at the start of the step and how far the rigid body has gone since; empty if frictionless."""
+    if not pair.friction > 0.0:
+        return (np.empty((0, 0, 3)), np.empty((0, 0, 3))), np.zeros(3)
+    if touch.before is None:
+        raise ValueError("friction needs the start of the step: Touch.before is missing")
+    start = touch.before
+    motion = np.asarray(touch.centre, float) - np.asarray(start.centre, float)
+    return (np.ascontiguousarray(start.points), np.ascontiguousarray(start.traction)), motion
+
+
+def _adhesion(pair: Pair) -> tuple[float, float]:
+    a = pair.adhesion
+    return (float(a.work), float(a.range)) if a is not None and a.work > 0.0 else (0.0, 1.0)
+
+
+@numba.njit(cache=True)
+def _points(facets, N, x):  # type: ignore[no-untyped-def]
+    points = np.zeros((len(facets), len(N), 3))
+    for f in range(len(facets)):
+        for q in range(len(N)):
+            for a in range(6):
+                for i in range(3):
+                    points[f, q, i] += N[q, a] * x[facets[f, a], i]
+    return points
+
+
+@numba.njit(cache=True)
+def _attract(g, work, length):  # type: ignore[no-untyped-def]
+    """ψ, σ = ψ′ and σ′ of the adhesion at a gap g."""
+    if g >= 0.0:
+        e = np.exp(-g / length)
+        return -work * e, work / length * e, -work / length**2 * e
+    e = np.exp(g / length)
+    return work * (2.0 * g / length - e), work / length * (2.0 - e), -work / length**2 * e
+
+
+@numba.njit(cache=True)
+def _trial(n, point, start, traction, motion, stiff, v, t):  # type: ignore[no-untyped-def]
+    """Fill v = t₀ − ε_T (Δx − Δc) and its tangential part t; returns |n|², n·v/|n|² and |t|."""
+    square, along = 0.0, 0.0
+    for i in range(3):
+        v[i] = traction[i] - stiff * (point[i] - start[i] - motion[i])
+        square += n[i] * n[i]
+        along += n[i] * v[i]
+    along /= square
+    size = 0.0
+    for i in range(3):
+        t[i] = v[i] - along * n[i]
+        size += t[i] * t[i]
+    return square, along, np.sqrt(size)
+
+
+@numba.njit(cache=True)
+def _evaluate(  # type: ignore[no-untyped-def]
+    facets, N, weights, count, points, gap, normal, epsilon, multiplier, friction, start, before, motion, work, length
+):
+    m, nq = weights.shape
+    residual, force = np.zeros((count, 3)), np.zeros(3)
+    pressure, attraction = np.zeros((m, nq)), np.zeros((m, nq))
+    traction, slipping = np.zeros((m, nq, 3)), np.zeros((m, nq), np.bool_)
+    v, t, load = np.empty(3), np.empty(3), np.empty(3)
+    energy = 0.0
+    for f in range(m):
+        for q in range(nq):
+            w, g, n = weights[f, q], gap[f, q], normal[f, q]
+            p = max(multiplier[f, q] - epsilon[f, q] * g, 0.0)
+            energy += 0.5 * w * (p * p - multiplier[f, q] ** 2) / epsilon[f, q]
+            near = work > 0.0 and g < OUT_OF_REACH * length
+            if not (p > 0.0 or near):
+                continue
+            pressure[f, q] = p
+            for i in range(3):
+                load[i] = p * n[i]
+            if friction > 0.0 and p > 0.0:
+                _, _, size = _trial(
+                    n, points[f, q], start[f, q], before[f, q], motion, TANGENTIAL * epsilon[f, q], v, t
+                )  # fmt: skip
+                slipping[f, q] = size > friction * p
+                cut = friction * p / size if slipping[f, q] else 1.0
+                for i in range(3):
+                    traction[f, q, i] = cut * t[i]
+                    load[i] += traction[f, q, i]
+            if near:
+                potential, pull, _ = _attract(g, work, length)
+                attraction[f, q] = pull
+                energy += w * potential
+                for i in range(3):
+                    load[i] -= pull * n[i]
+            for i in range(3):
+                force[i] -= w * load[i]
+                for a in range(6):
+                    residual[facets[f, a], i] -= N[q, a] * w * load[i]
+    return residual, force, pressure, traction, slipping, attraction, energy
+
+
+@numba.njit(cache=True)
+def _tangent(  # type: ignore[no-untyped-def]
+    facets, N, weights, place, points, normal, hessian, gap, pressure, epsilon, friction, start, before, motion,
+    work, length, direction, geometric, data, moving,
+):  # fmt: skip
+    m, nq = weights.shape
+    k, block, rate = np.empty((3, 3)), np.empty((18, 18)), np.empty(3)
+    v, t = np.empty(3), np.empty(3)
+    for f in range(m):
+        block[:, :] = 0.0
+        for q in range(nq):
+            g, p, n, h, e = gap[f, q], pressure[f, q], normal[f, q], hessian[f, q], epsilon[f, q]
+            near = work > 0.0 and g < OUT_OF_REACH * length
+            if not (p > 0.0 or near):
+                continue
+            stiff, turn = (e if p > 0.0 else 0.0), -p
+            if near:
+                _, pull, fall = _attract(g, work, length)
+                turn += pull
+                if geometric:
+                    stiff += fall
+            for i in range(3):
+                for j in range(3):
+                    k[i, j] = stiff * n[i] * n[j]
+                    if geometric:
+                        k[i, j] += turn * h[i, j]
+            if friction > 0.0 and p > 0.0:
+                square, along, size = _trial(n, points[f, q], start[f, q], before[f, q], motion, TANGENTIAL * e, v, t)
+                _friction(k, n, h, square, along, size, t, v, p, e, friction, geometric)
+            for a in range(6):
+                for i in range(3):
+                    wa = weights[f, q] * N[q, a]
+                    for b in range(6):
+                        for j in range(3):
+                            block[3 * a + i, 3 * b + j] += wa * N[q, b] * k[i, j]
+            for i in range(3):
+                rate[i] = k[i, 0] * direction[0] + k[i, 1] * direction[1] + k[i, 2] * direction[2]
+            for a in range(6):
+                for i in range(3):
+                    moving[facets[f, a], i] -= weights[f, q] * N[q, a] * rate[i]
+        for r in range(18):
+            for c in range(18):
+                if place[f, r, c] >= 0:
+                    data[place[f, r, c]] += block[r, c]
+
+
+@numba.njit(cache=True)
+def _friction(k, n, h, square, along, size, t, v, p, e, friction, geometric):  # type: ignore[no-untyped-def]
+    """k −= ∂t/∂x: sticking ∂t/∂x = −ε_T P − (n̂·v) M − n̂⊗(Mᵀv) with M = ∂n̂/∂x, slipping cut to length μ_f p.
+
+    n = ∇g need not have unit length; `along` is n·v/|n|².
+    """
+    d, M = np.empty((3, 3)), np.zeros((3, 3))
+    if geometric:
+        for j in range(3):
+            across = (n[0] * h[0, j] + n[1] * h[1, j] + n[2] * h[2, j]) / square
+            for i in range(3):
+                M[i, j] = h[i, j] - n[i] * across  # |n| ∂n̂/∂x
+    for j in range(3):
+        turned = (v[0] * M[0, j] + v[1] * M[1, j] + v[2] * M[2, j]) / square
+        for i in range(3):
+            P = (1.0 if i == j else 0.0) - n[i] * n[j] / square
+            d[i, j] = -TANGENTIAL * e * P - along * M[i, j] - n[i] * turned
+    if size <= friction * p:
+        for i in range(3):
+            for j in range(3):
+                k[i, j] -= d[i, j]
+        return
+    for j in range(3):
+        along_t = (t[0] * d[0, j] + t[1] * d[1, j] + t[2] * d[2, j]) / (size * size)
+        for i in range(3):
+            shortened = friction * p / size * (d[i, j] - t[i] * along_t)
+            k[i, j] -= shortened - friction * e * t[i] / size * n[j]

@@ -1,11 +1,12 @@
 """Quadratic tetrahedra: discretisation from scikit-fem, batched kernels of our own.
 
 Numbering: displacement dof 3·node + component; free dofs are numbered in METIS order, so every factorisation finds
-a fill-reducing order; matrices are stored as the upper triangle in CSR with a pattern built once.
+a fill-reducing order; matrices are stored in CSR with a pattern built once, symmetric ones as their upper triangle.
 """
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numba
@@ -19,28 +20,37 @@ from skfem.refdom import RefTet
 
 @dataclass(frozen=True)
 class Pattern:
-    """Upper CSR pattern of the free dofs: `indptr` (f + 1,), `indices` (nnz,)."""
+    """CSR pattern of the free dofs: `indptr` (f + 1,), `indices` (nnz,); only the upper triangle if `symmetric`."""
 
     indptr: np.ndarray
     indices: np.ndarray
+    symmetric: bool = True
 
     @property
     def size(self) -> int:
         return len(self.indptr) - 1
 
+    @functools.cached_property
+    def diagonal(self) -> np.ndarray:
+        """Places of the diagonal in `data`, (f,)."""
+        if self.symmetric:
+            return self.indptr[:-1]  # the first entry of each row
+        row = np.repeat(np.arange(self.size), np.diff(self.indptr))
+        return np.nonzero(self.indices == row)[0]
+
     def find(self, dofs: np.ndarray) -> np.ndarray:
-        """Place in `data` of every pair of the free dofs (b, d), −1 where one is held or below the diagonal.
+        """Place in `data` of every pair of the free dofs (b, d), −1 where one is held or not stored by symmetry.
 
         Returns (b, d, d) int64; a pair that the pattern does not hold raises KeyError.
         """
-        place = _find(self.indptr, self.indices, np.ascontiguousarray(dofs))
+        place = _find(self.indptr, self.indices, np.ascontiguousarray(dofs), self.symmetric)
         if np.any(place == -2):
             raise KeyError("a pair of dofs shares no element")
         return place
 
 
 @numba.njit(cache=True)
-def _find(indptr, indices, dofs):  # type: ignore[no-untyped-def]
+def _find(indptr, indices, dofs, symmetric):  # type: ignore[no-untyped-def]
     count, d = dofs.shape
     place = np.full((count, d, d), -1, np.int64)
     for e in range(count):
@@ -50,7 +60,7 @@ def _find(indptr, indices, dofs):  # type: ignore[no-untyped-def]
                 continue
             for r in range(d):
                 j = dofs[e, r]
-                if j < i:
+                if j < 0 or (symmetric and j < i):
                     continue
                 low, high = indptr[i], indptr[i + 1]
                 while low < high:
@@ -79,8 +89,11 @@ class Body:
     place: np.ndarray
 
 
-def discretise(mesh: MeshTet2, held: np.ndarray) -> Body:
-    """Body from a quadratic mesh; `held` (n, 3) marks displacement components fixed at zero."""
+def discretise(mesh: MeshTet2, held: np.ndarray, symmetric: bool = True) -> Body:
+    """Body from a quadratic mesh; `held` (n, 3) marks displacement components fixed at zero.
+
+    `symmetric` stores tangents as upper triangles; friction needs both.
+    """
     nodes = mesh.doflocs.T.copy()
     cells = np.ascontiguousarray(mesh.dofs.element_dofs.T).astype(np.int64)
     X, weights = get_quadrature(RefTet, 2)  # four points: no locking to K/μ = 200 (verification set)
@@ -91,9 +104,15 @@ def discretise(mesh: MeshTet2, held: np.ndarray) -> Body:
         raise ValueError(f"{int((det.min(1) * det.max(1) <= 0).sum())} curved elements are inside out")
     G = np.einsum("ajq,mqji->mqai", gradient, np.linalg.inv(jacobian))
     free = _numbering(cells, held)
-    pattern = _pattern(cells, free)
+    pattern = _pattern(cells, free, symmetric)
     place = pattern.find(_dofs(cells, free))
     return Body(nodes, cells, np.ascontiguousarray(G), np.abs(det) * weights, free, pattern, place)
+
+
+def shape_functions() -> np.ndarray:
+    """Shape functions at the quadrature points of a Body, (q, 10)."""
+    X, _ = get_quadrature(RefTet, 2)
+    return np.stack([ElementTetP2().lbasis(X, a)[0] for a in range(10)], axis=1)
 
 
 def _dofs(cells: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -123,17 +142,17 @@ def _numbering(cells: np.ndarray, held: np.ndarray) -> np.ndarray:
     return free.ravel()
 
 
-def _pattern(cells: np.ndarray, free: np.ndarray) -> Pattern:
-    """Upper CSR pattern of all pairs of free dofs that share a cell."""
+def _pattern(cells: np.ndarray, free: np.ndarray, symmetric: bool) -> Pattern:
+    """CSR pattern of all pairs of free dofs that share a cell."""
     graph = _graph(cells, len(free) // 3)
     graph.data[:] = 1
     pairs = sparse.kron(graph, np.ones((3, 3), np.int8), format="coo")
     rows, cols = free[pairs.row], free[pairs.col]
-    keep = (rows >= 0) & (cols >= rows)
+    keep = (rows >= 0) & (cols >= (rows if symmetric else 0))
     f = int(free.max()) + 1
-    upper = sparse.csr_matrix((np.ones(int(keep.sum()), np.int8), (rows[keep], cols[keep])), shape=(f, f))
-    upper.sort_indices()
-    return Pattern(upper.indptr.astype(np.int32), upper.indices.astype(np.int32))
+    stored = sparse.csr_matrix((np.ones(int(keep.sum()), np.int8), (rows[keep], cols[keep])), shape=(f, f))
+    stored.sort_indices()
+    return Pattern(stored.indptr.astype(np.int32), stored.indices.astype(np.int32), symmetric)
 
 
 def displacement_gradients(body: Body, u: np.ndarray) -> np.ndarray:

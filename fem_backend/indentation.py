@@ -1,267 +1,333 @@
-"""The whole story on one page: an indentation test from its knobs and settings to forces.
-
-Settings name what cannot be a number: shapes, support, law, place, mesh.  Knobs are numbers.  A setting or a value
-that this backend does not model is refused by name; it is never ignored.
-"""
+"""The whole story on one page: an indentation test from its knobs, settings and programme to curves."""
 
 from __future__ import annotations
 
-import re
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-from skfem import MeshTet2
+from skfem import ElementTriP2
+from skfem.quadrature import get_quadrature
+from skfem.refdom import RefTri
 
-from fem_backend import element, linsolve, meshing, stepping
-from fem_backend.contact import ContactSurface, contact_surface, quadratic_facets
-from fem_backend.geometry import Ellipsoid, Sphere
-from fem_backend.laws import Law, LinearElastic, NeoHooke
-from fem_backend.meshing import Mesh, Sizing
-from fem_backend.newton import Counters, Load, System
-from fem_backend.stepping import Control, Point
-from rso.contract import knob
+from fem_backend import contact, element, model as modelling, newton, stepping, stress
+from fem_backend.experiment import Knobs, Settings
+from fem_backend.laws import Material
+from fem_backend.model import Model, Placement
+from fem_backend.newton import Counters, Evaluation, Load, System
+from fem_backend.stepping import Guess, Instant, Point, Stopped
 
-LAWS = {"neo_hookean": NeoHooke, "linear_elastic": LinearElastic}
-LEVELS = {
-    "coarse": Sizing(0.8, 2.5, 0.45, 40.0),
-    "standard": Sizing(0.6, 2.5, 0.4, 40.0),
-    "fine": Sizing(0.5, 2.5, 0.3, 40.0),
-    "reference": Sizing(0.36, 2.5, 0.2, 40.0),
-}  # for R = 3 mm
-LEVEL_ERROR = {"coarse": 0.011, "standard": 0.008, "fine": 0.004, "reference": 0.002}  # of the force, deep contact
-EDGE_ERROR = 0.05  # of the force, times h0²/(R·travel): few elements under a small contact; benchmarks/fe_levels.py
-PENALTY = 900.0  # ε R/μ: the multipliers remove its error, so it only steers convergence
-RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep ball; width in R
-REACH = 3.0  # facets within REACH·R of the first contact may touch
-
-
-@dataclass(frozen=True)
-class Knobs:
-    """Every number that a study may open; an effect also says the value that switches it off."""
-
-    mu: float = knob("initial shear modulus", "MPa", 1e-6, 1e3)
-    D1: float = knob("compressibility, bulk modulus K = 2/D1", "1/MPa", 1e-6, 1e6)
-
-
-@dataclass(frozen=True)
-class Settings:
-    """An indentation experiment without its numbers; lengths in mm.
-
-    `mesh` is the mesh table with the keys that count, `h0` the element size at the contact, `level_error` the relative
-    error of the force when the contact is many elements wide.
-    """
-
-    body: Ellipsoid
-    indenter: Sphere
-    law: str = "neo_hookean"
-    recipe: str = ""
-    mesh: tuple[tuple[str, Any], ...] = ()
-    h0: float = 0.0
-    level_error: float = 0.0
-    control: Control = field(default_factory=Control)
-    solver: str = "auto"
+UNITS = {
+    "time": "s", "travel": "mm", "Fx": "N", "Fy": "N", "Fz": "N", "uz_max": "mm", "bulge": "mm",
+    "contact_area": "mm^2", "contact_radius": "mm", "peak_pressure": "MPa", "slipping": "1",
+}  # fmt: skip
+MATERIAL_KNOBS = ("mu", "D1", "C01", "C20", "C30", "alpha", "fibre", "fibre_k2", "skin_ratio", "inclusion_ratio")
 
 
 @dataclass(frozen=True)
 class Result:
-    """Channels at the asked travels, (n,): force on the indenter (N), reaction of the support (N).
+    """Channels at the asked instants, each (k,), in the units of UNITS; forces of the whole specimen on the indenter.
 
-    `uz_max` (mm) is how far the deepest point went down, `bulge` (mm) how far the highest went up (the material rises
-    around the ball, the more the less compressible it is); `contact_error` (N) is what the last augmentation changed.
+    `uz_max` is how far the deepest point went down since contact, `bulge` how far the highest went up (the material
+    rises around the ball, the more the less compressible it is); `slipping` is the share of the contact area that
+    slips; `reaction` (k, 3) N is the support's, `contact_error` (k,) N what the last augmentation changed;
+    `gradients[knob][channel]` (k,).
     """
 
-    travel: np.ndarray
-    Fz: np.ndarray
+    channels: Mapping[str, np.ndarray]
     reaction: np.ndarray
-    uz_max: np.ndarray
-    bulge: np.ndarray
     contact_error: np.ndarray
     counters: Counters
     cpu_s: float
+    points: tuple[Point, ...] = field(default=(), repr=False)
+    gradients: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
+    notes: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def travel(self) -> np.ndarray:
+        """Travel (k,) mm."""
+        return self.channels["travel"]
 
-# --------------------------------------------------------------------------------------------------- settings
-
-
-def read_settings(settings: Mapping[str, Any]) -> Settings:
-    """Settings from plain data; raises ValueError naming key, value and choices."""
-    data = dict(settings)
-    specimen = _table(data.pop("specimen", {}), "specimen", {"shape": "ellipsoid", "semi_axes": [60.0, 35.0, 35.0]})
-    _choice("specimen.shape", specimen["shape"], ["ellipsoid"])
-    body = Ellipsoid(*_lengths("specimen.semi_axes", specimen["semi_axes"], 3))
-    indenter = _table(data.pop("indenter", {}), "indenter", {"shape": "sphere", "radius": 3.0})
-    _choice("indenter.shape", indenter["shape"], ["sphere"])
-    sphere = Sphere(_lengths("indenter.radius", [indenter["radius"]], 1)[0])
-    support = _table(data.pop("support", {}), "support", {"kind": "fixed"})
-    _choice("support.kind", support["kind"], ["fixed"])
-    law = _choice("material.law", _table(data.pop("material", {}), "material", {"law": "neo_hookean"})["law"], LAWS)
-    point = data.pop("point", [0.0, 0.0])
-    if [float(v) for v in _numbers("point", point, 2)] != [0.0, 0.0]:
-        raise ValueError(f"point = {point} mm: only the top, [0, 0], is modelled so far")
-    _choice("direction", data.pop("direction", "vertical"), ["vertical", "normal"])
-    _speed(data.pop("speed", 1.0))  # an elastic body does not know it
-    if data.pop("unload", False) is not False:
-        raise ValueError("unload = true: an elastic body unloads on its loading curve; leave the key out")
-    mesh = _table(data.pop("mesh", {}), "mesh", {"mesher": "tetwild", "level": "standard", "n": 12, "slip": 0.55})
-    solver = _choice("solver", data.pop("solver", "auto"), ["auto", "pardiso", "superlu"])
-    if data:
-        known = "specimen, indenter, support, material, point, direction, speed, unload, mesh, solver"
-        raise ValueError(f"unknown setting {sorted(data)[0]!r}; choose from {known}")
-    if sphere.R > 0.5 * float(body.semi_axes.min()):
-        raise ValueError(f"indenter.radius = {sphere.R} mm: only indenters much smaller than the specimen are modelled")
-    return Settings(body, sphere, law, *_mesh(body, sphere, mesh), Control(), solver)
-
-
-def _mesh(
-    body: Ellipsoid, sphere: Sphere, mesh: Mapping[str, Any]
-) -> tuple[str, tuple[tuple[str, Any], ...], float, float]:
-    """Recipe, the keys that count, element size at the contact and error of the level."""
-    mesher = _choice("mesh.mesher", mesh["mesher"], ["tetwild", "mapped"])
-    n, level = mesh["n"], _choice("mesh.level", mesh["level"], LEVELS)
-    if not isinstance(n, int) or isinstance(n, bool) or not 4 <= n <= 40:
-        raise ValueError(f"mesh.n = {n!r}: number of subdivisions, an integer from 4 to 40")
-    slip = _numbers("mesh.slip", [mesh["slip"]], 1)[0]
-    if not 0.0 <= slip <= 0.8:
-        raise ValueError(f"mesh.slip = {slip}: grading of the mapped mesh, from 0 to 0.8")
-    if mesher == "mapped":
-        h0 = 0.5 * np.pi * body.c / n * (1.0 - slip) / (1.0 + slip)
-        used = (("mesher", mesher), ("n", n), ("slip", slip))
-        return meshing.mapped_recipe(body, n, slip), used, float(h0), 0.03 * (12.0 / n) ** 2
-    scale = sphere.R / 3.0
-    sizing = LEVELS[level]
-    sizing = replace(sizing, h0=sizing.h0 * scale, r0=sizing.r0 * scale, hmax=1.15 * float(body.semi_axes.min()))
-    return meshing.tetwild_recipe(body, sizing), (("mesher", mesher), ("level", level)), sizing.h0, LEVEL_ERROR[level]
-
-
-def force_error(settings: Settings, result: Result) -> np.ndarray:
-    """Estimated error (n,) N of Fz: of the mesh (level and width of the contact) and of the contact.
-
-    Calibrated on one law and specimen by comparing the levels (benchmarks/fe_levels.py and the verification set).
-    """
-    contact = EDGE_ERROR * settings.h0**2 / (settings.indenter.R * result.travel)
-    return (settings.level_error + contact) * result.Fz + 0.2 * result.contact_error
-
-
-def _speed(value: object) -> None:
-    good = isinstance(value, int | float) and not isinstance(value, bool) and value > 0
-    if not good and not (
-        isinstance(value, str) and re.fullmatch(r"\s*\d+(\.\d*)?([eE][+-]?\d+)?\s*mm/(s|min)\s*", value)
-    ):
-        raise ValueError(f'speed = {value!r}: a speed such as "30 mm/min", or a number in mm/s')
-
-
-def _table(value: object, name: str, defaults: dict[str, Any]) -> dict[str, Any]:
-    if not isinstance(value, Mapping):
-        raise ValueError(f"{name} = {value!r}: a table with the keys {', '.join(defaults)} is expected")
-    unknown = sorted(set(value) - set(defaults))
-    if unknown:
-        raise ValueError(f"{name}.{unknown[0]} = {value[unknown[0]]!r}: unknown; choose from {', '.join(defaults)}")
-    return {**defaults, **value}
-
-
-def _choice(name: str, value: object, choices: Any) -> str:
-    if value not in list(choices):
-        raise ValueError(f"{name} = {value!r} is not modelled; choose from {', '.join(choices)}")
-    return str(value)
-
-
-def _numbers(name: str, value: object, count: int) -> list[float]:
-    good = isinstance(value, list | tuple) and len(value) == count
-    if not good or not all(isinstance(v, int | float) and np.isfinite(v) and not isinstance(v, bool) for v in value):
-        raise ValueError(f"{name} = {value!r}: {count} finite number(s) expected")
-    return [float(v) for v in value]
-
-
-def _lengths(name: str, value: object, count: int) -> list[float]:
-    numbers = _numbers(name, value, count)
-    if min(numbers) <= 0:
-        raise ValueError(f"{name} = {value!r} mm: must be positive")
-    return numbers
-
-
-# --------------------------------------------------------------------------------------------------- the run
+    @property
+    def Fz(self) -> np.ndarray:
+        """Vertical force (k,) N."""
+        return self.channels["Fz"]
 
 
 @dataclass(frozen=True)
-class Model:
-    """A discretised experiment that every law and every value of its knobs can share."""
+class Bench:
+    """One experiment ready to run: what it is, where it is, what is solved, how much later the sagged body is touched."""
 
-    body: element.Body
-    surface: ContactSurface
-    factor: linsolve.Factor
-    held: np.ndarray
+    settings: Settings
+    knobs: Knobs
+    placement: Placement
+    model: Model
+    system: System
+    seated: np.ndarray
+    lag: float
 
+    def start(self, travel: float) -> Load:
+        """Load at a travel (mm), without multipliers."""
+        return modelling.load(self.system, self.placement, travel, self.lag)
 
-def build(settings: Settings, mesh: Mesh) -> Model:
-    """Quarter model: symmetry planes x = 0 and y = 0, surface below z = 0 held, contact around the top."""
-    quadratic = meshing.quadratic(settings.body, mesh)
-    X = quadratic.doflocs.T
-    facets = _curved_facets(quadratic)
-    held = X == 0.0
-    held[:, 2] = False
-    lower = np.unique(facets)
-    lower = lower[X[lower, 2] <= 1e-9]
-    held[lower] = True
-    body = element.discretise(quadratic, held)
-    near = np.linalg.norm(X[facets].mean(1) - settings.body.top, axis=1) < REACH * settings.indenter.R
-    surface = contact_surface(body, facets[near])
-    return Model(body, surface, linsolve.symmetric_solver(body.pattern, settings.solver), lower)
+    @property
+    def path_dependent(self) -> bool:
+        """Whether the answer depends on the way: friction, relaxation, softening, adhesion (jumps)."""
+        rubbing = any(p.friction for p in self.system.pairs) or self.system.pairs[0].adhesion is not None
+        return rubbing or self.system.material.path_dependent
 
 
-def _curved_facets(mesh: MeshTet2) -> np.ndarray:
-    """Boundary facets that lie on the specimen's surface, not on a symmetry plane."""
-    facets = quadratic_facets(mesh, mesh.boundary_facets())
-    X = mesh.doflocs.T
-    return facets[~((X[facets, 0] == 0).all(1) | (X[facets, 1] == 0).all(1))]
+def bench(settings: Settings, knobs: Knobs, placement: Placement, model: Model, counters: Counters) -> Bench:
+    """Set the specimen up: gravity first, then the depth counts from contact with what it has become.
 
-
-def solve(settings: Settings, law: Law, model: Model, asked_mm: np.ndarray) -> Result:
-    """Forces at the asked travels (mm, increasing); raises stepping.Stopped with what was reached."""
-    started = time.process_time()
-    epsilon = penalty(model.surface, model.body, settings, law)
-    system = System(model.body, law, model.surface, settings.indenter, epsilon, model.factor)
-    touch = settings.body.top + np.array([0.0, 0.0, settings.indenter.R])
-    down = np.array([0.0, 0.0, -1.0])
-    nothing = np.zeros(model.surface.weights.shape)
-    counters = Counters()
-
-    def start(s: float) -> Load:
-        return Load(touch + s * down, nothing, down, raised(model.surface, model.body, settings, s))
-
-    points = stepping.travel(system, start, np.asarray(asked_mm, float), settings.control, counters)
-    return collect(model, points, counters, time.process_time() - started)
-
-
-def penalty(surface: ContactSurface, body: element.Body, settings: Settings, law: Law) -> np.ndarray:
-    """ε (f, q) MPa/mm at the contact points, a multiple of μ/R so that similarity stays exact."""
-    return np.full(surface.weights.shape, PENALTY * law.shear_modulus / settings.indenter.R)
-
-
-def raised(surface: ContactSurface, body: element.Body, settings: Settings, travel: float) -> np.ndarray:
-    """Factor (f, q) on ε around the first contact, 1 to R of travel, growing to 1 + RAISED from there to 2R.
-
-    ε acts per reference area, and the skin under a deep ball stretches up to twenty times in area: with a uniform ε the
-    ball would pierce the surface at depths beyond 2R.
+    Raises model.NotModelled, and Stopped when the specimen finds no rest.
     """
-    points = np.einsum("qa,fai->fqi", surface.N, body.nodes[surface.facets])
-    d = np.linalg.norm(points - settings.body.top, axis=-1) / settings.indenter.R
-    deep = min(max(travel / settings.indenter.R - 1.0, 0.0), 1.0)
-    return 1.0 + RAISED * deep * np.exp(-((d / RAISED_WITHIN) ** 2))
+    system = modelling.system(settings, knobs, placement, model)
+    ready = Bench(settings, knobs, placement, model, system, np.zeros_like(model.body.nodes), 0.0)
+    if system.dead is None:
+        return ready
+    away = replace(ready, lag=-5.0 * placement.R).start(0.0)
+    relaxed = replace(system, material=Material(system.material.law, system.material.fibre), pairs=tuple(
+        replace(p, friction=0.0, adhesion=None) for p in system.pairs))  # fmt: skip
+    u = ready.seated
+    if system.springs is not None:
+        u = stepping.seat(relaxed, away, u, settings.control, counters)
+    else:
+        for share in (0.25, 0.5, 0.75, 1.0):
+            try:
+                u = newton.solve(relaxed, u, replace(away, dead=share), settings.control.medium, counters).evaluation.u
+            except newton.NotConverged as error:
+                raise Stopped(error.cause, f"sagging: {error}", [], error.history, counters) from error
+    pair = system.pairs[0]
+    first = [
+        contact.first_touch(pair.surface, x, pair.rigid, placement.touch, placement.direction)
+        for x in (model.body.nodes, model.body.nodes + u)
+    ]
+    return replace(ready, seated=u, lag=first[1] - first[0])
 
 
-def collect(model: Model, points: list[Point], counters: Counters, cpu_s: float) -> Result:
-    """Channels of the whole specimen (four quarters) from the points reached."""
-    at = [p.equilibrium.evaluation for p in points]
-    return Result(
-        travel=np.array([p.travel for p in points]),
-        Fz=np.array([4.0 * e.contact.force[2] for e in at]),
-        reaction=np.array([4.0 * (e.residual - e.contact.residual)[model.held, 2].sum() for e in at]),
-        uz_max=np.array([-e.u[:, 2].min() for e in at]),
-        bulge=np.array([e.u[:, 2].max() for e in at]),
-        contact_error=np.array([4.0 * abs((p.previous_force - p.force)[2]) for p in points]),
-        counters=counters,
-        cpu_s=cpu_s,
-    )
+def solve(
+    settings: Settings, knobs: Knobs, placement: Placement, model: Model, instants: Sequence[Instant],
+    guess: Guess | None = None, gradients: Sequence[str] = (),
+) -> Result:  # fmt: skip
+    """Curves at the asked instants of a programme; raises Stopped with the points reached, and model.NotModelled.
+
+    `guess(s)` may offer a state (n, 3) to start from at travel s; `gradients` names material knobs.
+    """
+    started = time.process_time()
+    counters = Counters(deadline=started + settings.control.time_limit_s)
+    at = bench(settings, knobs, placement, model, counters)
+    control = settings.control
+    if at.path_dependent:
+        history = _earlier(at, counters)
+        u = at.seated
+        if at.system.springs is not None and at.system.dead is None:
+            u = stepping.seat(_smooth(at.system), at.start(0.02 * placement.R), u, control, counters)
+        points = stepping.follow(at.system, at.start, steps(instants, control.path), control, counters, u, history)
+    else:
+        slopes = Slopes(at, gradients)
+        points = elastic(at, instants, counters, guess, slopes)
+        return collect(at, points, counters, time.process_time() - started, slopes)
+    return collect(at, points, counters, time.process_time() - started)
+
+
+def _smooth(system: System) -> System:
+    """The system without friction and attraction."""
+    return replace(system, pairs=tuple(replace(p, friction=0.0, adhesion=None) for p in system.pairs))
+
+
+def elastic(
+    at: Bench, instants: Sequence[Instant], counters: Counters, guess: Guess | None = None,
+    slopes: Slopes | None = None,
+) -> list[Point]:  # fmt: skip
+    """Points of a body that returns on its loading curve: each asked travel is solved once."""
+    asked = sorted({i.travel for i in instants if i.asked})
+    control, u = at.settings.control, at.seated
+    if at.system.springs is not None and at.system.dead is None:
+        u = stepping.seat(at.system, at.start(0.02 * at.placement.R), u, control, counters)
+    try:
+        found = stepping.travel(at.system, at.start, asked, control, counters, u, guess, slopes)
+    except Stopped as stopped:
+        reached = {p.travel: p for p in stopped.points}
+        stopped.points = []
+        for i in instants:  # a programme ends at its first instant without equilibrium
+            if i.asked and i.travel not in reached:
+                break
+            if i.asked:
+                stopped.points.append(replace(reached[i.travel], time=i.time))
+        raise
+    by_travel = {p.travel: p for p in found}
+    return [replace(by_travel[i.travel], time=i.time) for i in instants if i.asked]
+
+
+def _earlier(at: Bench, counters: Counters) -> stress.History | None:
+    """History of the material before the test: virgin, or softened by an earlier travel at this place."""
+    body = at.model.body
+    virgin = stress.virgin(at.system.material, *body.w.shape)
+    if virgin is None or at.settings.earlier == 0.0 or at.system.material.mullins is None:
+        return virgin
+    first = replace(at.system.material, prony=None)
+    system = replace(_smooth(at.system), material=first)
+    deepest = at.settings.earlier
+    ramp = steps([Instant(deepest, deepest, True)], at.settings.control.path)
+    start = stress.virgin(first, *body.w.shape)
+    point = stepping.follow(system, at.start, ramp, at.settings.control, counters, at.seated, start)[-1]
+    return replace(virgin, W_max=point.evaluation.history.W_max)
+
+
+def steps(instants: Sequence[Instant], largest: float) -> list[Instant]:
+    """The instants up to the last asked one and, between them, equal steps no larger than `largest` (mm of travel)."""
+    last = max((k for k, i in enumerate(instants) if i.asked), default=-1)
+    out: list[Instant] = []
+    t, s = 0.0, 0.0
+    for i in instants[: last + 1]:
+        count = max(1, int(np.ceil(abs(i.travel - s) / largest - 1e-9)))
+        for k in range(1, count):
+            out.append(Instant(t + (i.time - t) * k / count, s + (i.travel - s) * k / count, False))
+        out.append(i)
+        t, s = i.time, i.travel
+    return out
+
+
+# --------------------------------------------------------------------------------------------------- channels
+
+
+def channels(at: Bench, system: System, evaluation: Evaluation) -> dict[str, float]:
+    """Everything measured at one state, in the machine's frame, except time and travel."""
+    placement, body = at.placement, at.model.body
+    force = whole(placement, evaluation.contact.force)
+    up = -placement.down
+    moved = (evaluation.u - at.seated) @ up
+    touching, surface = evaluation.contact, system.pairs[0].surface
+    area, peak = current_contact(surface, body.nodes, body.nodes + evaluation.u, touching)
+    area *= modelling.multiplicity(placement)
+    active = touching.pressure > 0
+    share = (surface.weights * (active & touching.slipping)).sum() / max((surface.weights * active).sum(), 1e-300)
+    return {
+        "Fx": force[0], "Fy": force[1], "Fz": force[2],
+        "uz_max": -float(moved.min()), "bulge": float(moved.max()),
+        "contact_area": area, "contact_radius": float(np.sqrt(area / np.pi)), "peak_pressure": peak,
+        "slipping": float(share),
+    }  # fmt: skip
+
+
+def current_contact(
+    surface: contact.ContactSurface, x0: np.ndarray, x: np.ndarray, touching: contact.ContactState
+) -> tuple[float, float]:
+    """Area (mm²) in contact and largest pressure (MPa) per current area of the modelled part."""
+    stretch = area_stretch(surface, x0, x)
+    active = touching.pressure > 0
+    area = float((surface.weights * stretch)[active].sum())
+    return area, float((touching.pressure / stretch)[active].max()) if active.any() else 0.0
+
+
+def area_stretch(surface: contact.ContactSurface, x0: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Current over reference area (f, q) at the contact points."""
+    X, _ = get_quadrature(RefTri, contact.ORDER)
+    dN = np.stack([ElementTriP2().lbasis(X, a)[1] for a in range(6)])
+
+    def area(nodes: np.ndarray) -> np.ndarray:
+        tangent = np.einsum("fai,akq->fqki", nodes[surface.facets], dN)
+        return np.linalg.norm(np.cross(tangent[:, :, 0], tangent[:, :, 1]), axis=-1)
+
+    return area(x) / area(x0)
+
+
+def whole(placement: Placement, force: np.ndarray) -> np.ndarray:
+    """Force (3,) N of the whole specimen in the machine's frame from that of the modelled part."""
+    total = modelling.multiplicity(placement) * np.asarray(force, float)
+    for axis in (0, 1):
+        if placement.planes[axis]:
+            total[axis] = 0.0  # the images cancel
+    return placement.rotation.T @ total
+
+
+def collect(
+    at: Bench, points: Sequence[Point], counters: Counters, cpu_s: float, slopes: Slopes | None = None
+) -> Result:
+    """Result from the points reached."""
+    rows = [channels(at, at.system, p.evaluation) for p in points]
+    out = {"time": np.array([p.time for p in points]), "travel": np.array([p.travel for p in points])}
+    out |= {name: np.array([r[name] for r in rows]) for name in UNITS if name not in out}
+    change = [np.linalg.norm(whole(at.placement, p.force - p.previous_force)) for p in points]
+    gradients = slopes.at_travels(out["travel"]) if slopes is not None else {}
+    notes = {"sag_mm": at.lag}
+    if at.system.springs is not None and points:
+        carried = [np.abs((at.system.springs[:, None] * p.evaluation.u).sum(0)).max() for p in points]
+        forces = [max(np.linalg.norm(p.force), 1e-300) for p in points]
+        notes["spring_share"] = float(max(c / f for c, f in zip(carried, forces, strict=True)))
+    return Result(out, np.array([reaction(at, p.evaluation) for p in points]).reshape(-1, 3), np.array(change),
+                  counters, cpu_s, tuple(points), gradients, notes)  # fmt: skip
+
+
+def reaction(at: Bench, evaluation: Evaluation) -> np.ndarray:
+    """Force (3,) N that the support carries in the machine's frame: of the held nodes, or on the bowl."""
+    if len(evaluation.contacts) > 1:
+        return whole(at.placement, -evaluation.contacts[1].force)
+    return whole(at.placement, (evaluation.residual - evaluation.contact.residual)[at.model.held].sum(0))
+
+
+# --------------------------------------------------------------------------------------------------- derivatives
+
+
+class Slopes:
+    """d(channel)/d(knob) at converged points by direct differentiation, also through the multipliers.
+
+    K du/dθ = −∂R/∂θ − ∂R/∂λ dλ/dθ at each stage, with the last factor of that stage; every partial derivative along
+    (u, θ, λ) is a central difference of the residual or of the channels, which costs no factorisation.
+    """
+
+    def __init__(self, at: Bench, names: Sequence[str]) -> None:
+        self.at = at
+        self.rows: dict[str, dict[float, dict[str, float]]] = {name: {} for name in names}
+        self._ends: dict[str, tuple[float, System, System]] = {}
+        for name in names:
+            value = getattr(at.knobs, name)
+            h = 1e-5 * (abs(value) or at.system.material.shear_modulus)
+            low, high = (
+                modelling.system(at.settings, replace(at.knobs, **{name: value + s * h}), at.placement, at.model)
+                for s in (-1, 1)
+            )
+            self._ends[name] = h, low, high
+        self._dlambda: dict[str, list[np.ndarray]] = {}
+
+    def __call__(self, stage: stepping.Stage, last: bool) -> None:
+        """Differentiate one stage; the derivatives of its pressures are those of the next stage's multipliers."""
+        at = stage.equilibrium.evaluation
+        nothing = np.zeros_like(at.u)
+        for name, (h, low, high) in self._ends.items():
+            dlambda = self._dlambda.pop(name, [np.zeros_like(t.multiplier) for t in stage.load.touches])
+
+            def moved(du: np.ndarray, sign: int, h=h, low=low, high=high, dlambda=dlambda) -> Evaluation:
+                touches = tuple(
+                    replace(t, multiplier=t.multiplier + sign * h * d)
+                    for t, d in zip(stage.load.touches, dlambda, strict=True)
+                )
+                load = replace(stage.load, touches=touches)
+                return newton.evaluate(high if sign > 0 else low, at.u + sign * h * du, load)
+
+            change = moved(nothing, 1).residual - moved(nothing, -1).residual
+            du = -stage.equilibrium.linear(change / (2 * h))
+            ends = moved(du, -1), moved(du, 1)
+            if last:
+                a, b = (channels(self.at, s, e) for s, e in zip((low, high), ends, strict=True))
+                self.rows[name][travel_of(self.at, stage.load)] = {c: (b[c] - a[c]) / (2 * h) for c in a}
+            else:
+                self._dlambda[name] = [
+                    (b.pressure - a.pressure) / (2 * h) for a, b in zip(*(e.contacts for e in ends), strict=True)
+                ]
+
+    def at_travels(self, travels: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
+        """Gradients (k,) in the order of the points."""
+        out: dict[str, dict[str, np.ndarray]] = {}
+        for name, rows in self.rows.items():
+            known = np.array(list(rows))
+            chosen = [rows[known[np.argmin(np.abs(known - s))]] for s in travels] if rows else []
+            out[name] = {c: np.array([r[c] for r in chosen]) for c in chosen[0]} if chosen else {}
+        return out
+
+
+def travel_of(at: Bench, load: Load) -> float:
+    """Travel (mm) of the indenter in a load."""
+    return float((load.touches[0].centre - at.placement.touch) @ at.placement.direction) - at.lag

@@ -1,4 +1,4 @@
-"""Direct solution of K x = b for the upper CSR matrices of `element`: MKL Pardiso if installed, else SuperLU.
+"""Direct solution of K x = b for the CSR matrices of `element`: MKL Pardiso if installed, else SuperLU.
 
 SuperLU with the METIS numbering of the dofs is the permissive default everywhere; pypardiso (the `fast` extra) is
 about four times faster.  Both are exact to round-off, so the choice does not enter a run key.
@@ -24,15 +24,18 @@ Solve = Callable[[np.ndarray], np.ndarray]
 Factor = Callable[[np.ndarray], Solve]
 
 
-def symmetric_solver(pattern: Pattern, prefer: str = "auto") -> Factor:
-    """A function data → (b → x) for SPD matrices of one pattern; `prefer` is auto, pardiso or superlu.
+def solver(pattern: Pattern, prefer: str = "auto") -> Factor:
+    """A function data → (b → x) for matrices of one pattern; `prefer` is auto, pardiso or superlu.
 
-    Factorising raises NotPositiveDefinite.  The pattern is analysed once, the factors are overwritten each time.
+    A symmetric pattern means positive definite matrices: factorising others raises NotPositiveDefinite.  The pattern
+    is analysed once, the factors are overwritten each time.
     """
     if prefer not in ("auto", "pardiso", "superlu"):
         raise ValueError(f"solver {prefer!r} is unknown; choose auto, pardiso or superlu")
     if prefer != "superlu" and (prefer == "pardiso" or available() == "pardiso"):
         return _Pardiso(pattern).factor
+    if not pattern.symmetric:
+        return functools.partial(_superlu_general, pattern)
     return functools.partial(_superlu, pattern, _mirror(pattern))
 
 
@@ -70,14 +73,22 @@ def _superlu(pattern: Pattern, mirror: tuple[np.ndarray, np.ndarray, np.ndarray]
     return lu.solve
 
 
+def _superlu_general(pattern: Pattern, data: np.ndarray) -> Solve:
+    matrix = sparse.csr_matrix((data, pattern.indices, pattern.indptr), shape=(pattern.size, pattern.size)).tocsc()
+    try:
+        return splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.01, options={"SymmetricMode": True}).solve
+    except RuntimeError as error:  # "Factor is exactly singular"
+        raise NotPositiveDefinite(str(error)) from error
+
+
 class _Pardiso:
-    """Pardiso, matrix type 2 (real symmetric positive definite), analysis kept between factorisations."""
+    """Pardiso, matrix type 2 (SPD) or 1 (symmetric pattern, any values), analysis kept between factorisations."""
 
     def __init__(self, pattern: Pattern) -> None:
         import pypardiso
 
         self._error = pypardiso.pardiso_wrapper.PyPardisoError
-        self._solver = pypardiso.PyPardisoSolver(mtype=2)
+        self._solver = pypardiso.PyPardisoSolver(mtype=2 if pattern.symmetric else 1)
         self._solver.set_iparm(1, 1)  # all parameters are given here
         self._solver.set_iparm(2, 2)  # METIS
         self._solver.set_iparm(10, 13)

@@ -1,18 +1,19 @@
-"""Equilibrium of a body under an indenter at a given place: Newton on the potential with an energy line search."""
+"""Equilibrium of a body touched by rigid bodies: Newton with a line search."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fem_backend import contact, element, stress
-from fem_backend.contact import ContactState, ContactSurface
+from fem_backend.contact import ContactState, Pair, Touch
 from fem_backend.element import Body
-from fem_backend.geometry import Sphere
-from fem_backend.laws import Law
+from fem_backend.laws import Material
 from fem_backend.linsolve import Factor, NotPositiveDefinite, Solve
-from fem_backend.stress import PointState
+from fem_backend.stress import History
 
 FAR = 0.3  # relative residual above which the negative contact term is left out: it would only spoil the matrix
 
@@ -27,43 +28,63 @@ class NotConverged(ArithmeticError):
 
 @dataclass(frozen=True)
 class System:
-    """Everything that stays the same during a run; ε (f, q) in MPa/mm at the contact points."""
+    """Everything that stays the same during a run.
+
+    `pairs` are the surfaces that may touch rigid bodies, the indenter first; `scale` (m, q) multiplies all moduli;
+    `dead` (n, 3) N is a dead load, `springs` (n,) N/mm ground every component of a node, `least_force` (N) is the
+    force below which the residual is no longer measured relative to the load.
+    """
 
     body: Body
-    law: Law
-    surface: ContactSurface
-    indenter: Sphere
-    epsilon: np.ndarray
+    material: Material
+    pairs: tuple[Pair, ...]
     factor: Factor
+    scale: np.ndarray | None = None
+    dead: np.ndarray | None = None
+    springs: np.ndarray | None = None
+    least_force: float = 0.0
+
+    @property
+    def conservative(self) -> bool:
+        """Whether one potential governs a step: everything but friction."""
+        return all(pair.friction == 0.0 for pair in self.pairs)
 
 
 @dataclass(frozen=True)
 class Load:
-    """Where the indenter's centre is (3,), the multipliers λ (f, q) MPa, the way it moves (3,).
+    """One load step: how each pair touches, the share of the dead load, the factor of the springs, history and Δt (s)."""
 
-    `raised` (f, q) multiplies the penalty of the system.
-    """
-
-    centre: np.ndarray
-    multiplier: np.ndarray
-    direction: np.ndarray
-    raised: np.ndarray | float = 1.0
+    touches: tuple[Touch, ...]
+    dead: float = 1.0
+    springs: float = 1.0
+    history: History | None = None
+    dt: float = 0.0
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Potential Π (N mm) and residual R = ∂Π/∂u (n, 3) N at a displacement u (n, 3) mm."""
+    """Potential Π (N mm), residual R = ∂Π/∂u (n, 3) N at a displacement u (n, 3) mm, `scale` of the forces (N).
+
+    `history` is the material's history at the end of the step, should it end here.
+    """
 
     u: np.ndarray
     energy: float
     residual: np.ndarray
-    contact: ContactState
+    contacts: tuple[ContactState, ...]
     H: np.ndarray
+    history: History | None
+    scale: float
+
+    @property
+    def contact(self) -> ContactState:
+        """Contact with the indenter."""
+        return self.contacts[0]
 
 
 @dataclass
 class Counters:
-    """Work done so far."""
+    """Work done so far; `deadline` (s of process time) ends a run."""
 
     iterations: int = 0
     factorisations: int = 0
@@ -71,32 +92,47 @@ class Counters:
     shifts: int = 0
     steps: int = 0
     cutbacks: int = 0
+    deadline: float = np.inf
 
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """A converged state, the residual history (relative) and du/ds (n, 3), s being the indenter's travel."""
+    """A converged state, the residual history (relative) and du/ds (n, 3) with s the indenter's travel.
+
+    `linear` solves with the last tangent, (n, 3) → (n, 3), until the next factorisation.
+    """
 
     evaluation: Evaluation
     rate: np.ndarray
     history: tuple[float, ...] = field(default=())
+    linear: Callable[[np.ndarray], np.ndarray] | None = field(default=None, repr=False)
 
 
 def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
     """Potential and residual; raises stress.Inverted when an element is inside out."""
-    H = element.displacement_gradients(system.body, u)
-    state = stress.evaluate(system.law, H, tangent=False)
-    inside = element.internal_force(system.body, state.F, state.S)
-    touch = contact.evaluate(
-        system.surface,
-        system.body.nodes + u,
-        system.indenter,
-        load.centre,
-        system.epsilon * load.raised,
-        load.multiplier,
-    )
-    energy = float((system.body.w * state.energy).sum()) + touch.energy
-    return Evaluation(u, energy, inside + touch.residual, touch, H)
+    body = system.body
+    H = element.displacement_gradients(body, u)
+    state = stress.evaluate(system.material, H, False, load.history, load.dt, system.scale)
+    residual = element.internal_force(body, state.F, state.S)
+    energy = float((body.w * state.energy).sum())
+    x, outside = body.nodes + u, 0.0
+    contacts = []
+    for pair, touch in zip(system.pairs, load.touches, strict=True):
+        touching = contact.evaluate(pair, x, touch)
+        residual += touching.residual
+        energy += touching.energy
+        outside += float((touching.residual**2).sum())
+        contacts.append(touching)
+    if system.dead is not None and load.dead:
+        residual -= load.dead * system.dead
+        energy -= load.dead * float((system.dead * u).sum())
+        outside += load.dead**2 * float((system.dead**2).sum())
+    if system.springs is not None:
+        pull = load.springs * system.springs[:, None] * u
+        residual += pull
+        energy += 0.5 * float((pull * u).sum())
+    scale = max(float(np.sqrt(outside)), system.least_force)
+    return Evaluation(u, energy, residual, tuple(contacts), H, state.history, scale)
 
 
 def factorise(
@@ -107,18 +143,21 @@ def factorise(
     A matrix that is not positive definite is retried without the negative contact term, then with a growing shift of
     its diagonal, so that Newton always gets a direction of descent.
     """
-    state: PointState = stress.evaluate(system.law, at.H, tangent=True)
-    bulk = element.stiffness(system.body, state.F, state.S_geometric, state.C)
-    diagonal = system.body.pattern.indptr[:-1]  # the first entry of each row of an upper triangle
+    body = system.body
+    state = stress.evaluate(system.material, at.H, True, load.history, load.dt, system.scale)
+    bulk = element.stiffness(body, state.F, state.S_geometric, state.C)
+    if system.springs is not None:
+        held = body.free.reshape(-1, 3)
+        springs = np.repeat(load.springs * system.springs, 3)[(held >= 0).ravel()]
+        bulk[body.pattern.diagonal[held[held >= 0]]] += springs
     shift = 0.0
     for _ in range(8):
         data = bulk.copy()
-        moving = contact.tangent(
-            system.surface, system.body.nodes + at.u, system.indenter, load.centre, system.epsilon * load.raised,
-            at.contact.pressure, load.direction, data, geometric,
-        )  # fmt: skip
+        moving = np.zeros_like(at.u)
+        for pair, touch, touching in zip(system.pairs, load.touches, at.contacts, strict=True):
+            moving += contact.tangent(pair, body.nodes + at.u, touch, touching, data, geometric)
         if shift:
-            data[diagonal] += shift
+            data[body.pattern.diagonal] += shift
         counters.factorisations += 1
         try:
             return system.factor(data), moving
@@ -127,58 +166,66 @@ def factorise(
             if geometric:
                 geometric = False
             else:
-                shift = 10.0 * shift or 1e-3 * float(np.median(bulk[diagonal]))
+                shift = 10.0 * shift or 1e-3 * float(np.median(bulk[body.pattern.diagonal]))
     raise NotConverged("instability", "the tangent stays indefinite", ())
+
+
+def reduced(body: Body, v: np.ndarray) -> np.ndarray:
+    """Free components (f,) of a nodal field (n, 3) in the order of the matrix."""
+    free = body.free.reshape(v.shape)
+    mask = free >= 0
+    out = np.empty(body.pattern.size)
+    out[free[mask]] = v[mask]
+    return out
+
+
+def full(body: Body, v: np.ndarray) -> np.ndarray:
+    """Nodal field (n, 3) from its free components (f,), zero where held."""
+    free = body.free.reshape(-1, 3)
+    mask = free >= 0
+    out = np.zeros(free.shape)
+    out[mask] = v[free[mask]]
+    return out
 
 
 def solve(
     system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = 40
 ) -> Equilibrium:
-    """Equilibrium from the start u (n, 3): |R| ≤ tolerance · |contact force|, both over free dofs.
+    """Equilibrium from the start u (n, 3): |R| ≤ tolerance · |outer forces|, over free dofs.
 
-    Raises NotConverged (instability, contact or inversion) after `limit` iterations or a failed line search.
+    Raises NotConverged (instability, contact, inversion or time_limit) after `limit` iterations or a failed line
+    search.
     """
-    free = system.body.free.reshape(u.shape)
-    mask = free >= 0
-    index = free[mask]
-    history: list[float] = []
-
-    def reduced(v: np.ndarray) -> np.ndarray:
-        out = np.empty(system.body.pattern.size)
-        out[index] = v[mask]
-        return out
-
-    def full(v: np.ndarray) -> np.ndarray:
-        out = np.zeros_like(u)
-        out[mask] = v[index]
-        return out
-
+    body, history = system.body, []
     try:
         at = evaluate(system, u, load)
     except stress.Inverted as error:
         raise NotConverged("inversion", str(error), ()) from None
     for _ in range(limit):
-        R = reduced(at.residual)
-        scale = float(np.linalg.norm(at.contact.residual))
-        history.append(float(np.linalg.norm(R)) / scale if scale > 0 else float(np.linalg.norm(R) > 0))
+        R = reduced(body, at.residual)
+        norm = float(np.linalg.norm(R))
+        history.append(norm / at.scale if at.scale > 0 else float(norm > 0))
+        if time.process_time() > counters.deadline:
+            raise NotConverged("time_limit", "the time of the run is used up", tuple(history))
         if history[-1] > tolerance or len(history) == 1:
             factor, moving = factorise(system, at, load, counters, history[-1] < FAR)
-        if history[-1] <= tolerance:  # the rate is only a predictor: the last factor is good enough
-            return Equilibrium(at, full(factor(-reduced(moving))), tuple(history))
+        if history[-1] <= tolerance:  # rate and sensitivities: the last factor is good enough
+            linear = lambda v, factor=factor: full(body, factor(reduced(body, v)))  # noqa: E731
+            return Equilibrium(at, -linear(moving), tuple(history), linear)
         counters.iterations += 1
         step = factor(-R)
-        at = _line_search(system, at, full(step), float(R @ step), load, counters, tuple(history))
+        search = _descend if system.conservative else _balance
+        at = search(system, at, full(body, step), float(R @ step), load, counters, history)
     raise NotConverged("contact", f"no equilibrium after {limit} iterations", tuple(history))
 
 
-def _line_search(
+def _descend(
     system: System, at: Evaluation, step: np.ndarray, slope: float, load: Load, counters: Counters,
-    history: tuple[float, ...],
+    history: list[float],
 ) -> Evaluation:  # fmt: skip
     """First α = 1, ½, ¼ … that lowers the potential (Armijo) or, near the solution, the residual."""
-    alpha = 1.0
-    norm = float(np.linalg.norm(at.residual[system.body.free.reshape(at.u.shape) >= 0]))
-    inverted = False
+    alpha, inverted = 1.0, False
+    norm = float(np.linalg.norm(reduced(system.body, at.residual)))
     while alpha > 1e-4:
         try:
             trial = evaluate(system, at.u + alpha * step, load)
@@ -187,10 +234,53 @@ def _line_search(
         else:
             if trial.energy <= at.energy + 1e-4 * alpha * slope:
                 return trial
-            if np.linalg.norm(trial.residual[system.body.free.reshape(at.u.shape) >= 0]) < 0.9 * norm:
+            if np.linalg.norm(reduced(system.body, trial.residual)) < 0.9 * norm:
                 return trial
             if abs(slope) < 1e-13 * abs(at.energy):
                 return trial  # at round-off of the energy: nothing left to gain
         alpha *= 0.5
         counters.halvings += 1
-    raise NotConverged("inversion" if inverted else "instability", "the line search found no descent", history)
+    raise NotConverged("inversion" if inverted else "instability", "the line search found no descent", tuple(history))
+
+
+def _balance(
+    system: System, at: Evaluation, step: np.ndarray, slope: float, load: Load, counters: Counters,
+    history: list[float],
+) -> Evaluation:  # fmt: skip
+    """α whose residual is nearly normal to the step, |d·R(u + α d)| ≤ 0.7 |d·R(u)|, by false position.
+
+    Friction has no potential, but along one step the work of the residual behaves like the slope of one (Crisfield
+    1991, §9.2.2).
+    """
+    low, high, at_low, at_high = 0.0, np.inf, slope, 0.0
+    alpha, best, inverted = 1.0, None, False
+    d = reduced(system.body, step)
+    for _ in range(8):
+        try:
+            trial = evaluate(system, at.u + alpha * step, load)
+        except stress.Inverted:
+            inverted = True
+            high, at_high = alpha, np.inf
+            alpha = 0.5 * (low + alpha)
+            counters.halvings += 1
+            continue
+        best = trial
+        work = float(d @ reduced(system.body, trial.residual))
+        if abs(work) <= 0.7 * abs(slope) or (work < 0.0 and high == np.inf):
+            break
+        counters.halvings += 1
+        if work > 0.0:
+            high, at_high = alpha, work
+        else:
+            low, at_low = alpha, work
+        share = at_low / (at_low - at_high) if np.isfinite(at_high) else 0.5
+        alpha = low + min(max(share, 0.1), 0.9) * (high - low)
+    if best is None:
+        raise NotConverged("inversion" if inverted else "contact", "no step without inside-out elements", tuple(history))
+    return best
+
+
+def augmented(load: Load, at: Evaluation) -> Load:
+    """The load with multipliers λ ← p on every pair (Uzawa)."""
+    touches = tuple(replace(t, multiplier=s.pressure) for t, s in zip(load.touches, at.contacts, strict=True))
+    return replace(load, touches=touches)

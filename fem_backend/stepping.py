@@ -1,45 +1,90 @@
-"""Travel of the indenter in steps: tangent predictor, automatic cut-back, multipliers at the asked travels."""
+"""Travel of the indenter: steps with a tangent predictor and cut-back, for elastic bodies and for those with a history."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fem_backend.newton import Counters, Equilibrium, Load, NotConverged, System, solve
+from fem_backend import contact, newton
+from fem_backend.contact import Before
+from fem_backend.newton import Counters, Equilibrium, Evaluation, Load, NotConverged, System
+
+SEATING = (1e5, 1e4, 1e3, 1e2, 1e1, 1.0)  # factors of the grounding springs until the support carries the body
 
 
 @dataclass(frozen=True)
 class Control:
-    """Numerical settings of a run.
+    """Numerical settings of a run; lengths in mm for R = 3 mm, see `scaled`.
 
-    `first` and `largest` step (mm); relative residual while travelling, between augmentations and at the end of them;
-    augmentations of the multipliers at asked travels; smallest step as a fraction of the first.
+    `first` and `largest` step, `path` the largest where the answer depends on the way; relative residual while
+    travelling (elastic `loose`, else `between`), between augmentations and at the end of them; augmentations of the
+    multipliers at asked travels; smallest step as a fraction of the first; process time after which a run is given
+    up (s).
     """
 
     first: float = 0.15
     largest: float = 0.6
+    path: float = 0.34
     loose: float = 1e-2
+    between: float = 1e-4
     medium: float = 1e-6
     tight: float = 1e-9
     augmentations: int = 1
     smallest: float = 0.02
+    time_limit_s: float = 900.0
+
+    def scaled(self, R: float) -> Control:
+        """Steps for an indenter of radius R (mm)."""
+        k = R / 3.0
+        return replace(self, first=k * self.first, largest=k * self.largest, path=k * self.path)
+
+
+@dataclass(frozen=True)
+class Instant:
+    """A moment of a programme: time (s), travel (mm), whether an answer is asked for."""
+
+    time: float
+    travel: float
+    asked: bool
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One of the solutions that lead to an asked point: equilibrium and its load (multipliers of the stage before)."""
+
+    equilibrium: Equilibrium
+    load: Load
 
 
 @dataclass(frozen=True)
 class Point:
-    """Equilibrium at an asked travel (mm); `previous_force` is the indenter force before the last augmentation (N)."""
+    """Equilibrium at an asked moment: time (s), travel (mm), the stages of its multipliers (the last one counts)."""
 
+    time: float
     travel: float
-    equilibrium: Equilibrium
-    previous_force: np.ndarray
-    load: Load
+    stages: tuple[Stage, ...]
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """The final state."""
+        return self.stages[-1].equilibrium.evaluation
+
+    @property
+    def load(self) -> Load:
+        """The final load."""
+        return self.stages[-1].load
 
     @property
     def force(self) -> np.ndarray:
         """Force of the modelled part of the specimen on the indenter (3,) N."""
-        return self.equilibrium.evaluation.contact.force
+        return self.evaluation.contact.force
+
+    @property
+    def previous_force(self) -> np.ndarray:
+        """The same before the last augmentation."""
+        return self.stages[max(len(self.stages) - 2, 0)].equilibrium.evaluation.contact.force
 
 
 class Stopped(ArithmeticError):
@@ -52,51 +97,148 @@ class Stopped(ArithmeticError):
         self.cause, self.points, self.history, self.counters = cause, points, history, counters
 
 
-def travel(
-    system: System, start: Callable[[float], Load], asked: np.ndarray, control: Control, counters: Counters
-) -> list[Point]:
-    """Equilibria at the `asked` travels (mm, increasing); `start(s)` is the load at travel s without multipliers.
+Start = Callable[[float], Load]
+Guess = Callable[[float], np.ndarray | None]
+Watch = Callable[[Stage, bool], None]  # called at each stage, and whether it is the last, while its factor is alive
 
-    Between asked travels the state only has to be near: the body is elastic, so the answer at an asked travel does
-    not depend on the way there.  Raises Stopped with what was reached.
+
+def seat(system: System, load: Load, u: np.ndarray, control: Control, counters: Counters) -> np.ndarray:
+    """Displacement (n, 3) with the grounding springs softened step by step until the contacts carry the body."""
+    for factor in SEATING:
+        try:
+            u = newton.solve(system, u, replace(load, springs=factor), control.loose, counters).evaluation.u
+        except NotConverged as error:
+            raise Stopped(error.cause, f"while seating: {error}", [], error.history, counters) from error
+    try:
+        return newton.solve(system, u, load, control.medium, counters).evaluation.u
+    except NotConverged as error:
+        raise Stopped(error.cause, f"while seating: {error}", [], error.history, counters) from error
+
+
+def travel(
+    system: System, start: Start, asked: Sequence[float], control: Control, counters: Counters,
+    u: np.ndarray | None = None, guess: Guess | None = None, watch: Watch | None = None,
+) -> list[Point]:  # fmt: skip
+    """Equilibria of a conservative system at the `asked` travels (mm, increasing) from the state u (n, 3) at travel 0.
+
+    `start(s)` is the load at travel s without multipliers.  Between asked travels the state only has to be near: the
+    answer at an asked travel does not depend on the way there, and `guess(s)` may offer a state to start from.
+    Raises Stopped with what was reached.
     """
-    u, rate, here = np.zeros_like(system.body.nodes), np.zeros_like(system.body.nodes), 0.0
-    step, points = control.first, []
+    u = np.zeros_like(system.body.nodes) if u is None else u
+    rate, here, step = np.zeros_like(u), 0.0, control.first
+    points: list[Point] = []
     for target in asked:
+        offered = guess(target) if guess is not None else None
+        if offered is not None:
+            try:
+                points.append(_settle(system, offered, start(target), target, control, counters, watch=watch))
+            except NotConverged as error:
+                if error.cause == "time_limit":
+                    raise _stopped(error, target, points, counters) from error
+            else:
+                u, rate, here = _end(points[-1], target)
+                continue
         while here < target - 1e-12:
             goal = target if here + 1.2 * step >= target else here + step
             try:
-                found = solve(system, u + (goal - here) * rate, start(goal), control.loose, counters, limit=15)
+                found = newton.solve(system, u + (goal - here) * rate, start(goal), control.loose, counters, limit=15)
             except NotConverged as error:
                 counters.cutbacks += 1
                 step = 0.5 * (goal - here)
-                if step < control.smallest * control.first:
-                    cause = error.cause if error.cause == "inversion" else "step_limit"
-                    message = f"no equilibrium beyond {here:.4g} mm ({error})"
-                    raise Stopped(cause, message, points, error.history, counters) from error
+                if step < control.smallest * control.first or error.cause == "time_limit":
+                    raise _stopped(error, here, points, counters) from error
                 rate = rate if step > control.first / 4 else np.zeros_like(rate)
                 continue
             counters.steps += 1
             easy = len(found.history) <= 5
             step = min((goal - here) * (1.6 if easy else 1.0), control.largest) if goal < target else step
             u, rate, here = found.evaluation.u, found.rate, goal
-        points.append(_settle(system, u, start(target), target, control, counters, points))
-        u, rate = points[-1].equilibrium.evaluation.u, points[-1].equilibrium.rate
+        try:
+            points.append(_settle(system, u, start(target), target, control, counters, watch=watch))
+        except NotConverged as error:
+            raise _stopped(error, target, points, counters) from error
+        u, rate, here = _end(points[-1], target)
     return points
 
 
+def _end(point: Point, travel: float) -> tuple[np.ndarray, np.ndarray, float]:
+    return point.evaluation.u, point.stages[-1].equilibrium.rate, travel
+
+
+def _stopped(error: NotConverged, here: float, points: list[Point], counters: Counters) -> Stopped:
+    kept = ("inversion", "time_limit", "instability")
+    cause = error.cause if error.cause in kept else "step_limit"
+    return Stopped(cause, f"no equilibrium beyond {here:.4g} mm ({error})", points, error.history, counters)
+
+
 def _settle(
-    system: System, u: np.ndarray, load: Load, target: float, control: Control, counters: Counters, points: list[Point]
-) -> Point:
+    system: System, u: np.ndarray, load: Load, target: float, control: Control, counters: Counters,
+    time: float = 0.0, watch: Watch | None = None,
+) -> Point:  # fmt: skip
     """Tight equilibrium at an asked travel, multipliers λ ← p a fixed number of times (Uzawa)."""
-    try:
-        found = solve(system, u, load, control.medium if control.augmentations else control.tight, counters)
-        previous = found.evaluation.contact.force
-        for k in range(control.augmentations):
-            load = replace(load, multiplier=found.evaluation.contact.pressure)
-            previous = found.evaluation.contact.force
-            last = k == control.augmentations - 1
-            found = solve(system, found.evaluation.u, load, control.tight if last else control.medium, counters)
-    except NotConverged as error:
-        raise Stopped(error.cause, f"at {target:.4g} mm: {error}", points, error.history, counters) from error
-    return Point(target, found, previous, load)
+    stages: list[Stage] = []
+    for k in range(control.augmentations + 1):
+        tolerance = control.tight if k == control.augmentations else control.medium
+        found = newton.solve(system, u, load, tolerance, counters)
+        stages.append(Stage(found, load))
+        if watch is not None:
+            watch(stages[-1], k == control.augmentations)
+        u, load = found.evaluation.u, newton.augmented(load, found.evaluation)
+    return Point(time, target, tuple(stages))
+
+
+def follow(
+    system: System, start: Start, instants: Sequence[Instant], control: Control, counters: Counters,
+    u: np.ndarray, history: object = None,
+) -> list[Point]:  # fmt: skip
+    """Equilibria at the asked instants where the way matters: friction, viscoelasticity, softening.
+
+    Between asked instants the penalty alone keeps the bodies apart (kept multipliers would let the pressures of the
+    many contact points drift apart).  At an asked instant the multipliers are a side branch: the path goes on from the
+    state without them.  A step without equilibrium is halved.  Raises Stopped with what was reached.
+    """
+    t, s, rate = 0.0, 0.0, np.zeros_like(u)
+    x, touches = system.body.nodes + u, start(0.0).touches
+    before = tuple(
+        Before(contact.contact_points(p.surface, x), touch.centre, np.zeros((*touch.multiplier.shape, 3)))
+        for p, touch in zip(system.pairs, touches, strict=True)
+    )
+    points: list[Point] = []
+    for instant in instants:
+        share = 1.0  # of what is left to this instant
+        while t < instant.time - 1e-12 * max(instant.time, 1.0):
+            last = share >= 1.0
+            goal_t = instant.time if last else t + share * (instant.time - t)
+            goal_s = instant.travel if last else s + share * (instant.travel - s)
+            load = start(goal_s)
+            load = replace(load, history=history, dt=goal_t - t, touches=tuple(
+                replace(touch, before=b) for touch, b in zip(load.touches, before, strict=True)
+            ))  # fmt: skip
+            try:
+                guess = u + (goal_s - s) * rate
+                if last and instant.asked:
+                    point = _settle(system, guess, load, goal_s, control, counters, goal_t)
+                    found = point.stages[0].equilibrium
+                else:
+                    found = newton.solve(system, guess, load, control.between, counters, limit=25)
+            except NotConverged as error:
+                counters.cutbacks += 1
+                share *= 0.5
+                if share < 1 / 64 or error.cause == "time_limit":
+                    raise _stopped(error, s, points, counters) from error
+                if share < 0.3:
+                    rate = np.zeros_like(rate)
+                continue
+            counters.steps += 1
+            if last and instant.asked:
+                points.append(point)
+            share = min(1.0, 2.0 * share) if not last else share
+            at = found.evaluation
+            u, t, s, history, rate = at.u, goal_t, goal_s, at.history, found.rate
+            x = system.body.nodes + u
+            before = tuple(
+                contact.remember(p, x, touch, c)
+                for p, touch, c in zip(system.pairs, load.touches, at.contacts, strict=True)
+            )
+    return points

@@ -94,17 +94,18 @@ def parameters_of(knobs: type) -> tuple[Parameter, ...]:
 
 @dataclass(frozen=True)
 class Programme:
-    """Indenter travel over time, piecewise linear through (`time_s`, `travel_mm`), and the travels asked for.
+    """Indenter travel over time, piecewise linear through (`time_s`, `travel_mm`), and what is asked for.
 
-    Channels are returned at each passage of an asked travel, in order of time.
+    Channels are returned at each passage of an asked travel and at each asked moment (a hold), in order of time.
     """
 
     time_s: tuple[float, ...]
     travel_mm: tuple[float, ...]
     asked_mm: tuple[float, ...]
+    asked_s: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("time_s", "travel_mm", "asked_mm"):
+        for name in ("time_s", "travel_mm", "asked_mm", "asked_s"):
             object.__setattr__(self, name, tuple(float(v) for v in getattr(self, name)))
         t, u, a = (np.asarray(v) for v in (self.time_s, self.travel_mm, self.asked_mm))
         if len(t) != len(u) or len(t) < 2:
@@ -115,6 +116,9 @@ class Programme:
             raise ValueError(f"programme: time_s must increase, got {list(self.time_s)}")
         if len(a) == 0 or np.any(np.diff(a) <= 0) or a[0] <= 0 or a[-1] > u.max() + 1e-12:
             raise ValueError(f"programme: asked_mm must increase within (0, {u.max():g}] mm, got {list(self.asked_mm)}")
+        m = np.asarray(self.asked_s)
+        if not np.all(np.isfinite(m)) or np.any(np.diff(m) <= 0) or (len(m) and not t[0] < m[0] <= m[-1] <= t[-1]):
+            raise ValueError(f"programme: asked_s must increase within ({t[0]:g}, {t[-1]:g}] s, got {list(self.asked_s)}")
 
     @classmethod
     def ramp(cls, asked_mm: tuple[float, ...], speed_mm_s: float = 0.5) -> Programme:
@@ -160,8 +164,9 @@ class Case:
         if unknown or "programme" not in data:
             raise ValueError(f"case: needs name, programme, settings[, artefacts, objects]; unknown: {unknown}")
         programme = data["programme"]
-        if not isinstance(programme, Mapping) or set(programme) != {"time_s", "travel_mm", "asked_mm"}:
-            raise ValueError("case.programme: needs exactly time_s, travel_mm and asked_mm")
+        needed = {"time_s", "travel_mm", "asked_mm"}
+        if not isinstance(programme, Mapping) or not needed <= set(programme) <= needed | {"asked_s"}:
+            raise ValueError("case.programme: needs exactly time_s, travel_mm and asked_mm, and may have asked_s")
         return cls(
             str(data.get("name", "case")),
             Programme(**{k: tuple(v) for k, v in programme.items()}),
@@ -344,7 +349,7 @@ def run_key(backend: Backend, values: Mapping[str, float], case: Case) -> str:
             "backend": backend.name,
             "numerics": backend.numerics,
             "values": {k: float(v) for k, v in values.items()},
-            "programme": dataclasses.asdict(case.programme),
+            "programme": {k: v for k, v in dataclasses.asdict(case.programme).items() if v != ()},
             "settings": plain(case.settings),
             "artefacts": dict(case.artefacts),
         }

@@ -7,18 +7,27 @@ the quarter x ≥ 0, y ≥ 0; `quadratic` adds the mid-edge nodes and puts them 
 
 from fem_backend.meshing.mapped import kuhn_simplex, mapped_quarter
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, quadratic, volumes
-from fem_backend.meshing.recipes import cached, make, mapped_recipe, tetwild_recipe
+from fem_backend.meshing.placing import assemble, scaled_jacobian
+from fem_backend.meshing.recipes import cached, make, mapped_recipe, template_recipe, tetwild_recipe
+from fem_backend.meshing.refined import refined
+from fem_backend.meshing.templates import template_fits, template_mesh
 
 __all__ = [
     "BadMesh",
     "Mesh",
     "Sizing",
+    "assemble",
     "cached",
     "kuhn_simplex",
     "make",
     "mapped_quarter",
     "mapped_recipe",
     "quadratic",
+    "refined",
+    "scaled_jacobian",
+    "template_fits",
+    "template_mesh",
+    "template_recipe",
     "tetwild_recipe",
     "volumes",
 ]

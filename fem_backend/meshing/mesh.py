@@ -109,12 +109,12 @@ def _align_rim(body: Ellipsoid, points: np.ndarray, curved: np.ndarray) -> None:
 def quadratic(body: Ellipsoid, mesh: Mesh) -> MeshTet2:
     """Ten-node tetrahedra whose mid-edge nodes lie on the ellipsoid, on the symmetry planes and on the rim."""
     linear = MeshTet(np.ascontiguousarray(mesh.vertices.T), np.ascontiguousarray(mesh.tets.T))
-    curved = MeshTet2.from_mesh(linear)
-    nodes = curved.doflocs.copy()
+    numbers = MeshTet2.from_mesh(linear)  # its nodes are averages over cells: equal to the bit they are not
+    nodes = np.hstack([linear.p, 0.5 * (linear.p[:, linear.edges[0]] + linear.p[:, linear.edges[1]])])
     facets = linear.boundary_facets()
     corner = linear.facets[:, facets]
     flat = (nodes[0, corner] == 0).all(0) | (nodes[1, corner] == 0).all(0)
     edges = np.unique(linear.f2e[:, facets[~flat]])
     middle = linear.nvertices + edges
     nodes[:, middle] = body.project(nodes[:, middle].T).T
-    return MeshTet2(nodes, curved.t)
+    return MeshTet2(nodes, numbers.t)

@@ -36,3 +36,65 @@ def test_incompressible_hertz():
         analytic.hertz_force(np.array([0.0, 0.25, 1.0]), 4.0, 0.03, 0.5),
         16 / 3 * 0.01 * 2.0 * np.array([0, 0.125, 1.0]),
     )
+
+
+# ------------------------------------------------------------------------------------------- homogeneous tests
+
+MU = 0.013
+LAWS = {
+    "neo_hooke": (lambda test, x: analytic.nominal_neo_hooke(test, x, MU), lambda a: MU / 2 * (a**2).sum(0)),
+    "mooney_rivlin": (
+        lambda test, x: analytic.nominal_mooney_rivlin(test, x, MU, 0.002),
+        lambda a: (MU / 2 - 0.002) * (a**2).sum(0) + 0.002 * (a**-2).sum(0),
+    ),
+    "yeoh": (
+        lambda test, x: analytic.nominal_yeoh(test, x, MU, -0.001, 0.0004),
+        lambda a: np.polynomial.Polynomial([0, MU / 2, -0.001, 0.0004])((a**2).sum(0) - 3),
+    ),
+    "ogden": (
+        lambda test, x: analytic.nominal_ogden(test, x, MU, (1.3, 5.0, -2.0), (0.5, 0.2, 0.3)),
+        lambda a: sum(2 * s * MU / p**2 * (a**p).sum(0) for p, s in ((1.3, 0.5), (5.0, 0.2), (-2.0, 0.3))),
+    ),
+}
+STRETCHES = {
+    "uniaxial": lambda x: np.array([x, x**-0.5, x**-0.5]),
+    "planar": lambda x: np.array([x, x**0, 1 / x]),
+    "equibiaxial": lambda x: np.array([x, x, x**-2]),
+}
+
+
+@pytest.mark.parametrize("test", analytic.SIDE)
+@pytest.mark.parametrize("name", LAWS)
+def test_nominal_stress_is_the_derivative_of_the_energy(name, test):
+    """dW/dλ = P for one loaded pair of faces, 2P for two; complex step, exact to round-off."""
+    nominal, energy = LAWS[name]
+    x = np.array([0.5, 0.8, 1.0, 1.3, 2.5])
+    slope = energy(STRETCHES[test](x + 1e-30j)).imag / 1e-30
+    faces = 2.0 if test == "equibiaxial" else 1.0
+    np.testing.assert_allclose(nominal(test, x), slope / faces, rtol=1e-12, atol=1e-16)
+    np.testing.assert_allclose(analytic.first_invariants(test, x)[0], (STRETCHES[test](x) ** 2).sum(0), rtol=1e-14)
+    np.testing.assert_allclose(analytic.first_invariants(test, x)[1], (STRETCHES[test](x) ** -2.0).sum(0), rtol=1e-14)
+
+
+@pytest.mark.parametrize(("test", "modulus"), [("uniaxial", 3.0), ("planar", 4.0), ("equibiaxial", 6.0)])
+@pytest.mark.parametrize("name", LAWS)
+def test_initial_moduli(name, test, modulus):
+    """3μ, 4μ and 6μ: the constants of every law add up to one μ; central difference, h² = 1e-8."""
+    nominal = LAWS[name][0]
+    slope = (nominal(test, 1.0 + 1e-4) - nominal(test, 1.0 - 1e-4)) / 2e-4
+    np.testing.assert_allclose(slope, modulus * MU, rtol=1e-6)
+
+
+def test_fibres_pull_only():
+    x, h = np.array([1.1, 1.4]), 1e-30j
+    slope = (0.01 / (2 * 0.7) * np.exp(0.7 * ((x + h) ** 2 - 1) ** 2)).imag / 1e-30
+    np.testing.assert_allclose(analytic.nominal_fibre(x, 0.01, 0.7), slope, rtol=1e-13)
+    assert np.all(analytic.nominal_fibre(np.array([0.6, 1.0]), 0.01, 0.7) == 0.0)
+
+
+def test_relaxation_and_softening_at_their_ends():
+    np.testing.assert_allclose(analytic.relaxation([0.0, 1e9], (0.2, 0.3), (1.0, 50.0)), [1.0, 0.5], rtol=1e-15)
+    np.testing.assert_allclose(analytic.relaxation(2.0, (0.2,), (4.0,)), 0.8 + 0.2 * np.exp(-0.5), rtol=1e-15)
+    assert np.all(analytic.softening([1.0, 2.0], [1.0, 1.0], 0.5, 0.1, 0.2) == 1.0)
+    # erf(1) = 0.842700792949715 (Abramowitz & Stegun 1964, table 7.1)
+    np.testing.assert_allclose(analytic.softening(0.7, 1.0, 0.5, 0.1, 0.2), 1 - 0.5 * 0.842700792949715, rtol=1e-14)

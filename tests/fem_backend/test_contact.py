@@ -1,208 +1,567 @@
+"""Contact, friction and adhesion of a surface with a rigid body, on a block small enough to know everything about."""
+
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from scipy import sparse
+from scipy import integrate, optimize, sparse
+from skfem import MeshTet, MeshTet2
 
-from fem_backend import contact, indentation, meshing
-from fem_backend.geometry import Ellipsoid, Sphere, hertz_radius
-from fem_backend.stepping import Control, Stopped
+from fem_backend import contact, element
+from fem_backend.contact import TANGENTIAL, Adhesion, Before, ContactState, Pair, Touch
+from fem_backend.geometry import Bowl, Ellipsoid, Sphere, first_contact
+
+STEPS = np.array([1.0, 0.5, 0.25, 0.125])
+DOWN = np.array([0.0, 0.0, -1.0])
 
 
 @dataclass(frozen=True)
 class WrongWay(Sphere):
     """Negative control: the normal points into the indenter."""
 
-    def gap(self, x, c):
-        g, n, hessian = super().gap(x, c)
+    def gap(self, x, centre, direction=(0.0, 0.0, 0.0)):
+        g, n, hessian = super().gap(x, centre, direction)
         return g, -n, hessian
 
 
-STEPS = 10.0 ** np.array([-1.0, -1.5, -2.0, -2.5])
+@dataclass(frozen=True)
+class Case:
+    """A pair, its load, positions x (n, 3), and a body with the full matrix pattern."""
+
+    body: element.Body
+    pair: Pair
+    touch: Touch
+    x: np.ndarray
+
+    def evaluate(self, x: np.ndarray | None = None, **load: object) -> ContactState:
+        return contact.evaluate(self.pair, self.x if x is None else x, replace(self.touch, **load))
+
+    def matrix(self, geometric: bool = True) -> tuple[sparse.csr_matrix, np.ndarray]:
+        """∂R/∂x over all dofs in the order of `free`, and ∂R/∂s."""
+        pattern = self.body.pattern
+        data = np.zeros(len(pattern.indices))
+        moving = contact.tangent(self.pair, self.x, self.touch, self.evaluate(), data, geometric)
+        return sparse.csr_matrix((data, pattern.indices, pattern.indptr), shape=(pattern.size,) * 2), moving
 
 
-@pytest.fixture(scope="module")
-def pressed(graded):
-    """A state in contact, off equilibrium: surface nodes waved by 0.05 mm, multipliers of the size of the pressure."""
-    system, load = graded.system(), graded.load(0.8)
-    X = graded.model.body.nodes
-    x = X + 0.05 * np.sin(X[:, [1, 2, 0]])
-    shape = graded.model.surface.weights.shape
-    multiplier = 0.1 * system.epsilon * np.random.default_rng(1).uniform(0, 1, shape)
-    return system, replace(load, multiplier=multiplier), x
+def block(
+    cells: int = 4, half: float = 2.0, shape: Callable[[np.ndarray], np.ndarray] | None = None
+) -> tuple[element.Body, MeshTet2]:
+    """A plate 1 mm thick with a free surface at z = 0, or at z = shape(x, y); full matrix pattern, nothing held."""
+    line = np.linspace(-half, half, cells + 1)
+    quadratic = MeshTet2.from_mesh(MeshTet.init_tensor(line, line, np.array([-1.0, 0.0])))
+    X = quadratic.doflocs.copy()
+    if shape is not None:
+        X[2] += (1.0 + X[2]) * shape(X)
+    quadratic = MeshTet2(X, quadratic.t)
+    return element.discretise(quadratic, np.zeros((X.shape[1], 3), bool), symmetric=False), quadratic
 
 
-def evaluate(system, load, x, indenter=None):
-    return contact.evaluate(
-        system.surface, x, indenter or system.indenter, load.centre, system.epsilon, load.multiplier
+def top(body: element.Body, quadratic: MeshTet2, surface_z: Callable[[np.ndarray], np.ndarray] | None = None):
+    facets = contact.quadratic_facets(quadratic, quadratic.boundary_facets())
+    z = 0.0 if surface_z is None else surface_z(body.nodes.T)[facets]
+    return contact.contact_surface(body, facets[np.all(np.abs(body.nodes[facets, 2] - z) < 1e-9, axis=1)])
+
+
+def wave(X: np.ndarray) -> np.ndarray:
+    """A rough displacement (mm)."""
+    return 0.03 * np.sin(2.0 * X[:, [1, 2, 0]] + 0.3) + 0.02 * np.cos(3.0 * X)
+
+
+def pressed(
+    friction: float = 0.0, adhesion: Adhesion | None = None, rigid: Sphere | Bowl | None = None, depth: float = 0.4
+) -> Case:
+    """A random state off equilibrium, with multipliers and a step behind it."""
+    rng = np.random.default_rng(1)
+    rigid = Sphere(3.0) if rigid is None else rigid
+    bowl = isinstance(rigid, Bowl)
+    direction = np.zeros(3) if bowl else np.array([0.3, -0.2, -0.9]) / np.linalg.norm([0.3, -0.2, -0.9])
+    centre = np.array(rigid.centre) if bowl else np.array([0.1, -0.2, rigid.R - depth])
+    body, quadratic = block()
+    surface = top(body, quadratic)
+    x = body.nodes + wave(body.nodes)
+    shape = surface.weights.shape
+    epsilon = rng.uniform(2.0, 4.0, shape)
+    start = contact.contact_points(surface, body.nodes + 0.8 * wave(body.nodes))
+    before = Before(
+        start + 0.02 * rng.normal(size=start.shape), centre - 0.05 * direction, 0.05 * rng.normal(size=start.shape)
     )
+    touch = Touch(centre, direction, 0.1 * epsilon * rng.uniform(0, 1, shape), rng.uniform(1, 2, shape), before)
+    return Case(body, Pair(surface, rigid, epsilon, friction, adhesion), touch, x)
 
 
-def safe_direction(system, load, x) -> np.ndarray:
-    """A rough direction so small that no contact point opens or closes along it (those are kinks of the tangent)."""
-    v = np.random.default_rng(2).normal(size=x.shape) + np.array([0.0, 0.0, 1.0])
-    at = evaluate(system, load, x)
-    margin = np.abs(load.multiplier - system.epsilon * at.gap) / system.epsilon
-    points = np.einsum("qa,fai->fqi", system.surface.N, v[system.surface.facets])
-    return v * float((margin / np.linalg.norm(points, axis=-1)).min()) / STEPS.max() * 0.5
+STICKY = Adhesion(work=0.05, range=0.1)
+INSIDE = Bowl((4.0, 5.0, 3.0), (0.1, -0.2, -2.8), rim_z=5.0)  # its ceiling cuts through the block
+CASES = {
+    "normal": lambda: pressed(),
+    "stick": lambda: pressed(friction=1e3),
+    "slip": lambda: pressed(friction=0.02),
+    "mixed": lambda: pressed(friction=0.3),
+    "adhesion": lambda: pressed(adhesion=STICKY),
+    "everything": lambda: pressed(friction=0.3, adhesion=STICKY),
+    "shaft": lambda: pressed(friction=0.3, rigid=Sphere(0.6, shaft=True), depth=0.65),
+    "bowl": lambda: pressed(friction=0.3, rigid=INSIDE),
+    "lip": lambda: pressed(friction=0.3, adhesion=STICKY, rigid=replace(INSIDE, rim_z=0.0)),
+}
+SYMMETRIC = ("normal", "adhesion")
 
 
-def test_there_is_contact_and_no_contact(pressed):
-    """The suite itself: both kinds of points are present."""
-    pressure = evaluate(*pressed).pressure
-    assert 10 < np.count_nonzero(pressure > 0) < pressure.size - 10
+def kind(case: Case, x: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """Which branch every point is in: contact, slip, side of the joint or rim, side of g = 0."""
+    at = case.evaluate(x, centre=centre)
+    points = contact.contact_points(case.pair.surface, x)
+    side = (points - centre) @ case.touch.direction > 0
+    rim = points[..., 2] > getattr(case.pair.rigid, "rim_z", 0.0)
+    return np.stack([at.pressure > 0, at.slipping, side, rim, at.gap > 0])
 
 
-def test_residual_is_the_derivative_of_the_energy(pressed, slopes):
-    system, load, x = pressed
-    v = safe_direction(system, load, x)
-
-    def taylor(indenter: Sphere) -> np.ndarray:
-        at = evaluate(system, load, x, indenter)
-        first = float((at.residual * v).sum())
-        return np.array([
-            abs(evaluate(system, load, x + t * v, indenter).energy - at.energy - t * first) for t in STEPS
-        ])  # fmt: skip
-
-    np.testing.assert_allclose(slopes(taylor(system.indenter), STEPS), 2.0, atol=0.1)
-    assert np.all(slopes(taylor(WrongWay(system.indenter.R)), STEPS) < 1.5)  # the wrong sign leaves O(t)
+def smooth_way(case: Case, move: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A direction (n, 3) of the body and (3,) of the rigid body so short that no point changes its branch on it."""
+    v = np.random.default_rng(2).normal(size=case.x.shape) * (1.0 - move.any())
+    here, scale = kind(case, case.x, case.touch.centre), 1e-2
+    while not all(
+        np.array_equal(kind(case, case.x + t * scale * v, case.touch.centre + t * scale * move), here) for t in STEPS
+    ):
+        scale *= 0.7
+    assert scale > 1e-7  # below, round-off would show
+    return scale * v, scale * move
 
 
-@pytest.mark.parametrize("geometric", [True, False])
-def test_tangent_is_the_derivative_of_the_residual(pressed, slopes, geometric, graded):
-    """With the geometric term slope 2; without it (the fallback of Newton) an O(t) error stays."""
-    system, load, x = pressed
-    body = system.body
-    v = safe_direction(system, load, x)
-    v[(body.free < 0).reshape(v.shape)] = 0.0
-    at = evaluate(system, load, x)
-    data = np.zeros(len(body.pattern.indices))
-    contact.tangent(
-        system.surface, x, system.indenter, load.centre, system.epsilon, at.pressure, load.direction, data, geometric
-    )
-    upper = sparse.csr_matrix((data, body.pattern.indices, body.pattern.indptr), shape=(body.pattern.size,) * 2)
-    K = upper + sparse.triu(upper, 1).T
-    mask = body.free >= 0
-    order = body.free[mask]
+def flat(case: Case, r: np.ndarray) -> np.ndarray:
+    """Nodal vectors (n, 3) in the order of the free dofs."""
+    out = np.empty(case.body.pattern.size)
+    out[case.body.free] = r.ravel()
+    return out
 
-    def reduced(r: np.ndarray) -> np.ndarray:
-        out = np.empty(body.pattern.size)
-        out[order] = r.ravel()[mask]
-        return out
 
-    Kv = K @ reduced(v)
-    error = np.array([
-        np.linalg.norm(reduced(evaluate(system, load, x + t * v).residual - at.residual) - t * Kv) for t in STEPS
-    ])  # fmt: skip
-    if geometric:
-        np.testing.assert_allclose(slopes(error, STEPS), 2.0, atol=0.1)
-    else:
+# ---------------------------------------------------------------------------------------------- derivatives
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_cases_hold_what_they_promise(name):
+    """The suite itself: points in contact and open ones, sticking and slipping ones, both sides of joint and rim."""
+    case = CASES[name]()
+    at = case.evaluate()
+    closed = at.pressure > 0
+    assert 10 < closed.sum() < closed.size - 10
+    slipping = at.slipping[closed].mean()
+    if case.pair.friction:
+        assert {"stick": slipping == 0, "slip": slipping > 0.9}.get(name, 0.05 < slipping < 0.95), slipping
+    if name in ("shaft", "lip"):
+        side = kind(case, case.x, case.touch.centre)[2 if name == "shaft" else 3][closed]
+        assert 3 < side.sum() < len(side) - 3
+
+
+@pytest.mark.parametrize("name", [*SYMMETRIC, "frictionless bowl", "wrong way"])
+def test_residual_is_the_derivative_of_the_energy(name, slopes):
+    """Slope 2 of |Π(x + t v) − Π − t R·v|; with the normal reversed O(t) stays."""
+    rigid = {"frictionless bowl": replace(INSIDE, rim_z=0.0), "wrong way": WrongWay(3.0)}.get(name)
+    case = CASES[name]() if rigid is None else pressed(rigid=rigid, adhesion=STICKY)
+    v, _ = smooth_way(case, np.zeros(3))
+    at = case.evaluate()
+    first = float((at.residual * v).sum())
+    error = np.array([abs(case.evaluate(case.x + t * v).energy - at.energy - t * first) for t in STEPS])
+    if name == "wrong way":
         assert np.all(slopes(error, STEPS) < 1.5)
-        assert sparse.linalg.eigsh(K, 1, which="SA", return_eigenvectors=False)[0] > -1e-9 * abs(K).max()
+    else:
+        np.testing.assert_allclose(slopes(error, STEPS), 2.0, atol=0.1)
 
 
-def test_moving_the_indenter_changes_the_residual_as_predicted(pressed, slopes):
+@pytest.mark.parametrize("name", CASES)
+def test_tangent_is_the_derivative_of_the_residual(name, slopes):
+    """Slope 2 of |R(x + t v) − R − t K v|; without the curvature terms, the fallback of Newton, O(t) stays."""
+    case = CASES[name]()
+    v, _ = smooth_way(case, np.zeros(3))
+    at = case.evaluate()
+    difference = [flat(case, case.evaluate(case.x + t * v).residual - at.residual) for t in STEPS]
+    for geometric in (True, False):
+        Kv = case.matrix(geometric)[0] @ flat(case, v)
+        error = np.array([np.linalg.norm(d - t * Kv) for d, t in zip(difference, STEPS, strict=True)])
+        if geometric:
+            np.testing.assert_allclose(slopes(error, STEPS), 2.0, atol=0.1)
+        else:
+            assert np.all(slopes(error, STEPS) < 1.5)
+
+
+@pytest.mark.parametrize("name", [n for n in CASES if n not in ("bowl", "lip")])
+def test_moving_the_rigid_body_changes_the_residual_as_predicted(name, slopes):
     """∂R/∂s for c + s·direction, the right-hand side of the predictor."""
-    system, load, x = pressed
-    load = replace(load, direction=np.array([0.3, -0.2, -0.9]))
-    at = evaluate(system, load, x)
-    rate = contact.tangent(
-        system.surface, x, system.indenter, load.centre, system.epsilon, at.pressure, load.direction,
-        np.zeros(len(system.body.pattern.indices)),
-    )  # fmt: skip
-    margin = (np.abs(load.multiplier - system.epsilon * at.gap) / system.epsilon).min()
-    steps = 0.9 * margin * np.array([1.0, 0.3, 0.1])
-    error = [
-        np.linalg.norm(
-            evaluate(system, replace(load, centre=load.centre + s * load.direction), x).residual
-            - at.residual
-            - s * rate
-        )
-        for s in steps
-    ]
-    np.testing.assert_allclose(slopes(np.array(error), steps), 2.0, atol=0.1)
+    case = CASES[name]()
+    _, move = smooth_way(case, case.touch.direction)
+    at, rate = case.evaluate(), case.matrix()[1] * np.linalg.norm(move)
+    error = np.array([
+        np.linalg.norm(case.evaluate(centre=case.touch.centre + t * move).residual - at.residual - t * rate)
+        for t in STEPS
+    ])  # fmt: skip
+    np.testing.assert_allclose(slopes(error, STEPS), 2.0, atol=0.1)
 
 
-def test_forces_are_in_balance(pressed):
-    """What the body gets (−∂Π/∂u) the indenter gives, and the moments about its centre vanish without friction."""
-    system, load, x = pressed
-    at = evaluate(system, load, x)
-    np.testing.assert_allclose(-at.residual.sum(0), -at.force, rtol=1e-12)
-    moment = np.cross(x - load.centre, at.residual).sum(0)
-    # nodes are not the contact points, but shape functions hold linear fields: Σ x_a N_a is the point
-    np.testing.assert_allclose(moment, 0.0, atol=1e-12 * np.abs(at.residual).sum() * system.indenter.R)
-    assert at.force[2] > 0  # the body pushes the indenter up
-    assert evaluate(system, load, x, WrongWay(system.indenter.R)).force[2] < 0  # negative control
+@pytest.mark.parametrize("name", ["bowl", "lip"])
+def test_bowl_stands_still(name):
+    case = CASES[name]()
+    assert not case.matrix()[1].any()
+    moved = case.evaluate(
+        centre=case.touch.centre + 1.0, before=replace(case.touch.before, centre=case.touch.before.centre + 1.0)
+    )
+    np.testing.assert_array_equal(moved.gap, case.evaluate().gap)
 
 
-def test_pressure_is_that_of_its_definition(pressed):
-    """p = ⟨λ − ε g⟩ with g = |x − c| − R at points of the quadratic surface, one by one."""
-    system, load, x = pressed
-    at = evaluate(system, load, x)
-    s = system.surface
-    for f, q in [(0, 0), (3, 5), (len(s.facets) - 1, s.N.shape[0] - 1)]:
-        point = sum(s.N[q, a] * x[s.facets[f, a]] for a in range(6))
-        gap = np.sqrt(((point - load.centre) ** 2).sum()) - system.indenter.R
-        np.testing.assert_allclose(at.gap[f, q], gap, rtol=1e-12, atol=1e-14)
-        epsilon = np.broadcast_to(system.epsilon, at.gap.shape)[f, q]
-        np.testing.assert_allclose(at.pressure[f, q], max(load.multiplier[f, q] - epsilon * gap, 0.0), rtol=1e-10)
+def test_matrix_is_symmetric_where_there_is_a_potential():
+    """Frictionless exactly; sticking but for the turning of the normal; slipping not at all."""
+    skew = {}
+    for name in ("normal", "adhesion", "stick", "slip"):
+        for geometric in (True, False):
+            K = CASES[name]().matrix(geometric)[0]
+            skew[name, geometric] = abs(K - K.T).max() / abs(K).max()
+    for name in SYMMETRIC:
+        assert skew[name, True] < 1e-14 and skew[name, False] < 1e-14
+    assert skew["stick", False] < 1e-14 < skew["stick", True] < 0.05
+    assert skew["slip", False] > 1e-3
 
 
-def test_augmentation_makes_contact_complementary(graded):
-    """p ≥ 0, g → 0 where p > 0 and p·g → 0: every augmentation takes most of the rest away."""
-    penetration, work = [], []
-    for k in (0, 1, 3):
-        point = graded.travel([1.0], Control(augmentations=k))[-1]
-        at = point.equilibrium.evaluation.contact
-        w = graded.model.surface.weights
-        assert at.pressure.min() >= 0.0
-        assert np.all(at.gap[at.pressure == 0] > -1e-9)  # open points do not penetrate
-        penetration.append(max(-at.gap.min(), 0.0))
-        work.append(abs(float((w * at.pressure * at.gap).sum())) / float((w * at.pressure).sum()))
-    assert penetration[0] < 0.05 and penetration[2] < 0.3 * penetration[0], penetration  # mm of 1 mm travel
-    assert work[1] < 0.5 * work[0] and work[2] < 0.2 * work[0], work
+@pytest.mark.parametrize("name", ["normal", "adhesion", "stick"])
+def test_without_the_curvature_terms_the_matrix_is_positive_semi_definite(name):
+    K = CASES[name]().matrix(False)[0].toarray()
+    assert np.linalg.eigvalsh(0.5 * (K + K.T)).min() > -1e-12 * np.abs(K).max()
+    if name == "adhesion":  # negative control: the falling attraction is what would spoil it
+        full = CASES[name]().matrix(True)[0].toarray()
+        assert np.linalg.eigvalsh(full).min() < -1e-3 * np.abs(full).max()
 
 
-def test_body_does_not_resist_an_indenter_with_the_normal_reversed(graded):
-    """Negative control of the whole chain: equilibrium under the reversed indenter is missing or pulls it in."""
-    wrong = replace(graded.settings, indenter=WrongWay(graded.settings.indenter.R))
-    law = graded.system().law
-    try:
-        force = indentation.solve(wrong, law, graded.model, np.array([0.5])).Fz[0]
-    except Stopped:
-        return
-    assert not force > 0
+def test_upper_pattern_gets_the_upper_triangle():
+    """The same numbers in the matrix of a symmetric solver: places below the diagonal are skipped."""
+    case = CASES["normal"]()
+    full = case.matrix()[0]
+    free = case.body.free
+    upper = sparse.triu(full, format="csr")
+    upper.sort_indices()
+    pattern = element.Pattern(upper.indptr.astype(np.int32), upper.indices.astype(np.int32))
+    facets = case.pair.surface.facets
+    place = pattern.find(free[(3 * facets[:, :, None] + np.arange(3)).reshape(len(facets), 18)])
+    pair = replace(case.pair, surface=replace(case.pair.surface, place=place))
+    data = np.zeros(len(pattern.indices))
+    contact.tangent(pair, case.x, case.touch, case.evaluate(), data)
+    np.testing.assert_array_equal(data, upper.data)
 
 
-# ---------------------------------------------------------------------------------------------- geometry
+# ---------------------------------------------------------------------------------------------- balance, invariance
 
 
-def test_surface_area_is_that_of_the_sphere(make_bench):
-    """Weights of all curved facets of a quarter sphere add up to πr²; quadratic facets of 6 mm are exact to 1e-3."""
-    ball = make_bench({"mesher": "mapped", "n": 8, "slip": 0.0}, specimen={"semi_axes": [30.0, 30.0, 30.0]})
-    facets = indentation._curved_facets(meshing.quadratic(ball.settings.body, meshing.make(ball.settings.recipe)))
-    whole = contact.contact_surface(ball.model.body, facets)
-    np.testing.assert_allclose(whole.weights.sum(), np.pi * 30.0**2, rtol=1e-3)
+@pytest.mark.parametrize("name", CASES)
+def test_forces_are_in_balance(name):
+    """What the body gets (−R) the rigid body gives."""
+    case = CASES[name]()
+    at = case.evaluate()
+    np.testing.assert_allclose(at.residual.sum(0), at.force, atol=1e-13 * np.abs(at.residual).sum())
+    if name == "normal":
+        moment = np.cross(case.x - case.touch.centre, at.residual).sum(0)
+        # nodes are not the contact points, but shape functions hold linear fields: Σ x_a N_a is the point
+        np.testing.assert_allclose(moment, 0.0, atol=1e-12 * np.abs(at.residual).sum())
+        assert at.force[2] > 0  # the body pushes the indenter up
+        assert pressed(rigid=WrongWay(3.0)).evaluate().force[2] < 0  # negative control
 
 
-def test_gap_derivatives():
-    """n = ∇g and ∇∇g by complex step on g(x) = |x − c| − R written out here."""
-    rng = np.random.default_rng(0)
-    x, c, R, h = rng.normal(size=(5, 3)) * 4, rng.normal(size=3), 3.0, 1e-30
-    g, n, hessian = Sphere(R).gap(x, c)
-    np.testing.assert_allclose(g, np.sqrt(((x - c) ** 2).sum(1)) - R, rtol=1e-14)
-    for k in range(3):
-        z = (x - c).astype(complex)
-        z[:, k] += 1j * h
-        r = np.sqrt((z**2).sum(1))
-        np.testing.assert_allclose(n[:, k], r.imag / h, rtol=1e-13)
-        np.testing.assert_allclose(hessian[:, :, k], (z / r[:, None]).imag / h, rtol=1e-12, atol=1e-14)
+def moved(case: Case, Q: np.ndarray, shift: np.ndarray) -> Case:
+    """The same case turned by Q (a bowl cannot) and shifted."""
+    b, rigid = case.touch.before, case.pair.rigid
+    if isinstance(rigid, Bowl):
+        rigid = replace(rigid, centre=tuple(np.array(rigid.centre) + shift), rim_z=rigid.rim_z + shift[2])
+    before = Before(b.points @ Q.T + shift, Q @ b.centre + shift, b.traction @ Q.T)
+    touch = replace(case.touch, centre=Q @ case.touch.centre + shift, direction=Q @ case.touch.direction, before=before)
+    return Case(case.body, replace(case.pair, rigid=rigid), touch, case.x @ Q.T + shift)
 
 
-def test_hertz_radius_of_two_spheres_and_of_the_specimen():
-    assert hertz_radius(Ellipsoid(300.0, 300.0, 300.0), Sphere(3.0)) == pytest.approx(1 / (1 / 3 + 1 / 300), rel=1e-15)
-    # curvatures at the pole of the ellipsoid from its height z(x, 0) and z(0, y) by second differences
-    a, b, c, h = 60.0, 35.0, 35.0, 1e-3
-    kx = 2 * (c - c * np.sqrt(1 - (h / a) ** 2)) / h**2
-    ky = 2 * (c - c * np.sqrt(1 - (h / b) ** 2)) / h**2
-    assert hertz_radius(Ellipsoid(a, b, c), Sphere(3.0)) == pytest.approx(1 / (1 / 3 + (kx + ky) / 2), rel=1e-6)
+@pytest.mark.parametrize("name", CASES)
+def test_result_moves_with_the_frame(name):
+    """Rigid motion of everything, past tractions too; 1e-10 is round-off of the gap at a shift of some mm."""
+    case = CASES[name]()
+    Q = (
+        np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
+        if isinstance(case.pair.rigid, Sphere)
+        else np.eye(3)
+    )
+    Q *= np.linalg.det(Q)
+    a, b = case.evaluate(), moved(case, Q, np.array([3.0, -2.0, 1.5])).evaluate()
+    np.testing.assert_allclose(b.energy, a.energy, rtol=1e-10)
+    np.testing.assert_array_equal(b.slipping, a.slipping)
+    np.testing.assert_allclose(b.residual, a.residual @ Q.T, atol=1e-11)
+    np.testing.assert_allclose(b.force, Q @ a.force, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_every_point_by_its_definition(name):
+    """p, t, σ and the force of some points from the formulas, one by one, with numpy alone."""
+    case = CASES[name]()
+    at, s, touch, b = case.evaluate(), case.pair.surface, case.touch, case.touch.before
+    force = np.zeros(3)
+    for f in range(len(s.facets)):
+        for q in range(s.N.shape[0]):
+            point = sum(s.N[q, a] * case.x[s.facets[f, a]] for a in range(6))
+            gap, normal, _ = (v[0] for v in case.pair.rigid.gap(point[None], touch.centre, touch.direction))
+            epsilon = case.pair.epsilon[f, q] * touch.raised[f, q]
+            p = max(touch.multiplier[f, q] - epsilon * gap, 0.0)
+            unit = normal / np.linalg.norm(normal)
+            slip = (point - b.points[f, q]) - (touch.centre - b.centre)
+            t = (np.eye(3) - np.outer(unit, unit)) @ (b.traction[f, q] - TANGENTIAL * epsilon * slip)
+            t *= 0.0 if p == 0 or not case.pair.friction else min(1.0, case.pair.friction * p / np.linalg.norm(t))
+            W, l = (STICKY.work, STICKY.range) if case.pair.adhesion else (0.0, 1.0)
+            pull = W / l * (np.exp(-gap / l) if gap > 0 else 2.0 - np.exp(gap / l))
+            force -= s.weights[f, q] * ((p - pull) * normal + t)
+            np.testing.assert_allclose(at.gap[f, q], gap, atol=1e-13)
+            np.testing.assert_allclose(at.pressure[f, q], p, atol=1e-12)
+            np.testing.assert_allclose(at.traction[f, q], t, atol=1e-12)
+            np.testing.assert_allclose(at.attraction[f, q], pull, atol=1e-12)
+    np.testing.assert_allclose(at.force, force, atol=1e-12)
+
+
+# ---------------------------------------------------------------------------------------------- friction
+
+
+def test_no_friction_is_the_frictionless_problem_to_the_bit():
+    """μ_f = 0 with a past, and the limit μ_f → 0 as it should be, linear."""
+    plain, none = CASES["normal"](), pressed(friction=0.0)
+    without = replace(plain, touch=replace(plain.touch, before=None))
+    for other in (none, without):
+        a, b = plain.evaluate(), other.evaluate()
+        assert a.residual.tobytes() == b.residual.tobytes() and a.energy == b.energy
+        assert not b.traction.any() and not b.slipping.any()
+        assert plain.matrix()[0].data.tobytes() == other.matrix()[0].data.tobytes()
+    change = [np.abs(pressed(friction=m).evaluate().residual - a.residual).max() for m in (1e-4, 1e-5)]
+    np.testing.assert_allclose(change[0] / change[1], 10.0, rtol=1e-6)
+
+
+def test_large_friction_sticks():
+    """No point slips and t = P(t₀ − ε_T × displacement relative to the rigid body)."""
+    case = pressed(friction=1e3)
+    at, b = case.evaluate(), case.touch.before
+    closed = at.pressure > 0
+    points = contact.contact_points(case.pair.surface, case.x)
+    n = (points - case.touch.centre) / np.linalg.norm(points - case.touch.centre, axis=-1)[..., None]
+    slip = points - b.points - (case.touch.centre - b.centre)
+    t = b.traction - (TANGENTIAL * case.pair.epsilon * case.touch.raised)[..., None] * slip
+    t -= (t * n).sum(-1, keepdims=True) * n
+    assert not at.slipping.any()
+    np.testing.assert_allclose(at.traction[closed], t[closed], atol=1e-13)
+    assert not at.traction[~closed].any()
+
+
+@pytest.mark.parametrize("friction", [0.02, 0.3, 1.0])
+def test_coulomb_limit_and_dissipation(friction):
+    """|t| ≤ μ_f p, equal where slipping; the slip t·(t_trial − t)/ε_T dissipates; t opposes the motion."""
+    stick, case = pressed(friction=1e3).evaluate(), pressed(friction=friction)
+    at = case.evaluate()
+    size = np.linalg.norm(at.traction, axis=-1)
+    assert np.all(size <= friction * at.pressure * (1 + 1e-14))
+    np.testing.assert_allclose(size[at.slipping], friction * at.pressure[at.slipping], rtol=1e-13)
+    work = (at.traction * (stick.traction - at.traction)).sum(-1)
+    assert work.min() >= -1e-16 and np.all(work[at.slipping] > 0)  # t is along the trial of full sticking
+
+
+def test_friction_needs_a_past():
+    case = pressed(friction=0.3)
+    with pytest.raises(ValueError, match="before"):
+        case.evaluate(before=None)
+
+
+def sliding(amplitude: float, friction: float, count: int = 400) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """Two cycles ±amplitude of a ball as good as flat on a plate held still: ways s, forces along it, Σ w p, p/ε."""
+    body, quadratic = block(2)
+    surface = top(body, quadratic)
+    R, depth, epsilon = 1e6, 0.01, 3.0
+    pair = Pair(surface, Sphere(R), np.full(surface.weights.shape, epsilon), friction)
+    s = amplitude * np.sin(np.linspace(0, 4 * np.pi, 2 * count + 1))
+    along = np.array([0.6, -0.8, 0.0])
+    nothing = np.zeros(surface.weights.shape)
+    centre = np.array([0.0, 0.0, R - depth])
+    before = Before(contact.contact_points(surface, body.nodes), centre, np.zeros((*nothing.shape, 3)))
+    force = []
+    for way in s:
+        touch = Touch(centre + way * along, DOWN, nothing, before=before)
+        at = contact.evaluate(pair, body.nodes, touch)
+        before = contact.remember(pair, body.nodes, touch, at)
+        force.append(at.force @ along)
+    return s, np.array(force), float((surface.weights * at.pressure).sum()), depth
+
+
+def test_ball_on_a_still_plate_makes_the_loop_of_coulomb():
+    """Area of the second loop = 4 μ_f N (A − μ_f p/ε_T), elastic-slip closed form; 1e-3 is that of 400 steps."""
+    amplitude, friction = 0.02, 0.3
+    s, force, N, depth = sliding(amplitude, friction)
+    np.testing.assert_allclose(np.abs(force).max(), friction * N, rtol=1e-6)
+    assert force[1] < 0 < s[1]  # friction holds the ball back
+    loop = -np.trapezoid(force[400:], s[400:])
+    give = friction * depth / TANGENTIAL
+    np.testing.assert_allclose(loop, 4 * friction * N * (amplitude - give), rtol=1e-3)
+    assert 0.1 * amplitude < give < 0.9 * amplitude
+    # sticking throughout: a spring ε_T times the area, no loop
+    s, force, *_ = sliding(amplitude, 10.0)
+    np.testing.assert_allclose(force, -TANGENTIAL * 3.0 * 16.0 * s, atol=1e-9)  # ε = 3 MPa/mm on 16 mm²
+
+
+def test_what_is_remembered_is_the_end_of_the_step():
+    case = pressed(friction=0.3)
+    at = case.evaluate()
+    b = contact.remember(case.pair, case.x, case.touch, at)
+    np.testing.assert_array_equal(
+        b.points, np.einsum("qa,fai->fqi", case.pair.surface.N, case.x[case.pair.surface.facets])
+    )
+    np.testing.assert_array_equal(b.centre, case.touch.centre)
+    # standing still from there on keeps the traction
+    again = case.evaluate(before=b)
+    np.testing.assert_allclose(again.traction, at.traction, atol=1e-14)
+
+
+# ---------------------------------------------------------------------------------------------- adhesion
+
+
+def pulled(height: float, adhesion: Adhesion | None, R: float = 1e7, cells: int = 2) -> ContactState:
+    """A ball over a flat plate, its lowest point at z = height."""
+    body, quadratic = block(cells)
+    surface = top(body, quadratic)
+    nothing = np.zeros(surface.weights.shape)
+    pair = Pair(surface, Sphere(R), nothing + 3.0, 0.0, adhesion)
+    return contact.evaluate(pair, body.nodes, Touch(np.array([0.0, 0.0, R + height]), DOWN, nothing))
+
+
+def test_work_of_separation():
+    """∫ σ dg = W from touching to far away, which is also what the energy changes per area."""
+    a = Adhesion(work=0.02, range=0.15)
+    work = integrate.quad(lambda g: pulled(g, a).attraction[0, 0], 0.0, 50 * a.range, epsabs=1e-12)[0]
+    np.testing.assert_allclose(work, a.work, rtol=1e-6)  # the ball is flat to 4/R
+    area = 16.0
+    np.testing.assert_allclose(pulled(0.0, a).energy, -a.work * area, rtol=1e-6)
+    assert pulled(41 * a.range, a).energy == 0.0
+
+
+def test_attraction_is_bounded_and_c1():
+    """σ(0) = W/ℓ, twice that at most; slope −W/ℓ² on both sides of g = 0."""
+    a, h = Adhesion(work=0.02, range=0.15), 1e-5
+    pull = {g: pulled(g, a).attraction.mean() for g in (-100.0, -h, 0.0, h)}
+    np.testing.assert_allclose([pull[0.0], pull[-100.0]], [a.work / a.range, 2 * a.work / a.range], rtol=1e-5)
+    slopes = np.array([pull[0.0] - pull[-h], pull[h] - pull[0.0]]) / h
+    np.testing.assert_allclose(slopes, -a.work / a.range**2, rtol=1e-3)
+
+
+def test_force_of_a_ball_over_a_plate():
+    """The same integral over the radius by scipy, and the limit 2π R W of a short range (Bradley 1932)."""
+    a, R, height = Adhesion(work=0.02, range=0.02), 1.0, 0.02
+    force = pulled(height, a, R, cells=16).force[2]
+
+    def ring(r: float) -> float:
+        far = np.hypot(r, R + height)
+        return 2 * np.pi * r * a.work / a.range * np.exp(-(far - R) / a.range) * (R + height) / far
+
+    np.testing.assert_allclose(force, -integrate.quad(ring, 0, 2)[0], rtol=2e-3)  # facets of 0.25 mm
+    np.testing.assert_allclose(force, -2 * np.pi * R * a.work * np.exp(-1), rtol=0.05)  # ℓ/R = 0.02
+
+
+def test_no_work_is_no_adhesion():
+    plain, none = CASES["normal"]().evaluate(), pressed(adhesion=Adhesion(0.0, 0.1)).evaluate()
+    assert plain.residual.tobytes() == none.residual.tobytes() and plain.energy == none.energy
+    assert not none.attraction.any()
+    assert np.abs(CASES["adhesion"]().evaluate().residual - plain.residual).max() > 1e-3  # negative control
+
+
+# ---------------------------------------------------------------------------------------------- surface
+
+
+def test_surface_area_is_that_of_the_sphere():
+    """A plate bent to a cap of a sphere: weights add up to the area over the square, by scipy."""
+    R, half = 10.0, 2.0
+
+    def cap(X):
+        return np.sqrt(R**2 - X[0] ** 2 - X[1] ** 2) - R
+
+    body, quadratic = block(6, half, cap)
+    weights = top(body, quadratic, cap).weights
+    area = integrate.dblquad(lambda y, x: R / np.sqrt(R**2 - x**2 - y**2), -half, half, -half, half)[0]
+    np.testing.assert_allclose(weights.sum(), area, rtol=1e-6)
+    assert weights.min() > 0
+
+
+def travel_oracle(surface, x, R: float, centre: np.ndarray, d: np.ndarray) -> float:
+    """Least way to any point of the quadratic facets, by scipy on each of them."""
+
+    def position(z: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+        r, s = z
+        L = np.array([1 - r - s, r, s])
+        N = [*(L * (2 * L - 1)), 4 * L[0] * L[1], 4 * L[1] * L[2], 4 * L[0] * L[2]]
+        return np.array(N) @ nodes
+
+    def way(z: np.ndarray, nodes: np.ndarray) -> float:
+        v = position(z, nodes) - centre
+        root = R**2 - v @ v + (v @ d) ** 2
+        return v @ d - np.sqrt(root) if root > 0 else 10.0 - root
+
+    least = np.inf
+    constraint = {"type": "ineq", "fun": lambda z: 1 - z.sum()}
+    for facet in surface.facets:
+        for start in ([0.3, 0.3], [0.1, 0.1], [0.8, 0.1], [0.1, 0.8]):
+            found = optimize.minimize(
+                way, start, (x[facet],), method="SLSQP", bounds=[(0, 1)] * 2, constraints=constraint,
+                options={"ftol": 1e-14},
+            )  # fmt: skip
+            least = min(least, found.fun)
+    return least
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_first_touch_is_that_of_all_points_of_the_deformed_surface(seed):
+    """Also from inside (the way is negative then) and when the ball comes from the side."""
+    rng = np.random.default_rng(seed)
+    body, quadratic = block(3)
+    surface = top(body, quadratic)
+    x = body.nodes + wave(body.nodes) + 0.02 * rng.normal(size=body.nodes.shape)
+    d = np.array([*rng.uniform(-0.4, 0.4, 2), -1.0])
+    d /= np.linalg.norm(d)
+    centre = np.array([*rng.uniform(-0.5, 0.5, 2), rng.uniform(0.5, 2.5)])
+    found = contact.first_touch(surface, x, Sphere(1.0), centre, d)
+    np.testing.assert_allclose(found, travel_oracle(surface, x, 1.0, centre, d), atol=1e-9)
+    gap = Sphere(1.0).gap(contact.contact_points(surface, x), centre + found * d, d)[0]
+    assert 0 <= gap.min() < 0.05  # quadrature points stay outside, but not by much
+
+
+def test_first_touch_of_known_surfaces():
+    body, quadratic = block()
+    surface = top(body, quadratic)
+    for shaft in (False, True):
+        found = contact.first_touch(surface, body.nodes, Sphere(1.0, shaft), np.array([0.37, 0.21, 3.0]), DOWN)
+        np.testing.assert_allclose(found, 2.0, rtol=1e-14)
+    assert contact.first_touch(surface, body.nodes, Sphere(1.0), np.array([5.0, 0.0, 3.0]), DOWN) == np.inf
+    ball = Ellipsoid(10.0, 8.0, 7.0)
+
+    def cap(X):
+        return 7.0 * np.sqrt(1 - (X[0] / 10) ** 2 - (X[1] / 8) ** 2) - 7.0
+
+    body, quadratic = block(6, 2.0, cap)
+    surface = top(body, quadratic, cap)
+    x = body.nodes + np.array([0, 0, 7.0])
+    d = np.array([0.1, -0.2, -1.0]) / np.linalg.norm([0.1, -0.2, -1.0])
+    centre = first_contact(ball, 2.0, [0.5, 0.3, 8.0], d)
+    # quadratic facets of 0.67 mm follow the ellipsoid to some 1e-5
+    np.testing.assert_allclose(contact.first_touch(surface, x, Sphere(2.0), centre - 1.5 * d, d), 1.5, atol=1e-4)
+    # a bowl going up meets the lowest point of a plate turned over
+    bowl = Bowl((10.0, 10.0, 10.0), (0.0, 0.0, 5.0), rim_z=5.0)
+    x = body.nodes * [1, 1, -1]
+    up = contact.first_touch(surface, x, bowl, np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    points = contact.contact_points(surface, x)
+    below = 5.0 - np.sqrt(100.0 - points[..., 0] ** 2 - points[..., 1] ** 2)
+    np.testing.assert_allclose(up, (points[..., 2] - below).min(), atol=5e-3)
+
+
+def test_first_touch_follows_the_deformation_smoothly():
+    """Second differences of the way along a smooth deformation are O(h²), not those of a grid."""
+    body, quadratic = block()
+    surface = top(body, quadratic)
+    bump = np.exp(-((body.nodes[:, :2] - [0.2, 0.3]) ** 2).sum(1))[:, None] * [0.05, 0.03, 1.0]
+
+    def way(t: float) -> float:
+        x = body.nodes + t * bump
+        return contact.first_touch(surface, x, Sphere(1.0), np.array([0.25, 0.32, 2.0]), DOWN)
+
+    h = 1e-5
+    second = np.diff([way(0.3 + k * h) for k in range(12)], 2)
+    assert np.abs(second).max() < 20 * h**2, second
+    t = np.array([0.3, 0.301])
+    assert abs((way(t[1]) - way(t[0])) / 1e-3 + 1.0) < 0.1  # the bump goes up nearly as much

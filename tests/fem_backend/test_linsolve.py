@@ -4,7 +4,7 @@ from scipy import sparse
 
 from fem_backend import element, linsolve, stress
 from fem_backend.laws import NeoHooke
-from fem_backend.linsolve import NotPositiveDefinite, symmetric_solver
+from fem_backend.linsolve import NotPositiveDefinite, solver
 
 
 @pytest.fixture(params=["superlu", "pardiso"])
@@ -30,7 +30,7 @@ def pattern_of(upper: np.ndarray) -> tuple[element.Pattern, np.ndarray]:
 def test_solution_is_that_of_the_whole_matrix(small, name):
     body = small.model.body
     data, b = stiffness(body), np.random.default_rng(0).normal(size=body.pattern.size)
-    x = symmetric_solver(body.pattern, name)(data)(b)
+    x = solver(body.pattern, name)(data)(b)
     upper = sparse.csr_matrix((data, body.pattern.indices, body.pattern.indptr), shape=(len(b), len(b)))
     A = (upper + sparse.triu(upper, 1).T).toarray()
     np.testing.assert_allclose(A @ x, b, atol=1e-10 * np.abs(b).max())  # condition of 1e4 to 1e5 times round-off
@@ -40,7 +40,7 @@ def test_solution_is_that_of_the_whole_matrix(small, name):
 def test_factors_can_be_made_again(small, name):
     """One analysis, many matrices of the same pattern; the solution scales as the matrix does."""
     body = small.model.body
-    factor, data = symmetric_solver(body.pattern, name), stiffness(body)
+    factor, data = solver(body.pattern, name), stiffness(body)
     b = np.random.default_rng(0).normal(size=body.pattern.size)
     first = factor(data)(b).copy()
     np.testing.assert_allclose(factor(4.0 * data)(b), first / 4.0, rtol=1e-9, atol=1e-12 * np.abs(first).max())
@@ -59,9 +59,9 @@ def test_factors_can_be_made_again(small, name):
 def test_indefinite_matrix_is_refused(name, matrix):
     pattern, data = pattern_of(matrix)
     with pytest.raises(NotPositiveDefinite):
-        symmetric_solver(pattern, name)(data)
+        solver(pattern, name)(data)
     good, ok = pattern_of(matrix @ matrix.T + np.eye(len(matrix)))  # negative control
-    symmetric_solver(good, name)(ok)
+    solver(good, name)(ok)
 
 
 @pytest.mark.parametrize("matrix", [np.array([[0.0, 1.0], [1.0, 0.0]]), np.array([[1.0, 1.0], [1.0, 1.0]])])
@@ -69,32 +69,32 @@ def test_zero_pivot_is_refused(name, matrix):
     """A zero on the diagonal makes a pivoting solver swap rows: the pivots look fine and the matrix is not."""
     pattern, data = pattern_of(matrix)
     with pytest.raises(NotPositiveDefinite):
-        symmetric_solver(pattern, name)(data)
+        solver(pattern, name)(data)
 
 
 def test_shifted_stiffness_is_refused_and_accepted_again(small, name):
     """One negative direction among thousands is enough; the solver works on afterwards."""
     body = small.model.body
-    factor, data = symmetric_solver(body.pattern, name), stiffness(body)
+    factor, data = solver(body.pattern, name), stiffness(body)
     bad = data.copy()
     bad[body.pattern.indptr[body.pattern.size // 2]] *= -1e-3
     with pytest.raises(NotPositiveDefinite):
         factor(bad)
     b = np.ones(body.pattern.size)
-    np.testing.assert_allclose(factor(data)(b), symmetric_solver(body.pattern, name)(data)(b), rtol=1e-9)
+    np.testing.assert_allclose(factor(data)(b), solver(body.pattern, name)(data)(b), rtol=1e-9)
 
 
 def test_solvers_agree(small):
     pytest.importorskip("pypardiso")
     body = small.model.body
     data, b = stiffness(body), np.random.default_rng(0).normal(size=body.pattern.size)
-    x, y = (symmetric_solver(body.pattern, n)(data)(b) for n in ("superlu", "pardiso"))
+    x, y = (solver(body.pattern, n)(data)(b) for n in ("superlu", "pardiso"))
     np.testing.assert_allclose(x, y, rtol=0, atol=1e-9 * np.abs(x).max())
 
 
 def test_unknown_solver_is_refused_by_name(small):
     with pytest.raises(ValueError, match=r"'mumps'.*auto, pardiso or superlu"):
-        symmetric_solver(small.model.body.pattern, "mumps")
+        solver(small.model.body.pattern, "mumps")
 
 
 def test_auto_takes_what_is_there():

@@ -1,0 +1,290 @@
+"""What an experiment is: knobs are its numbers, settings what cannot be a number (shapes, support, law, place, mesh).
+
+A setting or a value that this backend does not model is refused by name; it is never ignored.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from fem_backend import meshing
+from fem_backend.geometry import Ellipsoid
+from fem_backend.meshing import Sizing
+from fem_backend.stepping import Control
+from rso.contract import knob
+
+LAWS = ("neo_hookean", "linear_elastic", "mooney_rivlin", "yeoh", "ogden")
+LEVELS = {
+    "coarse": Sizing(0.8, 2.5, 0.45, 40.0),
+    "standard": Sizing(0.6, 2.5, 0.4, 40.0),
+    "fine": Sizing(0.5, 2.5, 0.3, 40.0),
+    "reference": Sizing(0.36, 2.5, 0.2, 40.0),
+}  # for R = 3 mm
+FARTHEST = 0.75  # of the semi-axes: how far off the top a point may be
+
+
+@dataclass(frozen=True)
+class Knobs:
+    """Every number that a study may open; an effect also says the value that switches it off.
+
+    Lengths in mm, angles in degrees, moduli in MPa.  `mu` is the initial shear modulus under every law, instantaneous
+    where the material relaxes.
+    """
+
+    mu: float = knob("initial shear modulus", "MPa", 1e-6, 1e3)
+    D1: float = knob("compressibility, bulk modulus K = 2/D1", "1/MPa", 1e-6, 1e6)
+    # material
+    C01: float = knob("Mooney-Rivlin C01 (C10 = mu/2 - C01)", "MPa", -1e3, 1e3, neutral=0.0, typical=1e-3)
+    C20: float = knob("Yeoh C20, strain stiffening", "MPa", -1e3, 1e3, neutral=0.0, group="yeoh", typical=4e-4)
+    C30: float = knob("Yeoh C30, strain stiffening", "MPa", -1e3, 1e3, neutral=0.0, group="yeoh", typical=5e-5)
+    alpha: float = knob("Ogden exponent (one term)", "1", -30.0, 30.0, neutral=2.0, typical=5.0)
+    prony_g: float = knob("relaxing share of the shear modulus, first term", "1", 0.0, 0.95, neutral=0.0,
+                          group="prony", typical=0.2)  # fmt: skip
+    prony_tau: float = knob("relaxation time, first term", "s", 1e-4, 1e6, default=5.0, group="prony", typical=5.0)
+    prony_g2: float = knob("relaxing share of the shear modulus, second term", "1", 0.0, 0.95, neutral=0.0,
+                           group="prony2", typical=0.1)  # fmt: skip
+    prony_tau2: float = knob("relaxation time, second term", "s", 1e-4, 1e6, default=50.0, group="prony2")
+    prony_g3: float = knob("relaxing share of the shear modulus, third term", "1", 0.0, 0.95, neutral=0.0,
+                           group="prony3", typical=0.1)  # fmt: skip
+    prony_tau3: float = knob("relaxation time, third term", "s", 1e-4, 1e6, default=0.5, group="prony3")
+    mullins: float = knob("largest Mullins softening, 1/r of Ogden-Roxburgh", "1", 0.0, 0.95, neutral=0.0,
+                          group="mullins", typical=0.2)  # fmt: skip
+    mullins_m: float = knob("energy scale m of the softening over mu", "1", 1e-4, 1e3, default=0.1, group="mullins")
+    mullins_beta: float = knob("energy slope beta of the softening", "1", 0.0, 10.0, default=0.5, group="mullins")
+    fibre: float = knob("fibre modulus k1", "MPa", 0.0, 1e3, neutral=0.0, group="fibre", typical=5e-3)
+    fibre_k2: float = knob("fibre stiffening exponent k2", "1", 0.0, 100.0, default=0.0, group="fibre")
+    fibre_angle: float = knob("fibre direction in the plane z = 0, from x", "deg", -180.0, 180.0, default=0.0,
+                              group="fibre")  # fmt: skip
+    # body
+    delta_a: float = knob("error of the major semi-axis (x)", "mm", -1e3, 1e3, neutral=0.0, typical=1.0)
+    delta_b: float = knob("error of the minor semi-axis (y)", "mm", -1e3, 1e3, neutral=0.0, typical=1.0)
+    delta_c: float = knob("error of the vertical semi-axis (z)", "mm", -1e3, 1e3, neutral=0.0, typical=1.0)
+    skin_ratio: float = knob("stiffness of the skin over that of the core", "1", 1e-3, 1e3, neutral=1.0, group="skin",
+                             typical=2.0)  # fmt: skip
+    skin_thickness: float = knob("thickness of the skin", "mm", 0.0, 100.0, default=0.5, group="skin", typical=0.5)
+    inclusion_ratio: float = knob("stiffness of the inclusion over that of the body", "1", 1e-3, 1e3, neutral=1.0,
+                                  group="inclusion", typical=5.0)  # fmt: skip
+    inclusion_radius: float = knob("radius of the inclusion", "mm", 0.0, 100.0, default=5.0, group="inclusion")
+    inclusion_x: float = knob("centre of the inclusion, x", "mm", -1e3, 1e3, default=0.0, group="inclusion")
+    inclusion_y: float = knob("centre of the inclusion, y", "mm", -1e3, 1e3, default=0.0, group="inclusion")
+    inclusion_depth: float = knob("centre of the inclusion below the top of the body", "mm", 0.0, 1e3, default=15.0,
+                                  group="inclusion")  # fmt: skip
+    cavity: float = knob("size of the cavity below over that of the settings", "1", 0.0, 10.0, neutral=0.0, typical=1.0)
+    weight: float = knob("specific weight, density times g", "N/mm^3", 0.0, 1e-2, neutral=0.0, typical=1e-5)
+    # contact and boundary
+    friction: float = knob("Coulomb friction between indenter and body", "1", 0.0, 5.0, neutral=0.0, typical=0.3)
+    adhesion: float = knob("work of adhesion", "N/mm", 0.0, 1.0, neutral=0.0, group="adhesion", typical=1e-4)
+    adhesion_range: float = knob("range of the attraction", "mm", 1e-4, 10.0, default=0.2, group="adhesion")
+    bowl_clearance: float = knob("semi-axes of the bowl minus those of the body", "mm", 1e-3, 100.0, default=1.0,
+                                 group="bowl", scope="mounting", typical=1.0)  # fmt: skip
+    bowl_friction: float = knob("Coulomb friction between bowl and body", "1", 0.0, 5.0, default=0.2, group="bowl")
+    delta_R: float = knob("error of the indenter radius", "mm", -100.0, 100.0, neutral=0.0, typical=0.05)
+    offset_x: float = knob("misalignment of the indenter in x", "mm", -100.0, 100.0, neutral=0.0, scope="mounting",
+                           typical=0.5)  # fmt: skip
+    offset_y: float = knob("misalignment of the indenter in y", "mm", -100.0, 100.0, neutral=0.0, scope="mounting",
+                           typical=0.5)  # fmt: skip
+    tilt_x: float = knob("specimen turned about x", "deg", -20.0, 20.0, neutral=0.0, scope="mounting", typical=2.0)
+    tilt_y: float = knob("specimen turned about y", "deg", -20.0, 20.0, neutral=0.0, scope="mounting", typical=2.0)
+
+
+SWITCHES = {  # a group has no influence while its switches are all neutral
+    "prony": ("prony_g",), "prony2": ("prony_g2",), "prony3": ("prony_g3",), "mullins": ("mullins",),
+    "fibre": ("fibre",), "skin": ("skin_ratio", "skin_thickness"), "inclusion": ("inclusion_ratio", "inclusion_radius"),
+    "adhesion": ("adhesion",),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Settings:
+    """An indentation experiment without its numbers; lengths in mm.
+
+    `recipe` is that of the mesh, `mesh` the mesh table with the keys that count, `h0` the element size at the contact;
+    `profile` are reference places (x, y) of surface points whose displacement is asked for; `earlier` is the deepest
+    travel at this place before the test (softening); `ogden` are (alpha, share) of further terms, `prony` (g, tau).
+    """
+
+    body: Ellipsoid
+    R: float
+    shaft: bool = False
+    support: str = "fixed"
+    law: str = "neo_hookean"
+    ogden: tuple[tuple[float, float], ...] = ()
+    prony: tuple[tuple[float, float], ...] = ()
+    point: tuple[float, float] = (0.0, 0.0)
+    direction: str = "vertical"
+    cavity: tuple[float, float, float] = (15.0, 10.0, 10.0)
+    profile: tuple[tuple[float, float], ...] = ()
+    earlier: float = 0.0
+    recipe: str = ""
+    mesh: tuple[tuple[str, Any], ...] = ()
+    h0: float = 0.0
+    level: str = ""
+    control: Control = field(default_factory=Control)
+    solver: str = "auto"
+    defaults: tuple[tuple[str, float], ...] = ()  # knobs that the settings set: bowl_clearance, bowl_friction
+
+
+def read_settings(settings: Mapping[str, Any]) -> Settings:
+    """Settings from plain data; raises ValueError naming key, value and choices."""
+    data = dict(settings)
+    specimen = _table(
+        data, "specimen", {"shape": "ellipsoid", "semi_axes": [60.0, 35.0, 35.0], "cavity": [15.0, 10.0, 10.0]}
+    )
+    _choice("specimen.shape", specimen["shape"], ["ellipsoid"])
+    body = Ellipsoid(*_lengths("specimen.semi_axes", specimen["semi_axes"], 3))
+    cavity = tuple(_lengths("specimen.cavity", specimen["cavity"], 3))
+    indenter = _table(data, "indenter", {"shape": "sphere", "radius": 3.0, "shaft": False})
+    _choice("indenter.shape", indenter["shape"], ["sphere"])
+    R = _lengths("indenter.radius", [indenter["radius"]], 1)[0]
+    if R > 0.5 * float(body.semi_axes.min()):
+        raise ValueError(f"indenter.radius = {R} mm: only indenters much smaller than the specimen are modelled")
+    shaft = _flag("indenter.shaft", indenter["shaft"])
+    support, defaults = _support(data)
+    law, ogden, prony = _material(data)
+    point = tuple(_numbers("point", data.pop("point", [0.0, 0.0]), 2))
+    if math.hypot(point[0] / body.a, point[1] / body.b) > FARTHEST:
+        raise ValueError(
+            f"point = {list(point)} mm: off the top by at most {FARTHEST:g} of the semi-axes is modelled"
+        )
+    direction = _choice("direction", data.pop("direction", "vertical"), ["vertical", "normal"])
+    _speed(data.pop("speed", 1.0))  # the programme carries the times
+    _flag("unload", data.pop("unload", False))
+    profile = data.pop("profile", [])
+    if not isinstance(profile, list | tuple):
+        raise ValueError(f"profile = {profile!r}: a list of [x, y] in mm is expected")
+    places = tuple(tuple(_numbers("profile", p, 2)) for p in profile)
+    earlier = _numbers("earlier", [data.pop("earlier", 0.0)], 1)[0]
+    if earlier < 0:
+        raise ValueError(f"earlier = {earlier} mm: the deepest travel before this test, at least 0")
+    mesh = _table(data, "mesh", {"mesher": "tetwild", "level": "standard", "n": 12, "slip": 0.55})
+    solver = _choice("solver", data.pop("solver", "auto"), ["auto", "pardiso", "superlu"])
+    if data:
+        known = "specimen, indenter, support, material, point, direction, speed, unload, profile, earlier, mesh, solver"
+        raise ValueError(f"unknown setting {sorted(data)[0]!r}; choose from {known}")
+    recipe, used, h0, level = _mesh(body, R, mesh)
+    return Settings(
+        body, R, shaft, support, law, ogden, prony, point, direction, cavity, places, earlier,
+        recipe, used, h0, level, Control().scaled(R), solver, defaults,
+    )  # fmt: skip
+
+
+def plain_settings(settings: Settings) -> dict[str, Any]:
+    """What of the settings can change an answer, as plain data with all defaults written out."""
+    return {
+        "specimen": {"shape": "ellipsoid", "semi_axes": settings.body.semi_axes.tolist(),
+                     "cavity": list(settings.cavity)},
+        "indenter": {"shape": "sphere", "radius": settings.R, "shaft": settings.shaft},
+        "support": {"kind": settings.support},
+        "material": {"law": settings.law, "ogden": [list(t) for t in settings.ogden],
+                     "prony": [list(t) for t in settings.prony]},
+        "point": list(settings.point),
+        "direction": settings.direction,
+        "profile": [list(p) for p in settings.profile],
+        "earlier": settings.earlier,
+        "mesh": dict(settings.mesh),
+    }  # fmt: skip
+
+
+def _support(data: dict[str, Any]) -> tuple[str, tuple[tuple[str, float], ...]]:
+    table = data.get("support", {})
+    kind = table.get("kind", "fixed") if isinstance(table, Mapping) else "fixed"
+    known: dict[str, Any] = {"kind": "fixed"}
+    if kind == "bowl":
+        known |= {"clearance": None, "friction": None}
+    table = _table(data, "support", known)
+    _choice("support.kind", table["kind"], ["fixed", "bowl"])
+    defaults = []
+    for key in ("clearance", "friction"):
+        if table.get(key) is not None:
+            value = _numbers(f"support.{key}", [table[key]], 1)[0]
+            if value < 0 or (key == "clearance" and value == 0):
+                raise ValueError(f"support.{key} = {value}: must be {'positive' if key == 'clearance' else '>= 0'}")
+            defaults.append((f"bowl_{key}", value))
+    return kind, tuple(defaults)
+
+
+def _material(data: dict[str, Any]) -> tuple[str, tuple, tuple]:
+    table = _table(data, "material", {"law": "neo_hookean", "ogden": [], "prony": []})
+    law = _choice("material.law", table["law"], LAWS)
+    terms = {}
+    for key, what in (("ogden", "[alpha, share of mu]"), ("prony", "[g, tau in s]")):
+        if not isinstance(table[key], list | tuple):
+            raise ValueError(f"material.{key} = {table[key]!r}: a list of {what} is expected")
+        terms[key] = tuple(tuple(_numbers(f"material.{key}", t, 2)) for t in table[key])
+    if len(terms["ogden"]) > 2:
+        raise ValueError("material.ogden: at most two further terms (N <= 3)")
+    if terms["ogden"] and law != "ogden":
+        raise ValueError(f'material.ogden is given but law = "{law}"; set law = "ogden"')
+    if any(a == 0 for a, _ in terms["ogden"]) or sum(s for _, s in terms["ogden"]) >= 1:
+        raise ValueError("material.ogden: exponents must not be 0 and the shares must sum to less than 1")
+    if any(g < 0 or tau <= 0 for g, tau in terms["prony"]) or sum(g for g, _ in terms["prony"]) >= 1:
+        raise ValueError("material.prony: g >= 0, tau > 0 and a sum of g below 1 are needed")
+    return law, terms["ogden"], terms["prony"]
+
+
+def _mesh(body: Ellipsoid, R: float, mesh: Mapping[str, Any]) -> tuple[str, tuple[tuple[str, Any], ...], float, str]:
+    """Recipe, the keys that count, element size at the contact and name of the level."""
+    mesher = _choice("mesh.mesher", mesh["mesher"], ["tetwild", "mapped"])
+    n, level = mesh["n"], _choice("mesh.level", mesh["level"], LEVELS)
+    if not isinstance(n, int) or isinstance(n, bool) or not 4 <= n <= 40:
+        raise ValueError(f"mesh.n = {n!r}: number of subdivisions, an integer from 4 to 40")
+    slip = _numbers("mesh.slip", [mesh["slip"]], 1)[0]
+    if not 0.0 <= slip <= 0.8:
+        raise ValueError(f"mesh.slip = {slip}: grading of the mapped mesh, from 0 to 0.8")
+    if mesher == "mapped":
+        h0 = 0.5 * math.pi * body.c / n * (1.0 - slip) / (1.0 + slip)
+        used = (("mesher", mesher), ("n", n), ("slip", slip))
+        return meshing.mapped_recipe(body, n, slip), used, float(h0), ""
+    scale = R / 3.0
+    sizing = LEVELS[level]
+    sizing = replace(sizing, h0=sizing.h0 * scale, r0=sizing.r0 * scale, hmax=1.15 * float(body.semi_axes.min()))
+    return meshing.tetwild_recipe(body, sizing), (("mesher", mesher), ("level", level)), sizing.h0, level
+
+
+def _speed(value: object) -> None:
+    good = isinstance(value, int | float) and not isinstance(value, bool) and value > 0
+    if not good and not (
+        isinstance(value, str) and re.fullmatch(r"\s*\d+(\.\d*)?([eE][+-]?\d+)?\s*mm/(s|min)\s*", value)
+    ):
+        raise ValueError(f'speed = {value!r}: a speed such as "30 mm/min", or a number in mm/s')
+
+
+def _table(data: dict[str, Any], name: str, defaults: dict[str, Any]) -> dict[str, Any]:
+    value = data.pop(name, {})
+    if not isinstance(value, Mapping):
+        raise ValueError(f"{name} = {value!r}: a table with the keys {', '.join(defaults)} is expected")
+    unknown = sorted(set(value) - set(defaults))
+    if unknown:
+        raise ValueError(f"{name}.{unknown[0]} = {value[unknown[0]]!r}: unknown; choose from {', '.join(defaults)}")
+    return {**defaults, **value}
+
+
+def _choice(name: str, value: object, choices: object) -> str:
+    options = [str(c) for c in choices]  # type: ignore[attr-defined]
+    if value not in options:
+        raise ValueError(f"{name} = {value!r} is not modelled; choose from {', '.join(options)}")
+    return str(value)
+
+
+def _flag(name: str, value: object) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"{name} = {value!r}: true or false is expected")
+    return value
+
+
+def _numbers(name: str, value: object, count: int) -> list[float]:
+    good = isinstance(value, list | tuple) and len(value) == count
+    if not good or not all(isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in value):
+        raise ValueError(f"{name} = {value!r}: {count} finite number(s) expected")
+    return [float(v) for v in value]
+
+
+def _lengths(name: str, value: object, count: int) -> list[float]:
+    numbers = _numbers(name, value, count)
+    if min(numbers) <= 0:
+        raise ValueError(f"{name} = {value!r} mm: must be positive")
+    return numbers

@@ -1,0 +1,95 @@
+"""One quarter mesh with its fine elements at the top becomes the mesh of any specimen, point and symmetry.
+
+Everything but the last scaling happens in the unit ball.  Only exact transforms are used, so symmetry planes and the
+rim z = 0 stay exact, and the same template gives forces that are smooth in the semi-axes and in the point.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from skfem import ElementTetP2, MeshTet2
+from skfem.quadrature import get_quadrature
+from skfem.refdom import RefTet
+
+from fem_backend.geometry import Ellipsoid
+from fem_backend.meshing.mesh import BadMesh, Mesh, quadratic
+
+WORST = 0.05  # scaled Jacobian below which an element only spoils the matrix; a well made mesh has 0.15 to 0.4
+
+
+def assemble(
+    quarter: Mesh,
+    nominal: Ellipsoid,
+    body: Ellipsoid,
+    point: tuple[float, float] = (0.0, 0.0),
+    planes: tuple[bool, bool] = (True, True),
+) -> MeshTet2:
+    """Quadratic mesh of `body` with the fine elements at `point` (x, y) mm, from a quarter mesh of `nominal`.
+
+    `planes` says which symmetry planes (x = 0, y = 0) bound the model: both give the quarter x ≥ 0, y ≥ 0, none the
+    whole body.  Nodes of the quarter come first, then their mirror images.  Raises ValueError when a point is off a
+    kept plane and BadMesh when it is so far from the top that elements are spoilt.
+    """
+    for axis in (0, 1):
+        if planes[axis] and point[axis] != 0.0:
+            raise ValueError(f"point = {point} mm is not on the symmetry plane {'xy'[axis]} = 0 of the model")
+    X, tets = quarter.vertices / nominal.semi_axes, quarter.tets
+    for axis in (0, 1):
+        if not planes[axis]:
+            X, tets = _mirrored(X, tets, axis)
+    X = translated(X, point[0] / body.a, point[1] / body.b)
+    ball = quadratic(Ellipsoid(1.0, 1.0, 1.0), Mesh(X, tets))
+    placed = MeshTet2(ball.doflocs * body.semi_axes[:, None], ball.t)
+    worst = float(scaled_jacobian(placed).min())
+    if worst < WORST:
+        raise BadMesh(f"point = {point} mm is too far from the top: scaled Jacobian {worst:.3f}, at least {WORST}")
+    return placed
+
+
+def _mirrored(X: np.ndarray, tets: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """The mesh and its mirror image in the plane X[axis] = 0, whose nodes are shared."""
+    off = np.nonzero(X[:, axis] != 0.0)[0]
+    image = np.arange(len(X))
+    image[off] = len(X) + np.arange(len(off))
+    mirror = np.ones(3)
+    mirror[axis] = -1.0
+    return np.vstack([X, X[off] * mirror]), np.vstack([tets, image[tets][:, [0, 2, 1, 3]]])
+
+
+def translated(X: np.ndarray, p: float, q: float) -> np.ndarray:
+    """Hyperbolic translation of the unit ball that takes its pole (0, 0, 1) to the place above (p, q).
+
+    x ↦ ((1 − s²)(x + s t) + |x + s t|² s t) / (1 + 2 s x·t + s²|x|²), t = (p, q, 0)/√(p² + q²),
+    2s/(1 + s²) = √(p² + q²): conformal, keeps z = 0 and the plane of t and z (Ahlfors 1981, Möbius transformations in
+    several dimensions, section II.2).  Elements at the pole shrink by √(1 − p² − q²).  X (n, 3).  Raises BadMesh
+    when (p, q) is not inside the unit circle.
+    """
+    r = math.sqrt(p * p + q * q)
+    if not r < 1.0:
+        raise BadMesh(f"the point is {r:.3f} semi-axes from the top: not on the upper surface")
+    s = r / (1.0 + math.sqrt(1.0 - r * r))
+    sx, sy = (s * p / r, s * q / r) if r > 0.0 else (0.0, 0.0)
+    # component by component: sums in a fixed order are equal to the bit on every machine and in every mirror image
+    x, y, z = X.T
+    xs, ys = x + sx, y + sy
+    square = (x * x + y * y) + z * z
+    moved = (xs * xs + ys * ys) + z * z
+    below = 1.0 + 2.0 * (sx * x + sy * y) + s * s * square
+    away = 1.0 - s * s
+    return np.stack([(away * xs + moved * sx) / below, (away * ys + moved * sy) / below, away * z / below], 1) + 0.0
+
+
+def scaled_jacobian(mesh: MeshTet2) -> np.ndarray:
+    """Smallest det T / (|T|/√3)³ of each quadratic element (m,), T = ∂x/∂ξ of the regular tetrahedron.
+
+    Taken over its ten nodes and four integration points; 1 for a regular element, ≤ 0 for one that is inside out.
+    """
+    i, j = np.array([0, 1, 0, 0, 1, 2]), np.array([1, 2, 2, 3, 3, 3])
+    xi = np.hstack([RefTet.p, 0.5 * (RefTet.p[:, i] + RefTet.p[:, j]), get_quadrature(RefTet, 2)[0]])
+    gradient = np.stack([ElementTetP2().lbasis(xi, a)[1] for a in range(10)])  # (10, 3, q)
+    X = mesh.doflocs.T[mesh.dofs.element_dofs.T]
+    regular = np.array([[1.0, 0.5, 0.5], [0.0, math.sqrt(3) / 2, math.sqrt(3) / 6], [0.0, 0.0, math.sqrt(2 / 3)]])
+    T = np.einsum("mai,ajq->mqij", X, gradient) @ np.linalg.inv(regular)
+    return (np.linalg.det(T) / (np.linalg.norm(T, axis=(2, 3)) / math.sqrt(3)) ** 3).min(1)

@@ -1,0 +1,47 @@
+"""Quarter meshes shipped with the program: the same to the bit on every machine, made by benchmarks/mesh_grading.py.
+
+Each level is an npz of `vertices` (n, 3) mm of the reference specimen, `tets` (m, 4) and `sizing`, the words it was
+made from.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from pathlib import Path
+
+import numpy as np
+
+from fem_backend.geometry import Ellipsoid
+from fem_backend.meshing.mesh import Mesh
+
+LEVELS = ("coarse", "standard", "fine", "reference")
+NOMINAL = Ellipsoid(60.0, 35.0, 35.0)
+RADIUS = 3.0  # of the indenter that the templates are graded for, mm
+
+
+def template_mesh(level: str) -> Mesh:
+    """Quarter mesh of `NOMINAL` graded for an indenter of `RADIUS`; KeyError for a level that is not shipped."""
+    if level not in LEVELS:
+        raise KeyError(f"no template {level!r}; choose from {', '.join(LEVELS)}")
+    with np.load(Path(__file__).with_name(f"{level}.npz"), allow_pickle=False) as data:
+        return Mesh(data["vertices"], data["tets"].astype(np.int64))
+
+
+def template_hash(level: str) -> str:
+    """Hash of the numbers of a template (not of its file)."""
+    mesh = template_mesh(level)
+    return hashlib.sha256(mesh.vertices.tobytes() + mesh.tets.tobytes()).hexdigest()
+
+
+def template_fits(body: Ellipsoid, radius: float, within: float = 0.15) -> bool:
+    """Whether the templates, scaled to `body`, have elements of the asked size (to `within`) under this indenter."""
+    scale = body.semi_axes / NOMINAL.semi_axes / (radius / RADIUS)
+    return bool(np.all(np.abs(np.log(scale)) <= np.log(1.0 + within)))
+
+
+def template_bytes(mesh: Mesh, sizing: str) -> bytes:
+    """The file of a template."""
+    out = io.BytesIO()
+    np.savez_compressed(out, vertices=mesh.vertices, tets=mesh.tets.astype(np.int32), sizing=np.array(sizing))
+    return out.getvalue()

@@ -1,0 +1,269 @@
+"""From an experiment to what Newton solves: where the indenter goes, what is symmetric, what touches, what is held."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from skfem import MeshTet2
+
+from fem_backend import element, geometry, linsolve, meshing, zones
+from fem_backend.contact import Adhesion, ContactSurface, Pair, Touch, contact_surface, quadratic_facets
+from fem_backend.experiment import Knobs, Settings
+from fem_backend.geometry import Bowl, Ellipsoid, Sphere
+from fem_backend.laws import (
+    Fibre, Law, LinearElastic, Material, MooneyRivlin, Mullins, NeoHooke, Ogden, Prony, Yeoh,
+)  # fmt: skip
+from fem_backend.meshing import Mesh
+from fem_backend.newton import Load, System
+
+PENALTY = 900.0  # ε R/μ: the multipliers remove its error, so it only steers convergence
+BOWL_PENALTY = 300.0  # the same at the bowl, where pressures are far smaller
+RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep ball; width in R
+REACH = 3.0  # facets within REACH·R of the first contact may touch
+SPRINGS = 1e-5  # grounding springs of a body in a bowl, all together, over μR
+
+
+class NotModelled(ValueError):
+    """Values that this model does not cover; `cause` is a cause class of failed runs."""
+
+    def __init__(self, cause: str, message: str) -> None:
+        super().__init__(message)
+        self.cause = cause
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where and how the indenter moves, in the specimen's frame; lengths in mm.
+
+    `rotation` (3, 3) takes machine to specimen; `touch` is the sphere's centre at first contact with the undeformed
+    body, `direction` its way; `planes` says which of x = 0, y = 0 are planes of symmetry of everything.
+    """
+
+    body: Ellipsoid
+    R: float
+    rotation: np.ndarray
+    touch: np.ndarray
+    direction: np.ndarray
+    planes: tuple[bool, bool]
+
+    @property
+    def contact(self) -> np.ndarray:
+        """Point of first contact (3,)."""
+        c = self.touch
+        x = c.copy()
+        for _ in range(100):  # closest point of the ellipsoid by fixed-point iteration on the normal
+            n = x / self.body.semi_axes**2
+            n /= np.linalg.norm(n)
+            x = c - self.R * n
+        return x
+
+    @property
+    def down(self) -> np.ndarray:
+        """Direction of gravity (3,)."""
+        return self.rotation @ np.array([0.0, 0.0, -1.0])
+
+
+def place(settings: Settings, knobs: Knobs) -> Placement:
+    """Placement of an experiment; raises NotModelled (bad_geometry) for sizes that describe no body."""
+    axes = settings.body.semi_axes + [knobs.delta_a, knobs.delta_b, knobs.delta_c]
+    R = settings.R + knobs.delta_R
+    if axes.min() <= 0.2 * settings.body.semi_axes.min() or not 0 < R <= 0.5 * axes.min():
+        raise NotModelled("bad_geometry", f"semi-axes {axes.tolist()} mm with an indenter of {R:g} mm")
+    body = Ellipsoid(*axes)
+    x, y = settings.point[0] + knobs.offset_x, settings.point[1] + knobs.offset_y
+    a, b = np.deg2rad([knobs.tilt_x, knobs.tilt_y])
+    about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+    about_y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
+    rotation = (about_y @ about_x).T
+    direction = np.array([0.0, 0.0, -1.0])
+    through = np.array([x, y, 0.0])
+    inside = 1.0 - (settings.point[0] / axes[0]) ** 2 - (settings.point[1] / axes[1]) ** 2
+    if inside <= 0:
+        raise NotModelled("bad_geometry", f"point {settings.point} mm is not above the body")
+    if settings.direction == "normal":
+        on = np.array([*settings.point, axes[2] * np.sqrt(inside)])
+        direction = -on / axes**2
+        direction /= np.linalg.norm(direction)
+        through = on + np.array([knobs.offset_x, knobs.offset_y, 0.0])
+    direction, through = rotation @ direction, rotation @ through
+    try:
+        touch = geometry.first_contact(body, R, through, direction)
+    except ValueError as error:
+        raise NotModelled("bad_geometry", str(error)) from error
+    return Placement(body, R, rotation, touch, direction, _planes(settings, knobs, direction, through))
+
+
+def _planes(settings: Settings, knobs: Knobs, direction: np.ndarray, through: np.ndarray) -> tuple[bool, bool]:
+    """A plane is one of symmetry if path, specimen, gravity, inclusion and fibres all are."""
+    angle = np.deg2rad(knobs.fibre_angle)
+    along = np.array([np.cos(angle), np.sin(angle)])
+    inclusion = knobs.inclusion_ratio != 1.0 and knobs.inclusion_radius > 0
+    tilt = (knobs.tilt_y, knobs.tilt_x)
+    centre = (knobs.inclusion_x, knobs.inclusion_y)
+
+    def symmetric(k: int) -> bool:
+        path = direction[k] == 0.0 and through[k] == 0.0 and tilt[k] == 0.0
+        fibres = knobs.fibre == 0.0 or min(abs(along[k]), abs(along[1 - k])) < 1e-12
+        return bool(path and fibres and not (inclusion and centre[k] != 0.0))
+
+    return symmetric(0), symmetric(1)
+
+
+def material(settings: Settings, knobs: Knobs) -> Material:
+    """The material of an experiment; raises NotModelled (not_supported) for combinations of laws that do not exist."""
+    mu, D1 = knobs.mu, knobs.D1
+    extra = {
+        "mooney_rivlin": knobs.C01 != 0.0,
+        "yeoh": knobs.C20 != 0.0 or knobs.C30 != 0.0,
+        "ogden": knobs.alpha != 2.0 or bool(settings.ogden),
+    }
+    used = [name for name, on in extra.items() if on]
+    base = settings.law if settings.law in extra else None
+    if len({*used, *([base] if base else [])}) > 1 or (used and settings.law == "linear_elastic"):
+        raise NotModelled("not_supported", f"law {settings.law} with knobs of {', '.join(used)}: laws do not combine")
+    kind = used[0] if used else settings.law
+    law: Law
+    if kind == "mooney_rivlin":
+        law = MooneyRivlin(mu, D1, knobs.C01)
+    elif kind == "yeoh":
+        law = Yeoh(mu, D1, knobs.C20, knobs.C30)
+    elif kind == "ogden":
+        share = tuple(s for _, s in settings.ogden)
+        law = Ogden(mu, D1, (knobs.alpha, *(a for a, _ in settings.ogden)), (1.0 - sum(share), *share))
+    else:
+        law = LinearElastic(mu, D1) if kind == "linear_elastic" else NeoHooke(mu, D1)
+    terms = [(knobs.prony_g, knobs.prony_tau), (knobs.prony_g2, knobs.prony_tau2), (knobs.prony_g3, knobs.prony_tau3)]
+    terms = [t for t in terms if t[0] != 0.0] + list(settings.prony)
+    if sum(g for g, _ in terms) >= 1.0:
+        raise NotModelled("inadmissible", f"the Prony shares sum to {sum(g for g, _ in terms):g}, at least 1")
+    angle = np.deg2rad(knobs.fibre_angle)
+    fibre = Fibre(knobs.fibre, knobs.fibre_k2, (float(np.cos(angle)), float(np.sin(angle)), 0.0))
+    mullins = Mullins(knobs.mullins, knobs.mullins_m * mu, knobs.mullins_beta)
+    result = Material(
+        law,
+        fibre if knobs.fibre else None,
+        Prony(tuple(g for g, _ in terms), tuple(t for _, t in terms)) if terms else None,
+        mullins if knobs.mullins else None,
+    )
+    if result.small_strain and (knobs.fibre or terms or knobs.mullins):
+        raise NotModelled("not_supported", "the linear elastic law has no fibres, relaxation or softening")
+    return result
+
+
+@dataclass(frozen=True)
+class Model:
+    """A discretised specimen that every material and every place of the indenter near its fine mesh can share.
+
+    `facets` (f, 6) are those of the specimen's surface, `held` the nodes of the support, `N` (q, 10) the shape
+    functions at the quadrature points of `body`.
+    """
+
+    mesh: MeshTet2
+    body: element.Body
+    facets: np.ndarray
+    factor: linsolve.Factor
+    held: np.ndarray
+
+
+def build(
+    settings: Settings, mesh: Mesh, body: Ellipsoid, planes: tuple[bool, bool], symmetric: bool = True
+) -> Model:
+    """Model of a specimen: symmetry planes held in their normal, a fixed support holds the surface below z = 0.
+
+    Raises meshing.BadMesh when the elements cannot take this shape or place.
+    """
+    quadratic = meshing.assemble(mesh, settings.body, body, settings.point, planes)
+    X = quadratic.doflocs.T
+    facets = quadratic_facets(quadratic, quadratic.boundary_facets())
+    for axis in (0, 1):
+        if planes[axis]:
+            facets = facets[~(X[facets, axis] == 0.0).all(1)]
+    held = np.zeros(X.shape, bool)
+    for axis in (0, 1):
+        if planes[axis]:
+            held[:, axis] = X[:, axis] == 0.0
+    lower = np.empty(0, np.int64)
+    if settings.support == "fixed":
+        lower = np.unique(facets)
+        lower = lower[X[lower, 2] <= 1e-9]
+        held[lower] = True
+    discrete = element.discretise(quadratic, held, symmetric)
+    return Model(quadratic, discrete, facets, linsolve.solver(discrete.pattern, settings.solver), lower)
+
+
+def system(settings: Settings, knobs: Knobs, placement: Placement, model: Model) -> System:
+    """Everything that stays the same during a run.
+
+    Raises NotModelled for an inclusion outside the body and the like, and for laws that do not combine.
+    """
+    body, X = model.body, model.body.nodes
+    stuff = material(settings, knobs)
+    mu = stuff.shear_modulus
+    near = np.linalg.norm(X[model.facets].mean(1) - placement.contact, axis=1) < REACH * placement.R
+    surface = contact_surface(body, model.facets[near])
+    adhesion = Adhesion(knobs.adhesion, knobs.adhesion_range) if knobs.adhesion else None
+    epsilon = np.full(surface.weights.shape, PENALTY * mu / placement.R)
+    pairs = [Pair(surface, Sphere(placement.R, settings.shaft), epsilon, knobs.friction, adhesion)]
+    springs = None
+    if settings.support == "bowl":
+        below = contact_surface(body, model.facets[X[model.facets].mean(1)[:, 2] < 0.0])
+        epsilon = np.full(below.weights.shape, BOWL_PENALTY * mu / placement.R)
+        bowl = Bowl(tuple(placement.body.semi_axes + knobs.bowl_clearance), (0.0, 0.0, knobs.bowl_clearance), 0.0)
+        pairs.append(Pair(below, bowl, epsilon, knobs.bowl_friction, None))
+        whole = body.w.sum()
+        springs = SPRINGS * mu * placement.R * lumped(body, np.ones_like(body.w)) / whole / multiplicity(placement)
+    inclusion = (knobs.inclusion_x, knobs.inclusion_y, placement.body.c - knobs.inclusion_depth)
+    try:
+        scale = zones.scale(
+            body, placement.body,
+            (knobs.skin_thickness, knobs.skin_ratio) if knobs.skin_ratio != 1.0 else None,
+            (inclusion, knobs.inclusion_radius, knobs.inclusion_ratio) if knobs.inclusion_ratio != 1.0 else None,
+            ((0.0, 0.0, -placement.body.c), np.multiply(knobs.cavity, settings.cavity)) if knobs.cavity else None,
+        )  # fmt: skip
+    except ValueError as error:
+        raise NotModelled("bad_geometry", str(error)) from error
+    dead = None
+    if knobs.weight:
+        dead = knobs.weight * lumped(body, np.ones_like(body.w))[:, None] * placement.down
+    least = 1e-5 * mu * placement.R**2
+    return System(body, stuff, tuple(pairs), model.factor, scale, dead, springs, least)
+
+
+def multiplicity(placement: Placement) -> int:
+    """How many images of the modelled part make the whole: 1, 2 or 4."""
+    return 2 ** sum(placement.planes)
+
+
+def lumped(body: element.Body, density: np.ndarray) -> np.ndarray:
+    """∫ ρ N_a dV (n,) of a density (m, q): the consistent nodal share of a body force."""
+    out = np.zeros(len(body.nodes))
+    np.add.at(out, body.cells, (density * body.w) @ element.shape_functions())
+    return out
+
+
+def load(system: System, placement: Placement, travel: float, lag: float = 0.0) -> Load:
+    """Load at a travel (mm) without multipliers; `lag` is how much later the deformed body is touched than the nominal."""
+    indenter = system.pairs[0]
+    way = travel + lag
+    touches = [
+        Touch(placement.touch + way * placement.direction, placement.direction, np.zeros(indenter.surface.weights.shape),
+              raised(indenter.surface, system.body, placement, travel), None)
+    ]  # fmt: skip
+    for pair in system.pairs[1:]:
+        touches.append(Touch(np.zeros(3), np.zeros(3), np.zeros(pair.surface.weights.shape), 1.0, None))
+    return Load(tuple(touches))
+
+
+def raised(surface: ContactSurface, body: element.Body, placement: Placement, travel: float) -> np.ndarray | float:
+    """Factor (f, q) on ε around the first contact, 1 to R of travel, growing to 1 + RAISED from there to 2R.
+
+    ε acts per reference area, and the skin under a deep ball stretches up to twenty times in area: with a uniform ε the
+    ball would pierce the surface at depths beyond 2R.
+    """
+    deep = min(max(travel / placement.R - 1.0, 0.0), 1.0)
+    if deep == 0.0:
+        return 1.0
+    points = np.einsum("qa,fai->fqi", surface.N, body.nodes[surface.facets])
+    d = np.linalg.norm(points - placement.contact, axis=-1) / placement.R
+    return 1.0 + RAISED * deep * np.exp(-((d / RAISED_WITHIN) ** 2))
