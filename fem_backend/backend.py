@@ -3,25 +3,34 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import platform
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from fem_backend import experiment, indentation, linsolve, meshing, model as modelling
+from fem_backend import anchors, experiment, indentation, linsolve, meshing
+from fem_backend import model as modelling
 from fem_backend.errors import stated
 from fem_backend.experiment import SWITCHES, Knobs, Settings
-from fem_backend.geometry import Ellipsoid
 from fem_backend.indentation import UNITS, Result
 from fem_backend.model import Model, NotModelled, Placement
-from fem_backend.stepping import Control, Instant, Stopped
+from fem_backend.stepping import Instant, Stopped
 from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
 
 NUMERICS = 2  # raised when, and only when, answers change
-STIFFEST = 1000.0  # K/μ beyond which the displacement element is not verified
 DEEPEST = 0.3  # of the smallest semi-axis
+
+
+@dataclasses.dataclass(frozen=True)
+class Solved:
+    """A run with everything that led to it."""
+
+    settings: Settings
+    knobs: Knobs
+    placement: Placement
+    model: Model
+    result: Result
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,9 +63,10 @@ class FiniteElements:
             raise ValueError("programme: travel_mm starts at 0 (first contact) and is never negative")
 
     def canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
-        """Defaults written out, what has no influence dropped: effects at neutral, times and returns of elastic bodies."""
+        """Defaults written out, what has no influence dropped: effects at neutral, times and returns if elastic."""
         settings = experiment.read_settings(case.settings)
-        kept = {**dict(settings.defaults), **values}
+        known = {p.name: p for p in self.parameters}
+        kept = {k: known[k].check(v) if k in known else v for k, v in {**dict(settings.defaults), **values}.items()}
         if settings.support != "bowl":
             kept = {k: v for k, v in kept.items() if not k.startswith("bowl_")}
         neutral = {p.name: p.neutral for p in self.parameters}
@@ -77,29 +87,41 @@ class FiniteElements:
         return kept, dataclasses.replace(case, settings=plain, programme=programme)
 
     def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
-        """The mesh of the experiment."""
-        return {"mesh": experiment.read_settings(case.settings).recipe}
+        """The mesh of the experiment and, for a body without memory, an anchor: states to start from."""
+        settings = experiment.read_settings(case.settings)
+        out = {"mesh": settings.recipe}
+        knobs = self.knobs(values, settings)
+        if not path_dependent(settings, values):
+            try:
+                out["anchor"] = anchors.recipe(settings, knobs, case.programme.asked_mm)
+            except NotModelled:
+                pass  # the run itself will say why
+        return out
 
     def make(self, recipe: str) -> bytes:
-        """A mesh from its recipe; raises SimulationFailed (bad_geometry) if there is none."""
+        """A mesh or an anchor from its recipe; raises SimulationFailed (bad_geometry) if there is none."""
         try:
-            return meshing.cached(recipe).to_bytes()
+            return anchors.make(recipe) if anchors.is_anchor(recipe) else meshing.cached(recipe).to_bytes()
         except meshing.BadMesh as error:
             raise SimulationFailed("bad_geometry", f"no mesh: {error}") from error
 
     def __call__(self, values: Mapping[str, float], case: Case) -> Response:
         """Channels at every passage of an asked travel, or SimulationFailed with the curve so far."""
+        solved = self.solve(values, case)
+        return _response(solved.result, solved.model, solved.settings, solved.knobs)
+
+    def solve(self, values: Mapping[str, float], case: Case) -> Solved:
+        """As a call, but with the states themselves, for files and pictures."""
         self.check(case)
         settings = experiment.read_settings(case.settings)
         knobs = self.knobs(values, settings)
-        path = case.artefact("mesh")
+        path, anchor = case.artefact("mesh"), case.artefact("anchor")
         try:
             placement = modelling.place(settings, knobs)
-            model = model_for(settings, knobs, placement, None if path is None else str(path))
-            instants = passages(case.programme)
-            result = indentation.solve(
-                settings, knobs, placement, model, instants, gradients=differentiable(settings, knobs)
-            )
+            model = modelling.model_for(settings, knobs, placement, None if path is None else str(path))
+            guess = None if anchor is None else anchors.guess(str(anchor), model)
+            instants, slopes = passages(case.programme), differentiable(settings, knobs)
+            result = indentation.solve(settings, knobs, placement, model, instants, guess, slopes)
         except NotModelled as error:
             raise SimulationFailed(error.cause, str(error)) from error
         except Stopped as stopped:
@@ -110,7 +132,7 @@ class FiniteElements:
                 partial = _response(reached, model, settings, knobs)
             history = tuple({"iteration": k, "residual": r} for k, r in enumerate(stopped.history))
             raise SimulationFailed(stopped.cause, str(stopped), partial, history) from stopped
-        return _response(result, model, settings, knobs)
+        return Solved(settings, knobs, placement, model, result)
 
     def knobs(self, values: Mapping[str, float], settings: Settings) -> Knobs:
         """Values with the defaults of knobs and settings; ValueError for unknown, missing or unbounded ones."""
@@ -162,32 +184,6 @@ def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
     return tuple(names)
 
 
-def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> Model:
-    """The discretised specimen of an experiment; NotModelled without a mesh or for a material out of reach."""
-    material = modelling.material(settings, knobs)
-    ratio = material.bulk_modulus / material.shear_modulus
-    if ratio > STIFFEST:
-        raise NotModelled(
-            "not_supported", f"K/mu = {ratio:.4g}: the element is verified to {STIFFEST:g} (nearly incompressible)"
-        )
-    symmetric = knobs.friction == 0.0 and not (settings.support == "bowl" and knobs.bowl_friction)
-    shared = Settings(settings.body, settings.R, support=settings.support, point=settings.point,
-                      recipe=settings.recipe, control=Control(), solver=settings.solver)  # fmt: skip
-    try:
-        return _model(shared, tuple(placement.body.semi_axes), placement.planes, symmetric, mesh)
-    except meshing.BadMesh as error:
-        raise NotModelled("bad_geometry", f"no mesh: {error}") from error
-
-
-@functools.lru_cache(maxsize=6)
-def _model(
-    settings: Settings, axes: tuple[float, ...], planes: tuple[bool, bool], symmetric: bool, mesh: str | None
-) -> Model:
-    """Shared by all runs of a worker on one mesh."""
-    made = meshing.cached(settings.recipe) if mesh is None else meshing.Mesh.from_file(mesh)
-    return modelling.build(settings, made, Ellipsoid(*axes), planes, symmetric)
-
-
 def _response(result: Result, model: Model, settings: Settings, knobs: Knobs) -> Response:
     info: dict[str, Any] = {
         "cpu_s": result.cpu_s,
@@ -201,7 +197,7 @@ def _response(result: Result, model: Model, settings: Settings, knobs: Knobs) ->
     }
     return Response(
         channels=result.channels,
-        units=dict(UNITS),
+        units=indentation.units(settings),
         error=stated(settings, knobs, result),
         gradients={k: dict(v) for k, v in result.gradients.items()},
         info=info,

@@ -18,7 +18,7 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTri
 
 from fem_backend.element import Body
-from fem_backend.geometry import Bowl, Sphere
+from fem_backend.geometry import Bowl, Ellipsoid, Sphere
 
 ORDER = 6  # twelve points a facet
 TANGENTIAL = 0.3  # ε_T/ε: sticking points give way by t/ε_T, some 0.01 mm
@@ -27,12 +27,17 @@ OUT_OF_REACH = 40.0  # ranges of the adhesion: exp(−40) is beyond round-off
 
 @dataclass(frozen=True)
 class ContactSurface:
-    """Quadratic facets (f, 6) that may touch, shape functions N (q, 6), area weights (f, q) mm², matrix places."""
+    """Quadratic facets (f, 6) that may touch, shape functions N (q, 6), area weights (f, q) mm², matrix places.
+
+    `offset` (f, q, 3) mm is what the true surface lies beyond the quadratic one: a large facet that rolls in a bowl of
+    nearly its own shape would otherwise feel the error of its geometry.
+    """
 
     facets: np.ndarray
     N: np.ndarray
     weights: np.ndarray
     place: np.ndarray
+    offset: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -59,11 +64,18 @@ class Pair:
 
 @dataclass(frozen=True)
 class Before:
-    """Start of the step: contact points (f, q, 3) mm, centre (3,) mm, tangential traction on the body (f, q, 3) MPa."""
+    """Start of the step: points (f, q, 3) and centre (3,) mm, tangential traction (f, q, 3) MPa, gap (f, q) mm.
+
+    Of the motion of a point that was open the part after touching counts, −g/(g₀ − g) of it: a gap that closes evenly.
+    With a `pressure` (f, q) MPa friction is limited by that, not by the pressure now (Tresca): such a step
+    has nearly a potential, and repeated with the pressure found it tends to Coulomb's.
+    """
 
     points: np.ndarray
     centre: np.ndarray
     traction: np.ndarray
+    gap: np.ndarray
+    pressure: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -113,24 +125,33 @@ def quadratic_facets(mesh: MeshTet2, facets: np.ndarray) -> np.ndarray:
     return np.stack([*corners, middle(0, 1), middle(1, 2), middle(0, 2)], axis=1)
 
 
-def contact_surface(body: Body, facets: np.ndarray) -> ContactSurface:
-    """Quadrature on the quadratic facets (f, 6) of the undeformed surface."""
-    X, weights = get_quadrature(RefTri, ORDER)
+def contact_surface(
+    body: Body, facets: np.ndarray, true: Ellipsoid | None = None, order: int = ORDER
+) -> ContactSurface:
+    """Quadrature on the quadratic facets (f, 6) of the undeformed surface, which stand for the surface of `true`."""
+    X, weights = get_quadrature(RefTri, order)
     N, dN = (np.stack([ElementTriP2().lbasis(X, a)[k] for a in range(6)]) for k in (0, 1))
     tangent = np.einsum("fai,akq->fqki", body.nodes[facets], dN)
     area = np.linalg.norm(np.cross(tangent[:, :, 0], tangent[:, :, 1]), axis=-1)
     dofs = body.free[(3 * facets[:, :, None] + np.arange(3)).reshape(len(facets), 18)]
-    return ContactSurface(facets.astype(np.int64), N.T.copy(), area * weights, body.pattern.find(dofs))
+    facets = facets.astype(np.int64)
+    points = _points(facets, N.T.copy(), body.nodes)
+    offset = np.zeros_like(points)
+    if true is not None:
+        offset = true.project(points.reshape(-1, 3)).reshape(points.shape) - points
+    return ContactSurface(facets, N.T.copy(), area * weights, body.pattern.find(dofs), offset)
 
 
 def contact_points(surface: ContactSurface, x: np.ndarray) -> np.ndarray:
     """Contact points (f, q, 3) mm at nodal positions x (n, 3)."""
-    return _points(surface.facets, surface.N, np.ascontiguousarray(x, float))
+    return _points(surface.facets, surface.N, np.ascontiguousarray(x, float)) + surface.offset
 
 
 def remember(pair: Pair, x: np.ndarray, touch: Touch, state: ContactState) -> Before:
     """What the next step has to know of a converged one."""
-    return Before(contact_points(pair.surface, x), np.array(touch.centre, float), state.traction)
+    return Before(
+        contact_points(pair.surface, x), np.array(touch.centre, float), state.traction, state.gap
+    )
 
 
 def evaluate(pair: Pair, x: np.ndarray, touch: Touch) -> ContactState:
@@ -160,15 +181,15 @@ def tangent(
     """
     surface = pair.surface
     active = np.nonzero(((state.pressure > 0) | (state.attraction > 0)).any(1))[0]
-    points = _points(surface.facets[active], surface.N, np.ascontiguousarray(x, float))
+    points = _points(surface.facets[active], surface.N, np.ascontiguousarray(x, float)) + surface.offset[active]
     _, normal, hessian = pair.rigid.gap(points, touch.centre, touch.direction)
-    (start, traction), motion = _before(pair, touch)
+    start, motion = _before(pair, touch)
     if pair.friction > 0.0:
-        start, traction = start[active], traction[active]
+        start = tuple(array[active] for array in start)
     moving = np.zeros(x.shape)
     _tangent(
         surface.facets[active], surface.N, surface.weights[active], surface.place[active], points, normal, hessian,
-        state.gap[active], state.pressure[active], _epsilon(pair, touch)[active], float(pair.friction), start, traction,
+        state.gap[active], state.pressure[active], _epsilon(pair, touch)[active], float(pair.friction), *start,
         motion, *_adhesion(pair), np.asarray(touch.direction, float), geometric, data, moving,
     )  # fmt: skip
     return moving
@@ -211,15 +232,17 @@ def _epsilon(pair: Pair, touch: Touch) -> np.ndarray:
     return _full(np.asarray(pair.epsilon, float) * touch.raised, pair.surface.weights.shape)
 
 
-def _before(pair: Pair, touch: Touch) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+def _before(pair: Pair, touch: Touch) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
     """Points and traction at the start of the step and how far the rigid body has gone since; empty if frictionless."""
     if not pair.friction > 0.0:
-        return (np.empty((0, 0, 3)), np.empty((0, 0, 3))), np.zeros(3)
+        return (np.empty((0, 0, 3)), np.empty((0, 0, 3)), np.empty((0, 0)), np.empty((0, 0))), np.zeros(3)
     if touch.before is None:
         raise ValueError("friction needs the start of the step: Touch.before is missing")
     start = touch.before
     motion = np.asarray(touch.centre, float) - np.asarray(start.centre, float)
-    return (np.ascontiguousarray(start.points), np.ascontiguousarray(start.traction)), motion
+    points, traction = np.ascontiguousarray(start.points), np.ascontiguousarray(start.traction)
+    given = -np.ones(start.gap.shape) if start.pressure is None else pair.friction * start.pressure
+    return (points, traction, np.ascontiguousarray(start.gap), np.ascontiguousarray(given)), motion
 
 
 def _adhesion(pair: Pair) -> tuple[float, float]:
@@ -249,6 +272,14 @@ def _attract(g, work, length):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+def _share(gap, before, stiff):  # type: ignore[no-untyped-def]
+    """Stick stiffness for the share of the step in touch and its derivative by the gap."""
+    if before <= 0.0 or gap >= 0.0:
+        return (stiff, 0.0) if before <= 0.0 else (0.0, 0.0)
+    return -stiff * gap / (before - gap), -stiff * before / (before - gap) ** 2
+
+
+@numba.njit(cache=True)
 def _trial(n, point, start, traction, motion, stiff, v, t):  # type: ignore[no-untyped-def]
     """Fill v = t₀ − ε_T (Δx − Δc) and its tangential part t; returns |n|², n·v/|n|² and |t|."""
     square, along = 0.0, 0.0
@@ -266,7 +297,8 @@ def _trial(n, point, start, traction, motion, stiff, v, t):  # type: ignore[no-u
 
 @numba.njit(cache=True)
 def _evaluate(  # type: ignore[no-untyped-def]
-    facets, N, weights, count, points, gap, normal, epsilon, multiplier, friction, start, before, motion, work, length
+    facets, N, weights, count, points, gap, normal, epsilon, multiplier, friction, start, before, opened, bound, motion,
+    work, length,
 ):
     m, nq = weights.shape
     residual, force = np.zeros((count, 3)), np.zeros(3)
@@ -286,11 +318,13 @@ def _evaluate(  # type: ignore[no-untyped-def]
             for i in range(3):
                 load[i] = p * n[i]
             if friction > 0.0 and p > 0.0:
-                _, _, size = _trial(
-                    n, points[f, q], start[f, q], before[f, q], motion, TANGENTIAL * epsilon[f, q], v, t
-                )  # fmt: skip
-                slipping[f, q] = size > friction * p
-                cut = friction * p / size if slipping[f, q] else 1.0
+                stiff, _ = _share(g, opened[f, q], TANGENTIAL * epsilon[f, q])
+                _, _, size = _trial(n, points[f, q], start[f, q], before[f, q], motion, stiff, v, t)
+                limit = bound[f, q] if bound[f, q] >= 0.0 else friction * p
+                slipping[f, q] = size > limit
+                cut = limit / size if slipping[f, q] else 1.0
+                if bound[f, q] >= 0.0 and stiff > 0.0:
+                    energy += w * (limit * (size - 0.5 * limit) if slipping[f, q] else 0.5 * size * size) / stiff
                 for i in range(3):
                     traction[f, q, i] = cut * t[i]
                     load[i] += traction[f, q, i]
@@ -309,12 +343,12 @@ def _evaluate(  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _tangent(  # type: ignore[no-untyped-def]
-    facets, N, weights, place, points, normal, hessian, gap, pressure, epsilon, friction, start, before, motion,
-    work, length, direction, geometric, data, moving,
+    facets, N, weights, place, points, normal, hessian, gap, pressure, epsilon, friction, start, before,
+    opened, bound, motion, work, length, direction, geometric, data, moving,
 ):  # fmt: skip
     m, nq = weights.shape
     k, block, rate = np.empty((3, 3)), np.empty((18, 18)), np.empty(3)
-    v, t = np.empty(3), np.empty(3)
+    v, t, went = np.empty(3), np.empty(3), np.empty(3)
     for f in range(m):
         block[:, :] = 0.0
         for q in range(nq):
@@ -334,8 +368,11 @@ def _tangent(  # type: ignore[no-untyped-def]
                     if geometric:
                         k[i, j] += turn * h[i, j]
             if friction > 0.0 and p > 0.0:
-                square, along, size = _trial(n, points[f, q], start[f, q], before[f, q], motion, TANGENTIAL * e, v, t)
-                _friction(k, n, h, square, along, size, t, v, p, e, friction, geometric)
+                stick, growth = _share(g, opened[f, q], TANGENTIAL * e)
+                square, along, size = _trial(n, points[f, q], start[f, q], before[f, q], motion, stick, v, t)
+                for i in range(3):
+                    went[i] = growth * (points[f, q, i] - start[f, q, i] - motion[i])
+                _friction(k, n, h, square, along, size, t, v, p, e, stick, went, friction, bound[f, q], geometric)
             for a in range(6):
                 for i in range(3):
                     wa = weights[f, q] * N[q, a]
@@ -354,10 +391,10 @@ def _tangent(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _friction(k, n, h, square, along, size, t, v, p, e, friction, geometric):  # type: ignore[no-untyped-def]
-    """k −= ∂t/∂x: sticking ∂t/∂x = −ε_T P − (n̂·v) M − n̂⊗(Mᵀv) with M = ∂n̂/∂x, slipping cut to length μ_f p.
+def _friction(k, n, h, square, along, size, t, v, p, e, stick, went, friction, bound, geometric):  # type: ignore[no-untyped-def]
+    """k −= ∂t/∂x: sticking ∂t/∂x = −ε_T P − (n̂·v) M − n̂⊗(Mᵀv) − P w⊗n, M = ∂n̂/∂x, slipping cut to length μ_f p.
 
-    n = ∇g need not have unit length; `along` is n·v/|n|².
+    n = ∇g need not have unit length; `along` is n·v/|n|²; w = ∂ε_T/∂g (Δx − Δc) where a gap closed in this step.
     """
     d, M = np.empty((3, 3)), np.zeros((3, 3))
     if geometric:
@@ -365,12 +402,15 @@ def _friction(k, n, h, square, along, size, t, v, p, e, friction, geometric):  #
             across = (n[0] * h[0, j] + n[1] * h[1, j] + n[2] * h[2, j]) / square
             for i in range(3):
                 M[i, j] = h[i, j] - n[i] * across  # |n| ∂n̂/∂x
+    gone = (went[0] * n[0] + went[1] * n[1] + went[2] * n[2]) / square
     for j in range(3):
         turned = (v[0] * M[0, j] + v[1] * M[1, j] + v[2] * M[2, j]) / square
         for i in range(3):
             P = (1.0 if i == j else 0.0) - n[i] * n[j] / square
-            d[i, j] = -TANGENTIAL * e * P - along * M[i, j] - n[i] * turned
-    if size <= friction * p:
+            d[i, j] = -stick * P - along * M[i, j] - n[i] * turned - (went[i] - n[i] * gone) * n[j]
+    limit = bound if bound >= 0.0 else friction * p
+    growth = 0.0 if bound >= 0.0 else friction * e
+    if size <= limit:
         for i in range(3):
             for j in range(3):
                 k[i, j] -= d[i, j]
@@ -378,5 +418,4 @@ def _friction(k, n, h, square, along, size, t, v, p, e, friction, geometric):  #
     for j in range(3):
         along_t = (t[0] * d[0, j] + t[1] * d[1, j] + t[2] * d[2, j]) / (size * size)
         for i in range(3):
-            shortened = friction * p / size * (d[i, j] - t[i] * along_t)
-            k[i, j] -= shortened - friction * e * t[i] / size * n[j]
+            k[i, j] -= limit / size * (d[i, j] - t[i] * along_t) - growth * t[i] / size * n[j]

@@ -13,18 +13,10 @@ from typing import Any
 
 from fem_backend import meshing
 from fem_backend.geometry import Ellipsoid
-from fem_backend.meshing import Sizing
 from fem_backend.stepping import Control
 from rso.contract import knob
 
 LAWS = ("neo_hookean", "linear_elastic", "mooney_rivlin", "yeoh", "ogden")
-LEVELS = {
-    "coarse": Sizing(0.8, 2.5, 0.45, 40.0),
-    "standard": Sizing(0.6, 2.5, 0.4, 40.0),
-    "fine": Sizing(0.5, 2.5, 0.3, 40.0),
-    "reference": Sizing(0.36, 2.5, 0.2, 40.0),
-}  # for R = 3 mm
-FARTHEST = 0.75  # of the semi-axes: how far off the top a point may be
 
 
 @dataclass(frozen=True)
@@ -146,9 +138,9 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
     support, defaults = _support(data)
     law, ogden, prony = _material(data)
     point = tuple(_numbers("point", data.pop("point", [0.0, 0.0]), 2))
-    if math.hypot(point[0] / body.a, point[1] / body.b) > FARTHEST:
+    if math.hypot(point[0] / body.a, point[1] / body.b) > meshing.FARTHEST:
         raise ValueError(
-            f"point = {list(point)} mm: off the top by at most {FARTHEST:g} of the semi-axes is modelled"
+            f"point = {list(point)} mm: off the top by at most {meshing.FARTHEST:g} of the semi-axes is modelled"
         )
     direction = _choice("direction", data.pop("direction", "vertical"), ["vertical", "normal"])
     _speed(data.pop("speed", 1.0))  # the programme carries the times
@@ -229,7 +221,7 @@ def _material(data: dict[str, Any]) -> tuple[str, tuple, tuple]:
 def _mesh(body: Ellipsoid, R: float, mesh: Mapping[str, Any]) -> tuple[str, tuple[tuple[str, Any], ...], float, str]:
     """Recipe, the keys that count, element size at the contact and name of the level."""
     mesher = _choice("mesh.mesher", mesh["mesher"], ["tetwild", "mapped"])
-    n, level = mesh["n"], _choice("mesh.level", mesh["level"], LEVELS)
+    n, level = mesh["n"], _choice("mesh.level", mesh["level"], meshing.LEVELS)
     if not isinstance(n, int) or isinstance(n, bool) or not 4 <= n <= 40:
         raise ValueError(f"mesh.n = {n!r}: number of subdivisions, an integer from 4 to 40")
     slip = _numbers("mesh.slip", [mesh["slip"]], 1)[0]
@@ -239,10 +231,12 @@ def _mesh(body: Ellipsoid, R: float, mesh: Mapping[str, Any]) -> tuple[str, tupl
         h0 = 0.5 * math.pi * body.c / n * (1.0 - slip) / (1.0 + slip)
         used = (("mesher", mesher), ("n", n), ("slip", slip))
         return meshing.mapped_recipe(body, n, slip), used, float(h0), ""
-    scale = R / 3.0
-    sizing = LEVELS[level]
-    sizing = replace(sizing, h0=sizing.h0 * scale, r0=sizing.r0 * scale, hmax=1.15 * float(body.semi_axes.min()))
-    return meshing.tetwild_recipe(body, sizing), (("mesher", mesher), ("level", level)), sizing.h0, level
+    sizing = meshing.LEVELS[level].scaled(R / meshing.RADIUS)
+    used = (("mesher", mesher), ("level", level))
+    if meshing.template_fits(body, R):
+        return meshing.template_recipe(level, body), used, sizing.h0, level
+    sizing = replace(sizing, hmax=1.15 * float(body.semi_axes.min()))
+    return meshing.tetwild_recipe(body, sizing), used, sizing.h0, level
 
 
 def _speed(value: object) -> None:

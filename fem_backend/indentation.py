@@ -7,11 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from skfem import ElementTriP2
-from skfem.quadrature import get_quadrature
-from skfem.refdom import RefTri
 
-from fem_backend import contact, element, model as modelling, newton, stepping, stress
+from fem_backend import contact, newton, post, stepping, stress
+from fem_backend import model as modelling
 from fem_backend.experiment import Knobs, Settings
 from fem_backend.laws import Material
 from fem_backend.model import Model, Placement
@@ -57,7 +55,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Bench:
-    """One experiment ready to run: what it is, where it is, what is solved, how much later the sagged body is touched."""
+    """One experiment ready to run: what it is, where, what is solved, how much later the sagged body is touched."""
 
     settings: Settings
     knobs: Knobs
@@ -66,6 +64,7 @@ class Bench:
     system: System
     seated: np.ndarray
     lag: float
+    probes: post.Probes | None = None
 
     def start(self, travel: float) -> Load:
         """Load at a travel (mm), without multipliers."""
@@ -84,7 +83,13 @@ def bench(settings: Settings, knobs: Knobs, placement: Placement, model: Model, 
     Raises model.NotModelled, and Stopped when the specimen finds no rest.
     """
     system = modelling.system(settings, knobs, placement, model)
-    ready = Bench(settings, knobs, placement, model, system, np.zeros_like(model.body.nodes), 0.0)
+    probes = None
+    if settings.profile:
+        try:
+            probes = post.surface_points(model.body.nodes, model.facets, np.array(settings.profile), placement.planes)
+        except ValueError as error:
+            raise modelling.NotModelled("bad_geometry", f"profile: {error}") from error
+    ready = Bench(settings, knobs, placement, model, system, np.zeros_like(model.body.nodes), 0.0, probes)
     if system.dead is None:
         return ready
     away = replace(ready, lag=-5.0 * placement.R).start(0.0)
@@ -193,45 +198,40 @@ def steps(instants: Sequence[Instant], largest: float) -> list[Instant]:
 # --------------------------------------------------------------------------------------------------- channels
 
 
-def channels(at: Bench, system: System, evaluation: Evaluation) -> dict[str, float]:
+def channels(at: Bench, system: System, evaluation: Evaluation, load: Load) -> dict[str, float]:
     """Everything measured at one state, in the machine's frame, except time and travel."""
     placement, body = at.placement, at.model.body
     force = whole(placement, evaluation.contact.force)
     up = -placement.down
     moved = (evaluation.u - at.seated) @ up
     touching, surface = evaluation.contact, system.pairs[0].surface
-    area, peak = current_contact(surface, body.nodes, body.nodes + evaluation.u, touching)
-    area *= modelling.multiplicity(placement)
+    centre = load.touches[0].centre
+    axis = (placement.touch - placement.contact) / placement.R
+    patch = post.contact_patch(
+        surface, body.nodes + evaluation.u, touching.pressure, centre, placement.R, axis, placement.planes
+    )
     active = touching.pressure > 0
     share = (surface.weights * (active & touching.slipping)).sum() / max((surface.weights * active).sum(), 1e-300)
-    return {
+    out = {
         "Fx": force[0], "Fy": force[1], "Fz": force[2],
         "uz_max": -float(moved.min()), "bulge": float(moved.max()),
-        "contact_area": area, "contact_radius": float(np.sqrt(area / np.pi)), "peak_pressure": peak,
+        "contact_area": patch.area, "contact_radius": patch.radius, "peak_pressure": patch.peak,
         "slipping": float(share),
     }  # fmt: skip
+    if at.probes is not None:
+        uz = post.displacements(at.probes, evaluation.u - at.seated) @ up
+        out |= {profile_name(p): float(v) for p, v in zip(at.settings.profile, uz, strict=True)}
+    return out
 
 
-def current_contact(
-    surface: contact.ContactSurface, x0: np.ndarray, x: np.ndarray, touching: contact.ContactState
-) -> tuple[float, float]:
-    """Area (mm²) in contact and largest pressure (MPa) per current area of the modelled part."""
-    stretch = area_stretch(surface, x0, x)
-    active = touching.pressure > 0
-    area = float((surface.weights * stretch)[active].sum())
-    return area, float((touching.pressure / stretch)[active].max()) if active.any() else 0.0
+def profile_name(place: tuple[float, float]) -> str:
+    """Channel of the vertical displacement (mm, up) of the surface point above the reference place (x, y) mm."""
+    return f"uz({place[0]:g},{place[1]:g})"
 
 
-def area_stretch(surface: contact.ContactSurface, x0: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Current over reference area (f, q) at the contact points."""
-    X, _ = get_quadrature(RefTri, contact.ORDER)
-    dN = np.stack([ElementTriP2().lbasis(X, a)[1] for a in range(6)])
-
-    def area(nodes: np.ndarray) -> np.ndarray:
-        tangent = np.einsum("fai,akq->fqki", nodes[surface.facets], dN)
-        return np.linalg.norm(np.cross(tangent[:, :, 0], tangent[:, :, 1]), axis=-1)
-
-    return area(x) / area(x0)
+def units(settings: Settings) -> dict[str, str]:
+    """Channel → unit of everything that an experiment returns."""
+    return UNITS | {profile_name(p): "mm" for p in settings.profile}
 
 
 def whole(placement: Placement, force: np.ndarray) -> np.ndarray:
@@ -247,9 +247,9 @@ def collect(
     at: Bench, points: Sequence[Point], counters: Counters, cpu_s: float, slopes: Slopes | None = None
 ) -> Result:
     """Result from the points reached."""
-    rows = [channels(at, at.system, p.evaluation) for p in points]
+    rows = [channels(at, at.system, p.evaluation, p.load) for p in points]
     out = {"time": np.array([p.time for p in points]), "travel": np.array([p.travel for p in points])}
-    out |= {name: np.array([r[name] for r in rows]) for name in UNITS if name not in out}
+    out |= {name: np.array([r[name] for r in rows]) for name in units(at.settings) if name not in out}
     change = [np.linalg.norm(whole(at.placement, p.force - p.previous_force)) for p in points]
     gradients = slopes.at_travels(out["travel"]) if slopes is not None else {}
     notes = {"sag_mm": at.lag}
@@ -311,7 +311,7 @@ class Slopes:
             du = -stage.equilibrium.linear(change / (2 * h))
             ends = moved(du, -1), moved(du, 1)
             if last:
-                a, b = (channels(self.at, s, e) for s, e in zip((low, high), ends, strict=True))
+                a, b = (channels(self.at, s, e, stage.load) for s, e in zip((low, high), ends, strict=True))
                 self.rows[name][travel_of(self.at, stage.load)] = {c: (b[c] - a[c]) / (2 * h) for c in a}
             else:
                 self._dlambda[name] = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,16 +13,28 @@ from fem_backend.contact import Adhesion, ContactSurface, Pair, Touch, contact_s
 from fem_backend.experiment import Knobs, Settings
 from fem_backend.geometry import Bowl, Ellipsoid, Sphere
 from fem_backend.laws import (
-    Fibre, Law, LinearElastic, Material, MooneyRivlin, Mullins, NeoHooke, Ogden, Prony, Yeoh,
+    Fibre,
+    Law,
+    LinearElastic,
+    Material,
+    MooneyRivlin,
+    Mullins,
+    NeoHooke,
+    Ogden,
+    Prony,
+    Yeoh,
 )  # fmt: skip
 from fem_backend.meshing import Mesh
 from fem_backend.newton import Load, System
+from fem_backend.stepping import Control
 
 PENALTY = 900.0  # ε R/μ: the multipliers remove its error, so it only steers convergence
 BOWL_PENALTY = 300.0  # the same at the bowl, where pressures are far smaller
+BOWL_ORDER = 14  # 42 points on the large facets of the lower half: contact with the bowl spreads gradually
 RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep ball; width in R
 REACH = 3.0  # facets within REACH·R of the first contact may touch
-SPRINGS = 1e-5  # grounding springs of a body in a bowl, all together, over μR
+STIFFEST = 1000.0  # K/μ beyond which the displacement element is not verified
+SPRINGS = 1e-4  # grounding springs of a body in a bowl, all together, over μR
 
 
 class NotModelled(ValueError):
@@ -66,7 +79,7 @@ class Placement:
 
 def place(settings: Settings, knobs: Knobs) -> Placement:
     """Placement of an experiment; raises NotModelled (bad_geometry) for sizes that describe no body."""
-    axes = settings.body.semi_axes + [knobs.delta_a, knobs.delta_b, knobs.delta_c]
+    axes = settings.body.semi_axes + np.array([knobs.delta_a, knobs.delta_b, knobs.delta_c])
     R = settings.R + knobs.delta_R
     if axes.min() <= 0.2 * settings.body.semi_axes.min() or not 0 < R <= 0.5 * axes.min():
         raise NotModelled("bad_geometry", f"semi-axes {axes.tolist()} mm with an indenter of {R:g} mm")
@@ -166,9 +179,7 @@ class Model:
     held: np.ndarray
 
 
-def build(
-    settings: Settings, mesh: Mesh, body: Ellipsoid, planes: tuple[bool, bool], symmetric: bool = True
-) -> Model:
+def build(settings: Settings, mesh: Mesh, body: Ellipsoid, planes: tuple[bool, bool], symmetric: bool = True) -> Model:
     """Model of a specimen: symmetry planes held in their normal, a fixed support holds the surface below z = 0.
 
     Raises meshing.BadMesh when the elements cannot take this shape or place.
@@ -192,6 +203,32 @@ def build(
     return Model(quadratic, discrete, facets, linsolve.solver(discrete.pattern, settings.solver), lower)
 
 
+def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> Model:
+    """The discretised specimen of an experiment; NotModelled without a mesh or for a material out of reach."""
+    stuff = material(settings, knobs)
+    ratio = stuff.bulk_modulus / stuff.shear_modulus
+    if ratio > STIFFEST:
+        raise NotModelled(
+            "not_supported", f"K/mu = {ratio:.4g}: the element is verified to {STIFFEST:g} (nearly incompressible)"
+        )
+    symmetric = knobs.friction == 0.0 and not (settings.support == "bowl" and knobs.bowl_friction)
+    shared = Settings(settings.body, settings.R, support=settings.support, point=settings.point,
+                      recipe=settings.recipe, control=Control(), solver=settings.solver)  # fmt: skip
+    try:
+        return _model(shared, tuple(placement.body.semi_axes), placement.planes, symmetric, mesh)
+    except meshing.BadMesh as error:
+        raise NotModelled("bad_geometry", f"no mesh: {error}") from error
+
+
+@functools.lru_cache(maxsize=6)
+def _model(
+    settings: Settings, axes: tuple[float, ...], planes: tuple[bool, bool], symmetric: bool, mesh: str | None
+) -> Model:
+    """Shared by all runs of a worker on one mesh."""
+    made = meshing.cached(settings.recipe) if mesh is None else meshing.Mesh.from_file(mesh)
+    return build(settings, made, Ellipsoid(*axes), planes, symmetric)
+
+
 def system(settings: Settings, knobs: Knobs, placement: Placement, model: Model) -> System:
     """Everything that stays the same during a run.
 
@@ -201,13 +238,14 @@ def system(settings: Settings, knobs: Knobs, placement: Placement, model: Model)
     stuff = material(settings, knobs)
     mu = stuff.shear_modulus
     near = np.linalg.norm(X[model.facets].mean(1) - placement.contact, axis=1) < REACH * placement.R
-    surface = contact_surface(body, model.facets[near])
+    surface = contact_surface(body, model.facets[near], placement.body)
     adhesion = Adhesion(knobs.adhesion, knobs.adhesion_range) if knobs.adhesion else None
     epsilon = np.full(surface.weights.shape, PENALTY * mu / placement.R)
     pairs = [Pair(surface, Sphere(placement.R, settings.shaft), epsilon, knobs.friction, adhesion)]
     springs = None
     if settings.support == "bowl":
-        below = contact_surface(body, model.facets[X[model.facets].mean(1)[:, 2] < 0.0])
+        facets = model.facets[X[model.facets].mean(1)[:, 2] < 0.0]
+        below = contact_surface(body, facets, placement.body, BOWL_ORDER)
         epsilon = np.full(below.weights.shape, BOWL_PENALTY * mu / placement.R)
         bowl = Bowl(tuple(placement.body.semi_axes + knobs.bowl_clearance), (0.0, 0.0, knobs.bowl_clearance), 0.0)
         pairs.append(Pair(below, bowl, epsilon, knobs.bowl_friction, None))
@@ -243,13 +281,12 @@ def lumped(body: element.Body, density: np.ndarray) -> np.ndarray:
 
 
 def load(system: System, placement: Placement, travel: float, lag: float = 0.0) -> Load:
-    """Load at a travel (mm) without multipliers; `lag` is how much later the deformed body is touched than the nominal."""
+    """Load at a travel (mm) without multipliers; `lag` is how much later the sagged body is touched than nominal."""
     indenter = system.pairs[0]
     way = travel + lag
-    touches = [
-        Touch(placement.touch + way * placement.direction, placement.direction, np.zeros(indenter.surface.weights.shape),
-              raised(indenter.surface, system.body, placement, travel), None)
-    ]  # fmt: skip
+    centre, nothing = placement.touch + way * placement.direction, np.zeros(indenter.surface.weights.shape)
+    factor = raised(indenter.surface, system.body, placement, travel)
+    touches = [Touch(centre, placement.direction, nothing, factor, None)]
     for pair in system.pairs[1:]:
         touches.append(Touch(np.zeros(3), np.zeros(3), np.zeros(pair.surface.weights.shape), 1.0, None))
     return Load(tuple(touches))

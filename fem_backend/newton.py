@@ -44,21 +44,26 @@ class System:
     springs: np.ndarray | None = None
     least_force: float = 0.0
 
-    @property
-    def conservative(self) -> bool:
-        """Whether one potential governs a step: everything but friction."""
-        return all(pair.friction == 0.0 for pair in self.pairs)
-
 
 @dataclass(frozen=True)
 class Load:
-    """One load step: how each pair touches, the share of the dead load, the factor of the springs, history and Δt (s)."""
+    """One load step: how each pair touches, the share of the dead load, the factor of the springs, history and Δt (s).
+
+    `tether` times the springs also pulls to the displacement `near` (n, 3): a crutch for finding equilibria.
+    """
 
     touches: tuple[Touch, ...]
     dead: float = 1.0
     springs: float = 1.0
+    tether: float = 0.0
+    near: np.ndarray | None = None
     history: History | None = None
     dt: float = 0.0
+
+    @property
+    def conservative(self) -> bool:
+        """Whether one potential governs the step (all but for the turning of normals): no friction, or Tresca's."""
+        return all(t.before is None or t.before.pressure is not None for t in self.touches)
 
 
 @dataclass(frozen=True)
@@ -128,9 +133,10 @@ def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
         energy -= load.dead * float((system.dead * u).sum())
         outside += load.dead**2 * float((system.dead**2).sum())
     if system.springs is not None:
-        pull = load.springs * system.springs[:, None] * u
-        residual += pull
-        energy += 0.5 * float((pull * u).sum())
+        for factor, away in ((load.springs, u), (load.tether, u - load.near if load.tether else u)):
+            pull = factor * system.springs[:, None] * away
+            residual += pull
+            energy += 0.5 * float((pull * away).sum())
     scale = max(float(np.sqrt(outside)), system.least_force)
     return Evaluation(u, energy, residual, tuple(contacts), H, state.history, scale)
 
@@ -148,7 +154,7 @@ def factorise(
     bulk = element.stiffness(body, state.F, state.S_geometric, state.C)
     if system.springs is not None:
         held = body.free.reshape(-1, 3)
-        springs = np.repeat(load.springs * system.springs, 3)[(held >= 0).ravel()]
+        springs = np.repeat((load.springs + load.tether) * system.springs, 3)[(held >= 0).ravel()]
         bulk[body.pattern.diagonal[held[held >= 0]]] += springs
     shift = 0.0
     for _ in range(8):
@@ -214,7 +220,8 @@ def solve(
             return Equilibrium(at, -linear(moving), tuple(history), linear)
         counters.iterations += 1
         step = factor(-R)
-        search = _descend if system.conservative else _balance
+        exact = load.conservative and (history[-1] > 1e-2 or not any(t.before for t in load.touches))
+        search = _descend if exact else _balance
         at = search(system, at, full(body, step), float(R @ step), load, counters, history)
     raise NotConverged("contact", f"no equilibrium after {limit} iterations", tuple(history))
 
@@ -276,7 +283,8 @@ def _balance(
         share = at_low / (at_low - at_high) if np.isfinite(at_high) else 0.5
         alpha = low + min(max(share, 0.1), 0.9) * (high - low)
     if best is None:
-        raise NotConverged("inversion" if inverted else "contact", "no step without inside-out elements", tuple(history))
+        cause = "inversion" if inverted else "contact"
+        raise NotConverged(cause, "no step without inside-out elements", tuple(history))
     return best
 
 

@@ -1,4 +1,4 @@
-"""Travel of the indenter: steps with a tangent predictor and cut-back, for elastic bodies and for those with a history."""
+"""Travel of the indenter in steps with a predictor and cut-back, for elastic bodies and those with a history."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from fem_backend import contact, newton
 from fem_backend.contact import Before
 from fem_backend.newton import Counters, Equilibrium, Evaluation, Load, NotConverged, System
 
+MOVES = 40  # on a tether, at most
 SEATING = (1e5, 1e4, 1e3, 1e2, 1e1, 1.0)  # factors of the grounding springs until the support carries the body
 
 
@@ -102,6 +103,39 @@ Guess = Callable[[float], np.ndarray | None]
 Watch = Callable[[Stage, bool], None]  # called at each stage, and whether it is the last, while its factor is alive
 
 
+def find(
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = 40
+) -> Equilibrium:
+    """Equilibrium from u (n, 3); a body in a bowl that is lost is led there on a tether.
+
+    Each solution on the tether is where the next one is tied to (proximal point method, Rockafellar 1976), the tether
+    is loosened after success and tightened after failure, so that a body that may roll or slide far goes there in
+    small moves.  Raises NotConverged.
+    """
+    try:
+        return newton.solve(system, u, load, tolerance, counters, limit)
+    except NotConverged as error:
+        if system.springs is None or error.cause == "time_limit":
+            raise
+        last = error
+    tether, calm = 1e4, 0
+    for _ in range(MOVES):
+        try:
+            tied = newton.solve(system, u, replace(load, tether=tether, near=u), 1e-3, counters, limit=12)
+        except NotConverged as error:
+            if error.cause == "time_limit" or tether > 1e8:
+                raise
+            tether, calm = 30.0 * tether, 0
+            continue
+        u, calm, tether = tied.evaluation.u, calm + 1, max(tether / 5.0, 1.0)
+        if calm >= 3 and tether <= 100.0:
+            try:
+                return newton.solve(system, u, load, tolerance, counters, limit=12)
+            except NotConverged as error:
+                last, calm = error, 0
+    raise last
+
+
 def seat(system: System, load: Load, u: np.ndarray, control: Control, counters: Counters) -> np.ndarray:
     """Displacement (n, 3) with the grounding springs softened step by step until the contacts carry the body."""
     for factor in SEATING:
@@ -142,7 +176,7 @@ def travel(
         while here < target - 1e-12:
             goal = target if here + 1.2 * step >= target else here + step
             try:
-                found = newton.solve(system, u + (goal - here) * rate, start(goal), control.loose, counters, limit=15)
+                found = find(system, u + (goal - here) * rate, start(goal), control.loose, counters, limit=15)
             except NotConverged as error:
                 counters.cutbacks += 1
                 step = 0.5 * (goal - here)
@@ -180,12 +214,25 @@ def _settle(
     stages: list[Stage] = []
     for k in range(control.augmentations + 1):
         tolerance = control.tight if k == control.augmentations else control.medium
-        found = newton.solve(system, u, load, tolerance, counters)
+        found = find(system, u, load, tolerance, counters)
         stages.append(Stage(found, load))
         if watch is not None:
             watch(stages[-1], k == control.augmentations)
         u, load = found.evaluation.u, newton.augmented(load, found.evaluation)
     return Point(time, target, tuple(stages))
+
+
+def _rubbing(
+    system: System, load: Load, before: Sequence[Before], pressures: Sequence[np.ndarray] | None = None
+) -> Load:
+    """The load with the start of the step on every pair with friction, and the pressures that limit it."""
+    touches = []
+    for k, (pair, touch) in enumerate(zip(system.pairs, load.touches, strict=True)):
+        start = None if pair.friction == 0.0 else before[k]
+        if start is not None and pressures is not None:
+            start = replace(start, pressure=pressures[k])
+        touches.append(replace(touch, before=start))
+    return replace(load, touches=tuple(touches))
 
 
 def follow(
@@ -201,9 +248,10 @@ def follow(
     t, s, rate = 0.0, 0.0, np.zeros_like(u)
     x, touches = system.body.nodes + u, start(0.0).touches
     before = tuple(
-        Before(contact.contact_points(p.surface, x), touch.centre, np.zeros((*touch.multiplier.shape, 3)))
+        contact.remember(p, x, touch, contact.evaluate(replace(p, friction=0.0), x, touch))
         for p, touch in zip(system.pairs, touches, strict=True)
     )
+    pressures = [np.zeros_like(touch.multiplier) for touch in touches]
     points: list[Point] = []
     for instant in instants:
         share = 1.0  # of what is left to this instant
@@ -212,16 +260,18 @@ def follow(
             goal_t = instant.time if last else t + share * (instant.time - t)
             goal_s = instant.travel if last else s + share * (instant.travel - s)
             load = start(goal_s)
-            load = replace(load, history=history, dt=goal_t - t, touches=tuple(
-                replace(touch, before=b) for touch, b in zip(load.touches, before, strict=True)
-            ))  # fmt: skip
+            load = _rubbing(system, replace(load, history=history, dt=goal_t - t), before)
             try:
                 guess = u + (goal_s - s) * rate
+                if system.springs is not None:  # a body that may roll and slide far: friction by the pressure before
+                    load = _rubbing(system, load, before, pressures)
+                    first = find(system, guess, load, control.between, counters, limit=15).evaluation
+                    load, guess = _rubbing(system, load, before, [c.pressure for c in first.contacts]), first.u
                 if last and instant.asked:
                     point = _settle(system, guess, load, goal_s, control, counters, goal_t)
                     found = point.stages[0].equilibrium
                 else:
-                    found = newton.solve(system, guess, load, control.between, counters, limit=25)
+                    found = find(system, guess, load, control.between, counters, limit=15)
             except NotConverged as error:
                 counters.cutbacks += 1
                 share *= 0.5
@@ -236,7 +286,7 @@ def follow(
             share = min(1.0, 2.0 * share) if not last else share
             at = found.evaluation
             u, t, s, history, rate = at.u, goal_t, goal_s, at.history, found.rate
-            x = system.body.nodes + u
+            x, pressures = system.body.nodes + u, [c.pressure for c in at.contacts]
             before = tuple(
                 contact.remember(p, x, touch, c)
                 for p, touch, c in zip(system.pairs, load.touches, at.contacts, strict=True)

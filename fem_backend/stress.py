@@ -200,20 +200,23 @@ def _small_strain(
     strain = np.stack(
         [H[..., i, j] + (H[..., j, i] if i != j else 0.0) for i, j in VOIGT], axis=-1
     )  # engineering shear
-    much = 1.0 if scale is None else scale
-    S = strain @ shape
-    W = 0.5 * (S * strain).sum(-1)
-    energy, factor, slope, added, now = _remember(material, W, S, history, dt)
-    total = factor[..., None] * S + added + strain @ volume
-    energy = much * (energy + (added * strain).sum(-1) + 0.5 * (strain @ volume * strain).sum(-1))
+    S, C, now = strain @ (shape + volume), np.broadcast_to(shape + volume, (*H.shape[:2], 6, 6)), None
+    energy = 0.5 * (S * strain).sum(-1)
+    if material.path_dependent:
+        S_iso, pressure = strain @ shape, strain @ volume
+        energy, factor, slope, added, now = _remember(material, 0.5 * (S_iso * strain).sum(-1), S_iso, history, dt)
+        energy = energy + ((added + 0.5 * pressure) * strain).sum(-1)
+        S = factor[..., None] * S_iso + added + pressure
+        C = (
+            factor[..., None, None] * shape
+            + volume
+            + slope[..., None, None] * S_iso[..., :, None] * S_iso[..., None, :]
+        )
+    if scale is not None:
+        energy, S, C = scale * energy, scale[..., None] * S, scale[..., None, None] * C
     _refuse(~np.isfinite(energy), "no finite energy")
-    C = None
-    if tangent:
-        C = factor[..., None, None] * shape + slope[..., None, None] * S[..., :, None] * S[..., None, :] + volume
-        C *= np.reshape(much, (*np.shape(much), 1, 1))
-    total *= np.reshape(much, (*np.shape(much), 1))
     F = np.ascontiguousarray(np.broadcast_to(np.eye(3), H.shape))
-    return PointState(F, total, np.zeros_like(total), C, energy, now)
+    return PointState(F, S, np.zeros_like(S), np.ascontiguousarray(C) if tangent else None, energy, now)
 
 
 @numba.njit(cache=True)

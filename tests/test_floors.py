@@ -11,9 +11,9 @@ ROOT = Path(__file__).parents[1]
 ROOMS = {
     "rso": (
         "contract units",
-        "curves measurement similarity doe surrogates sensitivity",
+        "curves measurement similarity doe surrogates sensitivity feasibility",
         "store running targets benchmarks emulator",
-        "search verify",
+        "search verify identify",
         "study",
         "report progress",
         "cli",
@@ -21,15 +21,15 @@ ROOMS = {
     "fem_backend": (
         "analytic laws geometry",
         "stress meshing",
-        "element linsolve contact newton",
-        "stepping",
-        "indentation",
+        "element linsolve zones contact newton",
+        "stepping post",
+        "experiment model indentation errors anchors",
         "backend",
         "__main__",
     ),
 }
 ORDER = {package: " ".join(floors).split() for package, floors in ROOMS.items()}
-SEAM = {"indentation", "backend", "__main__"}  # rooms of fem_backend that may import rso.contract
+SEAM = {"experiment", "backend", "__main__"}  # rooms of fem_backend that may import rso.contract
 
 
 def imports(source: str, package: str, inside: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:

@@ -15,11 +15,12 @@ from fem_backend.laws.law import Isotropic, cauchy_green
 class Ogden(Isotropic):
     """W = Σᵢ (2μᵢ/αᵢ²)(λ̄₁^αᵢ + λ̄₂^αᵢ + λ̄₃^αᵢ − 3) + (1/D₁)(J − 1)², λ̄ = J^(-1/3) λ, μᵢ = shareᵢ μ, i ≤ 3.
 
-    μ in MPa, D₁ in 1/MPa, α ≠ 0 and share without unit, Σ share = 1, so that μ = Σ μᵢ is the initial shear modulus.
+    μ in MPa, D₁ in 1/MPa, α and share without unit, Σ share = 1, so that μ = Σ μᵢ is the initial shear modulus.
     In the other common convention, W = Σ (mᵢ/αᵢ)(…), mᵢ = 2μᵢ/αᵢ and μ = ½ Σ mᵢαᵢ.  α = (2,) is neo-Hookean,
-    α = (2, −2) is Mooney–Rivlin with C₀₁ = share₂ μ/2.  Assumes isotropy and no rate dependence.  Validity: stretches
-    of elastomers to about 7 with three terms; every share > 0 makes the law stable, whatever the signs of α.
-    Raises ValueError for more than three terms, α = 0, lengths that differ or shares that do not sum to 1.
+    α = (2, −2) is Mooney–Rivlin with C₀₁ = share₂ μ/2, α → 0 is Hencky's W = μ Σ ln²λ̄.  Assumes isotropy and no
+    rate dependence.  Validity: stretches of elastomers to about 7 with three terms; every share > 0 makes the law
+    stable, whatever the signs of α.
+    Raises ValueError for more than three terms, lengths that differ or shares that do not sum to 1.
     Source: Ogden 1972; Holzapfel 2000, eq. 6.119 in isochoric stretches.
     """
 
@@ -29,8 +30,6 @@ class Ogden(Isotropic):
     def __post_init__(self) -> None:
         if not 1 <= len(self.alpha) <= 3 or len(self.share) != len(self.alpha):
             raise ValueError(f"alpha = {self.alpha}, share = {self.share}: one to three terms, one share for each")
-        if 0.0 in self.alpha:
-            raise ValueError(f"alpha = {self.alpha}: an exponent must not be zero")
         if not math.isclose(math.fsum(self.share), 1.0, rel_tol=0.0, abs_tol=1e-9):
             raise ValueError(f"share = {self.share}: the shares of mu must sum to 1")
 
@@ -82,10 +81,20 @@ def _jacobi(a, v):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+def _quotients(y):  # type: ignore[no-untyped-def]
+    """(eʸ − 1)/y and (eʸ − 1 − y)/y² without loss of digits near y = 0."""
+    if abs(y) < 1e-2:
+        second = 0.5 + y * (1 / 6 + y * (1 / 24 + y * (1 / 120 + y * (1 / 720 + y / 5040))))
+        return 1.0 + y * second, second
+    first = math.expm1(y) / y
+    return first, (first - 1.0) / y
+
+
+@numba.njit(cache=True)
 def _principal(F, jac, mu, alpha, tangent):  # type: ignore[no-untyped-def]
     """S = Σ Sₐ Nₐ⊗Nₐ and ℂ (Holzapfel 2000, eq. 6.180), with x = λ², e = ln λ̄ and
 
-    Sₐ = βₐ/xₐ, βₐ = fₐ − f̄, f(λ̄) = Σᵢ (2μᵢ/αᵢ)(λ̄^αᵢ − 1), f̄ the mean over a,
+    Sₐ = βₐ/xₐ, βₐ = fₐ − f̄, f(λ̄) = Σᵢ (2μᵢ/αᵢ)(λ̄^αᵢ − 1), f̄ the mean over a, W = Σₐ Σᵢ (2μᵢ/αᵢ²)(λ̄ₐ^αᵢ − 1 − αᵢ eₐ),
     ∂βₐ/∂ln λ_b = δₐ_b kₐ − (kₐ + k_b)/3 + k̄/3, k = Σᵢ 2μᵢ λ̄^αᵢ.
 
     The coefficient of the shears is rewritten without the difference of two stresses,
@@ -116,10 +125,11 @@ def _principal(F, jac, mu, alpha, tangent):  # type: ignore[no-untyped-def]
                 e[i] = 0.5 * math.log(x[i]) - mean
                 f[i], stiff[i] = 0.0, 0.0
                 for t in range(len(mu)):
-                    power = math.expm1(alpha[t] * e[i])
-                    f[i] += 2.0 * mu[t] / alpha[t] * power
-                    stiff[i] += 2.0 * mu[t] * (1.0 + power)
-                    W[p, q] += 2.0 * mu[t] / alpha[t] ** 2 * (power - alpha[t] * e[i])
+                    y = alpha[t] * e[i]
+                    first, second = _quotients(y)
+                    f[i] += 2.0 * mu[t] * e[i] * first
+                    stiff[i] += 2.0 * mu[t] * (1.0 + y * first)
+                    W[p, q] += 2.0 * mu[t] * e[i] * e[i] * second
             mf, mk = (f[0] + f[1] + f[2]) / 3.0, (stiff[0] + stiff[1] + stiff[2]) / 3.0
             for i in range(3):
                 s[i] = (f[i] - mf) / x[i]
@@ -136,11 +146,11 @@ def _principal(F, jac, mu, alpha, tangent):  # type: ignore[no-untyped-def]
             for i in range(3):  # the shear in the plane of the other two directions
                 j, k = (i + 1) % 3, (i + 2) % 3
                 part = (x[k] - x[j]) / x[j]
-                quotient = 0.0
+                log = math.log1p(part)
+                ratio, quotient = 1.0 if part == 0.0 else log / part, 0.0
                 for t in range(len(mu)):
-                    half = 0.5 * alpha[t]
-                    ratio = half if part == 0.0 else math.expm1(half * math.log1p(part)) / part
-                    quotient += 2.0 * mu[t] / alpha[t] * math.exp(alpha[t] * e[j]) / x[j] * ratio
+                    first, _ = _quotients(0.5 * alpha[t] * log)
+                    quotient += mu[t] * math.exp(alpha[t] * e[j]) / x[j] * ratio * first
                 g = (quotient - s[j]) / x[k]
                 for l in range(6):
                     P[i, l] = v[row[l], j] * v[col[l], k] + v[row[l], k] * v[col[l], j]

@@ -31,14 +31,17 @@ class Prony:
             raise ValueError(f"prony tau = {self.tau} s: times must be positive")
 
     def weights(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        """Decay exp(−Δt/τᵢ) of hᵢ and weight gᵢ exp(−Δt/2τᵢ) of the new stress increment, (k,).
+        """Decay exp(−x) of hᵢ and weight gᵢ (1 − exp(−x))/x of the new stress increment, x = Δt/τᵢ, (k,).
 
-        The midpoint rule for the convolution over one step: second order in Δt, instantaneous for Δt ≪ τ, fully
-        relaxed for Δt ≫ τ, never unstable (Simo & Hughes 1998, §10.3; Holzapfel 2000, §6.10).
+        Exact for a stress that is linear in time within the step (Taylor, Pister & Goudreau 1970): second order in Δt,
+        instantaneous for Δt ≪ τ, relaxed for Δt ≫ τ, never unstable.
         """
+        if not dt >= 0.0:
+            raise ValueError(f"time step {dt} s: it must not be negative")
         x = dt / np.array(self.tau, dtype=float)
-        return np.exp(-x), np.array(self.g, dtype=float) * np.exp(-0.5 * x)
+        mean = -np.expm1(-x) / x if dt > 0.0 else np.ones_like(x)
+        return np.exp(-x), np.array(self.g, dtype=float) * mean
 
     def factor(self, dt: float) -> float:
-        """Algorithmic share 1 − Σ gᵢ + Σ gᵢ exp(−Δt/2τᵢ) of the elastic isochoric stress and tangent in one step."""
+        """Algorithmic share 1 − Σ gᵢ + Σ gᵢ (1 − exp(−x))/x of the elastic isochoric stress and tangent in one step."""
         return 1.0 - math.fsum(self.g) + float(self.weights(dt)[1].sum())

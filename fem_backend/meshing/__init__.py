@@ -1,18 +1,22 @@
 """A body becomes graded tetrahedra: fTetWild for any body, a conformal map of a subdivided ball for tests.
 
-fTetWild gives the better elements but is not reproducible, so its mesh is an artefact: made once, stored under
-its hash.  The mapped mesh is the same to the bit everywhere.  Both give a `Mesh` of vertices and tetrahedra of
-the quarter x ≥ 0, y ≥ 0; `quadratic` adds the mid-edge nodes and puts them on the true surface.
+fTetWild gives the better elements but is not reproducible, so its mesh is an artefact: the reference specimen's are
+shipped (`templates`), others are made once and stored under their hash.  The mapped mesh is the same to the bit
+everywhere.  All give a `Mesh` of vertices and tetrahedra of the quarter x ≥ 0, y ≥ 0, graded towards the top;
+`assemble` makes of it the quadratic mesh of any specimen, point and symmetry, `refined` cuts it for convergence checks.
 """
 
 from fem_backend.meshing.mapped import kuhn_simplex, mapped_quarter
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, quadratic, volumes
-from fem_backend.meshing.placing import assemble, scaled_jacobian
+from fem_backend.meshing.placing import FARTHEST, assemble, scaled_jacobian
 from fem_backend.meshing.recipes import cached, make, mapped_recipe, template_recipe, tetwild_recipe
 from fem_backend.meshing.refined import refined
-from fem_backend.meshing.templates import template_fits, template_mesh
+from fem_backend.meshing.templates import LEVELS, RADIUS, template_fits, template_mesh
 
 __all__ = [
+    "FARTHEST",
+    "LEVELS",
+    "RADIUS",
     "BadMesh",
     "Mesh",
     "Sizing",

@@ -18,15 +18,32 @@ class BadMesh(ValueError):
 
 @dataclass(frozen=True)
 class Sizing:
-    """Target edge length h(d) = min(h0 + growth·max(d − r0, 0), hmax) at distance d (mm) from the contact."""
+    """Target edge length h(d) = min(h0 + growth·max(d − r0, 0), hmax) at distance d (mm) from the contact.
+
+    The distance is taken from a point `lift` (mm) above the contact, less `lift`: the region of one size is then a lens
+    that reaches farther along the surface than into the depth.
+    """
 
     h0: float
     r0: float
     growth: float
     hmax: float
+    lift: float = 0.0
 
     def __call__(self, d: np.ndarray | float) -> np.ndarray:
         return np.minimum(self.h0 + self.growth * np.maximum(np.asarray(d) - self.r0, 0.0), self.hmax)
+
+    def centre(self, body: Ellipsoid) -> np.ndarray:
+        """Where distances are taken from, (3,) mm."""
+        return body.top + np.array([0.0, 0.0, self.lift])
+
+    def at(self, points: np.ndarray, body: Ellipsoid) -> np.ndarray:
+        """Target edge length at points (…, 3) of a body touched at its top."""
+        return self(np.linalg.norm(points - self.centre(body), axis=-1) - self.lift)
+
+    def scaled(self, factor: float) -> Sizing:
+        """The sizing of a model that is `factor` times as large."""
+        return Sizing(self.h0 * factor, self.r0 * factor, self.growth, self.hmax * factor, self.lift * factor)
 
 
 @dataclass(frozen=True)

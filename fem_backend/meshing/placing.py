@@ -16,6 +16,7 @@ from skfem.refdom import RefTet
 from fem_backend.geometry import Ellipsoid
 from fem_backend.meshing.mesh import BadMesh, Mesh, quadratic
 
+FARTHEST = 0.8  # semi-axes from the top: beyond it the coarse far side misses more than 1 % of the volume
 WORST = 0.05  # scaled Jacobian below which an element only spoils the matrix; a well made mesh has 0.15 to 0.4
 
 
@@ -30,7 +31,7 @@ def assemble(
 
     `planes` says which symmetry planes (x = 0, y = 0) bound the model: both give the quarter x ≥ 0, y ≥ 0, none the
     whole body.  Nodes of the quarter come first, then their mirror images.  Raises ValueError when a point is off a
-    kept plane and BadMesh when it is so far from the top that elements are spoilt.
+    kept plane and BadMesh when it is more than `FARTHEST` semi-axes from the top or elements are spoilt.
     """
     for axis in (0, 1):
         if planes[axis] and point[axis] != 0.0:
@@ -39,12 +40,15 @@ def assemble(
     for axis in (0, 1):
         if not planes[axis]:
             X, tets = _mirrored(X, tets, axis)
-    X = translated(X, point[0] / body.a, point[1] / body.b)
+    share = (point[0] / body.a, point[1] / body.b)
+    X = translated(X, *share)
+    if math.hypot(*share) > FARTHEST + 1e-12:
+        raise BadMesh(f"point = {point} mm is {math.hypot(*share):.2f} semi-axes from the top, at most {FARTHEST}")
     ball = quadratic(Ellipsoid(1.0, 1.0, 1.0), Mesh(X, tets))
     placed = MeshTet2(ball.doflocs * body.semi_axes[:, None], ball.t)
     worst = float(scaled_jacobian(placed).min())
     if worst < WORST:
-        raise BadMesh(f"point = {point} mm is too far from the top: scaled Jacobian {worst:.3f}, at least {WORST}")
+        raise BadMesh(f"elements are spoilt at point = {point} mm: scaled Jacobian {worst:.3f}, at least {WORST}")
     return placed
 
 

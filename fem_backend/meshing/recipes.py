@@ -11,14 +11,16 @@ import tempfile
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
+
 from fem_backend.geometry import Ellipsoid
 from fem_backend.meshing.mapped import mapped_quarter
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing
-from fem_backend.meshing.templates import template_hash, template_mesh
+from fem_backend.meshing.templates import NOMINAL, template_hash, template_mesh
 
 
 def make(recipe: str) -> Mesh:
-    """Mesh from its recipe (JSON with the keys mesher, semi_axes and size, or level and hash of a template).
+    """Mesh from its recipe (JSON with the keys mesher, semi_axes and size or level).
 
     fTetWild runs in a child process: it is native code that can crash, and it litters its working directory.
     Raises BadMesh when it fails.
@@ -29,7 +31,8 @@ def make(recipe: str) -> Mesh:
     if data["mesher"] == "template":
         if template_hash(data["level"]) != data["sha256"]:
             raise BadMesh(f"the template {data['level']!r} of this version is not the one of the recipe")
-        return template_mesh(data["level"])
+        mesh = template_mesh(data["level"])
+        return Mesh(mesh.vertices * (np.array(data["semi_axes"]) / NOMINAL.semi_axes), mesh.tets)
     with tempfile.TemporaryDirectory() as folder:
         child = [sys.executable, "-m", "fem_backend.meshing.tetwild", recipe, "mesh.npz"]
         path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
@@ -46,8 +49,9 @@ def make(recipe: str) -> Mesh:
 
 def tetwild_recipe(body: Ellipsoid, sizing: Sizing) -> str:
     """Recipe of a graded fTetWild mesh of the quarter body."""
+    words = {k: v for k, v in asdict(sizing).items() if k != "lift" or v}  # recipes without it are as they were
     return json.dumps(
-        {"mesher": "tetwild", "version": 1, "semi_axes": list(body.semi_axes), "sizing": asdict(sizing)}, sort_keys=True
+        {"mesher": "tetwild", "version": 1, "semi_axes": list(body.semi_axes), "sizing": words}, sort_keys=True
     )
 
 
@@ -58,11 +62,15 @@ def mapped_recipe(body: Ellipsoid, n: int, slip: float) -> str:
     )
 
 
-def template_recipe(level: str) -> str:
-    """Recipe of the shipped quarter mesh of a level; its hash makes a changed template a different recipe."""
+def template_recipe(level: str, body: Ellipsoid = NOMINAL) -> str:
+    """Recipe of the shipped quarter mesh of a level, scaled to `body`; equal bits on every machine.
+
+    Its hash makes a changed template a different recipe.
+    """
     return json.dumps(
-        {"mesher": "template", "version": 1, "level": level, "sha256": template_hash(level)}, sort_keys=True
-    )
+        {"mesher": "template", "version": 1, "semi_axes": [float(v) for v in body.semi_axes], "level": level,
+         "sha256": template_hash(level)}, sort_keys=True
+    )  # fmt: skip
 
 
 def cached(recipe: str) -> Mesh:

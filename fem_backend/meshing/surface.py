@@ -42,7 +42,7 @@ def _segment(start: np.ndarray, end: np.ndarray, body: Ellipsoid, sizing: Sizing
     length = float(np.linalg.norm(end - start))
     s = [0.0]
     while s[-1] < length:
-        s.append(s[-1] + float(sizing(np.linalg.norm(start + (end - start) * s[-1] / length - body.top))))
+        s.append(s[-1] + float(sizing.at(start + (end - start) * s[-1] / length, body)))
     s = np.array(s) / s[-1]
     return start + (end - start) * s[1:-1, None]
 
@@ -57,13 +57,13 @@ def _rings(body: Ellipsoid, sizing: Sizing) -> tuple[np.ndarray, np.ndarray, lis
     angles = [0.0]
     while angles[-1] < np.pi:
         speed = np.linalg.norm(point(angles[-1] + np.pi / 2))
-        angles.append(angles[-1] + float(sizing(np.linalg.norm(point(angles[-1]) - body.top))) / speed)
+        angles.append(angles[-1] + float(sizing.at(point(angles[-1]), body)) / speed)
     angles = np.array(angles) * np.pi / angles[-1]
     angles[np.argmin(np.abs(angles - np.pi / 2))] = np.pi / 2
     rings, index, count = [], [], 0
     for k, theta in enumerate(angles):
         pole = k in (0, len(angles) - 1)
-        h = float(sizing(np.linalg.norm(point(theta) - body.top)))
+        h = float(sizing.at(point(theta), body))
         m = 0 if pole else max(2, round(np.sin(theta) * (body.a + body.b) / 2 * np.pi / 2 / h))
         phi = np.linspace(0, np.pi / 2, m + 1) if m else np.zeros(1)
         c, s = np.cos(phi), np.sin(phi)
@@ -98,11 +98,17 @@ def _plane_face(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Triangulate the plane convex face inside `loop` (k, 3), graded, seen counter-clockwise along `outward`."""
     i, j = (k for k in range(3) if outward[k] == 0)
-    top = body.top[[i, j]]
+    focus = sizing.centre(body)
+    top, above = focus[[i, j]], float(focus[2]) if j == 1 else 0.0  # the face z = 0 is looked at from its focus above
+
+    def size(r: float) -> float:
+        return float(sizing(np.hypot(r, above) - sizing.lift))
+
     flat = loop[:, [i, j]]
-    cloud, r = [], 0.5 * float(sizing(np.linalg.norm(body.top - [0, 0, loop[0, 2]]) if j == 1 else 0.0))
+    start = max(sizing.lift, 0.0) if j == 2 else 0.0  # nothing of a side face is nearer
+    cloud, r = [], start + 0.5 * size(start)
     while r < 2.5 * body.semi_axes.max():
-        h = float(sizing(np.hypot(r, body.c) if j == 1 else r))
+        h = size(r)
         m = max(3, round(2 * np.pi * r / h))
         theta = (np.arange(m) + 0.5) / m * 2 * np.pi
         cloud.append(top + r * np.c_[np.cos(theta), np.sin(theta)])
@@ -112,7 +118,7 @@ def _plane_face(
     cloud = cloud[inside]
     full = np.zeros((len(cloud), 3))
     full[:, [i, j]] = cloud
-    h = sizing(np.linalg.norm(full - body.top, axis=1))
+    h = sizing.at(full, body)
     cloud = cloud[cKDTree(flat).query(cloud)[0] > 0.6 * h]
     centre = flat.mean(0)
     following, preceding = np.roll(flat, -1, 0) - flat, flat - np.roll(flat, 1, 0)

@@ -78,7 +78,7 @@ def _background(body: Ellipsoid, sizing: Sizing) -> tuple[np.ndarray, np.ndarray
     tets = box.t.T.astype(np.int32)
     flipped = volumes(Mesh(points, tets)) < 0
     tets[flipped] = tets[flipped][:, [0, 2, 1, 3]]
-    return points, tets, TETWILD_SCALE * sizing(np.linalg.norm(points - body.top, axis=1))
+    return points, tets, TETWILD_SCALE * sizing.at(points, body)
 
 
 def _die_with_parent() -> None:

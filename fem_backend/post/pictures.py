@@ -126,7 +126,7 @@ def draw_section(
     cut = section(body, x, values, centre, n)
     across = plane_axes(n)
     middle = across @ centre
-    mirrored = any(planes[k] and abs(across[0, k]) == 1.0 for k in range(2))
+    mirrored = any(planes[k] and abs(across[0, k]) == 1.0 for k in range(2)) or (all(planes) and n[2] == 0.0)
     figure = Figure(figsize=(12.0, 5.2), layout="constrained")
     FigureCanvasAgg(figure)
     whole, near = figure.subplots(1, 2)

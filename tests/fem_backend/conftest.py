@@ -1,64 +1,79 @@
-"""Models on the reproducible mapped mesh, built once: coarse enough to be fast, not meant to be accurate."""
+"""Experiments on the reproducible mapped mesh, built once: coarse enough to be fast, not meant to be accurate."""
 
-from dataclasses import dataclass, field
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from fem_backend import indentation, meshing, stepping
-from fem_backend.indentation import Model, Settings
-from fem_backend.laws import Law, NeoHooke
+from fem_backend import experiment, indentation, model, stepping
+from fem_backend.backend import BACKEND, passages
+from fem_backend.experiment import Knobs, Settings
+from fem_backend.indentation import Result
+from fem_backend.model import Model, Placement
 from fem_backend.newton import Counters, Load, System
-from fem_backend.stepping import Control, Point
+from fem_backend.stepping import Control, Instant, Point
+from rso.contract import Programme
 
 # slip 0.6 needs n >= 9: below that the straight-sided volume is more than 8 % short and the mesh is refused
 MESH = {"mesher": "mapped", "n": 8, "slip": 0.5}
 SMALL_MESH = {"mesher": "mapped", "n": 6, "slip": 0.3}
-LAW = NeoHooke(mu=0.01, D1=5.8)
-DOWN = np.array([0.0, 0.0, -1.0])
+VALUES = {"mu": 0.01, "D1": 5.8}
 
 
 @dataclass(frozen=True)
 class Bench:
-    """A model with the pieces a test wants to hold in its hand."""
+    """An experiment with the pieces that a test wants to hold in its hand."""
 
     settings: Settings
+    knobs: Knobs
+    placement: Placement
     model: Model
 
-    def system(self, law: Law = LAW) -> System:
+    def system(self) -> System:
         """The system that `indentation.solve` builds."""
-        body, surface = self.model.body, self.model.surface
-        epsilon = indentation.penalty(surface, body, self.settings, law)
-        return System(body, law, surface, self.settings.indenter, epsilon, self.model.factor)
+        return model.system(self.settings, self.knobs, self.placement, self.model)
 
     def load(self, travel: float) -> Load:
         """Indenter at a travel (mm), no multipliers."""
-        centre = self.settings.body.top + (travel - self.settings.indenter.R) * DOWN
-        return Load(centre, np.zeros(self.model.surface.weights.shape), DOWN)
+        return model.load(self.system(), self.placement, travel)
 
-    def travel(self, asked: list[float], control: Control, law: Law = LAW) -> list[Point]:
-        """Equilibria at the asked travels with other numerical settings."""
-        return stepping.travel(self.system(law), self.load, np.array(asked), control, Counters())
+    def travel(self, asked: Sequence[float], control: Control) -> list[Point]:
+        """Equilibria at the asked travels of an elastic body with other numerical settings."""
+        system = self.system()
+
+        def start(s: float) -> Load:
+            return model.load(system, self.placement, s)
+
+        return stepping.travel(system, start, list(asked), control, Counters())
+
+    def solve(self, asked: Sequence[float] | Programme, gradients: Sequence[str] = (), **settings: Any) -> Result:
+        """The whole run to asked travels (mm, 1 mm/s) or through a programme, with other fields of the settings."""
+        programme = asked if isinstance(asked, Programme) else Programme.ramp(tuple(asked), 1.0)
+        return indentation.solve(
+            replace(self.settings, **settings), self.knobs, self.placement, self.model, passages(programme),
+            gradients=gradients,
+        )  # fmt: skip
+
+    def other(self, **knobs: float) -> Bench:
+        """The same experiment with other knobs, on the same mesh; on the same model where the shape allows it."""
+        return bench(dict(self.settings.mesh), {**vars(self.knobs), **knobs}, self.settings)
 
 
-def bench(mesh: dict, **others: object) -> Bench:
-    settings = indentation.read_settings({"mesh": mesh, **others})
-    return Bench(settings, indentation.build(settings, meshing.make(settings.recipe)))
+def bench(mesh: Mapping[str, Any], knobs: Mapping[str, float] = VALUES, settings: Any = None, **table: Any) -> Bench:
+    """An experiment on the mesh: `table` is that of a case, unless `settings` were read already."""
+    settings = experiment.read_settings({"mesh": dict(mesh), **table}) if settings is None else settings
+    values = BACKEND.knobs(knobs, settings)
+    placement = model.place(settings, values)
+    return Bench(settings, values, placement, model.model_for(settings, values, placement, None))
 
 
-@dataclass(frozen=True)
-class Waves:
-    """A smooth displacement field that is zero on nothing in particular, u = A sin(B X) (mm)."""
-
-    amplitude: float
-    seed: int = 1
-    B: np.ndarray = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "B", np.random.default_rng(self.seed).normal(size=(3, 3)) / 20.0)
-
-    def __call__(self, X: np.ndarray) -> np.ndarray:
-        return self.amplitude * np.sin(X @ self.B + 0.3)
+def instants(*asked: float) -> list[Instant]:
+    """Asked travels at 1 mm/s."""
+    return [Instant(s, s, True) for s in asked]
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -81,23 +96,14 @@ def small() -> Bench:
 
 @pytest.fixture(scope="session")
 def make_bench():
-    return bench
-
-
-@pytest.fixture(scope="session")
-def waves():
-    return Waves
-
-
-@pytest.fixture(scope="session")
-def law():
-    return LAW
+    """(knobs, **settings) → an experiment on the small mesh."""
+    return lambda knobs=VALUES, mesh=SMALL_MESH, **table: bench(mesh, {**VALUES, **knobs}, **table)
 
 
 @pytest.fixture(scope="session")
 def to_two(graded):
     """The ordinary run to 1 and 2 mm."""
-    return indentation.solve(graded.settings, LAW, graded.model, np.array([1.0, 2.0]))
+    return graded.solve([1.0, 2.0])
 
 
 def taylor_slopes(error: np.ndarray, steps: np.ndarray) -> np.ndarray:

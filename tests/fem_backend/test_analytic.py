@@ -98,3 +98,14 @@ def test_relaxation_and_softening_at_their_ends():
     assert np.all(analytic.softening([1.0, 2.0], [1.0, 1.0], 0.5, 0.1, 0.2) == 1.0)
     # erf(1) = 0.842700792949715 (Abramowitz & Stegun 1964, table 7.1)
     np.testing.assert_allclose(analytic.softening(0.7, 1.0, 0.5, 0.1, 0.2), 1 - 0.5 * 0.842700792949715, rtol=1e-14)
+
+
+def test_the_other_convention_of_ogden():
+    """Ogden's own constants for Treloar's rubber, W = Σ (mᵢ/αᵢ)(…): shares mᵢαᵢ/Σmα of μ = ½ Σ mᵢαᵢ = 0.4225 MPa."""
+    m, alpha = np.array([0.63, 0.0012, -0.01]), np.array([1.3, 5.0, -2.0])
+    mu, x = 0.5 * (m * alpha).sum(), np.array([0.5, 1.5, 3.0, 7.0])
+    np.testing.assert_allclose(mu, 0.4225, rtol=1e-12)
+    expected = (m * (x[:, None] ** (alpha - 1) - x[:, None] ** (-alpha / 2 - 1))).sum(1)
+    np.testing.assert_allclose(
+        analytic.nominal_ogden("uniaxial", x, mu, tuple(alpha), tuple(0.5 * m * alpha / mu)), expected, rtol=1e-13
+    )

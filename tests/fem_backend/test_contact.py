@@ -8,9 +8,10 @@ import pytest
 from scipy import integrate, optimize, sparse
 from skfem import MeshTet, MeshTet2
 
-from fem_backend import contact, element
+from fem_backend import contact, element, linsolve, newton
 from fem_backend.contact import TANGENTIAL, Adhesion, Before, ContactState, Pair, Touch
 from fem_backend.geometry import Bowl, Ellipsoid, Sphere, first_contact
+from fem_backend.laws import NeoHooke
 
 STEPS = np.array([1.0, 0.5, 0.25, 0.125])
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -85,8 +86,9 @@ def pressed(
     epsilon = rng.uniform(2.0, 4.0, shape)
     start = contact.contact_points(surface, body.nodes + 0.8 * wave(body.nodes))
     before = Before(
-        start + 0.02 * rng.normal(size=start.shape), centre - 0.05 * direction, 0.05 * rng.normal(size=start.shape)
-    )
+        start + 0.02 * rng.normal(size=start.shape), centre - 0.05 * direction, 0.05 * rng.normal(size=start.shape),
+        0.02 * rng.normal(size=shape),  # half of the points were open
+    )  # fmt: skip
     touch = Touch(centre, direction, 0.1 * epsilon * rng.uniform(0, 1, shape), rng.uniform(1, 2, shape), before)
     return Case(body, Pair(surface, rigid, epsilon, friction, adhesion), touch, x)
 
@@ -267,7 +269,7 @@ def moved(case: Case, Q: np.ndarray, shift: np.ndarray) -> Case:
     b, rigid = case.touch.before, case.pair.rigid
     if isinstance(rigid, Bowl):
         rigid = replace(rigid, centre=tuple(np.array(rigid.centre) + shift), rim_z=rigid.rim_z + shift[2])
-    before = Before(b.points @ Q.T + shift, Q @ b.centre + shift, b.traction @ Q.T)
+    before = Before(b.points @ Q.T + shift, Q @ b.centre + shift, b.traction @ Q.T, b.gap)
     touch = replace(case.touch, centre=Q @ case.touch.centre + shift, direction=Q @ case.touch.direction, before=before)
     return Case(case.body, replace(case.pair, rigid=rigid), touch, case.x @ Q.T + shift)
 
@@ -374,7 +376,7 @@ def sliding(amplitude: float, friction: float, count: int = 400) -> tuple[np.nda
     along = np.array([0.6, -0.8, 0.0])
     nothing = np.zeros(surface.weights.shape)
     centre = np.array([0.0, 0.0, R - depth])
-    before = Before(contact.contact_points(surface, body.nodes), centre, np.zeros((*nothing.shape, 3)))
+    before = Before(contact.contact_points(surface, body.nodes), centre, np.zeros((*nothing.shape, 3)), nothing)
     force = []
     for way in s:
         touch = Touch(centre + way * along, DOWN, nothing, before=before)
@@ -565,3 +567,63 @@ def test_first_touch_follows_the_deformation_smoothly():
     assert np.abs(second).max() < 20 * h**2, second
     t = np.array([0.3, 0.301])
     assert abs((way(t[1]) - way(t[0])) / 1e-3 + 1.0) < 0.1  # the bump goes up nearly as much
+
+
+# ---------------------------------------------------------------------------------------------- equilibrium
+
+
+def indented(rigid: Sphere, friction: float = 0.0, augmentations: int = 0) -> tuple[Pair, newton.Evaluation]:
+    """A plate on a rigid floor under a ball pressed in by 0.2 mm, multipliers λ ← p so many times."""
+    body, quadratic = block(4)
+    held = np.zeros(body.nodes.shape, bool)
+    held[body.nodes[:, 2] < -1.0 + 1e-9] = True
+    body = element.discretise(quadratic, held, symmetric=False)
+    surface = top(body, quadratic)
+    nothing = np.zeros(surface.weights.shape)
+    pair = Pair(surface, rigid, nothing + 2.0, friction)
+    system = newton.System(body, NeoHooke(0.01, 5.8), (pair,), linsolve.solver(body.pattern, "superlu"))
+    centre = np.array([0.1, 0.05, rigid.R])
+    before = Before(contact.contact_points(surface, body.nodes), centre, np.zeros((*nothing.shape, 3)), nothing)
+    touch = Touch(centre + 0.2 * DOWN, DOWN, nothing, before=before)
+    counters = newton.Counters()
+    u = np.zeros_like(body.nodes)
+    for _ in range(augmentations + 1):
+        at = newton.solve(system, u, newton.Load((touch,)), 1e-8, counters).evaluation
+        u, touch = at.u, replace(touch, multiplier=at.contact.pressure)
+    return pair, at
+
+
+def test_augmentation_makes_contact_complementary():
+    """p ≥ 0, g → 0 where p > 0 and p·g → 0: every augmentation takes most of the rest away."""
+    penetration, work = [], []
+    for k in (0, 1, 3):
+        pair, evaluation = indented(Sphere(1.5), augmentations=k)
+        at, w = evaluation.contact, pair.surface.weights
+        assert at.pressure.min() >= 0.0 and at.force[2] > 0
+        assert np.all(at.gap[at.pressure == 0] > -1e-9)  # open points do not penetrate
+        penetration.append(max(-at.gap.min(), 0.0))
+        work.append(abs(float((w * at.pressure * at.gap).sum())) / float((w * at.pressure).sum()))
+    assert penetration[0] < 0.05 and penetration[2] < 0.3 * penetration[0], penetration  # mm of 0.2 mm travel
+    assert work[1] < 0.5 * work[0] and work[2] < 0.2 * work[0], work
+
+
+def test_body_does_not_resist_an_indenter_with_the_normal_reversed():
+    """Negative control of the whole chain: equilibrium under the reversed indenter is missing or pulls it in."""
+    try:
+        force = indented(WrongWay(1.5))[1].contact.force[2]
+    except newton.NotConverged:
+        return
+    assert not force > 0
+
+
+def test_friction_holds_the_surface_back():
+    """A sticking surface follows the ball, a slippery one slides along it: more force, less sliding."""
+    force, sliding = [], []
+    for friction in (0.0, 0.3, 10.0):
+        pair, at = indented(Sphere(1.5), friction)
+        points = contact.contact_points(pair.surface, at.u)
+        across = np.linalg.norm(points[..., :2], axis=-1)
+        force.append(at.contact.force[2])
+        sliding.append(float((across * (at.contact.pressure > 0)).max()))
+        assert at.residual[at.contact.residual.any(1)].max() < 1e-6  # in equilibrium where it is touched
+    assert force[0] < force[1] <= force[2] and sliding[2] < sliding[0], (force, sliding)

@@ -99,3 +99,80 @@ def test_unknown_solver_is_refused_by_name(small):
 
 def test_auto_takes_what_is_there():
     assert linsolve.available() in ("pardiso", "superlu")
+
+
+# ---------------------------------------------------------------------------------------------- unsymmetric matrices
+
+
+def dense_pattern(n: int, symmetric: bool) -> element.Pattern:
+    """Every entry of a small matrix, or those of its upper triangle."""
+    rows, cols = np.nonzero(np.triu(np.ones((n, n))) if symmetric else np.ones((n, n)))
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))]).astype(np.int32)
+    return element.Pattern(indptr, cols.astype(np.int32), symmetric)
+
+
+def skewed(body: element.Body) -> tuple[sparse.csr_matrix, np.ndarray]:
+    """The stiffness of a body stored whole, with a skew part as large as friction's; a right-hand side."""
+    p = body.pattern
+    rng = np.random.default_rng(0)
+    K = sparse.csr_matrix((stiffness(body), p.indices, p.indptr), shape=(p.size, p.size))
+    noise = sparse.csr_matrix((0.02 * rng.uniform(-1, 1, K.nnz) * K.data, p.indices, p.indptr), shape=K.shape)
+    skew = (K + noise - noise.T).tocsr()
+    skew.sort_indices()
+    assert np.array_equal(skew.indices, p.indices) and np.array_equal(skew.indptr, p.indptr)
+    return skew, rng.normal(size=p.size)
+
+
+@pytest.fixture(scope="module")
+def whole(make_bench):
+    """The small body with both triangles stored, as friction needs it."""
+    return make_bench({"friction": 0.3}).model.body
+
+
+def test_pattern_of_both_triangles_knows_its_diagonal(whole):
+    p = whole.pattern
+    rows = np.repeat(np.arange(p.size), np.diff(p.indptr))
+    np.testing.assert_array_equal(p.indices[p.diagonal], np.arange(p.size))
+    np.testing.assert_array_equal(rows[p.diagonal], np.arange(p.size))
+
+
+def test_symmetric_matrix_stored_both_ways_is_the_same(small, whole, name):
+    """Upper triangle or both: same entries, same solution (the numbering is the same, it depends on the mesh alone)."""
+    np.testing.assert_array_equal(small.model.body.free, whole.free)
+    one, two = stiffness(small.model.body), stiffness(whole)
+    p, q = small.model.body.pattern, whole.pattern
+    upper = sparse.csr_matrix((one, p.indices, p.indptr), shape=(p.size, p.size))
+    full = sparse.csr_matrix((two, q.indices, q.indptr), shape=(q.size, q.size))
+    np.testing.assert_allclose(abs(upper + sparse.triu(upper, 1).T - full).max(), 0.0, atol=1e-15 * abs(full).max())
+    b = np.random.default_rng(0).normal(size=p.size)
+    x, y = solver(p, name)(one)(b), solver(q, name)(two)(b)
+    np.testing.assert_allclose(x, y, rtol=0, atol=1e-10 * np.abs(x).max())  # condition times round-off
+
+
+def test_unsymmetric_matrix_is_solved_as_it_is(whole, name):
+    A, b = skewed(whole)
+    x = solver(whole.pattern, name)(A.data)(b)
+    np.testing.assert_allclose(A @ x, b, atol=1e-9 * np.abs(b).max())
+    assert np.abs(A.T @ x - b).max() > 1e-3  # negative control: the transpose is another matrix
+
+
+def test_unsymmetric_solvers_agree(whole):
+    pytest.importorskip("pypardiso")
+    A, b = skewed(whole)
+    x, y = (solver(whole.pattern, n)(A.data)(b) for n in ("superlu", "pardiso"))
+    np.testing.assert_allclose(x, y, rtol=0, atol=1e-9 * np.abs(x).max())
+
+
+def test_unsymmetric_factors_can_be_made_again(whole, name):
+    A, b = skewed(whole)
+    factor = solver(whole.pattern, name)
+    first = factor(A.data)(b).copy()
+    np.testing.assert_allclose(factor(4.0 * A.data)(b), first / 4.0, rtol=0, atol=1e-11 * np.abs(first).max())
+    np.testing.assert_array_equal(factor(A.data)(b), first)
+
+
+def test_unsymmetric_matrix_may_be_indefinite(name):
+    """Friction's tangent has no sign: a negative pivot is no failure."""
+    A = np.array([[1.0, 2.0, 0.0], [0.5, -1.0, 0.3], [0.0, -0.4, 2.0]])
+    x = solver(dense_pattern(3, False), name)(A.ravel())(np.ones(3))
+    np.testing.assert_allclose(A @ x, 1.0, rtol=1e-12)

@@ -160,6 +160,16 @@ def test_the_past_matters(material):
         assert np.all(old.history.W_max >= young.history.W_max) and np.any(old.history.W_max > young.history.W_max)
 
 
+@every_memory
+def test_a_step_of_no_time_and_no_strain_changes_nothing(material):
+    """The new history holds all of the state: S, and the history itself, are found again from it (round-off of K)."""
+    at = stress.evaluate(material, gradients(0), False, lived(material), 0.4)
+    again = stress.evaluate(material, gradients(0), False, at.history, 0.0)
+    np.testing.assert_allclose(again.S, at.S, rtol=1e-13, atol=1e-16)
+    for name in ("S_iso", "h", "W_max"):
+        np.testing.assert_allclose(getattr(again.history, name), getattr(at.history, name), rtol=1e-12, atol=1e-17)
+
+
 def test_elastic_materials_have_no_history():
     for thing in (BASE["neo_hooke"], Material(BASE["ogden"], FIBRE)):
         assert stress.virgin(thing, *SHAPE) is None

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.special import ellipe
-from skfem import MeshTet
+from skfem import MeshTet, MeshTet2
 
-from fem_backend import indentation, meshing
+from fem_backend import meshing
 from fem_backend.geometry import Ellipsoid
 from fem_backend.meshing import BadMesh, Mesh, Sizing
+from fem_backend.meshing.surface import quarter_surface
 
 ROOT = Path(__file__).parents[2]
 BODY = Ellipsoid(60.0, 35.0, 35.0)
@@ -67,11 +68,19 @@ def check_geometry(body: Ellipsoid, mesh: Mesh) -> None:
     assert 0.97 * quarter < length < quarter
 
 
+def quadratic_skin(mesh: MeshTet2) -> np.ndarray:
+    """Nodes, corners and middles, of boundary facets that are on no symmetry plane."""
+    facets = mesh.boundary_facets()
+    X = mesh.doflocs[:, mesh.facets[:, facets]]
+    skin = facets[~((X[0] == 0).all(0) | (X[1] == 0).all(0))]
+    return np.unique(np.r_[mesh.facets[:, skin].ravel(), mesh.nvertices + mesh.f2e[:, skin].ravel()])
+
+
 def check_quadratic(body: Ellipsoid, mesh: Mesh) -> None:
     quadratic = meshing.quadratic(body, mesh)
     X = quadratic.doflocs.T
-    facets = indentation._curved_facets(quadratic)
-    np.testing.assert_allclose(np.linalg.norm(X[np.unique(facets)] / body.semi_axes, axis=1), 1.0, atol=1e-12)
+    facets = quadratic_skin(quadratic)
+    np.testing.assert_allclose(np.linalg.norm(X[facets] / body.semi_axes, axis=1), 1.0, atol=1e-12)
     np.testing.assert_allclose(X[: len(mesh.vertices)], mesh.vertices, atol=1e-13)  # skfem averages over cells
     # middles of the edges of plane facets are on their plane exactly
     linear = MeshTet(np.ascontiguousarray(mesh.vertices.T), np.ascontiguousarray(mesh.tets.T))
@@ -135,6 +144,30 @@ def test_recipes_of_whole_numbers_are_those_of_real_ones():
     assert json.loads(meshing.mapped_recipe(Ellipsoid(60, 35, 35), 6, 0.3))["semi_axes"] == [60.0, 35.0, 35.0]
 
 
+def test_lift_makes_the_fine_region_a_lens():
+    """Sizes are equal on spheres about a point above the top: farther along the surface than into the depth."""
+    sizing = Sizing(0.5, 2.0, 0.5, 10.0, lift=3.0)
+    top = np.array([0.0, 0.0, 35.0])
+    np.testing.assert_allclose(sizing.at(top - [0.0, 0.0, 4.0], BODY), 0.5 + 0.5 * 2.0, rtol=1e-14)
+    aside = sizing.at(top + np.array([np.sqrt(7.0**2 - 3.0**2), 0.0, 0.0]), BODY)
+    np.testing.assert_allclose(aside, 0.5 + 0.5 * 2.0, rtol=1e-14)
+    assert sizing.scaled(2.0) == Sizing(1.0, 4.0, 0.5, 20.0, 6.0)
+    assert "lift" not in meshing.tetwild_recipe(BODY, Sizing(0.5, 2.0, 0.5, 10.0))  # old recipes keep their keys
+    assert json.loads(meshing.tetwild_recipe(BODY, sizing))["sizing"]["lift"] == 3.0
+
+
+@pytest.mark.parametrize("lift", [0.0, 3.0, -1.0])
+def test_surface_for_the_mesher_is_closed(lift):
+    """Both halves closed and oriented outwards: their faces enclose a quarter of the ellipsoid, less the chords."""
+    vertices, faces = quarter_surface(BODY, Sizing(1.0, 2.0, 0.5, 6.0, lift))
+    p = vertices[faces]
+    enclosed = np.einsum("fi,fi->f", p[:, 0], np.cross(p[:, 1], p[:, 2])).sum() / 6.0
+    assert 0.97 < enclosed / (BODY.volume() / 4) < 1.0
+    edges = np.sort(np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    rim = np.all(vertices[edges][:, :, 2] == 0.0, axis=1)
+    assert np.all(np.unique(edges[~rim], axis=0, return_counts=True)[1] == 2)
+
+
 def test_cache_makes_a_mesh_once(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     recipe = meshing.mapped_recipe(BODY, 6, 0.3)
@@ -157,7 +190,7 @@ def test_cache_works_without_a_writable_home(tmp_path, monkeypatch):
 def tetwild(tmp_path_factory):
     """One coarse mesh, made in an empty working directory: mesh and what was left behind."""
     folder, before = tmp_path_factory.mktemp("cwd"), os.getcwd()
-    recipe = indentation.read_settings({"mesh": {"level": "coarse"}}).recipe
+    recipe = meshing.tetwild_recipe(BODY, Sizing(0.8, 2.5, 0.45, 40.0))
     os.chdir(folder)
     try:
         mesh = meshing.make(recipe)

@@ -179,8 +179,12 @@ def test_points_that_cannot_be_are_refused():
         meshing.assemble(QUARTER, NOMINAL, NOMINAL, (1.0, 1.0), (False, True))
     with pytest.raises(BadMesh, match="not on the upper surface"):
         meshing.assemble(QUARTER, NOMINAL, NOMINAL, (60.0, 1.0), FULL)
-    with pytest.raises(BadMesh, match="too far from the top"):
-        meshing.assemble(QUARTER, NOMINAL, NOMINAL, (0.0, 34.9), FULL)
+    meshing.assemble(QUARTER, NOMINAL, NOMINAL, (0.0, 28.0), FULL)
+    with pytest.raises(BadMesh, match=r"0\.81 semi-axes from the top, at most 0\.8"):
+        meshing.assemble(QUARTER, NOMINAL, NOMINAL, (0.0, 28.4), FULL)
+    needle = Ellipsoid(60.0, 35.0, 3.0)
+    with pytest.raises(BadMesh, match="elements are spoilt"):
+        meshing.assemble(QUARTER, NOMINAL, needle, (30.0, 20.0), FULL)
 
 
 def test_scaled_jacobian_of_known_elements():

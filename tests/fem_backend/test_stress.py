@@ -283,6 +283,32 @@ def test_equal_and_nearly_equal_stretches(base, gap):
     np.testing.assert_allclose(one.energy, other.energy, rtol=1e-11, atol=1e-16)
 
 
+@pytest.mark.parametrize("alpha", [0.0, 1e-9, 1e-6, 1e-3, 0.1])
+def test_a_small_exponent_is_hencky(alpha):
+    """W = μ Σ ln²λ̄ + O(α), S = 2μ Σ ln λ̄ₐ/λₐ² Nₐ⊗Nₐ + O(α), and ℂ the difference of S; nothing breaks at α = 0."""
+    stretch = np.array([0.7, 1.05, 1.3])
+    H = with_eigenvalues(stretch)
+    law = Ogden(0.01, 1e9, (alpha,), (1.0,))
+    at, e = stress.evaluate(law, H, True), np.log(stretch) - np.log(stretch).mean()
+    size, N = np.linalg.eigh((H[0, 0] + np.eye(3)).T @ (H[0, 0] + np.eye(3)))
+    S = N @ np.diag(2 * 0.01 * e / size) @ N.T
+    np.testing.assert_allclose(at.energy, 0.01 * (e**2).sum(), rtol=0.1 * alpha + 1e-8)  # 1/D₁ = 1e-9 MPa is left
+    np.testing.assert_allclose(at.S[0, 0], [S[i, j] for i, j in PAIRS], rtol=0, atol=0.01 * alpha + 1e-9)
+    dH, h = gradients(1)[:, :1], 1e-6
+    F, dF = H[0, 0] + np.eye(3), dH[0, 0]
+    rate = 0.5 * (dF.T @ F + F.T @ dF)
+    dE = np.array([rate[i, j] * (1 if i == j else 2) for i, j in PAIRS])
+    difference = (stress.evaluate(law, H + h * dH, False).S - stress.evaluate(law, H - h * dH, False).S)[0, 0] / (2 * h)
+    np.testing.assert_allclose(at.C[0, 0] @ dE, difference, rtol=0, atol=1e-10)  # h² and round-off/h, of 0.01
+
+
+def test_energies_of_small_strains_keep_their_digits():
+    """W → μ ε:ε of the deviator at strains of 1e-7, where 3 − 3 has no digit left."""
+    e = 1e-7 * np.array([1.0, 0.2, -1.2])
+    at = stress.evaluate(Ogden(0.01, 1e9, (3.0, -2.0), (0.5, 0.5)), np.diag(np.expm1(e))[None, None], False)
+    np.testing.assert_allclose(at.energy, 0.01 * (e**2).sum(), rtol=1e-6)  # rounding of F, and ε itself
+
+
 # --------------------------------------------------------------------------------------------- nested laws
 
 

@@ -93,6 +93,15 @@ def test_a_plane_cut_gives_volume_and_centroid_of_the_polyhedron():
         np.testing.assert_allclose(mean, L[below].mean(0), atol=3e-3)
 
 
+def test_a_cell_that_is_almost_full_is_almost_one():
+    """Curved cells: the four points do not quite have the volume and centroid of the cell, and it must not show."""
+    at = np.full((4, 4), 0.1381966011250105) + 0.4472135954999579 * np.eye(4)
+    w, whole = np.array([[1.0, 1.1, 0.9, 1.05]]), np.array([[1.02, 1.0, 0.97, 1.08]])
+    np.testing.assert_allclose(zones._fit(w, at, whole * (1 - 1e-9), whole), 1.0, atol=1e-6)
+    np.testing.assert_allclose(zones._fit(w, at, 0.5 * whole, whole), 0.5, rtol=1e-12)
+    np.testing.assert_array_equal(zones._fit(w, at, whole, whole), 1.0)
+
+
 def test_depth_is_the_distance_to_the_surface():
     theta, phi = np.meshgrid(np.linspace(0.05, 3.0, 40), np.linspace(0, 6.2, 40), indexing="ij")
     foot = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1) * BODY.semi_axes

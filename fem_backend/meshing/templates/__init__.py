@@ -13,11 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from fem_backend.geometry import Ellipsoid
-from fem_backend.meshing.mesh import Mesh
+from fem_backend.meshing.mesh import Mesh, Sizing
 
-LEVELS = ("coarse", "standard", "fine", "reference")
 NOMINAL = Ellipsoid(60.0, 35.0, 35.0)
 RADIUS = 3.0  # of the indenter that the templates are graded for, mm
+LEVELS = {
+    "coarse": Sizing(0.75, 3.0, 0.65, 40.25, 1.0),
+    "standard": Sizing(0.7, 2.5, 0.5, 40.25, 3.0),
+    "fine": Sizing(0.52, 2.5, 0.37, 40.25, 3.0),
+    "reference": Sizing(0.38, 3.0, 0.33, 40.25, 1.0),  # shipped: coarse with every tetrahedron cut into eight
+}  # for other specimens: LEVELS[level].scaled(radius / RADIUS) with hmax = 1.15 times the smallest semi-axis
 
 
 def template_mesh(level: str) -> Mesh:

@@ -1,13 +1,14 @@
 """What the backend refuses, by name: a setting or a value is modelled or an error, never ignored."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
 
-from fem_backend import indentation
+from fem_backend import errors, experiment
 from fem_backend.backend import BACKEND
-from fem_backend.indentation import Knobs, read_settings
+from fem_backend.experiment import LAWS, Knobs, read_settings
 from rso.contract import Case, Programme, SimulationFailed
 
 MESH = {"mesher": "mapped", "n": 6, "slip": 0.3}
@@ -34,14 +35,30 @@ def case(asked=(0.5, 1.0), **settings) -> Case:
         ({"indenter": {"radius": -3}}, ["indenter.radius", "-3", "mm", "positive"]),
         ({"indenter": {"radius": True}}, ["indenter.radius", "True"]),
         ({"indenter": {"radius": 30.0}}, ["indenter.radius", "30.0", "mm"]),
-        ({"support": {"kind": "bowl"}}, ["support.kind", "'bowl'", "fixed"]),
+        ({"support": {"kind": "glue"}}, ["support.kind", "'glue'", "fixed", "bowl"]),
+        ({"support": {"kind": "bowl", "clearance": 0}}, ["support.clearance", "0", "positive"]),
+        ({"support": {"kind": "bowl", "friction": -0.1}}, ["support.friction", "-0.1", ">= 0"]),
+        ({"support": {"kind": "bowl", "depth": 3}}, ["support.depth", "3", "clearance", "friction"]),
         ({"support": {"kind": "fixed", "clearance": 1.0}}, ["support.clearance", "1.0", "kind"]),
-        ({"material": {"law": "ogden"}}, ["material.law", "'ogden'", "neo_hookean", "linear_elastic"]),
+        ({"material": {"law": "hooke"}}, ["material.law", "'hooke'", *LAWS]),
+        ({"material": {"ogden": [[4.0, 0.5]]}}, ["material.ogden", "neo_hookean", "ogden"]),
+        ({"material": {"law": "ogden", "ogden": [[4.0, 1.0]]}}, ["material.ogden", "less than 1"]),
+        ({"material": {"law": "ogden", "ogden": [[0.0, 0.3]]}}, ["material.ogden", "not be 0"]),
+        ({"material": {"law": "ogden", "ogden": [[4.0, 0.1]] * 3}}, ["material.ogden", "at most two"]),
+        ({"material": {"prony": [[0.5, 1.0], [0.5, 9.0]]}}, ["material.prony", "below 1"]),
+        ({"material": {"prony": [[0.5, 0.0]]}}, ["material.prony", "tau > 0"]),
+        ({"material": {"prony": [0.5, 1.0]}}, ["material.prony", "2 finite"]),
+        ({"indenter": {"shaft": 1}}, ["indenter.shaft", "1", "true or false"]),
+        ({"specimen": {"cavity": [1, 2]}}, ["specimen.cavity", "3 finite"]),
+        ({"profile": [[1.0]]}, ["profile", "2 finite"]),
+        ({"profile": 3}, ["profile", "3", "list of [x, y]"]),
+        ({"earlier": -1}, ["earlier", "-1", "mm", "at least 0"]),
         ({"material": {"law": ["neo_hookean"]}}, ["material.law", "neo_hookean"]),
-        ({"point": [5.0, 0.0]}, ["point", "[5.0, 0.0]", "mm", "top"]),
+        ({"point": [46.0, 0.0]}, ["point", "[46.0, 0.0]", "mm", "top", "0.75"]),
+        ({"point": [40.0, 20.0]}, ["point", "[40.0, 20.0]", "mm", "top"]),
         ({"point": 0.0}, ["point", "2 finite"]),
         ({"direction": "sideways"}, ["direction", "'sideways'", "vertical", "normal"]),
-        ({"unload": True}, ["unload", "elastic"]),
+        ({"unload": "yes"}, ["unload", "'yes'", "true or false"]),
         ({"solver": "mumps"}, ["solver", "'mumps'", "auto", "pardiso", "superlu"]),
         ({"mesh": {"mesher": "gmsh"}}, ["mesh.mesher", "'gmsh'", "tetwild", "mapped"]),
         ({"mesh": {"level": "ultra"}}, ["mesh.level", "'ultra'", "coarse", "standard", "fine"]),
@@ -77,6 +94,9 @@ def test_setting_without_influence_is_refused_when_it_is_nonsense(settings):
         {},
         {"point": [0, -0.0], "direction": "normal", "speed": "30 mm/min", "unload": False},
         {"specimen": {"semi_axes": [60, 35, 35]}, "material": {"law": "linear_elastic"}, "solver": "superlu"},
+        {"point": [45.0, 0.0], "direction": "normal", "unload": True, "profile": [[10, 0]], "earlier": 3.0},
+        {"support": {"kind": "bowl", "clearance": 0.5, "friction": 0.0}, "indenter": {"shaft": True}},
+        {"material": {"law": "ogden", "ogden": [[-2.0, 0.5]], "prony": [[0.2, 5.0], [0.1, 50.0]]}},
     ],
 )
 def test_good_settings_are_taken(settings):
@@ -86,7 +106,8 @@ def test_good_settings_are_taken(settings):
 
 def test_nothing_said_is_the_standard_case():
     s = read_settings({})
-    assert (s.body.a, s.body.b, s.body.c, s.indenter.R, s.law) == (60.0, 35.0, 35.0, 3.0, "neo_hookean")
+    assert (s.body.a, s.body.b, s.body.c, s.R, s.law, s.support) == (60.0, 35.0, 35.0, 3.0, "neo_hookean", "fixed")
+    assert (s.point, s.direction, s.shaft, s.earlier, s.profile) == ((0.0, 0.0), "vertical", False, 0.0, ())
     assert s.recipe == read_settings({"mesh": {"mesher": "tetwild", "level": "standard"}}).recipe
 
 
@@ -114,17 +135,21 @@ def test_travel_that_is_too_deep_is_refused_before_any_mesh():
     BACKEND.check(case((1.0, 10.5)))
 
 
-def test_unloading_is_refused():
-    programme = Programme((0.0, 1.0, 2.0), (0.0, 1.0, 0.0), (0.5,))
-    with pytest.raises(ValueError, match="unload"):
+@pytest.mark.parametrize(
+    "travel,word", [((1.0, 0.0), "starts at 0"), ((0.1, 1.0), "starts at 0"), ((0.0, -1.0, 1.0), "never negative")]
+)
+def test_programme_starts_at_contact_and_stays_in_the_body(travel, word):
+    programme = Programme(tuple(float(k) for k in range(len(travel))), travel, (0.5,))
+    with pytest.raises(ValueError, match=word):
         BACKEND.check(Case("case", programme, {"mesh": MESH}))
 
 
 def test_every_knob_has_bounds_that_are_enforced():
     assert {p.name for p in BACKEND.parameters} == {f.name for f in dataclasses.fields(Knobs)}
-    for name, bad in (("mu", 0.0), ("mu", 2e3), ("D1", -1.0), ("D1", float("nan"))):
-        with pytest.raises(ValueError, match=f"{name}.*MPa"):
-            BACKEND({**VALUES, name: bad}, case())
+    for p in BACKEND.parameters:
+        for bad in (p.low - 1.0, 2 * p.high + 1.0, float("nan")):
+            with pytest.raises(ValueError, match=rf"{p.name} = .*{re.escape(p.unit)}"):
+                BACKEND({**VALUES, p.name: bad}, case())
 
 
 def test_nearly_incompressible_beyond_the_verified_range_is_not_supported():
@@ -211,6 +236,4 @@ def test_settings_without_a_mesh_are_a_failed_run():
 
 
 def test_levels_exist_for_every_stated_error():
-    from fem_backend.indentation import LEVEL_ERROR as MESH_ERROR
-
-    assert set(MESH_ERROR) == set(indentation.LEVELS)
+    assert set(errors.LEVEL_ERROR) == set(experiment.LEVELS)

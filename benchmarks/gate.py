@@ -1,0 +1,141 @@
+"""Random admissible experiments, none looked at by hand: how many end with an answer, and how the others fail.
+
+    python benchmarks/gate.py [--cases 300] [--level coarse] [--first 0] [--out gate.jsonl]
+
+Prints one line per case and, at the end, the share that finished, causes of the others, CPU time and memory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from fem_backend.backend import BACKEND
+from rso.contract import Case, Programme, SimulationFailed
+
+
+def draw(k: int, level: str) -> tuple[dict[str, float], Case]:
+    """Values and case number k: law, parameters, point, support, body and depth at random."""
+    rng = np.random.default_rng([20261121, k])
+
+    def log(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    mu = log(3e-3, 4e-2)
+    values = {"mu": mu, "D1": 2.0 / (mu * log(1.5, 200.0))}
+    law = rng.choice(["neo_hookean", "neo_hookean", "mooney_rivlin", "yeoh", "ogden"])
+    if law == "mooney_rivlin":
+        values["C01"] = mu * rng.uniform(0.0, 0.35)
+    elif law == "yeoh":
+        values |= {"C20": mu * log(0.005, 0.1), "C30": mu * log(1e-3, 1e-2)}
+    elif law == "ogden":
+        values["alpha"] = rng.uniform(1.3, 7.0) if rng.random() < 0.8 else -rng.uniform(2.0, 5.0)
+    settings: dict[str, object] = {"material": {"law": str(law)}, "mesh": {"level": level}}
+    where = rng.random()
+    if where < 0.4:
+        settings["point"] = [0.0, 0.0]
+    elif where < 0.7:
+        settings["point"] = [[round(rng.uniform(-25, 25), 1), 0.0], [0.0, round(rng.uniform(-15, 15), 1)]][
+            rng.integers(2)
+        ]
+    else:
+        r, t = 0.5 * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
+        settings["point"] = [float(round(60 * r * np.cos(t), 1)), float(round(35 * r * np.sin(t), 1))]
+    settings["direction"] = str(rng.choice(["vertical", "normal"]))
+    settings["indenter"] = {"radius": 3.0, "shaft": bool(rng.random() < 0.5)}
+    if rng.random() < 0.35:
+        settings["support"] = {
+            "kind": "bowl",
+            "clearance": log(0.2, 4.0),
+            "friction": float(rng.choice([0.0, 0.2, 0.5])),
+        }
+    extras = [
+        {"friction": rng.uniform(0.05, 0.6)},
+        {"prony_g": rng.uniform(0.05, 0.6), "prony_tau": log(0.3, 60.0)},
+        {"mullins": rng.uniform(0.05, 0.5)},
+        {"fibre": mu * rng.uniform(0.1, 1.0), "fibre_angle": float(rng.choice([0.0, 90.0, rng.uniform(-90, 90)]))},
+        {"skin_ratio": log(0.3, 5.0), "skin_thickness": rng.uniform(0.2, 1.5)},
+        {
+            "inclusion_ratio": log(0.2, 10.0),
+            "inclusion_radius": rng.uniform(2.0, 6.0),
+            "inclusion_depth": rng.uniform(11.0, 25.0),
+        },
+        {"cavity": rng.uniform(0.5, 1.2)},
+        {"weight": log(3e-6, 1.5e-5)},
+        {"adhesion": log(1e-5, 3e-4)},
+        {"offset_x": rng.normal(), "offset_y": rng.normal()},
+        {"tilt_x": 3 * rng.normal(), "tilt_y": 3 * rng.normal()},
+        {
+            "delta_a": 2 * rng.normal(),
+            "delta_b": 2 * rng.normal(),
+            "delta_c": 2 * rng.normal(),
+            "delta_R": 0.1 * rng.normal(),
+        },
+    ]
+    for i in rng.permutation(len(extras))[: rng.choice([0, 1, 1, 2])]:
+        values |= {n: float(v) for n, v in extras[i].items()}
+    deepest = round(rng.uniform(1.0, 6.0), 2)
+    asked = tuple(round(deepest * f, 4) for f in (0.25, 0.5, 0.75, 1.0))
+    speed = log(0.1, 2.0)
+    if rng.random() < 0.3:
+        programme = Programme((0, deepest / speed, 2 * deepest / speed), (0, deepest, 0), asked)
+    else:
+        programme = Programme.ramp(asked, speed)
+    return values, Case(f"case {k}", programme, settings)
+
+
+def run(k: int, level: str) -> dict[str, object]:
+    """One case: its end, forces, CPU time (s) and peak memory of this process so far (MB)."""
+    values, case = draw(k, level)
+    started = time.process_time()
+    out: dict[str, object] = {"case": k, "values": values, "settings": dict(case.settings)}
+    try:
+        response = BACKEND(values, case)
+        out |= {"end": "done", "Fz": response.channels["Fz"].tolist(), "iterations": response.info["iterations"],
+                "dofs": response.info["dofs"], "cutbacks": response.info["cutbacks"]}  # fmt: skip
+    except SimulationFailed as failed:
+        out |= {"end": failed.cause, "reason": failed.reason}
+    except Exception as error:  # a crash is what this script is looking for
+        out |= {"end": "CRASHED", "reason": f"{type(error).__name__}: {error}"}
+    out["cpu_s"] = round(time.process_time() - started, 2)
+    out["memory_MB"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    return out
+
+
+def main() -> None:
+    """Run the cases that are not yet in the file and print the summary of all that are."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", type=int, default=300)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--level", default="coarse")
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    known = (
+        [json.loads(line) for line in options.out.read_text().splitlines()]
+        if options.out and options.out.exists()
+        else []
+    )
+    done = {r["case"] for r in known}
+    for k in range(options.first, options.first + options.cases):
+        if k in done:
+            continue
+        known.append(run(k, options.level))
+        if options.out:
+            with options.out.open("a") as file:
+                file.write(json.dumps(known[-1]) + "\n")
+        print(f"{k:4d} {known[-1]['end']:14s} {known[-1]['cpu_s']:7.1f} s  {known[-1].get('reason', '')}", flush=True)
+    ends = Counter(str(r["end"]) for r in known)
+    cpu = np.array([r["cpu_s"] for r in known])
+    print(f"{ends['done']} of {len(known)} finished ({100 * ends['done'] / len(known):.1f} %); {dict(ends)}")
+    print(f"CPU s: median {np.median(cpu):.1f}, 90 % {np.quantile(cpu, 0.9):.1f}, largest {cpu.max():.1f}; "
+          f"memory at most {max(r['memory_MB'] for r in known)} MB (models of several cases kept)")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
