@@ -371,7 +371,7 @@ def _tangent(  # type: ignore[no-untyped-def]
                 stick, growth = _share(g, opened[f, q], TANGENTIAL * e)
                 square, along, size = _trial(n, points[f, q], start[f, q], before[f, q], motion, stick, v, t)
                 for i in range(3):
-                    went[i] = growth * (points[f, q, i] - start[f, q, i] - motion[i])
+                    went[i] = growth * (points[f, q, i] - start[f, q, i] - motion[i]) if geometric else 0.0
                 _friction(k, n, h, square, along, size, t, v, p, e, stick, went, friction, bound[f, q], geometric)
             for a in range(6):
                 for i in range(3):

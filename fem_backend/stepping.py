@@ -265,7 +265,7 @@ def follow(
                 guess = u + (goal_s - s) * rate
                 if system.springs is not None:  # a body that may roll and slide far: friction by the pressure before
                     load = _rubbing(system, load, before, pressures)
-                    first = find(system, guess, load, control.between, counters, limit=15).evaluation
+                    first = find(system, guess, load, control.loose, counters, limit=15).evaluation
                     load, guess = _rubbing(system, load, before, [c.pressure for c in first.contacts]), first.u
                 if last and instant.asked:
                     point = _settle(system, guess, load, goal_s, control, counters, goal_t)

@@ -305,7 +305,8 @@ def test_every_point_by_its_definition(name):
             p = max(touch.multiplier[f, q] - epsilon * gap, 0.0)
             unit = normal / np.linalg.norm(normal)
             slip = (point - b.points[f, q]) - (touch.centre - b.centre)
-            t = (np.eye(3) - np.outer(unit, unit)) @ (b.traction[f, q] - TANGENTIAL * epsilon * slip)
+            counted = 1.0 if b.gap[f, q] <= 0 else max(-gap, 0.0) / (b.gap[f, q] - gap) if gap < 0 else 0.0
+            t = (np.eye(3) - np.outer(unit, unit)) @ (b.traction[f, q] - TANGENTIAL * epsilon * counted * slip)
             t *= 0.0 if p == 0 or not case.pair.friction else min(1.0, case.pair.friction * p / np.linalg.norm(t))
             W, l = (STICKY.work, STICKY.range) if case.pair.adhesion else (0.0, 1.0)
             pull = W / l * (np.exp(-gap / l) if gap > 0 else 2.0 - np.exp(gap / l))
@@ -341,6 +342,7 @@ def test_large_friction_sticks():
     points = contact.contact_points(case.pair.surface, case.x)
     n = (points - case.touch.centre) / np.linalg.norm(points - case.touch.centre, axis=-1)[..., None]
     slip = points - b.points - (case.touch.centre - b.centre)
+    slip *= np.where(b.gap <= 0, 1.0, np.where(at.gap < 0, at.gap / (at.gap - b.gap), 0.0))[..., None]
     t = b.traction - (TANGENTIAL * case.pair.epsilon * case.touch.raised)[..., None] * slip
     t -= (t * n).sum(-1, keepdims=True) * n
     assert not at.slipping.any()

@@ -112,15 +112,10 @@ def dense_pattern(n: int, symmetric: bool) -> element.Pattern:
 
 
 def skewed(body: element.Body) -> tuple[sparse.csr_matrix, np.ndarray]:
-    """The stiffness of a body stored whole, with a skew part as large as friction's; a right-hand side."""
-    p = body.pattern
-    rng = np.random.default_rng(0)
-    K = sparse.csr_matrix((stiffness(body), p.indices, p.indptr), shape=(p.size, p.size))
-    noise = sparse.csr_matrix((0.02 * rng.uniform(-1, 1, K.nnz) * K.data, p.indices, p.indptr), shape=K.shape)
-    skew = (K + noise - noise.T).tocsr()
-    skew.sort_indices()
-    assert np.array_equal(skew.indices, p.indices) and np.array_equal(skew.indptr, p.indptr)
-    return skew, rng.normal(size=p.size)
+    """The stiffness of a body stored whole, every entry off by its own 2 %; a right-hand side."""
+    p, rng = body.pattern, np.random.default_rng(0)
+    data = stiffness(body) * (1.0 + 0.02 * rng.uniform(-1, 1, len(p.indices)))
+    return sparse.csr_matrix((data, p.indices, p.indptr), shape=(p.size, p.size)), rng.normal(size=p.size)
 
 
 @pytest.fixture(scope="module")

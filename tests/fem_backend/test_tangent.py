@@ -29,7 +29,9 @@ EFFECTS = {
     "Prony step": ({"prony_g": 0.4, "prony_tau": 1.0, "prony_g2": 0.2}, {}),
     "Mullins": ({"mullins": 0.5}, {}),
     "dead load": ({"weight": 1e-5}, {}),
-    "all of it": ({"friction": 0.2, "prony_g": 0.3, "mullins": 0.4, "skin_ratio": 2.0, "C20": 1e-3, "adhesion": 1e-4}, {}),
+    "all of it": (
+        {"friction": 0.2, "prony_g": 0.3, "mullins": 0.4, "skin_ratio": 2.0, "C20": 1e-3, "adhesion": 1e-4}, {}
+    ),
 }  # fmt: skip
 
 
@@ -42,7 +44,8 @@ def dimple(graded) -> np.ndarray:
 @pytest.fixture
 def experiment(make_bench):
     """Effect → its experiment on the graded mesh."""
-    return lambda effect: make_bench(EFFECTS[effect][0], {"mesher": "mapped", "n": 8, "slip": 0.5}, **EFFECTS[effect][1])
+    mesh = {"mesher": "mapped", "n": 8, "slip": 0.5}
+    return lambda effect: make_bench(EFFECTS[effect][0], mesh, **EFFECTS[effect][1])
 
 
 def deformed(dimple, b) -> np.ndarray:

@@ -1,0 +1,156 @@
+"""The simulations behind the experiments of a study, and what its backend does not model."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Mapping
+
+from rso.contract import Backend, Case, Programme, digest
+from rso.measurement import MeasuredCurve, combine
+from rso.study.errors import Problem, choose, study_error
+from rso.study.places import Place
+from rso.study.resolve import Resolved
+from rso.study.schema import ExperimentTable, Study, Target
+from rso.surrogates.polynomial import HIGHEST
+from rso.units import quantity
+
+DEFAULT_SPEED = 0.5  # mm/s
+STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for Hertz
+MISREAD = (ValueError, TypeError, LookupError, AttributeError)  # settings of the wrong type end in any of these
+
+
+def measured_curves(study: Study) -> dict[str, MeasuredCurve]:
+    """First compared channel of every force experiment, repeats combined."""
+    curves, problems = {}, []
+    for n, e in enumerate(study.experiments):
+        if e.kind != "force":
+            continue
+        try:
+            curve = combine(study.measurement(e.name), e.noise.noise(), e.compared[0])
+            if not curve.depth.max() > 0:
+                raise ValueError(f"no depth is positive, the largest is {curve.depth.max():g} mm")
+            curves[e.name] = curve
+        except ValueError as error:
+            problems.append(Problem(("experiments", n, "data"), f"cannot be used: {error}", e.data))
+    if problems:
+        raise study_error(study.file, study.lines, problems)
+    return curves
+
+
+def travels(curve: MeasuredCurve, targets: set[float]) -> tuple[float, ...]:
+    """The targets, and evenly spaced travels to the deepest measured depth where no target is near."""
+    deepest = float(curve.depth.max())
+    steps = 1 if len(curve.depth) == 1 else STEPS
+    grid = [round(deepest * k / steps, 6) for k in range(1, steps)]
+    kept = {u for u in grid if all(abs(u - t) > 0.01 * deepest for t in targets)}
+    if max(targets, default=0.0) < deepest:
+        kept.add(deepest)  # not rounded: every measured depth must be reached
+    return tuple(sorted({*kept, *targets}))
+
+
+def case_for(study: Study, name: str, asked: tuple[float, ...]) -> Case:
+    settings = study.settings_of(name)
+    return Case(name, Programme.ramp(asked, _speed(settings.get("speed"))), settings)
+
+
+def _speed(value: object) -> float:
+    """Speed (mm/s) of an experiment; one that cannot be read is the backend's to refuse."""
+    try:
+        speed = quantity(value, "mm/s")  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return DEFAULT_SPEED
+    return speed if 0.0 < speed < float("inf") else DEFAULT_SPEED
+
+
+def merge(
+    study: Study, backend: Backend, fitted: list[ExperimentTable], asked: Mapping[str, tuple[float, ...]],
+    resolved: Resolved,
+) -> tuple[tuple[Case, ...], dict[str, int]]:  # fmt: skip
+    """Experiments whose canonical settings are equal become one case that is asked for all their travels."""
+    # Inside the ranges: at their ends an effect may be neutral, and then more drops out than elsewhere.
+    example = {a.name: 0.5 * (a.low + a.high) for a in resolved.axes} | dict(resolved.fixed)
+    cases: list[Case] = []
+    index: dict[str, int] = {}
+    case_of: dict[str, int] = {}
+    for e in fitted:
+        case = case_for(study, e.name, asked[e.name])
+        plain = backend.canonical(example, case)[1]
+        speed = plain.programme.travel_mm[-1] / plain.programme.time_s[-1]  # one and the same where rates do not matter
+        same = digest({"settings": plain.settings, "speed": round(speed, 12)})
+        if same in index:
+            k = index[same]
+            union, e_settings = tuple(sorted({*cases[k].programme.asked_mm, *asked[e.name]})), cases[k].settings
+            cases[k] = dataclasses.replace(cases[k], programme=Programme.ramp(union, _speed(e_settings.get("speed"))))
+        else:
+            k = index[same] = len(cases)
+            cases.append(case)
+        case_of[e.name] = k
+    return tuple(cases), case_of
+
+
+def refuse_what_is_not_modelled(
+    study: Study, backend: Backend, resolved: Resolved, curves: Mapping[str, MeasuredCurve]
+) -> None:
+    problems = []
+    for n, e in enumerate(study.experiments):
+        place: Place = ("experiments", n)
+        if e.kind != "force":
+            problems.append(Problem((*place, "kind"), f"the backend {backend.name!r} has no profiles", e.kind))
+            continue
+        problems += [_no_channel(backend, (*place, "channels"), c) for c in e.compared if c not in backend.channels]
+        if study.settings_of(e.name).get("unload", False) is not False:
+            problems.append(Problem((*place, "settings"), "unload = true: unloading curves are not compared yet", True))
+            continue
+        try:
+            backend.check(case_for(study, e.name, travels(curves[e.name], set())))
+        except MISREAD as error:
+            text = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+            found = Problem(_setting(study, n, text), text)
+            problems += [] if found in problems else [found]  # what all experiments share is said once
+    problems += _refuse_search(study, backend)
+    opened = [a.name for a in resolved.axes]
+    for p in backend.parameters:
+        if p.default is None and p.name not in opened and p.name not in resolved.fixed:
+            text = f"the backend needs {p.name!r} ({p.description}, {p.unit}): give low and high, or value"
+            problems.append(Problem(("parameters",), text))
+    if "degree" in study.surrogate.model_fields_set and study.surrogate.degree > HIGHEST:
+        text = f"polynomials have degrees 1 to {HIGHEST}"
+        problems.append(Problem(("surrogate", "degree"), text, study.surrogate.degree))
+    if problems:
+        raise study_error(study.file, study.lines, problems)
+
+
+def _setting(study: Study, n: int, message: str) -> Place:
+    """Where the setting stands that a message of the backend names; else where the n-th experiment has its own."""
+    own, words = study.experiments[n].settings, re.findall(r"\w+", message)
+    for place, settings in ((("experiments", n, "settings"), own), (("backend", "settings"), study.backend.settings)):
+        for key in words:
+            if key in settings:
+                return (*place, key)
+    return ("experiments", n, "settings") if own else ("backend", "settings")
+
+
+def _refuse_search(study: Study, backend: Backend) -> list[Problem]:
+    """Targets and constraints on channels that the backend has, constraints on experiments that are fitted."""
+    problems = []
+    owners: list[tuple[Place, tuple[Target, ...]]] = [(("search",), study.search.targets)]
+    owners += [(("search", "variants", n), v.targets) for n, v in enumerate(study.search.variants)]
+    for place, targets in owners:
+        for n, t in enumerate(targets):
+            if t.channel not in backend.channels:
+                problems.append(_no_channel(backend, (*place, "targets", n, "channel"), t.channel))
+    for n, c in enumerate(study.search.constraints):
+        place = ("search", "constraints", n)
+        if c.channel not in backend.channels:
+            problems.append(_no_channel(backend, (*place, "channel"), c.channel))
+        if study.experiment(c.experiment).role == "validate":
+            text = 'is for validation (role = "validate") and cannot be constrained'
+            problems.append(Problem((*place, "experiment"), text, c.experiment))
+    return problems
+
+
+def _no_channel(backend: Backend, place: Place, channel: str) -> Problem:
+    return Problem(
+        place, f"the backend {backend.name!r} has no such channel; {choose(channel, backend.channels)}", channel
+    )

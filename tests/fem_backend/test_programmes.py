@@ -1,0 +1,204 @@
+"""Travel over time: passages, returns, holds, and what of a programme can change an answer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fem_backend import indentation
+from fem_backend.backend import BACKEND, passages
+from fem_backend.stepping import Control, Instant
+from rso.contract import Case, Programme, run_key
+
+SMALL = {"mesher": "mapped", "n": 6, "slip": 0.3}
+GRADED = {"mesher": "mapped", "n": 8, "slip": 0.5}
+VALUES = {"mu": 0.01, "D1": 5.8}
+RELAXING = {"prony_g": 0.4, "prony_tau": 2.0}
+
+
+def run(values, programme, mesh=SMALL, **settings):
+    return BACKEND({**VALUES, **values}, Case("c", programme, {"mesh": mesh, **settings}))
+
+
+# ---------------------------------------------------------------------------------------------- passages
+
+
+def test_passages_are_in_order_of_time_with_every_corner():
+    programme = Programme((0.0, 4.0, 6.0, 8.0), (0.0, 2.0, 2.0, 0.0), (0.5, 1.0), (5.0,))
+    assert passages(programme) == [
+        Instant(1.0, 0.5, True), Instant(2.0, 1.0, True), Instant(4.0, 2.0, False), Instant(5.0, 2.0, True),
+        Instant(6.0, 2.0, False), Instant(7.0, 1.0, True), Instant(7.5, 0.5, True), Instant(8.0, 0.0, False),
+    ]  # fmt: skip
+
+
+def test_a_turning_point_is_passed_once():
+    programme = Programme((0.0, 1.0, 2.0, 3.0), (0.0, 1.0, 0.5, 1.0), (0.5, 1.0))
+    asked = [(i.time, i.travel) for i in passages(programme) if i.asked]
+    assert asked == [(0.5, 0.5), (1.0, 1.0), (2.0, 0.5), (3.0, 1.0)]
+
+
+@pytest.mark.parametrize("deepest", np.round(np.arange(0.1, 3.05, 0.1), 1))
+def test_the_end_of_a_ramp_is_its_last_passage(deepest):
+    """Whatever the last bit of a·t/a is: one instant, asked, at the end of the programme."""
+    for speed in (0.5, 1.0, 0.3):
+        programme = Programme.ramp((float(deepest),), speed)
+        assert passages(programme) == [Instant(programme.time_s[-1], float(deepest), True)]
+
+
+@pytest.mark.parametrize("values", [{}, {"friction": 0.3}, RELAXING], ids=["elastic", "friction", "prony"])
+def test_every_passage_has_an_answer(values):
+    """As many rows as the programme passes asked travels and moments, at their times and travels."""
+    programme = Programme((0.0, 0.8, 1.6, 2.3), (0.0, 0.8, 0.8, 0.1), (0.3, 0.8), (1.1, 1.6, 2.3))
+    r = run(values, programme)
+    np.testing.assert_allclose(r.channels["time"], [0.3, 0.8, 1.1, 1.6, 2.1, 2.3], rtol=1e-12)
+    np.testing.assert_allclose(r.channels["travel"], [0.3, 0.8, 0.8, 0.8, 0.3, 0.1], rtol=1e-12)
+    assert all(len(c) == 6 for c in r.channels.values())
+
+
+# ---------------------------------------------------------------------------------------------- returns and holds
+
+
+def test_elastic_body_returns_on_its_loading_curve(graded):
+    up = graded.solve(Programme((0.0, 2.0, 4.0), (0.0, 2.0, 0.0), (0.5, 1.0, 2.0)))
+    np.testing.assert_array_equal(up.travel, [0.5, 1.0, 2.0, 1.0, 0.5])
+    np.testing.assert_array_equal(up.Fz[[3, 4]], up.Fz[[1, 0]])
+
+
+@pytest.mark.parametrize("values", [RELAXING, {"mullins": 0.5}], ids=["prony", "mullins"])
+def test_memory_shows_between_loading_and_unloading(values):
+    """Loading is stiffer than unloading, and the loop is open; the elastic one above is closed."""
+    F = run(values, Programme((0.0, 2.0, 4.0), (0.0, 2.0, 0.0), (1.0, 1.5, 2.0)), GRADED).channels["Fz"]
+    assert np.all(F[[1, 0]] > 1.02 * F[[3, 4]]), F
+
+
+def test_path_of_an_elastic_law_ends_at_the_elastic_answer(graded):
+    """The two drivers on one problem: `follow` (as for friction) and `travel`."""
+    elastic = graded.solve([1.0, 2.0])
+    at = indentation.bench(graded.settings, graded.knobs, graded.placement, graded.model, elastic.counters)
+    steps = indentation.steps(passages(Programme((0.0, 2.0, 3.0), (0.0, 2.0, 1.0), (1.0, 2.0))), 0.4)
+    points = indentation.stepping.follow(at.system, at.start, steps, Control(), elastic.counters, at.seated)
+    F = [indentation.whole(graded.placement, p.force)[2] for p in points]
+    np.testing.assert_allclose(F, elastic.Fz[[0, 1, 0]], rtol=1e-6)
+
+
+def test_hold_relaxes_to_the_long_time_modulus():
+    """F falls monotonically in a hold, at its end to that of an elastic body with (1 − g) μ and the same bulk modulus."""
+    times = (1.0, 1.5, 2.5, 5.0, 10.0, 100.0)
+    r = run({"prony_g": 0.4, "prony_tau": 2.0}, Programme((0.0, 1.0, 100.0), (0.0, 1.0, 1.0), (1.0,), times))
+    F = r.channels["Fz"]
+    np.testing.assert_allclose(r.channels["time"], times)
+    assert np.all(np.diff(F) < 0)
+    instant, relaxed = (run({"mu": m}, Programme.ramp((1.0,))).channels["Fz"][0] for m in (0.01, 0.006))
+    assert instant > F[0] > relaxed + 0.5 * (instant - relaxed)  # half a relaxation time: not yet relaxed
+    np.testing.assert_allclose(F[-1], relaxed, rtol=1e-4)  # exp(−99/2) is left; the penalty is that of μ, not of 0.6 μ
+    assert abs(F[-1] / (0.6 * instant) - 1) > 0.01  # negative control: volume does not relax
+
+
+def test_force_depends_on_the_speed_only_through_the_relaxation_time():
+    """Twice the speed and half the relaxation time is the same test in another clock."""
+    one = run({"prony_g": 0.4, "prony_tau": 2.0}, Programme.ramp((0.5, 1.0), 1.0))
+    two = run({"prony_g": 0.4, "prony_tau": 1.0}, Programme.ramp((0.5, 1.0), 2.0))
+    slow = run({"prony_g": 0.4, "prony_tau": 2.0}, Programme.ramp((0.5, 1.0), 0.1))
+    np.testing.assert_allclose(two.channels["Fz"], one.channels["Fz"], rtol=1e-9)
+    assert np.all(slow.channels["Fz"] < 0.95 * one.channels["Fz"])  # negative control
+
+
+def test_second_loading_of_a_softened_body_is_weaker_until_it_goes_deeper():
+    """Mullins: below the deepest travel the second loading follows the unloading; beyond, the first loading."""
+    F = run({"mullins": 0.6, "mullins_m": 0.01}, Programme((0, 1, 2, 3.5), (0, 1.0, 0.5, 1.5), (0.75, 1.0, 1.5)), GRADED)
+    once = run({"mullins": 0.6, "mullins_m": 0.01}, Programme.ramp((0.75, 1.0, 1.5)), GRADED).channels["Fz"]
+    F = F.channels["Fz"]  # 0.75 1.0 | 0.75 | 0.75 1.0 1.5
+    assert F[3] < 0.98 * F[0]
+    # what is kept is the largest energy at the steps, without multipliers: their error is that of the path
+    np.testing.assert_allclose(F[3], F[2], rtol=1e-3)
+    np.testing.assert_allclose(F[[4, 5]], once[[1, 2]], rtol=1e-3)
+
+
+def test_travel_before_the_test_softens():
+    """`earlier` is the same as having loaded and unloaded before, but for the penalty between asked travels (0.4 %)."""
+    values = {"mullins": 0.6, "mullins_m": 0.01}
+    F = [run(values, Programme.ramp((1.0,)), GRADED, earlier=e).channels["Fz"][0] for e in (0.0, 1.0, 2.0)]
+    assert F[2] < 0.98 * F[0] and F[1] < F[0] * (1 + 1e-6)
+    cycle = run(values, Programme((0, 2, 3, 4), (0, 2.0, 0.5, 1.0), (1.0,)), GRADED).channels["Fz"][2]
+    np.testing.assert_allclose(F[2], cycle, rtol=5e-3)
+
+
+def test_answer_of_a_path_is_that_of_finer_steps(graded):
+    """Steps between asked travels four times as small: the error of the path is below that of the mesh levels."""
+    for knobs, allowed in ((RELAXING, 2e-3), ({"friction": 0.3}, 5e-3), ({"mullins": 0.5}, 1e-3)):
+        b = graded.other(**knobs)
+        coarse = b.solve([0.5, 1.5])
+        fine = b.solve([0.5, 1.5], control=replace(Control(), path=Control().path / 4))
+        print(knobs, coarse.Fz / fine.Fz - 1)
+        np.testing.assert_allclose(coarse.Fz, fine.Fz, rtol=allowed, err_msg=str(knobs))
+
+
+# ---------------------------------------------------------------------------------------------- canonical form
+
+
+def key(values, programme=None, **settings):
+    case = Case("c", programme or Programme.ramp((0.5, 1.0)), {"mesh": SMALL, **settings})
+    return run_key(BACKEND, *BACKEND.canonical({**VALUES, **values}, case))
+
+
+def test_elastic_runs_at_three_speeds_are_one():
+    programmes = [Programme.ramp((0.5, 1.0), v) for v in (0.1, 1.0, 7.0)]
+    programmes.append(Programme((0.0, 1.0, 9.0), (0.0, 2.0, 0.0), (0.5, 1.0)))
+    assert len({key({}, p) for p in programmes}) == 1
+    assert len({key(RELAXING, p) for p in programmes}) == 4
+    assert len({key({"friction": 0.2}, p) for p in programmes}) == 4
+
+
+def test_groups_that_are_off_are_not_in_the_key():
+    for off in (
+        {"prony_tau": 9.0}, {"prony_g": 0.0, "prony_tau": 9.0}, {"mullins_m": 0.3}, {"fibre_angle": 20.0},
+        {"skin_ratio": 1.0, "skin_thickness": 2.0}, {"inclusion_x": 3.0, "inclusion_radius": 2.0},
+        {"adhesion_range": 0.5}, {"bowl_clearance": 2.0, "bowl_friction": 0.5}, {"skin_thickness": 0.0, "skin_ratio": 2.0},
+    ):  # fmt: skip
+        assert key(off) == key({}), off
+    on = [RELAXING, {**RELAXING, "prony_tau": 3.0}, {"mullins": 0.2}, {"fibre": 1e-3}, {"fibre": 1e-3, "fibre_angle": 5},
+          {"skin_ratio": 2.0}, {"skin_ratio": 2.0, "skin_thickness": 0.6}, {"inclusion_ratio": 2.0},
+          {"inclusion_ratio": 2.0, "inclusion_radius": 4.0}, {"adhesion": 1e-4}]  # fmt: skip
+    assert len({key(v) for v in [{}, *on]}) == len(on) + 1  # negative control
+
+
+def test_settings_of_what_is_off_are_not_in_the_key():
+    bowl = {"support": {"kind": "bowl", "clearance": 1.0, "friction": 0.2}}
+    assert key({}, earlier=2.0) == key({}) != key({"mullins": 0.3}, earlier=2.0)
+    assert key({"mullins": 0.3}, earlier=2.0) != key({"mullins": 0.3})
+    assert key({}, direction="normal") == key({}) != key({}, direction="normal", point=[5, 0])
+    assert key({}, **bowl) == key({"bowl_clearance": 1.0, "bowl_friction": 0.2}, support={"kind": "bowl"})
+    assert key({}, **bowl) != key({"bowl_clearance": 1.5}, **bowl)  # a value overrides the setting
+
+
+def test_canonical_task_has_the_same_answer():
+    """The programme that is stored gives the forces of the one that was asked."""
+    values = {**VALUES, "skin_ratio": 1.0, "skin_thickness": 1.0, "prony_tau": 3.0}
+    case = Case("c", Programme((0.0, 0.25, 1.0), (0.0, 1.0, 0.0), (0.5, 1.0)), {"mesh": SMALL})
+    one, two = BACKEND(values, case), BACKEND(*BACKEND.canonical(values, case))
+    np.testing.assert_array_equal(one.channels["Fz"][:2], two.channels["Fz"])
+
+
+def test_asked_moments_are_in_the_key_of_a_path_only():
+    programmes = [Programme((0.0, 1.0, 2.0), (0.0, 1.0, 1.0), (0.5, 1.0), moments) for moments in ((), (2.0,))]
+    assert len({key(RELAXING, p) for p in programmes}) == 2
+
+
+def test_elastic_answer_has_a_row_for_every_passage_that_was_asked():
+    """Whoever asks an elastic body for its unloading or a hold gets the rows in canonical form too."""
+    case = Case("c", Programme((0.0, 1.0, 2.0, 3.0), (0.0, 1.0, 1.0, 0.0), (0.5, 1.0), (1.5,)), {"mesh": SMALL})
+    direct = BACKEND(VALUES, case)
+    canonical = BACKEND(*BACKEND.canonical(VALUES, case))
+    # at an asked travel the canonical answer is known; what it says elsewhere is for the caller to spread
+    np.testing.assert_array_equal(direct.channels["travel"], [0.5, 1.0, 1.0, 0.5])
+    by_travel = dict(zip(canonical.channels["travel"], canonical.channels["Fz"], strict=True))
+    assert [by_travel[s] for s in direct.channels["travel"]] == direct.channels["Fz"].tolist()
+
+
+def test_moments_between_asked_travels_are_not_lost():
+    """A moment at which an elastic body is at a travel that is not asked for: the canonical form must keep it."""
+    case = Case("c", Programme((0.0, 1.0), (0.0, 1.0), (1.0,), (0.3, 1.0)), {"mesh": SMALL})
+    canonical = BACKEND(*BACKEND.canonical(VALUES, case))
+    np.testing.assert_allclose(canonical.channels["travel"], [0.3, 1.0], rtol=1e-12)

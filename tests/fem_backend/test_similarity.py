@@ -1,0 +1,106 @@
+"""Exact similarity: all moduli times k, all forces times k, nothing else, whatever acts (Buckingham).
+
+This is what `rso.similarity` saves runs by; the penalties, the springs and the tolerances must scale too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fem_backend import indentation, model
+from fem_backend.backend import BACKEND
+from rso.contract import Case, Programme
+
+SMALL = {"mesher": "mapped", "n": 6, "slip": 0.3}
+VALUES = {"mu": 0.01, "D1": 5.8}
+MODULI = ("mu", "C01", "C20", "C30", "fibre", "weight", "adhesion")  # D1 is one over a modulus
+FORCES = ("Fx", "Fy", "Fz", "peak_pressure")
+BOWL = {"support": {"kind": "bowl", "clearance": 0.5, "friction": 0.0}}
+CASES = {
+    "neo_hookean": ({}, {}),
+    "linear_elastic": ({}, {"material": {"law": "linear_elastic"}}),
+    "mooney_rivlin": ({"C01": 2e-3}, {}),
+    "yeoh": ({"C20": 1e-3, "C30": 1e-4}, {}),
+    "ogden": ({"alpha": 6.0}, {"material": {"law": "ogden", "ogden": [[-3.0, 0.3]]}}),
+    "fibre": ({"fibre": 5e-3, "fibre_k2": 2.0, "fibre_angle": 90.0}, {}),
+    "friction": ({"friction": 0.3}, {}),
+    "bowl": ({}, BOWL),
+    "bowl with friction": ({}, {"support": {"kind": "bowl", "clearance": 0.5, "friction": 0.2}}),
+    "prony": ({"prony_g": 0.4, "prony_tau": 1.0, "prony_g2": 0.1}, {}),
+    "mullins": ({"mullins": 0.5}, {}),
+    "mullins, travelled before": ({"mullins": 0.5}, {"earlier": 1.5}),
+    "adhesion": ({"adhesion": 1e-4}, {}),
+    "weight": ({"weight": 1e-5}, {}),
+    "weight in a bowl": ({"weight": 1e-5}, BOWL),
+    "zones": ({"skin_ratio": 3.0, "inclusion_ratio": 0.2, "cavity": 1.0}, {}),
+    "misaligned": ({"offset_x": 1.0, "tilt_x": 2.0}, {}),
+    "off the top": ({}, {"point": [12.0, 0.0], "direction": "normal"}),
+    "all of it": ({"friction": 0.2, "prony_g": 0.3, "mullins": 0.4, "skin_ratio": 2.0, "C20": 1e-3, "weight": 1e-5}, {}),
+}  # fmt: skip
+
+
+def run(values, settings):
+    programme = Programme((0.0, 1.0, 2.0), (0.0, 1.0, 0.5), (0.75, 1.0), (2.0,))
+    return BACKEND({**VALUES, **values}, Case("c", programme, {"mesh": SMALL, **settings}))
+
+
+def scaled(values, k):
+    given = {**VALUES, **values}
+    return {n: v * k if n in MODULI else v / k if n == "D1" else v for n, v in given.items()}
+
+
+@pytest.mark.parametrize("what", CASES)
+def test_similarity_is_exact(what):
+    """μ, D₁ and all that has a stress in it, by 7.3: every iteration is the same but for round-off."""
+    values, settings = CASES[what]
+    k = 7.3
+    one, two = run(values, settings), run(scaled(values, k), settings)
+    assert len(one.channels["Fz"]) == 4 and one.channels["Fz"][1] > 0
+    for name, channel in one.channels.items():
+        factor = k if name in FORCES else 1.0
+        size = np.abs(channel).max()
+        np.testing.assert_allclose(two.channels[name] / factor, channel, rtol=1e-9, atol=1e-9 * size, err_msg=name)
+    for name in ("iterations", "steps", "cutbacks", "halvings"):
+        assert one.info[name] == two.info[name], name
+
+
+@pytest.mark.parametrize("knob", ["C20", "fibre", "weight", "adhesion"])
+def test_a_modulus_left_behind_is_seen(knob):
+    """Negative control: everything scaled but one."""
+    values = {"C20": 1e-3, "fibre": 5e-3, "weight": 1e-5, "adhesion": 1e-4}
+    k = 7.3
+    one, two = run(values, {}), run(scaled(values, k) | {knob: values[knob]}, {})
+    assert np.abs(two.channels["Fz"] / k / one.channels["Fz"] - 1).max() > 1e-4
+
+
+def test_a_penalty_that_does_not_scale_is_seen(graded, to_two, monkeypatch):
+    """Negative control: the same ε for the stiffer body."""
+    k = 3.7
+    monkeypatch.setattr(model, "PENALTY", model.PENALTY / k)
+    two = graded.other(mu=k * graded.knobs.mu, D1=graded.knobs.D1 / k).solve([1.0, 2.0])
+    assert np.abs(two.Fz / k / to_two.Fz - 1).max() > 1e-4
+
+
+def test_similarity_of_lengths(make_bench):
+    """Twice as large in every length: forces times four, on a mesh of its own that is the same but for its size."""
+    def at(k):
+        table = {"specimen": {"semi_axes": [60 * k, 35 * k, 35 * k]}, "indenter": {"radius": 3.0 * k}}
+        return make_bench({"weight": 1e-5 / k, "adhesion": 1e-4 * k, "adhesion_range": 0.2 * k, "skin_ratio": 2.0,
+                           "skin_thickness": 0.5 * k}, **table).solve([0.5 * k, 1.0 * k])  # fmt: skip
+
+    one, two = at(1.0), at(2.0)
+    np.testing.assert_allclose(two.Fz, 4.0 * one.Fz, rtol=1e-6)  # steps and merged nodes have absolute tolerances
+    np.testing.assert_allclose(two.channels["contact_area"], 4.0 * one.channels["contact_area"], rtol=1e-5)
+    np.testing.assert_allclose(two.channels["peak_pressure"], one.channels["peak_pressure"], rtol=1e-5)
+
+
+def test_mu_dF_dmu_minus_D1_dF_dD1_is_F(graded):
+    """Euler's identity of F(kμ, D₁/k) = k F, of derivatives that were found without it."""
+    r = graded.solve([1.0, 2.0], gradients=("mu", "D1"))
+    mu, D1 = graded.knobs.mu, graded.knobs.D1
+    sum_ = mu * r.gradients["mu"]["Fz"] - D1 * r.gradients["D1"]["Fz"]
+    np.testing.assert_allclose(sum_, r.Fz, rtol=1e-6)  # factors are those of the last but one iteration
+    wrong = mu * r.gradients["mu"]["Fz"] + D1 * r.gradients["D1"]["Fz"]
+    assert np.abs(wrong / r.Fz - 1).max() > 0.01  # negative control
+    assert indentation.MATERIAL_KNOBS[:2] == ("mu", "D1")
