@@ -10,34 +10,42 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
-from fem_backend import element, indentation, linsolve, meshing, stress  # isort: skip (pins the threads before numpy)
-from fem_backend.indentation import Model, Result, Settings
+from fem_backend import element, experiment, indentation, linsolve, model, stress  # isort: skip (pins the threads)
+from fem_backend.experiment import Knobs, Settings
+from fem_backend.indentation import Result
 from fem_backend.laws import NeoHooke
-from fem_backend.stepping import Control
+from fem_backend.model import Model
+from fem_backend.stepping import Control, Instant
 
 import numpy as np  # isort: skip
 
 ASKED = np.array([1.0, 2.0, 3.0, 4.0])
+KNOBS = Knobs(mu=0.0099997, D1=5.8)
 INDEPENDENT = np.array([0.08433, 0.22897, 0.40047, 0.5807])  # N, NGSolve, P2, penalty-corrected, error about 0.2 %
-LAW = NeoHooke(mu=0.0099997, D1=5.8)
 REPEATS = {"coarse": 3, "standard": 2, "fine": 1, "reference": 1}  # the last is what the others are compared with
 
 
 def model_of(level: str) -> tuple[Settings, Model]:
     """The level's model on the mesh of this user's cache."""
-    settings = indentation.read_settings({"mesh": {"level": level}})
-    return settings, indentation.build(settings, meshing.cached(settings.recipe))
+    settings = experiment.read_settings({"mesh": {"level": level}})
+    return settings, model.model_for(settings, KNOBS, model.place(settings, KNOBS), None)
 
 
-def timed(settings: Settings, model: Model, repeats: int) -> tuple[Result, float]:
+def run(settings: Settings, built: Model, asked: np.ndarray = ASKED) -> Result:
+    """Run to the asked travels at 1 mm/s."""
+    instants = [Instant(s, s, True) for s in asked]
+    return indentation.solve(settings, KNOBS, model.place(settings, KNOBS), built, instants)
+
+
+def timed(settings: Settings, built: Model, repeats: int) -> tuple[Result, float]:
     """Result and the median of the CPU seconds."""
-    results = [indentation.solve(settings, LAW, model, ASKED) for _ in range(repeats)]
+    results = [run(settings, built) for _ in range(repeats)]
     return results[0], float(np.median([r.cpu_s for r in results]))
 
 
 def levels(models: dict[str, tuple[Settings, Model]]) -> None:
     """Table of the levels; percentages are those of the depth where they are largest."""
-    indentation.solve(*_first(models), np.array([0.2]))  # compile the kernels
+    run(*models["coarse"], np.array([0.2]))  # compile the kernels
     runs = {level: timed(*models[level], REPEATS[level]) for level in REPEATS}
     finest = list(runs.values())[-1][0].Fz
     print(f"solver {linsolve.available()}; run to 4 mm, forces at {', '.join(f'{d:g}' for d in ASKED)} mm\n")
@@ -51,19 +59,14 @@ def levels(models: dict[str, tuple[Settings, Model]]) -> None:
               f"{_row(to_finest):>26} {_row(to_other):>26}")  # fmt: skip
 
 
-def _first(models: dict[str, tuple[Settings, Model]]) -> tuple[Settings, NeoHooke, Model]:
-    settings, model = models["coarse"]
-    return settings, LAW, model
-
-
 def _row(percent: np.ndarray) -> str:
     return " ".join(f"{p:+.2f}" for p in percent)
 
 
-def solvers(model: Model, repeats: int = 3) -> None:
+def solvers(built: Model, repeats: int = 3) -> None:
     """Seconds per factorisation and per solution of the undeformed stiffness on one mesh."""
-    body = model.body
-    state = stress.evaluate(LAW, np.zeros((*body.w.shape, 3, 3)), tangent=True)
+    body = built.body
+    state = stress.evaluate(NeoHooke(KNOBS.mu, KNOBS.D1), np.zeros((*body.w.shape, 3, 3)), tangent=True)
     data = element.stiffness(body, state.F, state.S_geometric, state.C)
     b = np.random.default_rng(0).normal(size=body.pattern.size)
     print(f"\nstandard mesh, {body.pattern.size} dofs: CPU s, median of {repeats}")
@@ -71,7 +74,7 @@ def solvers(model: Model, repeats: int = 3) -> None:
     for name in ("pardiso", "superlu"):
         try:
             start = time.process_time()
-            factor = linsolve.symmetric_solver(body.pattern, name)
+            factor = linsolve.solver(body.pattern, name)
             factor(data)  # pardiso analyses here
             first = time.process_time() - start
         except ImportError:
@@ -90,10 +93,10 @@ def solvers(model: Model, repeats: int = 3) -> None:
         print(f"{name:9} {max(first - seconds, 0.0):9.3f} {seconds:9.3f} {np.median(solved):9.4f} {residual:9.1e}")
 
 
-def augmentations(settings: Settings, model: Model) -> None:
+def augmentations(settings: Settings, built: Model) -> None:
     """Force error that is left after 0, 1 and 2 augmentations, against 4 of them, and what they cost."""
     counts = (0, 1, 2, 4)
-    runs = [indentation.solve(replace(settings, control=Control(augmentations=k)), LAW, model, ASKED) for k in counts]
+    runs = [run(replace(settings, control=Control(augmentations=k)), built) for k in counts]
     print("\ncoarse mesh: contact error of the force in % (against 4 augmentations) and Newton iterations")
     for k, result in zip(counts, runs, strict=True):
         row = " ".join(f"{100 * p:+.4f}" for p in result.Fz / runs[-1].Fz - 1)

@@ -1,15 +1,22 @@
-"""python -m fem_backend request.json response.json : one simulation without rso; --schema prints what it knows."""
+"""python -m fem_backend request.json response.json : one simulation without rso.
+
+    --vtu FOLDER        one VTU file per asked instant
+    --pictures FOLDER   sections and the surface from above as PNG per asked instant, no display needed
+    --schema            what requests and responses hold, every knob with unit and range
+"""
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import json
 import sys
 from pathlib import Path
 from typing import Any
 
-from fem_backend.backend import BACKEND
-from rso.contract import Case, SimulationFailed
+from fem_backend import output
+from fem_backend.backend import BACKEND, CHOICES
+from rso.contract import CAUSES, Case, SimulationFailed
 
 
 def schema() -> dict[str, Any]:
@@ -23,59 +30,74 @@ def schema() -> dict[str, Any]:
             "values": {"mu": 0.01, "D1": 5.8},
             "case": {
                 "name": "middle_point",
-                "programme": {"time_s": [0, 8], "travel_mm": [0, 4], "asked_mm": [1, 2, 3, 4]},
-                "settings": {
-                    "specimen": {"shape": "ellipsoid", "semi_axes": [60, 35, 35]},
-                    "indenter": {"shape": "sphere", "radius": 3},
-                    "support": {"kind": "fixed"},
-                    "material": {"law": "neo_hookean | linear_elastic"},
-                    "point": [0, 0],
-                    "mesh": {"mesher": "tetwild | mapped", "level": "coarse | standard | fine | reference"},
+                "programme": {
+                    "time_s": [0, 8, 16],
+                    "travel_mm": [0, 4, 0],
+                    "asked_mm": [1, 2, 3, 4],
+                    "asked_s": "optional further moments, e.g. during a hold",
                 },
+                "settings": CHOICES,
             },
         },
         "response": {
             "status": "done | failed",
-            "channels": {"time": [], "travel": [], "Fx": [], "Fy": [], "Fz": [], "uz_max": [], "bulge": []},
+            "channels": {name: [] for name in BACKEND.channels},
             "units": {},
-            "error": {},
-            "cause": "only if failed",
+            "error": "estimated numerical error, by channel",
+            "gradients": "d(channel)/d(material knob), by knob and channel; only for materials without memory",
+            "info": {},
+            "cause": f"only if failed: {' | '.join(CAUSES)}",
             "reason": "only if failed",
+            "history": "only if failed: relative residuals of the last step",
         },
     }
 
 
-def answer(request: dict[str, Any]) -> dict[str, Any]:
+def answer(request: dict[str, Any], vtu: Path | None = None, pictures: Path | None = None) -> dict[str, Any]:
     """Response to a request as plain data; a failure of the model is a response, misuse raises ValueError."""
-    unknown = sorted(set(request) - {"values", "case"})
-    if unknown or set(request) != {"values", "case"}:
+    if set(request) != {"values", "case"}:
         raise ValueError(f"request: exactly 'values' and 'case' are expected, got {sorted(request)}")
     if not isinstance(request["values"], dict):
         raise ValueError(f"request: 'values' must be a table of numbers, got {request['values']!r}")
     try:
-        return BACKEND(request["values"], Case.from_json(request["case"])).to_json()
+        solved = BACKEND.solve(request["values"], Case.from_json(request["case"]))
     except SimulationFailed as failed:
         reached = {} if failed.partial is None else failed.partial.to_json()
         return {**reached, "status": "failed", "cause": failed.cause, "reason": failed.reason,
                 "history": list(failed.history)}  # fmt: skip
+    if vtu is not None:
+        output.write_files(solved, vtu)
+    if pictures is not None:
+        output.draw(solved, pictures)
+    return BACKEND.response(solved).to_json()
 
 
 def main(arguments: list[str]) -> int:
     """Exit code 0 for an answer (also a failed one), 2 for a bad request."""
-    if arguments == ["--schema"]:
+    parser = argparse.ArgumentParser(prog="python -m fem_backend", description=__doc__.splitlines()[0])
+    parser.add_argument("request", type=Path, nargs="?", help="request.json")
+    parser.add_argument("response", type=Path, nargs="?", help="where the answer goes")
+    parser.add_argument("--vtu", type=Path, metavar="FOLDER", help="write a VTU file per asked instant")
+    parser.add_argument("--pictures", type=Path, metavar="FOLDER", help="draw sections and the surface")
+    parser.add_argument("--schema", action="store_true", help="print what requests and responses hold")
+    try:
+        options = parser.parse_args(arguments)
+    except SystemExit as end:
+        return int(end.code or 0)
+    if options.schema:
         print(json.dumps(schema(), indent=2))
         return 0
-    if len(arguments) != 2:
-        print("usage: python -m fem_backend request.json response.json | --schema", file=sys.stderr)
+    if options.response is None:
+        parser.print_usage(sys.stderr)
         return 2
     try:
-        request = json.loads(Path(arguments[0]).read_text(encoding="utf-8"))
+        request = json.loads(options.request.read_text(encoding="utf-8"))
         if not isinstance(request, dict):
             raise ValueError("request: a table with 'values' and 'case' is expected")
-        response = answer(request)
-        Path(arguments[1]).write_text(json.dumps(response, indent=1), encoding="utf-8")
+        response = answer(request, options.vtu, options.pictures)
+        options.response.write_text(json.dumps(response, indent=1), encoding="utf-8")
     except (OSError, ValueError) as error:  # anything else is a bug and must look like one
-        print(f"{arguments[0]}: {error}", file=sys.stderr)
+        print(f"{options.request}: {error}", file=sys.stderr)
         return 2
     return 0
 

@@ -15,11 +15,25 @@ from fem_backend.errors import stated
 from fem_backend.experiment import SWITCHES, Knobs, Settings
 from fem_backend.indentation import UNITS, Result
 from fem_backend.model import Model, NotModelled, Placement
+from fem_backend.newton import System
 from fem_backend.stepping import Instant, Stopped
 from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
 
 NUMERICS = 2  # raised when, and only when, answers change
 DEEPEST = 0.3  # of the smallest semi-axis
+
+CHOICES = {  # the settings and what each may be, for --schema
+    "specimen": {"shape": "ellipsoid", "semi_axes": [60, 35, 35], "cavity": "semi-axes of a cavity below, knob cavity"},
+    "indenter": {"shape": "sphere", "radius": 3, "shaft": "false | true: a cylinder goes on above the ball"},
+    "support": {"kind": "fixed | bowl", "clearance": "mm, bowl only", "friction": "bowl only"},
+    "material": {"law": " | ".join(experiment.LAWS), "prony": [["g", "tau in s"]], "ogden": [["alpha", "share of mu"]]},
+    "point": [0, 0],
+    "direction": "vertical | normal",
+    "profile": [["x", "y"]],
+    "earlier": "mm: deepest travel at this place before the test (softening)",
+    "mesh": {"mesher": "tetwild | mapped", "level": "coarse | standard | fine | reference"},
+    "solver": "auto | pardiso | superlu",
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,6 +44,7 @@ class Solved:
     knobs: Knobs
     placement: Placement
     model: Model
+    system: System
     result: Result
 
 
@@ -107,7 +122,10 @@ class FiniteElements:
 
     def __call__(self, values: Mapping[str, float], case: Case) -> Response:
         """Channels at every passage of an asked travel, or SimulationFailed with the curve so far."""
-        solved = self.solve(values, case)
+        return self.response(self.solve(values, case))
+
+    def response(self, solved: Solved) -> Response:
+        """What of a run goes through the seam."""
         return _response(solved.result, solved.model, solved.settings, solved.knobs)
 
     def solve(self, values: Mapping[str, float], case: Case) -> Solved:
@@ -132,7 +150,8 @@ class FiniteElements:
                 partial = _response(reached, model, settings, knobs)
             history = tuple({"iteration": k, "residual": r} for k, r in enumerate(stopped.history))
             raise SimulationFailed(stopped.cause, str(stopped), partial, history) from stopped
-        return Solved(settings, knobs, placement, model, result)
+        system = modelling.system(settings, knobs, placement, model)
+        return Solved(settings, knobs, placement, model, system, result)
 
     def knobs(self, values: Mapping[str, float], settings: Settings) -> Knobs:
         """Values with the defaults of knobs and settings; ValueError for unknown, missing or unbounded ones."""

@@ -11,7 +11,7 @@ from fem_backend import contact, newton
 from fem_backend.contact import Before
 from fem_backend.newton import Counters, Equilibrium, Evaluation, Load, NotConverged, System
 
-MOVES = 40  # on a tether, at most
+MOVES = 12  # on a tether, at most
 SEATING = (1e5, 1e4, 1e3, 1e2, 1e1, 1.0)  # factors of the grounding springs until the support carries the body
 
 
@@ -118,10 +118,10 @@ def find(
         if system.springs is None or error.cause == "time_limit":
             raise
         last = error
-    tether, calm = 1e4, 0
+    tether, calm, near = 1e4, 0, min(max(0.1 * tolerance, 1e-7), 1e-3)  # looser, and the last moves would not be made
     for _ in range(MOVES):
         try:
-            tied = newton.solve(system, u, replace(load, tether=tether, near=u), 1e-3, counters, limit=12)
+            tied = newton.solve(system, u, replace(load, tether=tether, near=u), near, counters, limit=12)
         except NotConverged as error:
             if error.cause == "time_limit" or tether > 1e8:
                 raise
@@ -265,8 +265,8 @@ def follow(
                 guess = u + (goal_s - s) * rate
                 if system.springs is not None:  # a body that may roll and slide far: friction by the pressure before
                     load = _rubbing(system, load, before, pressures)
-                    first = find(system, guess, load, control.loose, counters, limit=15).evaluation
-                    load, guess = _rubbing(system, load, before, [c.pressure for c in first.contacts]), first.u
+                    rough = find(system, guess, load, control.loose, counters, limit=15).evaluation
+                    load, guess = _rubbing(system, load, before, [c.pressure for c in rough.contacts]), rough.u
                 if last and instant.asked:
                     point = _settle(system, guess, load, goal_s, control, counters, goal_t)
                     found = point.stages[0].equilibrium
@@ -275,7 +275,7 @@ def follow(
             except NotConverged as error:
                 counters.cutbacks += 1
                 share *= 0.5
-                if share < 1 / 64 or error.cause == "time_limit":
+                if share < (1 / 64 if system.springs is None else 1 / 8) or error.cause == "time_limit":
                     raise _stopped(error, s, points, counters) from error
                 if share < 0.3:
                     rate = np.zeros_like(rate)

@@ -80,6 +80,36 @@ def zdt2(X: np.ndarray) -> np.ndarray:
     return np.column_stack([f1, g * (1 - (f1 / g) ** 2)])
 
 
+def zdt3(X: np.ndarray) -> np.ndarray:
+    """Objectives (n, 2) of ZDT3; the front is five pieces of f2 = 1 − √f1 − f1 sin 10πf1 (same source, eq. 9)."""
+    f1, g = _zdt(X)
+    return np.column_stack([f1, g * (1 - np.sqrt(f1 / g) - f1 / g * np.sin(10 * np.pi * f1))])
+
+
+def zdt3_hypervolume(n: int = 2**20) -> float:
+    """Area that the front of ZDT3 dominates up to (1.1, 1.1): ∫ 1.1 − min_{s ≤ f1} f2(s) df1, by n midpoints (1e-6)."""
+    f1 = 1.1 * (np.arange(n) + 0.5) / n
+    f2 = np.where(f1 <= 1, 1 - np.sqrt(f1) - f1 * np.sin(10 * np.pi * f1), np.inf)
+    return float(np.mean(1.1 - np.minimum(np.minimum.accumulate(f2), 1.1)) * 1.1)
+
+
+def mooney_rivlin3(strain: np.ndarray, stress: np.ndarray, weighting: str) -> tuple[np.ndarray, float]:
+    """Least-squares (C10, C01, C11) of uniaxial tension and the sum of squares that it leaves.
+
+    W = C10 (I1 − 3) + C01 (I2 − 3) + C11 (I1 − 3)(I2 − 3), incompressible: nominal stress
+    P = 2 (λ − λ⁻²) [C10 + C11 (I2 − 3) + (C01 + C11 (I1 − 3))/λ] with λ = 1 + strain, linear in the constants.
+    `weighting` 'absolute' minimises Σ(P̂ − P)², 'relative' Σ((P̂ − P)/P)². Stress (n,) and constants share a unit.
+    """
+    if weighting not in ("absolute", "relative"):
+        raise ValueError(f"mooney_rivlin3: unknown weighting {weighting!r}; choose absolute or relative")
+    lam, P = 1 + np.asarray(strain, float), np.asarray(stress, float)
+    I1, I2 = lam**2 + 2 / lam, 2 * lam + lam**-2
+    A = 2 * (lam - lam**-2)[:, None] * np.column_stack([np.ones_like(lam), 1 / lam, I2 - 3 + (I1 - 3) / lam])
+    w = 1 / P if weighting == "relative" else np.ones_like(P)
+    C = np.linalg.lstsq(A * w[:, None], P * w, rcond=None)[0]
+    return C, float(np.sum(((A @ C - P) * w) ** 2))
+
+
 def _zdt(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     X = np.asarray(X, float)
     return X[:, 0], 1 + 9 * X[:, 1:].mean(axis=1)

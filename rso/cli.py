@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import os
 import shlex
 import sys
 from collections.abc import Sequence
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing to complain about at the end
         return EXIT_BROKEN
+    except OSError as error:
+        what = f"{error.filename}: " if error.filename else ""
+        print(
+            f"rso: {what}{error.strerror or error}: check that the folder is writable and that the disk is not full, "
+            "then run again; runs stored so far are kept",
+            file=sys.stderr,
+        )
+        return EXIT_BROKEN
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -60,6 +68,8 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("study", type=Path, help="study.toml, or the folder that holds it")
         command.add_argument("--out", type=Path, help="folder of the results (default: results/ beside the study)")
         command.set_defaults(call=call)
+        if name == "check":
+            command.add_argument("--trust", action="store_true", help="load a backend that is not rso's own: its code")
         if name == "run":
             command.add_argument("--jobs", type=int, help="simulations at a time (default: dispatch.jobs)")
             command.add_argument("--fresh", action="store_true", help="move the old results aside and start again")
@@ -68,9 +78,17 @@ def _parser() -> argparse.ArgumentParser:
 
 def _check(options: argparse.Namespace, command: str) -> int:
     from rso.study import load
-    from rso.study.plan import fe_design, full_design, make_plan, proofs
+    from rso.study.identifying import ROUNDS
+    from rso.study.plan import fe_design, full_design, make_plan, proofs, source_of
 
     study = load(options.study)
+    source = source_of(study)
+    if not (options.trust or source.own):
+        what = repr(source.use) if source.use else shlex.join(source.command or ())
+        print(f"{study.file}: good as far as this can be said without its backend")
+        print(f"  {what} is foreign code and was not loaded: names, units and bounds of the parameters, settings and")
+        print("  the number of simulations were not checked; if you trust it: rso check --trust")
+        return 0
     plan = make_plan(study)
     similar = plan.group.reference is not None
     design, held = fe_design(plan, similar)
@@ -81,6 +99,7 @@ def _check(options: argparse.Namespace, command: str) -> int:
         "held out": cases * len(held),
         "proof": cases * len(proof),
         "candidates": cases * candidates * len(plan.searches),
+        "identification": 0 if similar and plan.box.d == 1 else cases * ROUNDS,
         "validation": candidates * len(plan.validation),
     }
     total = sum(parts.values())
@@ -121,8 +140,7 @@ def _seconds_per_run(folder: Path) -> tuple[float, bool]:
 
 def _run(options: argparse.Namespace, command: str) -> int:
     from rso.progress import Progress
-    from rso.running import WorkerPool
-    from rso.store import RunStore
+    from rso.store import RunStore, set_aside
     from rso.study import load
     from rso.study.plan import make_plan
     from rso.study.stages import NothingToFit
@@ -136,12 +154,10 @@ def _run(options: argparse.Namespace, command: str) -> int:
         return EXIT_BAD_INPUT
     folder = _folder(options, study.folder)
     if options.fresh and folder.exists():
-        aside = folder.with_name(f"{folder.name}-{datetime.now():%Y%m%d-%H%M%S}")
-        folder.rename(aside)
-        print(f"old results moved to {aside}")
+        print(f"old results moved to {set_aside(folder)}")
     with (
         RunStore(folder) as store,
-        WorkerPool(jobs, source=plan.source, timeout_s=study.dispatch.timeout) as pool,
+        _executor(study.dispatch, jobs, plan.source, folder) as pool,
         Progress() as progress,
     ):
         try:
@@ -160,11 +176,22 @@ def _run(options: argparse.Namespace, command: str) -> int:
     return int(found["exit_code"])
 
 
+def _executor(table: Any, jobs: int, source: Any, folder: Path) -> Any:
+    """What runs the simulations: processes of this machine, or a Dask cluster."""
+    from rso.running import WorkerPool, open_cluster
+
+    if table.engine == "dask":  # a folder of this machine means nothing there
+        return open_cluster(table.address, jobs, source, table.timeout)
+    if source.command is not None:  # folders of runs that did not end well stay with the results
+        source = dataclasses.replace(source, keep_folder=str(folder / "kept"))
+    return WorkerPool(jobs, source=source, timeout_s=table.timeout)
+
+
 def _summary(found: dict[str, Any], files: list[Path]) -> None:
     counts, best = found["counts"], found["best"]
     print(f"\n{found['study']['title']}")
-    for name, state in found["determined"].items():
-        print(f"  {name}: {state['story']}")
+    for state in found["determined"].values():
+        print(f"  {state['story']}")
     if best:
         every = [(s["name"], c) for s in found["searches"] for c in s["candidates"]]
         candidate = next(c for name, c in every if (name, c["name"]) == (best["search"], best["candidate"]))
@@ -204,7 +231,7 @@ def _status(options: argparse.Namespace, command: str) -> int:
     try:
         found = json.loads((folder / "results.json").read_text(encoding="utf-8"))
         print(f"last finished stage: {found['stage']}")
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError, KeyError, TypeError):
         print("no stage is finished")
     with RunStore(folder, read_only=True) as store:
         rows = store.rows()
@@ -220,6 +247,7 @@ def _status(options: argparse.Namespace, command: str) -> int:
 def _report(options: argparse.Namespace, command: str) -> int:
     from rso.report import render
     from rso.study import load
+    from rso.study.results import SCHEMA
 
     study = load(options.study)
     folder = _folder(options, study.folder)
@@ -229,7 +257,18 @@ def _report(options: argparse.Namespace, command: str) -> int:
     except (OSError, ValueError) as error:
         print(f"rso: {path}: {error}; run the study first: rso run {options.study}", file=sys.stderr)
         return EXIT_BAD_INPUT
-    for file in render(found, folder, html=True, pdf=True):
+    try:
+        if found["schema"] != SCHEMA:
+            raise ValueError(f"schema {found['schema']}, expected {SCHEMA}")
+        files = render(found, folder, html=True, pdf=True)
+    except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
+        print(
+            f"rso: {path}: holds no results that this version can show ({type(error).__name__}: {error}); "
+            f"run the study again: rso run {options.study}",
+            file=sys.stderr,
+        )
+        return EXIT_BAD_INPUT
+    for file in files:
         print(file)
     return 0
 

@@ -6,15 +6,33 @@ and predictions are made for θ.  Runs that failed take no part.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from rso import surrogates
 from rso.contract import Response
 from rso.doe import Box
 from rso.similarity import Group
-from rso.surrogates import Kriging, Scores, Surrogate, fit, refit, score
+from rso.surrogates import (
+    CurvePoint,
+    Scores,
+    Surrogate,
+    WholeCurve,
+    beyond,
+    fit,
+    fit_curve,
+    from_dict,
+    refit,
+    refit_curve,
+    score,
+)
+
+FEWEST_TRAVELS = 3  # a curve with fewer is no curve: one surrogate per travel
 
 
 @dataclass(frozen=True)
@@ -31,21 +49,36 @@ class Output:
         """``experiment:channel@depth``."""
         return f"{self.experiment}:{self.channel}@{self.depth_mm:g}"
 
+    def place(self, response: Response) -> int:
+        """Index of this travel in a response that was asked for it; KeyError if it was not."""
+        travel = response.curve(self.channel).travel_mm
+        at = np.nonzero(np.abs(travel - self.depth_mm) < 1e-9)[0]
+        if not len(at):
+            raise KeyError(f"{self.id}: the response holds travels {travel.tolist()} mm")
+        return int(at[0])
+
     def read(self, response: Response) -> float:
         """The value in a response that was asked for this travel; KeyError if it was not."""
-        curve = response.curve(self.channel)
-        at = np.nonzero(np.abs(curve.travel_mm - self.depth_mm) < 1e-9)[0]
-        if not len(at):
-            raise KeyError(f"{self.id}: the response holds travels {curve.travel_mm.tolist()} mm")
-        return float(curve.value[at[0]])
+        return float(response.curve(self.channel).value[self.place(response)])
+
+    def error(self, response: Response) -> float:
+        """The estimated numerical error of that value; 0 where the backend states none."""
+        return float(response.curve(self.channel).error[self.place(response)])
+
+    def gradient(self, response: Response) -> dict[str, float]:
+        """∂/∂knob of that value by knob, as far as the backend gave derivatives of this channel."""
+        at = self.place(response)
+        return {k: float(np.asarray(g[self.channel])[at]) for k, g in response.gradients.items() if self.channel in g}
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One run that is done: its values and its outputs by id."""
+    """One run that is done: its values, and by output id its outputs, numerical errors and derivatives by knob."""
 
     values: Mapping[str, float]
     outputs: Mapping[str, float]
+    errors: Mapping[str, float] = field(default_factory=dict)
+    gradients: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +92,7 @@ class Emulator:
     group: Group
     reduced: Box | None
     outputs: tuple[Output, ...]
-    surrogates: Mapping[str, Surrogate]
+    surrogates: Mapping[str, Surrogate | CurvePoint]
     samples: tuple[Sample, ...]
     degree: int | None = None
 
@@ -74,7 +107,23 @@ class Emulator:
     def means(self, outputs: Sequence[Output], X: np.ndarray) -> np.ndarray:
         """Means of several outputs (n, m)."""
         s, R = self._reduce(X)
-        return np.stack([self._scaled(o, self._means(o, s, R), s) for o in outputs], axis=1)
+        curves: dict[int, np.ndarray] = {}  # every whole curve once, not once per travel
+        columns = []
+        for o in outputs:
+            model = self.surrogates.get(o.id)
+            if isinstance(model, CurvePoint):
+                if id(model.curve) not in curves:
+                    curves[id(model.curve)] = model.curve.mean(R)
+                columns.append(self._scaled(o, curves[id(model.curve)][:, model.point], s))
+            else:
+                columns.append(self._scaled(o, self._means(o, s, R), s))
+        return np.stack(columns, axis=1)
+
+    def beyond(self, X: np.ndarray) -> np.ndarray:
+        """Mask (n,) of the points of the unit cube of `box` that lie outside the hull of the (reduced) samples."""
+        if self.reduced is None:
+            return np.zeros(len(X), bool)
+        return beyond(_points(self)[1], self._reduce(X)[1])
 
     def score(self, output: Output, held_out: Sequence[Sample]) -> Scores:
         """Errors on runs that took no part in the fit, in the unit of the output."""
@@ -135,9 +184,12 @@ def reduced_box(box: Box, group: Group) -> Box | None:
 
 def learn(
     box: Box, group: Group, outputs: Sequence[Output], samples: Sequence[Sample], *, kind: str, seed: int,
-    degree: int | None = None,
+    degree: int | None = None, held: Sequence[Sample] = (),
 ) -> Emulator:  # fmt: skip
     """Emulator of all outputs from the samples; the kind of each surrogate is chosen by cross-validation.
+
+    'whole_curve' learns all travels of a channel of an experiment together (a channel with few travels as 'auto').
+    Derivatives and numerical errors of the samples are used where they help; `held` samples join the choice only.
 
     Raises ValueError if there are too few runs for any surrogate.
     """
@@ -148,35 +200,152 @@ def learn(
     if reduced is None:
         return bare
     X, columns = _data(bare)
-    fitted = {
-        o.id: fit(kind, X, columns[o.id], seed=seed, degree=degree, unit=o.unit, names=reduced.names) for o in outputs
-    }
+    seen = _data(replace(bare, samples=tuple(held))) if held else None
+    fitted: dict[str, Surrogate | CurvePoint] = {}
+    for members in _curves(outputs) if kind == "whole_curve" else ():
+        Y, noise, G = _stacked(columns, members)
+        at = np.array([o.depth_mm for o in members])
+        curve = fit_curve(X, at, Y, seed=seed, noise_sd=noise, gradients=G, unit=members[0].unit, names=reduced.names)
+        fitted |= {o.id: CurvePoint(curve, j) for j, o in enumerate(members)}
+    for o in outputs:
+        if o.id not in fitted:
+            column = columns[o.id]
+            fitted[o.id] = fit(
+                "auto" if kind == "whole_curve" else kind, X, column.y, seed=seed, degree=degree, unit=o.unit,
+                names=reduced.names, noise_sd=column.noise, share=None, gradients=column.gradients,
+                held=None if seen is None else (seen[0], seen[1][o.id].y),
+            )  # fmt: skip
     return replace(bare, surrogates=fitted)
 
 
 def relearn(emulator: Emulator, new: Sequence[Sample], *, seed: int) -> Emulator:
-    """The emulator with new samples in it, every surrogate of the kind it already is."""
+    """The emulator with new samples in it, every surrogate of the kind it already is; terms and modes anew."""
     bare = replace(emulator, samples=(*emulator.samples, *new))
     if emulator.reduced is None:
         return bare
     X, columns = _data(bare)
-    fitted = {
-        k: refit(model, X, columns[k], seed=seed)
-        if emulator.degree is None or isinstance(model, Kriging)
-        else fit("polynomial", X, columns[k], seed=seed, degree=emulator.degree, log=model.log)
-        for k, model in emulator.surrogates.items()
-    }
+    fitted: dict[str, Surrogate | CurvePoint] = {}
+    for o in emulator.outputs:
+        model = emulator.surrogates[o.id]
+        if o.id in fitted:
+            continue
+        if isinstance(model, CurvePoint):
+            members = [m for m in emulator.outputs if getattr(emulator.surrogates[m.id], "curve", None) is model.curve]
+            members.sort(key=lambda m: emulator.surrogates[m.id].point)  # type: ignore[union-attr]
+            Y, noise, G = _stacked(columns, members)
+            curve = refit_curve(model.curve, X, Y, seed=seed, noise_sd=noise, gradients=G, unit=o.unit)
+            fitted |= {m.id: CurvePoint(curve, j) for j, m in enumerate(members)}
+        else:
+            c = columns[o.id]
+            fitted[o.id] = refit(
+                model, X, c.y, seed=seed, noise_sd=c.noise, gradients=c.gradients, degree=emulator.degree
+            )
     return replace(bare, surrogates=fitted)
 
 
-def _data(emulator: Emulator) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Reduced points (n, d') and reduced outputs (n,) by id of the samples; equal points count once."""
+@dataclass(frozen=True, eq=False)
+class _Column:
+    """One reduced output (n,), its numerical error (n,) and its derivatives (n, d') over the reduced unit cube."""
+
+    y: np.ndarray
+    noise: np.ndarray | None
+    gradients: np.ndarray | None
+
+
+def _curves(outputs: Sequence[Output]) -> list[list[Output]]:
+    """Outputs of one channel of one experiment, by travel, where they are enough to be a curve."""
+    groups: dict[tuple[str, str], list[Output]] = {}
+    for o in outputs:
+        groups.setdefault((o.experiment, o.channel), []).append(o)
+    return [sorted(g, key=lambda o: o.depth_mm) for g in groups.values() if len(g) >= FEWEST_TRAVELS]
+
+
+def _stacked(columns: Mapping[str, _Column], members: Sequence[Output]):
+    """Curves (n, m), their errors (n, m) and derivatives (n, d', m); None where a member has none."""
+    mine = [columns[o.id] for o in members]
+    noise = None if any(c.noise is None for c in mine) else np.stack([c.noise for c in mine], axis=1)
+    G = None if any(c.gradients is None for c in mine) else np.stack([c.gradients for c in mine], axis=2)
+    return np.stack([c.y for c in mine], axis=1), noise, G
+
+
+def _points(emulator: Emulator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Scales s (n,), reduced points (n, d') and places of the samples; equal points count once."""
     theta = {n: np.array([s.values[n] for s in emulator.samples]) for n in emulator.box.names}
     s, X = emulator._reduced(theta)
     _, first = np.unique(np.round(X, 9), axis=0, return_index=True)
     first = np.sort(first)
-    columns = {
-        o.id: np.array([emulator.samples[i].outputs[o.id] / emulator.group.expand(o.channel, 1.0, s[i]) for i in first])
-        for o in emulator.outputs
+    return s[first], X[first], first
+
+
+def _data(emulator: Emulator) -> tuple[np.ndarray, dict[str, _Column]]:
+    """Reduced points (n, d') and reduced outputs by id of the samples."""
+    s, X, first = _points(emulator)
+    samples = [emulator.samples[i] for i in first]
+    columns = {}
+    for o in emulator.outputs:
+        factor = np.array([emulator.group.expand(o.channel, 1.0, float(v)) for v in s])
+        y = np.array([p.outputs[o.id] for p in samples]) / factor
+        noise = np.array([p.errors.get(o.id, 0.0) for p in samples]) / factor
+        columns[o.id] = _Column(y, noise if noise.any() else None, _slopes(emulator, o, samples, s, X, factor))
+    return X, columns
+
+
+def _slopes(emulator: Emulator, o: Output, samples: Sequence[Sample], s: np.ndarray, X: np.ndarray, factor: np.ndarray):
+    """∂f/∂x over the reduced unit cube from ∂y/∂θ: y = s^e f(θ′) and θ′_k = θ_k s^(−e_k), at constant modulus."""
+    box, exponents = emulator.reduced, emulator.group.exponents
+    if not any(p.gradients.get(o.id) for p in samples):
+        return None
+    scaled = emulator.group.reference is not None
+    G = np.array([[p.gradients.get(o.id, {}).get(n, np.nan) for n in box.names] for p in samples])
+    shrink = np.stack([s ** (exponents.get(n, 0) if scaled else 0) for n in box.names], axis=1)
+    G = G * shrink / factor[:, None] * box.slope(X)
+    return G if np.isfinite(G).any() else None
+
+
+# ------------------------------------------------------------------------------------------------------ on disk
+
+
+def save(emulator: Emulator, stem: Path) -> None:
+    """Write the emulator to `stem`.json and `stem`.npz (see :mod:`rso.surrogates.saving`)."""
+    curves: list[WholeCurve] = []
+    models: dict[str, Any] = {}
+    for name, model in emulator.surrogates.items():
+        if isinstance(model, CurvePoint):
+            if not any(c is model.curve for c in curves):
+                curves.append(model.curve)
+            index = next(k for k, c in enumerate(curves) if c is model.curve)
+            models[name] = {"kind": model.kind, "curve": index, "point": model.point}
+        else:
+            models[name] = model.to_dict()
+    surrogates.save(stem, {
+        "schema": 1,
+        "box": dataclasses.asdict(emulator.box),
+        "reduced": None if emulator.reduced is None else dataclasses.asdict(emulator.reduced),
+        "group": dataclasses.asdict(emulator.group),
+        "outputs": [dataclasses.asdict(o) for o in emulator.outputs],
+        "samples": [dataclasses.asdict(s) for s in emulator.samples],
+        "degree": emulator.degree,
+        "curves": [c.to_dict() for c in curves],
+        "surrogates": models,
+    })  # fmt: skip
+
+
+def load(stem: Path) -> Emulator:
+    """The emulator that :func:`save` wrote, with the same predictions to the bit; OSError or ValueError else."""
+    data = surrogates.load(stem)
+    if data.get("schema") != 1:
+        raise ValueError(f"{stem.name}.json: schema {data.get('schema')!r} is not 1")
+    curves = [WholeCurve.from_dict(c) for c in data["curves"]]
+    models = {
+        name: CurvePoint(curves[m["curve"]], m["point"]) if m["kind"] == "whole_curve" else from_dict(m)
+        for name, m in data["surrogates"].items()
     }
-    return X[first], columns
+    return Emulator(
+        Box(**data["box"]),
+        Group(**data["group"]),
+        None if data["reduced"] is None else Box(**data["reduced"]),
+        tuple(Output(**o) for o in data["outputs"]),
+        models,
+        tuple(Sample(**s) for s in data["samples"]),
+        data["degree"],
+    )

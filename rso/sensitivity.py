@@ -92,15 +92,45 @@ def _elasticity(predict: Predict, x0: np.ndarray, j: int, box: Box) -> float | N
     return float(np.log(y[1] / y[0]) / np.log(theta[1] / theta[0]))
 
 
-def morris(predict: Predict, d: int, seed: int, trajectories: int = 20, levels: int = 4) -> Morris:
+def morris(
+    predict: Predict, d: int, seed: int, trajectories: int = 20, levels: int = 4, constraint: Feasible | None = None
+) -> Morris:
     """Elementary effects along random one-at-a-time trajectories (Morris 1991; mu* after Campolongo 2007).
 
     EE_j = (y(x + Δ e_j) − y(x))/Δ with Δ = levels/(2 (levels − 1)) on a grid of an even number of levels.
+    `constraint(X)` (mask of feasible points) keeps the trajectories that respect it from start to end.
+
+    Raises
+    ------
+    ValueError
+        for fewer than 2 trajectories, an odd number of levels, or a constraint that hardly any trajectory respects.
     """
     if trajectories < 2 or levels < 2 or levels % 2:
         raise ValueError(f"morris: needs >= 2 trajectories and an even number of levels, got {trajectories}, {levels}")
     rng = np.random.default_rng(seed)
     delta = levels / (2 * (levels - 1))
+    kept: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for _ in range(1 if constraint is None else 200):
+        X, sign, rank = _trajectories(d, trajectories, levels, delta, rng)
+        if constraint is not None:
+            good = np.asarray(constraint(X.reshape(-1, d)), bool).reshape(trajectories, d + 1).all(axis=1)
+            X, sign, rank = X[good], sign[good], rank[good]
+        kept.append((X, sign, rank))
+        if sum(len(k[0]) for k in kept) >= trajectories:
+            break
+    else:
+        raise ValueError("morris: the constraint leaves hardly any trajectory")
+    X, sign, rank = (np.concatenate(part)[:trajectories] for part in zip(*kept, strict=True))
+    y = np.asarray(predict(X.reshape(-1, d)), float).reshape(trajectories, d + 1)
+    rows = np.arange(trajectories)[:, None]
+    effects = (y[rows, rank + 1] - y[rows, rank]) / (sign * delta)
+    return Morris(effects.mean(0), np.abs(effects).mean(0), effects.std(0, ddof=1), trajectories)
+
+
+def _trajectories(
+    d: int, trajectories: int, levels: int, delta: float, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (trajectories, d + 1, d), the sign of each parameter's step and its place in the order."""
     low = rng.integers(0, levels // 2, (trajectories, d)) / (levels - 1)
     sign = rng.choice((-1.0, 1.0), (trajectories, d))
     start = np.where(sign > 0, low, low + delta)
@@ -108,11 +138,7 @@ def morris(predict: Predict, d: int, seed: int, trajectories: int = 20, levels: 
     rank = np.argsort(order, axis=1)
     steps = np.arange(d + 1)[None, :, None]
     X = start[:, None, :] + (steps > rank[:, None, :]) * sign[:, None, :] * delta
-    # 1/3 + 2/3 may be one rounding above 1.
-    y = np.asarray(predict(np.clip(X, 0, 1).reshape(-1, d)), float).reshape(trajectories, d + 1)
-    rows = np.arange(trajectories)[:, None]
-    effects = (y[rows, rank + 1] - y[rows, rank]) / (sign * delta)
-    return Morris(effects.mean(0), np.abs(effects).mean(0), effects.std(0, ddof=1), trajectories)
+    return np.clip(X, 0, 1), sign, rank  # 1/3 + 2/3 may be one rounding above 1
 
 
 def sobol(

@@ -159,9 +159,9 @@ class RunStore:
             history = tuple(json.loads(row["history"]))
             return Failed(key, values, case, row["cause"], row["reason"], partial, history, wall_s, cpu_s)
 
-    def put_done(self, run: Done) -> None:
-        """Store an answer; a run that is already stored stays as it is."""
-        self._put(run, "done", _pack(run.response), None, None, None, None)
+    def put_done(self, run: Done, *, replace: bool = False) -> None:
+        """Store an answer; a run that is already stored stays as it is, unless its answer is to be replaced."""
+        self._put(run, "done", _pack(run.response), None, None, None, None, verb="REPLACE" if replace else "IGNORE")
 
     def put_failed(self, run: Failed) -> None:
         """Store that there is no answer; a run that is already stored stays as it is."""
@@ -209,10 +209,10 @@ class RunStore:
             found = db.execute(f"SELECT {columns} FROM runs UNION ALL {crashed} ORDER BY created, key").fetchall()
             return [Row(*r[:3], json.loads(r["v"]), *r[4:]) for r in found]
 
-    def _put(self, run: Done | Failed, state: str, *columns: object) -> None:
+    def _put(self, run: Done | Failed, state: str, *columns: object, verb: str = "IGNORE") -> None:
         case = dataclasses.replace(run.case, objects=None).to_json()  # no machine's path in the file
         head = (run.key, state, run.case.name, json.dumps(plain(run.values)), json.dumps(case))
-        sql = """INSERT OR IGNORE INTO runs SELECT ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, count(*) + 1
+        sql = f"""INSERT OR {verb} INTO runs SELECT ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, count(*) + 1
                  FROM crashes WHERE key = ?"""
         with self._writing() as db:
             db.execute(sql, (*head, *columns, run.wall_s, run.cpu_s, _now(), run.key))
@@ -236,6 +236,19 @@ class RunStore:
             finally:
                 if db.in_transaction:
                     db.execute("ROLLBACK")
+
+
+def set_aside(folder: Path) -> Path:
+    """Give a results folder another name, which is returned; StoreError if a process is writing in it."""
+    with _explained(folder / "runs.sqlite"):
+        lock = _lock(folder / "runs.lock")
+        try:
+            first = folder.with_name(f"{folder.name}-{datetime.now():%Y%m%d-%H%M%S}")
+            aside = next(p for n in range(1, 1000) if not (p := first if n == 1 else Path(f"{first}-{n}")).exists())
+            folder.rename(aside)
+        finally:
+            os.close(lock)
+    return aside
 
 
 def _connect_to_write(file: Path) -> sqlite3.Connection:
@@ -291,9 +304,13 @@ def _lock(path: Path) -> int:
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        holder = os.read(descriptor, 32).decode() or "of unknown number"
+        if os.fstat(descriptor).st_ino != os.stat(path).st_ino:
+            raise BlockingIOError  # the folder was moved aside in this moment: this is the lock of the old one
+    except OSError as error:
+        holder = os.read(descriptor, 32).decode(errors="replace") or "of unknown number"
         os.close(descriptor)
+        if not isinstance(error, BlockingIOError):
+            raise
         raise StoreError(
             f"{path.parent} is in use by process {holder}: wait for it to finish or stop it, "
             "or read with `rso status`, which needs no lock"

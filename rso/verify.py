@@ -59,8 +59,8 @@ def verify(
 ) -> Verified:
     """Propose, rerun, learn from the reruns, propose again, until all candidates agree or `max_infill` runs are spent.
 
-    A candidate that failed or crashed is not verified and teaches nothing; when a round brings no new run the loop
-    ends.
+    A candidate that failed or crashed is not verified and teaches no surrogate; one that failed may teach where not to
+    look: `enrich` then returns another emulator of the same samples.  When it returns the same one the loop ends.
     """
     infill = 0
     earlier: list[Candidate] = []
@@ -69,11 +69,10 @@ def verify(
         candidates = rerun(emulator, choice)
         wrong = sum(not c.verified for c in candidates)
         learned = enrich(emulator, candidates) if wrong and infill + wrong <= max_infill else emulator
-        new = len(learned.samples) - len(emulator.samples)
-        if not new:
+        if learned is emulator:
             return Verified(choice, tuple(candidates), tuple(earlier), infill, emulator)
         earlier += candidates
-        infill += new
+        infill += len(learned.samples) - len(emulator.samples) + sum(c.state == "failed" for c in candidates)
         emulator = learned
 
 

@@ -24,7 +24,7 @@ ROOMS = {
         "element linsolve zones contact newton",
         "stepping post",
         "experiment model indentation errors anchors",
-        "backend",
+        "backend output",
         "__main__",
     ),
 }

@@ -22,7 +22,7 @@ _EXIT = {
 
 
 def runs(results: Results) -> Section:
-    """Section 7: how many simulations there were, and each with its state."""
+    """Section 8: how many simulations there were, and each with its state."""
     every = listed(results, "runs")
     blocks: list[Block] = [Text(t) for t in _summary(results)]
     similarity = (results.get("design") or {}).get("similarity") or {}
@@ -130,7 +130,7 @@ def _state(run: Mapping[str, Any]) -> Cell:
 
 
 def provenance(results: Results) -> Section:
-    """Section 8: study, parameters, data, timings, versions and hashes."""
+    """Section 9: study, parameters, data, timings, versions and hashes."""
     blocks: list[Block] = [_parameters(results)] if listed(results, "parameters") else []
     rows = _study(results)
     if rows:

@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, canvas, short, style, svg, tag
 from rso.report.digits import Unit, clean, ends, known, largest, shortest, shown, signed, significant
+from rso.report.identification import profiles
 from rso.report.maps import fronts, sensitivity, surfaces
 from rso.report.reading import (
     Candidate,
@@ -35,6 +36,8 @@ def draw(results: Results, name: str) -> str:
     with style():
         if kind == "determined":
             return determined(results, name)
+        if kind == "profile":
+            return profiles(results, name)
         if kind == "verification":
             return verification(results, name)
         if kind == "curve":

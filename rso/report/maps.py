@@ -88,6 +88,7 @@ def _surface(axes: Axes, results: Results, s: Mapping[str, Any], x: Parameter, y
         if sigma:
             axes.contour(X, Y, Z, [value - sigma, value + sigma], colors=ACCENT, linewidths=0.9, linestyles="--")
         axes.contour(X, Y, Z, [value], colors=ACCENT, linewidths=1.8)
+    _region(axes, results, x, y)
     _runs(axes, results, x, y)
     _marks(axes, results, x, y)
     parameter_axis(axes, "x", x)
@@ -98,6 +99,16 @@ def _surface(axes: Axes, results: Results, s: Mapping[str, Any], x: Parameter, y
     axes.set_title(f"{short(output.label, 26)}{output.unit.bracket}")
     if aims:
         axes.set_title(f"target {', '.join(aims)}", loc="right", color=ACCENT, fontsize=8)
+
+
+def _region(axes: Axes, results: Results, x: Parameter, y: Parameter) -> None:
+    """Hatched where runs would rather fail."""
+    found = (results.get("feasible") or {}).get("map")
+    if found and (found["x"]["parameter"], found["y"]["parameter"]) == (x.name, y.name):
+        X, Y = np.array(found["x"]["values"]) * x.unit.factor, np.array(found["y"]["values"]) * y.unit.factor
+        P = np.array(found["probability"])
+        axes.contourf(X, Y, P, [-1.0, 0.5], colors="none", hatches=["////"])
+        axes.contour(X, Y, P, [0.5], colors=WARM, linewidths=1.0)
 
 
 def _runs(axes: Axes, results: Results, x: Parameter, y: Parameter) -> None:

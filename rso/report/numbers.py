@@ -21,6 +21,7 @@ from rso.report.digits import (
     shown,
 )
 from rso.report.document import Block, Cell, Picture, Report, Section, Table, Text, column, missing, table, words
+from rso.report.identification import identification_section
 from rso.report.reading import (
     Candidate,
     Results,
@@ -62,6 +63,7 @@ def report(results: Results) -> Report:
         (
             verdict(results),
             candidate_section(results),
+            identification_section(results),
             curve_section(results),
             surface_section(results),
             sensitivity_section(results),
@@ -177,7 +179,7 @@ def _search_note(results: Results, s: Mapping[str, Any], chosen: list[Candidate]
 
 
 def curve_section(results: Results) -> Section:
-    """Section 3: measured and simulated curves with error metrics, then the validation."""
+    """Section 4: measured and simulated curves with error metrics, then the validation."""
     blocks: list[Block] = []
     for k, e in enumerate(experiments(results, "fit", "select")):
         if points((e.get("measured") or {}).get("depth"), (e.get("measured") or {}).get("value"))[0]:

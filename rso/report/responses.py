@@ -24,7 +24,7 @@ from rso.report.reading import Output, Results, front, grids, lead_search, liste
 
 
 def surface_section(results: Results) -> Section:
-    """Section 4: the response surface and how well it is known."""
+    """Section 5: the response surface and how well it is known."""
     blocks: list[Block] = []
     if grids(results):
         blocks.append(Picture("surface", _surface_caption(results)))
@@ -41,6 +41,8 @@ def _surface_caption(results: Results) -> str:
     parts += [f"{states.count('failed')} failed (crosses)"] if "failed" in states else []
     parts += [f"{states.count('crashed')} crashed (triangles)"] if "crashed" in states else []
     text = f"{', '.join(parts)}."
+    if story := (results.get("feasible") or {}).get("story"):
+        text += f" Hatched: where runs would rather fail. {clean(story)}"
     flat = not any((s.get("y") or {}).get("values") for s in grids(results))
     if listed(results, "searches"):
         text += " Accent line: where the surface meets the target, dashed ±σ." if not flat else ""
@@ -83,7 +85,7 @@ def _score_table(scores: list[Mapping[str, Any]], known_outputs: Mapping[str, Ou
 
 
 def sensitivity_section(results: Results) -> Section:
-    """Section 5: what each parameter moves."""
+    """Section 6: what each parameter moves."""
     data = results.get("sensitivity") or {}
     if not data:
         return Section("sensitivity", "Sensitivity", (missing("Sensitivities", "sensitivity"),))
@@ -145,7 +147,7 @@ def _sensitivity_table(results: Results, data: Mapping[str, Any]) -> Table:
 
 
 def front_section(results: Results) -> Section:
-    """Section 6: the compromises between the targets, and the valley of one target."""
+    """Section 7: the compromises between the targets, and the valley of one target."""
     blocks: list[Block] = []
     for k, s in enumerate(listed(results, "searches")):
         if len(front(s)[0]) and (parameters(results, free=True) or len(s.get("targets") or ()) > 1):

@@ -19,6 +19,7 @@ from rso.report.digits import (
     unit_text,
 )
 from rso.report.document import Block, Fact, Facts, Picture, Section, Text
+from rso.report.identification import identified
 from rso.report.reading import (
     STAGES,
     Candidate,
@@ -86,16 +87,29 @@ def _value(p: Parameter, x: float, interval: list[float], unit: Unit) -> str:
     return f"{rounded(x * unit.factor, half)}{unit.after}"
 
 
+def _likely(results: Results, p: Parameter) -> float | None:
+    """The most likely value; without an identification that of the best candidate."""
+    found = number(((results.get("identification") or {}).get("values") or {}).get(p.name))
+    best = best_candidate(results)
+    return found if found is not None else best.value(p.name) if best else None
+
+
+def _how(results: Results, p: Parameter) -> str:
+    """How a parameter that is not determined is called."""
+    verdicts = {q.name: d.get("verdict") for q, d in identified(results)}
+    return "is weakly determined" if verdicts.get(p.name) == "weakly" else "is not determined"
+
+
 def _also(p: Parameter, x: float, interval: list[float]) -> str:
     base = Unit(unit_text(p.base))
     return "" if base.label == p.unit.label else f" ({_value(p, x, interval, base)})"
 
 
 def _material(results: Results) -> list[str]:
-    best, said = best_candidate(results), []
+    said = []
     for p, d in interval_rows(results):
         low, high = d["interval"]
-        x = best.value(p.name) if best else None
+        x = _likely(results, p)
         span = between(low, high, p.unit)
         if d.get("determined") is True:
             if x is None:
@@ -106,8 +120,8 @@ def _material(results: Results) -> list[str]:
         else:
             share = percent(p.share(low, high))
             said.append(
-                f"{p.letter} is not determined: every value from {span} ({share} of the range that was searched) "
-                "can meet the targets."
+                f"{p.letter} {_how(results, p)}: every value from {span} ({share} of the range that was searched) "
+                "agrees with the data."
             )
     return said
 
@@ -115,7 +129,8 @@ def _material(results: Results) -> list[str]:
 def _reason(results: Results) -> list[str]:
     """Why a parameter is not determined: along the valley it changes much and the targets do not."""
     open_ones = [(p, d) for p, d in interval_rows(results) if d.get("determined") is not True]
-    said = [clean(d.get("story")) for _, d in open_ones if d.get("story")]
+    reasons = {p.name: clean(d.get("reason")) for p, d in identified(results)}
+    said = [reasons.get(p.name) or clean(d.get("story")) for p, d in open_ones if d.get("story")]
     valleys = [clean(s["name"]) for s in listed(results, "searches") if s.get("kind") == "valley"]
     shown_by = [text for name in valleys for p, _ in open_ones if (text := _valley(results, name, p))]
     return said + shown_by[:1]
@@ -246,11 +261,12 @@ def _facts(results: Results) -> tuple[Fact, ...]:
     for p, d in interval_rows(results)[:3]:
         span = between(*d["interval"], p.unit)
         if d.get("determined") is True:
-            x = best.value(p.name) if best else None
+            x = _likely(results, p)
             value = span if x is None else _value(p, x, d["interval"], p.unit)
             facts.append(Fact(p.letter, value, f"determined; compatible with the data: {span}", "good"))
         else:
-            facts.append(Fact(p.letter, "not determined", f"{span} can all meet the targets", "warn"))
+            how = _how(results, p).removeprefix("is ")
+            facts.append(Fact(p.letter, how, f"{span} all agree with the data", "warn"))
     if best:
         for name in list(best.data.get("metrics") or {})[:1]:
             base = ((results.get("baseline") or {}).get(name) or {}).get("nrmse")
@@ -284,7 +300,7 @@ def _determined_caption(results: Results) -> str:
     loose = [p.letter for p, d in rows if d.get("determined") is not True]
     said = []
     if fixed:
-        said.append(f"the targets leave {_and(fixed)} only a part of the range that was searched")
+        said.append(f"the data leave {_and(fixed)} only a part of the range that was searched")
     if loose:
         said.append(f"{_and(loose)} may be almost anywhere in it")
     text = "; ".join(said)

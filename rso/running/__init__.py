@@ -4,6 +4,7 @@ Public names are listed here; the files behind them are private to this room.
 """
 
 from rso.running.adapters import CommandBackend, Source, load_backend
+from rso.running.cluster import ClusterExecutor, open_cluster
 from rso.running.dispatch import Event, Finished, Planned, Preparing, Retried, Task, run_all
 from rso.running.pool import WorkerDied, WorkerPool, WorkersCannotStart
 from rso.store import Crashed, Done, Failed
@@ -11,6 +12,7 @@ from rso.store import Crashed, Done, Failed
 Outcome = Done | Failed | Crashed
 
 __all__ = [
+    "ClusterExecutor",
     "CommandBackend",
     "Crashed",
     "Done",
@@ -27,5 +29,6 @@ __all__ = [
     "WorkerPool",
     "WorkersCannotStart",
     "load_backend",
+    "open_cluster",
     "run_all",
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import importlib
+import importlib.util
 import json
 import os
 import shutil
@@ -21,6 +22,7 @@ from rso.contract import Backend, Case, Parameter, Response, SimulationFailed, d
 
 GUARD = str(Path(__file__).with_name("guard.py"))
 SCHEMA_TIMEOUT_S = 60.0
+OWN = "fem_backend"
 _MEMBERS = (*Backend.__annotations__, *(m for m in vars(Backend) if m == "__call__" or not m.startswith("_")))
 
 
@@ -33,6 +35,11 @@ class Source:
     base: str | None = None
     keep_folder: str | None = None
     timeout_s: float | None = None
+
+    @property
+    def own(self) -> bool:
+        """Whether it is this project's own backend: any other one is foreign code that runs when it is loaded."""
+        return self.use is not None and self.use.partition(":")[0].partition(".")[0] == OWN
 
     @functools.cache  # noqa: B019  one entry per backend of the process, for as long as the process lives
     def load(self) -> Backend:
@@ -71,9 +78,11 @@ def _load_object(use: str, base: str | os.PathLike[str] | None) -> Backend:
     module_name, _, attribute = use.partition(":")
     if not module_name or not attribute:
         raise ValueError(f'backend: use = {use!r} must read "module:ATTRIBUTE", e.g. "fem_backend.backend:BACKEND"')
-    if base is not None and str(Path(base).absolute()) not in sys.path:
-        sys.path.append(str(Path(base).absolute()))
     try:
+        # Only where it is needed: nothing else may be imported from a study's folder by accident.
+        elsewhere = importlib.util.find_spec(module_name.partition(".")[0]) is not None
+        if base is not None and not elsewhere and str(Path(base).absolute()) not in sys.path:
+            sys.path.append(str(Path(base).absolute()))
         module = importlib.import_module(module_name)
     except ImportError as error:
         raise ValueError(f"backend: cannot import module {module_name!r} of use = {use!r}: {error}") from error

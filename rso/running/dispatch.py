@@ -13,8 +13,11 @@ from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+
 from rso.contract import Backend, Case, Response, SimulationFailed, digest, plain, run_key
 from rso.running.adapters import Source, check_values
+from rso.running.cluster import ClusterExecutor
 from rso.running.pool import WorkerPool
 from rso.store import Crashed, Done, Failed, RunStore
 
@@ -23,10 +26,11 @@ Outcome = Done | Failed | Crashed
 
 @dataclass(frozen=True)
 class Task:
-    """One simulation that is wanted: a value per knob, and a case."""
+    """One simulation that is wanted: a value per knob, a case, and the channels without which it is of no use."""
 
     values: Mapping[str, float]
     case: Case
+    needs: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,7 @@ class _Plan:
     values: Mapping[str, float]
     case: Case
     recipes: Mapping[str, str]
+    needs: frozenset[str]
     key: str = ""
     lost: SimulationFailed | str | None = None
 
@@ -112,27 +117,44 @@ def run_all(
     more, then reported as Crashed; it is tried again in the next call.  An outcome holds the canonical values and
     case (with artefacts) of its task.  `watch` is called in this thread.
 
-    In a WorkerPool with a `source` the backend is the one loaded there; other executors get `backend` itself, which
-    must then be picklable if they are made of processes.
+    A response that lacks what its task needs (channels, asked travels) or has another unit than the backend declares
+    is a crash.  A stored one that lacks something, from a time when the backend did not return it, is computed again
+    and replaced.
+
+    In a WorkerPool or ClusterExecutor with a `source` the backend is the one loaded there; other executors get
+    `backend` itself, which must then be picklable if they are made of processes.
 
     Raises ValueError for a task that the backend does not know (before anything runs), StoreError,
     and BrokenExecutor if the executor can run nothing.
     """
     tell = watch or (lambda _: None)
     target: Backend | Source = backend
-    if isinstance(executor, WorkerPool) and executor.source is not None:
+    if isinstance(executor, WorkerPool | ClusterExecutor) and executor.source is not None:
         target = executor.source
     plans = _prepare([_plan(backend, t) for t in tasks], backend, target, store, executor, retries, tell)
     runs = {p.key: p for p in reversed(plans)}  # of equal runs the first task gives the name
     runs = {p.key: runs[p.key] for p in plans}
-    outcomes: dict[str, Outcome] = {k: found for k in runs if (found := store.get(k)) is not None}
+    needs: dict[str, frozenset[str]] = {}
+    for p in plans:
+        needs[p.key] = needs.get(p.key, frozenset()) | p.needs
+    outcomes: dict[str, Outcome] = {}
+    poor = set()
+    for k in runs:
+        found = store.get(k)
+        if isinstance(found, Done) and _lacking(found.response, found.case, needs[k], backend):
+            poor.add(k)
+        elif found is not None:
+            outcomes[k] = found
     tell(Planned(len(plans), len(runs), len(outcomes)))
 
     def settle(outcome: Outcome, wall_s: float) -> None:
-        _put(store, outcome)
-        outcomes[outcome.key] = outcome
+        key, case = outcome.key, outcome.case
+        if isinstance(outcome, Done) and (lacking := _lacking(outcome.response, case, needs[key], backend)):
+            outcome = Crashed(key, outcome.values, case, lacking)
+        _put(store, outcome, replace=key in poor)
+        outcomes[key] = outcome
         state = type(outcome).__name__.lower()
-        tell(Finished(outcome.key, outcome.case.name, state, wall_s, len(outcomes), len(runs)))  # type: ignore[arg-type]
+        tell(Finished(key, case.name, state, wall_s, len(outcomes), len(runs)))  # type: ignore[arg-type]
 
     missing = [p for p in runs.values() if p.key not in outcomes]
     for p in missing:
@@ -194,7 +216,7 @@ def _plan(backend: Backend, task: Task) -> _Plan:
     except ValueError as error:
         raise ValueError(f"task {task.case.name!r}: {error}") from error
     case = dataclasses.replace(case, name=task.case.name)
-    return _Plan(task.case.name, values, case, backend.recipes(values, case))
+    return _Plan(task.case.name, values, case, backend.recipes(values, case), task.needs)
 
 
 def _prepare(
@@ -269,9 +291,24 @@ def _outcome(plan: _Plan, result: _Ended | SimulationFailed | str, attempts: int
     return Failed(*head, f.cause, f.reason, f.partial, tuple(f.history), ended.wall_s, ended.cpu_s)
 
 
-def _put(store: RunStore, outcome: Outcome) -> None:
+def _lacking(response: Response, case: Case, needs: frozenset[str], backend: Backend) -> str | None:
+    """What stands between a response and its use, in words; None if nothing does."""
+    if missing := sorted(needs - set(response.channels)):
+        held = sorted(response.channels)
+        return f"the response lacks {', '.join(missing)}, which {backend.name} declares; it holds {', '.join(held)}"
+    for channel, unit in response.units.items():
+        if backend.channels.get(channel, unit) != unit:
+            return f"the response has {channel} in {unit}, {backend.name} declares {backend.channels[channel]}"
+    travel = response.channels["travel"]
+    asked = np.asarray(case.programme.asked_mm)
+    if not len(travel) or np.any(np.abs(travel[:, None] - asked).min(axis=0) > 1e-9):
+        return f"the response holds travels {travel.tolist()} mm, asked were {asked.tolist()} mm"
+    return None
+
+
+def _put(store: RunStore, outcome: Outcome, *, replace: bool = False) -> None:
     if isinstance(outcome, Done):
-        store.put_done(outcome)
+        store.put_done(outcome, replace=replace)
     elif isinstance(outcome, Failed):
         store.put_failed(outcome)
     else:
@@ -295,6 +332,8 @@ def _drive(
 
     def take(future: Future[_Ended]) -> None:
         job, attempt = running[future]
+        if future.cancelled():  # nobody here did that
+            raise BrokenExecutor(f"the executor gave up {job.name}: is its scheduler still there?")
         error = future.exception()
         if isinstance(error, BrokenExecutor):
             raise error

@@ -92,6 +92,11 @@ class WorkerPool(Executor):
         for thread in self._threads:
             thread.start()
 
+    @property
+    def broken(self) -> bool:
+        """Whether its workers cannot start or it was shut down: it is of no further use."""
+        return self._broken is not None or self._closed
+
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Queue one call; ValueError if `fn` lives in ``__main__``, RuntimeError after shutdown."""
         if getattr(fn, "__module__", None) == "__main__":

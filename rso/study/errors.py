@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from rso.study.places import Place, line_of
 
-_SHOWN = 60
+_SHOWN, _LONGEST = 60, 800
 
 
 class StudyError(ValueError):
@@ -39,7 +39,12 @@ class Problem:
 def study_error(file: Path, lines: Mapping[Place, int], problems: Iterable[Problem]) -> StudyError:
     """All problems of one file, in the order of its lines."""
     placed = sorted(((line_of(dict(lines), p.place), p) for p in problems), key=lambda pair: pair[0])
-    return StudyError([f"{file}:{line}: {_dotted(p.place)}{_shown(p.value)}: {p.message}" for line, p in placed])
+    return StudyError([f"{file}:{line}: {_dotted(p.place)}{_shown(p.value)}: {_cut(p.message)}" for line, p in placed])
+
+
+def _cut(message: str) -> str:
+    """A message may hold what the user wrote, of any length."""
+    return message if len(message) <= _LONGEST else message[:_LONGEST] + "…"
 
 
 def choose(name: str, choices: Iterable[str]) -> str:
@@ -102,7 +107,8 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
 
 def _dotted(place: Place) -> str:
     """``search.targets[0].depth``"""
-    text = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in place)
+    words = [key if isinstance(key, int) else key if len(key) <= _SHOWN else key[:_SHOWN] + "…" for key in place]
+    text = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in words)
     return text.removeprefix(".") or "study file"
 
 

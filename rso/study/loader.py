@@ -15,7 +15,8 @@ from rso.study.errors import Problem, StudyError, choose, schema_problems, study
 from rso.study.places import Place, lines_of
 from rso.study.schema import Constraint, DoeTable, ExperimentTable, Source, Study, Table, Target
 
-MAX_BYTES = 5_000_000
+MAX_BYTES = 1_000_000
+MAX_LINE = 10_000  # the time to read a dotted key grows with the square of its length
 T = TypeVar("T", bound=Table)
 
 
@@ -57,7 +58,7 @@ def _text(path: str | Path) -> tuple[Path, str]:
             raise StudyError([f"{file}: is not a file; a study file such as study.toml is expected"])
         size = file.stat().st_size
         if size > MAX_BYTES:
-            raise StudyError([f"{file}: {size / 1e6:.1f} MB is too large for a study file (5 MB)"])
+            raise StudyError([f"{file}: {size / 1e6:.1f} MB is too large for a study file ({MAX_BYTES / 1e6:.0f} MB)"])
         raw = file.read_bytes()
     except OSError as error:
         raise StudyError([f"{path}: cannot be read ({error.strerror})"]) from error
@@ -74,6 +75,9 @@ def _text(path: str | Path) -> tuple[Path, str]:
 
 def _toml(file: Path, text: str) -> dict[str, Any]:
     """The parsed file; a syntax error keeps its line."""
+    for number, line in enumerate(text.split("\n"), 1):
+        if len(line) > MAX_LINE:
+            raise StudyError([f"{file}:{number}: not a study file: a line of {len(line)} characters ({line[:60]!r}…)"])
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from rso import doe
-from rso.contract import Backend, Case, Programme, digest
-from rso.doe import Box
+from rso.contract import Backend, Case
+from rso.doe import Box, Condition
 from rso.emulator import Output, reduced_box
 from rso.measurement import MeasuredCurve, combine, value_at
 from rso.running import Source, Task
 from rso.similarity import Group, group
-from rso.study.errors import Problem, choose, study_error
-from rso.study.places import Place
+from rso.study.cases import case_for, measured_curves, merge, refuse_what_is_not_modelled, travels
+from rso.study.errors import Problem, study_error
 from rso.study.resolve import Axis, Resolved, Search, resolve
 from rso.study.schema import Constraint as ConstraintTable
 from rso.study.schema import ExperimentTable, Study, Target
-from rso.surrogates.polynomial import HIGHEST
 from rso.targets import Constraint
 from rso.targets import Target as Goal
 
-STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for Hertz
 FEWEST = 8  # runs of a reduced design
 PROOFS = 2  # direct runs that prove similarity on the study itself
 
@@ -65,6 +63,7 @@ class Plan:
     extras: tuple[Output, ...]
     constraints: tuple[Constraint, ...]
     searches: tuple[SearchPlan, ...]
+    conditions: tuple[Condition, ...] = ()
 
     @property
     def seed(self) -> int:
@@ -76,31 +75,52 @@ class Plan:
         theta = self.box.from_unit(np.asarray(x, float)[None])[0]
         return {**dict(zip(self.box.names, map(float, theta), strict=True)), **self.resolved.fixed}
 
+    def excess(self, X: np.ndarray) -> np.ndarray:
+        """By how much points X (n, d) of the unit cube violate each condition between parameters (n, k)."""
+        theta = dict(zip(self.box.names, self.box.from_unit(np.asarray(X, float)).T, strict=True))
+        columns = [c.excess(theta) for c in self.conditions]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(X), 0))
+
+    def feasible(self, X: np.ndarray) -> np.ndarray:
+        """Mask (n,) of the points that respect every condition between parameters."""
+        return np.all(self.excess(X) <= 0, axis=1)
+
     def tasks(self, values: Mapping[str, float]) -> list[Task]:
         """One task per case of the fitted experiments."""
-        return [Task(values, case) for case in self.cases]
+        return [Task(values, case, self._needs(k)) for k, case in enumerate(self.cases)]
+
+    def _needs(self, k: int) -> frozenset[str]:
+        """Channels that are read from the k-th case."""
+        return frozenset(o.channel for o in (*self.outputs, *self.extras) if self.case_of[o.experiment] == k)
+
+
+def source_of(study: Study) -> Source:
+    """Where the backend of a study comes from; nothing of it is loaded."""
+    return Source(study.backend.use, study.backend.command, str(study.folder), None, study.backend.timeout)
 
 
 def make_plan(study: Study) -> Plan:
     """Plan of a loaded study; StudyError for whatever its backend or its data do not allow."""
-    source = Source(study.backend.use, study.backend.command, str(study.folder), None, study.backend.timeout)
+    source = source_of(study)
     try:
         backend = source.load()
     except ValueError as error:
         raise study_error(study.file, study.lines, [Problem(("backend",), str(error))]) from error
     resolved = resolve(study, backend.parameters)
-    curves = _curves(study)
-    _refuse_what_is_not_modelled(study, backend, resolved, curves)
+    curves = measured_curves(study)
+    refuse_what_is_not_modelled(study, backend, resolved, curves)
     fitted = [e for e in study.experiments if e.role != "validate"]
     main = Search("main", study.search.targets or _default_targets(curves, fitted), resolved.axes)
     wanted = [main, *(dataclasses.replace(v, targets=v.targets or main.targets) for v in resolved.variants)]
     depths = [*(t for s in wanted for t in s.targets), *study.search.constraints]
-    asked = {e.name: _travels(curves[e.name], {t.depth for t in depths if t.experiment == e.name}) for e in fitted}
-    cases, case_of = _merge(study, backend, fitted, asked, resolved)
+    asked = {e.name: travels(curves[e.name], {t.depth for t in depths if t.experiment == e.name}) for e in fitted}
+    cases, case_of = merge(study, backend, fitted, asked, resolved)
     validation = {
-        e.name: _case(study, e.name, _travels(curves[e.name], set())) for e in study.experiments if e.role == "validate"
+        e.name: case_for(study, e.name, travels(curves[e.name], set()))
+        for e in study.experiments
+        if e.role == "validate"
     }
-    units, box = backend.channels, _box(resolved.axes)
+    units, box = backend.channels, _box(study, resolved)
     searches = tuple(_search(study, s, box, curves, units) for s in wanted)
     constraints = tuple(_constraint(c, units) for c in study.search.constraints)
     outputs = [
@@ -111,6 +131,7 @@ def make_plan(study: Study) -> Plan:
     plan = Plan(
         study, resolved, backend, source, box, _group(study, backend, resolved, box), cases, case_of, validation,
         curves, tuple(outputs), tuple(o for o in dict.fromkeys(extras) if o not in outputs), constraints, searches,
+        _conditions(study, box),
     )  # fmt: skip
     full_design(plan)  # whatever is wrong with the design is said now, not when runs have begun
     return plan
@@ -126,13 +147,35 @@ def full_design(plan: Plan) -> np.ndarray:
     table = plan.study.doe
     if table.kind == "file":
         assert table.file is not None
-        return _from_file(plan, table.file)
+        return _extended(plan, _from_file(plan, table.file))
     # The other kinds know their number of runs; the default of `runs` is not the user's wish.
     stated = "runs" in table.model_fields_set or table.kind in ("lhs", "sobol", "osf")
     try:
-        return doe.design(table.kind, plan.box.d, table.runs if stated else None, plan.seed)
+        X = _designed(plan, table.runs if stated else None)
+        return _extended(plan, X)
     except ValueError as error:
         raise study_error(plan.study.file, plan.study.lines, [Problem(("doe",), str(error))]) from error
+
+
+@functools.lru_cache(maxsize=4)
+def _designed(plan: Plan, runs: int | None) -> np.ndarray:
+    """Asked for several times in a study, and an optimised one takes a second."""
+    table = plan.study.doe
+    X = doe.design(
+        table.kind, plan.box.d, runs, plan.seed, optimise=table.optimise, star=table.star, alpha=table.alpha,
+        levels=table.levels, feasible=plan.feasible if plan.conditions else None,
+    )  # fmt: skip
+    X.flags.writeable = False
+    return X
+
+
+def _extended(plan: Plan, X: np.ndarray) -> np.ndarray:
+    """The design and the points that were added to it later; the first ones and their runs stay as they are."""
+    table = plan.study.doe
+    if not table.extend:
+        return X
+    feasible = plan.feasible if plan.conditions else None
+    return np.vstack([X, doe.extend_design(table.kind, X, table.extend, plan.seed, feasible)])
 
 
 def fe_design(plan: Plan, similar: bool) -> tuple[list[dict[str, float]], list[dict[str, float]]]:
@@ -140,26 +183,52 @@ def fe_design(plan: Plan, similar: bool) -> tuple[list[dict[str, float]], list[d
 
     In one dimension evenly spaced points with both ends are the stratified design; in none, one run says all.
     """
-    table, group, full = plan.study.doe, plan.group, full_design(plan)
+    table, full = plan.study.doe, full_design(plan)
     if not similar:
-        held = doe.latin(plan.box.d, table.held_out, plan.seed + 1) if table.held_out else np.empty((0, plan.box.d))
+        held = _held_out(table.held_out, plan.box.d, plan.seed, plan.feasible if plan.conditions else None)
         return [plan.values(x) for x in full], [plan.values(x) for x in held]
-    reduced = reduced_box(plan.box, group)
+    reduced = reduced_box(plan.box, plan.group)
     if reduced is None:
         return [_back(plan, {})], []
-    count = min(len(full), max(FEWEST, math.ceil(len(full) ** (reduced.d / plan.box.d))))
-    if reduced.d == 1:
+    feasible = functools.partial(reduced_feasible, plan, reduced) if plan.conditions else None
+    asked = len(full) - table.extend
+    count, total = (min(n, max(FEWEST, math.ceil(n ** (reduced.d / plan.box.d)))) for n in (asked, len(full)))
+    if reduced.d == 1 and feasible is None:
         X = np.linspace(0.0, 1.0, count)[:, None]
         middles = 0.5 * (X[1:] + X[:-1])
         take = np.unique(np.linspace(0, count - 2, min(table.held_out, count - 1)).round().astype(int))
         H = middles[take]
     else:
-        X = doe.design("lhs", reduced.d, count, plan.seed)
-        H = doe.latin(reduced.d, table.held_out, plan.seed + 1) if table.held_out else np.empty((0, reduced.d))
+        X = doe.design("lhs", reduced.d, count, plan.seed, feasible=feasible)
+        H = _held_out(table.held_out, reduced.d, plan.seed, feasible)
+    if total > count:
+        X = np.vstack([X, doe.extend(X, total - count, plan.seed, feasible)])
     design, held = (
         [_back(plan, dict(zip(reduced.names, row, strict=True))) for row in reduced.from_unit(P)] for P in (X, H)
     )
     return design, held
+
+
+def _held_out(n: int, d: int, seed: int, feasible: doe.Feasible | None) -> np.ndarray:
+    if not n:
+        return np.empty((0, d))
+    return doe.latin(d, n, seed + 1) if feasible is None else doe.within("lhs", d, n, seed + 1, feasible)
+
+
+def reduced_feasible(plan: Plan, reduced: Box, R: np.ndarray) -> np.ndarray:
+    """Mask (n,) of reduced points that stand for at least one point of the study's box that respects the conditions."""
+    group, box = plan.group, plan.box
+    k = box.names.index(group.reference)
+    scales = np.geomspace(box.low[k], box.high[k], 65) / group.reference_value
+    physical = {group.reference: group.reference_value} | dict(zip(reduced.names, reduced.from_unit(R).T, strict=True))
+    rows = [
+        np.stack([physical[n] * s ** group.exponents.get(n, 0) * np.ones(len(R)) for n in box.names], axis=1)
+        for s in scales
+    ]
+    theta = np.vstack(rows)
+    good = box.contains(theta)
+    good[good] = plan.feasible(np.clip(box.to_unit(theta[good]), 0, 1))
+    return good.reshape(len(scales), len(R)).any(axis=0)
 
 
 def proofs(plan: Plan, design: list[dict[str, float]]) -> list[tuple[dict[str, float], dict[str, float]]]:
@@ -190,14 +259,39 @@ def _back(plan: Plan, reduced: Mapping[str, float]) -> dict[str, float]:
     return {plan.group.reference: plan.group.reference_value, **values, **plan.resolved.fixed}
 
 
-def _box(axes: tuple[Axis, ...]) -> Box:
-    return Box(
+def _box(study: Study, resolved: Resolved) -> Box:
+    """The ranges of the open parameters; for a circumscribed design as wide as its star points lie apart."""
+    axes, table = resolved.axes, study.doe
+    box = Box(
         tuple(a.name for a in axes),
         tuple(a.parameter.unit for a in axes),
         tuple(a.low for a in axes),
         tuple(a.high for a in axes),
         tuple(a.scale == "log" for a in axes),
     )
+    if table.kind != "ccd" or table.star != "circumscribed":
+        return box
+    try:
+        wide = box.widened(doe.star_distance(box.d, table.star, table.alpha))
+        for a, low, high in zip(axes, wide.low, wide.high, strict=True):
+            if not a.parameter.low <= low <= high <= a.parameter.high:
+                text = f"its star points, {low:g} and {high:g} {a.parameter.unit}, lie outside the bounds of {a.name}, "
+                raise ValueError(f"{text}{a.parameter.low:g} to {a.parameter.high:g}: narrow the range or inscribe it")
+    except ValueError as error:
+        raise study_error(study.file, study.lines, [Problem(("doe", "star"), str(error), table.star)]) from error
+    return wide
+
+
+def _conditions(study: Study, box: Box) -> tuple[Condition, ...]:
+    problems, found = [], []
+    for n, text in enumerate(study.doe.constraints):
+        try:
+            found.append(doe.read_condition(text, box.names))
+        except ValueError as error:
+            problems.append(Problem(("doe", "constraints", n), str(error)))
+    if problems:
+        raise study_error(study.file, study.lines, problems)
+    return tuple(found)
 
 
 def _group(study: Study, backend: Backend, resolved: Resolved, box: Box) -> Group:
@@ -235,127 +329,6 @@ def _others(
 def _constraint(table: ConstraintTable, units: Mapping[str, str]) -> Constraint:
     low, high = -math.inf if table.low is None else table.low, math.inf if table.high is None else table.high
     return Constraint(table.experiment, table.channel, table.depth, low, high, units[table.channel])
-
-
-def _curves(study: Study) -> dict[str, MeasuredCurve]:
-    """First compared channel of every force experiment, repeats combined."""
-    curves, problems = {}, []
-    for n, e in enumerate(study.experiments):
-        if e.kind != "force":
-            continue
-        try:
-            curve = combine(study.measurement(e.name), e.noise.noise(), e.compared[0])
-            if not curve.depth.max() > 0:
-                raise ValueError(f"no depth is positive, the largest is {curve.depth.max():g} mm")
-            curves[e.name] = curve
-        except ValueError as error:
-            problems.append(Problem(("experiments", n, "data"), f"cannot be used: {error}", e.data))
-    if problems:
-        raise study_error(study.file, study.lines, problems)
-    return curves
-
-
-def _travels(curve: MeasuredCurve, targets: set[float]) -> tuple[float, ...]:
-    """The targets, and evenly spaced travels to the deepest measured depth where no target is near."""
-    deepest = float(curve.depth.max())
-    steps = 1 if len(curve.depth) == 1 else STEPS
-    grid = [round(deepest * k / steps, 6) for k in range(1, steps)]
-    kept = {u for u in grid if all(abs(u - t) > 0.01 * deepest for t in targets)}
-    if max(targets, default=0.0) < deepest:
-        kept.add(deepest)  # not rounded: every measured depth must be reached
-    return tuple(sorted({*kept, *targets}))
-
-
-def _case(study: Study, name: str, asked: tuple[float, ...]) -> Case:
-    settings = study.settings_of(name)
-    return Case(name, Programme.ramp(asked), settings)
-
-
-def _merge(
-    study: Study, backend: Backend, fitted: list[ExperimentTable], asked: Mapping[str, tuple[float, ...]],
-    resolved: Resolved,
-) -> tuple[tuple[Case, ...], dict[str, int]]:  # fmt: skip
-    """Experiments whose canonical settings are equal become one case that is asked for all their travels."""
-    # Inside the ranges: at their ends an effect may be neutral, and then more drops out than elsewhere.
-    example = {a.name: 0.5 * (a.low + a.high) for a in resolved.axes} | dict(resolved.fixed)
-    cases: list[Case] = []
-    index: dict[str, int] = {}
-    case_of: dict[str, int] = {}
-    for e in fitted:
-        case = _case(study, e.name, asked[e.name])
-        same = digest(backend.canonical(example, case)[1].settings)
-        if same in index:
-            k = index[same]
-            union = tuple(sorted({*cases[k].programme.asked_mm, *asked[e.name]}))
-            cases[k] = dataclasses.replace(cases[k], programme=Programme.ramp(union))
-        else:
-            k = index[same] = len(cases)
-            cases.append(case)
-        case_of[e.name] = k
-    return tuple(cases), case_of
-
-
-def _refuse_what_is_not_modelled(
-    study: Study, backend: Backend, resolved: Resolved, curves: Mapping[str, MeasuredCurve]
-) -> None:
-    problems = []
-    for n, e in enumerate(study.experiments):
-        place: Place = ("experiments", n)
-        if e.kind != "force":
-            problems.append(Problem((*place, "kind"), f"the backend {backend.name!r} has no profiles", e.kind))
-            continue
-        problems += [_no_channel(backend, (*place, "channels"), c) for c in e.compared if c not in backend.channels]
-        try:
-            backend.check(_case(study, e.name, _travels(curves[e.name], set())))
-        except ValueError as error:
-            found = Problem(_setting(study, n, str(error)), str(error))
-            problems += [] if found in problems else [found]  # what all experiments share is said once
-    problems += _refuse_search(study, backend)
-    opened = [a.name for a in resolved.axes]
-    for p in backend.parameters:
-        if p.default is None and p.name not in opened and p.name not in resolved.fixed:
-            text = f"the backend needs {p.name!r} ({p.description}, {p.unit}): give low and high, or value"
-            problems.append(Problem(("parameters",), text))
-    if "degree" in study.surrogate.model_fields_set and study.surrogate.degree > HIGHEST:
-        text = f"polynomials have degrees 1 to {HIGHEST}"
-        problems.append(Problem(("surrogate", "degree"), text, study.surrogate.degree))
-    if problems:
-        raise study_error(study.file, study.lines, problems)
-
-
-def _setting(study: Study, n: int, message: str) -> Place:
-    """Where the setting stands that a message of the backend names; else where the n-th experiment has its own."""
-    own, words = study.experiments[n].settings, re.findall(r"\w+", message)
-    for place, settings in ((("experiments", n, "settings"), own), (("backend", "settings"), study.backend.settings)):
-        for key in words:
-            if key in settings:
-                return (*place, key)
-    return ("experiments", n, "settings") if own else ("backend", "settings")
-
-
-def _refuse_search(study: Study, backend: Backend) -> list[Problem]:
-    """Targets and constraints on channels that the backend has, constraints on experiments that are fitted."""
-    problems = []
-    owners: list[tuple[Place, tuple[Target, ...]]] = [(("search",), study.search.targets)]
-    owners += [(("search", "variants", n), v.targets) for n, v in enumerate(study.search.variants)]
-    for place, targets in owners:
-        for n, t in enumerate(targets):
-            if t.channel not in backend.channels:
-                problems.append(_no_channel(backend, (*place, "targets", n, "channel"), t.channel))
-    for n, c in enumerate(study.search.constraints):
-        place = ("search", "constraints", n)
-        if c.channel not in backend.channels:
-            problems.append(_no_channel(backend, (*place, "channel"), c.channel))
-        if study.experiment(c.experiment).role == "validate":
-            text = 'is for validation (role = "validate") and cannot be constrained'
-            problems.append(Problem((*place, "experiment"), text, c.experiment))
-    return problems
-
-
-def _no_channel(backend: Backend, place: Place, channel: str) -> Problem:
-    return Problem(
-        place, f"the backend {backend.name!r} has no such channel; {choose(channel, backend.channels)}", channel
-    )
 
 
 def _default_targets(curves: Mapping[str, MeasuredCurve], fitted: list[ExperimentTable]) -> tuple[Target, ...]:
@@ -399,7 +372,10 @@ def _from_file(plan: Plan, name: str) -> np.ndarray:
         theta = data[:, [header.index(n) for n in plan.box.names]]
         if not np.all(plan.box.contains(theta)):
             raise ValueError("points outside the parameters' ranges")
-        return plan.box.to_unit(theta)
+        X = plan.box.to_unit(theta)
+        if not np.all(plan.feasible(X)):
+            raise ValueError(f"{np.sum(~plan.feasible(X))} points violate doe.constraints")
+        return X
     except (OSError, ValueError, IndexError) as error:
         wanted = ",".join(plan.box.names)
         message = f"{path.name}: {error}; a CSV with the header {wanted} and one point per line is expected"

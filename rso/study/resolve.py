@@ -13,6 +13,8 @@ from rso.study.places import Place
 from rso.study.schema import ParameterTable, Study, Target
 from rso.units import quantity
 
+_WIDEST = 1e30  # ratio of the ends of a log scale; beyond it their quotient overflows sooner or later
+
 
 @dataclass(frozen=True)
 class Axis:
@@ -104,6 +106,10 @@ def _axis(parameter: Parameter, table: ParameterTable, place: Place, problems: l
         return None
     if table.scale == "log" and low <= 0:
         problems.append(Problem((*place, "low"), f"a log scale needs low > 0 {parameter.unit}", table.low))
+        return None
+    if table.scale == "log" and high > _WIDEST * low:
+        text = f"a log scale from {low:g} to {high:g} {parameter.unit} spans more than {_WIDEST:g} : 1"
+        problems.append(Problem((*place, "low"), text, table.low))
         return None
     return Axis(parameter, low, high, table.scale)
 

@@ -5,52 +5,30 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import importlib.metadata
-import json
 import math
 import os
 import platform
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 import rso
 from rso.contract import plain
 from rso.emulator import Emulator, Output
+from rso.feasibility import Region
 from rso.running import Outcome
 from rso.store import Done
 from rso.study.plan import Plan, SearchPlan
 from rso.study.searching import Found, Validation, baselines, mean_over_design
-from rso.study.stages import Design, Fitted, Run, Sensitivity, why
+from rso.study.stages import Design, Fitted, Run, why
 from rso.surrogates import Scores
 
 SCHEMA = 1
 GRID = 41  # points a side of a drawn response surface
-DETERMINED = 0.15  # half-width of the acceptable range, as a share of its middle, up to which a value is determined
 PACKAGES = ("numpy", "scipy", "scikit-learn", "pymoo", "scikit-fem", "pytetwild", "pymetis", "numba", "pypardiso")
-
-
-def write(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace the file in one step, so that a reader never sees half of it; returns what was written, plain."""
-    data: dict[str, Any] = _finite(plain(results))
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text(json.dumps(data, indent=1, allow_nan=False), encoding="utf-8")
-    os.replace(temporary, path)
-    return data
-
-
-def write_runs(path: Path, found: Mapping[str, Any]) -> None:
-    """All runs as a table: state, values with units, outputs; empty cells where a run has no answer."""
-    units = {p["name"]: p["unit"] for p in found["parameters"]}
-    rows = [
-        {k: r[k] for k in ("key", "purpose", "state", "cause", "reason", "wall_s", "cpu_s")}
-        | {f"{n} [{units.get(n, '')}]": v for n, v in r["values"].items()}
-        | r["outputs"]
-        for r in found["runs"]
-    ]
-    pd.DataFrame(rows).to_csv(path, index=False)
 
 
 def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
@@ -113,6 +91,11 @@ def of_design(plan: Plan, design: Design) -> dict[str, Any]:
     }
 
 
+def rows_of(plan: Plan, runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """Rows of `runs`."""
+    return [row for r in runs for row in _runs(plan, r)]
+
+
 def added_runs(plan: Plan, fitted: Fitted) -> list[dict[str, Any]]:
     """Rows of `runs` for the points that were added to make the surrogates good enough."""
     return [row for r in fitted.added for row in _runs(plan, r)]
@@ -128,7 +111,7 @@ def of_surrogates(plan: Plan, design: Design, fitted: Fitted) -> dict[str, Any]:
             {
                 "output": output.id,
                 "unit": output.unit,
-                "kind": "exact" if model is None else type(model).__name__.lower(),
+                "kind": "exact" if model is None else model.kind,
                 "story": "similarity leaves no dimension: one run says all" if model is None else model.story,
                 "n": len(emulator.samples),
                 "cross_validation": None if model is None else _scores(model.cv),
@@ -143,37 +126,29 @@ def of_surrogates(plan: Plan, design: Design, fitted: Fitted) -> dict[str, Any]:
     }
 
 
-def of_sensitivity(plan: Plan, found: Sensitivity) -> dict[str, Any]:
-    """sensitivity."""
-    local = [
-        {"output": o, "parameter": b.name, "low": b.at_low, "high": b.at_high, "change": b.change,
-         "elasticity": b.elasticity}
-        for o, bars in found.local.items()
-        for b in bars
-    ]  # fmt: skip
-    sobol = [
-        {"output": o, "parameter": n, "first": s.first[k], "first_interval": s.first_interval[k],
-         "total": s.total[k], "total_interval": s.total_interval[k]}
-        for o, s in found.sobol.items()
-        for k, n in enumerate(plan.box.names)
-    ]  # fmt: skip
-    logs = [n for n, log in zip(plan.box.names, plan.box.log, strict=True) if log]
-    story = (
-        "Local: one parameter goes over its range, the others stay in the middle of theirs; elasticity is "
-        "d ln y / d ln theta there. Sobol: shares of the variance when all parameters vary independently and "
-        f"uniformly over their ranges{' (in the logarithm of ' + ', '.join(logs) + ')' if logs else ''}."
-    )
-    return {"sensitivity": {"at": plan.values(found.at), "local": local, "sobol": sobol, "story": story}}
-
-
 def of_searches(plan: Plan, found: list[Found]) -> dict[str, Any]:
-    """searches, best, determined; the runs of candidates are added to `runs` by the caller."""
+    """searches, best; the runs of candidates are added to `runs` by the caller."""
     first = best(plan, found)
     return {
         "searches": [_search(plan, f) for f in found],
         "best": None if first is None else {"search": first[0], "candidate": f"{first[0]} {first[1] + 1}"},
-        "determined": determined(plan, found[0]) if found else {},
     }
+
+
+def of_region(plan: Plan, region: Region | None, runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """feasible: where runs have an answer, and a map over the first two open parameters."""
+    failed = {r["key"]: r["cause"] for r in runs if r["state"] == "failed"}
+    shown: dict[str, Any] = {
+        "failed": len(failed), "causes": dict(Counter(failed.values())), "share_infeasible": 0.0, "story": "",
+        "map": None,
+    }  # fmt: skip
+    if region is not None and region.model is not None:
+        shown["share_infeasible"], shown["story"] = region.share(plan.box, plan.seed), region.story()
+        if plan.box.d > 1:
+            x, y, X = _grid(plan)
+            theta = dict(zip(plan.box.names, plan.box.from_unit(X).T, strict=True))
+            shown["map"] = {"x": x, "y": y, "probability": region.probability(theta).reshape(GRID, GRID)}
+    return {"feasible": shown}
 
 
 def candidate_runs(plan: Plan, found: Found) -> list[dict[str, Any]]:
@@ -219,39 +194,6 @@ def best(plan: Plan, found: list[Found]) -> tuple[str, int] | None:
         return None
     _, name, k = min(scored)
     return name, k
-
-
-def determined(plan: Plan, main: Found) -> dict[str, Any]:
-    """Which parameters the targets of the main search determine: the range that hits all of them within noise."""
-    choice, search = main.result.choice, main.plan
-    lowest, highest = choice.lowest, choice.highest
-    if not choice.reachable:
-        return {
-            n: {
-                "determined": False,
-                "interval": [None, None],
-                "story": "The targets are not reachable in these ranges.",
-            }
-            for n in plan.box.names
-        }
-    low, high = plan.box.from_unit(np.stack([lowest, highest]))
-    result = {}
-    for k, (name, unit) in enumerate(zip(plan.box.names, plan.box.units, strict=True)):
-        a, b = float(low[k]), float(high[k])
-        margin = 0.02 * (search.high[k] - search.low[k])
-        ends = [
-            word
-            for word, gap in (("lower", lowest[k] - search.low[k]), ("upper", search.high[k] - highest[k]))
-            if gap < margin
-        ]
-        half = (b - a) / (b + a) if a + b > 0 else math.inf
-        good = half <= DETERMINED and not ends
-        text = f"Every value from {a:.3g} to {b:.3g} {unit} hits all targets within their uncertainty"
-        if ends:
-            text += f"; the range goes to the {' and the '.join(ends)} bound of the search"
-        text += f" (±{100 * half:.0f} %)." if good else ": the data do not determine it."
-        result[name] = {"determined": bool(good), "interval": [a, b], "story": text}
-    return result
 
 
 # ------------------------------------------------------------------------------------------------------ pieces
@@ -310,23 +252,31 @@ def _row(outcome: Outcome, purpose: str, values: Mapping[str, float], outputs: M
 def _surface(plan: Plan, emulator: Emulator, output: Output) -> dict[str, Any]:
     """One output over the first two open parameters (or the only one), the others in the middle."""
     box, d = plan.box, plan.box.d
+    x, y, X = _grid(plan)
+    mean, sd = emulator.predict(output, X)
+    middle = box.from_unit(np.full((1, d), 0.5))[0]
+    return {
+        "output": output.id,
+        "unit": output.unit,
+        "x": x,
+        "y": y,
+        "mean": mean.reshape(-1, GRID),
+        "sd": sd.reshape(-1, GRID),
+        "others": {box.names[k]: middle[k] for k in range(2, d)},
+    }
+
+
+def _grid(plan: Plan) -> tuple[dict[str, Any], dict[str, Any] | None, np.ndarray]:
+    """Ticks of the first two open parameters and all points (n, d) of the unit cube between them, a row per y."""
+    box, d = plan.box, plan.box.d
     t = np.linspace(0.0, 1.0, GRID)
     X = np.full((GRID if d == 1 else GRID * GRID, d), 0.5)
     X[:, 0] = t if d == 1 else np.tile(t, GRID)
     if d > 1:
         X[:, 1] = np.repeat(t, GRID)
-    mean, sd = emulator.predict(output, X)
     ticks = box.from_unit(np.tile(t[:, None], (1, d)))
-    middle = box.from_unit(np.full((1, d), 0.5))[0]
-    return {
-        "output": output.id,
-        "unit": output.unit,
-        "x": {"parameter": box.names[0], "values": ticks[:, 0]},
-        "y": {"parameter": box.names[1], "values": ticks[:, 1]} if d > 1 else None,
-        "mean": mean.reshape(-1, GRID),
-        "sd": sd.reshape(-1, GRID),
-        "others": {box.names[k]: middle[k] for k in range(2, d)},
-    }
+    x, *y = ({"parameter": box.names[k], "values": ticks[:, k]} for k in range(min(d, 2)))
+    return x, (y[0] if y else None), X
 
 
 def _search(plan: Plan, found: Found) -> dict[str, Any]:
@@ -378,7 +328,14 @@ def _candidate(plan: Plan, found: Found, k: int) -> dict[str, Any]:
         "curves": curves,
         "metrics": {e: dataclasses.asdict(m) for e, m in found.metrics[k].items()},
         "at_bound": at_bound(found.plan, plan, c.values),
+        "extrapolated": extrapolated(plan, emulator, c.values),
     }  # fmt: skip
+
+
+def extrapolated(plan: Plan, emulator: Emulator, values: Mapping[str, float]) -> bool:
+    """Whether a point lies outside the convex hull of the runs that the surrogates learnt from."""
+    x = plan.box.to_unit(np.array([[values[n] for n in plan.box.names]]))
+    return bool(emulator.beyond(np.clip(x, 0.0, 1.0))[0])
 
 
 def at_bound(search: SearchPlan, plan: Plan, values: Mapping[str, float]) -> list[str]:
@@ -407,12 +364,3 @@ def _versions() -> dict[str, str]:
 
 def _sha(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _finite(data: Any) -> Any:
-    """NaN and infinities become null: JSON has no word for them."""
-    if isinstance(data, dict):
-        return {k: _finite(v) for k, v in data.items()}
-    if isinstance(data, list):
-        return [_finite(v) for v in data]
-    return None if isinstance(data, float) and not math.isfinite(data) else data

@@ -72,11 +72,12 @@ Names = Annotated[tuple[str, ...], BeforeValidator(_list_to_tuple)]
 Name = Annotated[str, Field(pattern=r"^\w[\w .+-]{0,63}$")]
 NotNegativeForce = Annotated[float, _quantity("N"), Field(ge=0)]
 NotNegativeLength = Annotated[float, _quantity("mm"), Field(ge=0)]
-Depth = Annotated[float, _quantity("mm"), Field(gt=0)]
+Depth = Annotated[float, _quantity("mm"), Field(gt=0, le=1e6)]
 Share = Annotated[float, _quantity("1"), Field(ge=0, lt=1)]
 Tolerance = Annotated[float, _quantity("1"), Field(gt=0, lt=1)]
 Duration = Annotated[float, _quantity("s"), Field(gt=0)]
 Count = Annotated[int, Field(ge=0, le=10_000_000)]
+Runs = Annotated[int, Field(ge=1, le=10_000)]
 Positive = Annotated[int, Field(ge=1, le=10_000_000)]
 
 
@@ -162,18 +163,33 @@ class ExperimentTable(Table):
 
 
 class DoeTable(Table):
-    """[doe]: `runs` is what the user asks for; with `reduce`, similarity may need fewer."""
+    """[doe]: `runs` is what the user asks for; with `reduce`, similarity may need fewer.
+
+    `extend` adds so many runs to a finished design, whose runs stay. `constraints` between the open parameters, in
+    their units, hold for the design, the sensitivities and the search. A ccd is `inscribed` in the ranges, has its star
+    points on the `face`s, or is `circumscribed`: then low and high are its corners and the star points lie beyond.
+    """
 
     kind: Literal["lhs", "sobol", "ccd", "box_behnken", "factorial", "osf", "file"] = "lhs"
-    runs: Positive = 40
-    held_out: Count = 5
+    runs: Runs = 40
+    held_out: Annotated[int, Field(ge=0, le=1000)] = 5
     reduce: bool = True
     file: str | None = None
+    optimise: bool = True
+    star: Literal["inscribed", "circumscribed", "face"] = "inscribed"
+    alpha: Annotated[float, Field(ge=1, le=10)] | None = None
+    levels: Annotated[tuple[Annotated[int, Field(ge=2, le=1000)], ...], BeforeValidator(_list_to_tuple)] | None = None
+    extend: Annotated[int, Field(ge=0, le=10_000)] = 0
+    constraints: Names = ()
 
     @model_validator(mode="after")
     def _file_with_kind(self) -> DoeTable:
         if (self.kind == "file") != (self.file is not None):
             raise ValueError('file = "points.csv" and kind = "file" belong together')
+        owners = {"star": "ccd", "alpha": "ccd", "levels": "factorial", "optimise": "lhs"}
+        wrong = [k for k, kind in owners.items() if k in self.model_fields_set and self.kind != kind]
+        if wrong:
+            raise ValueError(f'{wrong[0]} belongs to kind = "{owners[wrong[0]]}", not to "{self.kind}"')
         return self
 
 
@@ -281,8 +297,14 @@ class DispatchTable(Table):
 
     jobs: Annotated[int, Field(ge=1, le=10_000)] = 2
     engine: Literal["local", "dask"] = "local"
-    address: str | None = None
+    address: Annotated[str, Field(min_length=1, max_length=300)] | None = None
     timeout: Duration | None = None
+
+    @model_validator(mode="after")
+    def _address_of_dask(self) -> DispatchTable:
+        if self.address is not None and self.engine != "dask":
+            raise ValueError('address is that of a Dask scheduler: it needs engine = "dask"')
+        return self
 
 
 class ReportTable(Table):

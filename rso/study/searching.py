@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rso import search
 from rso.curves import Metrics, Resampling, baseline, metrics
-from rso.emulator import Emulator, Sample, relearn
+from rso.emulator import Emulator, relearn
 from rso.running import Outcome, Task, run_all
 from rso.search import Choice
 from rso.store import Done
@@ -68,9 +68,12 @@ def find(bench: Bench, wanted: SearchPlan, emulator: Emulator, first: Proposal) 
     """Candidates, their reruns, infill and new proposals until predicted and recomputed agree."""
     plan = bench.plan
     proposals = [first]
+    failed: list[Mapping[str, float]] = []
 
     def again(current: Emulator) -> Choice:
+        nonlocal plan
         if current is not emulator:
+            plan = bench.around_failures(emulator.group.reference is not None).plan
             proposals.append(propose(plan, wanted, current))
         return proposals[-1].choice
 
@@ -84,12 +87,14 @@ def find(bench: Bench, wanted: SearchPlan, emulator: Emulator, first: Proposal) 
     def enrich(current: Emulator, candidates: list[Candidate]) -> Emulator:
         known = {tuple(sorted(s.values.items())) for s in current.samples}
         new = [
-            Sample(c.values, c.recomputed)
+            sample(plan, c.values, c.outcomes)
             for c in candidates
             if c.state == "done" and tuple(sorted(c.values.items())) not in known
         ]
+        lost = [c.values for c in candidates if c.state == "failed" and c.values not in failed]
+        failed.extend(lost)
         if not new:
-            return current
+            return replace(current) if lost else current
         return relearn(current, new, seed=plan.seed)
 
     result = verify(emulator, wanted.outputs, again, rerun, enrich, plan.study.verify.max_infill)
@@ -109,16 +114,19 @@ def propose(plan: Plan, wanted: SearchPlan, emulator: Emulator) -> Proposal:
         return residuals(wanted.goals, emulator.means(wanted.outputs, X))
 
     def violated(X: np.ndarray) -> np.ndarray:
-        return violations(plan.constraints, emulator.means(constrained, X))
+        outputs = violations(plan.constraints, emulator.means(constrained, X)) if constrained else np.empty((len(X), 0))
+        return np.column_stack([outputs, plan.excess(X)])
+
+    limits = violated if constrained or plan.conditions else None
 
     front = search.nsga2(
-        lambda X: np.abs(signed(X)), plan.box.d, seed=plan.seed, constraints=violated if constrained else None,
+        lambda X: np.abs(signed(X)), plan.box.d, seed=plan.seed, constraints=limits,
         population=table.population + table.population % 2, generations=table.generations, low=wanted.low,
         high=wanted.high,
     )  # fmt: skip
     choice = search.choose(
         front, signed, np.array([g.sigma for g in wanted.goals]), seed=plan.seed,
-        violations=violated if constrained else None, count=table.candidates, low=wanted.low, high=wanted.high,
+        violations=limits, count=table.candidates, low=wanted.low, high=wanted.high,
     )  # fmt: skip
     return Proposal(front, choice)
 
@@ -152,11 +160,12 @@ def curve_metrics(plan: Plan, experiment: str, outcomes: Sequence[Outcome]) -> M
 def mean_over_design(plan: Plan, design: Design, emulator: Emulator) -> dict[str, Metrics]:
     """Mean of each metric over the design that was asked for, from the surrogates of the curve.
 
-    Points whose own run failed take no part.
+    Points whose own run failed, or would rather fail, take no part.
     """
     found = {}
     failed = [r.values for r in design.runs if not r.done]
     points = np.array([x for x in design.asked if plan.values(x) not in failed])
+    points = points[plan.feasible(points)] if len(points) else points
     if not len(points):
         return {}
     for name, measured in plan.curves.items():
@@ -188,7 +197,7 @@ def validate(bench: Bench, found: Sequence[Found], best: tuple[str, int] | None)
     chosen = list(dict.fromkeys([*chosen, *([best] if best else [])]))
     values = {f.plan.name: [c.values for c in f.result.candidates] for f in found}
     trios = [(e, name, k) for e in plan.validation for name, k in chosen]
-    tasks = [Task(values[name][k], plan.validation[e]) for e, name, k in trios]
+    tasks = [Task(values[name][k], plan.validation[e], frozenset({plan.curves[e].channel})) for e, name, k in trios]
     outcomes = run_all(plan.backend, tasks, bench.store, bench.executor, watch=bench.watch) if tasks else []
     return [
         _validated(plan, e, name, k, values[name][k], outcome)

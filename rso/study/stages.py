@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rso import doe, sensitivity
-from rso.emulator import Emulator, Output, Sample, learn, relearn
+from rso import doe, feasibility
+from rso.emulator import Emulator, Output, Sample, learn, reduced_box, relearn
+from rso.feasibility import Region
 from rso.running import Event, Outcome, run_all
-from rso.store import Done, Failed, RunStore
-from rso.study.plan import Plan, fe_design, full_design, limited, proofs
+from rso.store import Crashed, Done, Failed, RunStore
+from rso.study.plan import Plan, fe_design, full_design, limited, proofs, reduced_feasible
 from rso.surrogates import Scores
 
 SIMILAR_TO = 1e-8  # relative difference up to which two runs count as the same by similarity
@@ -35,13 +37,40 @@ class Bench:
     store: RunStore
     executor: Executor
     watch: Watch | None = None
+    ended: list[tuple[Mapping[str, float], str]] = field(default_factory=list)
 
     def run(self, values: Sequence[Mapping[str, float]]) -> list[tuple[Outcome, ...]]:
         """Outcomes of each point, one per case, in order."""
         tasks = [task for v in values for task in self.plan.tasks(v)]
         outcomes = run_all(self.plan.backend, tasks, self.store, self.executor, watch=self.watch)
         n = len(self.plan.cases)
-        return [tuple(outcomes[k * n : (k + 1) * n]) for k in range(len(values))]
+        each = [tuple(outcomes[k * n : (k + 1) * n]) for k in range(len(values))]
+        self.ended.extend((v, _worst_state(o)) for v, o in zip(values, each, strict=True))
+        return each
+
+    def around_failures(self, similar: bool) -> Bench:
+        """The same bench, whose plan also asks that runs have an answer, as far as those that ended show where."""
+        region = self.region(similar)
+        others = tuple(c for c in self.plan.conditions if not isinstance(c, Region))
+        known = () if region is None or region.model is None else (region,)
+        return replace(self, plan=replace(self.plan, conditions=(*others, *known)))
+
+    def region(self, similar: bool) -> Region | None:
+        """Where runs have an answer.  A crash shows nothing, and of equal points one counts."""
+        plan = self.plan
+        group = plan.group if similar else replace(plan.group, reference=None)
+        inside = plan.box.contains(np.array([[v[n] for n in plan.box.names] for v, _ in self.ended])) | similar
+        known = [e for e, good in zip(self.ended, inside, strict=True) if good and e[1] != "crashed"]
+        found = {tuple(sorted(v.items())): (v, state) for v, state in known}
+        values, states = [v for v, _ in found.values()], [s == "done" for _, s in found.values()]
+        return feasibility.learn(reduced_box(plan.box, group), group, values, states, plan.seed)
+
+
+def _worst_state(outcomes: Sequence[Outcome]) -> str:
+    """'crashed' if any run crashed (it may yet have an answer), else 'failed' if any failed, else 'done'."""
+    if any(isinstance(o, Crashed) for o in outcomes):
+        return "crashed"
+    return "done" if all(isinstance(o, Done) for o in outcomes) else "failed"
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,23 +124,16 @@ class Fitted:
     added: tuple[Run, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Sensitivity:
-    """Local bars and Sobol indices by output id, at the centre (d,) of the unit cube."""
-
-    at: np.ndarray
-    local: Mapping[str, tuple[sensitivity.LocalBar, ...]]
-    sobol: Mapping[str, sensitivity.SobolIndices]
-
-
 def sample(plan: Plan, values: Mapping[str, float], outcomes: Sequence[Outcome]) -> Sample:
     """Outputs of a point whose runs are all done."""
-    outputs = {}
+    outputs, errors, gradients = {}, {}, {}
     for output in (*plan.outputs, *plan.extras):
         outcome = outcomes[plan.case_of[output.experiment]]
         assert isinstance(outcome, Done)
         outputs[output.id] = output.read(outcome.response)
-    return Sample(dict(values), outputs)
+        errors[output.id] = output.error(outcome.response)
+        gradients[output.id] = output.gradient(outcome.response)
+    return Sample(dict(values), outputs, errors, gradients)
 
 
 def why(outcome: Outcome) -> tuple[str | None, str | None]:
@@ -199,11 +221,10 @@ def fit_surrogates(bench: Bench, design: Design) -> Fitted:
     """Fit all outputs; predict new runs, then learn them, until the predictions are good enough.
 
     The first new runs are the held-out ones.  While the error of a decisive output exceeds surrogate.tolerance,
-    points are added where the design is thinnest, at most verify.max_infill of them.
+    points are added where it is least sure, at most verify.max_infill of them.
     """
     plan = bench.plan
     table = plan.study.surrogate
-    kind = "auto" if table.kind == "whole_curve" else table.kind  # a whole curve is one surrogate per travel
     degree = table.degree if "degree" in table.model_fields_set else None
     group = plan.group if design.similar else dataclasses.replace(plan.group, reference=None)
     learnt, new = design.samples(plan, "design"), design.samples(plan, "held_out")
@@ -211,14 +232,14 @@ def fit_surrogates(bench: Bench, design: Design) -> Fitted:
     added: list[Run] = []
     scores: dict[str, Scores] = {}
     try:
-        emulator = learn(plan.box, group, outputs, learnt, kind=kind, degree=degree, seed=plan.seed)
+        emulator = learn(plan.box, group, outputs, learnt, kind=table.kind, degree=degree, seed=plan.seed, held=new)
         while new:
             scores = {o.id: emulator.score(o, new) for o in outputs}
             emulator = relearn(emulator, new, seed=plan.seed)
             room = min(len(new), plan.study.verify.max_infill - len(added))
             if not any(scores[i].relative_rmse > table.tolerance for i in decisive(plan)) or room < 1:
                 break
-            points = thinnest(plan, emulator, room)
+            points = worst(bench.around_failures(design.similar).plan, emulator, room)
             runs = [Run("infill", v, o) for v, o in zip(points, bench.run(points), strict=True)]
             added += runs
             new = [sample(plan, r.values, r.outcomes) for r in runs if r.done]
@@ -230,16 +251,40 @@ def fit_surrogates(bench: Bench, design: Design) -> Fitted:
     return Fitted(emulator, scores, tuple(added))
 
 
-def thinnest(plan: Plan, emulator: Emulator, count: int) -> list[dict[str, float]]:
-    """Values of `count` new points that are farthest from all samples in the (reduced) box."""
+def worst(plan: Plan, emulator: Emulator, count: int) -> list[dict[str, float]]:
+    """Values of `count` new points where the decisive surrogates are least sure and no sample is near.
+
+    Each maximises (sd/|mean| of the worst decisive output) × (distance to the nearest sample) over the (reduced) box.
+    """
     box = emulator.reduced
     if box is None:
         return []
     group = emulator.group
     known = box.to_unit(np.array([[group.reduce(s.values)[1][n] for n in box.names] for s in emulator.samples]))
-    fresh = box.from_unit(doe.extend(np.clip(known, 0.0, 1.0), count, plan.seed))
+    pool = np.vstack([doe.sobol(box.d, 1024, plan.seed), *_ends(box.d)])
+    unsure = np.zeros(len(pool))
+    for i in decisive(plan):
+        mean, sd = emulator.surrogates[i].predict(pool)
+        unsure = np.maximum(unsure, sd / np.maximum(np.abs(mean), NOISE * np.abs(mean).max() + 1e-300))
     fixed = {} if group.reference is None else {group.reference: group.reference_value}
-    return [{**fixed, **dict(zip(box.names, map(float, row), strict=True)), **plan.resolved.fixed} for row in fresh]
+    if plan.conditions:
+        allowed = plan.feasible(pool) if group.reference is None else reduced_feasible(plan, box, pool)
+        unsure = np.where(allowed, unsure, -1.0)
+    # The noise of a polynomial is the same everywhere: then the distance decides.
+    weight = np.where(unsure >= 0, np.maximum(unsure, 1e-3 * unsure.max()) + 1e-300, -1.0)
+    fresh = []
+    for _ in range(count):
+        gap = np.min(np.linalg.norm(pool[:, None] - known[None], axis=2), axis=1)
+        x = pool[np.argmax(weight * gap)]
+        known = np.vstack([known, x])
+        fresh.append(x)
+    rows = box.from_unit(np.array(fresh))
+    return [{**fixed, **dict(zip(box.names, map(float, row), strict=True)), **plan.resolved.fixed} for row in rows]
+
+
+def _ends(d: int) -> list[np.ndarray]:
+    """The corners of the cube, while they are few."""
+    return [np.array(list(itertools.product((0.0, 1.0), repeat=d)))] if d <= 6 else []
 
 
 def _worth_learning(plan: Plan, samples: Sequence[Sample]) -> list[Output]:
@@ -248,26 +293,3 @@ def _worth_learning(plan: Plan, samples: Sequence[Sample]) -> list[Output]:
     largest = _largest(plan, samples)
     spread = {o: np.ptp([s.outputs[o.id] for s in samples]) if samples else 0.0 for o in plan.extras}
     return [o for o in plan.extras if o in constrained or spread[o] > NOISE * largest[o.unit]]
-
-
-# ------------------------------------------------------------------------------------------------------ sensitivity
-
-
-def analyse(plan: Plan, fitted: Fitted) -> Sensitivity:
-    """Local bars and Sobol indices of the targets of the main search and of the extra outputs."""
-    table = plan.study.sensitivity
-    centre = np.full(plan.box.d, 0.5)
-    emulator = fitted.emulator
-    wanted = [*plan.searches[0].outputs, *(o for o in emulator.outputs if o in plan.extras)]
-    samples = 2 ** max(2, round(np.log2(table.samples)))
-    local, sobol = {}, {}
-    for output in dict.fromkeys(wanted):
-
-        def predict(X: np.ndarray, output: Output = output) -> np.ndarray:
-            return emulator.mean(output, X)
-
-        if table.local:
-            local[output.id] = sensitivity.local(predict, centre, plan.box.names, plan.box)
-        if table.sobol:
-            sobol[output.id] = sensitivity.sobol(predict, plan.box.d, plan.seed, n=samples)
-    return Sensitivity(centre, local, sobol)

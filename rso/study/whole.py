@@ -9,8 +9,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from rso import emulator as emulator_file
 from rso.store import Done, RunStore
-from rso.study import results, searching, stages
+from rso.study import files, identifying, results, searching, sensitivities, stages
 from rso.study.plan import Plan
 from rso.study.searching import Found
 from rso.study.stages import Bench, Watch
@@ -31,21 +32,26 @@ def run_study(
 ) -> dict[str, Any]:
     """Run every stage, write ``results.json`` after each, return the results.
 
+    Where an earlier call has left results of the same study, they stay until there is more to tell, and wall times
+    add up; a call that finds everything computed keeps the times of the calls that did.
+
     Raises stages.NothingToFit when too few runs are done, StoreError, KeyboardInterrupt; what was computed stays.
     """
-    started = time.perf_counter()
-    found = results.begin(plan, command, _now(), jobs)
+    path = folder / "results.json"
+    found = files.plainly(results.begin(plan, command, _now(), jobs))
+    before = files.earlier(path, found)
+    reached = -1 if before is None else files.STAGES.index(before["stage"])
     bench = Bench(plan, store, executor, watch)
     known = {row.key for row in store.rows() if row.state != "crashed"}
-    clock = _Clock(found["timings"])
+    clock = _Clock(found["timings"], before)
 
-    def note(stage: str, **parts: Any) -> dict[str, Any]:
+    def note(stage: str, *, end: bool = False, **parts: Any) -> dict[str, Any]:
         found.update(parts, stage=stage)
         clock.lap(stage)
-        found["timings"]["total"] = time.perf_counter() - started
-        return results.write(folder / "results.json", found)
+        if end or files.STAGES.index(stage) >= reached:
+            return files.write(path, found)
+        return found
 
-    found["warnings"] += unused(plan)
     note("plan")
     say("design: simulations to learn from")
     design = stages.run_design(bench)
@@ -57,51 +63,56 @@ def run_study(
         fitted = stages.fit_surrogates(bench, design)
     except stages.NothingToFit as error:
         found["warnings"].append(str(error))
-        note("design", counts=_counts(plan, found, known), exit_code=EXIT_FAILED_RUNS)
+        note("design", end=True, counts=_counts(plan, found, known), exit_code=EXIT_FAILED_RUNS)
         raise
     found["runs"] += results.added_runs(plan, fitted)
     _warn_of_poor_surrogates(plan, fitted, found)
-    note("surrogates", **results.of_surrogates(plan, design, fitted))
+    emulator_file.save(fitted.emulator, folder / "surrogates")
+    bench = bench.around_failures(design.similar)
+    note("surrogates", **results.of_surrogates(bench.plan, design, fitted))
     say("sensitivity")
-    note("sensitivity", **results.of_sensitivity(plan, stages.analyse(plan, fitted)))
+    note("sensitivity", **sensitivities.of_sensitivity(plan, sensitivities.analyse(bench.plan, fitted)))
     searches: list[Found] = []
     emulator = fitted.emulator
     say(f"search: NSGA-II for {', '.join(s.name for s in plan.searches)}; then all candidates are rerun")
     proposals = searching.propose_all(bench, emulator)
     for wanted, first in zip(plan.searches, proposals, strict=True):
         one = searching.find(bench, wanted, emulator, first)
-        emulator = one.result.emulator
+        emulator, bench = one.result.emulator, bench.around_failures(design.similar)
         searches.append(one)
         _warn_of_constraints(one, found)
+        _warn_of_extrapolation(plan, one, found)
         found["runs"] += results.candidate_runs(plan, one)
         note("search", **results.of_searches(plan, searches))
-    note("verify")
+    say("identification: what the curves determine")
+    chosen = results.best(plan, searches)
+    identified, extra, doubts, known_so_far = identifying.identification(bench, emulator, searches, chosen)
+    found["runs"] += results.rows_of(plan, extra)
+    found["warnings"] += doubts
+    note("verify", **identified)
     if plan.validation:
         say("validation: experiments kept for the end")
-    checked = searching.validate(bench, searches, results.best(plan, searches))
+    checked = searching.validate(bench, searches, chosen)
     found["runs"] += results.validation_runs(checked)
+    if known_so_far is not None:
+        found["identification"]["gains"] += identifying.further_gains(plan, known_so_far, checked)
     found["timings"]["fe_cpu"] = sum(r["cpu_s"] or 0.0 for r in _distinct(found["runs"]))
     found["provenance"].update(artefacts=_artefacts(design), solver=_solver(design), finished=_now())
-    results.write_runs(folder / "runs.csv", found)
+    found.update(results.of_region(plan, bench.region(design.similar), found["runs"]))
+    found["warnings"] += [found["feasible"]["story"]] if found["feasible"]["story"] else []
+    files.write_runs(folder / "runs.csv", found)
+    counts = _counts(plan, found, known)
+    if before is not None and before["stage"] == files.STAGES[-1] and counts["from_store"] == counts["fe_runs"]:
+        clock.stop(before["timings"])
+        when = ("command", "started", "finished", "jobs")
+        found["provenance"].update({k: v for k, v in before["provenance"].items() if k in when})
     return note(
         "validate",
+        end=True,
         **results.of_validation(plan, checked),
-        counts=_counts(plan, found, known),
+        counts=counts,
         exit_code=exit_code(plan, found, searches),
     )
-
-
-def unused(plan: Plan) -> list[str]:
-    """Settings of the study file that ask for what is not done."""
-    study = plan.study
-    return [
-        text
-        for asked, text in (
-            (study.sensitivity.morris, "sensitivity.morris = true: Morris screening is not part of a run, use Sobol"),
-            (study.dispatch.engine != "local", f"dispatch.engine = {study.dispatch.engine!r}: runs are local"),
-        )
-        if asked
-    ]
 
 
 def exit_code(plan: Plan, found: dict[str, Any], searches: list[Found]) -> int:
@@ -114,15 +125,27 @@ def exit_code(plan: Plan, found: dict[str, Any], searches: list[Found]) -> int:
 
 
 class _Clock:
-    """Wall time by stage; laps of one stage add up."""
+    """Wall time by stage and in total; laps of one stage add up, also over the calls that an interruption parts."""
 
-    def __init__(self, timings: dict[str, float]) -> None:
+    def __init__(self, timings: dict[str, float], before: dict[str, Any] | None) -> None:
         self._timings, self._last = timings, time.perf_counter()
+        self._stopped = False
+        if before is not None:
+            spent = {k: v for k, v in before["timings"].items() if k != "fe_cpu" and isinstance(v, int | float)}
+            timings.update(spent)
 
     def lap(self, stage: str) -> None:
+        if self._stopped:
+            return
         now = time.perf_counter()
-        self._timings[stage] = self._timings.get(stage, 0.0) + now - self._last
+        for name in (stage, "total"):
+            self._timings[name] = self._timings.get(name, 0.0) + now - self._last
         self._last = now
+
+    def stop(self, timings: dict[str, float]) -> None:
+        """Nothing was computed: the times are those that it took when it was."""
+        self._timings.update(timings)
+        self._stopped = True
 
 
 def _now() -> str:
@@ -132,6 +155,16 @@ def _now() -> str:
 def _warn_of_constraints(one: Found, found: dict[str, Any]) -> None:
     if not one.result.choice.feasible:
         found["warnings"].append(f"search {one.plan.name!r}: no point of the ranges respects every constraint")
+
+
+def _warn_of_extrapolation(plan: Plan, one: Found, found: dict[str, Any]) -> None:
+    emulator = one.result.emulator
+    count = sum(results.extrapolated(plan, emulator, c.values) for c in one.result.candidates)
+    if count:
+        found["warnings"].append(
+            f"search {one.plan.name!r}: {count} of {len(one.result.candidates)} candidates lie outside the convex hull "
+            "of the runs; only their reruns tell what happens there"
+        )
 
 
 def _warn_of_poor_surrogates(plan: Plan, fitted: stages.Fitted, found: dict[str, Any]) -> None:

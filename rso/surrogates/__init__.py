@@ -1,21 +1,33 @@
-"""Surrogates of one output: polynomial and kriging, each with a mean, a standard deviation and a reason."""
+"""Surrogates of outputs: polynomial, kriging, whole curves, each with a mean, a standard deviation and a reason."""
 
 from rso.surrogates.choice import Surrogate, fit, from_dict, refit
+from rso.surrogates.hull import beyond
 from rso.surrogates.kriging import Kriging, fit_kriging
 from rso.surrogates.polynomial import Polynomial, fit_polynomial
-from rso.surrogates.scores import Scores, cross_validate, held_out, score
+from rso.surrogates.saving import load, save
+from rso.surrogates.scores import Scores, cross_validate, held_out, pooled, score
+from rso.surrogates.whole_curve import CurvePoint, WholeCurve, fit_curve, on_common_grid, refit_curve
 
 __all__ = [
+    "CurvePoint",
     "Kriging",
     "Polynomial",
     "Scores",
     "Surrogate",
+    "WholeCurve",
+    "beyond",
     "cross_validate",
     "fit",
+    "fit_curve",
     "fit_kriging",
     "fit_polynomial",
     "from_dict",
     "held_out",
+    "load",
+    "on_common_grid",
+    "pooled",
     "refit",
+    "refit_curve",
+    "save",
     "score",
 ]

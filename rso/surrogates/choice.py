@@ -2,19 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from rso.doe import factorial, sobol
 from rso.surrogates.common import powers
+from rso.surrogates.kernels import KERNELS
 from rso.surrogates.kriging import Kriging, describe, fit_kriging
 from rso.surrogates.polynomial import Polynomial, fit_polynomial
-from rso.surrogates.scores import Scores, cross_validate
+from rso.surrogates.scores import Scores, cross_validate, held_out, pooled
 
 Surrogate = Polynomial | Kriging
 KINDS = ("auto", "polynomial", "kriging")
+ENOUGH = 1e-5  # relative error below which derivatives, which cost fits, are not tried
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """What one output is learnt from: X (n, d) in the unit cube, y (n,); noise sd (n,), gradients (n, d) or None."""
+
+    X: np.ndarray
+    y: np.ndarray
+    noise: np.ndarray | None = None
+    gradients: np.ndarray | None = None
+
+    def rows(self, keep: np.ndarray) -> Data:
+        """Some of the points."""
+        parts = (None if v is None else v[keep] for v in (self.noise, self.gradients))
+        return Data(self.X[keep], self.y[keep], *parts)
 
 
 def fit(
@@ -24,16 +42,22 @@ def fit(
     *,
     seed: int,
     noise_sd: np.ndarray | float | None = None,
+    share: float | None = 1.0,
+    gradients: np.ndarray | None = None,
+    held: tuple[np.ndarray, np.ndarray] | None = None,
     degree: int | None = None,
     log: bool | None = None,
     unit: str = "",
     names: tuple[str, ...] | None = None,
 ) -> Surrogate:
-    """The surrogate of y (n,) over X (n, d) in the unit cube with the smallest cross-validation error in y.
+    """The surrogate of y (n,) over X (n, d) in the unit cube with the smallest error in y on points it has not seen.
 
-    kind 'auto' compares polynomials and kriging on the same ten folds, refitted without each fold. `degree`
-    fixes the degree of the polynomial (1 to 4); `log` None tries the logarithm too where y > 0. `noise_sd` is used by
-    kriging alone: a polynomial estimates its own scatter. The reasons are in `story`, the scores in `cv`.
+    kind 'auto' compares polynomials, kriging and, where `gradients` (n, d; NaN: unknown) are given, kriging through
+    them, on the same ten folds, refitted without each fold, pooled with the points `held` = (X, y) that no fold holds.
+    Gradients that do not help there are not used. `degree` fixes the degree of the polynomial (1 to 4), otherwise its
+    terms are selected; `log` None tries the logarithm too where y > 0. `noise_sd` is used by kriging alone (a
+    polynomial estimates its own scatter); share None has the share of it that is scatter estimated, if that helps.
+    The reasons are in `story`, the cross-validation scores in `cv`.
 
     Raises
     ------
@@ -43,39 +67,65 @@ def fit(
     if kind not in KINDS:
         raise ValueError(f"surrogate: unknown kind {kind!r}; choose one of {', '.join(KINDS)}")
     X, y = np.asarray(X, float), np.asarray(y, float)
+    noise = None if noise_sd is None else np.broadcast_to(np.asarray(noise_sd, float), y.shape)
+    data = Data(X, y, noise, None if gradients is None else np.asarray(gradients, float))
     logs = (log,) if log is not None else (False, True) if y.size and y.min() > 0 else (False,)
+    makers: list[Callable[[], tuple[Surrogate, Scores]]] = []
+    if kind != "kriging":
+        makers.append(lambda: _best_polynomial(X, y, degree, logs, seed))
+    if kind != "polynomial":
+        makers.append(lambda: _best_kriging(replace(data, gradients=None), share, logs, seed))
+        if data.gradients is not None and np.isfinite(data.gradients).any():
+            makers.append(lambda: _best_kriging(data, share, logs, seed))
     tried: list[tuple[Surrogate, Scores]] = []
     refusals = []
-    if kind != "kriging":
+    for make in makers:
+        if make is makers[-1] and data.gradients is not None and any(s.relative_rmse < ENOUGH for _, s in tried):
+            break
         try:
-            tried.append(_best_polynomial(X, y, degree, logs, seed))
-        except ValueError as refusal:
-            refusals.append(str(refusal))
-    if kind != "polynomial":
-        try:
-            tried.append(_best_kriging(X, y, noise_sd, logs, seed))
+            tried.append(make())
         except ValueError as refusal:
             refusals.append(str(refusal))
     if not tried:
-        raise ValueError("; ".join(refusals))
+        raise ValueError("; ".join(dict.fromkeys(refusals)))
+    judged = [s if held is None or not len(held[1]) else pooled(s, held_out(m, *held)) for m, s in tried]
     # A tie goes to the polynomial, the simpler one.
-    model, cv = min(tried, key=lambda pair: pair[1].rmse)
-    others = [f"{_name(m)} had {_error(s, unit)}" for m, s in tried if m is not model] + refusals
+    best = min(range(len(tried)), key=lambda k: judged[k].rmse)
+    model, cv = tried[best]
+    others = [f"{_name(m)} had {_error(s, unit)}" for k, (m, s) in enumerate(tried) if k != best]
     words = describe(model, names) if isinstance(model, Kriging) else _name(model)
     story = f"{words}: cross-validation error {_error(cv, unit)} over {len(y)} runs"
-    return replace(model, cv=cv, story="; ".join([story, *others]) + ".")
+    if judged[best] is not cv:
+        story += f", with {len(held[1])} held out {_error(judged[best], unit)}"  # type: ignore[index]
+    return replace(model, cv=cv, story="; ".join([story, *others, *dict.fromkeys(refusals)]) + ".")
 
 
-def refit(model: Surrogate, X: np.ndarray, y: np.ndarray, *, seed: int) -> Surrogate:
-    """The same kind of surrogate on other (usually more) data: hyper-parameters anew from the old ones, no contest.
+def refit(
+    model: Surrogate,
+    X: np.ndarray,
+    y: np.ndarray,
+    *,
+    seed: int,
+    noise_sd: np.ndarray | None = None,
+    gradients: np.ndarray | None = None,
+    degree: int | None = None,
+) -> Surrogate:
+    """The same kind of surrogate on other (usually more) data, no contest: see :func:`fit` for the arguments.
 
-    Its cross-validation scores are leave-one-out at fixed hyper-parameters.
+    Kriging finds its hyper-parameters anew from the old ones and uses gradients if it did; a polynomial selects its
+    terms anew unless `degree` is given. The cross-validation scores are leave-one-out at fixed hyper-parameters.
     """
     if isinstance(model, Kriging):
-        new: Surrogate = fit_kriging(X, y, seed=seed, trend=model.trend, log=model.log, restarts=0, start=model)
+        noise = noise_sd if model.noise.any() else None
+        new: Surrogate = fit_kriging(
+            X, y, seed=seed, trend=model.trend, log=model.log, kernel=model.kernel, noise_sd=noise,
+            share=None if model.share != 1.0 else 1.0, gradients=None if model.slopes is None else gradients,
+            gradient_sd=0.0 if model.slopes is None else _gradient_sd(noise, X), restarts=0, start=model,
+        )  # fmt: skip
     else:
-        new = fit_polynomial(X, y, log=model.log)
-    return replace(new, story=f"{model.story} Fitted again to {len(y)} runs.")
+        new = fit_polynomial(X, y, degree=degree, log=model.log)
+    story = model.story.removesuffix(f" Fitted again to {model.cv.n if model.cv else 0} runs.")
+    return replace(new, story=f"{story} Fitted again to {len(y)} runs.")
 
 
 def from_dict(data: Mapping[str, Any]) -> Surrogate:
@@ -89,36 +139,75 @@ def from_dict(data: Mapping[str, Any]) -> Surrogate:
 def _best_polynomial(
     X: np.ndarray, y: np.ndarray, degree: int | None, logs: tuple[bool, ...], seed: int
 ) -> tuple[Polynomial, Scores]:
-    model = min((fit_polynomial(X, y, degree=degree, log=g) for g in logs), key=lambda p: p.cv.rmse)
+    model = min(_tame([fit_polynomial(X, y, degree=degree, log=g) for g in logs], y), key=lambda p: p.cv.rmse)
     try:
-        cv = cross_validate(
-            lambda rows: fit_polynomial(X[rows], y[rows], degree=model.degree, log=model.log), X, y, seed
-        )
+        # Terms are selected without each fold too: a selection that has seen the fold would flatter itself.
+        cv = cross_validate(lambda rows: fit_polynomial(X[rows], y[rows], degree=degree, log=model.log), X, y, seed)
     except ValueError:
         cv = model.cv  # with a fold left out too few points remain: leave-one-out has the largest folds there are
     return model, cv
 
 
-def _best_kriging(
-    X: np.ndarray, y: np.ndarray, noise_sd: np.ndarray | float | None, logs: tuple[bool, ...], seed: int
-) -> tuple[Kriging, Scores]:
-    noise = np.broadcast_to(0.0 if noise_sd is None else np.asarray(noise_sd, float), y.shape)
-    n, d = X.shape
+def _best_kriging(data: Data, share: float | None, logs: tuple[bool, ...], seed: int) -> tuple[Kriging, Scores]:
+    n, d = data.X.shape
+    known = share is not None and data.noise is not None
     # Twice as many points as trend terms, so that the process has something left to learn from.
     trends = [q for q in (0, 1, 2) if q == 0 or n >= 2 * len(powers(d, q))]
-    models = [fit_kriging(X, y, seed=seed, trend=q, log=g, noise_sd=noise) for g in logs for q in trends]
-    model = min(models, key=lambda m: m.cv.rmse)
+    first = data if known else replace(data, noise=None)
+    options = [(kernel, q, g) for kernel in KERNELS for g in logs for q in trends]
+    model = min(_tame([_kriging(first, o, share, seed, restarts=1) for o in options], data.y), key=lambda m: m.cv.rmse)
+    model = _kriging(first, (model.kernel, model.trend, model.log), share, seed, restarts=4)
+    if not known and data.noise is not None and data.noise.any():
+        noisy = _kriging(data, (model.kernel, model.trend, model.log), None, seed, restarts=2)
+        if noisy.cv.rmse < 0.99 * model.cv.rmse:
+            model, first = noisy, data
 
-    def refit(rows: np.ndarray) -> Kriging:
-        return fit_kriging(
-            X[rows], y[rows], seed=seed, trend=model.trend, log=model.log, noise_sd=noise[rows], restarts=0, start=model
-        )
+    def again(rows: np.ndarray) -> Kriging:
+        return _kriging(first.rows(rows), (model.kernel, model.trend, model.log), share, seed, start=model)
 
-    return model, cross_validate(refit, X, y, seed)
+    return model, cross_validate(again, data.X, data.y, seed)
+
+
+def _tame(models: list[Any], y: np.ndarray) -> list[Any]:
+    """The models without those of a logarithm that explode between the points, if any others are there.
+
+    exp(m + s²/2) has no bound where s is large: one such place spoils a prediction that cross-validation praised.
+    """
+    d = models[0].d
+    Q = np.vstack([sobol(d, 256, 0), *([factorial(d, levels=(2,) * d)] if d <= 8 else [])])
+    kept = []
+    for m in models:
+        if m.log:
+            with np.errstate(over="ignore", invalid="ignore"):
+                mean, sd = m.predict(Q)
+                if not (np.all(sd <= mean) and mean.max() <= 10 * y.max()):
+                    continue
+        kept.append(m)
+    return kept or models
+
+
+def _kriging(
+    data: Data, option: tuple[str, int, bool], share: float | None, seed: int, *, restarts: int = 0,
+    start: Kriging | None = None,
+) -> Kriging:  # fmt: skip
+    kernel, trend, log = option
+    return fit_kriging(
+        data.X, data.y, seed=seed, trend=trend, log=log, kernel=kernel, noise_sd=data.noise, share=share,
+        gradients=data.gradients, gradient_sd=_gradient_sd(data.noise, data.X), restarts=restarts, start=start,
+    )  # fmt: skip
+
+
+def _gradient_sd(noise: np.ndarray | None, X: np.ndarray) -> np.ndarray | float:
+    """Scatter of gradients where that of values is known: the same over half the range, an error of size σ/½."""
+    return 0.0 if noise is None else np.repeat(2 * np.asarray(noise, float)[:, None], X.shape[1], axis=1)
 
 
 def _name(model: Surrogate) -> str:
-    name = f"polynomial of degree {model.degree}" if isinstance(model, Polynomial) else "kriging"
+    if isinstance(model, Polynomial):
+        selected = "" if model.full else f" with {len(model.exponents)} selected terms"
+        name = f"polynomial of degree {model.degree}{selected}"
+    else:
+        name = "kriging" + ("" if model.slopes is None else " through the derivatives")
     return name + (" of the logarithm" if model.log else "")
 
 

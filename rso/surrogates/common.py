@@ -51,6 +51,20 @@ def legendre(X: np.ndarray, exponents: np.ndarray) -> np.ndarray:
     return A
 
 
+def legendre_slopes(X: np.ndarray, exponents: np.ndarray) -> np.ndarray:
+    """∂/∂x_k (n, d, terms) of the basis of :func:`legendre`."""
+    legval, legder = np.polynomial.legendre.legval, np.polynomial.legendre.legder
+    highest = int(exponents.max(initial=0))
+    V = np.polynomial.legendre.legvander(2 * X - 1, highest)
+    # d/dx of P_e(2x − 1) is 2 P_e′; column e of the identity holds the coefficients of P_e.
+    S = np.stack([2 * legval(2 * X - 1, legder(np.eye(highest + 1)[e])) for e in range(highest + 1)], axis=-1)
+    B = np.ones((len(X), X.shape[1], len(exponents)))
+    for k in range(X.shape[1]):
+        for j, column in enumerate(exponents.T):
+            B[:, k] *= (S if j == k else V)[:, j, column]
+    return B
+
+
 def from_log(m: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean and standard deviation of exp(N(m, s²)): e^(m + s²/2) and mean·√(e^(s²) − 1)."""
     mean = np.exp(m + s**2 / 2)

@@ -41,6 +41,17 @@ def score(predicted: np.ndarray, y: np.ndarray) -> Scores:
     )
 
 
+def pooled(a: Scores, b: Scores) -> Scores:
+    """Scores over the points of both: mean squares weighted by their numbers; q2 is nan, its spreads differ."""
+    n = a.n + b.n
+
+    def root(x: float, y: float) -> float:
+        return float(np.sqrt((a.n * x**2 + b.n * y**2) / n))
+
+    relative = root(a.relative_rmse, b.relative_rmse)
+    return Scores(root(a.rmse, b.rmse), max(a.max_abs, b.max_abs), float("nan"), relative, n)
+
+
 def held_out(model: Predictor, X: np.ndarray, y: np.ndarray) -> Scores:
     """Scores of a fitted model on points X (m, d), y (m,) that it has not seen."""
     return score(model.mean(np.asarray(X, float)), y)

@@ -1,12 +1,13 @@
 """What the backend refuses, by name: a setting or a value is modelled or an error, never ignored."""
 
 import dataclasses
+import json
 import re
 
 import numpy as np
 import pytest
 
-from fem_backend import errors, experiment
+from fem_backend import errors, meshing
 from fem_backend.backend import BACKEND
 from fem_backend.experiment import LAWS, Knobs, read_settings
 from rso.contract import Case, Programme, SimulationFailed
@@ -54,8 +55,8 @@ def case(asked=(0.5, 1.0), **settings) -> Case:
         ({"profile": 3}, ["profile", "3", "list of [x, y]"]),
         ({"earlier": -1}, ["earlier", "-1", "mm", "at least 0"]),
         ({"material": {"law": ["neo_hookean"]}}, ["material.law", "neo_hookean"]),
-        ({"point": [46.0, 0.0]}, ["point", "[46.0, 0.0]", "mm", "top", "0.75"]),
-        ({"point": [40.0, 20.0]}, ["point", "[40.0, 20.0]", "mm", "top"]),
+        ({"point": [49.0, 0.0]}, ["point", "[49.0, 0.0]", "mm", "top", "0.8"]),
+        ({"point": [40.0, 17.0]}, ["point", "[40.0, 17.0]", "mm", "top"]),
         ({"point": 0.0}, ["point", "2 finite"]),
         ({"direction": "sideways"}, ["direction", "'sideways'", "vertical", "normal"]),
         ({"unload": "yes"}, ["unload", "'yes'", "true or false"]),
@@ -94,7 +95,7 @@ def test_setting_without_influence_is_refused_when_it_is_nonsense(settings):
         {},
         {"point": [0, -0.0], "direction": "normal", "speed": "30 mm/min", "unload": False},
         {"specimen": {"semi_axes": [60, 35, 35]}, "material": {"law": "linear_elastic"}, "solver": "superlu"},
-        {"point": [45.0, 0.0], "direction": "normal", "unload": True, "profile": [[10, 0]], "earlier": 3.0},
+        {"point": [47.0, 0.0], "direction": "normal", "unload": True, "profile": [[10, 0]], "earlier": 3.0},
         {"support": {"kind": "bowl", "clearance": 0.5, "friction": 0.0}, "indenter": {"shaft": True}},
         {"material": {"law": "ogden", "ogden": [[-2.0, 0.5]], "prony": [[0.2, 5.0], [0.1, 50.0]]}},
     ],
@@ -118,12 +119,16 @@ def test_settings_are_read_and_not_changed():
 
 
 def test_mesh_is_finer_for_a_smaller_ball():
-    """Sizes near the contact go with R, those of the body stay."""
-    import json
-
-    sizing = [json.loads(read_settings({"indenter": {"radius": R}}).recipe)["sizing"] for R in (3.0, 1.5)]
+    """Sizes near the contact go with R, those of the body stay; no template fits these balls."""
+    sizing = [json.loads(read_settings({"indenter": {"radius": R}}).recipe)["sizing"] for R in (4.0, 2.0)]
     assert sizing[1]["h0"] == 0.5 * sizing[0]["h0"] and sizing[1]["r0"] == 0.5 * sizing[0]["r0"]
     assert sizing[1]["hmax"] == sizing[0]["hmax"] and sizing[1]["growth"] == sizing[0]["growth"]
+
+
+@pytest.mark.parametrize("level", meshing.LEVELS)
+def test_the_reference_specimen_has_a_mesh_that_is_the_same_everywhere(level):
+    recipe = json.loads(read_settings({"mesh": {"level": level}}).recipe)
+    assert recipe["mesher"] == "template" and recipe["level"] == level
 
 
 # ---------------------------------------------------------------------------------------------- programme and values
@@ -236,4 +241,4 @@ def test_settings_without_a_mesh_are_a_failed_run():
 
 
 def test_levels_exist_for_every_stated_error():
-    assert set(errors.LEVEL_ERROR) == set(experiment.LEVELS)
+    assert set(errors.LEVEL_ERROR) == set(meshing.LEVELS)

@@ -92,7 +92,7 @@ def test_hold_relaxes_to_the_long_time_modulus():
     assert np.all(np.diff(F) < 0)
     instant, relaxed = (run({"mu": m}, Programme.ramp((1.0,))).channels["Fz"][0] for m in (0.01, 0.006))
     assert instant > F[0] > relaxed + 0.5 * (instant - relaxed)  # half a relaxation time: not yet relaxed
-    np.testing.assert_allclose(F[-1], relaxed, rtol=1e-4)  # exp(−99/2) is left; the penalty is that of μ, not of 0.6 μ
+    np.testing.assert_allclose(F[-1], relaxed, rtol=1e-3)  # the penalty is that of μ, not of 0.6 μ
     assert abs(F[-1] / (0.6 * instant) - 1) > 0.01  # negative control: volume does not relax
 
 

@@ -7,13 +7,15 @@ import hashlib
 
 import numpy as np
 
+from rso.contract import plain
+
 STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
 LATER = {
     "design": ("runs", "counts"),
     "surrogates": ("surrogates", "surfaces"),
     "sensitivity": ("sensitivity",),
-    "search": ("searches", "determined"),
-    "verify": ("best", "baseline", "mean_over_runs"),
+    "search": ("searches",),
+    "verify": ("identification", "determined", "best", "baseline", "mean_over_runs"),
     "validate": ("validation",),
 }
 DEPTH = np.linspace(0, 4, 41)
@@ -279,6 +281,90 @@ def validation(searches):
     return made
 
 
+def identification():
+    """What the curves determine: mu by 4 %, D1 hardly."""
+    D1 = np.geomspace(1.0, 168.0, 15)
+    mu = np.linspace(0.0088, 0.0127, 15)
+    values = [{"mu": 0.01017, "D1": 12.7}, {"mu": 0.0119, "D1": 101.3}]
+    return {
+        "level": 0.9,
+        "data": [{"experiment": "middle_point", "channel": "Fz", "points": 40}],
+        "values": values[0],
+        "chi2": 33.7,
+        "degrees": 38,
+        "p_value": 0.668,
+        "scale": 1.13,
+        "story": "χ² = 33.7 for 38 degrees of freedom: the model agrees with the data within their errors.",
+        "recomputed": {"agreement": 0.0021, "chi2": 33.9, "verified": True},
+        "other_minima": [{"values": values[1], "chi2": 34.9}],
+        "parameters": [
+            {
+                "parameter": "mu",
+                "value": 0.01017,
+                "verdict": "determined",
+                "digits": 2,
+                "sd_log": 0.0871,
+                "interval": [0.00884, 0.01263],
+                "bounds": [],
+                "laplace": [0.00861, 0.01197],
+                "mcmc": [0.00917, 0.01244],
+                "agreement": False,
+                "noise_factor": None,
+                "profile": {
+                    "values": mu,
+                    "rise": ((mu - 0.01017) / 0.001) ** 2,
+                    "change": 40 * (mu - 0.01017),
+                    "sigma": 0.012 + 0 * mu,
+                },
+                "story": "mu is determined: with 90 % confidence 0.00884 to 0.0126 MPa.",
+                "reason": "",
+            },
+            {
+                "parameter": "D1",
+                "value": 12.7,
+                "verdict": "not",
+                "digits": 1,
+                "sd_log": 2.31,
+                "interval": [1.09, 160.4],
+                "bounds": [],
+                "laplace": [1.41, 140.2],
+                "mcmc": [1.36, 133.1],
+                "agreement": True,
+                "noise_factor": 0.146,
+                "profile": {
+                    "values": D1,
+                    "rise": (np.log(D1 / 12.7) / 1.9) ** 2,
+                    "change": 0.003 * np.log(D1 / 12.7),
+                    "sigma": 0.012 + 0 * D1,
+                },
+                "story": "D1 is not determined: every value from 1.09 to 160 1/MPa agrees with the curve.",
+                "reason": "From end to end the curve changes by 7.6 mN where that shows most; its error is 12 mN.",
+            },
+        ],
+        "directions": [
+            {"change": {"mu": 0.9967, "D1": -0.0811}, "sd": 0.0103, "story": "mu^1 · D1^-0.081 is known to ±1 %"},
+            {"change": {"mu": 0.0811, "D1": 0.9967}, "sd": 2.31, "story": "mu^0.081 · D1^1 is known to a factor 10"},
+        ],
+        "gains": [
+            {
+                "test": "middle_point once more, with errors of its own",
+                "before": {"mu": 0.0833, "D1": 1.27},
+                "after": {"mu": 0.0711, "D1": 1.08},
+            }
+        ],
+        "mcmc": {"draws": 16000, "tau": 11.3, "independent": 1416.0},
+        "weightings": [
+            {"weighting": "noise", "values": values[0]},
+            {"weighting": "absolute", "values": values[1]},
+            {"weighting": "relative", "values": values[0]},
+        ],
+        "metrics": [
+            {"metric": "nrmse", "minima": [{"values": values[0], "value": 0.0271}]},
+            {"metric": "mre", "minima": [{"values": v, "value": 0.041 + 0.003 * k} for k, v in enumerate(values)]},
+        ],
+    }
+
+
 def complete():
     """Every key of the documented layout."""
     rng = np.random.default_rng(20230526)
@@ -449,6 +535,7 @@ def complete():
                 "story": "D1 can be almost anything in its range: mu makes up for it.",
             },
         },
+        "identification": plain(identification()),
         "exit_code": 4,
         "warnings": ["1 candidate of search 2P lies on a bound of its range: widen the range of mu."],
         "provenance": {
@@ -498,4 +585,5 @@ def one_parameter():
     results["sensitivity"]["local"] = [b for b in results["sensitivity"]["local"] if b["parameter"] == "mu"]
     results["sensitivity"]["sobol"] = [b for b in results["sensitivity"]["sobol"] if b["parameter"] == "mu"]
     results["determined"].pop("D1")
+    results["identification"]["parameters"].pop()
     return results

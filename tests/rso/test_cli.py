@@ -142,7 +142,7 @@ def test_broken_studies_are_answered_with_file_line_and_key(tmp_path, capsys, na
 
 
 def test_every_problem_is_said_at_once(tmp_path, capsys):
-    assert main(["check", str(studies.write(tmp_path, doe="run = 16", study="seed = 1"))]) == 2
+    assert main(["check", "--trust", str(studies.write(tmp_path, doe="run = 16", study="seed = 1"))]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 2
 
 
@@ -167,10 +167,10 @@ def test_a_study_that_is_not_there(tmp_path, capsys):
 def test_check_says_what_would_run_and_computes_nothing(tmp_path, capsys):
     path = studies.write(tmp_path, backend__settings=f"thickness = 8\nlog = {str(tmp_path / 'calls')!r}")
     before = sorted(tmp_path.iterdir())
-    assert main(["check", str(tmp_path)]) == 0
+    assert main(["check", "--trust", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert f"{path}: good" in said and "2 → 1 dimensions" in said
-    assert "16 at most (8 design, 3 held out, 2 proof, 3 candidates)" in said
+    assert "20 at most (8 design, 3 held out, 2 proof, 3 candidates, 4 identification)" in said
     assert sorted(tmp_path.iterdir()) == before
 
 
@@ -187,14 +187,14 @@ def test_a_whole_study_with_its_report(tmp_path, capsys):
     assert main(["report", path]) == 2 and "run the study first" in capsys.readouterr().err
     assert main(["run", path, "--jobs", "1"]) == 0
     said = capsys.readouterr().out
-    assert "mu: Every value from" in said and "16 simulations (16 done, 0 failed, 0 crashed" in said
+    assert "mu is determined: with 90 % confidence" in said and "17 simulations (17 done, 0 failed, 0 crashed" in said
     results = tmp_path / "results"
     assert b"<html" in (results / "report.html").read_bytes()[:500]
     assert (results / "report.pdf").read_bytes().startswith(b"%PDF")
     assert main(["status", path]) == 0
     assert capsys.readouterr().out.splitlines() == [
         "last finished stage: validate",
-        "done: 16",
+        "done: 17",
         "failed: 0",
         "crashed: 0",
     ]
@@ -202,7 +202,7 @@ def test_a_whole_study_with_its_report(tmp_path, capsys):
     (results / "report.html").unlink()
     assert main(["report", path]) == 0
     assert (results / "report.html").read_bytes() == page
-    assert main(["check", path]) == 0 and "as measured in this study" in capsys.readouterr().out
+    assert main(["check", "--trust", path]) == 0 and "as measured in this study" in capsys.readouterr().out
     # Moved aside, not deleted.
     assert main(["run", path, "--jobs", "1", "--fresh"]) == 0
     (aside,) = tmp_path.glob("results-*")

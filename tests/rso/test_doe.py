@@ -3,7 +3,18 @@ import pytest
 from scipy.spatial.distance import pdist
 from scipy.stats import qmc
 
-from rso.doe import Box, box_behnken, central_composite, design, extend, factorial
+from rso.doe import (
+    Box,
+    box_behnken,
+    central_composite,
+    design,
+    extend,
+    extend_design,
+    extend_latin,
+    factorial,
+    read_condition,
+    star_distance,
+)
 
 
 def is_latin(X):
@@ -147,3 +158,105 @@ def test_box_refuses_nonsense():
         BOX.to_unit(np.array([0.01, -1.0]))
     with pytest.raises(ValueError, match="expected 2 values"):
         BOX.from_unit(np.zeros((4, 3)))
+
+
+def test_slope_of_the_box_is_its_derivative():
+    X, h = np.random.default_rng(1).random((20, 2)), 1e-6
+    for j in range(2):
+        step = h * np.eye(2)[j]
+        difference = (BOX.from_unit(X + step) - BOX.from_unit(X - step))[:, j] / (2 * h)
+        np.testing.assert_allclose(BOX.slope(X)[:, j], difference, rtol=1e-7)  # h² and rounding/h
+
+
+@pytest.mark.parametrize("alpha", [None, 1.3])
+def test_a_circumscribed_design_has_its_corners_at_the_ends_of_the_ranges(alpha):
+    wide = BOX.widened(star_distance(2, "circumscribed", alpha))
+    theta = wide.from_unit(central_composite(2, "circumscribed", alpha))
+    corners = theta[:4]
+    np.testing.assert_allclose(corners.min(0), BOX.low, rtol=1e-12)  # a few roundings
+    np.testing.assert_allclose(corners.max(0), BOX.high, rtol=1e-12)
+    assert np.all(theta[4:8].min(0) < BOX.low) and np.all(theta[4:8].max(0) > BOX.high)
+
+
+# ------------------------------------------------------------------------------------------------------ extension
+
+
+@pytest.mark.parametrize("times", [1, 2, 3])
+@pytest.mark.parametrize("d", [1, 3])
+def test_a_latin_hypercube_extended_by_a_multiple_stays_latin(d, times):
+    X = design("lhs", d, 8, 0)
+    new = extend_latin(X, 8 * times, 1)
+    assert is_latin(np.vstack([X, new])) and np.array_equal(new, extend_latin(X, 8 * times, 1))
+    assert not is_latin(np.vstack([X, design("lhs", d, 8 * times, 1)]))  # negative control
+
+
+def test_a_latin_extension_by_any_number_has_rows_of_its_own():
+    X = design("lhs", 2, 10, 0)
+    new = extend_latin(X, 7, 1)
+    for old, column in zip(X.T, new.T, strict=True):
+        rows = np.floor(column * 17).astype(int)
+        assert len(set(rows)) == 7 and not set(rows) & set(np.floor(old * 17).astype(int))
+
+
+def test_sobol_goes_on_with_its_sequence():
+    X = design("sobol", 3, 12, 4)
+    assert np.array_equal(np.vstack([X, extend_design("sobol", X, 9, 4)]), design("sobol", 3, 21, 4))
+    with pytest.raises(ValueError, match="not the beginning"):
+        extend_design("sobol", X[::-1], 9, 4)
+
+
+# ------------------------------------------------------------------------------------------------------ constraints
+
+
+def triangle(X):
+    return X.sum(axis=1) < 1
+
+
+@pytest.mark.parametrize("kind", ["lhs", "sobol", "osf"])
+def test_designs_keep_to_constraints_and_repeat_to_the_bit(kind):
+    X = design(kind, 2, 20, 3, feasible=triangle)
+    assert X.shape == (20, 2) and triangle(X).all() and X.min() >= 0
+    assert len(np.unique(X, axis=0)) == 20 and np.array_equal(X, design(kind, 2, 20, 3, feasible=triangle))
+    new = extend_design(kind, X, 10, 3, triangle)
+    assert triangle(new).all() and pdist(np.vstack([X, new])).min() > 1e-4
+    assert not triangle(design(kind, 2, 20, 3)).all()  # negative control
+
+
+def test_a_constraint_that_a_latin_hypercube_can_meet_leaves_it_latin():
+    def most(X):
+        return X[:, 0] < X[:, 1] + 0.4
+
+    X = design("lhs", 2, 30, 0, feasible=most)
+    assert most(X).all() and is_latin(X)
+    assert not is_latin(design("lhs", 2, 30, 0, feasible=triangle))  # impossible: both means would be a half
+
+
+def test_structured_designs_and_constraints():
+    X = design("factorial", 2, 9, 0, feasible=lambda X: X.sum(axis=1) <= 1)
+    assert len(X) == 6
+    with pytest.raises(ValueError, match="3 of the 9 points of ccd violate"):
+        design("ccd", 2, None, 0, star="face", feasible=lambda X: X.sum(axis=1) <= 1)
+    with pytest.raises(ValueError, match="less than 1 %"):
+        design("lhs", 2, 10, 0, feasible=lambda X: X[:, 0] < 1e-5)
+
+
+def test_conditions_are_read_and_say_by_how_much_they_are_violated():
+    theta = {"mu": np.array([0.01, 0.02]), "D1": np.array([50.0, 200.0])}
+    assert np.array_equal(read_condition("mu * D1 <= 2", ("mu", "D1")).holds(theta), [True, False])
+    np.testing.assert_allclose(read_condition("mu * D1 <= 2", ("mu", "D1")).excess(theta), [-1.5, 2.0], rtol=1e-12)
+    assert np.array_equal(read_condition("1 < D1 / 10 < 10", ("mu", "D1")).holds(theta), [True, False])
+    assert np.array_equal(read_condition("sqrt(mu - 0.015) >= 0", ("mu", "D1")).holds(theta), [False, True])
+    assert not read_condition("D1 > 50", ("mu", "D1")).holds(theta)[0]  # strict
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "mu", "mu == 1", "nu < 1", "__import__('os').system('true') < 1", "mu.real < 1", "mu[0] < 1", "1 < 2", "mu <",
+        "(lambda: mu)() < 1", "mu < 1 and mu > 0", "mu < True", "open(mu) < 1", "mu < 1e400", "mu < '1'", "(" * 150,
+        "mu < " + "9" * 400,
+    ],
+)  # fmt: skip
+def test_whatever_is_no_inequality_is_refused_and_not_executed(text):
+    with pytest.raises(ValueError):
+        read_condition(text, ("mu", "D1"))

@@ -105,3 +105,15 @@ def test_local_sees_a_bump_that_the_ends_do_not():
     np.testing.assert_allclose(bar.change, 0.25, rtol=1e-12)  # the middle is one of the 41 points
     x, y = curve(lambda X: X[:, 0] + X[:, 1], np.array([0.2, 0.4]), 1, n=5)
     np.testing.assert_allclose(y, 0.2 + x, rtol=1e-12)
+
+
+def test_morris_keeps_to_the_feasible_set():
+    def f(X):
+        assert np.all(X.sum(axis=1) < 1.5)
+        return X @ np.array([2.0, -1.0])
+
+    r = morris(f, 2, 0, trajectories=30, constraint=lambda X: X.sum(axis=1) < 1.5)
+    np.testing.assert_allclose(r.mu, [2, -1], atol=1e-12)  # exact for a linear function
+    assert r.trajectories == 30
+    with pytest.raises(ValueError, match="hardly any trajectory"):
+        morris(lambda X: X[:, 0], 2, 0, constraint=lambda X: X[:, 0] < 0.1)

@@ -5,9 +5,22 @@ import numpy as np
 import pytest
 
 from rso.benchmarks import borehole, branin, indentation
+from rso.contract import plain
 from rso.doe import Box, design, sobol
-from rso.surrogates import cross_validate, fit, fit_kriging, fit_polynomial, from_dict, held_out, score
-from rso.surrogates.kriging import matern
+from rso.surrogates import (
+    cross_validate,
+    fit,
+    fit_kriging,
+    fit_polynomial,
+    from_dict,
+    held_out,
+    pooled,
+    refit,
+    score,
+)
+from rso.surrogates.kernels import matern
+from rso.surrogates.kriging import condition
+from rso.surrogates.polynomial import select
 
 WIDE = Box(("mu", "D1"), ("MPa", "1/MPa"), (1e-4, 1.0), (0.1, 160.0), (True, True))
 
@@ -114,12 +127,12 @@ def test_kriging_agrees_with_universal_kriging_of_scikit_learn():
 
     X, Q = design("lhs", 2, 25, 0), sobol(2, 256, 1)
     y = branin(X)
-    model = fit_kriging(X, y, seed=0, trend=0)
+    model = condition(X, y, np.zeros(25), 0, 3 * y.var(), np.array([0.4, 0.7]), False)
     # An unknown mean is the limit of a constant kernel with a huge variance.
     kernel = ConstantKernel(1e5 * model.variance, "fixed") + ConstantKernel(model.variance, "fixed") * Matern(
         model.lengths, "fixed", nu=2.5
     )
-    process = GaussianProcessRegressor(kernel, alpha=1e-10 * model.variance, optimizer=None).fit(X, y)
+    process = GaussianProcessRegressor(kernel, alpha=1e-12 * model.variance, optimizer=None).fit(X, y)
     mean, sd = process.predict(Q, return_std=True)
     # 1e5 is not infinity (1e-5 relative) and costs that many digits of the Cholesky factor.
     np.testing.assert_allclose(model.predict(Q)[0], mean, atol=1e-4 * np.ptp(y))
@@ -136,15 +149,13 @@ def test_kriging_sd_covers_the_error():
 
 
 def test_leave_one_out_of_kriging_equals_conditioning_without_the_point():
-    from rso.surrogates.kriging import _condition
-
     X = design("lhs", 2, 15, 0)
     y = branin(X)
     for log in (False, True):
         full = fit_kriging(X, y, seed=0, trend=1, log=log)
 
         def refit(rows, m=full):
-            return _condition(m.X[rows], m.t[rows], m.noise[rows], m.trend, m.variance, m.lengths, m.log)
+            return condition(m.X[rows], m.t[rows], m.noise[rows], m.trend, m.variance, m.lengths, m.log, m.kernel)
 
         # Dubrule's identity is exact; the condition number of K eats digits.
         np.testing.assert_allclose(full.cv.rmse, cross_validate(refit, X, y, seed=0, folds=15).rmse, rtol=1e-5)
@@ -205,7 +216,7 @@ def test_auto_lives_with_very_few_points_and_with_a_constant():
 def test_surrogates_survive_json_to_the_bit(kind, log):
     X, Q = design("lhs", 2, 20, 0), sobol(2, 64, 3)
     model = fit(kind, X, decades(X), seed=0, log=log, noise_sd=0.001)
-    copy = from_dict(json.loads(json.dumps(model.to_dict())))
+    copy = from_dict(json.loads(json.dumps(plain(model.to_dict()))))
     assert np.array_equal(copy.predict(Q), model.predict(Q))
     assert copy.story == model.story and copy.cv == model.cv
     again = fit(kind, X, decades(X), seed=0, log=log, noise_sd=0.001)
@@ -245,3 +256,68 @@ def test_scores_by_hand():
     np.testing.assert_allclose([s.rmse, s.max_abs, s.q2], [np.sqrt(4 / 3), 2, -1], rtol=1e-12)
     np.testing.assert_allclose(s.relative_rmse, np.sqrt(4 / 14), rtol=1e-12)
     assert s.n == 3 and np.isnan(score(np.ones(3), np.ones(3)).q2)
+
+
+def test_terms_are_selected_where_the_points_do_not_determine_all():
+    rng = np.random.default_rng(0)
+    X, Q = design("lhs", 6, 30, 0), rng.random((200, 6))
+
+    def sparse(Z):
+        u = 2 * Z - 1
+        return 1 + u[:, 0] + 0.5 * u[:, 2] * u[:, 4] + u[:, 1] ** 3
+
+    model = fit_polynomial(X, sparse(X))
+    assert len(model.exponents) < 15 and not model.full  # 84 terms of degree 3, 30 points
+    np.testing.assert_allclose(model.mean(Q), sparse(Q), atol=1e-8)  # exact but for conditioning
+    for degree in (1, 2):  # negative control: no full polynomial that 30 points determine has the cube
+        assert held_out(fit_polynomial(X, sparse(X), degree=degree), Q, sparse(Q)).rmse > 0.05
+
+
+def test_a_refit_reconsiders_the_terms_unless_the_degree_is_stated():
+    few, many = design("lhs", 2, 8, 0), design("lhs", 2, 40, 1)
+
+    def f(Z):
+        return Z[:, 0] + 0.3 * np.cos(5 * Z[:, 1])
+
+    first = fit("polynomial", few, f(few), seed=0, log=False)
+    again = refit(first, many, f(many), seed=0)
+    assert again.exponents.shape != first.exponents.shape and again.degree == 4
+    stated = refit(first, many, f(many), seed=0, degree=2)
+    assert stated.degree == 2 and stated.full
+    twice = refit(again, many[:30], f(many[:30]), seed=0)
+    assert twice.story.count("Fitted again") == 1
+
+
+def test_noise_is_not_mistaken_for_terms():
+    rng = np.random.default_rng(1)
+    counts = []
+    for seed in range(10):
+        X = design("lhs", 2, 40, seed)
+        counts.append(len(fit_polynomial(X, 1 + X[:, 0] + 0.3 * rng.normal(size=40), log=False).exponents))
+    assert np.median(counts) <= 4  # the constant and the slope, and now and then a term by chance
+
+
+def test_held_out_points_join_the_choice():
+    X, H = design("lhs", 1, 8, 0), np.linspace(0, 1, 40)[:, None]
+
+    def f(Z):
+        return np.where(np.abs(Z[:, 0] - 0.5) < 0.02, 3.0, Z[:, 0])
+
+    alone, judged = (fit("auto", X, X[:, 0], seed=0, held=held) for held in (None, (H, f(H))))
+    assert "held out" in judged.story and "held out" not in alone.story
+    a, b = score(np.ones(2), np.zeros(2)), score(np.full(6, 3.0), np.zeros(6))
+    np.testing.assert_allclose(pooled(a, b).rmse, np.sqrt((2 * 1 + 6 * 9) / 8), rtol=1e-12)
+    assert pooled(a, b).n == 8 and pooled(a, b).max_abs == 3
+
+
+def test_a_logarithm_that_explodes_between_the_points_is_not_chosen():
+    # Branin spans two decades on these 12 points, and its logarithm, cross-validated best, reaches 75 times their most.
+    X, Q = design("lhs", 2, 12, 7), np.vstack([sobol(2, 1024, 9), design("factorial", 2, 4, 0)])
+    model = fit("kriging", X, branin(X), seed=0)
+    assert model.mean(Q).max() < 10 * branin(X).max()
+
+
+def test_the_penalty_keeps_noise_out_of_a_selection():
+    rng = np.random.default_rng(2)
+    counts = [len(select(design("lhs", 3, 25, s), rng.normal(size=25), 3)) for s in range(20)]
+    assert np.mean(counts) < 5  # of 20 terms; without the penalty about twice as many

@@ -1,8 +1,8 @@
 """A flat half ball of radius L under a rigid sphere: the half space of Hertz, cut where its displacement is small.
 
-The product's own model is built and solved (`indentation.build`, `indentation.solve`); only body and mesh are put in
-from here: a flat surface, so that the effective radius is that of the sphere exactly, and a graded octant that is the
-same everywhere.
+The product's own model is built and solved (`model.build`, `indentation.solve`); only body and mesh are put in from
+here: a flat surface, so that the effective radius is that of the sphere exactly, and a graded octant that is the same
+everywhere.
 """
 
 from dataclasses import dataclass
@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from skfem import MeshTet, MeshTet2
 
-from fem_backend import indentation, meshing
-from fem_backend.geometry import Ellipsoid, Sphere
-from fem_backend.indentation import Model, Settings
-from fem_backend.stepping import Control
+from fem_backend import indentation, meshing, model
+from fem_backend.experiment import Knobs, Settings
+from fem_backend.geometry import Ellipsoid
+from fem_backend.indentation import Result
+from fem_backend.model import Model, Placement
+from fem_backend.stepping import Control, Instant
 
 LIFT = 1e-6  # mm: the flat surface lies just above z = 0, below which the product holds the surface
 
@@ -24,14 +26,18 @@ class HalfSpace:
     """The octant x, y ≥ 0 ≥ z of the ball |x| ≤ L (mm), held on its outer sphere."""
 
     settings: Settings
+    placement: Placement
     model: Model
 
-    def force(self, law, depths: np.ndarray) -> np.ndarray:
-        """Forces (N) of the whole half space at the depths (mm)."""
-        return indentation.solve(self.settings, law, self.model, np.asarray(depths)).Fz
+    def solve(self, knobs: Knobs, depths: np.ndarray) -> Result:
+        """Result at the depths (mm), reached at 1 mm/s."""
+        instants = [Instant(float(d), float(d), True) for d in depths]
+        return indentation.solve(self.settings, knobs, self.placement, self.model, instants)
 
 
-def half_space(n: int, h0: float, L: float, R: float, deepest: float) -> HalfSpace:
+def half_space(
+    n: int, h0: float, L: float, R: float, deepest: float, law: str = "linear_elastic", symmetric: bool = True
+) -> HalfSpace:
     """n layers of elements, the first of size h0 (mm), each larger than the one before: r(s) ~ sinh(k s)."""
     points, tets = meshing.kuhn_simplex(n)
     x = np.c_[points[:, 0] - points[:, 1], points[:, 1] - points[:, 2], -points[:, 2]] / n
@@ -40,11 +46,13 @@ def half_space(n: int, h0: float, L: float, R: float, deepest: float) -> HalfSpa
     x = x / np.where(length > 0, length, 1.0)[:, None] * (L * np.sinh(k * layer) / np.sinh(k))[:, None]
     x[:, 2] += LIFT
     mesh = MeshTet2.from_mesh(MeshTet(np.ascontiguousarray(x.T), np.ascontiguousarray(tets.T)))
-    control = Control(first=0.3 * deepest, largest=deepest, augmentations=4)
-    settings = Settings(Ellipsoid(L, L, LIFT), Sphere(R), control=control)
+    control = Control(first=0.3 * deepest, largest=deepest, path=0.25 * deepest, augmentations=4)
+    body, down = Ellipsoid(L, L, LIFT), np.array([0.0, 0.0, -1.0])
+    settings = Settings(body, R, law=law, control=control)
+    placement = Placement(body, R, np.eye(3), np.array([0.0, 0.0, LIFT + R]), down, (True, True))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(meshing, "quadratic", lambda body, vertices: mesh)
-        return HalfSpace(settings, indentation.build(settings, meshing.Mesh(x, tets)))
+        patch.setattr(meshing, "assemble", lambda *arguments: mesh)
+        return HalfSpace(settings, placement, model.build(settings, meshing.Mesh(x, tets), body, (True, True), symmetric))
 
 
 def _stretch(ratio: float) -> float:

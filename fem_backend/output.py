@@ -1,0 +1,64 @@
+"""Files and pictures of a run: VTU for ParaView, sections and the surface as PNG."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from fem_backend import contact, element, post, stress
+from fem_backend.backend import Solved
+from fem_backend.stepping import Point
+
+
+def fields(solved: Solved, point: Point) -> post.Fields:
+    """Stress and stretch at the quadrature points of one state, with the history that led there."""
+    body, system, load = solved.model.body, solved.system, point.load
+    H = element.displacement_gradients(body, point.evaluation.u)
+    state = stress.evaluate(system.material, H, False, load.history, load.dt, system.scale)
+    return post.fields(body, point.evaluation.u, system.material, state=state)
+
+
+def write_files(solved: Solved, folder: Path) -> list[Path]:
+    """One VTU file per asked instant: displacement, Cauchy stress, von Mises, stretches, J, pressure, stiffness.
+
+    Part models are written as they are; the frame is the specimen's, lengths mm, stresses MPa.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    body, paths = solved.model.body, []
+    for k, point in enumerate(solved.result.points):
+        nodal = post.nodal(body, fields(solved, point))
+        surface = solved.system.pairs[0].surface
+        pressure = post.pressure_at_nodes(surface, point.evaluation.contact.pressure, len(body.nodes))
+        data = {
+            "cauchy_MPa": nodal.cauchy, "von_mises_MPa": nodal.von_mises, "stretches": nodal.stretches, "J": nodal.J,
+            "contact_pressure_MPa": pressure,
+        }  # fmt: skip
+        scale = solved.system.scale
+        cells = {} if scale is None else {"stiffness_ratio": (scale * body.w).sum(1) / body.w.sum(1)}
+        paths.append(folder / f"{k:03d}_{point.travel:.3f}mm.vtu")
+        post.write_vtu(paths[-1], body, point.evaluation.u, data, cells)
+    return paths
+
+
+def draw(solved: Solved, folder: Path) -> list[Path]:
+    """Two PNG per asked instant: a section through the contact and the surface from above."""
+    folder.mkdir(parents=True, exist_ok=True)
+    body, placement, paths = solved.model.body, solved.placement, []
+    for k, point in enumerate(solved.result.points):
+        nodal = post.nodal(body, fields(solved, point))
+        u, touch = point.evaluation.u, point.load.touches[0]
+        surface = solved.system.pairs[0].surface
+        points = contact.contact_points(surface, body.nodes + u)
+        on = point.evaluation.contact.pressure > 0
+        spikes = (points[on], point.evaluation.contact.pressure[on]) if on.any() else None
+        force = solved.result.Fz[k]
+        title = f"travel {point.travel:g} mm, Fz = {force:.4g} N"
+        normal = (0.0, 1.0, 0.0) if placement.planes[1] or not placement.planes[0] else (1.0, 0.0, 0.0)
+        paths.append(folder / f"{k:03d}_section.png")
+        post.draw_section(paths[-1], body, u, nodal.von_mises, "von Mises stress (MPa)", touch.centre, placement.R,
+                          normal, placement.planes, title, spikes)  # fmt: skip
+        paths.append(folder / f"{k:03d}_surface.png")
+        post.draw_surface(paths[-1], body.nodes, solved.model.facets, u, np.ascontiguousarray(u[:, 2]),
+                          "vertical displacement (mm)", placement.planes, touch.centre, placement.R, title)  # fmt: skip
+    return paths

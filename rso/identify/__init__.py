@@ -1,0 +1,60 @@
+"""Identification: what measured curves say about parameters, and how well they determine them."""
+
+from rso.identify.determination import Determination, Known, compare_weightings, determine
+from rso.identify.directions import Direction, Gain, best_depth, directions, gain
+from rso.identify.error_surface import ErrorSurface, Minimum, fit_surface, surface_minima
+from rso.identify.fitting import Fit, all_minima, descend, fit_at, gauss_newton
+from rso.identify.intervals import Interval, Profile, laplace, profile, quantiles, spread
+from rso.identify.likelihood import WEIGHTINGS, Data, Misfit, Model, covariance, stack, together
+from rso.identify.metric import MetricMinimum, curve_score, downhill, minimise
+from rso.identify.models import Place, emulated, has_gradients, resample, simulated, slope
+from rso.identify.sampling import Draws, sample
+from rso.identify.verdict import Verdict, judge
+
+__all__ = [
+    "WEIGHTINGS",
+    "Data",
+    "Determination",
+    "Direction",
+    "Draws",
+    "ErrorSurface",
+    "Fit",
+    "Gain",
+    "Interval",
+    "Known",
+    "MetricMinimum",
+    "Minimum",
+    "Misfit",
+    "Model",
+    "Place",
+    "Profile",
+    "Verdict",
+    "all_minima",
+    "best_depth",
+    "compare_weightings",
+    "covariance",
+    "curve_score",
+    "descend",
+    "determine",
+    "directions",
+    "downhill",
+    "emulated",
+    "fit_at",
+    "fit_surface",
+    "gain",
+    "gauss_newton",
+    "has_gradients",
+    "judge",
+    "laplace",
+    "minimise",
+    "profile",
+    "quantiles",
+    "resample",
+    "sample",
+    "simulated",
+    "slope",
+    "spread",
+    "stack",
+    "surface_minima",
+    "together",
+]

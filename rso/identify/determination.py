@@ -1,0 +1,163 @@
+"""How well measured curves determine the parameters: everything at once, from one misfit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2 as chi2_distribution
+
+from rso.identify import directions as along
+from rso.identify.directions import Direction, Gain, best_depth, gain, per_log
+from rso.identify.fitting import Fit, all_minima, fit_at
+from rso.identify.intervals import Interval, Profile, laplace, profile, quantiles, spread
+from rso.identify.likelihood import WEIGHTINGS, Data, Misfit
+from rso.identify.sampling import Draws, agree, sample
+from rso.identify.verdict import Verdict, judge, sentences
+
+LEVEL = 0.9
+UNLIKELY = 0.01  # a misfit that noise alone exceeds this seldom says that the model, or the noise, is wrong
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known of one parameter: best value, intervals (unit cube) by three methods, verdict, words.
+
+    `sd_log` is the standard deviation of ln θ by the Fisher information (of θ/range where θ may not be positive);
+    `mcmc` is None where no chain was run or its draws are too few; `agreement` says whether Laplace and MCMC agree.
+    """
+
+    name: str
+    value: float
+    sd_log: float
+    profile_interval: Interval
+    laplace: Interval
+    mcmc: Interval | None
+    agreement: bool | None
+    profile: Profile
+    verdict: Verdict
+    story: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Determination:
+    """Best fit and other minima of χ², goodness of fit, what is known of each parameter, directions, gains of tests.
+
+    `scale` >= 1 is what the errors were multiplied with because the model does not fit within them (Birge's ratio);
+    the χ² of `fit` is that before, the intervals are those after it.
+    """
+
+    misfit: Misfit
+    fit: Fit
+    others: tuple[Fit, ...]
+    degrees: int
+    p_value: float | None
+    scale: float
+    known: tuple[Known, ...]
+    directions: tuple[Direction, ...]
+    draws: Draws | None
+    gains: tuple[Gain, ...]
+    story: str
+
+    def of(self, name: str) -> Known:
+        """What is known of a parameter; KeyError if there is none of this name."""
+        found = {k.name: k for k in self.known}
+        return found[name]
+
+
+def determine(
+    misfit: Misfit, *, seed: int, near: np.ndarray | None = None, mcmc: bool = True, level: float = LEVEL
+) -> Determination:
+    """Identify the parameters and say how well they are determined.
+
+    Steps: all minima of χ² (also from the points `near`, (k, d)); errors widened by √(χ²/ν) where the fit is worse than
+    noise explains (p < 0.01; always with the weightings that have no noise); Laplace, profile and MCMC intervals.
+    Source of the widening: Birge, Phys. Rev. 40 (1932) 207, eq. 9.
+    """
+    minima = all_minima(misfit, seed=seed, near=near)
+    first, box = minima[0], misfit.model.box
+    ν = misfit.n - box.d
+    stated = misfit.weighting == "noise"
+    p = float(chi2_distribution.sf(first.chi2, ν)) if stated and ν > 0 else None
+    wrong = ν > 0 and first.chi2 > 0 and (not stated or (p is not None and p < UNLIKELY))
+    scale = math.sqrt(first.chi2 / ν) if wrong else 1.0
+    used = replace(misfit, scale=misfit.scale * scale)
+    fit = fit_at(used, first.x)
+    also = np.stack([m.x for m in minima[1:4]]) if len(minima) > 1 else None
+    profiles = [profile(used, fit, k, also) for k in range(box.d)]
+    draws = sample(used, fit, seed=seed) if mcmc else None
+    near_by = laplace(fit, level, seed)
+    drawn = quantiles(draws.X, level) if draws is not None and draws.enough else [None] * box.d
+    sd = spread(fit.fisher) / per_log(box, fit.x)
+    known = []
+    for k, name in enumerate(box.names):
+        known.append(_known(used, fit, name, k, float(sd[k]), profiles[k], near_by[k], drawn[k], level))
+    gains = _gains(used, fit)
+    return Determination(
+        misfit, first, tuple(minima[1:]), ν, p, scale, tuple(known), along.directions(box, fit.x, fit.fisher), draws,
+        gains, _story(misfit, first, ν, p, scale),
+    )  # fmt: skip
+
+
+def _known(
+    misfit: Misfit, fit: Fit, name: str, k: int, sd: float, p: Profile, near_by: Interval, drawn: Interval | None,
+    level: float,
+) -> Known:  # fmt: skip
+    box = misfit.model.box
+    interval = p.interval(level)
+    leaning = tuple(box.names[j] for j in p.leaning(level))
+    verdict = judge(box, k, interval, sd, leaning)
+    depth = np.concatenate([d.depth for d in misfit.data])
+    text, why = sentences(
+        box, k, verdict, interval, p, unit=misfit.data[0].unit, depth=depth, level=level, leaning=leaning
+    )
+    agreement = None if drawn is None else agree(near_by, drawn)
+    if agreement is False:
+        why += " The Gaussian interval is another one; both are shown."
+    return Known(name, float(fit.theta[k]), sd, interval, near_by, drawn, agreement, p, verdict, text, why.strip())
+
+
+def _gains(misfit: Misfit, fit: Fit) -> tuple[Gain, ...]:
+    """What the same test once more, and more readings at its best depth, would add."""
+    box, data = misfit.model.box, misfit.data
+    J = misfit.model.jacobian(fit.x)
+    found, start = [], 0
+    for d in data:
+        rows = J[start : start + len(d.value)]
+        C = (misfit.scale * np.eye(len(rows))) @ _definite(d) * misfit.scale
+        found.append(gain(box, fit.x, fit.fisher, f"{d.name} once more, with errors of its own", rows, C))
+        start += len(d.value)
+    sigma = np.concatenate([d.sigma for d in data]) * misfit.scale
+    depth = np.concatenate([d.depth for d in data])
+    worst = int(np.argmax(spread(fit.fisher) / per_log(box, fit.x)))
+    if sigma.max() > 0:
+        at, _ = best_depth(box, fit.x, fit.fisher, worst, J, sigma)
+        label = f"ten more readings at {depth[at]:.3g} mm"
+        rows = np.repeat(J[at : at + 1], 10, axis=0)
+        found.append(gain(box, fit.x, fit.fisher, label, rows, sigma[at] ** 2 * np.eye(10)))
+    return tuple(found)
+
+
+def _definite(d: Data) -> np.ndarray:
+    return d.covariance + (1e-6 * float(np.abs(d.value).max()) or 1e-12) ** 2 * np.eye(len(d.value))
+
+
+def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> str:
+    if misfit.weighting != "noise":
+        return f"All points count equally ({misfit.weighting} errors); their size is taken from what is left over."
+    if ν <= 0:
+        return "There are no more points than parameters: whether the model fits cannot be said."
+    text = f"χ² = {fit.chi2:.3g} for {ν} degrees of freedom"
+    if scale > 1:
+        return (
+            f"{text}: the model misses the data by {scale:.2g} times their stated errors, more than noise explains; "
+            "all intervals are widened by this factor."
+        )
+    return f"{text}: the model agrees with the data within their errors."
+
+
+def compare_weightings(misfit: Misfit, near: np.ndarray, *, seed: int) -> dict[str, Fit]:
+    """The best fit under each weighting ('noise', 'absolute', 'relative'), side by side."""
+    return {w: all_minima(replace(misfit, weighting=w, scale=1.0), seed=seed, near=near)[0] for w in WEIGHTINGS}

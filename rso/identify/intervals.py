@@ -1,0 +1,172 @@
+"""Intervals of each parameter: the Gaussian of the Fisher information inside the box, and the profile of the misfit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2 as chi2_distribution
+from scipy.stats import norm, qmc
+
+from rso.identify.fitting import Fit, descend
+from rso.identify.likelihood import Misfit
+
+DRAWS = 2**14  # of the Gaussian in the box: its 5 % quantile is then within 1 % of a standard deviation
+COARSE, FINE = 33, 17  # points of a profile over the whole box, and over ±4 standard deviations
+ON_BOUND = 1e-9
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Ends in the unit cube, and whether they are bounds of the box rather than the data's."""
+
+    low: float
+    high: float
+    at_low: bool = False
+    at_high: bool = False
+
+    @property
+    def open(self) -> bool:
+        """Whether a bound of the box cuts it off."""
+        return self.at_low or self.at_high
+
+
+def spread(fisher: np.ndarray) -> np.ndarray:
+    """√diag F⁻¹ (d,), infinite along what the data say nothing about."""
+    values, V = np.linalg.eigh(fisher)
+    seen = values > 1e-12 * max(float(values.max(initial=0.0)), 1e-300)
+    variance = (V[:, seen] ** 2 / values[seen]).sum(axis=1)
+    blind = (V[:, ~seen] ** 2).sum(axis=1) > 1e-12
+    return np.where(blind, np.inf, np.sqrt(variance))
+
+
+def gaussian(x: np.ndarray, fisher: np.ndarray, seed: int, draws: int = DRAWS) -> np.ndarray:
+    """Draws (n, d) of the Gaussian N(x, F⁻¹) restricted to the unit cube, quasi-random, n <= `draws`.
+
+    Along each eigenvector of F an independent Gaussian truncated to the cube's extent there; what falls outside of the
+    cube is rejected, which is exact.  ValueError if nothing is left.
+    """
+    d = len(x)
+    values, V = np.linalg.eigh(fisher)
+    sd = 1.0 / np.sqrt(np.maximum(values, 1e-12 * max(float(values.max(initial=0.0)), 1e-6)))
+    low = np.minimum(V, 0.0).sum(axis=0) - V.T @ x
+    high = np.maximum(V, 0.0).sum(axis=0) - V.T @ x
+    p = qmc.Sobol(d, seed=np.random.default_rng(seed)).random(draws)
+    a, b = norm.cdf(low / sd), norm.cdf(high / sd)
+    t = sd * norm.ppf(np.clip(a + p * (b - a), 1e-300, 1 - 1e-16))
+    X = x + t @ V.T
+    X = X[np.all((X >= 0) & (X <= 1), axis=1)]
+    if not len(X):
+        raise ValueError("gaussian: no draw lies in the unit cube; the point must lie in it")
+    return X
+
+
+def laplace(fit: Fit, level: float = 0.9, seed: int = 0) -> list[Interval]:
+    """Central intervals of the Gaussian approximation (Laplace 1774) with a flat prior inside the box.
+
+    x ± z √(F⁻¹)ᵢᵢ where all of them lie well inside; else quantiles of the Gaussian restricted to the box.
+    """
+    sd, tail = spread(fit.fisher), 0.5 * (1 - level)
+    if np.all((fit.x - 4 * sd > 0) & (fit.x + 4 * sd < 1)):
+        z = norm.ppf(1 - tail)
+        return [Interval(float(a), float(b)) for a, b in zip(fit.x - z * sd, fit.x + z * sd, strict=True)]
+    return quantiles(gaussian(fit.x, fit.fisher, seed), level)
+
+
+def quantiles(X: np.ndarray, level: float = 0.9) -> list[Interval]:
+    """Central intervals (d,) of draws X (n, d)."""
+    tail = 0.5 * (1 - level)
+    ends = np.quantile(X, [tail, 1 - tail], axis=0)
+    return [Interval(float(a), float(b)) for a, b in ends.T]
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Least misfit for each fixed value of one parameter.
+
+    `at` (g,) of the unit cube, `rise` (g,) = χ² − least χ², `path` (g, d) where the others go; `change` (g,) is the
+    change of the model against the best fit at the measured point where that is largest against its standard
+    uncertainty `sigma` (g,), both in the unit of the data, `point` (g,) the index of that point among all.
+    """
+
+    parameter: int
+    at: np.ndarray
+    rise: np.ndarray
+    path: np.ndarray
+    change: np.ndarray
+    sigma: np.ndarray
+    point: np.ndarray
+
+    def interval(self, level: float = 0.9) -> Interval:
+        """All values with rise <= the quantile of χ² with one degree of freedom; √rise is linear between grid points.
+
+        Outermost ends where there are several pieces.  Source: Venzon & Moolgavkar, Appl. Stat. 37 (1988) 87, eq. 1.
+        """
+        limit, root = math.sqrt(chi2_distribution.ppf(level, 1)), np.sqrt(np.maximum(self.rise, 0.0))
+        inside = np.flatnonzero(root <= limit)
+        if not len(inside):
+            best = float(self.at[int(np.argmin(root))])
+            return Interval(best, best)
+        first, last = int(inside[0]), int(inside[-1])
+        low = self._crossing(first, first - 1, root, limit) if first else float(self.at[0])
+        high = self._crossing(last, last + 1, root, limit) if last + 1 < len(self.at) else float(self.at[-1])
+        return Interval(low, high, low <= ON_BOUND, high >= 1 - ON_BOUND)
+
+    def leaning(self, level: float = 0.9) -> tuple[int, ...]:
+        """Other parameters on a bound of the box just beyond an end of this interval: that bound makes the end."""
+        i = self.interval(level)
+        rows = [] if i.at_low else [int(np.flatnonzero(self.at < i.low)[-1])]
+        rows += [] if i.at_high else [int(np.flatnonzero(self.at > i.high)[0])]
+        on = ((self.path[rows] <= 1e-3) | (self.path[rows] >= 1 - 1e-3)).any(axis=0)
+        on[self.parameter] = False
+        return tuple(int(j) for j in np.flatnonzero(on))
+
+    def _crossing(self, inner: int, outer: int, root: np.ndarray, limit: float) -> float:
+        share = (limit - root[inner]) / (root[outer] - root[inner])
+        return float(self.at[inner] + share * (self.at[outer] - self.at[inner]))
+
+
+def profile(misfit: Misfit, fit: Fit, parameter: int, also: np.ndarray | None = None) -> Profile:
+    """Profile of one parameter over the whole box, finer within ±4 standard deviations of the fit.
+
+    The others start where the Gaussian approximation takes them, at the best fit itself and at the points `also`
+    (k, d); the lowest counts.
+    """
+    d, k = len(fit.x), parameter
+    sd = spread(fit.fisher)
+    at = [np.linspace(0, 1, COARSE), [fit.x[k]]]
+    if np.isfinite(sd[k]):
+        at.append(np.clip(fit.x[k] + min(sd[k], 0.25) * np.linspace(-4, 4, FINE), 0, 1))
+    t = np.unique(np.round(np.concatenate(at), 12))
+    free = np.arange(d) != k
+    starts = [np.repeat(p[None], len(t), axis=0) for p in (fit.x, *(() if also is None else also))]
+    starts.insert(0, fit.x + np.outer(t - fit.x[k], _follow(fit.fisher, k)))
+    best, path = np.full(len(t), np.inf), np.repeat(fit.x[None], len(t), axis=0)
+    for start in starts if d > 1 else starts[:1]:
+        X = np.clip(start, 0.0, 1.0)
+        X[:, k] = t
+        X = descend(misfit, X, free)
+        S = misfit.chi2(X)
+        better = S < best
+        best[better], path[better] = S[better], X[better]
+    floor = min(fit.chi2, float(best.min()))
+    return Profile(k, t, best - floor, path, *_changes(misfit, fit, path))
+
+
+def _follow(fisher: np.ndarray, k: int) -> np.ndarray:
+    """How the others move per step of parameter k along the valley: −F₂₂⁻¹ F₂₁, and 1 for k itself."""
+    free = np.arange(len(fisher)) != k
+    slope = np.ones(len(fisher))
+    if free.any():
+        slope[free] = -np.linalg.lstsq(fisher[np.ix_(free, free)], fisher[free, k], rcond=1e-10)[0]
+    return slope
+
+
+def _changes(misfit: Misfit, fit: Fit, path: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    moved = misfit.model.predict(path) - misfit.model.predict(fit.x[None])
+    sigma = np.concatenate([d.sigma for d in misfit.data])
+    sigma = np.maximum(sigma, 1e-12 * max(float(np.abs(moved).max()), 1e-300))
+    worst = np.argmax(np.abs(moved) / sigma, axis=1)
+    rows = np.arange(len(path))
+    return moved[rows, worst], sigma[worst], worst

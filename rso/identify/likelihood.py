@@ -1,0 +1,191 @@
+"""How likely measured curves are under a model: errors with their covariance, weights, misfit and its gradient.
+
+Everything works on the unit cube of a :class:`~rso.doe.Box`, where a parameter on a log scale is its logarithm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from rso.doe import Box
+
+Weighting = Literal["noise", "absolute", "relative"]
+WEIGHTINGS: tuple[Weighting, ...] = ("noise", "absolute", "relative")
+SMALLEST = 1e-6  # share of the largest value below which no error is believed: it keeps every covariance definite
+STEP = 1e-4  # of the unit cube, for differences: rounding (1e-16/h) and curvature (h²) are both below 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """One measured curve: `value` (n,) in `unit` at `depth` (n,) mm, and the covariance (n, n) of its errors."""
+
+    name: str
+    unit: str
+    depth: np.ndarray
+    value: np.ndarray
+    covariance: np.ndarray
+
+    def __post_init__(self) -> None:
+        u, y, C = (np.array(v, float) for v in (self.depth, self.value, self.covariance))
+        if u.ndim != 1 or not len(u) or y.shape != u.shape or C.shape != (len(u), len(u)):
+            raise ValueError(f"{self.name}: depth {u.shape}, value {y.shape} and covariance {C.shape} do not fit")
+        if not all(np.all(np.isfinite(v)) for v in (u, y, C)):
+            raise ValueError(f"{self.name}: depth, value and covariance must be finite")
+        for key, v in (("depth", u), ("value", y), ("covariance", C)):
+            object.__setattr__(self, key, v)
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """Standard uncertainty (n,) of each value."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def plus(self, covariance: np.ndarray) -> Data:
+        """The same curve with another independent error (n, n)."""
+        return replace(self, covariance=self.covariance + covariance)
+
+
+def covariance(
+    depth: np.ndarray, value: np.ndarray, slope: np.ndarray, *, white: float = 0.0, correlated: float = 0.0,
+    length: float = 0.0, gain: float = 0.0, depth_noise: float = 0.0, repeats: int = 1,
+    numerical: np.ndarray | None = None, numerical_length: float = np.inf,
+) -> np.ndarray:  # fmt: skip
+    """Covariance (n, n) of the mean of `repeats` curves y(u) with slope y′ (n,), against a model with its own error.
+
+        C = [σ² I + c² e^{−|Δu|/ℓ} + g² y yᵀ + δ² diag(y′²)] / r  +  s sᵀ e^{−|Δu|/L}
+
+    `white` σ and `correlated` c in the unit of y, the latter over the `length` ℓ (mm); `gain` g relative, one draw for
+    a whole repeat; `depth_noise` δ in mm, white, propagated by the slope; `numerical` s (n,), the model's error, which
+    belongs together over the length L and is not reduced by repeats.  ValueError for negative sizes.
+    """
+    u, y, dy = (np.asarray(v, float) for v in (depth, value, slope))
+    if min(white, correlated, length, gain, depth_noise) < 0 or repeats < 1 or not numerical_length > 0:
+        raise ValueError("covariance: sizes must be >= 0, repeats >= 1 and numerical_length > 0")
+    apart = np.abs(u[:, None] - u)
+    C = white**2 * np.eye(len(u)) + gain**2 * np.outer(y, y) + depth_noise**2 * np.diag(dy**2)
+    C += correlated**2 * (np.exp(-apart / length) if length > 0 else np.eye(len(u)))
+    C /= repeats
+    return C if numerical is None else C + together(u, numerical, numerical_length)
+
+
+def together(depth: np.ndarray, size: np.ndarray, length: float = np.inf) -> np.ndarray:
+    """Covariance (n, n) of an error of the given size (n,) that belongs together over a length (mm) of depth."""
+    u, s = np.asarray(depth, float), np.asarray(size, float)
+    return np.outer(s, s) * np.exp(-np.abs(u[:, None] - u) / length)
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """θ → all measured points: `predict` X (k, d) in the unit cube of `box` → (k, n).
+
+    `derivative` x (d,) → (n, d) in the same coordinates; None: central differences, one-sided at the bounds.
+    """
+
+    box: Box
+    predict: Callable[[np.ndarray], np.ndarray]
+    derivative: Callable[[np.ndarray], np.ndarray] | None = None
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """∂f/∂x (n, d) at x (d,)."""
+        if self.derivative is not None:
+            return np.asarray(self.derivative(np.asarray(x, float)), float)
+        return self.jacobians(np.asarray(x, float)[None])[0]
+
+    def jacobians(self, X: np.ndarray, free: np.ndarray | None = None) -> np.ndarray:
+        """∂f/∂x (k, n, f) at many points by differences, along the `free` axes only; one call of `predict`."""
+        k, d = X.shape
+        axes = np.arange(d) if free is None else np.flatnonzero(free)
+        up, down = (np.repeat(X[:, None], len(axes), axis=1) for _ in range(2))
+        rows = np.arange(len(axes))
+        up[:, rows, axes] = np.minimum(up[:, rows, axes] + STEP, 1.0)
+        down[:, rows, axes] = np.maximum(down[:, rows, axes] - STEP, 0.0)
+        both = np.concatenate([up.reshape(-1, d), down.reshape(-1, d)])
+        high, low = self.predict(both).reshape(2, k, len(axes), -1)
+        width = up[:, rows, axes] - down[:, rows, axes]
+        return np.swapaxes((high - low) / width[:, :, None], 1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """χ²(x) = ‖W (f(x) − y)‖² of a model against all data at once.
+
+    W is the inverse Cholesky factor of the covariance ('noise'), 1 ('absolute') or 1/|y| ('relative', points with |y|
+    below `SMALLEST` of the largest have no weight); with the latter two the size of the errors is taken from what is
+    left over.  `scale` divides W: errors that are known only in their relation to one another.
+    """
+
+    model: Model
+    data: tuple[Data, ...]
+    weighting: Weighting = "noise"
+    scale: float = 1.0
+    _whiten: tuple[np.ndarray, ...] = field(init=False, repr=False)
+    _value: np.ndarray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.weighting not in WEIGHTINGS:
+            raise ValueError(f"weighting {self.weighting!r}; choose one of {', '.join(WEIGHTINGS)}")
+        if not self.data or not self.scale > 0:
+            raise ValueError("a misfit needs data and a scale > 0")
+        object.__setattr__(self, "data", tuple(self.data))
+        object.__setattr__(self, "_whiten", tuple(_whitening(d, self.weighting) / self.scale for d in self.data))
+        object.__setattr__(self, "_value", np.concatenate([d.value for d in self.data]))
+
+    @property
+    def n(self) -> int:
+        """Number of measured points."""
+        return len(self._value)
+
+    def white(self, change: np.ndarray) -> np.ndarray:
+        """W applied along the last axis (..., n): a change of the curves in units of their noise."""
+        parts, start = [], 0
+        for W in self._whiten:
+            parts.append(change[..., start : start + len(W)] @ W.T)
+            start += len(W)
+        return np.concatenate(parts, axis=-1)
+
+    def residuals(self, X: np.ndarray) -> np.ndarray:
+        """W (f − y) (k, n) at X (k, d)."""
+        return self.white(self.model.predict(np.atleast_2d(X)) - self._value)
+
+    def chi2(self, X: np.ndarray) -> np.ndarray:
+        """χ² (k,) at X (k, d)."""
+        return np.sum(self.residuals(X) ** 2, axis=1)
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """W ∂f/∂x (n, d) at x (d,)."""
+        return self.white(self.model.jacobian(x).T).T
+
+    def gradient(self, x: np.ndarray) -> np.ndarray:
+        """∂χ²/∂x (d,) = 2 Jᵀ r."""
+        return 2 * self.jacobian(x).T @ self.residuals(x)[0]
+
+
+def _whitening(data: Data, weighting: Weighting) -> np.ndarray:
+    n, y = len(data.value), np.abs(data.value)
+    largest = float(y.max())
+    if weighting == "absolute":
+        return np.eye(n)
+    if weighting == "relative":
+        return np.diag(np.where(y > SMALLEST * largest, 1.0 / np.where(y > 0, y, 1.0), 0.0))
+    floor = SMALLEST * (largest or 1.0)
+    try:
+        L = cholesky(data.covariance + floor**2 * np.eye(n), lower=True)
+    except np.linalg.LinAlgError as error:
+        raise ValueError(f"{data.name}: the covariance of the errors is not positive definite") from error
+    return solve_triangular(L, np.eye(n), lower=True)
+
+
+def stack(models: Sequence[Model]) -> Model:
+    """One model of all curves from a model of each, over the same box."""
+    models = tuple(models)
+    if any(m.box != models[0].box for m in models):
+        raise ValueError("stack: the models need the same box")
+    return Model(
+        models[0].box,
+        lambda X: np.concatenate([m.predict(X) for m in models], axis=1),
+        None if any(m.derivative is None for m in models) else lambda x: np.vstack([m.jacobian(x) for m in models]),
+    )

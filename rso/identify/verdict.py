@@ -1,0 +1,109 @@
+"""What an interval says about a parameter, in one word, in digits and in sentences."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from rso.doe import Box
+from rso.identify.intervals import Interval, Profile
+
+Word = Literal["determined", "weakly", "not"]
+WORDS = {"determined": "is determined", "weakly": "is weakly determined", "not": "is not determined"}
+FACTOR = 1.75  # a 90 % interval of up to half of the value either way, one digit, is a value (sd of ln θ up to 0.34)
+LEANING = 1.25  # the same where the range of another parameter makes an end: that is not the merit of the data
+SHARE = 0.5  # of the range searched: an interval that leaves more than this says nothing
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One word; how many digits of the value are warranted (0: none); by how much the noise would have to fall."""
+
+    word: Word
+    digits: int
+    noise_factor: float | None
+
+
+def judge(box: Box, k: int, interval: Interval, sd_log: float | None, leaning: tuple[str, ...] = ()) -> Verdict:
+    """'determined': the interval lies inside the box and its ends are within a factor 1.75 of its middle; 'not': it
+    covers half of the box or ends at both bounds; 'weakly': what lies between.
+
+    Parameters that may be zero or negative are measured against their range: within ± 10 % of it is determined.
+    `leaning` names other parameters whose bounds end the interval; then a factor 1.25 is asked for.  `sd_log` is the
+    standard deviation of ln θ by the Fisher information; the noise must fall to `noise_factor` of
+    what it is for the value to be determined.
+    """
+    low, high = physical(box, k, interval)
+    width = interval.high - interval.low
+    if low > 0:
+        most = math.log(LEANING if leaning else FACTOR)
+        close, digits = 0.5 * math.log(high / low) <= most, _digits(math.sqrt(low * high), low, high)
+    else:
+        close, digits = width <= 0.2, _digits(0.5 * (low + high), low, high)
+    if close and not interval.open:
+        return Verdict("determined", digits, None)
+    word: Word = "not" if width >= SHARE or (interval.at_low and interval.at_high) else "weakly"
+    wanted = math.log(FACTOR) / 1.645
+    factor = wanted / sd_log if sd_log is not None and math.isfinite(sd_log) and sd_log > wanted else None
+    return Verdict(word, digits if word == "weakly" and not interval.open else 0, factor)
+
+
+def physical(box: Box, k: int, interval: Interval) -> tuple[float, float]:
+    """Ends of an interval of parameter k in its unit."""
+    X = np.full((2, box.d), 0.5)
+    X[:, k] = np.clip([interval.low, interval.high], 0.0, 1.0)
+    low, high = box.from_unit(X)[:, k]
+    return float(low), float(high)
+
+
+def _digits(value: float, low: float, high: float) -> int:
+    """Significant digits down to the size of the half-width: 9.98 ± 0.12 has 2, 47 ± 30 has 1."""
+    half = 0.5 * (high - low)
+    if value == 0 or half <= 0:
+        return 1
+    return int(max(1, min(6, math.floor(math.log10(abs(value))) - math.floor(math.log10(half)) + 1)))
+
+
+def sentences(
+    box: Box, k: int, verdict: Verdict, interval: Interval, profile: Profile, *, unit: str, depth: np.ndarray,
+    level: float = 0.9, leaning: tuple[str, ...] = (),
+) -> tuple[str, str]:  # fmt: skip
+    """The verdict in one sentence, and its reason: how little the curve changes where nothing is determined.
+
+    `depth` (n,) mm of all measured points, in the order of the misfit's data, whose unit is `unit`.
+    """
+    name, of = box.names[k], box.units[k]
+    tail = f" {of}" if of else ""
+    low, high = physical(box, k, interval)
+    span = f"{low:.3g} to {high:.3g}{tail}"
+    other = f", as long as {' and '.join(leaning)} stay{'s' if len(leaning) == 1 else ''} in range" if leaning else ""
+    if verdict.word == "determined":
+        return f"{name} is determined: with {100 * level:.0f} % confidence {span}{_either_way(low, high)}{other}.", ""
+    ends = [w for w, at in (("lower", interval.at_low), ("upper", interval.at_high)) if at]
+    bounds = f", as far as the {' and the '.join(ends)} bound of the search" if ends else other
+    text = f"{name} {WORDS[verdict.word]}: every value from {span} agrees with the curve{bounds}."
+    inside = (profile.at >= interval.low - 1e-9) & (profile.at <= interval.high + 1e-9)
+    worst = int(np.flatnonzero(inside)[np.argmax(np.abs(profile.change[inside]) / profile.sigma[inside])])
+    change, sigma = size(abs(profile.change[worst]), unit), size(profile.sigma[worst], unit)
+    others = "with the others following, " if box.d > 1 else ""
+    why = f"From end to end, {others}the curve changes by {change} where that shows most"
+    why += f" ({depth[profile.point[worst]]:.3g} mm), and is uncertain by {sigma} there."
+    if verdict.noise_factor is not None:
+        why += f" It would be determined with the noise {1 / verdict.noise_factor:.2g} times smaller."
+    return text, why
+
+
+def _either_way(low: float, high: float) -> str:
+    if low <= 0:
+        return ""
+    half = math.sqrt(high / low)
+    return f" (±{100 * (half - 1):.2g} %)" if half < 1.2 else f" (a factor {half:.2g} either way)"
+
+
+def size(value: float, unit: str) -> str:
+    """A small quantity with two digits: forces in mN, displacements in µm."""
+    scaled = {"N": ("mN", 1e3), "mm": ("µm", 1e3)}.get(unit, (unit, 1.0))
+    return f"{value * scaled[1]:.2g} {scaled[0]}".rstrip()

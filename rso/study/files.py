@@ -1,0 +1,68 @@
+"""What lies in the results folder beside the store: results.json and runs.csv."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from rso.contract import plain
+
+STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
+
+
+def earlier(path: Path, begun: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Results that an earlier call left for the same study, data and backend as those that are `begun`; else None."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        same = all(found[k] == begun[k] for k in ("schema", "parameters", "outputs"))
+        same &= all(found["backend"][k] == begun["backend"][k] for k in ("name", "numerics"))
+        same &= all(found["provenance"][k] == begun["provenance"][k] for k in ("rso", "study_sha256", "data_sha256"))
+        return found if same and found["stage"] in STAGES and isinstance(found["timings"], dict) else None
+    except (OSError, ValueError, LookupError, TypeError):  # there is none, or somebody wrote something else there
+        return None
+
+
+def write(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:
+    """Replace the file in one step, so that a reader never sees half of it; returns what was written, plain."""
+    data = plainly(results)
+    temporary = path.with_suffix(".tmp")
+    text = json.dumps(data, indent=1, allow_nan=False)
+    try:
+        temporary.write_text(text, encoding="utf-8")
+        os.replace(temporary, path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error  # the temporary name says nothing to anybody
+    return data
+
+
+def plainly(results: Mapping[str, Any]) -> dict[str, Any]:
+    """The same as JSON can say it."""
+    data: dict[str, Any] = _finite(plain(results))
+    return data
+
+
+def write_runs(path: Path, found: Mapping[str, Any]) -> None:
+    """All runs as a table: state, values with units, outputs; empty cells where a run has no answer."""
+    units = {p["name"]: p["unit"] for p in found["parameters"]}
+    rows = [
+        {k: r[k] for k in ("key", "purpose", "state", "cause", "reason", "wall_s", "cpu_s")}
+        | {f"{n} [{units.get(n, '')}]": v for n, v in r["values"].items()}
+        | r["outputs"]
+        for r in found["runs"]
+    ]
+    pd.DataFrame(rows).to_csv(path, index=False)
+
+
+def _finite(data: Any) -> Any:
+    """NaN and infinities become null: JSON has no word for them."""
+    if isinstance(data, dict):
+        return {k: _finite(v) for k, v in data.items()}
+    if isinstance(data, list):
+        return [_finite(v) for v in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data

@@ -1,0 +1,180 @@
+"""Sensitivities of a study on its surrogates: local, Morris, Sobol, at the targets and along the curves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rso import sensitivity
+from rso.emulator import Emulator, Output
+from rso.study.plan import Plan, limited
+from rso.study.stages import Fitted
+from rso.targets import violations
+
+ALONG = 512  # base points of the indices along a curve, at most
+CURVE = 21  # points of a local curve
+
+
+@dataclass(frozen=True, eq=False)
+class Along:
+    """Sensitivities of one channel at one travel of a curve."""
+
+    output: Output
+    bars: tuple[sensitivity.LocalBar, ...]
+    sobol: sensitivity.SobolIndices | None
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """Local bars and curves (x, y), Morris and Sobol by output id at or over the ranges, and along the curves.
+
+    `at` (d,) is the middle of the ranges in the unit cube of the study's box. `refused` says why there are no indices.
+    """
+
+    at: np.ndarray
+    local: Mapping[str, tuple[sensitivity.LocalBar, ...]]
+    curves: Mapping[str, tuple[tuple[np.ndarray, np.ndarray], ...]]
+    morris: Mapping[str, sensitivity.Morris]
+    sobol: Mapping[str, sensitivity.SobolIndices]
+    along: tuple[Along, ...]
+    restricted: bool
+    refused: str | None
+
+
+def analyse(plan: Plan, fitted: Fitted) -> Sensitivity:
+    """Sensitivities of the targets of the main search and of the extra outputs; along the curves those of the targets.
+
+    Only the part of the ranges counts that respects the conditions between parameters and the limits on outputs.
+    """
+    table, emulator = plan.study.sensitivity, fitted.emulator
+    low, high = plan.searches[0].low, plan.searches[0].high  # a circumscribed design is wider than the ranges
+    box, d = plan.box, plan.box.d
+    centre = low + 0.5 * (high - low)
+    wanted = list(dict.fromkeys([*plan.searches[0].outputs, *(o for o in emulator.outputs if o in plan.extras)]))
+    limits = feasible(plan, emulator)
+    inside = None if limits is None else lambda U: limits(low + U * (high - low))
+    samples = 2 ** max(2, round(np.log2(table.samples)))
+    local, curves, morris, sobol, along, refused = {}, {}, {}, {}, [], None
+
+    def indices(output: Output, n: int) -> sensitivity.SobolIndices | None:
+        nonlocal refused
+        try:
+            return sensitivity.sobol(predict(output), d, plan.seed, n=n, constraint=inside) if table.sobol else None
+        except ValueError as error:
+            refused = str(error)
+            return None
+
+    def predict(output: Output) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda U: emulator.mean(output, low + U * (high - low))
+
+    ranges = _ranges(box, low, high)
+    for output in wanted:
+        if table.local:
+            local[output.id] = sensitivity.local(predict(output), np.full(d, 0.5), box.names, ranges)
+            curves[output.id] = tuple(_curve(predict(output), j, d, ranges) for j in range(d))
+        if table.morris:
+            try:
+                morris[output.id] = sensitivity.morris(predict(output), d, plan.seed, constraint=inside)
+            except ValueError as error:
+                refused = str(error)
+        found = indices(output, samples)
+        if found is not None:
+            sobol[output.id] = found
+    channels = {(o.experiment, o.channel) for o in plan.searches[0].outputs}
+    for output in emulator.outputs if table.local or table.sobol else ():
+        if (output.experiment, output.channel) in channels:
+            bars = sensitivity.local(predict(output), np.full(d, 0.5), box.names, ranges) if table.local else ()
+            known = sobol.get(output.id)
+            along.append(Along(output, bars, known or indices(output, min(samples, ALONG))))
+    along.sort(key=lambda a: (a.output.experiment, a.output.channel, a.output.depth_mm))
+    return Sensitivity(centre, local, curves, morris, sobol, tuple(along), inside is not None, refused)
+
+
+def feasible(plan: Plan, emulator: Emulator) -> Callable[[np.ndarray], np.ndarray] | None:
+    """Mask of points of the unit cube that respect every condition and limit; None where there are none."""
+    limited_outputs = [limited(c) for c in plan.constraints]
+    if not (limited_outputs or plan.conditions):
+        return None
+
+    def inside(X: np.ndarray) -> np.ndarray:
+        good = plan.feasible(X)
+        if limited_outputs and good.any():
+            over = violations(plan.constraints, emulator.means(limited_outputs, X[good]))
+            good[good] = np.all(over <= 0, axis=1)
+        return good
+
+    return inside
+
+
+def _ranges(box, low: np.ndarray, high: np.ndarray):
+    """The box of the ranges that the study states, whatever the design needed."""
+    ends = box.from_unit(np.stack([low, high]))
+    return type(box)(box.names, box.units, tuple(map(float, ends[0])), tuple(map(float, ends[1])), box.log)
+
+
+def _curve(predict, j: int, d: int, ranges) -> tuple[np.ndarray, np.ndarray]:
+    x, y = sensitivity.curve(predict, np.full(d, 0.5), j, n=CURVE)
+    U = np.full((CURVE, d), 0.5)
+    U[:, j] = x
+    return ranges.from_unit(U)[:, j], y
+
+
+def of_sensitivity(plan: Plan, found: Sensitivity) -> dict[str, object]:
+    """The block `sensitivity` of results.json."""
+    names = plan.box.names
+    logs = [n for n, log in zip(names, plan.box.log, strict=True) if log]
+    excluded = next((s.excluded for s in found.sobol.values()), 0.0)
+    story = (
+        "Local: one parameter goes over its range, the others stay in the middle of theirs; elasticity is "
+        "d ln y / d ln theta there. Sobol: shares of the variance when all parameters vary independently and "
+        f"uniformly over their ranges{' (in the logarithm of ' + ', '.join(logs) + ')' if logs else ''}."
+    )
+    if found.morris:
+        story += " Morris: mean size (mu*) and spread (sigma) of the change per full range, along random trajectories."
+    if found.restricted:
+        story += f" The constraints leave out {100 * excluded:.0f} % of the ranges; indices are over the rest."
+    if found.refused:
+        story += f" No indices for some outputs: {found.refused}."
+    return {
+        "sensitivity": {
+            "at": plan.values(found.at),
+            "local": [_bar(o, b) for o, bars in found.local.items() for b in bars],
+            "curves": [
+                {"output": o, "parameter": n, "x": x, "y": y}
+                for o, pairs in found.curves.items()
+                for n, (x, y) in zip(names, pairs, strict=True)
+            ],
+            "morris": [
+                {"output": o, "parameter": n, "mu": m.mu[k], "mu_star": m.mu_star[k], "sigma": m.sigma[k]}
+                for o, m in found.morris.items()
+                for k, n in enumerate(names)
+            ],
+            "sobol": [_share(o, s, k, n) for o, s in found.sobol.items() for k, n in enumerate(names)],
+            "along": [
+                {"experiment": a.output.experiment, "channel": a.output.channel, "depth_mm": a.output.depth_mm}
+                | ({} if not a.bars else {k: v for k, v in _bar(a.output.id, a.bars[j]).items() if k != "parameter"})
+                | ({} if a.sobol is None else _share(a.output.id, a.sobol, j, n))
+                | {"parameter": n}
+                for a in found.along
+                for j, n in enumerate(names)
+            ],
+            "excluded": excluded,
+            "story": story,
+        }
+    }
+
+
+def _bar(output: str, b: sensitivity.LocalBar) -> dict[str, object]:
+    return {
+        "output": output, "parameter": b.name, "low": b.at_low, "high": b.at_high, "change": b.change,
+        "elasticity": b.elasticity,
+    }  # fmt: skip
+
+
+def _share(output: str, s: sensitivity.SobolIndices, k: int, name: str) -> dict[str, object]:
+    return {
+        "output": output, "parameter": name, "first": s.first[k], "first_interval": s.first_interval[k],
+        "total": s.total[k], "total_interval": s.total_interval[k],
+    }  # fmt: skip

@@ -1,0 +1,187 @@
+"""Every way of not having an answer: its cause class, its words, and what was reached."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fem_backend import newton, stepping
+from fem_backend.backend import BACKEND
+from fem_backend.stepping import Control, Stopped
+from rso.contract import CAUSES, Case, Programme, SimulationFailed
+
+SMALL = {"mesher": "mapped", "n": 6, "slip": 0.3}
+VALUES = {"mu": 0.01, "D1": 5.8}
+
+
+def failed(values, asked=(0.5, 1.0), **settings) -> SimulationFailed:
+    with pytest.raises(SimulationFailed) as caught:
+        BACKEND({**VALUES, **values}, Case("c", Programme.ramp(tuple(asked), 1.0), {"mesh": SMALL, **settings}))
+    assert caught.value.cause in CAUSES
+    return caught.value
+
+
+# ---------------------------------------------------------------------------------------------- values
+
+
+@pytest.mark.parametrize(
+    "values,settings,words",
+    [
+        ({"delta_c": -36.0}, {}, ["semi-axes", "-1"]),
+        ({"delta_R": -3.0}, {}, ["indenter", "0 mm"]),
+        ({"delta_R": 20.0}, {}, ["indenter", "23 mm"]),
+        ({"offset_x": 70.0}, {}, ["mm"]),
+        ({"delta_a": -40.0}, {"point": [25.0, 0.0]}, ["point", "25", "not above"]),
+        ({"inclusion_ratio": 3.0, "inclusion_radius": 50.0}, {}, ["inclusion"]),
+        ({"inclusion_ratio": 3.0, "inclusion_x": 59.0}, {}, ["inclusion"]),
+        ({"cavity": 9.0}, {}, ["cavity"]),
+        ({}, {"mesh": {"mesher": "mapped", "n": 6, "slip": 0.6}}, ["mesh", "volume"]),
+        ({}, {"profile": [[70.0, 0.0]]}, ["profile"]),
+    ],
+)
+def test_bad_geometry(values, settings, words):
+    failure = failed(values, **settings)
+    assert failure.cause == "bad_geometry" and failure.partial is None
+    for word in words:
+        assert word in failure.reason, failure.reason
+
+
+@pytest.mark.parametrize(
+    "values,settings",
+    [
+        ({"prony_g": 0.6, "prony_g2": 0.5}, {}),
+        ({"prony_g": 0.5, "prony_g2": 0.3, "prony_g3": 0.2}, {}),
+        ({"prony_g": 0.5}, {"material": {"prony": [[0.6, 1.0]]}}),
+    ],
+)
+def test_prony_shares_that_leave_nothing_are_inadmissible(values, settings):
+    failure = failed(values, **settings)
+    assert failure.cause == "inadmissible" and "Prony" in failure.reason and "1" in failure.reason
+
+
+@pytest.mark.parametrize(
+    "values,law",
+    [
+        ({"C01": 1e-3, "C20": 1e-3}, "neo_hookean"),
+        ({"C30": 1e-3, "alpha": 3.0}, "neo_hookean"),
+        ({"C01": 1e-3}, "yeoh"),
+        ({"alpha": 3.0}, "mooney_rivlin"),
+        ({"C20": 1e-3}, "linear_elastic"),
+        ({"fibre": 1e-3}, "linear_elastic"),
+        ({"prony_g": 0.1}, "linear_elastic"),
+        ({"mullins": 0.1}, "linear_elastic"),
+    ],
+)
+def test_laws_that_do_not_combine_are_not_supported(values, law):
+    failure = failed(values, material={"law": law})
+    assert failure.cause == "not_supported" and "law" in failure.reason
+
+
+@pytest.mark.parametrize("values,law", [({"C01": 1e-3}, "mooney_rivlin"), ({"alpha": 3.0}, "ogden"), ({"C20": 1e-4}, "yeoh")])
+def test_a_knob_switches_its_law_on(values, law):
+    """Negative control: the law named in the settings or not, the same answer."""
+    answers = [
+        BACKEND({**VALUES, **values}, Case("c", Programme.ramp((0.5,)), {"mesh": SMALL, "material": {"law": name}}))
+        for name in ("neo_hookean", law)
+    ]
+    np.testing.assert_array_equal(answers[0].channels["Fz"], answers[1].channels["Fz"])
+
+
+# ---------------------------------------------------------------------------------------------- runs that end early
+
+
+def test_what_was_reached_comes_with_the_failure():
+    """10.5 mm into elements of 5 mm: the curve so far is that of a run that ends there."""
+    failure = failed({}, (0.5, 1.0, 10.5))
+    assert failure.cause in ("inversion", "step_limit", "instability", "contact")
+    assert failure.history and {"iteration", "residual"} == set(failure.history[0])
+    reached = failure.partial.channels
+    assert reached["travel"].tolist() == [0.5, 1.0]
+    whole = BACKEND(VALUES, Case("c", Programme.ramp((0.5, 1.0), 1.0), {"mesh": SMALL})).channels
+    for name, channel in whole.items():
+        np.testing.assert_allclose(reached[name], channel, rtol=1e-9, err_msg=name)
+    assert "mm" in failure.reason
+
+
+@pytest.mark.parametrize("values", [{"prony_g": 0.2}, {"friction": 0.3}, {"mullins": 0.3}], ids=str)
+def test_what_a_path_reached_comes_with_the_failure(values, brittle):
+    failure = failed(values, (0.25, 0.5, 3.0))
+    assert failure.cause == "inversion" and failure.history
+    reached = failure.partial.channels
+    assert reached["travel"].tolist() == [0.25, 0.5]
+    whole = BACKEND({**VALUES, **values}, Case("c", Programme.ramp((0.25, 0.5), 1.0), {"mesh": SMALL})).channels
+    for name, channel in whole.items():
+        np.testing.assert_allclose(reached[name], channel, rtol=1e-9, err_msg=name)
+
+
+@pytest.fixture
+def brittle(monkeypatch):
+    """Elements that turn over beyond some displacement, whatever the step."""
+    true = newton.evaluate
+
+    def evaluate(system, u, load):
+        if u[:, 2].min() < -0.6:
+            raise newton.stress.Inverted("element 7 is inside out")
+        return true(system, u, load)
+
+    monkeypatch.setattr(newton, "evaluate", evaluate)
+
+
+def test_inversion_is_said_where_no_step_is_small_enough(small, brittle):
+    with pytest.raises(Stopped) as stopped:
+        small.solve([0.5, 2.0])
+    assert stopped.value.cause == "inversion" and [p.travel for p in stopped.value.points] == [0.5]
+    assert stopped.value.counters.cutbacks > 2
+
+
+def test_indefinite_tangent_is_an_instability(small, monkeypatch):
+    """A matrix that no shift repairs."""
+
+    def refuse(data):
+        raise newton.NotPositiveDefinite("negative pivot")
+
+    broken = replace(small, model=replace(small.model, factor=refuse))
+    with pytest.raises(Stopped) as stopped:
+        broken.solve([0.5])
+    assert stopped.value.cause == "instability" and stopped.value.points == []
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Process time that goes on by one second whenever somebody looks."""
+    ticks = itertools.count()
+    monkeypatch.setattr(newton.time, "process_time", lambda: float(next(ticks)))
+
+
+@pytest.mark.parametrize("knobs", [{}, {"prony_g": 0.2}, {"friction": 0.2}, {"weight": 1e-5}])
+def test_time_limit_ends_a_run_and_keeps_what_was_reached(make_bench, clock, knobs):
+    """Enough for the first asked travel, not for the third."""
+    b = make_bench(knobs)
+    with pytest.raises(Stopped) as stopped:
+        b.solve([0.25, 1.0, 3.0], control=replace(Control(), time_limit_s=16.0))
+    assert stopped.value.cause == "time_limit", str(stopped.value)
+    assert len(stopped.value.points) < 3
+    assert len(b.solve([0.25], control=replace(Control(), time_limit_s=1e9)).Fz) == 1  # negative control
+
+
+def test_time_limit_is_not_mistaken_for_a_difficult_step(small, clock):
+    """No cut-backs are tried when the time is over."""
+    with pytest.raises(Stopped) as stopped:
+        small.solve([3.0], control=replace(Control(), time_limit_s=4.0))
+    assert stopped.value.cause == "time_limit" and stopped.value.counters.cutbacks <= 1
+
+
+def test_step_limit_after_the_cut_backs_that_the_control_allows(small, monkeypatch):
+    def never(*arguments, **more):
+        raise newton.NotConverged("contact", "no", (1.0, 0.5))
+
+    for knobs in ({}, {"prony_g": 0.3}):
+        b = small.other(**knobs)
+        with monkeypatch.context() as patch, pytest.raises(Stopped) as stopped:
+            patch.setattr(newton, "solve", never)
+            b.solve([1.0])
+        assert stopped.value.cause == "step_limit" and 2 < stopped.value.counters.cutbacks < 12
+        assert stopped.value.history == (1.0, 0.5) and stepping.Stopped is Stopped

@@ -1,0 +1,403 @@
+"""Likelihood, fits, intervals and verdicts, on closed forms and published fits."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import soft_ball
+from scipy.optimize import approx_fprime
+from scipy.stats import multivariate_normal, truncnorm
+
+from rso import identify
+from rso.contract import Response
+from rso.curves import metrics
+from rso.doe import Box
+from rso.emulator import Output, Sample, learn
+from rso.identify import Data, Misfit, Model
+from rso.identify.intervals import Interval
+from rso.identify.verdict import judge
+from rso.similarity import Group
+
+TRUTH = (0.01, 20.0)  # mu D1 = 0.2
+
+
+def linear(A, b=0.0, box=None):
+    """f(x) = A θ + b over a box (the unit cube unless given)."""
+    A = np.asarray(A, float)
+    d = A.shape[1]
+    box = box or Box([f"p{k}" for k in range(d)], ["1"] * d, [0.0] * d, [1.0] * d, [False] * d)
+    return Model(box, lambda X: box.from_unit(X) @ A.T + b)
+
+
+def curve(y, C=None, sigma=1.0):
+    y = np.asarray(y, float)
+    return Data("c", "N", np.arange(1.0, len(y) + 1), y, sigma**2 * np.eye(len(y)) if C is None else C)
+
+
+def ball(noise, seed=1, **more):
+    return Misfit(soft_ball.model(), (soft_ball.data(*TRUTH, noise, np.random.default_rng(seed), **more),))
+
+
+# ---- likelihood
+
+
+def test_the_family_has_the_sensitivities_of_the_full_model():
+    h = 1e-6
+    for u, expected in ((0.4, 0.030), (4.0, 0.011)):
+        up, down = (soft_ball.force(0.01, 5.8 * np.exp(s), u) for s in (h, -h))
+        assert -(np.log(up) - np.log(down)) / (2 * h) == pytest.approx(expected, rel=0.02)
+
+
+def test_covariance_is_that_of_simulated_repeats():
+    rng, r, n = np.random.default_rng(0), 3, 4000
+    u = np.array([0.5, 1.0, 2.0, 4.0])
+    y, slope = u**1.5, 1.5 * np.sqrt(u)
+    sizes = {"white": 0.1, "correlated": 0.2, "length": 1.0, "gain": 0.03, "depth_noise": 0.04}
+    s = 0.05 * y
+    C = identify.covariance(u, y, slope, repeats=r, numerical=s, **sizes)
+    L = np.linalg.cholesky(np.exp(-np.abs(u[:, None] - u)))
+    one = (
+        0.1 * rng.standard_normal((n, r, 4))
+        + 0.2 * rng.standard_normal((n, r, 4)) @ L.T
+        + 0.03 * rng.standard_normal((n, r, 1)) * y
+        + 0.04 * rng.standard_normal((n, r, 4)) * slope
+    )
+    drawn = one.mean(axis=1) + s * rng.standard_normal((n, 1))
+    # Standard error of a covariance: √((C_ii C_jj + C_ij²)/n); four of them.
+    spread = np.sqrt((np.outer(np.diag(C), np.diag(C)) + C**2) / n)
+    np.testing.assert_array_less(np.abs(np.cov(drawn.T) - C), 4 * spread)
+    assert identify.covariance(u, y, slope, repeats=100, numerical=s, **sizes)[3, 3] > s[3] ** 2  # repeats do not help
+
+
+def test_chi2_is_minus_twice_the_log_density():
+    m = ball(0.003, correlated=0.002, length=1.0, gain=0.01, depth_noise=0.01)
+    X = np.random.default_rng(0).random((5, 2))
+    (d,) = m.data
+    density = [multivariate_normal.logpdf(d.value, f, d.covariance) for f in m.model.predict(X)]
+    # A floor of 1e-6 of the largest value is added to every error: about (1e-6/0.006)² relative in χ².
+    np.testing.assert_allclose(np.diff(m.chi2(X)), -2 * np.diff(density), rtol=1e-6)
+
+
+def test_the_gradient_is_the_derivative_of_the_misfit():
+    m, x = ball(0.003), np.array([0.4, 0.6])
+    numeric = approx_fprime(x, lambda x: float(m.chi2(x[None])[0]), 1e-7)
+    np.testing.assert_allclose(m.gradient(x), numeric, rtol=1e-4)  # of the one-sided difference
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: curve([1.0, np.nan]), "finite"),
+        (lambda: Data("c", "N", np.ones(2), np.ones(3), np.eye(2)), "do not fit"),
+        (lambda: Misfit(linear([[1.0]]), (curve([1.0]),), "best"), "choose one of noise, absolute, relative"),
+        (lambda: Misfit(linear([[1.0]] * 2), (curve([1, 1], -np.eye(2)),)), "not positive definite"),
+        (lambda: identify.covariance([1.0], [1.0], [1.0], white=-1), ">= 0"),
+    ],
+)
+def test_misuse_is_refused_in_words(make, words):
+    with pytest.raises(ValueError, match=words):
+        make()
+
+
+# ---- fits
+
+
+STRAIN = [0.0819139, 0.166709, 0.25396, 0.343267, 0.434257, 0.526586, 0.619941, 0.714042, 0.80864, 0.903519, 0.998495,
+          1.09341]  # fmt: skip
+STRESS = [0.82788577, 1.5437247, 2.1686152, 2.7201819, 3.2129833, 3.6589498, 4.0677999, 4.4474142, 4.8041608, 5.143172,
+          5.4685772, 5.7836943]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("weighting", "published"),
+    # Relative: printed in ANSYS's Technology Showcase 15.1.  Absolute: least squares on the same twelve points.
+    [("relative", (1.338856, 0.5236214, -0.01648364)), ("absolute", (1.283033, 0.593477, -0.006902))],
+)
+def test_a_published_mooney_rivlin_fit_under_both_weightings(weighting, published):
+    λ = 1 + np.array(STRAIN)
+    I1, I2 = λ**2 + 2 / λ, 2 * λ + λ**-2
+    A = 2 * (λ - λ**-2)[:, None] * np.stack([np.ones(12), 1 / λ, (I2 - 3) + (I1 - 3) / λ], axis=1)
+    box = Box(["C10", "C01", "C11"], ["MPa"] * 3, [0.0, 0.0, -1.0], [3.0, 3.0, 1.0], [False] * 3)
+    fit = identify.gauss_newton(Misfit(linear(A, box=box), (curve(STRESS),), weighting), np.full(3, 0.5))
+    assert fit.converged and fit.at_bound == ()
+    np.testing.assert_allclose(fit.theta, published, rtol=2e-4 if weighting == "absolute" else 2e-6)  # printed digits
+
+
+def test_certified_standard_deviations():
+    # NIST StRD Misra1a: y = b1 (1 − exp(−b2 x)), errors of equal size.
+    x = np.array([77.6, 114.9, 141.1, 190.8, 239.9, 289, 332.8, 378.4, 434.8, 477.3, 536.8, 593.1, 689.1, 760])
+    y = [10.07, 14.73, 17.94, 23.93, 29.61, 35.18, 40.02, 44.82, 50.76, 55.05, 61.01, 66.4, 75.47, 81.78]
+    box = Box(["b1", "b2"], ["1", "1"], [50.0, 1e-4], [1000.0, 1e-2], [True, True])
+
+    def predict(X):
+        b = box.from_unit(X)
+        return b[:, :1] * (1 - np.exp(-b[:, 1:] * x))
+
+    found = identify.determine(Misfit(Model(box, predict), (curve(y),), "absolute"), seed=0, mcmc=False)
+    np.testing.assert_allclose(found.fit.theta, [238.94212918, 5.5015643181e-4], rtol=1e-7)
+    assert found.fit.chi2 == pytest.approx(0.12455138894, rel=1e-9)
+    sd = np.array([k.sd_log for k in found.known]) * found.fit.theta
+    np.testing.assert_allclose(sd, [2.7070075241, 7.2668688436e-6], rtol=1e-5)  # of the differences in the Jacobian
+
+
+def test_a_bound_is_kept_and_named():
+    misfit = Misfit(linear(np.eye(2)), (curve([0.5, 1.4]),))
+    for fit in (identify.gauss_newton(misfit, np.array([0.2, 0.2])), identify.all_minima(misfit, seed=0)[0]):
+        np.testing.assert_allclose(fit.x, [0.5, 1.0], atol=1e-5)
+        assert fit.at_bound == ("p1",)
+
+
+def test_many_starts_at_once_end_where_gauss_newton_ends():
+    m = ball(0.003)
+    X = identify.descend(m, np.random.default_rng(0).random((12, 2)))
+    one = identify.gauss_newton(m, np.array([0.5, 0.5]))
+    np.testing.assert_allclose(X, np.tile(one.x, (12, 1)), atol=1e-4)
+
+
+def test_two_minima_are_both_found():
+    box = Box(["p"], ["1"], [-1.0], [1.0], [False])
+    model = Model(box, lambda X: np.hstack([(t := box.from_unit(X)) ** 2, 0.01 * t]))
+    found = identify.all_minima(Misfit(model, (curve([0.25, 0.0], sigma=0.1),)), seed=0)
+    assert sorted(float(f.theta[0]) for f in found) == pytest.approx([-0.5, 0.5], abs=1e-3)
+
+
+# ---- models
+
+
+def test_a_backend_with_derivatives_costs_one_run_per_iteration():
+    calls = {"with": 0, "without": 0}
+    u = np.linspace(0.5, 4.0, 8)
+
+    def run(kind):
+        def one(values):
+            calls[kind] += 1
+            mu, D1, h = values["mu"], values["D1"], 1e-6
+            F = soft_ball.force(mu, D1, u)
+            slopes = {
+                "mu": {"Fz": (soft_ball.force(mu * (1 + h), D1, u) - F) / (mu * h)},
+                "D1": {"Fz": (soft_ball.force(mu, D1 * (1 + h), u) - F) / (D1 * h)},
+            }
+            channels = {"time": u, "travel": u, "Fz": F}
+            units = {"time": "s", "travel": "mm", "Fz": "N"}
+            return {"top": Response(channels, units, gradients=slopes if kind == "with" else {})}
+
+        return one
+
+    data = (soft_ball.data(*TRUTH, 0.003, depth=u),)
+    place = identify.Place("top", "Fz", u)
+    fits = {}
+    for kind in calls:
+        model = identify.simulated(soft_ball.BOX, run(kind), [place])
+        fits[kind] = identify.gauss_newton(Misfit(model, data), np.array([0.5, 0.5]), tolerance=1e-8)
+    assert calls["with"] <= fits["with"].evaluations + 1 <= 15  # one more where the end point is put on a bound
+    assert calls["without"] > 2 * calls["with"]
+    for fit in fits.values():
+        np.testing.assert_allclose(fit.theta, TRUTH, rtol=1e-3)
+
+
+def test_a_curve_from_an_emulator_is_its_spline_through_the_emulated_travels():
+    box, travel = soft_ball.BOX, np.linspace(0.5, 4.0, 8)
+    outputs = [Output("top", "Fz", float(u), "N") for u in travel]
+    X = np.random.default_rng(0).random((40, 2))
+    samples = []
+    for mu, D1 in box.from_unit(X):
+        F = soft_ball.force(mu, D1, travel)
+        samples.append(Sample({"mu": mu, "D1": D1}, {o.id: float(f) for o, f in zip(outputs, F, strict=True)}))
+    emulator = learn(box, Group(None, 1.0, {}, {"Fz": 0}, ""), outputs, samples, kind="polynomial", seed=0)
+    model, band = identify.emulated(emulator, identify.Place("top", "Fz", soft_ball.DEPTH))
+    x = np.array([[0.4, 0.6]])
+    exact = soft_ball.model().predict(x)
+    np.testing.assert_allclose(model.predict(x), exact, rtol=0.05, atol=1e-3)  # the polynomials' own error
+    at = [list(soft_ball.DEPTH).index(u) for u in soft_ball.DEPTH if np.min(np.abs(travel - u)) < 1e-9]
+    known = emulator.means(outputs, x)[0, [int(np.argmin(np.abs(travel - soft_ball.DEPTH[k]))) for k in at]]
+    np.testing.assert_allclose(model.predict(x)[0, at], known, rtol=1e-9)
+    assert band(x[0]).shape == (40,) and np.all(band(x[0]) > 0)
+    with pytest.raises(ValueError, match="no Fx of 'top'"):
+        identify.emulated(emulator, identify.Place("top", "Fx", soft_ball.DEPTH))
+
+
+# ---- intervals
+
+
+def test_the_gaussian_in_the_box_is_a_truncated_normal():
+    X = identify.intervals.gaussian(np.array([0.2]), np.array([[1 / 0.3**2]]), seed=0)
+    p = [0.05, 0.5, 0.95]
+    expected = truncnorm(-0.2 / 0.3, 0.8 / 0.3, 0.2, 0.3).ppf(p)
+    np.testing.assert_allclose(np.quantile(X[:, 0], p), expected, atol=1e-3)  # 16384 quasi-random points
+    # A direction that nothing is known of is uniform.
+    blind = identify.intervals.gaussian(np.array([0.5, 0.5]), np.diag([1e4, 0.0]), seed=0)
+    np.testing.assert_allclose(np.quantile(blind[:, 1], p), p, atol=2e-3)
+
+
+def test_chain_profile_and_formula_agree_on_a_gaussian():
+    A = np.array([[1.0, 0.9], [0.2, 1.0], [0.5, -0.3]])
+    y = A @ [0.5, 0.45]
+    found = identify.determine(Misfit(linear(A), (curve(y, sigma=0.04),)), seed=0)
+    sd = 0.04 * np.sqrt(np.diag(np.linalg.inv(A.T @ A)))
+    for k, known in enumerate(found.known):
+        ends = np.array([[known.profile_interval.low, known.profile_interval.high], [known.laplace.low,
+                         known.laplace.high], [known.mcmc.low, known.mcmc.high]])  # fmt: skip
+        expected = np.array([0.5, 0.45])[k] + 1.6449 * sd[k] * np.array([-1, 1])
+        np.testing.assert_allclose(ends[:2], np.tile(expected, (2, 1)), atol=1e-3 * sd[k] + 1e-6)
+        # 5 % quantiles of N independent draws scatter by 2.1 sd/√N; four of that.
+        np.testing.assert_allclose(ends[2], expected, atol=4 * 2.1 * sd[k] / np.sqrt(found.draws.independent))
+        assert known.agreement
+
+
+def test_where_the_gaussian_fails_the_disagreement_is_said():
+    box = Box(["p"], ["1"], [0.0], [1.0], [False])
+    found = identify.determine(Misfit(Model(box, lambda X: X**4), (curve([0.05], sigma=0.1),)), seed=0)
+    assert found.known[0].agreement is False and "both are shown" in found.known[0].reason
+
+
+def test_the_same_seed_gives_the_same_draws():
+    a, b, c = (identify.determine(ball(0.003), seed=s).draws.X for s in (0, 0, 1))
+    np.testing.assert_array_equal(a, b)
+    assert not np.array_equal(a, c)
+
+
+def test_a_profile_follows_the_valley_and_says_what_the_curve_does_there():
+    m = ball(0.06)
+    fit = identify.all_minima(m, seed=0)[0]
+    p = identify.profile(m, fit, 1)
+    for t, rise, x in zip(p.at[::8], p.rise[::8], p.path[::8], strict=True):
+        grid = np.stack([np.linspace(0.2, 0.8, 20001), np.full(20001, t)], axis=1)
+        assert rise == pytest.approx(m.chi2(grid).min() - fit.chi2, abs=2e-3) and x[1] == t
+    moved = m.model.predict(p.path[-1:])[0] - m.model.predict(fit.x[None])[0]
+    assert abs(p.change[-1]) == pytest.approx(np.abs(moved).max(), rel=1e-9)  # equal errors: the largest change
+    assert abs(p.change).max() < 0.06 and p.interval().open
+
+
+# ---- verdicts
+
+
+def test_D1_is_determined_with_3_mN_and_not_with_60_mN():
+    good = [identify.determine(ball(0.003, seed), seed=0, mcmc=False).of("D1") for seed in range(8)]
+    sd = np.median([k.sd_log for k in good])
+    assert 0.1 < sd < 0.25  # of ln D1
+    assert sum(k.verdict.word == "determined" for k in good) >= 7 and "is determined" in good[1].story
+    bad = [identify.determine(ball(0.06, seed), seed=0, mcmc=False).of("D1") for seed in range(8)]
+    assert sum(k.verdict.word == "not" for k in bad) >= 6 and all(k.verdict.word != "determined" for k in bad)
+    assert "mN where that shows most" in bad[0].reason and "uncertain by 60 mN" in bad[0].reason
+    assert "noise" in bad[0].reason and bad[0].verdict.digits == 0
+
+
+def test_mu_is_determined_in_both_cases():
+    for noise, digits in ((0.003, 3), (0.06, 2)):
+        mu = identify.determine(ball(noise), seed=0, mcmc=False).of("mu")
+        assert mu.verdict.word == "determined" and abs(mu.verdict.digits - digits) <= 1
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "word"),
+    [(0.45, 0.55, "determined"), (0.0, 0.08, "weakly"), (0.3, 0.7, "weakly"), (0.2, 0.8, "not"), (0.0, 1.0, "not")],
+)
+def test_the_word_follows_the_interval(low, high, word):
+    interval = Interval(low, high, low == 0.0, high == 1.0)
+    assert judge(soft_ball.BOX, 1, interval, 1.0).word == word
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "digits"), [(9.86, 10.1, 2), (9.99, 10.01, 4), (30.0, 70.0, 1), (0.00986, 0.0101, 2)]
+)
+def test_digits_end_at_the_size_of_the_error(low, high, digits):
+    box = Box(["p"], ["1"], [low / 10], [high * 10], [True])
+    x = box.to_unit(np.array([[low], [high]]))[:, 0]
+    assert judge(box, 0, Interval(*map(float, x)), 0.1).digits == digits
+
+
+def test_a_model_that_does_not_fit_widens_the_intervals_and_says_so():
+    m = ball(0.003)
+    (d,) = m.data
+    bent = dataclasses.replace(d, value=d.value * (1 + 0.2 * np.sin(2 * d.depth)))
+    wrong, right = (identify.determine(Misfit(m.model, (v,)), seed=0, mcmc=False) for v in (bent, d))
+    assert right.scale == 1.0 and "within their errors" in right.story
+    assert wrong.scale == pytest.approx(np.sqrt(wrong.fit.chi2 / 38)) and wrong.scale > 2 and "widened" in wrong.story
+    np.testing.assert_allclose(
+        wrong.of("mu").sd_log, wrong.scale * identify.spread(wrong.fit.fisher)[0] * np.log(37 / 3.4), rtol=1e-6
+    )
+
+
+# ---- directions and further tests
+
+
+def test_directions_are_those_of_a_product():
+    box = Box(["a", "b"], ["1", "1"], [1.0, 1.0], [100.0, 10.0], [True, True])
+    # Only ln a + ln b is seen, with an error of 1 %.
+    model = Model(box, lambda X: np.log(box.from_unit(X)).sum(axis=1, keepdims=True))
+    misfit = Misfit(model, (curve([np.log(30.0)], sigma=0.01),))
+    x = box.to_unit(np.array([10.0, 3.0]))
+    J = misfit.jacobian(x)
+    stiff, sloppy = identify.directions(box, x, J.T @ J)
+    np.testing.assert_allclose(list(stiff.change.values()), [0.5**0.5] * 2, rtol=1e-6)
+    assert stiff.sd == pytest.approx(0.01 / 2**0.5, rel=1e-6) and "known to ±0.71 %" in stiff.story
+    assert sloppy.sd > 1e3 or not np.isfinite(sloppy.sd)
+
+
+def test_a_second_measurement_of_the_same_kind_halves_the_variance():
+    m = ball(0.003)
+    found = identify.determine(m, seed=0, mcmc=False)
+    again = found.gains[0]
+    for name in ("mu", "D1"):
+        # The range counts as a weak prior: 1 % of the information here.
+        assert again.after[name] / again.before[name] == pytest.approx(0.5**0.5, rel=0.02)
+
+
+def test_the_best_depth_is_that_of_brute_force():
+    m = ball(0.003)
+    fit = identify.all_minima(m, seed=0)[0]
+    J = m.model.jacobian(fit.x)
+    at, best = identify.best_depth(soft_ball.BOX, fit.x, fit.fisher, 1, J, np.full(40, 0.003))
+    prior = 12 * np.eye(2)
+    sd = [np.sqrt(np.linalg.inv(fit.fisher + prior + np.outer(j, j) / 0.003**2)[1, 1]) for j in J]
+    assert at == int(np.argmin(sd)) and best.after["D1"] == pytest.approx(min(sd) * np.log(168), rel=1e-6)
+
+
+# ---- any metric
+
+
+@pytest.mark.parametrize("name", ["rmse", "nrmse", "mre", "mape", "rrmse"])
+def test_metrics_are_those_of_rso_curves_and_their_minimum_that_of_a_grid(name):
+    data = soft_ball.data(*TRUTH, 0.003, np.random.default_rng(0))
+    model = soft_ball.model()
+    score = identify.curve_score(model, [data], name)
+    X = np.random.default_rng(1).random((5, 2))
+    expected = [getattr(metrics(data.value, f), name) for f in model.predict(X)]
+    np.testing.assert_allclose(score(X), expected, rtol=1e-12)
+    found = identify.minimise(score, soft_ball.BOX, seed=0, steps=identify.downhill(model, [data], name))
+    t = np.linspace(0, 1, 401)
+    grid = np.stack(np.meshgrid(t, t), axis=-1).reshape(-1, 2)
+    values = score(grid)
+    assert found[0].value <= values.min()
+    # The grid's best lies in the same valley, one or two cells away from the path along it.
+    assert score(0.5 * (found[0].x + grid[np.argmin(values)])[None])[0] <= values.min() * 1.5
+    assert len(found) == 1
+
+
+def test_both_minima_of_a_metric_are_reported_and_nothing_else():
+    box = Box(["p", "q"], ["1", "1"], [-1.0, -1.0], [1.0, 1.0], [False, False])
+
+    def score(X):
+        p, q = box.from_unit(X).T
+        return np.minimum(np.abs(p - 0.5) + np.abs(q), 0.1 + np.abs(p + 0.5) + 2 * np.abs(q - 0.2))
+
+    found = identify.minimise(score, box, seed=0)
+    np.testing.assert_allclose([m.theta for m in found], [[0.5, 0.0], [-0.5, 0.2]], atol=1e-4)
+
+
+def test_a_metric_without_meaning_is_refused():
+    data = curve([0.0, 0.0])
+    with pytest.raises(ValueError, match="finite nowhere"):
+        identify.minimise(identify.curve_score(linear([[1.0]] * 2), [data], "mre"), linear([[1.0]]).box, seed=0)
+    with pytest.raises(ValueError, match="choose one of rmse"):
+        identify.curve_score(linear([[1.0]] * 2), [data], "r2")
+
+
+def test_what_only_the_range_of_another_parameter_limits_is_said():
+    # One force: mu follows D1 to the ends of its range.
+    data = soft_ball.data(*TRUTH, 1e-4, depth=np.array([0.5]))
+    box = dataclasses.replace(soft_ball.BOX, low=(0.002, 1.0), high=(0.1, 1000.0))
+    found = identify.determine(Misfit(soft_ball.model(box, data.depth), (data,)), seed=0, mcmc=False)
+    mu, D1 = found.known
+    assert D1.verdict.word == "not" and mu.verdict.word != "determined" and "as long as D1 stays in range" in mu.story
+    assert not mu.profile_interval.open and mu.profile.leaning() == (1,) and D1.profile.leaning() == ()

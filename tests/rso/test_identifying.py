@@ -1,0 +1,123 @@
+"""Identification inside a study: the most likely point is recomputed, its numbers reach results.json and the report."""
+
+from types import SimpleNamespace
+
+import indentation_backend
+import numpy as np
+import pytest
+import soft_ball
+
+import studies
+from rso import identify
+from rso.contract import Response
+from rso.identify import Misfit
+from rso.measurement import MeasuredCurve
+from rso.report.identification import identification_section
+from rso.store import Done
+from rso.study import identifying
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """1 mN of noise on a curve of 0.3 N."""
+    folder = tmp_path_factory.mktemp("study")
+    (folder / "top.csv").write_text(studies.measured(noise=1e-3))
+    noise = studies.SECTIONS["[experiments]"].replace("0.02 mN", "1 mN")
+    return studies.run(folder, experiments=noise, doe="runs = 8\nheld_out = 0")
+
+
+def test_the_truth_lies_in_every_interval(study):
+    for p, truth in zip(study["identification"]["parameters"], (studies.MU, studies.D1), strict=True):
+        for method in ("interval", "laplace", "mcmc"):
+            low, high = p[method]
+            assert low <= truth <= high, (p["parameter"], method)
+        assert study["determined"][p["parameter"]]["interval"] == p["interval"]
+        assert (p["verdict"] == "determined") == study["determined"][p["parameter"]]["determined"]
+
+
+def test_the_most_likely_point_is_recomputed_by_the_backend(study):
+    data, values = study["identification"], study["identification"]["values"]
+    run = [r for r in study["runs"] if r["purpose"] == "identified"][-1]
+    assert run["state"] == "done" and run["values"] == pytest.approx(values, rel=0.02)
+    assert data["recomputed"]["verified"] and data["recomputed"]["agreement"] <= study["verify"]["tolerance"]
+    assert data["recomputed"]["chi2"] == pytest.approx(data["chi2"], abs=3.0)
+    exact = indentation_backend.force(run["values"]["mu"], run["values"]["D1"], np.array([2.0]), studies.THICKNESS)
+    assert run["outputs"]["top:Fz@2"] == pytest.approx(float(exact[0]), rel=1e-9)
+
+
+def test_the_most_likely_values_are_those_of_a_direct_fit(study):
+    measured = study["experiments"][0]["measured"]
+    u, y = np.array(measured["depth"]), np.array(measured["value"])
+    box = identify.Data("top", "N", u, y, np.diag(np.array(measured["sigma"]) ** 2))
+    space = soft_ball.Box(("mu", "D1"), ("MPa", "1/MPa"), (0.006, 10.0), (0.02, 150.0), (True, True))
+
+    def exact(X):
+        theta = space.from_unit(X)
+        return indentation_backend.force(theta[:, :1], theta[:, 1:], u, studies.THICKNESS)
+
+    fit = identify.gauss_newton(Misfit(identify.Model(space, exact), (box,)), np.array([0.5, 0.5]))
+    for p, truth in zip(study["identification"]["parameters"], fit.theta, strict=True):
+        # Polynomials of the curve are right within 0.3 %: a fraction of the interval.
+        low, high = p["interval"]
+        assert abs(p["value"] - truth) <= 0.5 * (high - low)
+
+
+def test_same_study_same_numbers(study, tmp_path):
+    (tmp_path / "top.csv").write_text(studies.measured(noise=1e-3))
+    noise = studies.SECTIONS["[experiments]"].replace("0.02 mN", "1 mN")
+    again = studies.run(tmp_path, experiments=noise, doe="runs = 8\nheld_out = 0")
+    assert again["identification"] == study["identification"]
+
+
+def test_the_report_has_the_section(study):
+    section = identification_section(study)
+    assert [b.name for b in section.blocks if hasattr(b, "caption")] == ["profile"]
+    titles = [b.title for b in section.blocks if hasattr(b, "columns")]
+    assert titles[0] == "Parameters" and "Stiff and sloppy combinations" in titles
+
+
+def test_data_that_allow_no_likelihood_are_said_not_raised(tmp_path, monkeypatch):
+    def broken(*_):
+        raise ValueError("top: the covariance of the errors is not positive definite")
+
+    monkeypatch.setattr(identifying, "evidence", broken)
+    found = studies.run(tmp_path, doe="runs = 8\nheld_out = 0", identify='require = ["mu"]')
+    assert found["identification"] is None and found["exit_code"] == 5
+    assert found["determined"]["mu"]["interval"] == [None, None]
+    assert any("not positive definite" in w for w in found["warnings"])
+
+
+def test_what_another_experiment_would_add_comes_from_its_derivatives():
+    d = identify.determine(
+        Misfit(soft_ball.model(), (soft_ball.data(0.01, 20.0, 0.02, np.random.default_rng(1)),)), seed=0, mcmc=False
+    )
+    u = np.linspace(0.5, 4.0, 8)
+    mu, D1 = map(float, d.fit.theta)
+    F, h = soft_ball.force(mu, D1, u), 1e-6
+    slopes = {
+        "mu": {"Fz": (soft_ball.force(mu * (1 + h), D1, u) - F) / (mu * h)},
+        "D1": {"Fz": (soft_ball.force(mu, D1 * (1 + h), u) - F) / (D1 * h)},
+    }
+    units = {"time": "s", "travel": "mm", "Fz": "N"}
+    curve = MeasuredCurve("Fz", "N", u, F, np.full(8, 1e-3), 1, 1e-6 * np.eye(8))
+    plan = SimpleNamespace(curves={"deep": curve})
+
+    def checked(gradients):
+        response = Response({"time": u, "travel": u, "Fz": F}, units, gradients=gradients)
+        return [SimpleNamespace(experiment="deep", outcome=_done(response), values={"mu": mu, "D1": D1})]
+
+    (row,) = identifying.further_gains(plan, d, checked(slopes))
+    assert row["after"]["D1"] < 0.5 * row["before"]["D1"]
+    # Oracle: the joint Fisher information, by hand.
+    J = np.stack([slopes[n]["Fz"] * t * np.log(b / a) for n, t, a, b in
+                  zip(("mu", "D1"), (mu, D1), soft_ball.BOX.low, soft_ball.BOX.high, strict=True)], axis=1)  # fmt: skip
+    F2 = d.fit.fisher + 12 * np.eye(2) + J.T @ J / 1e-6
+    assert row["after"]["D1"] == pytest.approx(np.sqrt(np.linalg.inv(F2)[1, 1]) * np.log(168), rel=1e-3)
+    assert identifying.further_gains(plan, d, checked({})) == []
+
+
+def _done(response):
+    """A finished run with this response and nothing else."""
+    done = object.__new__(Done)
+    object.__setattr__(done, "response", response)
+    return done
