@@ -1,8 +1,7 @@
 """The numerical error that a result states for each of its channels: mesh, contact and steps.
 
-A calibration, not a bound: each channel's error is the share of a few lengths and values that the run knows, LEVEL
-times CALIBRATED · columns, such that 90 % of random experiments stay below (benchmarks/fe_errors.py prints both the
-coefficients and what they cover in experiments that were not used).
+Each channel's error is a share of a few lengths and values that the run knows; benchmarks/fe_errors.py prints the
+shares and what they cover.
 """
 
 from __future__ import annotations
@@ -10,33 +9,40 @@ from __future__ import annotations
 import numpy as np
 
 from fem_backend.experiment import Knobs, Settings
-from fem_backend.indentation import Result
+from fem_backend.indentation import Result, profile_name
 
 LEVEL = {"coarse": 1.0, "standard": 0.6, "fine": 0.29, "reference": 0.18}  # error of the force over that of coarse
 FORCES = ("Fx", "Fy", "Fz")
 CALIBRATED = {  # of the columns of `columns`
-    "force": (0.0015, 0.018, 0.0055),
+    "force": (0.0015, 0.018, 0.006),
     "uz_max": (0.001, 0.0, 0.0),
-    "bulge": (0.15, 3e-4, 0.0),
+    "bulge": (0.15, 4e-4, 0.0),
     "contact_area": (0.065, 0.02, 0.005),
     "contact_radius": (0.026, 0.024, 0.0),
-    "peak_pressure": (0.005, 0.33, 0.0),
-    "uz": (0.001, 0.006, 0.0015),
+    "peak_pressure": (0.005, 0.38, 0.0),
+    "uz": (0.008, 0.0045, 0.0036),
 }
 AUGMENTED = 0.1  # of what the last augmentation changed in the force
 OFF_TOP = 4.0  # times the squared distance from the top in semi-axes: elements are stretched on the way
-PENETRATION = 1e-4  # of R, at K/μ = 1
-LATERAL = 0.04  # of the whole force, counted to Fx and Fy
+PENETRATION = 1.4e-4  # of R, at K/μ = 1
+LATERAL = 0.03  # of the whole force, counted to Fx and Fy
 STEPS = 0.025  # of the force, at friction 1 in the first step
-SLIP = 0.7  # of the contact, in the first step
+SLIP = 0.7  # of the contact in the first step, and of the share that slips
 
 
 def stated(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
     """Estimated error of each channel (k,) in its unit; `time` and `travel` are exact, what is zero by symmetry too.
 
-    error = level · (1 + 4ρ²) · Σ c_j column_j, and for forces 0.1 |change by the last augmentation| + steps; ρ is the
-    distance from the top in semi-axes.  Calibrated for the shipped meshes (a ball of 3 mm or in proportion), K/μ from
-    1.5 to 200, travel from 0.1 to 1.3 R, ρ up to 0.5; beyond it is an extrapolation.
+    error = level · (1 + 4ρ²) · Σ c_j column_j (see `columns`) + what contact and steps leave (`run_terms`); ρ is the
+    distance from the top in semi-axes.
+
+    A calibration, not a bound: about 95 % of the errors of forces, nine in ten of those of the other channels lie
+    below, half of them by more than 1.6 times (force, area, radius), 2 to 4 times (the others).  The coefficients are
+    those of 93 % of 20 random experiments, the forms were chosen looking at 20 others; of slipping there were five
+    experiments in all.  Valid for the shipped meshes at the levels coarse and standard (fine and reference are
+    extrapolated with the force and compared at two materials), K/μ from 1.5 to 200, travel from 0.1 to 1.3 R, the fixed
+    support, at the top and on the axes; points farther off, bowls, tilts and other meshes are extrapolations.  It does
+    not see what a level misses of a skin thinner than its elements beyond what skins of 0.2 to 1.5 mm showed.
     """
     factor, other = mesh_factor(settings, knobs), run_terms(settings, knobs, result)
     out = {name: np.zeros_like(result.travel) for name in result.channels}
@@ -48,7 +54,7 @@ def stated(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nda
 def mesh_factor(settings: Settings, knobs: Knobs) -> float:
     """Error of the mesh at this place over that of the level coarse at the top.
 
-    Meshes without a level: by the square of their element size.
+    Meshes without a level: by the square of their element size, of second order and not calibrated.
     """
     x, y = settings.point[0] + knobs.offset_x, settings.point[1] + knobs.offset_y
     off = (x / settings.body.a) ** 2 + (y / settings.body.b) ** 2
@@ -62,12 +68,19 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
     """
     size = np.linalg.norm([result.channels[n] for n in FORCES], axis=0)
     step = settings.control.path / np.maximum(result.travel, settings.control.path)
-    left = AUGMENTED * result.contact_error + STEPS * knobs.friction * step * size
+    left = AUGMENTED * result.contact_error / np.maximum(size, 1e-300) + STEPS * knobs.friction * step
     deep = PENETRATION * settings.R * (1.0 + stiffness(knobs))
-    return {n: left * (result.channels[n] != 0.0) for n in FORCES} | {
+    return {n: left * counted(n, result) for n in FORCES} | {
         "uz_max": np.full_like(result.travel, deep),
-        "slipping": SLIP * step * (knobs.friction > 0.0),
+        "slipping": np.minimum(SLIP * (step + result.channels["slipping"]), 1.0) * (knobs.friction > 0.0),
     }
+
+
+def counted(name: str, result: Result) -> np.ndarray:
+    """Size (k,) N that the error of a force is a share of: small lateral forces are what is left of large ones."""
+    force = result.channels[name]
+    size = np.linalg.norm([result.channels[n] for n in FORCES], axis=0)
+    return np.abs(force) + (LATERAL * size * (force != 0.0) if name != "Fz" else 0.0)
 
 
 def stiffness(knobs: Knobs) -> float:
@@ -79,9 +92,9 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     """What the error of each channel grows with, (k, 3) in its unit, before level and place.
 
     Forces, area, radius, pressure: value · (1, (h₀/a)², log₁₀ K/μ), a the contact radius and h₀ the element size;
-    Fx and Fy take 4 % of the whole force on top of their own value.  `uz_max`: h₀ (h₀/a)².
+    Fx and Fy take 3 % of the whole force on top of their own value.  `uz_max`: h₀ (h₀/a)².
     `bulge`: (value, travel), since it vanishes in a compressible body.  Surface points:
-    (f, f log₁₀ K/μ, h₀) with f = |u|(1 − |u|/travel), since a point that touches the ball moves with it.
+    (f, f log₁₀ K/μ, h₀ within 2a) with f = |u|(1 − |u|/travel): what touches the ball moves with it.
     """
     at = result.channels
     travel = np.maximum(np.abs(result.travel), 1e-12)
@@ -90,9 +103,7 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     stiff = np.full_like(travel, stiffness(knobs))
     one, none = np.ones_like(travel), np.zeros_like(travel)
     shape = np.stack([one, edge, stiff], axis=-1)
-    out = {"Fz": np.abs(at["Fz"])[:, None] * shape}
-    for name in ("Fx", "Fy"):
-        out[name] = ((np.abs(at[name]) + LATERAL * size) * (at[name] != 0.0))[:, None] * shape
+    out = {n: counted(n, result)[:, None] * shape for n in FORCES}
     least = 0.5 * settings.h0 * (size > 0.0)  # a patch fitted over too few points may vanish
     radius = np.maximum(at["contact_radius"], least)
     hertz = 1.5 * size / np.maximum(np.pi * radius**2, 1e-300)
@@ -101,11 +112,11 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
         out[name] = np.maximum(at[name], floor)[:, None] * shape
     out["uz_max"] = np.stack([settings.h0 * edge, none, none], axis=-1)
     out["bulge"] = np.stack([np.abs(at["bulge"]), np.abs(result.travel), none], axis=-1)
-    for name in at:
-        if kind(name) == "uz":
-            u = np.abs(at[name])
-            free = u * np.clip(1.0 - u / travel, 0.0, 1.0)
-            out[name] = np.stack([free, free * stiff, settings.h0 * one], axis=-1)
+    for place in settings.profile:
+        name = profile_name(place)
+        u, r = np.abs(at[name]), np.hypot(place[0] - settings.point[0], place[1] - settings.point[1])
+        free = u * np.clip(1.0 - u / travel, 0.0, 1.0)
+        out[name] = np.stack([free, free * stiff, settings.h0 * (r < 2.0 * at["contact_radius"])], axis=-1)
     return out
 
 

@@ -19,10 +19,10 @@ SEATING = (1e5, 1e4, 1e3, 1e2, 1e1, 1.0)  # factors of the grounding springs unt
 class Control:
     """Numerical settings of a run; lengths in mm for R = 3 mm, see `scaled`.
 
-    `first` and `largest` step, `path` the largest where the answer depends on the way; relative residual while
-    travelling (elastic `loose`, else `between`), between augmentations and at the end of them; augmentations of the
-    multipliers at asked travels; smallest step as a fraction of the first; process time after which a run is given
-    up (s).
+    `first` and `largest` step, `path` the largest where the answer depends on the way.  Relative residuals: travelling
+    (elastic `loose`, else `between`), when seated, between augmentations (`medium`) and at the end of them (`tight`).
+    Augmentations of the multipliers at asked travels; smallest step as a fraction of the first; process time after
+    which a run is given up (s).
     """
 
     first: float = 0.15
@@ -30,6 +30,7 @@ class Control:
     path: float = 0.34
     loose: float = 1e-2
     between: float = 1e-4
+    seating: float = 1e-5
     medium: float = 1e-6
     tight: float = 1e-9
     augmentations: int = 1
@@ -140,11 +141,11 @@ def seat(system: System, load: Load, u: np.ndarray, control: Control, counters: 
     """Displacement (n, 3) with the grounding springs softened step by step until the contacts carry the body."""
     for factor in SEATING:
         try:
-            u = newton.solve(system, u, replace(load, springs=factor), control.loose, counters).evaluation.u
+            u = find(system, u, replace(load, springs=factor), control.loose, counters).evaluation.u
         except NotConverged as error:
             raise Stopped(error.cause, f"while seating: {error}", [], error.history, counters) from error
     try:
-        return newton.solve(system, u, load, control.medium, counters).evaluation.u
+        return find(system, u, load, control.seating, counters).evaluation.u
     except NotConverged as error:
         raise Stopped(error.cause, f"while seating: {error}", [], error.history, counters) from error
 

@@ -8,7 +8,7 @@ import pytest
 
 from fem_backend import errors, experiment
 from fem_backend.backend import BACKEND
-from fem_backend.indentation import Result
+from fem_backend.indentation import Result, profile_name
 from fem_backend.meshing import LEVELS
 from fem_backend.newton import Counters
 
@@ -26,7 +26,8 @@ def result(force=(0.0, 0.0, 1.0), lengths=1.0, forces=1.0):
         "uz_max": lengths * 1.001 * travel, "bulge": lengths * 0.004 * travel,
         "contact_area": lengths**2 * 3.5 * radius**2, "contact_radius": lengths * radius,
         "peak_pressure": forces / lengths**2 * np.array([0.010, 0.014, 0.018]), "slipping": np.array([0.2, 0.1, 0.1]),
-        "uz(0.5,0)": -lengths * 0.95 * travel, "uz(6,2)": -lengths * 0.1 * travel,
+        **{profile_name((lengths * x, lengths * y)): -lengths * u * travel
+           for (x, y), u in zip(PROFILE, (0.95, 0.1), strict=True)},
     }  # fmt: skip
     return Result(channels, np.zeros((3, 3)), forces * 0.005 * size, Counters(), 0.0)
 
@@ -34,7 +35,7 @@ def result(force=(0.0, 0.0, 1.0), lengths=1.0, forces=1.0):
 def settings(level="coarse", scale=1.0, **more):
     specimen = {"semi_axes": [60.0 * scale, 35.0 * scale, 35.0 * scale]}
     table = {"specimen": specimen, "indenter": {"radius": 3.0 * scale}, "mesh": {"level": level}}
-    return experiment.read_settings({**table, "profile": PROFILE, **more})
+    return experiment.read_settings({**table, "profile": [[scale * x, scale * y] for x, y in PROFILE], **more})
 
 
 def knobs(**values):
@@ -111,8 +112,9 @@ def test_stated_errors_have_their_channels_dimension():
     small, large = stated(), stated(result(lengths=2.0, forces=12.0), settings(scale=2.0), mu=0.03, D1=5.8 / 3)
     power = {"Fz": 12.0, "uz_max": 2.0, "bulge": 2.0, "contact_area": 4.0, "contact_radius": 2.0,
              "peak_pressure": 3.0, "uz(0.5,0)": 2.0, "uz(6,2)": 2.0}  # fmt: skip
+    scaled = {"uz(0.5,0)": "uz(1,0)", "uz(6,2)": "uz(12,4)"}
     for name, factor in power.items():
-        np.testing.assert_allclose(large[name], factor * small[name], rtol=1e-12, err_msg=name)
+        np.testing.assert_allclose(large[scaled.get(name, name)], factor * small[name], rtol=1e-12, err_msg=name)
 
 
 def test_a_patch_too_small_to_be_fitted_is_not_exact():

@@ -241,4 +241,4 @@ def test_settings_without_a_mesh_are_a_failed_run():
 
 
 def test_levels_exist_for_every_stated_error():
-    assert set(errors.LEVEL_ERROR) == set(meshing.LEVELS)
+    assert set(errors.LEVEL) == set(meshing.LEVELS)

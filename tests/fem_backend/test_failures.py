@@ -80,7 +80,9 @@ def test_laws_that_do_not_combine_are_not_supported(values, law):
     assert failure.cause == "not_supported" and "law" in failure.reason
 
 
-@pytest.mark.parametrize("values,law", [({"C01": 1e-3}, "mooney_rivlin"), ({"alpha": 3.0}, "ogden"), ({"C20": 1e-4}, "yeoh")])
+@pytest.mark.parametrize(
+    "values,law", [({"C01": 1e-3}, "mooney_rivlin"), ({"alpha": 3.0}, "ogden"), ({"C20": 1e-4}, "yeoh")]
+)
 def test_a_knob_switches_its_law_on(values, law):
     """Negative control: the law named in the settings or not, the same answer."""
     answers = [
@@ -106,7 +108,9 @@ def test_what_was_reached_comes_with_the_failure():
     assert "mm" in failure.reason
 
 
-@pytest.mark.parametrize("values", [{"prony_g": 0.2}, {"friction": 0.3}, {"mullins": 0.3}], ids=str)
+@pytest.mark.parametrize(
+    "values", [{"prony_g": 0.2}, {"friction": 0.3}, {"mullins": 0.3}], ids=["prony", "friction", "mullins"]
+)
 def test_what_a_path_reached_comes_with_the_failure(values, brittle):
     failure = failed(values, (0.25, 0.5, 3.0))
     assert failure.cause == "inversion" and failure.history

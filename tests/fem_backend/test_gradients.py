@@ -50,7 +50,9 @@ def test_gradients_are_differences_of_whole_runs(what):
             np.testing.assert_allclose(
                 r.gradients[knob][name], difference, rtol=1e-3, atol=2e-4 * size, err_msg=f"{knob} {name}"
             )
-        assert np.abs(r.gradients[knob]["Fz"]).max() * value > 1e-4 * r.channels["Fz"].max()  # there is something to see
+        assert (
+            np.abs(r.gradients[knob]["Fz"]).max() * value > 1e-4 * r.channels["Fz"].max()
+        )  # there is something to see
 
 
 def test_gradients_are_in_the_order_of_the_passages():
@@ -58,9 +60,7 @@ def test_gradients_are_in_the_order_of_the_passages():
     there_and_back = BACKEND(VALUES, Case("c", programme, {"mesh": SMALL}))
     once = run({}, {})
     for knob in ("mu", "D1"):
-        np.testing.assert_array_equal(
-            there_and_back.gradients[knob]["Fz"], once.gradients[knob]["Fz"][[0, 1, 0]]
-        )
+        np.testing.assert_array_equal(there_and_back.gradients[knob]["Fz"], once.gradients[knob]["Fz"][[0, 1, 0]])
 
 
 @pytest.mark.parametrize("values", [{"friction": 0.3}, {"prony_g": 0.2}, {"mullins": 0.2}, {"adhesion": 1e-4}])

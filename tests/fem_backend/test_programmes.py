@@ -84,7 +84,7 @@ def test_path_of_an_elastic_law_ends_at_the_elastic_answer(graded):
 
 
 def test_hold_relaxes_to_the_long_time_modulus():
-    """F falls monotonically in a hold, at its end to that of an elastic body with (1 − g) μ and the same bulk modulus."""
+    """F falls monotonically in a hold, at its end to that of an elastic body with (1 − g) μ and the same K."""
     times = (1.0, 1.5, 2.5, 5.0, 10.0, 100.0)
     r = run({"prony_g": 0.4, "prony_tau": 2.0}, Programme((0.0, 1.0, 100.0), (0.0, 1.0, 1.0), (1.0,), times))
     F = r.channels["Fz"]
@@ -107,7 +107,9 @@ def test_force_depends_on_the_speed_only_through_the_relaxation_time():
 
 def test_second_loading_of_a_softened_body_is_weaker_until_it_goes_deeper():
     """Mullins: below the deepest travel the second loading follows the unloading; beyond, the first loading."""
-    F = run({"mullins": 0.6, "mullins_m": 0.01}, Programme((0, 1, 2, 3.5), (0, 1.0, 0.5, 1.5), (0.75, 1.0, 1.5)), GRADED)
+    F = run(
+        {"mullins": 0.6, "mullins_m": 0.01}, Programme((0, 1, 2, 3.5), (0, 1.0, 0.5, 1.5), (0.75, 1.0, 1.5)), GRADED
+    )
     once = run({"mullins": 0.6, "mullins_m": 0.01}, Programme.ramp((0.75, 1.0, 1.5)), GRADED).channels["Fz"]
     F = F.channels["Fz"]  # 0.75 1.0 | 0.75 | 0.75 1.0 1.5
     assert F[3] < 0.98 * F[0]
@@ -155,10 +157,12 @@ def test_groups_that_are_off_are_not_in_the_key():
     for off in (
         {"prony_tau": 9.0}, {"prony_g": 0.0, "prony_tau": 9.0}, {"mullins_m": 0.3}, {"fibre_angle": 20.0},
         {"skin_ratio": 1.0, "skin_thickness": 2.0}, {"inclusion_x": 3.0, "inclusion_radius": 2.0},
-        {"adhesion_range": 0.5}, {"bowl_clearance": 2.0, "bowl_friction": 0.5}, {"skin_thickness": 0.0, "skin_ratio": 2.0},
+        {"adhesion_range": 0.5}, {"bowl_clearance": 2.0, "bowl_friction": 0.5},
+        {"skin_thickness": 0.0, "skin_ratio": 2.0},
     ):  # fmt: skip
         assert key(off) == key({}), off
-    on = [RELAXING, {**RELAXING, "prony_tau": 3.0}, {"mullins": 0.2}, {"fibre": 1e-3}, {"fibre": 1e-3, "fibre_angle": 5},
+    on = [RELAXING, {**RELAXING, "prony_tau": 3.0}, {"mullins": 0.2}, {"fibre": 1e-3},
+          {"fibre": 1e-3, "fibre_angle": 5},
           {"skin_ratio": 2.0}, {"skin_ratio": 2.0, "skin_thickness": 0.6}, {"inclusion_ratio": 2.0},
           {"inclusion_ratio": 2.0, "inclusion_radius": 4.0}, {"adhesion": 1e-4}]  # fmt: skip
     assert len({key(v) for v in [{}, *on]}) == len(on) + 1  # negative control

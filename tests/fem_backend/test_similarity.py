@@ -36,7 +36,9 @@ CASES = {
     "zones": ({"skin_ratio": 3.0, "inclusion_ratio": 0.2, "cavity": 1.0}, {}),
     "misaligned": ({"offset_x": 1.0, "tilt_x": 2.0}, {}),
     "off the top": ({}, {"point": [12.0, 0.0], "direction": "normal"}),
-    "all of it": ({"friction": 0.2, "prony_g": 0.3, "mullins": 0.4, "skin_ratio": 2.0, "C20": 1e-3, "weight": 1e-5}, {}),
+    "all of it": (
+        {"friction": 0.2, "prony_g": 0.3, "mullins": 0.4, "skin_ratio": 2.0, "C20": 1e-3, "weight": 1e-5}, {}
+    ),
 }  # fmt: skip
 
 
@@ -84,6 +86,7 @@ def test_a_penalty_that_does_not_scale_is_seen(graded, to_two, monkeypatch):
 
 def test_similarity_of_lengths(make_bench):
     """Twice as large in every length: forces times four, on a mesh of its own that is the same but for its size."""
+
     def at(k):
         table = {"specimen": {"semi_axes": [60 * k, 35 * k, 35 * k]}, "indenter": {"radius": 3.0 * k}}
         return make_bench({"weight": 1e-5 / k, "adhesion": 1e-4 * k, "adhesion_range": 0.2 * k, "skin_ratio": 2.0,

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rso.benchmarks import indentation
-from rso.contract import Case, Parameter, Response, SimulationFailed, drop_neutral, knob, parameters_of
+from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, knob, parameters_of
 
 SETTINGS = ("thickness", "fail_below", "crash_above", "spring", "sleep_s", "log", "lateral", "speed")
 
@@ -57,7 +57,8 @@ class Layer:
 
     def canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
         settings = {k: v for k, v in case.settings.items() if k != "speed"}
-        return drop_neutral(self.parameters, values), Case(case.name, case.programme, settings)
+        programme = Programme.ramp(case.programme.asked_mm)  # the speed does not matter here
+        return drop_neutral(self.parameters, values), Case(case.name, programme, settings)
 
     def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
         return {}

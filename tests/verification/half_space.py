@@ -52,7 +52,9 @@ def half_space(
     placement = Placement(body, R, np.eye(3), np.array([0.0, 0.0, LIFT + R]), down, (True, True))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(meshing, "assemble", lambda *arguments: mesh)
-        return HalfSpace(settings, placement, model.build(settings, meshing.Mesh(x, tets), body, (True, True), symmetric))
+        return HalfSpace(
+            settings, placement, model.build(settings, meshing.Mesh(x, tets), body, (True, True), symmetric)
+        )
 
 
 def _stretch(ratio: float) -> float:

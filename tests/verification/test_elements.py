@@ -19,7 +19,7 @@ LAWS = {"K/mu = 2": NeoHooke(0.01, 100.0), "K/mu = 200": NeoHooke(0.01, 1.0)}
 
 
 def box(cells: int, corners: float = 0.0, middles: float = 0.0) -> tuple[MeshTet2, np.ndarray]:
-    """Unit cube; inner vertices moved by `corners`, inner mid-edge nodes by `middles` of a cell; mask of inner nodes."""
+    """Unit cube; inner vertices moved by `corners`, inner mid-edge nodes by `middles` of a cell; which are inner."""
     rng = np.random.default_rng(2)
     linear = MeshTet.init_tensor(*[np.linspace(0, 1, cells + 1)] * 3)
     inner = np.all((linear.p > 1e-9) & (linear.p < 1 - 1e-9), axis=0)

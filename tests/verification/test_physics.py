@@ -37,7 +37,10 @@ def percent(values) -> str:
 
 def test_work_of_the_indenter_is_the_energy_stored(record):
     coarse, fine = check_energy_balance(21), check_energy_balance(81)
-    record("work of the indenter over energy stored, 3 mm in 20 and 80 steps", f"{100 * coarse:+.4f} %, {100 * fine:+.4f} %")
+    record(
+        "work of the indenter over energy stored, 3 mm in 20 and 80 steps",
+        f"{100 * coarse:+.4f} %, {100 * fine:+.4f} %",
+    )
     assert abs(fine) < abs(coarse) / 4
 
 
@@ -73,7 +76,7 @@ def test_contact_is_complementary(record):
     for k in (1, 4):
         deepest, product, shear = check_complementarity(k)
         found.append((deepest, product))
-        record(f"contact at 3 mm after {k} augmentations: deepest penetration over R, integral of p|g| over F R",
+        record(f"contact at 3 mm after {k} augmentations: penetration over R, integral of p times abs(g) over F R",
                f"{deepest:.1e}, {product:.1e}")  # fmt: skip
         assert shear == 0.0
     assert found[1] < found[0]
@@ -110,10 +113,10 @@ def test_friction_tends_to_frictionless(record):
 def test_friction_stays_below_its_limit_and_large_friction_sticks(record):
     slipping, force = [], []
     for f in (0.05, 0.3, 1.0, 5.0):
-        ratio, share = check_coulomb(f)
+        _, share = check_coulomb(f)
         slipping.append(share)
         force.append(prepare(replace(SOFT, friction=f)).solve(ramp(2.0)).Fz[0])
-    record("share of the contact that slips, friction 0.05, 0.3, 1, 5", " ".join(f"{s:.2f}" for s in slipping))
+    record("share of the contact that slips, friction 0.05, 0.3, 1, 5", " ".join(f"{s:.3f}" for s in slipping))
     record("force at 2 mm, friction 0.05, 0.3, 1 over 5", percent(np.array(force[:-1]) / force[-1] - 1) + " %")
     assert slipping[0] > 0.5 and slipping[-1] < 0.01  # points that have just come into contact may slip in that step
     assert np.all(np.diff(slipping) < 2e-3) and np.all(np.diff(force) > -1e-3 * force[-1])
