@@ -34,7 +34,7 @@ def schema() -> dict[str, Any]:
                     "time_s": [0, 8, 16],
                     "travel_mm": [0, 4, 0],
                     "asked_mm": [1, 2, 3, 4],
-                    "asked_s": "optional further moments, e.g. during a hold",
+                    "asked_s": [12],
                 },
                 "settings": CHOICES,
             },

@@ -98,7 +98,8 @@ class FiniteElements:
             plain["earlier"] = 0.0
         programme = case.programme
         if not path_dependent(settings, kept):
-            programme = Programme.ramp(programme.asked_mm, 1.0)
+            held = np.interp(programme.asked_s, programme.time_s, programme.travel_mm)
+            programme = Programme.ramp(tuple(sorted({*programme.asked_mm, *(float(v) for v in held if v > 0)})), 1.0)
         return kept, dataclasses.replace(case, settings=plain, programme=programme)
 
     def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
@@ -182,19 +183,26 @@ def passages(programme: Programme) -> list[Instant]:
     t, s = np.array(programme.time_s), np.array(programme.travel_mm)
     found = {float(a): float(b) for a, b in zip(t[1:], s[1:], strict=True)}
     asked: dict[float, float] = {}
+
+    def add(moment: float, travel: float) -> None:
+        """A moment within round-off of a corner is that corner: two instants in one place would be none."""
+        corner = float(t[np.argmin(np.abs(t - moment))])
+        near = abs(corner - moment) <= 1e-9 * (t[-1] - t[0])
+        asked[corner if near else moment] = found.get(corner, travel) if near else travel
+
     for k in range(len(t) - 1):
         for a in programme.asked_mm:
             low, high = sorted((s[k], s[k + 1]))
             if low < a <= high if s[k + 1] > s[k] else low <= a < high:
-                asked[float(t[k] + (t[k + 1] - t[k]) * (a - s[k]) / (s[k + 1] - s[k]))] = float(a)
+                add(float(t[k] + (t[k + 1] - t[k]) * (a - s[k]) / (s[k + 1] - s[k])), float(a))
     for moment in programme.asked_s:
-        asked[float(moment)] = float(np.interp(moment, t, s))
+        add(float(moment), float(np.interp(moment, t, s)))
     return [Instant(at, {**found, **asked}[at], at in asked) for at in sorted({**found, **asked})]
 
 
 def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
-    """Material knobs that are in use, smooth and differentiated."""
-    if path_dependent(settings, dataclasses.asdict(knobs)):
+    """Material knobs that are in use, smooth and differentiated; none where the way or the sag would enter too."""
+    if path_dependent(settings, dataclasses.asdict(knobs)) or knobs.weight:
         return ()
     neutral = {p.name: p.neutral for p in BACKEND.parameters}
     names = [n for n in indentation.MATERIAL_KNOBS if getattr(knobs, n) != neutral[n]]

@@ -153,15 +153,14 @@ def material(settings: Settings, knobs: Knobs) -> Material:
     angle = np.deg2rad(knobs.fibre_angle)
     fibre = Fibre(knobs.fibre, knobs.fibre_k2, (float(np.cos(angle)), float(np.sin(angle)), 0.0))
     mullins = Mullins(knobs.mullins, knobs.mullins_m * mu, knobs.mullins_beta)
-    result = Material(
+    if law.small_strain and (knobs.fibre or terms or knobs.mullins):
+        raise NotModelled("not_supported", "the linear elastic law has no fibres, relaxation or softening")
+    return Material(
         law,
         fibre if knobs.fibre else None,
         Prony(tuple(g for g, _ in terms), tuple(t for _, t in terms)) if terms else None,
         mullins if knobs.mullins else None,
     )
-    if result.small_strain and (knobs.fibre or terms or knobs.mullins):
-        raise NotModelled("not_supported", "the linear elastic law has no fibres, relaxation or softening")
-    return result
 
 
 @dataclass(frozen=True)
@@ -264,7 +263,7 @@ def system(settings: Settings, knobs: Knobs, placement: Placement, model: Model)
     dead = None
     if knobs.weight:
         dead = knobs.weight * lumped(body, np.ones_like(body.w))[:, None] * placement.down
-    least = 1e-5 * mu * placement.R**2
+    least = 1e-3 * mu * placement.R**2  # about the force at R/100
     return System(body, stuff, tuple(pairs), model.factor, scale, dead, springs, least)
 
 

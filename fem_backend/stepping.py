@@ -255,7 +255,7 @@ def follow(
     pressures = [np.zeros_like(touch.multiplier) for touch in touches]
     points: list[Point] = []
     for instant in instants:
-        share = 1.0  # of what is left to this instant
+        share, begin = 1.0, t  # of what is left to this instant
         while t < instant.time - 1e-12 * max(instant.time, 1.0):
             last = share >= 1.0
             goal_t = instant.time if last else t + share * (instant.time - t)
@@ -276,7 +276,9 @@ def follow(
             except NotConverged as error:
                 counters.cutbacks += 1
                 share *= 0.5
-                if share < (1 / 64 if system.springs is None else 1 / 8) or error.cause == "time_limit":
+                least = 1 / 64 if system.springs is None else 1 / 8
+                lost = share * (instant.time - t) < least * (instant.time - begin)
+                if lost or error.cause == "time_limit":
                     raise _stopped(error, s, points, counters) from error
                 if share < 0.3:
                     rate = np.zeros_like(rate)

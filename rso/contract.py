@@ -117,7 +117,8 @@ class Programme:
         if len(a) == 0 or np.any(np.diff(a) <= 0) or a[0] <= 0 or a[-1] > u.max() + 1e-12:
             raise ValueError(f"programme: asked_mm must increase within (0, {u.max():g}] mm, got {list(self.asked_mm)}")
         m = np.asarray(self.asked_s)
-        if not np.all(np.isfinite(m)) or np.any(np.diff(m) <= 0) or (len(m) and not t[0] < m[0] <= m[-1] <= t[-1]):
+        outside = len(m) and not t[0] < m[0] <= m[-1] <= t[-1]
+        if not np.all(np.isfinite(m)) or np.any(np.diff(m) <= 0) or outside:
             raise ValueError(f"programme: asked_s must increase within ({t[0]:g}, {t[-1]:g}] s, got {list(self.asked_s)}")
 
     @classmethod
