@@ -119,7 +119,8 @@ class Programme:
         m = np.asarray(self.asked_s)
         outside = len(m) and not t[0] < m[0] <= m[-1] <= t[-1]
         if not np.all(np.isfinite(m)) or np.any(np.diff(m) <= 0) or outside:
-            raise ValueError(f"programme: asked_s must increase within ({t[0]:g}, {t[-1]:g}] s, got {list(self.asked_s)}")
+            within = f"({t[0]:g}, {t[-1]:g}] s"
+            raise ValueError(f"programme: asked_s must increase within {within}, got {list(self.asked_s)}")
 
     @classmethod
     def ramp(cls, asked_mm: tuple[float, ...], speed_mm_s: float = 0.5) -> Programme:
