@@ -1,0 +1,128 @@
+"""CPU time of typical jobs of the finite element model, one thread, medians of repeats; goals beside.
+
+    OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 python benchmarks/fe_speed.py [--repeats 3] [--jobs top,half,...]
+
+Set-up (imports, compilation, mesh, analysis of the matrix) is apart: every job runs once before it is timed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import hashlib
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from fem_backend import element, linsolve, newton
+from fem_backend.backend import BACKEND
+from rso.contract import Case, Programme, object_path
+
+SET1 = {"mu": 0.0099997, "D1": 5.8}
+ASKED = (1.0, 2.0, 3.0, 4.0)
+CYCLES = [Programme((0, 4 / v, 8 / v), (0, 4, 0), ASKED) for v in (1 / 6, 0.5, 5 / 3)]
+BOWL = {"support": {"kind": "bowl", "clearance": 1.0, "friction": 0.2}}
+
+
+def jobs() -> dict[str, tuple[str, list[tuple[dict, Case]], bool]]:
+    """Name → goal, runs, whether from an anchor."""
+
+    def case(programme: Programme | None = None, level: str = "coarse", **settings: object) -> Case:
+        return Case("speed", programme or Programme.ramp(ASKED), {"mesh": {"level": level}, **settings})
+
+    relaxing = SET1 | {"prony_g": 0.3, "prony_tau": 8.0}
+    plan = [(relaxing, case(c)) for c in (Programme.ramp(ASKED), *CYCLES)]
+    plan += [(relaxing, case(Programme.ramp((1.0, 2.0, 3.0)), point=p)) for p in ([2.5, 2.5], [20.0, 0.0])]
+    return {
+        "top, coarse": ("1.5 s at 1 %", [(SET1, case())], False),
+        "top, standard": ("", [(SET1, case(level="standard"))], False),
+        "top, fine": ("5 s at 0.3 %", [(SET1, case(level="fine"))], False),
+        "top, coarse, anchor": ("0.5 s at 1 %", [(SET1 | {"D1": 12.0}, case())], True),
+        "top, fine, anchor": ("1.5 s at 0.3 %", [(SET1 | {"D1": 12.0}, case(level="fine"))], True),
+        "(20, 0), half": ("6 s at 1 %", [(SET1, case(point=[20.0, 0.0]))], False),
+        "(2.5, 2.5), whole": ("15 s at 1 %", [(SET1, case(point=[2.5, 2.5]))], False),
+        "bowl with friction": ("5 s at 1 %", [(SET1, case(**BOWL))], False),
+        "friction 0.3": ("", [(SET1 | {"friction": 0.3}, case())], False),
+        "Prony, three cycles": ("10 s at 1 %", [(relaxing, case(c)) for c in CYCLES], False),
+        "plan of six tests": ("60 s at 1 %", plan, False),
+    }
+
+
+def anchored(values: dict, case: Case, folder: Path) -> Case:
+    """The case with its anchor, as a study hands it on."""
+    made = BACKEND.make(BACKEND.recipes(values, case)["anchor"])
+    sha = hashlib.sha256(made).hexdigest()
+    path = object_path(folder, sha)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(made)
+    return dataclasses.replace(case, artefacts={"anchor": sha}, objects=str(folder))
+
+
+class Clock:
+    """CPU time inside some functions."""
+
+    def __init__(self) -> None:
+        self.s = 0.0
+
+    def watch(self, function):  # type: ignore[no-untyped-def]
+        def timed(*args, **more):  # type: ignore[no-untyped-def]
+            start = time.process_time()
+            try:
+                return function(*args, **more)
+            finally:
+                self.s += time.process_time() - start
+
+        return timed
+
+
+def overhead() -> float:
+    """CPU time of a whole run over that of its assembly, factorisations and solutions."""
+    case = Case("speed", Programme.ramp(ASKED), {"mesh": {"level": "standard"}})
+    BACKEND(SET1, case)
+    clock = Clock()
+    kernels = {"internal_force": element, "stiffness": element, "displacement_gradients": element}
+    kept = {name: getattr(module, name) for name, module in kernels.items()}
+    state, call = newton.stress.evaluate, linsolve._Pardiso._call
+    for name, module in kernels.items():
+        setattr(module, name, clock.watch(kept[name]))
+    newton.stress.evaluate, linsolve._Pardiso._call = clock.watch(state), clock.watch(call)
+    start = time.process_time()
+    BACKEND(SET1, case)
+    total = time.process_time() - start
+    for name, module in kernels.items():
+        setattr(module, name, kept[name])
+    newton.stress.evaluate, linsolve._Pardiso._call = state, call
+    return total / clock.s
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--jobs", default="")
+    options = parser.parse_args()
+    print(f"solver: {linsolve.available()}")
+    print(f"{'job':22s} {'CPU s':>7s} {'dofs':>6s} {'its':>5s}  goal")
+    with tempfile.TemporaryDirectory() as folder:
+        for name, (goal, runs, from_anchor) in jobs().items():
+            if options.jobs and not any(part in name for part in options.jobs.split(",")):
+                continue
+            if from_anchor:
+                runs = [(v, anchored(v, c, Path(folder))) for v, c in runs]
+            seconds = []
+            for repeat in range(options.repeats + 1):
+                start = time.process_time()
+                responses = [BACKEND(v, c) for v, c in runs]
+                if repeat:
+                    seconds.append(time.process_time() - start)
+            iterations = sum(r.info["iterations"] for r in responses)
+            print(f"{name:22s} {np.median(seconds):7.2f} {responses[-1].info['dofs']:6d} {iterations:5d}  {goal}",
+                  flush=True)  # fmt: skip
+    if linsolve.available() == "pardiso":
+        print(f"whole run / (assembly + factorisation + solution), standard level: {overhead():.2f}  (goal 1.2)")
+
+
+if __name__ == "__main__":
+    main()
