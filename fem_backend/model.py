@@ -219,7 +219,7 @@ def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str 
         raise NotModelled("bad_geometry", f"no mesh: {error}") from error
 
 
-@functools.lru_cache(maxsize=3)
+@functools.lru_cache(maxsize=2)
 def _model(
     settings: Settings, axes: tuple[float, ...], planes: tuple[bool, bool], symmetric: bool, mesh: str | None
 ) -> Model:
