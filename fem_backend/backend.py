@@ -84,12 +84,9 @@ class FiniteElements:
         kept = {k: known[k].check(v) if k in known else v for k, v in {**dict(settings.defaults), **values}.items()}
         if settings.support != "bowl":
             kept = {k: v for k, v in kept.items() if not k.startswith("bowl_")}
-        neutral = {p.name: p.neutral for p in self.parameters}
-        for p in self.parameters:
-            switches = SWITCHES.get(p.group, ())
-            off = any(kept.get(s, neutral[s]) in (neutral[s], 0.0) for s in switches if neutral[s] is not None)
-            if p.group in SWITCHES and (off or kept.get("skin_thickness") == 0.0 == (p.group != "skin")):
-                kept.pop(p.name, None)
+        for group, switches in SWITCHES.items():
+            if any(kept.get(name, known[name].default) == off for name, off in switches.items()):
+                kept = {k: v for k, v in kept.items() if k not in known or known[k].group != group}
         kept = drop_neutral(self.parameters, kept)
         plain = experiment.plain_settings(settings)
         if settings.direction == "normal" and settings.point == (0.0, 0.0):
@@ -107,7 +104,7 @@ class FiniteElements:
         settings = experiment.read_settings(case.settings)
         out = {"mesh": settings.recipe}
         knobs = self.knobs(values, settings)
-        if not path_dependent(settings, values):
+        if not path_dependent(settings, dataclasses.asdict(knobs)):
             try:
                 out["anchor"] = anchors.recipe(settings, knobs, case.programme.asked_mm)
             except NotModelled:

@@ -83,10 +83,10 @@ class Knobs:
     tilt_y: float = knob("specimen turned about y", "deg", -20.0, 20.0, neutral=0.0, scope="mounting", typical=2.0)
 
 
-SWITCHES = {  # a group has no influence while its switches are all neutral
-    "prony": ("prony_g",), "prony2": ("prony_g2",), "prony3": ("prony_g3",), "mullins": ("mullins",),
-    "fibre": ("fibre",), "skin": ("skin_ratio", "skin_thickness"), "inclusion": ("inclusion_ratio", "inclusion_radius"),
-    "adhesion": ("adhesion",),
+SWITCHES = {  # a group has no influence while one of these knobs has the value beside it
+    "prony": {"prony_g": 0.0}, "prony2": {"prony_g2": 0.0}, "prony3": {"prony_g3": 0.0}, "mullins": {"mullins": 0.0},
+    "fibre": {"fibre": 0.0}, "skin": {"skin_ratio": 1.0, "skin_thickness": 0.0},
+    "inclusion": {"inclusion_ratio": 1.0, "inclusion_radius": 0.0}, "adhesion": {"adhesion": 0.0},
 }  # fmt: skip
 
 

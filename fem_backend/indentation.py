@@ -93,8 +93,7 @@ def bench(settings: Settings, knobs: Knobs, placement: Placement, model: Model, 
     if system.dead is None:
         return ready
     away = replace(ready, lag=-5.0 * placement.R).start(0.0)
-    relaxed = replace(system, material=Material(system.material.law, system.material.fibre), pairs=tuple(
-        replace(p, friction=0.0, adhesion=None) for p in system.pairs))  # fmt: skip
+    relaxed = replace(_smooth(system), material=Material(system.material.law, system.material.fibre))
     u = ready.seated
     if system.springs is not None:
         u = stepping.seat(relaxed, away, u, settings.control, counters)
@@ -297,7 +296,10 @@ class Slopes:
         at = stage.equilibrium.evaluation
         nothing = np.zeros_like(at.u)
         for name, (h, low, high) in self._ends.items():
-            dlambda = self._dlambda.pop(name, [np.zeros_like(t.multiplier) for t in stage.load.touches])
+            dlambda = self._dlambda.pop(name, None)
+            if dlambda is None or not any(t.multiplier.any() for t in stage.load.touches):
+                # a first stage; what is kept may be of an attempt that broke off
+                dlambda = [np.zeros_like(t.multiplier) for t in stage.load.touches]
 
             def moved(du: np.ndarray, sign: int, h=h, low=low, high=high, dlambda=dlambda) -> Evaluation:
                 touches = tuple(
