@@ -66,46 +66,64 @@ class Checked:
     true: dict[str, np.ndarray]
 
 
-def draw(seed: int, k: int) -> Draw:
-    """Experiment number k: law, parameters, body, depth to 4 mm, four in five at the top, the others on an axis."""
-    rng = np.random.default_rng([20261125, seed, k])
+def log(rng: np.random.Generator, low: float, high: float) -> float:
+    """A number between two, its logarithm evenly spread."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
-    def log(low: float, high: float) -> float:
-        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
-    mu = log(3e-3, 4e-2)
-    values = {"mu": mu, "D1": 2.0 / (mu * log(1.5, 200.0))}
+def material(rng: np.random.Generator) -> tuple[dict[str, float], str]:
+    """Knobs of a random law, and the law."""
+    mu = log(rng, 3e-3, 4e-2)
+    values = {"mu": mu, "D1": 2.0 / (mu * log(rng, 1.5, 200.0))}
     law = str(rng.choice(["neo_hookean", "neo_hookean", "mooney_rivlin", "yeoh", "ogden"]))
     if law == "mooney_rivlin":
         values["C01"] = mu * rng.uniform(0.0, 0.35)
     elif law == "yeoh":
-        values |= {"C20": mu * log(0.005, 0.1), "C30": mu * log(1e-3, 1e-2)}
+        values |= {"C20": mu * log(rng, 0.005, 0.1), "C30": mu * log(rng, 1e-3, 1e-2)}
     elif law == "ogden":
         values["alpha"] = rng.uniform(1.3, 7.0) if rng.random() < 0.8 else -rng.uniform(2.0, 5.0)
-    half, point = rng.random() < 0.2, [0.0, 0.0]
-    if half:
-        point = [[round(rng.uniform(-25, 25), 1), 0.0], [0.0, round(rng.uniform(-15, 15), 1)]][rng.integers(2)]
-    extras: list[dict[str, float]] = [
+    return values, law
+
+
+def effects(rng: np.random.Generator, mu: float, askew: bool) -> list[dict[str, float]]:
+    """Knobs of every effect; `askew` also turns the fibres off the axes and misaligns the indenter."""
+    out: list[dict[str, float]] = [
         {"friction": rng.uniform(0.05, 0.6)},
-        {"prony_g": rng.uniform(0.05, 0.6), "prony_tau": log(0.3, 60.0)},
+        {"prony_g": rng.uniform(0.05, 0.6), "prony_tau": log(rng, 0.3, 60.0)},
         {"mullins": rng.uniform(0.05, 0.5)},
-        {"fibre": mu * rng.uniform(0.1, 1.0), "fibre_angle": float(rng.choice([0.0, 90.0]))},
-        {"skin_ratio": log(0.3, 5.0), "skin_thickness": rng.uniform(0.2, 1.5)},
         {
-            "inclusion_ratio": log(0.2, 10.0),
+            "fibre": mu * rng.uniform(0.1, 1.0),
+            "fibre_angle": float(rng.choice([0.0, 90.0, rng.uniform(-90, 90)] if askew else [0.0, 90.0])),
+        },
+        {"skin_ratio": log(rng, 0.3, 5.0), "skin_thickness": rng.uniform(0.2, 1.5)},
+        {
+            "inclusion_ratio": log(rng, 0.2, 10.0),
             "inclusion_radius": rng.uniform(2.0, 6.0),
             "inclusion_depth": rng.uniform(11.0, 25.0),
         },
         {"cavity": rng.uniform(0.5, 1.2)},
-        {"weight": log(3e-6, 1.5e-5)},
-        {"adhesion": log(1e-5, 3e-4)},
-        {
-            "delta_a": 2 * rng.normal(),
-            "delta_b": 2 * rng.normal(),
-            "delta_c": 2 * rng.normal(),
-            "delta_R": 0.1 * rng.normal(),
-        },
+        {"weight": log(rng, 3e-6, 1.5e-5)},
+        {"adhesion": log(rng, 1e-5, 3e-4)},
     ]
+    if askew:
+        out += [
+            {"offset_x": rng.normal(), "offset_y": rng.normal()},
+            {"tilt_x": 3 * rng.normal(), "tilt_y": 3 * rng.normal()},
+        ]
+    sizes = {name: 2 * rng.normal() for name in ("delta_a", "delta_b", "delta_c")}
+    return [*out, {**sizes, "delta_R": 0.1 * rng.normal()}]
+
+
+def draw(seed: int, k: int) -> Draw:
+    """Experiment number k: law, parameters, body, depth to 4 mm, four in five at the top, the others on an axis."""
+    rng = np.random.default_rng([20261125, seed, k])
+
+    values, law = material(rng)
+    mu = values["mu"]
+    half, point = rng.random() < 0.2, [0.0, 0.0]
+    if half:
+        point = [[round(rng.uniform(-25, 25), 1), 0.0], [0.0, round(rng.uniform(-15, 15), 1)]][rng.integers(2)]
+    extras = effects(rng, mu, askew=False)
     for i in rng.permutation(len(extras))[: rng.choice([0, 1, 1, 2])]:
         if not (half and "inclusion_ratio" in extras[i]):
             values |= {n: float(v) for n, v in extras[i].items()}
@@ -123,7 +141,7 @@ def draw(seed: int, k: int) -> Draw:
         "indenter": {"radius": 3.0, "shaft": bool(rng.random() < 0.5)},
         "profile": profile,
     }
-    return Draw(values, settings, tuple(round(deepest * f, 4) for f in ASKED), log(0.1, 2.0))
+    return Draw(values, settings, tuple(round(deepest * f, 4) for f in ASKED), log(rng, 0.1, 2.0))
 
 
 def prepare(one: Draw, level: str) -> tuple[Settings, Knobs]:

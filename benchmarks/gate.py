@@ -15,6 +15,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+from fe_errors import effects, log, material
 
 from fem_backend.backend import BACKEND
 from rso.contract import Case, Programme, SimulationFailed
@@ -24,19 +25,8 @@ def draw(k: int, level: str) -> tuple[dict[str, float], Case]:
     """Values and case number k: law, parameters, point, support, body and depth at random."""
     rng = np.random.default_rng([20261121, k])
 
-    def log(low: float, high: float) -> float:
-        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-    mu = log(3e-3, 4e-2)
-    values = {"mu": mu, "D1": 2.0 / (mu * log(1.5, 200.0))}
-    law = rng.choice(["neo_hookean", "neo_hookean", "mooney_rivlin", "yeoh", "ogden"])
-    if law == "mooney_rivlin":
-        values["C01"] = mu * rng.uniform(0.0, 0.35)
-    elif law == "yeoh":
-        values |= {"C20": mu * log(0.005, 0.1), "C30": mu * log(1e-3, 1e-2)}
-    elif law == "ogden":
-        values["alpha"] = rng.uniform(1.3, 7.0) if rng.random() < 0.8 else -rng.uniform(2.0, 5.0)
-    settings: dict[str, object] = {"material": {"law": str(law)}, "mesh": {"level": level}}
+    values, law = material(rng)
+    settings: dict[str, object] = {"material": {"law": law}, "mesh": {"level": level}}
     where = rng.random()
     if where < 0.4:
         settings["point"] = [0.0, 0.0]
@@ -52,37 +42,15 @@ def draw(k: int, level: str) -> tuple[dict[str, float], Case]:
     if rng.random() < 0.35:
         settings["support"] = {
             "kind": "bowl",
-            "clearance": log(0.2, 4.0),
+            "clearance": log(rng, 0.2, 4.0),
             "friction": float(rng.choice([0.0, 0.2, 0.5])),
         }
-    extras = [
-        {"friction": rng.uniform(0.05, 0.6)},
-        {"prony_g": rng.uniform(0.05, 0.6), "prony_tau": log(0.3, 60.0)},
-        {"mullins": rng.uniform(0.05, 0.5)},
-        {"fibre": mu * rng.uniform(0.1, 1.0), "fibre_angle": float(rng.choice([0.0, 90.0, rng.uniform(-90, 90)]))},
-        {"skin_ratio": log(0.3, 5.0), "skin_thickness": rng.uniform(0.2, 1.5)},
-        {
-            "inclusion_ratio": log(0.2, 10.0),
-            "inclusion_radius": rng.uniform(2.0, 6.0),
-            "inclusion_depth": rng.uniform(11.0, 25.0),
-        },
-        {"cavity": rng.uniform(0.5, 1.2)},
-        {"weight": log(3e-6, 1.5e-5)},
-        {"adhesion": log(1e-5, 3e-4)},
-        {"offset_x": rng.normal(), "offset_y": rng.normal()},
-        {"tilt_x": 3 * rng.normal(), "tilt_y": 3 * rng.normal()},
-        {
-            "delta_a": 2 * rng.normal(),
-            "delta_b": 2 * rng.normal(),
-            "delta_c": 2 * rng.normal(),
-            "delta_R": 0.1 * rng.normal(),
-        },
-    ]
+    extras = effects(rng, values["mu"], askew=True)
     for i in rng.permutation(len(extras))[: rng.choice([0, 1, 1, 2])]:
         values |= {n: float(v) for n, v in extras[i].items()}
     deepest = round(rng.uniform(1.0, 6.0), 2)
     asked = tuple(round(deepest * f, 4) for f in (0.25, 0.5, 0.75, 1.0))
-    speed = log(0.1, 2.0)
+    speed = log(rng, 0.1, 2.0)
     if rng.random() < 0.3:
         programme = Programme((0, deepest / speed, 2 * deepest / speed), (0, deepest, 0), asked)
     else:

@@ -44,8 +44,12 @@ class Solved:
     knobs: Knobs
     placement: Placement
     model: Model
-    system: System
     result: Result
+
+    @property
+    def system(self) -> System:
+        """What was solved."""
+        return self.result.system
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +68,33 @@ class FiniteElements:
     def channels(self) -> Mapping[str, str]:
         """Name → unit of every channel."""
         return UNITS
+
+    @property
+    def draft(self) -> Mapping[str, Any]:
+        """Settings for many cheap runs whose differences count."""
+        return {"mesh": {"level": "coarse"}}
+
+    def nominal(self, settings: Mapping[str, Any]) -> Mapping[str, float]:
+        """Knobs that the settings set."""
+        return dict(experiment.read_settings(settings).defaults)
+
+    def tests(self, settings: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
+        """Further tests of the same specimen, in words, and the settings that they replace."""
+        own = experiment.read_settings(settings)
+        x, y = round(0.35 * own.body.a, 1), round(0.35 * own.body.b, 1)
+        return {
+            f"a ball of R = {2 * own.R:g} mm": {"indenter": {"shape": "sphere", "radius": 2 * own.R}},
+            f"the point ({x:g}, 0) mm": {"point": [x, 0.0]},
+            f"the point (0, {y:g}) mm": {"point": [0.0, y]},
+        }
+
+    def variants(self, settings: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
+        """Other supports than that of the settings: what replaces them and the group of knobs that belongs to it."""
+        if experiment.read_settings(settings).support == "bowl":
+            held = {"settings": {"support": {"kind": "fixed"}}, "group": "", "description": "held instead of in a bowl"}
+            return {"held": held}
+        bowl = {"settings": {"support": {"kind": "bowl"}}, "group": "bowl", "description": "in a bowl instead of held"}
+        return {"bowl": bowl}
 
     def check(self, case: Case) -> None:
         """Raise ValueError for settings or programmes that are not modelled."""
@@ -143,13 +174,10 @@ class FiniteElements:
         except Stopped as stopped:
             partial = None
             if stopped.points:
-                at = indentation.bench(settings, knobs, placement, model, stopped.counters)
-                reached = indentation.collect(at, stopped.points, stopped.counters, 0.0)
-                partial = _response(reached, model, settings, knobs)
+                partial = _response(stopped.reached, model, settings, knobs)
             history = tuple({"iteration": k, "residual": r} for k, r in enumerate(stopped.history))
             raise SimulationFailed(stopped.cause, str(stopped), partial, history) from stopped
-        system = modelling.system(settings, knobs, placement, model)
-        return Solved(settings, knobs, placement, model, system, result)
+        return Solved(settings, knobs, placement, model, result)
 
     def knobs(self, values: Mapping[str, float], settings: Settings) -> Knobs:
         """Values with the defaults of knobs and settings; ValueError for unknown, missing or unbounded ones."""

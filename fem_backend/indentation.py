@@ -21,6 +21,7 @@ UNITS = {
     "contact_area": "mm^2", "contact_radius": "mm", "peak_pressure": "MPa", "slipping": "1",
 }  # fmt: skip
 MATERIAL_KNOBS = ("mu", "D1", "C01", "C20", "C30", "alpha", "fibre", "fibre_k2", "skin_ratio", "inclusion_ratio")
+ZONE_KNOBS = ("skin_ratio", "inclusion_ratio")
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Result:
     `uz_max` is how far the deepest point went down since contact, `bulge` how far the highest went up (the material
     rises around the ball, the more the less compressible it is); `slipping` is the share of the contact area that
     slips; `reaction` (k, 3) N is the support's, `contact_error` (k,) N what the last augmentation changed;
-    `gradients[knob][channel]` (k,).
+    `gradients[knob][channel]` (k,); `system` is what was solved.
     """
 
     channels: Mapping[str, np.ndarray]
@@ -41,6 +42,7 @@ class Result:
     points: tuple[Point, ...] = field(default=(), repr=False)
     gradients: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
     notes: Mapping[str, float] = field(default_factory=dict)
+    system: System | None = field(default=None, repr=False)
 
     @property
     def travel(self) -> np.ndarray:
@@ -115,25 +117,29 @@ def solve(
     settings: Settings, knobs: Knobs, placement: Placement, model: Model, instants: Sequence[Instant],
     guess: Guess | None = None, gradients: Sequence[str] = (),
 ) -> Result:  # fmt: skip
-    """Curves at the asked instants of a programme; raises Stopped with the points reached, and model.NotModelled.
+    """Curves at the asked instants of a programme; raises Stopped with the result so far, and model.NotModelled.
 
     `guess(s)` may offer a state (n, 3) to start from at travel s; `gradients` names material knobs.
     """
     started = time.process_time()
     counters = Counters(deadline=started + settings.control.time_limit_s)
     at = bench(settings, knobs, placement, model, counters)
-    control = settings.control
-    if at.path_dependent:
-        history = _earlier(at, counters)
-        u = at.seated
-        if at.system.springs is not None and at.system.dead is None:
-            u = stepping.seat(_smooth(at.system), at.start(0.02 * placement.R), u, control, counters)
-        points = stepping.follow(at.system, at.start, steps(instants, control.path), control, counters, u, history)
-    else:
-        slopes = Slopes(at, gradients)
-        points = elastic(at, instants, counters, guess, slopes)
-        return collect(at, points, counters, time.process_time() - started, slopes)
-    return collect(at, points, counters, time.process_time() - started)
+    slopes = None if at.path_dependent else Slopes(at, gradients)
+    try:
+        points = along(at, instants, counters) if slopes is None else elastic(at, instants, counters, guess, slopes)
+    except Stopped as stopped:
+        stopped.reached = collect(at, stopped.points, counters, time.process_time() - started)
+        raise
+    return collect(at, points, counters, time.process_time() - started, slopes)
+
+
+def along(at: Bench, instants: Sequence[Instant], counters: Counters) -> list[Point]:
+    """Points of a body for which the way counts: the programme is followed step by step."""
+    control, u = at.settings.control, at.seated
+    history = _earlier(at, counters)
+    if at.system.springs is not None and at.system.dead is None:
+        u = stepping.seat(_smooth(at.system), at.start(0.02 * at.placement.R), u, control, counters)
+    return stepping.follow(at.system, at.start, steps(instants, control.path), control, counters, u, history)
 
 
 def _smooth(system: System) -> System:
@@ -257,7 +263,7 @@ def collect(
         forces = [max(np.linalg.norm(p.force), 1e-300) for p in points]
         notes["spring_share"] = float(max(c / f for c, f in zip(carried, forces, strict=True)))
     return Result(out, np.array([reaction(at, p.evaluation) for p in points]).reshape(-1, 3), np.array(change),
-                  counters, cpu_s, tuple(points), gradients, notes)  # fmt: skip
+                  counters, cpu_s, tuple(points), gradients, notes, at.system)  # fmt: skip
 
 
 def reaction(at: Bench, evaluation: Evaluation) -> np.ndarray:
@@ -284,10 +290,13 @@ class Slopes:
         for name in names:
             value = getattr(at.knobs, name)
             h = 1e-5 * (abs(value) or at.system.material.shear_modulus)
-            low, high = (
-                modelling.system(at.settings, replace(at.knobs, **{name: value + s * h}), at.placement, at.model)
-                for s in (-1, 1)
-            )
+            ends = [replace(at.knobs, **{name: value + s * h}) for s in (-1, 1)]
+            low, high = (modelling.system(at.settings, k, at.placement, at.model, at.system) for k in ends)
+            if name in ZONE_KNOBS:
+                up = modelling.stiffening(at.settings, ends[1], at.placement, at.model.body)
+                if up is not None:  # linear in its ratios, so the lower end is a mirror image
+                    middle = 1.0 if at.system.scale is None else at.system.scale
+                    low, high = replace(low, scale=2.0 * middle - up), replace(high, scale=up)
             self._ends[name] = h, low, high
         self._dlambda: dict[str, list[np.ndarray]] = {}
 

@@ -8,22 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from skfem import MeshTet2
 
-from fem_backend import element, geometry, linsolve, meshing, zones
+from fem_backend import element, geometry, laws, linsolve, meshing, zones
 from fem_backend.contact import Adhesion, ContactSurface, Pair, Touch, contact_surface, quadratic_facets
 from fem_backend.experiment import Knobs, Settings
 from fem_backend.geometry import Bowl, Ellipsoid, Sphere
-from fem_backend.laws import (
-    Fibre,
-    Law,
-    LinearElastic,
-    Material,
-    MooneyRivlin,
-    Mullins,
-    NeoHooke,
-    Ogden,
-    Prony,
-    Yeoh,
-)  # fmt: skip
+from fem_backend.laws import Law, Material
 from fem_backend.meshing import Mesh
 from fem_backend.newton import Load, System
 from fem_backend.stepping import Control
@@ -138,27 +127,27 @@ def material(settings: Settings, knobs: Knobs) -> Material:
     kind = used[0] if used else settings.law
     law: Law
     if kind == "mooney_rivlin":
-        law = MooneyRivlin(mu, D1, knobs.C01)
+        law = laws.MooneyRivlin(mu, D1, knobs.C01)
     elif kind == "yeoh":
-        law = Yeoh(mu, D1, knobs.C20, knobs.C30)
+        law = laws.Yeoh(mu, D1, knobs.C20, knobs.C30)
     elif kind == "ogden":
         share = tuple(s for _, s in settings.ogden)
-        law = Ogden(mu, D1, (knobs.alpha, *(a for a, _ in settings.ogden)), (1.0 - sum(share), *share))
+        law = laws.Ogden(mu, D1, (knobs.alpha, *(a for a, _ in settings.ogden)), (1.0 - sum(share), *share))
     else:
-        law = LinearElastic(mu, D1) if kind == "linear_elastic" else NeoHooke(mu, D1)
+        law = laws.LinearElastic(mu, D1) if kind == "linear_elastic" else laws.NeoHooke(mu, D1)
     terms = [(knobs.prony_g, knobs.prony_tau), (knobs.prony_g2, knobs.prony_tau2), (knobs.prony_g3, knobs.prony_tau3)]
     terms = [t for t in terms if t[0] != 0.0] + list(settings.prony)
     if sum(g for g, _ in terms) >= 1.0:
         raise NotModelled("inadmissible", f"the Prony shares sum to {sum(g for g, _ in terms):g}, at least 1")
     angle = np.deg2rad(knobs.fibre_angle)
-    fibre = Fibre(knobs.fibre, knobs.fibre_k2, (float(np.cos(angle)), float(np.sin(angle)), 0.0))
-    mullins = Mullins(knobs.mullins, knobs.mullins_m * mu, knobs.mullins_beta)
+    fibre = laws.Fibre(knobs.fibre, knobs.fibre_k2, (float(np.cos(angle)), float(np.sin(angle)), 0.0))
+    mullins = laws.Mullins(knobs.mullins, knobs.mullins_m * mu, knobs.mullins_beta)
     if law.small_strain and (knobs.fibre or terms or knobs.mullins):
         raise NotModelled("not_supported", "the linear elastic law has no fibres, relaxation or softening")
     return Material(
         law,
         fibre if knobs.fibre else None,
-        Prony(tuple(g for g, _ in terms), tuple(t for _, t in terms)) if terms else None,
+        laws.Prony(tuple(g for g, _ in terms), tuple(t for _, t in terms)) if terms else None,
         mullins if knobs.mullins else None,
     )
 
@@ -228,31 +217,51 @@ def _model(
     return build(settings, made, Ellipsoid(*axes), planes, symmetric)
 
 
-def system(settings: Settings, knobs: Knobs, placement: Placement, model: Model) -> System:
+def system(
+    settings: Settings, knobs: Knobs, placement: Placement, model: Model, like: System | None = None
+) -> System:  # fmt: skip
     """Everything that stays the same during a run.
 
+    `like` is a system whose knobs differ in moduli of the material alone: surfaces and zones are taken over from it.
     Raises NotModelled for an inclusion outside the body and the like, and for laws that do not combine.
     """
-    body, X = model.body, model.body.nodes
+    body = model.body
     stuff = material(settings, knobs)
     mu = stuff.shear_modulus
-    near = np.linalg.norm(X[model.facets].mean(1) - placement.contact, axis=1) < REACH * placement.R
-    surface = contact_surface(body, model.facets[near], placement.body)
+    surfaces = touching(settings, placement, model) if like is None else [p.surface for p in like.pairs]
     adhesion = Adhesion(knobs.adhesion, knobs.adhesion_range) if knobs.adhesion else None
-    epsilon = np.full(surface.weights.shape, PENALTY * mu / placement.R)
-    pairs = [Pair(surface, Sphere(placement.R, settings.shaft), epsilon, knobs.friction, adhesion)]
+    epsilon = np.full(surfaces[0].weights.shape, PENALTY * mu / placement.R)
+    pairs = [Pair(surfaces[0], Sphere(placement.R, settings.shaft), epsilon, knobs.friction, adhesion)]
     springs = None
     if settings.support == "bowl":
-        facets = model.facets[X[model.facets].mean(1)[:, 2] < 0.0]
-        below = contact_surface(body, facets, placement.body, BOWL_ORDER)
-        epsilon = np.full(below.weights.shape, BOWL_PENALTY * mu / placement.R)
+        epsilon = np.full(surfaces[1].weights.shape, BOWL_PENALTY * mu / placement.R)
         bowl = Bowl(tuple(placement.body.semi_axes + knobs.bowl_clearance), (0.0, 0.0, knobs.bowl_clearance), 0.0)
-        pairs.append(Pair(below, bowl, epsilon, knobs.bowl_friction, None))
+        pairs.append(Pair(surfaces[1], bowl, epsilon, knobs.bowl_friction, None))
         whole = body.w.sum()
         springs = SPRINGS * mu * placement.R * lumped(body, np.ones_like(body.w)) / whole / multiplicity(placement)
+    dead = None
+    if knobs.weight:
+        dead = knobs.weight * lumped(body, np.ones_like(body.w))[:, None] * placement.down
+    scale = stiffening(settings, knobs, placement, body) if like is None else like.scale
+    least = 1e-3 * mu * placement.R**2  # about the force at R/100
+    return System(body, stuff, tuple(pairs), model.factor, scale, dead, springs, least)
+
+
+def touching(settings: Settings, placement: Placement, model: Model) -> list[ContactSurface]:
+    """Surfaces that may touch: the indenter around the first contact; in a bowl also the lower half of the body."""
+    middle = model.body.nodes[model.facets].mean(1)
+    near = np.linalg.norm(middle - placement.contact, axis=1) < REACH * placement.R
+    surfaces = [contact_surface(model.body, model.facets[near], placement.body)]
+    if settings.support == "bowl":
+        surfaces.append(contact_surface(model.body, model.facets[middle[:, 2] < 0.0], placement.body, BOWL_ORDER))
+    return surfaces
+
+
+def stiffening(settings: Settings, knobs: Knobs, placement: Placement, body: element.Body) -> np.ndarray | None:
+    """Factor (m, q) of skin, inclusion and cavity on all moduli, None without them; raises NotModelled."""
     inclusion = (knobs.inclusion_x, knobs.inclusion_y, placement.body.c - knobs.inclusion_depth)
     try:
-        scale = zones.scale(
+        return zones.scale(
             body, placement.body,
             (knobs.skin_thickness, knobs.skin_ratio) if knobs.skin_ratio != 1.0 else None,
             (inclusion, knobs.inclusion_radius, knobs.inclusion_ratio) if knobs.inclusion_ratio != 1.0 else None,
@@ -260,11 +269,6 @@ def system(settings: Settings, knobs: Knobs, placement: Placement, model: Model)
         )  # fmt: skip
     except ValueError as error:
         raise NotModelled("bad_geometry", str(error)) from error
-    dead = None
-    if knobs.weight:
-        dead = knobs.weight * lumped(body, np.ones_like(body.w))[:, None] * placement.down
-    least = 1e-3 * mu * placement.R**2  # about the force at R/100
-    return System(body, stuff, tuple(pairs), model.factor, scale, dead, springs, least)
 
 
 def multiplicity(placement: Placement) -> int:

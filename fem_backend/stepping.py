@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -90,7 +91,9 @@ class Point:
 
 
 class Stopped(ArithmeticError):
-    """The run ended early: cause class, message, what was reached, residual history."""
+    """The run ended early: cause class, message, points reached (`reached` is the result of them), residual history."""
+
+    reached: Any = None
 
     def __init__(
         self, cause: str, message: str, points: list[Point], history: tuple[float, ...], counters: Counters

@@ -7,7 +7,9 @@ import dataclasses
 import json
 import os
 import shlex
+import shutil
 import sys
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -62,6 +64,7 @@ def _parser() -> argparse.ArgumentParser:
         ("check", _check, "read a study, say what would run and about how long; compute nothing"),
         ("run", _run, "run a study, or go on with it, and write its report"),
         ("status", _status, "say how far a study is"),
+        ("diagnose", _diagnose, "say where the model misses the measurements and which unmodelled effect causes it"),
         ("report", _report, "write the report again from results.json"),
     ):
         command = commands.add_parser(name, help=text, description=text)
@@ -70,8 +73,9 @@ def _parser() -> argparse.ArgumentParser:
         command.set_defaults(call=call)
         if name == "check":
             command.add_argument("--trust", action="store_true", help="load a backend that is not rso's own: its code")
-        if name == "run":
+        if name in ("run", "diagnose"):
             command.add_argument("--jobs", type=int, help="simulations at a time (default: dispatch.jobs)")
+        if name == "run":
             command.add_argument("--fresh", action="store_true", help="move the old results aside and start again")
     return parser
 
@@ -174,6 +178,42 @@ def _run(options: argparse.Namespace, command: str) -> int:
         files = render(found, folder, html=study.report.html, pdf=study.report.pdf)
     _summary(found, files)
     return int(found["exit_code"])
+
+
+def _diagnose(options: argparse.Namespace, command: str) -> int:
+    from rso.progress import Progress
+    from rso.store import RunStore
+    from rso.study import load
+    from rso.study.diagnosing import ask, run_diagnosis
+    from rso.study.plan import source_of
+
+    study = load(options.study)
+    asked = ask(study)
+    jobs = study.dispatch.jobs if options.jobs is None else options.jobs
+    if jobs < 1:
+        print(f"rso: --jobs {jobs}: at least 1 is needed", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    folder = _folder(options, study.folder)
+    with (
+        RunStore(folder) as store,
+        _executor(study.dispatch, jobs, source_of(study), folder) as pool,
+        Progress() as progress,
+    ):
+        try:
+            found = run_diagnosis(asked, store, pool, folder, command=command, watch=progress.watch, say=progress.say)
+        except ValueError as error:
+            progress.say(f"stopped: {error}")
+            return EXIT_FAILED_RUNS
+    files = [folder / "diagnosis.json"]
+    if study.report.html or study.report.pdf:
+        from rso.report import render_diagnosis
+
+        files += render_diagnosis(found, folder, html=study.report.html, pdf=study.report.pdf)
+    print()
+    for line in found["words"]:
+        print(textwrap.fill(line, min(shutil.get_terminal_size().columns, 100)))
+    print("\n" + "\n".join(str(f) for f in files))
+    return EXIT_FAILED_RUNS if found["failed_runs"] else 0
 
 
 def _executor(table: Any, jobs: int, source: Any, folder: Path) -> Any:

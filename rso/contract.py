@@ -53,6 +53,7 @@ class Parameter:
     group: str = ""
     typical: float | None = None
     scope: Scope = "study"
+    plausible: tuple[float, float] | None = None
 
     def check(self, value: float) -> float:
         """Return `value` as a float, or raise ValueError naming knob, value, unit and bounds."""
@@ -76,10 +77,15 @@ def knob(
     group: str = "",
     typical: float | None = None,
     scope: Scope = "study",
+    plausible: tuple[float, float] | None = None,
 ) -> Any:
-    """Declare one knob as a dataclass field; an effect gives `neutral`, which is then also its default."""
+    """Declare one knob as a dataclass field; an effect gives `neutral`, which is then also its default.
+
+    `plausible` is the range one meets in practice: the prior of a diagnosis, neither hard bounds nor a design's box.
+    """
     start = neutral if default is None else default
-    metadata = {"parameter": Parameter("", description, unit, low, high, start, neutral, group, typical, scope)}
+    declared = Parameter("", description, unit, low, high, start, neutral, group, typical, scope, plausible)
+    metadata = {"parameter": declared}
     return field(metadata=metadata) if start is None else field(default=start, metadata=metadata)
 
 

@@ -10,6 +10,8 @@ import numpy as np
 
 from fem_backend.laws.law import Isotropic, cauchy_green
 
+ROW, COL = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])  # of the six components of a symmetric tensor
+
 
 @dataclass(frozen=True)
 class Ogden(Isotropic):
@@ -91,6 +93,86 @@ def _quotients(y):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+def _stretches(c, x, e, v, a):  # type: ignore[no-untyped-def]
+    """Fill x = λ² (3,), e = ln λ̄ (3,) and the directions, columns of v, of C given as c (6,); `a` (3, 3) is room."""
+    for k in range(6):
+        a[ROW[k], COL[k]] = c[k]
+        a[COL[k], ROW[k]] = c[k]
+    _jacobi(a, v)
+    # Σ ln λ̄ = 0 exactly, which a log of J alone would miss by round-off
+    mean = (math.log(a[0, 0]) + math.log(a[1, 1]) + math.log(a[2, 2])) / 6.0
+    for i in range(3):
+        x[i] = a[i, i]
+        e[i] = 0.5 * math.log(x[i]) - mean
+
+
+@numba.njit(cache=True)
+def _terms(mu, alpha, x, e, s, k):  # type: ignore[no-untyped-def]
+    """Energy; fill the principal stresses s (3,) and k (3,)."""
+    W = 0.0
+    for i in range(3):
+        s[i], k[i] = 0.0, 0.0
+        for t in range(len(mu)):
+            y = alpha[t] * e[i]
+            first, second = _quotients(y)
+            s[i] += 2.0 * mu[t] * e[i] * first
+            k[i] += 2.0 * mu[t] * (1.0 + y * first)
+            W += 2.0 * mu[t] * e[i] * e[i] * second
+    mean = (s[0] + s[1] + s[2]) / 3.0
+    for i in range(3):
+        s[i] = (s[i] - mean) / x[i]
+    return W
+
+
+@numba.njit(cache=True)
+def _normal(x, s, k, d):  # type: ignore[no-untyped-def]
+    """Fill d (3, 3) = 2 ∂Sₐ/∂x_b, the tangent between principal directions."""
+    mean = (k[0] + k[1] + k[2]) / 3.0
+    for i in range(3):
+        for j in range(3):
+            d[i, j] = (mean / 3.0 - (k[i] + k[j]) / 3.0) / (x[i] * x[j])
+        d[i, i] += (k[i] / x[i] - 2.0 * s[i]) / x[i]
+
+
+@numba.njit(cache=True)
+def _shear(mu, alpha, x, e, s, g):  # type: ignore[no-untyped-def]
+    """Fill g (3,) = (S_b − Sₐ)/(x_b − xₐ) of the plane across each direction, the tangent of its shear."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        part = (x[k] - x[j]) / x[j]
+        log = math.log1p(part)
+        ratio, quotient = 1.0 if part == 0.0 else log / part, 0.0
+        for t in range(len(mu)):
+            first, _ = _quotients(0.5 * alpha[t] * log)
+            quotient += mu[t] * math.exp(alpha[t] * e[j]) / x[j] * ratio * first
+        g[i] = (quotient - s[j]) / x[k]
+
+
+@numba.njit(cache=True)
+def _dyads(v, N, P):  # type: ignore[no-untyped-def]
+    """Fill Nₐ⊗Nₐ and N_b⊗N_c + N_c⊗N_b across it, (3, 6), from the columns of v."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        for l in range(6):
+            N[i, l] = v[ROW[l], i] * v[COL[l], i]
+            P[i, l] = v[ROW[l], j] * v[COL[l], k] + v[ROW[l], k] * v[COL[l], j]
+
+
+@numba.njit(cache=True)
+def _tangent(d, g, N, P, C):  # type: ignore[no-untyped-def]
+    """Fill ℂ (6, 6) = Σ dₐ_b Nₐ⊗Nₐ⊗N_b⊗N_b + Σ gₐ Pₐ⊗Pₐ."""
+    for k in range(6):
+        for l in range(k, 6):
+            value = 0.0
+            for i in range(3):
+                value += g[i] * P[i, k] * P[i, l]
+                for j in range(3):
+                    value += d[i, j] * N[i, k] * N[j, l]
+            C[k, l] = value
+            C[l, k] = value
+
+
+@numba.njit(cache=True)
 def _principal(F, jac, mu, alpha, tangent):  # type: ignore[no-untyped-def]
     """S = Σ Sₐ Nₐ⊗Nₐ and ℂ (Holzapfel 2000, eq. 6.180), with x = λ², e = ln λ̄ and
 
@@ -104,64 +186,20 @@ def _principal(F, jac, mu, alpha, tangent):  # type: ignore[no-untyped-def]
     m, n = F.shape[0], F.shape[1]
     W, S = np.empty((m, n)), np.empty((m, n, 6))
     C4 = np.empty((m, n, 6, 6) if tangent else (1, 1, 6, 6))
-    row, col = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
     c, ci = np.empty(6), np.empty(6)
     a, v, d = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    x, e, f, stiff, s = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    x, e, s, stiff, g = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     N, P = np.empty((3, 6)), np.empty((3, 6))
     for p in range(m):
         for q in range(n):
-            J = jac[p, q]
-            cauchy_green(F[p, q], J, c, ci)
-            for k in range(6):
-                a[row[k], col[k]] = c[k]
-                a[col[k], row[k]] = c[k]
-            _jacobi(a, v)
-            # Σ ln λ̄ = 0 exactly, which a log of J alone would miss by round-off
-            mean = (math.log(a[0, 0]) + math.log(a[1, 1]) + math.log(a[2, 2])) / 6.0
-            W[p, q] = 0.0
-            for i in range(3):
-                x[i] = a[i, i]
-                e[i] = 0.5 * math.log(x[i]) - mean
-                f[i], stiff[i] = 0.0, 0.0
-                for t in range(len(mu)):
-                    y = alpha[t] * e[i]
-                    first, second = _quotients(y)
-                    f[i] += 2.0 * mu[t] * e[i] * first
-                    stiff[i] += 2.0 * mu[t] * (1.0 + y * first)
-                    W[p, q] += 2.0 * mu[t] * e[i] * e[i] * second
-            mf, mk = (f[0] + f[1] + f[2]) / 3.0, (stiff[0] + stiff[1] + stiff[2]) / 3.0
-            for i in range(3):
-                s[i] = (f[i] - mf) / x[i]
-                for k in range(6):
-                    N[i, k] = v[row[k], i] * v[col[k], i]
+            cauchy_green(F[p, q], jac[p, q], c, ci)
+            _stretches(c, x, e, v, a)
+            W[p, q] = _terms(mu, alpha, x, e, s, stiff)
+            _dyads(v, N, P)
             for k in range(6):
                 S[p, q, k] = s[0] * N[0, k] + s[1] * N[1, k] + s[2] * N[2, k]
-            if not tangent:
-                continue
-            for i in range(3):
-                for j in range(3):
-                    d[i, j] = (mk / 3.0 - (stiff[i] + stiff[j]) / 3.0) / (x[i] * x[j])
-                d[i, i] += (stiff[i] / x[i] - 2.0 * s[i]) / x[i]
-            for i in range(3):  # the shear in the plane of the other two directions
-                j, k = (i + 1) % 3, (i + 2) % 3
-                part = (x[k] - x[j]) / x[j]
-                log = math.log1p(part)
-                ratio, quotient = 1.0 if part == 0.0 else log / part, 0.0
-                for t in range(len(mu)):
-                    first, _ = _quotients(0.5 * alpha[t] * log)
-                    quotient += mu[t] * math.exp(alpha[t] * e[j]) / x[j] * ratio * first
-                g = (quotient - s[j]) / x[k]
-                for l in range(6):
-                    P[i, l] = v[row[l], j] * v[col[l], k] + v[row[l], k] * v[col[l], j]
-                f[i] = g
-            for k in range(6):
-                for l in range(k, 6):
-                    value = 0.0
-                    for i in range(3):
-                        value += f[i] * P[i, k] * P[i, l]
-                        for j in range(3):
-                            value += d[i, j] * N[i, k] * N[j, l]
-                    C4[p, q, k, l] = value
-                    C4[p, q, l, k] = value
+            if tangent:
+                _normal(x, s, stiff, d)
+                _shear(mu, alpha, x, e, s, g)
+                _tangent(d, g, N, P, C4[p, q])
     return W, S, C4

@@ -29,14 +29,47 @@ class Chain:
         neutral=0.0,
         typical=0.05,
         scope="mounting",
+        plausible=(-0.4, 0.4),
     )
-    compliance: float = knob("load-train compliance", "mm/N", 0.0, 2.0, neutral=0.0, typical=0.1)
-    gain: float = knob("gain of the force channel", "1", 0.5, 2.0, neutral=1.0, typical=1.02, scope="curve")
-    bias: float = knob("zero error of the force channel", "N", -0.5, 0.5, neutral=0.0, typical=0.005, scope="curve")
-    drift: float = knob("drift of the force channel", "N/s", -0.1, 0.1, neutral=0.0, typical=0.0005, scope="curve")
-    lag: float = knob("delay of the force clock behind the depth clock", "s", -1.0, 1.0, neutral=0.0, typical=0.1)
-    cross_x: float = knob("share of Fz that appears in Fx", "1", -0.5, 0.5, neutral=0.0, typical=0.02)
-    cross_y: float = knob("share of Fz that appears in Fy", "1", -0.5, 0.5, neutral=0.0, typical=0.02)
+    compliance: float = knob("load-train compliance", "mm/N", 0.0, 2.0, neutral=0.0, typical=0.1, plausible=(0.01, 0.8))
+    gain: float = knob(
+        "gain of the force channel", "1", 0.5, 2.0, neutral=1.0, typical=1.02, scope="curve", plausible=(0.8, 1.25)
+    )
+    bias: float = knob(
+        "zero error of the force channel",
+        "N",
+        -0.5,
+        0.5,
+        neutral=0.0,
+        typical=0.005,
+        scope="curve",
+        plausible=(-0.05, 0.05),
+    )
+    drift: float = knob(
+        "drift of the force channel",
+        "N/s",
+        -0.1,
+        0.1,
+        neutral=0.0,
+        typical=0.0005,
+        scope="curve",
+        plausible=(-0.004, 0.004),
+    )
+    lag: float = knob(
+        "delay of the force clock behind the depth clock",
+        "s",
+        -1.0,
+        1.0,
+        neutral=0.0,
+        typical=0.1,
+        plausible=(-0.6, 0.6),
+    )
+    cross_x: float = knob(
+        "share of Fz that appears in Fx", "1", -0.5, 0.5, neutral=0.0, typical=0.02, plausible=(-0.2, 0.2)
+    )
+    cross_y: float = knob(
+        "share of Fz that appears in Fy", "1", -0.5, 0.5, neutral=0.0, typical=0.02, plausible=(-0.2, 0.2)
+    )
 
     def __post_init__(self) -> None:
         for parameter in parameters_of(type(self)):

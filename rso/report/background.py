@@ -215,6 +215,16 @@ def _settings(value: object) -> str:
     return shortest(value) if known(value) else clean(value)
 
 
+def _channel(e: Mapping[str, Any]) -> str:
+    """What is compared; of a load-unload test it is said that half of it is."""
+    channel, more = clean(e.get("channel")), []
+    if e.get("kind") == "profile":
+        more = ["profile"] if e.get("role") == "validate" else ["profile", "not used"]
+    elif (e.get("settings") or {}).get("unload") is True:
+        more = ["loading"]
+    return ", ".join([channel, *more])
+
+
 def _data(results: Results) -> Table | None:
     every = listed(results, "experiments")
     if not every:
@@ -224,7 +234,7 @@ def _data(results: Results) -> Table | None:
         column("Experiment", words([clean(e["name"]) for e in every]), number=False),
         column("role", words([clean(e.get("role")) for e in every]), number=False),
         column("file", words([clean(e.get("file")) for e in every], "code"), number=False),
-        column("channel", words([clean(e.get("channel")) for e in every]), number=False),
+        column("channel", words([_channel(e) for e in every]), number=False),
         column("repeats", words([shortest(e.get("n_repeats")) for e in every])),
         column("points", words([str(len(d)) for d in depth])),
         column("to depth", words([significant(max(d), 2) if d else DASH for d in depth]), "mm"),

@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, canvas, short, style, svg, tag
 from rso.report.digits import Unit, clean, ends, known, largest, shortest, shown, signed, significant
+from rso.report.displacements import is_profile, profile_figure
 from rso.report.identification import profiles
 from rso.report.maps import fronts, sensitivity, surfaces
 from rso.report.reading import (
@@ -19,6 +20,7 @@ from rso.report.reading import (
     candidates,
     curve_unit,
     experiments,
+    fitted_curves,
     listed,
     number,
     outputs,
@@ -41,9 +43,10 @@ def draw(results: Results, name: str) -> str:
         if kind == "verification":
             return verification(results, name)
         if kind == "curve":
-            return curves(results, experiments(results, "fit", "select")[k], name)
+            return curves(results, fitted_curves(results)[k], name)
         if kind == "validation":
-            return validation(results, experiments(results, "validate")[k], name)
+            e = experiments(results, "validate")[k]
+            return profile_figure(results, e, name) if is_profile(e) else validation(results, e, name)
         if kind == "surface":
             return surfaces(results, name)
         if kind == "sensitivity":

@@ -20,6 +20,7 @@ from rso.report.digits import (
     shortest,
     shown,
 )
+from rso.report.displacements import is_profile, profile_blocks
 from rso.report.document import Block, Cell, Picture, Report, Section, Table, Text, column, missing, table, words
 from rso.report.identification import identification_section
 from rso.report.reading import (
@@ -29,6 +30,7 @@ from rso.report.reading import (
     candidates,
     curve_unit,
     experiments,
+    fitted_curves,
     listed,
     number,
     outputs,
@@ -52,7 +54,7 @@ _KINDS = {
 def report(results: Results) -> Report:
     """The whole document from the documented layout of results.json; what is missing is said to be missing."""
     study, backend, made = (results.get(k) or {} for k in ("study", "backend", "provenance"))
-    fitted = ", ".join(clean(e["name"]) for e in experiments(results, "fit", "select"))
+    fitted = ", ".join(clean(e["name"]) for e in fitted_curves(results))
     byline = [f"Simulations by {clean(backend['name'])}"] if backend.get("name") else []
     byline += [f"rso {clean(made['rso'])}"] if made.get("rso") else []
     byline += [clean(made["finished"])[:10]] if made.get("finished") else []
@@ -181,11 +183,12 @@ def _search_note(results: Results, s: Mapping[str, Any], chosen: list[Candidate]
 def curve_section(results: Results) -> Section:
     """Section 4: measured and simulated curves with error metrics, then the validation."""
     blocks: list[Block] = []
-    for k, e in enumerate(experiments(results, "fit", "select")):
+    for k, e in enumerate(fitted_curves(results)):
         if points((e.get("measured") or {}).get("depth"), (e.get("measured") or {}).get("value"))[0]:
             blocks.append(Picture(f"curve-{k}", curve_caption(results, e)))
         if e.get("notes"):
-            blocks.append(Text(f"{clean(e.get('file') or e['name'])} says: {clean(e['notes'][0])}", "note"))
+            said = " ".join(clean(n) for n in e["notes"][:2])  # what rso itself has to say comes first
+            blocks.append(Text(f"{clean(e.get('file') or e['name'])}: {said}", "note"))
         rows = metric_rows(results, e["name"])
         if rows:
             blocks.append(_metric_table(results, e, rows))
@@ -260,6 +263,9 @@ def _validation_blocks(results: Results) -> list[Block]:
     for k, e in enumerate(planned):
         mine = [v for v in rows if v.get("experiment") == e["name"]]
         if not mine:
+            continue
+        if is_profile(e):
+            blocks += profile_blocks(results, e, f"validation-{k}")
             continue
         m = e.get("measured") or {}
         drawn = any(points(v.get("depth"), v.get("predicted"))[0] for v in mine)

@@ -217,6 +217,11 @@ def experiments(results: Results, *roles: str) -> tuple[Mapping[str, Any], ...]:
     return tuple(e for e in listed(results, "experiments") if e.get("role") in roles)
 
 
+def fitted_curves(results: Results) -> tuple[Mapping[str, Any], ...]:
+    """Force curves that the search knows; profiles of these roles are only kept."""
+    return tuple(e for e in experiments(results, "fit", "select") if e.get("kind") != "profile")
+
+
 def experiment(results: Results, name: str) -> Mapping[str, Any]:
     """The entry of an experiment, empty if it is unknown."""
     return next((e for e in listed(results, "experiments") if e.get("name") == name), {})

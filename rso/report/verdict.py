@@ -18,6 +18,7 @@ from rso.report.digits import (
     significant,
     unit_text,
 )
+from rso.report.displacements import is_profile, profile_sentence
 from rso.report.document import Block, Fact, Facts, Picture, Section, Text
 from rso.report.identification import identified
 from rso.report.reading import (
@@ -225,6 +226,8 @@ def _one_validation(e: Mapping[str, Any], v: Mapping[str, Any]) -> str:
     if v.get("state") != "done":
         why = f"{clean(v.get('cause'))}: {clean(v.get('reason'))}"
         return f"Validation with {name}: the run {clean(v.get('state'))} ({why})."
+    if is_profile(e):
+        return profile_sentence(e, v)
     if len(v.get("depth") or ()) == 1:
         depth, y, f = v["depth"][0], number(v["measured"][0]), number(v["predicted"][0])
         if y and f is not None:
@@ -285,6 +288,8 @@ def _facts(results: Results) -> tuple[Fact, ...]:
 
 def _validation_fact(results: Results, best: Candidate | None) -> list[Fact]:
     for v in listed(results, "validation"):
+        if is_profile(experiment(results, v.get("experiment", ""))):
+            continue  # of many marks none stands for the others
         if best and (v.get("search"), v.get("candidate")) == (best.search, best.name) and v.get("state") == "done":
             y, f = number((v.get("measured") or [None])[-1]), number((v.get("predicted") or [None])[-1])
             if y and f is not None:

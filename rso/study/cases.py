@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from rso.contract import Backend, Case, Programme, digest
 from rso.measurement import MeasuredCurve, combine
@@ -17,14 +19,26 @@ from rso.units import quantity
 
 DEFAULT_SPEED = 0.5  # mm/s
 STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for Hertz
+PROFILES = 2 * STEPS  # different depths of a profile up to which each is asked for
+LOADING = "Only the loading branch is compared; what was recorded while unloading is not."
+SET_ASIDE = 'Not used by the search: profiles are used by rso diagnose, or with role = "validate" for validation.'
 MISREAD = (ValueError, TypeError, LookupError, AttributeError)  # settings of the wrong type end in any of these
 
 
 def measured_curves(study: Study) -> dict[str, MeasuredCurve]:
-    """First compared channel of every force experiment, repeats combined."""
+    """First compared channel of every force experiment, repeats combined; of a load-unload test the loading."""
+    return _measured(study, "force")
+
+
+def measured_profiles(study: Study) -> dict[str, MeasuredCurve]:
+    """Vertical displacements of every profile, repeats combined, with the reference places in `position`."""
+    return _measured(study, "profile")
+
+
+def _measured(study: Study, kind: str) -> dict[str, MeasuredCurve]:
     curves, problems = {}, []
     for n, e in enumerate(study.experiments):
-        if e.kind != "force":
+        if e.kind != kind:
             continue
         try:
             curve = combine(study.measurement(e.name), e.noise.noise(), e.compared[0])
@@ -36,6 +50,15 @@ def measured_curves(study: Study) -> dict[str, MeasuredCurve]:
     if problems:
         raise study_error(study.file, study.lines, problems)
     return curves
+
+
+def remarks(study: Study, name: str) -> list[str]:
+    """What of the data of an experiment is not used by `rso run`, in words."""
+    e = study.experiment(name)
+    if e.kind == "profile":
+        return [] if e.role == "validate" else [SET_ASIDE]
+    returns = any(np.any(r.segment == "unloading") for r in study.measurement(name).repeats)
+    return [LOADING] if returns or study.settings_of(name).get("unload") is True else []
 
 
 def travels(curve: MeasuredCurve, targets: set[float]) -> tuple[float, ...]:
@@ -50,8 +73,37 @@ def travels(curve: MeasuredCurve, targets: set[float]) -> tuple[float, ...]:
 
 
 def case_for(study: Study, name: str, asked: tuple[float, ...]) -> Case:
-    settings = study.settings_of(name)
+    """Loading of an experiment through the asked travels (mm); that its file also holds an unloading is no setting."""
+    settings = {k: v for k, v in study.settings_of(name).items() if k != "unload"}
     return Case(name, Programme.ramp(asked, _speed(settings.get("speed"))), settings)
+
+
+def profile_case(study: Study, name: str, curve: MeasuredCurve) -> Case:
+    """The same for a profile: its depths are asked for, and the displacements of its marks."""
+    case = case_for(study, name, profile_depths(curve))
+    return dataclasses.replace(case, settings={**case.settings, "profile": marks(curve)})
+
+
+def marks(curve: MeasuredCurve) -> list[list[float]]:
+    """Different reference places [x, y] (mm) of a profile."""
+    assert curve.position is not None
+    return [list(map(float, p)) for p in np.unique(curve.position + 0.0, axis=0)]  # + 0.0: no negative zero
+
+
+def mark_channel(place: Sequence[float]) -> str:
+    """Channel of the vertical displacement of the surface point whose reference place is (x, y) mm."""
+    x, y = (float(v) + 0.0 for v in place)
+    return f"uz({x:g},{y:g})"
+
+
+def profile_depths(curve: MeasuredCurve) -> tuple[float, ...]:
+    """Depths at which a profile was recorded; where they scatter from mark to mark, travels to the deepest one."""
+    u = np.unique(curve.depth[curve.depth > 0])[::-1]
+    kept = [float(u[0])]
+    for depth in u:
+        if kept[-1] - depth > 1e-3 * u[0]:  # nearer ones are the same depth, read twice
+            kept.append(float(depth))
+    return tuple(kept[::-1]) if len(kept) <= PROFILES else travels(curve, set())
 
 
 def _speed(value: object) -> float:
@@ -95,19 +147,24 @@ def refuse_what_is_not_modelled(
     problems = []
     for n, e in enumerate(study.experiments):
         place: Place = ("experiments", n)
-        if e.kind != "force":
-            problems.append(Problem((*place, "kind"), f"the backend {backend.name!r} has no profiles", e.kind))
-            continue
-        problems += [_no_channel(backend, (*place, "channels"), c) for c in e.compared if c not in backend.channels]
-        if study.settings_of(e.name).get("unload", False) is not False:
-            problems.append(Problem((*place, "settings"), "unload = true: unloading curves are not compared yet", True))
-            continue
-        try:
-            backend.check(case_for(study, e.name, travels(curves[e.name], set())))
-        except MISREAD as error:
-            text = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-            found = Problem(_setting(study, n, text), text)
+        unload = study.settings_of(e.name).get("unload", False)
+        if not isinstance(unload, bool):
+            text = f"unload = {unload!r}: true or false is expected"
+            problems.append(Problem(_setting(study, n, "unload"), text))
+        wrong = _refusal(backend, case_for(study, e.name, travels(curves[e.name], set())))
+        if wrong is not None:
+            found = Problem(_setting(study, n, wrong), wrong)
             problems += [] if found in problems else [found]  # what all experiments share is said once
+        if e.kind == "force":
+            problems += [_no_channel(backend, (*place, "channels"), c) for c in e.compared if c not in backend.channels]
+        elif e.compared != ("uz",):
+            text = 'a profile is compared by its vertical displacements: leave this out, or give ["uz"]'
+            problems.append(Problem((*place, "channels"), text, list(e.compared)))
+        elif wrong is None and (why := _refusal(backend, profile_case(study, e.name, curves[e.name]))) is not None:
+            problems.append(Problem((*place, "kind"), f"the backend {backend.name!r} has no profiles: {why}", e.kind))
+    if not any(e.kind == "force" and e.role == "fit" for e in study.experiments):
+        text = 'profiles are not fitted: at least one force curve needs role = "fit"'
+        problems.append(Problem(("experiments",), text))
     problems += _refuse_search(study, backend)
     opened = [a.name for a in resolved.axes]
     for p in backend.parameters:
@@ -119,6 +176,15 @@ def refuse_what_is_not_modelled(
         problems.append(Problem(("surrogate", "degree"), text, study.surrogate.degree))
     if problems:
         raise study_error(study.file, study.lines, problems)
+
+
+def _refusal(backend: Backend, case: Case) -> str | None:
+    """Why the backend does not model a case, or None if it does."""
+    try:
+        backend.check(case)
+    except MISREAD as error:
+        return str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+    return None
 
 
 def _setting(study: Study, n: int, message: str) -> Place:
@@ -146,6 +212,9 @@ def _refuse_search(study: Study, backend: Backend) -> list[Problem]:
             problems.append(_no_channel(backend, (*place, "channel"), c.channel))
         if study.experiment(c.experiment).role == "validate":
             text = 'is for validation (role = "validate") and cannot be constrained'
+            problems.append(Problem((*place, "experiment"), text, c.experiment))
+        elif study.experiment(c.experiment).kind == "profile":
+            text = "is a profile; constraints are on the response to a force experiment"
             problems.append(Problem((*place, "experiment"), text, c.experiment))
     return problems
 

@@ -40,7 +40,7 @@ from rso.running import Outcome
 from rso.store import Done
 from rso.study.plan import Plan
 from rso.study.searching import Found, Validation
-from rso.study.stages import Bench, Run, sample
+from rso.study.stages import NOISE, Bench, Run, sample
 
 METRICS = ("nrmse", "mre", "rrmse")
 ROUNDS = 4  # runs of the most likely point, at most
@@ -124,7 +124,9 @@ def settle(bench: Bench, emulator: Emulator, found: Sequence[Found]) -> Settled:
             return Settled(emulator, tuple(runs), None, None)
         curves = [_recomputed(plan, outcomes, p) for p in now.places]
         predicted = np.split(now.misfit.model.predict(best.x[None])[0], np.cumsum([len(c) for c in curves])[:-1])
-        gap = max(float(np.abs(f - y).max() / np.abs(y).max()) for f, y in zip(predicted, curves, strict=True))
+        sizes = np.array([np.abs(y).max() for y in curves])
+        sizes = np.maximum(sizes, NOISE * sizes.max())  # by symmetry a lateral force may be zero, or noise about it
+        gap = max(float(np.abs(f - y).max() / s) for f, y, s in zip(predicted, curves, sizes, strict=True))
         measured = np.concatenate([d.value for d in now.misfit.data])
         chi2 = float(np.sum(now.misfit.white(np.concatenate(curves) - measured) ** 2))
         if gap <= plan.study.verify.tolerance or k == ROUNDS - 1:
@@ -235,6 +237,8 @@ def further_gains(plan: Plan, d: Determination, checked: Sequence[Validation]) -
     box, found = d.misfit.model.box, {}
     for v in checked:
         measured = plan.curves[v.experiment]
+        if v.position is not None:  # a curve of forces only
+            continue
         if not isinstance(v.outcome, Done) or not has_gradients(v.outcome.response, measured.channel, box):
             continue
         response, x = v.outcome.response, box.to_unit(np.array([v.values[n] for n in box.names]))

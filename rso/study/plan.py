@@ -17,7 +17,15 @@ from rso.emulator import Output, reduced_box
 from rso.measurement import MeasuredCurve, combine, value_at
 from rso.running import Source, Task
 from rso.similarity import Group, group
-from rso.study.cases import case_for, measured_curves, merge, refuse_what_is_not_modelled, travels
+from rso.study.cases import (
+    case_for,
+    measured_curves,
+    measured_profiles,
+    merge,
+    profile_case,
+    refuse_what_is_not_modelled,
+    travels,
+)
 from rso.study.errors import Problem, study_error
 from rso.study.resolve import Axis, Resolved, Search, resolve
 from rso.study.schema import Constraint as ConstraintTable
@@ -46,7 +54,8 @@ class Plan:
     """Everything that follows from the study file and the backend's declarations.
 
     `cases` are the different simulations behind the experiments that are fitted, `case_of` maps an experiment to
-    one of them (`validation` has those of the experiments kept for the end); `curves` are the measured ones.
+    one of them (`validation` has those of the experiments kept for the end); `curves` are the measured ones, also
+    profiles, which are never fitted.
     """
 
     study: Study
@@ -107,16 +116,18 @@ def make_plan(study: Study) -> Plan:
     except ValueError as error:
         raise study_error(study.file, study.lines, [Problem(("backend",), str(error))]) from error
     resolved = resolve(study, backend.parameters)
-    curves = measured_curves(study)
+    curves = {**measured_curves(study), **measured_profiles(study)}
     refuse_what_is_not_modelled(study, backend, resolved, curves)
-    fitted = [e for e in study.experiments if e.role != "validate"]
+    fitted = [e for e in study.experiments if e.role != "validate" and e.kind == "force"]
     main = Search("main", study.search.targets or _default_targets(curves, fitted), resolved.axes)
     wanted = [main, *(dataclasses.replace(v, targets=v.targets or main.targets) for v in resolved.variants)]
     depths = [*(t for s in wanted for t in s.targets), *study.search.constraints]
     asked = {e.name: travels(curves[e.name], {t.depth for t in depths if t.experiment == e.name}) for e in fitted}
     cases, case_of = merge(study, backend, fitted, asked, resolved)
     validation = {
-        e.name: case_for(study, e.name, travels(curves[e.name], set()))
+        e.name: profile_case(study, e.name, curves[e.name])
+        if e.kind == "profile"
+        else case_for(study, e.name, travels(curves[e.name], set()))
         for e in study.experiments
         if e.role == "validate"
     }

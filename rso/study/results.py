@@ -21,6 +21,7 @@ from rso.emulator import Emulator, Output
 from rso.feasibility import Region
 from rso.running import Outcome
 from rso.store import Done
+from rso.study.cases import remarks
 from rso.study.plan import Plan, SearchPlan
 from rso.study.searching import Found, Validation, baselines, mean_over_design
 from rso.study.stages import Design, Fitted, Run, why
@@ -175,6 +176,7 @@ def of_validation(plan: Plan, found: list[Validation]) -> dict[str, Any]:
                 "state": type(v.outcome).__name__.lower(), "cause": cause, "reason": reason, "depth": v.depth,
                 "measured": v.measured, "sigma": v.sigma, "predicted": [] if v.predicted is None else v.predicted,
                 "metrics": None if v.metrics is None else dataclasses.asdict(v.metrics),
+                "position": _position(v.position),
             }
         )  # fmt: skip
     return {"validation": rows}
@@ -218,11 +220,18 @@ def _parameters(plan: Plan) -> list[dict[str, Any]]:
 def _experiment(plan: Plan, name: str) -> dict[str, Any]:
     e, curve = plan.study.experiment(name), plan.curves[name]
     return {
-        "name": name, "role": e.role, "channel": curve.channel, "unit": curve.unit,
-        "settings": plan.study.settings_of(name), "file": e.data, "notes": list(plan.study.measurement(name).notes),
+        "name": name, "role": e.role, "kind": e.kind, "channel": curve.channel, "unit": curve.unit,
+        "settings": plan.study.settings_of(name), "file": e.data,
+        "notes": [*remarks(plan.study, name), *plan.study.measurement(name).notes],
         "n_repeats": curve.n_repeats,
-        "measured": {"depth": curve.depth, "value": curve.value, "sigma": curve.sigma},
+        "measured": {
+            "depth": curve.depth, "value": curve.value, "sigma": curve.sigma, "position": _position(curve.position),
+        },
     }  # fmt: skip
+
+
+def _position(places: np.ndarray | None) -> list[list[float]]:
+    return [] if places is None else [[float(x), float(y)] for x, y in places]
 
 
 def _output(o: Output) -> dict[str, Any]:

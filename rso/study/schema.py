@@ -287,9 +287,10 @@ class VerifyTable(Table):
 
 
 class DiagnoseTable(Table):
-    """[diagnose]"""
+    """[diagnose]: `settings` replace those of the backend in the library of effects (a coarser mesh)."""
 
     effects: Annotated[Any, AfterValidator(_effects)] = "all"
+    settings: Settings = {}
 
 
 class DispatchTable(Table):

@@ -10,9 +10,11 @@ import numpy as np
 from rso import search
 from rso.curves import Metrics, Resampling, baseline, metrics
 from rso.emulator import Emulator, relearn
+from rso.measurement import MeasuredCurve
 from rso.running import Outcome, Task, run_all
 from rso.search import Choice
 from rso.store import Done
+from rso.study.cases import mark_channel
 from rso.study.plan import Plan, SearchPlan, limited
 from rso.study.stages import Bench, Design, sample
 from rso.targets import residuals, violations
@@ -40,7 +42,10 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """One experiment kept for the end, predicted by one candidate: the search's name, its place there, its values."""
+    """One experiment kept for the end, predicted by one candidate: the search's name, its place there, its values.
+
+    Arrays (n,) over the readings; `position` (n, 2) are the reference places (x, y) in mm of a profile, else None.
+    """
 
     experiment: str
     search: str
@@ -52,6 +57,7 @@ class Validation:
     sigma: np.ndarray
     predicted: np.ndarray | None
     metrics: Metrics | None
+    position: np.ndarray | None = None
 
 
 # ------------------------------------------------------------------------------------------------------ search
@@ -197,7 +203,7 @@ def validate(bench: Bench, found: Sequence[Found], best: tuple[str, int] | None)
     chosen = list(dict.fromkeys([*chosen, *([best] if best else [])]))
     values = {f.plan.name: [c.values for c in f.result.candidates] for f in found}
     trios = [(e, name, k) for e in plan.validation for name, k in chosen]
-    tasks = [Task(values[name][k], plan.validation[e], frozenset({plan.curves[e].channel})) for e, name, k in trios]
+    tasks = [Task(values[name][k], plan.validation[e], frozenset(_channels(plan.curves[e]))) for e, name, k in trios]
     outcomes = run_all(plan.backend, tasks, bench.store, bench.executor, watch=bench.watch) if tasks else []
     return [
         _validated(plan, e, name, k, values[name][k], outcome)
@@ -211,9 +217,23 @@ def _validated(
     curve = plan.curves[experiment]
     keep = curve.depth > 0
     depth, y, sigma = curve.depth[keep], curve.value[keep], curve.sigma[keep]
+    position = None if curve.position is None else curve.position[keep]
     predicted, scores = None, None
     if isinstance(outcome, Done):
-        simulated = outcome.response.curve(curve.channel)
-        predicted = np.asarray(Resampling(simulated.travel_mm, simulated.value)(depth))
+        predicted = np.zeros_like(depth)
+        wanted = np.array(_channels(curve))[keep]
+        for channel in dict.fromkeys(wanted.tolist()):
+            simulated, mine = outcome.response.curve(channel), wanted == channel
+            at = np.minimum(depth[mine], simulated.travel_mm[-1])
+            predicted[mine] = Resampling(simulated.travel_mm, simulated.value)(at)
         scores = metrics(y, predicted)
-    return Validation(experiment, search, candidate, values, outcome, depth, y, sigma, predicted, scores)
+    return Validation(
+        experiment, search, candidate, values, outcome, depth, y, sigma, predicted, scores, position
+    )  # fmt: skip
+
+
+def _channels(curve: MeasuredCurve) -> list[str]:
+    """The simulated channel behind every reading of a curve: of a profile that of its mark."""
+    if curve.position is None:
+        return [curve.channel] * len(curve.depth)
+    return [mark_channel(p) for p in curve.position]

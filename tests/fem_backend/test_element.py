@@ -2,27 +2,14 @@ import dataclasses
 
 import numpy as np
 import pytest
+from cube import box
 from scipy import sparse
-from skfem import MeshTet, MeshTet2
+from skfem import MeshTet2
 
 from fem_backend import element, geometry, meshing, stress
 from fem_backend.laws import NeoHooke
 
 LAW = NeoHooke(0.01, 5.8)
-
-
-def box(cells: int, corners: float, middles: float) -> tuple[MeshTet2, np.ndarray]:
-    """Unit cube with inner vertices moved by `corners`, inner mid-edge nodes by `middles`; mask of inner nodes."""
-    rng = np.random.default_rng(2)
-    linear = MeshTet.init_tensor(*[np.linspace(0, 1, cells + 1)] * 3)
-    inner = np.all((linear.p > 1e-9) & (linear.p < 1 - 1e-9), axis=0)
-    points = linear.p + corners / cells * np.where(inner, rng.uniform(-1, 1, linear.p.shape), 0.0)
-    curved = MeshTet2.from_mesh(MeshTet(points, linear.t))
-    nodes = curved.doflocs.copy()
-    inner = np.all((nodes > 1e-9) & (nodes < 1 - 1e-9), axis=0)
-    middle = inner & (np.arange(nodes.shape[1]) >= linear.nvertices)
-    nodes[:, middle] += middles / cells * rng.uniform(-1, 1, (3, int(middle.sum())))
-    return MeshTet2(nodes, curved.t), inner
 
 
 def discretised(cells=2, corners=0.2, middles=0.0) -> tuple[element.Body, np.ndarray]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+from collections.abc import Mapping
 from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,7 @@ from typing import Any
 import indentation_backend
 import numpy as np
 
+from rso.contract import Case, Response
 from rso.store import RunStore
 from rso.study import load
 from rso.study.plan import make_plan
@@ -30,6 +33,28 @@ SECTIONS = {
     '{ experiment = "top", depth = 2 }]',
     "report": "html = false\npdf = false",
 }
+
+
+class Marked(indentation_backend.Layer):
+    """The layer with a surface: its marks follow the indenter, the less the farther away they are."""
+
+    def check(self, case: Case) -> None:
+        super().check(dataclasses.replace(case, settings={k: v for k, v in case.settings.items() if k != "profile"}))
+
+    def __call__(self, values: Mapping[str, float], case: Case) -> Response:
+        found, c = super().__call__(values, case), values["mu"] * values.get("D1", 0.0)
+        marks = {
+            f"uz({x:g},{y:g})": displacement(found.channels["travel"], x, y, c)
+            for x, y in case.settings.get("profile", ())
+        }
+        return dataclasses.replace(
+            found, channels={**found.channels, **marks}, units={**found.units, **dict.fromkeys(marks, "mm")}
+        )
+
+
+def displacement(h: np.ndarray, x: float, y: float, c: float) -> np.ndarray:
+    """uz (mm) of a mark at travel h (mm): one part follows the travel, one the force of a sphere; c = mu D1."""
+    return -np.exp(-(x**2 + y**2) / 100) * (0.3 * h + 0.2 * c / (1 + c) * h**1.5)
 
 
 class Inline(Executor):

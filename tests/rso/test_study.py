@@ -4,11 +4,14 @@ import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import studies
 from rso.contract import Parameter
-from rso.study import Study, StudyError, load, resolve
+from rso.study import Study, StudyError, cases, load, resolve
 from rso.study.places import line_of, lines_of
+from rso.study.plan import make_plan
 
 GOOD = """\
 [study]
@@ -352,3 +355,103 @@ def test_scanner_finds_every_place_that_the_parser_finds(text):
         if isinstance(place[-1], str):
             assert key in text.split("\n")[line - 1]
     assert lines_of(GOOD)[("search", "targets", 1, "depth")] == at(GOOD, "depth = 3.9")
+
+
+# ------------------------------------------------------------------------------------------------------ laboratory
+
+TOP = studies.SECTIONS["[experiments]"]
+PROFILE = 'name = "surface"\nrole = "{role}"\nkind = "profile"\ndata = "surface.csv"\n'
+SURFACE = "depth_mm,x_mm,y_mm,uz_mm\n" + "".join(f"{u},{x},5,{-0.1 * u}\n" for u in (1, 2) for x in (-5, 0, 5))
+
+
+def laboratory(folder: Path, experiments: str, surface: str = SURFACE, **changes: str) -> Path:
+    (folder / "surface.csv").write_text(surface)
+    return studies.write(folder, experiments=experiments, **changes)
+
+
+def refused(folder: Path, experiments: str, **changes: str) -> str:
+    with pytest.raises(StudyError) as caught:
+        make_plan(load(laboratory(folder, experiments, **changes)))
+    (problem,) = caught.value.problems
+    return problem
+
+
+def also(role: str = "validate", more: str = "") -> str:
+    """The fitted curve and a profile."""
+    return f"{TOP}\n[[experiments]]\n{PROFILE.format(role=role)}{more}"
+
+
+@pytest.mark.parametrize(
+    ("experiments", "changes", "words"),
+    [
+        (also(), {}, ["experiments[1].kind = 'profile'", "'layer' has no profiles", "unknown settings ['profile']"]),
+        (also("fit"), {}, ["has no profiles"]),
+        (TOP + "\nsettings = { unload = 1 }", {}, ["experiments[0].settings.unload", "true or false is expected"]),
+        (TOP, {"backend__settings": 'unload = "no"'}, ["backend.settings.unload", "unload = 'no'"]),
+        (TOP.replace("top.csv", "surface.csv"), {}, ["experiments[0].kind = 'force'", "those of a profile"]),
+        (also(), {"surface": "depth_mm,x_mm,uz_mm\n1,0,-1\n"}, ["a profile needs the columns x_mm and y_mm"]),
+        (also(), {"surface": "depth_mm,x_mm,y_mm,uz_mm\n0,0,5,0\n"}, ["no depth is positive"]),
+    ],
+)
+def test_what_is_wrong_with_a_laboratory_is_said_at_its_line(tmp_path, experiments, changes, words):
+    problem = refused(tmp_path, experiments, **changes)
+    assert all(w in problem for w in words), problem
+
+
+@pytest.fixture
+def marked(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """A backend that moves the marks of a profile."""
+    monkeypatch.setattr(studies.indentation_backend, "MARKED", studies.Marked(), raising=False)
+    return {"backend": 'use = "indentation_backend:MARKED"'}
+
+
+def test_a_profile_alone_is_nothing_to_fit(tmp_path, marked):
+    only = PROFILE.format(role="fit")
+    assert "experiments: profiles are not fitted" in refused(tmp_path, only, search="population = 20", **marked)
+
+
+def test_other_channels_and_constraints_are_none_of_a_profile(tmp_path, marked):
+    surface = "depth_mm,x_mm,y_mm,uz_mm,ux_mm\n1,0,5,-0.1,0\n"
+    problem = refused(tmp_path, also(more='channels = ["ux"]'), surface=surface, **marked)
+    assert "experiments[1].channels" in problem and "vertical displacements" in problem
+    limit = '\nconstraints = [{ experiment = "surface", channel = "Fz", depth = 1, low = 0 }]'
+    search = studies.SECTIONS["search"]
+    for role, words in (("fit", "is a profile"), ("validate", "for validation")):
+        problem = refused(tmp_path, also(role), search=search + limit, **marked)
+        assert "search.constraints[0].experiment" in problem and words in problem
+
+
+def test_a_profile_asks_for_its_depths_and_marks(tmp_path, marked):
+    """Where depths scatter from mark to mark, as many travels as for a curve are enough."""
+    plan = make_plan(load(laboratory(tmp_path, also(more="settings = { thickness = 6, speed = 2 }"), **marked)))
+    case = plan.validation["surface"]
+    assert case.settings == {"thickness": 6, "speed": 2, "profile": [[-5.0, 5.0], [0.0, 5.0], [5.0, 5.0]]}
+    assert (case.programme.asked_mm, case.programme.time_s) == ((1.0, 2.0), (0.0, 1.0))
+    assert set(plan.case_of) == {"top"} and not any("profile" in c.settings for c in plan.cases)
+    u = 2 + 0.5 * np.sort(np.random.default_rng(0).random(40))
+    rows = [f"{a!r},{x},-0.0,-0.1\n" for x, a in enumerate(u.tolist())] + ["-0.01,0,0,0\n", "2.50001,41,0,0\n"]
+    plan = make_plan(load(laboratory(tmp_path, also(), "depth_mm,x_mm,y_mm,uz_mm\n" + "".join(rows), **marked)))
+    case = plan.validation["surface"]
+    assert len(case.programme.asked_mm) == cases.STEPS and case.programme.asked_mm[-1] == 2.50001
+    assert case.settings["profile"][0] == [0.0, 0.0] and "-0.0" not in str(case.settings["profile"])
+
+
+def test_a_depth_that_is_read_twice_is_asked_for_once(tmp_path, marked):
+    surface = "depth_mm,x_mm,y_mm,uz_mm\n" + "".join(f"{u},{k},0,-.1\n" for k, u in enumerate((1, 1.0005, 2, 1.9995)))
+    plan = make_plan(load(laboratory(tmp_path, also(), surface, **marked)))
+    assert plan.validation["surface"].programme.asked_mm == (1.0005, 2.0)
+
+
+@pytest.mark.parametrize("where", ["experiment", "backend"])
+def test_that_a_test_also_unloads_is_no_matter_of_the_simulation(tmp_path, where):
+    (tmp_path / "top.csv").write_text(studies.measured() + "1.5,0.01\n1.0,0.005\n0.5,0.0\n")
+    unload = {"experiments": TOP + "\nsettings = { unload = true }", "backend__settings": "thickness = 8"}
+    if where == "backend":
+        unload = {"experiments": TOP, "backend__settings": "thickness = 8\nunload = true"}
+    plan = make_plan(load(studies.write(tmp_path, **unload)))
+    (case,) = plan.cases
+    assert case.settings == {"thickness": 8} and case.programme.travel_mm == (0.0, 2.0)
+    assert len(plan.curves["top"].depth) == 20 and np.all(np.diff(plan.curves["top"].value) > 0)
+    assert cases.remarks(plan.study, "top") == [cases.LOADING]
+    (tmp_path / "top.csv").write_text(studies.measured())
+    assert cases.remarks(load(studies.write(tmp_path)), "top") == []

@@ -31,10 +31,10 @@ LAYOUT: dict[str, Any] = {
     "parameters": [dict.fromkeys(("name", "description", "unit", "low", "high", "log", "fixed"))],
     "experiments": [
         {
-            **dict.fromkeys(("name", "role", "channel", "unit", "file", "n_repeats")),
+            **dict.fromkeys(("name", "role", "kind", "channel", "unit", "file", "n_repeats")),
             "settings": {"thickness": None},
             "notes": [None],
-            "measured": {"depth": [None], "value": [None], "sigma": [None]},
+            "measured": {"depth": [None], "value": [None], "sigma": [None], "position": [[None]]},
         }
     ],
     "outputs": [dict.fromkeys(("id", "experiment", "channel", "depth_mm", "unit"))],
@@ -111,6 +111,7 @@ LAYOUT: dict[str, Any] = {
             **dict.fromkeys(("experiment", "search", "candidate", "state", "cause", "reason")),
             **{k: [None] for k in ("depth", "measured", "sigma", "predicted")},
             "metrics": METRICS,
+            "position": [[None]],
         }
     ],
     "counts": dict.fromkeys(("asked", "fe_runs", "done", "failed", "crashed", "from_store", "saved_by_similarity")),
@@ -574,3 +575,91 @@ def test_the_degree_of_the_study_is_the_degree_of_the_polynomial(tmp_path):
     surrogate = 'kind = "polynomial"\ndegree = 2\ntolerance = 0.5'
     found = studies.run(tmp_path, surrogate=surrogate, verify='tolerance = "50 %"')
     assert all("degree 2" in s["story"] for s in found["surrogates"])
+
+
+# ------------------------------------------------------------------------------------------------------ laboratory
+
+SURFACE = [(u, x, 5.0) for u in (1.0, 2.0) for x in np.linspace(-15, 15, 7)]
+PROFILE = '\n[[experiments]]\nname = "surface"\nrole = "{}"\nkind = "profile"\ndata = "surface.csv"\n'
+MARKED = {"backend": 'use = "indentation_backend:MARKED"'}
+
+
+@pytest.fixture
+def marked(tmp_path, monkeypatch) -> Path:
+    """A folder with a profile of 14 exact readings, and a backend that moves marks."""
+    monkeypatch.setattr(indentation_backend, "MARKED", studies.Marked(), raising=False)
+    c = studies.MU * studies.D1
+    rows = [f"{u},{x!r},{y},{float(studies.displacement(np.array(u), x, y, c))!r}\n" for u, x, y in SURFACE]
+    (tmp_path / "surface.csv").write_text("# marks by hand\ndepth_mm,x_mm,y_mm,uz_mm\n" + "".join(rows))
+    return tmp_path
+
+
+def test_a_profile_kept_for_the_end_is_predicted(marked):
+    experiments = TOP + PROFILE.format("validate") + 'noise = { uz = "1 um" }'
+    found = studies.run(marked, experiments=experiments, doe=ONE, **MARKED)
+    assert departures(found, LAYOUT) == [] and found["exit_code"] == 0
+    assert [v["candidate"] for v in found["validation"]] == ["main 1", "main 2", "main 3"]
+    assert sum(r["purpose"] == "validate" for r in found["runs"]) == 3
+    for v, c in zip(found["validation"], found["searches"][0]["candidates"], strict=True):
+        assert (v["state"], v["position"], v["depth"]) == (
+            "done", [[x, y] for _, x, y in SURFACE], [u for u, _, _ in SURFACE]
+        )  # fmt: skip
+        mine = c["values"]["mu"] * c["values"]["D1"]
+        exact = [float(studies.displacement(np.array(u), x, y, mine)) for u, x, y in SURFACE]
+        np.testing.assert_allclose(v["predicted"], exact, rtol=1e-12)  # its depths are computed ones
+        gap = np.array(exact) - v["measured"]
+        assert v["metrics"]["rmse"] == pytest.approx(np.sqrt(np.mean(gap**2)), rel=1e-9)
+        assert v["metrics"]["nrmse"] == pytest.approx(v["metrics"]["rmse"] / abs(np.mean(v["measured"])), rel=1e-9)
+        assert v["metrics"]["n"] == len(SURFACE) and v["sigma"] == [1e-3] * len(SURFACE)
+    e = found["experiments"][1]
+    assert (e["kind"], e["channel"], e["notes"]) == ("profile", "uz", ["marks by hand"])
+    assert "surface" not in {g["test"] for g in found["identification"]["gains"]}
+
+
+def test_depths_that_scatter_from_mark_to_mark_are_interpolated(marked):
+    c, rng = studies.MU * studies.D1, np.random.default_rng(2)
+    places = [(2.0 * rng.random(), float(x), 0.0) for x in range(40)]
+    rows = [f"{u!r},{x},{y},{float(studies.displacement(np.array(u), x, y, c))!r}\n" for u, x, y in places]
+    (marked / "surface.csv").write_text("depth_mm,x_mm,y_mm,uz_mm\n" + "".join(rows))
+    found = studies.run(marked, experiments=TOP + PROFILE.format("validate"), doe=ONE, **MARKED)
+    for v, candidate in zip(found["validation"], found["searches"][0]["candidates"], strict=True):
+        mine = candidate["values"]["mu"] * candidate["values"]["D1"]
+        exact = [float(studies.displacement(np.array(u), *p, mine)) for u, p in zip(v["depth"], v["position"])]
+        # The spline in the root of the travel is exact for what follows the travel and the force of a sphere.
+        np.testing.assert_allclose(v["predicted"], exact, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("role", ["fit", "select"])
+def test_a_profile_that_is_not_kept_for_the_end_changes_nothing(marked, role):
+    plain = studies.run(marked / "plain", doe=ONE, **MARKED)
+    found = studies.run(marked, experiments=TOP + PROFILE.format(role), doe=ONE, **MARKED)
+    assert "profiles are used by rso diagnose" in found["experiments"][1]["notes"][0]
+    same = studies.timeless(found) | {"experiments": found["experiments"][:1]}
+    assert same == studies.timeless(plain)
+
+
+def test_only_the_loading_of_a_load_unload_test_is_fitted(tmp_path):
+    plain = studies.run(tmp_path / "plain", doe=ONE)
+    back = "".join(f"{u},{0.01 * u}\n" for u in np.linspace(1.9, 0.1, 19))  # far below the loading
+    (tmp_path / "top.csv").write_text(studies.measured() + back)
+    found = studies.run(tmp_path, experiments=TOP + "\nsettings = { unload = true, speed = 2 }", doe=ONE)
+    (e,) = found["experiments"]
+    assert "loading branch" in e["notes"][0] and e["settings"]["unload"] is True
+    assert e["measured"] == plain["experiments"][0]["measured"]
+    same = studies.timeless(found) | {"experiments": plain["experiments"]}
+    assert same == studies.timeless(plain)
+
+
+def test_a_force_that_is_zero_by_symmetry_may_be_compared(tmp_path):
+    """Measured as noise; what is computed is noise about zero too, or zero itself."""
+    h, rng = np.linspace(0, 2, 21)[1:], np.random.default_rng(1)
+    F = indentation_backend.force(studies.MU, studies.D1, h, 8.0) + 1e-4 * rng.standard_normal(20)
+    rows = zip(h.tolist(), F.tolist(), (1e-4 * rng.standard_normal(20)).tolist(), strict=True)
+    (tmp_path / "top.csv").write_text("depth_mm,Fz_N,Fx_N\n" + "".join(f"{u!r},{f!r},{s!r}\n" for u, f, s in rows))
+    top = TOP.replace("0.02 mN", "0.1 mN") + '\nchannels = ["Fz", "Fx"]'
+    for lateral in ("", "lateral = 0"):
+        found = studies.run(tmp_path, experiments=top, backend__settings=f"thickness = 8\n{lateral}", doe=ONE)
+        data = [(d["experiment"], d["channel"]) for d in found["identification"]["data"]]
+        assert data == [("top", "Fz"), ("top", "Fx")] and found["experiments"][0]["channel"] == "Fz"
+        assert found["exit_code"] == 0 and found["identification"]["recomputed"]["verified"]
+        assert not [w for w in found["warnings"] if "identification" in w]

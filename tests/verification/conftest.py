@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
 
+sys.path.append(str(Path(__file__).parents[1] / "fem_backend"))  # cube.py is shared
 HEAD = """# Verification of the finite element backend
 
 Every figure is from a run of the test named beside it. The table is written by

@@ -1,0 +1,511 @@
+"""Finite elements of the blind generator (NGSolve): a rigid sphere pressed into an ellipsoid.
+
+Everything is dimensionless in the shear modulus (mu = 1; forces come out as F/mu in mm^2). Curved quadratic tets
+with an element-wise constant pressure (coarse, every case) or cubic tets with a linear one (fine, for the library
+of the unmodified experiment only); contact is a penalty energy on the reference surface.
+    Pi(u, p) = int W_iso(F) + p (J - 1) - p^2 muD1 / 4 dV + int eps/2 <-g>^2 dA,     g = |X + u - c| - R
+Friction is a regularised Coulomb traction on the slip increment of a step, viscoelasticity the stress convolution of
+Holzapfel on the isochoric second Piola-Kirchhoff stress, softening a frozen field of the largest energy reached.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import ngsolve as ng
+import numpy as np
+from netgen.csg import CSGeometry, Ellipsoid, Plane, Pnt, Sphere, Vec
+from netgen.meshing import MeshingParameters
+from scipy.optimize import brentq, minimize
+
+AXES = np.array([60.0, 35.0, 35.0])
+TOP_DEPTHS = (0.1, 0.3, 0.6, 1.0, 1.4, 1.8, 2.2, 2.6, 3.0, 3.5, 4.0)
+DEEP_DEPTHS = TOP_DEPTHS + (4.4, 4.8, 5.2, 5.5, 5.8, 6.0, 6.2)
+VERBOSE = False
+MARKS = np.arange(-30.0, 31.0, 5.0)
+
+
+class NotConverged(RuntimeError):
+    """Newton's method did not converge within the smallest step."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """One mechanical experiment in units of mm and mu; the defaults are the experimenter's belief."""
+
+    muD1: float = 0.1
+    c20: float = 0.0  # Yeoh, over mu
+    c30: float = 0.0
+    alpha: float = 2.0  # Ogden exponent, a multiple of one half
+    fibre: float = 0.0  # tension-only fibre stiffness over mu
+    fibre_axis: int = 0
+    skin_ratio: float = 1.0
+    skin_thickness: float = 0.5
+    gradient: float = 0.0  # modulus times exp(gradient * distance below the surface / 10 mm)
+    blob_ratio: float = 1.0  # inclusion (or, nearly zero, cavity) in a sphere
+    blob_centre: tuple = (0.0, 0.0, 20.0)
+    blob_radius: float = 0.0
+    axes: tuple = (1.0, 1.0, 1.0)  # factors of the semi-axes
+    radius: float = 3.0
+    weight: float = 0.0  # specific weight over mu, 1/mm
+    friction: float = 0.0
+    adhesion: float = 0.0  # work of adhesion over mu, mm
+    adhesion_range: float = 0.2
+    bowl: float | None = None  # clearance; None: lower half held
+    bowl_friction: float = 0.0
+    prony: tuple = ()  # ((g, tau), ...)
+    mullins: tuple | None = None  # (r, m): eta = 1 - tanh((Wmax - W)/(m Wmax + m0))/r, see energies()
+    line: tuple = (0.0, 0.0)  # (x, y) of the vertical the sphere's centre moves on
+    tilt: tuple = (0.0, 0.0)  # rotation of the specimen (with its holder) about x, then y, radians
+
+
+@dataclass
+class Path:
+    """What came out: depth d, force on the indenter F (n, 3), profile (n, 13) or None."""
+
+    t: list = field(default_factory=list)
+    d: list = field(default_factory=list)
+    F: list = field(default_factory=list)
+    Ec: list = field(default_factory=list)
+    uz: list = field(default_factory=list)
+
+
+def rotation(tilt):
+    """Matrix of the specimen's rotation about x, then about y."""
+    (cx, sx), (cy, sy) = [(np.cos(a), np.sin(a)) for a in tilt]
+    return np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]]) @ np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+
+
+def approach(model):
+    """Start of the sphere's centre c0 at first contact, unit direction and contact point, in the specimen's frame."""
+    a = AXES * np.array(model.axes)
+    Q = rotation(model.tilt)
+    direction = Q.T @ np.array([0.0, 0.0, -1.0])
+    x0 = Q.T @ np.array([*model.line, 0.0])
+
+    def surface(q):
+        return np.array([q[0], q[1], a[2] * np.sqrt(max(1 - (q[0] / a[0]) ** 2 - (q[1] / a[1]) ** 2, 1e-9))])
+
+    def nearest(s):
+        c = x0 - s * direction
+        best = minimize(lambda q: np.sum((surface(q) - c) ** 2), c[:2], tol=1e-14)
+        return np.sign(np.sum((c / a) ** 2) - 1) * np.sqrt(best.fun), surface(best.x)
+
+    height = brentq(lambda s: nearest(s)[0] - model.radius, 30.0, 55.0, xtol=1e-9)
+    return x0 - height * direction, direction, nearest(height)[1]
+
+
+def symmetry(model):
+    """'quarter', 'half_x' (x >= 0 modelled), 'half_y' (y >= 0 modelled) or 'full'."""
+    cx, cy, _ = model.blob_centre
+    odd_x = model.line[0] != 0 or model.tilt[1] != 0 or (model.blob_ratio != 1 and cx != 0)
+    odd_y = model.line[1] != 0 or model.tilt[0] != 0 or (model.blob_ratio != 1 and cy != 0)
+    return {(0, 0): "quarter", (0, 1): "half_x", (1, 0): "half_y", (1, 1): "full"}[int(odd_x), int(odd_y)]
+
+
+def ellipsoid_mesh(sym, centre, h, blob=None, bottom_h=None):
+    """Tetrahedral mesh of the nominal ellipsoid, refined to h near `centre` (x, y)."""
+    g = CSGeometry()
+    a, b, c = AXES
+    origin = Pnt(0, 0, 0)
+    up = Ellipsoid(origin, Vec(a, 0, 0), Vec(0, b, 0), Vec(0, 0, c)).bc("top") * Plane(origin, Vec(0, 0, -1)).bc("mid")
+    low = Ellipsoid(origin, Vec(a, 0, 0), Vec(0, b, 0), Vec(0, 0, c)).bc("bottom") * Plane(origin, Vec(0, 0, 1)).bc("mid")
+    cuts = []
+    if sym in ("quarter", "half_x"):
+        cuts.append(Plane(origin, Vec(-1, 0, 0)).bc("symx"))
+    if sym in ("quarter", "half_y"):
+        cuts.append(Plane(origin, Vec(0, -1, 0)).bc("symy"))
+    if blob:
+        ball = Sphere(Pnt(*blob[0]), blob[1]).bc("blob")
+        up, inside = up - ball, ball
+        for cut in cuts:
+            inside = inside * cut
+        g.Add(inside.mat("blob"))
+    for cut in cuts:
+        up, low = up * cut, low * cut
+    g.Add(up.mat("body"))
+    g.Add(low.mat("body"))
+    par = MeshingParameters(maxh=12, grading=0.45)
+    for r in np.arange(0, 4.6, 0.5):
+        for phi in np.linspace(0, 2 * np.pi, max(1, int(4 * np.pi * r)), endpoint=False):
+            x, y = centre[0] + r * np.cos(phi), centre[1] + r * np.sin(phi)
+            z = c * np.sqrt(1 - (x / a) ** 2 - (y / b) ** 2)
+            for below in (0, 0.5, 1.0):
+                par.RestrictH(x, y, z - below, h)
+    if bottom_h:
+        for r in np.arange(0, 12.1, 2.0):
+            for phi in np.linspace(0, 2 * np.pi, max(1, int(np.pi * r)), endpoint=False):
+                x, y = 0.7 * centre[0] + r * np.cos(phi), 0.7 * centre[1] + r * np.sin(phi)
+                par.RestrictH(x, y, -c * np.sqrt(1 - (x / a) ** 2 - (y / b) ** 2), bottom_h)
+    mesh = ng.Mesh(g.GenerateMesh(par))
+    mesh.Curve(2)
+    return mesh
+
+
+def power_sums_of_stretches(C, J, alpha):
+    """sum lambda_i^alpha of C's square root, alpha a multiple of 1/2, smooth where stretches coincide.
+
+    The trace t of the square root of a matrix with invariants (I, II, III) is the largest root of
+    (t^2 - I)^2 = 4 (II + 2 sqrt(III) t); done twice, then Newton's identities.
+    """
+
+    def root(I, II, sqrt_III):
+        t = ng.sqrt(3.0 * I)
+        for _ in range(7):
+            f = (t * t - I) * (t * t - I) - 4 * (II + 2 * sqrt_III * t)
+            t = t - f / (4 * t * (t * t - I) - 8 * sqrt_III)
+        return t, 0.5 * (t * t - I), sqrt_III
+
+    I = ng.Trace(C)
+    e1, e2, e3 = root(I, 0.5 * (I * I - ng.InnerProduct(C, C)), J)
+    e1, e2, e3 = root(e1, e2, ng.sqrt(e3))
+    n = round(2 * alpha)
+    if n < 0:  # power sums of the inverses
+        e1, e2, e3, n = e2 / e3, e1 / e3, 1 / e3, -n
+    p = [ng.CF(3.0), e1, e1 * e1 - 2 * e2]
+    for _ in range(3, n + 1):
+        p.append(e1 * p[-1] - e2 * p[-2] + e3 * p[-3])
+    return p[n]
+
+
+def isochoric_energy(model, F, J):
+    """Isochoric strain energy over mu (without the viscous and softening parts), as a symbolic expression."""
+    C = F.trans * F
+    C_bar = J ** (-2 / 3) * C
+    i1 = ng.Trace(C_bar) - 3
+    if model.alpha != 2:
+        sums = power_sums_of_stretches(C, J, model.alpha)
+        W = 2 / model.alpha**2 * (J ** (-model.alpha / 3) * sums - 3)
+    else:
+        W = 0.5 * i1
+    if model.c20 or model.c30:
+        W = W + model.c20 * i1 * i1 + model.c30 * i1 * i1 * i1
+    if model.fibre:
+        i4 = C_bar[model.fibre_axis, model.fibre_axis] - 1
+        W = W + 0.25 * model.fibre * ng.IfPos(i4, i4 * i4, 0.0)
+    return W
+
+
+def stiffness_field(model, mesh):
+    """Factor of the modulus at a reference point (skin, gradient, inclusion)."""
+    scale = ng.CF(1.0)
+    a = AXES
+    rho = ng.sqrt((ng.x / a[0]) ** 2 + (ng.y / a[1]) ** 2 + (ng.z / a[2]) ** 2 + 1e-6)
+    slope = ng.sqrt((ng.x / a[0] ** 2) ** 2 + (ng.y / a[1] ** 2) ** 2 + (ng.z / a[2] ** 2) ** 2 + 1e-9) / rho
+    below = (1 - rho) / slope  # distance below the surface, first order
+    if model.skin_ratio != 1:
+        ramp = 0.1 * model.skin_thickness
+        s = (model.skin_thickness - below) / ramp
+        share = 0.5 * (1 + ng.IfPos(s - 1, 1.0, ng.IfPos(s + 1, s, -1.0)))
+        scale = scale * (1 + (model.skin_ratio - 1) * share)
+    if model.gradient:
+        scale = scale * ng.exp(model.gradient * ng.IfPos(below - 30, 30.0, below) / 10)
+    if model.blob_ratio != 1:
+        scale = scale * mesh.MaterialCF({"blob": model.blob_ratio}, default=1.0)
+    return scale
+
+
+class Experiment:
+    """A specimen with its history; `press` moves the sphere and solves."""
+
+    def __init__(self, model, h=0.9, order=2, eps=200.0, mesh=None, wmax=None):
+        self.model, self.sym = model, symmetry(model)
+        self.c0, self.direction, self.contact = approach(model)
+        blob = (model.blob_centre, model.blob_radius) if model.blob_ratio != 1 else None
+        self.mesh = mesh or ellipsoid_mesh(self.sym, self.contact[:2], h, blob, 3.0 if model.bowl is not None else None)
+        self.pressure_order = order - 2
+        self.eps = eps * max(1.0, model.skin_ratio)
+        self._spaces(order)
+        self._forms(wmax)
+
+    def _spaces(self, order):
+        fixed = {} if self.model.bowl is not None else {"dirichlet": "bottom"}
+        V = ng.VectorH1(self.mesh, order=order, dirichletx="symx", dirichlety="symy", **fixed)
+        Q = ng.L2(self.mesh, order=self.pressure_order)
+        self.X = V * Q
+        self.state, self.previous = ng.GridFunction(self.X), ng.GridFunction(self.X)
+        self.u, self.u_old = self.state.components[0], self.previous.components[0]
+        self.L = ng.L2(self.mesh, order=1)
+
+    def _stretch(self, u):
+        """Gradient F of the motion with respect to the true reference (nominal mesh scaled by the axes' factors)."""
+        inv = 1 / np.array(self.model.axes)
+        scale = ng.CF((inv[0], 0, 0, 0, inv[1], 0, 0, 0, inv[2]), dims=(3, 3))
+        return ng.Id(3) + ng.Grad(u) * scale
+
+    def _gap(self, u):
+        ax = self.model.axes
+        r = ng.CF((ng.x * ax[0], ng.y * ax[1], ng.z * ax[2])) + u - self.centre
+        norm = ng.sqrt(ng.InnerProduct(r, r))
+        return norm - self.model.radius, r / norm
+
+    def _bowl(self, u):
+        """Penetration into the bowl and its inward normal; the specimen rests on the bottom at the start."""
+        m = self.model
+        b = AXES * np.array(m.axes) + m.bowl
+        r = ng.CF((ng.x * m.axes[0], ng.y * m.axes[1], ng.z * m.axes[2] - m.bowl)) + u
+        q = ng.CF((r[0] / b[0], r[1] / b[1], r[2] / b[2]))
+        rho = ng.sqrt(ng.InnerProduct(q, q) + 1e-12)
+        grad = ng.CF((r[0] / b[0] ** 2, r[1] / b[1] ** 2, r[2] / b[2] ** 2)) / rho
+        size = ng.sqrt(ng.InnerProduct(grad, grad))
+        return (rho - 1) / size, -grad / size
+
+    def _surface_energy(self, g):
+        m = self.model
+        pen = 0.5 * self.eps * ng.IfPos(-g, g * g, 0.0)
+        if m.adhesion:
+            w, delta = m.adhesion, m.adhesion_range
+            pen = pen + ng.IfPos(g, -w * ng.exp(-g / delta), -w + w / delta * g)
+        return pen
+
+    def _pressure(self, g):
+        """Pressure of the sphere on the surface (tension negative)."""
+        m = self.model
+        p = self.eps * ng.IfPos(-g, -g, 0.0)
+        if m.adhesion:
+            p = p - m.adhesion / m.adhesion_range * ng.IfPos(g, ng.exp(-g / m.adhesion_range), 1.0)
+        return p
+
+    def _forms(self, wmax):
+        m = self.model
+        (u, p), (v, _) = self.X.TnT()
+        self.centre = ng.CF(tuple(ng.Parameter(0.0) for _ in range(3)))
+        self._centre = [ng.Parameter(0.0) for _ in range(3)]
+        self.centre = ng.CF(tuple(self._centre))
+        self.dc = [ng.Parameter(0.0) for _ in range(3)]
+        jac = float(np.prod(m.axes))
+        area = jac ** (2 / 3)  # scaled axes differ by percents: the area factor only scales the penalty
+        F = self._stretch(u)
+        J = ng.Det(F)
+        scale = stiffness_field(m, self.mesh)
+        self.wfac = ng.Parameter(1.0)
+        W = isochoric_energy(m, F, J)
+        if wmax is not None:  # frozen Mullins field: W~ = W - (1/r) int tanh((Wm - W)/c) dW
+            r, beta, m0 = m.mullins
+            c = m0 + beta * wmax
+            s = ng.IfPos(wmax - W, (wmax - W) / c, 0.0)
+            W = W + c / r * ng.log(0.5 * (ng.exp(s) + ng.exp(-s)))
+        self.symmetric = not (m.friction or m.bowl_friction)
+        a = ng.BilinearForm(self.X, symmetric=self.symmetric)
+        extra = 2 if m.skin_ratio != 1 else 0
+        dx = ng.dx(bonus_intorder=extra)
+        energy = jac * (self.wfac * scale * W + p * (J - 1) - m.muD1 / 4 / scale * p * p)
+        self.hist = []
+        if m.prony:
+            C = F.trans * F
+            for _ in m.prony:
+                H = ng.GridFunction(self.L**6)
+                M = ng.CF((H.components[0], H.components[3], H.components[4], H.components[3], H.components[1],
+                           H.components[5], H.components[4], H.components[5], H.components[2]), dims=(3, 3))  # fmt: skip
+                energy = energy + jac * 0.5 * ng.InnerProduct(M, C)
+                self.hist.append(H)
+            self.S_old = ng.GridFunction(self.L**6)
+            self.M_old = [ng.GridFunction(self.L**6) for _ in m.prony]
+        if m.weight:
+            self.load = ng.Parameter(0.0)
+            energy = energy + jac * self.load * m.weight * u[2]
+        if m.bowl is not None:
+            energy = energy + 1e-8 * ng.InnerProduct(u, u)
+        a += ng.Variation(energy.Compile() * dx)
+        ds = ng.ds("top", bonus_intorder=6)
+        a += ng.Variation((area * self._surface_energy(self._gap(u)[0])).Compile() * ds)
+        if m.friction:
+            a += ng.InnerProduct(area * self._friction(u), v).Compile() * ds
+        if m.bowl is not None:
+            db = ng.ds("bottom", bonus_intorder=4)
+            pen = self._bowl(u)[0]
+            k = 20.0
+            a += ng.Variation((0.5 * k * ng.IfPos(pen, pen * pen, 0.0)).Compile() * db)
+            if m.bowl_friction:
+                n = self._bowl(u)[1]
+                slip = u - self.u_old
+                slip = slip - ng.InnerProduct(slip, n) * n
+                t = m.bowl_friction * k * ng.IfPos(pen, pen, 0.0) * slip / ng.sqrt(ng.InnerProduct(slip, slip) + 1e-6)
+                a += ng.InnerProduct(t, v).Compile() * db
+        self.a, self.ds, self.area = a, ds, area
+
+    def _friction(self, u):
+        """Traction that resists the slip of the surface (as +int t.v in the weak form)."""
+        g, n = self._gap(u)
+        slip = u - self.u_old - ng.CF(tuple(self.dc))
+        slip = slip - ng.InnerProduct(slip, n) * n
+        p = self.eps * ng.IfPos(-g, -g, 0.0)
+        return self.model.friction * p * slip / ng.sqrt(ng.InnerProduct(slip, slip) + 2e-3**2)
+
+    def _newton(self, scale, max_iter=25):
+        a, x = self.a, self.state.vec
+        r, w, old = x.CreateVector(), x.CreateVector(), x.CreateVector()
+        free = ng.Projector(self.X.FreeDofs(), True)
+        last, tol = None, 1e-6 * scale
+        self.its, self.res = 0, 0.0
+        for _ in range(max_iter):
+            a.Apply(x, r)
+            free.Project(r)
+            rn = r.Norm()
+            if not np.isfinite(rn):
+                return False
+            if rn < tol and last is not None:
+                return True
+            a.AssembleLinearization(x)
+            w.data = a.mat.Inverse(self.X.FreeDofs(), inverse="sparsecholesky" if self.symmetric else "umfpack") * r
+            old.data = x
+            step = 1.0
+            while True:  # accept unless the residual explodes
+                x.data = old - step * w
+                a.Apply(x, r)
+                free.Project(r)
+                new = r.Norm()
+                if np.isfinite(new) and (new < 3 * rn + 0.3 * scale) or step < 0.1:
+                    break
+                step /= 2
+            last = rn
+            self.its, self.res = self.its + 1, rn
+        return False
+
+    def settle(self):
+        """Let the weight act before the contact; the depth then counts from first contact with the sagged body."""
+        self._place(-5.0)
+        for share in (0.5, 1.0):
+            self.load.Set(share)
+            if not self._newton(1.0):
+                raise NotConverged("weight")
+        self.previous.vec.data = self.state.vec
+        point = self.mesh(*(0.9995 * self.contact / np.array(self.model.axes)))
+        sag = np.array(self.u(point))
+        n = (self.c0 - self.contact) / self.model.radius
+        self.c0 = self.c0 + self.direction * (sag @ n) / (self.direction @ n)
+
+    def _place(self, d):
+        c = self.c0 + d * self.direction
+        for par, value in zip(self._centre, c):
+            par.Set(float(value))
+        return c
+
+    def _viscous(self, dt):
+        """Set the history terms for a step of length dt (see the module's docstring)."""
+        total = 1.0
+        for (g, tau), H, M in zip(self.model.prony, self.hist, self.M_old):
+            e, gamma = np.exp(-dt / tau), -np.expm1(-dt / tau) * tau / dt
+            H.vec.data = g * e * M.vec - g * gamma * self.S_old.vec
+            total += g * gamma - g
+        self.wfac.Set(total)
+        self._dt = dt
+
+    def _store(self):
+        if self.model.prony:
+            F = self._stretch(self.u)
+            J = ng.Det(F)
+            C = F.trans * F
+            S = stiffness_field(self.model, self.mesh) * J ** (-2 / 3) * (ng.Id(3) - ng.Trace(C) / 3 * ng.Inv(C))
+            new = ng.GridFunction(self.L**6)
+            for comp, (i, j) in zip(new.components, ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
+                comp.Set(S[i, j])
+            for (_, tau), M in zip(self.model.prony, self.M_old):
+                e, gamma = np.exp(-self._dt / tau), -np.expm1(-self._dt / tau) * tau / self._dt
+                M.vec.data = e * M.vec + gamma * new.vec - gamma * self.S_old.vec
+            self.S_old.vec.data = new.vec
+        self.previous.vec.data = self.state.vec
+
+    def press(self, path, profile=False, cut=4):
+        """Follow `path`, rows (t, d); returns a Path. Steps are halved up to `cut` times; then NotConverged.
+
+        The exception carries what was reached (attribute `reached`).
+        """
+        if self.model.weight:
+            self.settle()
+        out = Path()
+        factor = {"quarter": 4, "half_x": 2, "half_y": 2, "full": 1}[self.sym]
+        Q = rotation(self.model.tilt)
+        t0, d0 = 0.0, 0.0
+        trail = [(0.0, self.state.vec.CreateVector(copy=True))]
+        old_c = self._place(0.0)
+        for t, d in path:
+            todo = [(t, d)]
+            while todo:
+                t1, d1 = todo[-1]
+                c = self._place(d1)
+                for par, value in zip(self.dc, c - old_c):
+                    par.Set(float(value))
+                if self.model.prony:
+                    self._viscous(t1 - t0)
+                self._predict(trail, d1)
+                ok = self._newton(max(0.3, 15 * abs(d1)))
+                if VERBOSE:
+                    print(f'  {d1:.3f} {ok} {self.its} {self.res:.1e}', flush=True)
+                if not ok:
+                    self.state.vec.data = trail[-1][1]
+                    ok = self._newton(max(0.3, 15 * abs(d1)))
+                if not ok:
+                    self.state.vec.data = trail[-1][1]
+                    if len(todo) > cut:
+                        error = NotConverged(f"depth {d1:.3f}")
+                        error.reached = out
+                        raise error
+                    todo.append((0.5 * (t0 + t1), 0.5 * (d0 + d1)))
+                    continue
+                todo.pop()
+                F = factor * self._force()
+                self._store()
+                trail = (trail + [(d1, self.state.vec.CreateVector(copy=True))])[-3:]
+                if len(trail) > 2 and (trail[-1][0] - trail[-2][0]) * (trail[-2][0] - trail[-3][0]) <= 0:
+                    trail = trail[-1:]  # turned around: no extrapolation through the corner
+                t0, d0, old_c = t1, d1, c
+            out.t.append(t)
+            out.d.append(d)
+            out.F.append(Q @ self._symmetric(F))
+            out.Ec.append(factor * ng.Integrate(self.area * 0.5 * self._pressure(self._gap(self.u)[0]) ** 2 / self.eps * self.ds, self.mesh))
+            out.uz.append(self._profile(Q) if profile else None)
+        return out
+
+    def _predict(self, trail, d):
+        x = self.state.vec
+        if len(trail) == 1:
+            x.data = trail[-1][1]
+            return
+        (da, a), (db, b) = trail[-2:]
+        if da == 0 and d < 1:  # the first steps are far from linear
+            x.data = b
+            return
+        s = (d - db) / (db - da)
+        x.data = b + s * b - s * a
+
+    def _force(self):
+        g, n = self._gap(self.u)
+        t = -self._pressure(g) * n
+        if self.model.friction:
+            t = t + self._friction(self.u)
+        return np.array([ng.Integrate(self.area * t[i] * self.ds, self.mesh) for i in range(3)])
+
+    def _symmetric(self, F):
+        zero = {"quarter": (0, 1), "half_x": (0,), "half_y": (1,), "full": ()}[self.sym]
+        F = F.copy()
+        F[list(zero)] = 0
+        return F
+
+    def _profile(self, Q):
+        """Vertical displacement of the marks at nominal y = 5 mm."""
+        ax = np.array(self.model.axes)
+        rows = []
+        for x in MARKS:
+            z = AXES[2] * np.sqrt(1 - (x / AXES[0]) ** 2 - (5.0 / AXES[1]) ** 2)
+            X = np.array([x, 5.0, z]) / 1.0
+            flip = np.ones(3)
+            if self.sym in ("quarter", "half_x") and x < 0:
+                flip[0] = -1
+            point = None
+            for pull in (0.9995, 0.998, 0.99):
+                try:
+                    point = self.mesh(*(pull * X * flip))
+                    value = np.array(self.u(point)) * flip
+                    break
+                except Exception:  # outside of the curved mesh: pull inwards
+                    continue
+            rows.append(float((Q @ value)[2]) if point is not None else 0.0)
+        del ax
+        return rows
+
+
+def curve(model, depths, speed=0.5, **options):
+    """One monotonic loading at `speed` mm/s."""
+    return Experiment(model, **options).press([(d / speed, d) for d in depths])
+
+
+__all__ = ["DEEP_DEPTHS", "Experiment", "Model", "NotConverged", "Path", "TOP_DEPTHS", "curve", "replace"]

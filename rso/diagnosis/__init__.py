@@ -1,0 +1,30 @@
+"""Where a fitted model differs from measurements, which unmodelled effect causes it, and how much of the gap it closes.
+
+effects      the catalogue: every knob with a neutral value and a plausible range
+testplan     what was measured, in bins        library     what is computed once per test plan
+prediction   parameters → data vector          noise       what readings and models scatter by
+mixture      exact evidence in tiles           attribute   the contest of hypotheses
+localise     where                             shrinkage   how much
+detectable   what this plan can see            judge       the verdict        story   all of it as plain data
+"""
+
+from rso.diagnosis.effects import Effect, catalogue
+from rso.diagnosis.judge import Diagnosis, diagnose
+from rso.diagnosis.library import Base, BaseAxis, Library, build
+from rso.diagnosis.story import story
+from rso.diagnosis.testplan import Experiment, TestPlan, make_plan
+
+__all__ = [
+    "Base",
+    "BaseAxis",
+    "Diagnosis",
+    "Effect",
+    "Experiment",
+    "Library",
+    "TestPlan",
+    "build",
+    "catalogue",
+    "diagnose",
+    "make_plan",
+    "story",
+]

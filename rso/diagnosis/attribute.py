@@ -1,0 +1,189 @@
+"""Which hypothesis: evidence of every effect, of pairs and of something unexplained, against a simulated null.
+
+    P(H | y) ∝ π(H) ∫ p(y | θ, φ, H) p(θ, φ | H) dθ dφ
+
+The integral is exact within the tiles of :mod:`rso.diagnosis.mixture`.  Whether there is a gap at all is decided by the
+distribution of the same statistic over data simulated from the base model through the same pipeline.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import logsumexp
+
+from rso.diagnosis import noise
+from rso.diagnosis.effects import Effect
+from rso.diagnosis.hypotheses import Hypothesis, tiles
+from rso.diagnosis.library import Library
+from rso.diagnosis.mixture import (
+    Ready,
+    Tiles,
+    Whitening,
+    log_evidence,
+    mean_prediction,
+    posterior,
+    ready,
+    simulate,
+    whitening,
+)
+
+PRIOR = {"single": 0.70, "pair": 0.10, "unexplained": 0.08, "partly": 0.12}  # given that there is a gap
+NO_GAP = 0.5
+AMPLITUDES = (0.03, 0.1, 0.3)  # relative size of what is unexplained
+SURVIVORS = 6
+FALSE_ALARM = 0.05
+NULLS = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """What all hypotheses share: library, noise, μ₀, tiles by effect names, whitening without and with a free gap."""
+
+    library: Library
+    levels: Mapping[str, noise.Level]
+    modulus: float
+    C: np.ndarray
+    whites: tuple[Whitening, ...]
+    tiles: dict[tuple[str, ...], Tiles] = field(default_factory=dict)
+
+    def of(self, effects: Sequence[Effect]) -> Tiles:
+        """Tiles of a set of effects, made once."""
+        key = tuple(e.name for e in effects)
+        if key not in self.tiles:
+            self.tiles[key] = tiles(self.library, effects, self.modulus, coarse=len(effects) > 1)
+        return self.tiles[key]
+
+
+def set_up(library: Library, y: np.ndarray) -> Bench:
+    """Noise from the plan's readings, the base model fitted once to weight them, and the free competitor.
+
+    The free gap is orthogonal to what a re-fit of the base model can do: K⊥ = (I − H) K (I − H)ᵀ.
+    """
+    levels = noise.levels(library.plan)
+    modulus = np.sqrt(library.base.low * library.base.high)
+    base = tiles(library, (), modulus)
+    rough = np.zeros(len(y))
+    for _, c, at in library.plan.rows():
+        rough[at] = levels[c if c in levels else "uz"].white ** 2 + (0.03 * np.max(np.abs(y[at]))) ** 2
+    force, slope = np.zeros(len(y)), np.zeros(len(y))
+    C = np.diag(rough)
+    for _ in range(2):
+        white = whitening(C)
+        h = ready(base, white, modulus)
+        force = white.L @ mean_prediction(h, white(y))
+        best = posterior(h, white(y), 200, np.random.default_rng(0))
+        modulus = float(np.median(best.modulus))
+        base = tiles(library, (), modulus)
+        slope = noise.slope_of(library, force)
+        C = noise.covariance(library, levels, force, slope)
+    white = whitening(C)
+    h = ready(base, white, modulus)
+    best_tile = int(np.argmax(np.bincount(posterior(h, white(y), 200, np.random.default_rng(0)).tile)))
+    J = h.X[best_tile]
+    H = white.L @ (J.T @ np.linalg.solve(J @ J.T + 1e-9 * np.eye(len(J)), J @ np.linalg.inv(white.L)))
+    whites = [white]
+    for a in AMPLITUDES:
+        K = noise.unexplained(library, force, a)
+        off = np.eye(len(y)) - H
+        whites.append(whitening(C + off @ K @ off.T))
+    return Bench(library, levels, modulus, C, tuple(whites), {(): base})
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """Hypotheses with log evidence and prior: the first is the base model."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    log_evidence: np.ndarray
+    log_prior: np.ndarray
+
+    @property
+    def probability(self) -> np.ndarray:
+        """P(H | y) with the stated prior of a gap."""
+        s = self.log_evidence + self.log_prior
+        return np.exp(s - logsumexp(s))
+
+    @property
+    def statistic(self) -> float:
+        """ln of the Bayes factor of any gap against none."""
+        s = self.log_evidence + self.log_prior
+        return float(logsumexp(s[1:]) - np.log(1 - NO_GAP) - s[0] + np.log(NO_GAP))
+
+
+class Evidence:
+    """Evidence of single effects, with and without something unexplained, for many data sets at once."""
+
+    def __init__(self, bench: Bench, effects: Sequence[Effect]) -> None:
+        self.bench, self.effects = bench, tuple(effects)
+        self._ready: dict[tuple[tuple[str, ...], int], Ready] = {}
+
+    def ready(self, effects: Sequence[Effect], white: int = 0) -> Ready:
+        """A hypothesis in whitened coordinates, made once; `white` 0 is C, the others have a free gap."""
+        key = (tuple(e.name for e in effects), white)
+        if key not in self._ready:
+            self._ready[key] = ready(self.bench.of(effects), self.bench.whites[white], self.bench.modulus)
+        return self._ready[key]
+
+    def of(self, effects: Sequence[Effect], Y: np.ndarray, unexplained: bool = False) -> np.ndarray:
+        """Log evidence (B,) of data Y (B, n)."""
+        if not unexplained:
+            return log_evidence(self.ready(effects), self.bench.whites[0](Y))
+        each = [log_evidence(self.ready(effects, k + 1), self.bench.whites[k + 1](Y)) for k in range(len(AMPLITUDES))]
+        return logsumexp(np.array(each), axis=0) - np.log(len(AMPLITUDES))
+
+
+def contests(
+    evidence: Evidence, Y: np.ndarray, pairs: Sequence[tuple[Effect, Effect]] = (), partly: bool = True
+) -> list[Contest]:
+    """The contest of all hypotheses for every data set of Y (B, n)."""
+    effects = evidence.effects
+    hypotheses = [Hypothesis(()), *(Hypothesis((e,)) for e in effects), Hypothesis((), True)]
+    columns = [evidence.of(h.effects, Y, h.unexplained) for h in hypotheses]
+    n = len(effects)
+    prior = [np.log(NO_GAP), *([_gap("single", n)] * n), _gap("unexplained", 1)]
+    if partly:
+        more = [Hypothesis((e,), True) for e in effects]
+        hypotheses += more
+        columns += [evidence.of(h.effects, Y, True) for h in more]
+        prior += [_gap("partly", n)] * n
+    for pair in pairs:
+        hypotheses.append(Hypothesis(pair))
+        columns.append(evidence.of(pair, Y))
+        prior.append(_gap("pair", n * (n - 1) // 2))
+    table = np.array(columns).T
+    return [Contest(tuple(hypotheses), row, np.array(prior)) for row in table]
+
+
+def _gap(kind: str, n: int) -> float:
+    return float(np.log((1 - NO_GAP) * PRIOR[kind] / n))
+
+
+def survivors(contest: Contest, count: int = SURVIVORS) -> list[Effect]:
+    """Effects whose best hypothesis has the most evidence, alone or with something unexplained."""
+    best: dict[str, tuple[float, Effect]] = {}
+    for h, z, p in zip(contest.hypotheses, contest.log_evidence, contest.log_prior, strict=True):
+        for e in h.effects:
+            best[e.name] = max(best.get(e.name, (-np.inf, e)), (z + p, e), key=lambda v: v[0])
+    return [e for _, e in sorted(best.values(), key=lambda v: -v[0])[:count]]
+
+
+def pairs_of(effects: Sequence[Effect]) -> list[tuple[Effect, Effect]]:
+    """All pairs."""
+    return list(itertools.combinations(effects, 2))
+
+
+def nulls(evidence: Evidence, y: np.ndarray, count: int, seed: int) -> np.ndarray:
+    """Data (count, n) simulated from the base model as fitted to y."""
+    return simulated(evidence, (), y, count, seed)
+
+
+def simulated(evidence: Evidence, effects: Sequence[Effect], y: np.ndarray, count: int, seed: int) -> np.ndarray:
+    """Data (count, n) as a hypothesis fitted to y predicts them."""
+    rng = np.random.default_rng(seed)
+    h = evidence.ready(effects)
+    post = posterior(h, h.white(y), count, rng)
+    return simulate(h, post, rng) @ h.white.L.T

@@ -1,0 +1,116 @@
+"""Before the data are judged: which effects this test plan can see, from which size, and which it confuses.
+
+Every effect is simulated at several sizes with the plan's noise and goes through the contest; the limit of detection
+is the size found in half of the data sets at 5 % false alarm.  Only the level of the noise and the base model enter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from rso.diagnosis import attribute
+from rso.diagnosis.attribute import Evidence
+from rso.diagnosis.effects import Effect
+from rso.diagnosis.mixture import log_tiles
+
+SIZES = 5
+SETS = 12
+CONFUSED = 0.15
+CLEAR = 3.0  # times the limit: where confusion counts
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """`limit` is |value − neutral| found with 50 % power (None: invisible), `power` by size, mean probability by name
+    at clear sizes."""
+
+    effect: Effect
+    limit: float | None
+    value: float | None
+    power: tuple[tuple[float, float], ...]
+    confused_with: tuple[str, ...]
+    recognised: float
+
+
+def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable, ...]:
+    """Power and confusion of every effect of the catalogue around the base model as fitted to y (n,)."""
+    rng = np.random.default_rng(seed)
+    base = evidence.ready(())
+    null = attribute.nulls(evidence, y, 200, seed)
+    threshold = np.quantile(_statistics(evidence, null)[0], 1 - attribute.FALSE_ALARM)
+    centre = base.tiles.at[int(np.argmax(log_tiles(base, base.white(y)[None])[0]))]
+    L = base.white.L
+    sets, labels = [], []
+    for e in evidence.effects:
+        for t in _ladder(evidence, e, centre):
+            r = evidence.ready((e,))
+            mean = L @ (r.X[t, 0] + r.c[t])
+            sets.append(mean + (L @ rng.standard_normal((len(y), SETS))).T)
+            labels.append((e, float(r.tiles.at[t, len(centre)])))
+    T, P = _statistics(evidence, np.concatenate(sets))
+    T, P = T.reshape(len(labels), SETS), P.reshape(len(labels), SETS, -1)
+    found = []
+    for e in evidence.effects:
+        mine = [i for i, (own, _) in enumerate(labels) if own is e]
+        sizes = np.array([labels[i][1] for i in mine])
+        power = np.array([np.mean(T[i] > threshold) for i in mine])
+        limit = _limit(np.abs(sizes) if e.size.neutral is not None else np.arange(len(sizes)), power)
+        clear = [i for i, s, q in zip(mine, sizes, power, strict=True)
+                 if limit is not None and (q > 0.9 or e.size.neutral is None)]  # fmt: skip
+        mean = P[clear].mean(axis=(0, 1)) if clear else np.zeros(len(evidence.effects))
+        k = evidence.effects.index(e)
+        rivals = [evidence.effects[j].name for j in np.argsort(-mean) if j != k and mean[j] > CONFUSED]
+        sign = np.sign(sizes[-1]) if e.size.neutral is not None else 1.0
+        value = None if limit is None or e.size.neutral is None else float(e.size.value(sign * limit))
+        if value is not None and e.family == "model":
+            value *= evidence.bench.modulus**e.size.exponent
+        found.append(Detectable(e, limit, value, tuple(zip(map(float, sizes), map(float, power), strict=True)),
+                                tuple(rivals), float(mean[k])))  # fmt: skip
+    return tuple(found)
+
+
+def _ladder(evidence: Evidence, e: Effect, centre: np.ndarray) -> list[int]:
+    """Tiles of an effect at the base's coordinates, shapes in the middle, sizes from small to large, larger side."""
+    at = evidence.ready((e,)).tiles.at
+    d = len(centre)
+    near = np.all(np.abs(at[:, :d] - centre) < 1e-9, axis=1)
+    for j in range(d + 1, at.shape[1]):
+        levels = np.unique(at[:, j])
+        near &= at[:, j] == levels[len(levels) // 2]
+    mine = np.nonzero(near)[0]
+    if e.size.neutral is not None:
+        sign = np.sign(max((end[1] for end in e.size.ends()), key=abs))
+        mine = mine[np.sign(at[mine, d]) == sign]
+        mine = mine[np.argsort(np.abs(at[mine, d]))]
+    pick = np.unique(np.linspace(0, len(mine) - 1, min(SIZES, len(mine))).astype(int))
+    return [int(mine[i]) for i in pick]
+
+
+def _statistics(evidence: Evidence, Y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """ln Bayes factor of any single effect against none (B,), and probabilities (B, effects) given there is one."""
+    none = evidence.of((), Y)
+    Z = np.array([evidence.of((e,), Y) for e in evidence.effects]).T
+    total = logsumexp(Z, axis=1)
+    return total - np.log(Z.shape[1]) - none, np.exp(Z - total[:, None])
+
+
+def _limit(size: np.ndarray, power: np.ndarray) -> float | None:
+    """Size at which the power crosses one half, log-linear between; None if it never does."""
+    above = np.nonzero(power >= 0.5)[0]
+    if not len(above):
+        return None
+    k = int(above[0])
+    if k == 0:
+        return float(size[0])
+    share = (0.5 - power[k - 1]) / max(power[k] - power[k - 1], 1e-9)
+    low, high = np.log(max(size[k - 1], 1e-12)), np.log(max(size[k], 1e-12))
+    return float(np.exp(low + share * (high - low)))
+
+
+def names(found: Sequence[Detectable]) -> dict[str, float | None]:
+    """Limit by effect."""
+    return {d.effect.name: d.limit for d in found}

@@ -1,0 +1,131 @@
+"""The catalogue: every knob with a plausible range is a hypothesis, of the backend and of the measurement chain.
+
+An effect has a size (one knob, or a variant of the settings with its knob) and perhaps a shape (the other knobs of its
+group that have a plausible range).  There is no list of effects here: it follows from what the backend and the
+measurement chain declare.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from rso.contract import Backend, Parameter, parameters_of
+from rso.measurement import Chain
+from rso.similarity import stress_exponent
+
+_SMALLEST = 1 / 40  # of the largest plausible size, where a range has no smallest size of its own
+_WIDE = 4.0  # ends of a range further apart than this are spaced logarithmically
+
+
+@dataclass(frozen=True)
+class Size:
+    """One knob of an effect on a line s: v = neutral ± s, or neutral · exp(± s) for a ratio, or s itself as ln v.
+
+    `low`, `high` bound the plausible values; `neutral` is where the effect is absent, None for a shape or a variant.
+    Values of knobs whose unit holds a stress are multiples of the modulus (`exponent` 1 or −1).
+    """
+
+    name: str
+    description: str
+    unit: str
+    low: float
+    high: float
+    neutral: float | None
+    exponent: int = 0
+
+    @property
+    def ratio(self) -> bool:
+        """Whether sizes are ratios to neutral."""
+        return bool(self.neutral) and self.low > 0 and self.high / self.low > _WIDE
+
+    def value(self, s: np.ndarray | float) -> np.ndarray:
+        """Value of the knob at signed deviations s (any shape); 0 is neutral."""
+        s = np.asarray(s, float)
+        if self.neutral is None:
+            return np.exp(s) if self.logarithmic else s
+        return self.neutral * np.exp(s) if self.ratio else self.neutral + s
+
+    @property
+    def logarithmic(self) -> bool:
+        """Whether a shape is spaced logarithmically."""
+        return self.low > 0 and self.high / self.low > _WIDE
+
+    def ends(self) -> tuple[tuple[float, float], ...]:
+        """(smallest, largest) signed deviation on each side of neutral that is plausible."""
+        if self.neutral is None:
+            low, high = (math.log(v) if self.logarithmic else v for v in (self.low, self.high))
+            return ((low, high),)
+        span = [math.log(v / self.neutral) if self.ratio else v - self.neutral for v in (self.low, self.high)]
+        if span[0] < 0 < span[1]:
+            return tuple((math.copysign(abs(e) * _SMALLEST, e), e) for e in span)
+        near, far = sorted(span, key=abs)
+        return ((near if near else far * _SMALLEST, far),)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A hypothesis: `size` and `shape` knobs, the `settings` it replaces (a variant), and where it lives.
+
+    `family` is 'model' (the backend computes it) or 'measurement' (the chain; costs no simulation).
+    """
+
+    name: str
+    description: str
+    family: str
+    size: Size
+    shape: tuple[Size, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def knobs(self) -> tuple[Size, ...]:
+        """Size and shape."""
+        return (self.size, *self.shape)
+
+
+def catalogue(
+    backend: Backend, settings: Mapping[str, Any], fixed: Mapping[str, float], opened: Sequence[str]
+) -> tuple[Effect, ...]:
+    """Every effect of the backend at these settings and of the measurement chain, without the study's own parameters.
+
+    A knob that the study fixes is neutral at that value.
+    """
+    known = [p for p in backend.parameters if p.name not in opened]
+    variants: Mapping[str, Mapping[str, Any]] = getattr(backend, "variants", lambda _: {})(settings)
+    nominal: Mapping[str, float] = getattr(backend, "nominal", lambda _: {})(settings)
+    effects = _grouped(known, {**nominal, **fixed}, "model")
+    for name, variant in variants.items():
+        members = [p for p in known if p.group == variant["group"] and p.group and p.plausible]
+        if members:
+            effects.append(Effect(members[0].name, f"{name}: {members[0].description}", "model",
+                                  _size(members[0], None), tuple(_size(p, None) for p in members[1:]),
+                                  variant["settings"]))  # fmt: skip
+        else:
+            effects.append(Effect(name, variant["description"], "model", Size(name, variant["description"], "1", 0, 1,
+                                  None), (), variant["settings"]))  # fmt: skip
+    return (*effects, *_grouped(parameters_of(Chain), {}, "measurement"))
+
+
+def _grouped(parameters: Sequence[Parameter], fixed: Mapping[str, float], family: str) -> list[Effect]:
+    """One effect per group whose first member with a neutral value has a plausible range."""
+    found: dict[str, Effect] = {}
+    for p in parameters:
+        if p.plausible is None:
+            continue
+        group = p.group or p.name
+        neutral = fixed.get(p.name, p.neutral)
+        if group not in found and neutral is not None:
+            found[group] = Effect(p.name, p.description, family, _size(p, neutral))
+        elif group in found and p.name not in fixed:
+            e = found[group]
+            found[group] = Effect(e.name, e.description, family, e.size, (*e.shape, _size(p, None)))
+    return list(found.values())
+
+
+def _size(p: Parameter, neutral: float | None) -> Size:
+    assert p.plausible is not None
+    return Size(p.name, p.description, p.unit, *p.plausible, neutral, stress_exponent(p.unit))

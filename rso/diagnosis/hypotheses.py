@@ -1,0 +1,97 @@
+"""Hypotheses as tiles: the base model, every effect of the catalogue, pairs, and each with something unexplained."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rso.diagnosis.effects import Effect
+from rso.diagnosis.library import Library
+from rso.diagnosis.mixture import Tiles
+from rso.diagnosis.prediction import predict
+
+BASE_TILES = {0: 1, 1: 9, 2: 5}
+SIZE_TILES = 8
+SIZE_TILES_SIDE = 6  # per side of an effect with two signs
+SHAPE_TILES = {True: 6, False: 3}  # a time, anything else
+_STEP = 0.35  # of a tile, for its derivative
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Effects that are present: none is the base model; `unexplained` adds a smooth gap of no known cause."""
+
+    effects: tuple[Effect, ...]
+    unexplained: bool = False
+
+    @property
+    def name(self) -> str:
+        """Names of the effects, joined; 'none' is the base model."""
+        names = [e.name for e in self.effects] or ["none"]
+        return " + ".join([*names, *(["unexplained"] if self.unexplained else [])])
+
+
+@dataclass(frozen=True)
+class _Levels:
+    """Tile centres of one coordinate with log prior, width, and whether it moves in proportion."""
+
+    at: np.ndarray
+    log_prior: np.ndarray
+    width: float
+    log: bool
+
+
+def tiles(library: Library, effects: Sequence[Effect], modulus: float, coarse: bool = False) -> Tiles:
+    """Tiles of a hypothesis; priors are uniform over the base axes, ln |size| and shapes within plausible ranges.
+
+    `coarse` takes fewer tiles per effect, for pairs.
+    """
+    levels = [_even(*a.ends, BASE_TILES[len(library.base.axes)]) for a in library.base.axes]
+    for e in effects:
+        levels.append(_sizes(e, coarse))
+        for s in e.shape:
+            n = SHAPE_TILES[s.unit == "s"] - (2 if coarse and s.unit == "s" else 0)
+            levels.append(_even(*s.ends()[0], n))
+    at = np.array(list(itertools.product(*[v.at for v in levels]))).reshape(-1, len(levels))
+    prior = np.array([sum(p) for p in itertools.product(*[v.log_prior for v in levels])])
+    moving = [j for j, v in enumerate(levels) if v.width > 0]
+    A, c = predict(library, effects, at, modulus)
+    D = np.empty((len(at), len(moving), A.shape[1]))
+    for k, j in enumerate(moving):
+        v, ends = levels[j], []
+        for sign in (-1, 1):
+            moved = at.copy()
+            step = sign * _STEP * v.width
+            moved[:, j] = at[:, j] * np.exp(step) if v.log else at[:, j] + step
+            ends.append(predict(library, effects, moved, modulus))
+        D[:, k] = ((ends[1][0] - ends[0][0]) + (ends[1][1] - ends[0][1]) / modulus) / (2 * _STEP * v.width)
+    sd = np.array([0.5 * levels[j].width for j in moving])
+    return Tiles(A, c, D, sd, at, prior, tuple(moving), tuple(levels[j].log for j in moving))
+
+
+def _even(low: float, high: float, n: int) -> _Levels:
+    """n tiles of equal width from low to high."""
+    width = (high - low) / n
+    return _Levels(low + width * (np.arange(n) + 0.5), np.full(n, -np.log(n)), width, False)
+
+
+def _sizes(effect: Effect, coarse: bool) -> _Levels:
+    """Tiles of the size: even in ln |s| on each side of neutral, or over the range of a variant."""
+    size = effect.size
+    if size.neutral is None:
+        if size.low == 0 and size.high == 1:  # a variant without a knob
+            return _Levels(np.array([0.5]), np.zeros(1), 0.0, False)
+        return _even(*size.ends()[0], 4 if coarse else 6)
+    found = []
+    sides = size.ends()
+    n = (SIZE_TILES if len(sides) == 1 else SIZE_TILES_SIDE) - (2 if coarse else 0)
+    widths = []
+    for near, far in sides:
+        v = _even(np.log(abs(near)), np.log(abs(far)), n)
+        found.append(np.copysign(np.exp(v.at), far))
+        widths.append(v.width)
+    at = np.concatenate(found)
+    return _Levels(at, np.full(len(at), -np.log(len(at))), float(np.mean(widths)), True)

@@ -1,0 +1,395 @@
+"""The diagnosis of one data set: gap or not, where, which cause, how sure, how much of the gap it closes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from rso.diagnosis import attribute, localise, shrinkage
+from rso.diagnosis.attribute import Bench, Contest, Evidence
+from rso.diagnosis.effects import Effect
+from rso.diagnosis.hypotheses import Hypothesis, tiles
+from rso.diagnosis.library import Library
+from rso.diagnosis.mixture import Posterior, log_evidence, log_tiles, posterior, ready, whitening
+from rso.diagnosis.testplan import TestPlan
+
+SURE = 0.8  # probability of one cause above which it is named alone
+COVER = 0.95  # of the probability that a named set holds
+CHECKS = 60  # data sets per self-check
+DRAWS = 2000
+LEVEL = 0.9
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One effect of the verdict: probability, size with interval in its unit, and where it is absent."""
+
+    effect: Effect
+    probability: float
+    size: float
+    interval: tuple[float, float]
+    railed: bool
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Log predictive density of one experiment given all others, over that of the base model, by hypothesis."""
+
+    experiment: str
+    gain: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class SelfCheck:
+    """How often data simulated from a hypothesis lead back to it, and to no gap."""
+
+    hypothesis: str
+    returned: float
+    no_gap: float
+    in_set: float
+    n: int
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """Everything that one data set says; `probabilities` are those of all hypotheses given the data."""
+
+    verdict: str
+    p_value: float
+    statistic: float
+    threshold: float
+    size_over_noise: float
+    causes: tuple[Cause, ...]
+    named: tuple[str, ...]
+    probabilities: Mapping[str, float]
+    sensitivity: Mapping[str, Mapping[str, float]]
+    where: localise.Where
+    held_out: tuple[HeldOut, ...]
+    shrinkage: shrinkage.Shrinkage
+    checks: tuple[SelfCheck, ...]
+    parameters: Mapping[str, Mapping[str, tuple[float, float, float]]]
+    bench: Bench
+    contest: Contest
+    fits: Mapping[str, np.ndarray]
+    posteriors: Mapping[str, Posterior]
+
+
+def seen(plan: TestPlan) -> TestPlan:
+    """The plan without what is kept for validation."""
+    keep = {k for k, e in enumerate(plan.experiments) if e.role != "validate"}
+    tests = tuple(t for t in plan.tests if t.experiment in keep)
+    profiles = tuple(p for p in plan.profiles if p.experiment in keep)
+    return replace(plan, tests=tests, profiles=profiles)
+
+
+def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnosis:
+    """The diagnosis of the data in the library's plan; curves with role validate enter the shrinkage only."""
+    library = replace(whole, plan=seen(whole.plan))
+    y = library.plan.values()
+    bench = attribute.set_up(library, y)
+    evidence = Evidence(bench, library.effects)
+    first = attribute.contests(evidence, y[None])[0]
+    simulated = attribute.nulls(evidence, y, nulls, seed)
+    null = np.array([c.statistic for c in attribute.contests(evidence, simulated)])
+    threshold = float(np.quantile(null, 1 - attribute.FALSE_ALARM))
+    p = float((1 + np.sum(null >= first.statistic)) / (1 + len(null)))
+    pairs = attribute.pairs_of(attribute.survivors(first))
+    contest = attribute.contests(evidence, y[None], pairs)[0]
+    verdict, named = judge(contest, p <= attribute.FALSE_ALARM)
+    chosen = _chosen(contest) if verdict != "no_gap" else Hypothesis(())
+    rng = np.random.default_rng(seed + 1)
+    posts = {"none": _posterior(evidence, (), y, rng)}
+    for h in {chosen, *_singles(contest, named)}:
+        posts[h.name] = _posterior(evidence, h.effects, y, rng, h.unexplained)
+    held = _held_out(bench, y, [Hypothesis(()), *_finalists(contest)])
+    gain = {h: sum(c.gain[h] for c in held) for h in held[0].gain} if held else {}
+    pure = Hypothesis(chosen.effects).name
+    if verdict in ("explained", "measurement", "ambiguous") and gain.get(pure, 0.0) <= 0 < len(chosen.effects):
+        verdict = "unexplained"  # evidence without prediction is no cause
+    where = localise.localise(library.plan, evidence.ready(()), bench.C, y, seed)
+    r = bench.whites[0](y - shrinkage.predicted(library, (), posts["none"], bench.modulus))
+    shrunk = _shrinkage(whole, library, bench, evidence, y, chosen, seed)
+    checks = _checks(evidence, contest, chosen, y, threshold, null, seed) if verdict != "no_gap" else ()
+    fits = {name: shrinkage.predicted(library, h.effects, posts[name], bench.modulus)
+            for name, h in {"none": Hypothesis(()), chosen.name: chosen}.items()}  # fmt: skip
+    return Diagnosis(
+        verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), _causes(contest, posts, verdict, named),
+        named, dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
+        _sensitivity(evidence, contest, y), where, held, shrunk, checks, _parameters(library, posts, chosen), bench,
+        contest, fits, posts,
+    )  # fmt: skip
+
+
+def judge(contest: Contest, gap: bool) -> tuple[str, tuple[str, ...]]:
+    """(verdict, named effects) from a contest; `gap` is the decision of the null's statistic.
+
+    Effects are named in order of probability until they hold COVER of what is not 'unexplained'.
+    """
+    if not gap:
+        return "no_gap", ()
+    s = contest.log_evidence + contest.log_prior
+    given = np.exp(s[1:] - logsumexp(s[1:]))
+    hypotheses = contest.hypotheses[1:]
+    by_set: dict[tuple[str, ...], float] = {}
+    partly = nothing = 0.0
+    families: dict[str, str] = {}
+    for h, q in zip(hypotheses, given, strict=True):
+        families |= {e.name: e.family for e in h.effects}
+        if not h.effects:
+            nothing += q
+            continue
+        partly += q * h.unexplained
+        key = tuple(e.name for e in h.effects)
+        by_set[key] = by_set.get(key, 0.0) + q
+    if nothing > 0.5:
+        return "unexplained", ()
+    order = sorted(by_set.items(), key=lambda v: -v[1])
+    total = sum(by_set.values())
+    named: list[str] = []
+    reached = 0.0
+    for key, q in order:
+        named += [n for n in key if n not in named]
+        reached += q / total
+        if reached >= COVER or len(named) >= 6:
+            break
+    best, q = order[0]
+    if partly > 0.5 * total:
+        return "partly", tuple(named)
+    if q / total < SURE:
+        return "ambiguous", tuple(named)
+    if all(families[n] == "measurement" for n in best):
+        return "measurement", tuple(best)
+    return "explained", tuple(best)
+
+
+def _chosen(contest: Contest) -> Hypothesis:
+    """The hypothesis with effects that is most probable; 'unexplained' alone if it has more than all of them."""
+    s = (contest.log_evidence + contest.log_prior)[1:]
+    return contest.hypotheses[1 + int(np.argmax(s))]
+
+
+def _finalists(contest: Contest, count: int = 3) -> list[Hypothesis]:
+    """The most probable hypotheses that have effects, without what is unexplained."""
+    s = contest.log_evidence + contest.log_prior
+    found: list[Hypothesis] = []
+    for i in np.argsort(-s):
+        h = Hypothesis(contest.hypotheses[i].effects)
+        if h.effects and h not in found:
+            found.append(h)
+    return found[:count]
+
+
+def _singles(contest: Contest, named: Sequence[str]) -> list[Hypothesis]:
+    return [h for h in contest.hypotheses if len(h.effects) == 1 and not h.unexplained and h.effects[0].name in named]
+
+
+def _posterior(evidence: Evidence, effects, y: np.ndarray, rng, unexplained: bool = False) -> Posterior:
+    white = 0
+    if unexplained:
+        whites = range(1, len(evidence.bench.whites))
+        white = max(
+            whites, key=lambda k: log_evidence(evidence.ready(effects, k), evidence.bench.whites[k](y)[None])[0]
+        )
+    h = evidence.ready(effects, white)
+    return posterior(h, h.white(y), DRAWS, rng)
+
+
+def _causes(contest: Contest, posts, verdict: str, named: Sequence[str]) -> tuple[Cause, ...]:
+    """Every named effect with its probability given a gap, and its size where it is alone or in the chosen pair."""
+    if verdict in ("no_gap", "unexplained"):
+        return ()
+    s = contest.log_evidence + contest.log_prior
+    given = np.exp(s[1:] - logsumexp(s[1:]))
+    found = []
+    for name in named:
+        holders = [(q, h) for h, q in zip(contest.hypotheses[1:], given, strict=True) if name in
+                   [e.name for e in h.effects]]  # fmt: skip
+        q, h = sum(v for v, _ in holders), max(holders, key=lambda v: v[0])[1]
+        post = posts.get(h.name)
+        if post is None:
+            h = next(g for _, g in holders if g.name in posts)
+            post = posts[h.name]
+        column = post.at.shape[1] - sum(len(e.knobs) for e in h.effects)
+        for e in h.effects:
+            if e.name == name:
+                break
+            column += len(e.knobs)
+        value = e.size.value(post.at[:, column]) * post.modulus ** (e.size.exponent * (e.family == "model"))
+        low, mid, high = np.quantile(value, [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2])
+        ends = [abs(v) for side in e.size.ends() for v in side]
+        railed = bool(np.median(np.abs(post.at[:, column])) > 0.95 * max(ends)) and e.size.neutral is not None
+        found.append(Cause(e, float(q), float(mid), (float(low), float(high)), railed))
+    return tuple(sorted(found, key=lambda c: -c.probability))
+
+
+def _held_out(bench: Bench, y: np.ndarray, hypotheses: Sequence[Hypothesis]) -> tuple[HeldOut, ...]:
+    """log p(y_g | y_rest, H) for every experiment g, over that of the first hypothesis."""
+    curves = shrinkage.curves_of(bench.library)
+    if len(curves) < 2:
+        return ()
+    everything = whitening(bench.C)
+    total = {h.name: _log_evidence(bench, h, everything, y) for h in hypotheses}
+    found = []
+    for name, _, rows in curves:
+        rest = whitening(bench.C, np.setdiff1d(np.arange(len(y)), rows))
+        score = {h.name: total[h.name] - _log_evidence(bench, h, rest, y) for h in hypotheses}
+        base = score[hypotheses[0].name]
+        found.append(HeldOut(name, {k: float(v - base) for k, v in score.items()}))
+    return tuple(found)
+
+
+def _log_evidence(bench: Bench, h: Hypothesis, white, y: np.ndarray) -> float:
+    r = ready(bench.of(h.effects), white, bench.modulus)
+    return float(log_evidence(r, white(y)[None])[0])
+
+
+def _shrinkage(
+    whole: Library, library: Library, bench: Bench, evidence: Evidence, y: np.ndarray, chosen: Hypothesis, seed: int
+) -> shrinkage.Shrinkage:
+    """Gaps on the validate curves, or on each experiment left out in turn if there are none."""
+    rng = np.random.default_rng(seed + 2)
+    first = _fitted_rows(library)
+    validation = [k for k, e in enumerate(whole.plan.experiments) if e.role == "validate"]
+    if validation:
+        mine = tuple(t for t in whole.plan.tests if t.experiment in validation)
+        profiles = tuple(p for p in whole.plan.profiles if p.experiment in validation)
+        unseen = replace(whole, plan=replace(whole.plan, tests=mine, profiles=profiles))
+        v = unseen.plan.values()
+        C = _covariance(unseen, bench, evidence, y)
+        models = [(bench.C, first, ()), (bench.C, np.arange(len(y)), ()), (bench.C, np.arange(len(y)), chosen.effects)]
+        fits = [shrinkage.predicted(unseen, e, _fit(bench, e, rows, y, rng), bench.modulus) for _, rows, e in models]
+        found = [_gap(name, unit, rows, v, fits, C) for name, unit, rows in shrinkage.curves_of(unseen)]
+        sizes = [len(rows) for *_, rows in shrinkage.curves_of(unseen)]
+        return shrinkage.summarise(found, sizes, "validate curves", seed)
+    found, sizes = [], []
+    curves = shrinkage.curves_of(library)
+    for name, unit, rows in curves if len(curves) > 1 else []:
+        rest = np.setdiff1d(np.arange(len(y)), rows)
+        before = np.setdiff1d(first, rows)
+        before = rest if len(before) < 4 else before
+        cause = _best_without(bench, evidence, rest, y, chosen)
+        models = [(before, ()), (rest, ()), (rest, cause)]
+        fits = [shrinkage.predicted(library, e, _fit(bench, e, r, y, rng), bench.modulus) for r, e in models]
+        found.append(_gap(name, unit, rows, y, fits, bench.C))
+        sizes.append(len(rows))
+    if not found:
+        return shrinkage.Shrinkage((), np.nan, np.nan, np.nan, 1.0, np.nan, None, None, "one curve only")
+    return shrinkage.summarise(found, sizes, "leave one curve out (no validate curves)", seed)
+
+
+def _gap(name: str, unit: str, rows: np.ndarray, y: np.ndarray, fits: Sequence[np.ndarray], C: np.ndarray):
+    G = [shrinkage.gap(y[rows], f[rows], C[np.ix_(rows, rows)]) for f in fits]
+    rms = tuple(float(np.sqrt(np.mean((y[rows] - f[rows]) ** 2))) for f in fits)
+    return shrinkage.Gap(name, unit, *G, rms)
+
+
+def _fitted_rows(library: Library) -> np.ndarray:
+    """Rows of what the study itself fitted: loading of the first channel of experiments with role fit."""
+    rows = []
+    for item, c, at in library.plan.rows():
+        e = library.plan.experiments[item.experiment]
+        if hasattr(item, "branch") and e.role == "fit" and c == ("Fz" if "Fz" in item.channels else item.channels[0]):
+            rows.append(np.arange(at.start, at.stop)[item.branch == 0])
+    return np.concatenate(rows) if rows else np.arange(library.plan.n)
+
+
+def _fit(bench: Bench, effects, rows: np.ndarray, y: np.ndarray, rng) -> Posterior:
+    white = whitening(bench.C, rows)
+    h = ready(bench.of(effects), white, bench.modulus)
+    return posterior(h, white(y), 300, rng)
+
+
+def _best_without(bench: Bench, evidence: Evidence, rest: np.ndarray, y: np.ndarray, chosen: Hypothesis):
+    """Effects of the finalist that has the most evidence without the curve that is left out."""
+    if not chosen.effects:
+        return ()
+    rivals = {chosen.effects, *((e,) for e in chosen.effects)}
+    white = whitening(bench.C, rest)
+    return max(
+        sorted(rivals, key=lambda e: [v.name for v in e]), key=lambda e: _log_evidence(bench, Hypothesis(e), white, y)
+    )
+
+
+def _covariance(unseen: Library, bench: Bench, evidence: Evidence, y: np.ndarray) -> np.ndarray:
+    from rso.diagnosis import noise
+
+    rng = np.random.default_rng(0)
+    f = shrinkage.predicted(unseen, (), _posterior(evidence, (), y, rng), bench.modulus)
+    return noise.covariance(unseen, _levels(bench, unseen), f, noise.slope_of(unseen, f))
+
+
+def _levels(bench: Bench, unseen: Library):
+    """Levels of the seen data, and for channels they lack those of the held-out files."""
+    from rso.diagnosis import noise
+
+    return {**noise.levels(unseen.plan), **bench.levels}
+
+
+def _checks(evidence: Evidence, contest: Contest, chosen: Hypothesis, y: np.ndarray, threshold: float,
+            null: np.ndarray, seed: int) -> tuple[SelfCheck, ...]:  # fmt: skip
+    """Null, winner and runner-up simulated through the same pipeline."""
+    finalists = _finalists(contest, 2)
+    pairs = [h.effects for h in finalists if len(h.effects) == 2]
+    alarm = float(np.mean(null >= threshold))
+    found = [SelfCheck("none", 1 - alarm, 1 - alarm, 1 - alarm, len(null))]
+    for i, h in enumerate(finalists):
+        Y = attribute.simulated(evidence, h.effects, y, CHECKS, seed + 10 + i)
+        returned = named = missed = 0
+        for c in attribute.contests(evidence, Y, pairs):
+            verdict, names = judge(c, c.statistic > threshold)
+            missed += verdict == "no_gap"
+            returned += verdict != "no_gap" and {e.name for e in _chosen(c).effects} == {e.name for e in h.effects}
+            named += {e.name for e in h.effects} <= set(names)
+        found.append(SelfCheck(h.name, returned / CHECKS, missed / CHECKS, named / CHECKS, CHECKS))
+    return tuple(found)
+
+
+def _sensitivity(evidence: Evidence, contest: Contest, y: np.ndarray) -> dict[str, dict[str, float]]:
+    """Probabilities with prior widths of the sizes halved and doubled: the far half of the sizes left out, or half the
+    prior beyond what is plausible."""
+    out = {}
+    for name in ("halved", "doubled"):
+        z = contest.log_evidence.copy()
+        for i, h in enumerate(contest.hypotheses):
+            if h.unexplained or not h.effects:
+                continue
+            if name == "doubled":
+                z[i] -= np.log(2.0) * len(h.effects)
+                continue
+            r = evidence.ready(h.effects)
+            keep = np.ones(len(r.tiles.at), bool)
+            column = r.tiles.at.shape[1] - sum(len(e.knobs) for e in h.effects)
+            for e in h.effects:
+                if e.size.neutral is not None:
+                    far = max(abs(v) for side in e.size.ends() for v in side)
+                    keep &= np.abs(r.tiles.at[:, column]) <= 0.5 * far
+                column += len(e.knobs)
+            logs = log_tiles(r, r.white(y)[None])[0]
+            z[i] = logsumexp(logs[keep]) - np.log(keep.mean())
+        s = z + contest.log_prior
+        q = np.exp(s - logsumexp(s))
+        best: dict[str, float] = {}
+        for h, v in zip(contest.hypotheses, q, strict=True):
+            key = " + ".join(e.name for e in h.effects) or h.name
+            best[key] = best.get(key, 0.0) + float(v)
+        out[name] = dict(sorted(best.items(), key=lambda v: -v[1])[:5])
+    return out
+
+
+def _parameters(library: Library, posts: Mapping[str, Posterior], chosen: Hypothesis):
+    """Base parameters (low, median, high) before and after the cause."""
+    out = {}
+    for when, name in (("before", "none"), ("after", chosen.name)):
+        p = posts[name]
+        values = {library.base.modulus: p.modulus}
+        for j, a in enumerate(library.base.axes):
+            values[a.name] = a.physical(p.at[:, j], 1.0) * p.modulus**a.exponent
+        q = [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2]
+        out[when] = {k: tuple(float(x) for x in np.quantile(v, q)) for k, v in values.items()}
+    return out
+
+
+__all__ = ["Cause", "Diagnosis", "HeldOut", "SelfCheck", "diagnose", "judge", "seen", "tiles"]

@@ -1,0 +1,421 @@
+"""The library of a test plan: simulations of the base model and of every effect, once, and what they say in between.
+
+    F_c(u) = μ [ f_c(u; κ) + f_z(u; κ) (δ_c(u) + ε_c(u)) ]
+
+f is the base model over its reduced parameters κ, δ the relative change by an effect, computed at one κ and carried
+to its sizes and shapes by cardinal weights, ε the step from the library's mesh to the study's.  Forces are over the
+modulus, so that the modulus needs no simulation (exact similarity).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from rso.contract import Backend, Case, Programme, Response
+from rso.curves import Resampling
+from rso.diagnosis.effects import Effect
+from rso.diagnosis.nodes import Nodes, nodes, timed
+from rso.diagnosis.testplan import MARGIN, Place, Test, TestPlan
+from rso.running import Task
+from rso.store import Done
+
+GRID = 160  # travels of the tables, evenly spaced in √u
+ASKED = 9  # travels at which a run is asked for forces
+FORCES = ("Fx", "Fy", "Fz")
+ENOUGH = 0.6  # of the deepest travel: what a failed run must have reached to be of use
+BASE_NODES = {1: 6, 2: 4}
+Run = Callable[[Sequence[Task]], list[Any]]
+
+
+@dataclass(frozen=True)
+class BaseAxis:
+    """One open parameter besides the modulus, reduced by it: ln or linear range, exponent of stress."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    log: bool
+    exponent: int
+
+    def physical(self, x: np.ndarray | float, modulus: float = 1.0) -> np.ndarray:
+        """Value at coordinate x for a modulus."""
+        return (np.exp(x) if self.log else np.asarray(x, float)) * modulus**self.exponent
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Range of the coordinate."""
+        return (float(np.log(self.low)), float(np.log(self.high))) if self.log else (self.low, self.high)
+
+
+@dataclass(frozen=True)
+class Base:
+    """The base model: its modulus with a reference value, the other open parameters, and fixed values."""
+
+    backend: Backend
+    modulus: str
+    reference: float
+    low: float
+    high: float
+    axes: tuple[BaseAxis, ...]
+    fixed: Mapping[str, float]
+    draft: Mapping[str, Any]
+
+    def values(self, x: Sequence[float]) -> dict[str, float]:
+        """Knobs at coordinates x of the axes, at the reference modulus."""
+        own = {a.name: float(a.physical(v, self.reference)) for a, v in zip(self.axes, x, strict=True)}
+        return {**self.fixed, self.modulus: self.reference, **own}
+
+    @property
+    def centre(self) -> tuple[float, ...]:
+        """Middle of the axes."""
+        return tuple(0.5 * sum(a.ends) for a in self.axes)
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One way of the indenter: loading (peak None) or unloading from `peak`, after an earlier travel there."""
+
+    peak: float | None
+    earlier: float
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Relative changes (n_nodes, n_pass, 3, m) by an effect at a place, displacements of marks (n_nodes, n_uz)."""
+
+    nodes: Nodes
+    change: np.ndarray
+    marks: np.ndarray
+    known: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceTables:
+    """Everything computed at one place: travels `u` (m,), base forces f (n_base, 3, m), marks (n_base, n_uz)."""
+
+    u: np.ndarray
+    passes: tuple[Pass, ...]
+    base: np.ndarray
+    base_marks: np.ndarray
+    finer: np.ndarray
+    error: np.ndarray
+    effects: Mapping[str, Table]
+
+
+@dataclass(frozen=True, eq=False)
+class Library:
+    """Tables by place, nodes of the base, primary place, and what could not be computed."""
+
+    base: Base
+    plan: TestPlan
+    levels: tuple[np.ndarray, ...]
+    places: tuple[PlaceTables, ...]
+    primary: int
+    effects: tuple[Effect, ...]
+    transfer: Mapping[tuple[str, int], np.ndarray]
+    failed: tuple[str, ...]
+    cpu_s: float
+    runs: int
+
+    def forces(self, place: int, x: np.ndarray) -> np.ndarray:
+        """Base forces over the modulus (T, 3, m) at coordinates x (T, d)."""
+        return np.tensordot(self._base_weights(x), self.places[place].base, axes=1)
+
+    def marks(self, place: int, x: np.ndarray) -> np.ndarray:
+        """Base displacements (T, n_uz)."""
+        return self._base_weights(x) @ self.places[place].base_marks
+
+    def change(self, place: int, effect: Effect, at: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
+        """Relative changes (T, n_pass, 3, m) and changes of marks (T, n_uz) at sizes and shapes `at` (T, 1 + d)."""
+        at = np.array(at, float)
+        for k, s in enumerate(effect.shape, 1):
+            if timed(s):
+                at[:, k] += np.log(speed)
+        W = self.places[self.primary].effects[effect.name].nodes.weights(at)
+        if place != self.primary:
+            W = W @ self.transfer[effect.name, place]
+        table = self.places[place].effects[effect.name]
+        return np.tensordot(W, table.change, axes=1), W @ table.marks
+
+    def _base_weights(self, x: np.ndarray) -> np.ndarray:
+        if not self.levels:
+            return np.ones((len(x), 1))
+        first, *more = self.levels
+        from rso.diagnosis.nodes import _piecewise
+
+        W = _piecewise(first, x[:, 0])
+        for k, level in enumerate(more, 1):
+            W = (W[:, :, None] * _piecewise(level, x[:, k])[:, None, :]).reshape(len(x), -1)
+        return W
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """What a task is for: place, effect (None: base), node, pass (None: loading that serves all passes)."""
+
+    place: int
+    effect: str | None
+    node: int
+    passing: int | None
+    task: Task
+    finer: bool = False
+
+
+def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Library:
+    """Compute every table of the plan; a failed run leaves a gap that the nearest node of the same shape fills.
+
+    Raises ValueError if the base model itself fails somewhere.
+    """
+    primary = int(np.argmax([sum(t.n for t in plan.tests if t.place == k) for k in range(len(plan.places))]))
+    speeds = (min(t.speed for t in plan.tests), max(t.speed for t in plan.tests))
+    modelled = [e for e in effects if e.family == "model"]
+    d = len(base.axes)
+    if d not in (0, *BASE_NODES):
+        raise ValueError(f"diagnosis handles at most two open parameters besides the modulus, not {d}: fix some")
+    levels = tuple(_chebyshev(*a.ends, BASE_NODES[d]) for a in base.axes)
+    grid = {(e.name, k): nodes(e, k == primary, speeds) for e in modelled for k in range(len(plan.places))}
+    jobs: list[_Job] = []
+    every = [_passes(plan, k) for k in range(len(plan.places))]
+    for k in range(len(plan.places)):
+        for n, x in enumerate(itertools.product(*levels)):
+            jobs.append(_Job(k, None, n, None, _task(base, plan, k, base.values(x), None, {})))
+        centre = base.values(base.centre)
+        jobs.append(_Job(k, None, -1, None, _task(base, plan, k, centre, None, {})))
+        jobs.append(_Job(k, None, -1, None, _task(base, plan, k, centre, None, {}, finer=True), True))
+        for e in modelled:
+            for n, at in enumerate(grid[e.name, k].points):
+                values = {**centre, **_knobs(base, e, at)}
+                jobs += _jobs_of(base, plan, k, e, n, values, every[k])
+    outcomes = run([j.task for j in jobs])
+    cpu = sum({id(o): float(o.response.info.get("cpu_s", 0.0)) for o in outcomes if isinstance(o, Done)}.values())
+    failed = tuple(dict.fromkeys(
+        f"{j.effect or 'base'} at {plan.places[j.place].settings.get('point', [0, 0])}: {o.cause}"
+        for j, o in zip(jobs, outcomes, strict=True) if not isinstance(o, Done)
+    )) if not all(isinstance(o, Done) for o in outcomes) else ()  # fmt: skip
+    found = {(j.place, j.effect, j.node, j.passing, j.finer): o for j, o in zip(jobs, outcomes, strict=True)}
+    tables = tuple(_tables(base, plan, k, every[k], modelled, grid, levels, found) for k in range(len(plan.places)))
+    transfer = {
+        (e.name, k): _transfer(tables[primary].effects[e.name], tables[k].effects[e.name])
+        for e in modelled for k in range(len(plan.places)) if k != primary
+    }  # fmt: skip
+    return Library(
+        base, plan, levels, tables, primary, tuple(effects), transfer, failed, cpu, len(set(map(id, outcomes)))
+    )
+
+
+def passes_of(library: Library, test: Test) -> tuple[int, int]:
+    """Indices of the loading and of the unloading pass of a test."""
+    every = library.places[test.place].passes
+    loading = _nearest(every, None, test.earlier)
+    return loading, loading if not np.any(test.branch == 1) else _nearest(every, test.peak, test.earlier)
+
+
+def _nearest(every: Sequence[Pass], peak: float | None, earlier: float) -> int:
+    same = [k for k, p in enumerate(every) if (p.peak is None) == (peak is None)]
+    return min(same, key=lambda k: abs((every[k].peak or 0.0) - (peak or 0.0)) + abs(every[k].earlier - earlier))
+
+
+def _passes(plan: TestPlan, place: int) -> tuple[Pass, ...]:
+    """The different ways at a place; earlier travels within 0.3 mm of each other count as one."""
+    mine = [t for t in plan.tests if t.place == place]
+    near = lambda v: round(v / 0.3) * 0.3  # noqa: E731
+    ways = [Pass(None, near(t.earlier)) for t in mine]
+    ways += [Pass(round(t.peak, 1), near(t.earlier)) for t in mine if np.any(t.branch == 1)]
+    return tuple(dict.fromkeys([Pass(None, 0.0), *ways]))
+
+
+def _chebyshev(low: float, high: float, n: int) -> np.ndarray:
+    """Nodes from end to end, denser towards the ends."""
+    return 0.5 * (low + high) - 0.5 * (high - low) * np.cos(np.pi * np.arange(n) / (n - 1))
+
+
+def _knobs(base: Base, effect: Effect, at: np.ndarray) -> dict[str, float]:
+    """Knob values of a node at the reference modulus; times as they are at 1 mm/s."""
+    known = {p.name for p in base.backend.parameters}
+    pairs = [(size, float(size.value(s))) for size, s in zip(effect.knobs, at, strict=True)]
+    return {size.name: v * base.reference**size.exponent for size, v in pairs if size.name in known}
+
+
+def _task(base: Base, plan: TestPlan, k: int, values: Mapping[str, float], way: Pass | None,
+          settings: Mapping[str, Any], finer: bool = False) -> Task:  # fmt: skip
+    place = plan.places[k]
+    data = {**place.settings, **({} if finer else base.draft), **settings}
+    if place.marks:
+        data["profile"] = [list(m) for m in place.marks]
+    deepest = place.deepest + MARGIN
+    asked = {round(deepest * (j / ASKED) ** 1.7, 4) for j in range(1, ASKED)} | {deepest}
+    asked = {a for a in asked if all(abs(a - d) > 0.06 for d in place.mark_depths)} | set(place.mark_depths)
+    if way is None or way.peak is None:
+        programme = Programme((0.0, deepest), (0.0, deepest), tuple(sorted(asked)))
+    else:
+        p = way.peak
+        inside = tuple(sorted({a for a in asked if a < p - 0.05} | {p - 0.02}))
+        programme = Programme((0.0, p, 2 * p), (0.0, p, 0.0), inside)
+    if way is not None and way.earlier:
+        data["earlier"] = way.earlier
+    return Task(values, Case(f"place {k}", programme, data))
+
+
+def _jobs_of(base: Base, plan: TestPlan, k: int, e: Effect, n: int, values: Mapping[str, float],
+             every: Sequence[Pass]) -> list[_Job]:  # fmt: skip
+    """One loading run where the way does not matter, else one run per pass."""
+    load = _task(base, plan, k, values, None, e.settings)
+    there_and_back = _task(base, plan, k, values, Pass(min(1.0, plan.places[k].deepest), 0.0), e.settings)
+    programme = base.backend.canonical(there_and_back.values, there_and_back.case)[1].programme
+    if programme.travel_mm[-1] == max(programme.travel_mm):
+        return [_Job(k, e.name, n, None, load)]
+    jobs = []
+    for i, way in enumerate(every):
+        task = _task(base, plan, k, values, way, e.settings)
+        if "earlier" in task.case.settings:  # what does not soften shares the virgin run
+            plain = base.backend.canonical(task.values, task.case)[1].settings
+            virgin = replace(task.case, settings={a: b for a, b in task.case.settings.items() if a != "earlier"})
+            if plain == base.backend.canonical(task.values, virgin)[1].settings:
+                task = replace(task, case=virgin)
+        jobs.append(_Job(k, e.name, n, i, task))
+    return jobs
+
+
+def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled: Sequence[Effect],
+            grid: Mapping[tuple[str, int], Nodes], levels: Sequence[np.ndarray],
+            found: Mapping[tuple[Any, ...], Any]) -> PlaceTables:  # fmt: skip
+    place = plan.places[k]
+    u = (np.linspace(0.0, np.sqrt(place.deepest + MARGIN), GRID)) ** 2
+    n_base = int(np.prod([len(v) for v in levels])) if levels else 1
+    wanted = [found[k, None, n, None, False] for n in [*range(n_base), -1]]
+    for o in wanted:
+        if not isinstance(o, Done):
+            raise ValueError(f"the base model has no answer at {place.settings.get('point')}: {o.reason}")
+    scaled = [_loaded(o.response, u, base.reference) for o in wanted]
+    scaled.pop()
+    first = Resampling(*_asked(wanted[-1].response, base.reference))
+    finer, error = np.zeros((3, GRID)), np.zeros((3, GRID))
+    best = found[k, None, -1, None, True]
+    if isinstance(best, Done):
+        travel, F = _asked(best.response, base.reference)
+        finer = _relative(travel, F - first(travel), first(travel)[:, 2], u)
+        stated = np.stack([best.response.error.get(c, np.zeros(len(travel))) for c in FORCES], 1)
+        error = np.abs(_relative(travel, stated / base.reference, first(travel)[:, 2], u))
+    base_marks = np.stack([_marks(o.response, place) for o in wanted])
+    effects = {}
+    for e in modelled:
+        points = grid[e.name, k].points
+        change = np.zeros((len(points), len(every), 3, GRID))
+        marks = np.zeros((len(points), base_marks.shape[1]))
+        known = np.ones(len(points), bool)
+        for n in range(len(points)):
+            whole = found.get((k, e.name, n, None, False))
+            for i, way in enumerate(every):
+                o = whole if whole is not None else found[k, e.name, n, i, False]
+                response = _reached(o, place.deepest)
+                if response is None:
+                    known[n] = False
+                    continue
+                travel, F = _asked(response, base.reference, back=way.peak is not None and whole is None)
+                change[n, i] = _relative(travel, F - first(travel), first(travel)[:, 2], u)
+                if i == 0:
+                    marks[n] = _marks(response, place) - base_marks[-1]
+        effects[e.name] = _filled(Table(grid[e.name, k], change, marks, known))
+    return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], finer, error, effects)
+
+
+def _reached(outcome: Any, deepest: float) -> Response | None:
+    """The response of a run, or what a failed one reached if that is most of the way; beyond it changes stay as they
+    were there."""
+    if isinstance(outcome, Done):
+        return outcome.response
+    partial = getattr(outcome, "partial", None)
+    if partial is None or partial.channels["travel"].max() < ENOUGH * deepest:
+        return None
+    return partial
+
+
+def _filled(table: Table) -> Table:
+    """Failed nodes take the change of the nearest node that is known, in proportion to size."""
+    if table.known.all() or not table.known.any():
+        return table
+    points, change, marks = table.nodes.points, table.change.copy(), table.marks.copy()
+    spread = np.ptp(points, axis=0) + 1e-12
+    for n in np.nonzero(~table.known)[0]:
+        near = min(np.nonzero(table.known)[0], key=lambda j: np.sum(((points[j] - points[n]) / spread) ** 2))
+        factor = points[n, 0] / points[near, 0] if table.nodes.anchored and points[near, 0] else 1.0
+        change[n], marks[n] = factor * change[near], factor * marks[near]
+    return replace(table, change=change, marks=marks)
+
+
+def _asked(response: Response, modulus: float, back: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Travels (n,) in increasing order and forces over the modulus (n, 3) of the way there, or of the way back."""
+    travel, time = response.channels["travel"], response.channels["time"]
+    F = np.stack([response.channels[c] if c in response.channels else np.zeros(len(travel)) for c in FORCES], 1)
+    turn = int(np.argmax(travel))
+    # asked travels come up once on the way there and once on the way back
+    returning = time > time[turn]
+    if back and returning.any():
+        order = np.argsort(travel[returning])
+        return travel[returning][order], F[returning][order] / modulus
+    there = ~returning
+    return travel[there], F[there] / modulus
+
+
+def _loaded(response: Response, u: np.ndarray, modulus: float) -> np.ndarray:
+    """Forces over the modulus (3, m) on the way there."""
+    travel, F = _asked(response, modulus)
+    return Resampling(travel, F)(np.minimum(u, travel[-1])).T
+
+
+def _relative(travel: np.ndarray, change: np.ndarray, reference: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """change / reference (3, m) over u, constant before the first and after the last travel."""
+    ratio = change / reference[:, None]
+    if len(travel) == 1:
+        return np.repeat(ratio.T, len(u), axis=1)
+    at = np.clip(u, travel[0], travel[-1])
+    return PchipInterpolator(np.sqrt(travel), ratio, axis=0)(np.sqrt(at)).T
+
+
+def _marks(response: Response, place: Place) -> np.ndarray:
+    """Displacements (n_depths · n_marks,) of the marks of profiles, depth by depth."""
+    if not place.marks:
+        return np.empty(0)
+    travel, out = response.channels["travel"], []
+    for d in place.mark_depths:
+        at = int(np.argmin(np.abs(travel - d)))
+        out += [float(response.channels[f"uz({x:g},{y:g})"][at]) for x, y in place.marks]
+    return np.array(out)
+
+
+def _transfer(primary: Table, other: Table) -> np.ndarray:
+    """(n_primary, n_other): what each primary node is in terms of the nodes that the other place has too.
+
+    Least squares over the changes at the primary place; where the effect does not show there, in proportion to size.
+    """
+    P, O = primary.nodes.points, other.nodes.points
+    A = primary.change[:, 0].reshape(len(P), -1)
+    W = primary.nodes.weights(O)  # the other's nodes in terms of the primary's
+    B = W @ A
+    gram = B @ B.T
+    if np.trace(gram) / len(O) < 1e-8 * A.shape[1]:  # below 1e-4: nothing to lean on
+        if other.nodes.anchored:
+            spread = np.ptp(P[:, 1:], axis=0) + 1e-12
+            R = np.zeros((len(P), len(O)))
+            for i, p in enumerate(P):
+                j = min(
+                    range(len(O)),
+                    key=lambda j: (
+                        np.sign(O[j, 0]) != np.sign(p[0]),
+                        np.sum(((O[j, 1:] - p[1:]) / spread) ** 2),
+                        abs(O[j, 0] - p[0]),
+                    ),
+                )
+                R[i, j] = p[0] / O[j, 0]
+            return R
+        return other.nodes.weights(P)
+    if not other.nodes.anchored:
+        return other.nodes.weights(P)
+    return np.linalg.solve(gram + 1e-4 * np.trace(gram) / len(O) * np.eye(len(O)), B @ A.T).T

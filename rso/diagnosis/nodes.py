@@ -1,0 +1,98 @@
+"""Where the library computes an effect, and cardinal weights that carry its computed changes to any size and shape."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rso.diagnosis.effects import Effect, Size
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Sizes (n,) as signed deviations and shapes (n, d) of an effect, on a tensor grid `levels`; first axis is size."""
+
+    levels: tuple[np.ndarray, ...]
+    middle: float
+    anchored: bool
+
+    @property
+    def points(self) -> np.ndarray:
+        """(n, 1 + d), shapes in their own coordinate."""
+        return np.array(list(itertools.product(*self.levels)))
+
+    def weights(self, at: np.ndarray) -> np.ndarray:
+        """(m, n): value at points `at` (m, 1 + d) = weights @ values at the nodes; neutral counts as a node of 0."""
+        W = _cardinal(self._bent(self.levels[0]), self._bent(at[:, 0]), self.anchored)
+        for k, level in enumerate(self.levels[1:], 1):
+            inside = np.clip(at[:, k], level.min(), level.max())
+            W = (W[:, :, None] * _piecewise(level, inside)[:, None, :]).reshape(len(at), -1)
+        return W
+
+    def _bent(self, s: np.ndarray) -> np.ndarray:
+        """Sizes bend over: most effects saturate."""
+        return s if not math.isfinite(self.middle) else s / (np.abs(s) + self.middle)
+
+
+def nodes(effect: Effect, primary: bool, speeds: tuple[float, float]) -> Nodes:
+    """The nodes of an effect at its primary place, where most was measured, or fewer elsewhere.
+
+    `speeds` (mm/s), slowest and fastest test: a shape with the unit of time counts in travel, τ v.
+    """
+    size, ends = effect.size, effect.size.ends()
+    shapes = tuple(_shape_level(s, primary, speeds) for s in effect.shape)
+    few = not primary
+    if size.neutral is None:  # a variant: all of its range, there is no neutral to lean on
+        low, high = ends[0]
+        level = np.array([0.5 * (low + high)]) if effect.name == size.name and size.low == 0 else np.linspace(
+            low, high, 3 if few else 4)  # fmt: skip
+        return Nodes((level, *shapes), math.inf, False)
+    if len(ends) == 1:
+        far = ends[0][1]
+        shares = (0.5,) if few else ((0.35, 1.0) if shapes else (0.12, 0.4, 1.0))
+        return Nodes((np.sort(far * np.array(shares)), *shapes), 0.5 * abs(far), True)
+    low, high = ends[0][1], ends[1][1]
+    if not size.ratio and abs(abs(low) - abs(high)) < 0.5 * abs(high):
+        # both signs alike (a dimension, a tilt): small changes, in proportion
+        return Nodes((np.array([0.7 * high]), *shapes), math.inf, True)
+    shares = (0.5,) if few else (0.35, 1.0)
+    level = np.sort(np.array([e * f for e in (low, high) for f in shares]))
+    return Nodes((level, *shapes), 0.5 * max(abs(low), abs(high)), True)
+
+
+def timed(shape: Size) -> bool:
+    """Whether a shape is a time, which counts relative to the duration of a test."""
+    return shape.unit == "s"
+
+
+def _shape_level(shape: Size, primary: bool, speeds: tuple[float, float]) -> np.ndarray:
+    low, high = shape.ends()[0]
+    if timed(shape):
+        low, high = low + math.log(speeds[0]), high + math.log(speeds[1])
+        return np.linspace(low, high, 6 if primary else 3)
+    return np.linspace(low, high, 3 if primary and shape.logarithmic else 2)
+
+
+def _cardinal(nodes: np.ndarray, at: np.ndarray, anchored: bool) -> np.ndarray:
+    """Lagrange's cardinal polynomials (m, n) through the nodes, and through 0 at 0 if anchored."""
+    x = np.concatenate([[0.0], nodes]) if anchored else nodes
+    if len(x) == 1:
+        return np.ones((len(at), 1))
+    W = np.ones((len(at), len(x)))
+    for i in range(len(x)):
+        for j in range(len(x)):
+            if i != j:
+                W[:, i] *= (at - x[j]) / (x[i] - x[j])
+    return W[:, 1:] if anchored else W
+
+
+def _piecewise(level: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Cardinal functions (m, n) of a shape: cubic spline through 4 or more nodes, else Lagrange."""
+    if len(level) < 4:
+        return _cardinal(level, at, anchored=False)
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(level, np.eye(len(level)), bc_type="natural")(at)

@@ -1,0 +1,199 @@
+"""What readings scatter by, from repeats and statements, and what a model may be wrong by: never from the misfit.
+
+    C = white + correlated noise of readings + gain and contact of each test + numerical and code error of the model
+
+A gap is what C does not explain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rso.diagnosis.library import FORCES, Library, passes_of
+from rso.diagnosis.testplan import Profile, Test, TestPlan
+
+GAIN = 0.01  # of a test, where nothing is known
+CONTACT = 0.01  # mm, contact point of a test
+WORLD = 0.004  # of the force: another code, another mesher
+WORLD_LENGTH = 0.35  # of the deepest travel
+LATERAL = 0.25  # of the error of Fz that shows in Fx, Fy
+MARK = 0.05  # mm, where nothing is known of a profile
+_D3 = 20.0  # variance of the third difference of white noise
+
+
+@dataclass(frozen=True)
+class Level:
+    """Noise of a channel: `white` per reading, `correlated` along `length` mm, `gain` and `contact` of a test."""
+
+    white: float
+    correlated: float
+    length: float
+    gain: float
+    contact: float
+    depth: float
+    source: str
+
+
+def levels(plan: TestPlan) -> dict[str, Level]:
+    """Noise by channel of all tests together; 'uz' is that of profiles."""
+    out = {}
+    for c in FORCES:
+        tests = [(t, plan.experiments[t.experiment]) for t in plan.tests if c in t.channels]
+        if not tests:
+            continue
+        seen = {e.name: e for _, e in tests}
+        stated = max(e.noise.of(c) for e in seen.values())
+        d3 = np.concatenate([_third(r, c) for e in seen.values() for r in e.measurement.repeats])
+        estimated = float(np.sqrt(np.mean(d3**2) / _D3)) if len(d3) > 8 else 0.0
+        white = max(stated, estimated)
+        gain, contact, extra, length = _repeats(plan, c, white)
+        said = max(e.noise.gain for e in seen.values())
+        depth = max(e.noise.depth for e in seen.values())
+        correlation = max(e.noise.correlation for e in seen.values())
+        source = "stated" if stated >= estimated > 0 else "from the readings"
+        out[c] = Level(white, max(extra, stated if correlation else 0.0), max(length, correlation),
+                       max(said, gain) if said or gain else GAIN, max(CONTACT, 2 * depth, contact), depth, source)  # fmt: skip
+    if plan.profiles:
+        stated = max(plan.experiments[p.experiment].noise.uz for p in plan.profiles)
+        out["uz"] = Level(stated or MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "stated" if stated else "assumed")
+    return out
+
+
+def _third(repeat: object, channel: str) -> np.ndarray:
+    """Third differences of the readings along each branch."""
+    found = []
+    for name in ("loading", "unloading"):
+        v = repeat.channels[channel][repeat.segment == name] if channel in repeat.channels else np.empty(0)  # type: ignore[attr-defined]
+        if len(v) > 4:
+            found.append(np.diff(v, 3))
+    return np.concatenate(found) if found else np.empty(0)
+
+
+def _repeats(plan: TestPlan, channel: str, white: float) -> tuple[float, float, float, float]:
+    """(gain, contact mm, correlated noise, its length mm) from what repeats of one experiment differ by.
+
+    Zero where no experiment has three repeats.  Gain and contact are what deviations from the mean have along the
+    mean and along its slope, less what white noise puts there.
+    """
+    gains, contacts, extras, lengths = [], [], [], []
+    for k, e in enumerate(plan.experiments):
+        mine = [t for t in plan.tests if t.experiment == k and channel in t.channels]
+        if len(mine) < 3:
+            continue
+        u = mine[0].depth[mine[0].branch == 0]
+        if len(u) < 6:
+            continue
+        Y = np.array([np.interp(u, t.depth[t.branch == 0], t.values[channel][t.branch == 0]) for t in mine])
+        mean = Y.mean(0)
+        if e.measurement.kind != "force" or channel != "Fz" or np.ptp(mean) < 10 * white:
+            continue
+        B = np.stack([mean, np.gradient(mean, u)], 1)
+        D = Y - mean
+        coefficient, *_ = np.linalg.lstsq(B, D.T, rcond=None)
+        rest = D - (B @ coefficient).T
+        σ = white / np.sqrt(np.mean(mine[0].count))
+        covariance = np.linalg.inv(B.T @ B) * σ**2
+        dof = len(mine) - 1
+        v = np.maximum(np.sum(coefficient**2, axis=1) / dof - np.diag(covariance), 0.0)
+        gains.append(np.sqrt(v[0]))
+        contacts.append(np.sqrt(v[1]))
+        variance = np.sum(rest**2) / (dof * (len(u) - 2))
+        if variance > 1.6 * σ**2:
+            extras.append(np.sqrt(variance - σ**2))
+            ρ = np.sum(rest[:, 1:] * rest[:, :-1]) / np.sum(rest**2) * variance / (variance - σ**2)
+            lengths.append(-np.mean(np.diff(u)) / np.log(np.clip(ρ, 0.05, 0.95)))
+    best = lambda v: float(np.max(v)) if v else 0.0  # noqa: E731
+    return best(gains), best(contacts), best(extras), best(lengths)
+
+
+def covariance(library: Library, level: Mapping[str, Level], force: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """C (n, n) of the data vector for a prediction `force` (n,) N (or mm) and its slope (n,) N/mm."""
+    plan = library.plan
+    n = plan.n
+    C = np.zeros((n, n))
+    world = np.zeros(n)
+    u, place, channel = np.zeros(n), np.full(n, -1), np.zeros(n, int)
+    rows = plan.rows()
+    for item, c, at in rows:
+        if isinstance(item, Profile):
+            own = level["uz"].white
+            C[at, at] += np.diag(np.full(at.stop - at.start, own**2))
+            world[at] = 0.01 * np.max(np.abs(force[at]))
+            u[at], place[at], channel[at] = item.depth, 100 + item.place, 9 + item.mark
+            continue
+        q = level[c]
+        C[at, at] += np.diag((q.white**2 + (q.depth * slope[at]) ** 2) / item.count)
+        if q.correlated:
+            far = np.abs(item.depth[:, None] - item.depth) + np.where(item.branch[:, None] == item.branch, 0.0, 1e9)
+            C[at, at] += q.correlated**2 * np.exp(-far / max(q.length, 1e-9))
+        u[at], place[at], channel[at] = item.depth, item.place, FORCES.index(c)
+        z = slice(at.start - item.n * item.channels.index(c), None)
+        Fz = force[z.start + item.n * item.channels.index("Fz") :][: item.n] if "Fz" in item.channels else force[at]
+        stated = _stated(library, item, c)
+        world[at] = np.hypot(WORLD, stated) * np.hypot(np.abs(force[at]), (c != "Fz") * LATERAL * np.abs(Fz))
+    for item in plan.tests:
+        at = _rows_of(rows, item)
+        q = level[item.channels[-1]]
+        C[at, at] += q.gain**2 * np.outer(force[at], force[at]) + q.contact**2 * np.outer(slope[at], slope[at])
+    same = (place[:, None] == place) & (channel[:, None] == channel)
+    deepest = max(p.deepest for p in plan.places)
+    along = np.exp(-0.5 * ((u[:, None] - u) / (WORLD_LENGTH * deepest)) ** 2)
+    return C + np.outer(world, world) * same * along
+
+
+def _stated(library: Library, test: Test, channel: str) -> np.ndarray:
+    """Stated relative numerical error (n,) of a channel at the depths of a test, over Fz."""
+    here = library.places[test.place]
+    return np.interp(test.depth, here.u, here.error[FORCES.index(channel)])
+
+
+def _rows_of(rows: list[tuple[Test | Profile, str, slice]], test: Test) -> slice:
+    mine = [at for item, _, at in rows if item is test]
+    return slice(mine[0].start, mine[-1].stop)
+
+
+def unexplained(library: Library, force: np.ndarray, amplitude: float) -> np.ndarray:
+    """K (n, n) of a smooth gap of relative `amplitude`: shared by a place, by a branch and by a test in equal parts."""
+    plan, n = library.plan, library.plan.n
+    size, u = np.zeros(n), np.zeros(n)
+    place, channel, branch, test, speed = (np.full(n, -1) for _ in range(5))
+    for k, (item, c, at) in enumerate(plan.rows()):
+        if isinstance(item, Profile):
+            size[at] = 0.5 * np.max(np.abs(force[at]))
+            u[at], place[at], channel[at], branch[at], test[at], speed[at] = item.depth, 100, 9 + item.mark, 0, k, 0
+            continue
+        z = at.start - item.n * item.channels.index(c)
+        Fz = force[z + item.n * item.channels.index("Fz") :][: item.n] if "Fz" in item.channels else force[at]
+        size[at] = np.maximum(np.hypot(np.abs(force[at]), (c != "Fz") * LATERAL * np.abs(Fz)), 0.02 * np.abs(Fz).max())
+        u[at], place[at], channel[at], branch[at] = item.depth, item.place, FORCES.index(c), item.branch
+        test[at] = [id(t) for t in plan.tests].index(id(item))
+        speed[at] = round(1e3 * np.log(item.speed))
+    same = lambda v: v[:, None] == v  # noqa: E731
+    deepest = max(p.deepest for p in plan.places)
+    along = np.exp(-0.5 * ((u[:, None] - u) / (0.2 * deepest)) ** 2)
+    shared = same(channel) & same(place)
+    mix = (shared + (shared & same(branch) & same(speed)) + (shared & same(test) & same(branch))) / 3.0
+    return amplitude**2 * np.outer(size, size) * mix * along
+
+
+def slope_of(library: Library, force: np.ndarray) -> np.ndarray:
+    """dF/du (n,) of a prediction along each branch of each test; 0 for profiles."""
+    slope = np.zeros(len(force))
+    for item, _, at in library.plan.rows():
+        if isinstance(item, Profile):
+            continue
+        for k in (0, 1):
+            mine = np.nonzero(item.branch == k)[0]
+            if len(mine) > 2:
+                d = item.depth[mine]
+                order = np.argsort(d)
+                f = force[at][mine][order]
+                g = np.gradient(f, np.maximum.accumulate(d[order] + 1e-6 * np.arange(len(d))))
+                slope[np.arange(at.start, at.stop)[mine[order]]] = g
+    return slope
+
+
+__all__ = ["Level", "covariance", "levels", "passes_of", "slope_of", "unexplained"]

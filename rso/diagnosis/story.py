@@ -1,0 +1,140 @@
+"""A diagnosis as plain data: the documented block of results.json, and what figures and tables need beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rso.diagnosis.attribute import Evidence
+from rso.diagnosis.detectable import Detectable, detectable
+from rso.diagnosis.effects import Effect
+from rso.diagnosis.judge import Diagnosis, seen
+from rso.diagnosis.library import FORCES, Library
+from rso.diagnosis.next_test import NextTest, next_tests
+from rso.diagnosis.rerun import rerun
+from rso.diagnosis.testplan import Profile, TestPlan
+from rso.diagnosis.words import words
+from rso.running import Task
+
+SCHEMA = 1
+REGIONS = 8
+Run = Callable[[Sequence[Task]], list[Any]]
+
+
+def story(library: Library, d: Diagnosis, seed: int, run: Run | None, title: str) -> dict[str, Any]:
+    """Everything of a diagnosis: `diagnosis` is the block of results.json, the rest serves the report."""
+    plan = seen(library.plan)
+    visible = detectable(Evidence(d.bench, library.effects), plan.values(), seed)
+    chosen = [c.effect for c in d.causes][: 2 if len(d.causes) == 2 and d.verdict == "explained" else 1]
+    checked = None
+    if run is not None and d.causes and all(e.family == "model" for e in chosen):
+        checked = rerun(library, d.posteriors, chosen, run)
+    tests = _next(library, d, run) if d.verdict in ("ambiguous", "partly") or len(d.named) > 1 else []
+    found = {
+        "schema": SCHEMA,
+        "title": title,
+        "diagnosis": block(d, visible, tests),
+        "experiments": [_experiment(e) for e in library.plan.experiments],
+        "noise": {c: {"white": v.white, "correlated": v.correlated, "length_mm": v.length, "gain": v.gain,
+                      "contact_mm": v.contact, "depth_mm": v.depth, "source": v.source}
+                  for c, v in d.bench.levels.items()},
+        "effects": [_effect(e) for e in library.effects],
+        "probabilities": dict(sorted(d.probabilities.items(), key=lambda v: -v[1])[:20]),
+        "sensitivity": d.sensitivity,
+        "held_out": [{"experiment": h.experiment, "gain": h.gain} for h in d.held_out],
+        "checks": [{"hypothesis": c.hypothesis, "returned": c.returned, "in_set": c.in_set, "no_gap": c.no_gap,
+                    "n": c.n} for c in d.checks],
+        "power": [{"effect": v.effect.name, "power": v.power} for v in visible],
+        "residuals": residuals(plan, d),
+        "signatures": signatures(library, d),
+        "rerun": checked,
+        "failed_runs": list(library.failed),
+        "notes": list(library.plan.notes),
+    }  # fmt: skip
+    return found | {"words": words(found)}
+
+
+def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]) -> dict[str, Any]:
+    """The block `diagnosis` of results.json."""
+    s = d.shrinkage
+    return {
+        "verdict": d.verdict,
+        "gap": {"p_value": d.p_value, "size_over_noise": d.size_over_noise, "statistic": d.statistic,
+                "threshold": d.threshold},
+        "where": [{"experiment": r.experiment, "channel": r.channel, "region": r.region, "z": r.z,
+                   "sign": "+" if r.z > 0 else "-", "amplitude": r.amplitude, "amplitude_sd": r.amplitude_sd,
+                   "beyond_noise": abs(r.z) > d.where.threshold} for r in d.where.regions[:REGIONS]],
+        "where_threshold": d.where.threshold,
+        "causes": [{"effect": c.effect.name, "description": c.effect.description, "family": c.effect.family,
+                    "probability": c.probability, "size": c.size, "interval": list(c.interval),
+                    "unit": c.effect.size.unit, "neutral": c.effect.size.neutral, "railed": c.railed}
+                   for c in d.causes],
+        "ambiguous_with": [list(d.named)] if d.verdict == "ambiguous" else [],
+        "shrinkage": {"held_out": [c.curve for c in s.curves], "before": s.before, "refit_only": s.refit_only,
+                      "with_cause": s.with_cause, "noise_floor": s.floor, "floor_error": s.floor_error,
+                      "closed": s.closed, "interval": None if s.interval is None else list(s.interval), "how": s.how,
+                      "curves": [{"curve": c.curve, "unit": c.unit, "before": c.before, "refit_only": c.refit_only,
+                                  "with_cause": c.with_cause, "rms": list(c.rms)} for c in s.curves]},
+        "parameters": {when: {k: {"low": v[0], "median": v[1], "high": v[2]} for k, v in p.items()}
+                       for when, p in d.parameters.items()},
+        "detectable": [{"effect": v.effect.name, "unit": v.effect.size.unit, "smallest_visible": v.value,
+                        "visible": v.limit is not None, "confused_with": list(v.confused_with),
+                        "confounded_with": list(v.confused_with), "recognised": v.recognised} for v in visible],
+        "next_test": [{"test": t.test, "separates": list(t.separates), "distance": t.distance, "resolves": t.resolves,
+                       "pairs": t.pairs} for t in tests],
+    }  # fmt: skip
+
+
+def _next(library: Library, d: Diagnosis, run: Run | None) -> list[NextTest]:
+    """Tests that separate the named effects, each alone."""
+    effects = {e.name: (e,) for e in library.effects}
+    alive = {n: (effects[n], d.posteriors[n]) for n in d.named if n in d.posteriors}
+    plain_library = replace(library, plan=seen(library.plan))
+    return next_tests(plain_library, d.bench, alive, run)
+
+
+def residuals(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
+    """By test and channel: depth, branch, residual against each fitted model, standard deviation of a reading."""
+    y, sd, found = plan.values(), np.sqrt(np.diag(d.bench.C)), []
+    for item, c, at in plan.rows():
+        branch = np.zeros(len(item.depth), int) if isinstance(item, Profile) else item.branch
+        found.append({
+            "experiment": plan.experiments[item.experiment].name, "channel": c,
+            "label": "" if isinstance(item, Profile) else item.label,
+            "depth": item.depth.tolist(), "branch": branch.tolist(), "measured": y[at].tolist(), "sd": sd[at].tolist(),
+            "residual": {name: (y[at] - f[at]).tolist() for name, f in d.fits.items()},
+        })  # fmt: skip
+    return found
+
+
+def signatures(library: Library, d: Diagnosis) -> list[dict[str, Any]]:
+    """Change of Fz by each leading effect at its found size, relative to the base, over travel at each place."""
+    found = []
+    for name, post in d.posteriors.items():
+        effects = [e for e in library.effects if e.name == name and e.family == "model"]
+        if not effects:
+            continue
+        mid = np.median(post.at, axis=0)[None]
+        n = len(library.base.axes)
+        for k, place in enumerate(library.places):
+            change = library.change(k, effects[0], mid[:, n:], library.plan.tests[0].speed)[0][0]
+            found.append({"effect": name, "place": library.plan.places[k].settings.get("point", k),
+                          "travel": place.u.tolist(),
+                          "passes": [{"peak": p.peak, "earlier": p.earlier,
+                                      **{c: change[i, j].tolist() for j, c in enumerate(FORCES)}}
+                                     for i, p in enumerate(place.passes)]})  # fmt: skip
+    return found
+
+
+def _experiment(e: Any) -> dict[str, Any]:
+    return {"name": e.name, "role": e.role, "channels": list(e.channels), "speed": e.speed, "mounting": e.mounting,
+            "repeats": len(e.measurement.repeats), "kind": e.measurement.kind,
+            "point": list(e.settings.get("point", []))}  # fmt: skip
+
+
+def _effect(e: Effect) -> dict[str, Any]:
+    return {"name": e.name, "description": e.description, "family": e.family, "unit": e.size.unit,
+            "neutral": e.size.neutral, "low": e.size.low, "high": e.size.high, "shape": [s.name for s in e.shape]}  # fmt: skip

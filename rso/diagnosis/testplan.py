@@ -1,0 +1,221 @@
+"""What was measured, as tests in bins: the part of a data set that does not depend on the values measured.
+
+A test is one recorded curve (a repeat).  Readings are averaged in bins along each branch; a place is where the indenter
+was pressed, with everything the backend was told about it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from rso.contract import digest
+from rso.measurement import Measurement, Noise
+
+BINS = 20  # per branch: what a smooth curve can tell
+STEP = 0.25  # mm, to which the deepest travel is rounded up: data sets of one plan share their library
+MARGIN = 0.4  # mm beyond the deepest record, for a contact found late
+Role = Literal["fit", "select", "validate"]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One measured file and what is known about it; `speed` mm/s of loading, `after` the experiments before it."""
+
+    name: str
+    role: Role
+    measurement: Measurement
+    noise: Noise
+    channels: tuple[str, ...]
+    settings: Mapping[str, Any]
+    speed: float
+    mounting: str = "A"
+    after: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Place:
+    """Settings of the backend, the deepest travel asked there, peaks of load–unload tests, and marks of profiles."""
+
+    settings: Mapping[str, Any]
+    deepest: float
+    peaks: tuple[float, ...]
+    marks: tuple[tuple[float, float], ...] = ()
+    mark_depths: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Test:
+    """One recorded test in bins: `branch` 0 loading, 1 unloading; `earlier` is the deepest travel there before.
+
+    `depth`, `time`, `count` (n,): mean depth and time of the readings of a bin and their number.
+    """
+
+    experiment: int
+    label: str
+    place: int
+    speed: float
+    peak: float
+    earlier: float
+    channels: tuple[str, ...]
+    depth: np.ndarray
+    time: np.ndarray
+    branch: np.ndarray
+    count: np.ndarray
+    values: Mapping[str, np.ndarray]
+
+    @property
+    def n(self) -> int:
+        """Bins."""
+        return len(self.depth)
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Displacements of surface marks: `depth`, `mark` (index into the marks of the place) and `value`, each (n,)."""
+
+    experiment: int
+    place: int
+    channel: str
+    depth: np.ndarray
+    mark: np.ndarray
+    value: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class TestPlan:
+    """Experiments, places, tests and profiles, and the layout of the data vector: rows of each (test, channel)."""
+
+    experiments: tuple[Experiment, ...]
+    places: tuple[Place, ...]
+    tests: tuple[Test, ...]
+    profiles: tuple[Profile, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def n(self) -> int:
+        """Length of the data vector."""
+        return sum(t.n * len(t.channels) for t in self.tests) + sum(len(p.depth) for p in self.profiles)
+
+    def rows(self) -> list[tuple[Test | Profile, str, slice]]:
+        """(test or profile, channel, rows) in the order of the data vector."""
+        found, at = [], 0
+        for t in self.tests:
+            for c in t.channels:
+                found.append((t, c, slice(at, at + t.n)))
+                at += t.n
+        for p in self.profiles:
+            found.append((p, p.channel, slice(at, at + len(p.depth))))
+            at += len(p.depth)
+        return found
+
+    def values(self) -> np.ndarray:
+        """The data vector (n,)."""
+        parts = [o.values[c] if isinstance(o, Test) else o.value for o, c, _ in self.rows()]
+        return np.concatenate(parts)
+
+
+def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
+    """Tests in bins, places with what must be computed there.
+
+    ValueError if no force curve is left.  Holds are left out with a note: their readings carry relaxation, which the
+    loading and unloading of other speeds also shows.
+    """
+    places: list[dict[str, Any]] = []
+    index: dict[str, int] = {}
+    tests: list[Test] = []
+    notes: list[str] = []
+
+    def place_of(settings: Mapping[str, Any]) -> int:
+        plain = {k: v for k, v in settings.items() if k not in ("speed", "unload", "earlier")}
+        key = digest(plain)
+        if key not in index:
+            index[key] = len(places)
+            places.append({"settings": plain, "deepest": 0.0, "peaks": set(), "marks": {}, "mark_depths": set()})
+        return index[key]
+
+    reached: dict[int, float] = {}
+    order = _in_order(experiments)
+    for k in order:
+        e = experiments[k]
+        if e.measurement.kind != "force":
+            continue
+        at = place_of(e.settings)
+        for r in e.measurement.repeats:
+            held = r.segment == "hold"
+            if held.any():
+                notes.append(f"{e.name}: {held.sum()} readings of a hold are not used")
+            channels = tuple(c for c in ("Fx", "Fy", "Fz") if c in r.channels and c in e.channels)
+            time = r.time if r.time is not None else _times(r.depth, r.segment, e.speed)
+            branches = [_binned(r, time, channels, name, k) for k, name in enumerate(("loading", "unloading"))]
+            d, t, b, m, values = (_joined(branches, i, channels) for i in range(5))
+            peak = float(r.depth.max())
+            tests.append(Test(k, r.label, at, e.speed, peak, reached.get(at, 0.0), channels, d, t, b, m, values))
+            reached[at] = max(reached.get(at, 0.0), peak)
+            places[at]["deepest"] = max(places[at]["deepest"], peak)
+            if np.any(b == 1):
+                places[at]["peaks"].add(round(peak, 1))
+    if not tests:
+        raise ValueError("no force curve with fit or select readings: nothing to diagnose")
+    profiles = []
+    for k in order:
+        e = experiments[k]
+        if e.measurement.kind == "force":
+            continue
+        at = place_of(e.settings)
+        for r in e.measurement.repeats:
+            marks = places[at]["marks"]
+            keys = [(float(x), float(y)) for x, y in zip(r.channels["x"], r.channels["y"], strict=True)]
+            mark = np.array([marks.setdefault(m, len(marks)) for m in keys])
+            for c in e.channels:
+                profiles.append(Profile(k, at, c, r.depth, mark, r.channels[c]))
+            places[at]["mark_depths"] |= {float(v) for v in r.depth}
+            places[at]["deepest"] = max(places[at]["deepest"], float(r.depth.max()))
+    made = tuple(
+        Place(p["settings"], math.ceil(p["deepest"] / STEP - 0.2) * STEP, tuple(sorted(p["peaks"])), tuple(p["marks"]),
+              tuple(sorted(p["mark_depths"]))) for p in places
+    )  # fmt: skip
+    return TestPlan(tuple(experiments), made, tuple(tests), tuple(profiles), tuple(dict.fromkeys(notes)))
+
+
+def _in_order(experiments: Sequence[Experiment]) -> list[int]:
+    """Indices in the order of testing: an experiment comes after those it names, else as listed."""
+    names = {e.name: k for k, e in enumerate(experiments)}
+    done: list[int] = []
+
+    def visit(k: int, above: tuple[int, ...]) -> None:
+        if k in above:
+            raise ValueError(f"experiment {experiments[k].name!r} comes after itself")
+        if k not in done:
+            for other in experiments[k].after:
+                if other in names:
+                    visit(names[other], (*above, k))
+            done.append(k)
+
+    for k in range(len(experiments)):
+        visit(k, ())
+    return done
+
+
+def _times(depth: np.ndarray, segment: np.ndarray, speed: float) -> np.ndarray:
+    """Times (s) of readings at a constant speed there and back."""
+    return np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(np.diff(depth)), 1e-9))]) / speed
+
+
+def _binned(r: Any, time: np.ndarray, channels: tuple[str, ...], segment: str, k: int) -> tuple[Any, ...]:
+    """Depth, time, branch, count and values of one branch, averaged over at most BINS runs of equally many readings."""
+    at = np.nonzero(r.segment == segment)[0]
+    groups = [g for g in np.array_split(at, min(BINS, len(at)) or 1) if len(g)]
+    mean = lambda v: np.array([v[g].mean() for g in groups])  # noqa: E731
+    count = np.array([len(g) for g in groups], float)
+    return mean(r.depth), mean(time), np.full(len(groups), k), count, {c: mean(r.channels[c]) for c in channels}
+
+
+def _joined(branches: Sequence[tuple[Any, ...]], i: int, channels: tuple[str, ...]) -> Any:
+    if i == 4:
+        return {c: np.concatenate([b[4][c] for b in branches]) for c in channels}
+    return np.concatenate([b[i] for b in branches])

@@ -1,0 +1,94 @@
+"""The verdict in sentences, in the order a reader asks: gap, where, cause, how much, how sure, what next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+
+def words(found: Mapping[str, Any]) -> list[str]:
+    """Sentences from the plain data of a diagnosis; no number is computed here."""
+    d = found["diagnosis"]
+    out = [_gap(d)]
+    if d["verdict"] != "no_gap":
+        out += [_where(d), _cause(d, found)]
+    if (closed := _shrinkage(d)) is not None:
+        out.append(closed)
+    out += _parameters(d, found)
+    if checks := _checks(found):
+        out.append(checks)
+    out += _unseen(d)
+    for t in d["next_test"][:1]:
+        out.append(f"Next test: {t['test']} (distance {t['distance']:.1f} between {' and '.join(t['separates'])}).")
+    return out
+
+
+def _gap(d: Mapping[str, Any]) -> str:
+    p, g = d["gap"]["p_value"], d["gap"]
+    if d["verdict"] == "no_gap":
+        return f"No gap beyond noise (p = {p:.2g}, misfit {g['size_over_noise']:.2f} times the noise)."
+    sign = "<" if p < 0.005 else "="
+    return f"There is a gap beyond noise (p {sign} {max(p, 0.005):.2g}, misfit {g['size_over_noise']:.2f} times the noise)."
+
+
+def _where(d: Mapping[str, Any]) -> str:
+    clear = [r for r in d["where"] if r["beyond_noise"]][:3]
+    if not clear:
+        return "Where: no single region stands out; the gap is one of shape, spread over all curves."
+    each = [f"{r['experiment']} {r['channel']} {r['region']} ({100 * r['amplitude']:+.1f} ± {100 * r['amplitude_sd']:.1f} %)"
+            for r in clear]  # fmt: skip
+    return "Where, measured against what all other data predict: " + "; ".join(each) + "."
+
+
+def _named(c: Mapping[str, Any]) -> str:
+    low, high = c["interval"]
+    unit = "" if c["unit"] in ("1", "-") else f" {c['unit']}"
+    neutral = "" if not c["neutral"] else f", absent at {c['neutral']:g}"
+    return f"{c['effect']} = {c['size']:.3g}{unit} (90 % {low:.3g} to {high:.3g}{neutral})"
+
+
+def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    causes, v = d["causes"], d["verdict"]
+    if v == "unexplained":
+        return "Cause: none in the catalogue reproduces it, or none predicts curves it was not fitted to."
+    first = causes[0]
+    text = {e["name"]: e["description"] for e in found["effects"]}
+    if v == "ambiguous":
+        each = ", ".join(f"{c['effect']} ({100 * c['probability']:.0f} %)" for c in causes)
+        return f"Cause: cannot be told apart with these data: {each}."
+    head = {"explained": "Cause", "measurement": "It is the measurement", "partly": "Part of it, not all, looks like"}[
+        v
+    ]
+    each = " and ".join(_named(c) for c in causes[: 2 if v == "explained" else 1])
+    return f"{head}: {text[first['effect']]}, {each}; probability {100 * first['probability']:.0f} %."
+
+
+def _shrinkage(d: Mapping[str, Any]) -> str | None:
+    s = d["shrinkage"]
+    if s["before"] is None or s["before"] != s["before"]:
+        return "How much: one curve only, nothing is left to test a cause on."
+    text = (f"On held-out curves ({s['how']}) the gap is {s['before']:.2f} before, {s['refit_only']:.2f} after a re-fit"
+            f" alone, {s['with_cause']:.2f} with the cause (noise floor 1)")  # fmt: skip
+    if s["closed"] is None:
+        return text + "; before is not clearly above the floor, so no share is printed."
+    low, high = s["interval"]
+    return text + f": {100 * s['closed']:.0f} % closed (90 % {100 * low:.0f} to {100 * high:.0f} %)."
+
+
+def _parameters(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
+    before, after = d["parameters"]["before"], d["parameters"]["after"]
+    if d["verdict"] in ("no_gap", "unexplained"):
+        return []
+    k = next(iter(before))
+    return [f"{k} moves from {before[k]['median']:.4g} ({before[k]['low']:.4g} to {before[k]['high']:.4g}) to "
+            f"{after[k]['median']:.4g} ({after[k]['low']:.4g} to {after[k]['high']:.4g})."]  # fmt: skip
+
+
+def _checks(found: Mapping[str, Any]) -> str | None:
+    each = [f"{c['hypothesis']}: {100 * c['returned']:.0f} %" for c in found["checks"]]
+    return "Simulated through the same pipeline, this comes back as itself: " + ", ".join(each) + "." if each else None
+
+
+def _unseen(d: Mapping[str, Any]) -> list[str]:
+    blind: Sequence[str] = [v["effect"] for v in d["detectable"] if not v["visible"]]
+    return [f"These data could not have shown, at any plausible size: {', '.join(blind)}."] if blind else []

@@ -1,0 +1,198 @@
+"""The diagnosis of a study: its experiments as a test plan, the library of simulations, the verdict, its rerun."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rso import diagnosis
+from rso.contract import Backend
+from rso.diagnosis import Base, BaseAxis, Effect, Experiment, Library
+from rso.measurement import Measurement
+from rso.running import Event, Task, run_all
+from rso.similarity import group
+from rso.store import RunStore
+from rso.study.cases import DEFAULT_SPEED
+from rso.study.errors import Problem, choose, study_error
+from rso.study.plan import source_of
+from rso.study.resolve import Resolved, resolve
+from rso.study.schema import Study
+from rso.units import quantity
+
+Watch = Callable[[Event], None]
+FILE = "diagnosis.json"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Asked:
+    """What `rso diagnose` works on: the base model, the test plan and the catalogue."""
+
+    study: Study
+    base: Base
+    plan: diagnosis.TestPlan
+    effects: tuple[Effect, ...]
+
+
+def ask(study: Study) -> Asked:
+    """The study as a diagnosis; StudyError for what its backend or its data do not allow."""
+    source = source_of(study)
+    try:
+        backend = source.load()
+    except ValueError as error:
+        raise study_error(study.file, study.lines, [Problem(("backend",), str(error))]) from error
+    resolved = resolve(study, backend.parameters)
+    experiments = [_experiment(study, n) for n in range(len(study.experiments))]
+    try:
+        for e in experiments:
+            backend.check(_probe(e))
+        plan = diagnosis.make_plan(experiments)
+        base = _base(study, backend, resolved)
+    except (ValueError, TypeError) as error:
+        raise study_error(study.file, study.lines, [Problem(("experiments",), str(error))]) from error
+    opened = [a.name for a in resolved.axes]
+    effects = diagnosis.catalogue(backend, study.backend.settings, resolved.fixed, opened)
+    wanted = study.diagnose.effects
+    if wanted != "all":
+        known = [e.name for e in effects]
+        problems = [
+            Problem(("diagnose", "effects"), f"no such effect; {choose(name, known)}", name)
+            for name in wanted if name not in known
+        ]  # fmt: skip
+        if problems:
+            raise study_error(study.file, study.lines, problems)
+        effects = tuple(e for e in effects if e.name in wanted)
+    return Asked(study, base, plan, effects)
+
+
+def _probe(e: Experiment) -> Any:
+    from rso.contract import Case, Programme
+
+    deepest = max(float(r.depth.max()) for r in e.measurement.repeats)
+    return Case(e.name, Programme.ramp((deepest,)), e.settings)
+
+
+def _experiment(study: Study, n: int) -> Experiment:
+    """One experiment with the speed that its record shows, or else its settings."""
+    e = study.experiments[n]
+    m = study.measurement(e.name)
+    settings = {k: v for k, v in study.settings_of(e.name).items() if k not in ("speed", "unload")}
+    stated = study.settings_of(e.name).get("speed")
+    try:
+        speed = quantity(stated, "mm/s") if stated is not None else None  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        speed = None
+    channels = m.channels if not e.channels else e.channels
+    return Experiment(e.name, e.role, m, e.noise.noise(), tuple(channels), settings,
+                      _recorded_speed(m) or speed or DEFAULT_SPEED, e.mounting, e.after)  # fmt: skip
+
+
+def _recorded_speed(m: Measurement) -> float | None:
+    """Median speed (mm/s) of loading, where time was recorded."""
+    r = m.repeats[0]
+    if m.kind != "force" or r.time is None:
+        return None
+    loading = r.segment == "loading"
+    d, t = r.depth[loading], r.time[loading]
+    if len(d) < 3 or t[-1] <= t[0]:
+        return None
+    speed = float((d[-1] - d[0]) / (t[-1] - t[0]))
+    return speed if speed > 0 and math.isfinite(speed) else None
+
+
+def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
+    """The open parameters with one modulus scaled out; ValueError where none can be."""
+    parameters = [dataclasses.replace(a.parameter, low=a.low, high=a.high) for a in resolved.axes]
+    scaling = group(parameters, backend.channels)
+    if scaling.reference is None:
+        raise ValueError(
+            f"diagnosis needs one open parameter with the unit of a stress that the forces scale with: {scaling.why}"
+        )
+    reference = scaling.reference_value
+    ranges = scaling.reduced_range({a.name: a.low for a in resolved.axes}, {a.name: a.high for a in resolved.axes})
+    own = {a.name: a for a in resolved.axes}
+    axes = []
+    for name, (low, high) in ranges.items():
+        e = scaling.exponents[name]
+        factor = reference**-e
+        axes.append(BaseAxis(name, own[name].parameter.unit, low * factor, high * factor, own[name].scale == "log" or
+                             (low > 0 and high / low > 4), e))  # fmt: skip
+    modulus = own[scaling.reference]
+    draft = dict(getattr(backend, "draft", {})) | dict(study.diagnose.settings)
+    return Base(
+        backend, scaling.reference, reference, modulus.low, modulus.high, tuple(axes), dict(resolved.fixed), draft
+    )
+
+
+def run_diagnosis(
+    asked: Asked, store: RunStore, executor: Executor, folder: Path, *, command: str, watch: Watch | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> dict[str, Any]:  # fmt: skip
+    """Library, verdict and rerun; writes ``diagnosis.json`` and puts its core into ``results.json`` if there is one.
+
+    Raises ValueError where the base model has no answer; what was computed stays in the store.
+    """
+    started, cpu = time.perf_counter(), time.process_time()
+
+    def run(tasks: Sequence[Task]) -> list[Any]:
+        return run_all(asked.base.backend, tasks, store, executor, watch=watch)
+
+    say("library: the base model and every effect of the catalogue, once for this test plan")
+    library = diagnosis.build(asked.base, asked.plan, asked.effects, run)
+    built = time.perf_counter() - started
+    found = judge(asked, library, run, say=say)
+    found["timings"] = {"library_wall": built, "library_cpu": library.cpu_s, "library_runs": library.runs,
+                        "judging_cpu": time.process_time() - cpu}  # fmt: skip
+    found["command"] = command
+    _write(folder, found)
+    return found
+
+
+def judge(asked: Asked, library: Library, run: Callable[[Sequence[Task]], list[Any]] | None,
+          say: Callable[[str], None] = lambda _: None) -> dict[str, Any]:  # fmt: skip
+    """The verdict on a finished library as plain data; `run` reruns the finalist, None leaves that out."""
+    seed = asked.study.study.seed
+    say("verdict: evidence, held-out prediction and self-checks")
+    result = diagnosis.diagnose(library, seed)
+    say("what this test plan can see")
+    return diagnosis.story(library, result, seed, run, title=asked.study.study.title)
+
+
+def _write(folder: Path, found: Mapping[str, Any]) -> None:
+    from rso.contract import plain
+
+    folder.mkdir(parents=True, exist_ok=True)
+    _replace(folder / FILE, json.dumps(plain(_finite(found)), indent=1, ensure_ascii=False))
+    path = folder / "results.json"
+    if path.exists():
+        results = json.loads(path.read_text(encoding="utf-8"))
+        results["diagnosis"] = plain(_finite(found["diagnosis"]))
+        _replace(path, json.dumps(results, indent=1, ensure_ascii=False))
+
+
+def _replace(path: Path, text: str) -> None:
+    """Write at once or not at all."""
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(text, encoding="utf-8")
+    os.replace(temporary, path)
+
+
+def _finite(data: Any) -> Any:
+    """NaN and infinities as None: strict JSON has no word for them."""
+    if isinstance(data, Mapping):
+        return {k: _finite(v) for k, v in data.items()}
+    if isinstance(data, list | tuple):
+        return [_finite(v) for v in data]
+    if isinstance(data, np.ndarray):
+        return _finite(data.tolist())
+    if isinstance(data, float | np.floating):
+        return float(data) if math.isfinite(data) else None
+    return data

@@ -1,0 +1,106 @@
+"""A folder as a laboratory leaves it, with `nominal.json` saying what the experimenter believes, as a study file.
+
+`nominal.json` holds specimen (semi_axes_mm), indenter (radius_mm), support, noise (force_N, depth_mm, repeat_gain,
+profile_mm) and rates; the CSV files are named for what they hold: ``point_20_0`` was pressed at (20, 0) mm, every
+other force curve at the top, ``profile`` holds surface marks.  See docs/reading_a_diagnosis.md.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+_POINT = re.compile(r"^point_(-?\d+(?:\.\d+)?)_(-?\d+(?:\.\d+)?)$")
+
+
+def study_text(folder: Path, seed: int, beside: Path) -> str:
+    """The study file for a folder; `beside` is where it will be written.  ValueError naming what is missing."""
+    path = folder / "nominal.json"
+    try:
+        nominal = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path}: cannot be read ({error})") from error
+    if not isinstance(nominal, dict):
+        raise ValueError(f"{path}: a table is expected")
+    files = sorted(f for f in folder.glob("*.csv"))
+    if not files:
+        raise ValueError(f"{folder}: holds no CSV file")
+    noise = _table(path, nominal, "noise")
+    order = [f.stem for f in files]
+    order.sort(key=lambda n: (_rank(n), n))
+    lines = [
+        "[study]", f"title = {json.dumps('Diagnosis of ' + folder.name)}", f"seed = {seed}", "", "[backend]",
+        'use = "fem_backend.backend:BACKEND"', "", "[backend.settings]",
+        f"specimen = {{ shape = \"ellipsoid\", semi_axes = {_floats(path, nominal, 'specimen', 'semi_axes_mm', 3)} }}",
+        f"indenter = {{ shape = \"sphere\", radius = {_floats(path, nominal, 'indenter', 'radius_mm', 1)[0]} }}",
+        f"support = {_support(nominal)}", "", "[parameters]",
+        'mu = { low = "4 kPa", high = "20 kPa", scale = "log" }', 'D1 = { low = "1 1/MPa", high = "160 1/MPa", scale = "log" }',
+        "",
+    ]  # fmt: skip
+    before: list[str] = []
+    for name in order:
+        match = _POINT.match(name)
+        point = [float(v) for v in match.groups()] if match else [0.0, 0.0]
+        profile = name.startswith("profile")
+        lines += ["[[experiments]]", f"name = {json.dumps(name)}", 'role = "fit"',
+                  f"data = {json.dumps(os.path.relpath(folder / (name + '.csv'), beside))}"]  # fmt: skip
+        lines += (
+            ['kind = "profile"']
+            if profile
+            else ['channels = ["Fz", "Fx", "Fy"]']
+            if _has_lateral(folder / f"{name}.csv")
+            else []
+        )
+        unload = ", unload = true" if name.startswith("mp_cycle") else ""
+        lines += [f"settings = {{ point = {point}{unload} }}"]
+        keys = {"uz": "profile_mm"} if profile else {"Fz": "force_N", "depth": "depth_mm", "gain": "repeat_gain"}
+        stated = ", ".join(f"{k} = {float(noise[v])}" for k, v in keys.items() if v in noise)
+        lines += [f"noise = {{ {stated} }}"] if stated else []
+        lines += [f"after = {json.dumps(before)}"] if before and not profile else []
+        lines.append("")
+        before = [*before, name] if not profile else before
+    return "\n".join(lines)
+
+
+def _rank(name: str) -> tuple[int, float]:
+    """Order of testing: loading, cycles from slow to fast, deep, other points, profile."""
+    cycle = re.match(r"mp_cycle_(\d+)", name)
+    if cycle:
+        return 1, float(cycle.group(1))
+    kinds = {"mp_load": 0, "mp_deep": 2, "point": 3, "profile": 4}
+    return next((k for stem, k in kinds.items() if name.startswith(stem)), 3), 0.0
+
+
+def _table(path: Path, nominal: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    value = nominal.get(name, {})
+    if not isinstance(value, dict):
+        raise ValueError(f"{path}: {name} = {value!r}: a table is expected")
+    return value
+
+
+def _floats(path: Path, nominal: Mapping[str, Any], table: str, key: str, n: int) -> list[float]:
+    value = _table(path, nominal, table).get(key)
+    value = [value] if n == 1 else value
+    if not isinstance(value, list) or len(value) != n or not all(isinstance(v, int | float) for v in value):
+        raise ValueError(f"{path}: {table}.{key} = {value!r}: {n} number(s) in mm expected")
+    return [float(v) for v in value]
+
+
+def _support(nominal: Mapping[str, Any]) -> str:
+    text = json.dumps(nominal.get("support", "fixed")).lower()
+    if "bowl" in text or "platform" in text:
+        numbers = nominal.get("support") if isinstance(nominal.get("support"), dict) else {}
+        clearance = float(numbers.get("clearance_mm", nominal.get("clearance_mm", 1.0)))  # type: ignore[union-attr]
+        friction = float(numbers.get("friction", nominal.get("mu_platform", 0.2)))  # type: ignore[union-attr]
+        return f'{{ kind = "bowl", clearance = {clearance}, friction = {friction} }}'
+    return '{ kind = "fixed" }'
+
+
+def _has_lateral(path: Path) -> bool:
+    with path.open(encoding="utf-8", errors="replace") as file:
+        head = next((line for line in file if line.strip() and not line.startswith("#")), "")
+    return "Fx" in head and "Fy" in head
