@@ -32,12 +32,14 @@ class Knobs:
     # material
     C01: float = knob("Mooney-Rivlin C01 (C10 = mu/2 - C01)", "MPa", -1e3, 1e3, neutral=0.0, typical=1e-3)
     C20: float = knob(
-        "Yeoh C20, strain stiffening", "MPa", -1e3, 1e3, neutral=0.0, group="yeoh", typical=4e-4, plausible=(0.01, 0.4)
+        "Yeoh C20, strain stiffening", "MPa", -1e3, 1e3, neutral=0.0, group="yeoh", typical=4e-4, plausible=(0.01, 0.4),
+        cause="strain stiffening",
     )
     C30: float = knob(
         "Yeoh C30, strain stiffening", "MPa", -1e3, 1e3, neutral=0.0, group="yeoh", typical=5e-5, plausible=(0.0, 0.04)
     )
-    alpha: float = knob("Ogden exponent (one term)", "1", -30.0, 30.0, neutral=2.0, typical=5.0, plausible=(0.8, 12.0))
+    alpha: float = knob("Ogden exponent (one term)", "1", -30.0, 30.0, neutral=2.0, typical=5.0, plausible=(0.8, 12.0),
+                        cause="strain stiffening")  # fmt: skip
     prony_g: float = knob(
         "relaxing share of the shear modulus, first term",
         "1",

@@ -21,6 +21,7 @@ UNITS = {
     "contact_area": "mm^2", "contact_radius": "mm", "peak_pressure": "MPa", "slipping": "1",
 }  # fmt: skip
 MATERIAL_KNOBS = ("mu", "D1", "C01", "C20", "C30", "alpha", "fibre", "fibre_k2", "skin_ratio", "inclusion_ratio")
+REFINED, REFINEMENTS = 1e-6, 10  # of a derivative's residual, and how often at most
 ZONE_KNOBS = ("skin_ratio", "inclusion_ratio")
 
 
@@ -279,8 +280,8 @@ def reaction(at: Bench, evaluation: Evaluation) -> np.ndarray:
 class Slopes:
     """d(channel)/d(knob) at converged points by direct differentiation, also through the multipliers.
 
-    K du/dθ = −∂R/∂θ − ∂R/∂λ dλ/dθ at each stage, with the last factor of that stage; every partial derivative along
-    (u, θ, λ) is a central difference of the residual or of the channels, which costs no factorisation.
+    K du/dθ = −∂R/∂θ − ∂R/∂λ dλ/dθ at each stage, with the last factor of that stage and iterative refinement; every
+    derivative along (u, θ, λ) is a central difference of the residual or of the channels, which costs no factorisation.
     """
 
     def __init__(self, at: Bench, names: Sequence[str]) -> None:
@@ -318,9 +319,15 @@ class Slopes:
                 load = replace(stage.load, touches=touches)
                 return newton.evaluate(high if sign > 0 else low, at.u + sign * h * du, load)
 
-            change = moved(nothing, 1).residual - moved(nothing, -1).residual
-            du = -stage.equilibrium.linear(change / (2 * h))
-            ends = moved(du, -1), moved(du, 1)
+            du, left, first = nothing, np.inf, None
+            for _ in range(REFINEMENTS):  # the factor may be of an earlier iterate
+                ends = moved(du, -1), moved(du, 1)
+                change = (ends[1].residual - ends[0].residual) / (2 * h)
+                before, left = left, float(np.linalg.norm(newton.reduced(self.at.system.body, change)))
+                first = first or left
+                if left <= REFINED * first or left > 0.9 * before:
+                    break
+                du = du - stage.equilibrium.linear(change)
             if last:
                 a, b = (channels(self.at, s, e, stage.load) for s, e in zip((low, high), ends, strict=True))
                 self.rows[name][travel_of(self.at, stage.load)] = {c: (b[c] - a[c]) / (2 * h) for c in a}

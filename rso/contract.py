@@ -14,6 +14,7 @@ Units inside are N, mm, MPa, s.  This module needs numpy and the standard librar
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import json
 import math
@@ -54,6 +55,7 @@ class Parameter:
     typical: float | None = None
     scope: Scope = "study"
     plausible: tuple[float, float] | None = None
+    cause: str = ""
 
     def check(self, value: float) -> float:
         """Return `value` as a float, or raise ValueError naming knob, value, unit and bounds."""
@@ -78,17 +80,21 @@ def knob(
     typical: float | None = None,
     scope: Scope = "study",
     plausible: tuple[float, float] | None = None,
+    cause: str = "",
 ) -> Any:
     """Declare one knob as a dataclass field; an effect gives `neutral`, which is then also its default.
 
     `plausible` is the range one meets in practice: the prior of a diagnosis, neither hard bounds nor a design's box.
+    Effects of one `cause` are forms of the same thing (two laws of strain stiffening).
     """
     start = neutral if default is None else default
-    declared = Parameter("", description, unit, low, high, start, neutral, group, typical, scope, plausible)
+    declared = Parameter("", description, unit, low, high, start, neutral, group, typical, scope, plausible,
+                         cause)  # fmt: skip
     metadata = {"parameter": declared}
     return field(metadata=metadata) if start is None else field(default=start, metadata=metadata)
 
 
+@functools.cache
 def parameters_of(knobs: type) -> tuple[Parameter, ...]:
     """Every knob declared on a dataclass, in order of declaration."""
     return tuple(

@@ -17,8 +17,9 @@ from netgen.meshing import MeshingParameters
 from scipy.optimize import brentq, minimize
 
 AXES = np.array([60.0, 35.0, 35.0])
-TOP_DEPTHS = (0.1, 0.3, 0.6, 1.0, 1.4, 1.8, 2.2, 2.6, 3.0, 3.5, 4.0)
-DEEP_DEPTHS = TOP_DEPTHS + (4.4, 4.8, 5.2, 5.5, 5.8, 6.0, 6.2)
+POINT_DEPTHS = (0.1, 0.3, 0.7, 1.2, 1.8, 2.5, 3.2, 4.0)
+TOP_DEPTHS = (0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
+DEEP_DEPTHS = TOP_DEPTHS + (4.5, 5.0, 5.5, 5.8, 6.0, 6.2)
 VERBOSE = False
 MARKS = np.arange(-30.0, 31.0, 5.0)
 
@@ -123,7 +124,20 @@ def ellipsoid_mesh(sym, centre, h, blob=None, bottom_h=None):
         up, low = up * cut, low * cut
     g.Add(up.mat("body"))
     g.Add(low.mat("body"))
-    par = MeshingParameters(maxh=12, grading=0.45)
+    for factor, grading in ((1, 0.45), (1.06, 0.4), (0.95, 0.4), (1.12, 0.5), (0.9, 0.35), (1.2, 0.3)):
+        try:  # netgen's surface mesher sometimes gives up on a set of sizes
+            mesh = ng.Mesh(g.GenerateMesh(_sizes(centre, h * factor, bottom_h, grading)))
+        except Exception:
+            continue
+        mesh.Curve(2)
+        return mesh
+    raise NotConverged("no mesh")
+
+
+def _sizes(centre, h, bottom_h, grading):
+    """Meshing parameters: h around the contact, bottom_h (or nothing) around the seat of a bowl."""
+    a, b, c = AXES
+    par = MeshingParameters(maxh=12, grading=grading)
     for r in np.arange(0, 4.6, 0.5):
         for phi in np.linspace(0, 2 * np.pi, max(1, int(4 * np.pi * r)), endpoint=False):
             x, y = centre[0] + r * np.cos(phi), centre[1] + r * np.sin(phi)
@@ -135,9 +149,7 @@ def ellipsoid_mesh(sym, centre, h, blob=None, bottom_h=None):
             for phi in np.linspace(0, 2 * np.pi, max(1, int(np.pi * r)), endpoint=False):
                 x, y = 0.7 * centre[0] + r * np.cos(phi), 0.7 * centre[1] + r * np.sin(phi)
                 par.RestrictH(x, y, -c * np.sqrt(1 - (x / a) ** 2 - (y / b) ** 2), bottom_h)
-    mesh = ng.Mesh(g.GenerateMesh(par))
-    mesh.Curve(2)
-    return mesh
+    return par
 
 
 def power_sums_of_stretches(C, J, alpha):
@@ -285,8 +297,7 @@ class Experiment:
             W = W + c / r * ng.log(0.5 * (ng.exp(s) + ng.exp(-s)))
         self.symmetric = not (m.friction or m.bowl_friction)
         a = ng.BilinearForm(self.X, symmetric=self.symmetric)
-        extra = 2 if m.skin_ratio != 1 else 0
-        dx = ng.dx(bonus_intorder=extra)
+        dx = ng.dx(bonus_intorder=0 if m.skin_ratio != 1 else -2)  # four points per tet carry a quadratic field
         energy = jac * (self.wfac * scale * W + p * (J - 1) - m.muD1 / 4 / scale * p * p)
         self.hist = []
         if m.prony:
@@ -330,34 +341,32 @@ class Experiment:
         p = self.eps * ng.IfPos(-g, -g, 0.0)
         return self.model.friction * p * slip / ng.sqrt(ng.InnerProduct(slip, slip) + 2e-3**2)
 
-    def _newton(self, scale, max_iter=25):
+    def _newton(self, scale, max_iter=16):
+        """Newton's method to a residual of 3e-5 scale; False if it does not get there."""
         a, x = self.a, self.state.vec
         r, w, old = x.CreateVector(), x.CreateVector(), x.CreateVector()
         free = ng.Projector(self.X.FreeDofs(), True)
-        last, tol = None, 1e-6 * scale
-        self.its, self.res = 0, 0.0
-        for _ in range(max_iter):
+
+        def residual():
             a.Apply(x, r)
             free.Project(r)
-            rn = r.Norm()
+            return r.Norm()
+
+        rn = residual()
+        for self.its in range(max_iter):
             if not np.isfinite(rn):
                 return False
-            if rn < tol and last is not None:
+            if rn < 3e-5 * scale and self.its:
                 return True
             a.AssembleLinearization(x)
             w.data = a.mat.Inverse(self.X.FreeDofs(), inverse="sparsecholesky" if self.symmetric else "umfpack") * r
             old.data = x
-            step = 1.0
-            while True:  # accept unless the residual explodes
+            step, new = 1.0, np.inf
+            while not new < 3 * rn + 0.3 * scale and step > 0.1:  # refuse only steps that make the residual explode
                 x.data = old - step * w
-                a.Apply(x, r)
-                free.Project(r)
-                new = r.Norm()
-                if np.isfinite(new) and (new < 3 * rn + 0.3 * scale) or step < 0.1:
-                    break
+                new = residual()
                 step /= 2
-            last = rn
-            self.its, self.res = self.its + 1, rn
+            rn = new
         return False
 
     def settle(self):
@@ -429,7 +438,7 @@ class Experiment:
                 self._predict(trail, d1)
                 ok = self._newton(max(0.3, 15 * abs(d1)))
                 if VERBOSE:
-                    print(f'  {d1:.3f} {ok} {self.its} {self.res:.1e}', flush=True)
+                    print(f'  {d1:.3f} {ok} {self.its}', flush=True)
                 if not ok:
                     self.state.vec.data = trail[-1][1]
                     ok = self._newton(max(0.3, 15 * abs(d1)))
@@ -461,8 +470,12 @@ class Experiment:
             x.data = trail[-1][1]
             return
         (da, a), (db, b) = trail[-2:]
-        if da == 0 and d < 1:  # the first steps are far from linear
-            x.data = b
+        if len(trail) == 3 and trail[0][0] > 0:  # quadratic, in the square root of the depth
+            q, (qc, qa, qb) = abs(d) ** 0.5, [abs(v) ** 0.5 for v, _ in trail]
+            lc = (q - qa) * (q - qb) / ((qc - qa) * (qc - qb))
+            la = (q - qc) * (q - qb) / ((qa - qc) * (qa - qb))
+            lb = (q - qc) * (q - qa) / ((qb - qc) * (qb - qa))
+            x.data = lc * trail[0][1] + la * a + lb * b
             return
         s = (d - db) / (db - da)
         x.data = b + s * b - s * a

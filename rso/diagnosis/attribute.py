@@ -30,10 +30,13 @@ from rso.diagnosis.mixture import (
     simulate,
     whitening,
 )
+from rso.diagnosis.prediction import predict
+from rso.diagnosis.testplan import Test
 
 PRIOR = {"single": 0.70, "pair": 0.10, "unexplained": 0.08, "partly": 0.12}  # given that there is a gap
 NO_GAP = 0.5
-AMPLITUDES = (0.03, 0.1, 0.3)  # relative size of what is unexplained
+AMPLITUDES = (0.03, 0.15)  # relative size of what is unexplained
+SCATTER = (0.15, 0.6)  # of the largest plausible size
 SURVIVORS = 6
 FALSE_ALARM = 0.05
 NULLS = 400
@@ -48,10 +51,21 @@ class Bench:
     modulus: float
     C: np.ndarray
     whites: tuple[Whitening, ...]
+    scatter: Mapping[str, np.ndarray]
     tiles: dict[tuple[str, ...], Tiles] = field(default_factory=dict)
 
+    def covariance(self, effects: Sequence[Effect], level: int = 0) -> np.ndarray:
+        """C (n, n), with what differs from curve to curve at one of its SCATTER levels."""
+        C = self.C
+        for e in effects:
+            if e.family == "scatter":
+                g = self.scatter[e.name] * (SCATTER[level] * e.size.high)
+                C = C + np.einsum("ti,tj->ij", g, g)
+        return C
+
     def of(self, effects: Sequence[Effect]) -> Tiles:
-        """Tiles of a set of effects, made once."""
+        """Tiles of a set of effects, made once; scatter moves no mean."""
+        effects = [e for e in effects if e.family != "scatter"]
         key = tuple(e.name for e in effects)
         if key not in self.tiles:
             self.tiles[key] = tiles(self.library, effects, self.modulus, coarse=len(effects) > 1)
@@ -90,7 +104,22 @@ def set_up(library: Library, y: np.ndarray) -> Bench:
         K = noise.unexplained(library, force, a)
         off = np.eye(len(y)) - H
         whites.append(whitening(C + off @ K @ off.T))
-    return Bench(library, levels, modulus, C, tuple(whites), {(): base})
+    centre = base.at[best_tile][None]
+    scatter = {e.name: _by_test(library, e, centre, modulus) for e in library.effects if e.family == "scatter"}
+    return Bench(library, levels, modulus, C, tuple(whites), scatter, {(): base})
+
+
+def _by_test(library: Library, scatter: Effect, centre: np.ndarray, modulus: float) -> np.ndarray:
+    """∂y/∂knob (tests, n): what the knob of the chain does to each test by itself."""
+    knob = next(e for e in library.effects if e.name == scatter.cause)
+    step = 0.05 * scatter.size.high
+    ends = [predict(library, (knob,), np.append(centre, [[s * step]], axis=1), modulus)[0][0] for s in (-1.0, 1.0)]
+    g = modulus * (ends[1] - ends[0]) / (2 * step)
+    out = np.zeros((len(library.plan.tests), library.plan.n))
+    for item, _, at in library.plan.rows():
+        if isinstance(item, Test):
+            out[library.plan.tests.index(item), at] = g[at]
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,18 +151,32 @@ class Evidence:
         self._ready: dict[tuple[tuple[str, ...], int], Ready] = {}
 
     def ready(self, effects: Sequence[Effect], white: int = 0) -> Ready:
-        """A hypothesis in whitened coordinates, made once; `white` 0 is C, the others have a free gap."""
+        """A hypothesis in whitened coordinates, made once.
+
+        `white` 0 is C, the others have a free gap; of an effect that scatters `white` is its level.
+        """
         key = (tuple(e.name for e in effects), white)
         if key not in self._ready:
-            self._ready[key] = ready(self.bench.of(effects), self.bench.whites[white], self.bench.modulus)
+            scatters = any(e.family == "scatter" for e in effects)
+            L = whitening(self.bench.covariance(effects, white)) if scatters else self.bench.whites[white]
+            self._ready[key] = ready(self.bench.of(effects), L, self.bench.modulus)
         return self._ready[key]
+
+    def best(self, effects: Sequence[Effect], y: np.ndarray, unexplained: bool = False) -> Ready:
+        """The level of scatter, or of what is unexplained, that suits y (n,) most."""
+        levels = self._levels(effects, unexplained)
+        return max((self.ready(effects, k) for k in levels), key=lambda h: log_evidence(h, h.white(y)[None])[0])
+
+    def _levels(self, effects: Sequence[Effect], unexplained: bool) -> range:
+        if any(e.family == "scatter" for e in effects):
+            return range(len(SCATTER))
+        return range(1, len(self.bench.whites)) if unexplained else range(1)
 
     def of(self, effects: Sequence[Effect], Y: np.ndarray, unexplained: bool = False) -> np.ndarray:
         """Log evidence (B,) of data Y (B, n)."""
-        if not unexplained:
-            return log_evidence(self.ready(effects), self.bench.whites[0](Y))
-        each = [log_evidence(self.ready(effects, k + 1), self.bench.whites[k + 1](Y)) for k in range(len(AMPLITUDES))]
-        return logsumexp(np.array(each), axis=0) - np.log(len(AMPLITUDES))
+        hypotheses = [self.ready(effects, k) for k in self._levels(effects, unexplained)]
+        each = [log_evidence(h, h.white(Y)) for h in hypotheses]
+        return logsumexp(np.array(each), axis=0) - np.log(len(each))
 
 
 def contests(
@@ -144,12 +187,15 @@ def contests(
     hypotheses = [Hypothesis(()), *(Hypothesis((e,)) for e in effects), Hypothesis((), True)]
     columns = [evidence.of(h.effects, Y, h.unexplained) for h in hypotheses]
     n = len(effects)
-    prior = [np.log(NO_GAP), *([_gap("single", n)] * n), _gap("unexplained", 1)]
+    forms = {e.name: sum(o.source == e.source for o in effects) for e in effects}
+    sources = len({e.source for e in effects})
+    single = [_gap("single", sources) - np.log(forms[e.name]) for e in effects]
+    prior = [np.log(NO_GAP), *single, _gap("unexplained", 1)]
     if partly:
-        more = [Hypothesis((e,), True) for e in effects]
+        more = [Hypothesis((e,), True) for e in effects if e.family != "scatter"]
         hypotheses += more
         columns += [evidence.of(h.effects, Y, True) for h in more]
-        prior += [_gap("partly", n)] * n
+        prior += [_gap("partly", len(more))] * len(more)
     for pair in pairs:
         hypotheses.append(Hypothesis(pair))
         columns.append(evidence.of(pair, Y))
@@ -167,6 +213,8 @@ def survivors(contest: Contest, count: int = SURVIVORS) -> list[Effect]:
     best: dict[str, tuple[float, Effect]] = {}
     for h, z, p in zip(contest.hypotheses, contest.log_evidence, contest.log_prior, strict=True):
         for e in h.effects:
+            if e.family == "scatter":
+                continue
             best[e.name] = max(best.get(e.name, (-np.inf, e)), (z + p, e), key=lambda v: v[0])
     return [e for _, e in sorted(best.values(), key=lambda v: -v[0])[:count]]
 
@@ -184,6 +232,6 @@ def nulls(evidence: Evidence, y: np.ndarray, count: int, seed: int) -> np.ndarra
 def simulated(evidence: Evidence, effects: Sequence[Effect], y: np.ndarray, count: int, seed: int) -> np.ndarray:
     """Data (count, n) as a hypothesis fitted to y predicts them."""
     rng = np.random.default_rng(seed)
-    h = evidence.ready(effects)
+    h = evidence.best(effects, y)
     post = posterior(h, h.white(y), count, rng)
     return simulate(h, post, rng) @ h.white.L.T

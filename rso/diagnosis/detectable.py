@@ -45,7 +45,8 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
     centre = base.tiles.at[int(np.argmax(log_tiles(base, base.white(y)[None])[0]))]
     L = base.white.L
     sets, labels = [], []
-    for e in evidence.effects:
+    effects = [e for e in evidence.effects if e.family != "scatter"]
+    for e in effects:
         for t in _ladder(evidence, e, centre):
             r = evidence.ready((e,))
             mean = L @ (r.X[t, 0] + r.c[t])
@@ -54,7 +55,7 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
     T, P = _statistics(evidence, np.concatenate(sets))
     T, P = T.reshape(len(labels), SETS), P.reshape(len(labels), SETS, -1)
     found = []
-    for e in evidence.effects:
+    for e in effects:
         mine = [i for i, (own, _) in enumerate(labels) if own is e]
         sizes = np.array([labels[i][1] for i in mine])
         power = np.array([np.mean(T[i] > threshold) for i in mine])
@@ -62,14 +63,14 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
         clear = [i for i, s, q in zip(mine, sizes, power, strict=True)
                  if limit is not None and (q > 0.9 or e.size.neutral is None)]  # fmt: skip
         mean = P[clear].mean(axis=(0, 1)) if clear else np.zeros(len(evidence.effects))
-        k = evidence.effects.index(e)
-        rivals = [evidence.effects[j].name for j in np.argsort(-mean) if j != k and mean[j] > CONFUSED]
+        forms = np.array([o.source == e.source for o in evidence.effects])
+        rivals = [evidence.effects[j].name for j in np.argsort(-mean) if not forms[j] and mean[j] > CONFUSED]
         sign = np.sign(sizes[-1]) if e.size.neutral is not None else 1.0
         value = None if limit is None or e.size.neutral is None else float(e.size.value(sign * limit))
         if value is not None and e.family == "model":
             value *= evidence.bench.modulus**e.size.exponent
         found.append(Detectable(e, limit, value, tuple(zip(map(float, sizes), map(float, power), strict=True)),
-                                tuple(rivals), float(mean[k])))  # fmt: skip
+                                tuple(rivals), float(mean[forms].sum())))  # fmt: skip
     return tuple(found)
 
 
@@ -83,7 +84,7 @@ def _ladder(evidence: Evidence, e: Effect, centre: np.ndarray) -> list[int]:
         near &= at[:, j] == levels[len(levels) // 2]
     mine = np.nonzero(near)[0]
     if e.size.neutral is not None:
-        sign = np.sign(max((end[1] for end in e.size.ends()), key=abs))
+        sign = np.sign(max((end[1] for end in e.size.ends()), key=lambda v: (round(abs(v), 9), v)))
         mine = mine[np.sign(at[mine, d]) == sign]
         mine = mine[np.argsort(np.abs(at[mine, d]))]
     pick = np.unique(np.linspace(0, len(mine) - 1, min(SIZES, len(mine))).astype(int))

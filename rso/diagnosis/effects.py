@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -67,11 +67,12 @@ class Size:
         return ((near if near else far * _SMALLEST, far),)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Effect:
     """A hypothesis: `size` and `shape` knobs, the `settings` it replaces (a variant), and where it lives.
 
-    `family` is 'model' (the backend computes it) or 'measurement' (the chain; costs no simulation).
+    `family` is 'model' (the backend computes it), 'measurement' (the chain; costs no simulation) or 'scatter' (a knob
+    of the chain that every curve has for itself: its size is a standard deviation).
     """
 
     name: str
@@ -80,6 +81,12 @@ class Effect:
     size: Size
     shape: tuple[Size, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
+    cause: str = ""
+
+    @property
+    def source(self) -> str:
+        """What the effect is a form of: its cause, or else its name."""
+        return self.cause or self.name
 
     @property
     def knobs(self) -> tuple[Size, ...]:
@@ -107,7 +114,18 @@ def catalogue(
         else:
             effects.append(Effect(name, variant["description"], "model", Size(name, variant["description"], "1", 0, 1,
                                   None), (), variant["settings"]))  # fmt: skip
-    return (*effects, *_grouped(parameters_of(Chain), {}, "measurement"))
+    return (*effects, *_grouped(parameters_of(Chain), {}, "measurement"), *_scatter())
+
+
+def _scatter() -> list[Effect]:
+    """Knobs of the chain that may differ from curve to curve."""
+    found = []
+    for p in parameters_of(Chain):
+        if p.scope != "study" and p.plausible is not None:
+            high = max(abs(v - p.neutral) for v in p.plausible)
+            size = Size(p.name, f"{p.description}, each curve its own", p.unit, 0.1 * high, high, 0.0)
+            found.append(Effect(f"{p.name}_each", size.description, "scatter", size, cause=p.name))
+    return found
 
 
 def _grouped(parameters: Sequence[Parameter], fixed: Mapping[str, float], family: str) -> list[Effect]:
@@ -119,10 +137,10 @@ def _grouped(parameters: Sequence[Parameter], fixed: Mapping[str, float], family
         group = p.group or p.name
         neutral = fixed.get(p.name, p.neutral)
         if group not in found and neutral is not None:
-            found[group] = Effect(p.name, p.description, family, _size(p, neutral))
+            found[group] = Effect(p.name, p.description, family, _size(p, neutral), cause=p.cause)
         elif group in found and p.name not in fixed:
             e = found[group]
-            found[group] = Effect(e.name, e.description, family, e.size, (*e.shape, _size(p, None)))
+            found[group] = replace(e, shape=(*e.shape, _size(p, None)))
     return list(found.values())
 
 

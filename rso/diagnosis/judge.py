@@ -11,13 +11,14 @@ from scipy.special import logsumexp
 from rso.diagnosis import attribute, localise, shrinkage
 from rso.diagnosis.attribute import Bench, Contest, Evidence
 from rso.diagnosis.effects import Effect
-from rso.diagnosis.hypotheses import Hypothesis, tiles
+from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Posterior, log_evidence, log_tiles, posterior, ready, whitening
 from rso.diagnosis.testplan import TestPlan
 
 SURE = 0.8  # probability of one cause above which it is named alone
 COVER = 0.95  # of the probability that a named set holds
+MOST = 5  # effects in a named set
 CHECKS = 60  # data sets per self-check
 DRAWS = 2000
 LEVEL = 0.9
@@ -130,39 +131,48 @@ def judge(contest: Contest, gap: bool) -> tuple[str, tuple[str, ...]]:
     """
     if not gap:
         return "no_gap", ()
-    s = contest.log_evidence + contest.log_prior
-    given = np.exp(s[1:] - logsumexp(s[1:]))
-    hypotheses = contest.hypotheses[1:]
+    given, hypotheses = _given(contest), contest.hypotheses[1:]
     by_set: dict[tuple[str, ...], float] = {}
+    form: dict[tuple[str, ...], tuple[float, tuple[Effect, ...]]] = {}
     partly = nothing = 0.0
-    families: dict[str, str] = {}
     for h, q in zip(hypotheses, given, strict=True):
-        families |= {e.name: e.family for e in h.effects}
         if not h.effects:
             nothing += q
             continue
         partly += q * h.unexplained
-        key = tuple(e.name for e in h.effects)
+        key = tuple(sorted({e.source for e in h.effects}))
         by_set[key] = by_set.get(key, 0.0) + q
-    if nothing > 0.5:
-        return "unexplained", ()
+        form[key] = max(form.get(key, (-1.0, ())), (q, h.effects), key=lambda v: v[0])
     order = sorted(by_set.items(), key=lambda v: -v[1])
+    best, q = order[0]
+    if nothing > q:
+        return "unexplained", ()
     total = sum(by_set.values())
     named: list[str] = []
     reached = 0.0
-    for key, q in order:
-        named += [n for n in key if n not in named]
-        reached += q / total
-        if reached >= COVER or len(named) >= 6:
+    for key, share in order:
+        new = [e.name for e in form[key][1] if e.source not in {s for k in named for s in [_source(contest, k)]}]
+        named += new if len(key) == 1 or key == best else []
+        reached += share / total
+        if reached >= COVER or len(named) >= MOST:
             break
-    best, q = order[0]
     if partly > 0.5 * total:
         return "partly", tuple(named)
     if q / total < SURE:
         return "ambiguous", tuple(named)
-    if all(families[n] == "measurement" for n in best):
-        return "measurement", tuple(best)
-    return "explained", tuple(best)
+    winners = form[best][1]
+    measured = all(e.family != "model" for e in winners)
+    return "measurement" if measured else "explained", tuple(e.name for e in winners)
+
+
+def _given(contest: Contest) -> np.ndarray:
+    """Probabilities of all hypotheses but the first, given that it is not the first."""
+    s = contest.log_evidence + contest.log_prior
+    return np.exp(s[1:] - logsumexp(s[1:]))
+
+
+def _source(contest: Contest, name: str) -> str:
+    return next(e.source for h in contest.hypotheses for e in h.effects if e.name == name)
 
 
 def _chosen(contest: Contest) -> Hypothesis:
@@ -187,13 +197,7 @@ def _singles(contest: Contest, named: Sequence[str]) -> list[Hypothesis]:
 
 
 def _posterior(evidence: Evidence, effects, y: np.ndarray, rng, unexplained: bool = False) -> Posterior:
-    white = 0
-    if unexplained:
-        whites = range(1, len(evidence.bench.whites))
-        white = max(
-            whites, key=lambda k: log_evidence(evidence.ready(effects, k), evidence.bench.whites[k](y)[None])[0]
-        )
-    h = evidence.ready(effects, white)
+    h = evidence.best(effects, y, unexplained)
     return posterior(h, h.white(y), DRAWS, rng)
 
 
@@ -201,28 +205,45 @@ def _causes(contest: Contest, posts, verdict: str, named: Sequence[str]) -> tupl
     """Every named effect with its probability given a gap, and its size where it is alone or in the chosen pair."""
     if verdict in ("no_gap", "unexplained"):
         return ()
-    s = contest.log_evidence + contest.log_prior
-    given = np.exp(s[1:] - logsumexp(s[1:]))
+    given = _given(contest)
     found = []
     for name in named:
         holders = [(q, h) for h, q in zip(contest.hypotheses[1:], given, strict=True) if name in
                    [e.name for e in h.effects]]  # fmt: skip
-        q, h = sum(v for v, _ in holders), max(holders, key=lambda v: v[0])[1]
+        h = max(holders, key=lambda v: v[0])[1]
         post = posts.get(h.name)
         if post is None:
             h = next(g for _, g in holders if g.name in posts)
             post = posts[h.name]
-        column = post.at.shape[1] - sum(len(e.knobs) for e in h.effects)
-        for e in h.effects:
-            if e.name == name:
-                break
-            column += len(e.knobs)
+        e = next(e for e in h.effects if e.name == name)
+        probability = sum(v for v, g in holders_of(contest, given, e.source))
+        if e.family == "scatter":
+            size = np.array([f * e.size.high for f in attribute.SCATTER])
+            found.append(Cause(e, probability, float(np.mean(size)), (float(size[0]), float(size[-1])), False))
+            continue
+        column = _column(h, e, post)
         value = e.size.value(post.at[:, column]) * post.modulus ** (e.size.exponent * (e.family == "model"))
         low, mid, high = np.quantile(value, [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2])
         ends = [abs(v) for side in e.size.ends() for v in side]
         railed = bool(np.median(np.abs(post.at[:, column])) > 0.95 * max(ends)) and e.size.neutral is not None
-        found.append(Cause(e, float(q), float(mid), (float(low), float(high)), railed))
+        found.append(Cause(e, float(probability), float(mid), (float(low), float(high)), railed))
     return tuple(sorted(found, key=lambda c: -c.probability))
+
+
+def holders_of(contest: Contest, given: np.ndarray, source: str) -> list[tuple[float, Hypothesis]]:
+    """Hypotheses in which a source takes part, with their probabilities given a gap."""
+    pairs = zip(given, contest.hypotheses[1:], strict=True)
+    return [(float(q), h) for q, h in pairs if source in {e.source for e in h.effects}]
+
+
+def _column(h: Hypothesis, effect: Effect, post: Posterior) -> int:
+    """Where the size of an effect stands among the coordinates of a hypothesis."""
+    column = post.at.shape[1] - sum(len(e.knobs) for e in h.effects)
+    for e in h.effects:
+        if e is effect:
+            break
+        column += len(e.knobs)
+    return column
 
 
 def _held_out(bench: Bench, y: np.ndarray, hypotheses: Sequence[Hypothesis]) -> tuple[HeldOut, ...]:
@@ -230,20 +251,25 @@ def _held_out(bench: Bench, y: np.ndarray, hypotheses: Sequence[Hypothesis]) -> 
     curves = shrinkage.curves_of(bench.library)
     if len(curves) < 2:
         return ()
-    everything = whitening(bench.C)
+    everything = np.arange(len(y))
     total = {h.name: _log_evidence(bench, h, everything, y) for h in hypotheses}
     found = []
     for name, _, rows in curves:
-        rest = whitening(bench.C, np.setdiff1d(np.arange(len(y)), rows))
+        rest = np.setdiff1d(everything, rows)
         score = {h.name: total[h.name] - _log_evidence(bench, h, rest, y) for h in hypotheses}
         base = score[hypotheses[0].name]
         found.append(HeldOut(name, {k: float(v - base) for k, v in score.items()}))
     return tuple(found)
 
 
-def _log_evidence(bench: Bench, h: Hypothesis, white, y: np.ndarray) -> float:
-    r = ready(bench.of(h.effects), white, bench.modulus)
-    return float(log_evidence(r, white(y)[None])[0])
+def _log_evidence(bench: Bench, h: Hypothesis, rows: np.ndarray, y: np.ndarray) -> float:
+    """Log evidence of some rows, over levels of scatter."""
+    levels = range(len(attribute.SCATTER)) if any(e.family == "scatter" for e in h.effects) else range(1)
+    found = []
+    for level in levels:
+        white = whitening(bench.covariance(h.effects, level), rows)
+        found.append(log_evidence(ready(bench.of(h.effects), white, bench.modulus), white(y)[None])[0])
+    return float(logsumexp(found) - np.log(len(found)))
 
 
 def _shrinkage(
@@ -297,7 +323,7 @@ def _fitted_rows(library: Library) -> np.ndarray:
 
 
 def _fit(bench: Bench, effects, rows: np.ndarray, y: np.ndarray, rng) -> Posterior:
-    white = whitening(bench.C, rows)
+    white = whitening(bench.covariance(effects, 1), rows)
     h = ready(bench.of(effects), white, bench.modulus)
     return posterior(h, white(y), 300, rng)
 
@@ -354,7 +380,7 @@ def _sensitivity(evidence: Evidence, contest: Contest, y: np.ndarray) -> dict[st
     for name in ("halved", "doubled"):
         z = contest.log_evidence.copy()
         for i, h in enumerate(contest.hypotheses):
-            if h.unexplained or not h.effects:
+            if h.unexplained or not h.effects or any(e.family == "scatter" for e in h.effects):
                 continue
             if name == "doubled":
                 z[i] -= np.log(2.0) * len(h.effects)
@@ -390,6 +416,3 @@ def _parameters(library: Library, posts: Mapping[str, Posterior], chosen: Hypoth
         q = [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2]
         out[when] = {k: tuple(float(x) for x in np.quantile(v, q)) for k, v in values.items()}
     return out
-
-
-__all__ = ["Cause", "Diagnosis", "HeldOut", "SelfCheck", "diagnose", "judge", "seen", "tiles"]

@@ -20,7 +20,7 @@ from scipy.interpolate import PchipInterpolator
 from rso.contract import Backend, Case, Programme, Response
 from rso.curves import Resampling
 from rso.diagnosis.effects import Effect
-from rso.diagnosis.nodes import Nodes, nodes, timed
+from rso.diagnosis.nodes import Nodes, nodes, tensor, timed
 from rso.diagnosis.testplan import MARGIN, Place, Test, TestPlan
 from rso.running import Task
 from rso.store import Done
@@ -30,6 +30,7 @@ ASKED = 9  # travels at which a run is asked for forces
 FORCES = ("Fx", "Fy", "Fz")
 ENOUGH = 0.6  # of the deepest travel: what a failed run must have reached to be of use
 BASE_NODES = {1: 6, 2: 4}
+FEW_BASE_NODES = {1: 3, 2: 3}  # where the ratio to the primary place is enough
 Run = Callable[[Sequence[Task]], list[Any]]
 
 
@@ -126,34 +127,29 @@ class Library:
 
     def forces(self, place: int, x: np.ndarray) -> np.ndarray:
         """Base forces over the modulus (T, 3, m) at coordinates x (T, d)."""
-        return np.tensordot(self._base_weights(x), self.places[place].base, axes=1)
+        return np.tensordot(self.base_weights(x), self.places[place].base, axes=1)
 
     def marks(self, place: int, x: np.ndarray) -> np.ndarray:
         """Base displacements (T, n_uz)."""
-        return self._base_weights(x) @ self.places[place].base_marks
+        return self.base_weights(x) @ self.places[place].base_marks
 
-    def change(self, place: int, effect: Effect, at: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
-        """Relative changes (T, n_pass, 3, m) and changes of marks (T, n_uz) at sizes and shapes `at` (T, 1 + d)."""
+    def weights(self, place: int, effect: Effect, at: np.ndarray, speed: float) -> np.ndarray:
+        """(T, n_nodes): the changes at sizes and shapes `at` (T, 1 + d) in terms of those at the nodes of a place."""
         at = np.array(at, float)
         for k, s in enumerate(effect.shape, 1):
             if timed(s):
                 at[:, k] += np.log(speed)
         W = self.places[self.primary].effects[effect.name].nodes.weights(at)
-        if place != self.primary:
-            W = W @ self.transfer[effect.name, place]
-        table = self.places[place].effects[effect.name]
+        return W if place == self.primary else W @ self.transfer[effect.name, place]
+
+    def change(self, place: int, effect: Effect, at: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
+        """Relative changes (T, n_pass, 3, m) and changes of marks (T, n_uz) at sizes and shapes `at` (T, 1 + d)."""
+        W, table = self.weights(place, effect, at, speed), self.places[place].effects[effect.name]
         return np.tensordot(W, table.change, axes=1), W @ table.marks
 
-    def _base_weights(self, x: np.ndarray) -> np.ndarray:
-        if not self.levels:
-            return np.ones((len(x), 1))
-        first, *more = self.levels
-        from rso.diagnosis.nodes import _piecewise
-
-        W = _piecewise(first, x[:, 0])
-        for k, level in enumerate(more, 1):
-            W = (W[:, :, None] * _piecewise(level, x[:, k])[:, None, :]).reshape(len(x), -1)
-        return W
+    def base_weights(self, x: np.ndarray) -> np.ndarray:
+        """(T, n_base): the base model at coordinates x (T, d) in terms of its nodes."""
+        return tensor(self.levels, x)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,15 +176,17 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     if d not in (0, *BASE_NODES):
         raise ValueError(f"diagnosis handles at most two open parameters besides the modulus, not {d}: fix some")
     levels = tuple(_chebyshev(*a.ends, BASE_NODES[d]) for a in base.axes)
+    few = tuple(_chebyshev(*a.ends, FEW_BASE_NODES[d]) for a in base.axes)
     grid = {(e.name, k): nodes(e, k == primary, speeds) for e in modelled for k in range(len(plan.places))}
     jobs: list[_Job] = []
     every = [_passes(plan, k) for k in range(len(plan.places))]
     for k in range(len(plan.places)):
-        for n, x in enumerate(itertools.product(*levels)):
+        for n, x in enumerate(itertools.product(*(levels if k == primary else few))):
             jobs.append(_Job(k, None, n, None, _task(base, plan, k, base.values(x), None, {})))
         centre = base.values(base.centre)
         jobs.append(_Job(k, None, -1, None, _task(base, plan, k, centre, None, {})))
-        jobs.append(_Job(k, None, -1, None, _task(base, plan, k, centre, None, {}, finer=True), True))
+        if k == primary:  # what a finer mesh changes is much the same everywhere
+            jobs.append(_Job(k, None, -1, None, _task(base, plan, k, centre, None, {}, finer=True), True))
         for e in modelled:
             for n, at in enumerate(grid[e.name, k].points):
                 values = {**centre, **_knobs(base, e, at)}
@@ -210,9 +208,8 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     )
 
 
-def passes_of(library: Library, test: Test) -> tuple[int, int]:
+def passes_of(every: Sequence[Pass], test: Test) -> tuple[int, int]:
     """Indices of the loading and of the unloading pass of a test."""
-    every = library.places[test.place].passes
     loading = _nearest(every, None, test.earlier)
     return loading, loading if not np.any(test.branch == 1) else _nearest(every, test.peak, test.earlier)
 
@@ -297,7 +294,7 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
     scaled.pop()
     first = Resampling(*_asked(wanted[-1].response, base.reference))
     finer, error = np.zeros((3, GRID)), np.zeros((3, GRID))
-    best = found[k, None, -1, None, True]
+    best = found.get((k, None, -1, None, True))
     if isinstance(best, Done):
         travel, F = _asked(best.response, base.reference)
         finer = _relative(travel, F - first(travel), first(travel)[:, 2], u)
@@ -324,6 +321,23 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
                     marks[n] = _marks(response, place) - base_marks[-1]
         effects[e.name] = _filled(Table(grid[e.name, k], change, marks, known))
     return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], finer, error, effects)
+
+
+def _beside(
+    first: PlaceTables, levels: Sequence[np.ndarray], few: Sequence[np.ndarray], own: PlaceTables
+) -> PlaceTables:
+    """Tables of another place at all levels of the base: its forces over Fz of the primary place vary slowly with κ."""
+    every = np.array(list(itertools.product(*levels))).reshape(-1, len(levels))
+    W = tensor(few, every)
+    at_few = np.tensordot(tensor(levels, np.array(list(itertools.product(*few)))), first.base, axes=1)
+    s = np.sqrt(np.minimum(own.u, first.u[-1]))
+    normal = np.stack([np.interp(s, np.sqrt(first.u), f[2]) for f in first.base])
+    normal_few = np.stack([np.interp(s, np.sqrt(first.u), f[2]) for f in at_few])
+    ratio = own.base / np.maximum(normal_few, 1e-12)[:, None]
+    ratio[..., 0] = ratio[..., 1]
+    base = np.tensordot(W, ratio, axes=1) * normal[:, None]
+    finer, error = (np.stack([np.interp(s, np.sqrt(first.u), v) for v in part]) for part in (first.finer, first.error))
+    return replace(own, base=base, base_marks=W @ own.base_marks, finer=finer, error=error)
 
 
 def _reached(outcome: Any, deepest: float) -> Response | None:

@@ -4,12 +4,13 @@ With T = C + J Λ Jᵀ (Λ the prior of what a re-fit can move, wide) the residu
 
     r_g = (T⁻¹)_gg⁻¹ (T⁻¹ r)_g,     cov r_g = (T⁻¹)_gg⁻¹                              (leave-block-out, exact)
 
-and its signed amplitude along the prediction F_g is  α_g = F_gᵀ S r_g / F_gᵀ S F_g, S = (T⁻¹)_gg.  The threshold is that
-of the largest |z| of all regions under the base model (a maximum statistic: no region is favoured).
+and its signed amplitude along the prediction F_g is  α_g = F_gᵀ S r_g / F_gᵀ S F_g, S = (T⁻¹)_gg.  The threshold is
+that of the largest |z| of all regions under the base model (a maximum statistic: no region is favoured).
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,7 +90,7 @@ def _regions(plan: TestPlan):
         deepest = float(depth.max())
         for b, bins in DEPTH_BINS.items():
             edges = np.linspace(0.0, deepest, bins + 1)
-            for low, high in zip(edges[:-1], edges[1:], strict=True):
+            for low, high in itertools.pairwise(edges):
                 inside = (branch == b) & (depth > low - (low == 0) * 1e3) & (depth <= high)
                 if inside.sum() >= 2:
                     yield name, c, f"{BRANCH[b]} {low:.1f}–{high:.1f} mm", rows[inside]

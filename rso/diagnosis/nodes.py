@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from rso.diagnosis.effects import Effect, Size
 
@@ -29,7 +31,7 @@ class Nodes:
         W = _cardinal(self._bent(self.levels[0]), self._bent(at[:, 0]), self.anchored)
         for k, level in enumerate(self.levels[1:], 1):
             inside = np.clip(at[:, k], level.min(), level.max())
-            W = (W[:, :, None] * _piecewise(level, inside)[:, None, :]).reshape(len(at), -1)
+            W = (W[:, :, None] * piecewise(level, inside)[:, None, :]).reshape(len(at), -1)
         return W
 
     def _bent(self, s: np.ndarray) -> np.ndarray:
@@ -47,8 +49,7 @@ def nodes(effect: Effect, primary: bool, speeds: tuple[float, float]) -> Nodes:
     few = not primary
     if size.neutral is None:  # a variant: all of its range, there is no neutral to lean on
         low, high = ends[0]
-        level = np.array([0.5 * (low + high)]) if effect.name == size.name and size.low == 0 else np.linspace(
-            low, high, 3 if few else 4)  # fmt: skip
+        level = np.array([0.5 * (low + high)]) if size.low == 0 else np.linspace(low, high, 2 if few else 4)
         return Nodes((level, *shapes), math.inf, False)
     if len(ends) == 1:
         far = ends[0][1]
@@ -59,7 +60,8 @@ def nodes(effect: Effect, primary: bool, speeds: tuple[float, float]) -> Nodes:
         # both signs alike (a dimension, a tilt): small changes, in proportion
         return Nodes((np.array([0.7 * high]), *shapes), math.inf, True)
     shares = (0.5,) if few else (0.35, 1.0)
-    level = np.sort(np.array([e * f for e in (low, high) for f in shares]))
+    sides = [e for e in (low, high) if not few or abs(e) > 0.3 * max(abs(low), abs(high))]
+    level = np.sort(np.array([e * f for e in sides for f in shares]))
     return Nodes((level, *shapes), 0.5 * max(abs(low), abs(high)), True)
 
 
@@ -72,8 +74,18 @@ def _shape_level(shape: Size, primary: bool, speeds: tuple[float, float]) -> np.
     low, high = shape.ends()[0]
     if timed(shape):
         low, high = low + math.log(speeds[0]), high + math.log(speeds[1])
-        return np.linspace(low, high, 6 if primary else 3)
-    return np.linspace(low, high, 3 if primary and shape.logarithmic else 2)
+        return np.linspace(low, high, 5) if primary else np.array([0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high])
+    if not primary and shape.low >= 0 and not (shape.low == 0 and shape.unit == "deg"):
+        return np.array([0.5 * (low + high)])
+    return np.linspace(low, high, 3 if shape.logarithmic else 2)
+
+
+def tensor(levels: Sequence[np.ndarray], x: np.ndarray) -> np.ndarray:
+    """Cardinal functions (m, n) of a tensor grid at x (m, d)."""
+    W = np.ones((len(x), 1))
+    for k, level in enumerate(levels):
+        W = (W[:, :, None] * piecewise(level, x[:, k])[:, None, :]).reshape(len(x), -1)
+    return W
 
 
 def _cardinal(nodes: np.ndarray, at: np.ndarray, anchored: bool) -> np.ndarray:
@@ -89,10 +101,8 @@ def _cardinal(nodes: np.ndarray, at: np.ndarray, anchored: bool) -> np.ndarray:
     return W[:, 1:] if anchored else W
 
 
-def _piecewise(level: np.ndarray, at: np.ndarray) -> np.ndarray:
+def piecewise(level: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Cardinal functions (m, n) of a shape: cubic spline through 4 or more nodes, else Lagrange."""
     if len(level) < 4:
         return _cardinal(level, at, anchored=False)
-    from scipy.interpolate import CubicSpline
-
     return CubicSpline(level, np.eye(len(level)), bc_type="natural")(at)

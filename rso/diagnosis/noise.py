@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rso.diagnosis.library import FORCES, Library, passes_of
+from rso.diagnosis.library import FORCES, Library
 from rso.diagnosis.testplan import Profile, Test, TestPlan
+from rso.measurement import Repeat
 
 GAIN = 0.01  # of a test, where nothing is known
 CONTACT = 0.01  # mm, contact point of a test
@@ -48,13 +49,14 @@ def levels(plan: TestPlan) -> dict[str, Level]:
         stated = max(e.noise.of(c) for e in seen.values())
         d3 = np.concatenate([_third(r, c) for e in seen.values() for r in e.measurement.repeats])
         estimated = float(np.sqrt(np.mean(d3**2) / _D3)) if len(d3) > 8 else 0.0
-        white = max(stated, estimated)
+        correlation = max(e.noise.correlation for e in seen.values())
+        white = max(0.0 if correlation else stated, estimated)  # what is said to be correlated is not white
         gain, contact, extra, length = _repeats(plan, c, white)
         said = max(e.noise.gain for e in seen.values())
         depth = max(e.noise.depth for e in seen.values())
-        correlation = max(e.noise.correlation for e in seen.values())
         source = "stated" if stated >= estimated > 0 else "from the readings"
-        out[c] = Level(white, max(extra, stated if correlation else 0.0), max(length, correlation),
+        correlated = max(extra, stated if correlation else 0.0)
+        out[c] = Level(white, correlated, max(length, correlation),
                        max(said, gain) if said or gain else GAIN, max(CONTACT, 2 * depth, contact), depth, source)  # fmt: skip
     if plan.profiles:
         stated = max(plan.experiments[p.experiment].noise.uz for p in plan.profiles)
@@ -62,11 +64,11 @@ def levels(plan: TestPlan) -> dict[str, Level]:
     return out
 
 
-def _third(repeat: object, channel: str) -> np.ndarray:
+def _third(repeat: Repeat, channel: str) -> np.ndarray:
     """Third differences of the readings along each branch."""
     found = []
     for name in ("loading", "unloading"):
-        v = repeat.channels[channel][repeat.segment == name] if channel in repeat.channels else np.empty(0)  # type: ignore[attr-defined]
+        v = repeat.channels[channel][repeat.segment == name] if channel in repeat.channels else np.empty(0)
         if len(v) > 4:
             found.append(np.diff(v, 3))
     return np.concatenate(found) if found else np.empty(0)
@@ -194,6 +196,3 @@ def slope_of(library: Library, force: np.ndarray) -> np.ndarray:
                 g = np.gradient(f, np.maximum.accumulate(d[order] + 1e-6 * np.arange(len(d))))
                 slope[np.arange(at.start, at.stop)[mine[order]]] = g
     return slope
-
-
-__all__ = ["Level", "covariance", "levels", "passes_of", "slope_of", "unexplained"]

@@ -1,8 +1,14 @@
-"""From a hypothesis and its parameters to the data vector: forces at recorded depths through the measurement chain."""
+"""From a hypothesis and its parameters to the data vector: forces at recorded depths through the measurement chain.
+
+Without the chain a prediction is bilinear in the library's tables, so that these are read off once at every recorded
+depth; the chain moves depths and is applied to whole curves.
+"""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,6 +16,8 @@ from rso.diagnosis.effects import Effect
 from rso.diagnosis.library import FORCES, Library, passes_of
 from rso.diagnosis.testplan import Profile, Test
 from rso.measurement import Chain, record
+
+Parts = Sequence[tuple[Effect, np.ndarray]]
 
 
 def predict(
@@ -20,92 +28,136 @@ def predict(
     X holds the base axes, then size and shapes of each effect (signed deviations, see :class:`Size`).  `modulus` MPa
     sets the force against which absolute sizes of the chain (a compliance, a bias) count.
     """
+    effects = [e for e in effects if e.family != "scatter"]  # these move no mean
     plan, d = library.plan, len(library.base.axes)
-    x, rest = X[:, :d], X[:, d:]
-    parts, at = [], 0
+    x, parts, at = X[:, :d], [], d
     for e in effects:
-        parts.append((e, rest[:, at : at + len(e.knobs)]))
+        parts.append((e, X[:, at : at + len(e.knobs)]))
         at += len(e.knobs)
     chain = [(e, p[:, 0]) for e, p in parts if e.family == "measurement"]
+    model = [(e, p) for e, p in parts if e.family == "model"]
+    W = library.base_weights(x)
+    weights = {}  # of every model effect at every place and rate
+    for place, speed in {(t.place, t.speed) for t in plan.tests}:
+        weights[place, speed] = [(e, library.weights(place, e, p, speed)) for e, p in model]
     force, moved = np.zeros((len(X), plan.n)), np.zeros((len(X), plan.n))
-    ready: dict[tuple[int, float], np.ndarray] = {}
     for item, channel, rows in plan.rows():
         if isinstance(item, Profile):
-            moved[:, rows] = _profile(library, item, x, parts)
-            continue
-        if channel != item.channels[0]:
-            continue  # all channels of a test come at once
-        key = (item.place, item.speed)
-        if key not in ready:
-            ready = {key: _curves(library, item.place, item.speed, x, parts)}
-        force[:, rows.start : rows.start + item.n * len(item.channels)] = _recorded(
-            library, item, ready[key], chain, modulus
-        )
+            moved[:, rows] = _profile(library, item, x, model)
+        elif chain and channel == item.channels[0]:  # all channels of a test come at once
+            block = slice(rows.start, rows.start + item.n * len(item.channels))
+            force[:, block] = _recorded(library, item, W, weights[item.place, item.speed], chain, modulus)
+        elif not chain:
+            read = _readings(library, item)
+            c = item.channels.index(channel)
+            change = read.finer[c] + sum(w @ read.changes[e.name][:, c] for e, w in weights[item.place, item.speed])
+            force[:, rows] = W @ read.base[:, c] + (W @ read.normal) * change
     return force, moved
 
 
-def _curves(library: Library, place: int, speed: float, x: np.ndarray, parts: Sequence[tuple[Effect, np.ndarray]]):
-    """Forces over the modulus (T, n_pass, 3, m)."""
-    f, here = library.forces(place, x), library.places[place]
-    change = np.zeros((len(x), len(here.passes), 3, len(here.u))) + here.finer
-    for e, at in parts:
-        if e.family == "model":
-            change = change + library.change(place, e, at, speed)[0]
-    return f[:, None] + f[:, None, 2:3] * change
+@dataclass(frozen=True, eq=False)
+class _Readings:
+    """Tables at the recorded depths of a test: base (n_base, c, n), its Fz (n_base, n), steps and changes."""
+
+    base: np.ndarray
+    normal: np.ndarray
+    finer: np.ndarray
+    changes: dict[str, np.ndarray]
 
 
-def _recorded(library: Library, test: Test, F: np.ndarray, chain: Sequence[tuple[Effect, np.ndarray]], modulus: float):
-    """Rows of a test (T, channels · n) as recorded, over the modulus."""
-    u = library.places[test.place].u
-    loading, unloading = passes_of(library, test)
+def _readings(library: Library, test: Test) -> _Readings:
+    return _read(_Key(library.places, test))
+
+
+@dataclass(frozen=True, eq=False)
+class _Key:
+    """Tables and a test, equal where they are the same objects."""
+
+    places: tuple[object, ...]
+    test: Test
+
+    def __hash__(self) -> int:
+        return hash((id(self.places), id(self.test)))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and self.places is other.places and self.test is other.test
+
+
+@functools.lru_cache(maxsize=256)
+def _read(key: _Key) -> _Readings:
+    test, here = key.test, key.places[key.test.place]
+    s, w = np.sqrt(here.u), np.sqrt(np.clip(test.depth, 0.0, here.u[-1]))
+    i = np.clip(np.searchsorted(s, w) - 1, 0, len(s) - 2)
+    share = (w - s[i]) / (s[i + 1] - s[i])
+
+    def at(v: np.ndarray) -> np.ndarray:
+        return (1 - share) * v[..., i] + share * v[..., i + 1]
+
+    pick = [FORCES.index(c) for c in test.channels]
+    loading, unloading = passes_of(here.passes, test)
+    back = test.branch == 1
+    changes = {
+        name: np.where(back, at(t.change[:, unloading]), at(t.change[:, loading]))[:, pick]
+        for name, t in here.effects.items()
+    }
+    base = at(here.base)
+    return _Readings(base[:, pick], base[:, 2], at(here.finer)[pick], changes)
+
+
+def _recorded(library: Library, test: Test, W: np.ndarray, weights, chain, modulus: float) -> np.ndarray:
+    """Rows of a test (T, channels · n) as the chain records them, over the modulus."""
+    here = library.places[test.place]
+    u = here.u
+    loading, unloading = passes_of(here.passes, test)
     pick = [FORCES.index(c) for c in test.channels]
     back = test.branch == 1
-    if not chain:
-        s, w = np.sqrt(u), np.sqrt(np.clip(test.depth, 0.0, u[-1]))
-        i = np.clip(np.searchsorted(s, w) - 1, 0, len(s) - 2)
-        share = (w - s[i]) / (s[i + 1] - s[i])
-        G = np.where(back, F[:, unloading][..., i], F[:, loading][..., i])
-        H = np.where(back, F[:, unloading][..., i + 1], F[:, loading][..., i + 1])
-        out = (1 - share) * G + share * H
-        return out[:, pick].reshape(len(F), -1)
+
+    def curves(way: int) -> np.ndarray:
+        f = np.tensordot(W, here.base, axes=1)
+        change = here.finer + sum(np.tensordot(w, here.effects[e.name].change[:, way], axes=1) for e, w in weights)
+        return f + f[:, 2:] * change
+
+    F = curves(loading)
     # the indenter's way in time: from before contact to beyond the peak where nothing comes back, else there and back
     top = min(test.peak, u[-1]) if back.any() else u[-1]
     way = np.concatenate([[-1.0], u[u < top], [top]])
-    there = np.stack([[np.interp(way[1:], u, F[t, loading, c]) for c in range(3)] for t in range(len(F))])
-    there = np.concatenate([np.zeros((len(F), 3, 1)), there], axis=2)
+    last = _at(u, F, np.array([top]))
+    there = np.concatenate([np.zeros((len(F), 3, 1)), F[:, :, u < top], last], axis=2)
     turn = len(way)
     if back.any():
-        returning = way[-2::-1]
-        home = np.stack([[np.interp(returning, u, F[t, unloading, c]) for c in range(3)] for t in range(len(F))])
-        home[:, :, returning <= 0] = 0.0
-        way, there = np.concatenate([way, returning]), np.concatenate([there, home], axis=2)
+        home = _at(u, curves(unloading), way[-2::-1]) * (way[-2::-1] > 0)
+        way, there = np.concatenate([way, way[-2::-1]]), np.concatenate([there, home], axis=2)
     time = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(way)))])
     time = (time - time[1]) / test.speed + (test.time[0] - max(test.depth[0], 0.0) / test.speed)
     out = np.empty((len(F), len(pick), test.n))
     for t in range(len(F)):
         setting = Chain(**{e.name: float(e.size.value(s[t])) for e, s in chain})
         got = record(setting, way, dict(zip(FORCES, there[t] * modulus, strict=True)), time)
-        forces = [got.forces[FORCES[c]] for c in pick]
-        for j, F_rec in enumerate(forces):
-            out[t, j] = np.interp(test.depth, _rising(got.depth[:turn]), F_rec[:turn])
+        forward = np.maximum.accumulate(got.depth[:turn])
+        for j, c in enumerate(pick):
+            F_rec = got.forces[FORCES[c]]
+            out[t, j] = np.interp(test.depth, forward, F_rec[:turn])
             if back.any():
-                d = _rising(got.depth[: turn - 2 : -1])
-                out[t, j, back] = np.interp(test.depth[back], d, F_rec[: turn - 2 : -1])
+                backward = np.maximum.accumulate(got.depth[: turn - 2 : -1])
+                out[t, j, back] = np.interp(test.depth[back], backward, F_rec[: turn - 2 : -1])
     return (out / modulus).reshape(len(F), -1)
 
 
-def _rising(depth: np.ndarray) -> np.ndarray:
-    return np.maximum.accumulate(depth)
+def _at(u: np.ndarray, F: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """F (…, m) over u at travels `at`, linear in √u."""
+    s, w = np.sqrt(u), np.sqrt(np.clip(at, 0.0, u[-1]))
+    i = np.clip(np.searchsorted(s, w) - 1, 0, len(s) - 2)
+    share = (w - s[i]) / (s[i + 1] - s[i])
+    return (1 - share) * F[..., i] + share * F[..., i + 1]
 
 
-def _profile(library: Library, profile: Profile, x: np.ndarray, parts: Sequence[tuple[Effect, np.ndarray]]):
+def _profile(library: Library, profile: Profile, x: np.ndarray, parts: Parts) -> np.ndarray:
     """Displacements (T, n) of a profile's readings."""
     place = library.plan.places[profile.place]
     speed = min(t.speed for t in library.plan.tests)
     marks = library.marks(profile.place, x)
     for e, at in parts:
-        if e.family == "model":
-            marks = marks + library.change(profile.place, e, at, speed)[1]
-    depths = np.array(place.mark_depths)
-    row = np.searchsorted(depths, profile.depth - 1e-9)
+        W = library.weights(profile.place, e, at, speed)
+        marks = marks + W @ library.places[profile.place].effects[e.name].marks
+    row = np.searchsorted(np.array(place.mark_depths), profile.depth - 1e-9)
     return marks[:, row * len(place.marks) + profile.mark]

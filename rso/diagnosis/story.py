@@ -90,8 +90,8 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
 
 def _next(library: Library, d: Diagnosis, run: Run | None) -> list[NextTest]:
     """Tests that separate the named effects, each alone."""
-    effects = {e.name: (e,) for e in library.effects}
-    alive = {n: (effects[n], d.posteriors[n]) for n in d.named if n in d.posteriors}
+    effects = {e.name: (e,) for e in library.effects if e.family != "scatter"}
+    alive = {n: (effects[n], d.posteriors[n]) for n in d.named if n in d.posteriors and n in effects}
     plain_library = replace(library, plan=seen(library.plan))
     return next_tests(plain_library, d.bench, alive, run)
 
@@ -137,4 +137,5 @@ def _experiment(e: Any) -> dict[str, Any]:
 
 def _effect(e: Effect) -> dict[str, Any]:
     return {"name": e.name, "description": e.description, "family": e.family, "unit": e.size.unit,
-            "neutral": e.size.neutral, "low": e.size.low, "high": e.size.high, "shape": [s.name for s in e.shape]}  # fmt: skip
+            "neutral": e.size.neutral, "low": e.size.low, "high": e.size.high, "source": e.source,
+            "shape": [s.name for s in e.shape]}  # fmt: skip

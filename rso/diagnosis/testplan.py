@@ -16,7 +16,7 @@ import numpy as np
 from rso.contract import digest
 from rso.measurement import Measurement, Noise
 
-BINS = 20  # per branch: what a smooth curve can tell
+BINS = 14  # per branch: what a smooth curve can tell
 STEP = 0.25  # mm, to which the deepest travel is rounded up: data sets of one plan share their library
 MARGIN = 0.4  # mm beyond the deepest record, for a contact found late
 Role = Literal["fit", "select", "validate"]

@@ -28,15 +28,16 @@ def _gap(d: Mapping[str, Any]) -> str:
     if d["verdict"] == "no_gap":
         return f"No gap beyond noise (p = {p:.2g}, misfit {g['size_over_noise']:.2f} times the noise)."
     sign = "<" if p < 0.005 else "="
-    return f"There is a gap beyond noise (p {sign} {max(p, 0.005):.2g}, misfit {g['size_over_noise']:.2f} times the noise)."
+    size = f"misfit {g['size_over_noise']:.2f} times the noise"
+    return f"There is a gap beyond noise (p {sign} {max(p, 0.005):.2g}, {size})."
 
 
 def _where(d: Mapping[str, Any]) -> str:
     clear = [r for r in d["where"] if r["beyond_noise"]][:3]
     if not clear:
         return "Where: no single region stands out; the gap is one of shape, spread over all curves."
-    each = [f"{r['experiment']} {r['channel']} {r['region']} ({100 * r['amplitude']:+.1f} ± {100 * r['amplitude_sd']:.1f} %)"
-            for r in clear]  # fmt: skip
+    percent = [f"{100 * r['amplitude']:+.1f} ± {100 * r['amplitude_sd']:.1f} %" for r in clear]
+    each = [f"{r['experiment']} {r['channel']} {r['region']} ({v})" for r, v in zip(clear, percent, strict=True)]
     return "Where, measured against what all other data predict: " + "; ".join(each) + "."
 
 

@@ -1,5 +1,6 @@
 """The finished page of a study: numbers and sentences, figures, HTML and PDF.  Never simulates, never fits."""
 
+from rso.report.diagnosis import render_diagnosis
 from rso.report.page import render
 
-__all__ = ["render"]
+__all__ = ["render", "render_diagnosis"]

@@ -44,8 +44,8 @@ def predictions(results: Results, e: Mapping[str, Any]) -> list[tuple[Mapping[st
 def profile_blocks(results: Results, e: Mapping[str, Any], picture: str) -> list[Block]:
     """The figure, if there is something to draw, and the table of a validation with a profile."""
     found = predictions(results, e)
-    drawn = [m for _, m in found if m is not None]
-    blocks: list[Block] = [Picture(picture, _caption(e, drawn[0]))] if drawn else []
+    drawn = [(_label(results, v), m) for v, m in found if m is not None]
+    blocks: list[Block] = [Picture(picture, _caption(e, *drawn[0]))] if drawn else []
     return [*blocks, _table(results, e, found)] if found else []
 
 
@@ -54,9 +54,9 @@ def profile_sentence(e: Mapping[str, Any], v: Mapping[str, Any]) -> str:
     name, m = clean(e["name"]), _marks(v)
     if m is None:
         return f"Validation with {name}: no prediction."
-    nrmse = percent(number((v.get("metrics") or {}).get("nrmse")))
+    rmse, nrmse = _score(v, "rmse"), percent(_score(v, "nrmse"))
     text = f"Validation, not used for the fit: {len(m.depth)} displacements of the surface profile {name} are predicted"
-    text += f" with an RMSE of {quantity(_rms(m), 'mm', 3)} ({nrmse} of their mean)"
+    text += f" with an RMSE of {quantity(rmse, 'mm', 3)} ({nrmse} of their mean)"
     noise = _noise(m)
     return text + (f"; their own uncertainty is {quantity(noise, 'mm', 2)}." if noise else ".")
 
@@ -90,10 +90,10 @@ def profile_figure(results: Results, e: Mapping[str, Any], name: str) -> str:
     return svg(figure, name)
 
 
-def _caption(e: Mapping[str, Any], m: Marks) -> str:
+def _caption(e: Mapping[str, Any], label: str, m: Marks) -> str:
     gap, k = _worst(m)
-    text = f"Validation: the profile {clean(e['name'])}, which was not used for the fit, is off by at most "
-    text += f"{quantity(abs(gap), 'mm', 2)} ({_where(m, k)})."
+    text = f"Validation: {clean(e['name'])}, a profile that was not used for the fit, as {label} predicts it: off by "
+    text += f"at most {quantity(abs(gap), 'mm', 2)} ({_where(m, k)})."
     if m.sigma.any():
         near = int(np.sum(np.abs(m.predicted - m.measured) <= 2 * m.sigma))
         text += f" {near} of {len(m.depth)} marks lie within 2σ. Bars: ±σ."
@@ -101,12 +101,9 @@ def _caption(e: Mapping[str, Any], m: Marks) -> str:
 
 
 def _table(results: Results, e: Mapping[str, Any], found: list[tuple[Mapping[str, Any], Marks | None]]) -> Table:
-    best, every = best_candidate(results), {(c.search, c.name): c.label for c in candidates(results)}
-    names = [
-        every.get((clean(v.get("search")), clean(v.get("candidate"))), clean(v.get("candidate"))) for v, _ in found
-    ]
-    known_marks = [m for _, m in found if m is not None]
-    unit = shown("mm", largest([_rms(m) for m in known_marks]))
+    best, names = best_candidate(results), [_label(results, v) for v, _ in found]
+    rmse = [_score(v, "rmse") for v, _ in found]
+    unit = shown("mm", largest(rmse))
     worst = [None if m is None else _worst(m) for _, m in found]
     state = [
         Cell("done") if m is not None else Cell(f"{clean(v.get('state'))}: {clean(v.get('cause'))}", mark="bad")
@@ -124,8 +121,8 @@ def _table(results: Results, e: Mapping[str, Any], found: list[tuple[Mapping[str
         ),
         column("marks", words([str(len(m.depth)) if m is not None else DASH for _, m in found])),
         column("± σ", length([_noise(m) if m is not None else None for _, m in found], unit), unit.label),
-        column("RMSE", length([number((v.get("metrics") or {}).get("rmse")) for v, _ in found], unit), unit.label),
-        column("NRMSE", aligned([number((v.get("metrics") or {}).get("nrmse")) for v, _ in found], 3)),
+        column("RMSE", length(rmse, unit), unit.label),
+        column("NRMSE", aligned([_score(v, "nrmse") for v, _ in found], 3)),
         column("largest", length([w and w[0] for w in worst], unit, plus=True), unit.label),
         column(
             "where",
@@ -137,6 +134,12 @@ def _table(results: Results, e: Mapping[str, Any], found: list[tuple[Mapping[str
     reasons = [f"{n}: {clean(v['reason'])}." for n, (v, _) in zip(names, found, strict=True) if v.get("reason")]
     note = "Vertical displacements (up is positive) over all marks and depths; largest: predicted − measured."
     return table(f"Validation with {clean(e['name'])}", columns, " ".join([note, *reasons]))
+
+
+def _label(results: Results, v: Mapping[str, Any]) -> str:
+    """The name by which the report knows the candidate of a row."""
+    every = {(c.search, c.name): c.label for c in candidates(results)}
+    return every.get((clean(v.get("search")), clean(v.get("candidate"))), clean(v.get("candidate")))
 
 
 def _is(v: Mapping[str, Any], best: Any) -> bool:
@@ -157,8 +160,8 @@ def _marks(v: Mapping[str, Any]) -> Marks | None:
     return Marks(a[:, 0], a[:, 1:3], a[:, 3], a[:, 4], a[:, 5])
 
 
-def _rms(m: Marks) -> float:
-    return float(np.sqrt(np.mean((m.predicted - m.measured) ** 2)))
+def _score(v: Mapping[str, Any], metric: str) -> float | None:
+    return number((v.get("metrics") or {}).get(metric))
 
 
 def _noise(m: Marks) -> float:

@@ -27,14 +27,22 @@ def render(results: Mapping[str, Any], folder: Path, html: bool = True, pdf: boo
     The same results give the same bytes. A study that is not complete gives a report that says what is missing.
     """
     document = report(results)
-    names = [b.name for s in document.sections for b in s.blocks if isinstance(b, Picture)]
-    figures = {name: draw(results, name) for name in names}
+    return pour(document, {name: draw(results, name) for name in pictures(document)}, folder, "report", html, pdf)
+
+
+def pictures(document: Report) -> list[str]:
+    """Names of the figures of a document, in their order."""
+    return [b.name for s in document.sections for b in s.blocks if isinstance(b, Picture)]
+
+
+def pour(document: Report, figures: Mapping[str, str], folder: Path, stem: str, html: bool, pdf: bool) -> list[Path]:
+    """Write `stem`.html and `stem`.pdf into `folder`, which is made; list of files."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     if html:
-        written.append(_write(folder / "report.html", html_page(document, figures).encode("utf-8")))
+        written.append(_write(folder / f"{stem}.html", html_page(document, figures).encode("utf-8")))
     if pdf:
-        written.append(_write(folder / "report.pdf", pdf_page(document, figures)))
+        written.append(_write(folder / f"{stem}.pdf", pdf_page(document, figures)))
     return written
 
 

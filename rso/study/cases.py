@@ -20,6 +20,7 @@ from rso.units import quantity
 DEFAULT_SPEED = 0.5  # mm/s
 STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for Hertz
 PROFILES = 2 * STEPS  # different depths of a profile up to which each is asked for
+READINGS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
 LOADING = "Only the loading branch is compared; what was recorded while unloading is not."
 SET_ASIDE = 'Not used by the search: profiles are used by rso diagnose, or with role = "validate" for validation.'
 MISREAD = (ValueError, TypeError, LookupError, AttributeError)  # settings of the wrong type end in any of these
@@ -41,7 +42,11 @@ def _measured(study: Study, kind: str) -> dict[str, MeasuredCurve]:
         if e.kind != kind:
             continue
         try:
-            curve = combine(study.measurement(e.name), e.noise.noise(), e.compared[0])
+            measurement = study.measurement(e.name)
+            readings = len(measurement.repeats[0].depth)
+            if kind == "profile" and readings > READINGS:
+                raise ValueError(f"{readings} displacements of one profile: keep at most {READINGS}")
+            curve = combine(measurement, e.noise.noise(), e.compared[0])
             if not curve.depth.max() > 0:
                 raise ValueError(f"no depth is positive, the largest is {curve.depth.max():g} mm")
             curves[e.name] = curve

@@ -237,7 +237,7 @@ def further_gains(plan: Plan, d: Determination, checked: Sequence[Validation]) -
     box, found = d.misfit.model.box, {}
     for v in checked:
         measured = plan.curves[v.experiment]
-        if v.position is not None:  # a curve of forces only
+        if measured.position is not None:  # of a profile no single channel has the derivatives
             continue
         if not isinstance(v.outcome, Done) or not has_gradients(v.outcome.response, measured.channel, box):
             continue

@@ -329,6 +329,84 @@ def test_curve_validation_many_parameters_and_other_shapes():
     assert "skin_stiffness = 0.7000 MPa" in text and "separate solutions" in text and len(figures) > 8
 
 
+SHAPE = np.array([-0.1, -0.3, -0.6, -0.3, -0.1])  # of a profile of five marks, in mm at 4 mm
+OFF = 0.01 * np.array([1.0, -1.0, 3.0, 1.0, -1.0])
+
+
+def with_profile(role="validate", turned=False):
+    """The study with a profile of five marks at two depths; every candidate is off by OFF mm at the deeper one."""
+    results = complete()
+    place = [[0.0, float(x)] if turned else [float(x), 5.0] for x in (-20, -10, 0, 10, 20)] * 2
+    depth, value = [2.0] * 5 + [4.0] * 5, np.concatenate([0.5 * SHAPE, SHAPE])
+    predicted, sigma = value + np.concatenate([0 * OFF, OFF]), [0.012] * 10
+    kind = {"name": "surface", "role": role, "kind": "profile", "channel": "uz", "unit": "mm", "settings": {}}
+    data = {"depth": depth, "value": value.tolist(), "sigma": sigma, "position": place}
+    results["experiments"].append({**kind, "file": "p.csv", "notes": ["Not used."], "n_repeats": 1, "measured": data})
+    if role == "validate":
+        first = next(v for v in results["validation"] if v["state"] == "done")
+        scores = {"rmse": 0.0114, "nrmse": 0.0543, "mre": 0.1, "mape": 10.0, "rrmse": 0.1, "n": 10, "excluded": 0}
+        for v in [v for v in results["validation"] if v["experiment"] == first["experiment"]]:
+            mine = {**v, "experiment": "surface", "depth": depth, "measured": value.tolist(), "sigma": sigma}
+            mine |= {"position": place, "predicted": predicted.tolist() if v["state"] == "done" else []}
+            results["validation"].insert(0, {**mine, "metrics": scores if v["state"] == "done" else None})
+    return results
+
+
+def table_of(results, title):
+    tables = [b for s in report(results).sections for b in s.blocks if isinstance(b, Table)]
+    found = next(t for t in tables if t.title == title)
+    return {c.title: [row[k].text for row in found.rows] for k, c in enumerate(found.columns)}
+
+
+def test_a_profile_for_validation_is_compared_mark_by_mark():
+    results = with_profile()
+    text = page(results)
+    assert "10 displacements of the surface profile surface are predicted with an RMSE of 11.4 µm (5.4 %" in text
+    assert "as main 1 predicts it: off by at most 30 µm ((0, 5) at 4 mm). 9 of 10 marks lie within 2σ" in text
+    t = table_of(results, "Validation with surface")
+    rows = [k for k, state in enumerate(t[""]) if state == "done"]
+    assert rows and {t["marks"][k] for k in rows} == {"10"} and {t["where"][k] for k in rows} == {"(0, 5) at 4 mm"}
+    assert {t["largest"][k] for k in rows} == {"+30.0"} and {t["RMSE"][k] for k in rows} == {"11.4"}
+    # The fact on the first page is that of the force, and curves and their figures are as they were.
+    assert [f.value for b in report(results).sections[0].blocks if hasattr(b, "facts") for f in b.facts] == [
+        f.value for b in report(complete()).sections[0].blocks if hasattr(b, "facts") for f in b.facts
+    ]
+    assert pictures(report(results)) == [
+        n for p in pictures(report(complete())) for n in ([p, "validation-1"] if p == "validation-0" else [p])
+    ]
+    assert draw(results, "curve-0") == draw(complete(), "curve-0")
+
+
+def test_the_figure_of_a_profile_holds_its_numbers():
+    drawn = draw(with_profile(), "validation-1")
+    assert drawn != draw(with_profile(turned=True), "validation-1")
+    for key in ("measured", "predicted", "sigma"):
+        moved = with_profile()
+        for v in moved["validation"]:
+            if v["experiment"] == "surface" and v[key]:
+                v[key][3] += 0.05
+        assert draw(moved, "validation-1") != drawn, key
+    lost = with_profile()
+    for v in lost["validation"]:
+        v.update(state="failed", cause="contact", reason="no end", predicted=[], metrics=None)
+    assert "validation-1" not in pictures(report(lost)) and "failed: contact" in page(lost)
+    many = with_profile()
+    for v in many["validation"]:
+        if v["experiment"] == "surface":
+            v["depth"] = np.linspace(0.1, 4, 10).tolist()  # one depth a mark
+    assert draw(many, "validation-1").startswith("<svg")
+
+
+def test_what_of_the_data_is_not_used_is_said_in_the_list_of_experiments():
+    results = with_profile("fit")
+    results["experiments"][0]["settings"]["unload"] = True
+    data = table_of(results, "Data")
+    assert data["channel"] == ["Fz, loading", "Fz", "uz, profile, not used"]
+    assert "surface: Not used." in page(results)
+    assert report(results).subtitle == report(complete()).subtitle
+    assert pictures(report(results)) == pictures(report(complete()))
+
+
 def test_a_thousand_runs_stay_readable(tmp_path):
     results = complete()
     results["runs"] = [copy.deepcopy(results["runs"][k % 30]) for k in range(1000)]

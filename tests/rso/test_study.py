@@ -391,6 +391,7 @@ def also(role: str = "validate", more: str = "") -> str:
         (TOP.replace("top.csv", "surface.csv"), {}, ["experiments[0].kind = 'force'", "those of a profile"]),
         (also(), {"surface": "depth_mm,x_mm,uz_mm\n1,0,-1\n"}, ["a profile needs the columns x_mm and y_mm"]),
         (also(), {"surface": "depth_mm,x_mm,y_mm,uz_mm\n0,0,5,0\n"}, ["no depth is positive"]),
+        (also(), {"surface": SURFACE + "2,7,5,0\n" * cases.READINGS}, ["3006 displacements", "at most 3000"]),
     ],
 )
 def test_what_is_wrong_with_a_laboratory_is_said_at_its_line(tmp_path, experiments, changes, words):

@@ -1,0 +1,305 @@
+"""From noise-free curves of the specimen to the files of one laboratory: test plan, measurement chain, noise.
+
+Recorded depth = true depth - offset + compliance Fz; Fz recorded = gain Fz + bias + drift t; Fx recorded += cross Fz;
+lag is a first-order filter of all channels, tau dF/dt + F = F_true. Depths are positions on the recorded scale, so
+the true depth is solved for.
+"""
+
+import json
+import os
+from pathlib import Path
+
+import library
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+SPEED = 0.5  # mm/s
+DEEP = 6.2
+MARKS = np.arange(-30.0, 31.0, 5.0)
+SLOPE_20 = 35 * 20 / 60**2 / np.sqrt(1 - (20 / 60) ** 2)  # of the surface at x = 20 mm
+PLACES = {"20_0": (20.0, 0.0), "2.5_2.5": (2.5, 2.5)}
+
+
+def plan(deep=DEEP):
+    """Tests in the order they are done: (name, repeat, place, speed mm/s, recorded depth grid, direction)."""
+    up = np.round(np.arange(0, 4.05, 0.1), 10)
+    tests = [("mp_load", k, "top", SPEED, up) for k in range(1, 6)]
+    tests += [(f"mp_cycle_{v}", 0, "top", v / 60, np.r_[up, up[-2::-1]]) for v in (10, 30, 100)]
+    tests += [("mp_deep", 0, "top", SPEED, np.round(np.arange(0, deep + 0.05, 0.1), 10))]
+    tests += [("point_2.5_2.5", 0, "2.5_2.5", SPEED, up), ("point_20_0", 0, "20_0", SPEED, up)]
+    return tests
+
+
+def branches(grid):
+    """True where the sphere moves down (the turning point belongs to the way down)."""
+    return np.r_[True, np.diff(grid) > 0]
+
+
+class Mechanics:
+    """Force on the indenter over mu at true depths, of every test; null curves unless `tables` say otherwise.
+
+    tables: {(test, branch): {"d": (n,), "F": (n, 3)}} with test a name, a place ("top", "20_0") or "reload",
+    "after_deep"; branch "load" or "unload". What is missing at (2.5, 2.5) and (20, 0) is transferred from the top by
+    the ratio of the forces with and without the effect (see README).
+    """
+
+    def __init__(self, muD1, tables=None, rows=None, additive=False):
+        self.muD1, self.tables, self.additive = muD1, tables or {}, additive
+        self.rows = rows or json.loads(library.FILE.read_text())
+
+    def null(self, place, d):
+        """Null force over mu at the place, (n, 3)."""
+        return library.null_curve(place, self.muD1, d, self.rows)
+
+    def _table(self, keys, d):
+        for key in keys:
+            if key in self.tables:
+                t = self.tables[key]
+                if key[1] == "unload":
+                    order = np.argsort(t["d"])
+                    F = PchipInterpolator(np.array(t["d"])[order], np.array(t["F"])[order])(np.clip(d, 0, max(t["d"])))
+                else:
+                    F = library.in_depth(t["d"], t["F"], d) if "F0" not in t else self._adhesive(t, d)
+                return np.where((np.asarray(d) > 0)[:, None], F, 0.0)
+        return None
+
+    @staticmethod
+    def _adhesive(t, d):
+        start = np.array([[0.0, 0.0, t["F0"]]])
+        return start + library.in_depth(t["d"], np.array(t["F"]) - start, d)
+
+    def top(self, test, repeat, branch, d):
+        """Force at the top."""
+        if ("reload", "load") in self.tables and not (test == "mp_load" and repeat == 1):  # softened to 4 mm
+            soft = self._table([("reload", "load")], np.clip(d, 0, 4.0))
+            virgin = self.null("top", d)
+            return np.where((np.asarray(d) > 4.0)[:, None], virgin, soft)
+        keys = [(test, branch)] + ([("mp_cycle_30", "load")] if branch == "load" else [])
+        keys += [("top", branch), ("top", "load")]
+        F = self._table(keys, d)
+        return self.null("top", d) if F is None else F
+
+    def force(self, test, repeat, place, branch, d):
+        """Force over mu, (n, 3), at true depths d of one branch."""
+        d = np.asarray(d, float)
+        if place == "top":
+            return self.top(test, repeat, branch, d)
+        own = self._table([(place, branch)], d)
+        if own is not None:
+            return own
+        null = self.null(place, d)
+        if ("reload", "load") in self.tables:  # softening stays where it was made
+            if place == "20_0":
+                return null
+            ratio = self._ratio(self._table([("after_deep", "load")], d), d)
+            return null * ratio
+        if self.additive:
+            return null + (self.top(test, repeat, branch, d) - self.null("top", d)) * [0, 0, 1]
+        ratio = self._ratio(self.top(test, repeat, branch, d), d)
+        side = np.ones((len(d), 3))
+        far = self._table([("20_0", "load")], np.clip(d, 0.3, None))
+        if far is not None:  # how the effect turns the force at (20, 0), and how it softens the support there
+            near = self.null("20_0", np.clip(d, 0.3, None))
+            side[:, :2] = ((far[:, 0] / far[:, 2]) / (near[:, 0] / near[:, 2]))[:, None]
+            drop = (far[:, 2] / near[:, 2]) / np.clip(self._ratio(self.top(test, repeat, branch, np.clip(d, 0.3, None)), d), 0.05, None)[:, 0]
+            side *= (1 + (drop - 1) * 2 * (2.5 / 20) ** 2)[:, None]
+        return null * ratio * side
+
+    def _ratio(self, F, d):
+        return (F[:, 2] / np.maximum(self.null("top", np.clip(d, 1e-3, None))[:, 2], 1e-9))[:, None]
+
+    def profile(self, d):
+        """Vertical displacement of the marks at depths d, (n, 13)."""
+        for key in (("mp_cycle_30", "load"), ("top", "load")):
+            if key in self.tables and self.tables[key].get("uz"):
+                t = self.tables[key]
+                return library.in_depth(t["d"], t["uz"], d)
+        return library.null_profile(self.muD1, d, self.rows)
+
+
+def turned(mechanics, F, place, d, chain):
+    """Change of the force by misalignment and tilt, to first order in the change of the surface's slope.
+
+    Frictionless force is normal to the surface on average: F_lateral = k slope, Fz = F0 + m slope^2, with k and m
+    from the own curves at the top and at (20, 0).
+    """
+    dx, dy = chain.get("offset_x", 0.0), chain.get("offset_y", 0.0)
+    tilt = np.radians([chain.get("tilt_x", 0.0), chain.get("tilt_y", 0.0)])
+    if not (dx or dy or tilt.any()):
+        return F
+    x, y = PLACES.get(place, (0.0, 0.0))
+    old, new = slopes(x, y, (0.0, 0.0)), slopes(x + dx, y + dy, tilt)
+    top, far = mechanics.null("top", d), mechanics.null("20_0", d)
+    k = far[:, 0] / SLOPE_20
+    m = (far[:, 2] - top[:, 2]) / SLOPE_20**2
+    change = np.stack([k * (new[0] - old[0]), k * (new[1] - old[1]), m * (new @ new - old @ old)], 1)
+    return F + change
+
+
+def slopes(x, y, tilt):
+    """Downward slope (-dz/dx, -dz/dy) of the ellipsoid turned by `tilt` about x, then y through its centre."""
+    (cx, sx), (cy, sy) = [(np.cos(a), np.sin(a)) for a in tilt]
+    Q = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]]) @ np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    A = Q @ np.diag([60.0**-2, 35.0**-2, 35.0**-2]) @ Q.T
+    b, c = A[2, 0] * x + A[2, 1] * y, A[0, 0] * x * x + 2 * A[0, 1] * x * y + A[1, 1] * y * y - 1
+    z = (-b + np.sqrt(b * b - A[2, 2] * c)) / A[2, 2]
+    g = A @ np.array([x, y, z])
+    return g[:2] / g[2]
+
+
+def true_depth(force, recorded, offset, compliance, scale=1.0):
+    """Solve d - offset + compliance Fz(d) = recorded by bisection (Fz grows with d)."""
+    low, high = np.full(len(recorded), -1.0), recorded * scale + abs(offset) + 1.0
+    for _ in range(45):
+        mid = 0.5 * (low + high)
+        value = mid / scale - offset + (compliance * force(mid)[:, 2] if compliance else 0.0)
+        low, high = np.where(value < recorded, mid, low), np.where(value < recorded, high, mid)
+    return 0.5 * (low + high)
+
+
+def clean_test(mechanics, mu, test, index, chain, clock):
+    """Noise-free record of one test: time, recorded depth, force (n, 3) and true depth; clock in s since the start."""
+    name, repeat, place, speed, grid = test
+    t = np.r_[0.0, np.cumsum(np.abs(np.diff(grid)))] / speed
+    down = branches(grid)
+    offset = chain.get("offset", 0.0) + (chain["offsets"][index] if "offsets" in chain else 0.0)
+    compliance = chain.get("compliance", 0.0)
+    if "rocking" in chain:
+        x, y = PLACES.get(place, (0.0, 0.0))
+        compliance += chain["rocking"] * (x * x + y * y) / 400
+    if "set" in chain:  # what stays from deeper tests at the place; none before the first
+        deepest = 0.0 if index == 0 else {"top": 4.0, "2.5_2.5": DEEP, "20_0": 0.0}[place]
+        offset -= chain["set"] * deepest * (1.0 if place == "top" else 0.6)
+    source = "20_0" if chain.get("swapped_file") and place == "2.5_2.5" else place
+    source = "2.5_2.5" if chain.get("swapped_file") and place == "20_0" else source
+    stiff = 1 + chain.get("temperature", 0.0) * (clock + t) / 1500.0
+    scale = 1 + chain.get("depth_scale", 0.0)
+    F, true = np.zeros((len(grid), 3)), np.zeros(len(grid))
+    for branch, mask in (("load", down), ("unload", ~down)):
+        if not mask.any():
+            continue
+
+        def force(d, branch=branch, mask=mask):
+            raw = mechanics.force(name, repeat, source, branch, np.clip(d, 0, None))
+            if chain.get("wrong_point") and place == "20_0":
+                w = (chain["wrong_point"] / 20) ** np.array([1.0, 1.0, 2.0])
+                raw = mechanics.null("top", np.clip(d, 0, None)) * (1 - w) + raw * w
+            raw = turned(mechanics, raw, source, np.clip(d, 0, None), chain)
+            return mu * np.where((d > 0)[:, None], raw, 0.0) * stiff[mask][:, None]
+
+        extra = 0.0
+        if branch == "unload":
+            extra = -chain.get("backlash", 0.0) - chain.get("set", 0.0) * 4.0 * (index == 0)
+        true[mask] = true_depth(force, grid[mask], offset + extra, compliance, scale)
+        F[mask] = force(true[mask])
+    if "stick_slip" in chain:
+        phase = (true / chain["stick_slip_period"]) % 1.0
+        F = F * (1 - chain["stick_slip"] * (phase - 0.5))[:, None]
+    if "nonlinear_cell" in chain:
+        F[:, 2] = F[:, 2] + chain["nonlinear_cell"] * F[:, 2] ** 2
+    if "lag" in chain:
+        F = lagged(t, F, chain["lag"])
+    if "clipping" in chain:
+        F[:, 2] = np.minimum(F[:, 2], chain["clip_at"])
+    if "hum" in chain:
+        F = F + chain["hum"] * np.sin(2 * np.pi * (t + 0.37 * index) / chain["hum_period"])[:, None]
+    Fz = F[:, 2].copy()
+    F[:, 0] += chain.get("cross_x", 0.0) * Fz
+    F[:, 1] += chain.get("cross_y", 0.0) * Fz
+    F[:, 2] = chain.get("gain", 1.0) * Fz + chain.get("bias", 0.0) + chain.get("drift", 0.0) * t
+    return t, grid, F, true
+
+
+def lagged(t, F, tau, sub=40):
+    """First-order filter tau y' + y = F, y(0) = F(0), exact for F linear between the samples."""
+    y = [F[0]]
+    for k in range(1, len(t)):
+        h = t[k] - t[k - 1]
+        slope = (F[k] - F[k - 1]) / h
+        y.append(F[k] - tau * slope + np.exp(-h / tau) * (y[-1] - F[k - 1] + tau * slope))
+    return np.array(y)
+
+
+def clean(mechanics, mu, chain, deep=DEEP):
+    """All noise-free records [(test, (t, depth, F, true))] in the order of the tests."""
+    chain = dict(chain)
+    if "clipping" in chain:
+        bare = {k: v for k, v in chain.items() if k != "clipping"}
+        chain["clip_at"] = chain["clipping"] * max(r[2][:, 2].max() for _, r in clean(mechanics, mu, bare, deep))
+    records, clock = [], 0.0
+    for index, test in enumerate(plan(deep)):
+        records.append((test, clean_test(mechanics, mu, test, index, chain, clock)))
+        clock += records[-1][1][0][-1] + 60.0
+    return records
+
+
+def noisy(record, rng, noise, jitter):
+    """Add noise: gain per test, white or coloured force noise, depth noise, contact jitter (shifts the force)."""
+    t, depth, F, true = record
+    slope = np.gradient(F, t, axis=0) / np.maximum(np.abs(np.gradient(depth, t)), 1e-9)[:, None] if jitter else 0.0
+    F = (F + jitter * slope * np.sign(np.gradient(depth, t))[:, None]) * (1 + noise["repeat_gain"] * rng.normal())
+    e = rng.normal(size=F.shape)
+    if noise["rho"]:
+        for k in range(1, len(e)):
+            e[k] = noise["rho"] * e[k - 1] + np.sqrt(1 - noise["rho"] ** 2) * e[k]
+    return t, depth + noise["depth_mm"] * rng.normal(size=len(depth)), F + noise["force_N"] * e
+
+
+def write(folder, mechanics, mu, chain, rng, noise, nominal, deep=DEEP):
+    """Write CSVs and nominal.json of one case; returns the noise-free records."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    records = clean(mechanics, mu, chain, deep)
+    files = {}
+    for test, record in records:
+        jitter = float(rng.uniform(0, noise["jitter_mm"]))
+        t, d, F = noisy(record, rng, noise, jitter)
+        if chain.get("spikes"):
+            hit = rng.uniform(size=F.shape) < chain["spikes"]
+            F = F + hit * rng.normal(0, 0.05, F.shape)
+        head = "time_s,depth_mm,Fx_N,Fy_N,Fz_N"
+        rows = [f"{a:.3f},{b:.4f},{f[0]:.5f},{f[1]:.5f},{f[2]:.5f}" for a, b, f in zip(t, d, F)]
+        if test[1]:
+            head, rows = "repeat," + head, [f"{test[1]}," + r for r in rows]
+        files.setdefault(test[0], [head]).extend(rows)
+    first = records[0][1]
+    at = np.array([1.0, 2.0, 3.0, 4.0])
+    uz = mechanics.profile(np.interp(at, first[1], first[3]))
+    if chain.get("offset_x"):
+        uz = np.array([np.interp(MARKS - chain["offset_x"], MARKS, row) for row in uz])
+    files["profile"] = ["depth_mm,x_mm,y_mm,uz_mm"] + [
+        f"{d:g},{x:g},5,{u + noise['profile_mm'] * rng.normal():.4f}" for d, row in zip(at, uz) for x, u in zip(MARKS, row)
+    ]
+    for name, lines in files.items():
+        (folder / f"{name}.csv").write_text("\n".join(lines) + "\n")
+    (folder / "nominal.json").write_text(json.dumps(nominal, indent=1) + "\n")
+    for path in (*folder.iterdir(), folder):
+        os.utime(path, (1767225600, 1767225600))  # the same time for every case
+    return records
+
+
+def signal(records, D1, mu, noise, rows, deep=DEEP):
+    """Size of the effect over the noise after re-fit of (mu, D1), gains and contact offsets: sqrt(min chi^2).
+
+    Noise-free records against the null curves; gains (1 %) and contact offsets (10 um) per curve are fitted with
+    their priors. About 3 is hardly visible; the null gives nearly zero.
+    """
+    keep = [(test, rec) for test, rec in records]
+
+    def residuals(p):
+        m, muD1 = np.exp(p[0]), np.exp(np.clip(p[1], np.log(0.008), np.log(1.5)))
+        mech = Mechanics(muD1, rows=rows)
+        out = []
+        for k, (test, (_, depth, F, _)) in enumerate(keep):
+            f = m * mech.null(test[2], np.clip(depth + p[2 + 2 * k], 0, None)) * (1 + p[3 + 2 * k])
+            slope = np.gradient(f[:, 2]) / np.where(np.abs(np.gradient(depth)) < 1e-6, 0.1, np.gradient(depth))
+            sd = np.sqrt(noise["force_N"] ** 2 + (noise["depth_mm"] * slope) ** 2)
+            out += [((F[:, 2] - f[:, 2]) / sd), (F[:, 0] - f[:, 0]) / noise["force_N"], (F[:, 1] - f[:, 1]) / noise["force_N"]]
+            out += [np.array([p[2 + 2 * k] / 0.01, p[3 + 2 * k] / 0.01])]
+        return np.concatenate(out)
+
+    from scipy.optimize import least_squares
+
+    p0 = np.r_[np.log(mu), np.log(mu * D1), np.zeros(2 * len(keep))]
+    fit = least_squares(residuals, p0, method="lm" if False else "trf", x_scale=np.r_[0.1, 1.0, np.full(2 * len(keep), 0.01)], max_nfev=8)
+    return float(np.sqrt(2 * fit.cost))

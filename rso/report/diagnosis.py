@@ -1,0 +1,349 @@
+"""The report of a diagnosis: gap or not, where, which cause, how much, how sure, what next.  Computes no model."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rso.report.canvas import short
+from rso.report.diagnosis_background import background
+from rso.report.diagnosis_figures import PLACES, draw, drawn_curves, leading
+from rso.report.diagnosis_maps import FIRST, PANELS
+from rso.report.diagnosis_reach import how_sure, in_sight, next_test
+from rso.report.diagnosis_reading import (
+    Found,
+    band,
+    brief,
+    chance,
+    chosen,
+    core,
+    descriptions,
+    effects_of,
+    interval,
+    p_text,
+    panels,
+    parameter_bands,
+    signature_places,
+    sized,
+    unit_of,
+    verdict_of,
+)
+from rso.report.digits import DASH, NBSP, Unit, aligned, between, clean, known, percent, significant, symbol
+from rso.report.document import Block, Cell, Fact, Facts, Picture, Report, Section, Table, Text, column, table, words
+from rso.report.page import pictures, pour
+from rso.report.reading import listed, number, pair
+
+_VERDICTS = {
+    "no_gap": ("No gap", "The model reproduces these measurements within their noise."),
+    "explained": ("Explained", "The model misses something, and this explains it: {0}."),
+    "ambiguous": ("Ambiguous", "The model misses something, and these data cannot tell its causes apart: {0}."),
+    "partly": ("Partly explained", "The model misses something, and {0} is part of it, not all."),
+    "unexplained": ("Unexplained", "The model misses something, and nothing in the catalogue explains it."),
+    "measurement": ("The measurement", "Not the model but the measurement is off: {0}."),
+}
+
+
+def render_diagnosis(found: Found, folder: Path, html: bool = True, pdf: bool = True) -> list[Path]:
+    """Write diagnosis.html and diagnosis.pdf into `folder` from the plain data of a diagnosis; list of files.
+
+    The same data give the same bytes. What a diagnosis does not hold is said to be missing.
+    """
+    document = report(found)
+    return pour(document, {n: draw(found, n) for n in pictures(document)}, folder, "diagnosis", html, pdf)
+
+
+def report(found: Found) -> Report:
+    """The whole document, in the order in which a reader asks."""
+    return Report(
+        clean(found.get("title")) or "Untitled study",
+        "Diagnosis: where model and measurement differ, why, and by how much",
+        "",
+        (
+            verdict(found),
+            where(found),
+            which(found),
+            how_much(found),
+            parameters(found),
+            how_sure(found),
+            in_sight(found),
+            next_test(found),
+            background(found),
+        ),
+    )
+
+
+def verdict(found: Found) -> Section:
+    """Section 1: the verdict in one sentence, the numbers behind it, and the story."""
+    d = core(found)
+    text = _VERDICTS.get(verdict_of(found), ("", ""))[1]
+    names = [descriptions(found).get(c, c) for c in map(lambda c: clean(c.get("effect")), d.get("causes") or ())]
+    if verdict_of(found) == "ambiguous":
+        named = _listing(names, "or")
+    else:
+        together = set(effects_of(chosen(found) or "")) >= {clean(c.get("effect")) for c in d.get("causes") or ()}
+        named = _listing(names if together else names[:1], "and")
+    blocks: list[Block] = [Text(text.format(named) if text else "There is no verdict.", "lead" if text else "missing")]
+    blocks.append(Facts(tuple(_facts(found))))
+    blocks += [Text(re.sub(r"(?<![\w.])-(?=\d)", "−", clean(w))) for w in listed(found, "words")]
+    return Section("verdict", "Verdict", tuple(blocks))
+
+
+def _listing(names: list[str], word: str) -> str:
+    """Descriptions may hold commas, so that semicolons part them."""
+    *first, last = names or ["see below"]
+    return f"{'; '.join(first)}; {word} {last}" if first else last
+
+
+def _facts(found: Found) -> list[Fact]:
+    d = core(found)
+    g, s, v = d.get("gap") or {}, d.get("shrinkage") or {}, verdict_of(found)
+    mark = "good" if v in ("no_gap", "explained", "measurement") else "warn"
+    facts = [
+        Fact("Verdict", _VERDICTS.get(v, (clean(v) or DASH, ""))[0], _POLICY.get(v, ""), mark),
+        Fact("p-value of no gap", p_text(g.get("p_value")), "below 0.05 there is a gap"),
+        Fact(
+            "Misfit over noise", significant(number(g.get("size_over_noise")), 3), "root mean square; 1 is noise alone"
+        ),
+    ]
+    causes = list(d.get("causes") or ())
+    if causes:
+        c = causes[0]
+        facts.append(
+            Fact("Leading cause", short(clean(c.get("effect")), 18), f"probability {chance(c.get('probability'))}")
+        )
+    if known(s.get("closed")):
+        low_high = f"90{NBSP}%: {_share(s.get('interval'))}" if pair(s.get("interval")) else ""
+        facts.append(Fact("Gap closed", percent(s["closed"]), f"on held-out curves; {low_high}"))
+    if len(facts) > 3 and (check := _check_of(found)):
+        facts.append(Fact("Comes back as itself", percent(check), "of simulated data sets with this cause"))
+    return facts
+
+
+_POLICY = {
+    "no_gap": "nothing beyond noise",
+    "explained": "probability 80 % or more",
+    "ambiguous": "no cause reaches 80 %",
+    "partly": "a cause, and something more",
+    "unexplained": "none in the catalogue",
+    "measurement": "the chain, not the specimen",
+}
+
+
+def _check_of(found: Found) -> float | None:
+    checks = [c for c in listed(found, "checks") if effects_of(str(c.get("hypothesis")))]
+    return number(checks[0].get("returned")) if checks else None
+
+
+def _share(ends: Any) -> str:
+    return between(100 * ends[0], 100 * ends[1], Unit("%"), 2) if pair(ends) else DASH
+
+
+def where(found: Found) -> Section:
+    """Section 2: residual maps, and the regions by how far they are off what all others predict."""
+    blocks: list[Block] = []
+    shown_panels = panels(found)
+    if shown_panels:
+        blocks.append(Picture("residuals", _residual_caption(found)))
+    if len(shown_panels) > FIRST:
+        left = len(shown_panels) - PANELS
+        caption = f"{left} more panels, weaker than these, are not drawn." if left > 0 else ""
+        blocks.append(Picture("residuals-more", f"The next panels, drawn in the same way. {caption}".strip()))
+    rows = list(core(found).get("where") or ())
+    if rows:
+        blocks.append(_regions(found, rows))
+    if not any(r.get("beyond_noise") for r in rows):
+        text = "No single region stands out beyond noise."
+        text += " The gap is one of shape, spread over the curves." if verdict_of(found) not in ("no_gap", "") else ""
+        blocks.insert(0, Text(text))
+    return Section("where", "Where the gap lies", tuple(blocks) or (Text("There are no residuals.", "missing"),))
+
+
+def _residual_caption(found: Found) -> str:
+    cause = chosen(found)
+    text = "Measured minus model, each model fitted to all curves at once; the strongest region comes first. "
+    text += "Dots are readings averaged in bins, lines the mean of the repeats over five neighbouring bins."
+    if cause and verdict_of(found) == "unexplained":
+        text += f" Blue: the best of the catalogue ({brief(cause)}), which did not hold."
+    if any(p.profile for p in panels(found)[:PANELS]):
+        text += " Of a profile the marks stand side by side at each depth."
+    return text
+
+
+def _regions(found: Found, rows: list[Mapping[str, Any]]) -> Table:
+    amplitude = [None if not known(r.get("amplitude")) else 100 * r["amplitude"] for r in rows]
+    error = [None if not known(r.get("amplitude_sd")) else 100 * r["amplitude_sd"] for r in rows]
+    states = [
+        Cell("beyond noise", mark="warn") if r.get("beyond_noise") else Cell("within", mark="quiet") for r in rows
+    ]
+    columns = [
+        column("Experiment", words([clean(r.get("experiment")) for r in rows]), number=False),
+        column("Channel", words([clean(r.get("channel")) for r in rows]), number=False),
+        column("Region", words([clean(r.get("region")) for r in rows]), number=False),
+        column("z", aligned([number(r.get("z")) for r in rows], 3, plus=True)),
+        column("off by", aligned(amplitude, 3, plus=True), "%"),
+        column("± sd", aligned(error, 2), "%"),
+        column("", tuple(states), number=False),
+    ]
+    note = "Each region against what the base model predicts when it is fitted to all other data; + is measured above."
+    if known(core(found).get("where_threshold")):
+        limit = significant(core(found)["where_threshold"], 3)
+        note += (
+            f" Beyond noise: |z| above {limit}, which the largest of all regions passes in 5 % of data without a gap."
+        )
+    return table("Regions by strength", columns, note)
+
+
+def which(found: Found) -> Section:
+    """Section 3: the hypotheses by probability, what they rest on, and their signatures."""
+    blocks: list[Block] = []
+    if verdict_of(found) == "no_gap":
+        blocks.append(Text("There is no gap beyond noise, so no cause is named."))
+    if leading(found):
+        blocks.append(Picture("probabilities", _bars_caption(found)))
+    causes = list(core(found).get("causes") or ())
+    if causes:
+        blocks.append(_causes(causes))
+    elif verdict_of(found) != "no_gap":
+        blocks.append(Text("No cause of the catalogue is named."))
+    if verdict_of(found) != "no_gap":
+        blocks += [t for t in (_sensitivity(found), _held_out(found)) if t is not None]
+    if signature_places(found):
+        blocks.append(Picture("signatures", _signature_caption(found)))
+    return Section("which", "Which cause", tuple(blocks))
+
+
+def _bars_caption(found: Found) -> str:
+    text = "Probability of each hypothesis, given these data and the catalogue."
+    left = len(found.get("probabilities") or {}) - len(leading(found))
+    return text + (f" The {left} after these are smaller still." if left > 0 else "")
+
+
+def _causes(causes: list[Mapping[str, Any]]) -> Table:
+    railed = [clean(c.get("effect")) for c in causes if c.get("railed")]
+    columns = [
+        column("Effect", words([clean(c.get("effect")) for c in causes], "strong"), number=False),
+        column("What it is", words([clean(c.get("description")) for c in causes]), number=False),
+        column("probability", words([chance(c.get("probability")) for c in causes])),
+        column("size", words([sized(c)[0] for c in causes])),
+        column("90 % interval", words([sized(c)[1] for c in causes])),
+        column("absent at", words([sized(c)[2] for c in causes])),
+    ]
+    note = "Probability, given a gap, of all hypotheses that hold the effect; size: median where it is the cause."
+    note += f" At the end of its plausible range: {', '.join(railed)}." if railed else ""
+    return table("Named causes", columns, note)
+
+
+def _sensitivity(found: Found) -> Table | None:
+    data = found.get("sensitivity") or {}
+    given = found.get("probabilities") or {}
+    names = list(dict.fromkeys(str(k) for w in ("halved", "doubled") for k in data.get(w) or {}))[:6]
+    if not names:
+        return None
+    asked = [number(given.get(n)) for n in names]
+    rest = [number(given.get(f"{n} + unexplained")) if effects_of(n) else None for n in names]
+    both = [None if a is None and b is None else (a or 0.0) + (b or 0.0) for a, b in zip(asked, rest, strict=True)]
+    columns = [column("Hypothesis", words([brief(n) for n in names]), number=False)]
+    columns += [
+        column("halved", words([chance((data.get("halved") or {}).get(n)) for n in names])),
+        column("as stated", words([chance(v) for v in both], "strong")),
+        column("doubled", words([chance((data.get("doubled") or {}).get(n)) for n in names])),
+    ]
+    note = "Probability when the plausible sizes span half or twice the range; –: not among the first five."
+    return table("Does it hang on the prior?", columns, note)
+
+
+def _held_out(found: Found) -> Table | None:
+    rows = [h for h in listed(found, "held_out") if h.get("gain")]
+    if not rows:
+        return None
+    names = [n for n in dict.fromkeys(str(k) for h in rows for k in h["gain"]) if effects_of(n)]
+    if not names:
+        return None
+    columns = [column("Experiment", words([*[clean(h.get("experiment")) for h in rows], "all together"]), number=False)]
+    for n in names:
+        values = [number(h["gain"].get(n)) for h in rows]
+        total = None if None in values else sum(values)  # type: ignore[arg-type]
+        cells = aligned([*values, total], 3, plus=True)
+        last = Cell(cells[-1].text, cells[-1].pad, "strong")
+        columns.append(column(brief(n), (*cells[:-1], last)))
+    note = (
+        "Each experiment is predicted from all the others. The number is the log predictive density over that of the "
+        "base model: above 0 the effect predicts it better than the base model does, below 0 worse; +3 is 20 to 1."
+    )
+    return table("Does it predict what it was not fitted to?", columns, note)
+
+
+def _signature_caption(found: Found) -> str:
+    n = len(signature_places(found))
+    text = (
+        "Left: the change of Fz that each effect makes at its found size, parameters held. Right: what the base model, "
+    )
+    text += "fitted to all curves, leaves of Fz. A re-fit takes up part of a change: compare shapes, not heights."
+    return text + (f" {PLACES} of {n} places are drawn." if n > PLACES else "")
+
+
+def how_much(found: Found) -> Section:
+    """Section 4: the gap on held-out curves before, after a re-fit, with the cause."""
+    title, s = "How much closes", core(found).get("shrinkage") or {}
+    if not all(known(s.get(k)) for k in ("before", "refit_only", "with_cause")):
+        return Section("how-much", title, (Text("One curve only: nothing is left to test a cause on.", "missing"),))
+    how = clean(s.get("how"))
+    blocks: list[Block] = []
+    if known(s.get("closed")):
+        text = f"{percent(s['closed'])} of what exceeds the noise floor is closed"
+        text += f" (90{NBSP}%: {_share(s.get('interval'))})" if pair(s.get("interval")) else ""
+        blocks.append(Text(f"{text}, on curves that took no part in finding the cause: {how}."))
+    else:
+        blocks.append(Text(f"No share is printed: before is not clearly above the noise floor. Held out: {how}."))
+    blocks.append(
+        Picture("shrinkage", "The gap G on held-out curves, in steps. G = 1 is what noise alone leaves (dashed).")
+    )
+    if len(drawn_curves(found)) > 1:
+        blocks.append(Picture("curves", "The same for every held-out curve."))
+    curves = list(s.get("curves") or ())
+    if curves:
+        blocks.append(_curves(curves, s, chosen(found) is not None))
+    return Section("how-much", title, tuple(blocks))
+
+
+def _curves(curves: list[Mapping[str, Any]], s: Mapping[str, Any], cause: bool) -> Table:
+    names = words([clean(c.get("curve")) for c in curves])
+    columns = [column("Held-out curve", names, number=False)]
+    steps = [("before", "before"), ("refit_only", "re-fitted")] + [("with_cause", "with cause")] * cause
+    for key, text in steps:
+        columns.append(column(f"G {text}", aligned([number(c.get(key)) for c in curves], 3)))
+    units = [Unit("µm", 1e3) if c.get("unit") == "mm" else Unit("mN", 1e3) for c in curves]
+    for k, (_, text) in enumerate(steps):
+        values = [number((list(c.get("rms") or ()) + [None] * 3)[k]) for c in curves]
+        scaled = [None if v is None else v * u.factor for v, u in zip(values, units, strict=True)]
+        columns.append(column(f"rms {text}", aligned(scaled, 3)))
+    columns.append(column("", words([u.label for u in units]), number=False))
+    note = "G: mean of the squared misfit over its noise, correlations and gain included; rms: plain root mean square."
+    if known(s.get("floor_error")):
+        note += f" Without a gap the mean of G is 1 ± {significant(s['floor_error'], 2)}."
+    return table("Curve by curve", columns, note)
+
+
+def parameters(found: Found) -> Section:
+    """Section 5: the base parameters without and with the cause."""
+    title, rows = "Parameters", parameter_bands(found)
+    if not rows:
+        return Section("parameters", title, (Text("There are no fitted parameters.", "missing"),))
+    blocks: list[Block] = [] if chosen(found) else [Text("No cause is named, so the parameters stay as they are.")]
+    blocks.append(Picture("parameters", "Median and 90 % interval, fitted to all fit and select curves at once."))
+    data = core(found).get("parameters") or {}
+    columns = [column("", words([symbol(name) for name, _, _ in rows]), number=False)]
+    for when in ("before", "after") if chosen(found) else ("before",):
+        each = [band((data.get(when) or {}).get(name)) for name, _, _ in rows]
+        cells = [interval(b, u) if b else (DASH, DASH) for b, (_, u, _) in zip(each, rows, strict=True)]
+        columns.append(column(when if chosen(found) else "fitted", words([c[0] for c in cells])))
+        columns.append(column("90 % interval", words([c[1] for c in cells])))
+    units = all(unit_of(u).label for _, u, _ in rows)
+    note = "" if units else "In the units of the study: N, mm, MPa, s."
+    return Section(
+        "parameters",
+        title,
+        (*blocks, table("Parameters before and after" if chosen(found) else "Parameters", columns, note)),
+    )

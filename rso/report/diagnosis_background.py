@@ -1,0 +1,101 @@
+"""The last section of a diagnosis: data, noise, runs, notes, times."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rso.report.diagnosis_reading import Found, place_text
+from rso.report.digits import DASH, clean, duration, known, percent, quantity, shortest
+from rso.report.document import Block, Cell, Section, Table, Text, column, table, words
+from rso.report.reading import listed, number, pair
+
+_LONG = 6  # a longer list starts closed
+
+
+def background(found: Found) -> Section:
+    """Section 9: what was used, and what went wrong."""
+    blocks: list[Block] = [t for t in (_data(found), _noise(found)) if t is not None]
+    blocks.append(Text(_rerun(found.get("rerun"))))
+    blocks += [Text(clean(n), "note") for n in listed(found, "notes")]
+    failed = [clean(f) for f in listed(found, "failed_runs")]
+    if failed:
+        columns = [column("Run", words(failed), number=False)]
+        note = "Their place is taken by the nearest run that has an answer."
+        blocks.append(table(f"Failed runs ({len(failed)})", columns, note, folded=len(failed) > _LONG))
+    else:
+        blocks.append(Text("No run failed."))
+    if t := _times(found):
+        blocks.append(t)
+    return Section("background", "Background", tuple(blocks))
+
+
+def _data(found: Found) -> Table | None:
+    rows = listed(found, "experiments")
+    if not rows:
+        return None
+    speed = [number(e.get("speed")) for e in rows]
+    columns = [
+        column("Experiment", words([clean(e.get("name")) for e in rows]), number=False),
+        column("role", words([clean(e.get("role")) for e in rows]), number=False),
+        column("point", words([place_text(e["point"]) if pair(e.get("point")) else DASH for e in rows]), number=False),
+        column("speed", words([DASH if v is None else shortest(float(f"{60 * v:.3g}")) for v in speed]), "mm/min"),
+        column("channels", words([", ".join(map(clean, e.get("channels") or ())) for e in rows]), number=False),
+        column("repeats", words([shortest(e.get("repeats")) for e in rows])),
+        column("mounting", words([clean(e.get("mounting")) or DASH for e in rows]), number=False),
+    ]
+    return table("Experiments", columns, "Validate curves take part in nothing but the gap on held-out curves.")
+
+
+def _noise(found: Found) -> Table | None:
+    rows = [(clean(k), v) for k, v in (found.get("noise") or {}).items() if isinstance(v, Mapping)]
+    if not rows:
+        return None
+
+    def sizes(key: str, unit: str | None = None) -> tuple[Cell, ...]:
+        own = [unit or ("N" if c.startswith("F") else "mm") for c, _ in rows]
+        values = [number(v.get(key)) for _, v in rows]
+        return words([quantity(x, u, 2) if x else DASH for x, u in zip(values, own, strict=True)])
+
+    columns = [
+        column("Channel", words([c for c, _ in rows]), number=False),
+        column("white", sizes("white")),
+        column("correlated", sizes("correlated")),
+        column("over", sizes("length_mm", "mm")),
+        column("gain", words([percent(g) if (g := number(v.get("gain"))) else DASH for _, v in rows])),
+        column("contact", sizes("contact_mm", "mm")),
+        column("depth", sizes("depth_mm", "mm")),
+        column("from", words([clean(v.get("source")) for _, v in rows]), number=False),
+    ]
+    note = (
+        "Standard deviations. Gain and contact point belong to a whole curve; white and correlated noise to a reading."
+    )
+    return table("Noise used", columns, note)
+
+
+def _rerun(data: Mapping[str, Any] | None) -> str:
+    if not data or not data.get("runs"):
+        return "No finalist was simulated anew at its found size."
+    failed = data.get("failed") or 0
+    text = f"The finalist was simulated anew at its found size: {data['runs']} runs, {failed} failed."
+    if known(data.get("rms")):
+        text += f" What the library interpolates is off by {percent(data['rms'])} of Fz (root mean square)"
+        text += f", {percent(number(data.get('largest')))} at most over all force components."
+    return text
+
+
+def _times(found: Found) -> Table | None:
+    t = found.get("timings") or {}
+    cpu, wall, judging = (duration(number(t.get(k))) for k in ("library_cpu", "library_wall", "judging_cpu"))
+    rows = []
+    if t:
+        rows.append(("Library", f"{shortest(t.get('library_runs'))} runs, {cpu} of CPU time, {wall} of wall time"))
+        rows.append(("Judging", f"{judging} of CPU time"))
+    cells = [Cell(text) for _, text in rows]
+    names = [Cell(name) for name, _ in rows]
+    if found.get("command"):
+        names.append(Cell("Command"))
+        cells.append(Cell(clean(found["command"]), mark="code"))
+    if not names:
+        return None
+    return table("Times and command", [column("", tuple(names), number=False), column("", tuple(cells), number=False)])

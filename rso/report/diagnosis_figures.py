@@ -1,0 +1,334 @@
+"""Every figure of a diagnosis as an SVG string, drawn from its plain data alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, canvas, plain_log, short, style, svg
+from rso.report.diagnosis_maps import legend, residual_map
+from rso.report.diagnosis_reading import (
+    Found,
+    Panel,
+    Record,
+    amount,
+    chance,
+    chosen,
+    core,
+    descriptions,
+    label,
+    parameter_bands,
+    place_text,
+    signature_places,
+    unit_of,
+    verdict_of,
+)
+from rso.report.digits import clean, fixed, known, places, symbol
+from rso.report.reading import listed, number, points
+
+BARS, CURVES, PLACES, SIGNATURES = 7, 12, 2, 4
+LINES = (ACCENT, WARM, "#2f8f6f", "#8b6ba8")  # told apart by any eye, and by their dashes
+DASHES = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (5, 1.4, 1.2, 1.4)))
+_POWER = LinearSegmentedColormap.from_list("power", [PALE, "#9fc3d3", ACCENT])
+
+
+def draw(found: Found, name: str) -> str:
+    """The figure that a :class:`~rso.report.document.Picture` names; ValueError for an unknown name."""
+    figures = {
+        "residuals": residual_map,
+        "residuals-more": lambda f: residual_map(f, more=True),
+        "probabilities": probabilities,
+        "signatures": signatures,
+        "shrinkage": shrinkage,
+        "curves": held_out_curves,
+        "parameters": parameters,
+        "power": power,
+    }
+    if name not in figures:
+        raise ValueError(f"no figure {name!r}")
+    with style():
+        return svg(figures[name](found), name)
+
+
+def leading(found: Found) -> list[tuple[str, float]]:
+    """Hypotheses that are worth a bar, with their probabilities."""
+    rows = [(str(k), float(v)) for k, v in (found.get("probabilities") or {}).items() if known(v)]
+    rows.sort(key=lambda v: -v[1])
+    return [v for k, v in enumerate(rows[:BARS]) if k < 4 or v[1] >= 0.005]
+
+
+def probabilities(found: Found) -> Figure:
+    """One bar per hypothesis."""
+    rows = leading(found)
+    figure = canvas(0.25 + 0.27 * len(rows))
+    axes = figure.subplots()
+    named = set(core(found).get("ambiguous_with", [[]])[0]) if core(found).get("ambiguous_with") else set()
+    for k, (name, q) in enumerate(rows):
+        strong = k == 0 or name in named
+        axes.barh(-k, 1.0, height=0.62, color=PALE, lw=0)
+        axes.barh(-k, q, height=0.62, color=ACCENT if strong else GREY, lw=0)
+        axes.text(1.015, -k, chance(q), va="center", color=ACCENT if strong else INK, fontsize=8.5)
+    texts = [short(label(found, n), 56) for n, _ in rows]
+    axes.set_yticks([-k for k in range(len(rows))], texts)
+    axes.tick_params(axis="y", length=0)
+    axes.set(xlim=(0, 1.12), ylim=(-len(rows) + 0.45, 0.55), xticks=[])
+    for side in ("left", "bottom"):
+        axes.spines[side].set_visible(False)
+    return figure
+
+
+def signatures(found: Found) -> Figure:
+    """Relative change of Fz by each leading effect, beside what the base model leaves of Fz at the same place."""
+    rows = signature_places(found)[:PLACES]
+    figure = canvas(0.55 + 2.0 * len(rows))
+    grid = figure.subplots(len(rows), 2, squeeze=False)
+    order = [clean(c.get("effect")) for c in core(found).get("causes") or ()]
+    order += [clean(s.get("effect")) for _, mine, _ in rows for s in mine]
+    there = {clean(s.get("effect")) for _, mine, _ in rows for s in mine}
+    names = [n for n in dict.fromkeys(order) if n in there][:SIGNATURES]
+    unloading = False
+    for (left, right), (place, mine, panel) in zip(grid, rows, strict=True):
+        deepest = max((float(r.depth.max()) for r in panel.records), default=np.inf) if panel else np.inf
+        for axes in (left, right):
+            axes.axhline(0, color=INK, lw=0.6)
+        at = []
+        for s in mine:
+            if (name := clean(s.get("effect"))) in names:
+                k = names.index(name)
+                end, back = _signature(left, s, deepest, LINES[k], DASHES[k])
+                unloading |= back
+                at += [(end, name, LINES[k])] if end is not None else []
+        _name(left, at)
+        left.set_title(f"what each would do at {place_text(place)}", color=GREY)
+        right.set_title(f"what is left: {short(panel.experiment, 24)}" if panel else "no Fz recorded here", color=GREY)
+        if panel:
+            for r in panel.records:
+                _relative(right, r)
+            _clip(right, panel)
+        for axes in (left, right):
+            axes.set(xlim=(0, deepest * 1.02 if np.isfinite(deepest) else None))
+            axes.yaxis.set_major_locator(MaxNLocator(5))
+            axes.xaxis.set_major_locator(MaxNLocator(5))
+        left.set_ylabel("change of Fz (%)")
+        right.set_ylabel("residual of Fz (%)")
+    for axes in grid[-1]:
+        axes.set_xlabel("depth (mm)")
+    handles = [Line2D([], [], color=INK, lw=1.6, label="effect, loading")]
+    if unloading:
+        handles.append(Line2D([], [], color=INK, lw=0.8, label="effect, unloading"))
+    handles.append(Line2D([], [], color=GREY, marker="o", ms=3, lw=0, label="left by the base model"))
+    if any(r.cause is not None for _, _, panel in rows if panel for r in panel.records):
+        handles.append(Line2D([], [], color=INK, lw=1.2, label="of it taken up by the cause"))
+    legend(figure, handles)
+    return figure
+
+
+def _signature(axes: Axes, s: Mapping[str, Any], deepest: float, colour: str, dash: Any) -> tuple[float | None, bool]:
+    """Loading thick, the deepest unloading thin: last value of loading, and whether there is an unloading."""
+    last, returns = None, False
+    passes = list(s.get("passes") or ())
+    way = [p for p in passes if not known(p.get("peak"))][:1]
+    back = sorted((p for p in passes if known(p.get("peak"))), key=lambda p: p["peak"])[-1:]
+    for p, width in ((way, 1.6), (back, 0.8)):
+        for one in p:
+            u, c = (np.array(v) for v in points(s.get("travel"), one.get("Fz")))
+            top = min(deepest, float(one["peak"]) if known(one.get("peak")) else np.inf)
+            keep = (u >= 0.1 * min(deepest, u.max(initial=0.0))) & (u <= top)
+            if keep.any():
+                axes.plot(u[keep], 100 * c[keep], color=colour, ls=dash, lw=width)
+                last = 100 * float(c[keep][-1]) if one in way else last
+                returns |= one in back
+    return last, returns
+
+
+def _name(axes: Axes, at: Sequence[tuple[float, str, str]]) -> None:
+    """Names of lines beside their ends, moved apart where they would touch."""
+    low, high = axes.get_ylim()
+    height, y = 0.085 * (high - low), -np.inf
+    rows = []
+    for end, name, colour in sorted(at):
+        y = max(end, y + height)
+        rows.append((y, name, colour))
+    over = max(y - high, 0.0) if rows else 0.0
+    for y, name, colour in rows:
+        y -= over if y > high - len(rows) * height else 0.0
+        axes.annotate(short(name, 16), (1.02, y), xycoords=("axes fraction", "data"), color=colour, va="center",
+                      fontsize=8, annotation_clip=False)  # fmt: skip
+    axes.set_ylim(low, high)
+
+
+def _relative(axes: Axes, r: Record) -> None:
+    f = r.measured - r.base
+    keep = (r.depth >= 0.1 * r.depth.max()) & (np.abs(f) > 0)
+    for branch, look in ((0, {"mfc": GREY, "mew": 0}), (1, {"mfc": PAPER, "mec": GREY, "mew": 0.6})):
+        k = keep & (r.branch == branch)
+        axes.plot(r.depth[k], 100 * r.base[k] / f[k], "o", ms=2.6, **look)
+        if r.cause is not None:
+            moved = 100 * (r.base[k] - r.cause[k]) / f[k]
+            axes.plot(r.depth[k], moved, color=INK, lw=1.2, ls="-" if branch == 0 else (0, (3, 1.6)))
+
+
+def _clip(axes: Axes, p: Panel) -> None:
+    """Close to contact the force is nearly nothing and its relative residual is noise."""
+    rows = []
+    for r in p.records:
+        f = r.measured - r.base
+        k = (r.depth >= 0.2 * r.depth.max()) & (np.abs(f) > 0)
+        rows += [100 * r.base[k] / f[k]] + ([100 * (r.base[k] - r.cause[k]) / f[k]] if r.cause is not None else [])
+    if len(values := np.concatenate(rows)):
+        low, high = min(float(values.min()), 0.0), max(float(values.max()), 0.0)
+        room = 0.12 * max(high - low, 1e-9)
+        axes.set_ylim(low - room, high + room)
+
+
+_STEPS = ("before", "refit_only", "with_cause")
+
+
+def shrinkage(found: Found) -> Figure:
+    """From the gap before to what is left, in steps."""
+    s = core(found)["shrinkage"]
+    before, refit, cause = (float(s[k]) for k in _STEPS)
+    floor = float(s.get("noise_floor") or 1.0)
+    rows = [("before", 0.0, before, GREY), ("a re-fit alone", refit, before, LIGHT)]
+    if chosen(found):
+        word = "best of the catalogue" if verdict_of(found) == "unexplained" else "the cause"
+        rows.append((word, cause, refit, ACCENT))
+    left = cause if chosen(found) else refit
+    rows.append(("what is left", 0.0, left, GREY))
+    figure = canvas(0.75 + 0.25 * len(rows))
+    axes = figure.subplots()
+    top = max(before, refit, cause, floor)
+    axes.axvline(floor, color=INK, lw=0.9, ls=(0, (4, 2)), zorder=3)
+    for k, (_, low, high, colour) in enumerate(rows):
+        step = 0 < k < len(rows) - 1
+        text = fixed(abs(high - low), max(places(top, 3), 0))
+        worse, none = low > high and text.strip("0."), not text.strip("0.")
+        axes.barh(-k, high - low, left=low, height=0.58, color=WARM if worse else colour, lw=0)
+        text = f"{'' if none else '+' if worse else '−'}{text}" if step else text
+        axes.annotate(
+            text, (max(low, high), -k), xytext=(5, 0), textcoords="offset points", va="center", path_effects=HALO,
+            color=WARM if worse else INK, zorder=5,
+        )  # fmt: skip
+        if k < len(rows) - 1:
+            x = high if k == 0 else low
+            axes.plot([x, x], [-k - 0.29, -k - 0.71], color=GREY, lw=0.6)
+    axes.annotate(
+        "noise floor", (floor, 0.42), xytext=(3, 0), textcoords="offset points", va="bottom", fontsize=8,
+        path_effects=HALO,
+    )  # fmt: skip
+    axes.set_yticks([-k for k in range(len(rows))], [r[0] for r in rows])
+    axes.set(xlim=(0, 1.12 * top), ylim=(0.5 - len(rows), 0.9), xlabel="G: mean of the squared misfit over its noise")
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    return figure
+
+
+def drawn_curves(found: Found) -> list[Mapping[str, Any]]:
+    """Held-out curves whose three gaps are known."""
+    curves = (core(found).get("shrinkage") or {}).get("curves") or ()
+    return [c for c in curves if all(known(c.get(k)) and c[k] > 0 for k in _STEPS)]
+
+
+def held_out_curves(found: Found) -> Figure:
+    """The three gaps of each held-out curve."""
+    curves = drawn_curves(found)[:CURVES]
+    figure = canvas(0.72 + 0.2 * len(curves))
+    axes = figure.subplots()
+    some = chosen(found) is not None
+    for k, c in enumerate(curves):
+        before, refit, cause = (float(c[v]) for v in _STEPS)
+        axes.plot([before, cause], [-k, -k], color=LIGHT, lw=1.6, solid_capstyle="butt", zorder=1)
+        axes.plot([before], [-k], "o", ms=5, color=GREY, mew=0)
+        axes.plot([refit], [-k], "|", ms=7, color=INK, mew=1.3)
+        if some:
+            axes.plot([cause], [-k], "o", ms=5, color=ACCENT, mew=0)
+    axes.axvline(1.0, color=INK, lw=0.9, ls=(0, (4, 2)), zorder=0)
+    values = [1.0, *(float(c[v]) for c in curves for v in _STEPS)]
+    if max(values) > 5 * min(values):
+        axes.set_xscale("log")
+        plain_log(axes.xaxis)
+        axes.set_xlim(0.8 * min(values), 1.25 * max(values))
+    else:
+        room = 0.05 * max(max(values) - min(values), 0.2)
+        axes.set_xlim(min(values) - room, max(values) + room)
+    axes.set(ylim=(-len(curves) + 0.4, 0.6), xlabel="G of each held-out curve")
+    axes.set_yticks([-k for k in range(len(curves))], [short(clean(c.get("curve")), 28) for c in curves])
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    handles = [Line2D([], [], marker="o", ms=5, mew=0, lw=0, color=GREY, label="before"),
+               Line2D([], [], marker="|", ms=7, mew=1.3, lw=0, color=INK, label="re-fitted")]  # fmt: skip
+    if some:
+        handles.append(Line2D([], [], marker="o", ms=5, mew=0, lw=0, color=ACCENT, label="with the cause"))
+    legend(figure, handles)
+    return figure
+
+
+def parameters(found: Found) -> Figure:
+    """Each parameter before and after: median and 90 % interval."""
+    rows = parameter_bands(found)[:4]
+    whens = (("before", GREY), ("after", ACCENT)) if chosen(found) else (("before", GREY),)
+    figure = canvas(0.65 + 0.25 * len(whens))
+    grid = figure.subplots(1, len(rows), squeeze=False)[0]
+    for axes, (name, unit, bands) in zip(grid, rows, strict=True):
+        use = unit_of(unit, max(b[2] for b in bands.values()))
+        for k, (when, colour) in enumerate(whens):
+            if b := bands.get(when):
+                low, mid, high = (v * use.factor for v in b)
+                axes.plot([low, high], [-k, -k], color=colour, lw=5, solid_capstyle="butt", alpha=0.45)
+                axes.plot([mid], [-k], "o", ms=5.5, mfc=colour, mec=PAPER, mew=0.8)
+        ends = [v for b in bands.values() for v in b]
+        if min(ends) > 0 and max(ends) > 5 * min(ends):
+            axes.set_xscale("log")
+            plain_log(axes.xaxis)
+        else:
+            axes.xaxis.set_major_locator(MaxNLocator(4))
+        axes.margins(x=0.08)
+        axes.set_yticks([-k for k in range(len(whens))], [w for w, _ in whens] if len(whens) > 1 else [""])
+        axes.set(ylim=(0.4 - len(whens), 0.6), xlabel=f"{symbol(name)}{use.bracket}")
+        axes.tick_params(axis="y", length=0)
+        axes.spines["left"].set_visible(False)
+    return figure
+
+
+def power_rows(found: Found) -> list[tuple[str, list[float], Mapping[str, Any]]]:
+    """(effect, power from the smallest to the largest plausible size, its entry), the most visible first."""
+    seen = {clean(v.get("effect")): v for v in core(found).get("detectable") or ()}
+    rows = []
+    for p in listed(found, "power"):
+        values = [float(q) for _, q in p.get("power") or () if known(q)]
+        if values:
+            rows.append((clean(p.get("effect")), values, seen.get(clean(p.get("effect")), {})))
+    return sorted(rows, key=lambda v: (not v[2].get("visible"), -float(np.mean(v[1]))))
+
+
+def power(found: Found) -> Figure:
+    """One strip per effect: how often a gap of that size is noticed."""
+    rows = power_rows(found)
+    figure = canvas(0.75 + 0.185 * len(rows))
+    axes = figure.subplots()
+    text = descriptions(found)
+    for k, (name, values, entry) in enumerate(rows):
+        n = len(values)
+        for i, q in enumerate(values):
+            axes.barh(-k, 1 / n, left=i / n, height=0.8, color=_POWER(q), edgecolor=PAPER, lw=0.8)
+        limit = number(entry.get("smallest_visible"))
+        word = amount(limit, entry.get("unit")) if limit is not None else "any" if entry.get("visible") else "invisible"
+        axes.text(1.03, -k, word, va="center", fontsize=8, color=INK if entry.get("visible") else GREY)
+        axes.text(-0.015, -k, short(text.get(name) or name, 62), va="center", ha="right", fontsize=8,
+                  color=INK if entry.get("visible") else GREY)  # fmt: skip
+    axes.text(1.03, 0.95, "visible from", va="center", fontsize=8, color=GREY)
+    axes.text(0.0, 0.95, "small", va="center", ha="left", fontsize=8, color=GREY)
+    axes.text(1.0, 0.95, "large", va="center", ha="right", fontsize=8, color=GREY)
+    axes.set(xlim=(0, 1), ylim=(-len(rows) - 0.9, 1.3))
+    axes.axis("off")
+    for i in range(21):
+        axes.barh(-len(rows) - 0.25, 0.4 / 21, left=i * 0.4 / 21, height=0.45, color=_POWER(i / 20), lw=0)
+    axes.text(0.42, -len(rows) - 0.25, "noticed never … always", va="center", fontsize=8, color=GREY)
+    return figure

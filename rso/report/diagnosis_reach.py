@@ -1,0 +1,103 @@
+"""How far a diagnosis reaches: its self-check, what its test plan can see, and which test would tell more."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rso.report.diagnosis_figures import leading, power_rows
+from rso.report.diagnosis_reading import Found, amount, brief, core, effects_of
+from rso.report.digits import DASH, aligned, clean, known, percent
+from rso.report.document import Block, Cell, Picture, Section, Text, column, table, words
+from rso.report.reading import listed, number
+
+
+def how_sure(found: Found) -> Section:
+    """Section 6: data simulated from the leading hypotheses, through the same pipeline."""
+    title, rows = "How sure", listed(found, "checks")
+    blocks: list[Block] = []
+    if rows:
+        columns = [column("Simulated from", words([brief(str(c.get("hypothesis"))) for c in rows]), number=False)]
+        for key, text in (
+            ("returned", "comes back as itself"),
+            ("in_set", "in the named set"),
+            ("no_gap", "called no gap"),
+        ):
+            columns.append(column(text, words([percent(number(c.get(key))) for c in rows])))
+        columns.append(column("data sets", words([str(c.get("n") or DASH) for c in rows])))
+        note = "Data simulated from each, at sizes that these data allow, and judged in the same way."
+        blocks.append(table("Self-check", columns, note))
+    else:
+        blocks.append(Text("No self-check was run: there is no cause to simulate.", "plain"))
+    wanted = [n for c in core(found).get("causes") or () if (n := clean(c.get("effect")))]
+    wanted += [e for n, _ in leading(found) for e in effects_of(n) if e not in wanted]
+    entries = {clean(v.get("effect")): v for v in core(found).get("detectable") or ()}
+    mine = [(n, entries[n]) for n in list(dict.fromkeys(wanted))[:6] if n in entries]
+    if mine and rows:
+        columns = [
+            column("Effect", words([n for n, _ in mine]), number=False),
+            column("recognised", words([_recognised(v) for _, v in mine])),
+            column("can look like", tuple(_confused(v) for _, v in mine), number=False),
+        ]
+        note = "Recognised: mean probability of the effect itself where it is large enough to be noticed; –: never."
+        blocks.append(table("What the leading hypotheses are mistaken for", columns, note))
+    return Section("sure", title, tuple(blocks))
+
+
+def _confused(v: Mapping[str, Any]) -> Cell:
+    others = ", ".join(map(clean, v.get("confused_with") or ()))
+    if not v.get("visible"):
+        return Cell(DASH, mark="quiet")
+    return Cell(others) if others else Cell("nothing else", mark="quiet")
+
+
+def _recognised(v: Mapping[str, Any]) -> str:
+    return percent(number(v.get("recognised"))) if v.get("visible") else DASH
+
+
+def in_sight(found: Found) -> Section:
+    """Section 7: what this test plan can see at all, whatever the data say."""
+    title, rows = "What the plan can see", list(core(found).get("detectable") or ())
+    if not rows:
+        return Section("sight", title, (Text("What the plan can see was not computed.", "missing"),))
+    blind = sum(not v.get("visible") for v in rows)
+    text = f"Of {len(rows)} effects this plan can see {len(rows) - blind} at some plausible size"
+    blocks: list[Block] = [Text(text + (f"; {blind} stay invisible, whatever their size." if blind else "."))]
+    order = {n: k for k, (n, _, _) in enumerate(power_rows(found))}
+    rows.sort(key=lambda v: order.get(clean(v.get("effect")), len(order)))
+    limit = [amount(v.get("smallest_visible"), v.get("unit")) if known(v.get("smallest_visible")) else
+             "visible" if v.get("visible") else "invisible" for v in rows]  # fmt: skip
+    columns = [
+        column("Effect", words([clean(v.get("effect")) for v in rows]), number=False),
+        column("smallest visible", tuple(Cell(t, mark="quiet" if t == "invisible" else "") for t in limit)),
+        column("recognised", words([_recognised(v) for v in rows])),
+        column("confused with", tuple(_confused(v) for v in rows), number=False),
+    ]
+    note = "Smallest visible: noticed in half of the data sets, at 5 % false alarm; “visible”: it has no zero."
+    blocks.append(table("Limits of this plan", columns, note))
+    if power_rows(found):
+        caption = "How often a gap is noticed, from the smallest to the largest plausible size of each effect."
+        blocks.append(Picture("power", caption))
+    return Section("sight", title, tuple(blocks))
+
+
+def next_test(found: Found) -> Section:
+    """Section 8: tests by how well they separate what is still open."""
+    title, rows = "Next test", list(core(found).get("next_test") or ())
+    if not rows:
+        return Section("next", title, (Text("Nothing is left to tell apart, so no further test is proposed."),))
+    distance = [number(t.get("distance")) for t in rows]
+    promise = [
+        Cell("promises an answer", mark="good") if v is not None and v >= 4 else Cell("", mark="") for v in distance
+    ]
+    columns = [
+        column("Test", words([clean(t.get("test")) for t in rows]), number=False),
+        column("worst pair", words([" / ".join(map(clean, t.get("separates") or ())) for t in rows]), number=False),
+        column("D", aligned(distance, 3)),
+        column("resolves", words([f"{t.get('resolves', DASH)} of {t.get('pairs', DASH)} pairs" for t in rows])),
+        column("", tuple(promise), number=False),
+    ]
+    note = (
+        "D: distance in standard deviations between what the pair predicts for the test, after a re-fit; 4 is enough."
+    )
+    return Section("next", title, (table("Tests that would settle it", columns, note),))

@@ -1,0 +1,249 @@
+"""A diagnosis as typed views: what its sections and figures share.  Missing keys give empty views."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rso.report.digits import (
+    DASH,
+    NBSP,
+    Unit,
+    clean,
+    fixed,
+    known,
+    percent,
+    places,
+    shortest,
+    shown,
+    significant,
+    unit_text,
+)
+from rso.report.reading import listed, number, pair
+
+Found = Mapping[str, Any]
+BASE, REST = "none", "unexplained"  # parts of the names of hypotheses: no effect, a gap of no known cause
+FORCE, LENGTH = Unit("mN", 1e3), Unit("µm", 1e3)
+_POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+_BRANCH = {"loading": 0, "unloading": 1}
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One curve of one channel: arrays (n,), all known; `cause` is what is left with the cause, or None."""
+
+    depth: np.ndarray
+    branch: np.ndarray
+    measured: np.ndarray
+    sd: np.ndarray
+    base: np.ndarray
+    cause: np.ndarray | None
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """All records of one channel of one experiment, and its regions (branch or None, low, high) beyond noise."""
+
+    experiment: str
+    channel: str
+    profile: bool
+    unit: Unit
+    records: tuple[Record, ...]
+    regions: tuple[tuple[int | None, float, float], ...]
+
+
+def core(found: Found) -> Mapping[str, Any]:
+    """The block of results.json."""
+    return found.get("diagnosis") or {}
+
+
+def verdict_of(found: Found) -> str:
+    """The verdict's key."""
+    return str(core(found).get("verdict") or "")
+
+
+def parts(name: str) -> list[str]:
+    """Names of what a hypothesis is made of."""
+    return [p for p in name.split(" + ") if p]
+
+
+def effects_of(name: str) -> list[str]:
+    """Names of the effects of a hypothesis; the base model and what is unexplained are none."""
+    return [p for p in parts(name) if p not in (BASE, REST)]
+
+
+def chosen(found: Found) -> str | None:
+    """The hypothesis with effects whose residuals the diagnosis holds beside those of the base model."""
+    for r in listed(found, "residuals"):
+        for name in r.get("residual") or {}:
+            if effects_of(name):
+                return str(name)
+    return None
+
+
+def descriptions(found: Found) -> dict[str, str]:
+    """What every effect of the catalogue is, in words."""
+    return {clean(e.get("name")): clean(e.get("description")) for e in listed(found, "effects")}
+
+
+def label(found: Found, name: str) -> str:
+    """A hypothesis in words: one effect by its description, several by their names."""
+    effects, rest = effects_of(name), REST in parts(name)
+    if not effects:
+        return "something that is not in the catalogue" if rest else "nothing: the base model alone"
+    text = descriptions(found).get(effects[0]) or clean(effects[0])
+    text = text if len(effects) == 1 else " and ".join(map(clean, effects))
+    return f"{text}, and something more" if rest else text
+
+
+def brief(name: str) -> str:
+    """A hypothesis by the names of its effects, for the heading of a column."""
+    effects = " + ".join(map(clean, effects_of(name)))
+    if REST not in parts(name):
+        return effects or "base model"
+    return f"{effects} and more" if effects else "not in the catalogue"
+
+
+def chance(q: object) -> str:
+    """A probability in per cent, without digits that nobody can claim."""
+    if not known(q):
+        return DASH
+    if q > 0.995:
+        return f">{NBSP}99{NBSP}%"
+    return percent(q, 2 if q >= 0.1 else 1) if q >= 0.001 else f"<{NBSP}0.1{NBSP}%"
+
+
+def p_text(p: object) -> str:
+    """A p-value: below 0.005 the simulated null is too short to say more."""
+    if not known(p):
+        return DASH
+    return f"<{NBSP}0.005" if p < 0.005 else significant(p, 2)
+
+
+def unit_of(unit: object, size: float | None = None) -> Unit:
+    """The unit people use for a quantity of this size, powers raised."""
+    use = shown("" if unit is None else str(unit), size)
+    raised = re.sub(r"\^(\d+)", lambda m: m.group(1).translate(_POWERS), use.label)
+    return Unit(unit_text(raised), use.factor)
+
+
+def amount(x: object, unit: object, digits: int = 3) -> str:
+    """A number with its unit."""
+    use = unit_of(unit, number(x))
+    return f"{significant(number(x) * use.factor, digits)}{use.after}" if known(x) else DASH
+
+
+def interval(values: tuple[float, float, float], unit: object) -> tuple[str, str]:
+    """(median, interval) of (low, median, high) with one unit, to two digits of the half-width."""
+    use = unit_of(unit, max(map(abs, values)))
+    low, mid, high = (v * use.factor for v in values)
+    if low > 0 and high > 3 * low:  # a factor: each end has its own digits
+        texts = [significant(v, 2) for v in (low, mid, high)]
+    else:
+        decimals = places((high - low) / 2, 2) if high > low else places(max(abs(low), abs(high)), 4)
+        texts = [fixed(round(v, decimals), decimals) for v in (low, mid, high)]
+    return f"{texts[1]}{use.after}", f"{texts[0]} to {texts[2]}{use.after}"
+
+
+def sized(cause: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Size, interval and neutral value of a named cause, in one unit."""
+    size, ends, unit = number(cause.get("size")), cause.get("interval"), cause.get("unit")
+    neutral = number(cause.get("neutral"))
+    if size is None or not pair(ends):
+        return amount(size, unit), DASH, amount(neutral, unit)
+    use = unit_of(unit, max(map(abs, (size, *ends))))  # type: ignore[misc]
+    zero = DASH if neutral is None else f"{shortest(neutral * use.factor)}{use.after}"
+    return *interval((ends[0], size, ends[1]), unit), zero  # type: ignore[index]
+
+
+def band(d: Mapping[str, Any] | None) -> tuple[float, float, float] | None:
+    """(low, median, high) of a parameter, None unless all are known."""
+    values = [number((d or {}).get(k)) for k in ("low", "median", "high")]
+    return None if None in values else (values[0], values[1], values[2])  # type: ignore[return-value]
+
+
+def parameter_bands(found: Found) -> list[tuple[str, str, dict[str, tuple[float, float, float]]]]:
+    """(name, unit, {when: (low, median, high)}) of every base parameter."""
+    data = core(found).get("parameters") or {}
+    names = dict.fromkeys(k for when in ("before", "after") for k in data.get(when) or {})
+    rows = []
+    for k in names:
+        known_bands = {w: b for w in ("before", "after") if (b := band((data.get(w) or {}).get(k)))}
+        if known_bands:
+            rows.append((clean(k), str((found.get("units") or {}).get(k) or ""), known_bands))
+    return rows
+
+
+def panels(found: Found) -> list[Panel]:
+    """One per experiment and channel: first by the regions in the order of their strength, then by the residual."""
+    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for r in listed(found, "residuals"):
+        groups.setdefault((str(r.get("experiment")), str(r.get("channel"))), []).append(r)
+    where = list(core(found).get("where") or ())
+    first = [(str(r.get("experiment")), str(r.get("channel"))) for r in where]
+    kinds = {str(e.get("name")): e.get("kind") for e in listed(found, "experiments")}
+    cause = chosen(found)
+    rows = []
+    for key, members in groups.items():
+        records = tuple(v for m in members if (v := _record(m, cause)) is not None)
+        if not records:
+            continue
+        size = float(np.mean([np.mean((v.base / v.sd) ** 2) for v in records]))
+        place = first.index(key) if key in first else len(first)
+        regions = tuple(v for r, k in zip(where, first, strict=True)
+                        if k == key and r.get("beyond_noise") and (v := _region(r.get("region"))))  # fmt: skip
+        profile = kinds.get(key[0]) == "profile"
+        force = key[1].startswith("F")
+        rows.append(((place, -size), Panel(*map(clean, key), profile, FORCE if force else LENGTH, records, regions)))
+    return [v for _, v in sorted(rows, key=lambda v: v[0])]
+
+
+def _record(r: Mapping[str, Any], cause: str | None) -> Record | None:
+    """The readings of which everything is known."""
+    residual = r.get("residual") or {}
+    names = ["depth", "branch", "measured", "sd"]
+    columns = [r.get(k) for k in names] + [residual.get(BASE)] + ([residual[cause]] if cause in residual else [])
+    if any(c is None for c in columns):
+        return None
+    rows = [v for v in zip(*columns, strict=False) if all(map(known, v)) and v[3] > 0]  # type: ignore[arg-type]
+    if not rows:
+        return None
+    data = np.array(rows, float).T
+    return Record(data[0], data[1].astype(int), data[2], data[3], data[4], data[5] if len(data) > 5 else None)
+
+
+def _region(text: object) -> tuple[int | None, float, float] | None:
+    """Branch and depths (mm) of a region from its words, None where they hold no depths."""
+    if m := re.fullmatch(r"(loading|unloading) ([\d.]+)–([\d.]+) mm", str(text)):
+        return _BRANCH[m[1]], float(m[2]), float(m[3])
+    if m := re.fullmatch(r"profile at ([\d.]+) mm", str(text)):
+        return None, float(m[1]), float(m[1])
+    return None
+
+
+def signature_places(found: Found) -> list[tuple[Sequence[float], list[Mapping[str, Any]], Panel | None]]:
+    """(place, signatures there, the strongest Fz panel recorded there), places with the strongest panel first."""
+    points = {clean(e.get("name")): e.get("point") for e in listed(found, "experiments")}
+    fz = [v for v in panels(found) if v.channel == "Fz" and not v.profile]
+    places: list[Any] = []
+    for s in listed(found, "signatures"):
+        if s.get("place") not in places:
+            places.append(s.get("place"))
+    rows = []
+    for place in places:
+        mine = [s for s in listed(found, "signatures") if s.get("place") == place]
+        rank = next((k for k, v in enumerate(fz) if points.get(v.experiment) == place), len(fz))
+        rows.append((rank, place, mine, fz[rank] if rank < len(fz) else None))
+    return [(place, mine, panel) for _, place, mine, panel in sorted(rows, key=lambda v: v[0])]
+
+
+def place_text(place: object) -> str:
+    """A point of the specimen in words."""
+    if pair(place):
+        x, y = map(shortest, place)  # type: ignore[union-attr]
+        return f"({x}, {y}){NBSP}mm"
+    return clean(place)

@@ -1,0 +1,194 @@
+import html
+import re
+
+import matplotlib
+import pytest
+from diagnosis_fixture import VERDICTS, read_back, story
+
+from rso.report import render_diagnosis
+from rso.report.diagnosis import report
+from rso.report.diagnosis_figures import draw
+from rso.report.diagnosis_maps import FIRST, PANELS
+from rso.report.diagnosis_reading import interval, panels, sized
+from rso.report.document import Facts, Picture, Table, Text
+from rso.report.page import pictures
+
+NASTY = (
+    r"""<script>alert("1")</script> & 'x' #panic("no") $\frac{1}{0}$ _a_ *b* @cite \ `raw` [c] {{ 7*7 }} // no ~ <l>"""
+)
+
+
+def texts(document):
+    """Every string of a document, figures aside."""
+    found = [document.title, document.subtitle, document.byline]
+    for section in document.sections:
+        found.append(section.title)
+        for b in section.blocks:
+            if isinstance(b, Table):
+                found += [b.title, b.note, *(c.title for c in b.columns), *(cell.text for r in b.rows for cell in r)]
+            elif isinstance(b, Facts):
+                found += [t for f in b.facts for t in (f.label, f.value, f.note)]
+            elif isinstance(b, Text | Picture):
+                found.append(b.text if isinstance(b, Text) else b.caption)
+    return found
+
+
+def said(found):
+    return " ".join(texts(report(found))).replace("\xa0", " ")
+
+
+def section(found, name):
+    return next(s for s in report(found).sections if s.id == name)
+
+
+def axes_drawn(found, name):
+    return len(set(re.findall(rf'id="{name}-(axes_\d+)"', draw(found, name))))
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_every_verdict_gives_both_files(verdict, tmp_path):
+    found = read_back(story(verdict))
+    files = render_diagnosis(found, tmp_path / "new")
+    assert [f.name for f in files] == ["diagnosis.html", "diagnosis.pdf"]
+    source = files[0].read_text(encoding="utf-8")
+    assert set(re.findall(r"""https?://[^"'\s>]+""", source)) <= {
+        "http://www.w3.org/2000/svg",
+        "http://www.w3.org/1999/xlink",
+    }
+    assert not re.search(r"<script|<link|<img|@import|url\((?!#)", source)
+    ids = re.findall(r'\bid="([^"]+)"', source)
+    assert len(ids) == len(set(ids))
+    assert files[1].read_bytes().startswith(b"%PDF-")
+    text = said(found)
+    assert [s.id for s in report(found).sections][:3] == ["verdict", "where", "which"]
+    for sentence in found["words"]:
+        assert sentence in text
+    for bad in ("None", "nan", "e-0", "e+0"):
+        assert bad not in text
+
+
+def test_same_data_same_bytes_whatever_the_users_settings(tmp_path):
+    first = render_diagnosis(story("explained"), tmp_path / "a")
+    with matplotlib.rc_context({"font.size": 30, "axes.grid": True, "svg.fonttype": "none"}):
+        again = render_diagnosis(read_back(story("explained")), tmp_path / "b")
+    for a, b in zip(first, again, strict=True):
+        assert a.read_bytes() == b.read_bytes(), a.name
+    other = story("explained") | {"title": "another"}  # negative control
+    assert report(other) != report(story("explained"))
+
+
+def test_only_what_is_asked_for_is_written(tmp_path):
+    assert [f.name for f in render_diagnosis(story("no_gap"), tmp_path, pdf=False)] == ["diagnosis.html"]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "words"),
+    [
+        ("no_gap", ["reproduces these measurements within their noise", "no cause is named", "No share is printed"]),
+        ("explained", ["this explains it: relaxing share of the shear modulus", "0.170 to 0.250", "0.24 % of Fz"]),
+        ("ambiguous", ["tell its causes apart: Coulomb friction", "; or work of adhesion", "promises an answer"]),
+        ("partly", ["is part of it, not all", "stiffness of the skin"]),
+        ("unexplained", ["nothing in the catalogue explains it", "No cause of the catalogue is named"]),
+        ("measurement", ["Not the model but the measurement is off: load-train compliance"]),
+    ],
+)
+def test_the_verdict_is_said_in_words(verdict, words):
+    text = said(story(verdict))
+    for w in words:
+        assert w in text, w
+
+
+def test_one_panel_per_experiment_and_channel_the_strongest_first():
+    found = story("explained")
+    rows = panels(found)
+    assert len(rows) == len({(r["experiment"], r["channel"]) for r in found["residuals"]})
+    assert [(p.experiment, p.channel) for p in rows[:3]] == [("cycle_100", "Fz"), ("cycle_10", "Fz"), ("aside", "Fz")]
+    assert rows[1].regions == ((1, 2.0, 4.0), (0, 1.3, 2.7)) and rows[2].regions == ()
+    assert axes_drawn(found, "residuals") == FIRST
+    assert axes_drawn(found, "residuals-more") == min(len(rows), PANELS) - FIRST
+    many = story("explained")
+    many["residuals"] += [r | {"experiment": f"more {k}"} for k, r in enumerate(many["residuals"][:4])]
+    assert axes_drawn(many, "residuals-more") == PANELS - FIRST
+    assert "4 more panels, weaker than these, are not drawn" in said(many)
+    few = story("explained")
+    few["residuals"] = few["residuals"][:1]
+    assert "residuals-more" not in pictures(report(few)) and axes_drawn(few, "residuals") == 1
+
+
+def test_readings_that_are_not_known_leave_no_trace():
+    found = story("explained")
+    before = [len(p.records[0].base) for p in panels(found)]
+    for r in found["residuals"]:
+        r["depth"][3] = r["residual"]["none"][5] = None
+    assert [len(p.records[0].base) for p in panels(found)] == [n - 2 for n in before]
+    draw(found, "residuals")
+
+
+def test_foreign_text_is_never_markup(tmp_path):
+    found = story("ambiguous")
+    found["title"] = NASTY
+    found["words"] = [NASTY]
+    found["notes"] = found["failed_runs"] = [NASTY, "\x00\x1b"]
+    found["command"] = NASTY
+    found["effects"][6]["description"] = found["diagnosis"]["causes"][0]["description"] = NASTY
+    for rows in (found["experiments"], found["residuals"], found["diagnosis"]["where"], found["held_out"]):
+        rows[0] |= {"name" if rows is found["experiments"] else "experiment": NASTY}
+    found["diagnosis"]["next_test"][0]["test"] = NASTY
+    source, pdf = (f.read_bytes() for f in render_diagnosis(found, tmp_path))
+    page = source.decode("utf-8")
+    assert "<script" not in page and "\x00" not in page and pdf.startswith(b"%PDF-")
+    visible = html.unescape(re.sub(r"<[^>]*>", " ", re.sub(r"(?s)<svg.*?</svg>", "", page)))
+    assert visible.count(NASTY) >= 8
+
+
+def test_what_is_missing_is_said_to_be_missing(tmp_path):
+    assert "There is no verdict" in said({})
+    assert len(render_diagnosis({}, tmp_path)) == 2
+    whole = read_back(story("ambiguous"))
+    for key in whole:
+        found = {k: v for k, v in whole.items() if k != key}
+        for name in pictures(report(found)) if key != "words" else []:
+            if key in ("diagnosis", "residuals", "effects", "experiments"):
+                draw(found, name)
+    for key in whole["diagnosis"]:
+        for value in ({}, None):
+            report(whole | {"diagnosis": {k: v for k, v in whole["diagnosis"].items() if k != key} | (value or {})})
+            report(whole | {"diagnosis": whole["diagnosis"] | {key: None}})
+
+
+def test_one_curve_leaves_nothing_to_test_a_cause_on():
+    found = story("explained")
+    found["diagnosis"]["shrinkage"] |= {"before": None, "refit_only": None, "with_cause": None, "curves": []}
+    assert "nothing is left to test a cause on" in said(found) and "shrinkage" not in pictures(report(found))
+    found["held_out"] = []
+    assert "Does it predict" not in said(found)
+
+
+def test_held_out_gains_add_up():
+    rows = next(
+        b.rows
+        for b in section(story("explained"), "which").blocks
+        if isinstance(b, Table) and b.title.startswith("Does it predict")
+    )
+    assert [c.text for c in rows[-1]][:2] == ["all together", "+36.7"]
+
+
+def test_numbers_are_shown_to_the_digits_of_their_interval():
+    assert interval((0.00990, 0.0103, 0.01070), "MPa") == ("10.30\xa0kPa", "9.90 to 10.70\xa0kPa")
+    assert interval((1.67, 11.66, 30.5), "1/MPa") == ("12\xa0MPa⁻¹", "1.7 to 30\xa0MPa⁻¹")
+    assert interval((1.029, 1.031, 1.033), "1") == ("1.0310", "1.0290 to 1.0330")
+    cause = {"size": 0.67e-3, "interval": [0.45e-3, 0.90e-3], "unit": "MPa", "neutral": 0.0}
+    assert sized(cause) == ("0.67\xa0kPa", "0.45 to 0.90\xa0kPa", "0\xa0kPa")
+    assert sized({"size": 0.011, "interval": [0.007, 0.016], "unit": "N/mm^3", "neutral": None})[2] == "–"
+
+
+def test_a_share_that_is_not_known_is_not_printed():
+    found = story("explained")
+    assert "95 % of what exceeds the noise floor is closed (90 %: 81 to 99 %)" in said(found)
+    found["diagnosis"]["shrinkage"] |= {"closed": None, "interval": None}
+    assert "No share is printed" in said(found) and "is closed" not in said(found)
+
+
+def test_an_unknown_figure_is_refused():
+    with pytest.raises(ValueError, match="no figure"):
+        draw(story(), "nothing")
