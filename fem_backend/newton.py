@@ -15,7 +15,6 @@ from fem_backend.laws import Material
 from fem_backend.linsolve import Factor, NotPositiveDefinite, Solve
 from fem_backend.stress import History
 
-NEAR, PAYS = 0.1, 0.2  # an old factor is tried below this relative residual, as long as it leaves at most that share
 FAR = 0.3  # relative residual above which the negative contact term is left out: it would only spoil the matrix
 
 
@@ -98,7 +97,6 @@ class Counters:
     shifts: int = 0
     steps: int = 0
     cutbacks: int = 0
-    chords: int = 0
     deadline: float = np.inf
 
 
@@ -197,64 +195,35 @@ def full(body: Body, v: np.ndarray) -> np.ndarray:
 
 
 def solve(
-    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = 40,
-    last: Equilibrium | None = None,
-) -> Equilibrium:  # fmt: skip
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = 40
+) -> Equilibrium:
     """Equilibrium from the start u (n, 3): |R| ≤ tolerance · |outer forces|, over free dofs.
 
-    A factor goes on to be used while its steps reduce a small residual well; `last` is a solution whose factor still
-    stands, to begin with.
-    Raises NotConverged (instability, contact, inversion or time_limit) after `limit` factors or a failed line search.
+    Raises NotConverged (instability, contact, inversion or time_limit) after `limit` iterations or a failed line
+    search.
     """
-    body, history, moving = system.body, [], None
-    linear, rate = (None, None) if last is None else (last.linear, last.rate)
+    body, history = system.body, []
     try:
         at = evaluate(system, u, load)
     except stress.Inverted as error:
         raise NotConverged("inversion", str(error), ()) from None
     for _ in range(limit):
-        history.append(_relative(system, at))
-        if linear is not None and (history[-1] < NEAR or len(history) == 1):
-            at = _chord(system, at, linear, load, tolerance, counters, history)
+        R = reduced(body, at.residual)
+        norm = float(np.linalg.norm(R))
+        history.append(norm / at.scale if at.scale > 0 else float(norm > 0))
         if time.process_time() > counters.deadline:
             raise NotConverged("time_limit", "the time of the run is used up", tuple(history))
-        if linear is None or history[-1] > tolerance:
+        if history[-1] > tolerance or len(history) == 1:
             factor, moving = factorise(system, at, load, counters, history[-1] < FAR)
-            linear, rate = (lambda v, factor=factor: full(body, factor(reduced(body, v)))), None
-        if history[-1] <= tolerance:
-            return Equilibrium(at, -linear(moving) if rate is None else rate, tuple(history), linear)
+        if history[-1] <= tolerance:  # rate and sensitivities: the last factor is good enough
+            linear = lambda v, factor=factor: full(body, factor(reduced(body, v)))  # noqa: E731
+            return Equilibrium(at, -linear(moving), tuple(history), linear)
         counters.iterations += 1
-        step = linear(-at.residual)
-        slope = float((at.residual * step).sum())
+        step = factor(-R)
         exact = load.conservative and (history[-1] > 1e-2 or not any(t.before for t in load.touches))
         search = _descend if exact else _balance
-        at = search(system, at, step, slope, load, counters, history)
+        at = search(system, at, full(body, step), float(R @ step), load, counters, history)
     raise NotConverged("contact", f"no equilibrium after {limit} iterations", tuple(history))
-
-
-def _relative(system: System, at: Evaluation) -> float:
-    """|R| over the outer forces."""
-    norm = float(np.linalg.norm(reduced(system.body, at.residual)))
-    return norm / at.scale if at.scale > 0 else float(norm > 0)
-
-
-def _chord(
-    system: System, at: Evaluation, linear: Callable[[np.ndarray], np.ndarray], load: Load, tolerance: float,
-    counters: Counters, history: list[float],
-) -> Evaluation:  # fmt: skip
-    """Steps with a factor of the past while they pay (modified Newton: a twentieth of the cost of a new factor)."""
-    while history[-1] > tolerance:
-        try:
-            trial = evaluate(system, at.u - linear(at.residual), load)
-        except stress.Inverted:
-            return at
-        counters.chords += 1
-        left = _relative(system, trial)
-        if not left < PAYS * history[-1]:
-            return at
-        history.append(left)
-        at = trial
-    return at
 
 
 def _descend(

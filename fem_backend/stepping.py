@@ -108,9 +108,8 @@ Watch = Callable[[Stage, bool], None]  # called at each stage, and whether it is
 
 
 def find(
-    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = 40,
-    last: Equilibrium | None = None,
-) -> Equilibrium:  # fmt: skip
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = 40
+) -> Equilibrium:
     """Equilibrium from u (n, 3); a body in a bowl that is lost is led there on a tether.
 
     Each solution on the tether is where the next one is tied to (proximal point method, Rockafellar 1976), the tether
@@ -118,7 +117,7 @@ def find(
     small moves.  Raises NotConverged.
     """
     try:
-        return newton.solve(system, u, load, tolerance, counters, limit, last)
+        return newton.solve(system, u, load, tolerance, counters, limit)
     except NotConverged as error:
         if system.springs is None or error.cause == "time_limit":
             raise
@@ -217,10 +216,9 @@ def _settle(
 ) -> Point:  # fmt: skip
     """Tight equilibrium at an asked travel, multipliers λ ← p a fixed number of times (Uzawa)."""
     stages: list[Stage] = []
-    found = None
     for k in range(control.augmentations + 1):
         tolerance = control.tight if k == control.augmentations else control.medium
-        found = find(system, u, load, tolerance, counters, last=found)
+        found = find(system, u, load, tolerance, counters)
         stages.append(Stage(found, load))
         if watch is not None:
             watch(stages[-1], k == control.augmentations)

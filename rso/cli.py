@@ -77,6 +77,16 @@ def _parser() -> argparse.ArgumentParser:
             command.add_argument("--jobs", type=int, help="simulations at a time (default: dispatch.jobs)")
         if name == "run":
             command.add_argument("--fresh", action="store_true", help="move the old results aside and start again")
+    words = (
+        "Diagnose every laboratory folder below FOLDER: nominal.json says what the experimenter believes, the CSV "
+        "files hold what was measured. Answers are written one by one; folders that have one are passed over."
+    )
+    blind = commands.add_parser("blind", help="diagnose laboratory folders (nominal.json, CSV)", description=words)
+    blind.add_argument("folder", type=Path, help="a laboratory folder, or the folder that holds several")
+    blind.add_argument("--out", type=Path, default=Path("answers"), help="where answers go (default: answers/)")
+    blind.add_argument("--jobs", type=int, default=2, help="simulations at a time")
+    blind.add_argument("--seed", type=int, default=1, help="seed of the simulated data sets")
+    blind.set_defaults(call=_blind)
     return parser
 
 
@@ -214,6 +224,30 @@ def _diagnose(options: argparse.Namespace, command: str) -> int:
         print(textwrap.fill(line, min(shutil.get_terminal_size().columns, 100)))
     print("\n" + "\n".join(str(f) for f in files))
     return EXIT_FAILED_RUNS if found["failed_runs"] else 0
+
+
+def _blind(options: argparse.Namespace, command: str) -> int:
+    from rso.progress import Progress
+    from rso.running import WorkerPool
+    from rso.running.adapters import Source
+    from rso.store import RunStore
+    from rso.study.blind import answer, cases_of
+
+    cases = cases_of(options.folder)
+    if not cases:
+        print(f"rso: {options.folder}: no folder with a nominal.json in it", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    options.out.mkdir(parents=True, exist_ok=True)
+    bad = 0
+    with (
+        RunStore(options.out / "store") as store,
+        WorkerPool(options.jobs, source=Source("fem_backend.backend:BACKEND")) as pool,
+        Progress() as progress,
+    ):
+        found = answer(cases, options.out, store, pool, seed=options.seed, watch=progress.watch, say=progress.say)
+        bad = sum("error" in data for _, data in found)
+    print(f"{len(cases)} cases, answers in {options.out}" + (f"; {bad} could not be read" if bad else ""))
+    return EXIT_BAD_INPUT if bad else 0
 
 
 def _executor(table: Any, jobs: int, source: Any, folder: Path) -> Any:

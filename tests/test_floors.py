@@ -13,7 +13,7 @@ ROOMS = {
         "contract units",
         "curves measurement similarity doe surrogates sensitivity feasibility",
         "store running targets benchmarks emulator",
-        "search verify identify",
+        "search verify identify diagnosis",
         "study",
         "report progress",
         "cli",

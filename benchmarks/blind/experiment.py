@@ -43,13 +43,12 @@ class Mechanics:
     the ratio of the forces with and without the effect (see README).
     """
 
-    def __init__(self, muD1, tables=None, rows=None, additive=False):
+    def __init__(self, muD1, tables=None, additive=False):
         self.muD1, self.tables, self.additive = muD1, tables or {}, additive
-        self.rows = rows or json.loads(library.FILE.read_text())
 
     def null(self, place, d):
         """Null force over mu at the place, (n, 3)."""
-        return library.null_curve(place, self.muD1, d, self.rows)
+        return library.null_curve(place, self.muD1, d)
 
     def _table(self, keys, d):
         for key in keys:
@@ -101,7 +100,9 @@ class Mechanics:
         if far is not None:  # how the effect turns the force at (20, 0), and how it softens the support there
             near = self.null("20_0", np.clip(d, 0.3, None))
             side[:, :2] = ((far[:, 0] / far[:, 2]) / (near[:, 0] / near[:, 2]))[:, None]
-            drop = (far[:, 2] / near[:, 2]) / np.clip(self._ratio(self.top(test, repeat, branch, np.clip(d, 0.3, None)), d), 0.05, None)[:, 0]
+            drop = (far[:, 2] / near[:, 2]) / np.clip(
+                self._ratio(self.top(test, repeat, branch, np.clip(d, 0.3, None)), d), 0.05, None
+            )[:, 0]
             side *= (1 + (drop - 1) * 2 * (2.5 / 20) ** 2)[:, None]
         return null * ratio * side
 
@@ -114,7 +115,7 @@ class Mechanics:
             if key in self.tables and self.tables[key].get("uz"):
                 t = self.tables[key]
                 return library.in_depth(t["d"], t["uz"], d)
-        return library.null_profile(self.muD1, d, self.rows)
+        return library.null_profile(self.muD1, d)
 
 
 def turned(mechanics, F, place, d, chain):
@@ -235,7 +236,7 @@ def clean(mechanics, mu, chain, deep=DEEP):
 
 def noisy(record, rng, noise, jitter):
     """Add noise: gain per test, white or coloured force noise, depth noise, contact jitter (shifts the force)."""
-    t, depth, F, true = record
+    t, depth, F, _ = record
     slope = np.gradient(F, t, axis=0) / np.maximum(np.abs(np.gradient(depth, t)), 1e-9)[:, None] if jitter else 0.0
     F = (F + jitter * slope * np.sign(np.gradient(depth, t))[:, None]) * (1 + noise["repeat_gain"] * rng.normal())
     e = rng.normal(size=F.shape)
@@ -258,7 +259,7 @@ def write(folder, mechanics, mu, chain, rng, noise, nominal, deep=DEEP):
             hit = rng.uniform(size=F.shape) < chain["spikes"]
             F = F + hit * rng.normal(0, 0.05, F.shape)
         head = "time_s,depth_mm,Fx_N,Fy_N,Fz_N"
-        rows = [f"{a:.3f},{b:.4f},{f[0]:.5f},{f[1]:.5f},{f[2]:.5f}" for a, b, f in zip(t, d, F)]
+        rows = [f"{a:.3f},{b:.4f},{f[0]:.5f},{f[1]:.5f},{f[2]:.5f}" for a, b, f in zip(t, d, F, strict=True)]
         if test[1]:
             head, rows = "repeat," + head, [f"{test[1]}," + r for r in rows]
         files.setdefault(test[0], [head]).extend(rows)
@@ -268,7 +269,9 @@ def write(folder, mechanics, mu, chain, rng, noise, nominal, deep=DEEP):
     if chain.get("offset_x"):
         uz = np.array([np.interp(MARKS - chain["offset_x"], MARKS, row) for row in uz])
     files["profile"] = ["depth_mm,x_mm,y_mm,uz_mm"] + [
-        f"{d:g},{x:g},5,{u + noise['profile_mm'] * rng.normal():.4f}" for d, row in zip(at, uz) for x, u in zip(MARKS, row)
+        f"{d:g},{x:g},5,{u + noise['profile_mm'] * rng.normal():.4f}"
+        for d, row in zip(at, uz, strict=True)
+        for x, u in zip(MARKS, row, strict=True)
     ]
     for name, lines in files.items():
         (folder / f"{name}.csv").write_text("\n".join(lines) + "\n")
@@ -278,28 +281,48 @@ def write(folder, mechanics, mu, chain, rng, noise, nominal, deep=DEEP):
     return records
 
 
-def signal(records, D1, mu, noise, rows, deep=DEEP):
-    """Size of the effect over the noise after re-fit of (mu, D1), gains and contact offsets: sqrt(min chi^2).
+def signal(records, D1, mu, noise):
+    """Size of the effect over the noise after re-fit of mu, D1, gains and contact offsets; and where it stands out.
 
-    Noise-free records against the null curves; gains (1 %) and contact offsets (10 um) per curve are fitted with
-    their priors. About 3 is hardly visible; the null gives nearly zero.
+    sqrt(min chi^2) of the noise-free records against the null curves, gains (1 %) and contact offsets (10 um) of
+    each curve fitted with their priors by Gauss-Newton. About 3 is hardly visible; the null gives nearly zero.
+    Returns (signal, [{"experiment", "channel", "share of chi^2"}] largest first).
     """
-    keep = [(test, rec) for test, rec in records]
 
-    def residuals(p):
-        m, muD1 = np.exp(p[0]), np.exp(np.clip(p[1], np.log(0.008), np.log(1.5)))
-        mech = Mechanics(muD1, rows=rows)
-        out = []
-        for k, (test, (_, depth, F, _)) in enumerate(keep):
-            f = m * mech.null(test[2], np.clip(depth + p[2 + 2 * k], 0, None)) * (1 + p[3 + 2 * k])
-            slope = np.gradient(f[:, 2]) / np.where(np.abs(np.gradient(depth)) < 1e-6, 0.1, np.gradient(depth))
-            sd = np.sqrt(noise["force_N"] ** 2 + (noise["depth_mm"] * slope) ** 2)
-            out += [((F[:, 2] - f[:, 2]) / sd), (F[:, 0] - f[:, 0]) / noise["force_N"], (F[:, 1] - f[:, 1]) / noise["force_N"]]
-            out += [np.array([p[2 + 2 * k] / 0.01, p[3 + 2 * k] / 0.01])]
-        return np.concatenate(out)
+    def model(p, k, test, depth):
+        return np.exp(p[0]) * null(test[2], p[1], depth + p[2 + 2 * k]) * (1 + p[3 + 2 * k])
 
-    from scipy.optimize import least_squares
+    def null(place, ln, d):
+        return library.null_curve(place, np.exp(np.clip(ln, np.log(0.008), np.log(1.5))), np.clip(d, 0, None))
 
-    p0 = np.r_[np.log(mu), np.log(mu * D1), np.zeros(2 * len(keep))]
-    fit = least_squares(residuals, p0, method="lm" if False else "trf", x_scale=np.r_[0.1, 1.0, np.full(2 * len(keep), 0.01)], max_nfev=8)
-    return float(np.sqrt(2 * fit.cost))
+    n = len(records)
+    p = np.r_[np.log(mu), np.log(mu * D1), np.zeros(2 * n)]
+    step = np.r_[1e-3, 1e-2, np.full(2 * n, 1e-4)]
+    chi = np.inf
+    for _ in range(6):
+        blocks, rows = [], []
+        for k, (test, (_, depth, F, _)) in enumerate(records):
+            f = model(p, k, test, depth)
+            J = np.zeros((3 * len(depth), len(p)))
+            for j in (0, 1, 2 + 2 * k, 3 + 2 * k):
+                q = p.copy()
+                q[j] += step[j]
+                J[:, j] = ((model(q, k, test, depth) - f) / step[j]).T.ravel()
+            slope = np.abs(J[2 * len(depth) :, 2 + 2 * k])
+            sd = np.sqrt(noise["force_N"] ** 2 + np.outer([0, 0, 1], noise["depth_mm"] * slope) ** 2)
+            blocks.append((F.T - f.T) / sd)
+            rows.append(J / sd.ravel()[:, None])
+        prior = np.diag(np.r_[0.1, 0.1, np.full(2 * n, 100.0)])  # sd 10 for ln mu and ln mu D1; 0.01 for the rest
+        r = np.concatenate([*(b.ravel() for b in blocks), -prior[2:] @ p])
+        chi = min(chi, float(np.sqrt(r @ r)))
+        J = np.concatenate([*rows, prior[2:]])
+        move = np.linalg.lstsq(J, r, rcond=None)[0]
+        p = p + np.clip(move, -0.5, 0.5)
+    share = {}
+    for (test, _), b in zip(records, blocks, strict=True):
+        for channel, part in zip(("Fx", "Fy", "Fz"), b, strict=True):
+            key = (test[0], channel)
+            share[key] = share.get(key, 0.0) + float(part @ part)
+    total = max(sum(share.values()), 1e-12)
+    best = sorted(share.items(), key=lambda kv: -kv[1])[:5]
+    return chi, [{"experiment": e, "channel": c, "share": round(v / total, 3)} for (e, c), v in best]

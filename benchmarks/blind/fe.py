@@ -12,50 +12,17 @@ from dataclasses import dataclass, field, replace
 
 import ngsolve as ng
 import numpy as np
-from netgen.csg import CSGeometry, Ellipsoid, Plane, Pnt, Sphere, Vec
-from netgen.meshing import MeshingParameters
-from scipy.optimize import brentq, minimize
+from body import AXES, Model, approach, ellipsoid_mesh, rotation, symmetry
+from laws import isochoric_energy, stiffness_field
 
-AXES = np.array([60.0, 35.0, 35.0])
 POINT_DEPTHS = (0.1, 0.3, 0.7, 1.2, 1.8, 2.5, 3.2, 4.0)
 TOP_DEPTHS = (0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
-DEEP_DEPTHS = TOP_DEPTHS + (4.5, 5.0, 5.5, 5.8, 6.0, 6.2)
-VERBOSE = False
+DEEP_DEPTHS = (*TOP_DEPTHS, 4.5, 5.0, 5.5, 5.8, 6.0, 6.2)
 MARKS = np.arange(-30.0, 31.0, 5.0)
 
 
 class NotConverged(RuntimeError):
-    """Newton's method did not converge within the smallest step."""
-
-
-@dataclass(frozen=True)
-class Model:
-    """One mechanical experiment in units of mm and mu; the defaults are the experimenter's belief."""
-
-    muD1: float = 0.1
-    c20: float = 0.0  # Yeoh, over mu
-    c30: float = 0.0
-    alpha: float = 2.0  # Ogden exponent, a multiple of one half
-    fibre: float = 0.0  # tension-only fibre stiffness over mu
-    fibre_axis: int = 0
-    skin_ratio: float = 1.0
-    skin_thickness: float = 0.5
-    gradient: float = 0.0  # modulus times exp(gradient * distance below the surface / 10 mm)
-    blob_ratio: float = 1.0  # inclusion (or, nearly zero, cavity) in a sphere
-    blob_centre: tuple = (0.0, 0.0, 20.0)
-    blob_radius: float = 0.0
-    axes: tuple = (1.0, 1.0, 1.0)  # factors of the semi-axes
-    radius: float = 3.0
-    weight: float = 0.0  # specific weight over mu, 1/mm
-    friction: float = 0.0
-    adhesion: float = 0.0  # work of adhesion over mu, mm
-    adhesion_range: float = 0.2
-    bowl: float | None = None  # clearance; None: lower half held
-    bowl_friction: float = 0.0
-    prony: tuple = ()  # ((g, tau), ...)
-    mullins: tuple | None = None  # (r, m): eta = 1 - tanh((Wmax - W)/(m Wmax + m0))/r, see energies()
-    line: tuple = (0.0, 0.0)  # (x, y) of the vertical the sphere's centre moves on
-    tilt: tuple = (0.0, 0.0)  # rotation of the specimen (with its holder) about x, then y, radians
+    """Newton's method did not converge within the smallest step; `reached` holds the path up to there."""
 
 
 @dataclass
@@ -67,152 +34,6 @@ class Path:
     F: list = field(default_factory=list)
     Ec: list = field(default_factory=list)
     uz: list = field(default_factory=list)
-
-
-def rotation(tilt):
-    """Matrix of the specimen's rotation about x, then about y."""
-    (cx, sx), (cy, sy) = [(np.cos(a), np.sin(a)) for a in tilt]
-    return np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]]) @ np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-
-
-def approach(model):
-    """Start of the sphere's centre c0 at first contact, unit direction and contact point, in the specimen's frame."""
-    a = AXES * np.array(model.axes)
-    Q = rotation(model.tilt)
-    direction = Q.T @ np.array([0.0, 0.0, -1.0])
-    x0 = Q.T @ np.array([*model.line, 0.0])
-
-    def surface(q):
-        return np.array([q[0], q[1], a[2] * np.sqrt(max(1 - (q[0] / a[0]) ** 2 - (q[1] / a[1]) ** 2, 1e-9))])
-
-    def nearest(s):
-        c = x0 - s * direction
-        best = minimize(lambda q: np.sum((surface(q) - c) ** 2), c[:2], tol=1e-14)
-        return np.sign(np.sum((c / a) ** 2) - 1) * np.sqrt(best.fun), surface(best.x)
-
-    height = brentq(lambda s: nearest(s)[0] - model.radius, 30.0, 55.0, xtol=1e-9)
-    return x0 - height * direction, direction, nearest(height)[1]
-
-
-def symmetry(model):
-    """'quarter', 'half_x' (x >= 0 modelled), 'half_y' (y >= 0 modelled) or 'full'."""
-    cx, cy, _ = model.blob_centre
-    odd_x = model.line[0] != 0 or model.tilt[1] != 0 or (model.blob_ratio != 1 and cx != 0)
-    odd_y = model.line[1] != 0 or model.tilt[0] != 0 or (model.blob_ratio != 1 and cy != 0)
-    return {(0, 0): "quarter", (0, 1): "half_x", (1, 0): "half_y", (1, 1): "full"}[int(odd_x), int(odd_y)]
-
-
-def ellipsoid_mesh(sym, centre, h, blob=None, bottom_h=None):
-    """Tetrahedral mesh of the nominal ellipsoid, refined to h near `centre` (x, y)."""
-    g = CSGeometry()
-    a, b, c = AXES
-    origin = Pnt(0, 0, 0)
-    up = Ellipsoid(origin, Vec(a, 0, 0), Vec(0, b, 0), Vec(0, 0, c)).bc("top") * Plane(origin, Vec(0, 0, -1)).bc("mid")
-    low = Ellipsoid(origin, Vec(a, 0, 0), Vec(0, b, 0), Vec(0, 0, c)).bc("bottom") * Plane(origin, Vec(0, 0, 1)).bc("mid")
-    cuts = []
-    if sym in ("quarter", "half_x"):
-        cuts.append(Plane(origin, Vec(-1, 0, 0)).bc("symx"))
-    if sym in ("quarter", "half_y"):
-        cuts.append(Plane(origin, Vec(0, -1, 0)).bc("symy"))
-    if blob:
-        ball = Sphere(Pnt(*blob[0]), blob[1]).bc("blob")
-        up, inside = up - ball, ball
-        for cut in cuts:
-            inside = inside * cut
-        g.Add(inside.mat("blob"))
-    for cut in cuts:
-        up, low = up * cut, low * cut
-    g.Add(up.mat("body"))
-    g.Add(low.mat("body"))
-    for factor, grading in ((1, 0.45), (1.06, 0.4), (0.95, 0.4), (1.12, 0.5), (0.9, 0.35), (1.2, 0.3)):
-        try:  # netgen's surface mesher sometimes gives up on a set of sizes
-            mesh = ng.Mesh(g.GenerateMesh(_sizes(centre, h * factor, bottom_h, grading)))
-        except Exception:
-            continue
-        mesh.Curve(2)
-        return mesh
-    raise NotConverged("no mesh")
-
-
-def _sizes(centre, h, bottom_h, grading):
-    """Meshing parameters: h around the contact, bottom_h (or nothing) around the seat of a bowl."""
-    a, b, c = AXES
-    par = MeshingParameters(maxh=12, grading=grading)
-    for r in np.arange(0, 4.6, 0.5):
-        for phi in np.linspace(0, 2 * np.pi, max(1, int(4 * np.pi * r)), endpoint=False):
-            x, y = centre[0] + r * np.cos(phi), centre[1] + r * np.sin(phi)
-            z = c * np.sqrt(1 - (x / a) ** 2 - (y / b) ** 2)
-            for below in (0, 0.5, 1.0):
-                par.RestrictH(x, y, z - below, h)
-    if bottom_h:
-        for r in np.arange(0, 12.1, 2.0):
-            for phi in np.linspace(0, 2 * np.pi, max(1, int(np.pi * r)), endpoint=False):
-                x, y = 0.7 * centre[0] + r * np.cos(phi), 0.7 * centre[1] + r * np.sin(phi)
-                par.RestrictH(x, y, -c * np.sqrt(1 - (x / a) ** 2 - (y / b) ** 2), bottom_h)
-    return par
-
-
-def power_sums_of_stretches(C, J, alpha):
-    """sum lambda_i^alpha of C's square root, alpha a multiple of 1/2, smooth where stretches coincide.
-
-    The trace t of the square root of a matrix with invariants (I, II, III) is the largest root of
-    (t^2 - I)^2 = 4 (II + 2 sqrt(III) t); done twice, then Newton's identities.
-    """
-
-    def root(I, II, sqrt_III):
-        t = ng.sqrt(3.0 * I)
-        for _ in range(7):
-            f = (t * t - I) * (t * t - I) - 4 * (II + 2 * sqrt_III * t)
-            t = t - f / (4 * t * (t * t - I) - 8 * sqrt_III)
-        return t, 0.5 * (t * t - I), sqrt_III
-
-    I = ng.Trace(C)
-    e1, e2, e3 = root(I, 0.5 * (I * I - ng.InnerProduct(C, C)), J)
-    e1, e2, e3 = root(e1, e2, ng.sqrt(e3))
-    n = round(2 * alpha)
-    if n < 0:  # power sums of the inverses
-        e1, e2, e3, n = e2 / e3, e1 / e3, 1 / e3, -n
-    p = [ng.CF(3.0), e1, e1 * e1 - 2 * e2]
-    for _ in range(3, n + 1):
-        p.append(e1 * p[-1] - e2 * p[-2] + e3 * p[-3])
-    return p[n]
-
-
-def isochoric_energy(model, F, J):
-    """Isochoric strain energy over mu (without the viscous and softening parts), as a symbolic expression."""
-    C = F.trans * F
-    C_bar = J ** (-2 / 3) * C
-    i1 = ng.Trace(C_bar) - 3
-    if model.alpha != 2:
-        sums = power_sums_of_stretches(C, J, model.alpha)
-        W = 2 / model.alpha**2 * (J ** (-model.alpha / 3) * sums - 3)
-    else:
-        W = 0.5 * i1
-    if model.c20 or model.c30:
-        W = W + model.c20 * i1 * i1 + model.c30 * i1 * i1 * i1
-    if model.fibre:
-        i4 = C_bar[model.fibre_axis, model.fibre_axis] - 1
-        W = W + 0.25 * model.fibre * ng.IfPos(i4, i4 * i4, 0.0)
-    return W
-
-
-def stiffness_field(model, mesh):
-    """Factor of the modulus at a reference point (skin, gradient, inclusion)."""
-    scale = ng.CF(1.0)
-    a = AXES
-    rho = ng.sqrt((ng.x / a[0]) ** 2 + (ng.y / a[1]) ** 2 + (ng.z / a[2]) ** 2 + 1e-6)
-    slope = ng.sqrt((ng.x / a[0] ** 2) ** 2 + (ng.y / a[1] ** 2) ** 2 + (ng.z / a[2] ** 2) ** 2 + 1e-9) / rho
-    below = (1 - rho) / slope  # distance below the surface, first order
-    if model.skin_ratio != 1:
-        ramp = 0.1 * model.skin_thickness
-        s = (model.skin_thickness - below) / ramp
-        share = 0.5 * (1 + ng.IfPos(s - 1, 1.0, ng.IfPos(s + 1, s, -1.0)))
-        scale = scale * (1 + (model.skin_ratio - 1) * share)
-    if model.gradient:
-        scale = scale * ng.exp(model.gradient * ng.IfPos(below - 30, 30.0, below) / 10)
-    if model.blob_ratio != 1:
-        scale = scale * mesh.MaterialCF({"blob": model.blob_ratio}, default=1.0)
-    return scale
 
 
 class Experiment:
@@ -279,7 +100,6 @@ class Experiment:
     def _forms(self, wmax):
         m = self.model
         (u, p), (v, _) = self.X.TnT()
-        self.centre = ng.CF(tuple(ng.Parameter(0.0) for _ in range(3)))
         self._centre = [ng.Parameter(0.0) for _ in range(3)]
         self.centre = ng.CF(tuple(self._centre))
         self.dc = [ng.Parameter(0.0) for _ in range(3)]
@@ -304,8 +124,8 @@ class Experiment:
             C = F.trans * F
             for _ in m.prony:
                 H = ng.GridFunction(self.L**6)
-                M = ng.CF((H.components[0], H.components[3], H.components[4], H.components[3], H.components[1],
-                           H.components[5], H.components[4], H.components[5], H.components[2]), dims=(3, 3))  # fmt: skip
+                h = H.components
+                M = ng.CF((h[0], h[3], h[4], h[3], h[1], h[5], h[4], h[5], h[2]), dims=(3, 3))
                 energy = energy + jac * 0.5 * ng.InnerProduct(M, C)
                 self.hist.append(H)
             self.S_old = ng.GridFunction(self.L**6)
@@ -384,14 +204,14 @@ class Experiment:
 
     def _place(self, d):
         c = self.c0 + d * self.direction
-        for par, value in zip(self._centre, c):
+        for par, value in zip(self._centre, c, strict=True):
             par.Set(float(value))
         return c
 
     def _viscous(self, dt):
         """Set the history terms for a step of length dt (see the module's docstring)."""
         total = 1.0
-        for (g, tau), H, M in zip(self.model.prony, self.hist, self.M_old):
+        for (g, tau), H, M in zip(self.model.prony, self.hist, self.M_old, strict=True):
             e, gamma = np.exp(-dt / tau), -np.expm1(-dt / tau) * tau / dt
             H.vec.data = g * e * M.vec - g * gamma * self.S_old.vec
             total += g * gamma - g
@@ -405,41 +225,57 @@ class Experiment:
             C = F.trans * F
             S = stiffness_field(self.model, self.mesh) * J ** (-2 / 3) * (ng.Id(3) - ng.Trace(C) / 3 * ng.Inv(C))
             new = ng.GridFunction(self.L**6)
-            for comp, (i, j) in zip(new.components, ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
+            for comp, (i, j) in zip(new.components, ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)), strict=True):
                 comp.Set(S[i, j])
-            for (_, tau), M in zip(self.model.prony, self.M_old):
+            for (_, tau), M in zip(self.model.prony, self.M_old, strict=True):
                 e, gamma = np.exp(-self._dt / tau), -np.expm1(-self._dt / tau) * tau / self._dt
                 M.vec.data = e * M.vec + gamma * new.vec - gamma * self.S_old.vec
             self.S_old.vec.data = new.vec
         self.previous.vec.data = self.state.vec
 
-    def press(self, path, profile=False, cut=4):
-        """Follow `path`, rows (t, d); returns a Path. Steps are halved up to `cut` times; then NotConverged.
+    def snapshot(self):
+        """Copies of all that the history consists of."""
+        fields = [self.state, self.previous] + ([self.S_old, *self.M_old] if self.model.prony else [])
+        return [(f, f.vec.CreateVector(copy=True)) for f in fields]
 
-        The exception carries what was reached (attribute `reached`).
+    @staticmethod
+    def restore(kept):
+        """Back to a snapshot."""
+        for f, vec in kept:
+            f.vec.data = vec
+
+    def largest_energy(self):
+        """Field of the isochoric energy of the present state (largest, if the sphere only went down)."""
+        F = self._stretch(self.u)
+        W = ng.GridFunction(self.L)
+        W.Set(isochoric_energy(self.model, F, ng.Det(F)))
+        return W
+
+    def press(self, path, profile=False, start=(0.0, 0.0), cut=3):
+        """Follow `path`, rows (t, d), from `start`; returns a Path.
+
+        A step that fails is halved, up to `cut` times; then NotConverged, which carries what was reached.
         """
-        if self.model.weight:
+        if self.model.weight and not start[1]:
             self.settle()
         out = Path()
         factor = {"quarter": 4, "half_x": 2, "half_y": 2, "full": 1}[self.sym]
         Q = rotation(self.model.tilt)
-        t0, d0 = 0.0, 0.0
-        trail = [(0.0, self.state.vec.CreateVector(copy=True))]
-        old_c = self._place(0.0)
+        t0, d0 = start
+        trail = [(d0, self.state.vec.CreateVector(copy=True))]
+        old_c = self._place(d0)
         for t, d in path:
             todo = [(t, d)]
             while todo:
                 t1, d1 = todo[-1]
                 c = self._place(d1)
-                for par, value in zip(self.dc, c - old_c):
+                for par, value in zip(self.dc, c - old_c, strict=True):
                     par.Set(float(value))
                 if self.model.prony:
                     self._viscous(t1 - t0)
                 self._predict(trail, d1)
                 ok = self._newton(max(0.3, 15 * abs(d1)))
-                if VERBOSE:
-                    print(f'  {d1:.3f} {ok} {self.its}', flush=True)
-                if not ok:
+                if not ok and len(trail) > 1:
                     self.state.vec.data = trail[-1][1]
                     ok = self._newton(max(0.3, 15 * abs(d1)))
                 if not ok:
@@ -453,14 +289,14 @@ class Experiment:
                 todo.pop()
                 F = factor * self._force()
                 self._store()
-                trail = (trail + [(d1, self.state.vec.CreateVector(copy=True))])[-3:]
+                trail = [*trail, (d1, self.state.vec.CreateVector(copy=True))][-3:]
                 if len(trail) > 2 and (trail[-1][0] - trail[-2][0]) * (trail[-2][0] - trail[-3][0]) <= 0:
                     trail = trail[-1:]  # turned around: no extrapolation through the corner
                 t0, d0, old_c = t1, d1, c
             out.t.append(t)
             out.d.append(d)
             out.F.append(Q @ self._symmetric(F))
-            out.Ec.append(factor * ng.Integrate(self.area * 0.5 * self._pressure(self._gap(self.u)[0]) ** 2 / self.eps * self.ds, self.mesh))
+            out.Ec.append(factor * self._contact_energy())
             out.uz.append(self._profile(Q) if profile else None)
         return out
 
@@ -487,6 +323,11 @@ class Experiment:
             t = t + self._friction(self.u)
         return np.array([ng.Integrate(self.area * t[i] * self.ds, self.mesh) for i in range(3)])
 
+    def _contact_energy(self):
+        """Energy of the penalty, int eps/2 <-g>^2 dA."""
+        g = self._gap(self.u)[0]
+        return ng.Integrate(self.area * 0.5 * self.eps * ng.IfPos(-g, g * g, 0.0) * self.ds, self.mesh)
+
     def _symmetric(self, F):
         zero = {"quarter": (0, 1), "half_x": (0,), "half_y": (1,), "full": ()}[self.sym]
         F = F.copy()
@@ -495,24 +336,18 @@ class Experiment:
 
     def _profile(self, Q):
         """Vertical displacement of the marks at nominal y = 5 mm."""
-        ax = np.array(self.model.axes)
         rows = []
         for x in MARKS:
-            z = AXES[2] * np.sqrt(1 - (x / AXES[0]) ** 2 - (5.0 / AXES[1]) ** 2)
-            X = np.array([x, 5.0, z]) / 1.0
-            flip = np.ones(3)
-            if self.sym in ("quarter", "half_x") and x < 0:
-                flip[0] = -1
-            point = None
-            for pull in (0.9995, 0.998, 0.99):
+            flip = np.array([-1.0 if self.sym in ("quarter", "half_x") and x < 0 else 1.0, 1.0, 1.0])
+            X = np.array([x, 5.0, AXES[2] * np.sqrt(1 - (x / AXES[0]) ** 2 - (5.0 / AXES[1]) ** 2)])
+            u = np.zeros(3)
+            for pull in (0.9995, 0.998, 0.99):  # the curved mesh ends a little inside of the ellipsoid
                 try:
-                    point = self.mesh(*(pull * X * flip))
-                    value = np.array(self.u(point)) * flip
+                    u = np.array(self.u(self.mesh(*(pull * X * flip)))) * flip
                     break
-                except Exception:  # outside of the curved mesh: pull inwards
+                except Exception:
                     continue
-            rows.append(float((Q @ value)[2]) if point is not None else 0.0)
-        del ax
+            rows.append(float((Q @ u)[2]))
         return rows
 
 
@@ -521,4 +356,4 @@ def curve(model, depths, speed=0.5, **options):
     return Experiment(model, **options).press([(d / speed, d) for d in depths])
 
 
-__all__ = ["DEEP_DEPTHS", "Experiment", "Model", "NotConverged", "Path", "TOP_DEPTHS", "curve", "replace"]
+__all__ = ["Experiment", "Model", "NotConverged", "Path", "curve", "replace"]

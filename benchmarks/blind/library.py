@@ -6,6 +6,7 @@ By dimension F = mu f(mu D1, d); f is interpolated by a cubic in ln(mu D1) and a
 
 import json
 import os
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -57,26 +58,53 @@ def as_table(path):
 def in_depth(d, values, at):
     """Smooth curve through (0, 0) and (d, values), evaluated at `at` >= 0: cubic spline in the root of the depth."""
     values = np.asarray(values, float)
-    zero = np.zeros((1,) + values.shape[1:])
+    zero = np.zeros((1, *values.shape[1:]))
     return CubicSpline(np.sqrt(np.r_[0, d]), np.concatenate([zero, values]))(np.sqrt(np.clip(at, 0, None)))
 
 
-def null_curve(place, muD1, at, rows=None):
-    """f(mu D1, d) at depths `at` -> (n, 3), F over mu; negative depths give 0."""
-    rows = rows or json.loads(FILE.read_text())
-    mine = sorted((r for r in rows if r["place"] == place), key=lambda r: r["muD1"])
-    x = np.log([r["muD1"] for r in mine])
-    y = np.array([in_depth(r["d"], r["F"], at) for r in mine])
-    return make_interp_spline(x, y, k=min(3, len(x) - 1))(np.log(muD1))
+@lru_cache(maxsize=1)
+def load():
+    """FILE -> {place: (ln(mu D1), list of splines in the root of the depth)}; "uz": the same for the marks."""
+    rows = json.loads(FILE.read_text())
+    return {place: prepared([r for r in rows if r["place"] == place], "F") for place in LINES} | {
+        "uz": prepared([r for r in rows if "uz" in r], "uz")
+    }
 
 
-def null_profile(muD1, at, rows=None):
-    """Vertical displacement of the marks at depths `at` -> (n, 13), mm."""
-    rows = rows or json.loads(FILE.read_text())
-    mine = sorted((r for r in rows if r["place"] == "top"), key=lambda r: r["muD1"])
-    x = np.log([r["muD1"] for r in mine])
-    y = np.array([in_depth(r["d"], r["uz"], at) for r in mine])
-    return make_interp_spline(x, y, k=min(3, len(x) - 1))(np.log(muD1))
+def prepared(rows, key):
+    """Rows of one place, sorted -> (ln(mu D1), splines through (0, 0))."""
+    rows = sorted(rows, key=lambda r: r["muD1"])
+    splines = []
+    for r in rows:
+        y = np.asarray(r[key], float)
+        splines.append(CubicSpline(np.sqrt(np.r_[0, r["d"]]), np.concatenate([np.zeros((1, y.shape[1])), y])))
+    return np.log([r["muD1"] for r in rows]), splines
+
+
+def across(x, y, at):
+    """Interpolating spline in ln(mu D1), at most cubic."""
+    return make_interp_spline(x, y, k=min(3, len(x) - 1))(at)
+
+
+def null_curve(place, muD1, d):
+    """f(mu D1, d) at depths d >= 0 -> (n, 3), the force over mu; off the top by ratio to the top's Fz."""
+    table, s = load(), np.sqrt(np.clip(d, 0, None))
+    x, splines = table["top"]
+    top = across(x, np.array([c(s) for c in splines]), np.log(muD1))
+    if place == "top":
+        return top
+    far, s1 = table[place], np.sqrt(np.clip(d, 0.1, None))
+    ratio = []
+    for ln, c in zip(*far, strict=True):
+        base = across(x, np.array([t(s1)[:, 2] for t in splines]), ln)
+        ratio.append(c(s1) / base[:, None])
+    return across(far[0], np.array(ratio), np.log(muD1)) * top[:, 2:]
+
+
+def null_profile(muD1, d):
+    """Vertical displacement of the marks at depths d -> (n, 13), mm."""
+    x, splines = load()["uz"]
+    return across(x, np.array([c(np.sqrt(np.clip(d, 0, None))) for c in splines]), np.log(muD1))
 
 
 if __name__ == "__main__":

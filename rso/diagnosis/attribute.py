@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import logsumexp
 
+from rso.contract import parameters_of
 from rso.diagnosis import noise
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.hypotheses import Hypothesis, tiles
@@ -32,6 +33,7 @@ from rso.diagnosis.mixture import (
 )
 from rso.diagnosis.prediction import predict
 from rso.diagnosis.testplan import Test
+from rso.measurement import Chain
 
 PRIOR = {"single": 0.70, "pair": 0.10, "unexplained": 0.08, "partly": 0.12}  # given that there is a gap
 NO_GAP = 0.5
@@ -111,7 +113,9 @@ def set_up(library: Library, y: np.ndarray) -> Bench:
 
 def _by_test(library: Library, scatter: Effect, centre: np.ndarray, modulus: float) -> np.ndarray:
     """∂y/∂knob (tests, n): what the knob of the chain does to each test by itself."""
-    knob = next(e for e in library.effects if e.name == scatter.cause)
+    neutral = next(p.neutral for p in parameters_of(Chain) if p.name == scatter.cause)
+    size = replace(scatter.size, name=scatter.cause, neutral=neutral)
+    knob = Effect(scatter.cause, scatter.description, "measurement", size)
     step = 0.05 * scatter.size.high
     ends = [predict(library, (knob,), np.append(centre, [[s * step]], axis=1), modulus)[0][0] for s in (-1.0, 1.0)]
     g = modulus * (ends[1] - ends[0]) / (2 * step)
@@ -205,7 +209,7 @@ def contests(
 
 
 def _gap(kind: str, n: int) -> float:
-    return float(np.log((1 - NO_GAP) * PRIOR[kind] / n))
+    return float(np.log((1 - NO_GAP) * PRIOR[kind] / max(n, 1)))
 
 
 def survivors(contest: Contest, count: int = SURVIVORS) -> list[Effect]:

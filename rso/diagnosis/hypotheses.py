@@ -13,7 +13,7 @@ from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Tiles
 from rso.diagnosis.prediction import predict
 
-BASE_TILES = {0: 1, 1: 9, 2: 5}
+BASE_TILES = {0: 1, 1: 11, 2: 5}
 SIZE_TILES = 8
 SIZE_TILES_SIDE = 6  # per side of an effect with two signs
 SHAPE_TILES = {True: 6, False: 3}  # a time, anything else

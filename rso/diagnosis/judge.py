@@ -108,7 +108,7 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     held = _held_out(bench, y, [Hypothesis(()), *_finalists(contest)])
     gain = {h: sum(c.gain[h] for c in held) for h in held[0].gain} if held else {}
     pure = Hypothesis(chosen.effects).name
-    if verdict in ("explained", "measurement", "ambiguous") and gain.get(pure, 0.0) <= 0 < len(chosen.effects):
+    if held and verdict in ("explained", "measurement", "ambiguous") and gain.get(pure, 0.0) <= 0 < len(chosen.effects):
         verdict = "unexplained"  # evidence without prediction is no cause
     where = localise.localise(library.plan, evidence.ready(()), bench.C, y, seed)
     r = bench.whites[0](y - shrinkage.predicted(library, (), posts["none"], bench.modulus))
@@ -117,7 +117,7 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     fits = {name: shrinkage.predicted(library, h.effects, posts[name], bench.modulus)
             for name, h in {"none": Hypothesis(()), chosen.name: chosen}.items()}  # fmt: skip
     return Diagnosis(
-        verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), _causes(contest, posts, verdict, named),
+        verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), _causes(contest, posts, verdict, named, bench.modulus),
         named, dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
         _sensitivity(evidence, contest, y), where, held, shrunk, checks, _parameters(library, posts, chosen), bench,
         contest, fits, posts,
@@ -201,7 +201,7 @@ def _posterior(evidence: Evidence, effects, y: np.ndarray, rng, unexplained: boo
     return posterior(h, h.white(y), DRAWS, rng)
 
 
-def _causes(contest: Contest, posts, verdict: str, named: Sequence[str]) -> tuple[Cause, ...]:
+def _causes(contest: Contest, posts, verdict: str, named: Sequence[str], modulus: float) -> tuple[Cause, ...]:
     """Every named effect with its probability given a gap, and its size where it is alone or in the chosen pair."""
     if verdict in ("no_gap", "unexplained"):
         return ()
@@ -222,7 +222,9 @@ def _causes(contest: Contest, posts, verdict: str, named: Sequence[str]) -> tupl
             found.append(Cause(e, probability, float(np.mean(size)), (float(size[0]), float(size[-1])), False))
             continue
         column = _column(h, e, post)
-        value = e.size.value(post.at[:, column]) * post.modulus ** (e.size.exponent * (e.family == "model"))
+        # sizes of the chain count against the force at μ₀, those of the model are multiples of the modulus
+        scale = post.modulus / (1.0 if e.family == "model" else modulus)
+        value = e.size.value(post.at[:, column]) * scale**e.size.exponent
         low, mid, high = np.quantile(value, [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2])
         ends = [abs(v) for side in e.size.ends() for v in side]
         railed = bool(np.median(np.abs(post.at[:, column])) > 0.95 * max(ends)) and e.size.neutral is not None

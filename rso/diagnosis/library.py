@@ -124,6 +124,7 @@ class Library:
     failed: tuple[str, ...]
     cpu_s: float
     runs: int
+    slowest: float
 
     def forces(self, place: int, x: np.ndarray) -> np.ndarray:
         """Base forces over the modulus (T, 3, m) at coordinates x (T, d)."""
@@ -204,7 +205,7 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
         for e in modelled for k in range(len(plan.places)) if k != primary
     }  # fmt: skip
     return Library(
-        base, plan, levels, tables, primary, tuple(effects), transfer, failed, cpu, len(set(map(id, outcomes)))
+        base, plan, levels, tables, primary, tuple(effects), transfer, failed, cpu, len(set(map(id, outcomes))), speeds[0]
     )
 
 

@@ -144,7 +144,9 @@ def _distances(there: Library, bench: Bench, survivors, pairs) -> dict[tuple[str
         F = post.modulus[pick, None] * A
         mean[name], spread[name] = F.mean(axis=0), np.cov(F.T)
     first = next(iter(mean.values()))
-    C = noise.covariance(there, bench.levels, first, noise.slope_of(there, first))
+    some = bench.levels.get("Fz", next(iter(bench.levels.values())))
+    levels = {c: bench.levels.get(c, some) for c in noise.FORCES}
+    C = noise.covariance(there, levels, first, noise.slope_of(there, first))
     out = {}
     for k, l in pairs:
         Δ = mean[k] - mean[l]
@@ -154,7 +156,7 @@ def _distances(there: Library, bench: Bench, survivors, pairs) -> dict[tuple[str
 
 def _direct(library: Library, bench: Bench, survivors, pairs) -> list[NextTest]:
     """Tests of the chain alone: the size of the effect over what that test resolves."""
-    level = bench.levels["Fz"]
+    level = bench.levels.get("Fz", next(iter(bench.levels.values())))
     white = level.white / np.sqrt(READINGS)
     F = max(float(np.max(np.abs(t.values["Fz"]))) for t in library.plan.tests if "Fz" in t.values)
     longest = max(float(t.time.max()) for t in library.plan.tests)

@@ -50,14 +50,16 @@ def levels(plan: TestPlan) -> dict[str, Level]:
         d3 = np.concatenate([_third(r, c) for e in seen.values() for r in e.measurement.repeats])
         estimated = float(np.sqrt(np.mean(d3**2) / _D3)) if len(d3) > 8 else 0.0
         correlation = max(e.noise.correlation for e in seen.values())
-        white = max(0.0 if correlation else stated, estimated)  # what is said to be correlated is not white
+        largest = max(float(np.max(np.abs(t.values[v]))) for t, _ in tests for v in t.channels)
+        white = max(0.0 if correlation else stated, estimated, 1e-4 * largest)  # what is said to be correlated is not white
         gain, contact, extra, length = _repeats(plan, c, white)
         said = max(e.noise.gain for e in seen.values())
         depth = max(e.noise.depth for e in seen.values())
         source = "stated" if stated >= estimated > 0 else "from the readings"
         correlated = max(extra, stated if correlation else 0.0)
-        out[c] = Level(white, correlated, max(length, correlation),
-                       max(said, gain) if said or gain else GAIN, max(CONTACT, 2 * depth, contact), depth, source)  # fmt: skip
+        gain = max(said, gain) or GAIN
+        contact = max(CONTACT, 2 * depth, contact)
+        out[c] = Level(white, correlated, max(length, correlation), gain, contact, depth, source)
     if plan.profiles:
         stated = max(plan.experiments[p.experiment].noise.uz for p in plan.profiles)
         out["uz"] = Level(stated or MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "stated" if stated else "assumed")
@@ -81,8 +83,12 @@ def _repeats(plan: TestPlan, channel: str, white: float) -> tuple[float, float, 
     mean and along its slope, less what white noise puts there.
     """
     gains, contacts, extras, lengths = [], [], [], []
-    for k, e in enumerate(plan.experiments):
-        mine = [t for t in plan.tests if t.experiment == k and channel in t.channels]
+    groups: dict[tuple[int, int], list[Test]] = {}
+    for t in plan.tests:  # of equal history: a first test is not a repeat of what it softened
+        if channel in t.channels:
+            groups.setdefault((t.experiment, round(t.earlier / 0.3)), []).append(t)
+    for (k, _), mine in groups.items():
+        e = plan.experiments[k]
         if len(mine) < 3:
             continue
         u = mine[0].depth[mine[0].branch == 0]

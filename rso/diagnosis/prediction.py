@@ -118,21 +118,24 @@ def _recorded(library: Library, test: Test, W: np.ndarray, weights, chain, modul
         return f + f[:, 2:] * change
 
     F = curves(loading)
-    # the indenter's way in time: from before contact to beyond the peak where nothing comes back, else there and back
-    top = min(test.peak, u[-1]) if back.any() else u[-1]
-    way = np.concatenate([[-1.0], u[u < top], [top]])
-    last = _at(u, F, np.array([top]))
-    there = np.concatenate([np.zeros((len(F), 3, 1)), F[:, :, u < top], last], axis=2)
-    turn = len(way)
-    if back.any():
-        home = _at(u, curves(unloading), way[-2::-1]) * (way[-2::-1] > 0)
-        way, there = np.concatenate([way, way[-2::-1]]), np.concatenate([there, home], axis=2)
-    time = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(way)))])
-    time = (time - time[1]) / test.speed + (test.time[0] - max(test.depth[0], 0.0) / test.speed)
+    G = curves(unloading) if back.any() else F
     out = np.empty((len(F), len(pick), test.n))
     for t in range(len(F)):
         setting = Chain(**{e.name: float(e.size.value(s[t])) for e, s in chain})
-        got = record(setting, way, dict(zip(FORCES, there[t] * modulus, strict=True)), time)
+        # the indenter's way: from before contact to where the record turns, and back
+        top = u[-1]
+        if back.any():
+            reads = np.maximum.accumulate(u - setting.offset + setting.compliance * modulus * F[t, 2])
+            top = float(np.interp(test.peak, reads, u))
+        way = np.concatenate([[-1.0], u[u < top], [top]])
+        there = _at(u, F[t], way) * (way > 0)
+        turn = len(way)
+        if back.any():
+            home = way[-2::-1]
+            way, there = np.concatenate([way, home]), np.concatenate([there, _at(u, G[t], home) * (home > 0)], axis=1)
+        time = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(way)))])
+        time = (time - time[1]) / test.speed + (test.time[0] - max(test.depth[0], 0.0) / test.speed)
+        got = record(setting, way, dict(zip(FORCES, there * modulus, strict=True)), time)
         forward = np.maximum.accumulate(got.depth[:turn])
         for j, c in enumerate(pick):
             F_rec = got.forces[FORCES[c]]
@@ -154,10 +157,9 @@ def _at(u: np.ndarray, F: np.ndarray, at: np.ndarray) -> np.ndarray:
 def _profile(library: Library, profile: Profile, x: np.ndarray, parts: Parts) -> np.ndarray:
     """Displacements (T, n) of a profile's readings."""
     place = library.plan.places[profile.place]
-    speed = min(t.speed for t in library.plan.tests)
     marks = library.marks(profile.place, x)
     for e, at in parts:
-        W = library.weights(profile.place, e, at, speed)
+        W = library.weights(profile.place, e, at, library.slowest)
         marks = marks + W @ library.places[profile.place].effects[e.name].marks
     row = np.searchsorted(np.array(place.mark_depths), profile.depth - 1e-9)
     return marks[:, row * len(place.marks) + profile.mark]

@@ -88,6 +88,8 @@ def summarise(curves: Sequence[Gap], sizes: Sequence[int], how: str, seed: int) 
     if means[0] - 1.0 > 2 * error:
         closed = float((means[0] - means[2]) / (means[0] - 1.0))
         rng = np.random.default_rng(seed)
+        if len(G) < 2:
+            return Shrinkage(tuple(curves), *map(float, means), 1.0, error, closed, None, how)
         pick = rng.integers(0, len(G), (BOOTSTRAPS, len(G)))
         m = G[pick].mean(axis=1)
         share = (m[:, 0] - m[:, 2]) / np.maximum(m[:, 0] - 1.0, 1e-9)

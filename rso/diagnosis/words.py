@@ -72,8 +72,11 @@ def _shrinkage(d: Mapping[str, Any]) -> str | None:
             f" alone, {s['with_cause']:.2f} with the cause (noise floor 1)")  # fmt: skip
     if s["closed"] is None:
         return text + "; before is not clearly above the floor, so no share is printed."
+    text += f": {100 * s['closed']:.0f} % closed"
+    if s["interval"] is None:
+        return text + " (one curve: no interval)."
     low, high = s["interval"]
-    return text + f": {100 * s['closed']:.0f} % closed (90 % {100 * low:.0f} to {100 * high:.0f} %)."
+    return text + f" (90 % {100 * low:.0f} to {100 * high:.0f} %)."
 
 
 def _parameters(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:

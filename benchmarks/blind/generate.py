@@ -1,0 +1,205 @@
+"""Make synthetic experiments whose effect is withheld.
+
+python benchmarks/blind/generate.py --out DIR --null 30 --single 40 --pair 10 --outside 10
+    adds that many cases to what DIR is already asked to hold and makes what is missing; run again with zeros to resume.
+DIR/case_0001/ holds CSVs and nominal.json; DIR/sealed/ the truths; DIR/hashes.txt the SHA-256 of each sealed file,
+written when the case is made. A sealed file holds a random salt, so its hash cannot be guessed from a list of effects.
+Cases that need no finite elements are made first; numbers are drawn at random, so that they say nothing.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import secrets
+import time
+from pathlib import Path
+
+import catalogue
+import experiment
+import numpy as np
+
+NOMINAL = {
+    "family": "A",
+    "support": "fixed: lower half surface (z<0) bonded to the holder",
+    "units": "N, mm, MPa, s",
+    "specimen": {"shape": "ellipsoid", "semi_axes_mm": [60, 35, 35]},
+    "indenter": {
+        "shape": "sphere",
+        "radius_mm": 3.0,
+        "rigid": True,
+        "full_sphere": True,
+        "direction": [0, 0, -1],
+        "friction": 0.0,
+    },
+    "frame": "x along the major axis, z up, origin at the specimen centre; MP = (0,0,35)",
+    "depth": "indenter travel since first contact",
+    "force": "force of the specimen on the indenter, Fz>0 pushes it up",
+    "rate_mm_per_min": 30,
+    "cycle_rates_mm_per_min": [10, 30, 100],
+    "rest_between_tests": "long (full recovery assumed)",
+    "order_of_tests": "mp_load repeats 1-5, mp_cycle 10, 30, 100, mp_deep, points, "
+    "profile (recorded with the first mp_load repeat)",
+    "points_mm": [[2.5, 2.5], [20, 0]],
+    "profile": "vertical displacement of surface marks at reference y=5 mm since contact",
+    "noise": {"force_N": 0.003, "depth_mm": 0.005, "repeat_gain": 0.01, "profile_mm": 0.05},
+}
+LOOK_ALIKE = {"fibre_x", "fibre_y", "skin_stiff", "skin_soft", "inclusion_stiff", "inclusion_soft", "cavity"}
+
+
+def draw_names(kind, count, rng, drawn):
+    """Names of the effects of `count` cases of one kind; rarely drawn ones first."""
+    if kind == "null":
+        return [[] for _ in range(count)]
+    if kind == "outside":
+        return [[n] for n in balanced(list(catalogue.OUTSIDE), count, rng, drawn)]
+    if kind == "single":
+        return [[n] for n in balanced(list(catalogue.SINGLE), count, rng, drawn)]
+    pairs = []
+    while len(pairs) < count:
+        a, b = rng.choice(list(catalogue.SINGLE), 2, replace=False)
+        clash = {a, b} <= LOOK_ALIKE or ("mullins" in (a, b) and not {a, b} & set(catalogue.FREE))
+        if not clash and not (a[:6] == b[:6]):
+            pairs.append([str(a), str(b)])
+    return pairs
+
+
+def balanced(names, count, rng, drawn):
+    """`count` names, those with the fewest cases so far first, in random order among equals."""
+    out = []
+    for _ in range(count):
+        few = min(drawn.get(n, 0) for n in names)
+        name = str(rng.choice([n for n in names if drawn.get(n, 0) == few]))
+        drawn[name] = drawn.get(name, 0) + 1
+        out.append(name)
+    return out
+
+
+def draw_case(kind, names, rng):
+    """Everything random of one case, JSON-able."""
+    mu, D1 = catalogue.log_uniform(rng, 5e-3, 16e-3), catalogue.log_uniform(rng, 2.0, 80.0)
+    rho = float(rng.uniform(0.3, 0.85)) if rng.uniform() < 0.35 else 0.0
+    effects = [catalogue.draw(n, rng) for n in names]
+    return {"kind": kind, "mu": mu, "D1": D1, "rho": rho, "effects": effects, "noise_seed": secrets.randbits(96)}
+
+
+def extend_plan(out, counts):
+    """Read the sealed plan of DIR, add what `counts` asks for, write it back."""
+    path = out / "sealed" / "plan.json"
+    plan = json.loads(path.read_text()) if path.exists() else []
+    rng = np.random.default_rng(secrets.randbits(128))  # the one place where the operating system's entropy is right
+    drawn = {}
+    for case in plan:
+        for effect in case["effects"]:
+            drawn[effect["name"]] = drawn.get(effect["name"], 0) + (case["kind"] != "pair")
+    new = [draw_case(kind, names, rng) for kind, n in counts.items() for names in draw_names(kind, n, rng, drawn)]
+    for rank, case in zip(rng.permutation(len(new)), new, strict=True):
+        case["id"] = f"case_{len(plan) + rank + 1:04d}"
+    plan += new
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_json(path, plan)
+    return plan
+
+
+def write_json(path, content):
+    """Write a file as a whole or not at all."""
+    tmp = path.with_suffix(".tmp")
+    tmp.write_text(json.dumps(content, indent=1) + "\n")
+    os.replace(tmp, path)
+
+
+def mechanics(case):
+    """Model changes of a case -> Mechanics (with finite elements where needed) and the FE facts for the truth."""
+    changes = {}
+    for effect in case["effects"]:
+        changes.update(effect["model"])
+    mu, muD1 = case["mu"], case["mu"] * case["D1"]
+    if not changes:
+        return experiment.Mechanics(muD1), {}
+    import solve
+
+    for name in ("adhesion", "weight"):
+        if f"{name}_mpa" in changes:
+            changes[name] = changes.pop(f"{name}_mpa") / mu
+    tables, facts = solve.tables(muD1, changes)
+    return experiment.Mechanics(muD1, tables, additive="adhesion" in changes), facts
+
+
+def make(case, out):
+    """Make one case: files, sealed truth, hash."""
+    t0 = time.process_time()
+    mech, facts = mechanics(case)
+    chain = {}
+    for effect in case["effects"]:
+        chain.update(effect["chain"])
+    noise = {**NOMINAL["noise"], "rho": case["rho"], "jitter_mm": 0.01}
+    deep = min(experiment.DEEP, facts.get("deepest", experiment.DEEP))
+    rng = np.random.default_rng(case["noise_seed"])
+    records = experiment.write(out / case["id"], mech, case["mu"], chain, rng, noise, NOMINAL, deep)
+    size, where = experiment.signal(records, case["D1"], case["mu"], noise)
+    top = mech.top("mp_load", 1, "load", np.array([1.0, 2.0, 3.0, 4.0]))[:, 2] * case["mu"]
+    truth = {
+        "salt": secrets.token_hex(32),
+        "id": case["id"],
+        "kind": case["kind"],
+        "effects": [{k: e[k] for k in ("name", "size", "truth")} for e in case["effects"]],
+        "material": {"mu": case["mu"], "D1": case["D1"]},
+        "noise": noise,
+        "signal": size,
+        "where": where,
+        "allowed": allowed(case, size),
+        "force_without_noise_N": dict(zip("1234", np.round(top, 6).tolist(), strict=False)),
+        "fe": facts,
+        "cpu_s": round(time.process_time() - t0, 1),
+    }
+    path = out / "sealed" / f"{case['id']}.json"
+    write_json(path, truth)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    with open(out / "hashes.txt", "a") as f:
+        f.write(f"{case['id']}  {digest}\n")
+
+
+def allowed(case, size, visible=4.0):
+    """Verdicts that count as right, and the causes with which 'explained' is right."""
+    if case["kind"] == "null":
+        return {"verdicts": ["no_gap"], "causes": []}
+    if case["kind"] == "outside":
+        verdicts, causes = catalogue.OUTSIDE[case["effects"][0]["name"]]
+        verdicts, causes = list(verdicts), list(causes)
+    else:
+        names = [e["name"] for e in case["effects"]]
+        causes = sorted(set().union(*(catalogue.ANSWERS[n] for n in names)))
+        verdicts = (
+            ["explained", "ambiguous", "partly"]
+            if case["kind"] == "single"
+            else ["explained", "ambiguous", "partly", "unexplained"]
+        )
+        if set(names) & set(catalogue.CHAIN):
+            verdicts.append("measurement")
+    if size < visible:
+        verdicts.append("no_gap")
+    return {"verdicts": verdicts, "causes": causes}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True)
+    for kind in ("null", "single", "pair", "outside"):
+        parser.add_argument(f"--{kind}", type=int, default=0)
+    parser.add_argument("--free-only", action="store_true", help="leave cases that need finite elements for later")
+    args = parser.parse_args()
+    plan = extend_plan(args.out, {k: getattr(args, k) for k in ("null", "single", "pair", "outside")})
+    needs_fe = lambda case: any(e["model"] for e in case["effects"])  # noqa: E731
+    todo = [c for c in plan if not (args.out / "sealed" / f"{c['id']}.json").exists()]
+    for case in sorted(todo, key=needs_fe):
+        if args.free_only and needs_fe(case):
+            continue
+        try:
+            make(case, args.out)
+            print(case["id"], "made", flush=True)
+        except Exception as error:  # a case whose mechanics fail is left out and said so, the rest goes on
+            print(case["id"], "failed:", type(error).__name__, flush=True)
+
+
+if __name__ == "__main__":
+    main()

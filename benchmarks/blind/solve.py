@@ -1,0 +1,131 @@
+"""Finite-element tables of one case: which runs an effect needs and what they give.
+
+Everything is over mu. Elastic effects: one loading run at the top (quarter model), one at (20, 0) (half model) where
+the effect acts differently there. Viscosity and friction: load-unload cycles at the three speeds (at one speed for
+friction), the deep run continued from 4 mm. Softening: the virgin run gives the field of the largest energy; reloading
+and unloading are runs with that field frozen.
+"""
+
+import fe
+import library
+import ngsolve as ng
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+UNLOAD = (3.7, 3.2, 2.6, 2.0, 1.5, 1.0, 0.7, 0.45, 0.25, 0.1)
+DEEP_TAIL = tuple(d for d in fe.DEEP_DEPTHS if d > 4)
+FAR = {"fibre", "friction", "bowl", "blob_ratio", "axes", "weight"}  # act differently at (20, 0): own run there
+
+
+def run(experiment, path, **options):
+    """Follow a path; what was reached when it fails beyond 4 mm is good enough."""
+    try:
+        return experiment.press(path, **options)
+    except fe.NotConverged as error:
+        reached = getattr(error, "reached", None)
+        if reached is None or not reached.d or max(reached.d) < 4:
+            raise
+        return reached
+
+
+def tables(muD1, changes):
+    """Model changes (see `fe.Model`) -> tables for `experiment.Mechanics`, facts {"deepest": mm}."""
+    ng.SetNumThreads(1)
+    model = fe.Model(muD1=muD1, **changes)
+    if model.mullins:
+        return softened(model)
+    out = {}
+    if model.prony:
+        deepest = viscous(model, out)
+    elif model.friction:
+        deepest = rubbing(model, out)
+    else:
+        start = (0.01,) if model.adhesion else ()
+        path = run(fe.Experiment(model), [(2 * d, d) for d in (*start, *fe.DEEP_DEPTHS)], profile=True)
+        out["top", "load"] = library.as_table(path)
+        deepest = path.d[-1]
+        if model.adhesion:
+            table = out["top", "load"]
+            table["F0"] = float(table["F"][0][2])  # jump into contact
+            for column in table.values():
+                if isinstance(column, list):
+                    del column[0]
+    if FAR & set(changes):
+        far = fe.replace(model, line=(20.0, 0.0), prony=())
+        path = run(fe.Experiment(far), [(2 * d, d) for d in fe.POINT_DEPTHS])
+        out["20_0", "load"] = library.as_table(path)
+        if model.prony:  # relaxation as at the top, depth by depth
+            ratio = relaxation(out["mp_cycle_30", "load"], muD1, changes)
+            out["20_0", "load"]["F"] = (np.array(out["20_0", "load"]["F"]) * ratio(path.d)[:, None]).tolist()
+    return out, {"deepest": float(deepest)}
+
+
+def relaxation(table, muD1, changes):
+    """Ratio of the viscous to the elastic force at the top as a function of the depth."""
+    elastic = {k: v for k, v in changes.items() if k != "prony"}
+    path = run(fe.Experiment(fe.Model(muD1=muD1, **elastic)), [(2 * d, d) for d in fe.TOP_DEPTHS])
+    return lambda d: np.interp(d, path.d, np.array(table["F"])[: len(path.d), 2] / np.array(path.F)[:, 2])
+
+
+def cycle(model, speed, out, key, deep=False):
+    """Load to 4 mm (then to 6.2 from a copy of the state, when `deep`), unload; fills `out`; returns the depth."""
+    e = fe.Experiment(model)
+    up = run(e, [(d / speed, d) for d in fe.TOP_DEPTHS], profile=deep)
+    out[key, "load"] = library.as_table(up)
+    deepest = 4.0
+    kept = e.snapshot()
+    start = (4 / speed, 4.0)
+    down = e.press([((8 - d) / speed, d) for d in UNLOAD], start=start)
+    d = np.array([0.0, *down.d[::-1], 4.0])
+    F = np.array([[0.0, 0.0, 0.0], *down.F[::-1], up.F[-1]])
+    F[:, 2] += PchipInterpolator(d, [0.0, *down.Ec[::-1], up.Ec[-1]])(d, 1) * (d > 0)
+    F[-1] = out[key, "load"]["F"][-1]
+    out[key, "unload"] = {"d": d.tolist(), "F": F.tolist()}
+    if deep:
+        e.restore(kept)
+        try:
+            tail = e.press([(d / speed, d) for d in DEEP_TAIL], start=start)
+        except fe.NotConverged as error:
+            tail = error.reached
+        for name in ("t", "d", "F", "Ec"):
+            getattr(up, name).extend(getattr(tail, name))
+        up.uz[0] = None
+        out["mp_deep", "load"] = library.as_table(up)
+        deepest = up.d[-1]
+    return deepest
+
+
+def viscous(model, out):
+    """Cycles at 10, 30 and 100 mm/min."""
+    for v in (10, 100):
+        cycle(model, v / 60, out, f"mp_cycle_{v}")
+    return cycle(model, 0.5, out, "mp_cycle_30", deep=True)
+
+
+def rubbing(model, out):
+    """Friction knows no speed: one cycle serves all."""
+    deepest = cycle(model, 0.5, out, "mp_cycle_30", deep=True)
+    for v in (10, 100):
+        out[f"mp_cycle_{v}", "load"] = out["mp_cycle_30", "load"]
+        out[f"mp_cycle_{v}", "unload"] = out["mp_cycle_30", "unload"]
+    return deepest
+
+
+def softened(model):
+    """Tables "reload" (after 4 mm) and "after_deep" (after 6.2 mm) with frozen fields of the largest energy."""
+    virgin = fe.replace(model, mullins=None)
+    e = fe.Experiment(virgin)
+    run(e, [(2 * d, d) for d in fe.TOP_DEPTHS])
+    after4 = e.largest_energy()
+    kept = e.snapshot()
+    try:
+        deepest = e.press([(2 * d, d) for d in DEEP_TAIL], start=(8.0, 4.0)).d[-1]
+    except fe.NotConverged as error:
+        deepest = [4.0, *error.reached.d][-1]
+    after6 = e.largest_energy()
+    out = {}
+    for key, field in (("reload", after4), ("after_deep", after6)):
+        soft = fe.Experiment(model, mesh=e.mesh, wmax=field)
+        out[key, "load"] = library.as_table(run(soft, [(2 * d, d) for d in fe.TOP_DEPTHS]))
+    del kept
+    return out, {"deepest": float(deepest)}
