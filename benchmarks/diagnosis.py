@@ -110,8 +110,7 @@ def table(evidence: Evidence, contests, truths: list[str], threshold: float) -> 
     rows: dict[str, list[tuple[bool, bool, bool, int]]] = {}
     for c, truth in zip(contests, truths, strict=True):
         gap = c.statistic > threshold
-        _, named = judge(c, gap)
-        names = {source[n] for n in named}
+        names = {source[n] for n in judge(c, gap).named}
         p = {k: v for k, v in by_source(c).items() if k not in ("none", "unexplained")}
         rows.setdefault(truth, []).append((gap, gap and max(p, key=p.get) == truth, truth in names, len(names)))
     found = [r for t, v in rows.items() if t != "none" for r in v if r[0]]

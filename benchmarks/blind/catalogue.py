@@ -152,17 +152,17 @@ def draw(name, rng):
         chain, truth = {"gain": size}, {"gain": size}
     else:
         simple = {
-            "offset": lambda: sg(0.01, 0.3),  # mm
+            "offset": lambda: sg(0.005, 0.3),  # mm
             "compliance": lambda: lu(0.02, 0.6),  # mm/N
-            "bias": lambda: sg(2e-3, 3e-2),  # N
-            "drift": lambda: sg(1e-4, 5e-3),  # N/s
-            "lag": lambda: lu(0.02, 1.0),  # s
-            "cross_x": lambda: sg(0.005, 0.1),
-            "cross_y": lambda: sg(0.005, 0.1),
-            "offset_x": lambda: sg(0.2, 3.0),  # mm
-            "offset_y": lambda: sg(0.2, 3.0),
-            "tilt_x": lambda: sg(0.3, 5.0),  # degrees
-            "tilt_y": lambda: sg(0.3, 5.0),
+            "bias": lambda: sg(5e-4, 3e-2),  # N
+            "drift": lambda: sg(2e-5, 5e-3),  # N/s
+            "lag": lambda: lu(0.005, 1.0),  # s
+            "cross_x": lambda: sg(0.001, 0.1),
+            "cross_y": lambda: sg(0.001, 0.1),
+            "offset_x": lambda: sg(0.1, 3.0),  # mm
+            "offset_y": lambda: sg(0.1, 3.0),
+            "tilt_x": lambda: sg(0.1, 5.0),  # degrees
+            "tilt_y": lambda: sg(0.1, 5.0),
             "stick_slip": lambda: lu(0.03, 0.25),  # share of the force lost in a slip
             "clipping": lambda: float(rng.uniform(0.5, 0.92)),  # of the largest force of the plan
             "swapped_file": lambda: 1.0,

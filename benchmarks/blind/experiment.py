@@ -131,9 +131,9 @@ def turned(mechanics, F, place, d, chain):
     x, y = PLACES.get(place, (0.0, 0.0))
     old, new = slopes(x, y, (0.0, 0.0)), slopes(x + dx, y + dy, tilt)
     top, far = mechanics.null("top", d), mechanics.null("20_0", d)
-    k = far[:, 0] / SLOPE_20
+    k, ky = far[:, 0] / SLOPE_20, mechanics.null("2.5_2.5", d)[:, 1] / slopes(2.5, 2.5, (0.0, 0.0))[1]
     m = (far[:, 2] - top[:, 2]) / SLOPE_20**2
-    change = np.stack([k * (new[0] - old[0]), k * (new[1] - old[1]), m * (new @ new - old @ old)], 1)
+    change = np.stack([k * (new[0] - old[0]), ky * (new[1] - old[1]), m * (new @ new - old @ old)], 1)
     return F + change
 
 

@@ -39,7 +39,7 @@ PRIOR = {"single": 0.70, "pair": 0.10, "unexplained": 0.08, "partly": 0.12}  # g
 NO_GAP = 0.5
 AMPLITUDES = (0.03, 0.15)  # relative size of what is unexplained
 SCATTER = (0.15, 0.6)  # of the largest plausible size
-SURVIVORS = 6
+SURVIVORS = 5
 FALSE_ALARM = 0.05
 NULLS = 400
 
@@ -213,14 +213,17 @@ def _gap(kind: str, n: int) -> float:
 
 
 def survivors(contest: Contest, count: int = SURVIVORS) -> list[Effect]:
-    """Effects whose best hypothesis has the most evidence, alone or with something unexplained."""
+    """Causes whose best hypothesis has the most evidence, alone or with something unexplained, in their best form."""
     best: dict[str, tuple[float, Effect]] = {}
     for h, z, p in zip(contest.hypotheses, contest.log_evidence, contest.log_prior, strict=True):
         for e in h.effects:
             if e.family == "scatter":
                 continue
             best[e.name] = max(best.get(e.name, (-np.inf, e)), (z + p, e), key=lambda v: v[0])
-    return [e for _, e in sorted(best.values(), key=lambda v: -v[0])[:count]]
+    found: dict[str, Effect] = {}
+    for _, e in sorted(best.values(), key=lambda v: -v[0]):
+        found.setdefault(e.source, e)
+    return list(found.values())[:count]
 
 
 def pairs_of(effects: Sequence[Effect]) -> list[tuple[Effect, Effect]]:

@@ -18,6 +18,7 @@ from rso.diagnosis.testplan import TestPlan
 
 SURE = 0.8  # probability of one cause above which it is named alone
 COVER = 0.95  # of the probability that a named set holds
+WORTH_NAMING = 0.05  # probability below which a second effect of a pair is not named
 MOST = 5  # effects in a named set
 CHECKS = 60  # data sets per self-check
 DRAWS = 2000
@@ -76,6 +77,7 @@ class Diagnosis:
     contest: Contest
     fits: Mapping[str, np.ndarray]
     posteriors: Mapping[str, Posterior]
+    chosen: Hypothesis
 
 
 def seen(plan: TestPlan) -> TestPlan:
@@ -99,8 +101,8 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     p = float((1 + np.sum(null >= first.statistic)) / (1 + len(null)))
     pairs = attribute.pairs_of(attribute.survivors(first))
     contest = attribute.contests(evidence, y[None], pairs)[0]
-    verdict, named = judge(contest, p <= attribute.FALSE_ALARM)
-    chosen = _chosen(contest) if verdict != "no_gap" else Hypothesis(())
+    judged = judge(contest, p <= attribute.FALSE_ALARM)
+    verdict, named, chosen = judged.verdict, judged.named, judged.chosen
     rng = np.random.default_rng(seed + 1)
     posts = {"none": _posterior(evidence, (), y, rng)}
     for h in {chosen, *_singles(contest, named)}:
@@ -109,76 +111,85 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     gain = {h: sum(c.gain[h] for c in held) for h in held[0].gain} if held else {}
     pure = Hypothesis(chosen.effects).name
     if held and verdict in ("explained", "measurement", "ambiguous") and gain.get(pure, 0.0) <= 0 < len(chosen.effects):
-        verdict = "unexplained"  # evidence without prediction is no cause
+        verdict, named, chosen = "unexplained", (), Hypothesis((), True)  # evidence without prediction is no cause
+        posts[chosen.name] = _posterior(evidence, (), y, rng, True)
     where = localise.localise(library.plan, evidence.ready(()), bench.C, y, seed)
     r = bench.whites[0](y - shrinkage.predicted(library, (), posts["none"], bench.modulus))
     shrunk = _shrinkage(whole, library, bench, evidence, y, chosen, seed)
     checks = _checks(evidence, contest, chosen, y, threshold, null, seed) if verdict != "no_gap" else ()
     fits = {name: shrinkage.predicted(library, h.effects, posts[name], bench.modulus)
             for name, h in {"none": Hypothesis(()), chosen.name: chosen}.items()}  # fmt: skip
+    causes = _causes(contest, posts, verdict, named, bench.modulus)
     return Diagnosis(
-        verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), _causes(contest, posts, verdict, named, bench.modulus),
-        named, dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
+        verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), causes, named,
+         dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
         _sensitivity(evidence, contest, y), where, held, shrunk, checks, _parameters(library, posts, chosen), bench,
-        contest, fits, posts,
+        contest, fits, posts, chosen,
     )  # fmt: skip
 
 
-def judge(contest: Contest, gap: bool) -> tuple[str, tuple[str, ...]]:
-    """(verdict, named effects) from a contest; `gap` is the decision of the null's statistic.
+@dataclass(frozen=True)
+class Judgement:
+    """The verdict, the effects it names, and the hypothesis that stands for it."""
 
-    Effects are named in order of probability until they hold COVER of what is not 'unexplained'.
+    verdict: str
+    named: tuple[str, ...]
+    chosen: Hypothesis
+
+
+def judge(contest: Contest, gap: bool) -> Judgement:
+    """What a contest says; `gap` is the decision of the null's statistic.
+
+    Forms of one cause count together.  A cause is sure when it takes part in hypotheses that hold SURE of the
+    probability given a gap; otherwise causes are named until their hypotheses hold COVER of what has a cause.
     """
     if not gap:
-        return "no_gap", ()
+        return Judgement("no_gap", (), Hypothesis(()))
     given, hypotheses = _given(contest), contest.hypotheses[1:]
-    by_set: dict[tuple[str, ...], float] = {}
-    form: dict[tuple[str, ...], tuple[float, tuple[Effect, ...]]] = {}
-    partly = nothing = 0.0
-    for h, q in zip(hypotheses, given, strict=True):
-        if not h.effects:
+    sets: dict[tuple[str, ...], float] = {}
+    marginal: dict[str, float] = {}
+    partly: dict[tuple[str, ...], float] = {}
+    form: dict[str, tuple[float, Effect]] = {}
+    best_of: dict[tuple[str, ...], tuple[float, Hypothesis]] = {}
+    nothing = 0.0
+    for h, q in zip(hypotheses, map(float, given), strict=True):
+        key = tuple(sorted({e.source for e in h.effects}))
+        if not key:
             nothing += q
             continue
-        partly += q * h.unexplained
-        key = tuple(sorted({e.source for e in h.effects}))
-        by_set[key] = by_set.get(key, 0.0) + q
-        form[key] = max(form.get(key, (-1.0, ())), (q, h.effects), key=lambda v: v[0])
-    order = sorted(by_set.items(), key=lambda v: -v[1])
-    best, q = order[0]
-    if nothing > q:
-        return "unexplained", ()
-    total = sum(by_set.values())
+        sets[key] = sets.get(key, 0.0) + q
+        partly[key] = partly.get(key, 0.0) + q * h.unexplained
+        best_of[key] = max(best_of.get(key, (-1.0, h)), (q, h), key=lambda v: v[0])
+        for e in h.effects:
+            form[e.source] = max(form.get(e.source, (-1.0, e)), (q, e), key=lambda v: v[0])
+        for source in key:
+            marginal[source] = marginal.get(source, 0.0) + q
+    order = sorted(sets, key=lambda k: -sets[k])
+    if not order or nothing > sets[order[0]]:
+        return Judgement("unexplained", (), Hypothesis((), True))
+    best, chosen = order[0], best_of[order[0]][1]
     named: list[str] = []
     reached = 0.0
-    for key, share in order:
-        new = [e.name for e in form[key][1] if e.source not in {s for k in named for s in [_source(contest, k)]}]
-        named += new if len(key) == 1 or key == best else []
-        reached += share / total
+    for key in order:
+        if key == best or all(marginal[v] > WORTH_NAMING for v in key):
+            named += [v for v in key if v not in named]
+        reached += sets[key] / (1.0 - nothing)
         if reached >= COVER or len(named) >= MOST:
             break
-    if partly > 0.5 * total:
-        return "partly", tuple(named)
-    if q / total < SURE:
-        return "ambiguous", tuple(named)
-    winners = form[best][1]
-    measured = all(e.family != "model" for e in winners)
-    return "measurement" if measured else "explained", tuple(e.name for e in winners)
+    names = tuple(form[v][1].name for v in sorted(named, key=lambda v: -marginal[v]))
+    if partly[best] > 0.5 * sets[best]:
+        return Judgement("partly", names, chosen)
+    if min(marginal[v] for v in best) < SURE:
+        return Judgement("ambiguous", names, chosen)
+    own = tuple(e.name for e in chosen.effects)
+    measured = all(e.family != "model" for e in chosen.effects)
+    return Judgement("measurement" if measured else "explained", own, chosen)
 
 
 def _given(contest: Contest) -> np.ndarray:
     """Probabilities of all hypotheses but the first, given that it is not the first."""
     s = contest.log_evidence + contest.log_prior
     return np.exp(s[1:] - logsumexp(s[1:]))
-
-
-def _source(contest: Contest, name: str) -> str:
-    return next(e.source for h in contest.hypotheses for e in h.effects if e.name == name)
-
-
-def _chosen(contest: Contest) -> Hypothesis:
-    """The hypothesis with effects that is most probable; 'unexplained' alone if it has more than all of them."""
-    s = (contest.log_evidence + contest.log_prior)[1:]
-    return contest.hypotheses[1 + int(np.argmax(s))]
 
 
 def _finalists(contest: Contest, count: int = 3) -> list[Hypothesis]:
@@ -335,10 +346,8 @@ def _best_without(bench: Bench, evidence: Evidence, rest: np.ndarray, y: np.ndar
     if not chosen.effects:
         return ()
     rivals = {chosen.effects, *((e,) for e in chosen.effects)}
-    white = whitening(bench.C, rest)
-    return max(
-        sorted(rivals, key=lambda e: [v.name for v in e]), key=lambda e: _log_evidence(bench, Hypothesis(e), white, y)
-    )
+    ordered = sorted(rivals, key=lambda e: [v.name for v in e])
+    return max(ordered, key=lambda e: _log_evidence(bench, Hypothesis(e), rest, y))
 
 
 def _covariance(unseen: Library, bench: Bench, evidence: Evidence, y: np.ndarray) -> np.ndarray:
@@ -362,15 +371,17 @@ def _checks(evidence: Evidence, contest: Contest, chosen: Hypothesis, y: np.ndar
     finalists = _finalists(contest, 2)
     pairs = [h.effects for h in finalists if len(h.effects) == 2]
     alarm = float(np.mean(null >= threshold))
+    known = {e.name: e.source for e in evidence.effects}
     found = [SelfCheck("none", 1 - alarm, 1 - alarm, 1 - alarm, len(null))]
     for i, h in enumerate(finalists):
         Y = attribute.simulated(evidence, h.effects, y, CHECKS, seed + 10 + i)
         returned = named = missed = 0
+        sources = {e.source for e in h.effects}
         for c in attribute.contests(evidence, Y, pairs):
-            verdict, names = judge(c, c.statistic > threshold)
-            missed += verdict == "no_gap"
-            returned += verdict != "no_gap" and {e.name for e in _chosen(c).effects} == {e.name for e in h.effects}
-            named += {e.name for e in h.effects} <= set(names)
+            j = judge(c, c.statistic > threshold)
+            missed += j.verdict == "no_gap"
+            returned += sources == {e.source for e in j.chosen.effects}
+            named += sources <= {known[n] for n in j.named}
         found.append(SelfCheck(h.name, returned / CHECKS, missed / CHECKS, named / CHECKS, CHECKS))
     return tuple(found)
 

@@ -199,13 +199,27 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
         for j, o in zip(jobs, outcomes, strict=True) if not isinstance(o, Done)
     )) if not all(isinstance(o, Done) for o in outcomes) else ()  # fmt: skip
     found = {(j.place, j.effect, j.node, j.passing, j.finer): o for j, o in zip(jobs, outcomes, strict=True)}
-    tables = tuple(_tables(base, plan, k, every[k], modelled, grid, levels, found) for k in range(len(plan.places)))
+    first = _tables(base, plan, primary, every[primary], modelled, grid, levels, found)
+    others = {
+        k: _tables(base, plan, k, every[k], modelled, grid, few, found) for k in range(len(plan.places)) if k != primary
+    }
+    tables = tuple(first if k == primary else _beside(first, levels, few, others[k]) for k in range(len(plan.places)))
     transfer = {
         (e.name, k): _transfer(tables[primary].effects[e.name], tables[k].effects[e.name])
         for e in modelled for k in range(len(plan.places)) if k != primary
     }  # fmt: skip
     return Library(
-        base, plan, levels, tables, primary, tuple(effects), transfer, failed, cpu, len(set(map(id, outcomes))), speeds[0]
+        base,
+        plan,
+        levels,
+        tables,
+        primary,
+        tuple(effects),
+        transfer,
+        failed,
+        cpu,
+        len(set(map(id, outcomes))),
+        speeds[0],
     )
 
 

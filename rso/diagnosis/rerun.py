@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from rso.diagnosis.effects import Effect
+from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.library import FORCES, Library, _asked, _task
 from rso.diagnosis.mixture import Posterior
 from rso.diagnosis.nodes import timed
@@ -16,17 +16,13 @@ from rso.store import Done
 
 
 def rerun(
-    library: Library, posteriors: Mapping[str, Posterior], effects: Sequence[Effect],
-    run: Callable[[Sequence[Task]], list[Any]],
-) -> dict[str, Any]:  # fmt: skip
+    library: Library, chosen: Hypothesis, post: Posterior, run: Callable[[Sequence[Task]], list[Any]]
+) -> dict[str, Any]:
     """Loading runs at every place with the median parameters: largest and root mean square deviation over Fz.
 
     Failed runs are counted, never taken for an answer.
     """
-    name = " + ".join(e.name for e in effects)
-    post = posteriors.get(name) or next((p for k, p in posteriors.items() if k.startswith(name)), None)
-    if post is None:
-        return {"runs": 0, "failed": 0, "largest": None, "rms": None}
+    effects = chosen.effects
     base, d = library.base, len(library.base.axes)
     at = np.median(post.at, axis=0)
     tasks, expected = [], []

@@ -28,10 +28,10 @@ def story(library: Library, d: Diagnosis, seed: int, run: Run | None, title: str
     """Everything of a diagnosis: `diagnosis` is the block of results.json, the rest serves the report."""
     plan = seen(library.plan)
     visible = detectable(Evidence(d.bench, library.effects), plan.values(), seed)
-    chosen = [c.effect for c in d.causes][: 2 if len(d.causes) == 2 and d.verdict == "explained" else 1]
+    chosen = d.chosen.effects
     checked = None
-    if run is not None and d.causes and all(e.family == "model" for e in chosen):
-        checked = rerun(library, d.posteriors, chosen, run)
+    if run is not None and chosen and all(e.family == "model" for e in chosen):
+        checked = rerun(library, d.chosen, d.posteriors[d.chosen.name], run)
     tests = _next(library, d, run) if d.verdict in ("ambiguous", "partly") or len(d.named) > 1 else []
     found = {
         "schema": SCHEMA,

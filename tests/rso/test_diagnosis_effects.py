@@ -1,0 +1,105 @@
+"""The catalogue's sizes, and weights that carry computed changes between nodes."""
+
+import math
+
+import numpy as np
+import pytest
+
+import diagnosis_backend as toy
+from rso.contract import parameters_of
+from rso.diagnosis.effects import Effect, Size
+from rso.diagnosis.nodes import nodes, piecewise, tensor
+from rso.measurement import Chain
+
+ONE = Size("a", "one-sided", "1", 0.02, 0.5, 0.0)
+TWO = Size("b", "two-sided", "mm", -0.3, 0.3, 0.0)
+RATIO = Size("c", "ratio", "1", 0.2, 5.0, 1.0)
+UNEVEN = Size("d", "two sides of different length", "1", 0.8, 12.0, 2.0)
+VARIANT = Size("e", "variant", "mm", 0.2, 4.0, None)
+SIZES = {"one": ONE, "two": TWO, "ratio": RATIO, "uneven": UNEVEN, "variant": VARIANT}
+SHAPE = Size("t", "a time", "s", 0.1, 10.0, None)
+ANGLE = Size("w", "an angle", "deg", 0.0, 90.0, None)
+
+
+def test_ends_of_the_four_kinds():
+    assert ONE.ends() == ((0.02, 0.5),)
+    assert TWO.ends() == ((-0.3 / 40, -0.3), (0.3 / 40, 0.3))
+    (low, high) = RATIO.ends()
+    np.testing.assert_allclose([low[1], high[1]], [math.log(0.2), math.log(5.0)], rtol=1e-15)
+    np.testing.assert_allclose(VARIANT.ends(), [(math.log(0.2), math.log(4.0))], rtol=1e-15)
+
+
+@pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
+def test_values_at_the_ends_are_the_plausible_range(size):
+    far = [end[1] for end in size.ends()] if size.neutral is not None else list(size.ends()[0])
+    found = size.value(np.array(far))
+    wanted = [v for v in (size.low, size.high) if len(far) == 2 or v == size.high]
+    np.testing.assert_allclose(sorted(found), sorted(wanted), rtol=1e-14)
+    if size.neutral is not None:
+        assert float(size.value(0.0)) == size.neutral
+        for near, end in size.ends():  # from small to large, on one side of neutral
+            assert 0 < near / end < 1
+
+
+def test_every_plausible_knob_of_the_backend_and_of_the_chain_is_in_the_catalogue_once():
+    found = toy.effects()
+    assert len({e.name for e in found}) == len(found)
+    knobs = {s.name for e in found for s in e.knobs if e.family != "scatter"}
+    declared = {p.name for p in (*toy.PARAMETERS, *parameters_of(Chain)) if p.plausible}
+    assert knobs == declared
+    own = {e.name: e for e in found}
+    assert [s.name for s in own["g"].knobs] == ["g", "tau"]
+    assert own["clearance"].settings == {"support": "loose"} and own["clearance"].size.neutral is None
+    assert own["offset_each"].family == "scatter" and own["offset_each"].source == "offset"
+
+
+def test_a_body_that_lies_loose_has_held_as_its_variant():
+    own = {e.name: e for e in toy.effects(support="loose")}
+    assert own["held"].settings == {"support": "held"} and own["held"].size.neutral is None
+
+
+@pytest.mark.parametrize("primary", [True, False])
+@pytest.mark.parametrize("shape", [(), (SHAPE,), (SHAPE, ANGLE)], ids=["no shape", "time", "time and angle"])
+@pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
+def test_weights_are_cardinal_at_the_nodes_and_nothing_at_neutral(size, shape, primary):
+    grid = nodes(Effect("x", "x", "model", size, shape), primary, (0.1, 2.0))
+    np.testing.assert_allclose(grid.weights(grid.points), np.eye(len(grid.points)), rtol=0, atol=1e-12)
+    if size.neutral is not None:
+        at = grid.points.copy()
+        at[:, 0] = 0.0
+        np.testing.assert_allclose(grid.weights(at), 0.0, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("size", [ONE, TWO, RATIO, UNEVEN], ids=["one", "two", "ratio", "uneven"])
+def test_weights_are_exact_for_polynomials_of_the_bent_size(size):
+    grid = nodes(Effect("x", "x", "model", size), True, (1.0, 1.0))
+    bent = (lambda s: s) if math.isinf(grid.middle) else (lambda s: s / (np.abs(s) + grid.middle))
+    s = np.array([v for near, far in size.ends() for v in np.linspace(near, far, 7)])
+    for degree in range(1, len(grid.levels[0]) + 1):
+        found = grid.weights(s[:, None]) @ bent(grid.levels[0]) ** degree
+        np.testing.assert_allclose(found, bent(s) ** degree, rtol=0, atol=1e-12)
+
+
+def test_a_tensor_grid_is_exact_for_its_polynomials():
+    rng = np.random.default_rng(0)
+    levels = (np.array([0.0, 1.0, 2.5]), np.array([-1.0, 2.0]))
+    x = np.stack([rng.uniform(0, 2.5, 30), rng.uniform(-1, 2, 30)], 1)
+    f = lambda a, b: 1 + a - 2 * a**2 + b * (3 - a)  # noqa: E731
+    grid = np.array([f(a, b) for a in levels[0] for b in levels[1]])
+    np.testing.assert_allclose(tensor(levels, x) @ grid, f(x[:, 0], x[:, 1]), rtol=0, atol=1e-12)
+
+
+def test_a_shape_of_many_levels_converges_as_a_natural_spline():
+    errors = []
+    for n in (9, 17, 33):
+        level, at = np.linspace(0, 1, n), np.linspace(0.2, 0.8, 101)
+        errors.append(np.abs(piecewise(level, at) @ np.sin(3 * level) - np.sin(3 * at)).max())
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all(rates > 3.5)  # fourth order away from the ends
+
+
+def test_shapes_are_held_at_the_ends_of_their_range():
+    grid = nodes(Effect("x", "x", "model", ONE, (SHAPE,)), True, (0.1, 2.0))
+    low, high = grid.levels[1][[0, -1]]
+    np.testing.assert_array_equal(grid.weights(np.array([[0.3, high + 5]])), grid.weights(np.array([[0.3, high]])))
+    np.testing.assert_array_equal(grid.weights(np.array([[0.3, low - 5]])), grid.weights(np.array([[0.3, low]])))

@@ -1,0 +1,259 @@
+"""The library's tables and what is predicted from them, against the closed form and the chain written out by hand."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import diagnosis_backend as toy
+from rso.diagnosis import Base, build, make_plan
+from rso.diagnosis.library import Library
+from rso.diagnosis.nodes import nodes
+from rso.diagnosis.prediction import predict
+from rso.measurement import Chain, Repeat, record
+
+MU = 0.012
+BASE = toy.base()
+CENTRE = float(BASE.centre[0])  # ln κ
+MARKS = [(0.0, 0.0), (6.0, 0.0), (0.0, 9.0)]
+MODEL = ("stiff", "skin", "g", "soften", "tilt", "clearance")
+
+
+def profile(depths=(1.0, 3.0), channels=("uz",), role: str = "fit"):
+    u = np.repeat(depths, len(MARKS))
+    x, y = np.tile(np.array(MARKS).T, len(depths))
+    values = {c: np.zeros(len(u)) for c in channels}
+    r = Repeat("1", u, None, {"x": x, "y": y, **values}, {}, np.full(len(u), "loading"))
+    return toy.experiment("profile", (r,), role=role)
+
+
+def make(experiments=None, names=MODEL, base: Base = BASE) -> Library:
+    experiments = toy.laboratory(toy.TRUTH, 0) if experiments is None else experiments
+    return build(base, make_plan(experiments), toy.effects(*names), toy.run)
+
+
+@pytest.fixture(scope="module")
+def library() -> Library:
+    chain = ("offset", "compliance", "gain", "bias", "drift", "lag", "cross_x", "cross_y")
+    return make([*toy.laboratory(toy.TRUTH, 0), profile()], names=(*MODEL, *chain))
+
+
+def effect(library: Library, name: str):
+    return next(e for e in library.effects if e.name == name)
+
+
+def exact(library: Library, values, **chain: float) -> np.ndarray:
+    """The data vector of the closed form, test by test, over dense ways; `chain` by hand."""
+    plan, found = library.plan, []
+    zero, k = chain.get("offset", 0.0), chain.get("compliance", 0.0)
+    for test in plan.tests:
+        e = plan.experiments[test.experiment]
+        place = {"point": e.settings["point"], "support": values.get("support", "held")}
+        knobs = {n: v for n, v in values.items() if n != "support"}
+        back = bool(np.any(test.branch == 1))
+        far = test.peak if back else test.peak + 0.4
+        if back:
+            for _ in range(40):  # the body's travel where the record turns
+                far = test.peak + zero - k * float(toy.elastic(knobs, np.array(far), **place)[0])
+        t = np.linspace(0, (2 if back else 1) * far / test.speed, 4001)
+        u = np.minimum(t * test.speed, 2 * far - t * test.speed)
+        F = dict(zip(("Fz", "Fx", "Fy"), toy.along(knobs, t, u, test.earlier, **place), strict=True))
+        clock = test.time[0] - test.depth[0] / test.speed
+        depth = u - zero + k * F["Fz"]
+        late = {c: np.interp(t - chain.get("lag", 0.0), t, v) for c, v in F.items()}
+        read = {
+            "Fz": chain.get("gain", 1.0) * late["Fz"] + chain.get("bias", 0.0) + chain.get("drift", 0.0) * (t + clock),
+            "Fx": late["Fx"] + chain.get("cross_x", 0.0) * late["Fz"],
+            "Fy": late["Fy"] + chain.get("cross_y", 0.0) * late["Fz"],
+        }
+        turn = int(np.argmax(depth))
+        for c in test.channels:
+            there = np.interp(test.depth, depth[: turn + 1], read[c][: turn + 1])
+            home = np.interp(test.depth, depth[: turn - 1 : -1], read[c][: turn - 1 : -1]) if back else there
+            found.append(np.where(test.branch == 1, home, there))
+    for item in plan.profiles:
+        knobs = {n: v for n, v in values.items() if n != "support"}
+        found.append([float(toy.mark(knobs, d, *MARKS[m])) for d, m in zip(item.depth, item.mark, strict=True)])
+    return np.concatenate(found)
+
+
+def worst(library: Library, names, at, values, modulus: float = MU, **chain: float) -> float:
+    """Largest deviation of the prediction over the largest force of each row block (or displacement)."""
+    κ = np.exp(at[0])
+    A, c = predict(library, [effect(library, n) for n in names], np.array([at]), modulus)
+    found = modulus * A[0] + c[0]
+    wanted = exact(library, {"mu": modulus, "D1": κ / modulus, **values}, **chain)
+    error = 0.0
+    for item, channel, rows in library.plan.rows():
+        largest = np.max(np.abs(wanted[rows]))
+        if channel in ("Fx", "Fy"):  # forces to the side count against the normal one
+            largest = max(largest, 0.1 * np.max(np.abs(wanted[library_rows(library, item)])))
+        error = max(error, float(np.max(np.abs(found[rows] - wanted[rows])) / largest))
+    return error
+
+
+def library_rows(library: Library, item) -> np.ndarray:
+    return np.concatenate([np.arange(at.start, at.stop) for other, _, at in library.plan.rows() if other is item])
+
+
+# ---- the base
+
+
+@pytest.mark.parametrize("share", [0.0, 0.13, 0.5, 0.71, 1.0])
+@pytest.mark.parametrize("modulus", [0.008, 0.02])
+def test_the_base_model_is_the_closed_form_at_every_modulus(library, share, modulus):
+    low, high = BASE.axes[0].ends
+    assert worst(library, (), (low + share * (high - low),), {}, modulus) < 0.002
+
+
+def test_the_modulus_alone_may_be_open():
+    library = make(names=("stiff",), base=toy.base(axes=False))
+    (A, c) = predict(library, (), np.zeros((1, 0)), MU)
+    reference = library.base.reference
+    wanted = exact(library, {"mu": reference, "D1": 60.0}) * MU / reference
+    np.testing.assert_allclose(MU * A[0] + c[0], wanted, rtol=0, atol=2e-3 * wanted.max())
+
+
+# ---- effects of the model
+
+
+@pytest.mark.parametrize("name", ["stiff", "skin", "soften", "tilt", "clearance"])
+@pytest.mark.parametrize("κ", [CENTRE, CENTRE - 0.8])
+def test_an_effect_is_the_closed_form_at_its_nodes_and_between(library, name, κ):
+    """0.3 % at nodes is what nine travels cost; 1 % between them and at the other place."""
+    e = effect(library, name)
+    own = nodes(e, True, (0.1, 2.0)).levels[0]
+    between = np.concatenate([0.5 * (own[1:] + own[:-1]), own[:1] * 0.6]) if len(own) > 1 else own * np.array([0.4])
+    if e.size.neutral is None:
+        between = 0.5 * (own[1:] + own[:-1])
+    extra = {k: v for k, v in e.settings.items() if k == "support"}
+    for sizes, tolerance in ((own, 0.006), (between, 0.01)):
+        for s in sizes:
+            values = {name: float(e.size.value(s)), **extra}
+            assert worst(library, (name,), (κ, float(s)), values) < tolerance, s
+
+
+@pytest.mark.parametrize("tau", [0.7, 1.7, 5.0, 20.0])
+@pytest.mark.parametrize("g", [0.1, 0.3])
+def test_relaxation_at_every_time_rate_and_branch(library, g, tau):
+    assert worst(library, ("g",), (CENTRE, g, np.log(tau)), {"g": g, "tau": tau}) < 0.015
+
+
+def test_an_effect_at_neutral_changes_nothing(library):
+    plain = predict(library, (), np.array([[CENTRE]]), MU)
+    for name in ("stiff", "skin", "soften", "tilt"):
+        found = predict(library, (effect(library, name),), np.array([[CENTRE, 0.0]]), MU)
+        np.testing.assert_allclose(found[0], plain[0], rtol=0, atol=1e-12)
+
+
+def test_nine_travels_are_enough_for_a_surface(library):
+    A, c = predict(library, (effect(library, "skin"),), np.array([[CENTRE, np.log(2.0)]]), MU)
+    for item, channel, at in library.plan.rows():
+        if channel == "uz":
+            values = {"mu": MU, "D1": np.exp(CENTRE) / MU, "skin": 2.0}
+            wanted = [float(toy.mark(values, d, *MARKS[m])) for d, m in zip(item.depth, item.mark, strict=True)]
+            np.testing.assert_allclose(c[0, at], wanted, rtol=0, atol=0.002)
+            assert np.all(A[0, at] == 0)
+
+
+# ---- the chain
+
+CHAINS = {
+    "offset": 0.15, "compliance": 0.4, "gain": 1.1, "bias": -0.02, "drift": 0.002, "lag": 0.3, "cross_x": 0.1,
+    "cross_y": -0.1,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CHAINS)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_an_effect_of_the_chain_is_its_formula(library, name, sign):
+    e = effect(library, name)
+    value = CHAINS[name] if sign > 0 or e.size.low >= 0.0 else 2 * e.size.neutral - CHAINS[name]
+    s = value - e.size.neutral
+    if e.size.ratio:
+        s = np.log(value / e.size.neutral)
+    # before contact and at the turn a record has corners that 160 travels round off
+    assert worst(library, (name,), (CENTRE, s), {}, **{name: value}) < 0.01
+
+
+def test_an_offset_moves_the_turn_of_a_cycle(library):
+    """A record that begins late is of a body pressed deeper: nothing is held constant beyond."""
+    assert worst(library, ("offset",), (CENTRE, 0.35), {}, offset=0.35) < 0.01
+
+
+def test_chain_and_body_together(library):
+    at = (CENTRE, 0.2, np.log(3.0), 0.3)
+    assert worst(library, ("g", "compliance"), at, {"g": 0.2, "tau": 3.0}, compliance=0.3) < 0.015
+
+
+def test_a_loading_curve_is_what_record_says(library):
+    test = next(t for t in library.plan.tests if not np.any(t.branch == 1))
+    at = next(rows for item, _, rows in library.plan.rows() if item is test)
+    u = np.linspace(0, test.peak + 0.3, 4000)
+    F = toy.elastic({"mu": MU, "D1": np.exp(CENTRE) / MU}, u)[0]
+    for name, value in CHAINS.items():
+        if name in ("lag", "cross_x", "cross_y"):
+            continue
+        e = effect(library, name)
+        s = np.log(value) if e.size.ratio else value - e.size.neutral
+        t = test.time[0] + (u - test.depth[0]) / test.speed
+        got = record(Chain(**{name: value}), u, {"Fz": F}, t)
+        A, _ = predict(library, (e,), np.array([[CENTRE, s]]), MU)
+        wanted = np.interp(test.depth, got.depth, got.forces["Fz"])
+        np.testing.assert_allclose(MU * A[0, at], wanted, rtol=0, atol=0.004 * wanted.max(), err_msg=name)
+
+
+def test_sizes_of_the_chain_beyond_its_hard_bounds_are_no_error(library):
+    """Draws of a posterior may leave a plausible range that ends near a hard bound."""
+    A, _ = predict(library, (effect(library, "compliance"),), np.array([[CENTRE, 2.5], [CENTRE, -0.3]]), MU)
+    assert np.all(np.isfinite(A))
+
+
+# ---- what fails
+
+
+@pytest.mark.parametrize("name", ["skin", "soften", "g"])
+def test_a_failing_corner_is_said_and_filled_from_its_neighbour(name):
+    experiments = [
+        dataclasses.replace(e, settings={**e.settings, "fail": name}) for e in toy.laboratory(toy.TRUTH, 0)
+    ]
+    library = make(experiments, names=(name,))
+    assert any(name in text and "contact" in text for text in library.failed)
+    e = effect(library, name)
+    at = np.array([[CENTRE, 0.5 * e.size.ends()[0][1], *([1.0] * len(e.shape))]])
+    assert np.all(np.isfinite(predict(library, (e,), at, MU)[0]))
+
+
+def test_an_effect_without_any_answer_leaves_the_base():
+    experiments = [
+        dataclasses.replace(e, settings={**e.settings, "fail": "stiff", "fail_all": True})
+        for e in toy.laboratory(toy.TRUTH, 0)
+    ]
+    library = make(experiments, names=("stiff",))
+    at = np.array([[CENTRE, 0.5]])
+    np.testing.assert_array_equal(predict(library, library.effects, at, MU)[0], predict(library, (), at[:, :1], MU)[0])
+    assert library.failed
+
+
+def test_a_base_that_fails_is_an_error():
+    experiments = [
+        dataclasses.replace(e, settings={**e.settings, "fail": "radius_error", "fail_all": True})
+        for e in toy.laboratory(toy.TRUTH, 0)
+    ]
+    with pytest.raises(ValueError, match="base model"):
+        make(experiments, names=("stiff",), base=toy.base(radius_error=0.1))
+
+
+def test_a_base_that_relaxes_is_refused():
+    """One loading run stands for all rates and for the way back: that must not be assumed silently."""
+    with pytest.raises(ValueError, match=r"rate|unload"):
+        make(names=("stiff",), base=toy.base(g=0.3))
+
+
+def test_equal_runs_are_asked_once(tmp_path):
+    log = tmp_path / "log"
+    experiments = [
+        dataclasses.replace(e, settings={**e.settings, "log": str(log)}) for e in toy.laboratory(toy.TRUTH, 0)
+    ]
+    library = make(experiments)
+    assert library.runs == log.read_text().count("run")

@@ -1,0 +1,230 @@
+"""What was measured, in bins, and what it scatters by: neither may depend on what a model says."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import diagnosis_backend as toy
+from rso.diagnosis import make_plan, noise
+from rso.diagnosis.testplan import BINS, STEP
+from rso.measurement import Measurement, Noise, Repeat
+
+NOTHING = Noise()
+
+
+def rng(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+# ---------------------------------------------------------------------------------------------------------- in bins
+
+
+def test_bins_keep_the_means_of_every_branch():
+    repeats = toy.recorded(toy.TRUTH, rng(), unload=True, lateral=True, readings=97)
+    plan = make_plan([toy.experiment("a", repeats)])
+    (test,), (r,) = plan.tests, repeats
+    for k, branch in enumerate(("loading", "unloading")):
+        mine, own = test.branch == k, r.segment == branch
+        assert mine.sum() == BINS and test.count[mine].sum() == own.sum()
+        for c in ("Fx", "Fy", "Fz"):
+            total = np.sum(test.count[mine] * test.values[c][mine])
+            np.testing.assert_allclose(total, r.channels[c][own].sum(), rtol=1e-12)
+        np.testing.assert_allclose(np.sum(test.count[mine] * test.depth[mine]), r.depth[own].sum(), rtol=1e-12)
+        np.testing.assert_allclose(np.sum(test.count[mine] * test.time[mine]), r.time[own].sum(), rtol=1e-12)
+
+
+def test_the_data_vector_holds_every_value_in_the_order_of_its_rows():
+    plan = make_plan(toy.laboratory(toy.TRUTH, 0))
+    y, used = plan.values(), np.zeros(plan.n, int)
+    for item, c, at in plan.rows():
+        np.testing.assert_array_equal(y[at], item.values[c])
+        used[at] += 1
+    assert len(y) == plan.n and np.all(used == 1)
+
+
+def test_few_readings_are_bins_of_their_own():
+    repeats = toy.recorded(toy.TRUTH, rng(), readings=9)
+    (test,) = make_plan([toy.experiment("a", repeats)]).tests
+    np.testing.assert_array_equal(test.values["Fz"], repeats[0].channels["Fz"])
+
+
+def test_tests_come_in_the_order_of_testing_and_know_the_deepest_travel_before():
+    second = toy.experiment("second", toy.recorded(toy.TRUTH, rng(), peak=3.0), after=("first",))
+    first = toy.experiment("first", toy.recorded(toy.TRUTH, rng(), peak=5.0, repeats=2))
+    elsewhere = toy.experiment("elsewhere", toy.recorded(toy.TRUTH, rng()), point=(10.0, 0.0), after=("first",))
+    plan = make_plan([second, first, elsewhere])
+    peak = {t.label + plan.experiments[t.experiment].name: t.earlier for t in plan.tests}
+    assert peak["1first"] == 0.0 and peak["1elsewhere"] == 0.0
+    np.testing.assert_allclose(peak["2first"], 5.0, atol=0.05)
+    assert peak["1second"] == max(t.peak for t in plan.tests if plan.experiments[t.experiment].name == "first")
+
+
+def test_an_experiment_that_comes_after_itself_is_refused():
+    one = toy.experiment("one", toy.recorded(toy.TRUTH, rng()), after=("two",))
+    two = toy.experiment("two", toy.recorded(toy.TRUTH, rng()), after=("one",))
+    with pytest.raises(ValueError, match="comes after itself"):
+        make_plan([one, two])
+
+
+def test_experiments_of_equal_settings_share_a_place():
+    a = toy.experiment("a", toy.recorded(toy.TRUTH, rng()), speed=0.5)
+    b = toy.experiment("b", toy.recorded(toy.TRUTH, rng()), speed=0.5)
+    b = dataclasses.replace(b, speed=5.0, settings={**b.settings, "speed": "5 mm/s", "unload": True})
+    c = toy.experiment("c", toy.recorded(toy.TRUTH, rng()), point=(10.0, 0.0))
+    plan = make_plan([a, b, c])
+    assert [t.place for t in plan.tests] == [0, 0, 1] and len(plan.places) == 2
+    assert all("speed" not in p.settings for p in plan.places)
+
+
+def test_the_deepest_travel_is_rounded_so_that_data_sets_share_a_library():
+    deepest = []
+    for peak in (3.98, 4.0, 4.04):
+        plan = make_plan([toy.experiment("a", toy.recorded(toy.TRUTH, rng(), peak=peak))])
+        deepest.append(plan.places[0].deepest)
+        assert plan.places[0].deepest % STEP == 0
+        assert plan.places[0].deepest > peak - 0.25 * STEP
+    assert len(set(deepest)) == 1
+
+
+def test_holds_are_left_out_and_said_so():
+    (r,) = toy.recorded(toy.TRUTH, rng())
+    segment = r.segment.copy()
+    segment[-20:] = "hold"
+    plan = make_plan([toy.experiment("a", (dataclasses.replace(r, segment=segment),))])
+    assert plan.tests[0].count.sum() == np.sum(segment == "loading") and "hold" in plan.notes[0]
+
+
+def test_times_follow_from_the_speed_where_none_were_recorded():
+    (r,) = toy.recorded(toy.TRUTH, rng(), unload=True)
+    (with_time,) = make_plan([toy.experiment("a", (r,))]).tests
+    (without,) = make_plan([toy.experiment("a", (dataclasses.replace(r, time=None),))]).tests
+    # the turn lies between two readings, 0.1 s apart
+    np.testing.assert_allclose(without.time - without.time[0], with_time.time - with_time.time[0], rtol=0, atol=0.1)
+
+
+def test_a_profile_alone_is_no_diagnosis():
+    u = np.array([1.0, 2.0])
+    channels = {"x": np.zeros(2), "y": np.zeros(2), "uz": -u}
+    r = Repeat("1", u, None, channels, {}, np.full(2, "loading"))
+    with pytest.raises(ValueError, match="no force curve"):
+        make_plan([toy.experiment("profile", (r,))])
+
+
+# ------------------------------------------------------------------------------------------------------------ noise
+
+
+def synthetic(n: int, seed: int, white: float = 2e-3, gain: float = 0.0, contact: float = 0.0, sd: float = 0.0,
+              length: float = 1.0, shape=lambda u: 0.03 * u**1.5, readings: int = 120):  # fmt: skip
+    """n repeats of one smooth curve with noise of known law."""
+    g, repeats = rng(seed), []
+    u = np.linspace(4 / readings, 4, readings)
+    L = np.linalg.cholesky(sd**2 * np.exp(-np.abs(u[:, None] - u) / length) + 1e-18 * np.eye(readings))
+    for k in range(n):
+        F = (1 + gain * g.standard_normal()) * shape(np.maximum(u + contact * g.standard_normal(), 0.0))
+        F = F + white * g.standard_normal(readings) + L @ g.standard_normal(readings)
+        repeats.append(Repeat(str(k), u, u / 0.5, {"Fz": F}, {}, np.full(readings, "loading")))
+    return [toy.experiment("a", tuple(repeats), noise=NOTHING)]
+
+
+def level(experiments, channel: str = "Fz") -> noise.Level:
+    return noise.levels(make_plan(experiments))[channel]
+
+
+def test_white_noise_is_recovered_from_the_readings():
+    found = [level(synthetic(4, k)).white for k in range(8)]
+    np.testing.assert_allclose(np.mean(found), 2e-3, rtol=0.05)  # 8 · 4 · 117 third differences
+    np.testing.assert_allclose(found, 2e-3, rtol=0.25)
+
+
+def test_white_noise_alone_is_neither_gain_nor_correlated():
+    found = [level(synthetic(5, k)) for k in range(12)]
+    assert np.mean([v.gain for v in found]) <= max(0.004, 1.001 * noise.GAIN)
+    assert sum(v.correlated > 0 for v in found) <= 2
+
+
+@pytest.mark.parametrize("gain", [0.02, 0.06])
+def test_scatter_of_the_gain_is_recovered(gain):
+    found = [level(synthetic(16, k, gain=gain)).gain for k in range(6)]
+    # a standard deviation from 15 degrees of freedom scatters by 18 %, the mean of six by 8 %
+    np.testing.assert_allclose(np.mean(found), gain, rtol=0.25)
+
+
+def test_scatter_of_the_contact_point_is_recovered():
+    found = [level(synthetic(16, k, contact=0.08)).contact for k in range(6)]
+    np.testing.assert_allclose(np.mean(found), 0.08, rtol=0.3)
+
+
+def test_correlated_noise_is_recovered():
+    found = [level(synthetic(24, k, white=5e-4, sd=4e-3, length=0.5)) for k in range(6)]
+    # bins of 0.28 mm average some of it away, and two shapes are taken out as gain and contact
+    np.testing.assert_allclose(np.mean([v.correlated for v in found]), 4e-3, rtol=0.35)
+    assert 0.2 < np.mean([v.length for v in found]) < 1.2
+
+
+def test_noise_does_not_know_what_a_model_would_say():
+    """The same scatter on a curve that no model here follows gives the same noise: misfit is not noise."""
+    plain = level(synthetic(8, 3, gain=0.03, contact=0.03))
+    odd = level(synthetic(8, 3, gain=0.03, contact=0.03, shape=lambda u: 0.03 * u**1.5 * (1 + 0.3 * np.sin(u))))
+    for name in ("white", "gain", "contact"):
+        np.testing.assert_allclose(getattr(odd, name), getattr(plain, name), rtol=0.25)
+
+
+def test_what_is_stated_is_the_least():
+    (e,) = synthetic(4, 0)
+    stated = dataclasses.replace(e, noise=Noise(Fz=0.01, gain=0.05, depth=0.02))
+    found = level([stated])
+    assert found.white >= 0.01 and found.gain >= 0.05 and found.contact >= 0.02 and found.source == "stated"
+
+
+def test_softening_between_the_first_and_later_repeats_is_not_scatter():
+    """A virgin test differs from those after it by an effect of the catalogue."""
+    truth = {**toy.TRUTH, "soften": 0.3}
+    e = toy.experiment("a", toy.recorded(truth, rng(1), repeats=5, scatter=0.0), noise=NOTHING)
+    assert level([e]).gain <= noise.GAIN and level([e]).contact <= noise.CONTACT
+
+
+def test_a_few_noiseless_readings_still_have_a_covariance():
+    """Nothing stated, too few readings to estimate from: the answer is humble, not an error."""
+    u = np.linspace(0.5, 4, 8)
+    r = Repeat("1", u, None, {"Fz": 0.03 * u**1.5}, {}, np.full(8, "loading"))
+    e = toy.experiment("a", (r,), noise=NOTHING)
+    assert level([e]).white > 0
+
+
+def test_covariance_is_that_of_readings_with_such_noise():
+    """White, correlated, gain and contact noise simulated reading by reading against the matrix, world error apart."""
+    plan = make_plan(synthetic(2, 0))
+    n, test = plan.n, plan.tests[0]
+    q = noise.Level(2e-3, 3e-3, 0.5, 0.03, 0.05, 0.01, "stated")
+    F, slope = 0.03 * np.tile(test.depth, 2) ** 1.5, 0.045 * np.tile(test.depth, 2) ** 0.5
+    library = type("L", (), {})()
+    library.plan = plan
+    library.places = (type("P", (), {"u": np.array([0.0, 9.0]), "error": np.zeros((3, 2))})(),)
+    C = noise.covariance(library, {"Fz": q}, F, slope)
+    g, found = rng(5), []
+    half = n // 2
+    K = q.correlated**2 * np.exp(-np.abs(test.depth[:, None] - test.depth) / q.length)
+    L = np.linalg.cholesky(K)
+    world = np.linalg.cholesky(
+        0.004**2 * np.outer(F, F)
+        * np.exp(-0.5 * ((np.tile(test.depth, 2)[:, None] - np.tile(test.depth, 2)) / (0.35 * 4)) ** 2)
+        + 1e-14 * np.eye(n)
+    )  # fmt: skip
+    for _ in range(20_000):
+        parts = []
+        for k in range(2):
+            at = slice(k * half, (k + 1) * half)
+            white = np.hypot(q.white, q.depth * slope[at]) / np.sqrt(test.count) * g.standard_normal(half)
+            common = q.gain * F[at] * g.standard_normal() + q.contact * slope[at] * g.standard_normal()
+            parts.append(white + common + L @ g.standard_normal(half))
+        found.append(np.concatenate(parts) + world @ g.standard_normal(n))
+    np.testing.assert_allclose(np.cov(np.array(found).T), C, rtol=0, atol=0.03 * C.max())
+
+
+def test_a_path_is_not_read():
+    """Experiments are data in memory: nothing is opened."""
+    (e,) = synthetic(2, 0)
+    gone = dataclasses.replace(e, measurement=Measurement(Path("/nowhere/at all"), "force", e.measurement.repeats, ()))
+    assert level([gone]) == level([e])
