@@ -47,6 +47,7 @@ class Experiment:
         self.mesh = mesh or ellipsoid_mesh(self.sym, self.contact[:2], h, blob, 3.0 if model.bowl is not None else None)
         self.pressure_order = order - 2
         self.eps = eps * max(1.0, model.skin_ratio)
+        self.trail = []  # the last states, (depth, vector)
         self._spaces(order)
         self._forms(wmax)
 
@@ -244,13 +245,13 @@ class Experiment:
     def snapshot(self):
         """Copies of all that the history consists of."""
         fields = [self.state, self.previous] + ([self.S_old, *self.M_old] if self.model.prony else [])
-        return [(f, f.vec.CreateVector(copy=True)) for f in fields]
+        return [(f, f.vec.CreateVector(copy=True)) for f in fields], list(self.trail)
 
-    @staticmethod
-    def restore(kept):
+    def restore(self, kept):
         """Back to a snapshot."""
-        for f, vec in kept:
+        for f, vec in kept[0]:
             f.vec.data = vec
+        self.trail = kept[1]
 
     def largest_energy(self):
         """Field of the isochoric energy of the present state (largest, if the sphere only went down)."""
@@ -271,6 +272,8 @@ class Experiment:
         Q = rotation(self.model.tilt)
         t0, d0 = start
         trail = [(d0, self.state.vec.CreateVector(copy=True))]
+        if self.trail and self.trail[-1][0] == d0:
+            trail = self.trail  # the secant of the way down predicts the first step of the way up
         old_c = self._place(d0)
         for t, d in path:
             todo = [(t, d)]
@@ -298,8 +301,7 @@ class Experiment:
                 F = factor * self._force()
                 self._store()
                 trail = [*trail, (d1, self.state.vec.CreateVector(copy=True))][-3:]
-                if len(trail) > 2 and (trail[-1][0] - trail[-2][0]) * (trail[-2][0] - trail[-3][0]) <= 0:
-                    trail = trail[-1:]  # turned around: no extrapolation through the corner
+                self.trail = trail
                 t0, d0, old_c = t1, d1, c
             out.t.append(t)
             out.d.append(d)
@@ -314,7 +316,8 @@ class Experiment:
             x.data = trail[-1][1]
             return
         (da, a), (db, b) = trail[-2:]
-        if len(trail) == 3 and trail[0][0] > 0:  # quadratic, in the square root of the depth
+        turned = (len(trail) == 3 and (trail[0][0] - da) * (da - db) <= 0) or (da - db) * (db - d) <= 0
+        if len(trail) == 3 and trail[0][0] > 0 and not turned:  # quadratic, in the square root of the depth
             q, (qc, qa, qb) = abs(d) ** 0.5, [abs(v) ** 0.5 for v, _ in trail]
             lc = (q - qa) * (q - qb) / ((qc - qa) * (qc - qb))
             la = (q - qc) * (q - qb) / ((qa - qc) * (qa - qb))

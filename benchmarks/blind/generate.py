@@ -150,6 +150,7 @@ def make(case, out):
         "allowed": allowed(case, size),
         "force_without_noise_N": dict(zip("1234", np.round(top, 6).tolist(), strict=False)),
         "fe": facts,
+        "redrawn": case.get("redrawn", 0),
         "cpu_s": round(time.process_time() - t0, 1),
     }
     path = out / "sealed" / f"{case['id']}.json"
@@ -194,11 +195,17 @@ def main():
     for case in sorted(todo, key=needs_fe):
         if args.free_only and needs_fe(case):
             continue
-        try:
-            make(case, args.out)
-            print(case["id"], "made", flush=True)
-        except Exception as error:  # a case whose mechanics fail is left out and said so, the rest goes on
-            print(case["id"], "failed:", type(error).__name__, flush=True)
+        for attempt in range(3):
+            try:
+                make(case, args.out)
+                print(case["id"], "made", flush=True)
+                break
+            except Exception as error:  # its mechanics fail: sizes and material are drawn again, the effect stays
+                print(case["id"], "failed:", type(error).__name__, flush=True)
+                names = [e["name"] for e in case["effects"]]
+                case.update(draw_case(case["kind"], names, np.random.default_rng(secrets.randbits(128))))
+                case["redrawn"] = attempt + 1
+                write_json(args.out / "sealed" / "plan.json", plan)
 
 
 if __name__ == "__main__":

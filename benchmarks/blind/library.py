@@ -14,6 +14,9 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 
 FILE = Path(__file__).with_name("library.json")
 MU_D1 = {"top": (0.13, 0.03, 0.45, 0.009, 1.3), "20_0": (0.13, 0.01, 1.3), "2.5_2.5": (0.13, 0.01, 1.3)}
+FIRST_CONTACT = {"top": (1.0, 0.01915), "20_0": (0.9806, 0.02022), "2.5_2.5": (0.9975, 0.01915)}  # n_z, mean curvature
+FINE_MU_D1 = 0.2
+FINE_DEPTHS = (0.15, 0.3, 0.5, 0.7, 0.9, 1.1, 1.4, 1.7, 2.0, 2.5, 3.0, 3.5, 4.0)
 LINES = {"top": (0.0, 0.0), "20_0": (20.0, 0.0), "2.5_2.5": (2.5, 2.5)}
 
 
@@ -25,6 +28,18 @@ def build():
     ng.SetNumThreads(1)
     rows = json.loads(FILE.read_text()) if FILE.exists() else []
     have = {(r["place"], r["muD1"]) for r in rows}
+
+    def keep(place, muD1, path):
+        rows.append({"place": place, "muD1": muD1, **as_table(path)})
+        new = FILE.with_suffix(".tmp")
+        new.write_text(json.dumps(rows))
+        os.replace(new, FILE)
+        print(place, muD1, path.d[-1], path.F[-1], flush=True)
+
+    if ("fine", FINE_MU_D1) not in have:
+        for h in (1.2, 0.85):
+            experiment = fe.Experiment(fe.Model(muD1=FINE_MU_D1), h=h, order=3)
+            keep("fine", FINE_MU_D1, experiment.press([(2 * d, d) for d in FINE_DEPTHS]))
     for k in range(5):
         for place, values in MU_D1.items():
             if k < len(values) and (place, values[k]) not in have:
@@ -36,11 +51,7 @@ def build():
                     )
                 except fe.NotConverged as error:
                     path = error.reached
-                rows.append({"place": place, "muD1": values[k], **as_table(path)})
-                new = FILE.with_suffix(".tmp")
-                new.write_text(json.dumps(rows))
-                os.replace(new, FILE)
-                print(place, values[k], path.d[-1], path.F[-1], flush=True)
+                keep(place, values[k], path)
 
 
 def as_table(path):
@@ -51,7 +62,7 @@ def as_table(path):
     F[:, 2] += CubicSpline(s, np.r_[0, path.Ec])(s[1:], 1) / (2 * s[1:])
     table = {"d": d.tolist(), "F": F.tolist()}
     if path.uz[0] is not None:
-        table["uz"] = path.uz
+        table["uz"] = list(path.uz)
     return table
 
 
@@ -67,7 +78,7 @@ def load():
     """FILE -> {place: (ln(mu D1), list of splines in the root of the depth)}; "uz": the same for the marks."""
     rows = json.loads(FILE.read_text())
     return {place: prepared([r for r in rows if r["place"] == place], "F") for place in LINES} | {
-        "uz": prepared([r for r in rows if "uz" in r], "uz")
+        "uz": prepared([r for r in rows if "uz" in r and r["place"] == "top"], "uz")
     }
 
 
@@ -86,19 +97,73 @@ def across(x, y, at):
     return make_interp_spline(x, y, k=min(3, len(x) - 1))(at)
 
 
-def null_curve(place, muD1, d):
-    """f(mu D1, d) at depths d >= 0 -> (n, 3), the force over mu; off the top by ratio to the top's Fz."""
-    table, s = load(), np.sqrt(np.clip(d, 0, None))
-    x, splines = table["top"]
-    top = across(x, np.array([c(s) for c in splines]), np.log(muD1))
+def hertz(place, muD1):
+    """Limit of Fz/d^1.5 over mu for d -> 0: Hertz with the mean curvature at the contact, vertical travel.
+
+    Fz = 4/3 E/(1 - nu^2) sqrt(R_e) cos^2.5(theta) d^1.5, 1/R_e = 1/R + H (nearly round contact)
+    """
+    K = 2 / muD1
+    nu = (3 * K - 2) / (2 * (3 * K + 1))
+    n, curvature = FIRST_CONTACT[place]
+    return 4 / 3 * 2 * (1 + nu) / (1 - nu**2) * (1 / (1 / 3 + curvature)) ** 0.5 * n**2.5
+
+
+def raw(place, muD1, d):
+    """Null force over mu as the coarse elements give it, (n, 3)."""
+    x, splines = load()[place]
+    return across(x, np.array([c(np.sqrt(d)) for c in splines]), np.log(muD1))
+
+
+@lru_cache(maxsize=1)
+def fine_shape():
+    """Coefficients of Fz/(d^1.5 c0) - 1 in d^(1/2, 1, 2, 3) from the cubic elements, through Hertz's limit."""
+    rows = [r for r in json.loads(FILE.read_text()) if r["place"] == "fine"]
+    d = np.concatenate([r["d"] for r in rows])
+    g = np.concatenate([np.array(r["F"])[:, 2] for r in rows]) / d**1.5 / hertz("top", FINE_MU_D1) - 1
+    weight = np.where(d < 0.4, 0, 1 / (0.001 + 0.005 / d**2))
+    return np.linalg.lstsq(powers(d) * weight[:, None], g * weight, rcond=None)[0]
+
+
+def powers(d):
+    """Basis of `fine_shape`, (n, 4)."""
+    return np.stack([d**0.5, d, d**2, d**3], 1)
+
+
+def correction(place, muD1, d):
+    """Factor that takes the coarse mesh out of a force computed at this place, (n,).
+
+    At the top: cubic over coarse elements at mu D1 = FINE_MU_D1 (the ratio hardly depends on mu D1: the contact grows
+    over the same elements), its value at 4 mm beyond. Off the top: the corrected curve of the top, scaled to the
+    place's own limit for d -> 0 and bent by 1 + b d + e d^2 to its own elements beyond 1.2 mm.
+    """
+    d = np.clip(np.asarray(d, float), 0.3, None)
     if place == "top":
-        return top
-    far, s1 = table[place], np.sqrt(np.clip(d, 0.1, None))
-    ratio = []
-    for ln, c in zip(*far, strict=True):
-        base = across(x, np.array([t(s1)[:, 2] for t in splines]), ln)
-        ratio.append(c(s1) / base[:, None])
-    return across(far[0], np.array(ratio), np.log(muD1)) * top[:, 2:]
+        at = np.clip(d, None, 4.0)
+        fine = hertz("top", FINE_MU_D1) * at**1.5 * (1 + powers(at) @ fine_shape())
+        return fine / raw("top", FINE_MU_D1, at)[:, 2]
+    return bent(place, muD1, d) / raw(place, muD1, d)[:, 2]
+
+
+def bent(place, muD1, d):
+    """Smooth Fz off the top, see `correction`."""
+
+    def scaled(at):
+        top = raw("top", muD1, at)[:, 2] * correction("top", muD1, at)
+        return top * hertz(place, muD1) / hertz("top", muD1)
+
+    at = np.linspace(1.2, 4.0, 40)
+    ratio = raw(place, muD1, at)[:, 2] / scaled(at) - 1
+    b, e = np.linalg.lstsq(np.stack([at, at**2], 1), ratio, rcond=None)[0]
+    return scaled(d) * (1 + b * d + e * d * d)
+
+
+def null_curve(place, muD1, d):
+    """f(mu D1, d) at depths d >= 0 -> (n, 3), the force over mu, mesh taken out; lateral from the ratio to Fz."""
+    d = np.clip(np.asarray(d, float), 0, None)
+    at = np.clip(d, 0.3, None)
+    Fz = raw(place, muD1, at)[:, 2] * correction(place, muD1, at) * (d / at) ** 1.5
+    side = raw(place, muD1, np.clip(d, 1.0, None))
+    return side / side[:, 2:] * Fz[:, None]
 
 
 def null_profile(muD1, d):

@@ -32,8 +32,19 @@ def tables(muD1, changes):
     """Model changes (see `fe.Model`) -> tables for `experiment.Mechanics`, facts {"deepest": mm}."""
     ng.SetNumThreads(1)
     model = fe.Model(muD1=muD1, **changes)
-    if model.mullins:
-        return softened(model)
+    out, deepest = softened(model) if model.mullins else hard(model, muD1, changes)
+    done = set()
+    for (place, _), table in out.items():  # the same meshes as the library's, hence the same factor
+        if id(table) not in done:
+            done.add(id(table))
+            d = np.array(table["d"])
+            factor = library.correction(place if place == "20_0" else "top", muD1, d)
+            table["F"] = (np.array(table["F"]) * factor[:, None]).tolist()
+    return out, {"deepest": float(deepest)}
+
+
+def hard(model, muD1, changes):
+    """Tables of a model without softening, and the depth reached."""
     out = {}
     if model.prony:
         deepest = viscous(model, out)
@@ -57,7 +68,7 @@ def tables(muD1, changes):
         if model.prony:  # relaxation as at the top, depth by depth
             ratio = relaxation(out["mp_cycle_30", "load"], muD1, changes)
             out["20_0", "load"]["F"] = (np.array(out["20_0", "load"]["F"]) * ratio(path.d)[:, None]).tolist()
-    return out, {"deepest": float(deepest)}
+    return out, deepest
 
 
 def relaxation(table, muD1, changes):
@@ -89,7 +100,7 @@ def cycle(model, speed, out, key, deep=False):
             tail = error.reached
         for name in ("t", "d", "F", "Ec"):
             getattr(up, name).extend(getattr(tail, name))
-        up.uz[0] = None
+        up.uz = [None]
         out["mp_deep", "load"] = library.as_table(up)
         deepest = up.d[-1]
     return deepest
@@ -117,7 +128,6 @@ def softened(model):
     e = fe.Experiment(virgin)
     run(e, [(2 * d, d) for d in fe.TOP_DEPTHS])
     after4 = e.largest_energy()
-    kept = e.snapshot()
     try:
         deepest = e.press([(2 * d, d) for d in DEEP_TAIL], start=(8.0, 4.0)).d[-1]
     except fe.NotConverged as error:
@@ -127,5 +137,4 @@ def softened(model):
     for key, field in (("reload", after4), ("after_deep", after6)):
         soft = fe.Experiment(model, mesh=e.mesh, wmax=field)
         out[key, "load"] = library.as_table(run(soft, [(2 * d, d) for d in fe.TOP_DEPTHS]))
-    del kept
-    return out, {"deepest": float(deepest)}
+    return out, deepest

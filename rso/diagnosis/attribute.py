@@ -40,6 +40,7 @@ NO_GAP = 0.5
 AMPLITUDES = (0.03, 0.15)  # relative size of what is unexplained
 SCATTER = (0.15, 0.6)  # of the largest plausible size
 SURVIVORS = 5
+LOOSE = 0.05  # by which an effect may be stronger or weaker in a part of the data than the library has it
 FALSE_ALARM = 0.05
 NULLS = 400
 
@@ -65,12 +66,18 @@ class Bench:
                 C = C + np.einsum("ti,tj->ij", g, g)
         return C
 
-    def of(self, effects: Sequence[Effect]) -> Tiles:
-        """Tiles of a set of effects, made once; scatter moves no mean."""
+    def of(self, effects: Sequence[Effect], loose: bool = False) -> Tiles:
+        """Tiles of a set of effects, made once; scatter moves no mean.
+
+        `loose` ones allow for what another code, or nature, makes of the effect itself: see :func:`loosened`.
+        """
         effects = [e for e in effects if e.family != "scatter"]
-        key = tuple(e.name for e in effects)
+        key = (*(e.name for e in effects), *(("loose",) if loose else ()))
         if key not in self.tiles:
-            self.tiles[key] = tiles(self.library, effects, self.modulus, coarse=len(effects) > 1)
+            if loose and effects:
+                self.tiles[key] = loosened(self.library, self.of(effects), self.of(()), self.modulus)
+            else:
+                self.tiles[key] = tiles(self.library, effects, self.modulus, coarse=len(effects) > 1)
         return self.tiles[key]
 
 
@@ -152,44 +159,51 @@ class Evidence:
 
     def __init__(self, bench: Bench, effects: Sequence[Effect]) -> None:
         self.bench, self.effects = bench, tuple(effects)
-        self._ready: dict[tuple[tuple[str, ...], int], Ready] = {}
+        self._ready: dict[tuple[tuple[str, ...], int, bool], Ready] = {}
 
-    def ready(self, effects: Sequence[Effect], white: int = 0) -> Ready:
+    def ready(self, effects: Sequence[Effect], white: int = 0, loose: bool = False) -> Ready:
         """A hypothesis in whitened coordinates, made once.
 
         `white` 0 is C, the others have a free gap; of an effect that scatters `white` is its level.
         """
-        key = (tuple(e.name for e in effects), white)
+        key = (tuple(e.name for e in effects), white, loose)
         if key not in self._ready:
             scatters = any(e.family == "scatter" for e in effects)
             L = whitening(self.bench.covariance(effects, white)) if scatters else self.bench.whites[white]
-            self._ready[key] = ready(self.bench.of(effects), L, self.bench.modulus)
+            self._ready[key] = ready(self.bench.of(effects, loose), L, self.bench.modulus)
         return self._ready[key]
 
-    def best(self, effects: Sequence[Effect], y: np.ndarray, unexplained: bool = False) -> Ready:
+    def best(self, effects: Sequence[Effect], y: np.ndarray, unexplained: bool = False, loose: bool = False) -> Ready:
         """The level of scatter, or of what is unexplained, that suits y (n,) most."""
         levels = self._levels(effects, unexplained)
-        return max((self.ready(effects, k) for k in levels), key=lambda h: log_evidence(h, h.white(y)[None])[0])
+        return max((self.ready(effects, k, loose) for k in levels), key=lambda h: log_evidence(h, h.white(y)[None])[0])
 
     def _levels(self, effects: Sequence[Effect], unexplained: bool) -> range:
         if any(e.family == "scatter" for e in effects):
             return range(len(SCATTER))
         return range(1, len(self.bench.whites)) if unexplained else range(1)
 
-    def of(self, effects: Sequence[Effect], Y: np.ndarray, unexplained: bool = False) -> np.ndarray:
+    def of(
+        self, effects: Sequence[Effect], Y: np.ndarray, unexplained: bool = False, loose: bool = False
+    ) -> np.ndarray:
         """Log evidence (B,) of data Y (B, n)."""
-        hypotheses = [self.ready(effects, k) for k in self._levels(effects, unexplained)]
+        hypotheses = [self.ready(effects, k, loose) for k in self._levels(effects, unexplained)]
         each = [log_evidence(h, h.white(Y)) for h in hypotheses]
         return logsumexp(np.array(each), axis=0) - np.log(len(each))
 
 
 def contests(
-    evidence: Evidence, Y: np.ndarray, pairs: Sequence[tuple[Effect, Effect]] = (), partly: bool = True
-) -> list[Contest]:
-    """The contest of all hypotheses for every data set of Y (B, n)."""
+    evidence: Evidence, Y: np.ndarray, pairs: Sequence[tuple[Effect, Effect]] = (), partly: bool = True,
+    finalists: frozenset[str] = frozenset(),
+) -> list[Contest]:  # fmt: skip
+    """The contest of all hypotheses for every data set of Y (B, n); finalists, by cause, have loose tiles."""
+
+    def column(h: Hypothesis) -> np.ndarray:
+        return evidence.of(h.effects, Y, h.unexplained, bool(h.effects) and {e.source for e in h.effects} <= finalists)
+
     effects = evidence.effects
     hypotheses = [Hypothesis(()), *(Hypothesis((e,)) for e in effects), Hypothesis((), True)]
-    columns = [evidence.of(h.effects, Y, h.unexplained) for h in hypotheses]
+    columns = [column(h) for h in hypotheses]
     n = len(effects)
     forms = {e.name: sum(o.source == e.source for o in effects) for e in effects}
     sources = len({e.source for e in effects})
@@ -198,11 +212,11 @@ def contests(
     if partly:
         more = [Hypothesis((e,), True) for e in effects if e.family != "scatter"]
         hypotheses += more
-        columns += [evidence.of(h.effects, Y, True) for h in more]
+        columns += [column(h) for h in more]
         prior += [_gap("partly", len(more))] * len(more)
     for pair in pairs:
         hypotheses.append(Hypothesis(pair))
-        columns.append(evidence.of(pair, Y))
+        columns.append(column(hypotheses[-1]))
         prior.append(_gap("pair", n * (n - 1) // 2))
     table = np.array(columns).T
     return [Contest(tuple(hypotheses), row, np.array(prior)) for row in table]
@@ -210,6 +224,28 @@ def contests(
 
 def _gap(kind: str, n: int) -> float:
     return float(np.log((1 - NO_GAP) * PRIOR[kind] / max(n, 1)))
+
+
+def loosened(library: Library, own: Tiles, base: Tiles, modulus: float) -> Tiles:
+    """Tiles whose effect may be a few per cent stronger or weaker in each part of the data.
+
+    y_g → y_g + ζ_g (y_g − base_g),  ζ_g ~ N(0, LOOSE²) for every place, branch, and Fz or lateral forces apart: the
+    interpolation between the library's nodes, another code, another formula of the same effect.
+    """
+    d = len(library.base.axes)
+    near = np.array([int(np.argmin(np.sum((base.at[:, :d] - x) ** 2, axis=1))) for x in own.at[:, :d]])
+    change = own.A - base.A[near] + (own.c - base.c[near]) / modulus
+    masks: dict[tuple[object, ...], np.ndarray] = {}
+    for item, c, at in library.plan.rows():
+        for branch in (0, 1):
+            mine = item.branch == branch if isinstance(item, Test) else np.full(len(item.depth), branch == 0)
+            key = (item.place, c == "Fz", branch) if isinstance(item, Test) else ("profile",)
+            masks.setdefault(key, np.zeros(library.plan.n))[np.arange(at.start, at.stop)[mine]] = 1.0
+    groups = [m for m in masks.values() if m.any()]
+    D = np.concatenate([own.D, change[:, None] * np.array(groups)], axis=1)
+    sd = np.concatenate([own.sd, np.full(len(groups), LOOSE)])
+    more = len(groups)
+    return replace(own, D=D, sd=sd, axes=(*own.axes, *[-1] * more), log=(*own.log, *[False] * more))
 
 
 def survivors(contest: Contest, count: int = SURVIVORS) -> list[Effect]:
@@ -236,9 +272,11 @@ def nulls(evidence: Evidence, y: np.ndarray, count: int, seed: int) -> np.ndarra
     return simulated(evidence, (), y, count, seed)
 
 
-def simulated(evidence: Evidence, effects: Sequence[Effect], y: np.ndarray, count: int, seed: int) -> np.ndarray:
+def simulated(
+    evidence: Evidence, effects: Sequence[Effect], y: np.ndarray, count: int, seed: int, loose: bool = False
+) -> np.ndarray:
     """Data (count, n) as a hypothesis fitted to y predicts them."""
     rng = np.random.default_rng(seed)
-    h = evidence.best(effects, y)
+    h = evidence.best(effects, y, loose=loose)
     post = posterior(h, h.white(y), count, rng)
     return simulate(h, post, rng) @ h.white.L.T

@@ -11,6 +11,7 @@ import numpy as np
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Tiles
+from rso.diagnosis.nodes import points
 from rso.diagnosis.prediction import predict
 
 BASE_TILES = {0: 1, 1: 11, 2: 5}
@@ -55,7 +56,7 @@ def tiles(library: Library, effects: Sequence[Effect], modulus: float, coarse: b
         for s in e.shape:
             n = SHAPE_TILES[s.unit == "s"] - (2 if coarse and s.unit == "s" else 0)
             levels.append(_even(*s.ends()[0], n))
-    at = np.array(list(itertools.product(*[v.at for v in levels]))).reshape(-1, len(levels))
+    at = points([v.at for v in levels])
     prior = np.array([sum(p) for p in itertools.product(*[v.log_prior for v in levels])])
     moving = [j for j, v in enumerate(levels) if v.width > 0]
     A, c = predict(library, effects, at, modulus)

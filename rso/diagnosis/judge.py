@@ -97,15 +97,18 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     first = attribute.contests(evidence, y[None])[0]
     simulated = attribute.nulls(evidence, y, nulls, seed)
     null = np.array([c.statistic for c in attribute.contests(evidence, simulated)])
-    threshold = float(np.quantile(null, 1 - attribute.FALSE_ALARM))
+    # besides, a gap must be more probable than none
+    threshold = max(float(np.quantile(null, 1 - attribute.FALSE_ALARM)), 0.0)
     p = float((1 + np.sum(null >= first.statistic)) / (1 + len(null)))
-    pairs = attribute.pairs_of(attribute.survivors(first))
-    contest = attribute.contests(evidence, y[None], pairs)[0]
-    judged = judge(contest, p <= attribute.FALSE_ALARM)
+    gap = first.statistic > threshold
+    last = attribute.survivors(first) if gap else []
+    pairs, finalists = attribute.pairs_of(last), frozenset(e.source for e in last)
+    contest = attribute.contests(evidence, y[None], pairs, finalists=finalists)[0] if gap else first
+    judged = judge(contest, gap)
     verdict, named, chosen = judged.verdict, judged.named, judged.chosen
     rng = np.random.default_rng(seed + 1)
     posts = {"none": _posterior(evidence, (), y, rng)}
-    for h in {chosen, *_singles(contest, named)}:
+    for h in dict.fromkeys([chosen, *_singles(contest, named)]):
         posts[h.name] = _posterior(evidence, h.effects, y, rng, h.unexplained)
     held = _held_out(bench, y, [Hypothesis(()), *_finalists(contest)])
     gain = {h: sum(c.gain[h] for c in held) for h in held[0].gain} if held else {}
@@ -116,15 +119,15 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     where = localise.localise(library.plan, evidence.ready(()), bench.C, y, seed)
     r = bench.whites[0](y - shrinkage.predicted(library, (), posts["none"], bench.modulus))
     shrunk = _shrinkage(whole, library, bench, evidence, y, chosen, seed)
-    checks = _checks(evidence, contest, chosen, y, threshold, null, seed) if verdict != "no_gap" else ()
+    checks = _checks(evidence, contest, finalists, y, threshold, null, seed) if verdict != "no_gap" else ()
     fits = {name: shrinkage.predicted(library, h.effects, posts[name], bench.modulus)
             for name, h in {"none": Hypothesis(()), chosen.name: chosen}.items()}  # fmt: skip
     causes = _causes(contest, posts, verdict, named, bench.modulus)
     return Diagnosis(
         verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), causes, named,
-         dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
-        _sensitivity(evidence, contest, y), where, held, shrunk, checks, _parameters(library, posts, chosen), bench,
-        contest, fits, posts, chosen,
+        dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
+        _sensitivity(evidence, contest, finalists, y), where, held, shrunk, checks,
+        _parameters(library, posts, chosen), bench, contest, fits, posts, chosen,
     )  # fmt: skip
 
 
@@ -208,7 +211,7 @@ def _singles(contest: Contest, named: Sequence[str]) -> list[Hypothesis]:
 
 
 def _posterior(evidence: Evidence, effects, y: np.ndarray, rng, unexplained: bool = False) -> Posterior:
-    h = evidence.best(effects, y, unexplained)
+    h = evidence.best(effects, y, unexplained, loose=bool(effects))
     return posterior(h, h.white(y), DRAWS, rng)
 
 
@@ -281,7 +284,8 @@ def _log_evidence(bench: Bench, h: Hypothesis, rows: np.ndarray, y: np.ndarray) 
     found = []
     for level in levels:
         white = whitening(bench.covariance(h.effects, level), rows)
-        found.append(log_evidence(ready(bench.of(h.effects), white, bench.modulus), white(y)[None])[0])
+        h_ready = ready(bench.of(h.effects, loose=True), white, bench.modulus)
+        found.append(log_evidence(h_ready, white(y)[None])[0])
     return float(logsumexp(found) - np.log(len(found)))
 
 
@@ -302,7 +306,7 @@ def _shrinkage(
         fits = [shrinkage.predicted(unseen, e, _fit(bench, e, rows, y, rng), bench.modulus) for _, rows, e in models]
         found = [_gap(name, unit, rows, v, fits, C) for name, unit, rows in shrinkage.curves_of(unseen)]
         sizes = [len(rows) for *_, rows in shrinkage.curves_of(unseen)]
-        return shrinkage.summarise(found, sizes, "validate curves", seed)
+        return shrinkage.summarise(found, sizes, "those with role validate", seed)
     found, sizes = [], []
     curves = shrinkage.curves_of(library)
     for name, unit, rows in curves if len(curves) > 1 else []:
@@ -316,7 +320,7 @@ def _shrinkage(
         sizes.append(len(rows))
     if not found:
         return shrinkage.Shrinkage((), np.nan, np.nan, np.nan, 1.0, np.nan, None, None, "one curve only")
-    return shrinkage.summarise(found, sizes, "leave one curve out (no validate curves)", seed)
+    return shrinkage.summarise(found, sizes, "each left out in turn because there are no validate curves", seed)
 
 
 def _gap(name: str, unit: str, rows: np.ndarray, y: np.ndarray, fits: Sequence[np.ndarray], C: np.ndarray):
@@ -337,7 +341,7 @@ def _fitted_rows(library: Library) -> np.ndarray:
 
 def _fit(bench: Bench, effects, rows: np.ndarray, y: np.ndarray, rng) -> Posterior:
     white = whitening(bench.covariance(effects, 1), rows)
-    h = ready(bench.of(effects), white, bench.modulus)
+    h = ready(bench.of(effects, loose=True), white, bench.modulus)
     return posterior(h, white(y), 300, rng)
 
 
@@ -365,19 +369,21 @@ def _levels(bench: Bench, unseen: Library):
     return {**noise.levels(unseen.plan), **bench.levels}
 
 
-def _checks(evidence: Evidence, contest: Contest, chosen: Hypothesis, y: np.ndarray, threshold: float,
+def _checks(evidence: Evidence, contest: Contest, finalists: frozenset[str], y: np.ndarray, threshold: float,
             null: np.ndarray, seed: int) -> tuple[SelfCheck, ...]:  # fmt: skip
-    """Null, winner and runner-up simulated through the same pipeline."""
-    finalists = _finalists(contest, 2)
-    pairs = [h.effects for h in finalists if len(h.effects) == 2]
-    alarm = float(np.mean(null >= threshold))
+    """Null, winner and runner-up (another cause) simulated through the same pipeline."""
+    leading = _finalists(contest, 4)
+    sources = [{e.source for e in h.effects} for h in leading]
+    leading = [h for h, own in zip(leading, sources, strict=True) if h is leading[0] or not own & sources[0]][:2]
+    pairs = [h.effects for h in leading if len(h.effects) == 2]
+    alarm = float(np.mean(null > threshold))
     known = {e.name: e.source for e in evidence.effects}
     found = [SelfCheck("none", 1 - alarm, 1 - alarm, 1 - alarm, len(null))]
-    for i, h in enumerate(finalists):
-        Y = attribute.simulated(evidence, h.effects, y, CHECKS, seed + 10 + i)
+    for i, h in enumerate(leading):
+        Y = attribute.simulated(evidence, h.effects, y, CHECKS, seed + 10 + i, loose=True)
         returned = named = missed = 0
         sources = {e.source for e in h.effects}
-        for c in attribute.contests(evidence, Y, pairs):
+        for c in attribute.contests(evidence, Y, pairs, finalists=finalists):
             j = judge(c, c.statistic > threshold)
             missed += j.verdict == "no_gap"
             returned += sources == {e.source for e in j.chosen.effects}
@@ -386,7 +392,9 @@ def _checks(evidence: Evidence, contest: Contest, chosen: Hypothesis, y: np.ndar
     return tuple(found)
 
 
-def _sensitivity(evidence: Evidence, contest: Contest, y: np.ndarray) -> dict[str, dict[str, float]]:
+def _sensitivity(
+    evidence: Evidence, contest: Contest, finalists: frozenset[str], y: np.ndarray
+) -> dict[str, dict[str, float]]:
     """Probabilities with prior widths of the sizes halved and doubled: the far half of the sizes left out, or half the
     prior beyond what is plausible."""
     out = {}
@@ -398,7 +406,7 @@ def _sensitivity(evidence: Evidence, contest: Contest, y: np.ndarray) -> dict[st
             if name == "doubled":
                 z[i] -= np.log(2.0) * len(h.effects)
                 continue
-            r = evidence.ready(h.effects)
+            r = evidence.ready(h.effects, loose={e.source for e in h.effects} <= finalists)
             keep = np.ones(len(r.tiles.at), bool)
             column = r.tiles.at.shape[1] - sum(len(e.knobs) for e in h.effects)
             for e in h.effects:

@@ -20,7 +20,7 @@ from scipy.interpolate import PchipInterpolator
 from rso.contract import Backend, Case, Programme, Response
 from rso.curves import Resampling
 from rso.diagnosis.effects import Effect
-from rso.diagnosis.nodes import Nodes, nodes, tensor, timed
+from rso.diagnosis.nodes import Nodes, nodes, points, tensor, timed
 from rso.diagnosis.testplan import MARGIN, Place, Test, TestPlan
 from rso.running import Task
 from rso.store import Done
@@ -204,6 +204,7 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
         k: _tables(base, plan, k, every[k], modelled, grid, few, found) for k in range(len(plan.places)) if k != primary
     }
     tables = tuple(first if k == primary else _beside(first, levels, few, others[k]) for k in range(len(plan.places)))
+    lost = {e.name for e in modelled if not first.effects[e.name].known.any()}
     transfer = {
         (e.name, k): _transfer(tables[primary].effects[e.name], tables[k].effects[e.name])
         for e in modelled for k in range(len(plan.places)) if k != primary
@@ -214,7 +215,7 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
         levels,
         tables,
         primary,
-        tuple(effects),
+        tuple(e for e in effects if e.name not in lost),
         transfer,
         failed,
         cpu,
@@ -235,9 +236,9 @@ def _nearest(every: Sequence[Pass], peak: float | None, earlier: float) -> int:
 
 
 def _passes(plan: TestPlan, place: int) -> tuple[Pass, ...]:
-    """The different ways at a place; earlier travels within 0.3 mm of each other count as one."""
+    """The different ways at a place; earlier travels within 0.1 mm of each other count as one."""
     mine = [t for t in plan.tests if t.place == place]
-    near = lambda v: round(v / 0.3) * 0.3  # noqa: E731
+    near = lambda v: round(v, 1)  # noqa: E731
     ways = [Pass(None, near(t.earlier)) for t in mine]
     ways += [Pass(round(t.peak, 1), near(t.earlier)) for t in mine if np.any(t.branch == 1)]
     return tuple(dict.fromkeys([Pass(None, 0.0), *ways]))
@@ -266,13 +267,14 @@ def _task(base: Base, plan: TestPlan, k: int, values: Mapping[str, float], way: 
     asked = {a for a in asked if all(abs(a - d) > 0.06 for d in place.mark_depths)} | set(place.mark_depths)
     if way is None or way.peak is None:
         programme = Programme((0.0, deepest), (0.0, deepest), tuple(sorted(asked)))
-    else:
+    else:  # what relaxes does so at once after the turn
         p = way.peak
-        inside = tuple(sorted({a for a in asked if a < p - 0.05} | {p - 0.02}))
+        inside = tuple(sorted({a for a in asked if a < 0.78 * p} | {round(f * p, 4) for f in (0.8, 0.92, 0.98, 0.997)}))
         programme = Programme((0.0, p, 2 * p), (0.0, p, 0.0), inside)
     if way is not None and way.earlier:
         data["earlier"] = way.earlier
-    return Task(values, Case(f"place {k}", programme, data))
+    tidy = {name: float(f"{v:.12g}") for name, v in values.items()}  # equal nodes have equal keys
+    return Task(tidy, Case(f"place {k}", programme, data))
 
 
 def _jobs_of(base: Base, plan: TestPlan, k: int, e: Effect, n: int, values: Mapping[str, float],
@@ -342,9 +344,9 @@ def _beside(
     first: PlaceTables, levels: Sequence[np.ndarray], few: Sequence[np.ndarray], own: PlaceTables
 ) -> PlaceTables:
     """Tables of another place at all levels of the base: its forces over Fz of the primary place vary slowly with κ."""
-    every = np.array(list(itertools.product(*levels))).reshape(-1, len(levels))
+    every = points(levels)
     W = tensor(few, every)
-    at_few = np.tensordot(tensor(levels, np.array(list(itertools.product(*few)))), first.base, axes=1)
+    at_few = np.tensordot(tensor(levels, points(few)), first.base, axes=1)
     s = np.sqrt(np.minimum(own.u, first.u[-1]))
     normal = np.stack([np.interp(s, np.sqrt(first.u), f[2]) for f in first.base])
     normal_few = np.stack([np.interp(s, np.sqrt(first.u), f[2]) for f in at_few])
@@ -383,7 +385,7 @@ def _asked(response: Response, modulus: float, back: bool = False) -> tuple[np.n
     """Travels (n,) in increasing order and forces over the modulus (n, 3) of the way there, or of the way back."""
     travel, time = response.channels["travel"], response.channels["time"]
     F = np.stack([response.channels[c] if c in response.channels else np.zeros(len(travel)) for c in FORCES], 1)
-    turn = int(np.argmax(travel))
+    turn = int(np.argmax(travel >= travel.max() - 1e-6))
     # asked travels come up once on the way there and once on the way back
     returning = time > time[turn]
     if back and returning.any():
@@ -445,6 +447,6 @@ def _transfer(primary: Table, other: Table) -> np.ndarray:
                 R[i, j] = p[0] / O[j, 0]
             return R
         return other.nodes.weights(P)
-    if not other.nodes.anchored:
-        return other.nodes.weights(P)
+    if not other.nodes.anchored or (len(O) > 1 and O.shape[1] == 1 and np.all(O[:, 0] > 0)):
+        return other.nodes.weights(P)  # sizes enough of its own
     return np.linalg.solve(gram + 1e-4 * np.trace(gram) / len(O) * np.eye(len(O)), B @ A.T).T

@@ -19,8 +19,8 @@ from scipy.special import logsumexp
 class Tiles:
     """A hypothesis: force parts A (T, n), displacement parts c (T, n), directions D (T, k, n), their spread sd (k,).
 
-    `at` (T, d) are the coordinates of the tiles; `axes` (k,) says which coordinate a direction moves, on `log`
-    ones (k,) in proportion; `log_prior` (T,) sums to 1.
+    `at` (T, d) are the coordinates of the tiles; `axes` (k,) says which coordinate a direction moves (−1: none), on
+    `log` ones (k,) in proportion; `log_prior` (T,) sums to 1.
     """
 
     A: np.ndarray
@@ -43,7 +43,7 @@ class Whitening:
     def __call__(self, v: np.ndarray) -> np.ndarray:
         """L⁻¹ v over the last axis of v (…, n)."""
         flat = v[..., self.rows].reshape(-1, len(self.rows))
-        return solve_triangular(self.L, flat.T, lower=True, check_finite=False).T.reshape(*v.shape[:-1], -1)
+        return solve_triangular(self.L, flat.T, lower=True, check_finite=False).T.reshape(*v.shape[:-1], len(self.rows))
 
     @property
     def log_det(self) -> float:
@@ -118,6 +118,8 @@ def posterior(h: Ready, y: np.ndarray, draws: int, rng: np.random.Generator) -> 
         local[mine] = mean + rng.standard_normal((mine.sum(), k)) @ root.T
     at = h.tiles.at[tile].copy()
     for j, (axis, log) in enumerate(zip(h.tiles.axes, h.tiles.log, strict=True)):
+        if axis < 0:
+            continue
         ξ = local[:, 1 + j] / np.maximum(local[:, 0], 1e-9)
         at[:, axis] = at[:, axis] * np.exp(ξ) if log else at[:, axis] + ξ
     return Posterior(h.scale * local[:, 0], at, tile, local)

@@ -102,7 +102,7 @@ def _candidates(library: Library) -> list[tuple[str, list[Experiment]]]:
         out.append(("load and unload at the same point", _experiment(template, d, speeds[0], True)))
     for factor, word in ((10.0, "ten times faster"), (0.1, "ten times slower")):
         v = factor * (max(speeds) if factor > 1 else min(speeds))
-        out.append((f"load and unload {word} ({60 * v:.3g} mm/min)", _experiment(template, d, v, True)))
+        out.append((f"load and unload {word} ({60 * v:.0f} mm/min)", _experiment(template, d, v, True)))
     proposals = getattr(library.base.backend, "tests", lambda _: {})(dict(place.settings))
     for word, settings in proposals.items():
         other = replace(template, settings={**template.settings, **settings})

@@ -24,19 +24,30 @@ class Nodes:
     @property
     def points(self) -> np.ndarray:
         """(n, 1 + d), shapes in their own coordinate."""
-        return np.array(list(itertools.product(*self.levels)))
+        return points(self.levels)
 
     def weights(self, at: np.ndarray) -> np.ndarray:
         """(m, n): value at points `at` (m, 1 + d) = weights @ values at the nodes; neutral counts as a node of 0."""
-        W = _cardinal(self._bent(self.levels[0]), self._bent(at[:, 0]), self.anchored)
+        W = self._sizes(at[:, 0])
         for k, level in enumerate(self.levels[1:], 1):
             inside = np.clip(at[:, k], level.min(), level.max())
             W = (W[:, :, None] * piecewise(level, inside)[:, None, :]).reshape(len(at), -1)
         return W
 
-    def _bent(self, s: np.ndarray) -> np.ndarray:
-        """Sizes bend over: most effects saturate."""
-        return s if not math.isfinite(self.middle) else s / (np.abs(s) + self.middle)
+    def _sizes(self, s: np.ndarray) -> np.ndarray:
+        """Cardinal functions (m, n) of the size: of what is proportional to s and what saturates, x = s / (|s| + m)."""
+        level = self.levels[0]
+        if not self.anchored:
+            return _cardinal(level, s)
+        if not math.isfinite(self.middle):
+            return _cardinal(np.append(0.0, level), s)[:, 1:]
+
+        def basis(v: np.ndarray) -> np.ndarray:
+            x = v / (np.abs(v) + self.middle)
+            sided = level.min() < 0 < level.max()
+            return np.stack([v, v * x, x, x**2] if sided else [v, x, x**2], axis=1)[:, : len(level)]
+
+        return basis(s) @ np.linalg.inv(basis(level))
 
 
 def nodes(effect: Effect, primary: bool, speeds: tuple[float, float]) -> Nodes:
@@ -53,7 +64,7 @@ def nodes(effect: Effect, primary: bool, speeds: tuple[float, float]) -> Nodes:
         return Nodes((level, *shapes), math.inf, False)
     if len(ends) == 1:
         far = ends[0][1]
-        shares = (0.5,) if few else ((0.35, 1.0) if shapes else (0.12, 0.4, 1.0))
+        shares = ((0.5,) if few else (0.35, 1.0)) if shapes else (0.35, 1.0) if few else (0.12, 0.4, 1.0)
         return Nodes((np.sort(far * np.array(shares)), *shapes), 0.5 * abs(far), True)
     low, high = ends[0][1], ends[1][1]
     if not size.ratio and abs(abs(low) - abs(high)) < 0.5 * abs(high):
@@ -65,6 +76,11 @@ def nodes(effect: Effect, primary: bool, speeds: tuple[float, float]) -> Nodes:
     return Nodes((level, *shapes), 0.5 * max(abs(low), abs(high)), True)
 
 
+def points(levels: Sequence[np.ndarray]) -> np.ndarray:
+    """Points (n, d) of a tensor grid; the empty one has a single point."""
+    return np.array(list(itertools.product(*levels)), float).reshape(math.prod(len(v) for v in levels), len(levels))
+
+
 def timed(shape: Size) -> bool:
     """Whether a shape is a time, which counts relative to the duration of a test."""
     return shape.unit == "s"
@@ -74,7 +90,7 @@ def _shape_level(shape: Size, primary: bool, speeds: tuple[float, float]) -> np.
     low, high = shape.ends()[0]
     if timed(shape):
         low, high = low + math.log(speeds[0]), high + math.log(speeds[1])
-        return np.linspace(low, high, 5) if primary else np.array([0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high])
+        return np.linspace(low, high, 7) if primary else np.array([0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high])
     if not primary and shape.low >= 0 and not (shape.low == 0 and shape.unit == "deg"):
         return np.array([0.5 * (low + high)])
     return np.linspace(low, high, 3 if shape.logarithmic else 2)
@@ -88,21 +104,18 @@ def tensor(levels: Sequence[np.ndarray], x: np.ndarray) -> np.ndarray:
     return W
 
 
-def _cardinal(nodes: np.ndarray, at: np.ndarray, anchored: bool) -> np.ndarray:
-    """Lagrange's cardinal polynomials (m, n) through the nodes, and through 0 at 0 if anchored."""
-    x = np.concatenate([[0.0], nodes]) if anchored else nodes
-    if len(x) == 1:
-        return np.ones((len(at), 1))
+def _cardinal(x: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Lagrange's cardinal polynomials (m, n) through the nodes x."""
     W = np.ones((len(at), len(x)))
     for i in range(len(x)):
         for j in range(len(x)):
             if i != j:
                 W[:, i] *= (at - x[j]) / (x[i] - x[j])
-    return W[:, 1:] if anchored else W
+    return W
 
 
 def piecewise(level: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Cardinal functions (m, n) of a shape: cubic spline through 4 or more nodes, else Lagrange."""
     if len(level) < 4:
-        return _cardinal(level, at, anchored=False)
+        return _cardinal(level, at)
     return CubicSpline(level, np.eye(len(level)), bc_type="natural")(at)

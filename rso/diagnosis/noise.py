@@ -51,7 +51,9 @@ def levels(plan: TestPlan) -> dict[str, Level]:
         estimated = float(np.sqrt(np.mean(d3**2) / _D3)) if len(d3) > 8 else 0.0
         correlation = max(e.noise.correlation for e in seen.values())
         largest = max(float(np.max(np.abs(t.values[v]))) for t, _ in tests for v in t.channels)
-        white = max(0.0 if correlation else stated, estimated, 1e-4 * largest)  # what is said to be correlated is not white
+        white = max(
+            0.0 if correlation else stated, estimated, 1e-4 * largest
+        )  # what is said to be correlated is not white
         gain, contact, extra, length = _repeats(plan, c, white)
         said = max(e.noise.gain for e in seen.values())
         depth = max(e.noise.depth for e in seen.values())

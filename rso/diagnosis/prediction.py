@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rso.contract import parameters_of
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.library import FORCES, Library, passes_of
 from rso.diagnosis.testplan import Profile, Test
@@ -121,7 +122,7 @@ def _recorded(library: Library, test: Test, W: np.ndarray, weights, chain, modul
     G = curves(unloading) if back.any() else F
     out = np.empty((len(F), len(pick), test.n))
     for t in range(len(F)):
-        setting = Chain(**{e.name: float(e.size.value(s[t])) for e, s in chain})
+        setting = Chain(**{e.name: _bounded(e.name, float(e.size.value(s[t]))) for e, s in chain})
         # the indenter's way: from before contact to where the record turns, and back
         top = u[-1]
         if back.any():
@@ -144,6 +145,12 @@ def _recorded(library: Library, test: Test, W: np.ndarray, weights, chain, modul
                 backward = np.maximum.accumulate(got.depth[: turn - 2 : -1])
                 out[t, j, back] = np.interp(test.depth[back], backward, F_rec[: turn - 2 : -1])
     return (out / modulus).reshape(len(F), -1)
+
+
+def _bounded(name: str, value: float) -> float:
+    """A knob of the chain within its hard bounds: draws of a posterior may leave them."""
+    p = next(p for p in parameters_of(Chain) if p.name == name)
+    return min(max(value, p.low), p.high)
 
 
 def _at(u: np.ndarray, F: np.ndarray, at: np.ndarray) -> np.ndarray:

@@ -36,6 +36,7 @@ def story(library: Library, d: Diagnosis, seed: int, run: Run | None, title: str
     found = {
         "schema": SCHEMA,
         "title": title,
+        "units": {library.base.modulus: "MPa", **{a.name: a.unit for a in library.base.axes}},
         "diagnosis": block(d, visible, tests),
         "experiments": [_experiment(e) for e in library.plan.experiments],
         "noise": {c: {"white": v.white, "correlated": v.correlated, "length_mm": v.length, "gain": v.gain,

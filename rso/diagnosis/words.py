@@ -19,7 +19,10 @@ def words(found: Mapping[str, Any]) -> list[str]:
         out.append(checks)
     out += _unseen(d)
     for t in d["next_test"][:1]:
-        out.append(f"Next test: {t['test']} (distance {t['distance']:.1f} between {' and '.join(t['separates'])}).")
+        if t["resolves"]:
+            out.append(f"Next test: {t['test']}; it separates {t['resolves']} of {t['pairs']} pairs of causes.")
+        else:
+            out.append(f"No test in the list would separate the causes; the best is {t['test']} (D = {t['distance']:.1f}).")
     return out
 
 
@@ -68,7 +71,7 @@ def _shrinkage(d: Mapping[str, Any]) -> str | None:
     s = d["shrinkage"]
     if s["before"] is None or s["before"] != s["before"]:
         return "How much: one curve only, nothing is left to test a cause on."
-    text = (f"On held-out curves ({s['how']}) the gap is {s['before']:.2f} before, {s['refit_only']:.2f} after a re-fit"
+    text = (f"On held-out curves, {s['how']}, the gap is {s['before']:.2f} before, {s['refit_only']:.2f} after a re-fit"
             f" alone, {s['with_cause']:.2f} with the cause (noise floor 1)")  # fmt: skip
     if s["closed"] is None:
         return text + "; before is not clearly above the floor, so no share is printed."
@@ -84,8 +87,9 @@ def _parameters(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
     if d["verdict"] in ("no_gap", "unexplained"):
         return []
     k = next(iter(before))
-    return [f"{k} moves from {before[k]['median']:.4g} ({before[k]['low']:.4g} to {before[k]['high']:.4g}) to "
-            f"{after[k]['median']:.4g} ({after[k]['low']:.4g} to {after[k]['high']:.4g})."]  # fmt: skip
+    was, now = ([f"{p[k][v]:.4g}" for v in ("median", "low", "high")] for p in (before, after))
+    unit = found.get("units", {}).get(k, "")
+    return [f"{k} moves from {was[0]} {unit} (90 % {was[1]} to {was[2]}) to {now[0]} {unit} ({now[1]} to {now[2]})."]
 
 
 def _checks(found: Mapping[str, Any]) -> str | None:

@@ -90,7 +90,7 @@ def _experiment(study: Study, n: int) -> Experiment:
         speed = quantity(stated, "mm/s") if stated is not None else None  # type: ignore[arg-type]
     except (TypeError, ValueError):
         speed = None
-    channels = m.channels if not e.channels else e.channels
+    channels = ("uz",) if m.kind == "profile" else e.channels or m.channels
     return Experiment(e.name, e.role, m, e.noise.noise(), tuple(channels), settings,
                       _recorded_speed(m) or speed or DEFAULT_SPEED, e.mounting, e.after)  # fmt: skip
 

@@ -38,7 +38,7 @@ def study_text(folder: Path, seed: int, beside: Path) -> str:
         f"specimen = {{ shape = \"ellipsoid\", semi_axes = {_floats(path, nominal, 'specimen', 'semi_axes_mm', 3)} }}",
         f"indenter = {{ shape = \"sphere\", radius = {_floats(path, nominal, 'indenter', 'radius_mm', 1)[0]} }}",
         f"support = {_support(nominal)}", "", "[parameters]",
-        'mu = { low = "5 kPa", high = "16 kPa", scale = "log" }',
+        'mu = { low = "5 kPa", high = "20 kPa", scale = "log" }',
         'D1 = { low = "1 1/MPa", high = "100 1/MPa", scale = "log" }',
         "",
     ]  # fmt: skip

@@ -2,10 +2,10 @@
 
 import math
 
+import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-import diagnosis_backend as toy
 from rso.contract import parameters_of
 from rso.diagnosis.effects import Effect, Size
 from rso.diagnosis.nodes import nodes, piecewise, tensor
@@ -70,14 +70,23 @@ def test_weights_are_cardinal_at_the_nodes_and_nothing_at_neutral(size, shape, p
         np.testing.assert_allclose(grid.weights(at), 0.0, rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("law", ["proportional", "saturating"])
 @pytest.mark.parametrize("size", [ONE, TWO, RATIO, UNEVEN], ids=["one", "two", "ratio", "uneven"])
-def test_weights_are_exact_for_polynomials_of_the_bent_size(size):
+def test_weights_are_exact_for_what_is_proportional_and_for_what_saturates(size, law):
     grid = nodes(Effect("x", "x", "model", size), True, (1.0, 1.0))
-    bent = (lambda s: s) if math.isinf(grid.middle) else (lambda s: s / (np.abs(s) + grid.middle))
+    if math.isinf(grid.middle) and law == "saturating":
+        pytest.skip("small changes alike on both sides are taken in proportion")
+    change = (lambda s: s) if law == "proportional" else (lambda s: s / (np.abs(s) + grid.middle))
     s = np.array([v for near, far in size.ends() for v in np.linspace(near, far, 7)])
-    for degree in range(1, len(grid.levels[0]) + 1):
-        found = grid.weights(s[:, None]) @ bent(grid.levels[0]) ** degree
-        np.testing.assert_allclose(found, bent(s) ** degree, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(grid.weights(s[:, None]) @ change(grid.levels[0]), change(s), rtol=0, atol=1e-12)
+
+
+def test_a_share_that_relaxes_is_proportional_to_its_size():
+    """Two sizes are all that an effect with shapes has: linear viscoelasticity must be exact with them."""
+    grid = nodes(Effect("x", "x", "model", ONE, (SHAPE,)), True, (0.1, 2.0))
+    level = grid.levels[1][2]
+    at = np.array([[s, level] for s in np.linspace(0.02, 0.5, 9)])
+    np.testing.assert_allclose(grid.weights(at) @ grid.points[:, 0], at[:, 0], rtol=0, atol=1e-12)
 
 
 def test_a_tensor_grid_is_exact_for_its_polynomials():

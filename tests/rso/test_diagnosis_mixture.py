@@ -1,9 +1,9 @@
 """Evidence, posterior and simulation within tiles against brute force, and where a gap is against leaving it out."""
 
+import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-import diagnosis_backend as toy
 from rso.diagnosis import make_plan
 from rso.diagnosis.localise import localise
 from rso.diagnosis.mixture import (

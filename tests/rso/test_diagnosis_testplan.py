@@ -3,10 +3,10 @@
 import dataclasses
 from pathlib import Path
 
+import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-import diagnosis_backend as toy
 from rso.diagnosis import make_plan, noise
 from rso.diagnosis.testplan import BINS, STEP
 from rso.measurement import Measurement, Noise, Repeat

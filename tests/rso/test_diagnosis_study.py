@@ -1,0 +1,145 @@
+"""`rso diagnose` on a small study: exit code, strict JSON, nothing computed twice, broken studies named."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import diagnosis_backend as toy
+import numpy as np
+import pytest
+
+from rso.study import StudyError, load
+from rso.study.diagnosing import ask
+
+HERE = Path(__file__).parent
+STUDY = """
+[study]
+title = "Toy"
+seed = 3
+[backend]
+use = "diagnosis_backend:BACKEND"
+[backend.settings]
+log = "LOG"
+[parameters]
+mu = { low = "6 kPa", high = "24 kPa", scale = "log" }
+D1 = { low = "15 1/MPa", high = "150 1/MPa", scale = "log" }
+[[experiments]]
+name = "load"
+role = "fit"
+data = "load.csv"
+noise = { Fz = "1 mN", gain = 0.01 }
+[[experiments]]
+name = "cycle"
+role = "fit"
+data = "cycle.csv"
+noise = { Fz = "1 mN", gain = 0.01 }
+after = ["load"]
+[diagnose]
+effects = ["stiff", "soften"]
+[dispatch]
+jobs = 1
+[report]
+html = false
+pdf = false
+"""
+
+
+def write(folder: Path, text: str = STUDY, soften: float = 0.3) -> Path:
+    rng, truth = np.random.default_rng(0), {**toy.TRUTH, "soften": soften}
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, k in (("load", {"repeats": 3}), ("cycle", {"unload": True, "earlier": 4.0})):
+        lines = ["repeat,depth_mm,time_s,Fz_N"]
+        for r in toy.recorded(truth, rng, **k):
+            rows = zip(r.depth, r.time, r.channels["Fz"], strict=True)
+            lines += [
+                f"{r.label},{d!r},{t!r},{f!r}" for d, t, f in ((float(a), float(b), float(c)) for a, b, c in rows)
+            ]
+        (folder / f"{name}.csv").write_text("\n".join(lines) + "\n")
+    path = folder / "study.toml"
+    path.write_text(text.replace("LOG", str(folder / "log")), encoding="utf-8")
+    return path
+
+
+def rso(*arguments: object) -> subprocess.CompletedProcess:
+    path = os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": path, "COLUMNS": "100", "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-m", "rso.cli", *map(str, arguments)]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+
+
+def constant(name: str) -> float:
+    raise AssertionError(f"{name} is no JSON")
+
+
+def strict(path: Path) -> dict:
+    return json.loads(path.read_text(encoding="utf-8"), parse_constant=constant)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("toy")
+    done = rso("diagnose", write(folder))
+    assert done.returncode == 0, done.stderr
+    assert "gap" in done.stdout and "Traceback" not in done.stderr
+    return folder
+
+
+def test_the_answer_is_strict_json(folder):
+    (path,) = folder.rglob("diagnosis.json")
+    found = strict(path)
+    d = found["diagnosis"]
+    assert d["verdict"] in ("explained", "partly") and d["causes"][0]["effect"] == "soften"
+    assert d["causes"][0]["interval"][0] < 0.3 < d["causes"][0]["interval"][1]
+    assert found["rerun"]["failed"] == 0 and found["failed_runs"] == []
+    assert found["rerun"]["largest"] < 0.03  # interpolation of the library at the size found
+    limits = {v["effect"]: v["smallest_visible"] for v in d["detectable"]}
+    assert limits["soften"] is not None and 0.0 < limits["soften"] < 0.3
+
+
+def test_a_second_call_computes_nothing_and_says_the_same(folder):
+    (path,) = folder.rglob("diagnosis.json")
+    before, runs = strict(path), (folder / "log").read_text().count("run")
+    assert rso("diagnose", folder / "study.toml").returncode == 0
+    assert (folder / "log").read_text().count("run") == runs
+    after = strict(path)
+    for found in (before, after):
+        found.pop("timings"), found.pop("command")
+    assert before == after
+
+
+BROKEN = {
+    "no such effect": ('effects = ["stiff", "soften"]', 'effects = ["stif"]', "diagnose.effects"),
+    "wrong key": ("[diagnose]\n", "[diagnose]\neffect = 3\n", "diagnose.effect"),
+    "no modulus": ('mu = { low = "6 kPa", high = "24 kPa", scale = "log" }', "", "stress"),
+    "unknown setting": ("[backend.settings]", "[backend.settings]\ncolour = 3", "colour"),
+    "no data": ('data = "load.csv"', 'data = "lode.csv"', "lode.csv"),
+    "comes after itself": ('after = ["load"]', 'after = ["cycle"]', "cycle"),
+    "nothing to fit": ('role = "fit"', 'role = "validate"', "fit"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_a_broken_study_is_refused_with_file_and_key(tmp_path, case):
+    old, new, message = BROKEN[case]
+    assert old in STUDY
+    path = write(tmp_path, STUDY.replace(old, new))
+    with pytest.raises(StudyError) as error:
+        ask(load(path))
+    assert "study.toml" in str(error.value) and message in str(error.value)
+
+
+def test_the_command_refuses_with_the_exit_code_of_bad_input(tmp_path):
+    old, new, message = BROKEN["no such effect"]
+    done = rso("diagnose", write(tmp_path, STUDY.replace(old, new)))
+    assert done.returncode == 2 and message in done.stderr and "Traceback" not in done.stderr
+    assert not list(tmp_path.rglob("diagnosis.json"))
+
+
+def test_failed_runs_show_in_the_exit_code(tmp_path):
+    text = STUDY.replace("[backend.settings]", '[backend.settings]\nfail = "stiff"')
+    done = rso("diagnose", write(tmp_path, text, soften=0.0))
+    assert done.returncode not in (0, 2) and "Traceback" not in done.stderr
+    (path,) = tmp_path.rglob("diagnosis.json")
+    assert any("stiff" in line for line in strict(path)["failed_runs"])
