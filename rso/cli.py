@@ -86,6 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     blind.add_argument("--out", type=Path, default=Path("answers"), help="where answers go (default: answers/)")
     blind.add_argument("--jobs", type=int, default=2, help="simulations at a time")
     blind.add_argument("--seed", type=int, default=1, help="seed of the simulated data sets")
+    blind.add_argument("--reruns", action="store_true", help="compute finalists anew and simulate candidate tests")
     blind.set_defaults(call=_blind)
     return parser
 
@@ -244,7 +245,10 @@ def _blind(options: argparse.Namespace, command: str) -> int:
         WorkerPool(options.jobs, source=Source("fem_backend.backend:BACKEND")) as pool,
         Progress() as progress,
     ):
-        found = answer(cases, options.out, store, pool, seed=options.seed, watch=progress.watch, say=progress.say)
+        found = answer(
+            cases, options.out, store, pool, seed=options.seed, reruns=options.reruns, watch=progress.watch,
+            say=progress.say,
+        )  # fmt: skip
         bad = sum("error" in data for _, data in found)
     print(f"{len(cases)} cases, answers in {options.out}" + (f"; {bad} could not be read" if bad else ""))
     return EXIT_BAD_INPUT if bad else 0

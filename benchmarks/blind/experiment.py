@@ -237,7 +237,9 @@ def clean(mechanics, mu, chain, deep=DEEP):
 def noisy(record, rng, noise, jitter):
     """Add noise: gain per test, white or coloured force noise, depth noise, contact jitter (shifts the force)."""
     t, depth, F, _ = record
-    slope = np.gradient(F, t, axis=0) / np.maximum(np.abs(np.gradient(depth, t)), 1e-9)[:, None] if jitter else 0.0
+    rate = np.abs(np.gradient(depth, t))
+    rate = np.maximum(rate, 0.5 * np.median(rate))  # at the turn the central difference of the depth is 0
+    slope = np.gradient(F, t, axis=0) / rate[:, None] if jitter else 0.0
     F = (F + jitter * slope * np.sign(np.gradient(depth, t))[:, None]) * (1 + noise["repeat_gain"] * rng.normal())
     e = rng.normal(size=F.shape)
     if noise["rho"]:

@@ -171,7 +171,8 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     Raises ValueError if the base model itself fails somewhere.
     """
     primary = int(np.argmax([sum(t.n for t in plan.tests if t.place == k) for k in range(len(plan.places))]))
-    speeds = (min(t.speed for t in plan.tests), max(t.speed for t in plan.tests))
+    # rounded: data sets recorded with the same nominal speeds share their library
+    speeds = tuple(float(f"{v([t.speed for t in plan.tests]):.2g}") for v in (min, max))
     modelled = [e for e in effects if e.family == "model"]
     d = len(base.axes)
     if d not in (0, *BASE_NODES):

@@ -73,7 +73,7 @@ class Ready:
 def ready(tiles: Tiles, white: Whitening, modulus: float) -> Ready:
     """Everything of a hypothesis that does not depend on the values measured; `modulus` is μ₀."""
     X = np.concatenate([white(tiles.A)[:, None] * modulus, white(tiles.D) * modulus], axis=1)
-    P = np.concatenate([[0.0], tiles.sd**-2])
+    P = np.concatenate([[1e-8], tiles.sd**-2])  # flat, but for rows that know nothing of μ
     S = X @ X.transpose(0, 2, 1) + np.diag(P)
     _, log_det = np.linalg.slogdet(S)
     constant = tiles.log_prior - 0.5 * log_det - np.sum(np.log(tiles.sd)) - 0.5 * white.log_det
@@ -120,7 +120,8 @@ def posterior(h: Ready, y: np.ndarray, draws: int, rng: np.random.Generator) -> 
     for j, (axis, log) in enumerate(zip(h.tiles.axes, h.tiles.log, strict=True)):
         if axis < 0:
             continue
-        ξ = local[:, 1 + j] / np.maximum(local[:, 0], 1e-9)
+        # a tile says nothing beyond its own surroundings
+        ξ = np.clip(local[:, 1 + j] / np.maximum(local[:, 0], 0.1), -4 * h.tiles.sd[j], 4 * h.tiles.sd[j])
         at[:, axis] = at[:, axis] * np.exp(ξ) if log else at[:, axis] + ξ
     return Posterior(h.scale * local[:, 0], at, tile, local)
 

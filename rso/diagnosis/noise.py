@@ -18,7 +18,8 @@ from rso.measurement import Repeat
 
 GAIN = 0.01  # of a test, where nothing is known
 CONTACT = 0.01  # mm, contact point of a test
-WORLD = 0.004  # of the force: another code, another mesher
+WORLD = 0.005  # of the force: another code, another mesher
+DEEP = 0.012  # more of it at the deepest travel, growing with its square: meshes distort there
 WORLD_LENGTH = 0.35  # of the deepest travel
 LATERAL = 0.25  # of the error of Fz that shows in Fx, Fy
 MARK = 0.05  # mm, where nothing is known of a profile
@@ -151,7 +152,8 @@ def covariance(library: Library, level: Mapping[str, Level], force: np.ndarray, 
     same = (place[:, None] == place) & (channel[:, None] == channel)
     deepest = max(p.deepest for p in plan.places)
     along = np.exp(-0.5 * ((u[:, None] - u) / (WORLD_LENGTH * deepest)) ** 2)
-    return C + np.outer(world, world) * same * along
+    growing = DEEP * (u / deepest) ** 2 * np.where(place < 100, force, 0.0)
+    return C + np.outer(world, world) * same * along + np.outer(growing, growing) * (channel[:, None] == channel)
 
 
 def _stated(library: Library, test: Test, channel: str) -> np.ndarray:

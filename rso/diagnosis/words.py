@@ -22,7 +22,8 @@ def words(found: Mapping[str, Any]) -> list[str]:
         if t["resolves"]:
             out.append(f"Next test: {t['test']}; it separates {t['resolves']} of {t['pairs']} pairs of causes.")
         else:
-            out.append(f"No test in the list would separate the causes; the best is {t['test']} (D = {t['distance']:.1f}).")
+            best = f"{t['test']} (D = {t['distance']:.1f})"
+            out.append(f"No test in the list would separate the causes; the best is {best}.")
     return out
 
 

@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +28,12 @@ def cases_of(folder: Path) -> list[Path]:
 
 def answer(
     cases: list[Path], out: Path, store: RunStore, executor: Executor, *, seed: int,
-    watch: Callable[[Event], None] | None = None, say: Callable[[str], None] = lambda _: None,
+    reruns: bool = False, watch: Callable[[Event], None] | None = None, say: Callable[[str], None] = lambda _: None,
 ) -> Iterator[tuple[str, dict[str, Any]]]:  # fmt: skip
     """Diagnose every case that has no answer yet; yields its name and the plain data, written to `out` as it comes.
 
-    A case that cannot be read is answered with its error, so that one bad folder does not stop the others.
+    A case that cannot be read is answered with its error, so that one bad folder does not stop the others.  `reruns`
+    computes the finalist anew and simulates candidate tests; without it only the library costs simulations.
     """
     libraries: dict[str, Library] = {}
     for case in cases:
@@ -42,7 +44,8 @@ def answer(
         try:
             asked = _asked(case, out, seed)
             library = _library(asked, libraries, store, executor, watch)
-            found = judge(asked, library, lambda tasks, a=asked: run_all(a.base.backend, tasks, store, executor))
+            backend = asked.base.backend
+            found = judge(asked, library, partial(run_all, backend, store=store, executor=executor) if reruns else None)
             found["timings"] = {"judging_cpu": time.process_time() - began}
         except ValueError as error:
             found = {"error": str(error)}

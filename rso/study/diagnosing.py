@@ -58,6 +58,9 @@ def ask(study: Study) -> Asked:
         base = _base(study, backend, resolved)
     except (ValueError, TypeError) as error:
         raise study_error(study.file, study.lines, [Problem(("experiments",), str(error))]) from error
+    if not any(e.role != "validate" and e.measurement.kind == "force" for e in experiments):
+        text = 'diagnosis needs a force curve with role "fit" or "select"'
+        raise study_error(study.file, study.lines, [Problem(("experiments",), text)])
     opened = [a.name for a in resolved.axes]
     effects = diagnosis.catalogue(backend, study.backend.settings, resolved.fixed, opened)
     wanted = study.diagnose.effects
@@ -70,6 +73,9 @@ def ask(study: Study) -> Asked:
         if problems:
             raise study_error(study.file, study.lines, problems)
         effects = tuple(e for e in effects if e.name in wanted)
+    if not any(e.family != "scatter" for e in effects):
+        text = "at least one effect is needed that is not one of scatter (each curve its own)"
+        raise study_error(study.file, study.lines, [Problem(("diagnose", "effects"), text)])
     return Asked(study, base, plan, effects)
 
 
@@ -111,7 +117,10 @@ def _recorded_speed(m: Measurement) -> float | None:
 def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
     """The open parameters with one modulus scaled out; ValueError where none can be."""
     parameters = [dataclasses.replace(a.parameter, low=a.low, high=a.high) for a in resolved.axes]
-    scaling = group(parameters, backend.channels)
+    neutral = {p.name: p.neutral for p in backend.parameters}
+    units = {p.name: p.unit for p in backend.parameters}
+    held = {k: units[k] for k, v in resolved.fixed.items() if v not in (neutral[k], 0.0)}
+    scaling = group(parameters, backend.channels, constants=held)
     if scaling.reference is None:
         raise ValueError(
             f"diagnosis needs one open parameter with the unit of a stress that the forces scale with: {scaling.why}"
