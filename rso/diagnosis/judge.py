@@ -16,7 +16,7 @@ from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Posterior, log_evidence, log_tiles, posterior, ready, whitening
 from rso.diagnosis.testplan import TestPlan
 
-SURE = 0.8  # probability of one cause above which it is named alone
+SURE = 0.95  # probability of one cause above which it is named alone
 COVER = 0.95  # of the probability that a named set holds
 WORTH_NAMING = 0.05  # probability below which a second effect of a pair is not named
 MOST = 5  # effects in a named set

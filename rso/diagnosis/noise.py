@@ -19,7 +19,8 @@ from rso.measurement import Repeat
 GAIN = 0.01  # of a test, where nothing is known
 CONTACT = 0.01  # mm, contact point of a test
 WORLD = 0.005  # of the force: another code, another mesher
-DEEP = 0.012  # more of it at the deepest travel, growing with its square: meshes distort there
+DEEP = 0.015  # more of it towards the deepest travel: meshes distort there, and codes part company
+STEEP = 8  # power of the travel with which it grows
 WORLD_LENGTH = 0.35  # of the deepest travel
 LATERAL = 0.25  # of the error of Fz that shows in Fx, Fy
 MARK = 0.05  # mm, where nothing is known of a profile
@@ -90,8 +91,7 @@ def _repeats(plan: TestPlan, channel: str, white: float) -> tuple[float, float, 
     for t in plan.tests:  # of equal history: a first test is not a repeat of what it softened
         if channel in t.channels:
             groups.setdefault((t.experiment, round(t.earlier / 0.3)), []).append(t)
-    for (k, _), mine in groups.items():
-        e = plan.experiments[k]
+    for mine in groups.values():
         if len(mine) < 3:
             continue
         u = mine[0].depth[mine[0].branch == 0]
@@ -99,19 +99,17 @@ def _repeats(plan: TestPlan, channel: str, white: float) -> tuple[float, float, 
             continue
         Y = np.array([np.interp(u, t.depth[t.branch == 0], t.values[channel][t.branch == 0]) for t in mine])
         mean = Y.mean(0)
-        if e.measurement.kind != "force" or channel != "Fz" or np.ptp(mean) < 10 * white:
-            continue
-        B = np.stack([mean, np.gradient(mean, u)], 1)
-        D = Y - mean
-        coefficient, *_ = np.linalg.lstsq(B, D.T, rcond=None)
-        rest = D - (B @ coefficient).T
-        σ = white / np.sqrt(np.mean(mine[0].count))
-        covariance = np.linalg.inv(B.T @ B) * σ**2
-        dof = len(mine) - 1
-        v = np.maximum(np.sum(coefficient**2, axis=1) / dof - np.diag(covariance), 0.0)
-        gains.append(np.sqrt(v[0]))
-        contacts.append(np.sqrt(v[1]))
-        variance = np.sum(rest**2) / (dof * (len(u) - 2))
+        D, dof, taken = Y - mean, len(mine) - 1, 0
+        rest, σ = D, white / np.sqrt(np.mean(mine[0].count))
+        if channel == "Fz" and np.ptp(mean) > 10 * white:
+            B, taken = np.stack([mean, np.gradient(mean, u)], 1), 2
+            coefficient, *_ = np.linalg.lstsq(B, D.T, rcond=None)
+            rest = D - (B @ coefficient).T
+            covariance = np.linalg.inv(B.T @ B) * σ**2
+            v = np.maximum(np.sum(coefficient**2, axis=1) / dof - np.diag(covariance), 0.0)
+            gains.append(np.sqrt(v[0]))
+            contacts.append(np.sqrt(v[1]))
+        variance = np.sum(rest**2) / (dof * (len(u) - taken))
         if variance > 1.6 * σ**2:
             extras.append(np.sqrt(variance - σ**2))
             ρ = np.sum(rest[:, 1:] * rest[:, :-1]) / np.sum(rest**2) * variance / (variance - σ**2)
@@ -152,7 +150,7 @@ def covariance(library: Library, level: Mapping[str, Level], force: np.ndarray, 
     same = (place[:, None] == place) & (channel[:, None] == channel)
     deepest = max(p.deepest for p in plan.places)
     along = np.exp(-0.5 * ((u[:, None] - u) / (WORLD_LENGTH * deepest)) ** 2)
-    growing = DEEP * (u / deepest) ** 2 * np.where(place < 100, force, 0.0)
+    growing = DEEP * (u / deepest) ** STEEP * np.where(place < 100, force, 0.0)
     return C + np.outer(world, world) * same * along + np.outer(growing, growing) * (channel[:, None] == channel)
 
 

@@ -123,8 +123,8 @@ def _facts(found: Found) -> list[Fact]:
 
 _POLICY = {
     "no_gap": "nothing beyond noise",
-    "explained": "probability 80 % or more",
-    "ambiguous": "no cause reaches 80 %",
+    "explained": "probability 95 % or more",
+    "ambiguous": "no cause reaches 95 %",
     "partly": "a cause, and something more",
     "unexplained": "none in the catalogue",
     "measurement": "the chain, not the specimen",

@@ -207,8 +207,9 @@ def test_covariance_is_that_of_readings_with_such_noise():
     half = n // 2
     K = q.correlated**2 * np.exp(-np.abs(test.depth[:, None] - test.depth) / q.length)
     L = np.linalg.cholesky(K)
+    growing = 0.015 * (np.tile(test.depth, 2) / plan.places[0].deepest) ** 8 * F
     world = np.linalg.cholesky(
-        0.004**2 * np.outer(F, F)
+        np.outer(growing, growing) + 0.005**2 * np.outer(F, F)
         * np.exp(-0.5 * ((np.tile(test.depth, 2)[:, None] - np.tile(test.depth, 2)) / (0.35 * 4)) ** 2)
         + 1e-14 * np.eye(n)
     )  # fmt: skip
