@@ -114,7 +114,8 @@ def table(evidence: Evidence, contests, truths: list[str], threshold: float) -> 
         p = {k: v for k, v in by_source(c).items() if k not in ("none", "unexplained")}
         rows.setdefault(truth, []).append((gap, gap and max(p, key=p.get) == truth, truth in names, len(names)))
     found = [r for t, v in rows.items() if t != "none" for r in v if r[0]]
-    print(f"false alarms {np.mean([r[0] for r in rows.get('none', [(False,)])]):.3f} (nominal {attribute.FALSE_ALARM})")
+    alarms = [r[0] for r in rows.get("none", [])]
+    print(f"false alarms {np.mean(alarms) if alarms else np.nan:.3f} (nominal {attribute.FALSE_ALARM})")
     print(f"of those found: cause on top {np.mean([r[1] for r in found]):.3f}, in the named set "
           f"{np.mean([r[2] for r in found]):.3f}, mean set size {np.mean([r[3] for r in found]):.2f}")  # fmt: skip
     print(f"{'effect':18} {'n':>4} {'found':>6} {'on top':>7} {'in set':>7}")
@@ -140,7 +141,11 @@ def calibration(contests, truths: list[str]) -> None:
             logit.append(np.log(q / (1 - q)))
             hit.append(k == truth)
     x, t = np.array(logit), np.array(hit, float)
-    loss = lambda w: float(np.mean(np.logaddexp(0, w[0] + w[1] * x) - t * (w[0] + w[1] * x)))  # noqa: E731
+
+    def loss(w: np.ndarray) -> float:
+        z = w[0] + w[1] * x
+        return float(np.mean(np.logaddexp(0, z) - t * z))
+
     slope = minimize(loss, np.array([0.0, 1.0]), method="Nelder-Mead").x[1]
     print(f"calibration slope {slope:.2f}; mean log score {np.mean(score):.2f}, of the prior alone {np.mean(prior):.2f}")
 
