@@ -147,7 +147,7 @@ def calibration(contests, truths: list[str]) -> None:
         return float(np.mean(np.logaddexp(0, z) - t * z))
 
     slope = minimize(loss, np.array([0.0, 1.0]), method="Nelder-Mead").x[1]
-    print(f"calibration slope {slope:.2f}; mean log score {np.mean(score):.2f}, of the prior alone {np.mean(prior):.2f}")
+    print(f"calibration slope {slope:.2f}; mean log score {np.mean(score):.2f} (prior alone {np.mean(prior):.2f})")
 
 
 def baselines(evidence: Evidence, cases: np.ndarray, truths: list[str], y: np.ndarray) -> None:
