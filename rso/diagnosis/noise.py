@@ -43,6 +43,7 @@ class Level:
 def levels(plan: TestPlan) -> dict[str, Level]:
     """Noise by channel of all tests together; 'uz' is that of profiles."""
     out = {}
+    remembered = _memory(plan)
     for c in FORCES:
         tests = [(t, plan.experiments[t.experiment]) for t in plan.tests if c in t.channels]
         if not tests:
@@ -61,6 +62,8 @@ def levels(plan: TestPlan) -> dict[str, Level]:
         depth = max(e.noise.depth for e in seen.values())
         source = "stated" if stated >= estimated > 0 else "from the readings"
         correlated = max(extra, stated if correlation else 0.0)
+        if remembered is not None and not correlation:  # readings that remember each other hold less than their number
+            correlated, length, white = max(white, correlated), remembered, 0.3 * white
         gain = max(said, gain) or GAIN
         contact = max(CONTACT, 2 * depth, contact)
         out[c] = Level(white, correlated, max(length, correlation), gain, contact, depth, source)
@@ -78,6 +81,39 @@ def _third(repeat: Repeat, channel: str) -> np.ndarray:
         if len(v) > 4:
             found.append(np.diff(v, 3))
     return np.concatenate(found) if found else np.empty(0)
+
+
+def _memory(plan: TestPlan) -> float | None:
+    """Length (mm) over which the readings of all channels remember each other, from repeats; None if they do not.
+
+    Lag-1 correlation ρ of deviations from the mean of repeats, gain and contact taken out; length = −Δu / ln ρ.  It
+    counts where it exceeds four times its standard error.
+    """
+    product = power = count = 0.0
+    steps = []
+    for e in plan.experiments:
+        repeats = [r for r in e.measurement.repeats if e.measurement.kind == "force"]
+        for c in FORCES:
+            curves = [r.channels[c][r.segment == "loading"] for r in repeats if c in r.channels]
+            if len(curves) < 4 or len({len(v) for v in curves}) > 1 or len(curves[0]) < 12:
+                continue
+            Y = np.array(curves[1:])  # the first may be a virgin one
+            mean = Y.mean(axis=0)
+            B = np.stack([mean, np.gradient(mean), np.ones(len(mean))], axis=1)
+            D = Y - mean
+            D = D - D @ np.linalg.pinv(B).T @ B.T
+            product += float(np.sum(D[:, 1:] * D[:, :-1]))
+            power += float(np.sum(D**2))
+            count += D.size * (len(Y) - 1) / len(Y)
+            steps.append(float(np.median(np.abs(np.diff(repeats[0].depth)))))
+            readings = len(mean)
+    if power == 0.0 or count < 40:
+        return None
+    ρ = product / power
+    if ρ < 4.0 / np.sqrt(count):
+        return None
+    ρ += (1.0 + 4.0 * ρ) / readings  # what taking out the mean costs (Marriott & Pope 1954)
+    return -float(np.median(steps)) / float(np.log(min(ρ, 0.98)))
 
 
 def _repeats(plan: TestPlan, channel: str, white: float) -> tuple[float, float, float, float]:
