@@ -183,6 +183,9 @@ def covariance(library: Library, level: Mapping[str, Level], force: np.ndarray, 
         at = _rows_of(rows, item)
         q = level[item.channels[-1]]
         C[at, at] += q.gain**2 * np.outer(force[at], force[at]) + q.contact**2 * np.outer(slope[at], slope[at])
+    contact = max(level[t.channels[-1]].contact for t in plan.tests)
+    common = contact * np.where(place < 100, slope, 0.0)  # what all tests take for first contact
+    C = C + np.outer(common, common)
     same = (place[:, None] == place) & (channel[:, None] == channel)
     deepest = max(p.deepest for p in plan.places)
     along = np.exp(-0.5 * ((u[:, None] - u) / (WORLD_LENGTH * deepest)) ** 2)

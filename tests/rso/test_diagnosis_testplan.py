@@ -209,7 +209,7 @@ def test_covariance_is_that_of_readings_with_such_noise():
     L = np.linalg.cholesky(K)
     growing = 0.015 * (np.tile(test.depth, 2) / plan.places[0].deepest) ** 8 * F
     world = np.linalg.cholesky(
-        np.outer(growing, growing) + 0.005**2 * np.outer(F, F)
+        np.outer(growing, growing) + q.contact**2 * np.outer(slope, slope) + 0.005**2 * np.outer(F, F)
         * np.exp(-0.5 * ((np.tile(test.depth, 2)[:, None] - np.tile(test.depth, 2)) / (0.35 * 4)) ** 2)
         + 1e-14 * np.eye(n)
     )  # fmt: skip
