@@ -18,6 +18,7 @@ import hashlib
 import json
 import os
 import sqlite3
+import time
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -29,6 +30,7 @@ from typing import Any, Literal, Self
 from rso.contract import Case, Response, object_path, plain
 
 SCHEMA = 1
+GRACE_S = 3.0
 
 _TABLES = (
     """CREATE TABLE runs (
@@ -301,23 +303,40 @@ def _check_schema(db: sqlite3.Connection, file: Path) -> None:
 
 def _lock(path: Path) -> int:
     """Descriptor that holds the lock until it is closed or the process ends, however it ends."""
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    deadline = time.monotonic() + GRACE_S
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if os.fstat(descriptor).st_ino != os.stat(path).st_ino:
+                raise BlockingIOError  # the folder was moved aside in this moment: this is the lock of the old one
+        except OSError as error:
+            holder = os.read(descriptor, 32).decode(errors="replace")
+            os.close(descriptor)
+            if not isinstance(error, BlockingIOError):
+                raise
+            # A worker that its killed parent was just starting keeps the lock until it has become its own program.
+            if _ended(holder) and time.monotonic() < deadline:
+                time.sleep(0.02)
+                continue
+            raise StoreError(
+                f"{path.parent} is in use by process {holder or 'of unknown number'}: wait for it to finish or stop "
+                "it, or read with `rso status`, which needs no lock"
+            ) from None
+        os.ftruncate(descriptor, 0)
+        os.write(descriptor, str(os.getpid()).encode())
+        return descriptor
+
+
+def _ended(holder: str) -> bool:
+    """True if the process that wrote its number into the lock is no more (on this machine)."""
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if os.fstat(descriptor).st_ino != os.stat(path).st_ino:
-            raise BlockingIOError  # the folder was moved aside in this moment: this is the lock of the old one
-    except OSError as error:
-        holder = os.read(descriptor, 32).decode(errors="replace") or "of unknown number"
-        os.close(descriptor)
-        if not isinstance(error, BlockingIOError):
-            raise
-        raise StoreError(
-            f"{path.parent} is in use by process {holder}: wait for it to finish or stop it, "
-            "or read with `rso status`, which needs no lock"
-        ) from None
-    os.ftruncate(descriptor, 0)
-    os.write(descriptor, str(os.getpid()).encode())
-    return descriptor
+        os.kill(int(holder), 0)
+    except ProcessLookupError:
+        return True
+    except (ValueError, OverflowError, PermissionError):
+        return False
+    return False
 
 
 @contextmanager

@@ -158,6 +158,24 @@ def test_lock_of_another_process_names_it_and_dies_with_it(tmp_path):
             assert store.rows() == []
 
 
+DIES_WHILE_STARTING_A_WORKER = """
+import os, sys, time
+from rso.store import RunStore
+RunStore(sys.argv[1]).__enter__()
+if os.fork() == 0:  # holds what its parent held until it becomes another program
+    time.sleep(0.5)
+os._exit(0)
+"""
+
+
+def test_the_lock_of_a_process_that_has_ended_is_waited_for(tmp_path):
+    subprocess.run([sys.executable, "-c", DIES_WHILE_STARTING_A_WORKER, str(tmp_path)], check=True)
+    start = time.monotonic()
+    with RunStore(tmp_path):
+        assert time.monotonic() - start > 0.1  # it was held: the test sees the case it is made for
+
+
+
 WRITER = """
 import sys
 from rso.contract import Case, Programme, Response
