@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 from rso.contract import parameters_of
 from rso.diagnosis import noise
 from rso.diagnosis.effects import Effect
-from rso.diagnosis.hypotheses import Hypothesis, tiles
+from rso.diagnosis.hypotheses import Hypothesis, blocks, tiles
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import (
     Ready,
@@ -77,7 +77,7 @@ class Bench:
             if loose and effects:
                 self.tiles[key] = loosened(self.library, self.of(effects), self.of(()), self.modulus)
             else:
-                self.tiles[key] = tiles(self.library, effects, self.modulus, coarse=len(effects) > 1)
+                self.tiles[key] = tiles(self.library, effects, self.modulus, len(effects) > 1, self.of(()))
         return self.tiles[key]
 
 
@@ -106,7 +106,7 @@ def set_up(library: Library, y: np.ndarray) -> Bench:
     white = whitening(C)
     h = ready(base, white, modulus)
     best_tile = int(np.argmax(np.bincount(posterior(h, white(y), 200, np.random.default_rng(0)).tile)))
-    J = h.X[best_tile]
+    J = h.X[best_tile] @ h.Q.T
     H = white.L @ (J.T @ np.linalg.solve(J @ J.T + 1e-9 * np.eye(len(J)), J @ np.linalg.inv(white.L)))
     whites = [white]
     for a in AMPLITUDES:
@@ -234,17 +234,16 @@ def loosened(library: Library, own: Tiles, base: Tiles, modulus: float) -> Tiles
     """
     d = len(library.base.axes)
     near = np.array([int(np.argmin(np.sum((base.at[:, :d] - x) ** 2, axis=1))) for x in own.at[:, :d]])
-    change = own.A - base.A[near] + (own.c - base.c[near]) / modulus
-    masks: dict[tuple[object, ...], np.ndarray] = {}
-    for item, c, at in library.plan.rows():
-        for branch in (0, 1):
-            mine = item.branch == branch if isinstance(item, Test) else np.full(len(item.depth), branch == 0)
-            key = (item.place, c == "Fz", branch) if isinstance(item, Test) else ("profile",)
-            masks.setdefault(key, np.zeros(library.plan.n))[np.arange(at.start, at.stop)[mine]] = 1.0
-    groups = [m for m in masks.values() if m.any()]
-    D = np.concatenate([own.D, change[:, None] * np.array(groups)], axis=1)
-    sd = np.concatenate([own.sd, np.full(len(groups), LOOSE)])
+    none = (base.lift(base.A) @ own.basis, base.lift(base.c) @ own.basis)  # own vectors span these
+    change = own.A - none[0][near] + (own.c - none[1][near]) / modulus
+    groups: dict[tuple[int, bool, int], np.ndarray] = {}
+    for (place, c, branch), rows in blocks(library.plan).items():
+        of_block = np.any(own.basis[rows] != 0.0, axis=0)
+        key = (place, c == "Fz", branch)
+        groups[key] = groups.get(key, np.zeros(len(of_block), bool)) | of_block
+    D = np.concatenate([own.D, change[:, None] * np.array(list(groups.values()))], axis=1)
     more = len(groups)
+    sd = np.concatenate([own.sd, np.full(more, LOOSE)])
     return replace(own, D=D, sd=sd, axes=(*own.axes, *[-1] * more), log=(*own.log, *[False] * more))
 
 

@@ -10,9 +10,10 @@ import numpy as np
 
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.library import Library
-from rso.diagnosis.mixture import Tiles
+from rso.diagnosis.mixture import Tiles, compressed
 from rso.diagnosis.nodes import points
 from rso.diagnosis.prediction import predict
+from rso.diagnosis.testplan import Profile, TestPlan
 
 BASE_TILES = {0: 1, 1: 11, 2: 5}
 SIZE_TILES = 8
@@ -45,10 +46,12 @@ class _Levels:
     log: bool
 
 
-def tiles(library: Library, effects: Sequence[Effect], modulus: float, coarse: bool = False) -> Tiles:
+def tiles(
+    library: Library, effects: Sequence[Effect], modulus: float, coarse: bool = False, base: Tiles | None = None
+) -> Tiles:
     """Tiles of a hypothesis; priors are uniform over the base axes, ln |size| and shapes within plausible ranges.
 
-    `coarse` takes fewer tiles per effect, for pairs.
+    `coarse` takes fewer tiles per effect, for pairs; the basis spans the forces of `base` too.
     """
     levels = [_even(*a.ends, BASE_TILES[len(library.base.axes)]) for a in library.base.axes]
     for e in effects:
@@ -70,7 +73,26 @@ def tiles(library: Library, effects: Sequence[Effect], modulus: float, coarse: b
             ends.append(predict(library, effects, moved, modulus))
         D[:, k] = ((ends[1][0] - ends[0][0]) + (ends[1][1] - ends[0][1]) / modulus) / (2 * _STEP * v.width)
     sd = np.array([0.5 * levels[j].width for j in moving])
-    return Tiles(A, c, D, sd, at, prior, tuple(moving), tuple(levels[j].log for j in moving))
+    own = Tiles(A, c, D, sd, at, prior, tuple(moving), tuple(levels[j].log for j in moving))
+    also = np.zeros((0, A.shape[1]))
+    if base is not None:
+        also = np.concatenate([base.lift(base.A), base.lift(base.c) / modulus])
+    return compressed(own, list(blocks(library.plan).values()), also, modulus)
+
+
+def blocks(plan: TestPlan) -> dict[tuple[int, str, int], np.ndarray]:
+    """Rows of the data vector by place (−1: profiles), channel and branch."""
+    found: dict[tuple[int, str, int], list[np.ndarray]] = {}
+    for item, c, at in plan.rows():
+        rows = np.arange(at.start, at.stop)
+        for branch in (0, 1):
+            if isinstance(item, Profile):
+                mine, key = rows if branch == 0 else rows[:0], (-1, c, 0)
+            else:
+                mine, key = rows[item.branch == branch], (item.place, c, branch)
+            if len(mine):
+                found.setdefault(key, []).append(mine)
+    return {k: np.concatenate(v) for k, v in found.items()}
 
 
 def _even(low: float, high: float, n: int) -> _Levels:

@@ -48,12 +48,13 @@ class Where:
 def localise(plan: TestPlan, h: Ready, C: np.ndarray, y: np.ndarray, seed: int) -> Where:
     """Regions of the plan under hypothesis `h` (the base model) for data y (n,)."""
     t = int(np.argmax(log_tiles(h, h.white(y)[None])[0]))
-    J = np.concatenate([h.tiles.A[t][None], h.tiles.D[t]]) * h.scale
+    A, c, D = (h.tiles.lift(v[t]) for v in (h.tiles.A, h.tiles.c, h.tiles.D))
+    J = np.concatenate([A[None], D]) * h.scale
     Λ = np.concatenate([[1e4], (_WIDE * h.tiles.sd) ** 2])
     T = C + (J.T * Λ) @ J
     inverse = np.linalg.inv(T)
-    r = y - h.tiles.A[t] * h.scale - h.tiles.c[t]
-    F = h.tiles.A[t] * h.scale + h.tiles.c[t]
+    F = A * h.scale + c
+    r = y - F
     whole = inverse @ np.stack([r]).T
     rng = np.random.default_rng(seed)
     noise = inverse @ (np.linalg.cholesky(T) @ rng.standard_normal((len(y), DRAWS)))

@@ -4,23 +4,30 @@ In tile t the data are   y = μ a_t + c_t + μ₀ D_tᵀ ξ + e,   ξ ~ N(0, dia
 
 so that the evidence of a tile is a Gaussian integral and that of a hypothesis their sum: effects at the boundary of
 their range, curved valleys and several minima need no approximation but the tiles' width.
+
+All vectors of a hypothesis lie in a space of few dimensions, span B; with L⁻¹ B = Q R everything is computed in the
+coordinates R of that space, and Qᵀ takes the data there.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.special import logsumexp
 
+TOLERANCE = 2e-5  # of the largest force: far below what readings scatter by
+
 
 @dataclass(frozen=True, eq=False)
 class Tiles:
-    """A hypothesis: force parts A (T, n), displacement parts c (T, n), directions D (T, k, n), their spread sd (k,).
+    """A hypothesis: force parts A (T, r), displacement parts c (T, r), directions D (T, k, r), their spread sd (k,).
 
     `at` (T, d) are the coordinates of the tiles; `axes` (k,) says which coordinate a direction moves (−1: none), on
-    `log` ones (k,) in proportion; `log_prior` (T,) sums to 1.
+    `log` ones (k,) in proportion; `log_prior` (T,) sums to 1.  Vectors v (r,) stand for B v, B = `basis` (n, r), or for
+    themselves where there is none.
     """
 
     A: np.ndarray
@@ -31,6 +38,30 @@ class Tiles:
     log_prior: np.ndarray
     axes: tuple[int, ...]
     log: tuple[bool, ...]
+    basis: np.ndarray | None = None
+
+    def lift(self, v: np.ndarray) -> np.ndarray:
+        """Vectors v (…, r) over the data (…, n)."""
+        return v if self.basis is None else v @ self.basis.T
+
+
+def compressed(tiles: Tiles, blocks: Sequence[np.ndarray], also: np.ndarray, modulus: float) -> Tiles:
+    """The same tiles on an orthonormal basis whose vectors each live on one of `blocks` (disjoint rows).
+
+    No vector moves by more than TOLERANCE of the largest force part; `also` (m, n) are further vectors to be spanned.
+    """
+    T, k, n = tiles.D.shape
+    parts = [tiles.A, tiles.c / modulus, (tiles.D * tiles.sd[:, None]).reshape(T * k, n), also]
+    V = np.concatenate(parts)
+    limit = (TOLERANCE * np.abs(tiles.A).max()) ** 2
+    columns = []
+    for rows in blocks:
+        λ, Q = np.linalg.eigh(V[:, rows].T @ V[:, rows])
+        B = np.zeros((n, int(np.sum(np.cumsum(np.maximum(λ, 0.0)) > limit))))
+        B[rows] = Q[:, len(λ) - B.shape[1] :]
+        columns.append(B)
+    B = np.concatenate(columns, axis=1)
+    return replace(tiles, A=tiles.A @ B, c=tiles.c @ B, D=tiles.D @ B, basis=B)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +90,7 @@ def whitening(C: np.ndarray, rows: np.ndarray | None = None) -> Whitening:
 
 @dataclass(frozen=True, eq=False)
 class Ready:
-    """Tiles in whitened coordinates: X (T, 1 + k, n), W c (T, n), S⁻¹ (T, 1 + k, 1 + k) and constants (T,)."""
+    """Tiles in whitened coordinates: X (T, 1 + k, q), c (T, q), S⁻¹ (T, 1 + k, 1 + k), constants (T,), and Q (n, q)."""
 
     tiles: Tiles
     X: np.ndarray
@@ -68,25 +99,29 @@ class Ready:
     constant: np.ndarray
     scale: float
     white: Whitening
+    Q: np.ndarray
 
 
 def ready(tiles: Tiles, white: Whitening, modulus: float) -> Ready:
     """Everything of a hypothesis that does not depend on the values measured; `modulus` is μ₀."""
-    X = np.concatenate([white(tiles.A)[:, None] * modulus, white(tiles.D) * modulus], axis=1)
+    B = np.eye(len(tiles.A[0])) if tiles.basis is None else tiles.basis
+    Q, R = np.linalg.qr(white(B.T).T)
+    X = np.concatenate([(tiles.A @ R.T)[:, None], tiles.D @ R.T], axis=1) * modulus
     P = np.concatenate([[1e-8], tiles.sd**-2])  # flat, but for rows that know nothing of μ
     S = X @ X.transpose(0, 2, 1) + np.diag(P)
     _, log_det = np.linalg.slogdet(S)
     constant = tiles.log_prior - 0.5 * log_det - np.sum(np.log(tiles.sd)) - 0.5 * white.log_det
-    return Ready(tiles, X, white(tiles.c), np.linalg.inv(S), constant - 0.5 * len(white.rows) * np.log(2 * np.pi)
-                 + 0.5 * np.log(2 * np.pi), modulus, white)  # fmt: skip
+    return Ready(tiles, X, tiles.c @ R.T, np.linalg.inv(S), constant - 0.5 * len(white.rows) * np.log(2 * np.pi)
+                 + 0.5 * np.log(2 * np.pi), modulus, white, Q)  # fmt: skip
 
 
 def log_tiles(h: Ready, Y: np.ndarray) -> np.ndarray:
     """Log evidence (B, T) of whitened data Y (B, n) by tile, prior included."""
-    T, k, n = h.X.shape
-    b = (Y @ h.X.reshape(T * k, n).T).reshape(len(Y), T, k) - np.einsum("tkn,tn->tk", h.X, h.c)
-    rr = np.sum(Y**2, axis=1)[:, None] - 2.0 * Y @ h.c.T + np.sum(h.c**2, axis=1)
-    return h.constant - 0.5 * (rr - np.einsum("btk,tkl,btl->bt", b, h.S_inverse, b))
+    T, k, q = h.X.shape
+    Z = Y @ h.Q
+    b = (Z @ h.X.reshape(T * k, q).T).reshape(len(Y), T, k) - np.einsum("tkq,tq->tk", h.X, h.c)
+    rr = np.sum(Y**2, axis=1)[:, None] - 2.0 * Z @ h.c.T + np.sum(h.c**2, axis=1)
+    return h.constant - 0.5 * (rr - np.sum(np.einsum("btk,tkl->btl", b, h.S_inverse, optimize=True) * b, axis=2))
 
 
 def log_evidence(h: Ready, Y: np.ndarray) -> np.ndarray:
@@ -109,11 +144,11 @@ def posterior(h: Ready, y: np.ndarray, draws: int, rng: np.random.Generator) -> 
     logs = log_tiles(h, y[None])[0]
     weight = np.exp(logs - logsumexp(logs))
     tile = rng.choice(len(weight), size=draws, p=weight / weight.sum())
-    k = h.X.shape[1]
+    k, z = h.X.shape[1], y @ h.Q
     local = np.empty((draws, k))
     for t in np.unique(tile):
         mine = tile == t
-        mean = h.S_inverse[t] @ (h.X[t] @ (y - h.c[t]))
+        mean = h.S_inverse[t] @ (h.X[t] @ (z - h.c[t]))
         root = np.linalg.cholesky(h.S_inverse[t] + 1e-14 * np.trace(h.S_inverse[t]) * np.eye(k))
         local[mine] = mean + rng.standard_normal((mine.sum(), k)) @ root.T
     at = h.tiles.at[tile].copy()
@@ -128,7 +163,7 @@ def posterior(h: Ready, y: np.ndarray, draws: int, rng: np.random.Generator) -> 
 
 def simulate(h: Ready, post: Posterior, rng: np.random.Generator) -> np.ndarray:
     """Whitened data (m, n) as the draws predict them, with noise."""
-    mean = np.einsum("mk,mkn->mn", post.local, h.X[post.tile]) + h.c[post.tile]
+    mean = (np.einsum("mk,mkq->mq", post.local, h.X[post.tile]) + h.c[post.tile]) @ h.Q.T
     return mean + rng.standard_normal(mean.shape)
 
 
@@ -136,7 +171,8 @@ def mean_prediction(h: Ready, y: np.ndarray) -> np.ndarray:
     """Posterior mean of the whitened prediction (n,) given whitened data y (n,)."""
     logs = log_tiles(h, y[None])[0]
     weight = np.exp(logs - logsumexp(logs))
-    out = np.zeros_like(y)
+    z = y @ h.Q
+    out = np.zeros_like(z)
     for t in np.nonzero(weight > 1e-6)[0]:
-        out += weight[t] * (h.X[t].T @ (h.S_inverse[t] @ (h.X[t] @ (y - h.c[t]))) + h.c[t])
-    return out / weight[weight > 1e-6].sum()
+        out += weight[t] * (h.X[t].T @ (h.S_inverse[t] @ (h.X[t] @ (z - h.c[t]))) + h.c[t])
+    return h.Q @ out / weight[weight > 1e-6].sum()

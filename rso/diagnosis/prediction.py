@@ -16,7 +16,7 @@ from rso.contract import parameters_of
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.library import FORCES, Library, passes_of
 from rso.diagnosis.testplan import Profile, Test
-from rso.measurement import Chain, record
+from rso.measurement import Chain, recorded
 
 Parts = Sequence[tuple[Effect, np.ndarray]]
 
@@ -120,45 +120,49 @@ def _recorded(library: Library, test: Test, W: np.ndarray, weights, chain, modul
 
     F = curves(loading)
     G = curves(unloading) if back.any() else F
+    setting = {e.name: _bounded(e.name, np.asarray(e.size.value(s), float))[:, None] for e, s in chain}
+    # the indenter's way: from before contact to where the record turns, and back
+    top = np.full(len(F), u[-1])
+    if back.any():
+        reads = u - setting.get("offset", 0.0) + setting.get("compliance", 0.0) * modulus * F[:, 2]
+        top = np.array([np.interp(test.peak, v, u) for v in np.maximum.accumulate(reads, axis=1)])
+    way = np.minimum(u, top[:, None])
+    there, home = _stopped(u, F, top), _stopped(u, G, top)
+    turn = len(u) + 1
+    way = np.concatenate([np.full((len(F), 1), -1.0), way], axis=1)
+    there = np.concatenate([np.zeros((len(F), 3, 1)), there], axis=2)
+    if back.any():
+        way = np.concatenate([way, way[:, -2::-1]], axis=1)
+        there = np.concatenate([there, home[:, :, -2::-1], np.zeros((len(F), 3, 1))], axis=2)
+    time = np.cumsum(np.abs(np.diff(way, axis=1, prepend=-1.0)), axis=1)
+    time = (time - time[:, 1:2]) / test.speed + (test.time[0] - max(test.depth[0], 0.0) / test.speed)
+    forces = {c: modulus * there[:, i] for i, c in enumerate(FORCES)}
+    depth, got = recorded(setting, way, forces, time)
+    forward = np.maximum.accumulate(depth[:, :turn], axis=1)
+    backward = np.maximum.accumulate(depth[:, : turn - 2 : -1], axis=1)
     out = np.empty((len(F), len(pick), test.n))
-    for t in range(len(F)):
-        setting = Chain(**{e.name: _bounded(e.name, float(e.size.value(s[t]))) for e, s in chain})
-        # the indenter's way: from before contact to where the record turns, and back
-        top = u[-1]
-        if back.any():
-            reads = np.maximum.accumulate(u - setting.offset + setting.compliance * modulus * F[t, 2])
-            top = float(np.interp(test.peak, reads, u))
-        way = np.concatenate([[-1.0], u[u < top], [top]])
-        there = _at(u, F[t], way) * (way > 0)
-        turn = len(way)
-        if back.any():
-            home = way[-2::-1]
-            way, there = np.concatenate([way, home]), np.concatenate([there, _at(u, G[t], home) * (home > 0)], axis=1)
-        time = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(way)))])
-        time = (time - time[1]) / test.speed + (test.time[0] - max(test.depth[0], 0.0) / test.speed)
-        got = record(setting, way, dict(zip(FORCES, there * modulus, strict=True)), time)
-        forward = np.maximum.accumulate(got.depth[:turn])
-        for j, c in enumerate(pick):
-            F_rec = got.forces[FORCES[c]]
-            out[t, j] = np.interp(test.depth, forward, F_rec[:turn])
+    for j, c in enumerate(pick):
+        for t, v in enumerate(got[FORCES[c]]):
+            out[t, j] = np.interp(test.depth, forward[t], v[:turn])
             if back.any():
-                backward = np.maximum.accumulate(got.depth[: turn - 2 : -1])
-                out[t, j, back] = np.interp(test.depth[back], backward, F_rec[: turn - 2 : -1])
+                out[t, j, back] = np.interp(test.depth[back], backward[t], v[: turn - 2 : -1])
     return (out / modulus).reshape(len(F), -1)
 
 
-def _bounded(name: str, value: float) -> float:
+def _stopped(u: np.ndarray, F: np.ndarray, top: np.ndarray) -> np.ndarray:
+    """Forces (T, 3, m) over u, each kept from where the indenter stops; linear in √u."""
+    s, w = np.sqrt(u), np.sqrt(np.clip(top, 0.0, u[-1]))
+    i = np.clip(np.searchsorted(s, w) - 1, 0, len(s) - 2)
+    share = ((w - s[i]) / (s[i + 1] - s[i]))[:, None]
+    t = np.arange(len(F))
+    ends = (1 - share) * F[t, :, i] + share * F[t, :, i + 1]
+    return np.where(u < top[:, None, None], F, ends[:, :, None])
+
+
+def _bounded(name: str, value: np.ndarray) -> np.ndarray:
     """A knob of the chain within its hard bounds: draws of a posterior may leave them."""
     p = next(p for p in parameters_of(Chain) if p.name == name)
-    return min(max(value, p.low), p.high)
-
-
-def _at(u: np.ndarray, F: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """F (…, m) over u at travels `at`, linear in √u."""
-    s, w = np.sqrt(u), np.sqrt(np.clip(at, 0.0, u[-1]))
-    i = np.clip(np.searchsorted(s, w) - 1, 0, len(s) - 2)
-    share = (w - s[i]) / (s[i + 1] - s[i])
-    return (1 - share) * F[..., i] + share * F[..., i + 1]
+    return np.clip(value, p.low, p.high)
 
 
 def _profile(library: Library, profile: Profile, x: np.ndarray, parts: Parts) -> np.ndarray:

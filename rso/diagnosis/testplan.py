@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from rso.contract import digest
 from rso.measurement import Measurement, Noise
 
 BINS = 14  # per branch: what a smooth curve can tell
 STEP = 0.25  # mm, to which the deepest travel is rounded up: data sets of one plan share their library
+SPIKE = 8.0  # robust standard deviations from its neighbours: no reading of its own
+MOST_SPIKES = 0.2  # of the readings: more of them are no spikes but the signal
 MARGIN = 0.4  # mm beyond the deepest record, for a contact found late
 Role = Literal["fit", "select", "validate"]
 
@@ -129,6 +132,7 @@ def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
     index: dict[str, int] = {}
     tests: list[Test] = []
     notes: list[str] = []
+    experiments = [_without_spikes(e, notes) for e in experiments]
 
     def place_of(settings: Mapping[str, Any]) -> int:
         plain = {k: v for k, v in settings.items() if k not in ("speed", "unload", "earlier")}
@@ -204,6 +208,42 @@ def _in_order(experiments: Sequence[Experiment]) -> list[int]:
 def _times(depth: np.ndarray, segment: np.ndarray, speed: float) -> np.ndarray:
     """Times (s) of readings at a constant speed there and back."""
     return np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(np.diff(depth)), 1e-9))]) / speed
+
+
+def _without_spikes(e: Experiment, notes: list[str]) -> Experiment:
+    """The experiment without single readings that jump out of line, each repeat that has some with a note."""
+    if e.measurement.kind != "force":
+        return e
+    repeats = []
+    for r in e.measurement.repeats:
+        wild = _wild(r)
+        if wild.any():
+            depths = ", ".join(f"{v:.2f}" for v in r.depth[wild][:3]) + (", …" if wild.sum() > 3 else "")
+            notes.append(f"{e.name}, repeat {r.label}: {wild.sum()} reading(s) out of line left out, at {depths} mm")
+            cut = lambda v, keep=~wild: v if v is None else v[keep]  # noqa: E731
+            parts = {k: {c: cut(v) for c, v in getattr(r, k).items()} for k in ("channels", "sigma")}
+            r = replace(r, depth=cut(r.depth), time=cut(r.time), segment=cut(r.segment), **parts)
+        repeats.append(r)
+    return replace(e, measurement=replace(e.measurement, repeats=tuple(repeats)))
+
+
+def _wild(r: Any) -> np.ndarray:
+    """Readings that stand alone: further than SPIKE standard deviations from the median of the five around them.
+
+    The deviation is a robust one of the branch itself, 1.48 times the median of its third differences; jumps and slopes
+    pass, single spikes do not (Hampel 1974).
+    """
+    wild = np.zeros(len(r.depth), bool)
+    for name in ("loading", "unloading"):
+        at = np.nonzero(r.segment == name)[0]
+        if len(at) < 12:
+            continue
+        for c in r.channels:
+            v = r.channels[c][at]
+            d = np.abs(v - median_filter(v, 5, mode="nearest"))
+            scatter = 1.48 * np.median(np.abs(np.diff(v, 3))) / math.sqrt(20.0)  # variance of a third difference
+            wild[at[d > SPIKE * max(scatter, 1e-4 * np.median(np.abs(v)))]] = True
+    return wild if wild.mean() < MOST_SPIKES else np.zeros(len(wild), bool)
 
 
 def _binned(r: Any, time: np.ndarray, channels: tuple[str, ...], segment: str, k: int) -> tuple[Any, ...]:

@@ -1,8 +1,8 @@
 """The measurement chain: what stands between the specimen and the file, as transforms of any curve.
 
     recorded depth = true depth − offset + compliance · Fz
-    recorded Fz    = gain · Fz(t − lag) + bias + drift · t
-    recorded Fx    = Fx(t − lag) + cross_x · Fz(t − lag)        and Fy with cross_y
+    recorded Fz    = gain · Fz* + bias + drift · t,      smoothing dF*/dt + F* = F(t − lag)
+    recorded Fx    = Fx* + cross_x · Fz*                 and Fy with cross_y
 
 There are no mechanics in it and it costs no simulation.  Each knob is an effect: at neutral it is absent.
 """
@@ -58,11 +58,11 @@ class Chain:
     lag: float = knob(
         "delay of the force clock behind the depth clock",
         "s",
-        -1.0,
-        1.0,
+        -2.0,
+        2.0,
         neutral=0.0,
         typical=0.1,
-        plausible=(-0.6, 0.6),
+        plausible=(-1.0, 1.0),
     )
     cross_x: float = knob(
         "share of Fz that appears in Fx", "1", -0.5, 0.5, neutral=0.0, typical=0.02, plausible=(-0.2, 0.2)
@@ -70,10 +70,23 @@ class Chain:
     cross_y: float = knob(
         "share of Fz that appears in Fy", "1", -0.5, 0.5, neutral=0.0, typical=0.02, plausible=(-0.2, 0.2)
     )
+    smoothing: float = knob(
+        "time constant of the force channel's filter",
+        "s",
+        0.0,
+        2.0,
+        neutral=0.0,
+        typical=0.1,
+        plausible=(0.01, 1.0),
+        cause="lag",
+    )
 
     def __post_init__(self) -> None:
         for parameter in parameters_of(type(self)):
             parameter.check(getattr(self, parameter.name))
+
+
+_CROSS = {"Fx": "cross_x", "Fy": "cross_y"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +106,18 @@ def record(
     Between instants forces are linear in time; before the first and after the last one they are constant.
     """
     u, F, t = _checked(chain, travel, forces, time)
-    late = {k: _shift(t, v, chain.lag) for k, v in F.items()}
-    recorded = {k: v + _cross(chain, k) * late["Fz"] for k, v in late.items() if k != "Fz"}
-    recorded["Fz"] = chain.gain * late["Fz"] + chain.bias + chain.drift * t
-    return Record(u - chain.offset + chain.compliance * F["Fz"], recorded)
+    return Record(*recorded({p.name: getattr(chain, p.name) for p in parameters_of(Chain)}, u, F, t))
+
+
+def recorded(
+    knobs: Mapping[str, float | np.ndarray], u: np.ndarray, F: Mapping[str, np.ndarray], t: np.ndarray
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Recorded depth and forces for knobs that are numbers or columns (T, 1); `u`, `F` and `t` are (n,) or (T, n)."""
+    k = {p.name: knobs.get(p.name, p.neutral) for p in parameters_of(Chain)}
+    late = {c: _filtered(t, _shift(t, v, k["lag"]), k["smoothing"]) for c, v in F.items()}
+    out = {c: v + k[_CROSS[c]] * late["Fz"] for c, v in late.items() if c != "Fz"}
+    out["Fz"] = k["gain"] * late["Fz"] + k["bias"] + k["drift"] * t
+    return u - k["offset"] + k["compliance"] * F["Fz"], out
 
 
 def correct(
@@ -104,19 +125,36 @@ def correct(
 ) -> Record:
     """Inverse of :func:`record`: exact but for a lag, where the linear interpolation in time is undone by another."""
     d, R, t = _checked(chain, depth, forces, time)
+    if chain.smoothing:
+        raise ValueError("a filter loses what it smooths: it cannot be undone")
     late = {"Fz": (R["Fz"] - chain.bias - chain.drift * t) / chain.gain}
-    late |= {k: v - _cross(chain, k) * late["Fz"] for k, v in R.items() if k != "Fz"}
+    late |= {k: v - getattr(chain, _CROSS[k]) * late["Fz"] for k, v in R.items() if k != "Fz"}
     true = {k: _shift(t, v, -chain.lag) for k, v in late.items()}
     return Record(d + chain.offset - chain.compliance * true["Fz"], true)
 
 
-def _cross(chain: Chain, channel: str) -> float:
-    return {"Fx": chain.cross_x, "Fy": chain.cross_y}[channel]
-
-
-def _shift(t: np.ndarray, value: np.ndarray, lag: float) -> np.ndarray:
+def _shift(t: np.ndarray, value: np.ndarray, lag: float | np.ndarray) -> np.ndarray:
     """value(t − lag)."""
-    return value if lag == 0 else np.interp(t - lag, t, value)
+    if np.all(np.asarray(lag) == 0):
+        return value
+    if value.ndim == 1:
+        return np.interp(t - lag, t, value)
+    return np.stack([np.interp(a - b, a, v) for a, v, b in zip(t, value, np.ravel(lag), strict=True)])
+
+
+def _filtered(t: np.ndarray, value: np.ndarray, τ: float | np.ndarray) -> np.ndarray:
+    """First-order filter of what is linear between instants and constant before the first: exact at the instants."""
+    τ = np.asarray(τ, float)
+    if np.all(τ == 0):
+        return value
+    q = np.diff(t, axis=-1) / np.maximum(τ, 1e-9)
+    decay = np.exp(-q)
+    ramp = np.where(q > 1e-6, -np.expm1(-q) / np.maximum(q, 1e-300), 1.0)  # mean of the decay over an interval
+    out = np.array(value, float)
+    for i in range(q.shape[-1]):
+        past = decay[..., i] * out[..., i] + (ramp[..., i] - decay[..., i]) * value[..., i]
+        out[..., i + 1] = past + (1.0 - ramp[..., i]) * value[..., i + 1]
+    return out
 
 
 def _checked(
@@ -127,8 +165,11 @@ def _checked(
     F = {k: np.asarray(v, float) for k, v in forces.items()}
     if "Fz" not in F or not set(F) <= {"Fx", "Fy", "Fz"}:
         raise ValueError(f"the measurement chain needs Fz and knows Fx, Fy, Fz; got {', '.join(F) or 'nothing'}")
-    if time is None and (chain.drift != 0 or chain.lag != 0):
-        raise ValueError(f"drift = {chain.drift:g} N/s and lag = {chain.lag:g} s need the time of each reading")
+    if time is None and (chain.drift != 0 or chain.lag != 0 or chain.smoothing != 0):
+        raise ValueError(
+            f"drift = {chain.drift:g} N/s, lag = {chain.lag:g} s and smoothing = {chain.smoothing:g} s "
+            "need the time of each reading"
+        )
     t = np.zeros_like(u) if time is None else np.asarray(time, float)
     if any(v.shape != u.shape for v in (t, *F.values())):
         raise ValueError(f"depth {u.shape}, time {t.shape} and forces {[v.shape for v in F.values()]} differ in length")

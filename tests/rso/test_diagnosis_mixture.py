@@ -8,6 +8,7 @@ from rso.diagnosis import make_plan
 from rso.diagnosis.localise import localise
 from rso.diagnosis.mixture import (
     Tiles,
+    compressed,
     log_evidence,
     log_tiles,
     mean_prediction,
@@ -67,6 +68,26 @@ def test_differences_of_evidence_are_predictive_densities():
         found.append(log_evidence(ready(tiles(1.0), white, M0), white(Y)[None])[0])
     expected = np.log(density(every, DIRECTION) / density(rest, DIRECTION))
     np.testing.assert_allclose(found[0] - found[1], expected, rtol=0, atol=2e-6)
+
+
+def test_a_basis_of_few_vectors_changes_no_evidence():
+    rng = np.random.default_rng(8)
+    n, shapes = 40, rng.standard_normal((3, 40))
+    A, c, D = (rng.standard_normal((*k, 3)) @ shapes for k in ((6,), (6,), (6, 2)))
+    full = Tiles(A, 1e-2 * c, D, np.array([0.1, 0.3]), np.zeros((6, 2)), np.full(6, -np.log(6)), (0, 1), (False, False))
+    cov = 1e-3 * (np.eye(n) + np.exp(-np.abs(np.subtract.outer(np.arange(n), np.arange(n)))))
+    blocks = [np.arange(25), np.arange(25, n)]
+    few = compressed(full, blocks, np.zeros((0, n)), M0)
+    assert few.basis.shape == (n, 6)  # three per block
+    np.testing.assert_allclose(few.basis.T @ few.basis, np.eye(6), rtol=0, atol=1e-12)
+    Y = M0 * A[:2] + 0.05 * rng.standard_normal((2, n))
+    for rows in (np.arange(n), np.arange(3, n), np.array([1, 30])):  # also fewer rows than vectors
+        white = whitening(cov, rows)
+        a, b = (ready(t, white, M0) for t in (full, few))
+        # round-off of a quadratic form of a thousand or so
+        np.testing.assert_allclose(log_tiles(b, white(Y)), log_tiles(a, white(Y)), rtol=0, atol=1e-7)
+        np.testing.assert_allclose(mean_prediction(b, white(Y[0])), mean_prediction(a, white(Y[0])), rtol=0, atol=1e-8)
+    assert compressed(full, blocks, rng.standard_normal((1, n)), M0).basis.shape[1] == 8  # what else it must span
 
 
 def test_whitening_of_chosen_rows():

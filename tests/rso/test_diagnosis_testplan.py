@@ -96,6 +96,30 @@ def test_holds_are_left_out_and_said_so():
     assert plan.tests[0].count.sum() == np.sum(segment == "loading") and "hold" in plan.notes[0]
 
 
+def test_single_readings_out_of_line_are_left_out_and_said_so():
+    (r,) = toy.recorded(toy.TRUTH, rng(), unload=True, readings=80)
+    v = r.channels["Fz"].copy()
+    v[[11, 30, 31]] += 40 * v.std(), -30 * v.std(), 1e5
+    plan = make_plan([toy.experiment("a", (dataclasses.replace(r, channels={**r.channels, "Fz": v}),))])
+    clean = make_plan([toy.experiment("a", (r,))])
+    (note,) = plan.notes
+    assert "repeat" in note and "3 reading(s) out of line" in note and clean.notes == ()
+    # what is left lies within a bin's scatter of what was there before
+    grid = np.linspace(0.3, 3.7, 20)
+    curves = [
+        np.interp(grid, t.depth[t.branch == 0], t.values["Fz"][t.branch == 0]) for p in (plan, clean) for t in p.tests
+    ]
+    np.testing.assert_allclose(curves[0], curves[1], rtol=0, atol=0.03 * curves[1].max())
+    assert len(plan.experiments[0].measurement.repeats[0].depth) == len(r.depth) - 3  # noise is estimated without them
+
+
+def test_a_jump_that_stays_is_no_spike():
+    (r,) = toy.recorded(toy.TRUTH, rng(), readings=80)
+    v = r.channels["Fz"].copy()
+    v[40:] -= 20 * v.std()  # a slip
+    assert make_plan([toy.experiment("a", (dataclasses.replace(r, channels={**r.channels, "Fz": v}),))]).notes == ()
+
+
 def test_times_follow_from_the_speed_where_none_were_recorded():
     (r,) = toy.recorded(toy.TRUTH, rng(), unload=True)
     (with_time,) = make_plan([toy.experiment("a", (r,))]).tests

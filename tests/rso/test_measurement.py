@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lsim
 
 from rso.contract import parameters_of
 from rso.measurement import Chain, Noise, combine, correct, read, record, value_at
@@ -223,7 +224,14 @@ EFFECTS = {
     "cross_y": (0.02, lambda u, F: (u, F["Fx"], F["Fy"] + 0.02 * F["Fz"], F["Fz"])),
     # One reading late: 0.1 mm at 0.5 mm/s.
     "lag": (0.2, lambda u, F: (u, *(np.r_[F[k][0], F[k][:-1]] for k in ("Fx", "Fy", "Fz")))),
+    "smoothing": (0.3, lambda u, F: (u, *(smoothed(F[k], 0.3) for k in ("Fx", "Fy", "Fz")))),
 }
+
+
+def smoothed(v: np.ndarray, τ: float) -> np.ndarray:
+    """Linear system 1 / (τ s + 1) with a first-order hold."""
+    return v[0] + lsim(([1.0], [τ, 1.0]), v - v[0], T - T[0])[1]
+
 
 
 def test_neutral_chain_changes_nothing():
@@ -263,6 +271,19 @@ def test_correct_undoes_record():
         np.testing.assert_allclose(back.forces[k], v, rtol=0, atol=1e-15)
     wrong = correct(Chain(), r.depth, r.forces, T)
     assert np.max(np.abs(wrong.depth - U)) > 0.01  # negative control
+
+
+def test_a_filter_follows_a_ramp_as_its_equation_says():
+    t = np.linspace(0.0, 3.0, 40) ** 1.3
+    τ, zero = 0.4, np.zeros_like(t)
+    for forces in ({"Fz": 2.0 * t}, {"Fz": 2.0 * t, "Fx": zero}):
+        got = record(Chain(smoothing=τ), t, forces, t).forces["Fz"]
+        # τ y' + y = 2 t, y(0) = 0
+        np.testing.assert_allclose(got, 2.0 * (t - τ * (1.0 - np.exp(-t / τ))), rtol=0, atol=1e-12)
+    with pytest.raises(ValueError, match="cannot be undone"):
+        correct(Chain(smoothing=τ), t, {"Fz": t}, t)
+    with pytest.raises(ValueError, match="need the time"):
+        record(Chain(smoothing=τ), t, {"Fz": t})
 
 
 def test_lag_is_undone_inside_the_record():
