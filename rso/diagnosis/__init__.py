@@ -5,18 +5,22 @@ testplan     what was measured, in bins        library     what is computed once
 prediction   parameters → data vector          noise       what readings and models scatter by
 mixture      exact evidence in tiles           attribute   the contest of hypotheses
 localise     where                             shrinkage   how much
-detectable   what this plan can see            judge       the verdict        story   all of it as plain data
+detectable   what this plan can see            judge       the verdict
+rerun        finalists computed anew           story       all of it as plain data
 """
 
 from rso.diagnosis.effects import Effect, catalogue
 from rso.diagnosis.judge import Diagnosis, diagnose
 from rso.diagnosis.library import Base, BaseAxis, Library, build
+from rso.diagnosis.rerun import CLOSE, Check, finalists, mended
 from rso.diagnosis.story import story
 from rso.diagnosis.testplan import Experiment, TestPlan, make_plan
 
 __all__ = [
+    "CLOSE",
     "Base",
     "BaseAxis",
+    "Check",
     "Diagnosis",
     "Effect",
     "Experiment",
@@ -25,6 +29,8 @@ __all__ = [
     "build",
     "catalogue",
     "diagnose",
+    "finalists",
     "make_plan",
+    "mended",
     "story",
 ]

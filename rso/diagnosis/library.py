@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -125,6 +125,7 @@ class Library:
     cpu_s: float
     runs: int
     slowest: float
+    mended: Mapping[tuple[str, int], np.ndarray] = field(default_factory=dict)
 
     def forces(self, place: int, x: np.ndarray) -> np.ndarray:
         """Base forces over the modulus (T, 3, m) at coordinates x (T, d)."""
@@ -135,13 +136,19 @@ class Library:
         return self.base_weights(x) @ self.places[place].base_marks
 
     def weights(self, place: int, effect: Effect, at: np.ndarray, speed: float) -> np.ndarray:
-        """(T, n_nodes): the changes at sizes and shapes `at` (T, 1 + d) in terms of those at the nodes of a place."""
+        """(T, n): the changes at sizes and shapes `at` (T, 1 + d) in terms of those in the table of a place.
+
+        Its rows are the nodes, then the points at which it was mended.
+        """
         at = np.array(at, float)
         for k, s in enumerate(effect.shape, 1):
             if timed(s):
                 at[:, k] += np.log(speed)
-        W = self.places[self.primary].effects[effect.name].nodes.weights(at)
-        return W if place == self.primary else W @ self.transfer[effect.name, place]
+        nodes = self.places[self.primary].effects[effect.name].nodes
+        W = nodes.weights(at)
+        W = W if place == self.primary else W @ self.transfer[effect.name, place]
+        points = self.mended.get((effect.name, place))
+        return W if points is None else np.concatenate([W, nodes.nearness(at, points)], axis=1)
 
     def change(self, place: int, effect: Effect, at: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
         """Relative changes (T, n_pass, 3, m) and changes of marks (T, n_uz) at sizes and shapes `at` (T, 1 + d)."""
@@ -318,7 +325,7 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
         finer = _relative(travel, F - first(travel), first(travel)[:, 2], u)
         stated = np.stack([best.response.error.get(c, np.zeros(len(travel))) for c in FORCES], 1)
         error = np.abs(_relative(travel, stated / base.reference, first(travel)[:, 2], u))
-    base_marks = np.stack([_marks(o.response, place) for o in wanted])
+    base_marks = np.stack([marks_of(o.response, place) for o in wanted])
     effects = {}
     for e in modelled:
         points = grid[e.name, k].points
@@ -327,16 +334,11 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
         known = np.ones(len(points), bool)
         for n in range(len(points)):
             whole = found.get((k, e.name, n, None, False))
-            for i, way in enumerate(every):
-                o = whole if whole is not None else found[k, e.name, n, i, False]
-                response = _reached(o, place.deepest)
-                if response is None:
-                    known[n] = False
-                    continue
-                travel, F = _asked(response, base.reference, back=way.peak is not None and whole is None)
-                change[n, i] = _relative(travel, F - first(travel), first(travel)[:, 2], u)
-                if i == 0:
-                    marks[n] = _marks(response, place) - base_marks[-1]
+            each = [found[k, e.name, n, i, False] for i in range(len(every))] if whole is None else [whole]
+            change[n], lost = changed(every, u, place, base.reference, each, first)
+            known[n] = lost == 0
+            reached = _reached(each[0], place.deepest)
+            marks[n] = 0.0 if reached is None else marks_of(reached, place) - base_marks[-1]
         effects[e.name] = _filled(Table(grid[e.name, k], change, marks, known))
     return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], finer, error, effects)
 
@@ -356,6 +358,31 @@ def _beside(
     base = np.tensordot(W, ratio, axes=1) * normal[:, None]
     finer, error = (np.stack([np.interp(s, np.sqrt(first.u), v) for v in part]) for part in (first.finer, first.error))
     return replace(own, base=base, base_marks=W @ own.base_marks, finer=finer, error=error)
+
+
+def changed(
+    ways: Sequence[Pass], u: np.ndarray, place: Place, reference: float, outcomes: Sequence[Any], base: Resampling
+) -> tuple[np.ndarray, int]:
+    """Changes (n_pass, 3, m) over `base` relative to its Fz, and how many passes have none.
+
+    `outcomes` are those of every pass, or one where the way does not matter.
+    """
+    change, lost = np.zeros((len(ways), 3, len(u))), 0
+    for i, way in enumerate(ways):
+        response = _reached(outcomes[min(i, len(outcomes) - 1)], place.deepest)
+        if response is None:
+            lost += 1
+            continue
+        travel, F = _asked(response, reference, back=way.peak is not None and len(outcomes) > 1)
+        change[i] = _relative(travel, F - base(travel), base(travel)[:, 2], u)
+    return change, lost
+
+
+def jobs_at(
+    base: Base, plan: TestPlan, k: int, e: Effect, x: Sequence[float], at: Sequence[float], ways: Sequence[Pass]
+) -> list[Task]:
+    """Runs of an effect at size and shapes `at`, base coordinates `x`: one, or one per pass where the way matters."""
+    return [j.task for j in _jobs_of(base, plan, k, e, 0, {**base.values(x), **_knobs(base, e, at)}, ways)]
 
 
 def _reached(outcome: Any, deepest: float) -> Response | None:
@@ -411,7 +438,7 @@ def _relative(travel: np.ndarray, change: np.ndarray, reference: np.ndarray, u: 
     return PchipInterpolator(np.sqrt(travel), ratio, axis=0)(np.sqrt(at)).T
 
 
-def _marks(response: Response, place: Place) -> np.ndarray:
+def marks_of(response: Response, place: Place) -> np.ndarray:
     """Displacements (n_depths · n_marks,) of the marks of profiles, depth by depth."""
     if not place.marks:
         return np.empty(0)

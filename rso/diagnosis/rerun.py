@@ -1,59 +1,125 @@
-"""The finalist computed anew at its found size: how far the library's interpolation was off."""
+"""Finalists computed anew at their found sizes: how far the library's interpolation was off, and the library mended.
+
+At the found parameters κ̂ and size and shapes φ̂ of an effect the change of the force is what the new simulations say;
+around them the difference to the library fades out with a Gaussian weight,
+
+    δ(φ) ← δ(φ) + w(φ) [δ_FE(κ̂, φ̂) − δ(φ̂)],      w(φ̂) = 1,
+
+so that the total force at (κ̂, φ̂) is the simulated one, errors of the base tables included.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.library import FORCES, Library, _asked, _task
-from rso.diagnosis.mixture import Posterior
+from rso.curves import Resampling
+from rso.diagnosis.effects import Effect
+from rso.diagnosis.judge import Diagnosis
+from rso.diagnosis.library import FORCES, Library, changed, jobs_at, marks_of
 from rso.diagnosis.nodes import timed
 from rso.running import Task
 from rso.store import Done
 
+WORTH = 0.05  # probability of a cause below which it is not computed anew
+MOST = 3  # effects per round
+CLOSE = 0.003  # of Fz: a deviation below which the library is good enough
+DOUBTFUL = 0.15  # of the deepest travel: before that a relative deviation says nothing
 
-def rerun(
-    library: Library, chosen: Hypothesis, post: Posterior, run: Callable[[Sequence[Task]], list[Any]]
-) -> dict[str, Any]:
-    """Loading runs at every place with the median parameters: largest and root mean square deviation over Fz.
 
-    Failed runs are counted, never taken for an answer.
-    """
-    effects = chosen.effects
-    base, d = library.base, len(library.base.axes)
-    at = np.median(post.at, axis=0)
-    tasks, expected = [], []
-    for k in range(len(library.plan.places)):
-        speeds = sorted({t.speed for t in library.plan.tests if t.place == k})[:1]
-        for v in speeds:
-            values, settings, change, column = base.values(at[:d]), {}, 0.0, d
-            for e in effects:
-                mine = at[column : column + len(e.knobs)]
-                column += len(e.knobs)
-                for size, s in zip(e.knobs, mine, strict=True):
-                    if size.name in {p.name for p in base.backend.parameters}:
-                        value = float(size.value(s)) * base.reference**size.exponent
-                        values[size.name] = value * (v if timed(size) else 1.0)
-                settings |= dict(e.settings)
-                change = change + library.change(k, e, mine[None], v)[0][0, 0]
-            f = library.forces(k, at[None, :d])[0]
-            tasks.append(_task(base, library.plan, k, values, None, settings))
-            expected.append((k, f + f[2:] * change))
-    deviations, failed = [], 0
-    for (k, F), o in zip(expected, run(tasks), strict=True):
-        if not isinstance(o, Done):
-            failed += 1
+@dataclass(frozen=True)
+class Check:
+    """Runs, failed ones, largest and root mean square deviation of the library from them over Fz."""
+
+    runs: int
+    failed: int
+    largest: float | None
+    rms: float | None
+    effects: tuple[str, ...]
+
+
+def finalists(library: Library, found: Diagnosis) -> dict[Effect, np.ndarray]:
+    """Effects of the model that the verdict names, with the median of the coordinates (κ, size, shapes) of each."""
+    picks: dict[Effect, np.ndarray] = {}
+    d = len(library.base.axes)
+    worth = {c.effect.name for c in found.causes if c.probability >= WORTH}
+    known = {e.name: e for e in library.effects}
+    hypotheses = {found.chosen.name: found.chosen.effects, **{n: (known[n],) for n in found.named if n in known}}
+    for name, effects in hypotheses.items():
+        if name not in found.posteriors:
             continue
-        travel, got = _asked(o.response, base.reference)
-        u = library.places[k].u
-        want = np.stack([np.interp(travel, u, F[c]) for c in range(len(FORCES))], 1)
-        use = travel > 0.15 * travel.max()
-        deviations.append(((want - got) / got[:, 2:])[use])
-    if not deviations:
-        return {"runs": len(tasks), "failed": failed, "largest": None, "rms": None}
-    all_of = np.concatenate(deviations)
-    return {"runs": len(tasks), "failed": failed, "largest": float(np.abs(all_of).max()),
-            "rms": float(np.sqrt(np.mean(all_of[:, 2] ** 2)))}  # fmt: skip
+        at, column = np.median(found.posteriors[name].at, axis=0), d
+        for e in effects:
+            own = at[column : column + len(e.knobs)]
+            column += len(e.knobs)
+            if e.family == "model" and e.name in worth and e not in picks:
+                picks[e] = np.concatenate([at[:d], own])
+    return dict(list(picks.items())[:MOST])
+
+
+def mended(
+    library: Library, picks: Mapping[Effect, np.ndarray], run: Callable[[Sequence[Task]], list[Any]]
+) -> tuple[Library, Check]:
+    """The library with every effect of `picks` as computed at its coordinates (d + 1 + shapes,).
+
+    Every place, way of the indenter and, where an effect has a time, every speed is computed.  A failed run mends
+    nothing; it is counted.
+    """
+    d = len(library.base.axes)
+    wanted = []
+    for e, at in picks.items():
+        for k, here in enumerate(library.places):
+            for v in _speeds(library, e, k):
+                late = np.array([np.log(v) if timed(s) else 0.0 for s in e.knobs])
+                tasks = jobs_at(library.base, library.plan, k, e, at[:d], at[d:] + late, here.passes)
+                wanted.append((e, at, k, v, late, tasks))
+    every = [t for *_, tasks in wanted for t in tasks]
+    outcomes = iter(run(every) if every else [])
+    off, failed = [], 0
+    for e, at, k, v, late, tasks in wanted:
+        mine = [next(outcomes) for _ in tasks]
+        here, place = library.places[k], library.plan.places[k]
+        base = Resampling(here.u[1:], library.forces(k, at[None, :d])[0, :, 1:].T)
+        change, lost = changed(here.passes, here.u, place, library.base.reference, mine, base)
+        failed += sum(not isinstance(o, Done) for o in mine)
+        if lost:
+            continue
+        was, marks = library.change(k, e, at[None, d:], v)
+        off.append((change - was[0])[:, :, here.u > DOUBTFUL * here.u[-1]])
+        more = np.zeros(0)
+        if isinstance(mine[0], Done):
+            more = marks_of(mine[0].response, place) - library.marks(k, at[None, :d])[0] - marks[0]
+        library = _with(library, e, k, at[d:] + late, change - was[0], more)
+    names = tuple(e.name for e in picks)
+    if not off:
+        return library, Check(len(every), failed, None, None, names)
+    largest = max(float(np.abs(v).max()) for v in off)
+    z = np.concatenate([v[:, FORCES.index("Fz")].ravel() for v in off])
+    return library, Check(len(every), failed, largest, float(np.sqrt(np.mean(z**2))), names)
+
+
+def _speeds(library: Library, effect: Effect, place: int) -> list[float]:
+    """Speeds at a place that matter to an effect, to two digits."""
+    speeds = sorted({float(f"{t.speed:.2g}") for t in library.plan.tests if t.place == place}) or [library.slowest]
+    return speeds if any(timed(s) for s in effect.shape) else speeds[:1]
+
+
+def _with(library: Library, e: Effect, k: int, point: np.ndarray, change: np.ndarray, marks: np.ndarray) -> Library:
+    """The library with one more row in the table of an effect at a place: what the tables lack at `point`."""
+    here = library.places[k]
+    table, before = here.effects[e.name], library.mended.get((e.name, k))
+    marks = marks if len(marks) else np.zeros(table.marks.shape[1])
+    points = point[None]
+    if before is not None:  # rows count from the nodes: at its own point no other row has a weight
+        old = library.places[library.primary].effects[e.name].nodes.nearness(point[None], before)[0]
+        change = change + np.tensordot(old, table.change[-len(before) :], axes=1)
+        marks = marks + old @ table.marks[-len(before) :]
+        points = np.concatenate([before, point[None]])
+    more = replace(table, change=np.concatenate([table.change, change[None]]),
+                   marks=np.concatenate([table.marks, marks[None]]))  # fmt: skip
+    places = list(library.places)
+    places[k] = replace(here, effects={**here.effects, e.name: more})
+    return replace(library, places=tuple(places), mended={**library.mended, (e.name, k): points})

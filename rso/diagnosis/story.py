@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from rso.diagnosis.effects import Effect
 from rso.diagnosis.judge import Diagnosis, seen
 from rso.diagnosis.library import FORCES, Library
 from rso.diagnosis.next_test import NextTest, next_tests
-from rso.diagnosis.rerun import rerun
+from rso.diagnosis.rerun import Check
 from rso.diagnosis.testplan import Profile, TestPlan
 from rso.diagnosis.words import words
 from rso.running import Task
@@ -24,14 +24,15 @@ REGIONS = 8
 Run = Callable[[Sequence[Task]], list[Any]]
 
 
-def story(library: Library, d: Diagnosis, seed: int, run: Run | None, title: str) -> dict[str, Any]:
-    """Everything of a diagnosis: `diagnosis` is the block of results.json, the rest serves the report."""
+def story(
+    library: Library, d: Diagnosis, seed: int, run: Run | None, title: str, checked: Sequence[Check] = ()
+) -> dict[str, Any]:
+    """Everything of a diagnosis: `diagnosis` is the block of results.json, the rest serves the report.
+
+    `run` simulates candidates of the next test, `checked` are the rounds in which finalists were computed anew.
+    """
     plan = seen(library.plan)
     visible = detectable(Evidence(d.bench, library.effects), plan.values(), seed)
-    chosen = d.chosen.effects
-    checked = None
-    if run is not None and chosen and all(e.family == "model" for e in chosen):
-        checked = rerun(library, d.chosen, d.posteriors[d.chosen.name], run)
     tests = _next(library, d, run) if d.verdict in ("ambiguous", "partly") or len(d.named) > 1 else []
     found = {
         "schema": SCHEMA,
@@ -51,7 +52,7 @@ def story(library: Library, d: Diagnosis, seed: int, run: Run | None, title: str
         "power": [{"effect": v.effect.name, "power": v.power} for v in visible],
         "residuals": residuals(plan, d),
         "signatures": signatures(library, d),
-        "rerun": checked,
+        "rerun": [asdict(c) for c in checked],
         "failed_runs": list(library.failed),
         "notes": list(library.plan.notes),
     }  # fmt: skip

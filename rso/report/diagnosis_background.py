@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rso.report.diagnosis_reading import Found, place_text
@@ -16,7 +16,7 @@ _LONG = 6  # a longer list starts closed
 def background(found: Found) -> Section:
     """Section 9: what was used, and what went wrong."""
     blocks: list[Block] = [t for t in (_data(found), _noise(found)) if t is not None]
-    blocks.append(Text(_rerun(found.get("rerun"))))
+    blocks.append(Text(_rerun(found.get("rerun") or [])))
     blocks += [Text(clean(n), "note") for n in listed(found, "notes")]
     failed = [clean(f) for f in listed(found, "failed_runs")]
     if failed:
@@ -73,15 +73,18 @@ def _noise(found: Found) -> Table | None:
     return table("Noise used", columns, note)
 
 
-def _rerun(data: Mapping[str, Any] | None) -> str:
-    if not data or not data.get("runs"):
-        return "No finalist was simulated anew at its found size."
-    failed = data.get("failed") or 0
-    text = f"The finalist was simulated anew at its found size: {data['runs']} runs, {failed} failed."
-    if known(data.get("rms")):
-        text += f" What the library interpolates is off by {percent(data['rms'])} of Fz (root mean square)"
-        text += f", {percent(number(data.get('largest')))} at most over all force components."
-    return text
+def _rerun(rounds: Sequence[Mapping[str, Any]]) -> str:
+    if not any(r.get("runs") for r in rounds):
+        return "No effect was simulated anew at its found size."
+    said = []
+    for n, r in enumerate(rounds):
+        head = "Simulated anew at the size found: " if n == 0 else "Again, at the size found then: "
+        text = f"{head}{', '.join(r['effects'])} ({r['runs']} runs, {r.get('failed') or 0} failed)."
+        if known(r.get("rms")):
+            text += f" What the library interpolated was off by {percent(r['rms'])} of Fz (root mean square)"
+            text += f", {percent(number(r.get('largest')))} at most over all force components."
+        said.append(text)
+    return " ".join([*said, "The verdict is that of the library as mended there."])
 
 
 def _times(found: Found) -> Table | None:

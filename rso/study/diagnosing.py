@@ -30,6 +30,7 @@ from rso.units import quantity
 
 Watch = Callable[[Event], None]
 FILE = "diagnosis.json"
+ROUNDS = 2  # of finalists computed anew
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -167,12 +168,27 @@ def run_diagnosis(
 
 def judge(asked: Asked, library: Library, run: Callable[[Sequence[Task]], list[Any]] | None,
           say: Callable[[str], None] = lambda _: None) -> dict[str, Any]:  # fmt: skip
-    """The verdict on a finished library as plain data; `run` reruns the finalist, None leaves that out."""
+    """The verdict on a finished library as plain data.
+
+    With `run` the effects that the verdict names are computed anew at their sizes, the library is mended there and the
+    verdict found again, until both agree or ROUNDS are over; candidates of the next test are simulated too.
+    """
     seed = asked.study.study.seed
     say("verdict: evidence, held-out prediction and self-checks")
     result = diagnosis.diagnose(library, seed)
+    checks: list[diagnosis.Check] = []
+    while run is not None and len(checks) < ROUNDS:
+        picks = diagnosis.finalists(library, result)
+        if not picks:
+            break
+        say(f"computed anew at the size found: {', '.join(e.name for e in picks)}")
+        library, check = diagnosis.mended(library, picks, run)
+        checks.append(check)
+        if check.largest is None or check.rms < diagnosis.CLOSE:
+            break
+        result = diagnosis.diagnose(library, seed)
     say("what this test plan can see")
-    return diagnosis.story(library, result, seed, run, title=asked.study.study.title)
+    return diagnosis.story(library, result, seed, run, asked.study.study.title, checks)
 
 
 def _write(folder: Path, found: Mapping[str, Any]) -> None:

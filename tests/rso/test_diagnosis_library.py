@@ -6,11 +6,12 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-from rso.diagnosis import Base, build, make_plan
+from rso.diagnosis import Base, build, make_plan, mended
 from rso.diagnosis.library import Library
 from rso.diagnosis.nodes import nodes
 from rso.diagnosis.prediction import predict
 from rso.measurement import Chain, Repeat, record
+from rso.store import Failed
 
 MU = 0.012
 BASE = toy.base()
@@ -279,3 +280,39 @@ def test_equal_runs_are_asked_once(tmp_path):
     ]
     library = make(experiments)
     assert library.runs == log.read_text().count("run")
+
+
+@pytest.mark.parametrize(
+    ("name", "at"), [("g", (0.21, np.log(2.3))), ("soften", (0.22,)), ("skin", (-0.9,)), ("tilt", (2.0,))]
+)
+def test_a_mended_library_says_what_was_simulated_there_and_nothing_new_elsewhere(library, name, at):
+    e, κ = effect(library, name), CENTRE + 0.3
+    point = np.array([κ, *at])
+    new, check = mended(library, {e: point}, toy.run)
+    assert check.failed == 0 and check.runs >= len(library.places) and check.largest > 1e-5
+    knobs = {"mu": MU, "D1": float(np.exp(κ)) / MU} | {
+        q.name: float(q.value(s)) for q, s in zip(e.knobs, at, strict=True)
+    }
+    X, truth = point[None], exact(library, knobs) / MU
+    loading = np.concatenate([np.arange(r.start, r.stop)[t.branch == 0] for t, _, r in library.plan.rows() if t in
+                              library.plan.tests])  # fmt: skip
+    scale = np.abs(truth[loading]).max()
+    off = [np.abs(predict(v, (e,), X, MU)[0][0] - truth)[loading].max() / scale for v in (library, new)]
+    # what is left lies between the nine travels of a run, not between sizes (unloading: peaks to 0.1 mm besides)
+    assert off[1] < max(0.35 * off[0], 2e-3), off
+    # the same point again: nothing left to mend
+    _, again = mended(new, {e: point}, toy.run)
+    assert again.largest < 1e-6  # that of the small ridge that keeps equal points apart
+    far = point.copy()
+    far[1] = point[1] * 0.08  # six Gaussian lengths away
+    for v in (1, 0):
+        np.testing.assert_allclose(
+            predict(new, (e,), far[None], MU)[v], predict(library, (e,), far[None], MU)[v], rtol=0, atol=1e-7 * scale
+        )
+
+
+def test_a_failed_finalist_mends_nothing_and_is_counted(library):
+    e = effect(library, "skin")
+    fails = lambda tasks: [Failed("k", "inversion", "no answer", None, ()) for _ in tasks]  # noqa: E731
+    new, check = mended(library, {e: np.array([CENTRE, 0.5])}, fails)
+    assert check.failed == check.runs > 0 and check.largest is None and new.mended == {}
