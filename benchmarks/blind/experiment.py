@@ -11,6 +11,7 @@ from pathlib import Path
 
 import library
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.interpolate import PchipInterpolator
 
 SPEED = 0.5  # mm/s
@@ -135,6 +136,21 @@ def turned(mechanics, F, place, d, chain):
     m = (far[:, 2] - top[:, 2]) / SLOPE_20**2
     change = np.stack([k * (new[0] - old[0]), ky * (new[1] - old[1]), m * (new @ new - old @ old)], 1)
     return F + change
+
+
+def around(row, rho, d):
+    """Displacements at distances rho of the axis from those of the marks on the line at 5 mm, at true depth d.
+
+    A cubic in ln rho between marks, both sides of the axis alike; nearer than 5 mm A / rho + B / rho^2 through the
+    three nearest marks, as around a load on a half space, and no higher than the ball.
+    """
+    old, mean = np.hypot(MARKS, 5.0)[6:], 0.5 * (row + row[::-1])[6:]
+    fit = np.linalg.lstsq(np.stack([1 / old[:3], old[:3] ** -2.0], 1), mean[:3], rcond=None)[0]
+    inner = np.stack([1 / rho, rho**-2.0], 1) @ fit
+    inner += (mean[0] - fit @ [0.2, 0.04]) * (rho < 5.0)
+    ball = -(d - 3.0 + np.sqrt(9.0 - np.minimum(rho, 3.0) ** 2) - rho**2 / 70)
+    inner = np.where(rho < 3.0, np.minimum(inner, ball), inner)
+    return np.where(rho < 5.0, inner, CubicSpline(np.log(old), mean)(np.log(np.minimum(rho, old[-1]))))
 
 
 def slopes(x, y, tilt):
@@ -268,8 +284,9 @@ def write(folder, mechanics, mu, chain, rng, noise, nominal, deep=DEEP):
     first = records[0][1]
     at = np.array([1.0, 2.0, 3.0, 4.0])
     uz = mechanics.profile(np.interp(at, first[1], first[3]))
-    if chain.get("offset_x"):
-        uz = np.array([np.interp(MARKS - chain["offset_x"], MARKS, row) for row in uz])
+    if chain.get("offset_x") or chain.get("offset_y"):
+        beside = np.hypot(MARKS - chain.get("offset_x", 0.0), 5.0 - chain.get("offset_y", 0.0))
+        uz = np.array([around(row, beside, d) for row, d in zip(uz, np.interp(at, first[1], first[3]), strict=True)])
     files["profile"] = ["depth_mm,x_mm,y_mm,uz_mm"] + [
         f"{d:g},{x:g},5,{u + noise['profile_mm'] * rng.normal():.4f}"
         for d, row in zip(at, uz, strict=True)
