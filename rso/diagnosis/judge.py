@@ -12,6 +12,7 @@ from rso.diagnosis import attribute, localise, shrinkage
 from rso.diagnosis.attribute import Bench, Contest, Evidence
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.hypotheses import Hypothesis
+from rso.diagnosis.jumps import Jumps, jumps
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Posterior, log_evidence, log_tiles, posterior, ready, whitening
 from rso.diagnosis.testplan import TestPlan
@@ -78,6 +79,7 @@ class Diagnosis:
     fits: Mapping[str, np.ndarray]
     posteriors: Mapping[str, Posterior]
     chosen: Hypothesis
+    jumps: Jumps
 
 
 def seen(plan: TestPlan) -> TestPlan:
@@ -106,6 +108,10 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     contest = attribute.contests(evidence, y[None], pairs, finalists=finalists)[0] if gap else first
     judged = judge(contest, gap)
     verdict, named, chosen = judged.verdict, judged.named, judged.chosen
+    steps = jumps(library.plan)
+    if steps.sudden:  # no smooth model has jumps: a cause explains at most the rest
+        verdict, chosen = (verdict, chosen) if gap else ("unexplained", Hypothesis((), True))
+        verdict = verdict if verdict == "unexplained" else "partly"
     rng = np.random.default_rng(seed + 1)
     posts = {"none": _posterior(evidence, (), y, rng)}
     for h in dict.fromkeys([chosen, *_singles(contest, named)]):
@@ -113,7 +119,8 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     held = _held_out(bench, y, [Hypothesis(()), *_finalists(contest)])
     gain = {h: sum(c.gain[h] for c in held) for h in held[0].gain} if held else {}
     pure = Hypothesis(chosen.effects).name
-    if held and verdict in ("explained", "measurement", "ambiguous") and gain.get(pure, 0.0) <= 0 < len(chosen.effects):
+    named_alone = verdict in ("explained", "measurement", "ambiguous")
+    if held and named_alone and gain.get(pure, 0.0) <= 0 < len(chosen.effects):
         verdict, named, chosen = "unexplained", (), Hypothesis((), True)  # evidence without prediction is no cause
         posts[chosen.name] = _posterior(evidence, (), y, rng, True)
     where = localise.localise(library.plan, evidence.ready(()), bench.C, y, seed)
@@ -127,7 +134,7 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
         verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), causes, named,
         dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
         _sensitivity(evidence, contest, finalists, y), where, held, shrunk, checks,
-        _parameters(library, posts, chosen), bench, contest, fits, posts, chosen,
+        _parameters(library, posts, chosen), bench, contest, fits, posts, chosen, steps,
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from typing import Any
 def words(found: Mapping[str, Any]) -> list[str]:
     """Sentences from the plain data of a diagnosis; no number is computed here."""
     d = found["diagnosis"]
-    out = [_gap(d)]
+    out = [_gap(d), *_jumps(d)]
     if d["verdict"] != "no_gap":
         out += [_where(d), _cause(d, found)]
     if (closed := _shrinkage(d)) is not None:
@@ -27,8 +27,26 @@ def words(found: Mapping[str, Any]) -> list[str]:
     return out
 
 
+def _jumps(d: Mapping[str, Any]) -> list[str]:
+    j = d.get("jumps") or {}
+    if not j.get("sudden"):
+        return []
+    depths = ", ".join(f"{v:.2f}" for v in j["depths"])
+    return [
+        f"The force jumps suddenly (skewness of its steps {j['z']:+.0f} standard deviations; largest "
+        f"{j['size']:+.3g} N in {j['experiment']}, at {depths} mm): stick–slip, a crack or a grip that slips. No smooth model has that."
+    ]
+
+
 def _gap(d: Mapping[str, Any]) -> str:
     p, g = d["gap"]["p_value"], d["gap"]
+    if d["verdict"] != "no_gap" and not g["statistic"] > g["threshold"]:
+        return f"No smooth gap beyond noise (p = {p:.2g}), but the readings are not smooth."
+    if d["verdict"] == "no_gap" and p <= 0.05:
+        return (
+            f"No gap: a misfit as large as this is rare without one (p = {p:.2g}), but no hypothesis makes it more "
+            f"probable than none (ln Bayes factor {g['statistic']:.1f})."
+        )
     if d["verdict"] == "no_gap":
         return f"No gap beyond noise (p = {p:.2g}, misfit {g['size_over_noise']:.2f} times the noise)."
     sign = "<" if p < 0.005 else "="

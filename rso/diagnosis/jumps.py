@@ -1,0 +1,66 @@
+"""Sudden jumps: what no smooth model of a curve can explain, and no scatter of readings makes.
+
+With q_i the steps of the force from reading to reading less their running median, over a robust standard deviation,
+
+    g = mean q³ / (mean q²)^(3/2),      z = g / √(6/n)
+
+Scatter, correlated or not, is as often up as down (g = 0, standard deviation √(6/n) or less); stick–slip, cracks and
+slipping grips rise slowly and fall at once, or the reverse.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from rso.diagnosis.testplan import TestPlan
+
+SUDDEN = 8.0  # z: a smooth curve that bends reaches about 5
+WINDOW = 9  # readings of the running median
+FEWEST = 12  # readings of a branch
+_CLIP = 8.0  # no single reading decides
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """Standardised skewness of steps z, their number, and experiment, size (N) and depths (mm) of the largest."""
+
+    z: float
+    n: int
+    experiment: str
+    size: float
+    depths: tuple[float, ...]
+
+    @property
+    def sudden(self) -> bool:
+        """Whether there are jumps beyond what scatter and a bending curve make."""
+        return abs(self.z) > SUDDEN
+
+
+def jumps(plan: TestPlan) -> Jumps:
+    """Jumps of Fz, or of the first channel without one, along loading in the raw readings of all repeats."""
+    steps, found = [], []
+    for e in plan.experiments:
+        if e.measurement.kind != "force" or e.role == "validate":
+            continue
+        for r in e.measurement.repeats:
+            at = r.segment == "loading"
+            v = r.channels["Fz" if "Fz" in r.channels else next(iter(r.channels))][at]
+            if len(v) < FEWEST:
+                continue
+            q = np.diff(v) - median_filter(np.diff(v), WINDOW, mode="nearest")
+            scale = 1.48 * float(np.median(np.abs(q)))
+            if scale == 0.0:
+                continue
+            steps.append(np.clip(q / scale, -_CLIP, _CLIP))
+            found += [(float(s), e.name, float(d)) for s, d in zip(q, r.depth[at][1:], strict=True)]
+    if not steps:
+        return Jumps(0.0, 0, "", 0.0, ())
+    q = np.concatenate(steps)
+    z = float(np.mean(q**3) / np.mean(q**2) ** 1.5 / np.sqrt(6.0 / len(q)))
+    found.sort(key=lambda f: -f[0] * np.sign(z))
+    name = found[0][1]
+    largest = [f for f in found if f[1] == name][:5]
+    return Jumps(z, len(q), name, largest[0][0], tuple(sorted(d for _, _, d in largest)))

@@ -1,0 +1,58 @@
+"""Sudden jumps are found whichever way they go, and neither scatter nor a bending curve counts as one."""
+
+import dataclasses
+
+import diagnosis_backend as toy
+import numpy as np
+import pytest
+
+from rso.diagnosis import make_plan
+from rso.diagnosis.jumps import jumps
+
+
+def plan_with(change, seed: int = 0, repeats: int = 5):
+    rng = np.random.default_rng(seed)
+    recorded = toy.recorded(toy.TRUTH, rng, readings=50, repeats=repeats)
+    new = [
+        dataclasses.replace(r, channels={**r.channels, "Fz": change(r.depth, r.channels["Fz"], rng)}) for r in recorded
+    ]
+    return make_plan([toy.experiment("a", tuple(new))])
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_saw_tooth_is_found_and_its_sense_is_told(sense):
+    def saw(u, F, rng):
+        return F * (1 - sense * 0.12 * ((u / 0.5) % 1.0))
+
+    found = jumps(plan_with(saw))
+    assert found.sudden and np.sign(found.z) == sense and found.experiment == "a"
+    assert np.sign(found.size) == sense and len(found.depths) == 5
+    # the largest jumps are at multiples of 0.5 mm, to one spacing of the readings
+    far = np.abs(np.array(found.depths) - 0.5 * np.round(np.array(found.depths) / 0.5))
+    assert np.median(far) < 0.1
+
+
+def test_one_crack_is_found():
+    assert jumps(plan_with(lambda u, F, rng: F - 0.2 * F.max() * (u > 2.6))).sudden
+
+
+def coloured(u, F, rng, ρ=0.85):
+    e = rng.standard_normal(len(u))
+    for k in range(1, len(u)):
+        e[k] = ρ * e[k - 1] + np.sqrt(1 - ρ**2) * e[k]
+    return F + 0.01 * F.max() * e
+
+
+def wave(u, F, rng):
+    return F + 0.03 * np.sin(5 * u) * F.max()
+
+
+@pytest.mark.parametrize("change", [lambda u, F, rng: F, coloured, wave])
+def test_scatter_and_waves_are_no_jumps(change):
+    assert not any(jumps(plan_with(change, seed)).sudden for seed in range(25))
+
+
+def test_too_few_readings_say_nothing():
+    rng = np.random.default_rng(0)
+    found = jumps(make_plan([toy.experiment("a", toy.recorded(toy.TRUTH, rng, readings=9))]))
+    assert found.n == 0 and not found.sudden
