@@ -99,13 +99,18 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class PlaceTables:
-    """Everything computed at one place: travels `u` (m,), base forces f (n_base, 3, m), marks (n_base, n_uz)."""
+    """Everything computed at one place: travels `u` (m,), base forces f (n_base, 3, m), marks (n_base, n_uz).
+
+    Relative to Fz of the base: `mesh` (3, m) the step to the study's mesh, `ways` (n_pass, 3, m) what the way of the
+    indenter changes in the base model itself, `error` (3, m) the stated error.
+    """
 
     u: np.ndarray
     passes: tuple[Pass, ...]
     base: np.ndarray
     base_marks: np.ndarray
-    finer: np.ndarray
+    mesh: np.ndarray
+    ways: np.ndarray
     error: np.ndarray
     effects: Mapping[str, Table]
 
@@ -184,6 +189,11 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     d = len(base.axes)
     if d not in (0, *BASE_NODES):
         raise ValueError(f"diagnosis handles at most two open parameters besides the modulus, not {d}: fix some")
+    if _rated(base, plan) and len({round(np.log(t.speed), 1) for t in plan.tests}) > 1:
+        raise ValueError(
+            "the base model itself depends on the rate, and the tests have several: set what relaxes to neutral and "
+            "let the diagnosis find it, or give tests of one speed"
+        )
     levels = tuple(_chebyshev(*a.ends, BASE_NODES[d]) for a in base.axes)
     few = tuple(_chebyshev(*a.ends, FEW_BASE_NODES[d]) for a in base.axes)
     grid = {(e.name, k): nodes(e, k == primary, speeds) for e in modelled for k in range(len(plan.places))}
@@ -194,6 +204,8 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
             jobs.append(_Job(k, None, n, None, _task(base, plan, k, base.values(x), None, {})))
         centre = base.values(base.centre)
         jobs.append(_Job(k, None, -1, None, _task(base, plan, k, centre, None, {})))
+        ways = _jobs_of(base, plan, k, None, -1, centre, every[k])
+        jobs += ways if len(ways) > 1 else []
         if k == primary:  # what a finer mesh changes is much the same everywhere
             jobs.append(_Job(k, None, -1, None, _task(base, plan, k, centre, None, {}, finer=True), True))
         for e in modelled:
@@ -285,23 +297,32 @@ def _task(base: Base, plan: TestPlan, k: int, values: Mapping[str, float], way: 
     return Task(tidy, Case(f"place {k}", programme, data))
 
 
-def _jobs_of(base: Base, plan: TestPlan, k: int, e: Effect, n: int, values: Mapping[str, float],
+def _rated(base: Base, plan: TestPlan) -> bool:
+    """Whether the base model itself depends on the rate: an effect that is switched on has a time."""
+    task = _task(base, plan, 0, base.values(base.centre), None, {})
+    kept = base.backend.canonical(task.values, task.case)[0]
+    on = {p.group for p in base.backend.parameters if p.group and p.neutral is not None and p.name in kept}
+    return any(p.unit == "s" and p.group in on for p in base.backend.parameters)
+
+
+def _jobs_of(base: Base, plan: TestPlan, k: int, e: Effect | None, n: int, values: Mapping[str, float],
              every: Sequence[Pass]) -> list[_Job]:  # fmt: skip
     """One loading run where the way does not matter, else one run per pass."""
-    load = _task(base, plan, k, values, None, e.settings)
-    there_and_back = _task(base, plan, k, values, Pass(min(1.0, plan.places[k].deepest), 0.0), e.settings)
+    name, settings = (None, {}) if e is None else (e.name, e.settings)
+    load = _task(base, plan, k, values, None, settings)
+    there_and_back = _task(base, plan, k, values, Pass(min(1.0, plan.places[k].deepest), 0.0), settings)
     programme = base.backend.canonical(there_and_back.values, there_and_back.case)[1].programme
     if programme.travel_mm[-1] == max(programme.travel_mm):
-        return [_Job(k, e.name, n, None, load)]
+        return [_Job(k, name, n, None, load)]
     jobs = []
     for i, way in enumerate(every):
-        task = _task(base, plan, k, values, way, e.settings)
+        task = _task(base, plan, k, values, way, settings)
         if "earlier" in task.case.settings:  # what does not soften shares the virgin run
             plain = base.backend.canonical(task.values, task.case)[1].settings
             virgin = replace(task.case, settings={a: b for a, b in task.case.settings.items() if a != "earlier"})
             if plain == base.backend.canonical(task.values, virgin)[1].settings:
                 task = replace(task, case=virgin)
-        jobs.append(_Job(k, e.name, n, i, task))
+        jobs.append(_Job(k, name, n, i, task))
     return jobs
 
 
@@ -318,11 +339,16 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
     scaled = [_loaded(o.response, u, base.reference) for o in wanted]
     scaled.pop()
     first = Resampling(*_asked(wanted[-1].response, base.reference))
-    finer, error = np.zeros((3, GRID)), np.zeros((3, GRID))
+    mesh, error, ways = np.zeros((3, GRID)), np.zeros((3, GRID)), np.zeros((len(every), 3, GRID))
+    if (k, None, -1, 0, False) in found:  # the way matters to the base model itself
+        each = [found[k, None, -1, i, False] for i in range(len(every))]
+        ways, lost = changed(every, u, place, base.reference, each, first)
+        if lost:
+            raise ValueError(f"the base model has no answer on the way back at {place.settings.get('point')}")
     best = found.get((k, None, -1, None, True))
     if isinstance(best, Done):
         travel, F = _asked(best.response, base.reference)
-        finer = _relative(travel, F - first(travel), first(travel)[:, 2], u)
+        mesh = _relative(travel, F - first(travel), first(travel)[:, 2], u)
         stated = np.stack([best.response.error.get(c, np.zeros(len(travel))) for c in FORCES], 1)
         error = np.abs(_relative(travel, stated / base.reference, first(travel)[:, 2], u))
     base_marks = np.stack([marks_of(o.response, place) for o in wanted])
@@ -336,11 +362,12 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
             whole = found.get((k, e.name, n, None, False))
             each = [found[k, e.name, n, i, False] for i in range(len(every))] if whole is None else [whole]
             change[n], lost = changed(every, u, place, base.reference, each, first)
+            change[n] -= ways
             known[n] = lost == 0
             reached = _reached(each[0], place.deepest)
             marks[n] = 0.0 if reached is None else marks_of(reached, place) - base_marks[-1]
         effects[e.name] = _filled(Table(grid[e.name, k], change, marks, known))
-    return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], finer, error, effects)
+    return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], mesh, ways, error, effects)
 
 
 def _beside(
@@ -356,8 +383,8 @@ def _beside(
     ratio = own.base / np.maximum(normal_few, 1e-12)[:, None]
     ratio[..., 0] = ratio[..., 1]
     base = np.tensordot(W, ratio, axes=1) * normal[:, None]
-    finer, error = (np.stack([np.interp(s, np.sqrt(first.u), v) for v in part]) for part in (first.finer, first.error))
-    return replace(own, base=base, base_marks=W @ own.base_marks, finer=finer, error=error)
+    on = lambda v: np.stack([np.interp(s, np.sqrt(first.u), c) for c in v])  # noqa: E731
+    return replace(own, base=base, base_marks=W @ own.base_marks, mesh=on(first.mesh), error=on(first.error))
 
 
 def changed(

@@ -51,7 +51,7 @@ def predict(
         elif not chain:
             read = _readings(library, item)
             c = item.channels.index(channel)
-            change = read.finer[c] + sum(w @ read.changes[e.name][:, c] for e, w in weights[item.place, item.speed])
+            change = read.step[c] + sum(w @ read.changes[e.name][:, c] for e, w in weights[item.place, item.speed])
             force[:, rows] = W @ read.base[:, c] + (W @ read.normal) * change
     return force, moved
 
@@ -62,7 +62,7 @@ class _Readings:
 
     base: np.ndarray
     normal: np.ndarray
-    finer: np.ndarray
+    step: np.ndarray
     changes: dict[str, np.ndarray]
 
 
@@ -102,7 +102,8 @@ def _read(key: _Key) -> _Readings:
         for name, t in here.effects.items()
     }
     base = at(here.base)
-    return _Readings(base[:, pick], base[:, 2], at(here.finer)[pick], changes)
+    step = at(here.mesh) + np.where(back, at(here.ways[unloading]), at(here.ways[loading]))
+    return _Readings(base[:, pick], base[:, 2], step[pick], changes)
 
 
 def _recorded(library: Library, test: Test, W: np.ndarray, weights, chain, modulus: float) -> np.ndarray:
@@ -115,7 +116,8 @@ def _recorded(library: Library, test: Test, W: np.ndarray, weights, chain, modul
 
     def curves(way: int) -> np.ndarray:
         f = np.tensordot(W, here.base, axes=1)
-        change = here.finer + sum(np.tensordot(w, here.effects[e.name].change[:, way], axes=1) for e, w in weights)
+        own = [np.tensordot(w, here.effects[e.name].change[:, way], axes=1) for e, w in weights]
+        change = here.mesh + here.ways[way] + sum(own)
         return f + f[:, 2:] * change
 
     F = curves(loading)

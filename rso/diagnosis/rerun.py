@@ -87,6 +87,7 @@ def mended(
         failed += sum(not isinstance(o, Done) for o in mine)
         if lost:
             continue
+        change = change - here.ways
         was, marks = library.change(k, e, at[None, d:], v)
         off.append((change - was[0])[:, :, here.u > DOUBTFUL * here.u[-1]])
         more = np.zeros(0)
