@@ -11,8 +11,7 @@ from pathlib import Path
 
 import library
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
 SPEED = 0.5  # mm/s
 DEEP = 6.2

@@ -70,8 +70,18 @@ def read(cases, answers):
             raise ValueError(f"{name}: the sealed truth does not match its published hash")
         path = answers / f"{name}.json"
         answer = json.loads(path.read_text()) if path.exists() else None
-        pairs.append((json.loads(blob), answer.get("diagnosis", answer) if answer else None))
+        pairs.append((json.loads(blob), by_cause(answer.get("diagnosis", answer)) if answer else None))
     return pairs
+
+
+def by_cause(diagnosis):
+    """The answer with forms of one cause under the name of the catalogue (a filter and a delay are both a lag)."""
+    known = set().union(*ANSWERS.values())
+    names = {c["effect"]: c["cause"] for c in diagnosis.get("causes") or []
+             if c["effect"] not in known and c.get("cause") in known}  # fmt: skip
+    found = [{**c, "effect": names.get(c["effect"], c["effect"])} for c in diagnosis.get("causes") or []]
+    groups = [g if isinstance(g, str) else [names.get(n, n) for n in g] for g in diagnosis.get("ambiguous_with") or []]
+    return {**diagnosis, "causes": found, "ambiguous_with": groups}
 
 
 def causes(diagnosis):

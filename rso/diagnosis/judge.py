@@ -24,6 +24,7 @@ MOST = 5  # effects in a named set
 CHECKS = 60  # data sets per self-check
 DRAWS = 2000
 LEVEL = 0.9
+BEYOND = 1.15  # times the largest plausible size: a cause that needs more than that is not all of it
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,8 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     if held and named_alone and gain.get(pure, 0.0) <= 0 < len(chosen.effects):
         verdict, named, chosen = "unexplained", (), Hypothesis((), True)  # evidence without prediction is no cause
         posts[chosen.name] = _posterior(evidence, (), y, rng, True)
+    if verdict in ("explained", "measurement", "ambiguous") and _beyond(chosen, posts[chosen.name]):
+        verdict = "partly"
     where = localise.localise(library.plan, evidence.ready(()), bench.C, y, seed)
     r = bench.whites[0](y - shrinkage.predicted(library, (), posts["none"], bench.modulus))
     shrunk = _shrinkage(whole, library, bench, evidence, y, chosen, seed)
@@ -259,10 +262,21 @@ def holders_of(contest: Contest, given: np.ndarray, source: str) -> list[tuple[f
     return [(float(q), h) for q, h in pairs if source in {e.source for e in h.effects}]
 
 
+def _beyond(h: Hypothesis, post: Posterior) -> bool:
+    """Whether an effect would have to be larger than is plausible."""
+    for e in h.effects:
+        if e.family != "scatter" and e.size.neutral is not None:
+            far = max(abs(v) for side in e.size.ends() for v in side)
+            if np.median(np.abs(post.at[:, _column(h, e, post)])) > BEYOND * far:
+                return True
+    return False
+
+
 def _column(h: Hypothesis, effect: Effect, post: Posterior) -> int:
     """Where the size of an effect stands among the coordinates of a hypothesis."""
-    column = post.at.shape[1] - sum(len(e.knobs) for e in h.effects)
-    for e in h.effects:
+    own = [e for e in h.effects if e.family != "scatter"]  # these have no coordinate
+    column = post.at.shape[1] - sum(len(e.knobs) for e in own)
+    for e in own:
         if e is effect:
             break
         column += len(e.knobs)

@@ -72,9 +72,10 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                    "sign": "+" if r.z > 0 else "-", "amplitude": r.amplitude, "amplitude_sd": r.amplitude_sd,
                    "beyond_noise": abs(r.z) > d.where.threshold} for r in d.where.regions[:REGIONS]],
         "where_threshold": d.where.threshold,
-        "causes": [{"effect": c.effect.name, "description": c.effect.description, "family": c.effect.family,
-                    "probability": c.probability, "size": c.size, "interval": list(c.interval),
-                    "unit": c.effect.size.unit, "neutral": c.effect.size.neutral, "railed": c.railed}
+        "causes": [{"effect": c.effect.name, "cause": c.effect.source, "description": c.effect.description,
+                    "family": c.effect.family, "probability": c.probability, "size": c.size,
+                    "interval": list(c.interval), "unit": c.effect.size.unit, "neutral": c.effect.size.neutral,
+                    "railed": c.railed}
                    for c in d.causes],
         "ambiguous_with": [list(d.named)] if d.verdict == "ambiguous" else [],
         "shrinkage": {"held_out": [c.curve for c in s.curves], "before": s.before, "refit_only": s.refit_only,

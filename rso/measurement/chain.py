@@ -1,7 +1,7 @@
 """The measurement chain: what stands between the specimen and the file, as transforms of any curve.
 
     recorded depth = true depth − offset + compliance · Fz
-    recorded Fz    = gain · Fz* + bias + drift · t,      smoothing dF*/dt + F* = F(t − lag)
+    recorded Fz    = gain · Fz* + bias + drift · t,      lag_filter dF*/dt + F* = F(t − lag)
     recorded Fx    = Fx* + cross_x · Fz*                 and Fy with cross_y
 
 There are no mechanics in it and it costs no simulation.  Each knob is an effect: at neutral it is absent.
@@ -70,7 +70,7 @@ class Chain:
     cross_y: float = knob(
         "share of Fz that appears in Fy", "1", -0.5, 0.5, neutral=0.0, typical=0.02, plausible=(-0.2, 0.2)
     )
-    smoothing: float = knob(
+    lag_filter: float = knob(
         "time constant of the force channel's filter",
         "s",
         0.0,
@@ -114,7 +114,7 @@ def recorded(
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Recorded depth and forces for knobs that are numbers or columns (T, 1); `u`, `F` and `t` are (n,) or (T, n)."""
     k = {p.name: knobs.get(p.name, p.neutral) for p in parameters_of(Chain)}
-    late = {c: _filtered(t, _shift(t, v, k["lag"]), k["smoothing"]) for c, v in F.items()}
+    late = {c: _filtered(t, _shift(t, v, k["lag"]), k["lag_filter"]) for c, v in F.items()}
     out = {c: v + k[_CROSS[c]] * late["Fz"] for c, v in late.items() if c != "Fz"}
     out["Fz"] = k["gain"] * late["Fz"] + k["bias"] + k["drift"] * t
     return u - k["offset"] + k["compliance"] * F["Fz"], out
@@ -125,7 +125,7 @@ def correct(
 ) -> Record:
     """Inverse of :func:`record`: exact but for a lag, where the linear interpolation in time is undone by another."""
     d, R, t = _checked(chain, depth, forces, time)
-    if chain.smoothing:
+    if chain.lag_filter:
         raise ValueError("a filter loses what it smooths: it cannot be undone")
     late = {"Fz": (R["Fz"] - chain.bias - chain.drift * t) / chain.gain}
     late |= {k: v - getattr(chain, _CROSS[k]) * late["Fz"] for k, v in R.items() if k != "Fz"}
@@ -165,9 +165,9 @@ def _checked(
     F = {k: np.asarray(v, float) for k, v in forces.items()}
     if "Fz" not in F or not set(F) <= {"Fx", "Fy", "Fz"}:
         raise ValueError(f"the measurement chain needs Fz and knows Fx, Fy, Fz; got {', '.join(F) or 'nothing'}")
-    if time is None and (chain.drift != 0 or chain.lag != 0 or chain.smoothing != 0):
+    if time is None and (chain.drift != 0 or chain.lag != 0 or chain.lag_filter != 0):
         raise ValueError(
-            f"drift = {chain.drift:g} N/s, lag = {chain.lag:g} s and smoothing = {chain.smoothing:g} s "
+            f"drift = {chain.drift:g} N/s, lag = {chain.lag:g} s and lag_filter = {chain.lag_filter:g} s "
             "need the time of each reading"
         )
     t = np.zeros_like(u) if time is None else np.asarray(time, float)

@@ -224,7 +224,7 @@ EFFECTS = {
     "cross_y": (0.02, lambda u, F: (u, F["Fx"], F["Fy"] + 0.02 * F["Fz"], F["Fz"])),
     # One reading late: 0.1 mm at 0.5 mm/s.
     "lag": (0.2, lambda u, F: (u, *(np.r_[F[k][0], F[k][:-1]] for k in ("Fx", "Fy", "Fz")))),
-    "smoothing": (0.3, lambda u, F: (u, *(smoothed(F[k], 0.3) for k in ("Fx", "Fy", "Fz")))),
+    "lag_filter": (0.3, lambda u, F: (u, *(smoothed(F[k], 0.3) for k in ("Fx", "Fy", "Fz")))),
 }
 
 
@@ -277,13 +277,13 @@ def test_a_filter_follows_a_ramp_as_its_equation_says():
     t = np.linspace(0.0, 3.0, 40) ** 1.3
     τ, zero = 0.4, np.zeros_like(t)
     for forces in ({"Fz": 2.0 * t}, {"Fz": 2.0 * t, "Fx": zero}):
-        got = record(Chain(smoothing=τ), t, forces, t).forces["Fz"]
+        got = record(Chain(lag_filter=τ), t, forces, t).forces["Fz"]
         # τ y' + y = 2 t, y(0) = 0
         np.testing.assert_allclose(got, 2.0 * (t - τ * (1.0 - np.exp(-t / τ))), rtol=0, atol=1e-12)
     with pytest.raises(ValueError, match="cannot be undone"):
-        correct(Chain(smoothing=τ), t, {"Fz": t}, t)
+        correct(Chain(lag_filter=τ), t, {"Fz": t}, t)
     with pytest.raises(ValueError, match="need the time"):
-        record(Chain(smoothing=τ), t, {"Fz": t})
+        record(Chain(lag_filter=τ), t, {"Fz": t})
 
 
 def test_lag_is_undone_inside_the_record():
