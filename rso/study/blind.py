@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rso import diagnosis
-from rso.contract import plain
-from rso.diagnosis import Library
+from rso.contract import digest, plain
+from rso.diagnosis import Library, TestPlan
 from rso.running import Event, run_all
 from rso.store import RunStore
 from rso.study.diagnosing import Asked, _finite, _replace, ask, judge
 from rso.study.laboratory import study_text
 from rso.study.loader import load
+
+SHARED = 2.0  # mm: a plan that ends this much earlier than another shares its library
 
 
 def cases_of(folder: Path) -> list[Path]:
@@ -36,13 +39,15 @@ def answer(
     computes the finalist anew and simulates candidate tests; without it only the library costs simulations.
     """
     libraries: dict[str, Library] = {}
-    for case in cases:
+    read = {case: _read(case, out, seed) for case in cases if not (out / f"{case.name}.json").exists()}
+    deepest = _deepest([v for v in read.values() if isinstance(v, Asked)])
+    for case, asked in read.items():
         path = out / f"{case.name}.json"
-        if path.exists():
-            continue
         began = time.process_time()
         try:
-            asked = _asked(case, out, seed)
+            if isinstance(asked, ValueError):
+                raise asked
+            asked = replace(asked, plan=_as_deep(asked.plan, deepest))
             library = _library(asked, libraries, store, executor, watch)
             backend = asked.base.backend
             found = judge(asked, library, partial(run_all, backend, store=store, executor=executor) if reruns else None)
@@ -54,6 +59,30 @@ def answer(
         yield case.name, found
 
 
+def _read(case: Path, out: Path, seed: int) -> Asked | ValueError:
+    try:
+        return _asked(case, out, seed)
+    except ValueError as error:
+        return error
+
+
+def _deepest(asked: Sequence[Asked]) -> dict[str, float]:
+    """Deepest travel of all cases by place."""
+    found: dict[str, float] = {}
+    for a in asked:
+        for p in a.plan.places:
+            key = digest(p.settings)
+            found[key] = max(found.get(key, 0.0), p.deepest)
+    return found
+
+
+def _as_deep(plan: TestPlan, deepest: Mapping[str, float]) -> TestPlan:
+    """The plan with places as deep as in the deepest case, so that one library serves all, where that is not far."""
+    far = {digest(p.settings): deepest[digest(p.settings)] for p in plan.places}
+    places = [replace(p, deepest=v) if (v := far[digest(p.settings)]) <= p.deepest + SHARED else p for p in plan.places]
+    return replace(plan, places=tuple(places))
+
+
 def _asked(case: Path, out: Path, seed: int) -> Asked:
     own = out / "studies" / case.name
     own.mkdir(parents=True, exist_ok=True)
@@ -63,10 +92,6 @@ def _asked(case: Path, out: Path, seed: int) -> Asked:
 
 def _library(asked: Asked, known: dict[str, Library], store: RunStore, executor: Executor, watch: Any) -> Library:
     """A library of the same places, effects and base, made once; the tests of each case differ."""
-    from dataclasses import replace
-
-    from rso.contract import digest
-
     b = asked.base
     speeds = [min(t.speed for t in asked.plan.tests), max(t.speed for t in asked.plan.tests)]
     passes = [
