@@ -14,7 +14,7 @@ import numpy as np
 
 from rso.diagnosis.library import FORCES, Library
 from rso.diagnosis.testplan import Profile, Test, TestPlan
-from rso.measurement import Repeat
+from rso.measurement import Measurement, Repeat
 
 GAIN = 0.01  # of a test, where nothing is known
 CONTACT = 0.01  # mm, contact point of a test
@@ -49,7 +49,7 @@ def levels(plan: TestPlan) -> dict[str, Level]:
         if not tests:
             continue
         seen = {e.name: e for _, e in tests}
-        stated = max(e.noise.of(c) for e in seen.values())
+        stated = max(max(e.noise.of(c), _written(e.measurement, c)) for e in seen.values())
         d3 = np.concatenate([_third(r, c) for e in seen.values() for r in e.measurement.repeats])
         estimated = float(np.sqrt(np.mean(d3**2) / _D3)) if len(d3) > 8 else 0.0
         correlation = max(e.noise.correlation for e in seen.values())
@@ -71,6 +71,12 @@ def levels(plan: TestPlan) -> dict[str, Level]:
         stated = max(plan.experiments[p.experiment].noise.uz for p in plan.profiles)
         out["uz"] = Level(stated or MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "stated" if stated else "assumed")
     return out
+
+
+def _written(measurement: Measurement, channel: str) -> float:
+    """Root mean square of the standard uncertainties that a file itself states, 0 where it has no such column."""
+    found = [r.sigma[channel] for r in measurement.repeats if channel in r.sigma]
+    return float(np.sqrt(np.mean(np.concatenate(found) ** 2))) if found else 0.0
 
 
 def _third(repeat: Repeat, channel: str) -> np.ndarray:

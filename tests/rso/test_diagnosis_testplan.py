@@ -162,6 +162,16 @@ def test_white_noise_is_recovered_from_the_readings():
     np.testing.assert_allclose(found, 2e-3, rtol=0.25)
 
 
+def test_uncertainties_that_the_file_states_count_as_stated_noise():
+    (e,) = synthetic(1, 0)
+    (r,) = e.measurement.repeats
+    told = dataclasses.replace(r, sigma={"Fz": np.full(len(r.depth), 0.02)})
+    said = dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=(told,)))
+    assert level([e]).white < 0.01 and abs(level([said]).white - 0.02) < 1e-12 and level([said]).source == "stated"
+    tied = dataclasses.replace(said, noise=Noise(correlation=1.0))
+    assert abs(level([tied]).correlated - 0.02) < 1e-12 and level([tied]).white < 0.01
+
+
 def test_white_noise_alone_is_neither_gain_nor_correlated():
     found = [level(synthetic(5, k)) for k in range(12)]
     assert np.mean([v.gain for v in found]) <= max(0.004, 1.001 * noise.GAIN)
