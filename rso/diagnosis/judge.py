@@ -155,6 +155,7 @@ def judge(contest: Contest, gap: bool) -> Judgement:
 
     Forms of one cause count together.  A cause is sure when it takes part in hypotheses that hold SURE of the
     probability given a gap; otherwise causes are named until their hypotheses hold COVER of what has a cause.
+    A pair is never more than a part.
     """
     if not gap:
         return Judgement("no_gap", (), Hypothesis(()))
@@ -190,7 +191,8 @@ def judge(contest: Contest, gap: bool) -> Judgement:
         if reached >= COVER or len(named) >= MOST:
             break
     names = tuple(form[v][1].name for v in sorted(named, key=lambda v: -marginal[v]))
-    if partly[best] > 0.5 * sets[best]:
+    # two effects together mimic much that is in no catalogue: they are named, not taken for the whole truth
+    if partly[best] > 0.5 * sets[best] or len(best) > 1:
         return Judgement("partly", names, chosen)
     if min(marginal[v] for v in best) < SURE:
         return Judgement("ambiguous", names, chosen)

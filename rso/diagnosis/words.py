@@ -80,6 +80,9 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     if v == "ambiguous":
         each = ", ".join(f"{c['effect']} ({100 * c['probability']:.0f} %)" for c in causes)
         return f"Cause: cannot be told apart with these data: {each}."
+    if v == "partly" and len(causes) > 1 and causes[1]["probability"] > 0.5:
+        both = " and ".join(f"{text[c['effect']]} ({_named(c)})" for c in causes[:2])
+        return f"Cause: it takes two effects together, {both}. A pair mimics much: take it for a part of the truth."
     head = {"explained": "Cause", "measurement": "It is the measurement", "partly": "Part of it, not all, looks like"}[
         v
     ]
