@@ -65,6 +65,7 @@ def _parser() -> argparse.ArgumentParser:
         ("run", _run, "run a study, or go on with it, and write its report"),
         ("status", _status, "say how far a study is"),
         ("diagnose", _diagnose, "say where the model misses the measurements and which unmodelled effect causes it"),
+        ("ladder", _ladder, "climb from the simplest model to the one that these data ask for, and not further"),
         ("report", _report, "write the report again from results.json"),
     ):
         command = commands.add_parser(name, help=text, description=text)
@@ -73,7 +74,7 @@ def _parser() -> argparse.ArgumentParser:
         command.set_defaults(call=call)
         if name == "check":
             command.add_argument("--trust", action="store_true", help="load a backend that is not rso's own: its code")
-        if name in ("run", "diagnose"):
+        if name in ("run", "diagnose", "ladder"):
             command.add_argument("--jobs", type=int, help="simulations at a time (default: dispatch.jobs)")
         if name == "run":
             command.add_argument("--fresh", action="store_true", help="move the old results aside and start again")
@@ -126,7 +127,9 @@ def _check(options: argparse.Namespace, command: str) -> int:
         print(f"  {name} = {value:g} (fixed)")
     for e in study.experiments:
         curve = plan.curves[e.name]
-        reach = f"{len(curve.depth)} depths to {curve.depth.max():g} mm, {curve.n_repeats} repeat(s)"
+        depths, marks = (len(set(x)) for x in (curve.depth.tolist(), map(tuple, _places(curve.position))))
+        what = f"{marks} mark(s) of a profile at " if e.kind == "profile" else ""
+        reach = f"{what}{depths} depth(s) to {curve.depth.max():g} mm, {curve.n_repeats} repeat(s)"
         print(f"  experiment {e.name!r} ({e.role}): {reach}")
     print(f"  design: {study.doe.kind}, {len(full_design(plan))} runs asked + {study.doe.held_out} held out")
     print(f"  similarity: {plan.group.why}")
@@ -140,6 +143,10 @@ def _check(options: argparse.Namespace, command: str) -> int:
     print(f"  about {total * seconds / jobs / 60:.1f} min with {jobs} job(s) ({seconds:.3g} s a simulation, {basis})")
     print(f"  results: {folder}")
     return 0
+
+
+def _places(position: Any) -> list[list[float]]:
+    return [] if position is None else position.tolist()
 
 
 def _seconds_per_run(folder: Path) -> tuple[float, bool]:
@@ -227,6 +234,42 @@ def _diagnose(options: argparse.Namespace, command: str) -> int:
     return EXIT_FAILED_RUNS if found["failed_runs"] else 0
 
 
+def _ladder(options: argparse.Namespace, command: str) -> int:
+    from rso.progress import Progress
+    from rso.store import RunStore
+    from rso.study import load
+    from rso.study.climbing import ladder_plan, run_ladder
+    from rso.study.ladder_results import FILE, results, write
+
+    study = load(options.study)
+    plan = ladder_plan(study)
+    jobs = study.dispatch.jobs if options.jobs is None else options.jobs
+    if jobs < 1:
+        print(f"rso: --jobs {jobs}: at least 1 is needed", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    folder = _folder(options, study.folder)
+    with (
+        RunStore(folder) as store,
+        _executor(study.dispatch, jobs, plan.source, folder) as pool,
+        Progress() as progress,
+    ):
+        climbed = run_ladder(plan, store, pool, watch=progress.watch, say=progress.say)
+    found = results(plan, climbed, command)
+    write(folder, found)
+    files = [folder / FILE]
+    if study.report.html or study.report.pdf:
+        from rso.report.ladder import render_ladder
+
+        files += render_ladder(found, folder, html=study.report.html, pdf=study.report.pdf)
+    print(f"\n{found['study']['title']}")
+    width = min(shutil.get_terminal_size().columns, 100)
+    for line in [s["words"] for s in found["steps"]] + [found["words"]] + [f"warning: {w}" for w in found["warnings"]]:
+        print(textwrap.fill(line, width, initial_indent="  ", subsequent_indent="    "))
+    print(f"  {found['counts']['runs']} simulations, {found['timings']['wall']:.0f} s")
+    print("\n".join(f"  {f}" for f in files))
+    return EXIT_FAILED_RUNS if found["chosen"] is None else 0
+
+
 def _blind(options: argparse.Namespace, command: str) -> int:
     from rso.progress import Progress
     from rso.running import WorkerPool
@@ -280,10 +323,7 @@ def _summary(found: dict[str, Any], files: list[Path]) -> None:
         )
         print(f"  best verified candidate ({best['candidate']}): {values}; {scores}")
     for v in found["validation"]:
-        predicted = f"{v['state']}: {v['reason']}"
-        if v["predicted"]:
-            predicted = f"predicted {v['predicted'][-1]:.4g}, measured {v['measured'][-1]:.4g}"
-        print(f"  validation {v['experiment']} with {v['candidate']}: {predicted}")
+        print(f"  validation {v['experiment']} with {v['candidate']}: {_validated(v)}")
     ended = ", ".join(f"{counts[state]} {state}" for state in ("done", "failed", "crashed"))
     saved = f"{counts['from_store']} of them known before, {counts['saved_by_similarity']} saved by similarity"
     print(f"  {counts['fe_runs']} simulations ({ended}; {saved}), {found['timings']['total']:.0f} s")
@@ -295,6 +335,18 @@ def _summary(found: dict[str, Any], files: list[Path]) -> None:
         print(f"  warning: {warning}")
     for file in files:
         print(f"  {file}")
+
+
+def _validated(v: dict[str, Any]) -> str:
+    """How well a candidate predicts an experiment: at the deepest reading of a curve, over all marks of a profile."""
+    if not v["predicted"]:
+        return f"{v['state']}: {v['reason']}"
+    if v["position"]:
+        deepest = max(v["measured"], key=abs)
+        n, rmse = v["metrics"]["n"], v["metrics"]["rmse"]
+        return f"{n} readings missed by {rmse:.2g} mm (RMSE), the largest measured is {deepest:.4g} mm"
+    k = max(range(len(v["depth"])), key=lambda i: v["depth"][i])
+    return f"predicted {v['predicted'][k]:.4g}, measured {v['measured'][k]:.4g} at {v['depth'][k]:g} mm"
 
 
 def _status(options: argparse.Namespace, command: str) -> int:

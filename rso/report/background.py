@@ -7,7 +7,7 @@ from typing import Any
 
 from rso.report.digits import DASH, aligned, clean, duration, known, percent, shortest, significant
 from rso.report.document import Block, Cell, Section, Table, Text, column, table, words
-from rso.report.reading import Output, Results, listed, number, outputs, parameters
+from rso.report.reading import Output, Parameter, Results, listed, number, outputs, pair, parameters
 
 OUTPUT_COLUMNS = 4  # of the table of all runs
 
@@ -166,6 +166,7 @@ def _parameters(results: Results) -> Table:
     views = parameters(results)
     low, high = ([shortest(x) for x in ends] for ends in _ends(views))
     state = [f"fixed at {p.show(p.fixed)}" if p.fixed is not None else "log" if p.log else "linear" for p in views]
+    state = [s + _stated(p, e) for s, p, e in zip(state, views, listed(results, "parameters"), strict=True)]
     columns = [
         column("", words([p.letter for p in views]), number=False),
         column("name", words([p.name for p in views], "code"), number=False),
@@ -176,6 +177,14 @@ def _parameters(results: Results) -> Table:
         column("scale", words(state), number=False),
     ]
     return table("Parameters", columns)
+
+
+def _stated(p: Parameter, entry: Mapping[str, Any]) -> str:
+    """What the study file says of a range that the search has widened."""
+    ends = entry.get("stated")
+    if p.fixed is not None or not pair(ends) or (ends[0], ends[1]) == (p.low, p.high):
+        return ""
+    return f"; the study file says {' to '.join(shortest(float(f'{x * p.unit.factor:.10g}')) for x in ends)}"
 
 
 def _ends(views: tuple[Any, ...]) -> tuple[list[float], list[float]]:

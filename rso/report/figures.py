@@ -13,6 +13,7 @@ from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM,
 from rso.report.digits import Unit, clean, ends, known, largest, shortest, shown, signed, significant
 from rso.report.displacements import is_profile, profile_figure
 from rso.report.identification import profiles
+from rso.report.influence import along_figure, morris_figure, shapes_figure
 from rso.report.maps import fronts, sensitivity, surfaces
 from rso.report.reading import (
     Candidate,
@@ -51,6 +52,12 @@ def draw(results: Results, name: str) -> str:
             return surfaces(results, name)
         if kind == "sensitivity":
             return sensitivity(results, name)
+        if kind == "along":
+            return along_figure(results, k, name)
+        if kind == "shapes":
+            return shapes_figure(results, name)
+        if kind == "morris":
+            return morris_figure(results, name)
         if kind == "front":
             return fronts(results, listed(results, "searches")[k], name)
     raise ValueError(f"no figure {name!r}")

@@ -124,9 +124,16 @@ def _runs(axes: Axes, results: Results, x: Parameter, y: Parameter) -> None:
             if r.get("state") == state and r.get("purpose") not in ("candidate", "validate")
         ]
         pairs = [(v[x.name], v[y.name]) for v in chosen if known(v.get(x.name)) and known(v.get(y.name))]
+        # By similarity some runs stand for the box without lying in it.
+        pairs = [(a, b) for a, b in pairs if _within(x, a) and _within(y, b)]
         if pairs:
             a, b = np.array(pairs).T
             axes.scatter(a * x.unit.factor, b * y.unit.factor, zorder=4, clip_on=False, **look)
+
+
+def _within(p: Parameter, value: float) -> bool:
+    room = 1e-9 * max(abs(p.low), abs(p.high))
+    return not (value < p.low - room or value > p.high + room)
 
 
 def _marks(axes: Axes, results: Results, x: Parameter, y: Parameter) -> None:

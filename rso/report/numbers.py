@@ -23,6 +23,8 @@ from rso.report.digits import (
 from rso.report.displacements import is_profile, profile_blocks
 from rso.report.document import Block, Cell, Picture, Report, Section, Table, Text, column, missing, table, words
 from rso.report.identification import identification_section
+from rso.report.influence import extrapolation
+from rso.report.ranges import range_blocks
 from rso.report.reading import (
     Candidate,
     Results,
@@ -85,6 +87,8 @@ def candidate_section(results: Results) -> Section:
         chosen = [c for c in candidates(results) if c.search == clean(s["name"])]
         if chosen:
             blocks.append(_candidate_table(results, s, chosen))
+        if s is listed(results, "searches")[0]:
+            blocks += range_blocks(results)
     title = "Candidates against their own simulations"
     return Section("candidates", title, tuple(blocks) or (missing("Candidates", "search"),))
 
@@ -177,7 +181,8 @@ def _search_note(results: Results, s: Mapping[str, Any], chosen: list[Candidate]
     letters = {p.name: p.letter for p in parameters(results)}
     bound = [(c.name, letters.get(k, clean(k))) for c in chosen for k in c.data.get("at_bound") or ()]
     said += [f"Candidate {name} lies on a bound of {k}." for name, k in bound]
-    return " ".join(said)
+    said.append(extrapolation([c.name for c in chosen if c.data.get("extrapolated") is True], len(chosen)))
+    return " ".join(filter(None, said))
 
 
 def curve_section(results: Results) -> Section:

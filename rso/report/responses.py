@@ -20,6 +20,7 @@ from rso.report.digits import (
     significant,
 )
 from rso.report.document import Block, Cell, Picture, Section, Table, Text, column, missing, table, words
+from rso.report.influence import influence_blocks
 from rso.report.reading import Output, Results, front, grids, lead_search, listed, number, outputs, pair, parameters
 
 
@@ -95,6 +96,7 @@ def sensitivity_section(results: Results) -> Section:
         marks += "Below: first-order (filled) and total (open) Sobol indices with their intervals."
         caption = f"{clean(data['story'])} {marks}" if data.get("story") else marks
         blocks += [Picture("sensitivity", caption), _sensitivity_table(results, data)]
+    blocks += influence_blocks(results)
     return Section("sensitivity", "Sensitivity", tuple(blocks))
 
 

@@ -132,8 +132,56 @@ def run_all(
     if isinstance(executor, WorkerPool | ClusterExecutor) and executor.source is not None:
         target = executor.source
     plans = _prepare([_plan(backend, t) for t in tasks], backend, target, store, executor, retries, tell)
-    runs = {p.key: p for p in reversed(plans)}  # of equal runs the first task gives the name
-    runs = {p.key: runs[p.key] for p in plans}
+    book = _open(plans, backend, store, tell)
+    tell(Planned(len(plans), len(book.runs), len(book.outcomes)))
+    missing = [p for p in book.runs.values() if p.key not in book.outcomes]
+    for p in missing:
+        if p.lost is not None:
+            book.settle(_outcome(p, p.lost, attempts=retries + 1), 0.0)
+    jobs = [_Job(p.key, p.case.name, (simulate, target, p.values, p.case)) for p in missing if p.lost is None]
+    _drive(executor, jobs, retries, book.arrived)
+    return [dataclasses.replace(book.outcomes[p.key], values=p.values, case=p.case) for p in plans]
+
+
+@dataclass(frozen=True, eq=False)
+class _Book:
+    """The different runs behind some tasks, what each must hold, and the outcomes so far.
+
+    `poor` are stored answers that lack something: they are computed again and replaced.
+    """
+
+    backend: Backend
+    store: RunStore
+    tell: Callable[[Event], None]
+    runs: Mapping[str, _Plan]
+    needs: Mapping[str, frozenset[str]]
+    outcomes: dict[str, Outcome]
+    poor: frozenset[str]
+
+    def settle(self, outcome: Outcome, wall_s: float) -> None:
+        """Store what has become of a run for good, and tell it."""
+        key, case = outcome.key, outcome.case
+        if isinstance(outcome, Done) and (lack := _lacking(outcome.response, case, self.needs[key], self.backend)):
+            outcome = Crashed(key, outcome.values, case, lack)
+        _put(self.store, outcome, replace=key in self.poor)
+        self.outcomes[key] = outcome
+        state = type(outcome).__name__.lower()
+        self.tell(Finished(key, case.name, state, wall_s, len(self.outcomes), len(self.runs)))  # type: ignore[arg-type]
+
+    def arrived(self, job: _Job, result: _Ended | str, attempt: int, last: bool) -> None:
+        """Take one result; a crash that is tried again is stored too, for whoever interrupts."""
+        outcome = _outcome(self.runs[job.key], result, attempt)
+        if last:
+            self.settle(outcome, result.wall_s if isinstance(result, _Ended) else 0.0)
+        else:
+            _put(self.store, outcome)
+            self.tell(Retried(job.name, outcome.reason))  # type: ignore[union-attr]
+
+
+def _open(plans: Sequence[_Plan], backend: Backend, store: RunStore, tell: Callable[[Event], None]) -> _Book:
+    """The book with what the store knows already."""
+    first = {p.key: p for p in reversed(plans)}  # of equal runs the first task gives the name
+    runs = {p.key: first[p.key] for p in plans}
     needs: dict[str, frozenset[str]] = {}
     for p in plans:
         needs[p.key] = needs.get(p.key, frozenset()) | p.needs
@@ -145,33 +193,7 @@ def run_all(
             poor.add(k)
         elif found is not None:
             outcomes[k] = found
-    tell(Planned(len(plans), len(runs), len(outcomes)))
-
-    def settle(outcome: Outcome, wall_s: float) -> None:
-        key, case = outcome.key, outcome.case
-        if isinstance(outcome, Done) and (lacking := _lacking(outcome.response, case, needs[key], backend)):
-            outcome = Crashed(key, outcome.values, case, lacking)
-        _put(store, outcome, replace=key in poor)
-        outcomes[key] = outcome
-        state = type(outcome).__name__.lower()
-        tell(Finished(key, case.name, state, wall_s, len(outcomes), len(runs)))  # type: ignore[arg-type]
-
-    missing = [p for p in runs.values() if p.key not in outcomes]
-    for p in missing:
-        if p.lost is not None:
-            settle(_outcome(p, p.lost, attempts=retries + 1), 0.0)
-    jobs = [_Job(p.key, p.case.name, (simulate, target, p.values, p.case)) for p in missing if p.lost is None]
-
-    def arrived(job: _Job, result: _Ended | str, attempt: int, last: bool) -> None:
-        outcome = _outcome(runs[job.key], result, attempt)
-        if last:
-            settle(outcome, result.wall_s if isinstance(result, _Ended) else 0.0)
-        else:
-            _put(store, outcome)
-            tell(Retried(job.name, outcome.reason))  # type: ignore[union-attr]
-
-    _drive(executor, jobs, retries, arrived)
-    return [dataclasses.replace(outcomes[p.key], values=p.values, case=p.case) for p in plans]
+    return _Book(backend, store, tell, runs, needs, outcomes, frozenset(poor))
 
 
 def simulate(backend: Backend | Source, values: Mapping[str, float], case: Case) -> _Ended:

@@ -20,12 +20,18 @@ def earlier(path: Path, begun: Mapping[str, Any]) -> dict[str, Any] | None:
     """Results that an earlier call left for the same study, data and backend as those that are `begun`; else None."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-        same = all(found[k] == begun[k] for k in ("schema", "parameters", "outputs"))
+        same = all(found[k] == begun[k] for k in ("schema", "outputs"))
+        same &= _as_stated(found["parameters"]) == _as_stated(begun["parameters"])
         same &= all(found["backend"][k] == begun["backend"][k] for k in ("name", "numerics"))
         same &= all(found["provenance"][k] == begun["provenance"][k] for k in ("rso", "study_sha256", "data_sha256"))
         return found if same and found["stage"] in STAGES and isinstance(found["timings"], dict) else None
     except (OSError, ValueError, LookupError, TypeError):  # there is none, or somebody wrote something else there
         return None
+
+
+def _as_stated(parameters: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Without the ranges that a search has widened."""
+    return [{k: v for k, v in p.items() if k not in ("low", "high")} for p in parameters]
 
 
 def write(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:

@@ -103,6 +103,12 @@ class Plan:
         return frozenset(o.channel for o in (*self.outputs, *self.extras) if self.case_of[o.experiment] == k)
 
 
+def ends_in(axes: tuple[Axis, ...], box: Box) -> tuple[np.ndarray, np.ndarray]:
+    """Ranges of a search in the unit cube of the box."""
+    low, high = (box.to_unit(np.array([[getattr(a, end) for a in axes]]))[0] for end in ("low", "high"))
+    return np.clip(low, 0, 1), np.clip(high, 0, 1)
+
+
 def source_of(study: Study) -> Source:
     """Where the backend of a study comes from; nothing of it is loaded."""
     return Source(study.backend.use, study.backend.command, str(study.folder), None, study.backend.timeout)
@@ -369,8 +375,7 @@ def _search(
             raise study_error(study.file, study.lines, [Problem(("search", "targets"), text)])
         goals.append(Goal(t.experiment, t.channel, t.depth, value, sigma, units[t.channel]))
         outputs.append(Output(t.experiment, t.channel, t.depth, units[t.channel]))
-    low, high = (box.to_unit(np.array([[getattr(a, end) for a in search.axes]]))[0] for end in ("low", "high"))
-    return SearchPlan(search.name, tuple(goals), tuple(outputs), np.clip(low, 0, 1), np.clip(high, 0, 1), search.axes)
+    return SearchPlan(search.name, tuple(goals), tuple(outputs), *ends_in(search.axes, box), search.axes)
 
 
 def _from_file(plan: Plan, name: str) -> np.ndarray:

@@ -23,6 +23,7 @@ from rso.running import Outcome
 from rso.store import Done
 from rso.study.cases import remarks
 from rso.study.plan import Plan, SearchPlan
+from rso.study.repairing import Step
 from rso.study.searching import Found, Validation, baselines, mean_over_design
 from rso.study.stages import Design, Fitted, Run, why
 from rso.surrogates import Scores
@@ -44,7 +45,7 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
         "backend": {
             "name": plan.backend.name, "numerics": plan.backend.numerics, "settings": plain(study.backend.settings),
         },
-        "parameters": _parameters(plan),
+        "parameters": parameters(plan, plan),
         "experiments": [_experiment(plan, e.name) for e in study.experiments if e.name in plan.curves],
         "outputs": [_output(o) for o in (*plan.outputs, *plan.extras)],
         "verify": {"tolerance": study.verify.tolerance, "max_infill": study.verify.max_infill},
@@ -127,11 +128,11 @@ def of_surrogates(plan: Plan, design: Design, fitted: Fitted) -> dict[str, Any]:
     }
 
 
-def of_searches(plan: Plan, found: list[Found]) -> dict[str, Any]:
-    """searches, best; the runs of candidates are added to `runs` by the caller."""
+def of_searches(plan: Plan, found: list[Found], audit: Sequence[Step]) -> dict[str, Any]:
+    """searches, best; `audit` is that of the first; the runs of candidates are added to `runs` by the caller."""
     first = best(plan, found)
     return {
-        "searches": [_search(plan, f) for f in found],
+        "searches": [_search(plan, f, () if k else audit) for k, f in enumerate(found)],
         "best": None if first is None else {"search": first[0], "candidate": f"{first[0]} {first[1] + 1}"},
     }
 
@@ -201,8 +202,9 @@ def best(plan: Plan, found: list[Found]) -> tuple[str, int] | None:
 # ------------------------------------------------------------------------------------------------------ pieces
 
 
-def _parameters(plan: Plan) -> list[dict[str, Any]]:
-    opened = {a.name: a for a in plan.resolved.axes}
+def parameters(stated: Plan, plan: Plan) -> list[dict[str, Any]]:
+    """parameters, with the ranges of the study file and those that the main search came to use."""
+    opened, written = ({a.name: a for a in p.resolved.axes} for p in (plan, stated))
     rows = []
     for p in plan.backend.parameters:
         axis, fixed = opened.get(p.name), plan.resolved.fixed.get(p.name)
@@ -212,6 +214,7 @@ def _parameters(plan: Plan) -> list[dict[str, Any]]:
                     "name": p.name, "description": p.description, "unit": p.unit,
                     "low": axis.low if axis else fixed, "high": axis.high if axis else fixed,
                     "log": bool(axis and axis.scale == "log"), "fixed": fixed,
+                    "stated": [written[p.name].low, written[p.name].high] if axis else [fixed, fixed],
                 }
             )  # fmt: skip
     return rows
@@ -288,7 +291,7 @@ def _grid(plan: Plan) -> tuple[dict[str, Any], dict[str, Any] | None, np.ndarray
     return x, (y[0] if y else None), X
 
 
-def _search(plan: Plan, found: Found) -> dict[str, Any]:
+def _search(plan: Plan, found: Found, audit: Sequence[Step]) -> dict[str, Any]:
     choice, front = found.result.choice, found.front
     return {
         "name": found.plan.name,
@@ -301,7 +304,16 @@ def _search(plan: Plan, found: Found) -> dict[str, Any]:
         "candidates": [_candidate(plan, found, k) for k in range(len(found.result.candidates))],
         "infill": found.result.infill,
         "verified": found.result.verified,
+        "audit": [_step(plan, s) for s in audit],
     }
+
+
+def _step(plan: Plan, s: Step) -> dict[str, Any]:
+    unit = None if s.parameter is None else plan.box.units[plan.box.names.index(s.parameter)]
+    return {
+        "round": s.round, "what": s.what, "why": s.why, "parameter": s.parameter, "end": s.end, "from": s.before,
+        "to": s.after, "unit": unit, "runs": s.runs,
+    }  # fmt: skip
 
 
 def _candidate(plan: Plan, found: Found, k: int) -> dict[str, Any]:

@@ -262,7 +262,11 @@ class Variant(Table):
 
 
 class SearchTable(Table):
-    """[search]: without targets the metric of the fitted curves alone is minimised."""
+    """[search]: without targets the metric of the fitted curves alone is minimised.
+
+    With `repair` the ranges of the main search are widened while its candidates press against an end: on a log scale
+    by up to the factor `repair_limit` a side, on a linear one by that many widths, within the hard bounds.
+    """
 
     targets: Annotated[tuple[Target, ...], BeforeValidator(_list_to_tuple)] = ()
     constraints: Annotated[tuple[Constraint, ...], BeforeValidator(_list_to_tuple)] = ()
@@ -270,6 +274,8 @@ class SearchTable(Table):
     candidates: Positive = 3
     population: Annotated[int, Field(ge=4, le=100_000)] = 100
     generations: Positive = 100
+    repair: bool = True
+    repair_limit: Annotated[float, Field(gt=1.0, le=1e6)] = 10.0
     variants: Annotated[tuple[Variant, ...], BeforeValidator(_list_to_tuple)] = ()
 
 
@@ -291,6 +297,44 @@ class DiagnoseTable(Table):
 
     effects: Annotated[Any, AfterValidator(_effects)] = "all"
     settings: Settings = {}
+
+
+class LevelTable(Table):
+    """One level of a ladder: its settings replace those of the study, `open` maps parameters to [low, high].
+
+    It is put on the level that holds by then, unless it stands `alone`.  With nothing but a name, or as bare text, it
+    is what the backend knows by this name.
+    """
+
+    name: Name
+    description: Annotated[str, Field(max_length=200)] = ""
+    settings: Settings = {}
+    open: dict[str, Range] = {}
+    alone: bool = False
+
+
+def _rungs(value: Any) -> Any:
+    """Lists of levels as tables; one that stands alone is a rung of its own."""
+    if not isinstance(value, list):
+        return value
+    rungs = [v if isinstance(v, list) else [v] for v in value]
+    return tuple(tuple({"name": v} if isinstance(v, str) else v for v in rung) for rung in rungs)
+
+
+class LadderTable(Table):
+    """[ladder]: levels from simple to rich, a list within the list holds alternatives; by default all that are offered.
+
+    `runs` is the size of the design of each level; `ranges` says
+    whether the open parameters are searched where the study says or where the backend's closed form does.  With
+    `count_validation` the curves for validation count as those for selection: nothing is then left to validate on.
+    """
+
+    levels: Annotated[tuple[tuple[LevelTable, ...], ...], BeforeValidator(_rungs)] = ()
+    runs: Runs | None = None
+    confidence: Annotated[float, _quantity("1"), Field(gt=0.5, lt=1)] = 0.95
+    draws: Annotated[int, Field(ge=99, le=100_000)] = 400
+    ranges: Literal["study", "start"] = "study"
+    count_validation: bool = False
 
 
 class DispatchTable(Table):
@@ -338,6 +382,7 @@ class Study(Table):
     identify: IdentifyTable = IdentifyTable()
     verify: VerifyTable = VerifyTable()
     diagnose: DiagnoseTable = DiagnoseTable()
+    ladder: LadderTable = LadderTable()
     dispatch: DispatchTable = DispatchTable()
     report: ReportTable = ReportTable()
 

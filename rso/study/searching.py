@@ -63,9 +63,13 @@ class Validation:
 # ------------------------------------------------------------------------------------------------------ search
 
 
-def propose_all(bench: Bench, emulator: Emulator) -> list[Proposal]:
-    """First proposal of every search; their candidates are run in one go, so that no worker waits for a search."""
-    proposals = [propose(bench.plan, wanted, emulator) for wanted in bench.plan.searches]
+def propose_all(bench: Bench, emulator: Emulator, first: Proposal | None = None) -> list[Proposal]:
+    """First proposal of every search; their candidates are run in one go, so that no worker waits for a search.
+
+    `first` is that of the main search on this emulator where it is known already.
+    """
+    main, *others = bench.plan.searches
+    proposals = [first or propose(bench.plan, main, emulator), *(propose(bench.plan, w, emulator) for w in others)]
     bench.run([bench.plan.values(x) for p in proposals for x in p.choice.X])
     return proposals
 
@@ -169,8 +173,10 @@ def mean_over_design(plan: Plan, design: Design, emulator: Emulator) -> dict[str
     Points whose own run failed, or would rather fail, take no part.
     """
     found = {}
-    failed = [r.values for r in design.runs if not r.done]
-    points = np.array([x for x in design.asked if plan.values(x) not in failed])
+    failed = np.array([[r.values[n] for n in plan.box.names] for r in design.runs if not r.done])
+    theta = plan.box.from_unit(design.asked)
+    lost = np.array([len(failed) > 0 and np.isclose(t, failed, rtol=1e-9, atol=0).all(axis=1).any() for t in theta])
+    points = design.asked[~lost]
     points = points[plan.feasible(points)] if len(points) else points
     if not len(points):
         return {}

@@ -11,9 +11,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rso import doe, feasibility
+from rso.doe import Box
 from rso.emulator import Emulator, Output, Sample, learn, reduced_box, relearn
 from rso.feasibility import Region
 from rso.running import Event, Outcome, run_all
+from rso.similarity import Group
 from rso.store import Crashed, Done, Failed, RunStore
 from rso.study.plan import Plan, fe_design, full_design, limited, proofs, reduced_feasible
 from rso.surrogates import Scores
@@ -59,11 +61,14 @@ class Bench:
         """Where runs have an answer.  A crash shows nothing, and of equal points one counts."""
         plan = self.plan
         group = plan.group if similar else replace(plan.group, reference=None)
-        inside = plan.box.contains(np.array([[v[n] for n in plan.box.names] for v, _ in self.ended])) | similar
+        box = reduced_box(plan.box, group)
+        if box is None or not self.ended:
+            return None
+        inside = box.contains(np.array([[group.reduce(v)[1][n] for n in box.names] for v, _ in self.ended]))
         known = [e for e, good in zip(self.ended, inside, strict=True) if good and e[1] != "crashed"]
         found = {tuple(sorted(v.items())): (v, state) for v, state in known}
         values, states = [v for v, _ in found.values()], [s == "done" for _, s in found.values()]
-        return feasibility.learn(reduced_box(plan.box, group), group, values, states, plan.seed)
+        return feasibility.learn(box, group, values, states, plan.seed)
 
 
 def _worst_state(outcomes: Sequence[Outcome]) -> str:
@@ -224,31 +229,51 @@ def fit_surrogates(bench: Bench, design: Design) -> Fitted:
     points are added where it is least sure, at most verify.max_infill of them.
     """
     plan = bench.plan
-    table = plan.study.surrogate
-    degree = table.degree if "degree" in table.model_fields_set else None
     group = plan.group if design.similar else dataclasses.replace(plan.group, reference=None)
     learnt, new = design.samples(plan, "design"), design.samples(plan, "held_out")
     outputs = [*plan.outputs, *_worth_learning(plan, learnt)]
-    added: list[Run] = []
-    scores: dict[str, Scores] = {}
     try:
-        emulator = learn(plan.box, group, outputs, learnt, kind=table.kind, degree=degree, seed=plan.seed, held=new)
-        while new:
-            scores = {o.id: emulator.score(o, new) for o in outputs}
-            emulator = relearn(emulator, new, seed=plan.seed)
-            room = min(len(new), plan.study.verify.max_infill - len(added))
-            if not any(scores[i].relative_rmse > table.tolerance for i in decisive(plan)) or room < 1:
-                break
-            points = worst(bench.around_failures(design.similar).plan, emulator, room)
-            runs = [Run("infill", v, o) for v, o in zip(points, bench.run(points), strict=True)]
-            added += runs
-            new = [sample(plan, r.values, r.outcomes) for r in runs if r.done]
+        emulator = learnt_anew(plan, group, outputs, learnt, new)
+        emulator, scores, added = refine(bench, emulator, new, plan.study.verify.max_infill, "infill")
     except ValueError as error:
         reasons = [why(o)[1] or "" for r in design.runs for o in r.outcomes if not isinstance(o, Done)]
         shown = "; ".join(list(dict.fromkeys(reasons))[:REASONS]) or "none failed"
         done = sum(r.done for r in design.runs)
         raise NothingToFit(f"{error} ({done} of {len(design.runs)} runs done; the others: {shown})") from error
-    return Fitted(emulator, scores, tuple(added))
+    return Fitted(emulator, scores, added)
+
+
+def learnt_anew(
+    plan: Plan, group: Group, outputs: Sequence[Output], samples: Sequence[Sample], held: Sequence[Sample] = ()
+) -> Emulator:
+    """Emulator of the outputs as [surrogate] wants it; the data choose what it leaves open."""
+    table = plan.study.surrogate
+    degree = table.degree if "degree" in table.model_fields_set else None
+    return learn(plan.box, group, outputs, samples, kind=table.kind, degree=degree, seed=plan.seed, held=held)
+
+
+def refine(
+    bench: Bench, emulator: Emulator, new: list[Sample], room: int, purpose: str
+) -> tuple[Emulator, dict[str, Scores], tuple[Run, ...]]:
+    """Predict the `new` runs, learn them, add as many where the surrogates are least sure, and so on.
+
+    Ends when the decisive outputs were predicted to surrogate.tolerance, or after `room` runs that were added.
+    Returns the emulator, its errors on the last new runs before it learnt these, and the runs added.
+    """
+    plan, similar = bench.plan, emulator.group.reference is not None
+    scores: dict[str, Scores] = {}
+    added: list[Run] = []
+    while new:
+        scores = {o.id: emulator.score(o, new) for o in emulator.outputs}
+        emulator = relearn(emulator, new, seed=plan.seed)
+        count = min(len(new), room - len(added))
+        if not any(scores[i].relative_rmse > plan.study.surrogate.tolerance for i in decisive(plan)) or count < 1:
+            break
+        points = worst(bench.around_failures(similar).plan, emulator, count)
+        runs = [Run(purpose, v, o) for v, o in zip(points, bench.run(points), strict=True)]
+        added += runs
+        new = [sample(plan, r.values, r.outcomes) for r in runs if r.done]
+    return emulator, scores, tuple(added)
 
 
 def worst(plan: Plan, emulator: Emulator, count: int) -> list[dict[str, float]]:
@@ -256,28 +281,52 @@ def worst(plan: Plan, emulator: Emulator, count: int) -> list[dict[str, float]]:
 
     Each maximises (sd/|mean| of the worst decisive output) × (distance to the nearest sample) over the (reduced) box.
     """
-    box = emulator.reduced
-    if box is None:
+    if emulator.reduced is None:
         return []
-    group = emulator.group
-    known = box.to_unit(np.array([[group.reduce(s.values)[1][n] for n in box.names] for s in emulator.samples]))
-    pool = np.vstack([doe.sobol(box.d, 1024, plan.seed), *_ends(box.d)])
+    pool = _pool(plan, emulator.reduced)
     unsure = np.zeros(len(pool))
     for i in decisive(plan):
         mean, sd = emulator.surrogates[i].predict(pool)
         unsure = np.maximum(unsure, sd / np.maximum(np.abs(mean), NOISE * np.abs(mean).max() + 1e-300))
-    fixed = {} if group.reference is None else {group.reference: group.reference_value}
-    if plan.conditions:
-        allowed = plan.feasible(pool) if group.reference is None else reduced_feasible(plan, box, pool)
-        unsure = np.where(allowed, unsure, -1.0)
     # The noise of a polynomial is the same everywhere: then the distance decides.
+    unsure = np.where(_allowed(plan, emulator.group, emulator.reduced, pool), unsure, -1.0)
     weight = np.where(unsure >= 0, np.maximum(unsure, 1e-3 * unsure.max()) + 1e-300, -1.0)
+    return _spread(plan, emulator.group, emulator.reduced, emulator.samples, pool, weight, count)
+
+
+def farthest(plan: Plan, group: Group, samples: Sequence[Sample], count: int) -> list[dict[str, float]]:
+    """Values of `count` new points of the (reduced) box, as far as possible from the samples and from each other."""
+    box = reduced_box(plan.box, group)
+    if box is None:
+        return []
+    pool = _pool(plan, box)
+    weight = np.where(_allowed(plan, group, box, pool), 1.0, -1.0)
+    return _spread(plan, group, box, samples, pool, weight, count)
+
+
+def _pool(plan: Plan, box: Box) -> np.ndarray:
+    return np.vstack([doe.sobol(box.d, 1024, plan.seed), *_ends(box.d)])
+
+
+def _allowed(plan: Plan, group: Group, box: Box, pool: np.ndarray) -> np.ndarray:
+    """Mask of the points that respect the conditions."""
+    if not plan.conditions:
+        return np.ones(len(pool), bool)
+    return plan.feasible(pool) if group.reference is None else reduced_feasible(plan, box, pool)
+
+
+def _spread(
+    plan: Plan, group: Group, box: Box, samples: Sequence[Sample], pool: np.ndarray, weight: np.ndarray, count: int
+) -> list[dict[str, float]]:
+    """Values of the points of the pool that have the largest weight × distance, one after another."""
+    known = box.to_unit(np.array([[group.reduce(s.values)[1][n] for n in box.names] for s in samples]))
     fresh = []
     for _ in range(count):
         gap = np.min(np.linalg.norm(pool[:, None] - known[None], axis=2), axis=1)
         x = pool[np.argmax(weight * gap)]
         known = np.vstack([known, x])
         fresh.append(x)
+    fixed = {} if group.reference is None else {group.reference: group.reference_value}
     rows = box.from_unit(np.array(fresh))
     return [{**fixed, **dict(zip(box.names, map(float, row), strict=True)), **plan.resolved.fixed} for row in rows]
 

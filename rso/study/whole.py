@@ -5,17 +5,21 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from rso import emulator as emulator_file
+from rso.identify import Determination
 from rso.store import Done, RunStore
-from rso.study import files, identifying, results, searching, sensitivities, stages
+from rso.study import files, identifying, repairing, results, searching, sensitivities, stages
 from rso.study.plan import Plan
+from rso.study.repairing import Repaired
 from rso.study.searching import Found
 from rso.study.stages import Bench, Watch
 
+Say = Callable[[str], None]
 EXIT_DONE, EXIT_FAILED_RUNS, EXIT_NOT_VERIFIED, EXIT_NOT_DETERMINED = 0, 3, 4, 5
 
 
@@ -28,7 +32,7 @@ def run_study(
     command: str,
     jobs: int,
     watch: Watch | None = None,
-    say: Callable[[str], None] = lambda _: None,
+    say: Say = lambda _: None,
 ) -> dict[str, Any]:
     """Run every stage, write ``results.json`` after each, return the results.
 
@@ -37,82 +41,107 @@ def run_study(
 
     Raises stages.NothingToFit when too few runs are done, StoreError, KeyboardInterrupt; what was computed stays.
     """
-    path = folder / "results.json"
-    found = files.plainly(results.begin(plan, command, _now(), jobs))
-    before = files.earlier(path, found)
-    reached = -1 if before is None else files.STAGES.index(before["stage"])
+    notes = _begin(plan, store, folder, command, jobs)
+    notes.write("plan")
     bench = Bench(plan, store, executor, watch)
-    known = {row.key for row in store.rows() if row.state != "crashed"}
-    clock = _Clock(found["timings"], before)
+    ranges = _learn(bench, notes, say)
+    bench, searches = _search(ranges, notes, say)
+    chosen = results.best(bench.plan, searches)
+    determination = _identify(bench, searches, chosen, notes, say)
+    return _validate(bench, ranges.design, searches, chosen, determination, notes, say)
 
-    def note(stage: str, *, end: bool = False, **parts: Any) -> dict[str, Any]:
-        found.update(parts, stage=stage)
-        clock.lap(stage)
-        if end or files.STAGES.index(stage) >= reached:
-            return files.write(path, found)
-        return found
 
-    note("plan")
+def _learn(bench: Bench, notes: _Notes, say: Say) -> Repaired:
+    """Design, surrogates, the ranges that the main search needs, sensitivities."""
+    plan, found = bench.plan, notes.found
     say("design: simulations to learn from")
     design = stages.run_design(bench)
     if not design.similar and plan.group.reference is not None:
         found["warnings"].append(f"similarity {design.story}")
-    note("design", **results.of_design(plan, design))
+    notes.write("design", **results.of_design(plan, design))
     say("surrogates: response surfaces of every output")
     try:
         fitted = stages.fit_surrogates(bench, design)
     except stages.NothingToFit as error:
         found["warnings"].append(str(error))
-        note("design", end=True, counts=_counts(plan, found, known), exit_code=EXIT_FAILED_RUNS)
+        notes.write("design", end=True, counts=notes.counts(plan), exit_code=EXIT_FAILED_RUNS)
         raise
+    ranges = repairing.repair(bench.around_failures(design.similar), design, fitted, say)
+    plan, fitted = ranges.bench.plan, ranges.fitted
     found["runs"] += results.added_runs(plan, fitted)
     _warn_of_poor_surrogates(plan, fitted, found)
-    emulator_file.save(fitted.emulator, folder / "surrogates")
-    bench = bench.around_failures(design.similar)
-    note("surrogates", **results.of_surrogates(bench.plan, design, fitted))
+    emulator_file.save(fitted.emulator, notes.path.parent / "surrogates")
+    found["parameters"] = results.parameters(bench.plan, plan)
+    notes.write("surrogates", **results.of_surrogates(plan, ranges.design, fitted))
     say("sensitivity")
-    note("sensitivity", **sensitivities.of_sensitivity(plan, sensitivities.analyse(bench.plan, fitted)))
+    notes.write("sensitivity", **sensitivities.of_sensitivity(plan, sensitivities.analyse(plan, fitted)))
+    return ranges
+
+
+def _search(ranges: Repaired, notes: _Notes, say: Say) -> tuple[Bench, list[Found]]:
+    """Candidates of every search, verified."""
+    bench, emulator, similar = ranges.bench, ranges.fitted.emulator, ranges.design.similar
+    plan, found = bench.plan, notes.found
     searches: list[Found] = []
-    emulator = fitted.emulator
     say(f"search: NSGA-II for {', '.join(s.name for s in plan.searches)}; then all candidates are rerun")
-    proposals = searching.propose_all(bench, emulator)
+    proposals = searching.propose_all(bench, emulator, ranges.proposal)
+    audit = ranges.audit
     for wanted, first in zip(plan.searches, proposals, strict=True):
         one = searching.find(bench, wanted, emulator, first)
-        emulator, bench = one.result.emulator, bench.around_failures(design.similar)
+        emulator, bench = one.result.emulator, bench.around_failures(similar)
+        if not searches:
+            audit = repairing.afterwards(plan, audit, one.result.choice.X)
         searches.append(one)
         _warn_of_constraints(one, found)
         _warn_of_extrapolation(plan, one, found)
         found["runs"] += results.candidate_runs(plan, one)
-        note("search", **results.of_searches(plan, searches))
+        notes.write("search", **results.of_searches(plan, searches, audit))
+    found["warnings"] += [f"Ranges of the main search: {s.why}" for s in audit[-1:] if s.what == "stopped"]
+    return bench, searches
+
+
+def _identify(
+    bench: Bench, searches: list[Found], chosen: tuple[str, int] | None, notes: _Notes, say: Say
+) -> Determination | None:
+    """What the curves determine; what is known then."""
     say("identification: what the curves determine")
-    chosen = results.best(plan, searches)
-    identified, extra, doubts, known_so_far = identifying.identification(bench, emulator, searches, chosen)
-    found["runs"] += results.rows_of(plan, extra)
-    found["warnings"] += doubts
-    note("verify", **identified)
+    emulator = searches[-1].result.emulator
+    identified, extra, doubts, determination = identifying.identification(bench, emulator, searches, chosen)
+    notes.found["runs"] += results.rows_of(bench.plan, extra)
+    notes.found["warnings"] += doubts
+    notes.write("verify", **identified)
+    return determination
+
+
+def _validate(
+    bench: Bench,
+    design: stages.Design,
+    searches: list[Found],
+    chosen: tuple[str, int] | None,
+    determination: Determination | None,
+    notes: _Notes,
+    say: Say,
+) -> dict[str, Any]:
+    """The experiments kept for the end, and everything that is known only then; the whole results."""
+    plan, found = bench.plan, notes.found
     if plan.validation:
         say("validation: experiments kept for the end")
     checked = searching.validate(bench, searches, chosen)
     found["runs"] += results.validation_runs(checked)
-    if known_so_far is not None:
-        found["identification"]["gains"] += identifying.further_gains(plan, known_so_far, checked)
+    if determination is not None:
+        found["identification"]["gains"] += identifying.further_gains(plan, determination, checked)
     found["timings"]["fe_cpu"] = sum(r["cpu_s"] or 0.0 for r in _distinct(found["runs"]))
     found["provenance"].update(artefacts=_artefacts(design), solver=_solver(design), finished=_now())
     found.update(results.of_region(plan, bench.region(design.similar), found["runs"]))
     found["warnings"] += [found["feasible"]["story"]] if found["feasible"]["story"] else []
-    files.write_runs(folder / "runs.csv", found)
-    counts = _counts(plan, found, known)
+    files.write_runs(notes.path.parent / "runs.csv", found)
+    counts, before = notes.counts(plan), notes.before
     if before is not None and before["stage"] == files.STAGES[-1] and counts["from_store"] == counts["fe_runs"]:
-        clock.stop(before["timings"])
+        notes.clock.stop(before["timings"])
         when = ("command", "started", "finished", "jobs")
         found["provenance"].update({k: v for k, v in before["provenance"].items() if k in when})
-    return note(
-        "validate",
-        end=True,
-        **results.of_validation(plan, checked),
-        counts=counts,
-        exit_code=exit_code(plan, found, searches),
-    )
+    code = exit_code(plan, found, searches)
+    return notes.write("validate", end=True, **results.of_validation(plan, checked), counts=counts, exit_code=code)
 
 
 def exit_code(plan: Plan, found: dict[str, Any], searches: list[Found]) -> int:
@@ -121,7 +150,50 @@ def exit_code(plan: Plan, found: dict[str, Any], searches: list[Found]) -> int:
         return EXIT_NOT_VERIFIED
     if any(not found["determined"][n]["determined"] for n in plan.study.identify.require):
         return EXIT_NOT_DETERMINED
-    return EXIT_FAILED_RUNS if any(r["state"] != "done" for r in found["runs"]) else EXIT_DONE
+    # That runs beyond the ranges of the study have no answer is what they were made to find out.
+    lost = [r for r in found["runs"] if r["state"] != "done" and (r["state"], r["purpose"]) != ("failed", "repair")]
+    return EXIT_FAILED_RUNS if lost else EXIT_DONE
+
+
+@dataclass(frozen=True, eq=False)
+class _Notes:
+    """The results so far, and where they are written; `before` are those of an earlier call, `known` its runs."""
+
+    found: dict[str, Any]
+    path: Path
+    before: dict[str, Any] | None
+    known: frozenset[str]
+    clock: _Clock
+
+    def write(self, stage: str, *, end: bool = False, **parts: Any) -> dict[str, Any]:
+        """Take the parts of a finished stage down; the file changes as soon as it tells more than it did before."""
+        self.found.update(parts, stage=stage)
+        self.clock.lap(stage)
+        reached = -1 if self.before is None else files.STAGES.index(self.before["stage"])
+        if end or files.STAGES.index(stage) >= reached:
+            return files.write(self.path, self.found)
+        return self.found
+
+    def counts(self, plan: Plan) -> dict[str, int]:
+        """Simulations: asked by the study file, different ones behind `runs`, and how those ended."""
+        runs = _distinct(self.found["runs"])
+        states = [r["state"] for r in runs]
+        design, cases = self.found["design"], len(plan.cases)
+        return {
+            "asked": cases * (design["asked"] + plan.study.doe.held_out),
+            "fe_runs": len(runs),
+            **{state: states.count(state) for state in ("done", "failed", "crashed")},
+            "from_store": sum(r["key"] in self.known for r in runs),
+            "saved_by_similarity": cases * design["similarity"]["runs_saved"],
+        }
+
+
+def _begin(plan: Plan, store: RunStore, folder: Path, command: str, jobs: int) -> _Notes:
+    path = folder / "results.json"
+    found = files.plainly(results.begin(plan, command, _now(), jobs))
+    before = files.earlier(path, found)
+    known = frozenset(row.key for row in store.rows() if row.state != "crashed")
+    return _Notes(found, path, before, known, _Clock(found["timings"], before))
 
 
 class _Clock:
@@ -181,20 +253,6 @@ def _warn_of_poor_surrogates(plan: Plan, fitted: stages.Fitted, found: dict[str,
 
 def _distinct(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return list({r["key"]: r for r in runs}.values())
-
-
-def _counts(plan: Plan, found: dict[str, Any], known: set[str]) -> dict[str, int]:
-    """Simulations: asked by the study file, different ones behind `runs`, and how those ended."""
-    runs = _distinct(found["runs"])
-    states = [r["state"] for r in runs]
-    design, cases = found["design"], len(plan.cases)
-    return {
-        "asked": cases * (design["asked"] + plan.study.doe.held_out),
-        "fe_runs": len(runs),
-        **{state: states.count(state) for state in ("done", "failed", "crashed")},
-        "from_store": sum(r["key"] in known for r in runs),
-        "saved_by_similarity": cases * design["similarity"]["runs_saved"],
-    }
 
 
 def _artefacts(design: stages.Design) -> dict[str, str]:

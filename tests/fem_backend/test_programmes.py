@@ -127,14 +127,16 @@ def test_travel_before_the_test_softens():
     np.testing.assert_allclose(F[2], cycle, rtol=5e-3)
 
 
-def test_answer_of_a_path_is_that_of_finer_steps(graded):
+@pytest.mark.verification
+@pytest.mark.parametrize(
+    "knobs,allowed", [(RELAXING, 2e-3), ({"friction": 0.3}, 5e-3), ({"mullins": 0.5}, 1e-3)], ids=lambda v: str(v)
+)
+def test_answer_of_a_path_is_that_of_finer_steps(graded, knobs, allowed):
     """Steps between asked travels four times as small: the error of the path is below that of the mesh levels."""
-    for knobs, allowed in ((RELAXING, 2e-3), ({"friction": 0.3}, 5e-3), ({"mullins": 0.5}, 1e-3)):
-        b = graded.other(**knobs)
-        coarse = b.solve([0.5, 1.5])
-        fine = b.solve([0.5, 1.5], control=replace(Control(), path=Control().path / 4))
-        print(knobs, coarse.Fz / fine.Fz - 1)
-        np.testing.assert_allclose(coarse.Fz, fine.Fz, rtol=allowed, err_msg=str(knobs))
+    b = graded.other(**knobs)
+    coarse = b.solve([0.5, 1.5])
+    fine = b.solve([0.5, 1.5], control=replace(Control(), path=Control().path / 4))
+    np.testing.assert_allclose(coarse.Fz, fine.Fz, rtol=allowed, err_msg=str(knobs))
 
 
 # ---------------------------------------------------------------------------------------------- canonical form

@@ -19,6 +19,7 @@ from rso.study.plan import make_plan
 from rso.study.whole import run_study
 
 MU, D1, THICKNESS = 0.012, 60.0, 8.0
+# Ranges stay as they are stated but in test_repairing.py.
 SECTIONS = {
     "study": 'title = "Layer"\nseed = 0',
     "backend": 'use = "indentation_backend:BACKEND"',
@@ -29,7 +30,7 @@ SECTIONS = {
     "doe": "runs = 16\nheld_out = 3",
     "surrogate": 'kind = "polynomial"',
     "sensitivity": "samples = 64",
-    "search": 'population = 20\ngenerations = 10\ntargets = [{ experiment = "top", depth = 0.8 }, '
+    "search": 'repair = false\npopulation = 20\ngenerations = 10\ntargets = [{ experiment = "top", depth = 0.8 }, '
     '{ experiment = "top", depth = 2 }]',
     "report": "html = false\npdf = false",
 }

@@ -16,6 +16,13 @@ from rso.cli import main
 from rso.store import RunStore, StoreError, set_aside
 
 HERE = Path(__file__).parent
+# Small enough that what is tested here, which is around a study, takes the time and not the study.
+QUICK = {
+    "doe": "runs = 8\nheld_out = 1",
+    "sensitivity": "sobol = false\nlocal = false",
+    "search": f"{studies.SECTIONS['search']}\ncandidates = 1".replace("= 20", "= 8").replace("= 10", "= 4"),
+    "report": "html = false\npdf = false",
+}
 
 
 def rso(*arguments: object, largest_file: int | None = None, cwd: Path | None = None) -> subprocess.CompletedProcess:
@@ -35,7 +42,7 @@ def rso(*arguments: object, largest_file: int | None = None, cwd: Path | None = 
 def finished(tmp_path_factory):
     """A study that was run, and its results."""
     folder = tmp_path_factory.mktemp("finished")
-    studies.write(folder, report="html = false\npdf = false")
+    studies.write(folder, **QUICK)
     assert main(["run", str(folder), "--jobs", "1"]) == 0
     return folder, studies.read(folder)
 
@@ -43,9 +50,9 @@ def finished(tmp_path_factory):
 # ------------------------------------------------------------------------------------------------------ disks, folders
 
 
-@pytest.mark.parametrize("largest_file", [1, 4096, 60_000])
+@pytest.mark.parametrize("largest_file", [1, 60_000])
 def test_full_disk_then_room_again(tmp_path, finished, largest_file):
-    studies.write(tmp_path, report="html = false\npdf = false")
+    studies.write(tmp_path, **QUICK)
     full = rso("run", tmp_path, "--jobs", 1, largest_file=largest_file)
     assert full.returncode == 1 and "Traceback" not in full.stderr, full.stderr
     assert "disk" in full.stderr and "runs stored so far are kept" in full.stderr
@@ -107,7 +114,9 @@ def test_damage_is_told_in_words_and_nothing_is_deleted(tmp_path, capsys, finish
     folder = tmp_path / "results"
     _spoil(name, folder)
     before = {p.name: p.stat().st_size for p in folder.iterdir()}
-    for command in ("status", "report", "run"):
+    # What a call that goes on finds in results.json is nothing or everything: two damages stand for all.
+    goes_on = name.startswith("store") or name in ("results cut", "results a folder")
+    for command in ("status", "report", "run")[: 3 if goes_on else 2]:
         capsys.readouterr()
         code = main([command, str(tmp_path)])
         said = capsys.readouterr()
@@ -181,7 +190,7 @@ def test_resuming_a_complete_study_keeps_its_times_and_its_results_meanwhile(tmp
     assert second["provenance"] == first["provenance"]
     assert second["counts"]["from_store"] == second["counts"]["fe_runs"]
     # Another study in the same folder: its results are not those.
-    (again / "study.toml").write_text(studies.text(study='title = "Other"\nseed = 1'))
+    (again / "study.toml").write_text(studies.text(**{**QUICK, "study": 'title = "Other"\nseed = 1'}))
     assert main(["run", str(again), "--jobs", "1"]) == 0
     third = json.loads(results.read_text())
     assert third["study"]["title"] == "Other" and third["timings"] != first["timings"]
@@ -190,7 +199,7 @@ def test_resuming_a_complete_study_keeps_its_times_and_its_results_meanwhile(tmp
 def test_wall_time_of_an_interrupted_study_adds_up(tmp_path, monkeypatch):
     from rso.study import searching
 
-    studies.write(tmp_path)
+    studies.write(tmp_path, **QUICK)
     propose = searching.propose_all
 
     def interrupted(*arguments):
@@ -249,7 +258,7 @@ BACKEND = Poor()
 def test_a_response_that_lacks_what_was_declared_is_a_crash_in_words(tmp_path, capsys, lack, words):
     module = f"poor_{lack}"
     (tmp_path / f"{module}.py").write_text(POOR.format(lack=lack))
-    studies.write(tmp_path, backend=f'use = "{module}:BACKEND"')
+    studies.write(tmp_path, **QUICK, backend=f'use = "{module}:BACKEND"')
     assert main(["run", str(tmp_path), "--jobs", "1"]) == 3
     said = capsys.readouterr()
     assert words in said.out and "Traceback" not in said.out + said.err and "KeyError" not in said.out
@@ -291,7 +300,7 @@ def test_reports_escape_what_they_print(tmp_path):
     experiment = studies.SECTIONS["[experiments]"]
     studies.write(
         tmp_path, study=f'title = "{HOSTILE}"\nseed = 0', backend__settings=settings, experiments=experiment,
-        report="html = true\npdf = true", doe="runs = 12\nheld_out = 1\nreduce = false",
+        **{**QUICK, "report": "html = true\npdf = true", "doe": "runs = 12\nheld_out = 1\nreduce = false"},
     )  # fmt: skip
     assert main(["run", str(tmp_path), "--jobs", "1"]) in (0, 3, 4)
     page = (tmp_path / "results" / "report.html").read_text(encoding="utf-8")

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import studies
+from rso.cli import _validated as validated
+from rso.cli import main
 from rso.study import load, stages
 from rso.study.plan import make_plan
 
@@ -28,7 +30,7 @@ LAYOUT: dict[str, Any] = {
     "stage": None,
     "study": dict.fromkeys(("title", "file", "seed", "units")),
     "backend": {"name": None, "numerics": None, "settings": {"thickness": None}},
-    "parameters": [dict.fromkeys(("name", "description", "unit", "low", "high", "log", "fixed"))],
+    "parameters": [{**dict.fromkeys(("name", "description", "unit", "low", "high", "log", "fixed")), "stated": [None]}],
     "experiments": [
         {
             **dict.fromkeys(("name", "role", "kind", "channel", "unit", "file", "n_repeats")),
@@ -87,6 +89,7 @@ LAYOUT: dict[str, Any] = {
             **dict.fromkeys(("name", "kind", "reachable", "story", "infill", "verified")),
             "targets": [dict.fromkeys(("experiment", "channel", "depth_mm", "value", "sigma", "unit"))],
             "ranges": {"mu": [None], "D1": [None]},
+            "audit": [dict.fromkeys(("round", "what", "why", "parameter", "end", "from", "to", "unit", "runs"))],
             "front": {"values": [VALUES], "objectives": [[None]]},
             "candidates": [
                 {
@@ -619,6 +622,24 @@ def test_a_profile_kept_for_the_end_is_predicted(marked):
     e = found["experiments"][1]
     assert (e["kind"], e["channel"], e["notes"]) == ("profile", "uz", ["marks by hand"])
     assert "surface" not in {g["test"] for g in found["identification"]["gains"]}
+
+
+def test_the_command_line_counts_marks_and_sums_a_profile_up(marked, capsys):
+    studies.write(marked, experiments=TOP + PROFILE.format("validate"), doe=ONE, **MARKED)
+    assert main(["check", "--trust", str(marked)]) == 0
+    marks, depths = len({(x, y) for _, x, y in SURFACE}), len({u for u, _, _ in SURFACE})
+    deepest = max(u for u, _, _ in SURFACE)
+    said = capsys.readouterr().out
+    assert f"'surface' (validate): {marks} mark(s) of a profile at {depths} depth(s) to {deepest:g} mm" in said
+    assert "'top' (fit): 20 depth(s) to 2 mm, 1 repeat(s)" in said
+    profile = {
+        "position": [[0, 0], [5, 0]], "depth": [2, 2], "measured": [-1.5, -0.2], "predicted": [-1.4, -0.2],
+        "metrics": {"n": 2, "rmse": 0.0707}, "state": "done", "reason": None,
+    }  # fmt: skip
+    assert validated(profile) == "2 readings missed by 0.071 mm (RMSE), the largest measured is -1.5 mm"
+    curve = profile | {"position": [], "depth": [3.0, 1.0]}  # the deepest reading need not be the last
+    assert validated(curve) == "predicted -1.4, measured -1.5 at 3 mm"
+    assert validated(profile | {"predicted": [], "state": "failed", "reason": "no"}) == "failed: no"
 
 
 def test_depths_that_scatter_from_mark_to_mark_are_interpolated(marked):

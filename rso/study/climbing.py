@@ -1,0 +1,335 @@
+"""The ladder of a study: every level fitted to the same curves, as far up as noise and the data ask for."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rso import ladder
+from rso.contract import Response
+from rso.emulator import Emulator, Sample, learn, relearn
+from rso.identify import (
+    Data,
+    Determination,
+    Misfit,
+    Model,
+    Place,
+    all_minima,
+    determine,
+    emulated,
+    resample,
+    slope,
+    stack,
+    together,
+)
+from rso.ladder import Added, Check, Climb, CurveError, Judged, Level
+from rso.store import RunStore
+from rso.study.ladder_curves import curve_data, curve_outputs, error_at, fitted_curves, measured, numerical, placed
+from rso.study.ladder_runs import Bench, NoAnswer, Watch, design, prove, sampled
+from rso.study.levels import Axes, axes_of, rungs_of
+from rso.study.plan import Plan, make_plan
+from rso.study.schema import Study
+
+FEWEST = 4  # runs with an answer from which a level is learnt
+ROUNDS = 6  # runs of the most likely point, at most
+DIGITS = 6  # of the most likely values when they are recomputed
+SETTLED = 0.5  # of χ²: what the emulator may be off by at the most likely point
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A level at its best: axes, emulator, what the curves say, curves kept to select, the recomputed responses.
+
+    `agreement` is the largest difference of predicted and recomputed curves over their largest value, `errors` are the
+    numerical errors (n,) at the fitted and selecting places.
+    """
+
+    axes: Axes
+    emulator: Emulator
+    determination: Determination
+    places: tuple[Place, ...]
+    roles: tuple[str, ...]
+    data: tuple[Data, ...]
+    predicted: tuple[np.ndarray, ...]
+    errors: tuple[np.ndarray, ...]
+    simulated: ladder.Simulated
+    agreement: float
+    runs: int
+    cpu_s: float
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of the axes."""
+        return dict(zip(self.axes.box.names, map(float, self.determination.fit.theta), strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Climbed:
+    """The climb, the rungs, the start by closed form (None if the backend has none), validation by level."""
+
+    rungs: tuple[tuple[Level, ...], ...]
+    climb: Climb
+    start: Mapping[str, tuple[float, float, float]] | None
+    validation: Mapping[str, tuple[tuple[CurveError, Check], ...]]
+    cost: Mapping[str, float]
+    seconds: float
+
+
+def ladder_plan(study: Study) -> Plan:
+    """Plan of a study for its ladder; with count_validation its validation curves become curves to select with."""
+    if study.ladder.count_validation:
+        roles = {"validate": "select"}
+        every = [e.model_copy(update={"role": roles.get(e.role, e.role)}) if e.kind == "force" else e
+                 for e in study.experiments]  # fmt: skip
+        study = study.model_copy(update={"experiments": tuple(every)})
+    return make_plan(study)
+
+
+def run_ladder(
+    plan: Plan, store: RunStore, executor: Executor, *, watch: Watch | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> Climbed:  # fmt: skip
+    """Climb the ladder of a study; the curves for validation are looked at when the climb has ended."""
+    began, bench, table = time.perf_counter(), Bench(plan, store, executor, watch), plan.study.ladder
+    rungs, start = rungs_of(plan), starting(plan)
+    ranges = {k: (v[0], v[2]) for k, v in (start or {}).items()} if table.ranges == "start" else {}
+    known: dict[str, Fitted] = {}
+
+    def judge(level: Level, holds: Judged | None) -> Judged:
+        onto = holds.level if level.adds and holds is not None else None
+        if onto is not None and onto.closed_form:
+            return Judged(level, f"it cannot be put on the closed form {onto.name}", onto=onto.name)
+        whole = level if onto is None else put_on(level, onto)
+        say(f"level {level.name}" + (f" on {onto.name}" if onto is not None else ""))
+        try:
+            found = fit_level(bench, whole, ranges, known.get(whole.extends))
+        except NoAnswer as error:
+            return Judged(level, str(error), onto=onto.name if onto else "")
+        known[level.name] = found
+        return judged(plan, level, whole, found, onto.name if onto else "")
+
+    climb = ladder.climb(rungs, judge, table.confidence)
+    checked = {}
+    for j in climb.judged:
+        if not j.problem and plan.validation:
+            checked[j.level.name] = validate(bench, j)
+    return Climbed(rungs, climb, start, checked, bench.cost, time.perf_counter() - began)
+
+
+def starting(plan: Plan) -> Mapping[str, tuple[float, float, float]] | None:
+    """Ranges and values by the backend's closed form from the first curve that is fitted; None where it has none."""
+    name, channel = fitted_curves(plan, "fit")[0]
+    if channel != "Fz" or not hasattr(plan.backend, "start"):
+        return None
+    curve = measured(plan, name, channel)
+    keep = curve.depth > 0
+    try:
+        return plan.backend.start(plan.cases[plan.case_of[name]], curve.depth[keep], curve.value[keep])
+    except ValueError:
+        return None
+
+
+def put_on(level: Level, onto: Level) -> Level:
+    """An effect on the level that holds."""
+    merged = replace(
+        onto, name=level.name, title=level.title, description=level.description,
+        settings={**onto.settings, **level.settings}, open={**onto.open, **level.open},
+        hold={k: v for k, v in onto.hold.items() if k not in level.open}, relative=onto.relative | level.relative,
+        extends="" if level.settings else onto.name,
+    )  # fmt: skip
+    return merged
+
+
+# ------------------------------------------------------------------------------------------------------ one level
+
+
+def fit_level(bench: Bench, level: Level, ranges: Mapping[str, tuple[float, float]], below: Fitted | None) -> Fitted:
+    """Design, emulator, most likely point recomputed until it holds, what the curves determine; NoAnswer if it cannot.
+
+    `below` is the level that this one is at neutral: its runs are learnt too.
+    """
+    plan, seed = bench.plan, bench.plan.seed
+    axes, before = axes_of(plan, level, ranges), set(bench.cost)
+    inherited = neutral(plan, axes, level, below)
+    points = design(axes, plan.study.ladder.runs, seed, len(inherited))
+    answers = bench.run(level, axes, plan.cases, points)
+    samples = [sampled(plan, axes, p, a) for p, a in zip(points, answers, strict=True) if not isinstance(a, str)]
+    last = next((a for a in answers if not isinstance(a, str)), None)
+    if last is None or len(samples) < min(FEWEST, len(points)):
+        why = next((a for a in answers if isinstance(a, str)), "")
+        raise NoAnswer(f"only {len(samples)} of {len(points)} simulations have an answer; the first without: {why}")
+    if not level.closed_form:
+        prove(bench, level, axes, samples[0])
+    samples += inherited
+    try:
+        emulator, last, gap, x, sure = settled(bench, level, axes, learnt(plan, axes, samples), last)
+        unsure = None if sure else x
+        misfit = likelihood(plan, emulator, last, "fit", unsure)
+        d = determine(misfit, seed=seed, near=x[None], mcmc=False)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise NoAnswer(str(error)) from error
+    return _finished(bench, axes, emulator, d, last, gap, unsure, before)
+
+
+def learnt(plan: Plan, axes: Axes, samples: Sequence[Sample]) -> Emulator:
+    """Emulator of the compared curves: whole curves, unless [surrogate] wants another kind."""
+    table = plan.study.surrogate
+    kind = "whole_curve" if table.kind == "auto" else table.kind
+    degree = table.degree if "degree" in table.model_fields_set else None
+    return learn(axes.box, axes.group, curve_outputs(plan), samples, kind=kind, degree=degree, seed=plan.seed)
+
+
+def settled(
+    bench: Bench, level: Level, axes: Axes, emulator: Emulator, last: tuple[Response, ...]
+) -> tuple[Emulator, tuple[Response, ...], float, np.ndarray, bool]:
+    """The most likely point recomputed and learnt until the difference is no matter.
+
+    Emulator, last run, by how much of the largest value it was off, the point, and whether that was no matter: within
+    verify.tolerance of each curve's largest value, and less than half a unit of χ².
+    """
+    plan, x = bench.plan, None
+    for _ in range(ROUNDS):
+        misfit = likelihood(plan, emulator, last, "fit")
+        fit = all_minima(misfit, seed=plan.seed, near=None if x is None else x[None])[0]
+        if emulator.reduced is None:  # similarity, which was proved, knows every run already
+            return emulator, last, 0.0, fit.x, True
+        # Rounded, so that a ladder that is climbed again asks for the same runs.
+        theta = [float(f"{v:.{DIGITS}g}") for v in fit.theta]
+        x = np.clip(axes.box.to_unit(np.array(theta)), 0.0, 1.0)
+        values = dict(zip(axes.box.names, theta, strict=True))
+        (answer,) = bench.run(level, axes, plan.cases, [values])
+        if isinstance(answer, str):
+            raise NoAnswer(f"the most likely point has no answer: {answer}")
+        last, (gap, off) = answer, _gap(plan, misfit, x, answer)
+        if off > 1e-6:  # the same point twice would tell nothing
+            emulator = relearn(emulator, [sampled(plan, axes, values, answer)], seed=plan.seed)
+        if gap <= plan.study.verify.tolerance and off <= SETTLED:
+            return emulator, last, gap, x, True
+    return emulator, last, gap, x, False
+
+
+def _finished(
+    bench: Bench, axes: Axes, emulator: Emulator, d: Determination, last: tuple[Response, ...], gap: float,
+    unsure: np.ndarray | None, before: set[str],
+) -> Fitted:  # fmt: skip
+    plan, fit = bench.plan, d.fit
+    pairs = [(r, *pair) for r in ("fit", "select") for pair in fitted_curves(plan, r)]
+    places = tuple(placed(plan, name, channel) for _, name, channel in pairs)
+    errors = tuple(numerical(plan, last, p, curve_data(plan, p)) for p in places)
+    misfits = [likelihood(plan, emulator, last, r, unsure) for r in ("fit", "select") if fitted_curves(plan, r)]
+    data = tuple(v for m in misfits for v in m.data)
+    flat = np.concatenate([m.model.predict(fit.x[None])[0] for m in misfits])
+    predicted = tuple(np.split(flat, np.cumsum([len(v.value) for v in data])[:-1]))
+    simulated = ladder.simulate(d.misfit, fit, plan.seed, plan.study.ladder.draws)
+    mine = set(bench.cost) - before
+    return Fitted(axes, emulator, d, places, tuple(r for r, *_ in pairs), data, predicted, errors, simulated, gap,
+                  len(mine), sum(bench.cost[k] for k in mine))  # fmt: skip
+
+
+def judged(plan: Plan, level: Level, whole: Level, found: Fitted, onto: str) -> Judged:
+    """Tests, thresholds, evidence and what the level adds."""
+    d, share, seed = found.determination, plan.study.ladder.confidence, plan.seed
+    k = found.roles.count("fit")
+    fit_data, other = found.data[:k], found.data[k:]
+    residual = [f - v.value for f, v in zip(found.predicted, found.data, strict=True)]
+    fitted = ladder.check(np.concatenate(residual[:k]), d.misfit, found.simulated, share)
+    errors = ladder.curve_errors(fit_data, found.roles[:k], np.concatenate(residual[:k]), found.simulated, share)
+    selected = None
+    if other:
+        model = stack([emulated(found.emulator, p)[0] for p in found.places[k:]])
+        elsewhere = ladder.simulate_elsewhere(model, other, d.fit, found.simulated.X, seed)
+        selected = ladder.check(np.concatenate(residual[k:]), Misfit(model, other), elsewhere, share)
+        errors += ladder.curve_errors(other, found.roles[k:], np.concatenate(residual[k:]), elsewhere, share)
+    axis_of = {knob: axis for axis, knob in found.axes.knob.items()}
+    known = {v.name: v for v in d.known}
+    added = tuple(
+        Added(axis_of[n], known[axis_of[n]].verdict.word == "determined",
+              f"{known[axis_of[n]].story} {known[axis_of[n]].reason}".strip())
+        for n in level.open
+    )  # fmt: skip
+    evidence = ladder.log_evidence(d.misfit, d.fit, seed)
+    return Judged(replace(whole, extends=level.extends), "", fitted, selected, errors, added, evidence, onto, found)
+
+
+def neutral(plan: Plan, axes: Axes, level: Level, below: Fitted | None) -> list[Sample]:
+    """Runs of the level below as runs of this one, where its parameters are neutral; none where that is outside."""
+    off = {p.name: p.neutral for p in plan.backend.parameters}
+    if below is None or axes.group.reference != below.axes.group.reference or level.closed_form:
+        return []
+    values = {}
+    for axis, low, high in zip(axes.box.names, axes.box.low, axes.box.high, strict=True):
+        if axis not in below.axes.box.names:
+            v = off.get(axes.knob[axis])
+            if v is None or not low <= v <= high or (axes.power.get(axes.knob[axis]) and v != 0.0):
+                return []
+            values[axis] = float(v)
+    return [replace(s, values={**s.values, **values}) for s in below.emulator.samples]
+
+
+# ------------------------------------------------------------------------------------------------------ curves
+
+
+def likelihood(
+    plan: Plan, emulator: Emulator, answer: tuple[Response, ...], role: str, unsure: np.ndarray | None = None
+) -> Misfit:
+    """Misfit of the curves of a role: errors of the measurement and numerical error of `answer`.
+
+    Where the emulator was not settled, with what it does not know at the point `unsure` (d,).
+    """
+    models, data = [], []
+    for name, channel in fitted_curves(plan, role):
+        place = placed(plan, name, channel)
+        model, band = emulated(emulator, place)
+        d, length = curve_data(plan, place), float(place.depth.max())
+        d = d.plus(together(d.depth, numerical(plan, answer, place, d), length))
+        models.append(model)
+        data.append(d if unsure is None else d.plus(together(d.depth, band(unsure), length)))
+    return Misfit(stack(models) if len(models) > 1 else models[0], tuple(data))
+
+
+def _gap(plan: Plan, misfit: Misfit, x: np.ndarray, answer: tuple[Response, ...]) -> tuple[float, float]:
+    """Difference of the predicted and the recomputed curves: over the largest value of each, and in units of χ²."""
+    places = [placed(plan, name, channel) for name, channel in fitted_curves(plan, "fit")]
+    curves = [resample(answer[plan.case_of[p.experiment]], p, "") for p in places]
+    whole = misfit.model.predict(x[None])[0]
+    off = float(np.sum(misfit.white(whole - np.concatenate(curves)) ** 2))
+    f = np.split(whole, np.cumsum([len(c) for c in curves])[:-1])
+    top = max(float(np.abs(c).max()) for c in curves)
+    sizes = [max(float(np.abs(c).max()), 1e-4 * top) for c in curves]  # by symmetry a lateral force may be zero
+    return max(float(np.abs(a - b).max()) / s for a, b, s in zip(f, curves, sizes, strict=True)), off
+
+
+# ------------------------------------------------------------------------------------------------------ validation
+
+
+def validate(bench: Bench, j: Judged) -> tuple[tuple[CurveError, Check], ...]:
+    """Force curves kept for the end, predicted by a level, each against what a perfect model would leave there.
+
+    The parameters' own uncertainty is carried by the derivatives of the run, where the backend gives them.
+    """
+    plan, found, out = bench.plan, j.detail, []
+    box, fit = found.axes.box, found.determination.fit
+    for e in plan.study.experiments:
+        if e.role != "validate" or e.kind != "force":
+            continue
+        (answer,) = bench.run(j.level, found.axes, [plan.validation[e.name]], [found.values])
+        if isinstance(answer, str):
+            continue
+        for channel in e.compared:
+            place, response = placed(plan, e.name, channel), answer[0]
+            f = resample(response, place, "")
+            by_knob = {k: resample(response, place, k) for k, g in response.gradients.items() if channel in g}
+            slopes = found.axes.slopes(found.values, by_knob)
+            J = np.stack([slopes.get(n, np.zeros_like(f)) for n in box.names], axis=1) * slope(box, fit.x)
+            d = curve_data(plan, place)
+            d = d.plus(together(d.depth, error_at(response, place), float(place.depth.max())))
+            model = Model(box, lambda X, f=f, J=J: f + (X - fit.x) @ J.T)  # type: ignore[misc]
+            apart = ladder.simulate_elsewhere(model, (d,), fit, found.simulated.X, plan.seed)
+            share = plan.study.ladder.confidence
+            t = ladder.check(f - d.value, Misfit(model, (d,)), apart, share)
+            out += [(c, t) for c in ladder.curve_errors((d,), ("validate",), f - d.value, apart, share)]
+    return tuple(out)

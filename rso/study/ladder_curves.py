@@ -1,0 +1,62 @@
+"""The measured curves of a ladder: which there are, where, with which errors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rso.contract import Response
+from rso.emulator import Output
+from rso.identify import Data, Place, resample
+from rso.measurement import MeasuredCurve, combine
+from rso.study.plan import Plan
+
+
+def fitted_curves(plan: Plan, role: str) -> list[tuple[str, str]]:
+    """(experiment, channel) of the force curves of a role; a study always has one to fit."""
+    every = [e for e in plan.study.experiments if e.role == role and e.kind == "force"]
+    return [(e.name, c) for e in every for c in e.compared]
+
+
+def measured(plan: Plan, name: str, channel: str) -> MeasuredCurve:
+    """A channel of an experiment, its repeats combined."""
+    curve = plan.curves[name]
+    if curve.channel == channel:
+        return curve
+    return combine(plan.study.measurement(name), plan.study.experiment(name).noise.noise(), channel)
+
+
+def placed(plan: Plan, name: str, channel: str) -> Place:
+    """Where a curve was measured, from contact on."""
+    depth = measured(plan, name, channel).depth
+    return Place(name, channel, depth[depth > 0])
+
+
+def curve_data(plan: Plan, place: Place) -> Data:
+    """A measured curve with what repeats and the experimenter say about its errors."""
+    curve = measured(plan, place.experiment, place.channel)
+    keep = curve.depth > 0
+    several = len(plan.study.experiment(place.experiment).compared) > 1
+    label = f"{place.experiment} {place.channel}" if several else place.experiment
+    return Data(label, curve.unit, curve.depth[keep], curve.value[keep], curve.covariance[np.ix_(keep, keep)])
+
+
+def curve_outputs(plan: Plan) -> list[Output]:
+    """The outputs of the plan that belong to compared channels."""
+    wanted = {(e, c) for r in ("fit", "select") for e, c in fitted_curves(plan, r)}
+    return [o for o in plan.outputs if (o.experiment, o.channel) in wanted]
+
+
+def numerical(plan: Plan, answer: tuple[Response, ...], place: Place, data: Data) -> np.ndarray:
+    """Estimated numerical error (n,) at the measured depths, in proportion to the size of the measured curve."""
+    response = answer[plan.case_of[place.experiment]]
+    error = error_at(response, place)
+    largest = float(np.abs(resample(response, place, "")).max())
+    return error if largest == 0.0 else error * float(np.abs(data.value).max()) / largest
+
+
+def error_at(response: Response, place: Place) -> np.ndarray:
+    """Estimated numerical error (n,) of a channel at the measured depths; between travels it grows as u^{3/2}."""
+    curve = response.curve(place.channel)
+    used = curve.travel_mm > 0
+    u = curve.travel_mm[used]
+    return np.interp(place.depth, u, curve.error[used] / u**1.5) * place.depth**1.5

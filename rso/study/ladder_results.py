@@ -1,0 +1,164 @@
+"""`ladder.json`: a climb as plain data (layout in docs/results.md)."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import rso
+from rso import ladder
+from rso.contract import plain
+from rso.identify.verdict import physical
+from rso.ladder import Check, Judged
+from rso.study.climbing import Climbed, Fitted
+from rso.study.plan import Plan
+
+FILE, SCHEMA = "ladder.json", 1
+LENIENT = 0.999  # of perfect models leave more than this: the stated errors are larger than the data show
+
+
+def results(plan: Plan, found: Climbed, command: str) -> dict[str, Any]:
+    """Everything that the page shows and the decision rests on, as strict JSON data."""
+    climb, table = found.climb, plan.study.ladder
+    rung_of = {v.name: n for n, rung in enumerate(found.rungs) for v in rung}
+    title_of = {v.name: v.label for rung in found.rungs for v in rung}
+    share = f"{100 * table.confidence:g}"
+    return plain(
+        finite(
+            {
+                "schema": SCHEMA,
+                "study": {"title": plan.study.study.title, "file": plan.study.file.name, "seed": plan.seed,
+                          "units": plan.study.study.units},
+                "rule": ladder.RULE.format(share=share),
+                "confidence": table.confidence,
+                "draws": table.draws,
+                "chosen": climb.chosen,
+                "adequate": climb.adequate,
+                "rivals": list(climb.rivals),
+                "words": climb.words,
+                "warnings": warnings(plan, found),
+                "start": _start(plan, found),
+                "steps": [{"level": s.name, "title": title_of[s.name], "rung": s.rung, "verdict": s.verdict,
+                           "words": s.words} for s in climb.steps],
+                "levels": [_level(plan, found, j, rung_of[j.level.name]) for j in climb.judged],
+                "counts": {"runs": len(found.cost)},
+                "timings": {"wall": found.seconds, "fe_cpu": sum(found.cost.values())},
+                "provenance": {"rso": rso.__version__, "backend": plan.backend.name, "numerics": plan.backend.numerics,
+                               "command": command},
+            }
+        )
+    )  # fmt: skip
+
+
+def warnings(plan: Plan, found: Climbed) -> list[str]:
+    """What a reader must know before believing the decision."""
+    climb, said = found.climb, []
+    if climb.chosen is None:
+        return said
+    j = climb.of(climb.chosen)
+    t = j.fitted
+    assert t is not None
+    if t.p_value > LENIENT * (1 - 1 / (plan.study.ladder.draws + 1)):
+        said.append(
+            f"the fitted curves leave χ² = {t.chi2:.3g} where a perfect model leaves {t.expected:.3g} on average: the "
+            "stated errors are larger than the curves show, so that the thresholds are lenient and the ladder may stop "
+            "too early"
+        )
+    for e, t in found.validation.get(climb.chosen, ()):
+        if t.p_value < 1 - plan.study.ladder.confidence:
+            said.append(
+                f"validation: {j.level.label} misses {e.name} (NRMSE {100 * e.nrmse:.3g} %, threshold "
+                f"{100 * e.limit:.3g} %), which it did not see; with count_validation in [ladder] that curve counts in "
+                "the decision"
+            )
+    bad = [v.level.name for v in climb.judged if v.detail and v.detail.agreement > plan.study.verify.tolerance]
+    said += [f"{n}: the recomputed most likely curve is not yet its prediction" for n in bad]
+    return said
+
+
+def _start(plan: Plan, found: Climbed) -> dict[str, Any] | None:
+    if found.start is None:
+        return None
+    units = {p.name: p.unit for p in plan.backend.parameters}
+    own = {a.name: (a.low, a.high) for a in plan.resolved.axes}
+    rows = [
+        {"parameter": k, "unit": units[k], "low": low, "value": value, "high": high,
+         "study": list(own[k]) if k in own else None}
+        for k, (low, value, high) in found.start.items()
+    ]  # fmt: skip
+    return {"used": plan.study.ladder.ranges == "start", "parameters": rows}
+
+
+def _level(plan: Plan, found: Climbed, j: Judged, rung: int) -> dict[str, Any]:
+    head = {
+        "name": j.level.name, "title": j.level.label, "rung": rung, "description": j.level.description, "onto": j.onto,
+        "settings": dict(j.level.settings), "closed_form": j.level.closed_form, "problem": j.problem or None,
+    }  # fmt: skip
+    if j.problem:
+        return head
+    d: Fitted = j.detail
+    best = d.determination
+    own = {a.name for a in j.added}
+    rows = []
+    for k, known in enumerate(best.known):
+        low, high = physical(d.axes.box, k, known.profile_interval)
+        rows.append({
+            "name": known.name, "parameter": d.axes.knob[known.name], "unit": d.axes.box.units[k],
+            "range": [d.axes.box.low[k], d.axes.box.high[k]], "value": known.value, "interval": [low, high],
+            "verdict": known.verdict.word, "added": known.name in own, "story": known.story, "reason": known.reason,
+        })  # fmt: skip
+    errors = [{"curve": e.name, "role": e.role, "nrmse": e.nrmse, "threshold": e.limit} for e in j.errors]
+    checks = found.validation.get(j.level.name, ())
+    errors += [{"curve": e.name, "role": e.role, "nrmse": e.nrmse, "threshold": e.limit} for e, _ in checks]
+    return head | {
+        "parameters": rows,
+        "values": d.axes.physical(d.values),
+        "fitted": _test(j.fitted),
+        "selected": _test(j.selected),
+        "validated": [{"curve": e.name} | _test(t) for e, t in checks],  # type: ignore[operator]
+        "errors": errors,
+        "log_evidence": j.log_evidence,
+        "agreement": d.agreement,
+        "similarity": d.axes.group.why,
+        "runs": d.runs,
+        "cpu_s": d.cpu_s,
+        "curves": [
+            {
+                "name": v.name, "experiment": p.experiment, "channel": p.channel, "role": role, "unit": v.unit,
+                "depth": v.depth, "measured": v.value, "sigma": v.sigma, "predicted": f, "numerical_error": e,
+            }
+            for v, p, role, f, e in zip(d.data, d.places, d.roles, d.predicted, d.errors, strict=True)
+        ],
+    }  # fmt: skip
+
+
+def finite(data: Any) -> Any:
+    """NaN and infinities as None, arrays as lists: strict JSON has no word for them."""
+    if isinstance(data, Mapping):
+        return {k: finite(v) for k, v in data.items()}
+    if isinstance(data, list | tuple | np.ndarray):
+        return [finite(v) for v in data]
+    if isinstance(data, float | np.floating):
+        return float(data) if math.isfinite(data) else None
+    return data
+
+
+def _test(t: Check | None) -> dict[str, Any] | None:
+    if t is None:
+        return None
+    return {"chi2": t.chi2, "expected": t.expected, "limit": t.limit, "p_value": t.p_value, "points": t.points}
+
+
+def write(folder: Path, found: Mapping[str, Any]) -> Path:
+    """Write ladder.json at once or not at all."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path, part = folder / FILE, folder / f"{FILE}.part"
+    part.write_text(json.dumps(found, indent=1, ensure_ascii=False, allow_nan=False), encoding="utf-8")
+    os.replace(part, path)
+    return path

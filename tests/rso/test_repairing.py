@@ -1,0 +1,197 @@
+"""Ranges that are too narrow: what lies inside is left alone, what lies outside is found or said to be out of reach."""
+
+import dataclasses
+import itertools
+import json
+
+import indentation_backend
+import numpy as np
+import pytest
+
+import studies
+from rso.contract import knob, parameters_of
+from rso.report.numbers import report as document
+from rso.store import RunStore
+from rso.study import load, repairing, stages
+from rso.study.plan import make_plan
+
+BOX = 'mu = {{ low = {}, high = {}, scale = "log" }}\nD1 = {{ low = {}, high = {}, scale = "log" }}'
+ONE_MU = "mu = {{ low = {}, high = {} }}\nD1 = {{ value = 60 }}"
+SEARCH = studies.SECTIONS["search"].replace("repair = false\n", "")
+ONE_TARGET = 'population = 20\ngenerations = 10\ntargets = [{ experiment = "top", depth = 2 }]'
+
+
+@dataclasses.dataclass(frozen=True)
+class Bounded:
+    """Knobs of a backend that is sure of its modulus only up to 9 kPa."""
+
+    mu: float = knob("shear modulus", "MPa", 1e-5, 0.009)
+    D1: float = knob("compressibility, D1 = 2/K", "1/MPa", 0.0, 1e6, neutral=0.0)
+    radius: float = knob("radius of the sphere", "mm", 0.5, 20.0, default=3.0)
+
+
+class BoundedLayer(indentation_backend.Layer):
+    parameters = property(lambda self: parameters_of(Bounded))
+
+
+BOUNDED = BoundedLayer()
+
+
+def repair(folder, **changes):
+    """Design, surrogates and repair alone."""
+    plan = make_plan(load(studies.write(folder, **{"search": SEARCH, **changes})))
+    with RunStore(folder / "results") as store:
+        bench = stages.Bench(plan, store, studies.Inline())
+        design = stages.run_design(bench)
+        return repairing.repair(bench, design, stages.fit_surrogates(bench, design))
+
+
+def what(found):
+    return [step.what for step in found.audit]
+
+
+def ranges(found, name="mu"):
+    return next([a.low, a.high] for a in found.bench.plan.searches[0].axes if a.name == name)
+
+
+def candidates(found):
+    """Values of the last candidates."""
+    return [found.bench.plan.values(x) for x in found.proposal.choice.X]
+
+
+def test_a_target_inside_leaves_the_ranges_untouched(tmp_path):
+    """Negative control: same ranges, same runs, same answer as without repair."""
+    on = studies.run(tmp_path / "on", search=SEARCH)
+    off = studies.run(tmp_path / "off", search=f"{SEARCH}\nrepair = false")
+    assert [a["what"] for a in on["searches"][0]["audit"]] == ["kept"] and off["searches"][0]["audit"] == []
+    assert on["searches"][0]["candidates"] == off["searches"][0]["candidates"]
+    assert [r["key"] for r in on["runs"]] == [r["key"] for r in off["runs"]]
+    assert all([p["low"], p["high"]] == p["stated"] for p in on["parameters"])
+    assert "Ranges of the main search" not in json.dumps(dataclasses.asdict(document(on)))
+
+
+def test_a_modulus_outside_is_found_and_the_whole_study_follows(tmp_path):
+    low, high = 0.003, 0.006
+    text = f"{SEARCH}\n[[search.variants]]\nname = 'same'\n[[search.variants]]\nname = 'narrow'\nranges = "
+    changes = {"parameters": ONE_MU.format(low, high), "search": text + "{ mu = [0.004, 0.005] }"}
+    r = studies.run(tmp_path, **changes)
+    main, same, narrow = r["searches"]
+    assert main["reachable"] and main["verified"] and all(not c["at_bound"] for c in main["candidates"])
+    np.testing.assert_allclose(main["candidates"][0]["values"]["mu"], studies.MU, rtol=3e-3)  # the surrogate's error
+    steps = [a for a in main["audit"] if a["what"] == "widened"]
+    assert main["audit"][-1]["what"] == "done" and len(steps) == len(main["audit"]) - 1
+    assert {(s["parameter"], s["end"], s["unit"]) for s in steps} == {("mu", "high", "MPa")}
+    # Each step goes on where the last one ended, and its runs are those of the table.
+    assert steps[0]["from"] == high and steps[-1]["to"] == main["ranges"]["mu"][1]
+    assert all(a["to"] == b["from"] for a, b in itertools.pairwise(steps))
+    assert sum(s["runs"] for s in steps) == sum(run["purpose"] == "repair" for run in r["runs"])
+    # Ranges, drawings and intervals are those of the wider search, and the study file's are still told.
+    (mu,) = [p for p in r["parameters"] if p["name"] == "mu"]
+    assert mu["stated"] == [low, high] and [mu["low"], mu["high"]] == main["ranges"]["mu"]
+    assert r["surfaces"][0]["x"]["values"][0] == mu["low"] and r["surfaces"][0]["x"]["values"][-1] == mu["high"]
+    assert r["determined"]["mu"]["interval"][0] < studies.MU * 1.01
+    # Variants are searched as they are written.
+    assert same["ranges"]["mu"] == [low, high] and narrow["ranges"]["mu"] == [0.004, 0.005]
+    assert same["audit"] == narrow["audit"] == []
+    np.testing.assert_allclose(same["candidates"][0]["values"]["mu"], high, rtol=1e-6)
+    told = json.dumps(dataclasses.asdict(document(r)), ensure_ascii=False)
+    assert "Ranges of the main search" in told and main["audit"][-1]["why"] in told
+    # A second call finds everything and changes nothing.
+    again = studies.run(tmp_path, **changes)
+    assert again["counts"]["from_store"] == again["counts"]["fe_runs"]
+    assert studies.timeless(again) == studies.timeless(r) and again["timings"] == r["timings"]
+
+
+def test_without_repair_it_is_not_found(tmp_path):
+    found = repair(tmp_path, parameters=ONE_MU.format(0.003, 0.006), search=f"{SEARCH}\nrepair = false")
+    assert found.audit == () and ranges(found) == [0.003, 0.006]
+
+
+def test_a_range_too_stiff_grows_downwards(tmp_path):
+    found = repair(tmp_path, parameters=ONE_MU.format(0.024, 0.04))
+    assert what(found)[-1] == "done" and {s.end for s in found.audit[:-1]} == {"low"}
+    np.testing.assert_allclose(candidates(found)[0]["mu"], studies.MU, rtol=3e-3)
+
+
+def test_two_parameters_by_similarity(tmp_path):
+    found = repair(tmp_path, parameters=BOX.format(0.003, 0.006, 10, 150))
+    assert found.design.similar and what(found)[-1] == "done"
+    values = candidates(found)[0]
+    np.testing.assert_allclose([values["mu"], values["D1"]], [studies.MU, studies.D1], rtol=0.1)  # two targets, noise
+
+
+def test_hard_bounds_are_said_and_not_passed(tmp_path):
+    """Too soft up to its hard bound: the search must end, and no run lies beyond."""
+    found = repair(
+        tmp_path, parameters=ONE_MU.format(0.003, 0.006), backend='use = "test_repairing:BOUNDED"',
+        search=f"{SEARCH}\nrepair_limit = 1e6",
+    )  # fmt: skip
+    last = found.audit[-1]
+    assert last.what == "stopped" and "outside what any mu up to 0.009 MPa (the hard bound) reaches" in last.why
+    assert "Fz of top at 2 mm by -0.0" in last.why
+    assert ranges(found) == [0.003, 0.009] and not found.proposal.choice.reachable
+    assert max(v["mu"] for v, _ in found.bench.ended) == 0.009
+
+
+def test_the_stated_limit_ends_it(tmp_path):
+    found = repair(tmp_path, parameters=ONE_MU.format(3e-4, 6e-4), search=f"{SEARCH}\nrepair_limit = 2")
+    assert what(found)[-1] == "stopped" and "search.repair_limit = 2" in found.audit[-1].why
+    np.testing.assert_allclose(ranges(found), [3e-4, 1.2e-3], rtol=1e-12)  # 6e-4 and two widths
+    assert len(found.audit) <= 6
+
+
+def test_a_valley_goes_to_its_limit_at_once(tmp_path):
+    found = repair(tmp_path, parameters=BOX.format(0.006, 0.04, 10, 60), search=f"{ONE_TARGET}\nrepair_limit = 2")
+    assert found.proposal.choice.kind == "valley"
+    assert {(s.parameter, s.end, s.after) for s in found.audit[:-1]} == {("D1", "low", 5), ("D1", "high", 120)}
+    assert found.audit[-1].why.startswith("valley: every D1 down to 5 1/MPa (search.repair_limit = 2)")
+
+
+def test_a_valley_is_not_followed_where_the_surrogates_fail(tmp_path):
+    """Quadratic polynomials do not span three decades: ranges and surrogates are those of before again."""
+    found = repair(tmp_path, parameters=BOX.format(0.006, 0.04, 10, 60), search=ONE_TARGET)
+    assert set(what(found)) == {"widened", "taken back", "stopped"}
+    assert "surrogates miss new runs" in found.audit[-1].why
+    emulator, added = found.fitted.emulator, [r.values for r in found.fitted.added if r.purpose == "repair"]
+    assert ranges(found, "D1") == [10, 60] and (emulator.box.low[1], emulator.box.high[1]) == (10, 60)
+    assert len(added) == sum(s.runs for s in found.audit) and not any(s.values in added for s in emulator.samples)
+
+
+@pytest.mark.parametrize(("setting", "word"), [("fail_below = 0.0239", "inversion"), ("crash_above = 0.0061", "crash")])
+def test_runs_without_an_answer_bar_the_way(tmp_path, setting, word):
+    low, high = (0.024, 0.04) if word == "inversion" else (0.003, 0.006)
+    found = repair(
+        tmp_path, parameters=ONE_MU.format(low, high),
+        backend__settings=f"thickness = {studies.THICKNESS}\n{setting}",
+    )  # fmt: skip
+    assert what(found) == ["widened", "taken back", "stopped"]
+    assert f"no run has an answer: {word}" in found.audit[-1].why
+    assert ranges(found) == [low, high]
+    assert found.bench.plan.feasible(np.linspace(0, 1, 9)[:, None]).all()  # what fails outside bars nothing inside
+
+
+def test_a_failed_probe_outside_the_ranges_does_not_spoil_the_exit_code(tmp_path):
+    soft = {
+        "search": SEARCH,
+        "parameters": ONE_MU.format(0.01205, 0.013),
+        "backend__settings": f"thickness = {studies.THICKNESS}\nfail_below = 0.01204",
+    }
+    r = studies.run(tmp_path / "fails", **soft)
+    assert [x["state"] for x in r["runs"] if x["purpose"] == "repair"] == ["failed", "failed"]
+    assert r["counts"]["failed"] == 2 and r["exit_code"] == 0
+
+
+def test_targets_that_contradict_each_other_move_nothing(tmp_path):
+    search = (
+        'population = 20\ngenerations = 10\ntargets = [{ experiment = "top", depth = 2, value = "0.1 N" }, '
+        '{ experiment = "top", depth = 1, value = "0.1 N" }]'
+    )
+    found = repair(tmp_path, parameters=ONE_MU.format(0.001, 0.04), search=search)
+    assert what(found) == ["stopped"] and "wider ones would not help" in found.audit[0].why
+    assert ranges(found) == [0.001, 0.04]
+
+
+@pytest.mark.parametrize("key", ["repair = 1", "repair_limit = 1.0", 'repair = "yes"', "repair_limit = -3"])
+def test_bad_keys_are_refused(tmp_path, key):
+    with pytest.raises(ValueError, match="repair"):
+        load(studies.write(tmp_path, search=f"{SEARCH}\n{key}"))
