@@ -26,6 +26,23 @@ def hertz_force(depth: np.ndarray, radius: float, E: float, nu: float) -> np.nda
     return 4.0 / 3.0 * E / (1.0 - nu**2) * np.sqrt(radius) * np.asarray(depth) ** 1.5
 
 
+def hertz_modulus(force: np.ndarray, depth: np.ndarray, radius: float, nu: float) -> np.ndarray:
+    """E = 3F(1 − ν²)/(4 √R h^{3/2}) (MPa), the inverse of :func:`hertz_force`, from forces (N) at depths h > 0 (mm).
+
+    Source: Johnson 1985, eq. 4.23; thesis eq. 2.3.
+    """
+    return 0.75 * np.asarray(force) * (1.0 - nu**2) / (np.sqrt(radius) * np.asarray(depth) ** 1.5)
+
+
+def ellipsoid_mean_curvature(semi_axes: np.ndarray, x: np.ndarray) -> float:
+    """(κ₁ + κ₂)/2 = (a² + b² + c² − |x|²)/(2 (abc)² (x²/a⁴ + y²/b⁴ + z²/c⁴)^{3/2}) (1/mm) at x (3,) of the surface.
+
+    Source: do Carmo 1976, §3.3, exercise 21.
+    """
+    s, x = np.asarray(semi_axes, dtype=float), np.asarray(x, dtype=float)
+    return float((s @ s - x @ x) / (2.0 * np.prod(s) ** 2 * np.sum(x**2 / s**4) ** 1.5))
+
+
 def sneddon_sphere(contact_radius: np.ndarray, radius: float, E: float, nu: float) -> tuple[np.ndarray, np.ndarray]:
     """Depth h = (a/2) ln((R+a)/(R−a)) (mm) and force F (N) at contact radius a (mm) for the true sphere.
 

@@ -1,0 +1,107 @@
+"""The ladder of models that this backend offers, from Hertz's closed form to the laws with one more constant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fem_backend import analytic
+from fem_backend.experiment import Knobs, Settings
+from fem_backend.indentation import UNITS
+from rso.contract import Programme, Response
+
+NU = 0.49  # of the simple levels: ν cannot be told from them
+HELD = 3.0 * (1.0 - 2.0 * NU) / (1.0 + NU)  # D₁μ = 2μ/K at this ν
+WIDER = 1.5  # what the moduli of Hertz are multiplied and divided with for a range
+LOOSEST, TIGHTEST = 0.2, 0.4999  # ν of the ends of a range of D₁
+ONE_MORE = {  # law → the constant that it opens, and its range; moduli as shares of μ
+    "mooney_rivlin": ("C01", (0.0, 0.5), "Mooney-Rivlin", "second invariant"),
+    "yeoh": ("C20", (0.0, 0.4), "Yeoh", "first stiffening term"),
+    "ogden": ("alpha", (0.8, 12.0), "Ogden", "one term"),
+}
+
+
+def levels(settings: Mapping[str, Any]) -> tuple[tuple[dict[str, Any], ...], ...]:
+    """Rungs of a ladder as plain data, the levels of one rung side by side.
+
+    Hertz → linear elastic, both with ν = 0.49 (D₁μ held) → neo-Hookean → Mooney-Rivlin, Yeoh, Ogden with one constant
+    more.  Keys: `name`, `title`, `description`, `settings` (replace the study's), `open` (knob → range, moduli as
+    shares of μ), `hold` (knob → value, moduli likewise), `closed_form`, `extends` (the level that it is at neutral).
+    """
+    material = settings.get("material", {})
+    kept = {k: v for k, v in material.items() if k == "prony"} if isinstance(material, Mapping) else {}
+
+    def law(name: str) -> dict[str, Any]:
+        return {"settings": {"material": {**kept, "law": name}}}
+
+    hertz = {"name": "hertz", "title": "Hertz", "description": "closed form, half-space, small strain",
+             "closed_form": True, "hold": {"D1": HELD}}  # fmt: skip
+    linear = {"name": "linear_elastic", "title": "linear elasticity", "description": "small strain",
+              "hold": {"D1": HELD}, **law("linear_elastic")}  # fmt: skip
+    neo = {"name": "neo_hooke", "title": "neo-Hooke", "description": "large strain", **law("neo_hookean")}
+    more = tuple(
+        {"name": n, "title": title, "description": text, "open": {k: ends}, "extends": "neo_hooke", **law(n)}
+        for n, (k, ends, title, text) in ONE_MORE.items()
+    )
+    return ((hertz,), (linear,), (neo,), more)
+
+
+def closed_form(settings: Settings, knobs: Knobs, programme: Programme) -> Response:
+    """Fx, Fy, Fz (N) of Hertz at the asked travels of loading; every other channel is left out.
+
+    The ball meets the ellipsoid's tangent sphere of the mean curvature H: 1/R* = 1/R + H, h = s cos θ for a travel s
+    on a line that is θ off the normal.  Assumptions: half-space, small strain, no friction.  Source: Johnson 1985,
+    §4.2.
+    """
+    s = np.array(programme.asked_mm)
+    normal, R, tilt = _touch(settings)
+    K = 2.0 / knobs.D1
+    E, nu = analytic.youngs_modulus(knobs.mu, K), analytic.poisson_ratio(knobs.mu, K)
+    F = analytic.hertz_force(s * tilt, R, E, nu)
+    time = np.interp(s, *_loading(programme))
+    channels = {"time": time, "travel": s} | {f"F{axis}": F * n for axis, n in zip("xyz", normal, strict=True)}
+    return Response(channels, {k: UNITS[k] for k in channels})
+
+
+def start(settings: Settings, travel: np.ndarray, force: np.ndarray) -> dict[str, tuple[float, float, float]]:
+    """(low, value, high) of μ (MPa) and D₁ (1/MPa) from a measured Fz (n,) N over travel (n,) mm by Hertz, ν = 0.49.
+
+        E = 3F(1 − ν²)/(4 √R* h^{3/2}),   μ = E/(2(1 + ν)),   K = E/(3(1 − 2ν)),   D₁ = 2/K
+
+    The value is the least-squares one over the curve; the range of μ has the moduli of the single readings beyond a
+    tenth of the depth, a factor 1.5 wider, that of D₁ ν from 0.2 to 0.4999 with these.  ValueError if no reading is a
+    push.  Source: thesis eq. 2.3, 2.5–2.11.
+    """
+    u, F = np.asarray(travel, dtype=float), np.asarray(force, dtype=float)
+    keep = (u > 0.1 * u.max(initial=0.0)) & (F > 0)
+    if not keep.any():
+        raise ValueError("no reading beyond a tenth of the depth pushes: there is no start by Hertz")
+    normal, R, tilt = _touch(settings)
+    h, F = u[keep] * tilt, F[keep] / normal[2]
+    shape = analytic.hertz_force(h, R, 1.0, NU)
+    E, single = float(shape @ F / (shape @ shape)), analytic.hertz_modulus(F, h, R, NU)
+    value, low, high = (e / (2.0 * (1.0 + NU)) for e in (E, float(single.min()) / WIDER, float(single.max()) * WIDER))
+
+    def D1(mu: float, nu: float) -> float:
+        return 3.0 * (1.0 - 2.0 * nu) / (1.0 + nu) / mu
+
+    return {"mu": (low, value, high), "D1": (D1(high, TIGHTEST), D1(value, NU), D1(low, LOOSEST))}
+
+
+def _touch(settings: Settings) -> tuple[np.ndarray, float, float]:
+    """Outer normal (3,) where the axis meets the body, effective radius (mm), cosine of the way to the normal."""
+    s, (x, y) = settings.body.semi_axes, settings.point
+    at = np.array([x, y, s[2] * np.sqrt(1.0 - (x / s[0]) ** 2 - (y / s[1]) ** 2)])
+    normal = at / s**2
+    normal /= np.linalg.norm(normal)
+    R = 1.0 / (1.0 / settings.R + analytic.ellipsoid_mean_curvature(s, at))
+    return normal, R, 1.0 if settings.direction == "normal" else float(normal[2])
+
+
+def _loading(programme: Programme) -> tuple[np.ndarray, np.ndarray]:
+    """Travel and time up to the deepest point."""
+    t, s = np.array(programme.time_s), np.array(programme.travel_mm)
+    top = int(np.argmax(s)) + 1
+    return s[:top], t[:top]
