@@ -157,7 +157,9 @@ def posterior(h: Ready, y: np.ndarray, draws: int, rng: np.random.Generator) -> 
             continue
         # a tile says nothing beyond its own surroundings
         ξ = np.clip(local[:, 1 + j] / np.maximum(local[:, 0], 0.1), -4 * h.tiles.sd[j], 4 * h.tiles.sd[j])
-        at[:, axis] = at[:, axis] * np.exp(ξ) if log else at[:, axis] + ξ
+        # the forces of a tile are linear in the size itself: s (1 + ξ), not s exp ξ, is where they stand
+        floor = np.exp(-4 * h.tiles.sd[j])
+        at[:, axis] = at[:, axis] * np.maximum(1.0 + ξ, floor) if log else at[:, axis] + ξ
     return Posterior(h.scale * local[:, 0], at, tile, local)
 
 

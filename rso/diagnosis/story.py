@@ -66,6 +66,7 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
         "verdict": d.verdict,
         "gap": {"p_value": d.p_value, "size_over_noise": d.size_over_noise, "statistic": d.statistic,
                 "threshold": d.threshold},
+        "left": d.left,
         "jumps": {"sudden": d.jumps.sudden, "z": d.jumps.z, "experiment": d.jumps.experiment, "size": d.jumps.size,
                   "depths": list(d.jumps.depths)},
         "where": [{"experiment": r.experiment, "channel": r.channel, "region": r.region, "z": r.z,

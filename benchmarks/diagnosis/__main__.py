@@ -1,0 +1,343 @@
+"""How well a diagnosis is calibrated for the test plan of a study, on cases simulated by its library.
+
+    python benchmarks/diagnosis STUDY [--cases 2400] [--whole 40] [--pairs 40] [--store FOLDER] [--out FILE]
+                                      [--sections effects,rules,controls,next,ablations,pairs,whole]
+
+Draws causes, sizes and parameters from the priors and data from the noise of the plan, and sends each data set through
+the contests of `rso diagnose`.  The cases share tables, priors and noise with the diagnosis: this checks the inference,
+not the model of the world (for that see benchmarks/blind).  Needs the runs of `rso diagnose STUDY`, works on a copy
+of its store and writes a Markdown table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+from pathlib import Path
+
+import controls
+import numpy as np
+from cases import Cases, Table, contested, draw_cases
+from scores import Scored, baselines, covered, limit, oracle, share, slope
+
+from rso import diagnosis
+from rso.diagnosis import attribute
+from rso.diagnosis.attribute import Bench, Evidence
+from rso.diagnosis.detectable import Detectable, detectable
+from rso.diagnosis.judge import seen
+from rso.diagnosis.library import Library
+from rso.running import run_all
+from rso.store import RunStore
+from rso.study import load
+from rso.study.diagnosing import ask
+
+REPORT = Path(__file__).parents[2] / "reports" / "diagnosis_emulator.md"
+CONTROLS = 300  # cases of a control
+ABLATED = 500  # cases of an ablation
+SECTIONS = ("effects", "rules", "controls", "next", "ablations", "pairs", "whole")
+
+
+class NothingRuns(Executor):
+    """All runs are in the store, or else there is nothing to check."""
+
+    def submit(self, *_, **__):
+        raise SystemExit("runs are missing in the store: first `rso diagnose STUDY`")
+
+
+def library_of(folder: Path, store: Path) -> Library:
+    """The library of a study from a copy of its store, without what is kept for validation."""
+    asked = ask(load(folder))
+    with tempfile.TemporaryDirectory() as folder_of_copy:
+        copy = Path(folder_of_copy) / "store"
+        shutil.copytree(store, copy, ignore=shutil.ignore_patterns("*.lock", "*.html", "*.pdf"))
+        with RunStore(copy) as runs:
+            library = diagnosis.build(asked.base, asked.plan, asked.effects,
+                                      lambda t: run_all(asked.base.backend, t, runs, NothingRuns()))  # fmt: skip
+    return replace(library, plan=seen(library.plan))
+
+
+def figures(s: Scored) -> list[str]:
+    """One row: false alarms, detection, then of those found with one cause: top, set, size, wrong and sure, score."""
+    hit = s.found & s.single
+    return [share(s.found[s.null]), f"{np.mean(s.found[~s.null]):.3f}", f"{np.mean(s.top[hit]):.3f}",
+            f"{np.mean(s.class_top[hit]):.3f}", f"{np.mean(s.in_set[hit]):.3f}", f"{np.mean(s.class_set[hit]):.3f}",
+            f"{np.mean(s.sizes[hit]):.2f}", f"{np.mean(s.wrong[hit]):.3f}",
+            f"{np.mean(s.log_score[s.single | s.null]):.2f}", f"{slope(s, hit, True):.2f}"]  # fmt: skip
+
+
+HEAD = ["false alarms (95 %)", "detected", "cause on top", "or its class", "in named set", "or its class", "set size",
+        "wrong and sure", "log score", "slope"]  # fmt: skip
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> list[str]:
+    """A Markdown table."""
+    head = list(head)
+    return ["", "| " + " | ".join(head) + " |", "|" + "---|" * len(head),
+            *("| " + " | ".join(map(str, r)) + " |" for r in rows), ""]  # fmt: skip
+
+
+def by_effect(evidence: Evidence, s: Scored, before: Sequence[Detectable], seed: int) -> list[list[object]]:
+    """Effect, cases, found, limit with 50 % power as announced and as met, found at 3 × limit, on top, in set,
+    interval covers, what was named besides or instead."""
+    announced = {d.effect.name: d.limit for d in before}
+    d, out = len(evidence.bench.library.base.axes), []
+    for e in evidence.effects:
+        mine = np.array([i for i in range(len(s.truth)) if len(s.truth[i]) == 1 and s.cases.effects[i][0] is e], int)
+        if not len(mine):
+            continue
+        size = np.array([abs(s.cases.size(i, d)) for i in mine])
+        found = s.found[mine]
+        at = limit(size, found) if e.size.neutral is not None and len(mine) > 7 else np.nan
+        clear = mine[size >= 3 * at] if np.isfinite(at) else mine[:0]
+        hit = mine[found]
+        wrong: dict[str, int] = {}
+        for i in hit[~s.top[hit]]:
+            for n in s.judged[i].named or ("unexplained",):
+                if n != e.name:
+                    wrong[n] = wrong.get(n, 0) + 1
+        rival = max(wrong, key=lambda n: wrong[n]) if wrong else "–"
+        cover = "–"
+        if e.family != "scatter" and len(hit):
+            cover = f"{np.mean(covered(evidence, s, hit, [(e,)] * len(hit), True, seed)[0]):.2f}"
+        mean = lambda v, r: f"{np.mean(v[r]):.2f}" if len(r) else "–"  # noqa: E731
+        met = f"{'< ' * bool(found.all())}{at:.3g}" if np.isfinite(at) else "–"
+        said = announced.get(e.name)
+        out.append([e.name, len(mine), f"{found.mean():.2f}", "–" if said is None else f"{said:.3g}", met,
+                    f"{np.mean(s.found[clear]):.2f} ({len(clear)})" if len(clear) else "–", mean(s.top, hit),
+                    mean(s.in_set, hit), cover, rival])  # fmt: skip
+    return out
+
+
+def intervals(evidence: Evidence, s: Scored, seed: int) -> list[str]:
+    """Coverage of the size under the true hypothesis and under the chosen one."""
+    hit = [i for i in np.nonzero(s.found & s.single)[0] if s.cases.effects[i][0].family != "scatter"]
+    own = [s.cases.effects[i] for i in hit]
+    chosen = [s.judged[i].chosen.effects for i in hit]
+    loose, below = covered(evidence, s, hit, own, True, seed)
+    tight, _ = covered(evidence, s, hit, own, False, seed)
+    alone, _ = covered(evidence, s, hit, chosen, True, seed)
+    same = np.array([len(c) == 1 and c[0].name == o[0].name for c, o in zip(chosen, own, strict=True)])
+    return ["", f"90 % interval of the size holds the truth: under the true cause {share(loose)}, truth below it "
+            f"{np.mean(below):.3f}; without looseness {share(tight)}; under the chosen cause where that is right "
+            f"{share(alone[same])}, over all found {np.mean(alone):.3f}.", ""]  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("study", type=Path)
+    parser.add_argument("--cases", type=int, default=2400)
+    parser.add_argument("--whole", type=int, default=40, help="cases of the complete diagnosis")
+    parser.add_argument("--pairs", type=int, default=40, help="cases of the contest with pairs")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--store", type=Path)
+    parser.add_argument("--out", type=Path, default=REPORT)
+    parser.add_argument("--sections", default=",".join(SECTIONS))
+    o = parser.parse_args()
+    wanted = o.sections.split(",")
+    began = time.process_time()
+    library = library_of(o.study, o.store or o.study / "results")
+    y = library.plan.values()
+    bench = attribute.set_up(library, y)
+    evidence = Evidence(bench, library.effects)
+    before = detectable(evidence, y, o.seed)
+    source = {e.name: e.source for e in library.effects}
+    classes: dict[str, frozenset[str]] = {}
+    for d in before:
+        mine = classes.get(d.effect.source, frozenset({d.effect.source}))
+        classes[d.effect.source] = mine | {source[n] for n in d.confused_with}
+    threshold = controls.threshold_of(evidence, y, o.seed + 1)
+    cases = draw_cases(bench, y, o.cases, o.seed + 2)
+    own = Table(evidence, cases.Y)
+    s = controls.scored(evidence, y, cases, classes, o.seed, threshold=threshold, table=own)
+    lines = [
+        "# Diagnosis on cases of its own library", "",
+        f"`python benchmarks/diagnosis {' '.join(sys.argv[1:])}` (seed {o.seed})", "",
+        f"{o.cases} cases ({s.null.sum()} without a gap, {s.single.sum()} with one cause, "
+        f"{(~s.null & ~s.single).sum()} with two) of {len(library.effects)} effects, {len(y)} values of "
+        f"{len(library.plan.tests)} curves and {len(library.plan.profiles)} profiles.  Sizes are log-uniform over the "
+        "plausible ranges, so that many are too small to be seen.  Threshold of ln Bayes factor "
+        f"{threshold:.2f}.  Columns from *cause on top* to *wrong and sure* count the cases found that have one cause; "
+        "a class holds what the plan cannot tell apart, as computed before any data; *slope* is that of the outcome on "
+        "logit P among causes (1: calibrated).",
+    ]  # fmt: skip
+
+    def say(more: Iterable[str]) -> None:
+        more = list(more)
+        lines.extend(more)
+        print("\n".join(more), flush=True)
+        o.out.parent.mkdir(parents=True, exist_ok=True)
+        tail = f"CPU {time.process_time() - began:.0f} s, one thread."
+        o.out.write_text("\n".join([*lines, "", tail, ""]), encoding="utf-8")
+
+    say(["", "## Inference", *table(["variant", *HEAD], [["as it is", *figures(s)]])])
+    both = s.single | s.null
+    named = np.mean(one_of_two(s))
+    say(
+        [
+            f"Mean log score of the prior alone {np.mean(s.log_prior[both]):.2f}; slope over all hypotheses, no gap "
+            f"among them, at the frequencies of these cases {slope(s, both, False):.2f}.  Causes of pairs: found "
+            f"{np.mean(s.found[~both]):.2f}, one of both named in {named:.2f} of those found.",
+            *intervals(evidence, s, o.seed),
+            *reliability(s),
+        ]
+    )
+    if "effects" in wanted:
+        head = ["effect", "cases", "found", "limit announced", "limit met", "found at 3 × limit", "on top", "in set",
+                "interval covers", "most often instead"]  # fmt: skip
+        say(["## By effect", "", "Limits are size coordinates: deviations from neutral, of ratios their logarithm.",
+             *table(head, by_effect(evidence, s, before, o.seed))])  # fmt: skip
+    if "rules" in wanted:
+        beside(say, own, s)
+    if "controls" in wanted:
+        checks(say, bench, evidence, own, s, y, threshold, o.seed)
+    if "next" in wanted:
+        decisive(say, evidence, s, o.seed)
+    if "ablations" in wanted:
+        without(say, bench, cases, y, classes, o.seed)
+    if "pairs" in wanted:
+        with_pairs(say, own, s, o.pairs)
+    if "whole" in wanted:
+        complete(say, library, s, o.whole, o.seed)
+
+
+def without(say, bench: Bench, cases: Cases, y: np.ndarray, classes, seed: int) -> None:
+    """Twice the noise, and the method without one of its parts, on the same cases."""
+    few = cases.picked(range(0, len(cases.Y), max(1, len(cases.Y) // ABLATED)))
+    evidence = Evidence(bench, bench.library.effects)
+    variants = {"as it is": lambda: controls.scored(evidence, y, few, classes, seed),
+                "noise doubled": lambda: controls.noisier(bench, y, few, classes, seed),
+                **controls.ablations(bench, y, few, classes, seed)}  # fmt: skip
+    rows = [[name, *figures(run())] for name, run in variants.items()]
+    say(["## Without a part of it", "", f"{len(few.Y)} of the cases.", *table(["variant", *HEAD], rows)])
+
+
+def one_of_two(s: Scored) -> list[bool]:
+    """Of pairs found: whether one of both causes is named."""
+    rows = np.nonzero(s.found & ~s.single & ~s.null)[0]
+    return [bool(set(s.truth[i]) & s.named[i]) for i in rows]
+
+
+def reliability(s: Scored) -> list[str]:
+    """Right causes by stated probability of the cause on top, of those found."""
+    hit = np.nonzero(s.found & s.single)[0]
+    stated = np.array([max((v for k, v in s.probability[i].items() if len(k) == 1), default=0.0) for i in hit])
+    edges = [0, 0.5, 0.7, 0.9, 0.99, 1.01]
+    rows = []
+    for a, b in itertools.pairwise(edges):
+        m = (stated >= a) & (stated < b)
+        if m.any():
+            rows.append([f"{a:g}–{min(b, 1):g}", m.sum(), f"{stated[m].mean():.3f}", share(s.top[hit][m])])
+    return table(["probability of the cause on top", "cases", "mean", "right"], rows)
+
+
+def beside(say, own: Table, s: Scored) -> None:
+    """Simpler rules and the oracle on the same cases."""
+    rows = [i for i in np.nonzero(s.single)[0] if s.cases.effects[i][0].family != "scatter"]
+    part = s.cases.picked(rows)
+    found, top = s.found[rows], s.top[rows]
+    rules = {"this diagnosis": top, "closest imitations known (oracle)": oracle(own, part), **baselines(own, part)}
+    prior = 1 / len({e.source for e in own.effects})
+    say(["## Beside simpler rules", "", "Cause on top, of cases with one cause that is not scatter.",
+         *table(["rule", "found", "all"], [
+             *([k, f"{v[found].mean():.3f}", f"{v.mean():.3f}"] for k, v in rules.items()),
+             ["prior only", f"{prior:.3f}", f"{prior:.3f}"]])])  # fmt: skip
+
+
+def checks(say, bench: Bench, evidence: Evidence, own: Table, s: Scored, y, threshold: float, seed: int):
+    """Residuals permuted, cause taken out, cause twice, data taken away."""
+    clear = [i for i in np.nonzero(s.found & s.single)[0] if s.cases.effects[i][0].family != "scatter"]
+    few = clear[:: max(1, len(clear) // CONTROLS)]
+
+    def count(v: Iterable[str]) -> list[str]:
+        v = np.array(list(v))
+        kinds = ("no_gap", "unexplained", "partly", "ambiguous", ("explained", "measurement"))
+        return [f"{np.mean(np.isin(v, k)):.3f}" for k in kinds] + [str(len(v))]
+
+    verdicts = ["no gap", "unexplained", "partly", "ambiguous", "one cause, sure", "cases"]
+    out = controls.taken_out(own, s.cases, threshold, clear)
+    rows = [["as it is", *count(s.verdict[clear])],
+            ["residuals permuted", *count(controls.permuted(evidence, s.cases.picked(few), threshold, seed))],
+            ["true effect not in the catalogue", *count(v for o in out.values() for v in o)],
+            ["true effect twice in it", *count(controls.with_twin(own, s.cases, threshold, clear))]]  # fmt: skip
+    say(["## Controls", *table(["cases found, one cause", *verdicts], rows),
+         "Not in the catalogue, by source:",
+         *table(["taken out", *verdicts], [[k, *count(v)] for k, v in out.items()])])  # fmt: skip
+    part = s.cases.picked([i for i in np.nonzero(s.single)[0] if s.cases.effects[i][0].family != "scatter"])
+    away = controls.taken_away(bench, y, part)
+    full = away["everything"][0]
+    rows = [[k, n, f"{np.mean(p):.3f}", f"{np.mean(p - full):+.3f} ± {2 * np.std(p - full) / np.sqrt(len(p)):.3f}"]
+            for k, (p, n) in away.items()]  # fmt: skip
+    say(["Probability of the right cause given a gap, all cases with one cause that is not scatter:",
+         *table(["data", "values", "mean P", "against everything"], rows)])  # fmt: skip
+
+
+def decisive(say, evidence: Evidence, s: Scored, seed: int) -> None:
+    """Whether the next test resolves an ambiguous set."""
+    rows = np.nonzero(s.single & (s.verdict == "ambiguous"))[0]
+    rows = [i for i in rows if s.cases.effects[i][0].family != "scatter"]
+    found = controls.next_tests(evidence, s, rows, seed)
+    say(["## Next test", "", "Ambiguous sets that hold the truth; resolved: after one more test the right cause has "
+         "0.95 of the probability within the set.",
+         *table(["test", "resolved"], [[k, share(v)] for k, v in found.items()])])  # fmt: skip
+
+
+def with_pairs(say, own: Table, s: Scored, count: int) -> None:
+    """Figures with pairs of survivors in the contest, beside those without, for some cases."""
+    two = list(np.nonzero(s.found & ~s.single & ~s.null)[0])
+    one = list(np.nonzero(s.found & s.single)[0])
+    rows = [*two[: count // 2], *one[:: max(1, len(one) // max(count - count // 2, 1))][: count - count // 2]]
+    if not rows:
+        return
+    began = time.process_time()
+    part = s.cases.picked(rows)
+    first = {i: s.contests[i] for i in rows}
+    after = Scored(part, contested(own, rows, first, True), -np.inf, {})
+    out = []
+    for name, m in (("two causes", ~after.single), ("one cause", after.single)):
+        if m.any():
+            old = np.array(rows)[m]
+            both = [(getattr(s, k)[old], getattr(after, k)[m]) for k in ("top", "in_set", "sizes", "wrong")]
+            out.append([name, m.sum(), *(f"{np.mean(v):.2f}" for pair in both for v in pair)])
+    cost = (time.process_time() - began) / len(rows)
+    head = [f"{v}, {w} pairs" for v in ("on top", "in set", "set size", "wrong and sure") for w in ("without", "with")]
+    say(["## With pairs of survivors", *table(["truth", "cases", *head], out), f"{cost:.1f} s CPU a case."])
+
+
+def complete(say, library: Library, s: Scored, count: int, seed: int) -> None:
+    """The complete diagnosis of some cases beside the contest alone."""
+    rows = np.linspace(0, len(s.truth) - 1, min(count, len(s.truth))).astype(int)
+    if not len(rows):
+        return
+    found, cost = controls.whole(library, s.cases, rows, seed)
+    source = {e.name: e.source for e in library.effects}
+    out = []
+    for name, m in (("none", s.null[rows]), ("one cause", s.single[rows])):
+        own = [(d, i) for d, i, k in zip(found, rows, m, strict=True) if k]
+        if not own:
+            continue
+        hit = [(d, i) for d, i in own if d.verdict != "no_gap" and s.truth[i]]
+        named = [set(s.truth[i]) <= {source[n] for n in d.named} for d, i in hit]
+        causes = ("explained", "measurement", "ambiguous")
+        lost = [d.verdict == "unexplained" and s.verdict[i] in causes for d, i in hit]
+        out.append([name, len(own), sum(d.verdict != "no_gap" for d, _ in own), sum(s.found[i] for _, i in own),
+                    sum(named), sum(s.in_set[i] for _, i in hit), sum(lost),
+                    sum(d.verdict in ("explained", "measurement") and set(s.truth[i]) != {source[n] for n in d.named}
+                        for d, i in own)])  # fmt: skip
+    say(["## The complete diagnosis", *table(["truth", "cases", "found", "found by the contest", "truth named",
+                                              "named by the contest", "lost to the held-out check", "wrong and sure"],
+                                             out), f"{cost:.1f} s CPU a case."])  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
