@@ -32,6 +32,11 @@ def jobs() -> dict[str, tuple[str, list[tuple[dict, Case]], bool]]:
     def case(programme: Programme | None = None, level: str = "coarse", **settings: object) -> Case:
         return Case("speed", programme or Programme.ramp(ASKED), {"mesh": {"level": level}, **settings})
 
+    grid = tuple(0.5 * k for k in range(1, 9))
+    mark = {"profile": [[float(x), 5.0] for x in range(-30, 31, 5)]}
+    example = [case(Programme.ramp(grid), **mark), case(Programme.ramp((*grid, 5.0, 6.2)))]
+    example += [case(Programme((0, 4 / v, 8 / v), (0, 4, 0), grid)) for v in (1 / 6, 0.5, 5 / 3)]
+    example += [case(Programme.ramp(grid), point=p) for p in ([2.5, 2.5], [20.0, 0.0])]
     relaxing = SET1 | {"prony_g": 0.3, "prony_tau": 8.0}
     plan = [(relaxing, case(c)) for c in (Programme.ramp(ASKED), *CYCLES)]
     plan += [(relaxing, case(Programme.ramp((1.0, 2.0, 3.0)), point=p)) for p in ([2.5, 2.5], [20.0, 0.0])]
@@ -46,8 +51,18 @@ def jobs() -> dict[str, tuple[str, list[tuple[dict, Case]], bool]]:
         "bowl with friction": ("5 s at 1 %", [(SET1, case(**BOWL))], False),
         "friction 0.3": ("", [(SET1 | {"friction": 0.3}, case())], False),
         "Prony, three cycles": ("10 s at 1 %", [(relaxing, case(c)) for c in CYCLES], False),
+        "example, elastic": ("60 s at 1 %", distinct([(SET1, c) for c in example]), False),
         "plan of six tests": ("60 s at 1 %", plan, False),
     }
+
+
+def distinct(runs: list[tuple[dict, Case]]) -> list[tuple[dict, Case]]:
+    """The runs that a study would compute: what is the same in its canonical form, only once."""
+    known = {}
+    for values, case in runs:
+        kept, plain = BACKEND.canonical(values, case)
+        known.setdefault(repr((sorted(kept.items()), plain.settings, plain.programme)), (kept, plain))
+    return list(known.values())
 
 
 def anchored(values: dict, case: Case, folder: Path) -> Case:

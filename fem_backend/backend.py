@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import platform
+import time
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from fem_backend import anchors, experiment, indentation, linsolve, meshing
+from fem_backend import anchors, experiment, indentation, levels, linsolve, meshing, nested
 from fem_backend import model as modelling
 from fem_backend.errors import stated
 from fem_backend.experiment import SWITCHES, Knobs, Settings
@@ -96,6 +97,20 @@ class FiniteElements:
         bowl = {"settings": {"support": {"kind": "bowl"}}, "group": "bowl", "description": "in a bowl instead of held"}
         return {"bowl": bowl}
 
+    def levels(self, settings: Mapping[str, Any]) -> tuple[tuple[Mapping[str, Any], ...], ...]:
+        """Models from simple to rich, alternatives side by side; see :func:`fem_backend.levels.levels`."""
+        return levels.levels(settings)
+
+    def closed_form(self, values: Mapping[str, float], case: Case) -> Response:
+        """Hertz's answer to the same case, for no cost; see :func:`fem_backend.levels.closed_form`."""
+        self.check(case)
+        settings = experiment.read_settings(case.settings)
+        return levels.closed_form(settings, self.knobs(values, settings), case.programme)
+
+    def start(self, case: Case, travel: np.ndarray, force: np.ndarray) -> Mapping[str, tuple[float, float, float]]:
+        """(low, value, high) of mu and D1 by Hertz, before any simulation; see :func:`fem_backend.levels.start`."""
+        return levels.start(experiment.read_settings(case.settings), travel, force)
+
     def check(self, case: Case) -> None:
         """Raise ValueError for settings or programmes that are not modelled."""
         settings = experiment.read_settings(case.settings)
@@ -168,9 +183,14 @@ class FiniteElements:
         try:
             placement = modelling.place(settings, knobs)
             model = modelling.model_for(settings, knobs, placement, None if path is None else str(path))
-            guess = None if anchor is None else anchors.guess(str(anchor), model)
             instants, slopes = passages(case.programme), differentiable(settings, knobs)
+            guess, started = None if anchor is None else anchors.guess(str(anchor), model), time.process_time()
+            elastic = not path_dependent(settings, dataclasses.asdict(knobs))
+            if guess is None and elastic and nested.worthwhile(settings, knobs):
+                guess = nested.guess(settings, knobs, placement, model, instants)
+            before = time.process_time() - started
             result = indentation.solve(settings, knobs, placement, model, instants, guess, slopes)
+            result = dataclasses.replace(result, cpu_s=result.cpu_s + before)
         except NotModelled as error:
             raise SimulationFailed(error.cause, str(error)) from error
         except Stopped as stopped:

@@ -7,6 +7,8 @@ about four times faster.  Both are exact to round-off, so the choice does not en
 from __future__ import annotations
 
 import functools
+import importlib.metadata
+import os
 import weakref
 from collections.abc import Callable
 
@@ -16,12 +18,17 @@ from scipy.sparse.linalg import splu
 
 from fem_backend.element import Pattern
 
+EXACT = 1e-12  # relative correction at which a solution counts as that of double precision
+ROUGH = 1e-2  # accuracy that a factor in single precision has without a check
+SLOW = 0.1  # ratio of two corrections beyond which a matrix is factorised in double
+POOR = 2  # such matrices after which single precision is given up
+
 
 class NotPositiveDefinite(ArithmeticError):
     """The matrix has a pivot that is not positive."""
 
 
-Solve = Callable[[np.ndarray], np.ndarray]
+Solve = Callable[..., np.ndarray]  # b → x, or (b, accuracy) → x
 Factor = Callable[[np.ndarray], Solve]
 
 
@@ -34,15 +41,16 @@ def solver(pattern: Pattern, prefer: str = "auto") -> Factor:
     if prefer not in ("auto", "pardiso", "superlu"):
         raise ValueError(f"solver {prefer!r} is unknown; choose auto, pardiso or superlu")
     if prefer != "superlu" and (prefer == "pardiso" or available() == "pardiso"):
-        return _Pardiso(pattern).factor
+        return _Mixed(pattern, _Pardiso(pattern).factor).factor
     if not pattern.symmetric:
-        return functools.partial(_superlu_general, pattern)
-    return functools.partial(_superlu, pattern, _mirror(pattern))
+        return _Mixed(pattern, functools.partial(_superlu_general, pattern)).factor
+    return _Mixed(pattern, functools.partial(_superlu, pattern, _mirror(pattern))).factor
 
 
 @functools.cache
 def available() -> str:
     """The solver that `auto` takes on this machine."""
+    _point_to_mkl()
     try:
         import pypardiso
 
@@ -50,6 +58,19 @@ def available() -> str:
     except (ImportError, OSError):
         return "superlu"
     return "pardiso"
+
+
+def _point_to_mkl() -> None:
+    """Tell pypardiso where MKL is: it looks through all files of the installation, 0.8 s at every matrix."""
+    if "PYPARDISO_MKL_RT" in os.environ:
+        return
+    try:
+        files = importlib.metadata.files("mkl") or []
+    except importlib.metadata.PackageNotFoundError:
+        return  # installed in another way: pypardiso will look for it
+    found = sorted(str(f.locate()) for f in files if "mkl_rt" in f.name and f.suffix != ".lib")
+    if found and os.path.exists(found[0]):
+        os.environ["PYPARDISO_MKL_RT"] = found[0]
 
 
 def _mirror(pattern: Pattern) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -82,42 +103,112 @@ def _superlu_general(pattern: Pattern, data: np.ndarray) -> Solve:
         raise NotPositiveDefinite(str(error)) from error
 
 
+class _Mixed:
+    """Factors in single precision, solutions in double: iterative refinement (Wilkinson 1963; Higham 2002, §12).
+
+    Single factors take 0.6 of the time and half of the memory.  What they say is checked in double: a matrix that they
+    refuse, or whose refinement is slow, is factorised in double, and after two of those all are.
+    """
+
+    def __init__(self, pattern: Pattern, factor: Factor) -> None:
+        self._pattern, self._factor, self._poor = pattern, factor, 0
+
+    def factor(self, data: np.ndarray) -> Solve:
+        if self._poor >= POOR:
+            return _exactly(self._factor(data))
+        size = float(np.abs(data).max()) or 1.0
+        try:
+            rough = self._factor((data / size).astype(np.float32))
+        except NotPositiveDefinite:
+            exact = _exactly(self._factor(data))  # in double the matrix may be definite, and if not, this raises
+            self._poor += 1
+            return exact
+        upper = sparse.csr_matrix((data, self._pattern.indices, self._pattern.indptr), shape=2 * (self._pattern.size,))
+        state = {"exact": None}
+
+        def solve(b: np.ndarray, accuracy: float = EXACT) -> np.ndarray:
+            if state["exact"] is None:
+                x = self._refined(upper, rough, size, b, accuracy)
+                if x is not None:
+                    return x
+                self._poor += 1
+                state["exact"] = self._factor(data)
+            return state["exact"](b)
+
+        return solve
+
+    def _refined(
+        self, upper: sparse.csr_matrix, rough: Solve, size: float, b: np.ndarray, accuracy: float
+    ) -> np.ndarray | None:
+        """x with K x = b, or None where the corrections do not shrink."""
+        scale = float(np.abs(b).max()) or 1.0
+        x, last, rate, r = np.zeros_like(b), 0.0, 1.0, b
+        diagonal = upper.data[self._pattern.diagonal]
+        while True:
+            step = rough((r / scale).astype(np.float32)).astype(float) * (scale / size)
+            x = x + step
+            now, whole = float(np.linalg.norm(step)), float(np.linalg.norm(x))
+            if last:
+                rate = now / last
+                if not rate <= SLOW:
+                    return None
+            if accuracy >= ROUGH or now * rate <= accuracy * whole:  # the next correction would be this small
+                return x
+            last = now
+            r = upper @ x
+            if self._pattern.symmetric:
+                r += upper.T @ x - diagonal * x
+            r = b - r
+            scale = float(np.abs(r).max()) or 1.0
+
+
+def _exactly(solve: Solve) -> Solve:
+    """A solution in double precision is always accurate."""
+    return lambda b, accuracy=0.0: solve(b)
+
+
 class _Pardiso:
-    """Pardiso, matrix type 2 (SPD) or 1 (symmetric pattern, any values), analysis kept between factorisations."""
+    """Pardiso, matrix type 2 (SPD) or 1 (symmetric pattern, any values), one analysis for each precision."""
 
     def __init__(self, pattern: Pattern) -> None:
+        _point_to_mkl()
         import pypardiso
 
         self._error = pypardiso.pardiso_wrapper.PyPardisoError
-        self._solver = pypardiso.PyPardisoSolver(mtype=2 if pattern.symmetric else 1)
-        self._solver.set_iparm(1, 1)  # all parameters are given here
-        self._solver.set_iparm(2, 2)  # METIS
-        self._solver.set_iparm(10, 13)
-        self._solver.set_iparm(24, 0)
-        self._solver.set_iparm(35, 0)
-        self._shape = (pattern.size, pattern.size)
         self._pattern = pattern
-        self._analysed = False
-        # a full model's factors are 0.1 to 0.4 GB outside Python's sight; not at exit, when modules are half gone
-        weakref.finalize(self, _free, self._solver).atexit = False
+        self._solvers: dict[type, object] = {}
 
-    def _call(self, phase: int, data: np.ndarray, b: np.ndarray) -> np.ndarray:
-        matrix = sparse.csr_matrix((data, self._pattern.indices, self._pattern.indptr), shape=self._shape)
-        self._solver.set_phase(phase)
-        return self._solver._call_pardiso(matrix, b)
+    def _solver(self, dtype: type) -> tuple[object, bool]:
+        """The solver of a precision, and whether it is new."""
+        if dtype in self._solvers:
+            return self._solvers[dtype], False
+        import pypardiso
+
+        solver = pypardiso.PyPardisoSolver(mtype=2 if self._pattern.symmetric else 1)
+        for place, value in ((1, 1), (2, 2), (10, 13), (24, 0), (35, 0), (28, int(dtype is np.float32))):
+            solver.set_iparm(place, value)  # 1: all are given here; 2: METIS; 28: precision
+        self._solvers[dtype] = solver
+        # a full model's factors are 0.1 to 0.4 GB outside Python's sight; not at exit, when modules are half gone
+        weakref.finalize(self, _free, solver).atexit = False
+        return solver, True
+
+    def _call(self, solver: object, phase: int, data: np.ndarray, b: np.ndarray) -> np.ndarray:
+        matrix = sparse.csr_matrix((data, self._pattern.indices, self._pattern.indptr), shape=2 * (self._pattern.size,))
+        solver.set_phase(phase)  # type: ignore[attr-defined]
+        return solver._call_pardiso(matrix, b)  # type: ignore[attr-defined]
 
     def factor(self, data: np.ndarray) -> Solve:
-        empty = np.zeros(self._shape[0])
-        if not self._analysed:
-            self._call(11, data, empty)
-            self._analysed = True
+        solver, new = self._solver(data.dtype.type)
+        empty = np.zeros(self._pattern.size, data.dtype)
+        if new:
+            self._call(solver, 11, data, empty)
         try:
-            self._call(22, data, empty)
+            self._call(solver, 22, data, empty)
         except self._error as error:
             if error.value == -4:
                 raise NotPositiveDefinite("negative pivot") from error
             raise
-        return lambda b: self._call(33, data, np.asfortranarray(b))
+        return lambda b: self._call(solver, 33, data, np.asfortranarray(b))
 
 
 def _free(solver: object) -> None:

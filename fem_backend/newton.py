@@ -12,10 +12,14 @@ from fem_backend import contact, element, stress
 from fem_backend.contact import ContactState, Pair, Touch
 from fem_backend.element import Body
 from fem_backend.laws import Material
-from fem_backend.linsolve import Factor, NotPositiveDefinite, Solve
+from fem_backend.linsolve import EXACT, ROUGH, Factor, NotPositiveDefinite, Solve
 from fem_backend.stress import History
 
 FAR = 0.3  # relative residual above which the negative contact term is left out: it would only spoil the matrix
+
+CHORD = 0.1  # of the residual may be left by a step with an old factor
+NEAR = 0.05  # relative residual below which an old factor is tried
+Known = tuple[Solve, np.ndarray]  # a factor and ∂R/∂s that went with it
 
 
 class NotConverged(ArithmeticError):
@@ -111,6 +115,7 @@ class Equilibrium:
     rate: np.ndarray
     history: tuple[float, ...] = field(default=())
     linear: Callable[[np.ndarray], np.ndarray] | None = field(default=None, repr=False)
+    known: Known | None = field(default=None, repr=False)
 
 
 def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
@@ -195,35 +200,46 @@ def full(body: Body, v: np.ndarray) -> np.ndarray:
 
 
 def solve(
-    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = 40
-) -> Equilibrium:
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = 40,
+    known: Known | None = None,
+) -> Equilibrium:  # fmt: skip
     """Equilibrium from the start u (n, 3): |R| ≤ tolerance · |outer forces|, over free dofs.
 
-    Raises NotConverged (instability, contact, inversion or time_limit) after `limit` iterations or a failed line
+    With `known`, the factor of a state nearby, and close to the solution a factor is used as long as each step with it
+    leaves less than `CHORD` of the residual (chord method: a solution costs a twentieth of a factorisation).  Only for
+    bodies whose answer does not depend on the iterates.
+    Raises NotConverged (instability, contact, inversion or time_limit) after `limit` factorisations or a failed line
     search.
     """
     body, history = system.body, []
+    factor, moving = known or (None, None)
+    fresh, allowed, accuracy = False, limit, EXACT if known is None else ROUGH
     try:
         at = evaluate(system, u, load)
     except stress.Inverted as error:
         raise NotConverged("inversion", str(error), ()) from None
-    for _ in range(limit):
+    while limit > 0:
         R = reduced(body, at.residual)
         norm = float(np.linalg.norm(R))
         history.append(norm / at.scale if at.scale > 0 else float(norm > 0))
         if time.process_time() > counters.deadline:
             raise NotConverged("time_limit", "the time of the run is used up", tuple(history))
-        if history[-1] > tolerance or len(history) == 1:
+        lazy = known is not None and factor is not None
+        if lazy and len(history) > 1:
+            lazy = history[-1] < (CHORD if not fresh else 0.3) * history[-2] and history[-1] < NEAR
+        if not lazy and (history[-1] > tolerance or len(history) == 1):
             factor, moving = factorise(system, at, load, counters, history[-1] < FAR)
+            limit -= 1
+        fresh = not lazy
         if history[-1] <= tolerance:  # rate and sensitivities: the last factor is good enough
-            linear = lambda v, factor=factor: full(body, factor(reduced(body, v)))  # noqa: E731
-            return Equilibrium(at, -linear(moving), tuple(history), linear)
+            linear = lambda v, factor=factor: full(body, factor(reduced(body, v), accuracy))  # noqa: E731
+            return Equilibrium(at, -linear(moving), tuple(history), linear, (factor, moving))
         counters.iterations += 1
-        step = factor(-R)
+        step = factor(-R, accuracy)
         exact = load.conservative and (history[-1] > 1e-2 or not any(t.before for t in load.touches))
         search = _descend if exact else _balance
         at = search(system, at, full(body, step), float(R @ step), load, counters, history)
-    raise NotConverged("contact", f"no equilibrium after {limit} iterations", tuple(history))
+    raise NotConverged("contact", f"no equilibrium after {allowed} iterations with new factors", tuple(history))
 
 
 def _descend(

@@ -10,9 +10,10 @@ import numpy as np
 
 from fem_backend import contact, newton
 from fem_backend.contact import Before
-from fem_backend.newton import Counters, Equilibrium, Evaluation, Load, NotConverged, System
+from fem_backend.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
 
 MOVES = 12  # on a tether, at most
+NOTHING = (None, None)  # no factor is known, old ones may be used
 SEATING = (1e5, 1e4, 1e3, 1e2, 1e1, 1.0)  # factors of the grounding springs until the support carries the body
 
 
@@ -108,8 +109,9 @@ Watch = Callable[[Stage, bool], None]  # called at each stage, and whether it is
 
 
 def find(
-    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = 40
-) -> Equilibrium:
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = 40,
+    known: Known | None = None,
+) -> Equilibrium:  # fmt: skip
     """Equilibrium from u (n, 3); a body in a bowl that is lost is led there on a tether.
 
     Each solution on the tether is where the next one is tied to (proximal point method, Rockafellar 1976), the tether
@@ -117,7 +119,7 @@ def find(
     small moves.  Raises NotConverged.
     """
     try:
-        return newton.solve(system, u, load, tolerance, counters, limit)
+        return newton.solve(system, u, load, tolerance, counters, limit, known)
     except NotConverged as error:
         if system.springs is None or error.cause == "time_limit":
             raise
@@ -170,17 +172,21 @@ def travel(
         offered = guess(target) if guess is not None else None
         if offered is not None:
             try:
-                points.append(_settle(system, offered, start(target), target, control, counters, watch=watch))
+                points.append(
+                    _settle(system, offered, start(target), target, control, counters, watch=watch, known=NOTHING)
+                )
             except NotConverged as error:
                 if error.cause == "time_limit":
                     raise _stopped(error, target, points, counters) from error
             else:
                 u, rate, here = _end(points[-1], target)
                 continue
+        known = NOTHING
         while here < target - 1e-12:
             goal = target if here + 1.2 * step >= target else here + step
             try:
-                found = find(system, u + (goal - here) * rate, start(goal), control.loose, counters, limit=15)
+                guessed = u + (goal - here) * rate
+                found = find(system, guessed, start(goal), control.loose, counters, limit=15, known=NOTHING)
             except NotConverged as error:
                 counters.cutbacks += 1
                 step = 0.5 * (goal - here)
@@ -192,8 +198,9 @@ def travel(
             easy = len(found.history) <= 5
             step = min((goal - here) * (1.6 if easy else 1.0), control.largest) if goal < target else step
             u, rate, here = found.evaluation.u, found.rate, goal
+            known = found.known
         try:
-            points.append(_settle(system, u, start(target), target, control, counters, watch=watch))
+            points.append(_settle(system, u, start(target), target, control, counters, watch=watch, known=known))
         except NotConverged as error:
             raise _stopped(error, target, points, counters) from error
         u, rate, here = _end(points[-1], target)
@@ -201,7 +208,9 @@ def travel(
 
 
 def _end(point: Point, travel: float) -> tuple[np.ndarray, np.ndarray, float]:
-    return point.evaluation.u, point.stages[-1].equilibrium.rate, travel
+    """State, rate and travel to go on from: those before the multipliers, which the next step does not have."""
+    first = point.stages[0].equilibrium
+    return first.evaluation.u, first.rate, travel
 
 
 def _stopped(error: NotConverged, here: float, points: list[Point], counters: Counters) -> Stopped:
@@ -212,13 +221,14 @@ def _stopped(error: NotConverged, here: float, points: list[Point], counters: Co
 
 def _settle(
     system: System, u: np.ndarray, load: Load, target: float, control: Control, counters: Counters,
-    time: float = 0.0, watch: Watch | None = None,
+    time: float = 0.0, watch: Watch | None = None, known: Known | None = None,
 ) -> Point:  # fmt: skip
-    """Tight equilibrium at an asked travel, multipliers λ ← p a fixed number of times (Uzawa)."""
+    """Tight equilibrium at an asked travel, multipliers λ ← p a fixed number of times (Uzawa); `known` as in Newton."""
     stages: list[Stage] = []
     for k in range(control.augmentations + 1):
-        tolerance = control.tight if k == control.augmentations else control.medium
-        found = find(system, u, load, tolerance, counters)
+        tolerance = control.tight if k == control.augmentations or known is not None else control.medium
+        found = find(system, u, load, tolerance, counters, known=known)
+        known = found.known if known is not None else None
         stages.append(Stage(found, load))
         if watch is not None:
             watch(stages[-1], k == control.augmentations)

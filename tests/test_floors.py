@@ -13,7 +13,7 @@ ROOMS = {
         "contract units",
         "curves measurement similarity doe surrogates sensitivity feasibility",
         "store running targets benchmarks emulator",
-        "search verify identify diagnosis",
+        "search verify identify norms ladder diagnosis",
         "study",
         "report progress",
         "cli",
@@ -23,13 +23,13 @@ ROOMS = {
         "stress meshing",
         "element linsolve zones contact newton",
         "stepping post",
-        "experiment model indentation errors anchors",
+        "experiment model indentation errors anchors nested levels",
         "backend output",
         "__main__",
     ),
 }
 ORDER = {package: " ".join(floors).split() for package, floors in ROOMS.items()}
-SEAM = {"experiment", "backend", "__main__"}  # rooms of fem_backend that may import rso.contract
+SEAM = {"experiment", "levels", "backend", "__main__"}  # rooms of fem_backend that may import rso.contract
 
 
 def imports(source: str, package: str, inside: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:

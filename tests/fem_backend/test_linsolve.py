@@ -92,6 +92,26 @@ def test_solvers_agree(small):
     np.testing.assert_allclose(x, y, rtol=0, atol=1e-9 * np.abs(x).max())
 
 
+def test_matrix_beyond_single_precision_is_solved_in_double(name):
+    """Condition 1e9: refinement of single factors does not converge, and the answer is that of double precision."""
+    rng = np.random.default_rng(0)
+    q, _ = np.linalg.qr(rng.normal(size=(30, 30)))
+    matrix = q @ np.diag(np.logspace(0, -9, 30)) @ q.T
+    pattern, data = pattern_of(0.5 * (matrix + matrix.T))
+    x = rng.normal(size=30)
+    found = solver(pattern, name)(data)(matrix @ x)
+    np.testing.assert_allclose(found, x, rtol=0, atol=1e-5)  # condition times round-off
+
+
+def test_rough_solution_is_that_of_single_precision(small, name):
+    """Asked for a hundredth, a solution comes from the factor alone: not exact, not bad."""
+    body = small.model.body
+    data, b = stiffness(body), np.random.default_rng(0).normal(size=body.pattern.size)
+    factor = solver(body.pattern, name)(data)
+    x, y = factor(b), factor(b, linsolve.ROUGH)
+    assert 0.0 < np.linalg.norm(y - x) < 1e-3 * np.linalg.norm(x)
+
+
 def test_unknown_solver_is_refused_by_name(small):
     with pytest.raises(ValueError, match=r"'mumps'.*auto, pardiso or superlu"):
         solver(small.model.body.pattern, "mumps")

@@ -49,12 +49,23 @@ def test_wrong_tangent_is_seen_in_the_rate(graded, monkeypatch):
 def test_rate_is_the_derivative_of_the_equilibrium(graded):
     """du/ds of the predictor against the difference of two equilibria."""
     system, h = graded.system(), 1e-4
-    at = graded.travel([1.0], PENALTY_ONLY)[0].stages[-1].equilibrium
+    near = graded.travel([0.99], PENALTY_ONLY)[0].evaluation.u
+    at = newton.solve(system, near, graded.load(1.0), 1e-9, Counters())
     u = [newton.solve(system, at.evaluation.u, graded.load(1.0 + s), 1e-11, Counters()).evaluation.u for s in (-h, h)]
     difference = (u[1] - u[0]) / (2 * h)
     # the rate is taken with the factor of the last but one iteration, where the residual was 5e-7
     assert np.abs(at.rate - difference).max() < 1e-5
     assert np.abs(at.rate).max() > 0.5  # the surface under the ball moves nearly as the ball
+
+
+def test_old_factors_lead_to_the_same_equilibrium(graded):
+    """The chord method takes fewer factorisations to the same displacement."""
+    system, near = graded.system(), graded.travel([0.9], PENALTY_ONLY)[0].evaluation.u
+    full, lazy = Counters(), Counters()
+    u = newton.solve(system, near, graded.load(1.0), 1e-11, full).evaluation.u
+    v = newton.solve(system, near, graded.load(1.0), 1e-11, lazy, known=(None, None)).evaluation.u
+    np.testing.assert_allclose(v, u, rtol=0, atol=1e-9)  # mm; the residuals are 1e-11 of the force
+    assert lazy.factorisations < full.factorisations
 
 
 @pytest.mark.parametrize("law", ["neo_hookean", "linear_elastic"])

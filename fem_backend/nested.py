@@ -1,0 +1,71 @@
+"""Cold runs on fine meshes start from the coarse one: its solution at the asked travels, interpolated.
+
+The way there is then never walked on the fine mesh.  Newton converges so far that the start does not show in an
+answer (`fem_backend.anchors` relies on the same).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+from skfem import ElementTetP2
+
+from fem_backend import experiment, indentation
+from fem_backend import model as modelling
+from fem_backend.experiment import Knobs, Settings
+from fem_backend.model import Model, NotModelled, Placement
+from fem_backend.stepping import Guess, Instant, Stopped
+
+WORTH = ("fine", "reference")  # levels whose way is dearer than a coarse run
+CANDIDATES = 60  # cells whose centres are nearest
+
+
+def worthwhile(settings: Settings, knobs: Knobs) -> bool:
+    """Whether a coarse run before pays: an elastic body on a fine mesh, held and without weight, specimen shipped."""
+    shipped = "template" in settings.recipe
+    return settings.level in WORTH and shipped and settings.support == "fixed" and knobs.weight == 0.0
+
+
+def guess(settings: Settings, knobs: Knobs, placement: Placement, model: Model, instants: Sequence[Instant]) -> Guess:
+    """Start (n, 3) at a travel (mm) from a run of the same experiment on the coarse mesh; None where that has none."""
+    plain = experiment.plain_settings(settings)
+    crude = experiment.read_settings(plain | {"profile": [], "mesh": {"level": "coarse"}, "solver": settings.solver})
+    try:
+        coarse = modelling.model_for(crude, knobs, placement, None)
+        points = indentation.solve(crude, knobs, placement, coarse, instants).points
+    except NotModelled:
+        return lambda s: None
+    except Stopped as stopped:
+        points = tuple(stopped.points)
+    cells, N = located(coarse, model.body.nodes)
+    held = model.body.free.reshape(-1, 3) < 0
+    states = {p.travel: p.evaluation.u for p in points}
+
+    def offer(s: float) -> np.ndarray | None:
+        if s not in states:
+            return None
+        start = np.einsum("na,nai->ni", N, states[s][cells])
+        start[held] = 0.0
+        return start
+
+    return offer
+
+
+def located(coarse: Model, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (p, 10) and shape functions (p, 10) of the coarse cell that each of `points` (p, 3) mm lies in.
+
+    Cells are taken as straight-sided; a point outside of all is moved into the nearest.
+    """
+    corner = coarse.body.nodes[coarse.body.cells[:, :4]]
+    inverse = np.linalg.inv(np.swapaxes(corner[:, 1:] - corner[:, :1], 1, 2))
+    _, near = cKDTree(corner.mean(1)).query(points, min(CANDIDATES, len(corner)))
+    x = np.einsum("pkij,pkj->pki", inverse[near], points[:, None] - corner[near, 0])
+    b = np.concatenate([1.0 - x.sum(-1, keepdims=True), x], axis=-1)
+    best = b.min(-1).argmax(1)
+    rows = np.arange(len(points))
+    b = np.maximum(b[rows, best], 0.0)
+    b /= b.sum(1, keepdims=True)
+    N = np.stack([ElementTetP2().lbasis(b[:, 1:].T, a)[0] for a in range(10)], axis=1)
+    return coarse.body.cells[near[rows, best]], N

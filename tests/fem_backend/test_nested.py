@@ -1,0 +1,65 @@
+"""Starting a fine run from the coarse one: the same answer, for fewer factorisations."""
+
+import numpy as np
+import pytest
+
+from fem_backend import experiment, nested
+from fem_backend import model as modelling
+from fem_backend.backend import BACKEND
+from rso.contract import Case, Programme
+
+VALUES = {"mu": 0.01, "D1": 5.8}
+
+
+def case(level: str, **settings: object) -> Case:
+    return Case("nested", Programme.ramp((0.4, 0.8)), {"mesh": {"level": level}, **settings})
+
+
+def test_a_field_is_carried_from_mesh_to_mesh():
+    """A quadratic field at the nodes of the standard mesh from those of the coarse one: off by the cells' curvature."""
+    coarse, standard = (model(level) for level in ("coarse", "standard"))
+    cells, N = nested.located(coarse, standard.body.nodes)
+    np.testing.assert_allclose(N.sum(1), 1.0, rtol=1e-12)
+
+    def field(X: np.ndarray) -> np.ndarray:
+        return 0.02 * X[:, 0] * X[:, 2] - 0.01 * X[:, 1] ** 2 + X[:, 2]
+
+    found = np.einsum("na,na->n", N, field(coarse.body.nodes)[cells])
+    X = standard.body.nodes
+    near = np.linalg.norm(X - [0.0, 0.0, 35.0], axis=1) < 5.0
+    assert np.abs(found - field(X))[near].max() < 0.02  # mm, of values up to 35: cells of 0.8 mm are nearly straight
+    assert np.abs(found - field(X)).max() < 2.0  # far away they are 20 mm long
+
+
+def model(level: str) -> modelling.Model:
+    settings = experiment.read_settings({"mesh": {"level": level}})
+    knobs = BACKEND.knobs(VALUES, settings)
+    return modelling.model_for(settings, knobs, modelling.place(settings, knobs), None)
+
+
+def test_the_answer_does_not_show_where_it_started(monkeypatch):
+    """All channels to 1e-8 and the path itself as the control: without the coarse run it costs more factorisations."""
+    quick = BACKEND(VALUES, case("fine"))
+    monkeypatch.setattr(nested, "worthwhile", lambda settings, knobs: False)
+    walked = BACKEND(VALUES, case("fine"))
+    for name, value in walked.channels.items():
+        np.testing.assert_allclose(quick.channels[name], value, rtol=1e-8, atol=1e-10, err_msg=name)
+    assert quick.info["steps"] == 0 < walked.info["steps"]
+    assert quick.info["factorisations"] < walked.info["factorisations"]
+
+
+@pytest.mark.parametrize(
+    ("level", "extra", "settings", "worth"),
+    [
+        ("fine", {}, {}, True),
+        ("reference", {}, {"point": [20.0, 0.0]}, True),
+        ("coarse", {}, {}, False),
+        ("standard", {}, {}, False),
+        ("fine", {"weight": 1e-5}, {}, False),
+        ("fine", {}, {"support": {"kind": "bowl"}}, False),
+        ("fine", {}, {"specimen": {"semi_axes": [30.0, 30.0, 30.0]}}, False),  # its coarse mesh would have to be made
+    ],
+)
+def test_when_it_is_done(level, extra, settings, worth):
+    read = experiment.read_settings({"mesh": {"level": level}, **settings})
+    assert nested.worthwhile(read, BACKEND.knobs(VALUES | extra, read)) is worth
