@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import studies
+import sample_studies as studies
 
 GOOD, BAD, EITHER = {0}, {2}, {0, 2}
 Mutation = Callable[[random.Random, Path], set[int]]

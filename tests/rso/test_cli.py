@@ -15,8 +15,8 @@ import time
 from pathlib import Path
 
 import pytest
+import sample_studies as studies
 
-import studies
 from rso.cli import main
 
 HERE = Path(__file__).parent

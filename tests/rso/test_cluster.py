@@ -9,9 +9,9 @@ from pathlib import Path
 
 import dummy_backend as dummy
 import pytest
+import sample_studies as studies
 from test_running import SOURCE, bits, task
 
-import studies
 from rso.cli import main
 from rso.running import Crashed, Done, Failed, WorkersCannotStart, open_cluster, run_all
 from rso.store import RunStore

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+import sample_studies as studies
 
-import studies
 from rso.emulator import load
 from rso.study import StudyError
 from rso.study import load as load_study

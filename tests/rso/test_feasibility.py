@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+import sample_studies as studies
 
-import studies
 from rso.doe import Box, latin
 from rso.feasibility import learn
 from rso.similarity import Group

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import indentation_backend
 import numpy as np
 import pytest
+import sample_studies as studies
 import soft_ball
 
-import studies
 from rso import identify
 from rso.contract import Response
 from rso.identify import Misfit

@@ -8,9 +8,9 @@ import time
 from pathlib import Path
 
 import pytest
+import sample_studies as studies
 import test_cli
 
-import studies
 from rso.cli import main
 
 pytestmark = pytest.mark.verification

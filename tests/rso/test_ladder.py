@@ -6,6 +6,7 @@ import re
 import ladder_backend
 import numpy as np
 import pytest
+from sample_studies import Inline
 from scipy.stats import chi2
 
 from rso import ladder
@@ -20,7 +21,6 @@ from rso.study.climbing import ladder_plan, run_ladder
 from rso.study.ladder_curves import curve_data
 from rso.study.ladder_results import results, write
 from rso.study.ladder_runs import design
-from studies import Inline
 
 MU, D1 = 0.01, 8.0
 STUDY = """

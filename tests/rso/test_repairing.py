@@ -7,8 +7,8 @@ import json
 import indentation_backend
 import numpy as np
 import pytest
+import sample_studies as studies
 
-import studies
 from rso.contract import knob, parameters_of
 from rso.report.numbers import report as document
 from rso.store import RunStore

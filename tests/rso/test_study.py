@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import sample_studies as studies
 
-import studies
 from rso.contract import Parameter
 from rso.study import Study, StudyError, cases, load, resolve
 from rso.study.places import line_of, lines_of

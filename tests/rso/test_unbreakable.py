@@ -9,9 +9,9 @@ from pathlib import Path
 
 import indentation_backend
 import pytest
+import sample_studies as studies
 import test_cli
 
-import studies
 from rso.cli import main
 from rso.store import RunStore, StoreError, set_aside
 

@@ -8,8 +8,8 @@ from typing import Any
 import indentation_backend
 import numpy as np
 import pytest
+import sample_studies as studies
 
-import studies
 from rso.cli import _validated as validated
 from rso.cli import main
 from rso.study import load, stages
