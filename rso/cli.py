@@ -10,7 +10,8 @@ import shlex
 import shutil
 import sys
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +76,7 @@ def _parser() -> argparse.ArgumentParser:
         if name == "check":
             command.add_argument("--trust", action="store_true", help="load a backend that is not rso's own: its code")
         if name in ("run", "diagnose", "ladder"):
-            command.add_argument("--jobs", type=int, help="simulations at a time (default: dispatch.jobs)")
+            command.add_argument("--jobs", type=_at_least_one, help="simulations at a time (default: dispatch.jobs)")
         if name == "run":
             command.add_argument("--fresh", action="store_true", help="move the old results aside and start again")
     words = (
@@ -85,7 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     blind = commands.add_parser("blind", help="diagnose laboratory folders (nominal.json, CSV)", description=words)
     blind.add_argument("folder", type=Path, help="a laboratory folder, or the folder that holds several")
     blind.add_argument("--out", type=Path, default=Path("answers"), help="where answers go (default: answers/)")
-    blind.add_argument("--jobs", type=int, default=2, help="simulations at a time")
+    blind.add_argument("--jobs", type=_at_least_one, default=2, help="simulations at a time")
     blind.add_argument("--seed", type=int, default=1, help="seed of the simulated data sets")
     blind.add_argument("--reruns", action="store_true", help="compute finalists anew and simulate candidate tests")
     blind.set_defaults(call=_blind)
@@ -161,8 +162,7 @@ def _seconds_per_run(folder: Path) -> tuple[float, bool]:
 
 
 def _run(options: argparse.Namespace, command: str) -> int:
-    from rso.progress import Progress
-    from rso.store import RunStore, set_aside
+    from rso.store import set_aside
     from rso.study import load
     from rso.study.plan import make_plan
     from rso.study.stages import NothingToFit
@@ -170,18 +170,11 @@ def _run(options: argparse.Namespace, command: str) -> int:
 
     study = load(options.study)
     plan = make_plan(study)
-    jobs = study.dispatch.jobs if options.jobs is None else options.jobs
-    if jobs < 1:
-        print(f"rso: --jobs {jobs}: at least 1 is needed", file=sys.stderr)
-        return EXIT_BAD_INPUT
+    jobs = options.jobs or study.dispatch.jobs
     folder = _folder(options, study.folder)
     if options.fresh and folder.exists():
         print(f"old results moved to {set_aside(folder)}")
-    with (
-        RunStore(folder) as store,
-        _executor(study.dispatch, jobs, plan.source, folder) as pool,
-        Progress() as progress,
-    ):
+    with _workplace(study.dispatch, jobs, plan.source, folder) as (store, pool, progress):
         try:
             found = run_study(
                 plan, store, pool, folder, command=command, jobs=jobs, watch=progress.watch, say=progress.say
@@ -199,24 +192,15 @@ def _run(options: argparse.Namespace, command: str) -> int:
 
 
 def _diagnose(options: argparse.Namespace, command: str) -> int:
-    from rso.progress import Progress
-    from rso.store import RunStore
     from rso.study import load
     from rso.study.diagnosing import ask, run_diagnosis
     from rso.study.plan import source_of
 
     study = load(options.study)
     asked = ask(study)
-    jobs = study.dispatch.jobs if options.jobs is None else options.jobs
-    if jobs < 1:
-        print(f"rso: --jobs {jobs}: at least 1 is needed", file=sys.stderr)
-        return EXIT_BAD_INPUT
+    jobs = options.jobs or study.dispatch.jobs
     folder = _folder(options, study.folder)
-    with (
-        RunStore(folder) as store,
-        _executor(study.dispatch, jobs, source_of(study), folder) as pool,
-        Progress() as progress,
-    ):
+    with _workplace(study.dispatch, jobs, source_of(study), folder) as (store, pool, progress):
         try:
             found = run_diagnosis(asked, store, pool, folder, command=command, watch=progress.watch, say=progress.say)
         except ValueError as error:
@@ -235,24 +219,15 @@ def _diagnose(options: argparse.Namespace, command: str) -> int:
 
 
 def _ladder(options: argparse.Namespace, command: str) -> int:
-    from rso.progress import Progress
-    from rso.store import RunStore
     from rso.study import load
     from rso.study.climbing import ladder_plan, run_ladder
     from rso.study.ladder_results import FILE, results, write
 
     study = load(options.study)
     plan = ladder_plan(study)
-    jobs = study.dispatch.jobs if options.jobs is None else options.jobs
-    if jobs < 1:
-        print(f"rso: --jobs {jobs}: at least 1 is needed", file=sys.stderr)
-        return EXIT_BAD_INPUT
+    jobs = options.jobs or study.dispatch.jobs
     folder = _folder(options, study.folder)
-    with (
-        RunStore(folder) as store,
-        _executor(study.dispatch, jobs, plan.source, folder) as pool,
-        Progress() as progress,
-    ):
+    with _workplace(study.dispatch, jobs, plan.source, folder) as (store, pool, progress):
         climbed = run_ladder(plan, store, pool, watch=progress.watch, say=progress.say)
     found = results(plan, climbed, command)
     write(folder, found)
@@ -295,6 +270,23 @@ def _blind(options: argparse.Namespace, command: str) -> int:
         bad = sum("error" in data for _, data in found)
     print(f"{len(cases)} cases, answers in {options.out}" + (f"; {bad} could not be read" if bad else ""))
     return EXIT_BAD_INPUT if bad else 0
+
+
+def _at_least_one(text: str) -> int:
+    """A number of jobs; argparse turns the error into exit code 2."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text}: at least 1 is needed")
+    return int(text)
+
+
+@contextmanager
+def _workplace(table: Any, jobs: int, source: Any, folder: Path) -> Iterator[tuple[Any, Any, Any]]:
+    """The store of a folder, what runs simulations, and what tells of them."""
+    from rso.progress import Progress
+    from rso.store import RunStore
+
+    with RunStore(folder) as store, _executor(table, jobs, source, folder) as pool, Progress() as progress:
+        yield store, pool, progress
 
 
 def _executor(table: Any, jobs: int, source: Any, folder: Path) -> Any:

@@ -19,7 +19,9 @@ from scipy.optimize import minimize
 from scipy.stats import beta
 
 VISIBLE = 4.0  # signal below which "no_gap" is also right, and which "detectable" refers to
+STRONG = 16.0  # signal of an effect that nobody would overlook
 CONFIDENT = 0.8
+ALONE = ("explained", "measurement")  # verdicts that name one cause
 # what the main number of a truth is in the units of the answer: truth record, mu -> value
 SIZES = {
     "C20": lambda t, mu: t["C20_over_mu"] * mu,
@@ -214,6 +216,8 @@ def figures(pairs, classes=()):
         "top_1_classes": rate([hit(t, d, classes) for t, d in seen]),
         "in_set": rate([inside(t, d) for t, d in seen]),
         "in_set_classes": rate([inside(t, d, classes) for t, d in seen]),
+        "top_1_classes_strong": rate([hit(t, d, classes) for t, d in seen if t["signal"] >= STRONG]),
+        "named_alone_right": rate([hit(t, d, classes) for t, d in single if d["verdict"] in ALONE]),
         "mean_set_size": float(np.mean([len(named_set(d)) for _, d in seen])) if seen else None,
         "pairs_one_named": rate([any(named_set(d) & a for a in accepted(t)) for t, d in kind["pair"]]),
         "pairs_allowed": rate([acceptable(t, d) for t, d in kind["pair"]]),

@@ -32,7 +32,7 @@ MOST = 5  # effects in a named set
 CHECKS = 60  # data sets per self-check
 DRAWS = 2000
 LEVEL = 0.9
-MISFIT = 1.3  # χ² per reading: right causes leave 1.14 at most of 172 simulated ones (benchmarks/diagnosis)
+MISFIT = 1.3  # χ² per reading that a cause may leave; a right one leaves about 1, less what was fitted
 BEYOND = 1.15  # times the largest plausible size: a cause that needs more than that is not all of it
 
 

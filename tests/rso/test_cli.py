@@ -156,9 +156,16 @@ def test_files_that_are_no_toml(tmp_path, capsys, content):
 def test_a_study_that_is_not_there(tmp_path, capsys):
     assert main(["run", str(tmp_path / "stuby.toml")]) == 2
     assert "there is no such study file" in capsys.readouterr().err
-    assert main(["run", str(studies.write(tmp_path)), "--jobs", "0"]) == 2
     with pytest.raises(SystemExit, match="2"):
         main(["simulate", "study.toml"])
+
+
+@pytest.mark.parametrize("jobs", ["0", "-1", "many"])
+@pytest.mark.parametrize("command", ["run", "diagnose", "ladder", "blind"])
+def test_a_number_of_jobs_that_is_none(tmp_path, capsys, command, jobs):
+    with pytest.raises(SystemExit, match="2"):
+        main([command, str(tmp_path), "--jobs", jobs])
+    assert "--jobs" in capsys.readouterr().err
 
 
 # ------------------------------------------------------------------------------------------------------ check, status
