@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numba
 import numpy as np
 from scipy.interpolate import CubicSpline
 
@@ -69,6 +70,36 @@ class Resampling:
         inside = steep / np.expand_dims(2 * np.where(tiny, 1.0, s), more)
         slope = np.where(np.expand_dims(tiny, more), limit, inside)
         return np.where(np.expand_dims(u < 0, more), 0.0, slope)
+
+
+def rows_at(at: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """y(at) (T, n) row by row, linear between increasing x and constant beyond; at (n,) or (T, n), x (m,) or (T, m)."""
+    own = [np.ascontiguousarray(np.broadcast_to(v, (len(y), np.shape(v)[-1])), float) for v in (at, x, y)]
+    return _rows_at(*own)
+
+
+@numba.njit(cache=True)
+def _rows_at(at, x, y):
+    out = np.empty(at.shape)
+    last = x.shape[1] - 1
+    for t in range(at.shape[0]):
+        for j in range(at.shape[1]):
+            v = at[t, j]
+            low, high = 0, last
+            while high - low > 1:
+                mid = (low + high) // 2
+                if x[t, mid] <= v:
+                    low = mid
+                else:
+                    high = mid
+            if v >= x[t, last]:
+                out[t, j] = y[t, last]
+            elif v <= x[t, low]:
+                out[t, j] = y[t, low]
+            else:
+                share = (v - x[t, low]) / (x[t, high] - x[t, low])
+                out[t, j] = y[t, low] + share * (y[t, high] - y[t, low])
+    return out
 
 
 def window(travel: np.ndarray, value: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:

@@ -171,9 +171,13 @@ def shrinkage_share(diagnosis):
 
 
 def right_place(truth, diagnosis, count=2):
-    """Whether one of the first `count` places named is one where the effect truly stands out most."""
+    """Whether one of the first `count` force curves named is one where the effect truly stands out most.
+
+    Profiles do not count: a truth holds the places of largest chi^2 among the forces only.
+    """
     true = {(w["experiment"], w["channel"]) for w in truth.get("where", [])[:3]}
-    named = [(w.get("experiment", ""), w.get("channel", "")) for w in (diagnosis.get("where") or [])[:count]]
+    named = [(w.get("experiment", ""), w.get("channel", "")) for w in diagnosis.get("where") or []]
+    named = [place for place in dict.fromkeys(named) if place[1] != "uz"][:count]
     return any(e == a and c == b for e, c in named for a, b in true)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import logsumexp
 
-from rso.diagnosis import attribute, localise, shrinkage
+from rso.diagnosis import attribute, localise, noise, shrinkage
 from rso.diagnosis.attribute import Bench, Contest, Evidence
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.hypotheses import Hypothesis
@@ -144,6 +144,9 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     checks = _checks(evidence, contest, finalists, y, threshold, null, seed) if verdict != "no_gap" else ()
     fits = {name: shrinkage.predicted(library, h.effects, posts[name], bench.modulus)
             for name, h in {"none": Hypothesis(()), chosen.name: chosen}.items()}  # fmt: skip
+    Δ = _gap_of(evidence, chosen, fits, y)
+    W = noise.readings(library.plan, bench.levels, noise.slope_of(library, fits["none"]))
+    where = localise.shared(where, library.plan, Δ, bench.C, W)
     causes = _causes(contest, posts, verdict, named, bench.modulus)
     return Diagnosis(
         verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), causes, named,
@@ -283,6 +286,13 @@ def _left(evidence: Evidence, h: Hypothesis, y: np.ndarray) -> float:
     return float(np.mean((w - mean_prediction(best, w)) ** 2))
 
 
+def _gap_of(evidence: Evidence, h: Hypothesis, fits: Mapping[str, np.ndarray], y: np.ndarray) -> np.ndarray:
+    """What a hypothesis adds to the base model (n,), each as fitted; of what has no mean, its posterior mean."""
+    L = evidence.best(h.effects, y, h.unexplained, loose=bool(h.effects)).white.L
+    C = L @ L.T
+    return fits[h.name] - fits["none"] + (C - evidence.bench.C) @ np.linalg.solve(C, y - fits[h.name])
+
+
 def _beyond(h: Hypothesis, post: Posterior) -> bool:
     """Whether an effect would have to be larger than is plausible."""
     for e in h.effects:
@@ -397,8 +407,6 @@ def _best_without(bench: Bench, evidence: Evidence, rest: np.ndarray, y: np.ndar
 
 
 def _covariance(unseen: Library, bench: Bench, evidence: Evidence, y: np.ndarray) -> np.ndarray:
-    from rso.diagnosis import noise
-
     rng = np.random.default_rng(0)
     f = shrinkage.predicted(unseen, (), _posterior(evidence, (), y, rng), bench.modulus)
     return noise.covariance(unseen, _levels(bench, unseen), f, noise.slope_of(unseen, f))
@@ -406,8 +414,6 @@ def _covariance(unseen: Library, bench: Bench, evidence: Evidence, y: np.ndarray
 
 def _levels(bench: Bench, unseen: Library):
     """Levels of the seen data, and for channels they lack those of the held-out files."""
-    from rso.diagnosis import noise
-
     return {**noise.levels(unseen.plan), **bench.levels}
 
 

@@ -6,12 +6,19 @@ With T = C + J Λ Jᵀ (Λ the prior of what a re-fit can move, wide) the residu
 
 and its signed amplitude along the prediction F_g is  α_g = F_gᵀ S r_g / F_gᵀ S F_g, S = (T⁻¹)_gg.  The threshold is
 that of the largest |z| of all regions under the base model (a maximum statistic: no region is favoured).
+
+A region may be clearly off and yet hold little of the gap.  What a channel of an experiment holds of it is
+
+    share_g ∝ Σ_{i∈g} e_i² / W_ii,     e = W C⁻¹ Δ,  Δ = f_H − f_0                          (W: readings alone)
+
+the gap Δ as the chosen hypothesis sees it after both were fitted, less what gains, contacts and the model's own error
+take up.
 """
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,7 +33,9 @@ _WIDE = 20.0  # times the spread of a tile: a re-fit moves where it wants
 
 @dataclass(frozen=True)
 class Region:
-    """A part of an experiment: its name, rows of the data vector, signed z and relative amplitude."""
+    """A part of an experiment: its name, rows of the data vector, signed z and relative amplitude.
+
+    `share` is what its channel of the experiment holds of the gap."""
 
     experiment: str
     channel: str
@@ -35,11 +44,15 @@ class Region:
     z: float
     amplitude: float
     amplitude_sd: float
+    share: float = 0.0
 
 
 @dataclass(frozen=True)
 class Where:
-    """Regions by |z|, and the |z| that the largest of all reaches in 5 % of data sets without a gap."""
+    """Regions, and the |z| that the largest of all reaches in 5 % of data sets without a gap.
+
+    First the strongest region of every channel of an experiment, in the order of their shares, then the others by |z|.
+    """
 
     regions: tuple[Region, ...]
     threshold: float
@@ -72,6 +85,24 @@ def localise(plan: TestPlan, h: Ready, C: np.ndarray, y: np.ndarray, seed: int) 
                             1 / np.sqrt(weight)))  # fmt: skip
     found.sort(key=lambda g: -abs(g.z))
     return Where(tuple(found), float(np.quantile(largest, 0.95)))
+
+
+def shared(where: Where, plan: TestPlan, gap: np.ndarray, C: np.ndarray, W: np.ndarray) -> Where:
+    """The regions with the shares of a gap (n,), C (n, n) its noise and W (n,) the variance of readings alone."""
+    e = W * np.linalg.solve(C, gap)
+    held: dict[tuple[str, str], float] = {}
+    for item, c, at in plan.rows():
+        key = (plan.experiments[item.experiment].name, c)
+        held[key] = held.get(key, 0.0) + float(np.sum(e[at] ** 2 / W[at]))
+    whole = sum(held.values())
+    if whole <= 0.0:
+        return where
+    regions = [replace(g, share=held[g.experiment, g.channel] / whole) for g in where.regions]
+    strongest: dict[tuple[str, str], Region] = {}
+    for g in regions:
+        strongest.setdefault((g.experiment, g.channel), g)
+    first = sorted(strongest.values(), key=lambda g: -g.share)
+    return replace(where, regions=(*first, *(g for g in regions if g not in first)))
 
 
 def _regions(plan: TestPlan):

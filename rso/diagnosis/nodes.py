@@ -87,7 +87,8 @@ def nodes(effect: Effect, primary: bool, speeds: tuple[float, float]) -> Nodes:
         return Nodes((level, *shapes), math.inf, False)
     if len(ends) == 1:
         far = ends[0][1]
-        shares = ((0.5,) if few else (0.35, 1.0)) if shapes else (0.35, 1.0) if few else (0.12, 0.4, 1.0)
+        # what saturates at small sizes (friction, once it sticks) does so at every place
+        shares = ((0.5,) if few else (0.35, 1.0)) if shapes else (0.12, 0.4, 1.0)
         return Nodes((np.sort(far * np.array(shares)), *shapes), 0.5 * abs(far), True)
     low, high = ends[0][1], ends[1][1]
     if not size.ratio and abs(abs(low) - abs(high)) < 0.5 * abs(high):

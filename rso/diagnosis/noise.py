@@ -176,7 +176,7 @@ def covariance(library: Library, level: Mapping[str, Level], force: np.ndarray, 
             u[at], place[at], channel[at] = item.depth, 100 + item.place, 9 + item.mark
             continue
         q = level[c]
-        C[at, at] += np.diag((q.white**2 + (q.depth * slope[at]) ** 2) / item.count)
+        C[at, at] += np.diag(_white(q, item, slope[at]))
         if q.correlated:
             far = np.abs(item.depth[:, None] - item.depth) + np.where(item.branch[:, None] == item.branch, 0.0, 1e9)
             C[at, at] += q.correlated**2 * np.exp(-far / max(q.length, 1e-9))
@@ -197,6 +197,19 @@ def covariance(library: Library, level: Mapping[str, Level], force: np.ndarray, 
     along = np.exp(-0.5 * ((u[:, None] - u) / (WORLD_LENGTH * deepest)) ** 2)
     growing = DEEP * (u / deepest) ** STEEP * np.where(place < 100, force, 0.0)
     return C + np.outer(world, world) * same * along + np.outer(growing, growing) * (channel[:, None] == channel)
+
+
+def readings(plan: TestPlan, level: Mapping[str, Level], slope: np.ndarray) -> np.ndarray:
+    """Variance (n,) of each reading by itself, without what a test or a model may be off by as a whole."""
+    out = np.zeros(plan.n)
+    for item, c, at in plan.rows():
+        q = level["uz" if isinstance(item, Profile) else c]
+        out[at] = q.white**2 if isinstance(item, Profile) else _white(q, item, slope[at]) + q.correlated**2
+    return out
+
+
+def _white(level: Level, test: Test, slope: np.ndarray) -> np.ndarray:
+    return (level.white**2 + (level.depth * slope) ** 2) / test.count
 
 
 def _stated(library: Library, test: Test, channel: str) -> np.ndarray:

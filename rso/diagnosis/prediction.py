@@ -7,18 +7,21 @@ depth; the chain moves depths and is applied to whole curves.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from rso.contract import parameters_of
+from rso.curves import rows_at
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.library import FORCES, Library, passes_of
 from rso.diagnosis.testplan import Profile, Test
 from rso.measurement import Chain, recorded
 
 Parts = Sequence[tuple[Effect, np.ndarray]]
+Chained = Sequence[tuple[Effect, np.ndarray]]  # knobs of the chain with their sizes (T,)
+Curves = Callable[[int, float, int], np.ndarray]  # place, speed, way → forces over the modulus (T, 3, m)
 
 
 def predict(
@@ -42,12 +45,20 @@ def predict(
     for place, speed in {(t.place, t.speed) for t in plan.tests}:
         weights[place, speed] = [(e, library.weights(place, e, p, speed)) for e, p in model]
     force, moved = np.zeros((len(X), plan.n)), np.zeros((len(X), plan.n))
+
+    @functools.cache
+    def curves(place: int, speed: float, way: int) -> np.ndarray:
+        here = library.places[place]
+        f = np.tensordot(W, here.base, axes=1)
+        own = [np.tensordot(w, here.effects[e.name].change[:, way], axes=1) for e, w in weights[place, speed]]
+        return f + f[:, 2:] * (here.mesh + here.ways[way] + sum(own))
+
     for item, channel, rows in plan.rows():
         if isinstance(item, Profile):
             moved[:, rows] = _profile(library, item, x, model)
         elif chain and channel == item.channels[0]:  # all channels of a test come at once
             block = slice(rows.start, rows.start + item.n * len(item.channels))
-            force[:, block] = _recorded(library, item, W, weights[item.place, item.speed], chain, modulus)
+            force[:, block] = _recorded(library, item, curves, chain, modulus)
         elif not chain:
             read = _readings(library, item)
             c = item.channels.index(channel)
@@ -106,28 +117,22 @@ def _read(key: _Key) -> _Readings:
     return _Readings(base[:, pick], base[:, 2], step[pick], changes)
 
 
-def _recorded(library: Library, test: Test, W: np.ndarray, weights, chain, modulus: float) -> np.ndarray:
+def _recorded(library: Library, test: Test, curves: Curves, chain: Chained, modulus: float) -> np.ndarray:
     """Rows of a test (T, channels · n) as the chain records them, over the modulus."""
     here = library.places[test.place]
     u = here.u
     loading, unloading = passes_of(here.passes, test)
     pick = [FORCES.index(c) for c in test.channels]
     back = test.branch == 1
-
-    def curves(way: int) -> np.ndarray:
-        f = np.tensordot(W, here.base, axes=1)
-        own = [np.tensordot(w, here.effects[e.name].change[:, way], axes=1) for e, w in weights]
-        change = here.mesh + here.ways[way] + sum(own)
-        return f + f[:, 2:] * change
-
-    F = curves(loading)
-    G = curves(unloading) if back.any() else F
+    F = curves(test.place, test.speed, loading)
+    G = curves(test.place, test.speed, unloading) if back.any() else F
     setting = {e.name: _bounded(e.name, np.asarray(e.size.value(s), float))[:, None] for e, s in chain}
     # the indenter's way: from before contact to where the record turns, and back
     top = np.full(len(F), u[-1])
     if back.any():
         reads = u - setting.get("offset", 0.0) + setting.get("compliance", 0.0) * modulus * F[:, 2]
-        top = np.array([np.interp(test.peak, v, u) for v in np.maximum.accumulate(reads, axis=1)])
+        forward = np.maximum.accumulate(reads, axis=1)
+        top = rows_at(np.array([test.peak]), forward, np.broadcast_to(u, reads.shape))[:, 0]
     way = np.minimum(u, top[:, None])
     there, home = _stopped(u, F, top), _stopped(u, G, top)
     turn = len(u) + 1
@@ -144,10 +149,10 @@ def _recorded(library: Library, test: Test, W: np.ndarray, weights, chain, modul
     backward = np.maximum.accumulate(depth[:, : turn - 2 : -1], axis=1)
     out = np.empty((len(F), len(pick), test.n))
     for j, c in enumerate(pick):
-        for t, v in enumerate(got[FORCES[c]]):
-            out[t, j] = np.interp(test.depth, forward[t], v[:turn])
-            if back.any():
-                out[t, j, back] = np.interp(test.depth[back], backward[t], v[: turn - 2 : -1])
+        v = got[FORCES[c]]
+        out[:, j, ~back] = rows_at(test.depth[~back], forward, v[:, :turn])
+        if back.any():
+            out[:, j, back] = rows_at(test.depth[back], backward, v[:, : turn - 2 : -1])
     return (out / modulus).reshape(len(F), -1)
 
 

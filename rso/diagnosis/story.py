@@ -71,7 +71,7 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                   "depths": list(d.jumps.depths)},
         "where": [{"experiment": r.experiment, "channel": r.channel, "region": r.region, "z": r.z,
                    "sign": "+" if r.z > 0 else "-", "amplitude": r.amplitude, "amplitude_sd": r.amplitude_sd,
-                   "beyond_noise": abs(r.z) > d.where.threshold} for r in d.where.regions[:REGIONS]],
+                   "share": r.share, "beyond_noise": abs(r.z) > d.where.threshold} for r in d.where.regions[:REGIONS]],
         "where_threshold": d.where.threshold,
         "causes": [{"effect": c.effect.name, "cause": c.effect.source, "description": c.effect.description,
                     "family": c.effect.family, "probability": c.probability, "size": c.size,

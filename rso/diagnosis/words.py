@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+WORTH_SAYING = 0.1  # share of the gap from which a place is named
+
 
 def words(found: Mapping[str, Any]) -> list[str]:
     """Sentences from the plain data of a diagnosis; no number is computed here."""
@@ -56,12 +58,15 @@ def _gap(d: Mapping[str, Any]) -> str:
 
 
 def _where(d: Mapping[str, Any]) -> str:
-    clear = [r for r in d["where"] if r["beyond_noise"]][:3]
+    held = {(r["experiment"], r["channel"]): r["share"] for r in d["where"] if r["share"] >= WORTH_SAYING}
+    shares = [f"{100 * v:.0f} % of the gap in {e} {c}" for (e, c), v in list(held.items())[:3]]
+    lies = f"Where: {', '.join(shares)}. " if shares else ""
+    clear = sorted((r for r in d["where"] if r["beyond_noise"]), key=lambda r: -abs(r["z"]))[:3]
     if not clear:
-        return "Where: no single region stands out; the gap is one of shape, spread over all curves."
+        return lies + "No single region stands out; the gap is one of shape, spread over the curves."
     percent = [f"{100 * r['amplitude']:+.1f} ± {100 * r['amplitude_sd']:.1f} %" for r in clear]
     each = [f"{r['experiment']} {r['channel']} {r['region']} ({v})" for r, v in zip(clear, percent, strict=True)]
-    return "Where, measured against what all other data predict: " + "; ".join(each) + "."
+    return lies + "Measured against what all other data predict: " + "; ".join(each) + "."
 
 
 def _named(c: Mapping[str, Any]) -> str:

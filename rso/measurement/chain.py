@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rso.contract import knob, parameters_of
+from rso.curves import rows_at
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ def _shift(t: np.ndarray, value: np.ndarray, lag: float | np.ndarray) -> np.ndar
         return value
     if value.ndim == 1:
         return np.interp(t - lag, t, value)
-    return np.stack([np.interp(a - b, a, v) for a, v, b in zip(t, value, np.ravel(lag), strict=True)])
+    return rows_at(t - lag, t, value)
 
 
 def _filtered(t: np.ndarray, value: np.ndarray, τ: float | np.ndarray) -> np.ndarray:

@@ -184,15 +184,17 @@ def _regions(found: Found, rows: list[Mapping[str, Any]]) -> Table:
         column("z", aligned([number(r.get("z")) for r in rows], 3, plus=True)),
         column("off by", aligned(amplitude, 3, plus=True), "%"),
         column("± sd", aligned(error, 2), "%"),
+        column("of the gap", words([f"{100 * r['share']:.0f}" if r.get("share") else DASH for r in rows]), "%"),
         column("", tuple(states), number=False),
     ]
-    note = "Each region against what the base model predicts when it is fitted to all other data; + is measured above."
+    note = "Each region against what the base model predicts when it is fitted to all other data; + is measured above. "
+    note += "Of the gap: what the region's channel holds of the difference between the chosen and the base model."
     if known(core(found).get("where_threshold")):
         limit = significant(core(found)["where_threshold"], 3)
         note += (
             f" Beyond noise: |z| above {limit}, which the largest of all regions passes in 5 % of data without a gap."
         )
-    return table("Regions by strength", columns, note)
+    return table("Regions", columns, note)
 
 
 def which(found: Found) -> Section:

@@ -211,6 +211,7 @@ def _where(gap):
             "amplitude": a,
             "amplitude_sd": s,
             "beyond_noise": gap and abs(z) > 3.1,
+            "share": z**2 / 143.0 if gap else 0.0,
         }
         for e, c, r, z, a, s in rows
     ]
