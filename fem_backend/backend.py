@@ -89,6 +89,27 @@ class FiniteElements:
             f"the point (0, {y:g}) mm": {"point": [0.0, y]},
         }
 
+    def prevented(self) -> Mapping[str, tuple[str, ...]]:
+        """The same tests again with something kept from acting, in words, and its knobs."""
+        return {
+            "all points again with a lubricated ball": ("friction",),
+            "all points again under water, which takes the adhesion away": ("adhesion",),
+        }
+
+    def gauges(self) -> Mapping[str, tuple[str, float]]:
+        """Knob → a measurement that shows it without indentation, and its standard uncertainty in the knob's unit."""
+        return {
+            "delta_a": ("callipers along x", 0.1),
+            "delta_b": ("callipers along y", 0.1),
+            "delta_c": ("a height gauge on the specimen", 0.1),
+            "delta_R": ("a micrometer on the ball", 0.01),
+            "offset_x": ("ink on the ball: where it touches", 0.1),
+            "offset_y": ("ink on the ball: where it touches", 0.1),
+            "tilt_x": ("a level on the holder", 0.1),
+            "tilt_y": ("a level on the holder", 0.1),
+            "weight": ("a balance", 2e-7),
+        }
+
     def variants(self, settings: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
         """Other supports than that of the settings: what replaces them and the group of knobs that belongs to it."""
         if experiment.read_settings(settings).support == "bowl":

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from cases import TWIN, Cases, Table, contested, other_bench
@@ -13,16 +14,18 @@ from scipy.linalg import cholesky
 from scores import Scored, by_key
 
 from rso import diagnosis
-from rso.diagnosis import attribute, hypotheses, next_test, noise
+from rso.diagnosis import attribute, hypotheses, next_test
 from rso.diagnosis.attribute import Bench, Contest, Evidence
 from rso.diagnosis.judge import judge
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import mean_prediction, posterior
 from rso.diagnosis.prediction import predict
 from rso.diagnosis.testplan import Profile, Test, TestPlan
+from rso.running import Task
 
 NULLS = 400
 Filter = Callable[[Contest], Contest]
+Run = Callable[[Sequence[Task]], list[Any]]
 
 
 def threshold_of(evidence: Evidence, y: np.ndarray, seed: int, keep: Filter = lambda c: c) -> float:
@@ -188,17 +191,28 @@ def whole(library: Library, cases: Cases, rows: Sequence[int], seed: int) -> tup
     return out, (time.process_time() - began) / max(len(rows), 1)
 
 
-def next_tests(evidence: Evidence, result: Scored, rows: Sequence[int], seed: int) -> dict[str, np.ndarray]:
-    """Whether the proposed test, or a random one, leaves the right cause alone with 0.95 of the probability.
+def next_tests(
+    evidence: Evidence, result: Scored, rows: Sequence[int], seed: int, run: Run | None = None
+) -> dict[str, np.ndarray]:
+    """Whether the proposed test, or a random one, leaves the right cause alone with SETTLED of the probability.
 
-    Tests: those of the product that the tables can predict or that show one knob of the chain, and, at random only,
-    once more one of the plan.  A rival predicts a new test from its posterior; the truth answers with noise.
+    Tests: those that the tables can predict, or with `run` can be simulated, those that show one knob by itself, and,
+    at random only, once more one of the plan.  A rival predicts a new test from its posterior; the truth answers with
+    noise.
     """
     rng = np.random.default_rng(seed)
     library, bench, cases = evidence.bench.library, evidence.bench, result.cases
+    known = {e.name: e for e in evidence.effects if e.family != "scatter"}
+    everything = {n: ((e,), None) for n, e in known.items() if e.family == "model"}
+    there = {c.words: (c, v) for c in next_test.candidates(library)
+             if (v := next_test.simulated(library, c, everything, run)) is not None}  # fmt: skip
+    plan = library.plan
+    once_more = [[t for t in plan.tests if t.experiment == k] for k in sorted({t.experiment for t in plan.tests})]
+    again = [replace(library, plan=replace(plan, tests=tuple(tests), profiles=())) for tests in once_more]
+    gauges = next_test.gauges(library, bench)
     out: dict[str, list[bool]] = {"proposed": [], "random": []}
+    chances = []
     for i in rows:
-        known = {e.name: e for e in evidence.effects if e.family != "scatter"}
         names = [n for n in result.judged[i].named if n in known]
         truth = cases.effects[i][0]
         if len(names) < 2 or truth.name not in names:
@@ -208,60 +222,63 @@ def next_tests(evidence: Evidence, result: Scored, rows: Sequence[int], seed: in
         for n in names:
             h = evidence.best((known[n],), y, loose=True)
             posts[n] = ((known[n],), posterior(h, h.white(y), 400, rng))
-        found = next_test.next_tests(library, bench, posts, None)
         p = by_key(result.contests[i], result.contests[i].probability)
-        prior = np.array([p.get((known[n].source,), 0.0) for n in names])
-        pool: list = [(t.test, e) for t, e in ((t, dict(next_test._candidates(library)).get(t.test)) for t in found)]
-        again = [("again", [e]) for e in library.plan.experiments if e.measurement.kind == "force"]
-        for how, (words, experiments) in (
-            ("proposed", pool[0]), ("random", [*pool, *again][rng.integers(len(pool) + len(again))]),
-        ):  # fmt: skip
-            if experiments is None:
-                logs = _answer_direct(words, found, posts, cases, i, bench, rng)
+        prior = {n: p.get((known[n].source,), 0.0) for n in names}
+        pairs = [next_test._ranked(w, next_test.distances(v, bench, posts, c.without), prior)
+                 for w, (c, v) in there.items()]  # fmt: skip
+        pairs += [next_test._ranked(w, D, prior) for w, D in next_test._direct(library, bench, posts).items()]
+        best = max(pairs, key=lambda t: (round(t.chance, 3), t.resolves, t.distance))
+        chances.append(best.chance)
+        pick = rng.integers(len(pairs) + len(again))
+        for how, words in (("proposed", best.test), ("random", pairs[pick].test if pick < len(pairs) else None)):
+            if words in there:
+                logs = _answer(there[words][1], bench, posts, cases, i, rng, there[words][0].without)
+            elif words is None:
+                logs = _answer(again[pick - len(pairs)], bench, posts, cases, i, rng)
             else:
-                logs = _answer(library, experiments, bench, posts, cases, i, rng)
-            s = np.log(np.maximum(prior, 1e-12)) + logs
+                logs = _answer_direct(words, gauges, bench, posts, cases, i, rng)
+            s = np.log(np.maximum([prior[n] for n in names], 1e-12)) + logs
             q = np.exp(s - np.logaddexp.reduce(s))
             right = sum(v for v, n in zip(q, names, strict=True) if known[n].source == truth.source)
-            out[how].append(bool(right >= 0.95))
-    return {k: np.array(v) for k, v in out.items()}
+            out[how].append(bool(right >= next_test.SETTLED))
+    return {**{k: np.array(v) for k, v in out.items()}, "promised": np.array(chances)}
 
 
-def _answer(library: Library, experiments, bench: Bench, posts, cases: Cases, i: int, rng) -> np.ndarray:
+def _answer(
+    there: Library, bench: Bench, posts, cases: Cases, i: int, rng, without: frozenset[str] = frozenset()
+) -> np.ndarray:
     """Log density of a new test's data under every rival, data of the true effect."""
-    plan = diagnosis.make_plan(experiments)
-    settings = plan.places[0].settings
-    place = next((k for k, p in enumerate(library.plan.places) if p.settings == settings), library.primary)
-    tests = tuple(replace(t, place=place) for t in plan.tests)
-    there = replace(library, plan=replace(library.plan, experiments=plan.experiments, tests=tests, profiles=()))
-    A, _ = predict(there, cases.effects[i], cases.at[i][None], bench.modulus)
+    acting = [e for e in cases.effects[i] if e.name not in without]
+    d = len(there.base.axes)
+    at = cases.at[i] if acting else cases.at[i][:d]
+    A, _ = predict(there, acting, at[None], bench.modulus)
     f = cases.modulus[i] * A[0]
-    some = bench.levels.get("Fz", next(iter(bench.levels.values())))
-    C = noise.covariance(there, {c: bench.levels.get(c, some) for c in noise.FORCES}, f, noise.slope_of(there, f))
+    C = next_test.covariance(there, bench, f)
     y = f + cholesky(C, lower=True) @ rng.standard_normal(len(f))
     logs = []
     for effects, post in posts.values():
-        pick = np.linspace(0, len(post.modulus) - 1, next_test.DRAWS).astype(int)
-        F = post.modulus[pick, None] * predict(there, effects, post.at[pick], bench.modulus)[0]
+        F = next_test.forecast(there, bench, effects, post, without)
         S = C + np.cov(F.T)
         r = y - F.mean(axis=0)
         logs.append(-0.5 * (r @ np.linalg.solve(S, r) + np.linalg.slogdet(S)[1]))
     return np.array(logs)
 
 
-def _answer_direct(words: str, found, posts, cases: Cases, i: int, bench: Bench, rng) -> np.ndarray:
-    """The same for a test of one knob of the chain: its size as that test reads it."""
-    distance = next(t.distance for t in found if t.test == words)
+def _answer_direct(words: str, gauges, bench: Bench, posts, cases: Cases, i: int, rng) -> np.ndarray:
+    """The same for a test that shows knobs by themselves: each is read with the uncertainty of the test."""
     d = len(bench.library.base.axes)
-    asked = [n for n in posts if next_test.DIRECT.get(n) == words]
-    spread = {n: float(np.std(posts[n][1].at[:, d])) for n in asked}
-    mean = {n: float(np.mean(posts[n][1].at[:, d])) for n in asked}
     logs = np.zeros(len(posts))
-    for n in asked:
-        resolution = np.sqrt(max((mean[n] / max(distance, 1e-6)) ** 2 - spread[n] ** 2, (0.02 * mean[n]) ** 2))
-        true = cases.size(i, d) if cases.effects[i][0].name == n else 0.0
+    for n, (effects, post) in posts.items():
+        e = effects[0]
+        if gauges.get(n, ("",))[0] != words or e.size.neutral is None:
+            continue
+        resolution = gauges[n][1]
+        off = next_test.sizes(bench, effects, post, e) - e.size.neutral
+        own = cases.effects[i][0].name == n
+        scale = (cases.modulus[i] / (1.0 if e.family == "model" else bench.modulus)) ** e.size.exponent
+        true = float(e.size.value(cases.at[i][d])) * scale - e.size.neutral if own else 0.0
         z = true + resolution * rng.standard_normal()
         for k, m in enumerate(posts):
-            v = resolution**2 + (spread[n] ** 2 if m == n else 0.0)
-            logs[k] += -0.5 * (z - (mean[n] if m == n else 0.0)) ** 2 / v - 0.5 * np.log(v)
+            v = resolution**2 + (np.var(off) if m == n else 0.0)
+            logs[k] += -0.5 * (z - (np.mean(off) if m == n else 0.0)) ** 2 / v - 0.5 * np.log(v)
     return logs

@@ -18,15 +18,17 @@ from rso.diagnosis.effects import Effect
 from rso.diagnosis.mixture import log_tiles
 
 SIZES = 5
-SETS = 12
+SETS = 20
 CONFUSED = 0.15
-CLEAR = 3.0  # times the limit: where confusion counts
+CLEAR = 0.9  # power from which confusion counts: about three times the limit
 
 
 @dataclass(frozen=True)
 class Detectable:
-    """`limit` is |value − neutral| found with 50 % power (None: invisible), `power` by size, mean probability by name
-    at clear sizes."""
+    """`limit` is |value − neutral| found with 50 % power (None: invisible), `power` by size.
+
+    `recognised` is the mean probability of the right cause, `confused_with` holds what takes more than CONFUSED of it:
+    both at the smallest clear size, since what is large enough is told apart from much."""
 
     effect: Effect
     limit: float | None
@@ -60,8 +62,9 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
         sizes = np.array([labels[i][1] for i in mine])
         power = np.array([np.mean(T[i] > threshold) for i in mine])
         limit = _limit(np.abs(sizes) if e.size.neutral is not None else np.arange(len(sizes)), power)
-        clear = [i for i, s, q in zip(mine, sizes, power, strict=True)
-                 if limit is not None and (q > 0.9 or e.size.neutral is None)]  # fmt: skip
+        clear = [i for i, q in zip(mine, power, strict=True)
+                 if limit is not None and (q > CLEAR or e.size.neutral is None)]  # fmt: skip
+        clear = clear[:1] if e.size.neutral is not None else clear
         mean = P[clear].mean(axis=(0, 1)) if clear else np.zeros(len(evidence.effects))
         forms = np.array([o.source == e.source for o in evidence.effects])
         rivals = [evidence.effects[j].name for j in np.argsort(-mean) if not forms[j] and mean[j] > CONFUSED]

@@ -206,8 +206,7 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
         jobs.append(_Job(k, None, -1, None, _task(base, plan, k, centre, None, {})))
         ways = _jobs_of(base, plan, k, None, -1, centre, every[k])
         jobs += ways if len(ways) > 1 else []
-        if k == primary:  # what a finer mesh changes is much the same everywhere
-            jobs.append(_Job(k, None, -1, None, _task(base, plan, k, centre, None, {}, finer=True), True))
+        jobs.append(_Job(k, None, -1, None, _task(base, plan, k, centre, None, {}, finer=True), True))
         for e in modelled:
             for n, at in enumerate(grid[e.name, k].points):
                 values = {**centre, **_knobs(base, e, at)}
@@ -306,17 +305,17 @@ def _rated(base: Base, plan: TestPlan) -> bool:
 
 
 def _jobs_of(base: Base, plan: TestPlan, k: int, e: Effect | None, n: int, values: Mapping[str, float],
-             every: Sequence[Pass]) -> list[_Job]:  # fmt: skip
+             every: Sequence[Pass], finer: bool = False) -> list[_Job]:  # fmt: skip
     """One loading run where the way does not matter, else one run per pass."""
     name, settings = (None, {}) if e is None else (e.name, e.settings)
-    load = _task(base, plan, k, values, None, settings)
+    load = _task(base, plan, k, values, None, settings, finer)
     there_and_back = _task(base, plan, k, values, Pass(min(1.0, plan.places[k].deepest), 0.0), settings)
     programme = base.backend.canonical(there_and_back.values, there_and_back.case)[1].programme
     if programme.travel_mm[-1] == max(programme.travel_mm):
         return [_Job(k, name, n, None, load)]
     jobs = []
     for i, way in enumerate(every):
-        task = _task(base, plan, k, values, way, settings)
+        task = _task(base, plan, k, values, way, settings, finer)
         if "earlier" in task.case.settings:  # what does not soften shares the virgin run
             plain = base.backend.canonical(task.values, task.case)[1].settings
             virgin = replace(task.case, settings={a: b for a, b in task.case.settings.items() if a != "earlier"})
@@ -383,8 +382,10 @@ def _beside(
     ratio = own.base / np.maximum(normal_few, 1e-12)[:, None]
     ratio[..., 0] = ratio[..., 1]
     base = np.tensordot(W, ratio, axes=1) * normal[:, None]
-    on = lambda v: np.stack([np.interp(s, np.sqrt(first.u), c) for c in v])  # noqa: E731
-    return replace(own, base=base, base_marks=W @ own.base_marks, mesh=on(first.mesh), error=on(first.error))
+    mesh, error = own.mesh, own.error
+    if not mesh.any():  # no finer run there: what a finer mesh changes is much the same everywhere
+        mesh, error = (np.stack([np.interp(s, np.sqrt(first.u), c) for c in v]) for v in (first.mesh, first.error))
+    return replace(own, base=base, base_marks=W @ own.base_marks, mesh=mesh, error=error)
 
 
 def changed(
@@ -408,8 +409,10 @@ def changed(
 def jobs_at(
     base: Base, plan: TestPlan, k: int, e: Effect, x: Sequence[float], at: Sequence[float], ways: Sequence[Pass]
 ) -> list[Task]:
-    """Runs of an effect at size and shapes `at`, base coordinates `x`: one, or one per pass where the way matters."""
-    return [j.task for j in _jobs_of(base, plan, k, e, 0, {**base.values(x), **_knobs(base, e, at)}, ways)]
+    """Runs of an effect on the study's mesh at size and shapes `at`, base coordinates `x`: one, or one per pass where
+    the way matters."""
+    values = {**base.values(x), **_knobs(base, e, at)}
+    return [j.task for j in _jobs_of(base, plan, k, e, 0, values, ways, finer=True)]
 
 
 def _reached(outcome: Any, deepest: float) -> Response | None:

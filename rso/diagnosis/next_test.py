@@ -1,9 +1,12 @@
-"""Which test next: how far apart the surviving hypotheses predict it, all they do not know included (T-optimality).
+"""Which test next: how likely it is to settle what is open, all that the hypotheses do not know included.
 
     D² = (y_k − y_l)ᵀ (C + Σ_k + Σ_l)⁻¹ (y_k − y_l)
 
 y_k is the posterior mean of the new test under hypothesis k and Σ_k its covariance, so that what a re-fit could still
-move does not count (Atkinson & Fedorov 1975; Eriksson, Frisk & Krysander 2013 call D distinguishability).
+move does not count (Atkinson & Fedorov 1975; Eriksson, Frisk & Krysander 2013 call D distinguishability).  Where k is
+true the log likelihood ratio against l is about N(D²/2, D²), so that the test settles the matter with probability
+
+    Σ_k P_k min_l Φ[ (D_kl² / 2 − ln(P_l / P_k) − ln(s / (1 − s))) / D_kl ],      s = SETTLED.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import norm
 
 from rso.diagnosis import noise
 from rso.diagnosis.attribute import Bench
@@ -22,13 +26,14 @@ from rso.diagnosis.effects import Effect
 from rso.diagnosis.library import Library, build
 from rso.diagnosis.mixture import Posterior
 from rso.diagnosis.prediction import predict
-from rso.diagnosis.testplan import Experiment, make_plan
+from rso.diagnosis.testplan import Experiment, Place, TestPlan, make_plan
 from rso.measurement import Measurement, Repeat
 from rso.running import Task
 
 DRAWS = 80
 SEPARATES = 4.0  # about 4 σ: what a test must reach to promise an answer
 READINGS = 20
+SETTLED = 0.95  # probability of one hypothesis at which a matter is settled
 
 DIRECT = {  # tests that show one effect of the measurement chain by itself, whatever the specimen
     "compliance": "press a rigid block",
@@ -44,52 +49,88 @@ DIRECT = {  # tests that show one effect of the measurement chain by itself, wha
 
 @dataclass(frozen=True)
 class NextTest:
-    """A test, the pair it separates worst, and the distance D of that pair; `dissolves` counts pairs with D ≥ 4."""
+    """A test, the `chance` that it settles what is open, the pair it separates worst and the distance D of that pair.
+
+    `resolves` counts the `pairs` with D ≥ SEPARATES.
+    """
 
     test: str
+    chance: float
     separates: tuple[str, str]
     distance: float
     resolves: int
     pairs: int
 
 
+@dataclass(frozen=True)
+class Candidate:
+    """A test to be simulated; knobs in `without` are kept from acting in it."""
+
+    words: str
+    experiments: tuple[Experiment, ...]
+    without: frozenset[str] = frozenset()
+
+
+Survivors = Mapping[str, tuple[tuple[Effect, ...], Posterior]]
+
+
 def next_tests(
-    library: Library, bench: Bench, survivors: Mapping[str, tuple[tuple[Effect, ...], Posterior]],
+    library: Library, bench: Bench, survivors: Survivors, probability: Mapping[str, float],
     run: Callable[[Sequence[Task]], list[Any]] | None,
 ) -> list[NextTest]:  # fmt: skip
-    """Candidate tests by the distance of the pair that they separate worst, then by how many pairs they resolve.
+    """Candidate tests by the chance that they settle which of the survivors is true.
 
-    `survivors` maps a name to its effects and posterior.  Without `run` only tests at places and rates of the library
-    are considered.
+    `survivors` maps a name to its effects and posterior, `probability` to its probability.  Without `run` only tests
+    at places and rates of the library are considered.
     """
-    pairs = list(itertools.combinations(survivors, 2))
-    if not pairs:
+    if len(survivors) < 2:
         return []
     found = []
-    for words, experiments in _candidates(library):
+    for candidate in candidates(library):
         try:
-            plan = make_plan(experiments)
-            effects = {e.name: e for group, _ in survivors.values() for e in group}
-            if _known(library, plan):
-                there = replace(library, plan=_moved(library, plan))
-            elif run is None:
-                continue
-            else:
-                there = build(library.base, plan, tuple(effects.values()), run)
+            there = simulated(library, candidate, survivors, run)
         except ValueError:
             continue
-        distance = _distances(there, bench, survivors, pairs)
-        found.append(_ranked(words, distance))
-    found += _direct(library, bench, survivors, pairs)
-    return sorted(found, key=lambda t: (-t.resolves, -t.distance))
+        if there is not None:
+            found.append(_ranked(candidate.words, distances(there, bench, survivors, candidate.without), probability))
+    found += [_ranked(words, D, probability) for words, D in _direct(library, bench, survivors).items()]
+    return sorted(found, key=lambda t: (-round(t.chance, 3), -t.resolves, -t.distance))
 
 
-def _ranked(words: str, distance: Mapping[tuple[str, str], float]) -> NextTest:
+def simulated(
+    library: Library, candidate: Candidate, survivors: Survivors, run: Callable[[Sequence[Task]], list[Any]] | None
+) -> Library | None:
+    """The library of a candidate test, None where that would need simulations and there is no `run`.
+
+    Raises ValueError where the base model has no answer.
+    """
+    plan = make_plan(candidate.experiments)
+    if _known(library, plan):
+        return replace(library, plan=_moved(library, plan))
+    if run is None:
+        return None
+    effects = {e.name: e for group, _ in survivors.values() for e in group}
+    return build(library.base, plan, tuple(effects.values()), run)
+
+
+def _ranked(words: str, distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> NextTest:
     worst = min(distance, key=lambda p: distance[p])
-    return NextTest(words, worst, float(distance[worst]), sum(v >= SEPARATES for v in distance.values()), len(distance))
+    settled = sum(v >= SEPARATES for v in distance.values())
+    return NextTest(words, _chance(distance, probability), worst, float(distance[worst]), settled, len(distance))
 
 
-def _candidates(library: Library) -> list[tuple[str, list[Experiment]]]:
+def _chance(distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> float:
+    total = sum(probability.values())
+    P = {k: max(v / total, 1e-9) for k, v in probability.items()}
+    need, chance = np.log(SETTLED / (1 - SETTLED)), 0.0
+    for k in P:
+        rivals = [((l if k == m else m), D) for (l, m), D in distance.items() if k in (l, m)]
+        each = [norm.cdf((0.5 * D**2 + np.log(P[k] / P[l]) - need) / max(D, 1e-9)) for l, D in rivals]
+        chance += P[k] * min(each)
+    return float(chance)
+
+
+def candidates(library: Library) -> list[Candidate]:
     """Tests that are not in the plan yet: other rates and unloading at a known place, what the backend proposes."""
     plan = library.plan
     template = plan.experiments[next(t.experiment for t in plan.tests if t.place == library.primary)]
@@ -99,18 +140,25 @@ def _candidates(library: Library) -> list[tuple[str, list[Experiment]]]:
     d = min(place.deepest, 4.0)
     out = []
     if not has_unload:
-        out.append(("load and unload at the same point", _experiment(template, d, speeds[0], True)))
+        out.append(Candidate("load and unload at the same point", (_experiment(template, d, speeds[0], True),)))
     for factor, word in ((10.0, "ten times faster"), (0.1, "ten times slower")):
         v = factor * (max(speeds) if factor > 1 else min(speeds))
-        out.append((f"load and unload {word} ({60 * v:.0f} mm/min)", _experiment(template, d, v, True)))
-    proposals = getattr(library.base.backend, "tests", lambda _: {})(dict(place.settings))
-    for word, settings in proposals.items():
+        words = f"load and unload {word} ({60 * v:.0f} mm/min)"
+        out.append(Candidate(words, (_experiment(template, d, v, True),)))
+    backend = library.base.backend
+    for words, settings in getattr(backend, "tests", lambda _: {})(dict(place.settings)).items():
         other = replace(template, settings={**template.settings, **settings})
-        out.append((word, _experiment(other, d, speeds[0], True)))
-    return [(words, [e]) for words, e in out]
+        out.append(Candidate(words, (_experiment(other, d, speeds[0], True),)))
+    tests = {t.place: t for t in plan.tests}
+    for words, knobs in getattr(backend, "prevented", lambda: {})().items():
+        each = [replace(plan.experiments[t.experiment], name=f"again {k}") for k, t in tests.items()]
+        again = [_experiment(e, min(plan.places[k].deepest, 4.0), speeds[0], True, e.name)
+                 for k, e in zip(tests, each, strict=True)]  # fmt: skip
+        out.append(Candidate(words, tuple(again), frozenset(knobs)))
+    return out
 
 
-def _experiment(template: Experiment, depth: float, speed: float, unload: bool) -> Experiment:
+def _experiment(template: Experiment, depth: float, speed: float, unload: bool, name: str = "next test") -> Experiment:
     """A test as it would be recorded, with no values in it."""
     u = np.linspace(0.0, depth, READINGS + 1)[1:]
     way = np.concatenate([u, u[-2::-1]]) if unload else u
@@ -118,44 +166,76 @@ def _experiment(template: Experiment, depth: float, speed: float, unload: bool) 
     time = np.cumsum(np.abs(np.diff(np.concatenate([[0.0], way])))) / speed
     channels = {c: np.zeros(len(way)) for c in ("Fx", "Fy", "Fz")}
     measurement = Measurement(Path("next test"), "force", (Repeat("1", way, time, channels, {}, segment),), ())
-    return replace(template, name="next test", measurement=measurement, speed=speed, role="fit",
+    return replace(template, name=name, measurement=measurement, speed=speed, role="fit",
                    channels=("Fx", "Fy", "Fz"), after=())  # fmt: skip
 
 
-def _known(library: Library, plan: Any) -> bool:
-    """Whether a plan of one place can be read off the tables."""
-    own = library.plan.places[library.primary]
-    return plan.places[0].settings == own.settings and (
-        not plan.places[0].peaks or any(abs(p - q) < 0.3 for p in plan.places[0].peaks for q in own.peaks)
+def _known(library: Library, plan: TestPlan) -> bool:
+    """Whether a plan can be read off the tables: its places are the library's, its turns near theirs."""
+    own = [_place(library, p) for p in plan.places]
+    return all(k is not None for k in own) and all(
+        not p.peaks
+        or any(abs(v - q) < 0.3 for v in p.peaks for q in library.plan.places[k].peaks)
+        or not _turned(library, k)
+        for p, k in zip(plan.places, own, strict=True)
     )
 
 
-def _moved(library: Library, plan: Any) -> Any:
+def _place(library: Library, place: Place) -> int | None:
+    return next((k for k, p in enumerate(library.plan.places) if p.settings == place.settings), None)
+
+
+def _turned(library: Library, place: int) -> bool:
+    """Whether the library knows the way back at a place, and so needs to know from which depth."""
+    return any(p.peak is not None for p in library.places[place].passes)
+
+
+def _moved(library: Library, plan: TestPlan) -> TestPlan:
     """The new tests at the library's own places."""
-    tests = tuple(replace(t, place=library.primary) for t in plan.tests)
+    tests = tuple(replace(t, place=_place(library, plan.places[t.place])) for t in plan.tests)
     return replace(library.plan, experiments=plan.experiments, tests=tests, profiles=())
 
 
-def _distances(there: Library, bench: Bench, survivors, pairs) -> dict[tuple[str, str], float]:
+def distances(
+    there: Library, bench: Bench, survivors: Survivors, without: frozenset[str] = frozenset()
+) -> dict[tuple[str, str], float]:
+    """D of every pair of survivors in the tests of a library's plan."""
     mean, spread = {}, {}
-    for name, (effects, post) in survivors.items():
-        pick = np.linspace(0, len(post.modulus) - 1, DRAWS).astype(int)
-        A, _ = predict(there, effects, post.at[pick], bench.modulus)
-        F = post.modulus[pick, None] * A
+    for name in survivors:
+        F = forecast(there, bench, *survivors[name], without)
         mean[name], spread[name] = F.mean(axis=0), np.cov(F.T)
-    first = next(iter(mean.values()))
-    some = bench.levels.get("Fz", next(iter(bench.levels.values())))
-    levels = {c: bench.levels.get(c, some) for c in noise.FORCES}
-    C = noise.covariance(there, levels, first, noise.slope_of(there, first))
+    C = covariance(there, bench, next(iter(mean.values())))
     out = {}
-    for k, l in pairs:
+    for k, l in itertools.combinations(survivors, 2):
         Δ = mean[k] - mean[l]
         out[k, l] = float(np.sqrt(Δ @ np.linalg.solve(C + spread[k] + spread[l], Δ)))
     return out
 
 
-def _direct(library: Library, bench: Bench, survivors, pairs) -> list[NextTest]:
-    """Tests of the chain alone: the size of the effect over what that test resolves."""
+def forecast(
+    there: Library, bench: Bench, effects: Sequence[Effect], post: Posterior, without: frozenset[str] = frozenset()
+) -> np.ndarray:
+    """Draws (DRAWS, n) of what a hypothesis predicts, effects of `without` left out."""
+    pick = np.linspace(0, len(post.modulus) - 1, DRAWS).astype(int)
+    d = len(there.base.axes)
+    columns, at = list(range(d)), d
+    for e in effects:
+        columns += [] if e.name in without else range(at, at + len(e.knobs))
+        at += len(e.knobs)
+    acting = [e for e in effects if e.name not in without]
+    A, _ = predict(there, acting, post.at[pick][:, columns], bench.modulus)
+    return post.modulus[pick, None] * A
+
+
+def covariance(there: Library, bench: Bench, force: np.ndarray) -> np.ndarray:
+    """Noise (n, n) of new tests: that of the plan's."""
+    some = bench.levels.get("Fz", next(iter(bench.levels.values())))
+    levels = {c: bench.levels.get(c, some) for c in noise.FORCES}
+    return noise.covariance(there, levels, force, noise.slope_of(there, force))
+
+
+def gauges(library: Library, bench: Bench) -> dict[str, tuple[str, float]]:
+    """Knob → a test that shows it by itself, whatever the rest, and what that test resolves in the knob's unit."""
     level = bench.levels.get("Fz", next(iter(bench.levels.values())))
     white = level.white / np.sqrt(READINGS)
     F = max(float(np.max(np.abs(t.values["Fz"]))) for t in library.plan.tests if "Fz" in t.values)
@@ -165,17 +245,32 @@ def _direct(library: Library, bench: Bench, survivors, pairs) -> list[NextTest]:
         "compliance": 0.5 * level.contact / F, "bias": white, "drift": white / longest, "offset": level.contact,
         "gain": 0.002, "lag": white / max(F * v / 4.0, 1e-9), "cross_x": white / F, "cross_y": white / F,
     }  # fmt: skip
+    own = {k: (DIRECT[k], resolution[k]) for k in DIRECT}
+    return {**own, **getattr(library.base.backend, "gauges", dict)()}
+
+
+def _direct(library: Library, bench: Bench, survivors: Survivors) -> dict[str, dict[tuple[str, str], float]]:
+    """D of every pair in tests of one knob alone: the size of the effect over what that test resolves."""
+    known, pairs = gauges(library, bench), list(itertools.combinations(survivors, 2))
     found: dict[str, dict[tuple[str, str], float]] = {}
     for name, (effects, post) in survivors.items():
-        column = post.at.shape[1] - sum(len(e.knobs) for e in effects)
         for e in effects:
-            if e.name in DIRECT and e.family == "measurement":
-                size = post.at[:, column]
-                D = abs(float(np.mean(size))) / np.hypot(resolution[e.name], float(np.std(size)))
-                own = found.setdefault(DIRECT[e.name], dict.fromkeys(pairs, 0.0))
-                for p in pairs:
-                    other = p[0] if p[1] == name else p[1]
-                    if name in p and e.name not in {x.name for x in survivors[other][0]}:
-                        own[p] = D
-            column += len(e.knobs)
-    return [_ranked(words, distance) for words, distance in found.items()]
+            if e.name not in known or e.size.neutral is None:
+                continue
+            words, resolution = known[e.name]
+            off = sizes(bench, effects, post, e) - e.size.neutral
+            D = abs(float(np.mean(off))) / np.hypot(resolution, float(np.std(off)))
+            own = found.setdefault(words, dict.fromkeys(pairs, 0.0))
+            for p in pairs:
+                other = p[0] if p[1] == name else p[1]
+                if name in p and e.name not in {x.name for x in survivors[other][0]}:
+                    own[p] = max(own[p], D)
+    return found
+
+
+def sizes(bench: Bench, effects: Sequence[Effect], post: Posterior, effect: Effect) -> np.ndarray:
+    """Values (m,) of an effect's knob over the draws, in its unit."""
+    column = post.at.shape[1] - sum(len(e.knobs) for e in effects)
+    column += sum(len(e.knobs) for e in itertools.takewhile(lambda e: e is not effect, effects))
+    scale = post.modulus / (1.0 if effect.family == "model" else bench.modulus)
+    return effect.size.value(post.at[:, column]) * scale**effect.size.exponent

@@ -1,7 +1,7 @@
 """Finalists computed anew at their found sizes: how far the library's interpolation was off, and the library mended.
 
-At the found parameters κ̂ and size and shapes φ̂ of an effect the change of the force is what the new simulations say;
-around them the difference to the library fades out with a Gaussian weight,
+At the found parameters κ̂ and size and shapes φ̂ of an effect the change of the force is what new simulations on the
+study's own, finer mesh say; around them the difference to the library fades out with a Gaussian weight,
 
     δ(φ) ← δ(φ) + w(φ) [δ_FE(κ̂, φ̂) − δ(φ̂)],      w(φ̂) = 1,
 
@@ -87,7 +87,7 @@ def mended(
         failed += sum(not isinstance(o, Done) for o in mine)
         if lost:
             continue
-        change = change - here.ways
+        change = change - here.ways - here.mesh
         was, marks = library.change(k, e, at[None, d:], v)
         off.append((change - was[0])[:, :, here.u > DOUBTFUL * here.u[-1]])
         more = np.zeros(0)

@@ -89,8 +89,8 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
         "detectable": [{"effect": v.effect.name, "unit": v.effect.size.unit, "smallest_visible": v.value,
                         "visible": v.limit is not None, "confused_with": list(v.confused_with),
                         "confounded_with": list(v.confused_with), "recognised": v.recognised} for v in visible],
-        "next_test": [{"test": t.test, "separates": list(t.separates), "distance": t.distance, "resolves": t.resolves,
-                       "pairs": t.pairs} for t in tests],
+        "next_test": [{"test": t.test, "chance": t.chance, "separates": list(t.separates), "distance": t.distance,
+                       "resolves": t.resolves, "pairs": t.pairs} for t in tests],
     }  # fmt: skip
 
 
@@ -99,7 +99,8 @@ def _next(library: Library, d: Diagnosis, run: Run | None) -> list[NextTest]:
     effects = {e.name: (e,) for e in library.effects if e.family != "scatter"}
     alive = {n: (effects[n], d.posteriors[n]) for n in d.named if n in d.posteriors and n in effects}
     plain_library = replace(library, plan=seen(library.plan))
-    return next_tests(plain_library, d.bench, alive, run)
+    probability = {c.effect.name: c.probability for c in d.causes if c.effect.name in alive}
+    return next_tests(plain_library, d.bench, alive, probability, run)
 
 
 def residuals(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:

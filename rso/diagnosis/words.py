@@ -21,11 +21,11 @@ def words(found: Mapping[str, Any]) -> list[str]:
         out.append(checks)
     out += _unseen(d)
     for t in d["next_test"][:1]:
-        if t["resolves"]:
-            out.append(f"Next test: {t['test']}; it separates {t['resolves']} of {t['pairs']} pairs of causes.")
+        share = f"it settles the matter with a probability of {100 * t['chance']:.0f} %"
+        if t["chance"] >= 0.5:
+            out.append(f"Next test: {t['test']}; {share}.")
         else:
-            best = f"{t['test']} (D = {t['distance']:.1f})"
-            out.append(f"No test in the list would separate the causes; the best is {best}.")
+            out.append(f"No test in the list is likely to settle it; the best is {t['test']}: {share}.")
     return out
 
 

@@ -87,17 +87,18 @@ def next_test(found: Found) -> Section:
     if not rows:
         return Section("next", title, (Text("Nothing is left to tell apart, so no further test is proposed."),))
     distance = [number(t.get("distance")) for t in rows]
+    chance = [number(t.get("chance")) for t in rows]
     promise = [
-        Cell("promises an answer", mark="good") if v is not None and v >= 4 else Cell("", mark="") for v in distance
+        Cell("promises an answer", mark="good") if v is not None and v >= 0.8 else Cell("", mark="") for v in chance
     ]
     columns = [
         column("Test", words([clean(t.get("test")) for t in rows]), number=False),
+        column("settles it", aligned([None if v is None else 100 * v for v in chance], 2), "%"),
         column("worst pair", words([" / ".join(map(clean, t.get("separates") or ())) for t in rows]), number=False),
         column("D", aligned(distance, 3)),
         column("resolves", words([f"{t.get('resolves', DASH)} of {t.get('pairs', DASH)} pairs" for t in rows])),
         column("", tuple(promise), number=False),
     ]
-    note = (
-        "D: distance in standard deviations between what the pair predicts for the test, after a re-fit; 4 is enough."
-    )
+    note = "Settles it: probability that one cause has 95 % afterwards. "
+    note += "D: distance in standard deviations of what the pair predicts for the test, after a re-fit; 4 is enough."
     return Section("next", title, (table("Tests that would settle it", columns, note),))
