@@ -120,9 +120,10 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     judged = judge(contest, gap)
     verdict, named, chosen = judged.verdict, judged.named, judged.chosen
     steps = jumps(library.plan)
-    if steps.sudden:  # no smooth model has jumps: a cause explains at most the rest
-        verdict, chosen = (verdict, chosen) if gap else ("unexplained", Hypothesis((), True))
+    if gap and steps.sudden:  # no smooth model has jumps: a cause explains at most the rest
         verdict = verdict if verdict == "unexplained" else "partly"
+    elif not gap and (steps.sudden or _left(evidence, chosen, y) > MISFIT):  # a hum, a loose contact: nothing smooth
+        verdict, chosen = "unexplained", Hypothesis((), True)
     rng = np.random.default_rng(seed + 1)
     posts = {"none": _posterior(evidence, (), y, rng)}
     for h in dict.fromkeys([chosen, *_singles(contest, named)]):

@@ -44,7 +44,10 @@ def _jumps(d: Mapping[str, Any]) -> list[str]:
 def _gap(d: Mapping[str, Any]) -> str:
     p, g = d["gap"]["p_value"], d["gap"]
     if d["verdict"] != "no_gap" and not g["statistic"] > g["threshold"]:
-        return f"No smooth gap beyond noise (p = {p:.2g}), but the readings are not smooth."
+        return (
+            f"No smooth gap beyond noise (p = {p:.2g}), but the readings are not smooth: they miss the model by "
+            f"{g['size_over_noise']:.2f} times the noise that they show from one to the next."
+        )
     if d["verdict"] == "no_gap" and p <= 0.05:
         return (
             f"No gap: a misfit as large as this is rare without one (p = {p:.2g}), but no hypothesis makes it more "

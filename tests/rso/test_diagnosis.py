@@ -174,3 +174,22 @@ def test_failed_runs_everywhere_are_no_evidence():
     library = build(BASE, make_plan(failing), toy.effects("soften", "stiff"), toy.run)
     d = diagnosis.diagnose(library, 0, nulls=NULLS)
     assert "soften" not in d.named and library.failed
+
+
+def test_a_hum_is_no_smooth_gap_and_yet_not_nothing():
+    """Readings that swing about the model by more than they scatter: no cause, and not `no_gap` either."""
+    phase = iter(np.random.default_rng(5).uniform(0.0, 2 * np.pi, 99))
+
+    def hums(r):
+        hum = 0.02 * np.sin(2 * np.pi * r.time / 0.9 + next(phase))
+        return dataclasses.replace(r, channels={"Fz": r.channels["Fz"] + hum})
+
+    every = [
+        dataclasses.replace(
+            e, measurement=dataclasses.replace(e.measurement, repeats=tuple(map(hums, e.measurement.repeats)))
+        )
+        for e in experiments(3)
+    ]
+    d = diagnosis.diagnose(dataclasses.replace(tables(NAMES, False), plan=make_plan(every)), 3, nulls=NULLS)
+    assert d.verdict == "unexplained" and not d.causes
+    assert diagnose(3).verdict == "no_gap"
