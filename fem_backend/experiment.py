@@ -162,9 +162,7 @@ class Knobs:
         typical=1.0,
         plausible=(0.2, 4.0),
     )
-    bowl_friction: float = knob(
-        "Coulomb friction between bowl and body", "1", 0.0, 5.0, default=0.2, group="bowl", plausible=(0.05, 0.6)
-    )
+    bowl_friction: float = knob("Coulomb friction between bowl and body", "1", 0.0, 5.0, default=0.2, group="bowl")
     delta_R: float = knob(
         "error of the indenter radius", "mm", -100.0, 100.0, neutral=0.0, typical=0.05, plausible=(-0.3, 0.3)
     )

@@ -41,6 +41,7 @@ AMPLITUDES = (0.03, 0.15)  # relative size of what is unexplained
 SCATTER = (0.15, 0.6)  # of the largest plausible size
 SURVIVORS = 5
 LOOSE = 0.05  # by which an effect may be stronger or weaker in a part of the data than the library has it
+LOOSE_VARIANT = 0.5  # the same of another support: off the axis it hangs on a fit and friction that no knob has
 FALSE_ALARM = 0.05
 NULLS = 400
 
@@ -75,7 +76,8 @@ class Bench:
         key = (*(e.name for e in effects), *(("loose",) if loose else ()))
         if key not in self.tiles:
             if loose and effects:
-                self.tiles[key] = loosened(self.library, self.of(effects), self.of(()), self.modulus)
+                share = LOOSE_VARIANT if any(e.settings for e in effects) else LOOSE
+                self.tiles[key] = loosened(self.library, self.of(effects), self.of(()), self.modulus, share)
             else:
                 self.tiles[key] = tiles(self.library, effects, self.modulus, len(effects) > 1, self.of(()))
         return self.tiles[key]
@@ -226,10 +228,10 @@ def _gap(kind: str, n: int) -> float:
     return float(np.log((1 - NO_GAP) * PRIOR[kind] / max(n, 1)))
 
 
-def loosened(library: Library, own: Tiles, base: Tiles, modulus: float) -> Tiles:
-    """Tiles whose effect may be a few per cent stronger or weaker in each part of the data.
+def loosened(library: Library, own: Tiles, base: Tiles, modulus: float, share: float = LOOSE) -> Tiles:
+    """Tiles whose effect may be somewhat stronger or weaker in each part of the data.
 
-    y_g → y_g + ζ_g (y_g − base_g),  ζ_g ~ N(0, LOOSE²) for every place, branch, and Fz or lateral forces apart: the
+    y_g → y_g + ζ_g (y_g − base_g),  ζ_g ~ N(0, share²) for every place, branch, and Fz or lateral forces apart: the
     interpolation between the library's nodes, another code, another formula of the same effect.
     """
     d = len(library.base.axes)
@@ -243,7 +245,7 @@ def loosened(library: Library, own: Tiles, base: Tiles, modulus: float) -> Tiles
         groups[key] = groups.get(key, np.zeros(len(of_block), bool)) | of_block
     D = np.concatenate([own.D, change[:, None] * np.array(list(groups.values()))], axis=1)
     more = len(groups)
-    sd = np.concatenate([own.sd, np.full(more, LOOSE)])
+    sd = np.concatenate([own.sd, np.full(more, share)])
     return replace(own, D=D, sd=sd, axes=(*own.axes, *[-1] * more), log=(*own.log, *[False] * more))
 
 

@@ -79,13 +79,12 @@ def nodes(effect: Effect, primary: bool, speeds: tuple[float, float]) -> Nodes:
     `speeds` (mm/s), slowest and fastest test: a shape with the unit of time counts in travel, τ v.
     """
     size, ends = effect.size, effect.size.ends()
+    shapes = tuple(_shape_level(s, primary, speeds) for s in effect.shape)
     few = not primary
     if size.neutral is None:  # a variant: all of its range, there is no neutral to lean on
         low, high = ends[0]
-        shapes = tuple(np.array(s.ends()[0]) for s in effect.shape)
         level = np.array([0.5 * (low + high)]) if size.low == 0 else np.linspace(low, high, 2 if few else 4)
         return Nodes((level, *shapes), math.inf, False)
-    shapes = tuple(_shape_level(s, primary, speeds) for s in effect.shape)
     if len(ends) == 1:
         far = ends[0][1]
         # what saturates at small sizes (friction, once it sticks) does so at every place
