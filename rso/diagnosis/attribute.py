@@ -40,8 +40,8 @@ NO_GAP = 0.5
 AMPLITUDES = (0.03, 0.15)  # relative size of what is unexplained
 SCATTER = (0.15, 0.6)  # of the largest plausible size
 SURVIVORS = 5
-LOOSE = 0.05  # by which an effect may be stronger or weaker in a part of the data than the library has it
-LOOSE_VARIANT = 0.5  # the same of another support: off the axis it hangs on a fit and friction that no knob has
+LOOSE = 0.1  # by which an effect may be stronger or weaker in a part of the data: two codes differ so in friction
+LOOSE_VARIANT = 1.0  # the same of another support: off the axis it slides or sticks by a friction that nobody knows
 FALSE_ALARM = 0.05
 NULLS = 400
 

@@ -102,7 +102,8 @@ class PlaceTables:
     """Everything computed at one place: travels `u` (m,), base forces f (n_base, 3, m), marks (n_base, n_uz).
 
     Relative to Fz of the base: `mesh` (3, m) the step to the study's mesh, `ways` (n_pass, 3, m) what the way of the
-    indenter changes in the base model itself, `error` (3, m) the stated error.
+    indenter changes in the base model itself, `error` (3, m) the stated error.  `cost` is the CPU time (s) of a run of
+    the base model on the study's mesh.
     """
 
     u: np.ndarray
@@ -113,6 +114,7 @@ class PlaceTables:
     ways: np.ndarray
     error: np.ndarray
     effects: Mapping[str, Table]
+    cost: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,8 +346,9 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
         ways, lost = changed(every, u, place, base.reference, each, first)
         if lost:
             raise ValueError(f"the base model has no answer on the way back at {place.settings.get('point')}")
-    best = found.get((k, None, -1, None, True))
+    best, cost = found.get((k, None, -1, None, True)), 0.0
     if isinstance(best, Done):
+        cost = float(best.response.info.get("cpu_s", 0.0))
         travel, F = _asked(best.response, base.reference)
         mesh = _relative(travel, F - first(travel), first(travel)[:, 2], u)
         stated = np.stack([best.response.error.get(c, np.zeros(len(travel))) for c in FORCES], 1)
@@ -366,7 +369,7 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
             reached = _reached(each[0], place.deepest)
             marks[n] = 0.0 if reached is None else marks_of(reached, place) - base_marks[-1]
         effects[e.name] = _filled(Table(grid[e.name, k], change, marks, known))
-    return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], mesh, ways, error, effects)
+    return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], mesh, ways, error, effects, cost)
 
 
 def _beside(
@@ -407,12 +410,15 @@ def changed(
 
 
 def jobs_at(
-    base: Base, plan: TestPlan, k: int, e: Effect, x: Sequence[float], at: Sequence[float], ways: Sequence[Pass]
-) -> list[Task]:
-    """Runs of an effect on the study's mesh at size and shapes `at`, base coordinates `x`: one, or one per pass where
-    the way matters."""
+    base: Base, plan: TestPlan, k: int, e: Effect, x: Sequence[float], at: Sequence[float], ways: Sequence[Pass],
+    finer: bool,
+) -> list[Task]:  # fmt: skip
+    """Runs of an effect at size and shapes `at`, base coordinates `x`: one, or one per pass where the way matters.
+
+    `finer` ones are on the study's mesh.
+    """
     values = {**base.values(x), **_knobs(base, e, at)}
-    return [j.task for j in _jobs_of(base, plan, k, e, 0, values, ways, finer=True)]
+    return [j.task for j in _jobs_of(base, plan, k, e, 0, values, ways, finer)]
 
 
 def _reached(outcome: Any, deepest: float) -> Response | None:

@@ -1,7 +1,8 @@
 """Finalists computed anew at their found sizes: how far the library's interpolation was off, and the library mended.
 
-At the found parameters κ̂ and size and shapes φ̂ of an effect the change of the force is what new simulations on the
-study's own, finer mesh say; around them the difference to the library fades out with a Gaussian weight,
+At the found parameters κ̂ and size and shapes φ̂ of an effect the change of the force is what new simulations say, on
+the study's own, finer mesh where that is not too dear; around them the difference to the library fades out with a
+Gaussian weight,
 
     δ(φ) ← δ(φ) + w(φ) [δ_FE(κ̂, φ̂) − δ(φ̂)],      w(φ̂) = 1,
 
@@ -27,6 +28,7 @@ from rso.store import Done
 WORTH = 0.05  # probability of a cause below which it is not computed anew
 MOST = 3  # effects per round
 CLOSE = 0.003  # of Fz: a deviation below which the library is good enough
+DEAR = 3.0  # times the cost at the primary place: there the library's mesh must do
 DOUBTFUL = 0.15  # of the deepest travel: before that a relative deviation says nothing
 
 
@@ -74,7 +76,8 @@ def mended(
         for k, here in enumerate(library.places):
             for v in _speeds(library, e, k):
                 late = np.array([np.log(v) if timed(s) else 0.0 for s in e.knobs])
-                tasks = jobs_at(library.base, library.plan, k, e, at[:d], at[d:] + late, here.passes)
+                finer = not _dear(library, k)
+                tasks = jobs_at(library.base, library.plan, k, e, at[:d], at[d:] + late, here.passes, finer)
                 wanted.append((e, at, k, v, late, tasks))
     every = [t for *_, tasks in wanted for t in tasks]
     outcomes = iter(run(every) if every else [])
@@ -87,7 +90,7 @@ def mended(
         failed += sum(not isinstance(o, Done) for o in mine)
         if lost:
             continue
-        change = change - here.ways - here.mesh
+        change = change - here.ways - (0.0 if _dear(library, k) else here.mesh)
         was, marks = library.change(k, e, at[None, d:], v)
         off.append((change - was[0])[:, :, here.u > DOUBTFUL * here.u[-1]])
         more = np.zeros(0)
@@ -100,6 +103,10 @@ def mended(
     largest = max(float(np.abs(v).max()) for v in off)
     z = np.concatenate([v[:, FORCES.index("Fz")].ravel() for v in off])
     return library, Check(len(every), failed, largest, float(np.sqrt(np.mean(z**2))), names)
+
+
+def _dear(library: Library, place: int) -> bool:
+    return library.places[place].cost > DEAR * library.places[library.primary].cost
 
 
 def _speeds(library: Library, effect: Effect, place: int) -> list[float]:
