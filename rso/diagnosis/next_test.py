@@ -115,7 +115,7 @@ def simulated(
 
 def _ranked(words: str, distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> NextTest:
     worst = min(distance, key=lambda p: distance[p])
-    settled = sum(v >= SEPARATES for v in distance.values())
+    settled = sum(bool(v >= SEPARATES) for v in distance.values())
     return NextTest(words, _chance(distance, probability), worst, float(distance[worst]), settled, len(distance))
 
 
@@ -152,8 +152,10 @@ def candidates(library: Library) -> list[Candidate]:
     tests = {t.place: t for t in plan.tests}
     for words, knobs in getattr(backend, "prevented", lambda: {})().items():
         each = [replace(plan.experiments[t.experiment], name=f"again {k}") for k, t in tests.items()]
-        again = [_experiment(e, min(plan.places[k].deepest, 4.0), speeds[0], True, e.name)
-                 for k, e in zip(tests, each, strict=True)]  # fmt: skip
+        again = [
+            _experiment(e, min(plan.places[k].deepest, 4.0), speeds[0], _turned(library, k), e.name)
+            for k, e in zip(tests, each, strict=True)
+        ]
         out.append(Candidate(words, tuple(again), frozenset(knobs)))
     return out
 
@@ -174,9 +176,7 @@ def _known(library: Library, plan: TestPlan) -> bool:
     """Whether a plan can be read off the tables: its places are the library's, its turns near theirs."""
     own = [_place(library, p) for p in plan.places]
     return all(k is not None for k in own) and all(
-        not p.peaks
-        or any(abs(v - q) < 0.3 for v in p.peaks for q in library.plan.places[k].peaks)
-        or not _turned(library, k)
+        not p.peaks or any(abs(v - q) < 0.3 for v in p.peaks for q in library.plan.places[k].peaks)
         for p, k in zip(plan.places, own, strict=True)
     )
 
@@ -186,7 +186,7 @@ def _place(library: Library, place: Place) -> int | None:
 
 
 def _turned(library: Library, place: int) -> bool:
-    """Whether the library knows the way back at a place, and so needs to know from which depth."""
+    """Whether the library knows the way back at a place."""
     return any(p.peak is not None for p in library.places[place].passes)
 
 

@@ -1,0 +1,96 @@
+"""The next test: the chance that it settles the matter, and which tests are proposed."""
+
+import dataclasses
+import types
+
+import diagnosis_backend as toy
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from rso.diagnosis import attribute, build, make_plan
+from rso.diagnosis.mixture import posterior
+from rso.diagnosis.next_test import SETTLED, _chance, candidates, next_tests, simulated
+
+
+@pytest.mark.parametrize("D", [1.0, 2.5, 4.0, 7.0])
+def test_the_chance_is_that_of_gaussian_readings(D):
+    """Two hypotheses D standard deviations apart: draw from each, count how often it ends above SETTLED."""
+    P, rng = np.array([0.7, 0.3]), np.random.default_rng(1)
+    mean, settled = np.array([0.0, D]), 0.0
+    for k in (0, 1):
+        x = mean[k] + rng.standard_normal(200_000)
+        s = np.log(P) - 0.5 * (x[:, None] - mean) ** 2
+        settled += P[k] * np.mean(np.exp(s[:, k] - logsumexp(s, axis=1)) >= SETTLED)
+    chance = _chance({("a", "b"): D}, {"a": 0.7, "b": 0.3})
+    np.testing.assert_allclose(chance, settled, atol=4e-3)  # 200 000 draws scatter by 1e-3
+
+
+def test_what_separates_nothing_settles_nothing_and_what_separates_all_does():
+    P = {"a": 0.5, "b": 0.3, "c": 0.2}
+    pairs = [("a", "b"), ("a", "c"), ("b", "c")]
+    assert _chance(dict.fromkeys(pairs, 0.0), P) < 1e-6
+    assert _chance(dict.fromkeys(pairs, 20.0), P) > 0.999
+    # one that only sets a apart settles it where a is true, and no oftener
+    np.testing.assert_allclose(_chance({("a", "b"): 20.0, ("a", "c"): 20.0, ("b", "c"): 0.0}, P), 0.5, atol=1e-6)
+
+
+def survivors(library, names, data):
+    """Posteriors of single effects."""
+    y = library.plan.values()
+    bench = attribute.set_up(library, y)
+    evidence = attribute.Evidence(bench, library.effects)
+    own = {e.name: e for e in library.effects}
+    found = {}
+    for n in names:
+        h = evidence.best((own[n],), y, loose=True)
+        found[n] = ((own[n],), posterior(h, h.white(y), 400, np.random.default_rng(0)))
+    return bench, found
+
+
+def plan_of(truth, seed=0, **chain):
+    """A cycle at the top and a loading curve beside it."""
+    rng = np.random.default_rng(seed)
+    return make_plan([
+        toy.experiment("cycle", toy.recorded(truth, rng, unload=True, **chain)),
+        toy.experiment("aside", toy.recorded(truth, rng, point=(10.0, 0.0), lateral=True, **chain), point=(10.0, 0.0)),
+    ])  # fmt: skip
+
+
+def lab(backend):
+    """The toy's base with another backend behind it."""
+    return dataclasses.replace(toy.base(axes=False), backend=backend)
+
+
+def proposing(**methods):
+    """The toy, offering tests of its own."""
+    own = {n: getattr(toy.BACKEND, n) for n in dir(toy.BACKEND) if not n.startswith("_")}
+    there = types.SimpleNamespace(**own, **methods)
+    return there
+
+
+def test_a_gauge_and_a_prevented_effect_are_proposed_and_the_better_comes_first():
+    truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012, "stiff": 0.02}
+    backend = proposing(
+        prevented=lambda: {"again without it": ("soften",)},
+        gauges=lambda: {"stiff": ("a perfect gauge", 1e-6)},
+    )
+    effects = toy.effects("stiff", "soften", "bias")
+    library = build(lab(backend), plan_of(truth), effects, toy.run)
+    bench, alive = survivors(library, ("stiff", "bias"), truth)
+    found = next_tests(library, bench, alive, {"stiff": 0.5, "bias": 0.5}, None)
+    words = [t.test for t in found]
+    assert "a perfect gauge" in words and "again without it" in words and "a run in air" in words
+    assert all(a.chance >= b.chance - 1e-3 for a, b in zip(found, found[1:], strict=False))
+    assert all(0.0 <= t.chance <= 1.0 for t in found)
+
+
+def test_nothing_is_proposed_where_one_cause_is_left_and_simulations_are_asked_for_only_with_a_runner():
+    truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012}
+    backend = proposing(tests=lambda settings: {"another point": {"point": [5.0, 0.0]}})
+    library = build(lab(backend), plan_of(truth), toy.effects("stiff", "bias"), toy.run)
+    bench, alive = survivors(library, ("stiff", "bias"), truth)
+    assert next_tests(library, bench, {"stiff": alive["stiff"]}, {"stiff": 1.0}, None) == []
+    (other,) = [c for c in candidates(library) if c.words == "another point"]
+    assert simulated(library, other, alive, None) is None
+    assert simulated(library, other, alive, toy.run) is not None
