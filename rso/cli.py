@@ -67,6 +67,7 @@ def _parser() -> argparse.ArgumentParser:
         ("status", _status, "say how far a study is"),
         ("diagnose", _diagnose, "say where the model misses the measurements and which unmodelled effect causes it"),
         ("ladder", _ladder, "climb from the simplest model to the one that these data ask for, and not further"),
+        ("next", _next, "say which experiment, not done yet, would tell most of what is known worst"),
         ("report", _report, "write the report again from results.json"),
     ):
         command = commands.add_parser(name, help=text, description=text)
@@ -75,7 +76,7 @@ def _parser() -> argparse.ArgumentParser:
         command.set_defaults(call=call)
         if name == "check":
             command.add_argument("--trust", action="store_true", help="load a backend that is not rso's own: its code")
-        if name in ("run", "diagnose", "ladder"):
+        if name in ("run", "diagnose", "ladder", "next"):
             command.add_argument("--jobs", type=_at_least_one, help="simulations at a time (default: dispatch.jobs)")
         if name == "run":
             command.add_argument("--fresh", action="store_true", help="move the old results aside and start again")
@@ -88,7 +89,7 @@ def _parser() -> argparse.ArgumentParser:
     blind.add_argument("--out", type=Path, default=Path("answers"), help="where answers go (default: answers/)")
     blind.add_argument("--jobs", type=_at_least_one, default=2, help="simulations at a time")
     blind.add_argument("--seed", type=int, default=1, help="seed of the simulated data sets")
-    blind.add_argument("--reruns", action="store_true", help="compute finalists anew and simulate candidate tests")
+    blind.add_argument("--quick", action="store_true", help="library only: finalists are not computed anew")
     blind.set_defaults(call=_blind)
     return parser
 
@@ -245,6 +246,33 @@ def _ladder(options: argparse.Namespace, command: str) -> int:
     return EXIT_FAILED_RUNS if found["chosen"] is None else 0
 
 
+def _next(options: argparse.Namespace, command: str) -> int:
+    from rso.study import load
+    from rso.study.further import run_next
+    from rso.study.further_results import markdown, results, write
+    from rso.study.plan import make_plan
+
+    study = load(options.study)
+    plan = make_plan(study)
+    jobs = options.jobs or study.dispatch.jobs
+    folder = _folder(options, study.folder)
+    with _workplace(study.dispatch, jobs, plan.source, folder) as (store, pool, progress):
+        further = run_next(plan, store, pool, watch=progress.watch, say=progress.say)
+    found = results(plan, further, command)
+    files = [write(folder, found)]
+    if study.report.html or study.report.pdf:
+        from rso.report.further import render_further
+
+        files += render_further(found, folder, html=study.report.html, pdf=study.report.pdf)
+    print(f"\n{found['study']['title']}")
+    for line in [*found["words"], *(f"no answer: {n}: {w}" for n, w in found["problems"].items())]:
+        width = min(shutil.get_terminal_size().columns, 100)
+        print(textwrap.fill(line, width, initial_indent="  ", subsequent_indent="    "))
+    print("\n" + "\n".join(markdown(found)) + "\n")
+    print("\n".join(f"  {f}" for f in files))
+    return EXIT_FAILED_RUNS if found["problems"] else 0
+
+
 def _blind(options: argparse.Namespace, command: str) -> int:
     from rso.progress import Progress
     from rso.running import WorkerPool
@@ -264,7 +292,7 @@ def _blind(options: argparse.Namespace, command: str) -> int:
         Progress() as progress,
     ):
         found = answer(
-            cases, options.out, store, pool, seed=options.seed, reruns=options.reruns, watch=progress.watch,
+            cases, options.out, store, pool, seed=options.seed, reruns=not options.quick, watch=progress.watch,
             say=progress.say,
         )  # fmt: skip
         bad = sum("error" in data for _, data in found)

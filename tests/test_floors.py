@@ -22,7 +22,7 @@ ROOMS = {
         "analytic laws geometry",
         "stress meshing",
         "element linsolve zones contact newton",
-        "stepping post",
+        "rolling stepping post",
         "experiment model indentation errors anchors nested levels",
         "backend output",
         "__main__",

@@ -1,9 +1,10 @@
 """Identification: what measured curves say about parameters, and how well they determine them."""
 
 from rso.identify.determination import Determination, Known, compare_weightings, determine
-from rso.identify.directions import Direction, Gain, best_depth, directions, gain
+from rso.identify.directions import Direction, Gain, best_depth, directions, expected_sd, gain
 from rso.identify.error_surface import ErrorSurface, Minimum, fit_surface, surface_minima
 from rso.identify.fitting import Fit, all_minima, descend, fit_at, gauss_newton
+from rso.identify.further import Experiment, Told, on_valley, told
 from rso.identify.intervals import Interval, Profile, laplace, profile, quantiles, spread
 from rso.identify.likelihood import WEIGHTINGS, Data, Misfit, Model, covariance, stack, together
 from rso.identify.metric import MetricMinimum, curve_score, downhill, minimise
@@ -18,6 +19,7 @@ __all__ = [
     "Direction",
     "Draws",
     "ErrorSurface",
+    "Experiment",
     "Fit",
     "Gain",
     "Interval",
@@ -28,6 +30,7 @@ __all__ = [
     "Model",
     "Place",
     "Profile",
+    "Told",
     "Verdict",
     "all_minima",
     "best_depth",
@@ -39,6 +42,7 @@ __all__ = [
     "directions",
     "downhill",
     "emulated",
+    "expected_sd",
     "fit_at",
     "fit_surface",
     "gain",
@@ -47,6 +51,7 @@ __all__ = [
     "judge",
     "laplace",
     "minimise",
+    "on_valley",
     "profile",
     "quantiles",
     "resample",
@@ -57,4 +62,5 @@ __all__ = [
     "stack",
     "surface_minima",
     "together",
+    "told",
 ]

@@ -84,11 +84,12 @@ def gain(box: Box, x: np.ndarray, fisher: np.ndarray, test: str, jacobian: np.nd
     for Gaussian errors.
     """
     more = jacobian.T @ np.linalg.solve(covariance, jacobian)
-    before, after = (_sd(box, x, f) for f in (fisher, fisher + more))
+    before, after = (expected_sd(box, x, f) for f in (fisher, fisher + more))
     return Gain(test, before, after)
 
 
-def _sd(box: Box, x: np.ndarray, fisher: np.ndarray) -> dict[str, float]:
+def expected_sd(box: Box, x: np.ndarray, fisher: np.ndarray) -> dict[str, float]:
+    """sd of ln θ by name for a Fisher information (d, d) in the unit cube at x (d,), the box counted as a prior."""
     sd = spread(fisher + UNIFORM * np.eye(box.d)) / per_log(box, x)
     return {n: float(v) for n, v in zip(box.names, sd, strict=True)}
 

@@ -26,7 +26,7 @@ from rso.identify import (
     stack,
     together,
 )
-from rso.ladder import Added, Check, Climb, CurveError, Judged, Level
+from rso.ladder import Added, Climb, Goodness, Judged, Left, Level
 from rso.store import RunStore
 from rso.study.ladder_curves import curve_data, curve_outputs, error_at, fitted_curves, measured, numerical, placed
 from rso.study.ladder_runs import Bench, NoAnswer, Watch, design, prove, sampled
@@ -74,7 +74,7 @@ class Climbed:
     rungs: tuple[tuple[Level, ...], ...]
     climb: Climb
     start: Mapping[str, tuple[float, float, float]] | None
-    validation: Mapping[str, tuple[tuple[CurveError, Check], ...]]
+    validation: Mapping[str, tuple[Goodness, ...]]
     cost: Mapping[str, float]
     seconds: float
 
@@ -112,7 +112,7 @@ def run_ladder(
         known[level.name] = found
         return judged(plan, level, whole, found, onto.name if onto else "")
 
-    climb = ladder.climb(rungs, judge, table.confidence)
+    climb = ladder.climb(rungs, judge)
     checked = {}
     for j in climb.judged:
         if not j.problem and plan.validation:
@@ -231,19 +231,16 @@ def _finished(
 
 
 def judged(plan: Plan, level: Level, whole: Level, found: Fitted, onto: str) -> Judged:
-    """Tests, thresholds, evidence and what the level adds."""
+    """The verdict, evidence and what the level adds."""
     d, share, seed = found.determination, plan.study.ladder.confidence, plan.seed
     k = found.roles.count("fit")
-    fit_data, other = found.data[:k], found.data[k:]
+    other = found.data[k:]
     residual = [f - v.value for f, v in zip(found.predicted, found.data, strict=True)]
-    fitted = ladder.check(np.concatenate(residual[:k]), d.misfit, found.simulated, share)
-    errors = ladder.curve_errors(fit_data, found.roles[:k], np.concatenate(residual[:k]), found.simulated, share)
-    selected = None
+    parts = [Left(np.concatenate(residual[:k]), d.misfit, found.simulated, found.roles[:k])]
     if other:
         model = stack([emulated(found.emulator, p)[0] for p in found.places[k:]])
         elsewhere = ladder.simulate_elsewhere(model, other, d.fit, found.simulated.X, seed)
-        selected = ladder.check(np.concatenate(residual[k:]), Misfit(model, other), elsewhere, share)
-        errors += ladder.curve_errors(other, found.roles[k:], np.concatenate(residual[k:]), elsewhere, share)
+        parts.append(Left(np.concatenate(residual[k:]), Misfit(model, other), elsewhere, found.roles[k:]))
     axis_of = {knob: axis for axis, knob in found.axes.knob.items()}
     known = {v.name: v for v in d.known}
     added = tuple(
@@ -252,7 +249,8 @@ def judged(plan: Plan, level: Level, whole: Level, found: Fitted, onto: str) -> 
         for n in level.open
     )  # fmt: skip
     evidence = ladder.log_evidence(d.misfit, d.fit, seed)
-    return Judged(replace(whole, extends=level.extends), "", fitted, selected, errors, added, evidence, onto, found)
+    goodness = ladder.assess(parts, share)
+    return Judged(replace(whole, extends=level.extends), "", goodness, added, evidence, onto, found)
 
 
 def neutral(plan: Plan, axes: Axes, level: Level, below: Fitted | None) -> list[Sample]:
@@ -306,7 +304,7 @@ def _gap(plan: Plan, misfit: Misfit, x: np.ndarray, answer: tuple[Response, ...]
 # ------------------------------------------------------------------------------------------------------ validation
 
 
-def validate(bench: Bench, j: Judged) -> tuple[tuple[CurveError, Check], ...]:
+def validate(bench: Bench, j: Judged) -> tuple[Goodness, ...]:
     """Force curves kept for the end, predicted by a level, each against what a perfect model would leave there.
 
     The parameters' own uncertainty is carried by the derivatives of the run, where the backend gives them.
@@ -330,6 +328,5 @@ def validate(bench: Bench, j: Judged) -> tuple[tuple[CurveError, Check], ...]:
             model = Model(box, lambda X, f=f, J=J: f + (X - fit.x) @ J.T)  # type: ignore[misc]
             apart = ladder.simulate_elsewhere(model, (d,), fit, found.simulated.X, plan.seed)
             share = plan.study.ladder.confidence
-            t = ladder.check(f - d.value, Misfit(model, (d,)), apart, share)
-            out += [(c, t) for c in ladder.curve_errors((d,), ("validate",), f - d.value, apart, share)]
+            out.append(ladder.assess([Left(f - d.value, Misfit(model, (d,)), apart, ("validate",))], share))
     return tuple(out)

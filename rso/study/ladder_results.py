@@ -15,11 +15,11 @@ import rso
 from rso import ladder
 from rso.contract import plain
 from rso.identify.verdict import physical
-from rso.ladder import Check, Judged
+from rso.ladder import Check, CurveError, Goodness, Judged
 from rso.study.climbing import Climbed, Fitted
 from rso.study.plan import Plan
 
-FILE, SCHEMA = "ladder.json", 1
+FILE, SCHEMA = "ladder.json", 2
 LENIENT = 0.999  # of perfect models leave more than this: the stated errors are larger than the data show
 
 
@@ -28,14 +28,14 @@ def results(plan: Plan, found: Climbed, command: str) -> dict[str, Any]:
     climb, table = found.climb, plan.study.ladder
     rung_of = {v.name: n for n, rung in enumerate(found.rungs) for v in rung}
     title_of = {v.name: v.label for rung in found.rungs for v in rung}
-    share = f"{100 * table.confidence:g}"
+    alarm = f"{100 * (1 - table.confidence):.3g}"
     return plain(
         finite(
             {
                 "schema": SCHEMA,
                 "study": {"title": plan.study.study.title, "file": plan.study.file.name, "seed": plan.seed,
                           "units": plan.study.study.units},
-                "rule": ladder.RULE.format(share=share),
+                "rule": ladder.RULE.format(alarm=alarm),
                 "confidence": table.confidence,
                 "draws": table.draws,
                 "chosen": climb.chosen,
@@ -62,16 +62,17 @@ def warnings(plan: Plan, found: Climbed) -> list[str]:
     if climb.chosen is None:
         return said
     j = climb.of(climb.chosen)
-    t = j.fitted
-    assert t is not None
+    assert j.goodness is not None
+    t = j.goodness.checks[0]
     if t.p_value > LENIENT * (1 - 1 / (plan.study.ladder.draws + 1)):
         said.append(
             f"the fitted curves leave χ² = {t.chi2:.3g} where a perfect model leaves {t.expected:.3g} on average: the "
             "stated errors are larger than the curves show, so that the thresholds are lenient and the ladder may stop "
             "too early"
         )
-    for e, t in found.validation.get(climb.chosen, ()):
-        if t.p_value < 1 - plan.study.ladder.confidence:
+    for g in found.validation.get(climb.chosen, ()):
+        if not g.passes:
+            (e,) = g.errors
             said.append(
                 f"validation: {j.level.label} misses {e.name} (NRMSE {100 * e.nrmse:.3g} %, threshold "
                 f"{100 * e.limit:.3g} %), which it did not see; with count_validation in [ladder] that curve counts in "
@@ -113,15 +114,16 @@ def _level(plan: Plan, found: Climbed, j: Judged, rung: int) -> dict[str, Any]:
             "range": [d.axes.box.low[k], d.axes.box.high[k]], "value": known.value, "interval": [low, high],
             "verdict": known.verdict.word, "added": known.name in own, "story": known.story, "reason": known.reason,
         })  # fmt: skip
-    errors = [{"curve": e.name, "role": e.role, "nrmse": e.nrmse, "threshold": e.limit} for e in j.errors]
-    checks = found.validation.get(j.level.name, ())
-    errors += [{"curve": e.name, "role": e.role, "nrmse": e.nrmse, "threshold": e.limit} for e, _ in checks]
+    g, elsewhere = j.goodness, found.validation.get(j.level.name, ())
+    assert g is not None
+    errors = [_error(e) for v in (g, *elsewhere) for e in v.errors]
     return head | {
         "parameters": rows,
         "values": d.axes.physical(d.values),
-        "fitted": _test(j.fitted),
-        "selected": _test(j.selected),
-        "validated": [{"curve": e.name} | _test(t) for e, t in checks],  # type: ignore[operator]
+        "verdict": _verdict(g),
+        "fitted": _test(g.checks[0]),
+        "selected": _test(g.checks[1]) if len(g.checks) > 1 else None,
+        "validated": [{"curve": v.errors[0].name} | _test(v.checks[0]) | {"verdict": _verdict(v)} for v in elsewhere],
         "errors": errors,
         "log_evidence": j.log_evidence,
         "agreement": d.agreement,
@@ -149,9 +151,15 @@ def finite(data: Any) -> Any:
     return data
 
 
-def _test(t: Check | None) -> dict[str, Any] | None:
-    if t is None:
-        return None
+def _verdict(g: Goodness) -> dict[str, Any]:
+    return {"passes": g.passes, "p_value": g.p_value, "share": g.share}
+
+
+def _error(e: CurveError) -> dict[str, Any]:
+    return {"curve": e.name, "role": e.role, "nrmse": e.nrmse, "threshold": e.limit, "p_value": e.p_value}
+
+
+def _test(t: Check) -> dict[str, Any]:
     return {"chi2": t.chi2, "expected": t.expected, "limit": t.limit, "p_value": t.p_value, "points": t.points}
 
 

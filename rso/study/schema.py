@@ -337,6 +337,62 @@ class LadderTable(Table):
     count_validation: bool = False
 
 
+class NextExperiment(Table):
+    """[[next.experiments]]: an experiment that might be done: its settings, what is read and how well.
+
+    A force curve is read every `step` down to `depth` in its `channels`; with `marks` ([x, y] of surface points, mm) it
+    is a profile, whose uz is read at the `depths`.  `words` says in a line what it is.
+    """
+
+    name: Name
+    words: Annotated[str, Field(max_length=200)] = ""
+    settings: Settings = {}
+    depth: Depth = 4.0
+    step: Depth = 0.1
+    channels: Names = ("Fz",)
+    marks: Annotated[tuple[Annotated[tuple[float, float], BeforeValidator(_list_to_tuple)], ...],
+                     BeforeValidator(_list_to_tuple)] = ()  # fmt: skip
+    depths: Annotated[tuple[Depth, ...], BeforeValidator(_list_to_tuple)] = ()
+    noise: NoiseTable = NoiseTable()
+
+    @model_validator(mode="after")
+    def _profile(self) -> NextExperiment:
+        if bool(self.marks) != bool(self.depths):
+            raise ValueError("a profile needs both marks and depths, a force curve neither")
+        if self.step > self.depth:
+            raise ValueError(f"step = {self.step:g} mm is larger than depth = {self.depth:g} mm")
+        return self
+
+
+class NextTable(Table):
+    """[next]: what experiments that nobody has done yet would tell (`rso next`).
+
+    `truths` maps a parameter to the values that it is asked for (default: five over its range, for the parameter that
+    is known worst); the others follow the data.  `runs` is the design of each experiment, `draws` the made-up data sets
+    behind every expectation.
+    """
+
+    experiments: Annotated[tuple[NextExperiment, ...], BeforeValidator(_list_to_tuple)] = ()
+    truths: dict[str, Annotated[tuple[Bound, ...], BeforeValidator(_list_to_tuple)]] = {}
+    runs: Runs | None = None
+    draws: Annotated[int, Field(ge=10, le=10_000)] = 60
+
+    @field_validator("experiments")
+    @classmethod
+    def _names_apart(cls, value: tuple[NextExperiment, ...]) -> tuple[NextExperiment, ...]:
+        names = [e.name for e in value]
+        if twice := sorted({n for n in names if names.count(n) > 1}):
+            raise ValueError(f"the name {twice[0]!r} is there twice")
+        return value
+
+    @field_validator("truths")
+    @classmethod
+    def _one_parameter(cls, value: dict[str, Any]) -> dict[str, Any]:
+        if len(value) > 1:
+            raise ValueError(f"one parameter at a time, not {', '.join(value)}: the others follow the data")
+        return value
+
+
 class DispatchTable(Table):
     """[dispatch]: `timeout` is for one run, whatever the backend's own limit."""
 
@@ -383,6 +439,7 @@ class Study(Table):
     verify: VerifyTable = VerifyTable()
     diagnose: DiagnoseTable = DiagnoseTable()
     ladder: LadderTable = LadderTable()
+    next: NextTable = NextTable()
     dispatch: DispatchTable = DispatchTable()
     report: ReportTable = ReportTable()
 

@@ -54,7 +54,7 @@ def curves(outcomes: Mapping[str, Outcome], bowl: Family) -> Figure:
             f = Resampling(o.response.channels["travel"], o.response.channels["Fz"])
             v = np.linspace(0.05, 8.0, 160)
             right.plot(v, f(v), line, color=colour)
-            up = {"1": -6, "3": 4, "4": 8}[s]
+            up = {"1": -8, "3": 1, "4": 8}[s]
             tag(right, 8.0, float(f(8.0)), f"set {s}", colour=colour, offset=(8, up), ha="left")
     tag(left, 1.6, float(np.interp(1.6, depth, force)), "measured\n(reconstructed)", offset=(-8, 10), ha="right")
     first, deep = PRINTED["middle_point"], PRINTED["deeper"]
@@ -63,7 +63,8 @@ def curves(outcomes: Mapping[str, Outcome], bowl: Family) -> Figure:
     right.plot([8.0], [deep["set4_8mm_N"]], "D", ms=4.5, mfc=PAPER, mec=WARM)
     tag(right, 8.0, deep["set4_8mm_N"], "set 4, thesis", colour=WARM, offset=(8, -2), ha="left")
     right.set_xlim(0, 10.6)
-    for axes, title in ((left, "identification, 0 to 4 mm"), (right, "validation, 0 to 8 mm")):
+    right.set_xticks([0, 2, 4, 6, 8])
+    for axes, title in ((left, "simulated (lines), found again (dots)"), (right, "deeper: measured at 8 mm only")):
         axes.set(xlabel="depth (mm)", ylabel="Fz (N)", ylim=(0, None))
         axes.set_title(title, color=GREY)
     left.set_xlim(0, None)
@@ -210,7 +211,7 @@ def profile(outcomes: Mapping[str, Outcome]) -> Figure:
     right.plot([], [], color=GREY, lw=0.6, label="the same, held")
     right.plot(x, [0] * len(x), color=PALE, lw=0.8, zorder=0)
     right.legend(frameon=False, loc="lower right", fontsize=7.5)
-    for axes, title in ((left, "set 3, 1 to 4 mm deep"), (right, "all sets, 4 mm deep")):
+    for axes, title in ((left, "simulated in the bowl: set 3, 1 to 4 mm"), (right, "simulated: all sets, 4 mm deep")):
         axes.set(xlabel="x (mm), y = 5 mm")
         axes.set_title(title, color=GREY)
     left.set_ylabel("displacement uz (mm)")

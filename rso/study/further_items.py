@@ -1,0 +1,135 @@
+"""The experiments of `rso next`: those done, with their readings, and those that might be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rso.contract import Case, Programme
+from rso.identify import Data, Place
+from rso.measurement import Noise
+from rso.study.cases import DEFAULT_SPEED, STEPS, case_for, mark_channel, profile_case, profile_depths, travels
+from rso.study.errors import Problem, choose, study_error
+from rso.study.ladder_curves import curve_data, fitted_curves, placed
+from rso.study.plan import Plan
+from rso.study.schema import NextExperiment
+from rso.units import quantity
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Readings that share errors: one channel of a force curve, or a whole profile; `data` is None if not measured."""
+
+    places: tuple[Place, ...]
+    unit: str
+    noise: Noise
+    data: Data | None = None
+
+    @property
+    def depth(self) -> np.ndarray:
+        """Depth (n,) of every reading."""
+        return np.concatenate([p.depth for p in self.places])
+
+
+@dataclass(frozen=True, eq=False)
+class Item:
+    """An experiment: what is simulated for it, what is read, and whether it has been done."""
+
+    name: str
+    words: str
+    case: Case
+    blocks: tuple[Block, ...]
+    done: bool
+
+
+def done(plan: Plan) -> list[Item]:
+    """Experiments with role "fit": force curves, and profiles (which `rso run` does not fit)."""
+    items = []
+    for e in plan.study.experiments:
+        if e.role != "fit":
+            continue
+        noise = e.noise.noise()
+        if e.kind == "force":
+            case = case_for(plan.study, e.name, travels(plan.curves[e.name], set()))
+            pairs = [(n, c) for n, c in fitted_curves(plan, "fit") if n == e.name]
+            data = [curve_data(plan, placed(plan, *pair)) for pair in pairs]
+            blocks = [Block((placed(plan, *p),), d.unit, noise, d) for p, d in zip(pairs, data, strict=True)]
+        else:
+            case, blocks = profile_case(plan.study, e.name, plan.curves[e.name]), [_measured_profile(plan, e.name)]
+        items.append(Item(e.name, "", case, tuple(blocks), True))
+    return items
+
+
+def _measured_profile(plan: Plan, name: str) -> Block:
+    """A measured profile, its readings in the order of the marks; depths as they were asked for."""
+    curve, noise = plan.curves[name], plan.study.experiment(name).noise.noise()
+    assert curve.position is not None
+    asked = np.array(profile_depths(curve))
+    keep = np.flatnonzero(curve.depth > 0)
+    names = np.array([mark_channel(p) for p in curve.position])[keep]
+    order, places = [], []
+    for channel in dict.fromkeys(names):
+        mine = keep[names == channel]
+        near = asked[np.argmin(np.abs(asked[:, None] - curve.depth[mine]), axis=0)]
+        close = np.abs(near - curve.depth[mine]) <= 1e-3 * asked[-1]
+        places.append(Place(name, channel, np.where(close, near, curve.depth[mine])))
+        order += list(mine)
+    depth = np.concatenate([p.depth for p in places])
+    data = Data(name, curve.unit, depth, curve.value[order], curve.covariance[np.ix_(order, order)])
+    return Block(tuple(places), curve.unit, noise, data)
+
+
+def planned(plan: Plan, e: NextExperiment) -> Item:
+    """An experiment of `[[next.experiments]]`."""
+    settings = {k: v for k, v in {**plan.study.backend.settings, **e.settings}.items() if k != "unload"}
+    noise = e.noise.noise()
+    if e.marks:
+        depths = tuple(sorted(e.depths))
+        settings["profile"] = [list(map(float, m)) for m in e.marks]
+        places = tuple(Place(e.name, mark_channel(m), np.array(depths)) for m in e.marks)
+        return Item(e.name, e.words, _case(e.name, depths, settings), (Block(places, "mm", noise),), False)
+    readings = np.round(np.arange(1, round(e.depth / e.step) + 1) * e.depth / round(e.depth / e.step), 9)
+    asked = (*(round(e.depth * k / STEPS, 6) for k in range(1, STEPS)), e.depth)
+    blocks = tuple(Block((Place(e.name, c, readings),), "N", noise) for c in e.channels)
+    return Item(e.name, e.words, _case(e.name, asked, settings), blocks, False)
+
+
+def _case(name: str, asked: tuple[float, ...], settings: Mapping[str, object]) -> Case:
+    try:
+        speed = quantity(settings["speed"], "mm/s")  # type: ignore[arg-type]
+    except (KeyError, TypeError, ValueError):
+        speed = DEFAULT_SPEED
+    return Case(name, Programme.ramp(asked, speed), dict(settings))
+
+
+def refuse(plan: Plan, items: Sequence[Item]) -> None:
+    """What the backend does not model, with its place in the study file."""
+    problems, backend = [], plan.backend
+    mine = {e.name: n for n, e in enumerate(plan.study.next.experiments)}
+    taken = {e.name for e in plan.study.experiments}
+    for item in items:
+        if item.done:
+            continue
+        place = ("next", "experiments", mine[item.name])
+        if item.name in taken:
+            problems.append(Problem((*place, "name"), "this name is taken by an experiment", item.name))
+        try:
+            backend.check(item.case)
+        except (ValueError, TypeError, LookupError, AttributeError) as error:
+            problems.append(Problem((*place, "settings"), str(error)))
+        for b in item.blocks:
+            for c in (p.channel for p in b.places):
+                if c not in backend.channels and not c.startswith("uz("):
+                    text = f"the backend {backend.name!r} has no such channel; {choose(c, backend.channels)}"
+                    problems.append(Problem((*place, "channels"), text, c))
+        n = item.blocks[0].noise
+        if not any((n.Fz, n.Fx, n.Fy, n.uz, n.gain)):
+            problems.append(Problem((*place, "noise"), "without errors of the readings everything would be known"))
+    if problems:
+        raise study_error(plan.study.file, plan.study.lines, problems)
+
+
+def kind(block: Block) -> str:
+    return "uz" if block.unit == "mm" else block.places[0].channel

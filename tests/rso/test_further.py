@@ -1,0 +1,286 @@
+"""What further experiments would tell: against Gaussian theory and against data; a valley is not believed away."""
+
+import json
+
+import numpy as np
+import pytest
+import sample_studies as studies
+import soft_ball
+from sample_studies import Inline
+from test_ladder import STUDY, climbed, curve
+
+from rso.cli import main
+from rso.doe import Box
+from rso.emulator import Output, Sample
+from rso.identify import Experiment, Model, determine, expected_sd, told
+from rso.identify.likelihood import Misfit
+from rso.report.further import render_further
+from rso.store import RunStore
+from rso.study import StudyError, load
+from rso.study.further import run_next
+from rso.study.further_curves import along_one
+from rso.study.further_results import ENOUGH, results
+from rso.study.plan import make_plan
+
+LINE = Box(("a", "b"), ("1", "1"), (1.0, 1.0), (3.0, 3.0), (False, False))
+
+
+def linear(name, A, sigma):
+    """Readings A θ with white errors."""
+    A = np.asarray(A, float)
+    return Experiment(name, Model(LINE, lambda X: LINE.from_unit(X) @ A.T), lambda x: sigma**2 * np.eye(len(A)))
+
+
+def test_of_a_linear_model_all_three_ways_give_the_gaussian():
+    """F = AᵀA/σ² in θ; far from the box's ends Fisher information and made-up data both are exact."""
+    x = np.array([0.5, 0.5])
+    sum_of, difference = linear("sum", [[1, 1]] * 4, 0.05), linear("difference", [[1, -1]], 0.04)
+    nothing, more = told(LINE, x, 1, [sum_of, linear("b", [[0, 1]], 0.06)], [(), (difference,)], seed=1, draws=400)
+    exact = np.linalg.inv(4 / 0.05**2 * np.ones((2, 2)) + np.diag([0, 1 / 0.06**2]) + 3 * np.eye(2))
+    half = 2.0  # ln θ counts as Δθ/θ at θ = 2; the box as a prior is 12/(3 − 1)² = 3
+    assert nothing.fisher["b"] == pytest.approx(np.sqrt(exact[1, 1]) / half, rel=1e-3)
+    assert nothing.expected["b"] == pytest.approx(nothing.fisher["b"], rel=0.05)
+    exact = np.linalg.inv(np.linalg.inv(exact) + np.outer([1, -1], [1, -1]) / 0.04**2)
+    assert more.fisher["b"] == pytest.approx(np.sqrt(exact[1, 1]) / half, rel=1e-3)
+    assert more.expected["b"] == pytest.approx(more.fisher["b"], rel=0.05)
+    assert nothing.coverage == pytest.approx(0.9, abs=0.06) and more.coverage == pytest.approx(0.9, abs=0.06)
+
+
+def test_the_same_experiment_again_shrinks_by_the_root_of_two():
+    e = linear("both", [[1, 0], [0, 1]], 0.02)
+    once, twice = told(LINE, np.array([0.5, 0.5]), 0, [e], [(), (linear("again", [[1, 0], [0, 1]], 0.02),)], seed=2)
+    assert once.fisher["a"] / twice.fisher["a"] == pytest.approx(np.sqrt(2), rel=0.01)
+    assert once.expected["a"] / twice.expected["a"] == pytest.approx(np.sqrt(2), rel=0.1)
+
+
+def ball(name, depth, noise):
+    """The soft ball's curve, read at depths."""
+    model = soft_ball.model(depth=depth)
+    return Experiment(name, model, lambda x: noise**2 * np.eye(len(depth)))
+
+
+def test_what_is_promised_is_what_inference_keeps():
+    """The expected sd against fits of data drawn anew, by the program that fits real data.
+
+    Where the Gaussian holds; 12 data sets give the mean sd to about 5 %.
+    """
+    mu, D1, noise = 0.01, 60.0, 2e-4
+    box, depth = soft_ball.BOX, np.linspace(0.2, 4.0, 20)
+    x = box.to_unit(np.array([[mu, D1]]))[0]
+    (row,) = told(box, x, 1, [ball("top", depth, noise)], [()], seed=3, draws=100)
+    rng, found = np.random.default_rng(4), []
+    for _ in range(12):
+        data = soft_ball.data(mu, D1, noise, rng, depth)
+        d = determine(Misfit(soft_ball.model(depth=depth), (data,)), seed=1, mcmc=False)
+        found.append(d.of("D1").sd_log)
+    assert row.expected["D1"] == pytest.approx(np.mean(found), rel=0.15)
+    assert row.fisher["D1"] == pytest.approx(row.expected["D1"], rel=0.15)
+
+
+def test_a_truth_at_the_end_of_a_flat_valley_stays_undetermined():
+    """Negative control: nearly incompressible, D1 does nothing to this curve; no amount of the same tells it."""
+    box, depth = soft_ball.BOX, np.linspace(0.2, 4.0, 20)
+    x = box.to_unit(np.array([[0.01, 1.0]]))[0]
+    once, twice = told(box, x, 1, [ball("top", depth, 3e-3)], [(), (ball("again", depth, 3e-3),)], seed=5, draws=60)
+    assert once.expected["D1"] > ENOUGH and twice.expected["D1"] > ENOUGH
+    # Fisher information does not know that the curve would show a high D1: it is twice too doubtful here.
+    assert once.expected["D1"] < 0.6 * once.fisher["D1"]
+
+
+def test_without_draws_only_fisher_information_is_given():
+    e = linear("both", [[1, 0], [0, 1]], 0.02)
+    (row,) = told(LINE, np.array([0.5, 0.5]), 0, [e], [()], seed=2, draws=0)
+    assert row.expected is None
+    exact = expected_sd(LINE, np.array([0.5, 0.5]), np.eye(2) * 4 / 0.02**2)  # J = 2, the box's width, for all θ
+    assert row.fisher == pytest.approx(exact, rel=1e-6)
+
+
+# ------------------------------------------------------------------------------------------------------ a whole study
+
+
+NEXT = """
+[next]
+truths = { D1 = [3, 10, 30] }
+runs = 8
+draws = 40
+[[next.experiments]]
+name = "deeper"
+depth = 8
+noise = { Fz = "0.4 mN", gain = "0.2 %" }
+[[next.experiments]]
+name = "softly"
+noise = { Fz = "50 mN", gain = "20 %" }
+"""
+
+
+def study(folder, table=NEXT):
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "top.csv").write_text(curve("neo", 4e-4, 0))
+    (folder / "study.toml").write_text(STUDY + table)
+    return folder / "study.toml"
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """`rso next` on a closed form where the force is μ(1 − …): depth tells nothing of D1, as its shape has no D1."""
+    path = study(tmp_path_factory.mktemp("next"))
+    plan = make_plan(load(path))
+    with RunStore(path.parent / "results") as store:
+        further = run_next(plan, store, Inline())
+    return further, results(plan, further, "test"), path
+
+
+def test_every_experiment_and_pair_is_asked_at_every_truth(found):
+    _, data, _ = found
+    added = [tuple(r["added"]) for r in data["told"]]
+    assert set(added) == {(), ("top once more",), ("deeper",), ("softly",), ("deeper", "softly")}
+    assert [t["D1"] for t in data["truths"]] == pytest.approx([3, 10, 30])
+    assert all(len(r["at"]) == 3 for r in data["told"])
+
+
+def test_the_others_follow_the_data_along_the_valley(found):
+    """Every truth gives the measured force: μ makes up for D1."""
+    further, *_ = found
+    misfit = further.joint[-1].determination.misfit
+    assert np.ptp(misfit.chi2(further.truths)) < 1.0
+
+
+def test_what_does_not_see_a_parameter_does_not_promise_it(found):
+    """In this backend the shape knows nothing of D1: the sets all leave it undetermined, and it is said."""
+    _, data, _ = found
+    assert all(at["expected"]["D1"] > ENOUGH for r in data["told"] for at in r["at"])
+    assert any("would determine" in w and w.startswith("Nothing") for w in data["words"])
+
+
+def test_the_existing_data_are_fitted_and_shown(found):
+    _, data, _ = found
+    assert [f["experiments"] for f in data["fits"]] == [["top"]]
+    assert {p["name"] for p in data["fits"][0]["parameters"]} == {"mu", "D1"}
+
+
+def test_page_and_command(found, tmp_path, capsys):
+    _, data, path = found
+    files = render_further(data, tmp_path)
+    assert [f.name for f in files] == ["next.html", "next.pdf", "next.svg"]
+    assert "deeper" in files[0].read_text() and files[1].read_bytes().startswith(b"%PDF")
+    assert render_further(data, tmp_path / "again")[0].read_bytes() == files[0].read_bytes()
+    assert main(["next", str(path), "--jobs", "1"]) == 0
+    said = capsys.readouterr().out
+    assert "best next experiment" in said and "one standard deviation" in " ".join(said.split())
+    written = json.loads((path.parent / "results" / "next.json").read_text())
+    written["provenance"], data["provenance"] = None, None
+    written["timings"], data["timings"] = None, None
+    for row in [*written["experiments"], *data["experiments"]]:
+        row.pop("cpu_s")
+    assert written == data
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("[next]\ntruths = { C9 = [1] }", "not searched for"),
+        ("[next]\ntruths = { D1 = [1000] }", "values from 2 to 40"),
+        ("[next]\ntruths = { D1 = [3], mu = [1] }", "one parameter at a time"),
+        ('[next]\nexperiments = [{ name = "a", noise = { gain = 0.1 } }, { name = "a" }]', "there twice"),
+        ('[next]\nexperiments = [{ name = "top", noise = { gain = 0.1 } }]', "taken by an experiment"),
+        ('[next]\nexperiments = [{ name = "a" }]', "without errors"),
+        ('[next]\nexperiments = [{ name = "a", channels = ["Fw"], noise = { gain = 0.1 } }]', "no such channel"),
+        ('[next]\nexperiments = [{ name = "a", settings = { law = "x" }, noise = { gain = 0.1 } }]', "law"),
+        ('[next]\nexperiments = [{ name = "a", marks = [[0, 5]], noise = { uz = 0.1 } }]', "marks and depths"),
+        ('[next]\nexperiments = [{ name = "a", depht = 3 }]', "unknown key"),
+    ],
+)
+def test_what_is_wrong_with_the_table_is_said_with_its_place(tmp_path, table, message):
+    with pytest.raises(StudyError, match=r"study\.toml:\d+: next") as caught:
+        path = study(tmp_path, "\n" + table + "\n")
+        plan = make_plan(load(path))
+        with RunStore(tmp_path / "results") as store:
+            run_next(plan, store, Inline())
+    assert message in str(caught.value)
+
+
+def test_a_measured_profile_and_the_force_are_fitted_together(tmp_path, monkeypatch):
+    """Alone neither is as good as both: the force knows μ for every D1, the surface of this body D1 for every μ."""
+    monkeypatch.setattr(studies.indentation_backend, "MARKED", studies.Marked(), raising=False)
+    rng, c = np.random.default_rng(6), studies.MU * studies.D1
+    u = np.linspace(0.05, 2.0, 40)
+    F = studies.indentation_backend.force(studies.MU, studies.D1, u, studies.THICKNESS)
+    F = F + 2e-4 * rng.standard_normal(len(u))
+    rows = [(h, x) for h in (1.0, 2.0) for x in (-6.0, -3.0, 0.0, 3.0, 6.0)]
+    uz = [studies.displacement(h, x, 2.0, c) + 0.01 * rng.standard_normal() for h, x in rows]
+    top = ["depth_mm,Fz_N", *(f"{a},{b}" for a, b in zip(u, F, strict=True))]
+    marks = ["depth_mm,x_mm,y_mm,uz_mm", *(f"{h},{x},2,{v}" for (h, x), v in zip(rows, uz, strict=True))]
+    (tmp_path / "top.csv").write_text("\n".join(top))
+    (tmp_path / "p.csv").write_text("\n".join(marks))
+    (tmp_path / "study.toml").write_text(PROFILE)
+    plan = make_plan(load(tmp_path / "study.toml"))
+    with RunStore(tmp_path / "results") as store:
+        further = run_next(plan, store, Inline())
+    sd = {j.names: j.determination.of("D1").sd_log for j in further.joint}
+    assert sd["top", "surface"] < 0.8 * min(sd[("top",)], sd[("surface",)])
+    whole = further.joint[-1].determination
+    for name, true in (("mu", studies.MU), ("D1", studies.D1)):
+        known = whole.of(name)
+        assert abs(np.log(known.value / true)) < 3 * known.sd_log
+    assert whole.p_value is None or whole.p_value > 1e-3
+
+
+PROFILE = """
+[study]
+title = "Together"
+seed = 1
+[backend]
+use = "indentation_backend:MARKED"
+settings = { thickness = 8.0 }
+[parameters]
+mu = { low = "6 kPa", high = "20 kPa", scale = "log" }
+D1 = { low = 10, high = 150, scale = "log" }
+[[experiments]]
+name = "top"
+role = "fit"
+data = "top.csv"
+noise = { Fz = "0.2 mN", gain = "1 %" }
+[[experiments]]
+name = "surface"
+role = "fit"
+kind = "profile"
+data = "p.csv"
+noise = { uz = "0.01 mm" }
+[next]
+runs = 12
+draws = 20
+"""
+
+
+def test_a_cubic_through_values_and_slopes_says_how_good_it_is():
+    """An exponential on eight points: what is stated holds, and halving the step makes it 16 times smaller."""
+    output, errors = Output("top", "Fz", 1.0, "N"), []
+    for n in (8, 15):
+        x = np.linspace(0, 1, n)
+        theta = np.exp(x * np.log(100.0))
+        samples = [
+            Sample({"D1": t}, {output.id: np.exp(-v)}, {}, {output.id: {"D1": -np.exp(-v) / (t * np.log(100.0))}})
+            for v, t in zip(x, theta, strict=True)
+        ]
+        cubic = along_one(Box(("D1",), ("1",), (1.0,), (100.0,), (True,)), [output], samples)[output.id]
+        fine = np.linspace(0, 1, 501)[:, None]
+        y, sd = cubic.predict(fine)
+        errors.append(np.abs(y - np.exp(-fine[:, 0])).max())
+        assert errors[-1] < 3 * sd[0]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.3)
+    bare = [Sample(s.values, s.outputs) for s in samples]
+    assert along_one(Box(("D1",), ("1",), (1.0,), (100.0,), (True,)), [output], bare) is None
+
+
+def test_data_of_the_ladder_backend_are_what_the_climb_sees(tmp_path):
+    """One model behind both commands: the fit of `rso next` is the ladder's of the level that the study states."""
+    path = study(tmp_path)
+    plan = make_plan(load(path))
+    with RunStore(tmp_path / "results") as store:
+        further = run_next(plan, store, Inline())
+    _, data = climbed(tmp_path / "ladder", "neo", 4e-4, 'levels = ["study"]')
+    mine = further.joint[-1].determination.of("mu").profile_interval
+    low, high = next(p["interval"] for p in data["levels"][0]["parameters"] if p["name"] == "mu")
+    box = further.axes.box
+    ends = box.from_unit(np.array([[mine.low, 0.5], [mine.high, 0.5]]))[:, 0]
+    np.testing.assert_allclose(ends, [low, high], rtol=0.02)
