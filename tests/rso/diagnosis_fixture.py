@@ -280,7 +280,14 @@ def _next(named):
     if len(named) < 2:
         return []
     return [
-        {"test": t, "chance": min(D / 5, 1.0), "separates": list(named), "distance": D, "resolves": int(D >= 4), "pairs": 1}
+        {
+            "test": t,
+            "chance": min(D / 5, 1.0),
+            "separates": list(named),
+            "distance": D,
+            "resolves": int(D >= 4),
+            "pairs": 1,
+        }
         for t, D in (
             ("the same test with the surface wetted", 11.3),
             ("load and unload ten times slower (1 mm/min)", 3.2),
