@@ -224,6 +224,7 @@ def next_tests(
             posts[n] = ((known[n],), posterior(h, h.white(y), 400, rng))
         p = by_key(result.contests[i], result.contests[i].probability)
         prior = {n: p.get((known[n].source,), 0.0) for n in names}
+        prior = {n: v / sum(prior.values()) for n, v in prior.items()}  # the truth is in the set
         pairs = [next_test._ranked(w, next_test.distances(v, bench, posts, c.without), prior)
                  for w, (c, v) in there.items()]  # fmt: skip
         pairs += [next_test._ranked(w, D, prior) for w, D in next_test._direct(library, bench, posts).items()]

@@ -7,6 +7,8 @@ move does not count (Atkinson & Fedorov 1975; Eriksson, Frisk & Krysander 2013 c
 true the log likelihood ratio against l is about N(D²/2, D²), so that the test settles the matter with probability
 
     Σ_k P_k min_l Φ[ (D_kl² / 2 − ln(P_l / P_k) − ln(s / (1 − s))) / D_kl ],      s = SETTLED.
+
+Where the truth is none of the hypotheses that can be simulated nothing is settled: P need not sum to 1.
 """
 
 from __future__ import annotations
@@ -120,8 +122,7 @@ def _ranked(words: str, distance: Mapping[tuple[str, str], float], probability: 
 
 
 def _chance(distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> float:
-    total = sum(probability.values())
-    P = {k: max(v / total, 1e-9) for k, v in probability.items()}
+    P = {k: max(v, 1e-9) for k, v in probability.items()}
     need, chance = np.log(SETTLED / (1 - SETTLED)), 0.0
     for k in P:
         rivals = [((l if k == m else m), D) for (l, m), D in distance.items() if k in (l, m)]
