@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fem_backend import contact, newton, post, stepping, stress
+from fem_backend import contact, newton, post, rolling, stepping, stress
 from fem_backend import model as modelling
 from fem_backend.experiment import Knobs, Settings
 from fem_backend.laws import Material
@@ -100,18 +100,28 @@ def bench(settings: Settings, knobs: Knobs, placement: Placement, model: Model, 
     u = ready.seated
     if system.springs is not None:
         u = stepping.seat(relaxed, away, u, settings.control, counters)
+        if not np.isfinite(_lag(ready, u)):  # Newton turned it over: once more, turning as rigid bodies do
+            u = stepping.seat(relaxed, away, ready.seated, settings.control, counters, rolling.solve)
     else:
         for share in (0.25, 0.5, 0.75, 1.0):
             try:
                 u = newton.solve(relaxed, u, replace(away, dead=share), settings.control.medium, counters).evaluation.u
             except newton.NotConverged as error:
                 raise Stopped(error.cause, f"sagging: {error}", [], error.history, counters) from error
-    pair = system.pairs[0]
+    lag = _lag(ready, u)
+    if not np.isfinite(lag):
+        raise Stopped("instability", "the specimen comes to lie where the indenter passes by", [], (), counters)
+    return replace(ready, seated=u, lag=lag)
+
+
+def _lag(at: Bench, u: np.ndarray) -> float:
+    """How much later (mm) a body displaced by u (n, 3) is touched; not finite if it is not."""
+    pair, placement, nodes = at.system.pairs[0], at.placement, at.model.body.nodes
     first = [
         contact.first_touch(pair.surface, x, pair.rigid, placement.touch, placement.direction)
-        for x in (model.body.nodes, model.body.nodes + u)
+        for x in (nodes, nodes + u)
     ]
-    return replace(ready, seated=u, lag=first[1] - first[0])
+    return first[1] - first[0]
 
 
 def solve(

@@ -146,6 +146,14 @@ def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
     return Evaluation(u, energy, residual, tuple(contacts), H, state.history, scale)
 
 
+def tangent(system: System, at: Evaluation, load: Load, geometric: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """Data of the whole tangent at a state, and ∂R/∂s (n, 3)."""
+    data, moving = _bulk(system, at, load), np.zeros_like(at.u)
+    for pair, touch, touching in zip(system.pairs, load.touches, at.contacts, strict=True):
+        moving += contact.tangent(pair, system.body.nodes + at.u, touch, touching, data, geometric)
+    return data, moving
+
+
 def factorise(
     system: System, at: Evaluation, load: Load, counters: Counters, geometric: bool = True
 ) -> tuple[Solve, np.ndarray]:
@@ -154,14 +162,7 @@ def factorise(
     A matrix that is not positive definite is retried without the negative contact term, then with a growing shift of
     its diagonal, so that Newton always gets a direction of descent.
     """
-    body = system.body
-    state = stress.evaluate(system.material, at.H, True, load.history, load.dt, system.scale)
-    bulk = element.stiffness(body, state.F, state.S_geometric, state.C)
-    if system.springs is not None:
-        held = body.free.reshape(-1, 3)
-        springs = np.repeat((load.springs + load.tether) * system.springs, 3)[(held >= 0).ravel()]
-        bulk[body.pattern.diagonal[held[held >= 0]]] += springs
-    shift = 0.0
+    body, bulk, shift = system.body, _bulk(system, at, load), 0.0
     for _ in range(8):
         data = bulk.copy()
         moving = np.zeros_like(at.u)
@@ -179,6 +180,18 @@ def factorise(
             else:
                 shift = 10.0 * shift or 1e-3 * float(np.median(bulk[body.pattern.diagonal]))
     raise NotConverged("instability", "the tangent stays indefinite", ())
+
+
+def _bulk(system: System, at: Evaluation, load: Load) -> np.ndarray:
+    """Data of the tangent of the body and its springs."""
+    body = system.body
+    state = stress.evaluate(system.material, at.H, True, load.history, load.dt, system.scale)
+    bulk = element.stiffness(body, state.F, state.S_geometric, state.C)
+    if system.springs is not None:
+        held = body.free.reshape(-1, 3)
+        springs = np.repeat((load.springs + load.tether) * system.springs, 3)[(held >= 0).ravel()]
+        bulk[body.pattern.diagonal[held[held >= 0]]] += springs
+    return bulk
 
 
 def reduced(body: Body, v: np.ndarray) -> np.ndarray:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from fem_backend import contact, newton
+from fem_backend import contact, newton, rolling
 from fem_backend.contact import Before
 from fem_backend.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
 
@@ -105,6 +106,7 @@ class Stopped(ArithmeticError):
 
 Start = Callable[[float], Load]
 Guess = Callable[[float], np.ndarray | None]
+Look = Callable[..., Equilibrium]
 Watch = Callable[[Stage, bool], None]  # called at each stage, and whether it is the last, while its factor is alive
 
 
@@ -142,17 +144,35 @@ def find(
     raise last
 
 
-def seat(system: System, load: Load, u: np.ndarray, control: Control, counters: Counters) -> np.ndarray:
+def roll(
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = 15,
+    known: Known | None = None,
+) -> Equilibrium:  # fmt: skip
+    """Equilibrium from u (n, 3) by Newton and, where a body in a bowl is lost, as it rolls.  Raises NotConverged."""
+    try:
+        return newton.solve(system, u, load, tolerance, counters, limit, known)
+    except NotConverged as error:
+        if system.springs is None or error.cause == "time_limit":
+            raise
+    return rolling.solve(system, u, load, tolerance, counters)
+
+
+def seat(
+    system: System, load: Load, u: np.ndarray, control: Control, counters: Counters, look: Look = find
+) -> np.ndarray:
     """Displacement (n, 3) with the grounding springs softened step by step until the contacts carry the body."""
-    for factor in SEATING:
+    for factor, tolerance in [(f, control.loose) for f in SEATING] + [(1.0, control.seating)]:
+        grounded = replace(load, springs=factor)
         try:
-            u = find(system, u, replace(load, springs=factor), control.loose, counters).evaluation.u
+            try:
+                u = look(system, u, grounded, tolerance, counters).evaluation.u
+            except NotConverged as error:
+                if error.cause == "time_limit":
+                    raise
+                u = rolling.solve(system, u, grounded, tolerance, counters).evaluation.u
         except NotConverged as error:
             raise Stopped(error.cause, f"while seating: {error}", [], error.history, counters) from error
-    try:
-        return find(system, u, load, control.seating, counters).evaluation.u
-    except NotConverged as error:
-        raise Stopped(error.cause, f"while seating: {error}", [], error.history, counters) from error
+    return u
 
 
 def travel(
@@ -165,6 +185,7 @@ def travel(
     answer at an asked travel does not depend on the way there, and `guess(s)` may offer a state to start from.
     Raises Stopped with what was reached.
     """
+    look: Look = find
     u = np.zeros_like(system.body.nodes) if u is None else u
     rate, here, step = np.zeros_like(u), 0.0, control.first
     points: list[Point] = []
@@ -173,7 +194,7 @@ def travel(
         if offered is not None:
             try:
                 points.append(
-                    _settle(system, offered, start(target), target, control, counters, watch=watch, known=NOTHING)
+                    _settle(system, offered, start(target), target, control, counters, look, watch=watch, known=NOTHING)
                 )
             except NotConverged as error:
                 if error.cause == "time_limit":
@@ -186,12 +207,14 @@ def travel(
             goal = target if here + 1.2 * step >= target else here + step
             try:
                 guessed = u + (goal - here) * rate
-                found = find(system, guessed, start(goal), control.loose, counters, limit=15, known=NOTHING)
+                found = look(system, guessed, start(goal), control.loose, counters, limit=15, known=NOTHING)
             except NotConverged as error:
                 counters.cutbacks += 1
                 step = 0.5 * (goal - here)
                 if step < control.smallest * control.first or error.cause == "time_limit":
-                    raise _stopped(error, here, points, counters) from error
+                    if not _may_roll(system, look, control, counters):
+                        raise _stopped(error, here, points, counters) from error
+                    look, step = roll, control.first
                 rate = rate if step > control.first / 4 else np.zeros_like(rate)
                 continue
             counters.steps += 1
@@ -200,11 +223,28 @@ def travel(
             u, rate, here = found.evaluation.u, found.rate, goal
             known = found.known
         try:
-            points.append(_settle(system, u, start(target), target, control, counters, watch=watch, known=known))
+            points.append(_settle(system, u, start(target), target, control, counters, look, watch=watch, known=known))
         except NotConverged as error:
-            raise _stopped(error, target, points, counters) from error
+            if not _may_roll(system, look, control, counters):
+                raise _stopped(error, target, points, counters) from error
+            look = roll
+            try:
+                points.append(_settle(system, u, start(target), target, control, counters, look, 0.0, watch, NOTHING))
+            except NotConverged as last:
+                raise _stopped(last, target, points, counters) from last
         u, rate, here = _end(points[-1], target)
     return points
+
+
+def _may_roll(system: System, look: Look, control: Control, counters: Counters) -> bool:
+    """Whether a body that is lost in its bowl may go on rolling, for which it gets the time of a run once more.
+
+    Only then: a run that comes through without has the answer that it always had.
+    """
+    if look is not find or system.springs is None:
+        return False
+    counters.deadline = max(counters.deadline, clock.process_time() + control.time_limit_s)
+    return True
 
 
 def _end(point: Point, travel: float) -> tuple[np.ndarray, np.ndarray, float]:
@@ -220,14 +260,14 @@ def _stopped(error: NotConverged, here: float, points: list[Point], counters: Co
 
 
 def _settle(
-    system: System, u: np.ndarray, load: Load, target: float, control: Control, counters: Counters,
+    system: System, u: np.ndarray, load: Load, target: float, control: Control, counters: Counters, look: Look,
     time: float = 0.0, watch: Watch | None = None, known: Known | None = None,
 ) -> Point:  # fmt: skip
     """Tight equilibrium at an asked travel, multipliers λ ← p a fixed number of times (Uzawa); `known` as in Newton."""
     stages: list[Stage] = []
     for k in range(control.augmentations + 1):
         tolerance = control.tight if k == control.augmentations or known is not None else control.medium
-        found = find(system, u, load, tolerance, counters, known=known)
+        found = look(system, u, load, tolerance, counters, limit=15 if look is roll else 40, known=known)
         known = found.known if known is not None else None
         stages.append(Stage(found, load))
         if watch is not None:
@@ -267,6 +307,7 @@ def follow(
     )
     pressures = [np.zeros_like(touch.multiplier) for touch in touches]
     points: list[Point] = []
+    look: Look = find
     for instant in instants:
         share, begin = 1.0, t  # of what is left to this instant
         while t < instant.time - 1e-12 * max(instant.time, 1.0):
@@ -279,20 +320,22 @@ def follow(
                 guess = u + (goal_s - s) * rate
                 if system.springs is not None:  # a body that may roll and slide far: friction by the pressure before
                     load = _rubbing(system, load, before, pressures)
-                    rough = find(system, guess, load, control.loose, counters, limit=15).evaluation
+                    rough = look(system, guess, load, control.loose, counters, limit=15).evaluation
                     load, guess = _rubbing(system, load, before, [c.pressure for c in rough.contacts]), rough.u
                 if last and instant.asked:
-                    point = _settle(system, guess, load, goal_s, control, counters, goal_t)
+                    point = _settle(system, guess, load, goal_s, control, counters, look, goal_t)
                     found = point.stages[0].equilibrium
                 else:
-                    found = find(system, guess, load, control.between, counters, limit=15)
+                    found = look(system, guess, load, control.between, counters, limit=15)
             except NotConverged as error:
                 counters.cutbacks += 1
                 share *= 0.5
                 least = 1 / 64 if system.springs is None else 1 / 8
                 lost = share * (instant.time - t) < least * (instant.time - begin)
                 if lost or error.cause == "time_limit":
-                    raise _stopped(error, s, points, counters) from error
+                    if not _may_roll(system, look, control, counters):
+                        raise _stopped(error, s, points, counters) from error
+                    look, share = rolling.solve, 1.0
                 if share < 0.3:
                     rate = np.zeros_like(rate)
                 continue

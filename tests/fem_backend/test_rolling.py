@@ -1,0 +1,100 @@
+"""Steps along rigid motions, and equilibria of a body that has to roll there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from fem_backend import experiment, indentation, model, newton, rolling
+from fem_backend.backend import BACKEND
+from fem_backend.newton import Counters
+
+SETTINGS = {
+    "mesh": {"mesher": "mapped", "n": 6, "slip": 0.3},
+    "support": {"kind": "bowl", "clearance": 1.0, "friction": 0.0},
+}
+
+
+@pytest.fixture(scope="module", params=[[10.0, 0.0], [8.0, 4.0]], ids=["half", "whole"])
+def lying(request):
+    """A body in a bowl on springs of 0.1 μR, the ball 0.3 mm deep: bench, load, equilibrium by Newton."""
+    settings = experiment.read_settings({**SETTINGS, "point": request.param})
+    knobs = BACKEND.knobs({"mu": 0.01, "D1": 20.0}, settings)
+    placement = model.place(settings, knobs)
+    counters = Counters()
+    at = indentation.bench(settings, knobs, placement, model.model_for(settings, knobs, placement, None), counters)
+    u = at.seated
+    for springs in (1e5, 1e4, 1e3):
+        load = replace(at.start(0.3), springs=springs)
+        found = newton.solve(at.system, u, load, 1e-10, counters)
+        u = found.evaluation.u
+    return at, load, found
+
+
+def turned(at, u, angle):
+    """Everything turned about y by an angle (rad), which a plane y = 0 allows."""
+    return Rotation.from_rotvec([0.0, angle, 0.0]).apply(at.model.body.nodes + u) - at.model.body.nodes
+
+
+def lengths(x, pairs):
+    return np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
+
+
+def test_a_rigid_step_changes_no_length_and_a_plain_one_does(lying):
+    at, _, found = lying
+    body, u, angle = at.model.body, found.evaluation.u, 0.05
+    pairs = np.random.default_rng(1).integers(len(body.nodes), size=(200, 2))
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    step = np.cross([0.0, angle, 0.0], body.nodes + u) + np.array([0.3, 0.0, -0.2])
+    step[body.free.reshape(-1, 3) < 0] = 0.0
+    before = lengths(body.nodes + u, pairs)
+    rigid = lengths(body.nodes + rolling.moved(rolling.motion(body), u, step), pairs) / before - 1.0
+    plain = lengths(body.nodes + u + step, pairs) / before - 1.0
+    assert np.abs(rigid).max() < 1e-12  # round-off
+    assert np.abs(plain).max() > 0.3 * angle**2  # θ²/2 across the axis
+
+
+def test_a_small_step_is_the_plain_one_to_second_order(lying):
+    at, _, found = lying
+    body, u = at.model.body, found.evaluation.u
+    step = np.random.default_rng(2).normal(size=u.shape) + 0.02 * (
+        body.nodes @ np.array([[0, 0, -1], [0, 0, 0], [1, 0, 0]])
+    )
+    step[body.free.reshape(-1, 3) < 0] = 0.0
+    how = rolling.motion(body)
+    errors = [np.abs(rolling.moved(how, u, h * step) - u - h * step).max() for h in (1e-1, 1e-2, 1e-3)]
+    assert errors[0] / errors[1] == pytest.approx(100.0, rel=0.1)
+    assert errors[1] / errors[2] == pytest.approx(100.0, rel=0.1)
+
+
+def test_planes_of_symmetry_stay(lying):
+    at, _, found = lying
+    body = at.model.body
+    step = np.random.default_rng(3).normal(size=body.nodes.shape)
+    held = body.free.reshape(-1, 3) < 0
+    step[held] = 0.0
+    how = rolling.motion(body)
+    assert how.allowed.tolist() == ([True, False, True, False, True, False] if held.any() else [True] * 6)
+    assert not rolling.moved(how, found.evaluation.u, step)[held].any()
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.01, -0.02])
+def test_a_turned_body_rolls_back(lying, angle):
+    """0.02 is 1.2 mm at the ends, more than the clearance."""
+    at, load, found = lying
+    counters = Counters()
+    again = rolling.solve(at.system, turned(at, found.evaluation.u, angle), load, 1e-10, counters)
+    # both are converged to 1e-10 of the outer forces, and the springs are 1e4 times softer than the contact
+    np.testing.assert_allclose(again.evaluation.u, found.evaluation.u, atol=1e-5)
+    np.testing.assert_allclose(again.evaluation.contact.force, found.evaluation.contact.force, rtol=1e-6, atol=1e-9)
+    assert counters.factorisations < 60
+
+
+def test_the_time_of_a_run_ends_it(lying):
+    at, load, _ = lying
+    with pytest.raises(newton.NotConverged) as caught:
+        rolling.solve(at.system, at.seated, load, 1e-10, Counters(deadline=0.0))
+    assert caught.value.cause == "time_limit"
