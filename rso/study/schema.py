@@ -6,8 +6,6 @@ is the backend's to say: see :func:`rso.study.resolve.resolve`.
 
 from __future__ import annotations
 
-import datetime
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,59 +24,26 @@ from pydantic import (
 )
 
 from rso.measurement import Measurement, Noise
+from rso.study.fields import (
+    Bound,
+    Count,
+    Depth,
+    Duration,
+    Name,
+    Names,
+    NotNegativeForce,
+    NotNegativeLength,
+    Positive,
+    Runs,
+    Settings,
+    Share,
+    Tolerance,
+    list_to_tuple,
+    names_of_effects,
+    quantity_in,
+)
 from rso.study.places import Place
 from rso.units import COLUMNS, quantity
-
-
-def _list_to_tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _as_written(value: Any) -> Any:
-    """A bound: a finite bare number, or text that will be read with the parameter's unit."""
-    if isinstance(value, bool) or not isinstance(value, str | int | float):
-        raise ValueError('expected a number or text with a unit, for example 0.0032 or "3.2 kPa"')
-    if not isinstance(value, str) and not math.isfinite(value):
-        raise ValueError("expected a finite number")
-    return value
-
-
-def _plain(value: Any) -> Any:
-    """Settings travel to the backend as JSON: no dates, no NaN, no infinity."""
-    if isinstance(value, dict):
-        for v in value.values():
-            _plain(v)
-    elif isinstance(value, list):
-        for v in value:
-            _plain(v)
-    elif isinstance(value, datetime.date | datetime.time) or (isinstance(value, float) and not math.isfinite(value)):
-        raise ValueError(f"{value} cannot be handed to a backend; allowed are text, finite numbers, booleans, tables")
-    return value
-
-
-def _effects(value: Any) -> Any:
-    if value == "all" or (isinstance(value, list) and all(isinstance(v, str) for v in value)):
-        return _list_to_tuple(value)
-    raise ValueError('expected "all" or a list of effects such as ["friction", "compliance"]')
-
-
-def _quantity(unit: str) -> BeforeValidator:
-    return BeforeValidator(lambda value: quantity(value, unit))
-
-
-Bound = Annotated[Any, AfterValidator(_as_written)]
-Settings = Annotated[dict[str, Any], AfterValidator(_plain)]
-Names = Annotated[tuple[str, ...], BeforeValidator(_list_to_tuple)]
-Name = Annotated[str, Field(pattern=r"^\w[\w .+-]{0,63}$")]
-NotNegativeForce = Annotated[float, _quantity("N"), Field(ge=0)]
-NotNegativeLength = Annotated[float, _quantity("mm"), Field(ge=0)]
-Depth = Annotated[float, _quantity("mm"), Field(gt=0, le=1e6)]
-Share = Annotated[float, _quantity("1"), Field(ge=0, lt=1)]
-Tolerance = Annotated[float, _quantity("1"), Field(gt=0, lt=1)]
-Duration = Annotated[float, _quantity("s"), Field(gt=0)]
-Count = Annotated[int, Field(ge=0, le=10_000_000)]
-Runs = Annotated[int, Field(ge=1, le=10_000)]
-Positive = Annotated[int, Field(ge=1, le=10_000_000)]
 
 
 class Table(BaseModel):
@@ -99,7 +64,7 @@ class BackendTable(Table):
     """[backend]: a Python object or an external command; `timeout` is the longest one run may take."""
 
     use: Annotated[str, Field(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")] | None = None
-    command: Annotated[tuple[str, ...], BeforeValidator(_list_to_tuple), Field(min_length=1)] | None = None
+    command: Annotated[tuple[str, ...], BeforeValidator(list_to_tuple), Field(min_length=1)] | None = None
     settings: Settings = {}
     timeout: Duration | None = None
 
@@ -178,7 +143,7 @@ class DoeTable(Table):
     optimise: bool = True
     star: Literal["inscribed", "circumscribed", "face"] = "inscribed"
     alpha: Annotated[float, Field(ge=1, le=10)] | None = None
-    levels: Annotated[tuple[Annotated[int, Field(ge=2, le=1000)], ...], BeforeValidator(_list_to_tuple)] | None = None
+    levels: Annotated[tuple[Annotated[int, Field(ge=2, le=1000)], ...], BeforeValidator(list_to_tuple)] | None = None
     extend: Annotated[int, Field(ge=0, le=10_000)] = 0
     constraints: Names = ()
 
@@ -250,14 +215,14 @@ class Constraint(Table):
         return self
 
 
-Range = Annotated[tuple[Bound, Bound], BeforeValidator(_list_to_tuple)]
+Range = Annotated[tuple[Bound, Bound], BeforeValidator(list_to_tuple)]
 
 
 class Variant(Table):
     """One more search of the same study: other targets (those of [search] if none) and narrower ranges."""
 
     name: Name
-    targets: Annotated[tuple[Target, ...], BeforeValidator(_list_to_tuple)] = ()
+    targets: Annotated[tuple[Target, ...], BeforeValidator(list_to_tuple)] = ()
     ranges: dict[str, Range] = {}
 
 
@@ -268,15 +233,15 @@ class SearchTable(Table):
     by up to the factor `repair_limit` a side, on a linear one by that many widths, within the hard bounds.
     """
 
-    targets: Annotated[tuple[Target, ...], BeforeValidator(_list_to_tuple)] = ()
-    constraints: Annotated[tuple[Constraint, ...], BeforeValidator(_list_to_tuple)] = ()
+    targets: Annotated[tuple[Target, ...], BeforeValidator(list_to_tuple)] = ()
+    constraints: Annotated[tuple[Constraint, ...], BeforeValidator(list_to_tuple)] = ()
     metric: Literal["rmse", "nrmse", "mre", "mape", "rrmse"] = "nrmse"
     candidates: Positive = 3
     population: Annotated[int, Field(ge=4, le=100_000)] = 100
     generations: Positive = 100
     repair: bool = True
     repair_limit: Annotated[float, Field(gt=1.0, le=1e6)] = 10.0
-    variants: Annotated[tuple[Variant, ...], BeforeValidator(_list_to_tuple)] = ()
+    variants: Annotated[tuple[Variant, ...], BeforeValidator(list_to_tuple)] = ()
 
 
 class IdentifyTable(Table):
@@ -295,7 +260,7 @@ class VerifyTable(Table):
 class DiagnoseTable(Table):
     """[diagnose]: `settings` replace those of the backend in the library of effects (a coarser mesh)."""
 
-    effects: Annotated[Any, AfterValidator(_effects)] = "all"
+    effects: Annotated[Any, AfterValidator(names_of_effects)] = "all"
     settings: Settings = {}
 
 
@@ -331,7 +296,7 @@ class LadderTable(Table):
 
     levels: Annotated[tuple[tuple[LevelTable, ...], ...], BeforeValidator(_rungs)] = ()
     runs: Runs | None = None
-    confidence: Annotated[float, _quantity("1"), Field(gt=0.5, lt=1)] = 0.95
+    confidence: Annotated[float, quantity_in("1"), Field(gt=0.5, lt=1)] = 0.95
     draws: Annotated[int, Field(ge=99, le=100_000)] = 400
     ranges: Literal["study", "start"] = "study"
     count_validation: bool = False
@@ -350,9 +315,9 @@ class NextExperiment(Table):
     depth: Depth = 4.0
     step: Depth = 0.1
     channels: Names = ("Fz",)
-    marks: Annotated[tuple[Annotated[tuple[float, float], BeforeValidator(_list_to_tuple)], ...],
-                     BeforeValidator(_list_to_tuple)] = ()  # fmt: skip
-    depths: Annotated[tuple[Depth, ...], BeforeValidator(_list_to_tuple)] = ()
+    marks: Annotated[tuple[Annotated[tuple[float, float], BeforeValidator(list_to_tuple)], ...],
+                     BeforeValidator(list_to_tuple)] = ()  # fmt: skip
+    depths: Annotated[tuple[Depth, ...], BeforeValidator(list_to_tuple)] = ()
     noise: NoiseTable = NoiseTable()
 
     @model_validator(mode="after")
@@ -372,8 +337,8 @@ class NextTable(Table):
     behind every expectation.
     """
 
-    experiments: Annotated[tuple[NextExperiment, ...], BeforeValidator(_list_to_tuple)] = ()
-    truths: dict[str, Annotated[tuple[Bound, ...], BeforeValidator(_list_to_tuple)]] = {}
+    experiments: Annotated[tuple[NextExperiment, ...], BeforeValidator(list_to_tuple)] = ()
+    truths: dict[str, Annotated[tuple[Bound, ...], BeforeValidator(list_to_tuple)]] = {}
     runs: Runs | None = None
     draws: Annotated[int, Field(ge=10, le=10_000)] = 60
 
@@ -430,7 +395,7 @@ class Study(Table):
     study: StudyTable
     backend: BackendTable
     parameters: dict[str, ParameterTable]
-    experiments: Annotated[tuple[ExperimentTable, ...], BeforeValidator(_list_to_tuple)]
+    experiments: Annotated[tuple[ExperimentTable, ...], BeforeValidator(list_to_tuple)]
     doe: DoeTable = DoeTable()
     surrogate: SurrogateTable = SurrogateTable()
     sensitivity: SensitivityTable = SensitivityTable()

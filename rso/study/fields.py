@@ -1,0 +1,65 @@
+"""Kinds of values in a study file: quantities with their units, names, counts, settings."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from rso.units import quantity
+
+
+def list_to_tuple(value: Any) -> Any:
+    """A list as a tuple, so that tables stay frozen; anything else as it is."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+def as_written(value: Any) -> Any:
+    """A bound: a finite bare number, or text that will be read with the parameter's unit."""
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise ValueError('expected a number or text with a unit, for example 0.0032 or "3.2 kPa"')
+    if not isinstance(value, str) and not math.isfinite(value):
+        raise ValueError("expected a finite number")
+    return value
+
+
+def plain(value: Any) -> Any:
+    """Settings travel to the backend as JSON: no dates, no NaN, no infinity."""
+    if isinstance(value, dict):
+        for v in value.values():
+            plain(v)
+    elif isinstance(value, list):
+        for v in value:
+            plain(v)
+    elif isinstance(value, datetime.date | datetime.time) or (isinstance(value, float) and not math.isfinite(value)):
+        raise ValueError(f"{value} cannot be handed to a backend; allowed are text, finite numbers, booleans, tables")
+    return value
+
+
+def names_of_effects(value: Any) -> Any:
+    """The word all, or names of effects."""
+    if value == "all" or (isinstance(value, list) and all(isinstance(v, str) for v in value)):
+        return list_to_tuple(value)
+    raise ValueError('expected "all" or a list of effects such as ["friction", "compliance"]')
+
+
+def quantity_in(unit: str) -> BeforeValidator:
+    """A number with or without its unit, in `unit`."""
+    return BeforeValidator(lambda value: quantity(value, unit))
+
+
+Bound = Annotated[Any, AfterValidator(as_written)]
+Settings = Annotated[dict[str, Any], AfterValidator(plain)]
+Names = Annotated[tuple[str, ...], BeforeValidator(list_to_tuple)]
+Name = Annotated[str, Field(pattern=r"^\w[\w .+-]{0,63}$")]
+NotNegativeForce = Annotated[float, quantity_in("N"), Field(ge=0)]
+NotNegativeLength = Annotated[float, quantity_in("mm"), Field(ge=0)]
+Depth = Annotated[float, quantity_in("mm"), Field(gt=0, le=1e6)]
+Share = Annotated[float, quantity_in("1"), Field(ge=0, lt=1)]
+Tolerance = Annotated[float, quantity_in("1"), Field(gt=0, lt=1)]
+Duration = Annotated[float, quantity_in("s"), Field(gt=0)]
+Count = Annotated[int, Field(ge=0, le=10_000_000)]
+Runs = Annotated[int, Field(ge=1, le=10_000)]
+Positive = Annotated[int, Field(ge=1, le=10_000_000)]
