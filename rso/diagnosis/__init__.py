@@ -2,6 +2,7 @@
 
 effects      the catalogue: every knob with a neutral value and a plausible range
 testplan     what was measured, in bins        library     what is computed once per test plan
+runs         what is simulated for it          responses   and what the simulations answered
 prediction   parameters → data vector          noise       what readings and models scatter by
 mixture      exact evidence in tiles           attribute   the contest of hypotheses
 localise     where                             shrinkage   how much
@@ -11,8 +12,9 @@ rerun        finalists computed anew           story       all of it as plain da
 
 from rso.diagnosis.effects import Effect, catalogue
 from rso.diagnosis.judge import Diagnosis, diagnose
-from rso.diagnosis.library import Base, BaseAxis, Library, build
+from rso.diagnosis.library import Library, build
 from rso.diagnosis.rerun import CLOSE, Check, finalists, mended
+from rso.diagnosis.runs import Base, BaseAxis
 from rso.diagnosis.story import story
 from rso.diagnosis.testplan import Experiment, TestPlan, make_plan
 

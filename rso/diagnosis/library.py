@@ -10,81 +10,23 @@ modulus, so that the modulus needs no simulation (exact similarity).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
-from rso.contract import Backend, Case, Programme, Response
 from rso.curves import Resampling
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.nodes import Nodes, nodes, points, tensor, timed
-from rso.diagnosis.testplan import MARGIN, Place, Test, TestPlan
-from rso.running import Task
+from rso.diagnosis.responses import FORCES, changed, forces_of, loading_of, marks_of, reached_by, relative
+from rso.diagnosis.runs import Base, Job, Pass, Run, jobs_of, knobs_at, passes, rated, task_of
+from rso.diagnosis.testplan import MARGIN, TestPlan
 from rso.store import Done
 
 GRID = 160  # travels of the tables, evenly spaced in √u
-ASKED = 9  # travels at which a run is asked for forces
-FORCES = ("Fx", "Fy", "Fz")
-ENOUGH = 0.6  # of the deepest travel: what a failed run must have reached to be of use
 BASE_NODES = {1: 6, 2: 4}
 FEW_BASE_NODES = {1: 3, 2: 3}  # where the ratio to the primary place is enough
-Run = Callable[[Sequence[Task]], list[Any]]
-
-
-@dataclass(frozen=True)
-class BaseAxis:
-    """One open parameter besides the modulus, reduced by it: ln or linear range, exponent of stress."""
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    log: bool
-    exponent: int
-
-    def physical(self, x: np.ndarray | float, modulus: float = 1.0) -> np.ndarray:
-        """Value at coordinate x for a modulus."""
-        return (np.exp(x) if self.log else np.asarray(x, float)) * modulus**self.exponent
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """Range of the coordinate."""
-        return (float(np.log(self.low)), float(np.log(self.high))) if self.log else (self.low, self.high)
-
-
-@dataclass(frozen=True)
-class Base:
-    """The base model: its modulus with a reference value, the other open parameters, and fixed values."""
-
-    backend: Backend
-    modulus: str
-    reference: float
-    low: float
-    high: float
-    axes: tuple[BaseAxis, ...]
-    fixed: Mapping[str, float]
-    draft: Mapping[str, Any]
-
-    def values(self, x: Sequence[float]) -> dict[str, float]:
-        """Knobs at coordinates x of the axes, at the reference modulus."""
-        own = {a.name: float(a.physical(v, self.reference)) for a, v in zip(self.axes, x, strict=True)}
-        return {**self.fixed, self.modulus: self.reference, **own}
-
-    @property
-    def centre(self) -> tuple[float, ...]:
-        """Middle of the axes."""
-        return tuple(0.5 * sum(a.ends) for a in self.axes)
-
-
-@dataclass(frozen=True)
-class Pass:
-    """One way of the indenter: loading (peak None) or unloading from `peak`, after an earlier travel there."""
-
-    peak: float | None
-    earlier: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,18 +109,6 @@ class Library:
         return tensor(self.levels, x)
 
 
-@dataclass(frozen=True, eq=False)
-class _Job:
-    """What a task is for: place, effect (None: base), node, pass (None: loading that serves all passes)."""
-
-    place: int
-    effect: str | None
-    node: int
-    passing: int | None
-    task: Task
-    finer: bool = False
-
-
 def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Library:
     """Compute every table of the plan; a failed run leaves a gap that the nearest node of the same shape fills.
 
@@ -191,7 +121,7 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     d = len(base.axes)
     if d not in (0, *BASE_NODES):
         raise ValueError(f"diagnosis handles at most two open parameters besides the modulus, not {d}: fix some")
-    if _rated(base, plan) and len({round(np.log(t.speed), 1) for t in plan.tests}) > 1:
+    if rated(base, plan) and len({round(np.log(t.speed), 1) for t in plan.tests}) > 1:
         raise ValueError(
             "the base model itself depends on the rate, and the tests have several: set what relaxes to neutral and "
             "let the diagnosis find it, or give tests of one speed"
@@ -199,20 +129,20 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     levels = tuple(_chebyshev(*a.ends, BASE_NODES[d]) for a in base.axes)
     few = tuple(_chebyshev(*a.ends, FEW_BASE_NODES[d]) for a in base.axes)
     grid = {(e.name, k): nodes(e, k == primary, speeds) for e in modelled for k in range(len(plan.places))}
-    jobs: list[_Job] = []
-    every = [_passes(plan, k) for k in range(len(plan.places))]
+    jobs: list[Job] = []
+    every = [passes(plan, k) for k in range(len(plan.places))]
     for k in range(len(plan.places)):
         for n, x in enumerate(itertools.product(*(levels if k == primary else few))):
-            jobs.append(_Job(k, None, n, None, _task(base, plan, k, base.values(x), None, {})))
+            jobs.append(Job(k, None, n, None, task_of(base, plan, k, base.values(x), None, {})))
         centre = base.values(base.centre)
-        jobs.append(_Job(k, None, -1, None, _task(base, plan, k, centre, None, {})))
-        ways = _jobs_of(base, plan, k, None, -1, centre, every[k])
+        jobs.append(Job(k, None, -1, None, task_of(base, plan, k, centre, None, {})))
+        ways = jobs_of(base, plan, k, None, -1, centre, every[k])
         jobs += ways if len(ways) > 1 else []
-        jobs.append(_Job(k, None, -1, None, _task(base, plan, k, centre, None, {}, finer=True), True))
+        jobs.append(Job(k, None, -1, None, task_of(base, plan, k, centre, None, {}, finer=True), True))
         for e in modelled:
             for n, at in enumerate(grid[e.name, k].points):
-                values = {**centre, **_knobs(base, e, at)}
-                jobs += _jobs_of(base, plan, k, e, n, values, every[k])
+                values = {**centre, **knobs_at(base, e, at)}
+                jobs += jobs_of(base, plan, k, e, n, values, every[k])
     outcomes = run([j.task for j in jobs])
     cpu = sum({id(o): float(o.response.info.get("cpu_s", 0.0)) for o in outcomes if isinstance(o, Done)}.values())
     failed = tuple(dict.fromkeys(
@@ -245,86 +175,9 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     )
 
 
-def passes_of(every: Sequence[Pass], test: Test) -> tuple[int, int]:
-    """Indices of the loading and of the unloading pass of a test."""
-    loading = _nearest(every, None, test.earlier)
-    return loading, loading if not np.any(test.branch == 1) else _nearest(every, test.peak, test.earlier)
-
-
-def _nearest(every: Sequence[Pass], peak: float | None, earlier: float) -> int:
-    same = [k for k, p in enumerate(every) if (p.peak is None) == (peak is None)]
-    return min(same, key=lambda k: abs((every[k].peak or 0.0) - (peak or 0.0)) + abs(every[k].earlier - earlier))
-
-
-def _passes(plan: TestPlan, place: int) -> tuple[Pass, ...]:
-    """The different ways at a place; earlier travels within 0.1 mm of each other count as one."""
-    mine = [t for t in plan.tests if t.place == place]
-    near = lambda v: round(v, 1)  # noqa: E731
-    ways = [Pass(None, near(t.earlier)) for t in mine]
-    ways += [Pass(round(t.peak, 1), near(t.earlier)) for t in mine if np.any(t.branch == 1)]
-    return tuple(dict.fromkeys([Pass(None, 0.0), *ways]))
-
-
 def _chebyshev(low: float, high: float, n: int) -> np.ndarray:
     """Nodes from end to end, denser towards the ends."""
     return 0.5 * (low + high) - 0.5 * (high - low) * np.cos(np.pi * np.arange(n) / (n - 1))
-
-
-def _knobs(base: Base, effect: Effect, at: np.ndarray) -> dict[str, float]:
-    """Knob values of a node at the reference modulus; times as they are at 1 mm/s."""
-    known = {p.name for p in base.backend.parameters}
-    pairs = [(size, float(size.value(s))) for size, s in zip(effect.knobs, at, strict=True)]
-    return {size.name: v * base.reference**size.exponent for size, v in pairs if size.name in known}
-
-
-def _task(base: Base, plan: TestPlan, k: int, values: Mapping[str, float], way: Pass | None,
-          settings: Mapping[str, Any], finer: bool = False) -> Task:  # fmt: skip
-    place = plan.places[k]
-    data = {**place.settings, **({} if finer else base.draft), **settings}
-    if place.marks:
-        data["profile"] = [list(m) for m in place.marks]
-    deepest = place.deepest + MARGIN
-    asked = {round(deepest * (j / ASKED) ** 1.7, 4) for j in range(1, ASKED)} | {deepest}
-    asked = {a for a in asked if all(abs(a - d) > 0.06 for d in place.mark_depths)} | set(place.mark_depths)
-    if way is None or way.peak is None:
-        programme = Programme((0.0, deepest), (0.0, deepest), tuple(sorted(asked)))
-    else:  # what relaxes does so at once after the turn
-        p = way.peak
-        inside = tuple(sorted({a for a in asked if a < 0.78 * p} | {round(f * p, 4) for f in (0.8, 0.92, 0.98, 0.997)}))
-        programme = Programme((0.0, p, 2 * p), (0.0, p, 0.0), inside)
-    if way is not None and way.earlier:
-        data["earlier"] = way.earlier
-    tidy = {name: float(f"{v:.12g}") for name, v in values.items()}  # equal nodes have equal keys
-    return Task(tidy, Case(f"place {k}", programme, data))
-
-
-def _rated(base: Base, plan: TestPlan) -> bool:
-    """Whether the base model itself depends on the rate: an effect that is switched on has a time."""
-    task = _task(base, plan, 0, base.values(base.centre), None, {})
-    kept = base.backend.canonical(task.values, task.case)[0]
-    on = {p.group for p in base.backend.parameters if p.group and p.neutral is not None and p.name in kept}
-    return any(p.unit == "s" and p.group in on for p in base.backend.parameters)
-
-
-def _jobs_of(base: Base, plan: TestPlan, k: int, e: Effect | None, n: int, values: Mapping[str, float],
-             every: Sequence[Pass], finer: bool = False) -> list[_Job]:  # fmt: skip
-    """One loading run where the way does not matter, else one run per pass."""
-    name, settings = (None, {}) if e is None else (e.name, e.settings)
-    load = _task(base, plan, k, values, None, settings, finer)
-    there_and_back = _task(base, plan, k, values, Pass(min(1.0, plan.places[k].deepest), 0.0), settings)
-    programme = base.backend.canonical(there_and_back.values, there_and_back.case)[1].programme
-    if programme.travel_mm[-1] == max(programme.travel_mm):
-        return [_Job(k, name, n, None, load)]
-    jobs = []
-    for i, way in enumerate(every):
-        task = _task(base, plan, k, values, way, settings, finer)
-        if "earlier" in task.case.settings:  # what does not soften shares the virgin run
-            plain = base.backend.canonical(task.values, task.case)[1].settings
-            virgin = replace(task.case, settings={a: b for a, b in task.case.settings.items() if a != "earlier"})
-            if plain == base.backend.canonical(task.values, virgin)[1].settings:
-                task = replace(task, case=virgin)
-        jobs.append(_Job(k, name, n, i, task))
-    return jobs
 
 
 def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled: Sequence[Effect],
@@ -337,9 +190,9 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
     for o in wanted:
         if not isinstance(o, Done):
             raise ValueError(f"the base model has no answer at {place.settings.get('point')}: {o.reason}")
-    scaled = [_loaded(o.response, u, base.reference) for o in wanted]
+    scaled = [loading_of(o.response, u, base.reference) for o in wanted]
     scaled.pop()
-    first = Resampling(*_asked(wanted[-1].response, base.reference))
+    first = Resampling(*forces_of(wanted[-1].response, base.reference))
     mesh, error, ways = np.zeros((3, GRID)), np.zeros((3, GRID)), np.zeros((len(every), 3, GRID))
     if (k, None, -1, 0, False) in found:  # the way matters to the base model itself
         each = [found[k, None, -1, i, False] for i in range(len(every))]
@@ -349,10 +202,10 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
     best, cost = found.get((k, None, -1, None, True)), 0.0
     if isinstance(best, Done):
         cost = float(best.response.info.get("cpu_s", 0.0))
-        travel, F = _asked(best.response, base.reference)
-        mesh = _relative(travel, F - first(travel), first(travel)[:, 2], u)
+        travel, F = forces_of(best.response, base.reference)
+        mesh = relative(travel, F - first(travel), first(travel)[:, 2], u)
         stated = np.stack([best.response.error.get(c, np.zeros(len(travel))) for c in FORCES], 1)
-        error = np.abs(_relative(travel, stated / base.reference, first(travel)[:, 2], u))
+        error = np.abs(relative(travel, stated / base.reference, first(travel)[:, 2], u))
     base_marks = np.stack([marks_of(o.response, place) for o in wanted])
     effects = {}
     for e in modelled:
@@ -366,7 +219,7 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
             change[n], lost = changed(every, u, place, base.reference, each, first)
             change[n] -= ways
             known[n] = lost == 0
-            reached = _reached(each[0], place.deepest)
+            reached = reached_by(each[0], place.deepest)
             marks[n] = 0.0 if reached is None else marks_of(reached, place) - base_marks[-1]
         effects[e.name] = _filled(Table(grid[e.name, k], change, marks, known))
     return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], mesh, ways, error, effects, cost)
@@ -391,47 +244,6 @@ def _beside(
     return replace(own, base=base, base_marks=W @ own.base_marks, mesh=mesh, error=error)
 
 
-def changed(
-    ways: Sequence[Pass], u: np.ndarray, place: Place, reference: float, outcomes: Sequence[Any], base: Resampling
-) -> tuple[np.ndarray, int]:
-    """Changes (n_pass, 3, m) over `base` relative to its Fz, and how many passes have none.
-
-    `outcomes` are those of every pass, or one where the way does not matter.
-    """
-    change, lost = np.zeros((len(ways), 3, len(u))), 0
-    for i, way in enumerate(ways):
-        response = _reached(outcomes[min(i, len(outcomes) - 1)], place.deepest)
-        if response is None:
-            lost += 1
-            continue
-        travel, F = _asked(response, reference, back=way.peak is not None and len(outcomes) > 1)
-        change[i] = _relative(travel, F - base(travel), base(travel)[:, 2], u)
-    return change, lost
-
-
-def jobs_at(
-    base: Base, plan: TestPlan, k: int, e: Effect, x: Sequence[float], at: Sequence[float], ways: Sequence[Pass],
-    finer: bool,
-) -> list[Task]:  # fmt: skip
-    """Runs of an effect at size and shapes `at`, base coordinates `x`: one, or one per pass where the way matters.
-
-    `finer` ones are on the study's mesh.
-    """
-    values = {**base.values(x), **_knobs(base, e, at)}
-    return [j.task for j in _jobs_of(base, plan, k, e, 0, values, ways, finer)]
-
-
-def _reached(outcome: Any, deepest: float) -> Response | None:
-    """The response of a run, or what a failed one reached if that is most of the way; beyond it changes stay as they
-    were there."""
-    if isinstance(outcome, Done):
-        return outcome.response
-    partial = getattr(outcome, "partial", None)
-    if partial is None or partial.channels["travel"].max() < ENOUGH * deepest:
-        return None
-    return partial
-
-
 def _filled(table: Table) -> Table:
     """Failed nodes take the change of the nearest node that is known, in proportion to size."""
     if table.known.all() or not table.known.any():
@@ -443,46 +255,6 @@ def _filled(table: Table) -> Table:
         factor = points[n, 0] / points[near, 0] if table.nodes.anchored and points[near, 0] else 1.0
         change[n], marks[n] = factor * change[near], factor * marks[near]
     return replace(table, change=change, marks=marks)
-
-
-def _asked(response: Response, modulus: float, back: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Travels (n,) in increasing order and forces over the modulus (n, 3) of the way there, or of the way back."""
-    travel, time = response.channels["travel"], response.channels["time"]
-    F = np.stack([response.channels[c] if c in response.channels else np.zeros(len(travel)) for c in FORCES], 1)
-    turn = int(np.argmax(travel >= travel.max() - 1e-6))
-    # asked travels come up once on the way there and once on the way back
-    returning = time > time[turn]
-    if back and returning.any():
-        order = np.argsort(travel[returning])
-        return travel[returning][order], F[returning][order] / modulus
-    there = ~returning
-    return travel[there], F[there] / modulus
-
-
-def _loaded(response: Response, u: np.ndarray, modulus: float) -> np.ndarray:
-    """Forces over the modulus (3, m) on the way there."""
-    travel, F = _asked(response, modulus)
-    return Resampling(travel, F)(np.minimum(u, travel[-1])).T
-
-
-def _relative(travel: np.ndarray, change: np.ndarray, reference: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """change / reference (3, m) over u, constant before the first and after the last travel."""
-    ratio = change / reference[:, None]
-    if len(travel) == 1:
-        return np.repeat(ratio.T, len(u), axis=1)
-    at = np.clip(u, travel[0], travel[-1])
-    return PchipInterpolator(np.sqrt(travel), ratio, axis=0)(np.sqrt(at)).T
-
-
-def marks_of(response: Response, place: Place) -> np.ndarray:
-    """Displacements (n_depths · n_marks,) of the marks of profiles, depth by depth."""
-    if not place.marks:
-        return np.empty(0)
-    travel, out = response.channels["travel"], []
-    for d in place.mark_depths:
-        at = int(np.argmin(np.abs(travel - d)))
-        out += [float(response.channels[f"uz({x:g},{y:g})"][at]) for x, y in place.marks]
-    return np.array(out)
 
 
 def _transfer(primary: Table, other: Table) -> np.ndarray:

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rso.diagnosis.library import FORCES, Library
+from rso.diagnosis.library import Library
+from rso.diagnosis.responses import FORCES
 from rso.diagnosis.testplan import Profile, Test, TestPlan
 from rso.measurement import Measurement, Repeat
 

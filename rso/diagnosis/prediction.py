@@ -15,7 +15,9 @@ import numpy as np
 from rso.contract import parameters_of
 from rso.curves import rows_at
 from rso.diagnosis.effects import Effect
-from rso.diagnosis.library import FORCES, Library, passes_of
+from rso.diagnosis.library import Library
+from rso.diagnosis.responses import FORCES
+from rso.diagnosis.runs import passes_of
 from rso.diagnosis.testplan import Profile, Test
 from rso.measurement import Chain, recorded
 

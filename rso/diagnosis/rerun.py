@@ -20,8 +20,10 @@ import numpy as np
 from rso.curves import Resampling
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.judge import Diagnosis
-from rso.diagnosis.library import FORCES, Library, changed, jobs_at, marks_of
+from rso.diagnosis.library import Library
 from rso.diagnosis.nodes import timed
+from rso.diagnosis.responses import FORCES, changed, marks_of
+from rso.diagnosis.runs import jobs_at
 from rso.running import Task
 from rso.store import Done
 

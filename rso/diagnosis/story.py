@@ -12,9 +12,10 @@ from rso.diagnosis.attribute import Evidence
 from rso.diagnosis.detectable import Detectable, detectable
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.judge import Diagnosis, seen
-from rso.diagnosis.library import FORCES, Library
+from rso.diagnosis.library import Library
 from rso.diagnosis.next_test import NextTest, next_tests
 from rso.diagnosis.rerun import Check
+from rso.diagnosis.responses import FORCES
 from rso.diagnosis.testplan import Profile, TestPlan
 from rso.diagnosis.words import words
 from rso.running import Task

@@ -1,0 +1,87 @@
+"""From responses of a backend to curves over the travels of a library's tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from rso.contract import Response
+from rso.curves import Resampling
+from rso.diagnosis.runs import Pass
+from rso.diagnosis.testplan import Place
+from rso.store import Done
+
+FORCES = ("Fx", "Fy", "Fz")
+ENOUGH = 0.6  # of the deepest travel: what a failed run must have reached to be of use
+
+
+def forces_of(response: Response, modulus: float, back: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Travels (n,) in increasing order and forces over the modulus (n, 3) of the way there, or of the way back."""
+    travel, time = response.channels["travel"], response.channels["time"]
+    F = np.stack([response.channels[c] if c in response.channels else np.zeros(len(travel)) for c in FORCES], 1)
+    turn = int(np.argmax(travel >= travel.max() - 1e-6))
+    # asked travels come up once on the way there and once on the way back
+    returning = time > time[turn]
+    if back and returning.any():
+        order = np.argsort(travel[returning])
+        return travel[returning][order], F[returning][order] / modulus
+    there = ~returning
+    return travel[there], F[there] / modulus
+
+
+def loading_of(response: Response, u: np.ndarray, modulus: float) -> np.ndarray:
+    """Forces over the modulus (3, m) on the way there."""
+    travel, F = forces_of(response, modulus)
+    return Resampling(travel, F)(np.minimum(u, travel[-1])).T
+
+
+def relative(travel: np.ndarray, change: np.ndarray, reference: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """change / reference (3, m) over u, constant before the first and after the last travel."""
+    ratio = change / reference[:, None]
+    if len(travel) == 1:
+        return np.repeat(ratio.T, len(u), axis=1)
+    at = np.clip(u, travel[0], travel[-1])
+    return PchipInterpolator(np.sqrt(travel), ratio, axis=0)(np.sqrt(at)).T
+
+
+def reached_by(outcome: Any, deepest: float) -> Response | None:
+    """The response of a run, or what a failed one reached if that is most of the way; beyond it changes stay as they
+    were there."""
+    if isinstance(outcome, Done):
+        return outcome.response
+    partial = getattr(outcome, "partial", None)
+    if partial is None or partial.channels["travel"].max() < ENOUGH * deepest:
+        return None
+    return partial
+
+
+def changed(
+    ways: Sequence[Pass], u: np.ndarray, place: Place, reference: float, outcomes: Sequence[Any], base: Resampling
+) -> tuple[np.ndarray, int]:
+    """Changes (n_pass, 3, m) over `base` relative to its Fz, and how many passes have none.
+
+    `outcomes` are those of every pass, or one where the way does not matter.
+    """
+    change, lost = np.zeros((len(ways), 3, len(u))), 0
+    for i, way in enumerate(ways):
+        response = reached_by(outcomes[min(i, len(outcomes) - 1)], place.deepest)
+        if response is None:
+            lost += 1
+            continue
+        travel, F = forces_of(response, reference, back=way.peak is not None and len(outcomes) > 1)
+        change[i] = relative(travel, F - base(travel), base(travel)[:, 2], u)
+    return change, lost
+
+
+def marks_of(response: Response, place: Place) -> np.ndarray:
+    """Displacements (n_depths · n_marks,) of the marks of profiles, depth by depth."""
+    if not place.marks:
+        return np.empty(0)
+    travel, out = response.channels["travel"], []
+    for d in place.mark_depths:
+        at = int(np.argmin(np.abs(travel - d)))
+        out += [float(response.channels[f"uz({x:g},{y:g})"][at]) for x, y in place.marks]
+    return np.array(out)

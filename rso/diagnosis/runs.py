@@ -1,0 +1,172 @@
+"""What is simulated for a library: the base model and its axes, ways of the indenter, and runs at places and sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rso.contract import Backend, Case, Programme
+from rso.diagnosis.effects import Effect
+from rso.diagnosis.testplan import MARGIN, Test, TestPlan
+from rso.running import Task
+
+ASKED = 9  # travels at which a run is asked for forces
+Run = Callable[[Sequence[Task]], list[Any]]
+
+
+@dataclass(frozen=True)
+class BaseAxis:
+    """One open parameter besides the modulus, reduced by it: ln or linear range, exponent of stress."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    log: bool
+    exponent: int
+
+    def physical(self, x: np.ndarray | float, modulus: float = 1.0) -> np.ndarray:
+        """Value at coordinate x for a modulus."""
+        return (np.exp(x) if self.log else np.asarray(x, float)) * modulus**self.exponent
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Range of the coordinate."""
+        return (float(np.log(self.low)), float(np.log(self.high))) if self.log else (self.low, self.high)
+
+
+@dataclass(frozen=True)
+class Base:
+    """The base model: its modulus with a reference value, the other open parameters, and fixed values."""
+
+    backend: Backend
+    modulus: str
+    reference: float
+    low: float
+    high: float
+    axes: tuple[BaseAxis, ...]
+    fixed: Mapping[str, float]
+    draft: Mapping[str, Any]
+
+    def values(self, x: Sequence[float]) -> dict[str, float]:
+        """Knobs at coordinates x of the axes, at the reference modulus."""
+        own = {a.name: float(a.physical(v, self.reference)) for a, v in zip(self.axes, x, strict=True)}
+        return {**self.fixed, self.modulus: self.reference, **own}
+
+    @property
+    def centre(self) -> tuple[float, ...]:
+        """Middle of the axes."""
+        return tuple(0.5 * sum(a.ends) for a in self.axes)
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One way of the indenter: loading (peak None) or unloading from `peak`, after an earlier travel there."""
+
+    peak: float | None
+    earlier: float
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What a task is for: place, effect (None: base), node, pass (None: loading that serves all passes)."""
+
+    place: int
+    effect: str | None
+    node: int
+    passing: int | None
+    task: Task
+    finer: bool = False
+
+
+def passes(plan: TestPlan, place: int) -> tuple[Pass, ...]:
+    """The different ways at a place; earlier travels within 0.1 mm of each other count as one."""
+    mine = [t for t in plan.tests if t.place == place]
+    near = lambda v: round(v, 1)  # noqa: E731
+    ways = [Pass(None, near(t.earlier)) for t in mine]
+    ways += [Pass(round(t.peak, 1), near(t.earlier)) for t in mine if np.any(t.branch == 1)]
+    return tuple(dict.fromkeys([Pass(None, 0.0), *ways]))
+
+
+def passes_of(every: Sequence[Pass], test: Test) -> tuple[int, int]:
+    """Indices of the loading and of the unloading pass of a test."""
+    loading = _nearest(every, None, test.earlier)
+    return loading, loading if not np.any(test.branch == 1) else _nearest(every, test.peak, test.earlier)
+
+
+def _nearest(every: Sequence[Pass], peak: float | None, earlier: float) -> int:
+    same = [k for k, p in enumerate(every) if (p.peak is None) == (peak is None)]
+    return min(same, key=lambda k: abs((every[k].peak or 0.0) - (peak or 0.0)) + abs(every[k].earlier - earlier))
+
+
+def knobs_at(base: Base, effect: Effect, at: np.ndarray) -> dict[str, float]:
+    """Knob values of a node at the reference modulus; times as they are at 1 mm/s."""
+    known = {p.name for p in base.backend.parameters}
+    pairs = [(size, float(size.value(s))) for size, s in zip(effect.knobs, at, strict=True)]
+    return {size.name: v * base.reference**size.exponent for size, v in pairs if size.name in known}
+
+
+def task_of(base: Base, plan: TestPlan, k: int, values: Mapping[str, float], way: Pass | None,
+            settings: Mapping[str, Any], finer: bool = False) -> Task:  # fmt: skip
+    """The run at place k: loading, or to and back from the peak of a way; `finer` ones are on the study's mesh."""
+    place = plan.places[k]
+    data = {**place.settings, **({} if finer else base.draft), **settings}
+    if place.marks:
+        data["profile"] = [list(m) for m in place.marks]
+    deepest = place.deepest + MARGIN
+    asked = {round(deepest * (j / ASKED) ** 1.7, 4) for j in range(1, ASKED)} | {deepest}
+    asked = {a for a in asked if all(abs(a - d) > 0.06 for d in place.mark_depths)} | set(place.mark_depths)
+    if way is None or way.peak is None:
+        programme = Programme((0.0, deepest), (0.0, deepest), tuple(sorted(asked)))
+    else:  # what relaxes does so at once after the turn
+        p = way.peak
+        inside = tuple(sorted({a for a in asked if a < 0.78 * p} | {round(f * p, 4) for f in (0.8, 0.92, 0.98, 0.997)}))
+        programme = Programme((0.0, p, 2 * p), (0.0, p, 0.0), inside)
+    if way is not None and way.earlier:
+        data["earlier"] = way.earlier
+    tidy = {name: float(f"{v:.12g}") for name, v in values.items()}  # equal nodes have equal keys
+    return Task(tidy, Case(f"place {k}", programme, data))
+
+
+def jobs_of(base: Base, plan: TestPlan, k: int, e: Effect | None, n: int, values: Mapping[str, float],
+            every: Sequence[Pass], finer: bool = False) -> list[Job]:  # fmt: skip
+    """One loading run where the way does not matter, else one run per pass."""
+    name, settings = (None, {}) if e is None else (e.name, e.settings)
+    load = task_of(base, plan, k, values, None, settings, finer)
+    there_and_back = task_of(base, plan, k, values, Pass(min(1.0, plan.places[k].deepest), 0.0), settings)
+    programme = base.backend.canonical(there_and_back.values, there_and_back.case)[1].programme
+    if programme.travel_mm[-1] == max(programme.travel_mm):
+        return [Job(k, name, n, None, load)]
+    jobs = []
+    for i, way in enumerate(every):
+        task = task_of(base, plan, k, values, way, settings, finer)
+        if "earlier" in task.case.settings:  # what does not soften shares the virgin run
+            plain = base.backend.canonical(task.values, task.case)[1].settings
+            virgin = replace(task.case, settings={a: b for a, b in task.case.settings.items() if a != "earlier"})
+            if plain == base.backend.canonical(task.values, virgin)[1].settings:
+                task = replace(task, case=virgin)
+        jobs.append(Job(k, name, n, i, task))
+    return jobs
+
+
+def jobs_at(
+    base: Base, plan: TestPlan, k: int, e: Effect, x: Sequence[float], at: Sequence[float], ways: Sequence[Pass],
+    finer: bool,
+) -> list[Task]:  # fmt: skip
+    """Runs of an effect at size and shapes `at`, base coordinates `x`: one, or one per pass where the way matters.
+
+    `finer` ones are on the study's mesh.
+    """
+    values = {**base.values(x), **knobs_at(base, e, at)}
+    return [j.task for j in jobs_of(base, plan, k, e, 0, values, ways, finer)]
+
+
+def rated(base: Base, plan: TestPlan) -> bool:
+    """Whether the base model itself depends on the rate: an effect that is switched on has a time."""
+    task = task_of(base, plan, 0, base.values(base.centre), None, {})
+    kept = base.backend.canonical(task.values, task.case)[0]
+    on = {p.group for p in base.backend.parameters if p.group and p.neutral is not None and p.name in kept}
+    return any(p.unit == "s" and p.group in on for p in base.backend.parameters)
