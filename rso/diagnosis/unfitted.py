@@ -1,0 +1,127 @@
+"""What is predicted without having been fitted: experiments left out in turn, and the curves kept for validation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from rso.diagnosis import attribute, noise, shrinkage
+from rso.diagnosis.attribute import Bench, Evidence
+from rso.diagnosis.hypotheses import Hypothesis
+from rso.diagnosis.library import Library
+from rso.diagnosis.mixture import Posterior, log_evidence, posterior, ready, whitening
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Log predictive density of one experiment given all others, over that of the base model, by hypothesis."""
+
+    experiment: str
+    gain: Mapping[str, float]
+
+
+def held_out(bench: Bench, y: np.ndarray, hypotheses: Sequence[Hypothesis]) -> tuple[HeldOut, ...]:
+    """log p(y_g | y_rest, H) for every experiment g, over that of the first hypothesis."""
+    curves = shrinkage.curves_of(bench.library)
+    if len(curves) < 2:
+        return ()
+    everything = np.arange(len(y))
+    total = {h.name: _log_evidence(bench, h, everything, y) for h in hypotheses}
+    found = []
+    for name, _, rows in curves:
+        rest = np.setdiff1d(everything, rows)
+        score = {h.name: total[h.name] - _log_evidence(bench, h, rest, y) for h in hypotheses}
+        base = score[hypotheses[0].name]
+        found.append(HeldOut(name, {k: float(v - base) for k, v in score.items()}))
+    return tuple(found)
+
+
+def _log_evidence(bench: Bench, h: Hypothesis, rows: np.ndarray, y: np.ndarray) -> float:
+    """Log evidence of some rows, over levels of scatter."""
+    levels = range(len(attribute.SCATTER)) if any(e.family == "scatter" for e in h.effects) else range(1)
+    found = []
+    for level in levels:
+        white = whitening(bench.covariance(h.effects, level), rows)
+        h_ready = ready(bench.of(h.effects, loose=True), white, bench.modulus)
+        found.append(log_evidence(h_ready, white(y)[None])[0])
+    return float(logsumexp(found) - np.log(len(found)))
+
+
+def shrinkage_of(
+    whole: Library, library: Library, bench: Bench, evidence: Evidence, y: np.ndarray, chosen: Hypothesis, seed: int
+) -> shrinkage.Shrinkage:
+    """Gaps on the validate curves, or on each experiment left out in turn if there are none."""
+    rng = np.random.default_rng(seed + 2)
+    first = _fitted_rows(library)
+    validation = [k for k, e in enumerate(whole.plan.experiments) if e.role == "validate"]
+    if validation:
+        mine = tuple(t for t in whole.plan.tests if t.experiment in validation)
+        profiles = tuple(p for p in whole.plan.profiles if p.experiment in validation)
+        unseen = replace(whole, plan=replace(whole.plan, tests=mine, profiles=profiles))
+        v = unseen.plan.values()
+        C = _covariance(unseen, bench, evidence, y)
+        models = [(bench.C, first, ()), (bench.C, np.arange(len(y)), ()), (bench.C, np.arange(len(y)), chosen.effects)]
+        fits = [shrinkage.predicted(unseen, e, _fit(bench, e, rows, y, rng), bench.modulus) for _, rows, e in models]
+        found = [_gap(name, unit, rows, v, fits, C) for name, unit, rows in shrinkage.curves_of(unseen)]
+        sizes = [len(rows) for *_, rows in shrinkage.curves_of(unseen)]
+        return shrinkage.summarise(found, sizes, "those with role validate", seed)
+    found, sizes = [], []
+    curves = shrinkage.curves_of(library)
+    for name, unit, rows in curves if len(curves) > 1 else []:
+        rest = np.setdiff1d(np.arange(len(y)), rows)
+        before = np.setdiff1d(first, rows)
+        before = rest if len(before) < 4 else before
+        cause = _best_without(bench, evidence, rest, y, chosen)
+        models = [(before, ()), (rest, ()), (rest, cause)]
+        fits = [shrinkage.predicted(library, e, _fit(bench, e, r, y, rng), bench.modulus) for r, e in models]
+        found.append(_gap(name, unit, rows, y, fits, bench.C))
+        sizes.append(len(rows))
+    if not found:
+        return shrinkage.Shrinkage((), np.nan, np.nan, np.nan, 1.0, np.nan, None, None, "one curve only")
+    return shrinkage.summarise(found, sizes, "each left out in turn because there are no validate curves", seed)
+
+
+def _gap(name: str, unit: str, rows: np.ndarray, y: np.ndarray, fits: Sequence[np.ndarray], C: np.ndarray):
+    G = [shrinkage.gap(y[rows], f[rows], C[np.ix_(rows, rows)]) for f in fits]
+    rms = tuple(float(np.sqrt(np.mean((y[rows] - f[rows]) ** 2))) for f in fits)
+    return shrinkage.Gap(name, unit, *G, rms)
+
+
+def _fitted_rows(library: Library) -> np.ndarray:
+    """Rows of what the study itself fitted: loading of the first channel of experiments with role fit."""
+    rows = []
+    for item, c, at in library.plan.rows():
+        e = library.plan.experiments[item.experiment]
+        if hasattr(item, "branch") and e.role == "fit" and c == ("Fz" if "Fz" in item.channels else item.channels[0]):
+            rows.append(np.arange(at.start, at.stop)[item.branch == 0])
+    return np.concatenate(rows) if rows else np.arange(library.plan.n)
+
+
+def _fit(bench: Bench, effects, rows: np.ndarray, y: np.ndarray, rng) -> Posterior:
+    white = whitening(bench.covariance(effects, 1), rows)
+    h = ready(bench.of(effects, loose=True), white, bench.modulus)
+    return posterior(h, white(y), 300, rng)
+
+
+def _best_without(bench: Bench, evidence: Evidence, rest: np.ndarray, y: np.ndarray, chosen: Hypothesis):
+    """Effects of the finalist that has the most evidence without the curve that is left out."""
+    if not chosen.effects:
+        return ()
+    rivals = {chosen.effects, *((e,) for e in chosen.effects)}
+    ordered = sorted(rivals, key=lambda e: [v.name for v in e])
+    return max(ordered, key=lambda e: _log_evidence(bench, Hypothesis(e), rest, y))
+
+
+def _covariance(unseen: Library, bench: Bench, evidence: Evidence, y: np.ndarray) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    h = evidence.best((), y)
+    f = shrinkage.predicted(unseen, (), posterior(h, h.white(y), 2000, rng), bench.modulus)
+    return noise.covariance(unseen, _levels(bench, unseen), f, noise.slope_of(unseen, f))
+
+
+def _levels(bench: Bench, unseen: Library):
+    """Levels of the seen data, and for channels they lack those of the held-out files."""
+    return {**noise.levels(unseen.plan), **bench.levels}
