@@ -155,13 +155,16 @@ def test_force_is_smooth_in_the_geometry(record, knob, end):
 
 
 def test_a_ball_that_is_tilted_is_the_same_ball(record):
-    """Tilted by 5°, touched at its new top: only the rim of its support has turned along."""
+    """Tilted by 5°, touched at its new top: only the rim of its support has turned along.
+
+    Two coarse meshes, each about 1 % off and made anew on every machine: 2 % between them.
+    """
     ball = {"specimen": {"semi_axes": [35.0, 35.0, 35.0]}}
     one, two = (run("coarse", replace(SET1, tilt_x=t), [2.0], **ball) for t in (0.0, 5.0))
     record("ball tilted by 5 degrees: change of Fz, Fy/Fz", f"{percent(two.Fz / one.Fz - 1)} %, "
            f"{percent(two.channels['Fy'] / two.Fz)} %")  # fmt: skip
-    np.testing.assert_allclose(two.Fz, one.Fz, rtol=1e-2)
-    assert abs(two.channels["Fy"][0]) < 1e-2 * two.Fz[0]
+    np.testing.assert_allclose(two.Fz, one.Fz, rtol=2e-2)
+    assert abs(two.channels["Fy"][0]) < 2e-2 * two.Fz[0]
 
 
 # ---------------------------------------------------------------------------------------------- Hertz
