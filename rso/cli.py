@@ -137,7 +137,8 @@ def _check(options: argparse.Namespace, command: str) -> int:
     print(f"  similarity: {plan.group.why}")
     shown = ", ".join(f"{n} {what}" for what, n in parts.items() if n)
     print(f"  simulations: {total} at most ({shown}),")
-    print(f"    and for the surrogates and for each search up to {study.verify.max_infill} points of infill")
+    widening = " and each widening of its ranges" if study.search.repair and plan.searches else ""
+    print(f"    and for the surrogates, each search{widening} up to {study.verify.max_infill} points more")
     folder = _folder(options, study.folder)
     seconds, known = _seconds_per_run(folder)
     jobs = study.dispatch.jobs
