@@ -89,7 +89,7 @@ def _parser() -> argparse.ArgumentParser:
     blind.add_argument("--out", type=Path, default=Path("answers"), help="where answers go (default: answers/)")
     blind.add_argument("--jobs", type=_at_least_one, default=2, help="simulations at a time")
     blind.add_argument("--seed", type=int, default=1, help="seed of the simulated data sets")
-    blind.add_argument("--quick", action="store_true", help="library only: finalists are not computed anew")
+    blind.add_argument("--reruns", action="store_true", help="compute finalists anew: minutes a case")
     blind.set_defaults(call=_blind)
     return parser
 
@@ -293,7 +293,7 @@ def _blind(options: argparse.Namespace, command: str) -> int:
         Progress() as progress,
     ):
         found = answer(
-            cases, options.out, store, pool, seed=options.seed, reruns=not options.quick, watch=progress.watch,
+            cases, options.out, store, pool, seed=options.seed, reruns=options.reruns, watch=progress.watch,
             say=progress.say,
         )  # fmt: skip
         bad = sum("error" in data for _, data in found)

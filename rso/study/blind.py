@@ -31,7 +31,7 @@ def cases_of(folder: Path) -> list[Path]:
 
 def answer(
     cases: list[Path], out: Path, store: RunStore, executor: Executor, *, seed: int,
-    reruns: bool = True, watch: Callable[[Event], None] | None = None, say: Callable[[str], None] = lambda _: None,
+    reruns: bool = False, watch: Callable[[Event], None] | None = None, say: Callable[[str], None] = lambda _: None,
 ) -> Iterator[tuple[str, dict[str, Any]]]:  # fmt: skip
     """Diagnose every case that has no answer yet; yields its name and the plain data, written to `out` as it comes.
 
