@@ -130,9 +130,10 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     checks = _checks(evidence, contest, finalists, y, threshold, null, seed) if verdict != "no_gap" else ()
     fits = {name: shrinkage.predicted(library, h.effects, posts[name], bench.modulus)
             for name, h in {"none": Hypothesis(()), chosen.name: chosen}.items()}  # fmt: skip
-    Δ = _gap_of(evidence, chosen, fits, y)
-    W = noise.readings(library.plan, bench.levels, noise.slope_of(library, fits["none"]))
-    where = localise.shared(where, library.plan, Δ, bench.C, W)
+    if chosen != Hypothesis(()):
+        Δ = _gap_of(evidence, chosen, fits, y)
+        W = noise.readings(library.plan, bench.levels, noise.slope_of(library, fits["none"]))
+        where = localise.shared(where, library.plan, Δ, bench.C, W)
     causes = _causes(contest, posts, verdict, named, bench.modulus)
     return Diagnosis(
         verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), causes, named,

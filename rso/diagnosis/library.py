@@ -44,8 +44,8 @@ class PlaceTables:
     """Everything computed at one place: travels `u` (m,), base forces f (n_base, 3, m), marks (n_base, n_uz).
 
     Relative to Fz of the base: `mesh` (3, m) the step to the study's mesh, `ways` (n_pass, 3, m) what the way of the
-    indenter changes in the base model itself, `error` (3, m) the stated error.  `cost` is the CPU time (s) of a run of
-    the base model on the study's mesh.
+    indenter changes in the base model itself, `error` (3, m) the stated error.  `unknowns` of the base model on the
+    study's mesh, 0 where the backend does not say.
     """
 
     u: np.ndarray
@@ -56,7 +56,7 @@ class PlaceTables:
     ways: np.ndarray
     error: np.ndarray
     effects: Mapping[str, Table]
-    cost: float = 0.0
+    unknowns: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,9 +199,9 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
         ways, lost = changed(every, u, place, base.reference, each, first)
         if lost:
             raise ValueError(f"the base model has no answer on the way back at {place.settings.get('point')}")
-    best, cost = found.get((k, None, -1, None, True)), 0.0
+    best, unknowns = found.get((k, None, -1, None, True)), 0
     if isinstance(best, Done):
-        cost = float(best.response.info.get("cpu_s", 0.0))
+        unknowns = int(best.response.info.get("dofs", 0))
         travel, F = forces_of(best.response, base.reference)
         mesh = relative(travel, F - first(travel), first(travel)[:, 2], u)
         stated = np.stack([best.response.error.get(c, np.zeros(len(travel))) for c in FORCES], 1)
@@ -222,7 +222,7 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
             reached = reached_by(each[0], place.deepest)
             marks[n] = 0.0 if reached is None else marks_of(reached, place) - base_marks[-1]
         effects[e.name] = _filled(Table(grid[e.name, k], change, marks, known))
-    return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], mesh, ways, error, effects, cost)
+    return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], mesh, ways, error, effects, unknowns)
 
 
 def _beside(

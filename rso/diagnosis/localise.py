@@ -28,6 +28,7 @@ from rso.diagnosis.testplan import Profile, TestPlan
 DEPTH_BINS = {0: 3, 1: 2}
 BRANCH = {0: "loading", 1: "unloading"}
 DRAWS = 2000
+FIRST = 4
 _WIDE = 20.0  # times the spread of a tile: a re-fit moves where it wants
 
 
@@ -51,7 +52,7 @@ class Region:
 class Where:
     """Regions, and the |z| that the largest of all reaches in 5 % of data sets without a gap.
 
-    First the strongest region of every channel of an experiment, in the order of their shares, then the others by |z|.
+    Of a gap first the strongest region of each of the FIRST channels that hold most of it, then all others by |z|.
     """
 
     regions: tuple[Region, ...]
@@ -101,7 +102,7 @@ def shared(where: Where, plan: TestPlan, gap: np.ndarray, C: np.ndarray, W: np.n
     strongest: dict[tuple[str, str], Region] = {}
     for g in regions:
         strongest.setdefault((g.experiment, g.channel), g)
-    first = sorted(strongest.values(), key=lambda g: -g.share)
+    first = sorted(strongest.values(), key=lambda g: -g.share)[:FIRST]
     return replace(where, regions=(*first, *(g for g in regions if g not in first)))
 
 

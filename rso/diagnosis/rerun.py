@@ -30,7 +30,7 @@ from rso.store import Done
 WORTH = 0.05  # probability of a cause below which it is not computed anew
 MOST = 3  # effects per round
 CLOSE = 0.003  # of Fz: a deviation below which the library is good enough
-DEAR = 3.0  # times the cost at the primary place: there the library's mesh must do
+DEAR = 3.0  # times the unknowns at the primary place (a whole model has four): there the library's mesh must do
 DOUBTFUL = 0.15  # of the deepest travel: before that a relative deviation says nothing
 
 
@@ -108,7 +108,7 @@ def mended(
 
 
 def _dear(library: Library, place: int) -> bool:
-    return library.places[place].cost > DEAR * library.places[library.primary].cost
+    return library.places[place].unknowns > DEAR * library.places[library.primary].unknowns
 
 
 def _speeds(library: Library, effect: Effect, place: int) -> list[float]:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from rso.curves import Resampling, baseline, metrics, window
+from rso.curves import Resampling, baseline, metrics, rows_at, window
 
 # Round-off of a handful of operations on numbers of order one.
 EXACT = 1e-13
@@ -143,3 +143,13 @@ def test_baseline_is_standard_deviation_over_mean():
 def test_metrics_refuse(y, f, floor):
     with pytest.raises(ValueError):
         metrics(np.array(y), np.array(f), floor)
+
+
+def test_rows_are_interpolated_as_numpy_does_one_by_one():
+    rng = np.random.default_rng(0)
+    x, y = np.sort(rng.normal(size=(20, 30)), axis=1), rng.normal(size=(20, 30))
+    x[:, 10] = x[:, 9]  # a step
+    at = np.concatenate([2.0 * rng.normal(size=40), x[0, [0, 3, -1]]])
+    each = [np.interp(at, a, b) for a, b in zip(x, y, strict=True)]
+    np.testing.assert_allclose(rows_at(at, x, y), each, rtol=0, atol=1e-14)  # round-off
+    np.testing.assert_allclose(rows_at(at[None] + np.zeros((20, 1)), x[0], y)[3], np.interp(at, x[0], y[3]), atol=1e-14)

@@ -193,3 +193,14 @@ def test_a_hum_is_no_smooth_gap_and_yet_not_nothing():
     d = diagnosis.diagnose(dataclasses.replace(tables(NAMES, False), plan=make_plan(every)), 3, nulls=NULLS)
     assert d.verdict == "unexplained" and not d.causes
     assert diagnose(3).verdict == "no_gap"
+
+
+def test_shares_of_the_gap_add_up_and_lead_and_without_a_gap_there_are_none():
+    d = diagnose(1, {"skin": 2.5})
+    held = {(g.experiment, g.channel): g.share for g in d.where.regions}
+    np.testing.assert_allclose(sum(held.values()), 1.0, rtol=1e-9)
+    assert d.where.regions[0].share == max(held.values())
+    none = diagnose(3)
+    assert none.verdict == "no_gap" and not any(g.share for g in none.where.regions)
+    z = [abs(g.z) for g in none.where.regions]
+    assert z == sorted(z, reverse=True)
