@@ -225,10 +225,10 @@ def next_tests(
         p = by_key(result.contests[i], result.contests[i].probability)
         prior = {n: p.get((known[n].source,), 0.0) for n in names}
         prior = {n: v / sum(prior.values()) for n, v in prior.items()}  # the truth is in the set
-        pairs = [next_test._ranked(w, next_test.distances(v, bench, posts, c.without), prior)
+        pairs = [next_test.ranked(w, next_test.distances(v, bench, posts, c.without), prior)
                  for w, (c, v) in there.items()]  # fmt: skip
-        pairs += [next_test._ranked(w, D, prior) for w, D in next_test._direct(library, bench, posts).items()]
-        best = max(pairs, key=lambda t: (round(t.chance, 3), t.resolves, t.distance))
+        pairs += [next_test.ranked(w, D, prior) for w, D in next_test.direct(library, bench, posts).items()]
+        best = max(pairs, key=next_test.merit)
         chances.append(best.chance)
         pick = rng.integers(len(pairs) + len(again))
         for how, words in (("proposed", best.test), ("random", pairs[pick].test if pick < len(pairs) else None)):

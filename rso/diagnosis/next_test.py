@@ -94,9 +94,14 @@ def next_tests(
         except ValueError:
             continue
         if there is not None:
-            found.append(_ranked(candidate.words, distances(there, bench, survivors, candidate.without), probability))
-    found += [_ranked(words, D, probability) for words, D in _direct(library, bench, survivors).items()]
-    return sorted(found, key=lambda t: (-round(t.chance, 3), -t.resolves, -t.distance))
+            found.append(ranked(candidate.words, distances(there, bench, survivors, candidate.without), probability))
+    found += [ranked(words, D, probability) for words, D in direct(library, bench, survivors).items()]
+    return sorted(found, key=merit, reverse=True)
+
+
+def merit(test: NextTest) -> tuple[float, int, float]:
+    """What tests are ordered by: the chance, then the pairs resolved, then the distance of the worst pair."""
+    return round(test.chance, 3), test.resolves, test.distance
 
 
 def simulated(
@@ -115,7 +120,8 @@ def simulated(
     return build(library.base, plan, tuple(effects.values()), run)
 
 
-def _ranked(words: str, distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> NextTest:
+def ranked(words: str, distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> NextTest:
+    """A test by the distances D of the pairs and the probabilities of the survivors."""
     worst = min(distance, key=lambda p: distance[p])
     settled = sum(bool(v >= SEPARATES) for v in distance.values())
     return NextTest(words, _chance(distance, probability), worst, float(distance[worst]), settled, len(distance))
@@ -250,7 +256,7 @@ def gauges(library: Library, bench: Bench) -> dict[str, tuple[str, float]]:
     return {**own, **getattr(library.base.backend, "gauges", dict)()}
 
 
-def _direct(library: Library, bench: Bench, survivors: Survivors) -> dict[str, dict[tuple[str, str], float]]:
+def direct(library: Library, bench: Bench, survivors: Survivors) -> dict[str, dict[tuple[str, str], float]]:
     """D of every pair in tests of one knob alone: the size of the effect over what that test resolves."""
     known, pairs = gauges(library, bench), list(itertools.combinations(survivors, 2))
     found: dict[str, dict[tuple[str, str], float]] = {}
