@@ -11,6 +11,7 @@ from scipy.special import logsumexp
 from rso.diagnosis import attribute, localise, noise, shrinkage
 from rso.diagnosis.attribute import Bench, Contest, Evidence
 from rso.diagnosis.effects import Effect
+from rso.diagnosis.hum import Hum, hum
 from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.jumps import Jumps, jumps
 from rso.diagnosis.library import Library
@@ -75,6 +76,7 @@ class Diagnosis:
     posteriors: Mapping[str, Posterior]
     chosen: Hypothesis
     jumps: Jumps
+    hum: Hum
     left: float
 
 
@@ -104,10 +106,11 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     contest = attribute.contests(evidence, y[None], pairs, finalists=finalists)[0] if gap else first
     judged = judge(contest, gap)
     verdict, named, chosen = judged.verdict, judged.named, judged.chosen
-    steps = jumps(library.plan)
-    if gap and steps.sudden:  # no smooth model has jumps: a cause explains at most the rest
+    steps, line = jumps(library.plan), hum(library.plan)
+    restless = steps.sudden or line.there
+    if gap and restless:  # no smooth model jumps or hums: a cause explains at most the rest
         verdict = verdict if verdict == "unexplained" else "partly"
-    elif not gap and (steps.sudden or _left(evidence, chosen, y) > MISFIT):  # a hum, a loose contact: nothing smooth
+    elif not gap and (restless or _left(evidence, chosen, y) > MISFIT):  # a loose contact: nothing smooth
         verdict, chosen = "unexplained", Hypothesis((), True)
     rng = np.random.default_rng(seed + 1)
     posts = {"none": _posterior(evidence, (), y, rng)}
@@ -139,7 +142,7 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
         verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), causes, named,
         dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
         _sensitivity(evidence, contest, finalists, y), where, held, shrunk, checks,
-        _parameters(library, posts, chosen), bench, contest, fits, posts, chosen, steps, left,
+        _parameters(library, posts, chosen), bench, contest, fits, posts, chosen, steps, line, left,
     )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ WORTH_SAYING = 0.1  # share of the gap from which a place is named
 def words(found: Mapping[str, Any]) -> list[str]:
     """Sentences from the plain data of a diagnosis; no number is computed here."""
     d = found["diagnosis"]
-    out = [_gap(d), *_jumps(d)]
+    out = [_gap(d), *_jumps(d), *_hum(d)]
     if d["verdict"] != "no_gap":
         out += [_where(d), _cause(d, found)]
     if (closed := _shrinkage(d)) is not None:
@@ -38,6 +38,17 @@ def _jumps(d: Mapping[str, Any]) -> list[str]:
         f"The force jumps suddenly (skewness of its steps {j['z']:+.0f} standard deviations; largest "
         f"{j['size']:+.3g} N in {j['experiment']}, at {depths} mm): stick–slip, a crack or a grip that slips. "
         "No smooth model has that."
+    ]
+
+
+def _hum(d: Mapping[str, Any]) -> list[str]:
+    h = d.get("hum") or {}
+    if not h.get("there"):
+        return []
+    return [
+        f"The readings swing with {h['frequency']:.3g} Hz (amplitude {h['amplitude']:.2g} N in {h['channel']}; "
+        f"chance of such a line in scatter 1e{h['log10_p']:.0f}): mains, a drive, or regular stick–slip. "
+        "No material has that."
     ]
 
 

@@ -1,0 +1,57 @@
+"""A periodic disturbance is found with its frequency and amplitude; scatter, a bend, a trend are none."""
+
+import dataclasses
+
+import diagnosis_backend as toy
+import numpy as np
+import pytest
+
+from rso.diagnosis import make_plan
+from rso.diagnosis.hum import hum
+
+
+def plan_with(change, seed: int = 0, repeats: int = 5, readings: int = 60):
+    rng = np.random.default_rng(seed)
+    recorded = toy.recorded(toy.TRUTH, rng, readings=readings, repeats=repeats)
+    new = [
+        dataclasses.replace(r, channels={**r.channels, "Fz": change(r.time, r.channels["Fz"], rng)}) for r in recorded
+    ]
+    return make_plan([toy.experiment("a", tuple(new))])
+
+
+def white(recorded) -> float:
+    """Standard deviation of neighbouring readings' scatter."""
+    return float(np.std(np.diff(recorded, 3)) / np.sqrt(20))
+
+
+@pytest.mark.parametrize("cycles", [5.3, 9.0, 17.0])
+def test_a_hum_of_the_size_of_the_scatter_is_found(cycles):
+    seen = {}
+
+    def swing(t, F, rng):
+        period = np.ptp(t) / cycles
+        seen["f"], seen["a"] = 1 / period, 1.7 * white(F)
+        return F + seen["a"] * np.sin(2 * np.pi * t / period + rng.uniform(0, 6))
+
+    found = hum(plan_with(swing))
+    assert found.there and found.channel == "Fz"
+    # the spectrum resolves 1 / duration; five records of one size fix the amplitude to about a tenth
+    np.testing.assert_allclose(found.frequency, seen["f"], atol=0.5 * seen["f"] / cycles)
+    np.testing.assert_allclose(found.amplitude, seen["a"], rtol=0.35)
+
+
+def coloured(t, F, rng, ρ=0.8):
+    e = rng.standard_normal(len(t))
+    for k in range(1, len(t)):
+        e[k] = ρ * e[k - 1] + np.sqrt(1 - ρ**2) * e[k]
+    return F + 0.02 * F.max() * e
+
+
+@pytest.mark.parametrize("change", [lambda t, F, rng: F, coloured, lambda t, F, rng: F * (1 + 0.2 * t / t.max())])
+def test_scatter_and_bends_are_no_hum(change):
+    assert not any(hum(plan_with(change, seed)).there for seed in range(25))
+
+
+def test_too_few_readings_say_nothing():
+    found = hum(plan_with(lambda t, F, rng: F, readings=12))
+    assert found.log10_p == 0.0 and not found.there
