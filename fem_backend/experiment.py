@@ -120,7 +120,9 @@ class Knobs:
         plausible=(0.1, 20.0),
     )
     inclusion_radius: float = knob("radius of the inclusion", "mm", 0.0, 100.0, default=5.0, group="inclusion")
-    inclusion_x: float = knob("centre of the inclusion, x", "mm", -1e3, 1e3, default=0.0, group="inclusion")
+    inclusion_x: float = knob(
+        "centre of the inclusion, x", "mm", -1e3, 1e3, default=0.0, group="inclusion", plausible=(-16.0, 16.0)
+    )
     inclusion_y: float = knob("centre of the inclusion, y", "mm", -1e3, 1e3, default=0.0, group="inclusion")
     inclusion_depth: float = knob(
         "centre of the inclusion below the top of the body",

@@ -11,14 +11,17 @@ import numpy as np
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Tiles, compressed
-from rso.diagnosis.nodes import points
+from rso.diagnosis.nodes import placed, points, timed
 from rso.diagnosis.prediction import predict
 from rso.diagnosis.testplan import Profile, TestPlan
 
 BASE_TILES = {0: 1, 1: 11, 2: 5}
 SIZE_TILES = 8
 SIZE_TILES_SIDE = 6  # per side of an effect with two signs
-SHAPE_TILES = {True: 6, False: 3}  # a time, anything else
+TIME_TILES = 6
+PLACE_TILES = 5
+SHAPE_TILES = 3  # of any other shape
+FEWER = 2  # of them for pairs
 _STEP = 0.35  # of a tile, for its derivative
 
 
@@ -57,8 +60,8 @@ def tiles(
     for e in effects:
         levels.append(_sizes(e, coarse))
         for s in e.shape:
-            n = SHAPE_TILES[s.unit == "s"] - (2 if coarse and s.unit == "s" else 0)
-            levels.append(_even(*s.ends()[0], n))
+            n = TIME_TILES if timed(s) else PLACE_TILES if placed(s) else SHAPE_TILES
+            levels.append(_even(*s.ends()[0], n - (FEWER if coarse and n > SHAPE_TILES else 0)))
     at = points([v.at for v in levels])
     prior = np.array([sum(p) for p in itertools.product(*[v.log_prior for v in levels])])
     moving = [j for j, v in enumerate(levels) if v.width > 0]

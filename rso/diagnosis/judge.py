@@ -135,8 +135,9 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
             for name, h in {"none": Hypothesis(()), chosen.name: chosen}.items()}  # fmt: skip
     if chosen != Hypothesis(()):
         Δ = _gap_of(evidence, chosen, fits, y)
-        W = noise.readings(library.plan, bench.levels, noise.slope_of(library, fits["none"]))
-        where = localise.shared(where, library.plan, Δ, bench.C, W)
+        slope = noise.slope_of(library, fits["none"])
+        C = noise.scatter(library.plan, bench.levels, fits["none"], slope)
+        where = localise.shared(where, library.plan, Δ, C, noise.readings(library.plan, bench.levels, slope))
     causes = _causes(contest, posts, verdict, named, bench.modulus)
     return Diagnosis(
         verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), causes, named,

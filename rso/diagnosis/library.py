@@ -18,12 +18,13 @@ import numpy as np
 
 from rso.curves import Resampling
 from rso.diagnosis.effects import Effect
-from rso.diagnosis.nodes import Nodes, nodes, points, tensor, timed
+from rso.diagnosis.nodes import Nodes, nodes, placed, points, tensor, timed
 from rso.diagnosis.responses import FORCES, changed, forces_of, loading_of, marks_of, reached_by, relative
 from rso.diagnosis.runs import Base, Job, Pass, Run, jobs_of, knobs_at, passes, rated, task_of
 from rso.diagnosis.testplan import MARGIN, TestPlan
 from rso.store import Done
 
+DEAR = 3.0  # times the unknowns at the primary place, as a whole model has: runs there are few
 GRID = 160  # travels of the tables, evenly spaced in √u
 BASE_NODES = {1: 6, 2: 4}
 FEW_BASE_NODES = {1: 3, 2: 3}  # where the ratio to the primary place is enough
@@ -128,7 +129,6 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
         )
     levels = tuple(_chebyshev(*a.ends, BASE_NODES[d]) for a in base.axes)
     few = tuple(_chebyshev(*a.ends, FEW_BASE_NODES[d]) for a in base.axes)
-    grid = {(e.name, k): nodes(e, k == primary, speeds) for e in modelled for k in range(len(plan.places))}
     jobs: list[Job] = []
     every = [passes(plan, k) for k in range(len(plan.places))]
     for k in range(len(plan.places)):
@@ -139,11 +139,22 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
         ways = jobs_of(base, plan, k, None, -1, centre, every[k])
         jobs += ways if len(ways) > 1 else []
         jobs.append(Job(k, None, -1, None, task_of(base, plan, k, centre, None, {}, finer=True), True))
-        for e in modelled:
-            for n, at in enumerate(grid[e.name, k].points):
-                values = {**centre, **knobs_at(base, e, at)}
-                jobs += jobs_of(base, plan, k, e, n, values, every[k])
     outcomes = run([j.task for j in jobs])
+    unknowns = np.zeros(len(plan.places))
+    for j, o in zip(jobs, outcomes, strict=True):
+        if isinstance(o, Done) and not j.finer:
+            unknowns[j.place] = float(o.response.info.get("dofs", 0))
+        elif not j.finer and j.passing is None:
+            at = plan.places[j.place].settings.get("point")
+            raise ValueError(f"the base model has no answer at {at}: {o.reason}")
+    dear = unknowns > DEAR * unknowns[primary]
+    grid = {(e.name, k): nodes(e, k == primary, speeds, dear[k]) for e in modelled for k in range(len(plan.places))}
+    further = []
+    for (name, k), own in grid.items():
+        e = next(e for e in modelled if e.name == name)
+        for n, at in enumerate(own.points):
+            further += jobs_of(base, plan, k, e, n, {**base.values(base.centre), **knobs_at(base, e, at)}, every[k])
+    jobs, outcomes = jobs + further, [*outcomes, *run([j.task for j in further])]
     cpu = sum({id(o): float(o.response.info.get("cpu_s", 0.0)) for o in outcomes if isinstance(o, Done)}.values())
     failed = tuple(dict.fromkeys(
         f"{j.effect or 'base'} at {plan.places[j.place].settings.get('point', [0, 0])}: {o.cause}"
@@ -157,7 +168,7 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     tables = tuple(first if k == primary else _beside(first, levels, few, others[k]) for k in range(len(plan.places)))
     lost = {e.name for e in modelled if not first.effects[e.name].known.any()}
     transfer = {
-        (e.name, k): _transfer(tables[primary].effects[e.name], tables[k].effects[e.name])
+        (e.name, k): _transfer(e, tables[primary].effects[e.name], tables[k].effects[e.name])
         for e in modelled for k in range(len(plan.places)) if k != primary
     }  # fmt: skip
     return Library(
@@ -187,9 +198,6 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
     u = (np.linspace(0.0, np.sqrt(place.deepest + MARGIN), GRID)) ** 2
     n_base = int(np.prod([len(v) for v in levels])) if levels else 1
     wanted = [found[k, None, n, None, False] for n in [*range(n_base), -1]]
-    for o in wanted:
-        if not isinstance(o, Done):
-            raise ValueError(f"the base model has no answer at {place.settings.get('point')}: {o.reason}")
     scaled = [loading_of(o.response, u, base.reference) for o in wanted]
     scaled.pop()
     first = Resampling(*forces_of(wanted[-1].response, base.reference))
@@ -257,32 +265,54 @@ def _filled(table: Table) -> Table:
     return replace(table, change=change, marks=marks)
 
 
-def _transfer(primary: Table, other: Table) -> np.ndarray:
+def _transfer(effect: Effect, primary: Table, other: Table) -> np.ndarray:
     """(n_primary, n_other): what each primary node is in terms of the nodes that the other place has too.
 
-    Least squares over the changes at the primary place; where the effect does not show there, in proportion to size.
+    Where an effect sits is read off between the other place's own nodes: what is below one point is beside another.
     """
     P, O = primary.nodes.points, other.nodes.points
-    A = primary.change[:, 0].reshape(len(P), -1)
-    W = primary.nodes.weights(O)  # the other's nodes in terms of the primary's
-    B = W @ A
+    one_sided = len(O) > 1 and O.shape[1] == 1 and np.all(O[:, 0] > 0)
+    if one_sided if other.nodes.anchored else len(O) == len(P):
+        return other.nodes.weights(P)  # sizes enough of its own
+    if not other.nodes.anchored:
+        R = _likened(primary, P, O)
+        return other.nodes.weights(P) if R is None else R
+    where = [k for k, shape in enumerate(effect.shape, 1) if placed(shape)]
+    levels = [other.nodes.levels[k] for k in where]
+    share = tensor(levels, P[:, where])
+    R = np.zeros((len(P), len(O)))
+    for k, at in enumerate(points(levels)):
+        moved = P.copy()
+        moved[:, where] = at
+        mine = np.all(O[:, where] == at, axis=1)
+        own = _likened(primary, moved, O[mine])
+        R[:, mine] = share[:, k, None] * (_in_proportion(moved, O[mine]) if own is None else own)
+    return R
+
+
+def _likened(primary: Table, P: np.ndarray, O: np.ndarray) -> np.ndarray | None:
+    """(n, m): sizes and shapes P (n, 1 + d) in terms of O (m, 1 + d) by least squares over the changes at the primary
+    place; None where the effect does not show there."""
+    nodes = primary.change[:, 0].reshape(len(primary.change), -1)
+    A, B = (primary.nodes.weights(at) @ nodes for at in (P, O))
     gram = B @ B.T
     if np.trace(gram) / len(O) < 1e-8 * A.shape[1]:  # below 1e-4: nothing to lean on
-        if other.nodes.anchored:
-            spread = np.ptp(P[:, 1:], axis=0) + 1e-12
-            R = np.zeros((len(P), len(O)))
-            for i, p in enumerate(P):
-                j = min(
-                    range(len(O)),
-                    key=lambda j: (
-                        np.sign(O[j, 0]) != np.sign(p[0]),
-                        np.sum(((O[j, 1:] - p[1:]) / spread) ** 2),
-                        abs(O[j, 0] - p[0]),
-                    ),
-                )
-                R[i, j] = p[0] / O[j, 0]
-            return R
-        return other.nodes.weights(P)
-    if not other.nodes.anchored or (len(O) > 1 and O.shape[1] == 1 and np.all(O[:, 0] > 0)):
-        return other.nodes.weights(P)  # sizes enough of its own
+        return None
     return np.linalg.solve(gram + 1e-4 * np.trace(gram) / len(O) * np.eye(len(O)), B @ A.T).T
+
+
+def _in_proportion(P: np.ndarray, O: np.ndarray) -> np.ndarray:
+    """(n, m): each of P (n, 1 + d) as the nearest of O (m, 1 + d), of the same side if there is one, times its size."""
+    spread = np.ptp(P[:, 1:], axis=0) + 1e-12
+    R = np.zeros((len(P), len(O)))
+    for i, p in enumerate(P):
+        j = min(
+            range(len(O)),
+            key=lambda j: (
+                np.sign(O[j, 0]) != np.sign(p[0]),
+                np.sum(((O[j, 1:] - p[1:]) / spread) ** 2),
+                abs(O[j, 0] - p[0]),
+            ),
+        )
+        R[i, j] = p[0] / O[j, 0]
+    return R

@@ -11,8 +11,8 @@ A region may be clearly off and yet hold little of the gap.  What a channel of a
 
     share_g ∝ Σ_{i∈g} e_i² / W_ii,     e = W C⁻¹ Δ,  Δ = f_H − f_0                          (W: readings alone)
 
-the gap Δ as the chosen hypothesis sees it after both were fitted, less what gains, contacts and the model's own error
-take up.
+the gap Δ as the chosen hypothesis sees it after both were fitted, less what gains and contacts take up (C: readings,
+gains, contacts).
 """
 
 from __future__ import annotations

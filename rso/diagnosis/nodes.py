@@ -73,8 +73,9 @@ class Nodes:
         return kernel(at, points) @ np.linalg.inv(kernel(points, points) + 1e-9 * np.eye(len(points)))
 
 
-def nodes(effect: Effect, primary: bool, speeds: tuple[float, float]) -> Nodes:
-    """The nodes of an effect at its primary place, where most was measured, or fewer elsewhere.
+def nodes(effect: Effect, primary: bool, speeds: tuple[float, float], dear: bool = False) -> Nodes:
+    """The nodes of an effect at its primary place, where most was measured, or fewer elsewhere, fewest where runs are
+    `dear`.
 
     `speeds` (mm/s), slowest and fastest test: a shape with the unit of time counts in travel, τ v.
     """
@@ -83,7 +84,7 @@ def nodes(effect: Effect, primary: bool, speeds: tuple[float, float]) -> Nodes:
     few = not primary
     if size.neutral is None:  # a variant: all of its range, there is no neutral to lean on
         low, high = ends[0]
-        level = np.array([0.5 * (low + high)]) if size.low == 0 else np.linspace(low, high, 2 if few else 4)
+        level = np.array([0.5 * (low + high)]) if size.low == 0 else np.linspace(low, high, 2 if dear else 4)
         return Nodes((level, *shapes), math.inf, False)
     if len(ends) == 1:
         far = ends[0][1]
@@ -110,11 +111,18 @@ def timed(shape: Size) -> bool:
     return shape.unit == "s"
 
 
+def placed(shape: Size) -> bool:
+    """Whether a shape is a place, to both sides of a middle: what sits beside one point sits below another."""
+    return shape.low < 0 < shape.high
+
+
 def _shape_level(shape: Size, primary: bool, speeds: tuple[float, float]) -> np.ndarray:
     low, high = shape.ends()[0]
     if timed(shape):
         low, high = low + math.log(speeds[0]), high + math.log(speeds[1])
         return np.linspace(low, high, 7) if primary else np.array([0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high])
+    if placed(shape):
+        return np.linspace(low, high, 5)
     if not primary and shape.low >= 0 and not (shape.low == 0 and shape.unit == "deg"):
         return np.array([0.5 * (low + high)])
     return np.linspace(low, high, 3 if shape.logarithmic else 2)

@@ -163,41 +163,53 @@ def _repeats(plan: TestPlan, channel: str, white: float) -> tuple[float, float, 
 
 def covariance(library: Library, level: Mapping[str, Level], force: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """C (n, n) of the data vector for a prediction `force` (n,) N (or mm) and its slope (n,) N/mm."""
-    plan = library.plan
-    n = plan.n
-    C = np.zeros((n, n))
-    world = np.zeros(n)
-    u, place, channel = np.zeros(n), np.full(n, -1), np.zeros(n, int)
+    return scatter(library.plan, level, force, slope) + _world(library, force)
+
+
+def scatter(plan: TestPlan, level: Mapping[str, Level], force: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """What tests and readings scatter by (n, n): readings, gain and contact of each test, the contact of all."""
+    C = np.zeros((plan.n, plan.n))
+    placed = np.zeros(plan.n)
     rows = plan.rows()
     for item, c, at in rows:
         if isinstance(item, Profile):
-            own = level["uz"].white
-            C[at, at] += np.diag(np.full(at.stop - at.start, own**2))
-            world[at] = 0.01 * np.max(np.abs(force[at]))
-            u[at], place[at], channel[at] = item.depth, 100 + item.place, 9 + item.mark
+            C[at, at] += np.diag(np.full(at.stop - at.start, level["uz"].white ** 2))
             continue
         q = level[c]
         C[at, at] += np.diag(_white(q, item, slope[at]))
         if q.correlated:
             far = np.abs(item.depth[:, None] - item.depth) + np.where(item.branch[:, None] == item.branch, 0.0, 1e9)
             C[at, at] += q.correlated**2 * np.exp(-far / max(q.length, 1e-9))
+        placed[at] = 1.0
+    for item in plan.tests:
+        at = _rows_of(rows, item)
+        q = level[item.channels[-1]]
+        C[at, at] += q.gain**2 * np.outer(force[at], force[at]) + q.contact**2 * np.outer(slope[at], slope[at])
+    common = max(level[t.channels[-1]].contact for t in plan.tests) * placed * slope  # what all tests take for contact
+    return C + np.outer(common, common)
+
+
+def _world(library: Library, force: np.ndarray) -> np.ndarray:
+    """What the model may be wrong by (n, n): its stated numerical error, and another code."""
+    plan = library.plan
+    n = plan.n
+    world = np.zeros(n)
+    u, place, channel = np.zeros(n), np.full(n, -1), np.zeros(n, int)
+    for item, c, at in plan.rows():
+        if isinstance(item, Profile):
+            world[at] = 0.01 * np.max(np.abs(force[at]))
+            u[at], place[at], channel[at] = item.depth, 100 + item.place, 9 + item.mark
+            continue
         u[at], place[at], channel[at] = item.depth, item.place, FORCES.index(c)
         z = slice(at.start - item.n * item.channels.index(c), None)
         Fz = force[z.start + item.n * item.channels.index("Fz") :][: item.n] if "Fz" in item.channels else force[at]
         stated = _stated(library, item, c)
         world[at] = np.hypot(WORLD, stated) * np.hypot(np.abs(force[at]), (c != "Fz") * LATERAL * np.abs(Fz))
-    for item in plan.tests:
-        at = _rows_of(rows, item)
-        q = level[item.channels[-1]]
-        C[at, at] += q.gain**2 * np.outer(force[at], force[at]) + q.contact**2 * np.outer(slope[at], slope[at])
-    contact = max(level[t.channels[-1]].contact for t in plan.tests)
-    common = contact * np.where(place < 100, slope, 0.0)  # what all tests take for first contact
-    C = C + np.outer(common, common)
     same = (place[:, None] == place) & (channel[:, None] == channel)
     deepest = max(p.deepest for p in plan.places)
     along = np.exp(-0.5 * ((u[:, None] - u) / (WORLD_LENGTH * deepest)) ** 2)
     growing = DEEP * (u / deepest) ** STEEP * np.where(place < 100, force, 0.0)
-    return C + np.outer(world, world) * same * along + np.outer(growing, growing) * (channel[:, None] == channel)
+    return np.outer(world, world) * same * along + np.outer(growing, growing) * (channel[:, None] == channel)
 
 
 def readings(plan: TestPlan, level: Mapping[str, Level], slope: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ import numpy as np
 from rso.curves import Resampling
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.judge import Diagnosis
-from rso.diagnosis.library import Library
+from rso.diagnosis.library import DEAR, Library
 from rso.diagnosis.nodes import timed
 from rso.diagnosis.responses import FORCES, changed, marks_of
 from rso.diagnosis.runs import jobs_at
@@ -30,7 +30,6 @@ from rso.store import Done
 WORTH = 0.05  # probability of a cause below which it is not computed anew
 MOST = 3  # effects per round
 CLOSE = 0.003  # of Fz: a deviation below which the library is good enough
-DEAR = 3.0  # times the unknowns at the primary place (a whole model has four): there the library's mesh must do
 DOUBTFUL = 0.15  # of the deepest travel: before that a relative deviation says nothing
 
 

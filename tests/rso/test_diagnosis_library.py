@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from rso.diagnosis import Base, build, make_plan, mended
-from rso.diagnosis.library import Library
-from rso.diagnosis.nodes import nodes
+from rso.diagnosis.effects import Effect, Size
+from rso.diagnosis.library import Library, Table, _transfer
+from rso.diagnosis.nodes import Nodes, nodes
 from rso.diagnosis.prediction import predict
 from rso.measurement import Chain, Repeat, record
 from rso.store import Failed
@@ -330,3 +331,51 @@ def test_a_failed_finalist_mends_nothing_and_is_counted(library):
     fails = lambda tasks: [Failed("k", "inversion", "no answer", None, ()) for _ in tasks]  # noqa: E731
     new, check = mended(library, {e: np.array([CENTRE, 0.5])}, fails)
     assert check.failed == check.runs > 0 and check.largest is None and new.mended == {}
+
+
+def bell(x):
+    return np.exp(-0.5 * (x / 9.0) ** 2)
+
+
+def test_what_sits_beside_one_point_sits_below_another():
+    # an effect s·bell(x − x_place): seen from the top as a bell around 0, from 16 mm away as one around 16
+    where = Size("x", "where", "mm", -16.0, 16.0, None)
+    e = Effect("body", "a body inside", "model", Size("ratio", "its ratio", "1", 0.1, 10.0, 1.0), (where,))
+    travel = np.linspace(0.1, 1.0, 5)
+
+    def table(primary: bool, x0: float) -> Table:
+        own = nodes(e, primary, (0.1, 1.0))
+        s, x = own.points.T
+        change = (s * bell(x - x0))[:, None, None, None] * travel * np.array([1.0, 0.2, 1.0])[:, None]
+        change[:, :, 1] *= np.sign(x)[:, None, None]
+        return Table(own, change, np.zeros((len(s), 0)), np.ones(len(s), bool))
+
+    top, aside = table(True, 0.0), table(False, 16.0)
+    at = np.array([[1.0, x] for x in (-12.0, -4.0, 0.0, 6.0, 13.0)])
+    W = top.nodes.weights(at) @ _transfer(e, top, aside)
+    got = np.tensordot(W, aside.change, axes=1)[:, 0, 2, -1]
+    # splines through five places 8 mm apart follow a bell of 9 mm to a few hundredths of its height
+    np.testing.assert_allclose(got, bell(at[:, 1] - 16.0), atol=0.06)
+
+
+@pytest.mark.parametrize("dear", [False, True])
+def test_another_support_is_known_at_as_many_sizes_as_can_be_paid_for(dear):
+    # a clearance whose effect saturates: a line through both ends of its range is far off in the middle
+    clearance = Effect("bowl", "a bowl", "model", Size("clearance", "clearance", "mm", 0.2, 4.0, None), (), {"a": 1})
+    saturating = lambda s: -0.5 * np.exp(2 * s) / (0.6 + np.exp(2 * s))  # noqa: E731
+    travel = np.linspace(0.1, 1.0, 5)
+
+    def table(own: Nodes, factor: float) -> Table:
+        change = factor * saturating(own.points[:, 0])[:, None, None, None] * np.ones((3, 1)) * travel
+        return Table(own, change, np.zeros((len(own.points), 0)), np.ones(len(own.points), bool))
+
+    top = table(nodes(clearance, True, (0.1, 1.0)), 0.4)
+    aside = table(nodes(clearance, False, (0.1, 1.0), dear), 1.0)
+    assert len(aside.nodes.points) == (2 if dear else 4)
+    at = np.linspace(np.log(0.2), np.log(4.0), 9)[:, None]
+    W = top.nodes.weights(at) @ _transfer(clearance, top, aside)
+    got = np.tensordot(W, aside.change, axes=1)[:, 0, 2, -1]
+    # four nodes are good to some hundredths; of two, what the other place knows makes as much where both are alike
+    np.testing.assert_allclose(got, saturating(at[:, 0]), atol=0.03)
+    line = np.interp(at[:, 0], at[[0, -1], 0], saturating(at[[0, -1], 0]))
+    assert np.abs(line - saturating(at[:, 0])).max() > 0.05
