@@ -96,100 +96,46 @@ def _parser() -> argparse.ArgumentParser:
 
 def _check(options: argparse.Namespace, command: str) -> int:
     from rso.study import load
-    from rso.study.identifying import ROUNDS
-    from rso.study.plan import fe_design, full_design, make_plan, proofs, source_of
+    from rso.study.checking import check
 
     study = load(options.study)
-    source = source_of(study)
-    if not (options.trust or source.own):
-        what = repr(source.use) if source.use else shlex.join(source.command or ())
-        print(f"{study.file}: good as far as this can be said without its backend")
-        print(f"  {what} is foreign code and was not loaded: names, units and bounds of the parameters, settings and")
-        print("  the number of simulations were not checked; if you trust it: rso check --trust")
-        return 0
-    plan = make_plan(study)
-    similar = plan.group.reference is not None
-    design, held = fe_design(plan, similar)
-    proof = proofs(plan, design) if similar else []
-    cases, candidates = len(plan.cases), study.search.candidates
-    parts = {
-        "design": cases * len(design),
-        "held out": cases * len(held),
-        "proof": cases * len(proof),
-        "candidates": cases * candidates * len(plan.searches),
-        "identification": 0 if similar and plan.box.d == 1 else cases * ROUNDS,
-        "validation": candidates * len(plan.validation),
-    }
-    total = sum(parts.values())
-    print(f"{study.file}: good")
-    print(f"  {study.study.title}")
-    for a in plan.resolved.axes:
-        print(f"  {a.name}: {a.low:g} to {a.high:g} {a.parameter.unit} ({a.scale}), {a.parameter.description}")
-    for name, value in plan.resolved.fixed.items():
-        print(f"  {name} = {value:g} (fixed)")
-    for e in study.experiments:
-        curve = plan.curves[e.name]
-        depths, marks = (len(set(x)) for x in (curve.depth.tolist(), map(tuple, _places(curve.position))))
-        what = f"{marks} mark(s) of a profile at " if e.kind == "profile" else ""
-        reach = f"{what}{depths} depth(s) to {curve.depth.max():g} mm, {curve.n_repeats} repeat(s)"
-        print(f"  experiment {e.name!r} ({e.role}): {reach}")
-    print(f"  design: {study.doe.kind}, {len(full_design(plan))} runs asked + {study.doe.held_out} held out")
-    print(f"  similarity: {plan.group.why}")
-    shown = ", ".join(f"{n} {what}" for what, n in parts.items() if n)
-    print(f"  simulations: {total} at most ({shown}),")
-    widening = " and each widening of its ranges" if study.search.repair and plan.searches else ""
-    print(f"    and for the surrogates, each search{widening} up to {study.verify.max_infill} points more")
-    folder = _folder(options, study.folder)
-    seconds, known = _seconds_per_run(folder)
-    jobs = study.dispatch.jobs
-    basis = "as measured in this study" if known else "a guess, nothing was run yet"
-    print(f"  about {total * seconds / jobs / 60:.1f} min with {jobs} job(s) ({seconds:.3g} s a simulation, {basis})")
-    print(f"  results: {folder}")
+    print("\n".join(check(study, _folder(options, study.folder), options.trust)))
     return 0
 
 
-def _places(position: Any) -> list[list[float]]:
-    return [] if position is None else position.tolist()
-
-
-def _seconds_per_run(folder: Path) -> tuple[float, bool]:
-    from rso.store import RunStore, StoreError
-
-    try:
-        with RunStore(folder, read_only=True) as store:
-            walls = [r.wall_s for r in store.rows() if r.wall_s]
-    except StoreError:
-        walls = []
-    return (sum(walls) / len(walls), True) if walls else (10.0, False)
-
-
 def _run(options: argparse.Namespace, command: str) -> int:
-    from rso.store import set_aside
+    from rso.progress import Progress
+    from rso.store import RunStore, set_aside
     from rso.study import load
-    from rso.study.plan import make_plan
+    from rso.study.plan import make_plan, source_of
     from rso.study.stages import NothingToFit
     from rso.study.whole import run_study
 
     study = load(options.study)
-    plan = make_plan(study)
     jobs = options.jobs or study.dispatch.jobs
     folder = _folder(options, study.folder)
-    if options.fresh and folder.exists():
-        print(f"old results moved to {set_aside(folder)}")
-    with _workplace(study.dispatch, jobs, plan.source, folder) as (store, pool, progress):
-        try:
-            found = run_study(
-                plan, store, pool, folder, command=command, jobs=jobs, watch=progress.watch, say=progress.say
-            )
-        except NothingToFit as error:
-            progress.say(f"stopped: {error}")
-            return EXIT_FAILED_RUNS
+    plan = make_plan(study) if study.dispatch.engine == "dask" else None  # a bad study asks for no cluster
+    warm = options.fresh or not folder.exists()  # there will be simulations: workers start while the plan is made
+    with _executor(study.dispatch, jobs, source_of(study), folder, warm) as pool:
+        plan = plan or make_plan(study)
+        if options.fresh and folder.exists():
+            print(f"old results moved to {set_aside(folder)}")
+        with RunStore(folder) as store, Progress() as progress:
+            try:
+                found = run_study(
+                    plan, store, pool, folder, command=command, jobs=jobs, watch=progress.watch, say=progress.say
+                )
+            except NothingToFit as error:
+                progress.say(f"stopped: {error}")
+                return EXIT_FAILED_RUNS
     files = []
     if study.report.html or study.report.pdf:
         from rso.report import render
 
         files = render(found, folder, html=study.report.html, pdf=study.report.pdf)
-    _summary(found, files)
+    from rso.report.terminal import summary
+
+    print("\n".join(summary(found, files)))
     return int(found["exit_code"])
 
 
@@ -318,7 +264,7 @@ def _workplace(table: Any, jobs: int, source: Any, folder: Path) -> Iterator[tup
         yield store, pool, progress
 
 
-def _executor(table: Any, jobs: int, source: Any, folder: Path) -> Any:
+def _executor(table: Any, jobs: int, source: Any, folder: Path, warm: bool = False) -> Any:
     """What runs the simulations: processes of this machine, or a Dask cluster."""
     from rso.running import WorkerPool, open_cluster
 
@@ -326,48 +272,7 @@ def _executor(table: Any, jobs: int, source: Any, folder: Path) -> Any:
         return open_cluster(table.address, jobs, source, table.timeout)
     if source.command is not None:  # folders of runs that did not end well stay with the results
         source = dataclasses.replace(source, keep_folder=str(folder / "kept"))
-    return WorkerPool(jobs, source=source, timeout_s=table.timeout)
-
-
-def _summary(found: dict[str, Any], files: list[Path]) -> None:
-    counts, best = found["counts"], found["best"]
-    print(f"\n{found['study']['title']}")
-    for state in found["determined"].values():
-        print(f"  {state['story']}")
-    if best:
-        every = [(s["name"], c) for s in found["searches"] for c in s["candidates"]]
-        candidate = next(c for name, c in every if (name, c["name"]) == (best["search"], best["candidate"]))
-        units = {p["name"]: p["unit"] for p in found["parameters"]}
-        values = ", ".join(f"{k} = {v:.4g} {units[k]}" for k, v in candidate["values"].items())
-        scores = "; ".join(
-            f"NRMSE {m['nrmse']:.4f} on {e}" for e, m in candidate["metrics"].items() if m["nrmse"] is not None
-        )
-        print(f"  best verified candidate ({best['candidate']}): {values}; {scores}")
-    for v in found["validation"]:
-        print(f"  validation {v['experiment']} with {v['candidate']}: {_validated(v)}")
-    ended = ", ".join(f"{counts[state]} {state}" for state in ("done", "failed", "crashed"))
-    saved = f"{counts['from_store']} of them known before, {counts['saved_by_similarity']} saved by similarity"
-    print(f"  {counts['fe_runs']} simulations ({ended}; {saved}), {found['timings']['total']:.0f} s")
-    proved = [p["relative_difference"] for p in found["design"]["similarity"]["proof"]]
-    proved = [p for p in proved if p is not None]
-    if proved:
-        print(f"  similarity proved on {len(proved)} direct runs: largest relative difference {max(proved):.1e}")
-    for warning in found["warnings"]:
-        print(f"  warning: {warning}")
-    for file in files:
-        print(f"  {file}")
-
-
-def _validated(v: dict[str, Any]) -> str:
-    """How well a candidate predicts an experiment: at the deepest reading of a curve, over all marks of a profile."""
-    if not v["predicted"]:
-        return f"{v['state']}: {v['reason']}"
-    if v["position"]:
-        deepest = max(v["measured"], key=abs)
-        n, rmse = v["metrics"]["n"], v["metrics"]["rmse"]
-        return f"{n} readings missed by {rmse:.2g} mm (RMSE), the largest measured is {deepest:.4g} mm"
-    k = max(range(len(v["depth"])), key=lambda i: v["depth"][i])
-    return f"predicted {v['predicted'][k]:.4g}, measured {v['measured'][k]:.4g} at {v['depth'][k]:g} mm"
+    return WorkerPool(jobs, source=source, timeout_s=table.timeout, warm=warm)
 
 
 def _status(options: argparse.Namespace, command: str) -> int:

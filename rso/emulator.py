@@ -7,7 +7,7 @@ and predictions are made for θ.  Runs that failed take no part.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -184,9 +184,11 @@ def reduced_box(box: Box, group: Group) -> Box | None:
 
 def learn(
     box: Box, group: Group, outputs: Sequence[Output], samples: Sequence[Sample], *, kind: str, seed: int,
-    degree: int | None = None, held: Sequence[Sample] = (),
+    degree: int | None = None, held: Sequence[Sample] = (), each: Callable[..., Iterable[Any]] = map,
 ) -> Emulator:  # fmt: skip
     """Emulator of all outputs from the samples; the kind of each surrogate is chosen by cross-validation.
+
+    `each` may be the `map` of an executor: one call an output.
 
     'whole_curve' learns all travels of a channel of an experiment together (a channel with few travels as 'auto').
     Derivatives and numerical errors of the samples are used where they help; `held` samples join the choice only.
@@ -207,15 +209,21 @@ def learn(
         at = np.array([o.depth_mm for o in members])
         curve = fit_curve(X, at, Y, seed=seed, noise_sd=noise, gradients=G, unit=members[0].unit, names=reduced.names)
         fitted |= {o.id: CurvePoint(curve, j) for j, o in enumerate(members)}
-    for o in outputs:
-        if o.id not in fitted:
-            column = columns[o.id]
-            fitted[o.id] = fit(
-                "auto" if kind == "whole_curve" else kind, X, column.y, seed=seed, degree=degree, unit=o.unit,
-                names=reduced.names, noise_sd=column.noise, share=None, gradients=column.gradients,
-                held=None if seen is None else (seen[0], seen[1][o.id].y),
-            )  # fmt: skip
+    rest = [o for o in outputs if o.id not in fitted]
+    jobs: list[dict[str, Any]] = [
+        {
+            "kind": "auto" if kind == "whole_curve" else kind, "X": X, "y": columns[o.id].y, "seed": seed,
+            "degree": degree, "unit": o.unit, "names": reduced.names, "noise_sd": columns[o.id].noise, "share": None,
+            "gradients": columns[o.id].gradients, "held": None if seen is None else (seen[0], seen[1][o.id].y),
+        }
+        for o in rest
+    ]  # fmt: skip
+    fitted |= dict(zip((o.id for o in rest), each(_fit, jobs), strict=True))
     return replace(bare, surrogates=fitted)
+
+
+def _fit(job: Mapping[str, Any]) -> Surrogate:
+    return fit(**job)
 
 
 def relearn(emulator: Emulator, new: Sequence[Sample], *, seed: int) -> Emulator:

@@ -1,5 +1,6 @@
 """Identification: what measured curves say about parameters, and how well they determine them."""
 
+from rso.identify.descent import Descent, Iterate, on_runs
 from rso.identify.determination import Determination, Known, compare_weightings, determine
 from rso.identify.directions import Direction, Gain, best_depth, directions, expected_sd, gain
 from rso.identify.error_surface import ErrorSurface, Minimum, fit_surface, surface_minima
@@ -10,19 +11,23 @@ from rso.identify.likelihood import WEIGHTINGS, Data, Misfit, Model, covariance,
 from rso.identify.metric import MetricMinimum, curve_score, downhill, minimise
 from rso.identify.models import Place, emulated, has_gradients, resample, simulated, slope
 from rso.identify.sampling import Draws, sample
+from rso.identify.tangents import Frame, Sight, tangents
 from rso.identify.verdict import Verdict, judge
 
 __all__ = [
     "WEIGHTINGS",
     "Data",
+    "Descent",
     "Determination",
     "Direction",
     "Draws",
     "ErrorSurface",
     "Experiment",
     "Fit",
+    "Frame",
     "Gain",
     "Interval",
+    "Iterate",
     "Known",
     "MetricMinimum",
     "Minimum",
@@ -30,6 +35,7 @@ __all__ = [
     "Model",
     "Place",
     "Profile",
+    "Sight",
     "Told",
     "Verdict",
     "all_minima",
@@ -51,6 +57,7 @@ __all__ = [
     "judge",
     "laplace",
     "minimise",
+    "on_runs",
     "on_valley",
     "profile",
     "quantiles",
@@ -61,6 +68,7 @@ __all__ = [
     "spread",
     "stack",
     "surface_minima",
+    "tangents",
     "together",
     "told",
 ]

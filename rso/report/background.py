@@ -39,12 +39,13 @@ def _summary(results: Results) -> list[str]:
     design, c = results.get("design") or {}, results.get("counts") or {}
     said = []
     if design:
-        text = f"The design ({clean(design.get('kind'))}) asked for {shortest(design.get('asked'))} runs"
-        said.append(text + (f", and {design['held_out']} more held out." if design.get("held_out") else "."))
+        if design.get("kind") != "none":
+            text = f"The design ({clean(design.get('kind'))}) asked for {shortest(design.get('asked'))} runs"
+            said.append(text + (f", and {design['held_out']} more held out." if design.get("held_out") else "."))
         similarity = design.get("similarity") or {}
         if similarity.get("story"):
-            said.append(clean(similarity["story"]))
-        if similarity.get("applied") and known(similarity.get("runs_saved")):
+            said.append(clean(similarity["story"]) + ("." if design.get("kind") == "none" else ""))
+        if design.get("kind") != "none" and similarity.get("applied") and known(similarity.get("runs_saved")):
             said.append(f"Exact similarity saved {similarity['runs_saved']} runs.")
     if known(c.get("fe_runs")):
         states = ", ".join(f"{c[k]} {k}" for k in ("done", "failed", "crashed") if known(c.get(k)))

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, canvas, short, style, svg, tag
+from rso.report.descent import descent_figure
 from rso.report.digits import Unit, clean, ends, known, largest, shortest, shown, signed, significant
 from rso.report.displacements import is_profile, profile_figure
 from rso.report.identification import profiles
@@ -41,6 +42,8 @@ def draw(results: Results, name: str) -> str:
             return determined(results, name)
         if kind == "profile":
             return profiles(results, name)
+        if kind == "descent":
+            return descent_figure(results, name)
         if kind == "verification":
             return verification(results, name)
         if kind == "curve":

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from rso.report.background import provenance, runs
+from rso.report.descent import descent_section, descents
 from rso.report.digits import (
     DASH,
     Unit,
@@ -69,13 +70,18 @@ def report(results: Results) -> Report:
             candidate_section(results),
             identification_section(results),
             curve_section(results),
-            surface_section(results),
-            sensitivity_section(results),
-            front_section(results),
+            *_how_found(results),
             runs(results),
             provenance(results),
         ),
     )
+
+
+def _how_found(results: Results) -> tuple[Section, ...]:
+    """Response surfaces and what was done on them, or the descent that needed none."""
+    if descents(results):
+        return (descent_section(results),)
+    return surface_section(results), sensitivity_section(results), front_section(results)
 
 
 def candidate_section(results: Results) -> Section:

@@ -5,13 +5,15 @@ Public names are listed here; the files behind them are private to this room.
 
 from rso.running.adapters import CommandBackend, Source, load_backend
 from rso.running.cluster import ClusterExecutor, open_cluster
-from rso.running.dispatch import Event, Finished, Planned, Preparing, Retried, Task, run_all
+from rso.running.dispatch import Event, Finished, Planned, Preparing, Retried, Task, begin, run_all
+from rso.running.driving import Ahead
 from rso.running.pool import WorkerDied, WorkerPool, WorkersCannotStart
 from rso.store import Crashed, Done, Failed
 
 Outcome = Done | Failed | Crashed
 
 __all__ = [
+    "Ahead",
     "ClusterExecutor",
     "CommandBackend",
     "Crashed",
@@ -28,6 +30,7 @@ __all__ = [
     "WorkerDied",
     "WorkerPool",
     "WorkersCannotStart",
+    "begin",
     "load_backend",
     "open_cluster",
     "run_all",

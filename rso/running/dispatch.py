@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import os
-import queue
 import time
-import traceback
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -18,6 +15,7 @@ import numpy as np
 from rso.contract import Backend, Case, Response, SimulationFailed, digest, plain, run_key
 from rso.running.adapters import Source, check_values
 from rso.running.cluster import ClusterExecutor
+from rso.running.driving import Ahead, Job, drive
 from rso.running.pool import WorkerPool
 from rso.store import Crashed, Done, Failed, RunStore
 
@@ -94,13 +92,6 @@ class _Ended:
     cpu_s: float
 
 
-@dataclass(frozen=True)
-class _Job:
-    key: str
-    name: str
-    call: tuple[Any, ...]
-
-
 def run_all(
     backend: Backend,
     tasks: Sequence[Task],
@@ -109,6 +100,7 @@ def run_all(
     *,
     retries: int = 1,
     watch: Callable[[Event], None] | None = None,
+    ahead: Ahead | None = None,
 ) -> list[Outcome]:
     """Outcome of every task, in the order of the tasks; only what the store does not hold is computed.
 
@@ -116,6 +108,9 @@ def run_all(
     arrives, so that an interruption loses nothing that had finished.  A run that crashes is tried `retries` times
     more, then reported as Crashed; it is tried again in the next call.  An outcome holds the canonical values and
     case (with artefacts) of its task.  `watch` is called in this thread.
+
+    What :func:`begin` has begun is in `ahead`; and runs of a pool that have their artefacts do not wait for those of
+    others.  Only what was begun so and has not been taken over may be computed again after an interruption.
 
     A response that lacks what its task needs (channels, asked travels) or has another unit than the backend declares
     is a crash.  A stored one that lacks something, from a time when the backend did not return it, is computed again
@@ -131,15 +126,16 @@ def run_all(
     target: Backend | Source = backend
     if isinstance(executor, WorkerPool | ClusterExecutor) and executor.source is not None:
         target = executor.source
-    plans = _prepare([_plan(backend, t) for t in tasks], backend, target, store, executor, retries, tell)
+    ahead = {} if ahead is None else ahead
+    plans = _prepare([_plan(backend, t) for t in tasks], backend, target, store, executor, retries, tell, ahead)
     book = _open(plans, backend, store, tell)
     tell(Planned(len(plans), len(book.runs), len(book.outcomes)))
     missing = [p for p in book.runs.values() if p.key not in book.outcomes]
     for p in missing:
         if p.lost is not None:
             book.settle(_outcome(p, p.lost, attempts=retries + 1), 0.0)
-    jobs = [_Job(p.key, p.case.name, (simulate, target, p.values, p.case)) for p in missing if p.lost is None]
-    _drive(executor, jobs, retries, book.arrived)
+    jobs = [Job(p.key, p.case.name, (simulate, target, p.values, p.case)) for p in missing if p.lost is None]
+    drive(executor, jobs, retries, book.arrived, ahead)
     return [dataclasses.replace(book.outcomes[p.key], values=p.values, case=p.case) for p in plans]
 
 
@@ -168,7 +164,7 @@ class _Book:
         state = type(outcome).__name__.lower()
         self.tell(Finished(key, case.name, state, wall_s, len(self.outcomes), len(self.runs)))  # type: ignore[arg-type]
 
-    def arrived(self, job: _Job, result: _Ended | str, attempt: int, last: bool) -> None:
+    def arrived(self, job: Job, result: _Ended | str, attempt: int, last: bool) -> None:
         """Take one result; a crash that is tried again is stored too, for whoever interrupts."""
         outcome = _outcome(self.runs[job.key], result, attempt)
         if last:
@@ -249,6 +245,7 @@ def _prepare(
     executor: Executor,
     retries: int,
     tell: Callable[[Event], None],
+    ahead: Ahead,
 ) -> list[_Plan]:
     """The plans with artefacts and keys; artefacts that the store lacks are made, each once."""
     known: dict[str, str | SimulationFailed | _Lost] = {}
@@ -265,7 +262,7 @@ def _prepare(
         if lacking and store.get(_with_artefacts(plan, backend, store, known).key) is None:
             wanted.update(dict.fromkeys(lacking))
 
-    def arrived(job: _Job, result: _Ended | str, _: int, last: bool) -> None:
+    def arrived(job: Job, result: _Ended | str, _: int, last: bool) -> None:
         if isinstance(result, str):
             known[job.key] = _Lost(f"{job.name} could not be made: {result}")
             if not last:
@@ -274,11 +271,50 @@ def _prepare(
             known[job.key] = result.result
         else:
             known[job.key] = store.put_artefact(job.name, job.key, result.result)
+            _go(plans, backend, target, store, executor, known, ahead)
 
     if wanted:
         tell(Preparing(len(wanted)))
-        _drive(executor, [_Job(r, names[r], (make, target, r)) for r in wanted], retries, arrived)
+        drive(executor, [Job(r, names[r], (make, target, r)) for r in wanted], retries, arrived, ahead)
     return [_with_artefacts(plan, backend, store, known) for plan in plans]
+
+
+def begin(backend: Backend, tasks: Sequence[Task], store: RunStore, executor: Executor, ahead: Ahead) -> None:
+    """Let a pool begin tasks that will be wanted soon, their artefacts first; nothing is waited for, nothing is told.
+
+    To be called again when artefacts may be there; other executors than pools begin nothing.  :func:`run_all` with the
+    same `ahead` takes the results over.
+    """
+    if not isinstance(executor, WorkerPool):
+        return
+    target: Backend | Source = backend if executor.source is None else executor.source
+    plans = [_plan(backend, t) for t in tasks]
+    known: dict[str, str | SimulationFailed | _Lost] = {}
+    for recipe, name in {recipe: name for p in plans for name, recipe in p.recipes.items()}.items():
+        if (sha := store.artefact(recipe)) is not None:
+            known[recipe] = sha
+        elif recipe not in ahead:
+            ahead[recipe] = executor.submit(make, target, recipe)
+        elif ahead[recipe].done() and ahead[recipe].exception() is None:
+            made = ahead[recipe].result().result
+            if not isinstance(made, SimulationFailed):
+                known[recipe] = store.put_artefact(name, recipe, made)
+                del ahead[recipe]
+    _go(plans, backend, target, store, executor, known, ahead)
+
+
+def _go(
+    plans: Sequence[_Plan], backend: Backend, target: Backend | Source, store: RunStore, executor: Executor,
+    known: Mapping[str, str | SimulationFailed | _Lost], ahead: Ahead,
+) -> None:  # fmt: skip
+    """Begin those runs of a pool that have all their artefacts and are not known."""
+    if not isinstance(executor, WorkerPool):
+        return
+    for plan in plans:
+        if all(isinstance(known.get(r), str) for r in plan.recipes.values()):
+            keyed = _with_artefacts(plan, backend, store, known)
+            if keyed.key not in ahead and store.get(keyed.key) is None:
+                ahead[keyed.key] = executor.submit(simulate, target, keyed.values, keyed.case)
 
 
 @dataclass(frozen=True)
@@ -335,63 +371,3 @@ def _put(store: RunStore, outcome: Outcome, *, replace: bool = False) -> None:
         store.put_failed(outcome)
     else:
         store.put_crashed(outcome)
-
-
-def _drive(
-    executor: Executor,
-    jobs: Iterable[_Job],
-    retries: int,
-    arrived: Callable[[_Job, _Ended | str, int, bool], None],
-) -> None:
-    """Run the jobs and hand on each result as it arrives: (job, result or reason of the crash, attempt, last)."""
-    ready: queue.SimpleQueue[Future[_Ended]] = queue.SimpleQueue()
-    running: dict[Future[_Ended], tuple[_Job, int]] = {}
-
-    def submit(job: _Job, attempt: int) -> None:
-        future = executor.submit(*job.call)
-        running[future] = (job, attempt)
-        future.add_done_callback(ready.put)
-
-    def take(future: Future[_Ended]) -> None:
-        job, attempt = running[future]
-        if future.cancelled():  # nobody here did that
-            raise BrokenExecutor(f"the executor gave up {job.name}: is its scheduler still there?")
-        error = future.exception()
-        if isinstance(error, BrokenExecutor):
-            raise error
-        if error is None:
-            arrived(job, future.result(), attempt, True)
-        else:
-            arrived(job, _reason(error), attempt, attempt > retries)
-        del running[future]
-        if error is not None and attempt <= retries:
-            submit(job, attempt + 1)
-
-    try:
-        for job in jobs:
-            submit(job, 1)
-            while not ready.empty():  # an executor that computes at once must not keep its results waiting
-                take(ready.get())
-        while running:
-            take(ready.get())
-    except BaseException:
-        _rescue(running, arrived)
-        raise
-
-
-def _rescue(
-    running: Mapping[Future[_Ended], tuple[_Job, int]], arrived: Callable[[_Job, _Ended | str, int, bool], None]
-) -> None:
-    """Stop what has not begun and hand on what has finished, whatever went wrong."""
-    for future in running:
-        future.cancel()
-    for future, (job, attempt) in running.items():
-        if future.done() and not future.cancelled() and future.exception() is None:
-            with contextlib.suppress(Exception, KeyboardInterrupt):  # the first error is the one to be told
-                arrived(job, future.result(), attempt, True)
-
-
-def _reason(error: BaseException) -> str:
-    """One line, then the traceback."""
-    first = f"{type(error).__name__}: {error}"
-    return first + "\n" + "".join(traceback.format_exception(error))

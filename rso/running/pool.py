@@ -62,7 +62,8 @@ class _Worker:
 class WorkerPool(Executor):
     """`workers` persistent processes behind the interface of `concurrent.futures`.
 
-    `source` is loaded once in each worker when it starts, which is when it gets its first task.  A task that takes
+    `source` is loaded once in each worker when it starts, which is when it gets its first task, or at once where
+    `warm`.  A task that takes
     longer than `timeout_s` (wall, s) is stopped by killing its worker; its future gets WorkerDied, the next task a
     new worker.  Leaving the ``with`` block by an exception kills what still runs.  Workers exit when the parent dies
     (compiled code that never releases the interpreter's lock delays this until it returns).
@@ -77,11 +78,12 @@ class WorkerPool(Executor):
         source: Source | None = None,
         timeout_s: float | None = None,
         start_timeout_s: float = 300.0,
+        warm: bool = False,
     ) -> None:
         if workers < 1:
             raise ValueError(f"workers = {workers}, must be at least 1")
         self.source = source
-        self._timeout_s, self._start_timeout_s = timeout_s, start_timeout_s
+        self._timeout_s, self._start_timeout_s, self._warm = timeout_s, start_timeout_s, warm
         self._tasks: queue.SimpleQueue[tuple[Future[Any], bytes] | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._closed = self._killed = False
@@ -143,6 +145,9 @@ class WorkerPool(Executor):
     def _manage(self) -> None:
         """Life of one manager thread: it owns one worker at a time."""
         worker = None
+        if self._warm:
+            with contextlib.suppress(Exception):  # the first task will try again, and say why it cannot be
+                worker = self._start()
         while (item := self._tasks.get()) is not None:
             future, payload = item
             if not future.set_running_or_notify_cancel():

@@ -13,7 +13,8 @@ from rso.measurement import MeasuredCurve, combine
 from rso.study.errors import Problem, choose, study_error
 from rso.study.places import Place
 from rso.study.resolve import Resolved
-from rso.study.schema import ExperimentTable, Study, Target
+from rso.study.schema import ExperimentTable, Study
+from rso.study.searched import Target
 from rso.surrogates.polynomial import HIGHEST
 from rso.units import quantity
 

@@ -36,7 +36,7 @@ from rso.identify import (
 )
 from rso.identify.verdict import physical
 from rso.measurement import MeasuredCurve, combine
-from rso.running import Outcome
+from rso.running import Outcome, Task
 from rso.store import Done
 from rso.study.plan import Plan
 from rso.study.searching import Found, Validation
@@ -86,18 +86,12 @@ def evidence(plan: Plan, emulator: Emulator, found: Sequence[Found]) -> Evidence
     deviation of the surrogates at the best fit; the latter two belong together over the depth of the curve.
     ValueError where the data or their errors allow no likelihood.
     """
-    box, near = _box(plan), _start(plan, found)
-    places, data = [], []
-    for name, channel in _fitted(plan):
-        measured = _curve(plan, name, channel)
-        deepest = max(o.depth_mm for o in emulator.outputs if (o.experiment, o.channel) == (name, channel))
-        keep = (measured.depth > 0) & (measured.depth <= deepest * (1 + 1e-9))
-        place = Place(name, channel, np.minimum(measured.depth[keep], deepest))
-        label = name if len({c for e, c in _fitted(plan) if e == name}) == 1 else f"{name} {channel}"
-        C = measured.covariance[np.ix_(keep, keep)]
-        curve = Data(label, measured.unit, measured.depth[keep], measured.value[keep], C)
-        places.append(place)
-        data.append(curve.plus(together(place.depth, _numerical(plan, found, place), float(place.depth.max()))))
+    box, near = ranges(plan), _start(plan, found)
+    places, curves = (list(v) for v in zip(*fitted_curves(plan), strict=True))
+    data = [
+        d.plus(together(p.depth, _numerical(plan, found, p), float(p.depth.max())))
+        for p, d in zip(places, curves, strict=True)
+    ]
     pairs = [emulated(emulator, p) for p in places]
     models = [_within(plan, box, model) for model, _ in pairs]
     model = stack(models) if len(models) > 1 else models[0]
@@ -108,8 +102,11 @@ def evidence(plan: Plan, emulator: Emulator, found: Sequence[Found]) -> Evidence
     return Evidence(Misfit(model, tuple(data)), tuple(places), np.vstack([first.x[None], near]))
 
 
-def settle(bench: Bench, emulator: Emulator, found: Sequence[Found]) -> Settled:
-    """Recompute the most likely point and learn it, until prediction and simulation agree (`ROUNDS` times at most)."""
+def settle(bench: Bench, emulator: Emulator, found: Sequence[Found], meanwhile: Sequence[Task] = ()) -> Settled:
+    """Recompute the most likely point and learn it, until prediction and simulation agree (`ROUNDS` times at most).
+
+    Workers that are free begin what will be wanted later, `meanwhile`.
+    """
     plan, runs = bench.plan, []
     if emulator.reduced is None:  # exact: similarity knows every run already
         return Settled(emulator, (), 0.0, None)
@@ -118,7 +115,10 @@ def settle(bench: Bench, emulator: Emulator, found: Sequence[Found]) -> Settled:
         now = evidence(plan, emulator, found)
         best = all_minima(now.misfit, seed=plan.seed, near=now.near)[0]
         values = plan.values(_wide(plan, best.x[None])[0])
+        bench.begin(plan.tasks(values))  # before those, which may need artefacts
+        bench.begin(meanwhile)
         (outcomes,) = bench.run([values])
+        bench.begin(meanwhile)  # whose artefacts may be there by now
         runs.append(Run("identified", values, outcomes))
         if not runs[-1].done:
             return Settled(emulator, tuple(runs), None, None)
@@ -186,12 +186,16 @@ def of_identification(plan: Plan, found: Identified, settled: Settled) -> dict[s
 
 
 def identification(
-    bench: Bench, emulator: Emulator, found: Sequence[Found], best: tuple[str, int] | None
-) -> tuple[dict[str, Any], tuple[Run, ...], list[str], Determination | None]:
-    """Two parts of results.json, the runs made for them, warnings, what they tell; `best` is a search and a place."""
+    bench: Bench, emulator: Emulator, found: Sequence[Found], best: tuple[str, int] | None,
+    meanwhile: Sequence[Task] = (),
+) -> tuple[dict[str, Any], tuple[Run, ...], list[str], Determination | None]:  # fmt: skip
+    """Two parts of results.json, the runs made for them, warnings, what they tell; `best` is a search and a place.
+
+    What is wanted later may be run `meanwhile`.
+    """
     plan = bench.plan
     try:
-        settled = settle(bench, emulator, found)
+        settled = settle(bench, emulator, found, meanwhile)
         done = identify(plan, settled.emulator, found)
     except (ValueError, np.linalg.LinAlgError) as error:
         return not_identified(plan, str(error)), (), [f"identification: {error}"], None
@@ -249,7 +253,7 @@ def further_gains(plan: Plan, d: Determination, checked: Sequence[Validation]) -
         C = measured.covariance[np.ix_(keep, keep)] * d.scale**2
         C = (
             C
-            + together(place.depth, _error(response, place))
+            + together(place.depth, numerical_error(response, place))
             + 1e-12 * np.eye(len(C)) * float(np.max(measured.value)) ** 2
         )
         # Of several candidates the one nearest to the most likely values speaks.
@@ -272,7 +276,21 @@ def not_identified(plan: Plan, reason: str) -> dict[str, Any]:
 # ------------------------------------------------------------------------------------------------------ pieces
 
 
-def _box(plan: Plan) -> Box:
+def fitted_curves(plan: Plan) -> list[tuple[Place, Data]]:
+    """Where the fitted curves were measured, as deep as they are simulated, and their values with their errors."""
+    found, fitted = [], _fitted(plan)
+    for name, channel in fitted:
+        measured = _curve(plan, name, channel)
+        deepest = max(o.depth_mm for o in plan.outputs if (o.experiment, o.channel) == (name, channel))
+        keep = (measured.depth > 0) & (measured.depth <= deepest * (1 + 1e-9))
+        label = name if len({c for e, c in fitted if e == name}) == 1 else f"{name} {channel}"
+        C = measured.covariance[np.ix_(keep, keep)]
+        data = Data(label, measured.unit, measured.depth[keep], measured.value[keep], C)
+        found.append((Place(name, channel, np.minimum(measured.depth[keep], deepest)), data))
+    return found
+
+
+def ranges(plan: Plan) -> Box:
     """The ranges of the study file; the plan's own box may be wider, for a design that reaches beyond them."""
     main = plan.searches[0]
     low, high = plan.box.from_unit(np.stack([main.low, main.high]))
@@ -317,7 +335,7 @@ def _numerical(plan: Plan, found: Sequence[Found], place: Place) -> np.ndarray:
         for c in f.result.candidates:
             outcome = c.outcomes[plan.case_of[place.experiment]]
             if isinstance(outcome, Done):
-                return _error(outcome.response, place)
+                return numerical_error(outcome.response, place)
     return np.zeros_like(place.depth)
 
 
@@ -328,7 +346,8 @@ def _recomputed(plan: Plan, outcomes: Sequence[Outcome], place: Place) -> np.nda
     return resample(outcome.response, place, "")
 
 
-def _error(response: Response, place: Place) -> np.ndarray:
+def numerical_error(response: Response, place: Place) -> np.ndarray:
+    """Estimated numerical error (n,) of a response at the measured depths."""
     curve = response.curve(place.channel)
     if not np.any(curve.error):
         return np.zeros_like(place.depth)

@@ -13,7 +13,9 @@ from pydantic import ValidationError
 from rso.measurement import Measurement, Noise, combine, read, value_at
 from rso.study.errors import Problem, StudyError, choose, schema_problems, study_error
 from rso.study.places import Place, lines_of
-from rso.study.schema import Constraint, DoeTable, ExperimentTable, Source, Study, Table, Target
+from rso.study.schema import DoeTable, ExperimentTable, Source, Study
+from rso.study.searched import Constraint, Target
+from rso.study.table import Table
 
 MAX_BYTES = 1_000_000
 MAX_LINE = 10_000  # the time to read a dotted key grows with the square of its length

@@ -28,8 +28,9 @@ from rso.study.cases import (
 )
 from rso.study.errors import Problem, study_error
 from rso.study.resolve import Axis, Resolved, Search, resolve
-from rso.study.schema import Constraint as ConstraintTable
-from rso.study.schema import ExperimentTable, Study, Target
+from rso.study.schema import ExperimentTable, Study
+from rso.study.searched import Constraint as ConstraintTable
+from rso.study.searched import Target
 from rso.targets import Constraint
 from rso.targets import Target as Goal
 
@@ -300,7 +301,8 @@ def _box(study: Study, resolved: Resolved) -> Box:
 
 
 def _conditions(study: Study, box: Box) -> tuple[Condition, ...]:
-    problems, found = [], []
+    direct = Problem(("doe", "constraints"), 'search.method = "gauss_newton" knows only ranges')
+    problems, found = [direct] * bool(study.doe.constraints and study.search.method == "gauss_newton"), []
     for n, text in enumerate(study.doe.constraints):
         try:
             found.append(doe.read_condition(text, box.names))

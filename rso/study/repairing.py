@@ -301,10 +301,11 @@ def _grown(
     new = [sample(plan, r.values, r.outcomes) for r in first if r.done]
     if count and not new:
         return grown, replace(fitted, added=(*fitted.added, *first)), first
-    emulator, scores = stages.learnt_anew(plan, old.group, old.outputs, old.samples), dict(fitted.held_out)
+    emulator = stages.learnt_anew(plan, old.group, old.outputs, old.samples, each=grown.each)
+    scores = dict(fitted.held_out)
     if new:  # what suits the wider ranges may be another kind of surrogate
         scores = {o.id: emulator.score(o, new) for o in emulator.outputs}
-        emulator = stages.learnt_anew(plan, old.group, old.outputs, (*old.samples, *new))
+        emulator = stages.learnt_anew(plan, old.group, old.outputs, (*old.samples, *new), each=grown.each)
     if any(scores[i].relative_rmse > plan.study.surrogate.tolerance for i in stages.decisive(plan) if new):
         points = stages.worst(grown.around_failures(design.similar).plan, emulator, min(len(new), room - len(first)))
         more = tuple(Run("repair", v, o) for v, o in zip(points, grown.run(points), strict=True))

@@ -10,7 +10,8 @@ from typing import Any, Literal
 from rso.contract import Parameter
 from rso.study.errors import Problem, choose, study_error
 from rso.study.places import Place
-from rso.study.schema import ParameterTable, Study, Target
+from rso.study.schema import ParameterTable, Study
+from rso.study.searched import Target
 from rso.units import quantity
 
 _WIDEST = 1e30  # ratio of the ends of a log scale; beyond it their quotient overflows sooner or later
@@ -42,12 +43,13 @@ class Search:
 
 @dataclass(frozen=True)
 class Resolved:
-    """A study whose numbers have units: `axes` to be identified, `fixed` values, `variants` of the search."""
+    """A study whose numbers have units: `axes` to be identified, `fixed` values; `variants`, `start` of the search."""
 
     study: Study
     axes: tuple[Axis, ...]
     fixed: Mapping[str, float]
     variants: tuple[Search, ...]
+    start: Mapping[str, float]
 
 
 def resolve(study: Study, parameters: tuple[Parameter, ...]) -> Resolved:
@@ -82,9 +84,30 @@ def resolve(study: Study, parameters: tuple[Parameter, ...]) -> Resolved:
             elif name in axes:
                 narrowed[name] = _narrowed(axes[name], low, high, (*place, name), problems) or axes[name]
         variants.append(Search(variant.name, variant.targets or study.search.targets, tuple(narrowed.values())))
+    start = _start(study, axes, problems)
     if problems:
         raise study_error(study.file, study.lines, problems)
-    return Resolved(study, tuple(axes.values()), MappingProxyType(fixed), tuple(variants))
+    return Resolved(study, tuple(axes.values()), MappingProxyType(fixed), tuple(variants), MappingProxyType(start))
+
+
+def _start(study: Study, axes: Mapping[str, Axis], problems: list[Problem]) -> dict[str, float]:
+    """search.start in the parameters' units, inside the ranges."""
+    found = {}
+    for name, written in study.search.start.items():
+        place: Place = ("search", "start", name)
+        if name not in study.parameters:
+            problems.append(Problem(place, f"no parameter of this study; {choose(name, study.parameters)}"))
+        elif name in axes:
+            a = axes[name]
+            value = _number(written, a.parameter, place, problems)
+            if value is not None and not a.low <= value <= a.high:
+                text = f"must lie inside the range [{a.low:g}, {a.high:g}] {a.parameter.unit}"
+                problems.append(Problem(place, text, written))
+            elif value is not None:
+                found[name] = value
+        elif study.parameters[name].value is not None:
+            problems.append(Problem(place, "this parameter has a fixed value in [parameters]", written))
+    return found
 
 
 def _number(written: Any, parameter: Parameter, place: Place, problems: list[Problem]) -> float | None:

@@ -320,13 +320,8 @@ def _candidate(plan: Plan, found: Found, k: int) -> dict[str, Any]:
     c, goals = found.result.candidates[k], {o.id: g for o, g in zip(found.plan.outputs, found.plan.goals, strict=True)}
     emulator = found.result.emulator
     errors = {}
-    curves = {}
     if c.state == "done":
         for name, index in plan.case_of.items():
-            curve = c.outcomes[index].response.curve(plan.curves[name].channel)
-            curves[name] = {
-                "channel": curve.channel, "depth": curve.travel_mm, "value": curve.value, "error": curve.error,
-            }  # fmt: skip
             for o in emulator.outputs:
                 if o.experiment == name:
                     full = c.outcomes[index].response.curve(o.channel)
@@ -346,11 +341,24 @@ def _candidate(plan: Plan, found: Found, k: int) -> dict[str, Any]:
         ],
         "agreement": c.agreement,
         "verified": c.verified,
-        "curves": curves,
+        "curves": curves_of(plan, c.outcomes) if c.state == "done" else {},
         "metrics": {e: dataclasses.asdict(m) for e, m in found.metrics[k].items()},
         "at_bound": at_bound(found.plan, plan, c.values),
         "extrapolated": extrapolated(plan, emulator, c.values),
     }  # fmt: skip
+
+
+def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """The compared curve of every experiment in runs that are done."""
+    found = {}
+    for name, index in plan.case_of.items():
+        outcome = outcomes[index]
+        assert isinstance(outcome, Done)
+        curve = outcome.response.curve(plan.curves[name].channel)
+        found[name] = {
+            "channel": curve.channel, "depth": curve.travel_mm, "value": curve.value, "error": curve.error,
+        }  # fmt: skip
+    return found
 
 
 def extrapolated(plan: Plan, emulator: Emulator, values: Mapping[str, float]) -> bool:

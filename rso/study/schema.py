@@ -13,12 +13,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     PrivateAttr,
-    ValidationInfo,
     field_validator,
     model_validator,
 )
@@ -43,13 +40,8 @@ from rso.study.fields import (
     quantity_in,
 )
 from rso.study.places import Place
-from rso.units import COLUMNS, quantity
-
-
-class Table(BaseModel):
-    """What all tables share: no unknown keys, no conversions behind one's back, no changes afterwards."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+from rso.study.searched import Range, SearchTable
+from rso.study.table import Table
 
 
 class StudyTable(Table):
@@ -65,7 +57,7 @@ class BackendTable(Table):
 
     use: Annotated[str, Field(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")] | None = None
     command: Annotated[tuple[str, ...], BeforeValidator(list_to_tuple), Field(min_length=1)] | None = None
-    settings: Settings = {}
+    settings: Settings = Field(default_factory=dict)
     timeout: Duration | None = None
 
     @model_validator(mode="after")
@@ -116,7 +108,7 @@ class ExperimentTable(Table):
     data: Annotated[str, Field(min_length=1)]
     kind: Literal["force", "profile"] = "force"
     channels: Names = ()
-    settings: Settings = {}
+    settings: Settings = Field(default_factory=dict)
     noise: NoiseTable = NoiseTable()
     mounting: Annotated[str, Field(min_length=1)] = "A"
     after: Names = ()
@@ -175,75 +167,6 @@ class SensitivityTable(Table):
     samples: Positive = 1024
 
 
-class Target(Table):
-    """A force (or displacement) to meet at one depth; without `value` it is read off the measured curve."""
-
-    experiment: str
-    depth: Depth
-    channel: Literal["Fx", "Fy", "Fz", "ux", "uy", "uz"] = "Fz"
-    value: float | None = None
-
-    @field_validator("value", mode="before")
-    @classmethod
-    def _in_unit_of_channel(cls, value: Any, info: ValidationInfo) -> float:
-        return quantity(value, COLUMNS.get(info.data.get("channel", "Fz"), "N"))
-
-
-class Constraint(Table):
-    """low ≤ response ≤ high at one depth."""
-
-    experiment: str
-    channel: Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$")]
-    depth: Depth
-    low: float | None = None
-    high: float | None = None
-
-    @field_validator("low", "high", mode="before")
-    @classmethod
-    def _in_unit_of_channel(cls, value: Any, info: ValidationInfo) -> float:
-        channel = info.data.get("channel", "Fz")
-        if channel not in COLUMNS and isinstance(value, str):
-            raise ValueError(f"the unit of channel {channel!r} is the backend's, give a bare number in it")
-        return quantity(value, COLUMNS.get(channel, "1"))
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Constraint:
-        if self.low is None and self.high is None:
-            raise ValueError("give low, high or both")
-        if self.low is not None and self.high is not None and self.low >= self.high:
-            raise ValueError(f"low = {self.low:g} must be below high = {self.high:g}")
-        return self
-
-
-Range = Annotated[tuple[Bound, Bound], BeforeValidator(list_to_tuple)]
-
-
-class Variant(Table):
-    """One more search of the same study: other targets (those of [search] if none) and narrower ranges."""
-
-    name: Name
-    targets: Annotated[tuple[Target, ...], BeforeValidator(list_to_tuple)] = ()
-    ranges: dict[str, Range] = {}
-
-
-class SearchTable(Table):
-    """[search]: without targets the metric of the fitted curves alone is minimised.
-
-    With `repair` the ranges of the main search are widened while its candidates press against an end: on a log scale
-    by up to the factor `repair_limit` a side, on a linear one by that many widths, within the hard bounds.
-    """
-
-    targets: Annotated[tuple[Target, ...], BeforeValidator(list_to_tuple)] = ()
-    constraints: Annotated[tuple[Constraint, ...], BeforeValidator(list_to_tuple)] = ()
-    metric: Literal["rmse", "nrmse", "mre", "mape", "rrmse"] = "nrmse"
-    candidates: Positive = 3
-    population: Annotated[int, Field(ge=4, le=100_000)] = 100
-    generations: Positive = 100
-    repair: bool = True
-    repair_limit: Annotated[float, Field(gt=1.0, le=1e6)] = 10.0
-    variants: Annotated[tuple[Variant, ...], BeforeValidator(list_to_tuple)] = ()
-
-
 class IdentifyTable(Table):
     """[identify]: parameters that the data must determine."""
 
@@ -261,7 +184,7 @@ class DiagnoseTable(Table):
     """[diagnose]: `settings` replace those of the backend in the library of effects (a coarser mesh)."""
 
     effects: Annotated[Any, AfterValidator(names_of_effects)] = "all"
-    settings: Settings = {}
+    settings: Settings = Field(default_factory=dict)
 
 
 class LevelTable(Table):
@@ -273,8 +196,8 @@ class LevelTable(Table):
 
     name: Name
     description: Annotated[str, Field(max_length=200)] = ""
-    settings: Settings = {}
-    open: dict[str, Range] = {}
+    settings: Settings = Field(default_factory=dict)
+    open: dict[str, Range] = Field(default_factory=dict)
     alone: bool = False
 
 
@@ -311,7 +234,7 @@ class NextExperiment(Table):
 
     name: Name
     words: Annotated[str, Field(max_length=200)] = ""
-    settings: Settings = {}
+    settings: Settings = Field(default_factory=dict)
     depth: Depth = 4.0
     step: Depth = 0.1
     channels: Names = ("Fz",)
@@ -338,7 +261,7 @@ class NextTable(Table):
     """
 
     experiments: Annotated[tuple[NextExperiment, ...], BeforeValidator(list_to_tuple)] = ()
-    truths: dict[str, Annotated[tuple[Bound, ...], BeforeValidator(list_to_tuple)]] = {}
+    truths: dict[str, Annotated[tuple[Bound, ...], BeforeValidator(list_to_tuple)]] = Field(default_factory=dict)
     runs: Runs | None = None
     draws: Annotated[int, Field(ge=10, le=10_000)] = 60
 

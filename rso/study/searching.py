@@ -11,7 +11,7 @@ from rso import search
 from rso.curves import Metrics, Resampling, baseline, metrics
 from rso.emulator import Emulator, relearn
 from rso.measurement import MeasuredCurve
-from rso.running import Outcome, Task, run_all
+from rso.running import Outcome, Task
 from rso.search import Choice
 from rso.store import Done
 from rso.study.cases import mark_channel
@@ -64,12 +64,15 @@ class Validation:
 
 
 def propose_all(bench: Bench, emulator: Emulator, first: Proposal | None = None) -> list[Proposal]:
-    """First proposal of every search; their candidates are run in one go, so that no worker waits for a search.
+    """First proposal of every search; their candidates are run in one go, while the next searches are still at work.
 
     `first` is that of the main search on this emulator where it is known already.
     """
-    main, *others = bench.plan.searches
-    proposals = [first or propose(bench.plan, main, emulator), *(propose(bench.plan, w, emulator) for w in others)]
+    proposals: list[Proposal] = []
+    for wanted in bench.plan.searches:
+        first, found = None, first or propose(bench.plan, wanted, emulator)
+        proposals.append(found)
+        bench.begin([task for x in found.choice.X for task in bench.plan.tasks(bench.plan.values(x))])
     bench.run([bench.plan.values(x) for p in proposals for x in p.choice.X])
     return proposals
 
@@ -202,18 +205,28 @@ def baselines(plan: Plan) -> dict[str, Metrics]:
 # ------------------------------------------------------------------------------------------------------ validation
 
 
-def validate(bench: Bench, found: Sequence[Found], best: tuple[str, int] | None) -> list[Validation]:
-    """Predict the experiments kept for the end with the candidates of the main search and the best one of all."""
-    plan = bench.plan
-    chosen = [(found[0].plan.name, k) for k in range(len(found[0].result.candidates))]
-    chosen = list(dict.fromkeys([*chosen, *([best] if best else [])]))
+Chosen = tuple[str, int, Mapping[str, float]]  # a search, a place among its candidates, its values
+
+
+def chosen(found: Sequence[Found], best: tuple[str, int] | None) -> list[Chosen]:
+    """The candidates of the main search and the best one of all."""
+    places = [(found[0].plan.name, k) for k in range(len(found[0].result.candidates))]
     values = {f.plan.name: [c.values for c in f.result.candidates] for f in found}
-    trios = [(e, name, k) for e in plan.validation for name, k in chosen]
-    tasks = [Task(values[name][k], plan.validation[e], frozenset(_channels(plan.curves[e]))) for e, name, k in trios]
-    outcomes = run_all(plan.backend, tasks, bench.store, bench.executor, watch=bench.watch) if tasks else []
+    return [(name, k, values[name][k]) for name, k in dict.fromkeys([*places, *([best] if best else [])])]
+
+
+def validate(bench: Bench, those: Sequence[Chosen]) -> list[Validation]:
+    """Predict the experiments kept for the end with the chosen candidates."""
+    plan, tasks = bench.plan, validation_tasks(bench.plan, those)
+    pairs = [(e, c) for e in plan.validation for c in those]
+    outcomes = bench.run_tasks(tasks) if tasks else []
+    return [_validated(plan, e, *c, outcome) for (e, c), outcome in zip(pairs, outcomes, strict=True)]
+
+
+def validation_tasks(plan: Plan, those: Sequence[Chosen]) -> list[Task]:
+    """The simulations of the experiments kept for the end; they may be made before anybody looks at them."""
     return [
-        _validated(plan, e, name, k, values[name][k], outcome)
-        for (e, name, k), outcome in zip(trios, outcomes, strict=True)
+        Task(v, plan.validation[e], frozenset(_channels(plan.curves[e]))) for e in plan.validation for _, _, v in those
     ]
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from rso import doe, feasibility
 from rso.doe import Box
 from rso.emulator import Emulator, Output, Sample, learn, reduced_box, relearn
 from rso.feasibility import Region
-from rso.running import Event, Outcome, run_all
+from rso.running import Ahead, Event, Outcome, Task, WorkerDied, WorkerPool, begin, run_all
 from rso.similarity import Group
 from rso.store import Crashed, Done, Failed, RunStore
 from rso.study.plan import Plan, fe_design, full_design, limited, proofs, reduced_feasible
@@ -25,6 +26,7 @@ NOISE = 1e-4  # share of the largest output of its unit below which an output th
 REASONS = 3  # reasons of failed runs that are told
 
 Watch = Callable[[Event], None]
+Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 
 class NothingToFit(RuntimeError):
@@ -40,15 +42,31 @@ class Bench:
     executor: Executor
     watch: Watch | None = None
     ended: list[tuple[Mapping[str, float], str]] = field(default_factory=list)
+    ahead: Ahead = field(default_factory=dict)
 
     def run(self, values: Sequence[Mapping[str, float]]) -> list[tuple[Outcome, ...]]:
         """Outcomes of each point, one per case, in order."""
         tasks = [task for v in values for task in self.plan.tasks(v)]
-        outcomes = run_all(self.plan.backend, tasks, self.store, self.executor, watch=self.watch)
+        outcomes = self.run_tasks(tasks)
         n = len(self.plan.cases)
         each = [tuple(outcomes[k * n : (k + 1) * n]) for k in range(len(values))]
         self.ended.extend((v, _worst_state(o)) for v, o in zip(values, each, strict=True))
         return each
+
+    def run_tasks(self, tasks: Sequence[Task]) -> list[Outcome]:
+        """Outcomes of any tasks."""
+        return run_all(self.plan.backend, tasks, self.store, self.executor, watch=self.watch, ahead=self.ahead)
+
+    def each(self, fn: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
+        """fn of every item, by the workers of a pool where there is one; what they compute is the same to the bit."""
+        if not isinstance(self.executor, WorkerPool):
+            return [fn(i) for i in items]
+        pairs = [(self.executor.submit(fn, i), i) for i in items]
+        return [_result(future, fn, i) for future, i in pairs]
+
+    def begin(self, tasks: Sequence[Task]) -> None:
+        """Let the workers begin what will be wanted soon, while this process goes on."""
+        begin(self.plan.backend, tasks, self.store, self.executor, self.ahead)
 
     def around_failures(self, similar: bool) -> Bench:
         """The same bench, whose plan also asks that runs have an answer, as far as those that ended show where."""
@@ -69,6 +87,14 @@ class Bench:
         found = {tuple(sorted(v.items())): (v, state) for v, state in known}
         values, states = [v for v, _ in found.values()], [s == "done" for _, s in found.values()]
         return feasibility.learn(box, group, values, states, plan.seed)
+
+
+def _result(future: Future[Any], fn: Callable[[Any], Any], item: Any) -> Any:
+    """What a worker returns; one that died, or ran out of the time that a simulation has, is not needed for it."""
+    try:
+        return future.result()
+    except (WorkerDied, BrokenExecutor):
+        return fn(item)
 
 
 def _worst_state(outcomes: Sequence[Outcome]) -> str:
@@ -233,7 +259,7 @@ def fit_surrogates(bench: Bench, design: Design) -> Fitted:
     learnt, new = design.samples(plan, "design"), design.samples(plan, "held_out")
     outputs = [*plan.outputs, *_worth_learning(plan, learnt)]
     try:
-        emulator = learnt_anew(plan, group, outputs, learnt, new)
+        emulator = learnt_anew(plan, group, outputs, learnt, new, bench.each)
         emulator, scores, added = refine(bench, emulator, new, plan.study.verify.max_infill, "infill")
     except ValueError as error:
         reasons = [why(o)[1] or "" for r in design.runs for o in r.outcomes if not isinstance(o, Done)]
@@ -244,12 +270,15 @@ def fit_surrogates(bench: Bench, design: Design) -> Fitted:
 
 
 def learnt_anew(
-    plan: Plan, group: Group, outputs: Sequence[Output], samples: Sequence[Sample], held: Sequence[Sample] = ()
-) -> Emulator:
+    plan: Plan, group: Group, outputs: Sequence[Output], samples: Sequence[Sample], held: Sequence[Sample] = (),
+    each: Each = map,
+) -> Emulator:  # fmt: skip
     """Emulator of the outputs as [surrogate] wants it; the data choose what it leaves open."""
     table = plan.study.surrogate
     degree = table.degree if "degree" in table.model_fields_set else None
-    return learn(plan.box, group, outputs, samples, kind=table.kind, degree=degree, seed=plan.seed, held=held)
+    return learn(
+        plan.box, group, outputs, samples, kind=table.kind, degree=degree, seed=plan.seed, held=held, each=each
+    )
 
 
 def refine(

@@ -10,10 +10,22 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rso import emulator as emulator_file
 from rso.identify import Determination
 from rso.store import Done, RunStore
-from rso.study import files, identifying, repairing, results, searching, sensitivities, stages
+from rso.study import (
+    descending,
+    descent_results,
+    files,
+    identifying,
+    repairing,
+    results,
+    searching,
+    sensitivities,
+    stages,
+)
 from rso.study.plan import Plan
 from rso.study.repairing import Repaired
 from rso.study.searching import Found
@@ -44,11 +56,44 @@ def run_study(
     notes = _begin(plan, store, folder, command, jobs)
     notes.write("plan")
     bench = Bench(plan, store, executor, watch)
+    if plan.study.search.method == "gauss_newton":
+        return _directly(bench, notes, say)
     ranges = _learn(bench, notes, say)
     bench, searches = _search(ranges, notes, say)
     chosen = results.best(bench.plan, searches)
     determination = _identify(bench, searches, chosen, notes, say)
-    return _validate(bench, ranges.design, searches, chosen, determination, notes, say)
+    return _validate(bench, ranges.design, searching.chosen(searches, chosen), determination, notes, say)
+
+
+def _directly(bench: Bench, notes: _Notes, say: Say) -> dict[str, Any]:
+    """The same without a design and its surfaces: Gauss–Newton on simulations with their derivatives."""
+    plan, found = bench.plan, notes.found
+    say("search: Gauss–Newton on simulations and their derivatives")
+    try:
+        there = descending.descend(bench)
+    except stages.NothingToFit as error:
+        found["warnings"].append(str(error))
+        notes.write("plan", end=True, exit_code=EXIT_FAILED_RUNS)
+        raise
+    design = descent_results.design_of(plan, there)
+    found["runs"] = results.rows_of(plan, there.runs)
+    notes.write("search", **descent_results.of_design(plan, there), **descent_results.of_descent(plan, there))
+    say("identification: what the curves determine")
+    one = (plan.searches[0].name, 0, found["searches"][0]["candidates"][0]["values"])
+    bench.begin(searching.validation_tasks(plan, [one]))
+    known = None
+    try:
+        if not there.best.confirmed:
+            raise ValueError(f"Gauss–Newton stopped without a confirmed answer: {there.best.why}")
+        known, settled = descending.identified(plan, there)
+        parts = identifying.of_identification(plan, known, settled)
+        found["runs"] += results.rows_of(plan, settled.runs)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        parts = identifying.not_identified(plan, str(error))
+        found["warnings"].append(f"identification: {error}")
+    found["warnings"] += descent_results.warnings(plan, there, known)
+    notes.write("verify", **parts)
+    return _validate(bench, design, [one], None if known is None else known.determination, notes, say)
 
 
 def _learn(bench: Bench, notes: _Notes, say: Say) -> Repaired:
@@ -106,7 +151,8 @@ def _identify(
     """What the curves determine; what is known then."""
     say("identification: what the curves determine")
     emulator = searches[-1].result.emulator
-    identified, extra, doubts, determination = identifying.identification(bench, emulator, searches, chosen)
+    later = searching.validation_tasks(bench.plan, searching.chosen(searches, chosen))
+    identified, extra, doubts, determination = identifying.identification(bench, emulator, searches, chosen, later)
     notes.found["runs"] += results.rows_of(bench.plan, extra)
     notes.found["warnings"] += doubts
     notes.write("verify", **identified)
@@ -116,8 +162,7 @@ def _identify(
 def _validate(
     bench: Bench,
     design: stages.Design,
-    searches: list[Found],
-    chosen: tuple[str, int] | None,
+    chosen: list[searching.Chosen],
     determination: Determination | None,
     notes: _Notes,
     say: Say,
@@ -126,7 +171,7 @@ def _validate(
     plan, found = bench.plan, notes.found
     if plan.validation:
         say("validation: experiments kept for the end")
-    checked = searching.validate(bench, searches, chosen)
+    checked = searching.validate(bench, chosen)
     found["runs"] += results.validation_runs(checked)
     if determination is not None:
         found["identification"]["gains"] += identifying.further_gains(plan, determination, checked)
@@ -140,18 +185,19 @@ def _validate(
         notes.clock.stop(before["timings"])
         when = ("command", "started", "finished", "jobs")
         found["provenance"].update({k: v for k, v in before["provenance"].items() if k in when})
-    code = exit_code(plan, found, searches)
+    code = exit_code(plan, found)
     return notes.write("validate", end=True, **results.of_validation(plan, checked), counts=counts, exit_code=code)
 
 
-def exit_code(plan: Plan, found: dict[str, Any], searches: list[Found]) -> int:
+def exit_code(plan: Plan, found: dict[str, Any]) -> int:
     """4 if a candidate is not verified, 5 if a required parameter is not determined, 3 if runs failed, else 0."""
-    if not all(s.result.verified for s in searches):
+    if not all(s["verified"] for s in found["searches"]):
         return EXIT_NOT_VERIFIED
     if any(not found["determined"][n]["determined"] for n in plan.study.identify.require):
         return EXIT_NOT_DETERMINED
     # That runs beyond the ranges of the study have no answer is what they were made to find out.
-    lost = [r for r in found["runs"] if r["state"] != "done" and (r["state"], r["purpose"]) != ("failed", "repair")]
+    beyond = {("failed", "repair"), ("failed", "interval")}
+    lost = [r for r in found["runs"] if r["state"] != "done" and (r["state"], r["purpose"]) not in beyond]
     return EXIT_FAILED_RUNS if lost else EXIT_DONE
 
 
@@ -180,7 +226,7 @@ class _Notes:
         states = [r["state"] for r in runs]
         design, cases = self.found["design"], len(plan.cases)
         return {
-            "asked": cases * (design["asked"] + plan.study.doe.held_out),
+            "asked": cases * (design["asked"] + plan.study.doe.held_out) if design["asked"] else 0,
             "fe_runs": len(runs),
             **{state: states.count(state) for state in ("done", "failed", "crashed")},
             "from_store": sum(r["key"] in self.known for r in runs),

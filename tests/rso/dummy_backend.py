@@ -47,6 +47,9 @@ class Dummy:
         note(log, f"make {what}")
         if what == "impossible":
             raise SimulationFailed("bad_geometry", "no such body")
+        if what == "slow":
+            time.sleep(1.5)
+            note(log, "made slow")
         if what == "buggy":
             raise ZeroDivisionError("a bug in the mesher")
         return what.encode()
@@ -104,6 +107,14 @@ def environment(names: tuple[str, ...]) -> dict[str, str | None]:
 def sleep(seconds: float) -> int:
     time.sleep(seconds)
     return os.getpid()
+
+
+def die_elsewhere(home: tuple[int, int]) -> int:
+    """Kills every process but the one at home."""
+    pid, x = home
+    if os.getpid() != pid:
+        os._exit(7)
+    return x
 
 
 def fail(reason: str) -> None:

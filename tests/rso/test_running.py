@@ -28,6 +28,7 @@ from rso.running import (
     WorkerDied,
     WorkerPool,
     WorkersCannotStart,
+    begin,
     load_backend,
     run_all,
 )
@@ -252,6 +253,77 @@ def test_interrupt_of_watch_keeps_what_arrives_together(tmp_path):
 
 
 # ---------------------------------------------------------------------------------------------- WorkerPool
+
+
+# ------------------------------------------------------------------------------------------------------ begun ahead
+
+
+def test_what_was_begun_is_taken_over_not_computed_again(tmp_path):
+    log = str(tmp_path / "log")
+    tasks = [task(float(x), log=log, mesh=f"m{x % 2}@{log}") for x in range(4)]
+    ahead = {}
+    with RunStore(tmp_path / "a") as store, WorkerPool(2, source=SOURCE) as pool:
+        begin(dummy.BACKEND, tasks, store, pool, ahead)
+        until(lambda: all(f.done() for f in ahead.values()))
+        assert dummy.calls(log, "make") == 2 and dummy.calls(log, "begin") == 0  # artefacts come first
+        begin(dummy.BACKEND, tasks, store, pool, ahead)
+        begin(dummy.BACKEND, tasks, store, pool, ahead)  # once more changes nothing
+        until(lambda: dummy.calls(log, "end") == 4)
+        found = run_all(dummy.BACKEND, tasks, store, pool, ahead=ahead)
+        assert not ahead
+    assert dummy.calls(log, "make") == 2 and dummy.calls(log, "begin") == 4
+    alone = run(tmp_path / "b", tasks)
+    assert [(o.key, o.response.to_json()) for o in found] == [(o.key, o.response.to_json()) for o in alone]
+
+
+def test_executors_that_are_no_pool_begin_nothing(tmp_path):
+    log, ahead = str(tmp_path / "log"), {}
+    with RunStore(tmp_path / "a") as store:
+        begin(dummy.BACKEND, [task(log=log)], store, InlineExecutor(), ahead)
+    assert not ahead and dummy.calls(log, "begin") == 0
+
+
+def test_a_crash_of_what_was_begun_is_retried(tmp_path):
+    log, ahead = str(tmp_path / "log"), {}
+    wanted = [task(1.0, log=log, do="crash once"), task(2.0, log=log, do="kill"), task(3.0, log=log, do="fail")]
+    with RunStore(tmp_path / "a") as store, WorkerPool(2, source=SOURCE) as pool:
+        begin(dummy.BACKEND, wanted, store, pool, ahead)
+        found = run_all(dummy.BACKEND, wanted, store, pool, ahead=ahead)
+    assert [type(o) for o in found] == [Done, Crashed, Failed] and dummy.calls(log, "begin 1 ") == 2
+
+
+def test_a_run_does_not_wait_for_the_artefacts_of_others(tmp_path):
+    log = str(tmp_path / "log")
+    tasks = [task(1.0, log=log, mesh=f"slow@{log}"), task(2.0, log=log, mesh=f"quick@{log}")]
+    with RunStore(tmp_path / "a") as store, WorkerPool(2, source=SOURCE) as pool:
+        assert all(isinstance(o, Done) for o in run_all(dummy.BACKEND, tasks, store, pool))
+    lines = Path(log).read_text().splitlines()
+    assert lines.index("end 2") < lines.index("made slow")
+
+
+def test_a_warm_pool_starts_before_its_first_task():
+    with WorkerPool(2, source=SOURCE, warm=True) as pool:
+        until(lambda: len(pool._alive) == 2)
+        assert pool.submit(dummy.square, 3.0).result() == 9.0
+    with WorkerPool(1, source=Source(use="no_such_module:BACKEND"), warm=True) as pool:
+        with pytest.raises(WorkersCannotStart, match="no_such_module"):
+            pool.submit(dummy.square, 3.0).result()
+
+
+def test_other_work_of_a_study_outlives_the_workers(tmp_path):
+    from rso.study.stages import Bench
+
+    with RunStore(tmp_path) as store, WorkerPool(2, source=SOURCE) as pool:
+        bench = Bench(None, store, pool)
+        assert bench.each(dummy.square, [1.0, 2.0, 3.0]) == [1.0, 4.0, 9.0]
+        assert bench.each(dummy.die_elsewhere, [(os.getpid(), 5)]) == [5]
+
+
+def until(true, seconds=60.0) -> None:
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.02)
 
 
 def test_workers_are_pinned_and_separate():

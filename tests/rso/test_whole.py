@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
-from rso.cli import _validated as validated
 from rso.cli import main
+from rso.report.terminal import validated
 from rso.study import load, stages
 from rso.study.plan import make_plan
 

@@ -1,0 +1,49 @@
+"""The end of a study in a few lines of text, for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+
+def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
+    """Lines at the end of `rso run`."""
+    lines = [""]
+    counts, best = found["counts"], found["best"]
+    lines.append(found["study"]["title"])
+    for state in found["determined"].values():
+        lines.append(f"  {state['story']}")
+    if best:
+        every = [(s["name"], c) for s in found["searches"] for c in s["candidates"]]
+        candidate = next(c for name, c in every if (name, c["name"]) == (best["search"], best["candidate"]))
+        units = {p["name"]: p["unit"] for p in found["parameters"]}
+        values = ", ".join(f"{k} = {v:.4g} {units[k]}" for k, v in candidate["values"].items())
+        scores = "; ".join(
+            f"NRMSE {m['nrmse']:.4f} on {e}" for e, m in candidate["metrics"].items() if m["nrmse"] is not None
+        )
+        lines.append(f"  best verified candidate ({best['candidate']}): {values}; {scores}")
+    for v in found["validation"]:
+        lines.append(f"  validation {v['experiment']} with {v['candidate']}: {validated(v)}")
+    ended = ", ".join(f"{counts[state]} {state}" for state in ("done", "failed", "crashed"))
+    saved = f"{counts['from_store']} of them known before, {counts['saved_by_similarity']} saved by similarity"
+    lines.append(f"  {counts['fe_runs']} simulations ({ended}; {saved}), {found['timings']['total']:.0f} s")
+    proved = [p["relative_difference"] for p in found["design"]["similarity"]["proof"]]
+    proved = [p for p in proved if p is not None]
+    if proved:
+        lines.append(f"  similarity proved on {len(proved)} direct runs: largest relative difference {max(proved):.1e}")
+    for warning in found["warnings"]:
+        lines.append(f"  warning: {warning}")
+    return [*lines, *(f"  {file}" for file in files)]
+
+
+def validated(v: Mapping[str, Any]) -> str:
+    """How well a candidate predicts an experiment: at the deepest reading of a curve, over all marks of a profile."""
+    if not v["predicted"]:
+        return f"{v['state']}: {v['reason']}"
+    if v["position"]:
+        deepest = max(v["measured"], key=abs)
+        n, rmse = v["metrics"]["n"], v["metrics"]["rmse"]
+        return f"{n} readings missed by {rmse:.2g} mm (RMSE), the largest measured is {deepest:.4g} mm"
+    k = max(range(len(v["depth"])), key=lambda i: v["depth"][i])
+    return f"predicted {v['predicted'][k]:.4g}, measured {v['measured'][k]:.4g} at {v['depth'][k]:g} mm"

@@ -1,0 +1,110 @@
+"""What `rso check` says: what would run, how much of it, and about how long.  Nothing is computed."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+from rso.store import RunStore, StoreError
+from rso.study.descending import ENDS
+from rso.study.identifying import ROUNDS
+from rso.study.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
+from rso.study.schema import Study
+
+
+def check(study: Study, folder: Path, trust: bool) -> list[str]:
+    """Lines about a loaded study whose results go to `folder`; StudyError for what its backend does not allow.
+
+    A backend that is not rso's own is code of somebody else: it is loaded only with `trust`.
+    """
+    source = source_of(study)
+    if not (trust or source.own):
+        what = repr(source.use) if source.use else shlex.join(source.command or ())
+        return [
+            f"{study.file}: good as far as this can be said without its backend",
+            f"  {what} is foreign code and was not loaded: names, units and bounds of the parameters, settings and",
+            "  the number of simulations were not checked; if you trust it: rso check --trust",
+        ]
+    plan = make_plan(study)
+    direct = study.search.method == "gauss_newton"
+    parts, asked = directly(plan) if direct else on_surfaces(plan)
+    total = sum(parts.values())
+    shown = ", ".join(f"{n} {what}" for what, n in parts.items() if n)
+    lines = [f"{study.file}: good", f"  {study.study.title}", *_things(plan), *asked]
+    lines += [f"  similarity: {plan.group.why}", f"  simulations: {total} at most ({shown})" + ("" if direct else ",")]
+    if direct:
+        lines.append("    most descents need 3 to 8 points: they end as soon as a run agrees with its prediction;")
+        lines.append("    ends of intervals are run where they lie far from all of those")
+    else:
+        widening = " and each widening of its ranges" if study.search.repair and plan.searches else ""
+        lines.append(f"    and for the surrogates, each search{widening} up to {study.verify.max_infill} points more")
+    seconds, known = _seconds_per_run(folder)
+    jobs = study.dispatch.jobs
+    basis = "as measured in this study" if known else "a guess, nothing was run yet"
+    time = f"{total * seconds / jobs / 60:.1f} min with {jobs} job(s)"
+    lines.append(f"  {'at most' if direct else 'about'} {time} ({seconds:.3g} s a simulation, {basis})")
+    return [*lines, f"  results: {folder}"]
+
+
+def on_surfaces(plan: Plan) -> tuple[dict[str, int], list[str]]:
+    """Simulations by purpose of a search on response surfaces, and a line about its design."""
+    study = plan.study
+    similar = plan.group.reference is not None
+    design, held = fe_design(plan, similar)
+    proof = proofs(plan, design) if similar else []
+    cases, candidates = len(plan.cases), study.search.candidates
+    parts = {
+        "design": cases * len(design),
+        "held out": cases * len(held),
+        "proof": cases * len(proof),
+        "candidates": cases * candidates * len(plan.searches),
+        "identification": 0 if similar and plan.box.d == 1 else cases * ROUNDS,
+        "validation": candidates * len(plan.validation),
+    }
+    return parts, [f"  design: {study.doe.kind}, {len(full_design(plan))} runs asked + {study.doe.held_out} held out"]
+
+
+def directly(plan: Plan) -> tuple[dict[str, int], list[str]]:
+    """Simulations by purpose of Gauss–Newton on simulations, at most, and lines about where it begins."""
+    table, cases = plan.study.search, len(plan.cases)
+    differences = table.derivatives == "differences"
+    points = cases * table.starts * table.max_runs
+    reduced = plan.box.d - plan.group.saved
+    parts = {
+        "iterates": points,
+        "differences": points * reduced if differences else 0,
+        "proof": cases * plan.group.saved if differences else 0,
+        "ends of intervals": cases * ENDS * 2 * plan.box.d,
+        "validation": len(plan.validation),
+    }
+    begin = ", ".join(f"{k} = {v:g}" for k, v in plan.resolved.start.items()) or "the middle of the ranges"
+    more = f" and {table.starts - 1} more start(s)" if table.starts > 1 else ""
+    whose = "differences between runs" if differences else "the backend's derivatives"
+    return parts, [f"  search: Gauss–Newton on simulations with {whose}, from {begin}{more}; no design, no surrogates"]
+
+
+def _things(plan: Plan) -> list[str]:
+    """Parameters and experiments."""
+    lines = [
+        f"  {a.name}: {a.low:g} to {a.high:g} {a.parameter.unit} ({a.scale}), {a.parameter.description}"
+        for a in plan.resolved.axes
+    ]
+    lines += [f"  {name} = {value:g} (fixed)" for name, value in plan.resolved.fixed.items()]
+    for e in plan.study.experiments:
+        curve = plan.curves[e.name]
+        places = [] if curve.position is None else curve.position.tolist()
+        depths, marks = (len(set(x)) for x in (curve.depth.tolist(), map(tuple, places)))
+        what = f"{marks} mark(s) of a profile at " if e.kind == "profile" else ""
+        reach = f"{what}{depths} depth(s) to {curve.depth.max():g} mm, {curve.n_repeats} repeat(s)"
+        lines.append(f"  experiment {e.name!r} ({e.role}): {reach}")
+    return lines
+
+
+def _seconds_per_run(folder: Path) -> tuple[float, bool]:
+    """Mean wall time of the runs in the store, and whether there were any."""
+    try:
+        with RunStore(folder, read_only=True) as store:
+            walls = [r.wall_s for r in store.rows() if r.wall_s]
+    except StoreError:
+        walls = []
+    return (sum(walls) / len(walls), True) if walls else (10.0, False)
