@@ -131,7 +131,7 @@ class Knobs:
         1e3,
         default=15.0,
         group="inclusion",
-        plausible=(9.0, 22.0),
+        plausible=(7.4, 30.0),
     )
     cavity: float = knob(
         "size of the cavity below over that of the settings",
@@ -299,7 +299,7 @@ def _support(data: dict[str, Any]) -> tuple[str, tuple[tuple[str, float], ...]]:
     kind = table.get("kind", "fixed") if isinstance(table, Mapping) else "fixed"
     known: dict[str, Any] = {"kind": "fixed"}
     if kind == "bowl":
-        known |= {"clearance": None, "friction": None}
+        known |= {"clearance": None, "friction": None, "rolling": None}  # the last is of the canonical form alone
     table = _table(data, "support", known)
     _choice("support.kind", table["kind"], ["fixed", "bowl"])
     defaults = []

@@ -42,7 +42,7 @@ SCATTER = (0.15, 0.6)  # of the largest plausible size
 SURVIVORS = 5
 LOOSE = 0.1  # by which an effect may be stronger or weaker in a part of the data
 LOOSE_LATERAL = 0.25  # the same in Fx and Fy: two meshes differ so in friction beside the top
-LOOSE_VARIANT = 1.0  # of another support: off the axis it slides or sticks by a friction that nobody knows
+LOOSE_VARIANT = 0.3  # of another support, where off the axis it slides or sticks by a friction that nobody knows
 FALSE_ALARM = 0.05
 NULLS = 400
 

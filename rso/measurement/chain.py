@@ -1,6 +1,6 @@
 """The measurement chain: what stands between the specimen and the file, as transforms of any curve.
 
-    recorded depth = true depth − offset + compliance · Fz
+    recorded depth = true depth − offset + compliance · Fz, less the backlash on the way back
     recorded Fz    = gain · Fz* + bias + drift · t,      lag_filter dF*/dt + F* = F(t − lag)
     recorded Fx    = Fx* + cross_x · Fz*                 and Fy with cross_y
 
@@ -82,6 +82,16 @@ class Chain:
         cause="lag",
     )
 
+    backlash: float = knob(
+        "play of the drive: on the way back the indenter stays until it is taken up",
+        "mm",
+        0.0,
+        1.0,
+        neutral=0.0,
+        typical=0.05,
+        plausible=(0.005, 0.3),
+    )
+
     def __post_init__(self) -> None:
         for parameter in parameters_of(type(self)):
             parameter.check(getattr(self, parameter.name))
@@ -118,20 +128,27 @@ def recorded(
     late = {c: _filtered(t, _shift(t, v, k["lag"]), k["lag_filter"]) for c, v in F.items()}
     out = {c: v + k[_CROSS[c]] * late["Fz"] for c, v in late.items() if c != "Fz"}
     out["Fz"] = k["gain"] * late["Fz"] + k["bias"] + k["drift"] * t
-    return u - k["offset"] + k["compliance"] * F["Fz"], out
+    return u - k["offset"] + k["compliance"] * F["Fz"] - k["backlash"] * _returning(u), out
 
 
 def correct(
     chain: Chain, depth: np.ndarray, forces: Mapping[str, np.ndarray], time: np.ndarray | None = None
 ) -> Record:
-    """Inverse of :func:`record`: exact but for a lag, where the linear interpolation in time is undone by another."""
+    """Inverse of :func:`record`: exact but for a lag, where the linear interpolation in time is undone by another, and
+    for a backlash, where nobody sees the indenter wait."""
     d, R, t = _checked(chain, depth, forces, time)
     if chain.lag_filter:
         raise ValueError("a filter loses what it smooths: it cannot be undone")
     late = {"Fz": (R["Fz"] - chain.bias - chain.drift * t) / chain.gain}
     late |= {k: v - getattr(chain, _CROSS[k]) * late["Fz"] for k, v in R.items() if k != "Fz"}
     true = {k: _shift(t, v, -chain.lag) for k, v in late.items()}
-    return Record(d + chain.offset - chain.compliance * true["Fz"], true)
+    u = d + chain.offset - chain.compliance * true["Fz"]
+    return Record(np.minimum(u + chain.backlash * _returning(u), u.max()), true)
+
+
+def _returning(u: np.ndarray) -> np.ndarray:
+    """1 after the first of the deepest travels along the last axis, else 0."""
+    return np.arange(u.shape[-1]) > np.argmax(u, axis=-1)[..., None]
 
 
 def _shift(t: np.ndarray, value: np.ndarray, lag: float | np.ndarray) -> np.ndarray:

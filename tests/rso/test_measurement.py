@@ -244,10 +244,24 @@ def test_neutral_chain_changes_nothing():
 
 def test_every_knob_is_tested_and_is_an_effect():
     knobs = parameters_of(Chain)
-    assert {p.name for p in knobs} == set(EFFECTS)
+    assert {p.name for p in knobs} == {*EFFECTS, "backlash"}  # which a loading does not show
     for p in knobs:
         assert p.low < p.neutral < p.high or (p.low == p.neutral == 0)
         assert p.low <= p.typical <= p.high and p.typical != p.neutral and p.default == p.neutral
+
+
+def test_backlash_shows_on_the_way_back_alone():
+    b, top = 0.12, 4.0
+    u = np.r_[U, U[-2::-1]]
+    t = np.arange(1, len(u) + 1) * 0.2
+    r = record(Chain(backlash=b), u, {"Fz": 0.06 * u**1.5}, t)
+    there, back = slice(0, len(U)), slice(len(U), None)
+    np.testing.assert_array_equal(r.depth[there], u[there])
+    # the drive has gone back by b before the indenter moves: at a recorded depth d it still stands at d + b
+    np.testing.assert_allclose(r.forces["Fz"][back], 0.06 * (r.depth[back] + b) ** 1.5, rtol=1e-12, atol=0)
+    assert np.array_equal(record(Chain(backlash=b), U, FORCES, T).depth, U)
+    again = correct(Chain(backlash=b), r.depth, r.forces, t)
+    np.testing.assert_allclose(again.depth, np.minimum(u, top), rtol=1e-12, atol=0)
 
 
 @pytest.mark.parametrize("name", EFFECTS)
