@@ -21,6 +21,7 @@ from fem_backend.stepping import Instant, Stopped
 from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
 
 NUMERICS = 2  # raised when, and only when, answers change
+ROLLING = 2  # the same for bodies that may turn in a bowl and whose way there matters, and for them alone
 DEEPEST = 0.3  # of the smallest semi-axis
 
 CHOICES = {  # the settings and what each may be, for --schema
@@ -161,6 +162,8 @@ class FiniteElements:
         if "mullins" not in kept:
             plain["earlier"] = 0.0
         programme = case.programme
+        if path_dependent(settings, kept) and _may_turn(settings, kept):
+            plain["support"]["rolling"] = ROLLING
         if not path_dependent(settings, kept):
             held = np.interp(programme.asked_s, programme.time_s, programme.travel_mm)
             programme = Programme.ramp(tuple(sorted({*programme.asked_mm, *(float(v) for v in held if v > 0)})), 1.0)
@@ -244,6 +247,18 @@ def path_dependent(settings: Settings, values: Mapping[str, float]) -> bool:
     rubbing = rubbing or (settings.support == "bowl" and values.get("bowl_friction", Knobs.bowl_friction) != 0.0)
     memory = any(values.get(k) for k in ("prony_g", "prony_g2", "prony_g3", "mullins")) or settings.prony
     return bool(rubbing or memory)
+
+
+def _may_turn(settings: Settings, kept: Mapping[str, float]) -> bool:
+    """Whether a body lies in a bowl and not both planes are planes of symmetry."""
+    if settings.support != "bowl":
+        return False
+    known = {f.name for f in dataclasses.fields(Knobs)}
+    try:
+        knobs = Knobs(**{"mu": 1.0, "D1": 1.0, **{k: v for k, v in kept.items() if k in known}})
+        return not all(modelling.place(settings, knobs).planes)
+    except NotModelled:
+        return False  # the run itself will say why
 
 
 def passages(programme: Programme) -> list[Instant]:

@@ -149,9 +149,7 @@ def contact_points(surface: ContactSurface, x: np.ndarray) -> np.ndarray:
 
 def remember(pair: Pair, x: np.ndarray, touch: Touch, state: ContactState) -> Before:
     """What the next step has to know of a converged one."""
-    return Before(
-        contact_points(pair.surface, x), np.array(touch.centre, float), state.traction, state.gap
-    )
+    return Before(contact_points(pair.surface, x), np.array(touch.centre, float), state.traction, state.gap)
 
 
 def evaluate(pair: Pair, x: np.ndarray, touch: Touch) -> ContactState:
@@ -297,8 +295,23 @@ def _trial(n, point, start, traction, motion, stiff, v, t):  # type: ignore[no-u
 
 @numba.njit(cache=True)
 def _evaluate(  # type: ignore[no-untyped-def]
-    facets, N, weights, count, points, gap, normal, epsilon, multiplier, friction, start, before, opened, bound, motion,
-    work, length,
+    facets,
+    N,
+    weights,
+    count,
+    points,
+    gap,
+    normal,
+    epsilon,
+    multiplier,
+    friction,
+    start,
+    before,
+    opened,
+    bound,
+    motion,
+    work,
+    length,
 ):
     m, nq = weights.shape
     residual, force = np.zeros((count, 3)), np.zeros(3)

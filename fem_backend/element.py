@@ -41,7 +41,7 @@ class Pattern:
     def find(self, dofs: np.ndarray) -> np.ndarray:
         """Place in `data` of every pair of the free dofs (b, d), −1 where one is held or not stored by symmetry.
 
-        Returns (b, d, d) int64; a pair that the pattern does not hold raises KeyError.
+        Returns (b, d, d) int32; a pair that the pattern does not hold raises KeyError.
         """
         place = _find(self.indptr, self.indices, np.ascontiguousarray(dofs), self.symmetric)
         if np.any(place == -2):
@@ -52,7 +52,7 @@ class Pattern:
 @numba.njit(cache=True)
 def _find(indptr, indices, dofs, symmetric):  # type: ignore[no-untyped-def]
     count, d = dofs.shape
-    place = np.full((count, d, d), -1, np.int64)
+    place = np.full((count, d, d), -1, np.int32)
     for e in range(count):
         for p in range(d):
             i = dofs[e, p]

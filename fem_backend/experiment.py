@@ -32,7 +32,14 @@ class Knobs:
     # material
     C01: float = knob("Mooney-Rivlin C01 (C10 = mu/2 - C01)", "MPa", -1e3, 1e3, neutral=0.0, typical=1e-3)
     C20: float = knob(
-        "Yeoh C20, strain stiffening", "MPa", -1e3, 1e3, neutral=0.0, group="yeoh", typical=4e-4, plausible=(0.01, 0.4),
+        "Yeoh C20, strain stiffening",
+        "MPa",
+        -1e3,
+        1e3,
+        neutral=0.0,
+        group="yeoh",
+        typical=4e-4,
+        plausible=(0.01, 0.4),
         cause="strain stiffening",
     )
     C30: float = knob(

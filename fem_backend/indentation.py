@@ -148,9 +148,13 @@ def along(at: Bench, instants: Sequence[Instant], counters: Counters) -> list[Po
     """Points of a body for which the way counts: the programme is followed step by step."""
     control, u = at.settings.control, at.seated
     history = _earlier(at, counters)
+    touching = None
     if at.system.springs is not None and at.system.dead is None:
-        u = stepping.seat(_smooth(at.system), at.start(0.02 * at.placement.R), u, control, counters)
-    return stepping.follow(at.system, at.start, steps(instants, control.path), control, counters, u, history)
+        if rolling.rolls(at.system) and at.system.pairs[1].friction:
+            touching = 0.02 * at.placement.R
+        else:
+            u = stepping.seat(_smooth(at.system), at.start(0.02 * at.placement.R), u, control, counters)
+    return stepping.follow(at.system, at.start, steps(instants, control.path), control, counters, u, history, touching)
 
 
 def _smooth(system: System) -> System:

@@ -47,6 +47,22 @@ def solver(pattern: Pattern, prefer: str = "auto") -> Factor:
     return _Mixed(pattern, functools.partial(_superlu, pattern, _mirror(pattern))).factor
 
 
+def precise(pattern: Pattern, prefer: str = "auto") -> Factor:
+    """As `solver`, in double precision from the start; its memory goes with the solution."""
+    factor = raw(pattern, prefer)[0]
+    return lambda data: _exactly(factor(data))
+
+
+def raw(pattern: Pattern, prefer: str = "auto") -> tuple[Factor, Callable[[], None]]:
+    """Factors in the precision of their data, without refinement, and what frees the memory of the last one."""
+    if prefer != "superlu" and (prefer == "pardiso" or available() == "pardiso"):
+        pardiso = _Pardiso(pattern)
+        return pardiso.factor, pardiso.release
+    if pattern.symmetric:
+        return functools.partial(_superlu, pattern, _mirror(pattern)), lambda: None
+    return functools.partial(_superlu_general, pattern), lambda: None
+
+
 @functools.cache
 def available() -> str:
     """The solver that `auto` takes on this machine."""
@@ -200,16 +216,26 @@ class _Pardiso:
     def factor(self, data: np.ndarray) -> Solve:
         solver, new = self._solver(data.dtype.type)
         empty = np.zeros(self._pattern.size, data.dtype)
+        for other in self._solvers.values():
+            if other is not solver:
+                _free(other, everything=False)  # its factor is of a matrix before; its analysis stays
         if new:
             self._call(solver, 11, data, empty)
         try:
             self._call(solver, 22, data, empty)
         except self._error as error:
             if error.value == -4:
+                _free(solver, everything=False)
                 raise NotPositiveDefinite("negative pivot") from error
             raise
         return lambda b: self._call(solver, 33, data, np.asfortranarray(b))
 
+    def release(self) -> None:
+        """Free all factors; solutions with them are at an end."""
+        for solver in self._solvers.values():
+            _free(solver)
+        self._solvers.clear()
 
-def _free(solver: object) -> None:
-    solver.free_memory(everything=True)  # type: ignore[attr-defined]
+
+def _free(solver: object, everything: bool = True) -> None:
+    solver.free_memory(everything=everything)  # type: ignore[attr-defined]

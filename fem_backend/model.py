@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from skfem import MeshTet2
 
-from fem_backend import element, geometry, laws, linsolve, meshing, zones
+from fem_backend import element, geometry, krylov, laws, linsolve, meshing, zones
 from fem_backend.contact import Adhesion, ContactSurface, Pair, Touch, contact_surface, quadratic_facets
 from fem_backend.experiment import Knobs, Settings
 from fem_backend.geometry import Bowl, Ellipsoid, Sphere
@@ -188,7 +188,10 @@ def build(settings: Settings, mesh: Mesh, body: Ellipsoid, planes: tuple[bool, b
         lower = lower[X[lower, 2] <= 1e-9]
         held[lower] = True
     discrete = element.discretise(quadratic, held, symmetric)
-    return Model(quadratic, discrete, facets, linsolve.solver(discrete.pattern, settings.solver), lower)
+    loose = settings.support == "bowl" and not all(planes)  # it may roll
+    factor = krylov.Loose(discrete.pattern, settings.solver).factor if loose else None
+    factor = factor or linsolve.solver(discrete.pattern, settings.solver)
+    return Model(quadratic, discrete, facets, factor, lower)
 
 
 def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> Model:

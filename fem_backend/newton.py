@@ -93,7 +93,7 @@ class Evaluation:
 
 @dataclass
 class Counters:
-    """Work done so far; `deadline` (s of process time) ends a run."""
+    """Work done so far, steps that were left loose; `deadline` (s of process time) ends a run."""
 
     iterations: int = 0
     factorisations: int = 0
@@ -101,6 +101,7 @@ class Counters:
     shifts: int = 0
     steps: int = 0
     cutbacks: int = 0
+    loose: int = 0
     deadline: float = np.inf
 
 
@@ -241,6 +242,7 @@ def solve(
         if lazy and len(history) > 1:
             lazy = history[-1] < (CHORD if not fresh else 0.3) * history[-2] and history[-1] < NEAR
         if not lazy and (history[-1] > tolerance or len(history) == 1):
+            factor = None  # a matrix is tens of megabytes: the old one goes first
             factor, moving = factorise(system, at, load, counters, history[-1] < FAR)
             limit -= 1
         fresh = not lazy
@@ -248,7 +250,10 @@ def solve(
             linear = lambda v, factor=factor: full(body, factor(reduced(body, v), accuracy))  # noqa: E731
             return Equilibrium(at, -linear(moving), tuple(history), linear, (factor, moving))
         counters.iterations += 1
-        step = factor(-R, accuracy)
+        try:
+            step = factor(-R, accuracy)
+        except NotPositiveDefinite as error:  # some find that out here only
+            raise NotConverged("instability", "the tangent is indefinite", tuple(history)) from error
         exact = load.conservative and (history[-1] > 1e-2 or not any(t.before for t in load.touches))
         search = _descend if exact else _balance
         at = search(system, at, full(body, step), float(R @ step), load, counters, history)

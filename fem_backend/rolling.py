@@ -67,17 +67,23 @@ def moved(how: Motion, u: np.ndarray, step: np.ndarray) -> np.ndarray:
     return out
 
 
+def rolls(system: System) -> bool:
+    """Whether a body lies loosely in its bowl and may turn there: not both planes are planes of symmetry."""
+    return system.springs is not None and bool(motion(system.body).allowed[3:].any())
+
+
 def solve(
     system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = LIMIT,
     known: Known | None = None,
 ) -> Equilibrium:  # fmt: skip
     """Equilibrium from the start u (n, 3), |R| ≤ tolerance · |outer forces| or as far as round-off lets it go.
 
-    A stand-in for :func:`fem_backend.newton.solve` for systems with springs, from far away and past saddles; it knows
-    its own limit and starts without a factor, whatever `limit` and `known` say.  Raises NotConverged (instability,
+    A stand-in for :func:`fem_backend.newton.solve` for systems with springs, from far away and past saddles; it
+    starts without a factor, whatever `known` says.  Raises NotConverged (instability,
     contact, inversion or time_limit).
     """
-    body, history, how, left = system.body, [], motion(system.body), LIMIT
+    body, history, how, left = system.body, [], motion(system.body), limit
+    loose, last, diagonal = bool(how.allowed[3:].any()), None, body.pattern.diagonal
     free = body.free.reshape(-1, 3)
     mass = np.empty(body.pattern.size)
     mass[free[free >= 0]] = np.repeat(how.share[:, None], 3, axis=1)[free >= 0]
@@ -92,24 +98,29 @@ def solve(
         history.append(float(np.linalg.norm(g)) / at.scale if at.scale > 0 else float(np.any(g)))
         if time.process_time() > counters.deadline:
             raise NotConverged("time_limit", "the time of the run is used up", tuple(history))
+        if history[-1] <= tolerance and last is not None:  # as in Newton, the last factor is good enough
+            return _found(body, at, history, *last)
         before = damping, counters.shifts
+        data, factor, last = None, None, None  # a matrix each: they go before the next one comes
         data, moving = newton.tangent(system, at, load)
+        plain, easy = data[diagonal], modes(how, at.u) if loose else None
         while True:
             left -= 1
             counters.factorisations += 1
             try:
-                factor, step = _step(system, data, g, damping * mass)
+                data[diagonal] = plain
+                factor, step = _step(system, data, g, damping * mass, easy)
                 break
             except NotPositiveDefinite:
                 counters.shifts += 1
                 if len(history) == 1 and history[0] > newton.FAR:  # a guess that lies deep in the ball
                     data, moving = newton.tangent(system, at, load, geometric=False)
+                    plain = data[diagonal]
                 damping = max(5.0 * damping, LEAST)
                 if damping > MOST:
                     raise NotConverged("instability", "the tangent stays indefinite", tuple(history)) from None
         if history[-1] <= tolerance or np.abs(step).max() < ROUND:
-            linear = lambda v, factor=factor: newton.full(body, factor(newton.reduced(body, v), EXACT))  # noqa: E731
-            return Equilibrium(at, -linear(moving), tuple(history), linear, (factor, moving))
+            return _found(body, at, history, factor, moving)
         counters.iterations += 1
         found, alpha = _search(system, how, at, load, step, g, damping > 0.0, counters)
         if found is None:
@@ -117,7 +128,7 @@ def solve(
                 raise NotConverged("instability", "the line search found no descent", tuple(history))
             damping = max(10.0 * damping, LEAST)
             continue
-        at = found
+        at, last = found, (factor, moving) if loose and damping == 0.0 else None
         if alpha > 2.0:
             damping /= min(alpha, 10.0)
         elif alpha < 0.3:
@@ -125,14 +136,35 @@ def solve(
         elif before[1] == counters.shifts:  # the last damping was not found too small
             damping /= 10.0
         damping = damping if damping > 0.1 * LEAST else 0.0
-    raise NotConverged("contact", f"no equilibrium after {LIMIT} factorisations", tuple(history))
+    raise NotConverged("contact", f"no equilibrium after {limit} factorisations", tuple(history))
 
 
-def _step(system: System, data: np.ndarray, g: np.ndarray, damping: np.ndarray) -> tuple[Solve, np.ndarray]:
-    """Factor of the damped tangent and −(K + D)⁻¹ g (f,); raises NotPositiveDefinite, also if K is not along it."""
-    shifted, pattern = data.copy(), system.body.pattern
-    shifted[pattern.diagonal] += damping
-    factor = system.factor(shifted)
+def modes(how: Motion, u: np.ndarray) -> np.ndarray:
+    """Rigid motions of the body displaced by u (n, 3) that its planes allow, orthonormal, (f, k)."""
+    x = how.body.nodes + u
+    x = x - how.share @ x
+    fields = [np.broadcast_to(e, x.shape) for e in np.eye(3)] + [np.cross(e, x) for e in np.eye(3)]
+    kept = [newton.reduced(how.body, f) for f, allowed in zip(fields, how.allowed, strict=True) if allowed]
+    return np.linalg.qr(np.array(kept).T)[0]
+
+
+def _found(body: Body, at: Evaluation, history: list[float], factor: Solve, moving: np.ndarray) -> Equilibrium:
+    def linear(v: np.ndarray) -> np.ndarray:
+        return newton.full(body, factor(newton.reduced(body, v), EXACT))
+
+    return Equilibrium(at, -linear(moving), tuple(history), linear, (factor, moving))
+
+
+def _step(
+    system: System, data: np.ndarray, g: np.ndarray, damping: np.ndarray, easy: np.ndarray | None
+) -> tuple[Solve, np.ndarray]:  # fmt: skip
+    """Factor of the tangent, damped in place, and −(K + D)⁻¹ g (f,); `easy` (f, k) are rigid motions.
+
+    Raises NotPositiveDefinite, also if K is not along the step.
+    """
+    pattern = system.body.pattern
+    data[pattern.diagonal] += damping
+    factor = system.factor(data) if easy is None else system.factor(data, easy)
     step = factor(-g, EXACT)
     if not pattern.symmetric and not -float(g @ step) > max(float(damping @ step**2), 0.0):
         raise NotPositiveDefinite("no descent")  # a general factorisation does not tell

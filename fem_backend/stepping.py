@@ -14,6 +14,7 @@ from fem_backend.contact import Before
 from fem_backend.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
 
 MOVES = 12  # on a tether, at most
+STUCK = 1e6  # times the shear modulus: a pressure whose friction holds everything
 NOTHING = (None, None)  # no factor is known, old ones may be used
 SEATING = (1e5, 1e4, 1e3, 1e2, 1e1, 1.0)  # factors of the grounding springs until the support carries the body
 
@@ -157,17 +158,44 @@ def roll(
     return rolling.solve(system, u, load, tolerance, counters)
 
 
+def brisk(
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = 40,
+    known: Known | None = None,
+) -> Equilibrium:  # fmt: skip
+    """Equilibrium as a body rolls there, `limit` being what Newton would be granted.  Raises NotConverged."""
+    return rolling.solve(system, u, load, tolerance, counters, 3 * limit)
+
+
+def patient(
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = 40,
+    known: Known | None = None,
+) -> Equilibrium:  # fmt: skip
+    """The same with the longest breath, whatever `limit` says.  Raises NotConverged."""
+    return rolling.solve(system, u, load, tolerance, counters)
+
+
+def way(system: System) -> Look:
+    """How equilibria are looked for: a body that may turn in its bowl rolls there at once."""
+    return brisk if rolling.rolls(system) else find
+
+
+def ahead(system: System, u: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Displacement (n, 3) after a predicted step (n, 3), whose rigid part is made as one where the body may turn."""
+    return rolling.moved(rolling.motion(system.body), u, step) if rolling.rolls(system) else u + step
+
+
 def seat(
-    system: System, load: Load, u: np.ndarray, control: Control, counters: Counters, look: Look = find
+    system: System, load: Load, u: np.ndarray, control: Control, counters: Counters, look: Look | None = None
 ) -> np.ndarray:
     """Displacement (n, 3) with the grounding springs softened step by step until the contacts carry the body."""
+    look = look or way(system)
     for factor, tolerance in [(f, control.loose) for f in SEATING] + [(1.0, control.seating)]:
         grounded = replace(load, springs=factor)
         try:
             try:
                 u = look(system, u, grounded, tolerance, counters).evaluation.u
             except NotConverged as error:
-                if error.cause == "time_limit":
+                if error.cause == "time_limit" or look in (brisk, rolling.solve):
                     raise
                 u = rolling.solve(system, u, grounded, tolerance, counters).evaluation.u
         except NotConverged as error:
@@ -185,7 +213,7 @@ def travel(
     answer at an asked travel does not depend on the way there, and `guess(s)` may offer a state to start from.
     Raises Stopped with what was reached.
     """
-    look: Look = find
+    look = way(system)
     u = np.zeros_like(system.body.nodes) if u is None else u
     rate, here, step = np.zeros_like(u), 0.0, control.first
     points: list[Point] = []
@@ -206,7 +234,7 @@ def travel(
         while here < target - 1e-12:
             goal = target if here + 1.2 * step >= target else here + step
             try:
-                guessed = u + (goal - here) * rate
+                guessed = ahead(system, u, (goal - here) * rate)
                 found = look(system, guessed, start(goal), control.loose, counters, limit=15, known=NOTHING)
             except NotConverged as error:
                 counters.cutbacks += 1
@@ -214,7 +242,7 @@ def travel(
                 if step < control.smallest * control.first or error.cause == "time_limit":
                     if not _may_roll(system, look, control, counters):
                         raise _stopped(error, here, points, counters) from error
-                    look, step = roll, control.first
+                    look, step = roll if look is find else patient, control.first
                 rate = rate if step > control.first / 4 else np.zeros_like(rate)
                 continue
             counters.steps += 1
@@ -227,7 +255,7 @@ def travel(
         except NotConverged as error:
             if not _may_roll(system, look, control, counters):
                 raise _stopped(error, target, points, counters) from error
-            look = roll
+            look = roll if look is find else patient
             try:
                 points.append(_settle(system, u, start(target), target, control, counters, look, 0.0, watch, NOTHING))
             except NotConverged as last:
@@ -241,7 +269,7 @@ def _may_roll(system: System, look: Look, control: Control, counters: Counters) 
 
     Only then: a run that comes through without has the answer that it always had.
     """
-    if look is not find or system.springs is None:
+    if look not in (find, brisk) or system.springs is None:
         return False
     counters.deadline = max(counters.deadline, clock.process_time() + control.time_limit_s)
     return True
@@ -272,8 +300,19 @@ def _settle(
         stages.append(Stage(found, load))
         if watch is not None:
             watch(stages[-1], k == control.augmentations)
+        found = replace(found, linear=None, known=None)  # a matrix each
+        stages[-1] = Stage(found, load)
         u, load = found.evaluation.u, newton.augmented(load, found.evaluation)
     return Point(time, target, tuple(stages))
+
+
+def _light(point: Point) -> Point:
+    """The point without what only the next step needs of its first stages: strains and history, megabytes each."""
+    stages = []
+    for stage in point.stages[:-1]:
+        at = replace(stage.equilibrium.evaluation, H=np.empty(0), history=None)
+        stages.append(replace(stage, equilibrium=replace(stage.equilibrium, evaluation=at)))
+    return replace(point, stages=(*stages, point.stages[-1]))
 
 
 def _rubbing(
@@ -291,13 +330,16 @@ def _rubbing(
 
 def follow(
     system: System, start: Start, instants: Sequence[Instant], control: Control, counters: Counters,
-    u: np.ndarray, history: object = None,
+    u: np.ndarray, history: object = None, touching: float | None = None,
 ) -> list[Point]:  # fmt: skip
     """Equilibria at the asked instants where the way matters: friction, viscoelasticity, softening.
 
     Between asked instants the penalty alone keeps the bodies apart (kept multipliers would let the pressures of the
     many contact points drift apart).  At an asked instant the multipliers are a side branch: the path goes on from the
     state without them.  A step without equilibrium is halved.  Raises Stopped with what was reached.
+
+    Friction counts from rest: the first step of a body that may turn begins with everything stuck that touches, at a
+    travel `touching` (mm) where that has to be sought.  Let slip before, it would lie against the wall of its bowl.
     """
     t, s, rate = 0.0, 0.0, np.zeros_like(u)
     x, touches = system.body.nodes + u, start(0.0).touches
@@ -305,9 +347,14 @@ def follow(
         contact.remember(p, x, touch, contact.evaluate(replace(p, friction=0.0), x, touch))
         for p, touch in zip(system.pairs, touches, strict=True)
     )
-    pressures = [np.zeros_like(touch.multiplier) for touch in touches]
+    held = STUCK * system.material.shear_modulus if rolling.rolls(system) else 0.0
+    pressures = [np.full_like(touch.multiplier, held) for touch in touches]
+    first = None
+    if touching is not None:
+        stuck = _rubbing(system, replace(start(touching), history=history, dt=touching), before, pressures)
+        first = seat(system, stuck, u, control, counters)
     points: list[Point] = []
-    look: Look = find
+    look = way(system)
     for instant in instants:
         share, begin = 1.0, t  # of what is left to this instant
         while t < instant.time - 1e-12 * max(instant.time, 1.0):
@@ -317,16 +364,24 @@ def follow(
             load = start(goal_s)
             load = _rubbing(system, replace(load, history=history, dt=goal_t - t), before)
             try:
-                guess = u + (goal_s - s) * rate
+                guess = ahead(system, u, (goal_s - s) * rate) if first is None or t > 0.0 else first
                 if system.springs is not None:  # a body that may roll and slide far: friction by the pressure before
                     load = _rubbing(system, load, before, pressures)
-                    rough = look(system, guess, load, control.loose, counters, limit=15).evaluation
+                    crude, before_it = look(system, guess, load, control.loose, counters, limit=15), load
+                    rough = crude.evaluation
                     load, guess = _rubbing(system, load, before, [c.pressure for c in rough.contacts]), rough.u
                 if last and instant.asked:
                     point = _settle(system, guess, load, goal_s, control, counters, look, goal_t)
                     found = point.stages[0].equilibrium
                 else:
-                    found = look(system, guess, load, control.between, counters, limit=15)
+                    try:
+                        found = look(system, guess, load, control.between, counters, limit=15)
+                    except NotConverged as error:
+                        if not rolling.rolls(system) or error.cause == "time_limit":
+                            raise
+                        counters.loose += 1  # a body that hardly resists is followed to 1 % of the force there
+                        found, load = crude, before_it
+                    found = replace(found, linear=None, known=None)
             except NotConverged as error:
                 counters.cutbacks += 1
                 share *= 0.5
@@ -335,13 +390,13 @@ def follow(
                 if lost or error.cause == "time_limit":
                     if not _may_roll(system, look, control, counters):
                         raise _stopped(error, s, points, counters) from error
-                    look, share = rolling.solve, 1.0
+                    look, share = patient, 1.0
                 if share < 0.3:
                     rate = np.zeros_like(rate)
                 continue
             counters.steps += 1
             if last and instant.asked:
-                points.append(point)
+                points.append(_light(point))
             share = min(1.0, 2.0 * share) if not last else share
             at = found.evaluation
             u, t, s, history, rate = at.u, goal_t, goal_s, at.history, found.rate

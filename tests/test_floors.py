@@ -21,7 +21,7 @@ ROOMS = {
     "fem_backend": (
         "analytic laws geometry",
         "stress meshing",
-        "element linsolve zones contact newton",
+        "element linsolve krylov zones contact newton",
         "rolling stepping post",
         "experiment model indentation errors anchors nested levels",
         "backend output",

@@ -18,6 +18,7 @@ from rso.diagnosis.testplan import Profile, TestPlan
 BASE_TILES = {0: 1, 1: 11, 2: 5}
 SIZE_TILES = 8
 SIZE_TILES_SIDE = 6  # per side of an effect with two signs
+VARIANT_TILES = (18, 6)  # of another support, fewer for pairs: what a body does in a bowl is far from linear
 TIME_TILES = 6
 PLACE_TILES = 5
 SHAPE_TILES = 3  # of any other shape
@@ -110,7 +111,7 @@ def _sizes(effect: Effect, coarse: bool) -> _Levels:
     if size.neutral is None:
         if size.low == 0 and size.high == 1:  # a variant without a knob
             return _Levels(np.array([0.5]), np.zeros(1), 0.0, False)
-        return _even(*size.ends()[0], 4 if coarse else 6)
+        return _even(*size.ends()[0], VARIANT_TILES[coarse])
     found = []
     sides = size.ends()
     n = (SIZE_TILES if len(sides) == 1 else SIZE_TILES_SIDE) - (2 if coarse else 0)

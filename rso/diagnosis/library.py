@@ -10,7 +10,7 @@ modulus, so that the modulus needs no simulation (exact similarity).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -140,20 +140,30 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
         jobs += ways if len(ways) > 1 else []
         jobs.append(Job(k, None, -1, None, task_of(base, plan, k, centre, None, {}, finer=True), True))
     outcomes = run([j.task for j in jobs])
-    unknowns = np.zeros(len(plan.places))
+    unknowns, refined = np.zeros(len(plan.places)), np.zeros(len(plan.places), bool)
     for j, o in zip(jobs, outcomes, strict=True):
-        if isinstance(o, Done) and not j.finer:
+        if j.finer:
+            refined[j.place] = isinstance(o, Done)
+        elif isinstance(o, Done):
             unknowns[j.place] = float(o.response.info.get("dofs", 0))
-        elif not j.finer and j.passing is None:
+        elif j.passing is None:
             at = plan.places[j.place].settings.get("point")
             raise ValueError(f"the base model has no answer at {at}: {o.reason}")
     dear = unknowns > DEAR * unknowns[primary]
-    grid = {(e.name, k): nodes(e, k == primary, speeds, dear[k]) for e in modelled for k in range(len(plan.places))}
-    further = []
+    alone = len(plan.places) == 1
+    grid = {
+        (e.name, k): nodes(e, k == primary, speeds, dear[k], alone) for e in modelled for k in range(len(plan.places))
+    }
+    further, fine = [], set()
     for (name, k), own in grid.items():
         e = next(e for e in modelled if e.name == name)
         for n, at in enumerate(own.points):
-            further += jobs_of(base, plan, k, e, n, {**base.values(base.centre), **knobs_at(base, e, at)}, every[k])
+            values = {**base.values(base.centre), **knobs_at(base, e, at)}
+            mine = jobs_of(base, plan, k, e, n, values, every[k])
+            if k != primary and refined[k] and not dear[k] and _rubs(e, mine):
+                mine = jobs_of(base, plan, k, e, n, values, every[k], finer=True)
+                fine.add((name, k))
+            further += mine
     jobs, outcomes = jobs + further, [*outcomes, *run([j.task for j in further])]
     cpu = sum({id(o): float(o.response.info.get("cpu_s", 0.0)) for o in outcomes if isinstance(o, Done)}.values())
     failed = tuple(dict.fromkeys(
@@ -161,10 +171,11 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
         for j, o in zip(jobs, outcomes, strict=True) if not isinstance(o, Done)
     )) if not all(isinstance(o, Done) for o in outcomes) else ()  # fmt: skip
     found = {(j.place, j.effect, j.node, j.passing, j.finer): o for j, o in zip(jobs, outcomes, strict=True)}
-    first = _tables(base, plan, primary, every[primary], modelled, grid, levels, found)
+    first = _tables(base, plan, primary, every[primary], modelled, grid, levels, found, fine)
     others = {
-        k: _tables(base, plan, k, every[k], modelled, grid, few, found) for k in range(len(plan.places)) if k != primary
-    }
+        k: _tables(base, plan, k, every[k], modelled, grid, few, found, fine)
+        for k in range(len(plan.places)) if k != primary
+    }  # fmt: skip
     tables = tuple(first if k == primary else _beside(first, levels, few, others[k]) for k in range(len(plan.places)))
     lost = {e.name for e in modelled if not first.effects[e.name].known.any()}
     transfer = {
@@ -186,6 +197,15 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     )
 
 
+def _rubs(effect: Effect, jobs: Sequence[Job]) -> bool:
+    """Whether an effect is one of the contact whose way matters, all in one size, such as friction.
+
+    Beside the top it decides how the ball and the body stick, which two meshes see differently by a fifth.
+    """
+    plain = not effect.settings and not effect.shape and effect.size.neutral is not None
+    return plain and len(effect.size.ends()) == 1 and jobs[0].passing is not None
+
+
 def _chebyshev(low: float, high: float, n: int) -> np.ndarray:
     """Nodes from end to end, denser towards the ends."""
     return 0.5 * (low + high) - 0.5 * (high - low) * np.cos(np.pi * np.arange(n) / (n - 1))
@@ -193,7 +213,7 @@ def _chebyshev(low: float, high: float, n: int) -> np.ndarray:
 
 def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled: Sequence[Effect],
             grid: Mapping[tuple[str, int], Nodes], levels: Sequence[np.ndarray],
-            found: Mapping[tuple[Any, ...], Any]) -> PlaceTables:  # fmt: skip
+            found: Mapping[tuple[Any, ...], Any], fine: Collection[tuple[str, int]]) -> PlaceTables:  # fmt: skip
     place = plan.places[k]
     u = (np.linspace(0.0, np.sqrt(place.deepest + MARGIN), GRID)) ** 2
     n_base = int(np.prod([len(v) for v in levels])) if levels else 1
@@ -221,14 +241,17 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
         change = np.zeros((len(points), len(every), 3, GRID))
         marks = np.zeros((len(points), base_marks.shape[1]))
         known = np.ones(len(points), bool)
+        refined = (e.name, k) in fine
+        beside = Resampling(*forces_of(best.response, base.reference)) if refined else first
+        marks_beside = marks_of(best.response, place) if refined else base_marks[-1]
         for n in range(len(points)):
             whole = found.get((k, e.name, n, None, False))
             each = [found[k, e.name, n, i, False] for i in range(len(every))] if whole is None else [whole]
-            change[n], lost = changed(every, u, place, base.reference, each, first)
+            change[n], lost = changed(every, u, place, base.reference, each, beside)
             change[n] -= ways
             known[n] = lost == 0
             reached = reached_by(each[0], place.deepest)
-            marks[n] = 0.0 if reached is None else marks_of(reached, place) - base_marks[-1]
+            marks[n] = 0.0 if reached is None else marks_of(reached, place) - marks_beside
         effects[e.name] = _filled(Table(grid[e.name, k], change, marks, known))
     return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], mesh, ways, error, effects, unknowns)
 

@@ -73,14 +73,14 @@ class Nodes:
         return kernel(at, points) @ np.linalg.inv(kernel(points, points) + 1e-9 * np.eye(len(points)))
 
 
-def nodes(effect: Effect, primary: bool, speeds: tuple[float, float], dear: bool = False) -> Nodes:
+def nodes(effect: Effect, primary: bool, speeds: tuple[float, float], dear: bool = False, alone: bool = False) -> Nodes:
     """The nodes of an effect at its primary place, where most was measured, or fewer elsewhere, fewest where runs are
-    `dear`.
+    `dear`; where all tests are at one place, `alone`, what sits beside it looks much like what sits deeper.
 
     `speeds` (mm/s), slowest and fastest test: a shape with the unit of time counts in travel, τ v.
     """
     size, ends = effect.size, effect.size.ends()
-    shapes = tuple(_shape_level(s, primary, speeds) for s in effect.shape)
+    shapes = tuple(_shape_level(s, primary, speeds, alone) for s in effect.shape)
     few = not primary
     if size.neutral is None:  # a variant: all of its range, there is no neutral to lean on
         low, high = ends[0]
@@ -116,13 +116,13 @@ def placed(shape: Size) -> bool:
     return shape.low < 0 < shape.high
 
 
-def _shape_level(shape: Size, primary: bool, speeds: tuple[float, float]) -> np.ndarray:
+def _shape_level(shape: Size, primary: bool, speeds: tuple[float, float], alone: bool) -> np.ndarray:
     low, high = shape.ends()[0]
     if timed(shape):
         low, high = low + math.log(speeds[0]), high + math.log(speeds[1])
         return np.linspace(low, high, 7) if primary else np.array([0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high])
     if placed(shape):
-        return np.linspace(low, high, 5)
+        return np.array([0.5 * (low + high)]) if alone else np.linspace(low, high, 5)
     if not primary and shape.low >= 0 and not (shape.low == 0 and shape.unit == "deg"):
         return np.array([0.5 * (low + high)])
     return np.linspace(low, high, 3 if shape.logarithmic else 2)

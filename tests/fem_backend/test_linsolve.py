@@ -191,3 +191,21 @@ def test_unsymmetric_matrix_may_be_indefinite(name):
     A = np.array([[1.0, 2.0, 0.0], [0.5, -1.0, 0.3], [0.0, -0.4, 2.0]])
     x = solver(dense_pattern(3, False), name)(A.ravel())(np.ones(3))
     np.testing.assert_allclose(A @ x, 1.0, rtol=1e-12)
+
+
+def test_only_one_factor_is_alive(monkeypatch):
+    """Each is 50 to 100 MB on a whole model: that of the other precision goes, a refused one too; analyses stay."""
+    pytest.importorskip("pypardiso")
+    freed, free = [], linsolve._free
+    monkeypatch.setattr(linsolve, "_free", lambda s, everything=True: (freed.append(everything), free(s, everything)))
+    pattern, data = pattern_of(np.array([[4.0, 1.0, 0.0], [1.0, 3.0, 1.0], [0.0, 1.0, 2.0]]))
+    pardiso, b = linsolve._Pardiso(pattern), np.array([1.0, 2.0, 3.0])
+    exact = np.linalg.solve([[4.0, 1.0, 0.0], [1.0, 3.0, 1.0], [0.0, 1.0, 2.0]], b)
+    for k, dtype in enumerate((np.float32, np.float64, np.float32)):
+        x = pardiso.factor(data.astype(dtype))(b.astype(dtype))
+        np.testing.assert_allclose(x, exact, rtol=1e-5 if dtype is np.float32 else 1e-14)
+        assert freed == [False] * k
+    with pytest.raises(NotPositiveDefinite):
+        pardiso.factor(-data)
+    assert freed == [False] * 4
+    np.testing.assert_allclose(pardiso.factor(data)(b), exact, rtol=1e-14)

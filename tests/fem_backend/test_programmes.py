@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fem_backend import indentation
-from fem_backend.backend import BACKEND, passages
+from fem_backend.backend import BACKEND, ROLLING, passages
 from fem_backend.stepping import Control, Instant
 from rso.contract import Case, Programme, run_key
 
@@ -177,6 +177,23 @@ def test_settings_of_what_is_off_are_not_in_the_key():
     assert key({}, direction="normal") == key({}) != key({}, direction="normal", point=[5, 0])
     assert key({}, **bowl) == key({"bowl_clearance": 1.0, "bowl_friction": 0.2}, support={"kind": "bowl"})
     assert key({}, **bowl) != key({"bowl_clearance": 1.5}, **bowl)  # a value overrides the setting
+
+
+def test_canonical_form_marks_what_rolls_and_nothing_else():
+    """The mark is of bodies that may turn in a bowl and whose way counts, so that the keys of all others stay."""
+    bowl = {"support": {"kind": "bowl"}}
+
+    def mark(values, **settings):
+        case = Case("c", Programme.ramp((0.5, 1.0)), {"mesh": SMALL, **settings})
+        kept, plain = BACKEND.canonical({**VALUES, **values}, case)
+        assert BACKEND.canonical(kept, plain) == (kept, plain)
+        return plain.settings["support"].get("rolling")
+
+    rubs, slides = {"bowl_friction": 0.2}, {"bowl_friction": 0.0}
+    assert mark(rubs, **bowl, point=[5.0, 0.0]) == mark({**rubs, "offset_y": 0.1}, **bowl) == ROLLING
+    assert mark({**slides, "mullins": 0.2}, **bowl, point=[5.0, 0.0]) == ROLLING
+    assert mark(rubs, **bowl) is mark(slides, **bowl, point=[5.0, 0.0]) is None
+    assert mark({"friction": 0.3}, point=[5.0, 0.0]) is mark({"offset_y": 0.1}) is None
 
 
 def test_canonical_task_has_the_same_answer():
