@@ -83,7 +83,7 @@ class Chain:
     )
 
     backlash: float = knob(
-        "play of the drive: on the way back the indenter stays until it is taken up",
+        "play of the drive, taken up on the way back",
         "mm",
         0.0,
         1.0,
