@@ -295,23 +295,8 @@ def _trial(n, point, start, traction, motion, stiff, v, t):  # type: ignore[no-u
 
 @numba.njit(cache=True)
 def _evaluate(  # type: ignore[no-untyped-def]
-    facets,
-    N,
-    weights,
-    count,
-    points,
-    gap,
-    normal,
-    epsilon,
-    multiplier,
-    friction,
-    start,
-    before,
-    opened,
-    bound,
-    motion,
-    work,
-    length,
+    facets, N, weights, count, points, gap, normal, epsilon, multiplier, friction, start, before, opened, bound, motion,
+    work, length,
 ):
     m, nq = weights.shape
     residual, force = np.zeros((count, 3)), np.zeros(3)

@@ -24,6 +24,9 @@ DEGREE = 5
 CYCLES = 3.0  # fewest in a branch: less is a trend
 FASTEST = 0.45  # of the rate of sampling
 FINE = 4  # frequencies per 1/duration
+MOST = 300  # readings of a branch: more are averaged, what is faster than their means is not looked for
+LINES = 50_000  # frequencies, at most
+BLOCK = 512  # of them at a time
 SHALLOW = 0.05  # of the deepest reading: the bend at first contact is no polynomial
 
 
@@ -51,15 +54,18 @@ def hum(plan: TestPlan) -> Hum:
         for r in e.measurement.repeats:
             for branch in ("loading", "unloading"):
                 at = (r.segment == branch) & (r.depth > SHALLOW * np.max(r.depth))
-                if at.sum() < FEWEST or r.time is None or np.ptp(r.time[at]) <= 0.0:
+                if at.sum() < FEWEST or r.time is None:
                     continue
+                t, depth = _thinned(r.time[at]), _thinned(r.depth[at])
+                if not (np.all(np.diff(t) > 0.0) and np.ptp(depth) > 0.0):
+                    continue  # a clock too coarse to tell frequencies
                 for c, v in r.channels.items():
-                    groups.setdefault((e.name, branch, c), []).append((r.time[at], r.depth[at], v[at]))
+                    groups.setdefault((e.name, branch, c), []).append((t, depth, _thinned(v[at])))
     if not groups:
         return Hum(0.0, 0.0, 0.0, "")
     longest = max(float(np.ptp(t)) for g in groups.values() for t, _, _ in g)
     fastest = max(FASTEST / float(np.median(np.diff(t))) for g in groups.values() for t, _, _ in g)
-    f = np.arange(CYCLES / longest, fastest, 1.0 / (FINE * longest))
+    f = np.arange(CYCLES / longest, fastest, max(1.0 / (FINE * longest), fastest / LINES))
     total, number = np.zeros(len(f)), np.zeros(len(f))
     largest: dict[str, np.ndarray] = {}
     for (_, _, c), records in groups.items():
@@ -68,7 +74,9 @@ def hum(plan: TestPlan) -> Hum:
         if inside.sum() < 4 * FINE:
             continue
         ρ = _memory(records)
-        P, A = np.moveaxis(np.array([_line(f[inside], *r, ρ) for r in records]), 1, 0)
+        blocks = np.split(f[inside], range(BLOCK, int(inside.sum()), BLOCK))
+        each = [np.concatenate([_line(b, *r, ρ) for b in blocks], axis=1) for r in records]
+        P, A = np.moveaxis(np.array(each), 1, 0)
         floor = float(np.median(P.mean(axis=0))) / _middle(len(records))
         if floor <= 0.0:
             continue
@@ -85,8 +93,14 @@ def hum(plan: TestPlan) -> Hum:
     return Hum(float(chance[k]), float(f[k]), float(largest[channel][k]), channel)
 
 
-def _line(f: np.ndarray, t: np.ndarray, depth: np.ndarray, v: np.ndarray, ρ: float) -> tuple[np.ndarray, np.ndarray]:
-    """½ |Π_f r|² (n_f,) of one branch, whitened, with the polynomial taken out of both, and the amplitude (n_f,)."""
+def _thinned(v: np.ndarray) -> np.ndarray:
+    """Means of equally many neighbours, at most MOST of them; a rest at the end is left out."""
+    k = -(-len(v) // MOST)
+    return v if k == 1 else v[: len(v) // k * k].reshape(-1, k).mean(axis=1)
+
+
+def _line(f: np.ndarray, t: np.ndarray, depth: np.ndarray, v: np.ndarray, ρ: float) -> np.ndarray:
+    """½ |Π_f r|² of one branch, whitened, with the polynomial taken out of both, and the amplitude (2, n_f)."""
     phase = 2.0 * np.pi * f[:, None] * (t - t[0])
     waves = _whitened(np.stack([np.cos(phase), np.sin(phase)], axis=1), ρ)  # (n_f, 2, n)
     Q, _ = np.linalg.qr(_whitened(_polynomials(depth), ρ).T)
@@ -94,8 +108,8 @@ def _line(f: np.ndarray, t: np.ndarray, depth: np.ndarray, v: np.ndarray, ρ: fl
     r = r - Q @ (Q.T @ r)
     waves = waves - (waves @ Q) @ Q.T
     gram, b = waves @ waves.transpose(0, 2, 1), waves @ r
-    x = np.linalg.solve(gram, b[..., None])[..., 0]
-    return 0.5 * np.einsum("fi,fi->f", b, x), np.hypot(x[:, 0], x[:, 1])
+    x = np.linalg.solve(gram + 1e-9 * len(t) * np.eye(2), b[..., None])[..., 0]  # where sampling sees one phase only
+    return np.stack([0.5 * np.einsum("fi,fi->f", b, x), np.hypot(x[:, 0], x[:, 1])])
 
 
 def _memory(records: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:

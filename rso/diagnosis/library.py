@@ -10,7 +10,7 @@ modulus, so that the modulus needs no simulation (exact similarity).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -129,16 +129,9 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
         )
     levels = tuple(_chebyshev(*a.ends, BASE_NODES[d]) for a in base.axes)
     few = tuple(_chebyshev(*a.ends, FEW_BASE_NODES[d]) for a in base.axes)
-    jobs: list[Job] = []
     every = [passes(plan, k) for k in range(len(plan.places))]
-    for k in range(len(plan.places)):
-        for n, x in enumerate(itertools.product(*(levels if k == primary else few))):
-            jobs.append(Job(k, None, n, None, task_of(base, plan, k, base.values(x), None, {})))
-        centre = base.values(base.centre)
-        jobs.append(Job(k, None, -1, None, task_of(base, plan, k, centre, None, {})))
-        ways = jobs_of(base, plan, k, None, -1, centre, every[k])
-        jobs += ways if len(ways) > 1 else []
-        jobs.append(Job(k, None, -1, None, task_of(base, plan, k, centre, None, {}, finer=True), True))
+    jobs = [j for k, ways in enumerate(every)
+            for j in _of_base(base, plan, k, itertools.product(*(levels if k == primary else few)), ways)]  # fmt: skip
     outcomes = run([j.task for j in jobs])
     unknowns, refined = np.zeros(len(plan.places)), np.zeros(len(plan.places), bool)
     for j, o in zip(jobs, outcomes, strict=True):
@@ -151,18 +144,15 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
             raise ValueError(f"the base model has no answer at {at}: {o.reason}")
     dear = unknowns > DEAR * unknowns[primary]
     alone = len(plan.places) == 1
-    grid = {
-        (e.name, k): nodes(e, k == primary, speeds, dear[k], alone) for e in modelled for k in range(len(plan.places))
-    }
-    further, fine = [], set()
-    for (name, k), own in grid.items():
-        e = next(e for e in modelled if e.name == name)
-        for n, at in enumerate(own.points):
+    grid, further, fine = {}, [], set()
+    for e, k in itertools.product(modelled, range(len(plan.places))):
+        grid[e.name, k] = nodes(e, k == primary, speeds, dear[k], alone)
+        for n, at in enumerate(grid[e.name, k].points):
             values = {**base.values(base.centre), **knobs_at(base, e, at)}
             mine = jobs_of(base, plan, k, e, n, values, every[k])
             if k != primary and refined[k] and not dear[k] and _rubs(e, mine):
                 mine = jobs_of(base, plan, k, e, n, values, every[k], finer=True)
-                fine.add((name, k))
+                fine.add((e.name, k))
             further += mine
     jobs, outcomes = jobs + further, [*outcomes, *run([j.task for j in further])]
     cpu = sum({id(o): float(o.response.info.get("cpu_s", 0.0)) for o in outcomes if isinstance(o, Done)}.values())
@@ -197,10 +187,22 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     )
 
 
+def _of_base(
+    base: Base, plan: TestPlan, k: int, nodes: Iterable[Sequence[float]], ways: Sequence[Pass]
+) -> list[Job]:  # fmt: skip
+    """Runs of the base model at place k: its nodes, its centre on every way that matters, and on the study's mesh."""
+    jobs = [Job(k, None, n, None, task_of(base, plan, k, base.values(x), None, {})) for n, x in enumerate(nodes)]
+    centre = base.values(base.centre)
+    jobs.append(Job(k, None, -1, None, task_of(base, plan, k, centre, None, {})))
+    each = jobs_of(base, plan, k, None, -1, centre, ways)
+    jobs += each if len(each) > 1 else []
+    return [*jobs, Job(k, None, -1, None, task_of(base, plan, k, centre, None, {}, finer=True), True)]
+
+
 def _rubs(effect: Effect, jobs: Sequence[Job]) -> bool:
     """Whether an effect is one of the contact whose way matters, all in one size, such as friction.
 
-    Beside the top it decides how the ball and the body stick, which two meshes see differently by a fifth.
+    Beside the top it decides how the ball and the body stick, which two meshes see differently by a tenth.
     """
     plain = not effect.settings and not effect.shape and effect.size.neutral is not None
     return plain and len(effect.size.ends()) == 1 and jobs[0].passing is not None

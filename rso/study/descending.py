@@ -34,9 +34,7 @@ from rso.study.identifying import Identified, Settled, fitted_curves, numerical_
 from rso.study.plan import Plan
 from rso.study.stages import REASONS, SIMILAR_TO, Bench, NothingToFit, Proof, Run, why
 
-EULER = (
-    1e-5  # relative imbalance of derivatives up to which they agree with similarity; those of a solver are not exact
-)
+EULER = 1e-5  # relative imbalance of derivatives that still agree with similarity: a solver's are not exact
 ENDS, BESIDE = 3, 0.05  # rounds of runs at the ends of intervals; an end so close to a run (unit cube) needs none
 APART = 1.25  # factor of the modulus between the runs that prove similarity where derivatives cannot
 

@@ -55,3 +55,17 @@ def test_scatter_and_bends_are_no_hum(change):
 def test_too_few_readings_say_nothing():
     found = hum(plan_with(lambda t, F, rng: F, readings=12))
     assert found.log10_p == 0.0 and not found.there
+
+
+@pytest.mark.parametrize("clock", [lambda t: np.floor(t), lambda t: t - t, lambda t: t + 3600.0 * (t > t.mean())])
+def test_a_coarse_or_broken_clock_says_nothing_and_breaks_nothing(clock):
+    rng = np.random.default_rng(0)
+    recorded = [dataclasses.replace(r, time=clock(r.time)) for r in toy.recorded(toy.TRUTH, rng, readings=60)]
+    assert not hum(make_plan([toy.experiment("a", tuple(recorded))])).there
+
+
+def test_a_fast_recorder_is_averaged_and_a_hum_still_found():
+    def swing(t, F, rng):
+        return F + 1.7 * white(F) * np.sin(2 * np.pi * 7.0 * t / np.ptp(t) + rng.uniform(0, 6))
+
+    assert hum(plan_with(swing, readings=20_000, repeats=2)).there
