@@ -21,7 +21,7 @@ from fem_backend.stepping import Instant, Stopped
 from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
 
 NUMERICS = 2  # raised when, and only when, answers change
-ROLLING = 2  # the same for bodies that may turn in a bowl and whose way there matters, and for them alone
+ROLLING = 3  # the same for bodies that may turn in a bowl and whose way there matters, and for them alone
 DEEPEST = 0.3  # of the smallest semi-axis
 
 CHOICES = {  # the settings and what each may be, for --schema
@@ -99,16 +99,18 @@ class FiniteElements:
 
     def gauges(self) -> Mapping[str, tuple[str, float]]:
         """Knob → a measurement that shows it without indentation, and its standard uncertainty in the knob's unit."""
+        bench = "the specimen on the bench: callipers, a height gauge, a balance"
+        aligned = "ink on the ball and a level on the holder"
         return {
-            "delta_a": ("callipers along x", 0.1),
-            "delta_b": ("callipers along y", 0.1),
-            "delta_c": ("a height gauge on the specimen", 0.1),
+            "delta_a": (bench, 0.1),
+            "delta_b": (bench, 0.1),
+            "delta_c": (bench, 0.1),
             "delta_R": ("a micrometer on the ball", 0.01),
-            "offset_x": ("ink on the ball: where it touches", 0.1),
-            "offset_y": ("ink on the ball: where it touches", 0.1),
-            "tilt_x": ("a level on the holder", 0.1),
-            "tilt_y": ("a level on the holder", 0.1),
-            "weight": ("a balance", 2e-7),
+            "offset_x": (aligned, 0.1),
+            "offset_y": (aligned, 0.1),
+            "tilt_x": (aligned, 0.1),
+            "tilt_y": (aligned, 0.1),
+            "weight": (bench, 2e-7),
         }
 
     def variants(self, settings: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:

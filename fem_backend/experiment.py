@@ -171,7 +171,10 @@ class Knobs:
         typical=1.0,
         plausible=(0.2, 4.0),
     )
-    bowl_friction: float = knob("Coulomb friction between bowl and body", "1", 0.0, 5.0, default=0.2, group="bowl")
+    bowl_friction: float = knob(
+        # from where it slides under most loads to where it sticks
+        "Coulomb friction between bowl and body", "1", 0.0, 5.0, default=0.2, group="bowl", plausible=(0.1, 0.4)
+    )  # fmt: skip
     delta_R: float = knob(
         "error of the indenter radius", "mm", -100.0, 100.0, neutral=0.0, typical=0.05, plausible=(-0.3, 0.3)
     )

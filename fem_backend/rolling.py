@@ -152,7 +152,11 @@ def _found(body: Body, at: Evaluation, history: list[float], factor: Solve, movi
     def linear(v: np.ndarray) -> np.ndarray:
         return newton.full(body, factor(newton.reduced(body, v), EXACT))
 
-    return Equilibrium(at, -linear(moving), tuple(history), linear, (factor, moving))
+    try:
+        rate = -linear(moving)
+    except NotPositiveDefinite:  # a factor of the iterate before, which must now be exact: only the predictor is lost
+        rate = np.zeros_like(moving)
+    return Equilibrium(at, rate, tuple(history), linear, (factor, moving))
 
 
 def _step(

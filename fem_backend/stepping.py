@@ -14,6 +14,8 @@ from fem_backend.contact import Before
 from fem_backend.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
 
 MOVES = 12  # on a tether, at most
+PASSES = 8  # of friction limited by the pressure of the pass before, at most
+AGREE = 0.05  # of the force: limits that are near enough
 STUCK = 1e6  # times the shear modulus: a pressure whose friction holds everything
 NOTHING = (None, None)  # no factor is known, old ones may be used
 SEATING = (1e5, 1e4, 1e3, 1e2, 1e1, 1.0)  # factors of the grounding springs until the support carries the body
@@ -328,6 +330,26 @@ def _rubbing(
     return replace(load, touches=tuple(touches))
 
 
+def _rested(
+    system: System, load: Load, u: np.ndarray, before: Sequence[Before], limits: Sequence[np.ndarray], control: Control,
+    counters: Counters, look: Look,
+) -> tuple[Equilibrium, Load]:  # fmt: skip
+    """Equilibrium to 1 % of the force and its load, friction limited by pressures `limits` (MPa) of a solution before.
+
+    A body that may turn is looked for again with the pressures found, from everything stuck on down, until these and
+    the limits agree: what is at rest stays there where it can, and what slides does so under its own pressure.
+    """
+    for _ in range(PASSES if rolling.rolls(system) else 1):
+        load = _rubbing(system, load, before, limits)
+        found = look(system, u, load, control.loose, counters, limit=15)
+        u, last, limits = found.evaluation.u, limits, [c.pressure for c in found.evaluation.contacts]
+        weights = [p.surface.weights for p in system.pairs]
+        off = sum(float((w * np.abs(p - q)).sum()) for w, p, q in zip(weights, limits, last, strict=True))
+        if off <= AGREE * sum(float((w * p).sum()) for w, p in zip(weights, limits, strict=True)):
+            break
+    return found, load
+
+
 def follow(
     system: System, start: Start, instants: Sequence[Instant], control: Control, counters: Counters,
     u: np.ndarray, history: object = None, touching: float | None = None,
@@ -347,12 +369,12 @@ def follow(
         contact.remember(p, x, touch, contact.evaluate(replace(p, friction=0.0), x, touch))
         for p, touch in zip(system.pairs, touches, strict=True)
     )
-    held = STUCK * system.material.shear_modulus if rolling.rolls(system) else 0.0
-    pressures = [np.full_like(touch.multiplier, held) for touch in touches]
+    stuck = [np.full_like(touch.multiplier, STUCK * system.material.shear_modulus) for touch in touches]
+    pressures = [np.zeros_like(touch.multiplier) for touch in touches]
     first = None
     if touching is not None:
-        stuck = _rubbing(system, replace(start(touching), history=history, dt=touching), before, pressures)
-        first = seat(system, stuck, u, control, counters)
+        resting = _rubbing(system, replace(start(touching), history=history, dt=touching), before, stuck)
+        first = seat(system, resting, u, control, counters)
     points: list[Point] = []
     look = way(system)
     for instant in instants:
@@ -366,10 +388,10 @@ def follow(
             try:
                 guess = ahead(system, u, (goal_s - s) * rate) if first is None or t > 0.0 else first
                 if system.springs is not None:  # a body that may roll and slide far: friction by the pressure before
-                    load = _rubbing(system, load, before, pressures)
-                    crude, before_it = look(system, guess, load, control.loose, counters, limit=15), load
-                    rough = crude.evaluation
-                    load, guess = _rubbing(system, load, before, [c.pressure for c in rough.contacts]), rough.u
+                    limits = stuck if rolling.rolls(system) else pressures
+                    crude, before_it = _rested(system, load, guess, before, limits, control, counters, look)
+                    guess = crude.evaluation.u
+                    load = _rubbing(system, load, before, [c.pressure for c in crude.evaluation.contacts])
                 if last and instant.asked:
                     point = _settle(system, guess, load, goal_s, control, counters, look, goal_t)
                     found = point.stages[0].equilibrium

@@ -2,6 +2,7 @@
 
 python benchmarks/blind/check.py             library against the examples (no finite elements)
 python benchmarks/blind/check.py --fine 0.2  cubic tets with linear pressure at this mu D1 (about a minute)
+python benchmarks/blind/check.py --deep      are the deep runs of three effects smooth to their end? (some minutes)
 """
 
 import argparse
@@ -16,14 +17,35 @@ EXAMPLES = {
 }
 
 
+def deep():
+    """Largest break (relative to the force) beyond 4 mm of a few effects, and of a force with a jump put in."""
+    import solve
+
+    for name, changes in {
+        "delta_b -3": {"axes": (1, 1 - 3 / 35, 1)},
+        "delta_b +3": {"axes": (1, 1 + 3 / 35, 1)},
+        "adhesion": {"adhesion": 0.01, "adhesion_range": 0.2},
+    }.items():
+        table = solve.tables(0.13, changes)[0]["top", "load"]
+        d, F = np.array(table["d"]), np.array(table["F"])[:, 2]
+        ratio = F / library.raw("top", 0.13, d)[:, 2] / library.correction("top", 0.13, d)
+        broken = ratio * (1 + 0.01 * (d == d[-1]))
+        own, put = (np.abs(solve.breaks(d, r))[d > 4].max() for r in (ratio, broken))
+        print(f"{name}: to {d[-1]} mm, largest break {own:.1e}; with a jump of 1 % at the end {put:.1e}", flush=True)
+        assert own <= solve.BREAK < put
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--fine", type=float)
+    parser.add_argument("--deep", action="store_true")
     args = parser.parse_args()
     at = np.array([1.0, 2.0, 3.0, 4.0])
     for name, (mu, D1, force) in EXAMPLES.items():
         F = mu * library.null_curve("top", mu * D1, at)[:, 2]
         print(f"{name:14s} mu D1 {mu * D1:.3f}: difference in % at 1..4 mm", np.round(100 * (F / force - 1), 2))
+    if args.deep:
+        deep()
     if args.fine:
         import fe
         import ngsolve as ng

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 SPEED = 0.5  # mm/s
-DEEP = 6.2
+DEEP = 5.5
 MARKS = np.arange(-30.0, 31.0, 5.0)
 SLOPE_20 = 35 * 20 / 60**2 / np.sqrt(1 - (20 / 60) ** 2)  # of the surface at x = 20 mm
 PLACES = {"20_0": (20.0, 0.0), "2.5_2.5": (2.5, 2.5)}

@@ -4,8 +4,9 @@ Everything is dimensionless in the shear modulus (mu = 1; forces come out as F/m
 with an element-wise constant pressure (coarse, every case) or cubic tets with a linear one (fine, for the library
 of the unmodified experiment only); contact is a penalty energy on the reference surface.
     Pi(u, p) = int W_iso(F) + p (J - 1) - p^2 muD1 / 4 dV + int eps/2 <-g>^2 dA,     g = |X + u - c| - R
-Friction is a regularised Coulomb traction on the slip increment of a step, viscoelasticity the stress convolution of
-Holzapfel on the isochoric second Piola-Kirchhoff stress, softening a frozen field of the largest energy reached.
+Friction is Coulomb's by a return mapping from the traction of the step before (elastic stick, augmented),
+viscoelasticity the stress convolution of Holzapfel on the isochoric second Piola-Kirchhoff stress, softening a frozen
+field of the largest energy reached.
 """
 
 from dataclasses import dataclass, field, replace
@@ -14,11 +15,14 @@ import ngsolve as ng
 import numpy as np
 from body import AXES, Model, approach, ellipsoid_mesh, rotation, symmetry
 from laws import isochoric_energy, stiffness_field
+from ngsolve.comp import IntegrationRuleSpaceSurface
 
 POINT_DEPTHS = (0.1, 0.3, 0.7, 1.2, 1.8, 2.5, 3.2, 4.0)
 TOP_DEPTHS = (0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
-DEEP_DEPTHS = (*TOP_DEPTHS, 4.5, 5.0, 5.5, 5.8, 6.0, 6.2)
-SLIP = 0.008  # mm, slip below which friction is regularised
+DEEP_DEPTHS = (*TOP_DEPTHS, 4.5, 5.0, 5.5, 5.8)  # beyond, the forces hang on the mesh, see README
+STICK = (80.0, 20.0)  # mu/mm, traction per slip of a point that sticks; the second where the first does not converge
+SUBSTEPS = 3  # of every step with friction under the sphere
+AUGMENT = 3  # repeats of a step that take this slip out, each from the traction of the one before
 MARKS = np.arange(-30.0, 31.0, 5.0)
 
 
@@ -48,6 +52,7 @@ class Experiment:
         self.pressure_order = order - 2
         self.eps = eps * max(1.0, model.skin_ratio)
         self.trail = []  # the last states, (depth, vector)
+        self.rest = np.zeros(len(MARKS))  # displacement of the marks before contact
         self._spaces(order)
         self._forms(wmax)
 
@@ -66,9 +71,9 @@ class Experiment:
         scale = ng.CF((inv[0], 0, 0, 0, inv[1], 0, 0, 0, inv[2]), dims=(3, 3))
         return ng.Id(3) + ng.Grad(u) * scale
 
-    def _gap(self, u):
+    def _gap(self, u, centre=None):
         ax = self.model.axes
-        r = ng.CF((ng.x * ax[0], ng.y * ax[1], ng.z * ax[2])) + u - self.centre
+        r = ng.CF((ng.x * ax[0], ng.y * ax[1], ng.z * ax[2])) + u - (self.centre if centre is None else centre)
         norm = ng.sqrt(ng.InnerProduct(r, r))
         return norm - self.model.radius, r / norm
 
@@ -140,34 +145,43 @@ class Experiment:
         a += ng.Variation(energy.Compile() * dx)
         ds = ng.ds("top", bonus_intorder=6)
         a += ng.Variation((area * self._surface_energy(self._gap(u)[0])).Compile() * ds)
+        self.stick = ng.Parameter(STICK[0])
+        self.rubbed, self.slid = [], []  # (values at the integration points a step before, expression, boundary)
         if m.friction:
-            a += ng.InnerProduct(area * self._friction(u), v).Compile() * ds
+            t_old, came, self.ds_friction = self._points("top", 10)
+            self._friction = lambda w: self._traction_top(w, t_old, came)
+            a += ng.InnerProduct(area * self._friction(u), v).Compile() * self.ds_friction
+            self.rubbed.append((t_old, self._friction(self.u), "top"))
+            self.slid.append((came, self.u - self.u_old - ng.CF(tuple(self.dc)), "top"))
         if m.bowl is not None:
             db = ng.ds("bottom", bonus_intorder=4)
             pen = self._bowl(u)[0]
             k = 20.0
             a += ng.Variation((0.5 * k * ng.IfPos(pen, pen * pen, 0.0)).Compile() * db)
             if m.bowl_friction:
-                n = self._bowl(u)[1]
-                slip = u - self.u_old
-                slip = slip - ng.InnerProduct(slip, n) * n
-                t = (
-                    m.bowl_friction
-                    * k
-                    * ng.IfPos(pen, pen, 0.0)
-                    * slip
-                    / ng.sqrt(ng.InnerProduct(slip, slip) + (0.2 * SLIP) ** 2)
-                )
-                a += ng.InnerProduct(t, v).Compile() * db
+                t_old, came, db = self._points("bottom", 8)
+
+                def traction(w):
+                    gap, n = self._bowl(w)
+                    gap, old = -gap, -self._bowl(self.u_old)[0]
+                    return returned(t_old, w - self.u_old, came, n, m.bowl_friction * k, gap, old, self.stick)
+
+                a += ng.InnerProduct(traction(u), v).Compile() * db
+                self.rubbed.append((t_old, traction(self.u), "bottom"))
+                self.slid.append((came, self.u - self.u_old, "bottom"))
         self.a, self.ds, self.area = a, ds, area
 
-    def _friction(self, u):
-        """Traction that resists the slip of the surface (as +int t.v in the weak form)."""
-        g, n = self._gap(u)
-        slip = u - self.u_old - ng.CF(tuple(self.dc))
-        slip = slip - ng.InnerProduct(slip, n) * n
-        p = self.eps * ng.IfPos(-g, -g, 0.0)
-        return self.model.friction * p * slip / ng.sqrt(ng.InnerProduct(slip, slip) + SLIP**2)
+    def _points(self, boundary, order):
+        """Two vector fields at the integration points of a boundary, zero, and the integral over these points."""
+        Q = IntegrationRuleSpaceSurface(self.mesh, order=order, definedon=self.mesh.Boundaries(boundary))
+        return ng.GridFunction(Q**3), ng.GridFunction(Q**3), ng.ds(boundary, intrules=Q.GetIntegrationRules())
+
+    def _traction_top(self, u, t_old, came):
+        """Traction that resists the slip of the surface under the sphere (as +int t.v in the weak form)."""
+        dc = ng.CF(tuple(self.dc))
+        gap, n = self._gap(u)
+        old = self._gap(self.u_old, self.centre - dc)[0]
+        return returned(t_old, u - self.u_old - dc, came, n, self.model.friction * self.eps, gap, old, self.stick)
 
     def _newton(self, scale):
         """Newton's method to a residual of 3e-5 scale; False if it does not get there."""
@@ -210,6 +224,7 @@ class Experiment:
         sag = np.array(self.u(point))
         n = (self.c0 - self.contact) / self.model.radius
         self.c0 = self.c0 + self.direction * (sag @ n) / (self.direction @ n)
+        self.rest = self._profile(rotation(self.model.tilt))  # marks are read from here, as the depth is
 
     def _place(self, d):
         c = self.c0 + d * self.direction
@@ -240,11 +255,30 @@ class Experiment:
                 e, gamma = np.exp(-self._dt / tau), -np.expm1(-self._dt / tau) * tau / self._dt
                 M.vec.data = e * M.vec + gamma * new.vec - gamma * self.S_old.vec
             self.S_old.vec.data = new.vec
+        self._hold(self.rubbed + self.slid)
         self.previous.vec.data = self.state.vec
+
+    def _hold(self, fields):
+        """Take over the present friction tractions (and slips) as those the return mapping starts from."""
+        for t, expression, where in fields:
+            values = ng.GridFunction(t.space)
+            values.Interpolate(expression, definedon=self.mesh.Boundaries(where))
+            t.vec.data = values.vec
+
+    def _augment(self, scale):
+        """Take the elastic slip of sticking points out of a solved step; what does not converge stays as it was."""
+        for _ in range(AUGMENT if self.rubbed else 0):
+            kept = [(f, f.vec.CreateVector(copy=True)) for f in (self.state, *(t for t, _, _ in self.rubbed))]
+            self._hold(self.rubbed)
+            if not self._newton(scale):
+                for f, vec in kept:
+                    f.vec.data = vec
+                break
 
     def snapshot(self):
         """Copies of all that the history consists of."""
         fields = [self.state, self.previous] + ([self.S_old, *self.M_old] if self.model.prony else [])
+        fields += [t for t, _, _ in self.rubbed + self.slid]
         return [(f, f.vec.CreateVector(copy=True)) for f in fields], list(self.trail)
 
     def restore(self, kept):
@@ -275,8 +309,9 @@ class Experiment:
         if self.trail and self.trail[-1][0] == d0:
             trail = self.trail  # the secant of the way down predicts the first step of the way up
         old_c = self._place(d0)
+        n = SUBSTEPS if self.model.friction else 1
         for t, d in path:
-            todo = [(t, d)]
+            todo = [(t + (t0 - t) * k / n, d + (d0 - d) * k / n) for k in range(n)]  # the last is next
             while todo:
                 t1, d1 = todo[-1]
                 c = self._place(d1)
@@ -284,20 +319,29 @@ class Experiment:
                     par.Set(float(value))
                 if self.model.prony:
                     self._viscous(t1 - t0)
-                self._predict(trail, d1)
-                ok = self._newton(max(0.3, 15 * abs(d1)))
+                for stick in STICK if self.rubbed else STICK[:1]:
+                    self.stick.Set(stick)
+                    self._predict(trail, d1)
+                    ok = self._newton(max(0.3, 15 * abs(d1)))
+                    if ok:
+                        break
                 if not ok and len(trail) > 1:
                     self.state.vec.data = trail[-1][1]
                     ok = self._newton(max(0.3, 15 * abs(d1)))
                 if not ok:
                     self.state.vec.data = trail[-1][1]
-                    if len(todo) > cut:
+                    if len(todo) > cut + n - 1:
                         error = NotConverged(f"depth {d1:.3f}")
                         error.reached = out
                         raise error
                     todo.append((0.5 * (t0 + t1), 0.5 * (d0 + d1)))
                     continue
                 todo.pop()
+                if self._crushed():
+                    error = NotConverged(f"element turned inside out at depth {d1:.3f}")
+                    error.reached = out
+                    raise error
+                self._augment(max(0.3, 15 * abs(d1)))
                 F = factor * self._force()
                 self._store()
                 trail = [*trail, (d1, self.state.vec.CreateVector(copy=True))][-3:]
@@ -307,8 +351,13 @@ class Experiment:
             out.d.append(d)
             out.F.append(Q @ self._symmetric(F))
             out.Ec.append(factor * self._contact_energy())
-            out.uz.append(self._profile(Q) if profile else None)
+            out.uz.append((self._profile(Q) - self.rest).tolist() if profile else None)
         return out
+
+    def _crushed(self):
+        """Whether the volume ratio is below 0.2 anywhere (the material keeps it near 1: elements have broken)."""
+        J = ng.Det(self._stretch(self.u))
+        return ng.Integrate(ng.IfPos(0.2 - J, 1.0, 0.0) * ng.dx(bonus_intorder=-2), self.mesh) > 0
 
     def _predict(self, trail, d):
         x = self.state.vec
@@ -330,9 +379,11 @@ class Experiment:
     def _force(self):
         g, n = self._gap(self.u)
         t = -self._pressure(g) * n
+        F = np.array([ng.Integrate(self.area * t[i] * self.ds, self.mesh) for i in range(3)])
         if self.model.friction:
-            t = t + self._friction(self.u)
-        return np.array([ng.Integrate(self.area * t[i] * self.ds, self.mesh) for i in range(3)])
+            t = self._friction(self.u)
+            F += [ng.Integrate(self.area * t[i] * self.ds_friction, self.mesh) for i in range(3)]
+        return F
 
     def _contact_energy(self):
         """Energy of the penalty, int eps/2 <-g>^2 dA."""
@@ -359,7 +410,23 @@ class Experiment:
                 except Exception:
                     continue
             rows.append(float((Q @ u)[2]))
-        return rows
+        return np.array(rows)
+
+
+def returned(t_old, slip, before, n, stiffness, gap, gap_old, stick):
+    """Coulomb traction |t| <= stiffness <-gap>: elastic from t_old over the slip in contact, then scaled back.
+
+    A point that touches within the step rubs only after it touched; until then it came in the direction of the step
+    before (`before`, the motion against the sphere in it), and what it slipped on the way leaves no traction.
+    """
+    share = ng.IfPos(gap, 0.0, ng.IfPos(gap_old, gap / (gap - gap_old - 1e-12), 1.0))
+    near = -ng.InnerProduct(before, n)
+    way = ng.IfPos(gap_old, ng.IfPos(near - 1e-9, gap_old / (near + 1e-12), 0.0), 0.0)
+    trial = t_old + stick * share * (slip - way * before)
+    trial = trial - ng.InnerProduct(trial, n) * n
+    size = ng.sqrt(ng.InnerProduct(trial, trial) + 1e-16)
+    limit = stiffness * ng.IfPos(-gap, -gap, 0.0)
+    return ng.IfPos(size - limit, limit / size, 1.0) * trial
 
 
 def curve(model, depths, speed=0.5, **options):

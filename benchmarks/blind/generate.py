@@ -4,7 +4,8 @@ python benchmarks/blind/generate.py --out DIR --null 30 --single 40 --pair 10 --
     adds that many cases to what DIR is already asked to hold and makes what is missing; run again with zeros to resume.
 DIR/case_0001/ holds CSVs and nominal.json; DIR/sealed/ the truths; DIR/hashes.txt the SHA-256 of each sealed file,
 written when the case is made. A sealed file holds a random salt, so its hash cannot be guessed from a list of effects.
-Cases that need no finite elements are made first; numbers are drawn at random, so that they say nothing.
+Cases that need no finite elements are made first, then the single effects; numbers are drawn at random, so that they
+say nothing.
 """
 
 import argparse
@@ -17,6 +18,7 @@ from pathlib import Path
 
 import catalogue
 import experiment
+import library
 import numpy as np
 
 NOMINAL = {
@@ -133,7 +135,8 @@ def make(case, out):
     for effect in case["effects"]:
         chain.update(effect["chain"])
     noise = {**NOMINAL["noise"], "rho": case["rho"], "jitter_mm": 0.01}
-    deep = min(experiment.DEEP, facts.get("deepest", experiment.DEEP))
+    shift = chain.get("offset", 0.0) + chain.get("offsets", np.zeros(9))[8]  # recorded depth starts this much too late
+    deep = min(experiment.DEEP, facts.get("deepest", library.DEEPEST) - max(0.0, shift))
     rng = np.random.default_rng(case["noise_seed"])
     records = experiment.write(out / case["id"], mech, case["mu"], chain, rng, noise, NOMINAL, deep)
     size, where = experiment.signal(records, case["D1"], case["mu"], noise)
@@ -156,8 +159,11 @@ def make(case, out):
     path = out / "sealed" / f"{case['id']}.json"
     write_json(path, truth)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    with open(out / "hashes.txt", "a") as f:
-        f.write(f"{case['id']}  {digest}\n")
+    listed = out / "hashes.txt"  # kept in the order of the numbers: that of the making would say what took long
+    lines = [*(listed.read_text().splitlines() if listed.exists() else []), f"{case['id']}  {digest}"]
+    new = listed.with_suffix(".tmp")
+    new.write_text("\n".join(sorted(lines)) + "\n")
+    os.replace(new, listed)
 
 
 def allowed(case, size, visible=4.0):
@@ -182,6 +188,12 @@ def allowed(case, size, visible=4.0):
     return {"verdicts": verdicts, "causes": causes}
 
 
+def cost(case):
+    """0 without finite elements, more for histories (friction: the dearest)."""
+    model = {k for e in case["effects"] for k in e["model"]}
+    return bool(model) + ("prony" in model) + 2 * ("friction" in model)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
@@ -190,18 +202,20 @@ def main():
     parser.add_argument("--free-only", action="store_true", help="leave cases that need finite elements for later")
     args = parser.parse_args()
     plan = extend_plan(args.out, {k: getattr(args, k) for k in ("null", "single", "pair", "outside")})
-    needs_fe = lambda case: any(e["model"] for e in case["effects"])  # noqa: E731
     todo = [c for c in plan if not (args.out / "sealed" / f"{c['id']}.json").exists()]
-    for case in sorted(todo, key=needs_fe):
-        if args.free_only and needs_fe(case):
+    made = failed = 0
+    for case in sorted(todo, key=lambda case: (cost(case) > 0, case["kind"] != "single", cost(case))):
+        if args.free_only and cost(case):
             continue
         for attempt in range(3):
             try:
                 make(case, args.out)
-                print(case["id"], "made", flush=True)
+                made += 1
+                print(f"{made} of {len(todo)} made, {failed} draws failed", flush=True)  # nothing that tells which
                 break
             except Exception as error:  # its mechanics fail: sizes and material are drawn again, the effect stays
-                print(case["id"], "failed:", type(error).__name__, flush=True)
+                failed += 1
+                print(f"a draw failed: {type(error).__name__}", flush=True)
                 names = [e["name"] for e in case["effects"]]
                 case.update(draw_case(case["kind"], names, np.random.default_rng(secrets.randbits(128))))
                 case["redrawn"] = attempt + 1

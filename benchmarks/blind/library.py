@@ -17,6 +17,7 @@ MU_D1 = {"top": (0.13, 0.03, 0.45, 0.009, 1.3), "20_0": (0.13, 0.01, 1.3), "2.5_
 FIRST_CONTACT = {"top": (1.0, 0.01915), "20_0": (0.9806, 0.02022), "2.5_2.5": (0.9975, 0.01915)}  # n_z, mean curvature
 FINE_MU_D1 = 0.2
 FINE_DEPTHS = (0.15, 0.3, 0.5, 0.7, 0.9, 1.1, 1.4, 1.7, 2.0, 2.5, 3.0, 3.5, 4.0)
+DEEPEST = 5.8  # mm; the deeper nodes of FILE are left aside, they hang on the mesh
 LINES = {"top": (0.0, 0.0), "20_0": (20.0, 0.0), "2.5_2.5": (2.5, 2.5)}
 
 
@@ -87,8 +88,9 @@ def prepared(rows, key):
     rows = sorted(rows, key=lambda r: r["muD1"])
     splines = []
     for r in rows:
-        y = np.asarray(r[key], float)
-        splines.append(CubicSpline(np.sqrt(np.r_[0, r["d"]]), np.concatenate([np.zeros((1, y.shape[1])), y])))
+        d = np.array(r["d"])
+        y = np.asarray(r[key], float)[d <= DEEPEST]
+        splines.append(CubicSpline(np.sqrt(np.r_[0, d[d <= DEEPEST]]), np.concatenate([np.zeros((1, y.shape[1])), y])))
     return np.log([r["muD1"] for r in rows]), splines
 
 

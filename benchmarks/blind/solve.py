@@ -14,6 +14,7 @@ from scipy.interpolate import PchipInterpolator
 
 UNLOAD = (3.7, 3.2, 2.6, 2.0, 1.5, 1.0, 0.7, 0.45, 0.25, 0.1)
 DEEP_TAIL = tuple(d for d in fe.DEEP_DEPTHS if d > 4)
+BREAK = 0.004  # of the force; a reading beyond 4 mm further off the smooth curve is not used
 FAR = {"fibre", "friction", "bowl", "blob_ratio", "axes", "weight"}  # act differently at (20, 0): own run there
 
 
@@ -53,8 +54,8 @@ def hard(model, muD1, changes):
     else:
         start = (0.01,) if model.adhesion else ()
         path = run(fe.Experiment(model), [(2 * d, d) for d in (*start, *fe.DEEP_DEPTHS)], profile=True)
-        out["top", "load"] = library.as_table(path)
-        deepest = path.d[-1]
+        out["top", "load"] = unbroken(library.as_table(path), model.muD1)
+        deepest = out["top", "load"]["d"][-1]
         if model.adhesion:
             table = out["top", "load"]
             table["F0"] = float(table["F"][0][2])  # jump into contact
@@ -71,6 +72,30 @@ def hard(model, muD1, changes):
     return out, deepest
 
 
+def unbroken(table, muD1):
+    """The table without what lies at and beyond the first break beyond 4 mm, see `breaks`."""
+    d = np.array(table["d"])
+    off = breaks(d, np.array(table["F"])[:, 2] / library.raw("top", muD1, d)[:, 2])
+    bad = np.flatnonzero((d > 4) & (np.abs(off) > BREAK))
+    keep = bad[0] if len(bad) else len(d)
+    return {k: v[:keep] if isinstance(v, list) else v for k, v in table.items()}
+
+
+def breaks(d, ratio):
+    """How far each ratio to the unmodified force lies off the parabola in d through the three before, relative, (n,).
+
+    The nodes are half a millimetre apart or less: a force that is smooth in the depth leaves well below 1e-3.
+    """
+    off = np.zeros(len(d))
+    for k in range(3, len(d)):
+        a, b, c = d[k - 3 : k]
+        x = d[k]
+        w = [(x - b) * (x - c) / ((a - b) * (a - c)), (x - a) * (x - c) / ((b - a) * (b - c))]
+        w.append(1 - w[0] - w[1])
+        off[k] = ratio[k] / np.dot(w, ratio[k - 3 : k]) - 1
+    return off
+
+
 def relaxation(table, muD1, changes):
     """Ratio of the viscous to the elastic force at the top as a function of the depth."""
     elastic = {k: v for k, v in changes.items() if k != "prony"}
@@ -79,7 +104,7 @@ def relaxation(table, muD1, changes):
 
 
 def cycle(model, speed, out, key, deep=False):
-    """Load to 4 mm (then to 6.2 from a copy of the state, when `deep`), unload; fills `out`; returns the depth."""
+    """Load to 4 mm (then deeper from a copy of the state, when `deep`), unload; fills `out`; returns the depth."""
     e = fe.Experiment(model)
     up = run(e, [(d / speed, d) for d in fe.TOP_DEPTHS], profile=deep)
     out[key, "load"] = library.as_table(up)
@@ -101,8 +126,8 @@ def cycle(model, speed, out, key, deep=False):
         for name in ("t", "d", "F", "Ec"):
             getattr(up, name).extend(getattr(tail, name))
         up.uz = [None]
-        out["mp_deep", "load"] = library.as_table(up)
-        deepest = up.d[-1]
+        out["mp_deep", "load"] = unbroken(library.as_table(up), model.muD1)
+        deepest = out["mp_deep", "load"]["d"][-1]
     return deepest
 
 
@@ -123,13 +148,13 @@ def rubbing(model, out):
 
 
 def softened(model):
-    """Tables "reload" (after 4 mm) and "after_deep" (after 6.2 mm) with frozen fields of the largest energy."""
+    """Tables "reload" (after 4 mm) and "after_deep" (after 5.5 mm) with frozen fields of the largest energy."""
     virgin = fe.replace(model, mullins=None)
     e = fe.Experiment(virgin)
     run(e, [(2 * d, d) for d in fe.TOP_DEPTHS])
     after4 = e.largest_energy()
     try:
-        deepest = e.press([(2 * d, d) for d in DEEP_TAIL], start=(8.0, 4.0)).d[-1]
+        deepest = e.press([(2 * d, d) for d in DEEP_TAIL if d <= 5.5], start=(8.0, 4.0)).d[-1]
     except fe.NotConverged as error:
         deepest = [4.0, *error.reached.d][-1]
     after6 = e.largest_energy()

@@ -18,8 +18,9 @@ from scipy.special import logsumexp
 from rso.contract import parameters_of
 from rso.diagnosis import noise
 from rso.diagnosis.effects import Effect
-from rso.diagnosis.hypotheses import Hypothesis, blocks, tiles
+from rso.diagnosis.hypotheses import Hypothesis, tiles
 from rso.diagnosis.library import Library
+from rso.diagnosis.looseness import loosened
 from rso.diagnosis.mixture import (
     Ready,
     Tiles,
@@ -40,9 +41,6 @@ NO_GAP = 0.5
 AMPLITUDES = (0.03, 0.15)  # relative size of what is unexplained
 SCATTER = (0.15, 0.6)  # of the largest plausible size
 SURVIVORS = 5
-LOOSE = 0.1  # by which an effect may be stronger or weaker in a part of the data
-LOOSE_LATERAL = 0.25  # the same in Fx and Fy: two meshes differ so in friction beside the top
-LOOSE_VARIANT = 0.3  # of another support, where off the axis it slides or sticks by a friction that nobody knows
 FALSE_ALARM = 0.05
 NULLS = 400
 
@@ -77,9 +75,7 @@ class Bench:
         key = (*(e.name for e in effects), *(("loose",) if loose else ()))
         if key not in self.tiles:
             if loose and effects:
-                variant = any(e.settings for e in effects)
-                shares = (LOOSE_VARIANT, LOOSE_VARIANT) if variant else (LOOSE, LOOSE_LATERAL)
-                self.tiles[key] = loosened(self.library, self.of(effects), self.of(()), self.modulus, *shares)
+                self.tiles[key] = loosened(self.library, effects, self.of(effects), self.of(()), self.modulus)
             else:
                 self.tiles[key] = tiles(self.library, effects, self.modulus, len(effects) > 1, self.of(()))
         return self.tiles[key]
@@ -228,29 +224,6 @@ def contests(
 
 def _gap(kind: str, n: int) -> float:
     return float(np.log((1 - NO_GAP) * PRIOR[kind] / max(n, 1)))
-
-
-def loosened(
-    library: Library, own: Tiles, base: Tiles, modulus: float, share: float = LOOSE, lateral: float = LOOSE_LATERAL
-) -> Tiles:
-    """Tiles whose effect may be somewhat stronger or weaker in each part of the data.
-
-    y_g → y_g + ζ_g (y_g − base_g),  ζ_g ~ N(0, share²) for every place, branch, and Fz or `lateral` forces apart: the
-    interpolation between the library's nodes, another code or mesh, another formula of the same effect.
-    """
-    d = len(library.base.axes)
-    near = np.array([int(np.argmin(np.sum((base.at[:, :d] - x) ** 2, axis=1))) for x in own.at[:, :d]])
-    none = (base.lift(base.A) @ own.basis, base.lift(base.c) @ own.basis)  # own vectors span these
-    change = own.A - none[0][near] + (own.c - none[1][near]) / modulus
-    groups: dict[tuple[int, bool, int], np.ndarray] = {}
-    for (place, c, branch), rows in blocks(library.plan).items():
-        of_block = np.any(own.basis[rows] != 0.0, axis=0)
-        key = (place, c == "Fz", branch)
-        groups[key] = groups.get(key, np.zeros(len(of_block), bool)) | of_block
-    D = np.concatenate([own.D, change[:, None] * np.array(list(groups.values()))], axis=1)
-    more = len(groups)
-    sd = np.concatenate([own.sd, [share if normal else lateral for _, normal, _ in groups]])
-    return replace(own, D=D, sd=sd, axes=(*own.axes, *[-1] * more), log=(*own.log, *[False] * more))
 
 
 def survivors(contest: Contest, count: int = SURVIVORS) -> list[Effect]:

@@ -104,7 +104,7 @@ def catalogue(
     known = [p for p in backend.parameters if p.name not in opened]
     variants: Mapping[str, Mapping[str, Any]] = getattr(backend, "variants", lambda _: {})(settings)
     nominal: Mapping[str, float] = getattr(backend, "nominal", lambda _: {})(settings)
-    effects = _grouped(known, {**nominal, **fixed}, "model")
+    effects = _grouped(known, nominal, fixed, "model")
     for name, variant in variants.items():
         members = [p for p in known if p.group == variant["group"] and p.group and p.plausible]
         if members:
@@ -114,7 +114,7 @@ def catalogue(
         else:
             effects.append(Effect(name, variant["description"], "model", Size(name, variant["description"], "1", 0, 1,
                                   None), (), variant["settings"]))  # fmt: skip
-    return (*effects, *_grouped(parameters_of(Chain), {}, "measurement"), *_scatter())
+    return (*effects, *_grouped(parameters_of(Chain), {}, {}, "measurement"), *_scatter())
 
 
 def _scatter() -> list[Effect]:
@@ -128,14 +128,21 @@ def _scatter() -> list[Effect]:
     return found
 
 
-def _grouped(parameters: Sequence[Parameter], fixed: Mapping[str, float], family: str) -> list[Effect]:
-    """One effect per group whose first member with a neutral value has a plausible range."""
+def _grouped(
+    parameters: Sequence[Parameter], nominal: Mapping[str, float], fixed: Mapping[str, float], family: str
+) -> list[Effect]:
+    """One effect per group whose first member with a neutral value has a plausible range.
+
+    Further members are its shapes; but those that the settings set too, `nominal` ones, are effects by themselves.
+    """
     found: dict[str, Effect] = {}
     for p in parameters:
         if p.plausible is None:
             continue
         group = p.group or p.name
-        neutral = fixed.get(p.name, p.neutral)
+        neutral = {**nominal, **fixed}.get(p.name, p.neutral)
+        if group in found and p.name in nominal:
+            group = p.name
         if group not in found and neutral is not None:
             found[group] = Effect(p.name, p.description, family, _size(p, neutral), cause=p.cause)
         elif group in found and p.name not in fixed:

@@ -21,6 +21,7 @@ SIZE_TILES_SIDE = 6  # per side of an effect with two signs
 VARIANT_TILES = (18, 6)  # of another support, fewer for pairs: what a body does in a bowl is far from linear
 TIME_TILES = 6
 PLACE_TILES = 5
+SUPPORT_TILES = 4  # of a shape of another support
 SHAPE_TILES = 3  # of any other shape
 FEWER = 2  # of them for pairs
 _STEP = 0.35  # of a tile, for its derivative
@@ -61,7 +62,7 @@ def tiles(
     for e in effects:
         levels.append(_sizes(e, coarse))
         for s in e.shape:
-            n = TIME_TILES if timed(s) else PLACE_TILES if placed(s) else SHAPE_TILES
+            n = TIME_TILES if timed(s) else PLACE_TILES if placed(s) else SUPPORT_TILES if e.settings else SHAPE_TILES
             levels.append(_even(*s.ends()[0], n - (FEWER if coarse and n > SHAPE_TILES else 0)))
     at = points([v.at for v in levels])
     prior = np.array([sum(p) for p in itertools.product(*[v.log_prior for v in levels])])

@@ -22,9 +22,10 @@ from rso.diagnosis.nodes import Nodes, nodes, placed, points, tensor, timed
 from rso.diagnosis.responses import FORCES, changed, forces_of, loading_of, marks_of, reached_by, relative
 from rso.diagnosis.runs import Base, Job, Pass, Run, jobs_of, knobs_at, passes, rated, task_of
 from rso.diagnosis.testplan import MARGIN, TestPlan
-from rso.store import Done
+from rso.store import Done, Failed
 
 DEAR = 3.0  # times the unknowns at the primary place, as a whole model has: runs there are few
+ASIDE = 1.3  # times the fewest unknowns: a model with fewer planes of symmetry, whose body the ball pushes aside
 GRID = 160  # travels of the tables, evenly spaced in √u
 BASE_NODES = {1: 6, 2: 4}
 FEW_BASE_NODES = {1: 3, 2: 3}  # where the ratio to the primary place is enough
@@ -62,7 +63,10 @@ class PlaceTables:
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """Tables by place, nodes of the base, primary place, and what could not be computed."""
+    """Tables by place, nodes of the base, primary place, and what could not be computed.
+
+    `rubbing` are effects of the contact whose way matters.
+    """
 
     base: Base
     plan: TestPlan
@@ -75,6 +79,7 @@ class Library:
     cpu_s: float
     runs: int
     slowest: float
+    rubbing: frozenset[str] = frozenset()
     mended: Mapping[tuple[str, int], np.ndarray] = field(default_factory=dict)
 
     def forces(self, place: int, x: np.ndarray) -> np.ndarray:
@@ -143,23 +148,32 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
             at = plan.places[j.place].settings.get("point")
             raise ValueError(f"the base model has no answer at {at}: {o.reason}")
     dear = unknowns > DEAR * unknowns[primary]
+    aside = (unknowns >= ASIDE * unknowns.min()) & ~dear
     alone = len(plan.places) == 1
-    grid, further, fine = {}, [], set()
+    grid, further, fine, rubbing = {}, [], set(), set()
     for e, k in itertools.product(modelled, range(len(plan.places))):
         grid[e.name, k] = nodes(e, k == primary, speeds, dear[k], alone)
+        all_of_it = not _supports(e) or alone or aside[k]
         for n, at in enumerate(grid[e.name, k].points):
+            if not (all_of_it or grid[e.name, k].middling[n]):
+                continue
             values = {**base.values(base.centre), **knobs_at(base, e, at)}
             mine = jobs_of(base, plan, k, e, n, values, every[k])
-            if k != primary and refined[k] and not dear[k] and _rubs(e, mine):
+            if not _rubs(e, mine):
+                further += mine
+                continue
+            rubbing.add(e.name)
+            if k != primary and refined[k] and not dear[k]:
                 mine = jobs_of(base, plan, k, e, n, values, every[k], finer=True)
                 fine.add((e.name, k))
             further += mine
     jobs, outcomes = jobs + further, [*outcomes, *run([j.task for j in further])]
     cpu = sum({id(o): float(o.response.info.get("cpu_s", 0.0)) for o in outcomes if isinstance(o, Done)}.values())
     failed = tuple(dict.fromkeys(
-        f"{j.effect or 'base'} at {plan.places[j.place].settings.get('point', [0, 0])}: {o.cause}"
+        f"{j.effect or 'base'} at {plan.places[j.place].settings.get('point', [0, 0])}: "
+        f"{o.cause if isinstance(o, Failed) else 'crashed'}"
         for j, o in zip(jobs, outcomes, strict=True) if not isinstance(o, Done)
-    )) if not all(isinstance(o, Done) for o in outcomes) else ()  # fmt: skip
+    ))  # fmt: skip
     found = {(j.place, j.effect, j.node, j.passing, j.finer): o for j, o in zip(jobs, outcomes, strict=True)}
     first = _tables(base, plan, primary, every[primary], modelled, grid, levels, found, fine)
     others = {
@@ -184,6 +198,7 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
         cpu,
         len(set(map(id, outcomes))),
         speeds[0],
+        frozenset(rubbing),
     )
 
 
@@ -206,6 +221,14 @@ def _rubs(effect: Effect, jobs: Sequence[Job]) -> bool:
     """
     plain = not effect.settings and not effect.shape and effect.size.neutral is not None
     return plain and len(effect.size.ends()) == 1 and jobs[0].passing is not None
+
+
+def _supports(effect: Effect) -> bool:
+    """Whether an effect is another support with shapes, such as its friction.
+
+    They decide whether a body that is pushed aside slides there or sticks; pressed straight down it does neither.
+    """
+    return bool(effect.settings) and bool(effect.shape)
 
 
 def _chebyshev(low: float, high: float, n: int) -> np.ndarray:
@@ -248,7 +271,10 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
         marks_beside = marks_of(best.response, place) if refined else base_marks[-1]
         for n in range(len(points)):
             whole = found.get((k, e.name, n, None, False))
-            each = [found[k, e.name, n, i, False] for i in range(len(every))] if whole is None else [whole]
+            each = [found.get((k, e.name, n, i, False)) for i in range(len(every))] if whole is None else [whole]
+            if None in each:  # not computed here
+                known[n] = False
+                continue
             change[n], lost = changed(every, u, place, base.reference, each, beside)
             change[n] -= ways
             known[n] = lost == 0

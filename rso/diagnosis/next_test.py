@@ -37,15 +37,17 @@ SEPARATES = 4.0  # about 4 σ: what a test must reach to promise an answer
 READINGS = 20
 SETTLED = 0.95  # probability of one hypothesis at which a matter is settled
 
-DIRECT = {  # tests that show one effect of the measurement chain by itself, whatever the specimen
-    "compliance": "press a rigid block",
-    "bias": "a run in air",
-    "drift": "a run in air, as long as the longest test",
-    "offset": "a shim of known thickness",
-    "gain": "a dead weight",
+_BLOCK = "press a rigid block, and a shim of known thickness on it"
+_SENSOR = "the sensor alone: a run in air, a dead weight, turned by 90 degrees"
+DIRECT = {  # tests that show an effect of the chain by itself, whatever the specimen; one visit to the bench each
+    "compliance": _BLOCK,
+    "offset": _BLOCK,
+    "bias": _SENSOR,
+    "drift": _SENSOR,
+    "gain": _SENSOR,
+    "cross_x": _SENSOR,
+    "cross_y": _SENSOR,
     "lag": "a tap with both clocks recorded",
-    "cross_x": "the sensor turned by 90 degrees",
-    "cross_y": "the sensor turned by 90 degrees",
 }
 
 

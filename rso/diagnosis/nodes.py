@@ -28,12 +28,20 @@ class Nodes:
         """(n, 1 + d), shapes in their own coordinate."""
         return points(self.levels)
 
+    @property
+    def middling(self) -> np.ndarray:
+        """(n,) whether all shapes are those in the middle, the lower one of two."""
+        middle = [v[(len(v) - 1) // 2] for v in self.levels[1:]]
+        return np.all(self.points[:, 1:] == middle, axis=1)
+
     def weights(self, at: np.ndarray) -> np.ndarray:
         """(m, n): value at points `at` (m, 1 + d) = weights @ values at the nodes; neutral counts as a node of 0."""
         W = self._sizes(at[:, 0])
         for k, level in enumerate(self.levels[1:], 1):
             inside = np.clip(at[:, k], level.min(), level.max())
-            W = (W[:, :, None] * piecewise(level, inside)[:, None, :]).reshape(len(at), -1)
+            # another support holds or lets go from one value to the next, nothing lies between
+            along = piecewise(level, inside) if self.anchored else nearest(level, inside)
+            W = (W[:, :, None] * along[:, None, :]).reshape(len(at), -1)
         return W
 
     def _sizes(self, s: np.ndarray) -> np.ndarray:
@@ -85,7 +93,7 @@ def nodes(effect: Effect, primary: bool, speeds: tuple[float, float], dear: bool
     if size.neutral is None:  # a variant: all of its range, there is no neutral to lean on
         low, high = ends[0]
         level = np.array([0.5 * (low + high)]) if size.low == 0 else np.linspace(low, high, 2 if dear else 4)
-        return Nodes((level, *shapes), math.inf, False)
+        return Nodes((level, *(np.linspace(*s.ends()[0], 4) for s in effect.shape)), math.inf, False)
     if len(ends) == 1:
         far = ends[0][1]
         # what saturates at small sizes (friction, once it sticks) does so at every place
@@ -134,6 +142,11 @@ def tensor(levels: Sequence[np.ndarray], x: np.ndarray) -> np.ndarray:
     for k, level in enumerate(levels):
         W = (W[:, :, None] * piecewise(level, x[:, k])[:, None, :]).reshape(len(x), -1)
     return W
+
+
+def nearest(level: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """(m, n): 1 at the node of a shape that is nearest to each of `at` (m,)."""
+    return np.eye(len(level))[np.argmin(np.abs(at[:, None] - level), axis=1)]
 
 
 def _cardinal(x: np.ndarray, at: np.ndarray) -> np.ndarray:

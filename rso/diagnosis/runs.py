@@ -93,11 +93,12 @@ def passes(plan: TestPlan, place: int) -> tuple[Pass, ...]:
 
 def passes_of(every: Sequence[Pass], test: Test) -> tuple[int, int]:
     """Indices of the loading and of the unloading pass of a test."""
-    loading = _nearest(every, None, test.earlier)
-    return loading, loading if not np.any(test.branch == 1) else _nearest(every, test.peak, test.earlier)
+    loading = nearest(every, None, test.earlier)
+    return loading, loading if not np.any(test.branch == 1) else nearest(every, test.peak, test.earlier)
 
 
-def _nearest(every: Sequence[Pass], peak: float | None, earlier: float) -> int:
+def nearest(every: Sequence[Pass], peak: float | None, earlier: float) -> int:
+    """Index of the loading pass (`peak` None) or unloading pass that is most alike."""
     same = [k for k, p in enumerate(every) if (p.peak is None) == (peak is None)]
     return min(same, key=lambda k: abs((every[k].peak or 0.0) - (peak or 0.0)) + abs(every[k].earlier - earlier))
 

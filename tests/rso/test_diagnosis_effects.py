@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rso.contract import parameters_of
-from rso.diagnosis.effects import Effect, Size
+from rso.diagnosis.effects import Effect, Size, catalogue
 from rso.diagnosis.nodes import nodes, piecewise, tensor
 from rso.measurement import Chain
 
@@ -112,3 +112,29 @@ def test_shapes_are_held_at_the_ends_of_their_range():
     low, high = grid.levels[1][[0, -1]]
     np.testing.assert_array_equal(grid.weights(np.array([[0.3, high + 5]])), grid.weights(np.array([[0.3, high]])))
     np.testing.assert_array_equal(grid.weights(np.array([[0.3, low - 5]])), grid.weights(np.array([[0.3, low]])))
+
+
+def test_a_body_in_another_support_slides_or_sticks_and_does_nothing_between():
+    friction = Size("f", "friction of the support", "1", 0.1, 0.4, None)
+    grid = nodes(Effect("x", "x", "model", VARIANT, (friction,), {"support": "bowl"}), True, (1.0, 1.0))
+    size, levels = grid.levels
+    held = np.where(grid.points[:, 1] > 0.26, 1.0, 0.0)
+    at = np.array([[size[0], f] for f in np.linspace(0.05, 0.45, 41)])
+    np.testing.assert_array_equal(np.unique((grid.weights(at) @ held).round(12)), [0.0, 1.0])
+    # as a negative control: a smooth curve through the same levels is anything between, and beyond
+    smooth = piecewise(levels, at[:, 1].clip(0.1, 0.4)) @ (levels > 0.26)
+    assert smooth.max() > 1.01 and np.any((smooth > 0.3) & (smooth < 0.7))
+    assert grid.middling.sum() == len(size) and len(np.unique(grid.points[grid.middling, 1])) == 1
+
+
+def test_what_the_settings_of_a_support_set_are_effects_by_themselves():
+    """In a bowl its clearance and its friction are errors of their own; held, friction is a shape of the bowl."""
+    from fem_backend.backend import BACKEND  # the only one with two knobs of a support
+
+    held = {e.name: e for e in catalogue(BACKEND, {}, {}, ("mu", "D1"))}
+    assert [s.name for s in held["bowl_clearance"].knobs] == ["bowl_clearance", "bowl_friction"]
+    assert "bowl_friction" not in held
+    bowl = {"support": {"kind": "bowl", "clearance": 1.5, "friction": 0.3}}
+    loose = {e.name: e for e in catalogue(BACKEND, bowl, {}, ("mu", "D1"))}
+    assert (loose["bowl_clearance"].size.neutral, loose["bowl_clearance"].shape) == (1.5, ())
+    assert (loose["bowl_friction"].size.neutral, loose["bowl_friction"].shape) == (0.3, ())

@@ -6,8 +6,9 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 
+from rso.contract import Parameter
 from rso.diagnosis import Base, build, make_plan, mended
-from rso.diagnosis.effects import Effect, Size
+from rso.diagnosis.effects import Effect, Size, catalogue
 from rso.diagnosis.library import Library, Table, _transfer
 from rso.diagnosis.nodes import Nodes, nodes
 from rso.diagnosis.prediction import predict
@@ -379,3 +380,48 @@ def test_another_support_is_known_at_as_many_sizes_as_can_be_paid_for(dear):
     np.testing.assert_allclose(got, saturating(at[:, 0]), atol=0.03)
     line = np.interp(at[:, 0], at[[0, -1], 0], saturating(at[[0, -1], 0]))
     assert np.abs(line - saturating(at[:, 0])).max() > 0.05
+
+
+@dataclasses.dataclass(frozen=True)
+class Gripping(toy.Toy):
+    """Its loose support has a `grip` too, which counts besides the top alone; a run there has more unknowns."""
+
+    @property
+    def parameters(self):
+        grip = Parameter("grip", "grip of the support", "1", 0.0, 5.0, default=0.2, group="loose", plausible=(0.1, 0.4))
+        return (*toy.PARAMETERS, grip)
+
+    def canonical(self, values, case):
+        v, case = super().canonical(values, case)
+        return {k: x for k, x in v.items() if k != "grip" or case.settings.get("support") == "loose"}, case
+
+    def __call__(self, values, case):
+        response = super().__call__({k: v for k, v in values.items() if k != "grip"}, case)
+        x = case.settings.get("point", (0.0, 0.0))[0]
+        held = case.settings.get("support") != "loose"
+        factor = 1.0 if held or x == 0.0 else 0.8 + 0.5 * values["grip"]
+        channels = {**response.channels, "Fz": factor * response.channels["Fz"]}
+        return dataclasses.replace(response, channels=channels, info={"dofs": 100 if x == 0.0 else 180})
+
+
+def test_the_grip_of_another_support_is_computed_where_the_ball_pushes_aside():
+    backend, asked = Gripping(), []
+
+    def run(tasks):
+        asked.extend(tasks)
+        return toy.run(tasks, backend)
+
+    base = dataclasses.replace(BASE, backend=backend)
+    loose = tuple(e for e in catalogue(backend, {}, {}, ("mu", "D1")) if e.name == "clearance")
+    assert [s.name for s in loose[0].knobs] == ["clearance", "grip"]
+    library = build(base, make_plan(toy.laboratory(toy.TRUTH, 0)), loose, run)
+    grips = {top: {t.values["grip"] for t in asked if "grip" in t.values and (t.case.settings["point"][0] == 0) == top}
+             for top in (True, False)}  # fmt: skip
+    assert len(grips[True]) == 1 and len(grips[False]) == 4
+    side = next(k for k, p in enumerate(library.plan.places) if p.settings["point"][0] > 0)
+    at = np.array([[np.log(1.0), g] for g in (0.1, 0.2, 0.3, 0.4)])
+    for k, expected in ((library.primary, np.ones(4)), (side, (0.8 + 0.5 * at[:, 1]) / (0.8 + 0.5 * 0.1))):
+        change, _ = library.change(k, loose[0], at, 0.5)
+        total = 1 + change[:, 0, 2, 80:]
+        # clearance between its nodes is the same in all
+        np.testing.assert_allclose(total / total[:1], np.broadcast_to(expected[:, None], total.shape), rtol=1e-3)

@@ -81,7 +81,7 @@ def test_a_gauge_and_a_prevented_effect_are_proposed_and_the_better_comes_first(
     bench, alive = survivors(library, ("stiff", "bias"), truth)
     found = next_tests(library, bench, alive, {"stiff": 0.5, "bias": 0.5}, None)
     words = [t.test for t in found]
-    assert "a perfect gauge" in words and "again without it" in words and "a run in air" in words
+    assert "a perfect gauge" in words and "again without it" in words and any("a run in air" in w for w in words)
     assert all(a.chance >= b.chance - 1e-3 for a, b in itertools.pairwise(found))
     assert all(0.0 <= t.chance <= 1.0 for t in found)
 

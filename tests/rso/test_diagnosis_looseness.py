@@ -1,0 +1,75 @@
+"""The freedom that an effect is given: on which readings it acts and how much."""
+
+import dataclasses
+
+import diagnosis_backend as toy
+import numpy as np
+import pytest
+
+from rso.diagnosis import build, make_plan
+from rso.diagnosis.hypotheses import tiles
+from rso.diagnosis.looseness import LATERAL, LOOP, SHARE, VARIANT, loops, loosened
+
+MODULUS = 0.012
+
+
+@pytest.fixture(scope="module")
+def library():
+    names = ("stiff", "soften", "clearance")
+    found = build(toy.base(), make_plan(toy.laboratory(toy.TRUTH, 0)), toy.effects(*names), toy.run)
+    return dataclasses.replace(found, rubbing=frozenset({"soften"}))
+
+
+def own(library, name):
+    base = tiles(library, (), MODULUS)
+    effects = tuple(e for e in library.effects if e.name == name)
+    return effects, tiles(library, effects, MODULUS, False, base), base
+
+
+def back(library) -> np.ndarray:
+    """Which readings (n,) are on a way back."""
+    found = np.zeros(library.plan.n, bool)
+    for item, _, at in library.plan.rows():
+        found[at] = item.branch == 1
+    return found
+
+
+def test_a_loop_lives_on_the_way_back_and_is_the_widest_one_at_its_base(library):
+    effects, t, _ = own(library, "soften")
+    found = loops(library, effects, t, MODULUS)
+    home = back(library)
+    # tiles stand on a basis that is good to 2e-5 of the largest force
+    limit = 4e-5 * np.abs(t.lift(t.A)).max()
+    assert np.abs(found[:, ~home]).max() < limit
+    # softening: weaker on the way back, but for what tables between 0.98 and 1 of the peak make of the turn
+    assert found[:, home].min() < -20 * limit and found[:, home].max() < 0.1 * np.abs(found[:, home]).max()
+    largest = t.at[:, 1] == t.at[:, 1].max()
+    for x in np.unique(t.at[:, 0]):
+        mine = t.at[:, 0] == x
+        np.testing.assert_array_equal(found[mine], np.broadcast_to(found[mine & largest], found[mine].shape))
+
+
+@pytest.mark.parametrize(("name", "more"), [("soften", True), ("stiff", False)])
+def test_only_what_rubs_may_come_back_otherwise(library, name, more):
+    effects, t, base = own(library, name)
+    loose = loosened(library, effects, t, base, MODULUS)
+    added = loose.sd[len(t.sd) :]
+    ordinary = len(loosened(dataclasses.replace(library, rubbing=frozenset()), effects, t, base, MODULUS).sd)
+    assert len(loose.sd) - ordinary == more
+    assert not more or added[-1] == LOOP
+    assert set(added[: len(added) - more]) == {SHARE, LATERAL}
+
+
+def test_an_effect_may_be_stronger_in_one_part_alone(library):
+    effects, t, base = own(library, "stiff")
+    loose = loosened(library, effects, t, base, MODULUS)
+    change = loose.lift(loose.D[:, len(t.sd) :])  # (T, parts, n)
+    acts = np.abs(change).max(axis=0) > 1e-9
+    assert np.all(acts.sum(axis=0) <= 1)  # no reading belongs to two parts
+    whole = t.lift(t.A) - base.lift(base.A)[[int(np.argmin(np.abs(base.at[:, 0] - x))) for x in t.at[:, 0]]]
+    np.testing.assert_allclose(change.sum(axis=1), whole, rtol=0, atol=4e-5 * np.abs(t.lift(t.A)).max())
+
+
+def test_another_support_is_freer(library):
+    effects, t, base = own(library, "clearance")
+    assert set(loosened(library, effects, t, base, MODULUS).sd[len(t.sd) :]) == {VARIANT, LATERAL}
