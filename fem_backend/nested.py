@@ -7,6 +7,7 @@ answer (`fem_backend.anchors` relies on the same).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -19,6 +20,7 @@ from fem_backend.model import Model, NotModelled, Placement
 from fem_backend.stepping import Guess, Instant, Stopped
 
 WORTH = ("fine", "reference")  # levels whose way is dearer than a coarse run
+CRUDE = 1e-3  # relative residual of the coarse run: it is a start, without multipliers as the fine run begins
 CANDIDATES = 60  # cells whose centres are nearest
 
 
@@ -32,6 +34,7 @@ def guess(settings: Settings, knobs: Knobs, placement: Placement, model: Model, 
     """Start (n, 3) at a travel (mm) from a run of the same experiment on the coarse mesh; None where that has none."""
     plain = experiment.plain_settings(settings)
     crude = experiment.read_settings(plain | {"profile": [], "mesh": {"level": "coarse"}, "solver": settings.solver})
+    crude = replace(crude, control=replace(crude.control, tight=CRUDE, augmentations=0))
     try:
         coarse = modelling.model_for(crude, knobs, placement, None)
         points = indentation.solve(crude, knobs, placement, coarse, instants).points
