@@ -20,6 +20,7 @@ UNITS = {
     "time": "s", "travel": "mm", "Fx": "N", "Fy": "N", "Fz": "N", "uz_max": "mm", "bulge": "mm",
     "contact_area": "mm^2", "contact_radius": "mm", "peak_pressure": "MPa", "slipping": "1",
 }  # fmt: skip
+FORCES = ("Fx", "Fy", "Fz")
 MATERIAL_KNOBS = ("mu", "D1", "C01", "C20", "C30", "alpha", "fibre", "fibre_k2", "skin_ratio", "inclusion_ratio")
 REFINED, REFINEMENTS = 1e-6, 10  # of a derivative's residual, and how often at most
 ZONE_KNOBS = ("skin_ratio", "inclusion_ratio")
