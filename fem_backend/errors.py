@@ -11,7 +11,7 @@ import numpy as np
 from fem_backend.experiment import Knobs, Settings
 from fem_backend.indentation import FORCES, Result, profile_name
 
-LEVEL = {"coarse": 1.0, "standard": 0.6, "fine": 0.29, "reference": 0.18, "limit": 0.18}  # error of the force over that of coarse
+LEVEL = {"coarse": 1.0, "standard": 0.6, "fine": 0.29, "reference": 0.18, "limit": 0.18}  # over that of coarse
 EXTRAPOLATED = {"limit": 0.6}  # of the error of the forces is left when they are extrapolated
 CALIBRATED = {  # of the columns of `columns`
     "force": (0.0015, 0.018, 0.006),

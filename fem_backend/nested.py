@@ -1,7 +1,8 @@
-"""Cold runs on fine meshes start from the coarse one: its solution at the asked travels, interpolated.
+"""Two meshes of one experiment: a coarse run to start a fine one from, or to extrapolate its forces with.
 
-The way there is then never walked on the fine mesh.  Newton converges so far that the start does not show in an
-answer (`fem_backend.anchors` relies on the same).
+Cold runs on fine meshes start from the coarse one: its solution at the asked travels, interpolated.  The way there is
+then never walked on the fine mesh.  Newton converges so far that the start does not show in an answer
+(`fem_backend.anchors` relies on the same).
 """
 
 from __future__ import annotations
@@ -48,9 +49,7 @@ def coarse(
 def guess(settings: Settings, knobs: Knobs, placement: Placement, model: Model, instants: Sequence[Instant]) -> Guess:
     """Start (n, 3) at a travel (mm) from a run of the same experiment on the coarse mesh; None where that has none."""
     try:
-        crude, result = coarse(
-            settings, knobs, placement, instants, control={"tight": CRUDE, "augmentations": 0}
-        )
+        crude, result = coarse(settings, knobs, placement, instants, control={"tight": CRUDE, "augmentations": 0})
         points: Sequence[Point] = result.points
     except NotModelled:
         return lambda s: None
