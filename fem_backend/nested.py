@@ -39,11 +39,16 @@ def coarse(
     control: Mapping[str, float] | None = None,
 ) -> tuple[Model, Result]:  # fmt: skip
     """The same experiment on the coarse mesh; `control` replaces numerical settings.  Raises NotModelled, Stopped."""
-    plain = experiment.plain_settings(settings)
-    crude = experiment.read_settings(plain | {"profile": [], "mesh": {"level": "coarse"}, "solver": settings.solver})
+    crude = _on_coarse(settings)
     crude = replace(crude, control=replace(crude.control, **(control or {})))
     model = modelling.model_for(crude, knobs, placement, None)
     return model, indentation.solve(crude, knobs, placement, model, instants, gradients=slopes)
+
+
+def _on_coarse(settings: Settings) -> Settings:
+    """The same experiment on the coarse mesh, without marks on the surface."""
+    plain = experiment.plain_settings(settings)
+    return experiment.read_settings(plain | {"profile": [], "mesh": {"level": "coarse"}, "solver": settings.solver})
 
 
 def guess(settings: Settings, knobs: Knobs, placement: Placement, model: Model, instants: Sequence[Instant]) -> Guess:
@@ -54,8 +59,8 @@ def guess(settings: Settings, knobs: Knobs, placement: Placement, model: Model, 
     except NotModelled:
         return lambda s: None
     except Stopped as stopped:
-        plain = experiment.plain_settings(settings) | {"profile": [], "mesh": {"level": "coarse"}}
-        points, crude = stopped.points, modelling.model_for(experiment.read_settings(plain), knobs, placement, None)
+        crude = modelling.model_for(_on_coarse(settings), knobs, placement, None)
+        points = stopped.points
     return carried(crude, points, model)
 
 
