@@ -47,6 +47,7 @@ def jobs() -> dict[str, tuple[str, list[tuple[dict, Case]], bool]]:
         "top, coarse": ("1.5 s at 1 %", [(SET1, case())], False),
         "top, standard": ("", [(SET1, case(level="standard"))], False),
         "top, fine": ("5 s at 0.3 %", [(SET1, case(level="fine"))], False),
+        "top, limit": ("20 s at 0.1 %", [(SET1, case(level="limit"))], False),
         "top, coarse, anchor": ("0.5 s at 1 %", [(SET1 | {"D1": 12.0}, case())], True),
         "top, fine, anchor": ("1.5 s at 0.3 %", [(SET1 | {"D1": 12.0}, case(level="fine"))], True),
         "(20, 0), half": ("6 s at 1 %", [(SET1, case(point=[20.0, 0.0]))], False),

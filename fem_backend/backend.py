@@ -33,7 +33,7 @@ CHOICES = {  # the settings and what each may be, for --schema
     "direction": "vertical | normal",
     "profile": [["x", "y"]],
     "earlier": "mm: deepest travel at this place before the test (softening)",
-    "mesh": {"mesher": "tetwild | mapped", "level": "coarse | standard | fine | reference"},
+    "mesh": {"mesher": "tetwild | mapped", "level": "coarse | standard | fine | reference | limit"},
     "solver": "auto | pardiso | superlu",
 }
 
@@ -215,7 +215,8 @@ class FiniteElements:
             if guess is None and elastic and nested.worthwhile(settings, knobs):
                 guess = nested.guess(settings, knobs, placement, model, instants)
             before = time.process_time() - started
-            result = indentation.solve(settings, knobs, placement, model, instants, guess, slopes)
+            how = nested.limit if settings.level == nested.LIMIT else indentation.solve
+            result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = dataclasses.replace(result, cpu_s=result.cpu_s + before)
         except NotModelled as error:
             raise SimulationFailed(error.cause, str(error)) from error

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from fem_backend.experiment import Knobs, Settings
-from fem_backend.indentation import Result, profile_name
+from fem_backend.indentation import FORCES, Result, profile_name
 
-LEVEL = {"coarse": 1.0, "standard": 0.6, "fine": 0.29, "reference": 0.18}  # error of the force over that of coarse
-FORCES = ("Fx", "Fy", "Fz")
+LEVEL = {"coarse": 1.0, "standard": 0.6, "fine": 0.29, "reference": 0.18, "limit": 0.18}  # over that of coarse
+EXTRAPOLATED = {"limit": 0.6}  # of the error of the forces is left when they are extrapolated
 CALIBRATED = {  # of the columns of `columns`
     "force": (0.0015, 0.018, 0.006),
     "uz_max": (0.001, 0.0, 0.0),
@@ -46,7 +46,8 @@ def stated(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nda
     factor, other = mesh_factor(settings, knobs), run_terms(settings, knobs, result)
     out = {name: np.zeros_like(result.travel) for name in result.channels}
     for name, parts in columns(settings, knobs, result).items():
-        out[name] = factor * parts @ np.array(CALIBRATED[kind(name)])
+        left = EXTRAPOLATED.get(settings.level, 1.0) if name in FORCES else 1.0
+        out[name] = left * factor * parts @ np.array(CALIBRATED[kind(name)])
     return out | {name: out[name] + left for name, left in other.items()}
 
 

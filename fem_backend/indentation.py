@@ -20,9 +20,11 @@ UNITS = {
     "time": "s", "travel": "mm", "Fx": "N", "Fy": "N", "Fz": "N", "uz_max": "mm", "bulge": "mm",
     "contact_area": "mm^2", "contact_radius": "mm", "peak_pressure": "MPa", "slipping": "1",
 }  # fmt: skip
+FORCES = ("Fx", "Fy", "Fz")
 MATERIAL_KNOBS = ("mu", "D1", "C01", "C20", "C30", "alpha", "fibre", "fibre_k2", "skin_ratio", "inclusion_ratio")
 REFINED, REFINEMENTS = 1e-6, 10  # of a derivative's residual, and how often at most
 ZONE_KNOBS = ("skin_ratio", "inclusion_ratio")
+POWERS = {"D1": -1, "C01": 1, "C20": 1, "C30": 1, "fibre": 1}  # of a stress in the knobs that have one, besides mu
 
 
 @dataclass(frozen=True)
@@ -296,6 +298,8 @@ class Slopes:
 
     K du/dθ = −∂R/∂θ − ∂R/∂λ dλ/dθ at each stage, with the last factor of that stage and iterative refinement; every
     derivative along (u, θ, λ) is a central difference of the residual or of the channels, which costs no factorisation.
+    Refinement starts at what is known: the derivative of the stage before, and for μ what similarity says, as u does
+    not change when all moduli grow alike: μ ∂u/∂μ = −Σ n θ ∂u/∂θ with θ of the dimension stressⁿ.
     """
 
     def __init__(self, at: Bench, names: Sequence[str]) -> None:
@@ -314,16 +318,19 @@ class Slopes:
                     low, high = replace(low, scale=2.0 * middle - up), replace(high, scale=up)
             self._ends[name] = h, low, high
         self._dlambda: dict[str, list[np.ndarray]] = {}
+        self._known: dict[str, tuple[np.ndarray, float]] = {}  # du/dθ, |∂R/∂θ| of the stage before
 
     def __call__(self, stage: stepping.Stage, last: bool) -> None:
         """Differentiate one stage; the derivatives of its pressures are those of the next stage's multipliers."""
         at = stage.equilibrium.evaluation
-        nothing = np.zeros_like(at.u)
-        for name, (h, low, high) in self._ends.items():
+        known: dict[str, tuple[np.ndarray, float]] = {}
+        for name in sorted(self._ends, key=lambda n: n == "mu"):
+            h, low, high = self._ends[name]
             dlambda = self._dlambda.pop(name, None)
             if dlambda is None or not any(t.multiplier.any() for t in stage.load.touches):
                 # a first stage; what is kept may be of an attempt that broke off
                 dlambda = [np.zeros_like(t.multiplier) for t in stage.load.touches]
+                self._known.pop(name, None)
 
             def moved(du: np.ndarray, sign: int, h=h, low=low, high=high, dlambda=dlambda) -> Evaluation:
                 touches = tuple(
@@ -333,7 +340,8 @@ class Slopes:
                 load = replace(stage.load, touches=touches)
                 return newton.evaluate(high if sign > 0 else low, at.u + sign * h * du, load)
 
-            du, left, first = nothing, np.inf, None
+            du, first = self._similar(known) if name == "mu" else self._known.get(name, (None, 0.0))
+            du, left = np.zeros_like(at.u) if du is None else du, np.inf
             for _ in range(REFINEMENTS):  # the factor may be of an earlier iterate
                 ends = moved(du, -1), moved(du, 1)
                 change = (ends[1].residual - ends[0].residual) / (2 * h)
@@ -342,6 +350,7 @@ class Slopes:
                 if left <= REFINED * first or left > 0.9 * before:
                     break
                 du = du - stage.equilibrium.linear(change)
+            known[name] = du, first
             if last:
                 a, b = (channels(self.at, s, e, stage.load) for s, e in zip((low, high), ends, strict=True))
                 self.rows[name][travel_of(self.at, stage.load)] = {c: (b[c] - a[c]) / (2 * h) for c in a}
@@ -349,6 +358,16 @@ class Slopes:
                 self._dlambda[name] = [
                     (b.pressure - a.pressure) / (2 * h) for a, b in zip(*(e.contacts for e in ends), strict=True)
                 ]
+        self._known = known
+
+    def _similar(self, known: Mapping[str, tuple[np.ndarray, float]]) -> tuple[np.ndarray | None, float]:
+        """∂u/∂μ and |∂R/∂μ| from those by the other moduli; None where these are not all there."""
+        knobs = self.at.knobs
+        shares = {n: -power * getattr(knobs, n) / knobs.mu for n, power in POWERS.items() if getattr(knobs, n)}
+        if not set(shares) <= set(known):
+            return None, 0.0
+        du, size = sum(f * known[n][0] for n, f in shares.items()), sum(abs(f) * known[n][1] for n, f in shares.items())
+        return du, float(size)
 
     def at_travels(self, travels: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
         """Gradients (k,) in the order of the points."""

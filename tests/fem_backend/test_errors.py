@@ -83,6 +83,13 @@ def test_finer_levels_state_less():
             assert (fine[name] < coarse[name]).all(), name
 
 
+def test_extrapolated_forces_state_less_and_nothing_else_does():
+    plain, limit = stated(at=settings("reference")), stated(at=settings("limit"))
+    assert (limit["Fz"] < plain["Fz"]).all()
+    for name in set(plain) - set(errors.FORCES):
+        np.testing.assert_array_equal(limit[name], plain[name])
+
+
 def test_a_mesh_without_a_level_counts_by_its_element_size():
     size = {n: settings(mesh={"mesher": "mapped", "n": n, "slip": 0.5}) for n in (8, 16)}
     ratio = [errors.mesh_factor(s, knobs()) for s in size.values()]

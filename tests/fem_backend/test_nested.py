@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from fem_backend import experiment, nested
+from fem_backend import experiment, indentation, meshing, nested
 from fem_backend import model as modelling
 from fem_backend.backend import BACKEND
+from fem_backend.stepping import Instant
 from rso.contract import Case, Programme
 
 VALUES = {"mu": 0.01, "D1": 5.8}
@@ -63,3 +64,47 @@ def test_the_answer_does_not_show_where_it_started(monkeypatch):
 def test_when_it_is_done(level, extra, settings, worth):
     read = experiment.read_settings({"mesh": {"level": level}, **settings})
     assert nested.worthwhile(read, BACKEND.knobs(VALUES | extra, read)) is worth
+
+
+# ------------------------------------------------------------------------------------------------- extrapolation
+
+
+def extrapolated(level: str, values: dict[str, float]) -> indentation.Result:
+    read = experiment.read_settings({"mesh": {"level": level}})
+    knobs = BACKEND.knobs(values, read)
+    place = modelling.place(read, knobs)
+    built = modelling.model_for(read, knobs, place, None)
+    return nested.limit(read, knobs, place, built, [Instant(s, s, True) for s in (0.4, 0.8)], None, ("mu", "D1"))
+
+
+def test_forces_are_extrapolated_and_nothing_else_is():
+    """Here from the levels coarse and standard, since the arithmetic is the same; derivatives and reaction go along."""
+    found = extrapolated("standard", VALUES)
+    coarse, fine = (BACKEND(VALUES, case(level)) for level in ("coarse", "standard"))
+    k = nested.KEPT
+    for name in set(fine.channels) - {"time"}:
+        expected = fine.channels[name]
+        if name == "Fz":
+            expected = (expected - k * coarse.channels[name]) / (1 - k)
+            for knob in ("mu", "D1"):
+                slope = (fine.gradients[knob][name] - k * coarse.gradients[knob][name]) / (1 - k)
+                # refined to 1e-6 of the residual, from another start
+                np.testing.assert_allclose(found.gradients[knob][name], slope, rtol=1e-4, err_msg=knob)
+        np.testing.assert_allclose(found.channels[name], expected, rtol=1e-8, atol=1e-10, err_msg=name)
+    np.testing.assert_allclose(found.reaction[:, 2], found.Fz, rtol=1e-6)
+    assert np.all(np.abs(found.Fz / fine.channels["Fz"] - 1) > 1e-4)  # there is something to extrapolate
+
+
+def test_extrapolated_forces_keep_similarity():
+    """F(c μ, D₁/c) = c F(μ, D₁), to round-off of Newton's tolerance."""
+    one, other = (extrapolated("coarse", {"mu": 0.01 * c, "D1": 5.8 / c}).Fz / c for c in (1.0, 7.3))
+    np.testing.assert_allclose(other, one, rtol=1e-11)
+
+
+def test_the_level_limit_is_that_of_the_two_nested_meshes():
+    limit, reference = (experiment.read_settings({"mesh": {"level": level}}) for level in ("limit", "reference"))
+    assert limit.recipe == reference.recipe and dict(limit.mesh) != dict(reference.mesh)  # one mesh, another key
+    eight = meshing.refined(limit.body, meshing.template_mesh("coarse"), 2)
+    assert len(meshing.template_mesh("reference").tets) == len(eight.tets)
+    with pytest.raises(ValueError, match="shipped"):
+        experiment.read_settings({"mesh": {"level": "limit"}, "specimen": {"semi_axes": [30.0, 30.0, 30.0]}})
