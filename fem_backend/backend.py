@@ -99,13 +99,13 @@ class FiniteElements:
 
     def gauges(self) -> Mapping[str, tuple[str, float]]:
         """Knob → a measurement that shows it without indentation, and its standard uncertainty in the knob's unit."""
-        bench = "the specimen on the bench: callipers, a height gauge, a balance"
+        bench = "specimen and ball on the bench: callipers, a micrometer, a balance"
         aligned = "ink on the ball and a level on the holder"
         return {
             "delta_a": (bench, 0.1),
             "delta_b": (bench, 0.1),
             "delta_c": (bench, 0.1),
-            "delta_R": ("a micrometer on the ball", 0.01),
+            "delta_R": (bench, 0.01),
             "offset_x": (aligned, 0.1),
             "offset_y": (aligned, 0.1),
             "tilt_x": (aligned, 0.1),

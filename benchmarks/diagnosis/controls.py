@@ -194,7 +194,7 @@ def whole(library: Library, cases: Cases, rows: Sequence[int], seed: int) -> tup
 def next_tests(
     evidence: Evidence, result: Scored, rows: Sequence[int], seed: int, run: Run | None = None
 ) -> dict[str, np.ndarray]:
-    """Whether the proposed test, or a random one, leaves the right cause alone with SETTLED of the probability.
+    """Whether the proposed test, a random one, or any, leaves the right cause alone with SETTLED of the probability.
 
     Tests: those that the tables can predict, or with `run` can be simulated, those that show one knob by itself, and,
     at random only, once more one of the plan.  A rival predicts a new test from its posterior; the truth answers with
@@ -210,7 +210,7 @@ def next_tests(
     once_more = [[t for t in plan.tests if t.experiment == k] for k in sorted({t.experiment for t in plan.tests})]
     again = [replace(library, plan=replace(plan, tests=tuple(tests), profiles=())) for tests in once_more]
     gauges = next_test.gauges(library, bench)
-    out: dict[str, list[bool]] = {"proposed": [], "random": []}
+    out: dict[str, list[bool]] = {"proposed": [], "random": [], "any of the list": []}
     chances = []
     for i in rows:
         names = [n for n in result.judged[i].named if n in known]
@@ -231,18 +231,26 @@ def next_tests(
         best = max(pairs, key=next_test.merit)
         chances.append(best.chance)
         pick = rng.integers(len(pairs) + len(again))
-        for how, words in (("proposed", best.test), ("random", pairs[pick].test if pick < len(pairs) else None)):
-            if words in there:
-                logs = _answer(there[words][1], bench, posts, cases, i, rng, there[words][0].without)
-            elif words is None:
-                logs = _answer(again[pick - len(pairs)], bench, posts, cases, i, rng)
-            else:
-                logs = _answer_direct(words, gauges, bench, posts, cases, i, rng)
-            s = np.log(np.maximum([prior[n] for n in names], 1e-12)) + logs
-            q = np.exp(s - np.logaddexp.reduce(s))
-            right = sum(v for v, n in zip(q, names, strict=True) if known[n].source == truth.source)
-            out[how].append(bool(right >= next_test.SETTLED))
+
+        right = np.array([known[n].source == truth.source for n in names])
+        P = np.maximum([prior[n] for n in names], 1e-12)
+        each = {t.test: _settles(right, P,
+            _answer(there[t.test][1], bench, posts, cases, i, rng, there[t.test][0].without)
+            if t.test in there else _answer_direct(t.test, gauges, bench, posts, cases, i, rng)
+        ) for t in pairs}  # fmt: skip
+        out["proposed"].append(each[best.test])
+        out["any of the list"].append(any(each.values()))
+        out["random"].append(
+            each[pairs[pick].test] if pick < len(pairs)
+            else _settles(right, P, _answer(again[pick - len(pairs)], bench, posts, cases, i, rng))
+        )  # fmt: skip
     return {**{k: np.array(v) for k, v in out.items()}, "promised": np.array(chances)}
+
+
+def _settles(right: np.ndarray, P: np.ndarray, logs: np.ndarray) -> bool:
+    """Whether what is `right` (k,) has SETTLED of the probability, from P (k,) and the densities of a new test."""
+    s = np.log(P) + logs
+    return bool(np.exp(s - np.logaddexp.reduce(s))[right].sum() >= next_test.SETTLED)
 
 
 def _answer(
