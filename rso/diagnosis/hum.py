@@ -1,4 +1,4 @@
-"""Periodic disturbances: a line in the spectrum of the readings over time, which neither body nor scatter makes.
+"""Periodic disturbances: a line in the spectrum of the readings over time or travel, made neither by body nor scatter.
 
 Of every branch of every record a polynomial in the root of depth is taken out.  Then, at each frequency f,
 
@@ -6,7 +6,8 @@ Of every branch of every record a polynomial in the root of depth is taken out. 
 
 with Π_f the projection on cos 2πft, sin 2πft (what a polynomial cannot do of them) and everything whitened by the
 correlation of neighbouring readings, r_i − ρ r_{i−1}.  Of scatter each summand is exponential with mean 1, so that S is
-a Gamma variable of the number of records (Scargle 1982).
+a Gamma variable of the number of records (Scargle 1982).  Mains has a period in time; a spindle and the
+slips of a ball have one in travel, another frequency at every speed, so that t is either.
 """
 
 from __future__ import annotations
@@ -27,17 +28,25 @@ FINE = 4  # frequencies per 1/duration
 MOST = 300  # readings of a branch: more are averaged, what is faster than their means is not looked for
 LINES = 50_000  # frequencies, at most
 BLOCK = 512  # of them at a time
+SPEEDS = 1.5  # ratio of the fastest to the slowest branch from which on time and travel differ
 SHALLOW = 0.05  # of the deepest reading: the bend at first contact is no polynomial
+
+
+Records = dict[tuple[str, str, str], list[tuple[np.ndarray, np.ndarray, np.ndarray]]]
 
 
 @dataclass(frozen=True)
 class Hum:
-    """The strongest line: log10 of its chance, frequency (Hz), and amplitude (N) in the channel where it is largest."""
+    """The strongest line: log10 of its chance, frequency, and amplitude (N) in the channel where it is largest.
+
+    The frequency is in Hz, or in 1/mm of a line over the travel (`along` says which).
+    """
 
     log10_p: float
     frequency: float
     amplitude: float
     channel: str
+    along: str = "time"
 
     @property
     def there(self) -> bool:
@@ -47,7 +56,20 @@ class Hum:
 
 def hum(plan: TestPlan) -> Hum:
     """The strongest line in all records of the plan, all channels and repeats together."""
-    groups: dict[tuple[str, str, str], list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
+    groups = _records(plan)
+    over_time = _strongest(groups, "time")
+    speeds = {n: [np.ptp(d) / np.ptp(t) for t, d, _ in g] for n, g in groups.items()}
+    if not groups or max(map(max, speeds.values())) < SPEEDS * min(map(min, speeds.values())):
+        return over_time  # at one speed the two are the same
+    travelled = {  # at the mean speed of a branch: readings of depth scatter
+        n: [(v * (t - t[0]), d, y) for v, (t, d, y) in zip(speeds[n], g, strict=True)] for n, g in groups.items()
+    }
+    return min(over_time, _strongest(travelled, "travel"), key=lambda h: h.log10_p)
+
+
+def _records(plan: TestPlan) -> Records:
+    """(time, depth, force) of the branches of all records that are not held back, by experiment, branch and channel."""
+    groups: Records = {}
     for e in plan.experiments:
         if e.measurement.kind != "force" or e.role == "validate":
             continue
@@ -61,6 +83,11 @@ def hum(plan: TestPlan) -> Hum:
                     continue  # a clock too coarse to tell frequencies
                 for c, v in r.channels.items():
                     groups.setdefault((e.name, branch, c), []).append((t, depth, _thinned(v[at])))
+    return groups
+
+
+def _strongest(groups: Records, along: str) -> Hum:
+    """The strongest line over the first coordinate of the records."""
     if not groups:
         return Hum(0.0, 0.0, 0.0, "")
     longest = max(float(np.ptp(t)) for g in groups.values() for t, _, _ in g)
@@ -90,7 +117,7 @@ def hum(plan: TestPlan) -> Hum:
     chance = np.where(number > 0, gamma.logsf(total, np.maximum(number, 1.0)), 0.0) / np.log(10.0)
     k = int(np.argmin(chance))
     channel = max(largest, key=lambda c: largest[c][k])
-    return Hum(float(chance[k]), float(f[k]), float(largest[channel][k]), channel)
+    return Hum(float(chance[k]), float(f[k]), float(largest[channel][k]), channel, along)
 
 
 def _thinned(v: np.ndarray) -> np.ndarray:

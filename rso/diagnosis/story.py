@@ -71,7 +71,7 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
         "jumps": {"sudden": d.jumps.sudden, "z": d.jumps.z, "experiment": d.jumps.experiment, "size": d.jumps.size,
                   "depths": list(d.jumps.depths)},
         "hum": {"there": d.hum.there, "log10_p": d.hum.log10_p, "frequency": d.hum.frequency,
-                "amplitude": d.hum.amplitude, "channel": d.hum.channel},
+                "amplitude": d.hum.amplitude, "channel": d.hum.channel, "along": d.hum.along},
         "where": [{"experiment": r.experiment, "channel": r.channel, "region": r.region, "z": r.z,
                    "sign": "+" if r.z > 0 else "-", "amplitude": r.amplitude, "amplitude_sd": r.amplitude_sd,
                    "share": r.share, "beyond_noise": abs(r.z) > d.where.threshold} for r in d.where.regions[:REGIONS]],

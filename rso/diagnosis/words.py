@@ -45,9 +45,12 @@ def _hum(d: Mapping[str, Any]) -> list[str]:
     h = d.get("hum") or {}
     if not h.get("there"):
         return []
+    timed = h.get("along", "time") == "time"
+    unit = "Hz" if timed else "periods a mm"
+    whence = "mains, a drive, or regular stick–slip" if timed else "a spindle, or stick–slip"
     return [
-        f"The readings swing with {h['frequency']:.3g} Hz (amplitude {h['amplitude']:.2g} N in {h['channel']}; "
-        f"chance of such a line in scatter 1e{h['log10_p']:.0f}): mains, a drive, or regular stick–slip. "
+        f"The readings swing with {h['frequency']:.3g} {unit} (amplitude {h['amplitude']:.2g} N in {h['channel']}; "
+        f"chance of such a line in scatter 1e{h['log10_p']:.0f}): {whence}. "
         "No material has that."
     ]
 

@@ -69,3 +69,23 @@ def test_a_fast_recorder_is_averaged_and_a_hum_still_found():
         return F + 1.7 * white(F) * np.sin(2 * np.pi * 7.0 * t / np.ptp(t) + rng.uniform(0, 6))
 
     assert hum(plan_with(swing, readings=20_000, repeats=2)).there
+
+
+def speeds_with(change):
+    """Cycles at three speeds, `change` of travel and force put on."""
+    rng = np.random.default_rng(3)
+    experiments = []
+    for name, v in (("slow", 0.15), ("middle", 0.5), ("fast", 1.5)):
+        recorded = toy.recorded(toy.TRUTH, rng, speed=v, unload=True, repeats=2)
+        new = [dataclasses.replace(r, channels={"Fz": change(r.depth, r.channels["Fz"])}) for r in recorded]
+        experiments.append(toy.experiment(name, tuple(new), speed=v))
+    return make_plan(experiments)
+
+
+def test_what_is_periodic_in_travel_is_found_at_all_speeds_together():
+    period = 0.45
+    swing = lambda u, F: F + 1.2 * toy.WHITE * np.sin(2 * np.pi * u / period)  # noqa: E731
+    found = hum(speeds_with(swing))
+    assert found.there and found.along == "travel"
+    np.testing.assert_allclose(found.frequency, 1 / period, rtol=0.03)  # a branch is 9 periods long
+    assert not hum(speeds_with(lambda u, F: F)).there
