@@ -215,7 +215,7 @@ class FiniteElements:
             if guess is None and elastic and nested.worthwhile(settings, knobs):
                 guess = nested.guess(settings, knobs, placement, model, instants)
             before = time.process_time() - started
-            how = nested.limit if settings.level == nested.LIMIT else indentation.solve
+            how = nested.limit if settings.level == experiment.LIMIT else indentation.solve
             result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = dataclasses.replace(result, cpu_s=result.cpu_s + before)
         except NotModelled as error:

@@ -16,6 +16,7 @@ from fem_backend.geometry import Ellipsoid
 from fem_backend.stepping import Control
 from rso.contract import knob
 
+LIMIT = "limit"  # the mesh level whose forces are extrapolated, see fem_backend.nested
 LAWS = ("neo_hookean", "linear_elastic", "mooney_rivlin", "yeoh", "ogden")
 
 
@@ -344,7 +345,7 @@ def _material(data: dict[str, Any]) -> tuple[str, tuple, tuple]:
 def _mesh(body: Ellipsoid, R: float, mesh: Mapping[str, Any]) -> tuple[str, tuple[tuple[str, Any], ...], float, str]:
     """Recipe, the keys that count, element size at the contact and name of the level."""
     mesher = _choice("mesh.mesher", mesh["mesher"], ["tetwild", "mapped"])
-    n, level = mesh["n"], _choice("mesh.level", mesh["level"], [*meshing.LEVELS, "limit"])
+    n, level = mesh["n"], _choice("mesh.level", mesh["level"], [*meshing.LEVELS, LIMIT])
     if not isinstance(n, int) or isinstance(n, bool) or not 4 <= n <= 40:
         raise ValueError(f"mesh.n = {n!r}: number of subdivisions, an integer from 4 to 40")
     slip = _numbers("mesh.slip", [mesh["slip"]], 1)[0]
@@ -354,13 +355,13 @@ def _mesh(body: Ellipsoid, R: float, mesh: Mapping[str, Any]) -> tuple[str, tupl
         h0 = 0.5 * math.pi * body.c / n * (1.0 - slip) / (1.0 + slip)
         used = (("mesher", mesher), ("n", n), ("slip", slip))
         return meshing.mapped_recipe(body, n, slip), used, float(h0), ""
-    made = "reference" if level == "limit" else level  # its forces are extrapolated from that mesh and the coarse one
+    made = "reference" if level == LIMIT else level  # its forces are extrapolated from that mesh and the coarse one
     sizing = meshing.LEVELS[made].scaled(R / meshing.RADIUS)
     used = (("mesher", mesher), ("level", level))
     if meshing.template_fits(body, R):
         return meshing.template_recipe(made, body), used, sizing.h0, level
-    if level == "limit":
-        raise ValueError("mesh.level = 'limit': only for specimens and indenters that the shipped meshes fit")
+    if level == LIMIT:
+        raise ValueError(f"mesh.level = {LIMIT!r}: only for specimens and indenters that the shipped meshes fit")
     sizing = replace(sizing, hmax=1.15 * float(body.semi_axes.min()))
     return meshing.tetwild_recipe(body, sizing), used, sizing.h0, level
 

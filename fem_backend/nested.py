@@ -24,7 +24,6 @@ from fem_backend.stepping import Guess, Instant, Point, Stopped
 WORTH = ("fine", "reference")  # levels whose way is dearer than a coarse run
 CRUDE = 1e-3  # relative residual of the coarse run: it is a start, without multipliers as the fine run begins
 CANDIDATES = 60  # cells whose centres are nearest
-LIMIT = "limit"  # the level whose forces are extrapolated
 KEPT = 0.21  # of the error of a force when every tetrahedron of the coarse mesh is cut into eight, h^2.25
 
 

@@ -337,9 +337,11 @@ def _rested(
     """Equilibrium to 1 % of the force and its load, friction limited by pressures `limits` (MPa) of a solution before.
 
     A body that may turn is looked for again with the pressures found, from everything stuck on down, until these and
-    the limits agree: what is at rest stays there where it can, and what slides does so under its own pressure.
+    the limits agree: what is at rest stays there where it can, and what slides does so under its own pressure.  Where
+    they do not in PASSES, the step counts as a loose one.
     """
-    for _ in range(PASSES if rolling.rolls(system) else 1):
+    turns = rolling.rolls(system)
+    for _ in range(PASSES if turns else 1):
         load = _rubbing(system, load, before, limits)
         found = look(system, u, load, control.loose, counters, limit=15)
         u, last, limits = found.evaluation.u, limits, [c.pressure for c in found.evaluation.contacts]
@@ -347,6 +349,8 @@ def _rested(
         off = sum(float((w * np.abs(p - q)).sum()) for w, p, q in zip(weights, limits, last, strict=True))
         if off <= AGREE * sum(float((w * p).sum()) for w, p in zip(weights, limits, strict=True)):
             break
+    else:
+        counters.loose += turns
     return found, load
 
 

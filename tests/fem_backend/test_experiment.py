@@ -7,9 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from fem_backend import errors, meshing, nested
+from fem_backend import errors, meshing
 from fem_backend.backend import BACKEND
-from fem_backend.experiment import LAWS, Knobs, read_settings
+from fem_backend.experiment import LAWS, LIMIT, Knobs, read_settings
 from rso.contract import Case, Programme, SimulationFailed
 
 MESH = {"mesher": "mapped", "n": 6, "slip": 0.3}
@@ -241,5 +241,5 @@ def test_settings_without_a_mesh_are_a_failed_run():
 
 
 def test_levels_exist_for_every_stated_error():
-    assert set(errors.LEVEL) == {*meshing.LEVELS, nested.LIMIT}
-    assert set(errors.EXTRAPOLATED) == {nested.LIMIT}
+    assert set(errors.LEVEL) == {*meshing.LEVELS, LIMIT}
+    assert set(errors.EXTRAPOLATED) == {LIMIT}

@@ -44,7 +44,7 @@ def run(level: str, knobs: Knobs, asked, quarter: meshing.Mesh | None = None, **
         built = model.model_for(settings, knobs, placement, None)
     else:
         built = model.build(settings, quarter, placement.body, placement.planes)
-    solve = nested.limit if level == nested.LIMIT else indentation.solve
+    solve = nested.limit if level == experiment.LIMIT else indentation.solve
     result = solve(settings, knobs, placement, built, [Instant(float(s), float(s), True) for s in asked])
     np.testing.assert_allclose(result.reaction[:, 2], result.Fz, rtol=1e-6)
     return result
@@ -73,7 +73,7 @@ def test_forces_of_an_independent_code(set1, record, level, allowed):
 
 def test_the_extrapolated_level_is_good_to_a_thousandth(set1, record):
     """0.1 %, the other code's own error included.  Negative control: no mesh by itself is that good."""
-    away = run(nested.LIMIT, SET1, ASKED).Fz / INDEPENDENT - 1
+    away = run(experiment.LIMIT, SET1, ASKED).Fz / INDEPENDENT - 1
     record("limit level against NGSolve (its error 0.02 to 0.06 %), 1 2 3 4 mm", percent(away) + " %")
     assert np.all(np.abs(away) + DOUBT < 1e-3)
     assert np.all(np.abs(set1[FINEST] / INDEPENDENT - 1) > 1e-3)
