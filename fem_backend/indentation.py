@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fem_backend import contact, newton, post, rolling, stepping, stress
+from fem_backend import contact, following, newton, post, rolling, stepping, stress
 from fem_backend import model as modelling
 from fem_backend.experiment import Knobs, Settings
 from fem_backend.laws import Material
@@ -98,12 +98,10 @@ def bench(settings: Settings, knobs: Knobs, placement: Placement, model: Model, 
     if system.dead is None:
         return ready
     away = replace(ready, lag=-5.0 * placement.R).start(0.0)
-    relaxed = replace(_smooth(system), material=Material(system.material.law, system.material.fibre))
+    relaxed = replace(following.smooth(system), material=Material(system.material.law, system.material.fibre))
     u = ready.seated
     if system.springs is not None:
         u = stepping.seat(relaxed, away, u, settings.control, counters)
-        if not np.isfinite(_lag(ready, u)):  # Newton turned it over: once more, turning as rigid bodies do
-            u = stepping.seat(relaxed, away, ready.seated, settings.control, counters, rolling.solve)
     else:
         for share in (0.25, 0.5, 0.75, 1.0):
             try:
@@ -155,13 +153,8 @@ def along(at: Bench, instants: Sequence[Instant], counters: Counters) -> list[Po
         if rolling.rolls(at.system) and at.system.pairs[1].friction:
             touching = 0.02 * at.placement.R
         else:
-            u = stepping.seat(_smooth(at.system), at.start(0.02 * at.placement.R), u, control, counters)
-    return stepping.follow(at.system, at.start, steps(instants, control.path), control, counters, u, history, touching)
-
-
-def _smooth(system: System) -> System:
-    """The system without friction and attraction."""
-    return replace(system, pairs=tuple(replace(p, friction=0.0, adhesion=None) for p in system.pairs))
+            u = stepping.seat(following.smooth(at.system), at.start(0.02 * at.placement.R), u, control, counters)
+    return following.follow(at.system, at.start, steps(instants, control.path), control, counters, u, history, touching)
 
 
 def elastic(
@@ -195,11 +188,11 @@ def _earlier(at: Bench, counters: Counters) -> stress.History | None:
     if virgin is None or at.settings.earlier == 0.0 or at.system.material.mullins is None:
         return virgin
     first = replace(at.system.material, prony=None)
-    system = replace(_smooth(at.system), material=first)
+    system = replace(following.smooth(at.system), material=first)
     deepest = at.settings.earlier
     ramp = steps([Instant(deepest, deepest, True)], at.settings.control.path)
     start = stress.virgin(first, *body.w.shape)
-    point = stepping.follow(system, at.start, ramp, at.settings.control, counters, at.seated, start)[-1]
+    point = following.follow(system, at.start, ramp, at.settings.control, counters, at.seated, start)[-1]
     return replace(virgin, W_max=point.evaluation.history.W_max)
 
 

@@ -51,16 +51,11 @@ class System:
 
 @dataclass(frozen=True)
 class Load:
-    """One load step: how each pair touches, the share of the dead load, the factor of the springs, history and Δt (s).
-
-    `tether` times the springs also pulls to the displacement `near` (n, 3): a crutch for finding equilibria.
-    """
+    """One load step: how each pair touches, share of the dead load, factor of the springs, history and Δt (s)."""
 
     touches: tuple[Touch, ...]
     dead: float = 1.0
     springs: float = 1.0
-    tether: float = 0.0
-    near: np.ndarray | None = None
     history: History | None = None
     dt: float = 0.0
 
@@ -139,10 +134,9 @@ def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
         energy -= load.dead * float((system.dead * u).sum())
         outside += load.dead**2 * float((system.dead**2).sum())
     if system.springs is not None:
-        for factor, away in ((load.springs, u), (load.tether, u - load.near if load.tether else u)):
-            pull = factor * system.springs[:, None] * away
-            residual += pull
-            energy += 0.5 * float((pull * away).sum())
+        pull = load.springs * system.springs[:, None] * u
+        residual += pull
+        energy += 0.5 * float((pull * u).sum())
     scale = max(float(np.sqrt(outside)), system.least_force)
     return Evaluation(u, energy, residual, tuple(contacts), H, state.history, scale)
 
@@ -190,7 +184,7 @@ def _bulk(system: System, at: Evaluation, load: Load) -> np.ndarray:
     bulk = element.stiffness(body, state.F, state.S_geometric, state.C)
     if system.springs is not None:
         held = body.free.reshape(-1, 3)
-        springs = np.repeat((load.springs + load.tether) * system.springs, 3)[(held >= 0).ravel()]
+        springs = np.repeat(load.springs * system.springs, 3)[(held >= 0).ravel()]
         bulk[body.pattern.diagonal[held[held >= 0]]] += springs
     return bulk
 

@@ -22,7 +22,7 @@ ROOMS = {
         "analytic laws geometry",
         "stress meshing",
         "element linsolve krylov zones contact newton",
-        "rolling stepping post",
+        "rolling stepping following post",
         "experiment model indentation errors anchors nested levels",
         "backend output",
         "__main__",

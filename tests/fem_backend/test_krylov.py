@@ -145,7 +145,7 @@ def test_only_what_may_turn_in_its_bowl_rolls(make_bench):
     bowl = {"support": {"kind": "bowl"}}
     for point, table, rolls in (([0, 0], bowl, False), ([8, 0], bowl, True), ([8, 4], bowl, True), ([8, 4], {}, False)):
         b = make_bench({"bowl_friction": 0.0}, point=[float(v) for v in point], **table)
-        assert (stepping.way(b.system()) is stepping.brisk) == rolls == rolling.rolls(b.system())
+        assert rolls == rolling.rolls(b.system())
         assert isinstance(getattr(b.model.factor, "__self__", None), krylov.Loose) == rolls
 
 
@@ -170,15 +170,15 @@ def test_equilibrium_is_that_of_factors_in_double(make_bench):
 def test_a_step_between_may_stay_loose_and_says_so(make_bench, monkeypatch):
     """Where a path is not found tightly between asked travels, the state before it counts, 1e-2 of the force off."""
     b = make_bench({"prony_g": 0.2}, **{**BOWL, "point": [8.0, 0.0]})
-    control, brisk = replace(Control(), path=0.1), stepping.brisk
+    control, find = replace(Control(), path=0.1), stepping.find
     tight = b.solve([0.2], control=control)
 
     def lazy(system, u, load, tolerance, *more, **given):
         if tolerance == control.between:
             raise NotConverged("contact", "no equilibrium", ())
-        return brisk(system, u, load, tolerance, *more, **given)
+        return find(system, u, load, tolerance, *more, **given)
 
-    monkeypatch.setattr(stepping, "brisk", lazy)
+    monkeypatch.setattr(stepping, "find", lazy)
     loose = b.solve([0.2], control=control)
     assert (tight.counters.loose, loose.counters.loose) == (0, 1)
     np.testing.assert_allclose(loose.Fz, tight.Fz, rtol=1e-2)

@@ -78,7 +78,7 @@ def test_path_of_an_elastic_law_ends_at_the_elastic_answer(graded):
     elastic = graded.solve([1.0, 2.0])
     at = indentation.bench(graded.settings, graded.knobs, graded.placement, graded.model, elastic.counters)
     steps = indentation.steps(passages(Programme((0.0, 2.0, 3.0), (0.0, 2.0, 1.0), (1.0, 2.0))), 0.4)
-    points = indentation.stepping.follow(at.system, at.start, steps, Control(), elastic.counters, at.seated)
+    points = indentation.following.follow(at.system, at.start, steps, Control(), elastic.counters, at.seated)
     F = [indentation.whole(graded.placement, p.force)[2] for p in points]
     np.testing.assert_allclose(F, elastic.Fz[[0, 1, 0]], rtol=1e-6)
 

@@ -71,7 +71,7 @@ def deformed(dimple, b) -> np.ndarray:
 def state(dimple, b) -> tuple[System, np.ndarray, Load]:
     """System, displacement and a load whose step has a past: Δt, history, start of the friction."""
     system, u = b.system(), deformed(dimple, b)
-    load = replace(b.load(2.2), springs=2.0, tether=3.0 if system.springs is not None else 0.0, near=0.9 * u, dt=0.5)
+    load = replace(b.load(2.2), springs=2.0, dt=0.5)
     history = stress.virgin(system.material, *b.model.body.w.shape)
     before = []
     for pair, touch in zip(system.pairs, b.load(2.0).touches, strict=True):
