@@ -6,9 +6,10 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-from rso.diagnosis import build, make_plan
+from rso.diagnosis import build, looseness, make_plan
 from rso.diagnosis.hypotheses import tiles
-from rso.diagnosis.looseness import LATERAL, LOOP, SHARE, VARIANT, loops, loosened
+from rso.diagnosis.looseness import LATERAL, LOOP, SHARE, WAY, loops, loosened
+from rso.diagnosis.prediction import predict
 
 MODULUS = 0.012
 
@@ -70,6 +71,33 @@ def test_an_effect_may_be_stronger_in_one_part_alone(library):
     np.testing.assert_allclose(change.sum(axis=1), whole, rtol=0, atol=4e-5 * np.abs(t.lift(t.A)).max())
 
 
-def test_another_support_is_freer(library):
+def test_another_support_may_have_another_size_at_each_place(library):
     effects, t, base = own(library, "clearance")
-    assert set(loosened(library, effects, t, base, MODULUS).sd[len(t.sd) :]) == {VARIANT, LATERAL}
+    loose = loosened(library, effects, t, base, MODULUS)
+    places = sorted({item.place for item, c, _ in library.plan.rows() if c == "Fz"})
+    assert set(loose.sd[len(t.sd) : -len(places)]) == {SHARE, LATERAL}
+    assert set(loose.sd[-len(places) :]) == {WAY}
+    moved = loose.lift(loose.D[:, -len(places) :])  # (T, places, n)
+    step = 1e-3
+    further = t.at[:, 1] + (step if effects[0].size.logarithmic else step * t.at[:, 1])
+    at = np.column_stack([t.at[:, 0], further, *t.at[:, 2:].T])
+    ends = [predict(library, effects, x, MODULUS)[0] for x in (t.at, at)]
+    force = np.zeros(library.plan.n, bool)
+    for _, c, rows in library.plan.rows():
+        force[rows] = c == "Fz"
+    expected = ((ends[1] - ends[0]) / step)[:, force]
+    # the tiles' own derivative spans a third of a tile, over which that of ln c bends
+    np.testing.assert_allclose(moved.sum(axis=1)[:, force], expected, rtol=0, atol=0.1 * np.abs(expected).max())
+    for k, place in enumerate(places):
+        for item, _, rows in library.plan.rows():
+            assert getattr(item, "place", -1) == place or not np.abs(moved[:, k, rows]).max() > 1e-9
+
+
+def test_where_another_support_holds_nothing_it_does_so_too(library):
+    """F (F / F₀)^ζ: a tenth of it is what a power of the ratio by 0.1 makes, and nothing where F = 0."""
+    F0, F = np.array([2.0, 2.0, 2.0, 2.0]), np.array([1.0, 0.0, 3.0, 2.0])
+    got = looseness._in_proportion(F, F - F0)
+    h = 1e-6
+    expected = (F * (F / F0) ** h - F) / h
+    # one-sided difference of step 1e-6 on values of order 1
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-5)
