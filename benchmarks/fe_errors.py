@@ -211,8 +211,9 @@ def experiments(runs: dict[tuple[int, int, str, str], dict[str, Any]], seed: int
             true["uz_max"] = np.abs(at[level]["uz_max"] - at[level]["travel"])
         settings, knobs = prepare(draw(s, k), level)
         change = np.array(found["contact_error"])
+        none = np.zeros((len(change), 3))
         yield Checked(
-            k, settings, knobs, Result(at[level], np.zeros((len(change), 3)), change, Counters(), found["cpu"]), true
+            k, settings, knobs, Result(at[level], none, change, none[:, 0], Counters(), found["cpu"]), true
         )
 
 

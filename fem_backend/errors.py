@@ -69,6 +69,7 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
     size = np.linalg.norm([result.channels[n] for n in FORCES], axis=0)
     step = settings.control.path / np.maximum(result.travel, settings.control.path)
     left = AUGMENTED * result.contact_error / np.maximum(size, 1e-300) + STEPS * knobs.friction * step
+    left = left + result.residual
     deep = PENETRATION * settings.R * (1.0 + stiffness(knobs))
     return {n: left * counted(n, result) for n in FORCES} | {
         "uz_max": np.full_like(result.travel, deep),

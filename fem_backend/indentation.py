@@ -33,13 +33,15 @@ class Result:
 
     `uz_max` is how far the deepest point went down since contact, `bulge` how far the highest went up (the material
     rises around the ball, the more the less compressible it is); `slipping` is the share of the contact area that
-    slips; `reaction` (k, 3) N is the support's, `contact_error` (k,) N what the last augmentation changed;
-    `gradients[knob][channel]` (k,); `system` is what was solved.
+    slips; `reaction` (k, 3) N is the support's, `contact_error` (k,) N what the last augmentation changed,
+    `residual` (k,) the share of the outer forces that is out of balance; `gradients[knob][channel]` (k,); `system` is
+    what was solved.
     """
 
     channels: Mapping[str, np.ndarray]
     reaction: np.ndarray
     contact_error: np.ndarray
+    residual: np.ndarray
     counters: Counters
     cpu_s: float
     points: tuple[Point, ...] = field(default=(), repr=False)
@@ -101,7 +103,10 @@ def bench(settings: Settings, knobs: Knobs, placement: Placement, model: Model, 
     relaxed = replace(following.smooth(system), material=Material(system.material.law, system.material.fibre))
     u = ready.seated
     if system.springs is not None:
-        u = stepping.seat(relaxed, away, u, settings.control, counters)
+        control = settings.control
+        u = stepping.seat(relaxed, away, ready.seated, control, counters)
+        if not np.isfinite(_lag(ready, u)):  # it rolled over for the last per cent of its weight: as it lay before
+            u = stepping.seat(relaxed, away, ready.seated, replace(control, seating=control.loose), counters)
     else:
         for share in (0.25, 0.5, 0.75, 1.0):
             try:
@@ -272,8 +277,9 @@ def collect(
         carried = [np.abs((at.system.springs[:, None] * p.evaluation.u).sum(0)).max() for p in points]
         forces = [max(np.linalg.norm(p.force), 1e-300) for p in points]
         notes["spring_share"] = float(max(c / f for c, f in zip(carried, forces, strict=True)))
-    return Result(out, np.array([reaction(at, p.evaluation) for p in points]).reshape(-1, 3), np.array(change),
-                  counters, cpu_s, tuple(points), gradients, notes, at.system)  # fmt: skip
+    reactions = np.array([reaction(at, p.evaluation) for p in points]).reshape(-1, 3)
+    return Result(out, reactions, np.array(change), np.array([p.residual for p in points]), counters, cpu_s,
+                  tuple(points), gradients, notes, at.system)  # fmt: skip
 
 
 def reaction(at: Bench, evaluation: Evaluation) -> np.ndarray:

@@ -29,7 +29,7 @@ def result(force=(0.0, 0.0, 1.0), lengths=1.0, forces=1.0):
         **{profile_name((lengths * x, lengths * y)): -lengths * u * travel
            for (x, y), u in zip(PROFILE, (0.95, 0.1), strict=True)},
     }  # fmt: skip
-    return Result(channels, np.zeros((3, 3)), forces * 0.005 * size, Counters(), 0.0)
+    return Result(channels, np.zeros((3, 3)), forces * 0.005 * size, np.zeros(3), Counters(), 0.0)
 
 
 def settings(level="coarse", scale=1.0, **more):
@@ -112,6 +112,8 @@ def test_force_error_grows_with_what_makes_it_grow():
     unsettled = result()
     unsettled = replace(unsettled, contact_error=10 * unsettled.contact_error)
     assert (stated(unsettled)["Fz"] > plain).all()
+    tilting = replace(result(), residual=np.full(3, 0.005))  # what is out of balance may be missing in the force
+    np.testing.assert_allclose((stated(tilting)["Fz"] - plain) / result().channels["Fz"], 0.005, rtol=1e-9)
 
 
 def test_stated_errors_have_their_channels_dimension():

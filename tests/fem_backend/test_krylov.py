@@ -184,6 +184,23 @@ def test_a_step_between_may_stay_loose_and_says_so(make_bench, monkeypatch):
     np.testing.assert_allclose(loose.Fz, tight.Fz, rtol=1e-2)
 
 
+def test_an_answer_may_stay_loose_says_so_and_states_what_is_left(make_bench, monkeypatch):
+    """Where a body turns so easily that no tight equilibrium is found, 1e-2 of the force may be out of balance."""
+    b, find = make_bench({"bowl_friction": 0.0}, **{**BOWL, "point": [8.0, 0.0]}), stepping.find
+    tight = b.solve([0.2])
+
+    def lazy(system, u, load, tolerance, *more, **given):
+        if tolerance < Control().loose:
+            raise NotConverged("contact", "no equilibrium", ())
+        return find(system, u, load, tolerance, *more, **given)
+
+    monkeypatch.setattr(stepping, "find", lazy)
+    loose = b.solve([0.2], control=replace(Control(), seating=Control().loose))
+    assert (tight.counters.loose, loose.counters.loose) == (0, 2)  # either stage
+    assert tight.residual[0] < Control().tight < loose.residual[0] < Control().loose
+    np.testing.assert_allclose(loose.Fz, tight.Fz, rtol=1e-2)
+
+
 def test_points_hold_no_matrices(make_bench):
     """A matrix is tens of megabytes on a whole model."""
     b = make_bench({"prony_g": 0.2}, **{**BOWL, "point": [8.0, 0.0]})
