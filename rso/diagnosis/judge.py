@@ -127,6 +127,10 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     if verdict in ("explained", "measurement", "ambiguous"):
         doubtful = left > MISFIT or _beyond(chosen, posts[chosen.name])
         verdict = "partly" if doubtful else verdict
+    if verdict == "partly" and _widens(shrinkage_of(library, library, bench, evidence, y, chosen, seed)):
+        verdict, named, chosen = "unexplained", (), Hypothesis((), True)
+        posts[chosen.name] = _posterior(evidence, (), y, rng, True)
+        left = _left(evidence, chosen, y)
     where = localise.localise(library.plan, evidence.ready(()), bench.C, y, seed)
     r = bench.whites[0](y - shrinkage.predicted(library, (), posts["none"], bench.modulus))
     shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed)
@@ -260,6 +264,7 @@ def _causes(contest: Contest, posts, verdict: str, named: Sequence[str], modulus
         low, mid, high = np.quantile(value, [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2])
         ends = [abs(v) for side in e.size.ends() for v in side]
         railed = bool(np.median(np.abs(post.at[:, column])) > 0.95 * max(ends)) and e.size.neutral is not None
+        railed = railed or _strayed(e, column, post)
         found.append(Cause(e, float(probability), float(mid), (float(low), float(high)), railed))
     return tuple(sorted(found, key=lambda c: -c.probability))
 
@@ -285,13 +290,26 @@ def _gap_of(evidence: Evidence, h: Hypothesis, fits: Mapping[str, np.ndarray], y
 
 
 def _beyond(h: Hypothesis, post: Posterior) -> bool:
-    """Whether an effect would have to be larger than is plausible."""
+    """Whether an effect would have to be larger than is plausible, or lie where nothing was computed."""
     for e in h.effects:
-        if e.family != "scatter" and e.size.neutral is not None:
-            far = max(abs(v) for side in e.size.ends() for v in side)
-            if np.median(np.abs(post.at[:, _column(h, e, post)])) > BEYOND * far:
-                return True
+        if e.family == "scatter":
+            continue
+        column = _column(h, e, post)
+        far = max(abs(v) for side in e.size.ends() for v in side)
+        large = e.size.neutral is not None and np.median(np.abs(post.at[:, column])) > BEYOND * far
+        if large or _strayed(e, column, post):
+            return True
     return False
+
+
+def _widens(s: shrinkage.Shrinkage) -> bool:
+    """Whether a cause makes the gap on curves that it was not fitted to larger than a mere re-fit leaves it."""
+    return s.interval is not None and s.interval[1] < 0.0
+
+
+def _strayed(effect: Effect, column: int, post: Posterior) -> bool:
+    """Whether most draws of one of an effect's knobs lie where its tiles know nothing."""
+    return bool(np.any(np.mean(post.strayed[:, column : column + len(effect.knobs)], axis=0) > 0.5))
 
 
 def _column(h: Hypothesis, effect: Effect, post: Posterior) -> int:

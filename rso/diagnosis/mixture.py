@@ -18,6 +18,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.special import logsumexp
 
+FARTHEST = 4.0  # standard deviations from the middle of a tile, twice the distance to the next one
 TOLERANCE = 2e-5  # of the largest force: far below what readings scatter by
 
 
@@ -131,12 +132,16 @@ def log_evidence(h: Ready, Y: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Draws of the modulus (m,) and of the coordinates (m, d), and their tile and local coordinates."""
+    """Draws of the modulus (m,) and of the coordinates (m, d), and their tile and local coordinates.
+
+    `strayed` (m, d): the data want a coordinate farther away than its tile knows anything of.
+    """
 
     modulus: np.ndarray
     at: np.ndarray
     tile: np.ndarray
     local: np.ndarray
+    strayed: np.ndarray
 
 
 def posterior(h: Ready, y: np.ndarray, draws: int, rng: np.random.Generator) -> Posterior:
@@ -152,15 +157,18 @@ def posterior(h: Ready, y: np.ndarray, draws: int, rng: np.random.Generator) -> 
         root = np.linalg.cholesky(h.S_inverse[t] + 1e-14 * np.trace(h.S_inverse[t]) * np.eye(k))
         local[mine] = mean + rng.standard_normal((mine.sum(), k)) @ root.T
     at = h.tiles.at[tile].copy()
+    strayed = np.zeros(at.shape, bool)
     for j, (axis, log) in enumerate(zip(h.tiles.axes, h.tiles.log, strict=True)):
         if axis < 0:
             continue
         # a tile says nothing beyond its own surroundings
-        ξ = np.clip(local[:, 1 + j] / np.maximum(local[:, 0], 0.1), -4 * h.tiles.sd[j], 4 * h.tiles.sd[j])
+        ξ, farthest = local[:, 1 + j] / np.maximum(local[:, 0], 0.1), FARTHEST * h.tiles.sd[j]
+        strayed[:, axis] = np.abs(ξ) >= farthest
+        ξ = np.clip(ξ, -farthest, farthest)
         # the forces of a tile are linear in the size itself: s (1 + ξ), not s exp ξ, is where they stand
-        floor = np.exp(-4 * h.tiles.sd[j])
+        floor = np.exp(-farthest)
         at[:, axis] = at[:, axis] * np.maximum(1.0 + ξ, floor) if log else at[:, axis] + ξ
-    return Posterior(h.scale * local[:, 0], at, tile, local)
+    return Posterior(h.scale * local[:, 0], at, tile, local, strayed)
 
 
 def simulate(h: Ready, post: Posterior, rng: np.random.Generator) -> np.ndarray:

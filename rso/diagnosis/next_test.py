@@ -130,7 +130,8 @@ def ranked(words: str, distance: Mapping[tuple[str, str], float], probability: M
 
 
 def _chance(distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> float:
-    P = {k: max(v, 1e-9) for k, v in probability.items()}
+    whole = max(sum(probability.values()), 1.0)  # the causes of a pair hold the same probability twice
+    P = {k: max(v / whole, 1e-9) for k, v in probability.items()}
     need, chance = np.log(SETTLED / (1 - SETTLED)), 0.0
     for k in P:
         rivals = [((l if k == m else m), D) for (l, m), D in distance.items() if k in (l, m)]

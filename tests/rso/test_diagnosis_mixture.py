@@ -7,6 +7,7 @@ import pytest
 from rso.diagnosis import make_plan
 from rso.diagnosis.localise import localise
 from rso.diagnosis.mixture import (
+    FARTHEST,
     Tiles,
     compressed,
     log_evidence,
@@ -123,6 +124,14 @@ def test_posterior_draws_have_the_exact_mean_and_covariance():
     # forces are linear in the size within a tile, down to where it ends
     moved = np.maximum(1.0 + logarithmic.local[:, 1] / logarithmic.local[:, 0], np.exp(-4 * SD))
     np.testing.assert_allclose(logarithmic.at[:, 0], 3.0 * moved, rtol=1e-12)
+
+
+def test_draws_say_where_the_data_lead_away_from_what_a_tile_knows():
+    white, h = whitening(C), ready(tiles(1.0), whitening(C), M0)
+    near = posterior(h, white(Y), 1000, np.random.default_rng(1))
+    far = posterior(h, white(M0 * A + SHIFT + 20 * M0 * DIRECTION), 1000, np.random.default_rng(1))
+    assert not near.strayed.any() and far.strayed.all()
+    np.testing.assert_allclose(far.at, 3.0 + FARTHEST * SD, rtol=1e-12)  # it stays at the end of its surroundings
 
 
 def test_draws_choose_tiles_by_their_evidence():

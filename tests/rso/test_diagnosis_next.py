@@ -36,6 +36,11 @@ def test_what_separates_nothing_settles_nothing_and_what_separates_all_does():
     np.testing.assert_allclose(_chance({("a", "b"): 20.0, ("a", "c"): 20.0, ("b", "c"): 0.0}, P), 0.5, atol=1e-6)
 
 
+def test_the_causes_of_a_pair_do_not_settle_it_twice():
+    """Both are in every hypothesis that counts, so that each has all of the probability."""
+    assert _chance({("a", "b"): 20.0}, {"a": 1.0, "b": 0.98}) <= 1.0
+
+
 def survivors(library, names, data):
     """Posteriors of single effects."""
     y = library.plan.values()

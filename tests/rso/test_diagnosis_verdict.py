@@ -45,10 +45,12 @@ def test_verdicts(found, verdict, named):
 def test_a_size_beyond_what_is_plausible_is_noticed_in_pairs_with_scatter_too():
     far = max(abs(v) for side in STIFF.size.ends() for v in side)
 
-    def drawn(size: float) -> Posterior:
+    def drawn(size: float, strayed: float = 0.0) -> Posterior:
         at = np.tile([0.0, size], (9, 1))  # one coordinate of the base, one size; scatter has none
-        return Posterior(np.ones(9), at, np.zeros(9, int), np.ones((9, 2)))
+        off = np.column_stack([np.ones(9, bool), np.arange(9) < 9 * strayed])
+        return Posterior(np.ones(9), at, np.zeros(9, int), np.ones((9, 2)), off)
 
     for h in (Hypothesis((STIFF,)), Hypothesis((SCATTER, STIFF)), Hypothesis((STIFF, SCATTER))):
         assert _beyond(h, drawn(1.01 * BEYOND * far)) and not _beyond(h, drawn(0.99 * BEYOND * far))
+        assert _beyond(h, drawn(0.5 * far, 0.6)) and not _beyond(h, drawn(0.5 * far, 0.4))
     assert not _beyond(Hypothesis((SCATTER,)), drawn(1e9))
