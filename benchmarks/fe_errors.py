@@ -1,14 +1,15 @@
 """Do stated numerical errors cover the true ones?  Random experiments on cheap meshes against finer ones.
 
-    python benchmarks/fe_errors.py [--draws 25] [--out errors.jsonl]
+    python benchmarks/fe_errors.py [--draws 25] [--outside 15] [--out errors.jsonl]
 
 Each draw runs at the levels coarse and standard against `fine`, which is extrapolated: its own error is taken as
 REMAINS of the difference of coarse and fine (ratio of the errors of the force to its Richardson limit at the top, K/μ
 34 and 200).  What a run leaves to its step size and its augmentations is measured on the coarse mesh with half the step
 and six augmentations, and added.  The table of coefficients (fem_backend/errors.py has them rounded by hand) comes from
 seed 1, the first table of coverage too, the second from seed 2.  The forms of the columns, and the numbers for surface
-points and slipping, were chosen looking at 20 experiments of either.  The file keeps the runs: a second call only
-prints.  About 30 CPU s a draw of each seed.
+points and slipping, were chosen looking at 20 experiments of either.  `--outside` adds a third table of what the
+calibration has not seen: bowls, tilts and misalignments, and the way back.  The file keeps the runs: a second call only
+prints.  About 30 CPU s a draw of each seed, 100 s one of the third.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from fem_backend.indentation import Result
 from fem_backend.newton import Counters
 from rso.contract import Programme
 
-CALIBRATE, CHECK = 1, 2  # seeds
+CALIBRATE, CHECK, OUTSIDE = 1, 2, 3  # seeds
 LEVELS = ("coarse", "standard")
 REMAINS = 0.38  # error of fine over (coarse - fine)
 ASKED = (0.3, 0.65, 1.0)  # of the deepest travel
@@ -42,17 +43,26 @@ QUANTILE = 0.93
 
 @dataclasses.dataclass(frozen=True)
 class Draw:
-    """One experiment: knobs, settings without the mesh, travels (mm), speed (mm/s)."""
+    """One experiment: knobs, settings without the mesh, travels (mm), speed (mm/s), whether the ball comes back."""
 
     values: dict[str, float]
     settings: dict[str, Any]
     asked: tuple[float, ...]
     speed: float
+    back: bool = False
 
     @property
     def half(self) -> bool:
         """Whether it needs half a model, which costs three times as much."""
-        return self.settings["point"] != [0.0, 0.0]
+        return self.settings["point"] != [0.0, 0.0] or "tilt_y" in self.values
+
+    @property
+    def programme(self) -> Programme:
+        """Down, and back where asked."""
+        if not self.back:
+            return Programme.ramp(self.asked, self.speed)
+        t, deepest = self.asked[-1] / self.speed, self.asked[-1]
+        return Programme((0.0, t, 2.0 * t), (0.0, deepest, 0.0), self.asked)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,12 +125,16 @@ def effects(rng: np.random.Generator, mu: float, askew: bool) -> list[dict[str, 
 
 
 def draw(seed: int, k: int) -> Draw:
-    """Experiment number k: law, parameters, body, depth to 4 mm, four in five at the top, the others on an axis."""
+    """Experiment number k: law, parameters, body, depth to 4 mm, four in five at the top, the others on an axis.
+
+    Of the seed OUTSIDE a third each: in a bowl at the top, tilted and misaligned along x, with a way back.
+    """
     rng = np.random.default_rng([20261125, seed, k])
 
     values, law = material(rng)
     mu = values["mu"]
-    half, point = rng.random() < 0.2, [0.0, 0.0]
+    what = k % 3 if seed == OUTSIDE else -1
+    half, point = rng.random() < 0.2 and what < 0, [0.0, 0.0]
     if half:
         point = [[round(rng.uniform(-25, 25), 1), 0.0], [0.0, round(rng.uniform(-15, 15), 1)]][rng.integers(2)]
     extras = effects(rng, mu, askew=False)
@@ -141,7 +155,15 @@ def draw(seed: int, k: int) -> Draw:
         "indenter": {"radius": 3.0, "shaft": bool(rng.random() < 0.5)},
         "profile": profile,
     }
-    return Draw(values, settings, tuple(round(deepest * f, 4) for f in ASKED), log(rng, 0.1, 2.0))
+    if what == 0:
+        settings["support"] = {"kind": "bowl", "clearance": log(rng, 0.2, 4.0), "friction": rng.uniform(0.0, 0.5)}
+    elif what == 1:
+        values |= {"tilt_y": 3 * rng.normal(), "offset_x": 2 * rng.normal()}
+    elif what == 2:
+        values |= [{"friction": rng.uniform(0.05, 0.6)}, {"mullins": rng.uniform(0.05, 0.5)},
+                   {"prony_g": rng.uniform(0.05, 0.6), "prony_tau": log(rng, 0.3, 60.0)}][k // 3 % 3]  # fmt: skip
+    asked = tuple(round(deepest * f, 4) for f in ASKED)
+    return Draw(values, settings, asked, log(rng, 0.1, 2.0), back=what == 2)
 
 
 def prepare(one: Draw, level: str) -> tuple[Settings, Knobs]:
@@ -166,7 +188,7 @@ def run(seed: int, k: int, level: str, kind: str = "") -> dict[str, Any]:
     out: dict[str, Any] = {"seed": seed, "k": k, "level": level, "kind": kind}
     try:
         built = modelling.model_for(settings, knobs, placement, None)
-        instants = passages(Programme.ramp(one.asked, one.speed))
+        instants = passages(one.programme)
         result = indentation.solve(settings, knobs, placement, built, instants)
         out["channels"] = {n: v.tolist() for n, v in result.channels.items()}
         out["contact_error"] = result.contact_error.tolist()
@@ -175,18 +197,18 @@ def run(seed: int, k: int, level: str, kind: str = "") -> dict[str, Any]:
     return out | {"cpu": time.process_time() - started}
 
 
-def needed(draws: int) -> list[tuple[int, int, str, str]]:
-    """Keys (seed, k, level, kind) of all runs, half models (every other one, they are dear) last."""
+def needed(draws: int, outside: int) -> list[tuple[int, int, str, str]]:
+    """Keys (seed, k, level, kind) of all runs, half models (every other one of two seeds, they are dear) last."""
     keys = []
-    for k in range(draws):
-        for seed in (CALIBRATE, CHECK):
+    for k in range(max(draws, outside)):
+        for seed, count in ((CALIBRATE, draws), (CHECK, draws), (OUTSIDE, outside)):
             one = draw(seed, k)
-            if one.half and k % 2:
+            if k >= count or (one.half and k % 2 and seed != OUTSIDE):
                 continue
             keys += [(seed, k, "coarse", ""), (seed, k, "standard", "")]
             if "friction" in one.values:  # relaxation and softening leave 0.02 % of the force
                 keys.append((seed, k, "coarse", "step"))
-            if k % 6 == 0:
+            if k % 6 == 0 and seed != OUTSIDE:
                 keys.append((seed, k, "coarse", "contact"))
             keys.append((seed, k, "fine", ""))
     return sorted(keys, key=lambda q: draw(*q[:2]).half)
@@ -270,6 +292,7 @@ def main() -> None:
     """Make the runs that are not in the file yet, then print both tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--draws", type=int, default=25)
+    parser.add_argument("--outside", type=int, default=0)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     runs = {}
@@ -277,15 +300,18 @@ def main() -> None:
         for line in options.out.read_text().splitlines():
             one = json.loads(line)
             runs[one["seed"], one["k"], one["level"], one["kind"]] = one
-    for key in needed(options.draws):
+    for key in needed(options.draws, options.outside):
         if key not in runs:
             runs[key] = run(*key)
             print(*key, f"{runs[key]['cpu']:.1f} s", runs[key].get("failed", ""), flush=True)
             if options.out:
                 with options.out.open("a") as file:
                     file.write(json.dumps(runs[key]) + "\n")
-    calibrate(list(experiments(runs, CALIBRATE)))
-    for seed in (CALIBRATE, CHECK):
+    if options.draws:
+        calibrate(list(experiments(runs, CALIBRATE)))
+    for seed, count in ((CALIBRATE, options.draws), (CHECK, options.draws), (OUTSIDE, options.outside)):
+        if not count:
+            continue
         checked = list(experiments(runs, seed))
         print(f"\nseed {seed}: {len({c.k for c in checked})} experiments, {len(checked)} runs", end="")
         table(checked)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fem_backend import contact, experiment, geometry, indentation, model, stepping, stress
+from fem_backend import contact, experiment, following, geometry, indentation, model, stress
 from fem_backend.backend import passages
 from fem_backend.experiment import Knobs, Settings
 from fem_backend.indentation import Bench, Result
@@ -40,7 +40,7 @@ class Experiment:
         at = self.bench()
         history = stress.virgin(at.system.material, *self.model.body.w.shape)
         control = replace(control, augmentations=0, between=1e-6, medium=1e-6, tight=1e-6)
-        return stepping.follow(at.system, at.start, instants, control, Counters(), at.seated, history)
+        return following.follow(at.system, at.start, instants, control, Counters(), at.seated, history)
 
 
 def prepare(knobs: Knobs, level: str = "coarse", **table) -> Experiment:
