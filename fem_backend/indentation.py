@@ -275,8 +275,8 @@ def collect(
     notes = {"sag_mm": at.lag}
     if at.system.springs is not None and points:
         carried = [np.abs((at.system.springs[:, None] * p.evaluation.u).sum(0)).max() for p in points]
-        forces = [max(np.linalg.norm(p.force), 1e-300) for p in points]
-        notes["spring_share"] = float(max(c / f for c, f in zip(carried, forces, strict=True)))
+        forces = [float(np.linalg.norm(p.force)) for p in points]
+        notes["spring_share"] = float(max(c / max(c + f, 1e-300) for c, f in zip(carried, forces, strict=True)))
     reactions = np.array([reaction(at, p.evaluation) for p in points]).reshape(-1, 3)
     return Result(out, reactions, np.array(change), np.array([p.residual for p in points]), counters, cpu_s,
                   tuple(points), gradients, notes, at.system)  # fmt: skip

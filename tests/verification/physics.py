@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fem_backend import contact, experiment, following, geometry, indentation, model, stress
+from fem_backend import contact, experiment, following, geometry, indentation, model, stepping, stress
 from fem_backend.backend import passages
 from fem_backend.experiment import Knobs, Settings
 from fem_backend.indentation import Bench, Result
