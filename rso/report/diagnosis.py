@@ -137,7 +137,11 @@ def _check_of(found: Found) -> float | None:
 
 
 def _share(ends: Any) -> str:
-    return between(100 * ends[0], 100 * ends[1], Unit("%"), 2) if pair(ends) else DASH
+    if not pair(ends):
+        return DASH
+    low, high = 100 * ends[0], 100 * ends[1]
+    # where hardly a gap was left to open, its share is any number
+    return between(low, high, Unit("%"), 2) if low > -1000 else f"less than −1000{NBSP}% to {high:.0f}{NBSP}%"
 
 
 def where(found: Found) -> Section:
@@ -233,7 +237,7 @@ def _causes(causes: list[Mapping[str, Any]]) -> Table:
         column("absent at", words([sized(c)[2] for c in causes])),
     ]
     note = "Probability, given a gap, of all hypotheses that hold the effect; size: median where it is the cause."
-    note += f" At the end of its plausible range: {', '.join(railed)}." if railed else ""
+    note += f" At the end of what is plausible or was computed: {', '.join(railed)}." if railed else ""
     return table("Named causes", columns, note)
 
 
