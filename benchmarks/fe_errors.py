@@ -206,9 +206,10 @@ def needed(draws: int, outside: int) -> list[tuple[int, int, str, str]]:
             if k >= count or (one.half and k % 2 and seed != OUTSIDE):
                 continue
             keys += [(seed, k, "coarse", ""), (seed, k, "standard", "")]
-            if "friction" in one.values:  # relaxation and softening leave 0.02 % of the force
+            # relaxation and softening leave 0.02 % of the force
+            if "friction" in one.values or "support" in one.settings:
                 keys.append((seed, k, "coarse", "step"))
-            if k % 6 == 0 and seed != OUTSIDE:
+            if k % 6 == 0:
                 keys.append((seed, k, "coarse", "contact"))
             keys.append((seed, k, "fine", ""))
     return sorted(keys, key=lambda q: draw(*q[:2]).half)
@@ -289,7 +290,7 @@ def table(checked: list[Checked]) -> None:
 
 
 def main() -> None:
-    """Make the runs that are not in the file yet, then print both tables."""
+    """Make the runs that are not in the file yet, then print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--draws", type=int, default=25)
     parser.add_argument("--outside", type=int, default=0)

@@ -15,12 +15,13 @@ from fem_backend import model as modelling
 from fem_backend.errors import stated
 from fem_backend.experiment import SWITCHES, Knobs, Settings
 from fem_backend.indentation import UNITS, Result
-from fem_backend.model import Model, NotModelled, Placement
+from fem_backend.model import MISALIGNED, Model, NotModelled, Placement
 from fem_backend.newton import System
 from fem_backend.stepping import Instant, Stopped
 from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
 
 NUMERICS = 2  # raised when, and only when, answers change
+FOLLOWS = 1  # the same where misalignment or tilt takes the fine elements along
 ROLLING = 3  # the same for bodies that may turn in a bowl and whose way there matters, and for them alone
 DEEPEST = 0.3  # of the smallest semi-axis
 
@@ -166,6 +167,8 @@ class FiniteElements:
         programme = case.programme
         if path_dependent(settings, kept) and _may_turn(settings, kept):
             plain["support"]["rolling"] = ROLLING
+        if any(kept.get(name) for name in MISALIGNED):
+            plain["mesh"]["follows"] = FOLLOWS
         if not path_dependent(settings, kept):
             held = np.interp(programme.asked_s, programme.time_s, programme.travel_mm)
             programme = Programme.ramp(tuple(sorted({*programme.asked_mm, *(float(v) for v in held if v > 0)})), 1.0)
@@ -177,7 +180,7 @@ class FiniteElements:
         out = {"mesh": settings.recipe}
         knobs = self.knobs(values, settings)
         # an anchor's state lies beside a ball that is off its nominal place: it would cost more than it saves
-        moved = knobs.offset_x or knobs.offset_y or knobs.tilt_x or knobs.tilt_y
+        moved = any(getattr(knobs, name) for name in MISALIGNED)
         if not moved and not path_dependent(settings, dataclasses.asdict(knobs)):
             try:
                 out["anchor"] = anchors.recipe(settings, knobs, case.programme.asked_mm)

@@ -64,7 +64,8 @@ def mesh_factor(settings: Settings, knobs: Knobs) -> float:
 def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
     """What contact and steps leave on any mesh, (k,) in the channel's unit, to forces, `uz_max` and `slipping`.
 
-    A step is rough for friction by its share of the travel; `uz_max` has what the ball penetrates.
+    What is out of balance may be missing in a force.  A step is rough for friction by its share of the travel; `uz_max`
+    has what the ball penetrates.
     """
     size = np.linalg.norm([result.channels[n] for n in FORCES], axis=0)
     step = settings.control.path / np.maximum(result.travel, settings.control.path)

@@ -276,7 +276,8 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
     earlier = _numbers("earlier", [data.pop("earlier", 0.0)], 1)[0]
     if earlier < 0:
         raise ValueError(f"earlier = {earlier} mm: the deepest travel before this test, at least 0")
-    mesh = _table(data, "mesh", {"mesher": "tetwild", "level": "standard", "n": 12, "slip": 0.55})
+    plain = {"mesher": "tetwild", "level": "standard", "n": 12, "slip": 0.55}
+    mesh = _table(data, "mesh", plain | {"follows": None})  # the last is of the canonical form alone
     solver = _choice("solver", data.pop("solver", "auto"), ["auto", "pardiso", "superlu"])
     if data:
         known = "specimen, indenter, support, material, point, direction, speed, unload, profile, earlier, mesh, solver"

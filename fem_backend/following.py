@@ -130,7 +130,8 @@ def _step(
         guess = crude.evaluation.u
         load = _rubbing(system, load, here, [c.pressure for c in crude.evaluation.contacts])
     if goal.asked:
-        point = stepping.settle(system, guess, load, goal.travel, control, counters, goal.time)
+        patient = limit == stepping.PATIENT
+        point = stepping.settle(system, guess, load, goal.travel, control, counters, goal.time, loose=patient)
         return point.stages[0].equilibrium, load, point
     try:
         found = stepping.find(system, guess, load, control.between, counters, limit)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from skfem import MeshTet2
@@ -21,6 +21,7 @@ PENALTY = 900.0  # ε R/μ: the multipliers remove its error, so it only steers 
 BOWL_PENALTY = 8.0  # the same at the bowl, where pressures are far smaller; a stiff one would be felt point by point
 BOWL_ORDER = 14  # 42 points on the large facets of the lower half: contact with the bowl spreads gradually
 RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep ball; width in R
+MISALIGNED = ("offset_x", "offset_y", "tilt_x", "tilt_y")
 REACH = 3.0  # facets within REACH·R of the first contact may touch
 STIFFEST = 1000.0  # K/μ beyond which the displacement element is not verified
 SPRINGS = 1e-4  # grounding springs of a body in a bowl, all together, over μR
@@ -94,6 +95,16 @@ def place(settings: Settings, knobs: Knobs) -> Placement:
     except ValueError as error:
         raise NotModelled("bad_geometry", str(error)) from error
     return Placement(body, R, rotation, touch, direction, _planes(settings, knobs, direction, through))
+
+
+def fine_at(settings: Settings, knobs: Knobs, placement: Placement) -> tuple[float, float]:
+    """Where the fine elements go (x, y) mm: the asked point, moved as misalignment and tilt move the first contact."""
+    aligned = dict.fromkeys(MISALIGNED, 0.0)
+    if all(getattr(knobs, name) == 0.0 for name in aligned):
+        return settings.point
+    moved = placement.contact - place(settings, replace(knobs, **aligned)).contact
+    x, y = (0.0 if placement.planes[k] else float(settings.point[k] + moved[k]) for k in (0, 1))
+    return x, y
 
 
 def _planes(settings: Settings, knobs: Knobs, direction: np.ndarray, through: np.ndarray) -> tuple[bool, bool]:
@@ -203,7 +214,7 @@ def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str 
             "not_supported", f"K/mu = {ratio:.4g}: the element is verified to {STIFFEST:g} (nearly incompressible)"
         )
     symmetric = knobs.friction == 0.0 and not (settings.support == "bowl" and knobs.bowl_friction)
-    shared = Settings(settings.body, settings.R, support=settings.support, point=settings.point,
+    shared = Settings(settings.body, settings.R, support=settings.support, point=fine_at(settings, knobs, placement),
                       recipe=settings.recipe, control=Control(), solver=settings.solver)  # fmt: skip
     try:
         return _model(shared, tuple(placement.body.semi_axes), placement.planes, symmetric, mesh)

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from fem_backend import newton, stress
 from fem_backend.element import Body
 from fem_backend.linsolve import EXACT, NotPositiveDefinite, Solve
-from fem_backend.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
+from fem_backend.newton import Counters, Equilibrium, Evaluation, Load, NotConverged, System
 
 LIMIT = 120  # factorisations
 LEAST, MOST = 1e-3, 1e8  # damping over μR
@@ -73,14 +73,12 @@ def rolls(system: System) -> bool:
 
 
 def solve(
-    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = LIMIT,
-    known: Known | None = None,
-) -> Equilibrium:  # fmt: skip
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = LIMIT
+) -> Equilibrium:
     """Equilibrium from the start u (n, 3), |R| ≤ tolerance · |outer forces| or as far as round-off lets it go.
 
-    A stand-in for :func:`fem_backend.newton.solve` for systems with springs, from far away and past saddles; it
-    starts without a factor, whatever `known` says.  Raises NotConverged (instability,
-    contact, inversion or time_limit).
+    For systems with springs, from far away and past saddles.  Raises NotConverged (instability, contact, inversion or
+    time_limit).
     """
     body, history, how, left = system.body, [], motion(system.body), limit
     loose, last, diagonal = bool(how.allowed[3:].any()), None, body.pattern.diagonal

@@ -86,8 +86,8 @@ class Point:
 
     @property
     def residual(self) -> float:
-        """What is left of the outer forces, as a share."""
-        return self.stages[-1].equilibrium.history[-1]
+        """What is left of the outer forces, as a share, at the worst of the stages."""
+        return max(stage.equilibrium.history[-1] for stage in self.stages)
 
     @property
     def previous_force(self) -> np.ndarray:
@@ -193,7 +193,7 @@ def travel(
             u, rate, here = found.evaluation.u, found.rate, goal
             known = found.known
         try:
-            points.append(settle(system, u, start(target), target, control, counters, 0.0, watch, known))
+            points.append(settle(system, u, start(target), target, control, counters, 0.0, watch, known, loose=True))
         except NotConverged as error:
             raise stopped(error, target, points, counters) from error
         u, rate, here = _end(points[-1], target)
@@ -220,11 +220,12 @@ def stopped(error: NotConverged, here: float, points: list[Point], counters: Cou
 
 def settle(
     system: System, u: np.ndarray, load: Load, target: float, control: Control, counters: Counters, time: float = 0.0,
-    watch: Watch | None = None, known: Known | None = None,
+    watch: Watch | None = None, known: Known | None = None, loose: bool = False,
 ) -> Point:  # fmt: skip
     """Tight equilibrium at an asked travel, multipliers λ ← p a fixed number of times (Uzawa); `known` as in Newton.
 
-    A body that hardly resists being turned may be left with a residual of `control.loose`, and counts as a loose one.
+    A body that hardly resists being turned may be left with a residual of `control.loose`, and counts as a loose one,
+    if nothing else is left to try (`loose`).
     Raises NotConverged.
     """
     stages: list[Stage] = []
@@ -233,7 +234,7 @@ def settle(
         try:
             found = find(system, u, load, tolerance, counters, PATIENT, known)
         except NotConverged as error:
-            if not rolling.rolls(system) or error.cause == "time_limit":
+            if not loose or not rolling.rolls(system) or error.cause == "time_limit":
                 raise
             counters.loose += 1
             found = find(system, u, load, control.loose, counters)

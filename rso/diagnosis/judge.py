@@ -17,7 +17,7 @@ from rso.diagnosis.jumps import Jumps, jumps
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Posterior, log_tiles, mean_prediction, posterior
 from rso.diagnosis.testplan import TestPlan
-from rso.diagnosis.unfitted import HeldOut, held_out, shrinkage_of
+from rso.diagnosis.unfitted import HeldOut, held_out, left_out, shrinkage_of
 
 SURE = 0.95  # probability of one cause above which it is named alone
 COVER = 0.95  # of the probability that a named set holds
@@ -127,7 +127,7 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     if verdict in ("explained", "measurement", "ambiguous"):
         doubtful = left > MISFIT or _beyond(chosen, posts[chosen.name])
         verdict = "partly" if doubtful else verdict
-    if verdict == "partly" and _widens(shrinkage_of(library, library, bench, evidence, y, chosen, seed)):
+    if verdict == "partly" and _widens(left_out(library, bench, evidence, y, chosen, seed)):
         verdict, named, chosen = "unexplained", (), Hypothesis((), True)
         posts[chosen.name] = _posterior(evidence, (), y, rng, True)
         left = _left(evidence, chosen, y)
@@ -303,7 +303,7 @@ def _beyond(h: Hypothesis, post: Posterior) -> bool:
 
 
 def _widens(s: shrinkage.Shrinkage) -> bool:
-    """Whether a cause makes the gap on curves that it was not fitted to larger than a mere re-fit leaves it."""
+    """Whether a cause makes the gap on curves left out larger than the base model as fitted leaves it."""
     return s.interval is not None and s.interval[1] < 0.0
 
 

@@ -25,8 +25,8 @@ def loosened(library: Library, effects: Sequence[Effect], own: Tiles, base: Tile
 
     y_g → y_g + ζ_g (y_g − base_g),  ζ_g ~ N(0, share²) for every place, branch, and Fz or lateral forces apart: the
     interpolation between the library's nodes, another code or mesh, another formula of the same effect.  Another
-    support is weaker in proportion, F_g → F_g (F_g / base_g)^ζ: where it holds nothing it does so too; and it
-    may have another size at every place,  y_p → y_p + ζ_p ∂y_p/∂ ln s,  ζ_p ~ N(0, WAY²).  What rubs may in addition
+    support is weaker in proportion, F_g → F_g (F_g / base_g)^ζ: where it holds nothing it does so too; and of several
+    places each may have another size,  y_p → y_p + ζ_p ∂y_p/∂ ln s,  ζ_p ~ N(0, WAY²).  What rubs may in addition
     come back otherwise than it went:  y → y + ζ ℓ,  ζ ~ N(0, LOOP²),  ℓ its :func:`loops`.
     """
     d = len(library.base.axes)
@@ -35,7 +35,7 @@ def loosened(library: Library, effects: Sequence[Effect], own: Tiles, base: Tile
     change = own.A - none[0][near] + (own.c - none[1][near]) / modulus
     parts = blocks(library.plan)
     if any(e.settings for e in effects):
-        rows = np.concatenate([rows for (_, c, _), rows in parts.items() if c == "Fz"])
+        rows = np.concatenate([np.zeros(0, int), *[rows for (_, c, _), rows in parts.items() if c == "Fz"]])
         change = own.lift(change)
         change[:, rows] = _in_proportion(own.lift(own.A + own.c / modulus)[:, rows], change[:, rows])
         change = change @ own.basis
@@ -46,8 +46,8 @@ def loosened(library: Library, effects: Sequence[Effect], own: Tiles, base: Tile
         groups[key] = groups.get(key, np.zeros(len(of_block), bool)) | of_block
     more = change[:, None] * np.array(list(groups.values()))
     sd = [SHARE if normal else LATERAL for _, normal, _ in groups]
-    for direction in _sizes_of_supports(effects, own, d):
-        places = sorted({place for place, _, _ in groups if place >= 0})
+    places = sorted({place for place, _, _ in groups if place >= 0})
+    for direction in _sizes_of_supports(effects, own, d) if len(places) > 1 else []:
         masks = [np.any([m for (at, _, _), m in groups.items() if at == place], axis=0) for place in places]
         more = np.concatenate([more, direction[:, None] * np.array(masks)], axis=1)
         sd += [WAY] * len(places)

@@ -68,6 +68,14 @@ def shrinkage_of(
         found = [_gap(name, unit, rows, v, fits, C) for name, unit, rows in shrinkage.curves_of(unseen)]
         sizes = [len(rows) for *_, rows in shrinkage.curves_of(unseen)]
         return shrinkage.summarise(found, sizes, "those with role validate", seed)
+    return left_out(library, bench, evidence, y, chosen, seed)
+
+
+def left_out(
+    library: Library, bench: Bench, evidence: Evidence, y: np.ndarray, chosen: Hypothesis, seed: int
+) -> shrinkage.Shrinkage:
+    """Gaps on each experiment left out in turn, whatever is kept for validation."""
+    rng, first = np.random.default_rng(seed + 2), _fitted_rows(library)
     found, sizes = [], []
     curves = shrinkage.curves_of(library)
     for name, unit, rows in curves if len(curves) > 1 else []:

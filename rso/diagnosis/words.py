@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-LEAST = 10.0  # times the gap: what is opened more widely need not be counted
+LEAST = -10.0  # times the gap: what is opened more widely need not be counted
 WORTH_SAYING = 0.1  # share of the gap from which a place is named
 
 
@@ -92,7 +92,7 @@ def _named(c: Mapping[str, Any]) -> str:
     unit = "" if c["unit"] in ("1", "-") else f" {c['unit']}"
     neutral = "" if not c["neutral"] else f", absent at {c['neutral']:g}"
     if c["railed"]:
-        neutral += "; at the end of what is plausible or was computed, so that neither counts for much"
+        neutral += "; a knob of it is at the end of what is plausible or was computed: size and interval mean little"
     return f"{c['effect']} = {c['size']:.3g}{unit} (90 % {low:.3g} to {high:.3g}{neutral})"
 
 
@@ -127,8 +127,8 @@ def _shrinkage(d: Mapping[str, Any]) -> str | None:
     if s["interval"] is None:
         return text + " (one curve: no interval)."
     low, high = s["interval"]
-    least = f"{100 * low:.0f}" if low > -LEAST else f"less than {-100 * LEAST:.0f}"
-    return text + f" (90 % {least} to {100 * high:.0f} %)."
+    ends = [f"{100 * v:.0f}" if v > LEAST else f"less than {100 * LEAST:.0f}" for v in (low, high)]
+    return text + f" (90 % {' to '.join(dict.fromkeys(ends))} %)."
 
 
 def _parameters(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from rso.diagnosis.words import LEAST
 from rso.report.canvas import short
 from rso.report.diagnosis_background import background
 from rso.report.diagnosis_figures import PLACES, draw, drawn_curves, leading
@@ -140,8 +141,10 @@ def _share(ends: Any) -> str:
     if not pair(ends):
         return DASH
     low, high = 100 * ends[0], 100 * ends[1]
-    # where hardly a gap was left to open, its share is any number
-    return between(low, high, Unit("%"), 2) if low > -1000 else f"less than −1000{NBSP}% to {high:.0f}{NBSP}%"
+    if low > 100 * LEAST:
+        return between(low, high, Unit("%"), 2)
+    ends = [f"less than {100 * LEAST:.0f}{NBSP}%" if v <= 100 * LEAST else f"{v:.0f}{NBSP}%" for v in (low, high)]
+    return " to ".join(dict.fromkeys(ends))
 
 
 def where(found: Found) -> Section:

@@ -91,11 +91,14 @@ def test_a_cause_that_is_not_in_the_catalogue_is_not_made_up():
     assert all(d.verdict in ("unexplained", "partly") for d in found), [d.verdict for d in found]
 
 
-@pytest.mark.parametrize("name", ["load", "cycle", "deep"])
-def test_a_part_that_only_widens_the_gap_of_other_curves_is_none(name):
-    """One file from a cell that gives less above 3 mm: softening makes most of it, and nothing of the other files."""
+@pytest.mark.parametrize(("name", "kept"), [("load", False), ("cycle", False), ("deep", False), ("cycle", True)])
+def test_a_part_that_only_widens_the_gap_of_other_curves_is_none(name, kept):
+    """One file from a cell that gives less above 3 mm: softening makes most of it, and nothing of the other files.
+
+    So too where the deep curve is kept for validation: the curves that were fitted say it.
+    """
     clipped = []
-    for e in experiments(3):
+    for e in experiments(3, validate=kept):
         repeats = e.measurement.repeats
         if e.name == name:
             share = [np.minimum(1.0, 3.0 / np.maximum(r.depth, 1e-9)) for r in repeats]
@@ -104,10 +107,11 @@ def test_a_part_that_only_widens_the_gap_of_other_curves_is_none(name):
                 for r, k in zip(repeats, share, strict=True)
             )
         clipped.append(dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=repeats)))
-    library = dataclasses.replace(tables(NAMES, False), plan=make_plan(clipped))
+    library = dataclasses.replace(tables(NAMES, kept), plan=make_plan(clipped))
     d = diagnosis.diagnose(library, 3, nulls=NULLS)
-    assert d.verdict == "unexplained" and not d.causes
     assert max(d.probabilities, key=d.probabilities.get).startswith("soften")  # evidence alone would name it
+    # of two curves left out one may be closed by chance
+    assert (d.verdict == "unexplained" and not d.causes) or (kept and d.verdict == "partly")
 
 
 def test_a_look_alike_makes_it_ambiguous():

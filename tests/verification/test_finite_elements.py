@@ -167,6 +167,16 @@ def test_force_is_smooth_in_the_geometry(record, knob, end):
     assert abs(F[-1] / F[0] - 1) > rest  # there is something to be smooth
 
 
+@pytest.mark.parametrize("level", ["coarse", "standard"])
+def test_misaligned_by_five_is_asked_for_at_five(record, level):
+    """Elements lie otherwise under the ball by a tenth of their size: some per cent of Fx, which is 5 % of Fz."""
+    one, two = run(level, replace(SET1, offset_x=5.0), [2.0]), run(level, SET1, [2.0], point=[5.0, 0.0])
+    change = [one.channels[c][0] / two.channels[c][0] - 1 for c in ("Fx", "Fz")]
+    said = ", ".join(percent(v) + " %" for v in change)
+    record(f"{level} level: misaligned by 5 mm over asked for at 5 mm, Fx, Fz", said)
+    assert abs(change[0]) < 4e-2 and abs(change[1]) < 1e-3
+
+
 def test_a_ball_that_is_tilted_is_the_same_ball(record):
     """Tilted by 5°, touched at its new top: only the rim of its support has turned along.
 
