@@ -9,12 +9,12 @@ import pytest
 from scipy import sparse
 from skfem import MeshTet, MeshTet2
 
-from fem_backend import element, krylov, linsolve, rolling, stepping, stress
+from fem_backend import element, following, krylov, linsolve, rolling, stepping, stress
 from fem_backend.element import Pattern
 from fem_backend.laws import NeoHooke
 from fem_backend.linsolve import NotPositiveDefinite
 from fem_backend.newton import Counters, NotConverged
-from fem_backend.stepping import Control
+from fem_backend.stepping import Control, Stopped
 
 BOWL = {"support": {"kind": "bowl", "clearance": 1.0, "friction": 0.0}, "point": [8.0, 4.0]}
 
@@ -199,6 +199,20 @@ def test_an_answer_may_stay_loose_says_so_and_states_what_is_left(make_bench, mo
     assert (tight.counters.loose, loose.counters.loose) == (0, 2)  # either stage
     assert tight.residual[0] < Control().tight < loose.residual[0] < Control().loose
     np.testing.assert_allclose(loose.Fz, tight.Fz, rtol=1e-2)
+
+
+def test_a_body_that_nothing_holds_slips_to_its_wall(make_bench, monkeypatch):
+    """Where no rest with everything stuck is found, the path begins where a smooth bowl would let the body lie."""
+    b = make_bench({"bowl_friction": 0.2}, **{**BOWL, "point": [8.0, 0.0]})
+    held, smooth = b.solve([0.3]), b.other(bowl_friction=0.0).solve([0.3])
+
+    def lost(*given):
+        raise Stopped("contact", "while seating", [], (), Counters())
+
+    monkeypatch.setattr(following, "_held", lost)
+    slipped = b.solve([0.3])
+    assert 0.0 < slipped.Fz[0] < held.Fz[0]  # it gives way first
+    assert abs(slipped.Fz[0] - smooth.Fz[0]) < abs(held.Fz[0] - smooth.Fz[0])
 
 
 def test_points_hold_no_matrices(make_bench):
