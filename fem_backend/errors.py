@@ -41,7 +41,9 @@ def stated(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nda
     times (the others); six experiments had friction, three a lateral force.  Valid for the shipped meshes at the levels
     coarse and standard (fine and reference are extrapolated with the force, and were compared at two materials), K/μ
     from 1.5 to 200, travel from 0.1 to 1.3 R, the fixed support, at the top and on the axes; points off the axes,
-    bowls, tilts and other meshes are extrapolations.  What a level misses of a skin thinner than 0.2 mm is not in it.
+    bowls, tilts, the way back and other meshes are extrapolations: in 15 experiments with those 97 % of the errors of
+    the force and 91 to 95 % of those of contact and depth lie below, but 73 to 75 % of those of the surface and 60 % of
+    those of small lateral forces.  What a level misses of a skin thinner than 0.2 mm is not in it.
     """
     factor, other = mesh_factor(settings, knobs), run_terms(settings, knobs, result)
     out = {name: np.zeros_like(result.travel) for name in result.channels}
