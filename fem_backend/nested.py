@@ -111,6 +111,7 @@ def limit(
             knob: {n: at_limit(n, v, first.gradients[knob].get(n, v)) for n, v in row.items()}
             for knob, row in second.gradients.items()
         },
+        residual=np.maximum(first.residual, second.residual),
         cpu_s=first.cpu_s + second.cpu_s,
     )
 

@@ -127,13 +127,16 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     if verdict in ("explained", "measurement", "ambiguous"):
         doubtful = left > MISFIT or _beyond(chosen, posts[chosen.name])
         verdict = "partly" if doubtful else verdict
-    if verdict == "partly" and _widens(left_out(library, bench, evidence, y, chosen, seed)):
-        verdict, named, chosen = "unexplained", (), Hypothesis((), True)
-        posts[chosen.name] = _posterior(evidence, (), y, rng, True)
-        left = _left(evidence, chosen, y)
+    shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed)
+    if verdict == "partly":  # judged by the curves that are seen: validation has no say
+        seen_alone = whole.plan.n == library.plan.n
+        if _widens(shrunk if seen_alone else left_out(library, bench, evidence, y, chosen, seed)):
+            verdict, named, chosen = "unexplained", (), Hypothesis((), True)
+            posts[chosen.name] = _posterior(evidence, (), y, rng, True)
+            left = _left(evidence, chosen, y)
+            shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed)
     where = localise.localise(library.plan, evidence.ready(()), bench.C, y, seed)
     r = bench.whites[0](y - shrinkage.predicted(library, (), posts["none"], bench.modulus))
-    shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed)
     checks = _checks(evidence, contest, finalists, y, threshold, null, seed) if verdict != "no_gap" else ()
     fits = {name: shrinkage.predicted(library, h.effects, posts[name], bench.modulus)
             for name, h in {"none": Hypothesis(()), chosen.name: chosen}.items()}  # fmt: skip

@@ -54,10 +54,9 @@ def shrinkage_of(
     whole: Library, library: Library, bench: Bench, evidence: Evidence, y: np.ndarray, chosen: Hypothesis, seed: int
 ) -> shrinkage.Shrinkage:
     """Gaps on the validate curves, or on each experiment left out in turn if there are none."""
-    rng = np.random.default_rng(seed + 2)
-    first = _fitted_rows(library)
     validation = [k for k, e in enumerate(whole.plan.experiments) if e.role == "validate"]
     if validation:
+        rng, first = np.random.default_rng(seed + 2), _fitted_rows(library)
         mine = tuple(t for t in whole.plan.tests if t.experiment in validation)
         profiles = tuple(p for p in whole.plan.profiles if p.experiment in validation)
         unseen = replace(whole, plan=replace(whole.plan, tests=mine, profiles=profiles))

@@ -126,9 +126,13 @@ def _shrinkage(d: Mapping[str, Any]) -> str | None:
     text += f": {100 * s['closed']:.0f} % closed"
     if s["interval"] is None:
         return text + " (one curve: no interval)."
-    low, high = s["interval"]
-    ends = [f"{100 * v:.0f}" if v > LEAST else f"less than {100 * LEAST:.0f}" for v in (low, high)]
-    return text + f" (90 % {' to '.join(dict.fromkeys(ends))} %)."
+    return text + f" (90 % {percents(s['interval'])} %)."
+
+
+def percents(interval: Sequence[float]) -> str:
+    """An interval of a share in per cent, its ends no lower than LEAST."""
+    ends = [f"{100 * v:.0f}" if v > LEAST else f"less than {100 * LEAST:.0f}" for v in interval]
+    return " to ".join(dict.fromkeys(ends))
 
 
 def _parameters(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:

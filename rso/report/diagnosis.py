@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rso.diagnosis.words import LEAST
+from rso.diagnosis.words import percents
 from rso.report.canvas import short
 from rso.report.diagnosis_background import background
 from rso.report.diagnosis_figures import PLACES, draw, drawn_curves, leading
@@ -31,7 +31,7 @@ from rso.report.diagnosis_reading import (
     unit_of,
     verdict_of,
 )
-from rso.report.digits import DASH, NBSP, Unit, aligned, between, clean, known, percent, significant, symbol
+from rso.report.digits import DASH, NBSP, Unit, aligned, clean, known, percent, significant, symbol
 from rso.report.document import Block, Cell, Fact, Facts, Picture, Report, Section, Table, Text, column, table, words
 from rso.report.page import pictures, pour
 from rso.report.reading import listed, number, pair
@@ -138,13 +138,7 @@ def _check_of(found: Found) -> float | None:
 
 
 def _share(ends: Any) -> str:
-    if not pair(ends):
-        return DASH
-    low, high = 100 * ends[0], 100 * ends[1]
-    if low > 100 * LEAST:
-        return between(low, high, Unit("%"), 2)
-    ends = [f"less than {100 * LEAST:.0f}{NBSP}%" if v <= 100 * LEAST else f"{v:.0f}{NBSP}%" for v in (low, high)]
-    return " to ".join(dict.fromkeys(ends))
+    return f"{percents(ends)}{NBSP}%" if pair(ends) else DASH
 
 
 def where(found: Found) -> Section:

@@ -189,16 +189,21 @@ def test_an_answer_may_stay_loose_says_so_and_states_what_is_left(make_bench, mo
     b, find = make_bench({"bowl_friction": 0.0}, **{**BOWL, "point": [8.0, 0.0]}), stepping.find
     tight = b.solve([0.2])
 
+    fails: list[float] = []
+
     def lazy(system, u, load, tolerance, *more, **given):
-        if tolerance < Control().loose:
+        if tolerance < Control().loose and len(fails) < most:
+            fails.append(tolerance)
             raise NotConverged("contact", "no equilibrium", ())
         return find(system, u, load, tolerance, *more, **given)
 
     monkeypatch.setattr(stepping, "find", lazy)
-    loose = b.solve([0.2], control=replace(Control(), seating=Control().loose))
-    assert (tight.counters.loose, loose.counters.loose) == (0, 2)  # either stage
-    assert tight.residual[0] < Control().tight < loose.residual[0] < Control().loose
-    np.testing.assert_allclose(loose.Fz, tight.Fz, rtol=1e-2)
+    for most in (2, 1):  # either stage, or the first alone: what the second starts from
+        fails.clear()
+        loose = b.solve([0.2], control=replace(Control(), seating=Control().loose))
+        assert (tight.counters.loose, loose.counters.loose) == (0, most)
+        assert tight.residual[0] < Control().tight < loose.residual[0] < Control().loose
+        np.testing.assert_allclose(loose.Fz, tight.Fz, rtol=1e-2)
 
 
 def test_a_body_that_nothing_holds_slips_to_its_wall(make_bench, monkeypatch):

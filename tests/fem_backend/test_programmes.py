@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fem_backend import indentation
-from fem_backend.backend import BACKEND, ROLLING, passages
+from fem_backend.backend import BACKEND, FOLLOWS, ROLLING, passages
 from fem_backend.stepping import Control, Instant
 from rso.contract import Case, Programme, run_key
 
@@ -194,6 +194,17 @@ def test_canonical_form_marks_what_rolls_and_nothing_else():
     assert mark({**slides, "mullins": 0.2}, **bowl, point=[5.0, 0.0]) == ROLLING
     assert mark(rubs, **bowl) is mark(slides, **bowl, point=[5.0, 0.0]) is None
     assert mark({"friction": 0.3}, point=[5.0, 0.0]) is mark({"offset_y": 0.1}) is None
+
+
+def test_canonical_form_marks_where_the_fine_elements_go_along():
+    def mark(**knobs):
+        case = Case("c", Programme.ramp((0.5, 1.0)), {"mesh": SMALL})
+        kept, plain = BACKEND.canonical({**VALUES, **knobs}, case)
+        assert BACKEND.canonical(kept, plain) == (kept, plain)
+        return plain.settings["mesh"].get("follows")
+
+    assert {mark(**{name: 0.5}) for name in ("offset_x", "offset_y", "tilt_x", "tilt_y")} == {FOLLOWS}
+    assert mark() is mark(offset_x=0.0) is mark(friction=0.2) is None
 
 
 def test_canonical_task_has_the_same_answer():
