@@ -158,12 +158,12 @@ def test_no_locking_when_nearly_incompressible(record):
 
 @pytest.mark.parametrize("knob,end", [("offset_x", 2.0), ("tilt_y", 4.0), ("delta_c", 2.0)])
 def test_force_is_smooth_in_the_geometry(record, knob, end):
-    """Nine values and a polynomial of degree 4 through them: what is left is the mesh passing under the ball."""
+    """Nine values and a polynomial of degree 4 through them: what is left is the mesh, which goes with the ball."""
     x = np.linspace(0.0, end, 9)
     F = np.array([run("coarse", replace(SET1, **{knob: v}), [2.0]).Fz[0] for v in x])
     rest = np.abs(np.polyval(np.polyfit(x, F, 4), x) - F).max() / F[0]
     record(f"coarse level: roughness of the force over {knob} from 0 to {end:g}", f"{100 * rest:.3f} %")
-    assert rest < 2e-3
+    assert rest < 2e-4  # 0.04 to 0.07 % when it stayed behind
     assert abs(F[-1] / F[0] - 1) > rest  # there is something to be smooth
 
 
@@ -178,16 +178,16 @@ def test_misaligned_by_five_is_asked_for_at_five(record, level):
 
 
 def test_a_ball_that_is_tilted_is_the_same_ball(record):
-    """Tilted by 5°, touched at its new top: only the rim of its support has turned along.
+    """Tilted by 5°, touched at its new top: only the rim of its support has turned along, far below.
 
-    Two coarse meshes, each about 1 % off and made anew on every machine: 2 % between them.
+    One coarse mesh, made anew on every machine, taken along by the tilt; when it stayed behind it was up to 1.5 %.
     """
     ball = {"specimen": {"semi_axes": [35.0, 35.0, 35.0]}}
     one, two = (run("coarse", replace(SET1, tilt_x=t), [2.0], **ball) for t in (0.0, 5.0))
     record("ball tilted by 5 degrees: change of Fz, Fy/Fz", f"{percent(two.Fz / one.Fz - 1)} %, "
            f"{percent(two.channels['Fy'] / two.Fz)} %")  # fmt: skip
-    np.testing.assert_allclose(two.Fz, one.Fz, rtol=2e-2)
-    assert abs(two.channels["Fy"][0]) < 2e-2 * two.Fz[0]
+    np.testing.assert_allclose(two.Fz, one.Fz, rtol=2e-3)
+    assert abs(two.channels["Fy"][0]) < 2e-3 * two.Fz[0]
 
 
 # ---------------------------------------------------------------------------------------------- Hertz
