@@ -64,6 +64,109 @@ def test_forces_that_vanish_by_symmetry_are_exact_and_others_are_not():
     assert (aside["Fx"] / 0.02 > aside["Fz"]).all()
 
 
+@pytest.mark.parametrize("small", [1e-3, 1e-4, 1e-5])
+def test_the_error_of_a_small_lateral_force_is_a_share_of_the_whole_force(small):
+    """That of a large one is a share of its own; negative control: of a small one that share would be nothing."""
+    found, Fz = stated(result((small, 0.0, 1.0))), result().Fz
+    assert ((found["Fx"] > 3e-4 * Fz) & (found["Fx"] < 5e-3 * Fz)).all()
+    np.testing.assert_allclose(found["Fx"], stated(result((1e-9, 0.0, 1.0)))["Fx"], rtol=0.02)  # own: its 2 % squared
+    assert (found["Fx"] > 5 * errors.LATERAL * small * found["Fz"]).all()
+    aslant = stated(result((1.0, 0.0, 1.0)))
+    own = errors.LATERAL * aslant["Fz"]
+    assert (aslant["Fx"] > own).all() and (aslant["Fx"] < 1.1 * own).all()
+
+
+def test_a_lateral_force_that_changes_sign_is_not_exact_where_it_vanishes():
+    found = result((0.001, 0.0, 1.0))
+    channels = found.channels | {"Fx": found.channels["Fx"] * [1.0, 0.0, -1.0]}
+    assert (stated(replace(found, channels=channels))["Fx"] > 0).all()
+
+
+def test_a_coarser_contact_turns_the_force_more():
+    """In proportion to its elements, whatever the level is called."""
+    usual, aside = settings(), result((1e-9, 0.0, 1.0))
+    found = [
+        stated(aside, replace(usual, h0=h * usual.h0, level=level))["Fx"] for h, level in ((1, "coarse"), (2, "fine"))
+    ]
+    np.testing.assert_allclose(found[1], 2 * found[0], rtol=1e-6)  # but for its own share
+
+
+def moved(shares, **more):
+    """Stated error of the second surface point at the last instant, once for each share of the travel it moves by."""
+    found = result()
+    name = profile_name(PROFILE[1])
+    return np.array([
+        stated(replace(found, channels=found.channels | {name: -share * found.travel}), **more)[name][-1]
+        for share in shares
+    ])  # fmt: skip
+
+
+def test_a_point_that_hardly_moves_has_the_error_of_what_the_force_moves_there():
+    """Its displacement is a difference: u → 0 leaves a share of F/(4πμr), Boussinesq's at ν = 1/2."""
+    least = moved([0.0, 1e-6])
+    point_load = result().Fz[-1] / (4 * np.pi * VALUES["mu"] * np.hypot(*PROFILE[1]))
+    assert ((least > 0.002 * point_load) & (least < 0.03 * point_load)).all()
+    soft = moved([0.0], mu=0.005, D1=2 * VALUES["D1"])  # the same force on half the modulus
+    np.testing.assert_allclose(soft, 2 * least[:1], rtol=1e-9)
+
+
+def test_a_point_at_the_edge_of_contact_has_the_largest_error_and_one_that_moves_with_the_ball_the_least():
+    far, edge, touching = moved([0.05, 0.5, 1.0])
+    assert edge > 1.5 * far and 0 < touching < 0.3 * far
+
+
+def test_the_end_of_contact_is_lost_within_an_element():
+    """A curvature that ends within h₀ leaves its square, whatever the level; nothing of it where the ball carries."""
+    coarse = settings()
+    meshes = [replace(coarse, h0=h * coarse.h0) for h in (1, 2, 3)]
+    edge, inside = (np.array([moved([q], at=m)[0] for m in meshes]) for q in (0.5, 1.0))
+    assert edge[1] > edge[0]
+    np.testing.assert_allclose((edge[2] - edge[0]) / (edge[1] - edge[0]), 8 / 3, rtol=1e-9)
+    np.testing.assert_array_equal(inside, inside[0])
+
+
+def bowl(clearance=1.0, **more):
+    return settings(support={"kind": "bowl", "clearance": clearance}, **more)
+
+
+def in_bowl(at=None, **values):
+    at = at or bowl()
+    return errors.stated(at, BACKEND.knobs({**VALUES, **values}, at), result())
+
+
+def test_a_bowl_adds_what_the_body_sinks_to_what_moves_with_it_and_to_nothing_else():
+    held, lying = stated(), in_bowl()
+    for name in set(held) - {"bulge", *map(profile_name, PROFILE)}:
+        np.testing.assert_array_equal(held[name], lying[name])
+    added = [lying[n] - held[n] for n in map(profile_name, PROFILE)]
+    assert (added[0] > 0).all()
+    np.testing.assert_allclose(added[0], added[1], rtol=1e-9)  # the body sinks as a whole
+    assert (lying["bulge"] > held["bulge"]).all()
+    sinks = [in_bowl(bowl(clearance=c))["bulge"] - held["bulge"] for c in (1.0, 8.0)]
+    np.testing.assert_allclose(sinks[1], 2 * sinks[0], rtol=1e-9)  # Hertz: the cube root of the clearance
+
+
+def test_a_heavy_body_sinks_less_under_the_ball():
+    light, heavy, heavier = (in_bowl(weight=w)["bulge"] - stated()["bulge"] for w in (0.0, 1e-7, 1e-5))
+    assert (heavier < 0.5 * heavy).all() and (heavy < light).all() and (heavier > 0).all()
+    # by many times the force: w ∝ F dδ/dW, two thirds of the cube root of F/W
+    force, weight = result().Fz, 1e-5 * 4 / 3 * np.pi * 60 * 35 * 35
+    np.testing.assert_allclose(heavier / light, 2 / 3 * (force / weight) ** (1 / 3), rtol=0.02)
+
+
+def test_the_level_fine_has_the_largest_facets_on_the_bowl():
+    added = {lv: in_bowl(bowl(mesh={"level": lv}))["bulge"] - stated(at=settings(lv))["bulge"] for lv in LEVELS}
+    assert (added["fine"] > added["coarse"]).all() and (added["reference"] < added["coarse"]).all()
+
+
+def test_a_ball_that_is_lowest_beside_its_axis_is_lowest_between_nodes():
+    """By at most the sagitta of half an edge of a quadratic element."""
+    depth = [stated(result((slope, 0.0, 1.0)))["uz_max"] - stated()["uz_max"] for slope in (0.01, 0.02, 0.1, 0.2)]
+    np.testing.assert_allclose(depth[1], 4 * depth[0], rtol=1e-9)
+    np.testing.assert_array_equal(depth[2], depth[3])
+    np.testing.assert_allclose(depth[3], (0.25 * settings().h0) ** 2 / 6.0, rtol=1e-9)
+
+
 def test_nothing_slips_without_friction():
     assert not stated()["slipping"].any() and stated(friction=0.3)["slipping"].all()
 
@@ -118,8 +221,11 @@ def test_force_error_grows_with_what_makes_it_grow():
 
 def test_stated_errors_have_their_channels_dimension():
     """Twice the size and three times the force: the errors follow (the shipped meshes scale with the ball)."""
-    small, large = stated(), stated(result(lengths=2.0, forces=12.0), settings(scale=2.0), mu=0.03, D1=5.8 / 3)
-    power = {"Fz": 12.0, "uz_max": 2.0, "bulge": 2.0, "contact_area": 4.0, "contact_radius": 2.0,
+    aside = (0.01, 0.0, 1.0)
+    small = stated(result(aside), bowl(), weight=1e-6, bowl_clearance=0.5)
+    large = stated(result(aside, lengths=2.0, forces=12.0), bowl(scale=2.0), mu=0.03, D1=5.8 / 3,
+                   weight=1.5e-6, bowl_clearance=1.0)  # fmt: skip
+    power = {"Fx": 12.0, "Fz": 12.0, "uz_max": 2.0, "bulge": 2.0, "contact_area": 4.0, "contact_radius": 2.0,
              "peak_pressure": 3.0, "uz(0.5,0)": 2.0, "uz(6,2)": 2.0}  # fmt: skip
     scaled = {"uz(0.5,0)": "uz(1,0)", "uz(6,2)": "uz(12,4)"}
     for name, factor in power.items():
