@@ -49,21 +49,37 @@ def rotation(tilt):
 
 def approach(model):
     """Start of the sphere's centre c0 at first contact, unit direction and contact point, in the specimen's frame."""
-    a = AXES * np.array(model.axes)
     Q = rotation(model.tilt)
     direction = Q.T @ np.array([0.0, 0.0, -1.0])
     x0 = Q.T @ np.array([*model.line, 0.0])
+    height = brentq(lambda s: nearest(model, x0 - s * direction)[0] - model.radius, 30.0, 55.0, xtol=1e-9)
+    c0 = x0 - height * direction
+    return c0, direction, nearest(model, c0)[1]
+
+
+def nearest(model, c):
+    """Distance of a point from the ellipsoid (inside negative) and the point of its upper surface nearest to it."""
+    a = AXES * np.array(model.axes)
 
     def surface(q):
         return np.array([q[0], q[1], a[2] * np.sqrt(max(1 - (q[0] / a[0]) ** 2 - (q[1] / a[1]) ** 2, 1e-9))])
 
-    def nearest(s):
-        c = x0 - s * direction
-        best = minimize(lambda q: np.sum((surface(q) - c) ** 2), c[:2], tol=1e-14)
-        return np.sign(np.sum((c / a) ** 2) - 1) * np.sqrt(best.fun), surface(best.x)
+    best = minimize(lambda q: np.sum((surface(q) - c) ** 2), c[:2], tol=1e-14)
+    return np.sign(np.sum((c / a) ** 2) - 1) * np.sqrt(best.fun), surface(best.x)
 
-    height = brentq(lambda s: nearest(s)[0] - model.radius, 30.0, 55.0, xtol=1e-9)
-    return x0 - height * direction, direction, nearest(height)[1]
+
+def beneath(model, depth=2.5):
+    """Point of the surface nearest to the sphere's centre after this travel, the middle of the contact by then."""
+    c0, direction, _ = approach(model)
+    return nearest(model, c0 + depth * direction)[1]
+
+
+def first_contact(model):
+    """Unit normal of the surface where the sphere first touches (in the machine's frame), mean curvature there."""
+    c0, _, x = approach(model)
+    p, a2 = x / AXES**2, AXES**2  # nominal axes
+    curvature = (a2.sum() - x @ x) / (2 * a2.prod() * (p @ p) ** 1.5)
+    return rotation(model.tilt) @ (c0 - x) / model.radius, curvature
 
 
 def symmetry(model):
@@ -107,6 +123,48 @@ def ellipsoid_mesh(sym, centre, h, blob=None, bottom_h=None):
         mesh.Curve(2)
         return mesh
     raise RuntimeError("no mesh")
+
+
+def turning(start, end):
+    """Unit axis and angle that take `start` to `end`, points of the nominal surface, in coordinates over the axes."""
+    p, q = np.asarray(start) / AXES, np.asarray(end) / AXES
+    axis = np.cross(p, q)
+    size = np.linalg.norm(axis)
+    return (axis / size if size > 1e-14 else np.array([1.0, 0.0, 0.0])), float(np.arctan2(size, p @ q))
+
+
+def carried(X, turn):
+    """Points (n, 3) taken along when the contact moves on the surface by `turn` = (axis k, angle), (n, 3).
+
+    q -> R(k, s(q_z) angle) q in coordinates q over the semi-axes, s from 0 at the equator to 1 at q_z = 0.8: spheres
+    stay spheres, the bonded half stays as it is, and so does a plane of symmetry that the axis is normal to.
+    """
+    k, angle = turn
+    q = np.atleast_2d(X) / AXES
+    t = np.clip(q[:, 2:] / 0.8, 0, 1)
+    a = t * t * (3 - 2 * t) * angle
+    return (q * np.cos(a) + np.cross(k, q) * np.sin(a) + np.outer(q @ k, k) * (1 - np.cos(a))) * AXES
+
+
+def brought_back(X, turn):
+    """Inverse of `carried` by repeated substitution, (n, 3)."""
+    X = Y = np.atleast_2d(X)
+    for _ in range(60):
+        Y = Y + X - carried(Y, turn)
+    return Y
+
+
+def carry(mesh, turn):
+    """Deform the mesh by `carried`: the elements that lay around the old contact then lie around the new one."""
+    (k, angle), q = turn, ng.CF((ng.x / AXES[0], ng.y / AXES[1], ng.z / AXES[2]))
+    t = ng.IfPos(q[2], ng.IfPos(q[2] - 0.8, 1.0, q[2] / 0.8), 0.0)
+    a = t * t * (3 - 2 * t) * angle
+    k = ng.CF(tuple(k))
+    new = q * ng.cos(a) + ng.Cross(k, q) * ng.sin(a) + ng.InnerProduct(q, k) * (1 - ng.cos(a)) * k
+    moved = ng.GridFunction(ng.VectorH1(mesh, order=2))
+    moved.Set(ng.CF(tuple((new - q)[i] * AXES[i] for i in range(3))), dual=True)
+    mesh.SetDeformation(moved)
+    return moved  # the mesh does not keep it alive
 
 
 def _sizes(centre, h, bottom_h, grading):

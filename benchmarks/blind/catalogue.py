@@ -2,8 +2,8 @@
 
 `draw(name, rng)` -> dict with
     truth   the parameters as they are published in the sealed file (N, mm, MPa, s, degrees)
-    model   changes of `fe.Model` as a function of (mu, D1)       (empty: no finite elements needed)
-    chain   changes of the measurement chain or of the test plan, see `experiment.py`
+    model   changes of `fe.Model` as a function of (mu, D1)
+    chain   changes of the measurement chain or of the test plan, see `experiment.py`; TURNED: where the sphere goes
     answers names a diagnosis may give for it (the product's own names, a published interface; nothing is imported)
     size    the main number, or None
 """
@@ -56,7 +56,8 @@ ANSWERS = {  # truth name -> names accepted as the right cause (equivalent by de
     "cross_y": {"cross_y"},
 }
 CHAIN = ("offset", "offset_each", "compliance", "gain", "bias", "drift", "lag", "cross_x", "cross_y")
-FREE = (*CHAIN, "offset_x", "offset_y", "tilt_x", "tilt_y")  # cost no finite elements
+TURNED = ("offset_x", "offset_y", "tilt_x", "tilt_y")  # see `solve.turned`
+FREE = (*CHAIN, *TURNED)  # leave the tables of other effects as they are
 SINGLE = tuple(ANSWERS)
 
 U = ("unexplained", "partly")

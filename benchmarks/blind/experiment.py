@@ -11,12 +11,12 @@ from pathlib import Path
 
 import library
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator
+from numpy.polynomial.polynomial import polyval
+from scipy.interpolate import PchipInterpolator
 
 SPEED = 0.5  # mm/s
 DEEP = 5.5
 MARKS = np.arange(-30.0, 31.0, 5.0)
-SLOPE_20 = 35 * 20 / 60**2 / np.sqrt(1 - (20 / 60) ** 2)  # of the surface at x = 20 mm
 PLACES = {"20_0": (20.0, 0.0), "2.5_2.5": (2.5, 2.5)}
 
 
@@ -40,11 +40,12 @@ class Mechanics:
 
     tables: {(test, branch): {"d": (n,), "F": (n, 3)}} with test a name, a place ("top", "20_0") or "reload",
     "after_deep"; branch "load" or "unload". What is missing at (2.5, 2.5) and (20, 0) is transferred from the top by
-    the ratio of the forces with and without the effect (see README).
+    the ratio of the forces with and without the effect (see README). turned: what misalignment and tilt change at
+    each place, see `solve.turned`; the same for every other effect.
     """
 
-    def __init__(self, muD1, tables=None, additive=False):
-        self.muD1, self.tables, self.additive = muD1, tables or {}, additive
+    def __init__(self, muD1, tables=None, additive=False, turned=None):
+        self.muD1, self.tables, self.additive, self.turned = muD1, tables or {}, additive, turned or {}
 
     def null(self, place, d):
         """Null force over mu at the place, (n, 3)."""
@@ -111,6 +112,10 @@ class Mechanics:
 
     def profile(self, d):
         """Vertical displacement of the marks at depths d, (n, 13)."""
+        change = self.turned.get("top")
+        return self._straight_profile(d) + (library.in_depth(change["d"], change["uz"], d) if change else 0.0)
+
+    def _straight_profile(self, d):
         for key in (("mp_cycle_30", "load"), ("top", "load")):
             if key in self.tables and self.tables[key].get("uz"):
                 t = self.tables[key]
@@ -118,49 +123,15 @@ class Mechanics:
         return library.null_profile(self.muD1, d)
 
 
-def turned(mechanics, F, place, d, chain):
-    """Change of the force by misalignment and tilt, to first order in the change of the surface's slope.
-
-    Frictionless force is normal to the surface on average: F_lateral = k slope, Fz = F0 + m slope^2, with k and m
-    from the own curves at the top and at (20, 0).
-    """
-    dx, dy = chain.get("offset_x", 0.0), chain.get("offset_y", 0.0)
-    tilt = np.radians([chain.get("tilt_x", 0.0), chain.get("tilt_y", 0.0)])
-    if not (dx or dy or tilt.any()):
+def turned(mechanics, F, place, d):
+    """The force with the sphere displaced or the specimen turned: Fz ratio(d), and its lean Flateral/Fz + lean(d)."""
+    if place not in mechanics.turned:
         return F
-    x, y = PLACES.get(place, (0.0, 0.0))
-    old, new = slopes(x, y, (0.0, 0.0)), slopes(x + dx, y + dy, tilt)
-    top, far = mechanics.null("top", d), mechanics.null("20_0", d)
-    k, ky = far[:, 0] / SLOPE_20, mechanics.null("2.5_2.5", d)[:, 1] / slopes(2.5, 2.5, (0.0, 0.0))[1]
-    m = (far[:, 2] - top[:, 2]) / SLOPE_20**2
-    change = np.stack([k * (new[0] - old[0]), ky * (new[1] - old[1]), m * (new @ new - old @ old)], 1)
-    return F + change
-
-
-def around(row, rho, d):
-    """Displacements at distances rho of the axis from those of the marks on the line at 5 mm, at true depth d.
-
-    A cubic in ln rho between marks, both sides of the axis alike; nearer than 5 mm A / rho + B / rho^2 through the
-    three nearest marks, as around a load on a half space, and no higher than the ball.
-    """
-    old, mean = np.hypot(MARKS, 5.0)[6:], 0.5 * (row + row[::-1])[6:]
-    fit = np.linalg.lstsq(np.stack([1 / old[:3], old[:3] ** -2.0], 1), mean[:3], rcond=None)[0]
-    inner = np.stack([1 / rho, rho**-2.0], 1) @ fit
-    inner += (mean[0] - fit @ [0.2, 0.04]) * (rho < 5.0)
-    ball = -(d - 3.0 + np.sqrt(9.0 - np.minimum(rho, 3.0) ** 2) - rho**2 / 70)
-    inner = np.where(rho < 3.0, np.minimum(inner, ball), inner)
-    return np.where(rho < 5.0, inner, CubicSpline(np.log(old), mean)(np.log(np.minimum(rho, old[-1]))))
-
-
-def slopes(x, y, tilt):
-    """Downward slope (-dz/dx, -dz/dy) of the ellipsoid turned by `tilt` about x, then y through its centre."""
-    (cx, sx), (cy, sy) = [(np.cos(a), np.sin(a)) for a in tilt]
-    Q = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]]) @ np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
-    A = Q @ np.diag([60.0**-2, 35.0**-2, 35.0**-2]) @ Q.T
-    b, c = A[2, 0] * x + A[2, 1] * y, A[0, 0] * x * x + 2 * A[0, 1] * x * y + A[1, 1] * y * y - 1
-    z = (-b + np.sqrt(b * b - A[2, 2] * c)) / A[2, 2]
-    g = A @ np.array([x, y, z])
-    return g[:2] / g[2]
+    change = mechanics.turned[place]
+    at = np.clip(d, 0, change["deepest"])
+    ratio, lean = polyval(at, change["ratio"]), polyval(at, change["lean"]).T
+    F = F * ratio[:, None]
+    return np.column_stack([F[:, :2] + lean * F[:, 2:], F[:, 2]])
 
 
 def true_depth(force, recorded, offset, compliance, scale=1.0):
@@ -200,7 +171,7 @@ def clean_test(mechanics, mu, test, index, chain, clock):
             if chain.get("wrong_point") and place == "20_0":
                 w = (chain["wrong_point"] / 20) ** np.array([1.0, 1.0, 2.0])
                 raw = mechanics.null("top", np.clip(d, 0, None)) * (1 - w) + raw * w
-            raw = turned(mechanics, raw, source, np.clip(d, 0, None), chain)
+            raw = turned(mechanics, raw, source, np.clip(d, 0, None))
             return mu * np.where((d > 0)[:, None], raw, 0.0) * stiff[mask][:, None]
 
         extra = 0.0
@@ -283,9 +254,6 @@ def write(folder, mechanics, mu, chain, rng, noise, nominal, deep=DEEP):
     first = records[0][1]
     at = np.array([1.0, 2.0, 3.0, 4.0])
     uz = mechanics.profile(np.interp(at, first[1], first[3]))
-    if chain.get("offset_x") or chain.get("offset_y"):
-        beside = np.hypot(MARKS - chain.get("offset_x", 0.0), 5.0 - chain.get("offset_y", 0.0))
-        uz = np.array([around(row, beside, d) for row, d in zip(uz, np.interp(at, first[1], first[3]), strict=True)])
     files["profile"] = ["depth_mm,x_mm,y_mm,uz_mm"] + [
         f"{d:g},{x:g},5,{u + noise['profile_mm'] * rng.normal():.4f}"
         for d, row in zip(at, uz, strict=True)

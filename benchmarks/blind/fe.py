@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import ngsolve as ng
 import numpy as np
-from body import AXES, Model, approach, ellipsoid_mesh, rotation, symmetry
+from body import AXES, Model, approach, brought_back, carry, ellipsoid_mesh, rotation, symmetry
 from laws import isochoric_energy, stiffness_field
 from ngsolve.comp import IntegrationRuleSpaceSurface
 
@@ -42,13 +42,18 @@ class Path:
 
 
 class Experiment:
-    """A specimen with its history; `press` moves the sphere and solves."""
+    """A specimen with its history; `press` moves the sphere and solves.
 
-    def __init__(self, model, h=0.9, order=2, eps=200.0, mesh=None, wmax=None):
-        self.model, self.sym = model, symmetry(model)
+    sym: part of the body to model where it is to be more than the model needs; turn: the mesh (made for another
+    place of contact) is deformed by it, see `body.carried`.
+    """
+
+    def __init__(self, model, h=0.9, order=2, eps=200.0, mesh=None, wmax=None, sym=None, turn=None):
+        self.model, self.sym, self.turn = model, sym or symmetry(model), turn
         self.c0, self.direction, self.contact = approach(model)
         blob = (model.blob_centre, model.blob_radius) if model.blob_ratio != 1 else None
         self.mesh = mesh or ellipsoid_mesh(self.sym, self.contact[:2], h, blob, 3.0 if model.bowl is not None else None)
+        self.moved = carry(self.mesh, turn) if turn else None
         self.pressure_order = order - 2
         self.eps = eps * max(1.0, model.skin_ratio)
         self.trail = []  # the last states, (depth, vector)
@@ -397,7 +402,7 @@ class Experiment:
         return F
 
     def _profile(self, Q):
-        """Vertical displacement of the marks at nominal y = 5 mm."""
+        """Vertical displacement of the marks at nominal y = 5 mm; they are on the specimen and turn with it."""
         rows = []
         for x in MARKS:
             flip = np.array([-1.0 if self.sym in ("quarter", "half_x") and x < 0 else 1.0, 1.0, 1.0])
@@ -405,7 +410,9 @@ class Experiment:
             u = np.zeros(3)
             for pull in (0.9995, 0.998, 0.99):  # the curved mesh ends a little inside of the ellipsoid
                 try:
-                    u = np.array(self.u(self.mesh(*(pull * X * flip)))) * flip
+                    at = pull * X * flip
+                    at = brought_back(at, self.turn)[0] if self.turn else at  # points are found on the mesh as made
+                    u = np.array(self.u(self.mesh(*at))) * flip
                     break
                 except Exception:
                     continue

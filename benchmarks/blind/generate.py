@@ -116,15 +116,26 @@ def mechanics(case):
     for effect in case["effects"]:
         changes.update(effect["model"])
     mu, muD1 = case["mu"], case["mu"] * case["D1"]
-    if not changes:
+    moved = displaced(case)
+    if not changes and not moved:
         return experiment.Mechanics(muD1), {}
     import solve
 
     for name in ("adhesion", "weight"):
         if f"{name}_mpa" in changes:
             changes[name] = changes.pop(f"{name}_mpa") / mu
-    tables, facts = solve.tables(muD1, changes)
-    return experiment.Mechanics(muD1, tables, additive="adhesion" in changes), facts
+    tables, facts = solve.tables(muD1, changes) if changes else ({}, {})
+    turned = {}
+    if moved:
+        offset, tilt = ([moved.get(f"{name}_{k}", 0.0) for k in "xy"] for name in ("offset", "tilt"))
+        turned = solve.turned(muD1, offset, np.radians(tilt))
+        facts = {"deepest": min(turned["top"]["deepest"], facts.get("deepest", np.inf))}
+    return experiment.Mechanics(muD1, tables, "adhesion" in changes, turned), facts
+
+
+def displaced(case):
+    """Misalignment (mm) and tilt (degrees) of a case, {name: size}."""
+    return {k: v for e in case["effects"] for k, v in e["chain"].items() if k in catalogue.TURNED}
 
 
 def make(case, out):
@@ -189,9 +200,9 @@ def allowed(case, size, visible=4.0):
 
 
 def cost(case):
-    """0 without finite elements, more for histories (friction: the dearest)."""
+    """0 without finite elements, more for histories (friction: the dearest) and misalignment or tilt."""
     model = {k for e in case["effects"] for k in e["model"]}
-    return bool(model) + ("prony" in model) + 2 * ("friction" in model)
+    return bool(model) + ("prony" in model) + 2 * ("friction" in model) + 2 * bool(displaced(case))
 
 
 def main():
@@ -200,11 +211,17 @@ def main():
     for kind in ("null", "single", "pair", "outside"):
         parser.add_argument(f"--{kind}", type=int, default=0)
     parser.add_argument("--free-only", action="store_true", help="leave cases that need finite elements for later")
+    parser.add_argument("--first", nargs="*", default=[], help="effects whose cases are made first (drawn as ever)")
     args = parser.parse_args()
     plan = extend_plan(args.out, {k: getattr(args, k) for k in ("null", "single", "pair", "outside")})
     todo = [c for c in plan if not (args.out / "sealed" / f"{c['id']}.json").exists()]
     made = failed = 0
-    for case in sorted(todo, key=lambda case: (cost(case) > 0, case["kind"] != "single", cost(case))):
+
+    def turn(case):
+        late = not any(e["name"] in args.first for e in case["effects"])
+        return cost(case) > 0, case["kind"] != "single", late, cost(case)
+
+    for case in sorted(todo, key=turn):
         if args.free_only and cost(case):
             continue
         for attempt in range(3):

@@ -13,7 +13,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline, make_interp_spline
 
 FILE = Path(__file__).with_name("library.json")
-MU_D1 = {"top": (0.13, 0.03, 0.45, 0.009, 1.3), "20_0": (0.13, 0.01, 1.3), "2.5_2.5": (0.13, 0.01, 1.3)}
+MU_D1 = {
+    "top": (0.13, 0.03, 0.45, 0.009, 1.3),
+    "20_0": (0.13, 0.01, 1.3, 0.036, 0.41),
+    "2.5_2.5": (0.13, 0.01, 1.3, 0.036, 0.41),
+}
 FIRST_CONTACT = {"top": (1.0, 0.01915), "20_0": (0.9806, 0.02022), "2.5_2.5": (0.9975, 0.01915)}  # n_z, mean curvature
 FINE_MU_D1 = 0.2
 FINE_DEPTHS = (0.15, 0.3, 0.5, 0.7, 0.9, 1.1, 1.4, 1.7, 2.0, 2.5, 3.0, 3.5, 4.0)
@@ -56,11 +60,11 @@ def build():
 
 
 def as_table(path):
-    """Path -> dict of lists; Fz corrected for the penetration of the penalty, F = F_eps + dE_c/dd."""
+    """Path -> dict of lists; the penalty's penetration taken out: Fz = Fz_eps + dE_c/dd, Fx and Fy in proportion."""
     d = np.array(path.d)
     F = np.array(path.F)
     s = np.sqrt(np.r_[0, d])
-    F[:, 2] += CubicSpline(s, np.r_[0, path.Ec])(s[1:], 1) / (2 * s[1:])
+    F *= (1 + CubicSpline(s, np.r_[0, path.Ec])(s[1:], 1) / (2 * s[1:]) / F[:, 2])[:, None]
     table = {"d": d.tolist(), "F": F.tolist()}
     if path.uz[0] is not None:
         table["uz"] = list(path.uz)

@@ -3,9 +3,11 @@
 Everything is over mu. Elastic effects: one loading run at the top (quarter model), one at (20, 0) (half model) where
 the effect acts differently there. Viscosity and friction: load-unload cycles at the three speeds (at one speed for
 friction), the deep run continued from 4 mm. Softening: the virgin run gives the field of the largest energy; reloading
-and unloading are runs with that field frozen.
+and unloading are runs with that field frozen. Misalignment and tilt: two runs at every place, with and without, on the
+same elements around the contact; only their ratio and difference are used.
 """
 
+import body
 import fe
 import library
 import ngsolve as ng
@@ -15,6 +17,7 @@ from scipy.interpolate import PchipInterpolator
 UNLOAD = (3.7, 3.2, 2.6, 2.0, 1.5, 1.0, 0.7, 0.45, 0.25, 0.1)
 DEEP_TAIL = tuple(d for d in fe.DEEP_DEPTHS if d > 4)
 BREAK = 0.004  # of the force; a reading beyond 4 mm further off the smooth curve is not used
+HALF, WHOLE = 0.9, 1.1  # mm, elements of the models of a displaced sphere or a turned specimen
 FAR = {"fibre", "friction", "bowl", "blob_ratio", "axes", "weight"}  # act differently at (20, 0): own run there
 
 
@@ -70,6 +73,59 @@ def hard(model, muD1, changes):
             ratio = relaxation(out["mp_cycle_30", "load"], muD1, changes)
             out["20_0", "load"]["F"] = (np.array(out["20_0", "load"]["F"]) * ratio(path.d)[:, None]).tolist()
     return out, deepest
+
+
+def turned(muD1, offset=(0.0, 0.0), tilt=(0.0, 0.0), places=("top", "20_0", "2.5_2.5"), h=None):
+    """What a sphere displaced by `offset` (mm) and a specimen turned by `tilt` (rad, about x, then y) change.
+
+    {place: {"ratio": of Fz with and without, (2,); "lean": change of (Fx, Fy)/Fz, (2, 2); "deepest": mm}}, the former
+    two as polynomials of the depth; at the top also "d" and "uz", change of the profile. Both runs have the same
+    elements around the contact (of size h: HALF or WHOLE), so that what the mesh is worth drops out.
+    """
+    ng.SetNumThreads(1)
+    out = {}
+    for place in places:
+        top, line = place == "top", np.array(library.LINES[place])
+        path = [(2 * d, d) for d in (fe.DEEP_DEPTHS if top else fe.POINT_DEPTHS)]
+        old = fe.Model(muD1=muD1, line=tuple(line))
+        new = fe.replace(old, line=tuple(line + offset), tilt=tuple(tilt))
+        sym = body.symmetry(new)
+        first = fe.Experiment(old, sym=sym, h=h or (WHOLE if sym == "full" else HALF))
+        before = run(first, path, profile=top)
+        turn = body.turning(body.beneath(old), body.beneath(new))
+        after = run(fe.Experiment(new, mesh=first.mesh, sym=sym, turn=turn), path, profile=top)
+        n = min(len(before.d), len(after.d))
+        out[place] = change(before, after, *(body.first_contact(m) for m in (old, new)))
+        if top:
+            out[place] |= {"d": after.d[:n], "uz": np.array(after.uz[:n]) - np.array(before.uz[:n])}
+    return out
+
+
+def change(before, after, at_first, at_first_after):
+    """Polynomials of `turned` from two paths and their first contacts (normal, mean curvature).
+
+    For d -> 0 the force is Hertz's, Fz ~ n_z^2.5 (1/R + H)^-0.5, along the normal.
+    """
+    n = min(len(before.d), len(after.d))
+    F, G = (np.array(library.as_table(p)["F"])[:n] for p in (before, after))
+    (a, H), (b, K) = at_first, at_first_after
+    d = np.array(before.d[:n])
+    ratio = (b[2] / a[2]) ** 2.5 * ((1 / 3 + H) / (1 / 3 + K)) ** 0.5
+    lean = b[:2] / b[2] - a[:2] / a[2]
+    return {
+        "ratio": straight(d, G[:, 2:] / F[:, 2:], [ratio])[:, 0],
+        "lean": straight(d, (G / G[:, 2:] - F / F[:, 2:])[:, :2], lean),
+        "deepest": float(d[-1]),
+    }
+
+
+def straight(d, y, start, coarse=1.0):
+    """Coefficients of start + b d through y (n, k) by least squares, (2, k); depths below `coarse` are left out.
+
+    The ring of contact is not resolved there, and the limit is known.
+    """
+    d, y = d[d >= coarse], y[d >= coarse]
+    return np.vstack([start, d @ (y - start) / (d @ d)])
 
 
 def unbroken(table, muD1):

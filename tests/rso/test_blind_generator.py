@@ -34,8 +34,8 @@ def round_of_cases(blind, tmp_path_factory):
     out = tmp_path_factory.mktemp("round")
     rng = np.random.default_rng(3)
     plan = [blind.generate.draw_case("null", [], rng) for _ in range(2)]
-    plan += [blind.generate.draw_case("single", [n], rng) for n in ("compliance", "lag", "tilt_y", "offset_each")]
-    plan += [blind.generate.draw_case("pair", ["bias", "offset_x"], rng)]
+    plan += [blind.generate.draw_case("single", [n], rng) for n in ("compliance", "lag", "drift", "offset_each")]
+    plan += [blind.generate.draw_case("pair", ["bias", "cross_x"], rng)]
     plan += [blind.generate.draw_case("outside", [n], rng) for n in ("clipping", "swapped_file", "backlash")]
     for k, case in enumerate(plan):
         case["id"] = f"case_{k + 1:04d}"
@@ -113,13 +113,17 @@ def test_coloured_noise_keeps_its_size(blind):
     np.testing.assert_allclose([np.corrcoef(c[1:], c[:-1])[0, 1] for c in F.T], 0.7, atol=0.02)
 
 
-def test_slopes_of_the_turned_body(blind):
-    slopes = blind.experiment.slopes
-    x, h = 12.0, 1e-6
-    z = lambda x: 35 * np.sqrt(1 - (x / 60) ** 2)  # noqa: E731
-    np.testing.assert_allclose(slopes(x, 0.0, (0, 0))[0], -(z(x + h) - z(x - h)) / (2 * h), rtol=1e-6)
-    np.testing.assert_allclose(slopes(x, 0.0, (0.05, 0.0)), slopes(x, 0.0, (0, 0)), atol=1e-12)  # body of revolution
-    assert abs(slopes(0.0, 0.0, (0.0, 0.05))[0]) > 0.03
+def test_turned_force_leans_by_what_its_table_says(blind):
+    lean = [[0.03, -0.01], [0.002, 0.0], [0.0, 0.0]]
+    tables = {"20_0": {"ratio": [0.98, 0.004, 0.0], "lean": lean, "deepest": 4.0}}
+    mechanics = blind.experiment.Mechanics(0.13, turned=tables)
+    d = np.array([0.0, 1.0, 4.0, 4.2])
+    straight = mechanics.null("20_0", d)
+    F = blind.experiment.turned(mechanics, straight, "20_0", d)
+    np.testing.assert_allclose(F[:, 2], straight[:, 2] * [0.98, 0.984, 0.996, 0.996], rtol=1e-12)
+    change = F[1:, :2] / F[1:, 2:] - straight[1:, :2] / straight[1:, 2:]
+    np.testing.assert_allclose(change, [[0.032, -0.01], [0.038, -0.01], [0.038, -0.01]], rtol=1e-9)
+    np.testing.assert_array_equal(blind.experiment.turned(mechanics, straight, "top", d), straight)
 
 
 def test_clopper_pearson(blind):
