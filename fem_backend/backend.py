@@ -36,6 +36,7 @@ CHOICES = {  # the settings and what each may be, for --schema
     "earlier": "mm: deepest travel at this place before the test (softening)",
     "mesh": {"mesher": "tetwild | mapped", "level": "coarse | standard | fine | reference | limit"},
     "solver": "auto | pardiso | superlu",
+    "derivatives": "true | false: those by the material knobs, a third of the time of an elastic run",
 }
 
 
@@ -75,7 +76,7 @@ class FiniteElements:
     @property
     def draft(self) -> Mapping[str, Any]:
         """Settings for many cheap runs whose differences count."""
-        return {"mesh": {"level": "coarse"}}
+        return {"mesh": {"level": "coarse"}, "derivatives": False}
 
     def nominal(self, settings: Mapping[str, Any]) -> Mapping[str, float]:
         """Knobs that the settings set."""
@@ -169,6 +170,8 @@ class FiniteElements:
             plain["support"]["rolling"] = ROLLING
         if any(kept.get(name) for name in MISALIGNED):
             plain["mesh"]["follows"] = FOLLOWS
+        if not settings.derivatives and not path_dependent(settings, kept) and not kept.get("weight"):
+            plain["derivatives"] = False
         if not path_dependent(settings, kept):
             held = np.interp(programme.asked_s, programme.time_s, programme.travel_mm)
             programme = Programme.ramp(tuple(sorted({*programme.asked_mm, *(float(v) for v in held if v > 0)})), 1.0)
@@ -291,7 +294,7 @@ def passages(programme: Programme) -> list[Instant]:
 
 def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
     """Material knobs that are in use, smooth and differentiated; none where the way or the sag would enter too."""
-    if path_dependent(settings, dataclasses.asdict(knobs)) or knobs.weight:
+    if not settings.derivatives or path_dependent(settings, dataclasses.asdict(knobs)) or knobs.weight:
         return ()
     neutral = {p.name: p.neutral for p in BACKEND.parameters}
     names = [n for n in indentation.MATERIAL_KNOBS if getattr(knobs, n) != neutral[n]]

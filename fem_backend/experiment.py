@@ -220,7 +220,8 @@ class Settings:
 
     `recipe` is that of the mesh, `mesh` the mesh table with the keys that count, `h0` the element size at the contact;
     `profile` are reference places (x, y) of surface points whose displacement is asked for; `earlier` is the deepest
-    travel at this place before the test (softening); `ogden` are (alpha, share) of further terms, `prony` (g, tau).
+    travel at this place before the test (softening); `ogden` are (alpha, share) of further terms, `prony` (g, tau);
+    `derivatives` says whether those by the material knobs are wanted.
     """
 
     body: Ellipsoid
@@ -242,6 +243,7 @@ class Settings:
     control: Control = field(default_factory=Control)
     solver: str = "auto"
     defaults: tuple[tuple[str, float], ...] = ()  # knobs that the settings set: bowl_clearance, bowl_friction
+    derivatives: bool = True
 
 
 def read_settings(settings: Mapping[str, Any]) -> Settings:
@@ -279,13 +281,15 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
     plain = {"mesher": "tetwild", "level": "standard", "n": 12, "slip": 0.55}
     mesh = _table(data, "mesh", plain | {"follows": None})  # the last is of the canonical form alone
     solver = _choice("solver", data.pop("solver", "auto"), ["auto", "pardiso", "superlu"])
+    derivatives = _flag("derivatives", data.pop("derivatives", True))
     if data:
-        known = "specimen, indenter, support, material, point, direction, speed, unload, profile, earlier, mesh, solver"
+        known = "specimen, indenter, support, material, point, direction, speed, unload, profile, earlier, mesh, "
+        known += "solver, derivatives"
         raise ValueError(f"unknown setting {sorted(data)[0]!r}; choose from {known}")
     recipe, used, h0, level = _mesh(body, R, mesh)
     return Settings(
         body, R, shaft, support, law, ogden, prony, point, direction, cavity, places, earlier,
-        recipe, used, h0, level, Control().scaled(R), solver, defaults,
+        recipe, used, h0, level, Control().scaled(R), solver, defaults, derivatives,
     )  # fmt: skip
 
 

@@ -168,6 +168,7 @@ def elastic(
 ) -> list[Point]:  # fmt: skip
     """Points of a body that returns on its loading curve: each asked travel is solved once."""
     asked = sorted({i.travel for i in instants if i.asked})
+    at = replace(at, system=modelling.condensing(at.system, at.model, at.start(0.0), at.start(asked[-1])))
     control, u = at.settings.control, at.seated
     if at.system.springs is not None and at.system.dead is None:
         u = stepping.seat(at.system, at.start(0.02 * at.placement.R), u, control, counters)

@@ -6,6 +6,7 @@ about four times faster.  Both are exact to round-off, so the choice does not en
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import importlib.metadata
 import os
@@ -236,6 +237,67 @@ class _Pardiso:
         for solver in self._solvers.values():
             _free(solver)
         self._solvers.clear()
+
+
+class Schur:
+    """Schur complements of one symmetric pattern on the dofs (c,), increasing, by Pardiso in single precision."""
+
+    def __init__(self, pattern: Pattern, dofs: np.ndarray) -> None:
+        _point_to_mkl()
+        import pypardiso
+
+        self._size, self._dofs, self._analysed = pattern.size, dofs, False
+        self._solver = pypardiso.PyPardisoSolver(mtype=2)
+        for place, value in ((1, 1), (2, 2), (10, 13), (28, 1), (35, 0), (36, 2)):
+            self._solver.set_iparm(place, value)  # 2: its own METIS, 28: single precision, 36: Schur complement
+        self._indptr, self._indices = pattern.indptr.astype(np.int32) + 1, pattern.indices.astype(np.int32) + 1
+        self._chosen = np.zeros(pattern.size, np.int32)
+        self._chosen[dofs] = 1
+        weakref.finalize(self, _free, self._solver).atexit = False
+
+    def factor(self, data: np.ndarray) -> tuple[np.ndarray, Solve, Solve]:
+        """S (c, c), the reduction of b (f,) that leaves b_c − K_ci K_ii⁻¹ b_i in the dofs c, and the way back.
+
+        Raises NotPositiveDefinite, also where S is not.
+        """
+        S = np.zeros((len(self._dofs), len(self._dofs)), np.float32)
+        nothing = np.zeros(max(S.size, self._size), np.float32)
+        if not self._analysed:
+            self._call(11, data, nothing, nothing.copy())
+            self._analysed = True
+        try:
+            self._call(22, data, nothing, S)
+        except NotPositiveDefinite:
+            _free(self._solver, everything=False)  # half a factor crashes the next one
+            raise
+
+        def half(phase: int, b: np.ndarray) -> np.ndarray:
+            x = np.zeros_like(b)
+            self._call(phase, data, b, x)
+            return x
+
+        return S, functools.partial(half, 331), functools.partial(half, 333)
+
+    def _call(self, phase: int, data: np.ndarray, b: np.ndarray, x: np.ndarray) -> None:
+        """Pardiso itself: its Python wrapper has no room for a result of another shape than that of b."""
+        s, error = self._solver, ctypes.c_int32(0)
+
+        def one(value: int) -> object:
+            return ctypes.byref(ctypes.c_int32(value))
+
+        def many(array: np.ndarray, kind: type) -> object:
+            return array.ctypes.data_as(ctypes.POINTER(kind))
+
+        s._mkl_pardiso(
+            many(s.pt, s._pt_type[0]), one(1), one(1), one(2), one(phase), one(self._size), many(data, ctypes.c_float),
+            many(self._indptr, ctypes.c_int32), many(self._indices, ctypes.c_int32),
+            many(self._chosen, ctypes.c_int32), one(1), many(s.iparm, ctypes.c_int32), one(0),
+            many(b, ctypes.c_float), many(x, ctypes.c_float), ctypes.byref(error),
+        )  # fmt: skip
+        if error.value == -4:
+            raise NotPositiveDefinite("negative pivot")
+        if error.value:
+            raise ArithmeticError(f"Pardiso ends with error {error.value} in phase {phase}")
 
 
 def _free(solver: object, everything: bool = True) -> None:

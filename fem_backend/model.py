@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from skfem import MeshTet2
 
-from fem_backend import element, geometry, krylov, laws, linsolve, meshing, zones
-from fem_backend.contact import Adhesion, ContactSurface, Pair, Touch, contact_surface, quadratic_facets
+from fem_backend import condensed, element, geometry, krylov, laws, linsolve, meshing, zones
+from fem_backend.condensed import Condense
+from fem_backend.contact import (
+    Adhesion,
+    ContactSurface,
+    Pair,
+    Touch,
+    contact_points,
+    contact_surface,
+    quadratic_facets,
+)
 from fem_backend.experiment import Knobs, Settings
 from fem_backend.geometry import Bowl, Ellipsoid, Sphere
 from fem_backend.laws import Law, Material
@@ -176,6 +186,7 @@ class Model:
     facets: np.ndarray
     factor: linsolve.Factor
     held: np.ndarray
+    condenser: Callable[[np.ndarray], Condense | None]
 
 
 def build(settings: Settings, mesh: Mesh, body: Ellipsoid, planes: tuple[bool, bool], symmetric: bool = True) -> Model:
@@ -202,7 +213,8 @@ def build(settings: Settings, mesh: Mesh, body: Ellipsoid, planes: tuple[bool, b
     loose = settings.support == "bowl" and not all(planes)  # it may roll
     factor = krylov.Loose(discrete.pattern, settings.solver).factor if loose else None
     factor = factor or linsolve.solver(discrete.pattern, settings.solver)
-    return Model(quadratic, discrete, facets, factor, lower)
+    condenser = condensed.condenser(discrete.pattern, settings.solver)
+    return Model(quadratic, discrete, facets, factor, lower, condenser)
 
 
 def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> Model:
@@ -295,6 +307,26 @@ def lumped(body: element.Body, density: np.ndarray) -> np.ndarray:
     out = np.zeros(len(body.nodes))
     np.add.at(out, body.cells, (density * body.w) @ element.shape_functions())
     return out
+
+
+def condensing(system: System, model: Model, start: Load, end: Load) -> System:
+    """The system with what condenses its tangents to the dofs c that the indenter may touch between two loads.
+
+    Only where nothing else touches (a bowl does so everywhere), and where the dense matrix of those is no larger than
+    the sparse one: beyond, to factorise it in every iteration costs what a new tangent of the body would.
+    """
+    if system.springs is not None:
+        return system
+    pair, c = system.pairs[0], [load.touches[0].centre for load in (start, end)]
+    points = contact_points(pair.surface, system.body.nodes)
+    share = np.clip((points - c[0]) @ (c[1] - c[0]) / max(float((c[1] - c[0]) @ (c[1] - c[0])), 1e-300), 0.0, 1.0)
+    away = np.linalg.norm(points - c[0] - share[..., None] * (c[1] - c[0]), axis=-1)
+    nodes = np.unique(pair.surface.facets[(away < pair.rigid.R).any(1)])
+    dofs = model.body.free.reshape(-1, 3)[nodes]
+    dofs = dofs[dofs >= 0]
+    if len(dofs) ** 2 > len(model.body.pattern.indices):
+        return system
+    return replace(system, condense=model.condenser(dofs))
 
 
 def load(system: System, placement: Placement, travel: float, lag: float = 0.0) -> Load:

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from fem_backend import newton, rolling
+from fem_backend import keeping, newton, rolling
 from fem_backend.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
 
 BRISK, PATIENT = 15, 40  # iterations of Newton at most: on the way, and where nothing else is left to try
-NOTHING = (None, None)  # no factor is known, old ones may be used
+NOTHING: Known = (None, None)  # no factor is known, old ones may be used
 SEATING = (1e5, 1e4, 1e3, 1e2, 1e1, 1.0)  # factors of the grounding springs until the support carries the body
 
 
@@ -129,6 +129,23 @@ def find(
     return rolling.solve(system, u, load, tolerance, counters, 3 * limit)
 
 
+def find_tight(
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, known: Known | None = None
+) -> Equilibrium:
+    """As `find`, with the body's tangent kept where old ones may be used and the system can be condensed.
+
+    That pays where many iterations follow each other at one place.  Raises NotConverged.
+    """
+    if known is not None and system.condense is not None:
+        try:
+            return keeping.solve(system, u, load, tolerance, counters, known)
+        except NotConverged as error:
+            if error.cause == "time_limit":
+                raise
+        known = NOTHING
+    return find(system, u, load, tolerance, counters, PATIENT, known)
+
+
 def ahead(system: System, u: np.ndarray, step: np.ndarray) -> np.ndarray:
     """Displacement (n, 3) after a predicted step (n, 3), whose rigid part is made as one where the body may turn."""
     return rolling.moved(rolling.motion(system.body), u, step) if rolling.rolls(system) else u + step
@@ -160,17 +177,20 @@ def travel(
     limit = BRISK
     u = np.zeros_like(system.body.nodes) if u is None else u
     rate, here, step = np.zeros_like(u), 0.0, control.first
+    amiss = np.zeros_like(u)  # of what is offered, at the travel before
     points: list[Point] = []
     for target in asked:
         offered = guess(target) if guess is not None else None
         if offered is not None:
+            near = offered + amiss
             try:
-                points.append(settle(system, offered, start(target), target, control, counters, 0.0, watch, NOTHING))
+                points.append(settle(system, near, start(target), target, control, counters, 0.0, watch, NOTHING))
             except NotConverged as error:
                 if error.cause == "time_limit":
                     raise stopped(error, target, points, counters) from error
             else:
                 u, rate, here = _end(points[-1], target)
+                amiss = u - offered
                 continue
         known = NOTHING
         while here < target - 1e-12:
@@ -232,7 +252,7 @@ def settle(
     for k in range(control.augmentations + 1):
         tolerance = control.tight if k == control.augmentations or known is not None else control.medium
         try:
-            found = find(system, u, load, tolerance, counters, PATIENT, known)
+            found = find_tight(system, u, load, tolerance, counters, known)
         except NotConverged as error:
             if not loose or not rolling.rolls(system) or error.cause == "time_limit":
                 raise

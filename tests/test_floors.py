@@ -21,7 +21,7 @@ ROOMS = {
     "fem_backend": (
         "analytic laws geometry",
         "stress meshing",
-        "element linsolve krylov zones contact newton",
+        "element linsolve condensed krylov zones contact newton keeping",
         "rolling stepping following post",
         "experiment model indentation errors anchors nested levels",
         "backend output",

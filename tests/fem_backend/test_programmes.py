@@ -207,6 +207,19 @@ def test_canonical_form_marks_where_the_fine_elements_go_along():
     assert mark() is mark(offset_x=0.0) is mark(friction=0.2) is None
 
 
+def test_a_key_says_that_derivatives_are_not_wanted_where_there_would_be_some():
+    def mark(wanted, **knobs):
+        case = Case("c", Programme.ramp((0.5, 1.0)), {"mesh": SMALL, "derivatives": wanted})
+        kept, plain = BACKEND.canonical({**VALUES, **knobs}, case)
+        assert BACKEND.canonical(kept, plain) == (kept, plain)
+        return plain.settings.get("derivatives")
+
+    assert mark(False) is False
+    assert mark(True) is mark(False, friction=0.2) is mark(False, weight=1e-5) is None
+    cases = [Case("c", Programme.ramp((0.5,)), {"derivatives": wanted}) for wanted in (False, True)]
+    assert len({BACKEND.recipes(VALUES, case)["anchor"] for case in cases}) == 1  # one anchor serves both
+
+
 def test_canonical_task_has_the_same_answer():
     """The programme that is stored gives the forces of the one that was asked."""
     values = {**VALUES, "skin_ratio": 1.0, "skin_thickness": 1.0, "prony_tau": 3.0}

@@ -82,6 +82,15 @@ def test_derivatives_change_no_answer_and_cost_no_factorisation(graded):
     assert with_.counters.factorisations == without.counters.factorisations
 
 
+def test_derivatives_that_are_not_wanted_are_not_there():
+    """And the answer is the same to the last digit; cheap runs of a diagnosis ask for none."""
+    plain, without = run({}, {}), run({}, {"derivatives": False})
+    assert plain.gradients and not without.gradients
+    for name, value in plain.channels.items():
+        np.testing.assert_array_equal(without.channels[name], value)
+    assert BACKEND.draft["derivatives"] is False
+
+
 def test_multipliers_are_differentiated_too(graded, monkeypatch):
     """Negative control: with the multipliers taken as fixed numbers the derivative is off by far more than 1e-3."""
     right = graded.solve([1.5], gradients=("mu",)).gradients["mu"]["Fz"]
