@@ -2,8 +2,8 @@
 
     ΔF_x = k (s' − s),   k = F_x / s at (20, 0),   s = −∂z/∂x of the surface where the ball's axis meets it
 
-is how the blind generator made tilts in its first four rounds, and nearly what a crosstalk does; printed is ΔF_x of finite elements over it.
-Half models, neo-Hookean, μD₁ = 0.2; about a minute.
+is how the blind generator made tilts in its first four rounds, and nearly what a crosstalk does; printed is ΔF_x of
+finite elements over it.  Half models, neo-Hookean, μD₁ = 0.2; about a minute.
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ from fem_backend.newton import Counters, Equilibrium, Evaluation, Known, Load, N
 
 BRISK, PATIENT = 15, 40  # iterations of Newton at most: on the way, and where nothing else is left to try
 NOTHING: Known = (None, None)  # no factor is known, old ones may be used
+LOOSER = (1.0, 10.0, 100.0)  # times the residual that is left when seated
 SEATING = (1e5, 1e4, 1e3, 1e2, 1e1, 1.0)  # factors of the grounding springs until the support carries the body
 
 
@@ -154,14 +155,23 @@ def ahead(system: System, u: np.ndarray, step: np.ndarray) -> np.ndarray:
 def seat(system: System, load: Load, u: np.ndarray, control: Control, counters: Counters) -> np.ndarray:
     """Displacement (n, 3) with the grounding springs softened step by step until the contacts carry the body.
 
+    A body that may turn is sought less tightly where it finds no rest otherwise, and counts as a loose one.
     Raises Stopped.
     """
-    for factor, tolerance in [(f, control.loose) for f in SEATING] + [(1.0, control.seating)]:
-        try:
-            u = find(system, u, replace(load, springs=factor), tolerance, counters).evaluation.u
-        except NotConverged as error:
-            raise Stopped(error.cause, f"while seating: {error}", [], error.history, counters) from error
-    return u
+    try:
+        for factor in SEATING:
+            u = find(system, u, replace(load, springs=factor), control.loose, counters).evaluation.u
+        for k in LOOSER if rolling.rolls(system) else (1.0,):
+            try:
+                return find(system, u, load, min(k * control.seating, control.loose), counters).evaluation.u
+            except NotConverged as error:
+                if error.cause == "time_limit":
+                    raise
+                counters.loose += 1
+                lost = error
+        raise lost
+    except NotConverged as error:
+        raise Stopped(error.cause, f"while seating: {error}", [], error.history, counters) from error
 
 
 def travel(

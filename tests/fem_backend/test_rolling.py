@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fem_backend import experiment, indentation, linsolve, model, newton, rolling
+from fem_backend import experiment, indentation, linsolve, model, newton, rolling, stepping
 from fem_backend.backend import BACKEND
-from fem_backend.newton import Counters
+from fem_backend.newton import Counters, NotConverged
+from fem_backend.stepping import Control, Stopped
 
 SETTINGS = {
     "mesh": {"mesher": "mapped", "n": 6, "slip": 0.3},
@@ -98,3 +99,56 @@ def test_the_time_of_a_run_ends_it(lying):
     with pytest.raises(newton.NotConverged) as caught:
         rolling.solve(at.system, at.seated, load, 1e-10, Counters(deadline=0.0))
     assert caught.value.cause == "time_limit"
+
+
+@pytest.fixture
+def restless(monkeypatch):
+    """Equilibria are found, but none tighter than 3e-5: the tolerances that were asked for."""
+    asked, find = [], stepping.find
+
+    def seek(system, u, load, tolerance, counters, *more):
+        asked.append(tolerance)
+        if tolerance < 3e-5:
+            raise NotConverged("contact", "no equilibrium after 120 factorisations", (1.0,))
+        return find(system, u, load, tolerance, counters, *more)
+
+    monkeypatch.setattr(stepping, "find", seek)
+    monkeypatch.setattr(stepping, "SEATING", ())  # on softer springs than those of the fixture this body rolls far away
+    return asked
+
+
+def test_a_body_that_finds_no_tight_rest_is_seated_less_tightly_and_says_so(lying, restless):
+    at, load, found = lying
+    counters, control = Counters(), Control()
+    u = stepping.seat(at.system, load, found.evaluation.u, control, counters)
+    assert restless == [control.seating, 10.0 * control.seating]
+    assert counters.loose == 1
+    here = newton.evaluate(at.system, u, load)
+    left = np.linalg.norm(newton.reduced(at.model.body, here.residual)) / here.scale
+    assert left <= 10.0 * control.seating
+
+
+def test_a_body_that_cannot_turn_is_seated_tightly_or_not_at_all(lying, restless, monkeypatch):
+    at, load, found = lying
+    monkeypatch.setattr(rolling, "rolls", lambda system: False)
+    with pytest.raises(Stopped, match="while seating") as stopped:
+        stepping.seat(at.system, load, found.evaluation.u, Control(), Counters())
+    assert stopped.value.cause == "contact"
+
+
+def test_a_body_that_rolls_over_when_seated_tightly_stays_as_it_lay(monkeypatch):
+    """Where the tight search ends with a body that the ball would miss, the loose one counts."""
+    settings = experiment.read_settings({**SETTINGS, "point": [10.0, 0.0]})
+    knobs = BACKEND.knobs({"mu": 0.01, "D1": 20.0, "weight": 1e-5}, settings)
+    placement = model.place(settings, knobs)
+    seats, lag = [], indentation._lag
+
+    def seat(system, load, u, control, counters):
+        seats.append(control.seating)
+        return 0.1 * len(seats) * np.ones_like(u)
+
+    monkeypatch.setattr(stepping, "seat", seat)
+    monkeypatch.setattr(indentation, "_lag", lambda at, u: np.inf if len(seats) == 1 else lag(at, 0.0 * u))
+    at = indentation.bench(settings, knobs, placement, model.model_for(settings, knobs, placement, None), Counters())
+    assert seats == [settings.control.seating, settings.control.loose]
+    np.testing.assert_array_equal(at.seated, 0.2)
