@@ -106,6 +106,7 @@ def bench(settings: Settings, knobs: Knobs, placement: Placement, model: Model, 
         control = settings.control
         u = stepping.seat(relaxed, away, ready.seated, control, counters)
         if not np.isfinite(_lag(ready, u)):  # it rolled over for the last per cent of its weight: as it lay before
+            counters.loose += 1
             u = stepping.seat(relaxed, away, ready.seated, replace(control, seating=control.loose), counters)
     else:
         for share in (0.25, 0.5, 0.75, 1.0):

@@ -256,7 +256,7 @@ class Schur:
         weakref.finalize(self, _free, self._solver).atexit = False
 
     def factor(self, data: np.ndarray) -> tuple[np.ndarray, Solve, Solve]:
-        """S (c, c), the reduction of b (f,) that leaves b_c − K_ci K_ii⁻¹ b_i in the dofs c, and the way back.
+        """S (c, c) with c > 0, the reduction of b (f,) that leaves b_c − K_ci K_ii⁻¹ b_i in the dofs c, and the way back.
 
         Raises NotPositiveDefinite, also where S is not.
         """
@@ -265,11 +265,7 @@ class Schur:
         if not self._analysed:
             self._call(11, data, nothing, nothing.copy())
             self._analysed = True
-        try:
-            self._call(22, data, nothing, S)
-        except NotPositiveDefinite:
-            _free(self._solver, everything=False)  # half a factor crashes the next one
-            raise
+        self._call(22, data, nothing, S)
 
         def half(phase: int, b: np.ndarray) -> np.ndarray:
             x = np.zeros_like(b)

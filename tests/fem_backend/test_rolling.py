@@ -149,6 +149,8 @@ def test_a_body_that_rolls_over_when_seated_tightly_stays_as_it_lay(monkeypatch)
 
     monkeypatch.setattr(stepping, "seat", seat)
     monkeypatch.setattr(indentation, "_lag", lambda at, u: np.inf if len(seats) == 1 else lag(at, 0.0 * u))
-    at = indentation.bench(settings, knobs, placement, model.model_for(settings, knobs, placement, None), Counters())
+    counters = Counters()
+    at = indentation.bench(settings, knobs, placement, model.model_for(settings, knobs, placement, None), counters)
+    assert counters.loose == 1
     assert seats == [settings.control.seating, settings.control.loose]
     np.testing.assert_array_equal(at.seated, 0.2)
