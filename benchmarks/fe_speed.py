@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fem_backend import element, linsolve, newton
+from fem_backend import condensed, element, linsolve, newton
 from fem_backend.backend import BACKEND
 from rso.contract import Case, Programme, object_path
 
@@ -101,18 +101,17 @@ def overhead() -> float:
     case = Case("speed", Programme.ramp(ASKED), {"mesh": {"level": "standard"}})
     BACKEND(SET1, case)
     clock = Clock()
-    kernels = {"internal_force": element, "stiffness": element, "displacement_gradients": element}
-    kept = {name: getattr(module, name) for name, module in kernels.items()}
-    state, call = newton.stress.evaluate, linsolve._Pardiso._call
-    for name, module in kernels.items():
-        setattr(module, name, clock.watch(kept[name]))
-    newton.stress.evaluate, linsolve._Pardiso._call = clock.watch(state), clock.watch(call)
+    watched = [(element, "internal_force"), (element, "stiffness"), (element, "displacement_gradients"),
+               (newton.stress, "evaluate"), (linsolve._Pardiso, "_call"), (linsolve.Schur, "_call"),
+               (condensed, "cho_factor"), (condensed, "cho_solve")]  # fmt: skip
+    kept = [getattr(owner, name) for owner, name in watched]
+    for (owner, name), function in zip(watched, kept, strict=True):
+        setattr(owner, name, clock.watch(function))
     start = time.process_time()
     BACKEND(SET1, case)
     total = time.process_time() - start
-    for name, module in kernels.items():
-        setattr(module, name, kept[name])
-    newton.stress.evaluate, linsolve._Pardiso._call = state, call
+    for (owner, name), function in zip(watched, kept, strict=True):
+        setattr(owner, name, function)
     return total / clock.s
 
 
