@@ -39,10 +39,13 @@ def answer(
     computes the finalist anew and simulates candidate tests; without it only the library costs simulations.
     """
     libraries: dict[str, Library] = {}
-    read = {case: _read(case, out, seed) for case in cases if not (out / f"{case.name}.json").exists()}
+    read = {case: _read(case, out, seed) for case in cases}
+    # of those with an answer too: a round that goes on keeps its library
     deepest = _deepest([v for v in read.values() if isinstance(v, Asked)])
     for case, asked in read.items():
         path = out / f"{case.name}.json"
+        if path.exists():
+            continue
         began = time.process_time()
         try:
             if isinstance(asked, ValueError):
