@@ -36,7 +36,7 @@ CHOICES = {  # the settings and what each may be, for --schema
     "earlier": "mm: deepest travel at this place before the test (softening)",
     "mesh": {"mesher": "tetwild | mapped", "level": "coarse | standard | fine | reference | limit"},
     "solver": "auto | pardiso | superlu",
-    "derivatives": "true | false: those by the material knobs, a third of the time of an elastic run",
+    "derivatives": "true | false: those by the material knobs, a sixth to a third of an elastic run",
 }
 
 

@@ -256,9 +256,9 @@ class Schur:
         weakref.finalize(self, _free, self._solver).atexit = False
 
     def factor(self, data: np.ndarray) -> tuple[np.ndarray, Solve, Solve]:
-        """S (c, c) with c > 0, the reduction of b (f,) that leaves b_c − K_ci K_ii⁻¹ b_i in the dofs c, and the way back.
+        """S (c, c), the reduction of b (f,) that leaves b_c − K_ci K_ii⁻¹ b_i in the dofs c, and the way back.
 
-        Raises NotPositiveDefinite, also where S is not.
+        There must be such dofs: Pardiso crashes without.  Raises NotPositiveDefinite, also where S is not.
         """
         S = np.zeros((len(self._dofs), len(self._dofs)), np.float32)
         nothing = np.zeros(max(S.size, self._size), np.float32)

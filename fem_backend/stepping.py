@@ -161,9 +161,10 @@ def seat(system: System, load: Load, u: np.ndarray, control: Control, counters: 
     try:
         for factor in SEATING:
             u = find(system, u, replace(load, springs=factor), control.loose, counters).evaluation.u
-        for k in LOOSER if rolling.rolls(system) else (1.0,):
+        allowed = [min(k * control.seating, control.loose) for k in (LOOSER if rolling.rolls(system) else (1.0,))]
+        for tolerance in dict.fromkeys(allowed):
             try:
-                return find(system, u, load, min(k * control.seating, control.loose), counters).evaluation.u
+                return find(system, u, load, tolerance, counters).evaluation.u
             except NotConverged as error:
                 if error.cause == "time_limit":
                     raise
