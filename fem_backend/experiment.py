@@ -185,7 +185,7 @@ class Knobs:
         -100.0,
         100.0,
         neutral=0.0,
-        scope="mounting",
+        scope="place",
         typical=0.5,
         plausible=(-2.0, 2.0),
     )
@@ -195,7 +195,7 @@ class Knobs:
         -100.0,
         100.0,
         neutral=0.0,
-        scope="mounting",
+        scope="place",
         typical=0.5,
         plausible=(-2.0, 2.0),
     )

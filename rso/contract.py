@@ -37,7 +37,7 @@ CAUSES = (
     "not_supported",  # the backend does not model what was asked
 )
 
-Scope = Literal["study", "mounting", "curve"]
+Scope = Literal["study", "mounting", "place", "curve"]
 
 
 @dataclass(frozen=True)

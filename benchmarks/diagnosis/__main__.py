@@ -35,7 +35,6 @@ from rso import diagnosis
 from rso.diagnosis import attribute
 from rso.diagnosis.attribute import Bench, Evidence
 from rso.diagnosis.detectable import Detectable, detectable
-from rso.diagnosis.judge import seen
 from rso.diagnosis.library import Library
 from rso.diagnosis.next_test import SETTLED
 from rso.running import WorkerPool, run_all
@@ -66,7 +65,7 @@ def library_of(folder: Path, store: Path) -> Library:
         with RunStore(copy) as runs:
             library = diagnosis.build(asked.base, asked.plan, asked.effects,
                                       lambda t: run_all(asked.base.backend, t, runs, NothingRuns()))  # fmt: skip
-    return replace(library, plan=seen(library.plan))
+    return replace(library, plan=library.plan.seen())
 
 
 def figures(s: Scored) -> list[str]:

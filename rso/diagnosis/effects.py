@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from rso.contract import Backend, Parameter, parameters_of
+from rso.contract import Backend, Parameter, Scope, parameters_of
 from rso.measurement import Chain
 from rso.similarity import stress_exponent
 
 _SMALLEST = 1 / 40  # of the largest plausible size, where a range has no smallest size of its own
 _WIDE = 4.0  # ends of a range further apart than this are spaced logarithmically
+ASTRAY = 5.0  # times what is plausible everywhere: how far a test at one place may have been done from there
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,8 @@ class Effect:
     """A hypothesis: `size` and `shape` knobs, the `settings` it replaces (a variant), and where it lives.
 
     `family` is 'model' (the backend computes it), 'measurement' (the chain; costs no simulation) or 'scatter' (a knob
-    of the chain that every curve has for itself: its size is a standard deviation).
+    of the chain that every curve has for itself: its size is a standard deviation).  `place` holds the settings of the
+    only place where it acts; None: it acts everywhere.
     """
 
     name: str
@@ -82,6 +84,17 @@ class Effect:
     shape: tuple[Size, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
     cause: str = ""
+    scope: Scope = "study"
+    place: Mapping[str, Any] | None = None
+
+    @property
+    def measured(self) -> bool:
+        """Whether it lies in the measurement: in its chain, or in a test done elsewhere than it says."""
+        return self.family != "model" or self.place is not None
+
+    def acts(self, place: Mapping[str, Any]) -> bool:
+        """Whether it acts at a place with these settings."""
+        return self.place is None or self.place == place
 
     @property
     def source(self) -> str:
@@ -117,6 +130,21 @@ def catalogue(
     return (*effects, *_grouped(parameters_of(Chain), {}, {}, "measurement"), *_scatter())
 
 
+def misplaced(effects: Sequence[Effect], places: Sequence[Mapping[str, Any]]) -> tuple[Effect, ...]:
+    """The effects, and those that a place may have for itself (scope "place") once more at each of several `places`.
+
+    There they are further forms of the same cause, up to ASTRAY times as large: a test done elsewhere than noted.
+    """
+    found = list(effects)
+    for e in effects if len(places) > 1 else ():
+        for place in places if e.scope == "place" and e.family == "model" else ():
+            size = replace(e.size, low=ASTRAY * e.size.low, high=ASTRAY * e.size.high)
+            where = ", ".join(f"{v:g}" for v in place.get("point", ()))
+            found.append(replace(e, name=f"{e.name} at ({where})", description=f"{e.description}, at ({where}) alone",
+                                 size=size, cause=e.source, place=place))  # fmt: skip
+    return tuple(found)
+
+
 def _scatter() -> list[Effect]:
     """Knobs of the chain that may differ from curve to curve."""
     found = []
@@ -144,7 +172,7 @@ def _grouped(
         if group in found and p.name in nominal:
             group = p.name
         if group not in found and neutral is not None:
-            found[group] = Effect(p.name, p.description, family, _size(p, neutral), cause=p.cause)
+            found[group] = Effect(p.name, p.description, family, _size(p, neutral), cause=p.cause, scope=p.scope)
         elif group in found and p.name not in fixed:
             e = found[group]
             found[group] = replace(e, shape=(*e.shape, _size(p, None)))

@@ -16,7 +16,6 @@ from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.jumps import Jumps, jumps
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Posterior, log_tiles, mean_prediction, posterior
-from rso.diagnosis.testplan import TestPlan
 from rso.diagnosis.unfitted import HeldOut, held_out, left_out, shrinkage_of
 
 SURE = 0.95  # probability of one cause above which it is named alone
@@ -80,17 +79,9 @@ class Diagnosis:
     left: float
 
 
-def seen(plan: TestPlan) -> TestPlan:
-    """The plan without what is kept for validation."""
-    keep = {k for k, e in enumerate(plan.experiments) if e.role != "validate"}
-    tests = tuple(t for t in plan.tests if t.experiment in keep)
-    profiles = tuple(p for p in plan.profiles if p.experiment in keep)
-    return replace(plan, tests=tests, profiles=profiles)
-
-
 def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnosis:
     """The diagnosis of the data in the library's plan; curves with role validate enter the shrinkage only."""
-    library = replace(whole, plan=seen(whole.plan))
+    library = replace(whole, plan=whole.plan.seen())
     y = library.plan.values()
     bench = attribute.set_up(library, y)
     evidence = Evidence(bench, library.effects)
@@ -210,7 +201,7 @@ def judge(contest: Contest, gap: bool) -> Judgement:
     if min(marginal[v] for v in best) < SURE:
         return Judgement("ambiguous", names, chosen)
     own = tuple(e.name for e in chosen.effects)
-    measured = all(e.family != "model" for e in chosen.effects)
+    measured = all(e.measured for e in chosen.effects)
     return Judgement("measurement" if measured else "explained", own, chosen)
 
 

@@ -10,6 +10,7 @@ modulus, so that the modulus needs no simulation (exact similarity).
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -82,6 +83,10 @@ class Library:
     rubbing: frozenset[str] = frozenset()
     mended: Mapping[tuple[str, int], np.ndarray] = field(default_factory=dict)
 
+    def home(self, effect: Effect) -> int:
+        """Place whose nodes an effect is known at: the primary one, or the only one where it acts."""
+        return _home(effect, self.plan, self.primary)
+
     def forces(self, place: int, x: np.ndarray) -> np.ndarray:
         """Base forces over the modulus (T, 3, m) at coordinates x (T, d)."""
         return np.tensordot(self.base_weights(x), self.places[place].base, axes=1)
@@ -99,9 +104,10 @@ class Library:
         for k, s in enumerate(effect.shape, 1):
             if timed(s):
                 at[:, k] += np.log(speed)
-        nodes = self.places[self.primary].effects[effect.name].nodes
+        home = self.home(effect)
+        nodes = self.places[home].effects[effect.name].nodes
         W = nodes.weights(at)
-        W = W if place == self.primary else W @ self.transfer[effect.name, place]
+        W = W if place == home else W @ self.transfer[effect.name, place]
         points = self.mended.get((effect.name, place))
         return W if points is None else np.concatenate([W, nodes.nearness(at, points)], axis=1)
 
@@ -153,6 +159,8 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     grid, further, fine, rubbing = {}, [], set(), set()
     for e, k in itertools.product(modelled, range(len(plan.places))):
         grid[e.name, k] = nodes(e, k == primary, speeds, dear[k], alone)
+        if not e.acts(plan.places[k].settings):
+            continue
         all_of_it = not _supports(e) or alone or aside[k]
         for n, at in enumerate(grid[e.name, k].points):
             if not (all_of_it or grid[e.name, k].middling[n]):
@@ -181,10 +189,11 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
         for k in range(len(plan.places)) if k != primary
     }  # fmt: skip
     tables = tuple(first if k == primary else _beside(first, levels, few, others[k]) for k in range(len(plan.places)))
-    lost = {e.name for e in modelled if not first.effects[e.name].known.any()}
+    home = {e.name: _home(e, plan, primary) for e in modelled}
+    lost = {name for name, k in home.items() if not tables[k].effects[name].known.any()}
     transfer = {
-        (e.name, k): _transfer(e, tables[primary].effects[e.name], tables[k].effects[e.name])
-        for e in modelled for k in range(len(plan.places)) if k != primary
+        (e.name, k): _transfer(e, tables[home[e.name]].effects[e.name], tables[k].effects[e.name])
+        for e in modelled for k in range(len(plan.places)) if k != home[e.name]
     }  # fmt: skip
     return Library(
         base,
@@ -212,6 +221,11 @@ def _of_base(
     each = jobs_of(base, plan, k, None, -1, centre, ways)
     jobs += each if len(each) > 1 else []
     return [*jobs, Job(k, None, -1, None, task_of(base, plan, k, centre, None, {}, finer=True), True)]
+
+
+def _home(effect: Effect, plan: TestPlan, primary: int) -> int:
+    """Index of the primary place, or of the only place where an effect acts."""
+    return primary if effect.place is None else [p.settings for p in plan.places].index(effect.place)
 
 
 def _rubs(effect: Effect, jobs: Sequence[Job]) -> bool:
@@ -322,8 +336,10 @@ def _transfer(effect: Effect, primary: Table, other: Table) -> np.ndarray:
     Where an effect sits is read off between the other place's own nodes: what is below one point is beside another.
     """
     P, O = primary.nodes.points, other.nodes.points
-    one_sided = len(O) > 1 and O.shape[1] == 1 and np.all(O[:, 0] > 0)
-    if one_sided if other.nodes.anchored else len(O) == len(P):
+    if effect.place is not None:  # it acts nowhere else
+        return np.zeros((len(P), len(O)))
+    curved = len(O) > 1 and O.shape[1] == 1 and (np.all(O[:, 0] > 0) or math.isinf(other.nodes.middle))
+    if curved if other.nodes.anchored else len(O) == len(P):
         return other.nodes.weights(P)  # sizes enough of its own
     if not other.nodes.anchored:
         R = _likened(primary, P, O)

@@ -265,9 +265,9 @@ def direct(library: Library, bench: Bench, survivors: Survivors) -> dict[str, di
     found: dict[str, dict[tuple[str, str], float]] = {}
     for name, (effects, post) in survivors.items():
         for e in effects:
-            if e.name not in known or e.size.neutral is None:
+            if e.size.name not in known or e.size.neutral is None:
                 continue
-            words, resolution = known[e.name]
+            words, resolution = known[e.size.name]
             off = sizes(bench, effects, post, e) - e.size.neutral
             D = abs(float(np.mean(off))) / np.hypot(resolution, float(np.std(off)))
             own = found.setdefault(words, dict.fromkeys(pairs, 0.0))

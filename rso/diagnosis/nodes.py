@@ -97,12 +97,15 @@ def nodes(effect: Effect, primary: bool, speeds: tuple[float, float], dear: bool
     if len(ends) == 1:
         far = ends[0][1]
         # what saturates at small sizes (friction, once it sticks) does so at every place
-        shares = ((0.5,) if few else (0.35, 1.0)) if shapes else (0.12, 0.4, 1.0)
+        shares = ((0.5,) if few else (0.35, 1.0)) if shapes else (0.25, 1.0) if dear else (0.12, 0.4, 1.0)
         return Nodes((np.sort(far * np.array(shares)), *shapes), 0.5 * abs(far), True)
     low, high = ends[0][1], ends[1][1]
+    if effect.place is not None:  # as far as another place is away: a parabola is not enough
+        level = np.array([0.5 * low, 0.5 * high] if dear else [0.9 * low, 0.35 * low, 0.35 * high, 0.9 * high])
+        return Nodes((level, *shapes), math.inf, True)
     if not size.ratio and abs(abs(low) - abs(high)) < 0.5 * abs(high):
-        # both signs alike (a dimension, a tilt): small changes, in proportion
-        return Nodes((np.array([0.7 * high]), *shapes), math.inf, True)
+        # a dimension, a tilt: a parabola through neutral; both signs are the same but for marks beside the plane
+        return Nodes((0.7 * np.array([high] if dear else [low, high]), *shapes), math.inf, True)
     shares = (0.5,) if few else (0.35, 1.0)
     sides = [e for e in (low, high) if not few or abs(e) > 0.3 * max(abs(low), abs(high))]
     level = np.sort(np.array([e * f for e in sides for f in shares]))

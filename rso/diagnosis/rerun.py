@@ -75,6 +75,8 @@ def mended(
     wanted = []
     for e, at in picks.items():
         for k, here in enumerate(library.places):
+            if not e.acts(library.plan.places[k].settings):
+                continue
             for v in _speeds(library, e, k):
                 late = np.array([np.log(v) if timed(s) else 0.0 for s in e.knobs])
                 finer = not _dear(library, k)
@@ -123,7 +125,7 @@ def _with(library: Library, e: Effect, k: int, point: np.ndarray, change: np.nda
     marks = marks if len(marks) else np.zeros(table.marks.shape[1])
     points = point[None]
     if before is not None:  # rows count from the nodes: at its own point no other row has a weight
-        old = library.places[library.primary].effects[e.name].nodes.nearness(point[None], before)[0]
+        old = library.places[library.home(e)].effects[e.name].nodes.nearness(point[None], before)[0]
         change = change + np.tensordot(old, table.change[-len(before) :], axes=1)
         marks = marks + old @ table.marks[-len(before) :]
         points = np.concatenate([before, point[None]])

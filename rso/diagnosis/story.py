@@ -11,7 +11,7 @@ import numpy as np
 from rso.diagnosis.attribute import Evidence
 from rso.diagnosis.detectable import Detectable, detectable
 from rso.diagnosis.effects import Effect
-from rso.diagnosis.judge import Diagnosis, seen
+from rso.diagnosis.judge import Diagnosis
 from rso.diagnosis.library import Library
 from rso.diagnosis.next_test import NextTest, next_tests
 from rso.diagnosis.rerun import Check
@@ -32,7 +32,7 @@ def story(
 
     `run` simulates candidates of the next test, `checked` are the rounds in which finalists were computed anew.
     """
-    plan = seen(library.plan)
+    plan = library.plan.seen()
     visible = detectable(Evidence(d.bench, library.effects), plan.values(), seed)
     tests = _next(library, d, run) if d.verdict in ("ambiguous", "partly") or len(d.named) > 1 else []
     found = {
@@ -101,7 +101,7 @@ def _next(library: Library, d: Diagnosis, run: Run | None) -> list[NextTest]:
     """Tests that separate the named effects, each alone."""
     effects = {e.name: (e,) for e in library.effects if e.family != "scatter"}
     alive = {n: (effects[n], d.posteriors[n]) for n in d.named if n in d.posteriors and n in effects}
-    plain_library = replace(library, plan=seen(library.plan))
+    plain_library = replace(library, plan=library.plan.seen())
     probability = {c.effect.name: c.probability for c in d.causes if c.effect.name in alive}
     return next_tests(plain_library, d.bench, alive, probability, run)
 

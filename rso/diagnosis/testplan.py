@@ -15,12 +15,13 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from rso.contract import digest
-from rso.measurement import Measurement, Noise
+from rso.measurement import Measurement, Noise, Repeat
 
 BINS = 14  # per branch: what a smooth curve can tell
 STEP = 0.25  # mm, to which the deepest travel is rounded up: data sets of one plan share their library
 SPIKE = 8.0  # robust standard deviations from its neighbours: no reading of its own
 MOST_SPIKES = 0.2  # of the readings: more of them are no spikes but the signal
+DWELL = 0.05  # of the time of loading: after a longer hold what relaxes has done so before the way back
 MARGIN = 0.4  # mm beyond the deepest record, for a contact found late
 Role = Literal["fit", "select", "validate"]
 
@@ -116,6 +117,13 @@ class TestPlan:
             at += len(p.depth)
         return found
 
+    def seen(self) -> TestPlan:
+        """The plan without what is kept for validation; places stay."""
+        keep = {k for k, e in enumerate(self.experiments) if e.role != "validate"}
+        tests = tuple(t for t in self.tests if t.experiment in keep)
+        profiles = tuple(p for p in self.profiles if p.experiment in keep)
+        return replace(self, tests=tests, profiles=profiles)
+
     def values(self) -> np.ndarray:
         """The data vector (n,)."""
         parts = [o.values[c] if isinstance(o, Test) else o.value for o, c, _ in self.rows()]
@@ -125,8 +133,8 @@ class TestPlan:
 def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
     """Tests in bins, places with what must be computed there.
 
-    ValueError if no force curve is left.  Holds are left out with a note: their readings carry relaxation, which the
-    loading and unloading of other speeds also shows.
+    ValueError if no force curve is left.  Holds are left out with a note, and so is the way back after a long one: they
+    carry relaxation, which the loading and unloading at other speeds shows as well.
     """
     places: list[dict[str, Any]] = []
     index: dict[str, int] = {}
@@ -152,7 +160,8 @@ def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
         for r in e.measurement.repeats:
             held = r.segment == "hold"
             if held.any():
-                notes.append(f"{e.name}: {held.sum()} readings of a hold are not used")
+                r, after = _before_hold(r)
+                notes.append(f"{e.name}: {held.sum()} readings of a hold{after} are not used")
             channels = tuple(c for c in ("Fx", "Fy", "Fz") if c in r.channels and c in e.channels)
             time = r.time if r.time is not None else _times(r.depth, r.segment, e.speed)
             branches = [_binned(r, time, channels, name, k) for k, name in enumerate(("loading", "unloading"))]
@@ -184,6 +193,23 @@ def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
               tuple(sorted(p["mark_depths"]))) for p in places
     )  # fmt: skip
     return TestPlan(tuple(experiments), made, tuple(tests), tuple(profiles), tuple(dict.fromkeys(notes)))
+
+
+def _before_hold(r: Repeat) -> tuple[Repeat, str]:
+    """A repeat without the way back after a hold longer than DWELL, and words for what is missing."""
+    back, t = r.segment == "unloading", r.time
+    there, held = r.segment == "loading", r.segment == "hold"
+    short = t is not None and there.any() and np.ptp(t[held]) < DWELL * np.ptp(t[there])
+    if short or not back.any():
+        return r, ""
+    return _kept(r, ~back), f" and {back.sum()} of the way back after it"
+
+
+def _kept(r: Repeat, keep: np.ndarray) -> Repeat:
+    """The readings of a repeat in a mask (n,)."""
+    parts = {k: {c: v[keep] for c, v in getattr(r, k).items()} for k in ("channels", "sigma")}
+    time = None if r.time is None else r.time[keep]
+    return replace(r, depth=r.depth[keep], time=time, segment=r.segment[keep], **parts)
 
 
 def _in_order(experiments: Sequence[Experiment]) -> list[int]:
@@ -220,9 +246,7 @@ def _without_spikes(e: Experiment, notes: list[str]) -> Experiment:
         if wild.any():
             depths = ", ".join(f"{v:.2f}" for v in r.depth[wild][:3]) + (", …" if wild.sum() > 3 else "")
             notes.append(f"{e.name}, repeat {r.label}: {wild.sum()} reading(s) out of line left out, at {depths} mm")
-            cut = lambda v, keep=~wild: v if v is None else v[keep]  # noqa: E731
-            parts = {k: {c: cut(v) for c, v in getattr(r, k).items()} for k in ("channels", "sigma")}
-            r = replace(r, depth=cut(r.depth), time=cut(r.time), segment=cut(r.segment), **parts)
+            r = _kept(r, ~wild)
         repeats.append(r)
     return replace(e, measurement=replace(e.measurement, repeats=tuple(repeats)))
 

@@ -25,6 +25,8 @@ DISPLACEMENTS = ("ux", "uy", "uz")
 # A return by less than this share of the stroke is jitter at the end, not unloading; a second turn by more
 # than the other share means several tests in one.
 _JITTER, _SECOND_TURN = 0.05, 0.2
+# At rest: this near the deepest point, as a share of the stroke, for this many times as long as passing through takes.
+_REST, _LONG = 0.01, 5.0
 _LARGEST = 1e12
 
 
@@ -228,14 +230,14 @@ def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     elif kind == "profile":
         segment = np.full(len(depth), "loading")
     else:
-        segment = _segments(table.path, label, depth)
+        segment = _segments(table.path, label, depth, time)
     channels = {k: v for k, v in data.items() if not k.endswith("_sigma")}
     sigma = {k.removesuffix("_sigma"): v for k, v in data.items() if k.endswith("_sigma")}
     return Repeat(label, depth, time, channels, sigma, segment)
 
 
-def _segments(path: Path, label: str, depth: np.ndarray) -> np.ndarray:
-    """Loading up to the deepest point and unloading after it."""
+def _segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None) -> np.ndarray:
+    """Loading up to the deepest point, unloading after it; where times are known a rest there is a hold."""
     stroke = float(np.ptp(depth))
     k = int(np.argmax(depth))
     before, after = depth[: k + 1], depth[k:]
@@ -249,4 +251,17 @@ def _segments(path: Path, label: str, depth: np.ndarray) -> np.ndarray:
     segment = np.full(len(depth), "loading", dtype="<U9")
     if depth[k] - after.min() > _JITTER * stroke:
         segment[k + 1 :] = "unloading"
+    if time is not None:
+        segment[_at_rest(depth, time)] = "hold"
     return segment
+
+
+def _at_rest(depth: np.ndarray, time: np.ndarray) -> slice:
+    """Readings between the first and the last near the deepest one, if they took far longer than a turn takes."""
+    k, low = int(np.argmax(depth)), float(depth.min())
+    top, stroke = float(depth[k]), float(depth[k]) - low
+    near = np.nonzero(depth >= top - _REST * stroke)[0]
+    start, end = (int(np.argmax(depth >= low + share * stroke)) for share in (0.2, 0.8))
+    turn = 2.0 * _REST / 0.6 * (time[end] - time[start])
+    rests = len(near) > 2 and end > start and time[near[-1]] - time[near[0]] > _LONG * turn
+    return slice(int(near[0]) + 1, int(near[-1]) + 1) if rests else slice(0, 0)

@@ -12,12 +12,12 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
-from rso.contract import CAUSES, Case, Programme, Response, SimulationFailed, digest, run_key
+from rso.contract import CAUSES, Case, Programme, Response, Scope, SimulationFailed, digest, run_key
 from rso.running import Source
 from rso.store import RunStore
 
@@ -119,7 +119,7 @@ def test_parameters_have_units_and_consistent_bounds(it):
         for start in (p.default, p.neutral, p.typical):
             assert start is None or p.check(start) == start
         assert p.neutral is None or p.default == p.neutral, f"{p.name}: an effect is off unless asked for"
-        assert p.scope in ("study", "mounting", "curve")
+        assert p.scope in get_args(Scope)
 
 
 def test_identity_and_channels(it):

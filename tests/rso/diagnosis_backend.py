@@ -48,6 +48,7 @@ class Knobs:
     tau: float = knob("relaxation time", "s", 1e-3, 1e3, default=3.0, group="relaxation", plausible=(0.5, 30.0))
     soften: float = knob("softening below the deepest travel", "1", 0.0, 0.9, neutral=0.0, plausible=(0.03, 0.6))
     tilt: float = knob("tilt about y", "deg", -20.0, 20.0, neutral=0.0, plausible=(-6.0, 6.0))
+    shift: float = knob("misalignment in x", "mm", -50.0, 50.0, neutral=0.0, scope="place", plausible=(-1.5, 1.5))
     radius_error: float = knob("error of the radius", "mm", -1.0, 1.0, neutral=0.0, plausible=(-0.3, 0.3))
     clearance: float = knob("play of the support", "mm", 0.0, 10.0, default=1.0, group="loose", plausible=(0.2, 4.0))
 
@@ -59,7 +60,7 @@ PLAUSIBLE = {p.name: p.plausible for p in PARAMETERS}
 def elastic(values: Mapping[str, float], u: np.ndarray, point=(0.0, 0.0), support: str = "held") -> np.ndarray:
     """Fz, Fx, Fy (3, …) of loading without relaxation at travels u (mm)."""
     v = {p.name: p.default if p.default is not None else p.neutral for p in PARAMETERS} | dict(values)
-    κ, x = v["mu"] * v["D1"], point[0] / 10.0
+    κ, x = v["mu"] * v["D1"], (point[0] + v["shift"]) / 10.0
     bent = v["stiff"] * (1 + 0.2 * v["stiff"]) * (u / 8) * (1 - 0.3 * x) + v["twin"] * (u / 8.1) ** 1.02
     skin = 1 + 0.2 * np.log(v["skin"]) * np.exp(-u / 1.2) * (1 + 0.5 * x)
     loose = 1.0 - (support == "loose") * 0.3 * (1 - np.exp(-v["clearance"])) * np.exp(-u / (1 + 4 * x))

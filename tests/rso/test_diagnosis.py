@@ -85,6 +85,26 @@ def test_a_size_of_the_chain_is_that_at_the_modulus_which_goes_with_it():
     assert abs(after[1] - TRUTH["mu"]) < abs(before[1] - TRUTH["mu"])
 
 
+@pytest.mark.parametrize("away", [-4.0, 3.0])
+def test_a_test_done_at_another_place_than_noted_is_the_measurement(away):
+    """Not the body; and a misalignment of every test is found as one of every test, beside the tilt it looks like."""
+
+    def found(shift: float, everywhere: bool) -> Diagnosis:
+        made, rng = experiments(4, {"shift": shift} if everywhere else None), np.random.default_rng(11)
+        truth = {**TRUTH, "shift": shift}
+        made.append(toy.experiment("side", toy.recorded(truth, rng, point=(10.0, 0.0), lateral=True, repeats=2),
+                                   point=(10.0, 0.0)))  # fmt: skip
+        plan = make_plan(made)
+        effects = diagnosis.misplaced(toy.effects(*NAMES, "shift", "tilt"), [p.settings for p in plan.places])
+        return diagnosis.diagnose(build(BASE, plan, effects, toy.run), 4, nulls=NULLS)
+
+    d = found(away, False)
+    assert d.verdict == "measurement" and d.named == ("shift at (10, 0)",), (d.verdict, d.named)
+    c = cause(d, "shift at (10, 0)")
+    assert c.interval[0] <= away <= c.interval[1]
+    assert set(found(1.2, True).named) == {"tilt", "shift"}
+
+
 def test_a_cause_that_is_not_in_the_catalogue_is_not_made_up():
     """Softening shows on the way back, where nothing else in this catalogue acts."""
     found = [diagnose(seed, {"soften": 0.35}, names=("stiff", "skin", "bias")) for seed in range(3)]

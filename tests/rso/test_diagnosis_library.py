@@ -8,7 +8,7 @@ import pytest
 
 from rso.contract import Parameter
 from rso.diagnosis import Base, build, make_plan, mended
-from rso.diagnosis.effects import Effect, Size, catalogue
+from rso.diagnosis.effects import Effect, Size, catalogue, misplaced
 from rso.diagnosis.library import Library, Table, _transfer
 from rso.diagnosis.nodes import Nodes, nodes
 from rso.diagnosis.prediction import predict
@@ -162,6 +162,34 @@ def test_relaxation_at_every_time_and_rate(library, g, tau):
     at, values = (CENTRE, g, np.log(tau)), {"g": g, "tau": tau}
     assert worst(library, ("g",), at, values, back=False, places=(0,))[0] < 0.01
     assert worst(library, ("g",), at, values, places=(0,))[0] < 0.05
+
+
+@pytest.mark.parametrize("where", [0, 1])
+def test_a_test_done_elsewhere_changes_its_own_place_alone(where):
+    """To 0.3 % of the force at nodes, 1 % between them, 2 % beyond; elsewhere nothing at all."""
+    experiments = [*toy.laboratory(toy.TRUTH, 0), profile()]
+    plan = make_plan(experiments)
+    e = misplaced(toy.effects("shift"), [p.settings for p in plan.places])[1 + where]
+    library = build(BASE, plan, (e,), toy.run)
+    own = library.places[where].effects[e.name].nodes.levels[0]
+    points = [(s, 0.003) for s in own] + [(s, 0.01) for s in 0.5 * (own[1:] + own[:-1])] + [(0.1, 0.003), (7.5, 0.02)]
+    for s, tolerance in points:
+        assert worst(library, (e.name,), (CENTRE, s), {"shift": s}, places=(where,))[0] < tolerance, s
+        other = worst(library, (e.name,), (CENTRE, s), {}, places=(1 - where,))[0]
+        assert other == worst(library, (), (CENTRE,), {}, places=(1 - where,))[0]
+    mends, check = mended(library, {e: np.array([CENTRE, 2.0])}, toy.run)
+    assert check.runs == 1 and check.failed == 0  # that place only
+    assert worst(mends, (e.name,), (CENTRE, 2.0), {"shift": 2.0}, places=(where,))[0] < 0.003
+
+
+def test_both_signs_of_a_tilt_are_known(library):
+    """Marks beside the plane see them differently; a single sign mirrored would not."""
+    e = effect(library, "tilt")
+    for k, here in enumerate(library.places):
+        level = here.effects["tilt"].nodes.levels[0]
+        assert level.min() < 0 < level.max(), k
+        W = library.weights(k, e, np.array([[level.min()], [level.max()], [0.0]]), 0.5)
+        np.testing.assert_allclose(W, [[1, 0], [0, 1], [0, 0]], rtol=0, atol=1e-12)
 
 
 def test_an_effect_at_neutral_changes_nothing(library):

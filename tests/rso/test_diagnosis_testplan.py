@@ -96,6 +96,22 @@ def test_holds_are_left_out_and_said_so():
     assert plan.tests[0].count.sum() == np.sum(segment == "loading") and "hold" in plan.notes[0]
 
 
+@pytest.mark.parametrize("seconds, kept", [(0.2, True), (30.0, False), (None, False)])
+def test_the_way_back_after_a_long_hold_is_left_out_and_said_so(seconds, kept):
+    """What relaxes has done so in it; a dwell of 2 % of the loading is none."""
+    (r,) = toy.recorded(toy.TRUTH, rng(), unload=True)
+    top = int(np.argmax(r.depth)) + 1
+    pause = np.linspace(0.0, seconds or 1.0, 5)[1:]
+    put = lambda v: np.concatenate([v[:top], np.full(4, v[top - 1]), v[top:]])  # noqa: E731
+    time = np.concatenate([r.time[:top], r.time[top - 1] + pause, r.time[top:] + pause[-1]])
+    segment = np.array([*["loading"] * top, *["hold"] * 4, *["unloading"] * (len(r.depth) - top)])
+    held = dataclasses.replace(r, depth=put(r.depth), time=None if seconds is None else time, segment=segment,
+                               channels={c: put(v) for c, v in r.channels.items()})  # fmt: skip
+    plan = make_plan([toy.experiment("a", (held,))])
+    assert np.any(plan.tests[0].branch == 1) == kept and bool(plan.places[0].peaks) == kept
+    assert ("way back" in plan.notes[0]) != kept and "4 readings of a hold" in plan.notes[0]
+
+
 def test_single_readings_out_of_line_are_left_out_and_said_so():
     (r,) = toy.recorded(toy.TRUTH, rng(), unload=True, readings=80)
     v = r.channels["Fz"].copy()

@@ -69,6 +69,28 @@ def test_segments_follow_the_direction_of_travel(tmp_path):
     assert m.repeats[0].segment.tolist() == ["loading", "hold", "unloading"]
 
 
+@pytest.mark.parametrize("rest_s, back", [(0.0, True), (0.0, False), (2.0, True), (2.0, False), (60.0, True)])
+@pytest.mark.parametrize("rate_hz", [5.0, 50.0])
+def test_a_rest_at_the_deepest_point_is_a_hold_where_times_are_known(tmp_path, rest_s, back, rate_hz):
+    """4 mm at 0.5 mm/s with a turn that the machine rounds within 0.1 s, 5 um of noise, a rest or none."""
+    t = np.arange(0.0, 8.0 + rest_s + 8.0 * back, 1.0 / rate_hz)
+    u = 0.5 * np.minimum(np.minimum(t, 8.0), 16.0 + rest_s - t if back else 8.0)
+    u = np.minimum(u, 4.0 - 0.02 * np.exp(-np.abs(t - 8.0) / 0.1))
+    u = u + 0.005 * np.random.default_rng(3).normal(size=len(t))
+    rows = table("time_s,depth_mm,Fz_N", zip(t, u, u, strict=True))
+    (r,) = read(write(tmp_path, rows)).repeats
+    held = r.segment == "hold"
+    if rest_s == 0.0:
+        assert not held.any()
+    else:
+        assert abs(np.ptp(r.time[held]) - rest_s) < 0.3 + 1.0 / rate_hz
+        assert np.all(r.time[r.segment == "loading"] < r.time[held][0])
+        returning = r.segment == "unloading"
+        assert np.all(r.time[returning] > r.time[held][-1]) and returning.any() == back
+    (timeless,) = read(write(tmp_path, table("depth_mm,Fz_N", zip(u, u, strict=True)))).repeats
+    assert "hold" not in timeless.segment
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
