@@ -12,7 +12,7 @@ rerun        finalists computed anew           next_test   what would settle it
 story        all of it as plain data           words       and in sentences
 """
 
-from rso.diagnosis.effects import Effect, catalogue, misplaced
+from rso.diagnosis.effects import Effect, catalogue, localised
 from rso.diagnosis.judge import Diagnosis, diagnose
 from rso.diagnosis.library import Library, build
 from rso.diagnosis.rerun import CLOSE, Check, finalists, mended
@@ -36,6 +36,6 @@ __all__ = [
     "finalists",
     "make_plan",
     "mended",
-    "misplaced",
+    "localised",
     "story",
 ]

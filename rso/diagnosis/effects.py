@@ -130,15 +130,17 @@ def catalogue(
     return (*effects, *_grouped(parameters_of(Chain), {}, {}, "measurement"), *_scatter())
 
 
-def misplaced(effects: Sequence[Effect], places: Sequence[Mapping[str, Any]]) -> tuple[Effect, ...]:
+def localised(effects: Sequence[Effect], places: Sequence[Mapping[str, Any]]) -> tuple[Effect, ...]:
     """The effects, and those that a place may have for itself (scope "place") once more at each of several `places`.
 
-    There they are further forms of the same cause, up to ASTRAY times as large: a test done elsewhere than noted.
+    There they are further forms of the same cause.  One with two signs is a position, and up to ASTRAY times as large: a
+    test done elsewhere than noted.
     """
     found = list(effects)
     for e in effects if len(places) > 1 else ():
-        for place in places if e.scope == "place" and e.family == "model" else ():
-            size = replace(e.size, low=ASTRAY * e.size.low, high=ASTRAY * e.size.high)
+        for place in places if e.scope == "place" else ():
+            far = ASTRAY if len(e.size.ends()) == 2 else 1.0
+            size = replace(e.size, low=far * e.size.low, high=far * e.size.high)
             where = ", ".join(f"{v:g}" for v in place.get("point", ()))
             found.append(replace(e, name=f"{e.name} at ({where})", description=f"{e.description}, at ({where}) alone",
                                  size=size, cause=e.source, place=place))  # fmt: skip
@@ -149,7 +151,7 @@ def _scatter() -> list[Effect]:
     """Knobs of the chain that may differ from curve to curve."""
     found = []
     for p in parameters_of(Chain):
-        if p.scope != "study" and p.plausible is not None:
+        if p.scope in ("mounting", "curve") and p.plausible is not None:
             high = max(abs(v - p.neutral) for v in p.plausible)
             size = Size(p.name, f"{p.description}, each curve its own", p.unit, 0.1 * high, high, 0.0)
             found.append(Effect(f"{p.name}_each", size.description, "scatter", size, cause=p.name))

@@ -58,10 +58,11 @@ def predict(
     for item, channel, rows in plan.rows():
         if isinstance(item, Profile):
             moved[:, rows] = _profile(library, item, x, model)
-        elif chain and channel == item.channels[0]:  # all channels of a test come at once
-            block = slice(rows.start, rows.start + item.n * len(item.channels))
-            force[:, block] = _recorded(library, item, curves, chain, modulus)
-        elif not chain:
+        elif acting := [(e, s) for e, s in chain if e.acts(plan.places[item.place].settings)]:
+            if channel == item.channels[0]:  # all channels of a test come at once
+                block = slice(rows.start, rows.start + item.n * len(item.channels))
+                force[:, block] = _recorded(library, item, curves, acting, modulus)
+        else:
             read = _readings(library, item)
             c = item.channels.index(channel)
             change = read.step[c] + sum(w @ read.changes[e.name][:, c] for e, w in weights[item.place, item.speed])
@@ -128,7 +129,7 @@ def _recorded(library: Library, test: Test, curves: Curves, chain: Chained, modu
     back = test.branch == 1
     F = curves(test.place, test.speed, loading)
     G = curves(test.place, test.speed, unloading) if back.any() else F
-    setting = {e.name: _bounded(e.name, np.asarray(e.size.value(s), float))[:, None] for e, s in chain}
+    setting = {e.size.name: _bounded(e.size.name, np.asarray(e.size.value(s), float))[:, None] for e, s in chain}
     # the indenter's way: from before contact to where the record turns, and back
     top = np.full(len(F), u[-1])
     if back.any():

@@ -32,7 +32,9 @@ class Chain:
         scope="mounting",
         plausible=(-0.4, 0.4),
     )
-    compliance: float = knob("load-train compliance", "mm/N", 0.0, 2.0, neutral=0.0, typical=0.1, plausible=(0.01, 0.8))
+    compliance: float = knob(  # a specimen that rocks on its seat has one beside its middle alone
+        "load-train compliance", "mm/N", 0.0, 2.0, neutral=0.0, typical=0.1, scope="place", plausible=(0.01, 0.8)
+    )
     gain: float = knob(
         "gain of the force channel", "1", 0.5, 2.0, neutral=1.0, typical=1.02, scope="curve", plausible=(0.8, 1.25)
     )

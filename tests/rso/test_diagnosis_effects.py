@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rso.contract import parameters_of
-from rso.diagnosis.effects import ASTRAY, Effect, Size, catalogue, misplaced
+from rso.diagnosis.effects import ASTRAY, Effect, Size, catalogue, localised
 from rso.diagnosis.nodes import nodes, piecewise, tensor
 from rso.measurement import Chain
 
@@ -55,14 +55,17 @@ def test_every_plausible_knob_of_the_backend_and_of_the_chain_is_in_the_catalogu
 
 def test_what_a_place_may_have_for_itself_is_a_form_of_the_same_cause_at_each_of_several_places():
     found, places = toy.effects("shift", "tilt", "bias"), [{"point": [0.0, 0.0]}, {"point": [10.0, 0.0]}]
-    own = {e.name: e for e in misplaced(found, places)}
+    own = {e.name: e for e in localised(found, places)}
     assert set(own) == {"shift", "tilt", "bias", "shift at (0, 0)", "shift at (10, 0)"}
     e = own["shift at (10, 0)"]
     assert e.source == own["shift"].source == "shift" and e.size.name == "shift"
     assert [e.acts(p) for p in places] == [False, True] and all(own["shift"].acts(p) for p in places)
     assert (e.size.low, e.size.high) == (-1.5 * ASTRAY, 1.5 * ASTRAY)
     assert e.measured and own["bias"].measured and not own["shift"].measured
-    assert misplaced(found, places[:1]) == found  # one place: the same as everywhere
+    assert localised(found, places[:1]) == found  # one place: the same as everywhere
+    (_, at_first, _) = localised(toy.effects("compliance"), places)
+    own = toy.effects("compliance")[0].size
+    assert (at_first.size.low, at_first.size.high) == (own.low, own.high)  # no position
 
 
 def test_a_body_that_lies_loose_has_held_as_its_variant():

@@ -8,7 +8,7 @@ import pytest
 
 from rso.contract import Parameter
 from rso.diagnosis import Base, build, make_plan, mended
-from rso.diagnosis.effects import Effect, Size, catalogue, misplaced
+from rso.diagnosis.effects import Effect, Size, catalogue, localised
 from rso.diagnosis.library import Library, Table, _transfer
 from rso.diagnosis.nodes import Nodes, nodes
 from rso.diagnosis.prediction import predict
@@ -169,7 +169,7 @@ def test_a_test_done_elsewhere_changes_its_own_place_alone(where):
     """To 0.3 % of the force at nodes, 1 % between them, 2 % beyond; elsewhere nothing at all."""
     experiments = [*toy.laboratory(toy.TRUTH, 0), profile()]
     plan = make_plan(experiments)
-    e = misplaced(toy.effects("shift"), [p.settings for p in plan.places])[1 + where]
+    e = localised(toy.effects("shift"), [p.settings for p in plan.places])[1 + where]
     library = build(BASE, plan, (e,), toy.run)
     own = library.places[where].effects[e.name].nodes.levels[0]
     points = [(s, 0.003) for s in own] + [(s, 0.01) for s in 0.5 * (own[1:] + own[:-1])] + [(0.1, 0.003), (7.5, 0.02)]
@@ -180,6 +180,21 @@ def test_a_test_done_elsewhere_changes_its_own_place_alone(where):
     mends, check = mended(library, {e: np.array([CENTRE, 2.0])}, toy.run)
     assert check.runs == 1 and check.failed == 0  # that place only
     assert worst(mends, (e.name,), (CENTRE, 2.0), {"shift": 2.0}, places=(where,))[0] < 0.003
+
+
+def test_a_compliance_at_one_place_is_that_of_the_chain_there_and_nothing_elsewhere(library):
+    """As if the specimen rocked on its seat under that point."""
+    (everywhere,) = toy.effects("compliance")
+    there = localised((everywhere,), [p.settings for p in library.plan.places])[2]
+    X = np.array([[CENTRE, 0.3]])
+    (all_of_it, _), (own, _), (none, _) = (predict(library, e, X[:, : 1 + len(e)], MU) for e in
+                                           ((everywhere,), (there,), ()))  # fmt: skip
+    moved = 0
+    for item, _, rows in library.plan.rows():
+        here = getattr(item, "place", 0) == 1
+        np.testing.assert_array_equal(own[0, rows], (all_of_it if here else none)[0, rows])
+        moved += here and np.any(own[0, rows] != none[0, rows])
+    assert moved == 3  # Fx, Fy, Fz at the side
 
 
 def test_both_signs_of_a_tilt_are_known(library):
