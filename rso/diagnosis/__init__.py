@@ -34,8 +34,8 @@ __all__ = [
     "catalogue",
     "diagnose",
     "finalists",
+    "localised",
     "make_plan",
     "mended",
-    "localised",
     "story",
 ]

@@ -133,8 +133,8 @@ def catalogue(
 def localised(effects: Sequence[Effect], places: Sequence[Mapping[str, Any]]) -> tuple[Effect, ...]:
     """The effects, and those that a place may have for itself (scope "place") once more at each of several `places`.
 
-    There they are further forms of the same cause.  One with two signs is a position, and up to ASTRAY times as large: a
-    test done elsewhere than noted.
+    There they are further forms of the same cause.  One with two signs is a position, and up to ASTRAY times as large:
+    a test done elsewhere than noted.
     """
     found = list(effects)
     for e in effects if len(places) > 1 else ():
