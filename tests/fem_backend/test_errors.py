@@ -136,7 +136,7 @@ def in_bowl(at=None, **values):
 
 def test_a_bowl_adds_what_the_body_sinks_to_what_moves_with_it_and_to_nothing_else():
     held, lying = stated(), in_bowl()
-    for name in set(held) - {"bulge", *map(profile_name, PROFILE)}:
+    for name in set(held) - {"bulge", *errors.FORCES, *map(profile_name, PROFILE)}:
         np.testing.assert_array_equal(held[name], lying[name])
     added = [lying[n] - held[n] for n in map(profile_name, PROFILE)]
     assert (added[0] > 0).all()
@@ -144,6 +144,17 @@ def test_a_bowl_adds_what_the_body_sinks_to_what_moves_with_it_and_to_nothing_el
     assert (lying["bulge"] > held["bulge"]).all()
     sinks = [in_bowl(bowl(clearance=c))["bulge"] - held["bulge"] for c in (1.0, 8.0)]
     np.testing.assert_allclose(sinks[1], 2 * sinks[0], rtol=1e-9)  # Hertz: the cube root of the clearance
+
+
+def test_facets_misplace_the_wall_by_a_share_of_the_clearance_and_the_force_with_it():
+    """Hertz, F ~ d^(3/2): a wall off by δ changes the force by 3/2 F δ/d; least where a weight has closed the gap."""
+    F, d = result().Fz, result().travel
+    off = {c: (in_bowl(bowl(clearance=c))["Fz"] - stated()["Fz"]) * d / (1.5 * F) for c in (1.0, 3.0)}
+    np.testing.assert_allclose(off[1.0], off[1.0][0], rtol=1e-9)
+    np.testing.assert_allclose(off[3.0], 3 * off[1.0], rtol=1e-9)
+    of_level = {lv: in_bowl(bowl(mesh={"level": lv}))["Fz"] - stated(at=settings(lv))["Fz"] for lv in LEVELS}
+    assert (of_level["fine"] > of_level["coarse"]).all() and (of_level["reference"] < of_level["coarse"]).all()
+    assert (in_bowl(weight=1e-5)["Fz"] - stated(weight=1e-5)["Fz"] < 0.6 * off[1.0] * 1.5 * F / d).all()
 
 
 def test_a_heavy_body_sinks_less_under_the_ball():
