@@ -92,6 +92,19 @@ class FiniteElements:
             f"the point (0, {y:g}) mm": {"point": [0.0, y]},
         }
 
+    def marks(self, settings: Mapping[str, Any]) -> Mapping[str, list[list[float]]]:
+        """Surface marks that a camera could follow during a test, in words, and their places (x, y) in mm."""
+        own = experiment.read_settings(settings)
+        (x, y), (a, b), beside = own.point, (own.body.a, own.body.b), 5.0 / 3.0 * own.R  # the ball hides what is nearer
+        share = np.linspace(-0.5, 0.5, 13)
+        lines = {
+            "surface marks along x": [[round(float(x + s * a), 2), round(float(y + beside), 2)] for s in share],
+            "surface marks along y": [[round(float(x + beside), 2), round(float(y + s * b), 2)] for s in share],
+        }
+        on_top = lambda m: (m[0] / a) ** 2 + (m[1] / b) ** 2 < 0.8  # noqa: E731 - what a camera sees from above
+        seen = {words: [m for m in line if on_top(m)] for words, line in lines.items()}
+        return {words: line for words, line in seen.items() if len(line) > 5}
+
     def prevented(self) -> Mapping[str, tuple[str, ...]]:
         """The same tests again with something kept from acting, in words, and its knobs."""
         return {

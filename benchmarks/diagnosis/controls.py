@@ -260,8 +260,8 @@ def _answer(
     acting = [e for e in cases.effects[i] if e.name not in without]
     d = len(there.base.axes)
     at = cases.at[i] if acting else cases.at[i][:d]
-    A, _ = predict(there, acting, at[None], bench.modulus)
-    f = cases.modulus[i] * A[0]
+    A, c = predict(there, acting, at[None], bench.modulus)
+    f = cases.modulus[i] * A[0] + c[0]
     C = next_test.covariance(there, bench, f)
     y = f + cholesky(C, lower=True) @ rng.standard_normal(len(f))
     logs = []
@@ -279,9 +279,9 @@ def _answer_direct(words: str, gauges, bench: Bench, posts, cases: Cases, i: int
     logs = np.zeros(len(posts))
     for n, (effects, post) in posts.items():
         e = effects[0]
-        if gauges.get(n, ("",))[0] != words or e.size.neutral is None:
+        if gauges.get(e.size.name, ("",))[0] != words or e.size.neutral is None:
             continue
-        resolution = gauges[n][1]
+        resolution = gauges[e.size.name][1]
         off = next_test.sizes(bench, effects, post, e) - e.size.neutral
         own = cases.effects[i][0].name == n
         scale = (cases.modulus[i] / (1.0 if e.family == "model" else bench.modulus)) ** e.size.exponent

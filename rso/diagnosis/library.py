@@ -224,8 +224,9 @@ def _of_base(
 
 
 def _home(effect: Effect, plan: TestPlan, primary: int) -> int:
-    """Index of the primary place, or of the only place where an effect acts."""
-    return primary if effect.place is None else [p.settings for p in plan.places].index(effect.place)
+    """Index of the primary place, or of the only place where an effect acts if that is in the plan."""
+    only = (k for k, p in enumerate(plan.places) if effect.place == p.settings)
+    return primary if effect.place is None else next(only, primary)
 
 
 def _rubs(effect: Effect, jobs: Sequence[Job]) -> bool:

@@ -160,6 +160,10 @@ def candidates(library: Library) -> list[Candidate]:
         other = replace(template, settings={**template.settings, **settings})
         out.append(Candidate(words, (_experiment(other, d, speeds[0], True),)))
     tests = {t.place: t for t in plan.tests}
+    for words, marks in getattr(backend, "marks", lambda _: {})(dict(place.settings)).items():
+        if not _seen(marks, place.marks):
+            load = _experiment(template, d, speeds[0], False)
+            out.append(Candidate(words, (load, _profile(template, marks, (0.5 * d, d)))))
     for words, knobs in getattr(backend, "prevented", lambda: {})().items():
         each = [replace(plan.experiments[t.experiment], name=f"again {k}") for k, t in tests.items()]
         again = [
@@ -182,10 +186,28 @@ def _experiment(template: Experiment, depth: float, speed: float, unload: bool, 
                    channels=("Fx", "Fy", "Fz"), after=())  # fmt: skip
 
 
+def _profile(template: Experiment, marks: Sequence[Sequence[float]], depths: Sequence[float]) -> Experiment:
+    """Displacements of surface marks at some depths, with no values in it."""
+    x, y = np.tile(np.array(marks, float).T, len(depths))
+    depth = np.repeat(depths, len(marks))
+    repeat = Repeat("1", depth, None, {"x": x, "y": y, "uz": np.zeros(len(x))}, {}, np.full(len(x), "loading"))
+    measurement = Measurement(Path("next test"), "profile", (repeat,), ())
+    return replace(template, name="next profile", measurement=measurement, role="fit", channels=("uz",), after=())
+
+
+def _seen(marks: Sequence[Sequence[float]], known: Sequence[Sequence[float]]) -> bool:
+    """Whether every mark lies as near to a known one as to its own neighbour."""
+    if not len(known):
+        return False
+    P, Q = np.array(marks, float), np.array(known, float)
+    spacing = np.median(np.linalg.norm(np.diff(P, axis=0), axis=1))
+    return bool(np.max(np.min(np.linalg.norm(P[:, None] - Q, axis=2), axis=1)) <= spacing)
+
+
 def _known(library: Library, plan: TestPlan) -> bool:
-    """Whether a plan can be read off the tables: its places are the library's, its turns near theirs."""
+    """Whether a plan can be read off the tables: its places are the library's, its turns near theirs, no new marks."""
     own = [_place(library, p) for p in plan.places]
-    return all(k is not None for k in own) and all(
+    return not plan.profiles and all(k is not None for k in own) and all(
         not p.peaks or any(abs(v - q) < 0.3 for v in p.peaks for q in library.plan.places[k].peaks)
         for p, k in zip(plan.places, own, strict=True)
     )
@@ -233,14 +255,15 @@ def forecast(
         columns += [] if e.name in without else range(at, at + len(e.knobs))
         at += len(e.knobs)
     acting = [e for e in effects if e.name not in without]
-    A, _ = predict(there, acting, post.at[pick][:, columns], bench.modulus)
-    return post.modulus[pick, None] * A
+    A, c = predict(there, acting, post.at[pick][:, columns], bench.modulus)
+    return post.modulus[pick, None] * A + c
 
 
 def covariance(there: Library, bench: Bench, force: np.ndarray) -> np.ndarray:
     """Noise (n, n) of new tests: that of the plan's."""
     some = bench.levels.get("Fz", next(iter(bench.levels.values())))
-    levels = {c: bench.levels.get(c, some) for c in noise.FORCES}
+    mark = noise.Level(noise.MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "assumed")
+    levels = {c: bench.levels.get(c, some) for c in noise.FORCES} | {"uz": bench.levels.get("uz", mark)}
     return noise.covariance(there, levels, force, noise.slope_of(there, force))
 
 

@@ -243,3 +243,12 @@ def test_settings_without_a_mesh_are_a_failed_run():
 def test_levels_exist_for_every_stated_error():
     assert set(errors.LEVEL) == {*meshing.LEVELS, LIMIT}
     assert set(errors.EXTRAPOLATED) == {LIMIT}
+
+
+@pytest.mark.parametrize("point", [[0.0, 0.0], [20.0, 0.0], [40.0, 5.0]])
+def test_marks_that_a_camera_could_follow_lie_on_the_body_beside_the_ball(point):
+    settings = {"specimen": {"semi_axes": [60.0, 35.0, 35.0]}, "indenter": {"radius": 3.0}, "point": point}
+    for line in BACKEND.marks(settings).values():
+        away = np.array(line) - point
+        assert len(line) >= 6 and np.linalg.norm(away, axis=1).min() > 3.0  # a ball of 3 mm pressed in to its equator
+        BACKEND.check(Case("marks", Programme.ramp((1.0,)), {**settings, "profile": line}))

@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 
 from rso.diagnosis import attribute, build, make_plan
 from rso.diagnosis.mixture import posterior
-from rso.diagnosis.next_test import SETTLED, _chance, candidates, next_tests, simulated
+from rso.diagnosis.next_test import SETTLED, _chance, candidates, distances, forecast, next_tests, simulated
 
 
 @pytest.mark.parametrize("D", [1.0, 2.5, 4.0, 7.0])
@@ -100,3 +100,31 @@ def test_nothing_is_proposed_where_one_cause_is_left_and_simulations_are_asked_f
     (other,) = [c for c in candidates(library) if c.words == "another point"]
     assert simulated(library, other, alive, None) is None
     assert simulated(library, other, alive, toy.run) is not None
+
+
+def test_surface_marks_are_proposed_where_none_are_known_and_tell_a_skin_from_stiffening():
+    """In this body marks move less under a stiff skin, and stiffening does not show in them."""
+    truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012, "skin": 1.6}
+    marks = [[float(x), 5.0] for x in np.linspace(-8, 8, 9)]
+    backend = proposing(marks=lambda settings: {"marks": marks})
+    library = build(lab(backend), plan_of(truth), toy.effects("stiff", "skin"), toy.run)
+    bench, alive = survivors(library, ("stiff", "skin"), truth)
+    (one,) = [c for c in candidates(library) if c.words == "marks"]
+    assert simulated(library, one, alive, None) is None  # no table has them
+    there = simulated(library, one, alive, toy.run)
+    rows = np.concatenate([np.arange(at.start, at.stop) for _, c, at in there.plan.rows() if c == "uz"])
+    d = np.repeat([2.0, 4.0], len(marks))
+    for name, moves in (("skin", True), ("stiff", False)):
+        F, post = forecast(there, bench, *alive[name]), alive[name][1]
+        pick = np.linspace(0, len(post.modulus) - 1, len(F)).astype(int)
+        values = {"mu": 0.012, "D1": truth["D1"]}
+        skin = [float(alive["skin"][0][0].size.value(post.at[i, 0])) if moves else 1.0 for i in pick]
+        places = list(zip(d, marks * 2, strict=True))
+        exact = [[float(toy.mark(values | {"skin": s}, u, *m)) for u, m in places] for s in skin]
+        np.testing.assert_allclose(F[:, rows], exact, atol=0.03 * np.abs(exact).max())  # between the nodes of a skin
+    with_marks = distances(there, bench, alive)["stiff", "skin"]
+    plain = dataclasses.replace(there, plan=dataclasses.replace(there.plan, profiles=()))
+    assert with_marks > 1.5 * distances(plain, bench, alive)["stiff", "skin"]
+    known = dataclasses.replace(library.plan.places[0], marks=tuple((x, 6.0) for x, _ in marks))
+    plan = dataclasses.replace(library.plan, places=(known, *library.plan.places[1:]))
+    assert "marks" not in [c.words for c in candidates(dataclasses.replace(library, plan=plan))]
