@@ -20,7 +20,7 @@ def words(found: Mapping[str, Any]) -> list[str]:
     out += _parameters(d, found)
     if checks := _checks(found):
         out.append(checks)
-    out += _unseen(d)
+    out += _unseen(d, found)
     for t in d["next_test"][:1]:
         share = f"it settles the matter with a probability of {100 * t['chance']:.0f} %"
         if t["chance"] >= 0.5:
@@ -150,6 +150,10 @@ def _checks(found: Mapping[str, Any]) -> str | None:
     return "Simulated through the same pipeline, this comes back as itself: " + ", ".join(each) + "." if each else None
 
 
-def _unseen(d: Mapping[str, Any]) -> list[str]:
-    blind: Sequence[str] = [v["effect"] for v in d["detectable"] if not v["visible"]]
+def _unseen(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
+    """Causes of which no form is visible, each by its first form."""
+    source = {e["name"]: e["source"] for e in found["effects"]}
+    shown = {source[v["effect"]] for v in d["detectable"] if v["visible"]}
+    hidden = {source[v["effect"]]: v["effect"] for v in reversed(d["detectable"]) if source[v["effect"]] not in shown}
+    blind: Sequence[str] = list(hidden.values())[::-1]
     return [f"These data could not have shown, at any plausible size: {', '.join(blind)}."] if blind else []
