@@ -237,15 +237,16 @@ class FiniteElements:
             how = nested.limit if settings.level == experiment.LIMIT else indentation.solve
             result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = dataclasses.replace(result, cpu_s=result.cpu_s + before)
+            return Solved(settings, knobs, placement, model, result)
         except NotModelled as error:
-            raise SimulationFailed(error.cause, str(error)) from error
+            failed = SimulationFailed(error.cause, str(error))
         except Stopped as stopped:
             partial = None
             if stopped.points:
                 partial = _response(stopped.reached, model, settings, knobs)
             history = tuple({"iteration": k, "residual": r} for k, r in enumerate(stopped.history))
-            raise SimulationFailed(stopped.cause, str(stopped), partial, history) from stopped
-        return Solved(settings, knobs, placement, model, result)
+            failed = SimulationFailed(stopped.cause, str(stopped), partial, history)
+        raise failed  # not from the other: that holds states and factors, which cannot travel between processes
 
     def knobs(self, values: Mapping[str, float], settings: Settings) -> Knobs:
         """Values with the defaults of knobs and settings; ValueError for unknown, missing or unbounded ones."""

@@ -147,7 +147,7 @@ def _recorded(library: Library, test: Test, curves: Curves, chain: Chained, modu
     time = np.cumsum(np.abs(np.diff(way, axis=1, prepend=-1.0)), axis=1)
     time = (time - time[:, 1:2]) / test.speed + (test.time[0] - max(test.depth[0], 0.0) / test.speed)
     forces = {c: modulus * there[:, i] for i, c in enumerate(FORCES)}
-    depth, got = recorded(setting, way, forces, time)
+    depth, got = recorded(setting, way, forces, time, test.age)
     forward = np.maximum.accumulate(depth[:, :turn], axis=1)
     backward = np.maximum.accumulate(depth[:, : turn - 2 : -1], axis=1)
     out = np.empty((len(F), len(pick), test.n))

@@ -56,7 +56,8 @@ class Place:
 class Test:
     """One recorded test in bins: `branch` 0 loading, 1 unloading; `earlier` is the deepest travel there before.
 
-    `depth`, `time`, `count` (n,): mean depth and time of the readings of a bin and their number.
+    `age` is where it stands in the order of testing, −1/2 the first and 1/2 the last.  `depth`, `time`, `count` (n,):
+    mean depth and time of the readings of a bin and their number.
     """
 
     experiment: int
@@ -71,6 +72,7 @@ class Test:
     branch: np.ndarray
     count: np.ndarray
     values: Mapping[str, np.ndarray]
+    age: float = 0.0
 
     @property
     def n(self) -> int:
@@ -192,7 +194,8 @@ def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
         Place(p["settings"], math.ceil(p["deepest"] / STEP - 0.2) * STEP, tuple(sorted(p["peaks"])), tuple(p["marks"]),
               tuple(sorted(p["mark_depths"]))) for p in places
     )  # fmt: skip
-    return TestPlan(tuple(experiments), made, tuple(tests), tuple(profiles), tuple(dict.fromkeys(notes)))
+    aged = tuple(replace(t, age=k / (len(tests) - 1) - 0.5) for k, t in enumerate(tests)) if tests[1:] else tuple(tests)
+    return TestPlan(tuple(experiments), made, aged, tuple(profiles), tuple(dict.fromkeys(notes)))
 
 
 def _before_hold(r: Repeat) -> tuple[Repeat, str]:

@@ -94,6 +94,16 @@ class Chain:
         plausible=(0.005, 0.3),
     )
 
+    ageing: float = knob(
+        "change of all forces from the first test to the last (warmth, drying, ageing)",
+        "1",
+        -0.9,
+        9.0,
+        neutral=0.0,
+        typical=0.05,
+        plausible=(-0.4, 0.4),
+    )
+
     def __post_init__(self) -> None:
         for parameter in parameters_of(type(self)):
             parameter.check(getattr(self, parameter.name))
@@ -111,22 +121,26 @@ class Record:
 
 
 def record(
-    chain: Chain, travel: np.ndarray, forces: Mapping[str, np.ndarray], time: np.ndarray | None = None
-) -> Record:
+    chain: Chain, travel: np.ndarray, forces: Mapping[str, np.ndarray], time: np.ndarray | None = None,
+    age: float = 0.0,
+) -> Record:  # fmt: skip
     """True travel (n,) mm and forces (n,) N over `time` (n,) s → what the file holds at the same instants.
 
-    `forces` holds Fz and whichever of Fx, Fy there are.  Drift and lag need `time`, which must increase.
+    `forces` holds Fz and whichever of Fx, Fy there are.  Drift and lag need `time`, which must increase; `age` is where
+    the test stands between the first, −1/2, and the last one of its series, 1/2.
     Between instants forces are linear in time; before the first and after the last one they are constant.
     """
     u, F, t = _checked(chain, travel, forces, time)
-    return Record(*recorded({p.name: getattr(chain, p.name) for p in parameters_of(Chain)}, u, F, t))
+    return Record(*recorded({p.name: getattr(chain, p.name) for p in parameters_of(Chain)}, u, F, t, age))
 
 
 def recorded(
-    knobs: Mapping[str, float | np.ndarray], u: np.ndarray, F: Mapping[str, np.ndarray], t: np.ndarray
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    knobs: Mapping[str, float | np.ndarray], u: np.ndarray, F: Mapping[str, np.ndarray], t: np.ndarray,
+    age: float = 0.0,
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:  # fmt: skip
     """Recorded depth and forces for knobs that are numbers or columns (T, 1); `u`, `F` and `t` are (n,) or (T, n)."""
     k = {p.name: knobs.get(p.name, p.neutral) for p in parameters_of(Chain)}
+    F = {c: (1.0 + k["ageing"] * age) * v for c, v in F.items()}
     late = {c: _filtered(t, _shift(t, v, k["lag"]), k["lag_filter"]) for c, v in F.items()}
     out = {c: v + k[_CROSS[c]] * late["Fz"] for c, v in late.items() if c != "Fz"}
     out["Fz"] = k["gain"] * late["Fz"] + k["bias"] + k["drift"] * t
@@ -134,8 +148,9 @@ def recorded(
 
 
 def correct(
-    chain: Chain, depth: np.ndarray, forces: Mapping[str, np.ndarray], time: np.ndarray | None = None
-) -> Record:
+    chain: Chain, depth: np.ndarray, forces: Mapping[str, np.ndarray], time: np.ndarray | None = None,
+    age: float = 0.0,
+) -> Record:  # fmt: skip
     """Inverse of :func:`record`: exact but for a lag, where the linear interpolation in time is undone by another, and
     for a backlash, where nobody sees the indenter wait."""
     d, R, t = _checked(chain, depth, forces, time)
@@ -145,7 +160,8 @@ def correct(
     late |= {k: v - getattr(chain, _CROSS[k]) * late["Fz"] for k, v in R.items() if k != "Fz"}
     true = {k: _shift(t, v, -chain.lag) for k, v in late.items()}
     u = d + chain.offset - chain.compliance * true["Fz"]
-    return Record(np.minimum(u + chain.backlash * _returning(u), u.max()), true)
+    young = {c: v / (1.0 + chain.ageing * age) for c, v in true.items()}
+    return Record(np.minimum(u + chain.backlash * _returning(u), u.max()), young)
 
 
 def _returning(u: np.ndarray) -> np.ndarray:

@@ -231,6 +231,8 @@ def test_failure_is_picklable(it):
     values, settings, asked = it.subject.failing
     with pytest.raises(SimulationFailed) as failure:
         it.backend(*it.backend.canonical(values, Case("failing", Programme.ramp(asked), settings)))
+    # libraries such as tblib (Dask) pickle these too, with all that they hold
+    assert failure.value.__cause__ is None and failure.value.__context__ is None
     back = pickle.loads(pickle.dumps(failure.value))
     assert back.cause in CAUSES and back.reason
     assert (str(back), back.cause, back.reason) == (str(failure.value), failure.value.cause, failure.value.reason)

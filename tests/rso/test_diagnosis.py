@@ -135,6 +135,23 @@ def test_a_part_that_only_widens_the_gap_of_other_curves_is_none(name):
     assert max(d.probabilities, key=d.probabilities.get).startswith("soften")  # evidence alone would name it
 
 
+def test_a_body_that_stiffens_from_test_to_test_is_found_and_is_no_scatter_of_gains():
+    """Warmth or drying, 20 % over five tests whose gains scatter by 1 %."""
+    made = []
+    for e, k in zip(experiments(6), ((0, 1, 2), (3,), (4,)), strict=True):
+        factor = [1.0 + 0.2 * (i / 4 - 0.5) for i in k]
+        repeats = tuple(dataclasses.replace(r, channels={"Fz": f * r.channels["Fz"]})
+                        for r, f in zip(e.measurement.repeats, factor, strict=True))  # fmt: skip
+        made.append(dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=repeats)))
+    plan = make_plan(made)
+    assert [t.age for t in plan.tests] == [-0.5, -0.25, 0.0, 0.25, 0.5]
+    library = build(BASE, plan, toy.effects("stiff", "soften", "gain", "gain_each", "ageing"), toy.run)
+    d = diagnosis.diagnose(library, 6, nulls=NULLS)
+    assert d.verdict == "measurement" and d.named == ("ageing",), (d.verdict, d.named, d.probabilities)
+    c = cause(d, "ageing")
+    assert c.interval[0] <= 0.2 <= c.interval[1]
+
+
 def test_a_look_alike_makes_it_ambiguous():
     found = [diagnose(seed, {"stiff": 0.6}, names=("stiff", "twin", "soften")) for seed in range(3)]
     for d in found:

@@ -266,7 +266,7 @@ def test_neutral_chain_changes_nothing():
 
 def test_every_knob_is_tested_and_is_an_effect():
     knobs = parameters_of(Chain)
-    assert {p.name for p in knobs} == {*EFFECTS, "backlash"}  # which a loading does not show
+    assert {p.name for p in knobs} == {*EFFECTS, "backlash", "ageing"}  # which one loading does not show
     for p in knobs:
         assert p.low < p.neutral < p.high or (p.low == p.neutral == 0)
         assert p.low <= p.typical <= p.high and p.typical != p.neutral and p.default == p.neutral
@@ -284,6 +284,19 @@ def test_backlash_shows_on_the_way_back_alone():
     assert np.array_equal(record(Chain(backlash=b), U, FORCES, T).depth, U)
     again = correct(Chain(backlash=b), r.depth, r.forces, t)
     np.testing.assert_allclose(again.depth, np.minimum(u, top), rtol=1e-12, atol=0)
+
+
+@pytest.mark.parametrize("age, factor", [(-0.5, 0.9), (0.0, 1.0), (0.25, 1.05), (0.5, 1.1)])
+def test_ageing_changes_all_forces_from_the_first_test_to_the_last(age, factor):
+    """And with them what a compliance adds to the depth."""
+    chain = Chain(ageing=0.2, compliance=0.3, bias=0.01)
+    r = record(chain, U, FORCES, T, age)
+    np.testing.assert_allclose(r.depth, U + 0.3 * factor * FORCES["Fz"], rtol=1e-14)
+    for c in FORCES:
+        np.testing.assert_allclose(r.forces[c], factor * FORCES[c] + 0.01 * (c == "Fz"), rtol=1e-14)
+    again = correct(chain, r.depth, r.forces, T, age)
+    np.testing.assert_allclose(again.depth, U, rtol=1e-13)
+    np.testing.assert_allclose(again.forces["Fy"], FORCES["Fy"], rtol=1e-13)
 
 
 @pytest.mark.parametrize("name", EFFECTS)
