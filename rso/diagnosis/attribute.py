@@ -204,20 +204,20 @@ def contests(
     effects = evidence.effects
     hypotheses = [Hypothesis(()), *(Hypothesis((e,)) for e in effects), Hypothesis((), True)]
     columns = [column(h) for h in hypotheses]
-    n = len(effects)
     forms = {e.name: sum(o.source == e.source for o in effects) for e in effects}
     sources = len({e.source for e in effects})
     single = [_gap("single", sources) - np.log(forms[e.name]) for e in effects]
     prior = [np.log(NO_GAP), *single, _gap("unexplained", 1)]
     if partly:
-        more = [Hypothesis((e,), True) for e in effects if e.family != "scatter"]
+        own = [e for e in effects if e.family != "scatter"]
+        more = [Hypothesis((e,), True) for e in own]
         hypotheses += more
         columns += [column(h) for h in more]
-        prior += [_gap("partly", len(more))] * len(more)
+        prior += [_gap("partly", len({v.source for v in own})) - np.log(forms[e.name]) for e in own]
     for pair in pairs:
         hypotheses.append(Hypothesis(pair))
         columns.append(column(hypotheses[-1]))
-        prior.append(_gap("pair", n * (n - 1) // 2))
+        prior.append(_gap("pair", sources * (sources - 1) // 2))
     table = np.array(columns).T
     return [Contest(tuple(hypotheses), row, np.array(prior)) for row in table]
 

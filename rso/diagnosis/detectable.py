@@ -67,7 +67,7 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
         clear = clear[:1] if e.size.neutral is not None else clear
         mean = P[clear].mean(axis=(0, 1)) if clear else np.zeros(len(evidence.effects))
         forms = np.array([o.source == e.source for o in evidence.effects])
-        rivals = [evidence.effects[j].name for j in np.argsort(-mean) if not forms[j] and mean[j] > CONFUSED]
+        rivals = _rivals(evidence.effects, np.where(forms, 0.0, mean))
         sign = np.sign(sizes[-1]) if e.size.neutral is not None else 1.0
         value = None if limit is None or e.size.neutral is None else float(e.size.value(sign * limit))
         if value is not None and e.family == "model":
@@ -75,6 +75,15 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
         found.append(Detectable(e, limit, value, tuple(zip(map(float, sizes), map(float, power), strict=True)),
                                 tuple(rivals), float(mean[forms].sum())))  # fmt: skip
     return tuple(found)
+
+
+def _rivals(effects: Sequence[Effect], mean: np.ndarray) -> list[str]:
+    """Likeliest form of every cause whose forms together hold more than CONFUSED of the probabilities `mean` (k,)."""
+    held: dict[str, float] = {}
+    for e, p in zip(effects, mean, strict=True):
+        held[e.source] = held.get(e.source, 0.0) + float(p)
+    best = {effects[j].source: effects[j].name for j in np.argsort(mean)}
+    return [best[s] for s in sorted(held, key=lambda s: -held[s]) if held[s] > CONFUSED]
 
 
 def _ladder(evidence: Evidence, e: Effect, centre: np.ndarray) -> list[int]:

@@ -130,20 +130,21 @@ def catalogue(
     return (*effects, *_grouped(parameters_of(Chain), {}, {}, "measurement"), *_scatter())
 
 
-def localised(effects: Sequence[Effect], places: Sequence[Mapping[str, Any]]) -> tuple[Effect, ...]:
+def localised(effects: Sequence[Effect], places: Mapping[str, Mapping[str, Any]]) -> tuple[Effect, ...]:
     """The effects, and those that a place may have for itself (scope "place") once more at each of several `places`.
 
-    There they are further forms of the same cause.  One with two signs is a position, and up to ASTRAY times as large:
-    a test done elsewhere than noted.
+    `places` maps a label to settings.  At one place they are forms of a cause of its own.  One with two signs is a
+    position, and up to ASTRAY times as large: a test done elsewhere than noted.
     """
     found = list(effects)
     for e in effects if len(places) > 1 else ():
-        for place in places if e.scope == "place" else ():
-            far = ASTRAY if len(e.size.ends()) == 2 else 1.0
-            size = replace(e.size, low=far * e.size.low, high=far * e.size.high)
-            where = ", ".join(f"{v:g}" for v in place.get("point", ()))
-            found.append(replace(e, name=f"{e.name} at ({where})", description=f"{e.description}, at ({where}) alone",
-                                 size=size, cause=e.source, place=place))  # fmt: skip
+        for label, place in places.items() if e.scope == "place" else ():
+            size, middle = e.size, e.size.neutral or 0.0
+            if len(size.ends()) == 2:
+                low, high = (middle + ASTRAY * (v - middle) for v in (size.low, size.high))
+                size = replace(size, low=low, high=high)
+            found.append(replace(e, name=f"{e.name} at {label}", description=f"{e.description}, at {label} alone",
+                                 size=size, cause=f"{e.source} at one place", place=place))  # fmt: skip
     return tuple(found)
 
 

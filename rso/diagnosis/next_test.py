@@ -161,6 +161,13 @@ def candidates(library: Library) -> list[Candidate]:
         other = replace(template, settings={**template.settings, **settings})
         out.append(Candidate(words, (_experiment(other, d, speeds[0], True),)))
     tests = {t.place: t for t in plan.tests}
+    for label, settings in plan.labels().items() if len(plan.places) > 1 else ():
+        k = next(k for k, p in enumerate(plan.places) if p.settings == settings)
+        there = next(t.experiment for t in plan.tests if t.place == k)
+        again = _experiment(plan.experiments[there], min(plan.places[k].deepest, 4.0), speeds[0], False)
+        moved = frozenset(e.name for e in library.effects if e.place == settings and len(e.size.ends()) == 2)
+        if moved:
+            out.append(Candidate(f"the test at {label} again, its place looked at", (again,), moved))
     for words, marks in getattr(backend, "marks", lambda _: {})(dict(place.settings)).items():
         if not _seen(marks, place.marks):
             load = _experiment(template, d, speeds[0], False)
@@ -289,8 +296,8 @@ def direct(library: Library, bench: Bench, survivors: Survivors) -> dict[str, di
     found: dict[str, dict[tuple[str, str], float]] = {}
     for name, (effects, post) in survivors.items():
         for e in effects:
-            if e.size.name not in known or e.size.neutral is None:
-                continue
+            if e.size.name not in known or e.size.neutral is None or e.place is not None:
+                continue  # no bench shows what one test had
             words, resolution = known[e.size.name]
             off = sizes(bench, effects, post, e) - e.size.neutral
             D = abs(float(np.mean(off))) / np.hypot(resolution, float(np.std(off)))

@@ -133,7 +133,8 @@ def _recorded(library: Library, test: Test, curves: Curves, chain: Chained, modu
     # the indenter's way: from before contact to where the record turns, and back
     top = np.full(len(F), u[-1])
     if back.any():
-        reads = u - setting.get("offset", 0.0) + setting.get("compliance", 0.0) * modulus * F[:, 2]
+        aged = modulus * F[:, 2] * (1.0 + test.age * setting.get("ageing", 0.0))
+        reads = u - setting.get("offset", 0.0) + setting.get("compliance", 0.0) * aged
         forward = np.maximum.accumulate(reads, axis=1)
         top = rows_at(np.array([test.peak]), forward, np.broadcast_to(u, reads.shape))[:, 0]
     way = np.minimum(u, top[:, None])

@@ -119,6 +119,14 @@ class TestPlan:
             at += len(p.depth)
         return found
 
+    def labels(self) -> dict[str, Mapping[str, Any]]:
+        """Settings of every place with tests, by a name: its point where no other has it, else the first test there."""
+        first = {t.place: self.experiments[t.experiment].name for t in reversed(self.tests)}
+        points = {k: tuple(map(str, self.places[k].settings.get("point") or ())) for k in sorted(first)}
+        own = {k: len(v) > 0 and list(points.values()).count(v) == 1 for k, v in points.items()}
+        short = {k: f"({', '.join(v.removesuffix('.0') for v in p)})" for k, p in points.items()}
+        return {short[k] if own[k] else first[k]: self.places[k].settings for k in points}
+
     def seen(self) -> TestPlan:
         """The plan without what is kept for validation; places stay."""
         keep = {k for k, e in enumerate(self.experiments) if e.role != "validate"}
@@ -199,13 +207,16 @@ def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
 
 
 def _before_hold(r: Repeat) -> tuple[Repeat, str]:
-    """A repeat without the way back after a hold longer than DWELL, and words for what is missing."""
-    back, t = r.segment == "unloading", r.time
-    there, held = r.segment == "loading", r.segment == "hold"
-    short = t is not None and there.any() and np.ptp(t[held]) < DWELL * np.ptp(t[there])
-    if short or not back.any():
+    """A repeat without the way back after a hold longer than DWELL, and words for what is missing.
+
+    A hold without times counts as long; one that is not between loading and unloading does not count.
+    """
+    there, back = (np.nonzero(r.segment == s)[0] for s in ("loading", "unloading"))
+    if not len(there) or not len(back) or "hold" not in r.segment[there[-1] : back[0]]:
         return r, ""
-    return _kept(r, ~back), f" and {back.sum()} of the way back after it"
+    if r.time is not None and r.time[back[0]] - r.time[there[-1]] < DWELL * np.ptp(r.time[there]):
+        return r, ""
+    return _kept(r, r.segment != "unloading"), f" and {len(back)} of the way back after it"
 
 
 def _kept(r: Repeat, keep: np.ndarray) -> Repeat:

@@ -10,6 +10,7 @@ from scipy.special import logsumexp
 
 from rso.diagnosis import attribute, noise, shrinkage
 from rso.diagnosis.attribute import Bench, Evidence
+from rso.diagnosis.effects import Effect
 from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Posterior, log_evidence, posterior, ready, whitening
@@ -81,7 +82,7 @@ def left_out(
         rest = np.setdiff1d(np.arange(len(y)), rows)
         before = np.setdiff1d(first, rows)
         before = rest if len(before) < 4 else before
-        cause = _best_without(bench, evidence, rest, y, chosen)
+        cause = _taught(library, rest, _best_without(bench, evidence, rest, y, chosen))
         models = [(before, ()), (rest, ()), (rest, cause)]
         fits = [shrinkage.predicted(library, e, _fit(bench, e, r, y, rng), bench.modulus) for r, e in models]
         found.append(_gap(name, unit, rows, y, fits, bench.C))
@@ -105,6 +106,13 @@ def _fitted_rows(library: Library) -> np.ndarray:
         if hasattr(item, "branch") and e.role == "fit" and c == ("Fz" if "Fz" in item.channels else item.channels[0]):
             rows.append(np.arange(at.start, at.stop)[item.branch == 0])
     return np.concatenate(rows) if rows else np.arange(library.plan.n)
+
+
+def _taught(library: Library, rest: np.ndarray, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Those effects of which the rows that are left can say anything: what one place alone has needs a test there."""
+    plan = library.plan
+    there = [plan.places[item.place].settings for item, _, at in plan.rows() if np.isin(at.start, rest)]
+    return tuple(e for e in effects if any(e.acts(s) for s in there))
 
 
 def _fit(bench: Bench, effects, rows: np.ndarray, y: np.ndarray, rng) -> Posterior:

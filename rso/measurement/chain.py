@@ -97,8 +97,8 @@ class Chain:
     ageing: float = knob(
         "change of all forces from the first test to the last (warmth, drying, ageing)",
         "1",
-        -0.9,
-        9.0,
+        -1.9,
+        1.9,
         neutral=0.0,
         typical=0.05,
         plausible=(-0.4, 0.4),

@@ -25,8 +25,8 @@ DISPLACEMENTS = ("ux", "uy", "uz")
 # A return by less than this share of the stroke is jitter at the end, not unloading; a second turn by more
 # than the other share means several tests in one.
 _JITTER, _SECOND_TURN = 0.05, 0.2
-# At rest: this near the deepest point, as a share of the stroke, for this many times as long as passing through takes.
-_REST, _LONG = 0.01, 5.0
+# At rest: this near the deepest level, as a share of the stroke, for this many times as long as passing by takes.
+_REST, _LONG = 0.0025, 4.0
 _LARGEST = 1e12
 
 
@@ -257,11 +257,29 @@ def _segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None
 
 
 def _at_rest(depth: np.ndarray, time: np.ndarray) -> slice:
-    """Readings between the first and the last near the deepest one, if they took far longer than a turn takes."""
-    k, low = int(np.argmax(depth)), float(depth.min())
-    top, stroke = float(depth[k]), float(depth[k]) - low
-    near = np.nonzero(depth >= top - _REST * stroke)[0]
-    start, end = (int(np.argmax(depth >= low + share * stroke)) for share in (0.2, 0.8))
-    turn = 2.0 * _REST / 0.6 * (time[end] - time[start])
-    rests = len(near) > 2 and end > start and time[near[-1]] - time[near[0]] > _LONG * turn
-    return slice(int(near[0]) + 1, int(near[-1]) + 1) if rests else slice(0, 0)
+    """Readings of a rest at the deepest point: there for _LONG times as long as the way just before and after it takes.
+
+    There is within a share of the stroke or the noise; just before and after is from there to four times as far below.
+    """
+    noise = 1.5 * float(np.median(np.abs(np.diff(depth, 3)))) / 20**0.5 if len(depth) > 12 else 0.0
+    top = float(depth.max())
+    width = max(_REST * (top - max(float(depth.min()), 0.0)), 6.0 * noise)
+    level = float(np.median(depth[depth >= top - width]))
+    there = np.nonzero(depth >= level - width)[0]
+    below = np.nonzero(depth < level - 4.0 * width)[0]
+    before, after = below[below < there[0]], below[below > there[-1]]
+    if len(there) < 2 or not len(before):
+        return slice(0, 0)
+    beside = _between(time, depth, int(before[-1]), int(there[0]), level, width)
+    beside += _between(time, depth, int(after[0]), int(there[-1]), level, width) if len(after) else beside
+    if time[there[-1]] - time[there[0]] <= _LONG * max(beside, 2.0 * float(np.median(np.diff(time)))):
+        return slice(0, 0)
+    arrived = there[depth[there] >= level][0]  # which still belongs to loading
+    return slice(int(arrived) + 1, int(there[-1]) + 1)
+
+
+def _between(time: np.ndarray, depth: np.ndarray, far: int, near: int, level: float, width: float) -> float:
+    """Time from four widths below the level to one, along the readings from `far` to `near` in either direction."""
+    at = np.arange(far, near + 1) if near > far else np.arange(far, near - 1, -1)
+    ends = np.interp([level - 4.0 * width, level - width], np.maximum.accumulate(depth[at]), time[at])
+    return float(abs(ends[1] - ends[0]))

@@ -74,8 +74,7 @@ def ask(study: Study) -> Asked:
         if problems:
             raise study_error(study.file, study.lines, problems)
         effects = tuple(e for e in effects if e.name in wanted)
-    there = {t.place for t in plan.seen().tests}
-    effects = diagnosis.localised(effects, [p.settings for k, p in enumerate(plan.places) if k in there])
+    effects = diagnosis.localised(effects, plan.seen().labels())
     if not any(e.family != "scatter" for e in effects):
         text = "at least one effect is needed that is not one of scatter (each curve its own)"
         raise study_error(study.file, study.lines, [Problem(("diagnose", "effects"), text)])

@@ -95,7 +95,7 @@ def test_a_test_done_at_another_place_than_noted_is_the_measurement(away):
         made.append(toy.experiment("side", toy.recorded(truth, rng, point=(10.0, 0.0), lateral=True, repeats=2),
                                    point=(10.0, 0.0)))  # fmt: skip
         plan = make_plan(made)
-        effects = diagnosis.localised(toy.effects(*NAMES, "shift", "tilt"), [p.settings for p in plan.places])
+        effects = diagnosis.localised(toy.effects(*NAMES, "shift", "tilt"), plan.labels())
         return diagnosis.diagnose(build(BASE, plan, effects, toy.run), 4, nulls=NULLS)
 
     d = found(away, False)

@@ -53,16 +53,22 @@ def test_every_plausible_knob_of_the_backend_and_of_the_chain_is_in_the_catalogu
     assert own["offset_each"].family == "scatter" and own["offset_each"].source == "offset"
 
 
-def test_what_a_place_may_have_for_itself_is_a_form_of_the_same_cause_at_each_of_several_places():
-    found, places = toy.effects("shift", "tilt", "bias"), [{"point": [0.0, 0.0]}, {"point": [10.0, 0.0]}]
+def test_what_a_place_may_have_for_itself_is_a_cause_with_a_form_at_each_of_several_places():
+    found = toy.effects("shift", "tilt", "bias")
+    places = {"(0, 0)": {"point": [0.0, 0.0]}, "(10, 0)": {"point": [10.0, 0.0]}}
     own = {e.name: e for e in localised(found, places)}
     assert set(own) == {"shift", "tilt", "bias", "shift at (0, 0)", "shift at (10, 0)"}
     e = own["shift at (10, 0)"]
-    assert e.source == own["shift"].source == "shift" and e.size.name == "shift"
-    assert [e.acts(p) for p in places] == [False, True] and all(own["shift"].acts(p) for p in places)
+    assert e.source == own["shift at (0, 0)"].source != own["shift"].source == "shift" and e.size.name == "shift"
+    assert [e.acts(p) for p in places.values()] == [False, True]
+    assert all(own["shift"].acts(p) for p in places.values())
     assert (e.size.low, e.size.high) == (-1.5 * ASTRAY, 1.5 * ASTRAY)
     assert e.measured and own["bias"].measured and not own["shift"].measured
-    assert localised(found, places[:1]) == found  # one place: the same as everywhere
+    assert localised(found, {"(0, 0)": places["(0, 0)"]}) == found  # one place: the same as everywhere
+    ratio = Effect("k", "", "model", Size("k", "", "1", 0.8, 1.25, 1.0), scope="place")
+    (_, one, _) = localised((ratio,), places)
+    # around neutral
+    np.testing.assert_allclose((one.size.low, one.size.high), (1 - 0.2 * ASTRAY, 1 + 0.25 * ASTRAY), atol=1e-12)
     (_, at_first, _) = localised(toy.effects("compliance"), places)
     own = toy.effects("compliance")[0].size
     assert (at_first.size.low, at_first.size.high) == (own.low, own.high)  # no position

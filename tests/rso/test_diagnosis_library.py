@@ -169,7 +169,7 @@ def test_a_test_done_elsewhere_changes_its_own_place_alone(where):
     """To 0.3 % of the force at nodes, 1 % between them, 2 % beyond; elsewhere nothing at all."""
     experiments = [*toy.laboratory(toy.TRUTH, 0), profile()]
     plan = make_plan(experiments)
-    e = localised(toy.effects("shift"), [p.settings for p in plan.places])[1 + where]
+    e = localised(toy.effects("shift"), plan.labels())[1 + where]
     library = build(BASE, plan, (e,), toy.run)
     own = library.places[where].effects[e.name].nodes.levels[0]
     points = [(s, 0.003) for s in own] + [(s, 0.01) for s in 0.5 * (own[1:] + own[:-1])] + [(0.1, 0.003), (7.5, 0.02)]
@@ -185,7 +185,7 @@ def test_a_test_done_elsewhere_changes_its_own_place_alone(where):
 def test_a_compliance_at_one_place_is_that_of_the_chain_there_and_nothing_elsewhere(library):
     """As if the specimen rocked on its seat under that point."""
     (everywhere,) = toy.effects("compliance")
-    there = localised((everywhere,), [p.settings for p in library.plan.places])[2]
+    there = localised((everywhere,), library.plan.labels())[2]
     X = np.array([[CENTRE, 0.3]])
     (all_of_it, _), (own, _), (none, _) = (predict(library, e, X[:, : 1 + len(e)], MU) for e in
                                            ((everywhere,), (there,), ()))  # fmt: skip

@@ -96,6 +96,26 @@ def test_holds_are_left_out_and_said_so():
     assert plan.tests[0].count.sum() == np.sum(segment == "loading") and "hold" in plan.notes[0]
 
 
+def test_places_are_called_by_their_point_or_where_several_have_it_by_a_test():
+    """Another ball at the same point, and settings of a backend that knows no points."""
+    (r,) = toy.recorded(toy.TRUTH, rng())
+    made = [toy.experiment("a", (r,)), toy.experiment("b", (r,), mesh="finer")]
+    made.append(toy.experiment("c", (r,), point=(20.0, 2.5)))
+    pointless = toy.experiment("d", (r,))
+    made.append(dataclasses.replace(pointless, settings={"support": "held"}))
+    labels = make_plan(made).labels()
+    assert list(labels) == ["a", "b", "(20, 2.5)", "d"]
+    assert list(labels.values()) == [p.settings for p in make_plan(made).places]
+
+
+def test_a_tare_before_the_test_is_no_hold_in_it():
+    (r,) = toy.recorded(toy.TRUTH, rng(), unload=True)
+    top = int(np.argmax(r.depth)) + 1
+    segment = np.array(["hold"] * 3 + ["loading"] * (top - 3) + ["unloading"] * (len(r.depth) - top))
+    plan = make_plan([toy.experiment("a", (dataclasses.replace(r, segment=segment),))])
+    assert np.any(plan.tests[0].branch == 1)
+
+
 @pytest.mark.parametrize("seconds, kept", [(0.2, True), (30.0, False), (None, False)])
 def test_the_way_back_after_a_long_hold_is_left_out_and_said_so(seconds, kept):
     """What relaxes has done so in it; a dwell of 2 % of the loading is none."""

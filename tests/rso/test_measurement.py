@@ -83,12 +83,44 @@ def test_a_rest_at_the_deepest_point_is_a_hold_where_times_are_known(tmp_path, r
     if rest_s == 0.0:
         assert not held.any()
     else:
-        assert abs(np.ptp(r.time[held]) - rest_s) < 0.3 + 1.0 / rate_hz
+        assert abs(np.ptp(r.time[held]) - rest_s) < 0.3 + 2.0 / rate_hz
+        assert back or held[-1]
         assert np.all(r.time[r.segment == "loading"] < r.time[held][0])
+        assert r.depth[r.segment == "loading"].max() > 3.99  # the way there is kept to its end
         returning = r.segment == "unloading"
         assert np.all(r.time[returning] > r.time[held][-1]) and returning.any() == back
     (timeless,) = read(write(tmp_path, table("depth_mm,Fz_N", zip(u, u, strict=True)))).repeats
     assert "hold" not in timeless.segment
+
+
+T_WAY = np.linspace(0.0, 16.0, 401)
+WAYS = {  # depth over time without any rest at the top
+    "a sine": (T_WAY, 2.0 - 2.0 * np.cos(2 * np.pi * T_WAY / 16.0)),
+    "half a sine there": (T_WAY[:201], 4.0 * np.sin(np.pi * T_WAY[:201] / 16.0)),
+    "ten times slower back": (np.r_[T_WAY, 16.0 + 10 * T_WAY[1:]], 4.0 - 4.0 * np.abs(1 - np.arange(801) / 400)),
+    "slower at its end": (np.r_[T_WAY, 16.0 + T_WAY[1:]], np.r_[3.6 * T_WAY / 16.0, 3.6 + 0.4 * T_WAY[1:] / 16.0]),
+    "through air": (np.r_[T_WAY / 8, 2.0 + T_WAY[1:]], np.r_[-20.0 + 20.0 * T_WAY / 16.0, 4.0 * T_WAY[1:] / 16.0]),
+    "few readings": (np.arange(9.0), 4.0 - np.abs(np.arange(9.0) - 4.0)),
+}
+
+
+@pytest.mark.parametrize("name", WAYS)
+@pytest.mark.parametrize("noise", [0.0, 0.005])
+def test_what_slows_down_or_turns_is_no_hold(tmp_path, name, noise):
+    t, u = WAYS[name]
+    u = u + noise * np.random.default_rng(4).normal(size=len(u))
+    (r,) = read(write(tmp_path, table("time_s,depth_mm,Fz_N", zip(t, u, u, strict=True)))).repeats
+    assert "hold" not in r.segment
+
+
+def test_a_hold_of_two_readings_by_hand_and_one_after_a_fast_way_through_air(tmp_path):
+    rows = "0,0,0\n2,1,1\n4,2,2\n6,3,3\n8,4,4\n68,4,3\n70,3,2\n72,2,1\n"
+    (r,) = read(write(tmp_path, "time_s,depth_mm,Fz_N\n" + rows)).repeats
+    assert r.segment.tolist() == ["loading"] * 5 + ["hold"] + ["unloading"] * 2
+    t, u = WAYS["through air"]
+    t, u = np.r_[t, t[-1] + np.arange(1, 201) * 0.1], np.r_[u, np.full(200, 4.0)]
+    (r,) = read(write(tmp_path, table("time_s,depth_mm,Fz_N", zip(t, u, u, strict=True)))).repeats
+    assert np.sum(r.segment == "hold") == 200
 
 
 @pytest.mark.parametrize(
