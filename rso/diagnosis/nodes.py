@@ -93,7 +93,9 @@ def nodes(effect: Effect, primary: bool, speeds: tuple[float, float], dear: bool
     if size.neutral is None:  # a variant: all of its range, there is no neutral to lean on
         low, high = ends[0]
         level = np.array([0.5 * (low + high)]) if size.low == 0 else np.linspace(low, high, 2 if dear else 4)
-        return Nodes((level, *(np.linspace(*s.ends()[0], 4) for s in effect.shape)), math.inf, False)
+        # a body slides or sticks, and where it sticks more friction changes nothing: denser where it slides
+        slides = (low + np.array([0.0, 1 / 3, 1.0]) * (high - low) for low, high in (s.ends()[0] for s in effect.shape))
+        return Nodes((level, *slides), math.inf, False)
     if len(ends) == 1:
         far = ends[0][1]
         # what saturates at small sizes (friction, once it sticks) does so at every place

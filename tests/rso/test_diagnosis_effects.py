@@ -142,9 +142,9 @@ def test_a_body_in_another_support_slides_or_sticks_and_does_nothing_between():
     held = np.where(grid.points[:, 1] > 0.26, 1.0, 0.0)
     at = np.array([[size[0], f] for f in np.linspace(0.05, 0.45, 41)])
     np.testing.assert_array_equal(np.unique((grid.weights(at) @ held).round(12)), [0.0, 1.0])
-    # as a negative control: a smooth curve through the same levels is anything between, and beyond
+    # as a negative control: a smooth curve through the same levels is anything between
     smooth = piecewise(levels, at[:, 1].clip(0.1, 0.4)) @ (levels > 0.26)
-    assert smooth.max() > 1.01 and np.any((smooth > 0.3) & (smooth < 0.7))
+    assert np.any((smooth > 0.3) & (smooth < 0.7))
     assert grid.middling.sum() == len(size) and len(np.unique(grid.points[grid.middling, 1])) == 1
 
 
