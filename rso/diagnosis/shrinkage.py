@@ -92,6 +92,7 @@ def summarise(curves: Sequence[Gap], sizes: Sequence[int], how: str, seed: int) 
             return Shrinkage(tuple(curves), *map(float, means), 1.0, error, closed, None, how)
         pick = rng.integers(0, len(G), (BOOTSTRAPS, len(G)))
         m = G[pick].mean(axis=1)
-        share = (m[:, 0] - m[:, 2]) / np.maximum(m[:, 0] - 1.0, 1e-9)
+        # where the gap sits in one curve, resamples without it have none: no share of less than its error
+        share = (m[:, 0] - m[:, 2]) / np.maximum(m[:, 0] - 1.0, error)
         interval = (float(np.quantile(share, 0.05)), float(np.quantile(share, 0.95)))
     return Shrinkage(tuple(curves), *map(float, means), 1.0, error, closed, interval, how)

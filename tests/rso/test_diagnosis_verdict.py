@@ -8,6 +8,7 @@ from rso.diagnosis.attribute import Contest
 from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.judge import BEYOND, _beyond, judge
 from rso.diagnosis.mixture import Posterior
+from rso.diagnosis.shrinkage import Gap, summarise
 
 STIFF, SKIN = toy.effects("stiff", "skin")
 BIAS, SCATTER = toy.effects("bias", "offset_each")
@@ -54,3 +55,14 @@ def test_a_size_beyond_what_is_plausible_is_noticed_in_pairs_with_scatter_too():
         assert _beyond(h, drawn(1.01 * BEYOND * far)) and not _beyond(h, drawn(0.99 * BEYOND * far))
         assert _beyond(h, drawn(0.5 * far, 0.6)) and not _beyond(h, drawn(0.5 * far, 0.4))
     assert not _beyond(Hypothesis((SCATTER,)), drawn(1e9))
+
+
+def test_the_share_closed_of_a_gap_in_one_curve_has_an_interval_that_means_something():
+    """Resamples without that curve have no gap: a share of nothing is no number in the millions."""
+    curves = [Gap(f"curve {k}", "N", 30.0 if k == 0 else 0.97, 30.0, 2.0 if k == 0 else 1.1, (0.0, 0.0, 0.0))
+              for k in range(5)]  # fmt: skip
+    found = summarise(curves, [40] * 5, "each left out", 1)
+    low, high = found.interval
+    assert low < found.closed < high and -3.0 < low and high < 1.0 + 1e-9
+    even = summarise([Gap(f"curve {k}", "N", 5.0, 5.0, 1.0, (0.0, 0.0, 0.0)) for k in range(5)], [40] * 5, "", 1)
+    np.testing.assert_allclose((even.closed, *even.interval), 1.0, rtol=1e-12)
