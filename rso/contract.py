@@ -85,7 +85,8 @@ def knob(
     """Declare one knob as a dataclass field; an effect gives `neutral`, which is then also its default.
 
     `plausible` is the range one meets in practice: the prior of a diagnosis, neither hard bounds nor a design's box.
-    Effects of one `cause` are forms of the same thing (two laws of strain stiffening).
+    Effects of one `cause` are forms of the same thing (two laws of strain stiffening).  `scope` is what shares a value:
+    all tests, those of a mounting, those at a place, or none (each curve its own).
     """
     start = neutral if default is None else default
     declared = Parameter("", description, unit, low, high, start, neutral, group, typical, scope, plausible,
