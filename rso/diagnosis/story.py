@@ -148,4 +148,4 @@ def _experiment(e: Any) -> dict[str, Any]:
 def _effect(e: Effect) -> dict[str, Any]:
     return {"name": e.name, "description": e.description, "family": e.family, "unit": e.size.unit,
             "neutral": e.size.neutral, "low": e.size.low, "high": e.size.high, "source": e.source,
-            "shape": [s.name for s in e.shape]}  # fmt: skip
+            "shape": [s.name for s in e.shape], "one_place": e.place is not None}  # fmt: skip

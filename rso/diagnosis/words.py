@@ -16,7 +16,7 @@ def words(found: Mapping[str, Any]) -> list[str]:
     if d["verdict"] != "no_gap":
         out += [_where(d), _cause(d, found)]
     if (closed := _shrinkage(d)) is not None:
-        out.append(closed)
+        out.append(closed + _alone(d, found))
     out += _parameters(d, found)
     if checks := _checks(found):
         out.append(checks)
@@ -127,6 +127,14 @@ def _shrinkage(d: Mapping[str, Any]) -> str | None:
     if s["interval"] is None:
         return text + " (one curve: no interval)."
     return text + f" (90 % {percents(s['interval'])} %)."
+
+
+def _alone(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    """What a share closed cannot say of a cause that one place alone has."""
+    one_place = {e["name"] for e in found["effects"] if e.get("one_place")}
+    if not any(c["effect"] in one_place for c in d["causes"][:1]):
+        return ""
+    return " What one place alone has, no other can confirm: with its tests left out the cause does nothing."
 
 
 def percents(interval: Sequence[float]) -> str:

@@ -128,7 +128,7 @@ _POLICY = {
     "ambiguous": "no cause reaches 95 %",
     "partly": "a cause, and something more",
     "unexplained": "none in the catalogue",
-    "measurement": "the chain, not the specimen",
+    "measurement": "test or chain, not the specimen",
 }
 
 

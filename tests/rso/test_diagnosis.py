@@ -10,7 +10,7 @@ import pytest
 
 from rso import diagnosis
 from rso.contract import plain
-from rso.diagnosis import Diagnosis, Library, build, make_plan
+from rso.diagnosis import Diagnosis, Library, build, make_plan, story
 from rso.diagnosis.attribute import FALSE_ALARM
 from rso.measurement import Noise
 
@@ -89,20 +89,23 @@ def test_a_size_of_the_chain_is_that_at_the_modulus_which_goes_with_it():
 def test_a_test_done_at_another_place_than_noted_is_the_measurement(away):
     """Not the body; and a misalignment of every test is found as one of every test, beside the tilt it looks like."""
 
-    def found(shift: float, everywhere: bool) -> Diagnosis:
+    def found(shift: float, everywhere: bool) -> tuple[Library, Diagnosis]:
         made, rng = experiments(4, {"shift": shift} if everywhere else None), np.random.default_rng(11)
         truth = {**TRUTH, "shift": shift}
         made.append(toy.experiment("side", toy.recorded(truth, rng, point=(10.0, 0.0), lateral=True, repeats=2),
                                    point=(10.0, 0.0)))  # fmt: skip
         plan = make_plan(made)
         effects = diagnosis.localised(toy.effects(*NAMES, "shift", "tilt"), plan.labels())
-        return diagnosis.diagnose(build(BASE, plan, effects, toy.run), 4, nulls=NULLS)
+        library = build(BASE, plan, effects, toy.run)
+        return library, diagnosis.diagnose(library, 4, nulls=NULLS)
 
-    d = found(away, False)
+    library, d = found(away, False)
     assert d.verdict == "measurement" and d.named == ("shift at (10, 0)",), (d.verdict, d.named)
     c = cause(d, "shift at (10, 0)")
     assert c.interval[0] <= away <= c.interval[1]
-    assert set(found(1.2, True).named) == {"tilt", "shift"}
+    assert set(found(1.2, True)[1].named) == {"tilt", "shift"}
+    said = story(library, d, 4, None, "")["words"]
+    assert any("it is the measurement" in w.lower() for w in said) and any("no other can confirm" in w for w in said)
 
 
 def test_a_cause_that_is_not_in_the_catalogue_is_not_made_up():
