@@ -63,8 +63,10 @@ def test_similarity_is_exact(what):
         factor = k if name in FORCES else 1.0
         size = np.abs(channel).max()
         np.testing.assert_allclose(two.channels[name] / factor, channel, rtol=1e-9, atol=1e-9 * size, err_msg=name)
-    for name in ("iterations", "steps", "cutbacks", "halvings"):
+    for name in ("steps", "cutbacks", "halvings"):
         assert one.info[name] == two.info[name], name
+    # round-off decides, differently from processor to processor, when a residual is just at the tolerance
+    assert abs(one.info["iterations"] - two.info["iterations"]) <= 1
 
 
 @pytest.mark.parametrize("knob", ["C20", "fibre", "weight", "adhesion"])
