@@ -54,19 +54,17 @@ def scaled(values, k):
 
 @pytest.mark.parametrize("what", CASES)
 def test_similarity_is_exact(what):
-    """μ, D₁ and all that has a stress in it, by 7.3: every iteration is the same but for round-off."""
+    """μ, D₁ and all that has a stress in it, by 7.3: the same but for round-off; by a power of two: every iteration."""
     values, settings = CASES[what]
     k = 7.3
-    one, two = run(values, settings), run(scaled(values, k), settings)
+    one, two, eight = run(values, settings), run(scaled(values, k), settings), run(scaled(values, 8.0), settings)
     assert len(one.channels["Fz"]) == 4 and one.channels["Fz"][1] > 0
     for name, channel in one.channels.items():
         factor = k if name in FORCES else 1.0
         size = np.abs(channel).max()
         np.testing.assert_allclose(two.channels[name] / factor, channel, rtol=1e-9, atol=1e-9 * size, err_msg=name)
-    for name in ("steps", "cutbacks", "halvings"):
-        assert one.info[name] == two.info[name], name
-    # round-off decides, differently from processor to processor, when a residual is just at the tolerance
-    assert abs(one.info["iterations"] - two.info["iterations"]) <= 1
+    for name in ("iterations", "steps", "cutbacks", "halvings"):  # by 7.3 round-off may decide when to stop
+        assert one.info[name] == eight.info[name], name
 
 
 @pytest.mark.parametrize("knob", ["C20", "fibre", "weight", "adhesion"])
