@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from rso.identify.likelihood import Misfit
 
 DRAWS = 2**14  # of the Gaussian in the box: its 5 % quantile is then within 1 % of a standard deviation
 COARSE, FINE = 33, 17  # points of a profile over the whole box, and over ±4 standard deviations
+FINER = 9  # further ones between the last point inside an interval and the next one outside
 ON_BOUND = 1e-9
 
 
@@ -133,25 +135,42 @@ def profile(misfit: Misfit, fit: Fit, parameter: int, also: np.ndarray | None = 
     The others start where the Gaussian approximation takes them, at the best fit itself and at the points `also`
     (k, d); the lowest counts.
     """
-    d, k = len(fit.x), parameter
+    k = parameter
     sd = spread(fit.fisher)
     at = [np.linspace(0, 1, COARSE), [fit.x[k]]]
     if np.isfinite(sd[k]):
         at.append(np.clip(fit.x[k] + min(sd[k], 0.25) * np.linspace(-4, 4, FINE), 0, 1))
     t = np.unique(np.round(np.concatenate(at), 12))
-    free = np.arange(d) != k
     starts = [np.repeat(p[None], len(t), axis=0) for p in (fit.x, *(() if also is None else also))]
     starts.insert(0, fit.x + np.outer(t - fit.x[k], _follow(fit.fisher, k)))
+    best, path = _lowest(misfit, fit, k, t, starts)
+    # a valley is flat inside and steep outside: from the last point inside to the next one √rise is no line
+    inside = np.flatnonzero(best - min(fit.chi2, float(best.min())) <= chi2_distribution.ppf(0.9, 1))
+    ends = ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)) if len(inside) else ()
+    for i, o in [(i, o) for i, o in ends if 0 <= o < len(t)]:
+        between = np.linspace(t[i], t[o], FINER + 2)[1:-1]
+        S, P = _lowest(misfit, fit, k, between, [np.repeat(path[[n]], FINER, axis=0) for n in (i, o)])
+        t, best, path = np.append(t, between), np.append(best, S), np.append(path, P, axis=0)
+    order = np.argsort(t)
+    t, best, path = t[order], best[order], path[order]
+    floor = min(fit.chi2, float(best.min()))
+    return Profile(k, t, best - floor, path, *_changes(misfit, fit, path))
+
+
+def _lowest(
+    misfit: Misfit, fit: Fit, k: int, t: np.ndarray, starts: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest χ² (n,) with parameter k at t (n,), and where (n, d), from the best of some starts (n, d)."""
+    d = len(fit.x)
     best, path = np.full(len(t), np.inf), np.repeat(fit.x[None], len(t), axis=0)
     for start in starts if d > 1 else starts[:1]:
         X = np.clip(start, 0.0, 1.0)
         X[:, k] = t
-        X = descend(misfit, X, free)
+        X = descend(misfit, X, np.arange(d) != k)
         S = misfit.chi2(X)
         better = S < best
         best[better], path[better] = S[better], X[better]
-    floor = min(fit.chi2, float(best.min()))
-    return Profile(k, t, best - floor, path, *_changes(misfit, fit, path))
+    return best, path
 
 
 def _follow(fisher: np.ndarray, k: int) -> np.ndarray:
