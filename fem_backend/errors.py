@@ -44,7 +44,7 @@ def stated(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nda
     98 % of those of the force (coarse and standard), 91 % of surface points, 93 % of lateral forces, 88 to 100 % of the
     others.
     Valid for the shipped meshes at the levels coarse and standard (fine and reference are extrapolated with the force,
-    and were compared at two materials; fine in ten bowls, where its facets are the largest of all), K/μ from 1.5 to
+    and were compared at two materials; fine in twelve bowls, where its facets are the largest of all), K/μ from 1.5 to
     200, travel from 0.1 to 1.3 R, at the top and on the axes; points off the axes and other meshes are extrapolations.
     What a level misses of a skin thinner than 0.2 mm is not in it.
     """

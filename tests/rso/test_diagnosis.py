@@ -10,8 +10,9 @@ import pytest
 
 from rso import diagnosis
 from rso.contract import plain
-from rso.diagnosis import Diagnosis, Library, build, make_plan, story
+from rso.diagnosis import Diagnosis, Library, attribute, build, make_plan, story
 from rso.diagnosis.attribute import FALSE_ALARM
+from rso.diagnosis.unfitted import _taught
 from rso.measurement import Noise
 
 NAMES = ("stiff", "skin", "soften", "offset", "bias")
@@ -106,6 +107,29 @@ def test_a_test_done_at_another_place_than_noted_is_the_measurement(away):
     assert set(found(1.2, True)[1].named) == {"tilt", "shift"}
     said = story(library, d, 4, None, "")["words"]
     assert any("it is the measurement" in w.lower() for w in said) and any("no other can confirm" in w for w in said)
+
+
+def test_forms_share_the_prior_of_their_cause_and_one_place_teaches_nothing_of_another():
+    made, rng = experiments(4), np.random.default_rng(11)
+    side = toy.recorded(TRUTH, rng, point=(10.0, 0.0), lateral=True, repeats=2)
+    plan = make_plan([*made, toy.experiment("side", side, point=(10.0, 0.0))])
+    library = build(BASE, plan, diagnosis.localised(toy.effects("stiff", "shift"), plan.labels()), toy.run)
+    y = plan.values()
+    evidence = attribute.Evidence(attribute.set_up(library, y), library.effects)
+    pair = tuple(e for e in library.effects if e.name in ("stiff", "shift"))
+    (contest,) = attribute.contests(evidence, y[None], [pair])
+    P = {}
+    for h, p in zip(contest.hypotheses, np.exp(contest.log_prior), strict=True):
+        key = (*sorted(e.source for e in h.effects), h.unexplained)
+        P[key] = P.get(key, 0.0) + float(p)
+    for more in (False, True):
+        each = [P[s, more] for s in ("stiff", "shift", "shift at one place")]
+        np.testing.assert_allclose(each, each[0], rtol=1e-12)
+    np.testing.assert_allclose(P["shift", "stiff", False], 0.5 * attribute.PRIOR["pair"] / 3, rtol=1e-12)  # of 3 pairs
+    beside = np.concatenate([np.arange(at.start, at.stop) for t, _, at in plan.rows() if t.place == 1])
+    rest = np.setdiff1d(np.arange(plan.n), beside)
+    assert [e.name for e in _taught(library, rest, library.effects)] == ["stiff", "shift", "shift at (0, 0)"]
+    assert len(_taught(library, beside, library.effects)) == 3 and len(_taught(library, np.arange(plan.n), pair)) == 2
 
 
 def test_a_cause_that_is_not_in_the_catalogue_is_not_made_up():
