@@ -1,5 +1,7 @@
 """CPU time of typical jobs of the finite element model, one thread, medians of repeats; goals beside.
 
+`slopes` is the time of the derivatives over that of the rest of the run (goal 5 %).
+
     OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 python benchmarks/fe_speed.py [--repeats 3] [--jobs top,half,...]
 
 Set-up (imports, compilation, mesh, analysis of the matrix) is apart: every job runs once before it is timed.
@@ -122,22 +124,24 @@ def main() -> None:
     parser.add_argument("--jobs", default="")
     options = parser.parse_args()
     print(f"solver: {linsolve.available()}")
-    print(f"{'job':22s} {'CPU s':>7s} {'dofs':>6s} {'its':>5s}  goal")
+    print(f"{'job':22s} {'CPU s':>7s} {'dofs':>6s} {'its':>5s} {'slopes':>6s}  goal")
     with tempfile.TemporaryDirectory() as folder:
         for name, (goal, runs, from_anchor) in jobs().items():
             if options.jobs and not any(part in name for part in options.jobs.split(",")):
                 continue
             if from_anchor:
                 runs = [(v, anchored(v, c, Path(folder))) for v, c in runs]
-            seconds = []
+            seconds, shares = [], []
             for repeat in range(options.repeats + 1):
                 start = time.process_time()
                 responses = [BACKEND(v, c) for v, c in runs]
                 if repeat:
                     seconds.append(time.process_time() - start)
+                    differentiated = sum(r.info["derivatives_cpu_s"] for r in responses)
+                    shares.append(differentiated / (seconds[-1] - differentiated))
             iterations = sum(r.info["iterations"] for r in responses)
-            print(f"{name:22s} {np.median(seconds):7.2f} {responses[-1].info['dofs']:6d} {iterations:5d}  {goal}",
-                  flush=True)  # fmt: skip
+            print(f"{name:22s} {np.median(seconds):7.2f} {responses[-1].info['dofs']:6d} {iterations:5d} "
+                  f"{np.median(shares):6.1%}  {goal}", flush=True)  # fmt: skip
     if linsolve.available() == "pardiso":
         print(f"whole run / (assembly + factorisation + solution), standard level: {overhead():.2f}  (goal 1.2)")
 

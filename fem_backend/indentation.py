@@ -22,7 +22,9 @@ UNITS = {
 }  # fmt: skip
 FORCES = ("Fx", "Fy", "Fz")
 MATERIAL_KNOBS = ("mu", "D1", "C01", "C20", "C30", "alpha", "fibre", "fibre_k2", "skin_ratio", "inclusion_ratio")
-REFINED, REFINEMENTS = 1e-6, 10  # of a derivative's residual, and how often at most
+DIFFERENCE = 1e-5  # of a knob: truncation and round-off (K/μ = 10³) alike
+REFINED, REFINEMENTS = 1e-5, 10  # of a derivative's residual, and how often at most
+STRESSES = ("N", "MPa")  # units of what grows with all moduli
 ZONE_KNOBS = ("skin_ratio", "inclusion_ratio")
 POWERS = {"D1": -1, "C01": 1, "C20": 1, "C30": 1, "fibre": 1}  # of a stress in the knobs that have one, besides mu
 
@@ -274,7 +276,7 @@ def collect(
     out |= {name: np.array([r[name] for r in rows]) for name in units(at.settings) if name not in out}
     change = [np.linalg.norm(whole(at.placement, p.force - p.previous_force)) for p in points]
     gradients = slopes.at_travels(out["travel"]) if slopes is not None else {}
-    notes = {"sag_mm": at.lag}
+    notes = {"sag_mm": at.lag, "derivatives_cpu_s": slopes.cpu_s if slopes is not None else 0.0}
     if at.system.springs is not None and points:
         carried = [np.abs((at.system.springs[:, None] * p.evaluation.u).sum(0)).max() for p in points]
         forces = [float(np.linalg.norm(p.force)) for p in points]
@@ -298,77 +300,76 @@ class Slopes:
     """d(channel)/d(knob) at converged points by direct differentiation, also through the multipliers.
 
     K du/dθ = −∂R/∂θ − ∂R/∂λ dλ/dθ at each stage, with the last factor of that stage and iterative refinement; every
-    derivative along (u, θ, λ) is a central difference of the residual or of the channels, which costs no factorisation.
-    Refinement starts at what is known: the derivative of the stage before, and for μ what similarity says, as u does
-    not change when all moduli grow alike: μ ∂u/∂μ = −Σ n θ ∂u/∂θ with θ of the dimension stressⁿ.
+    derivative along (u, θ, λ) is a forward difference of the residual or of the channels, which costs no factorisation.
+    Refinement starts at the derivative of the stage before.  μ is not differentiated: all moduli grown alike change no
+    displacement, so a channel c of the dimension stressⁿ has μ ∂c/∂μ = n c − Σ p θ ∂c/∂θ over the knobs θ of the
+    dimension stressᵖ (Euler's identity).
     """
 
     def __init__(self, at: Bench, names: Sequence[str]) -> None:
-        self.at = at
+        self.at, self.names = at, tuple(names)
         self.rows: dict[str, dict[float, dict[str, float]]] = {name: {} for name in names}
-        self._ends: dict[str, tuple[float, System, System]] = {}
-        for name in names:
+        self._powers = {n: p for n, p in POWERS.items() if getattr(at.knobs, n)} if "mu" in names else {}
+        self._ends: dict[str, tuple[float, System]] = {}
+        for name in dict.fromkeys([n for n in names if n != "mu"] + list(self._powers)):
             value = getattr(at.knobs, name)
-            h = 1e-5 * (abs(value) or at.system.material.shear_modulus)
-            ends = [replace(at.knobs, **{name: value + s * h}) for s in (-1, 1)]
-            low, high = (modelling.system(at.settings, k, at.placement, at.model, at.system) for k in ends)
+            h = DIFFERENCE * (abs(value) or at.system.material.shear_modulus)
+            end = replace(at.knobs, **{name: value + h})
+            high = modelling.system(at.settings, end, at.placement, at.model, at.system)
             if name in ZONE_KNOBS:
-                up = modelling.stiffening(at.settings, ends[1], at.placement, at.model.body)
-                if up is not None:  # linear in its ratios, so the lower end is a mirror image
-                    middle = 1.0 if at.system.scale is None else at.system.scale
-                    low, high = replace(low, scale=2.0 * middle - up), replace(high, scale=up)
-            self._ends[name] = h, low, high
+                scale = modelling.stiffening(at.settings, end, at.placement, at.model.body)
+                high = high if scale is None else replace(high, scale=scale)
+            self._ends[name] = h, high
         self._dlambda: dict[str, list[np.ndarray]] = {}
         self._known: dict[str, tuple[np.ndarray, float]] = {}  # du/dθ, |∂R/∂θ| of the stage before
+        self.cpu_s = 0.0
 
     def __call__(self, stage: stepping.Stage, last: bool) -> None:
         """Differentiate one stage; the derivatives of its pressures are those of the next stage's multipliers."""
-        at = stage.equilibrium.evaluation
-        known: dict[str, tuple[np.ndarray, float]] = {}
-        for name in sorted(self._ends, key=lambda n: n == "mu"):
-            h, low, high = self._ends[name]
+        at, body, started = stage.equilibrium.evaluation, self.at.system.body, time.process_time()
+        here = channels(self.at, self.at.system, at, stage.load) if last else {}
+        rows: dict[str, dict[str, float]] = {}
+        for name, (h, high) in self._ends.items():
+            du, first = self._known.get(name, (np.zeros_like(at.u), 0.0))
             dlambda = self._dlambda.pop(name, None)
             if dlambda is None or not any(t.multiplier.any() for t in stage.load.touches):
                 # a first stage; what is kept may be of an attempt that broke off
                 dlambda = [np.zeros_like(t.multiplier) for t in stage.load.touches]
-                self._known.pop(name, None)
-
-            def moved(du: np.ndarray, sign: int, h=h, low=low, high=high, dlambda=dlambda) -> Evaluation:
-                touches = tuple(
-                    replace(t, multiplier=t.multiplier + sign * h * d)
-                    for t, d in zip(stage.load.touches, dlambda, strict=True)
-                )
-                load = replace(stage.load, touches=touches)
-                return newton.evaluate(high if sign > 0 else low, at.u + sign * h * du, load)
-
-            du, first = self._similar(known) if name == "mu" else self._known.get(name, (None, 0.0))
-            du, left = np.zeros_like(at.u) if du is None else du, np.inf
+                du, first = np.zeros_like(at.u), 0.0
+            touches = tuple(
+                replace(t, multiplier=t.multiplier + h * d) for t, d in zip(stage.load.touches, dlambda, strict=True)
+            )
+            load, left = replace(stage.load, touches=touches), np.inf
             for _ in range(REFINEMENTS):  # the factor may be of an earlier iterate
-                ends = moved(du, -1), moved(du, 1)
-                change = (ends[1].residual - ends[0].residual) / (2 * h)
-                before, left = left, float(np.linalg.norm(newton.reduced(self.at.system.body, change)))
+                end = newton.evaluate(high, at.u + h * du, load)
+                change = (end.residual - at.residual) / h
+                before, left = left, float(np.linalg.norm(newton.reduced(body, change)))
                 first = first or left
                 if left <= REFINED * first or left > 0.9 * before:
                     break
                 du = du - stage.equilibrium.linear(change)
-            known[name] = du, first
+            self._known[name] = du, first
             if last:
-                a, b = (channels(self.at, s, e, stage.load) for s, e in zip((low, high), ends, strict=True))
-                self.rows[name][travel_of(self.at, stage.load)] = {c: (b[c] - a[c]) / (2 * h) for c in a}
+                there = channels(self.at, high, end, stage.load)
+                rows[name] = {c: (v - here[c]) / h for c, v in there.items()}
             else:
                 self._dlambda[name] = [
-                    (b.pressure - a.pressure) / (2 * h) for a, b in zip(*(e.contacts for e in ends), strict=True)
+                    (b.pressure - a.pressure) / h for a, b in zip(at.contacts, end.contacts, strict=True)
                 ]
-        self._known = known
+        if last:
+            rows |= {"mu": self._similar(here, rows)} if "mu" in self.names else {}
+            for name in self.names:
+                self.rows[name][travel_of(self.at, stage.load)] = rows[name]
+        self.cpu_s += time.process_time() - started
 
-    def _similar(self, known: Mapping[str, tuple[np.ndarray, float]]) -> tuple[np.ndarray | None, float]:
-        """∂u/∂μ and |∂R/∂μ| from those by the other moduli; None where these are not all there."""
-        knobs = self.at.knobs
-        shares = {n: -power * getattr(knobs, n) / knobs.mu for n, power in POWERS.items() if getattr(knobs, n)}
-        if not set(shares) <= set(known):
-            return None, 0.0
-        du, size = sum(f * known[n][0] for n, f in shares.items()), sum(abs(f) * known[n][1] for n, f in shares.items())
-        return du, float(size)
+    def _similar(self, here: Mapping[str, float], rows: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+        """∂c/∂μ of every channel c from its value and its derivatives by the other moduli."""
+        knobs, unit = self.at.knobs, units(self.at.settings)
+
+        def others(c: str) -> float:
+            return sum(p * getattr(knobs, n) * rows[n][c] for n, p in self._powers.items())
+
+        return {c: (float(unit[c] in STRESSES) * v - others(c)) / knobs.mu for c, v in here.items()}
 
     def at_travels(self, travels: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
         """Gradients (k,) in the order of the points."""

@@ -14,6 +14,7 @@ import json
 import os
 import secrets
 import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import catalogue
@@ -139,7 +140,7 @@ def displaced(case):
 
 
 def make(case, out):
-    """Make one case: files, sealed truth, hash."""
+    """Make one case: files and sealed truth, whose hash is returned."""
     t0 = time.process_time()
     mech, facts = mechanics(case)
     chain = {}
@@ -169,12 +170,30 @@ def make(case, out):
     }
     path = out / "sealed" / f"{case['id']}.json"
     write_json(path, truth)
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def publish(out, name, digest):
+    """Add the hash of a sealed truth to the list."""
     listed = out / "hashes.txt"  # kept in the order of the numbers: that of the making would say what took long
-    lines = [*(listed.read_text().splitlines() if listed.exists() else []), f"{case['id']}  {digest}"]
+    lines = [*(listed.read_text().splitlines() if listed.exists() else []), f"{name}  {digest}"]
     new = listed.with_suffix(".tmp")
     new.write_text("\n".join(sorted(lines)) + "\n")
     os.replace(new, listed)
+
+
+def make_somehow(case, out, attempts=3):
+    """Make a case; when its mechanics fail, with sizes and material drawn again -> the case, its hash or None, why."""
+    why = []
+    for attempt in range(attempts):
+        try:
+            return case, make(case, out), why
+        except Exception as error:
+            why.append(type(error).__name__)
+            names = [e["name"] for e in case["effects"]]
+            again = draw_case(case["kind"], names, np.random.default_rng(secrets.randbits(128)))
+            case = {**case, **again, "redrawn": attempt + 1}
+    return case, None, why
 
 
 def allowed(case, size, visible=4.0):
@@ -212,31 +231,28 @@ def main():
         parser.add_argument(f"--{kind}", type=int, default=0)
     parser.add_argument("--free-only", action="store_true", help="leave cases that need finite elements for later")
     parser.add_argument("--first", nargs="*", default=[], help="effects whose cases are made first (drawn as ever)")
+    parser.add_argument("--jobs", type=int, default=1, help="cases made at the same time")
     args = parser.parse_args()
     plan = extend_plan(args.out, {k: getattr(args, k) for k in ("null", "single", "pair", "outside")})
     todo = [c for c in plan if not (args.out / "sealed" / f"{c['id']}.json").exists()]
-    made = failed = 0
 
     def turn(case):
         late = not any(e["name"] in args.first for e in case["effects"])
         return cost(case) > 0, case["kind"] != "single", late, cost(case)
 
-    for case in sorted(todo, key=turn):
-        if args.free_only and cost(case):
-            continue
-        for attempt in range(3):
-            try:
-                make(case, args.out)
-                made += 1
-                print(f"{made} of {len(todo)} made, {failed} draws failed", flush=True)  # nothing that tells which
-                break
-            except Exception as error:  # its mechanics fail: sizes and material are drawn again, the effect stays
-                failed += 1
-                print(f"a draw failed: {type(error).__name__}", flush=True)
-                names = [e["name"] for e in case["effects"]]
-                case.update(draw_case(case["kind"], names, np.random.default_rng(secrets.randbits(128))))
-                case["redrawn"] = attempt + 1
+    todo = [c for c in sorted(todo, key=turn) if not (args.free_only and cost(c))]
+    made = failed = 0
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for done in as_completed([pool.submit(make_somehow, c, args.out) for c in todo]):
+            case, digest, why = done.result()
+            failed += len(why)
+            made += digest is not None
+            if why:
+                plan[[c["id"] for c in plan].index(case["id"])] = case
                 write_json(args.out / "sealed" / "plan.json", plan)
+            if digest:
+                publish(args.out, case["id"], digest)
+            print(f"{made} of {len(todo)} made, {failed} draws failed {' '.join(why)}".rstrip(), flush=True)
 
 
 if __name__ == "__main__":

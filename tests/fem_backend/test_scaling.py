@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem_backend import indentation, model
+from fem_backend import model
 from fem_backend.backend import BACKEND
 from rso.contract import Case, Programme
 
@@ -96,14 +96,3 @@ def test_similarity_of_lengths(make_bench):
     np.testing.assert_allclose(two.Fz, 4.0 * one.Fz, rtol=1e-6)  # steps and merged nodes have absolute tolerances
     np.testing.assert_allclose(two.channels["contact_area"], 4.0 * one.channels["contact_area"], rtol=1e-5)
     np.testing.assert_allclose(two.channels["peak_pressure"], one.channels["peak_pressure"], rtol=1e-5)
-
-
-def test_mu_dF_dmu_minus_D1_dF_dD1_is_F(graded):
-    """Euler's identity of F(kμ, D₁/k) = k F, of derivatives that were found without it."""
-    r = graded.solve([1.0, 2.0], gradients=("mu", "D1"))
-    mu, D1 = graded.knobs.mu, graded.knobs.D1
-    sum_ = mu * r.gradients["mu"]["Fz"] - D1 * r.gradients["D1"]["Fz"]
-    np.testing.assert_allclose(sum_, r.Fz, rtol=1e-6)  # factors are those of the last but one iteration
-    wrong = mu * r.gradients["mu"]["Fz"] + D1 * r.gradients["D1"]["Fz"]
-    assert np.abs(wrong / r.Fz - 1).max() > 0.01  # negative control
-    assert indentation.MATERIAL_KNOBS[:2] == ("mu", "D1")
