@@ -13,7 +13,7 @@ from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Tiles, compressed
 from rso.diagnosis.nodes import placed, points, timed
 from rso.diagnosis.prediction import predict
-from rso.diagnosis.testplan import Profile, TestPlan
+from rso.diagnosis.testplan import HELD, LOADING, UNLOADING, Profile, TestPlan
 
 BASE_TILES = {0: 1, 1: 11, 2: 5}
 SIZE_TILES = 8
@@ -90,9 +90,9 @@ def blocks(plan: TestPlan) -> dict[tuple[int, str, int], np.ndarray]:
     found: dict[tuple[int, str, int], list[np.ndarray]] = {}
     for item, c, at in plan.rows():
         rows = np.arange(at.start, at.stop)
-        for branch in (0, 1):
+        for branch in (LOADING, UNLOADING, HELD):
             if isinstance(item, Profile):
-                mine, key = rows if branch == 0 else rows[:0], (-1, c, 0)
+                mine, key = rows if branch == LOADING else rows[:0], (-1, c, LOADING)
             else:
                 mine, key = rows[item.branch == branch], (item.place, c, branch)
             if len(mine):

@@ -19,7 +19,7 @@ import numpy as np
 
 from rso.curves import Resampling
 from rso.diagnosis.effects import Effect
-from rso.diagnosis.nodes import Nodes, nodes, placed, points, tensor, timed
+from rso.diagnosis.nodes import Nodes, cardinal, nodes, placed, points, tensor, timed
 from rso.diagnosis.responses import FORCES, changed, forces_of, loading_of, marks_of, reached_by, relative
 from rso.diagnosis.runs import Base, Job, Pass, Run, jobs_of, knobs_at, passes, rated, task_of
 from rso.diagnosis.testplan import MARGIN, TestPlan
@@ -111,6 +111,21 @@ class Library:
         points = self.mended.get((effect.name, place))
         return W if points is None else np.concatenate([W, nodes.nearness(at, points)], axis=1)
 
+    def relaxed(self, place: int, effect: Effect, at: np.ndarray, speed: float) -> np.ndarray:
+        """(T, n) as `weights`, for an effect with a time of its own that is over at once.
+
+        A short time τ leaves what is of the order τ v / u: the parabola through the three shortest times computed, at
+        none.
+        """
+        k = next(k for k, s in enumerate(effect.shape, 1) if timed(s))
+        shortest = self.places[self.home(effect)].effects[effect.name].nodes.levels[k][:3]
+        share, fast = cardinal(np.exp(shortest), np.zeros(1))[0], np.array(at, float)
+        out = np.zeros(())
+        for level, part in zip(shortest, share, strict=True):
+            fast[:, k] = level - np.log(speed)
+            out = out + part * self.weights(place, effect, fast, speed)
+        return out
+
     def change(self, place: int, effect: Effect, at: np.ndarray, speed: float) -> tuple[np.ndarray, np.ndarray]:
         """Relative changes (T, n_pass, 3, m) and changes of marks (T, n_uz) at sizes and shapes `at` (T, 1 + d)."""
         W, table = self.weights(place, effect, at, speed), self.places[place].effects[effect.name]
@@ -133,10 +148,11 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     d = len(base.axes)
     if d not in (0, *BASE_NODES):
         raise ValueError(f"diagnosis handles at most two open parameters besides the modulus, not {d}: fix some")
-    if rated(base, plan) and len({round(np.log(t.speed), 1) for t in plan.tests}) > 1:
+    several = len({round(np.log(t.speed), 1) for t in plan.tests}) > 1
+    if (several or any(t.held.any() for t in plan.tests)) and rated(base, plan):
         raise ValueError(
-            "the base model itself depends on the rate, and the tests have several: set what relaxes to neutral and "
-            "let the diagnosis find it, or give tests of one speed"
+            "the base model itself depends on the rate, and the tests have several or a hold: set what relaxes to "
+            "neutral and let the diagnosis find it, or give tests of one speed without holds"
         )
     levels = tuple(_chebyshev(*a.ends, BASE_NODES[d]) for a in base.axes)
     few = tuple(_chebyshev(*a.ends, FEW_BASE_NODES[d]) for a in base.axes)

@@ -23,10 +23,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rso.diagnosis.mixture import Ready, log_tiles
-from rso.diagnosis.testplan import Profile, TestPlan
+from rso.diagnosis.testplan import LOADING, UNLOADING, Profile, TestPlan
 
-DEPTH_BINS = {0: 3, 1: 2}
-BRANCH = {0: "loading", 1: "unloading"}
+DEPTH_BINS = {LOADING: 3, UNLOADING: 2}
+TIME_BINS = 2  # of a hold, in the logarithm of time
+BRANCH = {LOADING: "loading", UNLOADING: "unloading"}
 DRAWS = 2000
 FIRST = 4
 _WIDE = 20.0  # times the spread of a tile: a re-fit moves where it wants
@@ -107,7 +108,7 @@ def shared(where: Where, plan: TestPlan, gap: np.ndarray, C: np.ndarray, W: np.n
 
 
 def _regions(plan: TestPlan):
-    """(experiment, channel, words, rows): repeats of an experiment together, branches in bins of depth."""
+    """(experiment, channel, words, rows): repeats of an experiment together, in bins of depth or, held, of time."""
     groups: dict[tuple[int, str], list[tuple[object, slice]]] = {}
     for item, c, at in plan.rows():
         groups.setdefault((item.experiment, c), []).append((item, at))
@@ -127,3 +128,10 @@ def _regions(plan: TestPlan):
                 inside = (branch == b) & (depth > low - (low == 0) * 1e3) & (depth <= high)
                 if inside.sum() >= 2:
                     yield name, c, f"{BRANCH[b]} {low:.1f}–{high:.1f} mm", rows[inside]
+        held, since = (np.concatenate([getattr(m, k) for m, _ in members]) for k in ("held", "since"))
+        if held.any():
+            edges = np.geomspace(since[held].min(), since[held].max(), TIME_BINS + 1)
+            for k, (low, high) in enumerate(itertools.pairwise(edges)):
+                inside = held & (since > low * (k > 0)) & (since <= high)
+                if inside.sum() >= 2:
+                    yield name, c, f"held {low:.2g}–{high:.2g} s", rows[inside]

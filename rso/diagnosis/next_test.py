@@ -35,6 +35,7 @@ from rso.running import Task
 DRAWS = 80
 SEPARATES = 4.0  # about 4 σ: what a test must reach to promise an answer
 READINGS = 20
+REST = 20.0  # of the time of loading: how long a hold is proposed to last
 SETTLED = 0.95  # probability of one hypothesis at which a matter is settled
 
 _BLOCK = "press a rigid block, and a shim of known thickness on it"
@@ -147,7 +148,8 @@ def candidates(library: Library) -> list[Candidate]:
     template = plan.experiments[next(t.experiment for t in plan.tests if t.place == library.primary)]
     place = plan.places[library.primary]
     speeds = [t.speed for t in plan.tests if t.place == library.primary]
-    has_unload = any(np.any(t.branch == 1) for t in plan.tests if t.place == library.primary)
+    has_unload = any(t.returns for t in plan.tests if t.place == library.primary)
+    has_hold = any(t.held.any() for t in plan.tests)
     d = min(place.deepest, 4.0)
     out = []
     if not has_unload:
@@ -156,6 +158,9 @@ def candidates(library: Library) -> list[Candidate]:
         v = factor * (max(speeds) if factor > 1 else min(speeds))
         words = f"load and unload {word} ({60 * v:.0f} mm/min)"
         out.append(Candidate(words, (_experiment(template, d, v, True),)))
+    if not has_hold:
+        words = f"load at {60 * max(speeds):.3g} mm/min and hold for {REST:g} times as long"
+        out.append(Candidate(words, (_experiment(template, d, max(speeds), False, rest=REST),)))
     backend = library.base.backend
     for words, settings in getattr(backend, "tests", lambda _: {})(dict(place.settings)).items():
         other = replace(template, settings={**template.settings, **settings})
@@ -182,12 +187,17 @@ def candidates(library: Library) -> list[Candidate]:
     return out
 
 
-def _experiment(template: Experiment, depth: float, speed: float, unload: bool, name: str = "next test") -> Experiment:
-    """A test as it would be recorded, with no values in it."""
+def _experiment(
+    template: Experiment, depth: float, speed: float, unload: bool, name: str = "next test", rest: float = 0.0
+) -> Experiment:  # fmt: skip
+    """A test as it would be recorded, with no values in it; at the end held for `rest` times the time of loading."""
     u = np.linspace(0.0, depth, READINGS + 1)[1:]
     way = np.concatenate([u, u[-2::-1]]) if unload else u
     segment = np.array(["loading"] * len(u) + ["unloading"] * (len(way) - len(u)))
     time = np.cumsum(np.abs(np.diff(np.concatenate([[0.0], way])))) / speed
+    if rest:
+        way, segment = np.append(way, np.full(READINGS, depth)), np.append(segment, ["hold"] * READINGS)
+        time = np.append(time, depth / speed * (1.0 + np.geomspace(1.0 / READINGS, rest, READINGS)))
     channels = {c: np.zeros(len(way)) for c in ("Fx", "Fy", "Fz")}
     measurement = Measurement(Path("next test"), "force", (Repeat("1", way, time, channels, {}, segment),), ())
     return replace(template, name=name, measurement=measurement, speed=speed, role="fit",

@@ -48,9 +48,9 @@ class Nodes:
         """Cardinal functions (m, n) of the size: of what is proportional to s and what saturates, x = s / (|s| + m)."""
         level = self.levels[0]
         if not self.anchored:
-            return _cardinal(level, s)
+            return cardinal(level, s)
         if not math.isfinite(self.middle):
-            return _cardinal(np.append(0.0, level), s)[:, 1:]
+            return cardinal(np.append(0.0, level), s)[:, 1:]
 
         def basis(v: np.ndarray) -> np.ndarray:
             x = v / (np.abs(v) + self.middle)
@@ -154,7 +154,7 @@ def nearest(level: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.eye(len(level))[np.argmin(np.abs(at[:, None] - level), axis=1)]
 
 
-def _cardinal(x: np.ndarray, at: np.ndarray) -> np.ndarray:
+def cardinal(x: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Lagrange's cardinal polynomials (m, n) through the nodes x."""
     W = np.ones((len(at), len(x)))
     for i in range(len(x)):
@@ -167,5 +167,5 @@ def _cardinal(x: np.ndarray, at: np.ndarray) -> np.ndarray:
 def piecewise(level: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Cardinal functions (m, n) of a shape: cubic spline through 4 or more nodes, else Lagrange."""
     if len(level) < 4:
-        return _cardinal(level, at)
+        return cardinal(level, at)
     return CubicSpline(level, np.eye(len(level)), bc_type="natural")(at)

@@ -14,7 +14,7 @@ import numpy as np
 
 from rso.diagnosis.library import Library
 from rso.diagnosis.responses import FORCES
-from rso.diagnosis.testplan import Profile, Test, TestPlan
+from rso.diagnosis.testplan import LOADING, UNLOADING, Profile, Test, TestPlan
 from rso.measurement import Measurement, Repeat
 
 GAIN = 0.01  # of a test, where nothing is known
@@ -137,10 +137,11 @@ def _repeats(plan: TestPlan, channel: str, white: float) -> tuple[float, float, 
     for mine in groups.values():
         if len(mine) < 3:
             continue
-        u = mine[0].depth[mine[0].branch == 0]
+        u = mine[0].depth[mine[0].branch == LOADING]
         if len(u) < 6:
             continue
-        Y = np.array([np.interp(u, t.depth[t.branch == 0], t.values[channel][t.branch == 0]) for t in mine])
+        there = [t.branch == LOADING for t in mine]
+        Y = np.array([np.interp(u, t.depth[k], t.values[channel][k]) for t, k in zip(mine, there, strict=True)])
         mean = Y.mean(0)
         D, dof, taken = Y - mean, len(mine) - 1, 0
         rest, σ = D, white / np.sqrt(np.mean(mine[0].count))
@@ -178,7 +179,8 @@ def scatter(plan: TestPlan, level: Mapping[str, Level], force: np.ndarray, slope
         q = level[c]
         C[at, at] += np.diag(_white(q, item, slope[at]))
         if q.correlated:
-            far = np.abs(item.depth[:, None] - item.depth) + np.where(item.branch[:, None] == item.branch, 0.0, 1e9)
+            on = np.where(item.held, item.speed * item.since, item.depth)  # readings remember each other along time
+            far = np.abs(on[:, None] - on) + np.where(item.branch[:, None] == item.branch, 0.0, 1e9)
             C[at, at] += q.correlated**2 * np.exp(-far / max(q.length, 1e-9))
         placed[at] = 1.0
     for item in plan.tests:
@@ -239,7 +241,7 @@ def _rows_of(rows: list[tuple[Test | Profile, str, slice]], test: Test) -> slice
 def unexplained(library: Library, force: np.ndarray, amplitude: float) -> np.ndarray:
     """K (n, n) of a smooth gap of relative `amplitude`: shared by a place, by a branch and by a test in equal parts."""
     plan, n = library.plan, library.plan.n
-    size, u = np.zeros(n), np.zeros(n)
+    size, u, rest = np.zeros(n), np.zeros(n), np.zeros(n)
     place, channel, branch, test, speed = (np.full(n, -1) for _ in range(5))
     for k, (item, c, at) in enumerate(plan.rows()):
         if isinstance(item, Profile):
@@ -250,23 +252,25 @@ def unexplained(library: Library, force: np.ndarray, amplitude: float) -> np.nda
         Fz = force[z + item.n * item.channels.index("Fz") :][: item.n] if "Fz" in item.channels else force[at]
         size[at] = np.maximum(np.hypot(np.abs(force[at]), (c != "Fz") * LATERAL * np.abs(Fz)), 0.02 * np.abs(Fz).max())
         u[at], place[at], channel[at], branch[at] = item.depth, item.place, FORCES.index(c), item.branch
+        rest[at] = np.log1p(item.since * item.speed / item.peak)  # in the time that loading took
         test[at] = [id(t) for t in plan.tests].index(id(item))
         speed[at] = round(1e3 * np.log(item.speed))
     same = lambda v: v[:, None] == v  # noqa: E731
     deepest = max(p.deepest for p in plan.places)
-    along = np.exp(-0.5 * ((u[:, None] - u) / (0.2 * deepest)) ** 2)
+    along = np.exp(-0.5 * ((u[:, None] - u) / (0.2 * deepest)) ** 2 - 0.5 * (rest[:, None] - rest) ** 2)
     shared = same(channel) & same(place)
     mix = (shared + (shared & same(branch) & same(speed)) + (shared & same(test) & same(branch))) / 3.0
     return amplitude**2 * np.outer(size, size) * mix * along
 
 
 def slope_of(library: Library, force: np.ndarray) -> np.ndarray:
-    """dF/du (n,) of a prediction along each branch of each test; 0 for profiles."""
+    """dF/du (n,) of a prediction along each branch of each test, during a hold that of the end of loading; 0 for
+    profiles."""
     slope = np.zeros(len(force))
     for item, _, at in library.plan.rows():
         if isinstance(item, Profile):
             continue
-        for k in (0, 1):
+        for k in (LOADING, UNLOADING):
             mine = np.nonzero(item.branch == k)[0]
             if len(mine) > 2:
                 d = item.depth[mine]
@@ -274,4 +278,6 @@ def slope_of(library: Library, force: np.ndarray) -> np.ndarray:
                 f = force[at][mine][order]
                 g = np.gradient(f, np.maximum.accumulate(d[order] + 1e-6 * np.arange(len(d))))
                 slope[np.arange(at.start, at.stop)[mine[order]]] = g
+                if k == LOADING:
+                    slope[np.arange(at.start, at.stop)[item.held]] = g[-1]
     return slope

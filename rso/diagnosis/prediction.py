@@ -2,6 +2,13 @@
 
 Without the chain a prediction is bilinear in the library's tables, so that these are read off once at every recorded
 depth; the chain moves depths and is applied to whole curves.
+
+While the indenter rests, t after it came, only what relaxes goes on, δ the relative change at the end of loading:
+
+    δ(t) = δ_∞ + (δ(0) − δ_∞) exp(−t/τ),    δ_∞ = δ(0) for τ → 0 (:meth:`Library.relaxed`).
+
+Exact for one Prony term where the strain rests too, which contact makes nearly true: each stress decays as its
+hereditary integral does (Simo & Hughes 1998, §10.3).
 """
 
 from __future__ import annotations
@@ -16,14 +23,19 @@ from rso.contract import parameters_of
 from rso.curves import rows_at
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.library import Library
+from rso.diagnosis.nodes import timed
 from rso.diagnosis.responses import FORCES
 from rso.diagnosis.runs import passes_of
-from rso.diagnosis.testplan import Profile, Test
+from rso.diagnosis.testplan import LOADING, UNLOADING, Profile, Test
 from rso.measurement import Chain, recorded
+
+RESTING = 40  # instants of a hold through which the chain is followed, dense at its start
 
 Parts = Sequence[tuple[Effect, np.ndarray]]
 Chained = Sequence[tuple[Effect, np.ndarray]]  # knobs of the chain with their sizes (T,)
-Curves = Callable[[int, float, int], np.ndarray]  # place, speed, way → forces over the modulus (T, 3, m)
+Relaxing = tuple[np.ndarray, np.ndarray]  # weights (T, n) where all has relaxed, rate 1/τ (T,) in 1/s
+Weighted = tuple[Effect, np.ndarray, Relaxing | None]
+Curves = Callable[..., np.ndarray]  # place, speed, way, relaxed → forces over the modulus (T, 3, m)
 
 
 def predict(
@@ -43,16 +55,21 @@ def predict(
     chain = [(e, p[:, 0]) for e, p in parts if e.family == "measurement"]
     model = [(e, p) for e, p in parts if e.family == "model"]
     W = library.base_weights(x)
-    weights = {}  # of every model effect at every place and rate
+    weights: dict[tuple[int, float], list[Weighted]] = {}  # of every model effect at every place and rate
     for place, speed in {(t.place, t.speed) for t in plan.tests}:
-        weights[place, speed] = [(e, library.weights(place, e, p, speed)) for e, p in model]
+        weights[place, speed] = [
+            (e, library.weights(place, e, p, speed), _relaxing(library, place, e, p, speed)) for e, p in model
+        ]
     force, moved = np.zeros((len(X), plan.n)), np.zeros((len(X), plan.n))
 
     @functools.cache
-    def curves(place: int, speed: float, way: int) -> np.ndarray:
+    def curves(place: int, speed: float, way: int, since: float = 0.0) -> np.ndarray:
+        if since and all(r is None for _, _, r in weights[place, speed]):
+            return curves(place, speed, way)
         here = library.places[place]
         f = np.tensordot(W, here.base, axes=1)
-        own = [np.tensordot(w, here.effects[e.name].change[:, way], axes=1) for e, w in weights[place, speed]]
+        own = [np.tensordot(_after(w, r, since), here.effects[e.name].change[:, way], axes=1)
+               for e, w, r in weights[place, speed]]  # fmt: skip
         return f + f[:, 2:] * (here.mesh + here.ways[way] + sum(own))
 
     for item, channel, rows in plan.rows():
@@ -65,9 +82,38 @@ def predict(
         else:
             read = _readings(library, item)
             c = item.channels.index(channel)
-            change = read.step[c] + sum(w @ read.changes[e.name][:, c] for e, w in weights[item.place, item.speed])
+            change = read.step[c] + sum(
+                _change(w, r, item, read.changes[e.name][:, c]) for e, w, r in weights[item.place, item.speed]
+            )
             force[:, rows] = W @ read.base[:, c] + (W @ read.normal) * change
     return force, moved
+
+
+def _relaxing(library: Library, place: int, effect: Effect, at: np.ndarray, speed: float) -> Relaxing | None:
+    """What an effect with a time of its own tends to while the indenter rests; None where it has none."""
+    k = next((k for k, s in enumerate(effect.shape, 1) if timed(s)), None)
+    if k is None:
+        return None
+    rate = 1.0 / np.asarray(effect.shape[k - 1].value(at[:, k]), float)
+    return library.relaxed(place, effect, at, speed), rate
+
+
+def _after(weights: np.ndarray, relaxing: Relaxing | None, since: float) -> np.ndarray:
+    """Weights (T, n) of the changes at a time (s) after the indenter came to rest."""
+    if relaxing is None or since == 0.0:
+        return weights
+    relaxed, rate = relaxing
+    return relaxed + np.exp(-rate * since)[:, None] * (weights - relaxed)
+
+
+def _change(weights: np.ndarray, relaxing: Relaxing | None, test: Test, change: np.ndarray) -> np.ndarray:
+    """Relative change (T, n) of the readings of a test, from those of the nodes (n_nodes, n)."""
+    out = weights @ change
+    if relaxing is not None and test.held.any():
+        relaxed, rate = relaxing
+        end = relaxed @ change[:, test.held]
+        out[:, test.held] = end + np.exp(-np.outer(rate, test.since[test.held])) * (out[:, test.held] - end)
+    return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +156,7 @@ def _read(key: _Key) -> _Readings:
 
     pick = [FORCES.index(c) for c in test.channels]
     loading, unloading = passes_of(here.passes, test)
-    back = test.branch == 1
+    back = test.branch == UNLOADING
     changes = {
         name: np.where(back, at(t.change[:, unloading]), at(t.change[:, loading]))[:, pick]
         for name, t in here.effects.items()
@@ -126,13 +172,13 @@ def _recorded(library: Library, test: Test, curves: Curves, chain: Chained, modu
     u = here.u
     loading, unloading = passes_of(here.passes, test)
     pick = [FORCES.index(c) for c in test.channels]
-    back = test.branch == 1
+    back, held = test.branch == UNLOADING, test.held
     F = curves(test.place, test.speed, loading)
     G = curves(test.place, test.speed, unloading) if back.any() else F
     setting = {e.size.name: _bounded(e.size.name, np.asarray(e.size.value(s), float))[:, None] for e, s in chain}
     # the indenter's way: from before contact to where the record turns, and back
     top = np.full(len(F), u[-1])
-    if back.any():
+    if back.any() or held.any():
         aged = modulus * F[:, 2] * (1.0 + test.age * setting.get("ageing", 0.0))
         reads = u - setting.get("offset", 0.0) + setting.get("compliance", 0.0) * aged
         forward = np.maximum.accumulate(reads, axis=1)
@@ -140,24 +186,41 @@ def _recorded(library: Library, test: Test, curves: Curves, chain: Chained, modu
     way = np.minimum(u, top[:, None])
     there, home = _stopped(u, F, top), _stopped(u, G, top)
     turn = len(u) + 1
-    way = np.concatenate([np.full((len(F), 1), -1.0), way], axis=1)
+    far = min(-1.0, 1.1 * float(test.depth.min()))  # in the air
+    way = np.concatenate([np.full((len(F), 1), far), way], axis=1)
     there = np.concatenate([np.zeros((len(F), 3, 1)), there], axis=2)
+    rest = np.geomspace(1e-3, 1.0, RESTING) * test.since.max() if held.any() else np.zeros(0)
+    if held.any():  # what is on the way back, if anything, was recorded after a short rest
+        ends = np.stack([_stopped(u, curves(test.place, test.speed, loading, t), top)[:, :, -1] for t in rest], axis=2)
+        way = np.concatenate([way, np.repeat(top[:, None], len(rest), axis=1)], axis=1)
+        there = np.concatenate([there, ends], axis=2)
     if back.any():
-        way = np.concatenate([way, way[:, -2::-1]], axis=1)
+        way = np.concatenate([way, way[:, turn - 2 :: -1]], axis=1)
         there = np.concatenate([there, home[:, :, -2::-1], np.zeros((len(F), 3, 1))], axis=2)
-    time = np.cumsum(np.abs(np.diff(way, axis=1, prepend=-1.0)), axis=1)
-    time = (time - time[:, 1:2]) / test.speed + (test.time[0] - max(test.depth[0], 0.0) / test.speed)
+    time = np.cumsum(np.abs(np.diff(way, axis=1, prepend=far)), axis=1)
+    time = (time - time[:, 1:2]) / test.speed + _contact_time(test)
+    time[:, turn:] += np.concatenate([rest, np.full(time.shape[1] - turn - len(rest), test.since.max())])
     forces = {c: modulus * there[:, i] for i, c in enumerate(FORCES)}
     depth, got = recorded(setting, way, forces, time, test.age)
     forward = np.maximum.accumulate(depth[:, :turn], axis=1)
-    backward = np.maximum.accumulate(depth[:, : turn - 2 : -1], axis=1)
+    backward = np.maximum.accumulate(depth[:, : -turn - 1 : -1], axis=1)
     out = np.empty((len(F), len(pick), test.n))
     for j, c in enumerate(pick):
         v = got[FORCES[c]]
-        out[:, j, ~back] = rows_at(test.depth[~back], forward, v[:, :turn])
+        out[:, j, ~(back | held)] = rows_at(test.depth[~(back | held)], forward, v[:, :turn])
+        if held.any():
+            resting = np.broadcast_to(rest, (len(F), len(rest)))
+            out[:, j, held] = rows_at(test.since[held], resting, v[:, turn : turn + len(rest)])
         if back.any():
-            out[:, j, back] = rows_at(test.depth[back], backward, v[:, : turn - 2 : -1])
+            out[:, j, back] = rows_at(test.depth[back], backward, v[:, : -turn - 1 : -1])
     return (out / modulus).reshape(len(F), -1)
+
+
+def _contact_time(test: Test) -> float:
+    """Time (s) at which the record passes its zero of depth."""
+    there = test.branch == LOADING
+    d, t = test.depth[there], test.time[there]
+    return float(np.interp(0.0, np.maximum.accumulate(d), t)) if d[0] < 0.0 < d[-1] else float(t[0] - d[0] / test.speed)
 
 
 def _stopped(u: np.ndarray, F: np.ndarray, top: np.ndarray) -> np.ndarray:

@@ -87,14 +87,14 @@ def passes(plan: TestPlan, place: int) -> tuple[Pass, ...]:
     mine = [t for t in plan.tests if t.place == place]
     near = lambda v: round(v, 1)  # noqa: E731
     ways = [Pass(None, near(t.earlier)) for t in mine]
-    ways += [Pass(round(t.peak, 1), near(t.earlier)) for t in mine if np.any(t.branch == 1)]
+    ways += [Pass(round(t.peak, 1), near(t.earlier)) for t in mine if t.returns]
     return tuple(dict.fromkeys([Pass(None, 0.0), *ways]))
 
 
 def passes_of(every: Sequence[Pass], test: Test) -> tuple[int, int]:
     """Indices of the loading and of the unloading pass of a test."""
     loading = nearest(every, None, test.earlier)
-    return loading, loading if not np.any(test.branch == 1) else nearest(every, test.peak, test.earlier)
+    return loading, loading if not test.returns else nearest(every, test.peak, test.earlier)
 
 
 def nearest(every: Sequence[Pass], peak: float | None, earlier: float) -> int:

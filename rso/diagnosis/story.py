@@ -107,16 +107,20 @@ def _next(library: Library, d: Diagnosis, run: Run | None) -> list[NextTest]:
 
 
 def residuals(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
-    """By test and channel: depth, branch, residual against each fitted model, standard deviation of a reading."""
+    """By test and channel: depth, branch, residual against each fitted model, standard deviation of a reading; readings
+    of a hold for themselves, with the time `since` the indenter came to rest."""
     y, sd, found = plan.values(), np.sqrt(np.diag(d.bench.C)), []
     for item, c, at in plan.rows():
-        branch = np.zeros(len(item.depth), int) if isinstance(item, Profile) else item.branch
-        found.append({
-            "experiment": plan.experiments[item.experiment].name, "channel": c,
-            "label": "" if isinstance(item, Profile) else item.label,
-            "depth": item.depth.tolist(), "branch": branch.tolist(), "measured": y[at].tolist(), "sd": sd[at].tolist(),
-            "residual": {name: (y[at] - f[at]).tolist() for name, f in d.fits.items()},
-        })  # fmt: skip
+        own = not isinstance(item, Profile)
+        branch, held = (item.branch, item.held) if own else (np.zeros(len(item.depth), int),) * 2
+        for k, rest in ((held == 0, {}), (held == 1, {"since": item.since[held].tolist()} if own else {})):
+            if k.any():
+                found.append({
+                    "experiment": plan.experiments[item.experiment].name, "channel": c,
+                    "label": item.label if own else "", "depth": item.depth[k].tolist(), **rest,
+                    "branch": branch[k].tolist(), "measured": y[at][k].tolist(), "sd": sd[at][k].tolist(),
+                    "residual": {name: (y[at] - f[at])[k].tolist() for name, f in d.fits.items()},
+                })  # fmt: skip
     return found
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -18,6 +18,8 @@ from rso.contract import digest
 from rso.measurement import Measurement, Noise, Repeat
 
 BINS = 14  # per branch: what a smooth curve can tell
+AIR = 3  # bins of the way before contact
+LOADING, UNLOADING, HELD = range(3)  # branches of a test
 STEP = 0.25  # mm, to which the deepest travel is rounded up: data sets of one plan share their library
 SPIKE = 8.0  # robust standard deviations from its neighbours: no reading of its own
 MOST_SPIKES = 0.2  # of the readings: more of them are no spikes but the signal
@@ -54,10 +56,12 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Test:
-    """One recorded test in bins: `branch` 0 loading, 1 unloading; `earlier` is the deepest travel there before.
+    """One recorded test in bins: `branch` LOADING, UNLOADING or HELD at the deepest point; `earlier` is the deepest
+    travel there before.
 
     `age` is where it stands in the order of testing, −1/2 the first and 1/2 the last.  `depth`, `time`, `count` (n,):
-    mean depth and time of the readings of a bin and their number.
+    mean depth and time (from the first reading on) of the readings of a bin and their number; `since` (n,) s is the time since the indenter came to
+    rest, 0 while it moves.
     """
 
     experiment: int
@@ -73,11 +77,26 @@ class Test:
     count: np.ndarray
     values: Mapping[str, np.ndarray]
     age: float = 0.0
+    since: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        if not len(self.since):
+            object.__setattr__(self, "since", np.zeros(len(self.depth)))
 
     @property
     def n(self) -> int:
         """Bins."""
         return len(self.depth)
+
+    @property
+    def returns(self) -> bool:
+        """Whether the way back was recorded."""
+        return bool(np.any(self.branch == UNLOADING))
+
+    @property
+    def held(self) -> np.ndarray:
+        """(n,) whether the indenter rests."""
+        return self.branch == HELD
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,8 +162,8 @@ class TestPlan:
 def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
     """Tests in bins, places with what must be computed there.
 
-    ValueError if no force curve is left.  Holds are left out with a note, and so is the way back after a long one: they
-    carry relaxation, which the loading and unloading at other speeds shows as well.
+    ValueError if no force curve is left.  The way back after a long hold is left out with a note, as it depends on all
+    that relaxed before, and so is a hold without times or elsewhere than at the deepest point.
     """
     places: list[dict[str, Any]] = []
     index: dict[str, int] = {}
@@ -168,19 +187,20 @@ def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
             continue
         at = place_of(e.settings)
         for r in e.measurement.repeats:
-            held = r.segment == "hold"
-            if held.any():
-                r, after = _before_hold(r)
-                notes.append(f"{e.name}: {held.sum()} readings of a hold{after} are not used")
+            r, without = _usable(r)
+            notes += [f"{e.name}: {words} are not used" for words in without]
             channels = tuple(c for c in ("Fx", "Fy", "Fz") if c in r.channels and c in e.channels)
-            time = r.time if r.time is not None else _times(r.depth, r.segment, e.speed)
-            branches = [_binned(r, time, channels, name, k) for k, name in enumerate(("loading", "unloading"))]
+            time = r.time - r.time[0] if r.time is not None else _times(r.depth, r.segment, e.speed)
+            branches = [_binned(r, time, channels, b) for b in (LOADING, UNLOADING, HELD)]
             d, t, b, m, values = (_joined(branches, i, channels) for i in range(5))
             peak = float(r.depth.max())
-            tests.append(Test(k, r.label, at, e.speed, peak, reached.get(at, 0.0), channels, d, t, b, m, values))
+            since = np.where(b == HELD, t - max(time[r.segment == "loading"], default=0.0), 0.0)
+            tests.append(
+                Test(k, r.label, at, e.speed, peak, reached.get(at, 0.0), channels, d, t, b, m, values, since=since)
+            )
             reached[at] = max(reached.get(at, 0.0), peak)
             places[at]["deepest"] = max(places[at]["deepest"], peak)
-            if np.any(b == 1):
+            if np.any(b == UNLOADING):
                 places[at]["peaks"].add(round(peak, 1))
     if not tests:
         raise ValueError("no force curve with fit or select readings: nothing to diagnose")
@@ -206,17 +226,26 @@ def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
     return TestPlan(tuple(experiments), made, aged, tuple(profiles), tuple(dict.fromkeys(notes)))
 
 
-def _before_hold(r: Repeat) -> tuple[Repeat, str]:
-    """A repeat without the way back after a hold longer than DWELL, and words for what is missing.
+def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
+    """A repeat without what no model here follows, and words for what is missing.
 
-    A hold without times counts as long; one that is not between loading and unloading does not count.
+    That is a hold without times or elsewhere than between loading and unloading, and the way back after a hold longer
+    than DWELL; a hold without times counts as long.
     """
-    there, back = (np.nonzero(r.segment == s)[0] for s in ("loading", "unloading"))
-    if not len(there) or not len(back) or "hold" not in r.segment[there[-1] : back[0]]:
-        return r, ""
-    if r.time is not None and r.time[back[0]] - r.time[there[-1]] < DWELL * np.ptp(r.time[there]):
-        return r, ""
-    return _kept(r, r.segment != "unloading"), f" and {len(back)} of the way back after it"
+    there, back, held = (np.nonzero(r.segment == s)[0] for s in ("loading", "unloading", "hold"))
+    if not len(held) or not len(there):
+        return r, []
+    at_peak = held[(held > there[-1]) & (held < (back[0] if len(back) else len(r.segment)))]
+    timed, without = r.time is not None, []
+    lost = held if not timed else np.setdiff1d(held, at_peak)
+    if len(lost):
+        without.append(f"{len(lost)} readings of a hold {'elsewhere' if timed else 'without times'}")
+    if len(at_peak) and len(back):
+        short = timed and r.time[back[0]] - r.time[there[-1]] < DWELL * np.ptp(r.time[there])
+        if not short:
+            lost = np.concatenate([lost, back])
+            without.append(f"{len(back)} readings of the way back after a hold")
+    return _kept(r, ~np.isin(np.arange(len(r.segment)), lost)), without
 
 
 def _kept(r: Repeat, keep: np.ndarray) -> Repeat:
@@ -284,13 +313,27 @@ def _wild(r: Any) -> np.ndarray:
     return wild if wild.mean() < MOST_SPIKES else np.zeros(len(wild), bool)
 
 
-def _binned(r: Any, time: np.ndarray, channels: tuple[str, ...], segment: str, k: int) -> tuple[Any, ...]:
-    """Depth, time, branch, count and values of one branch, averaged over at most BINS runs of equally many readings."""
-    at = np.nonzero(r.segment == segment)[0]
-    groups = [g for g in np.array_split(at, min(BINS, len(at)) or 1) if len(g)]
+def _binned(r: Repeat, time: np.ndarray, channels: tuple[str, ...], branch: int) -> tuple[Any, ...]:
+    """Depth, time, branch, count and values of one branch, averaged over runs of readings: at most BINS, even in depth,
+    while the indenter presses, AIR before it does so, and even in the logarithm of time while it rests.
+    """
+    at = np.nonzero(r.segment == ("loading", "unloading", "hold")[branch])[0]
+    if branch == HELD:
+        since = time[at] - max(time[r.segment == "loading"], default=0.0)
+        edges = np.geomspace(max(since[0], 1e-3 * since[-1]), since[-1], BINS + 1)[1:-1] if len(at) > BINS else since
+        groups = np.split(at, np.searchsorted(since, edges))
+    else:
+        way = at if branch == LOADING else at[::-1]
+        u = np.maximum.accumulate(r.depth[way]) if len(at) else r.depth[way]
+        air, way = way[: np.sum(u < 0.0)], way[np.sum(u < 0.0) :]
+        u = u[len(air) :]
+        edges = np.linspace(0.0, u[-1], BINS + 1)[1:-1] if len(way) > BINS else u
+        groups = [*np.array_split(air, min(AIR, len(air)) or 1), *np.split(way, np.searchsorted(u, edges, side="left"))]
+        groups = groups if branch == LOADING else groups[::-1]
+    groups = [g for g in groups if len(g)]
     mean = lambda v: np.array([v[g].mean() for g in groups])  # noqa: E731
     count = np.array([len(g) for g in groups], float)
-    return mean(r.depth), mean(time), np.full(len(groups), k), count, {c: mean(r.channels[c]) for c in channels}
+    return mean(r.depth), mean(time), np.full(len(groups), branch), count, {c: mean(r.channels[c]) for c in channels}
 
 
 def _joined(branches: Sequence[tuple[Any, ...]], i: int, channels: tuple[str, ...]) -> Any:

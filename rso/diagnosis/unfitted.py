@@ -14,6 +14,7 @@ from rso.diagnosis.effects import Effect
 from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Posterior, log_evidence, posterior, ready, whitening
+from rso.diagnosis.testplan import LOADING
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ def _fitted_rows(library: Library) -> np.ndarray:
     for item, c, at in library.plan.rows():
         e = library.plan.experiments[item.experiment]
         if hasattr(item, "branch") and e.role == "fit" and c == ("Fz" if "Fz" in item.channels else item.channels[0]):
-            rows.append(np.arange(at.start, at.stop)[item.branch == 0])
+            rows.append(np.arange(at.start, at.stop)[item.branch == LOADING])
     return np.concatenate(rows) if rows else np.arange(library.plan.n)
 
 

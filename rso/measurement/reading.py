@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NoReturn
 
 import numpy as np
 
+from rso.measurement import plausible
 from rso.units import column_factor, header
 
 MAX_BYTES = 200_000_000
@@ -27,7 +29,9 @@ DISPLACEMENTS = ("ux", "uy", "uz")
 _JITTER, _SECOND_TURN = 0.05, 0.2
 # At rest: this near the deepest level, as a share of the stroke, for this many times as long as passing by takes.
 _REST, _LONG = 0.0025, 4.0
+_AWAY = 0.05  # of the readings of a rest may lie outside it
 _LARGEST = 1e12
+_THOUSANDS, _HUNDREDS = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}"), re.compile(r"[+-]?[1-9]\d{2}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +83,16 @@ def read(path: str | Path) -> Measurement:
     kind = _kind(table)
     order = dict.fromkeys(table.labels.tolist())
     repeats = tuple(_repeat(table, kind, label) for label in order)
+    doubts: list[str] = []
+    for r in repeats if kind == "force" else ():
+        lines, force = table.line[table.labels == r.label], r.channels.get("Fz")
+        given = table.segments is not None
+        doubts += plausible.check(Path(path), r.label, r.depth, r.segment, force, r.time, lines, not given)
+    plausible.alike(Path(path), [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels])
     for repeat in repeats:
         if len(repeat.depth) == 1 and len(table.line) > 1 and kind == "force":
             raise ValueError(f"{path}: repeat {repeat.label!r} has too few points (1) to be a curve")
-    return Measurement(Path(path), kind, repeats, table.notes)
+    return Measurement(Path(path), kind, repeats, (*table.notes, *doubts))
 
 
 def _fail(path: Path, line: int, message: str) -> NoReturn:
@@ -120,6 +130,9 @@ def _table(path: Path) -> _Table:
         raise ValueError(f"{path}: holds no header line such as depth_mm,Fz_N") from None
     separator = next((s for s in (";", "\t") if s in head), ",")
     names, factors = _headers(path, top, head, separator)
+    rows = list(rows)
+    if separator != ",":
+        _no_thousands(path, rows, separator, names)
     columns = [array("d") for _ in names]
     text = {name: list[str]() for name in names if name in ("repeat", "segment")}
     line = array("q")
@@ -139,6 +152,32 @@ def _table(path: Path) -> _Table:
     segments = _segment_column(path, line, text["segment"]) if "segment" in text else None
     labels = np.array(text.get("repeat", ["1"] * len(line)))
     return _Table(path, arrays, labels, segments, np.array(line), tuple(notes))
+
+
+def _no_thousands(path: Path, rows: Sequence[tuple[int, str]], separator: str, names: Sequence[str]) -> None:
+    """ValueError where a comma or point may part thousands and not decimals: 1,250 after 750, or 1.250,5."""
+    numeric = [k for k, name in enumerate(names) if name not in ("repeat", "segment")]
+    marks: dict[str, tuple[int, str]] = {}
+    thousands: dict[int, tuple[int, str]] = {}
+    whole, other = set[int](), set[int]()
+    for number, row in rows:
+        cells = row.split(separator)
+        for k in numeric if len(cells) == len(names) else ():
+            cell = cells[k].strip().strip('"')
+            if ("," in cell) != ("." in cell):  # both in one is no number at all
+                marks.setdefault("," if "," in cell else ".", (number, cell))
+            if _THOUSANDS.fullmatch(cell):
+                thousands.setdefault(k, (number, cell))
+            elif "," in cell or "." in cell:
+                other.add(k)
+            elif _HUNDREDS.fullmatch(cell):
+                whole.add(k)
+    if len(marks) == 2:
+        (line, one), (_, two) = (marks[m] for m in ".,")
+        _fail(path, line, f"{one!r} has a point, {two!r} a comma: one of them parts thousands; write 1250, not 1,250")
+    if doubtful := {k: v for k, v in thousands.items() if k in whole and k not in other}:
+        k, (line, cell) = next(iter(doubtful.items()))
+        _fail(path, line, f"column {names[k]!r}: {cell!r} beside whole hundreds is a thousand or a decimal; write 1250")
 
 
 def _lines(text: str, notes: list[str]) -> Iterator[tuple[int, str]]:
@@ -220,6 +259,7 @@ def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     if kind == "force" and time is not None and np.any(np.diff(time) <= 0):
         k = int(np.argmax(np.diff(time) <= 0)) + 1
         hint = "" if len(set(table.labels.tolist())) > 1 else "; several tests in one file need a column 'repeat'"
+        hint += "; a clock this coarse says nothing, leave its column out" if time[k] == time[k - 1] else ""
         _fail(
             table.path,
             int(table.line[rows][k]),
@@ -261,15 +301,19 @@ def _at_rest(depth: np.ndarray, time: np.ndarray) -> slice:
 
     There is within a share of the stroke or the noise; just before and after is from there to four times as far below.
     """
-    noise = 1.5 * float(np.median(np.abs(np.diff(depth, 3)))) / 20**0.5 if len(depth) > 12 else 0.0
+    noise = plausible.noise_of(depth)
     top = float(depth.max())
-    width = max(_REST * (top - max(float(depth.min()), 0.0)), 6.0 * noise)
+    steps = np.abs(np.diff(depth))
+    step = float(steps[steps > 0].min(initial=np.inf)) if np.median(steps) == 0.0 else 0.0  # of a coarse encoder
+    width = max(_REST * (top - max(float(depth.min()), 0.0)), 6.0 * noise, 1.5 * step * np.isfinite(step))
     level = float(np.median(depth[depth >= top - width]))
     there = np.nonzero(depth >= level - width)[0]
     below = np.nonzero(depth < level - 4.0 * width)[0]
     before, after = below[below < there[0]], below[below > there[-1]]
     if len(there) < 2 or not len(before):
         return slice(0, 0)
+    if np.mean(depth[there[0] : there[-1] + 1] < level - width) > _AWAY:
+        return slice(0, 0)  # it went up in between
     beside = _between(time, depth, int(before[-1]), int(there[0]), level, width)
     beside += _between(time, depth, int(after[0]), int(there[-1]), level, width) if len(after) else beside
     if time[there[-1]] - time[there[0]] <= _LONG * max(beside, 2.0 * float(np.median(np.diff(time)))):

@@ -34,7 +34,7 @@ def residual_map(found: Found, more: bool = False) -> Figure:
     for axes in grid[len(rows) :]:
         axes.set_visible(False)
     for k in range(len(rows)):
-        if k + columns >= len(rows):
+        if k + columns >= len(rows) and not rows[k].held:
             grid[k].set_xlabel("depth (mm)")
     if not more:
         _keys(figure, found, every)
@@ -78,16 +78,20 @@ def _panel(axes: Axes, p: Panel) -> None:
     else:
         _noise(axes, p)
         for which, colour, width in (("base", GREY, 1.3), ("cause", ACCENT, 1.6)):
-            for branch in (0, 1):
+            for branch in (2,) if p.held else (0, 1):
                 _branch(axes, p, which, branch, colour, width)
-        axes.set_xlim(0, None)
-        axes.xaxis.set_major_locator(MaxNLocator(4))
+        if p.held:
+            axes.set_xscale("log")
+            axes.set_xlabel("time at rest (s)")
+        else:
+            axes.set_xlim(0, None)
+            axes.xaxis.set_major_locator(MaxNLocator(4))
     axes.axhline(0, color=INK, lw=0.6, zorder=1)
     sizes = [np.abs(v).max() for r in p.records for v in (r.base, r.cause, QUANTILE * r.sd) if v is not None]
     high = 1.08 * f * float(max(sizes))
     axes.set_ylim(-high, high)
     axes.yaxis.set_major_locator(MaxNLocator(5, symmetric=True, min_n_ticks=3))
-    axes.set_title(f"{short(p.experiment, 20)}, {short(p.channel, 6)}", fontsize=8.5)
+    axes.set_title(f"{short(p.experiment, 20)}, {short(p.channel, 6)}{', held' * p.held}", fontsize=8.5)
     axes.set_title(p.unit.label, loc="right", color=GREY, fontsize=8)
 
 
@@ -106,11 +110,11 @@ def _branch(axes: Axes, p: Panel, which: str, branch: int, colour: str, width: f
     if not rows:
         return
     z = 3 if which == "cause" else 2
-    look = {"mfc": colour, "mew": 0} if branch == 0 else {"mfc": PAPER, "mec": colour, "mew": 0.6}
+    look = {"mfc": colour, "mew": 0} if branch != 1 else {"mfc": PAPER, "mec": colour, "mew": 0.6}
     for x, y in rows:
-        axes.plot(x, y, "o", ms=2.0 if branch == 0 else 2.4, alpha=0.65, zorder=z, **look)
+        axes.plot(x, y, "o", ms=2.0 if branch != 1 else 2.4, alpha=0.65, zorder=z, **look)
     for x, y in _trend(rows):
-        axes.plot(x, y, color=colour, lw=width, ls="-" if branch == 0 else (0, (3, 1.6)), zorder=z)
+        axes.plot(x, y, color=colour, lw=width, ls="-" if branch != 1 else (0, (3, 1.6)), zorder=z)
 
 
 def _trend(rows: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarray]:

@@ -29,12 +29,15 @@ Found = Mapping[str, Any]
 BASE, REST = "none", "unexplained"  # parts of the names of hypotheses: no effect, a gap of no known cause
 FORCE, LENGTH = Unit("mN", 1e3), Unit("µm", 1e3)
 _POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
-_BRANCH = {"loading": 0, "unloading": 1}
+_BRANCH = {"loading": 0, "unloading": 1, "held": 2}
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One curve of one channel: arrays (n,), all known; `cause` is what is left with the cause, or None."""
+    """One curve of one channel: arrays (n,), all known; `cause` is what is left with the cause, or None.
+
+    During a hold `depth` is the time since the indenter came to rest.
+    """
 
     depth: np.ndarray
     branch: np.ndarray
@@ -46,7 +49,8 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """All records of one channel of one experiment, and its regions (branch or None, low, high) beyond noise."""
+    """All records of one channel of one experiment while the indenter moves or, `held`, rests, and its regions (branch
+    or None, low, high) beyond noise."""
 
     experiment: str
     channel: str
@@ -54,6 +58,7 @@ class Panel:
     unit: Unit
     records: tuple[Record, ...]
     regions: tuple[tuple[int | None, float, float], ...]
+    held: bool = False
 
 
 def core(found: Found) -> Mapping[str, Any]:
@@ -179,12 +184,13 @@ def parameter_bands(found: Found) -> list[tuple[str, str, dict[str, tuple[float,
 
 
 def panels(found: Found) -> list[Panel]:
-    """One per experiment and channel: first by the regions in the order of their strength, then by the residual."""
-    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    """One per experiment and channel, a hold for itself: first by the regions in the order of their strength, then by
+    the residual."""
+    groups: dict[tuple[str, str, bool], list[Mapping[str, Any]]] = {}
     for r in listed(found, "residuals"):
-        groups.setdefault((str(r.get("experiment")), str(r.get("channel"))), []).append(r)
+        groups.setdefault((str(r.get("experiment")), str(r.get("channel")), "since" in r), []).append(r)
     where = list(core(found).get("where") or ())
-    first = [(str(r.get("experiment")), str(r.get("channel"))) for r in where]
+    first = [(str(r.get("experiment")), str(r.get("channel")), str(r.get("region")).startswith("held")) for r in where]
     kinds = {str(e.get("name")): e.get("kind") for e in listed(found, "experiments")}
     cause = chosen(found)
     rows = []
@@ -198,14 +204,15 @@ def panels(found: Found) -> list[Panel]:
                         if k == key and r.get("beyond_noise") and (v := _region(r.get("region"))))  # fmt: skip
         profile = kinds.get(key[0]) == "profile"
         force = key[1].startswith("F")
-        rows.append(((place, -size), Panel(*map(clean, key), profile, FORCE if force else LENGTH, records, regions)))
+        unit, names = FORCE if force else LENGTH, map(clean, key[:2])
+        rows.append(((place, -size), Panel(*names, profile, unit, records, regions, key[2])))
     return [v for _, v in sorted(rows, key=lambda v: v[0])]
 
 
 def _record(r: Mapping[str, Any], cause: str | None) -> Record | None:
     """The readings of which everything is known."""
     residual = r.get("residual") or {}
-    names = ["depth", "branch", "measured", "sd"]
+    names = ["since" if "since" in r else "depth", "branch", "measured", "sd"]
     columns = [r.get(k) for k in names] + [residual.get(BASE)] + ([residual[cause]] if cause in residual else [])
     if any(c is None for c in columns):
         return None
@@ -217,7 +224,9 @@ def _record(r: Mapping[str, Any], cause: str | None) -> Record | None:
 
 
 def _region(text: object) -> tuple[int | None, float, float] | None:
-    """Branch and depths (mm) of a region from its words, None where they hold no depths."""
+    """Branch and depths (mm) or times (s) of a region from its words, None where they hold none."""
+    if m := re.fullmatch(r"held ([\d.e+-]+)–([\d.e+-]+) s", str(text)):
+        return _BRANCH["held"], float(m[1]), float(m[2])
     if m := re.fullmatch(r"(loading|unloading) ([\d.]+)–([\d.]+) mm", str(text)):
         return _BRANCH[m[1]], float(m[2]), float(m[3])
     if m := re.fullmatch(r"profile at ([\d.]+) mm", str(text)):
@@ -228,7 +237,7 @@ def _region(text: object) -> tuple[int | None, float, float] | None:
 def signature_places(found: Found) -> list[tuple[Sequence[float], list[Mapping[str, Any]], Panel | None]]:
     """(place, signatures there, the strongest Fz panel recorded there), places with the strongest panel first."""
     points = {clean(e.get("name")): e.get("point") for e in listed(found, "experiments")}
-    fz = [v for v in panels(found) if v.channel == "Fz" and not v.profile]
+    fz = [v for v in panels(found) if v.channel == "Fz" and not v.profile and not v.held]
     places: list[Any] = []
     for s in listed(found, "signatures"):
         if s.get("place") not in places:

@@ -99,7 +99,7 @@ def _library(asked: Asked, known: dict[str, Library], store: RunStore, executor:
     speeds = [min(t.speed for t in asked.plan.tests), max(t.speed for t in asked.plan.tests)]
     passes = [
         sorted(
-            {(t.place, round(t.earlier, 1), round(t.peak, 1) if t.branch.any() else 0.0) for t in asked.plan.tests}
+            {(t.place, round(t.earlier, 1), round(t.peak, 1) if t.returns else 0.0) for t in asked.plan.tests}
         )
     ]
     key = digest([

@@ -104,16 +104,21 @@ def _experiment(study: Study, n: int) -> Experiment:
 
 
 def _recorded_speed(m: Measurement) -> float | None:
-    """Median speed (mm/s) of loading, where time was recorded."""
-    r = m.repeats[0]
-    if m.kind != "force" or r.time is None:
-        return None
-    loading = r.segment == "loading"
-    d, t = r.depth[loading], r.time[loading]
-    if len(d) < 3 or t[-1] <= t[0]:
-        return None
-    speed = float((d[-1] - d[0]) / (t[-1] - t[0]))
-    return speed if speed > 0 and math.isfinite(speed) else None
+    """Speed (mm/s) of loading between a fifth and nine tenths of the deepest travel, where time was recorded.
+
+    The median over repeats; what the machine does before contact and near its turn does not count.
+    """
+    found = []
+    for r in m.repeats if m.kind == "force" else ():
+        loading = r.segment == "loading"
+        if r.time is None or np.sum(loading) < 3:
+            continue
+        d, t = np.maximum.accumulate(r.depth[loading]), r.time[loading]
+        low, high = 0.2 * d[-1], 0.9 * d[-1]
+        start, end = np.interp((low, high), d, t)
+        if end > start and high > low:
+            found.append((high - low) / (end - start))
+    return float(np.median(found)) if found else None
 
 
 def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:

@@ -209,8 +209,9 @@ def recorded(
     unload: bool = False, point: tuple[float, float] = (0.0, 0.0), support: str = "held", repeats: int = 1,
     white: float = WHITE, scatter: float = SCATTER, earlier: float = 0.0, offset: float = 0.0, compliance: float = 0.0,
     bias: float = 0.0, drift: float = 0.0, each_offset: float = 0.0, lateral: bool = False, readings: int = 84,
+    hold: float = 0.0,
 ) -> tuple[Repeat, ...]:  # fmt: skip
-    """Repeats as a laboratory records them, the chain written out by hand."""
+    """Repeats as a laboratory records them, the chain written out by hand; `hold` s of rest at the end of a loading."""
     found = []
     for k in range(repeats):
         zero = offset + each_offset * rng.standard_normal()
@@ -219,6 +220,9 @@ def recorded(
             far = peak + zero - compliance * float(elastic(truth, np.array(far), point, support)[0])
         t = np.linspace(0, far / speed * (2 if unload else 1), 500 * (2 if unload else 1) - (1 if unload else 0))
         u = np.minimum(t * speed, 2 * far - t * speed)
+        if hold:
+            t = np.concatenate([t, t[-1] + np.linspace(0, hold, 1001)[1:]])
+            u = np.append(u, np.full(1000, far))
         F = along(truth, t, u, max(earlier, peak if k else 0.0), point=point, support=support)
         gain = 1 + scatter * rng.standard_normal()
         force = {"Fz": gain * F[0] + bias + drift * t, "Fx": gain * F[1], "Fy": gain * F[2]}
@@ -227,6 +231,10 @@ def recorded(
         channels = {c: v[at] + white * rng.standard_normal(len(at)) for c, v in force.items() if lateral or c == "Fz"}
         top = int(np.argmax(depth[at]))
         segment = np.where(np.arange(len(at)) <= top, "loading", "unloading")
+        if hold:
+            at = np.concatenate([np.linspace(6, 499, readings), np.linspace(500, 1499, readings)]).astype(int)
+            channels = {c: v[at] + white * rng.standard_normal(len(at)) for c, v in force.items() if c in channels}
+            segment = np.where(at < 500, "loading", "hold")
         found.append(Repeat(str(k + 1), depth[at], t[at], channels, {}, segment))
     return tuple(found)
 

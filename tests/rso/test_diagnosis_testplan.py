@@ -32,7 +32,7 @@ def test_bins_keep_the_means_of_every_branch():
             total = np.sum(test.count[mine] * test.values[c][mine])
             np.testing.assert_allclose(total, r.channels[c][own].sum(), rtol=1e-12)
         np.testing.assert_allclose(np.sum(test.count[mine] * test.depth[mine]), r.depth[own].sum(), rtol=1e-12)
-        np.testing.assert_allclose(np.sum(test.count[mine] * test.time[mine]), r.time[own].sum(), rtol=1e-12)
+        np.testing.assert_allclose(np.sum(test.count[mine] * test.time[mine]), (r.time[own] - r.time[0]).sum(), rtol=1e-12)
 
 
 def test_the_data_vector_holds_every_value_in_the_order_of_its_rows():
@@ -88,12 +88,26 @@ def test_the_deepest_travel_is_rounded_so_that_data_sets_share_a_library():
     assert len(set(deepest)) == 1
 
 
-def test_holds_are_left_out_and_said_so():
+def test_a_hold_is_binned_along_the_logarithm_of_time():
+    """All its readings count, at the depth where they were taken; its first bins are the shortest."""
+    (r,) = toy.recorded(toy.TRUTH, rng(), hold=100.0)
+    (t,) = make_plan([toy.experiment("a", (r,))]).tests
+    assert t.count[t.held].sum() == np.sum(r.segment == "hold") and not t.returns
+    np.testing.assert_allclose(t.since[t.held], t.time[t.held] - np.ptp(r.time[r.segment == "loading"]), rtol=1e-9)
+    assert np.all(t.since[~t.held] == 0.0) and np.all(np.diff(t.count[t.held][1:]) >= 0)
+    np.testing.assert_allclose(t.depth[t.held], 4.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize("how", ["without times", "elsewhere"])
+def test_holds_that_nobody_can_follow_are_left_out_and_said_so(how):
     (r,) = toy.recorded(toy.TRUTH, rng())
     segment = r.segment.copy()
     segment[-20:] = "hold"
-    plan = make_plan([toy.experiment("a", (dataclasses.replace(r, segment=segment),))])
-    assert plan.tests[0].count.sum() == np.sum(segment == "loading") and "hold" in plan.notes[0]
+    segment[-1] = "loading" if how == "elsewhere" else "hold"
+    r = dataclasses.replace(r, segment=segment, time=None if how == "without times" else r.time)
+    plan = make_plan([toy.experiment("a", (r,))])
+    assert plan.tests[0].count.sum() == np.sum(segment == "loading") and not plan.tests[0].held.any()
+    assert how in plan.notes[0] and f"{np.sum(segment == 'hold')} readings of a hold" in plan.notes[0]
 
 
 def test_places_are_called_by_their_point_or_where_several_have_it_by_a_test():
@@ -128,8 +142,9 @@ def test_the_way_back_after_a_long_hold_is_left_out_and_said_so(seconds, kept):
     held = dataclasses.replace(r, depth=put(r.depth), time=None if seconds is None else time, segment=segment,
                                channels={c: put(v) for c, v in r.channels.items()})  # fmt: skip
     plan = make_plan([toy.experiment("a", (held,))])
-    assert np.any(plan.tests[0].branch == 1) == kept and bool(plan.places[0].peaks) == kept
-    assert ("way back" in plan.notes[0]) != kept and "4 readings of a hold" in plan.notes[0]
+    assert plan.tests[0].returns == kept and bool(plan.places[0].peaks) == kept
+    assert any("way back" in note for note in plan.notes) != kept
+    assert plan.tests[0].count[plan.tests[0].held].sum() == (4 if seconds else 0)
 
 
 def test_single_readings_out_of_line_are_left_out_and_said_so():

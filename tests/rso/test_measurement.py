@@ -89,8 +89,12 @@ def test_a_rest_at_the_deepest_point_is_a_hold_where_times_are_known(tmp_path, r
         assert r.depth[r.segment == "loading"].max() > 3.99  # the way there is kept to its end
         returning = r.segment == "unloading"
         assert np.all(r.time[returning] > r.time[held][-1]) and returning.any() == back
-    (timeless,) = read(write(tmp_path, table("depth_mm,Fz_N", zip(u, u, strict=True)))).repeats
-    assert "hold" not in timeless.segment
+    timeless = write(tmp_path, table("depth_mm,Fz_N", zip(u, u, strict=True)))
+    if rest_s == 0.0:
+        assert "hold" not in read(timeless).repeats[0].segment
+    elif rest_s > 10.0:
+        with pytest.raises(ValueError, match="a rest; give a column time_s"):
+            read(timeless)
 
 
 T_WAY = np.linspace(0.0, 16.0, 401)
@@ -109,7 +113,7 @@ WAYS = {  # depth over time without any rest at the top
 def test_what_slows_down_or_turns_is_no_hold(tmp_path, name, noise):
     t, u = WAYS[name]
     u = u + noise * np.random.default_rng(4).normal(size=len(u))
-    (r,) = read(write(tmp_path, table("time_s,depth_mm,Fz_N", zip(t, u, u, strict=True)))).repeats
+    (r,) = read(write(tmp_path, table("time_s,depth_mm,Fz_N", zip(t, u, np.maximum(u, 0), strict=True)))).repeats
     assert "hold" not in r.segment
 
 
@@ -119,7 +123,7 @@ def test_a_hold_of_two_readings_by_hand_and_one_after_a_fast_way_through_air(tmp
     assert r.segment.tolist() == ["loading"] * 5 + ["hold"] + ["unloading"] * 2
     t, u = WAYS["through air"]
     t, u = np.r_[t, t[-1] + np.arange(1, 201) * 0.1], np.r_[u, np.full(200, 4.0)]
-    (r,) = read(write(tmp_path, table("time_s,depth_mm,Fz_N", zip(t, u, u, strict=True)))).repeats
+    (r,) = read(write(tmp_path, table("time_s,depth_mm,Fz_N", zip(t, u, np.maximum(u, 0), strict=True)))).repeats
     assert np.sum(r.segment == "hold") == 200
 
 
@@ -389,3 +393,81 @@ def test_chain_refuses():
         record(Chain(), U, {"Fz": U[1:]})
     with pytest.raises(ValueError, match="time must increase"):
         record(Chain(), U, FORCES, T[::-1])
+
+
+# ------------------------------------------------------------------------------------------ what cannot be a test
+
+PRESS = np.linspace(0.0, 4.0, 81)
+PULL = 0.04 * PRESS**1.5 + 0.003 * np.random.default_rng(1).normal(size=81)
+
+
+def curve(depth=PRESS, force=PULL, time=None, head="depth_mm,Fz_N"):
+    columns = (depth, force) if time is None else (time, depth, force)
+    return table(head if time is None else "time_s," + head, zip(*columns, strict=True))
+
+
+def once(value, at, to):
+    out = value.copy()
+    out[at] = to
+    return out
+
+
+IMPOSSIBLE = {  # content, words of the answer
+    "compression negative": (curve(force=-PULL), ["'Fz' falls", "turn its sign"]),
+    "no tare": (curve(force=PULL + 1.85), ["'Fz' is 1.85 N", "tare"]),
+    "position falls": (curve(depth=4.0 - PRESS), ["'depth' falls from 4 to 0 mm", "must grow"]),
+    "no travel": (curve(depth=np.ones(81)), ["'depth' is 1 mm throughout"]),
+    "one wild depth": (curve(depth=once(PRESS, 50, 9.0)), [":52:", "jumps to 9 mm", "2.45 and 2.55"]),
+    "thousands": ("depth_um;Fz_mN\n0;0\n250;5\n500;14\n750;26\n1,000;40\n1,250;56\n", [":6:", "'1,000'", "1250"]),
+    "thousands beside decimals": ("depth_um;Fz_mN\n0.10;0.5\n1,250;5.00\n", ["'0.10'", "'1,250'", "thousands"]),
+}
+
+
+@pytest.mark.parametrize("what", IMPOSSIBLE)
+def test_what_cannot_be_a_test_is_refused_with_the_reason(tmp_path, what):
+    content, words = IMPOSSIBLE[what]
+    with pytest.raises(ValueError) as caught:
+        read(write(tmp_path, content))
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 9.81])
+def test_a_repeat_in_another_unit_is_refused(tmp_path, factor):
+    rows = [(u, f, 1) for u, f in zip(PRESS, PULL, strict=True)]
+    rows += [(u, factor * f, 2) for u, f in zip(PRESS, PULL, strict=True)]
+    with pytest.raises(ValueError, match="another sign, unit or tare"):
+        read(write(tmp_path, table("depth_mm,Fz_N,repeat", rows)))
+
+
+DOUBTFUL = {
+    "a little untared": (PULL + 0.1, "not tared"),
+    "contact late": (0.04 * np.maximum(PRESS - 2.0, 0) ** 1.5, "contact lies near 2 mm"),
+    "sensor at its end": (np.minimum(0.04 * PRESS**1.5, 0.2), "a sensor at its end"),
+}
+
+
+@pytest.mark.parametrize("what", DOUBTFUL)
+def test_what_is_doubtful_is_said(tmp_path, what):
+    force, words = DOUBTFUL[what]
+    assert any(words in note for note in read(write(tmp_path, curve(force=force))).notes)
+
+
+@pytest.mark.parametrize("power", [1.0, 1.5, 2.2])
+@pytest.mark.parametrize("level", [0.0, -0.01])
+def test_good_curves_are_neither_refused_nor_doubted(tmp_path, power, level):
+    """From a flat punch to a stiffening body, with a little adhesion, noise and decimal commas."""
+    force = 0.32 * (PRESS / 4.0) ** power + level + 0.003 * np.random.default_rng(2).normal(size=81)
+    text = curve(force=force, head="depth_mm;Fz_N").replace(",", ";").replace(".", ",")
+    m = read(write(tmp_path, text))
+    assert m.notes == ()
+    np.testing.assert_allclose(m.repeats[0].channels["Fz"], force, rtol=0, atol=1e-6)
+
+
+def test_up_again_on_the_way_is_no_rest_and_steps_of_an_encoder_neither(tmp_path):
+    ways = (0.0, 4.0, 80), (4.0, 3.3, 15), (3.3, 4.0, 15), (4.0, 0.0, 80)
+    up = np.concatenate([np.linspace(*w) for w in ways])
+    steps = np.round(np.linspace(0, 4, 801) / 0.1) * 0.1
+    for depth in (up, steps):
+        text = curve(depth, 0.04 * np.maximum(depth, 0) ** 1.5, 0.05 * np.arange(len(depth)))
+        assert "hold" not in read(write(tmp_path, text)).repeats[0].segment

@@ -1,0 +1,142 @@
+"""Force curves that cannot be what they are said to be: refused with a reason, or remarked upon.
+
+A sign, a unit or a tare that is wrong gives a curve as smooth as the right one, and a material for it.  What is refused
+here is no curve of an indenter that goes deeper into a body at rest; what is doubtful only is said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+FEW = 8  # readings: less is a table by hand, whose writer knows it
+EDGE = 0.05  # of the readings of loading: what counts as its start and its end
+FALLS = 0.5  # of its range by which a force must not fall while the indenter goes deeper
+UNTARED = 0.5  # of its range that a force may have where the indenter begins to press
+DOUBTFUL = 0.15  # the same, from which on it is remarked upon
+STROKE = 0.5  # of the stroke that loading must cover
+SKEW = 5.0  # ratio of the largest forces of two repeats to one depth
+LATE = 0.25  # of the deepest travel: a contact this late is remarked upon
+STUCK = 10  # readings at the deepest point that make a rest, where no times are known
+JUMP = 0.05  # of the stroke: a single depth this far out of line is a mistake
+FLAT = 5  # equal largest readings in a row: a sensor at its end
+
+
+def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force: np.ndarray | None,
+          time: np.ndarray | None, lines: np.ndarray, sorted_here: bool) -> list[str]:  # fmt: skip
+    """Remarks on one repeat; ValueError naming file, repeat and column where it cannot be a test.
+
+    `depth` (n,) mm, `force` (n,) N is Fz, `lines` (n,) of the file; `sorted_here` where the segments were not given.
+    """
+    who = f"{path}: repeat {label!r}"
+    if len(depth) < FEW:
+        return []
+    stroke = float(np.ptp(depth))
+    if stroke == 0.0:
+        raise ValueError(f"{who}: column 'depth' is {depth[0]:g} mm throughout, the indenter does not move")
+    _jump(path, depth, stroke, lines)
+    loading = segment == "loading"
+    if sorted_here:
+        if np.sum(loading) < 3 or np.ptp(depth[loading]) < STROKE * stroke:
+            raise ValueError(
+                f"{who}: column 'depth' falls from {depth[0]:g} to {depth[-1]:g} mm and rises hardly anywhere; it must "
+                "grow while the indenter goes deeper, from 0 at contact: turn its sign or subtract its start"
+            )
+        if time is None:
+            _rest(who, depth)
+    if force is None or np.sum(loading) < FEW:
+        return []
+    d, F = depth[loading], force[loading]
+    n, span = max(3, int(EDGE * len(F))), float(np.ptp(force))
+    start, end = float(np.median(F[:n])), float(np.median(F[-n:]))
+    if end < start - FALLS * span:
+        raise ValueError(
+            f"{who}: column 'Fz' falls from {start:.3g} to {end:.3g} N while the indenter goes deeper; Fz is the force "
+            "of the specimen on the indenter, positive upwards: turn its sign"
+        )
+    notes = []
+    if d[0] <= EDGE * d.max():
+        if abs(start) > UNTARED * span:
+            raise ValueError(
+                f"{who}: column 'Fz' is {start:.3g} N where the indenter begins to press, and changes by {span:.3g} N "
+                "in all: subtract the reading before contact (tare)"
+            )
+        if abs(start) > DOUBTFUL * span:
+            notes.append(f"repeat {label}: Fz is {start:.3g} N at {d[0]:.2g} mm; not tared, or touched before?")
+    late = _contact(d, F)
+    if late > LATE * d.max():
+        notes.append(
+            f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm; depth must count from contact"
+        )
+    if flat := _flat(depth, force, stroke):
+        notes.append(
+            f"repeat {label}: Fz stays at its largest value, {force.max():.4g} N, for {flat} readings; a sensor at its "
+            "end?"
+        )
+    return notes
+
+
+def alike(path: Path, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> None:
+    """ValueError where the largest forces of repeats (label, depth, Fz) to about one depth differ by a factor SKEW."""
+    ends = [(label, float(d.max()), float(F[np.argmax(np.abs(F))])) for label, d, F in repeats if len(d) >= FEW]
+    deepest = max((depth for _, depth, _ in ends), default=0.0)
+    ends = [(label, F) for label, depth, F in ends if depth > 0.8 * deepest]
+    if len(ends) < 2:
+        return
+    low, high = (pick(ends, key=lambda v: v[1]) for pick in (min, max))
+    if low[1] * high[1] <= 0.0 or (high[1] / low[1] > SKEW and low[1] > 0.0):
+        raise ValueError(
+            f"{path}: the largest force of repeat {low[0]!r} is {low[1]:.3g} N, that of repeat {high[0]!r} "
+            f"{high[1]:.3g} N, to about the same depth: one of them has another sign, unit or tare"
+        )
+
+
+def _jump(path: Path, depth: np.ndarray, stroke: float, lines: np.ndarray) -> None:
+    """A single reading of the depth far beside both its neighbours."""
+    before, at, after = depth[:-2], depth[1:-1], depth[2:]
+    beside = np.minimum(np.abs(at - before), np.abs(at - after))
+    typical = float(np.median(np.abs(np.diff(depth))))
+    alone = (beside > max(JUMP * stroke, 8.0 * typical)) & ((at - before) * (at - after) > 0.0)
+    if alone.any():
+        k = int(np.argmax(alone)) + 1
+        raise ValueError(
+            f"{path}:{lines[k]}: column 'depth' jumps to {depth[k]:g} mm for a single reading, between "
+            f"{depth[k - 1]:g} and {depth[k + 1]:g} mm: leave the row out"
+        )
+
+
+def _rest(who: str, depth: np.ndarray) -> None:
+    """A rest at the deepest point without times: nobody can tell it from slow loading."""
+    stroke = float(np.ptp(depth))
+    width = max(0.005 * stroke, 12.0 * noise_of(depth))
+    near = int(np.sum(depth > depth.max() - width))
+    passing = 2.0 * len(depth) * width / stroke  # there and back
+    if near > max(STUCK, 0.1 * len(depth), 3.0 * passing):
+        raise ValueError(
+            f"{who}: {near} of {len(depth)} readings lie within {width:.2g} mm of the deepest point, a rest; give a "
+            "column time_s, or 'segment' with loading, hold, unloading"
+        )
+
+
+def noise_of(depth: np.ndarray) -> float:
+    """Standard deviation (mm) of depths that else change steadily, from their third differences; 0 where too few."""
+    return 1.5 * float(np.median(np.abs(np.diff(depth, 3)))) / 20**0.5 if len(depth) > 12 else 0.0
+
+
+def _contact(depth: np.ndarray, force: np.ndarray) -> float:
+    """Depth (mm) at which F^(2/3) from 20 to 80 % of the largest force extrapolates to the start: Hertz's is 0."""
+    F = force - np.median(force[: max(3, int(EDGE * len(force)))])
+    use = (F > 0.2 * F.max()) & (F < 0.8 * F.max())
+    if np.sum(use) < 3 or np.ptp(depth[use]) == 0.0:
+        return 0.0
+    slope, level = np.polyfit(depth[use], np.cbrt(F[use] ** 2), 1)
+    return float(-level / slope) if slope > 0 else 0.0
+
+
+def _flat(depth: np.ndarray, force: np.ndarray, stroke: float) -> int:
+    """How many readings in a row have the largest force while the indenter moves by EDGE of its stroke; 0 if few."""
+    at = np.nonzero(force == force.max())[0]
+    run = max(np.split(at, np.nonzero(np.diff(at) > 1)[0] + 1), key=len)
+    return len(run) if len(run) >= FLAT and np.ptp(depth[run]) > EDGE * stroke else 0

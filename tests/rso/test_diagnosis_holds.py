@@ -1,0 +1,83 @@
+"""Readings of a hold: what relaxes, what the chain does meanwhile, and what they are worth."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import diagnosis_backend as toy
+import numpy as np
+import pytest
+
+from rso.diagnosis import build, diagnose, make_plan
+from rso.diagnosis.prediction import predict
+
+
+def plan_of(truth=toy.TRUTH, hold=60.0, seed=0, **more):
+    rng = np.random.default_rng(seed)
+    held = toy.recorded(truth, rng, hold=hold, repeats=3, **more)
+    return [toy.experiment("load", toy.recorded(truth, rng, repeats=4, **more)), toy.experiment("rest", held)]
+
+
+def exact(test, values, modulus, **chain):
+    """Fz (n,) of a test by the hereditary integral itself, bins read off at their mean times, which count from the
+    first reading on."""
+    late = test.depth[0] / test.speed - test.time[0]
+    at = test.time + late
+    t = np.unique(np.concatenate([np.linspace(0.0, test.peak / test.speed, 2001), at]))
+    u = np.minimum(t * test.speed, test.peak)
+    F = toy.along({"mu": modulus, "D1": values["D1"], **values}, t, u)[0]
+    if lag := chain.get("lag"):
+        F = np.interp(t - lag, t, F)
+    F = F + chain.get("drift", 0.0) * (t - late)
+    return np.interp(at, t, F)
+
+
+@pytest.mark.parametrize("chain", [{}, {"drift": 2e-4}, {"lag": 0.7}], ids=["alone", "drift", "lag"])
+@pytest.mark.parametrize("tau", [1.0, 5.0, 25.0])
+def test_relaxation_in_a_hold_is_that_of_the_hereditary_integral(tau, chain):
+    """No run of the library rests; the toy's integral is exact.  1 % is what the nodes in τ leave on the loading."""
+    plan = make_plan(plan_of(white=0.0, scatter=0.0))
+    names = ("g", *chain)
+    chosen = {e.name: e for e in toy.effects(*names)}
+    library = build(toy.base(), plan, tuple(chosen.values()), toy.run)
+    base, modulus = library.base, 0.012
+    κ = modulus * 60.0
+    x = [np.log(κ), 0.3, np.log(tau), *chain.values()]
+    A, c = predict(library, [chosen[n] for n in names], np.array([x]), modulus)
+    got = (modulus * A + c)[0]
+    test, _, at = next(r for r in library.plan.rows() if r[0].held.any())
+    want = exact(test, {"D1": 60.0, "g": 0.3, "tau": tau}, modulus, **chain)
+    np.testing.assert_allclose(got[at], want, rtol=0.01)
+    relaxed = want[test.held][0] - want[test.held][-1]
+    fall = got[at][test.held][0] - got[at][test.held][-1]
+    np.testing.assert_allclose(fall, relaxed, rtol=0.03, atol=0.003 * want.max())
+    assert base.modulus == "mu"
+
+
+def test_nothing_changes_in_a_hold_of_what_does_not_relax():
+    plan = make_plan(plan_of(white=0.0, scatter=0.0))
+    (stiff,) = toy.effects("stiff")
+    library = build(toy.base(), plan, (stiff,), toy.run)
+    A, _ = predict(library, [stiff], np.array([[np.log(0.72), 0.4]]), 0.012)
+    test, _, at = next(r for r in library.plan.rows() if r[0].held.any())
+    held = A[0, at][test.held]
+    np.testing.assert_allclose(held, held[0], rtol=1e-12)
+    assert A[0, at][~test.held][-1] < held[0]  # the last bin of loading lies below the end
+
+
+def test_a_hold_finds_relaxation_at_one_speed():
+    """Size and time both; without the readings of the hold a single speed shows a stiffness, and no time at all."""
+    truth = {**toy.TRUTH, "g": 0.3, "tau": 8.0}
+    experiments = plan_of(truth, seed=3)
+    lost = [dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=tuple(
+        dataclasses.replace(r, time=None) for r in e.measurement.repeats))) for e in experiments]  # fmt: skip
+    found = {}
+    for name, data in (("used", experiments), ("lost", lost)):
+        plan = make_plan(data)
+        library = build(toy.base(), plan, toy.effects(), toy.run)
+        found[name] = diagnose(library, 0, nulls=60)
+    used, without = found["used"], found["lost"]
+    assert used.verdict == "explained" and used.named == ("g",)
+    low, high = used.causes[0].interval
+    assert low <= 0.3 <= high and high - low < 0.1
+    assert without.verdict != "explained" or without.named != ("g",)
