@@ -275,6 +275,10 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
     if not isinstance(profile, list | tuple):
         raise ValueError(f"profile = {profile!r}: a list of [x, y] in mm is expected")
     places = tuple(tuple(_numbers("profile", p, 2)) for p in profile)
+    for x, y in places:
+        if math.hypot(x / body.a, y / body.b) > 1.0:
+            raise ValueError(f"profile: the mark ({x:g}, {y:g}) mm lies beside the specimen, whose semi-axes are "
+                             f"{body.a:g} and {body.b:g} mm")  # fmt: skip
     earlier = _numbers("earlier", [data.pop("earlier", 0.0)], 1)[0]
     if earlier < 0:
         raise ValueError(f"earlier = {earlier} mm: the deepest travel before this test, at least 0")

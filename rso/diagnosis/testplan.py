@@ -12,17 +12,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 from rso.contract import digest
-from rso.measurement import Measurement, Noise, Repeat
+from rso.measurement import Measurement, Noise, Repeat, kept, without_spikes
 
 BINS = 14  # per branch: what a smooth curve can tell
 AIR = 3  # bins of the way before contact
 LOADING, UNLOADING, HELD = range(3)  # branches of a test
 STEP = 0.25  # mm, to which the deepest travel is rounded up: data sets of one plan share their library
-SPIKE = 8.0  # robust standard deviations from its neighbours: no reading of its own
-MOST_SPIKES = 0.2  # of the readings: more of them are no spikes but the signal
+BACK = 0.1  # of the deepest travel: a way back that ends earlier is left out
 DWELL = 0.05  # of the time of loading: after a longer hold what relaxes has done so before the way back
 MARGIN = 0.4  # mm beyond the deepest record, for a contact found late
 Role = Literal["fit", "select", "validate"]
@@ -60,8 +58,8 @@ class Test:
     travel there before.
 
     `age` is where it stands in the order of testing, −1/2 the first and 1/2 the last.  `depth`, `time`, `count` (n,):
-    mean depth and time (from the first reading on) of the readings of a bin and their number; `since` (n,) s is the time since the indenter came to
-    rest, 0 while it moves.
+    mean depth and time (from the first reading on) of the readings of a bin and their number; `since` (n,) s is the
+    time since the indenter came to rest, 0 while it moves.
     """
 
     experiment: int
@@ -211,6 +209,9 @@ def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
             continue
         at = place_of(e.settings)
         for r in e.measurement.repeats:
+            if np.any(r.depth <= 0.0):
+                notes.append(f"{e.name}: {np.sum(r.depth <= 0.0)} displacements at no depth are not used")
+                r = kept(r, r.depth > 0.0)
             marks = places[at]["marks"]
             keys = [(float(x), float(y)) for x, y in zip(r.channels["x"], r.channels["y"], strict=True)]
             mark = np.array([marks.setdefault(m, len(marks)) for m in keys])
@@ -219,8 +220,8 @@ def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
             places[at]["mark_depths"] |= {float(v) for v in r.depth}
             places[at]["deepest"] = max(places[at]["deepest"], float(r.depth.max()))
     made = tuple(
-        Place(p["settings"], math.ceil(p["deepest"] / STEP - 0.2) * STEP, tuple(sorted(p["peaks"])), tuple(p["marks"]),
-              tuple(sorted(p["mark_depths"]))) for p in places
+        Place(p["settings"], max(math.ceil(p["deepest"] / STEP - 0.2), 1) * STEP, tuple(sorted(p["peaks"])),
+              tuple(p["marks"]), tuple(sorted(p["mark_depths"]))) for p in places
     )  # fmt: skip
     aged = tuple(replace(t, age=k / (len(tests) - 1) - 0.5) for k, t in enumerate(tests)) if tests[1:] else tuple(tests)
     return TestPlan(tuple(experiments), made, aged, tuple(profiles), tuple(dict.fromkeys(notes)))
@@ -229,14 +230,19 @@ def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
 def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
     """A repeat without what no model here follows, and words for what is missing.
 
-    That is a hold without times or elsewhere than between loading and unloading, and the way back after a hold longer
-    than DWELL; a hold without times counts as long.
+    That is a hold without times or elsewhere than between loading and unloading, the way back after a hold longer than
+    DWELL, where one without times counts as long, and a way back that is hardly one.
     """
+    depth, back = r.depth, r.segment == "unloading"
+    if back.any() and (np.sum(back) < 3 or depth.max() - depth[back].min() < BACK * depth.max()):
+        r, begun = kept(r, ~back), [f"{np.sum(back)} readings of a way back that has hardly begun"]
+    else:
+        begun = []
     there, back, held = (np.nonzero(r.segment == s)[0] for s in ("loading", "unloading", "hold"))
     if not len(held) or not len(there):
-        return r, []
+        return r, begun
     at_peak = held[(held > there[-1]) & (held < (back[0] if len(back) else len(r.segment)))]
-    timed, without = r.time is not None, []
+    timed, without = r.time is not None, begun
     lost = held if not timed else np.setdiff1d(held, at_peak)
     if len(lost):
         without.append(f"{len(lost)} readings of a hold {'elsewhere' if timed else 'without times'}")
@@ -245,14 +251,7 @@ def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
         if not short:
             lost = np.concatenate([lost, back])
             without.append(f"{len(back)} readings of the way back after a hold")
-    return _kept(r, ~np.isin(np.arange(len(r.segment)), lost)), without
-
-
-def _kept(r: Repeat, keep: np.ndarray) -> Repeat:
-    """The readings of a repeat in a mask (n,)."""
-    parts = {k: {c: v[keep] for c, v in getattr(r, k).items()} for k in ("channels", "sigma")}
-    time = None if r.time is None else r.time[keep]
-    return replace(r, depth=r.depth[keep], time=time, segment=r.segment[keep], **parts)
+    return kept(r, ~np.isin(np.arange(len(r.segment)), lost)), without
 
 
 def _in_order(experiments: Sequence[Experiment]) -> list[int]:
@@ -280,37 +279,10 @@ def _times(depth: np.ndarray, segment: np.ndarray, speed: float) -> np.ndarray:
 
 
 def _without_spikes(e: Experiment, notes: list[str]) -> Experiment:
-    """The experiment without single readings that jump out of line, each repeat that has some with a note."""
-    if e.measurement.kind != "force":
-        return e
-    repeats = []
-    for r in e.measurement.repeats:
-        wild = _wild(r)
-        if wild.any():
-            depths = ", ".join(f"{v:.2f}" for v in r.depth[wild][:3]) + (", …" if wild.sum() > 3 else "")
-            notes.append(f"{e.name}, repeat {r.label}: {wild.sum()} reading(s) out of line left out, at {depths} mm")
-            r = _kept(r, ~wild)
-        repeats.append(r)
-    return replace(e, measurement=replace(e.measurement, repeats=tuple(repeats)))
-
-
-def _wild(r: Any) -> np.ndarray:
-    """Readings that stand alone: further than SPIKE standard deviations from the median of the five around them.
-
-    The deviation is a robust one of the branch itself, 1.48 times the median of its third differences; jumps and slopes
-    pass, single spikes do not (Hampel 1974).
-    """
-    wild = np.zeros(len(r.depth), bool)
-    for name in ("loading", "unloading"):
-        at = np.nonzero(r.segment == name)[0]
-        if len(at) < 12:
-            continue
-        for c in r.channels:
-            v = r.channels[c][at]
-            d = np.abs(v - median_filter(v, 5, mode="nearest"))
-            scatter = 1.48 * np.median(np.abs(np.diff(v, 3))) / math.sqrt(20.0)  # variance of a third difference
-            wild[at[d > SPIKE * max(scatter, 1e-4 * np.median(np.abs(v)))]] = True
-    return wild if wild.mean() < MOST_SPIKES else np.zeros(len(wild), bool)
+    """The experiment without single readings that jump out of line, with notes of these and of what is doubtful."""
+    measurement, left_out = without_spikes(e.measurement)
+    notes += [f"{e.name}, {words}" for words in (*e.measurement.doubts, *left_out)]
+    return replace(e, measurement=measurement)
 
 
 def _binned(r: Repeat, time: np.ndarray, channels: tuple[str, ...], branch: int) -> tuple[Any, ...]:

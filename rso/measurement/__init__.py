@@ -2,9 +2,11 @@
 
 from rso.measurement.chain import Chain, Record, correct, record, recorded
 from rso.measurement.combining import MeasuredCurve, Noise, combine, value_at
-from rso.measurement.reading import Measurement, Repeat, read
+from rso.measurement.reading import SEGMENTS, Measurement, Repeat, read
+from rso.measurement.spikes import kept, step_of, without_spikes
 
 __all__ = [
+    "SEGMENTS",
     "Chain",
     "MeasuredCurve",
     "Measurement",
@@ -13,8 +15,11 @@ __all__ = [
     "Repeat",
     "combine",
     "correct",
+    "kept",
     "read",
     "record",
     "recorded",
+    "step_of",
     "value_at",
+    "without_spikes",
 ]

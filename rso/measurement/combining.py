@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from rso.measurement.reading import Measurement, Repeat
+from rso.measurement.spikes import without_spikes
 from rso.units import COLUMNS
 
 # Dense records are averaged in blocks: a curve of this many points says all that such a test knows.
@@ -78,6 +79,7 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
         raise ValueError(f"{measurement.path}: no channel {channel!r}; there are {', '.join(measurement.channels)}")
     if measurement.kind == "profile":
         return _combine_profile(measurement, noise, channel)
+    measurement = without_spikes(measurement)[0]
     branches = [_branch(r, channel, segment) for r in measurement.repeats if np.any(r.segment == segment)]
     if not branches:
         present = sorted({str(s) for r in measurement.repeats for s in r.segment})

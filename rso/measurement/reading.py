@@ -52,12 +52,13 @@ class Repeat:
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """One measured file: its repeats and its notes (comment lines without '#')."""
+    """One measured file: its repeats, its notes (comment lines without '#') and what is doubtful about it."""
 
     path: Path
     kind: Literal["force", "profile"]
     repeats: tuple[Repeat, ...]
     notes: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -92,7 +93,7 @@ def read(path: str | Path) -> Measurement:
     for repeat in repeats:
         if len(repeat.depth) == 1 and len(table.line) > 1 and kind == "force":
             raise ValueError(f"{path}: repeat {repeat.label!r} has too few points (1) to be a curve")
-    return Measurement(Path(path), kind, repeats, (*table.notes, *doubts))
+    return Measurement(Path(path), kind, repeats, table.notes, tuple(doubts))
 
 
 def _fail(path: Path, line: int, message: str) -> NoReturn:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rso.contract import Backend, Case, Programme, digest
-from rso.measurement import MeasuredCurve, combine
+from rso.measurement import MeasuredCurve, combine, without_spikes
 from rso.study.errors import Problem, choose, study_error
 from rso.study.places import Place
 from rso.study.resolve import Resolved
@@ -22,7 +22,7 @@ DEFAULT_SPEED = 0.5  # mm/s
 STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for Hertz
 PROFILES = 2 * STEPS  # different depths of a profile up to which each is asked for
 READINGS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
-LOADING = "Only the loading branch is compared; what was recorded while unloading is not."
+LOADING = "Only the loading branch is compared; what was recorded afterwards is not."
 SET_ASIDE = 'Not used by the search: profiles are used by rso diagnose, or with role = "validate" for validation.'
 MISREAD = (ValueError, TypeError, LookupError, AttributeError)  # settings of the wrong type end in any of these
 
@@ -63,8 +63,11 @@ def remarks(study: Study, name: str) -> list[str]:
     e = study.experiment(name)
     if e.kind == "profile":
         return [] if e.role == "validate" else [SET_ASIDE]
-    returns = any(np.any(r.segment == "unloading") for r in study.measurement(name).repeats)
-    return [LOADING] if returns or study.settings_of(name).get("unload") is True else []
+    measurement = study.measurement(name)
+    returns = any(np.any(r.segment != "loading") for r in measurement.repeats)
+    left_out = without_spikes(measurement)[1]
+    loading = [LOADING] if returns or study.settings_of(name).get("unload") is True else []
+    return [*measurement.doubts, *left_out, *loading]
 
 
 def travels(curve: MeasuredCurve, targets: set[float]) -> tuple[float, ...]:

@@ -5,7 +5,11 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
+import numpy as np
+
+from rso.measurement import SEGMENTS, MeasuredCurve, Measurement
 from rso.store import RunStore, StoreError
+from rso.study import cases
 from rso.study.descending import ENDS
 from rso.study.identifying import ROUNDS
 from rso.study.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
@@ -93,11 +97,23 @@ def _things(plan: Plan) -> list[str]:
     for e in plan.study.experiments:
         curve = plan.curves[e.name]
         places = [] if curve.position is None else curve.position.tolist()
+        remarks = cases.remarks(plan.study, e.name)
         depths, marks = (len(set(x)) for x in (curve.depth.tolist(), map(tuple, places)))
         what = f"{marks} mark(s) of a profile at " if e.kind == "profile" else ""
         reach = f"{what}{depths} depth(s) to {curve.depth.max():g} mm, {curve.n_repeats} repeat(s)"
         lines.append(f"  experiment {e.name!r} ({e.role}): {reach}")
+        lines += [f"    {words}" for words in (_recorded(plan.study.measurement(e.name), curve), *remarks) if words]
     return lines
+
+
+def _recorded(m: Measurement, curve: MeasuredCurve) -> str:
+    """What a force curve holds, in words: readings of each branch and the range of the force."""
+    if m.kind != "force":
+        return ""
+    count = {s: sum(int(np.sum(r.segment == s)) for r in m.repeats) for s in SEGMENTS}
+    branches = ", ".join(f"{n} {s}" for s, n in count.items() if n)
+    F = curve.value
+    return f"readings: {branches}; {curve.channel} from {F.min():.3g} to {F.max():.3g} {curve.unit} while loading"
 
 
 def _seconds_per_run(folder: Path) -> tuple[float, bool]:

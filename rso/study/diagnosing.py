@@ -21,7 +21,7 @@ from rso.measurement import Measurement
 from rso.running import Event, Task, run_all
 from rso.similarity import group
 from rso.store import RunStore
-from rso.study.cases import DEFAULT_SPEED
+from rso.study.cases import DEFAULT_SPEED, READINGS
 from rso.study.errors import Problem, choose, study_error
 from rso.study.plan import source_of
 from rso.study.resolve import Resolved, resolve
@@ -84,8 +84,14 @@ def ask(study: Study) -> Asked:
 def _probe(e: Experiment) -> Any:
     from rso.contract import Case, Programme
 
-    deepest = max(float(r.depth.max()) for r in e.measurement.repeats)
-    return Case(e.name, Programme.ramp((deepest,)), e.settings)
+    repeats = e.measurement.repeats
+    deepest, settings = max(float(r.depth.max()) for r in repeats), dict(e.settings)
+    if e.measurement.kind == "profile":
+        marks = {(float(x), float(y)) for r in repeats for x, y in zip(r.channels["x"], r.channels["y"], strict=True)}
+        if len(marks) > READINGS:
+            raise ValueError(f"{e.measurement.path}: {len(marks)} marks of one profile: keep at most {READINGS}")
+        settings["profile"] = [list(m) for m in sorted(marks)]
+    return Case(e.name, Programme.ramp((deepest,)), settings)
 
 
 def _experiment(study: Study, n: int) -> Experiment:

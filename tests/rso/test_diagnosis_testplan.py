@@ -32,7 +32,8 @@ def test_bins_keep_the_means_of_every_branch():
             total = np.sum(test.count[mine] * test.values[c][mine])
             np.testing.assert_allclose(total, r.channels[c][own].sum(), rtol=1e-12)
         np.testing.assert_allclose(np.sum(test.count[mine] * test.depth[mine]), r.depth[own].sum(), rtol=1e-12)
-        np.testing.assert_allclose(np.sum(test.count[mine] * test.time[mine]), (r.time[own] - r.time[0]).sum(), rtol=1e-12)
+        seconds = (r.time[own] - r.time[0]).sum()
+        np.testing.assert_allclose(np.sum(test.count[mine] * test.time[mine]), seconds, rtol=1e-12)
 
 
 def test_the_data_vector_holds_every_value_in_the_order_of_its_rows():

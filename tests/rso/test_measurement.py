@@ -450,7 +450,7 @@ DOUBTFUL = {
 @pytest.mark.parametrize("what", DOUBTFUL)
 def test_what_is_doubtful_is_said(tmp_path, what):
     force, words = DOUBTFUL[what]
-    assert any(words in note for note in read(write(tmp_path, curve(force=force))).notes)
+    assert any(words in doubt for doubt in read(write(tmp_path, curve(force=force))).doubts)
 
 
 @pytest.mark.parametrize("power", [1.0, 1.5, 2.2])
@@ -460,7 +460,7 @@ def test_good_curves_are_neither_refused_nor_doubted(tmp_path, power, level):
     force = 0.32 * (PRESS / 4.0) ** power + level + 0.003 * np.random.default_rng(2).normal(size=81)
     text = curve(force=force, head="depth_mm;Fz_N").replace(",", ";").replace(".", ",")
     m = read(write(tmp_path, text))
-    assert m.notes == ()
+    assert m.doubts == ()
     np.testing.assert_allclose(m.repeats[0].channels["Fz"], force, rtol=0, atol=1e-6)
 
 
