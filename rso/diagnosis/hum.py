@@ -18,6 +18,7 @@ import numpy as np
 from scipy.stats import gamma
 
 from rso.diagnosis.testplan import TestPlan
+from rso.measurement import step_of
 
 SURE = -10.0  # log10 of the chance of the strongest line; among some hundred frequencies scatter reaches about -6
 FEWEST = 24  # readings of a branch
@@ -78,11 +79,12 @@ def _records(plan: TestPlan) -> Records:
                 at = (r.segment == branch) & (r.depth > SHALLOW * np.max(r.depth))
                 if at.sum() < FEWEST or r.time is None:
                     continue
-                t, depth = _thinned(r.time[at]), _thinned(r.depth[at])
+                level = _levels(r.depth[at])
+                t, depth = (_thinned(_merged(v[at], level)) for v in (r.time, r.depth))
                 if not (np.all(np.diff(t) > 0.0) and np.ptp(depth) > 0.0):
                     continue  # a clock too coarse to tell frequencies
                 for c, v in r.channels.items():
-                    groups.setdefault((e.name, branch, c), []).append((t, depth, _thinned(v[at])))
+                    groups.setdefault((e.name, branch, c), []).append((t, depth, _thinned(_merged(v[at], level))))
     return groups
 
 
@@ -118,6 +120,19 @@ def _strongest(groups: Records, along: str) -> Hum:
     k = int(np.argmin(chance))
     channel = max(largest, key=lambda c: largest[c][k])
     return Hum(float(chance[k]), float(f[k]), float(largest[channel][k]), channel, along)
+
+
+def _levels(depth: np.ndarray) -> np.ndarray | None:
+    """Number (n,) of the step that each reading of a coarse encoder stands on, None where depths are fine.
+
+    The force goes on while the depth stands still: over depth that is a saw-tooth, and no hum.
+    """
+    return np.concatenate([[0], np.cumsum(np.diff(depth) != 0.0)]) if step_of(depth) else None
+
+
+def _merged(v: np.ndarray, level: np.ndarray | None) -> np.ndarray:
+    """Means of the readings of each step."""
+    return v if level is None else np.bincount(level, weights=v) / np.bincount(level)
 
 
 def _thinned(v: np.ndarray) -> np.ndarray:

@@ -7,15 +7,16 @@ A gap is what C does not explain.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from rso.diagnosis.library import Library
 from rso.diagnosis.responses import FORCES
-from rso.diagnosis.testplan import LOADING, UNLOADING, Profile, Test, TestPlan
-from rso.measurement import Measurement, Repeat
+from rso.diagnosis.testplan import BINS, LOADING, UNLOADING, Experiment, Profile, Test, TestPlan
+from rso.measurement import Measurement, Repeat, step_of
 
 GAIN = 0.01  # of a test, where nothing is known
 CONTACT = 0.01  # mm, contact point of a test
@@ -25,6 +26,7 @@ STEEP = 8  # power of the travel with which it grows
 WORLD_LENGTH = 0.35  # of the deepest travel
 LATERAL = 0.25  # of the error of Fz that shows in Fx, Fy
 MARK = 0.05  # mm, where nothing is known of a profile
+DENSE, DEGREE, SMOOTH = 200, 10, 0.5  # readings of a record that tells by itself how it was filtered
 _D3 = 20.0  # variance of the third difference of white noise
 
 
@@ -65,6 +67,9 @@ def levels(plan: TestPlan) -> dict[str, Level]:
         correlated = max(extra, stated if correlation else 0.0)
         if remembered is not None and not correlation:  # readings that remember each other hold less than their number
             correlated, length, white = max(white, correlated), remembered, 0.3 * white
+        elif not correlation:
+            smooth, along = _smoothed(list(seen.values()), c)
+            correlated, length = max(correlated, smooth), max(length, along)
         gain = max(said, gain) or GAIN
         contact = max(CONTACT, 2 * depth, contact)
         out[c] = Level(white, correlated, max(length, correlation), gain, contact, depth, source)
@@ -121,6 +126,39 @@ def _memory(plan: TestPlan) -> float | None:
         return None
     ρ += (1.0 + 4.0 * ρ) / readings  # what taking out the mean costs (Marriott & Pope 1954)
     return -float(np.median(steps)) / float(np.log(min(ρ, 0.98)))
+
+
+def _smoothed(experiments: Sequence[Experiment], channel: str) -> tuple[float, float]:
+    """Noise of a bin that does not show between neighbouring readings, and its length (mm): that of a sensor that
+    filters or counts in steps; zeros where there is none.
+
+    Of dense records: deviations from a polynomial in the root of depth whose neighbours are alike (lag-1 correlation
+    ρ > SMOOTH; length −Δu/ln ρ), and the step q of a coarse sensor, q/√12 over the travel that q takes.
+    """
+    found = []
+    for r in (r for e in experiments if e.measurement.kind == "force" for r in e.measurement.repeats):
+        at = (r.segment == "loading") & (r.depth > 0.1 * r.depth.max())
+        if channel not in r.channels or at.sum() < DENSE:
+            continue
+        s, v = np.sqrt(r.depth[at]), r.channels[channel][at]
+        P = np.polynomial.legendre.legvander(2.0 * (s - s.min()) / np.ptp(s) - 1.0, DEGREE)
+        rest = v - P @ np.linalg.lstsq(P, v, rcond=None)[0]
+        ρ = float(rest[1:] @ rest[:-1] / max(rest @ rest, 1e-300))
+        Δu, q = float(np.ptp(r.depth[at])) / len(v), step_of(v)
+        own = (float(np.std(rest)), -Δu / math.log(ρ)) if SMOOTH < ρ < 1.0 else (0.0, 0.0)
+        steps = (q / math.sqrt(12.0), q * len(v) * Δu / max(float(np.ptp(v)), q)) if q else (0.0, 0.0)
+        w = float(r.depth.max()) / BINS
+        of_steps = steps[0] * min(1.0, steps[1] / w)  # a saw-tooth: what whole teeth leave is nothing
+        found.append(max((own[0] * math.sqrt(_averaged(own[1] / w)), own[1]), (of_steps, steps[1])))
+    return tuple(np.median(found, axis=0).tolist()) if found else (0.0, 0.0)  # type: ignore[return-value]
+
+
+def _averaged(k: float) -> float:
+    """Variance of the mean over an interval, for noise of variance 1 and correlation e^{−|Δ|/ℓ}, ℓ = k intervals.
+
+        2k [1 − k (1 − e^{−1/k})]
+    """
+    return 2.0 * k * (1.0 - k * -math.expm1(-1.0 / k)) if k > 0.0 else 0.0
 
 
 def _repeats(plan: TestPlan, channel: str, white: float) -> tuple[float, float, float, float]:

@@ -89,3 +89,19 @@ def test_what_is_periodic_in_travel_is_found_at_all_speeds_together():
     assert found.there and found.along == "travel"
     np.testing.assert_allclose(found.frequency, 1 / period, rtol=0.03)  # a branch is 9 periods long
     assert not hum(speeds_with(lambda u, F: F)).there
+
+
+@pytest.mark.parametrize("step", [0.02, 0.05, 0.1])
+def test_the_steps_of_an_encoder_are_no_hum(step):
+    """Over depths that stand still the force is a saw-tooth; the control: taken as they are these are a line."""
+    rng = np.random.default_rng(1)
+    recorded = toy.recorded(toy.TRUTH, rng, readings=480, repeats=3)
+    coarse = [dataclasses.replace(r, depth=np.round(r.depth / step) * step) for r in recorded]
+    assert not hum(make_plan([toy.experiment("a", tuple(coarse))])).there
+
+
+def test_the_steps_of_an_encoder_would_be_a_hum(monkeypatch):
+    recorded = toy.recorded(toy.TRUTH, np.random.default_rng(1), readings=480, repeats=3)
+    coarse = [dataclasses.replace(r, depth=np.round(r.depth / 0.1) * 0.1) for r in recorded]
+    monkeypatch.setattr("rso.diagnosis.hum._levels", lambda depth: None)
+    assert hum(make_plan([toy.experiment("a", tuple(coarse))])).there

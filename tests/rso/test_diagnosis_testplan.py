@@ -315,3 +315,31 @@ def test_a_path_is_not_read():
     (e,) = synthetic(2, 0)
     gone = dataclasses.replace(e, measurement=Measurement(Path("/nowhere/at all"), "force", e.measurement.repeats, ()))
     assert level([gone]) == level([e])
+
+
+@pytest.mark.parametrize("how", ["dense first", "through air", "a wait"])
+def test_bins_lie_on_the_curve_however_unevenly_it_was_read(how):
+    """Mean force over mean depth of a bin, against Hertz: its curvature costs 0.3 % of the largest force."""
+    t = {
+        "dense first": np.concatenate([np.linspace(0, 1, 2000), np.linspace(1.01, 8, 100)]),
+        "through air": np.linspace(-20.0, 8.0, 1400),
+        "a wait": np.linspace(-120.0, 8.0, 3000),
+    }[how]
+    depth = 0.5 * (np.maximum(t, 0.0) if how == "a wait" else t)
+    force = 0.04 * np.maximum(depth, 0.0) ** 1.5
+    r = Repeat("1", depth, t - t[0] + 1.7e9, {"Fz": force}, {}, np.full(len(t), "loading"))
+    (test,) = make_plan([toy.experiment("a", (r,))]).tests
+    pressing = test.depth > 0.01
+    assert pressing.sum() >= 13 and np.sum(~pressing) <= 3
+    want = 0.04 * test.depth[pressing] ** 1.5
+    np.testing.assert_allclose(test.values["Fz"][pressing], want, rtol=0, atol=0.003 * force.max())
+    assert test.time.min() < 130.0  # the clock of the machine says nothing
+
+
+def test_a_way_back_that_has_hardly_begun_is_no_branch():
+    (r,) = toy.recorded(toy.TRUTH, rng(), unload=True)
+    few = int(np.argmax(r.depth)) + 6
+    begun = dataclasses.replace(r, depth=r.depth[:few], time=r.time[:few], segment=r.segment[:few],
+                                channels={c: v[:few] for c, v in r.channels.items()})  # fmt: skip
+    plan = make_plan([toy.experiment("a", (begun,))])
+    assert not plan.tests[0].returns and plan.places[0].peaks == () and "hardly begun" in plan.notes[0]
