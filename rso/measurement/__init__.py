@@ -2,6 +2,7 @@
 
 from rso.measurement.chain import Chain, Record, correct, record, recorded
 from rso.measurement.combining import MeasuredCurve, Noise, combine, value_at
+from rso.measurement.pace import recorded_speed
 from rso.measurement.reading import SEGMENTS, Measurement, Repeat, read
 from rso.measurement.spikes import kept, step_of, without_spikes
 
@@ -19,6 +20,7 @@ __all__ = [
     "read",
     "record",
     "recorded",
+    "recorded_speed",
     "step_of",
     "value_at",
     "without_spikes",

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rso.contract import Backend, Case, Programme, digest
-from rso.measurement import MeasuredCurve, combine, without_spikes
+from rso.measurement import MeasuredCurve, combine, recorded_speed, without_spikes
 from rso.study.errors import Problem, choose, study_error
 from rso.study.places import Place
 from rso.study.resolve import Resolved
@@ -21,6 +21,7 @@ from rso.units import quantity
 DEFAULT_SPEED = 0.5  # mm/s
 STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for Hertz
 PROFILES = 2 * STEPS  # different depths of a profile up to which each is asked for
+PACE = 1.5  # ratio of a stated to a recorded speed that is remarked upon
 READINGS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
 LOADING = "Only the loading branch is compared; what was recorded afterwards is not."
 SET_ASIDE = 'Not used by the search: profiles are used by rso diagnose, or with role = "validate" for validation.'
@@ -67,7 +68,10 @@ def remarks(study: Study, name: str) -> list[str]:
     returns = any(np.any(r.segment != "loading") for r in measurement.repeats)
     left_out = without_spikes(measurement)[1]
     loading = [LOADING] if returns or study.settings_of(name).get("unload") is True else []
-    return [*measurement.doubts, *left_out, *loading]
+    own, stated = recorded_speed(measurement), study.settings_of(name).get("speed")
+    other = own is not None and stated is not None and not 1.0 / PACE < own / _speed(stated) < PACE
+    speed = [f"The times of the file say {own:.3g} mm/s, the study says speed = {stated!r}."] if other else []
+    return [*measurement.doubts, *left_out, *speed, *loading]
 
 
 def travels(curve: MeasuredCurve, targets: set[float]) -> tuple[float, ...]:

@@ -17,7 +17,7 @@ import numpy as np
 from rso import diagnosis
 from rso.contract import Backend
 from rso.diagnosis import Base, BaseAxis, Effect, Experiment, Library
-from rso.measurement import Measurement
+from rso.measurement import recorded_speed
 from rso.running import Event, Task, run_all
 from rso.similarity import group
 from rso.store import RunStore
@@ -106,25 +106,7 @@ def _experiment(study: Study, n: int) -> Experiment:
         speed = None
     channels = ("uz",) if m.kind == "profile" else e.channels or m.channels
     return Experiment(e.name, e.role, m, e.noise.noise(), tuple(channels), settings,
-                      _recorded_speed(m) or speed or DEFAULT_SPEED, e.mounting, e.after)  # fmt: skip
-
-
-def _recorded_speed(m: Measurement) -> float | None:
-    """Speed (mm/s) of loading between a fifth and nine tenths of the deepest travel, where time was recorded.
-
-    The median over repeats; what the machine does before contact and near its turn does not count.
-    """
-    found = []
-    for r in m.repeats if m.kind == "force" else ():
-        loading = r.segment == "loading"
-        if r.time is None or np.sum(loading) < 3:
-            continue
-        d, t = np.maximum.accumulate(r.depth[loading]), r.time[loading]
-        low, high = 0.2 * d[-1], 0.9 * d[-1]
-        start, end = np.interp((low, high), d, t)
-        if end > start and high > low:
-            found.append((high - low) / (end - start))
-    return float(np.median(found)) if found else None
+                      recorded_speed(m) or speed or DEFAULT_SPEED, e.mounting, e.after)  # fmt: skip
 
 
 def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rso.measurement import Measurement, Repeat
-from rso.study.diagnosing import _recorded_speed
+from rso.measurement import Measurement, Repeat, recorded_speed
 from rso.study.laboratory import study_text
 
 NOMINAL = {
@@ -88,4 +87,4 @@ def test_the_speed_is_that_of_the_middle_of_the_stroke(way):
     depth = np.interp(time, t, u)
     r = Repeat("1", depth, time, {"Fz": depth}, {}, np.full(400, "loading"))
     m = Measurement(Path("x"), "force", (r,), ())
-    np.testing.assert_allclose(_recorded_speed(m), 0.5, rtol=0.01)  # readings are 0.1 s and less apart
+    np.testing.assert_allclose(recorded_speed(m), 0.5, rtol=0.01)  # readings are 0.1 s and less apart
