@@ -233,6 +233,8 @@ def figures(pairs, classes=()):
         "shrinkage_share_median": float(np.median(shares)) if shares else None,
         "null_shrinkage_holds_0": rate(null_shrink),
         "log_score": log_score(seen),
+        "mu_held_before": rate([mu_held(t, d, "before") for t, d in right]),
+        "mu_held_after": rate([mu_held(t, d, "after") for t, d in right]),
         "mu_bias": mu_bias(right),
         "next_test": "not scored here: it needs a run of the proposed test",
         "confusion": confusion(pairs),
@@ -267,13 +269,15 @@ def mu_bias(right):
     """Median relative error of mu before and after naming the cause, per effect."""
     table = {}
     for t, d in right:
-        p = d.get("parameters") or {}
-        try:
-            pair = [p[k]["mu"] / t["material"]["mu"] - 1 for k in ("before", "after")]
-        except (KeyError, TypeError):
-            continue
+        pair = [d["parameters"][k]["mu"]["median"] / t["material"]["mu"] - 1 for k in ("before", "after")]
         table.setdefault(t["effects"][0]["name"], []).append(pair)
     return {k: np.median(v, axis=0).tolist() for k, v in sorted(table.items())}
+
+
+def mu_held(truth, diagnosis, when):
+    """Whether mu is within 1 % of the truth or its 90 % interval holds it, `before` or `after` naming the cause."""
+    p, mu = diagnosis["parameters"][when]["mu"], truth["material"]["mu"]
+    return p["low"] <= mu <= p["high"] or abs(p["median"] / mu - 1) <= 0.01
 
 
 def label(truth):

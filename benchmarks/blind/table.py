@@ -1,0 +1,71 @@
+"""Figures of all blind rounds side by side, from the scores that `score.py` wrote: table.py reports/blind [--from 3]
+
+Counts of every round; those from one round on together, with the 95 % interval of Clopper and Pearson.
+"""
+
+import argparse
+import json
+import re
+from pathlib import Path
+
+from scipy.stats import beta
+
+ROWS = {
+    "false_alarm": ("false alarm on null data", "≤ 5 %"),
+    "detection_visible": ("found, of single effects with signal ≥ 4", ""),
+    "detection_at_3_limits": ("found at 3 × the limit of the round", "≥ 95 %"),
+    "top_1_classes": ("right cause on top, of those found", "≥ 90 %"),
+    "top_1_classes_strong": ("the same, signal ≥ 16", ""),
+    "in_set_classes": ("truth inside the named set", "≥ 97 %"),
+    "named_alone_right": ("one cause named alone, and right", ""),
+    "pairs_allowed": ("pairs: verdict allowed", ""),
+    "pairs_one_named": ("pairs: one of both named", ""),
+    "outside_allowed": ("out of catalogue: verdict allowed", "≥ 90 %"),
+    "outside_confidently_wrong": ("out of catalogue: confidently wrong", "≤ 3 %"),
+    "right_place": ("right region among the first two", "≥ 90 %"),
+    "interval_covers": ("90 % interval of the size holds the truth", "85–95 %"),
+    "mu_held_before": ("μ within 1 % or its interval, base model", ""),
+    "mu_held_after": ("the same, cause named", ""),
+}
+PLAIN = {
+    "limit_of_detection": ("limit of detection (signal)", ""),
+    "mean_set_size": ("mean set size", "≤ 2"),
+    "shrinkage_share_median": ("share closed, median where the cause is right", "≥ 0.9"),
+    "log_score": ("mean log score (prior alone −3.47)", "far above"),
+}
+
+
+def together(rounds):
+    """k of n over rounds, its rate and interval, in words."""
+    k, n = (sum(r[part] for r in rounds) for part in ("k", "n"))
+    if not n:
+        return "–"
+    low = beta.ppf(0.025, k, n - k + 1) if k else 0.0
+    high = beta.ppf(0.975, k + 1, n - k) if k < n else 1.0
+    return f"{k} of {n}: {100 * k / n:.0f} % ({100 * low:.0f}–{100 * high:.0f} %)"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--from", type=int, default=3, dest="first", help="round from which on they count together")
+    args = parser.parse_args()
+    paths = sorted(args.folder.glob("round*.json"))
+    paths = [p for p in paths if re.fullmatch(r"round\d+", p.stem)]
+    rounds = {int(p.stem.removeprefix("round")): json.loads(p.read_text()) for p in paths}
+    late = [r for k, r in rounds.items() if k >= args.first]
+    print("| figure | " + " | ".join(str(k) for k in rounds) + f" | {args.first} to {max(rounds)} (95 %) | goal |")
+    print("|---" * (len(rounds) + 3) + "|")
+    print("| cases | " + " | ".join(str(sum(r["counts"].values())) for r in rounds.values())
+          + f" | {sum(sum(r['counts'].values()) for r in late)} | |")  # fmt: skip
+    for key, (words, goal) in ROWS.items():
+        cells = [f"{v['k']}/{v['n']}" if (v := r.get(key)) and v["n"] else "–" for r in rounds.values()]
+        known = [r[key] for r in late if key in r]
+        print(f"| {words} | " + " | ".join(cells) + f" | {together(known)} | {goal} |")
+    for key, (words, goal) in PLAIN.items():
+        cells = ["–" if r.get(key) is None else f"{r[key]:.2f}".replace("-", "−") for r in rounds.values()]
+        print(f"| {words} | " + " | ".join(cells) + f" | | {goal} |")
+
+
+if __name__ == "__main__":
+    main()
