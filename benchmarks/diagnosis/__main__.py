@@ -268,12 +268,16 @@ def checks(say, bench: Bench, evidence: Evidence, own: Table, s: Scored, y, thre
         return [f"{np.mean(np.isin(v, k)):.3f}" for k in kinds] + [str(len(v))]
 
     verdicts = ["no gap", "unexplained", "partly", "ambiguous", "one cause, sure", "cases"]
-    out = controls.taken_out(own, s.cases, threshold, clear)
+    out, told = controls.taken_out(own, s.cases, threshold, clear)
     rows = [["as it is", *count(s.verdict[clear])],
             ["residuals permuted", *count(controls.permuted(evidence, s.cases.picked(few), threshold, seed))],
             ["true effect not in the catalogue", *count(v for o in out.values() for v in o)],
             ["true effect twice in it", *count(controls.with_twin(own, s.cases, threshold, clear))]]  # fmt: skip
+    unknowable = f"{np.mean(told < np.log(20)):.2f}" if len(told) else "–"
     say(["## Controls", *table(["cases found, one cause", *verdicts], rows),
+         f"Where one wrong cause is sure ({len(told)} cases), the true one, had it been there, would have been less "
+         f"than 20 times as probable as all others together in {unknowable} of them: in these the data do not tell.",
+         "",
          "Not in the catalogue, by source:",
          *table(["taken out", *verdicts], [[k, *count(v)] for k, v in out.items()])])  # fmt: skip
     part = s.cases.picked([i for i in np.nonzero(s.single)[0] if s.cases.effects[i][0].family != "scatter"])

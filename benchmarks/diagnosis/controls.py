@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from cases import TWIN, Cases, Table, contested, other_bench
 from scipy.linalg import cholesky
+from scipy.special import logsumexp
 from scores import Scored, by_key
 
 from rso import diagnosis
@@ -26,6 +27,9 @@ from rso.running import Task
 NULLS = 400
 Filter = Callable[[Contest], Contest]
 Run = Callable[[Sequence[Task]], list[Any]]
+
+
+ALONE = ("explained", "measurement")  # verdicts that name one cause as sure
 
 
 def threshold_of(evidence: Evidence, y: np.ndarray, seed: int, keep: Filter = lambda c: c) -> float:
@@ -108,9 +112,13 @@ def permuted(evidence: Evidence, cases: Cases, threshold: float, seed: int) -> n
     return scored(evidence, cases.Y[0], null, {}, seed, threshold=threshold).verdict
 
 
-def taken_out(table: Table, cases: Cases, threshold: float, rows: Sequence[int]) -> dict[str, list[str]]:
-    """Verdicts, by source, of cases whose cause is not in the catalogue."""
+def taken_out(
+    table: Table, cases: Cases, threshold: float, rows: Sequence[int]
+) -> tuple[dict[str, list[str]], np.ndarray]:  # fmt: skip
+    """Verdicts, by source, of cases whose cause is not in the catalogue, and of those where another one is sure the ln
+    Bayes factor of the true cause against the best other one: what somebody knows who has it in his catalogue."""
     out: dict[str, list[str]] = {}
+    told: list[float] = []
     sources = sorted({cases.truth(i)[0] for i in rows})
     for s in sources:
         mine = [i for i in rows if cases.truth(i)[0] == s]
@@ -119,7 +127,12 @@ def taken_out(table: Table, cases: Cases, threshold: float, rows: Sequence[int])
         gap = [i for i in mine if first[i].statistic > threshold]
         last = {**first, **dict(zip(gap, contested(few, gap, first), strict=True))}
         out[s] = [judge(last[i], i in gap).verdict for i in mine]
-    return out
+        for i, c in zip(mine, attribute.contests(table, np.array(mine)), strict=True):
+            if judge(last[i], i in gap).verdict in ALONE:
+                true = np.array([any(e.source == s for e in h.effects) for h in c.hypotheses])
+                score = c.log_evidence + c.log_prior
+                told.append(float(logsumexp(score[true]) - logsumexp(score[1:][~true[1:]])))
+    return out, np.array(told)
 
 
 def with_twin(table: Table, cases: Cases, threshold: float, rows: Sequence[int]) -> list[str]:
