@@ -233,9 +233,9 @@ def figures(pairs, classes=()):
         "shrinkage_share_median": float(np.median(shares)) if shares else None,
         "null_shrinkage_holds_0": rate(null_shrink),
         "log_score": log_score(seen),
-        "mu_held_before": rate([mu_held(t, d, "before") for t, d in right]),
-        "mu_held_after": rate([mu_held(t, d, "after") for t, d in right]),
-        "mu_bias": mu_bias(right),
+        "mu_held_before": rate([mu_held(t, d, "before") for t, d in right if "parameters" in d]),
+        "mu_held_after": rate([mu_held(t, d, "after") for t, d in right if "parameters" in d]),
+        "mu_bias": mu_bias([(t, d) for t, d in right if "parameters" in d]),
         "next_test": "not scored here: it needs a run of the proposed test",
         "confusion": confusion(pairs),
     }

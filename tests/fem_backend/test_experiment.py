@@ -53,6 +53,7 @@ def case(asked=(0.5, 1.0), **settings) -> Case:
         ({"specimen": {"cavity": [1, 2]}}, ["specimen.cavity", "3 finite"]),
         ({"profile": [[1.0]]}, ["profile", "2 finite"]),
         ({"profile": 3}, ["profile", "3", "list of [x, y]"]),
+        ({"profile": [[10.0, 0.0], [50.0, 30.0]]}, ["profile", "(50, 30) mm", "60 and 35 mm"]),
         ({"earlier": -1}, ["earlier", "-1", "mm", "at least 0"]),
         ({"material": {"law": ["neo_hookean"]}}, ["material.law", "neo_hookean"]),
         ({"point": [49.0, 0.0]}, ["point", "[49.0, 0.0]", "mm", "top", "0.8"]),

@@ -39,7 +39,7 @@ def failed(values, asked=(0.5, 1.0), **settings) -> SimulationFailed:
         ({"inclusion_ratio": 3.0, "inclusion_x": 59.0}, {}, ["inclusion"]),
         ({"cavity": 9.0}, {}, ["cavity"]),
         ({}, {"mesh": {"mesher": "mapped", "n": 6, "slip": 0.6}}, ["mesh", "volume"]),
-        ({}, {"profile": [[70.0, 0.0]]}, ["profile"]),
+        ({"delta_a": -20.0}, {"profile": [[50.0, 0.0]]}, ["profile"]),
     ],
 )
 def test_bad_geometry(values, settings, words):

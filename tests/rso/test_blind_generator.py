@@ -142,7 +142,11 @@ def test_score_of_a_perfect_a_silent_and_a_bold_answer(blind, round_of_cases, tm
     players = {"perfect": {}, "silent": {}, "bold": {}}
     for t in truths:
         right = {"null": answer("no_gap"), "outside": answer("unexplained")}.get(t["kind"])
-        players["perfect"][t["id"]] = right or answer("explained", t["allowed"]["causes"][0])
+        band = {"low": 0.9, "median": 1.0, "high": 1.1}
+        mu, wrong = ({"mu": {k: f * v * t["material"]["mu"] for k, v in band.items()}} for f in (1.0, 1.2))
+        found = answer("explained", (t["allowed"]["causes"] or [None])[0])
+        found["diagnosis"]["parameters"] = {"before": wrong, "after": mu}
+        players["perfect"][t["id"]] = right or found
         players["silent"][t["id"]] = answer("no_gap")
         players["bold"][t["id"]] = answer("explained", "friction")
     figures = {}
@@ -155,6 +159,10 @@ def test_score_of_a_perfect_a_silent_and_a_bold_answer(blind, round_of_cases, tm
         assert "failures" in blind.score.report(figures[player])
     assert figures["perfect"]["false_alarm"]["k"] == 0 and figures["perfect"]["top_1"]["rate"] == 1
     assert figures["perfect"]["outside_allowed"]["rate"] == 1 and figures["perfect"]["failures"] == []
+    held = [figures["perfect"][f"mu_held_{when}"] for when in ("before", "after")]
+    assert [v["rate"] for v in held] == [0, 1] and held[0]["n"] > 0
+    for before, after in figures["perfect"]["mu_bias"].values():
+        np.testing.assert_allclose([before, after], [0.2, 0.0], rtol=0, atol=1e-12)
     assert figures["silent"]["false_alarm"]["k"] == 0 and figures["silent"]["detection_visible"]["k"] == 0
     assert figures["bold"]["false_alarm"]["k"] == 2 and figures["bold"]["top_1"]["k"] == 0
     assert figures["bold"]["outside_confidently_wrong"]["rate"] == 1
