@@ -28,6 +28,7 @@ from rso.diagnosis.effects import Effect
 from rso.diagnosis.library import Library, build
 from rso.diagnosis.mixture import Posterior
 from rso.diagnosis.prediction import predict
+from rso.diagnosis.runs import rated
 from rso.diagnosis.testplan import Experiment, Place, TestPlan, make_plan
 from rso.measurement import Measurement, Repeat
 from rso.running import Task
@@ -143,7 +144,8 @@ def _chance(distance: Mapping[tuple[str, str], float], probability: Mapping[str,
 
 
 def candidates(library: Library) -> list[Candidate]:
-    """Tests that are not in the plan yet: other rates and unloading at a known place, what the backend proposes."""
+    """Tests that are not in the plan yet: other rates, unloading and a hold at a known place, what the backend
+    proposes."""
     plan = library.plan
     template = plan.experiments[next(t.experiment for t in plan.tests if t.place == library.primary)]
     place = plan.places[library.primary]
@@ -158,7 +160,7 @@ def candidates(library: Library) -> list[Candidate]:
         v = factor * (max(speeds) if factor > 1 else min(speeds))
         words = f"load and unload {word} ({60 * v:.0f} mm/min)"
         out.append(Candidate(words, (_experiment(template, d, v, True),)))
-    if not has_hold:
+    if not (has_hold or rated(library.base, plan)):
         words = f"load at {60 * max(speeds):.3g} mm/min and hold for {REST:g} times as long"
         out.append(Candidate(words, (_experiment(template, d, max(speeds), False, rest=REST),)))
     backend = library.base.backend

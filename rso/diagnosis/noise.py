@@ -290,7 +290,7 @@ def unexplained(library: Library, force: np.ndarray, amplitude: float) -> np.nda
         Fz = force[z + item.n * item.channels.index("Fz") :][: item.n] if "Fz" in item.channels else force[at]
         size[at] = np.maximum(np.hypot(np.abs(force[at]), (c != "Fz") * LATERAL * np.abs(Fz)), 0.02 * np.abs(Fz).max())
         u[at], place[at], channel[at], branch[at] = item.depth, item.place, FORCES.index(c), item.branch
-        rest[at] = np.log1p(item.since * item.speed / item.peak)  # in the time that loading took
+        rest[at] = np.log1p(item.since * item.speed / max(item.peak, 1e-9))  # in the time that loading took
         test[at] = [id(t) for t in plan.tests].index(id(item))
         speed[at] = round(1e3 * np.log(item.speed))
     same = lambda v: v[:, None] == v  # noqa: E731

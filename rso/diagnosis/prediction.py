@@ -35,7 +35,8 @@ Parts = Sequence[tuple[Effect, np.ndarray]]
 Chained = Sequence[tuple[Effect, np.ndarray]]  # knobs of the chain with their sizes (T,)
 Relaxing = tuple[np.ndarray, np.ndarray]  # weights (T, n) where all has relaxed, rate 1/τ (T,) in 1/s
 Weighted = tuple[Effect, np.ndarray, Relaxing | None]
-Curves = Callable[..., np.ndarray]  # place, speed, way, relaxed → forces over the modulus (T, 3, m)
+Curves = Callable[[int, float, int], np.ndarray]  # place, speed, way → forces over the modulus (T, 3, m)
+Decays = Callable[[int, float, int], list[tuple[np.ndarray, np.ndarray]]]  # → rates (T,), what is lost of them at rest
 
 
 def predict(
@@ -63,14 +64,17 @@ def predict(
     force, moved = np.zeros((len(X), plan.n)), np.zeros((len(X), plan.n))
 
     @functools.cache
-    def curves(place: int, speed: float, way: int, since: float = 0.0) -> np.ndarray:
-        if since and all(r is None for _, _, r in weights[place, speed]):
-            return curves(place, speed, way)
+    def curves(place: int, speed: float, way: int) -> np.ndarray:
         here = library.places[place]
         f = np.tensordot(W, here.base, axes=1)
-        own = [np.tensordot(_after(w, r, since), here.effects[e.name].change[:, way], axes=1)
-               for e, w, r in weights[place, speed]]  # fmt: skip
+        own = [np.tensordot(w, here.effects[e.name].change[:, way], axes=1) for e, w, _ in weights[place, speed]]
         return f + f[:, 2:] * (here.mesh + here.ways[way] + sum(own))
+
+    def decays(place: int, speed: float, way: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        here = library.places[place]
+        Fz = np.tensordot(W, here.base[:, 2:], axes=1)
+        return [(r[1], Fz * np.tensordot(w - r[0], here.effects[e.name].change[:, way], axes=1))
+                for e, w, r in weights[place, speed] if r is not None]  # fmt: skip
 
     for item, channel, rows in plan.rows():
         if isinstance(item, Profile):
@@ -78,7 +82,7 @@ def predict(
         elif acting := [(e, s) for e, s in chain if e.acts(plan.places[item.place].settings)]:
             if channel == item.channels[0]:  # all channels of a test come at once
                 block = slice(rows.start, rows.start + item.n * len(item.channels))
-                force[:, block] = _recorded(library, item, curves, acting, modulus)
+                force[:, block] = _recorded(library, item, curves, decays, acting, modulus)
         else:
             read = _readings(library, item)
             c = item.channels.index(channel)
@@ -96,14 +100,6 @@ def _relaxing(library: Library, place: int, effect: Effect, at: np.ndarray, spee
         return None
     rate = 1.0 / np.asarray(effect.shape[k - 1].value(at[:, k]), float)
     return library.relaxed(place, effect, at, speed), rate
-
-
-def _after(weights: np.ndarray, relaxing: Relaxing | None, since: float) -> np.ndarray:
-    """Weights (T, n) of the changes at a time (s) after the indenter came to rest."""
-    if relaxing is None or since == 0.0:
-        return weights
-    relaxed, rate = relaxing
-    return relaxed + np.exp(-rate * since)[:, None] * (weights - relaxed)
 
 
 def _change(weights: np.ndarray, relaxing: Relaxing | None, test: Test, change: np.ndarray) -> np.ndarray:
@@ -166,7 +162,9 @@ def _read(key: _Key) -> _Readings:
     return _Readings(base[:, pick], base[:, 2], step[pick], changes)
 
 
-def _recorded(library: Library, test: Test, curves: Curves, chain: Chained, modulus: float) -> np.ndarray:
+def _recorded(
+    library: Library, test: Test, curves: Curves, decays: Decays, chain: Chained, modulus: float
+) -> np.ndarray:  # fmt: skip
     """Rows of a test (T, channels · n) as the chain records them, over the modulus."""
     here = library.places[test.place]
     u = here.u
@@ -191,7 +189,9 @@ def _recorded(library: Library, test: Test, curves: Curves, chain: Chained, modu
     there = np.concatenate([np.zeros((len(F), 3, 1)), there], axis=2)
     rest = np.geomspace(1e-3, 1.0, RESTING) * test.since.max() if held.any() else np.zeros(0)
     if held.any():  # what is on the way back, if anything, was recorded after a short rest
-        ends = np.stack([_stopped(u, curves(test.place, test.speed, loading, t), top)[:, :, -1] for t in rest], axis=2)
+        ends = np.repeat(there[:, :, -1:], len(rest), axis=2)
+        for rate, fall in decays(test.place, test.speed, loading):
+            ends = ends + np.expm1(-np.outer(rate, rest))[:, None] * _stopped(u, fall, top)[:, :, -1:]
         way = np.concatenate([way, np.repeat(top[:, None], len(rest), axis=1)], axis=1)
         there = np.concatenate([there, ends], axis=2)
     if back.any():
@@ -219,6 +219,8 @@ def _recorded(library: Library, test: Test, curves: Curves, chain: Chained, modu
 def _contact_time(test: Test) -> float:
     """Time (s) at which the record passes its zero of depth."""
     there = test.branch == LOADING
+    if not there.any():
+        return float(test.time[0])
     d, t = test.depth[there], test.time[there]
     return float(np.interp(0.0, np.maximum.accumulate(d), t)) if d[0] < 0.0 < d[-1] else float(t[0] - d[0] / test.speed)
 

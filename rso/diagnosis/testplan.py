@@ -187,6 +187,10 @@ def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
         for r in e.measurement.repeats:
             r, without = _usable(r)
             notes += [f"{e.name}: {words} are not used" for words in without]
+            if not len(r.depth):
+                continue
+            if r.depth.max() <= 0.0:
+                raise ValueError(f"{e.name}: repeat {r.label!r} never gets deeper than 0 mm; depth counts from contact")
             channels = tuple(c for c in ("Fx", "Fy", "Fz") if c in r.channels and c in e.channels)
             time = r.time - r.time[0] if r.time is not None else _times(r.depth, r.segment, e.speed)
             branches = [_binned(r, time, channels, b) for b in (LOADING, UNLOADING, HELD)]
@@ -239,9 +243,10 @@ def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
     else:
         begun = []
     there, back, held = (np.nonzero(r.segment == s)[0] for s in ("loading", "unloading", "hold"))
-    if not len(held) or not len(there):
+    if not len(held):
         return r, begun
-    at_peak = held[(held > there[-1]) & (held < (back[0] if len(back) else len(r.segment)))]
+    last = there[-1] if len(there) else len(r.segment)  # a hold without a way there is elsewhere
+    at_peak = held[(held > last) & (held < (back[0] if len(back) else len(r.segment)))]
     timed, without = r.time is not None, begun
     lost = held if not timed else np.setdiff1d(held, at_peak)
     if len(lost):

@@ -18,7 +18,7 @@ def recorded_speed(m: Measurement) -> float | None:
         if r.time is None or np.sum(loading) < 3:
             continue
         d, t = np.maximum.accumulate(r.depth[loading]), r.time[loading]
-        low, high = 0.2 * d[-1], 0.9 * d[-1]
+        low, high = max(0.2 * d[-1], d[0]), 0.9 * d[-1]
         start, end = np.interp((low, high), d, t)
         if end > start and high > low:
             found.append((high - low) / (end - start))

@@ -17,6 +17,7 @@ FALLS = 0.5  # of its range by which a force must not fall while the indenter go
 UNTARED = 0.5  # of its range that a force may have where the indenter begins to press
 DOUBTFUL = 0.15  # the same, from which on it is remarked upon
 STROKE = 0.5  # of the stroke that loading must cover
+SEEN = 20.0  # times the noise: a force that tells its sign and unit
 SKEW = 5.0  # ratio of the largest forces of two repeats to one depth
 LATE = 0.25  # of the deepest travel: a contact this late is remarked upon
 STUCK = 10  # readings at the deepest point that make a rest, where no times are known
@@ -38,25 +39,30 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
         raise ValueError(f"{who}: column 'depth' is {depth[0]:g} mm throughout, the indenter does not move")
     _jump(path, depth, stroke, lines)
     loading = segment == "loading"
+    notes: list[str] = []
     if sorted_here:
-        if np.sum(loading) < 3 or np.ptp(depth[loading]) < STROKE * stroke:
+        pressed = float(np.ptp(np.maximum(depth, 0.0)))  # how far it went home through the air says nothing
+        if np.sum(loading) < 3 or np.ptp(depth[loading]) < STROKE * pressed:
             raise ValueError(
                 f"{who}: column 'depth' falls from {depth[0]:g} to {depth[-1]:g} mm and rises hardly anywhere; it must "
                 "grow while the indenter goes deeper, from 0 at contact: turn its sign or subtract its start"
             )
-        if time is None:
-            _rest(who, depth)
+        if time is None and (near := _rest(depth)):
+            notes.append(
+                f"repeat {label}: {near} of {len(depth)} readings lie at the deepest point; if that is a rest, give a "
+                "column time_s, or 'segment' with loading, hold, unloading"
+            )
     if force is None or np.sum(loading) < FEW:
-        return []
+        return notes
     d, F = depth[loading], force[loading]
     n, span = max(3, int(EDGE * len(F))), float(np.ptp(force))
-    start, end = float(np.median(F[:n])), float(np.median(F[-n:]))
+    shallow = d <= max(EDGE * d.max(), float(d.min()))
+    start, end = float(np.median(F[shallow])), float(np.median(F[-n:]))
     if end < start - FALLS * span:
         raise ValueError(
             f"{who}: column 'Fz' falls from {start:.3g} to {end:.3g} N while the indenter goes deeper; Fz is the force "
             "of the specimen on the indenter, positive upwards: turn its sign"
         )
-    notes = []
     if d[0] <= EDGE * d.max():
         if abs(start) > UNTARED * span:
             raise ValueError(
@@ -80,9 +86,12 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
 
 def alike(path: Path, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> None:
     """ValueError where the largest forces of repeats (label, depth, Fz) to about one depth differ by a factor SKEW."""
-    ends = [(label, float(d.max()), float(F[np.argmax(np.abs(F))])) for label, d, F in repeats if len(d) >= FEW]
-    deepest = max((depth for _, depth, _ in ends), default=0.0)
-    ends = [(label, F) for label, depth, F in ends if depth > 0.8 * deepest]
+    deepest = max((float(d.max()) for _, d, _ in repeats), default=0.0)
+    ends = []
+    for label, d, F in repeats:
+        force = float(np.median(F[d > 0.95 * d.max()])) if len(d) >= FEW and d.max() > 0.8 * deepest else 0.0
+        if abs(force) > SEEN * noise_of(F):
+            ends.append((label, force))
     if len(ends) < 2:
         return
     low, high = (pick(ends, key=lambda v: v[1]) for pick in (min, max))
@@ -95,34 +104,31 @@ def alike(path: Path, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> 
 
 def _jump(path: Path, depth: np.ndarray, stroke: float, lines: np.ndarray) -> None:
     """A single reading of the depth far beside both its neighbours."""
-    before, at, after = depth[:-2], depth[1:-1], depth[2:]
+    step = np.abs(np.diff(depth))
+    before, at, after = depth[1:-3], depth[2:-2], depth[3:-1]
     beside = np.minimum(np.abs(at - before), np.abs(at - after))
-    typical = float(np.median(np.abs(np.diff(depth))))
-    alone = (beside > max(JUMP * stroke, 8.0 * typical)) & ((at - before) * (at - after) > 0.0)
+    near = np.maximum(step[:-3], step[3:])  # of the readings on both sides, among themselves
+    alone = (beside > np.maximum(JUMP * stroke, 8.0 * near)) & ((at - before) * (at - after) > 0.0)
     if alone.any():
-        k = int(np.argmax(alone)) + 1
+        k = int(np.argmax(alone)) + 2
         raise ValueError(
             f"{path}:{lines[k]}: column 'depth' jumps to {depth[k]:g} mm for a single reading, between "
             f"{depth[k - 1]:g} and {depth[k + 1]:g} mm: leave the row out"
         )
 
 
-def _rest(who: str, depth: np.ndarray) -> None:
-    """A rest at the deepest point without times: nobody can tell it from slow loading."""
+def _rest(depth: np.ndarray) -> int:
+    """How many readings lie at the deepest point where that may be a rest, else 0; times would tell."""
     stroke = float(np.ptp(depth))
     width = max(0.005 * stroke, 12.0 * noise_of(depth))
     near = int(np.sum(depth > depth.max() - width))
     passing = 2.0 * len(depth) * width / stroke  # there and back
-    if near > max(STUCK, 0.1 * len(depth), 3.0 * passing):
-        raise ValueError(
-            f"{who}: {near} of {len(depth)} readings lie within {width:.2g} mm of the deepest point, a rest; give a "
-            "column time_s, or 'segment' with loading, hold, unloading"
-        )
+    return near if near > max(STUCK, 0.1 * len(depth), 3.0 * passing) else 0
 
 
-def noise_of(depth: np.ndarray) -> float:
-    """Standard deviation (mm) of depths that else change steadily, from their third differences; 0 where too few."""
-    return 1.5 * float(np.median(np.abs(np.diff(depth, 3)))) / 20**0.5 if len(depth) > 12 else 0.0
+def noise_of(values: np.ndarray) -> float:
+    """Standard deviation of readings that else change steadily, from their third differences; 0 where too few."""
+    return 1.5 * float(np.median(np.abs(np.diff(values, 3)))) / 20**0.5 if len(values) > 12 else 0.0
 
 
 def _contact(depth: np.ndarray, force: np.ndarray) -> float:

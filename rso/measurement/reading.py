@@ -173,7 +173,7 @@ def _no_thousands(path: Path, rows: Sequence[tuple[int, str]], separator: str, n
                 other.add(k)
             elif _HUNDREDS.fullmatch(cell):
                 whole.add(k)
-    if len(marks) == 2:
+    if len(marks) == 2 and thousands:
         (line, one), (_, two) = (marks[m] for m in ".,")
         _fail(path, line, f"{one!r} has a point, {two!r} a comma: one of them parts thousands; write 1250, not 1,250")
     if doubtful := {k: v for k, v in thousands.items() if k in whole and k not in other}:
@@ -304,8 +304,10 @@ def _at_rest(depth: np.ndarray, time: np.ndarray) -> slice:
     """
     noise = plausible.noise_of(depth)
     top = float(depth.max())
-    steps = np.abs(np.diff(depth))
-    step = float(steps[steps > 0].min(initial=np.inf)) if np.median(steps) == 0.0 else 0.0  # of a coarse encoder
+    on_the_way = depth[: int(np.argmax(depth > 0.95 * top))]
+    steps = np.abs(np.diff(on_the_way))
+    coarse = len(steps) > 0 and np.median(steps) == 0.0  # an encoder, on whose steps readings stand even on the way
+    step = float(steps[steps > 0].min(initial=np.inf)) if coarse else 0.0
     width = max(_REST * (top - max(float(depth.min()), 0.0)), 6.0 * noise, 1.5 * step * np.isfinite(step))
     level = float(np.median(depth[depth >= top - width]))
     there = np.nonzero(depth >= level - width)[0]

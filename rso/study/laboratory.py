@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 _POINT = re.compile(r"^point_(-?\d+(?:\.\d+)?)_(-?\d+(?:\.\d+)?)$", re.IGNORECASE)
-_PLACE = re.compile(r"point|^pt", re.IGNORECASE)  # a name that means a place
+_PLACE = re.compile(r"^(point|pt)[_ ]", re.IGNORECASE)  # a name that means a place
 _NOISE = ("force_N", "depth_mm", "repeat_gain", "profile_mm")
 _HELD, _BOWL = ("fixed", "held", "bonded", "glued", "clamped"), ("bowl", "platform")
 
@@ -55,7 +55,7 @@ def study_text(folder: Path, seed: int, beside: Path) -> str:
     for name in order:
         match = _POINT.match(name)
         point = [float(v) for v in match.groups()] if match else [0.0, 0.0]
-        profile = name.startswith("profile")
+        profile = name.lower().startswith("profile")
         lines += ["[[experiments]]", f"name = {json.dumps(name)}", 'role = "fit"',
                   f"data = {json.dumps(os.path.relpath(file_of[name], beside))}"]  # fmt: skip
         lines += (
@@ -65,7 +65,7 @@ def study_text(folder: Path, seed: int, beside: Path) -> str:
             if _has_lateral(file_of[name])
             else []
         )
-        unload = ", unload = true" if name.startswith("mp_cycle") else ""
+        unload = ", unload = true" if name.lower().startswith("mp_cycle") else ""
         lines += [f"settings = {{ point = {point}{unload} }}"]
         keys = {"uz": "profile_mm"} if profile else {"Fz": "force_N", "depth": "depth_mm", "gain": "repeat_gain"}
         stated = ", ".join(f"{k} = {noise[v]}" for k, v in keys.items() if v in noise)
@@ -78,6 +78,7 @@ def study_text(folder: Path, seed: int, beside: Path) -> str:
 
 def _rank(name: str) -> tuple[int, float]:
     """Order of testing: loading, cycles from slow to fast, deep, other points, profile."""
+    name = name.lower()
     cycle = re.match(r"mp_cycle_(\d+)", name)
     if cycle:
         return 1, float(cycle.group(1))
@@ -111,17 +112,18 @@ def _numbers(path: Path, table: str, given: Mapping[str, Any], known: Sequence[s
 
 
 def _support(path: Path, nominal: Mapping[str, Any]) -> str:
-    """The support as a setting: words that begin with what it is, or a table with `kind`."""
+    """The support as a setting: words of which the first known one counts, or a table with `kind`."""
     support = nominal.get("support", "fixed")
     table = dict(support) if isinstance(support, dict) else {"kind": support}
     kind = str(table.pop("kind", None)).lower()
-    if kind.startswith(_HELD):
-        return '{ kind = "fixed" }'
-    if not kind.startswith(_BOWL):
+    first = {words: min((kind.find(w) for w in words if w in kind), default=len(kind)) for words in (_HELD, _BOWL)}
+    if first[_HELD] == first[_BOWL]:
         raise ValueError(
-            f"{path}: support = {support!r}: words that begin with one of {', '.join((*_HELD, *_BOWL))}, or a table "
-            "with kind, clearance_mm and friction"
+            f"{path}: support = {support!r}: words with one of {', '.join((*_HELD, *_BOWL))}, or a table with kind, "
+            "clearance_mm and friction"
         )
+    if first[_HELD] < first[_BOWL]:
+        return '{ kind = "fixed" }'
     beside = {"clearance_mm": nominal.get("clearance_mm", 1.0), "friction": nominal.get("mu_platform", 0.2)}
     found = _numbers(path, "support", {**beside, **table}, tuple(beside))
     return f'{{ kind = "bowl", clearance = {found["clearance_mm"]}, friction = {found["friction"]} }}'

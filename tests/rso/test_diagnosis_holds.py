@@ -81,3 +81,21 @@ def test_a_hold_finds_relaxation_at_one_speed():
     low, high = used.causes[0].interval
     assert low <= 0.3 <= high and high - low < 0.1
     assert without.verdict != "explained" or without.named != ("g",)
+
+
+@pytest.mark.parametrize("how", ["back alone", "a hold and back", "a hold alone"])
+def test_a_repeat_without_a_way_there_breaks_nothing(how):
+    """Its hold is left out with a note; every knob of the chain has an answer."""
+    (whole,) = toy.recorded(toy.TRUTH, np.random.default_rng(1), unload=True)
+    n = len(whole.depth)
+    segment = {"back alone": ["unloading"] * n, "a hold and back": ["hold"] * 20 + ["unloading"] * (n - 20),
+               "a hold alone": ["hold"] * n}[how]  # fmt: skip
+    depth = np.r_[np.full(20, 4.0), np.linspace(4.0, 0.1, n - 20)]
+    odd = dataclasses.replace(whole, depth=depth, segment=np.array(segment))
+    plan = make_plan([toy.experiment("a", (whole,)), toy.experiment("b", (odd,))])
+    assert not any(t.held.any() for t in plan.tests)
+    assert any("hold elsewhere" in note for note in plan.notes) == (how != "back alone")
+    chosen = toy.effects("g", "drift")
+    library = build(toy.base(), plan, chosen, toy.run)
+    A, c = predict(library, chosen, np.array([[np.log(0.72), 0.2, 1.0, 1e-4]]), 0.012)
+    assert np.all(np.isfinite(A)) and np.all(np.isfinite(c))

@@ -32,6 +32,7 @@ def text(lab: Path) -> str:
 
 def test_places_come_from_names_whatever_their_case(tmp_path):
     made = text(folder(tmp_path, ("mp_load.csv", "point_20_0.CSV", "Point_-2.5_3.csv")))
+    assert text(folder(tmp_path, ("ptfe_ball.csv", "midpoint_load.csv"))).count("point = [0.0, 0.0]") == 3
     for words in ("point = [20.0, 0.0]", "point = [-2.5, 3.0]", "point = [0.0, 0.0]", '"point_20_0.CSV"'):
         assert words in made
 
@@ -64,6 +65,8 @@ def test_what_is_not_understood_is_refused(tmp_path, changes, words):
     ("support", "setting"),
     [
         ("glued, no bowl", 'kind = "fixed"'),
+        ("lower half bonded", 'kind = "fixed"'),
+        ("in a bowl, not fixed", "clearance = 1.0"),
         ("bowl", "clearance = 1.0, friction = 0.2"),
         ({"kind": "bowl", "clearance_mm": 2, "friction": 0.3}, "clearance = 2.0, friction = 0.3"),
     ],
@@ -77,6 +80,7 @@ WAYS = {  # time and depth of one test at 0.5 mm/s
     "a wait at contact": ([0, 30, 38], [0, 0, 4]),
     "a fast way through air": ([0, 1, 9], [-20, 0, 4]),
     "slow at its end": ([0, 7.2, 20], [0, 3.6, 4]),
+    "from two on": ([0, 4], [2, 4]),
 }
 
 
