@@ -8,7 +8,7 @@ import json
 import re
 from pathlib import Path
 
-from scipy.stats import beta
+from score import clopper_pearson
 
 ROWS = {
     "false_alarm": ("false alarm on null data", "≤ 5 %"),
@@ -40,8 +40,7 @@ def together(rounds):
     k, n = (sum(r[part] for r in rounds) for part in ("k", "n"))
     if not n:
         return "–"
-    low = beta.ppf(0.025, k, n - k + 1) if k else 0.0
-    high = beta.ppf(0.975, k + 1, n - k) if k < n else 1.0
+    low, high = clopper_pearson(k, n)
     return f"{k} of {n}: {100 * k / n:.0f} % ({100 * low:.0f}–{100 * high:.0f} %)"
 
 

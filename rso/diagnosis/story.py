@@ -16,7 +16,7 @@ from rso.diagnosis.library import Library
 from rso.diagnosis.next_test import NextTest, next_tests
 from rso.diagnosis.rerun import Check
 from rso.diagnosis.responses import FORCES
-from rso.diagnosis.testplan import Profile, TestPlan
+from rso.diagnosis.testplan import HELD, LOADING, Profile, TestPlan
 from rso.diagnosis.words import words
 from rso.running import Task
 
@@ -111,13 +111,14 @@ def residuals(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
     of a hold for themselves, with the time `since` the indenter came to rest."""
     y, sd, found = plan.values(), np.sqrt(np.diag(d.bench.C)), []
     for item, c, at in plan.rows():
-        own = not isinstance(item, Profile)
-        branch, held = (item.branch, item.held) if own else (np.zeros(len(item.depth), int),) * 2
-        for k, rest in ((held == 0, {}), (held == 1, {"since": item.since[held].tolist()} if own else {})):
+        profile = isinstance(item, Profile)
+        branch = np.full(len(item.depth), LOADING) if profile else item.branch
+        for k in (branch != HELD, branch == HELD):
             if k.any():
                 found.append({
                     "experiment": plan.experiments[item.experiment].name, "channel": c,
-                    "label": item.label if own else "", "depth": item.depth[k].tolist(), **rest,
+                    "label": "" if profile else item.label, "depth": item.depth[k].tolist(),
+                    **({"since": item.since[k].tolist()} if np.all(branch[k] == HELD) else {}),
                     "branch": branch[k].tolist(), "measured": y[at][k].tolist(), "sd": sd[at][k].tolist(),
                     "residual": {name: (y[at] - f[at])[k].tolist() for name, f in d.fits.items()},
                 })  # fmt: skip

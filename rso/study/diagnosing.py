@@ -87,9 +87,10 @@ def _probe(e: Experiment) -> Any:
     repeats = e.measurement.repeats
     deepest, settings = max(float(r.depth.max()) for r in repeats), dict(e.settings)
     if e.measurement.kind == "profile":
+        readings = sum(len(r.depth) for r in repeats)
+        if readings > READINGS:
+            raise ValueError(f"{e.measurement.path}: {readings} displacements of one profile: keep at most {READINGS}")
         marks = {(float(x), float(y)) for r in repeats for x, y in zip(r.channels["x"], r.channels["y"], strict=True)}
-        if len(marks) > READINGS:
-            raise ValueError(f"{e.measurement.path}: {len(marks)} marks of one profile: keep at most {READINGS}")
         settings["profile"] = [list(m) for m in sorted(marks)]
     return Case(e.name, Programme.ramp((deepest,)), settings)
 

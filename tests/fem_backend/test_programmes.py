@@ -251,19 +251,20 @@ def test_moments_between_asked_travels_are_not_lost():
     np.testing.assert_allclose(canonical.channels["travel"], [0.3, 1.0], rtol=1e-12)
 
 
-def test_in_a_hold_forces_fall_exponentially_to_the_elastic_ones_of_what_is_left():
+@pytest.mark.parametrize(("mesh", "tolerance"), [(SMALL, 3e-3), ({"level": "coarse"}, 1.5e-3)], ids=["crude", "coarse"])
+def test_in_a_hold_forces_fall_exponentially_to_the_elastic_ones_of_what_is_left(mesh, tolerance):
     """One Prony term: F(t) = F_∞ + (F(0) − F_∞) e^{−t/τ}, F_∞ that of (1 − g) μ at the same D₁.
 
-    To 0.3 % of the force on this crude mesh (0.1 % on the coarse level): the area of contact moves a little.
+    Not exactly: the area of contact moves a little, the less the finer the mesh.
     """
     g, tau, way = 0.35, 3.0, 6.0
     rest = np.array([0.0, 0.5, 1.0, 3.0, 10.0, 100.0])
     asked = tuple(way + float(v) for v in rest)
     programme = Programme((0.0, way, way + 100.0), (0.0, 2.0, 2.0), (2.0,), asked)
     values = {"mu": 0.01, "D1": 5.8}
-    r = BACKEND({**values, "prony_g": g, "prony_tau": tau}, Case("c", programme, {"mesh": SMALL}))
+    r = BACKEND({**values, "prony_g": g, "prony_tau": tau}, Case("c", programme, {"mesh": mesh}))
     F = np.interp(asked, r.channels["time"], r.channels["Fz"])
-    relaxed = BACKEND({**values, "mu": (1 - g) * 0.01}, Case("c", Programme.ramp((2.0,)), {"mesh": SMALL}))
+    relaxed = BACKEND({**values, "mu": (1 - g) * 0.01}, Case("c", Programme.ramp((2.0,)), {"mesh": mesh}))
     end = relaxed.channels["Fz"][0]
-    np.testing.assert_allclose(F, end + (F[0] - end) * np.exp(-rest / tau), rtol=0, atol=3e-3 * F[0])
+    np.testing.assert_allclose(F, end + (F[0] - end) * np.exp(-rest / tau), rtol=0, atol=tolerance * F[0])
     assert F[0] - F[-1] > 0.1 * F[0]

@@ -8,8 +8,9 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-from rso.diagnosis import build, diagnose, make_plan
+from rso.diagnosis import build, diagnose, make_plan, noise
 from rso.diagnosis.prediction import predict
+from rso.measurement import Repeat
 
 
 def plan_of(truth=toy.TRUTH, hold=60.0, seed=0, **more):
@@ -99,3 +100,33 @@ def test_a_repeat_without_a_way_there_breaks_nothing(how):
     library = build(toy.base(), plan, chosen, toy.run)
     A, c = predict(library, chosen, np.array([[np.log(0.72), 0.2, 1.0, 1e-4]]), 0.012)
     assert np.all(np.isfinite(A)) and np.all(np.isfinite(c))
+
+
+def test_drift_in_the_air_counts_from_the_first_reading():
+    """Ten millimetres of air at 0.5 mm/s before contact: what the sensor drifts there is in the record."""
+    t = np.linspace(0.0, 28.0, 561)
+    u = 0.5 * t - 10.0
+    F = 0.012 * np.maximum(u, 0.0) ** 1.5 + 1e-3 * t
+    r = Repeat("1", u, t + 1e9, {"Fz": F}, {}, np.full(len(t), "loading"))
+    plan = make_plan([toy.experiment("a", (r,))])
+    (drift,) = toy.effects("drift")
+    library = build(toy.base(), plan, (drift,), toy.run)
+    with_, without = (
+        0.012 * A[0] + c[0]
+        for A, c in (predict(library, effects, np.array([[np.log(0.72), *size]]), 0.012)
+                     for effects, size in (([drift], [1e-3]), ([], [])))
+    )  # fmt: skip
+    (test,) = plan.tests
+    np.testing.assert_allclose(with_ - without, 1e-3 * test.time, rtol=0, atol=2e-5)  # of 28e-3: bins, and √u tables
+
+
+def test_noise_of_a_hold_is_that_of_its_end_of_loading_and_its_gap_fades_with_time():
+    plan = make_plan(plan_of(white=0.0, scatter=0.0))
+    library = build(toy.base(), plan, (), toy.run)
+    A, _ = predict(library, [], np.array([[np.log(0.72)]]), 0.012)
+    test, _, at = next(r for r in plan.rows() if r[0].held.any())
+    slope = noise.slope_of(library, 0.012 * A[0])[at]
+    assert np.all(slope[test.held] == slope[~test.held][-1]) and slope[test.held][0] > 0
+    K = noise.unexplained(library, 0.012 * A[0], 0.1)[at, at][np.ix_(test.held, test.held)]
+    C = K / np.sqrt(np.outer(np.diag(K), np.diag(K)))
+    assert C[0, 1] > 0.9 > 0.5 > C[0, -1]

@@ -81,6 +81,7 @@ WAYS = {  # time and depth of one test at 0.5 mm/s
     "a fast way through air": ([0, 1, 9], [-20, 0, 4]),
     "slow at its end": ([0, 7.2, 20], [0, 3.6, 4]),
     "from two on": ([0, 4], [2, 4]),
+    "creeping up to a tenth": ([0, 40, 47.2], [0, 0.4, 4]),
 }
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lsim
 
 from rso.contract import parameters_of
-from rso.measurement import Chain, Noise, combine, correct, read, record, value_at
+from rso.measurement import Chain, Noise, combine, correct, read, record, value_at, without_spikes
 from rso.measurement import reading as reading_module
 
 U = np.linspace(0.1, 4.0, 40)
@@ -516,3 +516,10 @@ def test_spikes_are_left_out_of_the_mean_too(tmp_path):
     a, b = (combine(m, Noise()) for m in (clean, spiked))
     np.testing.assert_allclose(np.interp(a.depth, b.depth, b.value), a.value, rtol=0, atol=0.01)
     assert b.sigma.max() < 2.0 * a.sigma.max()
+
+
+def test_toggles_of_a_coarse_sensor_are_no_spikes(tmp_path):
+    """Steps of 20 mN in 801 readings with 1 mN of noise: a reading on the next step stands out of line by one step."""
+    u = np.linspace(0.0, 4.0, 801)
+    force = np.round((0.04 * u**1.5 + 1e-3 * np.random.default_rng(3).normal(size=801)) / 0.02) * 0.02
+    assert without_spikes(read(write(tmp_path, curve(u, force))))[1] == []
