@@ -2,7 +2,8 @@
 
 `nominal.json` holds specimen (semi_axes_mm), indenter (radius_mm), support, noise (force_N, depth_mm, repeat_gain,
 profile_mm) and rates; what else it says is not used.  The CSV files are named for what they hold: ``point_20_0`` was
-pressed at (20, 0) mm, every other force curve at the top, ``profile`` holds surface marks.  See docs/reading_a_diagnosis.md.
+pressed at (20, 0) mm, every other force curve at the top, ``profile`` holds surface marks.  See
+docs/reading_a_diagnosis.md.
 """
 
 from __future__ import annotations

@@ -523,3 +523,12 @@ def test_toggles_of_a_coarse_sensor_are_no_spikes(tmp_path):
     u = np.linspace(0.0, 4.0, 801)
     force = np.round((0.04 * u**1.5 + 1e-3 * np.random.default_rng(3).normal(size=801)) / 0.02) * 0.02
     assert without_spikes(read(write(tmp_path, curve(u, force))))[1] == []
+
+
+def test_a_repeat_whose_force_has_another_sign_to_the_same_depth_is_refused(tmp_path):
+    """It begins where the ball presses already, so that its zero cannot be checked by itself."""
+    late = PRESS > 1.0
+    rows = [(u, f, 1) for u, f in zip(PRESS, PULL, strict=True)]
+    rows += [(u, f - 0.6, 2) for u, f in zip(PRESS[late], PULL[late], strict=True)]
+    with pytest.raises(ValueError, match="another sign, unit or tare"):
+        read(write(tmp_path, table("depth_mm,Fz_N,repeat", rows)))
