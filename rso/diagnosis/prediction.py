@@ -178,7 +178,8 @@ def _recorded(
     top = np.full(len(F), u[-1])
     if back.any() or held.any():
         aged = modulus * F[:, 2] * (1.0 + test.age * setting.get("ageing", 0.0))
-        reads = u - setting.get("offset", 0.0) + setting.get("compliance", 0.0) * aged
+        dent = setting.get("permanent_set", 0.0) * test.earlier
+        reads = u - setting.get("offset", 0.0) + dent + setting.get("compliance", 0.0) * aged
         forward = np.maximum.accumulate(reads, axis=1)
         top = rows_at(np.array([test.peak]), forward, np.broadcast_to(u, reads.shape))[:, 0]
     way = np.minimum(u, top[:, None])
@@ -201,7 +202,7 @@ def _recorded(
     time = (time - time[:, 1:2]) / test.speed + _contact_time(test)
     time[:, turn:] += np.concatenate([rest, np.full(time.shape[1] - turn - len(rest), test.since.max())])
     forces = {c: modulus * there[:, i] for i, c in enumerate(FORCES)}
-    depth, got = recorded(setting, way, forces, time, test.age)
+    depth, got = recorded(setting, way, forces, time, test.age, test.earlier)
     forward = np.maximum.accumulate(depth[:, :turn], axis=1)
     backward = np.maximum.accumulate(depth[:, : -turn - 1 : -1], axis=1)
     out = np.empty((len(F), len(pick), test.n))

@@ -1,10 +1,12 @@
 """The measurement chain: what stands between the specimen and the file, as transforms of any curve.
 
-    recorded depth = true depth − offset + compliance · Fz, less the backlash on the way back
+    recorded depth = true depth − offset + permanent_set · earlier + compliance · Fz, less the backlash on the way back
     recorded Fz    = gain · Fz* + bias + drift · t,      lag_filter dF*/dt + F* = F(t − lag)
     recorded Fx    = Fx* + cross_x · Fz*                 and Fy with cross_y
 
-There are no mechanics in it and it costs no simulation.  Each knob is an effect: at neutral it is absent.
+`earlier` is the deepest travel of all tests before at the same place: what stays of it is a dent in which the next test
+makes contact later.  There are no mechanics in it and it costs no simulation.  Each knob is an effect: at neutral it is
+absent.
 """
 
 from __future__ import annotations
@@ -104,6 +106,16 @@ class Chain:
         plausible=(-0.4, 0.4),
     )
 
+    permanent_set: float = knob(
+        "share of the deepest earlier travel at a place that stays as a dent",
+        "1",
+        0.0,
+        0.9,
+        neutral=0.0,
+        typical=0.03,
+        plausible=(0.005, 0.3),
+    )
+
     def __post_init__(self) -> None:
         for parameter in parameters_of(type(self)):
             parameter.check(getattr(self, parameter.name))
@@ -122,21 +134,22 @@ class Record:
 
 def record(
     chain: Chain, travel: np.ndarray, forces: Mapping[str, np.ndarray], time: np.ndarray | None = None,
-    age: float = 0.0,
+    age: float = 0.0, earlier: float = 0.0,
 ) -> Record:  # fmt: skip
     """True travel (n,) mm and forces (n,) N over `time` (n,) s → what the file holds at the same instants.
 
     `forces` holds Fz and whichever of Fx, Fy there are.  Drift and lag need `time`, which must increase; `age` is where
-    the test stands between the first, −1/2, and the last one of its series, 1/2.
+    the test stands between the first, −1/2, and the last one of its series, 1/2; `earlier` mm is how deep the place was
+    pressed before.
     Between instants forces are linear in time; before the first and after the last one they are constant.
     """
     u, F, t = _checked(chain, travel, forces, time)
-    return Record(*recorded({p.name: getattr(chain, p.name) for p in parameters_of(Chain)}, u, F, t, age))
+    return Record(*recorded({p.name: getattr(chain, p.name) for p in parameters_of(Chain)}, u, F, t, age, earlier))
 
 
 def recorded(
     knobs: Mapping[str, float | np.ndarray], u: np.ndarray, F: Mapping[str, np.ndarray], t: np.ndarray,
-    age: float = 0.0,
+    age: float = 0.0, earlier: float = 0.0,
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:  # fmt: skip
     """Recorded depth and forces for knobs that are numbers or columns (T, 1); `u`, `F` and `t` are (n,) or (T, n)."""
     k = {p.name: knobs.get(p.name, p.neutral) for p in parameters_of(Chain)}
@@ -144,12 +157,13 @@ def recorded(
     late = {c: _filtered(t, _shift(t, v, k["lag"]), k["lag_filter"]) for c, v in F.items()}
     out = {c: v + k[_CROSS[c]] * late["Fz"] for c, v in late.items() if c != "Fz"}
     out["Fz"] = k["gain"] * late["Fz"] + k["bias"] + k["drift"] * t
-    return u - k["offset"] + k["compliance"] * F["Fz"] - k["backlash"] * _returning(u), out
+    depth = u - k["offset"] + k["permanent_set"] * earlier + k["compliance"] * F["Fz"] - k["backlash"] * _returning(u)
+    return depth, out
 
 
 def correct(
     chain: Chain, depth: np.ndarray, forces: Mapping[str, np.ndarray], time: np.ndarray | None = None,
-    age: float = 0.0,
+    age: float = 0.0, earlier: float = 0.0,
 ) -> Record:  # fmt: skip
     """Inverse of :func:`record`: exact but for a lag, where the linear interpolation in time is undone by another, and
     for a backlash, where nobody sees the indenter wait."""
@@ -159,7 +173,7 @@ def correct(
     late = {"Fz": (R["Fz"] - chain.bias - chain.drift * t) / chain.gain}
     late |= {k: v - getattr(chain, _CROSS[k]) * late["Fz"] for k, v in R.items() if k != "Fz"}
     true = {k: _shift(t, v, -chain.lag) for k, v in late.items()}
-    u = d + chain.offset - chain.compliance * true["Fz"]
+    u = d + chain.offset - chain.permanent_set * earlier - chain.compliance * true["Fz"]
     young = {c: v / (1.0 + chain.ageing * age) for c, v in true.items()}
     return Record(np.minimum(u + chain.backlash * _returning(u), u.max()), young)
 

@@ -179,6 +179,22 @@ def test_a_body_that_stiffens_from_test_to_test_is_found_and_is_no_scatter_of_ga
     assert c.interval[0] <= 0.2 <= c.interval[1]
 
 
+def test_a_dent_that_stays_is_found_and_is_no_offset():
+    """4 % of the deepest earlier travel: none before the first test, more after the deep one."""
+    made, reached = [], 0.0
+    for e in experiments(6):
+        repeats = []
+        for r in e.measurement.repeats:
+            repeats.append(dataclasses.replace(r, depth=r.depth + 0.04 * reached))
+            reached = max(reached, float(r.depth.max()))
+        made.append(dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=tuple(repeats))))
+    names = ("stiff", "soften", "offset", "offset_each", "ageing", "permanent_set")
+    d = diagnosis.diagnose(build(BASE, make_plan(made), toy.effects(*names), toy.run), 6, nulls=NULLS)
+    assert d.verdict == "measurement" and d.named == ("permanent_set",), (d.verdict, d.named, d.probabilities)
+    c = cause(d, "permanent_set")
+    assert c.interval[0] <= 0.04 <= c.interval[1]
+
+
 def test_a_look_alike_makes_it_ambiguous():
     found = [diagnose(seed, {"stiff": 0.6}, names=("stiff", "twin", "soften")) for seed in range(3)]
     for d in found:

@@ -37,7 +37,7 @@ def make(experiments=None, names=MODEL, base: Base = BASE) -> Library:
 
 @pytest.fixture(scope="module")
 def library() -> Library:
-    chain = ("offset", "compliance", "gain", "bias", "drift", "lag", "cross_x", "cross_y")
+    chain = ("offset", "compliance", "gain", "bias", "drift", "lag", "cross_x", "cross_y", "permanent_set")
     return make([*toy.laboratory(toy.TRUTH, 0), profile()], names=(*MODEL, *chain))
 
 
@@ -48,8 +48,9 @@ def effect(library: Library, name: str):
 def exact(library: Library, values, **chain: float) -> np.ndarray:
     """The data vector of the closed form, test by test, over dense ways; `chain` by hand."""
     plan, found = library.plan, []
-    zero, k = chain.get("offset", 0.0), chain.get("compliance", 0.0)
+    k = chain.get("compliance", 0.0)
     for test in plan.tests:
+        zero = chain.get("offset", 0.0) - chain.get("permanent_set", 0.0) * test.earlier
         e = plan.experiments[test.experiment]
         place = {"point": e.settings["point"], "support": values.get("support", "held")}
         knobs = {n: v for n, v in values.items() if n != "support"}
@@ -228,7 +229,7 @@ def test_nine_travels_are_enough_for_a_surface(library):
 
 CHAINS = {
     "offset": 0.15, "compliance": 0.4, "gain": 1.1, "bias": -0.02, "drift": 0.002, "lag": 0.3, "cross_x": 0.1,
-    "cross_y": -0.1,
+    "cross_y": -0.1, "permanent_set": 0.08,
 }  # fmt: skip
 
 
@@ -247,6 +248,19 @@ def test_an_effect_of_the_chain_is_its_formula(library, name, sign):
 def test_an_offset_moves_the_turn_of_a_cycle(library):
     """A record that begins late is of a body pressed deeper: nothing is held constant beyond."""
     assert worst(library, ("offset",), (CENTRE, 0.35), {}, offset=0.35)[0] < 0.01
+
+
+def test_a_dent_is_an_early_contact_in_tests_after_the_first(library):
+    """The same as an offset to the other side, where the earlier travel is the same, on the way back too."""
+    by = {}
+    for name, s in (("permanent_set", 0.05), ("offset", -0.05 * 4.0), ("offset", 0.0)):
+        X = np.array([(CENTRE, 0.3, s)])  # a lag, to which the turn matters
+        by[name, s] = predict(library, [effect(library, "lag"), effect(library, name)], X, MU)[0][0]
+    dent, offset, none = by.values()
+    for test, _, rows in library.plan.rows():
+        if getattr(test, "earlier", 0.0) in (0.0, 4.0) and hasattr(test, "earlier"):
+            np.testing.assert_allclose(dent[rows], (offset if test.earlier else none)[rows], rtol=0, atol=1e-12)
+    assert any(t.earlier == 4.0 and t.returns for t in library.plan.tests)
 
 
 def test_chain_and_body_together(library):

@@ -301,7 +301,8 @@ def test_neutral_chain_changes_nothing():
 
 def test_every_knob_is_tested_and_is_an_effect():
     knobs = parameters_of(Chain)
-    assert {p.name for p in knobs} == {*EFFECTS, "backlash", "ageing"}  # which one loading does not show
+    one_loading_does_not_show = {"backlash", "ageing", "permanent_set"}
+    assert {p.name for p in knobs} == {*EFFECTS, *one_loading_does_not_show}
     for p in knobs:
         assert p.low < p.neutral < p.high or (p.low == p.neutral == 0)
         assert p.low <= p.typical <= p.high and p.typical != p.neutral and p.default == p.neutral
@@ -332,6 +333,15 @@ def test_ageing_changes_all_forces_from_the_first_test_to_the_last(age, factor):
     again = correct(chain, r.depth, r.forces, T, age)
     np.testing.assert_allclose(again.depth, U, rtol=1e-13)
     np.testing.assert_allclose(again.forces["Fy"], FORCES["Fy"], rtol=1e-13)
+
+
+@pytest.mark.parametrize("earlier, dent", [(0.0, 0.0), (2.0, 0.1), (4.0, 0.2)])
+def test_what_stays_of_an_earlier_test_is_a_dent_that_the_record_counts_as_depth(earlier, dent):
+    chain = Chain(permanent_set=0.05, compliance=0.3)
+    r = record(chain, U, FORCES, T, earlier=earlier)
+    np.testing.assert_allclose(r.depth, U + dent + 0.3 * FORCES["Fz"], rtol=1e-14)
+    assert np.array_equal(r.forces["Fz"], FORCES["Fz"])
+    np.testing.assert_allclose(correct(chain, r.depth, r.forces, T, earlier=earlier).depth, U, rtol=1e-13)
 
 
 @pytest.mark.parametrize("name", EFFECTS)
