@@ -76,6 +76,14 @@ OUTSIDE = {  # name -> (verdicts allowed, causes with which "explained" or "ambi
     "spikes": ((*U, "measurement", "no_gap"), ()),
     "nonlinear_cell": ((*U, "measurement", "ambiguous"), ()),
     "hum": ((*U, "measurement", "no_gap"), ()),
+    "screw_error": ((*U, "measurement"), ()),
+    "lint": ((*U, "measurement", "ambiguous"), ("offset", "skin_ratio", "skin_thickness")),
+    "parallel_spring": ((*U, "measurement", "ambiguous"), ()),
+    "poroelastic": ((*U, "ambiguous"), ("prony_g", "prony_tau")),
+    "tear": (U, ()),
+    "cell_hysteresis": ((*U, "measurement"), ()),
+    "recovery": ((*U, "ambiguous"), ("mullins", "mullins_r", "mullins_m")),
+    "collar": ((*U, "measurement"), ()),
 }
 
 
@@ -176,6 +184,14 @@ def draw(name, rng):
             "spikes": lambda: float(rng.uniform(0.03, 0.1)),  # share of the samples
             "nonlinear_cell": lambda: sg(0.05, 0.5),  # 1/N
             "hum": lambda: lu(0.004, 0.03),  # N
+            "screw_error": lambda: lu(0.005, 0.08),  # mm
+            "lint": lambda: lu(0.03, 0.5),  # mm
+            "parallel_spring": lambda: lu(1e-3, 6e-2),  # N/mm
+            "poroelastic": lambda: lu(0.01, 0.4),  # overstress 1 - 2 nu of the drained solid
+            "tear": lambda: lu(0.005, 0.3),  # share of the force lost
+            "cell_hysteresis": lambda: lu(0.003, 0.08),  # height of the loop over the peak force
+            "recovery": lambda: lu(0.02, 0.3),  # share of the force lost right after a test
+            "collar": lambda: lu(0.003, 0.3),  # share of the force 1 mm beyond the depth where it touches
         }
         size = simple[name]()
         chain, truth = {name: size}, {name: size}
@@ -183,4 +199,18 @@ def draw(name, rng):
             chain["stick_slip_period"] = truth["period_mm"] = float(rng.uniform(0.25, 0.9))
         if name == "hum":
             chain["hum_period"] = truth["period_s"] = float(rng.uniform(0.5, 4.0))
+        if name == "screw_error":
+            chain["screw_pitch"] = truth["pitch_mm"] = float(rng.choice([0.5, 1.0, 1.5, 2.0]))
+            chain["screw_phase"] = truth["phase"] = float(rng.uniform(0, 2 * np.pi))
+        if name == "lint":
+            chain["lint_force"] = truth["force_N"] = lu(0.002, 0.02)
+        if name == "poroelastic":
+            chain["poroelastic_time"] = truth["time_at_4_mm_s"] = lu(2.0, 60.0)
+        if name == "tear":
+            chain["tear_depth"] = truth["depth_mm"] = float(rng.uniform(4.1, 5.2))
+        if name == "recovery":
+            chain["recovery_time"] = truth["time_s"] = lu(60.0, 400.0)
+            chain["recovery_rests"] = truth["rests_s"] = [lu(20.0, 900.0) for _ in range(11)]
+        if name == "collar":
+            chain["collar_depth"] = truth["depth_mm"] = float(rng.uniform(2.5, 4.5))
     return {"name": name, "size": size, "truth": truth, "model": model, "chain": chain}

@@ -18,6 +18,8 @@ SPEED = 0.5  # mm/s
 DEEP = 5.5
 MARKS = np.arange(-30.0, 31.0, 5.0)
 PLACES = {"20_0": (20.0, 0.0), "2.5_2.5": (2.5, 2.5)}
+SEMI_AXES = (60.0, 35.0)  # the second one is that of y and of z
+COLLAR = 2.0  # mm, radius of what holds the ball
 
 
 def plan(deep=DEEP):
@@ -134,12 +136,23 @@ def turned(mechanics, F, place, d):
     return np.column_stack([F[:, :2] + lean * F[:, 2:], F[:, 2]])
 
 
-def true_depth(force, recorded, offset, compliance, scale=1.0):
-    """Solve d - offset + compliance Fz(d) = recorded by bisection (Fz grows with d)."""
+def surface(place):
+    """Height of the unmodified surface below the top, mm, and its steepest slope."""
+    a, c = SEMI_AXES
+    x, y = PLACES.get(place, (0.0, 0.0))
+    z = c * np.sqrt(1 - (x / a) ** 2 - (y / c) ** 2)
+    return c - z, float(np.hypot(c * c * x / (a * a), y) / z)
+
+
+def true_depth(force, recorded, offset, compliance, scale=1.0, lint=0.0, lint_force=1.0):
+    """Solve d - offset + compliance Fz(d) + lint (1 - exp(-Fz(d)/lint_force)) = recorded (Fz grows with d)."""
     low, high = np.full(len(recorded), -1.0), recorded * scale + abs(offset) + 1.0
     for _ in range(45):
         mid = 0.5 * (low + high)
-        value = mid / scale - offset + (compliance * force(mid)[:, 2] if compliance else 0.0)
+        Fz = force(mid)[:, 2] if compliance or lint else np.zeros(len(mid))
+        value = mid / scale - offset + (compliance * Fz if compliance else 0.0)
+        if lint:
+            value = value + lint * (1 - np.exp(-Fz / lint_force))
         low, high = np.where(value < recorded, mid, low), np.where(value < recorded, high, mid)
     return 0.5 * (low + high)
 
@@ -161,6 +174,8 @@ def clean_test(mechanics, mu, test, index, chain, clock):
     source = "2.5_2.5" if chain.get("swapped_file") and place == "20_0" else source
     stiff = 1 + chain.get("temperature", 0.0) * (clock + t) / 1500.0
     scale = 1 + chain.get("depth_scale", 0.0)
+    travel = grid + screw_error(grid, place, chain) if "screw_error" in chain else grid
+    lint = chain.get("lint", 0.0), chain.get("lint_force", 1.0)
     F, true = np.zeros((len(grid), 3)), np.zeros(len(grid))
     for branch, mask in (("load", down), ("unload", ~down)):
         if not mask.any():
@@ -177,11 +192,24 @@ def clean_test(mechanics, mu, test, index, chain, clock):
         extra = 0.0
         if branch == "unload":
             extra = -chain.get("backlash", 0.0) - chain.get("set", 0.0) * 4.0 * (index == 0)
-        true[mask] = true_depth(force, grid[mask], offset + extra, compliance, scale)
+        true[mask] = true_depth(force, travel[mask], offset + extra, compliance, scale, *lint)
         F[mask] = force(true[mask])
     if "stick_slip" in chain:
         phase = (true / chain["stick_slip_period"]) % 1.0
         F = F * (1 - chain["stick_slip"] * (phase - 0.5))[:, None]
+    if "tear" in chain:
+        F = F * intact(name, place, true, chain)[:, None]
+    if "recovery" in chain:
+        F = F * recovered(index, place, chain)
+    if "collar" in chain:
+        F = F * collar(place, true, chain)[:, None]
+    if "poroelastic" in chain:
+        F = F + overstress(t, true, F, chain["poroelastic"], chain["poroelastic_time"])
+        F = np.where(F[:, 2:] < 0, 0.0, F)  # the sphere lifts off
+    if "parallel_spring" in chain:
+        F[:, 2] = F[:, 2] + chain["parallel_spring"] * grid
+    if "cell_hysteresis" in chain:
+        F[:, 2] = F[:, 2] + cell_loop(F[:, 2], down, chain["cell_hysteresis"])
     if "nonlinear_cell" in chain:
         F[:, 2] = F[:, 2] + chain["nonlinear_cell"] * F[:, 2] ** 2
     if "lag" in chain:
@@ -195,6 +223,55 @@ def clean_test(mechanics, mu, test, index, chain, clock):
     F[:, 1] += chain.get("cross_y", 0.0) * Fz
     F[:, 2] = chain.get("gain", 1.0) * Fz + chain.get("bias", 0.0) + chain.get("drift", 0.0) * t
     return t, grid, F, true
+
+
+def screw_error(depth, place, chain):
+    """True less recorded travel of a screw whose error is a sine of its position, the same on the way back.
+
+    The position is that of the machine: the surface beside the top is lower, so contact is at another phase there.
+    """
+    turn = 2 * np.pi / chain["screw_pitch"]
+    contact = turn * surface(place)[0] + chain["screw_phase"]
+    return chain["screw_error"] * (np.sin(contact + turn * depth) - np.sin(contact))
+
+
+def intact(name, place, true, chain):
+    """Share of the force that a tear in the deep run leaves: at once beyond its depth, for good within its reach."""
+    if name == "mp_deep":
+        return 1 - chain["tear"] * (true > chain["tear_depth"])
+    return np.full(len(true), 1 - (0.6 * chain["tear"] if place == "2.5_2.5" else 0.0))
+
+
+def recovered(index, place, chain):
+    """Share of the force that is back after the rest before a test; the place far away has not been touched before."""
+    reach = {"top": 1.0, "2.5_2.5": 0.6, "20_0": 0.0}[place] * (index > 0)
+    return 1 - chain["recovery"] * reach * np.exp(-chain["recovery_rests"][index] / chain["recovery_time"])
+
+
+def collar(place, true, chain):
+    """Factor on the force once the ball's holder touches: like a second ball; on a slope its upper side is first."""
+    beyond = np.maximum(true - chain["collar_depth"] + COLLAR * surface(place)[1], 0.0)
+    return 1 + chain["collar"] * beyond**1.5
+
+
+def overstress(t, true, F, share, time):
+    """ds/dt = share dF/dt - s/tau, tau = time d/4 mm (contact area over diffusivity), s(0) = 0; F is the drained force.
+
+    Exact for F linear and d constant between the samples. share is 1 - 2 nu of the drained solid.
+    """
+    s = [np.zeros(F.shape[1])]
+    for k in range(1, len(t)):
+        h, tau = t[k] - t[k - 1], max(time * 0.5 * (true[k] + true[k - 1]) / 4.0, 1e-9)
+        left = np.exp(-h / tau)
+        s.append(s[-1] * left + share * (F[k] - F[k - 1]) * tau / h * (1 - left))
+    return np.array(s)
+
+
+def cell_loop(Fz, down, share):
+    """What a cell with hysteresis shows too much on the way back: share of the peak at half of it, 0 at both ends."""
+    peak = max(Fz.max(), 1e-12)
+    x = np.clip(Fz / peak, 0, 1)
+    return np.where(down, 0.0, share * peak * 4 * x * (1 - x))
 
 
 def lagged(t, F, tau, sub=40):

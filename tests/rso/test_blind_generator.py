@@ -4,6 +4,7 @@ import ast
 import hashlib
 import importlib
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 FOLDER = Path(__file__).parents[2] / "benchmarks" / "blind"
+README = (FOLDER / "README.md").read_text().split("\n")
 NAMES = ("catalogue", "library", "experiment", "generate", "score")
 
 
@@ -176,3 +178,194 @@ def test_every_effect_can_be_drawn_and_answered(blind):
         assert json.loads(json.dumps(effect)) == effect
         if name in blind.catalogue.FREE:
             assert not effect["model"]
+
+
+KINDS = {  # outside kinds added before the eighth round: range of the size, and an example of their other numbers
+    "screw_error": (0.005, 0.08, {"screw_pitch": 1.5, "screw_phase": 0.7}),
+    "lint": (0.03, 0.5, {"lint_force": 0.004}),
+    "parallel_spring": (1e-3, 6e-2, {}),
+    "poroelastic": (0.01, 0.4, {"poroelastic_time": 10.0}),
+    "tear": (0.005, 0.3, {"tear_depth": 4.75}),
+    "cell_hysteresis": (0.003, 0.08, {}),
+    "recovery": (0.02, 0.3, {"recovery_time": 100.0, "recovery_rests": [30.0 * (k + 1) for k in range(11)]}),
+    "collar": (0.003, 0.3, {"collar_depth": 3.05}),
+}
+OTHER = {  # ranges of the other numbers
+    "screw_pitch": (0.5, 2.0),
+    "screw_phase": (0.0, 2 * np.pi),
+    "lint_force": (0.002, 0.02),
+    "poroelastic_time": (2.0, 60.0),
+    "tear_depth": (4.1, 5.2),
+    "recovery_time": (60.0, 400.0),
+    "recovery_rests": (20.0, 900.0),
+    "collar_depth": (2.5, 4.5),
+}
+TOP = {"mp_load", "mp_cycle_10", "mp_cycle_30", "mp_cycle_100", "mp_deep"}
+POINTS = {"point_2.5_2.5", "point_20_0"}
+TOUCHED = {
+    **dict.fromkeys(("screw_error", "lint"), TOP | POINTS | {"profile"}),
+    **dict.fromkeys(("parallel_spring", "poroelastic", "collar"), TOP | POINTS),
+    "tear": {"mp_deep", "point_2.5_2.5"},
+    "cell_hysteresis": {"mp_cycle_10", "mp_cycle_30", "mp_cycle_100"},
+    "recovery": TOP | {"point_2.5_2.5"},
+}
+MU, MU_D1 = 0.009, 0.13
+
+
+def clean(blind, kind=None, size=0.0, **other):
+    """Noise-free records {(test, repeat): (t, depth, F, true)} with one outside kind of this size."""
+    chain = {kind: size, **KINDS[kind][2], **other} if kind else {}
+    return {test[:2]: record for test, record in blind.experiment.clean(blind.experiment.Mechanics(MU_D1), MU, chain)}
+
+
+def files(blind, folder, kind=None, size=0.0):
+    """Text of all files written with one outside kind of this size and always the same noise."""
+    chain = {kind: size, **KINDS[kind][2]} if kind else {}
+    noise = {**blind.generate.NOMINAL["noise"], "rho": 0.5, "jitter_mm": 0.01}
+    mechanics, rng = blind.experiment.Mechanics(MU_D1), np.random.default_rng(5)
+    blind.experiment.write(folder, mechanics, MU, chain, rng, noise, blind.generate.NOMINAL)
+    return {p.stem: p.read_text() for p in folder.glob("*.csv")}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_outside_kind_of_size_0_changes_nothing(blind, tmp_path, kind):
+    plain = clean(blind)
+    for key, record in clean(blind, kind, 0.0).items():
+        assert all(np.array_equal(a, b) for a, b in zip(record, plain[key], strict=True)), key
+    assert files(blind, tmp_path / "zero", kind, 0.0) == files(blind, tmp_path / "plain")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_outside_kind_touches_its_files_and_no_other(blind, tmp_path, kind):
+    plain, found = files(blind, tmp_path / "plain"), files(blind, tmp_path / "found", kind, KINDS[kind][1])
+    assert {name for name in plain if plain[name] != found[name]} == TOUCHED[kind]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_sizes_of_an_outside_kind_fill_their_range_evenly_in_the_logarithm(blind, kind):
+    rng, (low, high, other) = np.random.default_rng(2), KINDS[kind]
+    drawn = [blind.catalogue.draw(kind, rng) for _ in range(400)]
+    place = np.log(np.array([d["size"] for d in drawn]) / low) / np.log(high / low)
+    assert place.min() >= 0 and place.max() <= 1
+    assert np.abs(np.sort(place) - (np.arange(400) + 0.5) / 400).max() < 0.0975  # Kolmogorov, 0.1 %: 1.95/sqrt(400)
+    for name in other:
+        values, (least, most) = np.array([d["chain"][name] for d in drawn]), OTHER[name]
+        assert least <= values.min() < min(least + 0.03 * (most - least), 1.15 * least or 1.0)
+        assert 0.97 * most < values.max() <= most
+    assert set(drawn[0]["chain"]) == {kind, *other} and len(drawn[0]["truth"]) == 1 + len(other)
+
+
+def test_screw_error_repeats_with_the_position_of_the_machine(blind):
+    size, pitch, phase = 0.05, 1.5, 0.7
+    found = clean(blind, "screw_error", size)
+    for (name, _), (_, h, F, true) in found.items():
+        lower = 35 * (1 - np.sqrt(8) / 3) if name == "point_20_0" else 0.0  # z of the ellipsoid at x = 20 of 60 mm
+        if name == "point_2.5_2.5":
+            lower = 35 * (1 - np.sqrt(1 - (2.5 / 60) ** 2 - (2.5 / 35) ** 2))
+        start = 2 * np.pi * lower / pitch + phase
+        error = size * (np.sin(start + 2 * np.pi * h / pitch) - np.sin(start))
+        np.testing.assert_allclose(true - h, error, rtol=0, atol=1e-10)
+        if name == "mp_load":
+            null = blind.experiment.Mechanics(MU_D1).null("top", true) * MU
+            np.testing.assert_allclose(F, null, rtol=0, atol=1e-12)
+            assert abs(error[::15]).max() < 1e-12 < 0.05 < np.ptp(error)  # nothing after whole turns
+
+
+def test_lint_lets_go_first_and_only_shifts_later(blind):
+    size, soft, plain = 0.3, 0.004, clean(blind)
+    for key, (_, h, F, true) in clean(blind, "lint", size).items():
+        np.testing.assert_allclose(h - true, size * (1 - np.exp(-F[:, 2] / soft)), rtol=0, atol=1e-10)
+        late = h > 2.0
+        np.testing.assert_allclose(true[late], h[late] - size, rtol=0, atol=1e-6)  # parallel
+        early = (h > 0) & (h < 0.35)
+        assert (F[early, 2] < 0.6 * plain[key][2][early, 2]).all() and early.any()
+
+
+def test_a_parallel_spring_adds_what_the_travel_asks_for(blind):
+    plain = clean(blind)
+    for key, (_, h, F, true) in clean(blind, "parallel_spring", 0.02).items():
+        np.testing.assert_allclose(F - plain[key][2], np.outer(h, [0, 0, 0.02]), rtol=0, atol=1e-15)
+        np.testing.assert_array_equal(true, plain[key][3])
+
+
+def test_overstress_of_water_takes_longer_the_deeper(blind):
+    t = np.linspace(0, 30, 61)
+    for depth in (1.0, 2.0, 4.0):
+        tau = 8.0 * depth / 4.0
+        s = blind.experiment.overstress(t, np.full(61, depth), np.outer(t, [0.0, 0.1, 1.0]), 0.3, 8.0)
+        exact = 0.3 * tau * (1 - np.exp(-t / tau))  # of a ramp
+        np.testing.assert_allclose(s, np.outer(exact, [0.0, 0.1, 1.0]), rtol=1e-12, atol=1e-14)
+
+
+def test_poroelastic_forces_are_larger_the_faster_and_never_pull(blind):
+    plain, found = clean(blind), clean(blind, "poroelastic", 0.4)
+    ratio = [found[(f"mp_cycle_{v}", 0)][2][1:40, 2] / plain[(f"mp_cycle_{v}", 0)][2][1:40, 2] for v in (10, 30, 100)]
+    assert (np.diff([1 + 0 * ratio[0], *ratio, 1.4 + 0 * ratio[0]], axis=0) > 0).all()  # drained < ... < undrained
+    for v in (10, 30, 100):
+        F, base = found[(f"mp_cycle_{v}", 0)][2], plain[(f"mp_cycle_{v}", 0)][2]
+        assert (F[:, 2] >= 0).all() and (F[-10:-1, 2] < base[-10:-1, 2]).all()
+    fast, base = found[("mp_cycle_100", 0)][2], plain[("mp_cycle_100", 0)][2]
+    assert (fast[-8:-1, 2] == 0).any() and (base[-8:-1, 2] > 0).all()  # the sphere lifts off before the way is back
+
+
+def test_a_tear_opens_at_once_and_stays(blind):
+    plain, found = clean(blind), clean(blind, "tear", 0.2)
+    ratio = {key: found[key][2][1:, 2] / plain[key][2][1:, 2] for key in (("mp_deep", 0), ("point_2.5_2.5", 0))}
+    deep = np.where(plain[("mp_deep", 0)][1][1:] > 4.75, 0.8, 1.0)
+    np.testing.assert_allclose(ratio[("mp_deep", 0)], deep, rtol=1e-12)
+    np.testing.assert_allclose(ratio[("point_2.5_2.5", 0)], 1 - 0.6 * 0.2, rtol=1e-12)
+    side = found[("point_2.5_2.5", 0)][2][1:] / plain[("point_2.5_2.5", 0)][2][1:]
+    np.testing.assert_allclose(side, 0.88, rtol=1e-12)  # all channels alike
+
+
+def test_the_loop_of_a_cell_is_closed_and_knows_no_speed(blind):
+    plain, found, size = clean(blind), clean(blind, "cell_hysteresis", 0.05), 0.05
+    loops = [found[(f"mp_cycle_{v}", 0)][2] - plain[(f"mp_cycle_{v}", 0)][2] for v in (10, 30, 100)]
+    np.testing.assert_array_equal(loops[0], loops[1])
+    np.testing.assert_array_equal(loops[0], loops[2])
+    F = plain[("mp_cycle_10", 0)][2][:, 2]
+    loop, peak = loops[0][:, 2], F.max()
+    assert (loops[0][:, :2] == 0).all() and (loop[:41] == 0).all() and loop[-1] == 0 and (loop[41:-1] > 0).all()
+    np.testing.assert_allclose(loop[41:], 4 * size * F[41:] * (1 - F[41:] / peak), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(loop.max(), size * peak, rtol=2e-3)  # a reading near half of the peak
+    down = np.arange(81) <= 40
+    double = blind.experiment.cell_loop(2 * F, down, size)
+    np.testing.assert_allclose(double, 2 * blind.experiment.cell_loop(F, down, size), rtol=1e-12)  # with the peak
+
+
+def test_what_has_not_recovered_is_softer_by_the_rest_before(blind):
+    plain, found = clean(blind), clean(blind, "recovery", 0.3)
+    for k, key in enumerate(plain):  # 11 tests in the order they are done; the rest before test k is 30 (k + 1) s
+        reach = {"point_2.5_2.5": 0.6, "point_20_0": 0.0}.get(key[0], 1.0) if k else 0.0
+        expected = 1 - 0.3 * reach * np.exp(-30.0 * (k + 1) / 100.0)
+        np.testing.assert_allclose(found[key][2], plain[key][2] * expected, rtol=1e-12, atol=0)
+    assert len(plain) == 11 and next(iter(plain)) == ("mp_load", 1)
+
+
+def test_a_collar_touches_late_and_on_a_slope_earlier(blind):
+    plain, found = clean(blind), clean(blind, "collar", 0.2)
+    slope = {"point_20_0": 35**2 * 20 / 60**2 / (35 * np.sqrt(8) / 3)}
+    z = 35 * np.sqrt(1 - (2.5 / 60) ** 2 - (2.5 / 35) ** 2)
+    slope["point_2.5_2.5"] = np.hypot(35**2 * 2.5 / 60**2, 2.5) / z
+    for key, (_, h, F, _) in found.items():
+        touch = 3.05 - 2.0 * slope.get(key[0], 0.0)
+        factor = 1 + 0.2 * np.where(h > touch, np.abs(h - touch), 0.0) ** 1.5
+        np.testing.assert_allclose(F, plain[key][2] * factor[:, None], rtol=1e-9, atol=0)
+        assert (factor[h < 2.6] == 1).all() and factor.max() > 1.1
+    late = clean(blind, "collar", 0.2, collar_depth=4.45)
+    assert [k for k in late if not np.array_equal(late[k][2], plain[k][2])] == [("mp_deep", 0)]
+
+
+def names(cell):
+    """Names of a table's cell, without what stands in parentheses after a blank, except a place."""
+    plain = re.sub(r"(?<! at) \([^)]*\)", "", cell).strip()
+    return set() if plain == "-" else set(re.split(r", (?![^(]*\))", plain))
+
+
+def test_verdicts_of_outside_kinds_are_published(blind):
+    rows = [[c.strip() for c in line.strip("| ").split(" | ")] for line in README if line.startswith("|")]
+    published = {row[0].split(":")[0]: row[-2:] for row in rows if ":" in row[0] and len(row) in (3, 4)}
+    assert set(published) == set(blind.catalogue.OUTSIDE) and set(KINDS) < set(published)
+    for kind, (verdicts, causes) in blind.catalogue.OUTSIDE.items():
+        assert (names(published[kind][0]), names(published[kind][1])) == (set(verdicts), set(causes)), kind
+        assert {"unexplained", "partly"} <= set(verdicts)
