@@ -202,7 +202,8 @@ def allowed(case, size, visible=4.0):
         return {"verdicts": ["no_gap"], "causes": []}
     if case["kind"] == "outside":
         verdicts, causes = catalogue.OUTSIDE[case["effects"][0]["name"]]
-        verdicts, causes = list(verdicts), list(causes)
+        listed = list(catalogue.LISTED.get(case["effects"][0]["name"], ()))
+        verdicts, causes = list(verdicts), [*causes, *(c for c in listed if c not in causes)]
     else:
         names = [e["name"] for e in case["effects"]]
         causes = sorted(set().union(*(catalogue.ANSWERS[n] for n in names)))
@@ -215,7 +216,7 @@ def allowed(case, size, visible=4.0):
             verdicts.append("measurement")
     if size < visible:
         verdicts.append("no_gap")
-    return {"verdicts": verdicts, "causes": causes}
+    return {"verdicts": verdicts, "causes": causes, **({"listed": listed} if case["kind"] == "outside" else {})}
 
 
 def cost(case):

@@ -14,7 +14,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from catalogue import ANSWERS, SINGLE
+from catalogue import ANSWERS, LISTED, SINGLE
 from scipy.optimize import minimize
 from scipy.stats import beta
 
@@ -72,15 +72,24 @@ def read(cases, answers):
             raise ValueError(f"{name}: the sealed truth does not match its published hash")
         path = answers / f"{name}.json"
         answer = json.loads(path.read_text()) if path.exists() else None
-        pairs.append((json.loads(blob), by_cause(answer.get("diagnosis", answer)) if answer else None))
+        pairs.append((json.loads(blob), passed(answer.get("diagnosis", answer)) if answer else None))
     return pairs
 
 
-def by_cause(diagnosis):
-    """The answer with forms of one cause under the name of the catalogue (a filter and a delay are both a lag)."""
-    known = set().union(*ANSWERS.values())
+def passed(diagnosis):
+    """The answer as it is scored: by cause, and with exact names beside."""
+    return {**by_cause(diagnosis), "exact": by_cause(diagnosis, exact=True)}
+
+
+def by_cause(diagnosis, exact=False):
+    """The answer with forms of one cause under the name of the catalogue (a filter and a delay are both a lag).
+
+    exact: names with a place, and those of `catalogue.LISTED`, stay as they were given.
+    """
+    known, listed = (set().union(*names.values()) for names in (ANSWERS, LISTED))
     names = {c["effect"]: c["cause"] for c in diagnosis.get("causes") or []
-             if c["effect"] not in known and c.get("cause") in known}  # fmt: skip
+             if c["effect"] not in known and c.get("cause") in known
+             and not (exact and (c["effect"] in listed or " at (" in c["effect"]))}  # fmt: skip
     found = [{**c, "effect": names.get(c["effect"], c["effect"])} for c in diagnosis.get("causes") or []]
     groups = [g if isinstance(g, str) else [names.get(n, n) for n in g] for g in diagnosis.get("ambiguous_with") or []]
     return {**diagnosis, "causes": found, "ambiguous_with": groups}
@@ -181,9 +190,16 @@ def right_place(truth, diagnosis, count=2):
     return any(e == a and c == b for e, c in named for a, b in true)
 
 
+def as_asked(truth, diagnosis):
+    """The answer with exact names where the truth holds names in a catalogue (out of catalogue, from round 8 on)."""
+    return diagnosis.get("exact", diagnosis) if "listed" in truth["allowed"] else diagnosis
+
+
 def acceptable(truth, diagnosis):
     """Whether the verdict is among those published in advance for this truth."""
-    allowed = truth["allowed"]
+    allowed, diagnosis = truth["allowed"], as_asked(truth, diagnosis)
+    if diagnosis["verdict"] in ALONE and top(diagnosis) in allowed.get("listed", ()):
+        return True
     if diagnosis["verdict"] == "explained":
         return top(diagnosis) in allowed["causes"]
     if diagnosis["verdict"] == "ambiguous" and allowed["causes"] and named_set(diagnosis) & set(allowed["causes"]):
@@ -197,6 +213,7 @@ def figures(pairs, classes=()):
     kind = {k: [(t, d) for t, d in pairs if t["kind"] == k] for k in ("null", "single", "pair", "outside")}
     gap = lambda d: d["verdict"] != "no_gap"  # noqa: E731
     single = kind["single"]
+    unlisted = [(t, d) for t, d in kind["outside"] if not t["allowed"].get("listed")]
     limit = limit_of_detection([t["signal"] for t, _ in single], [gap(d) for _, d in single])
     strong = [(t, d) for t, d in single if t["signal"] >= (3 * limit if limit else 3 * VISIBLE)]
     seen = [(t, d) for t, d in single if t["signal"] >= VISIBLE and gap(d)]
@@ -227,6 +244,8 @@ def figures(pairs, classes=()):
         "pairs_allowed": rate([acceptable(t, d) for t, d in kind["pair"]]),
         "outside_allowed": rate([acceptable(t, d) for t, d in kind["outside"]]),
         "outside_confidently_wrong": rate([confidently_wrong(t, d) for t, d in kind["outside"]]),
+        "unlisted_allowed": rate([acceptable(t, d) for t, d in unlisted]),
+        "unlisted_confidently_wrong": rate([confidently_wrong(t, d) for t, d in unlisted]),
         "single_confidently_wrong": rate([confidently_wrong(t, d) for t, d in single]),
         "right_place": rate([right_place(t, d) for t, d in seen if t.get("where")]),
         "interval_covers": rate(cover),
@@ -253,7 +272,7 @@ def confidently_wrong(truth, diagnosis):
     """'explained' with probability above CONFIDENT and a cause that is neither true nor allowed."""
     if diagnosis["verdict"] != "explained" or not causes(diagnosis):
         return False
-    leader = causes(diagnosis)[0]
+    leader = causes(as_asked(truth, diagnosis))[0]
     return leader["effect"] not in truth["allowed"]["causes"] and (leader.get("probability") or 0) > CONFIDENT
 
 

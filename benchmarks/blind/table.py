@@ -22,6 +22,8 @@ ROWS = {
     "pairs_one_named": ("pairs: one of both named", ""),
     "outside_allowed": ("out of catalogue: verdict allowed", "≥ 90 %"),
     "outside_confidently_wrong": ("out of catalogue: confidently wrong", "≤ 3 %"),
+    "unlisted_allowed": ("the same, without kinds that a catalogue holds by then: allowed", ""),
+    "unlisted_confidently_wrong": ("the same: confidently wrong", ""),
     "right_place": ("right region among the first two", "≥ 90 %"),
     "interval_covers": ("90 % interval of the size holds the truth", "85–95 %"),
     "mu_held_before": ("μ within 1 % or its interval, base model", ""),

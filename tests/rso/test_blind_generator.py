@@ -369,3 +369,75 @@ def test_verdicts_of_outside_kinds_are_published(blind):
     for kind, (verdicts, causes) in blind.catalogue.OUTSIDE.items():
         assert (names(published[kind][0]), names(published[kind][1])) == (set(verdicts), set(causes)), kind
         assert {"unexplained", "partly"} <= set(verdicts)
+    also = {row[0]: names(row[1]) for row in rows if len(row) == 2 and row[0] in blind.catalogue.OUTSIDE}
+    assert also == {kind: set(listed) for kind, listed in blind.catalogue.LISTED.items()}
+
+
+def sealed(blind, kind, size=20.0):
+    """Truth of an outside case as far as verdicts go."""
+    case = {"kind": "outside", "effects": [{"name": kind}]}
+    return {"kind": "outside", "effects": [{"name": kind}], "allowed": blind.generate.allowed(case, size)}
+
+
+def judged(blind, truth, verdict, effect, cause=None, group=()):
+    """(allowed, confidently wrong) of an answer as `score.read` passes it on."""
+    found = answer(verdict, effect)["diagnosis"]
+    found["causes"][0].update({"cause": cause} if cause else {})
+    found["ambiguous_with"] = [list(group)] if group else []
+    passed = blind.score.passed(found)
+    return blind.score.acceptable(truth, passed), blind.score.confidently_wrong(truth, passed)
+
+
+@pytest.mark.parametrize(
+    ("kind", "effect", "cause"),
+    [
+        ("temperature", "ageing", None),
+        ("temperature", "ageing", "drift"),
+        ("wrong_point", "offset_x", None),
+        ("wrong_point", "offset_x at (20, 0)", "offset_x"),
+        ("rocking", "compliance at (20, 0)", "compliance"),
+        ("rocking", "compliance", None),
+        ("set", "permanent_set", "offset"),
+        ("backlash", "backlash", None),
+    ],
+)
+def test_names_that_are_in_the_catalogue_by_now_count_alone(blind, kind, effect, cause):
+    truth = sealed(blind, kind)
+    for verdict in ("explained", "measurement"):
+        assert judged(blind, truth, verdict, effect, cause) == (True, False)
+    assert judged(blind, truth, "ambiguous", effect, cause, [effect, "bowl"]) == (True, False)
+    assert judged(blind, truth, "explained", "friction") == (False, True)
+    before = {**truth, "allowed": {"verdicts": ["unexplained", "partly"], "causes": []}}  # sealed in an earlier round
+    assert judged(blind, before, "explained", effect, cause) == (False, True)
+    assert judged(blind, before, "measurement", effect, cause) == (False, False)
+
+
+def test_a_name_with_another_place_does_not_count(blind):
+    assert judged(blind, sealed(blind, "rocking"), "explained", "compliance at (2.5, 2.5)", "compliance") == (
+        False,
+        True,
+    )
+    assert not judged(blind, sealed(blind, "set"), "measurement", "offset")[
+        0
+    ]  # measurement is for the listed name only
+    assert not judged(blind, sealed(blind, "temperature"), "measurement", "gain")[0]  # as in the rounds before
+    assert judged(blind, sealed(blind, "clipping"), "measurement", "gain")[0]
+
+
+def test_figures_without_the_kinds_a_catalogue_holds(blind, round_of_cases, tmp_path):
+    pairs = blind.score.read(round_of_cases, tmp_path)
+    by = {
+        "backlash": ("explained", "backlash"),
+        "clipping": ("explained", "gain"),
+        "swapped_file": ("partly", "tilt_x"),
+    }
+    told = [(t, by[t["effects"][0]["name"]]) for t, _ in pairs if t["kind"] == "outside"]
+    told = [(t, blind.score.passed(answer(*words)["diagnosis"])) for t, words in told]
+    figures = blind.score.figures(told)
+    assert [(figures[k]["k"], figures[k]["n"]) for k in ("outside_allowed", "unlisted_allowed")] == [(2, 3), (1, 2)]
+    wrong = [figures[f"{k}_confidently_wrong"] for k in ("outside", "unlisted")]
+    assert [(w["k"], w["n"]) for w in wrong] == [(1, 3), (1, 2)]
+    for t, _ in told:
+        t["allowed"].pop("listed")  # as sealed in earlier rounds: nothing is in a catalogue
+    figures = blind.score.figures(told)
+    assert figures["unlisted_allowed"] == figures["outside_allowed"]
