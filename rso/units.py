@@ -32,6 +32,8 @@ COLUMNS = MappingProxyType(
     }
 )
 BARE_COLUMNS = ("repeat", "segment")
+COLUMN_NAMES = (*COLUMNS, *(f"{name}_sigma" for name in COLUMNS), *BARE_COLUMNS)
+UNITS = MappingProxyType({"mm": "mm, um, m, inch", "s": "s, ms, min", "N": "N, mN, kN, gf, lbf"})  # of each kind, some
 
 _EXAMPLES = {
     "MPa": '0.0032, "3.2 kPa" or "3200 Pa"',
@@ -48,6 +50,9 @@ _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)(.*)", 
 _FACTOR = r"(?:1|%|‰|[A-Za-zµμΩ°]+)(?:(?:\*\*|\^)-?[1-9]|[²³])?"
 _UNIT = re.compile(rf"{_FACTOR}(?:\s*[*·/ ]\s*{_FACTOR})*")
 _HEADER = re.compile(r"([A-Za-z]+)(_sigma)?_([^\s_]+)")
+_ENDING = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|/\s*([^\s/()\[\]]+))", re.DOTALL)
+_LOW_LINE = re.compile(r".*_([^\s_]+)", re.DOTALL)
+_LOWER = MappingProxyType({name.lower(): name for name in COLUMN_NAMES})
 _LONGEST = 80
 
 
@@ -59,8 +64,8 @@ def _registry() -> pint.UnitRegistry:
 
 
 @functools.lru_cache(maxsize=256)
-def factor(unit: str, base: str) -> Fraction:
-    """How many `base` one `unit` is, exactly; ValueError if `unit` is unknown or of another dimension."""
+def _scale(unit: str) -> tuple[Fraction, pint.util.UnitsContainer]:
+    """A unit in base units of its kind, exactly, and its kind; ValueError if there is no such unit."""
     import pint
 
     registry = _registry()
@@ -74,10 +79,25 @@ def factor(unit: str, base: str) -> Fraction:
         scale, dimension = registry.get_base_units(registry.parse_units(written))
     except (pint.PintError, AttributeError, TypeError, SyntaxError) as error:
         raise ValueError(f"{written!r} is not a known unit") from error
-    base_scale, base_dimension = registry.get_base_units(registry.parse_units("dimensionless" if base == "1" else base))
+    return Fraction(scale), dimension
+
+
+@functools.lru_cache(maxsize=256)
+def factor(unit: str, base: str) -> Fraction:
+    """How many `base` one `unit` is, exactly; ValueError if `unit` is unknown or of another dimension."""
+    scale, dimension = _scale(unit)
+    base_scale, base_dimension = _scale("dimensionless" if base == "1" else base)
     if dimension != base_dimension:
-        raise ValueError(f"{written!r} is not a unit of the kind {base!r}")
-    return Fraction(scale) / Fraction(base_scale)
+        raise ValueError(f"{unit.strip()!r} is not a unit of the kind {base!r}")
+    return scale / base_scale
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit that numbers alone do not have."""
+    try:
+        return _scale(text)[1] != _scale("dimensionless")[1]
+    except ValueError:
+        return False
 
 
 def quantity(value: str | float, unit: str) -> float:
@@ -120,26 +140,63 @@ def quantity(value: str | float, unit: str) -> float:
 def header(text: str) -> tuple[str, str]:
     """Column header → (name, unit as written): ``"depth_mm"`` → ``("depth", "mm")``; `repeat`, `segment` have no unit.
 
+    ``"Depth [mm]"``, ``"depth (mm)"`` and ``"depth/mm"`` say the same, in capitals or not.
     ``"Fz_sigma_mN"`` → ``("Fz_sigma", "mN")`` is the stated standard uncertainty of each reading of Fz.
     Raises ValueError listing what is understood.
     """
-    name = text.strip()
-    if name in BARE_COLUMNS:
-        return name, ""
-    understood = (
-        f"understood are {', '.join(f'{k}_{u}' for k, u in COLUMNS.items())} (or another unit of the same kind)"
-    )
-    understood += f", Fz_sigma_N and its like for stated uncertainties, and {', '.join(BARE_COLUMNS)} without unit"
-    match = _HEADER.fullmatch(name)
-    if match is None or match[1] not in COLUMNS:
-        raise ValueError(f"unknown column {name[:_LONGEST]!r}; {understood}")
+    written = text.strip()
+    if written.lower() in BARE_COLUMNS:
+        return written.lower(), ""
+    low_line, ending = _HEADER.fullmatch(written), _ending(written)
+    name, unit = None, ""
+    if low_line and low_line[1] in COLUMNS:
+        name, unit = low_line[1] + (low_line[2] or ""), low_line[3]
+    elif ending:
+        name, unit = _LOWER.get(ending[0].lower()), ending[1]
+    if name is None or name in BARE_COLUMNS:
+        what = "column {} has no unit" if written.lower() in _LOWER else "unknown column {}"
+        raise ValueError(f"{what.format(repr(written[:_LONGEST]))}; {_understood()}")
     try:
-        factor(match[3], COLUMNS[match[1]])
+        factor(unit, kind_of(name))
     except ValueError as error:
-        raise ValueError(f"column {name[:_LONGEST]!r}: {error}; {understood}") from error
-    return match[1] + (match[2] or ""), match[3]
+        raise ValueError(f"column {written[:_LONGEST]!r}: {error}; {_understood()}") from error
+    return name, unit
+
+
+def _understood() -> str:
+    columns = ", ".join(f"{k}_{u}" for k, u in COLUMNS.items())
+    return (
+        f"understood are {columns} (or another unit of the same kind), Fz_sigma_N and its like for stated "
+        f"uncertainties, and {', '.join(BARE_COLUMNS)} without unit"
+    )
+
+
+def _ending(text: str) -> tuple[str, str] | None:
+    """``"Weg [mm]"``, ``"Weg (mm)"`` or ``"Weg/mm"`` → ``("Weg", "mm")``."""
+    match = _ENDING.fullmatch(text) if len(text) <= _LONGEST else None
+    return (match[1], (match[2] or match[3] or match[4] or "").strip()) if match else None
+
+
+def unit_in(text: str, name: str) -> str | None:
+    """The unit that any header says of the column `name`: mm in ``"Weg [mm]"``, None in ``"Weg (Traverse)"``.
+
+    Behind a low line only a unit of the right kind counts: the A of ``"Load_A"`` is a channel, not an ampere.
+    """
+    written = text.strip()
+    if ending := _ending(written):
+        return ending[1] if is_unit(ending[1]) else None
+    match = _LOW_LINE.fullmatch(written)
+    try:
+        return match[1] if match and factor(match[1], kind_of(name)) else None
+    except ValueError:
+        return None
+
+
+def kind_of(name: str) -> str:
+    """The unit behind the door of a column of :func:`header`; empty for those without."""
+    return COLUMNS.get(name.removesuffix("_sigma"), "")
 
 
 def column_factor(name: str, unit: str) -> float:
     """Factor that turns a column of :func:`header` into N, mm, s; 1 for columns without unit."""
-    return 1.0 if name in BARE_COLUMNS else float(factor(unit, COLUMNS[name.removesuffix("_sigma")]))
+    return 1.0 if name in BARE_COLUMNS else float(factor(unit, kind_of(name)))

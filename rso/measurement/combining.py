@@ -76,14 +76,14 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
     the repeats share no depths.
     """
     if channel not in measurement.channels:
-        raise ValueError(f"{measurement.path}: no channel {channel!r}; there are {', '.join(measurement.channels)}")
+        raise ValueError(f"{measurement.where}: no channel {channel!r}; there are {', '.join(measurement.channels)}")
     if measurement.kind == "profile":
         return _combine_profile(measurement, noise, channel)
     measurement = without_spikes(measurement)[0]
     branches = [_branch(r, channel, segment) for r in measurement.repeats if np.any(r.segment == segment)]
     if not branches:
         present = sorted({str(s) for r in measurement.repeats for s in r.segment})
-        raise ValueError(f"{measurement.path}: no segment {segment!r}; there are {', '.join(present)}")
+        raise ValueError(f"{measurement.where}: no segment {segment!r}; there are {', '.join(present)}")
     u = _grid(measurement, [b[0] for b in branches])
     y = np.array([np.interp(u, depth, value) for depth, value, _ in branches])
     stated = np.mean([np.interp(u, depth, sigma) for depth, _, sigma in branches], axis=0)
@@ -138,7 +138,7 @@ def _grid(measurement: Measurement, depths: list[np.ndarray]) -> np.ndarray:
         return first
     low, high = max(d[0] for d in depths), min(d[-1] for d in depths)
     if low >= high:
-        raise ValueError(f"{measurement.path}: the repeats share no range of depths ({low:g} mm against {high:g} mm)")
+        raise ValueError(f"{measurement.where}: the repeats share no range of depths ({low:g} mm against {high:g} mm)")
     return np.linspace(low, high, int(np.median([len(d) for d in depths])))
 
 
@@ -178,7 +178,7 @@ def _combine_profile(measurement: Measurement, noise: Noise, channel: str) -> Me
         tables.append((places[order], repeat.channels[channel][order], stated[order]))
     places = tables[0][0]
     if any(t[0].shape != places.shape or not np.allclose(t[0], places, rtol=0, atol=1e-9) for t in tables):
-        raise ValueError(f"{measurement.path}: the repeats of a profile need the same depths and places")
+        raise ValueError(f"{measurement.where}: the repeats of a profile need the same depths and places")
     y = np.array([t[1] for t in tables])
     stated = np.mean([t[2] for t in tables], axis=0)
     scatter = np.mean(np.var(y, axis=0, ddof=1)) / len(y) if len(y) > 1 else 0.0

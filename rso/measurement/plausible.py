@@ -22,6 +22,7 @@ SKEW = 5.0  # ratio of the largest forces of two repeats to one depth
 LATE = 0.25  # of the deepest travel: a contact this late is remarked upon
 STUCK = 10  # readings at the deepest point that make a rest, where no times are known
 JUMP = 0.05  # of the stroke: a single depth this far out of line is a mistake
+TURN = "turn its sign (flip = true in [columns] of the study, or without it)"
 FLAT = 5  # equal largest readings in a row: a sensor at its end
 
 
@@ -45,7 +46,7 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
         if np.sum(loading) < 3 or np.ptp(depth[loading]) < STROKE * pressed:
             raise ValueError(
                 f"{who}: column 'depth' falls from {depth[0]:g} to {depth[-1]:g} mm and rises hardly anywhere; it must "
-                "grow while the indenter goes deeper, from 0 at contact: turn its sign or subtract its start"
+                f"grow while the indenter goes deeper, from 0 at contact: {TURN} or subtract its start"
             )
         if time is None and (near := _rest(depth)):
             notes.append(
@@ -61,7 +62,7 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
     if end < start - FALLS * span:
         raise ValueError(
             f"{who}: column 'Fz' falls from {start:.3g} to {end:.3g} N while the indenter goes deeper; Fz is the force "
-            "of the specimen on the indenter, positive upwards: turn its sign"
+            f"of the specimen on the indenter, positive upwards: {TURN}"
         )
     if d[0] <= EDGE * d.max():
         if abs(start) > UNTARED * span:
@@ -84,7 +85,7 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
     return notes
 
 
-def alike(path: Path, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> None:
+def alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> None:
     """ValueError where the largest forces of repeats (label, depth, Fz) to about one depth differ by a factor SKEW."""
     deepest = max((float(d.max()) for _, d, _ in repeats), default=0.0)
     ends = []

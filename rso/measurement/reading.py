@@ -1,24 +1,26 @@
-"""Reading a measured CSV file.  Whatever is wrong is a ValueError naming file, line, column, value and choices.
+"""Reading measured CSV files.  Whatever is wrong is a ValueError naming file, line, column, value and choices.
 
-Header: names with units (:func:`rso.units.header`).  Separator: semicolon, tab or comma, whichever the header
-has first in this order; with the first two a decimal comma is understood.  Lines that start with '#' are notes.
+Header: names with units (:func:`rso.units.header`), or what a machine writes there (:class:`rso.measurement.Column`).
+Separator: semicolon, tab or comma, whichever the header has first in this order; with the first two a decimal comma is
+understood.  Lines that start with '#' and lines above the header are notes.
 """
 
 from __future__ import annotations
 
 import io
 import math
+import os
 import re
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NoReturn
+from typing import Literal
 
 import numpy as np
 
 from rso.measurement import plausible
-from rso.units import column_factor, header
+from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head
 
 MAX_BYTES = 200_000_000
 SEGMENTS = ("loading", "hold", "unloading")
@@ -52,13 +54,24 @@ class Repeat:
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """One measured file: its repeats, its notes (comment lines without '#') and what is doubtful about it."""
+    """One measured file, or several of one kind: repeats, notes, what is doubtful and which columns are not read.
+
+    `path` is the file, of several the first, `more` the others.  Notes are comment lines without '#' and what stands
+    above the header.
+    """
 
     path: Path
     kind: Literal["force", "profile"]
     repeats: tuple[Repeat, ...]
     notes: tuple[str, ...]
     doubts: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()
+    more: tuple[Path, ...] = ()
+
+    @property
+    def where(self) -> str:
+        """The files in words, for messages about all of them."""
+        return str(self.path) + (f" and {len(self.more)} more" if self.more else "")
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -76,28 +89,53 @@ class _Table:
     segments: np.ndarray | None
     line: np.ndarray
     notes: tuple[str, ...]
+    unread: tuple[str, ...]
 
 
-def read(path: str | Path) -> Measurement:
-    """Read one measured file; ValueError for everything that is not a clean table of finite numbers."""
-    table = _table(Path(path))
-    kind = _kind(table)
-    order = dict.fromkeys(table.labels.tolist())
-    repeats = tuple(_repeat(table, kind, label) for label in order)
+def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] | None = None) -> Measurement:
+    """Read a measured file, or repeats of one test from several; ValueError for what is no clean table of numbers.
+
+    `columns` says by known name which columns of a machine's file are read; without them its header must say it.  Of
+    several files each holds one repeat, or several by its column `repeat`, and all hold the same columns.
+    """
+    paths = [Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path]
+    if not paths:
+        raise ValueError("a measurement needs at least one file")
+    tables = [_table(p, columns or {}, label) for p, label in zip(paths, _labels(paths), strict=True)]
+    kinds = [_kind(t) for t in tables]
+    for table, kind in zip(tables, kinds, strict=True):
+        if (kind, table.columns.keys()) != (kinds[0], tables[0].columns.keys()):
+            raise ValueError(
+                f"{table.path}: repeats need the same columns; it holds {', '.join(table.columns)}, "
+                f"{paths[0].name} holds {', '.join(tables[0].columns)}"
+            )
+    repeats: list[Repeat] = []
     doubts: list[str] = []
-    for r in repeats if kind == "force" else ():
-        lines, force = table.line[table.labels == r.label], r.channels.get("Fz")
-        given = table.segments is not None
-        doubts += plausible.check(Path(path), r.label, r.depth, r.segment, force, r.time, lines, not given)
-    plausible.alike(Path(path), [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels])
+    for table, kind in zip(tables, kinds, strict=True):
+        for label in dict.fromkeys(table.labels.tolist()):
+            repeats.append(r := _repeat(table, kind, label))
+            if kind == "force":
+                lines, force = table.line[table.labels == label], r.channels.get("Fz")
+                given = table.segments is not None
+                doubts += plausible.check(table.path, label, r.depth, r.segment, force, r.time, lines, not given)
+    notes, unread = (tuple(dict.fromkeys(v for t in tables for v in getattr(t, k))) for k in ("notes", "unread"))
+    m = Measurement(paths[0], kinds[0], tuple(repeats), notes, tuple(doubts), unread, tuple(paths[1:]))
+    plausible.alike(m.where, [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels])
     for repeat in repeats:
-        if len(repeat.depth) == 1 and len(table.line) > 1 and kind == "force":
-            raise ValueError(f"{path}: repeat {repeat.label!r} has too few points (1) to be a curve")
-    return Measurement(Path(path), kind, repeats, table.notes, tuple(doubts))
+        if len(repeat.depth) == 1 and len(repeats) > 1 and m.kind == "force":
+            raise ValueError(f"{m.where}: repeat {repeat.label!r} has too few points (1) to be a curve")
+    return m
 
 
-def _fail(path: Path, line: int, message: str) -> NoReturn:
-    raise ValueError(f"{path}:{line}: {message}")
+def _labels(paths: Sequence[Path]) -> list[str]:
+    """What repeats are called by their file: nothing for a single one, else its stem, or its path where stems agree."""
+    if len(paths) < 2:
+        return [""] * len(paths)
+    whole = [os.path.abspath(p) for p in paths]
+    if twice := [p for k, p in enumerate(paths) if whole[k] in whole[:k]]:
+        raise ValueError(f"{twice[0]}: is listed twice; a repeat counts once")
+    stems = [p.stem for p in paths]
+    return stems if len(set(stems)) == len(stems) else [os.path.relpath(p, os.path.commonpath(whole)) for p in whole]
 
 
 def _text(path: Path) -> str:
@@ -121,50 +159,59 @@ def _text(path: Path) -> str:
         return raw.decode("latin-1")
 
 
-def _table(path: Path) -> _Table:
-    """The file as columns."""
+def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
+    """The file as columns; `file_label` goes before the labels of its repeats."""
     notes: list[str] = []
-    rows = _lines(_text(path), notes)
-    try:
-        top, head = next(rows)
-    except StopIteration:
-        raise ValueError(f"{path}: holds no header line such as depth_mm,Fz_N") from None
-    separator = next((s for s in (";", "\t") if s in head), ",")
-    names, factors = _headers(path, top, head, separator)
-    rows = list(rows)
-    if separator != ",":
-        _no_thousands(path, rows, separator, names)
-    columns = [array("d") for _ in names]
-    text = {name: list[str]() for name in names if name in ("repeat", "segment")}
+    rows = list(_lines(_text(path), notes))
+    if not rows:
+        raise ValueError(f"{path}: holds no header line such as depth_mm,Fz_N")
+    head = find_head(path, rows, wanted)
+    notes += [" ".join(filter(None, cells_of(row, head.separator))) for _, row in rows[: head.above]]
+    rows = rows[head.below :]
+    if head.separator != ",":
+        _no_thousands(path, rows, head)
+    columns = {name: array("d") for name in head.at if name not in ("repeat", "segment")}
+    text = {name: list[str]() for name in head.at if name not in columns}
     line = array("q")
     for number, row in rows:
-        cells = row.split(separator)
-        if len(cells) != len(names):
-            _fail(path, number, f"{len(cells)} values in a table of {len(names)} columns ({head!r})")
+        cells = _cells(path, number, row, head)
         line.append(number)
-        for name, column, cell in zip(names, columns, cells, strict=True):
-            if name in text:
-                text[name].append(cell.strip().strip('"'))
-            else:
-                column.append(_number(path, number, name, cell, decimal_comma=separator != ","))
+        for name, values in text.items():
+            values.append(cells[head.at[name]])
+        for name, column in columns.items():
+            column.append(_number(path, number, name, cells[head.at[name]], decimal_comma=head.separator != ","))
     if not line:
         raise ValueError(f"{path}: too few points: there is no row of numbers below the header")
-    arrays = {n: np.array(c) * f for n, c, f in zip(names, columns, factors, strict=True) if n not in text}
+    # + 0.0: no negative zero where the sign is turned
+    arrays = {name: np.array(column) * head.factor[name] + 0.0 for name, column in columns.items()}
     segments = _segment_column(path, line, text["segment"]) if "segment" in text else None
-    labels = np.array(text.get("repeat", ["1"] * len(line)))
-    return _Table(path, arrays, labels, segments, np.array(line), tuple(notes))
+    own = text.get("repeat", [] if file_label else ["1"] * len(line))
+    labels = [f"{file_label} {label}".strip() for label in own] or [file_label] * len(line)
+    return _Table(path, arrays, np.array(labels), segments, np.array(line), tuple(notes), head.unread)
 
 
-def _no_thousands(path: Path, rows: Sequence[tuple[int, str]], separator: str, names: Sequence[str]) -> None:
+def _cells(path: Path, number: int, row: str, head: Head) -> list[str]:
+    """The cells of a row, as many as the header has."""
+    cells = cells_of(row, head.separator)
+    if len(cells) == len(head.cells) - 1 and head.cells[-1] == "Comment" in head.unread:
+        return cells  # LabVIEW leaves the last cell away where there is no comment
+    if len(cells) != len(head.cells):
+        fail(path, number, f"{len(cells)} values in a table of {len(head.cells)} columns ({head.text!r})")
+    if not head.cells[-1] and cells[-1]:
+        fail(path, number, f"{cells[-1][:40]!r} stands beneath no header ({head.text!r})")
+    return cells
+
+
+def _no_thousands(path: Path, rows: Sequence[Row], head: Head) -> None:
     """ValueError where a comma or point may part thousands and not decimals: 1,250 after 750, or 1.250,5."""
-    numeric = [k for k, name in enumerate(names) if name not in ("repeat", "segment")]
+    numeric = {k: name for name, k in head.at.items() if name not in ("repeat", "segment")}
     marks: dict[str, tuple[int, str]] = {}
     thousands: dict[int, tuple[int, str]] = {}
     whole, other = set[int](), set[int]()
     for number, row in rows:
-        cells = row.split(separator)
-        for k in numeric if len(cells) == len(names) else ():
-            cell = cells[k].strip().strip('"')
+        cells = cells_of(row, head.separator)
+        for k in numeric if len(cells) >= len(head.cells) - 1 else ():
+            cell = cells[k] if k < len(cells) else ""
             if ("," in cell) != ("." in cell):  # both in one is no number at all
                 marks.setdefault("," if "," in cell else ".", (number, cell))
             if _THOUSANDS.fullmatch(cell):
@@ -175,61 +222,43 @@ def _no_thousands(path: Path, rows: Sequence[tuple[int, str]], separator: str, n
                 whole.add(k)
     if len(marks) == 2 and thousands:
         (line, one), (_, two) = (marks[m] for m in ".,")
-        _fail(path, line, f"{one!r} has a point, {two!r} a comma: one of them parts thousands; write 1250, not 1,250")
+        fail(path, line, f"{one!r} has a point, {two!r} a comma: one of them parts thousands; write 1250, not 1,250")
     if doubtful := {k: v for k, v in thousands.items() if k in whole and k not in other}:
         k, (line, cell) = next(iter(doubtful.items()))
-        _fail(path, line, f"column {names[k]!r}: {cell!r} beside whole hundreds is a thousand or a decimal; write 1250")
+        told = f"{cell!r} beside whole hundreds is a thousand or a decimal; write 1250"
+        fail(path, line, f"column {numeric[k]!r}: {told}")
 
 
 def _lines(text: str, notes: list[str]) -> Iterator[tuple[int, str]]:
-    """Numbered lines that hold data; comments go to `notes`."""
+    """Numbered lines that hold more than separators; comments go to `notes`."""
     for number, line in enumerate(io.StringIO(text, newline=None), 1):
         row = line.strip("\r\n")
         if row.lstrip().startswith("#"):
             notes.append(row.lstrip()[1:].strip())
-        elif row.strip():
+        elif row.strip(' \t;,"'):
             yield number, row
-
-
-def _headers(path: Path, line: int, head: str, separator: str) -> tuple[list[str], list[float]]:
-    """Names and factors to base units of all columns."""
-    names, factors = [], []
-    for cell in head.split(separator):
-        try:
-            name, unit = header(cell.strip().strip('"'))
-        except ValueError as error:
-            _fail(path, line, str(error))
-        if name in names:
-            _fail(path, line, f"column {name!r} appears twice")
-        names.append(name)
-        factors.append(column_factor(name, unit))
-    for name in names:
-        if name.endswith("_sigma") and name.removesuffix("_sigma") not in names:
-            _fail(path, line, f"column {name!r} states an uncertainty of a column that is not there")
-    return names, factors
 
 
 def _number(path: Path, line: int, name: str, cell: str, decimal_comma: bool) -> float:
     """One cell as a finite float."""
-    text = cell.strip().strip('"')
     try:
-        value = float(text.replace(",", ".") if decimal_comma else text)
+        value = float(cell.replace(",", ".") if decimal_comma else cell)
     except ValueError:
         value = math.nan
     # float() also reads 1_000 as a number, which nobody means in a table.
-    if not math.isfinite(value) or "_" in text:
-        _fail(path, line, f"column {name!r}: {text[:40]!r} is not a finite number")
+    if not math.isfinite(value) or "_" in cell:
+        fail(path, line, f"column {name!r}: {cell[:40]!r} is not a finite number")
     if abs(value) > _LARGEST:
-        _fail(path, line, f"column {name!r}: {text[:40]!r} is larger than anything measured ({_LARGEST:g})")
+        fail(path, line, f"column {name!r}: {cell[:40]!r} is larger than anything measured ({_LARGEST:g})")
     if value < 0 and name.endswith("_sigma"):
-        _fail(path, line, f"column {name!r}: {text[:40]!r} is negative, a standard uncertainty is not")
+        fail(path, line, f"column {name!r}: {cell[:40]!r} is negative, a standard uncertainty is not")
     return value
 
 
 def _segment_column(path: Path, line: array[int], text: list[str]) -> np.ndarray:
     for number, value in zip(line, text, strict=True):
         if value not in SEGMENTS:
-            _fail(path, number, f"column 'segment': {value[:40]!r} is none of {', '.join(SEGMENTS)}")
+            fail(path, number, f"column 'segment': {value[:40]!r} is none of {', '.join(SEGMENTS)}")
     return np.array(text)
 
 
@@ -261,7 +290,7 @@ def _repeat(table: _Table, kind: str, label: str) -> Repeat:
         k = int(np.argmax(np.diff(time) <= 0)) + 1
         hint = "" if len(set(table.labels.tolist())) > 1 else "; several tests in one file need a column 'repeat'"
         hint += "; a clock this coarse says nothing, leave its column out" if time[k] == time[k - 1] else ""
-        _fail(
+        fail(
             table.path,
             int(table.line[rows][k]),
             f"column 'time': {time[k]:g} s does not follow {time[k - 1]:g} s{hint}",
@@ -285,9 +314,11 @@ def _segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None
     backwards = np.max(np.maximum.accumulate(before) - before)
     forwards = np.max(after - np.minimum.accumulate(after))
     if max(backwards, forwards) > _SECOND_TURN * stroke:
+        below = -float(depth.min()) > float(depth.max())
+        sign = f"; column 'depth' is mostly negative: {plausible.TURN}" if below else ""
         raise ValueError(
             f"{path}: repeat {label!r} turns back more than once within {stroke:g} mm; "
-            f"add a column 'repeat', or 'segment' with {', '.join(SEGMENTS)}"
+            f"add a column 'repeat', or 'segment' with {', '.join(SEGMENTS)}{sign}"
         )
     segment = np.full(len(depth), "loading", dtype="<U9")
     if depth[k] - after.min() > _JITTER * stroke:

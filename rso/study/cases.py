@@ -53,7 +53,7 @@ def _measured(study: Study, kind: str) -> dict[str, MeasuredCurve]:
                 raise ValueError(f"no depth is positive, the largest is {curve.depth.max():g} mm")
             curves[e.name] = curve
         except ValueError as error:
-            problems.append(Problem(("experiments", n, "data"), f"cannot be used: {error}", e.data))
+            problems.append(Problem(("experiments", n, "data"), f"cannot be used: {error}", e.files))
     if problems:
         raise study_error(study.file, study.lines, problems)
     return curves

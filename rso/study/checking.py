@@ -102,7 +102,9 @@ def _things(plan: Plan) -> list[str]:
         what = f"{marks} mark(s) of a profile at " if e.kind == "profile" else ""
         reach = f"{what}{depths} depth(s) to {curve.depth.max():g} mm, {curve.n_repeats} repeat(s)"
         lines.append(f"  experiment {e.name!r} ({e.role}): {reach}")
-        lines += [f"    {words}" for words in (_recorded(plan.study.measurement(e.name), curve), *remarks) if words]
+        measured = plan.study.measurement(e.name)
+        unread = f"not read: {', '.join(measured.unread)}" if measured.unread else ""
+        lines += [f"    {words}" for words in (_recorded(measured, curve), unread, *remarks) if words]
     return lines
 
 

@@ -89,7 +89,7 @@ def _probe(e: Experiment) -> Any:
     if e.measurement.kind == "profile":
         readings = sum(len(r.depth) for r in repeats)
         if readings > READINGS:
-            raise ValueError(f"{e.measurement.path}: {readings} displacements of one profile: keep at most {READINGS}")
+            raise ValueError(f"{e.measurement.where}: {readings} displacements of one profile: keep at most {READINGS}")
         marks = {(float(x), float(y)) for r in repeats for x, y in zip(r.channels["x"], r.channels["y"], strict=True)}
         settings["profile"] = [list(m) for m in sorted(marks)]
     return Case(e.name, Programme.ramp((deepest,)), settings)

@@ -16,6 +16,13 @@ def list_to_tuple(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
+def one_or_more(value: Any) -> Any:
+    """A file or a list of files as a tuple."""
+    if not isinstance(value, str | list | tuple):
+        raise ValueError('expected a file such as "measured/top.csv", or a list of files, one for each repeat')
+    return (value,) if isinstance(value, str) else tuple(value)
+
+
 def as_written(value: Any) -> Any:
     """A bound: a finite bare number, or text that will be read with the parameter's unit."""
     if isinstance(value, bool) or not isinstance(value, str | int | float):
@@ -53,6 +60,7 @@ def quantity_in(unit: str) -> BeforeValidator:
 Bound = Annotated[Any, AfterValidator(as_written)]
 Settings = Annotated[dict[str, Any], AfterValidator(plain)]
 Names = Annotated[tuple[str, ...], BeforeValidator(list_to_tuple)]
+Files = Annotated[tuple[Annotated[str, Field(min_length=1)], ...], BeforeValidator(one_or_more), Field(min_length=1)]
 Name = Annotated[str, Field(pattern=r"^\w[\w .+-]{0,63}$")]
 NotNegativeForce = Annotated[float, quantity_in("N"), Field(ge=0)]
 NotNegativeLength = Annotated[float, quantity_in("mm"), Field(ge=0)]

@@ -131,6 +131,7 @@ def _support(path: Path, nominal: Mapping[str, Any]) -> str:
 
 
 def _has_lateral(path: Path) -> bool:
+    """Whether the header, which may stand below other lines, is one with Fx and Fy."""
     with path.open(encoding="utf-8", errors="replace") as file:
-        head = next((line for line in file if line.strip() and not line.startswith("#")), "")
-    return "Fx" in head and "Fy" in head
+        lines = (line.lower() for line in file if not line.lstrip().startswith("#"))
+        return any("fx" in line and "fy" in line for line in lines)

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from rso.measurement import Measurement, Noise, combine, read, value_at
+from rso.study.columns import ColumnsTable
 from rso.study.errors import Problem, StudyError, choose, schema_problems, study_error
 from rso.study.places import Place, lines_of
 from rso.study.schema import DoeTable, ExperimentTable, Source, Study
@@ -120,6 +121,7 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
     """Names, order, data; fills `measurements`."""
     names = _names(raw)
     experiments = dict(_valid(ExperimentTable, _tables(raw, "experiments")))
+    shared = dict(_valid(ColumnsTable, [raw.get("columns", {})]))
     roles = [e.get("role") for e in _tables(raw, "experiments") if isinstance(e, dict)]
     if "experiments" in raw and "fit" not in roles:
         yield Problem(("experiments",), 'at least one experiment needs role = "fit"')
@@ -130,18 +132,22 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
         for other in e.after:
             if other not in names or (other == e.name and names.count(other) == 1):
                 yield Problem((*place, "after"), f"no other experiment; {choose(other, set(names) - {e.name})}", other)
+        columns = e.columns or shared.get(0)
+        if columns is None:  # the table of all experiments is wrong in itself
+            continue
+        files = [folder / f for f in e.data]
         try:
-            measurement = read(folder / e.data)
+            measurement = read(files, columns.columns())
         except ValueError as error:
-            yield Problem((*place, "data"), f"cannot be used: {error}", e.data)
+            yield Problem((*place, "data"), f"cannot be used: {error}", e.files)
             continue
         if measurement.kind != e.kind:
-            yield Problem((*place, "kind"), f"the columns of {e.data} are those of a {measurement.kind}", e.kind)
+            yield Problem((*place, "kind"), f"the columns of {e.files} are those of a {measurement.kind}", e.kind)
             continue
         measurements.setdefault(e.name, measurement)
         for channel in e.compared:
             if channel not in measurement.channels:
-                message = f"{e.data} has no such channel; {choose(channel, measurement.channels)}"
+                message = f"{e.files} has no such channel; {choose(channel, measurement.channels)}"
                 yield Problem((*place, "channels"), message, channel)
 
 

@@ -59,7 +59,7 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
             "packages": _versions(),
             "command": command,
             "study_sha256": _sha(study.file),
-            "data_sha256": {e.data: _sha(study.folder / e.data) for e in study.experiments},
+            "data_sha256": {f: _sha(study.folder / f) for e in study.experiments for f in e.data},
             "artefacts": {},
             "started": started,
             "finished": None,
@@ -224,7 +224,7 @@ def _experiment(plan: Plan, name: str) -> dict[str, Any]:
     e, curve = plan.study.experiment(name), plan.curves[name]
     return {
         "name": name, "role": e.role, "kind": e.kind, "channel": curve.channel, "unit": curve.unit,
-        "settings": plan.study.settings_of(name), "file": e.data,
+        "settings": plan.study.settings_of(name), "file": e.files,
         "notes": [*remarks(plan.study, name), *plan.study.measurement(name).notes],
         "n_repeats": curve.n_repeats,
         "measured": {

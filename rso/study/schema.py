@@ -21,11 +21,13 @@ from pydantic import (
 )
 
 from rso.measurement import Measurement, Noise
+from rso.study.columns import ColumnsTable
 from rso.study.fields import (
     Bound,
     Count,
     Depth,
     Duration,
+    Files,
     Name,
     Names,
     NotNegativeForce,
@@ -101,11 +103,15 @@ class NoiseTable(Table):
 
 
 class ExperimentTable(Table):
-    """[[experiments]]: `channels` are those compared with the model, by default Fz, or uz for a profile."""
+    """[[experiments]]: `channels` are those compared with the model, by default Fz, or uz for a profile.
+
+    `data` is a file, or a list of files with the repeats of one test; `columns` replaces that of the study as a whole.
+    """
 
     name: Name
     role: Literal["fit", "select", "validate"]
-    data: Annotated[str, Field(min_length=1)]
+    data: Files
+    columns: ColumnsTable | None = None
     kind: Literal["force", "profile"] = "force"
     channels: Names = ()
     settings: Settings = Field(default_factory=dict)
@@ -117,6 +123,11 @@ class ExperimentTable(Table):
     def compared(self) -> tuple[str, ...]:
         """Channels to compare."""
         return self.channels or (("Fz",) if self.kind == "force" else ("uz",))
+
+    @property
+    def files(self) -> str:
+        """Its files in words."""
+        return ", ".join(self.data)
 
 
 class DoeTable(Table):
@@ -319,6 +330,7 @@ class Study(Table):
     backend: BackendTable
     parameters: dict[str, ParameterTable]
     experiments: Annotated[tuple[ExperimentTable, ...], BeforeValidator(list_to_tuple)]
+    columns: ColumnsTable | None = None
     doe: DoeTable = DoeTable()
     surrogate: SurrogateTable = SurrogateTable()
     sensitivity: SensitivityTable = SensitivityTable()

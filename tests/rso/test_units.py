@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rso.units import BARE_COLUMNS, COLUMNS, column_factor, header, quantity
+from rso.units import BARE_COLUMNS, COLUMNS, column_factor, header, quantity, unit_in
 
 
 @pytest.mark.parametrize(
@@ -86,6 +86,47 @@ def test_every_column_in_its_base_unit_has_factor_one():
 def test_columns_in_other_units(text, name, factor):
     assert header(text)[0] == name
     assert column_factor(*header(text)) == factor
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "unit"),
+    [
+        ("depth [mm]", "depth", "mm"),
+        ("Depth (um)", "depth", "um"),
+        (" FZ/kN ", "Fz", "kN"),
+        ("fz_sigma [mN]", "Fz_sigma", "mN"),
+        ("X [ mm ]", "x", "mm"),
+        ("Repeat", "repeat", ""),
+    ],
+)
+def test_headers_with_the_unit_in_brackets_or_after_a_slash(text, name, unit):
+    assert header(text) == (name, unit)
+
+
+@pytest.mark.parametrize("text", ["Weg [mm]x", "repeat (s)", "depth [N]", "depth [mm] (s)", "depth (1)", "depth []"])
+def test_other_headers_are_no_such(text):
+    with pytest.raises(ValueError, match="understood are depth_mm"):
+        header(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("Weg [mm]", "mm"),
+        ("Load (filtered) (kN)", "kN"),
+        ("a/b / N", "N"),
+        ("Kraft_mN", "mN"),
+        ("Load (s)", "s"),
+        ("Load (Cell 1)", None),
+        ("Load (1)", None),
+        ("Load/Unload", None),
+        ("Load_A", None),
+        ("Load_1", None),
+        ("Load", None),
+    ],
+)
+def test_the_unit_that_any_header_says(text, unit):
+    assert unit_in(text, "Fz") == unit
 
 
 @pytest.mark.parametrize("text", ["Fz", "force_N", "depth_N", "depth_", "", "Fz_kNN", "repeat_1", "_mm", "fz_N"])

@@ -1,0 +1,233 @@
+"""Which columns of a measured file hold what: the header line, the units, the signs.
+
+A file says it by its own header (:func:`rso.units.header`); what a testing machine writes instead is said for it by a
+:class:`Column` for each column that is read.  Units may stand in a row of their own beneath the header.
+"""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+from pathlib import Path
+from typing import NoReturn
+
+from rso.units import BARE_COLUMNS, UNITS, column_factor, factor, header, is_unit, kind_of, unit_in
+
+_QUOTED = re.compile(r'"[^"]*"')
+_WEIGHTS = {"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"}  # a mass where only a force can be: a texture analyser
+_LONGEST, _SHOWN = 80, 200  # characters of a header and headers of a line that a message looks at
+_OTHER_NAMES = "other names are understood with [columns] in the study file"
+
+Row = tuple[int, str]  # number of a line, and its text
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a machine's file: its header there, its unit where the file says none, whether its sign is turned."""
+
+    header: str
+    unit: str | None = None
+    flip: bool = False
+
+
+@dataclass(frozen=True)
+class Head:
+    """The header of a table: `at` and `factor` (to N, mm, s, with the sign) of each column that is read, by name.
+
+    `above` and `below` are how many of the rows stand above the header and where the readings begin.
+    """
+
+    text: str
+    separator: str
+    cells: tuple[str, ...]
+    at: Mapping[str, int]
+    factor: Mapping[str, float]
+    above: int
+    below: int
+
+    @property
+    def unread(self) -> tuple[str, ...]:
+        """Headers of the columns that are not read."""
+        return tuple(cell for k, cell in enumerate(self.cells) if cell and k not in self.at.values())
+
+
+def fail(path: Path, line: int, message: str) -> NoReturn:
+    """ValueError that begins with the place."""
+    raise ValueError(f"{path}:{line}: {message}")
+
+
+def cells_of(row: str, separator: str) -> list[str]:
+    """Cells of a line without blanks and quotes; a separator within quotes parts nothing."""
+    cells = row.split(separator)
+    if '"' in row:
+        try:
+            cells = next(csv.reader([row], delimiter=separator, skipinitialspace=True))
+        except csv.Error:  # longer than any table has
+            pass
+    return [cell.strip().strip('"').strip() for cell in cells]
+
+
+def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> Head:
+    """The header among the lines of a file, as the study names it or, without `columns`, as it is understood itself."""
+    k = _named(path, rows, columns) if columns else _understood(path, rows)
+    line, text = rows[k]
+    separator, cells, units, below = _split(rows, k)
+    at: dict[str, int] = {}
+    for i, cell in enumerate(cells):
+        names = [n for n, c in columns.items() if c.header.strip() == cell] if columns else [_name(cell, units[i])]
+        for name in (n for n in names if n is not None):
+            if name in at:
+                fail(path, line, f"header {cell!r} appears twice" if columns else f"column {name!r} appears twice")
+            at[name] = i
+    for name in at:
+        if name.endswith("_sigma") and name.removesuffix("_sigma") not in at:
+            fail(path, line, f"column {name!r} states an uncertainty of a column that is not there")
+    factors = {}
+    for name, i in at.items():
+        column = columns.get(name, Column(cells[i]))
+        unit = "" if name in BARE_COLUMNS else _unit(path, line, name, column, units[i])
+        factors[name] = column_factor(name, unit) * (-1.0 if column.flip else 1.0)
+    return Head(text, separator, tuple(cells), at, factors, k, below)
+
+
+def _separator(row: str) -> str:
+    """Semicolon, tab or comma: the first of them that the line has outside quotes."""
+    bare = _QUOTED.sub("", row)
+    return next((s for s in (";", "\t") if s in bare), ",")
+
+
+def _split(rows: Sequence[Row], k: int) -> tuple[str, list[str], list[str], int]:
+    """A line as a header: separator, cells, the unit that stands beneath each (or nothing), and where rows go on."""
+    separator = _separator(rows[k][1])
+    cells = cells_of(rows[k][1], separator)
+    if k + 1 < len(rows):
+        units = [cell.strip("[]() ") for cell in cells_of(rows[k + 1][1], separator)]
+        if len(units) == len(cells) and not any(map(_numeric, units)) and any(map(is_unit, units)):
+            return separator, cells, units, k + 2
+    return separator, cells, [""] * len(cells), k + 1
+
+
+def _numeric(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _filled(row: str) -> list[str]:
+    """Cells of a line up to the last that is not empty."""
+    cells = cells_of(row, _separator(row))
+    while cells and not cells[-1]:
+        cells.pop()
+    return cells
+
+
+def _numbers(row: str) -> int:
+    """How many numbers a line holds that holds nothing else, 0 for another line and for a single number."""
+    cells = _filled(row)
+    return len(cells) if len(cells) > 1 and all(map(_numeric, cells)) else 0
+
+
+def _name(cell: str, beneath: str) -> str | None:
+    """The known name that a header has by itself or with the unit beneath it, if any."""
+    for text in (cell, f"{cell} [{beneath}]"):
+        try:
+            return header(text)[0]
+        except ValueError:
+            continue
+    return None
+
+
+def _names(rows: Sequence[Row], k: int) -> Iterator[tuple[str, str | None]]:
+    """Cells of a line and the known names that they have; a separator at its end makes no cell."""
+    _, cells, units, _ = _split(rows, k)
+    if len(cells) > 1 and not cells[-1]:
+        cells.pop()
+    return ((cell, _name(cell, unit)) for cell, unit in zip(cells, units, strict=False))
+
+
+def _is_header(rows: Sequence[Row], k: int) -> bool:
+    return all(name for _, name in _names(rows, k))
+
+
+def _understood(path: Path, rows: Sequence[Row]) -> int:
+    """The first line that is wholly an understood header; it stands above the first row of numbers."""
+    best = None
+    for k, (_, row) in enumerate(rows):
+        if _numbers(row):
+            break
+        if _is_header(rows, k):
+            return k
+        if best is None and any(name for _, name in itertools.islice(_names(rows, k), _SHOWN)):
+            best = k
+    best = _likely(rows) if best is None else best
+    cell = next(cell for cell, name in _names(rows, best) if name is None)
+    try:
+        header(cell)
+    except ValueError as error:
+        message = str(error)
+    fail(path, rows[best][0], f"{message}; {_OTHER_NAMES}")
+
+
+def _named(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> int:
+    """The first line whose cells contain all headers that the study names."""
+    wanted = {column.header.strip(): name for name, column in columns.items()}
+    best, most = None, 0
+    for k, (_, row) in enumerate(rows):
+        if any(text in row for text in wanted):
+            known = len(wanted.keys() & set(cells_of(row, _separator(row))))
+            if known == len(wanted):
+                return k
+            best, most = (k, known) if known > most else (best, most)
+    best = _likely(rows) if best is None else best
+    line, text = rows[best]
+    cells = cells_of(text, _separator(text))
+    missing = {text: name for text, name in wanted.items() if text not in cells}
+    first = next(iter(missing)).lower()
+    shown = sorted({cell[:_LONGEST] for cell in cells[:_SHOWN] if cell},
+                   key=lambda cell: (-SequenceMatcher(None, first, cell.lower()).ratio(), cell))  # fmt: skip
+    each = ", ".join(f"{text!r} ({name})" for text, name in missing.items())
+    own = "; by itself this header is understood: columns = {} for its experiment" if _is_header(rows, best) else ""
+    fail(path, line, f"there is no header {each}; choose from {', '.join(map(repr, shown))}{own}")
+
+
+def _likely(rows: Sequence[Row]) -> int:
+    """The line most like a header: the first with as many cells as the first row of numbers, else the first."""
+    for k, (_, row) in enumerate(rows):
+        if width := _numbers(row):
+            return next((j for j in range(k) if len(_filled(rows[j][1])) == width), 0)
+    return 0
+
+
+def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str:
+    """The unit of a column; ValueError unless study, header and row of units agree as far as they say one."""
+    base, choices = kind_of(name), UNITS[kind_of(name)]
+    said = {"the study": column.unit, "the header": unit_in(column.header, name)}
+    said["the row beneath the header"] = beneath if is_unit(beneath) else None
+    units = {who: unit for who, unit in said.items() if unit}
+    for who, unit in units.items():
+        if base == "N" and unit in _WEIGHTS:
+            if column.unit is None:
+                fail(path, line, f"column {name!r} ({column.header!r}): {unit!r} is a mass; if its weight is meant, "
+                     f"say unit = {_WEIGHTS[unit]!r} in [columns] of the study")  # fmt: skip
+            units[who] = _WEIGHTS[unit]
+    if not units:
+        odd = f" ({beneath!r} beneath it is not a known unit)" if beneath else ""
+        fail(path, line, f"column {name!r}: the header {column.header!r} says no unit{odd}; give unit = … in [columns] "
+             f"of the study: {choices}")  # fmt: skip
+    first, known = next(iter(units)), {}
+    for who, unit in units.items():
+        try:
+            known[who] = factor(unit, base)
+        except ValueError as error:
+            if who != "the study" and column.unit and unit.lower() == column.unit.lower():
+                continue  # in capitals S is a siemens and MM no millimetre
+            fail(path, line, f"column {name!r} ({column.header!r}): {who} says {error}; choose from {choices}")
+        if known[who] != known[first]:
+            fail(path, line, f"column {name!r} ({column.header!r}): {first} says {said[first]!r}, {who} {said[who]!r}")
+    return units[first]

@@ -1,0 +1,56 @@
+"""[columns]: what the columns of a testing machine's files are called, for all experiments or for one."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Annotated
+
+from pydantic import AfterValidator, Field, create_model, model_validator
+
+from rso.measurement import Column
+from rso.study.table import Table
+from rso.units import BARE_COLUMNS, COLUMN_NAMES, COLUMNS, UNITS, factor, kind_of
+
+
+class ColumnTable(Table):
+    """One column: its header in the file, its unit unless the file says it, and whether its sign is turned."""
+
+    header: Annotated[str, Field(pattern=r"\S")]
+    unit: str | None = None
+    flip: bool = False
+
+
+def _fits(name: str, table: ColumnTable | None) -> ColumnTable | None:
+    """Unit and sign are such as the column can have."""
+    if table is None:
+        return None
+    if table.flip and name not in COLUMNS:
+        raise ValueError(f"flip turns the sign of a measured value; {name} has none")
+    if table.unit is not None and name in BARE_COLUMNS:
+        raise ValueError(f"{name} has no unit")
+    if table.unit is not None:
+        try:
+            factor(table.unit, kind_of(name))
+        except ValueError as error:
+            raise ValueError(f"unit = {table.unit!r}: {error}; choose from {UNITS[kind_of(name)]}") from error
+    return table
+
+
+class _Columns(Table):
+    @model_validator(mode="after")
+    def _headers_apart(self) -> _Columns:
+        names: dict[str, str] = {}
+        for name, column in self:
+            if column is not None and names.setdefault(column.header.strip(), name) != name:
+                raise ValueError(f"{names[column.header.strip()]} and {name} have the same header {column.header!r}")
+        return self
+
+    def columns(self) -> dict[str, Column]:
+        """The same as plain dataclasses, by known name; nothing where files are read by their own headers."""
+        return {name: Column(**column.model_dump()) for name, column in self if column is not None}
+
+
+ColumnsTable = create_model(
+    "ColumnsTable", __base__=_Columns,
+    **{n: (Annotated[ColumnTable | None, AfterValidator(partial(_fits, n))], None) for n in COLUMN_NAMES},
+)  # fmt: skip

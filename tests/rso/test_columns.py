@@ -1,0 +1,347 @@
+"""Files as testing machines write them: read as the plain table, or refused with file, line, column and choices."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sample_studies as studies
+
+from rso.measurement import Column, combine, read
+from rso.measurement.combining import Noise
+from rso.study import StudyError, load
+from rso.study.cases import measured_curves
+from rso.study.checking import check
+from rso.study.plan import make_plan
+from rso.study.results import begin
+
+# 4 mm there in 8 s, 4 s of rest, and back.
+U = np.r_[np.linspace(0, 4, 41), np.full(20, 4.0), np.linspace(3.9, 0, 40)]
+TEXTS = [(f"{0.2 * k:.1f}", f"{u:.4f}", f"{0.04 * u**1.5:.5f}") for k, u in enumerate(U)]  # s, mm, N
+
+
+def minus(text: str) -> str:
+    return "-" + text
+
+
+def comma(text: str) -> str:
+    return text.replace(".", ",")
+
+
+def plain(rows=TEXTS) -> str:
+    return "time_s,depth_mm,Fz_N\n" + "".join(f"{t},{u},{F}\n" for t, u, F in rows)
+
+
+def zwick(rows=TEXTS) -> str:
+    """Semicolons, decimal commas, metadata and units, compression negative, a separator at the end of each line."""
+    head = ['"Prüfprotokoll";"Niere 3"', '"Prüfer:";"Jörg Müller";', "Vorkraft;0,01;N", "Datum;01.02.2024", ""]
+    head += ['"Prüfzeit";"Standardweg";"Standardkraft";"Druckspannung";', '"s";"mm";"N";"MPa";']
+    lines = [";".join((t, minus(u), minus(F), f"{float(F) / 30:.6f}", "")) for t, u, F in rows]
+    return "\r\n".join([*head, *map(comma, lines), ";;;;", "", ""])
+
+
+def instron(rows=TEXTS) -> str:
+    """Everything in quotes, a table of results above, a units row in brackets, compression negative, force in kN."""
+    head = ['"Specimen label","kidney, 3"', '"Thickness : ","60"', '"Results Table 1"', '"1","0.32"', '""']
+    head += ['"Time","Extension","Load","Cycle, total"', '"(s)","(mm)","(kN)",""']
+    lines = [f'"{t}","{minus(u)}","{minus(F)}E-03","1"' for t, u, F in rows]
+    return "\n".join([*head, *lines, ""])
+
+
+def labview(rows=TEXTS) -> str:
+    """Tabs, no units, cells of a comment left away."""
+    head = ["LabVIEW Measurement\t", "Separator\tTab", "Channels\t2\t", "***End_of_Header***\t"]
+    head += ["X_Value\tDraht\tKraft\tComment"]
+    return "\n".join([*head, *(comma("\t".join(row)) for row in rows)])
+
+
+def texture(rows=TEXTS) -> str:
+    """Weights for forces."""
+    lines = [f"{1000 * float(F) / 9.80665!r}\t{u}\t{t}" for t, u, F in rows]
+    return "\n".join(["Force (g)\tDistance (mm)\tTime (sec)", *lines, ""])
+
+
+ZWICK = {"depth": Column("Standardweg", flip=True), "Fz": Column("Standardkraft", "N", True)}
+ZWICK |= {"time": Column("Prüfzeit")}
+INSTRON = {"depth": Column("Extension", flip=True), "Fz": Column("Load", "kN", True), "time": Column("Time", "s")}
+LABVIEW = {"depth": Column("Draht", "mm"), "Fz": Column("Kraft", "N"), "time": Column("X_Value", "s")}
+TEXTURE = {"depth": Column("Distance (mm)"), "Fz": Column("Force (g)", "gf"), "time": Column("Time (sec)")}
+MACHINES = {  # text, encoding, columns, some of the notes, what is not read
+    "Zwick": (zwick(), "latin-1", ZWICK, ("Prüfprotokoll Niere 3", "Vorkraft 0,01 N"), ("Druckspannung",)),
+    "Instron": (instron(), "utf-8", INSTRON, ("Specimen label kidney, 3", "1 0.32"), ("Cycle, total",)),
+    "LabVIEW": (labview(), "utf-8", LABVIEW, ("LabVIEW Measurement", "Separator Tab"), ("Comment",)),
+    "texture analyser": (texture(), "utf-8", TEXTURE, (), ()),
+}
+
+
+def write(tmp_path: Path, text: str, encoding: str = "utf-8", name: str = "data.csv") -> Path:
+    path = tmp_path / name
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+def refusal(path, columns=None) -> str:
+    with pytest.raises(ValueError) as caught:
+        read(path, columns)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+def test_files_of_machines_hold_the_numbers_of_the_plain_table(tmp_path, machine):
+    text, encoding, columns, notes, unread = MACHINES[machine]
+    (expected,) = read(write(tmp_path, plain())).repeats
+    m = read(write(tmp_path, text, encoding), columns)
+    (r,) = m.repeats
+    assert set(notes) <= set(m.notes) and m.unread == unread
+    assert list(r.segment) == list(expected.segment) and np.sum(r.segment == "hold") == 20
+    # A unit costs the rounding of one product and of the number written.
+    rtol = {"Instron": 4e-16, "texture analyser": 4e-16}.get(machine, 0.0)
+    np.testing.assert_array_equal(r.time, expected.time)
+    np.testing.assert_array_equal(r.depth, expected.depth)
+    np.testing.assert_allclose(r.channels["Fz"], expected.channels["Fz"], rtol=rtol, atol=0)
+    assert not np.signbit(r.depth).any() and not np.signbit(r.channels["Fz"]).any()
+
+
+OWN = {  # headers that say themselves what they are
+    "square": "time [s],depth [mm],Fz [N]",
+    "round, in capitals": "TIME (s),Depth (mm),FZ(N)",
+    "slash": "time / s,depth/mm,fz/N",
+    "mixed, quoted": '"time_s","depth (mm)",Fz_N',
+    "units beneath": "time,Depth,Fz\ns,mm,N",
+    "units twice": "time_s,depth [mm],Fz\n(s),,[N]",
+    "below other lines": "Specimen,kidney 3\nOperator,\n\ntime_s,depth_mm,Fz_N",
+}
+
+
+@pytest.mark.parametrize("how", OWN)
+def test_own_headers(tmp_path, how):
+    (expected,) = read(write(tmp_path, plain())).repeats
+    m = read(write(tmp_path, plain().replace("time_s,depth_mm,Fz_N", OWN[how])))
+    assert m.notes == (("Specimen kidney 3", "Operator") if how.startswith("below") else ()) and m.unread == ()
+    (r,) = m.repeats
+    for a, b in ((r.time, expected.time), (r.depth, expected.depth), (r.channels["Fz"], expected.channels["Fz"])):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_separators_at_the_end_and_empty_lines_are_no_columns_and_no_readings(tmp_path):
+    text = "depth_mm;Fz_N;\n0;0;\n;;\n1;0,5;\n;;\n\n"
+    assert read(write(tmp_path, text)).repeats[0].depth.tolist() == [0.0, 1.0]
+
+
+def test_a_wall_of_numbers_above_the_header_of_a_machine_is_a_note_and_above_a_plain_one_refused(tmp_path):
+    text = "1,2,3\n" + plain()
+    columns = {"depth": Column("depth_mm"), "Fz": Column("Fz_N")}
+    assert read(write(tmp_path, text), columns).notes == ("1 2 3",)
+    assert "data.csv:1: unknown column '1'" in refusal(write(tmp_path, text))
+
+
+SHORT = "Weg;Kraft;Zeit\nmm;N;s\n0;0;0\n0,5;0,1;1\n"
+SHORT_COLUMNS = {"depth": Column("Weg"), "Fz": Column("Kraft")}
+REFUSED = {  # text, columns, words
+    "a name of nowhere": (zwick(), ZWICK | {"depth": Column("Standartweg")}, [
+        ":6:", "no header 'Standartweg' (depth)", "choose from 'Standardweg', 'Standardkraft'"]),
+    "two of nowhere": (SHORT, {"depth": Column("weg"), "Fz": Column("Last")}, [":1:", "'weg' (depth), 'Last' (Fz)"]),
+    "not the file of a machine": (plain(), ZWICK, [":1:", "choose from", "'depth_mm'", "columns = {}"]),
+    "no header at all": ("0;0\n1;1\n", SHORT_COLUMNS, [":1:", "no header 'Weg' (depth), 'Kraft' (Fz)"]),
+    "twice the same header": ("Weg;Kraft;Weg\n0;0;0\n", {"depth": Column("Weg", "mm"), "Fz": Column("Kraft", "N")}, [
+        ":1:", "header 'Weg' appears twice"]),
+    "no unit": ("Weg;Kraft [N]\n0;0\n", {"depth": Column("Weg"), "Fz": Column("Kraft [N]")}, [
+        ":1:", "'depth'", "'Weg' says no unit", "mm, um"]),
+    "no unit that is known": (SHORT.replace("mm", "Millimeter"), SHORT_COLUMNS, [":1:", "'Millimeter' beneath"]),
+    "another unit in the header": ("Weg [mm];Kraft (kN)\n0;0\n", {
+        "depth": Column("Weg [mm]"), "Fz": Column("Kraft (kN)", "N")}, [
+        ":1:", "'Fz' ('Kraft (kN)')", "the study says 'N'", "the header 'kN'"]),
+    "another unit beneath": (SHORT, SHORT_COLUMNS | {"Fz": Column("Kraft", "mN")}, [
+        ":1:", "the study says 'mN'", "the row beneath the header 'N'"]),
+    "header and row": ("Weg_um;Fz\nmm;N\n0;0\n", {"depth": Column("Weg_um"), "Fz": Column("Fz")}, [
+        "the header says 'um'", "the row beneath the header 'mm'"]),
+    "own header and row": ("depth_um;Fz\nmm;N\n0;0\n", None, ["the header says 'um'", "beneath the header 'mm'"]),
+    "a unit of another kind": (SHORT, SHORT_COLUMNS | {"Fz": Column("Zeit")}, [
+        ":1:", "'Fz' ('Zeit')", "'s' is not a unit of the kind 'N'", "choose from N, mN"]),
+    "a stated unit of another kind": (SHORT, SHORT_COLUMNS | {"Fz": Column("Kraft", "mm")}, ["the study says 'mm'"]),
+    "a mass": (texture(), TEXTURE | {"Fz": Column("Force (g)")}, [":1:", "'g' is a mass", "unit = 'gf'"]),
+    "a mass as newtons": (texture(), TEXTURE | {"Fz": Column("Force (g)", "N")}, ["the header 'g'", "'N'"]),
+    "own header without a unit": ("depth;Fz_N\n0;0\n", None, [":1:", "'depth' has no unit", "[columns]"]),
+    "own header of other names": (zwick(), None, [":6:", "unknown column 'Prüfzeit'", "depth_mm", "[columns]"]),
+    "own header below others, misspelt": ("a,b,c\nx\ntime_s,deph_mm,Fz_N\n0,0,0\n", None, [":3:", "'deph_mm'"]),
+    "a second table": (SHORT + SHORT, SHORT_COLUMNS, [":5:", "'depth'", "'Weg'"]),
+    "numbers under no header": ("Weg;Kraft;\nmm;N;\n0;0;7\n", SHORT_COLUMNS, [":3:", "'7' stands beneath no header"]),
+    "comma decimals between commas": ("Weg [mm],Kraft [N]\n0,5,0,1\n", {
+        "depth": Column("Weg [mm]"), "Fz": Column("Kraft [N]")}, [":2:", "4 values", "2 columns"]),
+    "a truncated end": (SHORT + "1;0,2", SHORT_COLUMNS, [":5:", "2 values", "3 columns"]),
+    "an empty cell": (SHORT + "1;;2\n", SHORT_COLUMNS, [":5:", "'Fz'", "''"]),
+    "thousands": (SHORT + "1.000,5;0,2;2\n", SHORT_COLUMNS, [":5:", "'depth'", "'1.000,5'"]),
+    "perhaps thousands": ("Weg;Kraft\num;mN\n500;1\n750;2\n1,000;3\n", SHORT_COLUMNS, [":5:", "'depth'", "'1,000'"]),
+    "sigma of nothing": (SHORT, SHORT_COLUMNS | {"Fx_sigma": Column("Zeit", "N")}, ["'Fx_sigma'", "not there"]),
+    "comment as a number": (labview(), LABVIEW | {"Fz": Column("Comment", "N")}, [":6:", "3 values", "4 columns"]),
+    "travel negative": (zwick(), ZWICK | {"depth": Column("Standardweg")}, ["mostly negative", "flip = true"]),
+    "travel negative, no way back": (zwick(TEXTS[:41]), ZWICK | {"depth": Column("Standardweg")}, [
+        "'depth' falls from 0 to -4", "flip = true"]),
+    "compression negative": (zwick(), ZWICK | {"Fz": Column("Standardkraft")}, ["'Fz' falls", "flip = true"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_is_wrong_is_said_with_file_line_column_and_choices(tmp_path, what):
+    text, columns, words = REFUSED[what]
+    path = write(tmp_path, text)
+    said = refusal(path, columns)
+    for word in [str(path), *words]:
+        assert word in said
+
+
+def test_units_in_capitals_are_understood_with_the_study(tmp_path):
+    """In capitals S is a siemens and MM a molar: no file is lost for that."""
+    columns = {"depth": Column("TRAVEL (MM)", "mm"), "Fz": Column("FORCE (N)"), "time": Column("TIME (S)", "s")}
+    m = read(write(tmp_path, plain().replace("time_s,depth_mm,Fz_N", "TIME (S),TRAVEL (MM),FORCE (N)")), columns)
+    assert m.repeats[0].depth.max() == 4.0
+    assert "'S' is not a unit of the kind 's'" in refusal(tmp_path / "data.csv", columns | {"time": Column("TIME (S)")})
+
+
+# ---- several files
+
+
+def scaled(factor: float, step: int = 1) -> str:
+    return zwick([(t, u, f"{factor * float(F):.5f}") for t, u, F in TEXTS[::step]])
+
+
+def test_files_of_one_test_are_its_repeats(tmp_path):
+    paths = [write(tmp_path, scaled(1 + k / 100), "latin-1", f"niere_{k}.tra") for k in range(3)]
+    m = read(paths, ZWICK)
+    assert [r.label for r in m.repeats] == ["niere_0", "niere_1", "niere_2"]
+    assert (m.path, m.more, m.where) == (paths[0], tuple(paths[1:]), f"{paths[0]} and 2 more")
+    assert m.notes.count("Vorkraft 0,01 N") == 1 and m.unread == ("Druckspannung",)
+    rows = [(k, t, u, repr(float(f"{(1 + k / 100) * float(F):.5f}"))) for k in range(3) for t, u, F in TEXTS]
+    one = write(tmp_path, "repeat,time_s,depth_mm,Fz_N\n" + "".join(f"{k},{t},{u},{F}\n" for k, t, u, F in rows))
+    a, b = (combine(v, Noise(Fz=0.001)) for v in (m, read(one)))
+    assert a.n_repeats == 3
+    np.testing.assert_array_equal(a.value, b.value)
+    np.testing.assert_array_equal(a.covariance, b.covariance)
+
+
+def test_files_with_repeats_of_their_own_and_files_of_one_name(tmp_path):
+    for day in ("monday", "friday"):
+        (tmp_path / day).mkdir()
+        rows = [f"{u},{F},{k}\n" for k in (1, 2) for _, u, F in TEXTS[:41]]
+        write(tmp_path / day, "depth_mm,Fz_N,repeat\n" + "".join(rows), name="top.csv")
+    m = read([tmp_path / day / "top.csv" for day in ("monday", "friday")])
+    assert [r.label for r in m.repeats] == [f"{d}/top.csv {k}" for d in ("monday", "friday") for k in (1, 2)]
+    assert read([tmp_path / "monday" / "top.csv"]).repeats[0].label == "1"
+
+
+OTHERS = {  # the second of two files, and words
+    "another channel": (plain().replace("Fz_N", "Fx_N"), ["b.csv", "same columns", "depth, Fx", "a.csv holds time"]),
+    "no clock": ("depth_mm,Fz_N\n" + "".join(f"{u},{F}\n" for _, u, F in TEXTS), ["b.csv", "same columns"]),
+    "a profile": ("depth_mm,x_mm,y_mm,uz_mm\n1,0,5,0\n", ["b.csv", "same columns", "uz"]),
+    "another unit": (plain([(t, u, f"{9.81 * float(F):.5f}") for t, u, F in TEXTS]), [
+        "a.csv and 1 more", "'a' is 0.32 N", "'b' 3.14 N", "another sign, unit or tare"]),
+    "one reading": ("time_s,depth_mm,Fz_N\n0,1,1\n", ["'b' has too few points"]),
+    "a bad cell": (plain().replace("4.0000", "4.0x", 1), ["b.csv:42:", "'depth'", "'4.0x'"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", OTHERS)
+def test_files_that_are_no_repeats_of_each_other_are_refused(tmp_path, what):
+    text, words = OTHERS[what]
+    said = refusal([write(tmp_path, plain(), name="a.csv"), write(tmp_path, text, name="b.csv")])
+    for word in words:
+        assert word in said
+
+
+def test_a_file_counts_once(tmp_path):
+    path = write(tmp_path, plain())
+    assert "data.csv: is listed twice" in refusal([path, tmp_path / "." / "data.csv"])
+    with pytest.raises(ValueError, match="at least one file"):
+        read([])
+
+
+def test_repeats_without_a_common_depth_name_all_files(tmp_path):
+    near = [(t, u, F) for t, u, F in TEXTS[:41] if float(u) < 1]
+    far = [(t, u, F) for t, u, F in TEXTS[:41] if float(u) > 2]
+    m = read([write(tmp_path, plain(rows), name=n) for rows, n in ((near, "a.csv"), (far, "b.csv"))])
+    with pytest.raises(ValueError, match=r"a\.csv and 1 more: the repeats share no range"):
+        combine(m, Noise())
+
+
+# ---- in a study
+
+COLUMNS = """depth = { header = "Standardweg", flip = true }
+Fz = { header = "Standardkraft", unit = "N", flip = true }
+time = { header = "Prüfzeit" }"""
+EXPERIMENT = 'name = "top"\nrole = "fit"\nnoise = { Fz = "0.02 mN" }\n'
+
+
+def shallow(factor: float = 1.0) -> str:
+    """The curve of the sample study as Zwick writes it."""
+    rows = [line.split(",") for line in studies.measured().split()[1:]]
+    return zwick([(f"{k}", u, repr(factor * float(F))) for k, (u, F) in enumerate(rows)])
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for k in range(2):
+        write(tmp_path, shallow(1 + k / 1000), "latin-1", f"niere_{k}.tra")
+    return tmp_path
+
+
+def study(folder: Path, data: str, columns: str | None = COLUMNS, more: str = "") -> Path:
+    return studies.write(folder, experiments=f"{EXPERIMENT}data = {data}\n{more}", columns=columns)
+
+
+def test_a_study_names_the_columns_of_all_experiments(folder):
+    path = study(folder, '"niere_0.tra"', more='[[experiments]]\nname = "own"\nrole = "select"\ndata = "top.csv"\n'
+                 'columns = {}\n[[experiments]]\nname = "other"\nrole = "select"\ndata = "other.csv"\n'
+                 'columns = { depth = { header = "Weg (um)" }, Fz = { header = "F", unit = "mN" } }')  # fmt: skip
+    (folder / "other.csv").write_text("Weg (um);F\n0;0\n500,5;1\n2000;4\n")
+    loaded = load(path)
+    curves = measured_curves(loaded)
+    np.testing.assert_array_equal(curves["top"].value, curves["own"].value)
+    np.testing.assert_array_equal(curves["top"].depth, curves["own"].depth)
+    np.testing.assert_allclose(curves["other"].depth, [0, 0.5005, 2.0], rtol=1e-15, atol=0)
+    assert loaded.measurement("other").repeats[0].channels["Fz"].tolist() == [0.0, 0.001, 0.004]
+
+
+def test_a_study_takes_files_as_repeats_and_says_what_it_does_not_read(folder):
+    path = study(folder, '["niere_0.tra", "niere_1.tra"]')
+    plan = make_plan(load(path))
+    assert [r.label for r in plan.study.measurement("top").repeats] == ["niere_0", "niere_1"]
+    said = check(plan.study, folder / "results", trust=True)
+    assert any("2 repeat(s)" in line for line in said)
+    assert [line.strip() for line in said if "not read" in line] == ["not read: Druckspannung"]
+    found = begin(plan, "test", "now", 1)
+    assert set(found["provenance"]["data_sha256"]) == {"niere_0.tra", "niere_1.tra"}
+    assert found["experiments"][0]["file"] == "niere_0.tra, niere_1.tra" and found["experiments"][0]["n_repeats"] == 2
+
+
+BAD = {  # columns, data, key, words
+    "an unknown name": (COLUMNS.replace("Fz", "FZ"), '"niere_0.tra"', "columns.FZ", ["unknown key", "'Fz'"]),
+    "an unknown key": (COLUMNS.replace("flip", "flop", 1), '"niere_0.tra"', "columns.depth.flop", ["'flip'"]),
+    "no header": ("depth = {}", '"niere_0.tra"', "columns.depth.header", ["is missing"]),
+    "no text": ('depth = { header = " " }', '"niere_0.tra"', "columns.depth.header", ["form"]),
+    "a unit of another kind": (COLUMNS.replace('"N"', '"mm"'), '"niere_0.tra"', "columns.Fz", ["'mm'", "N, mN"]),
+    "one header twice": (COLUMNS.replace("Standardkraft", "Standardweg"), '"niere_0.tra"', "columns", ["same header"]),
+    "the sign of a label": (COLUMNS + '\nrepeat = { header = "Nr", flip = true }', '"niere_0.tra"', "columns.repeat", [
+        "flip", "repeat"]),
+    "the sign of a sigma": (COLUMNS + '\nFz_sigma = { header = "s", flip = true }', '"niere_0.tra"',
+                            "columns.Fz_sigma", ["flip"]),
+    "the unit of a label": (COLUMNS + '\nsegment = { header = "A", unit = "s" }', '"niere_0.tra"', "columns.segment", [
+        "no unit"]),
+    "a header of nowhere": (COLUMNS.replace("Standardweg", "Standartweg"), '"niere_0.tra"', "experiments[0].data", [
+        "niere_0.tra:6", "'Standartweg' (depth)", "'Standardweg'"]),
+    "no table": (None, '"niere_0.tra"', "experiments[0].data", ["niere_0.tra:6", "'Prüfzeit'", "[columns]"]),
+    "no files": (COLUMNS, "[]", "experiments[0].data", ["at least 1"]),
+    "no text for a file": (COLUMNS, "3", "experiments[0].data", ["a list of files"]),
+    "one of two is missing": (COLUMNS, '["niere_0.tra", "niere_9.tra"]', "experiments[0].data", [
+        "niere_9.tra", "no such file"]),
+    "a file twice": (COLUMNS, '["niere_0.tra", "niere_0.tra"]', "experiments[0].data", ["listed twice"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_what_is_wrong_in_a_study_is_one_problem_at_its_key(folder, what):
+    columns, data, key, words = BAD[what]
+    with pytest.raises(StudyError) as caught:
+        load(study(folder, data, columns))
+    (problem,) = caught.value.problems
+    assert f": {key}" in problem
+    for word in words:
+        assert word in problem
