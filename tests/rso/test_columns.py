@@ -1,5 +1,6 @@
 """Files as testing machines write them: read as the plain table, or refused with file, line, column and choices."""
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from rso.measurement.combining import Noise
 from rso.study import StudyError, load
 from rso.study.cases import measured_curves
 from rso.study.checking import check
+from rso.study.columns import ColumnsTable
 from rso.study.plan import make_plan
 from rso.study.results import begin
 
@@ -127,6 +129,18 @@ def test_separators_at_the_end_and_empty_lines_are_no_columns_and_no_readings(tm
     assert read(write(tmp_path, text)).repeats[0].depth.tolist() == [0.0, 1.0]
 
 
+def test_a_row_of_readings_is_no_row_of_units_whatever_its_label_is(tmp_path):
+    m = read(write(tmp_path, "depth_mm,Fz_N,repeat\n0,0,s\n1,1,s\n0,0,m\n1,1,m\n"))
+    assert [(r.label, len(r.depth)) for r in m.repeats] == [("s", 2), ("m", 2)]
+
+
+def test_headers_are_compared_as_written_and_parted_outside_quotes(tmp_path):
+    text = '"Load; raw",Load,load,Travel\n0,0,0,0\n3,2,1,4\n'
+    columns = {"depth": Column("Travel", "mm"), "Fz": Column("load", "N"), "Fx": Column("Load; raw", "N")}
+    m = read(write(tmp_path, text), columns)
+    assert {k: v[-1] for k, v in m.repeats[0].channels.items()} == {"Fz": 1.0, "Fx": 3.0} and m.unread == ("Load",)
+
+
 def test_a_wall_of_numbers_above_the_header_of_a_machine_is_a_note_and_above_a_plain_one_refused(tmp_path):
     text = "1,2,3\n" + plain()
     columns = {"depth": Column("depth_mm"), "Fz": Column("Fz_N")}
@@ -141,6 +155,7 @@ REFUSED = {  # text, columns, words
         ":6:", "no header 'Standartweg' (depth)", "choose from 'Standardweg', 'Standardkraft'"]),
     "two of nowhere": (SHORT, {"depth": Column("weg"), "Fz": Column("Last")}, [":1:", "'weg' (depth), 'Last' (Fz)"]),
     "not the file of a machine": (plain(), ZWICK, [":1:", "choose from", "'depth_mm'", "columns = {}"]),
+    "none of the names": (zwick(), SHORT_COLUMNS, [":6:", "choose from 'Standardweg'"]),
     "no header at all": ("0;0\n1;1\n", SHORT_COLUMNS, [":1:", "no header 'Weg' (depth), 'Kraft' (Fz)"]),
     "twice the same header": ("Weg;Kraft;Weg\n0;0;0\n", {"depth": Column("Weg", "mm"), "Fz": Column("Kraft", "N")}, [
         ":1:", "header 'Weg' appears twice"]),
@@ -167,6 +182,8 @@ REFUSED = {  # text, columns, words
     "numbers under no header": ("Weg;Kraft;\nmm;N;\n0;0;7\n", SHORT_COLUMNS, [":3:", "'7' stands beneath no header"]),
     "comma decimals between commas": ("Weg [mm],Kraft [N]\n0,5,0,1\n", {
         "depth": Column("Weg [mm]"), "Fz": Column("Kraft [N]")}, [":2:", "4 values", "2 columns"]),
+    "neither units nor numbers": ("Weg [mm];Kraft [N]\n-;-\n0;0\n", {
+        "depth": Column("Weg [mm]"), "Fz": Column("Kraft [N]")}, [":2:", "'-'", "not a finite number"]),
     "a truncated end": (SHORT + "1;0,2", SHORT_COLUMNS, [":5:", "2 values", "3 columns"]),
     "an empty cell": (SHORT + "1;;2\n", SHORT_COLUMNS, [":5:", "'Fz'", "''"]),
     "thousands": (SHORT + "1.000,5;0,2;2\n", SHORT_COLUMNS, [":5:", "'depth'", "'1.000,5'"]),
@@ -310,6 +327,17 @@ def test_a_study_takes_files_as_repeats_and_says_what_it_does_not_read(folder):
     found = begin(plan, "test", "now", 1)
     assert set(found["provenance"]["data_sha256"]) == {"niere_0.tra", "niere_1.tra"}
     assert found["experiments"][0]["file"] == "niere_0.tra, niere_1.tra" and found["experiments"][0]["n_repeats"] == 2
+
+
+def test_the_example_of_the_readme_reads_such_files(tmp_path):
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    example = tomllib.loads(next(part for part in text.split("```toml\n")[1:] if "[columns]" in part).split("```")[0])
+    paths = [tmp_path / name for name in example["experiments"][0]["data"]]
+    for path in paths:
+        path.parent.mkdir(exist_ok=True)
+        write(path.parent, zwick(), "latin-1", path.name)
+    m = read(paths, ColumnsTable.model_validate(example["columns"]).columns())
+    assert [r.label for r in m.repeats] == ["top_1", "top_2"] and m.repeats[0].channels["Fz"].max() == 0.32
 
 
 BAD = {  # columns, data, key, words

@@ -37,6 +37,14 @@ def test_places_come_from_names_whatever_their_case(tmp_path):
         assert words in made
 
 
+def test_lateral_forces_are_seen_below_other_lines_too(tmp_path):
+    lab = folder(tmp_path)
+    (lab / "mp_load.csv").write_text("# neither Fx nor Fy\ndepth_mm,Fz_N\n0,0\n1,0.1\n")
+    assert "channels" not in text(lab)
+    (lab / "mp_load.csv").write_text("# Fx, Fy\nOperator,x\ndepth [mm],FZ [N],fx [N],fy [N]\n0,0,0,0\n1,0.1,0,0\n")
+    assert 'channels = ["Fz", "Fx", "Fy"]' in text(lab)
+
+
 @pytest.mark.parametrize("name", ["point_20_0_rep2.csv", "point 20 0.csv", "pt_20_0.csv", "point_20,5_0.csv"])
 def test_a_place_that_is_not_understood_is_not_taken_for_the_top(tmp_path, name):
     with pytest.raises(ValueError, match="does not say where it was pressed"):
