@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
@@ -17,10 +18,12 @@ from scores import Scored, by_key
 from rso import diagnosis
 from rso.diagnosis import attribute, hypotheses, next_test
 from rso.diagnosis.attribute import Bench, Contest, Evidence
-from rso.diagnosis.judge import judge
+from rso.diagnosis.effects import Effect
+from rso.diagnosis.judge import NAMES, Judgement, judge
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import mean_prediction, posterior
 from rso.diagnosis.prediction import predict
+from rso.diagnosis.remainder import remainder
 from rso.diagnosis.testplan import Profile, Test, TestPlan
 from rso.running import Task
 
@@ -112,8 +115,17 @@ def permuted(evidence: Evidence, cases: Cases, threshold: float, seed: int) -> n
     return scored(evidence, cases.Y[0], null, {}, seed, threshold=threshold).verdict
 
 
+def looked_at(evidence: Evidence, effects: Sequence[Effect], judged: Judgement, y: np.ndarray, seed: int) -> str:
+    """The verdict after a look at what the cause leaves, with these effects in the catalogue."""
+    if judged.verdict not in NAMES:
+        return judged.verdict
+    few = copy.copy(evidence)
+    few.effects = tuple(effects)
+    return "partly" if remainder(few, judged.chosen, y, seed).there else judged.verdict
+
+
 def taken_out(
-    table: Table, cases: Cases, threshold: float, rows: Sequence[int]
+    table: Table, cases: Cases, threshold: float, rows: Sequence[int], seed: int
 ) -> tuple[dict[str, list[str]], np.ndarray]:  # fmt: skip
     """Verdicts, by source, of cases whose cause is not in the catalogue, and of those where another one is sure the ln
     Bayes factor of the true cause against the best other one: what somebody knows who has it in his catalogue."""
@@ -126,9 +138,11 @@ def taken_out(
         first = dict(zip(mine, attribute.contests(few, np.array(mine)), strict=True))
         gap = [i for i in mine if first[i].statistic > threshold]
         last = {**first, **dict(zip(gap, contested(few, gap, first), strict=True))}
-        out[s] = [judge(last[i], i in gap).verdict for i in mine]
-        for i, c in zip(mine, attribute.contests(table, np.array(mine)), strict=True):
-            if judge(last[i], i in gap).verdict in ALONE:
+        out[s] = [
+            looked_at(table.evidence, few.effects, judge(last[i], i in gap), cases.Y[i], seed + i) for i in mine
+        ]
+        for v, c in zip(out[s], attribute.contests(table, np.array(mine)), strict=True):
+            if v in ALONE:
                 true = np.array([any(e.source == s for e in h.effects) for h in c.hypotheses])
                 score = c.log_evidence + c.log_prior
                 told.append(float(logsumexp(score[true]) - logsumexp(score[1:][~true[1:]])))

@@ -6,7 +6,8 @@ runs         what is simulated for it          responses   and what the simulati
 prediction   parameters → data vector          noise       what readings and models scatter by
 mixture      exact evidence in tiles           attribute   the contest of hypotheses
 localise     where                             shrinkage   how much
-unfitted     what was left out of the fit      jumps, hum  what no smooth model has
+unfitted     what was left out of the fit      remainder   what a cause leaves
+jumps, hum   what no smooth model has
 detectable   what this plan can see            judge       the verdict
 rerun        finalists computed anew           next_test   what would settle it
 story        all of it as plain data           words       and in sentences

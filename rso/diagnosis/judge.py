@@ -16,6 +16,7 @@ from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.jumps import Jumps, jumps
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Posterior, log_tiles, mean_prediction, posterior
+from rso.diagnosis.remainder import Remainder, remainder
 from rso.diagnosis.unfitted import HeldOut, held_out, left_out, shrinkage_of
 
 SURE = 0.95  # probability of one cause above which it is named alone
@@ -25,6 +26,7 @@ MOST = 5  # effects in a named set
 CHECKS = 60  # data sets per self-check
 DRAWS = 2000
 LEVEL = 0.9
+NAMES = ("explained", "measurement", "ambiguous")  # verdicts that take causes for the whole of a gap
 MISFIT = 1.3  # χ² per reading that a cause may leave; a right one leaves about 1, less what was fitted
 BEYOND = 1.15  # times the largest plausible size: a cause that needs more than that is not all of it
 
@@ -77,6 +79,7 @@ class Diagnosis:
     jumps: Jumps
     hum: Hum
     left: float
+    remainder: Remainder | None
 
 
 def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnosis:
@@ -96,6 +99,11 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     pairs, finalists = attribute.pairs_of(last), frozenset(e.source for e in last)
     contest = attribute.contests(evidence, y[None], pairs, finalists=finalists)[0] if gap else first
     judged = judge(contest, gap)
+    rest = remainder(evidence, judged.chosen, y, seed + 2) if judged.verdict in NAMES else None
+    if rest is not None and rest.there:
+        pairs = [*pairs, *_beside(judged.chosen, rest, pairs)]
+        contest = attribute.contests(evidence, y[None], pairs, finalists=finalists)[0]
+        judged = judge(contest, gap)
     verdict, named, chosen = judged.verdict, judged.named, judged.chosen
     steps, line = jumps(library.plan), hum(library.plan)
     restless = steps.sudden or line.there
@@ -110,13 +118,12 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     held = held_out(bench, y, [Hypothesis(()), *_finalists(contest)])
     gain = {h: sum(c.gain[h] for c in held) for h in held[0].gain} if held else {}
     pure = Hypothesis(chosen.effects).name
-    named_alone = verdict in ("explained", "measurement", "ambiguous")
-    if held and named_alone and gain.get(pure, 0.0) <= 0 < len(chosen.effects):
+    if held and verdict in NAMES and gain.get(pure, 0.0) <= 0 < len(chosen.effects):
         verdict, named, chosen = "unexplained", (), Hypothesis((), True)  # evidence without prediction is no cause
         posts[chosen.name] = _posterior(evidence, (), y, rng, True)
     left = _left(evidence, chosen, y)
-    if verdict in ("explained", "measurement", "ambiguous"):
-        doubtful = left > MISFIT or _beyond(chosen, posts[chosen.name])
+    if verdict in NAMES:
+        doubtful = left > MISFIT or _beyond(chosen, posts[chosen.name]) or (rest is not None and rest.there)
         verdict = "partly" if doubtful else verdict
     shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed)
     if verdict == "partly":  # judged by the curves that are seen: validation has no say
@@ -141,7 +148,7 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
         verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), causes, named,
         dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
         _sensitivity(evidence, contest, finalists, y), where, held, shrunk, checks,
-        _parameters(library, posts, chosen), bench, contest, fits, posts, chosen, steps, line, left,
+        _parameters(library, posts, chosen), bench, contest, fits, posts, chosen, steps, line, left, rest,
     )  # fmt: skip
 
 
@@ -203,6 +210,16 @@ def judge(contest: Contest, gap: bool) -> Judgement:
     own = tuple(e.name for e in chosen.effects)
     measured = all(e.measured for e in chosen.effects)
     return Judgement("measurement" if measured else "explained", own, chosen)
+
+
+def _beside(
+    chosen: Hypothesis, rest: Remainder, pairs: Sequence[tuple[Effect, Effect]]
+) -> list[tuple[Effect, Effect]]:
+    """The pair of a single cause and what shows in its remainder, if it is not among the pairs."""
+    both = {*chosen.effects, rest.effect}
+    if rest.effect is None or len(chosen.effects) != 1 or any(both == set(p) for p in pairs):
+        return []
+    return [] if chosen.effects[0].family == "scatter" else [(chosen.effects[0], rest.effect)]
 
 
 def _given(contest: Contest) -> np.ndarray:

@@ -68,6 +68,9 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
         "gap": {"p_value": d.p_value, "size_over_noise": d.size_over_noise, "statistic": d.statistic,
                 "threshold": d.threshold},
         "left": d.left,
+        "remainder": None if d.remainder is None else
+                     {"there": d.remainder.there, "score": d.remainder.score, "threshold": d.remainder.threshold,
+                      "looks_like": d.remainder.effect.name if d.remainder.effect else None},
         "jumps": {"sudden": d.jumps.sudden, "z": d.jumps.z, "experiment": d.jumps.experiment, "size": d.jumps.size,
                   "depths": list(d.jumps.depths)},
         "hum": {"there": d.hum.there, "log10_p": d.hum.log10_p, "frequency": d.hum.frequency,

@@ -14,7 +14,7 @@ def words(found: Mapping[str, Any]) -> list[str]:
     d = found["diagnosis"]
     out = [_gap(d), *_jumps(d), *_hum(d)]
     if d["verdict"] != "no_gap":
-        out += [_where(d), _cause(d, found)]
+        out += [_where(d), _cause(d, found) + _remainder(d)]
     if (closed := _shrinkage(d)) is not None:
         out.append(closed + _alone(d, found))
     out += _parameters(d, found)
@@ -113,6 +113,17 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     ]
     each = " and ".join(_named(c) for c in causes[: 2 if v == "explained" else 1])
     return f"{head}: {text[first['effect']]}, {each}; probability {100 * first['probability']:.0f} %."
+
+
+def _remainder(d: Mapping[str, Any]) -> str:
+    """What the leading cause leaves, where that is more than noise."""
+    r = d.get("remainder") or {}
+    if not r.get("there") or d["verdict"] != "partly":
+        return ""
+    return (
+        f" What the leading cause alone leaves is more than noise: it looks most like {r['looks_like']} (score "
+        f"{r['score']:.1f}; of data simulated from that cause 1 % exceed {r['threshold']:.1f})."
+    )
 
 
 def _shrinkage(d: Mapping[str, Any]) -> str | None:
