@@ -126,11 +126,13 @@ def looked_at(evidence: Evidence, effects: Sequence[Effect], judged: Judgement, 
 
 def taken_out(
     table: Table, cases: Cases, threshold: float, rows: Sequence[int], seed: int
-) -> tuple[dict[str, list[str]], np.ndarray]:  # fmt: skip
-    """Verdicts, by source, of cases whose cause is not in the catalogue, and of those where another one is sure the ln
-    Bayes factor of the true cause against the best other one: what somebody knows who has it in his catalogue."""
+) -> tuple[dict[str, list[str]], np.ndarray, np.ndarray]:
+    """Verdicts, by source, of cases whose cause is not in the catalogue; of those where another one is sure, what
+    somebody knows who has it in his catalogue: the ln Bayes factor of the true cause against all others, and how much
+    less χ² it leaves than the one named."""
     out: dict[str, list[str]] = {}
     told: list[float] = []
+    better: list[float] = []
     sources = sorted({cases.truth(i)[0] for i in rows})
     for s in sources:
         mine = [i for i in rows if cases.truth(i)[0] == s]
@@ -138,15 +140,24 @@ def taken_out(
         first = dict(zip(mine, attribute.contests(few, np.array(mine)), strict=True))
         gap = [i for i in mine if first[i].statistic > threshold]
         last = {**first, **dict(zip(gap, contested(few, gap, first), strict=True))}
-        out[s] = [
-            looked_at(table.evidence, few.effects, judge(last[i], i in gap), cases.Y[i], seed + i) for i in mine
-        ]
-        for v, c in zip(out[s], attribute.contests(table, np.array(mine)), strict=True):
+        judged = [judge(last[i], i in gap) for i in mine]
+        out[s] = [looked_at(table.evidence, few.effects, j, cases.Y[i], seed + i)
+                  for i, j in zip(mine, judged, strict=True)]  # fmt: skip
+        for i, v, j, c in zip(mine, out[s], judged, attribute.contests(table, np.array(mine)), strict=True):
             if v in ALONE:
+                left = [_left(table.evidence, e, cases.Y[i]) for e in (j.chosen.effects, cases.effects[i])]
+                better.append(left[0] - left[1])
                 true = np.array([any(e.source == s for e in h.effects) for h in c.hypotheses])
                 score = c.log_evidence + c.log_prior
                 told.append(float(logsumexp(score[true]) - logsumexp(score[1:][~true[1:]])))
-    return out, np.array(told)
+    return out, np.array(told), np.array(better)
+
+
+def _left(evidence: Evidence, effects: Sequence[Effect], y: np.ndarray) -> float:
+    """χ² that effects, as fitted, leave."""
+    h = evidence.best(effects, y, loose=True)
+    w = h.white(y)
+    return float(np.sum((w - mean_prediction(h, w)) ** 2))
 
 
 def with_twin(table: Table, cases: Cases, threshold: float, rows: Sequence[int]) -> list[str]:
