@@ -99,9 +99,10 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     pairs, finalists = attribute.pairs_of(last), frozenset(e.source for e in last)
     contest = attribute.contests(evidence, y[None], pairs, finalists=finalists)[0] if gap else first
     judged = judge(contest, gap)
-    rest = remainder(evidence, judged.chosen, y, seed + 2) if judged.verdict in NAMES else None
+    rest = remainder(evidence, judged.chosen, y, seed + 3) if judged.verdict in NAMES else None
     if rest is not None and rest.there:
-        pairs = [*pairs, *_beside(judged.chosen, rest, pairs)]
+        joined = _beside(judged.chosen, rest, pairs)
+        pairs, finalists = [*pairs, *joined], finalists | {e.source for pair in joined for e in pair}
         contest = attribute.contests(evidence, y[None], pairs, finalists=finalists)[0]
         judged = judge(contest, gap)
     verdict, named, chosen = judged.verdict, judged.named, judged.chosen

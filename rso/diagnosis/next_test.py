@@ -29,7 +29,7 @@ from rso.diagnosis.library import Library, build
 from rso.diagnosis.mixture import Posterior
 from rso.diagnosis.prediction import predict
 from rso.diagnosis.runs import rated
-from rso.diagnosis.testplan import Experiment, Place, TestPlan, make_plan
+from rso.diagnosis.testplan import Experiment, Place, Test, TestPlan, make_plan
 from rso.measurement import Measurement, Repeat
 from rso.running import Task
 
@@ -116,13 +116,20 @@ def simulated(
     Raises ValueError where the base model has no answer.
     """
     plan = make_plan(candidate.experiments)
-    plan = replace(plan, tests=tuple(replace(t, age=0.5) for t in plan.tests))  # after all that were done
+    plan = replace(plan, tests=tuple(_afterwards(library.plan, plan, t) for t in plan.tests))
     if _known(library, plan):
         return replace(library, plan=_moved(library, plan))
     if run is None:
         return None
     effects = {e.name: e for group, _ in survivors.values() for e in group}
     return build(library.base, plan, tuple(effects.values()), run)
+
+
+def _afterwards(done: TestPlan, plan: TestPlan, test: Test) -> Test:
+    """A test of another plan as it is when all tests of a plan are done: last, at places that they pressed."""
+    settings = plan.places[test.place].settings
+    pressed = [t.peak for t in done.tests if done.places[t.place].settings == settings]
+    return replace(test, age=0.5, earlier=max([test.earlier, *pressed]))
 
 
 def ranked(words: str, distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> NextTest:

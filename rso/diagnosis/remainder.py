@@ -19,7 +19,7 @@ import numpy as np
 from rso.diagnosis.attribute import Evidence
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.mixture import Posterior, Ready, log_tiles, mean_prediction, posterior, simulate
+from rso.diagnosis.mixture import Posterior, Ready, log_tiles, mean_predictions, posterior, simulate
 
 SETS = 200
 LEVEL = 0.01
@@ -28,8 +28,9 @@ OWN = 0.1  # of a change: if the hypothesis can move all but this much of it, th
 
 @dataclass(frozen=True)
 class Remainder:
-    """The effect that shows most in what a hypothesis leaves, its score, and what few simulated data reach."""
+    """The effect that shows most in what a hypothesis (`of`) leaves, its score, and what few simulated data reach."""
 
+    of: str
     effect: Effect | None
     score: float
     threshold: float
@@ -42,25 +43,25 @@ class Remainder:
 
 def remainder(evidence: Evidence, hypothesis: Hypothesis, y: np.ndarray, seed: int) -> Remainder:
     """What a hypothesis of single effects, as fitted to y (n,), leaves."""
-    rng = np.random.default_rng(seed)
+    name, rng = Hypothesis(hypothesis.effects).name, np.random.default_rng(seed)
     h = evidence.best(hypothesis.effects, y, loose=bool(hypothesis.effects))
     post = posterior(h, h.white(y), SETS, rng)
     W = np.concatenate([h.white(y)[None], simulate(h, post, rng)])
-    r = W - np.array([mean_prediction(h, w) for w in W])
+    r = W - mean_predictions(h, W)
     sources = {e.source for e in hypothesis.effects}
     others = [e for e in evidence.effects if e.family != "scatter" and e.source not in sources]
     changes = [_changes(evidence, e, post) for e in others]
     if not changes:
-        return Remainder(None, 0.0, np.inf)
+        return Remainder(name, None, 0.0, np.inf)
     Δ = h.white(np.concatenate(changes))
     d = _projected(Δ, h, W[0])
     length, whole = (np.linalg.norm(v, axis=1) for v in (d, Δ))
     shows = np.nonzero(length > np.maximum(OWN * whole, 1e-6))[0]
     if not len(shows):
-        return Remainder(None, 0.0, np.inf)
+        return Remainder(name, None, 0.0, np.inf)
     S = np.abs(r @ (d[shows] / length[shows, None]).T)
     owner = np.repeat(np.arange(len(others)), [len(c) for c in changes])
-    return Remainder(others[owner[shows[np.argmax(S[0])]]], float(S[0].max()),
+    return Remainder(name, others[owner[shows[np.argmax(S[0])]]], float(S[0].max()),
                      float(np.quantile(S[1:].max(axis=1), 1 - LEVEL)))  # fmt: skip
 
 
@@ -78,6 +79,6 @@ def _changes(evidence: Evidence, effect: Effect, post: Posterior) -> np.ndarray:
 def _projected(v: np.ndarray, h: Ready, y: np.ndarray) -> np.ndarray:
     """Whitened vectors v (m, n) less what the tile of a hypothesis that suits whitened y (n,) most can move."""
     J = h.X[int(np.argmax(log_tiles(h, y[None])[0]))] @ h.Q.T
-    size = np.linalg.norm(J, axis=1)
-    Q, _ = np.linalg.qr((J[size > 0] / size[size > 0, None]).T)
+    U, s, _ = np.linalg.svd(J.T / np.maximum(np.linalg.norm(J, axis=1), 1e-300), full_matrices=False)
+    Q = U[:, s > 1e-8 * s[0]]  # the directions of a tile depend on each other
     return v - (v @ Q) @ Q.T

@@ -11,7 +11,7 @@ import numpy as np
 from rso.diagnosis.attribute import Evidence
 from rso.diagnosis.detectable import Detectable, detectable
 from rso.diagnosis.effects import Effect
-from rso.diagnosis.judge import Diagnosis
+from rso.diagnosis.judge import SURE, Diagnosis
 from rso.diagnosis.library import Library
 from rso.diagnosis.next_test import NextTest, next_tests
 from rso.diagnosis.rerun import Check
@@ -69,7 +69,8 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                 "threshold": d.threshold},
         "left": d.left,
         "remainder": None if d.remainder is None else
-                     {"there": d.remainder.there, "score": d.remainder.score, "threshold": d.remainder.threshold,
+                     {"of": d.remainder.of, "there": d.remainder.there, "score": d.remainder.score,
+                      "threshold": d.remainder.threshold,
                       "looks_like": d.remainder.effect.name if d.remainder.effect else None},
         "jumps": {"sudden": d.jumps.sudden, "z": d.jumps.z, "experiment": d.jumps.experiment, "size": d.jumps.size,
                   "depths": list(d.jumps.depths)},
@@ -84,7 +85,8 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                     "interval": list(c.interval), "unit": c.effect.size.unit, "neutral": c.effect.size.neutral,
                     "railed": c.railed}
                    for c in d.causes],
-        "ambiguous_with": [list(d.named)] if d.verdict == "ambiguous" else [],
+        "chosen": [e.name for e in d.chosen.effects],
+        "ambiguous_with": [list(d.named)] if _rivals(d) else [],
         "shrinkage": {"held_out": [c.curve for c in s.curves], "before": s.before, "refit_only": s.refit_only,
                       "with_cause": s.with_cause, "noise_floor": s.floor, "floor_error": s.floor_error,
                       "closed": s.closed, "interval": None if s.interval is None else list(s.interval), "how": s.how,
@@ -98,6 +100,12 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
         "next_test": [{"test": t.test, "chance": t.chance, "separates": list(t.separates), "distance": t.distance,
                        "resolves": t.resolves, "pairs": t.pairs} for t in tests],
     }  # fmt: skip
+
+
+def _rivals(d: Diagnosis) -> bool:
+    """Whether the named effects are rivals: each for itself, not together, and none sure."""
+    several = d.verdict == "partly" and len(d.causes) > 1 and len(d.chosen.effects) == 1
+    return d.verdict == "ambiguous" or (several and d.causes[0].probability < SURE)
 
 
 def _next(library: Library, d: Diagnosis, run: Run | None) -> list[NextTest]:

@@ -102,11 +102,13 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         return "Cause: none in the catalogue reproduces it, or none predicts curves it was not fitted to."
     first = causes[0]
     text = {e["name"]: e["description"] for e in found["effects"]}
+    each = ", ".join(f"{c['effect']} ({100 * c['probability']:.0f} %)" for c in causes)
     if v == "ambiguous":
-        each = ", ".join(f"{c['effect']} ({100 * c['probability']:.0f} %)" for c in causes)
         return f"Cause: cannot be told apart with these data: {each}."
-    if v == "partly" and len(causes) > 1 and causes[1]["probability"] > 0.5:
-        both = " and ".join(f"{text[c['effect']]} ({_named(c)})" for c in causes[:2])
+    if v == "partly" and d["ambiguous_with"]:
+        return f"Part of it, not all, looks like one of these, which cannot be told apart: {each}."
+    if v == "partly" and len(d["chosen"]) == 2:
+        both = " and ".join(f"{text[c['effect']]} ({_named(c)})" for c in causes if c["effect"] in d["chosen"])
         return f"Cause: it takes two effects together, {both}. A pair mimics much: take it for a part of the truth."
     head = {"explained": "Cause", "measurement": "It is the measurement", "partly": "Part of it, not all, looks like"}[
         v
@@ -116,13 +118,13 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
 
 
 def _remainder(d: Mapping[str, Any]) -> str:
-    """What the leading cause leaves, where that is more than noise."""
+    """What the likeliest cause leaves, where that is more than noise."""
     r = d.get("remainder") or {}
     if not r.get("there") or d["verdict"] != "partly":
         return ""
     return (
-        f" What the leading cause alone leaves is more than noise: it looks most like {r['looks_like']} (score "
-        f"{r['score']:.1f}; of data simulated from that cause 1 % exceed {r['threshold']:.1f})."
+        f" What {r['of']} alone leaves is more than noise: it looks most like {r['looks_like']} (score "
+        f"{r['score']:.1f}; of data simulated from {r['of']} about 1 % exceed {r['threshold']:.1f})."
     )
 
 

@@ -107,7 +107,7 @@ class Chain:
     )
 
     permanent_set: float = knob(
-        "share of the deepest earlier travel at a place that stays as a dent",
+        "share of the deepest earlier travel at a place that stays as a dent (the body's doing, not the rig's)",
         "1",
         0.0,
         0.9,

@@ -80,7 +80,7 @@ def verdict(found: Found) -> Section:
     d = core(found)
     text = _VERDICTS.get(verdict_of(found), ("", ""))[1]
     names = [descriptions(found).get(c, c) for c in map(lambda c: clean(c.get("effect")), d.get("causes") or ())]
-    if verdict_of(found) == "ambiguous":
+    if d.get("ambiguous_with"):
         named = _listing(names, "or")
     else:
         together = set(effects_of(chosen(found) or "")) >= {clean(c.get("effect")) for c in d.get("causes") or ()}

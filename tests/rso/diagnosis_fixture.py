@@ -70,6 +70,7 @@ def story(verdict="explained", seed=0):
         "where": _where(gap),
         "where_threshold": 3.1,
         "causes": [_cause(n, 0.95 if len(named) == 1 else (0.56, 0.41)[k]) for k, n in enumerate(named)],
+        "chosen": [n for n in chosen.split(" + ") if n not in ("none", "unexplained")],
         "ambiguous_with": [list(named)] if verdict == "ambiguous" else [],
         "shrinkage": _shrinkage(verdict),
         "parameters": {

@@ -250,7 +250,7 @@ def test_an_offset_moves_the_turn_of_a_cycle(library):
     assert worst(library, ("offset",), (CENTRE, 0.35), {}, offset=0.35)[0] < 0.01
 
 
-def test_a_dent_is_an_early_contact_in_tests_after_the_first(library):
+def test_a_dent_makes_contact_late_in_tests_after_the_first(library):
     """The same as an offset to the other side, where the earlier travel is the same, on the way back too."""
     by = {}
     for name, s in (("permanent_set", 0.05), ("offset", -0.05 * 4.0), ("offset", 0.0)):

@@ -128,3 +128,20 @@ def test_surface_marks_are_proposed_where_none_are_known_and_tell_a_skin_from_st
     known = dataclasses.replace(library.plan.places[0], marks=tuple((x, 6.0) for x, _ in marks))
     plan = dataclasses.replace(library.plan, places=(known, *library.plan.places[1:]))
     assert "marks" not in [c.words for c in candidates(dataclasses.replace(library, plan=plan))]
+
+
+def test_a_candidate_comes_after_what_was_pressed_at_its_place():
+    """A body with a dent has it in the next test too, but not at a place that nobody touched."""
+    plan = plan_of({"mu": 0.012, "D1": 60.0})
+    library = build(toy.base(axes=False), plan, toy.effects("stiff", "offset", "permanent_set"), toy.run)
+    everything = {e.name: ((e,), None) for e in library.effects if e.family == "model"}
+    pressed = {str(library.plan.places[t.place].settings["point"]): t.peak for t in library.plan.tests}
+    seen = set()
+    for candidate in candidates(library):
+        there = simulated(library, candidate, everything, toy.run)
+        for t in there.plan.tests:
+            point = str(there.plan.places[t.place].settings["point"])
+            np.testing.assert_allclose(t.earlier, pressed.get(point, 0.0), rtol=1e-12)
+            assert t.age == 0.5
+            seen.add(point in pressed)
+    assert True in seen

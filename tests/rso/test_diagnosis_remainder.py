@@ -15,7 +15,10 @@ from rso.diagnosis.attribute import Evidence
 from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.judge import MISFIT, _beside
 from rso.diagnosis.judge import NAMES as NAMED
-from rso.diagnosis.remainder import LEVEL, Remainder, remainder
+from rso.diagnosis.mixture import posterior
+from rso.diagnosis.prediction import predict
+from rso.diagnosis.remainder import LEVEL, Remainder, _changes, remainder
+from rso.measurement import Repeat
 
 BASE = toy.base(axes=False)
 TRUTH = {"mu": 0.012, "D1": 60.0 * BASE.reference / 0.012}
@@ -77,12 +80,12 @@ def test_what_the_cause_itself_can_move_is_no_remainder():
 
 def test_what_shows_beside_a_single_cause_is_tried_as_a_pair_with_it():
     stiff, bias, each = toy.effects("stiff", "bias", "bias_each")
-    rest = Remainder(bias, 5.0, 3.0)
+    rest = Remainder("stiff", bias, 5.0, 3.0)
     assert _beside(Hypothesis((stiff,)), rest, []) == [(stiff, bias)]
     assert _beside(Hypothesis((stiff,)), rest, [(bias, stiff)]) == []  # it is among them
     assert _beside(Hypothesis((each,)), rest, []) == []  # a scatter has no tiles to pair
     assert _beside(Hypothesis((stiff, bias)), rest, []) == []
-    assert _beside(Hypothesis((stiff,)), Remainder(None, 0.0, np.inf), []) == []
+    assert _beside(Hypothesis((stiff,)), Remainder("", None, 0.0, np.inf), []) == []
 
 
 def _with(name: str, seed: int) -> tuple[Evidence, Hypothesis]:
@@ -103,12 +106,78 @@ def test_the_score_of_a_direction_is_standard_normal_under_the_cause(other):
 def test_a_cause_that_is_not_in_the_catalogue_makes_another_one_a_part_of_it(monkeypatch):
     """A late contact taken for a skin: sure of it without a look at what the skin leaves, where χ² says nothing."""
     names = ("stiff", "bias", "skin")
-    plan = make_plan(experiments(5, offset=0.06))
+    plan = make_plan(experiments(2, offset=0.09))
     library = dataclasses.replace(tables(names), plan=plan)
-    d = diagnosis.diagnose(library, 5, nulls=100)
+    d = diagnosis.diagnose(library, 2, nulls=100)
     assert d.remainder.there and d.left < MISFIT
     assert d.verdict == "partly" and "skin" in d.named, (d.verdict, d.named, d.remainder)
-    monkeypatch.setattr(rso.diagnosis.judge, "remainder", lambda *_: Remainder(None, 0.0, np.inf))
-    blind = diagnosis.diagnose(library, 5, nulls=100)
+    monkeypatch.setattr(rso.diagnosis.judge, "remainder", lambda *_: Remainder("", None, 0.0, np.inf))
+    blind = diagnosis.diagnose(library, 2, nulls=100)
     assert blind.verdict in NAMED and blind.named == ("skin",)
 
+
+
+def test_a_remainder_with_an_open_parameter_a_profile_and_forms_of_one_source():
+    """Forces are over the modulus, displacements are not; the base's tile is that of the data; forms do not count."""
+    base, rng = toy.base(), np.random.default_rng(8)
+    body = {"mu": 0.012, "D1": 60.0, "stiff": 0.5}
+    u = np.repeat((1.0, 3.0), 3)
+    x, y = np.tile(np.array([(0.0, 0.0), (6.0, 0.0), (0.0, 9.0)]).T, 2)
+
+    def plan(mark: float, bias: float):
+        w = np.array([toy.mark(body, d, a, b) for d, a, b in zip(u, x, y, strict=True)], float)
+        marks = Repeat("1", u, None, {"x": x, "y": y, "uz": w + mark}, {}, np.full(len(u), "loading"))
+        load = toy.recorded(body, rng, repeats=3, bias=bias)
+        return make_plan([toy.experiment("load", load), toy.experiment("profile", (marks,))])
+
+    effects = toy.effects("stiff", "skin", "bias", "lag", "lag_filter")
+    library = build(base, plan(0.0, 0.0), effects, toy.run)
+
+    def left(name: str, **wrong: float) -> Remainder:
+        own = dataclasses.replace(library, plan=plan(**{"mark": 0.0, "bias": 0.0, **wrong}))
+        evidence = Evidence(attribute.set_up(own, own.plan.values()), own.effects)
+        return remainder(evidence, of(evidence, name), own.plan.values(), 0)
+
+    assert not left("stiff").there
+    found = left("stiff", bias=0.03)
+    assert found.there and found.effect.name == "bias" and found.of == "stiff"
+    assert left("lag").effect.source != "lag"
+
+    # what an effect changes, as it is predicted with and without it at the base's tile nearest to the data
+    evidence = Evidence(attribute.set_up(library, library.plan.values()), library.effects)
+    y = library.plan.values()
+    for name in ("skin", "bias"):
+        (e,) = of(evidence, name).effects
+        h = evidence.best((), y)
+        post = posterior(h, h.white(y), 50, np.random.default_rng(0))
+        tiles, all_x = evidence.ready((e,)).tiles, evidence.ready(()).tiles.at
+        x = all_x[np.argmin(np.abs(all_x[:, 0] - np.median(post.at[:, 0])))]
+        assert not np.array_equal(x, all_x[0])
+        at, μ = tiles.at[tiles.at[:, 0] == x[0]], float(np.median(post.modulus))
+        (A, c), (A0, c0) = (predict(library, k, v, evidence.bench.modulus) for k, v in (((e,), at), ((), x[None])))
+        np.testing.assert_allclose(_changes(evidence, e, post), μ * (A - A0) + c - c0, rtol=0, atol=1e-4 * μ * A.max())
+
+
+def test_what_shows_beside_a_cause_is_in_the_contest_and_in_the_words():
+    names = ("stiff", "bias", "skin")
+    library = dataclasses.replace(tables(names), plan=make_plan(experiments(2, offset=0.09)))
+    d = diagnosis.diagnose(library, 2, nulls=100)
+    found = diagnosis.story(library, d, 2, None, "toy")
+    rest = found["diagnosis"]["remainder"]
+    assert rest["there"] and rest["score"] > rest["threshold"] and rest["of"] == "skin"
+    assert any(f"What skin alone leaves is more than noise: it looks most like {rest['looks_like']}" in w
+               for w in found["words"])  # fmt: skip
+    assert {"skin + " + rest["looks_like"], rest["looks_like"] + " + skin"} & set(d.probabilities)
+
+
+def test_rivals_of_a_part_are_named_and_are_not_called_a_pair():
+    """Two look-alikes, neither enough: "it takes two effects together" would be wrong."""
+    names = ("stiff", "twin", "skin")
+    plan = make_plan(experiments(0, {"stiff": 0.3, "soften": 0.05}))
+    library = dataclasses.replace(tables(names), plan=plan)
+    found = diagnosis.story(library, diagnosis.diagnose(library, 0, nulls=100), 0, None, "toy")
+    d = found["diagnosis"]
+    assert d["verdict"] == "partly" and len(d["chosen"]) == 1 and len(d["causes"]) > 1, d["causes"]
+    assert set(d["ambiguous_with"][0]) == {c["effect"] for c in d["causes"]}
+    assert not any("takes two effects" in w for w in found["words"])
+    assert any("cannot be told apart" in w for w in found["words"])
