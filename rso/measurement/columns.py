@@ -106,12 +106,13 @@ def _split(rows: Sequence[Row], k: int) -> tuple[str, list[str], list[str], int]
     cells = cells_of(rows[k][1], separator)
     if k + 1 < len(rows):
         units = [cell.strip("[]() ") for cell in cells_of(rows[k + 1][1], separator)]
-        if len(units) == len(cells) and not any(map(_numeric, units)) and any(map(is_unit, units)):
+        if len(units) == len(cells) and not any(map(is_number, units)) and any(map(is_unit, units)):
             return separator, cells, units, k + 2
     return separator, cells, [""] * len(cells), k + 1
 
 
-def _numeric(cell: str) -> bool:
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number, with a decimal comma or point."""
     try:
         float(cell.replace(",", "."))
     except ValueError:
@@ -130,7 +131,7 @@ def _filled(row: str) -> list[str]:
 def _numbers(row: str) -> int:
     """How many numbers a line holds that holds nothing else, 0 for another line and for a single number."""
     cells = _filled(row)
-    return len(cells) if len(cells) > 1 and all(map(_numeric, cells)) else 0
+    return len(cells) if len(cells) > 1 and all(map(is_number, cells)) else 0
 
 
 def _name(cell: str, beneath: str) -> str | None:

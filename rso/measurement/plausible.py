@@ -104,7 +104,7 @@ def alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> N
 
 
 def _jump(path: Path, depth: np.ndarray, stroke: float, lines: np.ndarray) -> None:
-    """A single reading of the depth far beside both its neighbours."""
+    """A single reading of the depth far beside both its neighbours, or the last far beside all steps before."""
     step = np.abs(np.diff(depth))
     before, at, after = depth[1:-3], depth[2:-2], depth[3:-1]
     beside = np.minimum(np.abs(at - before), np.abs(at - after))
@@ -115,6 +115,11 @@ def _jump(path: Path, depth: np.ndarray, stroke: float, lines: np.ndarray) -> No
         raise ValueError(
             f"{path}:{lines[k]}: column 'depth' jumps to {depth[k]:g} mm for a single reading, between "
             f"{depth[k - 1]:g} and {depth[k + 1]:g} mm: leave the row out"
+        )
+    if step[-1] > max(JUMP * stroke, 8.0 * step[:-1].max()):
+        raise ValueError(
+            f"{path}:{lines[-1]}: column 'depth' jumps to {depth[-1]:g} mm in the last reading, after "
+            f"{depth[-2]:g} mm: leave the row out"
         )
 
 

@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 
 from rso.measurement import plausible
-from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head
+from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head, is_number
 
 MAX_BYTES = 200_000_000
 SEGMENTS = ("loading", "hold", "unloading")
@@ -173,6 +173,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     columns = {name: array("d") for name in head.at if name not in ("repeat", "segment")}
     text = {name: list[str]() for name in head.at if name not in columns}
     line = array("q")
+    counting = _counting(head, range(len(head.cells)), cells_of(rows[0][1], head.separator)) if rows else []
     for number, row in rows:
         cells = _cells(path, number, row, head)
         line.append(number)
@@ -180,6 +181,8 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
             values.append(cells[head.at[name]])
         for name, column in columns.items():
             column.append(_number(path, number, name, cells[head.at[name]], decimal_comma=head.separator != ","))
+        _no_summary(path, number, cells, head, counting)
+        counting = _counting(head, counting, cells)
     if not line:
         raise ValueError(f"{path}: too few points: there is no row of numbers below the header")
     # + 0.0: no negative zero where the sign is turned
@@ -200,6 +203,20 @@ def _cells(path: Path, number: int, row: str, head: Head) -> list[str]:
     if not head.cells[-1] and cells[-1]:
         fail(path, number, f"{cells[-1][:40]!r} stands beneath no header ({head.text!r})")
     return cells
+
+
+def _counting(head: Head, columns: Sequence[int], cells: Sequence[str]) -> list[int]:
+    """Which of the columns are not read and hold a number in this row."""
+    return [k for k in columns if k not in head.at.values() and k < len(cells) and is_number(cells[k])]
+
+
+def _no_summary(path: Path, number: int, cells: Sequence[str], head: Head, counting: Sequence[int]) -> None:
+    """ValueError where a word stands in a column that had a number in every row above: Max beneath the readings."""
+    for k in counting:
+        # Only letters: overflows are dashes, and thousands may be parted where nothing is read.
+        if k < len(cells) and any(map(str.isalpha, cells[k])) and not is_number(cells[k]):
+            told = f"{cells[k][:40]!r} beneath numbers, as in a row of a summary; delete the row"
+            fail(path, number, f"column {head.cells[k]!r}: {told}")
 
 
 def _no_thousands(path: Path, rows: Sequence[Row], head: Head) -> None:

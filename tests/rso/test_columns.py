@@ -150,6 +150,8 @@ def test_a_wall_of_numbers_above_the_header_of_a_machine_is_a_note_and_above_a_p
 
 SHORT = "Weg;Kraft;Zeit\nmm;N;s\n0;0;0\n0,5;0,1;1\n"
 SHORT_COLUMNS = {"depth": Column("Weg"), "Fz": Column("Kraft")}
+COUNTED = "Nr;Weg;Kraft\n1;0;0\n2;0,5;0,1\n3;1;0,2\n4;4,0;0,32\n"
+COUNTED_COLUMNS = {"depth": Column("Weg", "mm"), "Fz": Column("Kraft", "N")}
 REFUSED = {  # text, columns, words
     "a name of nowhere": (zwick(), ZWICK | {"depth": Column("Standartweg")}, [
         ":6:", "no header 'Standartweg' (depth)", "choose from 'Standardweg', 'Standardkraft'"]),
@@ -188,6 +190,8 @@ REFUSED = {  # text, columns, words
     "an empty cell": (SHORT + "1;;2\n", SHORT_COLUMNS, [":5:", "'Fz'", "''"]),
     "thousands": (SHORT + "1.000,5;0,2;2\n", SHORT_COLUMNS, [":5:", "'depth'", "'1.000,5'"]),
     "perhaps thousands": ("Weg;Kraft\num;mN\n500;1\n750;2\n1,000;3\n", SHORT_COLUMNS, [":5:", "'depth'", "'1,000'"]),
+    "a summary": (COUNTED + "Max;4,0;0,32\n", COUNTED_COLUMNS, [":6:", "'Nr'", "'Max'", "summary; delete"]),
+    "a summary of nothing": (COUNTED + "Min;0;0\n", COUNTED_COLUMNS, [":6:", "'Nr'", "'Min'"]),
     "sigma of nothing": (SHORT, SHORT_COLUMNS | {"Fx_sigma": Column("Zeit", "N")}, ["'Fx_sigma'", "not there"]),
     "comment as a number": (labview(), LABVIEW | {"Fz": Column("Comment", "N")}, [":6:", "3 values", "4 columns"]),
     "travel negative": (zwick(), ZWICK | {"depth": Column("Standardweg")}, ["mostly negative", "flip = true"]),
@@ -204,6 +208,13 @@ def test_what_is_wrong_is_said_with_file_line_column_and_choices(tmp_path, what)
     said = refusal(path, columns)
     for word in [str(path), *words]:
         assert word in said
+
+
+@pytest.mark.parametrize("cells", [("", "8", "start", ""), ("999,5", "1.000,5", "---", "NaN"), ("start", "1", "", "2")])
+def test_what_is_not_read_may_hold_markers_overflows_and_parted_thousands(tmp_path, cells):
+    rows = [f"{cell};{k};{0.1 * k:.1f}\n" for k, cell in enumerate(cells)]
+    m = read(write(tmp_path, "Druck;Weg;Kraft\n" + "".join(rows)), COUNTED_COLUMNS)
+    assert m.repeats[0].depth.tolist() == [0.0, 1.0, 2.0, 3.0] and m.unread == ("Druck",)
 
 
 def test_units_in_capitals_are_understood_with_the_study(tmp_path):

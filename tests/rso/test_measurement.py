@@ -427,6 +427,7 @@ IMPOSSIBLE = {  # content, words of the answer
     "position falls": (curve(depth=4.0 - PRESS), ["'depth' falls from 4 to 0 mm", "must grow"]),
     "no travel": (curve(depth=np.ones(81)), ["'depth' is 1 mm throughout"]),
     "one wild depth": (curve(depth=once(PRESS, 50, 9.0)), [":52:", "jumps to 9 mm", "2.45 and 2.55"]),
+    "a sum at the end": (curve(np.r_[PRESS, 162.0], np.r_[PULL, 9.0]), [":83:", "jumps to 162 mm", "last"]),
     "thousands": ("depth_um;Fz_mN\n0;0\n250;5\n500;14\n750;26\n1,000;40\n1,250;56\n", [":6:", "'1,000'", "1250"]),
     "thousands beside decimals": ("depth_um;Fz_mN\n0.10;0.5\n1,250;5.00\n", ["'0.10'", "'1,250'", "thousands"]),
 }
