@@ -33,7 +33,7 @@ _JITTER, _SECOND_TURN = 0.05, 0.2
 _REST, _LONG = 0.0025, 4.0
 _AWAY = 0.05  # of the readings of a rest may lie outside it
 _LARGEST = 1e12
-_THOUSANDS, _HUNDREDS = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}"), re.compile(r"[+-]?[1-9]\d{2}")
+_THOUSANDS, _WHOLE = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}"), re.compile(r"[+-]?\d+")
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,11 +220,11 @@ def _no_summary(path: Path, number: int, cells: Sequence[str], head: Head, count
 
 
 def _no_thousands(path: Path, rows: Sequence[Row], head: Head) -> None:
-    """ValueError where a comma or point may part thousands and not decimals: 1,250 after 750, or 1.250,5."""
+    """ValueError where a comma or point may part thousands and not decimals: 1,250 after 750 or 0, or 1.250,5."""
     numeric = {k: name for name, k in head.at.items() if name not in ("repeat", "segment")}
     marks: dict[str, tuple[int, str]] = {}
     thousands: dict[int, tuple[int, str]] = {}
-    whole, other = set[int](), set[int]()
+    whole, other = dict[int, str](), set[int]()
     for number, row in rows:
         cells = cells_of(row, head.separator)
         for k in numeric if len(cells) >= len(head.cells) - 1 else ():
@@ -235,14 +235,15 @@ def _no_thousands(path: Path, rows: Sequence[Row], head: Head) -> None:
                 thousands.setdefault(k, (number, cell))
             elif "," in cell or "." in cell:
                 other.add(k)
-            elif _HUNDREDS.fullmatch(cell):
-                whole.add(k)
+            elif _WHOLE.fullmatch(cell):
+                whole.setdefault(k, cell)
     if len(marks) == 2 and thousands:
         (line, one), (_, two) = (marks[m] for m in ".,")
         fail(path, line, f"{one!r} has a point, {two!r} a comma: one of them parts thousands; write 1250, not 1,250")
     if doubtful := {k: v for k, v in thousands.items() if k in whole and k not in other}:
         k, (line, cell) = next(iter(doubtful.items()))
-        told = f"{cell!r} beside whole hundreds is a thousand or a decimal; write 1250"
+        # Whoever prints three decimals prints them of 0 and 50 too.
+        told = f"{cell!r} beside {whole[k]!r} is a thousand or a decimal; write 1250 or 1.2500"
         fail(path, line, f"column {numeric[k]!r}: {told}")
 
 

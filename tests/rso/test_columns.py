@@ -190,6 +190,10 @@ REFUSED = {  # text, columns, words
     "an empty cell": (SHORT + "1;;2\n", SHORT_COLUMNS, [":5:", "'Fz'", "''"]),
     "thousands": (SHORT + "1.000,5;0,2;2\n", SHORT_COLUMNS, [":5:", "'depth'", "'1.000,5'"]),
     "perhaps thousands": ("Weg;Kraft\num;mN\n500;1\n750;2\n1,000;3\n", SHORT_COLUMNS, [":5:", "'depth'", "'1,000'"]),
+    "perhaps thousands after 0": ("depth [um]\tFz [mN]\n0\t0\n1,000\t40\n2,000\t113\n", None, [
+        ":3:", "'depth'", "'1,000' beside '0'"]),
+    "perhaps thousands with a point": ("Weg;Kraft\num;mN\n0;0\n50;1\n1.000;2\n2.000;3\n", SHORT_COLUMNS, [
+        ":5:", "'depth'", "'1.000'"]),
     "a summary": (COUNTED + "Max;4,0;0,32\n", COUNTED_COLUMNS, [":6:", "'Nr'", "'Max'", "summary; delete"]),
     "a summary of nothing": (COUNTED + "Min;0;0\n", COUNTED_COLUMNS, [":6:", "'Nr'", "'Min'"]),
     "sigma of nothing": (SHORT, SHORT_COLUMNS | {"Fx_sigma": Column("Zeit", "N")}, ["'Fx_sigma'", "not there"]),
@@ -208,6 +212,16 @@ def test_what_is_wrong_is_said_with_file_line_column_and_choices(tmp_path, what)
     said = refusal(path, columns)
     for word in [str(path), *words]:
         assert word in said
+
+
+@pytest.mark.parametrize("cells", [
+    ("0", "0,5", "1", "1,125"), ("0.000", "0.500", "1.000", "1.125"), ("0,000", "1,000", "2,000", "3,000"),
+    ("0", "0.5", "1.000", "2.000"), ("0,125", "1", "1,250", "2"), ("0", "1", "2", "3000"),
+])  # fmt: skip
+def test_decimals_that_show_themselves_part_no_thousands(tmp_path, cells):
+    rows = [f"{cell};{k}\n" for k, cell in enumerate(cells)]
+    (r,) = read(write(tmp_path, "depth_um;Fz_mN\n" + "".join(rows))).repeats
+    np.testing.assert_allclose(r.depth, [float(c.replace(",", ".")) / 1000 for c in cells], rtol=1e-15, atol=0)
 
 
 @pytest.mark.parametrize("cells", [("", "8", "start", ""), ("999,5", "1.000,5", "---", "NaN"), ("start", "1", "", "2")])
