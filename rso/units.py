@@ -34,6 +34,7 @@ COLUMNS = MappingProxyType(
 BARE_COLUMNS = ("repeat", "segment")
 COLUMN_NAMES = (*COLUMNS, *(f"{name}_sigma" for name in COLUMNS), *BARE_COLUMNS)
 UNITS = MappingProxyType({"mm": "mm, um, m, inch", "s": "s, ms, min", "N": "N, mN, kN, gf, lbf"})  # of each kind, some
+WEIGHTS = MappingProxyType({"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"})  # masses where only a force can be
 
 _EXAMPLES = {
     "MPa": '0.0032, "3.2 kPa" or "3200 Pa"',
@@ -51,6 +52,7 @@ _FACTOR = r"(?:1|%|‰|[A-Za-zµμΩ°]+)(?:(?:\*\*|\^)-?[1-9]|[²³])?"
 _UNIT = re.compile(rf"{_FACTOR}(?:\s*[*·/ ]\s*{_FACTOR})*")
 _HEADER = re.compile(r"([A-Za-z]+)(_sigma)?_([^\s_]+)")
 _ENDING = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|/\s*([^\s/()\[\]]+))", re.DOTALL)
+_GROUP = re.compile(r"\[([^\[\]]*)\]|\(([^()]*)\)|/\s*([^\s/()\[\]]+)")
 _LOW_LINE = re.compile(r".*_([^\s_]+)", re.DOTALL)
 _LOWER = MappingProxyType({name.lower(): name for name in COLUMN_NAMES})
 _LONGEST = 80
@@ -178,18 +180,29 @@ def _ending(text: str) -> tuple[str, str] | None:
 
 
 def unit_in(text: str, name: str) -> str | None:
-    """The unit that any header says of the column `name`: mm in ``"Weg [mm]"``, None in ``"Weg (Traverse)"``.
+    """The unit that any header says of the column `name`: mm in ``"Weg [mm] (roh)"``, None in ``"Weg (Traverse)"``.
 
-    Behind a low line only a unit of the right kind counts: the A of ``"Load_A"`` is a channel, not an ampere.
+    Behind a low line or before other words only a unit of the right kind counts: the A of ``"Load_A"`` is a channel,
+    not an ampere.
     """
     written = text.strip()
-    if ending := _ending(written):
-        return ending[1] if is_unit(ending[1]) else None
-    match = _LOW_LINE.fullmatch(written)
+    if (ending := _ending(written)) and is_unit(ending[1]):
+        return ending[1]
+    base = kind_of(name)
+    for unit in reversed(["".join(group).strip() for group in _GROUP.findall(written)]):
+        # KN is no unit, but says that N is not meant.
+        if _is_of(base, unit) or unit.lower() in UNITS[base].lower().split(", ") or (base == "N" and unit in WEIGHTS):
+            return unit
+    low_line = _LOW_LINE.fullmatch(_GROUP.sub("", written).strip())
+    return low_line[1] if low_line and _is_of(base, low_line[1]) else None
+
+
+def _is_of(base: str, unit: str) -> bool:
+    """Whether a text is a unit of the kind of `base`."""
     try:
-        return match[1] if match and factor(match[1], kind_of(name)) else None
+        return bool(factor(unit, base))
     except ValueError:
-        return None
+        return False
 
 
 def kind_of(name: str) -> str:

@@ -15,10 +15,9 @@ from difflib import SequenceMatcher
 from pathlib import Path
 from typing import NoReturn
 
-from rso.units import BARE_COLUMNS, UNITS, column_factor, factor, header, is_unit, kind_of, unit_in
+from rso.units import BARE_COLUMNS, UNITS, WEIGHTS, column_factor, factor, header, is_unit, kind_of, unit_in
 
 _QUOTED = re.compile(r'"[^"]*"')
-_WEIGHTS = {"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"}  # a mass where only a force can be: a texture analyser
 _LONGEST, _SHOWN = 80, 200  # characters of a header and headers of a line that a message looks at
 _OTHER_NAMES = "other names are understood with [columns] in the study file"
 
@@ -36,7 +35,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Head:
-    """The header of a table: `at` and `factor` (to N, mm, s, with the sign) of each column that is read, by name.
+    """The header of a table: `at`, `unit` and `factor` (to N, mm, s, with the sign) of each column read, by name.
 
     `above` and `below` are how many of the rows stand above the header and where the readings begin.
     """
@@ -45,6 +44,7 @@ class Head:
     separator: str
     cells: tuple[str, ...]
     at: Mapping[str, int]
+    unit: Mapping[str, str]
     factor: Mapping[str, float]
     above: int
     below: int
@@ -86,12 +86,12 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) ->
     for name in at:
         if name.endswith("_sigma") and name.removesuffix("_sigma") not in at:
             fail(path, line, f"column {name!r} states an uncertainty of a column that is not there")
-    factors = {}
+    factors, read_as = {}, {}
     for name, i in at.items():
         column = columns.get(name, Column(cells[i]))
-        unit = "" if name in BARE_COLUMNS else _unit(path, line, name, column, units[i])
+        read_as[name] = unit = "" if name in BARE_COLUMNS else _unit(path, line, name, column, units[i])
         factors[name] = column_factor(name, unit) * (-1.0 if column.flip else 1.0)
-    return Head(text, separator, tuple(cells), at, factors, k, below)
+    return Head(text, separator, tuple(cells), at, read_as, factors, k, below)
 
 
 def _separator(row: str) -> str:
@@ -210,13 +210,18 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
     base, choices = kind_of(name), UNITS[kind_of(name)]
     said = {"the study": column.unit, "the header": unit_in(column.header, name)}
     said["the row beneath the header"] = beneath if is_unit(beneath) else None
-    units = {who: unit for who, unit in said.items() if unit}
+    same = (column.unit or "").lower()
+    if beneath and same and not is_unit(beneath) and beneath.lower() != same:
+        fail(path, line, f"column {name!r} ({column.header!r}): the study says {column.unit!r}, the row beneath the "
+             f"header {beneath!r}, which is not a known unit")  # fmt: skip
+    # In capitals S is a siemens, MM no millimetre, and the MN of a machine a mN.
+    units = {who: unit for who, unit in said.items() if unit and (who == "the study" or unit.lower() != same)}
     for who, unit in units.items():
-        if base == "N" and unit in _WEIGHTS:
+        if base == "N" and unit in WEIGHTS:
             if column.unit is None:
                 fail(path, line, f"column {name!r} ({column.header!r}): {unit!r} is a mass; if its weight is meant, "
-                     f"say unit = {_WEIGHTS[unit]!r} in [columns] of the study")  # fmt: skip
-            units[who] = _WEIGHTS[unit]
+                     f"say unit = {WEIGHTS[unit]!r} in [columns] of the study")  # fmt: skip
+            units[who] = WEIGHTS[unit]
     if not units:
         odd = f" ({beneath!r} beneath it is not a known unit)" if beneath else ""
         fail(path, line, f"column {name!r}: the header {column.header!r} says no unit{odd}; give unit = … in [columns] "
@@ -226,8 +231,6 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
         try:
             known[who] = factor(unit, base)
         except ValueError as error:
-            if who != "the study" and column.unit and unit.lower() == column.unit.lower():
-                continue  # in capitals S is a siemens and MM no millimetre
             fail(path, line, f"column {name!r} ({column.header!r}): {who} says {error}; choose from {choices}")
         if known[who] != known[first]:
             fail(path, line, f"column {name!r} ({column.header!r}): {first} says {said[first]!r}, {who} {said[who]!r}")

@@ -21,6 +21,7 @@ import numpy as np
 
 from rso.measurement import plausible
 from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head, is_number
+from rso.units import kind_of
 
 MAX_BYTES = 200_000_000
 SEGMENTS = ("loading", "hold", "unloading")
@@ -33,6 +34,7 @@ _JITTER, _SECOND_TURN = 0.05, 0.2
 _REST, _LONG = 0.0025, 4.0
 _AWAY = 0.05  # of the readings of a rest may lie outside it
 _LARGEST = 1e12
+_MOST = {"mm": 1e4, "N": 1e6}  # ten metres, a hundred tonnes: no indenter, but a unit misread
 _THOUSANDS, _WHOLE = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}"), re.compile(r"[+-]?\d+")
 
 
@@ -187,6 +189,8 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
         raise ValueError(f"{path}: too few points: there is no row of numbers below the header")
     # + 0.0: no negative zero where the sign is turned
     arrays = {name: np.array(column) * head.factor[name] + 0.0 for name, column in columns.items()}
+    for name, column in arrays.items():
+        _within(path, line, name, column, head.unit[name])
     segments = _segment_column(path, line, text["segment"]) if "segment" in text else None
     own = text.get("repeat", [] if file_label else ["1"] * len(line))
     labels = [f"{file_label} {label}".strip() for label in own] or [file_label] * len(line)
@@ -203,6 +207,15 @@ def _cells(path: Path, number: int, row: str, head: Head) -> list[str]:
     if not head.cells[-1] and cells[-1]:
         fail(path, number, f"{cells[-1][:40]!r} stands beneath no header ({head.text!r})")
     return cells
+
+
+def _within(path: Path, line: Sequence[int], name: str, column: np.ndarray, unit: str) -> None:
+    """ValueError where a length or force is larger than any of a test; `unit` is the one it was read in."""
+    base = kind_of(name)
+    if base in _MOST and (beyond := np.abs(column) > _MOST[base]).any():
+        k = int(np.argmax(beyond))
+        told = f"{column[k]:g} {base} is larger than in any test ({_MOST[base]:g} {base}); read as {unit!r}"
+        fail(path, line[k], f"column {name!r}: {told}; another unit is said with [columns] in the study file")
 
 
 def _counting(head: Head, columns: Sequence[int], cells: Sequence[str]) -> list[int]:

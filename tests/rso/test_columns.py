@@ -167,6 +167,18 @@ REFUSED = {  # text, columns, words
     "another unit in the header": ("Weg [mm];Kraft (kN)\n0;0\n", {
         "depth": Column("Weg [mm]"), "Fz": Column("Kraft (kN)", "N")}, [
         ":1:", "'Fz' ('Kraft (kN)')", "the study says 'N'", "the header 'kN'"]),
+    "another unit before other words": ("Weg [mm];Kraft [kN] (gefiltert)\n0;0\n", {
+        "depth": Column("Weg [mm]"), "Fz": Column("Kraft [kN] (gefiltert)", "N")}, [
+        ":1:", "the study says 'N'", "the header 'kN'"]),
+    "another unit in capitals": ("Weg [mm];Kraft [KN]\n0;0\n", {
+        "depth": Column("Weg [mm]"), "Fz": Column("Kraft [KN]", "N")}, [":1:", "the header says 'KN'"]),
+    "another unit beneath, in capitals": (SHORT.replace("N;s", "KN;s"), SHORT_COLUMNS | {"Fz": Column("Kraft", "N")}, [
+        ":1:", "'Fz' ('Kraft')", "the study says 'N'", "beneath the header 'KN'"]),
+    "a force beyond all": ("Weg;FORCE (MN)\n0;0\n1;320\n", {
+        "depth": Column("Weg", "mm"), "Fz": Column("FORCE (MN)")}, [":3:", "'Fz'", "3.2e+08 N", "read as 'MN'"]),
+    "a depth beyond all": ("depth [Mm];Fz [N]\n0;0\n4;1\n", None, [":3:", "'depth'", "4e+09 mm", "read as 'Mm'"]),
+    "a depth beyond all, turned": ("Weg [Mm];Fz [N]\n0;0\n4;1\n", {
+        "depth": Column("Weg [Mm]", flip=True), "Fz": Column("Fz [N]")}, [":3:", "-4e+09 mm"]),
     "another unit beneath": (SHORT, SHORT_COLUMNS | {"Fz": Column("Kraft", "mN")}, [
         ":1:", "the study says 'mN'", "the row beneath the header 'N'"]),
     "header and row": ("Weg_um;Fz\nmm;N\n0;0\n", {"depth": Column("Weg_um"), "Fz": Column("Fz")}, [
@@ -236,6 +248,11 @@ def test_units_in_capitals_are_understood_with_the_study(tmp_path):
     columns = {"depth": Column("TRAVEL (MM)", "mm"), "Fz": Column("FORCE (N)"), "time": Column("TIME (S)", "s")}
     m = read(write(tmp_path, plain().replace("time_s,depth_mm,Fz_N", "TIME (S),TRAVEL (MM),FORCE (N)")), columns)
     assert m.repeats[0].depth.max() == 4.0
+    rows = "TRAVEL (Mm);FORCE (MN)\n0;0\n500;1\n"
+    columns |= {"depth": Column("TRAVEL (Mm)", "mm"), "Fz": Column("FORCE (MN)", "mN")}
+    (r,) = read(write(tmp_path, rows, name="mega.csv"), {k: columns[k] for k in ("depth", "Fz")}).repeats
+    assert (r.depth[1], r.channels["Fz"][1]) == (500.0, 0.001)
+    columns |= {"depth": Column("TRAVEL (MM)", "mm"), "Fz": Column("FORCE (N)")}
     assert "'S' is not a unit of the kind 's'" in refusal(tmp_path / "data.csv", columns | {"time": Column("TIME (S)")})
 
 
