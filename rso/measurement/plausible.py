@@ -21,6 +21,7 @@ SEEN = 20.0  # times the noise: a force that tells its sign and unit
 SKEW = 5.0  # ratio of the largest forces of two repeats to one depth
 LATE = 0.25  # of the deepest travel: a contact this late is remarked upon
 STUCK = 10  # readings at the deepest point that make a rest, where no times are known
+JITTER = 0.05  # of the stroke: a way back by less is jitter
 JUMP = 0.05  # of the stroke: a single depth this far out of line is a mistake
 TURN = "turn its sign (flip = true in [columns] of the study, or without it)"
 FLAT = 5  # equal largest readings in a row: a sensor at its end
@@ -47,6 +48,11 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
             raise ValueError(
                 f"{who}: column 'depth' falls from {depth[0]:g} to {depth[-1]:g} mm and rises hardly anywhere; it must "
                 f"grow while the indenter goes deeper, from 0 at contact: {TURN} or subtract its start"
+            )
+        if back := _back(depth):
+            notes.append(
+                f"repeat {label}: depth falls back by {back:.2g} mm before its deepest point and all is read as one "
+                "loading; a block before the test, or several tests, are told by a column 'repeat', or by 'segment'"
             )
         if time is None and (near := _rest(depth)):
             notes.append(
@@ -121,6 +127,13 @@ def _jump(path: Path, depth: np.ndarray, stroke: float, lines: np.ndarray) -> No
             f"{path}:{lines[-1]}: column 'depth' jumps to {depth[-1]:g} mm in the last reading, after "
             f"{depth[-2]:g} mm: leave the row out"
         )
+
+
+def _back(depth: np.ndarray) -> float:
+    """By how much the indenter, once in contact, goes back before its deepest point; 0 where that may be jitter."""
+    there = np.maximum(depth[: int(np.argmax(depth)) + 1], 0.0)
+    back = float(np.max(np.maximum.accumulate(there) - there))
+    return back if back > max(JITTER * float(np.ptp(np.maximum(depth, 0.0))), 12.0 * noise_of(depth)) else 0.0
 
 
 def _rest(depth: np.ndarray) -> int:

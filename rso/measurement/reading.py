@@ -27,9 +27,7 @@ MAX_BYTES = 200_000_000
 SEGMENTS = ("loading", "hold", "unloading")
 FORCES = ("Fx", "Fy", "Fz")
 DISPLACEMENTS = ("ux", "uy", "uz")
-# A return by less than this share of the stroke is jitter at the end, not unloading; a second turn by more
-# than the other share means several tests in one.
-_JITTER, _SECOND_TURN = 0.05, 0.2
+_SECOND_TURN = 0.2  # of the stroke: a second turn by more means several tests in one
 # At rest: this near the deepest level, as a share of the stroke, for this many times as long as passing by takes.
 _REST, _LONG = 0.0025, 4.0
 _AWAY = 0.05  # of the readings of a rest may lie outside it
@@ -352,7 +350,7 @@ def _segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None
             f"add a column 'repeat', or 'segment' with {', '.join(SEGMENTS)}{sign}"
         )
     segment = np.full(len(depth), "loading", dtype="<U9")
-    if depth[k] - after.min() > _JITTER * stroke:
+    if depth[k] - after.min() > plausible.JITTER * stroke:
         segment[k + 1 :] = "unloading"
     if time is not None:
         segment[_at_rest(depth, time)] = "hold"

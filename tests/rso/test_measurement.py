@@ -415,6 +415,13 @@ def curve(depth=PRESS, force=PULL, time=None, head="depth_mm,Fz_N"):
     return table(head if time is None else "time_s," + head, zip(*columns, strict=True))
 
 
+def along(*ways: tuple[float, float, int], noise: float = 0.0) -> str:
+    """A test along straight ways of depth, from, to, readings."""
+    depth = np.concatenate([np.linspace(*w) for w in ways])
+    depth += noise * np.random.default_rng(6).normal(size=len(depth))
+    return curve(depth, 0.04 * np.maximum(depth, 0) ** 1.5)
+
+
 def once(value, at, to):
     out = value.copy()
     out[at] = to
@@ -463,6 +470,35 @@ def test_what_is_doubtful_is_said(tmp_path, what):
     assert any(words in doubt for doubt in read(write(tmp_path, curve(force=force))).doubts)
 
 
+BEFORE = "before its deepest point"
+
+
+def test_a_block_before_the_test_is_remarked_upon(tmp_path):
+    block = (0.0, 0.5, 11), (0.5, 0.0, 11), (0.0, 4.0, 81)
+    assert [doubt for doubt in read(write(tmp_path, along(*block))).doubts if "back by 0.5 mm " + BEFORE in doubt]
+    assert [doubt for doubt in read(write(tmp_path, along(*block, noise=0.005))).doubts if BEFORE in doubt]
+
+
+ONE_WAY = {  # ways of depth and their noise, none of them with a block before the test
+    "back by jitter": (((0.0, 2.0, 41), (2.0, 1.85, 4), (1.85, 4.0, 41)), 0.0),
+    "about in the air": (((-1.0, -0.1, 11), (-0.1, -0.8, 8), (-0.8, 4.0, 81)), 0.0),
+    "noise": (((0.0, 1.0, 401), (1.0, 0.0, 401)), 0.02),
+    "back after the deepest point": (((0.0, 4.0, 81), (4.0, 3.4, 13), (3.4, 3.9, 11), (3.9, 0.0, 81)), 0.0),
+}
+
+
+@pytest.mark.parametrize("what", ONE_WAY)
+def test_one_way_there_is_not_remarked_upon(tmp_path, what):
+    ways, noise = ONE_WAY[what]
+    assert not [doubt for doubt in read(write(tmp_path, along(*ways, noise=noise))).doubts if BEFORE in doubt]
+
+
+def test_the_records_of_the_studies_hold_no_block_before_the_test():
+    records = sorted((Path(__file__).parents[2] / "studies").glob("**/measured/*.csv"))
+    assert len(records) > 10
+    assert not [doubt for path in records for doubt in read(path).doubts if BEFORE in doubt]
+
+
 @pytest.mark.parametrize("power", [1.0, 1.5, 2.2])
 @pytest.mark.parametrize("level", [0.0, -0.01])
 def test_good_curves_are_neither_refused_nor_doubted(tmp_path, power, level):
@@ -496,7 +532,9 @@ FINE = {  # what laboratories do, none of it wrong
 @pytest.mark.parametrize("what", FINE)
 def test_ways_of_laboratories_are_not_refused(tmp_path, what):
     depth = FINE[what]
-    (r,) = read(write(tmp_path, curve(depth, 0.04 * np.maximum(depth, 0.0) ** 1.5))).repeats
+    m = read(write(tmp_path, curve(depth, 0.04 * np.maximum(depth, 0.0) ** 1.5)))
+    (r,) = m.repeats
+    assert not [doubt for doubt in m.doubts if BEFORE in doubt]
     assert np.ptp(r.depth[r.segment == "loading"]) > 3.0
 
 
