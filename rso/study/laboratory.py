@@ -15,6 +15,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rso.measurement import read
+
 _POINT = re.compile(r"^point_(-?\d+(?:\.\d+)?)_(-?\d+(?:\.\d+)?)$", re.IGNORECASE)
 _PLACE = re.compile(r"^(point|pt)[_ ]", re.IGNORECASE)  # a name that means a place
 _NOISE = ("force_N", "depth_mm", "repeat_gain", "profile_mm")
@@ -63,7 +65,7 @@ def study_text(folder: Path, seed: int, beside: Path) -> str:
             ['kind = "profile"']
             if profile
             else ['channels = ["Fz", "Fx", "Fy"]']
-            if _has_lateral(file_of[name])
+            if {"Fx", "Fy"} <= set(read(file_of[name]).channels)
             else []
         )
         unload = ", unload = true" if name.lower().startswith("mp_cycle") else ""
@@ -128,10 +130,3 @@ def _support(path: Path, nominal: Mapping[str, Any]) -> str:
     beside = {"clearance_mm": nominal.get("clearance_mm", 1.0), "friction": nominal.get("mu_platform", 0.2)}
     found = _numbers(path, "support", {**beside, **table}, tuple(beside))
     return f'{{ kind = "bowl", clearance = {found["clearance_mm"]}, friction = {found["friction"]} }}'
-
-
-def _has_lateral(path: Path) -> bool:
-    """Whether the header, which may stand below other lines, is one with Fx and Fy."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        lines = (line.lower() for line in file if not line.lstrip().startswith("#"))
-        return any("fx" in line and "fy" in line for line in lines)

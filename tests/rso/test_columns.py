@@ -287,6 +287,12 @@ def test_files_with_repeats_of_their_own_and_files_of_one_name(tmp_path):
     assert read([tmp_path / "monday" / "top.csv"]).repeats[0].label == "1"
 
 
+def test_what_is_not_read_is_told_of_all_files(tmp_path):
+    texts = [f"Weg;Kraft;Druck;{more}\n0;0;0;0\n1;0,5;1;1\n" for more in ("Nr", "Temperatur")]
+    paths = [write(tmp_path, text, name=f"{k}.csv") for k, text in enumerate(texts)]
+    assert read(paths, COUNTED_COLUMNS).unread == ("Druck", "Nr", "Temperatur")
+
+
 OTHERS = {  # the second of two files, and words
     "another channel": (plain().replace("Fz_N", "Fx_N"), ["b.csv", "same columns", "depth, Fx", "a.csv holds time"]),
     "no clock": ("depth_mm,Fz_N\n" + "".join(f"{u},{F}\n" for _, u, F in TEXTS), ["b.csv", "same columns"]),

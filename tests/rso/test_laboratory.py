@@ -45,6 +45,15 @@ def test_lateral_forces_are_seen_below_other_lines_too(tmp_path):
     assert 'channels = ["Fz", "Fx", "Fy"]' in text(lab)
 
 
+def test_lateral_forces_are_columns_and_not_words_above_them(tmp_path):
+    lab = folder(tmp_path)
+    (lab / "mp_load.csv").write_text("Remark;no Fx, Fy measured\ndepth_mm;Fz_N\n0;0\n1;0,1\n")
+    assert "channels" not in text(lab)
+    (lab / "mp_load.csv").write_text("depth_mm;Fz_N\n0;0\n1;Fx\n")
+    with pytest.raises(ValueError, match=r"mp_load\.csv:3: column 'Fz': 'Fx' is not a finite number"):
+        text(lab)
+
+
 @pytest.mark.parametrize("name", ["point_20_0_rep2.csv", "point 20 0.csv", "pt_20_0.csv", "point_20,5_0.csv"])
 def test_a_place_that_is_not_understood_is_not_taken_for_the_top(tmp_path, name):
     with pytest.raises(ValueError, match="does not say where it was pressed"):
