@@ -337,7 +337,7 @@ def _column(h: Hypothesis, effect: Effect, post: Posterior) -> int:
 
 def _checks(evidence: Evidence, contest: Contest, finalists: frozenset[str], y: np.ndarray, threshold: float,
             null: np.ndarray, seed: int) -> tuple[SelfCheck, ...]:  # fmt: skip
-    """Null, winner and runner-up (another cause) simulated through the same pipeline."""
+    """Null, winner and runner-up (another cause) simulated through the same contest."""
     leading = _finalists(contest, 4)
     sources = [{e.source for e in h.effects} for h in leading]
     leading = [h for h, own in zip(leading, sources, strict=True) if h is leading[0] or not own & sources[0]][:2]

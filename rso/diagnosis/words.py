@@ -168,7 +168,7 @@ def _parameters(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
 
 def _checks(found: Mapping[str, Any]) -> str | None:
     each = [f"{c['hypothesis']}: {100 * c['returned']:.0f} %" for c in found["checks"]]
-    return "Simulated through the same pipeline, this comes back as itself: " + ", ".join(each) + "." if each else None
+    return "Simulated through the same contest, this comes back as itself: " + ", ".join(each) + "." if each else None
 
 
 def _unseen(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:

@@ -13,7 +13,7 @@ from rso.report.reading import listed, number
 
 
 def how_sure(found: Found) -> Section:
-    """Section 6: data simulated from the leading hypotheses, through the same pipeline."""
+    """Section 6: data simulated from the leading hypotheses, through the same contest."""
     title, rows = "How sure", listed(found, "checks")
     blocks: list[Block] = []
     if rows:
