@@ -60,7 +60,7 @@ def exact(library: Library, values, **chain: float) -> np.ndarray:
             for _ in range(40):  # the body's travel where the record turns
                 far = test.peak + zero - k * float(toy.elastic(knobs, np.array(far), **place)[0])
         t = np.linspace(0, (2 if back else 1) * far / test.speed, 4001)
-        u = np.minimum(t * test.speed, 2 * far - t * test.speed)
+        u = np.maximum(np.minimum(t * test.speed, 2 * far - t * test.speed), 0.0)
         F = dict(zip(("Fz", "Fx", "Fy"), toy.along(knobs, t, u, test.earlier, **place), strict=True))
         clock = test.time[0] - test.depth[0] / test.speed
         depth = u - zero + k * F["Fz"]
