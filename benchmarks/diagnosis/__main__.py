@@ -268,12 +268,13 @@ def checks(say, bench: Bench, evidence: Evidence, own: Table, s: Scored, y, thre
         return [f"{np.mean(np.isin(v, k)):.3f}" for k in kinds] + [str(len(v))]
 
     verdicts = ["no gap", "unexplained", "partly", "ambiguous", "one cause, sure", "cases"]
-    out, told, better = controls.taken_out(own, s.cases, threshold, clear, seed)
+    out, blind, told, better = controls.taken_out(own, s.cases, threshold, clear, seed)
     looked_at = [controls.looked_at(evidence, evidence.effects, s.judged[i], s.cases.Y[i], seed + i) for i in clear]
     rows = [["as it is", *count(looked_at)],
             ["as it is, no look at what is left", *count(s.verdict[clear])],
             ["residuals permuted", *count(controls.permuted(evidence, s.cases.picked(few), threshold, seed))],
             ["true effect not in the catalogue", *count(v for o in out.values() for v in o)],
+            ["true effect not in it, no look at what is left", *count(blind)],
             ["true effect twice in it", *count(controls.with_twin(own, s.cases, threshold, clear))]]  # fmt: skip
     part_of = lambda v: f"{np.mean(v):.2f}" if len(v) else "–"  # noqa: E731
     say(["## Controls", *table(["cases found, one cause", *verdicts], rows),

@@ -126,11 +126,12 @@ def looked_at(evidence: Evidence, effects: Sequence[Effect], judged: Judgement, 
 
 def taken_out(
     table: Table, cases: Cases, threshold: float, rows: Sequence[int], seed: int
-) -> tuple[dict[str, list[str]], np.ndarray, np.ndarray]:
-    """Verdicts, by source, of cases whose cause is not in the catalogue; of those where another one is sure, what
-    somebody knows who has it in his catalogue: the ln Bayes factor of the true cause against all others, and how much
-    less χ² it leaves than the one named."""
+) -> tuple[dict[str, list[str]], list[str], np.ndarray, np.ndarray]:
+    """Verdicts, by source, of cases whose cause is not in the catalogue, and without a look at what is left; of those
+    where another one is sure, what somebody knows who has it in his catalogue: the ln Bayes factor of the true cause
+    against all others, and how much less χ² it leaves than the one named."""
     out: dict[str, list[str]] = {}
+    blind: list[str] = []
     told: list[float] = []
     better: list[float] = []
     sources = sorted({cases.truth(i)[0] for i in rows})
@@ -141,6 +142,7 @@ def taken_out(
         gap = [i for i in mine if first[i].statistic > threshold]
         last = {**first, **dict(zip(gap, contested(few, gap, first), strict=True))}
         judged = [judge(last[i], i in gap) for i in mine]
+        blind += [j.verdict for j in judged]
         out[s] = [looked_at(table.evidence, few.effects, j, cases.Y[i], seed + i)
                   for i, j in zip(mine, judged, strict=True)]  # fmt: skip
         for i, v, j, c in zip(mine, out[s], judged, attribute.contests(table, np.array(mine)), strict=True):
@@ -150,7 +152,7 @@ def taken_out(
                 true = np.array([any(e.source == s for e in h.effects) for h in c.hypotheses])
                 score = c.log_evidence + c.log_prior
                 told.append(float(logsumexp(score[true]) - logsumexp(score[1:][~true[1:]])))
-    return out, np.array(told), np.array(better)
+    return out, blind, np.array(told), np.array(better)
 
 
 def _left(evidence: Evidence, effects: Sequence[Effect], y: np.ndarray) -> float:
