@@ -19,7 +19,7 @@ from rso import diagnosis
 from rso.diagnosis import attribute, hypotheses, next_test
 from rso.diagnosis.attribute import Bench, Contest, Evidence
 from rso.diagnosis.effects import Effect
-from rso.diagnosis.judge import NAMES, Judgement, judge
+from rso.diagnosis.judge import WHOLE, Judgement, judge, misfit
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import mean_prediction, posterior
 from rso.diagnosis.prediction import predict
@@ -117,7 +117,7 @@ def permuted(evidence: Evidence, cases: Cases, threshold: float, seed: int) -> n
 
 def looked_at(evidence: Evidence, effects: Sequence[Effect], judged: Judgement, y: np.ndarray, seed: int) -> str:
     """The verdict after a look at what the cause leaves, with these effects in the catalogue."""
-    if judged.verdict not in NAMES:
+    if judged.verdict not in WHOLE:
         return judged.verdict
     few = copy.copy(evidence)
     few.effects = tuple(effects)
@@ -147,19 +147,13 @@ def taken_out(
                   for i, j in zip(mine, judged, strict=True)]  # fmt: skip
         for i, v, j, c in zip(mine, out[s], judged, attribute.contests(table, np.array(mine)), strict=True):
             if v in ALONE:
-                left = [_left(table.evidence, e, cases.Y[i]) for e in (j.chosen.effects, cases.effects[i])]
-                better.append(left[0] - left[1])
+                own = (j.chosen.effects, cases.effects[i])
+                left = [misfit(table.evidence, hypotheses.Hypothesis(tuple(e)), cases.Y[i]) for e in own]
+                better.append(len(cases.Y[i]) * (left[0] - left[1]))
                 true = np.array([any(e.source == s for e in h.effects) for h in c.hypotheses])
                 score = c.log_evidence + c.log_prior
                 told.append(float(logsumexp(score[true]) - logsumexp(score[1:][~true[1:]])))
     return out, blind, np.array(told), np.array(better)
-
-
-def _left(evidence: Evidence, effects: Sequence[Effect], y: np.ndarray) -> float:
-    """χ² that effects, as fitted, leave."""
-    h = evidence.best(effects, y, loose=True)
-    w = h.white(y)
-    return float(np.sum((w - mean_prediction(h, w)) ** 2))
 
 
 def with_twin(table: Table, cases: Cases, threshold: float, rows: Sequence[int]) -> list[str]:

@@ -26,7 +26,7 @@ MOST = 5  # effects in a named set
 CHECKS = 60  # data sets per self-check
 DRAWS = 2000
 LEVEL = 0.9
-NAMES = ("explained", "measurement", "ambiguous")  # verdicts that take causes for the whole of a gap
+WHOLE = ("explained", "measurement", "ambiguous")  # verdicts that take causes for the whole of a gap
 MISFIT = 1.3  # χ² per reading that a cause may leave; a right one leaves about 1, less what was fitted
 BEYOND = 1.15  # times the largest plausible size: a cause that needs more than that is not all of it
 
@@ -99,7 +99,7 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     pairs, finalists = attribute.pairs_of(last), frozenset(e.source for e in last)
     contest = attribute.contests(evidence, y[None], pairs, finalists=finalists)[0] if gap else first
     judged = judge(contest, gap)
-    rest = remainder(evidence, judged.chosen, y, seed + 3) if judged.verdict in NAMES else None
+    rest = remainder(evidence, judged.chosen, y, seed + 3) if judged.verdict in WHOLE else None
     if rest is not None and rest.there:
         joined = _beside(judged.chosen, rest, pairs)
         pairs, finalists = [*pairs, *joined], finalists | {e.source for pair in joined for e in pair}
@@ -110,7 +110,7 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     restless = steps.sudden or line.there
     if gap and restless:  # no smooth model jumps or hums: a cause explains at most the rest
         verdict = verdict if verdict == "unexplained" else "partly"
-    elif not gap and (restless or _left(evidence, chosen, y) > MISFIT):  # a loose contact: nothing smooth
+    elif not gap and (restless or misfit(evidence, chosen, y) > MISFIT):  # a loose contact: nothing smooth
         verdict, chosen = "unexplained", Hypothesis((), True)
     rng = np.random.default_rng(seed + 1)
     posts = {"none": _posterior(evidence, (), y, rng)}
@@ -119,11 +119,11 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     held = held_out(bench, y, [Hypothesis(()), *_finalists(contest)])
     gain = {h: sum(c.gain[h] for c in held) for h in held[0].gain} if held else {}
     pure = Hypothesis(chosen.effects).name
-    if held and verdict in NAMES and gain.get(pure, 0.0) <= 0 < len(chosen.effects):
+    if held and verdict in WHOLE and gain.get(pure, 0.0) <= 0 < len(chosen.effects):
         verdict, named, chosen = "unexplained", (), Hypothesis((), True)  # evidence without prediction is no cause
         posts[chosen.name] = _posterior(evidence, (), y, rng, True)
-    left = _left(evidence, chosen, y)
-    if verdict in NAMES:
+    left = misfit(evidence, chosen, y)
+    if verdict in WHOLE:
         doubtful = left > MISFIT or _beyond(chosen, posts[chosen.name]) or (rest is not None and rest.there)
         verdict = "partly" if doubtful else verdict
     shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed)
@@ -132,7 +132,7 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
         if _widens(shrunk if seen_alone else left_out(library, bench, evidence, y, chosen, seed)):
             verdict, named, chosen = "unexplained", (), Hypothesis((), True)
             posts[chosen.name] = _posterior(evidence, (), y, rng, True)
-            left = _left(evidence, chosen, y)
+            left = misfit(evidence, chosen, y)
             shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed)
     where = localise.localise(library.plan, evidence.ready(()), bench.C, y, seed)
     r = bench.whites[0](y - shrinkage.predicted(library, (), posts["none"], bench.modulus))
@@ -287,7 +287,7 @@ def holders_of(contest: Contest, given: np.ndarray, source: str) -> list[tuple[f
     return [(float(q), h) for q, h in pairs if source in {e.source for e in h.effects}]
 
 
-def _left(evidence: Evidence, h: Hypothesis, y: np.ndarray) -> float:
+def misfit(evidence: Evidence, h: Hypothesis, y: np.ndarray) -> float:
     """χ² per reading of what a hypothesis, as fitted, leaves: 1 or less where it holds."""
     best = evidence.best(h.effects, y, h.unexplained, loose=bool(h.effects))
     w = best.white(y)

@@ -13,8 +13,7 @@ from rso import diagnosis
 from rso.diagnosis import attribute, build, make_plan
 from rso.diagnosis.attribute import Evidence
 from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judge import MISFIT, _beside
-from rso.diagnosis.judge import NAMES as NAMED
+from rso.diagnosis.judge import MISFIT, WHOLE, _beside
 from rso.diagnosis.mixture import posterior
 from rso.diagnosis.prediction import predict
 from rso.diagnosis.remainder import LEVEL, Remainder, _changes, remainder
@@ -113,7 +112,7 @@ def test_a_cause_that_is_not_in_the_catalogue_makes_another_one_a_part_of_it(mon
     assert d.verdict == "partly" and "skin" in d.named, (d.verdict, d.named, d.remainder)
     monkeypatch.setattr(rso.diagnosis.judge, "remainder", lambda *_: Remainder("", None, 0.0, np.inf))
     blind = diagnosis.diagnose(library, 2, nulls=100)
-    assert blind.verdict in NAMED and blind.named == ("skin",)
+    assert blind.verdict in WHOLE and blind.named == ("skin",)
 
 
 
