@@ -179,17 +179,10 @@ def simulate(h: Ready, post: Posterior, rng: np.random.Generator) -> np.ndarray:
 
 def mean_prediction(h: Ready, y: np.ndarray) -> np.ndarray:
     """Posterior mean of the whitened prediction (n,) given whitened data y (n,)."""
-    return mean_predictions(h, y[None])[0]
-
-
-def mean_predictions(h: Ready, Y: np.ndarray) -> np.ndarray:
-    """Posterior means of the whitened prediction (B, n), each given its own whitened data Y (B, n)."""
-    logs, Z = log_tiles(h, Y), Y @ h.Q
-    weight = np.exp(logs - logsumexp(logs, axis=1, keepdims=True))
-    weight[weight <= 1e-6] = 0.0
-    out = np.zeros_like(Z)
-    for t in np.nonzero(np.any(weight > 0.0, axis=0))[0]:
-        B = np.nonzero(weight[:, t])[0]
-        local = (Z[B] - h.c[t]) @ h.X[t].T @ h.S_inverse[t].T
-        out[B] += weight[B, t, None] * (local @ h.X[t] + h.c[t])
-    return (out / weight.sum(axis=1, keepdims=True)) @ h.Q.T
+    logs = log_tiles(h, y[None])[0]
+    weight = np.exp(logs - logsumexp(logs))
+    z = y @ h.Q
+    out = np.zeros_like(z)
+    for t in np.nonzero(weight > 1e-6)[0]:
+        out += weight[t] * (h.X[t].T @ (h.S_inverse[t] @ (h.X[t] @ (z - h.c[t]))) + h.c[t])
+    return h.Q @ out / weight[weight > 1e-6].sum()

@@ -2,9 +2,10 @@
 
     S = max_e |d_eᵀ r|,    d_e = P L⁻¹ Δ_e / |P L⁻¹ Δ_e|                                         (score test, Rao 1948)
 
-r is what the hypothesis as fitted leaves of the whitened data, Δ_e the change by another effect at one of its sizes and
+r is what the hypothesis as fitted leaves of whitened data, Δ_e the change by another effect at one of its sizes and
 shapes, P takes out what the hypothesis itself can move.  S has no table: it is the largest of many that depend on each
-other, so it is compared with that of SETS data sets simulated from the hypothesis and fitted alike.
+other, so it is compared with that of SETS data sets simulated from the hypothesis.  Less the fit to the data they have
+what their own fits would leave, as far as the hypothesis is linear there; beyond, the comparison is a little strict.
 
 χ² of all readings does not see this: a cause that is not the true one, but fits best, leaves some 40 of it, while by
 noise alone χ² of 650 readings scatters by 36.  What is left of an effect in no catalogue looks like something, too.
@@ -19,7 +20,7 @@ import numpy as np
 from rso.diagnosis.attribute import Evidence
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.mixture import Posterior, Ready, log_tiles, mean_predictions, posterior, simulate
+from rso.diagnosis.mixture import Posterior, Ready, log_tiles, mean_prediction, posterior, simulate
 
 SETS = 200
 LEVEL = 0.01
@@ -47,7 +48,7 @@ def remainder(evidence: Evidence, hypothesis: Hypothesis, y: np.ndarray, seed: i
     h = evidence.best(hypothesis.effects, y, loose=bool(hypothesis.effects))
     post = posterior(h, h.white(y), SETS, rng)
     W = np.concatenate([h.white(y)[None], simulate(h, post, rng)])
-    r = W - mean_predictions(h, W)
+    r = W - mean_prediction(h, W[0])  # fits of each would differ along what is taken out of d
     sources = {e.source for e in hypothesis.effects}
     others = [e for e in evidence.effects if e.family != "scatter" and e.source not in sources]
     changes = [_changes(evidence, e, post) for e in others]
