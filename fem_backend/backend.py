@@ -20,7 +20,7 @@ from fem_backend.newton import System
 from fem_backend.stepping import Instant, Stopped
 from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
 
-NUMERICS = 2  # raised when, and only when, answers change
+NUMERICS = 3  # raised when, and only when, answers change
 FOLLOWS = 1  # the same where misalignment or tilt takes the fine elements along
 ROLLING = 3  # the same for bodies that may turn in a bowl and whose way there matters, and for them alone
 DEEPEST = 0.3  # of the smallest semi-axis
@@ -37,6 +37,7 @@ CHOICES = {  # the settings and what each may be, for --schema
     "mesh": {"mesher": "tetwild | mapped", "level": "coarse | standard | fine | reference | limit"},
     "solver": "auto | pardiso | superlu",
     "derivatives": "true | false: those by the material knobs, a sixth to a third of an elastic run",
+    "multipliers": "true | false: exact contact, or a penalty corrected to first order, for two thirds of the time",
 }
 
 
@@ -76,7 +77,7 @@ class FiniteElements:
     @property
     def draft(self) -> Mapping[str, Any]:
         """Settings for many cheap runs whose differences count."""
-        return {"mesh": {"level": "coarse"}, "derivatives": False}
+        return {"mesh": {"level": "coarse"}, "derivatives": False, "multipliers": False}
 
     def nominal(self, settings: Mapping[str, Any]) -> Mapping[str, float]:
         """Knobs that the settings set."""

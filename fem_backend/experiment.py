@@ -221,7 +221,8 @@ class Settings:
     `recipe` is that of the mesh, `mesh` the mesh table with the keys that count, `h0` the element size at the contact;
     `profile` are reference places (x, y) of surface points whose displacement is asked for; `earlier` is the deepest
     travel at this place before the test (softening); `ogden` are (alpha, share) of further terms, `prony` (g, tau);
-    `derivatives` says whether those by the material knobs are wanted.
+    `derivatives` says whether those by the material knobs are wanted, `multipliers` whether the contact is exact or a
+    penalty whose softness is taken out of the forces to first order.
     """
 
     body: Ellipsoid
@@ -244,6 +245,7 @@ class Settings:
     solver: str = "auto"
     defaults: tuple[tuple[str, float], ...] = ()  # knobs that the settings set: bowl_clearance, bowl_friction
     derivatives: bool = True
+    multipliers: bool = True
 
 
 def read_settings(settings: Mapping[str, Any]) -> Settings:
@@ -286,14 +288,16 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
     mesh = _table(data, "mesh", plain | {"follows": None})  # the last is of the canonical form alone
     solver = _choice("solver", data.pop("solver", "auto"), ["auto", "pardiso", "superlu"])
     derivatives = _flag("derivatives", data.pop("derivatives", True))
+    multipliers = _flag("multipliers", data.pop("multipliers", True))
     if data:
         known = "specimen, indenter, support, material, point, direction, speed, unload, profile, earlier, mesh, "
-        known += "solver, derivatives"
+        known += "solver, derivatives, multipliers"
         raise ValueError(f"unknown setting {sorted(data)[0]!r}; choose from {known}")
     recipe, used, h0, level = _mesh(body, R, mesh)
+    control = Control().scaled(R)
     return Settings(
         body, R, shaft, support, law, ogden, prony, point, direction, cavity, places, earlier,
-        recipe, used, h0, level, Control().scaled(R), solver, defaults, derivatives,
+        recipe, used, h0, level, control if multipliers else control.soft(), solver, defaults, derivatives, multipliers,
     )  # fmt: skip
 
 
@@ -311,6 +315,7 @@ def plain_settings(settings: Settings) -> dict[str, Any]:
         "profile": [list(p) for p in settings.profile],
         "earlier": settings.earlier,
         "mesh": dict(settings.mesh),
+        **({} if settings.multipliers else {"multipliers": False}),
     }  # fmt: skip
 
 

@@ -58,11 +58,12 @@ def follow(
             u = stepping.seat(smooth(system), start(touching), u, control, counters)
             here = _rest(system, start(0.0), u, history)
     points: list[Point] = []
-    limit = stepping.BRISK
+    limit, pace = stepping.BRISK, np.inf  # mm of a step that is likely to succeed
     for instant in instants:
         share, begin = 1.0, here.time  # of what is left to this instant
         while here.time < instant.time - 1e-12 * max(instant.time, 1.0):
-            last = share >= 1.0
+            share = min(share, pace / max(abs(instant.travel - here.travel), 1e-300))
+            last = share >= 0.9
             goal = instant if last else _between(here, instant, share)
             guess = stepping.ahead(system, here.u, (goal.travel - here.travel) * here.rate)
             guess = guess if first is None or here.time > 0.0 else first
@@ -72,18 +73,19 @@ def follow(
             except NotConverged as error:
                 counters.cutbacks += 1
                 share *= 0.5
+                pace = 0.5 * abs(goal.travel - here.travel) or pace
                 least = 1 / 64 if system.springs is None else 1 / 8
                 lost = share * (instant.time - here.time) < least * (instant.time - begin)
                 if lost or error.cause == "time_limit":
                     if not stepping.may_go_on(system, limit, error):
                         raise stepping.stopped(error, here.travel, points, counters) from error
-                    limit, share = stepping.PATIENT, 1.0
+                    limit, share, pace = stepping.PATIENT, 1.0, np.inf
                 if share < 0.3:
                     here = replace(here, rate=np.zeros_like(here.rate))
                 continue
             counters.steps += 1
             points += [] if point is None else [_light(point)]
-            share = min(1.0, 2.0 * share) if not last else share
+            share, pace = 1.0, 1.5 * max(pace, abs(goal.travel - here.travel))
             here = _arrived(system, load, found, goal)
     return points
 

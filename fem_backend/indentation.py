@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -22,6 +23,7 @@ UNITS = {
 }  # fmt: skip
 FORCES = ("Fx", "Fy", "Fz")
 MATERIAL_KNOBS = ("mu", "D1", "C01", "C20", "C30", "alpha", "fibre", "fibre_k2", "skin_ratio", "inclusion_ratio")
+SOFTEST = 0.1  # of the force that a correction of the penalty may add
 DIFFERENCE = 1e-5  # of a knob: truncation and round-off (K/μ = 10³) alike
 REFINED, REFINEMENTS = 1e-5, 10  # of a derivative's residual, and how often at most
 STRESSES = ("N", "MPa")  # units of what grows with all moduli
@@ -35,9 +37,9 @@ class Result:
 
     `uz_max` is how far the deepest point went down since contact, `bulge` how far the highest went up (the material
     rises around the ball, the more the less compressible it is); `slipping` is the share of the contact area that
-    slips; `reaction` (k, 3) N is the support's, `contact_error` (k,) N what the last augmentation changed,
-    `residual` (k,) the share of the outer forces that is out of balance; `gradients[knob][channel]` (k,); `system` is
-    what was solved.
+    slips; `reaction` (k, 3) N is the support's, `contact_error` (k,) N what the last augmentation or `softness`
+    changed, `residual` (k,) the share of the outer forces that is out of balance; `gradients[knob][channel]` (k,);
+    `system` is what was solved.
     """
 
     channels: Mapping[str, np.ndarray]
@@ -222,10 +224,10 @@ def steps(instants: Sequence[Instant], largest: float) -> list[Instant]:
 # --------------------------------------------------------------------------------------------------- channels
 
 
-def channels(at: Bench, system: System, evaluation: Evaluation, load: Load) -> dict[str, float]:
-    """Everything measured at one state, in the machine's frame, except time and travel."""
+def channels(at: Bench, system: System, evaluation: Evaluation, load: Load, stiffer: float = 1.0) -> dict[str, float]:
+    """Everything measured at one state, in the machine's frame, except time and travel; forces times `stiffer`."""
     placement, body = at.placement, at.model.body
-    force = whole(placement, evaluation.contact.force)
+    force = stiffer * whole(placement, evaluation.contact.force)
     up = -placement.down
     moved = (evaluation.u - at.seated) @ up
     touching, surface = evaluation.contact, system.pairs[0].surface
@@ -271,19 +273,51 @@ def collect(
     at: Bench, points: Sequence[Point], counters: Counters, cpu_s: float, slopes: Slopes | None = None
 ) -> Result:
     """Result from the points reached."""
-    rows = [channels(at, at.system, p.evaluation, p.load) for p in points]
+    soft = np.ones(len(points)) if at.settings.multipliers else 1.0 + softness(at, points)
+    rows = [channels(at, at.system, p.evaluation, p.load, k) for p, k in zip(points, soft, strict=True)]
     out = {"time": np.array([p.time for p in points]), "travel": np.array([p.travel for p in points])}
     out |= {name: np.array([r[name] for r in rows]) for name in units(at.settings) if name not in out}
-    change = [np.linalg.norm(whole(at.placement, p.force - p.previous_force)) for p in points]
+    change = [np.linalg.norm(whole(at.placement, p.force - p.previous_force + (k - 1.0) * p.force))
+              for p, k in zip(points, soft, strict=True)]  # fmt: skip
     gradients = slopes.at_travels(out["travel"]) if slopes is not None else {}
+    gradients = {k: {n: v * soft if n in FORCES else v for n, v in rows.items()} for k, rows in gradients.items()}
     notes = {"sag_mm": at.lag, "derivatives_cpu_s": slopes.cpu_s if slopes is not None else 0.0}
     if at.system.springs is not None and points:
         carried = [np.abs((at.system.springs[:, None] * p.evaluation.u).sum(0)).max() for p in points]
         forces = [float(np.linalg.norm(p.force)) for p in points]
         notes["spring_share"] = float(max(c / max(c + f, 1e-300) for c, f in zip(carried, forces, strict=True)))
-    reactions = np.array([reaction(at, p.evaluation) for p in points]).reshape(-1, 3)
+    reactions = np.array([k * reaction(at, p.evaluation) for p, k in zip(points, soft, strict=True)]).reshape(-1, 3)
     return Result(out, reactions, np.array(change), np.array([p.residual for p in points]), counters, cpu_s,
                   tuple(points), gradients, notes, at.system)  # fmt: skip
+
+
+def softness(at: Bench, points: Sequence[Point]) -> np.ndarray:
+    """Share (k,) of the force that contact without multipliers lacks, as all surfaces give way by p/ε:
+
+        F = F_ε + dW/ds,   W = ½ ∫ p²/ε dA
+
+    along each way of the indenter, from the values at the asked travels s.  Of a body with a potential Π_ε = Π − W to
+    first order in 1/ε, as Π_ε is the largest of Π's Lagrangian less ½ ∫ λ²/ε over the multipliers λ, and F = dΠ/ds;
+    otherwise an estimate.  Lateral forces are taken to lack the same share.
+    """
+    s, n = np.array([p.travel for p in points]), len(points)
+    W = np.zeros((n, n))  # at each travel with ε as it is at each point: it grows with the depth
+    for k, pair in enumerate(at.system.pairs):
+        each = [0.5 * pair.surface.weights * p.evaluation.contacts[k].pressure ** 2 / pair.epsilon for p in points]
+        raised = [np.broadcast_to(p.load.touches[k].raised, pair.epsilon.shape) for p in points]
+        W += np.einsum("jfq,kfq->jk", each, 1.0 / np.array(raised))
+    sense = np.sign(np.diff(s))
+    turns = [k for k in range(1, n - 1) if sense[k] * sense[k - 1] < 0]
+    rise = np.zeros(n)
+    for a, b in itertools.pairwise([0, *turns, n]):
+        at_s, first = np.unique(s[a : min(b + 1, n)], return_index=True)  # at rest the first instant counts
+        h = W[a:][first] / at_s[:, None] ** 2  # smooth, as p ~ s^½ on an area ~ s
+        slope = 2.0 * h
+        if len(at_s) > 1:
+            slope = slope + at_s[:, None] * np.gradient(h, at_s, axis=0, edge_order=min(2, len(at_s) - 1))
+        rise[a:b] = [s[k] * np.interp(s[k], at_s, slope[:, k]) for k in range(a, b)]
+    along = np.array([np.abs(p.force @ at.placement.direction) for p in points])
+    return np.clip(rise / np.maximum(along, 1e-300), 0.0, SOFTEST)
 
 
 def reaction(at: Bench, evaluation: Evaluation) -> np.ndarray:

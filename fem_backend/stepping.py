@@ -44,6 +44,10 @@ class Control:
         k = R / 3.0
         return replace(self, first=k * self.first, largest=k * self.largest, path=k * self.path)
 
+    def soft(self) -> Control:
+        """Without multipliers, and no tighter than the penalty is right."""
+        return replace(self, augmentations=0, tight=self.medium)
+
 
 @dataclass(frozen=True)
 class Instant:
