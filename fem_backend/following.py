@@ -125,7 +125,7 @@ def _step(
     limit: int,
 ) -> tuple[Equilibrium, Load, Point | None]:  # fmt: skip
     """Equilibrium at the end of a step from which the path goes on, its load, and the answer where one is asked for."""
-    rolls = rolling.rolls(system)
+    rolls, crude = rolling.rolls(system), None
     if system.springs is not None:  # a body that may slide far: friction by the pressure before
         limits = _stuck(system, load) if rolls else here.pressures
         crude, crude_load = _rested(system, load, guess, here, limits, control, counters, limit)
@@ -134,9 +134,11 @@ def _step(
     if goal.asked:
         patient = limit == stepping.PATIENT
         point = stepping.settle(system, guess, load, goal.travel, control, counters, goal.time, loose=patient)
-        return point.stages[0].equilibrium, load, point
+        found = point.stages[0].equilibrium
+        return replace(found, rate=crude.rate) if rolls else found, load, point
     try:
         found = stepping.find(system, guess, load, control.between, counters, limit)
+        found = replace(found, rate=crude.rate) if rolls else found
     except NotConverged as error:
         if not rolls or error.cause == "time_limit":
             raise
@@ -178,12 +180,14 @@ def _rested(
 
     A body that may turn is looked for again with the pressures found, from everything stuck on down, until these and
     the limits agree: what is at rest stays there where it can, and what slides does so under its own pressure.  Where
-    they do not in PASSES, the step counts as a loose one.
+    they do not in PASSES, the step counts as a loose one.  The rate is that of the first of them: the next step begins
+    with everything stuck again, and what it would be while sliding leads that far astray.
     """
-    turns = rolling.rolls(system)
+    turns, rate = rolling.rolls(system), None
     for _ in range(PASSES if turns else 1):
         load = _rubbing(system, load, here, limits)
         found = stepping.find(system, u, load, control.loose, counters, limit)
+        rate = found.rate if rate is None else rate
         u, last, limits = found.evaluation.u, limits, [c.pressure for c in found.evaluation.contacts]
         weights = [p.surface.weights for p in system.pairs]
         off = sum(float((w * np.abs(p - q)).sum()) for w, p, q in zip(weights, limits, last, strict=True))
@@ -191,7 +195,7 @@ def _rested(
             break
     else:
         counters.loose += turns
-    return found, load
+    return replace(found, rate=rate), load
 
 
 def _light(point: Point) -> Point:
