@@ -273,7 +273,7 @@ def collect(
     at: Bench, points: Sequence[Point], counters: Counters, cpu_s: float, slopes: Slopes | None = None
 ) -> Result:
     """Result from the points reached."""
-    soft = np.ones(len(points)) if at.settings.multipliers else 1.0 + softness(at, points)
+    soft = np.ones(len(points)) if at.settings.multipliers or not points else 1.0 + softness(at, points)
     rows = [channels(at, at.system, p.evaluation, p.load, k) for p, k in zip(points, soft, strict=True)]
     out = {"time": np.array([p.time for p in points]), "travel": np.array([p.travel for p in points])}
     out |= {name: np.array([r[name] for r in rows]) for name in units(at.settings) if name not in out}

@@ -53,3 +53,16 @@ def test_friction_little_above_what_is_needed_holds_as_well_as_much():
     some, much, little = (pressed(f, x, (0.4,))[2][0] for f in (1.3 * needed, 3.0 * needed, 0.7 * needed))
     np.testing.assert_allclose(some, much, rtol=0.05)  # both hold; which points creep at the rim of the contact differs
     assert little < 0.5 * much
+
+
+def test_a_body_that_slides_is_followed_in_the_steps_asked_for():
+    """At (20, 0) friction of 0.1 does not hold: it slides and rolls until wall and ball face each other.
+
+    A predictor that takes the sliding end of the last step for the start of the next, where everything is stuck, leads
+    the ball millimetres into the body: three failed steps on this way.
+    """
+    settings = {"mesh": {"level": "coarse"}, "point": [20.0, 0.0], "multipliers": False,
+                "support": {"kind": "bowl", "clearance": 1.5, "friction": 0.1}}  # fmt: skip
+    found = BACKEND({"mu": 0.01, "D1": 10.0}, Case("slides", Programme.ramp((0.1, 0.34, 0.68)), settings))
+    assert found.info["cutbacks"] == 0 and found.info["steps"] == 3 and found.info["loose"] == 0
+    assert found.channels["Fz"][-1] < 0.01  # where held it is 0.07 N

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from fem_backend import indentation
 from fem_backend.backend import BACKEND
-from rso.contract import Case, Programme
+from rso.contract import Case, Programme, SimulationFailed
 
 VALUES = {"mu": 0.01, "D1": 10.0}
 ASKED = (0.3, 0.8, 1.6, 2.4, 3.2, 4.0)
@@ -73,3 +75,12 @@ def test_similarity_stays_exact():
                                                   "multipliers": False, "derivatives": False})  # fmt: skip
     one, other = BACKEND(VALUES, case), BACKEND({"mu": 0.03, "D1": 10.0 / 3.0}, case)
     np.testing.assert_allclose(other.channels["Fz"], 3.0 * one.channels["Fz"], rtol=1e-9)  # solver tolerance 1e-6
+
+
+def test_a_run_that_fails_at_once_says_why():
+    """The only travel asked for is beyond what is reached: there is nothing to correct."""
+    case = Case("c", Programme.ramp((9.9,)), {"mesh": {"mesher": "mapped", "n": 6, "slip": 0.3}, "multipliers": False})
+    with pytest.raises(SimulationFailed) as failed:
+        BACKEND({"mu": 0.01, "D1": 1.0, "alpha": -1.0}, dataclasses.replace(case, settings={
+            **case.settings, "material": {"law": "ogden"}}))  # fmt: skip
+    assert failed.value.cause and failed.value.partial is None
