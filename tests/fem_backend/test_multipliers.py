@@ -12,7 +12,7 @@ from fem_backend.backend import BACKEND
 from rso.contract import Case, Programme, SimulationFailed
 
 VALUES = {"mu": 0.01, "D1": 10.0}
-ASKED = (0.3, 0.8, 1.6, 2.4, 3.2, 4.0)
+ASKED = (0.3, 0.8, 1.6, 2.4, 3.2)
 SLIPPERY = {"support": {"kind": "bowl", "clearance": 1.0, "friction": 0.0}}
 CASES = {  # values, settings, programme
     "held": ({}, {}, Programme.ramp(ASKED)),
@@ -38,10 +38,11 @@ def test_forces_are_those_of_exact_contact(what, monkeypatch):
     """
     values, settings, programme = CASES[what]
     exact = run(values, settings, programme, True)
+    added, softness = [], indentation.softness
+    monkeypatch.setattr(indentation, "softness", lambda at, points: added.append(softness(at, points)) or added[-1])
     soft = run(values, settings, programme, False)
-    monkeypatch.setattr(indentation, "softness", lambda at, points: np.zeros(len(points)))
-    plain = run(values, settings, programme, False)
-    off = {r: np.abs(v.channels["Fz"] / exact.channels["Fz"] - 1.0) for r, v in (("soft", soft), ("plain", plain))}
+    Fz = {"soft": soft.channels["Fz"], "plain": soft.channels["Fz"] / (1.0 + added[-1])}
+    off = {r: np.abs(v / exact.channels["Fz"] - 1.0) for r, v in Fz.items()}
     deep = 2.5e-3 if "prony_g" in values else 1e-3  # a body that relaxes has no potential
     assert off["soft"][1:].max() < 3e-3 and off["soft"][2:].max() < deep
     assert off["plain"][1:].max() > 2.0 * off["soft"][1:].max() and off["plain"][2:].max() > 2e-3
@@ -51,10 +52,10 @@ def test_forces_are_those_of_exact_contact(what, monkeypatch):
 
 
 def test_the_way_back_and_lateral_forces():
-    there_and_back = Programme((0.0, 8.0, 16.0), (0.0, 4.0, 0.0), (0.5, 1.5, 2.5, 3.5))
+    there_and_back = Programme((0.0, 5.0, 10.0), (0.0, 2.5, 0.0), (0.5, 1.2, 2.0))
     values, settings = {"prony_g": 0.4, "prony_tau": 2.0}, {"point": [20.0, 0.0]}
     exact, soft = (run(values, settings, there_and_back, m) for m in (True, False))
-    assert len(soft.channels["Fz"]) == 8
+    assert len(soft.channels["Fz"]) == 6
     for c in ("Fx", "Fz"):  # of the largest force: the way back ends where nothing is left of one
         np.testing.assert_allclose(soft.channels[c], exact.channels[c], rtol=0, atol=2e-3 * exact.channels["Fz"].max())
 
