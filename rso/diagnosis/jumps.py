@@ -18,8 +18,8 @@ from scipy.ndimage import median_filter
 
 from rso.diagnosis.testplan import TestPlan
 
-OFTEN = 2.5  # t: of scatter fewer than 1 % of plans reach it
-LARGE = 12.0  # z
+OFTEN = 2.9  # t; with LARGE of scatter fewer than 0.5 % of plans reach it
+LARGE = 9.0  # z
 WINDOW = 9  # readings of the running median
 FEWEST = 12  # readings of a branch
 _CLIP = 8.0  # no single reading decides
