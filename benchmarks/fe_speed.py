@@ -46,6 +46,8 @@ def jobs() -> dict[str, tuple[str, list[tuple[dict, Case]], bool]]:
     relaxing = SET1 | {"prony_g": 0.3, "prony_tau": 8.0}
     plan = [(relaxing, case(c)) for c in (Programme.ramp(ASKED), *CYCLES)]
     plan += [(relaxing, case(Programme.ramp((1.0, 2.0, 3.0)), point=p)) for p in ([2.5, 2.5], [20.0, 0.0])]
+    loose = {"support": {"kind": "bowl", "clearance": 4.0, "friction": 0.1}}
+    slides = case(Programme.ramp(tuple(0.5 * k for k in range(1, 9))), point=[20.0, 0.0], multipliers=False, **loose)
     return {
         "top, coarse": ("1.5 s at 1 %", [(SET1, case())], False),
         "top, standard": ("", [(SET1, case(level="standard"))], False),
@@ -61,6 +63,7 @@ def jobs() -> dict[str, tuple[str, list[tuple[dict, Case]], bool]]:
         "(20, 0), half": ("6 s at 1 %", [(SET1, case(point=[20.0, 0.0]))], False),
         "(2.5, 2.5), whole": ("15 s at 1 %", [(SET1, case(point=[2.5, 2.5]))], False),
         "bowl with friction": ("5 s at 1 %", [(SET1, case(**BOWL))], False),
+        "bowl, slides, (20, 0)": ("", [({"mu": 0.01, "D1": 10.0}, slides)], False),
         "friction 0.3": ("", [(SET1 | {"friction": 0.3}, case())], False),
         "Prony, three cycles": ("10 s at 1 %", [(relaxing, case(c)) for c in CYCLES], False),
         "example, elastic": ("60 s at 1 %", distinct([(SET1, c) for c in example]), False),

@@ -306,16 +306,17 @@ def softness(at: Bench, points: Sequence[Point]) -> np.ndarray:
         each = [0.5 * pair.surface.weights * p.evaluation.contacts[k].pressure ** 2 / pair.epsilon for p in points]
         raised = [np.broadcast_to(p.load.touches[k].raised, pair.epsilon.shape) for p in points]
         W += np.einsum("jfq,kfq->jk", each, 1.0 / np.array(raised))
-    sense = np.sign(np.diff(s))
-    turns = [k for k in range(1, n - 1) if sense[k] * sense[k - 1] < 0]
+    moves = np.nonzero(np.diff(s))[0]  # from each of these points to the next; at rest nothing moves
+    turns = [int(k) for j, k in itertools.pairwise(moves) if (s[k + 1] - s[k]) * (s[j + 1] - s[j]) < 0.0]
     rise = np.zeros(n)
-    for a, b in itertools.pairwise([0, *turns, n]):
-        at_s, first = np.unique(s[a : min(b + 1, n)], return_index=True)  # at rest the first instant counts
-        h = W[a:][first] / at_s[:, None] ** 2  # smooth, as p ~ s^½ on an area ~ s
+    for a, b in reversed(list(itertools.pairwise([0, *turns, n - 1]))):  # a turn belongs to the way there
+        way = np.arange(a, b + 1)[s[a : b + 1] > 0.0]
+        at_s, first = np.unique(s[way], return_index=True)  # at rest the first instant counts
+        h = W[way[first]] / at_s[:, None] ** 2  # smooth, as p ~ s^½ on an area ~ s
         slope = 2.0 * h
         if len(at_s) > 1:
             slope = slope + at_s[:, None] * np.gradient(h, at_s, axis=0, edge_order=min(2, len(at_s) - 1))
-        rise[a:b] = [s[k] * np.interp(s[k], at_s, slope[:, k]) for k in range(a, b)]
+        rise[way] = [s[k] * np.interp(s[k], at_s, slope[:, k]) for k in way]
     along = np.array([np.abs(p.force @ at.placement.direction) for p in points])
     return np.clip(rise / np.maximum(along, 1e-300), 0.0, SOFTEST)
 

@@ -32,7 +32,7 @@ DENSE, DEGREE, SMOOTH = 200, 10, 0.5  # readings of a record that tells by itsel
 
 @dataclass(frozen=True)
 class Level:
-    """Noise of a channel: `white` per reading, `correlated` along `length` mm, `gain` and `contact` of a test."""
+    """Noise of a channel: `white` per reading, `correlated` of a bin along `length` mm, `gain`, `contact` of a test."""
 
     white: float
     correlated: float
@@ -65,15 +65,15 @@ def levels(plan: TestPlan) -> dict[str, Level]:
         white = max(0.0 if correlation else stated, estimated, 1e-4 * largest)
         source = "stated" if stated >= estimated > 0 else "from the readings"
         if length:  # readings that remember each other hold less than their number
-            share, along = _of_bins(length, w, k)
+            share, reach = _of_bins(length, w, k)
             correlated, white = share * (stated if correlation else white), white if correlation else 0.3 * white
         else:
-            correlated, along = _smoothed(seen, c)
+            correlated, reach = _smoothed(seen, c)
         depth = max(e.noise.depth for e in seen)
-        known = Level(white, correlated, along, max(e.noise.gain for e in seen), max(CONTACT, 2 * depth), depth, source)
-        gain, contact, extra, along = _repeats(plan, c, known)
+        known = Level(white, correlated, reach, max(e.noise.gain for e in seen), max(CONTACT, 2 * depth), depth, source)
+        gain, contact, extra, its_reach = _repeats(plan, c, known)
         if extra > correlated:
-            known = replace(known, correlated=extra, length=max(along, known.length))
+            known = replace(known, correlated=extra, length=max(its_reach, reach))
         out[c] = replace(known, gain=max(known.gain, gain) or GAIN, contact=max(known.contact, contact))
     if plan.profiles:
         stated = max(plan.experiments[p.experiment].noise.uz for p in plan.profiles)
@@ -147,20 +147,15 @@ def _smoothed(experiments: Sequence[Experiment], channel: str) -> tuple[float, f
         rest = v - P @ np.linalg.lstsq(P, v, rcond=None)[0]
         ρ = float(rest[1:] @ rest[:-1] / max(rest @ rest, 1e-300))
         Δu, q = float(np.ptp(r.depth[at])) / len(v), step_of(v)
-        own = (float(np.std(rest)), -Δu / math.log(ρ)) if SMOOTH < ρ < 1.0 else (0.0, 0.0)
-        steps = (q / math.sqrt(12.0), q * len(v) * Δu / max(float(np.ptp(v)), q)) if q else (0.0, 0.0)
         w = float(r.depth.max()) / BINS
+        own = (0.0, 0.0)
+        if SMOOTH < ρ < 1.0:
+            share, _ = _of_bins(-Δu / math.log(ρ), w, w / Δu)
+            own = (share * float(np.std(rest)), -Δu / math.log(ρ))
+        steps = (q / math.sqrt(12.0), q * len(v) * Δu / max(float(np.ptp(v)), q)) if q else (0.0, 0.0)
         of_steps = steps[0] * min(1.0, steps[1] / w)  # a saw-tooth: what whole teeth leave is nothing
-        found.append(max((own[0] * math.sqrt(_averaged(own[1] / w)), own[1]), (of_steps, steps[1])))
+        found.append(max(own, (of_steps, steps[1])))
     return tuple(np.median(found, axis=0).tolist()) if found else (0.0, 0.0)  # type: ignore[return-value]
-
-
-def _averaged(k: float) -> float:
-    """Variance of the mean over an interval, for noise of variance 1 and correlation e^{−|Δ|/ℓ}, ℓ = k intervals.
-
-        2k [1 − k (1 − e^{−1/k})]
-    """
-    return 2.0 * k * (1.0 - k * -math.expm1(-1.0 / k)) if k > 0.0 else 0.0
 
 
 def _repeats(plan: TestPlan, channel: str, known: Level) -> tuple[float, float, float, float]:
@@ -228,7 +223,7 @@ def _of_bins(length: float, w: float, k: float) -> tuple[float, float]:
     V = [k (1 − ρ²) − 2ρ (1 − ρᵏ)] / k² (1 − ρ)²; correlations rⁿ of bins, r = (S − V) / (S + V), add up to the
     variance S = (1 + ρ) / k (1 − ρ) per bin that the mean of many has.
     """
-    ρ = math.exp(-w / (k * length))
+    ρ = min(math.exp(-w / (k * length)), 1.0 - 1e-6)  # beyond, V is round-off
     V = (k * (1.0 - ρ**2) - 2.0 * ρ * (1.0 - ρ**k)) / (k * (1.0 - ρ)) ** 2
     S = (1.0 + ρ) / (k * (1.0 - ρ))
     return math.sqrt(V), -w / math.log(max((S - V) / (S + V), 1e-9))

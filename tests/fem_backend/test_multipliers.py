@@ -60,6 +60,15 @@ def test_the_way_back_and_lateral_forces():
         np.testing.assert_allclose(soft.channels[c], exact.channels[c], rtol=0, atol=2e-3 * exact.channels["Fz"].max())
 
 
+def test_a_rest_and_the_end_of_the_way_back():
+    """A hold at the deepest point parts the two ways, and at no travel there is nothing to divide by."""
+    programme = Programme((0.0, 4.0, 8.0, 12.0), (0.0, 2.0, 2.0, 0.0), (0.7, 1.3, 2.0), (6.0, 12.0))
+    exact, soft = (run({"prony_g": 0.3, "prony_tau": 2.0}, {}, programme, m) for m in (True, False))
+    np.testing.assert_allclose(soft.channels["travel"], [0.7, 1.3, 2.0, 2.0, 1.3, 0.7, 0.0], rtol=0, atol=1e-12)
+    largest = exact.channels["Fz"].max()
+    np.testing.assert_allclose(soft.channels["Fz"], exact.channels["Fz"], rtol=0, atol=2e-3 * largest)
+
+
 def test_it_is_part_of_the_question_where_it_is_asked_for():
     """Runs with multipliers keep the question they had, others are told apart from them."""
     case = Case("c", Programme.ramp((1.0,)), {})

@@ -96,3 +96,14 @@ def test_a_gain_that_repeats_contradict_is_theirs():
                  for r, g in zip(few, (0.94, 0.97, 1.0, 1.03, 1.06), strict=True))  # fmt: skip
     level = noise.levels(make_plan([toy.experiment("a", wide, noise=Noise(Fz=3e-3, gain=0.01))]))["Fz"]
     assert 0.035 < level.gain < 0.065  # standard deviation of the five is 0.047
+
+
+def test_a_bin_of_readings_that_hardly_forget_is_one_of_them():
+    """The limits of the formulas: readings of no memory average to 1/k, those of a very long one do not at all."""
+    share, reach = noise._of_bins(1e-3, 0.3, 4.0)
+    np.testing.assert_allclose(share, 0.5, rtol=1e-9)  # ρ = e⁻⁷⁵
+    assert reach < 0.02
+    for length in (1e3, 1e9):
+        share, reach = noise._of_bins(length, 0.3, 4.0)
+        np.testing.assert_allclose(share, 1.0, rtol=1e-3)  # round-off of V is 1e-4 there
+        assert reach > 100.0
