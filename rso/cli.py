@@ -1,4 +1,4 @@
-"""rso check | run | status | report : parse, call a stage, print."""
+"""rso check | run | status | diagnose | ladder | next | blind | report: parse, call a stage, print."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 effects      the catalogue: every knob with a neutral value and a plausible range
 testplan     what was measured, in bins        library     what is computed once per test plan
-runs         what is simulated for it          responses   and what the simulations answered
+runs, planning   what is simulated for it      responses   and what the simulations answered
 prediction   parameters → data vector          noise       what readings and models scatter by
 mixture      exact evidence in tiles           attribute   the contest of hypotheses
 localise     where                             shrinkage   how much
@@ -16,6 +16,7 @@ story        all of it as plain data           words       and in sentences
 from rso.diagnosis.effects import Effect, catalogue, localised
 from rso.diagnosis.judge import Diagnosis, diagnose
 from rso.diagnosis.library import Library, build
+from rso.diagnosis.planning import planned
 from rso.diagnosis.rerun import CLOSE, Check, finalists, mended
 from rso.diagnosis.runs import Base, BaseAxis
 from rso.diagnosis.story import story
@@ -38,5 +39,6 @@ __all__ = [
     "localised",
     "make_plan",
     "mended",
+    "planned",
     "story",
 ]

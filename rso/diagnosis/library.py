@@ -9,9 +9,8 @@ modulus, so that the modulus needs no simulation (exact similarity).
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,17 +18,16 @@ import numpy as np
 
 from rso.curves import Resampling
 from rso.diagnosis.effects import Effect
-from rso.diagnosis.nodes import Nodes, cardinal, nodes, placed, points, tensor, timed
+from rso.diagnosis.nodes import Nodes, cardinal, placed, points, tensor, timed
+from rso.diagnosis.planning import Sizes, framed, jobs_of_base, jobs_of_effects, key_of
 from rso.diagnosis.responses import FORCES, changed, forces_of, loading_of, marks_of, reached_by, relative
-from rso.diagnosis.runs import Base, Job, Pass, Run, jobs_of, knobs_at, passes, rated, task_of
+from rso.diagnosis.runs import Base, Pass, Run
 from rso.diagnosis.testplan import MARGIN, TestPlan
 from rso.store import Done, Failed
 
 DEAR = 3.0  # times the unknowns at the primary place, as a whole model has: runs there are few
 ASIDE = 1.3  # times the fewest unknowns: a model with fewer planes of symmetry, whose body the ball pushes aside
 GRID = 160  # travels of the tables, evenly spaced in √u
-BASE_NODES = {1: 6, 2: 4}
-FEW_BASE_NODES = {1: 3, 2: 3}  # where the ratio to the primary place is enough
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,24 +139,10 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
 
     Raises ValueError if the base model itself fails somewhere.
     """
-    primary = int(np.argmax([sum(t.n for t in plan.tests if t.place == k) for k in range(len(plan.places))]))
-    # rounded: data sets recorded with the same nominal speeds share their library
-    speeds = tuple(float(f"{v([t.speed for t in plan.tests]):.2g}") for v in (min, max))
+    frame = framed(base, plan)
+    primary, levels, few, every = frame.primary, frame.levels, frame.few, frame.every
     modelled = [e for e in effects if e.family == "model"]
-    d = len(base.axes)
-    if d not in (0, *BASE_NODES):
-        raise ValueError(f"diagnosis handles at most two open parameters besides the modulus, not {d}: fix some")
-    several = len({round(np.log(t.speed), 1) for t in plan.tests}) > 1
-    if (several or any(t.held.any() for t in plan.tests)) and rated(base, plan):
-        raise ValueError(
-            "the base model itself depends on the rate, and the tests have several or a hold: set what relaxes to "
-            "neutral and let the diagnosis find it, or give tests of one speed without holds"
-        )
-    levels = tuple(_chebyshev(*a.ends, BASE_NODES[d]) for a in base.axes)
-    few = tuple(_chebyshev(*a.ends, FEW_BASE_NODES[d]) for a in base.axes)
-    every = [passes(plan, k) for k in range(len(plan.places))]
-    jobs = [j for k, ways in enumerate(every)
-            for j in _of_base(base, plan, k, itertools.product(*(levels if k == primary else few)), ways)]  # fmt: skip
+    jobs = jobs_of_base(base, plan, frame)
     outcomes = run([j.task for j in jobs])
     unknowns, refined = np.zeros(len(plan.places)), np.zeros(len(plan.places), bool)
     for j, o in zip(jobs, outcomes, strict=True):
@@ -171,28 +155,10 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
             raise ValueError(f"the base model has no answer at {at}: {o.reason}")
     dear = unknowns > DEAR * unknowns[primary]
     aside = (unknowns >= ASIDE * unknowns.min()) & ~dear
-    alone = len(plan.places) == 1
-    grid, further, fine, rubbing = {}, [], set(), set()
-    for e, k in itertools.product(modelled, range(len(plan.places))):
-        grid[e.name, k] = nodes(e, k == primary, speeds, dear[k], alone)
-        if not e.acts(plan.places[k].settings):
-            continue
-        all_of_it = not _supports(e) or alone or aside[k]
-        for n, at in enumerate(grid[e.name, k].points):
-            if not (all_of_it or grid[e.name, k].middling[n]):
-                continue
-            values = {**base.values(base.centre), **knobs_at(base, e, at)}
-            mine = jobs_of(base, plan, k, e, n, values, every[k])
-            if not _rubs(e, mine):
-                further += mine
-                continue
-            rubbing.add(e.name)
-            if k != primary and refined[k] and not dear[k]:
-                mine = jobs_of(base, plan, k, e, n, values, every[k], finer=True)
-                fine.add((e.name, k))
-            further += mine
+    grid, further, fine, rubbing = jobs_of_effects(base, plan, modelled, frame, Sizes(dear, aside, refined))
     jobs, outcomes = jobs + further, [*outcomes, *run([j.task for j in further])]
-    cpu = sum({id(o): float(o.response.info.get("cpu_s", 0.0)) for o in outcomes if isinstance(o, Done)}.values())
+    different = {key_of(base, j): o for j, o in zip(jobs, outcomes, strict=True)}
+    cpu = sum(float(o.response.info.get("cpu_s", 0.0)) for o in different.values() if isinstance(o, Done))
     failed = tuple(dict.fromkeys(
         f"{j.effect or 'base'} at {plan.places[j.place].settings.get('point', [0, 0])}: "
         f"{o.cause if isinstance(o, Failed) else 'crashed'}"
@@ -221,50 +187,16 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
         transfer,
         failed,
         cpu,
-        len(set(map(id, outcomes))),
-        speeds[0],
+        len(different),
+        frame.speeds[0],
         frozenset(rubbing),
     )
-
-
-def _of_base(
-    base: Base, plan: TestPlan, k: int, nodes: Iterable[Sequence[float]], ways: Sequence[Pass]
-) -> list[Job]:  # fmt: skip
-    """Runs of the base model at place k: its nodes, its centre on every way that matters, and on the study's mesh."""
-    jobs = [Job(k, None, n, None, task_of(base, plan, k, base.values(x), None, {})) for n, x in enumerate(nodes)]
-    centre = base.values(base.centre)
-    jobs.append(Job(k, None, -1, None, task_of(base, plan, k, centre, None, {})))
-    each = jobs_of(base, plan, k, None, -1, centre, ways)
-    jobs += each if len(each) > 1 else []
-    return [*jobs, Job(k, None, -1, None, task_of(base, plan, k, centre, None, {}, finer=True), True)]
 
 
 def _home(effect: Effect, plan: TestPlan, primary: int) -> int:
     """Index of the primary place, or of the only place where an effect acts if that is in the plan."""
     only = (k for k, p in enumerate(plan.places) if effect.place == p.settings)
     return primary if effect.place is None else next(only, primary)
-
-
-def _rubs(effect: Effect, jobs: Sequence[Job]) -> bool:
-    """Whether an effect is one of the contact whose way matters, all in one size, such as friction.
-
-    Beside the top it decides how the ball and the body stick, which two meshes see differently by a tenth.
-    """
-    plain = not effect.settings and not effect.shape and effect.size.neutral is not None
-    return plain and len(effect.size.ends()) == 1 and jobs[0].passing is not None
-
-
-def _supports(effect: Effect) -> bool:
-    """Whether an effect is another support with shapes, such as its friction.
-
-    They decide whether a body that is pushed aside slides there or sticks; pressed straight down it does neither.
-    """
-    return bool(effect.settings) and bool(effect.shape)
-
-
-def _chebyshev(low: float, high: float, n: int) -> np.ndarray:
-    """Nodes from end to end, denser towards the ends."""
-    return 0.5 * (low + high) - 0.5 * (high - low) * np.cos(np.pi * np.arange(n) / (n - 1))
 
 
 def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled: Sequence[Effect],

@@ -14,6 +14,7 @@ from rso.diagnosis.testplan import MARGIN, Test, TestPlan
 from rso.running import Task
 
 ASKED = 9  # travels at which a run is asked for forces
+NEAR = 0.15  # of the depth of a mark: forces are asked for there, and need not be beside it
 Run = Callable[[Sequence[Task]], list[Any]]
 
 
@@ -119,7 +120,7 @@ def task_of(base: Base, plan: TestPlan, k: int, values: Mapping[str, float], way
         data["profile"] = [list(m) for m in place.marks]
     deepest = place.deepest + MARGIN
     asked = {round(deepest * (j / ASKED) ** 1.7, 4) for j in range(1, ASKED)} | {deepest}
-    asked = {a for a in asked if all(abs(a - d) > 0.06 for d in place.mark_depths)} | set(place.mark_depths)
+    asked = {a for a in asked if all(abs(a - d) > NEAR * d for d in place.mark_depths)} | set(place.mark_depths)
     if way is None or way.peak is None:
         programme = Programme((0.0, deepest), (0.0, deepest), tuple(sorted(asked)))
     else:  # what relaxes does so at once after the turn

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from rso import diagnosis
 from rso.measurement import SEGMENTS, MeasuredCurve, Measurement
 from rso.store import RunStore, StoreError
 from rso.study import cases
 from rso.study.descending import ENDS
+from rso.study.diagnosing import ask
 from rso.study.identifying import ROUNDS
 from rso.study.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.study.schema import Study
@@ -47,7 +49,20 @@ def check(study: Study, folder: Path, trust: bool) -> list[str]:
     basis = "as measured in this study" if known else "a guess, nothing was run yet"
     time = f"{total * seconds / jobs / 60:.1f} min with {jobs} job(s)"
     lines.append(f"  {'at most' if direct else 'about'} {time} ({seconds:.3g} s a simulation, {basis})")
-    return [*lines, f"  results: {folder}"]
+    return [*lines, *_diagnosis(study, seconds / jobs), f"  results: {folder}"]
+
+
+def _diagnosis(study: Study, seconds: float) -> list[str]:
+    """What `rso diagnose` would simulate, or why it cannot; StudyError only for a study that asks for it."""
+    try:
+        asked = ask(study)
+        runs = diagnosis.planned(asked.base, asked.plan, asked.effects)
+    except ValueError as error:
+        if "diagnose" in study.model_fields_set:
+            raise
+        return [f"  rso diagnose: not with this study: {str(error).replace(f'{study.file}:', 'line ', 1)}"]
+    cost = f"a library of {runs} simulations at most, {runs * seconds / 60:.1f} min at that rate, made once"
+    return [f"  rso diagnose: {len(asked.effects)} effects; {cost}"]
 
 
 def on_surfaces(plan: Plan) -> tuple[dict[str, int], list[str]]:

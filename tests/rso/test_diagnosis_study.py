@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -145,3 +146,24 @@ def test_failed_runs_show_in_the_exit_code(tmp_path):
     assert done.returncode not in (0, 2) and "Traceback" not in done.stderr
     (path,) = tmp_path.rglob("diagnosis.json")
     assert any("stiff" in line for line in strict(path)["failed_runs"])
+
+
+def test_check_says_how_large_the_library_will_be(folder, tmp_path):
+    """At most, and here exactly: this backend does not say what a run costs."""
+    done = rso("check", "--trust", folder / "study.toml", "--out", tmp_path / "new")
+    assert done.returncode == 0, done.stderr
+    (found,) = re.findall(r"rso diagnose: 2 effects; a library of (\d+) simulations at most", done.stdout)
+    (path,) = folder.rglob("diagnosis.json")
+    assert int(found) == strict(path)["timings"]["library_runs"]
+
+
+def test_check_of_a_study_whose_diagnosis_cannot_be(tmp_path):
+    """An error where the study asks for one, a remark where it does not."""
+    old, new, message = BROKEN["no such effect"]
+    done = rso("check", "--trust", write(tmp_path / "asked", STUDY.replace(old, new)))
+    assert done.returncode == 2 and message in done.stderr
+    silent = STUDY.replace('[diagnose]\neffects = ["stiff", "soften"]\n', "")
+    silent = silent.replace('mu = { low = "6 kPa", high = "24 kPa", scale = "log" }', 'mu = { value = "9 kPa" }')
+    done = rso("check", "--trust", write(tmp_path / "silent", silent))
+    assert done.returncode == 0, done.stderr
+    assert "rso diagnose: not with this study: line " in done.stdout and "stress" in done.stdout
