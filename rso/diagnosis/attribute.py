@@ -40,6 +40,7 @@ PRIOR = {"single": 0.70, "pair": 0.10, "unexplained": 0.08, "partly": 0.12}  # g
 NO_GAP = 0.5
 AMPLITUDES = (0.03, 0.15)  # relative size of what is unexplained
 SCATTER = (0.15, 0.6)  # of the largest plausible size
+SHARES = np.geomspace(0.02, 1.5, 25)  # of that, from which its size is read
 SURVIVORS = 5
 FALSE_ALARM = 0.05
 NULLS = 400
@@ -57,12 +58,12 @@ class Bench:
     scatter: Mapping[str, np.ndarray]
     tiles: dict[tuple[str, ...], Tiles] = field(default_factory=dict)
 
-    def covariance(self, effects: Sequence[Effect], level: int = 0) -> np.ndarray:
-        """C (n, n), with what differs from curve to curve at one of its SCATTER levels."""
+    def covariance(self, effects: Sequence[Effect], share: float) -> np.ndarray:
+        """C (n, n), with what differs from curve to curve at a share of its largest plausible size."""
         C = self.C
         for e in effects:
             if e.family == "scatter":
-                g = self.scatter[e.name] * (SCATTER[level] * e.size.high)
+                g = self.scatter[e.name] * (share * e.size.high)
                 C = C + np.einsum("ti,tj->ij", g, g)
         return C
 
@@ -90,8 +91,9 @@ def set_up(library: Library, y: np.ndarray) -> Bench:
     modulus = np.sqrt(library.base.low * library.base.high)
     base = tiles(library, (), modulus)
     rough = np.zeros(len(y))
-    for _, c, at in library.plan.rows():
-        rough[at] = levels[c if c in levels else "uz"].white ** 2 + (0.03 * np.max(np.abs(y[at]))) ** 2
+    for item, c, at in library.plan.rows():
+        white = levels[c if c in levels else "uz"].of(item.experiment).white
+        rough[at] = white**2 + (0.03 * np.max(np.abs(y[at]))) ** 2
     force, slope = np.zeros(len(y)), np.zeros(len(y))
     C = np.diag(rough)
     for _ in range(2):
@@ -169,7 +171,7 @@ class Evidence:
         key = (tuple(e.name for e in effects), white, loose)
         if key not in self._ready:
             scatters = any(e.family == "scatter" for e in effects)
-            L = whitening(self.bench.covariance(effects, white)) if scatters else self.bench.whites[white]
+            L = whitening(self.bench.covariance(effects, SCATTER[white])) if scatters else self.bench.whites[white]
             self._ready[key] = ready(self.bench.of(effects, loose), L, self.bench.modulus)
         return self._ready[key]
 
@@ -177,6 +179,20 @@ class Evidence:
         """The level of scatter, or of what is unexplained, that suits y (n,) most."""
         levels = self._levels(effects, unexplained)
         return max((self.ready(effects, k, loose) for k in levels), key=lambda h: log_evidence(h, h.white(y)[None])[0])
+
+    def scatter(self, effect: Effect, y: np.ndarray, level: float) -> tuple[float, float, float]:
+        """Standard deviation of an effect that scatters, with the ends of its interval of probability `level`.
+
+        From the evidence of y (n,) at shares of its largest plausible size, all alike likely before.
+        """
+        tiles, logs = self.bench.of((effect,)), []
+        for share in SHARES:
+            white = whitening(self.bench.covariance((effect,), share))
+            logs.append(log_evidence(ready(tiles, white, self.bench.modulus), white(y)[None])[0])
+        weight = np.exp(np.array(logs) - logsumexp(logs))
+        below = np.cumsum(weight) - 0.5 * weight  # in the middle of each share's part
+        low, middle, high = np.exp(np.interp([(1 - level) / 2, 0.5, (1 + level) / 2], below, np.log(SHARES)))
+        return middle * effect.size.high, low * effect.size.high, high * effect.size.high
 
     def _levels(self, effects: Sequence[Effect], unexplained: bool) -> range:
         if any(e.family == "scatter" for e in effects):

@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import median_filter
 from scipy.stats import gamma
 
 from rso.diagnosis.testplan import TestPlan
@@ -27,6 +28,7 @@ CYCLES = 3.0  # fewest in a branch: less is a trend
 FASTEST = 0.45  # of the rate of sampling
 FINE = 4  # frequencies per 1/duration
 MOST = 300  # readings of a branch: more are averaged, what is faster than their means is not looked for
+WIDE = 8  # cycles in a branch over which the spectrum of scatter hardly changes
 LINES = 50_000  # frequencies, at most
 BLOCK = 512  # of them at a time
 SPEEDS = 1.5  # ratio of the fastest to the slowest branch from which on time and travel differ
@@ -106,8 +108,8 @@ def _strongest(groups: Records, along: str) -> Hum:
         blocks = np.split(f[inside], range(BLOCK, int(inside.sum()), BLOCK))
         each = [np.concatenate([_line(b, *r, ρ) for b in blocks], axis=1) for r in records]
         P, A = np.moveaxis(np.array(each), 1, 0)
-        floor = float(np.median(P.mean(axis=0))) / _middle(len(records))
-        if floor <= 0.0:
+        floor = _floor(P.mean(axis=0), WIDE / (T * (f[1] - f[0]))) / _middle(len(records))
+        if not floor.all():
             continue
         total[inside] += np.sum(P, axis=0) / floor
         number[inside] += len(records)
@@ -176,6 +178,15 @@ def _polynomials(depth: np.ndarray) -> np.ndarray:
 def _whitened(v: np.ndarray, ρ: float) -> np.ndarray:
     """v_i − ρ v_{i−1} over the last axis."""
     return v[..., 1:] - ρ * v[..., :-1]
+
+
+def _floor(P: np.ndarray, width: float) -> np.ndarray:
+    """(n,) median of a spectrum P (n,), or that over `width` of its points about each where it is higher.
+
+    What a filter lets pass is no line, but lies by decades above the median of all.
+    """
+    about = median_filter(P, min(2 * round(width / 2) + 1, len(P)), mode="nearest")
+    return np.maximum(about, float(np.median(P)))
 
 
 def _middle(n: int) -> float:

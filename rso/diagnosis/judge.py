@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
+from scipy.stats import chi2
 
 from rso.diagnosis import attribute, localise, noise, shrinkage
 from rso.diagnosis.attribute import Bench, Contest, Evidence
@@ -28,6 +29,7 @@ DRAWS = 2000
 LEVEL = 0.9
 WHOLE = ("explained", "measurement", "ambiguous")  # verdicts that take causes for the whole of a gap
 MISFIT = 1.3  # χ² per reading that a cause may leave; a right one leaves about 1, less what was fitted
+RARE = 0.01  # of few readings: chance of what a right one leaves beyond which that is too much
 BEYOND = 1.15  # times the largest plausible size: a cause that needs more than that is not all of it
 
 
@@ -110,21 +112,21 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     restless = steps.sudden or line.there
     if gap and restless:  # no smooth model jumps or hums: a cause explains at most the rest
         verdict = verdict if verdict == "unexplained" else "partly"
-    elif not gap and (restless or misfit(evidence, chosen, y) > MISFIT):  # a loose contact: nothing smooth
+    elif not gap and (restless or misfit(evidence, chosen, y) > most_left(len(y))):  # a loose contact: nothing smooth
         verdict, chosen = "unexplained", Hypothesis((), True)
     rng = np.random.default_rng(seed + 1)
     posts = {"none": _posterior(evidence, (), y, rng)}
     for h in dict.fromkeys([chosen, *_singles(contest, named)]):
         posts[h.name] = _posterior(evidence, h.effects, y, rng, h.unexplained)
-    held = held_out(bench, y, [Hypothesis(()), *_finalists(contest)])
+    pure = Hypothesis(chosen.effects)  # of many forms of one cause it need not be among the most probable
+    held = held_out(bench, y, list(dict.fromkeys([Hypothesis(()), *_finalists(contest), pure])))
     gain = {h: sum(c.gain[h] for c in held) for h in held[0].gain} if held else {}
-    pure = Hypothesis(chosen.effects).name
-    if held and verdict in WHOLE and gain.get(pure, 0.0) <= 0 < len(chosen.effects):
+    if held and verdict in WHOLE and gain[pure.name] <= 0 < len(chosen.effects):
         verdict, named, chosen = "unexplained", (), Hypothesis((), True)  # evidence without prediction is no cause
         posts[chosen.name] = _posterior(evidence, (), y, rng, True)
     left = misfit(evidence, chosen, y)
     if verdict in WHOLE:
-        doubtful = left > MISFIT or _beyond(chosen, posts[chosen.name]) or (rest is not None and rest.there)
+        doubtful = left > most_left(len(y)) or _beyond(chosen, posts[chosen.name]) or (rest is not None and rest.there)
         verdict = "partly" if doubtful else verdict
     shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed)
     if verdict == "partly":  # judged by the curves that are seen: validation has no say
@@ -144,7 +146,7 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
         slope = noise.slope_of(library, fits["none"])
         C = noise.scatter(library.plan, bench.levels, fits["none"], slope)
         where = localise.shared(where, library.plan, Δ, C, noise.readings(library.plan, bench.levels, slope))
-    causes = _causes(contest, posts, verdict, named, bench.modulus)
+    causes = _causes(evidence, contest, y, posts, verdict, named)
     return Diagnosis(
         verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), causes, named,
         dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
@@ -249,7 +251,10 @@ def _posterior(evidence: Evidence, effects, y: np.ndarray, rng, unexplained: boo
     return posterior(h, h.white(y), DRAWS, rng)
 
 
-def _causes(contest: Contest, posts, verdict: str, named: Sequence[str], modulus: float) -> tuple[Cause, ...]:
+def _causes(
+    evidence: Evidence, contest: Contest, y: np.ndarray, posts: Mapping[str, Posterior], verdict: str,
+    named: Sequence[str],
+) -> tuple[Cause, ...]:  # fmt: skip
     """Every named effect with its probability given a gap, and its size where it is alone or in the chosen pair."""
     if verdict in ("no_gap", "unexplained"):
         return ()
@@ -266,12 +271,12 @@ def _causes(contest: Contest, posts, verdict: str, named: Sequence[str], modulus
         e = next(e for e in h.effects if e.name == name)
         probability = sum(v for v, g in holders_of(contest, given, e.source))
         if e.family == "scatter":
-            size = np.array([f * e.size.high for f in attribute.SCATTER])
-            found.append(Cause(e, probability, float(np.mean(size)), (float(size[0]), float(size[-1])), False))
+            size, low, high = evidence.scatter(e, y, LEVEL)
+            found.append(Cause(e, probability, float(size), (float(low), float(high)), False))
             continue
         column = _column(h, e, post)
         # sizes of the chain count against the force at μ₀, those of the model are multiples of the modulus
-        scale = post.modulus / (1.0 if e.family == "model" else modulus)
+        scale = post.modulus / (1.0 if e.family == "model" else evidence.bench.modulus)
         value = e.size.value(post.at[:, column]) * scale**e.size.exponent
         low, mid, high = np.quantile(value, [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2])
         ends = [abs(v) for side in e.size.ends() for v in side]
@@ -292,6 +297,11 @@ def misfit(evidence: Evidence, h: Hypothesis, y: np.ndarray) -> float:
     best = evidence.best(h.effects, y, h.unexplained, loose=bool(h.effects))
     w = best.white(y)
     return float(np.mean((w - mean_prediction(best, w)) ** 2))
+
+
+def most_left(n: int) -> float:
+    """χ² per reading that a right hypothesis may leave of n readings."""
+    return max(MISFIT, float(chi2.ppf(1.0 - RARE, n)) / n)
 
 
 def _gap_of(evidence: Evidence, h: Hypothesis, fits: Mapping[str, np.ndarray], y: np.ndarray) -> np.ndarray:

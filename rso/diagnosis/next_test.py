@@ -298,7 +298,7 @@ def gauges(library: Library, bench: Bench) -> dict[str, tuple[str, float]]:
     """Knob → a test that shows it by itself, whatever the rest, and what that test resolves in the knob's unit."""
     level = bench.levels.get("Fz", next(iter(bench.levels.values())))
     white = level.white / np.sqrt(READINGS)
-    F = max(float(np.max(np.abs(t.values["Fz"]))) for t in library.plan.tests if "Fz" in t.values)
+    F = max(float(np.max(np.abs(v))) for t in library.plan.tests for c, v in t.values.items() if c == t.channels[-1])
     longest = max(float(t.time.max()) for t in library.plan.tests)
     v = max(t.speed for t in library.plan.tests)
     resolution = {

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -21,6 +21,11 @@ from rso.measurement import Measurement, Repeat, step_of
 
 GAIN = 0.01  # of a test, where nothing is known
 CONTACT = 0.01  # mm, contact point of a test
+UNKNOWN = 0.01  # of the largest force: a reading, where nothing is stated and too few readings tell
+FEW = 8  # third differences that tell no noise
+OVERLAP = 2.31  # third differences of white noise for each that is independent, 1 + 2 (0.75² + 0.3² + 0.05²)
+SCARCE = 0.1  # chance that the noise is larger than taken from the readings
+LOUDER = 1.5  # times the usual noise: that of another sensor or range
 WORLD = 0.005  # of the force: another code, another mesher
 DEEP = 0.015  # more of it towards the deepest travel: meshes distort there, and codes part company
 STEEP = 8  # power of the travel with which it grows
@@ -32,7 +37,10 @@ DENSE, DEGREE, SMOOTH = 200, 10, 0.5  # readings of a record that tells by itsel
 
 @dataclass(frozen=True)
 class Level:
-    """Noise of a channel: `white` per reading, `correlated` of a bin along `length` mm, `gain`, `contact` of a test."""
+    """Noise of a channel: `white` per reading, `correlated` of a bin along `length` mm, `gain`, `contact` of a test.
+
+    `loud` holds the experiments (by index) whose readings have another noise, and how many times this one.
+    """
 
     white: float
     correlated: float
@@ -41,6 +49,12 @@ class Level:
     contact: float
     depth: float
     source: str
+    loud: Mapping[int, float] = field(default_factory=dict)
+
+    def of(self, experiment: int) -> Level:
+        """That of the readings of one experiment."""
+        k = self.loud.get(experiment, 1.0)
+        return replace(self, white=k * self.white, correlated=k * self.correlated)
 
 
 def levels(plan: TestPlan) -> dict[str, Level]:
@@ -51,26 +65,38 @@ def levels(plan: TestPlan) -> dict[str, Level]:
         tests = [t for t in plan.tests if c in t.channels]
         if not tests:
             continue
-        seen = [plan.experiments[k] for k in dict.fromkeys(t.experiment for t in tests)]
-        stated = max(max(e.noise.of(c), _written(e.measurement, c)) for e in seen)
+        numbers = list(dict.fromkeys(t.experiment for t in tests))
+        seen = [plan.experiments[k] for k in numbers]
         correlation = max(e.noise.correlation for e in seen)
         length = correlation or remembered or 0.0
-        d3 = np.concatenate([_third(r, c) for e in seen for r in e.measurement.repeats])
         w, k = _bins(tests)
         ρ = math.exp(-w / (k * length)) if remembered and not correlation else 0.0
-        of_one = 20.0 - 30.0 * ρ + 12.0 * ρ**2 - 2.0 * ρ**3  # variance of the third difference
-        estimated = float(np.sqrt(np.mean(d3**2) / of_one)) if len(d3) > 8 else 0.0
+        own = [np.concatenate([_third(r, c) for r in e.measurement.repeats]) for e in seen]
+        each, estimated, ν = _estimated(own, 20.0 - 30.0 * ρ + 12.0 * ρ**2 - 2.0 * ρ**3)
+        if not estimated:
+            estimated, ν = _spread(tests, c)
+            each = [estimated] * len(seen)
+        said = [max(e.noise.of(c), _written(e.measurement, c)) for e in seen]
+        stated = max(said)
+        if estimated and not stated:  # a few readings that happen to agree are no quiet sensor
+            upwards = math.sqrt(ν / chi2.ppf(SCARCE, ν))
+            estimated, each = upwards * estimated, [upwards * v for v in each]
         largest = max(float(np.max(np.abs(t.values[v]))) for t in tests for v in t.channels)
+        least = 1e-4 * largest if stated or estimated else UNKNOWN * largest
         # what is said to be correlated is not white
-        white = max(0.0 if correlation else stated, estimated, 1e-4 * largest)
-        source = "stated" if stated >= estimated > 0 else "from the readings"
+        white = max(0.0 if correlation else stated, estimated, least)
+        whites = [max(0.0 if correlation else v or stated, u, least) for v, u in zip(said, each, strict=True)]
+        loud = {n: v / white for n, v in zip(numbers, whites, strict=True) if v != white}
+        source = "stated" if stated >= estimated else "from the readings"
+        source = source if stated or estimated else "assumed"
         if length:  # readings that remember each other hold less than their number
             share, reach = _of_bins(length, w, k)
             correlated, white = share * (stated if correlation else white), white if correlation else 0.3 * white
         else:
             correlated, reach = _smoothed(seen, c)
         depth = max(e.noise.depth for e in seen)
-        known = Level(white, correlated, reach, max(e.noise.gain for e in seen), max(CONTACT, 2 * depth), depth, source)
+        gain = max(e.noise.gain for e in seen)
+        known = Level(white, correlated, reach, gain, max(CONTACT, 2 * depth), depth, source, loud)
         gain, contact, extra, its_reach = _repeats(plan, c, known)
         if extra > correlated:
             known = replace(known, correlated=extra, length=max(its_reach, reach))
@@ -79,6 +105,63 @@ def levels(plan: TestPlan) -> dict[str, Level]:
         stated = max(plan.experiments[p.experiment].noise.uz for p in plan.profiles)
         out["uz"] = Level(stated or MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "stated" if stated else "assumed")
     return out
+
+
+def _estimated(own: Sequence[np.ndarray], of_one: float) -> tuple[list[float], float, float]:
+    """Noise of a reading in each experiment, and usually, from third differences of `of_one` times its variance.
+
+    The last number is that of independent ones.  Experiments share their noise but for those whose own is clearly
+    another (by half and more, one in a thousand, and in the middle of its readings too, which a few jumps do not
+    change); 0 where too few readings tell.
+    """
+    if sum(map(len, own)) <= FEW:
+        return [0.0] * len(own), 0.0, 0.0
+    power = np.array([float(np.sum(v**2)) / of_one for v in own])
+    number = np.array([len(v) for v in own], float)
+    tells = number > FEW
+    typical = float(np.median(np.repeat(power / np.maximum(number, 1.0), number.astype(int))))
+    ν = np.maximum(number / OVERLAP, 1.0)
+    ratio = np.maximum(power / np.maximum(number * typical, 1e-300), 1e-12)
+    rare = np.abs(chi2.cdf(ν * ratio, ν) - 0.5) > 0.4995
+    middle = np.array([np.median(v**2) if len(v) else 0.0 for v in own]) / (chi2.median(1) * of_one)
+    least = np.minimum(np.abs(np.log(ratio)), np.abs(np.log(np.maximum(middle / max(typical, 1e-300), 1e-12))))
+    apart = tells & rare & ((ratio > 1.0) == (middle > typical)) & (least > 2.0 * math.log(LOUDER))
+    usual = math.sqrt(typical if apart.all() else power[~apart].sum() / number[~apart].sum())
+    each = [math.sqrt(v / n) if lone else usual for v, n, lone in zip(power, number, apart, strict=True)]
+    return each, usual, float(number.sum()) / OVERLAP
+
+
+def _spread(tests: Sequence[Test], channel: str) -> tuple[float, float]:
+    """Noise of a reading from what repeats of one experiment differ by, gain and contact included, and how many
+    independent differences that is from; 0 without any."""
+    power = count = 0.0
+    for mine in _alike(tests):
+        u, Y, number = _common(mine, channel)
+        if len(mine) > 1 and len(u):
+            power += float(np.sum(number * (Y - Y.mean(axis=0)) ** 2))
+            count += (len(mine) - 1) * len(u)
+    return (math.sqrt(power / count) if count else 0.0), count
+
+
+def _alike(tests: Sequence[Test]) -> list[list[Test]]:
+    """Tests by experiment and history: a first test is not a repeat of what it softened."""
+    groups: dict[tuple[int, int], list[Test]] = {}
+    for t in tests:
+        groups.setdefault((t.experiment, round(t.earlier / 0.3)), []).append(t)
+    return list(groups.values())
+
+
+def _common(mine: Sequence[Test], channel: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Depths (n,) of the first test's loading that all tests reach, values (k, n) there, readings (n,) behind each."""
+    there = [t.branch == LOADING for t in mine]
+    own = [t.depth[k] for t, k in zip(mine, there, strict=True)]
+    if min(map(len, own)) == 0:
+        return np.zeros(0), np.zeros((len(mine), 0)), np.zeros(0)
+    slack = 0.02 * (own[0][-1] - own[0][0]) / max(len(own[0]) - 1, 1)  # bins of repeats are not quite the same
+    inside = (own[0] >= max(d[0] for d in own) - slack) & (own[0] <= min(d[-1] for d in own) + slack)
+    u = own[0][inside]
+    Y = np.array([np.interp(u, d, t.values[channel][k]) for t, d, k in zip(mine, own, there, strict=True)])
+    return u, Y, mine[0].count[there[0]][inside]
 
 
 def _written(measurement: Measurement, channel: str) -> float:
@@ -161,29 +244,24 @@ def _smoothed(experiments: Sequence[Experiment], channel: str) -> tuple[float, f
 def _repeats(plan: TestPlan, channel: str, known: Level) -> tuple[float, float, float, float]:
     """(gain, contact mm, correlated noise, its length mm) from what repeats of one experiment differ by.
 
-    Zero where no experiment has three repeats, and where they differ no more than `known` noise, gain and contact make
-    them in 19 of 20 cases.  Gain and contact are what deviations from the mean have along the mean and along its slope,
-    less what noise puts there.
+    Zero where no experiment has three repeats of equal history, and where they differ no more than `known` noise, gain
+    and contact make them in 19 of 20 cases.  Gain and contact are what deviations from the mean have along the mean and
+    along its slope, less what noise puts there.
     """
     gains, contacts, extras, lengths = [], [], [], []
-    groups: dict[tuple[int, int], list[Test]] = {}
-    for t in plan.tests:  # of equal history: a first test is not a repeat of what it softened
-        if channel in t.channels:
-            groups.setdefault((t.experiment, round(t.earlier / 0.3)), []).append(t)
-    for mine in groups.values():
+    for mine in _alike([t for t in plan.tests if channel in t.channels]):
         if len(mine) < 3:
             continue
-        u = mine[0].depth[mine[0].branch == LOADING]
-        if len(u) < 6:
+        u, Y, number = _common(mine, channel)
+        if len(u) < 4:
             continue
-        there = [t.branch == LOADING for t in mine]
-        Y = np.array([np.interp(u, t.depth[k], t.values[channel][k]) for t, k in zip(mine, there, strict=True)])
+        own = known.of(mine[0].experiment)
         mean = Y.mean(0)
         D, dof, M = Y - mean, len(mine) - 1, np.eye(len(u))
         slope = np.gradient(mean, u) if channel == "Fz" else np.zeros(len(u))
-        W = np.diag((known.white**2 + (known.depth * slope) ** 2) / mine[0].count[there[0]])
-        N = W + _along(known, u)
-        if channel == "Fz" and np.ptp(mean) > 10 * known.white:
+        W = np.diag((own.white**2 + (own.depth * slope) ** 2) / number)
+        N = W + _along(own, u)
+        if channel == "Fz" and np.ptp(mean) > 10 * own.white:
             B = np.stack([mean, slope], 1)
             P = np.linalg.pinv(B)
             M = M - B @ P
@@ -243,7 +321,7 @@ def scatter(plan: TestPlan, level: Mapping[str, Level], force: np.ndarray, slope
         if isinstance(item, Profile):
             C[at, at] += np.diag(np.full(at.stop - at.start, level["uz"].white ** 2))
             continue
-        q = level[c]
+        q = level[c].of(item.experiment)
         C[at, at] += np.diag(_white(q, item, slope[at]))
         if q.correlated:
             on = np.where(item.held, item.speed * item.since, item.depth)  # readings remember each other along time
@@ -253,7 +331,8 @@ def scatter(plan: TestPlan, level: Mapping[str, Level], force: np.ndarray, slope
         at = _rows_of(rows, item)
         q = level[item.channels[-1]]
         C[at, at] += q.gain**2 * np.outer(force[at], force[at]) + q.contact**2 * np.outer(slope[at], slope[at])
-    common = max(level[t.channels[-1]].contact for t in plan.tests) * placed * slope  # what all tests take for contact
+    contact = max((level[t.channels[-1]].contact for t in plan.tests), default=0.0)
+    common = contact * placed * slope  # what all tests take for contact
     return C + np.outer(common, common)
 
 
@@ -284,7 +363,7 @@ def readings(plan: TestPlan, level: Mapping[str, Level], slope: np.ndarray) -> n
     """Variance (n,) of each reading by itself, without what a test or a model may be off by as a whole."""
     out = np.zeros(plan.n)
     for item, c, at in plan.rows():
-        q = level["uz" if isinstance(item, Profile) else c]
+        q = level["uz" if isinstance(item, Profile) else c].of(item.experiment)
         out[at] = q.white**2 if isinstance(item, Profile) else _white(q, item, slope[at]) + q.correlated**2
     return out
 

@@ -58,8 +58,9 @@ def framed(base: Base, plan: TestPlan) -> Frame:
         )
     # rounded: data sets recorded with the same nominal speeds share their library
     slowest, fastest = (float(f"{v([t.speed for t in plan.tests]):.2g}") for v in (min, max))
+    judged = plan.seen().tests or plan.tests
     return Frame(
-        int(np.argmax([sum(t.n for t in plan.tests if t.place == k) for k in range(len(plan.places))])),
+        int(np.argmax([sum(t.n for t in judged if t.place == k) for k in range(len(plan.places))])),
         (slowest, fastest),
         tuple(_chebyshev(*a.ends, BASE_NODES[d]) for a in base.axes),
         tuple(_chebyshev(*a.ends, FEW_BASE_NODES[d]) for a in base.axes),

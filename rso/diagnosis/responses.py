@@ -20,16 +20,19 @@ ENOUGH = 0.6  # of the deepest travel: what a failed run must have reached to be
 
 def forces_of(response: Response, modulus: float, back: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Travels (n,) in increasing order and forces over the modulus (n, 3) of the way there, or of the way back."""
-    travel, time = response.channels["travel"], response.channels["time"]
+    travel, returning = response.channels["travel"], _returning(response)
     F = np.stack([response.channels[c] if c in response.channels else np.zeros(len(travel)) for c in FORCES], 1)
-    turn = int(np.argmax(travel >= travel.max() - 1e-6))
-    # asked travels come up once on the way there and once on the way back
-    returning = time > time[turn]
     if back and returning.any():
         order = np.argsort(travel[returning])
         return travel[returning][order], F[returning][order] / modulus
     there = ~returning
     return travel[there], F[there] / modulus
+
+
+def _returning(response: Response) -> np.ndarray:
+    """(n,) whether an answer is on the way back: asked travels come up once on the way there and once on that."""
+    travel, time = response.channels["travel"], response.channels["time"]
+    return time > time[int(np.argmax(travel >= travel.max() - 1e-6))]
 
 
 def loading_of(response: Response, u: np.ndarray, modulus: float) -> np.ndarray:
@@ -67,11 +70,11 @@ def changed(
     """
     change, lost = np.zeros((len(ways), 3, len(u))), 0
     for i, way in enumerate(ways):
-        response = reached_by(outcomes[min(i, len(outcomes) - 1)], place.deepest)
-        if response is None:
+        response, back = reached_by(outcomes[min(i, len(outcomes) - 1)], place.deepest), way.peak is not None
+        if response is None or (back and len(outcomes) > 1 and not _returning(response).any()):
             lost += 1
             continue
-        travel, F = forces_of(response, reference, back=way.peak is not None and len(outcomes) > 1)
+        travel, F = forces_of(response, reference, back=back and len(outcomes) > 1)
         change[i] = relative(travel, F - base(travel), base(travel)[:, 2], u)
     return change, lost
 

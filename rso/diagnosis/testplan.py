@@ -58,8 +58,8 @@ class Test:
     travel there before.
 
     `age` is where it stands in the order of testing, −1/2 the first and 1/2 the last.  `depth`, `time`, `count` (n,):
-    mean depth and time (from the first reading on) of the readings of a bin and their number; `since` (n,) s is the
-    time since the indenter came to rest, 0 while it moves.
+    the depth where a ball has the mean force of the readings of a bin, when it was there (from the first reading on),
+    and their number; `since` (n,) s is the time since the indenter came to rest, 0 while it moves.
     """
 
     experiment: int
@@ -192,7 +192,7 @@ def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
             if r.depth.max() <= 0.0:
                 raise ValueError(f"{e.name}: repeat {r.label!r} never gets deeper than 0 mm; depth counts from contact")
             channels = tuple(c for c in ("Fx", "Fy", "Fz") if c in r.channels and c in e.channels)
-            time = r.time - r.time[0] if r.time is not None else _times(r.depth, r.segment, e.speed)
+            time = r.time - r.time[0] if r.time is not None else _times(r.depth, e.speed)
             branches = [_binned(r, time, channels, b) for b in (LOADING, UNLOADING, HELD)]
             d, t, b, m, values = (_joined(branches, i, channels) for i in range(5))
             peak = float(r.depth.max())
@@ -278,7 +278,7 @@ def _in_order(experiments: Sequence[Experiment]) -> list[int]:
     return done
 
 
-def _times(depth: np.ndarray, segment: np.ndarray, speed: float) -> np.ndarray:
+def _times(depth: np.ndarray, speed: float) -> np.ndarray:
     """Times (s) of readings at a constant speed there and back."""
     return np.concatenate([[0.0], np.cumsum(np.maximum(np.abs(np.diff(depth)), 1e-9))]) / speed
 
@@ -310,7 +310,20 @@ def _binned(r: Repeat, time: np.ndarray, channels: tuple[str, ...], branch: int)
     groups = [g for g in groups if len(g)]
     mean = lambda v: np.array([v[g].mean() for g in groups])  # noqa: E731
     count = np.array([len(g) for g in groups], float)
-    return mean(r.depth), mean(time), np.full(len(groups), branch), count, {c: mean(r.channels[c]) for c in channels}
+    depth = np.array([_depth_of_mean(r.depth[g]) for g in groups])
+    went = np.array([r.depth[g[-1]] - r.depth[g[0]] for g in groups])
+    took = np.array([time[g[-1]] - time[g[0]] for g in groups])
+    late = np.divide(took, went, out=np.zeros(len(groups)), where=went != 0.0) * (depth - mean(r.depth))
+    times = mean(time) + (late if branch != HELD else 0.0)  # when the indenter was at that depth
+    return depth, times, np.full(len(groups), branch), count, {c: mean(r.channels[c]) for c in channels}
+
+
+def _depth_of_mean(u: np.ndarray) -> float:
+    """Depth (mm) at which a ball has the mean of its forces at the depths u (n,), F ~ u^3/2; their mean in the air.
+
+    At the mean depth the force is less, in a first bin of many readings by an eighth.
+    """
+    return float(np.mean(np.maximum(u, 0.0) ** 1.5) ** (2.0 / 3.0)) if u.mean() > 0.0 else float(u.mean())
 
 
 def _joined(branches: Sequence[tuple[Any, ...]], i: int, channels: tuple[str, ...]) -> Any:

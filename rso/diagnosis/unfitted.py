@@ -43,10 +43,10 @@ def held_out(bench: Bench, y: np.ndarray, hypotheses: Sequence[Hypothesis]) -> t
 
 def _log_evidence(bench: Bench, h: Hypothesis, rows: np.ndarray, y: np.ndarray) -> float:
     """Log evidence of some rows, over levels of scatter."""
-    levels = range(len(attribute.SCATTER)) if any(e.family == "scatter" for e in h.effects) else range(1)
+    shares = attribute.SCATTER if any(e.family == "scatter" for e in h.effects) else attribute.SCATTER[:1]
     found = []
-    for level in levels:
-        white = whitening(bench.covariance(h.effects, level), rows)
+    for share in shares:
+        white = whitening(bench.covariance(h.effects, share), rows)
         h_ready = ready(bench.of(h.effects, loose=True), white, bench.modulus)
         found.append(log_evidence(h_ready, white(y)[None])[0])
     return float(logsumexp(found) - np.log(len(found)))
@@ -117,7 +117,7 @@ def _taught(library: Library, rest: np.ndarray, effects: Sequence[Effect]) -> tu
 
 
 def _fit(bench: Bench, effects, rows: np.ndarray, y: np.ndarray, rng) -> Posterior:
-    white = whitening(bench.covariance(effects, 1), rows)
+    white = whitening(bench.covariance(effects, attribute.SCATTER[-1]), rows)
     h = ready(bench.of(effects, loose=True), white, bench.modulus)
     return posterior(h, white(y), 300, rng)
 

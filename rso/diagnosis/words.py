@@ -104,6 +104,8 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     text = {e["name"]: e["description"] for e in found["effects"]}
     each = ", ".join(f"{c['effect']} ({100 * c['probability']:.0f} %)" for c in causes)
     if v == "ambiguous":
+        if len(causes) == 1:
+            return f"Cause: {text[first['effect']]}, or something that is not in the catalogue: {each}."
         return f"Cause: cannot be told apart with these data: {each}."
     if v == "partly" and d["ambiguous_with"]:
         return f"Part of it, not all, looks like one of these, which cannot be told apart: {each}."

@@ -81,7 +81,7 @@ def verdict(found: Found) -> Section:
     text = _VERDICTS.get(verdict_of(found), ("", ""))[1]
     names = [descriptions(found).get(c, c) for c in map(lambda c: clean(c.get("effect")), d.get("causes") or ())]
     if d.get("ambiguous_with"):
-        named = _listing(names, "or")
+        named = _listing(names if names[1:] else [*names, "something that is not in the catalogue"], "or")
     else:
         together = set(effects_of(chosen(found) or "")) >= {clean(c.get("effect")) for c in d.get("causes") or ()}
         named = _listing(names if together else names[:1], "and")

@@ -5,9 +5,12 @@ import dataclasses
 import diagnosis_backend as toy
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+from scipy.signal import butter, lfilter
 
 from rso.diagnosis import make_plan
 from rso.diagnosis.hum import hum
+from rso.measurement import Repeat
 
 
 def plan_with(change, seed: int = 0, repeats: int = 5, readings: int = 60):
@@ -38,6 +41,40 @@ def test_a_hum_of_the_size_of_the_scatter_is_found(cycles):
     # the spectrum resolves 1 / duration; five records of one size fix the amplitude to about a tenth
     np.testing.assert_allclose(found.frequency, seen["f"], atol=0.5 * seen["f"] / cycles)
     np.testing.assert_allclose(found.amplitude, seen["a"], rtol=0.35)
+
+
+FILTERS = {
+    "Butterworth 0.05": lambda v: lfilter(*butter(2, 0.05), v),
+    "Butterworth 0.02": lambda v: lfilter(*butter(2, 0.02), v),
+    "Gauss 10": lambda v: gaussian_filter1d(v, 10),
+    "mean of 10": lambda v: uniform_filter1d(v, 10),
+}
+
+
+@pytest.mark.parametrize("how", FILTERS)
+@pytest.mark.parametrize("repeats", [1, 5])
+def test_what_an_amplifier_lets_pass_is_no_hum(how, repeats):
+    """Filtered scatter of 300 readings towers over the median of its spectrum by decades."""
+    u = np.linspace(0.0, 4.0, 301)[1:]
+    for seed in range(4):
+        rng, records = np.random.default_rng(seed), []
+        for k in range(repeats):
+            v = FILTERS[how](rng.standard_normal(2300))[2000:]
+            F = 0.04 * u**1.5 + 3e-3 * v / v.std()
+            records.append(Repeat(str(k), u, u / 0.5, {"Fz": F}, {}, np.full(len(u), "loading")))
+        assert not hum(make_plan([toy.experiment("a", tuple(records))])).there
+
+
+def test_a_hum_is_found_beside_what_a_filter_lets_pass():
+    u = np.linspace(0.0, 4.0, 301)[1:]
+    rng, records = np.random.default_rng(0), []
+    for k in range(5):
+        v = FILTERS["Butterworth 0.05"](rng.standard_normal(2300))[2000:]
+        F = 0.04 * u**1.5 + 3e-3 * v / v.std() + 3e-3 * np.sin(2 * np.pi * 3.0 * u / 0.5 + rng.uniform(0, 6))
+        records.append(Repeat(str(k), u, u / 0.5, {"Fz": F}, {}, np.full(len(u), "loading")))
+    found = hum(make_plan([toy.experiment("a", tuple(records))]))
+    assert found.there
+    np.testing.assert_allclose(found.frequency, 3.0, atol=0.1)  # 1 / (8 s) is resolved
 
 
 def coloured(t, F, rng, ρ=0.8):

@@ -6,12 +6,16 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-from rso.contract import Parameter
+from rso.contract import Case, Parameter, Programme, Response
+from rso.curves import Resampling
 from rso.diagnosis import Base, build, make_plan, mended
 from rso.diagnosis.effects import Effect, Size, catalogue, localised
 from rso.diagnosis.library import Library, Table, _transfer
 from rso.diagnosis.nodes import Nodes, nodes
 from rso.diagnosis.prediction import predict
+from rso.diagnosis.responses import changed
+from rso.diagnosis.runs import Pass
+from rso.diagnosis.testplan import Place
 from rso.measurement import Chain, Repeat, record
 from rso.store import Failed
 
@@ -314,6 +318,24 @@ def test_an_effect_without_any_answer_leaves_the_base():
     at = np.array([[CENTRE, 0.5]])
     np.testing.assert_array_equal(predict(library, library.effects, at, MU)[0], predict(library, (), at[:, :1], MU)[0])
     assert library.failed
+
+
+@pytest.mark.parametrize("reached", ["all of it", "the turn"])
+def test_a_run_that_ends_at_the_turn_says_nothing_of_the_way_back(reached):
+    """Its loading is not taken for its unloading: the pass is lost, and others fill it."""
+    asked = np.array([0.5, 1.0, 2.0, 3.0, 4.0])
+    there, back = 1.2 * asked**1.5, (0.6 * asked**1.5)[-2::-1]
+    time, travel, Fz = np.r_[asked, 8.0 - asked[-2::-1]], np.r_[asked, asked[-2::-1]], np.r_[there, back]
+    n = len(time) if reached == "all of it" else len(asked)
+    units = {"time": "s", "travel": "mm", "Fz": "N"}
+    partial = Response({"time": time[:n], "travel": travel[:n], "Fz": Fz[:n]}, units)
+    failed = Failed("k", {}, Case("c", Programme((0.0, 4.0, 8.0), (0.0, 4.0, 0.0), tuple(asked))), "contact", "", partial)
+    base = Resampling(asked, np.stack([0 * asked, 0 * asked, asked**1.5], axis=1))
+    ways = [Pass(None, 0.0), Pass(4.0, 0.0)]
+    change, lost = changed(ways, asked, Place({}, 4.0, (4.0,)), 1.0, [failed, failed], base)
+    np.testing.assert_allclose(change[0, 2], 0.2, atol=1e-12)
+    assert lost == (reached == "the turn")
+    np.testing.assert_allclose(change[1, 2, 2], -0.4 if lost == 0 else 0.0, atol=1e-12)
 
 
 def test_a_base_that_fails_is_an_error():

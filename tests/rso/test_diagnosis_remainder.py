@@ -173,7 +173,7 @@ def test_what_shows_beside_a_cause_is_in_the_contest_and_in_the_words():
 def test_rivals_of_a_part_are_named_and_are_not_called_a_pair():
     """Two look-alikes, neither enough: "it takes two effects together" would be wrong."""
     names = ("stiff", "twin", "skin")
-    plan = make_plan(experiments(0, {"stiff": 0.3, "soften": 0.05}))
+    plan = make_plan(experiments(0, {"stiff": 0.3, "soften": 0.08}))
     library = dataclasses.replace(tables(names), plan=plan)
     found = diagnosis.story(library, diagnosis.diagnose(library, 0, nulls=100), 0, None, "toy")
     d = found["diagnosis"]

@@ -31,9 +31,23 @@ def test_bins_keep_the_means_of_every_branch():
         for c in ("Fx", "Fy", "Fz"):
             total = np.sum(test.count[mine] * test.values[c][mine])
             np.testing.assert_allclose(total, r.channels[c][own].sum(), rtol=1e-12)
-        np.testing.assert_allclose(np.sum(test.count[mine] * test.depth[mine]), r.depth[own].sum(), rtol=1e-12)
-        seconds = (r.time[own] - r.time[0]).sum()
-        np.testing.assert_allclose(np.sum(test.count[mine] * test.time[mine]), seconds, rtol=1e-12)
+        of_a_ball = np.sum(test.count[mine] * test.depth[mine] ** 1.5)
+        np.testing.assert_allclose(of_a_ball, np.sum(r.depth[own] ** 1.5), rtol=1e-12)
+        order = np.argsort(r.depth[own])
+        when = np.interp(test.depth[mine], r.depth[own][order], (r.time[own] - r.time[0])[order])
+        np.testing.assert_allclose(test.time[mine], when, rtol=0, atol=0.02)  # of 0.57 s a bin
+
+
+@pytest.mark.parametrize("power", [1.3, 1.5, 2.0])
+def test_a_bin_of_many_readings_lies_on_their_curve(power):
+    """The mean force of 1500 readings is that at their depth: of a ball, and nearly so of others beyond the first."""
+    u = np.linspace(0.0, 4.0, 20001)[1:]
+    r = Repeat("1", u, u / 0.5, {"Fz": 0.04 * u**power}, {}, np.full(len(u), "loading"))
+    (test,) = make_plan([toy.experiment("a", (r,))]).tests
+    off = test.values["Fz"] / (0.04 * test.depth**power) - 1.0
+    assert np.abs(off[1:]).max() < (1e-6 if power == 1.5 else 0.03)
+    assert np.abs(off[4:]).max() < 3e-3
+    np.testing.assert_allclose(off[0], 0.0, atol=1e-3 if power == 1.5 else 0.2)
 
 
 def test_the_data_vector_holds_every_value_in_the_order_of_its_rows():

@@ -1,14 +1,19 @@
 """What a contest says: which verdict follows from probabilities, and when a sure cause is only a part."""
 
+import dataclasses
+
 import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-from rso.diagnosis.attribute import Contest
+from rso.diagnosis import build, diagnose, make_plan, story
+from rso.diagnosis.attribute import SHARES, Contest, Evidence, set_up
 from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judge import BEYOND, _beyond, judge
+from rso.diagnosis.judge import BEYOND, MISFIT, _beyond, judge, most_left
 from rso.diagnosis.mixture import Posterior
 from rso.diagnosis.shrinkage import Gap, summarise
+from rso.diagnosis.words import _cause
+from rso.measurement import Noise, Repeat
 
 STIFF, SKIN = toy.effects("stiff", "skin")
 BIAS, SCATTER = toy.effects("bias", "offset_each")
@@ -66,3 +71,75 @@ def test_the_share_closed_of_a_gap_in_one_curve_has_an_interval_that_means_somet
     assert low < found.closed < high and -3.0 < low and high < 1.0 + 1e-9
     even = summarise([Gap(f"curve {k}", "N", 5.0, 5.0, 1.0, (0.0, 0.0, 0.0)) for k in range(5)], [40] * 5, "", 1)
     np.testing.assert_allclose((even.closed, *even.interval), 1.0, rtol=1e-12)
+
+
+def test_what_a_right_cause_leaves_of_few_readings_is_not_too_much():
+    """One in a hundred of 20 000 chi-square variables lies above, of few and many; of very many MISFIT counts."""
+    rng = np.random.default_rng(0)
+    for n in (8, 14, 40):
+        above = np.mean(rng.chisquare(n, 20_000) / n > most_left(n))
+        assert 0.005 < above < 0.015
+    assert most_left(1000) == MISFIT
+
+
+@pytest.mark.parametrize("scatter", [0.03, 0.12])
+def test_the_size_of_what_scatters_is_read_from_the_data(scatter):
+    """Gains of eight tests: their standard deviation is known to a quarter, and its interval holds the truth."""
+    (gain,) = toy.effects("gain_each")
+    rng = np.random.default_rng(4)
+    records = toy.recorded(toy.TRUTH, rng, repeats=8, scatter=scatter)
+    plan = make_plan([toy.experiment("a", records, noise=Noise(Fz=toy.WHITE, gain=1e-3))])
+    library = build(toy.base(axes=False), plan, (gain,), toy.run)
+    y = plan.values()
+    bench = set_up(library, y)
+    size, low, high = Evidence(bench, library.effects).scatter(gain, y, 0.9)
+    assert low < size < high and low >= 0.9 * SHARES[0] * gain.size.high
+    taken = bench.levels["Fz"].gain  # what repeats show is noise already; the effect is what comes on top
+    assert low**2 < scatter**2 and high**2 + taken**2 > scatter**2
+
+
+def profile(rng):
+    """Marks along x at two depths."""
+    x, depths = np.tile([6.0, 8.0, 10.0, 12.0], 2), np.repeat([2.0, 4.0], 4)
+    uz = [toy.mark(toy.TRUTH, np.array([d]), a, 0.0)[0] for a, d in zip(x, depths, strict=True)]
+    channels = {"x": x, "y": 0.0 * x, "uz": np.array(uz) + 0.01 * rng.standard_normal(8)}
+    return (Repeat("1", depths, None, channels, {}, np.full(8, "loading")),)
+
+
+def side(rng, role="fit", **k):
+    records = toy.recorded({**toy.TRUTH, "stiff": 0.6}, rng, point=(10.0, 0.0), unload=True, **k)
+    return toy.experiment("side", records, point=(10.0, 0.0), role=role)
+
+
+def lateral_alone(rng):
+    e = side(rng, repeats=3, lateral=True)
+    records = tuple(dataclasses.replace(r, channels={"Fx": r.channels["Fx"]}) for r in e.measurement.repeats)
+    return dataclasses.replace(e, channels=("Fx",), measurement=dataclasses.replace(e.measurement, repeats=records))
+
+
+def loading(rng):
+    return toy.experiment("load", toy.recorded({**toy.TRUTH, "stiff": 0.6}, rng, repeats=2))
+
+
+UNUSUAL = {
+    "a profile alone validates": lambda rng: [loading(rng), toy.experiment("marks", profile(rng), role="validate")],
+    "most was measured where it validates": lambda rng: [loading(rng), side(rng, "validate", repeats=5)],
+    "lateral forces alone": lambda rng: [lateral_alone(rng)],
+}
+
+
+@pytest.mark.parametrize("what", UNUSUAL)
+def test_an_unusual_plan_has_a_story(what):
+    plan = make_plan(UNUSUAL[what](np.random.default_rng(0)))
+    library = build(toy.base(axes=False), plan, toy.effects("stiff", "twin", "compliance"), toy.run)
+    found = story(library, diagnose(library, 0, nulls=40), 0, toy.run, "toy")
+    assert found["words"]
+
+
+def test_one_cause_and_what_is_in_no_catalogue_are_named_as_such():
+    """Nine in ten for one cause and the rest for none of them: there is nothing else to tell it apart from."""
+    d = {"verdict": "ambiguous", "ambiguous_with": [["skin"]],
+         "causes": [{"effect": "skin", "probability": 0.92}]}  # fmt: skip
+    said = _cause(d, {"effects": [{"name": "skin", "description": "stiffness of a skin"}]})
+    assert "stiffness of a skin, or something that is not in the catalogue" in said
+    assert "cannot be told apart" not in said
