@@ -6,6 +6,7 @@ here is no curve of an indenter that goes deeper into a body at rest; what is do
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,11 +16,14 @@ FEW = 8  # readings: less is a table by hand, whose writer knows it
 EDGE = 0.05  # of the readings of loading: what counts as its start and its end
 FALLS = 0.5  # of its range by which a force must not fall while the indenter goes deeper
 UNTARED = 0.5  # of its range that a force may have where the indenter begins to press
-DOUBTFUL = 0.15  # the same, from which on it is remarked upon
+DOUBTFUL = 0.04  # the same, from which on it is remarked upon where it is no scatter
 STROKE = 0.5  # of the stroke that loading must cover
 SEEN = 20.0  # times the noise: a force that tells its sign and unit
 SKEW = 5.0  # ratio of the largest forces of two repeats to one depth
-LATE = 0.25  # of the deepest travel: a contact this late is remarked upon
+LATE = 0.03  # of the deepest travel: a contact this late is remarked upon where it is no scatter
+POWERS = np.linspace(0.9, 2.5, 33)  # of curves that begin at contact, from a flat punch to a stiffening body
+CLEAR = 25.0  # fall of χ² with one number more that is no scatter
+MOST = 200  # means of readings that tell the shape of a curve
 STUCK = 10  # readings at the deepest point that make a rest, where no times are known
 JITTER = 0.05  # of the stroke: a way back by less is jitter
 JUMP = 0.05  # of the stroke: a single depth this far out of line is a mistake
@@ -76,12 +80,14 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
                 f"{who}: column 'Fz' is {start:.3g} N where the indenter begins to press, and changes by {span:.3g} N "
                 "in all: subtract the reading before contact (tare)"
             )
-        if abs(start) > DOUBTFUL * span:
-            notes.append(f"repeat {label}: Fz is {start:.3g} N at {d[0]:.2g} mm; not tared, or touched before?")
-    late = _contact(d, F)
+    late, level, scatter = _onset(d, F)
+    if d[0] <= EDGE * d.max() and abs(level) > max(DOUBTFUL * span, 5.0 * scatter):
+        notes.append(f"repeat {label}: Fz is {level:.3g} N at {max(d[0], 0.0):.2g} mm; not tared, or touched before?")
     if late > LATE * d.max():
         notes.append(
-            f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm; depth must count from contact"
+            f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm, up to there it stays within its "
+            f"scatter of {scatter:.1g} N; depth must count from contact: subtract what was air (rso diagnose looks "
+            "at it as 'offset')"
         )
     if flat := _flat(depth, force, stroke):
         notes.append(
@@ -150,14 +156,34 @@ def noise_of(values: np.ndarray) -> float:
     return 1.5 * float(np.median(np.abs(np.diff(values, 3)))) / 20**0.5 if len(values) > 12 else 0.0
 
 
-def _contact(depth: np.ndarray, force: np.ndarray) -> float:
-    """Depth (mm) at which F^(2/3) from 20 to 80 % of the largest force extrapolates to the start: Hertz's is 0."""
-    F = force - np.median(force[: max(3, int(EDGE * len(force)))])
-    use = (F > 0.2 * F.max()) & (F < 0.8 * F.max())
-    if np.sum(use) < 3 or np.ptp(depth[use]) == 0.0:
-        return 0.0
-    slope, level = np.polyfit(depth[use], np.cbrt(F[use] ** 2), 1)
-    return float(-level / slope) if slope > 0 else 0.0
+def _onset(depth: np.ndarray, force: np.ndarray) -> tuple[float, float, float]:
+    """Depth from which the force rises (mm), its level at the start and its scatter (N); 0, 0, 0 where too few tell it.
+
+    Least squares of F = b + a (u − c)^p up to half of the largest force, for all c ≥ 0 and p of POWERS; c is 0 unless
+    χ² falls by more than CLEAR with another.  The level is what the start has beyond a (u − c)^p.
+    """
+    order = np.argsort(depth, kind="stable")
+    blocks = np.array_split(order, min(len(order), MOST))
+    u, F = (np.array([v[b].mean() for b in blocks]) for v in (depth, force))
+    low, high = (float(np.median(v)) for v in (F[:3], F[-3:]))
+    n = int(np.sum(F < 0.5 * (low + high)))  # a count: a reading out of line moves it by one
+    if n < 6 or u[n - 1] <= 0.0:
+        return 0.0, 0.0, 0.0
+    near = u[:n] <= max(EDGE * float(depth.max()), float(u[0]))
+    u, F = u[:n], F[:n]
+    c = np.linspace(0.0, 0.9, 91) * u[-1]
+    shape = (np.maximum(u - c[:, None], 0.0) / u[-1])[:, None] ** POWERS[:, None]  # (c, p, n)
+    away, rise = shape - shape.mean(axis=2, keepdims=True), F - F.mean()
+    a = away @ rise / np.sum(away**2, axis=2)
+    left = np.where(a > 0.0, rise @ rise - a * (away @ rise), np.inf)
+    i, j = np.unravel_index(np.argmin(left), left.shape)
+    if not np.isfinite(left[0]).any():
+        return 0.0, 0.0, 0.0
+    variance = max(float(left[i, j]) / (n - 4), (1e-3 * float(np.ptp(force))) ** 2)
+    if left[0].min() - left[i, j] < CLEAR * variance:
+        i, j = 0, int(np.argmin(left[0]))
+    level = float(np.median((F - a[i, j] * shape[i, j])[near]))
+    return float(c[i]), level, math.sqrt(variance)
 
 
 def _flat(depth: np.ndarray, force: np.ndarray, stroke: float) -> int:

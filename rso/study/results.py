@@ -51,7 +51,7 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
         "verify": {"tolerance": study.verify.tolerance, "max_infill": study.verify.max_infill},
         "metric": study.search.metric,
         "baseline": {e: dataclasses.asdict(m) for e, m in baselines(plan).items()},
-        "warnings": [],
+        "warnings": [f"{e.name}, {doubt}" for e in study.experiments for doubt in study.measurement(e.name).doubts],
         "timings": {},
         "provenance": {
             "rso": rso.__version__,

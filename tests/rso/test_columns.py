@@ -377,6 +377,16 @@ def test_a_study_takes_files_as_repeats_and_says_what_it_does_not_read(folder):
     assert found["experiments"][0]["file"] == "niere_0.tra, niere_1.tra" and found["experiments"][0]["n_repeats"] == 2
 
 
+def test_what_is_doubtful_is_among_the_remarks_of_a_check_and_the_warnings_of_a_run(folder):
+    late = [(t, f"{float(u) + 0.9:.4f}" if float(u) else "0", F) for t, u, F in TEXTS[:41]]
+    air = [("", f"{0.1 * k:.1f}", "0") for k in range(9)]
+    rows = [(f"{k}", u, F) for k, (_, u, F) in enumerate([*air, *late[1:]])]
+    write(folder, zwick(rows), "latin-1", "niere_0.tra")
+    plan = make_plan(load(study(folder, '"niere_0.tra"')))
+    (said,) = [line.strip() for line in check(plan.study, folder / "results", trust=True) if "contact lies" in line]
+    assert begin(plan, "test", "now", 1)["warnings"] == [f"top, {said}"]
+
+
 def test_the_example_of_the_readme_reads_such_files(tmp_path):
     text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
     example = tomllib.loads(next(part for part in text.split("```toml\n")[1:] if "[columns]" in part).split("```")[0])
