@@ -74,6 +74,8 @@ def _scale(unit: str) -> tuple[Fraction, pint.util.UnitsContainer]:
     written = unit.strip()
     if len(written) > _LONGEST or not _UNIT.fullmatch(written):
         raise ValueError(f"{written[:_LONGEST]!r} is not a unit")
+    if "px" in written:  # pint's are those of a screen
+        raise ValueError(f"{written!r} is a pixel, no length of a body: multiply by the length of one")
     try:
         # An offset unit (degree Celsius) has no factor.
         if registry.Quantity(Fraction(0), written).to_base_units().magnitude != 0:
@@ -195,6 +197,22 @@ def unit_in(text: str, name: str) -> str | None:
             return unit
     low_line = _LOW_LINE.fullmatch(_GROUP.sub("", written).strip())
     return low_line[1] if low_line and _is_of(base, low_line[1]) else None
+
+
+def bracketed(text: str, name: str) -> str | None:
+    """What stands where a header of the column `name` says its unit and is none: kp in ``"Kraft [kp]"``, else None.
+
+    Square brackets hold nothing but units; round ones and a slash may hold words, but for % and words with a unit of
+    the right kind among them: ``"Kraft (mN, tared)"``.
+    """
+    if unit_in(text, name) is not None:
+        return None
+    for square, *other in _GROUP.findall(text):
+        words = "".join(other).strip()
+        told = re.findall(r"[A-Za-zµμ]+|%", words)
+        if square.strip() or any(word == "%" or _is_of(kind_of(name), word) for word in told):
+            return square.strip() or words
+    return None
 
 
 def _is_of(base: str, unit: str) -> bool:

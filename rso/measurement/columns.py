@@ -15,7 +15,18 @@ from difflib import SequenceMatcher
 from pathlib import Path
 from typing import NoReturn
 
-from rso.units import BARE_COLUMNS, UNITS, WEIGHTS, column_factor, factor, header, is_unit, kind_of, unit_in
+from rso.units import (
+    BARE_COLUMNS,
+    UNITS,
+    WEIGHTS,
+    bracketed,
+    column_factor,
+    factor,
+    header,
+    is_unit,
+    kind_of,
+    unit_in,
+)
 
 _QUOTED = re.compile(r'"[^"]*"')
 _LONGEST, _SHOWN = 80, 200  # characters of a header and headers of a line that a message looks at
@@ -211,9 +222,12 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
     said = {"the study": column.unit, "the header": unit_in(column.header, name)}
     said["the row beneath the header"] = beneath if is_unit(beneath) else None
     same = (column.unit or "").lower()
-    if beneath and same and not is_unit(beneath) and beneath.lower() != same:
-        fail(path, line, f"column {name!r} ({column.header!r}): the study says {column.unit!r}, the row beneath the "
-             f"header {beneath!r}, which is not a known unit")  # fmt: skip
+    odd = {"the row beneath the header": "" if is_unit(beneath) else beneath}
+    odd["the header"] = bracketed(column.header, name) or ""
+    for who, unit in odd.items():
+        if unit and same and unit.lower() != same:
+            fail(path, line, f"column {name!r} ({column.header!r}): the study says {column.unit!r}, {who} {unit!r}, "
+                 f"which is not a known unit; correct it in the file: {choices}")  # fmt: skip
     # In capitals S is a siemens, MM no millimetre, and the MN of a machine a mN.
     units = {who: unit for who, unit in said.items() if unit and (who == "the study" or unit.lower() != same)}
     for who, unit in units.items():
@@ -223,9 +237,12 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
                      f"say unit = {WEIGHTS[unit]!r} in [columns] of the study")  # fmt: skip
             units[who] = WEIGHTS[unit]
     if not units:
-        odd = f" ({beneath!r} beneath it is not a known unit)" if beneath else ""
-        fail(path, line, f"column {name!r}: the header {column.header!r} says no unit{odd}; give unit = … in [columns] "
-             f"of the study: {choices}")  # fmt: skip
+        if wrong := odd["the header"]:
+            fail(path, line, f"column {name!r} ({column.header!r}): the header says {wrong!r}, which is not a known "
+                 f"unit; correct it in the file: {choices}")  # fmt: skip
+        told = f" ({beneath!r} beneath it is not a known unit)" if beneath else ""
+        fail(path, line, f"column {name!r}: the header {column.header!r} says no unit{told}; give unit = … in "
+             f"[columns] of the study: {choices}")  # fmt: skip
     first, known = next(iter(units)), {}
     for who, unit in units.items():
         try:

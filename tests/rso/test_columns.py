@@ -243,6 +243,38 @@ def test_what_is_not_read_may_hold_markers_overflows_and_parted_thousands(tmp_pa
     assert m.repeats[0].depth.tolist() == [0.0, 1.0, 2.0, 3.0] and m.unread == ("Druck",)
 
 
+ODD = ["kp", "10^-3 N", "mN, tared", "mN*", "N x 1000", "raw", "mV/V", "Gramm", "%", "-"]
+
+
+@pytest.mark.parametrize("unit", [None, "N"])
+@pytest.mark.parametrize("odd", ODD)
+def test_what_stands_in_brackets_and_is_no_unit_is_refused_whatever_the_study_says(tmp_path, odd, unit):
+    path = write(tmp_path, f"Weg [mm];Kraft [{odd}]\n0;0\n4;320\n")
+    said = refusal(path, {"depth": Column("Weg [mm]"), "Fz": Column(f"Kraft [{odd}]", unit)})
+    for word in (f"{path}:1: column 'Fz'", f"the header {'' if unit else 'says '}{odd!r}", "not a known unit", "N, mN"):
+        assert word in said
+
+
+@pytest.mark.parametrize("header", ["Weg [1/100 mm]", "Weg (1/100 mm)", "Weg (%)", "Weg [px]", "Weg (mm, rel.)"])
+def test_shares_and_fractions_of_a_unit_in_brackets_are_refused(tmp_path, header):
+    path = write(tmp_path, f"{header};Kraft\n0;0\n4;320\n")
+    said = refusal(path, {"depth": Column(header, "mm"), "Fz": Column("Kraft", "N")})
+    assert "column 'depth'" in said and "the study says 'mm', the header" in said and "not a known unit" in said
+
+
+@pytest.mark.parametrize("header", ["Kraft (Kanal 1)", "Kraft (gefiltert)", "Load/Unload", "Kraft []"])
+def test_words_in_round_brackets_are_no_units(tmp_path, header):
+    path = write(tmp_path, f"Weg;{header}\n0;0\n4;0,3\n")
+    (r,) = read(path, {"depth": Column("Weg", "mm"), "Fz": Column(header, "N")}).repeats
+    assert r.channels["Fz"].tolist() == [0.0, 0.3]
+
+
+@pytest.mark.parametrize("header", ["depth_px,Fz_N", "depth [px],Fz [N]", "depth_mm,x_mm,y_mm,uz_px"])
+def test_pixels_are_no_length_of_a_body(tmp_path, header):
+    said = refusal(write(tmp_path, header + "\n" + ",".join("0" for _ in header.split(",")) + "\n"))
+    assert "data.csv:1: column" in said and "'px' is a pixel" in said
+
+
 def test_units_in_capitals_are_understood_with_the_study(tmp_path):
     """In capitals S is a siemens and MM a molar: no file is lost for that."""
     columns = {"depth": Column("TRAVEL (MM)", "mm"), "Fz": Column("FORCE (N)"), "time": Column("TIME (S)", "s")}
