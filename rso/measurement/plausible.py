@@ -115,6 +115,21 @@ def alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> N
         )
 
 
+def common(repeats: Sequence[tuple[str, np.ndarray]]) -> list[str]:
+    """Remarks on repeats (label, depth of loading in mm) that take from the depths which all of them reach."""
+    ways = [(label, float(d.min()), float(d.max())) for label, d in repeats if len(d)]
+    if len(ways) < 2:
+        return []
+    deepest, first = max(end for _, _, end in ways), min(start for _, start, _ in ways)
+    slack, notes = EDGE * deepest, []
+    for label, start, end in ways:
+        if end < deepest - slack:
+            notes.append(f"repeat {label} ends at {end:.3g} mm, others go to {deepest:.3g} mm: the mean ends there")
+        if start > max(first, 0.0) + slack:
+            notes.append(f"repeat {label} begins at {start:.3g} mm, others at {first:.3g} mm: the mean begins there")
+    return [f"{note}, the rest is left out; give it as an experiment of its own" for note in notes]
+
+
 def _jump(path: Path, depth: np.ndarray, stroke: float, lines: np.ndarray) -> None:
     """A single reading of the depth far beside both its neighbours, or the last far beside all steps before."""
     step = np.abs(np.diff(depth))

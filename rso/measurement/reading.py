@@ -2,7 +2,8 @@
 
 Header: names with units (:func:`rso.units.header`), or what a machine writes there (:class:`rso.measurement.Column`).
 Separator: semicolon, tab or comma, whichever the header has first in this order; with the first two a decimal comma is
-understood.  Lines that start with '#' and lines above the header are notes.
+understood.  Lines that start with '#' and lines above the header are notes, but for rows that start with #DIV/0!, ####
+or another fault of a spreadsheet.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ _REST, _LONG = 0.0025, 4.0
 _AWAY = 0.05  # of the readings of a rest may lie outside it
 _LARGEST = 1e12
 _MOST = {"mm": 1e4, "N": 1e6}  # ten metres, a hundred tonnes: no indenter, but a unit misread
+# A cell that a spreadsheet could not show or compute is a bad number, not the begin of a comment.
+_FAULT = re.compile(r"#(?:#+|DIV/0!|N/A|NV|[A-ZÄÖÜ]+[!?])\s*[;,\t]\s*[^\s;,]")
 _THOUSANDS, _WHOLE = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}"), re.compile(r"[+-]?\d+")
 
 
@@ -118,6 +121,8 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
                 lines, force = table.line[table.labels == label], r.channels.get("Fz")
                 given = table.segments is not None
                 doubts += plausible.check(table.path, label, r.depth, r.segment, force, r.time, lines, not given)
+    if kinds[0] == "force":
+        doubts += plausible.common([(r.label, r.depth[r.segment == "loading"]) for r in repeats])
     notes, unread = (tuple(dict.fromkeys(v for t in tables for v in getattr(t, k))) for k in ("notes", "unread"))
     m = Measurement(paths[0], kinds[0], tuple(repeats), notes, tuple(doubts), unread, tuple(paths[1:]))
     plausible.alike(m.where, [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels])
@@ -262,7 +267,7 @@ def _lines(text: str, notes: list[str]) -> Iterator[tuple[int, str]]:
     """Numbered lines that hold more than separators; comments go to `notes`."""
     for number, line in enumerate(io.StringIO(text, newline=None), 1):
         row = line.strip("\r\n")
-        if row.lstrip().startswith("#"):
+        if row.lstrip().startswith("#") and not _FAULT.match(row.lstrip()):
             notes.append(row.lstrip()[1:].strip())
         elif row.strip(' \t;,"'):
             yield number, row

@@ -243,6 +243,35 @@ def test_what_is_not_read_may_hold_markers_overflows_and_parted_thousands(tmp_pa
     assert m.repeats[0].depth.tolist() == [0.0, 1.0, 2.0, 3.0] and m.unread == ("Druck",)
 
 
+FAULTS = ["########", "##", "#DIV/0!", "#NV", "#N/A", "#WERT!", "#REF!", "#NAME?"]
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_row_that_begins_with_the_fault_of_a_spreadsheet_is_no_comment(tmp_path, fault, separator):
+    path = write(tmp_path, f"Fz_N,depth_mm\n0,0\n{fault},1\n3,2\n".replace(",", separator))
+    said = refusal(path)
+    assert f"{path}:3: column 'Fz': {fault!r} is not a finite number" in said
+
+
+@pytest.mark.parametrize("note", ["# a, b", "## a, b", "########", "####,", "#N/A here, 5", "#1,2", "#, 2"])
+def test_comments_below_the_header_stay_notes(tmp_path, note):
+    m = read(write(tmp_path, f"depth_mm,Fz_N\n0,0\n{note}\n3,2\n"))
+    assert m.notes == (note[1:].strip(),) and len(m.repeats[0].depth) == 2
+
+
+def test_a_repeat_that_ends_early_or_begins_late_is_named_with_what_is_left_out(tmp_path):
+    for name, low, high in (("long", 0.0, 4.0), ("short", 0.0, 0.5), ("like", 0.1, 3.9)):
+        u = np.linspace(low, high, 21)
+        write(tmp_path, "depth_mm,Fz_N\n" + "".join(f"{v},{0.04 * v**1.5}\n" for v in u), name=f"{name}.csv")
+    write(tmp_path, "depth_mm,Fz_N\n1,0.04\n2,0.11\n4,0.32\n", name="late.csv")
+    (doubt,) = read([tmp_path / "long.csv", tmp_path / "short.csv", tmp_path / "like.csv"]).doubts
+    assert doubt.startswith("repeat short ends at 0.5 mm, others go to 4 mm") and "the rest is left out" in doubt
+    (doubt,) = read([tmp_path / "long.csv", tmp_path / "late.csv"]).doubts
+    assert doubt.startswith("repeat late begins at 1 mm, others at 0 mm")
+    assert read([tmp_path / "long.csv", tmp_path / "like.csv"]).doubts == ()
+
+
 ODD = ["kp", "10^-3 N", "mN, tared", "mN*", "N x 1000", "raw", "mV/V", "Gramm", "%", "-"]
 
 
