@@ -4,7 +4,7 @@ from rso.measurement.chain import Chain, Record, correct, record, recorded
 from rso.measurement.columns import Column
 from rso.measurement.combining import MeasuredCurve, Noise, combine, value_at
 from rso.measurement.pace import recorded_speed
-from rso.measurement.reading import SEGMENTS, Measurement, Repeat, read
+from rso.measurement.reading import SEGMENTS, Measurement, Repeat, fingerprint, read
 from rso.measurement.spikes import kept, step_of, without_spikes
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "Repeat",
     "combine",
     "correct",
+    "fingerprint",
     "kept",
     "read",
     "record",

@@ -8,6 +8,7 @@ or another fault of a spreadsheet.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import math
 import os
@@ -105,6 +106,7 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
     if not paths:
         raise ValueError("a measurement needs at least one file")
     tables = [_table(p, columns or {}, label) for p, label in zip(paths, _labels(paths), strict=True)]
+    _apart(paths)
     kinds = [_kind(t) for t in tables]
     for table, kind in zip(tables, kinds, strict=True):
         if (kind, table.columns.keys()) != (kinds[0], tables[0].columns.keys()):
@@ -141,6 +143,20 @@ def _labels(paths: Sequence[Path]) -> list[str]:
         raise ValueError(f"{twice[0]}: is listed twice; a repeat counts once")
     stems = [p.stem for p in paths]
     return stems if len(set(stems)) == len(stems) else [os.path.relpath(p, os.path.commonpath(whole)) for p in whole]
+
+
+def fingerprint(path: Path) -> str:
+    """SHA-256 of a file, the same for the same bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _apart(paths: Sequence[Path]) -> None:
+    """ValueError where two files hold the same bytes."""
+    seen: dict[str, Path] = {}
+    for path in paths if len(paths) > 1 else ():
+        if (first := seen.setdefault(fingerprint(path), path)) is not path:
+            raise ValueError(f"{path}: holds the same bytes as {first}; a repeat counts once")
 
 
 def _text(path: Path) -> str:

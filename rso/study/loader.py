@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from rso.measurement import Measurement, Noise, combine, read, value_at
+from rso.measurement import Measurement, Noise, combine, fingerprint, read, value_at
 from rso.study.columns import ColumnsTable
 from rso.study.errors import Problem, StudyError, choose, schema_problems, study_error
 from rso.study.places import Place, lines_of
@@ -149,6 +149,28 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
             if channel not in measurement.channels:
                 message = f"{e.files} has no such channel; {choose(channel, measurement.channels)}"
                 yield Problem((*place, "channels"), message, channel)
+    yield from _check_validation(experiments, folder, measurements)
+
+
+def _check_validation(
+    experiments: dict[int, ExperimentTable], folder: Path, measurements: dict[str, Measurement]
+) -> Iterator[Problem]:
+    """What is kept for validation is not fitted or selected on: no file of the same bytes, read the same way."""
+    there = {n: e for n, e in experiments.items() if e.name in measurements}
+    if not any(e.role == "validate" for e in there.values()):
+        return
+    known = {n: {fingerprint(folder / f): f for f in e.data} for n, e in there.items()}
+    for n, e in there.items():
+        for k, other in there.items():
+            same = known[n].keys() & known[k].keys()
+            alike = set(e.compared) & set(other.compared) and e.columns == other.columns
+            if same and alike and e.role == "validate" and other.role != "validate":
+                files = " and ".join(dict.fromkeys((known[n][min(same)], known[k][min(same)])))
+                message = (
+                    f"experiments {e.name!r} (role = {e.role!r}) and {other.name!r} (role = {other.role!r}) have the "
+                    f"same data ({files}): what was used before validates nothing"
+                )
+                yield Problem(("experiments", n, "data"), message, e.files)
 
 
 def _check_search(raw: dict[str, Any], measurements: dict[str, Measurement]) -> Iterator[Problem]:

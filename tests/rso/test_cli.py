@@ -97,12 +97,12 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
         targets('{ experiment = "top", depth = 2, value = 0 }') | experiments(first=TOP.split("\nnoise")[0]),
         {"top.csv": "depth_mm,Fz_N\n1,0\n2,0\n"}, "without uncertainty"),
     "target to validate": (
-        experiments('name = "end"\nrole = "validate"\ndata = "top.csv"') | targets('{ experiment = "end", depth = 1 }'),
-        {}, "cannot be a target"),
+        experiments('name = "end"\nrole = "validate"\ndata = "end.csv"') | targets('{ experiment = "end", depth = 1 }'),
+        {"end.csv": "depth_mm,Fz_N\n1,.1\n2,.3\n"}, "cannot be a target"),
     "constraint to validate": (
-        experiments('name = "end"\nrole = "validate"\ndata = "top.csv"')
+        experiments('name = "end"\nrole = "validate"\ndata = "end.csv"')
         | {"search": 'constraints = [{ experiment = "end", channel = "Fz", depth = 1, low = 0 }]'},
-        {}, "cannot be constrained"),
+        {"end.csv": "depth_mm,Fz_N\n1,.1\n2,.3\n"}, "cannot be constrained"),
     "constraint on nothing": (
         {"search": 'constraints = [{ experiment = "top", channel = "ux_max", depth = 1, low = 0 }]'},
         {}, "did you mean 'uz_max'"),

@@ -342,7 +342,7 @@ def test_files_with_repeats_of_their_own_and_files_of_one_name(tmp_path):
     for day in ("monday", "friday"):
         (tmp_path / day).mkdir()
         rows = [f"{u},{F},{k}\n" for k in (1, 2) for _, u, F in TEXTS[:41]]
-        write(tmp_path / day, "depth_mm,Fz_N,repeat\n" + "".join(rows), name="top.csv")
+        write(tmp_path / day, f"# {day}\ndepth_mm,Fz_N,repeat\n" + "".join(rows), name="top.csv")
     m = read([tmp_path / day / "top.csv" for day in ("monday", "friday")])
     assert [r.label for r in m.repeats] == [f"{d}/top.csv {k}" for d in ("monday", "friday") for k in (1, 2)]
     assert read([tmp_path / "monday" / "top.csv"]).repeats[0].label == "1"
@@ -406,6 +406,7 @@ def shallow(factor: float = 1.0) -> str:
 def folder(tmp_path):
     for k in range(2):
         write(tmp_path, shallow(1 + k / 1000), "latin-1", f"niere_{k}.tra")
+    write(tmp_path, shallow(), "latin-1", "niere_2.tra")  # a copy of the first
     return tmp_path
 
 
@@ -438,6 +439,39 @@ def test_a_study_takes_files_as_repeats_and_says_what_it_does_not_read(folder):
     assert found["experiments"][0]["file"] == "niere_0.tra, niere_1.tra" and found["experiments"][0]["n_repeats"] == 2
 
 
+SAME = {  # data of the first and of the second, role of the first, files in words
+    "same path": ('data = "copy.csv"', 'data = "copy.csv"', "fit", "(copy.csv)"),
+    "same bytes": ('data = "top.csv"', 'data = "copy.csv"', "fit", "(copy.csv and top.csv)"),
+    "one of the repeats": ('data = ["other.csv", "top.csv"]', 'data = "copy.csv"', "fit", "(copy.csv and top.csv)"),
+    "selected": ('data = "top.csv"', 'data = "copy.csv"', "select", "(copy.csv and top.csv)"),
+}
+
+
+@pytest.mark.parametrize("what", SAME)
+def test_data_that_are_fitted_validate_nothing(tmp_path, what):
+    first, second, role, files = SAME[what]
+    write(tmp_path, studies.measured(), name="copy.csv")
+    write(tmp_path, studies.measured().replace("0.1,", "0.1001,"), name="other.csv")
+    more = f'[[experiments]]\nname = "used"\nrole = "{role}"\n{first}\n' if role != "fit" else ""
+    fitted = first if role == "fit" else 'data = "other.csv"'
+    kept = f'[[experiments]]\nname = "kept"\nrole = "validate"\n{second}\n'
+    path = studies.write(tmp_path, experiments=f"{EXPERIMENT}{fitted}\n{more}{kept}")
+    with pytest.raises(StudyError) as caught:
+        load(path)
+    (problem,) = caught.value.problems
+    used = "top" if role == "fit" else "used"
+    for word in ("'kept' (role = 'validate')", f"{used!r} (role = {role!r})", files, "validates nothing"):
+        assert word in problem
+
+
+@pytest.mark.parametrize("more", ['role = "select"\n', 'role = "validate"\nchannels = ["Fx"]\n'])
+def test_the_same_file_may_be_fitted_twice_or_validate_by_another_channel(tmp_path, more):
+    text = "depth_mm,Fz_N,Fx_N\n" + "".join(f"{u},{0.04 * u**1.5},{0.004 * u}\n" for u in np.linspace(0.1, 2, 20))
+    write(tmp_path, text, name="top.csv")
+    more = f'[[experiments]]\nname = "other"\ndata = "top.csv"\n{more}'
+    assert len(load(studies.write(tmp_path, experiments=f'{EXPERIMENT}data = "top.csv"\n{more}')).experiments) == 2
+
+
 def test_what_is_doubtful_is_among_the_remarks_of_a_check_and_the_warnings_of_a_run(folder):
     late = [(t, f"{float(u) + 0.9:.4f}" if float(u) else "0", F) for t, u, F in TEXTS[:41]]
     air = [("", f"{0.1 * k:.1f}", "0") for k in range(9)]
@@ -454,7 +488,7 @@ def test_the_example_of_the_readme_reads_such_files(tmp_path):
     paths = [tmp_path / name for name in example["experiments"][0]["data"]]
     for path in paths:
         path.parent.mkdir(exist_ok=True)
-        write(path.parent, zwick(), "latin-1", path.name)
+        write(path.parent, zwick().replace("Niere 3", path.stem), "latin-1", path.name)
     m = read(paths, ColumnsTable.model_validate(example["columns"]).columns())
     assert [r.label for r in m.repeats] == ["top_1", "top_2"] and m.repeats[0].channels["Fz"].max() == 0.32
 
@@ -480,6 +514,8 @@ BAD = {  # columns, data, key, words
     "one of two is missing": (COLUMNS, '["niere_0.tra", "niere_9.tra"]', "experiments[0].data", [
         "niere_9.tra", "no such file"]),
     "a file twice": (COLUMNS, '["niere_0.tra", "niere_0.tra"]', "experiments[0].data", ["listed twice"]),
+    "a copy as a repeat": (COLUMNS, '["niere_0.tra", "niere_2.tra"]', "experiments[0].data", [
+        "niere_2.tra: holds the same bytes as", "niere_0.tra", "a repeat counts once"]),
 }  # fmt: skip
 
 
