@@ -16,12 +16,13 @@ from rso.study.resolve import Resolved
 from rso.study.schema import ExperimentTable, Study
 from rso.study.searched import Target
 from rso.surrogates.polynomial import HIGHEST
-from rso.units import quantity
+from rso.units import UNITS, quantity
 
 DEFAULT_SPEED = 0.5  # mm/s
 STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for Hertz
 PROFILES = 2 * STEPS  # different depths of a profile up to which each is asked for
 PACE = 1.5  # ratio of a stated to a recorded speed that is remarked upon
+SHALLOWEST = 1e-3  # mm: a deepest travel below this is a unit misread
 READINGS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
 LOADING = "Only the loading branch is compared; what was recorded afterwards is not."
 SET_ASIDE = 'Not used by the search: profiles are used by rso diagnose, or with role = "validate" for validation.'
@@ -51,6 +52,11 @@ def _measured(study: Study, kind: str) -> dict[str, MeasuredCurve]:
             curve = combine(measurement, e.noise.noise(), e.compared[0])
             if not curve.depth.max() > 0:
                 raise ValueError(f"no depth is positive, the largest is {curve.depth.max():g} mm")
+            if curve.depth.max() < SHALLOWEST:
+                raise ValueError(
+                    f"the largest depth is {curve.depth.max():g} mm, less than {SHALLOWEST:g} mm: is column 'depth' in "
+                    f"the unit that it is read in? Choose from {UNITS['mm']}"
+                )
             curves[e.name] = curve
         except ValueError as error:
             problems.append(Problem(("experiments", n, "data"), f"cannot be used: {error}", e.files))

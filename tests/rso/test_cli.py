@@ -84,6 +84,11 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
     "no contact": ({"search": None}, {"top.csv": "depth_mm,Fz_N\n-2,0\n-1,0\n"}, "no depth is positive"),
     "repeats apart": (
         {"search": None}, {"top.csv": "depth_mm,Fz_N,repeat\n1,.1,a\n2,.2,a\n3,.3,b\n4,.4,b\n"}, "share no range"),
+    "depths in metres said to be micrometres": (
+        {"search": None}, {"top.csv": "depth_um,Fz_N\n0.001,.1\n0.002,.2\n0.004,.4\n"},
+        "the largest depth is 4e-06 mm, less than 0.001 mm: is column 'depth' in the unit that it is read in?"),
+    "depths to four nanometres": (
+        {"search": None}, {"top.csv": "depth_nm,Fz_N\n0,0\n1,.1\n2,.2\n4,.4\n"}, "Choose from mm, um"),
     "no such channel": (experiments(first=TOP + '\nchannels = ["Fq"]'), {}, "top.csv has no such channel"),
     "channel that is not modelled": (
         experiments(first=TOP + '\nchannels = ["Fy"]') | {"search": None},
@@ -139,6 +144,17 @@ def test_broken_studies_are_answered_with_file_line_and_key(tmp_path, capsys, na
     for line in said.err.splitlines():
         assert re.match(rf"{re.escape(str(path))}:\d+: ", line)
     assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "ascii", "cp1252"])
+def test_a_terminal_that_lacks_letters_shows_the_rest(tmp_path, encoding):
+    path = studies.write(tmp_path, study='title = "Σ μ – Niere"\nseed = 0')
+    here = Path(__file__)
+    where = os.pathsep.join(map(str, (here.parents[2], here.parent)))
+    environment = os.environ | {"PYTHONIOENCODING": encoding, "PYTHONPATH": where}
+    call = [sys.executable, "-m", "rso.cli", "check", "--trust", str(path)]
+    done = subprocess.run(call, env=environment, capture_output=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, b"") and b"  ? " in done.stdout
 
 
 def test_every_problem_is_said_at_once(tmp_path, capsys):
