@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-FEW = 8  # readings: less is a table by hand, whose writer knows it
+FEW = 8  # readings: less is a table by hand, of which only order, sign and tare are looked at
+FEWEST = 4  # readings that tell these
 EDGE = 0.05  # of the readings of loading: what counts as its start and its end
 FALLS = 0.5  # of its range by which a force must not fall while the indenter goes deeper
 UNTARED = 0.5  # of its range that a force may have where the indenter begins to press
@@ -21,6 +22,7 @@ STROKE = 0.5  # of the stroke that loading must cover
 SEEN = 20.0  # times the noise: a force that tells its sign and unit
 SKEW = 5.0  # ratio of the largest forces of two repeats to one depth
 LATE = 0.03  # of the deepest travel: a contact this late is remarked upon where it is no scatter
+UNSEEN = 0.03  # of its range that a force may scatter where too few readings tell it
 POWERS = np.linspace(0.9, 2.5, 33)  # of curves that begin at contact, from a flat punch to a stiffening body
 CLEAR = 25.0  # fall of χ² with one number more that is no scatter
 MOST = 200  # means of readings that tell the shape of a curve
@@ -38,17 +40,19 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
     `depth` (n,) mm, `force` (n,) N is Fz, `lines` (n,) of the file; `sorted_here` where the segments were not given.
     """
     who = f"{path}: repeat {label!r}"
-    if len(depth) < FEW:
+    few = len(depth) < FEW
+    if len(depth) < FEWEST:
         return []
     stroke = float(np.ptp(depth))
     if stroke == 0.0:
         raise ValueError(f"{who}: column 'depth' is {depth[0]:g} mm throughout, the indenter does not move")
-    _jump(path, depth, stroke, lines)
+    if not few:
+        _jump(path, depth, stroke, lines)
     loading = segment == "loading"
     notes: list[str] = []
     if sorted_here:
         pressed = float(np.ptp(np.maximum(depth, 0.0)))  # how far it went home through the air says nothing
-        if np.sum(loading) < 3 or np.ptp(depth[loading]) < STROKE * pressed:
+        if np.sum(loading) < (2 if few else 3) or np.ptp(depth[loading]) < STROKE * pressed:
             raise ValueError(
                 f"{who}: column 'depth' falls from {depth[0]:g} to {depth[-1]:g} mm and rises hardly anywhere; it must "
                 f"grow while the indenter goes deeper, from 0 at contact: {TURN} or subtract its start"
@@ -63,10 +67,10 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
                 f"repeat {label}: {near} of {len(depth)} readings lie at the deepest point; if that is a rest, give a "
                 "column time_s, or 'segment' with loading, hold, unloading"
             )
-    if force is None or np.sum(loading) < FEW:
+    if force is None or np.sum(loading) < FEWEST:
         return notes
     d, F = depth[loading], force[loading]
-    n, span = max(3, int(EDGE * len(F))), float(np.ptp(force))
+    n, span = max(3 if len(F) >= FEW else 1, int(EDGE * len(F))), float(np.ptp(force))
     shallow = d <= max(EDGE * d.max(), float(d.min()))
     start, end = float(np.median(F[shallow])), float(np.median(F[-n:]))
     if end < start - FALLS * span:
@@ -80,7 +84,7 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
                 f"{who}: column 'Fz' is {start:.3g} N where the indenter begins to press, and changes by {span:.3g} N "
                 "in all: subtract the reading before contact (tare)"
             )
-    late, level, scatter = _onset(d, F)
+    late, level, scatter = _onset(d, F) or (0.0, start, UNSEEN * span)
     if d[0] <= EDGE * d.max() and abs(level) > max(DOUBTFUL * span, 5.0 * scatter):
         notes.append(f"repeat {label}: Fz is {level:.3g} N at {max(d[0], 0.0):.2g} mm; not tared, or touched before?")
     if late > LATE * d.max():
@@ -171,8 +175,8 @@ def noise_of(values: np.ndarray) -> float:
     return 1.5 * float(np.median(np.abs(np.diff(values, 3)))) / 20**0.5 if len(values) > 12 else 0.0
 
 
-def _onset(depth: np.ndarray, force: np.ndarray) -> tuple[float, float, float]:
-    """Depth from which the force rises (mm), its level at the start and its scatter (N); 0, 0, 0 where too few tell it.
+def _onset(depth: np.ndarray, force: np.ndarray) -> tuple[float, float, float] | None:
+    """Depth from which the force rises (mm), its level at the start and its scatter (N); None where too few tell it.
 
     Least squares of F = b + a (u − c)^p up to half of the largest force, for all c ≥ 0 and p of POWERS; c is 0 unless
     χ² falls by more than CLEAR with another.  The level is what the start has beyond a (u − c)^p.
@@ -183,7 +187,7 @@ def _onset(depth: np.ndarray, force: np.ndarray) -> tuple[float, float, float]:
     low, high = (float(np.median(v)) for v in (F[:3], F[-3:]))
     n = int(np.sum(F < 0.5 * (low + high)))  # a count: a reading out of line moves it by one
     if n < 6 or u[n - 1] <= 0.0:
-        return 0.0, 0.0, 0.0
+        return None
     near = u[:n] <= max(EDGE * float(depth.max()), float(u[0]))
     u, F = u[:n], F[:n]
     c = np.linspace(0.0, 0.9, 91) * u[-1]
@@ -193,7 +197,7 @@ def _onset(depth: np.ndarray, force: np.ndarray) -> tuple[float, float, float]:
     left = np.where(a > 0.0, rise @ rise - a * (away @ rise), np.inf)
     i, j = np.unravel_index(np.argmin(left), left.shape)
     if not np.isfinite(left[0]).any():
-        return 0.0, 0.0, 0.0
+        return None
     variance = max(float(left[i, j]) / (n - 4), (1e-3 * float(np.ptp(force))) ** 2)
     if left[0].min() - left[i, j] < CLEAR * variance:
         i, j = 0, int(np.argmin(left[0]))

@@ -9,20 +9,21 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rso.contract import Backend, Case, Programme, digest
-from rso.measurement import MeasuredCurve, combine, recorded_speed, without_spikes
+from rso.measurement import MeasuredCurve, Measurement, combine, recorded_speed, without_spikes
 from rso.study.errors import Problem, choose, study_error
 from rso.study.places import Place
 from rso.study.resolve import Resolved
 from rso.study.schema import ExperimentTable, Study
 from rso.study.searched import Target
 from rso.surrogates.polynomial import HIGHEST
-from rso.units import UNITS, quantity
+from rso.units import COLUMNS, UNITS, quantity
 
 DEFAULT_SPEED = 0.5  # mm/s
 STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for Hertz
 PROFILES = 2 * STEPS  # different depths of a profile up to which each is asked for
 PACE = 1.5  # ratio of a stated to a recorded speed that is remarked upon
 SHALLOWEST = 1e-3  # mm: a deepest travel below this is a unit misread
+LOUD = 0.5  # of a range: a stated noise beyond is remarked upon
 READINGS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
 LOADING = "Only the loading branch is compared; what was recorded afterwards is not."
 SET_ASIDE = 'Not used by the search: profiles are used by rso diagnose, or with role = "validate" for validation.'
@@ -67,17 +68,34 @@ def _measured(study: Study, kind: str) -> dict[str, MeasuredCurve]:
 
 def remarks(study: Study, name: str) -> list[str]:
     """What of the data of an experiment is not used by `rso run`, in words."""
-    e = study.experiment(name)
+    e, measurement = study.experiment(name), study.measurement(name)
+    loud = _loud(measurement, e)
     if e.kind == "profile":
-        return [] if e.role == "validate" else [SET_ASIDE]
-    measurement = study.measurement(name)
+        return loud if e.role == "validate" else [*loud, SET_ASIDE]
     returns = any(np.any(r.segment != "loading") for r in measurement.repeats)
     left_out = without_spikes(measurement)[1]
     loading = [LOADING] if returns or study.settings_of(name).get("unload") is True else []
     own, stated = recorded_speed(measurement), study.settings_of(name).get("speed")
     other = own is not None and stated is not None and not 1.0 / PACE < own / _speed(stated) < PACE
     speed = [f"The times of the file say {own:.3g} mm/s, the study says speed = {stated!r}."] if other else []
-    return [*measurement.doubts, *left_out, *speed, *loading]
+    return [*measurement.doubts, *loud, *left_out, *speed, *loading]
+
+
+def _loud(measurement: Measurement, e: ExperimentTable) -> list[str]:
+    """Stated noise that is more than half of what was measured: a unit misread?"""
+    noise, ranges = e.noise.noise(), {}
+    for channel in measurement.channels:
+        key = "uz" if e.kind == "profile" else channel
+        values = np.concatenate([r.channels[channel] for r in measurement.repeats])
+        if channel in e.compared:
+            ranges[key] = (noise.of(channel), f"{channel} goes over", float(np.ptp([0.0, *values])), COLUMNS[channel])
+    deepest = max(float(r.depth.max()) for r in measurement.repeats)
+    ranges["depth"] = (noise.depth, "depth goes over", deepest, "mm")
+    return [
+        f"noise.{key} = {stated:g} {unit} is more than half of the {span:.3g} {unit} that {what}: is its unit right?"
+        for key, (stated, what, span, unit) in ranges.items()
+        if stated > LOUD * span
+    ]
 
 
 def travels(curve: MeasuredCurve, targets: set[float]) -> tuple[float, ...]:

@@ -15,7 +15,7 @@ from rso.study.descending import ENDS
 from rso.study.diagnosing import ask
 from rso.study.identifying import ROUNDS
 from rso.study.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
-from rso.study.schema import Study
+from rso.study.schema import ExperimentTable, Study
 
 
 def check(study: Study, folder: Path, trust: bool) -> list[str]:
@@ -119,7 +119,7 @@ def _things(plan: Plan) -> list[str]:
         lines.append(f"  experiment {e.name!r} ({e.role}): {reach}")
         measured = plan.study.measurement(e.name)
         unread = f"not read: {', '.join(measured.unread)}" if measured.unread else ""
-        lines += [f"    {words}" for words in (_recorded(measured, curve), unread, *remarks) if words]
+        lines += [f"    {words}" for words in (_recorded(measured, curve), _noise(e), unread, *remarks) if words]
     return lines
 
 
@@ -131,6 +131,14 @@ def _recorded(m: Measurement, curve: MeasuredCurve) -> str:
     branches = ", ".join(f"{n} {s}" for s, n in count.items() if n)
     F = curve.value
     return f"readings: {branches}; {curve.channel} from {F.min():.3g} to {F.max():.3g} {curve.unit} while loading"
+
+
+def _noise(e: ExperimentTable) -> str:
+    """The stated noise of an experiment in words."""
+    units = {"gain": "of the value", "uz": "mm", "depth": "mm", "correlation": "mm"}
+    stated = {k: v for k, v in e.noise.model_dump().items() if v}
+    shown = ", ".join(f"{k} {v:g} {units.get(k, 'N')}" for k, v in stated.items())
+    return f"stated noise: {shown or 'none'}"
 
 
 def _seconds_per_run(folder: Path) -> tuple[float, bool]:

@@ -472,6 +472,28 @@ def test_the_same_file_may_be_fitted_twice_or_validate_by_another_channel(tmp_pa
     assert len(load(studies.write(tmp_path, experiments=f'{EXPERIMENT}data = "top.csv"\n{more}')).experiments) == 2
 
 
+LOUD = {  # noise, what a check says of it
+    'Fz = "2 N"': "noise.Fz = 2 N is more than half of the",
+    'depth = "5 mm"': "noise.depth = 5 mm is more than half of the 2 mm that depth goes over: is its unit right?",
+}
+
+
+@pytest.mark.parametrize("noise", LOUD)
+def test_noise_larger_than_half_of_what_was_measured_is_remarked_upon(tmp_path, noise):
+    experiment = EXPERIMENT.replace('Fz = "0.02 mN"', noise) + 'data = "top.csv"'
+    loaded = load(studies.write(tmp_path, experiments=experiment))
+    said = [line.strip() for line in check(loaded, tmp_path / "results", trust=True)]
+    (remark,) = [line for line in said if "noise." in line]
+    assert remark.startswith(LOUD[noise])
+    key, value = noise.replace('"', "").split(" = ")
+    assert f"stated noise: {key} {value}" in said
+
+
+def test_a_check_says_the_stated_noise(tmp_path):
+    said = check(load(studies.write(tmp_path)), tmp_path / "results", trust=True)
+    assert "    stated noise: Fz 2e-05 N" in said and not [line for line in said if "is its unit right" in line]
+
+
 def test_what_is_doubtful_is_among_the_remarks_of_a_check_and_the_warnings_of_a_run(folder):
     late = [(t, f"{float(u) + 0.9:.4f}" if float(u) else "0", F) for t, u, F in TEXTS[:41]]
     air = [("", f"{0.1 * k:.1f}", "0") for k in range(9)]

@@ -449,6 +449,34 @@ def test_what_cannot_be_a_test_is_refused_with_the_reason(tmp_path, what):
         assert word in str(caught.value)
 
 
+BY_HAND = {  # depth, force, words
+    "compression negative": ([0, 1, 2, 4], [0, -0.04, -0.11, -0.32], "'Fz' falls from 0 to -0.32 N"),
+    "upside down": ([4, 2, 1, 0], [0, 0.04, 0.11, 0.32], "'depth' falls from 4 to 0 mm"),
+    "untared": ([0, 1, 2, 4], [5, 5.04, 5.11, 5.32], "'Fz' is 5 N where the indenter begins to press"),
+}
+
+
+@pytest.mark.parametrize("what", BY_HAND)
+@pytest.mark.parametrize("fine", [1, 2])
+def test_tables_by_hand_have_sign_order_and_tare(tmp_path, what, fine):
+    """Of four and of seven rows."""
+    depth, force, words = BY_HAND[what]
+    at = np.linspace(0, 3, 3 * fine + 1)
+    rows = curve(np.interp(at, range(4), depth), np.interp(at, range(4), force))
+    with pytest.raises(ValueError, match=r"repeat '1': column") as caught:
+        read(write(tmp_path, rows))
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize("depth, force", [
+    ([0, 1, 2, 4], [0, 0.04, 0.11, 0.32]), ([0, 4, 2, 0], [0, 0.32, 0.1, 0]),
+    ([0.5, 1, 1.5, 2], [0.01, 0.04, 0.07, 0.1]),
+    ([0, 0.1, 0.2, 4], [0.001, 0.002, 0.004, 0.32]), ([0, 2, 4, 4, 2, 0], [0, 0.1, 0.3, 0.25, 0.1, 0]),
+])  # fmt: skip
+def test_good_tables_by_hand_are_not_doubted(tmp_path, depth, force):
+    assert read(write(tmp_path, curve(np.array(depth), np.array(force)))).doubts == ()
+
+
 @pytest.mark.parametrize("factor", [1e-3, 9.81])
 def test_a_repeat_in_another_unit_is_refused(tmp_path, factor):
     rows = [(u, f, 1) for u, f in zip(PRESS, PULL, strict=True)]
@@ -461,6 +489,7 @@ DOUBTFUL = {
     "a little untared": (PULL + 0.1, "not tared"),
     "untared by less": (PULL + 0.03, "N at 0 mm; not tared"),
     "untared downwards": (PULL - 0.03, "Fz is -0.0"),
+    "untared by hand": (np.array([0.06, 0.08, 0.16, 0.38]), "not tared"),
     "contact late": (0.04 * np.maximum(PRESS - 2.0, 0) ** 1.5, "contact lies near 2 mm"),
     "contact hardly late": (0.04 * np.maximum(PRESS - 0.3, 0) ** 1.5, "contact lies near 0.3"),
     "sensor at its end": (np.minimum(0.04 * PRESS**1.5, 0.2), "a sensor at its end"),
@@ -470,7 +499,8 @@ DOUBTFUL = {
 @pytest.mark.parametrize("what", DOUBTFUL)
 def test_what_is_doubtful_is_said(tmp_path, what):
     force, words = DOUBTFUL[what]
-    assert any(words in doubt for doubt in read(write(tmp_path, curve(force=force))).doubts)
+    depth = np.linspace(0.0, 4.0, len(force))
+    assert any(words in doubt for doubt in read(write(tmp_path, curve(depth, force))).doubts)
 
 
 @pytest.mark.parametrize("air, noise, n", [(0.3, 1e-3, 41), (0.3, 3e-3, 400), (0.6, 3e-3, 81), (0.9, 3e-3, 41)])
