@@ -30,6 +30,8 @@ STUCK = 10  # readings at the deepest point that make a rest, where no times are
 JITTER = 0.05  # of the stroke: a way back by less is jitter
 JUMP = 0.05  # of the stroke: a single depth this far out of line is a mistake
 TURN = "turn its sign (flip = true in [columns] of the study, or without it)"
+UP = 0.1  # of the deepest travel: a mark that goes up by more, and further than any goes down, has its sign turned
+BEYOND = 2.0  # times the deepest travel: no mark goes as far
 FLAT = 5  # equal largest readings in a row: a sensor at its end
 
 
@@ -117,6 +119,22 @@ def alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> N
             f"{path}: the largest force of repeat {low[0]!r} is {low[1]:.3g} N, that of repeat {high[0]!r} "
             f"{high[1]:.3g} N, to about the same depth: one of them has another sign, unit or tare"
         )
+
+
+def profile(label: str, depth: np.ndarray, uz: np.ndarray) -> list[str]:
+    """Remarks on the vertical displacements uz (n,) mm of one repeat of a profile, recorded at `depth` (n,) mm."""
+    deepest, most, least = float(depth.max()), float(uz.max()), float(uz.min())
+    if max(most, -least) > BEYOND * deepest:
+        return [
+            f"repeat {label}: uz goes from {least:.3g} to {most:.3g} mm at depths to {deepest:.3g} mm, further than "
+            "the indenter; uz is the displacement, not the height, of a mark: is its unit right?"
+        ]
+    if most > max(UP * deepest, -least):
+        return [
+            f"repeat {label}: marks go up by {most:.3g} mm while the indenter goes {deepest:.3g} mm down; uz is "
+            f"positive upwards: {TURN}"
+        ]
+    return []
 
 
 def common(repeats: Sequence[tuple[str, np.ndarray]]) -> list[str]:

@@ -123,6 +123,8 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
                 lines, force = table.line[table.labels == label], r.channels.get("Fz")
                 given = table.segments is not None
                 doubts += plausible.check(table.path, label, r.depth, r.segment, force, r.time, lines, not given)
+            elif "uz" in r.channels:
+                doubts += plausible.profile(label, r.depth, r.channels["uz"])
     if kinds[0] == "force":
         doubts += plausible.common([(r.label, r.depth[r.segment == "loading"]) for r in repeats])
     notes, unread = (tuple(dict.fromkeys(v for t in tables for v in getattr(t, k))) for k in ("notes", "unread"))

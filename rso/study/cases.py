@@ -69,16 +69,16 @@ def _measured(study: Study, kind: str) -> dict[str, MeasuredCurve]:
 def remarks(study: Study, name: str) -> list[str]:
     """What of the data of an experiment is not used by `rso run`, in words."""
     e, measurement = study.experiment(name), study.measurement(name)
-    loud = _loud(measurement, e)
+    doubtful = [*measurement.doubts, *_loud(measurement, e)]
     if e.kind == "profile":
-        return loud if e.role == "validate" else [*loud, SET_ASIDE]
+        return doubtful if e.role == "validate" else [*doubtful, SET_ASIDE]
     returns = any(np.any(r.segment != "loading") for r in measurement.repeats)
     left_out = without_spikes(measurement)[1]
     loading = [LOADING] if returns or study.settings_of(name).get("unload") is True else []
     own, stated = recorded_speed(measurement), study.settings_of(name).get("speed")
     other = own is not None and stated is not None and not 1.0 / PACE < own / _speed(stated) < PACE
     speed = [f"The times of the file say {own:.3g} mm/s, the study says speed = {stated!r}."] if other else []
-    return [*measurement.doubts, *loud, *left_out, *speed, *loading]
+    return [*doubtful, *left_out, *speed, *loading]
 
 
 def _loud(measurement: Measurement, e: ExperimentTable) -> list[str]:

@@ -124,9 +124,9 @@ def _things(plan: Plan) -> list[str]:
 
 
 def _recorded(m: Measurement, curve: MeasuredCurve) -> str:
-    """What a force curve holds, in words: readings of each branch and the range of the force."""
+    """What a file holds, in words: readings of each branch and the range of the force, or that of the displacements."""
     if m.kind != "force":
-        return ""
+        return f"{curve.channel} from {curve.value.min():.3g} to {curve.value.max():.3g} {curve.unit}"
     count = {s: sum(int(np.sum(r.segment == s)) for r in m.repeats) for s in SEGMENTS}
     branches = ", ".join(f"{n} {s}" for s, n in count.items() if n)
     F = curve.value

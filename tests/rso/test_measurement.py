@@ -449,6 +449,24 @@ def test_what_cannot_be_a_test_is_refused_with_the_reason(tmp_path, what):
         assert word in str(caught.value)
 
 
+DISPLACED = {  # factor and addition to uz, words
+    "right": (1.0, 0.0, None),
+    "sign turned": (-1.0, 0.0, "go up by 2 mm while the indenter goes 4 mm down; uz is positive upwards: turn its"),
+    "micrometres": (1000.0, 0.0, "uz goes from -2e+03 to"),
+    "heights": (1.0, 35.0, "the displacement, not the height, of a mark: is its unit right?"),
+    "noise and a bulge": (0.01, 0.05, None),
+}
+
+
+@pytest.mark.parametrize("what", DISPLACED)
+def test_profiles_of_another_sign_or_unit_are_remarked_upon(tmp_path, what):
+    factor, more, words = DISPLACED[what]
+    places = [(d, float(x)) for d in (2.0, 4.0) for x in range(-20, 21, 5)]
+    rows = [(d, x, 0.0, factor * -0.5 * d / (1.0 + (x / 5.0) ** 2) + more) for d, x in places]
+    doubts = read(write(tmp_path, table("depth_mm,x_mm,y_mm,uz_mm", rows))).doubts
+    assert [words in doubt for doubt in doubts] == [True] if words else doubts == ()
+
+
 BY_HAND = {  # depth, force, words
     "compression negative": ([0, 1, 2, 4], [0, -0.04, -0.11, -0.32], "'Fz' falls from 0 to -0.32 N"),
     "upside down": ([4, 2, 1, 0], [0, 0.04, 0.11, 0.32], "'depth' falls from 4 to 0 mm"),

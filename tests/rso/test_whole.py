@@ -13,6 +13,7 @@ import sample_studies as studies
 from rso.cli import main
 from rso.report.terminal import validated
 from rso.study import load, stages
+from rso.study.checking import check
 from rso.study.plan import make_plan
 
 DOCS = Path(__file__).parents[2] / "docs" / "results.md"
@@ -600,6 +601,16 @@ def marked(tmp_path, monkeypatch) -> Path:
     rows = [f"{u},{x},{y},{float(studies.displacement(np.array(u), x, y, c))!r}\n" for u, x, y in SURFACE]
     (tmp_path / "surface.csv").write_text("# marks by hand\ndepth_mm,x_mm,y_mm,uz_mm\n" + "".join(rows))
     return tmp_path
+
+
+def test_a_check_says_the_range_of_a_profile_and_what_is_doubtful_of_it(marked):
+    surface = marked / "surface.csv"
+    for text, doubts in ((surface.read_text(), 0), (surface.read_text().replace(",5.0,-", ",5.0,"), 1)):
+        surface.write_text(text)
+        study = load(studies.write(marked, experiments=TOP + PROFILE.format("validate"), doe=ONE, **MARKED))
+        said = check(study, marked / "results", trust=True)
+        assert sum(line.startswith("    uz from ") and line.endswith(" mm") for line in said) == 1
+        assert sum("uz is positive upwards" in line for line in said) == doubts
 
 
 def test_a_profile_kept_for_the_end_is_predicted(marked):
