@@ -414,7 +414,10 @@ def _flag(name: str, value: object) -> bool:
 def _numbers(name: str, value: object, count: int) -> list[float]:
     good = isinstance(value, list | tuple) and len(value) == count
     if not good or not all(isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in value):
-        raise ValueError(f"{name} = {value!r}: {count} finite number(s) expected")
+        text = any(isinstance(v, str) for v in value) if good else isinstance(value, str)
+        plain = ", without quotes and units: lengths are in mm" if text else ""
+        shown = value[0] if good and count == 1 else value
+        raise ValueError(f"{name} = {shown!r}: {count} finite number(s) expected{plain}")
     return [float(v) for v in value]
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import itertools
 import re
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
@@ -66,6 +67,20 @@ class Head:
         return tuple(cell for k, cell in enumerate(self.cells) if cell and k not in self.at.values())
 
 
+def same_letters(text: str) -> str:
+    """A header for comparing: Greek and micro µ, composed and decomposed umlauts, all blanks are one (NFKC)."""
+    return unicodedata.normalize("NFKC", text).strip()
+
+
+def is_head(comment: Row, rows: Sequence[Row], columns: Mapping[str, Column]) -> bool:
+    """Whether a comment above rows of numbers is their header, as numpy.savetxt writes it."""
+    cells, below = _filled(comment[1]), _numbers(rows[0][1]) if rows else 0
+    if not below or len(cells) != below:
+        return False
+    wanted = {same_letters(column.header) for column in columns.values()}
+    return wanted <= set(map(same_letters, cells)) if wanted else _is_header([comment, *rows[:2]], 0)
+
+
 def fail(path: Path, line: int, message: str) -> NoReturn:
     """ValueError that begins with the place."""
     raise ValueError(f"{path}:{line}: {message}")
@@ -89,7 +104,8 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) ->
     separator, cells, units, below = _split(rows, k)
     at: dict[str, int] = {}
     for i, cell in enumerate(cells):
-        names = [n for n, c in columns.items() if c.header.strip() == cell] if columns else [_name(cell, units[i])]
+        own = [n for n, c in columns.items() if same_letters(c.header) == same_letters(cell)]
+        names = own if columns else [_name(cell, units[i])]
         for name in (n for n in names if n is not None):
             if name in at:
                 fail(path, line, f"header {cell!r} appears twice" if columns else f"column {name!r} appears twice")
@@ -188,9 +204,9 @@ def _understood(path: Path, rows: Sequence[Row]) -> int:
 
 def _named(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> int:
     """The first line whose cells contain all headers that the study names."""
-    wanted = {column.header.strip(): name for name, column in columns.items()}
+    wanted = {same_letters(column.header): name for name, column in columns.items()}
     best, most = None, 0
-    for k, (_, row) in enumerate(rows):
+    for k, row in enumerate(same_letters(row) for _, row in rows):
         if any(text in row for text in wanted):
             known = len(wanted.keys() & set(cells_of(row, _separator(row))))
             if known == len(wanted):
@@ -199,7 +215,7 @@ def _named(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> in
     best = _likely(rows) if best is None else best
     line, text = rows[best]
     cells = cells_of(text, _separator(text))
-    missing = {text: name for text, name in wanted.items() if text not in cells}
+    missing = {text: name for text, name in wanted.items() if text not in map(same_letters, cells)}
     first = next(iter(missing)).lower()
     shown = sorted({cell[:_LONGEST] for cell in cells[:_SHOWN] if cell},
                    key=lambda cell: (-SequenceMatcher(None, first, cell.lower()).ratio(), cell))  # fmt: skip

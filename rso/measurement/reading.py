@@ -3,7 +3,7 @@
 Header: names with units (:func:`rso.units.header`), or what a machine writes there (:class:`rso.measurement.Column`).
 Separator: semicolon, tab or comma, whichever the header has first in this order; with the first two a decimal comma is
 understood.  Lines that start with '#' and lines above the header are notes, but for rows that start with #DIV/0!, ####
-or another fault of a spreadsheet.
+or another fault of a spreadsheet, and a header in the last comment above bare numbers.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Literal
 import numpy as np
 
 from rso.measurement import plausible
-from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head, is_number
+from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head, is_head, is_number
 from rso.units import kind_of
 
 MAX_BYTES = 200_000_000
@@ -184,8 +184,13 @@ def _text(path: Path) -> str:
 
 def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     """The file as columns; `file_label` goes before the labels of its repeats."""
-    notes: list[str] = []
-    rows = list(_lines(_text(path), notes))
+    comments: list[Row] = []
+    rows = list(_lines(_text(path), comments))
+    above = [c for c in comments if rows and c[0] < rows[0][0]]
+    if above and is_head(above[-1], rows, wanted):
+        rows.insert(0, above[-1])
+        comments.remove(above[-1])
+    notes = [text for _, text in comments]
     if not rows:
         raise ValueError(f"{path}: holds no header line such as depth_mm,Fz_N")
     head = find_head(path, rows, wanted)
@@ -281,12 +286,12 @@ def _no_thousands(path: Path, rows: Sequence[Row], head: Head) -> None:
         fail(path, line, f"column {numeric[k]!r}: {told}")
 
 
-def _lines(text: str, notes: list[str]) -> Iterator[tuple[int, str]]:
-    """Numbered lines that hold more than separators; comments go to `notes`."""
+def _lines(text: str, comments: list[Row]) -> Iterator[Row]:
+    """Numbered lines that hold more than separators; those of comments, without '#', go to `comments`."""
     for number, line in enumerate(io.StringIO(text, newline=None), 1):
         row = line.strip("\r\n")
         if row.lstrip().startswith("#") and not _FAULT.match(row.lstrip()):
-            notes.append(row.lstrip()[1:].strip())
+            comments.append((number, row.lstrip()[1:].strip()))
         elif row.strip(' \t;,"'):
             yield number, row
 

@@ -51,6 +51,8 @@ def case(asked=(0.5, 1.0), **settings) -> Case:
         ({"material": {"prony": [0.5, 1.0]}}, ["material.prony", "2 finite"]),
         ({"indenter": {"shaft": 1}}, ["indenter.shaft", "1", "true or false"]),
         ({"specimen": {"cavity": [1, 2]}}, ["specimen.cavity", "3 finite"]),
+        ({"indenter": {"radius": "3 mm"}}, ["indenter.radius = '3 mm': 1 finite", "without quotes", "in mm"]),
+        ({"specimen": {"semi_axes": ["6 cm", 35, 35]}}, ["specimen.semi_axes", "'6 cm'", "without quotes", "in mm"]),
         ({"profile": [[1.0]]}, ["profile", "2 finite"]),
         ({"profile": 3}, ["profile", "3", "list of [x, y]"]),
         ({"profile": [[10.0, 0.0], [50.0, 30.0]]}, ["profile", "(50, 30) mm", "60 and 35 mm"]),

@@ -243,6 +243,30 @@ def test_what_is_not_read_may_hold_markers_overflows_and_parted_thousands(tmp_pa
     assert m.repeats[0].depth.tolist() == [0.0, 1.0, 2.0, 3.0] and m.unread == ("Druck",)
 
 
+@pytest.mark.parametrize("written, wanted", [
+    ("Weg [\u00b5m]", "Weg [\u03bcm]"), ("Weg [\u03bcm]", "Weg [\u00b5m]"), ("Pru\u0308fweg [um]", "Pr\u00fcfweg [um]"),
+    ("Pr\u00fcfweg [um]", "Pru\u0308fweg [um]"), ("Weg\u00a0[um]", "Weg [um]"),
+])  # fmt: skip
+def test_letters_that_look_alike_are_alike_in_headers(tmp_path, written, wanted):
+    path = write(tmp_path, f"{written};Kraft [N]\n0;0\n4000;3\n")
+    (r,) = read(path, {"depth": Column(wanted), "Fz": Column("Kraft [N]")}).repeats
+    assert r.depth.tolist() == [0.0, 4.0]
+
+
+@pytest.mark.parametrize("columns", [None, {"depth": Column("depth_mm"), "Fz": Column("Fz_N")}])
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_a_header_in_the_comment_above_bare_numbers_is_read(tmp_path, separator, columns):
+    """As numpy.savetxt(..., header="depth_mm,Fz_N") writes it."""
+    m = read(write(tmp_path, "# Niere 3\n# depth_mm,Fz_N\n0,0\n4,3\n".replace(",", separator)), columns)
+    assert m.notes == ("Niere 3",) and m.repeats[0].depth.tolist() == [0.0, 4.0]
+
+
+def test_other_comments_are_no_headers(tmp_path):
+    assert "'0'" in refusal(write(tmp_path, "# Weg, Kraft\n0,0\n4,3\n"))
+    m = read(write(tmp_path, "# depth_mm,Fz_N\ndepth_um,Fz_mN\n0,0\n4,3\n"))
+    assert m.notes == ("depth_mm,Fz_N",) and m.repeats[0].depth.tolist() == [0.0, 0.004]
+
+
 FAULTS = ["########", "##", "#DIV/0!", "#NV", "#N/A", "#WERT!", "#REF!", "#NAME?"]
 
 
