@@ -1,8 +1,7 @@
 """A folder as a laboratory leaves it, with `nominal.json` saying what the experimenter believes, as a study file.
 
-`nominal.json` holds specimen (semi_axes_mm), indenter (radius_mm), support, noise (force_N, depth_mm, repeat_gain,
-profile_mm) and rates; what else it says is not used.  The CSV files are named for what they hold: ``point_20_0`` was
-pressed at (20, 0) mm, every other force curve at the top, ``profile`` holds surface marks.  See
+The CSV files are named for what they hold: ``point_20_0`` was pressed at (20, 0) mm, ``mp_cycle_30`` is a cycle at the
+top with 30 mm/min, a name without a number is a force curve at the top, ``profile`` holds surface marks.  See
 docs/reading_a_diagnosis.md.
 """
 
@@ -11,122 +10,120 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rso.measurement import read
+import numpy as np
 
-_POINT = re.compile(r"^point_(-?\d+(?:\.\d+)?)_(-?\d+(?:\.\d+)?)$", re.IGNORECASE)
+from rso.measurement import read, recorded_speed
+from rso.study.cases import DEFAULT_SPEED
+from rso.study.nominal import Nominal, read_nominal
+from rso.study.schema import Study
+from rso.units import quantity
+
+_NUMBER = r"(-?\d+(?:\.\d+)?)"
+_POINT = re.compile(rf"^point_{_NUMBER}_{_NUMBER}$", re.IGNORECASE)
+_CYCLE = re.compile(r"^mp_cycle_(\d+(?:\.\d+)?)$", re.IGNORECASE)
 _PLACE = re.compile(r"^(point|pt)[_ ]", re.IGNORECASE)  # a name that means a place
-_NOISE = ("force_N", "depth_mm", "repeat_gain", "profile_mm")
-_HELD, _BOWL = ("fixed", "held", "bonded", "glued", "clamped"), ("bowl", "platform")
+MU, D1 = ("5 kPa", "20 kPa"), ("1 1/MPa", "100 1/MPa")  # one of the library's axes is their product: not wider
 
 
 def study_text(folder: Path, seed: int, beside: Path) -> str:
     """The study file for a folder; `beside` is where it will be written.  ValueError naming what is missing."""
-    path = folder / "nominal.json"
-    try:
-        nominal = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{path}: cannot be read ({error})") from error
-    if not isinstance(nominal, dict):
-        raise ValueError(f"{path}: a table is expected")
+    nominal = read_nominal(folder)
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() == ".csv")
     if not files:
         raise ValueError(f"{folder}: holds no CSV file")
     for f in files:
-        if _PLACE.search(f.stem) and not _POINT.match(f.stem):
-            raise ValueError(f"{f}: the name does not say where it was pressed; (20, 0) mm is point_20_0.csv")
-    noise = _table(path, nominal, "noise")
-    own = {key.split("_")[0] for key in _NOISE}
-    noise = _numbers(path, "noise", {k: v for k, v in noise.items() if k.split("_")[0] in own}, _NOISE)
-    order = [f.stem for f in files]
-    order.sort(key=lambda n: (_rank(n), n))
+        _refuse_unclear(f)
+    files.sort(key=lambda f: (_rank(f.stem), f.stem))
     lines = [
         "[study]", f"title = {json.dumps('Diagnosis of ' + folder.name)}", f"seed = {seed}", "", "[backend]",
         'use = "fem_backend.backend:BACKEND"', "", "[backend.settings]",
-        f"specimen = {{ shape = \"ellipsoid\", semi_axes = {_floats(path, nominal, 'specimen', 'semi_axes_mm', 3)} }}",
-        f"indenter = {{ shape = \"sphere\", radius = {_floats(path, nominal, 'indenter', 'radius_mm', 1)[0]} }}",
-        f"support = {_support(path, nominal)}", "", "[parameters]",
-        'mu = { low = "5 kPa", high = "20 kPa", scale = "log" }',
-        'D1 = { low = "1 1/MPa", high = "100 1/MPa", scale = "log" }',
+        f"specimen = {{ shape = \"ellipsoid\", semi_axes = {list(nominal.semi_axes)} }}",
+        f"indenter = {{ shape = \"sphere\", radius = {nominal.radius} }}",
+        f"support = {nominal.support}", "", "[parameters]",
+        f'mu = {{ low = "{MU[0]}", high = "{MU[1]}", scale = "log" }}',
+        f'D1 = {{ low = "{D1[0]}", high = "{D1[1]}", scale = "log" }}',
         "",
     ]  # fmt: skip
     before: list[str] = []
-    file_of = {f.stem: f for f in files}
-    for name in order:
-        match = _POINT.match(name)
-        point = [float(v) for v in match.groups()] if match else [0.0, 0.0]
-        profile = name.lower().startswith("profile")
-        lines += ["[[experiments]]", f"name = {json.dumps(name)}", 'role = "fit"',
-                  f"data = {json.dumps(os.path.relpath(file_of[name], beside))}"]  # fmt: skip
-        lines += (
-            ['kind = "profile"']
-            if profile
-            else ['channels = ["Fz", "Fx", "Fy"]']
-            if {"Fx", "Fy"} <= set(read(file_of[name]).channels)
-            else []
-        )
-        unload = ", unload = true" if name.lower().startswith("mp_cycle") else ""
-        lines += [f"settings = {{ point = {point}{unload} }}"]
-        keys = {"uz": "profile_mm"} if profile else {"Fz": "force_N", "depth": "depth_mm", "gain": "repeat_gain"}
-        stated = ", ".join(f"{k} = {noise[v]}" for k, v in keys.items() if v in noise)
-        lines += [f"noise = {{ {stated} }}"] if stated else []
-        lines += [f"after = {json.dumps(before)}"] if before and not profile else []
-        lines.append("")
-        before = [*before, name] if not profile else before
+    for file in files:
+        lines += [*_experiment(file, nominal, before, beside), ""]
+        before = before if _is_profile(file.stem) else [*before, file.stem]
     return "\n".join(lines)
+
+
+def _experiment(file: Path, nominal: Nominal, before: list[str], beside: Path) -> list[str]:
+    """The lines of one experiment, tested after those `before`."""
+    name, profile = file.stem, _is_profile(file.stem)
+    lines = ["[[experiments]]", f"name = {json.dumps(name)}", 'role = "fit"',
+             f"data = {json.dumps(os.path.relpath(file, beside))}"]  # fmt: skip
+    if profile:
+        lines += ['kind = "profile"']
+    elif {"Fx", "Fy"} <= set(read(file).channels):
+        lines += ['channels = ["Fz", "Fx", "Fy"]']
+    point, cycle = _POINT.match(name), _CYCLE.match(name)
+    settings = [f"point = {[float(v) for v in point.groups()] if point else [0.0, 0.0]}"]
+    rate = float(cycle[1]) if cycle else nominal.rate
+    if rate and not profile:
+        settings += [f'speed = "{rate:g} mm/min"']
+    settings += ["unload = true"] if cycle else []
+    lines += [f"settings = {{ {', '.join(settings)} }}"]
+    keys = {"uz": "profile_mm"} if profile else {"Fz": "force_N", "depth": "depth_mm", "gain": "repeat_gain"}
+    stated = ", ".join(f"{k} = {nominal.noise[v]}" for k, v in keys.items() if v in nominal.noise)
+    lines += [f"noise = {{ {stated} }}"] if stated else []
+    return lines + ([f"after = {json.dumps(before)}"] if before and not profile else [])
+
+
+def files_of(study: Study) -> list[dict[str, Any]]:
+    """What each file of a folder's study was taken for: place (mm), role, speed (mm/min), whether a cycle."""
+    found = []
+    for e in study.experiments:
+        m, settings = study.measurement(e.name), study.settings_of(e.name)
+        force, recorded = m.kind == "force", recorded_speed(m)
+        stated = quantity(settings["speed"], "mm/s") if "speed" in settings else None
+        speed = recorded or stated or DEFAULT_SPEED
+        returns = any(np.any(r.segment == "unloading") for r in m.repeats)
+        found.append({
+            "file": m.path.name, "kind": m.kind, "place_mm": settings["point"], "role": e.role,
+            "cycle": force and (returns or settings.get("unload") is True), "repeats": len(m.repeats),
+            "speed_mm_per_min": 60.0 * speed if force else None,
+            "speed_from": ("times" if recorded else "stated" if stated else "assumed") if force else None,
+        })  # fmt: skip
+    return found
+
+
+def in_words(file: Mapping[str, Any]) -> str:
+    """One line about a file of :func:`files_of`."""
+    x, y = file["place_mm"]
+    what = "surface marks while pressed" if file["kind"] == "profile" else "a cycle" if file["cycle"] else "force curve"
+    how = {"times": "by its times", "stated": "as stated", "assumed": "assumed"}.get(file["speed_from"])
+    speed = f"{file['speed_mm_per_min']:.3g} mm/min {how}, " if how else ""
+    return f"{file['file']}: {what} at ({x:g}, {y:g}) mm, role {file['role']}, {speed}{file['repeats']} repeat(s)"
+
+
+def _refuse_unclear(file: Path) -> None:
+    """ValueError for a name that seems to say where or how it was pressed in a way that is not understood."""
+    name = file.stem
+    if _POINT.match(name) or _CYCLE.match(name) or not (_PLACE.search(name) or re.search(r"\d", name)):
+        return
+    raise ValueError(
+        f"{file}: the name does not say where it was pressed: understood are point_X_Y (point_20_0.csv: pressed at "
+        "(20, 0) mm), mp_cycle_V (mp_cycle_30.csv: loaded and unloaded at the top with 30 mm/min) and a name without "
+        "a number (at the top; profile.csv: surface marks); repeats of a test stand in one file with a column repeat"
+    )
+
+
+def _is_profile(name: str) -> bool:
+    return name.lower().startswith("profile")
 
 
 def _rank(name: str) -> tuple[int, float]:
     """Order of testing: loading, cycles from slow to fast, deep, other points, profile."""
-    name = name.lower()
-    cycle = re.match(r"mp_cycle_(\d+)", name)
+    cycle = _CYCLE.match(name)
     if cycle:
-        return 1, float(cycle.group(1))
+        return 1, float(cycle[1])
     kinds = {"mp_load": 0, "mp_deep": 2, "point": 3, "profile": 4}
-    return next((k for stem, k in kinds.items() if name.startswith(stem)), 3), 0.0
-
-
-def _table(path: Path, nominal: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    value = nominal.get(name, {})
-    if not isinstance(value, dict):
-        raise ValueError(f"{path}: {name} = {value!r}: a table is expected")
-    return value
-
-
-def _floats(path: Path, nominal: Mapping[str, Any], table: str, key: str, n: int) -> list[float]:
-    value = _table(path, nominal, table).get(key)
-    value = [value] if n == 1 else value
-    if not isinstance(value, list) or len(value) != n or not all(isinstance(v, int | float) for v in value):
-        raise ValueError(f"{path}: {table}.{key} = {value!r}: {n} number(s) in mm expected")
-    return [float(v) for v in value]
-
-
-def _numbers(path: Path, table: str, given: Mapping[str, Any], known: Sequence[str]) -> dict[str, float]:
-    """Numbers by name; ValueError for another name, and for what is no number."""
-    for key, value in given.items():
-        if key not in known:
-            raise ValueError(f"{path}: {table}.{key} is unknown; choose from {', '.join(known)}")
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ValueError(f"{path}: {table}.{key} = {value!r}: a number is expected, in the unit of its name")
-    return {k: float(v) for k, v in given.items()}
-
-
-def _support(path: Path, nominal: Mapping[str, Any]) -> str:
-    """The support as a setting: words of which the first known one counts, or a table with `kind`."""
-    support = nominal.get("support", "fixed")
-    table = dict(support) if isinstance(support, dict) else {"kind": support}
-    kind = str(table.pop("kind", None)).lower()
-    first = {words: min((kind.find(w) for w in words if w in kind), default=len(kind)) for words in (_HELD, _BOWL)}
-    if first[_HELD] == first[_BOWL]:
-        raise ValueError(
-            f"{path}: support = {support!r}: words with one of {', '.join((*_HELD, *_BOWL))}, or a table with kind, "
-            "clearance_mm and friction"
-        )
-    if first[_HELD] < first[_BOWL]:
-        return '{ kind = "fixed" }'
-    beside = {"clearance_mm": nominal.get("clearance_mm", 1.0), "friction": nominal.get("mu_platform", 0.2)}
-    found = _numbers(path, "support", {**beside, **table}, tuple(beside))
-    return f'{{ kind = "bowl", clearance = {found["clearance_mm"]}, friction = {found["friction"]} }}'
+    return next((k for stem, k in kinds.items() if name.lower().startswith(stem)), 3), 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 from pathlib import Path
 
@@ -9,7 +10,9 @@ import numpy as np
 import pytest
 
 from rso.measurement import Measurement, Repeat, recorded_speed
-from rso.study.laboratory import study_text
+from rso.study import load
+from rso.study.laboratory import files_of, in_words, study_text
+from rso.study.nominal import read_nominal
 
 NOMINAL = {
     "specimen": {"semi_axes_mm": [60, 35, 35]},
@@ -54,10 +57,22 @@ def test_lateral_forces_are_columns_and_not_words_above_them(tmp_path):
         text(lab)
 
 
-@pytest.mark.parametrize("name", ["point_20_0_rep2.csv", "point 20 0.csv", "pt_20_0.csv", "point_20,5_0.csv"])
+UNCLEAR = ["point_20_0_rep2", "point 20 0", "pt_20_0", "point_20,5_0", "P_20_0", "site_20_0", "20_0", "point20_0",
+           "point-20-0", "mp_load_2", "mp_cycle_30_2", "profile_20_0", "point_left"]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", UNCLEAR)
 def test_a_place_that_is_not_understood_is_not_taken_for_the_top(tmp_path, name):
-    with pytest.raises(ValueError, match="does not say where it was pressed"):
-        text(folder(tmp_path, (name,)))
+    with pytest.raises(ValueError, match="does not say where it was pressed") as caught:
+        text(folder(tmp_path, (f"{name}.csv",)))
+    for word in (name, "point_X_Y", "mp_cycle_V", "without a number"):
+        assert word in str(caught.value)
+
+
+def test_a_rate_in_a_name_or_stated_is_that_of_files_without_times(tmp_path):
+    made = text(folder(tmp_path, ("mp_load.csv", "mp_cycle_100.csv"), rate_mm_per_min=30))
+    assert 'settings = { point = [0.0, 0.0], speed = "100 mm/min", unload = true }' in made
+    assert 'settings = { point = [0.0, 0.0], speed = "30 mm/min" }' in made
 
 
 @pytest.mark.parametrize(
@@ -66,7 +81,22 @@ def test_a_place_that_is_not_understood_is_not_taken_for_the_top(tmp_path, name)
         ({"noise": {"force_mN": 3}}, ["noise.force_mN", "force_N"]),
         ({"noise": {"force_N": None}}, ["noise.force_N = None", "a number"]),
         ({"noise": {"force_N": "3 mN"}}, ["noise.force_N = '3 mN'", "a number"]),
+        ({"noise": {"Fz_N": 0.002}}, ["noise.Fz_N is unknown", "force_N"]),
+        ({"noise": {"force_N": -2.0}}, ["noise.force_N = -2.0", "at least 0"]),
         ({"support": "lying loose on a plate"}, ["support", "bonded", "bowl"]),
+        ({"support": "not bonded, lies in a bowl"}, ["support", "'not'", "bowl"]),
+        ({"support": "lies loose on a fixed platform"}, ["support", "'loose'", "bonded", "bowl"]),
+        ({"support": "fixed in a bowl"}, ["support", "fixed", "bowl"]),
+        ({"support": {"kind": "fixed", "clearance_mm": 1}}, ["support.clearance_mm", "bowl"]),
+        ({"specimen": {"semi_axes_mm": [60, 35, 35], "shape": "cylinder"}}, ["specimen.shape = 'cylinder'", "ellips"]),
+        ({"specimen": {"semi_axes_mm": [-60, 35, 35]}}, ["specimen.semi_axes_mm", "positive"]),
+        ({"specimen": {"axes_mm": [120, 70, 70]}}, ["specimen.axes_mm is unknown", "semi_axes_mm"]),
+        ({"indenter": {"radius_mm": 3, "shape": "cone"}}, ["indenter.shape = 'cone'", "sphere"]),
+        ({"indenter": {"radius_mm": 3, "friction": 0.3}}, ["indenter.friction = 0.3", "0"]),
+        ({"weight_N": 3.0}, ["weight_N is unknown", "specimen", "remark"]),
+        ({"axes_mm": [120, 70, 70]}, ["axes_mm is unknown"]),
+        ({"units": "N, m, Pa, s"}, ["units = 'N, m, Pa, s'", "N, mm, MPa, s"]),
+        ({"rate_mm_per_min": "fast"}, ["rate_mm_per_min = 'fast'", "a number"]),
         ({"support": {"kind": "bowl", "clearance_mm": None}}, ["support.clearance_mm = None"]),
         ({"support": {"kind": "bowl", "clearance": 2}}, ["support.clearance is unknown", "clearance_mm"]),
     ],
@@ -81,9 +111,10 @@ def test_what_is_not_understood_is_refused(tmp_path, changes, words):
 @pytest.mark.parametrize(
     ("support", "setting"),
     [
-        ("glued, no bowl", 'kind = "fixed"'),
+        ("Glued, and clamped at one end", 'kind = "fixed"'),
         ("lower half bonded", 'kind = "fixed"'),
-        ("in a bowl, not fixed", "clearance = 1.0"),
+        ("fixed: lower half surface (z<0) bonded to the holder", 'kind = "fixed"'),
+        ("lies in a bowl", "clearance = 1.0"),
         ("bowl", "clearance = 1.0, friction = 0.2"),
         ({"kind": "bowl", "clearance_mm": 2, "friction": 0.3}, "clearance = 2.0, friction = 0.3"),
     ],
@@ -110,3 +141,53 @@ def test_the_speed_is_that_of_the_middle_of_the_stroke(way):
     r = Repeat("1", depth, time, {"Fz": depth}, {}, np.full(400, "loading"))
     m = Measurement(Path("x"), "force", (r,), ())
     np.testing.assert_allclose(recorded_speed(m), 0.5, rtol=0.01)  # readings are 0.1 s and less apart
+
+
+GENERATED = {  # all that the folders of an earlier generator say
+    "family": "A", "support": "fixed: lower half surface (z<0) bonded to the holder", "units": "N, mm, MPa, s",
+    "specimen": {"shape": "ellipsoid", "semi_axes_mm": [60, 35, 35]},
+    "indenter": {"shape": "sphere", "radius_mm": 3.0, "rigid": True, "full_sphere": True, "direction": [0, 0, -1],
+                 "friction": 0.0},
+    "frame": "x along the major axis, z up, origin at the specimen centre; MP = (0,0,35)",
+    "depth": "indenter travel since first contact", "force": "Fz>0 pushes it up", "rate_mm_per_min": 30,
+    "cycle_rates_mm_per_min": [10, 30, 100], "rest_between_tests": "long", "order_of_tests": "mp_load, points",
+    "points_mm": [[2.5, 2.5], [20, 0]], "profile": "marks at y=5 mm",
+    "noise": {"force_N": 0.003, "depth_mm": 0.005, "repeat_gain": 0.01, "profile_mm": 0.05},
+}  # fmt: skip
+
+
+def test_all_that_the_generator_of_blind_cases_says_is_accepted(tmp_path):
+    made = text(folder(tmp_path, **GENERATED))
+    assert "semi_axes = [60.0, 35.0, 35.0]" in made and "gain = 0.01" in made
+    generator = (Path(__file__).parents[2] / "benchmarks" / "blind" / "generate.py").read_text()
+    names = [n for n in ast.parse(generator).body if isinstance(n, ast.Assign) and n.targets[0].id == "NOMINAL"]
+    folder(tmp_path, **ast.literal_eval(names[0].value))
+    assert text(tmp_path) == made
+
+
+def test_what_is_assumed_is_said(tmp_path):
+    assert read_nominal(folder(tmp_path)).assumed == ()
+    (tmp_path / "nominal.json").write_text(json.dumps({k: NOMINAL[k] for k in ("specimen", "indenter")}))
+    support, noise = read_nominal(tmp_path).assumed
+    assert "no support" in support and "fixed" in support and "no noise" in noise
+
+
+def test_what_each_file_was_taken_for_is_said(tmp_path):
+    """Place, role, speed and cycle, one line a file, and the same as data."""
+    lab = folder(tmp_path, ("mp_load.csv", "mp_cycle_100.csv", "point_2.5_-3.csv"))
+    rows = "".join(f"{k / 8},{k / 10},{k / 9}\n" for k in range(20))
+    (lab / "mp_load.csv").write_text("time_s,depth_mm,Fz_N\n" + rows)
+    (lab / "profile.csv").write_text("depth_mm,x_mm,y_mm,uz_mm\n1,0,5,-0.2\n1,4,5,-0.1\n")
+    (lab / "study.toml").write_text(text(lab))
+    found = files_of(load(lab / "study.toml"))
+    assert [(f["file"], f["kind"], f["place_mm"], f["role"], f["cycle"]) for f in found] == [
+        ("mp_load.csv", "force", [0.0, 0.0], "fit", False), ("mp_cycle_100.csv", "force", [0.0, 0.0], "fit", True),
+        ("point_2.5_-3.csv", "force", [2.5, -3.0], "fit", False), ("profile.csv", "profile", [0.0, 0.0], "fit", False),
+    ]  # fmt: skip
+    assert [f["speed_from"] for f in found] == ["times", "stated", "assumed", None]
+    np.testing.assert_allclose([f["speed_mm_per_min"] for f in found[:3]], [48, 100, 30])
+    first, second, third, last = map(in_words, found)
+    assert first == "mp_load.csv: force curve at (0, 0) mm, role fit, 48 mm/min by its times, 1 repeat(s)"
+    assert "a cycle at (0, 0) mm" in second and "100 mm/min as stated" in second
+    assert "(2.5, -3) mm" in third and "30 mm/min assumed" in third
+    assert last == "profile.csv: surface marks while pressed at (0, 0) mm, role fit, 1 repeat(s)"

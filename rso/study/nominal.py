@@ -1,0 +1,166 @@
+"""`nominal.json` of a laboratory's folder: what the experimenter believes of specimen, indenter, support and noise.
+
+Every key and value is one of those below, or refused with the choices: what is not understood is not diagnosed.  See
+docs/reading_a_diagnosis.md.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rso.study.errors import choose
+
+FILE = "nominal.json"
+NOISE = ("force_N", "depth_mm", "repeat_gain", "profile_mm")
+HELD, BOWL = ("fixed", "held", "bonded", "glued", "clamped"), ("bowl", "platform")
+_DENIED = re.compile(r"\b(not|no|non|never|without|neither|nor|loose|loosely|free|freely|un\w+ed)\b", re.IGNORECASE)
+_SPECIMEN = {"shape": ["ellipsoid"]}  # what the model takes for granted, and may be said
+_INDENTER = {"shape": ["sphere"], "rigid": [True], "full_sphere": [True], "direction": [[0, 0, -1]], "friction": [0]}
+_BOWL = {"clearance_mm": 1.0, "friction": 0.2}
+_BESIDE = {"clearance_mm": "clearance_mm", "mu_platform": "friction"}  # older names beside the support
+_UNITS = ["N, mm, MPa, s"]
+_WORDS = ("remark", "family", "frame", "depth", "force", "cycle_rates_mm_per_min", "rest_between_tests",
+          "order_of_tests", "points_mm", "profile")  # fmt: skip  # for people: not read
+_KEYS = ("specimen", "indenter", "support", "noise", "rate_mm_per_min", "units", *_BESIDE, *_WORDS)
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """What a nominal.json says.
+
+    Semi-axes and radius in mm, `rate` in mm/min, the support as a setting in TOML, stated noise by its key; `assumed`
+    says in words what was not stated.
+    """
+
+    semi_axes: tuple[float, ...]
+    radius: float
+    support: str
+    noise: Mapping[str, float]
+    rate: float | None
+    assumed: tuple[str, ...]
+
+
+def read_nominal(folder: Path) -> Nominal:
+    """Read a folder's nominal.json; ValueError naming file, key, value and choices."""
+    path = folder / FILE
+    try:
+        data = json.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path}: cannot be read ({error})") from error
+    if not isinstance(data, dict):
+        raise ValueError(f"{path}: a table is expected")
+    try:
+        return _nominal(data)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _nominal(data: Mapping[str, Any]) -> Nominal:
+    _known("", data, _KEYS)
+    specimen, indenter = (_table(data, name) for name in ("specimen", "indenter"))
+    for name, table, fixed, size in (
+        ("specimen.", specimen, _SPECIMEN, "semi_axes_mm"), ("indenter.", indenter, _INDENTER, "radius_mm"),
+    ):  # fmt: skip
+        _known(name, table, (size, *fixed))
+        for key in fixed.keys() & table.keys():
+            _one_of(f"{name}{key}", table[key], fixed[key])
+    if "units" in data:
+        _one_of("units", data["units"], _UNITS)
+    noise = _table(data, "noise")
+    _known("noise.", noise, NOISE)
+    stated = {k: _number(f"noise.{k}", v) for k, v in noise.items()}
+    rate = _number("rate_mm_per_min", data["rate_mm_per_min"], zero=False) if "rate_mm_per_min" in data else None
+    axes = tuple(_lengths("specimen.semi_axes_mm", specimen.get("semi_axes_mm"), 3))
+    radius = _lengths("indenter.radius_mm", [indenter.get("radius_mm")], 1)[0]
+    support, assumed = _support(data)
+    if not stated:
+        assumed = (*assumed, f"{FILE} states no noise: only what repeats and readings show counts")
+    return Nominal(axes, radius, support, stated, rate, assumed)
+
+
+def _support(data: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
+    """The support as a setting, from words or a table with `kind`, and what of it was not stated."""
+    beside = {new: data[old] for old, new in _BESIDE.items() if old in data}
+    if "support" not in data:
+        said = f'{FILE} states no support: "fixed" is assumed, the lower half held'
+        return '{ kind = "fixed" }', (said, *_unused(beside))
+    support = data["support"]
+    table = dict(support) if isinstance(support, dict) else {"kind": support}
+    kind = _kind("support.kind" if isinstance(support, dict) else "support", table.pop("kind", None))
+    if kind == "fixed":
+        if table:
+            key, value = next(iter(table.items()))
+            raise ValueError(f'support.{key} = {value!r}: belongs to kind = "bowl"; "fixed" has no other key')
+        return '{ kind = "fixed" }', _unused(beside)
+    _known("support.", table, tuple(_BOWL))
+    found = {k: _number(f"support.{k}", v) for k, v in {**_BOWL, **beside, **table}.items()}
+    assumed = [f"{k} = {v:g}" for k, v in _BOWL.items() if k not in beside and k not in table]
+    words = f"{FILE} does not state all of the bowl: {', '.join(assumed)} assumed"
+    setting = f'{{ kind = "bowl", clearance = {found["clearance_mm"]}, friction = {found["friction"]} }}'
+    return setting, (words,) if assumed else ()
+
+
+def _kind(key: str, value: Any) -> str:
+    """Held or in a bowl: words of one of the two kinds alone, none of them denied."""
+    words = f"words with one of {', '.join((*HELD, *BOWL))}, or a table with kind, clearance_mm and friction"
+    if not isinstance(value, str):
+        raise ValueError(f"{key} = {value!r}: {words}")
+    kinds = [kind for kind, names in (("fixed", HELD), ("bowl", BOWL)) if _has(value, names)]
+    denied = _DENIED.search(value)
+    if denied is not None:
+        raise ValueError(f"{key} = {value!r}: {denied[0]!r} is not understood; say what is so, in {words}")
+    if len(kinds) != 1:
+        both = "says two kinds of support; " if kinds else ""
+        raise ValueError(f"{key} = {value!r}: {both}{words}")
+    return kinds[0]
+
+
+def _has(text: str, words: Iterable[str]) -> bool:
+    return re.search(rf"\b({'|'.join(words)})\b", text, re.IGNORECASE) is not None
+
+
+def _unused(beside: Mapping[str, Any]) -> tuple[str, ...]:
+    return tuple(f"{k} is not used: the specimen is held" for k in beside)
+
+
+def _known(table: str, given: Iterable[str], known: Sequence[str]) -> None:
+    for key in given:
+        if key not in known:
+            raise ValueError(f"{table}{key} is unknown; {choose(key, known)}")
+
+
+def _one_of(key: str, value: Any, choices: Sequence[Any]) -> None:
+    if value not in choices:
+        raise ValueError(f"{key} = {value!r} is not modelled; choose from {', '.join(map(json.dumps, choices))}")
+
+
+def _table(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    value = data.get(name, {})
+    if not isinstance(value, dict):
+        raise ValueError(f"{name} = {value!r}: a table is expected")
+    return value
+
+
+def _number(key: str, value: Any, *, zero: bool = True) -> float:
+    """A finite number, not negative."""
+    if not _finite(value):
+        raise ValueError(f"{key} = {value!r}: a number is expected, in the unit of its name")
+    if value < 0 or (value == 0 and not zero):
+        raise ValueError(f"{key} = {value!r}: must be {'at least 0' if zero else 'positive'}")
+    return float(value)
+
+
+def _lengths(key: str, value: Any, n: int) -> list[float]:
+    if not isinstance(value, list) or len(value) != n or not all(map(_finite, value)):
+        raise ValueError(f"{key} = {value!r}: {n} number(s) in mm expected")
+    return [_number(key, v, zero=False) for v in value]
+
+
+def _finite(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
