@@ -247,7 +247,8 @@ def _blind(options: argparse.Namespace, command: str) -> int:
             say=progress.say,
         )  # fmt: skip
         bad = sum("error" in data for _, data in found)
-    print(f"{len(cases)} cases, answers in {options.out}" + (f"; {bad} could not be read" if bad else ""))
+    errors = f"; {bad} with an error, tried again at the next call" if bad else ""
+    print(f"{len(cases)} cases, answers in {options.out}{errors}")
     return EXIT_BAD_INPUT if bad else 0
 
 

@@ -17,8 +17,9 @@ from rso.diagnosis import Library, TestPlan
 from rso.running import Event, run_all
 from rso.store import RunStore
 from rso.study.diagnosing import Asked, _finite, _replace, ask, judge
-from rso.study.laboratory import study_text
+from rso.study.laboratory import files_of, in_words, study_text
 from rso.study.loader import load
+from rso.study.nominal import read_nominal
 
 SHARED = 2.0  # mm: a plan that ends this much earlier than another shares its library
 
@@ -35,17 +36,20 @@ def answer(
 ) -> Iterator[tuple[str, dict[str, Any]]]:  # fmt: skip
     """Diagnose every case that has no answer yet; yields its name and the plain data, written to `out` as it comes.
 
-    A case that cannot be read is answered with its error, so that one bad folder does not stop the others.  `reruns`
-    computes the finalist anew and simulates candidate tests; without it only the library costs simulations.
+    A case that cannot be read is answered with its error, so that one bad folder does not stop the others, and tried
+    again at the next call.  What the files were taken for is said before anything is computed, and kept with the
+    answer.  `reruns` computes the finalist anew and simulates candidate tests; without it only the library costs
+    simulations.
     """
     libraries: dict[str, Library] = {}
     read = {case: _read(case, out, seed) for case in cases}
     # of those with an answer too: a round that goes on keeps its library
     deepest = _deepest([v for v in read.values() if isinstance(v, Asked)])
-    for case, asked in read.items():
-        path = out / f"{case.name}.json"
-        if path.exists():
-            continue
+    waiting = [case for case in read if not _answered(out / f"{case.name}.json")]
+    taken = {case: _taken(case, asked) for case in waiting if isinstance(asked := read[case], Asked)}
+    _tell(taken, say)
+    for case in waiting:
+        asked, path = read[case], out / f"{case.name}.json"
         began = time.process_time()
         try:
             if isinstance(asked, ValueError):
@@ -55,11 +59,38 @@ def answer(
             backend = asked.base.backend
             found = judge(asked, library, partial(run_all, backend, store=store, executor=executor) if reruns else None)
             found["timings"] = {"judging_cpu": time.process_time() - began}
+            found["taken"] = taken[case]
         except ValueError as error:
             found = {"error": str(error)}
         _replace(path, json.dumps(plain(_finite(found)), indent=1, ensure_ascii=False))
         say(f"{case.name}: {found.get('error') or found['diagnosis']['verdict']}")
         yield case.name, found
+
+
+def _answered(path: Path) -> bool:
+    """Whether there is an answer: an error is none, nor is what cannot be read."""
+    try:
+        return "error" not in json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+
+
+def _taken(case: Path, asked: Asked) -> dict[str, Any]:
+    """What the files of a case were taken for, and what its nominal.json leaves to be assumed."""
+    return {"files": files_of(asked.study), "assumed": list(read_nominal(case).assumed)}
+
+
+def _tell(taken: Mapping[Path, Mapping[str, Any]], say: Callable[[str], None]) -> None:
+    """One line per file; cases that are taken alike are said once."""
+    first: dict[tuple[str, ...], str] = {}
+    for case, found in taken.items():
+        lines = (*map(in_words, found["files"]), *found["assumed"])
+        if lines in first:
+            say(f"{case.name}: taken for the same as {first[lines]}")
+            continue
+        first[lines] = case.name
+        for line in (f"{case.name}:", *(f"  {words}" for words in lines)):
+            say(line)
 
 
 def _read(case: Path, out: Path, seed: int) -> Asked | ValueError:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import pytest
 
+from rso.cli import main
 from rso.study import blind
 
 
@@ -43,6 +44,7 @@ def libraries(monkeypatch):
         return Case(Plan((Place({"at": 0}, DEEPEST[case.name]),)), Base())
 
     monkeypatch.setattr(blind, "_read", read)
+    monkeypatch.setattr(blind, "_taken", lambda case, one: {"files": [], "assumed": []})
     monkeypatch.setattr(blind, "_library", lambda one, *rest: asked.append(one.plan.places[0].deepest))
     monkeypatch.setattr(blind, "judge", lambda one, library, rerun: {"diagnosis": {"verdict": "no_gap"}})
     return asked
@@ -69,3 +71,38 @@ def test_a_case_that_cannot_be_read_stops_no_other(libraries, tmp_path, monkeypa
     found = [answer for _, answer in blind.answer([tmp_path / n for n in DEEPEST], tmp_path, None, None, seed=0)]
     assert found[0] == {"error": "case_1: no depth"}
     assert all("diagnosis" in answer for answer in found[1:])
+
+
+def test_an_error_is_no_answer_and_is_tried_again(libraries, tmp_path):
+    cases = [tmp_path / "case_1", tmp_path / "case_2"]
+    (tmp_path / "case_1.json").write_text(json.dumps({"error": "case_1: no depth"}))
+    (tmp_path / "case_2.json").write_text('{"diagnosis": {"ver')  # cut off
+    assert [name for name, _ in blind.answer(cases, tmp_path, None, None, seed=0)] == ["case_1", "case_2"]
+    assert json.loads((tmp_path / "case_1.json").read_text())["diagnosis"] == {"verdict": "no_gap"}
+    assert not list(blind.answer(cases, tmp_path, None, None, seed=0))
+
+
+def test_the_exit_code_stays_while_a_case_has_an_error(tmp_path, capsys):
+    (tmp_path / "case_1").mkdir()
+    (tmp_path / "case_1" / "nominal.json").write_text('{"weight_N": 3}')
+    for _ in range(2):
+        assert main(["blind", str(tmp_path), "--out", str(tmp_path / "answers")]) == 2
+        assert "weight_N is unknown" in capsys.readouterr().out
+    (tmp_path / "answers" / "case_1.json").write_text('{"diagnosis": {}}')
+    assert main(["blind", str(tmp_path), "--out", str(tmp_path / "answers")]) == 0
+
+
+def test_what_files_were_taken_for_is_said_at_the_first_reading_and_kept(libraries, tmp_path, monkeypatch):
+    file = {"file": "top.csv", "kind": "force", "place_mm": [0.0, 0.0], "role": "fit", "cycle": False, "repeats": 2,
+            "speed_mm_per_min": 30.0, "speed_from": "assumed"}  # fmt: skip
+    taken = {"files": [file], "assumed": ["nominal.json states no support"]}
+    monkeypatch.setattr(blind, "_taken", lambda case, one: taken)
+    said: list[str] = []
+    cases = [tmp_path / "case_1", tmp_path / "case_2"]
+    found = list(blind.answer(cases, tmp_path, None, None, seed=0, say=said.append))
+    assert said[:4] == [
+        "case_1:", "  top.csv: force curve at (0, 0) mm, role fit, 30 mm/min assumed, 2 repeat(s)",
+        "  nominal.json states no support", "case_2: taken for the same as case_1",
+    ]  # fmt: skip
+    assert all(data["taken"] == taken for _, data in found)
+    assert json.loads((tmp_path / "case_2.json").read_text())["taken"]["files"] == [file]
