@@ -57,6 +57,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_BROKEN
 
 
+LABORATORY = """a folder, for example:
+  mp_load.csv       a name without a number: a force curve at the top
+  mp_cycle_30.csv   loaded and unloaded at the top with 30 mm/min
+  point_20_0.csv    pressed at x = 20, y = 0 mm; point_2.5_-3.csv at (2.5, -3) mm
+  profile.csv       displacements of surface marks while pressed at the top
+  nominal.json:
+{
+  "specimen": {"shape": "ellipsoid", "semi_axes_mm": [60, 35, 35]},
+  "indenter": {"shape": "sphere", "radius_mm": 3},
+  "support": "fixed: lower half bonded to the holder",
+  "noise": {"force_N": 0.003, "depth_mm": 0.005, "repeat_gain": 0.01, "profile_mm": 0.05},
+  "rate_mm_per_min": 30,
+  "remark": "whatever people should know: not read"
+}
+other keys, values and names with numbers are refused with what is understood; mu is taken to be 5 to 20 kPa and
+D1 1 to 100 1/MPa: what this means is in docs/reading_a_diagnosis.md"""
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="rso", description="Response surface optimisation for indentation tests.",
@@ -86,9 +104,11 @@ def _parser() -> argparse.ArgumentParser:
             command.add_argument("--fresh", action="store_true", help="move the old results aside and start again")
     words = (
         "Diagnose every laboratory folder below FOLDER: nominal.json says what the experimenter believes, the CSV "
-        "files hold what was measured. Answers are written one by one; folders that have one are passed over."
+        "files hold what was measured. Answers are written one by one; folders that have one are passed over, an error "
+        "is none."
     )
-    blind = commands.add_parser("blind", help="diagnose laboratory folders (nominal.json, CSV)", description=words)
+    blind = commands.add_parser("blind", help="diagnose laboratory folders (nominal.json, CSV)", description=words,
+                                epilog=LABORATORY, formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
     blind.add_argument("folder", type=Path, help="a laboratory folder, or the folder that holds several")
     blind.add_argument("--out", type=Path, default=Path("answers"), help="where answers go (default: answers/)")
     blind.add_argument("--jobs", type=_at_least_one, default=2, help="simulations at a time")

@@ -26,7 +26,7 @@ _NUMBER = r"(-?\d+(?:\.\d+)?)"
 _POINT = re.compile(rf"^point_{_NUMBER}_{_NUMBER}$", re.IGNORECASE)
 _CYCLE = re.compile(r"^mp_cycle_(\d+(?:\.\d+)?)$", re.IGNORECASE)
 _PLACE = re.compile(r"^(point|pt)[_ ]", re.IGNORECASE)  # a name that means a place
-MU, D1 = ("5 kPa", "20 kPa"), ("1 1/MPa", "100 1/MPa")  # one of the library's axes is their product: not wider
+MU, D1 = ("5 kPa", "20 kPa"), ("1 1/MPa", "100 1/MPa")  # their product, the axis of the library: ν from 0.125 to 0.499
 
 
 def study_text(folder: Path, seed: int, beside: Path) -> str:

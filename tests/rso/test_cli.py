@@ -18,6 +18,7 @@ import pytest
 import sample_studies as studies
 
 from rso.cli import main
+from rso.study.nominal import BOWL, HELD, NOISE, read_nominal
 
 HERE = Path(__file__).parent
 TOP = studies.SECTIONS["[experiments]"]
@@ -202,6 +203,22 @@ def test_help_names_the_exit_codes(capsys):
         main(["--help"])
     said = capsys.readouterr().out
     assert all(word in said for word in ("check", "run", "status", "report", "130"))
+
+
+def test_the_example_of_a_folder_is_one_that_is_read(tmp_path, capsys):
+    """That of `rso blind --help` and that of the documentation."""
+    with pytest.raises(SystemExit, match="0"):
+        main(["blind", "--help"])
+    said = capsys.readouterr().out
+    page = (HERE.parents[1] / "docs" / "reading_a_diagnosis.md").read_text(encoding="utf-8")
+    for text in (said, page):
+        (tmp_path / "nominal.json").write_text(text[text.index("{") : text.rindex("}") + 1])
+        found = read_nominal(tmp_path)
+        assert found.radius == 3.0 and found.rate == 30.0 and found.assumed == ()
+        for word in ("mp_load.csv", "mp_cycle_30.csv", "point_20_0.csv", "profile.csv", "5 to 20 kPa", "remark"):
+            assert word in text
+    for words in (*HELD, *BOWL, *NOISE):
+        assert words in page
 
 
 def test_a_whole_study_with_its_report(tmp_path, capsys):
