@@ -10,7 +10,7 @@ import numpy as np
 from rso import diagnosis
 from rso.measurement import SEGMENTS, MeasuredCurve, Measurement
 from rso.store import RunStore, StoreError
-from rso.study import cases
+from rso.study import cases, stated
 from rso.study.descending import ENDS
 from rso.study.diagnosing import ask
 from rso.study.identifying import ROUNDS
@@ -30,6 +30,7 @@ def check(study: Study, folder: Path, trust: bool) -> list[str]:
             f"{study.file}: good as far as this can be said without its backend",
             f"  {what} is foreign code and was not loaded: names, units and bounds of the parameters, settings and",
             "  the number of simulations were not checked; if you trust it: rso check --trust",
+            *(f"  experiment {e.name!r}: {w}" for e in study.experiments for w in stated.replaced(study, e.name)),
         ]
     plan = make_plan(study)
     direct = study.search.method == "gauss_newton"
@@ -103,12 +104,13 @@ def directly(plan: Plan) -> tuple[dict[str, int], list[str]]:
 
 
 def _things(plan: Plan) -> list[str]:
-    """Parameters and experiments."""
+    """Parameters, settings and experiments."""
     lines = [
         f"  {a.name}: {a.low:g} to {a.high:g} {a.parameter.unit} ({a.scale}), {a.parameter.description}"
         for a in plan.resolved.axes
     ]
     lines += [f"  {name} = {value:g} (fixed)" for name, value in plan.resolved.fixed.items()]
+    lines += stated.of_study(plan)
     for e in plan.study.experiments:
         curve = plan.curves[e.name]
         places = [] if curve.position is None else curve.position.tolist()
@@ -118,8 +120,10 @@ def _things(plan: Plan) -> list[str]:
         reach = f"{what}{depths} depth(s) to {curve.depth.max():g} mm, {curve.n_repeats} repeat(s)"
         lines.append(f"  experiment {e.name!r} ({e.role}): {reach}")
         measured = plan.study.measurement(e.name)
+        remarks += stated.replaced(plan.study, e.name)
         unread = f"not read: {', '.join(measured.unread)}" if measured.unread else ""
         lines += [f"    {words}" for words in (_recorded(measured, curve), _noise(e), unread, *remarks) if words]
+        lines += stated.of_experiment(plan, e.name)
     return lines
 
 
@@ -136,8 +140,8 @@ def _recorded(m: Measurement, curve: MeasuredCurve) -> str:
 def _noise(e: ExperimentTable) -> str:
     """The stated noise of an experiment in words."""
     units = {"gain": "of the value", "uz": "mm", "depth": "mm", "correlation": "mm"}
-    stated = {k: v for k, v in e.noise.model_dump().items() if v}
-    shown = ", ".join(f"{k} {v:g} {units.get(k, 'N')}" for k, v in stated.items())
+    own = {k: v for k, v in e.noise.model_dump().items() if v}
+    shown = ", ".join(f"{k} {v:g} {units.get(k, 'N')}" for k, v in own.items())
     return f"stated noise: {shown or 'none'}"
 
 

@@ -1,0 +1,82 @@
+"""What the settings of a study mean to its backend, in words.
+
+Nothing is known here of what a setting is: plain data, and the backend's own form of them, are compared.
+"""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from rso.contract import Case
+from rso.study.cases import MISREAD, case_for, travels
+from rso.study.plan import Plan
+from rso.study.schema import Study
+
+_WIDTH = 116
+
+
+def of_study(plan: Plan) -> list[str]:
+    """Settings that differ from the backend's defaults, and those that do not."""
+    taken, default = (_taken(plan, plan.study.experiments[0].name, s) for s in (plan.study.backend.settings, {}))
+    if taken is None:
+        return []
+    stated = {k: v for k, v in taken.items() if k not in (default or {}) or default[k] != v}
+    unstated = {k: v for k, v in taken.items() if k not in stated and v not in ([], None)}
+    groups = {"settings as stated": stated, "settings by the backend's default": unstated}
+    return [line for words, found in groups.items() for line in _list(f"  {words}: ", map(_pair, found.items()))]
+
+
+def of_experiment(plan: Plan, name: str) -> list[str]:
+    """What the backend takes an experiment for where that differs from the study's settings."""
+    own, shared = (_taken(plan, name, s) for s in (plan.study.settings_of(name), plan.study.backend.settings))
+    if own is None or shared is None:
+        return []
+    default = {p.name: p.default for p in plan.backend.parameters}
+    pairs = {k: (own.get(k, default.get(k)), shared.get(k, default.get(k))) for k in {**own, **shared}}
+    found = [f"{k} = {json.dumps(a)} (study: {json.dumps(b)})" for k, (a, b) in pairs.items() if a != b]
+    return _list("    differs from the study's settings: ", found)
+
+
+def replaced(study: Study, name: str) -> list[str]:
+    """Tables of an experiment's settings that lack keys of the study's table, which they replace as a whole."""
+    lines, own = [], study.experiment(name).settings
+    for key, table in study.backend.settings.items():
+        if isinstance(table, Mapping) and isinstance(own.get(key), Mapping):
+            lost = {k: v for k, v in table.items() if k not in own[key]}
+            words = f"settings.{key} replaces the study's table as a whole: without "
+            lines += [f"{words}{', '.join(map(_pair, lost.items()))}"] if lost else []
+    return lines
+
+
+def _taken(plan: Plan, name: str, settings: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The backend's own form of such settings, knobs that they set included, by dotted key; None if it has none."""
+    # inside the ranges: at their ends an effect may be neutral
+    given = {a.name: 0.5 * (a.low + a.high) for a in plan.resolved.axes} | dict(plan.resolved.fixed)
+    programme = case_for(plan.study, name, travels(plan.curves[name], set())).programme
+    case = Case(name, programme, {k: v for k, v in settings.items() if k != "unload"})
+    try:
+        values, case = plan.backend.canonical(given, case)
+    except MISREAD:
+        return None
+    return _flat(case.settings) | {k: v for k, v in values.items() if k not in given}
+
+
+def _flat(settings: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in settings.items():
+        found |= _flat(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}": value}
+    return found
+
+
+def _pair(item: tuple[str, Any]) -> str:
+    return f"{item[0]} = {json.dumps(item[1])}"
+
+
+def _list(head: str, found: Iterable[str]) -> list[str]:
+    """One line, broken between things where it is too long."""
+    text = ", ".join(words.replace(" ", "\0") for words in found)
+    lines = textwrap.wrap(head + text, _WIDTH, subsequent_indent=" " * 6, break_on_hyphens=False) if text else []
+    return [line.replace("\0", " ") for line in lines]
