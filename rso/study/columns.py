@@ -5,9 +5,10 @@ from __future__ import annotations
 from functools import partial
 from typing import Annotated
 
-from pydantic import AfterValidator, Field, create_model, model_validator
+from pydantic import AfterValidator, create_model, model_validator
 
 from rso.measurement import Column
+from rso.study.fields import formed
 from rso.study.table import Table
 from rso.units import BARE_COLUMNS, COLUMN_NAMES, COLUMNS, UNITS, factor, kind_of
 
@@ -15,7 +16,7 @@ from rso.units import BARE_COLUMNS, COLUMN_NAMES, COLUMNS, UNITS, factor, kind_o
 class ColumnTable(Table):
     """One column: its header in the file, its unit unless the file says it, and whether its sign is turned."""
 
-    header: Annotated[str, Field(pattern=r"\S")]
+    header: Annotated[str, formed(r"(?s:.*\S.*)", "must not be blank")]
     unit: str | None = None
     flip: bool = False
 

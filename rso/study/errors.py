@@ -73,8 +73,6 @@ def _problem(model: type[BaseModel], error: Mapping[str, Any]) -> Problem:
         if isinstance(value, str):
             near = difflib.get_close_matches(value, error["ctx"]["expected"].replace("'", " ").split(), n=1)
             message += f"; did you mean {near[0]!r}?" if near else ""
-    elif kind == "string_pattern_mismatch":
-        message = f"does not have the form {error['ctx']['pattern']}"
     elif kind in ("tuple_type", "list_type"):
         message = "expected an array: [...], or [[...]] for tables"
     elif kind in ("model_type", "dict_type", "model_attributes_type"):

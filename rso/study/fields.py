@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
+import re
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -57,11 +58,23 @@ def quantity_in(unit: str) -> BeforeValidator:
     return BeforeValidator(lambda value: quantity(value, unit))
 
 
+def formed(pattern: str, words: str) -> AfterValidator:
+    """Text of a form, which is said in words where it has another."""
+
+    def check(value: str) -> str:
+        if re.fullmatch(pattern, value) is None:
+            raise ValueError(words)
+        return value
+
+    return AfterValidator(check)
+
+
 Bound = Annotated[Any, AfterValidator(as_written)]
 Settings = Annotated[dict[str, Any], AfterValidator(plain)]
 Names = Annotated[tuple[str, ...], BeforeValidator(list_to_tuple)]
 Files = Annotated[tuple[Annotated[str, Field(min_length=1)], ...], BeforeValidator(one_or_more), Field(min_length=1)]
-Name = Annotated[str, Field(pattern=r"^\w[\w .+-]{0,63}$")]
+_NAMED = "expected is a name of letters, digits, blanks and . + - _, at most 64, that begins with a letter, digit or _"
+Name = Annotated[str, formed(r"\w[\w .+-]{0,63}", _NAMED)]
 NotNegativeForce = Annotated[float, quantity_in("N"), Field(ge=0)]
 NotNegativeLength = Annotated[float, quantity_in("mm"), Field(ge=0)]
 Depth = Annotated[float, quantity_in("mm"), Field(gt=0, le=1e6)]

@@ -37,6 +37,7 @@ from rso.study.fields import (
     Settings,
     Share,
     Tolerance,
+    formed,
     list_to_tuple,
     names_of_effects,
     quantity_in,
@@ -57,7 +58,7 @@ class StudyTable(Table):
 class BackendTable(Table):
     """[backend]: a Python object or an external command; `timeout` is the longest one run may take."""
 
-    use: Annotated[str, Field(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")] | None = None
+    use: Annotated[str, formed(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", 'expected is "package.module:NAME"')] | None = None
     command: Annotated[tuple[str, ...], BeforeValidator(list_to_tuple), Field(min_length=1)] | None = None
     settings: Settings = Field(default_factory=dict)
     timeout: Duration | None = None

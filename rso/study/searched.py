@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
-from rso.study.fields import Bound, Depth, Name, Positive, list_to_tuple
+from rso.study.fields import Bound, Depth, Name, Positive, formed, list_to_tuple
 from rso.study.table import Table
 from rso.units import COLUMNS, quantity
 
@@ -29,7 +29,7 @@ class Constraint(Table):
     """low ≤ response ≤ high at one depth."""
 
     experiment: str
-    channel: Annotated[str, Field(pattern=r"^[A-Za-z_]\w*$")]
+    channel: Annotated[str, formed(r"[A-Za-z_]\w*", "expected is the name of a channel, such as Fz")]
     depth: Depth
     low: float | None = None
     high: float | None = None

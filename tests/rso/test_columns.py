@@ -543,7 +543,7 @@ BAD = {  # columns, data, key, words
     "an unknown name": (COLUMNS.replace("Fz", "FZ"), '"niere_0.tra"', "columns.FZ", ["unknown key", "'Fz'"]),
     "an unknown key": (COLUMNS.replace("flip", "flop", 1), '"niere_0.tra"', "columns.depth.flop", ["'flip'"]),
     "no header": ("depth = {}", '"niere_0.tra"', "columns.depth.header", ["is missing"]),
-    "no text": ('depth = { header = " " }', '"niere_0.tra"', "columns.depth.header", ["form"]),
+    "no text": ('depth = { header = " " }', '"niere_0.tra"', "columns.depth.header", ["must not be blank"]),
     "a unit of another kind": (COLUMNS.replace('"N"', '"mm"'), '"niere_0.tra"', "columns.Fz", ["'mm'", "N, mN"]),
     "one header twice": (COLUMNS.replace("Standardkraft", "Standardweg"), '"niere_0.tra"', "columns", ["same header"]),
     "the sign of a label": (COLUMNS + '\nrepeat = { header = "Nr", flip = true }', '"niere_0.tra"', "columns.repeat", [
