@@ -5,9 +5,10 @@ A setting or a value that this backend does not model is refused by name; it is 
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -292,7 +293,7 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
     if data:
         known = "specimen, indenter, support, material, point, direction, speed, unload, profile, earlier, mesh, "
         known += "solver, derivatives, multipliers"
-        raise ValueError(f"unknown setting {sorted(data)[0]!r}; choose from {known}")
+        raise ValueError(f"unknown setting {sorted(data)[0]!r}; {_choose(sorted(data)[0], known.split(', '))}")
     recipe, used, h0, level = _mesh(body, R, mesh)
     control = Control().scaled(R)
     return Settings(
@@ -394,15 +395,22 @@ def _table(data: dict[str, Any], name: str, defaults: dict[str, Any]) -> dict[st
         raise ValueError(f"{name} = {value!r}: a table with the keys {', '.join(defaults)} is expected")
     unknown = sorted(set(value) - set(defaults))
     if unknown:
-        raise ValueError(f"{name}.{unknown[0]} = {value[unknown[0]]!r}: unknown; choose from {', '.join(defaults)}")
+        text = f"{name}.{unknown[0]} = {value[unknown[0]]!r}: unknown"
+        raise ValueError(f"{text}; {_choose(unknown[0], list(defaults))}")
     return {**defaults, **value}
 
 
 def _choice(name: str, value: object, choices: object) -> str:
     options = [str(c) for c in choices]  # type: ignore[attr-defined]
     if value not in options:
-        raise ValueError(f"{name} = {value!r} is not modelled; choose from {', '.join(options)}")
+        raise ValueError(f"{name} = {value!r} is not modelled; {_choose(str(value), options)}")
     return str(value)
+
+
+def _choose(word: str, choices: Sequence[str]) -> str:
+    """The nearest choice, if one is near, and all of them."""
+    near = difflib.get_close_matches(word, choices, n=1)
+    return f"{f'did you mean {near[0]!r}? ' if near else ''}choose from {', '.join(choices)}"
 
 
 def _flag(name: str, value: object) -> bool:

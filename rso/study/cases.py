@@ -187,10 +187,10 @@ def refuse_what_is_not_modelled(
         unload = study.settings_of(e.name).get("unload", False)
         if not isinstance(unload, bool):
             text = f"unload = {unload!r}: true or false is expected"
-            problems.append(Problem(_setting(study, n, "unload"), text))
+            problems.append(Problem(place_of_setting(study, n, "unload"), text))
         wrong = _refusal(backend, case_for(study, e.name, travels(curves[e.name], set())))
         if wrong is not None:
-            found = Problem(_setting(study, n, wrong), wrong)
+            found = Problem(place_of_setting(study, n, wrong), wrong)
             problems += [] if found in problems else [found]  # what all experiments share is said once
         if e.kind == "force":
             problems += [_no_channel(backend, (*place, "channels"), c) for c in e.compared if c not in backend.channels]
@@ -224,11 +224,17 @@ def _refusal(backend: Backend, case: Case) -> str | None:
     return None
 
 
-def _setting(study: Study, n: int, message: str) -> Place:
-    """Where the setting stands that a message of the backend names; else where the n-th experiment has its own."""
+def place_of_setting(study: Study, n: int, message: str) -> Place:
+    """Where the setting stands that a message of the backend names first, as choices come after it.
+
+    Else where the n-th experiment has its own.
+    """
     own, words = study.experiments[n].settings, re.findall(r"\w+", message)
-    for place, settings in ((("experiments", n, "settings"), own), (("backend", "settings"), study.backend.settings)):
-        for key in words:
+    owners: list[tuple[Place, Mapping[str, object]]] = [
+        (("experiments", n, "settings"), own), (("backend", "settings"), study.backend.settings)
+    ]  # fmt: skip
+    for key in words:
+        for place, settings in owners:
             if key in settings:
                 return (*place, key)
     return ("experiments", n, "settings") if own else ("backend", "settings")
