@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import functools
 import importlib
+import importlib.machinery
 import importlib.util
 import json
 import os
@@ -40,6 +42,21 @@ class Source:
     def own(self) -> bool:
         """Whether it is this project's own backend: any other one is foreign code that runs when it is loaded."""
         return self.use is not None and self.use.partition(":")[0].partition(".")[0] == OWN
+
+    def missing(self) -> str | None:
+        """Why it cannot be loaded, as far as that can be said without its code; None if nothing shows."""
+        root = Path.cwd() if self.base is None else Path(self.base).absolute()
+        if self.command is not None:
+            return _no_program(self.command, root)
+        top = (self.use or "").partition(":")[0].partition(".")[0]
+        try:
+            found = importlib.util.find_spec(top) or importlib.machinery.PathFinder.find_spec(top, [str(root)])
+        except ValueError:  # a module of this process that came from no file
+            return None
+        if found is not None:
+            return None
+        near = difflib.get_close_matches(top, [OWN], n=1)
+        return f"there is no module {top!r}, installed or beside the study{f'; did you mean {OWN!r}?' if near else ''}"
 
     @functools.cache  # noqa: B019  one entry per backend of the process, for as long as the process lives
     def load(self) -> Backend:
@@ -175,9 +192,9 @@ def _load_command(
     timeout_s: float | None,
 ) -> CommandBackend:
     root = Path.cwd() if base is None else Path(base).absolute()
-    words = tuple(str(root / word) if (root / word).is_file() else word for word in command)
-    if not words or shutil.which(words[0]) is None:
-        raise ValueError(f"backend: program {words[0] if words else ''!r} of command = {list(command)} was not found")
+    words = _words(command, root)
+    if (why := _no_program(command, root)) is not None:
+        raise ValueError(f"backend: {why}")
     try:
         done = subprocess.run(
             (*words, "--schema"), capture_output=True, text=True, timeout=SCHEMA_TIMEOUT_S, stdin=subprocess.DEVNULL
@@ -197,6 +214,17 @@ def _load_command(
         Path(keep_folder).mkdir(parents=True, exist_ok=True)
         keep_folder = str(Path(keep_folder).absolute())
     return CommandBackend(words, parameters, channels, name, numerics, keep_folder, timeout_s)
+
+
+def _words(command: tuple[str, ...], root: Path) -> tuple[str, ...]:
+    """The command with the files that it names below `root` made absolute."""
+    return tuple(str(root / word) if (root / word).is_file() else word for word in command)
+
+
+def _no_program(command: tuple[str, ...], root: Path) -> str | None:
+    """Why the program of a command cannot be run, or None."""
+    first, *_ = (*_words(command, root), "")
+    return None if first and shutil.which(first) else f"program {first!r} of command = {list(command)} was not found"
 
 
 def _parameter(data: Mapping[str, Any]) -> Parameter:

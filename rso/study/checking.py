@@ -13,7 +13,9 @@ from rso.store import RunStore, StoreError
 from rso.study import cases, stated
 from rso.study.descending import ENDS
 from rso.study.diagnosing import ask
+from rso.study.errors import Problem, study_error
 from rso.study.identifying import ROUNDS
+from rso.study.levels import rungs_of
 from rso.study.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.study.schema import ExperimentTable, Study
 
@@ -24,6 +26,9 @@ def check(study: Study, folder: Path, trust: bool) -> list[str]:
     A backend that is not rso's own is code of somebody else: it is loaded only with `trust`.
     """
     source = source_of(study)
+    if (why := source.missing()) is not None:
+        place = ("backend", "use" if source.use else "command")
+        raise study_error(study.file, study.lines, [Problem(place, why, source.use)])
     if not (trust or source.own):
         what = repr(source.use) if source.use else shlex.join(source.command or ())
         return [
@@ -33,6 +38,8 @@ def check(study: Study, folder: Path, trust: bool) -> list[str]:
             *(f"  experiment {e.name!r}: {w}" for e in study.experiments for w in stated.replaced(study, e.name)),
         ]
     plan = make_plan(study)
+    if "ladder" in study.model_fields_set:
+        rungs_of(plan)  # names of levels are known
     direct = study.search.method == "gauss_newton"
     parts, asked = directly(plan) if direct else on_surfaces(plan)
     total = sum(parts.values())

@@ -17,11 +17,12 @@ import numpy as np
 from rso import diagnosis
 from rso.contract import Backend
 from rso.diagnosis import Base, BaseAxis, Effect, Experiment, Library
+from rso.diagnosis.planning import framed
 from rso.measurement import recorded_speed
 from rso.running import Event, Task, run_all
-from rso.similarity import group
+from rso.similarity import group, stress_exponent
 from rso.store import RunStore
-from rso.study.cases import DEFAULT_SPEED, READINGS
+from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, place_of_setting
 from rso.study.errors import Problem, choose, study_error
 from rso.study.plan import source_of
 from rso.study.resolve import Resolved, resolve
@@ -52,13 +53,17 @@ def ask(study: Study) -> Asked:
         raise study_error(study.file, study.lines, [Problem(("backend",), str(error))]) from error
     resolved = resolve(study, backend.parameters)
     experiments = [_experiment(study, n) for n in range(len(study.experiments))]
+    _refuse_what_is_not_modelled(study, backend, experiments)
     try:
-        for e in experiments:
-            backend.check(_probe(e))
         plan = diagnosis.make_plan(experiments)
-        base = _base(study, backend, resolved)
     except (ValueError, TypeError) as error:
         raise study_error(study.file, study.lines, [Problem(("experiments",), str(error))]) from error
+    base = _base(study, backend, resolved)
+    try:
+        framed(base, plan)
+    except ValueError as error:
+        place = ("parameters", *(a.name for a in base.axes[2:3]))
+        raise study_error(study.file, study.lines, [Problem(place, str(error))]) from error
     if not any(e.role != "validate" and e.measurement.kind == "force" for e in experiments):
         text = 'diagnosis needs a force curve with role "fit" or "select"'
         raise study_error(study.file, study.lines, [Problem(("experiments",), text)])
@@ -79,6 +84,24 @@ def ask(study: Study) -> Asked:
         text = "at least one effect is needed that is not one of scatter (each curve its own)"
         raise study_error(study.file, study.lines, [Problem(("diagnose", "effects"), text)])
     return Asked(study, base, plan, effects)
+
+
+def _refuse_what_is_not_modelled(study: Study, backend: Backend, experiments: Sequence[Experiment]) -> None:
+    """StudyError for what of the experiments the backend refuses, at the setting that it names."""
+    problems: list[Problem] = []
+    for n, e in enumerate(experiments):
+        try:
+            case = _probe(e)
+        except ValueError as error:
+            problems.append(Problem(("experiments", n, "data"), str(error)))
+            continue
+        try:
+            backend.check(case)
+        except MISREAD as error:
+            found = Problem(place_of_setting(study, n, str(error)), str(error))
+            problems += [] if found in problems else [found]  # what all experiments share is said once
+    if problems:
+        raise study_error(study.file, study.lines, problems)
 
 
 def _probe(e: Experiment) -> Any:
@@ -111,16 +134,17 @@ def _experiment(study: Study, n: int) -> Experiment:
 
 
 def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
-    """The open parameters with one modulus scaled out; ValueError where none can be."""
+    """The open parameters with one modulus scaled out; StudyError where none can be."""
     parameters = [dataclasses.replace(a.parameter, low=a.low, high=a.high) for a in resolved.axes]
     neutral = {p.name: p.neutral for p in backend.parameters}
     units = {p.name: p.unit for p in backend.parameters}
     held = {k: units[k] for k, v in resolved.fixed.items() if v not in (neutral[k], 0.0)}
-    scaling = group(parameters, backend.channels, constants=held)
+    try:
+        scaling = group(parameters, backend.channels, constants=held)
+    except ValueError as error:
+        raise study_error(study.file, study.lines, [Problem(("parameters",), str(error))]) from error
     if scaling.reference is None:
-        raise ValueError(
-            f"diagnosis needs one open parameter with the unit of a stress that the forces scale with: {scaling.why}"
-        )
+        raise study_error(study.file, study.lines, _no_modulus(backend, held))
     reference = scaling.reference_value
     ranges = scaling.reduced_range({a.name: a.low for a in resolved.axes}, {a.name: a.high for a in resolved.axes})
     own = {a.name: a for a in resolved.axes}
@@ -135,6 +159,18 @@ def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
     return Base(
         backend, scaling.reference, reference, modulus.low, modulus.high, tuple(axes), dict(resolved.fixed), draft
     )
+
+
+def _no_modulus(backend: Backend, held: Mapping[str, str]) -> list[Problem]:
+    """Why no modulus can be scaled out, at each parameter whose value is in the way, and what helps."""
+    needs = "diagnosis needs one open parameter with the unit of a stress that the forces scale with"
+    fixed = {k: unit for k, unit in held.items() if stress_exponent(unit) != 0}
+    if fixed:
+        words = "a fixed value with a stress in its unit ({}) stands in the way: give low and high instead of value"
+        return [Problem(("parameters", k), f"{needs}; {words.format(unit)}") for k, unit in fixed.items()]
+    moduli = [p.name for p in backend.parameters if stress_exponent(p.unit) == 1 and p.low > 0]
+    choices = f"one of {', '.join(moduli)}" if moduli else "this backend declares none that is positive"
+    return [Problem(("parameters",), f"{needs}: {choices} with low and high")]
 
 
 def run_diagnosis(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -132,6 +132,9 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
         for other in e.after:
             if other not in names or (other == e.name and names.count(other) == 1):
                 yield Problem((*place, "after"), f"no other experiment; {choose(other, set(names) - {e.name})}", other)
+        if circle := _circle(e.name, {other.name: other.after for other in experiments.values()}):
+            text = f"comes after itself: {', '.join(circle)}; leave one of these out"
+            yield Problem((*place, "after"), text, list(e.after))
         columns = e.columns or shared.get(0)
         if columns is None:  # the table of all experiments is wrong in itself
             continue
@@ -171,6 +174,19 @@ def _check_validation(
                     f"same data ({files}): what was used before validates nothing"
                 )
                 yield Problem(("experiments", n, "data"), message, e.files)
+
+
+def _circle(name: str, after: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """Other names on a way along `after` that ends where it began, with the name at both ends; empty without one."""
+    ways, seen = [(name, other) for other in after[name] if other != name], {name}
+    while ways:
+        way = ways.pop()
+        if way[-1] == name:
+            return way
+        if way[-1] not in seen:
+            seen.add(way[-1])
+            ways += [(*way, other) for other in after.get(way[-1], ())]
+    return ()
 
 
 def _check_search(raw: dict[str, Any], measurements: dict[str, Measurement]) -> Iterator[Problem]:

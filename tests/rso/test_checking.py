@@ -3,9 +3,10 @@
 import re
 from pathlib import Path
 
+import pytest
 import sample_studies as studies
 
-from rso.study import load
+from rso.study import StudyError, load
 from rso.study.checking import check
 
 OWN = {
@@ -51,3 +52,56 @@ def test_a_table_that_replaces_that_of_the_study_is_remarked_upon(tmp_path):
     foreign = {"backend": studies.SECTIONS["backend"], "backend__settings": "thickness = { mean = 8.0, error = 1 }"}
     lines = said(tmp_path, "settings = { thickness = { mean = 9.0 } }", **foreign)  # without its backend too
     assert any("as a whole" in line and "error = 1" in line for line in lines)
+
+
+TOP = studies.SECTIONS["[experiments]"]
+REFUSED = {  # changes of the study, whether its backend is loaded, file line key and choices in the message
+    "unknown level": ({"ladder": 'levels = ["hertzz"]'}, ["ladder.levels[0] = 'hertzz'", "did you mean 'hertz'"]),
+    "misspelt setting": (
+        {"backend__settings": "suport = { kind = 'bowl' }", "experiments": TOP + "\nsettings = { point = [0, 0] }"},
+        ["study.toml:9: backend.settings.suport", "did you mean 'support'"]),
+    "misspelt key of a setting": (
+        {"backend__settings": "indenter = { radus = 5 }"}, ["backend.settings.indenter", "did you mean 'radius'"]),
+    "misspelt choice": (
+        {"backend__settings": "support = { kind = 'bowel' }"}, ["backend.settings.support", "did you mean 'bowl'"]),
+    "no such module": (
+        {"backend": 'use = "fem_bakend.backend:BACKEND"'},
+        ["study.toml:6: backend.use", "no module 'fem_bakend'", "did you mean 'fem_backend'"]),
+    "no such program": (
+        {"backend": 'command = ["no-such-solver"]'}, ["study.toml:6: backend.command", "'no-such-solver' of command"]),
+    "after each other": (
+        {"experiments": f'{TOP}\nafter = ["b"]\n[[experiments]]\n{TOP.replace("top", "b", 1)}\nafter = ["top"]'},
+        ["experiments[0].after", "top, b, top"]),
+    "after itself": ({"experiments": TOP + '\nafter = ["top"]'}, ["experiments[0].after", "no other experiment"]),
+    "a fixed compressibility": (
+        {"parameters": 'mu = { low = "6 kPa", high = "20 kPa" }\nD1 = { value = 60 }', "diagnose": ""},
+        ["study.toml:13: parameters.D1", "low and high"]),
+    "a fixed modulus": (
+        {"parameters": 'mu = { value = "6 kPa" }\nD1 = { low = 10, high = 150 }', "diagnose": ""},
+        ["study.toml:12: parameters.mu", "low and high"]),
+    "three beside the modulus": (
+        {"parameters": f"{studies.SECTIONS['parameters']}\nfriction = {{ low = 0.1, high = 0.2 }}\n"
+         "tilt_x = { low = 1, high = 2 }", "diagnose": ""},
+        ["study.toml:15: parameters.tilt_x", "at most two open parameters besides the modulus"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_others_refuse_is_not_called_good(tmp_path, name):
+    changes, words = REFUSED[name]
+    with pytest.raises(StudyError) as caught:
+        check(load(studies.write(tmp_path, **{**OWN, "backend__settings": "", **changes})), tmp_path / "results", False)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_module_beside_the_study_is_found_and_not_loaded(tmp_path):
+    (tmp_path / "solver.py").write_text("raise SystemExit('loaded')")
+    study = load(studies.write(tmp_path, backend='use = "solver:BACKEND"'))
+    assert any("was not loaded" in line for line in check(study, tmp_path / "results", False))
+
+
+def test_a_name_that_is_none_is_refused_in_words(tmp_path):
+    with pytest.raises(StudyError) as caught:
+        load(studies.write(tmp_path, experiments=TOP.replace('"top"', '"top/left"', 1)))
+    assert "letters, digits, blanks and . + - _, at most 64" in str(caught.value) and "\\w" not in str(caught.value)
