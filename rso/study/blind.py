@@ -76,15 +76,16 @@ def _answered(path: Path) -> bool:
 
 
 def _taken(case: Path, asked: Asked) -> dict[str, Any]:
-    """What the files of a case were taken for, and what its nominal.json leaves to be assumed."""
-    return {"files": files_of(asked.study), "assumed": list(read_nominal(case).assumed)}
+    """What the files of a case and its support were taken for, and what its nominal.json leaves to be assumed."""
+    support = asked.study.backend.settings["support"]
+    return {"files": files_of(asked.study), "support": support, "assumed": list(read_nominal(case).assumed)}
 
 
 def _tell(taken: Mapping[Path, Mapping[str, Any]], say: Callable[[str], None]) -> None:
     """One line per file; cases that are taken alike are said once."""
     first: dict[tuple[str, ...], str] = {}
     for case, found in taken.items():
-        lines = (*map(in_words, found["files"]), *found["assumed"])
+        lines = (*map(in_words, found["files"]), f"support: {json.dumps(found['support'])}", *found["assumed"])
         if lines in first:
             say(f"{case.name}: taken for the same as {first[lines]}")
             continue

@@ -19,7 +19,8 @@ from rso.study.errors import choose
 FILE = "nominal.json"
 NOISE = ("force_N", "depth_mm", "repeat_gain", "profile_mm")
 HELD, BOWL = ("fixed", "held", "bonded", "glued", "clamped"), ("bowl", "platform")
-_DENIED = re.compile(r"\b(not|no|non|never|without|neither|nor|loose|loosely|free|freely|un\w+ed)\b", re.IGNORECASE)
+_DENIAL = ("not", "no", "non", "never", "without", "neither", "nor", "loose(ly)?", "free(ly)?")
+_DENIED = re.compile(rf"\b({'|'.join((*_DENIAL, *(f'un{w}' for w in HELD)))})\b", re.IGNORECASE)
 _SPECIMEN = {"shape": ["ellipsoid"]}  # what the model takes for granted, and may be said
 _INDENTER = {"shape": ["sphere"], "rigid": [True], "full_sphere": [True], "direction": [[0, 0, -1]], "friction": [0]}
 _BOWL = {"clearance_mm": 1.0, "friction": 0.2}

@@ -44,7 +44,7 @@ def libraries(monkeypatch):
         return Case(Plan((Place({"at": 0}, DEEPEST[case.name]),)), Base())
 
     monkeypatch.setattr(blind, "_read", read)
-    monkeypatch.setattr(blind, "_taken", lambda case, one: {"files": [], "assumed": []})
+    monkeypatch.setattr(blind, "_taken", lambda case, one: {"files": [], "support": {}, "assumed": []})
     monkeypatch.setattr(blind, "_library", lambda one, *rest: asked.append(one.plan.places[0].deepest))
     monkeypatch.setattr(blind, "judge", lambda one, library, rerun: {"diagnosis": {"verdict": "no_gap"}})
     return asked
@@ -95,14 +95,14 @@ def test_the_exit_code_stays_while_a_case_has_an_error(tmp_path, capsys):
 def test_what_files_were_taken_for_is_said_at_the_first_reading_and_kept(libraries, tmp_path, monkeypatch):
     file = {"file": "top.csv", "kind": "force", "place_mm": [0.0, 0.0], "role": "fit", "cycle": False, "repeats": 2,
             "speed_mm_per_min": 30.0, "speed_from": "assumed"}  # fmt: skip
-    taken = {"files": [file], "assumed": ["nominal.json states no support"]}
+    taken = {"files": [file], "support": {"kind": "fixed"}, "assumed": ["nominal.json states no support"]}
     monkeypatch.setattr(blind, "_taken", lambda case, one: taken)
     said: list[str] = []
     cases = [tmp_path / "case_1", tmp_path / "case_2"]
     found = list(blind.answer(cases, tmp_path, None, None, seed=0, say=said.append))
-    assert said[:4] == [
+    assert said[:5] == [
         "case_1:", "  top.csv: force curve at (0, 0) mm, role fit, 30 mm/min assumed, 2 repeat(s)",
-        "  nominal.json states no support", "case_2: taken for the same as case_1",
+        '  support: {"kind": "fixed"}', "  nominal.json states no support", "case_2: taken for the same as case_1",
     ]  # fmt: skip
     assert all(data["taken"] == taken for _, data in found)
     assert json.loads((tmp_path / "case_2.json").read_text())["taken"]["files"] == [file]

@@ -86,6 +86,7 @@ def test_a_rate_in_a_name_or_stated_is_that_of_files_without_times(tmp_path):
         ({"support": "lying loose on a plate"}, ["support", "bonded", "bowl"]),
         ({"support": "not bonded, lies in a bowl"}, ["support", "'not'", "bowl"]),
         ({"support": "lies loose on a fixed platform"}, ["support", "'loose'", "bonded", "bowl"]),
+        ({"support": "unglued on a fixed table"}, ["support", "'unglued'"]),
         ({"support": "fixed in a bowl"}, ["support", "fixed", "bowl"]),
         ({"support": {"kind": "fixed", "clearance_mm": 1}}, ["support.clearance_mm", "bowl"]),
         ({"specimen": {"semi_axes_mm": [60, 35, 35], "shape": "cylinder"}}, ["specimen.shape = 'cylinder'", "ellips"]),
