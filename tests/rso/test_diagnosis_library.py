@@ -329,7 +329,8 @@ def test_a_run_that_ends_at_the_turn_says_nothing_of_the_way_back(reached):
     n = len(time) if reached == "all of it" else len(asked)
     units = {"time": "s", "travel": "mm", "Fz": "N"}
     partial = Response({"time": time[:n], "travel": travel[:n], "Fz": Fz[:n]}, units)
-    failed = Failed("k", {}, Case("c", Programme((0.0, 4.0, 8.0), (0.0, 4.0, 0.0), tuple(asked))), "contact", "", partial)
+    case = Case("c", Programme((0.0, 4.0, 8.0), (0.0, 4.0, 0.0), tuple(asked)))
+    failed = Failed("k", {}, case, "contact", "", partial)
     base = Resampling(asked, np.stack([0 * asked, 0 * asked, asked**1.5], axis=1))
     ways = [Pass(None, 0.0), Pass(4.0, 0.0)]
     change, lost = changed(ways, asked, Place({}, 4.0, (4.0,)), 1.0, [failed, failed], base)

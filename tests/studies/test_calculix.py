@@ -76,7 +76,7 @@ def test_without_ccx_runs_crash_in_words(copy, monkeypatch, capsys):
 
 
 def test_the_reference_is_that_of_the_present_finite_elements():
-    """On a coarser mesh, within what that level states for its error; the shipped curve is of the fine one."""
+    """On a coarser mesh, within what that level and the shipped curve, of the fine one, state for their errors."""
     from fem_backend.backend import BACKEND
     from rso.contract import Case, Programme
 
@@ -89,7 +89,8 @@ def test_the_reference_is_that_of_the_present_finite_elements():
         "mesh": {"level": "coarse"},
     }
     answer = BACKEND({"mu": 0.010, "D1": 20.0}, Case("top", Programme.ramp(tuple(map(float, depth))), settings))
-    assert np.all(np.abs(answer.channels["Fz"] - F) < answer.error["Fz"])
+    of_both = np.hypot(answer.error["Fz"], 0.004 * F)  # 0.4 % is in the file's head; meshes differ between processors
+    assert np.all(np.abs(answer.channels["Fz"] - F) < of_both)
     assert np.all(answer.error["Fz"] < 0.02 * F)  # and that says something
 
 
