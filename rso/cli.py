@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 LABORATORY = """a folder, for example:
-  mp_load.csv       a name without a number: a force curve at the top
+  mp_load.csv       mp_ with anything, or a name with less than two numbers: a force curve at the top
   mp_cycle_30.csv   loaded and unloaded at the top with 30 mm/min
   point_20_0.csv    pressed at x = 20, y = 0 mm; point_2.5_-3.csv at (2.5, -3) mm
   profile.csv       displacements of surface marks while pressed at the top
@@ -71,8 +71,8 @@ LABORATORY = """a folder, for example:
   "rate_mm_per_min": 30,
   "remark": "whatever people should know: not read"
 }
-other keys, values and names with numbers are refused with what is understood; mu is taken to be 5 to 20 kPa and
-D1 1 to 100 1/MPa: what this means is in docs/reading_a_diagnosis.md"""
+what is not understood is refused with what is, other keys are not used, which is said; mu is taken to be 5 to 20 kPa
+and D1 1 to 100 1/MPa: what this means is in docs/reading_a_diagnosis.md"""
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -1,8 +1,8 @@
 """A folder as a laboratory leaves it, with `nominal.json` saying what the experimenter believes, as a study file.
 
 The CSV files are named for what they hold: ``point_20_0`` was pressed at (20, 0) mm, ``mp_cycle_30`` is a cycle at the
-top with 30 mm/min, a name without a number is a force curve at the top, ``profile`` holds surface marks.  See
-docs/reading_a_diagnosis.md.
+top with 30 mm/min, ``mp_…`` and names with less than two numbers are force curves at the top, ``profile`` holds marks
+of the surface.  See docs/reading_a_diagnosis.md.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ from rso.study.schema import Study
 from rso.units import quantity
 
 _NUMBER = r"(-?\d+(?:\.\d+)?)"
-_POINT = re.compile(rf"^point_{_NUMBER}_{_NUMBER}$", re.IGNORECASE)
-_CYCLE = re.compile(r"^mp_cycle_(\d+(?:\.\d+)?)$", re.IGNORECASE)
-_PLACE = re.compile(r"^(point|pt)[_ ]", re.IGNORECASE)  # a name that means a place
+_POINT = re.compile(rf"^(?:point|pt|p|pos|position|site)[_ ]?{_NUMBER}[_ ]{_NUMBER}$", re.IGNORECASE)
+_CYCLE = re.compile(r"^mp_cycle_(\d+(?:\.\d+)?)(?![\d.])", re.IGNORECASE)
+_PLACE = re.compile(r"^(point|pt|pos|position|site)([_ -]|\d)", re.IGNORECASE)  # a name that means a place
+_TOP = re.compile(r"^mp([_ -]|$)", re.IGNORECASE)  # middle point
 MU, D1 = ("5 kPa", "20 kPa"), ("1 1/MPa", "100 1/MPa")  # their product, the axis of the library: ν from 0.125 to 0.499
 
 
@@ -107,12 +108,13 @@ def in_words(file: Mapping[str, Any]) -> str:
 def _refuse_unclear(file: Path) -> None:
     """ValueError for a name that seems to say where or how it was pressed in a way that is not understood."""
     name = file.stem
-    if _POINT.match(name) or _CYCLE.match(name) or not (_PLACE.search(name) or re.search(r"\d", name)):
+    clear = _POINT.match(name) or _TOP.match(name)
+    if clear or not (_PLACE.search(name) or len(re.findall(r"\d+", name)) > 1):
         return
     raise ValueError(
         f"{file}: the name does not say where it was pressed: understood are point_X_Y (point_20_0.csv: pressed at "
-        "(20, 0) mm), mp_cycle_V (mp_cycle_30.csv: loaded and unloaded at the top with 30 mm/min) and a name without "
-        "a number (at the top; profile.csv: surface marks); repeats of a test stand in one file with a column repeat"
+        "(20, 0) mm), mp_cycle_V (mp_cycle_30.csv: loaded and unloaded at the top with 30 mm/min), mp_ with anything "
+        "else and names with less than two numbers (at the top; profile.csv: surface marks)"
     )
 
 

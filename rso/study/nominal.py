@@ -1,11 +1,12 @@
 """`nominal.json` of a laboratory's folder: what the experimenter believes of specimen, indenter, support and noise.
 
-Every key and value is one of those below, or refused with the choices: what is not understood is not diagnosed.  See
-docs/reading_a_diagnosis.md.
+A value that is not understood is refused with the choices, and so is a key that is nearly one of those below; other
+keys are not used, which is said.  See docs/reading_a_diagnosis.md.
 """
 
 from __future__ import annotations
 
+import difflib
 import json
 import math
 import re
@@ -19,8 +20,10 @@ from rso.study.errors import choose
 FILE = "nominal.json"
 NOISE = ("force_N", "depth_mm", "repeat_gain", "profile_mm")
 HELD, BOWL = ("fixed", "held", "bonded", "glued", "clamped"), ("bowl", "platform")
-_DENIAL = ("not", "no", "non", "never", "without", "neither", "nor", "loose(ly)?", "free(ly)?")
-_DENIED = re.compile(rf"\b({'|'.join((*_DENIAL, *(f'un{w}' for w in HELD)))})\b", re.IGNORECASE)
+_DENIAL, _BETWEEN, _WORD = "not|no|non|never|without|neither|nor", "in|on|a|the|any", "|".join((*HELD, *BOWL))
+_NEGATED = re.compile(rf"\b({_DENIAL})[ -]+(({_BETWEEN}) +)*({_WORD})\b", re.IGNORECASE)
+_LOOSE = re.compile(rf"\b(loose(ly)?|free(ly)?|{'|'.join(f'un{w}' for w in HELD)})\b", re.IGNORECASE)
+_NEARLY = 0.7  # likeness from which an unknown key is a misspelled one
 _SPECIMEN = {"shape": ["ellipsoid"]}  # what the model takes for granted, and may be said
 _INDENTER = {"shape": ["sphere"], "rigid": [True], "full_sphere": [True], "direction": [[0, 0, -1]], "friction": [0]}
 _BOWL = {"clearance_mm": 1.0, "friction": 0.2}
@@ -63,23 +66,27 @@ def read_nominal(folder: Path) -> Nominal:
 
 
 def _nominal(data: Mapping[str, Any]) -> Nominal:
-    _known("", data, _KEYS)
+    unused = _unknown("", data, _KEYS)
     specimen, indenter = (_table(data, name) for name in ("specimen", "indenter"))
     for name, table, fixed, size in (
         ("specimen.", specimen, _SPECIMEN, "semi_axes_mm"), ("indenter.", indenter, _INDENTER, "radius_mm"),
     ):  # fmt: skip
-        _known(name, table, (size, *fixed))
+        unused += _unknown(name, table, (size, *fixed))
         for key in fixed.keys() & table.keys():
             _one_of(f"{name}{key}", table[key], fixed[key])
     if "units" in data:
         _one_of("units", data["units"], _UNITS)
     noise = _table(data, "noise")
-    _known("noise.", noise, NOISE)
-    stated = {k: _number(f"noise.{k}", v) for k, v in noise.items()}
+    for key in noise:  # another unit of what is known
+        if key not in NOISE and key.split("_")[0] in {k.split("_")[0] for k in NOISE}:
+            raise ValueError(f"noise.{key} is unknown; {choose(key, NOISE)}")
+    unused += _unknown("noise.", noise, NOISE)
+    stated = {k: _number(f"noise.{k}", noise[k]) for k in NOISE if k in noise}
     rate = _number("rate_mm_per_min", data["rate_mm_per_min"], zero=False) if "rate_mm_per_min" in data else None
     axes = tuple(_lengths("specimen.semi_axes_mm", specimen.get("semi_axes_mm"), 3))
     radius = _lengths("indenter.radius_mm", [indenter.get("radius_mm")], 1)[0]
     support, assumed = _support(data)
+    assumed = (*assumed, *(f"{FILE}: {key} is not used" for key in unused))
     if not stated:
         assumed = (*assumed, f"{FILE} states no noise: only what repeats and readings show counts")
     return Nominal(axes, radius, support, stated, rate, assumed)
@@ -99,7 +106,9 @@ def _support(data: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
             key, value = next(iter(table.items()))
             raise ValueError(f'support.{key} = {value!r}: belongs to kind = "bowl"; "fixed" has no other key')
         return '{ kind = "fixed" }', _unused(beside)
-    _known("support.", table, tuple(_BOWL))
+    if unknown := set(table) - set(_BOWL):
+        key = sorted(unknown)[0]
+        raise ValueError(f"support.{key} is unknown; {choose(key, _BOWL)}")
     found = {k: _number(f"support.{k}", v) for k, v in {**_BOWL, **beside, **table}.items()}
     assumed = [f"{k} = {v:g}" for k, v in _BOWL.items() if k not in beside and k not in table]
     words = f"{FILE} does not state all of the bowl: {', '.join(assumed)} assumed"
@@ -112,10 +121,11 @@ def _kind(key: str, value: Any) -> str:
     words = f"words with one of {', '.join((*HELD, *BOWL))}, or a table with kind, clearance_mm and friction"
     if not isinstance(value, str):
         raise ValueError(f"{key} = {value!r}: {words}")
-    kinds = [kind for kind, names in (("fixed", HELD), ("bowl", BOWL)) if _has(value, names)]
-    denied = _DENIED.search(value)
-    if denied is not None:
-        raise ValueError(f"{key} = {value!r}: {denied[0]!r} is not understood; say what is so, in {words}")
+    said = _NEGATED.sub("", value)
+    kinds = [kind for kind, names in (("fixed", HELD), ("bowl", BOWL)) if _has(said, names)]
+    loose = _LOOSE.search(said)
+    if loose is not None:
+        raise ValueError(f"{key} = {value!r}: {loose[0]!r} is not understood; say what is so, in {words}")
     if len(kinds) != 1:
         both = "says two kinds of support; " if kinds else ""
         raise ValueError(f"{key} = {value!r}: {both}{words}")
@@ -130,10 +140,14 @@ def _unused(beside: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(f"{k} is not used: the specimen is held" for k in beside)
 
 
-def _known(table: str, given: Iterable[str], known: Sequence[str]) -> None:
-    for key in given:
-        if key not in known:
+def _unknown(table: str, given: Iterable[str], known: Sequence[str]) -> list[str]:
+    """Keys that are not used; ValueError for one that is nearly a known one which is not given."""
+    given = list(given)
+    unknown = [key for key in given if key not in known]
+    for key in unknown:
+        if difflib.get_close_matches(key, [k for k in known if k not in given], n=1, cutoff=_NEARLY):
             raise ValueError(f"{table}{key} is unknown; {choose(key, known)}")
+    return [f"{table}{key}" for key in unknown]
 
 
 def _one_of(key: str, value: Any, choices: Sequence[Any]) -> None:
