@@ -66,7 +66,11 @@ class Result:
 
 @dataclass(frozen=True)
 class Bench:
-    """One experiment ready to run: what it is, where, what is solved, how much later the sagged body is touched."""
+    """One experiment ready to run: what it is, where, what is solved, how much later the sagged body is touched.
+
+    `carrying` (f, q) MPa are the multipliers by which a bowl carries the weight: without them the body would sink in at
+    the datum, and rise into the ball where multipliers take that away.
+    """
 
     settings: Settings
     knobs: Knobs
@@ -76,10 +80,14 @@ class Bench:
     seated: np.ndarray
     lag: float
     probes: post.Probes | None = None
+    carrying: np.ndarray | None = None
 
     def start(self, travel: float) -> Load:
-        """Load at a travel (mm), without multipliers."""
-        return modelling.load(self.system, self.placement, travel, self.lag)
+        """Load at a travel (mm), without multipliers but those that carry the weight."""
+        load = modelling.load(self.system, self.placement, travel, self.lag)
+        if self.carrying is None:
+            return load
+        return replace(load, touches=(load.touches[0], replace(load.touches[1], multiplier=self.carrying)))
 
     @property
     def path_dependent(self) -> bool:
@@ -111,7 +119,10 @@ def bench(settings: Settings, knobs: Knobs, placement: Placement, model: Model, 
         u = stepping.seat(relaxed, away, ready.seated, control, counters)
         if not np.isfinite(_lag(ready, u)):  # it rolled over for the last per cent of its weight: as it lay before
             counters.loose += 1
-            u = stepping.seat(relaxed, away, ready.seated, replace(control, seating=control.loose), counters)
+            control = replace(control, seating=control.loose)
+            u = stepping.seat(relaxed, away, ready.seated, control, counters)
+        u, rest = stepping.carried(relaxed, away, u, control, counters)
+        ready = replace(ready, carrying=rest.touches[1].multiplier)
     else:
         for share in (0.25, 0.5, 0.75, 1.0):
             try:
@@ -294,16 +305,18 @@ def collect(
 def softness(at: Bench, points: Sequence[Point]) -> np.ndarray:
     """Share (k,) of the force that contact without multipliers lacks, as all surfaces give way by p/ε:
 
-        F = F_ε + dW/ds,   W = ½ ∫ p²/ε dA
+        F = F_ε + dW/ds,   W = ½ ∫ (p − p₀)²/ε dA
 
-    along each way of the indenter, from the values at the asked travels s.  Of a body with a potential Π_ε = Π − W to
-    first order in 1/ε, as Π_ε is the largest of Π's Lagrangian less ½ ∫ λ²/ε over the multipliers λ, and F = dΠ/ds;
-    otherwise an estimate.  Lateral forces are taken to lack the same share.
+    along each way of the indenter, from the values at the asked travels s; p₀ carries the weight in a bowl.  Of a body
+    with a potential Π_ε = Π − W to first order in 1/ε, as Π_ε is the largest of Π's Lagrangian less ½ ∫ (λ − p₀)²/ε
+    over the multipliers λ, and F = dΠ/ds; otherwise an estimate.  Lateral forces are taken to lack the same share.
     """
     s, n = np.array([p.travel for p in points]), len(points)
     W = np.zeros((n, n))  # at each travel with ε as it is at each point: it grows with the depth
     for k, pair in enumerate(at.system.pairs):
-        each = [0.5 * pair.surface.weights * p.evaluation.contacts[k].pressure ** 2 / pair.epsilon for p in points]
+        rest = _resting(at)[k]
+        taken = [p.evaluation.contacts[k].pressure - rest for p in points]
+        each = [0.5 * pair.surface.weights * p**2 / pair.epsilon for p in taken]
         raised = [np.broadcast_to(p.load.touches[k].raised, pair.epsilon.shape) for p in points]
         W += np.einsum("jfq,kfq->jk", each, 1.0 / np.array(raised))
     moves = np.nonzero(np.diff(s))[0]  # from each of these points to the next; at rest nothing moves
@@ -319,6 +332,14 @@ def softness(at: Bench, points: Sequence[Point]) -> np.ndarray:
         rise[way] = [s[k] * np.interp(s[k], at_s, slope[:, k]) for k in way]
     along = np.array([np.abs(p.force @ at.placement.direction) for p in points])
     return np.clip(rise / np.maximum(along, 1e-300), 0.0, SOFTEST)
+
+
+def _resting(at: Bench) -> list[np.ndarray | float]:
+    """Pressures (f, q) MPa of every pair before the test: those of a bowl under the weight, else none."""
+    if at.carrying is None:
+        return [0.0 for _ in at.system.pairs]
+    pair, touch = following.smooth(at.system).pairs[1], at.start(0.0).touches[1]
+    return [0.0, contact.evaluate(pair, at.model.body.nodes + at.seated, touch).pressure]
 
 
 def reaction(at: Bench, evaluation: Evaluation) -> np.ndarray:

@@ -14,6 +14,7 @@ from fem_backend.newton import Counters, Equilibrium, Evaluation, Known, Load, N
 BRISK, PATIENT = 15, 40  # iterations of Newton at most: on the way, and where nothing else is left to try
 NOTHING: Known = (None, None)  # no factor is known, old ones may be used
 LOOSER = (1.0, 10.0, 100.0)  # times the residual that is left when seated
+CARRYING = 4  # augmentations of a bowl under the weight: 1e-3 mm and less are left of what it sinks in by
 SEATING = (1e5, 1e4, 1e3, 1e2, 1e1, 1.0)  # factors of the grounding springs until the support carries the body
 
 
@@ -165,18 +166,44 @@ def seat(system: System, load: Load, u: np.ndarray, control: Control, counters: 
     try:
         for factor in SEATING:
             u = find(system, u, replace(load, springs=factor), control.loose, counters).evaluation.u
-        allowed = [min(k * control.seating, control.loose) for k in (LOOSER if rolling.rolls(system) else (1.0,))]
-        for tolerance in dict.fromkeys(allowed):
-            try:
-                return find(system, u, load, tolerance, counters).evaluation.u
-            except NotConverged as error:
-                if error.cause == "time_limit":
-                    raise
-                counters.loose += 1
-                lost = error
-        raise lost
+        return _resting(system, load, u, control.seating, control, counters).evaluation.u
     except NotConverged as error:
         raise Stopped(error.cause, f"while seating: {error}", [], error.history, counters) from error
+
+
+def carried(
+    system: System, load: Load, u: np.ndarray, control: Control, counters: Counters
+) -> tuple[np.ndarray, Load]:  # fmt: skip
+    """Displacement (n, 3) of a seated body, and its load, once multipliers λ ← p take what its weight sinks in by.
+
+    Raises Stopped.
+    """
+    tolerance = min(control.medium, control.seating)
+    try:
+        at = newton.evaluate(system, u, load)
+        for _ in range(CARRYING):
+            load = newton.augmented(load, at)
+            at = _resting(system, load, at.u, tolerance, control, counters).evaluation
+    except NotConverged as error:
+        raise Stopped(error.cause, f"while seating: {error}", [], error.history, counters) from error
+    return at.u, load
+
+
+def _resting(
+    system: System, load: Load, u: np.ndarray, tolerance: float, control: Control, counters: Counters
+) -> Equilibrium:
+    """Equilibrium as tight as a body that may turn is found at all; raises NotConverged."""
+    wanted = max(tolerance, control.seating) if rolling.rolls(system) else tolerance
+    allowed = [min(k * wanted, max(control.loose, wanted)) for k in (LOOSER if rolling.rolls(system) else (1.0,))]
+    for allow in dict.fromkeys(allowed):
+        try:
+            return find(system, u, load, allow, counters)
+        except NotConverged as error:
+            if error.cause == "time_limit":
+                raise
+            counters.loose += 1
+            lost = error
+    raise lost
 
 
 def travel(
