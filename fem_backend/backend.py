@@ -23,6 +23,8 @@ from rso.contract import Case, Parameter, Programme, Response, SimulationFailed,
 NUMERICS = 4  # raised when, and only when, answers change
 FOLLOWS = 1  # the same where misalignment or tilt takes the fine elements along
 ROLLING = 3  # the same for bodies that may turn in a bowl and whose way there matters, and for them alone
+ADMITTED = 1e-12  # mm: what a programme allows an asked travel beyond its corners, so they are the same
+ULPS = 8  # of a moment: what interpolating it may lose
 DEEPEST = 0.3  # of the smallest semi-axis
 
 CHOICES = {  # the settings and what each may be, for --schema
@@ -186,6 +188,8 @@ class FiniteElements:
             plain["mesh"]["follows"] = FOLLOWS
         if not settings.derivatives and not path_dependent(settings, kept) and not kept.get("weight"):
             plain["derivatives"] = False
+        if programme.time_s[0] != 0.0:  # one test has one key, whenever it began
+            programme = _from_zero(programme)
         if not path_dependent(settings, kept):
             held = np.interp(programme.asked_s, programme.time_s, programme.travel_mm)
             programme = Programme.ramp(tuple(sorted({*programme.asked_mm, *(float(v) for v in held if v > 0)})), 1.0)
@@ -237,14 +241,14 @@ class FiniteElements:
             before = time.process_time() - started
             how = nested.limit if settings.level == experiment.LIMIT else indentation.solve
             result = how(settings, knobs, placement, model, instants, guess, slopes)
-            result = dataclasses.replace(result, cpu_s=result.cpu_s + before)
+            result = _begun(dataclasses.replace(result, cpu_s=result.cpu_s + before), case.programme)
             return Solved(settings, knobs, placement, model, result)
         except NotModelled as error:
             failed = SimulationFailed(error.cause, str(error))
         except Stopped as stopped:
             partial = None
             if stopped.points:
-                partial = _response(stopped.reached, model, settings, knobs)
+                partial = _response(_begun(stopped.reached, case.programme), model, settings, knobs)
             history = tuple({"iteration": k, "residual": r} for k, r in enumerate(stopped.history))
             failed = SimulationFailed(stopped.cause, str(stopped), partial, history)
         raise failed  # not from the other: that holds states and factors, which cannot travel between processes
@@ -273,6 +277,12 @@ def path_dependent(settings: Settings, values: Mapping[str, float]) -> bool:
     return bool(rubbing or memory)
 
 
+def _from_zero(programme: Programme) -> Programme:
+    """The programme with the times since its start."""
+    times, moments = ([v - programme.time_s[0] for v in given] for given in (programme.time_s, programme.asked_s))
+    return dataclasses.replace(programme, time_s=tuple(times), asked_s=tuple(dict.fromkeys(moments)))
+
+
 def _may_turn(settings: Settings, kept: Mapping[str, float]) -> bool:
     """Whether a body lies in a bowl and not both planes are planes of symmetry."""
     if settings.support != "bowl":
@@ -285,25 +295,38 @@ def _may_turn(settings: Settings, kept: Mapping[str, float]) -> bool:
         return False  # the run itself will say why
 
 
+def _begun(result: Result, programme: Programme) -> Result:
+    """The result of a programme that began with its first moment, not at 0 s."""
+    channels = dict(result.channels)
+    return dataclasses.replace(result, channels=channels | {"time": channels["time"] + programme.time_s[0]})
+
+
 def passages(programme: Programme) -> list[Instant]:
-    """Every asked moment and every corner of a programme, in order of time, after its start."""
-    t, s = np.array(programme.time_s), np.array(programme.travel_mm)
+    """Every asked moment and every corner of a programme after its start, in order of the time since then.
+
+    An asked travel within round-off of a corner's is that travel, and a moment that of the corner.
+    """
+    t, s = np.array(programme.time_s) - programme.time_s[0], np.array(programme.travel_mm)
     found = {float(a): float(b) for a, b in zip(t[1:], s[1:], strict=True)}
     asked: dict[float, float] = {}
 
     def add(moment: float, travel: float) -> None:
-        """A moment within round-off of a corner is that corner: two instants in one place would be none."""
-        corner = float(t[np.argmin(np.abs(t - moment))])
-        near = abs(corner - moment) <= 1e-9 * (t[-1] - t[0])
-        asked[corner if near else moment] = found.get(corner, travel) if near else travel
+        """Two instants in one place would be none; on a steep ramp what is near in time is not near in travel."""
+        corner = float(t[1:][np.argmin(np.abs(t[1:] - moment))])
+        near = abs(corner - moment) <= ULPS * np.spacing(abs(programme.time_s[0]) + moment)
+        near = near and abs(found[corner] - travel) <= ADMITTED
+        asked[corner if near else moment] = found[corner] if near else travel
 
+    travels = [s[np.argmin(np.abs(s - a))] for a in programme.asked_mm]
+    travels = [float(c if abs(c - a) <= ADMITTED else a) for c, a in zip(travels, programme.asked_mm, strict=True)]
     for k in range(len(t) - 1):
-        for a in programme.asked_mm:
+        for a in travels:
             low, high = sorted((s[k], s[k + 1]))
             if low < a <= high if s[k + 1] > s[k] else low <= a < high:
                 add(float(t[k] + (t[k + 1] - t[k]) * (a - s[k]) / (s[k + 1] - s[k])), float(a))
     for moment in programme.asked_s:
-        add(float(moment), float(np.interp(moment, t, s)))
+        since = float(moment - programme.time_s[0])
+        add(since, float(np.interp(since, t, s)))
     return [Instant(at, {**found, **asked}[at], at in asked) for at in sorted({**found, **asked})]
 
 

@@ -61,7 +61,7 @@ def follow(
     limit, pace = stepping.BRISK, np.inf  # mm of a step that is likely to succeed
     for instant in instants:
         share, begin = 1.0, here.time  # of what is left to this instant
-        while here.time < instant.time - 1e-12 * max(instant.time, 1.0):
+        while here.time < instant.time:
             share = min(share, pace / max(abs(instant.travel - here.travel), 1e-300))
             last = share >= 0.9
             goal = instant if last else _between(here, instant, share)

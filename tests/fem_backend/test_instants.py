@@ -1,0 +1,65 @@
+"""Instants of a programme that round-off, its origin of time or a steep ramp bring near each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fem_backend.backend import BACKEND, passages
+from rso.contract import Case, Programme, run_key
+
+MESH = {"mesher": "mapped", "n": 8, "slip": 0.5}
+VALUES = {"mu": 0.01, "D1": 5.8}
+RELAXING = {"prony_g": 0.4, "prony_tau": 2.0}
+
+
+def run(values, programme, **settings):
+    case = Case("c", programme, {"mesh": MESH, "derivatives": False, **settings})
+    return BACKEND({**VALUES, **values}, case).channels
+
+
+def rows(programme):
+    return [(i.time, i.travel) for i in passages(programme) if i.asked]
+
+
+# ------------------------------------------------------------------------------------------------- origin of time
+
+
+def later(start):
+    return Programme((start, start + 2.0, start + 6.0), (0.0, 1.0, 1.0), (0.5, 1.0), (start + 6.0,))
+
+
+@pytest.mark.parametrize("start", [-5.0, 16.0])
+def test_a_test_that_begins_later_is_the_same_test(start):
+    """Sums of small whole numbers: the times are exact, so is the answer, and one test has one key."""
+    one, other = run(RELAXING, later(0.0)), run(RELAXING, later(start))
+    np.testing.assert_array_equal(other["time"], one["time"] + start)
+    for name in set(one) - {"time"}:
+        np.testing.assert_array_equal(other[name], one[name])
+    keys = {run_key(BACKEND, *BACKEND.canonical(VALUES | RELAXING, Case("c", later(s)))) for s in (0.0, start)}
+    assert len(keys) == 1
+
+
+# ------------------------------------------------------------------------------------------------- round-off
+
+
+def test_a_fast_ramp_before_a_long_rest_passes_everything():
+    programme = Programme((0.0, 1e-6, 1000.0), (0.0, 4.0, 4.0), (1.0, 2.0, 3.0, 3.9, 4.0), (10.0,))
+    times, travels = zip(*rows(programme), strict=True)
+    assert travels == (1.0, 2.0, 3.0, 3.9, 4.0, 4.0)
+    np.testing.assert_allclose(times, [2.5e-7, 5e-7, 7.5e-7, 9.75e-7, 1e-6, 10.0], rtol=1e-12)
+
+
+def test_an_asked_travel_that_is_the_deepest_but_for_round_off_is_passed():
+    assert rows(Programme((0.0, 1.0), (0.0, 0.3), (0.1 * 3,))) == [(1.0, 0.3)]
+    found = rows(Programme((0.0, 1.0), (0.0, 0.3), (0.1, 0.2, 0.1 * 3)))
+    assert [s for _, s in found] == [0.1, 0.2, 0.3] and found[-1][0] == 1.0
+
+
+def test_a_fast_ramp_relaxes_in_the_rest_only():
+    """Loaded in a microsecond: the force of loading is elastic, to 1e-5 of what a microsecond relaxes and round-off."""
+    programme = Programme((0.0, 1e-6, 1000.0), (0.0, 0.5, 0.5), (0.25, 0.5), (10.0,))
+    F = run(RELAXING, programme)["Fz"]
+    elastic = run({}, Programme.ramp((0.25, 0.5)))["Fz"]
+    np.testing.assert_allclose(F[:2], elastic, rtol=1e-5)
+    assert len(F) == 3 and F[2] < 0.9 * F[1]
