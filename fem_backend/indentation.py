@@ -24,6 +24,7 @@ UNITS = {
 FORCES = ("Fx", "Fy", "Fz")
 MATERIAL_KNOBS = ("mu", "D1", "C01", "C20", "C30", "alpha", "fibre", "fibre_k2", "skin_ratio", "inclusion_ratio")
 SOFTEST = 0.1  # of the force that a correction of the penalty may add
+SAME = 1e-9  # of the largest: instants and travels nearer than that are computed once
 DIFFERENCE = 1e-5  # of a knob: truncation and round-off (K/μ = 10³) alike
 REFINED, REFINEMENTS = 1e-5, 10  # of a derivative's residual, and how often at most
 STRESSES = ("N", "MPa")  # units of what grows with all moduli
@@ -175,15 +176,59 @@ def along(at: Bench, instants: Sequence[Instant], counters: Counters) -> list[Po
             touching = 0.02 * at.placement.R
         else:
             u = stepping.seat(following.smooth(at.system), at.start(0.02 * at.placement.R), u, control, counters)
-    return following.follow(at.system, at.start, steps(instants, control.path), control, counters, u, history, touching)
+    groups = together(instants)
+    way = steps([_one(group) for group in groups], control.path)
+    try:
+        points = following.follow(at.system, at.start, way, control, counters, u, history, touching)
+    except Stopped as stopped:
+        stopped.points = _each(groups, stopped.points)
+        raise
+    return _each(groups, points)
 
+
+def together(instants: Sequence[Instant]) -> list[list[Instant]]:
+    """Instants in order of time, those within round-off of each other in time and travel side by side."""
+    time, travel = (SAME * max((abs(v) for v in of), default=0.0)
+                    for of in ([i.time for i in instants], [i.travel for i in instants]))  # fmt: skip
+    groups: list[list[Instant]] = []
+    for i in instants:
+        first = groups[-1][0] if groups else None
+        if first is not None and i.time - first.time <= time and abs(i.travel - first.travel) <= travel:
+            groups[-1].append(i)
+        else:
+            groups.append([i])
+    return groups
+
+
+def _one(group: Sequence[Instant]) -> Instant:
+    """What is computed for instants within round-off of each other: the first that is asked for, or else the first."""
+    return next((i for i in group if i.asked), group[0])
+
+
+def _each(groups: Sequence[Sequence[Instant]], points: Sequence[Point]) -> list[Point]:
+    """A point for every asked instant from one for every group, as many as there are."""
+    asked = [[i for i in group if i.asked] for group in groups]
+    return [
+        replace(point, time=i.time, travel=i.travel)
+        for group, point in zip([g for g in asked if g], points, strict=False) for i in group
+    ]  # fmt: skip
+
+
+def merged(travels: Sequence[float]) -> dict[float, float]:
+    """Each travel (mm) and the least of those within round-off of it, in increasing order."""
+    out, near = {}, SAME * max(travels, default=0.0)
+    for s in sorted(set(travels)):
+        least = next(reversed(out.values()), s)
+        out[s] = least if s - least <= near else s
+    return out
 
 def elastic(
     at: Bench, instants: Sequence[Instant], counters: Counters, guess: Guess | None = None,
     slopes: Slopes | None = None,
 ) -> list[Point]:  # fmt: skip
     """Points of a body that returns on its loading curve: each asked travel is solved once."""
-    asked = sorted({i.travel for i in instants if i.asked})
+    computed = merged([i.travel for i in instants if i.asked])
+    asked = list(dict.fromkeys(computed.values()))
     at = replace(at, system=modelling.condensing(at.system, at.model, at.start(0.0), at.start(asked[-1])))
     control, u = at.settings.control, at.seated
     if at.system.springs is not None and at.system.dead is None:
@@ -194,13 +239,13 @@ def elastic(
         reached = {p.travel: p for p in stopped.points}
         stopped.points = []
         for i in instants:  # a programme ends at its first instant without equilibrium
-            if i.asked and i.travel not in reached:
+            if i.asked and computed[i.travel] not in reached:
                 break
             if i.asked:
-                stopped.points.append(replace(reached[i.travel], time=i.time))
+                stopped.points.append(replace(reached[computed[i.travel]], time=i.time, travel=i.travel))
         raise
     by_travel = {p.travel: p for p in found}
-    return [replace(by_travel[i.travel], time=i.time) for i in instants if i.asked]
+    return [replace(by_travel[computed[i.travel]], time=i.time, travel=i.travel) for i in instants if i.asked]
 
 
 def _earlier(at: Bench, counters: Counters) -> stress.History | None:
@@ -307,11 +352,13 @@ def softness(at: Bench, points: Sequence[Point]) -> np.ndarray:
 
         F = F_ε + dW/ds,   W = ½ ∫ (p − p₀)²/ε dA
 
-    along each way of the indenter, from the values at the asked travels s; p₀ carries the weight in a bowl.  Of a body
-    with a potential Π_ε = Π − W to first order in 1/ε, as Π_ε is the largest of Π's Lagrangian less ½ ∫ (λ − p₀)²/ε
-    over the multipliers λ, and F = dΠ/ds; otherwise an estimate.  Lateral forces are taken to lack the same share.
+    along each way of the indenter (an elastic body has one) from the values at the asked travels s; p₀ carries the
+    weight in a bowl.  Of a body with a potential Π_ε = Π − W to first order in 1/ε, as Π_ε is the largest of Π's
+    Lagrangian less ½ ∫ (λ − p₀)²/ε over the multipliers λ, and F = dΠ/ds; otherwise an estimate.  Lateral forces are
+    taken to lack the same share.
     """
-    s, n = np.array([p.travel for p in points]), len(points)
+    near, n = merged([p.travel for p in points]), len(points)
+    s = np.array([near[p.travel] for p in points])
     W = np.zeros((n, n))  # at each travel with ε as it is at each point: it grows with the depth
     for k, pair in enumerate(at.system.pairs):
         rest = _resting(at)[k]
@@ -321,6 +368,7 @@ def softness(at: Bench, points: Sequence[Point]) -> np.ndarray:
         W += np.einsum("jfq,kfq->jk", each, 1.0 / np.array(raised))
     moves = np.nonzero(np.diff(s))[0]  # from each of these points to the next; at rest nothing moves
     turns = [int(k) for j, k in itertools.pairwise(moves) if (s[k + 1] - s[k]) * (s[j + 1] - s[j]) < 0.0]
+    turns = turns if at.path_dependent else []
     rise = np.zeros(n)
     for a, b in reversed(list(itertools.pairwise([0, *turns, n - 1]))):  # a turn belongs to the way there
         way = np.arange(a, b + 1)[s[a : b + 1] > 0.0]

@@ -63,3 +63,35 @@ def test_a_fast_ramp_relaxes_in_the_rest_only():
     elastic = run({}, Programme.ramp((0.25, 0.5)))["Fz"]
     np.testing.assert_allclose(F[:2], elastic, rtol=1e-5)
     assert len(F) == 3 and F[2] < 0.9 * F[1]
+
+
+def by_travel(at):
+    return {s: at["Fz"][np.abs(at["travel"] - s) < 1e-6] for s in (1.0, 2.0, 3.0)}
+
+
+@pytest.mark.parametrize("multipliers", [True, False])
+@pytest.mark.parametrize("apart", [1e-12, 1e-9])
+def test_travels_apart_by_round_off_are_one_question(multipliers, apart):
+    """Every row is there, and the others do not feel that one came twice."""
+    plain = run({}, Programme.ramp((1.0, 2.0, 3.0)), multipliers=multipliers)
+    twice = run({}, Programme.ramp((1.0, 2.0, 2.0 + apart, 3.0)), multipliers=multipliers)
+    np.testing.assert_array_equal(twice["travel"], [1.0, 2.0, 2.0 + apart, 3.0])
+    for s, F in by_travel(twice).items():
+        np.testing.assert_allclose(F, by_travel(plain)[s][0], rtol=1e-8)
+
+
+def test_moments_apart_by_round_off_all_have_a_row():
+    """Of a body with memory: a moment beside an asked travel, another beside the end of a rest."""
+    corners = ((0.0, 0.7, 1.4), (0.0, 1.0, 1.0), (0.5, 1.0))
+    plain = run(RELAXING, Programme(*corners, (1.4,)))
+    twice = run(RELAXING, Programme(*corners, (0.35 * (1 + 1e-13), 0.7 * (1 - 1e-10), 1.4 * (1 - 1e-13), 1.4)))
+    np.testing.assert_allclose(twice["Fz"], plain["Fz"][[0, 0, 1, 1, 2, 2]], rtol=1e-8)
+    assert np.all(np.diff(twice["time"]) > 0)
+
+
+def test_an_elastic_body_has_one_curve_without_multipliers():
+    programme = Programme((0.0, 1.0, 2.0, 3.0, 4.0), (0.0, 2.0, 1.5, 1.9, 0.0), (0.5, 1.5, 1.9, 2.0))
+    at = run({}, programme, multipliers=False)
+    once = run({}, Programme.ramp((0.5, 1.5, 1.9, 2.0)), multipliers=False)
+    for s in (0.5, 1.5, 1.9):
+        np.testing.assert_allclose(at["Fz"][at["travel"] == s], once["Fz"][once["travel"] == s][0], rtol=1e-12)
