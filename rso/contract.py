@@ -59,13 +59,21 @@ class Parameter:
 
     def check(self, value: float) -> float:
         """Return `value` as a float, or raise ValueError naming knob, value, unit and bounds."""
-        x = float(value)
+        x = number(self.name, value)
         if not (math.isfinite(x) and self.low <= x <= self.high):
             raise ValueError(
                 f"{self.name} = {value} {self.unit} is outside its hard bounds "
                 f"[{self.low:g}, {self.high:g}] {self.unit} ({self.description})"
             )
         return x
+
+
+def number(name: str, value: Any) -> float:
+    """A number (of Python or numpy, no truth value, no text) as a float; ValueError naming what and value."""
+    good = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if not good:
+        raise ValueError(f"{name} = {value!r}: a number is expected")
+    return float(value)
 
 
 def knob(
@@ -175,6 +183,8 @@ class Case:
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Case:
         """Inverse of :meth:`to_json`; a missing `artefacts`, `objects` or `settings` means none."""
+        if not isinstance(data, Mapping):
+            raise ValueError(f"case = {data!r}: a table with name, programme and settings is expected")
         unknown = sorted(set(data) - {"name", "programme", "settings", "artefacts", "objects"})
         if unknown or "programme" not in data:
             raise ValueError(f"case: needs name, programme, settings[, artefacts, objects]; unknown: {unknown}")
@@ -182,13 +192,26 @@ class Case:
         needed = {"time_s", "travel_mm", "asked_mm"}
         if not isinstance(programme, Mapping) or not needed <= set(programme) <= needed | {"asked_s"}:
             raise ValueError("case.programme: needs exactly time_s, travel_mm and asked_mm, and may have asked_s")
+        for key, words in (("settings", "a table"), ("artefacts", "a table of names and hashes")):
+            if not isinstance(data.get(key) or {}, Mapping):
+                raise ValueError(f"case.{key} = {data[key]!r}: {words} is expected")
+        for key in ("name", "objects"):
+            if not isinstance(data.get(key, ""), str | None):
+                raise ValueError(f"case.{key} = {data[key]!r}: a text is expected")
         return cls(
             str(data.get("name", "case")),
-            Programme(**{k: tuple(v) for k, v in programme.items()}),
+            Programme(**{k: _numbers(f"case.programme.{k}", v) for k, v in programme.items()}),
             dict(data.get("settings") or {}),
             dict(data.get("artefacts") or {}),
             data.get("objects"),
         )
+
+
+def _numbers(name: str, value: Any) -> tuple[float, ...]:
+    """A list of numbers; ValueError naming it, what it is and what is expected."""
+    if not isinstance(value, list | tuple | np.ndarray):
+        raise ValueError(f"{name} = {value!r}: a list of numbers is expected")
+    return tuple(number(f"{name}[{k}]", v) for k, v in enumerate(value))
 
 
 @dataclass(frozen=True)

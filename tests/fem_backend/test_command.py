@@ -113,6 +113,38 @@ def test_bad_request_is_exit_code_2_and_says_why(tmp_path, capsys, request_, wor
     assert word in said and "request.json" in said and len(said.strip().splitlines()) == 1
 
 
+@pytest.mark.parametrize(
+    "place,value,words",
+    [
+        ("case", 5, "case = 5"),
+        ("case", None, "case = None"),
+        ("case", [1], "case = [1]"),
+        ("values__mu", None, "'mu' (MPa) has no value"),
+        ("values__mu", [1], "mu = [1]: a number"),
+        ("values__mu", True, "mu = True: a number"),
+        ("values__mu", "0.01", "mu = '0.01': a number"),
+        ("case__programme__time_s", 5, "time_s = 5: a list of numbers"),
+        ("case__programme__time_s", None, "time_s = None: a list of numbers"),
+        ("case__programme__time_s", "01", "time_s = '01': a list of numbers"),
+        ("case__programme__time_s", [0, [1]], "time_s[1] = [1]: a number"),
+        ("case__programme__time_s", [False, True], "time_s[0] = False: a number"),
+        ("case__programme__asked_mm", 0.5, "asked_mm = 0.5: a list of numbers"),
+        ("case__programme__asked_s", None, "asked_s = None: a list of numbers"),
+        ("case__programme__asked_s", [[1]], "asked_s[0] = [1]: a number"),
+        ("case__programme", None, "case.programme"),
+        ("case__settings", 5, "case.settings = 5: a table"),
+        ("case__settings", [1, 2], "case.settings = [1, 2]: a table"),
+        ("case__artefacts", [1], "case.artefacts = [1]: a table"),
+        ("case__objects", 5, "case.objects = 5: a text"),
+        ("case__name", 5, "case.name = 5: a text"),
+    ],
+)
+def test_a_wrong_type_is_exit_code_2_and_names_key_value_and_what_is_expected(tmp_path, capsys, place, value, words):
+    code, answer = ask(tmp_path, changed(**{place: value}))
+    said = capsys.readouterr().err
+    assert code == 2 and answer is None and words in said and len(said.strip().splitlines()) == 1
+
+
 def test_values_that_are_a_list_are_a_bad_request(tmp_path):
     assert ask(tmp_path, changed(values=["mu", "D1"]))[0] == 2
 
