@@ -111,3 +111,23 @@ def test_mu_is_differentiated_with_the_other_moduli_whether_they_are_asked_for_o
     assert set(alone) == {"mu"}
     for channel, value in both["mu"].items():
         np.testing.assert_array_equal(alone["mu"][channel], value)
+
+
+def test_an_ogden_exponent_has_a_derivative_also_where_it_is_neutral(make_bench):
+    """α = 2 is neo-Hookean, but F does not rest there: the derivative is that of its neighbours to 1e-2 of itself."""
+    ogden = {"material": {"law": "ogden", "ogden": [[4.0, 0.3]]}}
+    exact, near = (run({"alpha": a}, ogden).gradients for a in (2.0, 2.0 + 1e-3))
+    assert set(exact) == set(near) == {"mu", "D1", "alpha"}
+    np.testing.assert_allclose(exact["alpha"]["Fz"], near["alpha"]["Fz"], rtol=1e-2)
+    plain = make_bench()
+    assert "alpha" not in differentiable(plain.settings, plain.knobs)  # other laws have no exponent
+
+
+def test_a_penalty_without_multipliers_has_no_derivatives():
+    """That of what the force lacks is not known (dFz/dD1 was 1 to 6 % off); one key, wanted or not."""
+    assert run({}, {"multipliers": False}).gradients == {}
+    keys = {
+        repr(BACKEND.canonical(VALUES, Case("c", Programme.ramp((0.75,)), {"multipliers": False, "derivatives": d})))
+        for d in (False, True)
+    }
+    assert len(keys) == 1
