@@ -6,11 +6,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fem_backend import errors, experiment
+from fem_backend import analytic, errors, experiment
 from fem_backend.backend import BACKEND
 from fem_backend.indentation import Result, profile_name
 from fem_backend.meshing import LEVELS
 from fem_backend.newton import Counters
+from rso.contract import Case, Programme
 
 VALUES = {"mu": 0.01, "D1": 5.8}
 PROFILE = [[0.5, 0.0], [6.0, 2.0]]
@@ -256,3 +257,27 @@ def test_no_contact_is_no_force_and_no_error_of_it():
     error = stated(found)
     assert all(np.isfinite(v).all() for v in error.values())
     assert not np.any([error[n] for n in (*errors.FORCES, "contact_area", "contact_radius", "peak_pressure")])
+
+
+def test_a_contact_smaller_than_an_element_states_what_it_misses(graded):
+    """Beside Hertz, who is right there: the force of 2 µm is nothing on this mesh, and that is no exact answer."""
+    found = graded.solve([0.002, 0.01, 0.05])
+    error = errors.stated(graded.settings, graded.knobs, found)["Fz"]
+    K = 2.0 / VALUES["D1"]
+    E, nu = analytic.youngs_modulus(VALUES["mu"], K), analytic.poisson_ratio(VALUES["mu"], K)
+    hertz = analytic.hertz_force(found.travel, errors.effective_radius(graded.settings), E, nu)
+    assert found.Fz[0] == 0.0
+    assert np.all(error > np.abs(found.Fz - hertz)) and np.all(error < 10.0 * hertz)
+    assert not errors.stated(graded.settings, graded.knobs, found)["Fx"].any()
+
+
+@pytest.mark.verification
+@pytest.mark.parametrize("level", ["coarse", "standard"])
+def test_errors_at_tiny_depths_cover_hertz(level):
+    """Hertz is right to R/travel there; above a tenth of a millimetre the body's size counts."""
+    s = (0.002, 0.005, 0.01, 0.02, 0.05)
+    r = BACKEND(VALUES, Case("c", Programme.ramp(s), {"mesh": {"level": level}, "derivatives": False}))
+    K = 2.0 / VALUES["D1"]
+    E, nu = analytic.youngs_modulus(VALUES["mu"], K), analytic.poisson_ratio(VALUES["mu"], K)
+    hertz = analytic.hertz_force(np.array(s), errors.effective_radius(settings(level)), E, nu)
+    assert np.all(r.error["Fz"] > np.abs(r.channels["Fz"] - hertz))
