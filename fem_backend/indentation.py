@@ -222,6 +222,7 @@ def merged(travels: Sequence[float]) -> dict[float, float]:
         out[s] = least if s - least <= near else s
     return out
 
+
 def elastic(
     at: Bench, instants: Sequence[Instant], counters: Counters, guess: Guess | None = None,
     slopes: Slopes | None = None,
