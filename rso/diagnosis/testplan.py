@@ -311,10 +311,9 @@ def _binned(r: Repeat, time: np.ndarray, channels: tuple[str, ...], branch: int)
     mean = lambda v: np.array([v[g].mean() for g in groups])  # noqa: E731
     count = np.array([len(g) for g in groups], float)
     depth = np.array([_depth_of_mean(r.depth[g]) for g in groups])
-    went = np.array([r.depth[g[-1]] - r.depth[g[0]] for g in groups])
-    took = np.array([time[g[-1]] - time[g[0]] for g in groups])
-    late = np.divide(took, went, out=np.zeros(len(groups)), where=went != 0.0) * (depth - mean(r.depth))
-    times = mean(time) + (late if branch != HELD else 0.0)  # when the indenter was at that depth
+    went = r.depth[at[-1]] - r.depth[at[0]] if len(at) else 0.0
+    pace = (time[at[-1]] - time[at[0]]) / went if went and branch != HELD else 0.0
+    times = mean(time) + pace * (depth - mean(r.depth))  # when the indenter was there
     return depth, times, np.full(len(groups), branch), count, {c: mean(r.channels[c]) for c in channels}
 
 
