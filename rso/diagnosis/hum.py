@@ -58,9 +58,13 @@ class Hum:
 
 
 def hum(plan: TestPlan) -> Hum:
-    """The strongest line in all records of the plan, all channels and repeats together."""
-    groups = _records(plan)
-    over_time = _strongest(groups, "time")
+    """The strongest line in all records of the plan, all channels and repeats together.
+
+    Records without times are taken as sampled evenly over the travel.
+    """
+    untimed = _strongest(_records(plan, timed=False), "travel")
+    groups = _records(plan, timed=True)
+    over_time = min(_strongest(groups, "time"), untimed, key=lambda h: h.log10_p)
     speeds = {n: [np.ptp(d) / np.ptp(t) for t, d, _ in g] for n, g in groups.items()}
     if not groups or max(map(max, speeds.values())) < SPEEDS * min(map(min, speeds.values())):
         return over_time  # at one speed the two are the same
@@ -70,8 +74,11 @@ def hum(plan: TestPlan) -> Hum:
     return min(over_time, _strongest(travelled, "travel"), key=lambda h: h.log10_p)
 
 
-def _records(plan: TestPlan) -> Records:
-    """(time, depth, force) of the branches of all records that are not held back, by experiment, branch and channel."""
+def _records(plan: TestPlan, timed: bool) -> Records:
+    """(time, depth, force) of the branches of all records that are not held back, by experiment, branch and channel.
+
+    Of those with times or of those without, whose first coordinate is an even travel.
+    """
     groups: Records = {}
     for e in plan.experiments:
         if e.measurement.kind != "force" or e.role == "validate":
@@ -79,10 +86,10 @@ def _records(plan: TestPlan) -> Records:
         for r in e.measurement.repeats:
             for branch in ("loading", "unloading"):
                 at = (r.segment == branch) & (r.depth > SHALLOW * np.max(r.depth))
-                if at.sum() < FEWEST or r.time is None:
+                if at.sum() < FEWEST or (r.time is not None) != timed:
                     continue
-                level = _levels(r.depth[at])
-                t, depth = (_thinned(_merged(v[at], level)) for v in (r.time, r.depth))
+                level, way = _levels(r.depth[at]), np.linspace(0.0, np.ptp(r.depth[at]), at.sum())
+                t, depth = (_thinned(_merged(v, level)) for v in (way if r.time is None else r.time[at], r.depth[at]))
                 if not (np.all(np.diff(t) > 0.0) and np.ptp(depth) > 0.0):
                     continue  # a clock too coarse to tell frequencies
                 for c, v in r.channels.items():

@@ -142,3 +142,18 @@ def test_the_steps_of_an_encoder_would_be_a_hum(monkeypatch):
     coarse = [dataclasses.replace(r, depth=np.round(r.depth / 0.1) * 0.1) for r in recorded]
     monkeypatch.setattr("rso.diagnosis.hum._levels", lambda depth: None)
     assert hum(make_plan([toy.experiment("a", tuple(coarse))])).there
+
+
+def test_without_times_a_line_over_the_travel_is_found_and_scatter_is_none():
+    """A spindle of 0.4 mm a turn shows in files without a clock too."""
+    u = np.linspace(0.0, 4.0, 301)[1:]
+    for amplitude in (0.0, 3e-3):
+        rng, records = np.random.default_rng(1), []
+        for k in range(3):
+            F = 0.04 * u**1.5 + 3e-3 * rng.standard_normal(300) + amplitude * np.sin(2 * np.pi * u / 0.4 + k)
+            records.append(Repeat(str(k), u, None, {"Fz": F}, {}, np.full(300, "loading")))
+        found = hum(make_plan([toy.experiment("a", tuple(records))]))
+        assert found.there == (amplitude > 0.0)
+        if found.there:
+            assert found.along == "travel"
+            np.testing.assert_allclose(found.frequency, 2.5, atol=0.1)
