@@ -31,6 +31,8 @@ OFF_TOP = 4.0  # times the squared distance from the top in semi-axes: elements 
 TINY = 0.14  # of the force, times h₀/a, where the contact radius a is below h₀/2: on all levels from 0.002 to 0.05 mm
 PENETRATION = 1.4e-4  # of R, at K/μ = 1
 STEPS = 0.025  # of the force, at friction 1 in the first step
+RELAXING = 0.075  # of the force, at Σg = 1 in the first step: 1.5 times what ten times as many steps change
+LINGERS = 0.3  # of the largest of these so far is still there on the way back, where the force vanishes
 SLIP = 0.7  # of the contact in the first step, and of the share that slips
 
 
@@ -78,8 +80,8 @@ def stretched(settings: Settings, knobs: Knobs) -> float:
 def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
     """What contact and steps leave on any mesh, (k,) in the channel's unit.
 
-    What is out of balance may be missing in a force.  A step is rough for friction by its share of the travel; `uz_max`
-    has what the ball penetrates, a surface point its share of it.
+    What is out of balance may be missing in a force.  A step is rough for friction by its share of the travel, and for
+    relaxation (see `relaxing`); `uz_max` has what the ball penetrates, a surface point its share of it.
     """
     size = whole_force(result)
     step = settings.control.path / np.maximum(result.travel, settings.control.path)
@@ -87,10 +89,25 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
     left = left + result.residual
     deep = PENETRATION * settings.R * (1.0 + stiffness(knobs))
     points = {profile_name(place): deep * along(result, profile_name(place)) for place in settings.profile}
+    left = left + relaxing(settings, knobs, result) / np.maximum(size, 1e-300)
     return {n: left * np.abs(result.channels[n]) for n in FORCES} | points | {
         "uz_max": np.full_like(result.travel, deep),
         "slipping": np.minimum(SLIP * (step + result.channels["slipping"]), 1.0) * (knobs.friction > 0.0),
     }  # fmt: skip
+
+
+def relaxing(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
+    """What steps leave (k,) N in the force of a body that relaxes: Σg |F| ds/s, and a share of the largest so far.
+
+    ds is the longest step up to there: asked travels lie closer than the path's where there are many of them.  By its
+    first power, as F ~ s^(3/2): at travel 1 and 2 mm in steps of 0.33 mm with g = 0.3 to 0.6, tau = 0.03 to 5 s.
+    """
+    g = knobs.prony_g + knobs.prony_g2 + knobs.prony_g3 + sum(g for g, _ in settings.prony)
+    gap = np.abs(np.diff(result.travel, prepend=0.0))
+    ds = np.maximum.accumulate(gap / np.maximum(np.ceil(gap / settings.control.path - 1e-9), 1.0))
+    share = ds / np.maximum(np.maximum(np.abs(result.travel), ds), 1e-300)
+    now = RELAXING * g * share * whole_force(result)
+    return np.maximum(now, LINGERS * np.maximum.accumulate(now))
 
 
 def unresolved(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:

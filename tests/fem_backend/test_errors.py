@@ -281,3 +281,19 @@ def test_errors_at_tiny_depths_cover_hertz(level):
     E, nu = analytic.youngs_modulus(VALUES["mu"], K), analytic.poisson_ratio(VALUES["mu"], K)
     hertz = analytic.hertz_force(np.array(s), errors.effective_radius(settings(level)), E, nu)
     assert np.all(r.error["Fz"] > np.abs(r.channels["Fz"] - hertz))
+
+
+@pytest.mark.parametrize("tau", [0.1, 0.5, 2.0])
+def test_steps_of_a_body_that_relaxes_are_in_the_error(graded, tau):
+    """Against ten times as many steps, on the way there and back; without the mesh's share, and at most 5 times it."""
+    there_and_back = (0.0, 4.0, 8.0), (0.0, 2.0, 0.0)
+    bench = graded.other(prony_g=0.5, prony_tau=tau)
+    found = bench.solve(Programme(*there_and_back, (1.0, 2.0)))
+    dense = bench.solve(Programme(*there_and_back, tuple(np.round(np.arange(1, 41) / 20, 10))))
+    exact = dense.Fz[np.isclose(dense.travel[:, None], [1.0, 2.0]).any(1)]
+    left = errors.run_terms(bench.settings, bench.knobs, found)["Fz"]
+    off = np.abs(found.Fz - exact)
+    assert np.all(off < left) and np.all(left[:2] < 5.0 * off[:2])
+    finer = errors.run_terms(bench.settings, bench.knobs, dense)["Fz"][np.isclose(dense.travel, 2.0)]
+    assert finer[0] < 0.4 * left[1]
+    assert not errors.relaxing(graded.settings, graded.knobs, found).any()
