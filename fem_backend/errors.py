@@ -32,6 +32,7 @@ TINY = 0.14  # of the force, times h₀/a, where the contact radius a is below h
 PENETRATION = 1.4e-4  # of R, at K/μ = 1
 STEPS = 0.025  # of the force, at friction 1 in the first step
 RELAXING = 0.075  # of the force, at Σg = 1 in the first step: 1.5 times what ten times as many steps change
+ADHERES = 4e-4  # of 2πWR*, times (h₀/ℓ)²: attraction of a range ℓ between points of contact (h₀/ℓ = 4 to 30)
 LINGERS = 0.3  # of the largest of these so far is still there on the way back, where the force vanishes
 SLIP = 0.7  # of the contact in the first step, and of the share that slips
 
@@ -81,7 +82,8 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
     """What contact and steps leave on any mesh, (k,) in the channel's unit.
 
     What is out of balance may be missing in a force.  A step is rough for friction by its share of the travel, and for
-    relaxation (see `relaxing`); `uz_max` has what the ball penetrates, a surface point its share of it.
+    relaxation (see `relaxing`); attraction errs by a share of Bradley's pull-off force 2πWR*, the more the shorter its
+    range.  `uz_max` has what the ball penetrates, a surface point its share of it.
     """
     size = whole_force(result)
     step = settings.control.path / np.maximum(result.travel, settings.control.path)
@@ -90,7 +92,10 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
     deep = PENETRATION * settings.R * (1.0 + stiffness(knobs))
     points = {profile_name(place): deep * along(result, profile_name(place)) for place in settings.profile}
     left = left + relaxing(settings, knobs, result) / np.maximum(size, 1e-300)
-    return {n: left * np.abs(result.channels[n]) for n in FORCES} | points | {
+    pull = 2.0 * np.pi * knobs.adhesion * effective_radius(settings)
+    pull *= min(ADHERES * (settings.h0 / knobs.adhesion_range) ** 2, 1.0)
+    forces = {n: left * np.abs(result.channels[n]) + pull * share for n, share in directed(result).items()}
+    return forces | points | {
         "uz_max": np.full_like(result.travel, deep),
         "slipping": np.minimum(SLIP * (step + result.channels["slipping"]), 1.0) * (knobs.friction > 0.0),
     }  # fmt: skip
@@ -122,9 +127,16 @@ def unresolved(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np
     travel = np.maximum(result.travel, 0.0)
     force = np.maximum(size, analytic.hertz_force(travel, R, E, nu)) * (travel > 0.0)
     share = TINY * settings.h0 / np.sqrt(R * np.maximum(travel, 1e-12)) * (at["contact_radius"] < 0.5 * settings.h0)
-    k = int(np.argmax(size)) if len(size) else 0
-    along = {n: float(abs(at[n][k]) / size[k]) if size.any() else float(n == "Fz") for n in FORCES}
-    return {n: along[n] * share * force for n in FORCES}
+    return {n: along * share * force for n, along in directed(result).items()}
+
+
+def directed(result: Result) -> dict[str, float]:
+    """|F_i|/|F| of the largest force, so that what vanishes by symmetry stays exact; vertical where there is none."""
+    size = whole_force(result)
+    if not size.any():
+        return {n: float(n == "Fz") for n in FORCES}
+    k = int(np.argmax(size))
+    return {n: float(abs(result.channels[n][k]) / size[k]) for n in FORCES}
 
 
 def effective_radius(settings: Settings) -> float:

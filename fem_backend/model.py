@@ -28,6 +28,7 @@ from fem_backend.newton import Load, System
 from fem_backend.stepping import Control
 
 PENALTY = 900.0  # ε R/μ: the multipliers remove its error, so it only steers convergence
+FINEST_RANGE = 30.0  # elements of h₀ resolve attraction of a range h₀ over this; below, its force has the wrong sign
 BOWL_PENALTY = 8.0  # the same at the bowl, where pressures are far smaller; a stiff one would be felt point by point
 BOWL_ORDER = 14  # 42 points on the large facets of the lower half: contact with the bowl spreads gradually
 RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep ball; width in R
@@ -225,6 +226,11 @@ def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str 
         raise NotModelled(
             "not_supported", f"K/mu = {ratio:.4g}: the element is verified to {STIFFEST:g} (nearly incompressible)"
         )
+    if knobs.adhesion and knobs.adhesion_range < settings.h0 / FINEST_RANGE:
+        raise NotModelled(
+            "not_supported", f"adhesion_range = {knobs.adhesion_range:g} mm: elements of {settings.h0:.3g} mm at the "
+            f"contact resolve ranges of {settings.h0 / FINEST_RANGE:.3g} mm and more",
+        )  # fmt: skip
     symmetric = knobs.friction == 0.0 and not (settings.support == "bowl" and knobs.bowl_friction)
     shared = Settings(settings.body, settings.R, support=settings.support, point=fine_at(settings, knobs, placement),
                       recipe=settings.recipe, control=Control(), solver=settings.solver)  # fmt: skip

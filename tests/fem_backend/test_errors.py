@@ -11,7 +11,7 @@ from fem_backend.backend import BACKEND
 from fem_backend.indentation import Result, profile_name
 from fem_backend.meshing import LEVELS
 from fem_backend.newton import Counters
-from rso.contract import Case, Programme
+from rso.contract import Case, Programme, SimulationFailed
 
 VALUES = {"mu": 0.01, "D1": 5.8}
 PROFILE = [[0.5, 0.0], [6.0, 2.0]]
@@ -297,3 +297,17 @@ def test_steps_of_a_body_that_relaxes_are_in_the_error(graded, tau):
     finer = errors.run_terms(bench.settings, bench.knobs, dense)["Fz"][np.isclose(dense.travel, 2.0)]
     assert finer[0] < 0.4 * left[1]
     assert not errors.relaxing(graded.settings, graded.knobs, found).any()
+
+
+def test_attraction_of_a_short_range_errs_more_and_a_shorter_one_is_refused():
+    """0.05 mm on the level coarse beside the level fine (7e-4 N at most); 0.01 mm pushed there where it should pull."""
+    W, s, fine = 3e-4, (0.05, 0.2, 0.5), np.array([-0.0024305, 0.00485653, 0.02776656])
+    case = Case("c", Programme.ramp(s), {"mesh": {"level": "coarse"}})
+    r = BACKEND({**VALUES, "adhesion": W, "adhesion_range": 0.05}, case)
+    off = np.abs(r.channels["Fz"] - fine)
+    assert np.all(off < r.error["Fz"]) and np.all(r.error["Fz"] < 10 * off)
+    with pytest.raises(SimulationFailed, match=r"adhesion_range = 0.01 mm.* 0.75 mm .* 0.025 mm") as failed:
+        BACKEND({**VALUES, "adhesion": W, "adhesion_range": 0.01}, case)
+    assert failed.value.cause == "not_supported"
+    usual, none = (errors.run_terms(settings(), knobs(adhesion=w), result())["Fz"] for w in (W, 0.0))
+    np.testing.assert_allclose(usual - none, 2 * np.pi * W * errors.effective_radius(settings()) * 0.005625, rtol=1e-6)
