@@ -53,13 +53,17 @@ class Adhesion:
 
 @dataclass(frozen=True)
 class Pair:
-    """The surface and a rigid body that it may touch: ε (f, q) MPa/mm, Coulomb coefficient (1), adhesion."""
+    """The surface and a rigid body that it may touch: ε (f, q) MPa/mm, Coulomb coefficient (1), adhesion.
+
+    A `soft` one never gets multipliers.
+    """
 
     surface: ContactSurface
     rigid: Sphere | Bowl
     epsilon: np.ndarray
     friction: float = 0.0
     adhesion: Adhesion | None = None
+    soft: bool = False
 
 
 @dataclass(frozen=True)

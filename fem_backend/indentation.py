@@ -122,8 +122,9 @@ def bench(settings: Settings, knobs: Knobs, placement: Placement, model: Model, 
             counters.loose += 1
             control = replace(control, seating=control.loose)
             u = stepping.seat(relaxed, away, ready.seated, control, counters)
-        u, rest = stepping.carried(relaxed, away, u, control, counters)
-        ready = replace(ready, carrying=rest.touches[1].multiplier)
+        if not system.pairs[1].soft:
+            u, rest = stepping.carried(relaxed, away, u, control, counters)
+            ready = replace(ready, carrying=rest.touches[1].multiplier)
     else:
         for share in (0.25, 0.5, 0.75, 1.0):
             try:
@@ -362,6 +363,8 @@ def softness(at: Bench, points: Sequence[Point]) -> np.ndarray:
     s = np.array([near[p.travel] for p in points])
     W = np.zeros((n, n))  # at each travel with ε as it is at each point: it grows with the depth
     for k, pair in enumerate(at.system.pairs):
+        if pair.soft:  # where the body turns, pressures move over its points
+            continue
         rest = _resting(at)[k]
         taken = [p.evaluation.contacts[k].pressure - rest for p in points]
         each = [0.5 * pair.surface.weights * p**2 / pair.epsilon for p in taken]

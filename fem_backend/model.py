@@ -268,7 +268,9 @@ def system(
     if settings.support == "bowl":
         epsilon = np.full(surfaces[1].weights.shape, BOWL_PENALTY * mu / placement.R)
         bowl = Bowl(tuple(placement.body.semi_axes + knobs.bowl_clearance), (0.0, 0.0, knobs.bowl_clearance), 0.0)
-        pairs.append(Pair(surfaces[1], bowl, epsilon, knobs.bowl_friction, None))
+        # multipliers stay with points of the body: where that turns, they do not hold its weight in place
+        soft = knobs.weight > 0.0 and not all(placement.planes)
+        pairs.append(Pair(surfaces[1], bowl, epsilon, knobs.bowl_friction, None, soft))
         whole = body.w.sum()
         springs = SPRINGS * mu * placement.R * lumped(body, np.ones_like(body.w)) / whole / multiplicity(placement)
     dead = None

@@ -337,7 +337,7 @@ def _balance(
     return best
 
 
-def augmented(load: Load, at: Evaluation) -> Load:
-    """The load with multipliers λ ← p on every pair (Uzawa)."""
-    touches = tuple(replace(t, multiplier=s.pressure) for t, s in zip(load.touches, at.contacts, strict=True))
-    return replace(load, touches=touches)
+def augmented(system: System, load: Load, at: Evaluation) -> Load:
+    """The load with multipliers λ ← p on every pair that is not soft (Uzawa)."""
+    of_all = zip(system.pairs, load.touches, at.contacts, strict=True)
+    return replace(load, touches=tuple(t if p.soft else replace(t, multiplier=s.pressure) for p, t, s in of_all))

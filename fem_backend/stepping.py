@@ -182,7 +182,7 @@ def carried(
     try:
         at = newton.evaluate(system, u, load)
         for _ in range(CARRYING):
-            load = newton.augmented(load, at)
+            load = newton.augmented(system, load, at)
             at = _resting(system, load, at.u, tolerance, control, counters).evaluation
     except NotConverged as error:
         raise Stopped(error.cause, f"while seating: {error}", [], error.history, counters) from error
@@ -306,5 +306,5 @@ def settle(
             watch(stages[-1], k == control.augmentations)
         found = replace(found, linear=None, known=None)  # a matrix each
         stages[-1] = Stage(found, load)
-        u, load = found.evaluation.u, newton.augmented(load, found.evaluation)
+        u, load = found.evaluation.u, newton.augmented(system, load, found.evaluation)
     return Point(time, target, tuple(stages))
