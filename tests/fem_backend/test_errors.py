@@ -283,7 +283,10 @@ def test_errors_at_tiny_depths_cover_hertz(level):
     assert np.all(r.error["Fz"] > np.abs(r.channels["Fz"] - hertz))
 
 
-@pytest.mark.parametrize("tau", [0.1, 0.5, 2.0])
+LONG = pytest.mark.verification
+
+
+@pytest.mark.parametrize("tau", [pytest.param(0.1, marks=LONG), 0.5, pytest.param(2.0, marks=LONG)])
 def test_steps_of_a_body_that_relaxes_are_in_the_error(graded, tau):
     """Against ten times as many steps, on the way there and back; without the mesh's share, and at most 5 times it."""
     there_and_back = (0.0, 4.0, 8.0), (0.0, 2.0, 0.0)
