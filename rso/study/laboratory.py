@@ -127,5 +127,5 @@ def _rank(name: str) -> tuple[int, float]:
     cycle = _CYCLE.match(name)
     if cycle:
         return 1, float(cycle[1])
-    kinds = {"mp_load": 0, "mp_deep": 2, "point": 3, "profile": 4}
+    kinds = {"mp_load": 0, "mp_cycle": 1, "mp_deep": 2, "point": 3, "profile": 4}
     return next((k for stem, k in kinds.items() if name.lower().startswith(stem)), 3), 0.0

@@ -56,17 +56,11 @@ def test_without_multipliers_a_heavy_body_is_as_stiff():
     np.testing.assert_allclose(soft["Fz"][1:3], exact["Fz"][1:3], rtol=1.5e-2)
 
 
-def test_a_heavy_body_that_may_turn_rests_and_is_pressed_in_its_bowl():
-    """Beside the top: no multiplier carries its weight, as those stay with its points while it turns.
-
-    Against the softness of its bowl alone, some 8 mu/R, it is a few per cent softer than on the axis of a held body.
-    """
-    settings = {"mesh": MESH, "support": {"kind": "bowl"}, "derivatives": False, "point": [10.0, 0.0]}
+@pytest.mark.parametrize("x", [0.0, 10.0])
+def test_what_carries_a_heavy_body_that_may_turn_is_no_multiplier(x):
+    """Those stay with points of the body, and beside the top it turns: a random one rolled away from under the ball."""
+    settings = {"mesh": MESH, "support": {"kind": "bowl"}, "derivatives": False, "point": [x, 0.0]}
     values = {"mu": 0.01, "D1": 5.8, "bowl_friction": 0.0, "weight": WATER}
-    ramp = Programme.ramp((0.1, 0.5, 1.0))
-    bowl = BACKEND(values, Case("c", ramp, settings))
-    held = BACKEND({k: v for k, v in values.items() if k != "bowl_friction"},
-                   Case("c", ramp, {**settings, "support": {"kind": "fixed"}}))  # fmt: skip
-    assert bowl.info["loose"] == 0
-    share = bowl.channels["Fz"] / held.channels["Fz"]
-    assert np.all(share < 1.05) and np.all(np.diff(bowl.channels["Fz"]) > 0.0), share
+    (point,) = BACKEND.solve(values, Case("c", Programme.ramp((0.3,)), settings)).result.points
+    ball, bowl = (touch.multiplier.any() for touch in point.load.touches)
+    assert ball and bowl == (x == 0.0)
