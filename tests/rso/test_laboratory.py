@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,16 @@ def folder(tmp_path: Path, names=("mp_load.csv",), **changes) -> Path:
 
 def text(lab: Path) -> str:
     return study_text(lab, 0, lab)
+
+
+def test_order_of_testing(tmp_path):
+    names = ["mp_load", "mp_cycle_10", "mp_cycle_100", "mp_deep", "point_20_0"]
+    made = text(folder(tmp_path, [f"{n}.csv" for n in reversed(names)]))
+    assert re.findall(r'name = "(.*?)"', made) == names
+    named_alone = tmp_path / "alone"
+    named_alone.mkdir()
+    made = text(folder(named_alone, ("mp_deep.csv", "mp_cycle.csv", "mp_load.csv"), rate_mm_per_min=30))
+    assert re.findall(r'name = "(.*?)"', made) == ["mp_load", "mp_cycle", "mp_deep"]
 
 
 def test_places_come_from_names_whatever_their_case(tmp_path):
