@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -41,7 +41,10 @@ class BaseAxis:
 
 @dataclass(frozen=True)
 class Base:
-    """The base model: its modulus with a reference value, the other open parameters, and fixed values."""
+    """The base model: its modulus with a reference value, the other open parameters, and fixed values.
+
+    Settings of many cheap runs, `draft`, and of those on the study's mesh, `lean`.
+    """
 
     backend: Backend
     modulus: str
@@ -51,6 +54,7 @@ class Base:
     axes: tuple[BaseAxis, ...]
     fixed: Mapping[str, float]
     draft: Mapping[str, Any]
+    lean: Mapping[str, Any] = field(default_factory=dict)
 
     def values(self, x: Sequence[float]) -> dict[str, float]:
         """Knobs at coordinates x of the axes, at the reference modulus."""
@@ -115,7 +119,7 @@ def task_of(base: Base, plan: TestPlan, k: int, values: Mapping[str, float], way
             settings: Mapping[str, Any], finer: bool = False) -> Task:  # fmt: skip
     """The run at place k: loading, or to and back from the peak of a way; `finer` ones are on the study's mesh."""
     place = plan.places[k]
-    data = {**place.settings, **({} if finer else base.draft), **settings}
+    data = {**place.settings, **(base.lean if finer else base.draft), **settings}
     if place.marks:
         data["profile"] = [list(m) for m in place.marks]
     deepest = place.deepest + MARGIN

@@ -155,9 +155,10 @@ def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
         axes.append(BaseAxis(name, own[name].parameter.unit, low * factor, high * factor, own[name].scale == "log" or
                              (low > 0 and high / low > 4), e))  # fmt: skip
     modulus = own[scaling.reference]
-    draft = dict(getattr(backend, "draft", {})) | dict(study.diagnose.settings)
+    lean = getattr(backend, "lean", {})
+    draft = dict(getattr(backend, "draft", lean)) | dict(study.diagnose.settings)
     return Base(
-        backend, scaling.reference, reference, modulus.low, modulus.high, tuple(axes), dict(resolved.fixed), draft
+        backend, scaling.reference, reference, modulus.low, modulus.high, tuple(axes), dict(resolved.fixed), draft, lean
     )
 
 

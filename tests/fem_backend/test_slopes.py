@@ -88,7 +88,7 @@ def test_derivatives_that_are_not_wanted_are_not_there():
     assert plain.gradients and not without.gradients
     for name, value in plain.channels.items():
         np.testing.assert_array_equal(without.channels[name], value)
-    assert BACKEND.draft["derivatives"] is False
+    assert BACKEND.draft["derivatives"] is BACKEND.lean["derivatives"] is False
 
 
 def test_multipliers_are_differentiated_too(graded, monkeypatch):

@@ -45,6 +45,21 @@ def library() -> Library:
     return make([*toy.laboratory(toy.TRUTH, 0), profile()], names=(*MODEL, *chain))
 
 
+def test_many_runs_are_cheap_ones_and_those_on_the_studys_mesh_lean():
+    base = dataclasses.replace(BASE, draft={"mesh": "rough", "exact": False}, lean={"exact": False})
+    seen = []
+
+    def run(tasks):
+        seen.extend(dict(t.case.settings) for t in tasks)
+        bare = [{k: v for k, v in t.case.settings.items() if k not in ("mesh", "exact")} for t in tasks]
+        return toy.run([dataclasses.replace(t, case=dataclasses.replace(t.case, settings=s))
+                        for t, s in zip(tasks, bare, strict=True)])  # fmt: skip
+
+    build(base, make_plan(toy.laboratory(toy.TRUTH, 0)), toy.effects("stiff"), run)
+    assert all(s["exact"] is False for s in seen)
+    assert {s.get("mesh") for s in seen} == {"rough", None}
+
+
 def effect(library: Library, name: str):
     return next(e for e in library.effects if e.name == name)
 
