@@ -137,7 +137,8 @@ def _library(asked: Asked, known: dict[str, Library], store: RunStore, executor:
     key = digest([
         [[p.settings, p.deepest, p.peaks, p.marks, p.mark_depths] for p in asked.plan.places],
         [e.name for e in asked.effects], b.modulus, b.reference, [[a.name, a.low, a.high] for a in b.axes],
-        dict(b.fixed), dict(b.draft), dict(b.lean), [round(v, 1) for v in speeds], [[list(p) for p in q] for q in passes],
+        dict(b.fixed), dict(b.draft), dict(b.lean), [round(v, 1) for v in speeds],
+        [[list(p) for p in q] for q in passes],
     ])  # fmt: skip
     if key not in known:
         known[key] = diagnosis.build(b, asked.plan, asked.effects, lambda tasks: run_all(
