@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from fem_backend import anchors, experiment, indentation, levels, linsolve, meshing, nested
+from fem_backend import anchors, channels, experiment, indentation, levels, linsolve, meshing, nested, slopes
 from fem_backend import model as modelling
+from fem_backend.channels import UNITS
 from fem_backend.errors import stated
 from fem_backend.experiment import SWITCHES, Knobs, Settings
-from fem_backend.indentation import UNITS, Result
+from fem_backend.indentation import Result
 from fem_backend.model import MISALIGNED, Model, NotModelled, Placement
 from fem_backend.newton import System
 from fem_backend.stepping import Instant, Stopped
@@ -345,7 +346,7 @@ def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
     if not settings.derivatives or not settings.multipliers or way or knobs.weight:
         return ()
     neutral = {p.name: p.neutral for p in BACKEND.parameters}
-    names = [n for n in indentation.MATERIAL_KNOBS if getattr(knobs, n) != neutral[n] or _always(settings, n)]
+    names = [n for n in slopes.MATERIAL_KNOBS if getattr(knobs, n) != neutral[n] or _always(settings, n)]
     if "fibre" not in names or knobs.fibre_k2 == 0.0:
         names = [n for n in names if n != "fibre_k2"]
     return tuple(names)
@@ -369,7 +370,7 @@ def _response(result: Result, model: Model, settings: Settings, knobs: Knobs) ->
     }
     return Response(
         channels=result.channels,
-        units=indentation.units(settings),
+        units=channels.units(settings),
         error=stated(settings, knobs, result),
         gradients={k: dict(v) for k, v in result.gradients.items()},
         info=info,

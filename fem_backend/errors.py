@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from fem_backend import analytic
+from fem_backend.channels import FORCES, profile_name
 from fem_backend.experiment import Knobs, Settings
-from fem_backend.indentation import FORCES, Result, profile_name
+from fem_backend.indentation import Result
 
 LEVEL = {"coarse": 1.0, "standard": 0.6, "fine": 0.29, "reference": 0.18, "limit": 0.18}  # over that of coarse
 BELOW = {"coarse": 1.0, "standard": 0.85, "fine": 1.6, "reference": 0.25, "limit": 0.25}  # the same of a bowl's contact

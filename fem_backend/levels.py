@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from fem_backend import analytic
+from fem_backend.channels import UNITS
 from fem_backend.experiment import Knobs, Settings
-from fem_backend.indentation import UNITS
 from rso.contract import Programme, Response
 
 NU = 0.49  # of the simple levels: ν cannot be told from them

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from fem_backend import element, experiment, indentation, keeping, newton, stress
+from fem_backend import bench, element, experiment, keeping, newton, stress
 from fem_backend import model as modelling
 from fem_backend.backend import BACKEND
 from fem_backend.condensed import OutOfReach, condenser
@@ -152,7 +152,7 @@ def test_swept_dofs_hold_all_that_touches():
     """A ball of radius 3 mm that has gone 7 mm down no longer reaches the first dofs that it touched, its way does."""
     case = Case("swept", Programme.ramp((0.5,)), {"mesh": {"level": "coarse"}})
     solved = BACKEND.solve(VALUES, case)
-    at = indentation.bench(solved.settings, solved.knobs, solved.placement, solved.model, newton.Counters())
+    at = bench.bench(solved.settings, solved.knobs, solved.placement, solved.model, newton.Counters())
     pressed = (solved.result.points[-1].evaluation.contact.pressure > 0).any(1)
     touched = np.unique(at.system.pairs[0].surface.facets[pressed])
     mine = at.model.body.free.reshape(-1, 3)[touched]

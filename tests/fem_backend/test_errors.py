@@ -8,7 +8,8 @@ import pytest
 
 from fem_backend import analytic, errors, experiment
 from fem_backend.backend import BACKEND
-from fem_backend.indentation import Result, profile_name
+from fem_backend.channels import profile_name
+from fem_backend.indentation import Result
 from fem_backend.meshing import LEVELS
 from fem_backend.newton import Counters
 from rso.contract import Case, Programme, SimulationFailed

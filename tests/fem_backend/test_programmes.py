@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem_backend import indentation
+from fem_backend import bench, channels, following, instants
 from fem_backend.backend import BACKEND, FOLLOWS, ROLLING, passages
 from fem_backend.stepping import Control, Instant
 from rso.contract import Case, Programme, run_key
@@ -76,10 +76,10 @@ def test_memory_shows_between_loading_and_unloading(values):
 def test_path_of_an_elastic_law_ends_at_the_elastic_answer(graded):
     """The two drivers on one problem: `follow` (as for friction) and `travel`."""
     elastic = graded.solve([1.0, 2.0])
-    at = indentation.bench(graded.settings, graded.knobs, graded.placement, graded.model, elastic.counters)
-    steps = indentation.steps(passages(Programme((0.0, 2.0, 3.0), (0.0, 2.0, 1.0), (1.0, 2.0))), 0.4)
-    points = indentation.following.follow(at.system, at.start, steps, Control(), elastic.counters, at.seated)
-    F = [indentation.whole(graded.placement, p.force)[2] for p in points]
+    at = bench.bench(graded.settings, graded.knobs, graded.placement, graded.model, elastic.counters)
+    steps = instants.steps(passages(Programme((0.0, 2.0, 3.0), (0.0, 2.0, 1.0), (1.0, 2.0))), 0.4)
+    points = following.follow(at.system, at.start, steps, Control(), elastic.counters, at.seated)
+    F = [channels.whole(graded.placement, p.force)[2] for p in points]
     np.testing.assert_allclose(F, elastic.Fz[[0, 1, 0]], rtol=1e-6)
 
 

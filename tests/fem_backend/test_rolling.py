@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fem_backend import experiment, indentation, linsolve, model, newton, rolling, stepping
+from fem_backend import bench, experiment, linsolve, model, newton, rolling, stepping
 from fem_backend.backend import BACKEND
 from fem_backend.newton import Counters, NotConverged
 from fem_backend.stepping import Control, Stopped
@@ -26,7 +26,7 @@ def lying(request):
     knobs = BACKEND.knobs({"mu": 0.01, "D1": 20.0}, settings)
     placement = model.place(settings, knobs)
     counters = Counters()
-    at = indentation.bench(settings, knobs, placement, model.model_for(settings, knobs, placement, None), counters)
+    at = bench.bench(settings, knobs, placement, model.model_for(settings, knobs, placement, None), counters)
     u, exact = at.seated, replace(at.system, factor=linsolve.precise(at.model.body.pattern))
     for springs in (1e5, 1e4, 1e3):
         load = replace(at.start(0.3), springs=springs)
@@ -141,16 +141,16 @@ def test_a_body_that_rolls_over_when_seated_tightly_stays_as_it_lay(monkeypatch)
     settings = experiment.read_settings({**SETTINGS, "point": [10.0, 0.0]})
     knobs = BACKEND.knobs({"mu": 0.01, "D1": 20.0, "weight": 1e-5}, settings)
     placement = model.place(settings, knobs)
-    seats, lag = [], indentation._lag
+    seats, lag = [], bench._lag
 
     def seat(system, load, u, control, counters):
         seats.append(control.seating)
         return 0.1 * len(seats) * np.ones_like(u)
 
     monkeypatch.setattr(stepping, "seat", seat)
-    monkeypatch.setattr(indentation, "_lag", lambda at, u: np.inf if len(seats) == 1 else lag(at, 0.0 * u))
+    monkeypatch.setattr(bench, "_lag", lambda at, u: np.inf if len(seats) == 1 else lag(at, 0.0 * u))
     counters = Counters()
-    at = indentation.bench(settings, knobs, placement, model.model_for(settings, knobs, placement, None), counters)
+    at = bench.bench(settings, knobs, placement, model.model_for(settings, knobs, placement, None), counters)
     assert counters.loose == 1
     assert seats == [settings.control.seating, settings.control.loose]
     np.testing.assert_array_equal(at.seated, 0.2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem_backend import indentation
+from fem_backend import slopes
 from fem_backend.backend import BACKEND, differentiable
 from rso.contract import Case, Programme
 
@@ -94,13 +94,13 @@ def test_derivatives_that_are_not_wanted_are_not_there():
 def test_multipliers_are_differentiated_too(graded, monkeypatch):
     """Negative control: with the multipliers taken as fixed numbers the derivative is far off."""
     right = graded.solve([1.5], gradients=("D1",)).gradients["D1"]["Fz"]
-    call = indentation.Slopes.__call__
+    call = slopes.Slopes.__call__
 
     def forgetful(self, stage, last):
         self._dlambda = {}
         call(self, stage, last)
 
-    monkeypatch.setattr(indentation.Slopes, "__call__", forgetful)
+    monkeypatch.setattr(slopes.Slopes, "__call__", forgetful)
     wrong = graded.solve([1.5], gradients=("D1",)).gradients["D1"]["Fz"]
     assert abs(wrong / right - 1) > 5e-3  # residuals of 1e-5 leave 2e-4
 

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fem_backend import contact, experiment, following, geometry, indentation, model, stepping, stress
+from fem_backend import bench, contact, experiment, following, geometry, indentation, model, stepping, stress
 from fem_backend.backend import passages
+from fem_backend.bench import Bench
 from fem_backend.experiment import Knobs, Settings
-from fem_backend.indentation import Bench, Result
+from fem_backend.indentation import Result
 from fem_backend.model import Model, Placement
 from fem_backend.newton import Counters
 from fem_backend.stepping import Control, Instant, Point
@@ -33,7 +34,7 @@ class Experiment:
 
     def bench(self) -> Bench:
         """System and loads."""
-        return indentation.bench(self.settings, self.knobs, self.placement, self.model, Counters())
+        return bench.bench(self.settings, self.knobs, self.placement, self.model, Counters())
 
     def path(self, instants: list[Instant], control: Control) -> list[Point]:
         """All instants with penalties alone: the states whose forces do the work."""
