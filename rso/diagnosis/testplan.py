@@ -7,7 +7,7 @@ was pressed, with everything the backend was told about it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -157,78 +157,90 @@ class TestPlan:
         return np.concatenate(parts)
 
 
+@dataclass
+class _Site:
+    """What gathers at a place while a plan is made; `index` is its number."""
+
+    index: int
+    settings: Mapping[str, Any]
+    deepest: float = 0.0
+    peaks: set[float] = field(default_factory=set)
+    marks: dict[tuple[float, float], int] = field(default_factory=dict)
+    mark_depths: set[float] = field(default_factory=set)
+
+    @property
+    def place(self) -> Place:
+        """The place when all is gathered."""
+        deepest = max(math.ceil(self.deepest / STEP - 0.2), 1) * STEP
+        return Place(
+            self.settings, deepest, tuple(sorted(self.peaks)), tuple(self.marks), tuple(sorted(self.mark_depths))
+        )
+
+
 def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
     """Tests in bins, places with what must be computed there.
 
     ValueError if no force curve is left.  The way back after a long hold is left out with a note, as it depends on all
     that relaxed before, and so is a hold without times or elsewhere than at the deepest point.
     """
-    places: list[dict[str, Any]] = []
-    index: dict[str, int] = {}
-    tests: list[Test] = []
+    sites: dict[str, _Site] = {}
     notes: list[str] = []
     experiments = [_without_spikes(e, notes) for e in experiments]
-
-    def place_of(settings: Mapping[str, Any]) -> int:
-        plain = {k: v for k, v in settings.items() if k not in ("speed", "unload", "earlier")}
-        key = digest(plain)
-        if key not in index:
-            index[key] = len(places)
-            places.append({"settings": plain, "deepest": 0.0, "peaks": set(), "marks": {}, "mark_depths": set()})
-        return index[key]
-
-    reached: dict[int, float] = {}
     order = _in_order(experiments)
-    for k in order:
-        e = experiments[k]
-        if e.measurement.kind != "force":
-            continue
-        at = place_of(e.settings)
-        for r in e.measurement.repeats:
-            r, without = _usable(r)
-            notes += [f"{e.name}: {words} are not used" for words in without]
-            if not len(r.depth):
-                continue
-            if r.depth.max() <= 0.0:
-                raise ValueError(f"{e.name}: repeat {r.label!r} never gets deeper than 0 mm; depth counts from contact")
-            channels = tuple(c for c in ("Fx", "Fy", "Fz") if c in r.channels and c in e.channels)
-            time = r.time - r.time[0] if r.time is not None else _times(r.depth, e.speed)
-            branches = [_binned(r, time, channels, b) for b in (LOADING, UNLOADING, HELD)]
-            d, t, b, m, values = (_joined(branches, i, channels) for i in range(5))
-            peak = float(r.depth.max())
-            since = np.where(b == HELD, t - max(time[r.segment == "loading"], default=0.0), 0.0)
-            tests.append(
-                Test(k, r.label, at, e.speed, peak, reached.get(at, 0.0), channels, d, t, b, m, values, since=since)
-            )
-            reached[at] = max(reached.get(at, 0.0), peak)
-            places[at]["deepest"] = max(places[at]["deepest"], peak)
-            if np.any(b == UNLOADING):
-                places[at]["peaks"].add(round(peak, 1))
+    tests = [t for k in order for t in _tests(k, experiments[k], sites, notes)]
     if not tests:
         raise ValueError("no force curve with fit or select readings: nothing to diagnose")
-    profiles = []
-    for k in order:
-        e = experiments[k]
-        if e.measurement.kind == "force":
-            continue
-        at = place_of(e.settings)
-        for r in e.measurement.repeats:
-            if np.any(r.depth <= 0.0):
-                notes.append(f"{e.name}: {np.sum(r.depth <= 0.0)} displacements at no depth are not used")
-                r = kept(r, r.depth > 0.0)
-            marks = places[at]["marks"]
-            keys = [(float(x), float(y)) for x, y in zip(r.channels["x"], r.channels["y"], strict=True)]
-            mark = np.array([marks.setdefault(m, len(marks)) for m in keys])
-            for c in e.channels:
-                profiles.append(Profile(k, at, c, r.depth, mark, r.channels[c]))
-            places[at]["mark_depths"] |= {float(v) for v in r.depth}
-            places[at]["deepest"] = max(places[at]["deepest"], float(r.depth.max()))
-    made = tuple(
-        Place(p["settings"], max(math.ceil(p["deepest"] / STEP - 0.2), 1) * STEP, tuple(sorted(p["peaks"])),
-              tuple(p["marks"]), tuple(sorted(p["mark_depths"]))) for p in places
-    )  # fmt: skip
+    profiles = [p for k in order for p in _profiles(k, experiments[k], sites, notes)]
     aged = tuple(replace(t, age=k / (len(tests) - 1) - 0.5) for k, t in enumerate(tests)) if tests[1:] else tuple(tests)
-    return TestPlan(tuple(experiments), made, aged, tuple(profiles), tuple(dict.fromkeys(notes)))
+    places = tuple(site.place for site in sites.values())
+    return TestPlan(tuple(experiments), places, aged, tuple(profiles), tuple(dict.fromkeys(notes)))
+
+
+def _site(settings: Mapping[str, Any], sites: dict[str, _Site]) -> _Site:
+    """Where an experiment was made: all its settings but for those of a single test."""
+    plain = {k: v for k, v in settings.items() if k not in ("speed", "unload", "earlier")}
+    return sites.setdefault(digest(plain), _Site(len(sites), plain))
+
+
+def _tests(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> Iterator[Test]:
+    """The tests of force experiment k in bins, each after what was done at its place before."""
+    if e.measurement.kind != "force":
+        return
+    site = _site(e.settings, sites)
+    for r in e.measurement.repeats:
+        r, without = _usable(r)
+        notes += [f"{e.name}: {words} are not used" for words in without]
+        if not len(r.depth):
+            continue
+        if r.depth.max() <= 0.0:
+            raise ValueError(f"{e.name}: repeat {r.label!r} never gets deeper than 0 mm; depth counts from contact")
+        channels = tuple(c for c in ("Fx", "Fy", "Fz") if c in r.channels and c in e.channels)
+        time = r.time - r.time[0] if r.time is not None else _times(r.depth, e.speed)
+        branches = [_binned(r, time, channels, b) for b in (LOADING, UNLOADING, HELD)]
+        d, t, b, m, values = (_joined(branches, i, channels) for i in range(5))
+        peak = float(r.depth.max())
+        since = np.where(b == HELD, t - max(time[r.segment == "loading"], default=0.0), 0.0)
+        yield Test(k, r.label, site.index, e.speed, peak, site.deepest, channels, d, t, b, m, values, since=since)
+        site.deepest = max(site.deepest, peak)
+        if np.any(b == UNLOADING):
+            site.peaks.add(round(peak, 1))
+
+
+def _profiles(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> Iterator[Profile]:
+    """The profiles of experiment k; their marks and depths gather at its place."""
+    if e.measurement.kind == "force":
+        return
+    site = _site(e.settings, sites)
+    for r in e.measurement.repeats:
+        if np.any(r.depth <= 0.0):
+            notes.append(f"{e.name}: {np.sum(r.depth <= 0.0)} displacements at no depth are not used")
+            r = kept(r, r.depth > 0.0)
+        keys = [(float(x), float(y)) for x, y in zip(r.channels["x"], r.channels["y"], strict=True)]
+        mark = np.array([site.marks.setdefault(m, len(site.marks)) for m in keys])
+        for c in e.channels:
+            yield Profile(k, site.index, c, r.depth, mark, r.channels[c])
+        site.mark_depths |= {float(v) for v in r.depth}
+        site.deepest = max(site.deepest, float(r.depth.max()))
 
 
 def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
