@@ -21,7 +21,7 @@ from fem_backend.newton import System
 from fem_backend.stepping import Instant, Stopped
 from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
 
-NUMERICS = 4  # raised when, and only when, answers change
+NUMERICS = 5  # raised when, and only when, answers change
 FOLLOWS = 1  # the same where misalignment or tilt takes the fine elements along
 ROLLING = 3  # the same for bodies that may turn in a bowl and whose way there matters, and for them alone
 ADMITTED = 1e-12  # mm: what a programme allows an asked travel beyond its corners, so they are the same

@@ -4,7 +4,8 @@
 (Wriggers 2006, §6.3.4).  ε is a multiple of the shear modulus per length, so that similarity stays exact.
 
 Friction by return mapping over a step (Wriggers 2006, §9.2): t = P(t₀ − ε_T (Δx − Δc)) cut to |t| ≤ μ_f p, P = I − n⊗n;
-it has no potential and, where points slip, an unsymmetric tangent.  Adhesion has one, Π_a = ∫ ψ(g) dA₀.
+it has no potential and, where points slip, an unsymmetric tangent.  A point that is touched within the step sticks from
+then on only: `met`.  Adhesion has a potential, Π_a = ∫ ψ(g) dA₀.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from fem_backend.geometry import Bowl, Ellipsoid, Sphere
 
 ORDER = 6  # twelve points a facet
 TANGENTIAL = 0.3  # ε_T/ε: sticking points give way by t/ε_T, some 0.01 mm
+LAG = 0.3  # of the ball's way until it touches a point, by which that lags behind: least error of one to three steps
 OUT_OF_REACH = 40.0  # ranges of the adhesion: exp(−40) is beyond round-off
 
 
@@ -70,7 +72,8 @@ class Pair:
 class Before:
     """Start of the step: points (f, q, 3) and centre (3,) mm, tangential traction (f, q, 3) MPa, gap (f, q) mm.
 
-    Of the motion of a point that was open the part after touching counts, −g/(g₀ − g) of it: a gap that closes evenly.
+    A point that was open is in touch for a share `met` (f, q) of the step; where that is not given, for −g/(g₀ − g) of
+    it: a gap that closes evenly.
     With a `pressure` (f, q) MPa friction is limited by that, not by the pressure now (Tresca): such a step
     has nearly a potential, and repeated with the pressure found it tends to Coulomb's.
     """
@@ -80,6 +83,7 @@ class Before:
     traction: np.ndarray
     gap: np.ndarray
     pressure: np.ndarray | None = None
+    met: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -154,6 +158,23 @@ def contact_points(surface: ContactSurface, x: np.ndarray) -> np.ndarray:
 def remember(pair: Pair, x: np.ndarray, touch: Touch, state: ContactState) -> Before:
     """What the next step has to know of a converged one."""
     return Before(contact_points(pair.surface, x), np.array(touch.centre, float), state.traction, state.gap)
+
+
+def met(pair: Pair, before: Before, touch: Touch) -> np.ndarray | None:
+    """Share (f, q) of a step that points which were open spend in touch, None for a rigid body that stands still.
+
+    s = −g/(g₀ − g) with the gap g of the start's points to the rigid body half of its way on: the surface beside a
+    contact sinks by as much as the ball has still to go (Hertz: a point with the gap r²/2R* is met at travel r²/R*).
+    Until then the point follows the rigid body but for `LAG` of its way: it sticks at Δx = (1 − LAG (1 − s)) Δc.
+    Outside a stuck circle a surface follows by (2/π) asin(a/r) (Johnson 1985, §7.2), by 1/2 in the mean of one that
+    grows from nothing and by nearly all beside one that grows little.
+    The gap at the end of the step would tell nothing: contact keeps it at zero.
+    """
+    way = np.asarray(touch.centre, float) - np.asarray(before.centre, float)
+    if not way.any():
+        return None
+    half = pair.rigid.gap(before.points, np.asarray(before.centre, float) + 0.5 * way, touch.direction)[0]
+    return np.where(half < 0.0, -half / np.maximum(np.maximum(before.gap, 0.0) - half, 1e-300), 0.0)
 
 
 def evaluate(pair: Pair, x: np.ndarray, touch: Touch) -> ContactState:
@@ -237,14 +258,16 @@ def _epsilon(pair: Pair, touch: Touch) -> np.ndarray:
 def _before(pair: Pair, touch: Touch) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
     """Points and traction at the start of the step and how far the rigid body has gone since; empty if frictionless."""
     if not pair.friction > 0.0:
-        return (np.empty((0, 0, 3)), np.empty((0, 0, 3)), np.empty((0, 0)), np.empty((0, 0))), np.zeros(3)
+        return (*(np.empty((0, 0, 3)) for _ in range(2)), *(np.empty((0, 0)) for _ in range(3))), np.zeros(3)
     if touch.before is None:
         raise ValueError("friction needs the start of the step: Touch.before is missing")
     start = touch.before
     motion = np.asarray(touch.centre, float) - np.asarray(start.centre, float)
     points, traction = np.ascontiguousarray(start.points), np.ascontiguousarray(start.traction)
-    given = -np.ones(start.gap.shape) if start.pressure is None else pair.friction * start.pressure
-    return (points, traction, np.ascontiguousarray(start.gap), np.ascontiguousarray(given)), motion
+    unknown = -np.ones(start.gap.shape)
+    bound = unknown if start.pressure is None else np.ascontiguousarray(pair.friction * start.pressure)
+    share = unknown if start.met is None else np.ascontiguousarray(start.met)
+    return (points, traction, np.ascontiguousarray(start.gap), bound, share), motion
 
 
 def _adhesion(pair: Pair) -> tuple[float, float]:
@@ -274,19 +297,23 @@ def _attract(g, work, length):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _share(gap, before, stiff):  # type: ignore[no-untyped-def]
-    """Stick stiffness for the share of the step in touch and its derivative by the gap."""
-    if before <= 0.0 or gap >= 0.0:
-        return (stiff, 0.0) if before <= 0.0 else (0.0, 0.0)
-    return -stiff * gap / (before - gap), -stiff * before / (before - gap) ** 2
+def _share(gap, before, met):  # type: ignore[no-untyped-def]
+    """Share of the step in touch, its derivative by the gap, and the share of the rigid body's way that counts."""
+    if before <= 0.0:
+        return 1.0, 0.0, 1.0
+    if met >= 0.0:
+        return met, 0.0, 1.0 - LAG * (1.0 - met)
+    if gap >= 0.0:
+        return 0.0, 0.0, 1.0
+    return -gap / (before - gap), -before / (before - gap) ** 2, 1.0
 
 
 @numba.njit(cache=True)
-def _trial(n, point, start, traction, motion, stiff, v, t):  # type: ignore[no-untyped-def]
-    """Fill v = t₀ − ε_T (Δx − Δc) and its tangential part t; returns |n|², n·v/|n|² and |t|."""
+def _trial(n, point, start, traction, motion, counts, stiff, v, t):  # type: ignore[no-untyped-def]
+    """Fill v = t₀ − ε_T (Δx − what counts of Δc) and its tangential part t; returns |n|², n·v/|n|² and |t|."""
     square, along = 0.0, 0.0
     for i in range(3):
-        v[i] = traction[i] - stiff * (point[i] - start[i] - motion[i])
+        v[i] = traction[i] - stiff * (point[i] - start[i] - counts * motion[i])
         square += n[i] * n[i]
         along += n[i] * v[i]
     along /= square
@@ -299,8 +326,8 @@ def _trial(n, point, start, traction, motion, stiff, v, t):  # type: ignore[no-u
 
 @numba.njit(cache=True)
 def _evaluate(  # type: ignore[no-untyped-def]
-    facets, N, weights, count, points, gap, normal, epsilon, multiplier, friction, start, before, opened, bound, motion,
-    work, length,
+    facets, N, weights, count, points, gap, normal, epsilon, multiplier, friction, start, before, opened, bound, met,
+    motion, work, length,
 ):
     m, nq = weights.shape
     residual, force = np.zeros((count, 3)), np.zeros(3)
@@ -320,8 +347,9 @@ def _evaluate(  # type: ignore[no-untyped-def]
             for i in range(3):
                 load[i] = p * n[i]
             if friction > 0.0 and p > 0.0:
-                stiff, _ = _share(g, opened[f, q], TANGENTIAL * epsilon[f, q])
-                _, _, size = _trial(n, points[f, q], start[f, q], before[f, q], motion, stiff, v, t)
+                share, _, counts = _share(g, opened[f, q], met[f, q])
+                stiff = share * TANGENTIAL * epsilon[f, q]
+                _, _, size = _trial(n, points[f, q], start[f, q], before[f, q], motion, counts, stiff, v, t)
                 limit = bound[f, q] if bound[f, q] >= 0.0 else friction * p
                 slipping[f, q] = size > limit
                 cut = limit / size if slipping[f, q] else 1.0
@@ -346,10 +374,10 @@ def _evaluate(  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def _tangent(  # type: ignore[no-untyped-def]
     facets, N, weights, place, points, normal, hessian, gap, pressure, epsilon, friction, start, before,
-    opened, bound, motion, work, length, direction, geometric, data, moving,
+    opened, bound, met, motion, work, length, direction, geometric, data, moving,
 ):  # fmt: skip
     m, nq = weights.shape
-    k, block, rate = np.empty((3, 3)), np.empty((18, 18)), np.empty(3)
+    k, along_way, block, rate = np.empty((3, 3)), np.empty((3, 3)), np.empty((18, 18)), np.empty(3)
     v, t, went = np.empty(3), np.empty(3), np.empty(3)
     for f in range(m):
         block[:, :] = 0.0
@@ -370,11 +398,18 @@ def _tangent(  # type: ignore[no-untyped-def]
                     if geometric:
                         k[i, j] += turn * h[i, j]
             if friction > 0.0 and p > 0.0:
-                stick, growth = _share(g, opened[f, q], TANGENTIAL * e)
-                square, along, size = _trial(n, points[f, q], start[f, q], before[f, q], motion, stick, v, t)
+                share, growth, counts = _share(g, opened[f, q], met[f, q])
+                stick = share * TANGENTIAL * e
+                square, along, size = _trial(n, points[f, q], start[f, q], before[f, q], motion, counts, stick, v, t)
                 for i in range(3):
-                    went[i] = growth * (points[f, q, i] - start[f, q, i] - motion[i]) if geometric else 0.0
-                _friction(k, n, h, square, along, size, t, v, p, e, stick, went, friction, bound[f, q], geometric)
+                    way = points[f, q, i] - start[f, q, i] - motion[i]
+                    went[i] = growth * TANGENTIAL * e * way if geometric else 0.0
+                along_way[:, :] = k
+                part, own = counts * stick, bound[f, q]
+                _friction(k, n, h, square, along, size, t, v, p, e, stick, went, friction, own, geometric)
+                _friction(along_way, n, h, square, along, size, t, v, p, e, part, went, friction, own, geometric)
+            else:
+                along_way[:, :] = k
             for a in range(6):
                 for i in range(3):
                     wa = weights[f, q] * N[q, a]
@@ -382,7 +417,9 @@ def _tangent(  # type: ignore[no-untyped-def]
                         for j in range(3):
                             block[3 * a + i, 3 * b + j] += wa * N[q, b] * k[i, j]
             for i in range(3):
-                rate[i] = k[i, 0] * direction[0] + k[i, 1] * direction[1] + k[i, 2] * direction[2]
+                rate[i] = 0.0
+                for j in range(3):
+                    rate[i] += along_way[i, j] * direction[j]
             for a in range(6):
                 for i in range(3):
                     moving[facets[f, a], i] -= weights[f, q] * N[q, a] * rate[i]

@@ -32,6 +32,7 @@ OFF_TOP = 4.0  # times the squared distance from the top in semi-axes: elements 
 TINY = 0.14  # of the force, times h₀/a, where the contact radius a is below h₀/2: on all levels from 0.002 to 0.05 mm
 PENETRATION = 1.4e-4  # of R, at K/μ = 1
 STEPS = 0.025  # of the force, at friction 1 in the first step
+STICKING = 0.008, 0.1  # of the whole force in a lateral one in the first step, at this friction and more
 RELAXING = 0.075  # of the force, at Σg = 1 in the first step: 1.5 times what ten times as many steps change
 ADHERES = 4e-4  # of 2πWR*, times (h₀/ℓ)²: attraction of a range ℓ between points of contact (h₀/ℓ = 4 to 30)
 LINGERS = 0.3  # of the largest of these so far is still there on the way back, where the force vanishes
@@ -61,7 +62,8 @@ def stated(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nda
     out |= {name: out[name] + left for name, left in other.items()}
     out |= {name: np.maximum(out[name], least) for name, least in unresolved(settings, knobs, result).items()}
     turned = {n: parts @ np.array(CALIBRATED["lateral"]) for n, parts in aslant(settings, result).items()}
-    return out | {n: np.hypot(LATERAL * out[n], part) for n, part in turned.items()}
+    stuck = sticking(settings, knobs, result)
+    return out | {n: np.hypot(np.hypot(LATERAL * out[n], part), stuck * part.any()) for n, part in turned.items()}
 
 
 def mesh_factor(settings: Settings, knobs: Knobs) -> float:
@@ -87,7 +89,7 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
     range.  `uz_max` has what the ball penetrates, a surface point its share of it.
     """
     size = whole_force(result)
-    step = settings.control.path / np.maximum(result.travel, settings.control.path)
+    step = newly(settings, result)
     left = AUGMENTED * result.contact_error / np.maximum(size, 1e-300) + STEPS * knobs.friction * step
     left = left + result.residual
     deep = PENETRATION * settings.R * (1.0 + stiffness(knobs))
@@ -105,15 +107,29 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
 def relaxing(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
     """What steps leave (k,) N in the force of a body that relaxes: Σg |F| ds/s, and a share of the largest so far.
 
-    ds is the longest step up to there: asked travels lie closer than the path's where there are many of them.  By its
-    first power, as F ~ s^(3/2): at travel 1 and 2 mm in steps of 0.33 mm with g = 0.3 to 0.6, tau = 0.03 to 5 s.
+    By the first power of ds, see `newly`, as F ~ s^(3/2): at travel 1 and 2 mm in steps of 0.33 mm with g = 0.3 to 0.6,
+    tau = 0.03 to 5 s.
     """
     g = knobs.prony_g + knobs.prony_g2 + knobs.prony_g3 + sum(g for g, _ in settings.prony)
+    now = RELAXING * g * newly(settings, result) * whole_force(result)
+    return np.maximum(now, LINGERS * np.maximum.accumulate(now))
+
+
+def sticking(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
+    """What steps leave (k,) N in a lateral force where the ball sticks: it grows from what touches first.
+
+    By the root of ds/s: at (20, 0) in steps of 0.2 to 0.33 mm, beside steps of 0.02 to 0.04 mm, 0.1 to 0.7 % of the
+    force at 0.2 mm and 0.1 % at 4 mm, friction 0.1 to 1.
+    """
+    share, full = STICKING
+    return share * min(knobs.friction / full, 1.0) * np.sqrt(newly(settings, result)) * whole_force(result)
+
+
+def newly(settings: Settings, result: Result) -> np.ndarray:
+    """ds/s (k,) at travel s, ds the longest step up to there: asked travels may lie closer than the path's steps."""
     gap = np.abs(np.diff(result.travel, prepend=0.0))
     ds = np.maximum.accumulate(gap / np.maximum(np.ceil(gap / settings.control.path - 1e-9), 1.0))
-    share = ds / np.maximum(np.maximum(np.abs(result.travel), ds), 1e-300)
-    now = RELAXING * g * share * whole_force(result)
-    return np.maximum(now, LINGERS * np.maximum.accumulate(now))
+    return ds / np.maximum(np.maximum(np.abs(result.travel), ds), 1e-300)
 
 
 def unresolved(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:

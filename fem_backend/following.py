@@ -166,6 +166,8 @@ def _rubbing(system: System, load: Load, here: Reached, pressures: Sequence[np.n
     touches = []
     for k, (pair, touch) in enumerate(zip(system.pairs, load.touches, strict=True)):
         before = None if pair.friction == 0.0 else here.before[k]
+        if before is not None:
+            before = replace(before, met=contact.met(pair, before, touch))
         if before is not None and pressures is not None:
             before = replace(before, pressure=pressures[k])
         touches.append(replace(touch, before=before))

@@ -71,9 +71,10 @@ def wave(X: np.ndarray) -> np.ndarray:
 
 
 def pressed(
-    friction: float = 0.0, adhesion: Adhesion | None = None, rigid: Sphere | Bowl | None = None, depth: float = 0.4
-) -> Case:
-    """A random state off equilibrium, with multipliers and a step behind it."""
+    friction: float = 0.0, adhesion: Adhesion | None = None, rigid: Sphere | Bowl | None = None, depth: float = 0.4,
+    met: bool = False,
+) -> Case:  # fmt: skip
+    """A random state off equilibrium, with multipliers and a step behind it, whose open points were `met` in it."""
     rng = np.random.default_rng(1)
     rigid = Sphere(3.0) if rigid is None else rigid
     bowl = isinstance(rigid, Bowl)
@@ -89,6 +90,8 @@ def pressed(
         start + 0.02 * rng.normal(size=start.shape), centre - 0.05 * direction, 0.05 * rng.normal(size=start.shape),
         0.02 * rng.normal(size=shape),  # half of the points were open
     )  # fmt: skip
+    if met:
+        before = replace(before, met=rng.uniform(0.0, 1.0, size=shape))
     touch = Touch(centre, direction, 0.1 * epsilon * rng.uniform(0, 1, shape), rng.uniform(1, 2, shape), before)
     return Case(body, Pair(surface, rigid, epsilon, friction, adhesion), touch, x)
 
@@ -100,6 +103,8 @@ CASES = {
     "stick": lambda: pressed(friction=1e3),
     "slip": lambda: pressed(friction=0.02),
     "mixed": lambda: pressed(friction=0.3),
+    "met": lambda: pressed(friction=0.3, met=True),
+    "met, stick": lambda: pressed(friction=1e3, met=True),
     "adhesion": lambda: pressed(adhesion=STICKY),
     "everything": lambda: pressed(friction=0.3, adhesion=STICKY),
     "shaft": lambda: pressed(friction=0.3, rigid=Sphere(0.6, shaft=True), depth=0.65),
@@ -149,7 +154,7 @@ def test_the_cases_hold_what_they_promise(name):
     assert 10 < closed.sum() < closed.size - 10
     slipping = at.slipping[closed].mean()
     if case.pair.friction:
-        assert {"stick": slipping == 0, "slip": slipping > 0.9}.get(name, 0.05 < slipping < 0.95), slipping
+        assert {"stick": slipping == 0, "met, stick": slipping == 0, "slip": slipping > 0.9}.get(name, 0.05 < slipping < 0.95), slipping
     if name in ("shaft", "lip"):
         side = kind(case, case.x, case.touch.centre)[2 if name == "shaft" else 3][closed]
         assert 3 < side.sum() < len(side) - 3
@@ -269,7 +274,7 @@ def moved(case: Case, Q: np.ndarray, shift: np.ndarray) -> Case:
     b, rigid = case.touch.before, case.pair.rigid
     if isinstance(rigid, Bowl):
         rigid = replace(rigid, centre=tuple(np.array(rigid.centre) + shift), rim_z=rigid.rim_z + shift[2])
-    before = Before(b.points @ Q.T + shift, Q @ b.centre + shift, b.traction @ Q.T, b.gap)
+    before = Before(b.points @ Q.T + shift, Q @ b.centre + shift, b.traction @ Q.T, b.gap, met=b.met)
     touch = replace(case.touch, centre=Q @ case.touch.centre + shift, direction=Q @ case.touch.direction, before=before)
     return Case(case.body, replace(case.pair, rigid=rigid), touch, case.x @ Q.T + shift)
 
@@ -306,6 +311,9 @@ def test_every_point_by_its_definition(name):
             unit = normal / np.linalg.norm(normal)
             slip = (point - b.points[f, q]) - (touch.centre - b.centre)
             counted = 1.0 if b.gap[f, q] <= 0 else max(-gap, 0.0) / (b.gap[f, q] - gap) if gap < 0 else 0.0
+            if b.met is not None and b.gap[f, q] > 0:
+                counted = b.met[f, q]
+                slip = slip + contact.LAG * (1.0 - counted) * (touch.centre - b.centre)
             t = (np.eye(3) - np.outer(unit, unit)) @ (b.traction[f, q] - TANGENTIAL * epsilon * counted * slip)
             t *= 0.0 if p == 0 or not case.pair.friction else min(1.0, case.pair.friction * p / np.linalg.norm(t))
             W, l = (STICKY.work, STICKY.range) if case.pair.adhesion else (0.0, 1.0)

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fem_backend import analytic, errors, experiment
+from fem_backend import analytic, contact, errors, experiment
 from fem_backend.backend import BACKEND
 from fem_backend.channels import profile_name
 from fem_backend.indentation import Result
@@ -301,6 +301,32 @@ def test_steps_of_a_body_that_relaxes_are_in_the_error(graded, tau):
     finer = errors.run_terms(bench.settings, bench.knobs, dense)["Fz"][np.isclose(dense.travel, 2.0)]
     assert finer[0] < 0.4 * left[1]
     assert not errors.relaxing(graded.settings, graded.knobs, found).any()
+
+
+def off_axis(friction: float, *asked: float):
+    """A ball that sticks to the slope beside the top, and what it states, at the last two of the `asked` travels."""
+    knobs, programme = {**VALUES, "friction": friction}, Programme.ramp(asked)
+    at = {"point": [20.0, 0.0], "mesh": {"level": "coarse"}, "derivatives": False}
+    found = BACKEND(knobs, Case("slope", programme, at))
+    k = [int(np.argmin(np.abs(found.channels["travel"] - s))) for s in (0.2, 0.4)]
+    return {n: v[k] for n, v in found.channels.items()}, {n: v[k] for n, v in found.error.items()}
+
+
+@pytest.mark.parametrize("friction", [pytest.param(0.1, marks=LONG), 0.4])
+def test_a_ball_that_sticks_in_few_steps_is_right_to_what_it_states(friction, monkeypatch):
+    """One step and two to 0.2 and 0.4 mm beside ones of 0.05 mm.
+
+    Without the share of the step that a point is in touch (the negative control) nothing that is touched anew sticks:
+    with multipliers its gap is zero, which says nothing of when it closed.
+    """
+    exact, _ = off_axis(friction, *np.round(0.05 * np.arange(1, 9), 10))
+    found, error = off_axis(friction, 0.2, 0.4)
+    monkeypatch.setattr(contact, "met", lambda *_: None)
+    late, _ = off_axis(friction, 0.2, 0.4)
+    for name in ("Fx", "Fz"):
+        assert np.all(np.abs(found[name] - exact[name]) < error[name])
+    assert np.all(np.abs(found["Fx"] - exact["Fx"]) < 0.01 * exact["Fz"])
+    assert abs(late["Fx"][0] - exact["Fx"][0]) > 0.03 * exact["Fz"][0]
 
 
 def test_attraction_of_a_short_range_errs_more_and_a_shorter_one_is_refused():
