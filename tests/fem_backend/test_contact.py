@@ -154,7 +154,8 @@ def test_the_cases_hold_what_they_promise(name):
     assert 10 < closed.sum() < closed.size - 10
     slipping = at.slipping[closed].mean()
     if case.pair.friction:
-        assert {"stick": slipping == 0, "met, stick": slipping == 0, "slip": slipping > 0.9}.get(name, 0.05 < slipping < 0.95), slipping
+        right = {"stick": slipping == 0, "met, stick": slipping == 0, "slip": slipping > 0.9}
+        assert right.get(name, 0.05 < slipping < 0.95), slipping
     if name in ("shaft", "lip"):
         side = kind(case, case.x, case.touch.centre)[2 if name == "shaft" else 3][closed]
         assert 3 < side.sum() < len(side) - 3
