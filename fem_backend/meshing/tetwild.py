@@ -17,6 +17,7 @@ from skfem import MeshTet
 
 from fem_backend.geometry import Ellipsoid
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, finish, volumes
+from fem_backend.meshing.placing import assemble
 from fem_backend.meshing.surface import quarter_surface
 
 TETWILD_EPSILON = (1e-3, 1e-3, 5e-4, 2e-4)  # surface tolerance by the diagonal, tried in turn
@@ -26,7 +27,7 @@ TETWILD_SCALE = 0.72  # fTetWild's mean edge is 1.3 to 1.4 times what it is aske
 def tetwild_quarter(body: Ellipsoid, sizing: Sizing) -> Mesh:
     """Quarter ellipsoid by fTetWild (Hu et al. 2020) with a background sizing field about the top.
 
-    Raises BadMesh when the result is not the quarter body (volume off by more than 8 %, inverted elements).
+    Raises BadMesh when the result is not the quarter body (volume off by more than 8 %, inverted or spoilt elements).
     """
     vertices, faces = quarter_surface(body, sizing)
     background = _background(body, sizing)
@@ -37,7 +38,9 @@ def tetwild_quarter(body: Ellipsoid, sizing: Sizing) -> Mesh:
             sizing.hmax / diagonal, 0.0, epsilon, 10.0, False, 1, 80, 6, True, True, False, *background,
         )  # fmt: skip
         try:
-            return finish(body, np.asarray(points), np.asarray(tets, int), 1.5 * epsilon * diagonal)
+            mesh = finish(body, np.asarray(points), np.asarray(tets, int), 1.5 * epsilon * diagonal)
+            assemble(mesh, body, body)  # sound as a quadratic mesh too: a sliver may have a volume and no use
+            return mesh
         except BadMesh:
             if attempt == len(TETWILD_EPSILON):
                 raise

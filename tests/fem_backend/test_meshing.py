@@ -225,6 +225,32 @@ def test_tetwild_volume(tetwild):
     np.testing.assert_allclose(w.sum(), np.pi / 3 * 60 * 35 * 35, rtol=2e-3)
 
 
+def test_a_mesh_with_a_sliver_is_made_again(monkeypatch):
+    """fTetWild now and then leaves a flat element of some volume, with which no run of a study would be possible."""
+    from fem_backend.meshing import tetwild
+
+    good = meshing.template_mesh("coarse")
+    p, tets = good.vertices, good.tets
+    inside = np.argmax(np.linalg.norm(p[tets].mean(1) - BODY.top, axis=1) < 20.0)
+    a, b, c, d = corner = tets[inside]
+    new = p[corner].T @ [0.333, 0.333, 0.333, 0.001]  # splits the element, nearly in the plane of a face
+    n = len(p)
+    split = [[a, b, c, n], [a, b, n, d], [a, n, c, d], [n, b, c, d]]
+    spoilt = Mesh(np.vstack([p, new]), np.vstack([np.delete(tets, inside, axis=0), split]))
+    made = iter([spoilt, good])
+
+    class Mesher:
+        @staticmethod
+        def tetrahedralize_mesh(*_):
+            mesh = next(made)
+            return mesh.vertices, mesh.tets
+
+    monkeypatch.setattr(tetwild, "_extension", lambda: Mesher)
+    mesh = tetwild.tetwild_quarter(BODY, Sizing(0.8, 2.5, 0.45, 40.0))
+    assert len(mesh.tets) == len(tets)
+    assert meshing.scaled_jacobian(meshing.assemble(mesh, BODY, BODY)).min() > 0.05
+
+
 def test_mesher_that_dies_is_a_bad_mesh():
     """The child's last line is in the message; the parent lives."""
     recipe = json.dumps({"mesher": "tetwild", "semi_axes": [1.0, 2.0], "sizing": {}})
