@@ -135,7 +135,10 @@ def _shrinkage(d: Mapping[str, Any]) -> str | None:
     if s["before"] is None or s["before"] != s["before"]:
         return "How much: one curve only, nothing is left to test a cause on."
     text = (f"On held-out curves, {s['how']}, the gap is {s['before']:.2f} before, {s['refit_only']:.2f} after a re-fit"
-            f" alone, {s['with_cause']:.2f} with the cause (noise floor 1)")  # fmt: skip
+            f" alone")  # fmt: skip
+    if d["verdict"] != "no_gap":  # else nothing was added
+        text += f", {s['with_cause']:.2f} with the cause"
+    text += " (noise floor 1)"
     if s["closed"] is None:
         return text + "; before is not clearly above the floor, so no share is printed."
     text += f": {100 * s['closed']:.0f} % closed"

@@ -12,7 +12,7 @@ from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.judge import BEYOND, MISFIT, _beyond, judge, most_left
 from rso.diagnosis.mixture import Posterior
 from rso.diagnosis.shrinkage import Gap, summarise
-from rso.diagnosis.words import _cause
+from rso.diagnosis.words import _cause, _shrinkage
 from rso.measurement import Noise, Repeat
 
 STIFF, SKIN = toy.effects("stiff", "skin")
@@ -143,3 +143,13 @@ def test_one_cause_and_what_is_in_no_catalogue_are_named_as_such():
     said = _cause(d, {"effects": [{"name": "skin", "description": "stiffness of a skin"}]})
     assert "stiffness of a skin, or something that is not in the catalogue" in said
     assert "cannot be told apart" not in said
+
+
+def test_without_a_gap_no_cause_is_said_to_have_shrunk_it():
+    """Nothing was added: a third number would be the second one, of other draws."""
+    s = {"how": "validate curves", "before": 0.63, "refit_only": 0.62, "with_cause": 0.61, "closed": None,
+         "interval": None}  # fmt: skip
+    none = _shrinkage({"verdict": "no_gap", "shrinkage": s})
+    assert "0.63 before, 0.62 after a re-fit alone (noise floor 1)" in none and "cause" not in none
+    some = _shrinkage({"verdict": "partly", "shrinkage": s})
+    assert "0.62 after a re-fit alone, 0.61 with the cause (noise floor 1)" in some
