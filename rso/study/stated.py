@@ -52,7 +52,17 @@ def replaced(study: Study, name: str) -> list[str]:
 
 
 def _taken(plan: Plan, name: str, settings: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The backend's own form of such settings, knobs that they set included, by dotted key; None if it has none."""
+    """The backend's own form of such settings, knobs that they set included, by dotted key; None if it has none.
+
+    What stands in a table of that form alone, neither stated nor there where nothing is, is left out.
+    """
+    found, usual, stated = _canonical(plan, name, settings), _canonical(plan, name, {}), _flat(settings)
+    if found is None or usual is None:
+        return found
+    return {k: v for k, v in found.items() if "." not in k or k in stated or k in usual}
+
+
+def _canonical(plan: Plan, name: str, settings: Mapping[str, Any]) -> dict[str, Any] | None:
     # inside the ranges: at their ends an effect may be neutral
     given = {a.name: 0.5 * (a.low + a.high) for a in plan.resolved.axes} | dict(plan.resolved.fixed)
     programme = case_for(plan.study, name, travels(plan.curves[name], set())).programme

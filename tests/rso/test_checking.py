@@ -43,6 +43,14 @@ def test_what_the_backend_takes_an_experiment_for(tmp_path):
     assert not any("differs" in line for line in lines[:at])
 
 
+def test_what_only_the_form_of_the_backend_has_is_not_said(tmp_path):
+    """A body that may turn in its bowl has a number in its key that no study can state."""
+    bowl = "support = { kind = 'bowl' }"
+    text = "\n".join(said(tmp_path, f"settings = {{ point = [10.0, 0.0], indenter = {{ shaft = false }}, {bowl} }}"))
+    assert "point = [10.0, 0.0] (study: [0.0, 0.0])" in re.sub(r"\n {6}", " ", text)
+    assert "rolling" not in text and "null" not in text
+
+
 def test_a_table_that_replaces_that_of_the_study_is_remarked_upon(tmp_path):
     lines = said(tmp_path, "settings = { indenter = { shaft = false } }")
     (line,) = (line for line in lines if "as a whole" in line)
