@@ -28,7 +28,8 @@ class Detectable:
     """`limit` is |value − neutral| found with 50 % power (None: invisible), `power` by size.
 
     `recognised` is the mean probability of the right cause, `confused_with` holds what takes more than CONFUSED of it:
-    both at the smallest clear size, since what is large enough is told apart from much."""
+    both at the smallest clear size, since what is large enough is told apart from much, or where none is clear at the
+    one that is seen most often."""
 
     effect: Effect
     limit: float | None
@@ -65,6 +66,8 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
         clear = [i for i, q in zip(mine, power, strict=True)
                  if limit is not None and (q > CLEAR or e.size.neutral is None)]  # fmt: skip
         clear = clear[:1] if e.size.neutral is not None else clear
+        if limit is not None and not clear:  # never clear, but seen
+            clear = [mine[int(np.argmax(power))]]
         mean = P[clear].mean(axis=(0, 1)) if clear else np.zeros(len(evidence.effects))
         forms = np.array([o.source == e.source for o in evidence.effects])
         rivals = _rivals(evidence.effects, np.where(forms, 0.0, mean))

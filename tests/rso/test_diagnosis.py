@@ -313,3 +313,16 @@ def test_shares_of_the_gap_add_up_and_lead_and_without_a_gap_there_are_none():
     assert none.verdict == "no_gap" and not any(g.share for g in none.where.regions)
     z = [abs(g.z) for g in none.where.regions]
     assert z == sorted(z, reverse=True)
+
+
+def test_what_is_seen_without_ever_being_clear_has_rivals_too(monkeypatch):
+    """With no size found in nine of ten data sets it was said to be recognised in 0 % and to look like nothing else."""
+    from rso.diagnosis import detectable as room
+
+    library = tables(NAMES, False)
+    y = library.plan.values()
+    evidence = attribute.Evidence(attribute.set_up(library, y), library.effects)
+    monkeypatch.setattr(room, "CLEAR", 1.0)
+    seen = [d for d in room.detectable(evidence, y, 0) if d.limit is not None]
+    assert len(seen) > 2
+    assert all(d.recognised > 0.1 for d in seen)
