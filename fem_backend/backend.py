@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fem_backend import anchors, channels, experiment, indentation, levels, linsolve, meshing, nested, slopes
+from fem_backend import anchors, channels, experiment, indentation, levels, linsolve, meshing, nested, slopes, zones
 from fem_backend import model as modelling
 from fem_backend.channels import UNITS
 from fem_backend.errors import stated
@@ -90,6 +90,25 @@ class FiniteElements:
     def nominal(self, settings: Mapping[str, Any]) -> Mapping[str, float]:
         """Knobs that the settings set."""
         return dict(experiment.read_settings(settings).defaults)
+
+    def plausible(self, settings: Mapping[str, Any]) -> Mapping[str, tuple[float, float] | None]:
+        """Knob → its plausible range where the usual one leaves this specimen, None where there is no room at all.
+
+        An inclusion stays as far below the lower side as it does below the upper one, and inside wherever it sits.
+        """
+        body = experiment.read_settings(settings).body
+        known = {p.name: p for p in self.parameters}
+        (high, low), across = known["inclusion_depth"].plausible, known["inclusion_x"].plausible[1]
+        low, radius = min(low, 2.0 * body.c - high), known["inclusion_radius"].default
+
+        def inside(x: float) -> bool:
+            at = np.array([[x, 0.0, body.c - d] for d in (high, low)])
+            return low >= high and float(zones.depth(body, at).min()) > radius
+
+        x = next((float(x) for x in across * np.linspace(1.0, 0.1, 10) if inside(x)), None)
+        if x is None:
+            return {"inclusion_ratio": None}
+        return {"inclusion_depth": (high, low), "inclusion_x": (-x, x)}
 
     def tests(self, settings: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
         """Further tests of the same specimen, in words, and the settings that they replace."""

@@ -112,9 +112,10 @@ def catalogue(
 ) -> tuple[Effect, ...]:
     """Every effect of the backend at these settings and of the measurement chain, without the study's own parameters.
 
-    A knob that the study fixes is neutral at that value.
+    A knob that the study fixes is neutral at that value.  What is plausible may depend on the settings.
     """
-    known = [p for p in backend.parameters if p.name not in opened]
+    ranges: Mapping[str, Any] = getattr(backend, "plausible", lambda _: {})(settings)
+    known = [replace(p, plausible=ranges.get(p.name, p.plausible)) for p in backend.parameters if p.name not in opened]
     variants: Mapping[str, Mapping[str, Any]] = getattr(backend, "variants", lambda _: {})(settings)
     nominal: Mapping[str, float] = getattr(backend, "nominal", lambda _: {})(settings)
     effects = _grouped(known, nominal, fixed, "model")

@@ -159,3 +159,30 @@ def test_what_the_settings_of_a_support_set_are_effects_by_themselves():
     loose = {e.name: e for e in catalogue(BACKEND, bowl, {}, ("mu", "D1"))}
     assert (loose["bowl_clearance"].size.neutral, loose["bowl_clearance"].shape) == (1.5, ())
     assert (loose["bowl_friction"].size.neutral, loose["bowl_friction"].shape) == (0.3, ())
+
+
+@pytest.mark.parametrize("axes", [(25.0, 18.0, 15.0), (20.0, 20.0, 10.0), (30.0, 30.0, 30.0)])
+def test_an_inclusion_of_the_catalogue_lies_in_the_specimen(axes):
+    """Depths to 30 mm were computed in a body of 30 mm from top to bottom: a third of its nodes failed."""
+    from fem_backend import zones
+    from fem_backend.backend import BACKEND
+    from fem_backend.geometry import Ellipsoid
+
+    settings = {"specimen": {"shape": "ellipsoid", "semi_axes": list(axes)}, "indenter": {"radius": 2.0}}
+    (e,) = (e for e in catalogue(BACKEND, settings, {}, ("mu", "D1")) if e.name == "inclusion_ratio")
+    radius = next(p.default for p in BACKEND.parameters if p.name == "inclusion_radius")
+    x, deep = e.shape
+    assert (x.name, deep.name) == ("inclusion_x", "inclusion_depth") and deep.low < deep.high and x.low < 0.0 < x.high
+    centres = np.array([[a, 0.0, axes[2] - d] for a in (x.low, 0.0, x.high) for d in np.linspace(deep.low, deep.high)])
+    assert zones.depth(Ellipsoid(*axes), centres).min() > radius
+
+
+def test_an_inclusion_is_plausible_as_usual_where_it_fits_and_not_at_all_where_it_cannot():
+    from fem_backend.backend import BACKEND
+
+    usual = {p.name: p.plausible for p in BACKEND.parameters}
+    own = {e.name: e for e in catalogue(BACKEND, {}, {}, ("mu", "D1"))}
+    shapes = own["inclusion_ratio"].shape
+    assert [(s.low, s.high) for s in shapes] == [usual[s.name] for s in shapes]
+    tiny = {"specimen": {"shape": "ellipsoid", "semi_axes": [12.0, 8.0, 6.0]}, "indenter": {"radius": 1.0}}
+    assert set(own) - {e.name for e in catalogue(BACKEND, tiny, {}, ("mu", "D1"))} == {"inclusion_ratio"}
