@@ -39,6 +39,7 @@ def story(
         "schema": SCHEMA,
         "title": title,
         "units": {library.base.modulus: "MPa", **{a.name: a.unit for a in library.base.axes}},
+        "modulus": {"name": library.base.modulus, "low": library.base.low, "high": library.base.high},
         "diagnosis": block(d, visible, tests),
         "experiments": [_experiment(e) for e in library.plan.experiments],
         "noise": {c: {"white": v.white, "correlated": v.correlated, "length_mm": v.length, "gain": v.gain,

@@ -17,7 +17,7 @@ def words(found: Mapping[str, Any]) -> list[str]:
         out += [_where(d), _cause(d, found) + _remainder(d)]
     if (closed := _shrinkage(d)) is not None:
         out.append(closed + _alone(d, found))
-    out += _parameters(d, found)
+    out += _parameters(d, found) + _outside(d, found)
     if checks := _checks(found):
         out.append(checks)
     out += _unseen(d, found)
@@ -169,6 +169,20 @@ def _parameters(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
     was, now = ([f"{p[k][v]:.4g}" for v in ("median", "low", "high")] for p in (before, after))
     unit = found.get("units", {}).get(k, "")
     return [f"{k} moves from {was[0]} {unit} (90 % {was[1]} to {was[2]}) to {now[0]} {unit} ({now[1]} to {now[2]})."]
+
+
+def _outside(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
+    """A modulus whose interval misses the range of the study: what stiffens a body as a whole shows in nothing else."""
+    m = found.get("modulus") or {}
+    now = d["parameters"]["after"].get(m.get("name"))
+    if now is None or (m["low"] <= now["high"] and now["low"] <= m["high"]):
+        return []
+    unit, way = found.get("units", {}).get(m["name"], ""), "stiffer" if now["low"] > m["high"] else "softer"
+    low, mid, high = (f"{now[k]:.4g}" for k in ("low", "median", "high"))
+    return [
+        f"{m['name']} = {mid} {unit} (90 % {low} to {high}) lies outside the range of the study, {m['low']:.4g} to "
+        f"{m['high']:.4g} {unit}: look at that range, or at what makes the whole body {way}."
+    ]
 
 
 def _checks(found: Mapping[str, Any]) -> str | None:

@@ -12,7 +12,7 @@ from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.judge import BEYOND, MISFIT, _beyond, judge, most_left
 from rso.diagnosis.mixture import Posterior
 from rso.diagnosis.shrinkage import Gap, summarise
-from rso.diagnosis.words import _cause, _shrinkage
+from rso.diagnosis.words import _cause, _outside, _shrinkage
 from rso.measurement import Noise, Repeat
 
 STIFF, SKIN = toy.effects("stiff", "skin")
@@ -153,3 +153,14 @@ def test_without_a_gap_no_cause_is_said_to_have_shrunk_it():
     assert "0.63 before, 0.62 after a re-fit alone (noise floor 1)" in none and "cause" not in none
     some = _shrinkage({"verdict": "partly", "shrinkage": s})
     assert "0.62 after a re-fit alone, 0.61 with the cause (noise floor 1)" in some
+
+
+@pytest.mark.parametrize(("low", "high", "words"), [(4.1e-3, 4.7e-3, "stiffer"), (1.2e-3, 1.9e-3, "softer"),
+                                                     (3.9e-3, 4.7e-3, None), (1e-3, 9e-3, None)])  # fmt: skip
+def test_a_modulus_beyond_the_range_of_the_study_is_said(low, high, words):
+    """Without a gap too: a body that is stiffer as a whole shows in nothing but its modulus."""
+    now = {"mu": {"low": low, "median": 0.5 * (low + high), "high": high}}
+    found = {"modulus": {"name": "mu", "low": 2e-3, "high": 4e-3}, "units": {"mu": "MPa"}}
+    said = _outside({"parameters": {"before": now, "after": now}}, found)
+    assert len(said) == (words is not None)
+    assert all("0.002 to 0.004 MPa" in text and words in text for text in said)
