@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import platform
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from fem_backend import model as modelling
 from fem_backend.channels import UNITS
 from fem_backend.errors import stated
 from fem_backend.experiment import SWITCHES, Knobs, Settings
+from fem_backend.geometry import Ellipsoid
 from fem_backend.indentation import Result
 from fem_backend.model import MISALIGNED, Model, NotModelled, Placement
 from fem_backend.newton import System
@@ -26,6 +27,8 @@ FOLLOWS = 1  # the same where misalignment or tilt takes the fine elements along
 ROLLING = 3  # the same for bodies that may turn in a bowl and whose way there matters, and for them alone
 ADMITTED = 1e-12  # mm: what a programme allows an asked travel beyond its corners, so they are the same
 ULPS = 8  # of a moment: what interpolating it may lose
+LAW_KNOBS = {"mooney_rivlin": {"C01"}, "yeoh": {"C20", "C30"}, "ogden": {"alpha"}}  # each law's own
+WITHOUT_STRETCH = ["prony_g", "mullins", "fibre"]  # what small strains do not have
 DEEPEST = 0.3  # of the smallest semi-axis
 
 CHOICES = {  # the settings and what each may be, for --schema
@@ -91,12 +94,21 @@ class FiniteElements:
         """Knobs that the settings set."""
         return dict(experiment.read_settings(settings).defaults)
 
-    def plausible(self, settings: Mapping[str, Any]) -> Mapping[str, tuple[float, float] | None]:
-        """Knob → its plausible range where the usual one leaves this specimen, None where there is no room at all.
+    def plausible(
+        self, settings: Mapping[str, Any], given: Collection[str] = ()
+    ) -> Mapping[str, tuple[float, float] | None]:
+        """Knob → its plausible range where the usual one does not suit these settings, None where none does.
 
-        An inclusion stays as far below the lower side as it does below the upper one, and inside wherever it sits.
+        An inclusion stays as far from the lower side as it does from the upper one, and inside wherever it sits.
+        Laws do not combine: beside that of the settings, or of knobs that are `given` a value, there is no other.
         """
-        body = experiment.read_settings(settings).body
+        own = experiment.read_settings(settings)
+        law = next((name for name, knobs in LAW_KNOBS.items() if not knobs.isdisjoint(given)), own.law)
+        others = [k for name, knobs in LAW_KNOBS.items() for k in knobs if law not in ("neo_hookean", name)]
+        others += WITHOUT_STRETCH if law == "linear_elastic" else []
+        return {**dict.fromkeys(others), **self._inclusion(own.body)}
+
+    def _inclusion(self, body: Ellipsoid) -> Mapping[str, tuple[float, float] | None]:
         known = {p.name: p for p in self.parameters}
         (high, low), across = known["inclusion_depth"].plausible, known["inclusion_x"].plausible[1]
         low, radius = min(low, 2.0 * body.c - high), known["inclusion_radius"].default

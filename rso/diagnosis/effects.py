@@ -114,7 +114,9 @@ def catalogue(
 
     A knob that the study fixes is neutral at that value.  What is plausible may depend on the settings.
     """
-    ranges: Mapping[str, Any] = getattr(backend, "plausible", lambda _: {})(settings)
+    neutral = {p.name: p.neutral for p in backend.parameters}
+    given = {*opened, *(k for k, v in fixed.items() if v != neutral.get(k))}
+    ranges: Mapping[str, Any] = getattr(backend, "plausible", lambda *_: {})(settings, given)
     known = [replace(p, plausible=ranges.get(p.name, p.plausible)) for p in backend.parameters if p.name not in opened]
     variants: Mapping[str, Mapping[str, Any]] = getattr(backend, "variants", lambda _: {})(settings)
     nominal: Mapping[str, float] = getattr(backend, "nominal", lambda _: {})(settings)

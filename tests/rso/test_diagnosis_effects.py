@@ -186,3 +186,26 @@ def test_an_inclusion_is_plausible_as_usual_where_it_fits_and_not_at_all_where_i
     assert [(s.low, s.high) for s in shapes] == [usual[s.name] for s in shapes]
     tiny = {"specimen": {"shape": "ellipsoid", "semi_axes": [12.0, 8.0, 6.0]}, "indenter": {"radius": 1.0}}
     assert set(own) - {e.name for e in catalogue(BACKEND, tiny, {}, ("mu", "D1"))} == {"inclusion_ratio"}
+
+
+LAWS = ("neo_hookean", "linear_elastic", "mooney_rivlin", "yeoh", "ogden")
+
+
+@pytest.mark.parametrize(("law", "opened"), [*((law, ()) for law in LAWS), ("neo_hookean", ("C20",)),
+                                             ("neo_hookean", ("C01",)), ("neo_hookean", ("alpha",))])  # fmt: skip
+def test_no_effect_of_the_catalogue_is_refused_beside_the_law_of_the_study(law, opened):
+    """Another law was a hypothesis all the same: its runs failed, and a diagnosis ended as one with failed runs."""
+    from fem_backend import model
+    from fem_backend.backend import BACKEND
+    from fem_backend.experiment import read_settings
+
+    settings, mu = {"material": {"law": law}}, 0.01
+    base = {"mu": mu, "D1": 10.0} | {k: 3.0 if k == "alpha" else 0.1 * mu for k in opened}
+    found = [e for e in catalogue(BACKEND, settings, {}, ("mu", "D1", *opened)) if e.family == "model"]
+    for e in found:
+        far = {s.name: float(s.value(s.ends()[-1][1])) * mu**s.exponent for s in e.knobs}
+        read = read_settings({**settings, **e.settings})
+        model.material(read, BACKEND.knobs({**base, **far}, read))
+    names = {e.name for e in found}
+    assert {"friction", "delta_R", "skin_ratio"} <= names
+    assert ({"C20", "alpha"} <= names) == (law == "neo_hookean" and not opened)
