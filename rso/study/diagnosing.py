@@ -219,7 +219,9 @@ def judge(asked: Asked, library: Library, run: Callable[[Sequence[Task]], list[A
         if check.largest is None or check.rms < diagnosis.CLOSE:
             break
         result = diagnosis.diagnose(library, seed)
-    say("what this test plan can see")
+    named = f" ({', '.join(result.named)})" if result.named else ""
+    further = ", and tests that could settle it" if run is not None and len(result.named) > 1 else ""
+    say(f"the verdict is {result.verdict}{named}; what this test plan can see{further}")
     return diagnosis.story(library, result, seed, run, asked.study.study.title, checks)
 
 

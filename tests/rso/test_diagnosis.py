@@ -326,3 +326,16 @@ def test_what_is_seen_without_ever_being_clear_has_rivals_too(monkeypatch):
     seen = [d for d in room.detectable(evidence, y, 0) if d.limit is not None]
     assert len(seen) > 2
     assert all(d.recognised > 0.1 for d in seen)
+
+
+def test_the_verdict_is_said_before_tests_that_could_settle_it_are_simulated():
+    """They may take as long as the library did, and who stopped waiting had heard nothing."""
+    from types import SimpleNamespace
+
+    from rso.study.diagnosing import judge
+
+    library = dataclasses.replace(tables(NAMES, False), plan=make_plan(experiments(0, bias=0.02)))
+    said: list[str] = []
+    asked = SimpleNamespace(study=SimpleNamespace(study=SimpleNamespace(seed=0, title="")))
+    found = judge(asked, library, None, said.append)["diagnosis"]
+    assert f"the verdict is {found['verdict']} ({found['causes'][0]['effect']}" in said[-1]
