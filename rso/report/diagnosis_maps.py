@@ -10,14 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator
 
-from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, canvas, short
+from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, canvas, plain_log, short
 from rso.report.diagnosis_reading import Found, Panel, brief, chosen, panels
 from rso.report.digits import shortest
 
 FIRST, PANELS = 3, 9
 QUANTILE = 1.645  # standard deviations on each side of 90 %
+FEW_TICKS = 20.0  # ratio of times from which decades alone are marked
 TINT = "#f3dfd5"  # behind what is beyond noise
 
 
@@ -34,7 +35,8 @@ def residual_map(found: Found, more: bool = False) -> Figure:
     for axes in grid[len(rows) :]:
         axes.set_visible(False)
     for k in range(len(rows)):
-        if k + columns >= len(rows) and not rows[k].held:
+        last = k + columns >= len(rows) or rows[k + columns].held  # of those over depth
+        if last and not rows[k].held:
             grid[k].set_xlabel("depth (mm)")
     if not more:
         _keys(figure, found, every)
@@ -82,6 +84,10 @@ def _panel(axes: Axes, p: Panel) -> None:
                 _branch(axes, p, which, branch, colour, width)
         if p.held:
             axes.set_xscale("log")
+            plain_log(axes.xaxis)
+            times = np.concatenate([r.depth for r in p.records])
+            if times.max() > FEW_TICKS * times.min():
+                axes.xaxis.set_major_locator(LogLocator(numticks=5))
             axes.set_xlabel("time at rest (s)")
         else:
             axes.set_xlim(0, None)

@@ -8,7 +8,7 @@ from diagnosis_fixture import VERDICTS, read_back, story
 from rso.report import render_diagnosis
 from rso.report.diagnosis import report
 from rso.report.diagnosis_figures import draw
-from rso.report.diagnosis_maps import FIRST, PANELS
+from rso.report.diagnosis_maps import FIRST, PANELS, residual_map
 from rso.report.diagnosis_reading import interval, panels, sized
 from rso.report.document import Facts, Picture, Table, Text
 from rso.report.page import pictures
@@ -113,6 +113,26 @@ def test_one_panel_per_experiment_and_channel_the_strongest_first():
     few = story("explained")
     few["residuals"] = few["residuals"][:1]
     assert "residuals-more" not in pictures(report(few)) and axes_drawn(few, "residuals") == 1
+
+
+@pytest.mark.parametrize("longest", [4.0, 20.0, 3000.0])
+def test_times_of_a_hold_are_plain_numbers(longest):
+    """Powers of ten are formulas, which no figure has: they stood there as their source, across the panel."""
+    found = story("explained")
+    for r in found["residuals"]:
+        if r["experiment"] == "cycle_100":
+            n = len(r["depth"])
+            r |= {"since": [0.1 * (longest / 0.1) ** (k / (n - 1)) for k in range(n)], "branch": [2] * n}
+    figures = [residual_map(found), residual_map(found, more=True)]
+    for figure in figures:
+        figure.draw_without_rendering()
+    held = [a for figure in figures for a in figure.axes if a.get_xlabel() == "time at rest (s)"]
+    assert held
+    for axes in held:
+        low, high = axes.get_xlim()
+        shown = [t.get_text() for t in axes.get_xticklabels() if low <= t.get_position()[0] <= high]
+        assert 2 <= len(shown) <= 7 and all(float(t) > 0 for t in shown)
+        assert not any(t.get_text() for t in axes.get_xticklabels(minor=True))
 
 
 def test_readings_that_are_not_known_leave_no_trace():
