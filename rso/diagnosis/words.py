@@ -148,7 +148,9 @@ def _shrinkage(d: Mapping[str, Any]) -> str | None:
 
 
 def _alone(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
-    """What a share closed cannot say of a cause that one place alone has."""
+    """What a share closed cannot say of a cause that one place, or every curve, has for itself alone."""
+    if any(c["family"] == "scatter" for c in d["causes"][:1]):
+        return " What every curve has for itself no other can predict: on curves left out the share says nothing."
     one_place = {e["name"] for e in found["effects"] if e.get("one_place")}
     if not any(c["effect"] in one_place for c in d["causes"][:1]):
         return ""

@@ -12,7 +12,7 @@ from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.judge import BEYOND, MISFIT, _beyond, judge, most_left
 from rso.diagnosis.mixture import Posterior
 from rso.diagnosis.shrinkage import Gap, summarise
-from rso.diagnosis.words import _cause, _outside, _shrinkage
+from rso.diagnosis.words import _alone, _cause, _outside, _shrinkage
 from rso.measurement import Noise, Repeat
 
 STIFF, SKIN = toy.effects("stiff", "skin")
@@ -164,3 +164,10 @@ def test_a_modulus_beyond_the_range_of_the_study_is_said(low, high, words):
     said = _outside({"parameters": {"before": now, "after": now}}, found)
     assert len(said) == (words is not None)
     assert all("0.002 to 0.004 MPa" in text and words in text for text in said)
+
+
+@pytest.mark.parametrize(("family", "words"), [("scatter", "What every curve has for itself"), ("measurement", "")])
+def test_a_share_that_says_nothing_of_what_differs_from_curve_to_curve_is_said_to(family, words):
+    """Gains of each curve were the verdict, and the share closed on curves left out was -60 %: without a word."""
+    said = _alone({"causes": [{"effect": "gain_each", "family": family}]}, {"effects": [{"name": "gain_each"}]})
+    assert words in said and bool(said) == bool(words)
