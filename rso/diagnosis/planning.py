@@ -12,7 +12,7 @@ from rso.contract import run_key
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.nodes import Nodes, nodes
 from rso.diagnosis.runs import Base, Job, Pass, jobs_of, knobs_at, passes, rated, task_of
-from rso.diagnosis.testplan import TestPlan
+from rso.diagnosis.testplan import Test, TestPlan
 
 BASE_NODES = {1: 6, 2: 4}
 FEW_BASE_NODES = {1: 3, 2: 3}  # where the ratio to the primary place is enough
@@ -60,12 +60,17 @@ def framed(base: Base, plan: TestPlan) -> Frame:
     slowest, fastest = (float(f"{v([t.speed for t in plan.tests]):.2g}") for v in (min, max))
     judged = plan.seen().tests or plan.tests
     return Frame(
-        int(np.argmax([sum(t.n for t in judged if t.place == k) for k in range(len(plan.places))])),
+        int(np.argmax([sum(_pressed(t) for t in judged if t.place == k) for k in range(len(plan.places))])),
         (slowest, fastest),
         tuple(_chebyshev(*a.ends, BASE_NODES[d]) for a in base.axes),
         tuple(_chebyshev(*a.ends, FEW_BASE_NODES[d]) for a in base.axes),
         tuple(passes(plan, k) for k in range(len(plan.places))),
     )
+
+
+def _pressed(test: Test) -> int:
+    """Bins of a test while it pressed: how many lie in the air is chance, and data sets of one plan share a library."""
+    return int(np.sum(test.depth > 0.0))
 
 
 def planned(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> int:

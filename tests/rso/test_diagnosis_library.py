@@ -520,3 +520,18 @@ def test_the_grip_of_another_support_is_computed_where_the_ball_pushes_aside():
         total = 1 + change[:, 0, 2, 80:]
         # clearance between its nodes is the same in all
         np.testing.assert_allclose(total / total[:1], np.broadcast_to(expected[:, None], total.shape), rtol=1e-3)
+
+
+def test_a_reading_in_the_air_does_not_decide_where_most_was_measured():
+    """Where a record begins is chance: the primary place followed it, and data sets of one plan shared no library."""
+    from rso.diagnosis.planning import framed
+
+    def primary(*first: float) -> int:
+        rng, experiments = np.random.default_rng(0), []
+        for n, zero in enumerate(first):
+            (r,) = toy.recorded({"mu": MU, "D1": 10.0}, rng, point=(10.0 * n, 0.0))
+            r = dataclasses.replace(r, depth=r.depth - r.depth[0] + zero)
+            experiments.append(toy.experiment(f"at {n}", (r,), point=(10.0 * n, 0.0)))
+        return framed(BASE, make_plan(experiments)).primary
+
+    assert primary(0.001, 0.001) == primary(0.001, -0.001) == primary(-0.001, 0.001) == 0
