@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from fem_backend import anchors, channels, experiment, indentation, levels, linsolve, meshing, nested, slopes, zones
+from fem_backend import anchors, channels, experiment, indentation, levels, linsolve, meshing, nested, possible, slopes
 from fem_backend import model as modelling
 from fem_backend.channels import UNITS
 from fem_backend.errors import stated
 from fem_backend.experiment import SWITCHES, Knobs, Settings
-from fem_backend.geometry import Ellipsoid
 from fem_backend.indentation import Result
 from fem_backend.model import MISALIGNED, Model, NotModelled, Placement
 from fem_backend.newton import System
@@ -27,8 +26,6 @@ FOLLOWS = 1  # the same where misalignment or tilt takes the fine elements along
 ROLLING = 3  # the same for bodies that may turn in a bowl and whose way there matters, and for them alone
 ADMITTED = 1e-12  # mm: what a programme allows an asked travel beyond its corners, so they are the same
 ULPS = 8  # of a moment: what interpolating it may lose
-LAW_KNOBS = {"mooney_rivlin": {"C01"}, "yeoh": {"C20", "C30"}, "ogden": {"alpha"}}  # each law's own
-WITHOUT_STRETCH = ["prony_g", "mullins", "fibre"]  # what small strains do not have
 DEEPEST = 0.3  # of the smallest semi-axis
 
 CHOICES = {  # the settings and what each may be, for --schema
@@ -99,82 +96,29 @@ class FiniteElements:
     ) -> Mapping[str, tuple[float, float] | None]:
         """Knob → its plausible range where the usual one does not suit these settings, None where none does.
 
-        An inclusion stays as far from the lower side as it does from the upper one, and inside wherever it sits.
-        Laws do not combine: beside that of the settings, or of knobs that are `given` a value, there is no other.
+        `given` are knobs that have a value.
         """
-        own = experiment.read_settings(settings)
-        law = next((name for name, knobs in LAW_KNOBS.items() if not knobs.isdisjoint(given)), own.law)
-        others = [k for name, knobs in LAW_KNOBS.items() for k in knobs if law not in ("neo_hookean", name)]
-        others += WITHOUT_STRETCH if law == "linear_elastic" else []
-        return {**dict.fromkeys(others), **self._inclusion(own.body)}
-
-    def _inclusion(self, body: Ellipsoid) -> Mapping[str, tuple[float, float] | None]:
-        known = {p.name: p for p in self.parameters}
-        (high, low), across = known["inclusion_depth"].plausible, known["inclusion_x"].plausible[1]
-        low, radius = min(low, 2.0 * body.c - high), known["inclusion_radius"].default
-
-        def inside(x: float) -> bool:
-            at = np.array([[x, 0.0, body.c - d] for d in (high, low)])
-            return low >= high and float(zones.depth(body, at).min()) > radius
-
-        x = next((float(x) for x in across * np.linspace(1.0, 0.1, 10) if inside(x)), None)
-        if x is None:
-            return {"inclusion_ratio": None}
-        return {"inclusion_depth": (high, low), "inclusion_x": (-x, x)}
+        return possible.plausible(experiment.read_settings(settings), given, {p.name: p for p in self.parameters})
 
     def tests(self, settings: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
         """Further tests of the same specimen, in words, and the settings that they replace."""
-        own = experiment.read_settings(settings)
-        x, y = round(0.35 * own.body.a, 1), round(0.35 * own.body.b, 1)
-        return {
-            f"a ball of R = {2 * own.R:g} mm": {"indenter": {"shape": "sphere", "radius": 2 * own.R}},
-            f"the point ({x:g}, 0) mm": {"point": [x, 0.0]},
-            f"the point (0, {y:g}) mm": {"point": [0.0, y]},
-        }
+        return possible.tests(experiment.read_settings(settings))
 
     def marks(self, settings: Mapping[str, Any]) -> Mapping[str, list[list[float]]]:
         """Surface marks that a camera could follow during a test, in words, and their places (x, y) in mm."""
-        own = experiment.read_settings(settings)
-        (x, y), (a, b), beside = own.point, (own.body.a, own.body.b), 5.0 / 3.0 * own.R  # the ball hides what is nearer
-        share = np.linspace(-0.5, 0.5, 13)
-        lines = {
-            "surface marks along x": [[round(float(x + s * a), 2), round(float(y + beside), 2)] for s in share],
-            "surface marks along y": [[round(float(x + beside), 2), round(float(y + s * b), 2)] for s in share],
-        }
-        on_top = lambda m: (m[0] / a) ** 2 + (m[1] / b) ** 2 < 0.8  # noqa: E731 - what a camera sees from above
-        seen = {words: [m for m in line if on_top(m)] for words, line in lines.items()}
-        return {words: line for words, line in seen.items() if len(line) > 5}
+        return possible.marks(experiment.read_settings(settings))
 
     def prevented(self) -> Mapping[str, tuple[str, ...]]:
         """The same tests again with something kept from acting, in words, and its knobs."""
-        return {
-            "all points again with a lubricated ball": ("friction",),
-            "all points again under water, which takes the adhesion away": ("adhesion",),
-        }
+        return possible.PREVENTED
 
     def gauges(self) -> Mapping[str, tuple[str, float]]:
         """Knob → a measurement that shows it without indentation, and its standard uncertainty in the knob's unit."""
-        bench = "specimen and ball on the bench: callipers, a micrometer, a balance"
-        aligned = "ink on the ball and a level on the holder"
-        return {
-            "delta_a": (bench, 0.1),
-            "delta_b": (bench, 0.1),
-            "delta_c": (bench, 0.1),
-            "delta_R": (bench, 0.01),
-            "offset_x": (aligned, 0.1),
-            "offset_y": (aligned, 0.1),
-            "tilt_x": (aligned, 0.1),
-            "tilt_y": (aligned, 0.1),
-            "weight": (bench, 2e-7),
-        }
+        return possible.GAUGES
 
     def variants(self, settings: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
         """Other supports than that of the settings: what replaces them and the group of knobs that belongs to it."""
-        if experiment.read_settings(settings).support == "bowl":
-            held = {"settings": {"support": {"kind": "fixed"}}, "group": "", "description": "held instead of in a bowl"}
-            return {"held": held}
-        bowl = {"settings": {"support": {"kind": "bowl"}}, "group": "bowl", "description": "in a bowl instead of held"}
-        return {"bowl": bowl}
+        return possible.variants(experiment.read_settings(settings))
 
     def levels(self, settings: Mapping[str, Any]) -> tuple[tuple[Mapping[str, Any], ...], ...]:
         """Models from simple to rich, alternatives side by side; see :func:`fem_backend.levels.levels`."""

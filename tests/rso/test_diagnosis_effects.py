@@ -188,6 +188,25 @@ def test_an_inclusion_is_plausible_as_usual_where_it_fits_and_not_at_all_where_i
     assert set(own) - {e.name for e in catalogue(BACKEND, tiny, {}, ("mu", "D1"))} == {"inclusion_ratio"}
 
 
+def test_lengths_are_plausible_in_proportion_to_body_and_ball():
+    """A semi-axis of 9 mm is not 3 mm wrong, nor a body of that size pressed 10 mm beside its top."""
+    from fem_backend.backend import BACKEND
+
+    def ranges(k: float) -> dict[str, tuple[float, float]]:
+        body = {"shape": "ellipsoid", "semi_axes": [60.0 * k, 35.0 * k, 35.0 * k]}
+        settings = {"specimen": body, "indenter": {"radius": 3.0 * k}}
+        found = catalogue(BACKEND, settings, {}, ("mu", "D1"))
+        return {s.name: (s.low, s.high) for e in found for s in e.knobs if s.unit == "mm" and e.family == "model"}
+
+    usual, declared = ranges(1.0), {p.name: p.plausible for p in BACKEND.parameters}
+    names = {n for n in usual if not n.startswith("inclusion")}
+    assert names == {"delta_a", "delta_b", "delta_c", "delta_R", "skin_thickness", "offset_x", "offset_y",
+                     "bowl_clearance"}  # fmt: skip
+    assert {n: usual[n] for n in names} == {n: declared[n] for n in names}
+    for n in names:
+        np.testing.assert_allclose(ranges(0.25)[n], 0.25 * np.array(usual[n]), rtol=1e-12)
+
+
 LAWS = ("neo_hookean", "linear_elastic", "mooney_rivlin", "yeoh", "ogden")
 
 
