@@ -13,7 +13,7 @@ rerun        finalists computed anew           next_test   what would settle it
 story        all of it as plain data           words       and in sentences
 """
 
-from rso.diagnosis.effects import Effect, catalogue, localised
+from rso.diagnosis.effects import Effect, catalogue, localised, suited
 from rso.diagnosis.judge import Diagnosis, diagnose
 from rso.diagnosis.library import Library, build
 from rso.diagnosis.planning import planned
@@ -41,4 +41,5 @@ __all__ = [
     "mended",
     "planned",
     "story",
+    "suited",
 ]

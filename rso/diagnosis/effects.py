@@ -20,6 +20,8 @@ from rso.similarity import stress_exponent
 
 _SMALLEST = 1 / 40  # of the largest plausible size, where a range has no smallest size of its own
 _WIDE = 4.0  # ends of a range further apart than this are spaced logarithmically
+ORDINARY = 2.0  # N: up to such forces the errors of a load cell are plausible as they are declared
+FORCES_IN = {"N": 1, "N/s": 1, "mm/N": -1}  # powers of the force in units of the chain
 ASTRAY = 5.0  # times what is plausible everywhere: how far a test at one place may have been done from there
 
 
@@ -131,6 +133,18 @@ def catalogue(
             effects.append(Effect(name, variant["description"], "model", Size(name, variant["description"], "1", 0, 1,
                                   None), (), variant["settings"]))  # fmt: skip
     return (*effects, *_grouped(parameters_of(Chain), {}, {}, "measurement"), *_scatter())
+
+
+def suited(effects: Sequence[Effect], force: float) -> tuple[Effect, ...]:
+    """The effects with the force channel's errors in proportion to the largest `force` (N), if that is beyond ORDINARY.
+
+    A cell of a larger range has larger errors of zero; what a load train gives way by counts by the force.
+    """
+    k, found = max(force / ORDINARY, 1.0), []
+    for e in effects:
+        p = 0 if e.family == "model" else FORCES_IN.get(e.size.unit, 0)
+        found.append(replace(e, size=replace(e.size, low=e.size.low * k**p, high=e.size.high * k**p)) if p else e)
+    return tuple(found)
 
 
 def localised(effects: Sequence[Effect], places: Mapping[str, Mapping[str, Any]]) -> tuple[Effect, ...]:

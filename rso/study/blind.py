@@ -143,4 +143,5 @@ def _library(asked: Asked, known: dict[str, Library], store: RunStore, executor:
     if key not in known:
         known[key] = diagnosis.build(b, asked.plan, asked.effects, lambda tasks: run_all(
             b.backend, tasks, store, executor, watch=watch))  # fmt: skip
-    return replace(known[key], plan=asked.plan)
+    own = {e.name: e for e in asked.effects}  # what is plausible may hang on the forces
+    return replace(known[key], plan=asked.plan, effects=tuple(own[e.name] for e in known[key].effects))

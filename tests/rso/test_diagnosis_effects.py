@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rso.contract import parameters_of
-from rso.diagnosis.effects import ASTRAY, Effect, Size, catalogue, localised
+from rso.diagnosis.effects import ASTRAY, ORDINARY, Effect, Size, catalogue, localised, suited
 from rso.diagnosis.nodes import nodes, piecewise, tensor
 from rso.measurement import Chain
 
@@ -51,6 +51,16 @@ def test_every_plausible_knob_of_the_backend_and_of_the_chain_is_in_the_catalogu
     assert [s.name for s in own["g"].knobs] == ["g", "tau"]
     assert own["clearance"].settings == {"support": "loose"} and own["clearance"].size.neutral is None
     assert own["offset_each"].family == "scatter" and own["offset_each"].source == "offset"
+
+
+def test_errors_of_the_force_channel_grow_with_the_forces():
+    """A press with a cell for 100 N is not out by 50 mN at most; one for a newton is as declared."""
+    found = toy.effects("stiff", "bias", "drift", "compliance", "gain", "offset")
+    usual = {e.name: (e.size.low, e.size.high) for e in suited(found, 1.0)}
+    assert usual == {e.name: (e.size.low, e.size.high) for e in found}
+    grown = {e.name: np.array([e.size.low, e.size.high]) for e in suited(found, 50.0 * ORDINARY)}
+    for name, factor in {"stiff": 1, "bias": 50, "drift": 50, "compliance": 0.02, "gain": 1, "offset": 1}.items():
+        np.testing.assert_allclose(grown[name], factor * np.array(usual[name]), rtol=1e-12)
 
 
 def test_what_a_place_may_have_for_itself_is_a_cause_with_a_form_at_each_of_several_places():
