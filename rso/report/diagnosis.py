@@ -114,7 +114,7 @@ def _facts(found: Found) -> list[Fact]:
         facts.append(
             Fact("Leading cause", short(clean(c.get("effect")), 18), f"probability {chance(c.get('probability'))}")
         )
-    if known(s.get("closed")):
+    if known(s.get("closed")) and not _each_its_own(found):
         low_high = f"90{NBSP}%: {_share(s.get('interval'))}" if pair(s.get("interval")) else ""
         facts.append(Fact("Gap closed", percent(s["closed"]), f"on held-out curves; {low_high}"))
     if len(facts) > 3 and (check := _check_of(found)):
@@ -132,13 +132,19 @@ _POLICY = {
 }
 
 
+def _each_its_own(found: Found) -> bool:
+    """Whether the leading cause is what every curve has for itself, which no other curve predicts."""
+    causes = list(core(found).get("causes") or ())
+    return bool(causes) and causes[0].get("family") == "scatter"
+
+
 def _check_of(found: Found) -> float | None:
     checks = [c for c in listed(found, "checks") if effects_of(str(c.get("hypothesis")))]
     return number(checks[0].get("returned")) if checks else None
 
 
 def _share(ends: Any) -> str:
-    return f"{percents(ends)}{NBSP}%" if pair(ends) else DASH
+    return f"{percents(ends)}{NBSP}%".replace("-", "−") if pair(ends) else DASH
 
 
 def where(found: Found) -> Section:
@@ -156,7 +162,8 @@ def where(found: Found) -> Section:
         blocks.append(_regions(found, rows))
     if not any(r.get("beyond_noise") for r in rows):
         text = "No single region stands out beyond noise."
-        text += " The gap is one of shape, spread over the curves." if verdict_of(found) not in ("no_gap", "") else ""
+        spread = "one of shape, spread over the curves" if not _each_its_own(found) else "one of single curves"
+        text += f" The gap is {spread}." if verdict_of(found) not in ("no_gap", "") else ""
         blocks.insert(0, Text(text))
     return Section("where", "Where the gap lies", tuple(blocks) or (Text("There are no residuals.", "missing"),))
 
@@ -297,7 +304,9 @@ def how_much(found: Found) -> Section:
     if known(s.get("closed")):
         text = f"{percent(s['closed'])} of what exceeds the noise floor is closed"
         text += f" (90{NBSP}%: {_share(s.get('interval'))})" if pair(s.get("interval")) else ""
-        blocks.append(Text(f"{text}, on curves that took no part in finding the cause: {how}."))
+        own = " What every curve has for itself no other can predict: this share says nothing of it."
+        blocks.append(Text(f"{text}, on curves that took no part in finding the cause: {how}."
+                           f"{own if _each_its_own(found) else ''}"))  # fmt: skip
     else:
         blocks.append(Text(f"No share is printed: before is not clearly above the noise floor. Held out: {how}."))
     blocks.append(

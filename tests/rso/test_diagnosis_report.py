@@ -209,6 +209,18 @@ def test_a_share_that_is_not_known_is_not_printed():
     assert "No share is printed" in said(found) and "is closed" not in said(found)
 
 
+def test_a_share_says_nothing_of_what_every_curve_has_for_itself():
+    found = story("explained")
+    assert "Gap closed" in said(found) and "for itself" not in said(found)
+    found["diagnosis"]["shrinkage"]["interval"] = [-0.6, 0.1]
+    assert "−60 to 10 %" in said(found)
+    found["diagnosis"]["causes"][0]["family"] = "scatter"
+    for row in found["diagnosis"]["where"]:
+        row["beyond_noise"] = False
+    assert "Gap closed" not in said(found) and "this share says nothing of it" in said(found)
+    assert "one of single curves" in said(found) and "one of shape" not in said(found)
+
+
 def test_an_unknown_figure_is_refused():
     with pytest.raises(ValueError, match="no figure"):
         draw(story(), "nothing")
