@@ -245,6 +245,13 @@ def first_contact(body: Ellipsoid, R: float, through: ArrayLike, direction: Arra
     raise ValueError(f"a sphere of radius {R} mm on the line through {origin} along {d} passes by the body")
 
 
+def closest(body: Ellipsoid, x: ArrayLike) -> np.ndarray:
+    """Point (3,) of the surface that is closest to a point x (3,) mm outside of the body."""
+    y = np.empty(3)
+    _closest(np.ascontiguousarray(x, float), body.semi_axes, y)
+    return y
+
+
 def hertz_radius(body: Ellipsoid, indenter: Sphere) -> float:
     """Effective radius 1/(1/R + mean curvature) of first contact at the top (Johnson 1985, eq. 4.3; mm)."""
     return 1.0 / (1.0 / indenter.R + body.mean_curvature_at_top())

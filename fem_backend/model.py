@@ -64,13 +64,7 @@ class Placement:
     @property
     def contact(self) -> np.ndarray:
         """Point of first contact (3,)."""
-        c = self.touch
-        x = c.copy()
-        for _ in range(100):  # closest point of the ellipsoid by fixed-point iteration on the normal
-            n = x / self.body.semi_axes**2
-            n /= np.linalg.norm(n)
-            x = c - self.R * n
-        return x
+        return geometry.closest(self.body, self.touch)
 
     @property
     def down(self) -> np.ndarray:

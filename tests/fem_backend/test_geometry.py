@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scipy import optimize
 
+from fem_backend import model
+from fem_backend.experiment import Knobs, read_settings
 from fem_backend.geometry import Bowl, Ellipsoid, Sphere, first_contact, hertz_radius
 
 DIRECTION = np.array([0.3, -0.5, -0.8]) / np.linalg.norm([0.3, -0.5, -0.8])
@@ -208,6 +210,19 @@ def test_first_contact_along_a_normal_and_at_the_top():
     n = y / body.semi_axes**2
     n /= np.linalg.norm(n)
     np.testing.assert_allclose(first_contact(body, R, y, -n), y + R * n, rtol=1e-13)
+
+
+@pytest.mark.parametrize("axes", [(60.0, 35.0, 35.0), (15.0, 15.0, 60.0), (20.0, 60.0, 60.0)])
+def test_the_place_of_first_contact_lies_on_the_body_and_on_the_ball(axes):
+    """Also where the body is curved more strongly than the ball, as at the top of one that stands on its end."""
+    settings = read_settings({"specimen": {"semi_axes": axes}, "indenter": {"radius": 0.5 * min(axes)},
+                              "point": [0.35 * axes[0], 0.1 * axes[1]]})  # fmt: skip
+    placement = model.place(settings, Knobs(mu=0.01, D1=5.8))
+    x, body = placement.contact, placement.body
+    np.testing.assert_allclose(((x / body.semi_axes) ** 2).sum(), 1.0, rtol=1e-12)
+    normal = x / body.semi_axes**2
+    normal /= np.linalg.norm(normal)
+    np.testing.assert_allclose(placement.touch, x + settings.R * normal, rtol=1e-10)
 
 
 def test_sphere_that_passes_by_is_refused():
