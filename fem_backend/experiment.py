@@ -371,14 +371,16 @@ def _mesh(body: Ellipsoid, R: float, mesh: Mapping[str, Any]) -> tuple[str, tupl
         used = (("mesher", mesher), ("n", n), ("slip", slip))
         return meshing.mapped_recipe(body, n, slip), used, float(h0), ""
     made = "reference" if level == LIMIT else level  # its forces are extrapolated from that mesh and the coarse one
-    sizing = meshing.LEVELS[made].scaled(R / meshing.RADIUS)
+    h0 = meshing.LEVELS[made].h0 * (R / meshing.RADIUS)
     used = (("mesher", mesher), ("level", level))
     if meshing.template_fits(body, R):
-        return meshing.template_recipe(made, body), used, sizing.h0, level
+        return meshing.template_recipe(made, body), used, h0, level
     if level == LIMIT:
         raise ValueError(f"mesh.level = {LIMIT!r}: only for specimens and indenters that the shipped meshes fit")
-    sizing = replace(sizing, hmax=1.15 * float(body.semi_axes.min()))
-    return meshing.tetwild_recipe(body, sizing), used, sizing.h0, level
+    # similar specimens share one mesh, made for the ball that the levels are tuned for: the mesher knows millimetres
+    similar = Ellipsoid(*(float(f"{v:.12g}") for v in body.semi_axes * (meshing.RADIUS / R)))
+    sizing = replace(meshing.LEVELS[made], hmax=1.15 * float(similar.semi_axes.min()))
+    return meshing.tetwild_recipe(similar, sizing), used, h0, level
 
 
 def _speed(value: object) -> None:

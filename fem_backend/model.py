@@ -189,7 +189,7 @@ def build(settings: Settings, mesh: Mesh, body: Ellipsoid, planes: tuple[bool, b
 
     Raises meshing.BadMesh when the elements cannot take this shape or place.
     """
-    quadratic = meshing.assemble(mesh, settings.body, body, settings.point, planes)
+    quadratic = meshing.assemble(mesh, meshing.nominal(settings.recipe), body, settings.point, planes)
     X = quadratic.doflocs.T
     facets = quadratic_facets(quadratic, quadratic.boundary_facets())
     for axis in (0, 1):

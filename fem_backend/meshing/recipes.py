@@ -47,6 +47,11 @@ def make(recipe: str) -> Mesh:
         return Mesh.from_file(Path(folder) / "mesh.npz")
 
 
+def nominal(recipe: str) -> Ellipsoid:
+    """The body (mm) that the mesh of a recipe stands for: similar specimens of all sizes may share one."""
+    return Ellipsoid(*json.loads(recipe)["semi_axes"])
+
+
 def tetwild_recipe(body: Ellipsoid, sizing: Sizing) -> str:
     """Recipe of a graded fTetWild mesh of the quarter body."""
     words = {k: v for k, v in asdict(sizing).items() if k != "lift" or v}  # recipes without it are as they were

@@ -123,9 +123,33 @@ def test_settings_are_read_and_not_changed():
 
 def test_mesh_is_finer_for_a_smaller_ball():
     """Sizes near the contact go with R, those of the body stay; no template fits these balls."""
-    sizing = [json.loads(read_settings({"indenter": {"radius": R}}).recipe)["sizing"] for R in (4.0, 2.0)]
-    assert sizing[1]["h0"] == 0.5 * sizing[0]["h0"] and sizing[1]["r0"] == 0.5 * sizing[0]["r0"]
-    assert sizing[1]["hmax"] == sizing[0]["hmax"] and sizing[1]["growth"] == sizing[0]["growth"]
+    settings = [read_settings({"indenter": {"radius": R}}) for R in (4.0, 2.0)]
+    recipes = [json.loads(s.recipe) for s in settings]
+    size = [{k: v * 60.0 / r["semi_axes"][0] for k, v in r["sizing"].items()} for r in recipes]  # for a = 60 mm
+    for name, factor in (("h0", 0.5), ("r0", 0.5), ("lift", 0.5), ("hmax", 1.0)):
+        np.testing.assert_allclose(size[1][name], factor * size[0][name], rtol=1e-11)
+    assert recipes[1]["sizing"]["growth"] == recipes[0]["sizing"]["growth"]
+    np.testing.assert_allclose([s.h0 for s in settings], [x["h0"] for x in size], rtol=1e-11)
+
+
+def test_similar_specimens_share_one_mesh():
+    """Made for each size by itself, that of a small specimen had a fourth of the elements below the ball."""
+    def recipe(k: float) -> str:
+        table = {"semi_axes": [30.0 * k, 24.0 * k, 21.0 * k]}
+        return read_settings({"specimen": table, "indenter": {"radius": 3.0 * k}}).recipe
+
+    assert recipe(1.0) == recipe(2.0) == recipe(1.0 / 30.0) == recipe(0.7)
+    assert json.loads(recipe(0.1))["semi_axes"] == [30.0, 24.0, 21.0]
+
+
+def test_a_mesh_of_a_similar_body_is_that_of_the_specimen(monkeypatch):
+    """Forces of a specimen of half the size are a fourth at half the depth; the mesh is one for both."""
+    monkeypatch.setattr(meshing, "cached", lambda recipe: meshing.mapped_quarter(meshing.nominal(recipe), 6, 0.3))
+    force = []
+    for k in (1.0, 0.5):
+        table = {"specimen": {"semi_axes": [30.0 * k, 24.0 * k, 21.0 * k]}, "indenter": {"radius": 3.0 * k}}
+        force.append(BACKEND({"mu": 0.01, "D1": 5.8}, Case("c", Programme.ramp((k,)), table)).channels["Fz"])
+    np.testing.assert_allclose(force[1], force[0] / 4.0, rtol=1e-8)
 
 
 @pytest.mark.parametrize("level", meshing.LEVELS)

@@ -22,7 +22,7 @@ LEVELS = {
     "standard": Sizing(0.7, 2.5, 0.5, 40.25, 3.0),
     "fine": Sizing(0.52, 2.5, 0.37, 40.25, 3.0),
     "reference": Sizing(0.38, 3.0, 0.33, 40.25, 1.0),  # shipped: coarse with every tetrahedron cut into eight
-}  # for other specimens: LEVELS[level].scaled(radius / RADIUS) with hmax = 1.15 times the smallest semi-axis
+}  # for other specimens: a similar one under a ball of `RADIUS`, with hmax = 1.15 times the smallest semi-axis
 
 
 def template_mesh(level: str) -> Mesh:
