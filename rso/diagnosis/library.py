@@ -10,7 +10,7 @@ modulus, so that the modulus needs no simulation (exact similarity).
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -144,18 +144,18 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     modelled = [e for e in effects if e.family == "model"]
     jobs = jobs_of_base(base, plan, frame)
     outcomes = run([j.task for j in jobs])
-    unknowns, refined = np.zeros(len(plan.places)), np.zeros(len(plan.places), bool)
+    unknowns = np.zeros(len(plan.places))
     for j, o in zip(jobs, outcomes, strict=True):
         if j.finer:
-            refined[j.place] = isinstance(o, Done)
-        elif isinstance(o, Done):
+            continue
+        if isinstance(o, Done):
             unknowns[j.place] = float(o.response.info.get("dofs", 0))
         elif j.passing is None:
             at = plan.places[j.place].settings.get("point")
             raise ValueError(f"the base model has no answer at {at}: {o.reason}")
     dear = unknowns > DEAR * unknowns[primary]
     aside = (unknowns >= ASIDE * unknowns.min()) & ~dear
-    grid, further, fine, rubbing = jobs_of_effects(base, plan, modelled, frame, Sizes(dear, aside, refined))
+    grid, further, rubbing = jobs_of_effects(base, plan, modelled, frame, Sizes(dear, aside))
     jobs, outcomes = jobs + further, [*outcomes, *run([j.task for j in further])]
     different = {key_of(base, j): o for j, o in zip(jobs, outcomes, strict=True)}
     cpu = sum(float(o.response.info.get("cpu_s", 0.0)) for o in different.values() if isinstance(o, Done))
@@ -165,9 +165,9 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
         for j, o in zip(jobs, outcomes, strict=True) if not isinstance(o, Done)
     ))  # fmt: skip
     found = {(j.place, j.effect, j.node, j.passing, j.finer): o for j, o in zip(jobs, outcomes, strict=True)}
-    first = _tables(base, plan, primary, every[primary], modelled, grid, levels, found, fine)
+    first = _tables(base, plan, primary, every[primary], modelled, grid, levels, found)
     others = {
-        k: _tables(base, plan, k, every[k], modelled, grid, few, found, fine)
+        k: _tables(base, plan, k, every[k], modelled, grid, few, found)
         for k in range(len(plan.places)) if k != primary
     }  # fmt: skip
     tables = tuple(first if k == primary else _beside(first, levels, few, others[k]) for k in range(len(plan.places)))
@@ -201,7 +201,7 @@ def _home(effect: Effect, plan: TestPlan, primary: int) -> int:
 
 def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled: Sequence[Effect],
             grid: Mapping[tuple[str, int], Nodes], levels: Sequence[np.ndarray],
-            found: Mapping[tuple[Any, ...], Any], fine: Collection[tuple[str, int]]) -> PlaceTables:  # fmt: skip
+            found: Mapping[tuple[Any, ...], Any]) -> PlaceTables:  # fmt: skip
     place = plan.places[k]
     u = (np.linspace(0.0, np.sqrt(place.deepest + MARGIN), GRID)) ** 2
     n_base = int(np.prod([len(v) for v in levels])) if levels else 1
@@ -229,20 +229,17 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
         change = np.zeros((len(points), len(every), 3, GRID))
         marks = np.zeros((len(points), base_marks.shape[1]))
         known = np.ones(len(points), bool)
-        refined = (e.name, k) in fine
-        beside = Resampling(*forces_of(best.response, base.reference)) if refined else first
-        marks_beside = marks_of(best.response, place) if refined else base_marks[-1]
         for n in range(len(points)):
             whole = found.get((k, e.name, n, None, False))
             each = [found.get((k, e.name, n, i, False)) for i in range(len(every))] if whole is None else [whole]
             if None in each:  # not computed here
                 known[n] = False
                 continue
-            change[n], lost = changed(every, u, place, base.reference, each, beside)
+            change[n], lost = changed(every, u, place, base.reference, each, first)
             change[n] -= ways
             known[n] = lost == 0
             reached = reached_by(each[0], place.deepest)
-            marks[n] = 0.0 if reached is None else marks_of(reached, place) - marks_beside
+            marks[n] = 0.0 if reached is None else marks_of(reached, place) - base_marks[-1]
         effects[e.name] = _filled(Table(grid[e.name, k], change, marks, known))
     return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], mesh, ways, error, effects, unknowns)
 

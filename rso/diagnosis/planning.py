@@ -35,14 +35,10 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Sizes:
-    """What the base model's runs tell of each place (n_places,).
-
-    Whether runs there are dear, whether the ball pushes the body aside, and whether there is one on the study's mesh.
-    """
+    """What the base model's runs tell of each place (n_places,): whether they are dear, and the body pushed aside."""
 
     dear: np.ndarray
     aside: np.ndarray
-    refined: np.ndarray
 
 
 def framed(base: Base, plan: TestPlan) -> Frame:
@@ -81,7 +77,7 @@ def planned(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> int:
     frame, anywhere = framed(base, plan), np.ones(len(plan.places), bool)
     modelled = [e for e in effects if e.family == "model"]
     jobs = jobs_of_base(base, plan, frame)
-    jobs += jobs_of_effects(base, plan, modelled, frame, Sizes(~anywhere, anywhere, ~anywhere))[1]
+    jobs += jobs_of_effects(base, plan, modelled, frame, Sizes(~anywhere, anywhere))[1]
     return len({key_of(base, j) for j in jobs})
 
 
@@ -101,11 +97,11 @@ def jobs_of_base(base: Base, plan: TestPlan, frame: Frame) -> list[Job]:
 
 def jobs_of_effects(
     base: Base, plan: TestPlan, modelled: Sequence[Effect], frame: Frame, sizes: Sizes
-) -> tuple[dict[tuple[str, int], Nodes], list[Job], set[tuple[str, int]], set[str]]:
-    """Nodes of every effect at every place, their runs, which of them are finer, and effects whose way matters."""
+) -> tuple[dict[tuple[str, int], Nodes], list[Job], set[str]]:
+    """Nodes of every effect at every place, their runs, and effects of the contact whose way matters."""
     grid: dict[tuple[str, int], Nodes] = {}
     jobs: list[Job] = []
-    fine, rubbing = set(), set()
+    rubbing = set()
     alone = len(plan.places) == 1
     for e, k in itertools.product(modelled, range(len(plan.places))):
         grid[e.name, k] = nodes(e, k == frame.primary, frame.speeds, sizes.dear[k], alone)
@@ -119,11 +115,8 @@ def jobs_of_effects(
             mine = jobs_of(base, plan, k, e, n, values, frame.every[k])
             if _rubs(e, mine):
                 rubbing.add(e.name)
-                if k != frame.primary and sizes.refined[k] and not sizes.dear[k]:
-                    mine = jobs_of(base, plan, k, e, n, values, frame.every[k], finer=True)
-                    fine.add((e.name, k))
             jobs += mine
-    return grid, jobs, fine, rubbing
+    return grid, jobs, rubbing
 
 
 def _of_base(
@@ -139,10 +132,7 @@ def _of_base(
 
 
 def _rubs(effect: Effect, jobs: Sequence[Job]) -> bool:
-    """Whether an effect is one of the contact whose way matters, all in one size, such as friction.
-
-    Beside the top it decides how the ball and the body stick, which two meshes see differently by a tenth.
-    """
+    """Whether an effect is one of the contact whose way matters, all in one size, such as friction."""
     plain = not effect.settings and not effect.shape and effect.size.neutral is not None
     return plain and len(effect.size.ends()) == 1 and jobs[0].passing is not None
 
