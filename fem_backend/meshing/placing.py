@@ -17,6 +17,7 @@ from fem_backend.geometry import Ellipsoid
 from fem_backend.meshing.mesh import BadMesh, Mesh, quadratic
 
 FARTHEST = 0.8  # semi-axes from the top: beyond it the coarse far side misses more than 1 % of the volume
+LEAST = -1.0  # share of the projective map: a tower's elements fold with less
 WORST = 0.05  # scaled Jacobian below which an element only spoils the matrix; a well made mesh has 0.15 to 0.4
 
 
@@ -26,12 +27,14 @@ def assemble(
     body: Ellipsoid,
     point: tuple[float, float] = (0.0, 0.0),
     planes: tuple[bool, bool] = (True, True),
+    upright: bool = False,
 ) -> MeshTet2:
     """Quadratic mesh of `body` with the fine elements at `point` (x, y) mm, from a quarter mesh of `nominal`.
 
     `planes` says which symmetry planes (x = 0, y = 0) bound the model: both give the quarter x ≥ 0, y ≥ 0, none the
-    whole body.  Nodes of the quarter come first, then their mirror images.  Raises ValueError when a point is off a
-    kept plane and BadMesh when it is more than `FARTHEST` semi-axes from the top or elements are spoilt.
+    whole body.  Nodes of the quarter come first, then their mirror images.  `upright` elements stay so under the point
+    (see `moved`), whatever the shape of the body; without it they lean by its flatness.  Raises ValueError when a point
+    is off a kept plane and BadMesh when it is more than `FARTHEST` semi-axes from the top or elements are spoilt.
     """
     for axis in (0, 1):
         if planes[axis] and point[axis] != 0.0:
@@ -41,7 +44,7 @@ def assemble(
         if not planes[axis]:
             X, tets = _mirrored(X, tets, axis)
     share = (point[0] / body.a, point[1] / body.b)
-    X = translated(X, *share)
+    X = moved(X, *share, nominal) if upright else translated(X, *share)
     if math.hypot(*share) > FARTHEST + 1e-12:
         raise BadMesh(f"point = {point} mm is {math.hypot(*share):.2f} semi-axes from the top, at most {FARTHEST}")
     ball = quadratic(Ellipsoid(1.0, 1.0, 1.0), Mesh(X, tets))
@@ -83,6 +86,23 @@ def translated(X: np.ndarray, p: float, q: float) -> np.ndarray:
     below = 1.0 + 2.0 * (sx * x + sy * y) + s * s * square
     away = 1.0 - s * s
     return np.stack([(away * xs + moved * sx) / below, (away * ys + moved * sy) / below, away * z / below], 1) + 0.0
+
+
+def moved(X: np.ndarray, p: float, q: float, body: Ellipsoid) -> np.ndarray:
+    """As `translated`, but what stands on the pole stands on the surface of `body` at the new place.
+
+    The conformal map does so in the ball; a body's own axes shear that, a plate of a/c = 5 by 60° at p = 0.35.  The
+    projective map of the ball, x ↦ (n x + (1 + x·p/(1 + n)) p)/(1 + x·p), n = √(1 − p²), is the same on the surface
+    and keeps verticals under the pole upright in the ball.  So x and y take 1 − (c/a)² and 1 − (c/b)² of it, which
+    turns the vertical to the normal (p/a, q/b, n/c) of the body; surface, planes and the rim are those of both.
+    """
+    out = translated(X, p, q)
+    n, (x, y, _) = math.sqrt(1.0 - (p * p + q * q)), X.T
+    along = p * x + q * y
+    for k, (own, place, axis) in enumerate(((x, p, body.a), (y, q, body.b))):
+        share = max(1.0 - (body.c / axis) ** 2, LEAST)
+        out[:, k] += share * ((n * own + (1.0 + along / (1.0 + n)) * place) / (1.0 + along) - out[:, k])
+    return out + 0.0
 
 
 def scaled_jacobian(mesh: MeshTet2) -> np.ndarray:

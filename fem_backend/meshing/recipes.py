@@ -52,11 +52,16 @@ def nominal(recipe: str) -> Ellipsoid:
     return Ellipsoid(*json.loads(recipe)["semi_axes"])
 
 
+def mesher(recipe: str) -> str:
+    """Who makes the mesh of a recipe: template, tetwild or mapped."""
+    return str(json.loads(recipe)["mesher"])
+
+
 def tetwild_recipe(body: Ellipsoid, sizing: Sizing) -> str:
     """Recipe of a graded fTetWild mesh of the quarter body."""
     words = {k: v for k, v in asdict(sizing).items() if k != "lift" or v}  # recipes without it are as they were
     return json.dumps(
-        {"mesher": "tetwild", "version": 1, "semi_axes": list(body.semi_axes), "sizing": words}, sort_keys=True
+        {"mesher": "tetwild", "version": 2, "semi_axes": list(body.semi_axes), "sizing": words}, sort_keys=True
     )
 
 
