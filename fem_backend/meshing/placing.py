@@ -28,6 +28,7 @@ def assemble(
     point: tuple[float, float] = (0.0, 0.0),
     planes: tuple[bool, bool] = (True, True),
     upright: bool = False,
+    least: float | None = None,
 ) -> MeshTet2:
     """Quadratic mesh of `body` with the fine elements at `point` (x, y) mm, from a quarter mesh of `nominal`.
 
@@ -49,9 +50,9 @@ def assemble(
         raise BadMesh(f"point = {point} mm is {math.hypot(*share):.2f} semi-axes from the top, at most {FARTHEST}")
     ball = quadratic(Ellipsoid(1.0, 1.0, 1.0), Mesh(X, tets))
     placed = MeshTet2(ball.doflocs * body.semi_axes[:, None], ball.t)
-    worst = float(scaled_jacobian(placed).min())
-    if worst < WORST:
-        raise BadMesh(f"elements are spoilt at point = {point} mm: scaled Jacobian {worst:.3f}, at least {WORST}")
+    worst, least = float(scaled_jacobian(placed).min()), WORST if least is None else least
+    if worst < least:
+        raise BadMesh(f"elements are spoilt at point = {point} mm: scaled Jacobian {worst:.3f}, at least {least}")
     return placed
 
 

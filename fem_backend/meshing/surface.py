@@ -64,7 +64,9 @@ def _rings(body: Ellipsoid, sizing: Sizing) -> tuple[np.ndarray, np.ndarray, lis
     for k, theta in enumerate(angles):
         pole = k in (0, len(angles) - 1)
         h = float(sizing.at(point(theta), body))
-        m = 0 if pole else max(2, round(np.sin(theta) * (body.a + body.b) / 2 * np.pi / 2 / h))
+        # two chords of a large ring leave a tenth of its area out, of a body on its end a tenth of the volume
+        least = 3 if body.c > max(body.a, body.b) and np.sin(theta) >= 0.5 else 2
+        m = 0 if pole else max(least, round(np.sin(theta) * (body.a + body.b) / 2 * np.pi / 2 / h))
         phi = np.linspace(0, np.pi / 2, m + 1) if m else np.zeros(1)
         c, s = np.cos(phi), np.sin(phi)
         s[0], c[-1 if m else 0] = 0.0, 0.0 if m else 1.0

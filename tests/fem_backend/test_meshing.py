@@ -251,6 +251,47 @@ def test_a_mesh_with_a_sliver_is_made_again(monkeypatch):
     assert meshing.scaled_jacobian(meshing.assemble(mesh, BODY, BODY)).min() > 0.05
 
 
+@pytest.mark.parametrize("shapes,chosen", [((0.02, 0.07), 1), ((0.02, 0.04, 0.03, 0.01, 0.03, 0.02), 1)])
+def test_of_meshes_that_fail_off_the_top_the_best_is_taken(shapes, chosen, monkeypatch):
+    """The first that is good for points on the axes, or the best of all; every point of a long body was refused."""
+    from fem_backend.meshing import tetwild
+
+    good, made = meshing.template_mesh("coarse"), []
+
+    class Mesher:
+        @staticmethod
+        def tetrahedralize_mesh(*_):
+            made.append(1)
+            return good.vertices, np.roll(good.tets, len(made), axis=0)
+
+    answers = iter(shapes)
+    monkeypatch.setattr(tetwild, "_extension", lambda: Mesher)
+    monkeypatch.setattr(tetwild, "soundness", lambda mesh, body: next(answers))
+    mesh = tetwild.tetwild_quarter(BODY, Sizing(0.8, 2.5, 0.45, 40.0))
+    assert len(made) == len(shapes)
+    expected = tetwild.finish(BODY, good.vertices, np.roll(good.tets, chosen + 1, axis=0), 1e-3)
+    np.testing.assert_array_equal(mesh.tets, expected.tets)
+
+
+def test_soundness_is_that_of_the_worst_place():
+    from fem_backend.meshing import tetwild
+
+    mesh = meshing.template_mesh("coarse")
+    shape = [
+        meshing.scaled_jacobian(meshing.assemble(mesh, BODY, BODY, point, planes, True)).min()
+        for point, planes in (((0.0, 0.0), (True, True)), ((21.0, 0.0), (False, True)), ((0.0, 12.25), (True, False)))
+    ]
+    assert tetwild.soundness(mesh, BODY) == min(shape) < shape[0]
+
+
+def test_large_rings_of_a_body_on_its_end_have_three_chords():
+    """With two for a quarter, every mesh of a body that stands on its end lacked a tenth of its volume."""
+    tower = Ellipsoid(15.0, 15.0, 40.0)
+    vertices, _ = quarter_surface(tower, Sizing(0.75, 3.0, 0.65, 17.25, 1.0))
+    rim = (vertices[:, 2] == 0.0) & (((vertices / tower.semi_axes) ** 2).sum(1) > 1 - 1e-9)
+    assert rim.sum() >= 4
+
+
 def test_mesher_that_dies_is_a_bad_mesh():
     """The child's last line is in the message; the parent lives."""
     recipe = json.dumps({"mesher": "tetwild", "semi_axes": [1.0, 2.0], "sizing": {}})
