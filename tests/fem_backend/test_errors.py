@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -204,6 +205,24 @@ def test_extrapolated_forces_state_less_and_nothing_else_does():
     assert (limit["Fz"] < plain["Fz"]).all()
     for name in set(plain) - set(errors.FORCES):
         np.testing.assert_array_equal(limit[name], plain[name])
+
+
+@pytest.mark.parametrize("edge", [0.5, 1.2, 3.0])
+def test_elements_longer_than_asked_for_below_the_ball_state_more(edge):
+    """By the square of their edges over 0.9 h₀, if there are any so long; what lies elsewhere does not count."""
+    nodes = edge * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.75**0.5, 0.0]])
+    far = np.array([[30.0, 0.0, 0.0], [45.0, 0.0, 0.0], [30.0, 15.0, 0.0]])
+    body = SimpleNamespace(nodes=np.concatenate([nodes, far]))
+    facets = np.array([[0, 1, 2, 0, 0, 0], [3, 4, 5, 3, 3, 3]])
+    system = SimpleNamespace(body=body, pairs=(SimpleNamespace(surface=SimpleNamespace(facets=facets)),))
+    for level in ("coarse", "fine"):
+        at, usual = settings(level), replace(result(), contact_error=np.zeros(3))
+        factor = max(1.0, (edge / (0.9 * at.h0)) ** 2)
+        found = {n: v / stated(usual, at)[n] for n, v in stated(replace(usual, system=system), at).items() if v.any()}
+        np.testing.assert_allclose(found["Fz"], factor, rtol=1e-9)
+        np.testing.assert_allclose(found["contact_area"], factor, rtol=1e-9)
+    mapped = settings(mesh={"mesher": "mapped", "n": 8, "slip": 0.5})  # counts by its own size already
+    assert errors.unreached(mapped, knobs(), replace(result(), system=system)) == 1.0
 
 
 def test_a_mesh_without_a_level_counts_by_its_element_size():
