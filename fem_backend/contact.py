@@ -392,6 +392,7 @@ def _tangent(  # type: ignore[no-untyped-def]
                 turn += pull
                 if geometric:
                     stiff += fall
+            counts = 1.0
             for i in range(3):
                 for j in range(3):
                     k[i, j] = stiff * n[i] * n[j]
@@ -404,18 +405,19 @@ def _tangent(  # type: ignore[no-untyped-def]
                 for i in range(3):
                     way = points[f, q, i] - start[f, q, i] - motion[i]
                     went[i] = growth * TANGENTIAL * e * way if geometric else 0.0
-                along_way[:, :] = k
-                part, own = counts * stick, bound[f, q]
-                _friction(k, n, h, square, along, size, t, v, p, e, stick, went, friction, own, geometric)
-                _friction(along_way, n, h, square, along, size, t, v, p, e, part, went, friction, own, geometric)
-            else:
-                along_way[:, :] = k
+                if counts < 1.0:  # of the rigid body's way less counts than of the point's
+                    along_way[:, :] = k
+                    part, own = counts * stick, bound[f, q]
+                    _friction(along_way, n, h, square, along, size, t, v, p, e, part, went, friction, own, geometric)
+                _friction(k, n, h, square, along, size, t, v, p, e, stick, went, friction, bound[f, q], geometric)
             for a in range(6):
                 for i in range(3):
                     wa = weights[f, q] * N[q, a]
                     for b in range(6):
                         for j in range(3):
                             block[3 * a + i, 3 * b + j] += wa * N[q, b] * k[i, j]
+            if counts == 1.0:
+                along_way[:, :] = k
             for i in range(3):
                 rate[i] = 0.0
                 for j in range(3):
