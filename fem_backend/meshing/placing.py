@@ -28,14 +28,15 @@ def assemble(
     point: tuple[float, float] = (0.0, 0.0),
     planes: tuple[bool, bool] = (True, True),
     upright: bool = False,
-    least: float | None = None,
+    least: float = WORST,
 ) -> MeshTet2:
     """Quadratic mesh of `body` with the fine elements at `point` (x, y) mm, from a quarter mesh of `nominal`.
 
     `planes` says which symmetry planes (x = 0, y = 0) bound the model: both give the quarter x ≥ 0, y ≥ 0, none the
     whole body.  Nodes of the quarter come first, then their mirror images.  `upright` elements stay so under the point
     (see `moved`), whatever the shape of the body; without it they lean by its flatness.  Raises ValueError when a point
-    is off a kept plane and BadMesh when it is more than `FARTHEST` semi-axes from the top or elements are spoilt.
+    is off a kept plane and BadMesh when it is more than `FARTHEST` semi-axes from the top or elements are spoilt, a
+    scaled Jacobian below `least`.
     """
     for axis in (0, 1):
         if planes[axis] and point[axis] != 0.0:
@@ -50,7 +51,7 @@ def assemble(
         raise BadMesh(f"point = {point} mm is {math.hypot(*share):.2f} semi-axes from the top, at most {FARTHEST}")
     ball = quadratic(Ellipsoid(1.0, 1.0, 1.0), Mesh(X, tets))
     placed = MeshTet2(ball.doflocs * body.semi_axes[:, None], ball.t)
-    worst, least = float(scaled_jacobian(placed).min()), WORST if least is None else least
+    worst = float(scaled_jacobian(placed).min())
     if worst < least:
         raise BadMesh(f"elements are spoilt at point = {point} mm: scaled Jacobian {worst:.3f}, at least {least}")
     return placed
