@@ -165,7 +165,7 @@ def factorise(
     for _ in range(8):
         touching, moving = contact_tangent(system, at, load, geometric)
         if shift:
-            touching[body.pattern.diagonal] += shift
+            bulk[body.pattern.diagonal] += shift  # of the body: contact is condensed to the dofs that touch
         counters.factorisations += 1
         try:
             return make(bulk, touching), moving

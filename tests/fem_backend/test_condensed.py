@@ -148,6 +148,30 @@ def test_where_keeping_fails_newton_goes_on(tmp_path, monkeypatch):
     assert lost and all(isinstance(e.__cause__, OutOfReach) for e in lost)
 
 
+def test_a_shift_is_none_of_the_contact(monkeypatch):
+    """A body's tangent that is not definite is shifted until it is, all along its diagonal, and still condensed."""
+    case = Case("shifted", Programme.ramp((0.5,)), {"mesh": {"level": "coarse"}})
+    found = BACKEND.solve(VALUES, case)
+    point = found.result.points[-1]
+    at = bench.bench(found.settings, found.knobs, found.placement, found.model, newton.Counters())
+    system = modelling.condensing(at.system, at.model, at.start(0.0), at.start(0.5))
+    bulk, counters = newton.bulk_tangent, newton.Counters()
+
+    def indefinite(*arguments):
+        data = bulk(*arguments)
+        data[at.model.body.pattern.diagonal] -= 2e-3 * np.median(data[at.model.body.pattern.diagonal])
+        return data
+
+    def make(body, contact):
+        return system.condense(body, contact)(contact)
+
+    monkeypatch.setattr(newton, "bulk_tangent", indefinite)
+    solution, _ = newton.factorise(system, point.evaluation, point.load, counters, True, make)
+    assert counters.shifts > 2  # not the terms of the contact were to blame
+    b = np.random.default_rng(0).normal(size=at.model.body.pattern.size)
+    assert b @ solution(b) > 0.0
+
+
 def test_swept_dofs_hold_all_that_touches():
     """A ball of radius 3 mm that has gone 7 mm down no longer reaches the first dofs that it touched, its way does."""
     case = Case("swept", Programme.ramp((0.5,)), {"mesh": {"level": "coarse"}})
