@@ -94,130 +94,206 @@ LISTED = {  # outside kinds that the diagnosis's catalogue holds by the eighth r
 }
 
 
+def effect(size, truth, model=None, chain=None):
+    """What `draw` returns, but for the name."""
+    return {"size": size, "truth": truth, "model": model or {}, "chain": chain or {}}
+
+
+def yeoh(rng):
+    """Two moduli of higher order."""
+    c20 = log_uniform(rng, 0.005, 0.15)
+    c30 = c20 * float(rng.choice([0.0, 0.05, 0.15]))
+    return effect(c20, {"C20_over_mu": c20, "C30_over_mu": c30}, {"c20": c20, "c30": c30})
+
+
+def ogden(rng):
+    """One term; 2 is neo-Hookean."""
+    alpha = float(rng.choice([1.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0]))
+    return effect(alpha, {"alpha": alpha}, {"alpha": alpha})
+
+
+def prony(rng):
+    """One relaxation time."""
+    g, tau = log_uniform(rng, 0.05, 0.4), log_uniform(rng, 0.3, 60.0)
+    return effect(g, {"prony_g": g, "prony_tau_s": tau}, {"prony": [[g, tau]]})
+
+
+def fractional(rng):
+    """A power law of time: equal weights on logarithmic times."""
+    g, times = log_uniform(rng, 0.15, 0.5), [0.1, 1.0, 10.0, 100.0]
+    return effect(g, {"g": g, "tau_s": times}, {"prony": [[g / 4, t] for t in times]})
+
+
+def mullins(rng):
+    """Softening by the largest energy so far."""
+    size, beta, m0 = log_uniform(rng, 0.05, 0.5), float(rng.uniform(0.1, 0.6)), log_uniform(rng, 0.02, 0.2)
+    return effect(size, {"softening": size, "beta": beta, "m_over_mu": m0}, {"mullins": [1 / size, beta, m0]})
+
+
+def fibre(rng, axis):
+    """Fibres along x (0) or y (1)."""
+    k = log_uniform(rng, 0.05, 2.0)
+    return effect(k, {"fibre_k_over_mu": k}, {"fibre": k, "fibre_axis": axis})
+
+
+def skin(rng, ratio):
+    """A layer with `ratio` times the moduli."""
+    model = {"skin_ratio": ratio, "skin_thickness": log_uniform(rng, 0.3, 1.5)}
+    return effect(ratio, dict(model), model)
+
+
+def blob(rng, ratio, by_radius=False):
+    """A sphere of other moduli below the surface; `by_radius`: its radius is its size."""
+    r, gap, x = log_uniform(rng, 2.5, 8.0), log_uniform(rng, 2.0, 12.0), float(rng.choice([0.0, 0.0, 8.0, 16.0]))
+    top = 35 * np.sqrt(1 - (x / 60) ** 2)
+    return effect(
+        r if by_radius else ratio,
+        {"ratio": ratio, "radius_mm": r, "gap_below_surface_mm": gap, "x_mm": x},
+        {"blob_ratio": ratio, "blob_radius": r, "blob_centre": [x, 0.0, float(top - gap - r)]},
+    )
+
+
+def semi_axis(rng, k):
+    """Semi-axis k of the body, longer or shorter."""
+    size, axes = signed(rng, 0.3, 5.0), [1.0, 1.0, 1.0]
+    axes[k] += size / (60.0, 35.0, 35.0)[k]
+    return effect(size, {"delta_mm": size}, {"axes": axes})
+
+
+def radius(rng):
+    """Radius of the sphere."""
+    size = signed(rng, 0.03, 0.5)
+    return effect(size, {"delta_mm": size}, {"radius": 3.0 + size})
+
+
+def weight(rng):
+    """Specific weight."""
+    size = log_uniform(rng, 3e-6, 2e-5)
+    return effect(size, {"specific_weight_N_per_mm3": size}, {"weight_mpa": size})
+
+
+def friction(rng):
+    """Coulomb's coefficient at the indenter."""
+    size = log_uniform(rng, 0.03, 0.8)
+    return effect(size, {"mu_f": size}, {"friction": size})
+
+
+def adhesion(rng):
+    """Work and range of an attraction."""
+    work, length = log_uniform(rng, 5e-6, 5e-4), float(rng.uniform(0.1, 0.3))
+    return effect(work, {"work_N_per_mm": work, "range_mm": length}, {"adhesion_mpa": work, "adhesion_range": length})
+
+
+def bowl(rng):
+    """A bowl instead of a held surface."""
+    size, mu = log_uniform(rng, 0.2, 3.0), float(rng.uniform(0.05, 0.5))
+    return effect(size, {"clearance_mm": size, "mu_platform": mu}, {"bowl": size, "bowl_friction": mu})
+
+
+def gradient(rng):
+    """A modulus that changes with the depth."""
+    size = signed(rng, 0.1, 1.0)
+    return effect(size, {"log_modulus_per_10_mm_depth": size}, {"gradient": size})
+
+
+def offset_each(rng):
+    """A contact point of its own in every test."""
+    sd = log_uniform(rng, 0.02, 0.2)
+    return effect(sd, {"offset_sd_mm": sd}, chain={"offsets": [float(v) for v in rng.normal(0, sd, 12)]})
+
+
+def gain(rng):
+    """A wrong factor on all forces."""
+    size = 1 + signed(rng, 0.01, 0.12)
+    return effect(size, {"gain": size}, chain={"gain": size})
+
+
+KINDS = {  # mechanics, and what is more than one number of the measurement chain
+    "yeoh": yeoh,
+    "ogden": ogden,
+    "prony": prony,
+    "fractional": fractional,
+    "mullins": mullins,
+    "fibre_x": lambda rng: fibre(rng, 0),
+    "fibre_y": lambda rng: fibre(rng, 1),
+    "skin_stiff": lambda rng: skin(rng, log_uniform(rng, 1.15, 6.0)),
+    "skin_soft": lambda rng: skin(rng, 1 / log_uniform(rng, 1.15, 4.0)),
+    "inclusion_stiff": lambda rng: blob(rng, log_uniform(rng, 2, 30)),
+    "inclusion_soft": lambda rng: blob(rng, 1 / log_uniform(rng, 2, 30)),
+    "cavity": lambda rng: blob(rng, 0.01, by_radius=True),
+    "delta_a": lambda rng: semi_axis(rng, 0),
+    "delta_b": lambda rng: semi_axis(rng, 1),
+    "delta_c": lambda rng: semi_axis(rng, 2),
+    "delta_R": radius,
+    "weight": weight,
+    "friction": friction,
+    "adhesion": adhesion,
+    "bowl": bowl,
+    "gradient": gradient,
+    "offset_each": offset_each,
+    "gain": gain,
+}
+EITHER, UP, EVEN = signed, log_uniform, lambda rng, low, high: float(rng.uniform(low, high))
+SIZES = {  # the others are one number of the chain or of the plan: how it is drawn, from, to
+    "offset": (EITHER, 0.005, 0.3),  # mm
+    "compliance": (UP, 0.02, 0.6),  # mm/N
+    "bias": (EITHER, 5e-4, 3e-2),  # N
+    "drift": (EITHER, 2e-5, 5e-3),  # N/s
+    "lag": (UP, 0.005, 1.0),  # s
+    "cross_x": (EITHER, 0.001, 0.1),
+    "cross_y": (EITHER, 0.001, 0.1),
+    "offset_x": (EITHER, 0.1, 3.0),  # mm
+    "offset_y": (EITHER, 0.1, 3.0),
+    "tilt_x": (EITHER, 0.1, 5.0),  # degrees
+    "tilt_y": (EITHER, 0.1, 5.0),
+    "stick_slip": (UP, 0.03, 0.25),  # share of the force lost in a slip
+    "clipping": (EVEN, 0.5, 0.92),  # of the largest force of the plan
+    "swapped_file": (EVEN, 1.0, 1.0),
+    "wrong_point": (EVEN, 6, 14),  # mm, where "20_0" really was
+    "temperature": (EITHER, 0.04, 0.3),  # share of the modulus over the whole plan
+    "rocking": (UP, 0.1, 1.5),  # extra compliance at x = 20 mm, mm/N
+    "set": (UP, 0.02, 0.15),  # share of the depth that stays
+    "backlash": (UP, 0.05, 0.3),  # mm
+    "depth_scale": (EITHER, 0.02, 0.12),
+    "spikes": (EVEN, 0.03, 0.1),  # share of the samples
+    "nonlinear_cell": (EITHER, 0.05, 0.5),  # 1/N
+    "hum": (UP, 0.004, 0.03),  # N
+    "screw_error": (UP, 0.005, 0.08),  # mm
+    "lint": (UP, 0.03, 0.5),  # mm
+    "parallel_spring": (UP, 1e-3, 6e-2),  # N/mm
+    "poroelastic": (UP, 0.01, 0.4),  # overstress 1 - 2 nu of the drained solid
+    "tear": (UP, 0.005, 0.3),  # share of the force lost
+    "cell_hysteresis": (UP, 0.003, 0.08),  # height of the loop over the peak force
+    "recovery": (UP, 0.02, 0.3),  # share of the force lost right after a test
+    "collar": (UP, 0.003, 0.3),  # share of the force 1 mm beyond the depth where it touches
+}
+BESIDE = {  # name -> (key of the chain, key of the truth, how it is drawn) of further numbers
+    "stick_slip": [("stick_slip_period", "period_mm", lambda rng: float(rng.uniform(0.25, 0.9)))],
+    "hum": [("hum_period", "period_s", lambda rng: float(rng.uniform(0.5, 4.0)))],
+    "screw_error": [
+        ("screw_pitch", "pitch_mm", lambda rng: float(rng.choice([0.5, 1.0, 1.5, 2.0]))),
+        ("screw_phase", "phase", lambda rng: float(rng.uniform(0, 2 * np.pi))),
+    ],
+    "lint": [("lint_force", "force_N", lambda rng: log_uniform(rng, 0.002, 0.02))],
+    "poroelastic": [("poroelastic_time", "time_at_4_mm_s", lambda rng: log_uniform(rng, 2.0, 60.0))],
+    "tear": [("tear_depth", "depth_mm", lambda rng: float(rng.uniform(4.1, 5.2)))],
+    "recovery": [
+        ("recovery_time", "time_s", lambda rng: log_uniform(rng, 60.0, 400.0)),
+        ("recovery_rests", "rests_s", lambda rng: [log_uniform(rng, 20.0, 900.0) for _ in range(11)]),
+    ],
+    "collar": [("collar_depth", "depth_mm", lambda rng: float(rng.uniform(2.5, 4.5)))],
+}
+
+
+def of_chain(name, rng):
+    """A number of the measurement chain or of the plan, and what goes with it."""
+    how, low, high = SIZES[name]
+    size = how(rng, low, high)
+    beside = [(key, said, drawn(rng)) for key, said, drawn in BESIDE.get(name, ())]
+    chain = {name: size} | {key: value for key, _, value in beside}
+    return effect(size, {name: size} | {said: value for _, said, value in beside}, chain=chain)
+
+
 def draw(name, rng):
     """Sizes of one effect; see the module's docstring for what comes back."""
-    lu, sg = (lambda a, b: log_uniform(rng, a, b)), (lambda a, b: signed(rng, a, b))
-    truth, model, chain = {}, {}, {}
-    if name == "yeoh":
-        c20 = lu(0.005, 0.15)
-        model = {"c20": c20, "c30": c20 * float(rng.choice([0.0, 0.05, 0.15]))}
-        truth = {"C20_over_mu": c20, "C30_over_mu": model["c30"]}
-        size = c20
-    elif name == "ogden":
-        size = float(rng.choice([1.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0]))
-        model, truth = {"alpha": size}, {"alpha": size}
-    elif name in ("prony", "fractional"):
-        g, tau = lu(0.05, 0.4), lu(0.3, 60.0)
-        if name == "fractional":  # power law: equal weights on logarithmic times
-            g = lu(0.15, 0.5)
-            model = {"prony": [[g / 4, t] for t in (0.1, 1.0, 10.0, 100.0)]}
-            truth = {"g": g, "tau_s": [0.1, 1.0, 10.0, 100.0]}
-        else:
-            model, truth = {"prony": [[g, tau]]}, {"prony_g": g, "prony_tau_s": tau}
-        size = g
-    elif name == "mullins":
-        size, beta, m0 = lu(0.05, 0.5), float(rng.uniform(0.1, 0.6)), lu(0.02, 0.2)
-        model = {"mullins": [1 / size, beta, m0]}
-        truth = {"softening": size, "beta": beta, "m_over_mu": m0}
-    elif name in ("fibre_x", "fibre_y"):
-        size = lu(0.05, 2.0)
-        model, truth = {"fibre": size, "fibre_axis": int(name == "fibre_y")}, {"fibre_k_over_mu": size}
-    elif name in ("skin_stiff", "skin_soft"):
-        size = lu(1.15, 6.0) if name == "skin_stiff" else 1 / lu(1.15, 4.0)
-        model = {"skin_ratio": size, "skin_thickness": lu(0.3, 1.5)}
-        truth = dict(model)
-    elif name in ("inclusion_stiff", "inclusion_soft", "cavity"):
-        size = {"inclusion_stiff": lu(2, 30), "inclusion_soft": 1 / lu(2, 30), "cavity": 0.01}[name]
-        r, gap, x = lu(2.5, 8.0), lu(2.0, 12.0), float(rng.choice([0.0, 0.0, 8.0, 16.0]))
-        top = 35 * np.sqrt(1 - (x / 60) ** 2)
-        model = {"blob_ratio": size, "blob_radius": r, "blob_centre": [x, 0.0, float(top - gap - r)]}
-        truth = {"ratio": size, "radius_mm": r, "gap_below_surface_mm": gap, "x_mm": x}
-        size = r if name == "cavity" else size
-    elif name in ("delta_a", "delta_b", "delta_c"):
-        k = "abc".index(name[-1])
-        size = sg(0.3, 5.0)
-        axes = [1.0, 1.0, 1.0]
-        axes[k] += size / (60.0, 35.0, 35.0)[k]
-        model, truth = {"axes": axes}, {"delta_mm": size}
-    elif name == "delta_R":
-        size = sg(0.03, 0.5)
-        model, truth = {"radius": 3.0 + size}, {"delta_mm": size}
-    elif name == "weight":
-        size = lu(3e-6, 2e-5)
-        model, truth = {"weight_mpa": size}, {"specific_weight_N_per_mm3": size}
-    elif name == "friction":
-        size = lu(0.03, 0.8)
-        model, truth = {"friction": size}, {"mu_f": size}
-    elif name == "adhesion":
-        size = lu(5e-6, 5e-4)
-        model = {"adhesion_mpa": size, "adhesion_range": float(rng.uniform(0.1, 0.3))}
-        truth = {"work_N_per_mm": size, "range_mm": model["adhesion_range"]}
-    elif name == "bowl":
-        size = lu(0.2, 3.0)
-        model = {"bowl": size, "bowl_friction": float(rng.uniform(0.05, 0.5))}
-        truth = {"clearance_mm": size, "mu_platform": model["bowl_friction"]}
-    elif name == "gradient":
-        size = sg(0.1, 1.0)
-        model, truth = {"gradient": size}, {"log_modulus_per_10_mm_depth": size}
-    elif name == "offset_each":
-        size = lu(0.02, 0.2)
-        chain = {"offsets": [float(v) for v in rng.normal(0, size, 12)]}
-        truth = {"offset_sd_mm": size}
-    elif name == "gain":
-        size = 1 + sg(0.01, 0.12)
-        chain, truth = {"gain": size}, {"gain": size}
-    else:
-        simple = {
-            "offset": lambda: sg(0.005, 0.3),  # mm
-            "compliance": lambda: lu(0.02, 0.6),  # mm/N
-            "bias": lambda: sg(5e-4, 3e-2),  # N
-            "drift": lambda: sg(2e-5, 5e-3),  # N/s
-            "lag": lambda: lu(0.005, 1.0),  # s
-            "cross_x": lambda: sg(0.001, 0.1),
-            "cross_y": lambda: sg(0.001, 0.1),
-            "offset_x": lambda: sg(0.1, 3.0),  # mm
-            "offset_y": lambda: sg(0.1, 3.0),
-            "tilt_x": lambda: sg(0.1, 5.0),  # degrees
-            "tilt_y": lambda: sg(0.1, 5.0),
-            "stick_slip": lambda: lu(0.03, 0.25),  # share of the force lost in a slip
-            "clipping": lambda: float(rng.uniform(0.5, 0.92)),  # of the largest force of the plan
-            "swapped_file": lambda: 1.0,
-            "wrong_point": lambda: float(rng.uniform(6, 14)),  # mm, where "20_0" really was
-            "temperature": lambda: sg(0.04, 0.3),  # share of the modulus over the whole plan
-            "rocking": lambda: lu(0.1, 1.5),  # extra compliance at x = 20 mm, mm/N
-            "set": lambda: lu(0.02, 0.15),  # share of the depth that stays
-            "backlash": lambda: lu(0.05, 0.3),  # mm
-            "depth_scale": lambda: sg(0.02, 0.12),
-            "spikes": lambda: float(rng.uniform(0.03, 0.1)),  # share of the samples
-            "nonlinear_cell": lambda: sg(0.05, 0.5),  # 1/N
-            "hum": lambda: lu(0.004, 0.03),  # N
-            "screw_error": lambda: lu(0.005, 0.08),  # mm
-            "lint": lambda: lu(0.03, 0.5),  # mm
-            "parallel_spring": lambda: lu(1e-3, 6e-2),  # N/mm
-            "poroelastic": lambda: lu(0.01, 0.4),  # overstress 1 - 2 nu of the drained solid
-            "tear": lambda: lu(0.005, 0.3),  # share of the force lost
-            "cell_hysteresis": lambda: lu(0.003, 0.08),  # height of the loop over the peak force
-            "recovery": lambda: lu(0.02, 0.3),  # share of the force lost right after a test
-            "collar": lambda: lu(0.003, 0.3),  # share of the force 1 mm beyond the depth where it touches
-        }
-        size = simple[name]()
-        chain, truth = {name: size}, {name: size}
-        if name == "stick_slip":
-            chain["stick_slip_period"] = truth["period_mm"] = float(rng.uniform(0.25, 0.9))
-        if name == "hum":
-            chain["hum_period"] = truth["period_s"] = float(rng.uniform(0.5, 4.0))
-        if name == "screw_error":
-            chain["screw_pitch"] = truth["pitch_mm"] = float(rng.choice([0.5, 1.0, 1.5, 2.0]))
-            chain["screw_phase"] = truth["phase"] = float(rng.uniform(0, 2 * np.pi))
-        if name == "lint":
-            chain["lint_force"] = truth["force_N"] = lu(0.002, 0.02)
-        if name == "poroelastic":
-            chain["poroelastic_time"] = truth["time_at_4_mm_s"] = lu(2.0, 60.0)
-        if name == "tear":
-            chain["tear_depth"] = truth["depth_mm"] = float(rng.uniform(4.1, 5.2))
-        if name == "recovery":
-            chain["recovery_time"] = truth["time_s"] = lu(60.0, 400.0)
-            chain["recovery_rests"] = truth["rests_s"] = [lu(20.0, 900.0) for _ in range(11)]
-        if name == "collar":
-            chain["collar_depth"] = truth["depth_mm"] = float(rng.uniform(2.5, 4.5))
-    return {"name": name, "size": size, "truth": truth, "model": model, "chain": chain}
+    return {"name": name} | (KINDS[name](rng) if name in KINDS else of_chain(name, rng))
