@@ -12,7 +12,6 @@ of its store and writes a Markdown table.
 from __future__ import annotations
 
 import argparse
-import itertools
 import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -21,31 +20,28 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 
 import controls
-import numpy as np
-from cases import Cases, Table, contested, draw_cases
-from scores import Scored, baselines, covered, limit, oracle, share, slope
+import sections
+from cases import Table, draw_cases
+from scores import Scored
 
 from rso import diagnosis
 from rso.diagnosis import attribute
-from rso.diagnosis.attribute import Bench, Evidence
+from rso.diagnosis.attribute import Evidence
 from rso.diagnosis.detectable import Detectable, detectable
+from rso.diagnosis.effects import Effect
 from rso.diagnosis.library import Library
-from rso.diagnosis.next_test import SETTLED
-from rso.running import WorkerPool, run_all
-from rso.running.adapters import Source
+from rso.running import run_all
 from rso.store import RunStore
 from rso.study import load
 from rso.study.diagnosing import ask
 
 REPORT = Path(__file__).parents[2] / "reports" / "diagnosis_emulator.md"
-CONTROLS = 300  # cases of a control
-ABLATED = 500  # cases of an ablation
 SECTIONS = ("effects", "rules", "controls", "next", "ablations", "pairs", "whole")
 
 
@@ -68,73 +64,8 @@ def library_of(folder: Path, store: Path) -> Library:
     return replace(library, plan=library.plan.seen())
 
 
-def figures(s: Scored) -> list[str]:
-    """One row: false alarms, detection, then of those found with one cause: top, set, size, wrong and sure, score."""
-    hit = s.found & s.single
-    return [share(s.found[s.null]), f"{np.mean(s.found[~s.null]):.3f}", f"{np.mean(s.top[hit]):.3f}",
-            f"{np.mean(s.class_top[hit]):.3f}", f"{np.mean(s.in_set[hit]):.3f}", f"{np.mean(s.class_set[hit]):.3f}",
-            f"{np.mean(s.sizes[hit]):.2f}", f"{np.mean(s.wrong[hit]):.3f}",
-            f"{np.mean(s.log_score[s.single | s.null]):.2f}", f"{slope(s, hit, True):.2f}"]  # fmt: skip
-
-
-HEAD = ["false alarms (95 %)", "detected", "cause on top", "or its class", "in named set", "or its class", "set size",
-        "wrong and sure", "log score", "slope"]  # fmt: skip
-
-
-def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> list[str]:
-    """A Markdown table."""
-    head = list(head)
-    return ["", "| " + " | ".join(head) + " |", "|" + "---|" * len(head),
-            *("| " + " | ".join(map(str, r)) + " |" for r in rows), ""]  # fmt: skip
-
-
-def by_effect(evidence: Evidence, s: Scored, before: Sequence[Detectable], seed: int) -> list[list[object]]:
-    """Effect, cases, found, limit with 50 % power as announced and as met, found at 3 × limit, on top, in set,
-    interval covers, what was named besides or instead."""
-    announced = {d.effect.name: d.limit for d in before}
-    d, out = len(evidence.bench.library.base.axes), []
-    for e in evidence.effects:
-        mine = np.array([i for i in range(len(s.truth)) if len(s.truth[i]) == 1 and s.cases.effects[i][0] is e], int)
-        if not len(mine):
-            continue
-        size = np.array([abs(s.cases.size(i, d)) for i in mine])
-        found = s.found[mine]
-        at = limit(size, found) if e.size.neutral is not None and len(mine) > 7 else np.nan
-        clear = mine[size >= 3 * at] if np.isfinite(at) else mine[:0]
-        hit = mine[found]
-        wrong: dict[str, int] = {}
-        for i in hit[~s.top[hit]]:
-            for n in s.judged[i].named or ("unexplained",):
-                if n != e.name:
-                    wrong[n] = wrong.get(n, 0) + 1
-        rival = max(wrong, key=lambda n: wrong[n]) if wrong else "–"
-        cover = "–"
-        if e.family != "scatter" and len(hit):
-            cover = f"{np.mean(covered(evidence, s, hit, [(e,)] * len(hit), True, seed)[0]):.2f}"
-        mean = lambda v, r: f"{np.mean(v[r]):.2f}" if len(r) else "–"  # noqa: E731
-        met = f"{'< ' * bool(found.all())}{at:.3g}" if np.isfinite(at) else "–"
-        said = announced.get(e.name)
-        out.append([e.name, len(mine), f"{found.mean():.2f}", "–" if said is None else f"{said:.3g}", met,
-                    f"{np.mean(s.found[clear]):.2f} ({len(clear)})" if len(clear) else "–", mean(s.top, hit),
-                    mean(s.in_set, hit), cover, rival])  # fmt: skip
-    return out
-
-
-def intervals(evidence: Evidence, s: Scored, seed: int) -> list[str]:
-    """Coverage of the size under the true hypothesis and under the chosen one."""
-    hit = [i for i in np.nonzero(s.found & s.single)[0] if s.cases.effects[i][0].family != "scatter"]
-    own = [s.cases.effects[i] for i in hit]
-    chosen = [s.judged[i].chosen.effects for i in hit]
-    loose, below = covered(evidence, s, hit, own, True, seed)
-    tight, _ = covered(evidence, s, hit, own, False, seed)
-    alone, _ = covered(evidence, s, hit, chosen, True, seed)
-    same = np.array([len(c) == 1 and c[0].name == o[0].name for c, o in zip(chosen, own, strict=True)])
-    return ["", f"90 % interval of the size holds the truth: under the true cause {share(loose)}, truth below it "
-            f"{np.mean(below):.3f}; without looseness {share(tight)}; under the chosen cause where that is right "
-            f"{share(alone[same])}, over all found {np.mean(alone):.3f}.", ""]  # fmt: skip
-
-
-def main() -> None:
+def options() -> argparse.Namespace:
+    """What the command line says."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("study", type=Path)
     parser.add_argument("--cases", type=int, default=2400)
@@ -146,34 +77,49 @@ def main() -> None:
     parser.add_argument("--sections", default=",".join(SECTIONS))
     parser.add_argument("--runs", type=Path, help="folder for simulations of next tests; without it only known places")
     parser.add_argument("--jobs", type=int, default=2)
-    o = parser.parse_args()
-    wanted = o.sections.split(",")
-    began = time.process_time()
-    library = library_of(o.study, o.store or o.study / "results")
-    y = library.plan.values()
-    bench = attribute.set_up(library, y)
-    evidence = Evidence(bench, library.effects)
-    before = detectable(evidence, y, o.seed)
-    source = {e.name: e.source for e in library.effects}
+    return parser.parse_args()
+
+
+def classes_of(effects: Sequence[Effect], before: Sequence[Detectable]) -> dict[str, frozenset[str]]:
+    """Effect → what the plan cannot tell from it, as computed before any data."""
+    source = {e.name: e.source for e in effects}
     classes: dict[str, frozenset[str]] = {}
     for d in before:
         mine = classes.get(d.effect.source, frozenset({d.effect.source}))
         classes[d.effect.source] = mine | {source[n] for n in d.confused_with}
-    threshold = controls.threshold_of(evidence, y, o.seed + 1)
-    cases = draw_cases(bench, y, o.cases, o.seed + 2)
-    own = Table(evidence, cases.Y)
-    s = controls.scored(evidence, y, cases, classes, o.seed, threshold=threshold, table=own)
-    lines = [
+    return classes
+
+
+def opening(s: Scored, library: Library, values: int, threshold: float, seed: int) -> list[str]:
+    """What was simulated, and what the columns mean."""
+    count = len(s.truth)
+    return [
         "# Diagnosis on cases of its own library", "",
-        f"`python benchmarks/diagnosis {' '.join(sys.argv[1:])}` (seed {o.seed})", "",
-        f"{o.cases} cases ({s.null.sum()} without a gap, {s.single.sum()} with one cause, "
-        f"{(~s.null & ~s.single).sum()} with two) of {len(library.effects)} effects, {len(y)} values of "
+        f"`python benchmarks/diagnosis {' '.join(sys.argv[1:])}` (seed {seed})", "",
+        f"{count} cases ({s.null.sum()} without a gap, {s.single.sum()} with one cause, "
+        f"{(~s.null & ~s.single).sum()} with two) of {len(library.effects)} effects, {values} values of "
         f"{len(library.plan.tests)} curves and {len(library.plan.profiles)} profiles.  Sizes are log-uniform over the "
         "plausible ranges, so that many are too small to be seen.  Threshold of ln Bayes factor "
         f"{threshold:.2f}.  Columns from *cause on top* to *wrong and sure* count the cases found that have one cause; "
         "a class holds what the plan cannot tell apart, as computed before any data; *slope* is that of the outcome on "
         "logit P among causes (1: calibrated).",
     ]  # fmt: skip
+
+
+def main() -> None:
+    """Draw the cases, judge them, and write the sections asked for."""
+    o, began = options(), time.process_time()
+    library = library_of(o.study, o.store or o.study / "results")
+    y = library.plan.values()
+    bench = attribute.set_up(library, y)
+    evidence = Evidence(bench, library.effects)
+    before = detectable(evidence, y, o.seed)
+    classes = classes_of(library.effects, before)
+    threshold = controls.threshold_of(evidence, y, o.seed + 1)
+    cases = draw_cases(bench, y, o.cases, o.seed + 2)
+    own = Table(evidence, cases.Y)
+    s = controls.scored(evidence, y, cases, classes, o.seed, threshold=threshold, table=own)
+    lines = opening(s, library, len(y), threshold, o.seed)
 
     def say(more: Iterable[str]) -> None:
         more = list(more)
@@ -183,178 +129,19 @@ def main() -> None:
         tail = f"CPU {time.process_time() - began:.0f} s, one thread."
         o.out.write_text("\n".join([*lines, "", tail, ""]), encoding="utf-8")
 
-    say(["", "## Inference", *table(["variant", *HEAD], [["as it is", *figures(s)]])])
-    both = s.single | s.null
-    named = np.mean(one_of_two(s))
-    say(
-        [
-            f"Mean log score of the prior alone {np.mean(s.log_prior[both]):.2f}; slope over all hypotheses, no gap "
-            f"among them, at the frequencies of these cases {slope(s, both, False):.2f}.  Causes of pairs: found "
-            f"{np.mean(s.found[~both]):.2f}, one of both named in {named:.2f} of those found.",
-            *intervals(evidence, s, o.seed),
-            *reliability(s),
-        ]
-    )
-    if "effects" in wanted:
-        head = ["effect", "cases", "found", "limit announced", "limit met", "found at 3 × limit", "on top", "in set",
-                "interval covers", "most often instead"]  # fmt: skip
-        say(["## By effect", "", "Limits are size coordinates: deviations from neutral, of ratios their logarithm.",
-             *table(head, by_effect(evidence, s, before, o.seed))])  # fmt: skip
-    if "rules" in wanted:
-        beside(say, own, s)
-    if "controls" in wanted:
-        checks(say, bench, evidence, own, s, y, threshold, o.seed)
-    if "next" in wanted:
-        decisive(say, evidence, s, o.seed, o.runs, o.jobs)
-    if "ablations" in wanted:
-        without(say, bench, cases, y, classes, o.seed)
-    if "pairs" in wanted:
-        with_pairs(say, own, s, o.pairs)
-    if "whole" in wanted:
-        complete(say, library, s, o.whole, o.seed)
-
-
-def without(say, bench: Bench, cases: Cases, y: np.ndarray, classes, seed: int) -> None:
-    """Twice the noise, and the method without one of its parts, on the same cases."""
-    few = cases.picked(range(0, len(cases.Y), max(1, len(cases.Y) // ABLATED)))
-    evidence = Evidence(bench, bench.library.effects)
-    variants = {"as it is": lambda: controls.scored(evidence, y, few, classes, seed),
-                "noise doubled": lambda: controls.noisier(bench, y, few, classes, seed),
-                **controls.ablations(bench, y, few, classes, seed)}  # fmt: skip
-    rows = [[name, *figures(run())] for name, run in variants.items()]
-    say(["## Without a part of it", "", f"{len(few.Y)} of the cases.", *table(["variant", *HEAD], rows)])
-
-
-def one_of_two(s: Scored) -> list[bool]:
-    """Of pairs found: whether one of both causes is named."""
-    rows = np.nonzero(s.found & ~s.single & ~s.null)[0]
-    return [bool(set(s.truth[i]) & s.named[i]) for i in rows]
-
-
-def reliability(s: Scored) -> list[str]:
-    """Right causes by stated probability of the cause on top, of those found."""
-    hit = np.nonzero(s.found & s.single)[0]
-    stated = np.array([max((v for k, v in s.probability[i].items() if len(k) == 1), default=0.0) for i in hit])
-    edges = [0, 0.5, 0.7, 0.9, 0.99, 1.01]
-    rows = []
-    for a, b in itertools.pairwise(edges):
-        m = (stated >= a) & (stated < b)
-        if m.any():
-            rows.append([f"{a:g}–{min(b, 1):g}", m.sum(), f"{stated[m].mean():.3f}", share(s.top[hit][m])])
-    return table(["probability of the cause on top", "cases", "mean", "right"], rows)
-
-
-def beside(say, own: Table, s: Scored) -> None:
-    """Simpler rules and the oracle on the same cases."""
-    rows = [i for i in np.nonzero(s.single)[0] if s.cases.effects[i][0].family != "scatter"]
-    part = s.cases.picked(rows)
-    found, top = s.found[rows], s.top[rows]
-    rules = {"this diagnosis": top, "closest imitations known (oracle)": oracle(own, part), **baselines(own, part)}
-    prior = 1 / len({e.source for e in own.effects})
-    say(["## Beside simpler rules", "", "Cause on top, of cases with one cause that is not scatter.",
-         *table(["rule", "found", "all"], [
-             *([k, f"{v[found].mean():.3f}", f"{v.mean():.3f}"] for k, v in rules.items()),
-             ["prior only", f"{prior:.3f}", f"{prior:.3f}"]])])  # fmt: skip
-
-
-def checks(say, bench: Bench, evidence: Evidence, own: Table, s: Scored, y, threshold: float, seed: int):
-    """Residuals permuted, cause taken out, cause twice, data taken away."""
-    clear = [i for i in np.nonzero(s.found & s.single)[0] if s.cases.effects[i][0].family != "scatter"]
-    few = clear[:: max(1, len(clear) // CONTROLS)]
-
-    def count(v: Iterable[str]) -> list[str]:
-        v = np.array(list(v))
-        kinds = ("no_gap", "unexplained", "partly", "ambiguous", ("explained", "measurement"))
-        return [f"{np.mean(np.isin(v, k)):.3f}" for k in kinds] + [str(len(v))]
-
-    verdicts = ["no gap", "unexplained", "partly", "ambiguous", "one cause, sure", "cases"]
-    out, blind, told, better = controls.taken_out(own, s.cases, threshold, clear, seed)
-    looked_at = [controls.looked_at(evidence, evidence.effects, s.judged[i], s.cases.Y[i], seed + i) for i in clear]
-    rows = [["as it is", *count(looked_at)],
-            ["as it is, no look at what is left", *count(s.verdict[clear])],
-            ["residuals permuted", *count(controls.permuted(evidence, s.cases.picked(few), threshold, seed))],
-            ["true effect not in the catalogue", *count(v for o in out.values() for v in o)],
-            ["true effect not in it, no look at what is left", *count(blind)],
-            ["true effect twice in it", *count(controls.with_twin(own, s.cases, threshold, clear))]]  # fmt: skip
-    part_of = lambda v: f"{np.mean(v):.2f}" if len(v) else "–"  # noqa: E731
-    say(["## Controls", *table(["cases found, one cause", *verdicts], rows),
-         f"Where one wrong cause is sure ({len(told)} cases), the true one, had it been there, would have been less "
-         f"than 20 times as probable as all others together in {part_of(told < np.log(20))} of them: in these the data "
-         f"do not tell.  With it χ² would be smaller by less than 9 in {part_of(better < 9)}, by less than 25 in "
-         f"{part_of(better < 25)}: what the named one leaves is hardly there.",
-         "",
-         "Not in the catalogue, by source:",
-         *table(["taken out", *verdicts], [[k, *count(v)] for k, v in out.items()])])  # fmt: skip
-    part = s.cases.picked([i for i in np.nonzero(s.single)[0] if s.cases.effects[i][0].family != "scatter"])
-    away = controls.taken_away(bench, y, part)
-    full = away["everything"][0]
-    rows = [[k, n, f"{np.mean(p):.3f}", f"{np.mean(p - full):+.3f} ± {2 * np.std(p - full) / np.sqrt(len(p)):.3f}"]
-            for k, (p, n) in away.items()]  # fmt: skip
-    say(["Probability of the right cause given a gap, all cases with one cause that is not scatter:",
-         *table(["data", "values", "mean P", "against everything"], rows)])  # fmt: skip
-
-
-def decisive(say, evidence: Evidence, s: Scored, seed: int, folder: Path | None, jobs: int) -> None:
-    """Whether the next test resolves an ambiguous set."""
-    rows = np.nonzero(s.single & (s.verdict == "ambiguous"))[0]
-    rows = [i for i in rows if s.cases.effects[i][0].family != "scatter"]
-    if folder is None:
-        found = controls.next_tests(evidence, s, rows, seed)
-    else:
-        backend = evidence.bench.library.base.backend
-        with RunStore(folder) as runs, WorkerPool(jobs, source=Source("fem_backend.backend:BACKEND")) as pool:
-            found = controls.next_tests(evidence, s, rows, seed, lambda t: run_all(backend, t, runs, pool))
-    promised = found.pop("promised")
-    say(["## Next test", "", "Ambiguous sets that hold the truth; resolved: after one more test the right cause has "
-         f"{SETTLED:g} of the probability within the set.  The proposed test promised {np.mean(promised):.2f}.",
-         *table(["test", "resolved"], [[k, share(v)] for k, v in found.items()])])  # fmt: skip
-
-
-def with_pairs(say, own: Table, s: Scored, count: int) -> None:
-    """Figures with pairs of survivors in the contest, beside those without, for some cases."""
-    two = list(np.nonzero(s.found & ~s.single & ~s.null)[0])
-    one = list(np.nonzero(s.found & s.single)[0])
-    rows = [*two[: count // 2], *one[:: max(1, len(one) // max(count - count // 2, 1))][: count - count // 2]]
-    if not rows:
-        return
-    began = time.process_time()
-    part = s.cases.picked(rows)
-    first = {i: s.contests[i] for i in rows}
-    after = Scored(part, contested(own, rows, first, True), -np.inf, {})
-    out = []
-    for name, m in (("two causes", ~after.single), ("one cause", after.single)):
-        if m.any():
-            old = np.array(rows)[m]
-            both = [(getattr(s, k)[old], getattr(after, k)[m]) for k in ("top", "in_set", "sizes", "wrong")]
-            out.append([name, m.sum(), *(f"{np.mean(v):.2f}" for pair in both for v in pair)])
-    cost = (time.process_time() - began) / len(rows)
-    head = [f"{v}, {w} pairs" for v in ("on top", "in set", "set size", "wrong and sure") for w in ("without", "with")]
-    say(["## With pairs of survivors", *table(["truth", "cases", *head], out), f"{cost:.1f} s CPU a case."])
-
-
-def complete(say, library: Library, s: Scored, count: int, seed: int) -> None:
-    """The complete diagnosis of some cases beside the contest alone."""
-    rows = np.linspace(0, len(s.truth) - 1, min(count, len(s.truth))).astype(int)
-    if not len(rows):
-        return
-    found, cost = controls.whole(library, s.cases, rows, seed)
-    source = {e.name: e.source for e in library.effects}
-    out = []
-    for name, m in (("none", s.null[rows]), ("one cause", s.single[rows])):
-        own = [(d, i) for d, i, k in zip(found, rows, m, strict=True) if k]
-        if not own:
-            continue
-        hit = [(d, i) for d, i in own if d.verdict != "no_gap" and s.truth[i]]
-        named = [set(s.truth[i]) <= {source[n] for n in d.named} for d, i in hit]
-        causes = ("explained", "measurement", "ambiguous")
-        lost = [d.verdict == "unexplained" and s.verdict[i] in causes for d, i in hit]
-        out.append([name, len(own), sum(d.verdict != "no_gap" for d, _ in own), sum(s.found[i] for _, i in own),
-                    sum(named), sum(s.in_set[i] for _, i in hit), sum(lost),
-                    sum(d.verdict in ("explained", "measurement") and set(s.truth[i]) != {source[n] for n in d.named}
-                        for d, i in own)])  # fmt: skip
-    say(["## The complete diagnosis", *table(["truth", "cases", "found", "found by the contest", "truth named",
-                                              "named by the contest", "lost to the held-out check", "wrong and sure"],
-                                             out), f"{cost:.1f} s CPU a case."])  # fmt: skip
+    write: dict[str, Callable[[], None]] = {
+        "effects": lambda: sections.each_effect(say, evidence, s, before, o.seed),
+        "rules": lambda: sections.beside(say, own, s),
+        "controls": lambda: sections.checks(say, bench, evidence, own, s, y, threshold, o.seed),
+        "next": lambda: sections.decisive(say, evidence, s, o.seed, o.runs, o.jobs),
+        "ablations": lambda: sections.without(say, bench, cases, y, classes, o.seed),
+        "pairs": lambda: sections.with_pairs(say, own, s, o.pairs),
+        "whole": lambda: sections.complete(say, library, s, o.whole, o.seed),
+    }
+    sections.inference(say, s, evidence, o.seed)
+    for name in SECTIONS:
+        if name in o.sections.split(","):
+            write[name]()
 
 
 if __name__ == "__main__":
