@@ -20,8 +20,8 @@ from rso.similarity import stress_exponent
 
 _SMALLEST = 1 / 40  # of the largest plausible size, where a range has no smallest size of its own
 _WIDE = 4.0  # ends of a range further apart than this are spaced logarithmically
-ORDINARY = 2.0  # N: up to such forces the errors of a load cell are plausible as they are declared
-FORCES_IN = {"N": 1, "N/s": 1, "mm/N": -1}  # powers of the force in units of the chain
+ORDINARY = 0.2, 2.0  # N: largest forces for which the errors of a load cell are plausible as they are declared
+POWERS_IN = {"N": (1, 0), "N/s": (1, 0), "mm/N": (-1, 1), "mm": (0, 1)}  # of force and length in units of the chain
 ASTRAY = 5.0  # times what is plausible everywhere: how far a test at one place may have been done from there
 
 
@@ -135,15 +135,18 @@ def catalogue(
     return (*effects, *_grouped(parameters_of(Chain), {}, {}, "measurement"), *_scatter())
 
 
-def suited(effects: Sequence[Effect], force: float) -> tuple[Effect, ...]:
-    """The effects with the force channel's errors in proportion to the largest `force` (N), if that is beyond ORDINARY.
+def suited(effects: Sequence[Effect], force: float, scale: float = 1.0) -> tuple[Effect, ...]:
+    """The effects with the errors of the measurement in proportion to the largest `force` (N), if that is not ORDINARY,
+    and to the lengths of the plan, `scale` times the usual ones.
 
-    A cell of a larger range has larger errors of zero; what a load train gives way by counts by the force.
+    A cell of a larger range has larger errors of zero; where contact was is known to a share of the travel; what a load
+    train gives way by counts by both.
     """
-    k, found = max(force / ORDINARY, 1.0), []
+    k, found = force / min(max(force, ORDINARY[0]), ORDINARY[1]) or 1.0, []
     for e in effects:
-        p = 0 if e.family == "model" else FORCES_IN.get(e.size.unit, 0)
-        found.append(replace(e, size=replace(e.size, low=e.size.low * k**p, high=e.size.high * k**p)) if p else e)
+        p, q = (0, 0) if e.family == "model" else POWERS_IN.get(e.size.unit, (0, 0))
+        by = k**p * scale**q
+        found.append(replace(e, size=replace(e.size, low=by * e.size.low, high=by * e.size.high)) if p or q else e)
     return tuple(found)
 
 

@@ -22,7 +22,7 @@ from rso.diagnosis.nodes import Nodes, cardinal, placed, points, tensor, timed
 from rso.diagnosis.planning import Sizes, framed, jobs_of_base, jobs_of_effects, key_of
 from rso.diagnosis.responses import FORCES, changed, forces_of, loading_of, marks_of, reached_by, relative
 from rso.diagnosis.runs import Base, Pass, Run
-from rso.diagnosis.testplan import MARGIN, TestPlan
+from rso.diagnosis.testplan import TestPlan
 from rso.store import Done, Failed
 
 DEAR = 3.0  # times the unknowns at the primary place, as a whole model has: runs there are few
@@ -203,7 +203,7 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
             grid: Mapping[tuple[str, int], Nodes], levels: Sequence[np.ndarray],
             found: Mapping[tuple[Any, ...], Any]) -> PlaceTables:  # fmt: skip
     place = plan.places[k]
-    u = (np.linspace(0.0, np.sqrt(place.deepest + MARGIN), GRID)) ** 2
+    u = (np.linspace(0.0, np.sqrt(plan.reach(k)), GRID)) ** 2
     n_base = int(np.prod([len(v) for v in levels])) if levels else 1
     wanted = [found[k, None, n, None, False] for n in [*range(n_base), -1]]
     scaled = [loading_of(o.response, u, base.reference) for o in wanted]

@@ -18,6 +18,7 @@ gains, contacts).
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -117,17 +118,18 @@ def _regions(plan: TestPlan):
         depth = np.concatenate([m.depth for m, _ in members])
         rows = np.concatenate([np.arange(at.start, at.stop) for _, at in members])
         if isinstance(members[0][0], Profile):
-            for d in np.unique(np.round(depth, 1)):
-                yield name, c, f"profile at {d:g} mm", rows[np.abs(depth - d) < 0.06]
+            for d in sorted({plan.near(v) for v in depth}):
+                yield name, c, f"profile at {d:g} mm", rows[np.abs(depth - d) < 0.06 * plan.scale]
             continue
         branch = np.concatenate([m.branch for m, _ in members])
         deepest = float(depth.max())
+        digits = max(1, 1 - math.floor(math.log10(plan.scale)))
         for b, bins in DEPTH_BINS.items():
             edges = np.linspace(0.0, deepest, bins + 1)
             for low, high in itertools.pairwise(edges):
                 inside = (branch == b) & (depth > low - (low == 0) * 1e3) & (depth <= high)
                 if inside.sum() >= 2:
-                    yield name, c, f"{BRANCH[b]} {low:.1f}–{high:.1f} mm", rows[inside]
+                    yield name, c, f"{BRANCH[b]} {low:.{digits}f}–{high:.{digits}f} mm", rows[inside]
         held, since = (np.concatenate([getattr(m, k) for m, _ in members]) for k in ("held", "since"))
         if held.any():
             edges = np.geomspace(since[held].min(), since[held].max(), TIME_BINS + 1)

@@ -36,6 +36,8 @@ from rso.running import Task
 DRAWS = 80
 SEPARATES = 4.0  # about 4 σ: what a test must reach to promise an answer
 READINGS = 20
+DEPTH = 4.0  # mm to which a test is proposed at most, in a plan of the usual depth
+TURN = 0.3  # mm between turns that count as one, in such a plan
 REST = 20.0  # of the time of loading: how long a hold is proposed to last
 SETTLED = 0.95  # probability of one hypothesis at which a matter is settled
 
@@ -115,7 +117,7 @@ def simulated(
 
     Raises ValueError where the base model has no answer.
     """
-    plan = make_plan(candidate.experiments)
+    plan = make_plan(candidate.experiments, library.plan.scale)
     plan = replace(plan, tests=tuple(_afterwards(library.plan, plan, t) for t in plan.tests))
     if _known(library, plan):
         return replace(library, plan=_moved(library, plan))
@@ -159,13 +161,14 @@ def candidates(library: Library) -> list[Candidate]:
     speeds = [t.speed for t in plan.tests if t.place == library.primary]
     has_unload = any(t.returns for t in plan.tests if t.place == library.primary)
     has_hold = any(t.held.any() for t in plan.tests)
-    d = min(place.deepest, 4.0)
+    most = DEPTH * plan.scale
+    d = min(place.deepest, most)
     out = []
     if not has_unload:
         out.append(Candidate("load and unload at the same point", (_experiment(template, d, speeds[0], True),)))
     for factor, word in ((10.0, "ten times faster"), (0.1, "ten times slower")):
         v = factor * (max(speeds) if factor > 1 else min(speeds))
-        words = f"load and unload {word} ({60 * v:.0f} mm/min)"
+        words = f"load and unload {word} ({60 * v:.3g} mm/min)"
         out.append(Candidate(words, (_experiment(template, d, v, True),)))
     if not (has_hold or rated(library.base, plan)):
         words = f"load at {60 * max(speeds):.3g} mm/min and hold for {REST:g} times as long"
@@ -178,7 +181,7 @@ def candidates(library: Library) -> list[Candidate]:
     for label, settings in plan.labels().items() if len(plan.places) > 1 else ():
         k = next(k for k, p in enumerate(plan.places) if p.settings == settings)
         there = next(t.experiment for t in plan.tests if t.place == k)
-        again = _experiment(plan.experiments[there], min(plan.places[k].deepest, 4.0), speeds[0], False)
+        again = _experiment(plan.experiments[there], min(plan.places[k].deepest, most), speeds[0], False)
         moved = frozenset(e.name for e in library.effects if e.place == settings and len(e.size.ends()) == 2)
         if moved:
             out.append(Candidate(f"the test at {label} again, its place looked at", (again,), moved))
@@ -189,7 +192,7 @@ def candidates(library: Library) -> list[Candidate]:
     for words, knobs in getattr(backend, "prevented", lambda: {})().items():
         each = [replace(plan.experiments[t.experiment], name=f"again {k}") for k, t in tests.items()]
         again = [
-            _experiment(e, min(plan.places[k].deepest, 4.0), speeds[0], _turned(library, k), e.name)
+            _experiment(e, min(plan.places[k].deepest, most), speeds[0], _turned(library, k), e.name)
             for k, e in zip(tests, each, strict=True)
         ]
         out.append(Candidate(words, tuple(again), frozenset(knobs)))
@@ -235,7 +238,7 @@ def _known(library: Library, plan: TestPlan) -> bool:
     """Whether a plan can be read off the tables: its places are the library's, its turns near theirs, no new marks."""
     own = [_place(library, p) for p in plan.places]
     return not plan.profiles and all(k is not None for k in own) and all(
-        not p.peaks or any(abs(v - q) < 0.3 for v in p.peaks for q in library.plan.places[k].peaks)
+        not p.peaks or any(abs(v - q) < TURN * plan.scale for v in p.peaks for q in library.plan.places[k].peaks)
         for p, k in zip(plan.places, own, strict=True)
     )
 
@@ -289,7 +292,7 @@ def forecast(
 def covariance(there: Library, bench: Bench, force: np.ndarray) -> np.ndarray:
     """Noise (n, n) of new tests: that of the plan's."""
     some = bench.levels.get("Fz", next(iter(bench.levels.values())))
-    mark = noise.Level(noise.MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "assumed")
+    mark = noise.Level(there.plan.scale * noise.MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "assumed")
     levels = {c: bench.levels.get(c, some) for c in noise.FORCES} | {"uz": bench.levels.get("uz", mark)}
     return noise.covariance(there, levels, force, noise.slope_of(there, force))
 

@@ -20,7 +20,7 @@ from rso.diagnosis.testplan import BINS, LOADING, UNLOADING, Experiment, Profile
 from rso.measurement import Measurement, Repeat, step_of
 
 GAIN = 0.01  # of a test, where nothing is known
-CONTACT = 0.01  # mm, contact point of a test
+CONTACT = 0.01  # mm, contact point of a test, of a plan of the usual depth
 UNKNOWN = 0.01  # of the largest force: a reading, where nothing is stated and too few readings tell
 FEW = 8  # third differences that tell no noise
 OVERLAP = 2.31  # third differences of white noise for each that is independent, 1 + 2 (0.75² + 0.3² + 0.05²)
@@ -31,7 +31,8 @@ DEEP = 0.015  # more of it towards the deepest travel: meshes distort there, and
 STEEP = 8  # power of the travel with which it grows
 WORLD_LENGTH = 0.35  # of the deepest travel
 LATERAL = 0.25  # of the error of Fz that shows in Fx, Fy
-MARK = 0.05  # mm, where nothing is known of a profile
+MARK = 0.05  # mm, where nothing is known of a profile, of such a plan
+ALIKE = 0.3  # mm, of such a plan: tests at a place with no other history than this are repeats
 DENSE, DEGREE, SMOOTH = 200, 10, 0.5  # readings of a record that tells by itself how it was filtered
 
 
@@ -74,7 +75,7 @@ def levels(plan: TestPlan) -> dict[str, Level]:
         own = [np.concatenate([_third(r, c) for r in e.measurement.repeats]) for e in seen]
         each, estimated, ν = _estimated(own, 20.0 - 30.0 * ρ + 12.0 * ρ**2 - 2.0 * ρ**3)
         if not estimated:
-            estimated, ν = _spread(tests, c)
+            estimated, ν = _spread(tests, c, plan.scale)
             each = [estimated] * len(seen)
         said = [max(e.noise.of(c), _written(e.measurement, c)) for e in seen]
         stated = max(said)
@@ -96,14 +97,14 @@ def levels(plan: TestPlan) -> dict[str, Level]:
             correlated, reach = _smoothed(seen, c)
         depth = max(e.noise.depth for e in seen)
         gain = max(e.noise.gain for e in seen)
-        known = Level(white, correlated, reach, gain, max(CONTACT, 2 * depth), depth, source, loud)
+        known = Level(white, correlated, reach, gain, max(plan.scale * CONTACT, 2 * depth), depth, source, loud)
         gain, contact, extra, its_reach = _repeats(plan, c, known)
         if extra > correlated:
             known = replace(known, correlated=extra, length=max(its_reach, reach))
         out[c] = replace(known, gain=max(known.gain, gain) or GAIN, contact=max(known.contact, contact))
     if plan.profiles:
         stated = max(plan.experiments[p.experiment].noise.uz for p in plan.profiles)
-        out["uz"] = Level(stated or MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "stated" if stated else "assumed")
+        out["uz"] = Level(stated or plan.scale * MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "stated" if stated else "assumed")
     return out
 
 
@@ -131,11 +132,11 @@ def _estimated(own: Sequence[np.ndarray], of_one: float) -> tuple[list[float], f
     return each, usual, float(number.sum()) / OVERLAP
 
 
-def _spread(tests: Sequence[Test], channel: str) -> tuple[float, float]:
+def _spread(tests: Sequence[Test], channel: str, scale: float) -> tuple[float, float]:
     """Noise of a reading from what repeats of one experiment differ by, gain and contact included, and how many
     independent differences that is from; 0 without any."""
     power = count = 0.0
-    for mine in _alike(tests):
+    for mine in _alike(tests, scale):
         u, Y, number = _common(mine, channel)
         if len(mine) > 1 and len(u):
             power += float(np.sum(number * (Y - Y.mean(axis=0)) ** 2))
@@ -143,11 +144,11 @@ def _spread(tests: Sequence[Test], channel: str) -> tuple[float, float]:
     return (math.sqrt(power / count) if count else 0.0), count
 
 
-def _alike(tests: Sequence[Test]) -> list[list[Test]]:
+def _alike(tests: Sequence[Test], scale: float) -> list[list[Test]]:
     """Tests by experiment and history: a first test is not a repeat of what it softened."""
     groups: dict[tuple[int, int], list[Test]] = {}
     for t in tests:
-        groups.setdefault((t.experiment, round(t.earlier / 0.3)), []).append(t)
+        groups.setdefault((t.experiment, round(t.earlier / (scale * ALIKE))), []).append(t)
     return list(groups.values())
 
 
@@ -249,7 +250,7 @@ def _repeats(plan: TestPlan, channel: str, known: Level) -> tuple[float, float, 
     along its slope, less what noise puts there.
     """
     gains, contacts, extras, lengths = [], [], [], []
-    for mine in _alike([t for t in plan.tests if channel in t.channels]):
+    for mine in _alike([t for t in plan.tests if channel in t.channels], plan.scale):
         if len(mine) < 3:
             continue
         u, Y, number = _common(mine, channel)
@@ -421,7 +422,7 @@ def slope_of(library: Library, force: np.ndarray) -> np.ndarray:
                 d = item.depth[mine]
                 order = np.argsort(d)
                 f = force[at][mine][order]
-                g = np.gradient(f, np.maximum.accumulate(d[order] + 1e-6 * np.arange(len(d))))
+                g = np.gradient(f, np.maximum.accumulate(d[order] + 1e-6 * library.plan.scale * np.arange(len(d))))
                 slope[np.arange(at.start, at.stop)[mine[order]]] = g
                 if k == LOADING:
                     slope[np.arange(at.start, at.stop)[item.held]] = g[-1]

@@ -29,6 +29,7 @@ from rso.diagnosis.runs import passes_of
 from rso.diagnosis.testplan import LOADING, UNLOADING, Profile, Test
 from rso.measurement import Chain, recorded
 
+AIR = 1.0  # mm before contact from which the chain is followed, in a plan of the usual depth
 RESTING = 40  # instants of a hold through which the chain is followed, dense at its start
 
 Parts = Sequence[tuple[Effect, np.ndarray]]
@@ -173,7 +174,7 @@ def _recorded(
     back, held = test.branch == UNLOADING, test.held
     F = curves(test.place, test.speed, loading)
     G = curves(test.place, test.speed, unloading) if back.any() else F
-    setting = {e.size.name: _bounded(e.size.name, np.asarray(e.size.value(s), float))[:, None] for e, s in chain}
+    setting = {e.size.name: _bounded(e, np.asarray(e.size.value(s), float))[:, None] for e, s in chain}
     # the indenter's way: from before contact to where the record turns, and back
     top = np.full(len(F), u[-1])
     if back.any() or held.any():
@@ -185,7 +186,7 @@ def _recorded(
     way = np.minimum(u, top[:, None])
     there, home = _stopped(u, F, top), _stopped(u, G, top)
     turn = len(u) + 1
-    far = min(-1.0, 1.1 * float(test.depth.min()))  # in the air
+    far = min(-AIR * library.plan.scale, 1.1 * float(test.depth.min()))
     way = np.concatenate([np.full((len(F), 1), far), way], axis=1)
     there = np.concatenate([np.zeros((len(F), 3, 1)), there], axis=2)
     rest = np.geomspace(1e-3, 1.0, RESTING) * test.since.max() if held.any() else np.zeros(0)
@@ -236,10 +237,13 @@ def _stopped(u: np.ndarray, F: np.ndarray, top: np.ndarray) -> np.ndarray:
     return np.where(u < top[:, None, None], F, ends[:, :, None])
 
 
-def _bounded(name: str, value: np.ndarray) -> np.ndarray:
-    """A knob of the chain within its hard bounds: draws of a posterior may leave them."""
-    p = next(p for p in parameters_of(Chain) if p.name == name)
-    return np.clip(value, p.low, p.high)
+def _bounded(effect: Effect, value: np.ndarray) -> np.ndarray:
+    """A knob of the chain within its hard bounds, which draws of a posterior may leave, as far from what is plausible
+    here as they are declared."""
+    p = next(p for p in parameters_of(Chain) if p.name == effect.size.name)
+    assert p.plausible is not None
+    k = effect.size.high / p.plausible[1]
+    return np.clip(value, k * p.low, k * p.high)
 
 
 def _profile(library: Library, profile: Profile, x: np.ndarray, parts: Parts) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from rso.contract import Backend, Case, Programme
 from rso.diagnosis.effects import Effect
-from rso.diagnosis.testplan import MARGIN, Test, TestPlan
+from rso.diagnosis.testplan import Test, TestPlan, rounded
 from rso.running import Task
 
 ASKED = 9  # travels at which a run is asked for forces
@@ -88,11 +88,10 @@ class Job:
 
 
 def passes(plan: TestPlan, place: int) -> tuple[Pass, ...]:
-    """The different ways at a place; earlier travels within 0.1 mm of each other count as one."""
+    """The different ways at a place; travels that are nearly the same count as one."""
     mine = [t for t in plan.tests if t.place == place]
-    near = lambda v: round(v, 1)  # noqa: E731
-    ways = [Pass(None, near(t.earlier)) for t in mine]
-    ways += [Pass(round(t.peak, 1), near(t.earlier)) for t in mine if t.returns]
+    ways = [Pass(None, plan.near(t.earlier)) for t in mine]
+    ways += [Pass(plan.near(t.peak), plan.near(t.earlier)) for t in mine if t.returns]
     return tuple(dict.fromkeys([Pass(None, 0.0), *ways]))
 
 
@@ -122,14 +121,14 @@ def task_of(base: Base, plan: TestPlan, k: int, values: Mapping[str, float], way
     data = {**place.settings, **(base.lean if finer else base.draft), **settings}
     if place.marks:
         data["profile"] = [list(m) for m in place.marks]
-    deepest = place.deepest + MARGIN
-    asked = {round(deepest * (j / ASKED) ** 1.7, 4) for j in range(1, ASKED)} | {deepest}
+    deepest, to = plan.reach(k), lambda v: rounded(v, plan.scale, 4)
+    asked = {to(deepest * (j / ASKED) ** 1.7) for j in range(1, ASKED)} | {deepest}
     asked = {a for a in asked if all(abs(a - d) > NEAR * d for d in place.mark_depths)} | set(place.mark_depths)
     if way is None or way.peak is None:
         programme = Programme((0.0, deepest), (0.0, deepest), tuple(sorted(asked)))
     else:  # what relaxes does so at once after the turn
         p = way.peak
-        inside = tuple(sorted({a for a in asked if a < 0.78 * p} | {round(f * p, 4) for f in (0.8, 0.92, 0.98, 0.997)}))
+        inside = tuple(sorted({a for a in asked if a < 0.78 * p} | {to(f * p) for f in (0.8, 0.92, 0.98, 0.997)}))
         programme = Programme((0.0, p, 2 * p), (0.0, p, 0.0), inside)
     if way is not None and way.earlier:
         data["earlier"] = way.earlier

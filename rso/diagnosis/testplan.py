@@ -19,6 +19,7 @@ from rso.measurement import Measurement, Noise, Repeat, kept, without_spikes
 BINS = 14  # per branch: what a smooth curve can tell
 AIR = 3  # bins of the way before contact
 LOADING, UNLOADING, HELD = range(3)  # branches of a test
+USUAL = 3.25  # mm: lengths below are those of a plan this deep or up to twice; others have theirs in proportion
 STEP = 0.25  # mm, to which the deepest travel is rounded up: data sets of one plan share their library
 BACK = 0.1  # of the deepest travel: a way back that ends earlier is left out
 DWELL = 0.05  # of the time of loading: after a longer hold what relaxes has done so before the way back
@@ -111,18 +112,30 @@ class Profile:
 
 @dataclass(frozen=True, eq=False)
 class TestPlan:
-    """Experiments, places, tests and profiles, and the layout of the data vector: rows of each (test, channel)."""
+    """Experiments, places, tests and profiles, and the layout of the data vector: rows of each (test, channel).
+
+    `scale` is what lengths are measured by, see :func:`scale_of`.
+    """
 
     experiments: tuple[Experiment, ...]
     places: tuple[Place, ...]
     tests: tuple[Test, ...]
     profiles: tuple[Profile, ...]
     notes: tuple[str, ...] = ()
+    scale: float = 1.0
 
     @property
     def n(self) -> int:
         """Length of the data vector."""
         return sum(t.n * len(t.channels) for t in self.tests) + sum(len(p.depth) for p in self.profiles)
+
+    def reach(self, place: int) -> float:
+        """Travel (mm) to which a place is computed."""
+        return self.places[place].deepest + self.scale * MARGIN
+
+    def near(self, travel: float) -> float:
+        """A travel (mm) as a round number that others like it share."""
+        return rounded(travel, self.scale, 1)
 
     def rows(self) -> list[tuple[Test | Profile, str, slice]]:
         """(test or profile, channel, rows) in the order of the data vector."""
@@ -168,17 +181,32 @@ class _Site:
     marks: dict[tuple[float, float], int] = field(default_factory=dict)
     mark_depths: set[float] = field(default_factory=set)
 
-    @property
-    def place(self) -> Place:
+    def place(self, scale: float) -> Place:
         """The place when all is gathered."""
-        deepest = max(math.ceil(self.deepest / STEP - 0.2), 1) * STEP
-        return Place(
-            self.settings, deepest, tuple(sorted(self.peaks)), tuple(self.marks), tuple(sorted(self.mark_depths))
-        )
+        step = scale * STEP
+        deepest = rounded(max(math.ceil(self.deepest / step - 0.2), 1) * step, scale, 6)
+        peaks = {rounded(v, scale, 1) for v in self.peaks}
+        return Place(self.settings, deepest, tuple(sorted(peaks)), tuple(self.marks), tuple(sorted(self.mark_depths)))
 
 
-def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
-    """Tests in bins, places with what must be computed there.
+def scale_of(deepest: float) -> float:
+    """Lengths of a plan with this deepest travel (mm) over those of one of 3.25 to 6.5 mm.
+
+    Where contact was, how travels are rounded and what counts as equally deep are shares of the travel; as round
+    numbers, 1, 2 or 4 times a power of 10, so that data sets of one plan have the same.
+    """
+    ratio = deepest / USUAL
+    power = 10.0 ** math.floor(math.log10(ratio))
+    return float(f"{power * max(n for n in (1, 2, 4) if n * power <= ratio * (1 + 1e-12) or n == 1):.1g}")
+
+
+def rounded(travel: float, scale: float, digits: int) -> float:
+    """A travel (mm) to so many digits after the point in units of `scale`, without the dust of the product."""
+    return float(f"{round(travel / scale, digits) * scale:.12g}")
+
+
+def make_plan(experiments: Sequence[Experiment], scale: float | None = None) -> TestPlan:
+    """Tests in bins, places with what must be computed there; lengths of `scale`, or of the plan's own.
 
     ValueError if no force curve is left.  The way back after a long hold is left out with a note, as it depends on all
     that relaxed before, and so is a hold without times or elsewhere than at the deepest point.
@@ -192,8 +220,9 @@ def make_plan(experiments: Sequence[Experiment]) -> TestPlan:
         raise ValueError("no force curve with fit or select readings: nothing to diagnose")
     profiles = [p for k in order for p in _profiles(k, experiments[k], sites, notes)]
     aged = tuple(replace(t, age=k / (len(tests) - 1) - 0.5) for k, t in enumerate(tests)) if tests[1:] else tuple(tests)
-    places = tuple(site.place for site in sites.values())
-    return TestPlan(tuple(experiments), places, aged, tuple(profiles), tuple(dict.fromkeys(notes)))
+    scale = scale or scale_of(max(site.deepest for site in sites.values()))
+    places = tuple(site.place(scale) for site in sites.values())
+    return TestPlan(tuple(experiments), places, aged, tuple(profiles), tuple(dict.fromkeys(notes)), scale)
 
 
 def _site(settings: Mapping[str, Any], sites: dict[str, _Site]) -> _Site:
@@ -223,7 +252,7 @@ def _tests(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> 
         yield Test(k, r.label, site.index, e.speed, peak, site.deepest, channels, d, t, b, m, values, since=since)
         site.deepest = max(site.deepest, peak)
         if np.any(b == UNLOADING):
-            site.peaks.add(round(peak, 1))
+            site.peaks.add(peak)
 
 
 def _profiles(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> Iterator[Profile]:

@@ -34,7 +34,7 @@ def _jumps(d: Mapping[str, Any]) -> list[str]:
     j = d.get("jumps") or {}
     if not j.get("sudden"):
         return []
-    depths = ", ".join(f"{v:.2f}" for v in j["depths"])
+    depths = ", ".join(f"{v:.3g}" for v in j["depths"])
     return [
         f"The force jumps suddenly (its steps are skewed, t = {j['t']:+.1f} and z = {j['z']:+.0f}; largest "
         f"{j['size']:+.3g} N in {j['experiment']}, at {depths} mm): stick–slip, a crack or a grip that slips. "

@@ -21,7 +21,7 @@ from rso.study.laboratory import files_of, in_words, study_text
 from rso.study.loader import load
 from rso.study.nominal import read_nominal
 
-SHARED = 2.0  # mm: a plan that ends this much earlier than another shares its library
+SHARED = 2.0  # mm, of plans of the usual depth: one that ends this much earlier than another shares its library
 
 
 def cases_of(folder: Path) -> list[Path]:
@@ -114,7 +114,8 @@ def _deepest(asked: Sequence[Asked]) -> dict[str, float]:
 def _as_deep(plan: TestPlan, deepest: Mapping[str, float]) -> TestPlan:
     """The plan with places as deep as in the deepest case, so that one library serves all, where that is not far."""
     far = {digest(p.settings): deepest[digest(p.settings)] for p in plan.places}
-    places = [replace(p, deepest=v) if (v := far[digest(p.settings)]) <= p.deepest + SHARED else p for p in plan.places]
+    reach = SHARED * plan.scale
+    places = [replace(p, deepest=v) if (v := far[digest(p.settings)]) <= p.deepest + reach else p for p in plan.places]
     return replace(plan, places=tuple(places))
 
 
@@ -127,16 +128,17 @@ def _asked(case: Path, out: Path, seed: int) -> Asked:
 
 def _library(asked: Asked, known: dict[str, Library], store: RunStore, executor: Executor, watch: Any) -> Library:
     """A library of the same places, effects and base, made once; the tests of each case differ."""
-    b = asked.base
+    b, near = asked.base, asked.plan.near
     speeds = [min(t.speed for t in asked.plan.tests), max(t.speed for t in asked.plan.tests)]
     passes = [
         sorted(
-            {(t.place, round(t.earlier, 1), round(t.peak, 1) if t.returns else 0.0) for t in asked.plan.tests}
+            {(t.place, near(t.earlier), near(t.peak) if t.returns else 0.0) for t in asked.plan.tests}
         )
     ]
     key = digest([
         [[p.settings, p.deepest, p.peaks, p.marks, p.mark_depths] for p in asked.plan.places],
-        [e.name for e in asked.effects], b.modulus, b.reference, [[a.name, a.low, a.high] for a in b.axes],
+        asked.plan.scale, [e.name for e in asked.effects], b.modulus, b.reference,
+        [[a.name, a.low, a.high] for a in b.axes],
         dict(b.fixed), dict(b.draft), dict(b.lean), [round(v, 1) for v in speeds],
         [[list(p) for p in q] for q in passes],
     ])  # fmt: skip

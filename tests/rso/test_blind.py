@@ -18,6 +18,7 @@ class Place:
 @dataclass(frozen=True)
 class Plan:
     places: tuple[Place, ...]
+    scale: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -58,9 +58,22 @@ def test_errors_of_the_force_channel_grow_with_the_forces():
     found = toy.effects("stiff", "bias", "drift", "compliance", "gain", "offset")
     usual = {e.name: (e.size.low, e.size.high) for e in suited(found, 1.0)}
     assert usual == {e.name: (e.size.low, e.size.high) for e in found}
-    grown = {e.name: np.array([e.size.low, e.size.high]) for e in suited(found, 50.0 * ORDINARY)}
+    grown = {e.name: np.array([e.size.low, e.size.high]) for e in suited(found, 50.0 * ORDINARY[1])}
     for name, factor in {"stiff": 1, "bias": 50, "drift": 50, "compliance": 0.02, "gain": 1, "offset": 1}.items():
         np.testing.assert_allclose(grown[name], factor * np.array(usual[name]), rtol=1e-12)
+
+
+def test_errors_of_the_record_are_those_of_a_small_test():
+    """Who presses by 0.3 mm and measures 1 mN has no cell that is out by 50 mN, nor a contact that is by 0.4 mm."""
+    found = toy.effects("stiff", "bias", "compliance", "gain", "offset", "offset_each", "backlash", "permanent_set")
+    few = {e.name: np.array([e.size.low, e.size.high]) for e in suited(found, 0.01 * ORDINARY[0], 0.1)}
+    usual = {e.name: np.array([e.size.low, e.size.high]) for e in found}
+    factors = {"stiff": 1, "bias": 0.01, "compliance": 10, "gain": 1, "offset": 0.1, "offset_each": 0.1,
+               "backlash": 0.1, "permanent_set": 1}  # fmt: skip
+    for name, factor in factors.items():
+        np.testing.assert_allclose(few[name], factor * usual[name], rtol=1e-12)
+    for force in ORDINARY:
+        assert [e.size for e in suited(found, force)] == [e.size for e in found]
 
 
 def test_what_a_place_may_have_for_itself_is_a_cause_with_a_form_at_each_of_several_places():
