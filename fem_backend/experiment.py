@@ -384,11 +384,13 @@ def _mesh(body: Ellipsoid, R: float, mesh: Mapping[str, Any]) -> tuple[str, tupl
 
 
 def _speed(value: object) -> None:
-    good = isinstance(value, int | float) and not isinstance(value, bool) and value > 0
-    if not good and not (
-        isinstance(value, str) and re.fullmatch(r"\s*\d+(\.\d*)?([eE][+-]?\d+)?\s*mm/(s|min)\s*", value)
-    ):
-        raise ValueError(f'speed = {value!r}: a speed such as "30 mm/min", or a number in mm/s')
+    written = None
+    if isinstance(value, str):
+        written = re.fullmatch(r"\s*(\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)\s*mm/(?:s|min)\s*", value)
+    number = float(written[1]) if written else value
+    good = isinstance(number, int | float) and not isinstance(number, bool) and 0 < number < math.inf
+    if not good:
+        raise ValueError(f'speed = {value!r}: a positive speed such as "30 mm/min", or a number in mm/s')
 
 
 def _table(data: dict[str, Any], name: str, defaults: dict[str, Any]) -> dict[str, Any]:

@@ -85,6 +85,9 @@ def test_wrong_setting_is_refused_by_name_with_the_choices(settings, words):
         {"mesh": {**MESH, "level": "ultra"}},
         {"mesh": {"mesher": "tetwild", "level": "coarse", "n": "many"}},
         {"speed": "blue"},
+        {"speed": "0 mm/s"},
+        {"speed": "1e-999 mm/min"},
+        {"speed": float("inf")},
     ],
 )
 def test_setting_without_influence_is_refused_when_it_is_nonsense(settings):
