@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ import numpy as np
 from fem_backend import analytic
 from fem_backend.channels import UNITS
 from fem_backend.experiment import Knobs, Settings
+from fem_backend.geometry import Ellipsoid
 from rso.contract import Programme, Response
 
 NU = 0.49  # of the simple levels: ν cannot be told from them
@@ -52,11 +55,11 @@ def closed_form(settings: Settings, knobs: Knobs, programme: Programme) -> Respo
     """Fx, Fy, Fz (N) of Hertz at the asked travels of loading; every other channel is left out.
 
     The ball meets the ellipsoid's tangent sphere of the mean curvature H: 1/R* = 1/R + H, h = s cos θ for a travel s
-    on a line that is θ off the normal.  Assumptions: half-space, small strain, no friction.  Source: Johnson 1985,
-    §4.2.
+    on a line that is θ off the normal.  Errors of the ball, of the semi-axes and of the place count, other effects do
+    not.  Assumptions: half-space, small strain, no friction.  Source: Johnson 1985, §4.2.
     """
     s = np.array(programme.asked_mm)
-    normal, R, tilt = _touch(settings)
+    normal, R, tilt = _touch(_as_it_is(settings, knobs))
     K = 2.0 / knobs.D1
     E, nu = analytic.youngs_modulus(knobs.mu, K), analytic.poisson_ratio(knobs.mu, K)
     F = analytic.hertz_force(s * tilt, R, E, nu)
@@ -88,6 +91,16 @@ def start(settings: Settings, travel: np.ndarray, force: np.ndarray) -> dict[str
         return 3.0 * (1.0 - 2.0 * nu) / (1.0 + nu) / mu
 
     return {"mu": (low, value, high), "D1": (D1(high, TIGHTEST), D1(value, NU), D1(low, LOOSEST))}
+
+
+def _as_it_is(settings: Settings, knobs: Knobs) -> Settings:
+    """The settings with the errors of ball, body and place; ValueError where nothing is left to press or with."""
+    axes = settings.body.semi_axes + np.array([knobs.delta_a, knobs.delta_b, knobs.delta_c])
+    x, y = settings.point[0] + knobs.offset_x, settings.point[1] + knobs.offset_y
+    R = settings.R + knobs.delta_R
+    if R <= 0.0 or axes.min() <= 0.0 or math.hypot(x / axes[0], y / axes[1]) >= 1.0:
+        raise ValueError(f"Hertz needs a ball above a body: R = {R:g} mm at ({x:g}, {y:g}) mm, semi-axes {axes} mm")
+    return replace(settings, body=Ellipsoid(*map(float, axes)), R=R, point=(x, y))
 
 
 def _touch(settings: Settings) -> tuple[np.ndarray, float, float]:

@@ -54,6 +54,30 @@ def test_off_the_top_a_vertical_push_is_weaker_and_leans_up_the_slope():
     assert np.all(normal["Fz"] > off["Fz"])
 
 
+@pytest.mark.parametrize(
+    ("knobs", "settings"),
+    [
+        ({"delta_R": 0.6}, {"indenter": {"radius": 3.6}}),
+        ({"delta_a": 5.0, "delta_b": -3.0, "delta_c": 2.0}, {"specimen": {"semi_axes": [65.0, 32.0, 37.0]}}),
+        ({"offset_x": 8.0, "offset_y": 3.0}, {"point": [10.0, 3.0]}),
+    ],
+)
+def test_closed_form_at_a_ball_a_body_or_a_place_that_is_not_as_stated(knobs, settings):
+    stated = case(point=[2.0, 0.0])
+    true = Case("x", stated.programme, {**stated.settings, **settings})
+    values = {"mu": 0.01, "D1": 4.0}
+    found, expected, without = (BACKEND.closed_form(v, c).channels for v, c in
+                                (({**values, **knobs}, stated), (values, true), (values, stated)))  # fmt: skip
+    for channel in ("Fx", "Fy", "Fz"):
+        np.testing.assert_allclose(found[channel], expected[channel], rtol=1e-12)
+    assert not np.allclose(found["Fz"], without["Fz"], rtol=1e-3)
+
+
+def test_closed_form_of_no_ball_is_refused():
+    with pytest.raises(ValueError, match="R = -1 mm"):
+        BACKEND.closed_form({"mu": 0.01, "D1": 4.0, "delta_R": -4.0}, case())
+
+
 def test_closed_form_agrees_with_finite_elements_at_small_depth():
     """At 0.3 mm the neo-Hookean body is Hertz's but for the held half (+3 %), the mesh (2 %) and a/R = 0.3."""
     small = Case("x", Programme.ramp((0.3,)), {**SETTINGS, "mesh": {"level": "coarse"}})
