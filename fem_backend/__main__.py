@@ -72,6 +72,14 @@ def answer(request: dict[str, Any], vtu: Path | None = None, pictures: Path | No
     return BACKEND.response(solved).to_json()
 
 
+def _read(file: Path) -> Any:
+    """What a file of JSON holds; ValueError where it is none that can be read."""
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))
+    except RecursionError as error:
+        raise ValueError("request: brackets are nested too deeply") from error
+
+
 def main(arguments: list[str]) -> int:
     """Exit code 0 for an answer (also a failed one), 2 for a bad request."""
     parser = argparse.ArgumentParser(prog="python -m fem_backend", description=__doc__.splitlines()[0])
@@ -91,7 +99,7 @@ def main(arguments: list[str]) -> int:
         parser.print_usage(sys.stderr)
         return 2
     try:
-        request = json.loads(options.request.read_text(encoding="utf-8"))
+        request = _read(options.request)
         if not isinstance(request, dict):
             raise ValueError("request: a table with 'values' and 'case' is expected")
         response = answer(request, options.vtu, options.pictures)

@@ -205,7 +205,7 @@ def _load_command(
         name, numerics = str(schema["name"]), int(schema["numerics"])
     except subprocess.TimeoutExpired as error:
         raise ValueError(f"backend: {' '.join(words)} --schema gave no answer in {SCHEMA_TIMEOUT_S:g} s") from error
-    except (json.JSONDecodeError, KeyError, TypeError, AttributeError) as error:
+    except (json.JSONDecodeError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(
             f"backend: {' '.join(words)} --schema must print JSON with name, numerics, parameters and channels "
             f"({type(error).__name__}: {error}; exit code {done.returncode}): {_tail(done.stderr or done.stdout)}"
@@ -280,7 +280,7 @@ def _read_answer(answer: Path, code: int) -> Response:
             raise ValueError("although status = done")
         else:
             return Response.from_json(data)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise crash(f"response file not understood ({type(error).__name__}: {error})") from error
     raise failure
 

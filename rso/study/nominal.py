@@ -55,7 +55,7 @@ def read_nominal(folder: Path) -> Nominal:
     path = folder / FILE
     try:
         data = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise ValueError(f"{path}: cannot be read ({error})") from error
     if not isinstance(data, dict):
         raise ValueError(f"{path}: a table is expected")

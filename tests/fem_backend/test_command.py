@@ -59,6 +59,12 @@ def test_request_and_response_from_the_shell(tmp_path):
     assert answer["channels"]["Fz"][1] > answer["channels"]["Fz"][0] > 0
 
 
+def test_brackets_without_end_are_a_bad_request(tmp_path, capsys):
+    code, response = ask(tmp_path, 100_000 * "[" + 100_000 * "]")
+    assert code == 2 and response is None
+    assert "request.json: request: brackets are nested too deeply" in capsys.readouterr().err
+
+
 def test_bad_request_from_the_shell_has_no_traceback(tmp_path):
     (tmp_path / "in.json").write_text(json.dumps(changed(case__settings__support={"kind": "glue"})))
     done = subprocess.run(

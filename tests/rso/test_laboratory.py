@@ -199,6 +199,12 @@ def test_what_is_not_used_is_said_and_stops_nothing(tmp_path):
         read_nominal(lab)
 
 
+def test_brackets_without_end_are_no_nominal(tmp_path):
+    (tmp_path / "nominal.json").write_text(100_000 * "[")
+    with pytest.raises(ValueError, match=r"nominal.json: cannot be read"):
+        read_nominal(tmp_path)
+
+
 def test_what_is_assumed_is_said(tmp_path):
     assert read_nominal(folder(tmp_path)).assumed == ()
     (tmp_path / "nominal.json").write_text(json.dumps({k: NOMINAL[k] for k in ("specimen", "indenter")}))

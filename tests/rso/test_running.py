@@ -607,7 +607,8 @@ answers = {
     "nan": {**done, "channels": {**channels, "Fz": [float("nan")] * len(a)}},
     "strange": {"status": "perhaps"}, "cause": {**failed, "cause": "mood"}, "units": {**done, "units": {}}, "list": [],
 }
-open(sys.argv[2], "w").write("{" if do == "half" else json.dumps(answers[do]))
+odd = {"half": "{", "nested": 100_000 * "["}
+open(sys.argv[2], "w").write(odd[do] if do in odd else json.dumps(answers[do]))
 sys.exit(1 if do in ("fail", "done but 1") else 0)
 """
 
@@ -664,6 +665,7 @@ def test_command_failed_keeps_its_folder(program, tmp_path):
         ("cause", "unknown cause 'mood'"),
         ("units", "has no unit"),
         ("list", "not understood"),
+        ("nested", "response file not understood .*RecursionError"),
         ("done but 1", "exit code 1, .*although status = done"),
     ],
 )
