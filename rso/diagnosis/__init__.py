@@ -13,7 +13,7 @@ rerun        finalists computed anew           next_test   what would settle it
 story        all of it as plain data           words       and in sentences
 """
 
-from rso.diagnosis.effects import Effect, catalogue, localised, suited
+from rso.diagnosis.effects import Effect, catalogue, localised, recorded, suited
 from rso.diagnosis.judge import Diagnosis, diagnose
 from rso.diagnosis.library import Library, build
 from rso.diagnosis.planning import planned
@@ -40,6 +40,7 @@ __all__ = [
     "make_plan",
     "mended",
     "planned",
+    "recorded",
     "story",
     "suited",
 ]

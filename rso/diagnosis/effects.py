@@ -8,14 +8,14 @@ measurement chain declare.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from rso.contract import Backend, Parameter, Scope, parameters_of
-from rso.measurement import Chain
+from rso.measurement import CROSS, Chain
 from rso.similarity import stress_exponent
 
 _SMALLEST = 1 / 40  # of the largest plausible size, where a range has no smallest size of its own
@@ -148,6 +148,12 @@ def suited(effects: Sequence[Effect], force: float, scale: float = 1.0) -> tuple
         by = k**p * scale**q
         found.append(replace(e, size=replace(e.size, low=by * e.size.low, high=by * e.size.high)) if p or q else e)
     return tuple(found)
+
+
+def recorded(effects: Sequence[Effect], channels: Collection[str]) -> tuple[Effect, ...]:
+    """The effects without those of a channel that was not measured: they are none of this plan."""
+    lost = {knob for channel, knob in CROSS.items() if channel not in channels}
+    return tuple(e for e in effects if e.family == "model" or e.size.name not in lost)
 
 
 def localised(effects: Sequence[Effect], places: Mapping[str, Mapping[str, Any]]) -> tuple[Effect, ...]:

@@ -1,6 +1,6 @@
 """Measured curves: reading them, averaging repeats, and the measurement chain between the specimen and the file."""
 
-from rso.measurement.chain import Chain, Record, correct, record, recorded
+from rso.measurement.chain import CROSS, Chain, Record, correct, record, recorded
 from rso.measurement.columns import Column
 from rso.measurement.combining import MeasuredCurve, Noise, combine, value_at
 from rso.measurement.pace import recorded_speed
@@ -8,6 +8,7 @@ from rso.measurement.reading import SEGMENTS, Measurement, Repeat, fingerprint, 
 from rso.measurement.spikes import kept, step_of, without_spikes
 
 __all__ = [
+    "CROSS",
     "SEGMENTS",
     "Chain",
     "Column",

@@ -121,7 +121,7 @@ class Chain:
             parameter.check(getattr(self, parameter.name))
 
 
-_CROSS = {"Fx": "cross_x", "Fy": "cross_y"}
+CROSS = {"Fx": "cross_x", "Fy": "cross_y"}  # knobs that act on one channel alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +155,7 @@ def recorded(
     k = {p.name: knobs.get(p.name, p.neutral) for p in parameters_of(Chain)}
     F = {c: (1.0 + k["ageing"] * age) * v for c, v in F.items()}
     late = {c: _filtered(t, _shift(t, v, k["lag"]), k["lag_filter"]) for c, v in F.items()}
-    out = {c: v + k[_CROSS[c]] * late["Fz"] for c, v in late.items() if c != "Fz"}
+    out = {c: v + k[CROSS[c]] * late["Fz"] for c, v in late.items() if c != "Fz"}
     out["Fz"] = k["gain"] * late["Fz"] + k["bias"] + k["drift"] * t
     depth = u - k["offset"] + k["permanent_set"] * earlier + k["compliance"] * F["Fz"] - k["backlash"] * _returning(u)
     return depth, out
@@ -171,7 +171,7 @@ def correct(
     if chain.lag_filter:
         raise ValueError("a filter loses what it smooths: it cannot be undone")
     late = {"Fz": (R["Fz"] - chain.bias - chain.drift * t) / chain.gain}
-    late |= {k: v - getattr(chain, _CROSS[k]) * late["Fz"] for k, v in R.items() if k != "Fz"}
+    late |= {k: v - getattr(chain, CROSS[k]) * late["Fz"] for k, v in R.items() if k != "Fz"}
     true = {k: _shift(t, v, -chain.lag) for k, v in late.items()}
     u = d + chain.offset - chain.permanent_set * earlier - chain.compliance * true["Fz"]
     young = {c: v / (1.0 + chain.ageing * age) for c, v in true.items()}

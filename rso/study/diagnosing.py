@@ -68,13 +68,16 @@ def ask(study: Study) -> Asked:
         text = 'diagnosis needs a force curve with role "fit" or "select"'
         raise study_error(study.file, study.lines, [Problem(("experiments",), text)])
     opened = [a.name for a in resolved.axes]
-    effects = diagnosis.catalogue(backend, study.backend.settings, resolved.fixed, opened)
+    every = diagnosis.catalogue(backend, study.backend.settings, resolved.fixed, opened)
+    measured = {c for t in plan.seen().tests for c in t.channels}
+    effects = diagnosis.recorded(every, measured)
     wanted = study.diagnose.effects
     if wanted != "all":
-        known = [e.name for e in effects]
+        known, unseen = [e.name for e in effects], {e.name for e in every}
+        why = f"shows only in a channel that was not measured; measured are {', '.join(sorted(measured))}"
         problems = [
-            Problem(("diagnose", "effects"), f"no such effect; {choose(name, known)}", name)
-            for name in wanted if name not in known
+            Problem(("diagnose", "effects"), why if n in unseen else f"no such effect; {choose(n, known)}", n)
+            for n in wanted if n not in known
         ]  # fmt: skip
         if problems:
             raise study_error(study.file, study.lines, problems)

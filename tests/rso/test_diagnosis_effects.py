@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rso.contract import parameters_of
-from rso.diagnosis.effects import ASTRAY, ORDINARY, Effect, Size, catalogue, localised, suited
+from rso.diagnosis.effects import ASTRAY, ORDINARY, Effect, Size, catalogue, localised, recorded, suited
 from rso.diagnosis.nodes import nodes, piecewise, tensor
 from rso.measurement import Chain
 
@@ -74,6 +74,14 @@ def test_errors_of_the_record_are_those_of_a_small_test():
         np.testing.assert_allclose(few[name], factor * usual[name], rtol=1e-12)
     for force in ORDINARY:
         assert [e.size for e in suited(found, force)] == [e.size for e in found]
+
+
+def test_crosstalk_into_a_channel_that_nobody_measured_is_no_effect():
+    found = toy.effects()
+    names = [e.name for e in found]
+    assert recorded(found, ("Fz", "Fx", "Fy")) == found
+    assert [e.name for e in recorded(found, ("Fz", "Fy"))] == [n for n in names if n != "cross_x"]
+    assert [e.name for e in recorded(found, ("Fz",))] == [n for n in names if n not in ("cross_x", "cross_y")]
 
 
 def test_what_a_place_may_have_for_itself_is_a_cause_with_a_form_at_each_of_several_places():

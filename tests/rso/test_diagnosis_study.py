@@ -112,7 +112,13 @@ def test_a_second_call_computes_nothing_and_says_the_same(folder):
     assert before == after
 
 
+def test_effects_of_channels_that_were_not_measured_are_no_effects_of_the_study(tmp_path):
+    names = {e.name for e in ask(load(write(tmp_path, STUDY.replace('effects = ["stiff", "soften"]', "")))).effects}
+    assert "gain" in names and not names & {"cross_x", "cross_y"}
+
+
 BROKEN = {
+    "not measured": ('effects = ["stiff", "soften"]', 'effects = ["stiff", "cross_x"]', "measured are Fz"),
     "no such effect": ('effects = ["stiff", "soften"]', 'effects = ["stif"]', "diagnose.effects"),
     "wrong key": ("[diagnose]\n", "[diagnose]\neffect = 3\n", "diagnose.effect"),
     "no modulus": ('mu = { low = "6 kPa", high = "24 kPa", scale = "log" }', "", "stress"),
