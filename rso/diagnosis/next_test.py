@@ -27,6 +27,7 @@ from rso.diagnosis.attribute import Bench
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.library import Library, build
 from rso.diagnosis.mixture import Posterior
+from rso.diagnosis.nodes import timed
 from rso.diagnosis.prediction import predict
 from rso.diagnosis.runs import rated
 from rso.diagnosis.testplan import Experiment, Place, Test, TestPlan, make_plan
@@ -39,6 +40,8 @@ READINGS = 20
 DEPTH = 4.0  # mm to which a test is proposed at most, in a plan of the usual depth
 TURN = 0.3  # mm between turns that count as one, in such a plan
 REST = 20.0  # of the time of loading: how long a hold is proposed to last
+FEW = 0.05  # of the draws of a time that may lie beyond the rates computed without a word
+READ_OFF = "its rate lies beyond those computed, of which the nearest stands for it"
 SETTLED = 0.95  # probability of one hypothesis at which a matter is settled
 
 _BLOCK = "press a rigid block, and a shim of known thickness on it"
@@ -59,7 +62,7 @@ DIRECT = {  # tests that show an effect of the chain by itself, whatever the spe
 class NextTest:
     """A test, the `chance` that it settles what is open, the pair it separates worst and the distance D of that pair.
 
-    `resolves` counts the `pairs` with D ≥ SEPARATES.
+    `resolves` counts the `pairs` with D ≥ SEPARATES.  `note` says what the forecast leans on.
     """
 
     test: str
@@ -68,6 +71,7 @@ class NextTest:
     distance: float
     resolves: int
     pairs: int
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -100,7 +104,8 @@ def next_tests(
         except ValueError:
             continue
         if there is not None:
-            found.append(ranked(candidate.words, distances(there, bench, survivors, candidate.without), probability))
+            test = ranked(candidate.words, distances(there, bench, survivors, candidate.without), probability)
+            found.append(replace(test, note=READ_OFF if _out_of_reach(there, survivors) else ""))
     found += [ranked(words, D, probability) for words, D in direct(library, bench, survivors).items()]
     return sorted(found, key=merit, reverse=True)
 
@@ -132,6 +137,22 @@ def _afterwards(done: TestPlan, plan: TestPlan, test: Test) -> Test:
     settings = plan.places[test.place].settings
     pressed = [t.peak for t in done.tests if done.places[t.place].settings == settings]
     return replace(test, age=0.5, earlier=max([test.earlier, *pressed]))
+
+
+def _out_of_reach(there: Library, survivors: Survivors) -> bool:
+    """Whether times of a survivor, in the travel of the tests of a library, lie beyond those that were computed."""
+    d, speeds = len(there.base.axes), {t.speed for t in there.plan.tests}
+    for effects, post in survivors.values():
+        column = d
+        for e in effects:
+            for k in (k for k, s in enumerate(e.knobs) if k and timed(s)):
+                level = there.places[there.home(e)].effects[e.name].nodes.levels[k]
+                for speed in speeds:
+                    at = post.at[:, column + k] + np.log(speed)
+                    if np.mean((at < level.min()) | (at > level.max())) > FEW:
+                        return True
+            column += len(e.knobs)
+    return False
 
 
 def ranked(words: str, distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> NextTest:

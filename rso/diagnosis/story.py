@@ -99,7 +99,7 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                         "visible": v.limit is not None, "confused_with": list(v.confused_with),
                         "confounded_with": list(v.confused_with), "recognised": v.recognised} for v in visible],
         "next_test": [{"test": t.test, "chance": t.chance, "separates": list(t.separates), "distance": t.distance,
-                       "resolves": t.resolves, "pairs": t.pairs} for t in tests],
+                       "resolves": t.resolves, "pairs": t.pairs, "note": t.note} for t in tests],
     }  # fmt: skip
 
 

@@ -22,11 +22,12 @@ def words(found: Mapping[str, Any]) -> list[str]:
         out.append(checks)
     out += _unseen(d, found)
     for t in d["next_test"][:1]:
+        note = f" ({t['note']})" if t.get("note") else ""
         share = f"it settles the matter with a probability of {100 * t['chance']:.0f} %"
         if t["chance"] >= 0.5:
-            out.append(f"Next test: {t['test']}; {share}.")
+            out.append(f"Next test: {t['test']}; {share}{note}.")
         else:
-            out.append(f"No test in the list is likely to settle it; the best is {t['test']}: {share}.")
+            out.append(f"No test in the list is likely to settle it; the best is {t['test']}: {share}{note}.")
     return out
 
 

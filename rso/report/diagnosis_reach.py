@@ -81,6 +81,12 @@ def in_sight(found: Found) -> Section:
     return Section("sight", title, tuple(blocks))
 
 
+def _named(test: Found) -> str:
+    """A test in words, with what its forecast leans on."""
+    note = clean(test["note"]) if test.get("note") else ""
+    return clean(test.get("test")) + (f" ({note})" if note else "")
+
+
 def next_test(found: Found) -> Section:
     """Section 8: tests by how well they separate what is still open."""
     title, rows = "Next test", list(core(found).get("next_test") or ())
@@ -92,7 +98,7 @@ def next_test(found: Found) -> Section:
         Cell("promises an answer", mark="good") if v is not None and v >= 0.8 else Cell("", mark="") for v in chance
     ]
     columns = [
-        column("Test", words([clean(t.get("test")) for t in rows]), number=False),
+        column("Test", words([_named(t) for t in rows]), number=False),
         column("settles it", aligned([None if v is None else 100 * v for v in chance], 2), "%"),
         column("worst pair", words([" / ".join(map(clean, t.get("separates") or ())) for t in rows]), number=False),
         column("D", aligned(distance, 3)),

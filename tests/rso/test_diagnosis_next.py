@@ -11,7 +11,16 @@ from scipy.special import logsumexp
 
 from rso.diagnosis import attribute, build, make_plan
 from rso.diagnosis.mixture import posterior
-from rso.diagnosis.next_test import SETTLED, _chance, candidates, distances, forecast, next_tests, simulated
+from rso.diagnosis.next_test import (
+    READ_OFF,
+    SETTLED,
+    _chance,
+    candidates,
+    distances,
+    forecast,
+    next_tests,
+    simulated,
+)
 
 
 @pytest.mark.parametrize("D", [1.0, 2.5, 4.0, 7.0])
@@ -128,6 +137,21 @@ def test_surface_marks_are_proposed_where_none_are_known_and_tell_a_skin_from_st
     known = dataclasses.replace(library.plan.places[0], marks=tuple((x, 6.0) for x, _ in marks))
     plan = dataclasses.replace(library.plan, places=(known, *library.plan.places[1:]))
     assert "marks" not in [c.words for c in candidates(dataclasses.replace(library, plan=plan))]
+
+
+def test_a_rate_beyond_those_computed_is_said():
+    """Times count by travel: 3 s in a test ten times slower as one that no run had."""
+    truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012, "g": 0.3, "tau": 3.0}
+    library = build(toy.base(axes=False), plan_of(truth), toy.effects("stiff", "g"), toy.run)
+    bench, alive = survivors(library, ("stiff", "g"), truth)
+    found = {t.test: t.note for t in next_tests(library, bench, alive, {"stiff": 0.5, "g": 0.5}, None)}
+    (slower,) = [note for test, note in found.items() if "ten times slower" in test]
+    assert slower == READ_OFF
+    assert not any(note for test, note in found.items() if "ten times" not in test and "hold" not in test)
+    bench, alive = survivors(library, ("stiff",), truth)
+    alive["twin"] = alive["stiff"]
+    found = next_tests(library, bench, alive, {"stiff": 0.5, "twin": 0.5}, None)
+    assert found and not any(t.note for t in found)  # nothing has a time
 
 
 def test_a_candidate_comes_after_what_was_pressed_at_its_place():
