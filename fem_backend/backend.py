@@ -10,7 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from fem_backend import anchors, channels, experiment, indentation, levels, linsolve, meshing, nested, possible, slopes
+from fem_backend import (
+    anchors,
+    channels,
+    costs,
+    experiment,
+    indentation,
+    levels,
+    linsolve,
+    meshing,
+    nested,
+    possible,
+    slopes,
+)
 from fem_backend import model as modelling
 from fem_backend.channels import UNITS
 from fem_backend.errors import stated
@@ -133,6 +145,11 @@ class FiniteElements:
     def start(self, case: Case, travel: np.ndarray, force: np.ndarray) -> Mapping[str, tuple[float, float, float]]:
         """(low, value, high) of mu and D1 by Hertz, before any simulation; see :func:`fem_backend.levels.start`."""
         return levels.start(experiment.read_settings(case.settings), travel, force)
+
+    def cost(self, values: Mapping[str, float], case: Case) -> float:
+        """Seconds that a run takes, roughly; see :func:`fem_backend.costs.seconds`."""
+        settings = experiment.read_settings(case.settings)
+        return costs.seconds(settings, self.knobs(values, settings), path_dependent(settings, values))
 
     def check(self, case: Case) -> None:
         """Raise ValueError for settings or programmes that are not modelled."""

@@ -23,7 +23,7 @@ ROOMS = {
         "stress meshing",
         "element linsolve condensed krylov zones contact newton keeping",
         "rolling stepping following post",
-        "experiment model bench instants channels slopes indentation errors anchors nested levels possible",
+        "experiment model bench instants channels slopes indentation errors anchors nested levels possible costs",
         "backend output",
         "__main__",
     ),

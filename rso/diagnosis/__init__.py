@@ -16,8 +16,9 @@ story        all of it as plain data           words       and in sentences
 from rso.diagnosis.effects import Effect, catalogue, localised, recorded, suited
 from rso.diagnosis.judge import Diagnosis, diagnose
 from rso.diagnosis.library import Library, build
+from rso.diagnosis.next_test import planned_tests
 from rso.diagnosis.planning import planned
-from rso.diagnosis.rerun import CLOSE, Check, finalists, mended
+from rso.diagnosis.rerun import CLOSE, Check, finalists, mended, planned_rerun
 from rso.diagnosis.runs import Base, BaseAxis
 from rso.diagnosis.story import story
 from rso.diagnosis.testplan import Experiment, TestPlan, make_plan
@@ -40,6 +41,8 @@ __all__ = [
     "make_plan",
     "mended",
     "planned",
+    "planned_rerun",
+    "planned_tests",
     "recorded",
     "story",
     "suited",

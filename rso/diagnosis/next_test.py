@@ -28,8 +28,9 @@ from rso.diagnosis.effects import Effect
 from rso.diagnosis.library import Library, build
 from rso.diagnosis.mixture import Posterior
 from rso.diagnosis.nodes import timed
+from rso.diagnosis.planning import framed, planned
 from rso.diagnosis.prediction import predict
-from rso.diagnosis.runs import rated
+from rso.diagnosis.runs import Base, Job, passes, rated
 from rso.diagnosis.testplan import Experiment, Place, Test, TestPlan, make_plan
 from rso.measurement import Measurement, Repeat
 from rso.running import Task
@@ -155,6 +156,39 @@ def _out_of_reach(there: Library, survivors: Survivors) -> bool:
     return False
 
 
+@dataclass(frozen=True)
+class Outline:
+    """What of a library is known before any simulation, enough to name candidates."""
+
+    base: Base
+    plan: TestPlan
+    primary: int
+    effects: tuple[Effect, ...]
+
+
+def planned_tests(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> dict[str, tuple[list[Job], float]]:
+    """Candidate test → the simulations that it takes under every effect, and the share of them under two alone.
+
+    Those that a library tells without are left out.
+    """
+    outline = Outline(base, plan, framed(base, plan).primary, tuple(effects))
+    modelled = [e for e in effects if e.family == "model"]
+    found = {}
+    for candidate in candidates(outline):
+        try:
+            there = make_plan(candidate.experiments, plan.scale)
+            there = replace(there, tests=tuple(_afterwards(plan, there, t) for t in there.tests))
+            if _known(outline, there):
+                continue
+            jobs, without = planned(base, there, effects), len(planned(base, there, ()))
+        except ValueError:
+            continue
+        under_all = max(len(jobs) - without, 0)
+        each = under_all / max(len(modelled), 1)
+        found[candidate.words] = jobs, (without + min(2.0 * each, under_all)) / max(len(jobs), 1)
+    return found
+
+
 def ranked(words: str, distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> NextTest:
     """A test by the distances D of the pairs and the probabilities of the survivors."""
     worst = min(distance, key=lambda p: distance[p])
@@ -173,7 +207,7 @@ def _chance(distance: Mapping[tuple[str, str], float], probability: Mapping[str,
     return float(chance)
 
 
-def candidates(library: Library) -> list[Candidate]:
+def candidates(library: Library | Outline) -> list[Candidate]:
     """Tests that are not in the plan yet: other rates, unloading and a hold at a known place, what the backend
     proposes."""
     plan = library.plan
@@ -213,7 +247,7 @@ def candidates(library: Library) -> list[Candidate]:
     for words, knobs in getattr(backend, "prevented", lambda: {})().items():
         each = [replace(plan.experiments[t.experiment], name=f"again {k}") for k, t in tests.items()]
         again = [
-            _experiment(e, min(plan.places[k].deepest, most), speeds[0], _turned(library, k), e.name)
+            _experiment(e, min(plan.places[k].deepest, most), speeds[0], _turned(plan, k), e.name)
             for k, e in zip(tests, each, strict=True)
         ]
         out.append(Candidate(words, tuple(again), frozenset(knobs)))
@@ -255,7 +289,7 @@ def _seen(marks: Sequence[Sequence[float]], known: Sequence[Sequence[float]]) ->
     return bool(np.max(np.min(np.linalg.norm(P[:, None] - Q, axis=2), axis=1)) <= spacing)
 
 
-def _known(library: Library, plan: TestPlan) -> bool:
+def _known(library: Library | Outline, plan: TestPlan) -> bool:
     """Whether a plan can be read off the tables: its places are the library's, its turns near theirs, no new marks."""
     own = [_place(library, p) for p in plan.places]
     return not plan.profiles and all(k is not None for k in own) and all(
@@ -264,13 +298,13 @@ def _known(library: Library, plan: TestPlan) -> bool:
     )
 
 
-def _place(library: Library, place: Place) -> int | None:
+def _place(library: Library | Outline, place: Place) -> int | None:
     return next((k for k, p in enumerate(library.plan.places) if p.settings == place.settings), None)
 
 
-def _turned(library: Library, place: int) -> bool:
-    """Whether the library knows the way back at a place."""
-    return any(p.peak is not None for p in library.places[place].passes)
+def _turned(plan: TestPlan, place: int) -> bool:
+    """Whether a library of the plan knows the way back at a place."""
+    return any(p.peak is not None for p in passes(plan, place))
 
 
 def _moved(library: Library, plan: TestPlan) -> TestPlan:

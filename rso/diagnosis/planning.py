@@ -69,7 +69,7 @@ def _pressed(test: Test) -> int:
     return int(np.sum(test.depth > 0.0))
 
 
-def planned(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> int:
+def planned(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> list[Job]:
     """Different simulations that a library asks for at most; fewer where runs at a place turn out to be dear.
 
     Raises ValueError for a base model that cannot have one.
@@ -78,7 +78,7 @@ def planned(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> int:
     modelled = [e for e in effects if e.family == "model"]
     jobs = jobs_of_base(base, plan, frame)
     jobs += jobs_of_effects(base, plan, modelled, frame, Sizes(~anywhere, anywhere))[1]
-    return len({key_of(base, j) for j in jobs})
+    return list({key_of(base, j): j for j in reversed(jobs)}.values())[::-1]
 
 
 def key_of(base: Base, job: Job) -> str:

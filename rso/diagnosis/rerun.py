@@ -22,8 +22,10 @@ from rso.diagnosis.effects import Effect
 from rso.diagnosis.judge import Diagnosis
 from rso.diagnosis.library import DEAR, Library
 from rso.diagnosis.nodes import timed
+from rso.diagnosis.planning import framed
 from rso.diagnosis.responses import FORCES, changed, marks_of
-from rso.diagnosis.runs import jobs_at
+from rso.diagnosis.runs import Base, jobs_at, passes
+from rso.diagnosis.testplan import TestPlan
 from rso.running import Task
 from rso.store import Done
 
@@ -77,7 +79,7 @@ def mended(
         for k, here in enumerate(library.places):
             if not e.acts(library.plan.places[k].settings):
                 continue
-            for v in _speeds(library, e, k):
+            for v in _speeds(library.plan, library.slowest, e, k):
                 late = np.array([np.log(v) if timed(s) else 0.0 for s in e.knobs])
                 finer = not _dear(library, k)
                 tasks = jobs_at(library.base, library.plan, k, e, at[:d], at[d:] + late, here.passes, finer)
@@ -108,13 +110,25 @@ def mended(
     return library, Check(len(every), failed, largest, float(np.sqrt(np.mean(z**2))), names)
 
 
+def planned_rerun(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> tuple[list[Task], float]:
+    """Simulations that compute every effect anew in the middle of its sizes, and how many of them are one effect's."""
+    modelled, slowest = [e for e in effects if e.family == "model"], framed(base, plan).speeds[0]
+    tasks: list[Task] = []
+    for e in modelled:
+        at = [0.5 * sum(s.ends()[-1]) for s in e.knobs]
+        for k, place in enumerate(plan.places):
+            for _ in _speeds(plan, slowest, e, k) if e.acts(place.settings) else ():
+                tasks += jobs_at(base, plan, k, e, base.centre, at, passes(plan, k), True)
+    return tasks, len(tasks) / max(len(modelled), 1)
+
+
 def _dear(library: Library, place: int) -> bool:
     return library.places[place].unknowns > DEAR * library.places[library.primary].unknowns
 
 
-def _speeds(library: Library, effect: Effect, place: int) -> list[float]:
-    """Speeds at a place that matter to an effect, to two digits."""
-    speeds = sorted({float(f"{t.speed:.2g}") for t in library.plan.tests if t.place == place}) or [library.slowest]
+def _speeds(plan: TestPlan, slowest: float, effect: Effect, place: int) -> list[float]:
+    """Speeds at a place that matter to an effect, to two digits; the slowest of all where nothing was pressed."""
+    speeds = sorted({float(f"{t.speed:.2g}") for t in plan.tests if t.place == place}) or [slowest]
     return speeds if any(timed(s) for s in effect.shape) else speeds[:1]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from rso import diagnosis
 from rso.measurement import SEGMENTS, MeasuredCurve, Measurement
-from rso.store import RunStore, StoreError
+from rso.running import Task
 from rso.study import cases, stated
 from rso.study.descending import ENDS
 from rso.study.diagnosing import ask
@@ -17,6 +17,7 @@ from rso.study.errors import Problem, study_error
 from rso.study.identifying import ROUNDS
 from rso.study.levels import rungs_of
 from rso.study.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
+from rso.study.pricing import Pace, pace
 from rso.study.schema import ExperimentTable, Study
 
 
@@ -52,25 +53,49 @@ def check(study: Study, folder: Path, trust: bool) -> list[str]:
     else:
         widening = " and each widening of its ranges" if study.search.repair and plan.searches else ""
         lines.append(f"    and for the surrogates, each search{widening} up to {study.verify.max_infill} points more")
-    seconds, known = _seconds_per_run(folder)
+    known = pace(plan.backend, folder)
     jobs = study.dispatch.jobs
-    basis = "as measured in this study" if known else "a guess, nothing was run yet"
-    time = f"{total * seconds / jobs / 60:.1f} min with {jobs} job(s)"
-    lines.append(f"  {'at most' if direct else 'about'} {time} ({seconds:.3g} s a simulation, {basis})")
-    return [*lines, *_diagnosis(study, seconds / jobs), f"  results: {folder}"]
+    seconds = known.seconds(_one_of_each(plan)) / len(plan.cases)
+    time = f"{_minutes(total * seconds / jobs)} with {jobs} job(s)"
+    lines.append(f"  {'at most' if direct else 'about'} {time} ({seconds:.3g} s a simulation, {known.basis})")
+    return [*lines, *_diagnosis(study, known), f"  results: {folder}"]
 
 
-def _diagnosis(study: Study, seconds: float) -> list[str]:
+def _one_of_each(plan: Plan) -> list[Task]:
+    """A simulation of every case that is fitted, in the middle of the ranges."""
+    values = plan.values(np.full(plan.box.d, 0.5))
+    return [Task(values, case) for case in plan.cases]
+
+
+def _minutes(seconds: float) -> str:
+    return f"{seconds / 60:.1f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def _diagnosis(study: Study, known: Pace) -> list[str]:
     """What `rso diagnose` would simulate, or why it cannot; StudyError only for a study that asks for it."""
     try:
         asked = ask(study)
-        runs = diagnosis.planned(asked.base, asked.plan, asked.effects)
+        library = [j.task for j in diagnosis.planned(asked.base, asked.plan, asked.effects)]
     except ValueError as error:
         if "diagnose" in study.model_fields_set:
             raise
         return [f"  rso diagnose: not with this study: {str(error).replace(f'{study.file}:', 'line ', 1)}"]
-    cost = f"a library of {runs} simulations at most, {runs * seconds / 60:.1f} min at that rate, made once"
-    return [f"  rso diagnose: {len(asked.effects)} effects; {cost}"]
+    jobs = study.dispatch.jobs
+    left = [t for t in library if not known.stored(t)]
+    there = f", of which {len(library) - len(left)} are there" if len(left) < len(library) else ""
+    cost = f"a library of {len(library)} simulations at most{there}, {_minutes(known.seconds(left) / jobs)}, made once"
+    lines = [f"  rso diagnose: {len(asked.effects)} effects; {cost}"]
+    anew, each = diagnosis.planned_rerun(asked.base, asked.plan, asked.effects)
+    if anew:
+        time = _minutes(known.seconds(anew) * each / len(anew) / jobs)
+        lines.append(f"    a cause that it names is computed anew: about {each:.0f} simulations, {time}, twice at most")
+    tests = diagnosis.planned_tests(asked.base, asked.plan, asked.effects)
+    if tests:
+        runs = sum(len(found) * share for found, share in tests.values())
+        time = sum(known.seconds(j.task for j in found) * share for found, share in tests.values()) / jobs
+        lines.append(f"    where it names two, {len(tests)} tests that could settle it are computed: about {runs:.0f} "
+                     f"simulations, {_minutes(time)}")  # fmt: skip
+    return lines
 
 
 def on_surfaces(plan: Plan) -> tuple[dict[str, int], list[str]]:
@@ -150,13 +175,3 @@ def _noise(e: ExperimentTable) -> str:
     own = {k: v for k, v in e.noise.model_dump().items() if v}
     shown = ", ".join(f"{k} {v:g} {units.get(k, 'N')}" for k, v in own.items())
     return f"stated noise: {shown or 'none'}"
-
-
-def _seconds_per_run(folder: Path) -> tuple[float, bool]:
-    """Mean wall time of the runs in the store, and whether there were any."""
-    try:
-        with RunStore(folder, read_only=True) as store:
-            walls = [r.wall_s for r in store.rows() if r.wall_s]
-    except StoreError:
-        walls = []
-    return (sum(walls) / len(walls), True) if walls else (10.0, False)

@@ -62,6 +62,19 @@ def test_a_table_that_replaces_that_of_the_study_is_remarked_upon(tmp_path):
     assert any("as a whole" in line and "error = 1" in line for line in lines)
 
 
+def test_what_a_diagnosis_simulates_beyond_its_library_is_counted(tmp_path):
+    """In a bowl that takes longer than held, and nothing of it was run yet."""
+    times = []
+    for kind in ("fixed", "bowl"):
+        lines = said(tmp_path / kind, backend__settings=f"support = {{ kind = '{kind}' }}")
+        at = next(n for n, line in enumerate(lines) if "rso diagnose: " in line)
+        pattern = r"names two, [1-9]\d* tests that could settle it are computed: about \d+ simulations, (.*) (min|h)$"
+        assert "is computed anew: about" in lines[at + 1]
+        m = re.search(pattern, lines[at + 2])
+        times.append(float(m[1]) * {"min": 1, "h": 60}[m[2]])
+    assert times[1] > 2.0 * times[0] > 0.0
+
+
 TOP = studies.SECTIONS["[experiments]"]
 REFUSED = {  # changes of the study, whether its backend is loaded, file line key and choices in the message
     "unknown level": ({"ladder": 'levels = ["hertzz"]'}, ["ladder.levels[0] = 'hertzz'", "did you mean 'hertz'"]),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
+from rso.contract import run_key
 from rso.diagnosis import attribute, build, make_plan
 from rso.diagnosis.mixture import posterior
 from rso.diagnosis.next_test import (
@@ -19,6 +20,7 @@ from rso.diagnosis.next_test import (
     distances,
     forecast,
     next_tests,
+    planned_tests,
     simulated,
 )
 
@@ -137,6 +139,27 @@ def test_surface_marks_are_proposed_where_none_are_known_and_tell_a_skin_from_st
     known = dataclasses.replace(library.plan.places[0], marks=tuple((x, 6.0) for x, _ in marks))
     plan = dataclasses.replace(library.plan, places=(known, *library.plan.places[1:]))
     assert "marks" not in [c.words for c in candidates(dataclasses.replace(library, plan=plan))]
+
+
+def test_what_candidates_take_is_known_before_the_library_is():
+    """Of a catalogue of two effects exactly: those that are run when both are left."""
+    backend = proposing(tests=lambda settings: {"another point": {"point": [5.0, 0.0]}})
+    plan, effects = plan_of({"mu": 0.012, "D1": 60.0}), toy.effects("stiff", "soften", "bias")
+    found = planned_tests(lab(backend), plan, effects)
+    library = build(lab(backend), plan, effects, toy.run)
+    alive = {e.name: ((e,), None) for e in effects}
+    every = {c.words: c for c in candidates(library)}
+    for words, candidate in every.items():
+        keys: set[str] = set()
+
+        def run(tasks, keys=keys):
+            keys.update(run_key(backend, *backend.canonical(t.values, t.case)) for t in tasks)
+            return toy.run(tasks)
+
+        simulated(library, candidate, alive, run)
+        jobs, share = found.get(words, ([], 1.0))
+        assert len(jobs) * share == pytest.approx(len(keys)), words
+    assert "another point" in found and len(found) < len(every)
 
 
 def test_a_rate_beyond_those_computed_is_said():

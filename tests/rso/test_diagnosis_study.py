@@ -160,7 +160,11 @@ def test_check_says_how_large_the_library_will_be(folder, tmp_path):
     assert done.returncode == 0, done.stderr
     (found,) = re.findall(r"rso diagnose: 2 effects; a library of (\d+) simulations at most", done.stdout)
     (path,) = folder.rglob("diagnosis.json")
-    assert int(found) == strict(path)["timings"]["library_runs"]
+    runs = strict(path)["timings"]["library_runs"]
+    assert int(found) == runs
+    assert re.search(r"is computed anew: about \d+ simulations, .* min", done.stdout)
+    done = rso("check", "--trust", folder / "study.toml")
+    assert f"a library of {runs} simulations at most, of which {runs} are there, 0.0 min" in done.stdout
 
 
 def test_check_of_a_study_whose_diagnosis_cannot_be(tmp_path):
