@@ -14,6 +14,7 @@ import numpy as np
 
 FEW = 8  # readings: less is a table by hand, of which only order, sign and tare are looked at
 FEWEST = 4  # readings that tell these
+SLIPPED = 5.0  # times what the others say: a reading of a table by hand that may be mistyped
 EDGE = 0.05  # of the readings of loading: what counts as its start and its end
 FALLS = 0.5  # of its range by which a force must not fall while the indenter goes deeper
 UNTARED = 0.5  # of its range that a force may have where the indenter begins to press
@@ -52,6 +53,11 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
         _jump(path, depth, stroke, lines)
     loading = segment == "loading"
     notes: list[str] = []
+    if few and force is not None and (k := _slipped(depth, force)) is not None:
+        notes.append(
+            f"repeat {label}: {force[k]:g} N at {depth[k]:g} mm (line {lines[k]}) lies far beside a power of the depth "
+            "that all other readings follow; mistyped?"
+        )
     if sorted_here:
         pressed = float(np.ptp(np.maximum(depth, 0.0)))  # how far it went home through the air says nothing
         if np.sum(loading) < (2 if few else 3) or np.ptp(depth[loading]) < STROKE * pressed:
@@ -170,6 +176,25 @@ def _jump(path: Path, depth: np.ndarray, stroke: float, lines: np.ndarray) -> No
             f"{path}:{lines[-1]}: column 'depth' jumps to {depth[-1]:g} mm in the last reading, after "
             f"{depth[-2]:g} mm: leave the row out"
         )
+
+
+def _slipped(depth: np.ndarray, force: np.ndarray) -> int | None:
+    """The one reading of a few whose force is SLIPPED times too large or small for the power of the depth that all
+    others follow closely, if there is one: a decimal point that has slipped in its force or its depth."""
+    pressed = np.nonzero((depth > 0.0) & (force > 0.0))[0]
+    if len(pressed) < FEWEST:
+        return None
+    x, y = np.log(depth[pressed]), np.log(force[pressed])
+    found = []
+    for k in range(len(x)):
+        u, v = np.delete(x, k), np.delete(y, k)
+        if np.ptp(u) == 0.0:
+            continue
+        p, a = np.polyfit(u, v, 1)
+        away, rest = abs(y[k] - a - p * x[k]), float(np.max(np.abs(v - a - p * u)))
+        if POWERS[0] <= p <= POWERS[-1] and away > max(math.log(SLIPPED), 8.0 * rest):
+            found.append(int(pressed[k]))
+    return found[0] if len(found) == 1 else None
 
 
 def _back(depth: np.ndarray) -> float:

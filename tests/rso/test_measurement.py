@@ -495,6 +495,27 @@ def test_good_tables_by_hand_are_not_doubted(tmp_path, depth, force):
     assert read(write(tmp_path, curve(np.array(depth), np.array(force)))).doubts == ()
 
 
+@pytest.mark.parametrize("n", [4, 5, 7])
+@pytest.mark.parametrize("first", [0.5, 0.0])
+@pytest.mark.parametrize(("column", "factor"), [("Fz", 10.0), ("Fz", 0.1), ("depth", 10.0), ("depth", 100.0)])
+def test_a_decimal_point_that_slipped_in_a_table_by_hand_is_remarked_upon(tmp_path, n, first, column, factor):
+    """Whichever row it is in; nothing refuses a table of a few rows for its shape."""
+    for row in range(n):
+        depth = 0.5 * np.arange(1, n + 1)
+        force = 0.01 * depth**1.5 * (1.0 + 0.02 * (-1.0) ** np.arange(n))
+        (force if column == "Fz" else depth)[row] *= factor
+        depth, force = (np.append([0.0] * (first == 0.0), v) for v in (depth, force))
+        if len(depth) > 7:
+            continue
+        try:
+            doubts = read(write(tmp_path, curve(depth, force))).doubts
+        except ValueError as error:
+            assert "turns back" in str(error) or "depth" in str(error)
+            continue
+        (doubt,) = (d for d in doubts if "mistyped" in d)
+        assert f"(line {row + 2 + (first == 0.0)})" in doubt
+
+
 @pytest.mark.parametrize("factor", [1e-3, 9.81])
 def test_a_repeat_in_another_unit_is_refused(tmp_path, factor):
     rows = [(u, f, 1) for u, f in zip(PRESS, PULL, strict=True)]
