@@ -38,16 +38,20 @@ Row = tuple[int, str]  # number of a line, and its text
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a machine's file: its header there, its unit where the file says none, whether its sign is turned."""
+    """A column of a machine's file: its header there, its unit where the file says none, whether its sign is turned.
+
+    `zero` is what the file says where 0 is meant, in the unit of the column: a machine's position at contact, a tare.
+    """
 
     header: str
     unit: str | None = None
     flip: bool = False
+    zero: float = 0.0
 
 
 @dataclass(frozen=True)
 class Head:
-    """The header of a table: `at`, `unit` and `factor` (to N, mm, s, with the sign) of each column read, by name.
+    """The header of a table: `at`, `unit`, `zero` and `factor` (to N, mm, s, with the sign) of each column, by name.
 
     `above` and `below` are how many of the rows stand above the header and where the readings begin.
     """
@@ -58,6 +62,7 @@ class Head:
     at: Mapping[str, int]
     unit: Mapping[str, str]
     factor: Mapping[str, float]
+    zero: Mapping[str, float]
     above: int
     below: int
 
@@ -118,7 +123,8 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) ->
         column = columns.get(name, Column(cells[i]))
         read_as[name] = unit = "" if name in BARE_COLUMNS else _unit(path, line, name, column, units[i])
         factors[name] = column_factor(name, unit) * (-1.0 if column.flip else 1.0)
-    return Head(text, separator, tuple(cells), at, read_as, factors, k, below)
+    zeros = {name: columns[name].zero if name in columns else 0.0 for name in at}
+    return Head(text, separator, tuple(cells), at, read_as, factors, zeros, k, below)
 
 
 def _separator(row: str) -> str:

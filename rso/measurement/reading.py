@@ -214,7 +214,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     if not line:
         raise ValueError(f"{path}: too few points: there is no row of numbers below the header")
     # + 0.0: no negative zero where the sign is turned
-    arrays = {name: np.array(column) * head.factor[name] + 0.0 for name, column in columns.items()}
+    arrays = {name: (np.array(column) - head.zero[name]) * head.factor[name] + 0.0 for name, column in columns.items()}
     for name, column in arrays.items():
         _within(path, line, name, column, head.unit[name])
     segments = _segment_column(path, line, text["segment"]) if "segment" in text else None

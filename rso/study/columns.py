@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Annotated
 
-from pydantic import AfterValidator, create_model, model_validator
+from pydantic import AfterValidator, Field, create_model, model_validator
 
 from rso.measurement import Column
 from rso.study.fields import formed
@@ -14,11 +14,12 @@ from rso.units import BARE_COLUMNS, COLUMN_NAMES, COLUMNS, UNITS, factor, kind_o
 
 
 class ColumnTable(Table):
-    """One column: its header in the file, its unit unless the file says it, and whether its sign is turned."""
+    """One column: its header in the file, its unit unless the file says it, whether its sign is turned, its zero."""
 
     header: Annotated[str, formed(r"(?s:.*\S.*)", "must not be blank")]
     unit: str | None = None
     flip: bool = False
+    zero: Annotated[float, Field(allow_inf_nan=False)] = 0.0
 
 
 def _fits(name: str, table: ColumnTable | None) -> ColumnTable | None:
@@ -27,6 +28,8 @@ def _fits(name: str, table: ColumnTable | None) -> ColumnTable | None:
         return None
     if table.flip and name not in COLUMNS:
         raise ValueError(f"flip turns the sign of a measured value; {name} has none")
+    if table.zero and name not in COLUMNS:
+        raise ValueError(f"zero is subtracted from a measured value; {name} is none")
     if table.unit is not None and name in BARE_COLUMNS:
         raise ValueError(f"{name} has no unit")
     if table.unit is not None:

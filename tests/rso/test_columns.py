@@ -341,6 +341,16 @@ def test_units_in_capitals_are_understood_with_the_study(tmp_path):
     assert "'S' is not a unit of the kind 's'" in refusal(tmp_path / "data.csv", columns | {"time": Column("TIME (S)")})
 
 
+def test_a_zero_is_what_the_file_says_at_contact_in_its_own_unit_and_sign(tmp_path):
+    """A stage that counts downwards from 60 mm and a load cell that was not tared."""
+    rows = "".join(f"{60000 - 1000 * k};{3.0 - 0.1 * k**1.5!r}\n" for k in range(5))
+    path = write(tmp_path, "Position [um];Load [mN]\n" + rows)
+    columns = {"depth": Column("Position [um]", None, True, 60000.0), "Fz": Column("Load [mN]", None, True, 3.0)}
+    (r,) = read(path, columns).repeats
+    np.testing.assert_allclose(r.depth, range(5), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(r.channels["Fz"], 1e-4 * np.arange(5) ** 1.5, rtol=0, atol=1e-12)
+
+
 # ---- several files
 
 
@@ -550,6 +560,10 @@ BAD = {  # columns, data, key, words
         "flip", "repeat"]),
     "the sign of a sigma": (COLUMNS + '\nFz_sigma = { header = "s", flip = true }', '"niere_0.tra"',
                             "columns.Fz_sigma", ["flip"]),
+    "the zero of a label": (COLUMNS + '\nrepeat = { header = "Nr", zero = 1 }', '"niere_0.tra"', "columns.repeat", [
+        "zero", "repeat"]),
+    "a zero that is none": (COLUMNS.replace("flip = true", "zero = inf", 1), '"niere_0.tra"', "columns.depth.zero", [
+        "finite"]),
     "the unit of a label": (COLUMNS + '\nsegment = { header = "A", unit = "s" }', '"niere_0.tra"', "columns.segment", [
         "no unit"]),
     "a header of nowhere": (COLUMNS.replace("Standardweg", "Standartweg"), '"niere_0.tra"', "experiments[0].data", [
