@@ -30,7 +30,9 @@ MOST = 200  # means of readings that tell the shape of a curve
 STUCK = 10  # readings at the deepest point that make a rest, where no times are known
 JITTER = 0.05  # of the stroke: a way back by less is jitter
 JUMP = 0.05  # of the stroke: a single depth this far out of line is a mistake
+POSITION = 0.5  # of the deepest travel: a record that begins beyond it has a force there, or depths from elsewhere
 TURN = "turn its sign (flip = true in [columns] of the study, or without it)"
+ZERO = "subtract the reading at contact (zero = … in [columns] of the study)"
 UP = 0.1  # of the deepest travel: a mark that goes up by more, and further than any goes down, has its sign turned
 BEYOND = 2.0  # times the deepest travel: no mark goes as far
 FLAT = 5  # equal largest readings in a row: a sensor at its end
@@ -75,6 +77,11 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
                 f"repeat {label}: {near} of {len(depth)} readings lie at the deepest point; if that is a rest, give a "
                 "column time_s, or 'segment' with loading, hold, unloading"
             )
+    if depth.max() <= 0.0:
+        raise ValueError(
+            f"{who}: column 'depth' lies between {depth.min():g} and {depth.max():g} mm and never beyond 0, where "
+            f"contact is: {ZERO}"
+        )
     if force is None or np.sum(loading) < FEWEST:
         return notes
     d, F = depth[loading], force[loading]
@@ -86,11 +93,18 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
             f"{who}: column 'Fz' falls from {start:.3g} to {end:.3g} N while the indenter goes deeper; Fz is the force "
             f"of the specimen on the indenter, positive upwards: {TURN}"
         )
+    if d[0] > POSITION * d.max() > 0.0:
+        least = (d[0] / d.max()) ** POWERS[-1] * end
+        if start < 0.5 * least and least > SEEN * noise_of(F):
+            raise ValueError(
+                f"{who}: column 'depth' begins at {d[0]:g} mm with {start:.3g} N and ends at {d.max():g} mm with "
+                f"{end:.3g} N; a body pressed from 0 mm on has {least:.2g} N and more at the first of these: {ZERO}"
+            )
     if d[0] <= EDGE * d.max():
         if abs(start) > UNTARED * span:
             raise ValueError(
                 f"{who}: column 'Fz' is {start:.3g} N where the indenter begins to press, and changes by {span:.3g} N "
-                "in all: subtract the reading before contact (tare)"
+                "in all: subtract the reading before contact (zero = … in [columns] of the study)"
             )
     late, level, scatter = _onset(d, F) or (0.0, start, UNSEEN * span)
     if d[0] <= EDGE * d.max() and abs(level) > max(DOUBTFUL * span, 5.0 * scatter):
@@ -98,8 +112,8 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
     if late > LATE * d.max():
         notes.append(
             f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm, up to there it stays within its "
-            f"scatter of {scatter:.1g} N; depth must count from contact: subtract what was air (rso diagnose looks "
-            "at it as 'offset')"
+            f"scatter of {scatter:.1g} N; depth must count from contact: subtract what was air (zero = … in [columns]; "
+            "rso diagnose looks at it as 'offset')"
         )
     if flat := _flat(depth, force, stroke):
         notes.append(
