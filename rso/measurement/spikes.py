@@ -12,6 +12,8 @@ from rso.measurement.reading import Measurement, Repeat
 
 SPIKE = 8.0  # robust standard deviations from its neighbours: no reading of its own
 MOST_SPIKES = 0.2  # of the readings: more of them are no spikes but the signal
+BACK = 0.25  # of its bend: a reading that stands alone bends the line back beside it
+LAST = 0.05  # of the range of the others: a first or last reading this far from its neighbour may be a mistake
 
 
 def without_spikes(measurement: Measurement) -> tuple[Measurement, list[str]]:
@@ -22,7 +24,7 @@ def without_spikes(measurement: Measurement) -> tuple[Measurement, list[str]]:
     for r in measurement.repeats:
         wild = _wild(r)
         if wild.any():
-            depths = ", ".join(f"{v:.2f}" for v in r.depth[wild][:3]) + (", …" if wild.sum() > 3 else "")
+            depths = ", ".join(f"{v:.3g}" for v in r.depth[wild][:3]) + (", …" if wild.sum() > 3 else "")
             notes.append(f"repeat {r.label}: {wild.sum()} reading(s) out of line left out, at {depths} mm")
             r = kept(r, ~wild)
         repeats.append(r)
@@ -40,19 +42,51 @@ def _wild(r: Repeat) -> np.ndarray:
     """Readings that stand alone: further than SPIKE standard deviations from the median of the five around them.
 
     The deviation is a robust one of the branch itself, 1.48 times the median of its third differences, and at least the
-    step in which the sensor counts; jumps and slopes pass, single spikes do not (Hampel 1974).
+    step in which the sensor counts; jumps and slopes pass, single spikes do not (Hampel 1974).  Neither is a wave of a
+    few readings, nor what stands beside the first or last reading, which have a rule of their own.
     """
     wild = np.zeros(len(r.depth), bool)
     for name in ("loading", "unloading"):
         at = np.nonzero(r.segment == name)[0]
-        if len(at) < 12:
-            continue
-        for c in r.channels:
-            v = r.channels[c][at]
-            d = np.abs(v - median_filter(v, 5, mode="nearest"))
-            scatter = 1.48 * np.median(np.abs(np.diff(v, 3))) / math.sqrt(20.0)  # variance of a third difference
-            wild[at[d > SPIKE * max(scatter, 1e-4 * np.median(np.abs(v)), step_of(v))]] = True
+        while len(at) >= 12:  # again, for a spike beside a larger one
+            values = [r.channels[c][at] for c in r.channels]
+            out = np.any([_ends(r.depth[at], v) for v in values], axis=0)
+            out &= [at[0] == 0, *[False] * (len(at) - 2), at[-1] == len(wild) - 1]
+            if not out.any():  # else they would be beside others
+                out = np.any([_far(v) & _alone(v) for v in values], axis=0)
+            if not out.any():
+                break
+            wild[at[out]] = True
+            at = at[~out]
     return wild if wild.mean() < MOST_SPIKES else np.zeros(len(wild), bool)
+
+
+def _far(v: np.ndarray) -> np.ndarray:
+    """Readings further than SPIKE standard deviations or steps of the sensor from the median of five around them."""
+    scatter = 1.48 * np.median(np.abs(np.diff(v, 3))) / math.sqrt(20.0)  # variance of a third difference
+    d = np.abs(v - median_filter(v, 5, mode="nearest"))
+    return d > SPIKE * max(scatter, 1e-4 * np.median(np.abs(v)), step_of(v))
+
+
+def _alone(v: np.ndarray) -> np.ndarray:
+    """Whether the line bends back by BACK of the bend at a reading within two readings before and behind it."""
+    bend = np.zeros(len(v) + 4)  # two more at either end
+    bend[3:-3] = v[1:-1] - 0.5 * (v[:-2] + v[2:])
+    back = -np.sign(bend[2:-2]) * [bend[:-4], bend[1:-3], bend[3:-1], bend[4:]]
+    enough = back > BACK * np.abs(bend[2:-2])
+    before, behind = enough[:2].any(axis=0), enough[2:].any(axis=0)
+    before[1] = behind[-2] = True  # nothing is known of what lies there
+    return before & behind
+
+
+def _ends(depth: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """The first and the last reading where they are far beside their neighbours, though no farther on their way."""
+    out = np.zeros(len(v), bool)
+    for end, u, f in ((0, depth[::-1], v[::-1]), (-1, depth, v)):
+        way, step = np.abs(np.diff(u)), np.abs(np.diff(f))
+        far = step[-1] > max(LAST * np.ptp(f[:-1]), SPIKE * step[:-1].max())
+        out[end] = far and way[-1] <= 2.0 * way[:-1].max()
+    return out
 
 
 def step_of(values: np.ndarray) -> float:

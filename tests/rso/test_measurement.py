@@ -679,6 +679,35 @@ def test_spikes_are_left_out_of_the_mean_too(tmp_path):
     assert b.sigma.max() < 2.0 * a.sigma.max()
 
 
+@pytest.mark.parametrize("at, to", [(0, 5.0), (-1, 0.0), (-1, 5.0)])
+def test_a_first_or_last_reading_out_of_line_is_left_out_and_not_its_neighbour(tmp_path, at, to):
+    """A last row of zeros, a first one before the amplifier settled; how far a stop goes is no matter."""
+    m, (note,) = without_spikes(read(write(tmp_path, curve(force=once(PULL, at, to)))))
+    assert "1 reading(s) out of line" in note and m.repeats[0].depth.tolist() == np.delete(PRESS, at).tolist()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_stands_beside_a_last_reading_out_of_line_is_kept(tmp_path, seed):
+    depth = 0.05 * np.arange(46)
+    force = 1.9 * depth**1.6 + 0.004 * np.random.default_rng(seed).normal(size=46)
+    force[-1] *= 0.4
+    m, _ = without_spikes(read(write(tmp_path, curve(depth, force))))
+    np.testing.assert_allclose(m.repeats[0].depth, depth[:-1], rtol=0, atol=1e-12)
+
+
+def test_a_last_reading_at_a_deeper_point_is_no_spike(tmp_path):
+    depth = np.r_[np.linspace(0.0, 1.0, 21), 1.38]
+    assert without_spikes(read(write(tmp_path, curve(depth, 0.04 * depth**4))))[1] == []
+
+
+def test_waves_of_a_filtered_signal_are_no_spikes(tmp_path):
+    """1 kHz of a cantilever that swings at 60 to 100 Hz, an approach at rest far longer than the rest."""
+    t = np.linspace(0.0, 6.0, 6001)
+    depth, swing = np.maximum(t - 4.0, 0.0), 1e-3 * np.sin(2 * np.pi * (60 * t + 20 * np.sin(t))) * (t > 4.5)
+    noise = 1e-6 * np.random.default_rng(5).normal(size=len(t))
+    assert without_spikes(read(write(tmp_path, curve(depth, 0.04 * depth**1.5 + swing + noise, t))))[1] == []
+
+
 def test_toggles_of_a_coarse_sensor_are_no_spikes(tmp_path):
     """Steps of 20 mN in 801 readings with 1 mN of noise: a reading on the next step stands out of line by one step."""
     u = np.linspace(0.0, 4.0, 801)
