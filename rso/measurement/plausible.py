@@ -35,6 +35,7 @@ TURN = "turn its sign (flip = true in [columns] of the study, or without it)"
 ZERO = "subtract the reading at contact (zero = … in [columns] of the study)"
 UP = 0.1  # of the deepest travel: a mark that goes up by more, and further than any goes down, has its sign turned
 BEYOND = 2.0  # times the deepest travel: no mark goes as far
+FALL = 0.1  # of its range that a force of loading may fall before the deepest point
 FLAT = 5  # equal largest readings in a row: a sensor at its end
 
 
@@ -119,6 +120,17 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
         notes.append(
             f"repeat {label}: Fz stays at its largest value, {force.max():.4g} N, for {flat} readings; a sensor at its "
             "end?"
+        )
+    elif creep := _creep(d, F):
+        notes.append(
+            f"repeat {label}: Fz stays at {creep[1]:.3g} N from {creep[0]:.3g} to {d.max():.3g} mm; held at constant "
+            "force, a sensor at its end, or a ball that sank in? The model presses by travel: leave out what was held"
+        )
+    if fall := _fall(F):
+        top, low = fall
+        notes.append(
+            f"repeat {label}: Fz falls from {F[top]:.3g} N at {d[top]:.3g} mm to {low:.3g} N while the indenter goes "
+            f"on to {d.max():.3g} mm; slipped, broken, or taken off before the record ends? Leave such readings out"
         )
     return notes
 
@@ -267,3 +279,24 @@ def _flat(depth: np.ndarray, force: np.ndarray, stroke: float) -> int:
     at = np.nonzero(force == force.max())[0]
     run = max(np.split(at, np.nonzero(np.diff(at) > 1)[0] + 1), key=len)
     return len(run) if len(run) >= FLAT and np.ptp(depth[run]) > EDGE * stroke else 0
+
+
+def _creep(depth: np.ndarray, force: np.ndarray) -> tuple[float, float] | None:
+    """Depth (mm) from which on loading stays at its last force, and that force (N); None where that is no long way.
+
+    Within 1 % or the noise; a force that grows as depth^0.9 and more is there on a share of its travel of that / 0.9.
+    """
+    end, width = float(np.median(force[-3:])), max(0.01 * float(np.ptp(force)), 6.0 * noise_of(force))
+    away = np.nonzero(np.abs(force - end) > width)[0]
+    if end <= width or not len(away) or away[-1] + 1 == len(force):
+        return None
+    first, most = float(depth[away[-1] + 1]), float(depth.max())
+    usual = most * width / (0.9 * end)
+    return (first, end) if most - first > EDGE * float(np.ptp(depth)) + 2.0 * usual else None
+
+
+def _fall(force: np.ndarray) -> tuple[int, float] | None:
+    """Index of the largest force of loading and the last one (N) where it fell by FALL of its range, else None."""
+    calm = np.r_[force[0], np.median([force[:-2], force[1:-1], force[2:]], axis=0), force[-1]]  # without spikes
+    top, low = int(np.argmax(calm)), float(calm[-1])
+    return (top, low) if calm[top] - low > max(FALL * float(np.ptp(calm)), 8.0 * noise_of(force)) else None
