@@ -79,7 +79,7 @@ def same_letters(text: str) -> str:
 
 def is_head(comment: Row, rows: Sequence[Row], columns: Mapping[str, Column]) -> bool:
     """Whether a comment above rows of numbers is their header, as numpy.savetxt writes it."""
-    cells, below = _filled(comment[1]), _numbers(rows[0][1]) if rows else 0
+    cells, below = _filled(comment[1]), numbers_in(rows[0][1]) if rows else 0
     if not below or len(cells) != below:
         return False
     wanted = {same_letters(column.header) for column in columns.values()}
@@ -161,7 +161,7 @@ def _filled(row: str) -> list[str]:
     return cells
 
 
-def _numbers(row: str) -> int:
+def numbers_in(row: str) -> int:
     """How many numbers a line holds that holds nothing else, 0 for another line and for a single number."""
     cells = _filled(row)
     return len(cells) if len(cells) > 1 and all(map(is_number, cells)) else 0
@@ -193,7 +193,7 @@ def _understood(path: Path, rows: Sequence[Row]) -> int:
     """The first line that is wholly an understood header; it stands above the first row of numbers."""
     best = None
     for k, (_, row) in enumerate(rows):
-        if _numbers(row):
+        if numbers_in(row):
             break
         if _is_header(rows, k):
             return k
@@ -233,7 +233,7 @@ def _named(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> in
 def _likely(rows: Sequence[Row]) -> int:
     """The line most like a header: the first with as many cells as the first row of numbers, else the first."""
     for k, (_, row) in enumerate(rows):
-        if width := _numbers(row):
+        if width := numbers_in(row):
             return next((j for j in range(k) if len(_filled(rows[j][1])) == width), 0)
     return 0
 

@@ -1,9 +1,10 @@
 """Reading measured CSV files.  Whatever is wrong is a ValueError naming file, line, column, value and choices.
 
 Header: names with units (:func:`rso.units.header`), or what a machine writes there (:class:`rso.measurement.Column`).
-Separator: semicolon, tab or comma, whichever the header has first in this order; with the first two a decimal comma is
-understood.  Lines that start with '#' and lines above the header are notes, but for rows that start with #DIV/0!, ####
-or another fault of a spreadsheet, and a header in the last comment above bare numbers.
+Separator: semicolon, tab or comma, whichever the header has first in this order, or blanks where none of them parts the
+last rows; with all but the comma a decimal comma is understood.  Lines that start with '#' and lines above the header
+are notes, but for rows that start with #DIV/0!, #### or another fault of a spreadsheet, and a header in the last
+comment above bare numbers.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from typing import Literal
 import numpy as np
 
 from rso.measurement import plausible
+from rso.measurement.blanks import parted, width_of
 from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head, is_head, is_number
 from rso.units import kind_of
 
@@ -186,9 +188,11 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     """The file as columns; `file_label` goes before the labels of its repeats."""
     comments: list[Row] = []
     rows = list(_lines(_text(path), comments))
+    width = width_of(rows)
+    rows = [parted(row, width) for row in rows]
     above = [c for c in comments if rows and c[0] < rows[0][0]]
-    if above and is_head(above[-1], rows, wanted):
-        rows.insert(0, above[-1])
+    if above and is_head(nearest := parted(above[-1], width), rows, wanted):
+        rows.insert(0, nearest)
         comments.remove(above[-1])
     notes = [text for _, text in comments]
     if not rows:

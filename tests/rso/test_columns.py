@@ -261,6 +261,32 @@ def test_a_header_in_the_comment_above_bare_numbers_is_read(tmp_path, separator,
     assert m.notes == ("Niere 3",) and m.repeats[0].depth.tolist() == [0.0, 4.0]
 
 
+BLANKS = {  # header, columns, decimal comma
+    "of numpy": ("# depth_mm Fz_N", None, False),
+    "own": ("depth_mm Fz_N", None, False),
+    "aligned": ("  Depth (mm)    Load (N)", {"depth": Column("Depth (mm)"), "Fz": Column("Load (N)")}, False),
+    "quoted": ('"Depth (mm)" "Load, raw"', {"depth": Column("Depth (mm)"), "Fz": Column("Load, raw", "N")}, False),
+    "units beneath": ("Weg Kraft\n mm   N", {"depth": Column("Weg"), "Fz": Column("Kraft")}, True),
+    "a title above": ("Probe 3 of Weg, Kraft\nWeg Kraft\nmm N", {"depth": Column("Weg"), "Fz": Column("Kraft")}, False),
+}
+
+
+@pytest.mark.parametrize("how", BLANKS)
+def test_columns_parted_by_blanks(tmp_path, how):
+    head, columns, decimal_comma = BLANKS[how]
+    rows = "".join(f"   {u:>8}  {F:>10}\n" for _, u, F in TEXTS)
+    m = read(write(tmp_path, "# Niere 3\n" + head + "\n" + (comma(rows) if decimal_comma else rows)), columns)
+    (expected,) = read(write(tmp_path, plain(), name="plain.csv")).repeats
+    np.testing.assert_array_equal(m.repeats[0].depth, expected.depth)
+    np.testing.assert_array_equal(m.repeats[0].channels["Fz"], expected.channels["Fz"])
+    assert m.notes[0] == "Niere 3"
+
+
+@pytest.mark.parametrize("text", ["depth_mm;Fz_N\n0;0\n1;0.5\n2 3\n", "depth_mm, Fz_N\n0, 0\n1, 0.5\n2 3\n"])
+def test_a_last_line_with_blanks_makes_no_table_of_them(tmp_path, text):
+    assert "data.csv:4: 1 values in a table of 2 columns" in refusal(write(tmp_path, text))
+
+
 def test_other_comments_are_no_headers(tmp_path):
     assert "'0'" in refusal(write(tmp_path, "# Weg, Kraft\n0,0\n4,3\n"))
     m = read(write(tmp_path, "# depth_mm,Fz_N\ndepth_um,Fz_mN\n0,0\n4,3\n"))
