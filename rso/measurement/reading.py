@@ -164,7 +164,7 @@ def _apart(paths: Sequence[Path]) -> None:
 
 
 def _text(path: Path) -> str:
-    """Contents as text: UTF-8 with or without mark, else Latin-1."""
+    """Contents as text: UTF-16 with its mark, UTF-8 with or without one, else Latin-1."""
     try:
         if not path.is_file():
             raise ValueError(f"{path}: there is no such file" if not path.exists() else f"{path}: is not a file")
@@ -175,7 +175,10 @@ def _text(path: Path) -> str:
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from error
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise ValueError(f"{path}: is UTF-16 text; save it as UTF-8 (utf-8, utf-8-sig and latin-1 are understood)")
+        try:
+            raw = raw.decode("utf-16").encode()
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{path}: begins as UTF-16 text and goes on as none; save it as UTF-8") from error
     if b"\0" in raw:
         raise ValueError(f"{path}: is not a text file (it holds zero bytes); a CSV file is expected")
     try:

@@ -264,7 +264,7 @@ def data_bytes(rng: random.Random, folder: Path) -> set[int]:
         "bom": (text.encode("utf-8-sig"), GOOD),
         "crlf": (text.replace("\n", "\r\n").encode(), GOOD),
         "cr": (text.replace("\n", "\r").encode(), GOOD),
-        "utf-16": (text.encode("utf-16"), BAD),
+        "utf-16": (text.encode("utf-16"), GOOD),
         "other bom": (text.encode(rng.choice(("utf-16-le", "utf-16-be", "utf-32"))), BAD),
         "latin-1": (("# Prüfer: Jörg, 20 °C\n" + text).encode("latin-1"), GOOD),
         "semicolon": (text.replace(",", ";").replace(".", ",").encode(), GOOD),

@@ -26,7 +26,7 @@ def table(head: str, rows) -> str:
 # ---- reading
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 def test_dialects_read_the_same(tmp_path, encoding, separator, newline):
@@ -163,7 +163,8 @@ def test_bad_tables_are_answered_with_place_and_choices(tmp_path, content, words
 
 
 def test_bad_files(tmp_path, monkeypatch):
-    for content, word in [(b"\xff\xfed\0", "UTF-16"), (b"PK\0\0", "not a text file")]:
+    binary = [(content, "not a text file") for content in (b"PK\0\0", b"\xff\xfe\0\0d\0\0\0")]
+    for content, word in [(b"\xff\xfed", "UTF-16"), *binary]:
         (tmp_path / "x.csv").write_bytes(content)
         with pytest.raises(ValueError, match=word):
             read(tmp_path / "x.csv")
