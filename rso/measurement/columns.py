@@ -178,9 +178,9 @@ def _name(cell: str, beneath: str) -> str | None:
 
 
 def _names(rows: Sequence[Row], k: int) -> Iterator[tuple[str, str | None]]:
-    """Cells of a line and the known names that they have; a separator at its end makes no cell."""
+    """Cells of a line and the known names that they have; separators at its end make no cells."""
     _, cells, units, _ = _split(rows, k)
-    if len(cells) > 1 and not cells[-1]:
+    while len(cells) > 1 and not cells[-1]:
         cells.pop()
     return ((cell, _name(cell, unit)) for cell, unit in zip(cells, units, strict=False))
 

@@ -231,12 +231,17 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
 
 
 def _cells(path: Path, number: int, row: str, head: Head) -> list[str]:
-    """The cells of a row, as many as the header has."""
+    """The cells of a row, as many as the header has; separators at the end of either make no cell."""
     cells = cells_of(row, head.separator)
+    while len(cells) > len(head.cells) and not cells[-1]:
+        cells.pop()
+    if not any(head.cells[len(cells) :]):
+        cells += [""] * (len(head.cells) - len(cells))
     if len(cells) == len(head.cells) - 1 and head.cells[-1] == "Comment" in head.unread:
         return cells  # LabVIEW leaves the last cell away where there is no comment
     if len(cells) != len(head.cells):
-        fail(path, number, f"{len(cells)} values in a table of {len(head.cells)} columns ({head.text!r})")
+        fail(path, number, f"{len(cells)} values in a table of {len(head.cells)} columns ({head.text!r}); "
+             "delete what is no reading, a second table is a file of its own")  # fmt: skip
     if not head.cells[-1] and cells[-1]:
         fail(path, number, f"{cells[-1][:40]!r} stands beneath no header ({head.text!r})")
     return cells

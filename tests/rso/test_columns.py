@@ -129,6 +129,13 @@ def test_separators_at_the_end_and_empty_lines_are_no_columns_and_no_readings(tm
     assert read(write(tmp_path, text)).repeats[0].depth.tolist() == [0.0, 1.0]
 
 
+@pytest.mark.parametrize("more, beneath", [("", ";"), ("", ";;"), (";", ""), (";;", ";"), (";", ";;;")])
+def test_separators_at_the_end_of_header_or_rows_alone_are_no_columns(tmp_path, more, beneath):
+    """Loggers write them behind each reading, exports of sheets behind the header."""
+    (r,) = read(write(tmp_path, f"depth_mm;Fz_N{more}\n0;0{beneath}\n1;0,5{beneath}\n2;1,4\n")).repeats
+    assert r.depth.tolist() == [0.0, 1.0, 2.0] and r.channels["Fz"].tolist() == [0.0, 0.5, 1.4]
+
+
 def test_a_row_of_readings_is_no_row_of_units_whatever_its_label_is(tmp_path):
     m = read(write(tmp_path, "depth_mm,Fz_N,repeat\n0,0,s\n1,1,s\n0,0,m\n1,1,m\n"))
     assert [(r.label, len(r.depth)) for r in m.repeats] == [("s", 2), ("m", 2)]
@@ -198,7 +205,7 @@ REFUSED = {  # text, columns, words
         "depth": Column("Weg [mm]"), "Fz": Column("Kraft [N]")}, [":2:", "4 values", "2 columns"]),
     "neither units nor numbers": ("Weg [mm];Kraft [N]\n-;-\n0;0\n", {
         "depth": Column("Weg [mm]"), "Fz": Column("Kraft [N]")}, [":2:", "'-'", "not a finite number"]),
-    "a truncated end": (SHORT + "1;0,2", SHORT_COLUMNS, [":5:", "2 values", "3 columns"]),
+    "a truncated end": (SHORT + "1;0,2", SHORT_COLUMNS, [":5:", "2 values", "3 columns", "delete"]),
     "an empty cell": (SHORT + "1;;2\n", SHORT_COLUMNS, [":5:", "'Fz'", "''"]),
     "thousands": (SHORT + "1.000,5;0,2;2\n", SHORT_COLUMNS, [":5:", "'depth'", "'1.000,5'"]),
     "perhaps thousands": ("Weg;Kraft\num;mN\n500;1\n750;2\n1,000;3\n", SHORT_COLUMNS, [":5:", "'depth'", "'1,000'"]),
