@@ -139,6 +139,8 @@ def _split(rows: Sequence[Row], k: int) -> tuple[str, list[str], list[str], int]
     cells = cells_of(rows[k][1], separator)
     if k + 1 < len(rows):
         units = [cell.strip("[]() ") for cell in cells_of(rows[k + 1][1], separator)]
+        if not any(cells[len(units) :] + units[len(cells) :]):  # separators at the end of one of the two
+            units = (units + [""] * len(cells))[: len(cells)]
         if len(units) == len(cells) and not any(map(is_number, units)) and any(map(is_unit, units)):
             return separator, cells, units, k + 2
     return separator, cells, [""] * len(cells), k + 1
@@ -230,6 +232,14 @@ def _named(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> in
     fail(path, line, f"there is no header {each}; choose from {', '.join(map(repr, shown))}{own}")
 
 
+def _alike(unit: str, other: str, base: str) -> bool:
+    """Whether two texts are the same unit of a kind: sec and s."""
+    try:
+        return factor(unit, base) == factor(other, base)
+    except ValueError:
+        return False
+
+
 def _likely(rows: Sequence[Row]) -> int:
     """The line most like a header: the first with as many cells as the first row of numbers, else the first."""
     for k, (_, row) in enumerate(rows):
@@ -247,7 +257,7 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
     odd = {"the row beneath the header": "" if is_unit(beneath) else beneath}
     odd["the header"] = bracketed(column.header, name) or ""
     for who, unit in odd.items():
-        if unit and same and unit.lower() != same:
+        if unit and same and unit.lower() != same and not _alike(unit.lower(), column.unit or "", base):
             fail(path, line, f"column {name!r} ({column.header!r}): the study says {column.unit!r}, {who} {unit!r}, "
                  f"which is not a known unit; correct it in the file: {choices}")  # fmt: skip
     # In capitals S is a siemens, MM no millimetre, and the MN of a machine a mN.

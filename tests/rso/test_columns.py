@@ -384,6 +384,21 @@ def test_a_zero_is_what_the_file_says_at_contact_in_its_own_unit_and_sign(tmp_pa
     np.testing.assert_allclose(r.channels["Fz"], 1e-4 * np.arange(5) ** 1.5, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("unit, beneath", [("s", "Sec"), ("s", "Seconds"), ("sec", "Sec"), ("min", "Minutes")])
+def test_a_unit_in_other_letters_is_that_of_the_study(tmp_path, unit, beneath):
+    path = write(tmp_path, plain().replace("time_s,depth_mm,Fz_N", f"Time,Disp,Load\n {beneath}, mm, N"))
+    columns = {"depth": Column("Disp"), "Fz": Column("Load"), "time": Column("Time", unit)}
+    assert read(path, columns).repeats[0].time[1] == pytest.approx(12.0 if unit == "min" else 0.2, rel=1e-15)
+    said = refusal(path, columns | {"time": Column("Time", "ms")})
+    assert f"the study says 'ms', the row beneath the header '{beneath}'" in said
+
+
+@pytest.mark.parametrize("head", ["Weg;Kraft;;\nmm;N", "Weg;Kraft\nmm;N;;"])
+def test_a_row_of_units_may_end_elsewhere_than_the_header(tmp_path, head):
+    m = read(write(tmp_path, head + "\n0;0\n1;0,5\n"), SHORT_COLUMNS)
+    assert m.repeats[0].depth.tolist() == [0.0, 1.0]
+
+
 # ---- several files
 
 
