@@ -78,12 +78,18 @@ def same_letters(text: str) -> str:
 
 
 def is_head(comment: Row, rows: Sequence[Row], columns: Mapping[str, Column]) -> bool:
-    """Whether a comment above rows of numbers is their header, as numpy.savetxt writes it."""
-    cells, below = _filled(comment[1]), numbers_in(rows[0][1]) if rows else 0
-    if not below or len(cells) != below:
+    """Whether a comment above rows of numbers is their header, as numpy.savetxt writes it.
+
+    What a study does not name may be no number: a word for each segment.
+    """
+    cells, below = list(map(same_letters, _filled(comment[1]))), _filled(rows[0][1]) if rows else []
+    wanted = {same_letters(column.header) for name, column in columns.items()}
+    numeric = {same_letters(column.header) for name, column in columns.items() if name not in BARE_COLUMNS}
+    if len(cells) < 2 or len(cells) != len(below) or not wanted <= set(cells):
         return False
-    wanted = {same_letters(column.header) for column in columns.values()}
-    return wanted <= set(map(same_letters, cells)) if wanted else _is_header([comment, *rows[:2]], 0)
+    if not all(is_number(b) for cell, b in zip(cells, below, strict=True) if cell in numeric or not wanted):
+        return False
+    return bool(wanted) or _is_header([comment, *rows[:2]], 0)
 
 
 def fail(path: Path, line: int, message: str) -> NoReturn:

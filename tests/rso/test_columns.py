@@ -299,6 +299,16 @@ def test_other_comments_are_no_headers(tmp_path):
     m = read(write(tmp_path, "# depth_mm,Fz_N\ndepth_um,Fz_mN\n0,0\n4,3\n"))
     assert m.notes == ("depth_mm,Fz_N",) and m.repeats[0].depth.tolist() == [0.0, 0.004]
 
+def test_a_header_in_a_comment_may_stand_above_words_that_are_not_read(tmp_path):
+    text = "# force\theight\tretracts\n0\t0\tFalse\n1\t4\tTrue\n"
+    columns = {"depth": Column("height", "um"), "Fz": Column("force", "nN")}
+    m = read(write(tmp_path, text), columns)
+    assert m.repeats[0].depth.tolist() == [0.0, 0.004] and m.unread == ("retracts",)
+    assert "'False'" in refusal(tmp_path / "data.csv", columns | {"time": Column("retracts", "s")})
+    m = read(write(tmp_path, "# height,force\nheight,force\n0,0\n4,1\n"), columns)
+    assert m.notes == ("height,force",) and m.repeats[0].depth.tolist() == [0.0, 0.004]
+
+
 
 FAULTS = ["########", "##", "#DIV/0!", "#NV", "#N/A", "#WERT!", "#REF!", "#NAME?"]
 
