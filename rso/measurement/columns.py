@@ -31,6 +31,8 @@ from rso.units import (
 
 _QUOTED = re.compile(r'"[^"]*"')
 _LONGEST, _SHOWN = 80, 200  # characters of a header and headers of a line that a message looks at
+_HEADLESS = "; no header stands above these numbers: write one there, such as depth_mm,Fz_N"
+_TWICE = "rename one of them, tests side by side are files of their own"
 _OTHER_NAMES = "other names are understood with [columns] in the study file"
 
 Row = tuple[int, str]  # number of a line, and its text
@@ -119,7 +121,7 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) ->
         names = own if columns else [_name(cell, units[i])]
         for name in (n for n in names if n is not None):
             if name in at:
-                fail(path, line, f"header {cell!r} appears twice" if columns else f"column {name!r} appears twice")
+                fail(path, line, f"{f'header {cell!r}' if columns else f'column {name!r}'} appears twice; {_TWICE}")
             at[name] = i
     for name in at:
         if name.endswith("_sigma") and name.removesuffix("_sigma") not in at:
@@ -213,7 +215,8 @@ def _understood(path: Path, rows: Sequence[Row]) -> int:
         header(cell)
     except ValueError as error:
         message = str(error)
-    fail(path, rows[best][0], f"{message}; {_OTHER_NAMES}")
+    headless = _HEADLESS if numbers_in(rows[best][1]) else ""
+    fail(path, rows[best][0], f"{message}; {_OTHER_NAMES}{headless}")
 
 
 def _named(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> int:
@@ -234,8 +237,9 @@ def _named(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> in
     shown = sorted({cell[:_LONGEST] for cell in cells[:_SHOWN] if cell},
                    key=lambda cell: (-SequenceMatcher(None, first, cell.lower()).ratio(), cell))  # fmt: skip
     each = ", ".join(f"{text!r} ({name})" for text, name in missing.items())
+    headless = _HEADLESS if numbers_in(text) else ""
     own = "; by itself this header is understood: columns = {} for its experiment" if _is_header(rows, best) else ""
-    fail(path, line, f"there is no header {each}; choose from {', '.join(map(repr, shown))}{own}")
+    fail(path, line, f"there is no header {each}; choose from {', '.join(map(repr, shown))}{own}{headless}")
 
 
 def _alike(unit: str, other: str, base: str) -> bool:

@@ -387,7 +387,8 @@ def _segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None
         sign = f"; column 'depth' is mostly negative: {plausible.TURN}" if below else ""
         raise ValueError(
             f"{path}: repeat {label!r} turns back more than once within {stroke:g} mm; "
-            f"add a column 'repeat', or 'segment' with {', '.join(SEGMENTS)}{sign}"
+            f"add a column 'repeat', or name one that counts the tests (repeat = {{ header = … }} in [columns] of the "
+            f"study), or add 'segment' with {', '.join(SEGMENTS)}{sign}"
         )
     segment = np.full(len(depth), "loading", dtype="<U9")
     if depth[k] - after.min() > plausible.JITTER * stroke:

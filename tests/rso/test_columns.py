@@ -165,9 +165,14 @@ REFUSED = {  # text, columns, words
     "two of nowhere": (SHORT, {"depth": Column("weg"), "Fz": Column("Last")}, [":1:", "'weg' (depth), 'Last' (Fz)"]),
     "not the file of a machine": (plain(), ZWICK, [":1:", "choose from", "'depth_mm'", "columns = {}"]),
     "none of the names": (zwick(), SHORT_COLUMNS, [":6:", "choose from 'Standardweg'"]),
-    "no header at all": ("0;0\n1;1\n", SHORT_COLUMNS, [":1:", "no header 'Weg' (depth), 'Kraft' (Fz)"]),
+    "no header at all": ("0;0\n1;1\n", SHORT_COLUMNS, [
+        ":1:", "no header 'Weg' (depth), 'Kraft' (Fz)", "no header stands above these numbers: write one"]),
+    "no header at all, nor names": ("0;0\n1;1\n", None, [
+        ":1:", "unknown column '0'", "above these numbers: write one"]),
     "twice the same header": ("Weg;Kraft;Weg\n0;0;0\n", {"depth": Column("Weg", "mm"), "Fz": Column("Kraft", "N")}, [
-        ":1:", "header 'Weg' appears twice"]),
+        ":1:", "header 'Weg' appears twice", "rename one", "side by side"]),
+    "cycles without a count": (plain(TEXTS[:41] + TEXTS[61:] + TEXTS[:41]).replace("time_s", "t_s"), {
+        "depth": Column("depth_mm"), "Fz": Column("Fz_N")}, ["turns back more than once", "repeat = { header = "]),
     "no unit": ("Weg;Kraft [N]\n0;0\n", {"depth": Column("Weg"), "Fz": Column("Kraft [N]")}, [
         ":1:", "'depth'", "'Weg' says no unit", "mm, um"]),
     "no unit that is known": (SHORT.replace("mm", "Millimeter"), SHORT_COLUMNS, [":1:", "'Millimeter' beneath"]),
@@ -294,11 +299,6 @@ def test_a_last_line_with_blanks_makes_no_table_of_them(tmp_path, text):
     assert "data.csv:4: 1 values in a table of 2 columns" in refusal(write(tmp_path, text))
 
 
-def test_other_comments_are_no_headers(tmp_path):
-    assert "'0'" in refusal(write(tmp_path, "# Weg, Kraft\n0,0\n4,3\n"))
-    m = read(write(tmp_path, "# depth_mm,Fz_N\ndepth_um,Fz_mN\n0,0\n4,3\n"))
-    assert m.notes == ("depth_mm,Fz_N",) and m.repeats[0].depth.tolist() == [0.0, 0.004]
-
 def test_a_header_in_a_comment_may_stand_above_words_that_are_not_read(tmp_path):
     text = "# force\theight\tretracts\n0\t0\tFalse\n1\t4\tTrue\n"
     columns = {"depth": Column("height", "um"), "Fz": Column("force", "nN")}
@@ -308,6 +308,11 @@ def test_a_header_in_a_comment_may_stand_above_words_that_are_not_read(tmp_path)
     m = read(write(tmp_path, "# height,force\nheight,force\n0,0\n4,1\n"), columns)
     assert m.notes == ("height,force",) and m.repeats[0].depth.tolist() == [0.0, 0.004]
 
+
+def test_other_comments_are_no_headers(tmp_path):
+    assert "'0'" in refusal(write(tmp_path, "# Weg, Kraft\n0,0\n4,3\n"))
+    m = read(write(tmp_path, "# depth_mm,Fz_N\ndepth_um,Fz_mN\n0,0\n4,3\n"))
+    assert m.notes == ("depth_mm,Fz_N",) and m.repeats[0].depth.tolist() == [0.0, 0.004]
 
 
 FAULTS = ["########", "##", "#DIV/0!", "#NV", "#N/A", "#WERT!", "#REF!", "#NAME?"]
