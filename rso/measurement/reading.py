@@ -2,8 +2,8 @@
 
 Header: names with units (:func:`rso.units.header`), or what a machine writes there (:class:`rso.measurement.Column`).
 Separator: semicolon, tab or comma, whichever the header has first in this order, or blanks where none of them parts the
-last rows; with all but the comma a decimal comma is understood.  Lines that start with '#' and lines above the header
-are notes, but for rows that start with #DIV/0!, #### or another fault of a spreadsheet, and a header in the last
+last rows; a decimal comma is understood, between commas in quotes.  Lines that start with '#' and lines above the
+header are notes, but for rows that start with #DIV/0!, #### or another fault of a spreadsheet, and a header in the last
 comment above bare numbers.
 """
 
@@ -203,8 +203,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     head = find_head(path, rows, wanted)
     notes += [" ".join(filter(None, cells_of(row, head.separator))) for _, row in rows[: head.above]]
     rows = rows[head.below :]
-    if head.separator != ",":
-        _no_thousands(path, rows, head)
+    _no_thousands(path, rows, head)
     columns = {name: array("d") for name in head.at if name not in ("repeat", "segment")}
     text = {name: list[str]() for name in head.at if name not in columns}
     line = array("q")
@@ -215,7 +214,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
         for name, values in text.items():
             values.append(cells[head.at[name]])
         for name, column in columns.items():
-            column.append(_number(path, number, name, cells[head.at[name]], decimal_comma=head.separator != ","))
+            column.append(_number(path, number, name, cells[head.at[name]]))
         _no_summary(path, number, cells, head, counting)
         counting = _counting(head, counting, cells)
     if not line:
@@ -308,10 +307,10 @@ def _lines(text: str, comments: list[Row]) -> Iterator[Row]:
             yield number, row
 
 
-def _number(path: Path, line: int, name: str, cell: str, decimal_comma: bool) -> float:
-    """One cell as a finite float."""
+def _number(path: Path, line: int, name: str, cell: str) -> float:
+    """One cell as a finite float; a comma that is left in it is a decimal one, between commas in quotes."""
     try:
-        value = float(cell.replace(",", ".") if decimal_comma else cell)
+        value = float(cell.replace(",", "."))
     except ValueError:
         value = math.nan
     # float() also reads 1_000 as a number, which nobody means in a table.

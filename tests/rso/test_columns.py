@@ -62,14 +62,22 @@ def texture(rows=TEXTS) -> str:
     return "\n".join(["Force (g)\tDistance (mm)\tTime (sec)", *lines, ""])
 
 
+def quoted(rows=TEXTS) -> str:
+    """Everything in quotes between commas, and decimal commas within."""
+    lines = [",".join(f'"{comma(cell)}"' for cell in row) for row in rows]
+    return "\n".join(['"Zeit","Weg","Kraft"', '"(s)","(mm)","(N)"', *lines, ""])
+
+
 ZWICK = {"depth": Column("Standardweg", flip=True), "Fz": Column("Standardkraft", "N", True)}
 ZWICK |= {"time": Column("Prüfzeit")}
 INSTRON = {"depth": Column("Extension", flip=True), "Fz": Column("Load", "kN", True), "time": Column("Time", "s")}
 LABVIEW = {"depth": Column("Draht", "mm"), "Fz": Column("Kraft", "N"), "time": Column("X_Value", "s")}
+QUOTED = {"depth": Column("Weg"), "Fz": Column("Kraft"), "time": Column("Zeit")}
 TEXTURE = {"depth": Column("Distance (mm)"), "Fz": Column("Force (g)", "gf"), "time": Column("Time (sec)")}
 MACHINES = {  # text, encoding, columns, some of the notes, what is not read
     "Zwick": (zwick(), "latin-1", ZWICK, ("Prüfprotokoll Niere 3", "Vorkraft 0,01 N"), ("Druckspannung",)),
     "Instron": (instron(), "utf-8", INSTRON, ("Specimen label kidney, 3", "1 0.32"), ("Cycle, total",)),
+    "quoted": (quoted(), "utf-8", QUOTED, (), ()),
     "LabVIEW": (labview(), "utf-8", LABVIEW, ("LabVIEW Measurement", "Separator Tab"), ("Comment",)),
     "texture analyser": (texture(), "utf-8", TEXTURE, (), ()),
 }
@@ -218,6 +226,10 @@ REFUSED = {  # text, columns, words
         ":3:", "'depth'", "'1,000' beside '0'"]),
     "perhaps thousands with a point": ("Weg;Kraft\num;mN\n0;0\n50;1\n1.000;2\n2.000;3\n", SHORT_COLUMNS, [
         ":5:", "'depth'", "'1.000'"]),
+    "thousands in quotes": ('Weg,Kraft\num,mN\n0,"0"\n500,"14"\n"1,000","40"\n', SHORT_COLUMNS, [
+        ":5:", "'depth'", "'1,000' beside '0'"]),
+    "thousands in quotes beside decimals": ('Weg,Kraft\num,mN\n0.0,0\n"1,000.5",14\n', SHORT_COLUMNS, [
+        ":4:", "'1,000.5'"]),
     "a summary": (COUNTED + "Max;4,0;0,32\n", COUNTED_COLUMNS, [":6:", "'Nr'", "'Max'", "summary; delete"]),
     "a summary of nothing": (COUNTED + "Min;0;0\n", COUNTED_COLUMNS, [":6:", "'Nr'", "'Min'"]),
     "sigma of nothing": (SHORT, SHORT_COLUMNS | {"Fx_sigma": Column("Zeit", "N")}, ["'Fx_sigma'", "not there"]),
