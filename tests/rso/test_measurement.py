@@ -533,6 +533,7 @@ DOUBTFUL = {
     "untared by less": (PULL + 0.03, "N at 0 mm; not tared"),
     "untared downwards": (PULL - 0.03, "Fz is -0.0"),
     "untared by hand": (np.array([0.06, 0.08, 0.16, 0.38]), "not tared"),
+    "touched before": (0.04 * (PRESS + 0.3) ** 1.5 + 0.1 * (PULL - 0.04 * PRESS**1.5), "touched before?"),
     "contact late": (0.04 * np.maximum(PRESS - 2.0, 0) ** 1.5, "contact lies near 2 mm"),
     "contact hardly late": (0.04 * np.maximum(PRESS - 0.3, 0) ** 1.5, "contact lies near 0.3"),
     "a noisy sensor at its end": (np.minimum(PULL, 0.2) + 1e-4 * np.sin(99 * PRESS), "Fz stays at 0.2 N from 2."),
