@@ -29,6 +29,7 @@ CLEAR = 25.0  # fall of χ² with one number more that is no scatter
 MOST = 200  # means of readings that tell the shape of a curve
 STUCK = 10  # readings at the deepest point that make a rest, where no times are known
 JITTER = 0.05  # of the stroke: a way back by less is jitter
+PAUSE = 0.1  # of the time of loading: a rest on the way this long is remarked upon
 JUMP = 0.05  # of the stroke: a single depth this far out of line is a mistake
 POSITION = 0.5  # of the deepest travel: a record that begins beyond it has a force there, or depths from elsewhere
 TURN = "turn its sign (flip = true in [columns] of the study, or without it)"
@@ -78,6 +79,11 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
                 f"repeat {label}: {near} of {len(depth)} readings lie at the deepest point; if that is a rest, give a "
                 "column time_s, or 'segment' with loading, hold, unloading"
             )
+        if time is not None and (rest := _rest_on_the_way(depth, time)):
+            notes.append(
+                f"repeat {label}: the indenter rests for {rest[0]:.2g} s near {rest[1]:.2g} mm on its way, and all is "
+                "read as one loading at a steady speed; where the body relaxes leave the readings of rests out"
+            )
     if depth.max() <= 0.0:
         raise ValueError(
             f"{who}: column 'depth' lies between {depth.min():g} and {depth.max():g} mm and never beyond 0, where "
@@ -126,7 +132,7 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
             f"repeat {label}: Fz stays at {creep[1]:.3g} N from {creep[0]:.3g} to {d.max():.3g} mm; held at constant "
             "force, a sensor at its end, or a ball that sank in? The model presses by travel: leave out what was held"
         )
-    if fall := _fall(F):
+    if (fall := _fall(F)) and d.max() - d[fall[0]] > 0.005 * stroke:  # less is a rest, in which the body relaxes
         top, low = fall
         notes.append(
             f"repeat {label}: Fz falls from {F[top]:.3g} N at {d[top]:.3g} mm to {low:.3g} N while the indenter goes "
@@ -237,6 +243,16 @@ def _rest(depth: np.ndarray) -> int:
     near = int(np.sum(depth > depth.max() - width))
     passing = 2.0 * len(depth) * width / stroke  # there and back
     return near if near > max(STUCK, 0.1 * len(depth), 3.0 * passing) else 0
+
+
+def _rest_on_the_way(depth: np.ndarray, time: np.ndarray) -> tuple[float, float] | None:
+    """Duration (s) and depth (mm) of the longest rest before the deepest point; None where the way has no long one."""
+    way = np.maximum.accumulate(depth[: int(np.argmax(depth)) + 1])
+    levels = np.linspace(max(EDGE * way[-1], way[0]), (1.0 - EDGE) * way[-1], MOST)
+    passing = np.diff(np.interp(levels, way, time[: len(way)]))
+    k = int(np.argmax(passing))
+    long = max(PAUSE * (time[len(way) - 1] - time[0]), 20.0 * float(np.median(passing)))
+    return (float(passing[k]), float(levels[k])) if passing[k] > long else None
 
 
 def noise_of(values: np.ndarray) -> float:

@@ -598,6 +598,24 @@ def test_a_block_before_the_test_is_remarked_upon(tmp_path):
     assert [doubt for doubt in read(write(tmp_path, along(*block, noise=0.005))).doubts if BEFORE in doubt]
 
 
+def stairs(rest_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time, depth and force of four steps in 2 s each and a rest after each, in which the force relaxes by a third."""
+    rest = np.arange(0.1, rest_s + 0.1, 0.1)
+    depth = np.concatenate([np.r_[np.linspace(k, k + 1, 21), np.full(len(rest), k + 1.0)] for k in range(4)])
+    relaxed = np.tile(np.r_[np.ones(21), 0.7 + 0.3 * np.exp(-rest / 5)], 4)
+    return 0.1 * np.arange(len(depth)), depth, 0.04 * depth**1.5 * relaxed
+
+
+def test_steps_with_rests_are_remarked_upon(tmp_path):
+    time, depth, force = stairs(30.0)
+    (doubt,) = read(write(tmp_path, curve(depth, force, time))).doubts
+    assert "rests for 30 s near " in doubt and "one loading at a steady speed" in doubt
+    time, depth, force = stairs(0.5)
+    assert read(write(tmp_path, curve(depth, force, time))).doubts == ()
+    time, depth, force = (v[-1200:] for v in stairs(30.0))
+    assert not [d for d in read(write(tmp_path, curve(depth, force))).doubts if "falls from" in d]
+
+
 ONE_WAY = {  # ways of depth and their noise, none of them with a block before the test
     "back by jitter": (((0.0, 2.0, 41), (2.0, 1.85, 4), (1.85, 4.0, 41)), 0.0),
     "about in the air": (((-1.0, -0.1, 11), (-0.1, -0.8, 8), (-0.8, 4.0, 81)), 0.0),
