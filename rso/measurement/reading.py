@@ -315,7 +315,8 @@ def _number(path: Path, line: int, name: str, cell: str) -> float:
         value = math.nan
     # float() also reads 1_000 as a number, which nobody means in a table.
     if not math.isfinite(value) or "_" in cell:
-        fail(path, line, f"column {name!r}: {cell[:40]!r} is not a finite number")
+        empty = "; delete the row if nothing was measured there" if cell.lower() in ("", "nan") else ""
+        fail(path, line, f"column {name!r}: {cell[:40]!r} is not a finite number{empty}")
     if abs(value) > _LARGEST:
         fail(path, line, f"column {name!r}: {cell[:40]!r} is larger than anything measured ({_LARGEST:g})")
     if value < 0 and name.endswith("_sigma"):

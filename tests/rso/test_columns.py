@@ -219,7 +219,7 @@ REFUSED = {  # text, columns, words
     "neither units nor numbers": ("Weg [mm];Kraft [N]\n-;-\n0;0\n", {
         "depth": Column("Weg [mm]"), "Fz": Column("Kraft [N]")}, [":2:", "'-'", "not a finite number"]),
     "a truncated end": (SHORT + "1;0,2", SHORT_COLUMNS, [":5:", "2 values", "3 columns", "delete"]),
-    "an empty cell": (SHORT + "1;;2\n", SHORT_COLUMNS, [":5:", "'Fz'", "''"]),
+    "an empty cell": (SHORT + "1;;2\n", SHORT_COLUMNS, [":5:", "'Fz'", "''", "delete the row"]),
     "thousands": (SHORT + "1.000,5;0,2;2\n", SHORT_COLUMNS, [":5:", "'depth'", "'1.000,5'"]),
     "perhaps thousands": ("Weg;Kraft\num;mN\n500;1\n750;2\n1,000;3\n", SHORT_COLUMNS, [":5:", "'depth'", "'1,000'"]),
     "perhaps thousands after 0": ("depth [um]\tFz [mN]\n0\t0\n1,000\t40\n2,000\t113\n", None, [
