@@ -188,11 +188,15 @@ def _name(cell: str, beneath: str) -> str | None:
 
 
 def _names(rows: Sequence[Row], k: int) -> Iterator[tuple[str, str | None]]:
-    """Cells of a line and the known names that they have; separators at its end make no cells."""
+    """Cells of a line and the known names that they have.
+
+    Separators at its end make no cells, nor does one before all others: the index that pandas writes has no header.
+    """
     _, cells, units, _ = _split(rows, k)
     while len(cells) > 1 and not cells[-1]:
         cells.pop()
-    return ((cell, _name(cell, unit)) for cell, unit in zip(cells, units, strict=False))
+    first = int(len(cells) > 1 and not cells[0])
+    return ((cell, _name(cell, unit)) for cell, unit in zip(cells[first:], units[first:], strict=False))
 
 
 def _is_header(rows: Sequence[Row], k: int) -> bool:

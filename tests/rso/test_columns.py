@@ -144,6 +144,14 @@ def test_separators_at_the_end_of_header_or_rows_alone_are_no_columns(tmp_path, 
     assert r.depth.tolist() == [0.0, 1.0, 2.0] and r.channels["Fz"].tolist() == [0.0, 0.5, 1.4]
 
 
+def test_an_index_without_a_header_is_not_read(tmp_path):
+    """As pandas writes it."""
+    rows = [f"{k},{t},{u},{F}\n" for k, (t, u, F) in enumerate(TEXTS)]
+    m = read(write(tmp_path, "".join([",time_s,depth_mm,Fz_N\n", *rows])))
+    assert m.repeats[0].depth.tolist() == [float(u) for _, u, _ in TEXTS] and m.unread == ()
+    assert "unknown column 'frame'" in refusal(write(tmp_path, ",frame,depth_mm,Fz_N\n0,0,0,0\n1,1,1,1\n"))
+
+
 def test_a_row_of_readings_is_no_row_of_units_whatever_its_label_is(tmp_path):
     m = read(write(tmp_path, "depth_mm,Fz_N,repeat\n0,0,s\n1,1,s\n0,0,m\n1,1,m\n"))
     assert [(r.label, len(r.depth)) for r in m.repeats] == [("s", 2), ("m", 2)]
