@@ -20,7 +20,7 @@ def main() -> None:
     near = np.abs(rows["depth_mm"] - DEPTH) < AROUND
     fit = np.polyfit(rows["depth_mm"][near] - DEPTH, rows["Fx_N"][near], 2)
     print(f"data      {fit[-1]:.4f} N")
-    for level in ("coarse", "standard"):
+    for level in ("coarse", "standard", "fine"):
         settings = {"material": {"law": "neo_hookean"}, "mesh": {"level": level}, "point": [20.0, 0.0],
                     "indenter": {"radius": 3.0}}  # fmt: skip
         response = BACKEND(TRUTH, Case("friction", Programme.ramp((1.0, 2.0, 3.0, DEPTH), 0.5), settings))
