@@ -116,11 +116,11 @@ def set_up(library: Library, y: np.ndarray) -> Bench:
         off = np.eye(len(y)) - H
         whites.append(whitening(C + off @ K @ off.T))
     centre = base.at[best_tile][None]
-    scatter = {e.name: _by_test(library, e, centre, modulus) for e in library.effects if e.family == "scatter"}
+    scatter = {e.name: by_test(library, e, centre, modulus) for e in library.effects if e.family == "scatter"}
     return Bench(library, levels, modulus, C, tuple(whites), scatter, {(): base})
 
 
-def _by_test(library: Library, scatter: Effect, centre: np.ndarray, modulus: float) -> np.ndarray:
+def by_test(library: Library, scatter: Effect, centre: np.ndarray, modulus: float) -> np.ndarray:
     """∂y/∂knob (tests, n): what the knob of the chain does to each test by itself."""
     neutral = next(p.neutral for p in parameters_of(Chain) if p.name == scatter.cause)
     size = replace(scatter.size, name=scatter.cause, neutral=neutral)

@@ -8,7 +8,8 @@ true the log likelihood ratio against l is about N(D²/2, D²), so that the test
 
     Σ_k P_k min_l Φ[ (D_kl² / 2 − ln(P_l / P_k) − ln(s / (1 − s))) / D_kl ],      s = SETTLED.
 
-Where the truth is none of the hypotheses that can be simulated nothing is settled: P need not sum to 1.
+Where the truth is none of the hypotheses that can be simulated nothing is settled: P need not sum to 1.  What every
+curve has for itself moves no mean, but widens Σ of the new curves.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import numpy as np
 from scipy.stats import norm
 
 from rso.diagnosis import noise
-from rso.diagnosis.attribute import Bench
+from rso.diagnosis.attribute import Bench, by_test
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.library import Library, build
 from rso.diagnosis.mixture import Posterior
@@ -85,18 +86,19 @@ class Candidate:
 
 
 Survivors = Mapping[str, tuple[tuple[Effect, ...], Posterior]]
+Scatter = Mapping[str, float]  # of effects that scatter, their standard deviation in the unit of the knob
 
 
 def next_tests(
     library: Library, bench: Bench, survivors: Survivors, probability: Mapping[str, float],
-    run: Callable[[Sequence[Task]], list[Any]] | None,
+    run: Callable[[Sequence[Task]], list[Any]] | None, scatter: Scatter | None = None,
 ) -> list[NextTest]:  # fmt: skip
     """Candidate tests by the chance that they settle which of the survivors is true.
 
     `survivors` maps a name to its effects and posterior, `probability` to its probability.  Without `run` only tests
-    at places and rates of the library are considered.
+    at places and rates of the library are considered; where all survivors scatter only repeats help, and none is.
     """
-    if len(survivors) < 2:
+    if len(survivors) < 2 or all(e.family == "scatter" for effects, _ in survivors.values() for e in effects):
         return []
     found = []
     for candidate in candidates(library):
@@ -105,7 +107,8 @@ def next_tests(
         except ValueError:
             continue
         if there is not None:
-            test = ranked(candidate.words, distances(there, bench, survivors, candidate.without), probability)
+            D = distances(there, bench, survivors, candidate.without, scatter or {})
+            test = ranked(candidate.words, D, probability)
             found.append(replace(test, note=READ_OFF if _out_of_reach(there, survivors) else ""))
     found += [ranked(words, D, probability) for words, D in direct(library, bench, survivors).items()]
     return sorted(found, key=merit, reverse=True)
@@ -314,13 +317,18 @@ def _moved(library: Library, plan: TestPlan) -> TestPlan:
 
 
 def distances(
-    there: Library, bench: Bench, survivors: Survivors, without: frozenset[str] = frozenset()
-) -> dict[tuple[str, str], float]:
+    there: Library, bench: Bench, survivors: Survivors, without: frozenset[str] = frozenset(),
+    scatter: Scatter | None = None,
+) -> dict[tuple[str, str], float]:  # fmt: skip
     """D of every pair of survivors in the tests of a library's plan."""
     mean, spread = {}, {}
-    for name in survivors:
-        F = forecast(there, bench, *survivors[name], without)
+    for name, (effects, post) in survivors.items():
+        F = forecast(there, bench, effects, post, without)
         mean[name], spread[name] = F.mean(axis=0), np.cov(F.T)
+        for e in (e for e in effects if e.family == "scatter"):
+            centre = np.median(post.at[:, : len(there.base.axes)], axis=0)[None]
+            g = (scatter or {})[e.name] * by_test(there, e, centre, float(np.median(post.modulus)))
+            spread[name] = spread[name] + g.T @ g
     C = covariance(there, bench, next(iter(mean.values())))
     out = {}
     for k, l in itertools.combinations(survivors, 2):
@@ -333,6 +341,7 @@ def forecast(
     there: Library, bench: Bench, effects: Sequence[Effect], post: Posterior, without: frozenset[str] = frozenset()
 ) -> np.ndarray:
     """Draws (DRAWS, n) of what a hypothesis predicts, effects of `without` left out."""
+    effects = [e for e in effects if e.family != "scatter"]  # these move no mean
     pick = np.linspace(0, len(post.modulus) - 1, DRAWS).astype(int)
     d = len(there.base.axes)
     columns, at = list(range(d)), d
@@ -373,7 +382,7 @@ def direct(library: Library, bench: Bench, survivors: Survivors) -> dict[str, di
     found: dict[str, dict[tuple[str, str], float]] = {}
     for name, (effects, post) in survivors.items():
         for e in effects:
-            if e.size.name not in known or e.size.neutral is None or e.place is not None:
+            if e.size.name not in known or e.size.neutral is None or e.place is not None or e.family == "scatter":
                 continue  # no bench shows what one test had
             words, resolution = known[e.size.name]
             off = sizes(bench, effects, post, e) - e.size.neutral

@@ -111,11 +111,12 @@ def _rivals(d: Diagnosis) -> bool:
 
 def _next(library: Library, d: Diagnosis, run: Run | None) -> list[NextTest]:
     """Tests that separate the named effects, each alone."""
-    effects = {e.name: (e,) for e in library.effects if e.family != "scatter"}
+    effects = {e.name: (e,) for e in library.effects}
+    scatter = {c.effect.name: c.size for c in d.causes if c.effect.family == "scatter"}
     alive = {n: (effects[n], d.posteriors[n]) for n in d.named if n in d.posteriors and n in effects}
     plain_library = replace(library, plan=library.plan.seen())
     probability = {c.effect.name: c.probability for c in d.causes if c.effect.name in alive}
-    return next_tests(plain_library, d.bench, alive, probability, run)
+    return next_tests(plain_library, d.bench, alive, probability, run, scatter)
 
 
 def residuals(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:

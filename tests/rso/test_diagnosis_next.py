@@ -17,6 +17,7 @@ from rso.diagnosis.next_test import (
     SETTLED,
     _chance,
     candidates,
+    covariance,
     distances,
     forecast,
     next_tests,
@@ -111,6 +112,36 @@ def test_nothing_is_proposed_where_one_cause_is_left_and_simulations_are_asked_f
     (other,) = [c for c in candidates(library) if c.words == "another point"]
     assert simulated(library, other, alive, None) is None
     assert simulated(library, other, alive, toy.run) is not None
+
+
+def test_what_every_curve_has_for_itself_is_told_from_a_cause_by_the_scatter_of_new_curves():
+    """A contact always noted 0.1 mm late, or anew each time: one more curve tells the less the more contacts scatter,
+    as the best linear test does on simulated readings; where everything scatters no test is proposed.
+    """
+    truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012}
+    library = build(toy.base(axes=False), plan_of(truth), toy.effects("offset", "offset_each", "gain_each"), toy.run)
+    bench, alive = survivors(library, ("offset", "offset_each", "gain_each"), truth)
+    (own, post), rng = alive["offset"], np.random.default_rng(0)
+    late = np.column_stack([post.at[:, :-1], 0.1 + 0.005 * rng.standard_normal(len(post.at))])
+    pair = {"offset": (own, dataclasses.replace(post, at=late)), "offset_each": alive["offset_each"]}
+    words, D = "load and unload ten times faster (300 mm/min)", {}
+    for sd in (0.02, 0.3):
+        found = next_tests(library, bench, pair, dict.fromkeys(pair, 0.5), None, {"offset_each": sd})
+        D[sd] = next(t.distance for t in found if t.test == words)
+    assert D[0.3] < 0.3 * D[0.02]
+
+    there = simulated(library, next(c for c in candidates(library) if c.words == words), pair, None)
+    F = {n: forecast(there, bench, *pair[n]) for n in pair}
+    Δ, ((each,), post) = F["offset"].mean(0) - F["offset_each"].mean(0), pair["offset_each"]
+    centre = np.median(post.at[:, : len(there.base.axes)], axis=0)[None]
+    moved = 0.3 * attribute.by_test(there, each, centre, np.median(post.modulus))
+    known = covariance(there, bench, F["offset"].mean(0)) + np.cov(F["offset"].T) + np.cov(F["offset_each"].T)
+    y = rng.standard_normal((4000, len(moved))) @ moved + rng.multivariate_normal(np.zeros(len(Δ)), known, 4000)
+    w = np.linalg.solve(np.cov(y.T), Δ)
+    np.testing.assert_allclose(D[0.3], Δ @ w / np.std(y @ w), rtol=0.05)  # 4000 draws scatter by 1 %
+
+    both = {n: alive[n] for n in ("offset_each", "gain_each")}  # only repeats tell these, not another test
+    assert next_tests(library, bench, both, dict.fromkeys(both, 0.5), None, dict.fromkeys(both, 0.1)) == []
 
 
 def test_surface_marks_are_proposed_where_none_are_known_and_tell_a_skin_from_stiffening():
