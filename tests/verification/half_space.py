@@ -48,7 +48,8 @@ def half_space(
     mesh = MeshTet2.from_mesh(MeshTet(np.ascontiguousarray(x.T), np.ascontiguousarray(tets.T)))
     control = Control(first=0.3 * deepest, largest=deepest, path=0.25 * deepest, augmentations=4)
     body, down = Ellipsoid(L, L, LIFT), np.array([0.0, 0.0, -1.0])
-    settings = Settings(body, R, law=law, control=control)
+    recipe = meshing.mapped_recipe(body, n, 0.0)  # stands for the mesh that is put in its place
+    settings = Settings(body, R, recipe=recipe, law=law, control=control)
     placement = Placement(body, R, np.eye(3), np.array([0.0, 0.0, LIFT + R]), down, (True, True))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(meshing, "assemble", lambda *arguments: mesh)
