@@ -79,7 +79,7 @@ def gap(y: np.ndarray, f: np.ndarray, C: np.ndarray) -> float:
 
 
 def summarise(curves: Sequence[Gap], sizes: Sequence[int], how: str, seed: int) -> Shrinkage:
-    """Means over curves; the interval resamples curves where there are at least two."""
+    """Means over curves; the interval resamples curves where there are at least two, and counts those with a gap."""
     G = np.array([[c.before, c.refit_only, c.with_cause] for c in curves])
     means = G.mean(axis=0)
     # G of n independent readings scatters by √(2/n) around 1
@@ -92,7 +92,7 @@ def summarise(curves: Sequence[Gap], sizes: Sequence[int], how: str, seed: int) 
             return Shrinkage(tuple(curves), *map(float, means), 1.0, error, closed, None, how)
         pick = rng.integers(0, len(G), (BOOTSTRAPS, len(G)))
         m = G[pick].mean(axis=1)
-        # where the gap sits in one curve, resamples without it have none: no share of less than its error
-        share = (m[:, 0] - m[:, 2]) / np.maximum(m[:, 0] - 1.0, error)
+        m = m[m[:, 0] - 1.0 > 2 * error]  # where the gap sits in one curve, resamples without it have no share
+        share = (m[:, 0] - m[:, 2]) / (m[:, 0] - 1.0)
         interval = (float(np.quantile(share, 0.05)), float(np.quantile(share, 0.95)))
     return Shrinkage(tuple(curves), *map(float, means), 1.0, error, closed, interval, how)
