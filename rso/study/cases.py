@@ -227,9 +227,11 @@ def _refusal(backend: Backend, case: Case) -> str | None:
 def place_of_setting(study: Study, n: int, message: str) -> Place:
     """Where the setting stands that a message of the backend names first, as choices come after it.
 
-    Else where the n-th experiment has its own.
+    A travel or a programme is that of the n-th experiment's data.  Else where that experiment has its own settings.
     """
     own, words = study.experiments[n].settings, re.findall(r"\w+", message)
+    if words and words[0] in ("travel", "programme"):
+        return ("experiments", n, "data")
     owners: list[tuple[Place, Mapping[str, object]]] = [
         (("experiments", n, "settings"), own), (("backend", "settings"), study.backend.settings)
     ]  # fmt: skip

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from rso import diagnosis
-from rso.contract import Backend
+from rso.contract import Backend, Case, Programme
 from rso.diagnosis import Base, BaseAxis, Effect, Experiment, Library
 from rso.diagnosis.planning import framed
 from rso.measurement import recorded_speed
@@ -58,6 +58,7 @@ def ask(study: Study) -> Asked:
         plan = diagnosis.make_plan(experiments)
     except (ValueError, TypeError) as error:
         raise study_error(study.file, study.lines, [Problem(("experiments",), str(error))]) from error
+    _refuse_what_is_too_deep(study, backend, plan)
     base = _base(study, backend, resolved)
     try:
         framed(base, plan)
@@ -108,9 +109,21 @@ def _refuse_what_is_not_modelled(study: Study, backend: Backend, experiments: Se
         raise study_error(study.file, study.lines, problems)
 
 
-def _probe(e: Experiment) -> Any:
-    from rso.contract import Case, Programme
+def _refuse_what_is_too_deep(study: Study, backend: Backend, plan: diagnosis.TestPlan) -> None:
+    """StudyError where a place must be computed farther than the backend goes: beyond the deepest reading."""
+    for k, place in enumerate(plan.places):
+        reach = plan.reach(k)
+        try:
+            backend.check(Case("reach", Programme.ramp((reach,)), place.settings))
+        except MISREAD as error:
+            there = [o for o in (*plan.tests, *plan.profiles) if o.place == k]
+            n = max(there, key=lambda o: float(o.depth.max())).experiment
+            words = f"a diagnosis computes to {reach:g} mm, beyond the deepest reading, for a contact found late"
+            found = Problem(("experiments", n, "data"), f"{words}; leave out what is deeper: {error}")
+            raise study_error(study.file, study.lines, [found]) from error
 
+
+def _probe(e: Experiment) -> Any:
     repeats = e.measurement.repeats
     deepest, settings = max(float(r.depth.max()) for r in repeats), dict(e.settings)
     if e.measurement.kind == "profile":

@@ -139,6 +139,21 @@ def test_a_broken_study_is_refused_with_file_and_key(tmp_path, case):
     assert "study.toml" in str(error.value) and message in str(error.value)
 
 
+@pytest.mark.parametrize("most,words", [(3.9, "travel 4"), (4.2, "computes to 4.4 mm, beyond the deepest reading")])
+def test_a_test_too_deep_for_the_backend_is_named_before_anything_is_computed(tmp_path, monkeypatch, most, words):
+    """The data of the deepest test, not the settings; also where only the way beyond its readings is too deep."""
+
+    def check(self, case):
+        if max(case.programme.travel_mm) > most:
+            raise ValueError(f"travel {max(case.programme.travel_mm):g} mm: at most {most:g} mm")
+
+    monkeypatch.setattr(type(toy.BACKEND), "check", check)
+    monkeypatch.syspath_prepend(str(HERE))
+    with pytest.raises(StudyError) as found:
+        ask(load(write(tmp_path)))
+    assert words in str(found.value) and "experiments[0].data" in str(found.value)
+
+
 def test_the_command_refuses_with_the_exit_code_of_bad_input(tmp_path):
     old, new, message = BROKEN["no such effect"]
     done = rso("diagnose", write(tmp_path, STUDY.replace(old, new)))
