@@ -122,8 +122,12 @@ def set_up(library: Library, y: np.ndarray) -> Bench:
 
 def by_test(library: Library, scatter: Effect, centre: np.ndarray, modulus: float) -> np.ndarray:
     """∂y/∂knob (tests, n): what the knob of the chain does to each test by itself."""
-    neutral = next(p.neutral for p in parameters_of(Chain) if p.name == scatter.cause)
-    size = replace(scatter.size, name=scatter.cause, neutral=neutral)
+    p = next(p for p in parameters_of(Chain) if p.name == scatter.cause)
+    assert p.plausible is not None
+    away = [v - p.neutral for v in p.plausible]
+    by = scatter.size.high / max(map(abs, away))  # of a plan of the usual lengths and forces 1
+    low, high = (p.neutral + by * v for v in away)
+    size = replace(scatter.size, name=p.name, low=low, high=high, neutral=p.neutral)
     knob = Effect(scatter.cause, scatter.description, "measurement", size)
     step = 0.05 * scatter.size.high
     ends = [predict(library, (knob,), np.append(centre, [[s * step]], axis=1), modulus)[0][0] for s in (-1.0, 1.0)]

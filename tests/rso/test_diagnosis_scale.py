@@ -9,6 +9,7 @@ import pytest
 
 from rso.contract import Case, Programme
 from rso.diagnosis import build, diagnose, make_plan, noise, suited
+from rso.diagnosis.attribute import by_test
 from rso.diagnosis.localise import _regions
 from rso.diagnosis.next_test import candidates
 from rso.diagnosis.planning import framed, jobs_of_base
@@ -133,6 +134,22 @@ def test_a_contact_found_far_too_late_is_followed_where_the_test_is_deep():
         own = [e for e in library.effects if e.name == "offset"]
         found.append(predict(library, own, np.array([[0.0, 0.35 * times], [0.0, 0.2 * times]]), 0.012)[0])
     np.testing.assert_allclose(found[1], found[0], rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("times", [1.0, 10.0])
+@pytest.mark.parametrize("knob", ["offset", "gain", "bias", "drift"])
+def test_what_every_curve_has_for_itself_moves_it_as_it_moves_all(times, knob):
+    plan = make_plan(laboratory(toy.TRUTH, times))
+    effects = suited(toy.effects(knob, f"{knob}_each"), 1.0, plan.scale)
+    backend = Zoomed(times=times)
+    base = dataclasses.replace(toy.base(axes=False), backend=backend)
+    library = build(base, plan, effects, lambda tasks: toy.run(tasks, backend))
+    own, each = library.effects
+    step = 0.05 * each.size.high
+    low, high = (0.012 * predict(library, (own,), np.array([[s * step]]), 0.012)[0][0] for s in (-1.0, 1.0))
+    moved = by_test(library, each, np.zeros((1, 0)), 0.012)
+    assert np.abs(moved).max(axis=1).min() > 0.0
+    np.testing.assert_allclose(moved.sum(axis=0), (high - low) / (2 * step), rtol=1e-9, atol=1e-12)
 
 
 def test_a_dent_is_no_repeat_in_a_small_test_either():
