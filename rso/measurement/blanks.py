@@ -16,7 +16,15 @@ def width_of(rows: Sequence[Row]) -> int:
     words = rows[-1][1].split() if rows else []
     if len(words) < 2 or not all(map(is_number, words)) or any(numbers_in(text) for _, text in rows[-_LAST:]):
         return 0
-    return len(words)
+    return 0 if _empty_between_tabs(rows) else len(words)
+
+
+def _empty_between_tabs(rows: Sequence[Row]) -> bool:
+    """Whether nothing stands between tabs of the last row where another of as many, the header, has something."""
+    last = rows[-1][1].split("\t")
+    empty = [k for k, cell in enumerate(last) if not cell.strip()]
+    others = (text.split("\t") for _, text in rows if empty and len(last) > 1)
+    return any(len(cells) == len(last) and all(cells[k].strip() for k in empty) for cells in others)
 
 
 def parted(row: Row, width: int) -> Row:

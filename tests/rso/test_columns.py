@@ -314,6 +314,23 @@ def test_columns_parted_by_blanks(tmp_path, how):
     assert m.notes[0] == "Niere 3"
 
 
+@pytest.mark.parametrize("cells", [("{u}", "", "{F}"), ("", "{u}", "{F}"), ("{u}", "{note}", "{F}")])
+@pytest.mark.parametrize("title", ["", "Probe 3\n"])
+def test_a_column_between_tabs_may_be_empty(tmp_path, cells, title):
+    """What parts the numbers of such a row is nothing but blanks, too."""
+    head = ["depth_mm" if c == "{u}" else "Fz_N" if c == "{F}" else "note" for c in cells]
+    rows = ["\t".join(cells).format(u=u, F=F, note="" if k else "start") for k, (_, u, F) in enumerate(TEXTS)]
+    columns = {"depth": Column("depth_mm"), "Fz": Column("Fz_N")}
+    m = read(write(tmp_path, title + "\n".join(["\t".join(head), *rows, ""])), columns)
+    assert m.repeats[0].depth.tolist() == [float(u) for _, u, _ in TEXTS] and m.unread == ("note",)
+
+
+@pytest.mark.parametrize("head", ["depth_mm\tFz_N", "depth_mm\t\tFz_N"])
+def test_several_tabs_may_part_two_columns(tmp_path, head):
+    (r,) = read(write(tmp_path, head + "\n0\t\t0\n1\t\t0.5\n2\t\t1.4\n")).repeats
+    assert r.depth.tolist() == [0.0, 1.0, 2.0] and r.channels["Fz"].tolist() == [0.0, 0.5, 1.4]
+
+
 @pytest.mark.parametrize("text", ["depth_mm;Fz_N\n0;0\n1;0.5\n2 3\n", "depth_mm, Fz_N\n0, 0\n1, 0.5\n2 3\n"])
 def test_a_last_line_with_blanks_makes_no_table_of_them(tmp_path, text):
     assert "data.csv:4: 1 values in a table of 2 columns" in refusal(write(tmp_path, text))
