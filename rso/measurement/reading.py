@@ -270,7 +270,10 @@ def _no_summary(path: Path, number: int, cells: Sequence[str], head: Head, count
 
 
 def _no_thousands(path: Path, rows: Sequence[Row], head: Head) -> None:
-    """ValueError where a comma or point may part thousands and not decimals: 1,250 after 750 or 0, or 1.250,5."""
+    """ValueError where a comma or point may part thousands and not decimals: 1,250 after 750 or 0, or 1.250,5.
+
+    Between commas a point alone parts decimals.
+    """
     numeric = {k: name for name, k in head.at.items() if name not in ("repeat", "segment")}
     marks: dict[str, tuple[int, str]] = {}
     thousands: dict[int, tuple[int, str]] = {}
@@ -290,7 +293,8 @@ def _no_thousands(path: Path, rows: Sequence[Row], head: Head) -> None:
     if len(marks) == 2 and thousands:
         (line, one), (_, two) = (marks[m] for m in ".,")
         fail(path, line, f"{one!r} has a point, {two!r} a comma: one of them parts thousands; write 1250, not 1,250")
-    if doubtful := {k: v for k, v in thousands.items() if k in whole and k not in other}:
+    either = {k: v for k, v in thousands.items() if head.separator != "," or "," in v[1]}
+    if doubtful := {k: v for k, v in either.items() if k in whole and k not in other}:
         k, (line, cell) = next(iter(doubtful.items()))
         # Whoever prints three decimals prints them of 0 and 50 too.
         told = f"{cell!r} beside {whole[k]!r} is a thousand or a decimal; write 1250 or 1.2500"

@@ -268,6 +268,13 @@ def test_decimals_that_show_themselves_part_no_thousands(tmp_path, cells):
     np.testing.assert_allclose(r.depth, [float(c.replace(",", ".")) / 1000 for c in cells], rtol=1e-15, atol=0)
 
 
+@pytest.mark.parametrize("cells", [("0", "1.125", "2.250", "3.375"), ("0", "0.125", "1", "1.250"), ("0", "3.250")])
+def test_between_commas_a_point_parts_no_thousands(tmp_path, cells):
+    rows = [f"{cell},{k}\n" for k, cell in enumerate(cells)]
+    (r,) = read(write(tmp_path, "depth_um,Fz_mN\n" + "".join(rows))).repeats
+    np.testing.assert_allclose(r.depth, [float(c) / 1000 for c in cells], rtol=1e-15, atol=0)
+
+
 @pytest.mark.parametrize("cells", [("", "8", "start", ""), ("999,5", "1.000,5", "---", "NaN"), ("start", "1", "", "2")])
 def test_what_is_not_read_may_hold_markers_overflows_and_parted_thousands(tmp_path, cells):
     rows = [f"{cell};{k};{0.1 * k:.1f}\n" for k, cell in enumerate(cells)]
