@@ -53,6 +53,10 @@ class _Columns(Table):
         """The same as plain dataclasses, by known name; nothing where files are read by their own headers."""
         return {name: Column(**column.model_dump()) for name, column in self if column is not None}
 
+    def headers(self) -> dict[str, str]:
+        """Known name → header: tables with the same read the same readings, whatever unit, sign or zero they say."""
+        return {name: column.header for name, column in self if column is not None}
+
 
 ColumnsTable = create_model(
     "ColumnsTable", __base__=_Columns,

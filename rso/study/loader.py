@@ -158,7 +158,7 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
 def _check_validation(
     experiments: dict[int, ExperimentTable], folder: Path, measurements: dict[str, Measurement]
 ) -> Iterator[Problem]:
-    """What is kept for validation is not fitted or selected on: no file of the same bytes, read the same way."""
+    """What is kept for validation is not fitted or selected on: no file of the same bytes, read by the same headers."""
     there = {n: e for n, e in experiments.items() if e.name in measurements}
     if not any(e.role == "validate" for e in there.values()):
         return
@@ -166,7 +166,8 @@ def _check_validation(
     for n, e in there.items():
         for k, other in there.items():
             same = known[n].keys() & known[k].keys()
-            alike = set(e.compared) & set(other.compared) and e.columns == other.columns
+            read_alike = (e.columns and e.columns.headers()) == (other.columns and other.columns.headers())
+            alike = set(e.compared) & set(other.compared) and read_alike
             if same and alike and e.role == "validate" and other.role != "validate":
                 files = " and ".join(dict.fromkeys((known[n][min(same)], known[k][min(same)])))
                 message = (

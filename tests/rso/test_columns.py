@@ -580,11 +580,13 @@ def test_a_study_takes_files_as_repeats_and_says_what_it_does_not_read(folder):
     assert found["experiments"][0]["file"] == "niere_0.tra, niere_1.tra" and found["experiments"][0]["n_repeats"] == 2
 
 
+HEADED = 'columns = { depth = { header = "depth_mm", zero = %g }, Fz = { header = "Fz_N" } }'
 SAME = {  # data of the first and of the second, role of the first, files in words
     "same path": ('data = "copy.csv"', 'data = "copy.csv"', "fit", "(copy.csv)"),
     "same bytes": ('data = "top.csv"', 'data = "copy.csv"', "fit", "(copy.csv and top.csv)"),
     "one of the repeats": ('data = ["other.csv", "top.csv"]', 'data = "copy.csv"', "fit", "(copy.csv and top.csv)"),
     "selected": ('data = "top.csv"', 'data = "copy.csv"', "select", "(copy.csv and top.csv)"),
+    "another zero": (f'data = "copy.csv"\n{HEADED % 0.0}', f'data = "copy.csv"\n{HEADED % 0.001}', "fit", "(copy.csv)"),
 }
 
 
