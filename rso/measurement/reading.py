@@ -2,9 +2,9 @@
 
 Header: names with units (:func:`rso.units.header`), or what a machine writes there (:class:`rso.measurement.Column`).
 Separator: semicolon, tab or comma, whichever the header has first in this order, or blanks where none of them parts the
-last rows; a decimal comma is understood, between commas in quotes.  Lines that start with '#' and lines above the
-header are notes, but for rows that start with #DIV/0!, #### or another fault of a spreadsheet, and a header in the last
-comment above bare numbers.
+last rows and the last holds numbers alone; a decimal comma is understood, between commas in quotes.  Lines that start
+with '#' and lines above the header are notes, but for rows that start with #DIV/0!, #### or another fault of a
+spreadsheet, and a header in the last comment above bare numbers.
 """
 
 from __future__ import annotations
