@@ -139,7 +139,7 @@ def _library(asked: Asked, known: dict[str, Library], store: RunStore, executor:
         [[p.settings, p.deepest, p.peaks, p.marks, p.mark_depths] for p in asked.plan.places],
         asked.plan.scale, [e.name for e in asked.effects], b.modulus, b.reference,
         [[a.name, a.low, a.high] for a in b.axes],
-        dict(b.fixed), dict(b.draft), dict(b.lean), [round(v, 1) for v in speeds],
+        dict(b.fixed), dict(b.draft), dict(b.lean), [float(f"{v:.2g}") for v in speeds],
         [[list(p) for p in q] for q in passes],
     ])  # fmt: skip
     if key not in known:

@@ -1,11 +1,13 @@
 """Many cases, one library: also when a round goes on after an interruption."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import diagnosis_backend as toy
 import pytest
 
 from rso.cli import main
+from rso.diagnosis import make_plan
 from rso.study import blind
 
 
@@ -32,6 +34,12 @@ class Case:
     base: Base
 
 
+@dataclass(frozen=True)
+class Library:
+    plan: object
+    effects: tuple
+
+
 DEEPEST = {"case_1": 5.5, "case_2": 6.2, "case_3": 5.0, "case_4": 3.0}
 
 
@@ -54,6 +62,18 @@ def libraries(monkeypatch):
 def test_plans_share_the_depth_of_the_deepest_within_reach(libraries, tmp_path):
     assert len(list(blind.answer([tmp_path / n for n in DEEPEST], tmp_path, None, None, seed=0))) == 4
     assert libraries == [6.2, 6.2, 6.2, 3.0]  # the last ends more than 2 mm before: its own
+
+
+@pytest.mark.parametrize("times, made", [(1.001, 1), (4.0, 2)])
+def test_a_library_serves_tests_at_its_own_speeds(monkeypatch, times, made):
+    """Slow ones too, at 0.6 and 2.4 mm/min."""
+    built = []
+    monkeypatch.setattr(blind.diagnosis, "build", lambda base, plan, *_: built.append(plan) or Library(plan, ()))
+    known = {}
+    for v in (0.01, 0.01 * times):
+        plan = make_plan([replace(e, speed=v) for e in toy.laboratory(toy.TRUTH, 0)])
+        blind._library(blind.Asked(None, toy.base(), plan, ()), known, None, None, None)
+    assert len(built) == made
 
 
 def test_a_round_that_goes_on_keeps_its_library_and_its_answers(libraries, tmp_path):
