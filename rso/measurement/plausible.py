@@ -25,6 +25,7 @@ SKEW = 5.0  # ratio of the largest forces of two repeats to one depth
 LATE = 0.03  # of the deepest travel: a contact this late is remarked upon where it is no scatter
 UNSEEN = 0.03  # of its range that a force may scatter where too few readings tell it
 POWERS = np.linspace(0.9, 2.5, 33)  # of curves that begin at contact, from a flat punch to a stiffening body
+STEEPEST = 4.0  # power beyond which no tissue stiffens: a force that grows faster begins elsewhere
 CLEAR = 25.0  # fall of χ² with one number more that is no scatter
 MOST = 200  # means of readings that tell the shape of a curve
 STUCK = 10  # readings at the deepest point that make a rest, where no times are known
@@ -101,7 +102,7 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
             f"of the specimen on the indenter, positive upwards: {TURN}"
         )
     if d[0] > POSITION * d.max() > 0.0:
-        least = (d[0] / d.max()) ** POWERS[-1] * end
+        least = (d[0] / d.max()) ** STEEPEST * end
         if start < 0.5 * least and least > SEEN * noise_of(F):
             raise ValueError(
                 f"{who}: column 'depth' begins at {d[0]:g} mm with {start:.3g} N and ends at {d.max():g} mm with "

@@ -434,7 +434,7 @@ IMPOSSIBLE = {  # content, words of the answer
     "no tare": (curve(force=PULL + 1.85), ["'Fz' is 1.85 N", "subtract", "zero = "]),
     "position falls": (curve(depth=4.0 - PRESS), ["'depth' falls from 4 to 0 mm", "must grow"]),
     "no travel": (curve(depth=np.ones(81)), ["'depth' is 1 mm throughout"]),
-    "a position": (curve(depth=35.2 + PRESS), ["'depth' begins at 35.2 mm", "0.24 N and more at", "zero = "]),
+    "a position": (curve(depth=35.2 + PRESS), ["'depth' begins at 35.2 mm", "N and more at", "zero = "]),
     "a position of few rows": (curve(10 + np.arange(5.0), np.arange(5.0)), ["'depth' begins at 10 mm", "zero = "]),
     "a height turned": (curve(depth=PRESS - 60.0), ["'depth' lies between -60 and -56 mm", "zero = "]),
     "one wild depth": (curve(depth=once(PRESS, 50, 9.0)), [":52:", "jumps to 9 mm", "2.45 and 2.55"]),
@@ -562,7 +562,7 @@ def test_air_counted_as_depth_is_said_with_where_the_force_begins(tmp_path, air,
 
 
 @pytest.mark.parametrize("start", [1.0, 2.2, 3.0])
-@pytest.mark.parametrize("power", [1.0, 1.5, 2.2])
+@pytest.mark.parametrize("power", [1.0, 1.5, 2.2, 4.0])
 def test_a_record_whose_first_readings_were_left_out_is_no_position(tmp_path, power, start):
     depth = np.linspace(start, 4.0, 41)
     force = 0.32 * (depth / 4.0) ** power + 0.001 * np.random.default_rng(4).normal(size=41)
