@@ -164,11 +164,11 @@ def factorise(
     make = make or (lambda body, touching: system.factor(body + touching))
     for _ in range(8):
         touching, moving = contact_tangent(system, at, load, geometric)
-        if shift:
-            bulk[body.pattern.diagonal] += shift  # of the body: contact is condensed to the dofs that touch
+        shifted = bulk.copy() if shift else bulk  # the body, as contact is condensed to the dofs that touch
+        shifted[body.pattern.diagonal] += shift
         counters.factorisations += 1
         try:
-            return make(bulk, touching), moving
+            return make(shifted, touching), moving
         except NotPositiveDefinite:
             counters.shifts += 1
             if geometric:
