@@ -64,36 +64,81 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
             "that all other readings follow; mistyped?"
         )
     if sorted_here:
-        pressed = float(np.ptp(np.maximum(depth, 0.0)))  # how far it went home through the air says nothing
-        if np.sum(loading) < (2 if few else 3) or np.ptp(depth[loading]) < STROKE * pressed:
-            raise ValueError(
-                f"{who}: column 'depth' falls from {depth[0]:g} to {depth[-1]:g} mm and rises hardly anywhere; it must "
-                f"grow while the indenter goes deeper, from 0 at contact: {TURN} or subtract its start"
-            )
-        if back := _back(depth):
-            notes.append(
-                f"repeat {label}: depth falls back by {back:.2g} mm before its deepest point and all is read as one "
-                "loading; a block before the test, or several tests, are told by a column 'repeat', or by 'segment'"
-            )
-        if time is None and (near := _rest(depth)):
-            notes.append(
-                f"repeat {label}: {near} of {len(depth)} readings lie at the deepest point; if that is a rest, give a "
-                "column time_s, or 'segment' with loading, hold, unloading"
-            )
-        if time is not None and (rest := _rest_on_the_way(depth, time)):
-            notes.append(
-                f"repeat {label}: the indenter rests for {rest[0]:.2g} s near {rest[1]:.2g} mm on its way, and all is "
-                "read as one loading at a steady speed; where the body relaxes leave the readings of rests out"
-            )
+        notes += _of_order(who, label, depth, time, loading)
     if depth.max() <= 0.0:
         raise ValueError(
             f"{who}: column 'depth' lies between {depth.min():g} and {depth.max():g} mm and never beyond 0, where "
             f"contact is: {ZERO}"
         )
-    if force is None or np.sum(loading) < FEWEST:
-        return notes
+    if force is not None and np.sum(loading) >= FEWEST:
+        notes += _of_force(who, label, depth, force, loading)
+    return notes
+
+
+def _of_order(who: str, label: str, depth: np.ndarray, time: np.ndarray | None, loading: np.ndarray) -> list[str]:
+    """Remarks on the order of readings whose segments were not given; ValueError where they do not press."""
+    notes: list[str] = []
+    pressed = float(np.ptp(np.maximum(depth, 0.0)))  # how far it went home through the air says nothing
+    if np.sum(loading) < (2 if len(depth) < FEW else 3) or np.ptp(depth[loading]) < STROKE * pressed:
+        raise ValueError(
+            f"{who}: column 'depth' falls from {depth[0]:g} to {depth[-1]:g} mm and rises hardly anywhere; it must "
+            f"grow while the indenter goes deeper, from 0 at contact: {TURN} or subtract its start"
+        )
+    if back := _back(depth):
+        notes.append(
+            f"repeat {label}: depth falls back by {back:.2g} mm before its deepest point and all is read as one "
+            "loading; a block before the test, or several tests, are told by a column 'repeat', or by 'segment'"
+        )
+    if time is None and (near := _rest(depth)):
+        notes.append(
+            f"repeat {label}: {near} of {len(depth)} readings lie at the deepest point; if that is a rest, give a "
+            "column time_s, or 'segment' with loading, hold, unloading"
+        )
+    if time is not None and (rest := _rest_on_the_way(depth, time)):
+        notes.append(
+            f"repeat {label}: the indenter rests for {rest[0]:.2g} s near {rest[1]:.2g} mm on its way, and all is "
+            "read as one loading at a steady speed; where the body relaxes leave the readings of rests out"
+        )
+    return notes
+
+
+def _of_force(who: str, label: str, depth: np.ndarray, force: np.ndarray, loading: np.ndarray) -> list[str]:
+    """Remarks on where the force of loading begins and how it ends; ValueError where it is none of pressing."""
     d, F = depth[loading], force[loading]
-    n, span = max(3 if len(F) >= FEW else 1, int(EDGE * len(F))), float(np.ptp(force))
+    span = float(np.ptp(force))
+    start = _force_at_start(who, d, F, span)
+    notes: list[str] = []
+    late, level, scatter = _onset(d, F) or (0.0, start, UNSEEN * span)
+    if d[0] <= EDGE * d.max() and abs(level) > max(DOUBTFUL * span, 5.0 * scatter):
+        notes.append(f"repeat {label}: Fz is {level:.3g} N at {max(d[0], 0.0):.2g} mm; not tared, or touched before?")
+    if late > LATE * d.max():
+        notes.append(
+            f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm, up to there it stays within its "
+            f"scatter of {scatter:.1g} N; depth must count from contact: subtract what was air (zero = … in [columns]; "
+            "rso diagnose looks at it as 'offset')"
+        )
+    if flat := _flat(depth, force, float(np.ptp(depth))):
+        notes.append(
+            f"repeat {label}: Fz stays at its largest value, {force.max():.4g} N, for {flat} readings; a sensor at its "
+            "end?"
+        )
+    elif creep := _creep(d, F):
+        notes.append(
+            f"repeat {label}: Fz stays at {creep[1]:.3g} N from {creep[0]:.3g} to {d.max():.3g} mm; held at constant "
+            "force, a sensor at its end, or a ball that sank in? The model presses by travel: leave out what was held"
+        )
+    if (fall := _fall(F)) and d.max() - d[fall[0]] > 0.005 * np.ptp(depth):  # less is a rest, in which the body relaxes
+        top, low = fall
+        notes.append(
+            f"repeat {label}: Fz falls from {F[top]:.3g} N at {d[top]:.3g} mm to {low:.3g} N while the indenter goes "
+            f"on to {d.max():.3g} mm; slipped, broken, or taken off before the record ends? Leave such readings out"
+        )
+    return notes
+
+
+def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> float:
+    """The force (N) where loading begins; ValueError where it falls, is not tared, or depths are a machine's."""
+    n = max(3 if len(F) >= FEW else 1, int(EDGE * len(F)))
     shallow = d <= max(EDGE * d.max(), float(d.min()))
     start, end = float(np.median(F[shallow])), float(np.median(F[-n:]))
     if end < start - FALLS * span:
@@ -108,38 +153,12 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
                 f"{who}: column 'depth' begins at {d[0]:g} mm with {start:.3g} N and ends at {d.max():g} mm with "
                 f"{end:.3g} N; a body pressed from 0 mm on has {least:.2g} N and more at the first of these: {ZERO}"
             )
-    if d[0] <= EDGE * d.max():
-        if abs(start) > UNTARED * span:
-            raise ValueError(
-                f"{who}: column 'Fz' is {start:.3g} N where the indenter begins to press, and changes by {span:.3g} N "
-                "in all: subtract the reading before contact (zero = … in [columns] of the study)"
-            )
-    late, level, scatter = _onset(d, F) or (0.0, start, UNSEEN * span)
-    if d[0] <= EDGE * d.max() and abs(level) > max(DOUBTFUL * span, 5.0 * scatter):
-        notes.append(f"repeat {label}: Fz is {level:.3g} N at {max(d[0], 0.0):.2g} mm; not tared, or touched before?")
-    if late > LATE * d.max():
-        notes.append(
-            f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm, up to there it stays within its "
-            f"scatter of {scatter:.1g} N; depth must count from contact: subtract what was air (zero = … in [columns]; "
-            "rso diagnose looks at it as 'offset')"
+    if d[0] <= EDGE * d.max() and abs(start) > UNTARED * span:
+        raise ValueError(
+            f"{who}: column 'Fz' is {start:.3g} N where the indenter begins to press, and changes by {span:.3g} N "
+            "in all: subtract the reading before contact (zero = … in [columns] of the study)"
         )
-    if flat := _flat(depth, force, stroke):
-        notes.append(
-            f"repeat {label}: Fz stays at its largest value, {force.max():.4g} N, for {flat} readings; a sensor at its "
-            "end?"
-        )
-    elif creep := _creep(d, F):
-        notes.append(
-            f"repeat {label}: Fz stays at {creep[1]:.3g} N from {creep[0]:.3g} to {d.max():.3g} mm; held at constant "
-            "force, a sensor at its end, or a ball that sank in? The model presses by travel: leave out what was held"
-        )
-    if (fall := _fall(F)) and d.max() - d[fall[0]] > 0.005 * stroke:  # less is a rest, in which the body relaxes
-        top, low = fall
-        notes.append(
-            f"repeat {label}: Fz falls from {F[top]:.3g} N at {d[top]:.3g} mm to {low:.3g} N while the indenter goes "
-            f"on to {d.max():.3g} mm; slipped, broken, or taken off before the record ends? Leave such readings out"
-        )
-    return notes
+    return start
 
 
 def alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> None:
