@@ -124,9 +124,9 @@ class FiniteElements:
         """The same tests again with something kept from acting, in words, and its knobs."""
         return possible.PREVENTED
 
-    def gauges(self) -> Mapping[str, tuple[str, float]]:
+    def gauges(self, settings: Mapping[str, Any]) -> Mapping[str, tuple[str, float]]:
         """Knob → a measurement that shows it without indentation, and its standard uncertainty in the knob's unit."""
-        return possible.GAUGES
+        return possible.gauges(experiment.read_settings(settings))
 
     def variants(self, settings: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
         """Other supports than that of the settings: what replaces them and the group of knobs that belongs to it."""

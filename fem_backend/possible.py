@@ -40,14 +40,25 @@ def plausible(own: Settings, given: Collection[str], known: Mapping[str, Any]) -
     return {**_lengths(own, known), **_inclusion(own, known), **dict.fromkeys(others)}
 
 
-def _lengths(own: Settings, known: Mapping[str, Any]) -> dict[str, Range]:
-    """Errors of dimensions and places, a skin and a clearance grow with what they belong to."""
+def gauges(own: Settings) -> dict[str, tuple[str, float]]:
+    """Measurements on the bench, as fine for a small body as for a large one: one takes another gauge."""
+    by = _factors(own)
+    return {name: (words, by.get(name, 1.0) * fine) for name, (words, fine) in GAUGES.items()}
+
+
+def _factors(own: Settings) -> dict[str, float]:
+    """What knobs that are lengths belong to, over its USUAL size, where that is another."""
     axes, R = np.array(USUAL[0]), USUAL[1]
     a, b, c = (float(v) for v in own.body.semi_axes / axes)
     size = (a * b * c) ** (1.0 / 3.0)
     factors = {"delta_a": a, "delta_b": b, "delta_c": c, "bowl_clearance": size, "offset_x": size, "offset_y": size}
     factors |= dict.fromkeys(("delta_R", "skin_thickness"), own.R / R)
-    return {n: tuple(k * v for v in known[n].plausible) for n, k in factors.items() if abs(k - 1.0) > 1e-9}
+    return {name: k for name, k in factors.items() if abs(k - 1.0) > 1e-9}
+
+
+def _lengths(own: Settings, known: Mapping[str, Any]) -> dict[str, Range]:
+    """Errors of dimensions and places, a skin and a clearance grow with what they belong to."""
+    return {name: tuple(k * v for v in known[name].plausible) for name, k in _factors(own).items()}
 
 
 def _inclusion(own: Settings, known: Mapping[str, Any]) -> dict[str, Range]:

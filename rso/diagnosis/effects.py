@@ -21,7 +21,10 @@ from rso.similarity import stress_exponent
 _SMALLEST = 1 / 40  # of the largest plausible size, where a range has no smallest size of its own
 _WIDE = 4.0  # ends of a range further apart than this are spaced logarithmically
 ORDINARY = 0.2, 2.0  # N: largest forces for which the errors of a load cell are plausible as they are declared
-POWERS_IN = {"N": (1, 0), "N/s": (1, 0), "mm/N": (-1, 1), "mm": (0, 1)}  # of force and length in units of the chain
+BRISK = 1.5, 20.0  # s: the same for errors of the clock, of the fastest loading of a plan, where they show most
+LASTING = 5.0, 100.0  # s: and for a drift, of the longest test
+# Of force, length, fastest loading and longest test in units of the chain.
+POWERS_IN = {"N": (1, 0, 0, 0), "N/s": (1, 0, 0, -1), "mm/N": (-1, 1, 0, 0), "mm": (0, 1, 0, 0), "s": (0, 0, 1, 0)}
 ASTRAY = 5.0  # times what is plausible everywhere: how far a test at one place may have been done from there
 
 
@@ -135,19 +138,29 @@ def catalogue(
     return (*effects, *_grouped(parameters_of(Chain), {}, {}, "measurement"), *_scatter())
 
 
-def suited(effects: Sequence[Effect], force: float, scale: float = 1.0) -> tuple[Effect, ...]:
+def suited(
+    effects: Sequence[Effect], force: float, scale: float = 1.0, times: tuple[float, float] = (BRISK[0], LASTING[0])
+) -> tuple[Effect, ...]:
     """The effects with the errors of the measurement in proportion to the largest `force` (N), if that is not ORDINARY,
-    and to the lengths of the plan, `scale` times the usual ones.
+    to the lengths of the plan, `scale` times the usual ones, and to its `times` (s), see :attr:`TestPlan.times`, if
+    those are not BRISK and LASTING.
 
     A cell of a larger range has larger errors of zero; where contact was is known to a share of the travel; what a load
-    train gives way by counts by both.
+    train gives way by counts by both.  Clocks are as far apart as a share of the loading; what drifts does so by as
+    much in a long test as in a short one.
     """
-    k, found = force / min(max(force, ORDINARY[0]), ORDINARY[1]) or 1.0, []
+    by = [_beyond(force, ORDINARY), scale, _beyond(times[0], BRISK), _beyond(times[1], LASTING)]
+    found = []
     for e in effects:
-        p, q = (0, 0) if e.family == "model" else POWERS_IN.get(e.size.unit, (0, 0))
-        by = k**p * scale**q
-        found.append(replace(e, size=replace(e.size, low=by * e.size.low, high=by * e.size.high)) if p or q else e)
+        powers = (0,) * 4 if e.family == "model" else POWERS_IN.get(e.size.unit, (0,) * 4)
+        k = math.prod(v**p for v, p in zip(by, powers, strict=True))
+        found.append(replace(e, size=replace(e.size, low=k * e.size.low, high=k * e.size.high)) if any(powers) else e)
     return tuple(found)
+
+
+def _beyond(value: float, usual: tuple[float, float]) -> float:
+    """How many times as large as the nearest usual one a value is: 1 inside; nothing has no size and is usual."""
+    return value / min(max(value, usual[0]), usual[1]) or 1.0
 
 
 def recorded(effects: Sequence[Effect], channels: Collection[str]) -> tuple[Effect, ...]:

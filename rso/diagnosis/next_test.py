@@ -373,7 +373,8 @@ def gauges(library: Library, bench: Bench) -> dict[str, tuple[str, float]]:
         "gain": 0.002, "lag": white / max(F * v / 4.0, 1e-9), "cross_x": white / F, "cross_y": white / F,
     }  # fmt: skip
     own = {k: (DIRECT[k], resolution[k]) for k in DIRECT}
-    return {**own, **getattr(library.base.backend, "gauges", dict)()}
+    settings = dict(library.plan.places[0].settings)
+    return {**own, **getattr(library.base.backend, "gauges", lambda _: {})(settings)}
 
 
 def direct(library: Library, bench: Bench, survivors: Survivors) -> dict[str, dict[tuple[str, str], float]]:

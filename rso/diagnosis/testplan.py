@@ -133,6 +133,11 @@ class TestPlan:
         """Travel (mm) to which a place is computed."""
         return self.places[place].deepest + self.scale * MARGIN
 
+    @property
+    def times(self) -> tuple[float, float]:
+        """The shortest time (s) of loading, and the longest that a test lasted."""
+        return min(t.peak / t.speed for t in self.tests), max(float(t.time.max()) for t in self.tests)
+
     def near(self, travel: float) -> float:
         """A travel (mm) as a round number that others like it share."""
         return rounded(travel, self.scale, 1)

@@ -84,7 +84,8 @@ def ask(study: Study) -> Asked:
             raise study_error(study.file, study.lines, problems)
         effects = tuple(e for e in effects if e.name in wanted)
     largest = max(float(np.abs(v).max(initial=0.0)) for t in plan.tests for v in t.values.values())
-    effects = diagnosis.localised(diagnosis.suited(effects, largest, plan.scale), plan.seen().labels())
+    effects = diagnosis.suited(effects, largest, plan.scale, plan.times)
+    effects = diagnosis.localised(effects, plan.seen().labels())
     if not any(e.family != "scatter" for e in effects):
         text = "at least one effect is needed that is not one of scatter (each curve its own)"
         raise study_error(study.file, study.lines, [Problem(("diagnose", "effects"), text)])

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from rso.contract import parameters_of
-from rso.diagnosis.effects import ASTRAY, ORDINARY, Effect, Size, catalogue, localised, recorded, suited
+from rso.diagnosis import make_plan
+from rso.diagnosis.effects import ASTRAY, BRISK, LASTING, ORDINARY, Effect, Size, catalogue, localised, recorded, suited
 from rso.diagnosis.nodes import nodes, piecewise, tensor
 from rso.measurement import Chain
 
@@ -74,6 +75,25 @@ def test_errors_of_the_record_are_those_of_a_small_test():
         np.testing.assert_allclose(few[name], factor * usual[name], rtol=1e-12)
     for force in ORDINARY:
         assert [e.size for e in suited(found, force)] == [e.size for e in found]
+
+
+@pytest.mark.parametrize(("times", "lag", "drift"), [
+    ((2.4, 48.0), 1, 1), ((0.5, 1.0), 1 / 3, 5), ((10_800.0, 30_000.0), 540, 1 / 300), ((2.0, 500.0), 1, 0.2),
+])  # fmt: skip
+def test_errors_of_clock_and_drift_are_those_of_a_quick_or_a_slow_test(times, lag, drift):
+    """Who presses within half a second has no clock that is a second late, nor sees a drift that shows in an hour."""
+    found = toy.effects("stiff", "lag", "lag_filter", "drift", "drift_each", "bias", "offset")
+    factors = {"stiff": 1, "lag": lag, "lag_filter": lag, "drift": drift, "drift_each": drift, "bias": 1, "offset": 1}
+    for e, s in zip(found, suited(found, 1.0, 1.0, times), strict=True):
+        np.testing.assert_allclose((s.size.low, s.size.high), np.multiply((e.size.low, e.size.high), factors[e.name]))
+        assert factors[e.name] != 1 or s.size == e.size
+
+
+def test_times_of_a_plan_are_those_of_its_quickest_loading_and_longest_record():
+    plan = make_plan(toy.laboratory(toy.TRUTH, 0))
+    speeds = [t.peak / t.speed for t in plan.tests]
+    assert plan.times == (min(speeds), max(t.time[-1] for t in plan.tests))
+    assert BRISK[0] < plan.times[0] < BRISK[1] and LASTING[0] < plan.times[1] < LASTING[1]
 
 
 def test_crosstalk_into_a_channel_that_nobody_measured_is_no_effect():

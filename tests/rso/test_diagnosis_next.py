@@ -91,7 +91,7 @@ def test_a_gauge_and_a_prevented_effect_are_proposed_and_the_better_comes_first(
     truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012, "stiff": 0.02}
     backend = proposing(
         prevented=lambda: {"again without it": ("soften",)},
-        gauges=lambda: {"stiff": ("a perfect gauge", 1e-6)},
+        gauges=lambda settings: {"stiff": ("a perfect gauge", 1e-6)},
     )
     effects = toy.effects("stiff", "soften", "bias")
     library = build(lab(backend), plan_of(truth), effects, toy.run)
