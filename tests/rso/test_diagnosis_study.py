@@ -192,3 +192,20 @@ def test_check_of_a_study_whose_diagnosis_cannot_be(tmp_path):
     done = rso("check", "--trust", write(tmp_path / "silent", silent))
     assert done.returncode == 0, done.stderr
     assert "rso diagnose: not with this study: line " in done.stdout and "stress" in done.stdout
+
+
+def test_a_record_of_minutes_has_a_lag_and_a_drift_of_minutes(tmp_path):
+    """The same readings, sixty times as slow."""
+    text = STUDY.replace('effects = ["stiff", "soften"]', 'effects = ["lag", "drift", "stiff"]')
+    found = []
+    for unit in ("s", "min"):
+        path = write(tmp_path / unit, text)
+        for data in path.parent.glob("*.csv"):
+            data.write_text(data.read_text().replace("time_s", f"time_{unit}"))
+        asked = ask(load(path))
+        found.append({e.name: e.size.high for e in asked.effects} | {"times": asked.plan.times})
+    (quick, longest), (slow, last) = (f["times"] for f in found)
+    assert 1.5 < quick < 20.0 < slow and 5.0 < longest < 100.0 < last
+    np.testing.assert_allclose(found[1]["lag"], found[0]["lag"] * slow / 20.0)
+    np.testing.assert_allclose(found[1]["drift"], found[0]["drift"] * 100.0 / last)
+    assert found[1]["stiff"] == found[0]["stiff"]
