@@ -96,6 +96,24 @@ def factor(unit: str, base: str) -> Fraction:
     return scale / base_scale
 
 
+def worth(unit: str, base: str) -> Fraction:
+    """How many `base` one `unit` is, or one count of a raw channel: ``"0.00125 mm"`` for a motor's step.
+
+    ValueError as :func:`factor`, and for what is not positive.
+    """
+    match = _NUMBER.fullmatch(unit) if is_counted(unit) else None
+    if match is None:
+        return factor(unit, base)
+    if Fraction(match[1]) <= 0:
+        raise ValueError(f"{unit!r} must be positive; flip turns a sign")
+    return Fraction(match[1]) * factor(match[2], base)
+
+
+def is_counted(unit: str | None) -> bool:
+    """Whether a unit says what one count is: a number with a unit."""
+    return unit is not None and len(unit) <= _LONGEST and _NUMBER.fullmatch(unit) is not None
+
+
 def is_unit(text: str) -> bool:
     """Whether a text is a unit that numbers alone do not have."""
     try:
@@ -193,10 +211,10 @@ def unit_in(text: str, name: str) -> str | None:
     base = kind_of(name)
     for unit in reversed(["".join(group).strip() for group in _GROUP.findall(written)]):
         # KN is no unit, but says that N is not meant.
-        if _is_of(base, unit) or unit.lower() in UNITS[base].lower().split(", ") or (base == "N" and unit in WEIGHTS):
+        if is_of(base, unit) or unit.lower() in UNITS[base].lower().split(", ") or (base == "N" and unit in WEIGHTS):
             return unit
     low_line = _LOW_LINE.fullmatch(_GROUP.sub("", written).strip())
-    return low_line[1] if low_line and _is_of(base, low_line[1]) else None
+    return low_line[1] if low_line and is_of(base, low_line[1]) else None
 
 
 def bracketed(text: str, name: str) -> str | None:
@@ -210,12 +228,12 @@ def bracketed(text: str, name: str) -> str | None:
     for square, *other in _GROUP.findall(text):
         words = "".join(other).strip()
         told = re.findall(r"[A-Za-zµμ]+|%", words)
-        if square.strip() or any(word == "%" or _is_of(kind_of(name), word) for word in told):
+        if square.strip() or any(word == "%" or is_of(kind_of(name), word) for word in told):
             return square.strip() or words
     return None
 
 
-def _is_of(base: str, unit: str) -> bool:
+def is_of(base: str, unit: str) -> bool:
     """Whether a text is a unit of the kind of `base`."""
     try:
         return bool(factor(unit, base))
@@ -229,5 +247,5 @@ def kind_of(name: str) -> str:
 
 
 def column_factor(name: str, unit: str) -> float:
-    """Factor that turns a column of :func:`header` into N, mm, s; 1 for columns without unit."""
-    return 1.0 if name in BARE_COLUMNS else float(factor(unit, kind_of(name)))
+    """Factor that turns a column, of a unit or of counts, into N, mm, s; 1 for columns without unit."""
+    return 1.0 if name in BARE_COLUMNS else float(worth(unit, kind_of(name)))

@@ -11,7 +11,7 @@ import itertools
 import re
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 from pathlib import Path
 from typing import NoReturn
@@ -24,9 +24,12 @@ from rso.units import (
     column_factor,
     factor,
     header,
+    is_counted,
+    is_of,
     is_unit,
     kind_of,
     unit_in,
+    worth,
 )
 
 _QUOTED = re.compile(r'"[^"]*"')
@@ -42,13 +45,14 @@ Row = tuple[int, str]  # number of a line, and its text
 class Column:
     """A column of a machine's file: its header there, its unit where the file says none, whether its sign is turned.
 
-    `zero` is what the file says where 0 is meant, in the unit of the column: a machine's position at contact, a tare.
+    `zero` is what the file says where 0 is meant, as it stands there: a machine's position at contact, a tare; of
+    several files one each.  `unit` may be what one count is, "0.00125 mm".
     """
 
     header: str
     unit: str | None = None
     flip: bool = False
-    zero: float = 0.0
+    zero: float | tuple[float, ...] = 0.0
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,20 @@ class Head:
 def same_letters(text: str) -> str:
     """A header for comparing: Greek and micro µ, composed and decomposed umlauts, all blanks are one (NFKC)."""
     return unicodedata.normalize("NFKC", text).strip()
+
+
+def of_file(columns: Mapping[str, Column], k: int, n: int) -> dict[str, Column]:
+    """The columns of the k-th of n files, each with its own zero; ValueError where there are not as many zeros."""
+    found = {}
+    for name, column in columns.items():
+        zero = column.zero
+        if isinstance(zero, tuple):
+            if len(zero) != n:
+                told = f"zero = {list(zero)} are {len(zero)} for {n} file(s)"
+                raise ValueError(f"column {name!r}: {told}; give one for each, or a single number for all")
+            zero = zero[k]
+        found[name] = replace(column, zero=zero)
+    return found
 
 
 def is_head(comment: Row, rows: Sequence[Row], columns: Mapping[str, Column]) -> bool:
@@ -264,9 +282,15 @@ def _likely(rows: Sequence[Row]) -> int:
 
 def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str:
     """The unit of a column; ValueError unless study, header and row of units agree as far as they say one."""
-    base, choices = kind_of(name), UNITS[kind_of(name)]
+    base = kind_of(name)
+    choices = f'{UNITS[base]}, or "0.00125 {base}" for what one count is'
     said = {"the study": column.unit, "the header": unit_in(column.header, name)}
     said["the row beneath the header"] = beneath if is_unit(beneath) else None
+    if is_counted(column.unit):  # what the file calls a count is its own affair, unless it is a unit of this kind
+        for who in ("the header", "the row beneath the header"):
+            if (unit := said[who]) and is_of(base, unit) and factor(unit, base) != worth(column.unit, base):
+                fail(path, line, f"column {name!r} ({column.header!r}): the study says {column.unit!r}, {who} {unit!r}")
+        return column.unit
     same = (column.unit or "").lower()
     odd = {"the row beneath the header": "" if is_unit(beneath) else beneath}
     odd["the header"] = bracketed(column.header, name) or ""

@@ -24,7 +24,7 @@ import numpy as np
 
 from rso.measurement import plausible
 from rso.measurement.blanks import parted, width_of
-from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head, is_head, is_number
+from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head, is_head, is_number, of_file
 from rso.units import kind_of
 
 MAX_BYTES = 200_000_000
@@ -107,7 +107,8 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path]
     if not paths:
         raise ValueError("a measurement needs at least one file")
-    tables = [_table(p, columns or {}, label) for p, label in zip(paths, _labels(paths), strict=True)]
+    own = [of_file(columns or {}, k, len(paths)) for k in range(len(paths))]
+    tables = [_table(p, c, label) for p, c, label in zip(paths, own, _labels(paths), strict=True)]
     _apart(paths)
     kinds = [_kind(t) for t in tables]
     for table, kind in zip(tables, kinds, strict=True):

@@ -2,24 +2,38 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, create_model, model_validator
+from pydantic import AfterValidator, create_model, model_validator
 
 from rso.measurement import Column
 from rso.study.fields import formed
 from rso.study.table import Table
-from rso.units import BARE_COLUMNS, COLUMN_NAMES, COLUMNS, UNITS, factor, kind_of
+from rso.units import BARE_COLUMNS, COLUMN_NAMES, COLUMNS, UNITS, kind_of, worth
+
+
+def _zeros(value: Any) -> Any:
+    """A finite number, or a list of them as a tuple."""
+    several = list(value) if isinstance(value, list | tuple) else [value]
+    if not several or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in several):
+        raise ValueError("expected a number, or a list with one for each file of an experiment")
+    if not all(map(math.isfinite, several)):
+        raise ValueError("must be finite")
+    return tuple(map(float, several)) if isinstance(value, list | tuple) else float(value)
 
 
 class ColumnTable(Table):
-    """One column: its header in the file, its unit unless the file says it, whether its sign is turned, its zero."""
+    """One column: its header in the file, its unit unless the file says it, whether its sign is turned, its zero.
+
+    The unit may be what one count is; the zero may be a list with one for each file of an experiment.
+    """
 
     header: Annotated[str, formed(r"(?s:.*\S.*)", "must not be blank")]
     unit: str | None = None
     flip: bool = False
-    zero: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    zero: Annotated[Any, AfterValidator(_zeros)] = 0.0
 
 
 def _fits(name: str, table: ColumnTable | None) -> ColumnTable | None:
@@ -34,9 +48,10 @@ def _fits(name: str, table: ColumnTable | None) -> ColumnTable | None:
         raise ValueError(f"{name} has no unit")
     if table.unit is not None:
         try:
-            factor(table.unit, kind_of(name))
+            worth(table.unit, kind_of(name))
         except ValueError as error:
-            raise ValueError(f"unit = {table.unit!r}: {error}; choose from {UNITS[kind_of(name)]}") from error
+            choices = f'{UNITS[kind_of(name)]}, or "0.00125 {kind_of(name)}" for what one count is'
+            raise ValueError(f"unit = {table.unit!r}: {error}; choose from {choices}") from error
     return table
 
 

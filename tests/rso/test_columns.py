@@ -673,6 +673,14 @@ BAD = {  # columns, data, key, words
         "zero", "repeat"]),
     "a zero that is none": (COLUMNS.replace("flip = true", "zero = inf", 1), '"niere_0.tra"', "columns.depth.zero", [
         "finite"]),
+    "zeros that are none": (COLUMNS.replace("flip = true", 'zero = ["0"]', 1), '"niere_0.tra"', "columns.depth.zero", [
+        "a list with one for each file"]),
+    "zeros for other files": (COLUMNS.replace("flip = true", "flip = true, zero = [0, 0.0]", 1), '"niere_0.tra"',
+                              "experiments[0].data", ["column 'depth'", "zero = [0.0, 0.0] are 2 for 1 file"]),
+    "a count of another kind": (COLUMNS.replace('"N"', '"0.2 mm"'), '"niere_0.tra"', "columns.Fz", [
+        "'mm'", '"0.00125 N" for what one count is']),
+    "a count of nothing": (COLUMNS.replace('"N"', '"0 N"'), '"niere_0.tra"', "columns.Fz", ["must be positive"]),
+    "a count turned": (COLUMNS.replace('"N"', '"-1 N"'), '"niere_0.tra"', "columns.Fz", ["positive", "flip"]),
     "the unit of a label": (COLUMNS + '\nsegment = { header = "A", unit = "s" }', '"niere_0.tra"', "columns.segment", [
         "no unit"]),
     "a header of nowhere": (COLUMNS.replace("Standardweg", "Standartweg"), '"niere_0.tra"', "experiments[0].data", [
@@ -697,3 +705,48 @@ def test_what_is_wrong_in_a_study_is_one_problem_at_its_key(folder, what):
     assert f": {key}" in problem
     for word in words:
         assert word in problem
+
+
+COUNTS = "Schritte [steps];Kraft [V]\n12000;0.5\n12800;0.6\n13600;0.8\n"
+
+
+def test_what_one_count_is_makes_a_length_of_steps_and_a_force_of_volts(tmp_path):
+    columns = {"depth": Column("Schritte [steps]", "0.00125 mm", zero=12000.0)}
+    columns |= {"Fz": Column("Kraft [V]", "2.5 N", zero=0.5)}
+    (r,) = read(write(tmp_path, COUNTS), columns).repeats
+    np.testing.assert_allclose(r.depth, [0.0, 1.0, 2.0], rtol=1e-12)
+    np.testing.assert_allclose(r.channels["Fz"], [0.0, 0.25, 0.75], rtol=1e-12)
+    turned = {**columns, "depth": Column("Schritte [steps]", "1.25 um", flip=True, zero=13600.0)}
+    (r,) = read(write(tmp_path, COUNTS.replace("0.5", "0.9")), turned).repeats
+    np.testing.assert_allclose(r.depth, [2.0, 1.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("head", ["Weg [1/100 mm]", "Weg [mV/V]", "Weg (1/100 mm)", "Weg [px]", "Weg", "Weg [V]"])
+def test_a_stated_count_holds_whatever_the_file_calls_it(tmp_path, head):
+    columns = {"depth": Column(head, "0.01 mm"), "Fz": Column("Fz_N")}
+    (r,) = read(write(tmp_path, f"{head};Fz_N\n0;0\n400;3\n"), columns).repeats
+    assert r.depth.tolist() == [0.0, 4.0]
+
+
+def test_a_count_and_another_unit_of_its_kind_disagree(tmp_path):
+    path = write(tmp_path, "Weg [mm];Fz_N\n0;0\n4;3\n")
+    said = refusal(path, {"depth": Column("Weg [mm]", "0.00125 mm"), "Fz": Column("Fz_N")})
+    assert "the study says '0.00125 mm', the header 'mm'" in said
+    assert read(path, {"depth": Column("Weg [mm]", "1 mm"), "Fz": Column("Fz_N")}).repeats[0].depth[-1] == 4.0
+
+
+@pytest.mark.parametrize("head, unit", [("Weg", None), ("Weg [V]", None), ("Weg [steps]", None), ("Weg [steps]", "mm")])
+def test_a_raw_channel_is_told_how_to_say_its_calibration(tmp_path, head, unit):
+    path = write(tmp_path, f"{head};Fz_N\n0;0\n4;3\n")
+    said = refusal(path, {"depth": Column(head, unit), "Fz": Column("Fz_N")})
+    assert f"{path}:1: column 'depth'" in said and '"0.00125 mm" for what one count is' in said
+
+
+def test_each_file_has_its_own_zero(tmp_path):
+    for k, zero in enumerate((35.0, 34.5)):
+        write(tmp_path, "pos_mm,Fz_N\n" + "".join(f"{zero + u},{0.1 * u}\n" for u in range(5)), name=f"{k}.csv")
+    files = [tmp_path / "0.csv", tmp_path / "1.csv"]
+    columns = {"depth": Column("pos_mm", zero=(35.0, 34.5)), "Fz": Column("Fz_N")}
+    assert [r.depth.tolist() for r in read(files, columns).repeats] == [[0.0, 1.0, 2.0, 3.0, 4.0]] * 2
+    with pytest.raises(ValueError, match=r"column 'depth': zero = \[35.0, 34.5\] are 2 for 1 file"):
+        read(files[:1], columns)
