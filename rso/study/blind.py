@@ -19,7 +19,7 @@ from rso.store import RunStore
 from rso.study.diagnosing import Asked, _finite, _replace, ask, judge
 from rso.study.laboratory import files_of, in_words, study_text
 from rso.study.loader import load
-from rso.study.nominal import read_nominal
+from rso.study.nominal import FILE, read_nominal
 
 SHARED = 2.0  # mm, of plans of the usual depth: one that ends this much earlier than another shares its library
 
@@ -98,6 +98,9 @@ def _read(case: Path, out: Path, seed: int) -> Asked | ValueError:
     try:
         return _asked(case, out, seed)
     except ValueError as error:
+        if "columns" in str(error) and not str(error).startswith(str(case / FILE)):
+            return ValueError(f"{error}\n{case / FILE}: says as \"columns\" what a study says under [columns], for all "
+                              'files, and as "columns_of" for one: "columns_of": {"profile.csv": {}}')  # fmt: skip
         return error
 
 

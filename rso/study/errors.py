@@ -39,7 +39,7 @@ class Problem:
 def study_error(file: Path, lines: Mapping[Place, int], problems: Iterable[Problem]) -> StudyError:
     """All problems of one file, in the order of its lines."""
     placed = sorted(((line_of(dict(lines), p.place), p) for p in problems), key=lambda pair: pair[0])
-    return StudyError([f"{file}:{line}: {_dotted(p.place)}{_shown(p.value)}: {_cut(p.message)}" for line, p in placed])
+    return StudyError([f"{file}:{line}: {in_words(p)}" for line, p in placed])
 
 
 def _cut(message: str) -> str:
@@ -59,6 +59,11 @@ def choose(name: str, choices: Iterable[str]) -> str:
 def schema_problems(model: type[BaseModel], error: ValidationError) -> list[Problem]:
     """The problems that pydantic found, in our words."""
     return [_problem(model, e) for e in error.errors(include_url=False)]
+
+
+def in_words(problem: Problem, above: Place = ()) -> str:
+    """A problem as key, value and message; `above` is where the table stands."""
+    return f"{_dotted((*above, *problem.place))}{_shown(problem.value)}: {_cut(problem.message)}"
 
 
 def _problem(model: type[BaseModel], error: Mapping[str, Any]) -> Problem:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,9 @@ import numpy as np
 
 from rso.measurement import read, recorded_speed
 from rso.study.cases import DEFAULT_SPEED
-from rso.study.nominal import Nominal, read_nominal
+from rso.study.columns import ColumnsTable
+from rso.study.errors import choose
+from rso.study.nominal import FILE, Nominal, read_nominal
 from rso.study.schema import Study
 from rso.units import quantity
 
@@ -38,6 +40,9 @@ def study_text(folder: Path, seed: int, beside: Path) -> str:
         raise ValueError(f"{folder}: holds no CSV file")
     for f in files:
         _refuse_unclear(f)
+    for name in nominal.columns_of:
+        if name not in (names := [f.name for f in files]):
+            raise ValueError(f"{folder / FILE}: columns_of.{name}: there is no such file; {choose(name, names)}")
     files.sort(key=lambda f: (_rank(f.stem), f.stem))
     lines = [
         "[study]", f"title = {json.dumps('Diagnosis of ' + folder.name)}", f"seed = {seed}", "", "[backend]",
@@ -49,6 +54,7 @@ def study_text(folder: Path, seed: int, beside: Path) -> str:
         f'D1 = {{ low = "{D1[0]}", high = "{D1[1]}", scale = "log" }}',
         "",
     ]  # fmt: skip
+    lines += ["[columns]", *_columns(nominal.columns), ""] if nominal.columns.headers() else []
     before: list[str] = []
     for file in files:
         lines += [*_experiment(file, nominal, before, beside), ""]
@@ -59,11 +65,13 @@ def study_text(folder: Path, seed: int, beside: Path) -> str:
 def _experiment(file: Path, nominal: Nominal, before: list[str], beside: Path) -> list[str]:
     """The lines of one experiment, tested after those `before`."""
     name, profile = file.stem, _is_profile(file.stem)
+    own = nominal.columns_of.get(file.name)
     lines = ["[[experiments]]", f"name = {json.dumps(name)}", 'role = "fit"',
              f"data = {json.dumps(os.path.relpath(file, beside))}"]  # fmt: skip
+    lines += [f"columns = {{ {', '.join(_columns(own))} }}"] if own is not None else []
     if profile:
         lines += ['kind = "profile"']
-    elif {"Fx", "Fy"} <= set(read(file).channels):
+    elif {"Fx", "Fy"} <= set(read(file, nominal.of_file(file.name).columns()).channels):
         lines += ['channels = ["Fz", "Fx", "Fy"]']
     point, cycle = _POINT.match(name), _CYCLE.match(name)
     settings = [f"point = {[float(v) for v in point.groups()] if point else [0.0, 0.0]}"]
@@ -103,6 +111,15 @@ def in_words(file: Mapping[str, Any]) -> str:
     how = {"times": "by its times", "stated": "as stated", "assumed": "assumed"}.get(file["speed_from"])
     speed = f"{file['speed_mm_per_min']:.3g} mm/min {how}, " if how else ""
     return f"{file['file']}: {what} at ({x:g}, {y:g}) mm, role {file['role']}, {speed}{file['repeats']} repeat(s)"
+
+
+def _columns(table: ColumnsTable) -> Iterator[str]:
+    """The lines of a table of columns."""
+    for name, column in table:
+        if column is not None:
+            keys = column.model_dump(exclude_unset=True, exclude_none=True)
+            # TOML knows no pairs of surrogates
+            yield f"{name} = {{ {', '.join(f'{k} = {json.dumps(v, ensure_ascii=False)}' for k, v in keys.items())} }}"
 
 
 def _refuse_unclear(file: Path) -> None:

@@ -11,11 +11,14 @@ import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rso.study.errors import choose
+from pydantic import ValidationError
+
+from rso.study.columns import ColumnsTable
+from rso.study.errors import choose, in_words, schema_problems
 
 FILE = "nominal.json"
 NOISE = ("force_N", "depth_mm", "repeat_gain", "profile_mm")
@@ -31,7 +34,8 @@ _BESIDE = {"clearance_mm": "clearance_mm", "mu_platform": "friction"}  # older n
 _UNITS = ["N, mm, MPa, s"]
 _WORDS = ("remark", "family", "frame", "depth", "force", "cycle_rates_mm_per_min", "rest_between_tests",
           "order_of_tests", "points_mm", "profile")  # fmt: skip  # for people: not read
-_KEYS = ("specimen", "indenter", "support", "noise", "rate_mm_per_min", "units", *_BESIDE, *_WORDS)
+_KEYS = ("specimen", "indenter", "support", "noise", "rate_mm_per_min", "units", "columns", "columns_of", *_BESIDE,
+         *_WORDS)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class Nominal:
     """What a nominal.json says.
 
     Semi-axes and radius in mm, `rate` in mm/min, the support as a setting in TOML, stated noise by its key; `assumed`
-    says in words what was not stated.
+    says in words what was not stated; `columns` of all files as in a study, `columns_of` single ones replaces them.
     """
 
     semi_axes: tuple[float, ...]
@@ -48,6 +52,12 @@ class Nominal:
     noise: Mapping[str, float]
     rate: float | None
     assumed: tuple[str, ...]
+    columns: ColumnsTable = field(default_factory=ColumnsTable)
+    columns_of: Mapping[str, ColumnsTable] = field(default_factory=dict)
+
+    def of_file(self, name: str) -> ColumnsTable:
+        """What the columns of a file are called."""
+        return self.columns_of.get(name, self.columns)
 
 
 def read_nominal(folder: Path) -> Nominal:
@@ -89,7 +99,17 @@ def _nominal(data: Mapping[str, Any]) -> Nominal:
     assumed = (*assumed, *(f"{FILE}: {key} is not used" for key in unused))
     if not stated:
         assumed = (*assumed, f"{FILE} states no noise: only what repeats and readings show counts")
-    return Nominal(axes, radius, support, stated, rate, assumed)
+    columns = _columns(("columns",), data.get("columns", {}))
+    columns_of = {name: _columns(("columns_of", name), v) for name, v in _table(data, "columns_of").items()}
+    return Nominal(axes, radius, support, stated, rate, assumed, columns, columns_of)
+
+
+def _columns(place: tuple[str, ...], table: Any) -> ColumnsTable:
+    """[columns] as a study has it; ValueError naming the key."""
+    try:
+        return ColumnsTable.model_validate(table)
+    except ValidationError as error:
+        raise ValueError(in_words(schema_problems(ColumnsTable, error)[0], place)) from error
 
 
 def _support(data: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:

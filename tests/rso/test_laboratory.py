@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rso.cli import main
 from rso.measurement import Measurement, Repeat, recorded_speed
 from rso.study import load
 from rso.study.laboratory import files_of, in_words, study_text
@@ -231,3 +232,47 @@ def test_what_each_file_was_taken_for_is_said(tmp_path):
     assert "a cycle at (0, 0) mm" in second and "100 mm/min as stated" in second
     assert "(2.5, -3) mm" in third and "30 mm/min assumed" in third
     assert last == "profile.csv: surface marks while pressed at (0, 0) mm, role fit, 1 repeat(s)"
+
+
+MACHINE = {"depth": {"header": 'Weg "roh" Ä', "unit": "0.01 mm", "flip": True, "zero": 35}}
+MACHINE |= {"Fz": {"header": "Kraft [mN]"}}
+
+
+def machine(lab: Path, name: str) -> None:
+    rows = "".join(f"{35 - 10 * k};{k * k}\n" for k in range(9))
+    (lab / name).write_text('"Weg ""roh"" Ä";Kraft [mN]\n' + rows, encoding="utf-8")
+
+
+def test_columns_of_a_machine_are_named_in_nominal_json(tmp_path):
+    lab = folder(tmp_path, ("point_20_0.csv",), columns=MACHINE, columns_of={"point_20_0.csv": {}, "profile.csv": {}})
+    machine(lab, "mp_load.csv")
+    (lab / "profile.csv").write_text("depth_mm,x_mm,y_mm,uz_mm\n0.8,0,5,-0.2\n0.8,4,5,-0.1\n")
+    (lab / "study.toml").write_text(text(lab), encoding="utf-8")
+    study = load(lab / "study.toml")
+    (r,) = study.measurement("mp_load").repeats
+    np.testing.assert_allclose(r.depth, 0.1 * np.arange(9), atol=1e-12)
+    np.testing.assert_allclose(r.channels["Fz"], 1e-3 * np.arange(9.0) ** 2, atol=1e-12)
+    assert study.measurement("point_20_0").repeats[0].depth.tolist() == [0.0, 1.0]
+
+
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"columns": {"depht": {"header": "Weg"}}}, "columns.depht: unknown key; did you mean 'depth'"),
+    ({"columns": {"depth": {"header": "Weg", "unit": "N"}}}, "columns.depth: unit = 'N'"),
+    ({"columns": {"depth": {"unit": "N"}}}, "columns.depth.header: is missing"),
+    ({"columns": []}, "columns = []: expected a table"),
+    ({"columns_of": {"a.csv": {"depth": {"header": "Weg", "zero": "1"}}}}, "columns_of.a.csv.depth.zero = '1'"),
+    ({"columns_of": {"mp_laod.csv": {}}}, "columns_of.mp_laod.csv: there is no such file; did you mean 'mp_load.csv'"),
+    ({"columns_of": 3}, "columns_of = 3: a table is expected"),
+])  # fmt: skip
+def test_columns_that_are_wrong_are_refused_at_their_key(tmp_path, changes, words):
+    with pytest.raises(ValueError, match=r"nominal\.json: ") as caught:
+        text(folder(tmp_path, **changes))
+    assert words in str(caught.value)
+
+
+def test_a_blind_folder_is_told_where_columns_are_named(tmp_path, capsys):
+    lab = folder(tmp_path)
+    machine(lab, "mp_load.csv")
+    assert main(["blind", str(lab), "--out", str(tmp_path / "answers")]) == 2
+    said = capsys.readouterr().out
+    assert "mp_load.csv:1: unknown column" in said and 'nominal.json: says as "columns" what a study says' in said
