@@ -24,17 +24,13 @@ import numpy as np
 
 from rso.measurement import plausible
 from rso.measurement.blanks import parted, width_of
+from rso.measurement.branches import SEGMENTS, segments
 from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head, is_head, is_number, of_file
 from rso.units import kind_of
 
 MAX_BYTES = 200_000_000
-SEGMENTS = ("loading", "hold", "unloading")
 FORCES = ("Fx", "Fy", "Fz")
 DISPLACEMENTS = ("ux", "uy", "uz")
-_SECOND_TURN = 0.2  # of the stroke: a second turn by more means several tests in one
-# At rest: this near the deepest level, as a share of the stroke, for this many times as long as passing by takes.
-_REST, _LONG = 0.0025, 4.0
-_AWAY = 0.05  # of the readings of a rest may lie outside it
 _LARGEST = 1e12
 _MOST = {"mm": 1e4, "N": 1e6}  # ten metres, a hundred tonnes: no indenter, but a unit misread
 # A cell that a spreadsheet could not show or compute is a bad number, not the begin of a comment.
@@ -224,10 +220,10 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     arrays = {name: (np.array(column) - head.zero[name]) * head.factor[name] + 0.0 for name, column in columns.items()}
     for name, column in arrays.items():
         _within(path, line, name, column, head.unit[name])
-    segments = _segment_column(path, line, text["segment"]) if "segment" in text else None
+    stated = _segment_column(path, line, text["segment"]) if "segment" in text else None
     own = text.get("repeat", [] if file_label else ["1"] * len(line))
     labels = [f"{file_label} {label}".strip() for label in own] or [file_label] * len(line)
-    return _Table(path, arrays, np.array(labels), segments, np.array(line), tuple(notes), head.unread)
+    return _Table(path, arrays, np.array(labels), stated, np.array(line), tuple(notes), head.unread)
 
 
 def _cells(path: Path, number: int, row: str, head: Head) -> list[str]:
@@ -374,65 +370,7 @@ def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     elif kind == "profile":
         segment = np.full(len(depth), "loading")
     else:
-        segment = _segments(table.path, label, depth, time)
+        segment = segments(table.path, label, depth, time)
     channels = {k: v for k, v in data.items() if not k.endswith("_sigma")}
     sigma = {k.removesuffix("_sigma"): v for k, v in data.items() if k.endswith("_sigma")}
     return Repeat(label, depth, time, channels, sigma, segment)
-
-
-def _segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None) -> np.ndarray:
-    """Loading up to the deepest point, unloading after it; where times are known a rest there is a hold."""
-    stroke = float(np.ptp(depth))
-    k = int(np.argmax(depth))
-    before, after = depth[: k + 1], depth[k:]
-    backwards = np.max(np.maximum.accumulate(before) - before)
-    forwards = np.max(after - np.minimum.accumulate(after))
-    if max(backwards, forwards) > _SECOND_TURN * stroke:
-        below = -float(depth.min()) > float(depth.max())
-        sign = f"; column 'depth' is mostly negative: {plausible.TURN}" if below else ""
-        raise ValueError(
-            f"{path}: repeat {label!r} turns back more than once within {stroke:g} mm; "
-            f"add a column 'repeat', or name one that counts the tests (repeat = {{ header = … }} in [columns] of the "
-            f"study), or add 'segment' with {', '.join(SEGMENTS)}{sign}"
-        )
-    segment = np.full(len(depth), "loading", dtype="<U9")
-    if depth[k] - after.min() > plausible.JITTER * stroke:
-        segment[k + 1 :] = "unloading"
-    if time is not None:
-        segment[_at_rest(depth, time)] = "hold"
-    return segment
-
-
-def _at_rest(depth: np.ndarray, time: np.ndarray) -> slice:
-    """Readings of a rest at the deepest point: there for _LONG times as long as the way just before and after it takes.
-
-    There is within a share of the stroke or the noise; just before and after is from there to four times as far below.
-    """
-    noise = plausible.noise_of(depth)
-    top = float(depth.max())
-    on_the_way = depth[: int(np.argmax(depth > 0.95 * top))]
-    steps = np.abs(np.diff(on_the_way))
-    coarse = len(steps) > 0 and np.median(steps) == 0.0  # an encoder, on whose steps readings stand even on the way
-    step = float(steps[steps > 0].min(initial=np.inf)) if coarse else 0.0
-    width = max(_REST * (top - max(float(depth.min()), 0.0)), 6.0 * noise, 1.5 * step * np.isfinite(step))
-    level = float(np.median(depth[depth >= top - width]))
-    there = np.nonzero(depth >= level - width)[0]
-    below = np.nonzero(depth < level - 4.0 * width)[0]
-    before, after = below[below < there[0]], below[below > there[-1]]
-    if len(there) < 2 or not len(before):
-        return slice(0, 0)
-    if np.mean(depth[there[0] : there[-1] + 1] < level - width) > _AWAY:
-        return slice(0, 0)  # it went up in between
-    beside = _between(time, depth, int(before[-1]), int(there[0]), level, width)
-    beside += _between(time, depth, int(after[0]), int(there[-1]), level, width) if len(after) else beside
-    if time[there[-1]] - time[there[0]] <= _LONG * max(beside, 2.0 * float(np.median(np.diff(time)))):
-        return slice(0, 0)
-    arrived = there[depth[there] >= level][0]  # which still belongs to loading
-    return slice(int(arrived) + 1, int(there[-1]) + 1)
-
-
-def _between(time: np.ndarray, depth: np.ndarray, far: int, near: int, level: float, width: float) -> float:
-    """Time from four widths below the level to one, along the readings from `far` to `near` in either direction."""
-    at = np.arange(far, near + 1) if near > far else np.arange(far, near - 1, -1)
-    ends = np.interp([level - 4.0 * width, level - width], np.maximum.accumulate(depth[at]), time[at])
-    return float(abs(ends[1] - ends[0]))

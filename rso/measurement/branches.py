@@ -1,0 +1,73 @@
+"""Branches of a test whose file does not say them: loading, a hold at the deepest point, unloading."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from rso.measurement import plausible
+
+SEGMENTS = ("loading", "hold", "unloading")
+_SECOND_TURN = 0.2  # of the stroke: a second turn by more means several tests in one
+# At rest: this near the deepest level, as a share of the stroke, for this many times as long as passing by takes.
+_REST, _LONG = 0.0025, 4.0
+_AWAY = 0.05  # of the readings of a rest may lie outside it
+
+
+def segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None) -> np.ndarray:
+    """Loading up to the deepest point, unloading after it; where times are known a rest there is a hold."""
+    stroke = float(np.ptp(depth))
+    k = int(np.argmax(depth))
+    before, after = depth[: k + 1], depth[k:]
+    backwards = np.max(np.maximum.accumulate(before) - before)
+    forwards = np.max(after - np.minimum.accumulate(after))
+    if max(backwards, forwards) > _SECOND_TURN * stroke:
+        below = -float(depth.min()) > float(depth.max())
+        sign = f"; column 'depth' is mostly negative: {plausible.TURN}" if below else ""
+        raise ValueError(
+            f"{path}: repeat {label!r} turns back more than once within {stroke:g} mm; "
+            f"add a column 'repeat', or name one that counts the tests (repeat = {{ header = … }} in [columns] of the "
+            f"study), or add 'segment' with {', '.join(SEGMENTS)}{sign}"
+        )
+    segment = np.full(len(depth), "loading", dtype="<U9")
+    if depth[k] - after.min() > plausible.JITTER * stroke:
+        segment[k + 1 :] = "unloading"
+    if time is not None:
+        segment[_at_rest(depth, time)] = "hold"
+    return segment
+
+
+def _at_rest(depth: np.ndarray, time: np.ndarray) -> slice:
+    """Readings of a rest at the deepest point: there for _LONG times as long as the way just before and after it takes.
+
+    There is within a share of the stroke or the noise; just before and after is from there to four times as far below.
+    """
+    noise = plausible.noise_of(depth)
+    top = float(depth.max())
+    on_the_way = depth[: int(np.argmax(depth > 0.95 * top))]
+    steps = np.abs(np.diff(on_the_way))
+    coarse = len(steps) > 0 and np.median(steps) == 0.0  # an encoder, on whose steps readings stand even on the way
+    step = float(steps[steps > 0].min(initial=np.inf)) if coarse else 0.0
+    width = max(_REST * (top - max(float(depth.min()), 0.0)), 6.0 * noise, 1.5 * step * np.isfinite(step))
+    level = float(np.median(depth[depth >= top - width]))
+    there = np.nonzero(depth >= level - width)[0]
+    below = np.nonzero(depth < level - 4.0 * width)[0]
+    before, after = below[below < there[0]], below[below > there[-1]]
+    if len(there) < 2 or not len(before):
+        return slice(0, 0)
+    if np.mean(depth[there[0] : there[-1] + 1] < level - width) > _AWAY:
+        return slice(0, 0)  # it went up in between
+    beside = _between(time, depth, int(before[-1]), int(there[0]), level, width)
+    beside += _between(time, depth, int(after[0]), int(there[-1]), level, width) if len(after) else beside
+    if time[there[-1]] - time[there[0]] <= _LONG * max(beside, 2.0 * float(np.median(np.diff(time)))):
+        return slice(0, 0)
+    arrived = there[depth[there] >= level][0]  # which still belongs to loading
+    return slice(int(arrived) + 1, int(there[-1]) + 1)
+
+
+def _between(time: np.ndarray, depth: np.ndarray, far: int, near: int, level: float, width: float) -> float:
+    """Time from four widths below the level to one, along the readings from `far` to `near` in either direction."""
+    at = np.arange(far, near + 1) if near > far else np.arange(far, near - 1, -1)
+    ends = np.interp([level - 4.0 * width, level - width], np.maximum.accumulate(depth[at]), time[at])
+    return float(abs(ends[1] - ends[0]))
