@@ -3,20 +3,40 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 
 from rso.measurement.columns import Row, is_number, numbers_in
 
 _WORDS, _GAPS = re.compile(r'"[^"]*"|\S+'), re.compile(r"\s{2,}")
 _LAST = 20  # rows that must not be parted by anything else
+_FEWEST, _MOST = 3, 1000  # rows that make a table with words in it, and that tell one
 
 
 def width_of(rows: Sequence[Row]) -> int:
-    """How many columns the rows of a file have where blanks alone part them, by its last row; 0 for other files."""
+    """How many columns the rows of a file have where blanks alone part them, 0 for other files.
+
+    By its last row, where that holds numbers alone; else most rows have numbers and words, LOAD, in the same places.
+    """
     words = rows[-1][1].split() if rows else []
-    if len(words) < 2 or not all(map(is_number, words)) or any(numbers_in(text) for _, text in rows[-_LAST:]):
+    if len(words) < 2 or not all(map(is_number, words)):
+        return _width_of_most(rows)
+    if any(numbers_in(text) for _, text in rows[-_LAST:]):
         return 0
     return 0 if _empty_between_tabs(rows) else len(words)
+
+
+def _width_of_most(rows: Sequence[Row]) -> int:
+    """The number of words of most rows where at least two of them are numbers, and nothing else parts any."""
+    rows = rows[:: 1 + len(rows) // _MOST]
+    shapes = Counter(tuple(map(is_number, _WORDS.findall(text))) for _, text in rows if not _otherwise_parted(text))
+    shape, n = shapes.most_common(1)[0] if shapes else ((), 0)
+    return len(shape) if sum(shape) >= 2 and n >= max(_FEWEST, len(rows) // 2) else 0
+
+
+def _otherwise_parted(text: str) -> bool:
+    """Whether semicolons, tabs or commas beside blanks or between numbers part a line."""
+    return ";" in text or "\t" in text or numbers_in(text) > 0 or any(w.strip(",") != w for w in text.split())
 
 
 def _empty_between_tabs(rows: Sequence[Row]) -> bool:

@@ -59,7 +59,8 @@ class Column:
 class Head:
     """The header of a table: `at`, `unit`, `zero` and `factor` (to N, mm, s, with the sign) of each column, by name.
 
-    `above` and `below` are how many of the rows stand above the header and where the readings begin.
+    `above` and `below` are how many of the rows stand above the header and where the readings begin; `notes` are the
+    first cells of those above, `units` the cells of the row beneath, empty where there is none.
     """
 
     text: str
@@ -71,6 +72,8 @@ class Head:
     zero: Mapping[str, float]
     above: int
     below: int
+    notes: tuple[str, ...]
+    units: tuple[str, ...]
 
     @property
     def unread(self) -> tuple[str, ...]:
@@ -150,7 +153,8 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) ->
         read_as[name] = unit = "" if name in BARE_COLUMNS else _unit(path, line, name, column, units[i])
         factors[name] = column_factor(name, unit) * (-1.0 if column.flip else 1.0)
     zeros = {name: columns[name].zero if name in columns else 0.0 for name in at}
-    return Head(text, separator, tuple(cells), at, read_as, factors, zeros, k, below)
+    notes = tuple(cells_of(row, separator)[0] for _, row in rows[:k])
+    return Head(text, separator, tuple(cells), at, read_as, factors, zeros, k, below, notes, tuple(units))
 
 
 def _separator(row: str) -> str:

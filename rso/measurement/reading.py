@@ -2,9 +2,10 @@
 
 Header: names with units (:func:`rso.units.header`), or what a machine writes there (:class:`rso.measurement.Column`).
 Separator: semicolon, tab or comma, whichever the header has first in this order, or blanks where none of them parts the
-last rows and the last holds numbers alone; a decimal comma is understood, between commas in quotes.  Lines that start
-with '#' and lines above the header are notes, but for rows that start with #DIV/0!, #### or another fault of a
-spreadsheet, and a header in the last comment above bare numbers.
+rows (:mod:`rso.measurement.blanks`); a decimal comma is understood, between commas in quotes.  Lines that start with
+'#' and lines above the header are notes, but for rows that start with #DIV/0!, #### or another fault of a spreadsheet,
+and a header in the last comment above bare numbers.  Tables beneath one another may be repeats
+(:mod:`rso.measurement.tables`).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Literal
 
 import numpy as np
 
-from rso.measurement import plausible
+from rso.measurement import plausible, tables
 from rso.measurement.blanks import parted, width_of
 from rso.measurement.branches import SEGMENTS, segments
 from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head, is_head, is_number, of_file
@@ -92,6 +93,7 @@ class _Table:
     line: np.ndarray
     notes: tuple[str, ...]
     unread: tuple[str, ...]
+    doubts: tuple[str, ...]
 
 
 def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] | None = None) -> Measurement:
@@ -104,18 +106,19 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
     if not paths:
         raise ValueError("a measurement needs at least one file")
     own = [of_file(columns or {}, k, len(paths)) for k in range(len(paths))]
-    tables = [_table(p, c, label) for p, c, label in zip(paths, own, _labels(paths), strict=True)]
+    found = [_table(p, c, label) for p, c, label in zip(paths, own, _labels(paths), strict=True)]
     _apart(paths)
-    kinds = [_kind(t) for t in tables]
-    for table, kind in zip(tables, kinds, strict=True):
-        if (kind, table.columns.keys()) != (kinds[0], tables[0].columns.keys()):
+    kinds = [_kind(t) for t in found]
+    for table, kind in zip(found, kinds, strict=True):
+        if (kind, table.columns.keys()) != (kinds[0], found[0].columns.keys()):
             raise ValueError(
                 f"{table.path}: repeats need the same columns; it holds {', '.join(table.columns)}, "
-                f"{paths[0].name} holds {', '.join(tables[0].columns)}"
+                f"{paths[0].name} holds {', '.join(found[0].columns)}"
             )
     repeats: list[Repeat] = []
     doubts: list[str] = []
-    for table, kind in zip(tables, kinds, strict=True):
+    for table, kind in zip(found, kinds, strict=True):
+        doubts += [f"{table.path.name}: {words}" for words in table.doubts]
         for label in dict.fromkeys(table.labels.tolist()):
             repeats.append(r := _repeat(table, kind, label))
             if kind == "force":
@@ -126,7 +129,7 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
                 doubts += plausible.profile(label, r.depth, r.channels["uz"])
     if kinds[0] == "force":
         doubts += plausible.common([(r.label, r.depth[r.segment == "loading"]) for r in repeats])
-    notes, unread = (tuple(dict.fromkeys(v for t in tables for v in getattr(t, k))) for k in ("notes", "unread"))
+    notes, unread = (tuple(dict.fromkeys(v for t in found for v in getattr(t, k))) for k in ("notes", "unread"))
     m = Measurement(paths[0], kinds[0], tuple(repeats), notes, tuple(doubts), unread, tuple(paths[1:]))
     plausible.alike(m.where, [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels])
     for repeat in repeats:
@@ -199,7 +202,9 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
         raise ValueError(f"{path}: holds no header line such as depth_mm,Fz_N")
     head = find_head(path, rows, wanted)
     notes += [" ".join(filter(None, cells_of(row, head.separator))) for _, row in rows[: head.above]]
-    rows = rows[head.below :]
+    parts, between = tables.beneath(path, rows, head)
+    notes += between
+    rows = [row for _, part in parts for row in part]
     _no_thousands(path, rows, head)
     columns = {name: array("d") for name in head.at if name not in ("repeat", "segment")}
     text = {name: list[str]() for name in head.at if name not in columns}
@@ -211,7 +216,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
         for name, values in text.items():
             values.append(cells[head.at[name]])
         for name, column in columns.items():
-            column.append(_number(path, number, name, cells[head.at[name]]))
+            column.append(_number(path, number, name, cells, head))
         _no_summary(path, number, cells, head, counting)
         counting = _counting(head, counting, cells)
     if not line:
@@ -221,9 +226,17 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     for name, column in arrays.items():
         _within(path, line, name, column, head.unit[name])
     stated = _segment_column(path, line, text["segment"]) if "segment" in text else None
-    own = text.get("repeat", [] if file_label else ["1"] * len(line))
-    labels = [f"{file_label} {label}".strip() for label in own] or [file_label] * len(line)
-    return _Table(path, arrays, np.array(labels), stated, np.array(line), tuple(notes), head.unread)
+    labels = np.array(tables.labels_of(path, parts, text.get("repeat", [])))
+    doubts = [tables.told([first for first, _ in parts], headed=True)] if len(parts) > 1 else []
+    if "repeat" not in text and len(parts) == 1 and "depth" in arrays and not arrays.keys().isdisjoint(FORCES):
+        block = tables.blocks(np.array(line), arrays["depth"])
+        labels = block.astype(str)
+        starts = [line[int(np.argmax(block == k))] for k in range(1, block[-1] + 1)]
+        doubts += [tables.told(starts, headed=False)] if len(starts) > 1 else []
+    if file_label:
+        several = "repeat" in text or len(set(labels)) > 1
+        labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])
+    return _Table(path, arrays, labels, stated, np.array(line), tuple(notes), head.unread, tuple(doubts))
 
 
 def _cells(path: Path, number: int, row: str, head: Head) -> list[str]:
@@ -236,8 +249,11 @@ def _cells(path: Path, number: int, row: str, head: Head) -> list[str]:
     if len(cells) == len(head.cells) - 1 and head.cells[-1] == "Comment" in head.unread:
         return cells  # LabVIEW leaves the last cell away where there is no comment
     if len(cells) != len(head.cells):
-        fail(path, number, f"{len(cells)} values in a table of {len(head.cells)} columns ({head.text!r}); "
-             "delete what is no reading, a second table is a file of its own")  # fmt: skip
+        words = len(row.split()) if head.separator == "\t" not in row else 0  # a line of a table parted by blanks
+        n = words if words not in (0, len(head.cells)) else len(cells)
+        fail(path, number, f"{n} values in a table of {len(head.cells)} columns ({head.text!r}): {row.strip()[:60]!r}; "
+             "delete what is no reading, or begin its line with #; a second table is a file of its own, unless it has "
+             "the same header")  # fmt: skip
     if not head.cells[-1] and cells[-1]:
         fail(path, number, f"{cells[-1][:40]!r} stands beneath no header ({head.text!r})")
     return cells
@@ -308,14 +324,16 @@ def _lines(text: str, comments: list[Row]) -> Iterator[Row]:
             yield number, row
 
 
-def _number(path: Path, line: int, name: str, cell: str) -> float:
+def _number(path: Path, line: int, name: str, cells: Sequence[str], head: Head) -> float:
     """One cell as a finite float; a comma that is left in it is a decimal one, between commas in quotes."""
+    cell = cells[head.at[name]]
     try:
         value = float(cell.replace(",", "."))
     except ValueError:
         value = math.nan
     # float() also reads 1_000 as a number, which nobody means in a table.
     if not math.isfinite(value) or "_" in cell:
+        tables.no_reading(path, line, cells, head)
         empty = "; delete the row if nothing was measured there" if cell.lower() in ("", "nan") else ""
         fail(path, line, f"column {name!r}: {cell[:40]!r} is not a finite number{empty}")
     if abs(value) > _LARGEST:

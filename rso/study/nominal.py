@@ -43,7 +43,7 @@ class Nominal:
     """What a nominal.json says.
 
     Semi-axes and radius in mm, `rate` in mm/min, the support as a setting in TOML, stated noise by its key; `assumed`
-    says in words what was not stated; `columns` of all files as in a study, `columns_of` single ones replaces them.
+    says in words what was not stated; `columns` of all files as in a study, `columns_of` for single ones instead.
     """
 
     semi_axes: tuple[float, ...]

@@ -220,7 +220,14 @@ REFUSED = {  # text, columns, words
     "own header without a unit": ("depth;Fz_N\n0;0\n", None, [":1:", "'depth' has no unit", "[columns]"]),
     "own header of other names": (zwick(), None, [":6:", "unknown column 'Prüfzeit'", "depth_mm", "[columns]"]),
     "own header below others, misspelt": ("a,b,c\nx\ntime_s,deph_mm,Fz_N\n0,0,0\n", None, [":3:", "'deph_mm'"]),
-    "a second table": (SHORT + SHORT, SHORT_COLUMNS, [":5:", "'depth'", "'Weg'"]),
+    "a second table": (SHORT + "Zeit;Weg;Kraft\ns;mm;N\n0;0;0\n", SHORT_COLUMNS, [
+        ":5:", "'Zeit Weg Kraft' is no reading beneath the header 'Weg Kraft Zeit'", "a file of its own", "with #"]),
+    "a second table in other units": (SHORT + SHORT.replace("N", "mN"), SHORT_COLUMNS, [
+        ":6:", "'Fz'", "'mN' beneath the header of this table, 'N' beneath that of the first"]),
+    "a second table of a repeat": (SHORT.replace("Zeit", "Nr") + SHORT.replace("Zeit", "Nr"), {
+        "depth": Column("Weg"), "Fz": Column("Kraft"), "repeat": Column("Nr")}, [":5:", "the repeat '0'", "'repeat'"]),
+    "a word beneath": (SHORT + "Probe 2;;\n", SHORT_COLUMNS, [":5:", "'Probe 2' is no reading", "begin a note with #"]),
+    "fewer words beneath": (SHORT + "Probe 2\n", SHORT_COLUMNS, [":5:", "1 values", "'Probe 2'", "with #"]),
     "numbers under no header": ("Weg;Kraft;\nmm;N;\n0;0;7\n", SHORT_COLUMNS, [":3:", "'7' stands beneath no header"]),
     "comma decimals between commas": ("Weg [mm],Kraft [N]\n0,5,0,1\n", {
         "depth": Column("Weg [mm]"), "Fz": Column("Kraft [N]")}, [":2:", "4 values", "2 columns"]),
