@@ -19,12 +19,15 @@ def segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None)
     """Loading up to the deepest point, unloading after it; where times are known a rest there is a hold."""
     stroke = float(np.ptp(depth))
     k = int(np.argmax(depth))
-    before, after = depth[: k + 1], depth[k:]
-    backwards = np.max(np.maximum.accumulate(before) - before)
-    forwards = np.max(after - np.minimum.accumulate(after))
-    if max(backwards, forwards) > _SECOND_TURN * stroke:
+    after = depth[k:]
+    if _turned(depth) > _SECOND_TURN * stroke:
         below = -float(depth.min()) > float(depth.max())
         sign = f"; column 'depth' is mostly negative: {plausible.TURN}" if below else ""
+        if not below and _turned(-depth) <= _SECOND_TURN * stroke:
+            sign = (
+                f"; or column 'depth', which falls from {depth[0]:g} to {depth.min():g} mm and comes back, is a "
+                f"height: {plausible.TURN} and {plausible.ZERO}"
+            )
         raise ValueError(
             f"{path}: repeat {label!r} turns back more than once within {stroke:g} mm; "
             f"add a column 'repeat', or name one that counts the tests (repeat = {{ header = … }} in [columns] of the "
@@ -36,6 +39,14 @@ def segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None)
     if time is not None:
         segment[_at_rest(depth, time)] = "hold"
     return segment
+
+
+def _turned(depth: np.ndarray) -> float:
+    """The longest way (mm) against that of one loading and one unloading."""
+    k = int(np.argmax(depth))
+    before, after = depth[: k + 1], depth[k:]
+    backwards = np.max(np.maximum.accumulate(before) - before)
+    return float(max(backwards, np.max(after - np.minimum.accumulate(after))))
 
 
 def _at_rest(depth: np.ndarray, time: np.ndarray) -> slice:

@@ -179,7 +179,7 @@ def _split(rows: Sequence[Row], k: int) -> tuple[str, list[str], list[str], int]
 def is_number(cell: str) -> bool:
     """Whether a cell is a number, with a decimal comma or point."""
     try:
-        float(cell.replace(",", "."))
+        float(cell.replace(",", ".").replace("\u2212", "-"))
     except ValueError:
         return False
     return True

@@ -28,6 +28,7 @@ POWERS = np.linspace(0.9, 2.5, 33)  # of curves that begin at contact, from a fl
 STEEPEST = 4.0  # power beyond which no tissue stiffens: a force that grows faster begins elsewhere
 CLEAR = 25.0  # fall of χ² with one number more that is no scatter
 MOST = 200  # means of readings that tell the shape of a curve
+FLATTEST = 0.8  # power below which no force of a pressed body grows
 STUCK = 10  # readings at the deepest point that make a rest, where no times are known
 JITTER = 0.05  # of the stroke: a way back by less is jitter
 PAUSE = 0.1  # of the time of loading: a rest on the way this long is remarked upon
@@ -62,6 +63,12 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
         notes.append(
             f"repeat {label}: {force[k]:g} N at {depth[k]:g} mm (line {lines[k]}) lies far beside a power of the depth "
             "that all other readings follow; mistyped?"
+        )
+    if pad := 0 if few else _padding(depth, force, stroke):
+        at = f"{depth[-1]:g} mm" + ("" if force is None else f" and {force[-1]:g} N")
+        notes.append(
+            f"repeat {label}: the last {pad} readings (from line {lines[-pad]}) are all {at}, after a jump; filled up "
+            "by a logger? Leave them out"
         )
     if sorted_here:
         notes += _of_order(who, label, depth, time, loading)
@@ -116,6 +123,16 @@ def _of_force(who: str, label: str, depth: np.ndarray, force: np.ndarray, loadin
             f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm, up to there it stays within its "
             f"scatter of {scatter:.1g} N; depth must count from contact: subtract what was air (zero = … in [columns]; "
             "rso diagnose looks at it as 'offset')"
+        )
+    if grown := _before_contact(d, F):
+        notes.append(
+            f"repeat {label}: Fz grows by {grown:.3g} N from {d.min():.3g} mm to 0, where contact should be; depth "
+            f"must count from contact: {ZERO}"
+        )
+    if not notes and (power := _power(d, F)) is not None and power < FLATTEST:
+        notes.append(
+            f"repeat {label}: Fz grows only as the power {power:.2g} of depth, a pressed body's at least in "
+            "proportion; are the columns depth and Fz exchanged?"
         )
     if flat := _flat(depth, force, float(np.ptp(depth))):
         notes.append(
@@ -315,6 +332,35 @@ def _flat(depth: np.ndarray, force: np.ndarray, stroke: float) -> int:
     at = np.nonzero(force == force.max())[0]
     run = max(np.split(at, np.nonzero(np.diff(at) > 1)[0] + 1), key=len)
     return len(run) if len(run) >= FLAT and np.ptp(depth[run]) > EDGE * stroke else 0
+
+
+def _before_contact(depth: np.ndarray, force: np.ndarray) -> float | None:
+    """By how much (N) the force has grown where the depth says contact, None where it has not or nothing is before."""
+    if depth.min() > -EDGE * depth.max():
+        return None
+    before, near = force[depth < 0.0], np.argsort(np.abs(depth), kind="stable")[:3]
+    start = float(np.median(before[: max(3, len(before) // 10)]))
+    grown = float(np.median(force[near])) - start
+    return grown if grown > max(LATE * float(np.ptp(force)), 8.0 * noise_of(force)) else None
+
+
+def _power(depth: np.ndarray, force: np.ndarray) -> float | None:
+    """The power of the depth that the force of loading follows closely, None where it follows none."""
+    pressed = (depth > 2.0 * EDGE * depth.max()) & (force > 0.0)
+    if np.sum(pressed) < max(FEW, 0.6 * len(depth)) or np.ptp(depth[pressed]) == 0.0:
+        return None
+    x, y = np.log(depth[pressed]), np.log(force[pressed])
+    p, a = np.polyfit(x, y, 1)
+    return float(p) if np.std(y - a - p * x) < 0.1 else None
+
+
+def _padding(depth: np.ndarray, force: np.ndarray | None, stroke: float) -> int:
+    """How many readings at the end are all the same, after a jump to them; 0 where there are none."""
+    other = depth != depth[-1] if force is None else (depth != depth[-1]) | (force != force[-1])
+    last = int(np.nonzero(other)[0][-1])
+    n, jump = len(depth) - 1 - last, abs(float(depth[last] - depth[-1]))
+    usual = float(np.median(np.abs(np.diff(depth[: last + 1])))) if last else 0.0
+    return n if n >= 3 and jump > max(2.0 * EDGE * stroke, 8.0 * usual) else 0
 
 
 def _creep(depth: np.ndarray, force: np.ndarray) -> tuple[float, float] | None:

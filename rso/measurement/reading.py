@@ -30,12 +30,16 @@ from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head
 from rso.units import kind_of
 
 MAX_BYTES = 200_000_000
+_BROKEN = 8  # lines that the cells of a header may have
+_OPENS, _CLOSES = re.compile(r'(?:^|[;,\t])\s*"[^"]*$'), re.compile(r'[^"]*"\s*(?:[;,\t]|$)')
 FORCES = ("Fx", "Fy", "Fz")
 DISPLACEMENTS = ("ux", "uy", "uz")
 _LARGEST = 1e12
 _MOST = {"mm": 1e4, "N": 1e6}  # ten metres, a hundred tonnes: no indenter, but a unit misread
 # A cell that a spreadsheet could not show or compute is a bad number, not the begin of a comment.
 _FAULT = re.compile(r"#(?:#+|DIV/0!|N/A|NV|[A-ZÄÖÜ]+[!?])\s*[;,\t]\s*[^\s;,]")
+SPEED = "settings.speed says how fast the indenter went"
+_PARTED = re.compile(r"[+-]?\d{1,3}(?:[\s'’.,]\d{3})+(?:[.,]\d*)?")
 _THOUSANDS, _WHOLE = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}"), re.compile(r"[+-]?\d+")
 
 
@@ -316,7 +320,7 @@ def _no_thousands(path: Path, rows: Sequence[Row], head: Head) -> None:
 
 def _lines(text: str, comments: list[Row]) -> Iterator[Row]:
     """Numbered lines that hold more than separators; those of comments, without '#', go to `comments`."""
-    for number, line in enumerate(io.StringIO(text, newline=None), 1):
+    for number, line in enumerate(_joined(text), 1):
         row = line.strip("\r\n")
         if row.lstrip().startswith("#") and not _FAULT.match(row.lstrip()):
             comments.append((number, row.lstrip()[1:].strip()))
@@ -324,23 +328,51 @@ def _lines(text: str, comments: list[Row]) -> Iterator[Row]:
             yield number, row
 
 
+def _joined(text: str) -> Iterator[str]:
+    """Lines, where a cell in quotes has some of its own, "Weg⏎[mm]", as one, and empty ones in place of the others."""
+    held: list[str] = []
+    for line in io.StringIO(text, newline=None):
+        if not held and not (line.count('"') % 2 and _OPENS.search(line)):
+            yield line
+            continue
+        held.append(line)
+        closed = sum(v.count('"') for v in held) % 2 == 0
+        if closed and _CLOSES.match(line):
+            yield " ".join(v.strip("\r\n") for v in held)
+            yield from [""] * (len(held) - 1)
+            held = []
+        elif closed or len(held) > _BROKEN:  # quotes that mean inches
+            yield from held
+            held = []
+    yield from held
+
+
 def _number(path: Path, line: int, name: str, cells: Sequence[str], head: Head) -> float:
     """One cell as a finite float; a comma that is left in it is a decimal one, between commas in quotes."""
     cell = cells[head.at[name]]
     try:
-        value = float(cell.replace(",", "."))
+        value = float(cell.replace(",", ".").replace("\u2212", "-"))  # a minus as a word processor writes it
     except ValueError:
         value = math.nan
     # float() also reads 1_000 as a number, which nobody means in a table.
     if not math.isfinite(value) or "_" in cell:
         tables.no_reading(path, line, cells, head)
-        empty = "; delete the row if nothing was measured there" if cell.lower() in ("", "nan") else ""
-        fail(path, line, f"column {name!r}: {cell[:40]!r} is not a finite number{empty}")
+        fail(path, line, f"column {name!r}: {cell[:40]!r} is not a finite number{_hint(name, cell)}")
     if abs(value) > _LARGEST:
         fail(path, line, f"column {name!r}: {cell[:40]!r} is larger than anything measured ({_LARGEST:g})")
     if value < 0 and name.endswith("_sigma"):
         fail(path, line, f"column {name!r}: {cell[:40]!r} is negative, a standard uncertainty is not")
     return value
+
+
+def _hint(name: str, cell: str) -> str:
+    """What to do about a cell that is no number."""
+    if ":" in cell and name == "time":
+        return f", but a time of day; write seconds, or leave the column out ({SPEED})"
+    if _PARTED.fullmatch(cell):
+        return "; write thousands without a mark between them"
+    nothing = cell.lower() == "nan" or not any(map(str.isdigit, cell))
+    return "; delete the row if nothing was measured there" if nothing else ""
 
 
 def _segment_column(path: Path, line: array[int], text: list[str]) -> np.ndarray:
@@ -377,7 +409,10 @@ def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     if kind == "force" and time is not None and np.any(np.diff(time) <= 0):
         k = int(np.argmax(np.diff(time) <= 0)) + 1
         hint = "" if len(set(table.labels.tolist())) > 1 else "; several tests in one file need a column 'repeat'"
-        hint += "; a clock this coarse says nothing, leave its column out" if time[k] == time[k - 1] else ""
+        if time[k] == time[k - 1]:
+            few = np.sum(np.diff(time) == 0) <= max(1.0, 0.02 * len(time))
+            coarse = "a clock this coarse says nothing, leave its column out"
+            hint += f"; {'delete one of the two rows' if few else coarse}"
         fail(
             table.path,
             int(table.line[rows][k]),

@@ -84,7 +84,8 @@ def told(lines: Sequence[int], *, headed: bool) -> str:
 
 def no_reading(path: Path, number: int, cells: Sequence[str], head: Head) -> None:
     """ValueError for a row of words where readings are expected: another table, or a line of text."""
-    if not _numbers(cells, head) and any(map(str.isalpha, "".join(cells))):
+    read = [cells[k] for name, k in head.at.items() if name not in BARE_COLUMNS and k < len(cells)]
+    if any(map(str.isalpha, "".join(read))) and not any(cell[:1].isdigit() or is_number(cell) for cell in read):
         row, above = (" ".join(filter(None, v))[:80] for v in (cells, head.cells))
         fail(path, number, f"{row!r} is no reading beneath the header {above!r}; a second table is a file of its own "
              "(repeats of one test may stand beneath one another, each with the same header); begin a note with #, or "

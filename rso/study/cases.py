@@ -21,6 +21,7 @@ from rso.units import COLUMNS, UNITS, quantity
 DEFAULT_SPEED = 0.5  # mm/s
 STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for Hertz
 PROFILES = 2 * STEPS  # different depths of a profile up to which each is asked for
+PACES = 1e-5, 1e3  # mm/s: slower or quicker is nobody's test
 PACE = 1.5  # ratio of a stated to a recorded speed that is remarked upon
 SHALLOWEST = 1e-3  # mm: a deepest travel below this is a unit misread
 LOUD = 0.5  # of a range: a stated noise beyond is remarked upon
@@ -78,6 +79,8 @@ def remarks(study: Study, name: str) -> list[str]:
     own, stated = recorded_speed(measurement), study.settings_of(name).get("speed")
     other = own is not None and stated is not None and not 1.0 / PACE < own / _speed(stated) < PACE
     speed = [f"The times of the file say {own:.3g} mm/s, the study says speed = {stated!r}."] if other else []
+    if own is not None and stated is None and not PACES[0] < own < PACES[1]:
+        speed = [f"The times of the file say {own:.3g} mm/s: is the unit of its time right?"]
     return [*doubtful, *left_out, *speed, *loading]
 
 

@@ -1,0 +1,153 @@
+"""Files of a sloppy laboratory: each is read as meant, remarked upon, or refused with its place and a way out."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sample_studies as studies
+
+from rso.measurement import Column, read
+from rso.study import load
+from rso.study.checking import check
+
+U = np.linspace(0.0, 4.0, 41)
+F = 0.04 * U**1.5
+T = 2.0 * U
+CYCLE = np.r_[U, U[::-1]]
+PLAIN = {"depth": Column("depth_mm"), "Fz": Column("Fz_N")}
+CLOCK = [f"00:00:{t:06.3f}" for t in T]
+
+
+def table(head: str, *columns, separator: str = ",") -> str:
+    each = [[v if isinstance(v, str) else f"{v:.6g}" for v in column] for column in columns]
+    return "\n".join([head, *(separator.join(row) for row in zip(*each, strict=True)), ""])
+
+
+def with_cell(cell: str) -> str:
+    return table("depth_mm,Fz_N", U, [cell if k == 30 else f"{v:.5f}" for k, v in enumerate(F)])
+
+
+def grouped(mark: str) -> str:
+    return table("depth_um;Fz_mN", [f"{1000 * u:,.0f}".replace(",", mark) for u in U], 1000 * F, separator=";")
+
+
+def write(tmp_path: Path, text: str, encoding: str = "utf-8") -> Path:
+    path = tmp_path / "data.csv"
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+READ = {  # text, encoding, columns
+    **{f"brackets, {m}": (table(f"depth [{m}m],Fz (mN)", 1000 * U, 1000 * F), "utf-8", None) for m in "µμu"},
+    "µ of an old machine": (table("depth [µm];Fz [mN]", 1000 * U, 1000 * F, separator=";"), "latin-1", None),
+    "units in a second row": (table("depth,Fz\n[µm],[mN]", 1000 * U, 1000 * F), "utf-8", None),
+    "forces in gf": (table("depth_mm,Fz_gf", U, F / 0.00980665), "utf-8", None),
+    "Excel, BOM, semicolons, commas": (table("time_s;depth_mm;Fz_N", T, U, F, separator=";").replace(".", ",").replace(
+        "\n", "\r\n"), "utf-8-sig", None),
+    "the first line of Excel": ("sep=;\n" + table("depth_mm;Fz_N", U, F, separator=";"), "utf-8", None),
+    "a header cell of two lines": (table('"depth\n[mm]";"Fz\r\n[N]"', U, F, separator=";"), "utf-8", None),
+    "a comment in the middle": (table("depth_mm,Fz_N", U, F).replace("\n2,", "\n# paused\n2,"), "utf-8", None),
+    "no end of the last line": (table("depth_mm,Fz_N", U, F).rstrip("\n"), "utf-8", None),
+    "a clock that is not read": (table("Zeit,depth_mm,Fz_N", CLOCK, U, F), "utf-8", PLAIN),
+    "a typographic minus": (table("depth_mm,Fz_N", U, [f"−{v:.6g}" for v in F]), "utf-8", {
+        "depth": Column("depth_mm"), "Fz": Column("Fz_N", flip=True)}),
+    "a depth counted downwards, force compressive": (table("depth_mm,Fz_N", -U, -F), "utf-8", {
+        "depth": Column("depth_mm", flip=True), "Fz": Column("Fz_N", flip=True)}),
+    "seconds since 1970": (table("time_s,depth_mm,Fz_N", [f"{1.7e9 + t:.3f}" for t in T], U, F), "utf-8", None),
+    "inches in a note": ('Ball 1/4"\nHolder 2"\n' + table("depth_mm,Fz_N", U, F), "utf-8", None),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", READ)
+def test_read_as_meant(tmp_path, what):
+    text, encoding, columns = READ[what]
+    m = read(write(tmp_path, text, encoding), columns)
+    (r,) = m.repeats
+    np.testing.assert_allclose(r.depth, U, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(r.channels["Fz"], F, rtol=1e-4, atol=1e-9)
+    assert m.doubts == ()
+
+
+REFUSED = {  # text, columns, place and words
+    "thousands in quotes": (table("depth_um,Fz_mN", [f'"{1000 * u:,.0f}"' for u in U], [f"{1e3 * v:.1f}" for v in F]),
+                            None, [":2:", "'1,000'", "parts thousands"]),
+    "apostrophes": (grouped("'"), None, [":12:", "'depth'", "1'000", "write thousands without a mark"]),
+    "thin blanks": (grouped("\u202f"), None, [":12:", "'depth'", "000'", "write thousands without a mark"]),
+    "points": (grouped("."), None, [":12:", "'1.000'"]),
+    "a clock": (table("time_s,depth_mm,Fz_N", CLOCK, U, F), None, [
+        ":2:", "'time'", "'00:00:00.000'", "a time of day; write seconds", "settings.speed"]),
+    "a date": (table("time_s,depth_mm,Fz_N", ["2024-02-01T10:00:00"] * 41, U, F), None, [":2:", "a time of day"]),
+    "a clock in its header": (table("Zeit [hh:mm:ss],depth_mm,Fz_N", CLOCK, U, F), PLAIN | {
+        "time": Column("Zeit [hh:mm:ss]")}, [":1:", "'time'", "'hh:mm:ss'", "not a known unit", "s, ms, min"]),
+    **{f"overload {cell!r}": (with_cell(cell), None, [":32:", "'Fz'", f"'{cell}'", "delete the row"])
+       for cell in ("----", "OVLD", "NaN", "", "***")},
+    **{f"overload {cell!r}": (with_cell(cell), None, [":32:", "'Fz'", f"'{cell}'"])
+       for cell in ("1.#INF", "9.99E+37", "#N/A", "1.0D+00")},
+    "one time twice": (table("time_s,depth_mm,Fz_N", np.where(T == T[20], T[19], T), U, F), None, [
+        ":22:", "'time'", "3.8 s does not follow 3.8 s", "delete one of the two rows"]),
+    "a coarse clock": (table("time_s,depth_mm,Fz_N", np.floor(T), U, F), None, [":3:", "'time'", "clock this coarse"]),
+    "depth downwards": (table("depth_mm,Fz_N", -U, F), None, ["'depth' falls from 0 to -4", "flip = true"]),
+    "force compressive": (table("depth_mm,Fz_N", U, -F), None, ["'Fz' falls", "flip = true"]),
+    "a height, there and back": (table("depth_mm,Fz_N", 50 - CYCLE, 0.04 * CYCLE**1.5), None, [
+        "falls from 50 to 46 mm and comes back, is a height", "flip = true", "zero = "]),
+    "a height through 0": (table("depth_mm,Fz_N", 2 - CYCLE, 0.04 * CYCLE**1.5), None, [
+        "falls from 2 to -2 mm and comes back, is a height", "flip = true", "zero = "]),
+    "a position": (table("depth_mm,Fz_N", 50 + U, F), None, ["begins at 50 mm", "zero = "]),
+    "cycles": (table("depth_mm,Fz_N", np.tile(CYCLE, 3), np.tile(0.04 * CYCLE**1.5, 3)), None, [
+        "turns back more than once within 4 mm", "add a column 'repeat'"]),
+    "units in the cells": (table("depth,Fz", [f"{u} mm" for u in U], [f"{v} N" for v in F]), None, [":1:", "no unit"]),
+    "a mass": (table("depth_mm,Fz [g]", U, F), PLAIN | {"Fz": Column("Fz [g]")}, [":1:", "'g' is a mass", "'gf'"]),
+    "another mark of comments": (table("depth_mm,Fz_N", U, F).replace("\n2,", "\n// paused\n2,"), None, [
+        ":22:", "'// paused'", "begin its line with #"]),
+    "cut off": (table("depth_mm,Fz_N", U, F)[:-6], None, [":42:", "1 values in a table of 2 columns", "'4'"]),
+    "side by side": (table("depth_mm,Fz_N,depth_mm,Fz_N", U, F, U, F), None, [":1:", "twice", "files of their own"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_refused_with_its_place_and_a_way_out(tmp_path, what):
+    text, columns, words = REFUSED[what]
+    path = write(tmp_path, text)
+    with pytest.raises(ValueError) as caught:
+        read(path, columns)
+    for word in (str(path), *words):
+        assert word in str(caught.value)
+
+
+REMARKED = {  # text, words
+    "depth from before contact": (table("depth_mm,Fz_N", U - 2, F), "Fz grows by 0.112 N from -2 mm to 0, where"),
+    "exchanged": (table("Fz_N,depth_mm", U, F), "Fz grows only as the power 0.67 of depth"),
+    "filled up": (table("depth_mm,Fz_N", np.r_[U, 0, 0, 0], np.r_[F, 0, 0, 0]), "last 3 readings (from line 43)"),
+    "filled up with its last": (table("depth_mm,Fz_N", np.r_[U, 9 * [2.5]], np.r_[F, 9 * [0.1]]), "last 9 readings"),
+    "a load before": (table("depth_mm,Fz_N", U, F + 0.05), "0.05 N at 0 mm; not tared, or touched before?"),
+    "a sensor at its end": (table("depth_mm,Fz_N", U, np.minimum(F, 0.2)), "stays at its largest value, 0.2 N"),
+    "an overload as a number": (table("depth_mm,Fz_N", U, np.where(U > 3.4, 9999.0, F)), "largest value, 9999 N"),
+    "cut within a number": (table("depth_mm,Fz_N", U, F)[:-4], "falls from 0.296 N"),
+}
+
+
+@pytest.mark.parametrize("what", REMARKED)
+def test_read_and_remarked_upon(tmp_path, what):
+    text, words = REMARKED[what]
+    assert any(words in doubt for doubt in read(write(tmp_path, text)).doubts)
+
+
+def test_what_is_no_such_thing_is_not_remarked_upon(tmp_path):
+    """An approach through noise and drift, a slow way back to a rest, a flat punch, a body that relaxes."""
+    rng = np.random.default_rng(1)
+    air = np.r_[np.linspace(-3, 0, 60)[:-1], U]
+    body = 0.04 * np.maximum(air, 0) ** 1.5 + 0.002 * rng.normal(size=len(air)) + 0.002 * air
+    rest = np.r_[U, U[::-1], np.zeros(9)]
+    for depth, force in ((air, body), (rest, 0.04 * rest**1.5), (U, 0.1 * U), (U, F * (0.4 + 0.6 * np.exp(-2 * U)))):
+        doubts = read(write(tmp_path, table("depth_mm,Fz_N", depth, force))).doubts
+        assert not [d for d in doubts if any(w in d for w in ("grows by", "exchanged", "filled up"))]
+
+
+@pytest.mark.parametrize("start, unit, said", [(0.0, "s", False), (45000.4, "d", True)])
+def test_days_taken_for_seconds_are_remarked_upon_by_a_check(tmp_path, start, unit, said):
+    """As a spreadsheet counts them."""
+    time = [f"{start + t / (86400.0 if unit == 'd' else 1.0):.11f}" for t in T]
+    write(tmp_path, table("time_s,depth_mm,Fz_N", time, U, F))
+    experiment = 'name = "top"\nrole = "fit"\ndata = "data.csv"\n'
+    loaded = load(studies.write(tmp_path, experiments=experiment))
+    assert ("is the unit of its time right?" in " ".join(check(loaded, tmp_path, trust=True))) == said
