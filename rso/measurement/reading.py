@@ -27,12 +27,12 @@ from rso.measurement import plausible, tables
 from rso.measurement.blanks import parted, width_of
 from rso.measurement.branches import SEGMENTS, segments
 from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head, is_head, is_number, of_file
+from rso.measurement.tables import FORCES
 from rso.units import kind_of
 
 MAX_BYTES = 200_000_000
 _BROKEN = 8  # lines that the cells of a header may have
 _OPENS, _CLOSES = re.compile(r'(?:^|[;,\t])\s*"[^"]*$'), re.compile(r'[^"]*"\s*(?:[;,\t]|$)')
-FORCES = ("Fx", "Fy", "Fz")
 DISPLACEMENTS = ("ux", "uy", "uz")
 _LARGEST = 1e12
 _MOST = {"mm": 1e4, "N": 1e6}  # ten metres, a hundred tonnes: no indenter, but a unit misread
@@ -230,17 +230,12 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     for name, column in arrays.items():
         _within(path, line, name, column, head.unit[name])
     stated = _segment_column(path, line, text["segment"]) if "segment" in text else None
-    labels = np.array(tables.labels_of(path, parts, text.get("repeat", [])))
-    doubts = [tables.told([first for first, _ in parts], headed=True)] if len(parts) > 1 else []
-    if "repeat" not in text and len(parts) == 1 and "depth" in arrays and not arrays.keys().isdisjoint(FORCES):
-        block = tables.blocks(np.array(line), arrays["depth"])
-        labels = block.astype(str)
-        starts = [line[int(np.argmax(block == k))] for k in range(1, block[-1] + 1)]
-        doubts += [tables.told(starts, headed=False)] if len(starts) > 1 else []
+    lines = np.array(line)
+    labels, doubts = tables.labels_of(path, parts, lines, arrays, text.get("repeat", []), stated)
     if file_label:
         several = "repeat" in text or len(set(labels)) > 1
         labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])
-    return _Table(path, arrays, labels, stated, np.array(line), tuple(notes), head.unread, tuple(doubts))
+    return _Table(path, arrays, labels, stated, lines, tuple(notes), head.unread, tuple(doubts))
 
 
 def _cells(path: Path, number: int, row: str, head: Head) -> list[str]:

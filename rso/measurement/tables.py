@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from rso.units import BARE_COLUMNS
 HALF = 0.5  # of the longest stroke: a block that goes as far is a test of its own
 START = 0.1  # of it: where all blocks begin
 FEWEST = 4  # readings of such a block
+FORCES = ("Fx", "Fy", "Fz")
+PLACES = ("depth", "x", "y")
 
 
 def beneath(path: Path, rows: Sequence[Row], head: Head) -> tuple[list[tuple[int, list[Row]]], list[str]]:
@@ -35,51 +38,78 @@ def beneath(path: Path, rows: Sequence[Row], head: Head) -> tuple[list[tuple[int
         while last and _is_note(_filled(last[-1][1], head), head):
             between.append(" ".join(filter(None, cells_of(last.pop()[1], head.separator))))
         notes += reversed(between)
+        tables = [t for t in tables if t[1]]  # a header that stands twice begins one table
         tables.append((number, []))
         unit_row = k + 1 if any(head.units) else -1
-    return tables, notes
+    return [t for t in tables if t[1]] or tables, notes
 
 
-def labels_of(path: Path, tables: Sequence[tuple[int, list[Row]]], own: Sequence[str]) -> list[str]:
-    """What the repeat of each row is called: by its table, or as a column `own` says, which counts through all."""
-    if not own:
-        return [str(k) for k, (_, rows) in enumerate(tables, 1) for _ in rows]
-    at, seen = 0, dict[str, int]()
-    for line, rows in tables:
-        mine = dict.fromkeys(own[at : at + len(rows)])
-        at += len(rows)
-        for label in mine:
-            if label in seen:
-                fail(path, line, f"a table begins again, with the repeat {label!r} of the one above: number its column "
-                     "'repeat' through all tables, or do without it, then each table is a repeat")  # fmt: skip
-        seen |= dict.fromkeys(mine, line)
-    return list(own)
+def labels_of(
+    path: Path, tables: Sequence[tuple[int, list[Row]]], line: np.ndarray, columns: Mapping[str, np.ndarray],
+    own: Sequence[str], segment: np.ndarray | None,
+) -> tuple[np.ndarray, list[str]]:  # fmt: skip
+    """What the repeat of each row (n,) is called, and remarks where the file does not say so by a column `own`.
 
-
-def blocks(line: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Number of the block of each row (n,), from 1 on, where empty lines or comments part a table into repeats.
-
-    They do where every block begins near the same depth and goes as far as the others; else all is one block.
+    Tables beneath one another are repeats unless they go on where the one before ended; so are the blocks of a single
+    table between empty lines or comments, where all begin near the same depth and go about as far.
     """
-    one = np.ones(len(line), int)
-    block = one + np.cumsum(np.diff(line, prepend=line[0]) > 1)
-    parts = [depth[block == k] for k in range(1, block[-1] + 1)]
-    if len(parts) < 2 or min(map(len, parts)) < FEWEST:
-        return one
+    table = np.repeat(np.arange(len(tables)), [len(rows) for _, rows in tables])
+    depth, one, headers = columns.get("depth"), np.full(len(line), "1"), [at for at, _ in tables]
+    if depth is None:  # which is refused later
+        return one, []
+    if own:
+        _apart(path, table, headers, depth, own)
+        return np.array(own), []
+    if columns.keys().isdisjoint(FORCES):
+        places = np.stack([v for name, v in columns.items() if name in PLACES], axis=1)
+        again = len(np.unique(places, axis=0)) < len(places)
+        return ((table + 1).astype(str) if again else one), []
+    block = table if len(tables) > 1 else np.cumsum(np.diff(line, prepend=line[0]) > 1)
+    parts = [depth[block == k] for k in range(block[-1] + 1)]
+    if len(parts) < 2:
+        return one, []
+    pressed = segment is None or all("loading" in segment[block == k] for k in range(len(parts)))
+    if len(tables) < 2:
+        if not (pressed and min(map(len, parts)) >= FEWEST and _alike(parts, HALF)):
+            return one, []
+        what = "blocks are parted by empty lines or comments"
+        headers = [int(line[np.argmax(block == k)]) for k in range(len(parts))]
+    else:
+        what = "tables stand beneath one another"
+        if not pressed or (not _alike(parts, START) and _go_on(parts)):
+            return one, [f"{len(parts)} {what} {_lines(headers)} and are read as one test that goes on in each"]
+    told = f"{len(parts)} {what} {_lines(headers)} and are read as repeats of one test"
+    return (block + 1).astype(str), [
+        f"{told}; different tests are files of their own, a way back is told by a column 'segment'"
+    ]
+
+
+def _apart(path: Path, table: np.ndarray, headers: Sequence[int], depth: np.ndarray, own: Sequence[str]) -> None:
+    """ValueError where a label stands in two tables of which the second does not go on where the first ended."""
+    for label in dict.fromkeys(own):
+        at = np.nonzero(np.array(own) == label)[0]
+        parts = [at[table[at] == k] for k in np.unique(table[at])]
+        if not _go_on([depth[part] for part in parts]):
+            line = headers[table[parts[1][0]]]
+            fail(path, line, f"a table begins again, with the repeat {label!r} of the one above: number its column "
+                 "'repeat' through all tables, or do without it, then each table is a repeat")  # fmt: skip
+
+
+def _alike(parts: Sequence[np.ndarray], share: float) -> bool:
+    """Whether depths of all parts begin near one and go as far as a share of the longest way."""
     strokes, starts = np.array([np.ptp(v) for v in parts]), np.array([v[0] for v in parts])
     longest = float(strokes.max())
-    alike = strokes.min() > HALF * longest and np.ptp(starts) <= START * longest
-    return block if alike and longest > 0.0 else one
+    return longest > 0.0 and strokes.min() > share * longest and float(np.ptp(starts)) <= START * longest
 
 
-def told(lines: Sequence[int], *, headed: bool) -> str:
-    """The remark on a file that holds several repeats without saying so."""
-    where = ", ".join(map(str, lines[:6])) + (", …" if len(lines) > 6 else "")
-    what = "tables stand beneath one another" if headed else "blocks are parted by empty lines or comments"
-    return (
-        f"{len(lines)} {what} (from the lines {where}) and are read as repeats of one test; different tests are files "
-        "of their own, a way back is told by a column 'segment'"
-    )
+def _go_on(parts: Sequence[np.ndarray]) -> bool:
+    """Whether depths of each part begin where those of the one before ended."""
+    stroke = float(np.ptp(np.concatenate(parts)))
+    return all(abs(b[0] - a[-1]) <= START * stroke for a, b in itertools.pairwise(parts))
+
+
+def _lines(lines: Sequence[int]) -> str:
+    return f"(from the lines {', '.join(map(str, lines[:6]))}{', …' if len(lines) > 6 else ''})"
 
 
 def no_reading(path: Path, number: int, cells: Sequence[str], head: Head) -> None:

@@ -224,8 +224,6 @@ REFUSED = {  # text, columns, words
         ":5:", "'Zeit Weg Kraft' is no reading beneath the header 'Weg Kraft Zeit'", "a file of its own", "with #"]),
     "a second table in other units": (SHORT + SHORT.replace("N", "mN"), SHORT_COLUMNS, [
         ":6:", "'Fz'", "'mN' beneath the header of this table, 'N' beneath that of the first"]),
-    "a second table of a repeat": (SHORT.replace("Zeit", "Nr") + SHORT.replace("Zeit", "Nr"), {
-        "depth": Column("Weg"), "Fz": Column("Kraft"), "repeat": Column("Nr")}, [":5:", "the repeat '0'", "'repeat'"]),
     "a word beneath": (SHORT + "Probe 2;;\n", SHORT_COLUMNS, [":5:", "'Probe 2' is no reading", "begin a note with #"]),
     "fewer words beneath": (SHORT + "Probe 2\n", SHORT_COLUMNS, [":5:", "1 values", "'Probe 2'", "with #"]),
     "numbers under no header": ("Weg;Kraft;\nmm;N;\n0;0;7\n", SHORT_COLUMNS, [":3:", "'7' stands beneath no header"]),

@@ -169,3 +169,37 @@ def test_a_footer_beneath_blanks_is_refused_with_its_line(tmp_path, what, separa
 ])  # fmt: skip
 def test_words_between_separators_part_nothing_at_blanks(tmp_path, lines):
     assert read(write(tmp_path, lines), COLUMNS).repeats[0].depth.tolist() == U.tolist()
+
+
+def test_pages_with_the_same_header_are_one_test(tmp_path):
+    """As printed, there and back; also where a column counts the repeats."""
+    way = np.r_[U, U[-2::-1]]
+    for repeat in ("", ";7"):
+        head = "depth_mm;Fz_N" + (";repeat" if repeat else "")
+        lines = [f"{u};{0.04 * u**1.5:.5f}{repeat}" for u in way]
+        m = read(write(tmp_path, [head, *lines[:15], head, *lines[15:60], "", head, *lines[60:]]))
+        (r,) = m.repeats
+        assert r.depth.tolist() == way.tolist() and np.sum(r.segment == "unloading") == 40
+        said = "3 tables stand beneath one another (from the lines 1, 17, 64) and are read as one test"
+        assert [said in doubt for doubt in m.doubts] == ([] if repeat else [True])
+
+
+def test_a_way_back_in_a_table_of_its_own_is_told_by_its_segment(tmp_path):
+    lines = ["depth_mm;Fz_N;segment"]
+    for segment in ("loading", "unloading"):
+        lines += [*lines[:1] * (segment == "unloading"), *(f"{row};{segment}" for row in rows())]
+    (r,) = read(write(tmp_path, lines)).repeats
+    assert np.sum(r.segment == "loading") == np.sum(r.segment == "unloading") == 41
+
+
+def test_a_header_that_stands_twice_or_at_the_end_begins_one_table(tmp_path):
+    for lines in (["depth_mm;Fz_N"] * 2 + rows(), ["depth_mm;Fz_N", *rows(), "depth_mm;Fz_N"]):
+        m = read(write(tmp_path, lines))
+        assert [(r.label, len(r.depth)) for r in m.repeats] == [("1", 41)] and m.doubts == ()
+
+
+@pytest.mark.parametrize("depths, repeats", [((1.0, 2.0), 1), ((1.0, 1.0), 2)])
+def test_tables_of_a_profile_are_its_depths_or_its_repeats(tmp_path, depths, repeats):
+    lines = [line for d in depths for line in ("depth_mm,x_mm,y_mm,uz_mm", *(f"{d},{x},5,-0.1" for x in range(5)))]
+    m = read(write(tmp_path, lines))
+    assert [len(r.depth) for r in m.repeats] == [10 // repeats] * repeats
