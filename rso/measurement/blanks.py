@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from rso.measurement.columns import Row, is_number, numbers_in
 
 _WORDS, _GAPS = re.compile(r'"[^"]*"|\S+'), re.compile(r"\s{2,}")
+_UNITED = re.compile(r"(?<!/)\s+(?![(\[/])")  # blanks but those before a unit
 _LAST = 20  # rows that must not be parted by anything else
 _FEWEST, _MOST = 3, 1000  # rows that make a table with words in it, and that tell one
 
@@ -48,12 +49,13 @@ def _empty_between_tabs(rows: Sequence[Row]) -> bool:
 
 
 def parted(row: Row, width: int) -> Row:
-    """A line with tabs between its cells where it has `width` of them: words, or what two blanks and more part.
+    """A line with tabs between its cells where it has `width` of them: words, those with a unit behind as one, or what
+    two blanks and more part.
 
     Another line, a note, stays as it is.
     """
     number, text = row
-    for cells in (_WORDS.findall(text), _GAPS.split(text.strip())):
+    for cells in (_WORDS.findall(text), _GAPS.split(text.strip()), _UNITED.split(text.strip())):
         if width and len(cells) == width:
             return number, "\t".join(cells)
     return row

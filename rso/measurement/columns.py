@@ -241,8 +241,19 @@ def _understood(path: Path, rows: Sequence[Row]) -> int:
         header(cell)
     except ValueError as error:
         message = str(error)
-    headless = _HEADLESS if numbers_in(rows[best][1]) else ""
+    headless = _HEADLESS if numbers_in(rows[best][1]) else _by_blanks(rows, best)
     fail(path, rows[best][0], f"{message}; {_OTHER_NAMES}{headless}")
+
+
+def _by_blanks(rows: Sequence[Row], k: int) -> str:
+    """What to say of a header whose words are parted by blanks and are not as many as those of the last row."""
+    words, below = rows[k][1].split(), rows[-1][1].split()
+    if len(words) < 2 or len(below) < 2 or len(words) == len(below) or any(s in rows[k][1] for s in ";\t,"):
+        return ""
+    return (
+        f"; blanks part {len(words)} words of this line and {len(below)} of line {rows[-1][0]}: give each column one "
+        "word in every row, or part them by semicolons"
+    )
 
 
 def _named(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> int:
@@ -263,7 +274,7 @@ def _named(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> in
     shown = sorted({cell[:_LONGEST] for cell in cells[:_SHOWN] if cell},
                    key=lambda cell: (-SequenceMatcher(None, first, cell.lower()).ratio(), cell))  # fmt: skip
     each = ", ".join(f"{text!r} ({name})" for text, name in missing.items())
-    headless = _HEADLESS if numbers_in(text) else ""
+    headless = _HEADLESS if numbers_in(text) else _by_blanks(rows, best)
     own = "; by itself this header is understood: columns = {} for its experiment" if _is_header(rows, best) else ""
     fail(path, line, f"there is no header {each}; choose from {', '.join(map(repr, shown))}{own}{headless}")
 

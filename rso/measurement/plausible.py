@@ -28,6 +28,7 @@ POWERS = np.linspace(0.9, 2.5, 33)  # of curves that begin at contact, from a fl
 STEEPEST = 4.0  # power beyond which no tissue stiffens: a force that grows faster begins elsewhere
 CLEAR = 25.0  # fall of χ² with one number more that is no scatter
 MOST = 200  # means of readings that tell the shape of a curve
+MARKED = 50.0  # times all other readings: no force and no depth
 FLATTEST = 0.8  # power below which no force of a pressed body grows
 STUCK = 10  # readings at the deepest point that make a rest, where no times are known
 JITTER = 0.05  # of the stroke: a way back by less is jitter
@@ -52,6 +53,12 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
     few = len(depth) < FEW
     if len(depth) < FEWEST:
         return []
+    for name, unit, values in (("depth", "mm", depth), ("Fz", "N", force)):
+        if values is not None and not few and len(wild := _marks(values)):
+            raise ValueError(
+                f"{path}:{lines[wild[0]]}: column {name!r} is {values[wild[0]]:g} {unit} in {len(wild)} readings and "
+                "of another size in all others: a mark for an overload or a gap; delete these rows"
+            )
     stroke = float(np.ptp(depth))
     if stroke == 0.0:
         raise ValueError(f"{who}: column 'depth' is {depth[0]:g} mm throughout, the indenter does not move")
@@ -225,6 +232,15 @@ def common(repeats: Sequence[tuple[str, np.ndarray]]) -> list[str]:
         if start > max(first, 0.0) + slack:
             notes.append(f"repeat {label} begins at {start:.3g} mm, others at {first:.3g} mm: the mean begins there")
     return [f"{note}, the rest is left out; give it as an experiment of its own" for note in notes]
+
+
+def _marks(values: np.ndarray) -> np.ndarray:
+    """Indices of a few readings that are all the same, MARKED times as large as any other: 9999 where nothing was."""
+    size = np.abs(values)
+    far = np.nonzero(size == size.max())[0]
+    others = np.delete(size, far)
+    alike = len(far) > 1 and bool(np.all(values[far] == values[far[0]]))
+    return far if alike and len(far) < len(others) and size.max() > MARKED * others.max() > 0.0 else far[:0]
 
 
 def _jump(path: Path, depth: np.ndarray, stroke: float, lines: np.ndarray) -> None:

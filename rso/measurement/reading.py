@@ -404,6 +404,8 @@ def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     if kind == "force" and time is not None and np.any(np.diff(time) <= 0):
         k = int(np.argmax(np.diff(time) <= 0)) + 1
         hint = "" if len(set(table.labels.tolist())) > 1 else "; several tests in one file need a column 'repeat'"
+        if np.all(np.diff(time) < 0):
+            hint = "; all rows run backwards in time: sort them by it"
         if time[k] == time[k - 1]:
             few = np.sum(np.diff(time) == 0) <= max(1.0, 0.02 * len(time))
             coarse = "a clock this coarse says nothing, leave its column out"

@@ -309,6 +309,8 @@ BLANKS = {  # header, columns, decimal comma
     "of numpy": ("# depth_mm Fz_N", None, False),
     "own": ("depth_mm Fz_N", None, False),
     "aligned": ("  Depth (mm)    Load (N)", {"depth": Column("Depth (mm)"), "Fz": Column("Load (N)")}, False),
+    "units behind one blank": ("Depth (mm) Fz [N]", None, False),
+    "units behind a slash": ("depth / mm Fz / N", None, False),
     "quoted": ('"Depth (mm)" "Load, raw"', {"depth": Column("Depth (mm)"), "Fz": Column("Load, raw", "N")}, False),
     "units beneath": ("Weg Kraft\n mm   N", {"depth": Column("Weg"), "Fz": Column("Kraft")}, True),
     "a title above": ("Probe 3 of Weg, Kraft\nWeg Kraft\nmm N", {"depth": Column("Weg"), "Fz": Column("Kraft")}, False),

@@ -83,6 +83,16 @@ REFUSED = {  # text, columns, place and words
        for cell in ("----", "OVLD", "NaN", "", "***")},
     **{f"overload {cell!r}": (with_cell(cell), None, [":32:", "'Fz'", f"'{cell}'"])
        for cell in ("1.#INF", "9.99E+37", "#N/A", "1.0D+00")},
+    "a gap as a number": (table("depth_mm,Fz_N", U, np.where(abs(U - 2) < 0.15, -9999.0, F)), None, [
+        ":21:", "'Fz' is -9999 N in 3 readings", "delete these rows"]),
+    "an overload as a number": (table("depth_mm,Fz_N", U, np.where(U > 3.45, 9999.0, F)), None, [
+        ":37:", "'Fz' is 9999 N in 6 readings", "a mark for an overload"]),
+    "a depth that is none": (table("depth_mm,Fz_N", np.where(U > 3.85, 999.0, U), F), None, [
+        ":41:", "'depth' is 999 mm in 2"]),
+    "backwards": (table("time_s,depth_mm,Fz_N", T[::-1], U[::-1], F[::-1]), None, [":3:", "'time'", "sort them"]),
+    "a word in some rows": ("depth_mm  Fz_N  note\n" + "".join(f"{u} {v} {'' if k % 7 else 'x'}\n" for k, (u, v) in
+                            enumerate(zip(U, F, strict=True))).rstrip("x \n"), None, [
+        ":1:", "blanks part 3 words of this line and 2 of line 42", "by semicolons"]),
     "one time twice": (table("time_s,depth_mm,Fz_N", np.where(T == T[20], T[19], T), U, F), None, [
         ":22:", "'time'", "3.8 s does not follow 3.8 s", "delete one of the two rows"]),
     "a coarse clock": (table("time_s,depth_mm,Fz_N", np.floor(T), U, F), None, [":3:", "'time'", "clock this coarse"]),
@@ -121,7 +131,6 @@ REMARKED = {  # text, words
     "filled up with its last": (table("depth_mm,Fz_N", np.r_[U, 9 * [2.5]], np.r_[F, 9 * [0.1]]), "last 9 readings"),
     "a load before": (table("depth_mm,Fz_N", U, F + 0.05), "0.05 N at 0 mm; not tared, or touched before?"),
     "a sensor at its end": (table("depth_mm,Fz_N", U, np.minimum(F, 0.2)), "stays at its largest value, 0.2 N"),
-    "an overload as a number": (table("depth_mm,Fz_N", U, np.where(U > 3.4, 9999.0, F)), "largest value, 9999 N"),
     "cut within a number": (table("depth_mm,Fz_N", U, F)[:-4], "falls from 0.296 N"),
 }
 
