@@ -31,14 +31,13 @@ from rso.measurement.tables import FORCES
 from rso.units import kind_of
 
 MAX_BYTES = 200_000_000
+DISPLACEMENTS = ("ux", "uy", "uz")
 _BROKEN = 8  # lines that the cells of a header may have
 _OPENS, _CLOSES = re.compile(r'(?:^|[;,\t])\s*"[^"]*$'), re.compile(r'[^"]*"\s*(?:[;,\t]|$)')
-DISPLACEMENTS = ("ux", "uy", "uz")
 _LARGEST = 1e12
 _MOST = {"mm": 1e4, "N": 1e6}  # ten metres, a hundred tonnes: no indenter, but a unit misread
 # A cell that a spreadsheet could not show or compute is a bad number, not the begin of a comment.
 _FAULT = re.compile(r"#(?:#+|DIV/0!|N/A|NV|[A-ZÄÖÜ]+[!?])\s*[;,\t]\s*[^\s;,]")
-SPEED = "settings.speed says how fast the indenter went"
 _PARTED = re.compile(r"[+-]?\d{1,3}(?:[\s'’.,]\d{3})+(?:[.,]\d*)?")
 _THOUSANDS, _WHOLE = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}"), re.compile(r"[+-]?\d+")
 
@@ -363,7 +362,7 @@ def _number(path: Path, line: int, name: str, cells: Sequence[str], head: Head) 
 def _hint(name: str, cell: str) -> str:
     """What to do about a cell that is no number."""
     if ":" in cell and name == "time":
-        return f", but a time of day; write seconds, or leave the column out ({SPEED})"
+        return ", but a time of day; write seconds, or leave the column out and state settings.speed"
     if _PARTED.fullmatch(cell):
         return "; write thousands without a mark between them"
     nothing = cell.lower() == "nan" or not any(map(str.isdigit, cell))
