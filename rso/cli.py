@@ -71,6 +71,7 @@ LABORATORY = """a folder, for example:
   "rate_mm_per_min": 30,
   "remark": "whatever people should know: not read"
 }
+headers of a machine are named under "columns", with the keys of [columns] in a study;
 what is not understood is refused with what is, other keys are not used, which is said; mu is taken to be 5 to 20 kPa
 and D1 1 to 100 1/MPa: what this means is in docs/reading_a_diagnosis.md"""
 
