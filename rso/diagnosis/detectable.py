@@ -52,7 +52,7 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
     for e in effects:
         for t in _ladder(evidence, e, centre):
             r = evidence.ready((e,))
-            mean = L @ (r.Q @ (r.X[t, 0] + r.c[t]))
+            mean = L @ r.middle(t)
             sets.append(mean + (L @ rng.standard_normal((len(y), SETS))).T)
             labels.append((e, float(r.tiles.at[t, len(centre)])))
     T, P = _statistics(evidence, np.concatenate(sets))

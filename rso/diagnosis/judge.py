@@ -403,13 +403,14 @@ def _sensitivity(
 
 
 def _parameters(library: Library, posts: Mapping[str, Posterior], chosen: Hypothesis):
-    """Base parameters (low, median, high) before and after the cause."""
+    """Open base parameters (low, median, high) before and after the cause."""
     out = {}
     for when, name in (("before", "none"), ("after", chosen.name)):
         p = posts[name]
-        values = {library.base.modulus: p.modulus}
+        values = {} if library.base.low == library.base.high else {library.base.modulus: p.modulus}
         for j, a in enumerate(library.base.axes):
-            values[a.name] = a.physical(p.at[:, j], 1.0) * p.modulus**a.exponent
+            if j != library.base.tied:
+                values[a.name] = a.physical(p.at[:, j], 1.0) * p.modulus**a.exponent
         q = [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2]
         out[when] = {k: tuple(float(x) for x in np.quantile(v, q)) for k, v in values.items()}
     return out

@@ -64,12 +64,12 @@ class Where:
 def localise(plan: TestPlan, h: Ready, C: np.ndarray, y: np.ndarray, seed: int) -> Where:
     """Regions of the plan under hypothesis `h` (the base model) for data y (n,)."""
     t = int(np.argmax(log_tiles(h, h.white(y)[None])[0]))
-    A, c, D = (h.tiles.lift(v[t]) for v in (h.tiles.A, h.tiles.c, h.tiles.D))
-    J = np.concatenate([A[None], D]) * h.scale
-    Λ = np.concatenate([[1e4], (_WIDE * h.tiles.sd) ** 2])
+    X = np.concatenate([h.tiles.A[:, None], h.tiles.D], axis=1) * h.scale
+    J, c = (h.tiles.lift(v[t]) for v in h.tiles.linear(X, h.tiles.c, h.scale))
+    Λ = h.tiles.spread(1e4, _WIDE * h.tiles.sd)
     T = C + (J.T * Λ) @ J
     inverse = np.linalg.inv(T)
-    F = A * h.scale + c
+    F = c + (J[0] if h.tiles.moduli is None else 0.0)
     r = y - F
     whole = inverse @ np.stack([r]).T
     rng = np.random.default_rng(seed)

@@ -2,6 +2,8 @@
 
 In tile t the data are   y = μ a_t + c_t + μ₀ D_tᵀ ξ + e,   ξ ~ N(0, diag sd²),   e ~ N(0, C),   μ flat,
 
+or μ = μ_t where it is fixed, or μ = μ_t + μ₀ ξ_j where the coordinate j is ln μ (ξ_j is its change times μ/μ₀),
+
 so that the evidence of a tile is a Gaussian integral and that of a hypothesis their sum: effects at the boundary of
 their range, curved valleys and several minima need no approximation but the tiles' width.
 
@@ -28,7 +30,8 @@ class Tiles:
 
     `at` (T, d) are the coordinates of the tiles; `axes` (k,) says which coordinate a direction moves (−1: none), on
     `log` ones (k,) in proportion; `log_prior` (T,) sums to 1.  Vectors v (r,) stand for B v, B = `basis` (n, r), or for
-    themselves where there is none.
+    themselves where there is none.  `moduli` (T,) are those of the tiles, None where the modulus is free; the direction
+    `tied` moves it too.
     """
 
     A: np.ndarray
@@ -40,10 +43,27 @@ class Tiles:
     axes: tuple[int, ...]
     log: tuple[bool, ...]
     basis: np.ndarray | None = None
+    moduli: np.ndarray | None = None
+    tied: int | None = None
 
     def lift(self, v: np.ndarray) -> np.ndarray:
         """Vectors v (…, r) over the data (…, n)."""
         return v if self.basis is None else v @ self.basis.T
+
+    def linear(self, X: np.ndarray, c: np.ndarray, modulus: float) -> tuple[np.ndarray, np.ndarray]:
+        """Directions (T, k', r) and rest (T, r) that are left of X (T, 1 + k, r), first the force at μ₀, and c (T, r):
+        a modulus that is not free is no direction."""
+        if self.moduli is None:
+            return X, c
+        c = c + (self.moduli / modulus)[:, None] * X[:, 0]
+        if self.tied is not None:
+            X = X.copy()
+            X[:, 1 + self.tied] += X[:, 0]
+        return X[:, 1:], c
+
+    def spread(self, free: float, sd: np.ndarray) -> np.ndarray:
+        """Variances (k',) of the directions that are left: `free` that of a free modulus over μ₀, and sd² (k,)."""
+        return np.concatenate([[free] if self.moduli is None else [], sd**2])
 
 
 def compressed(tiles: Tiles, blocks: Sequence[np.ndarray], also: np.ndarray, modulus: float) -> Tiles:
@@ -91,7 +111,10 @@ def whitening(C: np.ndarray, rows: np.ndarray | None = None) -> Whitening:
 
 @dataclass(frozen=True, eq=False)
 class Ready:
-    """Tiles in whitened coordinates: X (T, 1 + k, q), c (T, q), S⁻¹ (T, 1 + k, 1 + k), constants (T,), and Q (n, q)."""
+    """Tiles in whitened coordinates: X (T, k', q), c (T, q), S⁻¹ (T, k', k'), constants (T,), and Q (n, q).
+
+    k' = 1 + k with a free modulus, else k.
+    """
 
     tiles: Tiles
     X: np.ndarray
@@ -102,17 +125,32 @@ class Ready:
     white: Whitening
     Q: np.ndarray
 
+    def middle(self, t: int) -> np.ndarray:
+        """Whitened prediction (n,) in the middle of a tile, at μ₀ where the modulus is free."""
+        return self.Q @ (self.c[t] + (self.X[t, 0] if self.tiles.moduli is None else 0.0))
+
+    def state(self, tile: np.ndarray, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Modulus over μ₀ (m,) and ξ (m, k) of draws `local` (m, k') in tiles (m,)."""
+        if self.tiles.moduli is None:
+            return local[:, 0], local[:, 1:]
+        own = self.tiles.moduli[tile] / self.scale
+        if self.tiles.tied is None:
+            return own, local
+        farthest = FARTHEST * self.tiles.sd[self.tiles.tied]
+        return own * (1.0 + np.clip(local[:, self.tiles.tied] / own, -farthest, farthest)), local
+
 
 def ready(tiles: Tiles, white: Whitening, modulus: float) -> Ready:
     """Everything of a hypothesis that does not depend on the values measured; `modulus` is μ₀."""
     B = np.eye(len(tiles.A[0])) if tiles.basis is None else tiles.basis
     Q, R = np.linalg.qr(white(B.T).T)
     X = np.concatenate([(tiles.A @ R.T)[:, None], tiles.D @ R.T], axis=1) * modulus
-    P = np.concatenate([[1e-8], tiles.sd**-2])  # flat, but for rows that know nothing of μ
+    X, c = tiles.linear(X, tiles.c @ R.T, modulus)
+    P = 1.0 / tiles.spread(1e8, tiles.sd)  # flat, but for rows that know nothing of μ
     S = X @ X.transpose(0, 2, 1) + np.diag(P)
     _, log_det = np.linalg.slogdet(S)
     constant = tiles.log_prior - 0.5 * log_det - np.sum(np.log(tiles.sd)) - 0.5 * white.log_det
-    return Ready(tiles, X, tiles.c @ R.T, np.linalg.inv(S), constant - 0.5 * len(white.rows) * np.log(2 * np.pi)
+    return Ready(tiles, X, c, np.linalg.inv(S), constant - 0.5 * len(white.rows) * np.log(2 * np.pi)
                  + 0.5 * np.log(2 * np.pi), modulus, white, Q)  # fmt: skip
 
 
@@ -158,17 +196,20 @@ def posterior(h: Ready, y: np.ndarray, draws: int, rng: np.random.Generator) -> 
         local[mine] = mean + rng.standard_normal((mine.sum(), k)) @ root.T
     at = h.tiles.at[tile].copy()
     strayed = np.zeros(at.shape, bool)
+    m, moved = h.state(tile, local)
     for j, (axis, log) in enumerate(zip(h.tiles.axes, h.tiles.log, strict=True)):
         if axis < 0:
             continue
         # a tile says nothing beyond its own surroundings
-        ξ, farthest = local[:, 1 + j] / np.maximum(local[:, 0], 0.1), FARTHEST * h.tiles.sd[j]
+        ξ, farthest = moved[:, j] / np.maximum(m, 0.1), FARTHEST * h.tiles.sd[j]
         strayed[:, axis] = np.abs(ξ) >= farthest
         ξ = np.clip(ξ, -farthest, farthest)
         # the forces of a tile are linear in the size itself: s (1 + ξ), not s exp ξ, is where they stand
         floor = np.exp(-farthest)
         at[:, axis] = at[:, axis] * np.maximum(1.0 + ξ, floor) if log else at[:, axis] + ξ
-    return Posterior(h.scale * local[:, 0], at, tile, local, strayed)
+        if j == h.tiles.tied:  # ln μ, to every digit: what is fixed stays so
+            at[:, axis] = np.log(h.scale * m)
+    return Posterior(h.scale * m, at, tile, local, strayed)
 
 
 def simulate(h: Ready, post: Posterior, rng: np.random.Generator) -> np.ndarray:

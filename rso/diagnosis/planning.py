@@ -45,7 +45,8 @@ def framed(base: Base, plan: TestPlan) -> Frame:
     """The frame of a library; ValueError for a base model that cannot have one."""
     d = len(base.axes)
     if d not in (0, *BASE_NODES):
-        raise ValueError(f"diagnosis handles at most two open parameters besides the modulus, not {d}: fix some")
+        held = f" (what stays where the modulus moves, {', '.join(base.held)}, counts as one)" if base.held else ""
+        raise ValueError(f"diagnosis handles at most two open parameters besides the modulus, not {d}{held}: fix some")
     several = len({round(np.log(t.speed), 1) for t in plan.tests}) > 1
     if (several or any(t.held.any() for t in plan.tests)) and rated(base, plan):
         raise ValueError(

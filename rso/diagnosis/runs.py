@@ -43,7 +43,9 @@ class BaseAxis:
 class Base:
     """The base model: its modulus with a reference value, the other open parameters, and fixed values.
 
-    Settings of many cheap runs, `draft`, and of those on the study's mesh, `lean`.
+    Settings of many cheap runs, `draft`, and of those on the study's mesh, `lean`.  Fixed values with a stress in their
+    unit, `held` with its exponent e, stay where the modulus moves, so that it needs an axis of its own, named as it is:
+    at the reference modulus μ₀ they are p (μ/μ₀)^−e.  Without such an axis `low` = `high` is a modulus that is fixed.
     """
 
     backend: Backend
@@ -55,11 +57,25 @@ class Base:
     fixed: Mapping[str, float]
     draft: Mapping[str, Any]
     lean: Mapping[str, Any] = field(default_factory=dict)
+    held: Mapping[str, int] = field(default_factory=dict)
 
     def values(self, x: Sequence[float]) -> dict[str, float]:
         """Knobs at coordinates x of the axes, at the reference modulus."""
         own = {a.name: float(a.physical(v, self.reference)) for a, v in zip(self.axes, x, strict=True)}
-        return {**self.fixed, self.modulus: self.reference, **own}
+        scale = own.pop(self.modulus, self.reference) / self.reference
+        held = {k: self.fixed[k] * scale**-e for k, e in self.held.items()}
+        return {**self.fixed, **held, self.modulus: self.reference, **own}
+
+    @property
+    def tied(self) -> int | None:
+        """Which axis is the modulus itself."""
+        return next((k for k, a in enumerate(self.axes) if a.name == self.modulus), None)
+
+    def moduli(self, x: np.ndarray) -> np.ndarray | None:
+        """The modulus (T,) that belongs to coordinates x (T, d); None where it is free there."""
+        if self.tied is not None:
+            return np.asarray(self.axes[self.tied].physical(x[:, self.tied]))
+        return np.full(len(x), self.low) if self.low == self.high else None
 
     @property
     def centre(self) -> tuple[float, ...]:

@@ -16,6 +16,7 @@ from rso.diagnosis.library import Library
 from rso.diagnosis.next_test import NextTest, next_tests
 from rso.diagnosis.rerun import Check
 from rso.diagnosis.responses import FORCES
+from rso.diagnosis.runs import Base
 from rso.diagnosis.testplan import HELD, LOADING, Profile, TestPlan
 from rso.diagnosis.words import words
 from rso.running import Task
@@ -38,7 +39,8 @@ def story(
     found = {
         "schema": SCHEMA,
         "title": title,
-        "units": {library.base.modulus: "MPa", **{a.name: a.unit for a in library.base.axes}},
+        "units": _units(library.base),
+        "fixed": dict(library.base.fixed),
         "modulus": {"name": library.base.modulus, "low": library.base.low, "high": library.base.high},
         "diagnosis": block(d, visible, tests),
         "experiments": [_experiment(e) for e in library.plan.experiments],
@@ -155,6 +157,12 @@ def signatures(library: Library, d: Diagnosis) -> list[dict[str, Any]]:
                                       **{c: change[i, j].tolist() for j, c in enumerate(FORCES)}}
                                      for i, p in enumerate(place.passes)]})  # fmt: skip
     return found
+
+
+def _units(base: Base) -> dict[str, str]:
+    """Of the open parameters and of the fixed ones."""
+    fixed = {p.name: p.unit for p in base.backend.parameters if p.name in base.fixed}
+    return {base.modulus: "MPa", **{a.name: a.unit for a in base.axes}, **fixed}
 
 
 def _experiment(e: Any) -> dict[str, Any]:

@@ -17,7 +17,7 @@ def words(found: Mapping[str, Any]) -> list[str]:
         out += [_where(d), _cause(d, found) + _remainder(d)]
     if (closed := _shrinkage(d)) is not None:
         out.append(closed + _alone(d, found))
-    out += _parameters(d, found) + _outside(d, found)
+    out += _parameters(d, found) + _fixed(found) + _outside(d, found)
     if checks := _checks(found):
         out.append(checks)
     out += _unseen(d, found)
@@ -166,12 +166,19 @@ def percents(interval: Sequence[float]) -> str:
 
 def _parameters(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
     before, after = d["parameters"]["before"], d["parameters"]["after"]
-    if d["verdict"] in ("no_gap", "unexplained"):
+    if d["verdict"] in ("no_gap", "unexplained") or not before:
         return []
     k = next(iter(before))
     was, now = ([f"{p[k][v]:.4g}" for v in ("median", "low", "high")] for p in (before, after))
     unit = found.get("units", {}).get(k, "")
     return [f"{k} moves from {was[0]} {unit} (90 % {was[1]} to {was[2]}) to {now[0]} {unit} ({now[1]} to {now[2]})."]
+
+
+def _fixed(found: Mapping[str, Any]) -> list[str]:
+    """What the study fixes, so that no fit has moved it."""
+    units = found.get("units", {})
+    each = [f"{k} = {v:.4g} {units.get(k, '')}".removesuffix(" 1").rstrip() for k, v in found.get("fixed", {}).items()]
+    return [f"Fixed by the study, not fitted: {', '.join(each)}."] if each else []
 
 
 def _outside(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:

@@ -25,13 +25,14 @@ from rso.store import RunStore
 from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, place_of_setting
 from rso.study.errors import Problem, choose, study_error
 from rso.study.plan import source_of
-from rso.study.resolve import Resolved, resolve
+from rso.study.resolve import Axis, Resolved, resolve
 from rso.study.schema import Study
 from rso.units import quantity
 
 Watch = Callable[[Event], None]
 FILE = "diagnosis.json"
 ROUNDS = 2  # of finalists computed anew
+BEYOND = 1.5  # times the range of a modulus that moves what is fixed over it: how far simulations go on each side
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -70,6 +71,7 @@ def ask(study: Study) -> Asked:
         raise study_error(study.file, study.lines, [Problem(("experiments",), text)])
     opened = [a.name for a in resolved.axes]
     every = diagnosis.catalogue(backend, study.backend.settings, resolved.fixed, opened)
+    every = tuple(e for e in every if e.size.name not in base.held)  # known, and no multiple of the modulus
     measured = {c for t in plan.seen().tests for c in t.channels}
     effects = diagnosis.recorded(every, measured)
     wanted = study.diagnose.effects
@@ -152,44 +154,50 @@ def _experiment(study: Study, n: int) -> Experiment:
 
 
 def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
-    """The open parameters with one modulus scaled out; StudyError where none can be."""
+    """The open parameters with one modulus scaled out; StudyError where none can be.
+
+    That is the first open one, or else the first that is fixed.  What is fixed with a stress in its unit does not go
+    with an open modulus: there it is an axis of simulations too, at p (μ/μ₀)^−e.
+    """
     parameters = [dataclasses.replace(a.parameter, low=a.low, high=a.high) for a in resolved.axes]
-    neutral = {p.name: p.neutral for p in backend.parameters}
-    units = {p.name: p.unit for p in backend.parameters}
-    held = {k: units[k] for k, v in resolved.fixed.items() if v not in (neutral[k], 0.0)}
+    constant = {p.name: p for p in backend.parameters if resolved.fixed.get(p.name, p.neutral) not in (p.neutral, 0.0)}
     try:
-        scaling = group(parameters, backend.channels, constants=held)
+        scaling = group(parameters, backend.channels)
+        held = {k: e for k, p in constant.items() if (e := stress_exponent(p.unit))}
     except ValueError as error:
         raise study_error(study.file, study.lines, [Problem(("parameters",), str(error))]) from error
-    if scaling.reference is None:
-        raise study_error(study.file, study.lines, _no_modulus(backend, held))
-    reference = scaling.reference_value
-    ranges = scaling.reduced_range({a.name: a.low for a in resolved.axes}, {a.name: a.high for a in resolved.axes})
-    own = {a.name: a for a in resolved.axes}
-    axes = []
-    for name, (low, high) in ranges.items():
-        e = scaling.exponents[name]
-        factor = reference**-e
-        axes.append(BaseAxis(name, own[name].parameter.unit, low * factor, high * factor, own[name].scale == "log" or
-                             (low > 0 and high / low > 4), e))  # fmt: skip
-    modulus = own[scaling.reference]
+    own, fixed = {a.name: a for a in resolved.axes}, dict(resolved.fixed)
+    modulus, reference = scaling.reference, scaling.reference_value
+    ranges = scaling.reduced_range({k: a.low for k, a in own.items()}, {k: a.high for k, a in own.items()})
+    if modulus is None:
+        modulus = next((k for k, e in held.items() if e == 1 and fixed[k] > 0.0), None)
+        if modulus is None:
+            raise study_error(study.file, study.lines, _no_modulus(backend))
+        held.pop(modulus)
+        reference = low = high = fixed[modulus]
+    else:
+        low, high = own[modulus].low, own[modulus].high
+    axes = [_axis(own[k], *ends, scaling.exponents[k], reference) for k, ends in ranges.items()]
+    if held and low < high:
+        axes.insert(0, BaseAxis(modulus, own[modulus].parameter.unit, low / BEYOND, high * BEYOND, True, 0))
     lean = getattr(backend, "lean", {})
     draft = dict(getattr(backend, "draft", lean)) | dict(study.diagnose.settings)
-    return Base(
-        backend, scaling.reference, reference, modulus.low, modulus.high, tuple(axes), dict(resolved.fixed), draft, lean
-    )
+    return Base(backend, modulus, reference, low, high, tuple(axes), fixed, draft, lean, held)
 
 
-def _no_modulus(backend: Backend, held: Mapping[str, str]) -> list[Problem]:
-    """Why no modulus can be scaled out, at each parameter whose value is in the way, and what helps."""
-    needs = "diagnosis needs one open parameter with the unit of a stress that the forces scale with"
-    fixed = {k: unit for k, unit in held.items() if stress_exponent(unit) != 0}
-    if fixed:
-        words = "a fixed value with a stress in its unit ({}) stands in the way: give low and high instead of value"
-        return [Problem(("parameters", k), f"{needs}; {words.format(unit)}") for k, unit in fixed.items()]
+def _axis(a: Axis, low: float, high: float, exponent: int, reference: float) -> BaseAxis:
+    """An open parameter over the modulus to its exponent, from its range at the reference modulus."""
+    factor = reference**-exponent
+    log = a.scale == "log" or (low > 0 and high / low > 4)
+    return BaseAxis(a.name, a.parameter.unit, low * factor, high * factor, log, exponent)
+
+
+def _no_modulus(backend: Backend) -> list[Problem]:
+    """No modulus can be scaled out: which there are."""
     moduli = [p.name for p in backend.parameters if stress_exponent(p.unit) == 1 and p.low > 0]
     choices = f"one of {', '.join(moduli)}" if moduli else "this backend declares none that is positive"
-    return [Problem(("parameters",), f"{needs}: {choices} with low and high")]
+    needs = "diagnosis needs one parameter with the unit of a stress that the forces scale with"
+    return [Problem(("parameters",), f"{needs}: {choices} with low and high, or with value where it is known")]
 
 
 def run_diagnosis(

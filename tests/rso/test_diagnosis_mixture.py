@@ -1,5 +1,7 @@
 """Evidence, posterior and simulation within tiles against brute force, and where a gap is against leaving it out."""
 
+import dataclasses
+
 import diagnosis_backend as toy
 import numpy as np
 import pytest
@@ -209,3 +211,44 @@ def test_the_largest_region_of_null_data_exceeds_the_threshold_in_five_percent()
         found = localise(plan, h, cov, 0.0105 * u**1.5 + L @ rng.standard_normal(len(u)), k)
         above += abs(found.regions[0].z) > found.threshold
     assert 2 <= above <= 20  # binomial(200, 0.05): 99.8 %
+
+
+# ---- a modulus that is not free
+
+
+@pytest.mark.parametrize("tied", [None, 0])
+def test_evidence_and_draws_with_a_known_modulus_are_those_along_the_line(tied):
+    """m = m_t, or m = m_t + ξ where the coordinate is ln μ: one integral over ξ."""
+    own = 1.07
+    t = dataclasses.replace(tiles(1.0), moduli=np.array([own * M0]), tied=tied)
+    white = whitening(C)
+    h = ready(t, white, M0)
+    ξ = np.linspace(-6 * SD, 6 * SD, 24001)
+    m = np.full(len(ξ), own) if tied is None else own + ξ
+    r = Y - SHIFT - M0 * (m[:, None] * A + ξ[:, None] * DIRECTION)
+    q = np.exp(-0.5 * np.einsum("xi,ij,xj->x", r, np.linalg.inv(C), r) - 0.5 * (ξ / SD) ** 2)
+    density = q.sum() * (ξ[1] - ξ[0]) / (np.sqrt(2 * np.pi) ** 5 * np.sqrt(np.linalg.det(C)) * SD)
+    # whether one prior of the modulus has a density or not is the same factor for all tiles and hypotheses
+    np.testing.assert_allclose(log_evidence(h, white(Y)[None])[0], np.log(density) + 0.5 * np.log(2 * np.pi), atol=1e-9)
+    post = posterior(h, white(Y), 40_000, np.random.default_rng(3))
+    mean = np.sum(m * q) / q.sum()
+    spread = np.sqrt(np.sum((m - mean) ** 2 * q) / q.sum())
+    np.testing.assert_allclose(post.modulus.mean(), M0 * mean, rtol=0, atol=1e-12 + 5 * M0 * spread / 200)
+    np.testing.assert_allclose(post.modulus.std(), M0 * spread, rtol=0.02, atol=1e-12)
+    if tied is not None:
+        np.testing.assert_array_equal(post.at[:, 0], np.log(post.modulus))
+    W = simulate(h, post, np.random.default_rng(4)) @ white.L.T
+    best = np.sum(q[:, None] * (Y - r), axis=0) / q.sum()
+    np.testing.assert_allclose(W.mean(0), best, rtol=0, atol=5 * np.sqrt(W.var(0).max()) / 200)
+    np.testing.assert_allclose(white.L @ mean_prediction(h, white(Y)), best, rtol=0, atol=1e-9)
+
+
+def test_a_hypothesis_of_which_nothing_is_open_is_a_density():
+    t = tiles(1.0)
+    t = dataclasses.replace(t, D=t.D[:, :0], sd=t.sd[:0], axes=(), log=(), moduli=np.array([M0]))
+    white = whitening(C)
+    h, r = ready(t, white, M0), Y - SHIFT - M0 * A
+    wanted = -0.5 * (r @ np.linalg.solve(C, r) + np.linalg.slogdet(2 * np.pi * C)[1])
+    np.testing.assert_allclose(log_evidence(h, white(Y)[None])[0] - 0.5 * np.log(2 * np.pi), wanted, rtol=1e-12)
+    post = posterior(h, white(Y), 7, np.random.default_rng(0))
+    np.testing.assert_array_equal(post.modulus, np.full(7, M0))

@@ -117,6 +117,56 @@ def test_effects_of_channels_that_were_not_measured_are_no_effects_of_the_study(
     assert "gain" in names and not names & {"cross_x", "cross_y"}
 
 
+RANGE = {
+    "mu": 'mu = { low = "6 kPa", high = "24 kPa", scale = "log" }',
+    "D1": 'D1 = { low = "15 1/MPa", high = "150 1/MPa", scale = "log" }',
+}
+VALUE = {"mu": 'mu = { value = "12 kPa" }', "D1": "D1 = { value = 60.0 }"}
+
+
+def fixing(*names: str) -> str:
+    """The study with some parameters fixed at the truth."""
+    text = STUDY
+    for k in names:
+        assert RANGE[k] in text
+        text = text.replace(RANGE[k], VALUE[k])
+    return text
+
+
+@pytest.mark.parametrize(
+    ("names", "axes"),
+    [((), {"D1": (0.09, 3.6)}), (("D1",), {"mu": (0.004, 0.036)}), (("mu",), {"D1": (0.18, 1.8)})],
+)
+def test_axes_of_simulations_are_what_is_open(tmp_path, names, axes):
+    """An open D1 over 1/mu, as ever; mu itself, half as far again on each side, where D1 is fixed."""
+    asked = ask(load(write(tmp_path, fixing(*names))))
+    base = asked.base
+    assert [a.name for a in base.axes] == list(axes) and base.modulus == "mu"
+    for a in base.axes:
+        np.testing.assert_allclose((a.low, a.high), axes[a.name], rtol=1e-12)
+    assert (base.low == base.high == base.reference == 0.012) is ("mu" in names)
+    assert dict(base.held) == ({"D1": -1} if "D1" in names else {})
+    assert not {"mu", "D1"} & {e.size.name for e in asked.effects}
+
+
+def test_a_study_that_fixes_all_is_refused_with_what_to_write(tmp_path):
+    with pytest.raises(StudyError, match=r"study\.toml:9: parameters: .*at least one parameter needs low and high"):
+        ask(load(write(tmp_path, fixing("mu", "D1"))))
+
+
+def test_a_study_with_a_fixed_parameter_is_diagnosed_and_says_so(tmp_path):
+    text = fixing("D1").replace("html = false", "html = true")
+    done = rso("diagnose", write(tmp_path, text))
+    assert done.returncode == 0, done.stderr
+    (path,) = tmp_path.rglob("diagnosis.json")
+    found = strict(path)
+    assert found["fixed"] == {"D1": 60.0} and list(found["diagnosis"]["parameters"]["after"]) == ["mu"]
+    assert found["diagnosis"]["causes"][0]["effect"] == "soften"
+    said = "Fixed by the study, not fitted: D1 = 60 1/MPa."
+    (page,) = tmp_path.rglob("diagnosis.html")
+    assert said in done.stdout and said in page.read_text(encoding="utf-8")
+
+
 BROKEN = {
     "not measured": ('effects = ["stiff", "soften"]', 'effects = ["stiff", "cross_x"]', "measured are Fz"),
     "no such effect": ('effects = ["stiff", "soften"]', 'effects = ["stif"]', "diagnose.effects"),
@@ -188,10 +238,11 @@ def test_check_of_a_study_whose_diagnosis_cannot_be(tmp_path):
     done = rso("check", "--trust", write(tmp_path / "asked", STUDY.replace(old, new)))
     assert done.returncode == 2 and message in done.stderr
     silent = STUDY.replace('[diagnose]\neffects = ["stiff", "soften"]\n', "")
-    silent = silent.replace('mu = { low = "6 kPa", high = "24 kPa", scale = "log" }', 'mu = { value = "9 kPa" }')
+    more = "[parameters]\nstiff = { low = 0.0, high = 1.0 }\ntwin = { low = 0.0, high = 1.0 }"
+    silent = silent.replace("[parameters]", more)
     done = rso("check", "--trust", write(tmp_path / "silent", silent))
     assert done.returncode == 0, done.stderr
-    assert "rso diagnose: not with this study: line " in done.stdout and "stress" in done.stdout
+    assert "rso diagnose: not with this study: line " in done.stdout and "at most two open" in done.stdout
 
 
 def test_a_record_of_minutes_has_a_lag_and_a_drift_of_minutes(tmp_path):

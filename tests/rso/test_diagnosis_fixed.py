@@ -1,0 +1,183 @@
+"""A diagnosis with a fixed parameter: fits, simulated data and reruns all keep to it, and the report says so."""
+
+import dataclasses
+import functools
+import json
+
+import diagnosis_backend as toy
+import numpy as np
+import pytest
+
+from rso import diagnosis
+from rso.contract import plain
+from rso.diagnosis import Base, BaseAxis, Library, attribute, build, finalists, make_plan, mended, story
+from rso.diagnosis.attribute import Evidence
+from rso.diagnosis.mixture import posterior
+from rso.diagnosis.prediction import predict
+
+MU, D1 = toy.TRUTH["mu"], toy.TRUTH["D1"]
+LOW, HIGH = 0.006, 0.024
+NAMES = ("stiff", "soften", "bias")
+
+
+def base(mu: float | None = None, D1: float | None = None) -> Base:
+    """The base model with what is given fixed, else open: mu from LOW to HIGH, D1 from 15 to 150."""
+    reference = mu or (LOW * HIGH) ** 0.5
+    low, high = (mu, mu) if mu else (LOW, HIGH)
+    κ = BaseAxis("D1", "1/MPa", 15.0 * low, 150.0 * high, True, -1)
+    own = BaseAxis("mu", "MPa", low / 1.5, high * 1.5, True, 0)
+    axes = (κ,) if D1 is None else () if mu else (own,)
+    fixed = {k: v for k, v in (("mu", mu), ("D1", D1)) if v is not None}
+    held = {"D1": -1} if D1 else {}
+    return Base(toy.BACKEND, "mu", reference, low, high, axes, fixed, {}, held=held)
+
+
+
+
+def experiments(seed: int, truth=None, **chain: float):
+    """Repeats, a cycle, a deep curve to be held out, of little scatter in the gain."""
+    rng, body = np.random.default_rng(seed), {**toy.TRUTH, **(truth or {})}
+    chain = {"scatter": 0.002, **chain}
+    noise = dataclasses.replace(toy.STATED, gain=0.002)
+    deep = toy.recorded(body, rng, peak=6.0, earlier=4.0, **chain)
+    cycle = toy.recorded(body, rng, unload=True, earlier=4.0, **chain)
+    return [
+        toy.experiment("load", toy.recorded(body, rng, repeats=3, **chain), noise=noise),
+        toy.experiment("cycle", cycle, noise=noise, after=("load",)),
+        toy.experiment("deep", deep, noise=noise, after=("cycle",)),
+    ]
+
+
+@functools.cache
+def tables(of: tuple[float | None, float | None]) -> Library:
+    return build(base(*of), make_plan(experiments(0)), toy.effects(*NAMES), toy.run)
+
+
+def library(mu: float | None = None, D1: float | None = None, seed: int = 1, truth=None) -> Library:
+    return dataclasses.replace(tables((mu, D1)), plan=make_plan(experiments(seed, truth)))
+
+
+def diagnose(mu: float | None = None, D1: float | None = None, seed: int = 1, truth=None):
+    own = library(mu, D1, seed, truth)
+    return own, diagnosis.diagnose(own, seed, nulls=60)
+
+
+def width(span: tuple[float, float, float]) -> float:
+    return float(np.log(span[2] / span[0]))
+
+
+FIXED = {"D1": (None, D1), "mu": (MU, None), "both": (MU, D1)}
+
+
+# ---- what is simulated and fitted
+
+
+@pytest.mark.parametrize("value", [0.3, 60.0, 400.0])
+def test_simulations_have_the_fixed_value_at_every_modulus(value):
+    """All runs are at the reference modulus μ₀, where a fixed D1 is D1 μ/μ₀."""
+    own, seen = base(D1=value), []
+    build(own, make_plan(experiments(0)), toy.effects("stiff"), lambda tasks: seen.extend(tasks) or toy.run(tasks))
+    κ = np.array([t.values["mu"] * t.values["D1"] for t in seen])
+    assert {t.values["mu"] for t in seen} == {own.reference}
+    np.testing.assert_allclose([κ.min(), κ.max()], [value * LOW / 1.5, value * HIGH * 1.5], rtol=1e-9)
+    x = np.linspace(*own.axes[0].ends, 7)
+    at = np.array([own.values((v,))["D1"] for v in x]) * own.reference / own.moduli(x[:, None])
+    np.testing.assert_allclose(at, value, rtol=1e-12)
+
+
+@pytest.mark.parametrize("effects", [(), ("stiff",), ("soften", "bias")])
+def test_every_draw_of_every_fit_keeps_the_fixed_value(effects):
+    """And its forces are those of that value: a tile is linear, so that half its width is 0.3 % off."""
+    own = library(D1=D1, truth={"stiff": 0.4})
+    y = own.plan.values()
+    evidence = Evidence(attribute.set_up(own, y), own.effects)
+    chosen = [e for e in own.effects if e.name in effects]
+    h = evidence.ready(chosen)
+    post = posterior(h, h.white(y), 300, np.random.default_rng(0))
+    found = [own.base.values(x[:1])["D1"] * own.base.reference / m for x, m in zip(post.at, post.modulus, strict=True)]
+    np.testing.assert_allclose(found, D1, rtol=1e-12)
+    assert np.ptp(post.modulus) > 0
+    linear = (np.einsum("mk,mkq->mq", post.local, h.X[post.tile]) + h.c[post.tile]) @ h.Q.T @ h.white.L.T
+    A, c = predict(own, chosen, post.at, evidence.bench.modulus)
+    direct = post.modulus[:, None] * A + c
+    off = np.sqrt(np.mean((linear - direct) ** 2)) / np.max(np.abs(direct))
+    assert off < (0.003 if not chosen else 0.02)
+
+
+def test_simulated_nulls_are_of_the_fixed_value():
+    """Fitted with D1 open they scatter around it as the data themselves do; a wrong value would be found as such."""
+    for of, right in ((D1, True), (1.0, False)):
+        own, free = library(D1=of), library()
+        y = own.plan.values()
+        mine = Evidence(attribute.set_up(own, y), own.effects)
+        other = Evidence(attribute.set_up(free, y), free.effects)
+        Y = attribute.nulls(mine, y, 30, 4)
+        h = other.ready(())
+        posts = [posterior(h, h.white(v), 60, np.random.default_rng(k)) for k, v in enumerate(Y)]
+        found = np.array([np.median(np.exp(p.at[:, 0]) / p.modulus) for p in posts])
+        assert bool(0.6 * D1 < np.median(found) < 1.6 * D1) is right, found
+
+
+# ---- what is found
+
+
+@pytest.mark.parametrize("of", FIXED)
+def test_with_the_true_value_fixed_the_cause_is_found_and_the_rest_is_known_no_worse(of):
+    """Its size and the modulus too: an interval of 90 % holds the truth, widened by half on each side always."""
+    truth = {"soften": 0.25}
+    _, free = diagnose(truth=truth)
+    _, d = diagnose(*FIXED[of], truth=truth)
+    assert d.named == ("soften",) and d.verdict in ("explained", "partly")
+    (size,) = (c for c in d.causes if c.effect.name == "soften")
+    low, high = size.interval
+    assert 1.5 * low - 0.5 * high < 0.25 < 1.5 * high - 0.5 * low
+    after = d.parameters["after"]
+    assert set(after) == {"mu", "D1"} - ({"mu", "D1"} if of == "both" else {of})
+    for name, span in after.items():
+        value = toy.TRUTH[name]
+        assert span[0] / 1.02 < value < span[2] * 1.02, (name, span)
+        assert width(span) <= 1.02 * width(free.parameters["after"][name])
+    if of == "D1":
+        assert width(after["mu"]) < 0.8 * width(free.parameters["after"]["mu"])
+
+
+def test_a_wrong_value_is_a_bias_or_a_gap_and_no_error():
+    """A hundredth of the true D1 misses a tenth of the force at depth."""
+    _, right = diagnose(D1=D1)
+    own, wrong = diagnose(D1=1.0)
+    low, _, high = wrong.parameters["before"]["mu"]
+    assert right.verdict == "no_gap" and right.parameters["before"]["mu"][0] < MU < right.parameters["before"]["mu"][2]
+    assert wrong.verdict != "no_gap" and not low < MU < high
+    assert story(own, wrong, 1, toy.run, "toy")["words"]
+
+
+def test_a_modulus_far_outside_its_range_is_said_and_no_error():
+    """Three times the range is beyond all simulations with a fixed D1, and is what the fit runs up against."""
+    own, d = diagnose(D1=D1, truth={"mu": 3.0 * HIGH})
+    found = story(own, d, 1, None, "toy")
+    assert d.parameters["before"]["mu"][1] > HIGH
+    assert any("lies outside the range of the study" in w for w in found["words"])
+
+
+def test_a_cause_is_computed_anew_with_the_fixed_value():
+    own, d = diagnose(D1=D1, truth={"soften": 0.25})
+    picks, seen = finalists(own, d), []
+    assert [e.name for e in picks] == ["soften"]
+    _, check = mended(own, picks, lambda tasks: seen.extend(tasks) or toy.run(tasks))
+    (at,) = picks.values()
+    np.testing.assert_allclose([t.values["D1"] * t.values["mu"] for t in seen], D1 * np.exp(at[0]), rtol=1e-9)
+    assert check.failed == 0 and check.rms < 0.01
+
+
+# ---- what is said
+
+
+@pytest.mark.parametrize("of", FIXED)
+def test_what_is_fixed_is_said_and_has_no_interval(of):
+    own, d = diagnose(*FIXED[of], truth={"soften": 0.25})
+    found = json.loads(json.dumps(plain(story(own, d, 1, None, "toy"))))
+    held = {k: toy.TRUTH[k] for k in (("mu", "D1") if of == "both" else (of,))}
+    assert found["fixed"] == held and not held.keys() & found["diagnosis"]["parameters"]["after"].keys()
+    (said,) = (w for w in found["words"] if w.startswith("Fixed by the study"))
+    assert all(f"{k} = {v:.4g} " in said for k, v in held.items())
+    assert not any(f"{k} moves" in w for k in held for w in found["words"])
