@@ -10,9 +10,10 @@ import numpy as np
 
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.library import Library
-from rso.diagnosis.mixture import Tiles, compressed
+from rso.diagnosis.mixture import Kept, Tiles, compressed
 from rso.diagnosis.nodes import placed, points, timed
 from rso.diagnosis.prediction import predict
+from rso.diagnosis.runs import BaseAxis
 from rso.diagnosis.testplan import HELD, LOADING, UNLOADING, Profile, TestPlan
 
 BASE_TILES = {0: 1, 1: 11, 2: 5}
@@ -58,13 +59,21 @@ def tiles(
 
     `coarse` takes fewer tiles per effect, for pairs; the basis spans the forces of `base` too.
     """
-    levels = [_even(*a.ends, BASE_TILES[len(library.base.axes)]) for a in library.base.axes]
+    kept = {j: v for j, a in enumerate(library.base.axes) if (v := _kept(a, modulus))}
+    levels = []
+    for j, a in enumerate(library.base.axes):
+        shift = kept[j].slope * np.log(modulus) if j in kept else 0.0
+        low, high = (kept[j].low + shift, kept[j].high + shift) if j in kept else a.ends
+        levels.append(_even(max(low, a.ends[0]), min(high, a.ends[1]), BASE_TILES[len(library.base.axes)]))
     for e in effects:
         levels.append(_sizes(e, coarse))
         for s in e.shape:
             n = TIME_TILES if timed(s) else PLACE_TILES if placed(s) else SUPPORT_TILES if e.settings else SHAPE_TILES
             levels.append(_even(*s.ends()[0], n - (FEWER if coarse and n > SHAPE_TILES else 0)))
     at = points([v.at for v in levels])
+    moduli = library.base.moduli(at)
+    for j, own in kept.items() if moduli is not None else ():  # each tile has its modulus
+        at[:, j] += own.slope * np.log(moduli / modulus)
     prior = np.array([sum(p) for p in itertools.product(*[v.log_prior for v in levels])])
     moving = [j for j, v in enumerate(levels) if v.width > 0]
     A, c = predict(library, effects, at, modulus)
@@ -79,8 +88,9 @@ def tiles(
         D[:, k] = ((ends[1][0] - ends[0][0]) + (ends[1][1] - ends[0][1]) / modulus) / (2 * _STEP * v.width)
     sd = np.array([0.5 * levels[j].width for j in moving])
     along = library.base.tied
-    own = Tiles(A, c, D, sd, at, prior, tuple(moving), tuple(levels[j].log for j in moving),
-                moduli=library.base.moduli(at), tied=None if along is None else moving.index(along))  # fmt: skip
+    own = Tiles(A, c, D, sd, at, prior, tuple(moving), tuple(levels[j].log for j in moving), moduli=moduli,
+                tied=None if along is None else moving.index(along),
+                kept={moving.index(j): own for j, own in kept.items()})  # fmt: skip
     also = np.zeros((0, A.shape[1]))
     if base is not None:
         also = np.concatenate([base.lift(base.A), base.lift(base.c) / modulus])
@@ -100,6 +110,17 @@ def blocks(plan: TestPlan) -> dict[tuple[int, str, int], np.ndarray]:
             if len(mine):
                 found.setdefault(key, []).append(mine)
     return {k: np.concatenate(v) for k, v in found.items()}
+
+
+def _kept(axis: BaseAxis, modulus: float) -> Kept | None:
+    """The range of a parameter itself; None where there is none, or where nothing of it was computed at a modulus."""
+    if axis.kept is None:
+        return None
+    low, high = np.log(axis.kept)
+    shift = -axis.exponent * np.log(modulus)
+    if low + shift >= axis.ends[1] or high + shift <= axis.ends[0]:
+        return None
+    return Kept(-float(axis.exponent), float(low), float(high))
 
 
 def _even(low: float, high: float, n: int) -> _Levels:

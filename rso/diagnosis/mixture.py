@@ -13,8 +13,8 @@ coordinates R of that space, and Qᵀ takes the data there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -24,6 +24,16 @@ FARTHEST = 4.0  # standard deviations from the middle of a tile, twice the dista
 TOLERANCE = 2e-5  # of the largest force: far below what readings scatter by
 
 
+@dataclass(frozen=True)
+class Kept:
+    """A parameter p with a range of its own, `low` to `high` of ln p, whose coordinate is ln p + `slope` ln μ: one that
+    the modulus takes along, so that its direction moves p alone."""
+
+    slope: float
+    low: float
+    high: float
+
+
 @dataclass(frozen=True, eq=False)
 class Tiles:
     """A hypothesis: force parts A (T, r), displacement parts c (T, r), directions D (T, k, r), their spread sd (k,).
@@ -31,7 +41,7 @@ class Tiles:
     `at` (T, d) are the coordinates of the tiles; `axes` (k,) says which coordinate a direction moves (−1: none), on
     `log` ones (k,) in proportion; `log_prior` (T,) sums to 1.  Vectors v (r,) stand for B v, B = `basis` (n, r), or for
     themselves where there is none.  `moduli` (T,) are those of the tiles, None where the modulus is free; the direction
-    `tied` moves it too.
+    `tied` moves it too.  `kept` are directions of parameters with a range of their own.
     """
 
     A: np.ndarray
@@ -45,6 +55,7 @@ class Tiles:
     basis: np.ndarray | None = None
     moduli: np.ndarray | None = None
     tied: int | None = None
+    kept: Mapping[int, Kept] = field(default_factory=dict)
 
     def lift(self, v: np.ndarray) -> np.ndarray:
         """Vectors v (…, r) over the data (…, n)."""
@@ -52,13 +63,16 @@ class Tiles:
 
     def linear(self, X: np.ndarray, c: np.ndarray, modulus: float) -> tuple[np.ndarray, np.ndarray]:
         """Directions (T, k', r) and rest (T, r) that are left of X (T, 1 + k, r), first the force at μ₀, and c (T, r):
-        a modulus that is not free is no direction."""
+        a modulus that is not free is no direction, and one that is takes coordinates along."""
+        X, along = X.copy(), np.zeros_like(c)
+        for j, own in self.kept.items():
+            along += own.slope * X[:, 1 + j]
         if self.moduli is None:
-            return X, c
+            X[:, 0] += along
+            return X, c - along
         c = c + (self.moduli / modulus)[:, None] * X[:, 0]
         if self.tied is not None:
-            X = X.copy()
-            X[:, 1 + self.tied] += X[:, 0]
+            X[:, 1 + self.tied] += X[:, 0] + along
         return X[:, 1:], c
 
     def spread(self, free: float, sd: np.ndarray) -> np.ndarray:
@@ -209,6 +223,10 @@ def posterior(h: Ready, y: np.ndarray, draws: int, rng: np.random.Generator) -> 
         at[:, axis] = at[:, axis] * np.maximum(1.0 + ξ, floor) if log else at[:, axis] + ξ
         if j == h.tiles.tied:  # ln μ, to every digit: what is fixed stays so
             at[:, axis] = np.log(h.scale * m)
+        elif own := h.tiles.kept.get(j):
+            first = h.scale if h.tiles.moduli is None else h.tiles.moduli[tile]
+            μ = h.scale * np.maximum(m, 0.1)
+            at[:, axis] = own.slope * np.log(μ) + np.clip(at[:, axis] - own.slope * np.log(first), own.low, own.high)
     return Posterior(h.scale * m, at, tile, local, strayed)
 
 

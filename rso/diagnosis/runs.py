@@ -20,7 +20,10 @@ Run = Callable[[Sequence[Task]], list[Any]]
 
 @dataclass(frozen=True)
 class BaseAxis:
-    """One open parameter besides the modulus, reduced by it: ln or linear range, exponent of stress."""
+    """One open parameter besides the modulus, reduced by it: ln or linear range, exponent of stress.
+
+    `kept` is the range of the parameter itself, in its unit, that fits keep to; None: all of the axis, at any modulus.
+    """
 
     name: str
     unit: str
@@ -28,6 +31,7 @@ class BaseAxis:
     high: float
     log: bool
     exponent: int
+    kept: tuple[float, float] | None = None
 
     def physical(self, x: np.ndarray | float, modulus: float = 1.0) -> np.ndarray:
         """Value at coordinate x for a modulus."""

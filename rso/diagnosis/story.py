@@ -41,6 +41,7 @@ def story(
         "title": title,
         "units": _units(library.base),
         "fixed": dict(library.base.fixed),
+        "ranges": {a.name: list(a.kept) for a in library.base.axes if a.kept},
         "modulus": {"name": library.base.modulus, "low": library.base.low, "high": library.base.high},
         "diagnosis": block(d, visible, tests),
         "experiments": [_experiment(e) for e in library.plan.experiments],

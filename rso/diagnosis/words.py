@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 LEAST = -10.0  # times the gap: what is opened more widely need not be counted
+NEAR = 0.02  # of a range, in ln: a median that near to its end is pressed against it
 WORTH_SAYING = 0.1  # share of the gap from which a place is named
 
 
@@ -17,7 +18,7 @@ def words(found: Mapping[str, Any]) -> list[str]:
         out += [_where(d), _cause(d, found) + _remainder(d)]
     if (closed := _shrinkage(d)) is not None:
         out.append(closed + _alone(d, found))
-    out += _parameters(d, found) + _fixed(found) + _outside(d, found)
+    out += _parameters(d, found) + _fixed(found) + _outside(d, found) + _pressed(d, found)
     if checks := _checks(found):
         out.append(checks)
     out += _unseen(d, found)
@@ -193,6 +194,20 @@ def _outside(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
         f"{m['name']} = {mid} {unit} (90 % {low} to {high}) lies outside the range of the study, {m['low']:.4g} to "
         f"{m['high']:.4g} {unit}: look at that range, or at what makes the whole body {way}."
     ]
+
+
+def _pressed(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
+    """A parameter at the end of the range that its fits keep to: the data may want it beyond."""
+    out = []
+    for k, (low, high) in (found.get("ranges") or {}).items():
+        now, near = d["parameters"]["after"].get(k), (high / low) ** NEAR
+        if now is not None and not low * near < now["median"] < high / near:
+            unit = found.get("units", {}).get(k, "")
+            out.append(
+                f"{k} is pressed against the end of its range in the study, {low:.4g} to {high:.4g} {unit}: what data "
+                "want beyond it may look like a cause."
+            )
+    return out
 
 
 def _checks(found: Mapping[str, Any]) -> str | None:

@@ -177,7 +177,8 @@ def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
         reference = low = high = fixed[modulus]
     else:
         low, high = own[modulus].low, own[modulus].high
-    axes = [_axis(own[k], *ends, scaling.exponents[k], reference) for k, ends in ranges.items()]
+    keep = study.diagnose.keep_ranges
+    axes = [_axis(own[k], *ends, scaling.exponents[k], reference, keep) for k, ends in ranges.items()]
     if held and low < high:
         axes.insert(0, BaseAxis(modulus, own[modulus].parameter.unit, low / BEYOND, high * BEYOND, True, 0))
     lean = getattr(backend, "lean", {})
@@ -185,11 +186,12 @@ def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
     return Base(backend, modulus, reference, low, high, tuple(axes), fixed, draft, lean, held)
 
 
-def _axis(a: Axis, low: float, high: float, exponent: int, reference: float) -> BaseAxis:
+def _axis(a: Axis, low: float, high: float, exponent: int, reference: float, keep: bool) -> BaseAxis:
     """An open parameter over the modulus to its exponent, from its range at the reference modulus."""
     factor = reference**-exponent
     log = a.scale == "log" or (low > 0 and high / low > 4)
-    return BaseAxis(a.name, a.parameter.unit, low * factor, high * factor, log, exponent)
+    kept = (a.low, a.high) if keep and exponent and log and a.low > 0 else None
+    return BaseAxis(a.name, a.parameter.unit, low * factor, high * factor, log, exponent, kept)
 
 
 def _no_modulus(backend: Backend) -> list[Problem]:

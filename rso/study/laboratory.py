@@ -52,7 +52,7 @@ def study_text(folder: Path, seed: int, beside: Path) -> str:
         f"support = {nominal.support}", "", "[parameters]",
         f'mu = {{ low = "{MU[0]}", high = "{MU[1]}", scale = "log" }}',
         f'D1 = {{ low = "{D1[0]}", high = "{D1[1]}", scale = "log" }}',
-        "",
+        "", "[diagnose]", "keep_ranges = false  # nobody stated them", "",
     ]  # fmt: skip
     lines += ["[columns]", *_columns(nominal.columns), ""] if nominal.columns.headers() else []
     before: list[str] = []

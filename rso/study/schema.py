@@ -193,9 +193,13 @@ class VerifyTable(Table):
 
 
 class DiagnoseTable(Table):
-    """[diagnose]: `settings` replace those of the backend in the library of effects (a coarser mesh)."""
+    """[diagnose]: `settings` replace those of the backend in the library of effects (a coarser mesh).
+
+    Without `keep_ranges` an open parameter besides the modulus is bounded by the range of its product with that alone.
+    """
 
     effects: Annotated[Any, AfterValidator(names_of_effects)] = "all"
+    keep_ranges: bool = True
     settings: Settings = Field(default_factory=dict)
 
 

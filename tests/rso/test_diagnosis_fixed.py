@@ -12,8 +12,9 @@ from rso import diagnosis
 from rso.contract import plain
 from rso.diagnosis import Base, BaseAxis, Library, attribute, build, finalists, make_plan, mended, story
 from rso.diagnosis.attribute import Evidence
-from rso.diagnosis.mixture import posterior
+from rso.diagnosis.mixture import posterior, ready
 from rso.diagnosis.prediction import predict
+from rso.diagnosis.words import _pressed
 
 MU, D1 = toy.TRUTH["mu"], toy.TRUTH["D1"]
 LOW, HIGH = 0.006, 0.024
@@ -181,3 +182,67 @@ def test_what_is_fixed_is_said_and_has_no_interval(of):
     (said,) = (w for w in found["words"] if w.startswith("Fixed by the study"))
     assert all(f"{k} = {v:.4g} " in said for k, v in held.items())
     assert not any(f"{k} moves" in w for k in held for w in found["words"])
+
+
+# ---- a range
+
+
+def ranged(low: float, high: float, keep: bool = True) -> Library:
+    """The open base with another range of D1; its simulations are those of the wide one."""
+    own = library(truth={"soften": 0.25})
+    (κ,) = own.base.axes
+    axis = dataclasses.replace(κ, kept=(low, high) if keep else None)
+    return dataclasses.replace(own, base=dataclasses.replace(own.base, axes=(axis,)))
+
+
+@pytest.mark.parametrize(("low", "high"), [(15.0, 150.0), (40.0, 90.0), (15.0, 25.0)])
+def test_fits_keep_to_the_range_of_a_parameter_whatever_the_modulus(low, high):
+    """Its product with the modulus spans four times as much, and without it they leave the range."""
+    own = ranged(low, high)
+    d = diagnosis.diagnose(own, 1, nulls=60)
+    for post in d.posteriors.values():
+        found = np.exp(post.at[:, 0]) / post.modulus
+        assert low * (1 - 1e-9) <= found.min() and found.max() <= high * (1 + 1e-9)
+    if low < D1 < high:
+        assert d.named == ("soften",)
+        span = d.parameters["after"]["D1"]
+        assert span[0] < D1 < span[2]
+        free = diagnosis.diagnose(ranged(low, high, keep=False), 1, nulls=60).parameters["after"]["D1"]
+        assert width(span) <= 1.05 * width(free)
+    free = diagnosis.diagnose(ranged(low, high, keep=False), 1, nulls=60).posteriors["none"]
+    assert np.max(np.exp(free.at[:, 0]) / free.modulus) > high
+    assert (d.verdict == "explained") is (low < D1 < high)  # what a range keeps out is sought elsewhere
+
+
+def test_forces_of_a_fit_that_keeps_to_a_range_are_those_of_its_draws():
+    """Where the modulus is not that of the tiles by a tenth and more, too: it takes the product along."""
+    own = ranged(15.0, 150.0)
+    evidence = Evidence(attribute.set_up(own, own.plan.values()), own.effects)
+    tiles = dataclasses.replace(evidence.ready(()).tiles)
+    for share in (0.85, 1.2):
+        white = evidence.ready(()).white
+        h = ready(tiles, white, evidence.bench.modulus)
+        A, c = predict(own, (), tiles.at + np.log(share), evidence.bench.modulus)
+        direct = share * evidence.bench.modulus * A + c
+        linear = (share * h.X[:, 0] + h.c) @ h.Q.T @ white.L.T
+        fixed = share * (evidence.bench.modulus * tiles.lift(tiles.A)) + tiles.lift(tiles.c)
+        off, without = (np.max(np.abs(v - direct)) / np.max(np.abs(direct)) for v in (linear, fixed))
+        assert off < 0.002 and without > 4 * off, (off, without)
+
+
+@pytest.mark.parametrize(("median", "pressed"), [(15.2, True), (16.5, False), (60.0, False), (149.0, True)])
+def test_a_parameter_at_the_end_of_its_range_is_said(median, pressed):
+    now = {"D1": {"low": median, "median": median, "high": median}}
+    said = _pressed({"parameters": {"after": now}}, {"ranges": {"D1": [15.0, 150.0]}, "units": {"D1": "1/MPa"}})
+    assert len(said) == pressed and all("15 to 150 1/MPa" in w for w in said)
+    assert _pressed({"parameters": {"after": now}}, {}) == []
+
+
+def test_a_wide_range_changes_nothing_but_the_tiles():
+    """The modulus takes D1's product along in every tile: the same body, in other coordinates."""
+    free, kept = (diagnosis.diagnose(ranged(15.0, 150.0, k), 1, nulls=60) for k in (False, True))
+    assert kept.verdict == free.verdict and kept.named == free.named
+    for k in ("mu", "D1"):
+        np.testing.assert_allclose(kept.parameters["after"][k], free.parameters["after"][k], rtol=0.15)
+    np.testing.assert_allclose(kept.causes[0].size, free.causes[0].size, rtol=0.05)
+    np.testing.assert_allclose(kept.left, free.left, rtol=0.05)

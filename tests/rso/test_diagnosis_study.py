@@ -145,6 +145,9 @@ def test_axes_of_simulations_are_what_is_open(tmp_path, names, axes):
     for a in base.axes:
         np.testing.assert_allclose((a.low, a.high), axes[a.name], rtol=1e-12)
     assert (base.low == base.high == base.reference == 0.012) is ("mu" in names)
+    assert {a.name: a.kept for a in base.axes if a.kept} == ({} if "D1" in names else {"D1": (15.0, 150.0)})
+    loose = fixing(*names).replace("[diagnose]\n", "[diagnose]\nkeep_ranges = false\n")
+    assert not any(a.kept for a in ask(load(write(tmp_path / "loose", loose))).base.axes)
     assert dict(base.held) == ({"D1": -1} if "D1" in names else {})
     assert not {"mu", "D1"} & {e.size.name for e in asked.effects}
 
