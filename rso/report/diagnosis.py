@@ -31,7 +31,7 @@ from rso.report.diagnosis_reading import (
     unit_of,
     verdict_of,
 )
-from rso.report.digits import DASH, NBSP, Unit, aligned, clean, known, percent, significant, symbol
+from rso.report.digits import DASH, NBSP, Unit, aligned, clean, known, percent, quantity, significant, symbol
 from rso.report.document import Block, Cell, Fact, Facts, Picture, Report, Section, Table, Text, column, table, words
 from rso.report.page import pictures, pour
 from rso.report.reading import listed, number, pair
@@ -342,7 +342,7 @@ def parameters(found: Found) -> Section:
     """Section 5: the base parameters without and with the cause."""
     title, rows = "Parameters", parameter_bands(found)
     if not rows:
-        return Section("parameters", title, (Text("There are no fitted parameters.", "missing"),))
+        return Section("parameters", title, (Text("There are no fitted parameters.", "missing"), *_held(found)))
     blocks: list[Block] = [] if chosen(found) else [Text("No cause is named, so the parameters stay as they are.")]
     blocks.append(Picture("parameters", "Median and 90 % interval, fitted to all fit and select curves at once."))
     data = core(found).get("parameters") or {}
@@ -354,8 +354,12 @@ def parameters(found: Found) -> Section:
         columns.append(column("90 % interval", words([c[1] for c in cells])))
     units = all(unit_of(u).label for _, u, _ in rows)
     note = "" if units else "In the units of the study: N, mm, MPa, s."
-    return Section(
-        "parameters",
-        title,
-        (*blocks, table("Parameters before and after" if chosen(found) else "Parameters", columns, note)),
-    )
+    blocks.append(table("Parameters before and after" if chosen(found) else "Parameters", columns, note))
+    return Section("parameters", title, (*blocks, *_held(found)))
+
+
+def _held(found: Found) -> list[Text]:
+    """What the study fixes has a value and no interval."""
+    units, held = found.get("units") or {}, found.get("fixed") or {}
+    each = [f"{symbol(k)} = {quantity(number(v), str(units.get(k) or ''))}" for k, v in held.items()]
+    return [Text(f"Fixed by the study, not fitted: {', '.join(each)}.", "note")] if each else []

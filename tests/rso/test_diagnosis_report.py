@@ -98,6 +98,22 @@ def test_the_verdict_is_said_in_words(verdict, words):
         assert w in text, w
 
 
+def test_what_is_fixed_stands_beside_the_intervals_of_what_is_not():
+    found = read_back(story("explained"))
+    assert "Fixed by the study" not in said(found)
+    bands = found["diagnosis"]["parameters"]
+    for when in ("before", "after"):
+        bands[when].pop("D1")
+    held = {**found, "fixed": {"D1": 4.25}, "units": {"mu": "MPa", "D1": "1/MPa"}}
+    own = " ".join(b.text for b in section(held, "parameters").blocks if isinstance(b, Text)).replace("\xa0", " ")
+    assert "Fixed by the study, not fitted: D₁ = 4.250 MPa⁻¹." in own
+    (rows,) = (b for b in section(held, "parameters").blocks if isinstance(b, Table))
+    assert [r[0].text for r in rows.rows] == ["μ"]
+    for when in ("before", "after"):
+        bands[when].clear()
+    assert "There are no fitted parameters. Fixed by the study, not fitted: D₁" in said(held)
+
+
 def test_one_panel_per_experiment_and_channel_the_strongest_first():
     found = story("explained")
     rows = panels(found)

@@ -152,6 +152,22 @@ def test_axes_of_simulations_are_what_is_open(tmp_path, names, axes):
     assert not {"mu", "D1"} & {e.size.name for e in asked.effects}
 
 
+def test_whatever_is_fixed_with_a_stress_in_its_unit_moves_over_the_modulus_and_is_no_effect(tmp_path):
+    """A weight beside D1, of finite elements: one axis for both; what is fixed at neutral stays an effect."""
+    own = Path(__file__).parents[2] / "studies" / "withheld"
+    text = (own / "study.toml").read_text(encoding="utf-8").replace("measured/", f"{own}/measured/")
+    (old,) = re.findall(r"^D1 = .*$", text, re.M)
+    new = 'D1 = { value = "4 1/MPa" }\nweight = { value = 1e-5 }\nC20 = { value = 0.0 }\nfriction = { value = 0.1 }'
+    (tmp_path / "study.toml").write_text(text.replace(old, new), encoding="utf-8")
+    asked = ask(load(tmp_path / "study.toml"))
+    names = {e.size.name for e in asked.effects}
+    assert [a.name for a in asked.base.axes] == ["mu"] and "weight" not in names and {"C20", "friction"} <= names
+    values = asked.base.values((np.log(0.02),))
+    assert values["mu"] == asked.base.reference == 0.01
+    np.testing.assert_allclose([values["D1"], values["weight"]], [8.0, 0.5e-5], rtol=1e-12)
+    assert values["friction"] == 0.1 and values["C20"] == 0.0
+
+
 def test_a_study_that_fixes_all_is_refused_with_what_to_write(tmp_path):
     with pytest.raises(StudyError, match=r"study\.toml:9: parameters: .*at least one parameter needs low and high"):
         ask(load(write(tmp_path, fixing("mu", "D1"))))
