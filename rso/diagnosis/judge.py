@@ -409,8 +409,7 @@ def _parameters(library: Library, posts: Mapping[str, Posterior], chosen: Hypoth
         p = posts[name]
         values = {} if library.base.low == library.base.high else {library.base.modulus: p.modulus}
         for j, a in enumerate(library.base.axes):
-            if j != library.base.tied:
-                values[a.name] = a.physical(p.at[:, j], 1.0) * p.modulus**a.exponent
+            values[a.name] = a.physical(p.at[:, j], 1.0) * p.modulus**a.exponent
         q = [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2]
         out[when] = {k: tuple(float(x) for x in np.quantile(v, q)) for k, v in values.items()}
     return out

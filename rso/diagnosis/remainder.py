@@ -80,8 +80,6 @@ def _changes(evidence: Evidence, effect: Effect, post: Posterior) -> np.ndarray:
 def _projected(v: np.ndarray, h: Ready, y: np.ndarray) -> np.ndarray:
     """Whitened vectors v (m, n) less what the tile of a hypothesis that suits whitened y (n,) most can move."""
     J = h.X[int(np.argmax(log_tiles(h, y[None])[0]))] @ h.Q.T
-    if not len(J):  # nothing is open
-        return v
     U, s, _ = np.linalg.svd(J.T / np.maximum(np.linalg.norm(J, axis=1), 1e-300), full_matrices=False)
     Q = U[:, s > 1e-8 * s[0]]  # the directions of a tile depend on each other
     return v - (v @ Q) @ Q.T

@@ -170,7 +170,7 @@ def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
     modulus, reference = scaling.reference, scaling.reference_value
     ranges = scaling.reduced_range({k: a.low for k, a in own.items()}, {k: a.high for k, a in own.items()})
     if modulus is None:
-        modulus = next((k for k, e in held.items() if e == 1 and fixed[k] > 0.0), None)
+        modulus = next((k for k, e in held.items() if e == 1 and constant[k].low > 0.0), None)
         if modulus is None:
             raise study_error(study.file, study.lines, _no_modulus(backend))
         held.pop(modulus)
