@@ -94,12 +94,10 @@ REFUSED = {  # changes of the study, whether its backend is loaded, file line ke
         {"experiments": f'{TOP}\nafter = ["b"]\n[[experiments]]\n{TOP.replace("top", "b", 1)}\nafter = ["top"]'},
         ["experiments[0].after", "top, b, top"]),
     "after itself": ({"experiments": TOP + '\nafter = ["top"]'}, ["experiments[0].after", "no other experiment"]),
-    "a fixed compressibility": (
-        {"parameters": 'mu = { low = "6 kPa", high = "20 kPa" }\nD1 = { value = 60 }', "diagnose": ""},
-        ["study.toml:13: parameters.D1", "low and high"]),
-    "a fixed modulus": (
-        {"parameters": 'mu = { value = "6 kPa" }\nD1 = { low = 10, high = 150 }', "diagnose": ""},
-        ["study.toml:12: parameters.mu", "low and high"]),
+    "two beside what a modulus moves over": (
+        {"parameters": 'mu = { low = "6 kPa", high = "20 kPa" }\nD1 = { value = 60 }\n'
+         "friction = { low = 0.1, high = 0.2 }\ntilt_x = { low = 1, high = 2 }", "diagnose": ""},
+        ["study.toml:15: parameters.tilt_x", "(what stays where the modulus moves, D1, counts as one)"]),
     "three beside the modulus": (
         {"parameters": f"{studies.SECTIONS['parameters']}\nfriction = {{ low = 0.1, high = 0.2 }}\n"
          "tilt_x = { low = 1, high = 2 }", "diagnose": ""},
@@ -114,6 +112,17 @@ def test_what_others_refuse_is_not_called_good(tmp_path, name):
         check(load(studies.write(tmp_path, **{**OWN, "backend__settings": "", **changes})), tmp_path / "results", False)
     for word in words:
         assert word in str(caught.value)
+
+
+@pytest.mark.parametrize("parameters", [
+    'mu = { low = "6 kPa", high = "20 kPa" }\nD1 = { value = 60 }',
+    'mu = { value = "6 kPa" }\nD1 = { low = 10, high = 150 }',
+    'mu = { low = "6 kPa", high = "20 kPa" }\nD1 = { value = 60 }\nfriction = { low = 0.1, high = 0.2 }',
+])  # fmt: skip
+def test_a_diagnosis_with_a_fixed_parameter_is_called_good(tmp_path, parameters):
+    own = {**OWN, "backend__settings": "", "parameters": parameters, "diagnose": ""}
+    lines = check(load(studies.write(tmp_path, **own)), tmp_path / "results", False)
+    assert any("rso diagnose: " in line and "a library of" in line for line in lines)
 
 
 def test_a_module_beside_the_study_is_found_and_not_loaded(tmp_path):
