@@ -264,7 +264,7 @@ def run(seed: int, k: int, level: str, kind: str = "") -> dict[str, Any]:
 def needed(
     draws: int, outside: int, turning: int, first: int = 0, rubbing: int = 0
 ) -> list[tuple[int, int, str, str]]:
-    """Keys (seed, k, level, kind) of all runs, half models (every other one of two seeds, they are dear) last."""
+    """Keys (seed, k, level, kind) of all runs, dear ones last: half models (every other one of two seeds), whole ones."""
     keys = []
     counts = {CALIBRATE: draws, CHECK: draws, OUTSIDE: outside, TURNING: turning, RUBBING: rubbing}
     for k in range(max(counts.values())):
@@ -281,7 +281,7 @@ def needed(
             elif k % 6 == 0 and not one.turning:
                 keys.append((seed, k, "coarse", "contact"))
             keys += [(seed, k, level, "") for level in (*one.compared[2:], one.finest)]
-    return sorted(keys, key=lambda q: draw(*q[:2]).half)
+    return sorted(keys, key=lambda q: draw(*q[:2]).half + all(draw(*q[:2]).settings["point"]))
 
 
 def experiments(runs: dict[tuple[int, int, str, str], dict[str, Any]], seed: int) -> Iterator[Checked]:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -346,6 +347,23 @@ def test_a_ball_that_sticks_in_few_steps_is_right_to_what_it_states(friction, mo
         assert np.all(np.abs(found[name] - exact[name]) < error[name])
     assert np.all(np.abs(found["Fx"] - exact["Fx"]) < 0.01 * exact["Fz"])
     assert abs(late["Fx"][0] - exact["Fx"][0]) > 0.03 * exact["Fz"][0]
+
+
+def test_what_friction_takes_of_a_lateral_force_errs_as_the_pressures_do(monkeypatch):
+    """Stuck to a slope at 4 mm, where friction takes six sevenths of Fx: the level coarse beside the level fine.
+
+    Negative control: a share of Fx alone and what steps leave do not cover it.
+    """
+    fine = 0.0238  # N
+    case = Case("slope", Programme.ramp((4.0,)), {"point": [20.0, 0.0], "mesh": {"level": "coarse"}})
+    states = Mock(wraps=errors.stated)
+    monkeypatch.setattr("fem_backend.backend.stated", states)
+    found = BACKEND({"mu": 0.01306, "D1": 4.25, "friction": 0.4}, case)
+    off = abs(found.channels["Fx"][-1] - fine)
+    assert off < found.error["Fx"][-1] < 4.0 * off
+    run = states.call_args.args
+    monkeypatch.setattr(errors, "pressed", lambda *run: {n: np.abs(run[-1].channels[n]) for n in errors.FORCES})
+    assert errors.stated(*run)["Fx"][-1] < 0.8 * off
 
 
 def test_attraction_of_a_short_range_errs_more_and_a_shorter_one_is_refused():
