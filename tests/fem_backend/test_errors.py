@@ -86,6 +86,28 @@ def test_a_lateral_force_that_changes_sign_is_not_exact_where_it_vanishes():
     assert (stated(replace(found, channels=channels))["Fx"] > 0).all()
 
 
+def test_a_lateral_force_that_friction_takes_back_keeps_the_error_of_the_pressures():
+    """On the slope of 0.2 at (20, 0): hardly less than that of the whole lateral force; without friction its own."""
+    slope, usual = settings(point=[20.0, 0.0]), 0.2
+    rubbed, whole = (stated(result((f, 0.0, 1.0)), slope, friction=0.4)["Fx"] for f in (0.02, usual))
+    smooth, left = (stated(result((f, 0.0, 1.0)), slope)["Fx"] for f in (usual, 0.02))
+    assert (rubbed > 0.9 * smooth).all() and (whole >= smooth).all() and (left < 0.5 * smooth).all()
+    assert not stated(result((0.0, 0.0, 1.0)), slope, friction=0.4)["Fx"].any()  # zero by symmetry
+
+
+def test_what_the_penalty_lets_creep_is_a_share_of_what_friction_takes_on_every_level():
+    """None where friction takes nothing: along the normal, or none; of forces and lengths the same share."""
+    def crept(force=(0.02, 0.0, 1.0), level="coarse", scale=1.0, friction=0.4, **more):
+        at = settings(level, scale, point=[20.0 * scale, 0.0], **more)
+        return errors.creeping(at, knobs(friction=friction), result(force, scale, scale**2))["Fx"] / scale**2
+
+    usual, normal = crept(), np.array([0.201674, 0.0, 0.979453])
+    np.testing.assert_allclose(crept(level="reference"), usual, rtol=1e-12)
+    np.testing.assert_allclose(crept(scale=2.0), usual, rtol=1e-9)
+    assert (usual > 0.0).all() and (usual / result().Fz < 0.01).all()
+    assert (crept(tuple(normal)) < 1e-4 * usual).all() and not crept(friction=0.0).any()
+
+
 def test_a_coarser_contact_turns_the_force_more():
     """In proportion to its elements, whatever the level is called."""
     usual, aside = settings(), result((1e-9, 0.0, 1.0))
