@@ -35,8 +35,8 @@ OFF_TOP = 4.0  # times the squared distance from the top in semi-axes: elements 
 TINY = 0.14  # of the force, times h₀/a, where the contact radius a is below h₀/2: on all levels from 0.002 to 0.05 mm
 PENETRATION = 1.4e-4  # of R, at K/μ = 1
 STEPS = 0.025  # of the force, at friction 1 in the first step
-STICKING = 0.008, 0.1  # of the whole force in a lateral one in the first step, at this friction and more
-CREEPS = 2.0  # times what an even traction would let what sticks creep: it is largest at the edge
+STICKING = 0.05  # of what friction takes of a lateral force in the first step
+CREEPS = 2.5  # times what an even traction would let what sticks creep: it is largest at the edge
 RELAXING = 0.075  # of the force, at Σg = 1 in the first step: 1.5 times what ten times as many steps change
 ADHERES = 4e-4  # of 2πWR*, times (h₀/ℓ)²: attraction of a range ℓ between points of contact (h₀/ℓ = 4 to 30)
 LINGERS = 0.3  # of the largest of these so far is still there on the way back, where the force vanishes
@@ -68,7 +68,7 @@ def stated(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nda
     turned = {n: parts @ np.array(CALIBRATED["lateral"]) for n, parts in aslant(settings, result).items()}
     stuck, crept = sticking(settings, knobs, result), creeping(settings, knobs, result)
     for n, part in turned.items():
-        out[n] = np.linalg.norm([LATERAL * out[n], part, stuck * part.any(), crept[n]], axis=0)
+        out[n] = np.linalg.norm([LATERAL * out[n], part, stuck[n], crept[n]], axis=0)
     return out
 
 
@@ -133,45 +133,50 @@ def relaxing(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
     return np.maximum(now, LINGERS * np.maximum.accumulate(now))
 
 
-def sticking(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
-    """What steps leave (k,) N in a lateral force where the ball sticks: it grows from what touches first.
+def sticking(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
+    """What steps leave (k,) N of what friction takes of Fx and Fy: it grows from what touches first.
 
     By the root of ds/s: at (20, 0) in steps of 0.2 to 0.33 mm, beside steps of 0.02 to 0.04 mm, 0.1 to 0.7 % of the
-    force at 0.2 mm and 0.1 % at 4 mm, friction 0.1 to 1.
+    whole force at 0.2 mm and 0.1 % at 4 mm, friction 0.1 to 1, which takes a tenth to a fifth of it there.
     """
-    share, full = STICKING
-    return share * min(knobs.friction / full, 1.0) * np.sqrt(newly(settings, result)) * whole_force(result)
+    step = STICKING * np.sqrt(newly(settings, result))
+    return {n: step * held for n, held in taken(settings, knobs, result).items()}
 
 
 def creeping(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
-    """What a ball that sticks errs by (k,) N in Fx and Fy as the penalty of friction lets the surface creep after it.
+    """What the penalty of friction lets the surface creep after a ball that sticks: (k,) N of Fx and Fy.
 
-    That is a spring ε_T πa² in a row with the surface's own 8Ga/(2 − ν) (Johnson 1985, §7.2; ν = 1/2), so of what
-    friction takes of a lateral force, |F| |n_i| − |F_i|, it lacks 16 μ/(3π a ε_T), ε_T = 0.3 · 900 μ/R, on all levels.
+    A spring ε_T πa² in a row with the surface's own 8Ga/(2 − ν) (Johnson 1985, §7.2; ν = 1/2): of what friction takes
+    16 μ/(3π a ε_T) is missing, ε_T = 0.3 · 900 μ/R, on all levels; nothing of what slips.
     Measured at (20, 0), friction 0.4, with ten times ε_T: 2.1, 2.2, 1.8 and 1.1 times that at 0.5, 1, 2 and 4 mm.
     """
     a = np.maximum(result.channels["contact_radius"], 0.5 * settings.h0)
     share = CREEPS * 16.0 / (3.0 * np.pi * contact.TANGENTIAL * modelling.PENALTY) * settings.R / a
-    shared = pressed(settings, knobs, result)
-    return {n: share * np.abs(shared[n] - np.abs(result.channels[n])) for n in ("Fx", "Fy")}
+    stuck = 1.0 - result.channels["slipping"]
+    return {n: share * stuck * held for n, held in taken(settings, knobs, result).items()}
+
+
+def taken(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
+    """What friction takes (k,) N of Fx and Fy: ||F| n_i − F_i|, n normal to the body where the ball first touches."""
+    out = {n: np.zeros_like(result.travel) for n in ("Fx", "Fy")}
+    if knobs.friction:
+        at = modelling.place(settings, knobs)
+        normal = at.rotation.T @ (at.touch - at.contact) / at.R
+        for n, along_n in zip(out, normal[:2], strict=True):
+            if result.channels[n].any():  # else zero by symmetry
+                out[n] = np.abs(along_n * whole_force(result) - result.channels[n])
+    return out
 
 
 def pressed(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
-    """Size (k,) N of the forces of the pressures: |F| |n_i| of a lateral one where it rubs, and |F_i| at least.
+    """Size (k,) N of the forces of the pressures: |F_i|, and of a lateral one what friction takes besides.
 
-    n is normal to the body where the ball first touches.  Friction takes back what the pressures push the ball aside
-    with, but not the error: at (20, 0) and 4 mm the levels coarse and fine differ by 0.0018 N of 0.150 (frictionless),
-    0.0014 of 0.077 (friction 0.1) and 0.0028 of 0.021 (0.4, stuck).
+    Friction takes back what the pressures push the ball aside with, but not the error: at (20, 0) and 4 mm the levels
+    coarse and fine differ by 0.0018 N of 0.150 (frictionless), 0.0014 of 0.077 (friction 0.1) and 0.0028 of 0.021 (0.4,
+    stuck).
     """
     out = {n: np.abs(result.channels[n]) for n in FORCES}
-    if not knobs.friction:
-        return out
-    at = modelling.place(settings, knobs)
-    normal = at.rotation.T @ (at.touch - at.contact) / at.R
-    for n, along_n in zip(("Fx", "Fy"), normal[:2], strict=True):
-        if out[n].any():  # else zero by symmetry
-            out[n] = np.maximum(out[n], abs(along_n) * whole_force(result))
-    return out
+    return out | {n: out[n] + held for n, held in taken(settings, knobs, result).items()}
 
 
 def newly(settings: Settings, result: Result) -> np.ndarray:
