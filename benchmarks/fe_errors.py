@@ -16,7 +16,7 @@ fitted.  The forms of the columns were chosen looking at 20 experiments of seeds
 those of surface points, bulge and lateral forces at all of these and those outside up to 26 but for 21.
 
 The file keeps the runs: a second call only prints.  About 30 CPU s a draw of each seed, 45 s one outside, in a bowl 100
-to 600 s (15, 18 and 24 were left out), 50 to 80 s one that turns on an axis (even numbers), RUBS.
+to 600 s (15, 18 and 24 were left out), 50 to 80 s one that turns on an axis (even numbers), 120 to 250 s one that rubs.
 """
 
 from __future__ import annotations
