@@ -14,6 +14,7 @@ from rso.report.diagnosis_figures import PLACES, draw, drawn_curves, leading
 from rso.report.diagnosis_maps import FIRST, PANELS
 from rso.report.diagnosis_reach import how_sure, in_sight, next_test
 from rso.report.diagnosis_reading import (
+    BASE,
     Found,
     band,
     brief,
@@ -35,6 +36,10 @@ from rso.report.digits import DASH, NBSP, Unit, aligned, clean, known, percent, 
 from rso.report.document import Block, Cell, Fact, Facts, Picture, Report, Section, Table, Text, column, table, words
 from rso.report.page import pictures, pour
 from rso.report.reading import listed, number, pair
+
+FEW = 0.9  # probability of all named causes below which it is said that others hold the rest
+DOUBT = 0.05  # probability of no gap above which it is said beside causes that cannot be told apart
+ONE_CURVE = 0.9  # share of what exceeds the floor from which a single curve is said to hold it
 
 _VERDICTS = {
     "no_gap": ("No gap", "The model reproduces these measurements within their noise."),
@@ -85,10 +90,26 @@ def verdict(found: Found) -> Section:
     else:
         together = set(effects_of(chosen(found) or "")) >= {clean(c.get("effect")) for c in d.get("causes") or ()}
         named = _listing(names if together else names[:1], "and")
-    blocks: list[Block] = [Text(text.format(named) if text else "There is no verdict.", "lead" if text else "missing")]
+    lead = text.format(named) + _not_settled(found) if text else "There is no verdict."
+    blocks: list[Block] = [Text(lead, "lead" if text else "missing")]
     blocks.append(Facts(tuple(_facts(found))))
     blocks += [Text(re.sub(r"(?<![\w.])-(?=\d)", "−", clean(w))) for w in listed(found, "words")]
     return Section("verdict", "Verdict", tuple(blocks))
+
+
+def _not_settled(found: Found) -> str:
+    """What an ambiguous verdict leaves beside the causes that it names: the many that are not, and no gap at all."""
+    held = [number(c.get("probability")) for c in core(found).get("causes") or ()]
+    if verdict_of(found) != "ambiguous" or not held or None in held:
+        return ""
+    total, nothing = sum(held), number((found.get("probabilities") or {}).get(BASE))  # type: ignore[arg-type]
+    text = ""
+    if total < FEW:
+        text += f" Given a gap, these hold {chance(total)} of the probability; the rest is spread over what is less "
+        text += "likely."
+    if nothing is not None and nothing > DOUBT:
+        text += f" That there is no gap at all has {chance(nothing)}."
+    return text
 
 
 def _listing(names: list[str], word: str) -> str:
@@ -171,7 +192,8 @@ def where(found: Found) -> Section:
 def _residual_caption(found: Found) -> str:
     cause = chosen(found)
     text = "Measured minus model, each model fitted to all curves at once; the strongest region comes first. "
-    text += "Dots are readings averaged in bins, lines the mean of the repeats over five neighbouring bins."
+    text += "Dots are readings averaged in bins, lines their mean over five neighbouring bins, and over the repeats "
+    text += "where these have as many. Gain and contact point of each curve are not taken out: the band holds them."
     if cause and verdict_of(found) == "unexplained":
         text += f" Blue: the best of the catalogue ({brief(cause)}), which did not hold."
     if any(p.profile for p in panels(found)[:PANELS]):
@@ -305,8 +327,8 @@ def how_much(found: Found) -> Section:
         text = f"{percent(s['closed'])} of what exceeds the noise floor is closed"
         text += f" (90{NBSP}%: {_share(s.get('interval'))})" if pair(s.get("interval")) else ""
         own = " What every curve has for itself no other can predict: this share says nothing of it."
-        blocks.append(Text(f"{text}, on curves that took no part in finding the cause: {how}."
-                           f"{own if _each_its_own(found) else ''}"))  # fmt: skip
+        blocks.append(Text(f"{text}, on curves that took no part in {_part(found)}: {how}."
+                           f"{own if _each_its_own(found) else ''}{_in_one_curve(s)}"))  # fmt: skip
     else:
         blocks.append(Text(f"No share is printed: before is not clearly above the noise floor. Held out: {how}."))
     blocks.append(
@@ -318,6 +340,26 @@ def how_much(found: Found) -> Section:
     if curves:
         blocks.append(_curves(curves, s, chosen(found) is not None))
     return Section("how-much", title, tuple(blocks))
+
+
+def _part(found: Found) -> str:
+    """What held-out curves took no part in: those left out in turn were there when the cause was found."""
+    if "validate" in {e.get("role") for e in listed(found, "experiments")}:
+        return "finding the cause"
+    return "the fit, though in finding the cause" if chosen(found) else "the fit"
+
+
+def _in_one_curve(s: Mapping[str, Any]) -> str:
+    """That an interval over curves means little where one of them holds the whole gap."""
+    over = {clean(c.get("curve")): max((number(c.get("before")) or 0.0) - 1.0, 0.0) for c in s.get("curves") or ()}
+    total = sum(over.values())
+    if len(over) < 2 or total <= 0:
+        return ""
+    name = max(over, key=lambda k: over[k])
+    if over[name] < ONE_CURVE * total:
+        return ""
+    more = ", and the interval over curves says little" if pair(s.get("interval")) else ""
+    return f" {percent(over[name] / total)} of what exceeds it is in {name} alone: this is a share of one curve{more}."
 
 
 def _curves(curves: list[Mapping[str, Any]], s: Mapping[str, Any], cause: bool) -> Table:

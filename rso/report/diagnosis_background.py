@@ -79,7 +79,8 @@ def _rerun(rounds: Sequence[Mapping[str, Any]]) -> str:
     said = []
     for n, r in enumerate(rounds):
         head = "Simulated anew at the size found: " if n == 0 else "Again, at the size found then: "
-        text = f"{head}{', '.join(r['effects'])} ({r['runs']} runs, {r.get('failed') or 0} failed)."
+        runs = f"{r['runs']} run{'s' * (r['runs'] != 1)}"
+        text = f"{head}{', '.join(r['effects'])} ({runs}, {r.get('failed') or 0} failed)."
         if known(r.get("rms")):
             text += f" What the library interpolated was off by {percent(r['rms'])} of Fz (root mean square)"
             text += f", {percent(number(r.get('largest')))} at most over all force components."
@@ -92,7 +93,8 @@ def _times(found: Found) -> Table | None:
     cpu, wall, judging = (duration(number(t.get(k))) for k in ("library_cpu", "library_wall", "judging_cpu"))
     rows = []
     if t:
-        rows.append(("Library", f"{shortest(t.get('library_runs'))} runs, {cpu} of CPU time, {wall} of wall time"))
+        made = f"{shortest(t.get('library_runs'))} runs, {cpu} of CPU time when they were made"
+        rows.append(("Library", f"{made}; {wall} of wall time now"))
         rows.append(("Judging", f"{judging} of CPU time"))
     cells = [Cell(text) for _, text in rows]
     names = [Cell(name) for name, _ in rows]

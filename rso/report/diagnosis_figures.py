@@ -19,6 +19,7 @@ from rso.report.diagnosis_reading import (
     Panel,
     Record,
     amount,
+    brief,
     chance,
     chosen,
     core,
@@ -75,13 +76,19 @@ def probabilities(found: Found) -> Figure:
         axes.barh(-k, 1.0, height=0.62, color=PALE, lw=0)
         axes.barh(-k, q, height=0.62, color=ACCENT if strong else GREY, lw=0)
         axes.text(1.015, -k, chance(q), va="center", color=ACCENT if strong else INK, fontsize=8.5)
-    texts = [short(label(found, n), 56) for n, _ in rows]
+    texts = _distinct([(label(found, n), brief(n)) for n, _ in rows], 56)
     axes.set_yticks([-k for k in range(len(rows))], texts)
     axes.tick_params(axis="y", length=0)
     axes.set(xlim=(0, 1.12), ylim=(-len(rows) + 0.45, 0.55), xticks=[])
     for side in ("left", "bottom"):
         axes.spines[side].set_visible(False)
     return figure
+
+
+def _distinct(rows: Sequence[tuple[str, str]], length: int) -> list[str]:
+    """Labels (words, name) that fit; of words that are too long the name is kept behind what is left of them."""
+    return [text if len(text) <= length else f"{short(text, max(length - len(name) - 3, 12))} ({name})"
+            for text, name in rows]  # fmt: skip
 
 
 def signatures(found: Found) -> Figure:
@@ -319,9 +326,11 @@ def power(found: Found) -> Figure:
         for i, q in enumerate(values):
             axes.barh(-k, 1 / n, left=i / n, height=0.8, color=_POWER(q), edgecolor=PAPER, lw=0.8)
         limit = number(entry.get("smallest_visible"))
-        word = amount(limit, entry.get("unit")) if limit is not None else "any" if entry.get("visible") else "invisible"
+        word = "any" if entry.get("visible") else "invisible"
+        if limit is not None:
+            word = ("≤ " if values[0] >= 0.5 else "") + amount(limit, entry.get("unit"))
         axes.text(1.03, -k, word, va="center", fontsize=8, color=INK if entry.get("visible") else GREY)
-        axes.text(-0.015, -k, short(text.get(name) or name, 62), va="center", ha="right", fontsize=8,
+        axes.text(-0.015, -k, _distinct([(text.get(name) or name, name)], 62)[0], va="center", ha="right", fontsize=8,
                   color=INK if entry.get("visible") else GREY)  # fmt: skip
     axes.text(1.03, 0.95, "visible from", va="center", fontsize=8, color=GREY)
     axes.text(0.0, 0.95, "small", va="center", ha="left", fontsize=8, color=GREY)

@@ -65,8 +65,10 @@ def in_sight(found: Found) -> Section:
     blocks: list[Block] = [Text(text + (f"; {blind} stay invisible, whatever their size." if blind else "."))]
     order = {n: k for k, (n, _, _) in enumerate(power_rows(found))}
     rows.sort(key=lambda v: order.get(clean(v.get("effect")), len(order)))
-    limit = [amount(v.get("smallest_visible"), v.get("unit")) if known(v.get("smallest_visible")) else
-             "visible" if v.get("visible") else "invisible" for v in rows]  # fmt: skip
+    at_once = {n for n, values, _ in power_rows(found) if values[0] >= 0.5}  # the smallest size is seen already
+    limit = [("≤ " if clean(v.get("effect")) in at_once else "") + amount(v.get("smallest_visible"), v.get("unit"))
+             if known(v.get("smallest_visible")) else "visible" if v.get("visible") else "invisible"
+             for v in rows]  # fmt: skip
     columns = [
         column("Effect", words([clean(v.get("effect")) for v in rows]), number=False),
         column("smallest visible", tuple(Cell(t, mark="quiet" if t == "invisible" else "") for t in limit)),
@@ -74,6 +76,7 @@ def in_sight(found: Found) -> Section:
         column("confused with", tuple(_confused(v) for v in rows), number=False),
     ]
     note = "Smallest visible: noticed in half of the data sets, at 5 % false alarm; “visible”: it has no zero."
+    note += " ≤: nothing smaller was simulated." if any(t.startswith("≤") for t in limit) else ""
     blocks.append(table("Limits of this plan", columns, note))
     if power_rows(found):
         caption = "How often a gap is noticed, from the smallest to the largest plausible size of each effect."

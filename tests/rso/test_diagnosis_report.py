@@ -7,7 +7,7 @@ from diagnosis_fixture import VERDICTS, read_back, story
 
 from rso.report import render_diagnosis
 from rso.report.diagnosis import report
-from rso.report.diagnosis_figures import draw
+from rso.report.diagnosis_figures import draw, power, probabilities
 from rso.report.diagnosis_maps import FIRST, PANELS, residual_map
 from rso.report.diagnosis_reading import interval, panels, sized
 from rso.report.document import Facts, Picture, Table, Text
@@ -39,6 +39,10 @@ def said(found):
 
 def section(found, name):
     return next(s for s in report(found).sections if s.id == name)
+
+
+def drawn_texts(figure):
+    return [t.get_text() for t in figure.axes[0].texts]
 
 
 def axes_drawn(found, name):
@@ -240,3 +244,59 @@ def test_a_share_says_nothing_of_what_every_curve_has_for_itself():
 def test_an_unknown_figure_is_refused():
     with pytest.raises(ValueError, match="no figure"):
         draw(story(), "nothing")
+
+
+def test_an_ambiguous_verdict_says_what_it_leaves_open():
+    found = story("ambiguous")
+    assert "spread over" not in said(found) and "no gap at all" not in said(found)
+    for c, q in zip(found["diagnosis"]["causes"], (0.20, 0.08), strict=True):
+        c["probability"] = q
+    found["probabilities"]["none"] = 0.41
+    text = said(found)
+    assert "these hold 28 % of the probability; the rest is spread over what is less likely" in text
+    assert "That there is no gap at all has 41 %" in text
+
+
+def test_a_share_of_one_curve_is_said_to_be_one():
+    found = story("explained")
+    curves = found["diagnosis"]["shrinkage"]["curves"]
+    assert "is in deep alone: this is a share of one curve" in said(found)  # 10.2 of 10.6
+    curves[1]["before"] = 5.0
+    assert "share of one curve" not in said(found)
+    curves[:] = curves[:1]
+    assert "share of one curve" not in said(found)
+
+
+def test_curves_left_out_in_turn_took_part_in_finding_the_cause():
+    found = story("explained")
+    assert "on curves that took no part in finding the cause" in said(found)
+    for e in found["experiments"]:
+        e["role"] = "fit"
+    assert "took no part in the fit, though in finding the cause" in said(found)
+
+
+def test_a_limit_below_the_smallest_size_that_was_simulated_is_no_limit():
+    """The ladder of sizes begins at some size: one that is seen there already is visible from less."""
+    found = story("explained")
+    assert "≤" not in said(found)
+    powers = {p["effect"]: p for p in found["power"]}
+    powers["prony_g"]["power"] = [(s, max(q, 0.9)) for s, q in powers["prony_g"]["power"]]
+    assert "≤ 0.0310" in said(found) and said(found).count("≤ 0.") == 1
+    assert "≤: nothing smaller was simulated" in said(found)
+    assert "≤ 0.0310" in drawn_texts(power(found))
+
+
+def test_long_labels_of_two_hypotheses_stay_apart():
+    found = story("measurement")
+    found["effects"].append(found["effects"][13] | {"name": "offset_each"})
+    found["effects"][-1]["description"] += ", each curve its own"
+    found["probabilities"] = {"offset": 0.5, "offset_each": 0.3, "gain": 0.2}
+    labels = [t.get_text() for t in probabilities(found).axes[0].get_yticklabels()]
+    assert labels[0].endswith("(offset)") and labels[1].endswith("(offset_each)")
+    assert labels[2] == "gain of the force channel" and max(map(len, labels)) <= 56
+
+
+def test_one_run_is_one():
+    found = story("explained")
+    found["rerun"] = [{"effects": ["prony_g"], "runs": 1, "failed": 0, "rms": 0.01, "largest": 0.02}]
+    assert "prony_g (1 run, 0 failed)" in said(found)
