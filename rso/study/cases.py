@@ -26,7 +26,7 @@ PACE = 1.5  # ratio of a stated to a recorded speed that is remarked upon
 SHALLOWEST = 1e-3  # mm: a deepest travel below this is a unit misread
 LOUD = 0.5  # of a range: a stated noise beyond is remarked upon
 READINGS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
-LOADING = "Only the loading branch is compared; what was recorded afterwards is not."
+LOADING = "Only the loading branch is compared; unloading and holds are for rso diagnose."
 SET_ASIDE = 'Not used by the search: profiles are used by rso diagnose, or with role = "validate" for validation.'
 MISREAD = (ValueError, TypeError, LookupError, AttributeError)  # settings of the wrong type end in any of these
 

@@ -88,7 +88,8 @@ def _diagnosis(study: Study, known: Pace) -> list[str]:
     anew, each = diagnosis.planned_rerun(asked.base, asked.plan, asked.effects)
     if anew:
         time = _minutes(known.seconds(anew) * each / len(anew) / jobs)
-        lines.append(f"    a cause that it names is computed anew: about {each:.0f} simulations, {time}, twice at most")
+        count = f"{each:.0f} simulation{'s' * (round(each) != 1)}"
+        lines.append(f"    a cause that it names is computed anew: about {count}, {time}, twice at most")
     tests = diagnosis.planned_tests(asked.base, asked.plan, asked.effects)
     if tests:
         runs = sum(len(found) * share for found, share in tests.values())

@@ -125,6 +125,7 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
     roles = [e.get("role") for e in _tables(raw, "experiments") if isinstance(e, dict)]
     if "experiments" in raw and "fit" not in roles:
         yield Problem(("experiments",), 'at least one experiment needs role = "fit"')
+    circles: set[frozenset[str]] = set()
     for n, e in experiments.items():
         place: Place = ("experiments", n)
         if names.count(e.name) > 1 and any(other.name == e.name for k, other in experiments.items() if k < n):
@@ -132,7 +133,10 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
         for other in e.after:
             if other not in names or (other == e.name and names.count(other) == 1):
                 yield Problem((*place, "after"), f"no other experiment; {choose(other, set(names) - {e.name})}", other)
-        if circle := _circle(e.name, {other.name: other.after for other in experiments.values()}):
+        circle = _circle(e.name, {other.name: other.after for other in experiments.values()})
+        taken = any(names.count(k) > 1 for k in circle or ())  # of two with one name nobody knows which is meant
+        if circle and not taken and frozenset(circle) not in circles:  # one mistake, wherever it is entered
+            circles.add(frozenset(circle))
             text = f"comes after itself: {', '.join(circle)}; leave one of these out"
             yield Problem((*place, "after"), text, list(e.after))
         columns = e.columns or shared.get(0)

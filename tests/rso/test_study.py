@@ -216,6 +216,18 @@ def test_lines_are_those_an_editor_shows(folder):
         assert any(p.startswith(f"{folder / 'study.toml'}:{at(text, new)}: ") for p in problems(folder, text))
 
 
+def test_a_circle_of_tests_is_one_problem(folder):
+    text = GOOD.replace('name = "top"', 'name = "top"\nafter = ["profile"]', 1)
+    (only,) = problems(folder, text)
+    assert "experiments[0].after" in only and "comes after itself: top, profile, top" in only
+
+
+def test_a_name_that_is_taken_is_no_circle(folder):
+    third = '[[experiments]]\nname = "top"\nrole = "fit"\ndata = "top.csv"\nafter = ["profile"]\n\n[search]'
+    found = problems(folder, GOOD.replace("[search]", third, 1))
+    assert any("this name is taken" in p for p in found) and not any("comes after itself" in p for p in found)
+
+
 def test_all_problems_at_once_in_order_of_lines(folder):
     text = GOOD
     for old, new in [
