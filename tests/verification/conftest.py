@@ -18,6 +18,23 @@ Every figure is from a run of the test named beside it. The table is written by
 (rows of tests that were not run stay as they were). A test fails when its figure leaves the limit written in the test.
 Forces are in N, lengths in mm; percentages are of the force unless said otherwise.
 
+What costs little has no row: it is held by the daily tests, `./dev test tests/fem_backend`.
+
+| property | tests |
+|---|---|
+| tangents of laws and elements are derivatives | `test_stress.py`, `test_element.py` |
+| those of contact, friction and fibres | `test_contact.py`, `test_memory.py` |
+| those of memory and of the whole model | `test_memory.py`, `test_tangent.py` |
+| derivatives by knobs are differences of whole runs | `test_slopes.py` |
+| objectivity; homogeneous closed forms; neutral laws | `test_stress.py`, `test_laws.py`, `test_memory.py` |
+| relaxation and ramps against quadrature, rate limits, softened paths | `test_memory.py` |
+| sag under weight against a bar | `test_gravity.py` |
+| quarter = half = whole; turned by 90°, turned forces; an effect that is off changes no bit | `test_symmetry.py` |
+| exact similarity, with every law and with friction | `test_scaling.py` |
+| loop of Coulomb, work of separation, contact found again in any frame | `test_contact.py` |
+
+Negative controls (normal or friction reversed, a wrong factor in law or area): `test_controls.py` of the marked set.
+
 | property | measured | test |
 |---|---|---|
 """
