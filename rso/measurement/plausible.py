@@ -55,9 +55,10 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
         return []
     for name, unit, values in (("depth", "mm", depth), ("Fz", "N", force)):
         if values is not None and not few and len(wild := _marks(values)):
+            count, rows = ("1 reading", "this row") if len(wild) == 1 else (f"{len(wild)} readings", "these rows")
             raise ValueError(
-                f"{path}:{lines[wild[0]]}: column {name!r} is {values[wild[0]]:g} {unit} in {len(wild)} readings and "
-                "of another size in all others: a mark for an overload or a gap; delete these rows"
+                f"{path}:{lines[wild[0]]}: column {name!r} is {values[wild[0]]:g} {unit} in {count} and of another "
+                f"size in all others: a mark for an overload or a gap; delete {rows}"
             )
     stroke = float(np.ptp(depth))
     if stroke == 0.0:
@@ -235,12 +236,11 @@ def common(repeats: Sequence[tuple[str, np.ndarray]]) -> list[str]:
 
 
 def _marks(values: np.ndarray) -> np.ndarray:
-    """Indices of a few readings that are all the same, MARKED times as large as any other: 9999 where nothing was."""
+    """Indices of a few readings of the same size, MARKED times that of any other: 9999 or −9999 where nothing was."""
     size = np.abs(values)
     far = np.nonzero(size == size.max())[0]
     others = np.delete(size, far)
-    alike = len(far) > 1 and bool(np.all(values[far] == values[far[0]]))
-    return far if alike and len(far) < len(others) and size.max() > MARKED * others.max() > 0.0 else far[:0]
+    return far if len(far) < len(others) and size.max() > MARKED * others.max() > 0.0 else far[:0]
 
 
 def _jump(path: Path, depth: np.ndarray, stroke: float, lines: np.ndarray) -> None:

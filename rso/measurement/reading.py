@@ -323,7 +323,10 @@ def _lines(text: str, comments: list[Row]) -> Iterator[Row]:
 
 
 def _joined(text: str) -> Iterator[str]:
-    """Lines, where a cell in quotes has some of its own, "Weg⏎[mm]", as one, and empty ones in place of the others."""
+    """Lines, where a cell in quotes has some of its own, "Weg⏎[mm]", as one, and empty ones in place of the others.
+
+    Readings are lines of their own wherever quotes open and close.
+    """
     held: list[str] = []
     for line in io.StringIO(text, newline=None):
         if not held and not (line.count('"') % 2 and _OPENS.search(line)):
@@ -331,7 +334,7 @@ def _joined(text: str) -> Iterator[str]:
             continue
         held.append(line)
         closed = sum(v.count('"') for v in held) % 2 == 0
-        if closed and _CLOSES.match(line):
+        if closed and _CLOSES.match(line) and not any(map(_is_reading, held[1:])):
             yield " ".join(v.strip("\r\n") for v in held)
             yield from [""] * (len(held) - 1)
             held = []
@@ -339,6 +342,11 @@ def _joined(text: str) -> Iterator[str]:
             yield from held
             held = []
     yield from held
+
+
+def _is_reading(line: str) -> bool:
+    """Whether a line holds two numbers and more: no part of a cell, but of a table with a stray quote above."""
+    return sum(map(is_number, re.split("[;,\t]", line.strip()))) > 1
 
 
 def _number(path: Path, line: int, name: str, cells: Sequence[str], head: Head) -> float:

@@ -68,6 +68,13 @@ def test_read_as_meant(tmp_path, what):
     assert m.doubts == ()
 
 
+def test_a_quote_in_a_remark_takes_no_readings_with_it(tmp_path):
+    """Opened in one row and closed some rows on, as where somebody writes of inches."""
+    notes = ['"slipped' if k == 5 else 'again"' if k == 11 else "" for k in range(41)]
+    path = write(tmp_path, table("depth_mm;Fz_N;Bemerkung", U, F, notes, separator=";"))
+    assert len(read(path, PLAIN).repeats[0].depth) == 41
+
+
 REFUSED = {  # text, columns, place and words
     "thousands in quotes": (table("depth_um,Fz_mN", [f'"{1000 * u:,.0f}"' for u in U], [f"{1e3 * v:.1f}" for v in F]),
                             None, [":2:", "'1,000'", "parts thousands"]),
@@ -89,6 +96,10 @@ REFUSED = {  # text, columns, place and words
         ":37:", "'Fz' is 9999 N in 6 readings", "a mark for an overload"]),
     "a depth that is none": (table("depth_mm,Fz_N", np.where(U > 3.85, 999.0, U), F), None, [
         ":41:", "'depth' is 999 mm in 2"]),
+    "a gap of either sign": (table("depth_mm,Fz_N", U, np.where(abs(U - 2) < 0.12, 9999 * np.sign(U - 2.05), F)), None, [
+        ":21:", "'Fz' is -9999 N in 3 readings", "delete these rows"]),
+    "a single gap": (table("depth_mm,Fz_N", U, np.where(abs(U - 2) < 0.05, -9999.0, F)), None, [
+        ":22:", "'Fz' is -9999 N in 1 reading ", "delete this row"]),
     "backwards": (table("time_s,depth_mm,Fz_N", T[::-1], U[::-1], F[::-1]), None, [":3:", "'time'", "sort them"]),
     "a word in some rows": ("depth_mm  Fz_N  note\n" + "".join(f"{u} {v} {'' if k % 7 else 'x'}\n" for k, (u, v) in
                             enumerate(zip(U, F, strict=True))).rstrip("x \n"), None, [
