@@ -189,8 +189,8 @@ def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
 def _axis(a: Axis, low: float, high: float, exponent: int, reference: float, keep: bool) -> BaseAxis:
     """An open parameter over the modulus to its exponent, from its range at the reference modulus."""
     factor = reference**-exponent
-    log = a.scale == "log" or (low > 0 and high / low > 4)
-    kept = (a.low, a.high) if keep and exponent and log and a.low > 0 else None
+    kept = (a.low, a.high) if keep and exponent and a.low > 0 else None
+    log = a.scale == "log" or kept is not None or (low > 0 and high / low > 4)  # fits keep to a range in its logarithm
     return BaseAxis(a.name, a.parameter.unit, low * factor, high * factor, log, exponent, kept)
 
 

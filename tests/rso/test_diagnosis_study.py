@@ -152,6 +152,19 @@ def test_axes_of_simulations_are_what_is_open(tmp_path, names, axes):
     assert not {"mu", "D1"} & {e.size.name for e in asked.effects}
 
 
+@pytest.mark.parametrize("scale", ["", ', scale = "log"'])
+def test_a_narrow_range_is_kept_too(tmp_path, scale):
+    """Of mu and D1 by which their product spans less than four times."""
+    text = STUDY.replace(RANGE["mu"], 'mu = { low = "10 kPa", high = "14 kPa" }')
+    text = text.replace(RANGE["D1"], f'D1 = {{ low = "50 1/MPa", high = "75 1/MPa"{scale} }}')
+    (a,) = ask(load(write(tmp_path, text))).base.axes
+    assert a.kept == (50.0, 75.0) and a.log
+    np.testing.assert_allclose((a.low, a.high), (0.5, 1.05), rtol=1e-12)
+    loose = text.replace("[diagnose]\n", "[diagnose]\nkeep_ranges = false\n")
+    (a,) = ask(load(write(tmp_path / "loose", loose))).base.axes
+    assert a.kept is None and a.log is bool(scale)
+
+
 def test_whatever_is_fixed_with_a_stress_in_its_unit_moves_over_the_modulus_and_is_no_effect(tmp_path):
     """A weight beside D1, of finite elements: one axis for both; what is fixed at neutral stays an effect."""
     own = Path(__file__).parents[2] / "studies" / "withheld"
