@@ -96,8 +96,8 @@ REFUSED = {  # text, columns, place and words
         ":37:", "'Fz' is 9999 N in 6 readings", "a mark for an overload"]),
     "a depth that is none": (table("depth_mm,Fz_N", np.where(U > 3.85, 999.0, U), F), None, [
         ":41:", "'depth' is 999 mm in 2"]),
-    "a gap of either sign": (table("depth_mm,Fz_N", U, np.where(abs(U - 2) < 0.12, 9999 * np.sign(U - 2.05), F)), None, [
-        ":21:", "'Fz' is -9999 N in 3 readings", "delete these rows"]),
+    "a gap of either sign": (table("depth_mm,Fz_N", U, np.where(abs(U - 2) < 0.12, 9e3 * np.sign(U - 2.05), F)), None, [
+        ":21:", "'Fz' is -9000 N in 3 readings", "delete these rows"]),
     "a single gap": (table("depth_mm,Fz_N", U, np.where(abs(U - 2) < 0.05, -9999.0, F)), None, [
         ":22:", "'Fz' is -9999 N in 1 reading ", "delete this row"]),
     "backwards": (table("time_s,depth_mm,Fz_N", T[::-1], U[::-1], F[::-1]), None, [":3:", "'time'", "sort them"]),
