@@ -11,7 +11,7 @@ import shlex
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -91,7 +91,7 @@ def _parser() -> argparse.ArgumentParser:
         ("diagnose", _diagnose, "say where the model misses the measurements and which unmodelled effect causes it"),
         ("ladder", _ladder, "climb from the simplest model to the one that these data ask for, and not further"),
         ("next", _next, "say which experiment, not done yet, would tell most of what is known worst"),
-        ("report", _report, "write the report again from results.json"),
+        ("report", _report, "write the pages again from results.json and diagnosis.json"),
     ):
         command = commands.add_parser(name, help=text, description=text)
         command.add_argument("study", type=Path, help="study.toml, or the folder that holds it")
@@ -327,31 +327,35 @@ def _status(options: argparse.Namespace, command: str) -> int:
 
 
 def _report(options: argparse.Namespace, command: str) -> int:
-    from rso.report import render
+    from rso.diagnosis.story import SCHEMA as TOLD
+    from rso.report import render, render_diagnosis
     from rso.study import load
     from rso.study.results import SCHEMA
 
-    study = load(options.study)
-    folder = _folder(options, study.folder)
-    path = folder / "results.json"
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        print(f"rso: {path}: {error}; run the study first: rso run {options.study}", file=sys.stderr)
-        return EXIT_BAD_INPUT
-    try:
-        if found["schema"] != SCHEMA:
-            raise ValueError(f"schema {found['schema']}, expected {SCHEMA}")
-        files = render(found, folder, html=True, pdf=True)
-    except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
-        print(
-            f"rso: {path}: holds no results that this version can show ({type(error).__name__}: {error}); "
-            f"run the study again: rso run {options.study}",
-            file=sys.stderr,
-        )
-        return EXIT_BAD_INPUT
-    for file in files:
-        print(file)
+    folder = _folder(options, load(options.study).folder)
+    shown: list[tuple[str, int, Callable[..., list[Path]], str]] = [
+        ("results.json", SCHEMA, render, "run"), ("diagnosis.json", TOLD, render_diagnosis, "diagnose")]  # fmt: skip
+    there = [row for row in shown if (folder / row[0]).exists()]
+    for name, schema, draw, again in there or shown[:1]:
+        path = folder / name
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            print(f"rso: {path}: {error}; run the study first: rso {again} {options.study}", file=sys.stderr)
+            return EXIT_BAD_INPUT
+        try:
+            if found["schema"] != schema:
+                raise ValueError(f"schema {found['schema']}, expected {schema}")
+            files = draw(found, folder, html=True, pdf=True)
+        except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
+            print(
+                f"rso: {path}: holds no results that this version can show ({type(error).__name__}: {error}); "
+                f"run the study again: rso {again} {options.study}",
+                file=sys.stderr,
+            )
+            return EXIT_BAD_INPUT
+        for file in files:
+            print(file)
     return 0
 
 

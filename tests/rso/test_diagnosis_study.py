@@ -265,6 +265,17 @@ def test_check_says_how_large_the_library_will_be(folder, tmp_path):
     assert f"a library of {runs} simulations at most, of which {runs} are there, 0.0 min" in done.stdout
 
 
+def test_the_page_of_a_diagnosis_is_written_again(folder, tmp_path):
+    (path,) = folder.rglob("diagnosis.json")
+    (tmp_path / "diagnosis.json").write_bytes(path.read_bytes())
+    done = rso("report", folder / "study.toml", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == [str(tmp_path / f"diagnosis.{kind}") for kind in ("html", "pdf")]
+    (tmp_path / "diagnosis.json").write_text('{"schema": 0}')
+    done = rso("report", folder / "study.toml", "--out", tmp_path)
+    assert done.returncode == 2 and "expected 1" in done.stderr and "rso diagnose" in done.stderr
+
+
 def test_check_of_a_study_whose_diagnosis_cannot_be(tmp_path):
     """An error where the study asks for one, a remark where it does not."""
     old, new, message = BROKEN["no such effect"]
