@@ -359,7 +359,7 @@ def _in_one_curve(s: Mapping[str, Any]) -> str:
     if over[name] < ONE_CURVE * total:
         return ""
     more = ", and the interval over curves says little" if pair(s.get("interval")) else ""
-    return f" {percent(over[name] / total)} of what exceeds it is in {name} alone: this is a share of one curve{more}."
+    return f" {chance(over[name] / total)} of what exceeds it is in {name} alone: this is a share of one curve{more}."
 
 
 def _curves(curves: list[Mapping[str, Any]], s: Mapping[str, Any], cause: bool) -> Table:
