@@ -4,6 +4,8 @@ In tile t the data are   y = μ a_t + c_t + μ₀ D_tᵀ ξ + e,   ξ ~ N(0, dia
 
 or μ = μ_t where it is fixed, or μ = μ_t + μ₀ ξ_j where the coordinate j is ln μ (ξ_j is its change times μ/μ₀),
 
+and a parameter with a range of its own has its ξ_j cut off at the ends of that,
+
 so that the evidence of a tile is a Gaussian integral and that of a hypothesis their sum: effects at the boundary of
 their range, curved valleys and several minima need no approximation but the tiles' width.
 
@@ -18,7 +20,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.special import logsumexp
+from scipy.special import log_ndtr, logsumexp, ndtri_exp
 
 FARTHEST = 4.0  # standard deviations from the middle of a tile, twice the distance to the next one
 TOLERANCE = 2e-5  # of the largest force: far below what readings scatter by
@@ -124,10 +126,21 @@ def whitening(C: np.ndarray, rows: np.ndarray | None = None) -> Whitening:
 
 
 @dataclass(frozen=True, eq=False)
+class Wall:
+    """Ends (T,) of the coordinate `at` of draws in tiles, where its parameter has those of its range at μ₀, and the
+    spread `sd` before any data."""
+
+    at: int
+    low: np.ndarray
+    high: np.ndarray
+    sd: float
+
+
+@dataclass(frozen=True, eq=False)
 class Ready:
     """Tiles in whitened coordinates: X (T, k', q), c (T, q), S⁻¹ (T, k', k'), constants (T,), and Q (n, q).
 
-    k' = 1 + k with a free modulus, else k.
+    k' = 1 + k with a free modulus, else k.  `walls` are the ends of what is kept.
     """
 
     tiles: Tiles
@@ -138,6 +151,7 @@ class Ready:
     scale: float
     white: Whitening
     Q: np.ndarray
+    walls: tuple[Wall, ...] = ()
 
     def middle(self, t: int) -> np.ndarray:
         """Whitened prediction (n,) in the middle of a tile, at μ₀ where the modulus is free."""
@@ -165,7 +179,61 @@ def ready(tiles: Tiles, white: Whitening, modulus: float) -> Ready:
     _, log_det = np.linalg.slogdet(S)
     constant = tiles.log_prior - 0.5 * log_det - np.sum(np.log(tiles.sd)) - 0.5 * white.log_det
     return Ready(tiles, X, c, np.linalg.inv(S), constant - 0.5 * len(white.rows) * np.log(2 * np.pi)
-                 + 0.5 * np.log(2 * np.pi), modulus, white, Q)  # fmt: skip
+                 + 0.5 * np.log(2 * np.pi), modulus, white, Q, _walls(tiles, modulus))  # fmt: skip
+
+
+def _walls(tiles: Tiles, modulus: float) -> tuple[Wall, ...]:
+    first, free = (modulus, 1) if tiles.moduli is None else (tiles.moduli, 0)
+    found = []
+    for j, own in tiles.kept.items():
+        middle = tiles.at[:, tiles.axes[j]] - own.slope * np.log(first)
+        found.append(Wall(free + j, own.low - middle, own.high - middle, float(tiles.sd[j])))
+    return tuple(found)
+
+
+def _ends(h: Ready, wall: Wall, mean: np.ndarray, tile: np.ndarray | slice) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the local coordinate, which is a change times μ/μ₀, about the means (…, k') of tiles."""
+    m = mean[..., 0] if h.tiles.moduli is None else h.tiles.moduli[tile] / h.scale
+    return wall.low[tile] * np.maximum(m, 0.1), wall.high[tile] * np.maximum(m, 0.1)
+
+
+def _log_mass(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """ln [Φ(b) − Φ(a)] for a < b, to every digit far out, too."""
+    a, b = np.where(a > 0.0, -b, a), np.where(a > 0.0, -a, b)
+    return log_ndtr(b) + np.log1p(-np.exp(log_ndtr(a) - log_ndtr(b)))
+
+
+def _kept_share(h: Ready, mean: np.ndarray) -> np.ndarray:
+    """ln of what share of each tile's Gaussian (B, T) lies within all walls, less that before any data."""
+    out = np.zeros(mean.shape[:2])
+    for wall in h.walls:
+        low, high = _ends(h, wall, mean, slice(None))
+        sd, at = np.sqrt(h.S_inverse[:, wall.at, wall.at]), mean[..., wall.at]
+        out += _log_mass((low - at) / sd, (high - at) / sd) - _log_mass(low / wall.sd, high / wall.sd)
+    return out
+
+
+def _moved(h: Ready, t: int, mean: np.ndarray, local: np.ndarray | None = None) -> np.ndarray:
+    """Draws `local` (m, k') of a tile's Gaussian, or its mean (k',), as they are within the walls.
+
+    Along each wall's coordinate the distribution is cut off, quantile by quantile; the others follow by regression.
+    """
+    out = mean if local is None else local
+    for wall in h.walls:
+        S = h.S_inverse[t]
+        i, sd = wall.at, np.sqrt(S[wall.at, wall.at])
+        a, b = ((v - mean[i]) / sd for v in _ends(h, wall, mean, t))
+        sign = -1.0 if a > 0.0 else 1.0  # logarithms are good to the left
+        a, b = sorted((sign * a, sign * b))
+        if local is None:
+            mass = _log_mass(a, b) + 0.5 * np.log(2 * np.pi)
+            z, was = np.exp(-0.5 * a**2 - mass) - np.exp(-0.5 * b**2 - mass), 0.0
+        else:
+            was = sign * (local[:, i] - mean[i]) / sd
+            z = ndtri_exp(np.logaddexp(log_ndtr(-was) + log_ndtr(a), log_ndtr(was) + log_ndtr(b)))
+            z = np.clip(z, a, b)
+        out = out + np.multiply.outer(sign * (z - was) * sd, S[:, i] / S[i, i])
+    return out
 
 
 def log_tiles(h: Ready, Y: np.ndarray) -> np.ndarray:
@@ -174,7 +242,9 @@ def log_tiles(h: Ready, Y: np.ndarray) -> np.ndarray:
     Z = Y @ h.Q
     b = (Z @ h.X.reshape(T * k, q).T).reshape(len(Y), T, k) - np.einsum("tkq,tq->tk", h.X, h.c)
     rr = np.sum(Y**2, axis=1)[:, None] - 2.0 * Z @ h.c.T + np.sum(h.c**2, axis=1)
-    return h.constant - 0.5 * (rr - np.sum(np.einsum("btk,tkl->btl", b, h.S_inverse, optimize=True) * b, axis=2))
+    mean = np.einsum("btk,tkl->btl", b, h.S_inverse, optimize=True)
+    whole = h.constant - 0.5 * (rr - np.sum(mean * b, axis=2))
+    return whole + _kept_share(h, mean) if h.walls else whole
 
 
 def log_evidence(h: Ready, Y: np.ndarray) -> np.ndarray:
@@ -207,7 +277,7 @@ def posterior(h: Ready, y: np.ndarray, draws: int, rng: np.random.Generator) -> 
         mine = tile == t
         mean = h.S_inverse[t] @ (h.X[t] @ (z - h.c[t]))
         root = np.linalg.cholesky(h.S_inverse[t] + 1e-14 * np.trace(h.S_inverse[t]) * np.eye(k))
-        local[mine] = mean + rng.standard_normal((mine.sum(), k)) @ root.T
+        local[mine] = _moved(h, t, mean, mean + rng.standard_normal((mine.sum(), k)) @ root.T)
     at = h.tiles.at[tile].copy()
     strayed = np.zeros(at.shape, bool)
     m, moved = h.state(tile, local)
@@ -243,5 +313,5 @@ def mean_prediction(h: Ready, y: np.ndarray) -> np.ndarray:
     z = y @ h.Q
     out = np.zeros_like(z)
     for t in np.nonzero(weight > 1e-6)[0]:
-        out += weight[t] * (h.X[t].T @ (h.S_inverse[t] @ (h.X[t] @ (z - h.c[t]))) + h.c[t])
+        out += weight[t] * (h.X[t].T @ _moved(h, t, h.S_inverse[t] @ (h.X[t] @ (z - h.c[t]))) + h.c[t])
     return h.Q @ out / weight[weight > 1e-6].sum()

@@ -12,7 +12,7 @@ from rso import diagnosis
 from rso.contract import plain
 from rso.diagnosis import Base, BaseAxis, Library, attribute, build, finalists, make_plan, mended, story
 from rso.diagnosis.attribute import Evidence
-from rso.diagnosis.mixture import posterior, ready
+from rso.diagnosis.mixture import log_evidence, mean_prediction, posterior, ready, simulate
 from rso.diagnosis.prediction import predict
 from rso.diagnosis.words import _pressed
 
@@ -228,6 +228,44 @@ def test_forces_of_a_fit_that_keeps_to_a_range_are_those_of_its_draws():
         fixed = share * (evidence.bench.modulus * tiles.lift(tiles.A)) + tiles.lift(tiles.c)
         off, without = (np.max(np.abs(v - direct)) / np.max(np.abs(direct)) for v in (linear, fixed))
         assert off < 0.002 and without > 4 * off, (off, without)
+
+
+def pressed(low: float, high: float, truth=None):
+    """What a fit of the base model to data of D1 = 60 keeps to a range: tiles, and sums over a grid of mu and D1."""
+    own = library(truth=truth)
+    axis = dataclasses.replace(own.base.axes[0], kept=(low, high))
+    own = dataclasses.replace(own, base=dataclasses.replace(own.base, axes=(axis,)))
+    evidence = Evidence(attribute.set_up(own, own.plan.values()), own.effects)
+    h = evidence.ready(())
+    y = h.white(own.plan.values())
+    post = posterior(h, y, 2000, np.random.default_rng(0))
+    μ = np.linspace(0.95 * post.modulus.min(), 1.05 * post.modulus.max(), 300)
+    D = np.exp(np.linspace(np.log(low), np.log(high), 121))
+    logs = np.empty((len(μ), len(D)))
+    for k, m in enumerate(μ):
+        A, c = predict(own, (), np.log(m * D)[:, None], evidence.bench.modulus)
+        logs[k] = -0.5 * np.sum((y - h.white(m * A + c)) ** 2, axis=1)
+    return h, y, post, μ, D, logs
+
+
+@pytest.mark.parametrize(("low", "high", "truth"), [(15.0, 150.0, None), (1.0, 20.0, None), (1.0, 20.0, "stiff"),
+                                                    (15.0, 150.0, "soften"), (90.0, 3000.0, None)])  # fmt: skip
+def test_a_range_is_a_wall_for_evidence_and_draws(low, high, truth):
+    """Against sums over a fine grid, where the data want D1 inside the range or far beyond; mu goes with D1."""
+    h, y, post, μ, D, logs = pressed(low, high, truth and {truth: {"stiff": 0.4, "soften": 0.25}[truth]})
+    w = np.exp(logs - logs.max())
+    cell = (μ[1] - μ[0]) / h.scale / len(D)
+    direct = np.log(np.sum(w) * cell) + logs.max() - 0.5 * h.white.log_det - 0.5 * len(y) * np.log(2 * np.pi)
+    assert abs(log_evidence(h, y[None])[0] - direct) < 0.9  # tiles are linear, and thinner at a wall
+    own = np.exp(post.at[:, 0]) / post.modulus
+    for found, at, weight in ((post.modulus, μ, w.sum(axis=1)), (own, D, w.sum(axis=0))):
+        below = np.cumsum(weight) / weight.sum()
+        want = np.interp([0.05, 0.5, 0.95], below, at)
+        np.testing.assert_allclose(np.quantile(found, [0.05, 0.5, 0.95]), want, rtol=0.005 if at is μ else 0.04)
+    left = np.sum((y - mean_prediction(h, y)) ** 2)
+    assert left > -2.0 * logs.max() - 0.5 - 0.02 * left
+    m = simulate(h, post, np.random.default_rng(1)).mean(axis=0) - mean_prediction(h, y)
+    assert np.max(np.abs(m)) < 5.0 / np.sqrt(len(post.tile)) * 1.5
 
 
 @pytest.mark.parametrize(("median", "pressed"), [(15.2, True), (16.5, False), (60.0, False), (149.0, True)])
