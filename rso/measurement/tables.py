@@ -68,9 +68,16 @@ def labels_of(
     parts = [depth[block == k] for k in range(block[-1] + 1)]
     if len(parts) < 2:
         return one, []
-    pressed = segment is None or all("loading" in segment[block == k] for k in range(len(parts)))
+    loads = [k for k in range(len(parts)) if segment is None or "loading" in segment[block == k]]
+    pressed = len(loads) == len(parts)
+    if len(tables) < 2 and not pressed:
+        again = [parts[k] for k in loads]
+        if len(again) < 2 or min(map(len, again)) < FEWEST or not _alike(again, HALF):
+            return one, []
+        where = _lines([int(line[np.argmax(block == k)]) for k in loads])
+        return one, [f"{len(again)} blocks load anew {where} and are read as one test; a column 'repeat' parts them"]
     if len(tables) < 2:
-        if not (pressed and min(map(len, parts)) >= FEWEST and _alike(parts, HALF)):
+        if not (min(map(len, parts)) >= FEWEST and _alike(parts, HALF)):
             return one, []
         what = "blocks are parted by empty lines or comments"
         headers = [int(line[np.argmax(block == k)]) for k in range(len(parts))]

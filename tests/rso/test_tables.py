@@ -192,6 +192,17 @@ def test_a_way_back_in_a_table_of_its_own_is_told_by_its_segment(tmp_path):
     assert np.sum(r.segment == "loading") == np.sum(r.segment == "unloading") == 41
 
 
+@pytest.mark.parametrize("loads, said", [(1, False), (2, True), (3, True)])
+def test_branches_in_blocks_that_load_anew_are_remarked_upon(tmp_path, loads, said):
+    lines = ["depth_mm;Fz_N;segment"]
+    for k in range(loads):
+        lines += ["", *(f"{row};loading" for row in rows(1.0 + 0.1 * k))]
+        lines += ["", *(f"{row};unloading" for row in rows(0.9)[::-1])]
+    m = read(write(tmp_path, lines))
+    words = f"{loads} blocks load anew (from the lines 3, 87"
+    assert [r.label for r in m.repeats] == ["1"] and any(words in d for d in m.doubts) is said
+
+
 def test_a_header_that_stands_twice_or_at_the_end_begins_one_table(tmp_path):
     for lines in (["depth_mm;Fz_N"] * 2 + rows(), ["depth_mm;Fz_N", *rows(), "depth_mm;Fz_N"]):
         m = read(write(tmp_path, lines))
