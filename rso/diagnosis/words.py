@@ -7,6 +7,7 @@ from typing import Any
 
 LEAST = -10.0  # times the gap: what is opened more widely need not be counted
 NEAR = 0.02  # of a range, in ln: a median that near to its end is pressed against it
+DOUBT = 0.05  # probability of no gap above which it is said
 WORTH_SAYING = 0.1  # share of the gap from which a place is named
 
 
@@ -104,11 +105,11 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         return "Cause: none in the catalogue reproduces it, or none predicts curves it was not fitted to."
     first = causes[0]
     text = {e["name"]: e["description"] for e in found["effects"]}
-    each = ", ".join(f"{c['effect']} ({100 * c['probability']:.0f} %)" for c in causes)
+    each = ", ".join(f"{c['effect']} ({chance(c['probability'])})" for c in causes)
     if v == "ambiguous":
         if len(causes) == 1:
             return f"Cause: {text[first['effect']]}, or something that is not in the catalogue: {each}."
-        return f"Cause: cannot be told apart with these data: {each}."
+        return f"Cause: cannot be told apart with these data: {each}, given a gap.{_none(found)}"
     if v == "partly" and d["ambiguous_with"]:
         return f"Part of it, not all, looks like one of these, which cannot be told apart: {each}."
     if v == "partly" and len(d["chosen"]) == 2:
@@ -118,7 +119,13 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         v
     ]
     each = " and ".join(_named(c) for c in causes[: 2 if v == "explained" else 1])
-    return f"{head}: {text[first['effect']]}, {each}; probability {100 * first['probability']:.0f} %."
+    return f"{head}: {text[first['effect']]}, {each}; probability {chance(first['probability'])}."
+
+
+def _none(found: Mapping[str, Any]) -> str:
+    """How probable no gap is, where that is worth saying beside causes that cannot be told apart."""
+    p = (found.get("probabilities") or {}).get("none", 0.0)
+    return f" That there is none has {chance(p)}." if p > DOUBT else ""
 
 
 def _remainder(d: Mapping[str, Any]) -> str:
@@ -157,6 +164,11 @@ def _alone(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     if not any(c["effect"] in one_place for c in d["causes"][:1]):
         return ""
     return " What one place alone has, no other can confirm: with its tests left out the cause does nothing."
+
+
+def chance(p: float) -> str:
+    """A probability in per cent, never quite none or all."""
+    return "< 1 %" if p < 0.005 else "> 99 %" if p > 0.995 else f"{100 * p:.0f} %"
 
 
 def percents(interval: Sequence[float]) -> str:

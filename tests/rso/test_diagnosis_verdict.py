@@ -148,6 +148,16 @@ def test_one_cause_and_what_is_in_no_catalogue_are_named_as_such():
     assert "cannot be told apart" not in said
 
 
+def test_beside_causes_that_cannot_be_told_apart_it_is_said_how_probable_none_is():
+    """Two that hold 28 % together sound like a finding, where no gap at all has more than both."""
+    d = {"verdict": "ambiguous", "ambiguous_with": [["skin", "gain"]],
+         "causes": [{"effect": "skin", "probability": 0.999}, {"effect": "gain", "probability": 0.004}]}  # fmt: skip
+    effects = [{"name": n, "description": n} for n in ("skin", "gain")]
+    said = _cause(d, {"effects": effects, "probabilities": {"none": 0.41}})
+    assert said.endswith("skin (> 99 %), gain (< 1 %), given a gap. That there is none has 41 %.")
+    assert _cause(d, {"effects": effects, "probabilities": {"none": 0.01}}).endswith("given a gap.")
+
+
 def test_without_a_gap_no_cause_is_said_to_have_shrunk_it():
     """Nothing was added: a third number would be the second one, of other draws."""
     s = {"how": "validate curves", "before": 0.63, "refit_only": 0.62, "with_cause": 0.61, "closed": None,
