@@ -13,6 +13,7 @@ rerun        finalists computed anew           next_test   what would settle it
 story        all of it as plain data           words       and in sentences
 """
 
+from rso.diagnosis.detectable import announced, in_sight
 from rso.diagnosis.effects import Effect, catalogue, localised, recorded, suited
 from rso.diagnosis.judge import Diagnosis, diagnose
 from rso.diagnosis.library import Library, build
@@ -33,10 +34,12 @@ __all__ = [
     "Experiment",
     "Library",
     "TestPlan",
+    "announced",
     "build",
     "catalogue",
     "diagnose",
     "finalists",
+    "in_sight",
     "localised",
     "make_plan",
     "mended",

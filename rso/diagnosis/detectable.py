@@ -7,7 +7,7 @@ is the size found in half of the data sets at 5 % false alarm.  Only the level o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -15,6 +15,7 @@ from scipy.special import logsumexp
 from rso.diagnosis import attribute
 from rso.diagnosis.attribute import Evidence
 from rso.diagnosis.effects import Effect
+from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import log_tiles
 
 SIZES = 5
@@ -37,6 +38,30 @@ class Detectable:
     power: tuple[tuple[float, float], ...]
     confused_with: tuple[str, ...]
     recognised: float
+
+
+def in_sight(library: Library, seed: int) -> tuple[Detectable, ...]:
+    """What a test plan can see, by its noise and by the base model as fitted; no effect has met the data."""
+    seen = replace(library, plan=library.plan.seen())
+    y = seen.plan.values()
+    return detectable(Evidence(attribute.set_up(seen, y), seen.effects), y, seed)
+
+
+def announced(visible: Sequence[Detectable]) -> list[str]:
+    """The same in sentences: from which size on, what is confused with what, and what cannot be seen."""
+    seen = [v for v in visible if v.limit is not None]
+    sizes = [f"{v.effect.name} {_size(v)}" for v in seen]
+    alike = [f"{v.effect.name} with {', '.join(v.confused_with)}" for v in seen if v.confused_with]
+    hidden = [v.effect.name for v in visible if v.limit is None]
+    told = (("visible in half of all tests from", sizes), ("confused", alike), ("not visible at any size", hidden))
+    return [f"{words}: {'; '.join(each)}" for words, each in told if each]
+
+
+def _size(v: Detectable) -> str:
+    if v.value is None:
+        return "as such"
+    least = "≤ " if v.limit is not None and v.limit <= abs(v.power[0][0]) else ""
+    return f"{least}{v.value:.3g} {v.effect.size.unit}".removesuffix(" 1").removesuffix(" -")
 
 
 def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable, ...]:

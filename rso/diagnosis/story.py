@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rso.diagnosis.attribute import Evidence
-from rso.diagnosis.detectable import Detectable, detectable
+from rso.diagnosis.detectable import Detectable
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.judge import SURE, Diagnosis
 from rso.diagnosis.library import Library
@@ -27,14 +26,15 @@ Run = Callable[[Sequence[Task]], list[Any]]
 
 
 def story(
-    library: Library, d: Diagnosis, seed: int, run: Run | None, title: str, checked: Sequence[Check] = ()
-) -> dict[str, Any]:
+    library: Library, d: Diagnosis, visible: Sequence[Detectable], run: Run | None, title: str,
+    checked: Sequence[Check] = (),
+) -> dict[str, Any]:  # fmt: skip
     """Everything of a diagnosis: `diagnosis` is the block of results.json, the rest serves the report.
 
-    `run` simulates candidates of the next test, `checked` are the rounds in which finalists were computed anew.
+    `visible` is what the plan can see, `run` simulates candidates of the next test, `checked` are the rounds in which
+    finalists were computed anew.
     """
     plan = library.plan.seen()
-    visible = detectable(Evidence(d.bench, library.effects), plan.values(), seed)
     tests = _next(library, d, run) if d.verdict in ("ambiguous", "partly") or len(d.named) > 1 else []
     found = {
         "schema": SCHEMA,

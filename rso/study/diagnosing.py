@@ -234,6 +234,10 @@ def judge(asked: Asked, library: Library, run: Callable[[Sequence[Task]], list[A
     verdict found again, until both agree or ROUNDS are over; candidates of the next test are simulated too.
     """
     seed = asked.study.study.seed
+    say("what this test plan can show, before any cause meets the data")
+    visible = diagnosis.in_sight(library, seed)
+    for line in diagnosis.announced(visible):
+        say(line)
     say("verdict: evidence, held-out prediction and self-checks")
     result = diagnosis.diagnose(library, seed)
     checks: list[diagnosis.Check] = []
@@ -248,9 +252,9 @@ def judge(asked: Asked, library: Library, run: Callable[[Sequence[Task]], list[A
             break
         result = diagnosis.diagnose(library, seed)
     named = f" ({', '.join(result.named)})" if result.named else ""
-    further = ", and tests that could settle it" if run is not None and len(result.named) > 1 else ""
-    say(f"the verdict is {result.verdict}{named}; what this test plan can see{further}")
-    return diagnosis.story(library, result, seed, run, asked.study.study.title, checks)
+    further = "; tests that could settle it" if run is not None and len(result.named) > 1 else ""
+    say(f"the verdict is {result.verdict}{named}{further}")
+    return diagnosis.story(library, result, visible, run, asked.study.study.title, checks)
 
 
 def _write(folder: Path, found: Mapping[str, Any]) -> None:

@@ -105,7 +105,7 @@ def test_a_test_done_at_another_place_than_noted_is_the_measurement(away):
     c = cause(d, "shift at (10, 0)")
     assert c.interval[0] <= away <= c.interval[1]
     assert set(found(1.2, True)[1].named) == {"tilt", "shift"}
-    said = story(library, d, 4, None, "")["words"]
+    said = story(library, d, (), None, "")["words"]
     assert any("it is the measurement" in w.lower() for w in said) and any("no other can confirm" in w for w in said)
 
 
@@ -256,7 +256,7 @@ def test_one_curve_alone_is_answered_humbly():
     d = diagnosis.diagnose(library, 0, nulls=NULLS)
     assert d.verdict in ("explained", "ambiguous", "partly") and "soften" in d.named
     assert d.held_out == () and d.shrinkage.closed is None
-    story = diagnosis.story(library, d, 0, None, "one curve")
+    story = diagnosis.story(library, d, (), None, "one curve")
     assert any("one curve" in line for line in story["words"])
 
 
@@ -339,3 +339,7 @@ def test_the_verdict_is_said_before_tests_that_could_settle_it_are_simulated():
     asked = SimpleNamespace(study=SimpleNamespace(study=SimpleNamespace(seed=0, title="")))
     found = judge(asked, library, None, said.append)["diagnosis"]
     assert f"the verdict is {found['verdict']} ({found['causes'][0]['effect']}" in said[-1]
+    before = [line for line in said[: said.index("verdict: evidence, held-out prediction and self-checks")]]
+    limit = {v["effect"]: v for v in found["detectable"]}
+    shown, value = next((n, v["smallest_visible"]) for n, v in limit.items() if v["smallest_visible"])
+    assert f"{shown} " in before[1] and f"{value:.3g}" in before[1], "limits are told before causes meet the data"

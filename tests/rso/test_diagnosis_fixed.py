@@ -149,13 +149,13 @@ def test_a_wrong_value_is_a_bias_or_a_gap_and_no_error():
     low, _, high = wrong.parameters["before"]["mu"]
     assert right.verdict == "no_gap" and right.parameters["before"]["mu"][0] < MU < right.parameters["before"]["mu"][2]
     assert wrong.verdict != "no_gap" and not low < MU < high
-    assert story(own, wrong, 1, toy.run, "toy")["words"]
+    assert story(own, wrong, (), toy.run, "toy")["words"]
 
 
 def test_a_modulus_far_outside_its_range_is_said_and_no_error():
     """Three times the range is beyond all simulations with a fixed D1, and is what the fit runs up against."""
     own, d = diagnose(D1=D1, truth={"mu": 3.0 * HIGH})
-    found = story(own, d, 1, None, "toy")
+    found = story(own, d, (), None, "toy")
     assert d.parameters["before"]["mu"][1] > HIGH
     assert any("lies outside the range of the study" in w for w in found["words"])
 
@@ -176,7 +176,7 @@ def test_a_cause_is_computed_anew_with_the_fixed_value():
 @pytest.mark.parametrize("of", FIXED)
 def test_what_is_fixed_is_said_and_has_no_interval(of):
     own, d = diagnose(*FIXED[of], truth={"soften": 0.25})
-    found = json.loads(json.dumps(plain(story(own, d, 1, None, "toy"))))
+    found = json.loads(json.dumps(plain(story(own, d, (), None, "toy"))))
     held = {k: toy.TRUTH[k] for k in (("mu", "D1") if of == "both" else (of,))}
     assert found["fixed"] == held and not held.keys() & found["diagnosis"]["parameters"]["after"].keys()
     (said,) = (w for w in found["words"] if w.startswith("Fixed by the study"))

@@ -162,7 +162,7 @@ def test_what_shows_beside_a_cause_is_in_the_contest_and_in_the_words():
     names = ("stiff", "bias", "skin")
     library = dataclasses.replace(tables(names), plan=make_plan(experiments(2, offset=0.09)))
     d = diagnosis.diagnose(library, 2, nulls=100)
-    found = diagnosis.story(library, d, 2, None, "toy")
+    found = diagnosis.story(library, d, (), None, "toy")
     rest = found["diagnosis"]["remainder"]
     assert rest["there"] and rest["score"] > rest["threshold"] and rest["of"] == "skin"
     assert any(f"What skin alone leaves is more than noise: it looks most like {rest['looks_like']}" in w
@@ -175,7 +175,7 @@ def test_rivals_of_a_part_are_named_and_are_not_called_a_pair():
     names = ("stiff", "twin", "skin")
     plan = make_plan(experiments(0, {"stiff": 0.3, "soften": 0.08}))
     library = dataclasses.replace(tables(names), plan=plan)
-    found = diagnosis.story(library, diagnosis.diagnose(library, 0, nulls=100), 0, None, "toy")
+    found = diagnosis.story(library, diagnosis.diagnose(library, 0, nulls=100), (), None, "toy")
     d = found["diagnosis"]
     assert d["verdict"] == "partly" and len(d["chosen"]) == 1 and len(d["causes"]) > 1, d["causes"]
     assert set(d["ambiguous_with"][0]) == {c["effect"] for c in d["causes"]}

@@ -135,7 +135,7 @@ UNUSUAL = {
 def test_an_unusual_plan_has_a_story(what):
     plan = make_plan(UNUSUAL[what](np.random.default_rng(0)))
     library = build(toy.base(axes=False), plan, toy.effects("stiff", "twin", "compliance"), toy.run)
-    found = story(library, diagnose(library, 0, nulls=40), 0, toy.run, "toy")
+    found = story(library, diagnose(library, 0, nulls=40), (), toy.run, "toy")
     assert found["words"]
 
 
