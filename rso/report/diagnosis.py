@@ -90,7 +90,10 @@ def verdict(found: Found) -> Section:
     else:
         together = set(effects_of(chosen(found) or "")) >= {clean(c.get("effect")) for c in d.get("causes") or ()}
         named = _listing(names if together else names[:1], "and")
-    lead = text.format(named) + _not_settled(found) if text else "There is no verdict."
+    open_left = _not_settled(found)
+    if "no gap" in open_left:
+        text = text.replace("misses", "may miss")
+    lead = text.format(named) + open_left if text else "There is no verdict."
     blocks: list[Block] = [Text(lead, "lead" if text else "missing")]
     blocks.append(Facts(tuple(_facts(found))))
     blocks += [Text(re.sub(r"(?<![\w.])-(?=\d)", "−", clean(w))) for w in listed(found, "words")]

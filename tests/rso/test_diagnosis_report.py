@@ -249,12 +249,14 @@ def test_an_unknown_figure_is_refused():
 def test_an_ambiguous_verdict_says_what_it_leaves_open():
     found = story("ambiguous")
     assert "spread over" not in said(found) and "no gap at all" not in said(found)
+    assert "misses something" in said(found)
     for c, q in zip(found["diagnosis"]["causes"], (0.20, 0.08), strict=True):
         c["probability"] = q
     found["probabilities"]["none"] = 0.41
     text = said(found)
     assert "these hold 28 % of the probability; the rest is spread over what is less likely" in text
     assert "That there is no gap at all has 41 %" in text
+    assert "may miss something" in text and "misses something" not in text
 
 
 def test_a_share_of_one_curve_is_said_to_be_one():
