@@ -90,10 +90,9 @@ def verdict(found: Found) -> Section:
     else:
         together = set(effects_of(chosen(found) or "")) >= {clean(c.get("effect")) for c in d.get("causes") or ()}
         named = _listing(names if together else names[:1], "and")
-    open_left = _not_settled(found)
-    if "no gap" in open_left:
+    if _nothing(found) > DOUBT:
         text = text.replace("misses", "may miss")
-    lead = text.format(named) + open_left if text else "There is no verdict."
+    lead = text.format(named) + _not_settled(found) if text else "There is no verdict."
     blocks: list[Block] = [Text(lead, "lead" if text else "missing")]
     blocks.append(Facts(tuple(_facts(found))))
     blocks += [Text(re.sub(r"(?<![\w.])-(?=\d)", "−", clean(w))) for w in listed(found, "words")]
@@ -105,14 +104,19 @@ def _not_settled(found: Found) -> str:
     held = [number(c.get("probability")) for c in core(found).get("causes") or ()]
     if verdict_of(found) != "ambiguous" or not held or None in held:
         return ""
-    total, nothing = sum(held), number((found.get("probabilities") or {}).get(BASE))  # type: ignore[arg-type]
-    text = ""
+    total, text = sum(held), ""  # type: ignore[arg-type]
     if total < FEW:
         text += f" Given a gap, these hold {chance(total)} of the probability; the rest is spread over what is less "
         text += "likely."
-    if nothing is not None and nothing > DOUBT:
-        text += f" That there is no gap at all has {chance(nothing)}."
+    if _nothing(found) > DOUBT:
+        text += f" That there is no gap at all has {chance(_nothing(found))}."
     return text
+
+
+def _nothing(found: Found) -> float:
+    """Probability of no gap beside an ambiguous verdict; 0 beside others, which a test of the null has decided."""
+    p = number((found.get("probabilities") or {}).get(BASE))
+    return p if p is not None and verdict_of(found) == "ambiguous" else 0.0
 
 
 def _listing(names: list[str], word: str) -> str:
