@@ -40,7 +40,8 @@ DENSE, DEGREE, SMOOTH = 200, 10, 0.5  # readings of a record that tells by itsel
 class Level:
     """Noise of a channel: `white` per reading, `correlated` of a bin along `length` mm, `gain`, `contact` of a test.
 
-    `loud` holds the experiments (by index) whose readings have another noise, and how many times this one.
+    `loud` holds the experiments (by index) whose readings have another noise, and how many times this one; `expected`
+    are gain and contact as stated or usual, before repeats were looked at.
     """
 
     white: float
@@ -51,6 +52,7 @@ class Level:
     depth: float
     source: str
     loud: Mapping[int, float] = field(default_factory=dict)
+    expected: tuple[float, float] = (0.0, 0.0)
 
     def of(self, experiment: int) -> Level:
         """That of the readings of one experiment."""
@@ -97,7 +99,8 @@ def levels(plan: TestPlan) -> dict[str, Level]:
             correlated, reach = _smoothed(seen, c)
         depth = max(e.noise.depth for e in seen)
         gain = max(e.noise.gain for e in seen)
-        known = Level(white, correlated, reach, gain, max(plan.scale * CONTACT, 2 * depth), depth, source, loud)
+        contact = max(plan.scale * CONTACT, 2 * depth)
+        known = Level(white, correlated, reach, gain, contact, depth, source, loud, (gain or GAIN, contact))
         gain, contact, extra, its_reach = _repeats(plan, c, known)
         if extra > correlated:
             known = replace(known, correlated=extra, length=max(its_reach, reach))

@@ -46,7 +46,8 @@ def story(
         "diagnosis": block(d, visible, tests),
         "experiments": [_experiment(e) for e in library.plan.experiments],
         "noise": {c: {"white": v.white, "correlated": v.correlated, "length_mm": v.length, "gain": v.gain,
-                      "contact_mm": v.contact, "depth_mm": v.depth, "source": v.source}
+                      "contact_mm": v.contact, "depth_mm": v.depth, "source": v.source,
+                      "expected": {"gain": v.expected[0], "contact_mm": v.expected[1]}}
                   for c, v in d.bench.levels.items()},
         "effects": [_effect(e) for e in library.effects],
         "probabilities": dict(sorted(d.probabilities.items(), key=lambda v: -v[1])[:20]),

@@ -8,13 +8,14 @@ from typing import Any
 LEAST = -10.0  # times the gap: what is opened more widely need not be counted
 NEAR = 0.02  # of a range, in ln: a median that near to its end is pressed against it
 DOUBT = 0.05  # probability of no gap above which it is said
+UNLIKE = 2.5  # times what is expected: of 3 repeats with that one set in 500 differs by more, of 5 one in 20 000
 WORTH_SAYING = 0.1  # share of the gap from which a place is named
 
 
 def words(found: Mapping[str, Any]) -> list[str]:
     """Sentences from the plain data of a diagnosis; no number is computed here."""
     d = found["diagnosis"]
-    out = [_gap(d), *_jumps(d), *_hum(d)]
+    out = [_gap(d), *_unlike(found), *_jumps(d), *_hum(d)]
     if d["verdict"] != "no_gap":
         out += [_where(d), _cause(d, found) + _remainder(d)]
     if (closed := _shrinkage(d)) is not None:
@@ -30,6 +31,25 @@ def words(found: Mapping[str, Any]) -> list[str]:
             out.append(f"Next test: {t['test']}; {share}{note}.")
         else:
             out.append(f"No test in the list is likely to settle it; the best is {t['test']}: {share}{note}.")
+    return out
+
+
+def _unlike(found: Mapping[str, Any]) -> list[str]:
+    """Repeats that differ by far more than stated or usual: that counts as noise, and no misfit shows what it is."""
+    out = []
+    for c, v in found.get("noise", {}).items():
+        usual = v.get("expected") or {}
+        g, z = usual.get("gain"), usual.get("contact_mm")
+        if g and v["gain"] > UNLIKE * g:
+            out.append(
+                f"Repeats differ by {100 * v['gain']:.2g} % in {c}, {100 * g:.2g} % is stated or usual: taken for "
+                "noise, this may be an effect of its own (recovery between tests, temperature, a gain that wanders)."
+            )
+        if z and v["contact_mm"] > UNLIKE * z:
+            out.append(
+                f"Contact points of repeats differ by {v['contact_mm']:.2g} mm by {c}, {z:.2g} mm is usual: taken for "
+                "noise, this may be an effect of its own (contact found late, a specimen that creeps or moves)."
+            )
     return out
 
 

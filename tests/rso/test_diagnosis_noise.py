@@ -96,6 +96,7 @@ def test_a_gain_that_repeats_contradict_is_theirs():
                  for r, g in zip(few, (0.94, 0.97, 1.0, 1.03, 1.06), strict=True))  # fmt: skip
     level = noise.levels(make_plan([toy.experiment("a", wide, noise=Noise(Fz=3e-3, gain=0.01))]))["Fz"]
     assert 0.035 < level.gain < 0.065  # standard deviation of the five is 0.047
+    assert level.expected == (0.01, 0.01)
 
 
 def test_a_bin_of_readings_that_hardly_forget_is_one_of_them():
