@@ -64,9 +64,9 @@ def main():
     parser.add_argument("folder", type=Path)
     parser.add_argument("--from", type=int, default=3, dest="first", help="round from which on they count together")
     args = parser.parse_args()
-    paths = sorted(args.folder.glob("round*.json"))
-    paths = [p for p in paths if re.fullmatch(r"round\d+", p.stem)]
+    paths = [p for p in args.folder.glob("round*.json") if re.fullmatch(r"round\d+", p.stem)]
     rounds = {int(p.stem.removeprefix("round")): json.loads(p.read_text()) for p in paths}
+    rounds = dict(sorted(rounds.items()))
     for r in rounds.values():
         r["named_and_wrong"] = named_and_wrong(r)
     late = [r for k, r in rounds.items() if k >= args.first]
