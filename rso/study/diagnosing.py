@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import os
+import textwrap
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -31,6 +32,7 @@ from rso.units import quantity
 
 Watch = Callable[[Event], None]
 FILE = "diagnosis.json"
+WIDTH = 79  # of lines that say much
 ROUNDS = 2  # of finalists computed anew
 BEYOND = 1.5  # times the range of a modulus that moves what is fixed over it: how far simulations go on each side
 
@@ -237,7 +239,7 @@ def judge(asked: Asked, library: Library, run: Callable[[Sequence[Task]], list[A
     say("what this test plan can show, before any cause meets the data")
     visible = diagnosis.in_sight(library, seed)
     for line in diagnosis.announced(visible):
-        say(line)
+        say(textwrap.fill(line, WIDTH, subsequent_indent="  ", break_on_hyphens=False))
     say("verdict: evidence, held-out prediction and self-checks")
     result = diagnosis.diagnose(library, seed)
     checks: list[diagnosis.Check] = []
