@@ -11,12 +11,11 @@ and a header in the last comment above bare numbers.  Tables beneath one another
 from __future__ import annotations
 
 import hashlib
-import io
 import math
 import os
 import re
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -27,17 +26,13 @@ from rso.measurement import plausible, tables
 from rso.measurement.blanks import parted, width_of
 from rso.measurement.branches import SEGMENTS, segments
 from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head, is_head, is_number, of_file
+from rso.measurement.lines import lines_of, text_of
 from rso.measurement.tables import FORCES
 from rso.units import kind_of
 
-MAX_BYTES = 200_000_000
 DISPLACEMENTS = ("ux", "uy", "uz")
-_BROKEN = 8  # lines that the cells of a header may have
-_OPENS, _CLOSES = re.compile(r'(?:^|[;,\t])\s*"[^"]*$'), re.compile(r'[^"]*"\s*(?:[;,\t]|$)')
 _LARGEST = 1e12
 _MOST = {"mm": 1e4, "N": 1e6}  # ten metres, a hundred tonnes: no indenter, but a unit misread
-# A cell that a spreadsheet could not show or compute is a bad number, not the begin of a comment.
-_FAULT = re.compile(r"#(?:#+|DIV/0!|N/A|NV|[A-ZÄÖÜ]+[!?])\s*[;,\t]\s*[^\s;,]")
 _PARTED = re.compile(r"[+-]?\d{1,3}(?:[\s'’.,]\d{3})+(?:[.,]\d*)?")
 _THOUSANDS, _WHOLE = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}"), re.compile(r"[+-]?\d+")
 
@@ -166,34 +161,10 @@ def _apart(paths: Sequence[Path]) -> None:
             raise ValueError(f"{path}: holds the same bytes as {first}; a repeat counts once")
 
 
-def _text(path: Path) -> str:
-    """Contents as text: UTF-16 with its mark, UTF-8 with or without one, else Latin-1."""
-    try:
-        if not path.is_file():
-            raise ValueError(f"{path}: there is no such file" if not path.exists() else f"{path}: is not a file")
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise ValueError(f"{path}: {size / 1e6:.0f} MB is more than the {MAX_BYTES / 1e6:.0f} MB that are read")
-        raw = path.read_bytes()
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror})") from error
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        try:
-            raw = raw.decode("utf-16").encode()
-        except UnicodeDecodeError as error:
-            raise ValueError(f"{path}: begins as UTF-16 text and goes on as none; save it as UTF-8") from error
-    if b"\0" in raw:
-        raise ValueError(f"{path}: is not a text file (it holds zero bytes); a CSV file is expected")
-    try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return raw.decode("latin-1")
-
-
 def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     """The file as columns; `file_label` goes before the labels of its repeats."""
     comments: list[Row] = []
-    rows = list(_lines(_text(path), comments))
+    rows = list(lines_of(text_of(path), comments))
     width = width_of(rows)
     rows = [parted(row, width) for row in rows]
     above = [c for c in comments if rows and c[0] < rows[0][0]]
@@ -310,43 +281,6 @@ def _no_thousands(path: Path, rows: Sequence[Row], head: Head) -> None:
         # Whoever prints three decimals prints them of 0 and 50 too.
         told = f"{cell!r} beside {whole[k]!r} is a thousand or a decimal; write 1250 or 1.2500"
         fail(path, line, f"column {numeric[k]!r}: {told}")
-
-
-def _lines(text: str, comments: list[Row]) -> Iterator[Row]:
-    """Numbered lines that hold more than separators; those of comments, without '#', go to `comments`."""
-    for number, line in enumerate(_joined(text), 1):
-        row = line.strip("\r\n")
-        if row.lstrip().startswith("#") and not _FAULT.match(row.lstrip()):
-            comments.append((number, row.lstrip()[1:].strip()))
-        elif row.strip(' \t;,"'):
-            yield number, row
-
-
-def _joined(text: str) -> Iterator[str]:
-    """Lines, where a cell in quotes has some of its own, "Weg⏎[mm]", as one, and empty ones in place of the others.
-
-    Readings are lines of their own wherever quotes open and close.
-    """
-    held: list[str] = []
-    for line in io.StringIO(text, newline=None):
-        if not held and not (line.count('"') % 2 and _OPENS.search(line)):
-            yield line
-            continue
-        held.append(line)
-        closed = sum(v.count('"') for v in held) % 2 == 0
-        if closed and _CLOSES.match(line) and not any(map(_is_reading, held[1:])):
-            yield " ".join(v.strip("\r\n") for v in held)
-            yield from [""] * (len(held) - 1)
-            held = []
-        elif closed or len(held) > _BROKEN:  # quotes that mean inches
-            yield from held
-            held = []
-    yield from held
-
-
-def _is_reading(line: str) -> bool:
-    """Whether a line holds two numbers and more: no part of a cell, but of a table with a stray quote above."""
-    return sum(map(is_number, re.split("[;,\t]", line.strip()))) > 1
 
 
 def _number(path: Path, line: int, name: str, cells: Sequence[str], head: Head) -> float:

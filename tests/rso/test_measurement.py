@@ -8,7 +8,7 @@ from scipy.signal import lsim
 
 from rso.contract import parameters_of
 from rso.measurement import Chain, Noise, combine, correct, read, record, value_at, without_spikes
-from rso.measurement import reading as reading_module
+from rso.measurement import lines as lines_module
 
 U = np.linspace(0.1, 4.0, 40)
 
@@ -172,8 +172,8 @@ def test_bad_files(tmp_path, monkeypatch):
         read(tmp_path / "none.csv")
     with pytest.raises(ValueError, match="is not a file"):
         read(tmp_path)
-    assert reading_module.MAX_BYTES == 200_000_000
-    monkeypatch.setattr(reading_module, "MAX_BYTES", 10)
+    assert lines_module.MAX_BYTES == 200_000_000
+    monkeypatch.setattr(lines_module, "MAX_BYTES", 10)
     with pytest.raises(ValueError, match="is more than the"):
         read(write(tmp_path, "depth_mm,Fz_N\n1,2\n"))
 
