@@ -60,7 +60,7 @@ def announced(visible: Sequence[Detectable]) -> list[str]:
 def _size(v: Detectable) -> str:
     if v.value is None:
         return "as such"
-    least = "≤ " if v.limit is not None and v.limit <= abs(v.power[0][0]) else ""
+    least = "≤ " if v.power[0][1] >= 0.5 else ""  # the smallest size that was simulated is seen already
     return f"{least}{v.value:.3g} {v.effect.size.unit}".removesuffix(" 1").removesuffix(" -")
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 LEAST = -10.0  # times the gap: what is opened more widely need not be counted
 NEAR = 0.02  # of a range, in ln: a median that near to its end is pressed against it
-DOUBT = 0.05  # probability of no gap above which it is said
+DOUBT = 0.05  # probability of no gap above which it is said beside causes that cannot be told apart
 UNLIKE = 2.5  # times what is expected: of 3 repeats with that one set in 500 differs by more, of 5 one in 20 000
 WORTH_SAYING = 0.1  # share of the gap from which a place is named
 

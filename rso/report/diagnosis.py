@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rso.diagnosis.words import percents
+from rso.diagnosis.words import DOUBT, percents
 from rso.report.canvas import short
 from rso.report.diagnosis_background import background
 from rso.report.diagnosis_figures import PLACES, draw, drawn_curves, leading
@@ -38,7 +38,6 @@ from rso.report.page import pictures, pour
 from rso.report.reading import listed, number, pair
 
 FEW = 0.9  # probability of all named causes below which it is said that others hold the rest
-DOUBT = 0.05  # probability of no gap above which it is said beside causes that cannot be told apart
 ONE_CURVE = 0.9  # share of what exceeds the floor from which a single curve is said to hold it
 
 _VERDICTS = {

@@ -315,6 +315,11 @@ def power_rows(found: Found) -> list[tuple[str, list[float], Mapping[str, Any]]]
     return sorted(rows, key=lambda v: (not v[2].get("visible"), -float(np.mean(v[1]))))
 
 
+def least(values: Sequence[float]) -> str:
+    """What stands before a limit where the smallest size that was simulated is seen already."""
+    return "≤ " if values[0] >= 0.5 else ""
+
+
 def power(found: Found) -> Figure:
     """One strip per effect: how often a gap of that size is noticed."""
     rows = power_rows(found)
@@ -328,7 +333,7 @@ def power(found: Found) -> Figure:
         limit = number(entry.get("smallest_visible"))
         word = "any" if entry.get("visible") else "invisible"
         if limit is not None:
-            word = ("≤ " if values[0] >= 0.5 else "") + amount(limit, entry.get("unit"))
+            word = least(values) + amount(limit, entry.get("unit"))
         axes.text(1.03, -k, word, va="center", fontsize=8, color=INK if entry.get("visible") else GREY)
         axes.text(-0.015, -k, _distinct([(text.get(name) or name, name)], 62)[0], va="center", ha="right", fontsize=8,
                   color=INK if entry.get("visible") else GREY)  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rso.report.diagnosis_figures import leading, power_rows
+from rso.report.diagnosis_figures import leading, least, power_rows
 from rso.report.diagnosis_reading import Found, amount, brief, core, effects_of
 from rso.report.digits import DASH, aligned, clean, known, percent
 from rso.report.document import Block, Cell, Picture, Section, Text, column, table, words
@@ -65,8 +65,8 @@ def in_sight(found: Found) -> Section:
     blocks: list[Block] = [Text(text + (f"; {blind} stay invisible, whatever their size." if blind else "."))]
     order = {n: k for k, (n, _, _) in enumerate(power_rows(found))}
     rows.sort(key=lambda v: order.get(clean(v.get("effect")), len(order)))
-    at_once = {n for n, values, _ in power_rows(found) if values[0] >= 0.5}  # the smallest size is seen already
-    limit = [("≤ " if clean(v.get("effect")) in at_once else "") + amount(v.get("smallest_visible"), v.get("unit"))
+    before = {n: least(values) for n, values, _ in power_rows(found)}
+    limit = [before.get(clean(v.get("effect")), "") + amount(v.get("smallest_visible"), v.get("unit"))
              if known(v.get("smallest_visible")) else "visible" if v.get("visible") else "invisible"
              for v in rows]  # fmt: skip
     columns = [
