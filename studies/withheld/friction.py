@@ -1,4 +1,4 @@
-"""Lateral force at (20, 0) with the true friction by mesh level, and the data: python studies/withheld/friction.py"""
+"""Lateral force at (20, 0), true friction, by mesh level with its stated error: python studies/withheld/friction.py"""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def main() -> None:
         settings = {"material": {"law": "neo_hookean"}, "mesh": {"level": level}, "point": [20.0, 0.0],
                     "indenter": {"radius": 3.0}}  # fmt: skip
         response = BACKEND(TRUTH, Case("friction", Programme.ramp((1.0, 2.0, 3.0, DEPTH), 0.5), settings))
-        print(f"{level:9s} {response.channels['Fx'][-1]:.4f} N")
+        print(f"{level:9s} {response.channels['Fx'][-1]:.4f} N, stated to ± {response.error['Fx'][-1]:.4f}", flush=True)
 
 
 if __name__ == "__main__":
