@@ -223,26 +223,26 @@ def contests(
 
     effects = evidence.effects
     hypotheses = [Hypothesis(()), *(Hypothesis((e,)) for e in effects), Hypothesis((), True)]
-    columns = [column(h) for h in hypotheses]
-    forms = {e.name: sum(o.source == e.source for o in effects) for e in effects}
-    sources = len({e.source for e in effects})
-    single = [_gap("single", sources) - np.log(forms[e.name]) for e in effects]
-    prior = [np.log(NO_GAP), *single, _gap("unexplained", 1)]
     if partly:
-        own = [e for e in effects if e.family != "scatter"]
-        more = [Hypothesis((e,), True) for e in own]
-        hypotheses += more
-        columns += [column(h) for h in more]
-        prior += [_gap("partly", len({v.source for v in own})) - np.log(forms[e.name]) for e in own]
-    for pair in pairs:
-        hypotheses.append(Hypothesis(pair))
-        columns.append(column(hypotheses[-1]))
-        prior.append(_gap("pair", sources * (sources - 1) // 2))
-    table = np.array(columns).T
-    return [Contest(tuple(hypotheses), row, np.array(prior)) for row in table]
+        hypotheses += [Hypothesis((e,), True) for e in effects if e.family != "scatter"]
+    hypotheses += [Hypothesis(pair) for pair in pairs]
+    table = np.array([column(h) for h in hypotheses]).T
+    prior = np.array([log_prior(h, effects) for h in hypotheses])
+    return [Contest(tuple(hypotheses), row, prior) for row in table]
 
 
-def _gap(kind: str, n: int) -> float:
+def log_prior(h: Hypothesis, effects: Sequence[Effect]) -> float:
+    """ln π(H) in a catalogue: causes of a kind share its probability, forms of a cause share that of the cause."""
+    if not h.effects and not h.unexplained:
+        return float(np.log(NO_GAP))
+    sources = {e.source for e in effects}
+    kind, n = "unexplained", 1
+    if len(h.effects) == 2:
+        kind, n = "pair", len(sources) * (len(sources) - 1) // 2
+    elif h.effects:
+        (e,) = h.effects
+        rivals = {o.source for o in effects if o.family != "scatter"} if h.unexplained else sources
+        kind, n = "partly" if h.unexplained else "single", len(rivals) * sum(o.source == e.source for o in effects)
     return float(np.log((1 - NO_GAP) * PRIOR[kind] / max(n, 1)))
 
 

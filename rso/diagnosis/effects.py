@@ -97,6 +97,11 @@ class Effect:
         """Whether it lies in the measurement: in its chain, or in a test done elsewhere than it says."""
         return self.family != "model" or self.place is not None
 
+    @property
+    def like_a_modulus(self) -> bool:
+        """Whether it multiplies all forces of a test: a modulus that changes from test to test does the same."""
+        return self.family == "scatter" and self.size.name == "gain"
+
     def acts(self, place: Mapping[str, Any]) -> bool:
         """Whether it acts at a place with these settings."""
         return self.place is None or self.place == place

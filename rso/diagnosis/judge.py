@@ -84,8 +84,13 @@ class Diagnosis:
     remainder: Remainder | None
 
 
-def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnosis:
-    """The diagnosis of the data in the library's plan; curves with role validate enter the shrinkage only."""
+def diagnose(
+    whole: Library, seed: int, nulls: int = attribute.NULLS, fitted: Mapping[str, float] | None = None
+) -> Diagnosis:
+    """The diagnosis of the data in the library's plan; curves with role validate enter the shrinkage only.
+
+    `fitted` are open parameters as the study found them.
+    """
     library = replace(whole, plan=whole.plan.seen())
     y = library.plan.values()
     bench = attribute.set_up(library, y)
@@ -128,14 +133,14 @@ def diagnose(whole: Library, seed: int, nulls: int = attribute.NULLS) -> Diagnos
     if verdict in WHOLE:
         doubtful = left > most_left(len(y)) or _beyond(chosen, posts[chosen.name]) or (rest is not None and rest.there)
         verdict = "partly" if doubtful else verdict
-    shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed)
+    shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed, fitted)
     if verdict == "partly":  # judged by the curves that are seen: validation has no say
         seen_alone = whole.plan.n == library.plan.n
         if _widens(shrunk if seen_alone else left_out(library, bench, evidence, y, chosen, seed)):
             verdict, named, chosen = "unexplained", (), Hypothesis((), True)
             posts[chosen.name] = _posterior(evidence, (), y, rng, True)
             left = misfit(evidence, chosen, y)
-            shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed)
+            shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed, fitted)
     where = localise.localise(library.plan, evidence.ready(()), bench.C, y, seed)
     r = bench.whites[0](y - shrinkage.predicted(library, (), posts["none"], bench.modulus))
     checks = _checks(evidence, contest, finalists, y, threshold, null, seed) if verdict != "no_gap" else ()
@@ -169,7 +174,7 @@ def judge(contest: Contest, gap: bool) -> Judgement:
 
     Forms of one cause count together.  A cause is sure when it takes part in hypotheses that hold SURE of the
     probability given a gap; otherwise causes are named until their hypotheses hold COVER of what has a cause.
-    A pair is never more than a part.
+    A pair is never more than a part, and what cell and specimen can both do is said of neither.
     """
     if not gap:
         return Judgement("no_gap", (), Hypothesis(()))
@@ -211,6 +216,8 @@ def judge(contest: Contest, gap: bool) -> Judgement:
     if min(marginal[v] for v in best) < SURE:
         return Judgement("ambiguous", names, chosen)
     own = tuple(e.name for e in chosen.effects)
+    if any(e.like_a_modulus for e in chosen.effects):
+        return Judgement("ambiguous", own, chosen)
     measured = all(e.measured for e in chosen.effects)
     return Judgement("measurement" if measured else "explained", own, chosen)
 
@@ -348,7 +355,7 @@ def _column(h: Hypothesis, effect: Effect, post: Posterior) -> int:
 def _checks(evidence: Evidence, contest: Contest, finalists: frozenset[str], y: np.ndarray, threshold: float,
             null: np.ndarray, seed: int) -> tuple[SelfCheck, ...]:  # fmt: skip
     """Null, winner and runner-up (another cause) simulated through the same contest."""
-    leading = _finalists(contest, 4)
+    leading = _finalists(contest, len(contest.hypotheses))
     sources = [{e.source for e in h.effects} for h in leading]
     leading = [h for h, own in zip(leading, sources, strict=True) if h is leading[0] or not own & sources[0]][:2]
     pairs = [h.effects for h in leading if len(h.effects) == 2]

@@ -22,6 +22,7 @@ from rso.measurement import Measurement, Repeat, step_of
 GAIN = 0.01  # of a test, where nothing is known
 CONTACT = 0.01  # mm, contact point of a test, of a plan of the usual depth
 UNKNOWN = 0.01  # of the largest force: a reading, where nothing is stated and too few readings tell
+UNLIKE = 2.5  # times what is expected: of 3 repeats with that one set in 500 differs by more, of 5 one in 20 000
 FEW = 8  # third differences that tell no noise
 OVERLAP = 2.31  # third differences of white noise for each that is independent, 1 + 2 (0.75² + 0.3² + 0.05²)
 SCARCE = 0.1  # chance that the noise is larger than taken from the readings
@@ -41,7 +42,7 @@ class Level:
     """Noise of a channel: `white` per reading, `correlated` of a bin along `length` mm, `gain`, `contact` of a test.
 
     `loud` holds the experiments (by index) whose readings have another noise, and how many times this one; `expected`
-    are gain and contact as stated or usual, before repeats were looked at.
+    are gain and contact as stated or usual, before repeats were looked at, `shown` those that repeats show.
     """
 
     white: float
@@ -53,6 +54,7 @@ class Level:
     source: str
     loud: Mapping[int, float] = field(default_factory=dict)
     expected: tuple[float, float] = (0.0, 0.0)
+    shown: tuple[float, float] = (0.0, 0.0)
 
     def of(self, experiment: int) -> Level:
         """That of the readings of one experiment."""
@@ -101,10 +103,14 @@ def levels(plan: TestPlan) -> dict[str, Level]:
         gain = max(e.noise.gain for e in seen)
         contact = max(plan.scale * CONTACT, 2 * depth)
         known = Level(white, correlated, reach, gain, contact, depth, source, loud, (gain or GAIN, contact))
-        gain, contact, extra, its_reach = _repeats(plan, c, known)
+        *shown, extra, its_reach = _repeats(plan, c, known)
         if extra > correlated:
             known = replace(known, correlated=extra, length=max(its_reach, reach))
-        out[c] = replace(known, gain=max(known.gain, gain) or GAIN, contact=max(known.contact, contact))
+        # what is stated binds: repeats that differ by far more are no noise
+        gain, contact = (e if said and v > UNLIKE * e else v
+                         for v, e, said in zip(shown, known.expected, (gain, depth), strict=True))  # fmt: skip
+        out[c] = replace(known, gain=max(known.gain, gain) or GAIN, contact=max(known.contact, contact),
+                         shown=(shown[0], shown[1]))  # fmt: skip
     if plan.profiles:
         stated = max(plan.experiments[p.experiment].noise.uz for p in plan.profiles)
         out["uz"] = Level(stated or plan.scale * MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "stated" if stated else "assumed")

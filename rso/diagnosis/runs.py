@@ -37,6 +37,11 @@ class BaseAxis:
         """Value at coordinate x for a modulus."""
         return (np.exp(x) if self.log else np.asarray(x, float)) * modulus**self.exponent
 
+    def coordinate(self, value: float, modulus: float = 1.0) -> float:
+        """The coordinate of a value, see `physical`."""
+        reduced = value / modulus**self.exponent
+        return float(np.log(reduced)) if self.log else float(reduced)
+
     @property
     def ends(self) -> tuple[float, float]:
         """Range of the coordinate."""

@@ -8,7 +8,7 @@ the parameters' own uncertainty adds is left in G: a model that does not know pr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +25,10 @@ BOOTSTRAPS = 2000
 
 @dataclass(frozen=True)
 class Gap:
-    """G and root mean square (N; mm for a profile) of one held-out curve under three models."""
+    """G and root mean square (N; mm for a profile) of one held-out curve under three models.
+
+    `cause` are the effects of the last, chosen without this curve.
+    """
 
     curve: str
     unit: str
@@ -33,6 +36,7 @@ class Gap:
     refit_only: float
     with_cause: float
     rms: tuple[float, float, float]
+    cause: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ class Shrinkage:
     """Means over the held-out curves, the noise floor, the share closed with its interval, and how it was held out.
 
     `closed` is (before − with_cause)/(before − floor), None where before does not exceed the floor by more than twice
-    its standard error.
+    its standard error.  `fitted` are the parameters of the model before, if that is the study's own answer.
     """
 
     curves: tuple[Gap, ...]
@@ -52,6 +56,7 @@ class Shrinkage:
     closed: float | None
     interval: tuple[float, float] | None
     how: str
+    fitted: Mapping[str, float] | None = None
 
 
 def curves_of(library: Library) -> list[tuple[str, str, np.ndarray]]:

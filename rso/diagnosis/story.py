@@ -47,7 +47,8 @@ def story(
         "experiments": [_experiment(e) for e in library.plan.experiments],
         "noise": {c: {"white": v.white, "correlated": v.correlated, "length_mm": v.length, "gain": v.gain,
                       "contact_mm": v.contact, "depth_mm": v.depth, "source": v.source,
-                      "expected": {"gain": v.expected[0], "contact_mm": v.expected[1]}}
+                      "expected": {"gain": v.expected[0], "contact_mm": v.expected[1]},
+                      "repeats": {"gain": v.shown[0], "contact_mm": v.shown[1]}}
                   for c, v in d.bench.levels.items()},
         "effects": [_effect(e) for e in library.effects],
         "probabilities": dict(sorted(d.probabilities.items(), key=lambda v: -v[1])[:20]),
@@ -88,7 +89,7 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
         "causes": [{"effect": c.effect.name, "cause": c.effect.source, "description": c.effect.description,
                     "family": c.effect.family, "probability": c.probability, "size": c.size,
                     "interval": list(c.interval), "unit": c.effect.size.unit, "neutral": c.effect.size.neutral,
-                    "railed": c.railed}
+                    "railed": c.railed, "like_a_modulus": c.effect.like_a_modulus}
                    for c in d.causes],
         "chosen": [e.name for e in d.chosen.effects],
         "ambiguous_with": [list(d.named)] if _rivals(d) else [],
@@ -96,7 +97,9 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                       "with_cause": s.with_cause, "noise_floor": s.floor, "floor_error": s.floor_error,
                       "closed": s.closed, "interval": None if s.interval is None else list(s.interval), "how": s.how,
                       "curves": [{"curve": c.curve, "unit": c.unit, "before": c.before, "refit_only": c.refit_only,
-                                  "with_cause": c.with_cause, "rms": list(c.rms)} for c in s.curves]},
+                                  "with_cause": c.with_cause, "rms": list(c.rms), "cause": list(c.cause)}
+                                 for c in s.curves],
+                      "fitted": None if s.fitted is None else dict(s.fitted)},
         "parameters": {when: {k: {"low": v[0], "median": v[1], "high": v[2]} for k, v in p.items()}
                        for when, p in d.parameters.items()},
         "detectable": [{"effect": v.effect.name, "unit": v.effect.size.unit, "smallest_visible": v.value,

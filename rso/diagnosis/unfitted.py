@@ -14,6 +14,7 @@ from rso.diagnosis.effects import Effect
 from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Posterior, log_evidence, posterior, ready, whitening
+from rso.diagnosis.prediction import predict
 from rso.diagnosis.testplan import LOADING
 
 
@@ -41,21 +42,26 @@ def held_out(bench: Bench, y: np.ndarray, hypotheses: Sequence[Hypothesis]) -> t
     return tuple(found)
 
 
-def _log_evidence(bench: Bench, h: Hypothesis, rows: np.ndarray, y: np.ndarray) -> float:
+def _log_evidence(bench: Bench, h: Hypothesis, rows: np.ndarray, y: np.ndarray, loose: bool = True) -> float:
     """Log evidence of some rows, over levels of scatter."""
     shares = attribute.SCATTER if any(e.family == "scatter" for e in h.effects) else attribute.SCATTER[:1]
     found = []
     for share in shares:
         white = whitening(bench.covariance(h.effects, share), rows)
-        h_ready = ready(bench.of(h.effects, loose=True), white, bench.modulus)
+        h_ready = ready(bench.of(h.effects, loose), white, bench.modulus)
         found.append(log_evidence(h_ready, white(y)[None])[0])
     return float(logsumexp(found) - np.log(len(found)))
 
 
 def shrinkage_of(
-    whole: Library, library: Library, bench: Bench, evidence: Evidence, y: np.ndarray, chosen: Hypothesis, seed: int
-) -> shrinkage.Shrinkage:
-    """Gaps on the validate curves, or on each experiment left out in turn if there are none."""
+    whole: Library, library: Library, bench: Bench, evidence: Evidence, y: np.ndarray, chosen: Hypothesis, seed: int,
+    fitted: Mapping[str, float] | None = None,
+) -> shrinkage.Shrinkage:  # fmt: skip
+    """Gaps on the validate curves, or on each experiment left out in turn if there are none.
+
+    `fitted` are the parameters as the study found them: on validate curves these are the model before, if they lie
+    where the library knows the base model.
+    """
     validation = [k for k, e in enumerate(whole.plan.experiments) if e.role == "validate"]
     if validation:
         rng, first = np.random.default_rng(seed + 2), _fitted_rows(library)
@@ -64,18 +70,21 @@ def shrinkage_of(
         unseen = replace(whole, plan=replace(whole.plan, tests=mine, profiles=profiles))
         v = unseen.plan.values()
         C = _covariance(unseen, bench, evidence, y)
-        models = [(bench.C, first, ()), (bench.C, np.arange(len(y)), ()), (bench.C, np.arange(len(y)), chosen.effects)]
-        fits = [shrinkage.predicted(unseen, e, _fit(bench, e, rows, y, rng), bench.modulus) for _, rows, e in models]
-        found = [_gap(name, unit, rows, v, fits, C) for name, unit, rows in shrinkage.curves_of(unseen)]
+        models = [(first, ()), (np.arange(len(y)), ()), (np.arange(len(y)), chosen.effects)]
+        fits = [shrinkage.predicted(unseen, e, _fit(bench, e, rows, y, rng), bench.modulus) for rows, e in models]
+        own = None if fitted is None else _at(unseen, fitted, bench.modulus)
+        fits[0] = fits[0] if own is None else own
+        found = [_gap(name, unit, rows, v, fits, C, chosen.effects) for name, unit, rows in shrinkage.curves_of(unseen)]
         sizes = [len(rows) for *_, rows in shrinkage.curves_of(unseen)]
-        return shrinkage.summarise(found, sizes, "those with role validate", seed)
+        told = shrinkage.summarise(found, sizes, "those with role validate", seed)
+        return told if own is None else replace(told, fitted=fitted)
     return left_out(library, bench, evidence, y, chosen, seed)
 
 
 def left_out(
     library: Library, bench: Bench, evidence: Evidence, y: np.ndarray, chosen: Hypothesis, seed: int
 ) -> shrinkage.Shrinkage:
-    """Gaps on each experiment left out in turn, whatever is kept for validation."""
+    """Gaps on each experiment left out in turn, the cause chosen anew without it, whatever is kept for validation."""
     rng, first = np.random.default_rng(seed + 2), _fitted_rows(library)
     found, sizes = [], []
     curves = shrinkage.curves_of(library)
@@ -83,20 +92,33 @@ def left_out(
         rest = np.setdiff1d(np.arange(len(y)), rows)
         before = np.setdiff1d(first, rows)
         before = rest if len(before) < 4 else before
-        cause = _taught(library, rest, _best_without(bench, evidence, rest, y, chosen))
+        cause = _chosen_without(evidence, rest, y, chosen)
         models = [(before, ()), (rest, ()), (rest, cause)]
         fits = [shrinkage.predicted(library, e, _fit(bench, e, r, y, rng), bench.modulus) for r, e in models]
-        found.append(_gap(name, unit, rows, y, fits, bench.C))
+        found.append(_gap(name, unit, rows, y, fits, bench.C, cause))
         sizes.append(len(rows))
     if not found:
         return shrinkage.Shrinkage((), np.nan, np.nan, np.nan, 1.0, np.nan, None, None, "one curve only")
-    return shrinkage.summarise(found, sizes, "each left out in turn because there are no validate curves", seed)
+    how = "each left out in turn, and the cause chosen anew without it, as there are no validate curves"
+    return shrinkage.summarise(found, sizes, how, seed)
 
 
-def _gap(name: str, unit: str, rows: np.ndarray, y: np.ndarray, fits: Sequence[np.ndarray], C: np.ndarray):
+def _gap(name: str, unit: str, rows: np.ndarray, y: np.ndarray, fits: Sequence[np.ndarray], C: np.ndarray,
+         cause: Sequence[Effect]) -> shrinkage.Gap:  # fmt: skip
     G = [shrinkage.gap(y[rows], f[rows], C[np.ix_(rows, rows)]) for f in fits]
     rms = tuple(float(np.sqrt(np.mean((y[rows] - f[rows]) ** 2))) for f in fits)
-    return shrinkage.Gap(name, unit, *G, rms)
+    return shrinkage.Gap(name, unit, *G, rms, tuple(e.name for e in cause))
+
+
+def _at(library: Library, values: Mapping[str, float], modulus: float) -> np.ndarray | None:
+    """Prediction (n,) of the base model at values of its open parameters; None where the library has none."""
+    base = library.base
+    μ = values[base.modulus]
+    x = np.array([a.coordinate(values[a.name], μ) for a in base.axes])
+    if any(not low <= v <= high for v, (low, high) in zip(x, (a.ends for a in base.axes), strict=True)):
+        return None
+    A, c = predict(library, (), x[None], modulus)
+    return μ * A[0] + c[0]
 
 
 def _fitted_rows(library: Library) -> np.ndarray:
@@ -109,26 +131,35 @@ def _fitted_rows(library: Library) -> np.ndarray:
     return np.concatenate(rows) if rows else np.arange(library.plan.n)
 
 
-def _taught(library: Library, rest: np.ndarray, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Those effects of which the rows that are left can say anything: what one place alone has needs a test there."""
-    plan = library.plan
-    there = [plan.places[item.place].settings for item, _, at in plan.rows() if np.isin(at.start, rest)]
-    return tuple(e for e in effects if any(e.acts(s) for s in there))
-
-
 def _fit(bench: Bench, effects, rows: np.ndarray, y: np.ndarray, rng) -> Posterior:
     white = whitening(bench.covariance(effects, attribute.SCATTER[-1]), rows)
     h = ready(bench.of(effects, loose=True), white, bench.modulus)
     return posterior(h, white(y), 300, rng)
 
 
-def _best_without(bench: Bench, evidence: Evidence, rest: np.ndarray, y: np.ndarray, chosen: Hypothesis):
-    """Effects of the finalist that has the most evidence without the curve that is left out."""
+def _chosen_without(evidence: Evidence, rest: np.ndarray, y: np.ndarray, chosen: Hypothesis) -> tuple[Effect, ...]:
+    """The effects that are most probable by the rows that are left, of all single causes and the pair that was chosen.
+
+    None where nothing was chosen, or where these rows make no gap more probable.  What one place alone has needs a test
+    there.
+    """
+    plan, bench = evidence.bench.library.plan, evidence.bench
+    there = [plan.places[item.place].settings for item, _, at in plan.rows() if np.isin(at.start, rest)]
+    taught = [e for e in evidence.effects if any(e.acts(s) for s in there)]
     if not chosen.effects:
         return ()
-    rivals = {chosen.effects, *((e,) for e in chosen.effects)}
-    ordered = sorted(rivals, key=lambda e: [v.name for v in e])
-    return max(ordered, key=lambda e: _log_evidence(bench, Hypothesis(e), rest, y))
+
+    def score(h: Hypothesis, loose: bool) -> float:
+        return _log_evidence(bench, h, rest, y, loose) + attribute.log_prior(h, evidence.effects)
+
+    rough = {e: score(Hypothesis((e,)), False) for e in taught}
+    leading = sorted(taught, key=lambda e: -rough[e])
+    last = {e.source for e in leading[: attribute.SURVIVORS]}
+    scores = {Hypothesis(()): score(Hypothesis(()), False)}
+    scores |= {Hypothesis((e,)): score(Hypothesis((e,)), True) for e in leading if e.source in last}
+    if len(chosen.effects) > 1 and set(chosen.effects) <= set(taught):
+        scores[chosen] = score(Hypothesis(chosen.effects), True)
+    return max(scores, key=lambda h: scores[h]).effects
 
 
 def _covariance(unseen: Library, bench: Bench, evidence: Evidence, y: np.ndarray) -> np.ndarray:

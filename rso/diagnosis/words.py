@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rso.diagnosis.noise import UNLIKE
+
 LEAST = -10.0  # times the gap: what is opened more widely need not be counted
 NEAR = 0.02  # of a range, in ln: a median that near to its end is pressed against it
 DOUBT = 0.05  # probability of no gap above which it is said beside causes that cannot be told apart
-UNLIKE = 2.5  # times what is expected: of 3 repeats with that one set in 500 differs by more, of 5 one in 20 000
 WORTH_SAYING = 0.1  # share of the gap from which a place is named
 
 
@@ -18,7 +19,7 @@ def words(found: Mapping[str, Any]) -> list[str]:
     out = [_gap(d), *_unlike(found), *_jumps(d), *_hum(d)]
     if d["verdict"] != "no_gap":
         out += [_where(d), _cause(d, found) + _remainder(d)]
-    if (closed := _shrinkage(d)) is not None:
+    if (closed := _shrinkage(d, found)) is not None:
         out.append(closed + _alone(d, found))
     out += _parameters(d, found) + _fixed(found) + _outside(d, found) + _pressed(d, found)
     if checks := _checks(found):
@@ -35,22 +36,30 @@ def words(found: Mapping[str, Any]) -> list[str]:
 
 
 def _unlike(found: Mapping[str, Any]) -> list[str]:
-    """Repeats that differ by far more than stated or usual: that counts as noise, and no misfit shows what it is."""
+    """Repeats that differ by far more than stated or usual: where nothing is stated that counts as noise, and no misfit
+    shows what it is."""
     out = []
     for c, v in found.get("noise", {}).items():
-        usual = v.get("expected") or {}
-        g, z = usual.get("gain"), usual.get("contact_mm")
-        if g and v["gain"] > UNLIKE * g:
+        usual, shown = v.get("expected") or {}, v.get("repeats") or v
+        g, z, by, at = usual.get("gain"), usual.get("contact_mm"), shown["gain"], shown["contact_mm"]
+        if g and by > UNLIKE * g:
             out.append(
-                f"Repeats differ by {100 * v['gain']:.2g} % in {c}, {100 * g:.2g} % is stated or usual: taken for "
-                "noise, this may be an effect of its own (recovery between tests, temperature, a gain that wanders)."
+                f"Repeats differ by {100 * by:.2g} % in {c}, {100 * g:.2g} % is stated or usual: "
+                f"{_counts(v['gain'], by)} (recovery between tests, temperature, a gain that wanders)."
             )
-        if z and v["contact_mm"] > UNLIKE * z:
+        if z and at > UNLIKE * z:
             out.append(
-                f"Contact points of repeats differ by {v['contact_mm']:.2g} mm by {c}, {z:.2g} mm is usual: taken for "
-                "noise, this may be an effect of its own (contact found late, a specimen that creeps or moves)."
+                f"Contact points of repeats differ by {at:.2g} mm by {c}, {z:.2g} mm is usual: "
+                f"{_counts(v['contact_mm'], at)} (contact found late, a specimen that creeps or moves)."
             )
     return out
+
+
+def _counts(taken: float, shown: float) -> str:
+    """Whether what repeats show went into the noise."""
+    if taken < shown:
+        return "far beyond what is stated, this counts as a gap"
+    return "taken for noise, as nothing is stated, this may be an effect of its own"
 
 
 def _jumps(d: Mapping[str, Any]) -> list[str]:
@@ -127,6 +136,12 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     text = {e["name"]: e["description"] for e in found["effects"]}
     each = ", ".join(f"{c['effect']} ({chance(c['probability'])})" for c in causes)
     if v == "ambiguous":
+        if len(causes) == 1 and first.get("like_a_modulus"):
+            return (
+                f"Cause: every test has its own factor on the force, {_named(first)}, probability "
+                f"{chance(first['probability'])}. Of the load cell, or of the specimen (recovery between tests, "
+                "temperature): a modulus does the same. A known weight on the cell before each test tells."
+            )
         if len(causes) == 1:
             return f"Cause: {text[first['effect']]}, or something that is not in the catalogue: {each}."
         return f"Cause: cannot be told apart with these data: {each}, given a gap.{_none(found)}"
@@ -159,21 +174,37 @@ def _remainder(d: Mapping[str, Any]) -> str:
     )
 
 
-def _shrinkage(d: Mapping[str, Any]) -> str | None:
+def _shrinkage(d: Mapping[str, Any], found: Mapping[str, Any]) -> str | None:
     s = d["shrinkage"]
     if s["before"] is None or s["before"] != s["before"]:
         return "How much: one curve only, nothing is left to test a cause on."
-    text = (f"On held-out curves, {s['how']}, the gap is {s['before']:.2f} before, {s['refit_only']:.2f} after a re-fit"
-            f" alone")  # fmt: skip
-    if d["verdict"] != "no_gap":  # else nothing was added
-        text += f", {s['with_cause']:.2f} with the cause"
-    text += " (noise floor 1)"
+    model = f" ({_values(s['fitted'], found)}, as the study found them)" if s.get("fitted") else ""
+    before, after = f"{s['before']:.2f} before{model}", f"{s['refit_only']:.2f} after a re-fit alone"
+    text = f"On held-out curves, {s['how']}, the gap is {before}, {after}"
+    if d["verdict"] == "no_gap":  # nothing was added
+        text += " (noise floor 1)"
+    else:
+        text += f", {s['with_cause']:.2f} with the cause (noise floor 1){_otherwise(d)}"
     if s["closed"] is None:
         return text + "; before is not clearly above the floor, so no share is printed."
     text += f": {100 * s['closed']:.0f} % closed"
     if s["interval"] is None:
         return text + " (one curve: no interval)."
     return text + f" (90 % {percents(s['interval'])} %)."
+
+
+def _otherwise(d: Mapping[str, Any]) -> str:
+    """Curves without which another cause, or none, would have been chosen."""
+    chosen, curves = set(d["chosen"]), d["shrinkage"]["curves"]
+    other = {c["curve"]: " + ".join(c["cause"]) or "none" for c in curves if set(c.get("cause", chosen)) != chosen}
+    each = ", ".join(f"{v} without {k}" for k, v in other.items())
+    return f"; the cause would be {each}" if each else ""
+
+
+def _values(values: Mapping[str, float], found: Mapping[str, Any]) -> str:
+    """Parameters with their units."""
+    units = found.get("units", {})
+    return ", ".join(f"{k} = {v:.4g} {units.get(k, '')}".removesuffix(" 1").rstrip() for k, v in values.items())
 
 
 def _alone(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
@@ -209,9 +240,7 @@ def _parameters(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
 
 def _fixed(found: Mapping[str, Any]) -> list[str]:
     """What the study fixes, so that no fit has moved it."""
-    units = found.get("units", {})
-    each = [f"{k} = {v:.4g} {units.get(k, '')}".removesuffix(" 1").rstrip() for k, v in found.get("fixed", {}).items()]
-    return [f"Fixed by the study, not fitted: {', '.join(each)}."] if each else []
+    return [f"Fixed by the study, not fitted: {_values(found['fixed'], found)}."] if found.get("fixed") else []
 
 
 def _outside(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:

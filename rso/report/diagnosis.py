@@ -85,7 +85,7 @@ def verdict(found: Found) -> Section:
     text = _VERDICTS.get(verdict_of(found), ("", ""))[1]
     names = [descriptions(found).get(c, c) for c in map(lambda c: clean(c.get("effect")), d.get("causes") or ())]
     if d.get("ambiguous_with"):
-        named = _listing(names if names[1:] else [*names, "something that is not in the catalogue"], "or")
+        named = _listing(names if names[1:] else [*names, _other(d)], "or")
     else:
         together = set(effects_of(chosen(found) or "")) >= {clean(c.get("effect")) for c in d.get("causes") or ()}
         named = _listing(names if together else names[:1], "and")
@@ -96,6 +96,13 @@ def verdict(found: Found) -> Section:
     blocks.append(Facts(tuple(_facts(found))))
     blocks += [Text(re.sub(r"(?<![\w.])-(?=\d)", "−", clean(w))) for w in listed(found, "words")]
     return Section("verdict", "Verdict", tuple(blocks))
+
+
+def _other(d: Mapping[str, Any]) -> str:
+    """What a single cause cannot be told apart from."""
+    if any(c.get("like_a_modulus") for c in d.get("causes") or ()):
+        return "a specimen that is stiffer in one test than in another"
+    return "something that is not in the catalogue"
 
 
 def _not_settled(found: Found) -> str:
@@ -129,7 +136,7 @@ def _facts(found: Found) -> list[Fact]:
     g, s, v = d.get("gap") or {}, d.get("shrinkage") or {}, verdict_of(found)
     mark = "good" if v in ("no_gap", "explained", "measurement") else "warn"
     facts = [
-        Fact("Verdict", _VERDICTS.get(v, (clean(v) or DASH, ""))[0], _POLICY.get(v, ""), mark),
+        Fact("Verdict", _VERDICTS.get(v, (clean(v) or DASH, ""))[0], _policy(d), mark),
         Fact("p-value of no gap", p_text(g.get("p_value")), "below 0.05 there is a gap"),
         Fact(
             "Misfit over noise", significant(number(g.get("size_over_noise")), 3), "root mean square; 1 is noise alone"
@@ -157,6 +164,12 @@ _POLICY = {
     "unexplained": "none in the catalogue",
     "measurement": "test or chain, not the specimen",
 }
+
+
+def _policy(d: Mapping[str, Any]) -> str:
+    first = next(iter(d.get("causes") or ()), {})
+    alike = d.get("verdict") == "ambiguous" and first.get("like_a_modulus")
+    return "load cell or specimen" if alike else _POLICY.get(clean(d.get("verdict")), "")
 
 
 def _each_its_own(found: Found) -> bool:
@@ -342,6 +355,10 @@ def how_much(found: Found) -> Section:
     )
     if len(drawn_curves(found)) > 1:
         blocks.append(Picture("curves", "The same for every held-out curve."))
+    if fitted := s.get("fitted"):
+        units = found.get("units") or {}
+        each = [f"{symbol(k)} = {quantity(number(v), str(units.get(k) or ''))}" for k, v in fitted.items()]
+        blocks.append(Text(f"Before: the base model as the study found it, {', '.join(each)}.", "note"))
     curves = list(s.get("curves") or ())
     if curves:
         blocks.append(_curves(curves, s, chosen(found) is not None))
@@ -349,8 +366,10 @@ def how_much(found: Found) -> Section:
 
 
 def _part(found: Found) -> str:
-    """What held-out curves took no part in: those left out in turn were there when the cause was found."""
-    if "validate" in {e.get("role") for e in listed(found, "experiments")}:
+    """What held-out curves took no part in: without those left out in turn the cause is chosen anew."""
+    curves = list((core(found).get("shrinkage") or {}).get("curves") or ())
+    anew = chosen(found) and all("cause" in c for c in curves)
+    if anew or "validate" in {e.get("role") for e in listed(found, "experiments")}:
         return "finding the cause"
     return "the fit, though in finding the cause" if chosen(found) else "the fit"
 
@@ -380,6 +399,9 @@ def _curves(curves: list[Mapping[str, Any]], s: Mapping[str, Any], cause: bool) 
         scaled = [None if v is None else v * u.factor for v, u in zip(values, units, strict=True)]
         columns.append(column(f"rms {text}", aligned(scaled, 3)))
     columns.append(column("", words([u.label for u in units]), number=False))
+    if cause and len({tuple(c.get("cause") or ()) for c in curves}) > 1:
+        named = [" + ".join(map(clean, c.get("cause") or ())) or "none" for c in curves]
+        columns.append(column("cause without it", words(named), number=False))
     note = "G: mean of the squared misfit over its noise, correlations and gain included; rms: plain root mean square."
     if known(s.get("floor_error")):
         note += f" Without a gap the mean of G is 1 ± {significant(s['floor_error'], 2)}."

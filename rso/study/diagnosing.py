@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from rso import diagnosis
-from rso.contract import Backend, Case, Programme
+from rso.contract import Backend, Case, Programme, plain
 from rso.diagnosis import Base, BaseAxis, Effect, Experiment, Library
 from rso.diagnosis.planning import framed
 from rso.measurement import recorded_speed
@@ -220,7 +220,7 @@ def run_diagnosis(
     say("library: the base model and every effect of the catalogue, once for this test plan")
     library = diagnosis.build(asked.base, asked.plan, asked.effects, run)
     built = time.perf_counter() - started
-    found = judge(asked, library, run, say=say)
+    found = judge(asked, library, run, say=say, fitted=_fitted(asked, folder))
     found["timings"] = {"library_wall": built, "library_cpu": library.cpu_s, "library_runs": library.runs,
                         "judging_cpu": time.process_time() - cpu}  # fmt: skip
     found["command"] = command
@@ -228,9 +228,24 @@ def run_diagnosis(
     return found
 
 
+def _fitted(asked: Asked, folder: Path) -> dict[str, float] | None:
+    """Open parameters of the best candidate that a run of this study left in its folder; None without one."""
+    try:
+        results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+        best = results["best"]
+        search = next(s for s in results["searches"] if s["name"] == best["search"])
+        values = next(c for c in search["candidates"] if c["name"] == best["candidate"])["values"]
+        same = results["backend"]["settings"] == plain(dict(asked.study.backend.settings))
+    except (OSError, ValueError, KeyError, TypeError, StopIteration):
+        return None
+    wanted = {asked.base.modulus, *(a.name for a in asked.base.axes)}
+    return {k: float(values[k]) for k in wanted} if same and wanted == set(values) - set(asked.base.fixed) else None
+
+
 def judge(asked: Asked, library: Library, run: Callable[[Sequence[Task]], list[Any]] | None,
-          say: Callable[[str], None] = lambda _: None) -> dict[str, Any]:  # fmt: skip
-    """The verdict on a finished library as plain data.
+          say: Callable[[str], None] = lambda _: None, fitted: Mapping[str, float] | None = None,
+          ) -> dict[str, Any]:  # fmt: skip
+    """The verdict on a finished library as plain data; `fitted` are open parameters as the study found them.
 
     With `run` the effects that the verdict names are computed anew at their sizes, the library is mended there and the
     verdict found again, until both agree or ROUNDS are over; candidates of the next test are simulated too.
@@ -241,7 +256,7 @@ def judge(asked: Asked, library: Library, run: Callable[[Sequence[Task]], list[A
     for line in diagnosis.announced(visible):
         say(textwrap.fill(line, WIDTH, subsequent_indent="  ", break_on_hyphens=False))
     say("verdict: evidence, held-out prediction and self-checks")
-    result = diagnosis.diagnose(library, seed)
+    result = diagnosis.diagnose(library, seed, fitted=fitted)
     checks: list[diagnosis.Check] = []
     while run is not None and len(checks) < ROUNDS:
         picks = diagnosis.finalists(library, result)
@@ -252,7 +267,7 @@ def judge(asked: Asked, library: Library, run: Callable[[Sequence[Task]], list[A
         checks.append(check)
         if check.largest is None or check.rms < diagnosis.CLOSE:
             break
-        result = diagnosis.diagnose(library, seed)
+        result = diagnosis.diagnose(library, seed, fitted=fitted)
     named = f" ({', '.join(result.named)})" if result.named else ""
     further = "; tests that could settle it" if run is not None and len(result.named) > 1 else ""
     say(f"the verdict is {result.verdict}{named}{further}")
@@ -260,8 +275,6 @@ def judge(asked: Asked, library: Library, run: Callable[[Sequence[Task]], list[A
 
 
 def _write(folder: Path, found: Mapping[str, Any]) -> None:
-    from rso.contract import plain
-
     folder.mkdir(parents=True, exist_ok=True)
     _replace(folder / FILE, json.dumps(plain(_finite(found)), indent=1, ensure_ascii=False))
     path = folder / "results.json"

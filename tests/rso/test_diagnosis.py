@@ -12,7 +12,9 @@ from rso import diagnosis
 from rso.contract import plain
 from rso.diagnosis import Diagnosis, Library, attribute, build, make_plan, story
 from rso.diagnosis.attribute import FALSE_ALARM
-from rso.diagnosis.unfitted import _taught
+from rso.diagnosis.hypotheses import Hypothesis
+from rso.diagnosis.unfitted import _chosen_without, left_out
+from rso.diagnosis.words import _otherwise
 from rso.measurement import Noise
 
 NAMES = ("stiff", "skin", "soften", "offset", "bias")
@@ -128,8 +130,9 @@ def test_forms_share_the_prior_of_their_cause_and_one_place_teaches_nothing_of_a
     np.testing.assert_allclose(P["shift", "stiff", False], 0.5 * attribute.PRIOR["pair"] / 3, rtol=1e-12)  # of 3 pairs
     beside = np.concatenate([np.arange(at.start, at.stop) for t, _, at in plan.rows() if t.place == 1])
     rest = np.setdiff1d(np.arange(plan.n), beside)
-    assert [e.name for e in _taught(library, rest, library.effects)] == ["stiff", "shift", "shift at (0, 0)"]
-    assert len(_taught(library, beside, library.effects)) == 3 and len(_taught(library, np.arange(plan.n), pair)) == 2
+    away = next(e for e in library.effects if e.name == "shift at (10, 0)")
+    moved = y + 0.05 * np.isin(np.arange(plan.n), beside) * np.max(y)  # nothing but the tests there say so
+    assert _chosen_without(evidence, rest, moved, Hypothesis((away,))) == ()
 
 
 def test_a_cause_that_is_not_in_the_catalogue_is_not_made_up():
@@ -205,6 +208,62 @@ def test_offsets_that_differ_from_curve_to_curve_are_the_measurement():
     names = ("stiff", "soften", "offset", "offset_each")
     found = [diagnose(seed, names=names, each_offset=0.12) for seed in (1, 2, 3)]
     assert sum(d.verdict == "measurement" for d in found if d.p_value <= FALSE_ALARM) >= 2
+
+
+def factors(made: list, each: tuple[float, ...]) -> list:
+    """The experiments with a factor on the force of each test."""
+    out, k = [], iter(each)
+    for e in made:
+        repeats = tuple(dataclasses.replace(r, channels={"Fz": next(k) * r.channels["Fz"]})
+                        for r in e.measurement.repeats)  # fmt: skip
+        out.append(dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=repeats)))
+    return out
+
+
+def test_a_factor_of_every_test_is_of_the_cell_or_of_the_specimen():
+    """Forces scale with the modulus: no record tells a gain that wanders from a body that recovers between tests."""
+    made = factors(experiments(6), (0.94, 1.07, 0.98, 1.05, 0.93))
+    names = ("stiff", "soften", "gain_each", "offset_each")
+    library = build(BASE, make_plan(made), toy.effects(*names), toy.run)
+    d = diagnosis.diagnose(library, 6, nulls=NULLS)
+    assert d.verdict == "ambiguous" and d.named == ("gain_each",), (d.verdict, d.named, d.probabilities)
+    said = " ".join(story(library, d, (), None, "")["words"])
+    assert "every test has its own factor" in said and "known weight" in said
+
+
+def test_the_cause_is_chosen_anew_without_the_curve_that_is_left_out():
+    """The deep test alone was done on a body that stiffens: without it there is nothing."""
+    names = ("stiff", "soften")
+    made = [*experiments(1)[:2], experiments(1, {"stiff": 0.25})[2]]
+    library = dataclasses.replace(tables(names, False), plan=make_plan(made))
+    y, (stiff, _) = library.plan.values(), library.effects
+    evidence = attribute.Evidence(bench := attribute.set_up(library, y), library.effects)
+    shrunk = left_out(library, bench, evidence, y, Hypothesis((stiff,)), 0)
+    causes = {c.curve: c.cause for c in shrunk.curves}
+    assert causes["deep"] == () and ("stiff",) in causes.values()
+    curves = [{"curve": k, "cause": list(v)} for k, v in causes.items()]
+    assert "none without deep" in _otherwise({"chosen": ["stiff"], "shrinkage": {"curves": curves}})
+
+
+def test_the_model_before_is_the_one_that_the_study_found():
+    """A modulus that is 20 % off leaves a gap on the validate curve before, and a re-fit alone closes it."""
+    made = make_plan(experiments(3, validate=True))
+    library = dataclasses.replace(tables(NAMES, True), plan=made)
+    own, right, off = (
+        diagnosis.diagnose(library, 7, nulls=NULLS, fitted=f).shrinkage
+        for f in (None, {"mu": TRUTH["mu"]}, {"mu": 1.2 * TRUTH["mu"]})
+    )
+    assert own.fitted is None and right.fitted == {"mu": TRUTH["mu"]}
+    assert right.before < 3.0 < 10.0 * right.before < off.before  # a fifth of the force, known to about 1 %
+    assert own.refit_only == right.refit_only == off.refit_only
+
+
+def test_the_runner_up_is_simulated_even_where_the_winner_is_in_all_that_is_probable():
+    d = diagnose(1, {"soften": 0.3})
+    leading = [set(k.split(" + ")) for k, _ in sorted(d.probabilities.items(), key=lambda v: -v[1])[:4]]
+    assert all("soften" in v for v in leading)
+    none, winner, other = (c.hypothesis for c in d.checks)
+    assert none == "none" and "soften" in winner and "soften" not in other
 
 
 @pytest.mark.parametrize("clip", [False, True])

@@ -275,6 +275,11 @@ def test_curves_left_out_in_turn_took_part_in_finding_the_cause():
     for e in found["experiments"]:
         e["role"] = "fit"
     assert "took no part in the fit, though in finding the cause" in said(found)
+    for c in found["diagnosis"]["shrinkage"]["curves"]:
+        c["cause"] = ["prony_g"]
+    assert "on curves that took no part in finding the cause" in said(found)
+    found["diagnosis"]["shrinkage"]["curves"][0]["cause"] = []
+    assert "cause without it" in said(found)
 
 
 def test_a_limit_below_the_smallest_size_that_was_simulated_is_no_limit():

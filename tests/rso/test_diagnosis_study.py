@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rso.study import StudyError, load
-from rso.study.diagnosing import ask
+from rso.study.diagnosing import _fitted, ask
 
 HERE = Path(__file__).parent
 STUDY = """
@@ -68,6 +68,25 @@ def rso(*arguments: object) -> subprocess.CompletedProcess:
     environment = {**os.environ, "PYTHONPATH": path, "COLUMNS": "100", "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "rso.cli", *map(str, arguments)]
     return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+
+
+@pytest.mark.parametrize("wrong", [None, "settings", "candidate", "values"])
+def test_parameters_that_a_run_found_are_the_model_before(tmp_path, wrong):
+    """The best candidate of the same model; of another model, or of other parameters, it says nothing."""
+    asked = ask(load(write(tmp_path / "toy")))
+    best = {"name": "search 2", "values": {"mu": 0.011, "D1": 40.0}}
+    search = {"name": "search", "candidates": [{"name": "search 1", "values": {"mu": 0.02, "D1": 20.0}}, best]}
+    found = {"backend": {"settings": dict(asked.study.backend.settings)}, "searches": [search],
+             "best": {"search": "search", "candidate": "search 2"}}  # fmt: skip
+    if wrong == "settings":
+        found["backend"]["settings"]["law"] = "yeoh"
+    if wrong == "candidate":
+        best["name"] = "search 3"
+    if wrong == "values":
+        best["values"]["compliance"] = 0.1
+    assert _fitted(asked, tmp_path) is None
+    (tmp_path / "results.json").write_text(json.dumps(found))
+    assert _fitted(asked, tmp_path) == ({"mu": 0.011, "D1": 40.0} if wrong is None else None)
 
 
 def constant(name: str) -> float:

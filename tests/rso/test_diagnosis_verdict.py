@@ -165,16 +165,20 @@ def test_repeats_that_differ_by_more_than_expected_are_spoken_of():
     assert _unlike({"noise": {"Fz": calm | {"expected": usual}}}) == []
     gain, contact = _unlike({"noise": {"Fz": wide | {"expected": usual}, "Fx": calm | {"expected": usual}}})
     assert gain.startswith("Repeats differ by 5.4 % in Fz, 1 % is stated or usual: taken for noise")
+    bound = {"gain": 0.01, "contact_mm": 0.14, "expected": usual, "repeats": wide}
+    gain, other = _unlike({"noise": {"Fz": bound}})
+    assert "5.4 % in Fz, 1 % is stated or usual: far beyond what is stated, this counts as a gap" in gain
+    assert "taken for noise" in other
     assert contact.startswith("Contact points of repeats differ by 0.14 mm by Fz, 0.01 mm is usual")
 
 
 def test_without_a_gap_no_cause_is_said_to_have_shrunk_it():
     """Nothing was added: a third number would be the second one, of other draws."""
     s = {"how": "validate curves", "before": 0.63, "refit_only": 0.62, "with_cause": 0.61, "closed": None,
-         "interval": None}  # fmt: skip
-    none = _shrinkage({"verdict": "no_gap", "shrinkage": s})
+         "interval": None, "curves": [{"curve": "deep", "cause": ["skin"]}]}  # fmt: skip
+    none = _shrinkage({"verdict": "no_gap", "shrinkage": s, "chosen": []}, {})
     assert "0.63 before, 0.62 after a re-fit alone (noise floor 1)" in none and "cause" not in none
-    some = _shrinkage({"verdict": "partly", "shrinkage": s})
+    some = _shrinkage({"verdict": "partly", "shrinkage": s, "chosen": ["skin"]}, {})
     assert "0.62 after a re-fit alone, 0.61 with the cause (noise floor 1)" in some
 
 
