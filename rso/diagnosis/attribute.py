@@ -82,12 +82,14 @@ class Bench:
         return self.tiles[key]
 
 
-def set_up(library: Library, y: np.ndarray) -> Bench:
+def set_up(library: Library, y: np.ndarray, binding: bool = False) -> Bench:
     """Noise from the plan's readings, the base model fitted once to weight them, and the free competitor.
+
+    `binding` as in :func:`noise.levels`.
 
     The free gap is orthogonal to what a re-fit of the base model can do: K⊥ = (I − H) K (I − H)ᵀ.
     """
-    levels = noise.levels(library.plan)
+    levels = noise.levels(library.plan, binding)
     modulus = np.sqrt(library.base.low * library.base.high)
     base = tiles(library, (), modulus)
     rough = np.zeros(len(y))

@@ -62,8 +62,11 @@ class Level:
         return replace(self, white=k * self.white, correlated=k * self.correlated)
 
 
-def levels(plan: TestPlan) -> dict[str, Level]:
-    """Noise by channel of all tests together; 'uz' is that of profiles."""
+def levels(plan: TestPlan, binding: bool = False) -> dict[str, Level]:
+    """Noise by channel of all tests together; 'uz' is that of profiles.
+
+    Where what is stated is `binding`, gain and contact by which repeats differ far more are not noise.
+    """
     out = {}
     remembered = _memory(plan)
     for c in FORCES:
@@ -106,8 +109,7 @@ def levels(plan: TestPlan) -> dict[str, Level]:
         *shown, extra, its_reach = _repeats(plan, c, known)
         if extra > correlated:
             known = replace(known, correlated=extra, length=max(its_reach, reach))
-        # what is stated binds: repeats that differ by far more are no noise
-        gain, contact = (e if said and v > UNLIKE * e else v
+        gain, contact = (e if binding and said and v > UNLIKE * e else v
                          for v, e, said in zip(shown, known.expected, (gain, depth), strict=True))  # fmt: skip
         out[c] = replace(known, gain=max(known.gain, gain) or GAIN, contact=max(known.contact, contact),
                          shown=(shown[0], shown[1]))  # fmt: skip

@@ -36,8 +36,7 @@ def words(found: Mapping[str, Any]) -> list[str]:
 
 
 def _unlike(found: Mapping[str, Any]) -> list[str]:
-    """Repeats that differ by far more than stated or usual: where nothing is stated that counts as noise, and no misfit
-    shows what it is."""
+    """Repeats that differ by far more than stated or usual: where that counts as noise, no misfit shows what it is."""
     out = []
     for c, v in found.get("noise", {}).items():
         usual, shown = v.get("expected") or {}, v.get("repeats") or v
@@ -59,7 +58,7 @@ def _counts(taken: float, shown: float) -> str:
     """Whether what repeats show went into the noise."""
     if taken < shown:
         return "far beyond what is stated, this counts as a gap"
-    return "taken for noise, as nothing is stated, this may be an effect of its own"
+    return "taken for noise, this may be an effect of its own"
 
 
 def _jumps(d: Mapping[str, Any]) -> list[str]:

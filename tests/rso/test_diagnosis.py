@@ -231,6 +231,19 @@ def test_a_factor_of_every_test_is_of_the_cell_or_of_the_specimen():
     assert "every test has its own factor" in said and "known weight" in said
 
 
+def test_tests_that_differ_by_more_than_is_stated_do_not_hide_what_else_there_is():
+    """Gains that scatter by six times of what is stated are noise beside a cause, and a finding where there is none."""
+    each = (0.94, 1.07, 0.98, 0.95, 1.04, 1.01)
+    for truth, verdict, named in (({}, "ambiguous", ("gain_each",)), ({"soften": 0.3}, "explained", ("soften",))):
+        rng, body = np.random.default_rng(6), {**TRUTH, **truth}
+        loads = toy.recorded(body, rng, repeats=4)
+        cycles = toy.recorded(body, rng, repeats=2, unload=True, earlier=4.0)
+        made = [toy.experiment("load", loads), toy.experiment("cycle", cycles, after=("load",))]
+        library = build(BASE, make_plan(factors(made, each)), toy.effects("stiff", "soften", "gain_each"), toy.run)
+        d = diagnosis.diagnose(library, 6, nulls=NULLS)
+        assert (d.verdict, d.named) == (verdict, named), (d.verdict, d.named, d.probabilities)
+
+
 def test_the_cause_is_chosen_anew_without_the_curve_that_is_left_out():
     """The deep test alone was done on a body that stiffens: without it there is nothing."""
     names = ("stiff", "soften")

@@ -89,13 +89,14 @@ def test_noise_that_remembers_is_not_taken_for_gain_or_contact():
     assert np.mean([v.gain > 0.01 for v in found]) < 0.15 and np.mean([v.contact > 0.01 for v in found]) < 0.15
 
 
-def test_a_gain_that_repeats_contradict_is_theirs_unless_it_is_far_beyond_what_is_stated():
+def test_a_gain_that_repeats_contradict_is_theirs_but_where_what_is_stated_binds():
     rng = np.random.default_rng(3)
     few = remembering(rng, 0.0, 41, 5)
     wide = tuple(Repeat(r.label, r.depth, r.time, {"Fz": r.channels["Fz"] * g}, {}, r.segment)
                  for r, g in zip(few, (0.94, 0.97, 1.0, 1.03, 1.06), strict=True))  # fmt: skip
-    said, hinted, unsaid = (noise.levels(make_plan([toy.experiment("a", wide, noise=Noise(Fz=3e-3, gain=g))]))["Fz"]
-                            for g in (0.01, 0.02, 0.0))  # fmt: skip
+    plans = [make_plan([toy.experiment("a", wide, noise=Noise(Fz=3e-3, gain=g))]) for g in (0.01, 0.02, 0.0)]
+    assert all(v.gain == v.shown[0] for v in (noise.levels(p)["Fz"] for p in plans))
+    said, hinted, unsaid = (noise.levels(p, binding=True)["Fz"] for p in plans)
     for level in (said, hinted, unsaid):
         assert 0.035 < level.shown[0] < 0.065  # standard deviation of the five is 0.047
     assert hinted.gain == hinted.shown[0] > 0.02 and unsaid.gain == unsaid.shown[0]
