@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import time
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -15,7 +14,6 @@ from scipy.linalg import cholesky
 from scipy.special import logsumexp
 from scores import Scored, by_key
 
-from rso import diagnosis
 from rso.diagnosis import attribute, hypotheses, next_test
 from rso.diagnosis.attribute import Bench, Contest, Evidence
 from rso.diagnosis.effects import Effect
@@ -124,6 +122,15 @@ def looked_at(evidence: Evidence, effects: Sequence[Effect], judged: Judgement, 
     return "partly" if remainder(few, judged.chosen, y, seed).there else judged.verdict
 
 
+def judged_without(table: Table, source: str, threshold: float, rows: Sequence[int]) -> list[tuple[Table, Judgement]]:
+    """Judgements of some rows where a source is not in the catalogue, and the table without it."""
+    few = table.seen_by([e for e in table.effects if e.source != source])
+    first = dict(zip(rows, attribute.contests(few, np.array(rows)), strict=True))
+    gap = [i for i in rows if first[i].statistic > threshold]
+    last = {**first, **dict(zip(gap, contested(few, gap, first), strict=True))}
+    return [(few, judge(last[i], i in gap)) for i in rows]
+
+
 def taken_out(
     table: Table, cases: Cases, threshold: float, rows: Sequence[int], seed: int
 ) -> tuple[dict[str, list[str]], list[str], np.ndarray, np.ndarray]:
@@ -134,14 +141,10 @@ def taken_out(
     blind: list[str] = []
     told: list[float] = []
     better: list[float] = []
-    sources = sorted({cases.truth(i)[0] for i in rows})
-    for s in sources:
+    for s in sorted({cases.truth(i)[0] for i in rows}):
         mine = [i for i in rows if cases.truth(i)[0] == s]
-        few = table.seen_by([e for e in table.effects if e.source != s])
-        first = dict(zip(mine, attribute.contests(few, np.array(mine)), strict=True))
-        gap = [i for i in mine if first[i].statistic > threshold]
-        last = {**first, **dict(zip(gap, contested(few, gap, first), strict=True))}
-        judged = [judge(last[i], i in gap) for i in mine]
+        both = judged_without(table, s, threshold, mine)
+        few, judged = both[0][0], [j for _, j in both]
         blind += [j.verdict for j in judged]
         out[s] = [looked_at(table.evidence, few.effects, j, cases.Y[i], seed + i)
                   for i, j in zip(mine, judged, strict=True)]  # fmt: skip
@@ -214,15 +217,6 @@ def with_values(plan: TestPlan, y: np.ndarray) -> TestPlan:
             tests[id(item)][c] = y[at]
     return replace(plan, tests=tuple(replace(t, values=tests[id(t)]) for t in plan.tests),
                    profiles=tuple(replace(p, value=profiles[id(p)]) for p in plan.profiles))  # fmt: skip
-
-
-def whole(library: Library, cases: Cases, rows: Sequence[int], seed: int) -> tuple[list, float]:
-    """Complete diagnoses of some cases, each with its own noise, null, pairs and held-out check; CPU s a case."""
-    began, out = time.process_time(), []
-    for i in rows:
-        own = replace(library, plan=with_values(library.plan, cases.Y[i]))
-        out.append(diagnosis.diagnose(own, seed))
-    return out, (time.process_time() - began) / max(len(rows), 1)
 
 
 def next_tests(
