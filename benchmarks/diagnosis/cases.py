@@ -52,10 +52,11 @@ def fitted(bench: Bench, y: np.ndarray) -> np.ndarray:
     return white.L @ mean_prediction(ready(bench.tiles[()], white, bench.modulus), white(y))
 
 
-def draw_cases(bench: Bench, y: np.ndarray, count: int, seed: int) -> Cases:
+def draw_cases(bench: Bench, y: np.ndarray, count: int, seed: int, nothing: bool = False) -> Cases:
     """Cases near the forces of the study: base axes, sizes and shapes from the priors, noise of covariance C.
 
-    Sources are equally frequent, and forms within a source.  The means are those of the tables, not of the tiles.
+    With `nothing` all are without a cause.  Sources are equally frequent, and forms within a source.  The means are
+    those of the tables, not of the tiles.
     """
     rng = np.random.default_rng(seed)
     force = fitted(bench, y)
@@ -64,7 +65,7 @@ def draw_cases(bench: Bench, y: np.ndarray, count: int, seed: int) -> Cases:
         forms.setdefault(e.source, []).append(e)
     plan: dict[tuple[Effect, ...], int] = {}
     for _ in range(count):
-        kind, k = rng.random(), 1
+        kind, k = 0.0 if nothing else rng.random(), 1
         if kind < NULL + PAIRS:
             k = 0 if kind < NULL else 2
         one = lambda s: forms[s][rng.integers(len(forms[s]))]  # noqa: E731
@@ -85,7 +86,7 @@ def _drawn(bench: Bench, force: np.ndarray, effects: tuple[Effect, ...], count: 
     for e in effects:
         if e.family != "scatter":
             columns += [signed(e.size, count, rng), *(rng.uniform(*s.ends()[0], count) for s in e.shape)]
-    X = np.array(columns).T
+    X = np.array(columns).reshape(len(columns), count).T
     A, c = predict(library, effects, X, bench.modulus)
     modulus = (A @ force) / np.sum(A**2, axis=1) * np.exp(SPREAD * rng.standard_normal(count))
     mean = modulus[:, None] * A + c
