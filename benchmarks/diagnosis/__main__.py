@@ -1,17 +1,19 @@
 """How well a diagnosis is calibrated for the test plan of a study, on cases simulated by its library.
 
     python benchmarks/diagnosis STUDY [--cases 2400] [--whole 40] [--pairs 40] [--store FOLDER] [--out FILE]
-                                      [--sections effects,rules,controls,next,ablations,pairs,whole]
+                                      [--sections effects,rules,controls,check,shrinkage,next,ablations,smooth,
+                                                  pairs,whole]
 
 Draws causes, sizes and parameters from the priors and data from the noise of the plan, and sends each data set through
-the contests of `rso diagnose`.  The cases share tables, priors and noise with the diagnosis: this checks the inference,
-not the model of the world (for that see benchmarks/blind).  Needs the runs of `rso diagnose STUDY`, works on a copy
-of its store and writes a Markdown table.
+the contests of `rso diagnose`; curves kept for validation are drawn too, and say only how much closes.  The cases share
+tables, priors and noise with the diagnosis: this checks the inference, not the model of the world (for that see
+benchmarks/blind).  Needs the runs of `rso diagnose STUDY`, works on a copy of its store and writes a Markdown table.
 """
 
 from __future__ import annotations
 
 import argparse
+import functools
 import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -25,8 +27,12 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 
+import checked
+import complete
 import controls
 import sections
+import shrunk
+import smooth
 from cases import Table, draw_cases
 from scores import Scored
 
@@ -42,7 +48,7 @@ from rso.study import load
 from rso.study.diagnosing import ask
 
 REPORT = Path(__file__).parents[2] / "reports" / "diagnosis_emulator.md"
-SECTIONS = ("effects", "rules", "controls", "next", "ablations", "pairs", "whole")
+SECTIONS = ("effects", "rules", "controls", "check", "shrinkage", "next", "ablations", "smooth", "pairs", "whole")
 
 
 class NothingRuns(Executor):
@@ -53,15 +59,14 @@ class NothingRuns(Executor):
 
 
 def library_of(folder: Path, store: Path) -> Library:
-    """The library of a study from a copy of its store, without what is kept for validation."""
+    """The library of a study from a copy of its store."""
     asked = ask(load(folder))
     with tempfile.TemporaryDirectory() as folder_of_copy:
         copy = Path(folder_of_copy) / "store"
         shutil.copytree(store, copy, ignore=shutil.ignore_patterns("*.lock", "*.html", "*.pdf"))
         with RunStore(copy) as runs:
-            library = diagnosis.build(asked.base, asked.plan, asked.effects,
-                                      lambda t: run_all(asked.base.backend, t, runs, NothingRuns()))  # fmt: skip
-    return replace(library, plan=library.plan.seen())
+            return diagnosis.build(asked.base, asked.plan, asked.effects,
+                                   lambda t: run_all(asked.base.backend, t, runs, NothingRuns()))  # fmt: skip
 
 
 def options() -> argparse.Namespace:
@@ -109,7 +114,8 @@ def opening(s: Scored, library: Library, values: int, threshold: float, seed: in
 def main() -> None:
     """Draw the cases, judge them, and write the sections asked for."""
     o, began = options(), time.process_time()
-    library = library_of(o.study, o.store or o.study / "results")
+    whole = library_of(o.study, o.store or o.study / "results")
+    library = replace(whole, plan=whole.plan.seen())
     y = library.plan.values()
     bench = attribute.set_up(library, y)
     evidence = Evidence(bench, library.effects)
@@ -120,28 +126,44 @@ def main() -> None:
     own = Table(evidence, cases.Y)
     s = controls.scored(evidence, y, cases, classes, o.seed, threshold=threshold, table=own)
     lines = opening(s, library, len(y), threshold, o.seed)
+    spent = {"library and contests": time.process_time() - began}
 
     def say(more: Iterable[str]) -> None:
         more = list(more)
         lines.extend(more)
         print("\n".join(more), flush=True)
+        save()
+
+    def save() -> None:
         o.out.parent.mkdir(parents=True, exist_ok=True)
-        tail = f"CPU {time.process_time() - began:.0f} s, one thread."
+        each = ", ".join(f"{k} {v:.0f}" for k, v in spent.items())
+        tail = f"CPU {sum(spent.values()):.0f} s, one thread: {each}."
         o.out.write_text("\n".join([*lines, "", tail, ""]), encoding="utf-8")
 
+    values = shrunk.everywhere(whole, evidence, y, cases, o.seed + 3)
+
+    @functools.cache
+    def look(i: int) -> checked.Checked:
+        return checked.check(evidence, evidence.effects, s.judged[i], cases.Y[i], o.seed + i)
+
     write: dict[str, Callable[[], None]] = {
+        "inference": lambda: sections.inference(say, s, evidence, o.seed),
         "effects": lambda: sections.each_effect(say, evidence, s, before, o.seed),
         "rules": lambda: sections.beside(say, own, s),
         "controls": lambda: sections.checks(say, bench, evidence, own, s, y, threshold, o.seed),
+        "check": lambda: checked.with_and_without(say, own, s, threshold, look, o.seed),
+        "shrinkage": lambda: shrunk.shrinkages(say, whole, evidence, s, values, look, o.seed),
         "next": lambda: sections.decisive(say, evidence, s, o.seed, o.runs, o.jobs),
         "ablations": lambda: sections.without(say, bench, cases, y, classes, o.seed),
+        "smooth": lambda: smooth.of_no_cause(say, evidence, y, threshold, o.seed),
         "pairs": lambda: sections.with_pairs(say, own, s, o.pairs),
-        "whole": lambda: sections.complete(say, library, s, o.whole, o.seed),
+        "whole": lambda: complete.complete(say, whole, s, values, o.whole, o.seed),
     }
-    sections.inference(say, s, evidence, o.seed)
-    for name in SECTIONS:
-        if name in o.sections.split(","):
-            write[name]()
+    for name in ("inference", *(n for n in SECTIONS if n in o.sections.split(","))):
+        began = time.process_time()
+        write[name]()
+        spent[name] = time.process_time() - began
+        save()
 
 
 if __name__ == "__main__":

@@ -55,7 +55,7 @@ class Scored:
     def __init__(self, cases: Cases, contests: Sequence[Contest], threshold: float,
                  classes: Mapping[str, frozenset[str]], first: Sequence[Contest] | None = None) -> None:  # fmt: skip
         first = contests if first is None else first
-        self.cases, self.contests = cases, contests
+        self.cases, self.contests, self.threshold = cases, contests, threshold
         B = range(len(contests))
         self.truth = [cases.truth(i) for i in B]
         self.found = np.array([c.statistic > threshold for c in first])

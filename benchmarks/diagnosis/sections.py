@@ -14,7 +14,6 @@ from scores import Scored, baselines, covered, limit, oracle, share, slope
 
 from rso.diagnosis.attribute import Bench, Evidence
 from rso.diagnosis.detectable import Detectable
-from rso.diagnosis.library import Library
 from rso.diagnosis.next_test import SETTLED
 from rso.running import WorkerPool, run_all
 from rso.running.adapters import Source
@@ -231,28 +230,3 @@ def with_pairs(say: Say, own: Table, s: Scored, count: int) -> None:
     cost = (time.process_time() - began) / len(rows)
     head = [f"{v}, {w} pairs" for v in ("on top", "in set", "set size", "wrong and sure") for w in ("without", "with")]
     say(["## With pairs of survivors", *table(["truth", "cases", *head], out), f"{cost:.1f} s CPU a case."])
-
-
-def complete(say: Say, library: Library, s: Scored, count: int, seed: int) -> None:
-    """The complete diagnosis of some cases beside the contest alone."""
-    rows = np.linspace(0, len(s.truth) - 1, min(count, len(s.truth))).astype(int)
-    if not len(rows):
-        return
-    found, cost = controls.whole(library, s.cases, rows, seed)
-    source = {e.name: e.source for e in library.effects}
-    out = []
-    for name, m in (("none", s.null[rows]), ("one cause", s.single[rows])):
-        own = [(d, i) for d, i, k in zip(found, rows, m, strict=True) if k]
-        if not own:
-            continue
-        hit = [(d, i) for d, i in own if d.verdict != "no_gap" and s.truth[i]]
-        named = [set(s.truth[i]) <= {source[n] for n in d.named} for d, i in hit]
-        causes = ("explained", "measurement", "ambiguous")
-        lost = [d.verdict == "unexplained" and s.verdict[i] in causes for d, i in hit]
-        out.append([name, len(own), sum(d.verdict != "no_gap" for d, _ in own), sum(s.found[i] for _, i in own),
-                    sum(named), sum(s.in_set[i] for _, i in hit), sum(lost),
-                    sum(d.verdict in ("explained", "measurement") and set(s.truth[i]) != {source[n] for n in d.named}
-                        for d, i in own)])  # fmt: skip
-    say(["## The complete diagnosis", *table(["truth", "cases", "found", "found by the contest", "truth named",
-                                              "named by the contest", "lost to the held-out check", "wrong and sure"],
-                                             out), f"{cost:.1f} s CPU a case."])  # fmt: skip

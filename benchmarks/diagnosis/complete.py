@@ -1,0 +1,68 @@
+"""The complete diagnosis of some cases: its verdicts beside the contest alone, and what it closes."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+from controls import with_values
+from scores import Scored, share
+from sections import Say, table
+from shrunk import ENOUGH, Closed, quartiles, seen_rows
+
+from rso import diagnosis
+from rso.diagnosis import Diagnosis
+from rso.diagnosis.attribute import Evidence
+from rso.diagnosis.hypotheses import Hypothesis
+from rso.diagnosis.library import Library
+from rso.diagnosis.unfitted import shrinkage_of
+
+CAUSES = ("explained", "measurement", "ambiguous")
+
+
+def complete(say: Say, whole: Library, s: Scored, values: np.ndarray, count: int, seed: int) -> None:
+    """Complete diagnoses of some cases, each with its own noise, null, pairs, checks and validate curves."""
+    rows = np.linspace(0, len(s.truth) - 1, min(count, len(s.truth))).astype(int)
+    if not len(rows):
+        return
+    began, found, shares = time.process_time(), [], []
+    for i in rows:
+        own = replace(whole, plan=with_values(whole.plan, values[i]))
+        found.append(diagnosis.diagnose(own, seed))
+        shares += _closed(own, found[-1], s, i, values[i], seed)
+    cost = (time.process_time() - began) / len(rows)
+    source = {e.name: e.source for e in whole.effects}
+    out = []
+    for name, m in (("none", s.null[rows]), ("one cause", s.single[rows])):
+        own = [(d, i) for d, i, k in zip(found, rows, m, strict=True) if k]
+        if not own:
+            continue
+        hit = [(d, i) for d, i in own if d.verdict != "no_gap" and s.truth[i]]
+        named = [set(s.truth[i]) <= {source[n] for n in d.named} for d, i in hit]
+        lost = [d.verdict == "unexplained" and s.verdict[i] in CAUSES for d, i in hit]
+        out.append([name, len(own), sum(d.verdict != "no_gap" for d, _ in own), sum(s.found[i] for _, i in own),
+                    sum(named), sum(s.in_set[i] for _, i in hit), sum(lost),
+                    sum(d.verdict in ("explained", "measurement") and set(s.truth[i]) != {source[n] for n in d.named}
+                        for d, i in own)])  # fmt: skip
+    ratio = np.array([c.ratio for c in shares])
+    quiet = [d.shrinkage for d, k in zip(found, s.null[rows], strict=True) if k]
+    head = ["truth", "cases", "found", "found by the contest", "truth named", "named by the contest",
+            "lost after the contest", "wrong and sure"]  # fmt: skip
+    text = (
+        f"Of those with one cause, not scatter, {len(shares)} have a share; over what the true effect takes from G: "
+        f"{quartiles(ratio)}, {ENOUGH:g} and more in {share(ratio >= ENOUGH)}.  Of those without a gap "
+        f"{sum(d.closed is not None for d in quiet)} have one.  {cost:.1f} s CPU a case."
+    )
+    say(["## The complete diagnosis", *table(head, out), text])
+
+
+def _closed(own: Library, d: Diagnosis, s: Scored, i: int, values: np.ndarray, seed: int) -> list[Closed]:
+    """What a diagnosis closes beside the true effect in its place; nothing where no share is printed."""
+    effects = s.cases.effects[i]
+    if d.verdict == "no_gap" or d.shrinkage.closed is None or len(effects) != 1 or effects[0].family == "scatter":
+        return []
+    library, evidence = replace(own, plan=own.plan.seen()), Evidence(d.bench, own.effects)
+    y = values[seen_rows(own.plan)]
+    made = shrinkage_of(own, library, d.bench, evidence, y, Hypothesis(effects), seed)
+    return [Closed(d.verdict, d.chosen.effects == effects, d.shrinkage, made)] if made.before > made.with_cause else []

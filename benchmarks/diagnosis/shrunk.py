@@ -1,0 +1,236 @@
+"""How much of the gap the chosen cause closes where nothing was fitted, beside what the true one would close."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from cases import Cases
+from checked import Checked, spread
+from controls import with_values
+from scipy.linalg import cholesky
+from scipy.stats import norm
+from scores import Scored, share
+from sections import Say, table
+
+from rso.diagnosis import attribute, noise, shrinkage
+from rso.diagnosis.attribute import Contest, Evidence
+from rso.diagnosis.hypotheses import Hypothesis
+from rso.diagnosis.library import Library
+from rso.diagnosis.mixture import posterior
+from rso.diagnosis.prediction import predict
+from rso.diagnosis.shrinkage import Shrinkage
+from rso.diagnosis.testplan import TestPlan
+from rso.diagnosis.unfitted import left_out, shrinkage_of
+
+ENOUGH = 0.9  # of what the true effect closes
+LEFT_OUT = 100  # cases in which experiments are left out in turn
+BOOTSTRAPS = 2000
+TRIALS = 400
+
+
+@dataclass(frozen=True)
+class Closed:
+    """What one case's chosen hypothesis leaves of the gap on held-out curves, and what the true one leaves."""
+
+    verdict: str
+    same: bool
+    chosen: Shrinkage
+    true: Shrinkage
+
+    @property
+    def achievable(self) -> float:
+        """Share of the gap above the floor that the true effect closes."""
+        return (self.true.before - self.true.with_cause) / (self.true.before - self.true.floor)
+
+    @property
+    def ratio(self) -> float:
+        """What the chosen one closes over what the true one closes."""
+        return (self.chosen.before - self.chosen.with_cause) / (self.true.before - self.true.with_cause)
+
+
+def seen_rows(plan: TestPlan) -> np.ndarray:
+    """(n,) whether a row of a plan's data vector is that of an experiment which is not kept for validation."""
+    out = np.zeros(plan.n, bool)
+    for item, _, at in plan.rows():
+        out[at] = plan.experiments[item.experiment].role != "validate"
+    return out
+
+
+def covariance(whole: Library, evidence: Evidence, y: np.ndarray) -> np.ndarray:
+    """C (N, N) of the data vector of the whole plan at the base model as fitted to what is seen, y (n,)."""
+    h = evidence.best((), y)
+    post = posterior(h, h.white(y), 2000, np.random.default_rng(0))
+    force = shrinkage.predicted(whole, (), post, evidence.bench.modulus)
+    levels = {**noise.levels(whole.plan), **evidence.bench.levels}
+    return noise.covariance(whole, levels, force, noise.slope_of(whole, force))
+
+
+def means(whole: Library, evidence: Evidence, cases: Cases, rng: np.random.Generator) -> np.ndarray:
+    """Noise-free values (B, N) of the whole plan, each test with its own draw of what scatters."""
+    groups: dict[tuple, list[int]] = {}
+    for i, effects in enumerate(cases.effects):
+        groups.setdefault(effects, []).append(i)
+    out = np.empty((len(cases.Y), whole.plan.n))
+    d = len(whole.base.axes)
+    for effects, rows in groups.items():
+        A, c = predict(whole, effects, np.array([cases.at[i] for i in rows]), evidence.bench.modulus)
+        out[rows] = cases.modulus[rows, None] * A + c
+        if effects and effects[0].family == "scatter":
+            for i in rows:
+                g = attribute.by_test(whole, effects[0], cases.at[i][None, :d], evidence.bench.modulus)
+                out[i] += cases.at[i][d] * rng.standard_normal(len(g)) @ g
+    return out
+
+
+def everywhere(whole: Library, evidence: Evidence, y: np.ndarray, cases: Cases, seed: int) -> np.ndarray:
+    """Values (B, N) of the whole plan: those of the cases where they are seen, and how cause and noise go on beyond.
+
+    The noise of curves that are kept is drawn given that of the others: contact and errors of the model are shared.
+    """
+    rng, seen = np.random.default_rng(seed), seen_rows(whole.plan)
+    if seen.all():
+        return cases.Y
+    C = covariance(whole, evidence, y)
+    cross = C[np.ix_(seen, ~seen)]
+    gain = np.linalg.solve(C[np.ix_(seen, seen)], cross)
+    root = cholesky(C[np.ix_(~seen, ~seen)] - cross.T @ gain, lower=True)
+    out = means(whole, evidence, cases, rng)
+    own = (cases.Y - cases.mean) @ gain + rng.standard_normal((len(out), len(root))) @ root.T
+    out[:, ~seen] += own
+    out[:, seen] = cases.Y
+    return out
+
+
+def closed(whole: Library, evidence: Evidence, values: np.ndarray, hypothesis: Hypothesis, seed: int,
+           in_turn: bool = False) -> Shrinkage:  # fmt: skip
+    """The product's shrinkage for values (N,) of the whole plan; `in_turn` experiments that are seen are left out."""
+    plan = with_values(whole.plan, values)
+    own = replace(whole, plan=plan)
+    library, y = replace(own, plan=plan.seen()), values[seen_rows(plan)]
+    if in_turn:
+        return left_out(library, evidence.bench, evidence, y, hypothesis, seed)
+    return shrinkage_of(own, library, evidence.bench, evidence, y, hypothesis, seed)
+
+
+def best_cause(contest: Contest) -> Hypothesis:
+    """The most probable single cause, as if there had to be one."""
+    score = contest.log_evidence + contest.log_prior
+    own = [k for k, h in enumerate(contest.hypotheses) if len(h.effects) == 1 and not h.unexplained]
+    return contest.hypotheses[max(own, key=lambda k: score[k])]
+
+
+def differences(s: Shrinkage, seed: int) -> np.ndarray:
+    """What the cause takes from G before, and from that of the re-fit, then whether each interval contains none."""
+    G = np.array([[c.before - c.with_cause, c.refit_only - c.with_cause] for c in s.curves])
+    return np.concatenate([G.mean(axis=0), _holds(G, seed)])
+
+
+def _holds(G: np.ndarray, seed: int) -> np.ndarray:
+    """Whether the 90 % interval of the mean over resampled rows of G (curves, k) contains 0."""
+    pick = np.random.default_rng(seed).integers(0, len(G), (BOOTSTRAPS, len(G)))
+    low, high = np.quantile(G[pick].mean(axis=1), [0.05, 0.95], axis=0)
+    return (low <= 0) & (high >= 0)
+
+
+def quartiles(v: Sequence[float]) -> str:
+    """Median and quartiles as text."""
+    v = np.array(v)
+    return f"{np.median(v):.3f} ({np.quantile(v, 0.25):.3f}–{np.quantile(v, 0.75):.3f})" if len(v) else "–"
+
+
+def summary(found: Sequence[Closed]) -> list[list[str]]:
+    """Rows of all cases with a share, of those by verdict, and of those where the chosen one is not the true one."""
+
+    def row(words: str, own: Sequence[Closed]) -> list[str]:
+        ratio = np.array([c.ratio for c in own])
+        return [words, str(len(own)), quartiles([c.chosen.closed for c in own]),
+                quartiles([c.achievable for c in own]), quartiles(ratio), share(ratio >= ENOUGH)]  # fmt: skip
+
+    kinds = [k for k in ("explained", "measurement", "ambiguous", "partly", "unexplained")
+             if any(c.verdict == k for c in found)]  # fmt: skip
+    return [row("all", found), *(row(f"verdict {k}", [c for c in found if c.verdict == k]) for k in kinds),
+            row("another cause chosen, or none", [c for c in found if not c.same])]  # fmt: skip
+
+
+HEAD = ["cases", "with a share", "share closed: median (quartiles)", "by the true effect", "ratio", "ratio ≥ 0.9"]
+
+
+def one_cause(
+    whole: Library, evidence: Evidence, s: Scored, values: np.ndarray, rows: Sequence[int],
+    look: Callable[[int], Checked], seed: int, in_turn: bool = False,
+) -> tuple[list[Closed], int]:  # fmt: skip
+    """Cases found that print a share and where the true effect closes anything, and in how many it does not."""
+    out, idle = [], 0
+    for i in rows:
+        c, truth = look(i), Hypothesis(s.cases.effects[i])
+        made = closed(whole, evidence, values[i], truth, seed + i, in_turn)
+        if made.closed is None:
+            continue
+        if made.before <= made.with_cause:
+            idle += 1
+            continue
+        same = c.chosen.effects == truth.effects
+        mine = made if same else closed(whole, evidence, values[i], c.chosen, seed + i, in_turn)
+        out.append(Closed(c.verdict, same, mine, made))
+    return out, idle
+
+
+def no_cause(
+    whole: Library, evidence: Evidence, s: Scored, values: np.ndarray, rows: Sequence[int], seed: int, in_turn: bool
+) -> str:
+    """What is printed of cases without a gap, and what a cause would close that is forced on them."""
+    if not len(rows):
+        return "No case without a gap."
+    printed, forced, moved = [], [], []
+    for i in rows:
+        printed.append(closed(whole, evidence, values[i], s.judged[i].chosen, seed + i, in_turn))
+        forced.append(closed(whole, evidence, values[i], best_cause(s.contests[i]), seed + i, in_turn))
+        moved.append(differences(forced[-1], seed + i))
+    moved, there = np.array(moved), [c.closed is not None for c in printed]
+    holds = lambda v: share([c.interval[0] <= 0 <= c.interval[1] for c in v if c.interval is not None])  # noqa: E731
+    curves, closes = len(forced[0].curves), [c.closed for c in printed if c.closed is not None]
+    between = f", of {min(closes):.2f} to {max(closes):.2f}," if closes else ""
+    return (
+        f"{len(rows)} cases without a gap: as judged, {share(there)} print a share{between} where the noise of G "
+        f"alone would have it in {norm.sf(2):.3f}; its interval contains 0 in {holds(printed)} of these, and with the "
+        f"most probable single cause forced on them in {holds(forced)}.  Whether a share is printed or not, that "
+        f"cause takes from G before (median, quartiles, in units of the floor) {quartiles(moved[:, 0])}, and beyond "
+        f"what a re-fit alone takes {quartiles(moved[:, 1])}; the 90 % interval over resampled curves contains 0 in "
+        f"{share(moved[:, 2] > 0)} and {share(moved[:, 3] > 0)}.  Of {curves} independent curves whose G goes up and "
+        f"down alike it would in {nominal(curves):.2f}."
+    )
+
+
+def nominal(curves: int) -> float:
+    """How often an interval over so many resampled curves contains 0 where each by itself is symmetric about 0."""
+    rng = np.random.default_rng(0)
+    return float(np.mean([_holds(rng.standard_normal((curves, 1)), k)[0] for k in range(TRIALS)]))
+
+
+def shrinkages(
+    say: Say, whole: Library, evidence: Evidence, s: Scored, values: np.ndarray, look: Callable[[int], Checked],
+    seed: int,
+) -> None:  # fmt: skip
+    """Shares closed on the validate curves, and with experiments left out in turn."""
+    hit = [i for i in np.nonzero(s.found & s.single)[0] if s.cases.effects[i][0].family != "scatter"]
+    null = np.nonzero(s.null)[0]
+    text = (
+        "Of cases found that have one cause, not scatter: what the hypothesis takes from G on held-out curves "
+        "that stands after the contest, a look at what is left and the held-out check, over what the true effect "
+        "takes that is put in its place (*ratio*; 1 by definition where that is the one chosen).  Only where G "
+        "before is above the floor by more than twice its standard error, as else no share is printed; "
+        '"unexplained" counts with what a re-fit takes.  Where experiments are left out in turn, causes were chosen '
+        "with all of them."
+    )
+    say(["## How much closes", "", text])
+    names = [e.name for e in whole.plan.experiments if e.role == "validate"]
+    ways = {False: f"Validate curves ({', '.join(names)})", True: "Each experiment that is seen left out in turn"}
+    for in_turn in [k for k in ways if k or names]:
+        rows, still = (spread(v, LEFT_OUT if in_turn else len(v)) for v in (hit, null))
+        found, idle = one_cause(whole, evidence, s, values, rows, look, seed, in_turn)
+        besides = f", {idle} more in which the true effect takes nothing" * bool(idle)
+        counts = f"{len(rows)} cases found, {len(found)} with a share{besides}."
+        quiet = no_cause(whole, evidence, s, values, still, seed, in_turn)
+        say(["", f"### {ways[in_turn]}", "", counts, *table(HEAD, summary(found)), quiet, ""])
