@@ -60,9 +60,10 @@ def complete(say: Say, whole: Library, s: Scored, values: np.ndarray, count: int
 def _closed(own: Library, d: Diagnosis, s: Scored, i: int, values: np.ndarray, seed: int) -> list[Closed]:
     """What a diagnosis closes beside the true effect in its place; nothing where no share is printed."""
     effects = s.cases.effects[i]
-    if d.verdict == "no_gap" or d.shrinkage.closed is None or len(effects) != 1 or effects[0].family == "scatter":
+    if d.verdict == "no_gap" or len(effects) != 1 or effects[0].family == "scatter":
         return []
     library, evidence = replace(own, plan=own.plan.seen()), Evidence(d.bench, own.effects)
     y = values[seen_rows(own.plan)]
     made = shrinkage_of(own, library, d.bench, evidence, y, Hypothesis(effects), seed)
-    return [Closed(d.verdict, d.chosen.effects == effects, d.shrinkage, made)] if made.before > made.with_cause else []
+    found = Closed(d.verdict, d.chosen.effects == effects, d.shrinkage, made)
+    return [found] if found.printed and found.possible else []

@@ -40,6 +40,16 @@ class Closed:
     true: Shrinkage
 
     @property
+    def printed(self) -> bool:
+        """Whether the gap before is clear enough for a share."""
+        return self.true.closed is not None
+
+    @property
+    def possible(self) -> bool:
+        """Whether the true effect takes anything from it."""
+        return self.true.before > self.true.with_cause
+
+    @property
     def achievable(self) -> float:
         """Share of the gap above the floor that the true effect closes."""
         return (self.true.before - self.true.with_cause) / (self.true.before - self.true.floor)
@@ -159,22 +169,35 @@ HEAD = ["cases", "with a share", "share closed: median (quartiles)", "by the tru
 
 def one_cause(
     whole: Library, evidence: Evidence, s: Scored, values: np.ndarray, rows: Sequence[int],
-    look: Callable[[int], Checked], seed: int, in_turn: bool = False,
-) -> tuple[list[Closed], int]:  # fmt: skip
-    """Cases found that print a share and where the true effect closes anything, and in how many it does not."""
-    out, idle = [], 0
+    look: Callable[[int], Checked], seed: int, in_turn: bool,
+) -> list[Closed]:  # fmt: skip
+    """What is closed of cases found."""
+    out = []
     for i in rows:
         c, truth = look(i), Hypothesis(s.cases.effects[i])
-        made = closed(whole, evidence, values[i], truth, seed + i, in_turn)
-        if made.closed is None:
-            continue
-        if made.before <= made.with_cause:
-            idle += 1
-            continue
+        true = closed(whole, evidence, values[i], truth, seed + i, in_turn)
         same = c.chosen.effects == truth.effects
-        mine = made if same else closed(whole, evidence, values[i], c.chosen, seed + i, in_turn)
-        out.append(Closed(c.verdict, same, mine, made))
-    return out, idle
+        chosen = true if same else closed(whole, evidence, values[i], c.chosen, seed + i, in_turn)
+        out.append(Closed(c.verdict, same, chosen, true))
+    return out
+
+
+def left_over(found: Sequence[Closed]) -> str:
+    """How the cases are counted, and how often more than noise is left, whether a share is printed or not."""
+    printed = sum(c.printed for c in found)
+    idle = sum(c.printed and not c.possible for c in found)
+
+    def clear(of: Callable[[Closed], Shrinkage], beside: str) -> str:
+        over = [of(c).with_cause - getattr(of(c), beside) > 2 * of(c).floor_error for c in found]
+        return share(over)
+
+    return (
+        f"{len(found)} cases found, {printed} with a share, in {idle} of which the true effect takes nothing.  Whether "
+        "printed or not, G is above the floor by more than twice its standard error in "
+        f"{clear(lambda c: c.chosen, 'floor')} with the hypothesis that stands and in "
+        f"{clear(lambda c: c.true, 'floor')} with the true effect, and by so much above G before in "
+        f"{clear(lambda c: c.chosen, 'before')} and {clear(lambda c: c.true, 'before')}."
+    )
 
 
 def no_cause(
@@ -229,8 +252,7 @@ def shrinkages(
     ways = {False: f"Validate curves ({', '.join(names)})", True: "Each experiment that is seen left out in turn"}
     for in_turn in [k for k in ways if k or names]:
         rows, still = (spread(v, LEFT_OUT if in_turn else len(v)) for v in (hit, null))
-        found, idle = one_cause(whole, evidence, s, values, rows, look, seed, in_turn)
-        besides = f", {idle} more in which the true effect takes nothing" * bool(idle)
-        counts = f"{len(rows)} cases found, {len(found)} with a share{besides}."
+        found = one_cause(whole, evidence, s, values, rows, look, seed, in_turn)
+        shares = [c for c in found if c.printed and c.possible]
         quiet = no_cause(whole, evidence, s, values, still, seed, in_turn)
-        say(["", f"### {ways[in_turn]}", "", counts, *table(HEAD, summary(found)), quiet, ""])
+        say(["", f"### {ways[in_turn]}", "", left_over(found), *table(HEAD, summary(shares)), quiet, ""])
