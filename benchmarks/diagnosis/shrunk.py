@@ -114,13 +114,14 @@ def everywhere(whole: Library, evidence: Evidence, y: np.ndarray, cases: Cases, 
 
 
 def closed(whole: Library, evidence: Evidence, values: np.ndarray, hypothesis: Hypothesis, seed: int,
-           in_turn: bool = False) -> Shrinkage:  # fmt: skip
-    """The product's shrinkage for values (N,) of the whole plan; `in_turn` experiments that are seen are left out."""
+           in_turn: bool = False, anew: bool = True) -> Shrinkage:  # fmt: skip
+    """The product's shrinkage for values (N,) of the whole plan; `in_turn` experiments that are seen are left out, and
+    the hypothesis is chosen `anew` without them."""
     plan = with_values(whole.plan, values)
     own = replace(whole, plan=plan)
     library, y = replace(own, plan=plan.seen()), values[seen_rows(plan)]
     if in_turn:
-        return left_out(library, evidence.bench, evidence, y, hypothesis, seed)
+        return left_out(library, evidence.bench, evidence, y, hypothesis, seed, anew)
     return shrinkage_of(own, library, evidence.bench, evidence, y, hypothesis, seed)
 
 
@@ -175,9 +176,9 @@ def one_cause(
     out = []
     for i in rows:
         c, truth = look(i), Hypothesis(s.cases.effects[i])
-        true = closed(whole, evidence, values[i], truth, seed + i, in_turn)
+        true = closed(whole, evidence, values[i], truth, seed + i, in_turn, False)
         same = c.chosen.effects == truth.effects
-        chosen = true if same else closed(whole, evidence, values[i], c.chosen, seed + i, in_turn)
+        chosen = true if same and not in_turn else closed(whole, evidence, values[i], c.chosen, seed + i, in_turn)
         out.append(Closed(c.verdict, same, chosen, true))
     return out
 

@@ -131,13 +131,12 @@ def diagnose(
         doubtful = left > most_left(len(y)) or _beyond(chosen, posts[chosen.name]) or (rest is not None and rest.there)
         verdict = "partly" if doubtful else verdict
     shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed, fitted)
-    if verdict == "partly":  # judged by the curves that are seen: validation has no say
-        seen_alone = whole.plan.n == library.plan.n
-        if _widens(shrunk if seen_alone else left_out(library, bench, evidence, y, chosen, seed)):
-            verdict, named, chosen = "unexplained", (), Hypothesis((), True)
-            posts[chosen.name] = _posterior(evidence, (), y, rng, True)
-            left = misfit(evidence, chosen, y)
-            shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed, fitted)
+    # this part, by the curves that are seen: validation has no say
+    if verdict == "partly" and _widens(left_out(library, bench, evidence, y, chosen, seed, anew=False)):
+        verdict, named, chosen = "unexplained", (), Hypothesis((), True)
+        posts[chosen.name] = _posterior(evidence, (), y, rng, True)
+        left = misfit(evidence, chosen, y)
+        shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed, fitted)
     where = localise.localise(library.plan, evidence.ready(()), bench.C, y, seed)
     r = bench.whites[0](y - shrinkage.predicted(library, (), posts["none"], bench.modulus))
     checks = _checks(evidence, contest, finalists, y, threshold, null, seed) if verdict != "no_gap" else ()

@@ -27,7 +27,8 @@ BOOTSTRAPS = 2000
 class Gap:
     """G and root mean square (N; mm for a profile) of one held-out curve under three models.
 
-    `cause` are the effects of the last, chosen without this curve.
+    `change_sd` is what noise makes of before − with_cause: 2 √(δᵀ C⁻¹ δ) / n for predictions that differ by δ.  `cause`
+    are the effects of the last model, chosen without this curve.
     """
 
     curve: str
@@ -36,6 +37,7 @@ class Gap:
     refit_only: float
     with_cause: float
     rms: tuple[float, float, float]
+    change_sd: float = 0.0
     cause: tuple[str, ...] = ()
 
 
@@ -84,7 +86,11 @@ def gap(y: np.ndarray, f: np.ndarray, C: np.ndarray) -> float:
 
 
 def summarise(curves: Sequence[Gap], sizes: Sequence[int], how: str, seed: int) -> Shrinkage:
-    """Means over curves; the interval resamples curves where there are at least two, and counts those with a gap."""
+    """Means over curves; the interval resamples curves where there are at least two, each with other noise, and counts
+    resamples with a gap.
+
+    Of few curves the resamples alone would know a small change of all of them too well.
+    """
     G = np.array([[c.before, c.refit_only, c.with_cause] for c in curves])
     means = G.mean(axis=0)
     # G of n independent readings scatters by √(2/n) around 1
@@ -96,7 +102,9 @@ def summarise(curves: Sequence[Gap], sizes: Sequence[int], how: str, seed: int) 
         if len(G) < 2:
             return Shrinkage(tuple(curves), *map(float, means), 1.0, error, closed, None, how)
         pick = rng.integers(0, len(G), (BOOTSTRAPS, len(G)))
+        z = rng.standard_normal(pick.shape) * np.array([c.change_sd for c in curves])[pick]
         m = G[pick].mean(axis=1)
+        m[:, 0] += z.mean(axis=1)  # what noise adds to before it adds to what is closed
         m = m[m[:, 0] - 1.0 > 2 * error]  # where the gap sits in one curve, resamples without it have no share
         share = (m[:, 0] - m[:, 2]) / (m[:, 0] - 1.0)
         interval = (float(np.quantile(share, 0.05)), float(np.quantile(share, 0.95)))

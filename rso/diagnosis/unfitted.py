@@ -70,8 +70,7 @@ def shrinkage_of(
         unseen = replace(whole, plan=replace(whole.plan, tests=mine, profiles=profiles))
         v = unseen.plan.values()
         C = _covariance(unseen, bench, evidence, y)
-        models = [(first, ()), (np.arange(len(y)), ()), (np.arange(len(y)), chosen.effects)]
-        fits = [shrinkage.predicted(unseen, e, _fit(bench, e, rows, y, rng), bench.modulus) for rows, e in models]
+        fits = _fits(unseen, bench, y, first, np.arange(len(y)), chosen.effects, rng)
         own = None if fitted is None else _at(unseen, fitted, bench.modulus)
         fits[0] = fits[0] if own is None else own
         found = [_gap(name, unit, rows, v, fits, C, chosen.effects) for name, unit, rows in shrinkage.curves_of(unseen)]
@@ -82,9 +81,11 @@ def shrinkage_of(
 
 
 def left_out(
-    library: Library, bench: Bench, evidence: Evidence, y: np.ndarray, chosen: Hypothesis, seed: int
-) -> shrinkage.Shrinkage:
-    """Gaps on each experiment left out in turn, the cause chosen anew without it, whatever is kept for validation."""
+    library: Library, bench: Bench, evidence: Evidence, y: np.ndarray, chosen: Hypothesis, seed: int,
+    anew: bool = True,
+) -> shrinkage.Shrinkage:  # fmt: skip
+    """Gaps on each experiment left out in turn, whatever is kept for validation; the cause is chosen `anew` without it,
+    or known."""
     rng, first = np.random.default_rng(seed + 2), _fitted_rows(library)
     found, sizes = [], []
     curves = shrinkage.curves_of(library)
@@ -92,9 +93,8 @@ def left_out(
         rest = np.setdiff1d(np.arange(len(y)), rows)
         before = np.setdiff1d(first, rows)
         before = rest if len(before) < 4 else before
-        cause = _chosen_without(evidence, rest, y, chosen)
-        models = [(before, ()), (rest, ()), (rest, cause)]
-        fits = [shrinkage.predicted(library, e, _fit(bench, e, r, y, rng), bench.modulus) for r, e in models]
+        cause = _chosen_without(evidence, rest, y, chosen) if anew else chosen.effects
+        fits = _fits(library, bench, y, before, rest, cause, rng)
         found.append(_gap(name, unit, rows, y, fits, bench.C, cause))
         sizes.append(len(rows))
     if not found:
@@ -103,11 +103,23 @@ def left_out(
     return shrinkage.summarise(found, sizes, how, seed)
 
 
+def _fits(library: Library, bench: Bench, y: np.ndarray, first: np.ndarray, rows: np.ndarray,
+          cause: Sequence[Effect], rng: np.random.Generator) -> list[np.ndarray]:  # fmt: skip
+    """Predictions (n,) of a library's plan: the base model fitted to the `first` rows of y, to `rows`, and with the
+    cause; without one that is the second once more."""
+    before, again = (shrinkage.predicted(library, (), _fit(bench, (), r, y, rng), bench.modulus) for r in (first, rows))
+    if not cause:
+        return [before, again, again]
+    return [before, again, shrinkage.predicted(library, cause, _fit(bench, cause, rows, y, rng), bench.modulus)]
+
+
 def _gap(name: str, unit: str, rows: np.ndarray, y: np.ndarray, fits: Sequence[np.ndarray], C: np.ndarray,
          cause: Sequence[Effect]) -> shrinkage.Gap:  # fmt: skip
-    G = [shrinkage.gap(y[rows], f[rows], C[np.ix_(rows, rows)]) for f in fits]
+    C, δ = C[np.ix_(rows, rows)], fits[2][rows] - fits[0][rows]
+    noise_of_change = 2.0 * float(np.sqrt(δ @ np.linalg.solve(C, δ))) / len(rows)
+    G = [shrinkage.gap(y[rows], f[rows], C) for f in fits]
     rms = tuple(float(np.sqrt(np.mean((y[rows] - f[rows]) ** 2))) for f in fits)
-    return shrinkage.Gap(name, unit, *G, rms, tuple(e.name for e in cause))
+    return shrinkage.Gap(name, unit, *G, rms, noise_of_change, tuple(e.name for e in cause))
 
 
 def _at(library: Library, values: Mapping[str, float], modulus: float) -> np.ndarray | None:
