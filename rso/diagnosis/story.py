@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from typing import Any
@@ -10,18 +11,20 @@ import numpy as np
 
 from rso.diagnosis.detectable import Detectable
 from rso.diagnosis.effects import Effect
+from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.judge import SURE, Diagnosis
 from rso.diagnosis.library import Library
 from rso.diagnosis.next_test import NextTest, next_tests
 from rso.diagnosis.rerun import Check
-from rso.diagnosis.responses import FORCES
 from rso.diagnosis.runs import Base
+from rso.diagnosis.shrinkage import predicted
 from rso.diagnosis.testplan import HELD, LOADING, Profile, TestPlan
 from rso.diagnosis.words import words
 from rso.running import Task
 
 SCHEMA = 1
 REGIONS = 8
+LEADING = 4  # hypotheses of one effect whose signatures are told
 Run = Callable[[Sequence[Task]], list[Any]]
 
 
@@ -129,39 +132,54 @@ def _next(library: Library, d: Diagnosis, run: Run | None) -> list[NextTest]:
 def residuals(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
     """By test and channel: depth, branch, residual against each fitted model, standard deviation of a reading; readings
     of a hold for themselves, with the time `since` the indenter came to rest."""
-    y, sd, found = plan.values(), np.sqrt(np.diag(d.bench.C)), []
+    y, sd = plan.values(), np.sqrt(np.diag(d.bench.C))
+    return [{**head, "measured": y[k].tolist(), "sd": sd[k].tolist(),
+             "residual": {name: (y - f)[k].tolist() for name, f in d.fits.items()}}
+            for head, k in _parts(plan)]  # fmt: skip
+
+
+def signatures(library: Library, d: Diagnosis) -> list[dict[str, Any]]:
+    """By test and channel, as the residuals: what each leading hypothesis, fitted for itself, adds to the base model as
+    fitted."""
+    seen = replace(library, plan=library.plan.seen())
+    fits = {h.name: d.fits[h.name] if h.name in d.fits else
+            predicted(seen, h.effects, d.posteriors[h.name], d.bench.modulus) for h in leading(d)}  # fmt: skip
+    return [{**head, "added": {name: _rounded((f - d.fits["none"])[k]) for name, f in fits.items()}}
+            for head, k in _parts(seen.plan) if fits]  # fmt: skip
+
+
+def leading(d: Diagnosis) -> list[Hypothesis]:
+    """Hypotheses with a posterior that move a mean, the chosen one first: LEADING of one effect at most, and a pair."""
+    known = {h.name: h for h in (*d.contest.hypotheses, d.chosen)}
+    found: dict[frozenset[str], Hypothesis] = {}
+    for name in (d.chosen.name, *d.named, *d.posteriors):
+        h = known.get(name)
+        if h is not None and name in d.posteriors and any(e.family != "scatter" for e in h.effects):
+            found.setdefault(frozenset(e.name for e in h.effects), h)
+    alone = [h for h in found.values() if len(h.effects) == 1][:LEADING]
+    return [h for h in found.values() if len(h.effects) > 1 or h in alone]
+
+
+def _parts(plan: TestPlan) -> list[tuple[dict[str, Any], np.ndarray]]:
+    """Each channel of each test, moving and at rest: what says where its readings were taken, and their rows."""
+    found = []
     for item, c, at in plan.rows():
         profile = isinstance(item, Profile)
         branch = np.full(len(item.depth), LOADING) if profile else item.branch
         for k in (branch != HELD, branch == HELD):
             if k.any():
-                found.append({
-                    "experiment": plan.experiments[item.experiment].name, "channel": c,
-                    "label": "" if profile else item.label, "depth": item.depth[k].tolist(),
-                    **({"since": item.since[k].tolist()} if np.all(branch[k] == HELD) else {}),
-                    "branch": branch[k].tolist(), "measured": y[at][k].tolist(), "sd": sd[at][k].tolist(),
-                    "residual": {name: (y[at] - f[at])[k].tolist() for name, f in d.fits.items()},
-                })  # fmt: skip
+                head = {"experiment": plan.experiments[item.experiment].name, "channel": c,
+                        "label": "" if profile else item.label, "depth": item.depth[k].tolist(),
+                        **({"since": item.since[k].tolist()} if np.all(branch[k] == HELD) else {}),
+                        "branch": branch[k].tolist()}  # fmt: skip
+                found.append((head, np.arange(at.start, at.stop)[k]))
     return found
 
 
-def signatures(library: Library, d: Diagnosis) -> list[dict[str, Any]]:
-    """Change of Fz by each leading effect at its found size, relative to the base, over travel at each place."""
-    found = []
-    for name, post in d.posteriors.items():
-        effects = [e for e in library.effects if e.name == name and e.family == "model"]
-        if not effects:
-            continue
-        mid = np.median(post.at, axis=0)[None]
-        n = len(library.base.axes)
-        for k, place in enumerate(library.places):
-            change = library.change(k, effects[0], mid[:, n:], library.plan.tests[0].speed)[0][0]
-            found.append({"effect": name, "place": library.plan.places[k].settings.get("point", k),
-                          "travel": place.u.tolist(),
-                          "passes": [{"peak": p.peak, "earlier": p.earlier,
-                                      **{c: change[i, j].tolist() for j, c in enumerate(FORCES)}}
-                                     for i, p in enumerate(place.passes)]})  # fmt: skip
-    return found
+def _rounded(values: np.ndarray) -> list[float]:
+    """To six digits of the largest."""
+    top = float(np.abs(values).max(initial=0.0))
+    return np.round(values, 5 - math.floor(math.log10(top))).tolist() if top > 0 else values.tolist()
 
 
 def _units(base: Base) -> dict[str, str]:

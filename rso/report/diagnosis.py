@@ -10,7 +10,7 @@ from typing import Any
 from rso.diagnosis.words import DOUBT, percents
 from rso.report.canvas import short
 from rso.report.diagnosis_background import background
-from rso.report.diagnosis_figures import PLACES, draw, drawn_curves, leading
+from rso.report.diagnosis_figures import draw, drawn_curves, leading
 from rso.report.diagnosis_maps import FIRST, PANELS
 from rso.report.diagnosis_reach import how_sure, in_sight, next_test
 from rso.report.diagnosis_reading import (
@@ -27,11 +27,12 @@ from rso.report.diagnosis_reading import (
     p_text,
     panels,
     parameter_bands,
-    signature_places,
+    signatures,
     sized,
     unit_of,
     verdict_of,
 )
+from rso.report.diagnosis_signatures import ROWS, colours
 from rso.report.digits import DASH, NBSP, Unit, aligned, clean, known, percent, quantity, significant, symbol
 from rso.report.document import Block, Cell, Fact, Facts, Picture, Report, Section, Table, Text, column, table, words
 from rso.report.page import pictures, pour
@@ -260,7 +261,7 @@ def which(found: Found) -> Section:
         blocks.append(Text("No cause of the catalogue is named."))
     if verdict_of(found) != "no_gap":
         blocks += [t for t in (_sensitivity(found), _held_out(found)) if t is not None]
-    if signature_places(found):
+    if signatures(found):
         blocks.append(Picture("signatures", _signature_caption(found)))
     return Section("which", "Which cause", tuple(blocks))
 
@@ -327,12 +328,18 @@ def _held_out(found: Found) -> Table | None:
 
 
 def _signature_caption(found: Found) -> str:
-    n = len(signature_places(found))
-    text = (
-        "Left: the change of Fz that each effect makes at its found size, parameters held. Right: what the base model, "
-    )
-    text += "fitted to all curves, leaves of Fz. A re-fit takes up part of a change: compare shapes, not heights."
-    return text + (f" {PLACES} of {n} places are drawn." if n > PLACES else "")
+    rows, names, cause = signatures(found), list(colours(found)), chosen(found)
+    each = "each hypothesis adds" if len(names) > 1 else f"{brief(names[0])} adds"
+    text = f"Left: what {each} to the base model. Each is fitted to all curves with all its parameters, and so is the "
+    text += "base model, so that heights compare and not shapes alone. Right, on the same scale: what the base model "
+    if cause in names:
+        text += f"leaves (dots), and what {brief(cause)} adds (line). Where they part, that is left: noise, gain and "
+        text += "contact point of each curve, or a remainder."
+    elif cause:
+        text += f"leaves. What {brief(cause)} does to each curve for itself has no mean, and so no line."
+    else:
+        text += "leaves. None of these hypotheses held."
+    return text + (f" The first {ROWS} of {len(rows)} panels are drawn." if len(rows) > ROWS else "")
 
 
 def how_much(found: Found) -> Section:

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -16,8 +15,6 @@ from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM,
 from rso.report.diagnosis_maps import legend, residual_map
 from rso.report.diagnosis_reading import (
     Found,
-    Panel,
-    Record,
     amount,
     brief,
     chance,
@@ -26,17 +23,14 @@ from rso.report.diagnosis_reading import (
     descriptions,
     label,
     parameter_bands,
-    place_text,
-    signature_places,
     unit_of,
     verdict_of,
 )
+from rso.report.diagnosis_signatures import signature_map
 from rso.report.digits import clean, fixed, known, places, symbol
-from rso.report.reading import listed, number, points
+from rso.report.reading import listed, number
 
-BARS, CURVES, PLACES, SIGNATURES = 7, 12, 2, 4
-LINES = (ACCENT, WARM, "#2f8f6f", "#8b6ba8")  # told apart by any eye, and by their dashes
-DASHES = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (5, 1.4, 1.2, 1.4)))
+BARS, CURVES = 7, 12
 _POWER = LinearSegmentedColormap.from_list("power", [PALE, "#9fc3d3", ACCENT])
 
 
@@ -46,7 +40,7 @@ def draw(found: Found, name: str) -> str:
         "residuals": residual_map,
         "residuals-more": lambda f: residual_map(f, more=True),
         "probabilities": probabilities,
-        "signatures": signatures,
+        "signatures": signature_map,
         "shrinkage": shrinkage,
         "curves": held_out_curves,
         "parameters": parameters,
@@ -89,110 +83,6 @@ def _distinct(rows: Sequence[tuple[str, str]], length: int) -> list[str]:
     """Labels (words, name) that fit; of words that are too long the name is kept behind what is left of them."""
     return [text if len(text) <= length else f"{short(text, max(length - len(name) - 3, 12))} ({name})"
             for text, name in rows]  # fmt: skip
-
-
-def signatures(found: Found) -> Figure:
-    """Relative change of Fz by each leading effect, beside what the base model leaves of Fz at the same place."""
-    rows = signature_places(found)[:PLACES]
-    figure = canvas(0.55 + 2.0 * len(rows))
-    grid = figure.subplots(len(rows), 2, squeeze=False)
-    order = [clean(c.get("effect")) for c in core(found).get("causes") or ()]
-    order += [clean(s.get("effect")) for _, mine, _ in rows for s in mine]
-    there = {clean(s.get("effect")) for _, mine, _ in rows for s in mine}
-    names = [n for n in dict.fromkeys(order) if n in there][:SIGNATURES]
-    unloading = False
-    for (left, right), (place, mine, panel) in zip(grid, rows, strict=True):
-        deepest = max((float(r.depth.max()) for r in panel.records), default=np.inf) if panel else np.inf
-        for axes in (left, right):
-            axes.axhline(0, color=INK, lw=0.6)
-        at = []
-        for s in mine:
-            if (name := clean(s.get("effect"))) in names:
-                k = names.index(name)
-                end, back = _signature(left, s, deepest, LINES[k], DASHES[k])
-                unloading |= back
-                at += [(end, name, LINES[k])] if end is not None else []
-        _name(left, at)
-        left.set_title(f"what each would do at {place_text(place)}", color=GREY)
-        right.set_title(f"what is left: {short(panel.experiment, 24)}" if panel else "no Fz recorded here", color=GREY)
-        if panel:
-            for r in panel.records:
-                _relative(right, r)
-            _clip(right, panel)
-        for axes in (left, right):
-            axes.set(xlim=(0, deepest * 1.02 if np.isfinite(deepest) else None))
-            axes.yaxis.set_major_locator(MaxNLocator(5))
-            axes.xaxis.set_major_locator(MaxNLocator(5))
-        left.set_ylabel("change of Fz (%)")
-        right.set_ylabel("residual of Fz (%)")
-    for axes in grid[-1]:
-        axes.set_xlabel("depth (mm)")
-    handles = [Line2D([], [], color=INK, lw=1.6, label="effect, loading")]
-    if unloading:
-        handles.append(Line2D([], [], color=INK, lw=0.8, label="effect, unloading"))
-    handles.append(Line2D([], [], color=GREY, marker="o", ms=3, lw=0, label="left by the base model"))
-    if any(r.cause is not None for _, _, panel in rows if panel for r in panel.records):
-        handles.append(Line2D([], [], color=INK, lw=1.2, label="of it taken up by the cause"))
-    legend(figure, handles)
-    return figure
-
-
-def _signature(axes: Axes, s: Mapping[str, Any], deepest: float, colour: str, dash: Any) -> tuple[float | None, bool]:
-    """Loading thick, the deepest unloading thin: last value of loading, and whether there is an unloading."""
-    last, returns = None, False
-    passes = list(s.get("passes") or ())
-    way = [p for p in passes if not known(p.get("peak"))][:1]
-    back = sorted((p for p in passes if known(p.get("peak"))), key=lambda p: p["peak"])[-1:]
-    for p, width in ((way, 1.6), (back, 0.8)):
-        for one in p:
-            u, c = (np.array(v) for v in points(s.get("travel"), one.get("Fz")))
-            top = min(deepest, float(one["peak"]) if known(one.get("peak")) else np.inf)
-            keep = (u >= 0.1 * min(deepest, u.max(initial=0.0))) & (u <= top)
-            if keep.any():
-                axes.plot(u[keep], 100 * c[keep], color=colour, ls=dash, lw=width)
-                last = 100 * float(c[keep][-1]) if one in way else last
-                returns |= one in back
-    return last, returns
-
-
-def _name(axes: Axes, at: Sequence[tuple[float, str, str]]) -> None:
-    """Names of lines beside their ends, moved apart where they would touch."""
-    low, high = axes.get_ylim()
-    height, y = 0.085 * (high - low), -np.inf
-    rows = []
-    for end, name, colour in sorted(at):
-        y = max(end, y + height)
-        rows.append((y, name, colour))
-    over = max(y - high, 0.0) if rows else 0.0
-    for y, name, colour in rows:
-        y -= over if y > high - len(rows) * height else 0.0
-        axes.annotate(short(name, 16), (1.02, y), xycoords=("axes fraction", "data"), color=colour, va="center",
-                      fontsize=8, annotation_clip=False)  # fmt: skip
-    axes.set_ylim(low, high)
-
-
-def _relative(axes: Axes, r: Record) -> None:
-    f = r.measured - r.base
-    keep = (r.depth >= 0.1 * r.depth.max()) & (np.abs(f) > 0)
-    for branch, look in ((0, {"mfc": GREY, "mew": 0}), (1, {"mfc": PAPER, "mec": GREY, "mew": 0.6})):
-        k = keep & (r.branch == branch)
-        axes.plot(r.depth[k], 100 * r.base[k] / f[k], "o", ms=2.6, **look)
-        if r.cause is not None:
-            moved = 100 * (r.base[k] - r.cause[k]) / f[k]
-            axes.plot(r.depth[k], moved, color=INK, lw=1.2, ls="-" if branch == 0 else (0, (3, 1.6)))
-
-
-def _clip(axes: Axes, p: Panel) -> None:
-    """Close to contact the force is nearly nothing and its relative residual is noise."""
-    rows = []
-    for r in p.records:
-        f = r.measured - r.base
-        k = (r.depth >= 0.2 * r.depth.max()) & (np.abs(f) > 0)
-        rows += [100 * r.base[k] / f[k]] + ([100 * (r.base[k] - r.cause[k]) / f[k]] if r.cause is not None else [])
-    if len(values := np.concatenate(rows)):
-        low, high = min(float(values.min()), 0.0), max(float(values.max()), 0.0)
-        room = 0.12 * max(high - low, 1e-9)
-        axes.set_ylim(low - room, high + room)
 
 
 _STEPS = ("before", "refit_only", "with_cause")

@@ -19,6 +19,7 @@ from rso.report.digits import shortest
 FIRST, PANELS = 3, 9
 QUANTILE = 1.645  # standard deviations on each side of 90 %
 FEW_TICKS = 20.0  # ratio of times from which decades alone are marked
+COLUMNS, LETTERS, KEY = 6, 116, 7  # of a legend: most columns, letters in a row, those that a line and its gaps take
 TINT = "#f3dfd5"  # behind what is beyond noise
 
 
@@ -63,9 +64,17 @@ def _keys(figure: Figure, found: Found, rows: Sequence[Panel]) -> None:
     legend(figure, handles)
 
 
-def legend(figure: Figure, handles: Sequence[Any], columns: int = 6) -> None:
+def legend(figure: Figure, handles: Sequence[Any]) -> None:
+    """Keys above a figure, row by row, in as many columns as it has room for."""
+
+    def wide(columns: int) -> int:
+        each = [[len(h.get_label()) for h in handles[k::columns]] for k in range(min(columns, len(handles)))]
+        return sum(max(v) + KEY for v in each)
+
+    columns = next((c for c in range(COLUMNS, 1, -1) if wide(c) <= LETTERS), 1)
+    by_column = [h for k in range(columns) for h in handles[k::columns]]  # as matplotlib fills them in
     figure.legend(
-        handles=list(handles), loc="outside upper left", ncols=columns, frameon=False, fontsize=8, handlelength=1.6,
+        handles=by_column, loc="outside upper left", ncols=columns, frameon=False, fontsize=8, handlelength=1.6,
         columnspacing=1.5, handletextpad=0.5, borderaxespad=0.2,
     )  # fmt: skip
 
@@ -77,28 +86,43 @@ def _panel(axes: Axes, p: Panel) -> None:
         axes.axvspan(low - room, high + room, color=TINT, lw=0, zorder=0)
     if p.profile:
         _marks(axes, p)
+        along(axes, p)
     else:
         _noise(axes, p)
         for which, colour, width in (("base", GREY, 1.3), ("cause", ACCENT, 1.6)):
             for branch in (2,) if p.held else (0, 1):
                 _branch(axes, p, which, branch, colour, width)
-        if p.held:
-            axes.set_xscale("log")
-            plain_log(axes.xaxis)
-            times = np.concatenate([r.depth for r in p.records])
-            if times.max() > FEW_TICKS * times.min():
-                axes.xaxis.set_major_locator(LogLocator(numticks=5))
-            axes.set_xlabel("time at rest (s)")
-        else:
-            axes.set_xlim(0, None)
-            axes.xaxis.set_major_locator(MaxNLocator(4))
+        along(axes, p)
     axes.axhline(0, color=INK, lw=0.6, zorder=1)
     sizes = [np.abs(v).max() for r in p.records for v in (r.base, r.cause, QUANTILE * r.sd) if v is not None]
     high = 1.08 * f * float(max(sizes))
     axes.set_ylim(-high, high)
     axes.yaxis.set_major_locator(MaxNLocator(5, symmetric=True, min_n_ticks=3))
-    axes.set_title(f"{short(p.experiment, 20)}, {short(p.channel, 6)}{', held' * p.held}", fontsize=8.5)
+    axes.set_title(heading(p), fontsize=8.5)
     axes.set_title(p.unit.label, loc="right", color=GREY, fontsize=8)
+
+
+def heading(p: Panel) -> str:
+    """What a panel shows."""
+    return f"{short(p.experiment, 20)}, {short(p.channel, 6)}{', held' * p.held}"
+
+
+def along(axes: Axes, p: Panel) -> None:
+    """The axis of depth, of a hold that of time, of a profile the depths at which it was taken."""
+    if p.profile:
+        depths = _depths(p)
+        shown = depths[:: -(-len(depths) // 5)]
+        axes.set_xticks(shown, [shortest(float(d)) for d in shown])
+    elif p.held:
+        axes.set_xscale("log")
+        plain_log(axes.xaxis)
+        times = np.concatenate([r.depth for r in p.records])
+        if times.max() > FEW_TICKS * times.min():
+            axes.xaxis.set_major_locator(LogLocator(numticks=5))
+        axes.set_xlabel("time at rest (s)")
+    else:
+        axes.set_xlim(0, None)
+        axes.xaxis.set_major_locator(MaxNLocator(4))
 
 
 def _noise(axes: Axes, p: Panel) -> None:
@@ -142,18 +166,20 @@ def _half_width(p: Panel) -> float:
     return 0.36 * (float(np.diff(depths).min()) if len(depths) > 1 else 1.0)
 
 
-def _marks(axes: Axes, p: Panel) -> None:
-    """A profile: the marks of one depth stand side by side in their order."""
+def spread(p: Panel, depth: np.ndarray) -> list[tuple[float, np.ndarray, np.ndarray]]:
+    """Of a profile at each depth: (depth, the marks' rows, their places): side by side in their order."""
     depths, wide = _depths(p), _half_width(p)
+    nearest = depths[np.argmin(np.abs(depth[:, None] - depths), axis=1)]
+    rows = [(float(d), np.nonzero(nearest == d)[0]) for d in depths]
+    return [(d, k, d + np.linspace(-wide, wide, len(k))) for d, k in rows if len(k)]
+
+
+def _marks(axes: Axes, p: Panel) -> None:
+    wide, f = _half_width(p), p.unit.factor
     for r in p.records:
-        nearest = depths[np.argmin(np.abs(r.depth[:, None] - depths), axis=1)]
-        for d in depths:
-            k = np.nonzero(nearest == d)[0]
-            if len(k):
-                x = d + np.linspace(-wide, wide, len(k))
-                s = np.full(2, QUANTILE * float(r.sd[k].mean()) * p.unit.factor)
-                axes.fill_between([d - 1.1 * wide, d + 1.1 * wide], -s, s, color=LIGHT, alpha=0.75, lw=0, zorder=0.5)
-                axes.plot(x, r.base[k] * p.unit.factor, "o", ms=2.4, color=GREY, mew=0, zorder=2)
-                if r.cause is not None:
-                    axes.plot(x, r.cause[k] * p.unit.factor, "o", ms=2.4, color=ACCENT, mew=0, zorder=3)
-    axes.set_xticks(depths[:: -(-len(depths) // 5)], [shortest(float(d)) for d in depths[:: -(-len(depths) // 5)]])
+        for d, k, x in spread(p, r.depth):
+            s = np.full(2, QUANTILE * float(r.sd[k].mean()) * f)
+            axes.fill_between([d - 1.1 * wide, d + 1.1 * wide], -s, s, color=LIGHT, alpha=0.75, lw=0, zorder=0.5)
+            axes.plot(x, r.base[k] * f, "o", ms=2.4, color=GREY, mew=0, zorder=2)
+            if r.cause is not None:
+                axes.plot(x, r.cause[k] * f, "o", ms=2.4, color=ACCENT, mew=0, zorder=3)

@@ -48,6 +48,18 @@ class Record:
 
 
 @dataclass(frozen=True, eq=False)
+class Signature:
+    """What each hypothesis adds to the base model along one curve of one channel: arrays (n,), all known.
+
+    During a hold `depth` is the time since the indenter came to rest.
+    """
+
+    depth: np.ndarray
+    branch: np.ndarray
+    added: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
 class Panel:
     """All records of one channel of one experiment while the indenter moves or, `held`, rests, and its regions (branch
     or None, low, high) beyond noise."""
@@ -214,13 +226,19 @@ def _record(r: Mapping[str, Any], cause: str | None) -> Record | None:
     residual = r.get("residual") or {}
     names = ["since" if "since" in r else "depth", "branch", "measured", "sd"]
     columns = [r.get(k) for k in names] + [residual.get(BASE)] + ([residual[cause]] if cause in residual else [])
+    data = _known(columns)
+    if data is None or not np.any(keep := data[3] > 0):
+        return None
+    data = data[:, keep]
+    return Record(data[0], data[1].astype(int), data[2], data[3], data[4], data[5] if len(data) > 5 else None)
+
+
+def _known(columns: Sequence[Sequence[Any] | None]) -> np.ndarray | None:
+    """Columns (k, n) of the rows of which all is known, None where there is none."""
     if any(c is None for c in columns):
         return None
-    rows = [v for v in zip(*columns, strict=False) if all(map(known, v)) and v[3] > 0]  # type: ignore[arg-type]
-    if not rows:
-        return None
-    data = np.array(rows, float).T
-    return Record(data[0], data[1].astype(int), data[2], data[3], data[4], data[5] if len(data) > 5 else None)
+    rows = [v for v in zip(*columns, strict=False) if all(map(known, v))]  # type: ignore[arg-type]
+    return np.array(rows, float).T if rows else None
 
 
 def _region(text: object) -> tuple[int | None, float, float] | None:
@@ -234,20 +252,24 @@ def _region(text: object) -> tuple[int | None, float, float] | None:
     return None
 
 
-def signature_places(found: Found) -> list[tuple[Sequence[float], list[Mapping[str, Any]], Panel | None]]:
-    """(place, signatures there, the strongest Fz panel recorded there), places with the strongest panel first."""
-    points = {clean(e.get("name")): e.get("point") for e in listed(found, "experiments")}
-    fz = [v for v in panels(found) if v.channel == "Fz" and not v.profile and not v.held]
-    places: list[Any] = []
-    for s in listed(found, "signatures"):
-        if s.get("place") not in places:
-            places.append(s.get("place"))
-    rows = []
-    for place in places:
-        mine = [s for s in listed(found, "signatures") if s.get("place") == place]
-        rank = next((k for k, v in enumerate(fz) if points.get(v.experiment) == place), len(fz))
-        rows.append((rank, place, mine, fz[rank] if rank < len(fz) else None))
-    return [(place, mine, panel) for _, place, mine, panel in sorted(rows, key=lambda v: v[0])]
+def signatures(found: Found) -> list[tuple[Panel, tuple[Signature, ...]]]:
+    """The panels of which it is known what hypotheses add to the base model, in their order, with that."""
+    groups: dict[tuple[str, str, bool], list[Signature]] = {}
+    for r in listed(found, "signatures"):
+        key = (clean(r.get("experiment")), clean(r.get("channel")), "since" in r)
+        if (s := _signature(r)) is not None:
+            groups.setdefault(key, []).append(s)
+    rows = [(p, groups.get((p.experiment, p.channel, p.held))) for p in panels(found)]
+    return [(p, tuple(v)) for p, v in rows if v]
+
+
+def _signature(r: Mapping[str, Any]) -> Signature | None:
+    """The readings of which everything is known."""
+    added = r.get("added") or {}
+    data = _known([r.get("since" if "since" in r else "depth"), r.get("branch"), *added.values()])
+    if data is None or not added:
+        return None
+    return Signature(data[0], data[1].astype(int), dict(zip(map(str, added), data[2:], strict=True)))
 
 
 def place_text(place: object) -> str:

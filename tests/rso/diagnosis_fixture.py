@@ -81,6 +81,7 @@ def story(verdict="explained", seed=0):
         "next_test": _next(named),
     }
     finalists = [*named, *[n for n in ("prony_g", "mullins", "C20", "skin_ratio") if n not in named]][:3]
+    residuals = _residuals(rng, gap, chosen)
     return {
         "schema": 1,
         "title": "Ultra-soft polyurethane kidney, EM II",
@@ -172,8 +173,8 @@ def story(verdict="explained", seed=0):
         if gap
         else [],
         "power": [{"effect": e[0], "power": _power(e, k)} for k, e in enumerate(EFFECTS)],
-        "residuals": _residuals(rng, gap, chosen),
-        "signatures": _signatures(named),
+        "residuals": residuals,
+        "signatures": _signatures(residuals, named, chosen),
         "rerun": [{"runs": 2, "failed": 0, "largest": 0.0061, "rms": 0.0024, "effects": ["C20"]}]
         if verdict == "explained" else [],
         "failed_runs": ["cavity at [20.0, 0.0]: Newton did not converge at 3.1 mm"],
@@ -367,29 +368,15 @@ def _residuals(rng, gap, chosen):
     return found
 
 
-def _signatures(named):
-    u = np.linspace(0.01, 4.4, 60)
+def _signatures(residuals, named, chosen):
+    """What the chosen hypothesis takes up of the residuals, and rivals that take up another shape."""
+    names = list(dict.fromkeys(n for n in (chosen, *named) if not n.startswith("none")))
     found = []
-    for k, name in enumerate(n for n in named if n != "compliance"):
-        for place, scale in (([0.0, 0.0], 1.0), ([20.0, 0.0], 0.8)):
-            loading = scale * (0.1 + 0.04 * k) * u / (u + 1 + k)
-            found.append(
-                {
-                    "effect": name,
-                    "place": place,
-                    "travel": u.tolist(),
-                    "passes": [
-                        {
-                            "peak": peak,
-                            "earlier": 0.0,
-                            "Fx": (0 * u).tolist(),
-                            "Fy": (0 * u).tolist(),
-                            "Fz": (loading + shift).tolist(),
-                        }
-                        for peak, shift in ((None, 0.0), (4.0, -0.05))
-                    ],
-                }
-            )
+    for r in residuals if names else ():
+        head = {k: v for k, v in r.items() if k not in ("measured", "sd", "residual")}
+        base, left = (np.array(r["residual"][n]) for n in ("none", chosen))
+        slope = 1 + 0.1 * np.array(r["depth"])
+        found.append(head | {"added": {n: ((base - left) * slope**k).tolist() for k, n in enumerate(names)}})
     return found
 
 

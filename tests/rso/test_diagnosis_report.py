@@ -9,7 +9,8 @@ from rso.report import render_diagnosis
 from rso.report.diagnosis import report
 from rso.report.diagnosis_figures import draw, power, probabilities
 from rso.report.diagnosis_maps import FIRST, PANELS, residual_map
-from rso.report.diagnosis_reading import interval, panels, sized
+from rso.report.diagnosis_reading import interval, panels, signatures, sized
+from rso.report.diagnosis_signatures import ROWS, colours, signature_map
 from rso.report.document import Facts, Picture, Table, Text
 from rso.report.page import pictures
 
@@ -153,6 +154,111 @@ def test_times_of_a_hold_are_plain_numbers(longest):
         shown = [t.get_text() for t in axes.get_xticklabels() if low <= t.get_position()[0] <= high]
         assert 2 <= len(shown) <= 7 and all(float(t) > 0 for t in shown)
         assert not any(t.get_text() for t in axes.get_xticklabels(minor=True))
+
+
+def as_it_was(found):
+    """A file of before signatures stood beside residuals: changes of Fz by place."""
+    way = {"peak": None, "earlier": 0.0, "Fx": [0.0], "Fy": [0.0], "Fz": [0.1]}
+    row = {"effect": "friction", "place": [0.0, 0.0], "travel": [1.0], "passes": [way]}
+    return found | {"signatures": [row]}
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_signatures_stand_beside_the_strongest_residuals(verdict, tmp_path):
+    found = read_back(story(verdict))
+    rows = signatures(found)
+    if verdict in ("no_gap", "unexplained"):
+        assert not rows and "signatures" not in pictures(report(found))
+        return
+    assert [(p.experiment, p.channel) for p, _ in rows] == [(p.experiment, p.channel) for p in panels(found)]
+    figure = signature_map(found)
+    assert len(figure.axes) == 2 * ROWS == axes_drawn(found, "signatures")
+    for k, (p, _) in enumerate(rows[:ROWS]):
+        left, right = figure.axes[2 * k : 2 * k + 2]
+        assert left.get_title().startswith(p.experiment) and left.get_ylim() == right.get_ylim()
+        assert p.unit.label in left.get_ylabel() and p.unit.label in right.get_ylabel()
+    assert "heights compare" in said(found)
+    for old in (as_it_was(found), {k: v for k, v in found.items() if k != "signatures"}):
+        assert "signatures" not in pictures(report(old))
+        assert len(render_diagnosis(old, tmp_path)) == 2
+
+
+def test_the_line_through_a_residual_is_what_the_cause_takes_up_of_it():
+    found = story("ambiguous")
+    names = colours(found)
+    assert list(names) == ["friction", "adhesion"] and len(set(names.values())) == 2
+    _, right = signature_map(found).axes[:2]
+    (p, own), *_ = signatures(found)
+    f = p.unit.factor
+    for record, s in zip(p.records, own, strict=True):
+        for branch in (0, 1):
+            k = s.branch == branch
+            want = f * (record.base - record.cause)[k]
+            assert any(len(line.get_ydata()) == k.sum() and abs(line.get_ydata() - want).max() < 1e-9 * f
+                       for line in right.lines if line.get_color() == names["friction"])  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["profile", "hold"])
+def test_a_signature_of_marks_and_of_a_hold_is_drawn_over_what_its_residual_is(kind):
+    found = story("ambiguous")
+    name = "profile" if kind == "profile" else "cycle_100"
+    found["diagnosis"]["where"] = [{"experiment": name, "channel": "uz" if kind == "profile" else "Fz",
+                                    "region": "profile at 4 mm" if kind == "profile" else "held 1–4 s"}]  # fmt: skip
+    for r in (*found["residuals"], *found["signatures"]):
+        if kind == "hold" and (r["experiment"], r["channel"]) == (name, "Fz"):
+            n = len(r["depth"])
+            r |= {"since": [0.1 * 1.1**k for k in range(n)], "branch": [2] * n}
+    (p, own), *_ = signatures(found)
+    assert p.profile == (kind == "profile") and p.held == (kind == "hold") and len(own) == 1
+    left, right = signature_map(found).axes[:2]
+    for axes, color in ((left, colours(found)["adhesion"]), (right, colours(found)["friction"])):
+        assert sum(len(line.get_xdata()) for line in axes.lines if line.get_color() == color) == len(own[0].depth)
+    assert (right.get_xlabel() == "time at rest (s)") == (kind == "hold")
+    assert left.get_xlim() == pytest.approx(right.get_xlim(), rel=0.2)
+
+
+def test_repeats_that_differ_are_lines_of_their_own():
+    """A change from test to test would else be drawn as its mean, which no test has."""
+    found = story("explained")
+    aside = [r for r in found["signatures"] if (r["experiment"], r["channel"]) == ("aside", "Fz")]
+    row = [(p.experiment, p.channel) for p, _ in signatures(found)].index(("aside", "Fz"))
+    drawn = []
+    for share in (1.0, 1.01, 2.0):
+        for k, r in enumerate(aside):
+            r["added"] = {"prony_g": [0.01 * u * share**k for u in r["depth"]]}
+        left = signature_map(found).axes[2 * row]
+        drawn.append(sum(line.get_color() == colours(found)["prony_g"] for line in left.lines))
+    assert drawn == [1, 1, 2]
+
+
+def test_what_scatters_has_no_line_and_what_did_not_hold_is_said_not_to():
+    found = story("ambiguous")
+    assert "None of these" not in said(found) and "no line" not in said(found)
+    for r in found["residuals"]:
+        r["residual"]["offset_each"] = r["residual"].pop("friction")
+    for r in found["signatures"]:
+        del r["added"]["friction"]
+    kept = colours(story("ambiguous"))["friction"]
+    assert "What offset_each does to each curve for itself has no mean, and so no line" in said(found)
+    assert list(colours(found)) == ["adhesion"] and kept not in colours(found).values()
+    for r in found["residuals"]:
+        del r["residual"]["offset_each"]
+    assert "None of these hypotheses held" in said(found)
+
+
+def test_keys_of_many_hypotheses_with_long_names_stay_on_the_page():
+    found = story("ambiguous")
+    names = ["offset_y at (2.5, 2.5) + bowl_clearance", "offset_y at (2.5, 2.5)", "bowl_clearance",
+             "compliance at (20, 0)", "inclusion_ratio"]  # fmt: skip
+    for r in found["residuals"]:
+        r["residual"][names[0]] = r["residual"].pop("friction")
+    for r in found["signatures"]:
+        r["added"] = {n: [(k + 1) * v for v in r["added"]["friction"]] for k, n in enumerate(names)}
+    figure = signature_map(found)
+    assert len(set(colours(found).values())) == len(names)
+    figure.draw_without_rendering()
+    (keys,) = figure.legends
+    assert keys.get_window_extent().x1 <= figure.bbox.x1
 
 
 def test_readings_that_are_not_known_leave_no_trace():
