@@ -13,6 +13,7 @@ from scipy.interpolate import CubicSpline
 from rso.diagnosis.effects import Effect, Size
 
 NEAR = 0.4  # in ln size, or of the range of a variant: how far a mended point reaches
+SAME = 0.9  # overlap of two points from which the later stands for both: a line through them would lead anywhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,26 +60,26 @@ class Nodes:
 
         return basis(s) @ np.linalg.inv(basis(level))
 
-    def nearness(self, at: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(m, n): Gaussian weights of points (n, 1 + d) at `at` (m, 1 + d), 1 at its own and 0 at the other points.
+    def overlap(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """(m, n): Gaussian of the distance of points a (m, 1 + d) and b (n, 1 + d), 1 where they are one.
 
         Sizes of an effect with a neutral value are near in ln |s| and on one side; shapes within half a step of nodes.
         """
-        logs = lambda v: np.log(np.maximum(np.abs(v), 1e-12))  # noqa: E731
+        if self.anchored:
+            logs = [np.log(np.maximum(np.abs(v[:, 0]), 1e-12)) for v in (a, b)]
+            K = np.exp(-0.5 * ((logs[0][:, None] - logs[1]) / NEAR) ** 2)
+            K = K * (np.sign(a[:, None, 0]) == np.sign(b[None, :, 0]))
+        else:
+            spread = np.ptp(self.levels[0]) or 1.0
+            K = np.exp(-0.5 * ((a[:, None, 0] - b[None, :, 0]) / (NEAR * spread)) ** 2)
+        for j, level in enumerate(self.levels[1:], 1):
+            step = (np.ptp(level) or 1.0) / max(len(level) - 1, 1)
+            K = K * np.exp(-0.5 * ((a[:, None, j] - b[None, :, j]) / (0.5 * step)) ** 2)
+        return K
 
-        def kernel(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-            if self.anchored:
-                d = (logs(a[:, None, 0]) - logs(b[None, :, 0])) / NEAR
-                K = np.exp(-0.5 * d**2) * (np.sign(a[:, None, 0]) == np.sign(b[None, :, 0]))
-            else:
-                spread = np.ptp(self.levels[0]) or 1.0
-                K = np.exp(-0.5 * ((a[:, None, 0] - b[None, :, 0]) / (NEAR * spread)) ** 2)
-            for j, level in enumerate(self.levels[1:], 1):
-                step = (np.ptp(level) or 1.0) / max(len(level) - 1, 1)
-                K = K * np.exp(-0.5 * ((a[:, None, j] - b[None, :, j]) / (0.5 * step)) ** 2)
-            return K
-
-        return kernel(at, points) @ np.linalg.inv(kernel(points, points) + 1e-9 * np.eye(len(points)))
+    def nearness(self, at: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """(m, n): weights of points (n, 1 + d), no two the SAME, at `at` (m, 1 + d): 1 at its own, 0 at the others."""
+        return self.overlap(at, points) @ np.linalg.inv(self.overlap(points, points))
 
 
 def nodes(effect: Effect, primary: bool, speeds: tuple[float, float], dear: bool = False, alone: bool = False) -> Nodes:

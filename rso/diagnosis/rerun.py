@@ -21,7 +21,7 @@ from rso.curves import Resampling
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.judge import Diagnosis
 from rso.diagnosis.library import DEAR, Library
-from rso.diagnosis.nodes import timed
+from rso.diagnosis.nodes import SAME, timed
 from rso.diagnosis.planning import framed
 from rso.diagnosis.responses import FORCES, changed, marks_of
 from rso.diagnosis.runs import Base, jobs_at, passes
@@ -137,14 +137,15 @@ def _with(library: Library, e: Effect, k: int, point: np.ndarray, change: np.nda
     here = library.places[k]
     table, before = here.effects[e.name], library.mended.get((e.name, k))
     marks = marks if len(marks) else np.zeros(table.marks.shape[1])
-    points = point[None]
+    points, old, old_marks = point[None], table.change, table.marks
     if before is not None:  # rows count from the nodes: at its own point no other row has a weight
-        old = library.places[library.home(e)].effects[e.name].nodes.nearness(point[None], before)[0]
-        change = change + np.tensordot(old, table.change[-len(before) :], axes=1)
-        marks = marks + old @ table.marks[-len(before) :]
-        points = np.concatenate([before, point[None]])
-    more = replace(table, change=np.concatenate([table.change, change[None]]),
-                   marks=np.concatenate([table.marks, marks[None]]))  # fmt: skip
+        nodes = library.places[library.home(e)].effects[e.name].nodes
+        near, n = nodes.nearness(point[None], before)[0], len(old) - len(before)
+        change, marks = change + np.tensordot(near, old[n:], axes=1), marks + near @ old_marks[n:]
+        apart = nodes.overlap(point[None], before)[0] < SAME
+        points = np.concatenate([before[apart], points])
+        old, old_marks = (np.concatenate([v[:n], v[n:][apart]]) for v in (old, old_marks))
+    more = replace(table, change=np.concatenate([old, change[None]]), marks=np.concatenate([old_marks, marks[None]]))
     places = list(library.places)
     places[k] = replace(here, effects={**here.effects, e.name: more})
     return replace(library, places=tuple(places), mended={**library.mended, (e.name, k): points})

@@ -413,13 +413,29 @@ def test_a_mended_library_says_what_was_simulated_there_and_nothing_new_elsewher
     assert off[1] < max(0.35 * off[0], 2e-3), off
     # the same point again: nothing left to mend
     _, again = mended(new, {e: point}, toy.run)
-    assert again.largest < 1e-6  # that of the small ridge that keeps equal points apart
+    assert again.largest < 1e-9
     far = point.copy()
     far[1] = point[1] * 0.08  # six Gaussian lengths away
     for v in (1, 0):
         np.testing.assert_allclose(
             predict(new, (e,), far[None], MU)[v], predict(library, (e,), far[None], MU)[v], rtol=0, atol=1e-7 * scale
         )
+
+
+@pytest.mark.parametrize("name, at", [("soften", (0.22,)), ("g", (0.21, np.log(2.3)))])
+def test_mending_twice_at_nearly_one_size_leads_nowhere(library, name, at):
+    """The size moves a little from round to round: a line through both swung far beyond all that was known."""
+    e = effect(library, name)
+    once, _ = mended(library, {e: np.array([CENTRE + 0.6, *at])}, toy.run)
+    twice, check = mended(once, {e: np.array([CENTRE - 0.6, at[0] * 1.0006, *at[1:]])}, toy.run)
+    assert check.largest > 1e-4
+    X = np.array([[CENTRE, s, *at[1:]] for s in np.geomspace(e.size.low, e.size.high, 40)])
+    before, after = (predict(v, (e,), X, MU)[0] for v in (once, twice))
+    scale = np.abs(before).max()
+    assert np.abs(after - before).max() < 2.0 * check.largest * scale
+    point = np.array([[CENTRE - 0.6, at[0] * 1.0006, *at[1:]]])
+    _, again = mended(twice, {e: point[0]}, toy.run)
+    assert again.largest < 1e-9
 
 
 def test_a_failed_finalist_mends_nothing_and_is_counted(library):
