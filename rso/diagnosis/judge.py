@@ -24,6 +24,7 @@ SURE = 0.95  # probability of one cause above which it is named alone
 COVER = 0.95  # of the probability that a named set holds
 WORTH_NAMING = 0.05  # probability below which a second effect of a pair is not named
 MOST = 5  # effects in a named set
+BEATEN = 2  # causes not named whose fits are kept
 CHECKS = 60  # data sets per self-check
 DRAWS = 2000
 LEVEL = 0.9
@@ -118,7 +119,7 @@ def diagnose(
         verdict, chosen = "unexplained", Hypothesis((), True)
     rng = np.random.default_rng(seed + 1)
     posts = {"none": _posterior(evidence, (), y, rng)}
-    for h in dict.fromkeys([chosen, *_singles(contest, named)]):
+    for h in dict.fromkeys([chosen, *_singles(contest, named), *(_beaten(contest, named) if gap else [])]):
         posts[h.name] = _posterior(evidence, h.effects, y, rng, h.unexplained)
     pure = Hypothesis(chosen.effects)  # of many forms of one cause it need not be among the most probable
     held = held_out(bench, y, list(dict.fromkeys([Hypothesis(()), *_finalists(contest), pure])))
@@ -273,6 +274,20 @@ def _finalists(contest: Contest, count: int = 3) -> list[Hypothesis]:
 
 def _singles(contest: Contest, named: Sequence[str]) -> list[Hypothesis]:
     return [h for h in contest.hypotheses if len(h.effects) == 1 and not h.unexplained and h.effects[0].name in named]
+
+
+def _beaten(contest: Contest, named: Sequence[str]) -> list[Hypothesis]:
+    """The most probable single hypotheses of causes that are not named, and move a mean: what lost, to look at."""
+    s = contest.log_evidence + contest.log_prior
+    known = {e.name: e.source for h in contest.hypotheses for e in h.effects}
+    taken, found = {known[n] for n in named}, []
+    for i in np.argsort(-s):
+        h = contest.hypotheses[i]
+        if len(h.effects) == 1 and not h.unexplained and h.effects[0].family != "scatter":
+            if h.effects[0].source not in taken:
+                found.append(h)
+                taken.add(h.effects[0].source)
+    return found[:BEATEN]
 
 
 def _posterior(evidence: Evidence, effects, y: np.ndarray, rng, unexplained: bool = False) -> Posterior:

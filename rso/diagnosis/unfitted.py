@@ -64,13 +64,13 @@ def shrinkage_of(
     """
     validation = [k for k, e in enumerate(whole.plan.experiments) if e.role == "validate"]
     if validation:
-        rng, first = np.random.default_rng(seed + 2), _fitted_rows(library)
+        first = _fitted_rows(library)
         mine = tuple(t for t in whole.plan.tests if t.experiment in validation)
         profiles = tuple(p for p in whole.plan.profiles if p.experiment in validation)
         unseen = replace(whole, plan=replace(whole.plan, tests=mine, profiles=profiles))
         v = unseen.plan.values()
         C = _covariance(unseen, bench, evidence, y)
-        fits = _fits(unseen, bench, y, first, np.arange(len(y)), chosen.effects, rng)
+        fits = _fits(unseen, bench, y, first, np.arange(len(y)), chosen.effects, seed + 2)
         own = None if fitted is None else _at(unseen, fitted, bench.modulus)
         fits[0] = fits[0] if own is None else own
         found = [_gap(name, unit, rows, v, fits, C, chosen.effects) for name, unit, rows in shrinkage.curves_of(unseen)]
@@ -86,7 +86,7 @@ def left_out(
 ) -> shrinkage.Shrinkage:  # fmt: skip
     """Gaps on each experiment left out in turn, whatever is kept for validation; the cause is chosen `anew` without it,
     or known."""
-    rng, first = np.random.default_rng(seed + 2), _fitted_rows(library)
+    first = _fitted_rows(library)
     found, sizes = [], []
     curves = shrinkage.curves_of(library)
     for name, unit, rows in curves if len(curves) > 1 else []:
@@ -94,7 +94,7 @@ def left_out(
         before = np.setdiff1d(first, rows)
         before = rest if len(before) < 4 else before
         cause = _chosen_without(evidence, rest, y, chosen) if anew else chosen.effects
-        fits = _fits(library, bench, y, before, rest, cause, rng)
+        fits = _fits(library, bench, y, before, rest, cause, seed + 2)
         found.append(_gap(name, unit, rows, y, fits, bench.C, cause))
         sizes.append(len(rows))
     if not found:
@@ -104,9 +104,10 @@ def left_out(
 
 
 def _fits(library: Library, bench: Bench, y: np.ndarray, first: np.ndarray, rows: np.ndarray,
-          cause: Sequence[Effect], rng: np.random.Generator) -> list[np.ndarray]:  # fmt: skip
+          cause: Sequence[Effect], seed: int) -> list[np.ndarray]:  # fmt: skip
     """Predictions (n,) of a library's plan: the base model fitted to the `first` rows of y, to `rows`, and with the
     cause; without one that is the second once more."""
+    rng = np.random.default_rng(seed)
     before, again = (shrinkage.predicted(library, (), _fit(bench, (), r, y, rng), bench.modulus) for r in (first, rows))
     if not cause:
         return [before, again, again]

@@ -330,7 +330,11 @@ def _held_out(found: Found) -> Table | None:
 def _signature_caption(found: Found) -> str:
     rows, names, cause = signatures(found), list(colours(found)), chosen(found)
     each = "each hypothesis adds" if len(names) > 1 else f"{brief(names[0])} adds"
-    text = f"Left: what {each} to the base model. Each is fitted to all curves with all its parameters, and so is the "
+    lost = [brief(n) for n in names if n not in {clean(c.get("effect")) for c in core(found).get("causes") or ()}
+            and n != cause]  # fmt: skip
+    text = f"Left: what {each} to the base model"
+    text += f" ({' and '.join(lost)}: not named, for comparison)" if lost and cause else ""
+    text += ". Each is fitted to all curves with all its parameters, and so is the "
     text += "base model, so that heights compare and not shapes alone. Right, on the same scale: what the base model "
     if cause in names:
         text += f"leaves (dots), and what {brief(cause)} adds (line). Where they part, that is left: noise, gain and "
