@@ -245,8 +245,8 @@ def shrinkages(
         "that stands after the contest, a look at what is left and the held-out check, over what the true effect "
         "takes that is put in its place (*ratio*; 1 by definition where that is the one chosen).  Only where G "
         "before is above the floor by more than twice its standard error, as else no share is printed; "
-        '"unexplained" counts with what a re-fit takes.  Where experiments are left out in turn, causes were chosen '
-        "with all of them."
+        '"unexplained" counts with what a re-fit takes.  Where experiments are left out in turn, the cause is '
+        "chosen anew without each, the true effect is not."
     )
     say(["## How much closes", "", text])
     names = [e.name for e in whole.plan.experiments if e.role == "validate"]
