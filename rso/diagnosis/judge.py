@@ -96,8 +96,9 @@ def diagnose(
     y = library.plan.values()
     opened = _opened(attribute.set_up(library, y), y, nulls, seed)
     if not opened.gap and noise.levels(library.plan, True) != opened.evidence.bench.levels:
-        # noise that is far beyond what is stated explains all: what is stated asks why
-        opened = _opened(attribute.set_up(library, y, True), y, nulls, seed)
+        # noise that is far beyond what is stated explains all: what is stated asks why, and stands where that is found
+        asked = _opened(attribute.set_up(library, y, True), y, nulls, seed)
+        opened = asked if asked.gap else opened
     evidence, first, null, threshold, gap = opened.evidence, opened.first, opened.null, opened.threshold, opened.gap
     bench, p = evidence.bench, float((1 + np.sum(null >= first.statistic)) / (1 + len(null)))
     last = attribute.survivors(first) if gap else []

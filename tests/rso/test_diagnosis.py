@@ -244,6 +244,20 @@ def test_tests_that_differ_by_more_than_is_stated_do_not_hide_what_else_there_is
         assert (d.verdict, d.named) == (verdict, named), (d.verdict, d.named, d.probabilities)
 
 
+def test_what_is_stated_binds_only_where_a_gap_is_found_by_it():
+    """Gains of 6 % and nothing in the catalogue that has them: no gap was said to be one, of readings not smooth."""
+    rng = np.random.default_rng(6)
+    loads = toy.recorded(TRUTH, rng, repeats=4, scatter=0.0)
+    cycles = toy.recorded(TRUTH, rng, repeats=2, unload=True, earlier=4.0, scatter=0.0)
+    made = [toy.experiment("load", loads), toy.experiment("cycle", cycles, after=("load",))]
+    plan = make_plan(factors(made, (0.934, 1.072, 0.97, 1.024, 1.018, 0.988)))
+    library = build(BASE, plan, toy.effects("stiff", "soften"), toy.run)
+    d = diagnosis.diagnose(library, 3, nulls=NULLS)
+    said = " ".join(story(library, d, (), None, "")["words"])
+    assert d.verdict == "no_gap" and "taken for noise" in said
+    assert "counts as a gap" not in said and "not smooth" not in said
+
+
 def test_the_cause_is_chosen_anew_without_the_curve_that_is_left_out():
     """The deep test alone was done on a body that stiffens: without it there is nothing."""
     names = ("stiff", "soften")
