@@ -126,7 +126,7 @@ def _gap(name: str, unit: str, rows: np.ndarray, y: np.ndarray, fits: Sequence[n
 def _at(library: Library, values: Mapping[str, float], modulus: float) -> np.ndarray | None:
     """Prediction (n,) of the base model at values of its open parameters; None where the library has none."""
     base = library.base
-    μ = values[base.modulus]
+    μ = values.get(base.modulus, base.low)  # where it is fixed these are one
     x = np.array([a.coordinate(values[a.name], μ) for a in base.axes])
     if any(not low <= v <= high for v, (low, high) in zip(x, (a.ends for a in base.axes), strict=True)):
         return None

@@ -238,8 +238,10 @@ def _fitted(asked: Asked, folder: Path) -> dict[str, float] | None:
         same = results["backend"]["settings"] == plain(dict(asked.study.backend.settings))
     except (OSError, ValueError, KeyError, TypeError, StopIteration):
         return None
-    wanted = {asked.base.modulus, *(a.name for a in asked.base.axes)}
-    return {k: float(values[k]) for k in wanted} if same and wanted == set(values) - set(asked.base.fixed) else None
+    fixed = asked.base.fixed
+    opened = [k for k in dict.fromkeys([asked.base.modulus, *(a.name for a in asked.base.axes)]) if k not in fixed]
+    same = same and {k: v for k, v in values.items() if k not in opened} == fixed
+    return {k: float(values[k]) for k in opened} if same and set(opened) <= set(values) else None
 
 
 def judge(asked: Asked, library: Library, run: Callable[[Sequence[Task]], list[Any]] | None,

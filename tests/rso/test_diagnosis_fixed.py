@@ -14,6 +14,7 @@ from rso.diagnosis import Base, BaseAxis, Library, attribute, build, finalists, 
 from rso.diagnosis.attribute import Evidence
 from rso.diagnosis.mixture import log_evidence, mean_prediction, posterior, ready, simulate
 from rso.diagnosis.prediction import predict
+from rso.diagnosis.unfitted import _at
 from rso.diagnosis.words import _pressed
 
 MU, D1 = toy.TRUTH["mu"], toy.TRUTH["D1"]
@@ -284,3 +285,22 @@ def test_a_wide_range_changes_nothing_but_the_tiles():
         np.testing.assert_allclose(kept.parameters["after"][k], free.parameters["after"][k], rtol=0.15)
     np.testing.assert_allclose(kept.causes[0].size, free.causes[0].size, rtol=0.05)
     np.testing.assert_allclose(kept.left, free.left, rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("of", "found"), [((MU, None), {"D1": D1}), ((None, D1), {"mu": MU}), ((None, None), {"mu": MU, "D1": D1})]
+)
+def test_the_model_before_has_what_is_fixed_beside_what_a_run_found(of, found):
+    """At the truth it leaves noise, whatever is fixed; at twice of it more; outside the library it is not known."""
+    lib = library(*of)
+    y = lib.plan.values()
+    bench = attribute.set_up(lib, y)
+    (name, *_), white = found, bench.whites[0]
+
+    def left(values):
+        f = _at(lib, values, bench.modulus)
+        return None if f is None else float(np.mean(white(y - f) ** 2))
+
+    assert left(found) < 1.25 < left({**found, name: 2.0 * found[name]})
+    if of[0] or of[1]:
+        assert left({**found, name: 100.0 * found[name]}) is None

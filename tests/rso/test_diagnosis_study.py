@@ -70,6 +70,31 @@ def rso(*arguments: object) -> subprocess.CompletedProcess:
     return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
 
 
+FIXED_D1 = STUDY.replace('D1 = { low = "15 1/MPa", high = "150 1/MPa", scale = "log" }', 'D1 = { value = "40 1/MPa" }')
+FIXED_MU = STUDY.replace('mu = { low = "6 kPa", high = "24 kPa", scale = "log" }', 'mu = { value = "11 kPa" }')
+
+
+@pytest.mark.parametrize(
+    ("text", "d1", "fitted"),
+    [
+        (STUDY, 40.0, {"mu": 0.011, "D1": 40.0}),
+        (FIXED_D1, 40.0, {"mu": 0.011}),
+        (FIXED_D1, 60.0, None),
+        (FIXED_MU, 40.0, {"D1": 40.0}),
+    ],
+)
+def test_what_a_run_fixed_must_be_fixed_alike_and_is_not_what_it_found(tmp_path, text, d1, fitted):
+    """The open ones, in the order of the study whatever the hashes of strings."""
+    asked = ask(load(write(tmp_path / "toy", text)))
+    best = {"name": "search 1", "values": {"mu": 0.011, "D1": d1}}
+    found = {"backend": {"settings": dict(asked.study.backend.settings)}}
+    found["best"] = {"search": "s", "candidate": "search 1"}
+    found["searches"] = [{"name": "s", "candidates": [best]}]
+    (tmp_path / "results.json").write_text(json.dumps(found))
+    own = _fitted(asked, tmp_path)
+    assert own == fitted and list(own or ()) == list(fitted or ())
+
+
 @pytest.mark.parametrize("wrong", [None, "settings", "candidate", "values"])
 def test_parameters_that_a_run_found_are_the_model_before(tmp_path, wrong):
     """The best candidate of the same model; of another model, or of other parameters, it says nothing."""
