@@ -15,7 +15,7 @@ from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Posterior, log_evidence, posterior, ready, whitening
 from rso.diagnosis.prediction import predict
-from rso.diagnosis.testplan import LOADING
+from rso.diagnosis.testplan import LOADING, Profile
 
 
 @dataclass(frozen=True)
@@ -85,12 +85,18 @@ def left_out(
     anew: bool = True,
 ) -> shrinkage.Shrinkage:  # fmt: skip
     """Gaps on each experiment left out in turn, whatever is kept for validation; the cause is chosen `anew` without it,
-    or known."""
+    or known.
+
+    Without any force nothing tells an open modulus: an experiment that has all of them is not left out.
+    """
     first = _fitted_rows(library)
     found, sizes = [], []
     curves = shrinkage.curves_of(library)
+    tells = _forces(library) if library.base.low < library.base.high else np.ones(len(y), bool)
     for name, unit, rows in curves if len(curves) > 1 else []:
         rest = np.setdiff1d(np.arange(len(y)), rows)
+        if not tells[rest].any():
+            continue
         before = np.setdiff1d(first, rows)
         before = rest if len(before) < 4 else before
         cause = _chosen_without(evidence, rest, y, chosen) if anew else chosen.effects
@@ -99,8 +105,17 @@ def left_out(
         sizes.append(len(rows))
     if not found:
         return shrinkage.Shrinkage((), np.nan, np.nan, np.nan, 1.0, np.nan, None, None, "one curve only")
-    how = "each left out in turn, and the cause chosen anew without it, as there are no validate curves"
+    beside = ", where forces remain beside it," if len(found) < len(curves) else ""
+    how = f"each left out in turn{beside or ','} and the cause chosen anew without it, as there are no validate curves"
     return shrinkage.summarise(found, sizes, how, seed)
+
+
+def _forces(library: Library) -> np.ndarray:
+    """(n,) whether a reading is one of force."""
+    out = np.zeros(library.plan.n, bool)
+    for item, _, at in library.plan.rows():
+        out[at] = not isinstance(item, Profile)
+    return out
 
 
 def _fits(library: Library, bench: Bench, y: np.ndarray, first: np.ndarray, rows: np.ndarray,

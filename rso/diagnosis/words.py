@@ -112,7 +112,9 @@ def _where(d: Mapping[str, Any]) -> str:
     lies = f"Where: {', '.join(shares)}. " if shares else ""
     clear = sorted((r for r in d["where"] if r["beyond_noise"]), key=lambda r: -abs(r["z"]))[:3]
     if not clear:
-        return lies + "No single region stands out; the gap is one of shape, spread over the curves."
+        each = any(c["family"] == "scatter" for c in d["causes"][:1])
+        spread = "one of single curves" if each else "one of shape, spread over the curves"
+        return lies + f"No single region stands out; the gap is {spread}."
     percent = [f"{100 * r['amplitude']:+.1f} ± {100 * r['amplitude_sd']:.1f} %" for r in clear]
     each = [f"{r['experiment']} {r['channel']} {r['region']} ({v})" for r, v in zip(clear, percent, strict=True)]
     return lies + "Measured against what all other data predict: " + "; ".join(each) + "."
@@ -180,13 +182,13 @@ def _shrinkage(d: Mapping[str, Any], found: Mapping[str, Any]) -> str | None:
     model = f" ({_values(s['fitted'], found)}, as the study found them)" if s.get("fitted") else ""
     before, after = f"{s['before']:.2f} before{model}", f"{s['refit_only']:.2f} after a re-fit alone"
     text = f"On held-out curves, {s['how']}, the gap is {before}, {after}"
-    if d["verdict"] == "no_gap":  # nothing was added
+    if not d["chosen"]:  # nothing was added
         text += " (noise floor 1)"
     else:
         text += f", {s['with_cause']:.2f} with the cause (noise floor 1){_otherwise(d)}"
     if s["closed"] is None:
         return text + "; before is not clearly above the floor, so no share is printed."
-    text += f": {100 * s['closed']:.0f} % closed"
+    text += f": {100 * s['closed']:z.0f} % closed"
     if s["interval"] is None:
         return text + " (one curve: no interval)."
     return text + f" (90 % {percents(s['interval'])} %)."
@@ -223,7 +225,7 @@ def chance(p: float) -> str:
 
 def percents(interval: Sequence[float]) -> str:
     """An interval of a share in per cent, its ends no lower than LEAST."""
-    ends = [f"{100 * v:.0f}" if v > LEAST else f"less than {100 * LEAST:.0f}" for v in interval]
+    ends = [f"{100 * v:z.0f}" if v > LEAST else f"less than {100 * LEAST:.0f}" for v in interval]
     return " to ".join(dict.fromkeys(ends))
 
 

@@ -12,7 +12,7 @@ from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.judge import BEYOND, MISFIT, _beyond, judge, most_left
 from rso.diagnosis.mixture import Posterior
 from rso.diagnosis.shrinkage import Gap, summarise
-from rso.diagnosis.words import _alone, _cause, _outside, _shrinkage, _unlike
+from rso.diagnosis.words import _alone, _cause, _outside, _shrinkage, _unlike, _where
 from rso.measurement import Noise, Repeat
 
 STIFF, SKIN = toy.effects("stiff", "skin")
@@ -198,6 +198,28 @@ def test_without_a_gap_no_cause_is_said_to_have_shrunk_it():
     assert "0.63 before, 0.62 after a re-fit alone (noise floor 1)" in none and "cause" not in none
     some = _shrinkage({"verdict": "partly", "shrinkage": s, "chosen": ["skin"]}, {})
     assert "0.62 after a re-fit alone, 0.61 with the cause (noise floor 1)" in some
+
+
+def test_without_a_cause_none_is_said_to_have_shrunk_the_gap():
+    s = {"how": "each", "before": 14.24, "refit_only": 14.23, "with_cause": 14.23, "closed": -1e-4,
+         "interval": [-2e-3, 2e-3], "curves": [{"curve": "deep", "cause": []}]}  # fmt: skip
+    none = _shrinkage({"verdict": "unexplained", "shrinkage": s, "chosen": []}, {})
+    assert "14.23 after a re-fit alone (noise floor 1): 0 % closed (90 % 0 %)" in none and "cause" not in none
+
+
+@pytest.mark.parametrize(("family", "words"), [("scatter", "one of single curves"), ("model", "one of shape")])
+def test_a_gap_that_no_region_shows_is_spread_or_of_single_curves(family, words):
+    assert words in _where({"where": [], "causes": [{"family": family}]})
+
+
+def test_without_any_force_no_modulus_is_known_to_predict_forces_with():
+    """Of one force curve and a profile: the curve left out had G = 1e8, and of that 75 % was said to be closed."""
+    rng = np.random.default_rng(0)
+    plan = make_plan([loading(rng), toy.experiment("marks", profile(rng))])
+    library = build(toy.base(axes=False), plan, toy.effects("stiff", "skin"), toy.run)
+    d = diagnose(library, 0, nulls=40)
+    assert [c.curve for c in d.shrinkage.curves] == ["marks"] and d.shrinkage.before < 3.0
+    assert d.shrinkage.how.startswith("each left out in turn, where forces remain beside it, and")
 
 
 @pytest.mark.parametrize(("low", "high", "words"), [(4.1e-3, 4.7e-3, "stiffer"), (1.2e-3, 1.9e-3, "softer"),
