@@ -168,8 +168,8 @@ _POLICY = {
 
 
 def _policy(d: Mapping[str, Any]) -> str:
-    first = next(iter(d.get("causes") or ()), {})
-    alike = d.get("verdict") == "ambiguous" and first.get("like_a_modulus")
+    causes = list(d.get("causes") or ())
+    alike = d.get("verdict") == "ambiguous" and len(causes) == 1 and causes[0].get("like_a_modulus")
     return "load cell or specimen" if alike else _POLICY.get(clean(d.get("verdict")), "")
 
 

@@ -365,6 +365,15 @@ def test_an_ambiguous_verdict_says_what_it_leaves_open():
     assert "may miss something" in text and "misses something" not in text
 
 
+def test_a_factor_of_every_test_is_of_cell_or_specimen_only_where_it_stands_alone():
+    found = story("ambiguous")
+    causes = found["diagnosis"]["causes"]
+    causes[0]["like_a_modulus"] = True
+    assert len(causes) > 1 and "no cause reaches 95 %" in said(found)
+    del causes[1:]
+    assert "load cell or specimen" in said(found)
+
+
 def test_a_share_of_one_curve_is_said_to_be_one():
     found = story("explained")
     curves = found["diagnosis"]["shrinkage"]["curves"]
