@@ -9,14 +9,13 @@ import numpy as np
 from controls import with_values
 from scores import Scored, share
 from sections import Say, table
-from shrunk import ENOUGH, Closed, quartiles, seen_rows
+from shrunk import ENOUGH, Closed, closed, quartiles, seen_rows
 
 from rso import diagnosis
 from rso.diagnosis import Diagnosis
 from rso.diagnosis.attribute import Evidence
 from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.library import Library
-from rso.diagnosis.unfitted import shrinkage_of
 
 CAUSES = ("explained", "measurement", "ambiguous")
 
@@ -62,8 +61,7 @@ def _closed(own: Library, d: Diagnosis, s: Scored, i: int, values: np.ndarray, s
     effects = s.cases.effects[i]
     if d.verdict == "no_gap" or len(effects) != 1 or effects[0].family == "scatter":
         return []
-    library, evidence = replace(own, plan=own.plan.seen()), Evidence(d.bench, own.effects)
-    y = values[seen_rows(own.plan)]
-    made = shrinkage_of(own, library, d.bench, evidence, y, Hypothesis(effects), seed)
+    evidence, in_turn = Evidence(d.bench, own.effects), bool(seen_rows(own.plan).all())
+    made = closed(own, evidence, values, Hypothesis(effects), seed, in_turn, False)
     found = Closed(d.verdict, d.chosen.effects == effects, d.shrinkage, made)
     return [found] if found.printed and found.possible else []

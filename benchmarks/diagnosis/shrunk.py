@@ -210,7 +210,7 @@ def no_cause(
     printed, forced, moved = [], [], []
     for i in rows:
         printed.append(closed(whole, evidence, values[i], s.judged[i].chosen, seed + i, in_turn))
-        forced.append(closed(whole, evidence, values[i], best_cause(s.contests[i]), seed + i, in_turn))
+        forced.append(closed(whole, evidence, values[i], best_cause(s.contests[i]), seed + i, in_turn, False))
         moved.append(differences(forced[-1], seed + i))
     moved, there = np.array(moved), [c.closed is not None for c in printed]
     holds = lambda v: share([c.interval[0] <= 0 <= c.interval[1] for c in v if c.interval is not None])  # noqa: E731

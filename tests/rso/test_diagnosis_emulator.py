@@ -109,6 +109,21 @@ def test_a_cause_that_predicts_nothing_is_taken_back(bench, world, monkeypatch, 
     assert found.named == (() if gain < 0 else (effect.name,)) and found.chosen.unexplained == (gain < 0)
 
 
+def test_a_cause_forced_on_what_has_none_is_not_chosen_anew(bench, world, monkeypatch):
+    whole, evidence, _, _, s, values = world
+    asked = []
+    left_out = bench.shrunk.left_out
+
+    def told(*rest):
+        asked.append((rest[4].effects, rest[6]))
+        return left_out(*rest)
+
+    monkeypatch.setattr(bench.shrunk, "left_out", told)
+    i = int(np.nonzero(s.null)[0][0])
+    bench.shrunk.no_cause(whole, evidence, s, values, [i], 0, True)
+    assert asked[1] == (bench.shrunk.best_cause(s.contests[i]).effects, False)
+
+
 def test_the_sections_in_small(bench, world, monkeypatch):
     monkeypatch.setattr(bench.controls, "NULLS", 60)
     monkeypatch.setattr(bench.shrunk, "LEFT_OUT", 5)
