@@ -155,7 +155,8 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         v
     ]
     each = " and ".join(_named(c) for c in causes[: 2 if v == "explained" else 1])
-    return f"{head}: {text[first['effect']]}, {each}; probability {chance(first['probability'])}."
+    alike = " A modulus that differs from test to test does the same." if first.get("like_a_modulus") else ""
+    return f"{head}: {text[first['effect']]}, {each}; probability {chance(first['probability'])}.{alike}"
 
 
 def _none(found: Mapping[str, Any]) -> str:

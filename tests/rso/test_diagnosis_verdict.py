@@ -212,6 +212,15 @@ def test_a_gap_that_no_region_shows_is_spread_or_of_single_curves(family, words)
     assert words in _where({"where": [], "causes": [{"family": family}]})
 
 
+def test_a_factor_of_every_test_that_is_a_part_may_be_the_specimen_s_too():
+    c = {"effect": "gain_each", "probability": 0.99, "size": 0.1, "interval": [0.05, 0.2], "unit": "1", "neutral": 0.0,
+         "railed": False, "like_a_modulus": True}  # fmt: skip
+    d = {"verdict": "partly", "causes": [c], "ambiguous_with": [], "chosen": ["gain_each"]}
+    found = {"effects": [{"name": "gain_each", "description": "gain of each curve"}]}
+    assert _cause(d, found).endswith("A modulus that differs from test to test does the same.")
+    assert "modulus" not in _cause({**d, "causes": [{**c, "like_a_modulus": False}]}, found)
+
+
 def test_without_any_force_no_modulus_is_known_to_predict_forces_with():
     """Of one force curve and a profile: the curve left out had G = 1e8, and of that 75 % was said to be closed."""
     rng = np.random.default_rng(0)
