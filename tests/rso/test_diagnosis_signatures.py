@@ -11,6 +11,7 @@ import pytest
 from rso.contract import plain
 from rso.diagnosis import Diagnosis, Library, build, diagnose, make_plan
 from rso.diagnosis.hypotheses import Hypothesis
+from rso.diagnosis.judge import BEATEN
 from rso.diagnosis.story import LEADING, leading, residuals, signatures
 from rso.measurement import Repeat
 
@@ -85,7 +86,9 @@ def test_a_lateral_force_and_an_effect_of_the_chain_have_a_signature():
 
 def test_rivals_take_up_the_same_residual_as_they_were_fitted_to_it_too():
     d, left, added = told("stiff")
-    assert d.verdict == "ambiguous" and set(d.named) == {"stiff", "twin"} == set(added[0]["added"])
+    drawn = list(added[0]["added"])
+    assert d.verdict == "ambiguous" and set(d.named) == {"stiff", "twin"} == set(drawn[:2])
+    assert len(drawn) == 2 + BEATEN  # beside those that lost
     for r, s in zip(left, added, strict=True):
         if (r["experiment"], r["channel"]) in (("load", "Fz"), ("cycle", "Fz")):
             gap = np.array(r["residual"]["none"])
@@ -109,7 +112,7 @@ def test_a_hypothesis_that_fell_keeps_its_signature():
     fallen = dataclasses.replace(d, chosen=rest, named=(), fits=fits,
                                  posteriors={**d.posteriors, rest.name: d.posteriors["none"]})  # fmt: skip
     before, after = signatures(library, d), signatures(library, fallen)
-    assert set(after[0]["added"]) == {"stiff", "twin"}
+    assert {"stiff", "twin"} < set(after[0]["added"])
     for b, a in zip(before, after, strict=True):
         assert b["added"] == a["added"]
 
