@@ -120,12 +120,18 @@ def _rivals(d: Diagnosis) -> bool:
 
 
 def _next(library: Library, d: Diagnosis, run: Run | None) -> list[NextTest]:
-    """Tests that separate the named effects, each alone."""
+    """Tests that separate the named effects, each alone; two that were chosen together stand together."""
     effects = {e.name: (e,) for e in library.effects}
     scatter = {c.effect.name: c.size for c in d.causes if c.effect.family == "scatter"}
     alive = {n: (effects[n], d.posteriors[n]) for n in d.named if n in d.posteriors and n in effects}
     plain_library = replace(library, plan=library.plan.seen())
     probability = {c.effect.name: c.probability for c in d.causes if c.effect.name in alive}
+    both = [e.name for e in d.chosen.effects]
+    if len(both) > 1:
+        alive = {n: v for n, v in alive.items() if n not in both}
+        alive[d.chosen.name] = (d.chosen.effects, d.posteriors[d.chosen.name])
+        least = min(c.probability for c in d.causes if c.effect.name in both)
+        probability = {n: p for n, p in probability.items() if n in alive} | {d.chosen.name: least}
     return next_tests(plain_library, d.bench, alive, probability, run, scatter)
 
 

@@ -220,6 +220,14 @@ def factors(made: list, each: tuple[float, ...]) -> list:
     return out
 
 
+def test_two_causes_that_are_believed_together_are_no_rivals_of_a_next_test():
+    """What sets them apart settles nothing: "settles the matter with 100 %" was said of it."""
+    names = ("stiff", "soften", "bias")
+    d = diagnose(2, {"soften": 0.3}, names=names, bias=0.05)
+    assert d.verdict == "partly" and set(d.named) == {"soften", "bias"} == {e.name for e in d.chosen.effects}
+    assert story(tables(names, False), d, (), None, "")["diagnosis"]["next_test"] == []
+
+
 def test_a_factor_of_every_test_is_of_the_cell_or_of_the_specimen():
     """Forces scale with the modulus: no record tells a gain that wanders from a body that recovers between tests."""
     made = factors(experiments(6), (0.94, 1.07, 0.98, 1.05, 0.93))
