@@ -192,7 +192,7 @@ def _shrinkage(d: Mapping[str, Any], found: Mapping[str, Any]) -> str | None:
     text += f": {100 * s['closed']:z.0f} % closed"
     if s["interval"] is None:
         return text + " (one curve: no interval)."
-    return text + f" (90 % {percents(s['interval'])} %)."
+    return text + f" (90 %: {percents(s['interval'])} %)."
 
 
 def _otherwise(d: Mapping[str, Any]) -> str:

@@ -204,7 +204,7 @@ def test_without_a_cause_none_is_said_to_have_shrunk_the_gap():
     s = {"how": "each", "before": 14.24, "refit_only": 14.23, "with_cause": 14.23, "closed": -1e-4,
          "interval": [-2e-3, 2e-3], "curves": [{"curve": "deep", "cause": []}]}  # fmt: skip
     none = _shrinkage({"verdict": "unexplained", "shrinkage": s, "chosen": []}, {})
-    assert "14.23 after a re-fit alone (noise floor 1): 0 % closed (90 % 0 %)" in none and "cause" not in none
+    assert "14.23 after a re-fit alone (noise floor 1): 0 % closed (90 %: 0 %)" in none and "cause" not in none
 
 
 @pytest.mark.parametrize(("family", "words"), [("scatter", "one of single curves"), ("model", "one of shape")])
