@@ -15,7 +15,8 @@ from sections import Say, table
 from rso.diagnosis.attribute import Evidence
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judge import WHOLE, Judgement
+from rso.diagnosis.judge import WHOLE
+from rso.diagnosis.judgement import Judgement
 from rso.diagnosis.unfitted import held_out
 
 MOST = 150  # cases found, with the true effect in the catalogue and without

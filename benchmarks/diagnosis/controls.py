@@ -17,7 +17,8 @@ from scores import Scored, by_key
 from rso.diagnosis import attribute, hypotheses, next_test
 from rso.diagnosis.attribute import Bench, Contest, Evidence
 from rso.diagnosis.effects import Effect
-from rso.diagnosis.judge import WHOLE, Judgement, judge, misfit
+from rso.diagnosis.judge import WHOLE, misfit
+from rso.diagnosis.judgement import Judgement, judge
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import mean_prediction, posterior
 from rso.diagnosis.prediction import predict

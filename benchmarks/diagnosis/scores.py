@@ -13,7 +13,8 @@ from scipy.stats import beta
 from rso.diagnosis.attribute import NO_GAP, PRIOR, Contest, Evidence
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judge import LEVEL, Judgement, judge
+from rso.diagnosis.judge import LEVEL
+from rso.diagnosis.judgement import Judgement, judge
 from rso.diagnosis.mixture import log_tiles, mean_prediction, posterior
 
 DRAWS = 400

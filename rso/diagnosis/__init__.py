@@ -8,7 +8,8 @@ mixture      exact evidence in tiles           attribute   the contest of hypoth
 localise     where                             shrinkage   how much
 unfitted     what was left out of the fit      remainder   what a cause leaves
 jumps, hum   what no smooth model has
-detectable   what this plan can see            judge       the verdict
+detectable   what this plan can see            judgement   what a contest says
+checks       how far to trust it               judge       the verdict
 rerun        finalists computed anew           next_test   what would settle it
 story        all of it as plain data           words       and in sentences
 """

@@ -6,26 +6,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from rso.diagnosis import attribute, localise, noise, shrinkage
 from rso.diagnosis.attribute import Bench, Contest, Evidence
+from rso.diagnosis.checks import SelfCheck, self_checks, sensitivity
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.hum import Hum, hum
 from rso.diagnosis.hypotheses import Hypothesis
+from rso.diagnosis.judgement import beaten, beside, given_a_gap, judge, most_probable, singles
 from rso.diagnosis.jumps import Jumps, jumps
 from rso.diagnosis.library import Library
-from rso.diagnosis.mixture import Posterior, log_tiles, mean_prediction, posterior
+from rso.diagnosis.mixture import Posterior, mean_prediction, posterior
 from rso.diagnosis.remainder import Remainder, remainder
 from rso.diagnosis.unfitted import HeldOut, held_out, left_out, shrinkage_of
 
-SURE = 0.95  # probability of one cause above which it is named alone
-COVER = 0.95  # of the probability that a named set holds
-WORTH_NAMING = 0.05  # probability below which a second effect of a pair is not named
-MOST = 5  # effects in a named set
-BEATEN = 2  # causes not named whose fits are kept
-CHECKS = 60  # data sets per self-check
 DRAWS = 2000
 LEVEL = 0.9
 WHOLE = ("explained", "measurement", "ambiguous")  # verdicts that take causes for the whole of a gap
@@ -43,17 +38,6 @@ class Cause:
     size: float
     interval: tuple[float, float]
     railed: bool
-
-
-@dataclass(frozen=True)
-class SelfCheck:
-    """How often data simulated from a hypothesis lead back to it, and to no gap."""
-
-    hypothesis: str
-    returned: float
-    no_gap: float
-    in_set: float
-    n: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +91,7 @@ def diagnose(
     judged = judge(contest, gap)
     rest = remainder(evidence, judged.chosen, y, seed + 3) if judged.verdict in WHOLE else None
     if rest is not None and rest.there:
-        joined = _beside(judged.chosen, rest, pairs)
+        joined = beside(judged.chosen, rest, pairs)
         pairs, finalists = [*pairs, *joined], finalists | {e.source for pair in joined for e in pair}
         contest = attribute.contests(evidence, y[None], pairs, finalists=finalists)[0]
         judged = judge(contest, gap)
@@ -120,10 +104,10 @@ def diagnose(
         verdict, chosen = "unexplained", Hypothesis((), True)
     rng = np.random.default_rng(seed + 1)
     posts = {"none": _posterior(evidence, (), y, rng)}
-    for h in dict.fromkeys([chosen, *_singles(contest, named), *(_beaten(contest, named) if gap else [])]):
+    for h in dict.fromkeys([chosen, *singles(contest, named), *(beaten(contest, named) if gap else [])]):
         posts[h.name] = _posterior(evidence, h.effects, y, rng, h.unexplained)
     pure = Hypothesis(chosen.effects)  # of many forms of one cause it need not be among the most probable
-    held = held_out(bench, y, list(dict.fromkeys([Hypothesis(()), *_finalists(contest), pure])))
+    held = held_out(bench, y, list(dict.fromkeys([Hypothesis(()), *most_probable(contest), pure])))
     gain = {h: sum(c.gain[h] for c in held) for h in held[0].gain} if held else {}
     if held and verdict in WHOLE and gain[pure.name] <= 0 < len(chosen.effects):
         verdict, named, chosen = "unexplained", (), Hypothesis((), True)  # evidence without prediction is no cause
@@ -141,7 +125,7 @@ def diagnose(
         shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed, fitted)
     where = localise.localise(library.plan, evidence.ready(()), bench.C, y, seed)
     r = bench.whites[0](y - shrinkage.predicted(library, (), posts["none"], bench.modulus))
-    checks = _checks(evidence, contest, finalists, y, threshold, null, seed) if verdict != "no_gap" else ()
+    checks = self_checks(evidence, contest, finalists, y, threshold, null, seed) if verdict != "no_gap" else ()
     fits = {name: shrinkage.predicted(library, h.effects, posts[name], bench.modulus)
             for name, h in {"none": Hypothesis(()), chosen.name: chosen}.items()}  # fmt: skip
     if chosen != Hypothesis(()):
@@ -153,7 +137,7 @@ def diagnose(
     return Diagnosis(
         verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), causes, named,
         dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
-        _sensitivity(evidence, contest, finalists, y), where, held, shrunk, checks,
+        sensitivity(evidence, contest, finalists, y), where, held, shrunk, checks,
         _parameters(library, posts, chosen), bench, contest, fits, posts, chosen, steps, line, left, rest,
     )  # fmt: skip
 
@@ -184,113 +168,6 @@ def _opened(bench: Bench, y: np.ndarray, nulls: int, seed: int) -> _Opened:
     return _Opened(evidence, first, np.array([c.statistic for c in attribute.contests(evidence, simulated)]))
 
 
-@dataclass(frozen=True)
-class Judgement:
-    """The verdict, the effects it names, and the hypothesis that stands for it."""
-
-    verdict: str
-    named: tuple[str, ...]
-    chosen: Hypothesis
-
-
-def judge(contest: Contest, gap: bool) -> Judgement:
-    """What a contest says; `gap` is the decision of the null's statistic.
-
-    Forms of one cause count together.  A cause is sure when it takes part in hypotheses that hold SURE of the
-    probability given a gap; otherwise causes are named until their hypotheses hold COVER of what has a cause.
-    A pair is never more than a part, and what cell and specimen can both do is said of neither.
-    """
-    if not gap:
-        return Judgement("no_gap", (), Hypothesis(()))
-    given, hypotheses = _given(contest), contest.hypotheses[1:]
-    sets: dict[tuple[str, ...], float] = {}
-    marginal: dict[str, float] = {}
-    partly: dict[tuple[str, ...], float] = {}
-    form: dict[str, tuple[float, Effect]] = {}
-    best_of: dict[tuple[str, ...], tuple[float, Hypothesis]] = {}
-    nothing = 0.0
-    for h, q in zip(hypotheses, map(float, given), strict=True):
-        key = tuple(sorted({e.source for e in h.effects}))
-        if not key:
-            nothing += q
-            continue
-        sets[key] = sets.get(key, 0.0) + q
-        partly[key] = partly.get(key, 0.0) + q * h.unexplained
-        best_of[key] = max(best_of.get(key, (-1.0, h)), (q, h), key=lambda v: v[0])
-        for e in h.effects:
-            form[e.source] = max(form.get(e.source, (-1.0, e)), (q, e), key=lambda v: v[0])
-        for source in key:
-            marginal[source] = marginal.get(source, 0.0) + q
-    order = sorted(sets, key=lambda k: -sets[k])
-    if not order or nothing > sets[order[0]]:
-        return Judgement("unexplained", (), Hypothesis((), True))
-    best, chosen = order[0], best_of[order[0]][1]
-    named: list[str] = []
-    reached = 0.0
-    for key in order:
-        if key == best or all(marginal[v] > WORTH_NAMING for v in key):
-            named += [v for v in key if v not in named]
-        reached += sets[key] / (1.0 - nothing)
-        if reached >= COVER or len(named) >= MOST:
-            break
-    names = tuple(form[v][1].name for v in sorted(named, key=lambda v: -marginal[v]))
-    # two effects together mimic much that is in no catalogue: they are named, not taken for the whole truth
-    if partly[best] > 0.5 * sets[best] or len(best) > 1:
-        return Judgement("partly", names, chosen)
-    if min(marginal[v] for v in best) < SURE:
-        return Judgement("ambiguous", names, chosen)
-    own = tuple(e.name for e in chosen.effects)
-    if any(e.like_a_modulus for e in chosen.effects):
-        return Judgement("ambiguous", own, chosen)
-    measured = all(e.measured for e in chosen.effects)
-    return Judgement("measurement" if measured else "explained", own, chosen)
-
-
-def _beside(
-    chosen: Hypothesis, rest: Remainder, pairs: Sequence[tuple[Effect, Effect]]
-) -> list[tuple[Effect, Effect]]:
-    """The pair of a single cause and what shows in its remainder, if it is not among the pairs."""
-    both = {*chosen.effects, rest.effect}
-    if rest.effect is None or len(chosen.effects) != 1 or any(both == set(p) for p in pairs):
-        return []
-    return [] if chosen.effects[0].family == "scatter" else [(chosen.effects[0], rest.effect)]
-
-
-def _given(contest: Contest) -> np.ndarray:
-    """Probabilities of all hypotheses but the first, given that it is not the first."""
-    s = contest.log_evidence + contest.log_prior
-    return np.exp(s[1:] - logsumexp(s[1:]))
-
-
-def _finalists(contest: Contest, count: int = 3) -> list[Hypothesis]:
-    """The most probable hypotheses that have effects, without what is unexplained."""
-    s = contest.log_evidence + contest.log_prior
-    found: list[Hypothesis] = []
-    for i in np.argsort(-s):
-        h = Hypothesis(contest.hypotheses[i].effects)
-        if h.effects and h not in found:
-            found.append(h)
-    return found[:count]
-
-
-def _singles(contest: Contest, named: Sequence[str]) -> list[Hypothesis]:
-    return [h for h in contest.hypotheses if len(h.effects) == 1 and not h.unexplained and h.effects[0].name in named]
-
-
-def _beaten(contest: Contest, named: Sequence[str]) -> list[Hypothesis]:
-    """The most probable single hypotheses of causes that are not named, and move a mean: what lost, to look at."""
-    s = contest.log_evidence + contest.log_prior
-    known = {e.name: e.source for h in contest.hypotheses for e in h.effects}
-    taken, found = {known[n] for n in named}, []
-    for i in np.argsort(-s):
-        h = contest.hypotheses[i]
-        if len(h.effects) == 1 and not h.unexplained and h.effects[0].family != "scatter":
-            if h.effects[0].source not in taken:
-                found.append(h)
-                taken.add(h.effects[0].source)
-    return found[:BEATEN]
-
-
 def _posterior(evidence: Evidence, effects, y: np.ndarray, rng, unexplained: bool = False) -> Posterior:
     h = evidence.best(effects, y, unexplained, loose=bool(effects))
     return posterior(h, h.white(y), DRAWS, rng)
@@ -303,7 +180,7 @@ def _causes(
     """Every named effect with its probability given a gap, and its size where it is alone or in the chosen pair."""
     if verdict in ("no_gap", "unexplained"):
         return ()
-    given = _given(contest)
+    given = given_a_gap(contest)
     found = []
     for name in named:
         holders = [(q, h) for h, q in zip(contest.hypotheses[1:], given, strict=True) if name in
@@ -388,63 +265,6 @@ def _column(h: Hypothesis, effect: Effect, post: Posterior) -> int:
             break
         column += len(e.knobs)
     return column
-
-
-def _checks(evidence: Evidence, contest: Contest, finalists: frozenset[str], y: np.ndarray, threshold: float,
-            null: np.ndarray, seed: int) -> tuple[SelfCheck, ...]:  # fmt: skip
-    """Null, winner and runner-up (another cause) simulated through the same contest."""
-    leading = _finalists(contest, len(contest.hypotheses))
-    sources = [{e.source for e in h.effects} for h in leading]
-    leading = [h for h, own in zip(leading, sources, strict=True) if h is leading[0] or not own & sources[0]][:2]
-    pairs = [h.effects for h in leading if len(h.effects) == 2]
-    alarm = float(np.mean(null > threshold))
-    known = {e.name: e.source for e in evidence.effects}
-    found = [SelfCheck("none", 1 - alarm, 1 - alarm, 1 - alarm, len(null))]
-    for i, h in enumerate(leading):
-        Y = attribute.simulated(evidence, h.effects, y, CHECKS, seed + 10 + i, loose=True)
-        returned = named = missed = 0
-        sources = {e.source for e in h.effects}
-        for c in attribute.contests(evidence, Y, pairs, finalists=finalists):
-            j = judge(c, c.statistic > threshold)
-            missed += j.verdict == "no_gap"
-            returned += sources == {e.source for e in j.chosen.effects}
-            named += sources <= {known[n] for n in j.named}
-        found.append(SelfCheck(h.name, returned / CHECKS, missed / CHECKS, named / CHECKS, CHECKS))
-    return tuple(found)
-
-
-def _sensitivity(
-    evidence: Evidence, contest: Contest, finalists: frozenset[str], y: np.ndarray
-) -> dict[str, dict[str, float]]:
-    """Probabilities with prior widths of the sizes halved and doubled: the far half of the sizes left out, or half the
-    prior beyond what is plausible."""
-    out = {}
-    for name in ("halved", "doubled"):
-        z = contest.log_evidence.copy()
-        for i, h in enumerate(contest.hypotheses):
-            if h.unexplained or not h.effects or any(e.family == "scatter" for e in h.effects):
-                continue
-            if name == "doubled":
-                z[i] -= np.log(2.0) * len(h.effects)
-                continue
-            r = evidence.ready(h.effects, loose={e.source for e in h.effects} <= finalists)
-            keep = np.ones(len(r.tiles.at), bool)
-            column = r.tiles.at.shape[1] - sum(len(e.knobs) for e in h.effects)
-            for e in h.effects:
-                if e.size.neutral is not None:
-                    far = max(abs(v) for side in e.size.ends() for v in side)
-                    keep &= np.abs(r.tiles.at[:, column]) <= 0.5 * far
-                column += len(e.knobs)
-            logs = log_tiles(r, r.white(y)[None])[0]
-            z[i] = logsumexp(logs[keep]) - np.log(keep.mean())
-        s = z + contest.log_prior
-        q = np.exp(s - logsumexp(s))
-        best: dict[str, float] = {}
-        for h, v in zip(contest.hypotheses, q, strict=True):
-            key = " + ".join(e.name for e in h.effects) or h.name
-            best[key] = best.get(key, 0.0) + float(v)
-        out[name] = dict(sorted(best.items(), key=lambda v: -v[1])[:5])
-    return out
 
 
 def _parameters(library: Library, posts: Mapping[str, Posterior], chosen: Hypothesis):

@@ -12,7 +12,8 @@ import numpy as np
 from rso.diagnosis.detectable import Detectable
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judge import SURE, Diagnosis
+from rso.diagnosis.judge import Diagnosis
+from rso.diagnosis.judgement import SURE
 from rso.diagnosis.library import Library
 from rso.diagnosis.next_test import NextTest, next_tests
 from rso.diagnosis.rerun import Check

@@ -12,7 +12,7 @@ from test_diagnosis import NAMES, tables
 from rso.diagnosis import attribute
 from rso.diagnosis.attribute import Evidence
 from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judge import Judgement
+from rso.diagnosis.judgement import Judgement
 from rso.diagnosis.unfitted import HeldOut
 
 FOLDER = Path(__file__).parents[2] / "benchmarks" / "diagnosis"

@@ -13,7 +13,8 @@ from rso import diagnosis
 from rso.diagnosis import attribute, build, make_plan
 from rso.diagnosis.attribute import Evidence
 from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judge import MISFIT, WHOLE, _beside
+from rso.diagnosis.judge import MISFIT, WHOLE
+from rso.diagnosis.judgement import beside
 from rso.diagnosis.mixture import posterior
 from rso.diagnosis.prediction import predict
 from rso.diagnosis.remainder import LEVEL, Remainder, _changes, remainder
@@ -82,11 +83,11 @@ def test_what_the_cause_itself_can_move_is_no_remainder():
 def test_what_shows_beside_a_single_cause_is_tried_as_a_pair_with_it():
     stiff, bias, each = toy.effects("stiff", "bias", "bias_each")
     rest = Remainder("stiff", bias, 5.0, 3.0)
-    assert _beside(Hypothesis((stiff,)), rest, []) == [(stiff, bias)]
-    assert _beside(Hypothesis((stiff,)), rest, [(bias, stiff)]) == []  # it is among them
-    assert _beside(Hypothesis((each,)), rest, []) == []  # a scatter has no tiles to pair
-    assert _beside(Hypothesis((stiff, bias)), rest, []) == []
-    assert _beside(Hypothesis((stiff,)), Remainder("", None, 0.0, np.inf), []) == []
+    assert beside(Hypothesis((stiff,)), rest, []) == [(stiff, bias)]
+    assert beside(Hypothesis((stiff,)), rest, [(bias, stiff)]) == []  # it is among them
+    assert beside(Hypothesis((each,)), rest, []) == []  # a scatter has no tiles to pair
+    assert beside(Hypothesis((stiff, bias)), rest, []) == []
+    assert beside(Hypothesis((stiff,)), Remainder("", None, 0.0, np.inf), []) == []
 
 
 def _with(name: str, seed: int) -> tuple[Evidence, Hypothesis]:

@@ -11,7 +11,7 @@ import pytest
 from rso.contract import plain
 from rso.diagnosis import Diagnosis, Library, build, diagnose, make_plan
 from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judge import BEATEN
+from rso.diagnosis.judgement import BEATEN
 from rso.diagnosis.story import LEADING, leading, residuals, signatures
 from rso.measurement import Repeat
 

@@ -9,7 +9,8 @@ import pytest
 from rso.diagnosis import build, diagnose, make_plan, story
 from rso.diagnosis.attribute import SHARES, Contest, Evidence, set_up
 from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judge import BEYOND, MISFIT, _beyond, judge, most_left
+from rso.diagnosis.judge import BEYOND, MISFIT, _beyond, most_left
+from rso.diagnosis.judgement import judge
 from rso.diagnosis.mixture import Posterior
 from rso.diagnosis.shrinkage import Gap, summarise
 from rso.diagnosis.words import _alone, _cause, _outside, _shrinkage, _unlike, _where
