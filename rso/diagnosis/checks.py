@@ -27,7 +27,7 @@ class SelfCheck:
 
 
 def self_checks(evidence: Evidence, contest: Contest, finalists: frozenset[str], y: np.ndarray, threshold: float,
-            null: np.ndarray, seed: int) -> tuple[SelfCheck, ...]:  # fmt: skip
+                null: np.ndarray, seed: int) -> tuple[SelfCheck, ...]:  # fmt: skip
     """Null, winner and runner-up (another cause) simulated through the same contest."""
     leading = most_probable(contest, len(contest.hypotheses))
     sources = [{e.source for e in h.effects} for h in leading]

@@ -110,6 +110,7 @@ def most_probable(contest: Contest, count: int = 3) -> list[Hypothesis]:
 
 
 def singles(contest: Contest, named: Sequence[str]) -> list[Hypothesis]:
+    """Each named effect alone, all forms of it that are named."""
     return [h for h in contest.hypotheses if len(h.effects) == 1 and not h.unexplained and h.effects[0].name in named]
 
 

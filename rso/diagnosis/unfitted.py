@@ -99,14 +99,15 @@ def left_out(
             continue
         before = np.setdiff1d(first, rows)
         before = rest if len(before) < 4 else before
-        cause = _chosen_without(evidence, rest, y, chosen) if anew else chosen.effects
+        cause = _chosen_without(evidence, rest, y, chosen) if anew else _taught(library, rest, chosen.effects)
         fits = _fits(library, bench, y, before, rest, cause, seed + 2)
         found.append(_gap(name, unit, rows, y, fits, bench.C, cause))
         sizes.append(len(rows))
     if not found:
         return shrinkage.Shrinkage((), np.nan, np.nan, np.nan, 1.0, np.nan, None, None, "one curve only")
-    beside = ", where forces remain beside it," if len(found) < len(curves) else ""
-    how = f"each left out in turn{beside or ','} and the cause chosen anew without it, as there are no validate curves"
+    beside = " where forces remain beside it" if len(found) < len(curves) else ""
+    causes = ", the cause chosen anew without it," if chosen.effects and anew else ""
+    how = f"each left out in turn{beside}{causes} as there are no validate curves"
     return shrinkage.summarise(found, sizes, how, seed)
 
 
@@ -159,6 +160,13 @@ def _fitted_rows(library: Library) -> np.ndarray:
     return np.concatenate(rows) if rows else np.arange(library.plan.n)
 
 
+def _taught(library: Library, rest: np.ndarray, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Those effects of which the rows that are left can say anything: what one place alone has needs a test there."""
+    plan = library.plan
+    there = [plan.places[item.place].settings for item, _, at in plan.rows() if np.isin(at.start, rest)]
+    return tuple(e for e in effects if any(e.acts(s) for s in there))
+
+
 def _fit(bench: Bench, effects, rows: np.ndarray, y: np.ndarray, rng) -> Posterior:
     white = whitening(bench.covariance(effects, attribute.SCATTER[-1]), rows)
     h = ready(bench.of(effects, loose=True), white, bench.modulus)
@@ -168,14 +176,12 @@ def _fit(bench: Bench, effects, rows: np.ndarray, y: np.ndarray, rng) -> Posteri
 def _chosen_without(evidence: Evidence, rest: np.ndarray, y: np.ndarray, chosen: Hypothesis) -> tuple[Effect, ...]:
     """The effects that are most probable by the rows that are left, of all single causes and the pair that was chosen.
 
-    None where nothing was chosen, or where these rows make no gap more probable.  What one place alone has needs a test
-    there.
+    None where nothing was chosen, or where these rows make no gap more probable.
     """
-    plan, bench = evidence.bench.library.plan, evidence.bench
-    there = [plan.places[item.place].settings for item, _, at in plan.rows() if np.isin(at.start, rest)]
-    taught = [e for e in evidence.effects if any(e.acts(s) for s in there)]
     if not chosen.effects:
         return ()
+    bench = evidence.bench
+    taught = _taught(bench.library, rest, evidence.effects)
 
     def score(h: Hypothesis, loose: bool) -> float:
         return _log_evidence(bench, h, rest, y, loose) + attribute.log_prior(h, evidence.effects)

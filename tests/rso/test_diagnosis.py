@@ -133,6 +133,9 @@ def test_forms_share_the_prior_of_their_cause_and_one_place_teaches_nothing_of_a
     away = next(e for e in library.effects if e.name == "shift at (10, 0)")
     moved = y + 0.05 * np.isin(np.arange(plan.n), beside) * np.max(y)  # nothing but the tests there say so
     assert _chosen_without(evidence, rest, moved, Hypothesis((away,))) == ()
+    known = left_out(library, evidence.bench, evidence, moved, Hypothesis((away,)), 0, anew=False)
+    causes = {c.curve: c.cause for c in known.curves}
+    assert causes["side"] == () and causes["load"] == ("shift at (10, 0)",)  # not a size of the prior alone
 
 
 def test_a_cause_that_is_not_in_the_catalogue_is_not_made_up():

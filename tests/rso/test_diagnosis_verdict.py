@@ -229,7 +229,7 @@ def test_without_any_force_no_modulus_is_known_to_predict_forces_with():
     library = build(toy.base(axes=False), plan, toy.effects("stiff", "skin"), toy.run)
     d = diagnose(library, 0, nulls=40)
     assert [c.curve for c in d.shrinkage.curves] == ["marks"] and d.shrinkage.before < 3.0
-    assert d.shrinkage.how.startswith("each left out in turn, where forces remain beside it, and")
+    assert d.shrinkage.how.startswith("each left out in turn where forces remain beside it, the cause")
 
 
 @pytest.mark.parametrize(("low", "high", "words"), [(4.1e-3, 4.7e-3, "stiffer"), (1.2e-3, 1.9e-3, "softer"),
