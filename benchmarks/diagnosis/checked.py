@@ -17,7 +17,7 @@ from rso.diagnosis.effects import Effect
 from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.judge import WHOLE
 from rso.diagnosis.judgement import Judgement
-from rso.diagnosis.unfitted import held_out
+from rso.diagnosis.unfitted import held_out, predicts
 
 MOST = 150  # cases found, with the true effect in the catalogue and without
 KINDS = ("no_gap", "unexplained", "partly", "ambiguous")
@@ -50,7 +50,7 @@ def check(evidence: Evidence, effects: Sequence[Effect], judged: Judgement, y: n
     looked, pure = controls.looked_at(evidence, effects, judged, y, seed), Hypothesis(judged.chosen.effects)
     held = held_out(evidence.bench, y, [Hypothesis(()), pure])
     gain = sum(c.gain[pure.name] for c in held)
-    if held and gain <= 0:
+    if not predicts(held, pure):
         return Checked(judged, looked, "unexplained", Hypothesis((), True), gain)
     return Checked(judged, looked, looked, judged.chosen, gain)
 

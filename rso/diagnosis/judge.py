@@ -19,7 +19,7 @@ from rso.diagnosis.jumps import Jumps, jumps
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Posterior, mean_prediction, posterior
 from rso.diagnosis.remainder import Remainder, remainder
-from rso.diagnosis.unfitted import HeldOut, held_out, left_out, shrinkage_of
+from rso.diagnosis.unfitted import HeldOut, held_out, left_out, predicts, shrinkage_of
 
 DRAWS = 2000
 LEVEL = 0.9
@@ -108,8 +108,7 @@ def diagnose(
         posts[h.name] = _posterior(evidence, h.effects, y, rng, h.unexplained)
     pure = Hypothesis(chosen.effects)  # of many forms of one cause it need not be among the most probable
     held = held_out(bench, y, list(dict.fromkeys([Hypothesis(()), *most_probable(contest), pure])))
-    gain = {h: sum(c.gain[h] for c in held) for h in held[0].gain} if held else {}
-    if held and verdict in WHOLE and gain[pure.name] <= 0 < len(chosen.effects):
+    if verdict in WHOLE and chosen.effects and not predicts(held, pure):
         verdict, named, chosen = "unexplained", (), Hypothesis((), True)  # evidence without prediction is no cause
         posts[chosen.name] = _posterior(evidence, (), y, rng, True)
     left = misfit(evidence, chosen, y)

@@ -42,6 +42,11 @@ def held_out(bench: Bench, y: np.ndarray, hypotheses: Sequence[Hypothesis]) -> t
     return tuple(found)
 
 
+def predicts(held: Sequence[HeldOut], h: Hypothesis) -> bool:
+    """Whether a hypothesis predicts experiments left out, all together, better than the base; yes where none was."""
+    return not held or sum(c.gain[h.name] for c in held) > 0
+
+
 def _log_evidence(bench: Bench, h: Hypothesis, rows: np.ndarray, y: np.ndarray, loose: bool = True) -> float:
     """Log evidence of some rows, over levels of scatter."""
     shares = attribute.SCATTER if any(e.family == "scatter" for e in h.effects) else attribute.SCATTER[:1]

@@ -38,9 +38,8 @@ def words(found: Mapping[str, Any]) -> list[str]:
 def _unlike(found: Mapping[str, Any]) -> list[str]:
     """Repeats that differ by far more than stated or usual: where that counts as noise, no misfit shows what it is."""
     out = []
-    for c, v in found.get("noise", {}).items():
-        usual, shown = v.get("expected") or {}, v.get("repeats") or v
-        g, z, by, at = usual.get("gain"), usual.get("contact_mm"), shown["gain"], shown["contact_mm"]
+    for c, v in found["noise"].items():
+        (g, z), (by, at) = ((v[k]["gain"], v[k]["contact_mm"]) for k in ("expected", "repeats"))
         if g and by > UNLIKE * g:
             out.append(
                 f"Repeats differ by {100 * by:.2g} % in {c}, {100 * g:.2g} % is stated or usual: "
