@@ -17,6 +17,7 @@ ROOMS = {
         "study",
         "report progress",
         "cli",
+        "__main__",
     ),
     "fem_backend": (
         "analytic laws geometry",

@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 import sample_studies as studies
 
+import rso
 from rso.cli import main
 from rso.study.nominal import BOWL, HELD, NOISE, read_nominal
 
@@ -203,6 +204,11 @@ def test_help_names_the_exit_codes(capsys):
         main(["--help"])
     said = capsys.readouterr().out
     assert all(word in said for word in ("check", "run", "status", "report", "130"))
+
+
+def test_the_package_runs_as_a_module():
+    said = subprocess.run([sys.executable, "-m", "rso", "--version"], capture_output=True, text=True, check=True).stdout
+    assert said == f"rso {rso.__version__}\n"
 
 
 def test_the_example_of_a_folder_is_one_that_is_read(tmp_path, capsys):
