@@ -43,6 +43,8 @@ def write_files(solved: Solved, folder: Path) -> list[Path]:
 
 def draw(solved: Solved, folder: Path) -> list[Path]:
     """Two PNG per asked instant: a section through the contact and the surface from above."""
+    from fem_backend.post import pictures
+
     folder.mkdir(parents=True, exist_ok=True)
     body, placement, paths = solved.model.body, solved.placement, []
     for k, point in enumerate(solved.result.points):
@@ -56,9 +58,10 @@ def draw(solved: Solved, folder: Path) -> list[Path]:
         title = f"travel {point.travel:g} mm, Fz = {force:.4g} N"
         normal = (0.0, 1.0, 0.0) if placement.planes[1] or not placement.planes[0] else (1.0, 0.0, 0.0)
         paths.append(folder / f"{k:03d}_section.png")
-        post.draw_section(paths[-1], body, u, nodal.von_mises, "von Mises stress (MPa)", touch.centre, placement.R,
-                          normal, placement.planes, title, spikes)  # fmt: skip
+        pictures.draw_section(paths[-1], body, u, nodal.von_mises, "von Mises stress (MPa)", touch.centre, placement.R,
+                              normal, placement.planes, title, spikes)  # fmt: skip
         paths.append(folder / f"{k:03d}_surface.png")
-        post.draw_surface(paths[-1], body.nodes, solved.model.facets, u, np.ascontiguousarray(u[:, 2]),
-                          "vertical displacement (mm)", placement.planes, touch.centre, placement.R, title)  # fmt: skip
+        pictures.draw_surface(paths[-1], body.nodes, solved.model.facets, u, np.ascontiguousarray(u[:, 2]),
+                              "vertical displacement (mm)", placement.planes, touch.centre, placement.R,
+                              title)  # fmt: skip
     return paths

@@ -76,6 +76,12 @@ def test_bad_request_from_the_shell_has_no_traceback(tmp_path):
     assert "support.kind" in done.stderr and "glue" in done.stderr and "fixed" in done.stderr
 
 
+def test_a_run_loads_nothing_that_draws():
+    look = "import sys, fem_backend.__main__; print('matplotlib' in sys.modules)"
+    said = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=True).stdout
+    assert said == "False\n"
+
+
 def test_schema(capsys):
     assert main(["--schema"]) == 0
     told = json.loads(capsys.readouterr().out)

@@ -12,6 +12,7 @@ from fem_backend import contact, element, meshing, post, stress
 from fem_backend.contact import quadratic_facets
 from fem_backend.geometry import Ellipsoid
 from fem_backend.laws import LinearElastic, NeoHooke
+from fem_backend.post import pictures
 
 BODY = Ellipsoid(60.0, 35.0, 35.0)
 BALL = Ellipsoid(3.0, 3.0, 3.0)
@@ -338,7 +339,7 @@ def test_section_has_the_area_of_the_cut_and_the_values_of_a_linear_field(specim
     n = np.array(normal, float) / np.linalg.norm(normal)
     point = np.array([1.0, 2.0, 3.0]) if normal == (0.3, 0.5, 0.2) else np.zeros(3)
     g = np.array([0.3, -0.2, 0.1])
-    cut = post.section(body, body.nodes, body.nodes @ g, point, n, split=4)
+    cut = pictures.section(body, body.nodes, body.nodes @ g, point, n, split=4)
     a, b = cut.triangles[:, 1] - cut.triangles[:, 0], cut.triangles[:, 2] - cut.triangles[:, 0]
     area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()
     # half-plane sections of the quarter by a plane through the centre: π √(a²b²c² / (n·diag(a²,b²,c²) n)) / share
@@ -354,7 +355,7 @@ def test_section_has_the_area_of_the_cut_and_the_values_of_a_linear_field(specim
 
 def test_section_borders_are_borders_of_cells(specimen):
     body, _ = specimen
-    cut = post.section(body, body.nodes, body.nodes[:, 0], np.zeros(3), np.array([0.0, 1.0, 0.0]))
+    cut = pictures.section(body, body.nodes, body.nodes[:, 0], np.zeros(3), np.array([0.0, 1.0, 0.0]))
     length = np.linalg.norm(cut.borders[:, 1] - cut.borders[:, 0], axis=1).sum()
     faces = body.cells[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3)
     on = faces[(body.nodes[faces, 1] == 0.0).all(1)]
@@ -370,7 +371,7 @@ def test_the_border_of_one_straight_cell_is_the_outline_of_its_cut(specimen, nor
     X = body.nodes[body.cells]
     inner = np.nonzero((((X / BODY.semi_axes) ** 2).sum(-1) < 0.7).all(1))[0][3]
     one = dataclasses.replace(body, cells=body.cells[inner : inner + 1])
-    cut = post.section(one, body.nodes, body.nodes[:, 2], X[inner, :4].mean(0), np.array(normal))
+    cut = pictures.section(one, body.nodes, body.nodes[:, 2], X[inner, :4].mean(0), np.array(normal))
     length = np.linalg.norm(cut.borders[:, 1] - cut.borders[:, 0], axis=1).sum()
     np.testing.assert_allclose(length, ConvexHull(cut.borders.reshape(-1, 2)).area, rtol=1e-9)  # 2-D: its perimeter
 
@@ -381,9 +382,9 @@ def test_pictures_are_drawn(specimen, tmp_path, planes):
     u = np.zeros_like(body.nodes)
     centre = np.array([0.0, 0.0, 37.0])
     points, p = np.array([[0.1, 0.0, 34.9], [0.5, 0.1, 34.8]]), np.array([0.01, 0.005])
-    post.draw_section(tmp_path / "a.png", body, u, body.nodes[:, 2], "z (mm)", centre, 3.0, planes=planes,
-                      contact=(points, p))  # fmt: skip
-    post.draw_surface(tmp_path / "b.png", body.nodes, facets, u, body.nodes[:, 2], "z (mm)", planes, centre, 3.0)
-    post.draw_surface(tmp_path / "c.png", body.nodes, facets, u, body.nodes[:, 2], "z (mm)", planes)
+    pictures.draw_section(tmp_path / "a.png", body, u, body.nodes[:, 2], "z (mm)", centre, 3.0, planes=planes,
+                          contact=(points, p))  # fmt: skip
+    pictures.draw_surface(tmp_path / "b.png", body.nodes, facets, u, body.nodes[:, 2], "z (mm)", planes, centre, 3.0)
+    pictures.draw_surface(tmp_path / "c.png", body.nodes, facets, u, body.nodes[:, 2], "z (mm)", planes)
     for name in "abc":
         assert (tmp_path / f"{name}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
