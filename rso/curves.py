@@ -72,6 +72,15 @@ class Resampling:
         return np.where(np.expand_dims(u < 0, more), 0.0, slope)
 
 
+def ahead(travel: np.ndarray) -> np.ndarray:
+    """Mask (n,) of the points of a response that belong to a :class:`Resampling`: pressed deeper than ever before.
+
+    Programs of others also print the moment of contact, a hold or the way back.
+    """
+    u = np.asarray(travel, float)
+    return np.concatenate([[True], np.diff(np.maximum.accumulate(u)) > 0])[: len(u)] & (u > 0)
+
+
 def rows_at(at: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """y(at) (T, n) row by row, linear between increasing x and constant beyond; at (n,) or (T, n), x (m,) or (T, m)."""
     own = [np.ascontiguousarray(np.broadcast_to(v, (len(y), np.shape(v)[-1])), float) for v in (at, x, y)]

@@ -21,6 +21,7 @@ from rso.report.reading import (
     Results,
     candidates,
     curve_unit,
+    drawn_at,
     experiments,
     fitted_curves,
     listed,
@@ -30,6 +31,7 @@ from rso.report.reading import (
 )
 from rso.report.verdict import interval_rows
 
+_FINE = 81  # points of a drawn curve
 _ROWS = 40  # more rows than this make a figure that nobody reads; the tables hold all
 
 
@@ -142,8 +144,14 @@ def curves(results: Results, e: Mapping[str, Any], name: str) -> str:
     """Measured and simulated curve with the band of the measurement, and what is left between them."""
     unit, m = curve_unit(results, e["name"]), e.get("measured") or {}
     u, y = (np.array(v) for v in points(m.get("depth"), m.get("value")))
-    simulated = [(c, *map(np.array, c.curve(e["name"]))) for c in candidates(results) if c.curve(e["name"])[0]]
+    simulated = [(c, *_finely(*c.curve(e["name"]), u)) for c in candidates(results) if c.curve(e["name"])[0]]
     return _curves(name, e, unit, u, y, _sigma(m, u), simulated)
+
+
+def _finely(x: Sequence[float], f: Sequence[float], u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A simulated curve from contact on, as fine as it is drawn and where it was measured."""
+    at = np.unique(np.concatenate([np.linspace(0.0, x[-1], _FINE), u[(u > 0) & (u < x[-1])]]))
+    return at, drawn_at(x, f, at)
 
 
 def _sigma(m: Mapping[str, Any], u: np.ndarray) -> np.ndarray:
@@ -203,7 +211,7 @@ def _residuals(
 ) -> None:
     left = []
     for c, x, f in simulated:
-        inside = (u >= x[0]) & (u <= x[-1])
+        inside = (u > 0) & (u >= x[0]) & (u <= x[-1] * (1 + 1e-9))
         left.append((c, u[inside], np.interp(u[inside], x, f) - y[inside]))
     unit = shown(e.get("unit", ""), largest([float(v) for _, _, r in left for v in r]))
     axes.fill_between(u, -sigma * unit.factor, sigma * unit.factor, color=LIGHT, lw=0, alpha=0.75)

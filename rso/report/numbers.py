@@ -32,6 +32,7 @@ from rso.report.reading import (
     best_candidate,
     candidates,
     curve_unit,
+    drawn_at,
     experiments,
     fitted_curves,
     listed,
@@ -218,7 +219,9 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     x, f = best.curve(e["name"]) if best else ((), ())
     if not x:
         return f"{name}: {len(u)} measured points; no recomputed candidate yet."
-    inside = [(a, b, float(np.interp(a, x, f))) for a, b in zip(u, y, strict=True) if x[0] <= a <= x[-1]]
+    reached = [(a, b) for a, b in zip(u, y, strict=True) if 0 < a <= x[-1] * (1 + 1e-9)]
+    predicted = drawn_at(x, f, np.array([min(a, x[-1]) for a, _ in reached]))
+    inside = [(a, b, float(c)) for (a, b), c in zip(reached, predicted, strict=True)]
     a, b, c = max(inside, key=lambda row: abs(row[2] - row[1]))
     text = f"{name}: {best.label} deviates from the measurement by at most {quantity(abs(c - b), e['unit'], 2)}"
     text += f" (at {shortest(a)} mm, where {quantity(b, e['unit'], 3, 1 / unit.factor)} was measured)."

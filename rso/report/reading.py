@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rso.curves import Resampling, ahead
 from rso.report.digits import Unit, clean, known, largest, shortest, shown, significant, symbol
 
 Results = Mapping[str, Any]
@@ -96,6 +97,16 @@ class Candidate:
         """Depths (mm) and values of the recomputed curve of an experiment, empty if there is none."""
         curve = (self.data.get("curves") or {}).get(experiment) or {}
         return points(curve.get("depth"), curve.get("value"))
+
+
+def drawn_at(x: Sequence[float], f: Sequence[float], at: np.ndarray) -> np.ndarray:
+    """A simulated curve (x, f) at depths `at` (n,) between contact and its end: the one that its metrics were taken of.
+
+    A curve is computed at a few travels only; straight lines between them lie above it by more than the noise.
+    """
+    u, y = np.array(x, float), np.array(f, float)
+    loading = ahead(u)
+    return Resampling(u[loading], y[loading])(at) if loading.any() else np.interp(at, u, y)
 
 
 def number(x: object) -> float | None:

@@ -464,3 +464,18 @@ def test_colour_is_never_the_only_sign(written):
     assert re.search(r'class="bad k">failed', source) and re.search(r'class="warn k">not verified', source)
     with pytest.raises(ValueError, match="no figure"):
         draw(complete(), "unknown")
+
+
+def test_a_curve_of_few_travels_is_compared_as_its_metrics_are():
+    """Between eight travels the force is no straight line: residuals are those of the curve that is scored."""
+    results = complete()
+    measured = next(e for e in results["experiments"] if e["name"] == "middle_point")["measured"]
+    best = next(c for s in results["searches"] for c in s["candidates"] if c["name"] == results["best"]["candidate"])
+    curve, depth = best["curves"]["middle_point"], np.array(measured["depth"])
+    few = np.array(curve["depth"])
+    curve["value"] = (0.07 * few**1.5).tolist()
+    measured.update(value=(0.07 * depth**1.5).tolist(), sigma=np.full(len(depth), 1e-4).tolist())
+    caption = next(t for t in texts(report(results)) if "deviates from the measurement" in t)
+    assert f"{len(depth) - 1} of {len(depth) - 1} points lie within 2σ" in caption  # but for contact itself
+    straight = np.abs(np.interp(depth, few, curve["value"]) - measured["value"])[depth >= few[0]]
+    assert straight.max() > 2e-4  # negative control: straight lines would not
