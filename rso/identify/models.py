@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rso.contract import Response
-from rso.curves import Resampling
+from rso.curves import Resampling, ahead
 from rso.doe import Box
 from rso.emulator import Emulator
 from rso.identify.likelihood import Model
@@ -94,8 +94,8 @@ def resample(response: Response, place: Place, knob: str) -> np.ndarray:
     """Values (n,) of a channel at the measured depths, or with a `knob` its derivatives by it."""
     curve = response.curve(place.channel)
     y = np.asarray(response.gradients[knob][place.channel], float) if knob else curve.value
-    ahead = np.concatenate([[True], np.diff(np.maximum.accumulate(curve.travel_mm)) > 0]) & (curve.travel_mm > 0)
-    return Resampling(curve.travel_mm[ahead], y[ahead])(place.depth)
+    loading = ahead(curve.travel_mm)
+    return Resampling(curve.travel_mm[loading], y[loading])(place.depth)
 
 
 def slope(box: Box, x: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rso.contract import Response
+from rso.curves import ahead
 from rso.doe import Box
 from rso.emulator import Emulator, relearn
 from rso.identify import (
@@ -353,8 +354,8 @@ def numerical_error(response: Response, place: Place) -> np.ndarray:
         return np.zeros_like(place.depth)
     # Relative errors are smooth where absolute ones follow the curve.
     share = np.where(curve.value != 0, curve.error / np.where(curve.value != 0, curve.value, 1.0), 0.0)
-    order = np.argsort(curve.travel_mm, kind="stable")
-    return np.abs(np.interp(place.depth, curve.travel_mm[order], share[order]) * resample(response, place, ""))
+    loading = ahead(curve.travel_mm)
+    return np.abs(np.interp(place.depth, curve.travel_mm[loading], share[loading]) * resample(response, place, ""))
 
 
 def _values(plan: Plan, box: Box, x: np.ndarray) -> dict[str, float]:

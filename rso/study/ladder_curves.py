@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rso.contract import Response
+from rso.curves import ahead
 from rso.emulator import Output
 from rso.identify import Data, Place, resample
 from rso.measurement import MeasuredCurve, combine
@@ -57,6 +58,6 @@ def numerical(plan: Plan, answer: tuple[Response, ...], place: Place, data: Data
 def error_at(response: Response, place: Place) -> np.ndarray:
     """Estimated numerical error (n,) of a channel at the measured depths; between travels it grows as u^{3/2}."""
     curve = response.curve(place.channel)
-    used = curve.travel_mm > 0
+    used = ahead(curve.travel_mm)
     u = curve.travel_mm[used]
     return np.interp(place.depth, u, curve.error[used] / u**1.5) * place.depth**1.5

@@ -17,6 +17,7 @@ import numpy as np
 
 import rso
 from rso.contract import plain
+from rso.curves import ahead
 from rso.emulator import Emulator, Output
 from rso.feasibility import Region
 from rso.running import Outcome
@@ -324,8 +325,7 @@ def _candidate(plan: Plan, found: Found, k: int) -> dict[str, Any]:
         for name, index in plan.case_of.items():
             for o in emulator.outputs:
                 if o.experiment == name:
-                    full = c.outcomes[index].response.curve(o.channel)
-                    errors[o.id] = float(np.interp(o.depth_mm, full.travel_mm, full.error))
+                    errors[o.id] = o.error(c.outcomes[index].response)
     shown = list(dict.fromkeys([*found.plan.outputs, *(o for o in emulator.outputs if o in plan.extras)]))
     return {
         "name": f"{found.plan.name} {k + 1}",
@@ -355,8 +355,10 @@ def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
         outcome = outcomes[index]
         assert isinstance(outcome, Done)
         curve = outcome.response.curve(plan.curves[name].channel)
+        loading = ahead(curve.travel_mm)
         found[name] = {
-            "channel": curve.channel, "depth": curve.travel_mm, "value": curve.value, "error": curve.error,
+            "channel": curve.channel, "depth": curve.travel_mm[loading], "value": curve.value[loading],
+            "error": curve.error[loading],
         }  # fmt: skip
     return found
 

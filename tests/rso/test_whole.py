@@ -1,5 +1,6 @@
 """Whole studies on a closed form: what is true is found, what is not known is said, what fails is never a number."""
 
+import dataclasses
 import math
 import re
 from pathlib import Path
@@ -699,3 +700,33 @@ def test_a_force_that_is_zero_by_symmetry_may_be_compared(tmp_path):
         assert data == [("top", "Fz"), ("top", "Fx")] and found["experiments"][0]["channel"] == "Fz"
         assert found["exit_code"] == 0 and found["identification"]["recomputed"]["verified"]
         assert not [w for w in found["warnings"] if "identification" in w]
+
+
+class Wordy(indentation_backend.Layer):
+    """A program that also prints the moment of contact and the way back."""
+
+    def __call__(self, values, case):
+        found = super().__call__(values, case)
+        channels = {k: np.concatenate([[0.0], v, v[::-1]]) for k, v in found.channels.items()}
+        channels["Fz"][1 + len(found.channels["Fz"]) :] *= 0.5
+        error = np.concatenate([[0.0], found.error["Fz"], found.error["Fz"][::-1]])
+        return dataclasses.replace(found, channels=channels, error={"Fz": error})
+
+
+WORDY = Wordy()
+
+
+def test_a_response_may_hold_more_than_the_loading(tmp_path):
+    """Neither a row at contact nor the way back ends a study after its runs, or changes what it says."""
+    kept = f'{TOP}\n[[experiments]]\nname = "kept"\nrole = "validate"\ndata = "kept.csv"\nsettings = {{ thickness = 9 }}'
+    found = []
+    for name in ("indentation_backend:BACKEND", "test_whole:WORDY"):
+        folder = tmp_path / name.partition(":")[2]
+        folder.mkdir()
+        (folder / "kept.csv").write_text(studies.measured(thickness=9.0))
+        found.append(studies.run(folder, doe=ONE, backend=f'use = "{name}"', experiments=kept))
+    plain, wordy = found
+    assert wordy["stage"] == "validate"
+    for key in ("searches", "identification", "best"):
+        assert wordy[key] == plain[key], key
+    assert [v["metrics"] for v in wordy["validation"]] == [v["metrics"] for v in plain["validation"]]
