@@ -67,6 +67,12 @@ def _digits(value: float, low: float, high: float) -> int:
     return int(max(1, min(6, math.floor(math.log10(abs(value))) - math.floor(math.log10(half)) + 1)))
 
 
+def _apart(low: float, high: float) -> int:
+    """Significant digits of both ends, three or as many as show the width to a tenth: 0.01195 to 0.01204."""
+    width, largest = high - low, max(abs(low), abs(high))
+    return max(3, min(12, math.floor(math.log10(largest / width)) + 2)) if 0 < width < largest else 3
+
+
 def sentences(
     box: Box, k: int, verdict: Verdict, interval: Interval, profile: Profile, *, unit: str, depth: np.ndarray,
     level: float = 0.9, leaning: tuple[str, ...] = (),
@@ -78,7 +84,8 @@ def sentences(
     name, of = box.names[k], box.units[k]
     tail = f" {of}" if of else ""
     low, high = physical(box, k, interval)
-    span = f"{low:.3g} to {high:.3g}{tail}"
+    digits = _apart(low, high)
+    span = f"{low:.{digits}g} to {high:.{digits}g}{tail}"
     other = f", as long as {' and '.join(leaning)} stay{'s' if len(leaning) == 1 else ''} in range" if leaning else ""
     if verdict.word == "determined":
         return f"{name} is determined: with {100 * level:.0f} % confidence {span}{_either_way(low, high)}{other}.", ""

@@ -15,7 +15,7 @@ from rso.doe import Box
 from rso.emulator import Output, Sample, learn
 from rso.identify import Data, Misfit, Model
 from rso.identify.intervals import Interval
-from rso.identify.verdict import judge
+from rso.identify.verdict import judge, sentences
 from rso.similarity import Group
 
 TRUTH = (0.01, 20.0)  # mu D1 = 0.2
@@ -304,6 +304,21 @@ def test_digits_end_at_the_size_of_the_error(low, high, digits):
     box = Box(["p"], ["1"], [low / 10], [high * 10], [True])
     x = box.to_unit(np.array([[low], [high]]))[:, 0]
     assert judge(box, 0, Interval(*map(float, x)), 0.1).digits == digits
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "said"),
+    [(0.011949, 0.012043, "0.01195 to 0.01204"), (59.9951, 60.0049, "59.995 to 60.005"), (0.2, 0.34, "0.2 to 0.34")],
+)
+def test_an_interval_is_said_with_the_digits_of_its_width(low, high, said):
+    """Three digits of 0.011949 to 0.012043, 0.0119 to 0.012, end before the middle of the interval."""
+    box = Box(["p"], ["1"], [low / 10], [high * 10], [True])
+    interval = Interval(*map(float, box.to_unit(np.array([[low], [high]]))[:, 0]))
+    verdict = judge(box, 0, interval, 0.1)
+    assert verdict.word == "determined"
+    profile = None  # is asked only where nothing is determined
+    text, _ = sentences(box, 0, verdict, interval, profile, unit="N", depth=np.ones(1))
+    assert f"confidence {said} 1 (" in text
 
 
 def test_a_model_that_does_not_fit_widens_the_intervals_and_says_so():
