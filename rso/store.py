@@ -290,6 +290,8 @@ def _connect_to_read(file: Path) -> sqlite3.Connection:
 
 def _check_schema(db: sqlite3.Connection, file: Path) -> None:
     version = db.execute("PRAGMA user_version").fetchone()[0]
+    if not version and not db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+        raise StoreError(f"{file} is empty: the program was stopped before its first run; nothing has been run yet")
     if version != SCHEMA:
         what = f"has schema {version}" if version else "is not a store of rso"
         raise StoreError(

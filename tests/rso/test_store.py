@@ -262,6 +262,14 @@ def test_other_schema_and_foreign_file(tmp_path):
     assert (tmp_path / "foreign" / "runs.sqlite").read_bytes() == before
 
 
+def test_a_store_whose_maker_was_killed_at_once_is_empty_and_goes_on(tmp_path):
+    (tmp_path / "runs.sqlite").touch()
+    with pytest.raises(StoreError, match=r"is empty: .* nothing has been run yet"):
+        RunStore(tmp_path, read_only=True).__enter__()
+    with RunStore(tmp_path) as store:
+        assert store.rows() == []
+
+
 def test_file_in_place_of_the_folder(tmp_path):
     (tmp_path / "results").write_text("a file")
     with pytest.raises(StoreError, match="cannot be used"):
