@@ -18,9 +18,9 @@ class Progress:
         self._terminal = sys.stdout.isatty()
         self._bar: Any = None
         self._task: Any = None
-        self._started = self._last = time.monotonic()
+        self._last = time.monotonic()
         self._counts = {"done": 0, "failed": 0, "crashed": 0}
-        self._first = 0
+        self._first: tuple[float, int] | None = None  # when a run ended first, and how many were known then
 
     def __enter__(self) -> Progress:
         if self._terminal:
@@ -55,10 +55,10 @@ class Progress:
 
     def _planned(self, event: Planned) -> None:
         self._counts = {"done": 0, "failed": 0, "crashed": 0}
-        self._started, self._first = time.monotonic(), event.n_cached
+        self._first = None
         if event.n_runs > event.n_cached:
             known = f", {event.n_cached} of them in the store" if event.n_cached else ""
-            self.say(f"  {event.n_runs} simulations{known}")
+            self.say(f"  {event.n_runs} simulation{'s' if event.n_runs > 1 else ''}{known}")
         if self._bar is not None:
             if self._task is not None:
                 self._bar.remove_task(self._task)
@@ -71,9 +71,16 @@ class Progress:
             self._bar.update(self._task, completed=event.n_done, description="  simulating " + " ".join(bad))
             return
         now = time.monotonic()
+        if self._first is None:
+            self._first = (now, event.n_done)
         if event.n_done == event.n_runs or now - self._last > EVERY_S or event.state != "done":
             self._last = now
-            each = (now - self._started) / max(event.n_done - self._first, 1)
-            rest = f", about {each * (event.n_runs - event.n_done):.0f} s left" if event.n_done < event.n_runs else ""
             counts = ", ".join(f"{n} {state}" for state, n in self._counts.items() if n)
-            print(f"  {event.n_done}/{event.n_runs} ({counts}){rest}", flush=True)
+            print(f"  {event.n_done}/{event.n_runs} ({counts}){self._rest(event, now)}", flush=True)
+
+    def _rest(self, event: Finished, now: float) -> str:
+        """How long the others may take, by the pace since the first end: runs may begin before they are planned."""
+        begun, known = self._first or (now, event.n_done)
+        if not known < event.n_done < event.n_runs:
+            return ""
+        return f", about {(now - begun) / (event.n_done - known) * (event.n_runs - event.n_done):.0f} s left"

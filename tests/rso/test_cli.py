@@ -18,7 +18,9 @@ import pytest
 import sample_studies as studies
 
 import rso
+from rso import progress
 from rso.cli import main
+from rso.running import Finished, Planned
 from rso.study.nominal import BOWL, HELD, NOISE, read_nominal
 
 HERE = Path(__file__).parent
@@ -397,6 +399,19 @@ def test_without_a_terminal_there_are_plain_lines(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "\x1b" not in said and "  26 simulations\n" in said
     assert re.search(r"^  26/26 \(\d+ done, \d+ failed\)$", said, re.MULTILINE)
+
+
+def test_what_is_left_is_told_by_the_pace_and_not_by_runs_that_began_before(monkeypatch, capsys):
+    """Runs begin while meshes of others are made: the first may end as soon as all are planned."""
+    clock = iter([0.0, 100.0, 121.0, 142.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    shown = progress.Progress()
+    shown.watch(Planned(4, 4, 0))
+    for n in (1, 2, 3):
+        shown.watch(Finished("key", "top", "done", 20.0, n, 4))
+    said = capsys.readouterr().out.splitlines()
+    pace = ["  1/4 (1 done)", "  2/4 (2 done), about 42 s left", "  3/4 (3 done), about 21 s left"]
+    assert said == ["  4 simulations", *pace]
 
 
 def test_the_results_are_strict_json(tmp_path):
