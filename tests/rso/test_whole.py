@@ -718,13 +718,13 @@ WORDY = Wordy()
 
 def test_a_response_may_hold_more_than_the_loading(tmp_path):
     """Neither a row at contact nor the way back ends a study after its runs, or changes what it says."""
-    kept = f'{TOP}\n[[experiments]]\nname = "kept"\nrole = "validate"\ndata = "kept.csv"\nsettings = {{ thickness = 9 }}'
+    kept = '[[experiments]]\nname = "kept"\nrole = "validate"\ndata = "kept.csv"\nsettings = { thickness = 9 }'
     found = []
     for name in ("indentation_backend:BACKEND", "test_whole:WORDY"):
         folder = tmp_path / name.partition(":")[2]
         folder.mkdir()
         (folder / "kept.csv").write_text(studies.measured(thickness=9.0))
-        found.append(studies.run(folder, doe=ONE, backend=f'use = "{name}"', experiments=kept))
+        found.append(studies.run(folder, doe=ONE, backend=f'use = "{name}"', experiments=f"{TOP}\n{kept}"))
     plain, wordy = found
     assert wordy["stage"] == "validate"
     for key in ("searches", "identification", "best"):
