@@ -68,9 +68,13 @@ def _digits(value: float, low: float, high: float) -> int:
 
 
 def _apart(low: float, high: float) -> int:
-    """Significant digits of both ends, three or as many as show the width to a tenth: 0.01195 to 0.01204."""
-    width, largest = high - low, max(abs(low), abs(high))
-    return max(3, min(12, math.floor(math.log10(largest / width)) + 2)) if 0 < width < largest else 3
+    """Significant digits of both ends: three, or as many as the half-width has its first of (second after a 1) in."""
+    half, largest = 0.5 * (high - low), max(abs(low), abs(high))
+    if not 0 < half < largest:
+        return 3
+    first = math.floor(math.log10(half))
+    last = first - (half < 2 * 10.0**first)
+    return max(3, min(12, math.floor(math.log10(largest)) - last + 1))
 
 
 def sentences(
