@@ -44,9 +44,11 @@ def _summary(results: Results) -> list[str]:
             said.append(text + (f", and {design['held_out']} more held out." if design.get("held_out") else "."))
         similarity = design.get("similarity") or {}
         if similarity.get("story"):
-            said.append(clean(similarity["story"]) + ("." if design.get("kind") == "none" else ""))
+            said.append(clean(similarity["story"]).removesuffix(".") + ".")
         if design.get("kind") != "none" and similarity.get("applied") and known(similarity.get("runs_saved")):
-            said.append(f"Exact similarity saved {similarity['runs_saved']} runs.")
+            each = c.get("saved_by_similarity")  # a run of the design is one simulation or several
+            more = f", {each} simulations" if known(each) and each != similarity["runs_saved"] else ""
+            said.append(f"Exact similarity saved {similarity['runs_saved']} of them{more}.")
     if known(c.get("fe_runs")):
         states = ", ".join(f"{c[k]} {k}" for k in ("done", "failed", "crashed") if known(c.get(k)))
         stored = f"{c.get('from_store') or 0} answers were in the store already"

@@ -29,7 +29,7 @@ from rso.report.reading import (
     outputs,
     points,
 )
-from rso.report.verdict import interval_rows
+from rso.report.verdict import how, interval_rows
 
 _FINE = 81  # points of a drawn curve
 _ROWS = 40  # more rows than this make a figure that nobody reads; the tables hold all
@@ -84,7 +84,7 @@ def determined(results: Results, name: str) -> str:
         for x, value, ha in ((-0.012, p.low, "right"), (1.012, p.high, "left")):
             axes.text(x, y, shortest(float(f"{value * p.unit.factor:.4g}")), ha=ha, va="center", color=GREY, fontsize=8)
         axes.text(1.1, y, p.unit.label, ha="left", va="center", color=GREY)
-        word = "determined" if good else "not determined"
+        word = "determined" if good else how(results, p).removeprefix("is ")
         axes.text((a + b) / 2, y + 0.24, word, ha="center", va="bottom", color=ACCENT if good else INK)
         sides = ("left", "right") if b - a > 0.2 else ("right", "left")
         for x, value, ha in zip((a, b), ends(low, high, p.unit), sides, strict=True):

@@ -259,8 +259,10 @@ def _pair(axes: Axes, targets: list[Mapping[str, Any]], F: np.ndarray, i: int, j
             at = np.array(miss) * unit.factor
             axes.scatter(*at, marker="D", s=46, c=PAPER, edgecolors=ACCENT, linewidths=0.9, zorder=3)
             axes.annotate(c.mark, at, ha="center", va="center", fontsize=6, zorder=4)
+    several = len({t.get("experiment") for t in targets}) > 1
     a, b = (
-        f"|Δ{short(clean(t['channel']), 8)}| at {shortest(t['depth_mm'])} mm{unit.bracket}"
+        f"|Δ{short(clean(t['channel']), 8)}|{' of ' + short(clean(t['experiment']), 10) if several else ''} "
+        f"at {shortest(t['depth_mm'])} mm{unit.bracket}"
         for t in (targets[i], targets[j])
     )
     few_ticks(axes)

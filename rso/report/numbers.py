@@ -58,13 +58,14 @@ _KINDS = {
 def report(results: Results) -> Report:
     """The whole document from the documented layout of results.json; what is missing is said to be missing."""
     study, backend, made = (results.get(k) or {} for k in ("study", "backend", "provenance"))
-    fitted = ", ".join(clean(e["name"]) for e in fitted_curves(results))
+    fitted, chosen = (", ".join(clean(e["name"]) for e in fitted_curves(results) if e.get("role") == role)
+                      for role in ("fit", "select"))  # fmt: skip
     byline = [f"Simulations by {clean(backend['name'])}"] if backend.get("name") else []
     byline += [f"rso {clean(made['rso'])}"] if made.get("rso") else []
     byline += [clean(made["finished"])[:10]] if made.get("finished") else []
     return Report(
         clean(study.get("title")) or "Untitled study",
-        f"Parameters identified from {fitted}" if fitted else "",
+        (f"Parameters identified from {fitted}" if fitted else "") + (f", chosen with {chosen} too" if chosen else ""),
         " · ".join(byline),
         (
             verdict(results),

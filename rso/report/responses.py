@@ -168,7 +168,8 @@ def _front_caption(results: Results, s: Mapping[str, Any]) -> str:
             x = [v for e in values if known(v := e.get(p.name))]
             if x:
                 spans.append(f"{p.letter} {between(min(x), max(x), p.unit)}")
-        return f"{what}one target, met along a line of {len(values)} points: {', '.join(spans)}."
+        where = "met best at" if len(values) == 1 else f"met at {len(values)} points:"
+        return f"{what}one target, {where} {', '.join(spans)} (dot). Diamonds: candidates."
     unit = targets[0].get("unit", "")
     worst = float(objectives.max(axis=1).min())
     return (

@@ -76,6 +76,9 @@ def sentences(results: Results) -> list[str]:
     return [p for p in paragraphs if p]
 
 
+NOT = "is not determined"
+
+
 def interval_rows(results: Results) -> list[tuple[Parameter, Mapping[str, Any]]]:
     """Parameters whose interval is known."""
     known_intervals = results.get("determined") or {}
@@ -95,10 +98,10 @@ def _likely(results: Results, p: Parameter) -> float | None:
     return found if found is not None else best.value(p.name) if best else None
 
 
-def _how(results: Results, p: Parameter) -> str:
+def how(results: Results, p: Parameter) -> str:
     """How a parameter that is not determined is called."""
     verdicts = {q.name: d.get("verdict") for q, d in identified(results)}
-    return "is weakly determined" if verdicts.get(p.name) == "weakly" else "is not determined"
+    return "is weakly determined" if verdicts.get(p.name) == "weakly" else NOT
 
 
 def _also(p: Parameter, x: float, interval: list[float]) -> str:
@@ -121,7 +124,7 @@ def _material(results: Results) -> list[str]:
         else:
             share = percent(p.share(low, high))
             said.append(
-                f"{p.letter} {_how(results, p)}: every value from {span} ({share} of the range that was searched) "
+                f"{p.letter} {how(results, p)}: every value from {span} ({share} of the range that was searched) "
                 "agrees with the data."
             )
     return said
@@ -268,8 +271,8 @@ def _facts(results: Results) -> tuple[Fact, ...]:
             value = span if x is None else _value(p, x, d["interval"], p.unit)
             facts.append(Fact(p.letter, value, f"determined; compatible with the data: {span}", "good"))
         else:
-            how = _how(results, p).removeprefix("is ")
-            facts.append(Fact(p.letter, how, f"{span} all agree with the data", "warn"))
+            word = how(results, p).removeprefix("is ")
+            facts.append(Fact(p.letter, word, f"{span} all agree with the data", "warn"))
     if best:
         for name in list(best.data.get("metrics") or {})[:1]:
             base = ((results.get("baseline") or {}).get(name) or {}).get("nrmse")
@@ -302,12 +305,15 @@ def _validation_fact(results: Results, best: Candidate | None) -> list[Fact]:
 def _determined_caption(results: Results) -> str:
     rows = interval_rows(results)
     fixed = [p.letter for p, d in rows if d.get("determined") is True]
-    loose = [p.letter for p, d in rows if d.get("determined") is not True]
+    weakly = [p.letter for p, d in rows if d.get("determined") is not True and how(results, p) != NOT]
+    loose = [p.letter for p, d in rows if d.get("determined") is not True and how(results, p) == NOT]
     said = []
     if fixed:
         said.append(f"the data leave {_and(fixed)} only a part of the range that was searched")
+    if weakly:
+        said.append(f"the data narrow {_and(weakly)} down, but not to a value")
     if loose:
-        said.append(f"{_and(loose)} may be almost anywhere in it")
+        said.append(f"the data leave {_and(loose)} open over half of the range and more")
     text = "; ".join(said)
     return f"{text[:1].upper()}{text[1:]}. Thin line: range searched; bar: what the data allow; dot: best candidate."
 

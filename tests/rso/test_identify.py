@@ -309,9 +309,11 @@ def test_digits_end_at_the_size_of_the_error(low, high, digits):
 @pytest.mark.parametrize(
     ("low", "high", "said"),
     [
-        (0.011949, 0.012043, "0.01195 to 0.01204"), (0.011949, 0.012271, "0.01195 to 0.01227"),
-        (59.9951, 60.0049, "59.995 to 60.005"), (0.2, 0.34, "0.2 to 0.34"),
-    ],  # fmt: skip
+        (0.011949, 0.012043, "0.01195 to 0.01204"),
+        (0.011949, 0.012271, "0.01195 to 0.01227"),
+        (59.9951, 60.0049, "59.995 to 60.005"),
+        (0.2, 0.34, "0.2 to 0.34"),
+    ],
 )
 def test_an_interval_is_said_with_the_digits_of_its_width(low, high, said):
     """Three digits of 0.011949 to 0.012043, 0.0119 to 0.012, end before the middle of the interval."""

@@ -479,3 +479,51 @@ def test_a_curve_of_few_travels_is_compared_as_its_metrics_are():
     assert f"{len(depth) - 1} of {len(depth) - 1} points lie within 2σ" in caption  # but for contact itself
     straight = np.abs(np.interp(depth, few, curve["value"]) - measured["value"])[depth >= few[0]]
     assert straight.max() > 2e-4  # negative control: straight lines would not
+
+
+def caption(results, name):
+    return next(b.caption for s in report(results).sections for b in s.blocks if getattr(b, "name", None) == name)
+
+
+def test_the_range_is_said_as_the_verdict_is():
+    """A weakly determined parameter is not "almost anywhere", and no letter becomes a capital."""
+    results = complete()
+    assert "the data leave D₁ open over half of the range and more" in caption(results, "determined")
+    for p in results["identification"]["parameters"]:
+        p["verdict"] = "weakly"
+    for d in results["determined"].values():
+        d["determined"] = False
+    assert caption(results, "determined").startswith("The data narrow μ and D₁ down, but not to a value.")
+    drawn = draw(results, "determined")
+    results["identification"]["parameters"][1]["verdict"] = "not"
+    assert draw(results, "determined") != drawn
+
+
+def test_curves_that_only_choose_are_not_called_the_source_of_the_parameters():
+    results = complete()
+    assert report(results).subtitle == "Parameters identified from middle_point"
+    results["experiments"].append({**copy.deepcopy(results["experiments"][0]), "name": "aside", "role": "select"})
+    assert report(results).subtitle == "Parameters identified from middle_point, chosen with aside too"
+
+
+def test_runs_saved_are_points_of_the_design_and_simulations():
+    results = complete()
+    saved = results["design"]["similarity"]["runs_saved"]
+    results["counts"]["saved_by_similarity"] = 2 * saved
+    assert f"Exact similarity saved {saved} of them, {2 * saved} simulations." in page(results)
+    results["counts"]["saved_by_similarity"] = saved
+    assert f"Exact similarity saved {saved} of them." in page(results)
+
+
+def test_targets_of_several_experiments_are_told_apart_in_the_front(monkeypatch):
+    results, said = complete(), []
+    k, s = next((k, s) for k, s in enumerate(results["searches"]) if len(s["targets"]) == 2)
+    monkeypatch.setattr(matplotlib.axes.Axes, "set_ylabel", lambda self, text, **_: said.append(text))
+    draw(results, f"front-{k}")
+    assert "|ΔFz| at 3.9 mm (mN)" in said
+    s["targets"][1] = {**s["targets"][1], "experiment": "aside"}
+    draw(results, f"front-{k}")
+    assert "|ΔFz| of aside at 3.9 mm (mN)" in said
+    one = next(s for s in results["searches"] if len(s["targets"]) == 1)
+    one["front"] = {key: v[:1] for key, v in one["front"].items()}
+    assert "one target, met best at μ" in page(results)
