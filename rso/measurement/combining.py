@@ -101,9 +101,10 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
 
 
 def value_at(curve: MeasuredCurve, depth: float) -> tuple[float, float]:
-    """Value and standard uncertainty of a measured curve at one depth (mm), by linear interpolation.
+    """Value and standard uncertainty of a measured curve at one depth (mm), between the readings on either side.
 
-    Half a point spacing beyond either end is still granted (recorded depths scatter about the nominal ones),
+    A straight line between them lies above a ball's force, by 4 % in the second interval: interpolated is what is left
+    beside a smooth a u^{3/2} + b u² + c u + d (as many of these terms as there are readings less one).  Half a point spacing beyond either end is still granted (recorded depths scatter about the nominal ones),
     along the slope of the end; ValueError farther out.
     """
     u, y = curve.depth, curve.value
@@ -112,9 +113,22 @@ def value_at(curve: MeasuredCurve, depth: float) -> tuple[float, float]:
         raise ValueError(f"depth {depth:g} mm is outside the measured range {u[0]:g} to {u[-1]:g} mm")
     value = float(np.interp(depth, u, y))
     beyond = depth - float(np.clip(depth, u[0], u[-1]))
+    if not beyond and depth not in u:
+        value += _bow(u, y, depth)
     if beyond:
         value += beyond * float(_slope(u, y)[0 if beyond < 0 else -1])
     return value, float(np.interp(depth, u, curve.sigma))
+
+
+def _bow(u: np.ndarray, y: np.ndarray, depth: float) -> float:
+    """How far the smooth curve through all readings lies above the straight line between two of them, at a depth."""
+
+    def terms(at: np.ndarray) -> np.ndarray:
+        s = np.maximum(at, 0.0) / np.abs(u).max()
+        return np.stack([s**1.5, s**2, s, np.ones_like(s)], axis=-1)[..., : min(4, len(u) - 1)]
+
+    c = np.linalg.lstsq(terms(u), y, rcond=None)[0]
+    return float(terms(np.array(depth)) @ c - np.interp(depth, u, terms(u) @ c))
 
 
 def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

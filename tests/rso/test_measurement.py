@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lsim
 
 from rso.contract import parameters_of
-from rso.measurement import Chain, Noise, combine, correct, read, record, value_at, without_spikes
+from rso.measurement import Chain, MeasuredCurve, Noise, combine, correct, read, record, value_at, without_spikes
 from rso.measurement import lines as lines_module
 
 U = np.linspace(0.1, 4.0, 40)
@@ -255,6 +255,29 @@ def test_value_at_grants_half_a_spacing(tmp_path):
     for depth in (4.2, 0.05, 40.0):
         with pytest.raises(ValueError, match=r"outside the measured range 0\.2 to 3\.99 mm"):
             value_at(curve, depth)
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 8, 40])
+def test_between_readings_the_force_of_a_ball_is_read(tmp_path, n):
+    """Straight lines are 4 % above it in the second interval, whatever the step: targets are missed by less."""
+    u = np.linspace(4 / n, 4, n)
+    rows = zip(u, 0.07 * u**1.5, strict=True)
+    curve = combine(read(write(tmp_path, table("depth_mm,Fz_N", rows))), Noise())
+    middle = 0.5 * (u[0] + u[1])
+    straight = float(np.interp(middle, u, curve.value))
+    assert value_at(curve, middle)[0] == pytest.approx(0.07 * middle**1.5, rel=1e-9)
+    assert straight > 1.04 * 0.07 * middle**1.5  # negative control
+    assert value_at(curve, float(u[1]))[0] == curve.value[1]
+
+
+def test_between_noisy_readings_nothing_is_amplified():
+    """What is beside the smooth curve is interpolated on a straight line: no more scatter than the readings have."""
+    u, rng, found = np.linspace(0.1, 4, 40), np.random.default_rng(0), []
+    for _ in range(300):
+        y = 0.07 * u**1.5 + 0.01 + 1e-3 * rng.standard_normal(40)  # and not tared
+        curve = MeasuredCurve("Fz", "N", u, y, np.full(40, 1e-3), 1, 1e-6 * np.eye(40))
+        found.append(value_at(curve, 0.15)[0] - 0.07 * 0.15**1.5 - 0.01)
+    assert np.std(found) < 1e-3 and abs(np.mean(found)) < 2e-4
 
 
 def test_combine_names_choices(tmp_path):
