@@ -104,8 +104,9 @@ def value_at(curve: MeasuredCurve, depth: float) -> tuple[float, float]:
     """Value and standard uncertainty of a measured curve at one depth (mm), between the readings on either side.
 
     A straight line between them lies above a ball's force, by 4 % in the second interval: interpolated is what is left
-    beside a smooth a u^{3/2} + b u² + c u + d (as many of these terms as there are readings less one).  Half a point spacing beyond either end is still granted (recorded depths scatter about the nominal ones),
-    along the slope of the end; ValueError farther out.
+    beside a smooth a u^{3/2} + b u² + c u + d (as many of these terms as there are readings less one).  Half a point
+    spacing beyond either end is still granted (recorded depths scatter about the nominal ones), along the slope of
+    the end; ValueError farther out.
     """
     u, y = curve.depth, curve.value
     slack = 0.5 * float(np.median(np.diff(u))) if len(u) > 1 else 1e-6 * max(1.0, abs(float(u[0])))
