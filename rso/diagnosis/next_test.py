@@ -39,6 +39,7 @@ from rso.running import Task
 DRAWS = 80
 SEPARATES = 4.0  # about 4 σ: what a test must reach to promise an answer
 READINGS = 20
+REPEATS = 3  # of a proposed test: what each has for itself averages out
 DEPTH = 4.0  # mm to which a test is proposed at most, in a plan of the usual depth
 TURN = 0.3  # mm between turns that count as one, in such a plan
 REST = 20.0  # of the time of loading: how long a hold is proposed to last
@@ -269,7 +270,8 @@ def _experiment(
         way, segment = np.append(way, np.full(READINGS, depth)), np.append(segment, ["hold"] * READINGS)
         time = np.append(time, depth / speed * (1.0 + np.geomspace(1.0 / READINGS, rest, READINGS)))
     channels = {c: np.zeros(len(way)) for c in ("Fx", "Fy", "Fz")}
-    measurement = Measurement(Path("next test"), "force", (Repeat("1", way, time, channels, {}, segment),), ())
+    repeats = tuple(Repeat(f"{k + 1}", way, time, channels, {}, segment) for k in range(REPEATS))
+    measurement = Measurement(Path("next test"), "force", repeats, ())
     return replace(template, name=name, measurement=measurement, speed=speed, role="fit",
                    channels=("Fx", "Fy", "Fz"), after=())  # fmt: skip
 

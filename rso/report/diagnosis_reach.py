@@ -108,6 +108,6 @@ def next_test(found: Found) -> Section:
         column("resolves", words([f"{t.get('resolves', DASH)} of {t.get('pairs', DASH)} pairs" for t in rows])),
         column("", tuple(promise), number=False),
     ]
-    note = "Settles it: probability that one cause has 95 % afterwards. "
+    note = "Settles it: probability that one cause has 95 % afterwards; what presses is done three times. "
     note += "D: distance in standard deviations of what the pair predicts for the test, after a re-fit; 4 is enough."
     return Section("next", title, (table("Tests that would settle it", columns, note),))

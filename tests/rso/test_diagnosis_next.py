@@ -10,7 +10,7 @@ import pytest
 from scipy.special import logsumexp
 
 from rso.contract import run_key
-from rso.diagnosis import attribute, build, make_plan
+from rso.diagnosis import attribute, build, make_plan, next_test
 from rso.diagnosis.mixture import posterior
 from rso.diagnosis.next_test import (
     READ_OFF,
@@ -144,8 +144,25 @@ def test_what_every_curve_has_for_itself_is_told_from_a_cause_by_the_scatter_of_
     assert next_tests(library, bench, both, dict.fromkeys(both, 0.5), None, dict.fromkeys(both, 0.1)) == []
 
 
-def test_surface_marks_are_proposed_where_none_are_known_and_tell_a_skin_from_stiffening():
+def test_a_test_done_three_times_tells_more_than_once_but_less_than_three_tests_of_their_own(monkeypatch):
+    """What each test has for itself averages out, what the model may be wrong by and a re-fit do not: D grows, by less
+    than √3."""
+    truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012, "stiff": 0.02}
+    library = build(lab(toy.BACKEND), plan_of(truth), toy.effects("stiff", "soften"), toy.run)
+    bench, alive = survivors(library, ("stiff", "soften"), truth)
+    D = {}
+    for times in (1, 3):
+        monkeypatch.setattr(next_test, "REPEATS", times)
+        found = next_tests(library, bench, alive, {"stiff": 0.5, "soften": 0.5}, None)
+        D[times] = {t.test: t.distance for t in found}
+    assert D[1].keys() == D[3].keys() and len(D[1]) > 1
+    pressed = [w for w in D[1] if D[3][w] != D[1][w]]  # a measurement of one knob by itself is no test
+    assert pressed and all(1.0 < D[3][w] / D[1][w] < np.sqrt(3.0) for w in pressed)
+
+
+def test_surface_marks_are_proposed_where_none_are_known_and_tell_a_skin_from_stiffening(monkeypatch):
     """In this body marks move less under a stiff skin, and stiffening does not show in them."""
+    monkeypatch.setattr(next_test, "REPEATS", 1)  # the marks are photographed once
     truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012, "skin": 1.6}
     marks = [[float(x), 5.0] for x in np.linspace(-8, 8, 9)]
     backend = proposing(marks=lambda settings: {"marks": marks})
@@ -217,9 +234,11 @@ def test_a_candidate_comes_after_what_was_pressed_at_its_place():
     seen = set()
     for candidate in candidates(library):
         there = simulated(library, candidate, everything, toy.run)
+        until = dict(pressed)
         for t in there.plan.tests:
             point = str(there.plan.places[t.place].settings["point"])
-            np.testing.assert_allclose(t.earlier, pressed.get(point, 0.0), rtol=1e-12)
+            np.testing.assert_allclose(t.earlier, until.get(point, 0.0), rtol=1e-12)
+            until[point] = max(until.get(point, 0.0), t.peak)  # it is done three times
             assert t.age == 0.5
             seen.add(point in pressed)
     assert True in seen
