@@ -326,8 +326,8 @@ def calibrate(checked: list[Checked]) -> None:
             if name not in ("Fx", "Fy"):
                 rest = np.maximum(c.true[name] - other.get(name, 0.0), 0.0)
                 rows.setdefault(errors.kind(name), []).append((parts, rest))
-        for name, parts in errors.aslant(c.settings, c.result).items():
-            own = errors.LATERAL * (columns[name] @ np.array(errors.CALIBRATED["force"]) + other[name])
+        for name, parts in errors.aslant(c.settings, c.knobs, c.result).items():
+            own = columns[name] @ np.array(errors.CALIBRATED["force"]) + other[name]
             rows.setdefault("lateral", []).append((parts, np.sqrt(np.maximum(c.true[name] ** 2 - own**2, 0.0))))
     print(f"coefficients, {100 * QUANTILE:g} % below")
     for kind, parts in rows.items():
