@@ -26,6 +26,7 @@ from rso.diagnosis.mixture import (
     Tiles,
     Whitening,
     log_evidence,
+    log_tiles,
     mean_prediction,
     posterior,
     ready,
@@ -199,6 +200,22 @@ class Evidence:
         below = np.cumsum(weight) - 0.5 * weight  # in the middle of each share's part
         low, middle, high = np.exp(np.interp([(1 - level) / 2, 0.5, (1 + level) / 2], below, np.log(SHARES)))
         return middle * effect.size.high, low * effect.size.high, high * effect.size.high
+
+    def of_tests(self, effect: Effect, y: np.ndarray, sd: float) -> tuple[np.ndarray, np.ndarray]:
+        """What each test has for itself (tests,) of an effect that scatters by `sd`, and its standard deviation.
+
+        The base model is open as in its best tile, widely, so that what all tests share is the model's or their mean.
+        """
+        g = self.bench.scatter[effect.name]
+        white = whitening(self.bench.covariance((effect,), sd / effect.size.high))
+        h = ready(self.bench.of((effect,)), white, self.bench.modulus)
+        w = white(y)
+        X = h.X[int(np.argmax(log_tiles(h, w[None])[0]))] @ h.Q.T
+        Q, _ = np.linalg.qr(X.T)
+        G, r = white(g), w - mean_prediction(h, w)
+        G = G - (G @ Q) @ Q.T
+        shrunk = 1.0 - sd**2 * np.sum(G * G, axis=1)
+        return sd**2 * (G @ r), sd * np.sqrt(np.clip(shrunk, 0.0, None))
 
     def _levels(self, effects: Sequence[Effect], unexplained: bool) -> range:
         if any(e.family == "scatter" for e in effects):

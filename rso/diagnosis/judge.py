@@ -31,13 +31,17 @@ BEYOND = 1.15  # times the largest plausible size: a cause that needs more than 
 
 @dataclass(frozen=True)
 class Cause:
-    """One effect of the verdict: probability, size with interval in its unit, and where it is absent."""
+    """One effect of the verdict: probability, size with interval in its unit, and where it is absent.
+
+    Of what scatters `each` holds (value, standard deviation) of every test.
+    """
 
     effect: Effect
     probability: float
     size: float
     interval: tuple[float, float]
     railed: bool
+    each: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +197,8 @@ def _causes(
         probability = sum(v for v, g in holders_of(contest, given, e.source))
         if e.family == "scatter":
             size, low, high = evidence.scatter(e, y, LEVEL)
-            found.append(Cause(e, probability, float(size), (float(low), float(high)), False))
+            each = tuple(zip(*(v.tolist() for v in evidence.of_tests(e, y, size)), strict=True))
+            found.append(Cause(e, probability, float(size), (float(low), float(high)), False, each))
             continue
         column = _column(h, e, post)
         # sizes of the chain count against the force at μ₀, those of the model are multiples of the modulus

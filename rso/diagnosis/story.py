@@ -12,7 +12,7 @@ import numpy as np
 from rso.diagnosis.detectable import Detectable
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judge import Diagnosis
+from rso.diagnosis.judge import Cause, Diagnosis
 from rso.diagnosis.judgement import SURE
 from rso.diagnosis.library import Library
 from rso.diagnosis.next_test import NextTest, next_tests
@@ -93,7 +93,8 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
         "causes": [{"effect": c.effect.name, "cause": c.effect.source, "description": c.effect.description,
                     "family": c.effect.family, "probability": c.probability, "size": c.size,
                     "interval": list(c.interval), "unit": c.effect.size.unit, "neutral": c.effect.size.neutral,
-                    "railed": c.railed, "like_a_modulus": c.effect.like_a_modulus}
+                    "railed": c.railed, "like_a_modulus": c.effect.like_a_modulus,
+                    **({"each": _each(d.bench.library.plan, c)} if c.each else {})}
                    for c in d.causes],
         "chosen": [e.name for e in d.chosen.effects],
         "ambiguous_with": [list(d.named)] if _rivals(d) else [],
@@ -112,6 +113,12 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
         "next_test": [{"test": t.test, "chance": t.chance, "separates": list(t.separates), "distance": t.distance,
                        "resolves": t.resolves, "pairs": t.pairs, "note": t.note} for t in tests],
     }  # fmt: skip
+
+
+def _each(plan: TestPlan, c: Cause) -> list[dict[str, Any]]:
+    """What every test has of a cause that scatters, with its standard deviation."""
+    return [{"experiment": plan.experiments[t.experiment].name, "label": t.label, "value": value, "sd": sd}
+            for t, (value, sd) in zip(plan.tests, c.each, strict=True)]  # fmt: skip
 
 
 def _rivals(d: Diagnosis) -> bool:

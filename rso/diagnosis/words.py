@@ -11,6 +11,7 @@ LEAST = -10.0  # times the gap: what is opened more widely need not be counted
 NEAR = 0.02  # of a range, in ln: a median that near to its end is pressed against it
 DOUBT = 0.05  # probability of no gap above which it is said beside causes that cannot be told apart
 WORTH_SAYING = 0.1  # share of the gap from which a place is named
+MOST = 0.7  # of what curves have each for itself (of the sum of squares): one that holds as much is named
 
 
 def words(found: Mapping[str, Any]) -> list[str]:
@@ -18,7 +19,7 @@ def words(found: Mapping[str, Any]) -> list[str]:
     d = found["diagnosis"]
     out = [_gap(d), *_unlike(found), *_jumps(d), *_hum(d)]
     if d["verdict"] != "no_gap":
-        out += [_where(d), _cause(d, found) + _remainder(d)]
+        out += [_where(d), _cause(d, found) + _single(d) + _remainder(d)]
     if (closed := _shrinkage(d, found)) is not None:
         out.append(closed + _alone(d, found))
     out += _parameters(d, found) + _fixed(found) + _outside(d, found) + _pressed(d, found)
@@ -156,6 +157,22 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     each = " and ".join(_named(c) for c in causes[: 2 if v == "explained" else 1])
     alike = " A modulus that differs from test to test does the same." if first.get("like_a_modulus") else ""
     return f"{head}: {text[first['effect']]}, {each}; probability {chance(first['probability'])}.{alike}"
+
+
+def _single(d: Mapping[str, Any]) -> str:
+    """The one curve that has most of what every curve has for itself, where there is one."""
+    out = ""
+    for c in d["causes"]:
+        each = c.get("each") or []
+        whole = sum(v["value"] ** 2 for v in each)
+        first = max(each, key=lambda v: abs(v["value"]), default=None)
+        if first is None or first["value"] ** 2 < MOST * whole or abs(first["value"]) < 3.0 * first["sd"]:
+            continue
+        unit = "" if c["unit"] in ("1", "-") else f" {c['unit']}"
+        curve = " ".join(v for v in (first["experiment"], first["label"]) if v)
+        size = f"{first['value']:+.2g} ± {first['sd']:.1g}{unit}"
+        out += f" Nearly all of {c['effect']} is in one curve, {curve}: {size}."
+    return out
 
 
 def _none(found: Mapping[str, Any]) -> str:

@@ -211,6 +211,29 @@ def test_offsets_that_differ_from_curve_to_curve_are_the_measurement():
     names = ("stiff", "soften", "offset", "offset_each")
     found = [diagnose(seed, names=names, each_offset=0.12) for seed in (1, 2, 3)]
     assert sum(d.verdict == "measurement" for d in found if d.p_value <= FALSE_ALARM) >= 2
+    for d in found:  # all of them are: none is singled out
+        assert "in one curve" not in " ".join(story(d.bench.library, d, (), None, "")["words"])
+
+
+@pytest.mark.parametrize("late", [-0.3, 0.3])
+def test_the_one_curve_whose_contact_is_off_is_named(late):
+    """Which of the curves it was the answer did not say: only by how much contact points scatter."""
+    made = experiments(7)
+    first = made[0].measurement
+    repeats = (first.repeats[0], dataclasses.replace(first.repeats[1], depth=first.repeats[1].depth - late),
+               first.repeats[2])  # fmt: skip
+    made[0] = dataclasses.replace(made[0], measurement=dataclasses.replace(first, repeats=repeats))
+    library = build(BASE, make_plan(made), toy.effects("stiff", "soften", "offset_each"), toy.run)
+    d = diagnosis.diagnose(library, 7, nulls=NULLS)
+    assert d.verdict == "measurement" and d.named == ("offset_each",), (d.verdict, d.named, d.probabilities)
+    found = story(library, d, (), None, "")
+    each = found["diagnosis"]["causes"][0]["each"]
+    assert [v["experiment"] for v in each] == ["load", "load", "load", "cycle", "deep"]
+    off = each[1]
+    assert abs(off["value"] - late) < 3 * off["sd"] and off["sd"] < 0.1 * abs(late), each
+    said = " ".join(found["words"])
+    assert f"in one curve, load {off['label']}: {off['value']:+.2g}" in said, said
+    json.dumps(plain(found))
 
 
 def factors(made: list, each: tuple[float, ...]) -> list:
