@@ -102,7 +102,10 @@ def next_tests(
     if len(survivors) < 2 or all(e.family == "scatter" for effects, _ in survivors.values() for e in effects):
         return []
     found = []
+    acting = {e.name for effects, _ in survivors.values() for e in effects}
     for candidate in candidates(library):
+        if candidate.without and not candidate.without & acting:
+            continue  # what it keeps from acting is none of what is open
         try:
             there = simulated(library, candidate, survivors, run)
         except ValueError:
@@ -222,6 +225,7 @@ def candidates(library: Library | Outline) -> list[Candidate]:
     has_hold = any(t.held.any() for t in plan.tests)
     most = DEPTH * plan.scale
     d = min(place.deepest, most)
+    template = replace(template, channels=_measured(plan))  # a cell of one axis stays one
     out = []
     if not has_unload:
         out.append(Candidate("load and unload at the same point", (_experiment(template, d, speeds[0], True),)))
@@ -240,16 +244,25 @@ def candidates(library: Library | Outline) -> list[Candidate]:
     for label, settings in plan.labels().items() if len(plan.places) > 1 else ():
         k = next(k for k, p in enumerate(plan.places) if p.settings == settings)
         there = next(t.experiment for t in plan.tests if t.place == k)
-        again = _experiment(plan.experiments[there], min(plan.places[k].deepest, most), speeds[0], False)
+        own = replace(plan.experiments[there], channels=template.channels)
+        again = _experiment(own, min(plan.places[k].deepest, most), speeds[0], False)
         moved = frozenset(e.name for e in library.effects if e.place == settings and len(e.size.ends()) == 2)
         if moved:
             out.append(Candidate(f"the test at {label} again, its place looked at", (again,), moved))
+    missing = [c for c in noise.FORCES if c not in template.channels]
+    for label, settings in plan.labels().items() if missing else ():
+        k = next(k for k, p in enumerate(plan.places) if p.settings == settings)
+        there = next(t.experiment for t in plan.tests if t.place == k)
+        more = replace(plan.experiments[there], channels=noise.FORCES)
+        again = _experiment(more, min(plan.places[k].deepest, most), speeds[0], False)
+        out.append(Candidate(f"the test at {label} again, with {' and '.join(missing)} measured", (again,)))
     for words, marks in getattr(backend, "marks", lambda _: {})(dict(place.settings)).items():
         if not _seen(marks, place.marks):
             load = _experiment(template, d, speeds[0], False)
             out.append(Candidate(words, (load, _profile(template, marks, (0.5 * d, d)))))
     for words, knobs in getattr(backend, "prevented", lambda: {})().items():
-        each = [replace(plan.experiments[t.experiment], name=f"again {k}") for k, t in tests.items()]
+        each = [replace(plan.experiments[t.experiment], name=f"again {k}", channels=template.channels)
+                for k, t in tests.items()]  # fmt: skip
         again = [
             _experiment(e, min(plan.places[k].deepest, most), speeds[0], _turned(plan, k), e.name)
             for k, e in zip(tests, each, strict=True)
@@ -258,10 +271,16 @@ def candidates(library: Library | Outline) -> list[Candidate]:
     return out
 
 
+def _measured(plan: TestPlan) -> tuple[str, ...]:
+    """Components of the force that the laboratory can measure: those that some test has."""
+    return tuple(c for c in noise.FORCES if any(c in t.channels for t in plan.tests))
+
+
 def _experiment(
     template: Experiment, depth: float, speed: float, unload: bool, name: str = "next test", rest: float = 0.0
 ) -> Experiment:  # fmt: skip
-    """A test as it would be recorded, with no values in it; at the end held for `rest` times the time of loading."""
+    """A test as it would be recorded in the template's channels, with no values in it; at the end held for `rest` times
+    the time of loading."""
     u = np.linspace(0.0, depth, READINGS + 1)[1:]
     way = np.concatenate([u, u[-2::-1]]) if unload else u
     segment = np.array(["loading"] * len(u) + ["unloading"] * (len(way) - len(u)))
@@ -269,11 +288,10 @@ def _experiment(
     if rest:
         way, segment = np.append(way, np.full(READINGS, depth)), np.append(segment, ["hold"] * READINGS)
         time = np.append(time, depth / speed * (1.0 + np.geomspace(1.0 / READINGS, rest, READINGS)))
-    channels = {c: np.zeros(len(way)) for c in ("Fx", "Fy", "Fz")}
+    channels = {c: np.zeros(len(way)) for c in template.channels}
     repeats = tuple(Repeat(f"{k + 1}", way, time, channels, {}, segment) for k in range(REPEATS))
     measurement = Measurement(Path("next test"), "force", repeats, ())
-    return replace(template, name=name, measurement=measurement, speed=speed, role="fit",
-                   channels=("Fx", "Fy", "Fz"), after=())  # fmt: skip
+    return replace(template, name=name, measurement=measurement, speed=speed, role="fit", after=())
 
 
 def _profile(template: Experiment, marks: Sequence[Sequence[float]], depths: Sequence[float]) -> Experiment:

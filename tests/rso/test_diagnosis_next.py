@@ -90,7 +90,7 @@ def proposing(**methods):
 def test_a_gauge_and_a_prevented_effect_are_proposed_and_the_better_comes_first():
     truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012, "stiff": 0.02}
     backend = proposing(
-        prevented=lambda: {"again without it": ("soften",)},
+        prevented=lambda: {"again without it": ("stiff",), "again without what is not open": ("soften",)},
         gauges=lambda settings: {"stiff": ("a perfect gauge", 1e-6)},
     )
     effects = toy.effects("stiff", "soften", "bias")
@@ -99,8 +99,34 @@ def test_a_gauge_and_a_prevented_effect_are_proposed_and_the_better_comes_first(
     found = next_tests(library, bench, alive, {"stiff": 0.5, "bias": 0.5}, None)
     words = [t.test for t in found]
     assert "a perfect gauge" in words and "again without it" in words and any("a run in air" in w for w in words)
+    assert "again without what is not open" not in words
     assert all(a.chance >= b.chance - 1e-3 for a, b in itertools.pairwise(found))
     assert all(0.0 <= t.chance <= 1.0 for t in found)
+
+
+def test_a_laboratory_with_one_axis_is_promised_what_one_axis_tells():
+    """Forecasts took lateral forces for measured: a test "again" was to settle what it had not settled before."""
+    truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012}
+    rng = np.random.default_rng(0)
+    backend = proposing(
+        prevented=lambda: {"again without it": ("stiff",)}, tests=lambda settings: {"another point": {"point": [5, 0]}}
+    )
+    for lateral in (False, True):
+        side = toy.recorded(truth, rng, point=(10.0, 0.0), lateral=lateral)
+        plan = make_plan([
+            toy.experiment("cycle", toy.recorded(truth, rng, unload=True)),
+            toy.experiment("aside", side, point=(10.0, 0.0)),
+        ])  # fmt: skip
+        library = build(lab(backend), plan, toy.effects("stiff", "bias"), toy.run)
+        found = {c.words: {e.channels for e in c.experiments} for c in candidates(library)}
+        more = {w: v for w, v in found.items() if "measured" in w}
+        every = ("Fx", "Fy", "Fz")
+        assert "another point" in found and "again without it" in found
+        assert set().union(*(v for w, v in found.items() if w not in more)) == {every if lateral else ("Fz",)}
+        assert set(more) == (set() if lateral else {
+            f"the test at {place} again, with Fx and Fy measured" for place in ("(0, 0)", "(10, 0)")
+        })  # fmt: skip
+        assert all(v == {every} for v in more.values())
 
 
 def test_nothing_is_proposed_where_one_cause_is_left_and_simulations_are_asked_for_only_with_a_runner():
