@@ -1,7 +1,8 @@
 """Before the data are judged: which effects this test plan can see, from which size, and which it confuses.
 
 Every effect is simulated at several sizes with the plan's noise and goes through the contest; the limit of detection
-is the size found in half of the data sets at 5 % false alarm.  Only the level of the noise and the base model enter.
+is the size found in half of the data sets at the verdict's own false alarms, 5 % or less.  Only the level of the noise
+and the base model enter.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
     rng = np.random.default_rng(seed)
     base = evidence.ready(())
     null = attribute.nulls(evidence, y, 200, seed)
-    threshold = np.quantile(_statistics(evidence, null)[0], 1 - attribute.FALSE_ALARM)
+    threshold = np.quantile(_statistics(evidence, null)[0], 1 - _alarms(evidence, null))
     centre = base.tiles.at[int(np.argmax(log_tiles(base, base.white(y)[None])[0]))]
     L = base.white.L
     sets, labels = [], []
@@ -103,6 +104,13 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
         found.append(Detectable(e, limit, value, tuple(zip(map(float, sizes), map(float, power), strict=True)),
                                 tuple(rivals), float(mean[forms].sum())))  # fmt: skip
     return tuple(found)
+
+
+def _alarms(evidence: Evidence, null: np.ndarray) -> float:
+    """Share of data sets without a gap (B, n) in which the verdict finds one: FALSE_ALARM, or less where the largest of
+    them make a gap no more probable than none."""
+    T = np.array([c.statistic for c in attribute.contests(evidence, null)])
+    return float(np.mean(T > max(float(np.quantile(T, 1 - attribute.FALSE_ALARM)), 0.0)))
 
 
 def _rivals(effects: Sequence[Effect], mean: np.ndarray) -> list[str]:

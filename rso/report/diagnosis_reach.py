@@ -75,7 +75,7 @@ def in_sight(found: Found) -> Section:
         column("recognised", words([_recognised(v) for v in rows])),
         column("confused with", tuple(_confused(v) for v in rows), number=False),
     ]
-    note = "Smallest visible: noticed in half of the data sets, at 5 % false alarm; “visible”: it has no zero."
+    note = "Smallest visible: noticed in half of the data sets, at most 5 % false alarms; “visible”: it has no zero."
     note += " ≤: nothing smaller was simulated." if any(t.startswith("≤") for t in limit) else ""
     blocks.append(table("Limits of this plan", columns, note))
     if power_rows(found):
