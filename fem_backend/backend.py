@@ -124,6 +124,10 @@ class FiniteElements:
         """The same tests again with something kept from acting, in words, and its knobs."""
         return possible.PREVENTED
 
+    def deep(self, settings: Mapping[str, Any]) -> float:
+        """Travel (mm) by which elements under the ball are so distorted that programs part company."""
+        return possible.DEEP * experiment.read_settings(settings).R
+
     def gauges(self, settings: Mapping[str, Any]) -> Mapping[str, tuple[str, float]]:
         """Knob → a measurement that shows it without indentation, and its standard uncertainty in the knob's unit."""
         return possible.gauges(experiment.read_settings(settings))

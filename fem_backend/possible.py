@@ -24,6 +24,7 @@ PREVENTED = {
     "all points again with a lubricated ball": ("friction",),
     "all points again under water, which takes the adhesion away": ("adhesion",),
 }
+DEEP = 2.0  # of R: travel by which elements under the ball are so distorted that programs part company
 Range = tuple[float, float] | None
 
 

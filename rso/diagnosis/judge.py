@@ -19,11 +19,13 @@ from rso.diagnosis.jumps import Jumps, jumps
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Posterior, mean_prediction, posterior
 from rso.diagnosis.remainder import Remainder, remainder
+from rso.diagnosis.undecided import Reach, draws, reach
 from rso.diagnosis.unfitted import HeldOut, held_out, left_out, predicts, shrinkage_of
 
 DRAWS = 2000
 LEVEL = 0.9
 WHOLE = ("explained", "measurement", "ambiguous")  # verdicts that take causes for the whole of a gap
+OPEN = ("no_gap", "ambiguous")  # verdicts that leave other hypotheses possible
 MISFIT = 1.3  # χ² per reading that a cause may leave; a right one leaves about 1, less what was fitted
 RARE = 0.01  # of few readings: chance of what a right one leaves beyond which that is too much
 BEYOND = 1.15  # times the largest plausible size: a cause that needs more than that is not all of it
@@ -62,6 +64,7 @@ class Diagnosis:
     shrinkage: shrinkage.Shrinkage
     checks: tuple[SelfCheck, ...]
     parameters: Mapping[str, Mapping[str, tuple[float, float, float]]]
+    reach: Mapping[str, Reach]
     bench: Bench
     contest: Contest
     fits: Mapping[str, np.ndarray]
@@ -137,11 +140,14 @@ def diagnose(
         C = noise.scatter(library.plan, bench.levels, fits["none"], slope)
         where = localise.shared(where, library.plan, Δ, C, noise.readings(library.plan, bench.levels, slope))
     causes = _causes(evidence, contest, y, posts, verdict, named)
+    besides = {}
+    if verdict in OPEN and chosen in contest.hypotheses:
+        besides = reach(evidence, contest, chosen, posts[chosen.name], y, LEVEL, seed + 7)
     return Diagnosis(
         verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), causes, named,
         dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
         sensitivity(evidence, contest, finalists, y), where, held, shrunk, checks,
-        _parameters(library, posts, chosen), bench, contest, fits, posts, chosen, steps, line, left, rest,
+        _parameters(library, posts, chosen), besides, bench, contest, fits, posts, chosen, steps, line, left, rest,
     )  # fmt: skip
 
 
@@ -275,10 +281,6 @@ def _parameters(library: Library, posts: Mapping[str, Posterior], chosen: Hypoth
     """Open base parameters (low, median, high) before and after the cause."""
     out = {}
     for when, name in (("before", "none"), ("after", chosen.name)):
-        p = posts[name]
-        values = {} if library.base.low == library.base.high else {library.base.modulus: p.modulus}
-        for j, a in enumerate(library.base.axes):
-            values[a.name] = a.physical(p.at[:, j], 1.0) * p.modulus**a.exponent
         q = [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2]
-        out[when] = {k: tuple(float(x) for x in np.quantile(v, q)) for k, v in values.items()}
+        out[when] = {k: tuple(float(x) for x in np.quantile(v, q)) for k, v in draws(library, posts[name]).items()}
     return out

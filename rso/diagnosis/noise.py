@@ -28,7 +28,7 @@ OVERLAP = 2.31  # third differences of white noise for each that is independent,
 SCARCE = 0.1  # chance that the noise is larger than taken from the readings
 LOUDER = 1.5  # times the usual noise: that of another sensor or range
 WORLD = 0.005  # of the force: another code, another mesher
-DEEP = 0.015  # more of it towards the deepest travel: meshes distort there, and codes part company
+DEEP = 0.015  # more of it where meshes distort and codes part company: at the deepest travel, or where the backend says
 STEEP = 8  # power of the travel with which it grows
 WORLD_LENGTH = 0.35  # of the deepest travel
 LATERAL = 0.25  # of the error of Fz that shows in Fx, Fy
@@ -258,11 +258,11 @@ def _repeats(plan: TestPlan, channel: str, known: Level) -> tuple[float, float, 
 
     Zero where no experiment has three repeats of equal history, and where they differ no more than `known` noise, gain
     and contact make them in 19 of 20 cases.  Gain and contact are what deviations from the mean have along the mean and
-    along its slope, less what noise puts there.
+    along its slope, less what noise puts there; of two repeats all experiments count together.
     """
-    gains, contacts, extras, lengths = [], [], [], []
+    gains, contacts, extras, lengths, of_two = [], [], [], [], []
     for mine in _alike([t for t in plan.tests if channel in t.channels], plan.scale):
-        if len(mine) < 3:
+        if len(mine) < 2:
             continue
         u, Y, number = _common(mine, channel)
         if len(u) < 4:
@@ -278,10 +278,14 @@ def _repeats(plan: TestPlan, channel: str, known: Level) -> tuple[float, float, 
             P = np.linalg.pinv(B)
             M = M - B @ P
             found, of_noise = np.sum((D @ P.T) ** 2, axis=0) / dof, np.diag(P @ N @ P.T)
-            usual = (np.array([known.gain, known.contact]) ** 2 + of_noise) * chi2.ppf(0.95, dof) / dof
-            v = np.where(found > usual, found - of_noise, 0.0)
+            if dof == 1:
+                of_two.append((found, of_noise))
+                continue
+            v = _beyond(known, found, of_noise, dof)
             gains.append(np.sqrt(v[0]))
             contacts.append(np.sqrt(v[1]))
+        if dof == 1:
+            continue
         rest, left = D @ M.T, np.trace(M)
         variance = np.sum(rest**2) / (dof * left)
         white = np.trace(M @ W) / left
@@ -289,8 +293,18 @@ def _repeats(plan: TestPlan, channel: str, known: Level) -> tuple[float, float, 
             extras.append(np.sqrt(variance - white))
             ρ = np.sum(rest[:, 1:] * rest[:, :-1]) / np.sum(rest**2) * variance / (variance - white)
             lengths.append(-np.mean(np.diff(u)) / np.log(np.clip(ρ, 0.05, 0.95)))
+    if len(of_two) > 1:
+        v = _beyond(known, *np.mean(of_two, axis=0), len(of_two))
+        gains.append(np.sqrt(v[0]))
+        contacts.append(np.sqrt(v[1]))
     best = lambda v: float(np.max(v)) if v else 0.0  # noqa: E731
     return best(gains), best(contacts), best(extras), best(lengths)
+
+
+def _beyond(known: Level, found: np.ndarray, of_noise: np.ndarray, dof: int) -> np.ndarray:
+    """Variances (2,) of gain and contact of which `found` is more than noise and what is `known` make of it."""
+    usual = (np.array([known.gain, known.contact]) ** 2 + of_noise) * chi2.ppf(0.95, dof) / dof
+    return np.where(found > usual, found - of_noise, 0.0)
 
 
 def _along(level: Level, at: np.ndarray) -> np.ndarray:
@@ -367,7 +381,9 @@ def _world(library: Library, force: np.ndarray) -> np.ndarray:
     same = (place[:, None] == place) & (channel[:, None] == channel)
     deepest = max(p.deepest for p in plan.places)
     along = np.exp(-0.5 * ((u[:, None] - u) / (WORLD_LENGTH * deepest)) ** 2)
-    growing = DEEP * (u / deepest) ** STEEP * np.where(place < 100, force, 0.0)
+    deep = getattr(library.base.backend, "deep", lambda _: 0.0)
+    distorted = max(deepest, *(deep(dict(p.settings)) for p in plan.places))
+    growing = DEEP * (u / distorted) ** STEEP * np.where(place < 100, force, 0.0)
     return np.outer(world, world) * same * along + np.outer(growing, growing) * (channel[:, None] == channel)
 
 

@@ -107,6 +107,8 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                       "fitted": None if s.fitted is None else dict(s.fitted)},
         "parameters": {when: {k: {"low": v[0], "median": v[1], "high": v[2]} for k, v in p.items()}
                        for when, p in d.parameters.items()},
+        "reach": {k: {"low": r.low, "high": r.high, "low_with": r.low_with, "high_with": r.high_with}
+                  for k, r in d.reach.items()},
         "detectable": [{"effect": v.effect.name, "unit": v.effect.size.unit, "smallest_visible": v.value,
                         "visible": v.limit is not None, "confused_with": list(v.confused_with),
                         "confounded_with": list(v.confused_with), "recognised": v.recognised} for v in visible],

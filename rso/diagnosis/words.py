@@ -248,12 +248,25 @@ def percents(interval: Sequence[float]) -> str:
 
 def _parameters(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
     before, after = d["parameters"]["before"], d["parameters"]["after"]
-    if d["verdict"] in ("no_gap", "unexplained") or not before:
+    if d["verdict"] == "unexplained" or not before:
         return []
     k = next(iter(before))
     was, now = ([f"{p[k][v]:.4g}" for v in ("median", "low", "high")] for p in (before, after))
     unit = found.get("units", {}).get(k, "")
-    return [f"{k} moves from {was[0]} {unit} (90 % {was[1]} to {was[2]}) to {now[0]} {unit} ({now[1]} to {now[2]})."]
+    if d["verdict"] == "no_gap":
+        text = f"{k} is {now[0]} {unit} (90 % {now[1]} to {now[2]}) if nothing is missing."
+    else:
+        text = f"{k} moves from {was[0]} {unit} (90 % {was[1]} to {was[2]}) to {now[0]} {unit} ({now[1]} to {now[2]})."
+    return [text + beyond(d, k, unit)]
+
+
+def beyond(d: Mapping[str, Any], k: str, unit: str) -> str:
+    """What effects that the data neither show nor exclude could make of a parameter."""
+    r = (d.get("reach") or {}).get(k)
+    if not r or not (r["low_with"] or r["high_with"]):
+        return ""
+    low, high = (f"{r[v]:.4g}" + (f" (with {r[v + '_with']})" if r[v + "_with"] else "") for v in ("low", "high"))
+    return f" With effects that the data neither show nor exclude it could be anything from {low} to {high} {unit}."
 
 
 def _fixed(found: Mapping[str, Any]) -> list[str]:
@@ -279,8 +292,11 @@ def _pressed(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
     """A parameter at the end of the range that its fits keep to: the data may want it beyond."""
     out = []
     for k, (low, high) in (found.get("ranges") or {}).items():
-        now, near = d["parameters"]["after"].get(k), (high / low) ** NEAR
-        if now is not None and not low * near < now["median"] < high / near:
+        now, near, middle = d["parameters"]["after"].get(k), (high / low) ** NEAR, (low * high) ** 0.5
+        if now is None:
+            continue
+        up = now["median"] >= high / near or (now["high"] >= high / near and now["low"] > middle)
+        if up or now["median"] <= low * near or (now["low"] <= low * near and now["high"] < middle):
             unit = found.get("units", {}).get(k, "")
             out.append(
                 f"{k} is pressed against the end of its range in the study, {low:.4g} to {high:.4g} {unit}: what data "

@@ -436,7 +436,20 @@ def parameters(found: Found) -> Section:
     units = all(unit_of(u).label for _, u, _ in rows)
     note = "" if units else "In the units of the study: N, mm, MPa, s."
     blocks.append(table("Parameters before and after" if chosen(found) else "Parameters", columns, note))
+    blocks += [Text(text) for name, u, _ in rows if (text := _besides(found, name, u))]
     return Section("parameters", title, (*blocks, *_held(found)))
+
+
+def _besides(found: Found, name: str, unit: str) -> str:
+    """What effects that the data neither show nor exclude could make of a parameter."""
+    r = (core(found).get("reach") or {}).get(name) or {}
+    with_ = [clean(r[k]) if r.get(k) else "" for k in ("low_with", "high_with")]
+    if not any(with_):
+        return ""
+    low, high = (quantity(number(r.get(k)), unit, 3, number(r.get("high"))) for k in ("low", "high"))
+    each = [f"{v} ({w})" if w else v for v, w in zip((low, high), with_, strict=True)]
+    said = f"With effects that the data neither show nor exclude {symbol(name)} could be anything from"
+    return f"{said} {' to '.join(each)}."
 
 
 def _held(found: Found) -> list[Text]:

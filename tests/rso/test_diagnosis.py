@@ -435,6 +435,25 @@ def test_shares_of_the_gap_add_up_and_lead_and_without_a_gap_there_are_none():
     assert z == sorted(z, reverse=True)
 
 
+def test_what_the_data_neither_show_nor_exclude_widens_what_a_parameter_may_be():
+    """A body that stiffens a little, too little to be seen: mu is wrong if nothing is missing, and said to be open.
+
+    Negative control: with nothing else in the catalogue the interval is that of no gap alone.
+    """
+    hidden, missed, told = {"stiff": 0.03}, 0, 0
+    for seed in range(200, 206):
+        d = diagnose(seed, hidden, names=("stiff", "gain"))
+        assert d.verdict == "no_gap"
+        (low, _, high), r = d.parameters["after"]["mu"], d.reach["mu"]
+        assert r.low <= low and r.high >= high and "gain" not in (r.low_with, r.high_with)
+        missed += not low <= TRUTH["mu"] <= high
+        told += not low <= TRUTH["mu"] <= high and r.low <= TRUTH["mu"] <= r.high and r.low_with == "stiff"
+    assert missed >= 3 and told >= missed - 1, (missed, told)
+    alone = diagnose(200, hidden, names=("gain",))
+    assert alone.reach["mu"].low_with is alone.reach["mu"].high_with is None
+    assert (alone.reach["mu"].low, alone.reach["mu"].high) == alone.parameters["after"]["mu"][::2]
+
+
 def test_what_a_plan_can_see_is_what_the_verdict_finds(monkeypatch):
     """The verdict asks besides that a gap be more probable than none: powers were those of a laxer rule."""
     from rso.diagnosis import detectable as room

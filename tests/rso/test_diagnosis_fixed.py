@@ -277,6 +277,15 @@ def test_a_parameter_at_the_end_of_its_range_is_said(median, pressed):
     assert _pressed({"parameters": {"after": now}}, {}) == []
 
 
+@pytest.mark.parametrize(("low", "high", "pressed"), [(80.0, 149.5, True), (20.0, 149.5, False), (15.1, 40.0, True),
+                                                      (80.0, 130.0, False)])  # fmt: skip
+def test_an_interval_that_ends_where_the_range_does_and_starts_in_its_far_half_is_pressed(low, high, pressed):
+    """One that reaches from end to end is not: it says that the parameter is not determined."""
+    now = {"D1": {"low": low, "median": (low * high) ** 0.5, "high": high}}
+    said = _pressed({"parameters": {"after": now}}, {"ranges": {"D1": [15.0, 150.0]}, "units": {"D1": "1/MPa"}})
+    assert len(said) == pressed
+
+
 def test_a_wide_range_changes_nothing_but_the_tiles():
     """The modulus takes D1's product along in every tile: the same body, in other coordinates."""
     free, kept = (diagnosis.diagnose(ranged(15.0, 150.0, k), 1, nulls=60) for k in (False, True))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import types
+from dataclasses import replace
+
 import diagnosis_backend as toy
 import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter1d
 
-from rso.diagnosis import make_plan, noise
+from rso.diagnosis import build, make_plan, noise
 from rso.measurement import Noise, Repeat
 
 N = 1601  # readings
@@ -55,6 +58,32 @@ def remembering(rng, ρ, n, repeats, sd=3e-3):
         e[:, k] = ρ * e[:, k - 1] + np.sqrt(1 - ρ**2) * e[:, k]
     F = 0.04 * u**1.5 * (1.0 + 0.01 * rng.standard_normal((repeats, 1))) + sd * e
     return tuple(Repeat(str(k), u, u / 0.5, {"Fz": v}, {}, np.full(n, "loading")) for k, v in enumerate(F))
+
+
+def thrice(rng, peak, contact):
+    """Three records to a depth, contact found `contact` (mm, rms) off; the first is a virgin one."""
+    u, off = np.linspace(0.0, peak, 81), contact * rng.standard_normal((3, 1))
+    F = 0.04 * np.maximum(u + off, 0.0) ** 1.5 + 1e-3 * rng.standard_normal((3, 81))
+    return tuple(Repeat(str(k), u, u / 0.5, {"Fz": v}, {}, np.full(81, "loading")) for k, v in enumerate(F))
+
+
+def test_three_repeats_at_several_places_tell_what_contacts_scatter_by():
+    """Of each place two are alike, the first one met a virgin body: those of five places count together.
+
+    Negative control: contacts that scatter as is usual show nothing.
+    """
+    rng, found = np.random.default_rng(3), {}
+    for contact in (0.004, 0.08):
+        shown = []
+        for _ in range(20):
+            places = [toy.experiment(f"x{k}", thrice(rng, 4.0, contact), point=(float(3 * k), 0.0),
+                                     noise=Noise(Fz=1e-3, gain=0.005)) for k in range(5)]  # fmt: skip
+            shown.append(noise.levels(make_plan(places))["Fz"].shown[1])
+        found[contact] = np.array(shown)
+    assert np.mean(found[0.004] > 0.0) <= 0.1
+    # five degrees of freedom: the variance scatters by 63 %
+    assert np.mean(found[0.08] > 0.03) >= 0.9
+    np.testing.assert_allclose(np.sqrt(np.mean(found[0.08] ** 2)), 0.08, rtol=0.3)
 
 
 @pytest.mark.parametrize("readings", [41, 81])
@@ -175,3 +204,22 @@ def test_a_loud_experiment_does_not_drown_a_quiet_one():
 def F_of(u):
     """A ball's force (N)."""
     return 0.04 * u**1.5
+
+
+def test_programs_part_company_at_the_deepest_travel_or_deeper_where_the_backend_says():
+    """At twice that travel the share that they differ by more is gone from the deepest readings (1/2⁸); not by less."""
+    base = toy.base(axes=False)
+    truth = {"mu": 0.012, "D1": 60.0 * base.reference / 0.012}
+    plan = make_plan([toy.experiment("load", toy.recorded(truth, np.random.default_rng(0)))])
+    library = build(base, plan, toy.effects("stiff"), toy.run)
+    deepest, F = max(p.deepest for p in plan.places), plan.values()
+    own = {n: getattr(base.backend, n) for n in dir(base.backend) if not n.startswith("_")}
+
+    def share(**says):
+        there = replace(library, base=replace(base, backend=types.SimpleNamespace(**own, **says)))
+        return np.diag(noise._world(there, F)) / F**2
+
+    usual, deep, shallow = share(), share(deep=lambda _: 2.0 * deepest), share(deep=lambda _: 0.5 * deepest)
+    u = plan.tests[0].depth / deepest
+    np.testing.assert_allclose(usual - deep, noise.DEEP**2 * u**16 * (1.0 - 2.0**-16), rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(usual, shallow)

@@ -121,7 +121,7 @@ def test_candidates_go_as_deep_as_the_plan_lets_them_at_rates_that_can_be_read(t
     assert len(usual) == len(other)
     for a, b in zip(usual, other, strict=True):
         for x, y in zip(a.experiments, b.experiments, strict=True):
-            (p,), (q,) = x.measurement.repeats, y.measurement.repeats
+            p, q = x.measurement.repeats[0], y.measurement.repeats[0]
             np.testing.assert_allclose(q.depth, times * p.depth, rtol=1e-9)
     assert not any("(0 mm/min" in c.words for c in other)
 
