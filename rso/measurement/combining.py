@@ -85,7 +85,7 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
         present = sorted({str(s) for r in measurement.repeats for s in r.segment})
         raise ValueError(f"{measurement.where}: no segment {segment!r}; there are {', '.join(present)}")
     u = _grid(measurement, [b[0] for b in branches])
-    y = np.array([np.interp(u, depth, value) for depth, value, _ in branches])
+    y = np.array([_between(depth, value, u) for depth, value, _ in branches])
     stated = np.mean([np.interp(u, depth, sigma) for depth, _, sigma in branches], axis=0)
     mean = y.mean(axis=0)
     slope = _slope(u, mean)
@@ -112,24 +112,25 @@ def value_at(curve: MeasuredCurve, depth: float) -> tuple[float, float]:
     slack = 0.5 * float(np.median(np.diff(u))) if len(u) > 1 else 1e-6 * max(1.0, abs(float(u[0])))
     if not u[0] - slack <= depth <= u[-1] + slack:
         raise ValueError(f"depth {depth:g} mm is outside the measured range {u[0]:g} to {u[-1]:g} mm")
-    value = float(np.interp(depth, u, y))
-    beyond = depth - float(np.clip(depth, u[0], u[-1]))
-    if not beyond and depth not in u:
-        value += _bow(u, y, depth)
-    if beyond:
-        value += beyond * float(_slope(u, y)[0 if beyond < 0 else -1])
+    inside = float(np.clip(depth, u[0], u[-1]))
+    value = float(_between(u, y, np.array([inside]))[0])
+    if inside != depth:
+        value += (depth - inside) * float(_slope(u, y)[0 if depth < inside else -1])
     return value, float(np.interp(depth, u, curve.sigma))
 
 
-def _bow(u: np.ndarray, y: np.ndarray, depth: float) -> float:
-    """How far the smooth curve through all readings lies above the straight line between two of them, at a depth."""
+def _between(u: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Readings y (n,) at depths u (n,), increasing, at other depths (m,) in their range; at their own as they are."""
+    straight = np.interp(at, u, y)
+    if len(u) < 2 or np.isin(at, u).all():
+        return straight
 
-    def terms(at: np.ndarray) -> np.ndarray:
-        s = np.maximum(at, 0.0) / np.abs(u).max()
+    def terms(depth: np.ndarray) -> np.ndarray:
+        s = np.maximum(depth, 0.0) / np.abs(u).max()
         return np.stack([s**1.5, s**2, s, np.ones_like(s)], axis=-1)[..., : min(4, len(u) - 1)]
 
     c = np.linalg.lstsq(terms(u), y, rcond=None)[0]
-    return float(terms(np.array(depth)) @ c - np.interp(depth, u, terms(u) @ c))
+    return straight + terms(at) @ c - np.interp(at, u, terms(u) @ c)
 
 
 def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

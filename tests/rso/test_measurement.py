@@ -270,6 +270,20 @@ def test_between_readings_the_force_of_a_ball_is_read(tmp_path, n):
     assert value_at(curve, float(u[1]))[0] == curve.value[1]
 
 
+@pytest.mark.parametrize("n", [8, 20, 80])
+def test_repeats_at_other_depths_are_averaged_as_the_force_of_a_ball(tmp_path, n):
+    """Exact readings, each repeat at depths of its own.  Negative control: straight lines are off in the first one."""
+    rng, step, rows = np.random.default_rng(1), 4 / n, []
+    for k in range(3):
+        u = np.linspace(step, 4, n) - step * rng.uniform(0.1, 0.9)
+        rows += [(v, 0.07 * v**1.5, k) for v in u]
+    curve = combine(read(write(tmp_path, table("depth_mm,Fz_N,repeat", rows))), Noise())
+    np.testing.assert_allclose(curve.value, 0.07 * curve.depth**1.5, rtol=1e-9)
+    each = [[r for r in rows if r[2] == k] for k in range(3)]
+    straight = np.mean([np.interp(curve.depth, *np.array(e)[:, :2].T) for e in each], axis=0)
+    assert straight[0] > 1.005 * curve.value[0]
+
+
 def test_between_noisy_readings_nothing_is_amplified():
     """What is beside the smooth curve is interpolated on a straight line: no more scatter than the readings have."""
     u, rng, found = np.linspace(0.1, 4, 40), np.random.default_rng(0), []
