@@ -24,6 +24,7 @@ from rso.diagnosis.unfitted import HeldOut, held_out, left_out, predicts, shrink
 
 DRAWS = 2000
 LEVEL = 0.9
+ENDS = ((1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2)
 WHOLE = ("explained", "measurement", "ambiguous")  # verdicts that take causes for the whole of a gap
 OPEN = ("no_gap", "ambiguous")  # verdicts that leave other hypotheses possible
 MISFIT = 1.3  # χ² per reading that a cause may leave; a right one leaves about 1, less what was fitted
@@ -35,7 +36,8 @@ BEYOND = 1.15  # times the largest plausible size: a cause that needs more than 
 class Cause:
     """One effect of the verdict: probability, size with interval in its unit, and where it is absent.
 
-    Of what scatters `each` holds (value, standard deviation) of every test.
+    Of what scatters `each` holds (value, standard deviation) of every test; `shape` (low, median, high) of every knob
+    that shapes it, in its unit.
     """
 
     effect: Effect
@@ -44,6 +46,7 @@ class Cause:
     interval: tuple[float, float]
     railed: bool
     each: tuple[tuple[float, float], ...] = ()
+    shape: tuple[tuple[float, float, float], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,12 +212,14 @@ def _causes(
         column = _column(h, e, post)
         # sizes of the chain count against the force at μ₀, those of the model are multiples of the modulus
         scale = post.modulus / (1.0 if e.family == "model" else evidence.bench.modulus)
-        value = e.size.value(post.at[:, column]) * scale**e.size.exponent
-        low, mid, high = np.quantile(value, [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2])
+        (low, mid, high), *shape = (
+            tuple(map(float, np.quantile(k.value(post.at[:, column + j]) * scale**k.exponent, ENDS)))
+            for j, k in enumerate(e.knobs)
+        )
         ends = [abs(v) for side in e.size.ends() for v in side]
         railed = bool(np.median(np.abs(post.at[:, column])) > 0.95 * max(ends)) and e.size.neutral is not None
         railed = railed or _strayed(e, column, post)
-        found.append(Cause(e, float(probability), float(mid), (float(low), float(high)), railed))
+        found.append(Cause(e, float(probability), mid, (low, high), railed, shape=tuple(shape)))
     return tuple(sorted(found, key=lambda c: -c.probability))
 
 
@@ -281,6 +286,5 @@ def _parameters(library: Library, posts: Mapping[str, Posterior], chosen: Hypoth
     """Open base parameters (low, median, high) before and after the cause."""
     out = {}
     for when, name in (("before", "none"), ("after", chosen.name)):
-        q = [(1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2]
-        out[when] = {k: tuple(float(x) for x in np.quantile(v, q)) for k, v in draws(library, posts[name]).items()}
+        out[when] = {k: tuple(float(x) for x in np.quantile(v, ENDS)) for k, v in draws(library, posts[name]).items()}
     return out

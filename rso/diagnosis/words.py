@@ -126,7 +126,16 @@ def _named(c: Mapping[str, Any]) -> str:
     neutral = "" if not c["neutral"] else f", absent at {c['neutral']:g}"
     if c["railed"]:
         neutral += "; a knob of it is at the end of what is plausible or was computed: size and interval mean little"
-    return f"{c['effect']} = {c['size']:.3g}{unit} (90 % {low:.3g} to {high:.3g}{neutral})"
+    return f"{c['effect']} = {c['size']:.3g}{unit} (90 % {low:.3g} to {high:.3g}{neutral}){shaped(c)}"
+
+
+def shaped(c: Mapping[str, Any]) -> str:
+    """The knobs that shape an effect, as found: a thickness, a time, a place."""
+    each = []
+    for k in c.get("shape") or []:
+        (low, high), unit = k["interval"], "" if k["unit"] in ("1", "-") else f" {k['unit']}"
+        each.append(f"{k['knob']} = {k['size']:.3g}{unit} ({low:.3g} to {high:.3g})")
+    return f" with {', '.join(each)}" if each else ""
 
 
 def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rso.diagnosis.words import DOUBT, percents
+from rso.diagnosis.words import DOUBT, percents, shaped
 from rso.report.canvas import short
 from rso.report.diagnosis_background import background
 from rso.report.diagnosis_figures import draw, drawn_curves, leading
@@ -284,6 +284,8 @@ def _causes(causes: list[Mapping[str, Any]]) -> Table:
     ]
     note = "Probability, given a gap, of all hypotheses that hold the effect; size: median where it is the cause."
     note += f" At the end of what is plausible or was computed: {', '.join(railed)}." if railed else ""
+    shapes = [f"{clean(c.get('effect'))}{clean(said)}" for c in causes if (said := shaped(c))]
+    note += f" Shapes, median and 90 %: {'; '.join(shapes)}." if shapes else ""
     return table("Named causes", columns, note)
 
 

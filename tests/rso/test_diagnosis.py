@@ -14,7 +14,7 @@ from rso.diagnosis import Diagnosis, Library, attribute, build, make_plan, story
 from rso.diagnosis.attribute import FALSE_ALARM
 from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.unfitted import _chosen_without, left_out
-from rso.diagnosis.words import _otherwise
+from rso.diagnosis.words import _named, _otherwise
 from rso.measurement import Noise
 
 NAMES = ("stiff", "skin", "soften", "offset", "bias")
@@ -433,6 +433,19 @@ def test_shares_of_the_gap_add_up_and_lead_and_without_a_gap_there_are_none():
     assert none.verdict == "no_gap" and not any(g.share for g in none.where.regions)
     z = [abs(g.z) for g in none.where.regions]
     assert z == sorted(z, reverse=True)
+
+
+@pytest.mark.parametrize("tau", [3.0, 20.0])
+def test_what_shapes_a_cause_is_said_with_it(tau):
+    """A relaxation time beside the share that relaxes; an effect of one knob has no shape."""
+    d = diagnose(3, {"g": 0.3, "tau": tau}, names=("g", "stiff"))
+    (low, mid, high), unit = cause(d, "g").shape[0], "s"
+    assert low <= tau <= high and low < mid < high
+    (said,) = story(d.bench.library, d, (), None, "")["diagnosis"]["causes"]
+    assert said["shape"] == [{"knob": "tau", "unit": unit, "size": mid, "interval": [low, high]}]
+    assert _named(said).endswith(f" with tau = {mid:.3g} s ({low:.3g} to {high:.3g})")
+    stiff = diagnose(3, {"stiff": 0.3}, names=("stiff",))
+    assert cause(stiff, "stiff").shape == ()
 
 
 def test_what_the_data_neither_show_nor_exclude_widens_what_a_parameter_may_be():
