@@ -10,7 +10,7 @@ six augmentations, and added; what the penalty of friction lets creep with three
 
 The coefficients (fem_backend/errors.py has them rounded by hand) come from seed 1 and the even draws of `--outside`: a
 third each of bowls, tilts and misalignments, and the way back; those of the force, of contact and of depth are older
-and from seed 1 alone.  Tables: seed 1; seed 2; outside, even numbers; odd numbers, kept back; `--turning`, bodies that
+and from seed 1 alone, those of lateral forces from balls that rub and from tilts.  Tables: seed 1; seed 2; outside, even numbers; odd numbers, kept back; `--turning`, bodies that
 may turn in their bowl, kept back too; `--rubbing`, balls that slip or stick beside the top; what steps and creep
 leave there took its form looking at numbers 0 to 3, 5, 9 and 11.
 The forms of the columns were chosen looking at 20 experiments of seeds 1 and 2,

@@ -174,8 +174,10 @@ def _single(d: Mapping[str, Any]) -> str:
     for c in d["causes"]:
         each = c.get("each") or []
         whole = sum(v["value"] ** 2 for v in each)
-        first = max(each, key=lambda v: abs(v["value"]), default=None)
-        if first is None or first["value"] ** 2 < MOST * whole or abs(first["value"]) < 3.0 * first["sd"]:
+        if len(each) < 2:
+            continue
+        first = max(each, key=lambda v: abs(v["value"]))
+        if first["value"] ** 2 < MOST * whole or abs(first["value"]) < 3.0 * first["sd"]:
             continue
         unit = "" if c["unit"] in ("1", "-") else f" {c['unit']}"
         curve = " ".join(v for v in (first["experiment"], first["label"]) if v)

@@ -14,7 +14,7 @@ from rso.diagnosis import Diagnosis, Library, attribute, build, make_plan, story
 from rso.diagnosis.attribute import FALSE_ALARM
 from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.unfitted import _chosen_without, left_out
-from rso.diagnosis.words import _named, _otherwise
+from rso.diagnosis.words import _named, _otherwise, _single
 from rso.measurement import Noise
 
 NAMES = ("stiff", "skin", "soften", "offset", "bias")
@@ -433,6 +433,14 @@ def test_shares_of_the_gap_add_up_and_lead_and_without_a_gap_there_are_none():
     assert none.verdict == "no_gap" and not any(g.share for g in none.where.regions)
     z = [abs(g.z) for g in none.where.regions]
     assert z == sorted(z, reverse=True)
+
+
+def test_of_a_single_curve_none_stands_out():
+    off = {"experiment": "load", "label": "1", "value": 0.3, "sd": 0.02}
+    said = {"effect": "offset_each", "unit": "mm", "each": [off]}
+    assert _single({"causes": [said]}) == ""
+    others = [{**off, "label": "2", "value": 0.01}, {**off, "label": "3", "value": -0.02}]
+    assert "in one curve, load 1: +0.3" in _single({"causes": [{**said, "each": [off, *others]}]})
 
 
 @pytest.mark.parametrize("tau", [3.0, 20.0])
