@@ -301,7 +301,7 @@ def test_covariance_is_that_of_readings_with_such_noise():
     q = noise.Level(2e-3, 3e-3, 0.5, 0.03, 0.05, 0.01, "stated")
     F, slope = 0.03 * np.tile(test.depth, 2) ** 1.5, 0.045 * np.tile(test.depth, 2) ** 0.5
     library = type("L", (), {})()
-    library.plan = plan
+    library.plan, library.base = plan, type("B", (), {"backend": None})()
     library.places = (type("P", (), {"u": np.array([0.0, 9.0]), "error": np.zeros((3, 2))})(),)
     C = noise.covariance(library, {"Fz": q}, F, slope)
     g, found = rng(5), []
