@@ -209,7 +209,7 @@ def test_tetwild_mesh_is_the_quarter_ellipsoid(tetwild):
 def test_tetwild_mesh_is_well_shaped_and_graded(tetwild):
     mesh, _ = tetwild
     angles = dihedral_angles(mesh)
-    # not deterministic: of twelve meshes eleven begin at 18 to 25 degrees, one had a single angle of 7.9
+    # not deterministic: of twelve meshes eleven begin at 18 to 25 degrees, one at 7.9
     assert np.quantile(angles, 1e-3) > 20.0 and angles.min() > 4.0
     p = mesh.vertices[mesh.tets]
     edges = [np.linalg.norm(p[:, i] - p[:, j], axis=1) for i in range(4) for j in range(i)]
