@@ -81,6 +81,12 @@ def ahead(travel: np.ndarray) -> np.ndarray:
     return np.concatenate([[True], np.diff(np.maximum.accumulate(u)) > 0])[: len(u)] & (u > 0)
 
 
+def loading(travel: np.ndarray, value: np.ndarray) -> Resampling:
+    """The loading curve in the points (n,) of a response, whatever else it holds; ValueError where it has none."""
+    mine = ahead(travel)
+    return Resampling(np.asarray(travel, float)[mine], np.asarray(value, float)[mine])
+
+
 def rows_at(at: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """y(at) (T, n) row by row, linear between increasing x and constant beyond; at (n,) or (T, n), x (m,) or (T, m)."""
     own = [np.ascontiguousarray(np.broadcast_to(v, (len(y), np.shape(v)[-1])), float) for v in (at, x, y)]

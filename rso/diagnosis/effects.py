@@ -98,9 +98,14 @@ class Effect:
         return self.family != "model" or self.place is not None
 
     @property
+    def is_gain(self) -> bool:
+        """Whether it multiplies forces, as a modulus does."""
+        return self.size.name == "gain"
+
+    @property
     def like_a_modulus(self) -> bool:
         """Whether it multiplies all forces of a test: a modulus that changes from test to test does the same."""
-        return self.family == "scatter" and self.size.name == "gain"
+        return self.family == "scatter" and self.is_gain
 
     def acts(self, place: Mapping[str, Any]) -> bool:
         """Whether it acts at a place with these settings."""

@@ -48,14 +48,14 @@ def reach(
     Ends are those of the intervals of probability `level` under each.
     """
     library, rng = evidence.bench.library, np.random.default_rng(seed)
-    of = {h: z for h, z in zip(contest.hypotheses, contest.log_evidence, strict=True)}
+    of = dict(zip(contest.hypotheses, contest.log_evidence, strict=True))
     ends = [(1 - level) / 2, (1 + level) / 2]
     own = {k: tuple(map(float, np.quantile(v, ends))) for k, v in draws(library, post).items()}
     least = {k: WIDER * (high - low) for k, (low, high) in own.items()}
     found = {k: Reach(*v, None, None) for k, v in own.items()}
     for h, z in of.items():
         alone = len(h.effects) == 1 and not h.unexplained and h.effects[0].family != "scatter"
-        if h == said or not alone or h.effects[0].size.name == "gain" or z < of[said] - np.log(POSSIBLE):
+        if h == said or not alone or h.effects[0].is_gain or z < of[said] - np.log(POSSIBLE):
             continue
         name, best = h.effects[0].name, evidence.best(h.effects, y)
         for k, v in draws(library, posterior(best, best.white(y), DRAWS, rng)).items():

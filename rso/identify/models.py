@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rso.contract import Response
-from rso.curves import Resampling, ahead
+from rso.curves import Resampling, loading
 from rso.doe import Box
 from rso.emulator import Emulator
 from rso.identify.likelihood import Model
@@ -93,9 +93,8 @@ def has_gradients(response: Response, channel: str, box: Box) -> bool:
 def resample(response: Response, place: Place, knob: str) -> np.ndarray:
     """Values (n,) of a channel at the measured depths, or with a `knob` its derivatives by it."""
     curve = response.curve(place.channel)
-    y = np.asarray(response.gradients[knob][place.channel], float) if knob else curve.value
-    loading = ahead(curve.travel_mm)
-    return Resampling(curve.travel_mm[loading], y[loading])(place.depth)
+    y = np.asarray(response.gradients[knob][place.channel]) if knob else curve.value
+    return loading(curve.travel_mm, y)(place.depth)
 
 
 def slope(box: Box, x: np.ndarray) -> np.ndarray:

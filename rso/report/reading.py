@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rso.curves import Resampling, ahead
+from rso.curves import loading
 from rso.report.digits import Unit, clean, known, largest, shortest, shown, significant, symbol
 
 Results = Mapping[str, Any]
@@ -104,9 +104,7 @@ def drawn_at(x: Sequence[float], f: Sequence[float], at: np.ndarray) -> np.ndarr
 
     A curve is computed at a few travels only; straight lines between them lie above it by more than the noise.
     """
-    u, y = np.array(x, float), np.array(f, float)
-    loading = ahead(u)
-    return Resampling(u[loading], y[loading])(at) if loading.any() else np.interp(at, u, y)
+    return loading(np.array(x), np.array(f))(at)
 
 
 def number(x: object) -> float | None:

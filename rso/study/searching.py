@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rso import search
-from rso.contract import Curve
-from rso.curves import Metrics, Resampling, ahead, baseline, metrics
+from rso.curves import Metrics, Resampling, baseline, loading, metrics
 from rso.emulator import Emulator, relearn
 from rso.measurement import MeasuredCurve
 from rso.running import Outcome, Task
@@ -168,13 +167,8 @@ def curve_metrics(plan: Plan, experiment: str, outcomes: Sequence[Outcome]) -> M
     simulated = outcome.response.curve(measured.channel)
     deepest = float(simulated.travel_mm.max())
     keep = (measured.depth > 0) & (measured.depth <= deepest + 1e-9)
-    return metrics(measured.value[keep], _resampled(simulated, np.minimum(measured.depth[keep], deepest)))
-
-
-def _resampled(simulated: Curve, at: np.ndarray) -> np.ndarray:
-    """The loading of a simulated curve at travels `at` (n,)."""
-    loading = ahead(simulated.travel_mm)
-    return Resampling(simulated.travel_mm[loading], simulated.value[loading])(at)
+    at = np.minimum(measured.depth[keep], deepest)
+    return metrics(measured.value[keep], loading(simulated.travel_mm, simulated.value)(at))
 
 
 def mean_over_design(plan: Plan, design: Design, emulator: Emulator) -> dict[str, Metrics]:
@@ -250,7 +244,8 @@ def _validated(
         wanted = np.array(_channels(curve))[keep]
         for channel in dict.fromkeys(wanted.tolist()):
             simulated, mine = outcome.response.curve(channel), wanted == channel
-            predicted[mine] = _resampled(simulated, np.minimum(depth[mine], simulated.travel_mm.max()))
+            at = np.minimum(depth[mine], simulated.travel_mm.max())
+            predicted[mine] = loading(simulated.travel_mm, simulated.value)(at)
         scores = metrics(y, predicted)
     return Validation(
         experiment, search, candidate, values, outcome, depth, y, sigma, predicted, scores, position
