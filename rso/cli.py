@@ -97,6 +97,9 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("study", type=Path, help="study.toml, or the folder that holds it")
         command.add_argument("--out", type=Path, help="folder of the results (default: results/ beside the study)")
         command.set_defaults(call=call)
+        if name != "report":
+            text = "folder of the simulations, which studies may share, one at a time (default: that of the results)"
+            command.add_argument("--store", type=Path, help=text)
         if name == "check":
             command.add_argument("--trust", action="store_true", help="load a backend that is not rso's own: its code")
         if name in ("run", "diagnose", "ladder", "next"):
@@ -124,7 +127,8 @@ def _check(options: argparse.Namespace, command: str) -> int:
     from rso.study.checking import check
 
     study = load(options.study)
-    print("\n".join(check(study, _folder(options, study.folder), options.trust)))
+    folder = _folder(options, study.folder)
+    print("\n".join(check(study, folder, options.trust, _store(options, folder))))
     return 0
 
 
@@ -132,6 +136,7 @@ def _run(options: argparse.Namespace, command: str) -> int:
     from rso.progress import Progress
     from rso.store import RunStore, set_aside
     from rso.study import load
+    from rso.study.files import claim
     from rso.study.plan import make_plan, source_of
     from rso.study.stages import NothingToFit
     from rso.study.whole import run_study
@@ -145,7 +150,8 @@ def _run(options: argparse.Namespace, command: str) -> int:
         plan = plan or make_plan(study)
         if options.fresh and folder.exists():
             print(f"old results moved to {set_aside(folder)}")
-        with RunStore(folder) as store, Progress() as progress:
+        claim(folder, study.file)
+        with RunStore(_store(options, folder)) as store, Progress() as progress:
             try:
                 found = run_study(
                     plan, store, pool, folder, command=command, jobs=jobs, watch=progress.watch, say=progress.say
@@ -171,9 +177,8 @@ def _diagnose(options: argparse.Namespace, command: str) -> int:
 
     study = load(options.study)
     asked = ask(study)
-    jobs = options.jobs or study.dispatch.jobs
     folder = _folder(options, study.folder)
-    with _workplace(study.dispatch, jobs, source_of(study), folder) as (store, pool, progress):
+    with _workplace(options, study, source_of(study), folder) as (store, pool, progress):
         try:
             found = run_diagnosis(asked, store, pool, folder, command=command, watch=progress.watch, say=progress.say)
         except ValueError as error:
@@ -198,9 +203,8 @@ def _ladder(options: argparse.Namespace, command: str) -> int:
 
     study = load(options.study)
     plan = ladder_plan(study)
-    jobs = options.jobs or study.dispatch.jobs
     folder = _folder(options, study.folder)
-    with _workplace(study.dispatch, jobs, plan.source, folder) as (store, pool, progress):
+    with _workplace(options, study, plan.source, folder) as (store, pool, progress):
         climbed = run_ladder(plan, store, pool, watch=progress.watch, say=progress.say)
     found = results(plan, climbed, command)
     write(folder, found)
@@ -226,9 +230,8 @@ def _next(options: argparse.Namespace, command: str) -> int:
 
     study = load(options.study)
     plan = make_plan(study)
-    jobs = options.jobs or study.dispatch.jobs
     folder = _folder(options, study.folder)
-    with _workplace(study.dispatch, jobs, plan.source, folder) as (store, pool, progress):
+    with _workplace(options, study, plan.source, folder) as (store, pool, progress):
         further = run_next(plan, store, pool, watch=progress.watch, say=progress.say)
     found = results(plan, further, command)
     files = [write(folder, found)]
@@ -281,12 +284,16 @@ def _at_least_one(text: str) -> int:
 
 
 @contextmanager
-def _workplace(table: Any, jobs: int, source: Any, folder: Path) -> Iterator[tuple[Any, Any, Any]]:
-    """The store of a folder, what runs simulations, and what tells of them."""
+def _workplace(options: argparse.Namespace, study: Any, source: Any, folder: Path) -> Iterator[tuple[Any, Any, Any]]:
+    """The store of a study, what runs its simulations, and what tells of them; the folder is its own from then on."""
     from rso.progress import Progress
     from rso.store import RunStore
+    from rso.study.files import claim
 
-    with RunStore(folder) as store, _executor(table, jobs, source, folder) as pool, Progress() as progress:
+    claim(folder, study.file)
+    jobs = options.jobs or study.dispatch.jobs
+    where = _store(options, folder)
+    with RunStore(where) as store, _executor(study.dispatch, jobs, source, folder) as pool, Progress() as progress:
         yield store, pool, progress
 
 
@@ -315,7 +322,7 @@ def _status(options: argparse.Namespace, command: str) -> int:
         print(f"last finished stage: {found['stage']}")
     except (OSError, ValueError, KeyError, TypeError):
         print("no stage is finished")
-    with RunStore(folder, read_only=True) as store:
+    with RunStore(_store(options, folder), read_only=True) as store:
         rows = store.rows()
     for state in ("done", "failed", "crashed"):
         print(f"{state}: {sum(r.state == state for r in rows)}")
@@ -361,6 +368,10 @@ def _report(options: argparse.Namespace, command: str) -> int:
 
 def _folder(options: argparse.Namespace, study: Path) -> Path:
     return (options.out or study / "results").absolute()
+
+
+def _store(options: argparse.Namespace, folder: Path) -> Path:
+    return (options.store or folder).absolute()
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from rso.study.pricing import Pace, pace
 from rso.study.schema import ExperimentTable, Study
 
 
-def check(study: Study, folder: Path, trust: bool) -> list[str]:
+def check(study: Study, folder: Path, trust: bool, store: Path | None = None) -> list[str]:
     """Lines about a loaded study whose results go to `folder`; StudyError for what its backend does not allow.
 
     A backend that is not rso's own is code of somebody else: it is loaded only with `trust`.
@@ -53,7 +53,7 @@ def check(study: Study, folder: Path, trust: bool) -> list[str]:
     else:
         widening = " and each widening of its ranges" if study.search.repair and plan.searches else ""
         lines.append(f"    and for the surrogates, each search{widening} up to {study.verify.max_infill} points more")
-    known = pace(plan.backend, folder)
+    known = pace(plan.backend, store or folder)
     jobs = study.dispatch.jobs
     seconds = known.seconds(_one_of_each(plan)) / len(plan.cases)
     time = f"{_minutes(total * seconds / jobs)} with {jobs} job(s)"

@@ -12,7 +12,9 @@ from typing import Any
 import pandas as pd
 
 from rso.contract import plain
+from rso.study.errors import StudyError
 
+OWNER = "study"  # file of a results folder that says whose they are
 STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
 
 
@@ -32,6 +34,24 @@ def earlier(path: Path, begun: Mapping[str, Any]) -> dict[str, Any] | None:
 def _as_stated(parameters: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Without the ranges that a search has widened."""
     return [{k: v for k, v in p.items() if k not in ("low", "high")} for p in parameters]
+
+
+def claim(folder: Path, study: Path) -> None:
+    """Note whose results a folder holds; StudyError where they are those of another study that still exists.
+
+    The study file is noted as it is found from the folder, so that both may be moved together.
+    """
+    note, mine = folder / OWNER, os.path.relpath(study.absolute(), folder)
+    try:
+        owner = note.read_text(encoding="utf-8").strip()
+    except OSError:
+        owner = ""
+    if owner and owner != mine and (folder / owner).exists():
+        words = f"{folder} holds the results of another study, {os.path.normpath(folder / owner)}"
+        raise StudyError([f"{study}: {words}: choose another --out; --store {folder} shares its simulations"])
+    if owner != mine:
+        folder.mkdir(parents=True, exist_ok=True)
+        note.write_text(mine + "\n", encoding="utf-8")
 
 
 def write(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:

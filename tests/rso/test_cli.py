@@ -257,6 +257,30 @@ def test_a_whole_study_with_its_report(tmp_path, capsys):
     assert (aside / "results.json").exists() and studies.read(tmp_path)["counts"]["from_store"] == 0
 
 
+def test_studies_share_simulations_and_not_results(tmp_path, capsys):
+    """A folder of results belongs to one study file; the simulations of another may serve it through --store."""
+    one, other = str(studies.write(tmp_path / "one")), str(studies.write(tmp_path / "other"))
+    kept = tmp_path / "one" / "results"
+    assert main(["run", one, "--jobs", "1"]) == 0
+    before = (kept / "results.json").read_bytes()
+    capsys.readouterr()
+    assert main(["run", other, "--jobs", "1", "--out", str(kept)]) == 2
+    said = capsys.readouterr().err
+    assert f"{kept} holds the results of another study, {one}" in said and f"--store {kept}" in said
+    assert (kept / "results.json").read_bytes() == before
+    assert main(["check", "--trust", other, "--store", str(kept)]) == 0
+    assert "as measured in this study" in capsys.readouterr().out
+    assert main(["run", other, "--jobs", "1", "--store", str(kept)]) == 0
+    counts = studies.read(tmp_path / "other")["counts"]
+    assert counts["from_store"] == counts["fe_runs"] == 17 and not (tmp_path / "other/results/runs.sqlite").exists()
+    assert main(["status", other, "--store", str(kept)]) == 0 and "done: 17" in capsys.readouterr().out
+    # moved together they still belong together; a study that is gone owns nothing
+    (tmp_path / "one").rename(tmp_path / "moved")
+    assert main(["run", str(tmp_path / "moved/study.toml"), "--jobs", "1"]) == 0
+    (tmp_path / "moved/study.toml").rename(tmp_path / "moved/renamed.toml")
+    assert main(["run", str(tmp_path / "moved/renamed.toml"), "--jobs", "1"]) == 0
+
+
 def test_failures_and_crashes_end_with_3_and_a_message(tmp_path, capsys):
     some = "thickness = 8\nfail_below = 0.007\ncrash_above = 0.018"
     path = str(studies.write(tmp_path, backend__settings=some, doe=FULL, verify="max_infill = 0"))
