@@ -10,7 +10,7 @@ from scipy.linalg import cholesky
 from scipy.special import logsumexp
 
 from rso.diagnosis import attribute, noise
-from rso.diagnosis.attribute import AMPLITUDES, Bench, Contest, Evidence
+from rso.diagnosis.attribute import GAPS, Bench, Contest, Evidence
 from rso.diagnosis.effects import Effect, Size
 from rso.diagnosis.mixture import log_evidence, log_tiles, mean_prediction, ready, whitening
 from rso.diagnosis.prediction import predict
@@ -186,7 +186,7 @@ def other_bench(bench: Bench, y: np.ndarray, scale: float = 1.0, correlated: boo
     H = white.L @ (J.T @ np.linalg.solve(J @ J.T + 1e-9 * np.eye(len(J)), J @ np.linalg.inv(white.L)))
     off = np.eye(len(rows)) - H if projected else np.eye(len(rows))
     whites = [white]
-    for a in AMPLITUDES:
-        K = off @ noise.unexplained(bench.library, force, a)[np.ix_(rows, rows)] @ off.T
+    for gap in GAPS:
+        K = off @ noise.unexplained(bench.library, force, *gap)[np.ix_(rows, rows)] @ off.T
         whites.append(replace(whitening(C[np.ix_(rows, rows)] + K), rows=rows))
     return replace(bench, C=C, whites=tuple(whites))

@@ -31,6 +31,8 @@ WORLD = 0.005  # of the force: another code, another mesher
 DEEP = 0.015  # more of it where meshes distort and codes part company: at the deepest travel, or where the backend says
 STEEP = 8  # power of the travel with which it grows
 WORLD_LENGTH = 0.35  # of the deepest travel
+GRAIN = 0.001  # of the force: elements that come into contact one by one
+GRAIN_LENGTH = 0.06  # of the deepest travel
 LATERAL = 0.25  # of the error of Fz that shows in Fx, Fy
 MARK = 0.05  # mm, where nothing is known of a profile, of such a plan
 ALIKE = 0.3  # mm, of such a plan: tests at a place with no other history than this are repeats
@@ -366,7 +368,7 @@ def _world(library: Library, force: np.ndarray) -> np.ndarray:
     """What the model may be wrong by (n, n): its stated numerical error, and another code."""
     plan = library.plan
     n = plan.n
-    world = np.zeros(n)
+    world, grain = np.zeros(n), np.zeros(n)
     u, place, channel = np.zeros(n), np.full(n, -1), np.zeros(n, int)
     for item, c, at in plan.rows():
         if isinstance(item, Profile):
@@ -377,14 +379,16 @@ def _world(library: Library, force: np.ndarray) -> np.ndarray:
         z = slice(at.start - item.n * item.channels.index(c), None)
         Fz = force[z.start + item.n * item.channels.index("Fz") :][: item.n] if "Fz" in item.channels else force[at]
         stated = _stated(library, item, c)
-        world[at] = np.hypot(WORLD, stated) * np.hypot(np.abs(force[at]), (c != "Fz") * LATERAL * np.abs(Fz))
+        size = np.hypot(np.abs(force[at]), (c != "Fz") * LATERAL * np.abs(Fz))
+        world[at], grain[at] = np.hypot(WORLD, stated) * size, GRAIN * size
     same = (place[:, None] == place) & (channel[:, None] == channel)
     deepest = max(p.deepest for p in plan.places)
-    along = np.exp(-0.5 * ((u[:, None] - u) / (WORLD_LENGTH * deepest)) ** 2)
+    along, near = (np.exp(-0.5 * ((u[:, None] - u) / (v * deepest)) ** 2) for v in (WORLD_LENGTH, GRAIN_LENGTH))
     deep = getattr(library.base.backend, "deep", lambda _: 0.0)
     distorted = max(deepest, *(deep(dict(p.settings)) for p in plan.places))
     growing = DEEP * (u / distorted) ** STEEP * np.where(place < 100, force, 0.0)
-    return np.outer(world, world) * same * along + np.outer(growing, growing) * (channel[:, None] == channel)
+    K = same * (np.outer(world, world) * along + np.outer(grain, grain) * near)
+    return K + np.outer(growing, growing) * (channel[:, None] == channel)
 
 
 def readings(plan: TestPlan, level: Mapping[str, Level], slope: np.ndarray) -> np.ndarray:
@@ -411,8 +415,9 @@ def _rows_of(rows: list[tuple[Test | Profile, str, slice]], test: Test) -> slice
     return slice(mine[0].start, mine[-1].stop)
 
 
-def unexplained(library: Library, force: np.ndarray, amplitude: float) -> np.ndarray:
-    """K (n, n) of a smooth gap of relative `amplitude`: shared by a place, by a branch and by a test in equal parts."""
+def unexplained(library: Library, force: np.ndarray, amplitude: float, length: float) -> np.ndarray:
+    """K (n, n) of a gap of relative `amplitude` that changes over `length`, a share of the deepest travel: shared by a
+    place, by a branch and by a test in equal parts."""
     plan, n = library.plan, library.plan.n
     size, u, rest = np.zeros(n), np.zeros(n), np.zeros(n)
     place, channel, branch, test, speed = (np.full(n, -1) for _ in range(5))
@@ -430,7 +435,7 @@ def unexplained(library: Library, force: np.ndarray, amplitude: float) -> np.nda
         speed[at] = round(1e3 * np.log(item.speed))
     same = lambda v: v[:, None] == v  # noqa: E731
     deepest = max(p.deepest for p in plan.places)
-    along = np.exp(-0.5 * ((u[:, None] - u) / (0.2 * deepest)) ** 2 - 0.5 * (rest[:, None] - rest) ** 2)
+    along = np.exp(-0.5 * ((u[:, None] - u) / (length * deepest)) ** 2 - 0.5 * (rest[:, None] - rest) ** 2)
     shared = same(channel) & same(place)
     mix = (shared + (shared & same(branch) & same(speed)) + (shared & same(test) & same(branch))) / 3.0
     return amplitude**2 * np.outer(size, size) * mix * along

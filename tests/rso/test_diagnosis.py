@@ -13,6 +13,7 @@ from rso.contract import plain
 from rso.diagnosis import Diagnosis, Library, attribute, build, make_plan, story
 from rso.diagnosis.attribute import FALSE_ALARM
 from rso.diagnosis.hypotheses import Hypothesis
+from rso.diagnosis.judge import _opened
 from rso.diagnosis.unfitted import _chosen_without, left_out
 from rso.diagnosis.words import _named, _otherwise, _single
 from rso.measurement import Noise
@@ -403,6 +404,27 @@ def test_failed_runs_everywhere_are_no_evidence():
     library = build(BASE, make_plan(failing), toy.effects("soften", "stiff"), toy.run)
     d = diagnosis.diagnose(library, 0, nulls=NULLS)
     assert "soften" not in d.named and library.failed
+
+
+def screwed(e, size: float, pitch: float):
+    """An experiment whose recorded depths swing about the true ones, as a lead screw's do."""
+
+    def read(r):
+        return dataclasses.replace(r, depth=r.depth + size * np.sin(2 * np.pi * r.depth / pitch))
+
+    repeats = tuple(map(read, e.measurement.repeats))
+    return dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=repeats))
+
+
+@pytest.mark.parametrize("menu, seen", [(attribute.GAPS, True), (((0.03, 0.2), (0.15, 0.2)), False)])
+def test_a_gap_that_is_small_and_rough_is_seen(monkeypatch, menu, seen):
+    """0.025 mm in 1.3 mm: a competitor that is only smooth, or only large, finds it less probable than nothing."""
+    monkeypatch.setattr(attribute, "GAPS", menu)
+    plan = make_plan([screwed(e, 0.025, 1.3) for e in experiments(3)])
+    library = dataclasses.replace(tables(NAMES, False), plan=plan)
+    opened = _opened(attribute.set_up(library, plan.values()), plan.values(), NULLS, 3)
+    assert opened.gap == seen
+    assert not seen or opened.first.hypotheses[int(np.argmax(opened.first.probability))] == Hypothesis((), True)
 
 
 def test_a_hum_is_no_smooth_gap_and_yet_not_nothing():

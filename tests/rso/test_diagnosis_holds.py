@@ -127,6 +127,6 @@ def test_noise_of_a_hold_is_that_of_its_end_of_loading_and_its_gap_fades_with_ti
     test, _, at = next(r for r in plan.rows() if r[0].held.any())
     slope = noise.slope_of(library, 0.012 * A[0])[at]
     assert np.all(slope[test.held] == slope[~test.held][-1]) and slope[test.held][0] > 0
-    K = noise.unexplained(library, 0.012 * A[0], 0.1)[at, at][np.ix_(test.held, test.held)]
+    K = noise.unexplained(library, 0.012 * A[0], 0.1, 0.2)[at, at][np.ix_(test.held, test.held)]
     C = K / np.sqrt(np.outer(np.diag(K), np.diag(K)))
     assert C[0, 1] > 0.9 > 0.5 > C[0, -1]
