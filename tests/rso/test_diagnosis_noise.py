@@ -223,3 +223,16 @@ def test_programs_part_company_at_the_deepest_travel_or_deeper_where_the_backend
     u = plan.tests[0].depth / deepest
     np.testing.assert_allclose(usual - deep, noise.DEEP**2 * u**16 * (1.0 - 2.0**-16), rtol=1e-9, atol=1e-12)
     np.testing.assert_array_equal(usual, shallow)
+
+
+def test_a_model_may_be_rough_by_a_thousandth_from_bin_to_bin():
+    """Second differences of three bins: 0.1 % of the force at a correlation r of neighbours, R of next ones."""
+    base = toy.base(axes=False)
+    truth = {"mu": 0.012, "D1": 60.0 * base.reference / 0.012}
+    plan = make_plan([toy.experiment("load", toy.recorded(truth, np.random.default_rng(0)))])
+    library = build(base, plan, toy.effects("stiff"), toy.run)
+    F, u, deepest = np.ones(plan.n), plan.tests[0].depth, max(p.deepest for p in plan.places)
+    d = np.array([1.0, -2.0, 1.0])
+    found = np.array([d @ noise._world(library, F)[k : k + 3, k : k + 3] @ d for k in range(1, 6)])
+    r, R = (np.exp(-0.5 * ((u[2:7] - u[1:6]) * m / (0.06 * deepest)) ** 2) for m in (1, 2))
+    np.testing.assert_allclose(found, 1e-6 * (6.0 - 8.0 * r + 2.0 * R), rtol=0.2)  # what is smooth adds a little
