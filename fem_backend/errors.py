@@ -88,7 +88,7 @@ def unreached(settings: Settings, knobs: Knobs, result: Result) -> float:
     if result.system is None or not settings.level:
         return 1.0
     corners = result.system.body.nodes[result.system.pairs[0].surface.facets[:, :3]]
-    x, y = settings.point[0] + knobs.offset_x, settings.point[1] + knobs.offset_y
+    x, y = beneath(settings, knobs)
     away = np.hypot(*(corners.mean(axis=1)[:, :2] - (x, y)).T)
     near = corners[away <= max(BELOW_BALL * settings.R, float(away.min()))]
     h = float(np.linalg.norm(near - np.roll(near, 1, axis=1), axis=2).mean())
@@ -97,8 +97,13 @@ def unreached(settings: Settings, knobs: Knobs, result: Result) -> float:
 
 def stretched(settings: Settings, knobs: Knobs) -> float:
     """The share of the place in it."""
-    x, y = settings.point[0] + knobs.offset_x, settings.point[1] + knobs.offset_y
+    x, y = beneath(settings, knobs)
     return 1.0 + OFF_TOP * ((x / settings.body.a) ** 2 + (y / settings.body.b) ** 2)
+
+
+def beneath(settings: Settings, knobs: Knobs) -> tuple[float, float]:
+    """Where the ball is in the specimen's frame, (x, y) mm: misalignment and tilt move it, and the fine elements."""
+    return modelling.fine_at(settings, knobs, modelling.place(settings, knobs))
 
 
 def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:

@@ -8,7 +8,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from fem_backend import analytic, contact, errors, experiment
+from fem_backend import analytic, contact, errors, experiment, model
 from fem_backend.backend import BACKEND
 from fem_backend.channels import profile_name
 from fem_backend.indentation import Result
@@ -263,6 +263,21 @@ def test_elements_longer_than_asked_for_below_the_ball_state_more(edge):
         np.testing.assert_allclose(found["contact_area"], factor, rtol=1e-9)
     mapped = settings(mesh={"mesher": "mapped", "n": 8, "slip": 0.5})  # counts by its own size already
     assert errors.unreached(mapped, knobs(), replace(result(), system=system)) == 1.0
+
+
+def test_a_tilt_counts_by_where_the_ball_touches():
+    """The fine elements are there: those at the asked point, which the ball has left, do not lie below it."""
+    at, tilted = settings(), knobs(tilt_y=20.0)
+    x, y = model.fine_at(at, tilted, model.place(at, tilted))
+    assert -16.0 < x < -10.0 and y == 0.0  # the side that comes up
+    triangle = np.array([[-0.5, -0.3, 0.0], [0.5, -0.3, 0.0], [0.0, 0.75**0.5 - 0.3, 0.0]])
+    nodes = np.concatenate([0.5 * at.h0 * triangle + np.array([x, y, 34.0]), 5.0 * triangle + at.body.top])
+    surface = SimpleNamespace(facets=np.array([[0, 1, 2, 0, 0, 0], [3, 4, 5, 3, 3, 3]]))
+    system = SimpleNamespace(body=SimpleNamespace(nodes=nodes), pairs=(SimpleNamespace(surface=surface),))
+    found = replace(result(), system=system)
+    assert errors.unreached(at, tilted, found) == 1.0
+    assert errors.unreached(at, knobs(), found) > 10.0  # below an upright one lie the long ones
+    np.testing.assert_allclose(errors.stretched(at, tilted), 1.0 + 4.0 * (x / 60.0) ** 2, rtol=1e-12)
 
 
 def test_a_mesh_without_a_level_counts_by_its_element_size():
