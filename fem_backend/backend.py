@@ -39,6 +39,7 @@ ROLLING = 3  # the same for bodies that may turn in a bowl and whose way there m
 ADMITTED = 1e-12  # mm: what a programme allows an asked travel beyond its corners, so they are the same
 ULPS = 8  # of a moment: what interpolating it may lose
 DEEPEST = 0.3  # of the smallest semi-axis
+ROUNDED = 1e-12  # of that: 0.3 · 18 is a little less than 5.4
 
 CHOICES = {  # the settings and what each may be, for --schema
     "specimen": {"shape": "ellipsoid", "semi_axes": [60, 35, 35], "cavity": "semi-axes of a cavity below, knob cavity"},
@@ -159,11 +160,11 @@ class FiniteElements:
         """Raise ValueError for settings or programmes that are not modelled."""
         settings = experiment.read_settings(case.settings)
         deepest = DEEPEST * float(settings.body.semi_axes.min())
-        if max(case.programme.travel_mm) > deepest or settings.earlier > deepest:
-            raise ValueError(
-                f"travel {max(*case.programme.travel_mm, settings.earlier):g} mm: at most {deepest:g} mm "
-                f"({DEEPEST:g} of the smallest semi-axis)"
-            )
+        for name, far in (("travel_mm", max(case.programme.travel_mm)), ("earlier", settings.earlier)):
+            if far > deepest * (1.0 + ROUNDED):
+                raise ValueError(
+                    f"{name}: travel {far:g} mm: at most {deepest:g} mm ({DEEPEST:g} of the smallest semi-axis)"
+                )
         if case.programme.travel_mm[0] != 0.0 or min(case.programme.travel_mm) < 0.0:
             raise ValueError("programme: travel_mm starts at 0 (first contact) and is never negative")
 

@@ -262,7 +262,10 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
     _choice("indenter.shape", indenter["shape"], ["sphere"])
     R = _lengths("indenter.radius", [indenter["radius"]], 1)[0]
     if R > 0.5 * float(body.semi_axes.min()):
-        raise ValueError(f"indenter.radius = {R} mm: only indenters much smaller than the specimen are modelled")
+        most = f"at most {0.5 * float(body.semi_axes.min()):g} mm (half of its smallest semi-axis)"
+        raise ValueError(
+            f"indenter.radius = {R} mm: only indenters much smaller than the specimen are modelled, {most}"
+        )
     shaft = _flag("indenter.shaft", indenter["shaft"])
     support, defaults = _support(data)
     law, ogden, prony = _material(data)
@@ -351,9 +354,13 @@ def _material(data: dict[str, Any]) -> tuple[str, tuple, tuple]:
     if terms["ogden"] and law != "ogden":
         raise ValueError(f'material.ogden is given but law = "{law}"; set law = "ogden"')
     if any(a == 0 for a, _ in terms["ogden"]) or sum(s for _, s in terms["ogden"]) >= 1:
-        raise ValueError("material.ogden: exponents must not be 0 and the shares must sum to less than 1")
+        raise ValueError(
+            f"material.ogden = {_plain(terms['ogden'])}: exponents must not be 0 and the shares must sum to less than 1"
+        )
     if any(g < 0 or tau <= 0 for g, tau in terms["prony"]) or sum(g for g, _ in terms["prony"]) >= 1:
-        raise ValueError("material.prony: g >= 0, tau > 0 and a sum of g below 1 are needed")
+        raise ValueError(
+            f"material.prony = {_plain(terms['prony'])}: g >= 0, tau > 0 and a sum of g below 1 are needed"
+        )
     return law, terms["ogden"], terms["prony"]
 
 
@@ -381,6 +388,10 @@ def _mesh(body: Ellipsoid, R: float, mesh: Mapping[str, Any]) -> tuple[str, tupl
     similar = Ellipsoid(*(float(f"{v:.12g}") for v in body.semi_axes * (meshing.RADIUS / R)))
     sizing = replace(meshing.LEVELS[made], hmax=1.15 * float(similar.semi_axes.min()))
     return meshing.tetwild_recipe(similar, sizing), used, h0, level
+
+
+def _plain(terms: tuple) -> list[list[float]]:
+    return [list(t) for t in terms]
 
 
 def _speed(value: object) -> None:
@@ -436,5 +447,5 @@ def _numbers(name: str, value: object, count: int) -> list[float]:
 def _lengths(name: str, value: object, count: int) -> list[float]:
     numbers = _numbers(name, value, count)
     if min(numbers) <= 0:
-        raise ValueError(f"{name} = {value!r} mm: must be positive")
+        raise ValueError(f"{name} = {numbers[0] if count == 1 else numbers} mm: must be positive")
     return numbers

@@ -157,6 +157,35 @@ def test_a_wrong_type_is_exit_code_2_and_names_key_value_and_what_is_expected(tm
     assert code == 2 and answer is None and words in said and len(said.strip().splitlines()) == 1
 
 
+@pytest.mark.parametrize(
+    "key,value,words",
+    [
+        ("earlier", 20.0, "earlier: travel 20 mm: at most 10.5 mm"),
+        ("indenter", {"radius": 20.0}, "indenter.radius = 20.0 mm: only indenters much smaller"),
+        ("indenter", {"radius": 20.0}, "at most 17.5 mm"),
+        ("indenter", {"radius": 0}, "indenter.radius = 0.0 mm: must be positive"),
+        ("material", {"prony": [[0.5, 1], [0.6, 2]]}, "material.prony = [[0.5, 1.0], [0.6, 2.0]]: g >= 0"),
+        ("material", {"law": "ogden", "ogden": [[0, 0.2]]}, "material.ogden = [[0.0, 0.2]]: exponents"),
+    ],
+)
+def test_a_setting_out_of_range_names_key_value_and_limit(tmp_path, capsys, key, value, words):
+    code, answer = ask(tmp_path, changed(**{f"case__settings__{key}": value}))
+    assert code == 2 and answer is None and words in capsys.readouterr().err
+
+
+def test_the_deepest_travel_itself_is_admitted():
+    """0.3 · 18 mm is 5.3999999999999995 mm in floating point; the next one up is refused."""
+    settings = {**REQUEST["case"]["settings"], "specimen": {"semi_axes": [30, 24, 18]}, "indenter": {"radius": 2.4}}
+
+    def case(depth: float) -> Case:
+        programme = {"time_s": [0, 8], "travel_mm": [0, depth], "asked_mm": [depth]}
+        return Case.from_json({"name": "x", "programme": programme, "settings": settings})
+
+    BACKEND.check(case(5.4))
+    with pytest.raises(ValueError, match=r"travel_mm: travel 5\.40001 mm: at most 5\.4 mm"):
+        BACKEND.check(case(5.40001))
+
+
 def test_values_that_are_a_list_are_a_bad_request(tmp_path):
     assert ask(tmp_path, changed(values=["mu", "D1"]))[0] == 2
 
