@@ -80,6 +80,14 @@ def _read(file: Path) -> Any:
         raise ValueError("request: brackets are nested too deeply") from error
 
 
+def _writable(response: Path, folders: list[Path]) -> None:
+    """OSError before anything is solved where an answer would have no place."""
+    if not response.parent.is_dir():
+        raise FileNotFoundError(f"{response}: there is no folder {response.parent}")
+    for folder in folders:
+        folder.mkdir(parents=True, exist_ok=True)
+
+
 def main(arguments: list[str]) -> int:
     """Exit code 0 for an answer (also a failed one), 2 for a bad request."""
     parser = argparse.ArgumentParser(prog="python -m fem_backend", description=__doc__.splitlines()[0])
@@ -102,6 +110,7 @@ def main(arguments: list[str]) -> int:
         request = _read(options.request)
         if not isinstance(request, dict):
             raise ValueError("request: a table with 'values' and 'case' is expected")
+        _writable(options.response, [f for f in (options.vtu, options.pictures) if f is not None])
         response = answer(request, options.vtu, options.pictures)
         options.response.write_text(json.dumps(response, indent=1), encoding="utf-8")
     except (OSError, ValueError) as error:  # anything else is a bug and must look like one

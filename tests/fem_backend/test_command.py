@@ -195,6 +195,18 @@ def test_response_that_cannot_be_written_is_exit_code_2(tmp_path):
     assert main([str(tmp_path / "request.json"), str(tmp_path / "missing" / "response.json")]) == 2
 
 
+@pytest.mark.parametrize("where", ["response", "--vtu", "--pictures"])
+def test_an_answer_without_a_place_is_refused_before_it_is_solved(tmp_path, capsys, monkeypatch, where):
+    monkeypatch.setattr("fem_backend.__main__.answer", lambda *_: pytest.fail("solved for nothing"))
+    (tmp_path / "request.json").write_text(json.dumps(REQUEST))
+    (tmp_path / "file").write_text("no folder")
+    target = tmp_path / ("missing" if where == "response" else ".") / "out.json"
+    more = [] if where == "response" else [where, str(tmp_path / "file")]
+    assert main([str(tmp_path / "request.json"), str(target), *more]) == 2
+    said = capsys.readouterr().err
+    assert ("missing" if where == "response" else "file") in said and len(said.strip().splitlines()) == 1
+
+
 def test_missing_file_and_wrong_number_of_arguments(tmp_path, capsys):
     assert main([str(tmp_path / "none.json"), str(tmp_path / "out.json")]) == 2
     assert "none.json" in capsys.readouterr().err
