@@ -18,6 +18,7 @@ from fem_backend.stepping import Control
 from rso.contract import knob
 
 LIMIT = "limit"  # the mesh level whose forces are extrapolated, see fem_backend.nested
+LARGEST = 70  # semi-axis over the radius of the ball: of one three times as large fTetWild makes no sound mesh
 LAWS = ("neo_hookean", "linear_elastic", "mooney_rivlin", "yeoh", "ogden")
 
 
@@ -265,6 +266,12 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
         most = f"at most {0.5 * float(body.semi_axes.min()):g} mm (half of its smallest semi-axis)"
         raise ValueError(
             f"indenter.radius = {R} mm: only indenters much smaller than the specimen are modelled, {most}"
+        )
+    if R < float(body.semi_axes.max()) / LARGEST:
+        least = f"at least {float(body.semi_axes.max()) / LARGEST:.3g} mm (1/{LARGEST} of its largest semi-axis)"
+        raise ValueError(
+            f"indenter.radius = {R} mm: no mesh is made for so small a ball on this specimen, {least}; "
+            "it takes a smaller specimen for the same half-space"
         )
     shaft = _flag("indenter.shaft", indenter["shaft"])
     support, defaults = _support(data)
