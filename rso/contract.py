@@ -131,10 +131,13 @@ class Programme:
         t, u, a = (np.asarray(v) for v in (self.time_s, self.travel_mm, self.asked_mm))
         if len(t) != len(u) or len(t) < 2:
             raise ValueError(f"programme: time_s ({len(t)}) and travel_mm ({len(u)}) need the same length >= 2")
-        if not all(np.all(np.isfinite(v)) for v in (t, u, a)):
-            raise ValueError("programme: time_s, travel_mm and asked_mm must be finite")
+        for name, v in (("time_s", t), ("travel_mm", u), ("asked_mm", a)):
+            if not np.all(np.isfinite(v)):
+                raise ValueError(f"programme: {name} must be finite, got {v.tolist()}")
         if np.any(np.diff(t) <= 0):
             raise ValueError(f"programme: time_s must increase, got {list(self.time_s)}")
+        if u.max() <= 0:
+            raise ValueError(f"programme: travel_mm must go down, which counts as positive, got {list(self.travel_mm)}")
         if len(a) == 0 or np.any(np.diff(a) <= 0) or a[0] <= 0 or a[-1] > u.max() + 1e-12:
             raise ValueError(f"programme: asked_mm must increase within (0, {u.max():g}] mm, got {list(self.asked_mm)}")
         m = np.asarray(self.asked_s)

@@ -10,7 +10,7 @@ import pytest
 
 from fem_backend.__main__ import main, schema
 from fem_backend.backend import BACKEND
-from rso.contract import CAUSES, Case, Response
+from rso.contract import CAUSES, Case, Programme, Response
 
 ROOT = Path(__file__).parents[2]
 REQUEST = {
@@ -172,6 +172,23 @@ def test_a_wrong_type_is_exit_code_2_and_names_key_value_and_what_is_expected(tm
 def test_a_setting_out_of_range_names_key_value_and_limit(tmp_path, capsys, key, value, words):
     code, answer = ask(tmp_path, changed(**{f"case__settings__{key}": value}))
     assert code == 2 and answer is None and words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "time,travel,asked,words",
+    [
+        ([0, 1], [0, float("nan")], [0.1], "travel_mm must be finite, got [0.0, nan]"),
+        ([0, float("inf")], [0, 0.4], [0.1], "time_s must be finite, got [0.0, inf]"),
+        ([0, 1], [0, -0.4], [0.1], "travel_mm must go down, which counts as positive, got [0.0, -0.4]"),
+        ([0, 1], [0, 0.4], [0.2, 0.1], "asked_mm must increase within (0, 0.4] mm, got [0.2, 0.1]"),
+        ([1, 0], [0, 0.4], [0.1], "time_s must increase, got [1.0, 0.0]"),
+        ([0, 1, 2], [0, 0.4], [0.1], "time_s (3) and travel_mm (2) need the same length >= 2"),
+    ],
+)
+def test_a_programme_that_is_none_names_its_key_and_values(time, travel, asked, words):
+    with pytest.raises(ValueError) as error:
+        Programme(tuple(time), tuple(travel), tuple(asked))
+    assert words in str(error.value)
 
 
 def test_the_deepest_travel_itself_is_admitted():
