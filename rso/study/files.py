@@ -51,20 +51,23 @@ def claim(folder: Path, study: Path) -> None:
         raise StudyError([f"{study}: {words}: choose another --out; --store {folder} shares its simulations"])
     if owner != mine:
         folder.mkdir(parents=True, exist_ok=True)
-        note.write_text(mine + "\n", encoding="utf-8")
+        _replace(note, mine + "\n")
 
 
 def write(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:
     """Replace the file in one step, so that a reader never sees half of it; returns what was written, plain."""
     data = plainly(results)
+    _replace(path, json.dumps(data, indent=1, allow_nan=False))
+    return data
+
+
+def _replace(path: Path, text: str) -> None:
     temporary = path.with_suffix(".tmp")
-    text = json.dumps(data, indent=1, allow_nan=False)
     try:
         temporary.write_text(text, encoding="utf-8")
         os.replace(temporary, path)
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error  # the temporary name says nothing to anybody
-    return data
 
 
 def plainly(results: Mapping[str, Any]) -> dict[str, Any]:

@@ -162,11 +162,12 @@ def clipped(name: str, found: list) -> list:
 
 @pytest.mark.parametrize("name", ["load", "cycle", "deep"])
 def test_a_part_that_only_widens_the_gap_of_other_curves_is_none(name):
-    """Softening makes most of a file that is clipped, and nothing of the other files."""
+    """Softening or stiffening makes most of a file that is clipped, and nothing of the other files."""
     plan = make_plan(clipped(name, experiments(3)))
     d = diagnosis.diagnose(dataclasses.replace(tables(NAMES, False), plan=plan), 3, nulls=NULLS)
     assert d.verdict == "unexplained" and not d.causes
-    assert max(d.probabilities, key=d.probabilities.get).startswith("soften")  # evidence alone would name it
+    likely = max(d.probabilities, key=d.probabilities.get)
+    assert likely.startswith(("soften", "stiff"))  # evidence alone would name it
 
 
 def test_a_body_that_stiffens_from_test_to_test_is_found_and_is_no_scatter_of_gains():
