@@ -190,7 +190,8 @@ def _diagnose(options: argparse.Namespace, command: str) -> int:
 
         files += render_diagnosis(found, folder, html=study.report.html, pdf=study.report.pdf)
     print()
-    for line in found["words"]:
+    failed = [f"failed simulation, its neighbours stand for it: {line}" for line in found["failed_runs"]]
+    for line in [*found["words"], *failed]:
         print(textwrap.fill(line, min(shutil.get_terminal_size().columns, 100)))
     print("\n" + "\n".join(str(f) for f in files))
     return EXIT_FAILED_RUNS if found["failed_runs"] else 0

@@ -44,7 +44,7 @@ class Jumps:
 
 def jumps(plan: TestPlan) -> Jumps:
     """Jumps of Fz, or of the first channel without one, along loading in the raw readings of all repeats."""
-    steps, found = [], []
+    raw, found = [], []
     for e in plan.experiments:
         if e.measurement.kind != "force" or e.role == "validate":
             continue
@@ -57,11 +57,12 @@ def jumps(plan: TestPlan) -> Jumps:
             scale = 1.48 * float(np.median(np.abs(q)))
             if scale == 0.0:
                 continue
-            steps.append(np.clip(q / scale, -_CLIP, _CLIP))
+            raw.append((q, scale))
             found += [(float(s), e.name, float(d)) for s, d in zip(q, r.depth[at][1:], strict=True)]
-    if not steps:
+    if not raw:
         return Jumps(0.0, 0.0, 0, "", 0.0, ())
-    q = np.concatenate(steps)
+    usual = float(np.median([scale for _, scale in raw]))  # a record of few readings may seem quieter than it is
+    q = np.concatenate([np.clip(q / max(scale, usual), -_CLIP, _CLIP) for q, scale in raw])
     t = float(np.sum(q**3) / np.sqrt(np.sum(q**6)))
     z = float(np.mean(q**3) / np.mean(q**2) ** 1.5 / np.sqrt(6.0 / len(q)))
     found.sort(key=lambda f: -f[0] * np.sign(z))

@@ -7,6 +7,7 @@ from typing import Any
 
 from rso.diagnosis.noise import UNLIKE
 
+HALF = 0.5  # of the gap on curves left out: less is no confirmation
 LEAST = -10.0  # times the gap: what is opened more widely need not be counted
 NEAR = 0.02  # of a range, in ln: a median that near to its end is pressed against it
 DOUBT = 0.05  # probability of no gap above which it is said beside causes that cannot be told apart
@@ -90,9 +91,11 @@ def _hum(d: Mapping[str, Any]) -> list[str]:
 def _gap(d: Mapping[str, Any]) -> str:
     p, g = d["gap"]["p_value"], d["gap"]
     if d["verdict"] != "no_gap" and not g["statistic"] > g["threshold"]:
+        by = f"{g['size_over_noise']:.2f} times the noise"
+        miss = f": they miss the model by {by} that they show from one to the next"
         return (
-            f"No smooth gap beyond noise (p = {p:.2g}), but the readings are not smooth: they miss the model by "
-            f"{g['size_over_noise']:.2f} times the noise that they show from one to the next."
+            f"No smooth gap beyond noise (p = {p:.2g}), but the readings are not smooth"
+            f"{miss if g['size_over_noise'] > 1.0 else ''}."
         )
     if d["verdict"] == "no_gap" and p <= 0.05:
         return (
@@ -217,9 +220,12 @@ def _shrinkage(d: Mapping[str, Any], found: Mapping[str, Any]) -> str | None:
     if s["closed"] is None:
         return text + "; before is not clearly above the floor, so no share is printed."
     text += f": {100 * s['closed']:z.0f} % closed"
+    most = s["closed"] if s["interval"] is None else s["interval"][1]
+    open_ = " What is named leaves most of the gap of curves that had no say: it is not all, or not it."
+    rest = open_ if d["chosen"] and most < HALF else ""
     if s["interval"] is None:
-        return text + " (one curve: no interval)."
-    return text + f" (90 %: {percents(s['interval'])} %)."
+        return text + " (one curve: no interval)." + rest
+    return text + f" (90 %: {percents(s['interval'])} %)." + rest
 
 
 def _otherwise(d: Mapping[str, Any]) -> str:

@@ -150,8 +150,8 @@ def _facts(found: Found) -> list[Fact]:
             Fact("Leading cause", short(clean(c.get("effect")), 18), f"probability {chance(c.get('probability'))}")
         )
     if known(s.get("closed")) and not _each_its_own(found):
-        low_high = f"90{NBSP}%: {_share(s.get('interval'))}" if pair(s.get("interval")) else ""
-        facts.append(Fact("Gap closed", percent(s["closed"]), f"on held-out curves; {low_high}"))
+        low_high = f"; 90{NBSP}%: {_share(s.get('interval'))}" if pair(s.get("interval")) else ""
+        facts.append(Fact("Gap closed", percent(s["closed"]), f"on held-out curves{low_high}"))
     if len(facts) > 3 and (check := _check_of(found)):
         facts.append(Fact("Comes back as itself", percent(check), "of simulated data sets with this cause"))
     return facts

@@ -209,6 +209,18 @@ def test_without_a_cause_none_is_said_to_have_shrunk_the_gap():
     assert "14.23 after a re-fit alone (noise floor 1): 0 % closed (90 %: 0 %)" in none and "cause" not in none
 
 
+@pytest.mark.parametrize(
+    ("closed", "interval", "said"),
+    [(0.0, None, True), (0.2, [0.1, 0.4], True), (0.4, [0.2, 0.7], False), (0.9, None, False)],
+)
+def test_a_cause_that_leaves_the_gap_of_curves_without_a_say_is_said_to(closed, interval, said):
+    s = {"how": "those with role validate", "before": 8.24, "refit_only": 8.25, "with_cause": 8.24 - 7.24 * closed,
+         "closed": closed, "interval": interval, "curves": [{"curve": "side"}]}  # fmt: skip
+    words = _shrinkage({"verdict": "measurement", "shrinkage": s, "chosen": ["offset_x"]}, {})
+    assert ("leaves most of the gap of curves that had no say" in words) == said
+    assert "no say" not in _shrinkage({"verdict": "unexplained", "shrinkage": s, "chosen": []}, {})
+
+
 @pytest.mark.parametrize(("family", "words"), [("scatter", "one of single curves"), ("model", "one of shape")])
 def test_a_gap_that_no_region_shows_is_spread_or_of_single_curves(family, words):
     assert words in _where({"where": [], "causes": [{"family": family}]})
