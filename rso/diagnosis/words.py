@@ -220,12 +220,11 @@ def _shrinkage(d: Mapping[str, Any], found: Mapping[str, Any]) -> str | None:
     if s["closed"] is None:
         return text + "; before is not clearly above the floor, so no share is printed."
     text += f": {100 * s['closed']:z.0f} % closed"
-    most = s["closed"] if s["interval"] is None else s["interval"][1]
-    open_ = " What is named leaves most of the gap of curves that had no say: it is not all, or not it."
-    rest = open_ if d["chosen"] and most < HALF else ""
-    if s["interval"] is None:
-        return text + " (one curve: no interval)." + rest
-    return text + f" (90 %: {percents(s['interval'])} %)." + rest
+    most, validated = s["closed"] if s["interval"] is None else s["interval"][1], "validate" in s["how"]
+    text += " (one curve: no interval)." if s["interval"] is None else f" (90 %: {percents(s['interval'])} %)."
+    if d["chosen"] and validated and most < HALF:
+        text += " What is named leaves most of the gap of curves that had no say: it is not all, or not it."
+    return text
 
 
 def _otherwise(d: Mapping[str, Any]) -> str:

@@ -32,6 +32,23 @@ def test_a_saw_tooth_is_found_and_its_sense_is_told(sense):
     assert np.median(far) < 0.1
 
 
+def test_a_record_that_seems_quiet_makes_no_jumps_of_its_scatter():
+    """One of five whose readings mostly stand still: what is an ordinary step elsewhere is none of its own."""
+
+    def still(u, F, rng):
+        e = 0.02 * F.max() * rng.standard_normal(len(u))
+        if still.first:
+            e = np.where(rng.random(len(u)) < 0.12, np.abs(e), 0.01 * e)
+        still.first = False
+        return F.max() * u / u.max() + e
+
+    found = []
+    for seed in range(30):
+        still.first = True
+        found.append(jumps(plan_with(still, seed)))
+    assert np.mean([j.sudden for j in found]) <= 0.1
+
+
 def test_one_crack_is_found():
     assert jumps(plan_with(lambda u, F, rng: F - 0.2 * F.max() * (u > 2.6))).sudden
 

@@ -219,6 +219,8 @@ def test_a_cause_that_leaves_the_gap_of_curves_without_a_say_is_said_to(closed, 
     words = _shrinkage({"verdict": "measurement", "shrinkage": s, "chosen": ["offset_x"]}, {})
     assert ("leaves most of the gap of curves that had no say" in words) == said
     assert "no say" not in _shrinkage({"verdict": "unexplained", "shrinkage": s, "chosen": []}, {})
+    in_turn = s | {"how": "each left out in turn"}  # what one curve alone shows closes nothing without it
+    assert "no say" not in _shrinkage({"verdict": "partly", "shrinkage": in_turn, "chosen": ["offset_x"]}, {})
 
 
 @pytest.mark.parametrize(("family", "words"), [("scatter", "one of single curves"), ("model", "one of shape")])
