@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from rso.contract import Backend, Parameter, Scope, parameters_of
-from rso.measurement import CROSS, Chain
+from rso.measurement import CROSS, LATERAL, Chain
 from rso.similarity import stress_exponent
 
 _SMALLEST = 1 / 40  # of the largest plausible size, where a range has no smallest size of its own
@@ -24,7 +24,10 @@ ORDINARY = 0.2, 2.0  # N: largest forces for which the errors of a load cell are
 BRISK = 1.5, 20.0  # s: the same for errors of the clock, of the fastest loading of a plan, where they show most
 LASTING = 5.0, 100.0  # s: and for a drift, of the longest test
 # Of force, length, fastest loading and longest test in units of the chain.
-POWERS_IN = {"N": (1, 0, 0, 0), "N/s": (1, 0, 0, -1), "mm/N": (-1, 1, 0, 0), "mm": (0, 1, 0, 0), "s": (0, 0, 1, 0)}
+POWERS_IN = {
+    "N": (1, 0, 0, 0), "N/s": (1, 0, 0, -1), "1/N": (-1, 0, 0, 0),
+    "mm": (0, 1, 0, 0), "mm/N": (-1, 1, 0, 0), "s": (0, 0, 1, 0),
+}  # fmt: skip
 ASTRAY = 5.0  # times what is plausible everywhere: how far a test at one place may have been done from there
 
 
@@ -103,6 +106,11 @@ class Effect:
         return self.size.name == "gain"
 
     @property
+    def is_scale(self) -> bool:
+        """Whether it multiplies forces or depths, which calibration alone knows."""
+        return self.size.name in ("gain", "depth_scale")
+
+    @property
     def like_a_modulus(self) -> bool:
         """Whether it multiplies all forces of a test: a modulus that changes from test to test does the same."""
         return self.family == "scatter" and self.is_gain
@@ -176,6 +184,7 @@ def _beyond(value: float, usual: tuple[float, float]) -> float:
 def recorded(effects: Sequence[Effect], channels: Collection[str]) -> tuple[Effect, ...]:
     """The effects without those of a channel that was not measured: they are none of this plan."""
     lost = {knob for channel, knob in CROSS.items() if channel not in channels}
+    lost.update(LATERAL if lost == set(CROSS.values()) else ())
     return tuple(e for e in effects if e.family == "model" or e.size.name not in lost)
 
 

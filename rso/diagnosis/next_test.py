@@ -57,6 +57,9 @@ DIRECT = {  # tests that show an effect of the chain by itself, whatever the spe
     "gain": _SENSOR,
     "cross_x": _SENSOR,
     "cross_y": _SENSOR,
+    "nonlinearity": _SENSOR,
+    "turn": _SENSOR,
+    "depth_scale": "the drive against a gauge block",
     "lag": "a tap with both clocks recorded",
 }
 
@@ -391,6 +394,7 @@ def gauges(library: Library, bench: Bench) -> dict[str, tuple[str, float]]:
     resolution = {
         "compliance": 0.5 * level.contact / F, "bias": white, "drift": white / longest, "offset": level.contact,
         "gain": 0.002, "lag": white / max(F * v / 4.0, 1e-9), "cross_x": white / F, "cross_y": white / F,
+        "nonlinearity": white / F**2, "turn": np.degrees(white / F), "depth_scale": 0.002,
     }  # fmt: skip
     own = {k: (DIRECT[k], resolution[k]) for k in DIRECT}
     settings = dict(library.plan.places[0].settings)

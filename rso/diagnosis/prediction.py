@@ -180,7 +180,8 @@ def _recorded(
     if back.any() or held.any():
         aged = modulus * F[:, 2] * (1.0 + test.age * setting.get("ageing", 0.0))
         dent = setting.get("permanent_set", 0.0) * test.earlier
-        reads = u - setting.get("offset", 0.0) + dent + setting.get("compliance", 0.0) * aged
+        driven = (1.0 + setting.get("depth_scale", 0.0)) * (u - setting.get("offset", 0.0))
+        reads = driven + dent + setting.get("compliance", 0.0) * aged
         forward = np.maximum.accumulate(reads, axis=1)
         top = rows_at(np.array([test.peak]), forward, np.broadcast_to(u, reads.shape))[:, 0]
     way = np.minimum(u, top[:, None])

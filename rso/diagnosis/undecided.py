@@ -2,7 +2,8 @@
 
 The interval of a hypothesis holds if it does.  Over all that the data make no more than POSSIBLE times less probable it
 is wider: a little stiffening beside a softer and less compressible body, say, leaves the same curve.  A gain of the
-cell, which no indentation tells from a modulus, is left to its calibration.
+cell, which no indentation tells from a modulus, and a scale of the depth, which hardly one does, are left to their
+calibration.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def reach(
     evidence: Evidence, contest: Contest, said: Hypothesis, post: Posterior, y: np.ndarray, level: float, seed: int
 ) -> dict[str, Reach]:  # fmt: skip
     """Reach of every open parameter: the hypothesis that is said, whose draws are `post`, and all single effects whose
-    evidence is at least 1/POSSIBLE of its own, but for a gain.
+    evidence is at least 1/POSSIBLE of its own, but for a gain or a scale of the depth.
 
     Ends are those of the intervals of probability `level` under each.
     """
@@ -55,7 +56,7 @@ def reach(
     found = {k: Reach(*v, None, None) for k, v in own.items()}
     for h, z in of.items():
         alone = len(h.effects) == 1 and not h.unexplained and h.effects[0].family != "scatter"
-        if h == said or not alone or h.effects[0].is_gain or z < of[said] - np.log(POSSIBLE):
+        if h == said or not alone or h.effects[0].is_scale or z < of[said] - np.log(POSSIBLE):
             continue
         name, best = h.effects[0].name, evidence.best(h.effects, y)
         for k, v in draws(library, posterior(best, best.white(y), DRAWS, rng)).items():

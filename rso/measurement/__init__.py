@@ -1,7 +1,7 @@
 """Measured curves: reading them, averaging repeats, and the measurement chain between the specimen and the file."""
 
 from rso.measurement.branches import SEGMENTS
-from rso.measurement.chain import CROSS, Chain, Record, correct, record, recorded
+from rso.measurement.chain import CROSS, LATERAL, Chain, Record, correct, record, recorded
 from rso.measurement.columns import Column
 from rso.measurement.combining import MeasuredCurve, Noise, combine, value_at
 from rso.measurement.pace import recorded_speed
@@ -10,6 +10,7 @@ from rso.measurement.spikes import kept, step_of, without_spikes
 
 __all__ = [
     "CROSS",
+    "LATERAL",
     "SEGMENTS",
     "Chain",
     "Column",

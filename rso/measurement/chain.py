@@ -1,8 +1,10 @@
 """The measurement chain: what stands between the specimen and the file, as transforms of any curve.
 
-    recorded depth = true depth − offset + permanent_set · earlier + compliance · Fz, less the backlash on the way back
-    recorded Fz    = gain · Fz* + bias + drift · t,      lag_filter dF*/dt + F* = F(t − lag)
-    recorded Fx    = Fx* + cross_x · Fz*                 and Fy with cross_y
+    recorded depth = (1 + depth_scale)(true depth − offset) + permanent_set · earlier + compliance · Fz,
+                     less the backlash on the way back
+    recorded Fz    = gain · (1 + nonlinearity · Fz*) Fz* + bias + drift · t,      lag_filter dF*/dt + F* = F(t − lag)
+    recorded Fx    = Fx* cos(turn) + Fy* sin(turn) + cross_x · Fz*
+    recorded Fy    = Fy* cos(turn) − Fx* sin(turn) + cross_y · Fz*
 
 `earlier` is the deepest travel of all tests before at the same place: what stays of it is a dent in which the next test
 makes contact later.  There are no mechanics in it and it costs no simulation.  Each knob is an effect: at neutral it is
@@ -116,12 +118,37 @@ class Chain:
         plausible=(0.005, 0.3),
     )
 
+    depth_scale: float = knob(
+        "error of the depth scale", "1", -0.5, 0.5, neutral=0.0, typical=0.02, plausible=(-0.15, 0.15)
+    )
+
+    nonlinearity: float = knob(
+        "nonlinearity of the force channel: change of its gain with the force",
+        "1/N",
+        -0.5,
+        0.5,
+        neutral=0.0,
+        typical=0.02,
+        plausible=(-0.2, 0.2),
+    )
+
+    turn: float = knob(
+        "turn of the force sensor about the axis of the press",
+        "deg",
+        -180.0,
+        180.0,
+        neutral=0.0,
+        typical=2.0,
+        plausible=(-20.0, 20.0),
+    )
+
     def __post_init__(self) -> None:
         for parameter in parameters_of(type(self)):
             parameter.check(getattr(self, parameter.name))
 
 
 CROSS = {"Fx": "cross_x", "Fy": "cross_y"}  # knobs that act on one channel alone
+LATERAL = ("turn",)  # and those that act on Fx and Fy alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,10 +182,11 @@ def recorded(
     k = {p.name: knobs.get(p.name, p.neutral) for p in parameters_of(Chain)}
     F = {c: (1.0 + k["ageing"] * age) * v for c, v in F.items()}
     late = {c: _filtered(t, _shift(t, v, k["lag"]), k["lag_filter"]) for c, v in F.items()}
-    out = {c: v + k[CROSS[c]] * late["Fz"] for c, v in late.items() if c != "Fz"}
-    out["Fz"] = k["gain"] * late["Fz"] + k["bias"] + k["drift"] * t
-    depth = u - k["offset"] + k["permanent_set"] * earlier + k["compliance"] * F["Fz"] - k["backlash"] * _returning(u)
-    return depth, out
+    Fz = late["Fz"]
+    out = {c: v + k[CROSS[c]] * Fz for c, v in _turned(late, k["turn"]).items()}
+    out["Fz"] = k["gain"] * (1.0 + k["nonlinearity"] * Fz) * Fz + k["bias"] + k["drift"] * t
+    depth = (1.0 + k["depth_scale"]) * (u - k["offset"]) + k["permanent_set"] * earlier + k["compliance"] * F["Fz"]
+    return depth - k["backlash"] * _returning(u), out
 
 
 def correct(
@@ -170,12 +198,26 @@ def correct(
     d, R, t = _checked(chain, depth, forces, time)
     if chain.lag_filter:
         raise ValueError("a filter loses what it smooths: it cannot be undone")
-    late = {"Fz": (R["Fz"] - chain.bias - chain.drift * t) / chain.gain}
-    late |= {k: v - getattr(chain, CROSS[k]) * late["Fz"] for k, v in R.items() if k != "Fz"}
+    linear = (R["Fz"] - chain.bias - chain.drift * t) / chain.gain
+    if np.any(1.0 + 4.0 * chain.nonlinearity * linear < 0.0):
+        k, most = chain.nonlinearity, R["Fz"].max()
+        raise ValueError(f"no force makes a cell with nonlinearity = {k:g} 1/N read {most:g} N")
+    late = {"Fz": 2.0 * linear / (1.0 + np.sqrt(1.0 + 4.0 * chain.nonlinearity * linear))}
+    lateral = {k: v - getattr(chain, CROSS[k]) * late["Fz"] for k, v in R.items() if k != "Fz"}
+    late |= _turned(lateral, -chain.turn)
     true = {k: _shift(t, v, -chain.lag) for k, v in late.items()}
-    u = d + chain.offset - chain.permanent_set * earlier - chain.compliance * true["Fz"]
+    by = 1.0 + chain.depth_scale
+    u = (d - chain.permanent_set * earlier - chain.compliance * true["Fz"]) / by + chain.offset
     young = {c: v / (1.0 + chain.ageing * age) for c, v in true.items()}
-    return Record(np.minimum(u + chain.backlash * _returning(u), u.max()), young)
+    return Record(np.minimum(u + chain.backlash / by * _returning(u), u.max()), young)
+
+
+def _turned(forces: Mapping[str, np.ndarray], angle: float | np.ndarray) -> dict[str, np.ndarray]:
+    """Fx and Fy, whichever there are, in axes turned by `angle` degrees about z; what there is not is nothing."""
+    c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
+    Fx, Fy = forces.get("Fx", 0.0), forces.get("Fy", 0.0)
+    out = {"Fx": c * Fx + s * Fy, "Fy": c * Fy - s * Fx}
+    return {k: np.asarray(v) for k, v in out.items() if k in forces}
 
 
 def _returning(u: np.ndarray) -> np.ndarray:
@@ -221,6 +263,8 @@ def _checked(
             "need the time of each reading"
         )
     t = np.zeros_like(u) if time is None else np.asarray(time, float)
+    if chain.turn != 0 and not {"Fx", "Fy"} <= set(F):
+        raise ValueError(f"turn = {chain.turn:g} deg needs both Fx and Fy; got {', '.join(F)}")
     if any(v.shape != u.shape for v in (t, *F.values())):
         raise ValueError(f"depth {u.shape}, time {t.shape} and forces {[v.shape for v in F.values()]} differ in length")
     if time is not None and np.any(np.diff(t) <= 0):

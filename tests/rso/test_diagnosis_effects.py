@@ -66,11 +66,12 @@ def test_errors_of_the_force_channel_grow_with_the_forces():
 
 def test_errors_of_the_record_are_those_of_a_small_test():
     """Who presses by 0.3 mm and measures 1 mN has no cell that is out by 50 mN, nor a contact that is by 0.4 mm."""
-    found = toy.effects("stiff", "bias", "compliance", "gain", "offset", "offset_each", "backlash", "permanent_set")
+    found = toy.effects("stiff", "bias", "compliance", "gain", "offset", "offset_each", "backlash", "permanent_set",
+                        "nonlinearity")  # fmt: skip
     few = {e.name: np.array([e.size.low, e.size.high]) for e in suited(found, 0.01 * ORDINARY[0], 0.1)}
     usual = {e.name: np.array([e.size.low, e.size.high]) for e in found}
     factors = {"stiff": 1, "bias": 0.01, "compliance": 10, "gain": 1, "offset": 0.1, "offset_each": 0.1,
-               "backlash": 0.1, "permanent_set": 1}  # fmt: skip
+               "backlash": 0.1, "permanent_set": 1, "nonlinearity": 100}  # fmt: skip
     for name, factor in factors.items():
         np.testing.assert_allclose(few[name], factor * usual[name], rtol=1e-12)
     for force in ORDINARY:
@@ -101,7 +102,7 @@ def test_crosstalk_into_a_channel_that_nobody_measured_is_no_effect():
     names = [e.name for e in found]
     assert recorded(found, ("Fz", "Fx", "Fy")) == found
     assert [e.name for e in recorded(found, ("Fz", "Fy"))] == [n for n in names if n != "cross_x"]
-    assert [e.name for e in recorded(found, ("Fz",))] == [n for n in names if n not in ("cross_x", "cross_y")]
+    assert [e.name for e in recorded(found, ("Fz",))] == [n for n in names if n not in ("cross_x", "cross_y", "turn")]
 
 
 def test_what_a_place_may_have_for_itself_is_a_cause_with_a_form_at_each_of_several_places():

@@ -41,7 +41,8 @@ def make(experiments=None, names=MODEL, base: Base = BASE) -> Library:
 
 @pytest.fixture(scope="module")
 def library() -> Library:
-    chain = ("offset", "compliance", "gain", "bias", "drift", "lag", "cross_x", "cross_y", "permanent_set")
+    chain = ("offset", "compliance", "gain", "bias", "drift", "lag", "cross_x", "cross_y", "permanent_set",
+             "depth_scale", "nonlinearity", "turn")  # fmt: skip
     return make([*toy.laboratory(toy.TRUTH, 0), profile()], names=(*MODEL, *chain))
 
 
@@ -69,7 +70,8 @@ def exact(library: Library, values, **chain: float) -> np.ndarray:
     plan, found = library.plan, []
     k = chain.get("compliance", 0.0)
     for test in plan.tests:
-        zero = chain.get("offset", 0.0) - chain.get("permanent_set", 0.0) * test.earlier
+        dent = chain.get("permanent_set", 0.0) * test.earlier
+        zero, by = chain.get("offset", 0.0), 1.0 + chain.get("depth_scale", 0.0)
         e = plan.experiments[test.experiment]
         place = {"point": e.settings["point"], "support": values.get("support", "held")}
         knobs = {n: v for n, v in values.items() if n != "support"}
@@ -77,22 +79,25 @@ def exact(library: Library, values, **chain: float) -> np.ndarray:
         far = test.peak if back else test.peak + 0.4
         if back:
             for _ in range(40):  # the body's travel where the record turns
-                far = test.peak + zero - k * float(toy.elastic(knobs, np.array(far), **place)[0])
+                Fz = float(toy.elastic(knobs, np.array(far), **place)[0])
+                far = (test.peak - dent - k * Fz) / by + zero
         t = np.linspace(0, (2 if back else 1) * far / test.speed, 4001)
         u = np.maximum(np.minimum(t * test.speed, 2 * far - t * test.speed), 0.0)
         F = dict(zip(("Fz", "Fx", "Fy"), toy.along(knobs, t, u, test.earlier, **place), strict=True))
         clock = test.time[0] - test.depth[0] / test.speed
-        depth = u - zero + k * F["Fz"]
+        depth = by * (u - zero) + dent + k * F["Fz"]
         late = {c: np.interp(t - chain.get("lag", 0.0), t, v) for c, v in F.items()}
+        turn = np.exp(-1j * np.radians(chain.get("turn", 0.0))) * (late["Fx"] + 1j * late["Fy"])
+        bent = late["Fz"] * (1.0 + chain.get("nonlinearity", 0.0) * late["Fz"])
         read = {
-            "Fz": chain.get("gain", 1.0) * late["Fz"] + chain.get("bias", 0.0) + chain.get("drift", 0.0) * (t + clock),
-            "Fx": late["Fx"] + chain.get("cross_x", 0.0) * late["Fz"],
-            "Fy": late["Fy"] + chain.get("cross_y", 0.0) * late["Fz"],
+            "Fz": chain.get("gain", 1.0) * bent + chain.get("bias", 0.0) + chain.get("drift", 0.0) * (t + clock),
+            "Fx": turn.real + chain.get("cross_x", 0.0) * late["Fz"],
+            "Fy": turn.imag + chain.get("cross_y", 0.0) * late["Fz"],
         }
-        turn = int(np.argmax(depth))
+        last = int(np.argmax(depth))
         for c in test.channels:
-            there = np.interp(test.depth, depth[: turn + 1], read[c][: turn + 1])
-            home = np.interp(test.depth, depth[: turn - 1 : -1], read[c][: turn - 1 : -1]) if back else there
+            there = np.interp(test.depth, depth[: last + 1], read[c][: last + 1])
+            home = np.interp(test.depth, depth[: last - 1 : -1], read[c][: last - 1 : -1]) if back else there
             found.append(np.where(test.branch == 1, home, there))
     for item in plan.profiles:
         knobs = {n: v for n, v in values.items() if n != "support"}
@@ -248,7 +253,7 @@ def test_nine_travels_are_enough_for_a_surface(library):
 
 CHAINS = {
     "offset": 0.15, "compliance": 0.4, "gain": 1.1, "bias": -0.02, "drift": 0.002, "lag": 0.3, "cross_x": 0.1,
-    "cross_y": -0.1, "permanent_set": 0.08,
+    "cross_y": -0.1, "permanent_set": 0.08, "depth_scale": 0.1, "nonlinearity": 0.15, "turn": 15.0,
 }  # fmt: skip
 
 
@@ -294,7 +299,7 @@ def test_a_loading_curve_is_what_record_says(library):
     u = np.linspace(0, test.peak + 0.3, 4000)
     F = toy.elastic({"mu": MU, "D1": np.exp(CENTRE) / MU}, u)[0]
     for name, value in CHAINS.items():
-        if name in ("lag", "cross_x", "cross_y"):
+        if name in ("lag", "cross_x", "cross_y", "turn"):
             continue
         e = effect(library, name)
         s = np.log(value) if e.size.ratio else value - e.size.neutral

@@ -308,6 +308,7 @@ def test_combine_names_choices(tmp_path):
 
 T = U / 0.5
 FORCES = {"Fx": 0.01 * U, "Fy": -0.02 * U**2, "Fz": 0.06 * U**1.5}
+HALF = np.sqrt(0.75)
 # One non-neutral value for each knob, and what it must do, written without the code under test.
 EFFECTS = {
     "offset": (0.05, lambda u, F: (u - 0.05, F["Fx"], F["Fy"], F["Fz"])),
@@ -320,6 +321,10 @@ EFFECTS = {
     # One reading late: 0.1 mm at 0.5 mm/s.
     "lag": (0.2, lambda u, F: (u, *(np.r_[F[k][0], F[k][:-1]] for k in ("Fx", "Fy", "Fz")))),
     "lag_filter": (0.3, lambda u, F: (u, *(smoothed(F[k], 0.3) for k in ("Fx", "Fy", "Fz")))),
+    "depth_scale": (-0.04, lambda u, F: (0.96 * u, F["Fx"], F["Fy"], F["Fz"])),
+    "nonlinearity": (0.05, lambda u, F: (u, F["Fx"], F["Fy"], F["Fz"] + 0.05 * F["Fz"] ** 2)),
+    # a sensor turned to the left feels a force along x to its right
+    "turn": (30.0, lambda u, F: (u, HALF * F["Fx"] + F["Fy"] / 2, HALF * F["Fy"] - F["Fx"] / 2, F["Fz"])),
 }
 
 
@@ -395,7 +400,7 @@ def test_each_knob_does_what_its_definition_says(name):
 
 
 def test_correct_undoes_record():
-    chain = Chain(0.05, 0.3, 1.1, 0.01, 0.001, 0.0, 0.02, -0.03)
+    chain = Chain(0.05, 0.3, 1.1, 0.01, 0.001, 0.0, 0.02, -0.03, depth_scale=0.1, nonlinearity=-0.2, turn=-25.0)
     r = record(chain, U, FORCES, T)
     back = correct(chain, r.depth, r.forces, T)
     np.testing.assert_allclose(back.depth, U, rtol=1e-13, atol=0)
@@ -440,6 +445,10 @@ def test_chain_refuses():
         record(Chain(), U, {"Fz": U[1:]})
     with pytest.raises(ValueError, match="time must increase"):
         record(Chain(), U, FORCES, T[::-1])
+    with pytest.raises(ValueError, match="turn = 5 deg needs both Fx and Fy; got Fx, Fz"):
+        record(Chain(turn=5.0), U, {k: FORCES[k] for k in ("Fx", "Fz")})
+    with pytest.raises(ValueError, match=r"no force makes a cell with nonlinearity = -0\.3 1/N read 2 N"):
+        correct(Chain(nonlinearity=-0.3), U, {"Fz": U / U.max() * 2.0})
 
 
 # ------------------------------------------------------------------------------------------ what cannot be a test
