@@ -144,7 +144,7 @@ class Table:
                 Yw = self._white[id(h.white)] = h.white(self.Y)
             parts = np.array_split(rows, max(1, -(-len(rows) // AT_ONCE)))
             each.append(np.concatenate([log_evidence(h, Yw[p]) for p in parts]) if len(rows) else np.zeros(0))
-        return logsumexp(np.array(each), axis=0) - np.log(len(each))
+        return logsumexp(np.array(each) + self.evidence.log_weights(effects, unexplained)[:, None], axis=0)
 
     def add_pairs(self, wanted: dict[tuple[Effect, Effect], list[int]]) -> None:
         """Columns of pairs for the rows that ask for them; tiles of a pair are let go at once."""
@@ -189,4 +189,4 @@ def other_bench(bench: Bench, y: np.ndarray, scale: float = 1.0, correlated: boo
     for gap in GAPS:
         K = off @ noise.unexplained(bench.library, force, *gap)[np.ix_(rows, rows)] @ off.T
         whites.append(replace(whitening(C[np.ix_(rows, rows)] + K), rows=rows))
-    return replace(bench, C=C, whites=tuple(whites))
+    return replace(bench, C=C, whites=tuple(whites), alone=())

@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import logsumexp
@@ -34,6 +35,7 @@ from rso.diagnosis.mixture import (
     whitening,
 )
 from rso.diagnosis.prediction import predict
+from rso.diagnosis.shrinkage import curves_of
 from rso.diagnosis.testplan import Test
 from rso.measurement import Chain
 
@@ -42,6 +44,7 @@ NO_GAP = 0.5
 # what is unexplained: relative size, and the length over which it changes over the deepest travel; a screw, a tear or
 # slips are rough, what models lack is smooth, and a wrong size or length costs 5 to 10 of log evidence
 GAPS = ((0.01, 0.2), (0.03, 0.2), (0.15, 0.2), (0.01, 0.06), (0.03, 0.06))
+ALONE = ((0.03, 0.2), (0.03, 0.06))  # the same of one experiment alone, whatever the others are like
 SCATTER = (0.15, 0.6)  # of the largest plausible size
 SHARES = np.geomspace(0.02, 1.5, 25)  # of that, from which its size is read
 SURVIVORS = 5
@@ -51,7 +54,10 @@ NULLS = 400
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """What all hypotheses share: library, noise, μ₀, tiles by effect names, whitening without and with a free gap."""
+    """What all hypotheses share: library, noise, μ₀, tiles by effect names, whitening without and with a free gap.
+
+    Of `whites` the first has no gap, then come GAPS in all experiments, then ALONE in each of `alone`, if any.
+    """
 
     library: Library
     levels: Mapping[str, noise.Level]
@@ -60,6 +66,7 @@ class Bench:
     whites: tuple[Whitening, ...]
     scatter: Mapping[str, np.ndarray]
     tiles: dict[tuple[str, ...], Tiles] = field(default_factory=dict)
+    alone: tuple[str, ...] = ()
 
     def covariance(self, effects: Sequence[Effect], share: float) -> np.ndarray:
         """C (n, n), with what differs from curve to curve at a share of its largest plausible size."""
@@ -115,14 +122,16 @@ def set_up(library: Library, y: np.ndarray, binding: bool = False) -> Bench:
     best_tile = int(np.argmax(np.bincount(posterior(h, white(y), 200, np.random.default_rng(0)).tile)))
     J = h.X[best_tile] @ h.Q.T
     H = white.L @ (J.T @ np.linalg.solve(J @ J.T + 1e-9 * np.eye(len(J)), J @ np.linalg.inv(white.L)))
-    whites = [white]
-    for gap in GAPS:
+    off, curves = np.eye(len(y)) - H, curves_of(library)
+    gaps = [noise.unexplained(library, force, *gap) for gap in GAPS]
+    for gap in ALONE if len(curves) > 1 else ():
         K = noise.unexplained(library, force, *gap)
-        off = np.eye(len(y)) - H
-        whites.append(whitening(C + off @ K @ off.T))
+        gaps += [K * np.outer(here, here) for _, _, rows in curves for here in [np.isin(np.arange(len(y)), rows)]]
+    whites = [white, *(whitening(C + off @ K @ off.T) for K in gaps)]
+    alone = tuple(name for name, *_ in curves) if len(gaps) > len(GAPS) else ()
     centre = base.at[best_tile][None]
     scatter = {e.name: by_test(library, e, centre, modulus) for e in library.effects if e.family == "scatter"}
-    return Bench(library, levels, modulus, C, tuple(whites), scatter, {(): base})
+    return Bench(library, levels, modulus, C, tuple(whites), scatter, {(): base}, alone)
 
 
 def by_test(library: Library, scatter: Effect, centre: np.ndarray, modulus: float) -> np.ndarray:
@@ -222,7 +231,27 @@ class Evidence:
     def _levels(self, effects: Sequence[Effect], unexplained: bool) -> range:
         if any(e.family == "scatter" for e in effects):
             return range(len(SCATTER))
-        return range(1, len(self.bench.whites)) if unexplained else range(1)
+        if not unexplained:
+            return range(1)
+        return range(1, 1 + len(GAPS) if effects else len(self.bench.whites))
+
+    def log_weights(self, effects: Sequence[Effect], unexplained: bool) -> np.ndarray:
+        """ln of the prior share of every level: what is unexplained is in all experiments or, alike likely, in one."""
+        n = len(self._levels(effects, unexplained))
+        if effects or not unexplained or n == len(GAPS):
+            return np.full(n, -np.log(n))
+        return -np.log(2.0 * np.where(np.arange(n) < len(GAPS), len(GAPS), n - len(GAPS)))
+
+    def odd(self, y: np.ndarray) -> tuple[str, float] | None:
+        """The experiment that has most of what is unexplained for itself, and how probable it is that it alone has it;
+        None where no experiment can be told from others."""
+        if not self.bench.alone:
+            return None
+        levels = map(partial(self.ready, ()), self._levels((), True))
+        each = np.array([log_evidence(h, h.white(y)[None])[0] for h in levels]) + self.log_weights((), True)
+        p = np.exp(each - logsumexp(each))
+        of_each = p[len(GAPS) :].reshape(len(ALONE), -1).sum(axis=0)
+        return self.bench.alone[int(np.argmax(of_each))], float(of_each.max())
 
     def of(
         self, effects: Sequence[Effect], Y: np.ndarray, unexplained: bool = False, loose: bool = False
@@ -230,7 +259,7 @@ class Evidence:
         """Log evidence (B,) of data Y (B, n)."""
         hypotheses = [self.ready(effects, k, loose) for k in self._levels(effects, unexplained)]
         each = [log_evidence(h, h.white(Y)) for h in hypotheses]
-        return logsumexp(np.array(each), axis=0) - np.log(len(each))
+        return logsumexp(np.array(each) + self.log_weights(effects, unexplained)[:, None], axis=0)
 
 
 def contests(

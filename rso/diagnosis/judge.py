@@ -77,6 +77,7 @@ class Diagnosis:
     hum: Hum
     left: float
     remainder: Remainder | None
+    odd: tuple[str, float] | None
 
 
 def diagnose(
@@ -151,6 +152,7 @@ def diagnose(
         dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
         sensitivity(evidence, contest, finalists, y), where, held, shrunk, checks,
         _parameters(library, posts, chosen), besides, bench, contest, fits, posts, chosen, steps, line, left, rest,
+        evidence.odd(y) if chosen.unexplained and not chosen.effects else None,
     )  # fmt: skip
 
 

@@ -82,6 +82,7 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                      {"of": d.remainder.of, "there": d.remainder.there, "score": d.remainder.score,
                       "threshold": d.remainder.threshold,
                       "looks_like": d.remainder.effect.name if d.remainder.effect else None},
+        "odd": None if d.odd is None else {"experiment": d.odd[0], "probability": d.odd[1]},
         "jumps": {"sudden": d.jumps.sudden, "t": d.jumps.t, "z": d.jumps.z, "experiment": d.jumps.experiment,
                   "size": d.jumps.size, "depths": list(d.jumps.depths)},
         "hum": {"there": d.hum.there, "log10_p": d.hum.log10_p, "frequency": d.hum.frequency,

@@ -20,7 +20,10 @@ from rso.diagnosis.testplan import LOADING, Profile
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Log predictive density of one experiment given all others, over that of the base model, by hypothesis."""
+    """Log predictive density of one experiment given all others, over that of the base model, by hypothesis.
+
+    A hypothesis with an effect at one place, of which the others hold nothing, predicts nothing: it is absent.
+    """
 
     experiment: str
     gain: Mapping[str, float]
@@ -36,15 +39,18 @@ def held_out(bench: Bench, y: np.ndarray, hypotheses: Sequence[Hypothesis]) -> t
     found = []
     for name, _, rows in curves:
         rest = np.setdiff1d(everything, rows)
-        score = {h.name: total[h.name] - _log_evidence(bench, h, rest, y) for h in hypotheses}
+        told = [h for h in hypotheses if len(_taught(bench.library, rest, h.effects)) == len(h.effects)]
+        score = {h.name: total[h.name] - _log_evidence(bench, h, rest, y) for h in told}
         base = score[hypotheses[0].name]
         found.append(HeldOut(name, {k: float(v - base) for k, v in score.items()}))
     return tuple(found)
 
 
 def predicts(held: Sequence[HeldOut], h: Hypothesis) -> bool:
-    """Whether a hypothesis predicts experiments left out, all together, better than the base; yes where none was."""
-    return not held or sum(c.gain[h.name] for c in held) > 0
+    """Whether a hypothesis predicts experiments left out, all together, better than the base; yes where it is not
+    asked: none was left out, or it acts at one experiment's place alone."""
+    asked = [c.gain[h.name] for c in held if h.name in c.gain]
+    return len(asked) < len(held) or not held or sum(asked) > 0
 
 
 def _log_evidence(bench: Bench, h: Hypothesis, rows: np.ndarray, y: np.ndarray, loose: bool = True) -> float:

@@ -7,6 +7,7 @@ from typing import Any
 
 from rso.diagnosis.noise import UNLIKE
 
+LONE = 0.9  # probability of one experiment beyond which it is said to be the odd one
 HALF = 0.5  # of the gap on curves left out: less is no confirmation
 LEAST = -10.0  # times the gap: what is opened more widely need not be counted
 NEAR = 0.02  # of a range, in ln: a median that near to its end is pressed against it
@@ -144,7 +145,7 @@ def shaped(c: Mapping[str, Any]) -> str:
 def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     causes, v = d["causes"], d["verdict"]
     if v == "unexplained":
-        return "Cause: none in the catalogue reproduces it, or none predicts curves it was not fitted to."
+        return f"Cause: none in the catalogue reproduces it, or none predicts curves it was not fitted to.{_odd(found)}"
     first = causes[0]
     text = {e["name"]: e["description"] for e in found["effects"]}
     each = ", ".join(f"{c['effect']} ({chance(c['probability'])})" for c in causes)
@@ -168,7 +169,30 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     ]
     each = " and ".join(_named(c) for c in causes[: 2 if v == "explained" else 1])
     alike = " A modulus that differs from test to test does the same." if first.get("like_a_modulus") else ""
+    alike += _unconfirmed(first["effect"], found)
     return f"{head}: {text[first['effect']]}, {each}; probability {chance(first['probability'])}.{alike}"
+
+
+def _odd(found: Mapping[str, Any]) -> str:
+    """The one experiment that is odd, where all others agree with the model."""
+    odd = found["diagnosis"].get("odd") or {"probability": 0.0}
+    if odd["probability"] < LONE:
+        return ""
+    points = {e["name"]: e["point"] for e in found["experiments"]}
+    own = points[odd["experiment"]]
+    alike = [n for n, p in points.items() if p == own and n != odd["experiment"]]
+    what = f"it, and {', '.join(alike)} at the same point" if alike else "it: that place of the body, or that test"
+    said = f" It is in {odd['experiment']} alone ({chance(odd['probability'])}), the others agree with the model."
+    return f"{said} Ask what differs between {what}." if alike else f"{said} Ask what is special about {what}."
+
+
+def _unconfirmed(effect: str, found: Mapping[str, Any]) -> str:
+    """Where a cause acts in one experiment alone, of which the others can say nothing."""
+    rows = found.get("held_out") or []
+    own = [r["experiment"] for r in rows if effect not in r["gain"]]
+    if not own or len(own) == len(rows):
+        return ""
+    return f" Only {', '.join(own)} can show it: no other experiment confirms it."
 
 
 def _single(d: Mapping[str, Any]) -> str:

@@ -161,8 +161,25 @@ def clipped(name: str, found: list) -> list:
 
 
 @pytest.mark.parametrize("name", ["load", "cycle", "deep"])
-def test_a_part_that_only_widens_the_gap_of_other_curves_is_none(name):
+def test_one_experiment_that_is_odd_is_told(name):
+    """One of three at the same point has a clipped file: no cause that all share, and the answer says which."""
+    plan = make_plan(clipped(name, experiments(3)))
+    d = diagnosis.diagnose(dataclasses.replace(tables(NAMES, False), plan=plan), 3, nulls=NULLS)
+    assert d.verdict == "unexplained" and not d.causes
+    assert max(d.probabilities, key=d.probabilities.get) == "none + unexplained"
+    assert d.odd is not None and d.odd[0] == name and d.odd[1] > 0.9
+
+
+def test_what_all_experiments_have_is_in_none_alone():
+    plan = make_plan([screwed(e, 0.025, 1.3) for e in experiments(3)])
+    d = diagnosis.diagnose(dataclasses.replace(tables(NAMES, False), plan=plan), 3, nulls=NULLS)
+    assert d.verdict == "unexplained" and d.odd is not None and d.odd[1] < 0.1
+
+
+@pytest.mark.parametrize("name", ["load", "cycle", "deep"])
+def test_a_part_that_only_widens_the_gap_of_other_curves_is_none(name, monkeypatch):
     """Softening or stiffening makes most of a file that is clipped, and nothing of the other files."""
+    monkeypatch.setattr(attribute, "ALONE", ())
     plan = make_plan(clipped(name, experiments(3)))
     d = diagnosis.diagnose(dataclasses.replace(tables(NAMES, False), plan=plan), 3, nulls=NULLS)
     assert d.verdict == "unexplained" and not d.causes
@@ -421,6 +438,7 @@ def screwed(e, size: float, pitch: float):
 def test_a_gap_that_is_small_and_rough_is_seen(monkeypatch, menu, seen):
     """0.025 mm in 1.3 mm: a competitor that is only smooth, or only large, finds it less probable than nothing."""
     monkeypatch.setattr(attribute, "GAPS", menu)
+    monkeypatch.setattr(attribute, "ALONE", ())
     plan = make_plan([screwed(e, 0.025, 1.3) for e in experiments(3)])
     library = dataclasses.replace(tables(NAMES, False), plan=plan)
     opened = _opened(attribute.set_up(library, plan.values()), plan.values(), NULLS, 3)
