@@ -29,6 +29,7 @@ WHOLE = ("explained", "measurement", "ambiguous")  # verdicts that take causes f
 OPEN = ("no_gap", "ambiguous")  # verdicts that leave other hypotheses possible
 MISFIT = 1.3  # χ² per reading that a cause may leave; a right one leaves about 1, less what was fitted
 RARE = 0.01  # of few readings: chance of what a right one leaves beyond which that is too much
+LONE = 0.9  # probability beyond which one experiment is the odd one
 BEYOND = 1.15  # times the largest plausible size: a cause that needs more than that is not all of it
 
 
@@ -51,7 +52,10 @@ class Cause:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """Everything that one data set says; `probabilities` are those of all hypotheses given the data."""
+    """Everything that one data set says; `probabilities` are those of all hypotheses given the data.
+
+    `odd` is the experiment that alone has what is unexplained, and how probable that is; None where none is.
+    """
 
     verdict: str
     p_value: float
@@ -133,7 +137,9 @@ def diagnose(
         posts[chosen.name] = _posterior(evidence, (), y, rng, True)
         left = misfit(evidence, chosen, y)
         shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed, fitted)
-    where = localise.localise(library.plan, evidence.ready(()), bench.C, y, seed)
+    odd = evidence.odd(y) if chosen == Hypothesis((), True) else None
+    odd = odd if odd is not None and odd[1] > LONE else None
+    where = localise.localise(library.plan, evidence.ready(()), bench.C, y, seed, odd and odd[0])
     r = bench.whites[0](y - shrinkage.predicted(library, (), posts["none"], bench.modulus))
     checks = self_checks(evidence, contest, finalists, y, threshold, null, seed) if verdict != "no_gap" else ()
     fits = {name: shrinkage.predicted(library, h.effects, posts[name], bench.modulus)
@@ -151,8 +157,7 @@ def diagnose(
         verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), causes, named,
         dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
         sensitivity(evidence, contest, finalists, y), where, held, shrunk, checks,
-        _parameters(library, posts, chosen), besides, bench, contest, fits, posts, chosen, steps, line, left, rest,
-        evidence.odd(y) if chosen.unexplained and not chosen.effects else None,
+        _parameters(library, posts, chosen), besides, bench, contest, fits, posts, chosen, steps, line, left, rest, odd,
     )  # fmt: skip
 
 

@@ -1,11 +1,12 @@
 """Where: what each region of the data is off by, when the base model is fitted to all the others.
 
-With T = C + J Λ Jᵀ (Λ the prior of what a re-fit can move, wide) the residual of block g given the rest is
+With T = C + J Λ Jᵀ (Λ the prior of what a re-fit can move, wide) the residual of region g given the others, k, is
 
-    r_g = (T⁻¹)_gg⁻¹ (T⁻¹ r)_g,     cov r_g = (T⁻¹)_gg⁻¹                              (leave-block-out, exact)
+    r_g|k = r_g − T_gk T_kk⁻¹ r_k,     V_g = T_gg − T_gk T_kk⁻¹ T_kg                   (leave-region-out, exact)
 
-and its signed amplitude along the prediction F_g is  α_g = F_gᵀ S r_g / F_gᵀ S F_g, S = (T⁻¹)_gg.  The threshold is
-that of the largest |z| of all regions under the base model (a maximum statistic: no region is favoured).
+and its signed amplitude along the prediction F_g is  α_g = F_gᵀ V_g⁻¹ r_g|k / F_gᵀ V_g⁻¹ F_g.  The threshold is that of
+the largest |z| of all regions under the base model (a maximum statistic: no region is favoured).  An experiment that is
+odd among the others has no say in what its own regions or those of the others should be.
 
 A region may be clearly off and yet hold little of the gap.  What a channel of an experiment holds of it is
 
@@ -22,6 +23,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from rso.diagnosis.mixture import Ready, log_tiles
 from rso.diagnosis.testplan import LOADING, UNLOADING, Profile, TestPlan
@@ -31,6 +33,7 @@ TIME_BINS = 2  # of a hold, in the logarithm of time
 BRANCH = {LOADING: "loading", UNLOADING: "unloading"}
 DRAWS = 2000
 FIRST = 4
+VANISHES = 1e-3  # of the largest force: what a model has only by its mesh
 _WIDE = 20.0  # times the spread of a tile: a re-fit moves where it wants
 
 
@@ -38,7 +41,9 @@ _WIDE = 20.0  # times the spread of a tile: a re-fit moves where it wants
 class Region:
     """A part of an experiment: its name, rows of the data vector, signed z and relative amplitude.
 
-    `share` is what its channel of the experiment holds of the gap."""
+    `share` is what its channel of the experiment holds of the gap.  Where a model has no force of its own (lateral ones
+    vanish by symmetry) the amplitude is `of_largest`, one of the largest force of all.
+    """
 
     experiment: str
     channel: str
@@ -47,6 +52,7 @@ class Region:
     z: float
     amplitude: float
     amplitude_sd: float
+    of_largest: bool = False
     share: float = 0.0
 
 
@@ -61,33 +67,41 @@ class Where:
     threshold: float
 
 
-def localise(plan: TestPlan, h: Ready, C: np.ndarray, y: np.ndarray, seed: int) -> Where:
-    """Regions of the plan under hypothesis `h` (the base model) for data y (n,)."""
+def localise(plan: TestPlan, h: Ready, C: np.ndarray, y: np.ndarray, seed: int, odd: str | None = None) -> Where:
+    """Regions of the plan under hypothesis `h` (the base model) for data y (n,); `odd` is an experiment's name."""
     t = int(np.argmax(log_tiles(h, h.white(y)[None])[0]))
     X = np.concatenate([h.tiles.A[:, None], h.tiles.D], axis=1) * h.scale
     J, c = (h.tiles.lift(v[t]) for v in h.tiles.linear(X, h.tiles.c, h.scale))
     Λ = h.tiles.spread(1e4, _WIDE * h.tiles.sd)
     T = C + (J.T * Λ) @ J
-    inverse = np.linalg.inv(T)
     F = c + (J[0] if h.tiles.moduli is None else 0.0)
-    r = y - F
-    whole = inverse @ np.stack([r]).T
     rng = np.random.default_rng(seed)
-    noise = inverse @ (np.linalg.cholesky(T) @ rng.standard_normal((len(y), DRAWS)))
+    draws = np.linalg.cholesky(T) @ rng.standard_normal((len(y), DRAWS))
+    R = np.concatenate([(y - F)[:, None], draws], axis=1)
+    apart = _rows_of(plan, odd)
     found, largest = [], np.zeros(DRAWS)
     for experiment, channel, name, rows in _regions(plan):
-        S = inverse[np.ix_(rows, rows)]
-        pattern = F[rows]
-        if channel in ("Fx", "Fy") and np.max(np.abs(pattern)) < 1e-3 * np.max(np.abs(F)):
-            pattern = np.ones(len(rows)) * np.max(np.abs(F)) * 0.05
+        pattern, of_largest = F[rows], False
+        if channel in ("Fx", "Fy") and np.max(np.abs(pattern)) < VANISHES * np.max(np.abs(F)):
+            pattern, of_largest = np.full(len(rows), np.max(np.abs(F))), True
+        others = np.setdiff1d(np.arange(len(y)), np.concatenate([rows, apart]))
+        B = T[np.ix_(rows, others)]
+        W = cho_solve(cho_factor(T[np.ix_(others, others)]), B.T).T  # T_gk T_kk⁻¹
+        S = np.linalg.inv(T[np.ix_(rows, rows)] - W @ B.T)
         weight = pattern @ S @ pattern  # inverse variance of the amplitude
-        # (T⁻¹ r)_g = S r_g, so that Fᵀ S r_g is a plain sum
-        z = float(pattern @ whole[rows, 0] / np.sqrt(weight))
-        largest = np.maximum(largest, np.abs(pattern @ noise[rows] / np.sqrt(weight)))
-        found.append(Region(experiment, channel, name, tuple(int(i) for i in rows), z, z / np.sqrt(weight),
-                            1 / np.sqrt(weight)))  # fmt: skip
+        z = pattern @ S @ (R[rows] - W @ R[others]) / np.sqrt(weight)
+        largest = np.maximum(largest, np.abs(z[1:]))
+        found.append(Region(experiment, channel, name, tuple(int(i) for i in rows), float(z[0]),
+                            float(z[0] / np.sqrt(weight)), float(1 / np.sqrt(weight)), of_largest))  # fmt: skip
     found.sort(key=lambda g: -abs(g.z))
     return Where(tuple(found), float(np.quantile(largest, 0.95)))
+
+
+def _rows_of(plan: TestPlan, experiment: str | None) -> np.ndarray:
+    """Rows (m,) of the data vector that an experiment has."""
+    rows = [np.arange(at.start, at.stop) for item, _, at in plan.rows()
+            if plan.experiments[item.experiment].name == experiment]  # fmt: skip
+    return np.concatenate(rows) if rows else np.zeros(0, int)
 
 
 def shared(where: Where, plan: TestPlan, gap: np.ndarray, C: np.ndarray, W: np.ndarray) -> Where:

@@ -89,6 +89,7 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                 "amplitude": d.hum.amplitude, "channel": d.hum.channel, "along": d.hum.along},
         "where": [{"experiment": r.experiment, "channel": r.channel, "region": r.region, "z": r.z,
                    "sign": "+" if r.z > 0 else "-", "amplitude": r.amplitude, "amplitude_sd": r.amplitude_sd,
+                   "of_largest": r.of_largest,
                    "share": r.share, "beyond_noise": abs(r.z) > d.where.threshold} for r in d.where.regions[:REGIONS]],
         "where_threshold": d.where.threshold,
         "causes": [{"effect": c.effect.name, "cause": c.effect.source, "description": c.effect.description,

@@ -13,16 +13,18 @@ from rso.diagnosis.attribute import Bench, Evidence
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.library import Library
-from rso.diagnosis.mixture import Posterior, log_evidence, posterior, ready, whitening
+from rso.diagnosis.mixture import Posterior, log_evidence, log_tiles, posterior, ready, whitening
 from rso.diagnosis.prediction import predict
 from rso.diagnosis.testplan import LOADING, Profile
+
+TOLD = 3.0  # standard deviations by which an effect must be able to move readings that are to tell of it
 
 
 @dataclass(frozen=True)
 class HeldOut:
     """Log predictive density of one experiment given all others, over that of the base model, by hypothesis.
 
-    A hypothesis with an effect at one place, of which the others hold nothing, predicts nothing: it is absent.
+    A hypothesis with an effect of which the others hold nothing predicts nothing: it is absent.
     """
 
     experiment: str
@@ -39,7 +41,7 @@ def held_out(bench: Bench, y: np.ndarray, hypotheses: Sequence[Hypothesis]) -> t
     found = []
     for name, _, rows in curves:
         rest = np.setdiff1d(everything, rows)
-        told = [h for h in hypotheses if len(_taught(bench.library, rest, h.effects)) == len(h.effects)]
+        told = [h for h in hypotheses if set(_taught(bench, y, rest, h.effects)) == set(h.effects)]
         score = {h.name: total[h.name] - _log_evidence(bench, h, rest, y) for h in told}
         base = score[hypotheses[0].name]
         found.append(HeldOut(name, {k: float(v - base) for k, v in score.items()}))
@@ -48,7 +50,7 @@ def held_out(bench: Bench, y: np.ndarray, hypotheses: Sequence[Hypothesis]) -> t
 
 def predicts(held: Sequence[HeldOut], h: Hypothesis) -> bool:
     """Whether a hypothesis predicts experiments left out, all together, better than the base; yes where it is not
-    asked: none was left out, or it acts at one experiment's place alone."""
+    asked: none was left out, or one experiment alone can show it."""
     asked = [c.gain[h.name] for c in held if h.name in c.gain]
     return len(asked) < len(held) or not held or sum(asked) > 0
 
@@ -110,7 +112,7 @@ def left_out(
             continue
         before = np.setdiff1d(first, rows)
         before = rest if len(before) < 4 else before
-        cause = _chosen_without(evidence, rest, y, chosen) if anew else _taught(library, rest, chosen.effects)
+        cause = _chosen_without(evidence, rest, y, chosen) if anew else _taught(bench, y, rest, chosen.effects)
         fits = _fits(library, bench, y, before, rest, cause, seed + 2)
         found.append(_gap(name, unit, rows, y, fits, bench.C, cause))
         sizes.append(len(rows))
@@ -171,11 +173,27 @@ def _fitted_rows(library: Library) -> np.ndarray:
     return np.concatenate(rows) if rows else np.arange(library.plan.n)
 
 
-def _taught(library: Library, rest: np.ndarray, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """Those effects of which the rows that are left can say anything: what one place alone has needs a test there."""
-    plan = library.plan
-    there = [plan.places[item.place].settings for item, _, at in plan.rows() if np.isin(at.start, rest)]
-    return tuple(e for e in effects if any(e.acts(s) for s in there))
+def _taught(bench: Bench, y: np.ndarray, rest: np.ndarray, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Those effects of which the rows that are left can say anything: at its largest one moves them, beyond what a
+    re-fit of the base model takes up, by TOLD standard deviations."""
+    if not effects:
+        return ()
+    white = whitening(bench.C, rest)
+    base, μ = ready(bench.of(()), white, bench.modulus), bench.modulus
+    t = int(np.argmax(log_tiles(base, white(y)[None])[0]))
+    Q, _ = np.linalg.qr((base.X[t] @ base.Q.T).T)
+    at = base.tiles.at[t]
+
+    def tells(e: Effect) -> bool:
+        tiles = bench.of((e,))
+        own = tiles.at[:, : len(at)]
+        near = np.nonzero(np.sum((own - at) ** 2, axis=1) <= np.min(np.sum((own - at) ** 2, axis=1)) + 1e-12)[0]
+        moduli = μ if tiles.moduli is None else tiles.moduli[near, None]
+        v = white(tiles.lift(moduli * tiles.A[near] + tiles.c[near])) - base.middle(t)
+        v = v - (v @ Q) @ Q.T
+        return float(np.max(np.sum(v * v, axis=1))) > TOLD**2
+
+    return tuple(e for e in effects if e.family == "scatter" or tells(e))
 
 
 def _fit(bench: Bench, effects, rows: np.ndarray, y: np.ndarray, rng) -> Posterior:
@@ -192,7 +210,7 @@ def _chosen_without(evidence: Evidence, rest: np.ndarray, y: np.ndarray, chosen:
     if not chosen.effects:
         return ()
     bench = evidence.bench
-    taught = _taught(bench.library, rest, evidence.effects)
+    taught = _taught(bench, y, rest, evidence.effects)
 
     def score(h: Hypothesis, loose: bool) -> float:
         return _log_evidence(bench, h, rest, y, loose) + attribute.log_prior(h, evidence.effects)

@@ -7,7 +7,6 @@ from typing import Any
 
 from rso.diagnosis.noise import UNLIKE
 
-LONE = 0.9  # probability of one experiment beyond which it is said to be the odd one
 HALF = 0.5  # of the gap on curves left out: less is no confirmation
 LEAST = -10.0  # times the gap: what is opened more widely need not be counted
 NEAR = 0.02  # of a range, in ln: a median that near to its end is pressed against it
@@ -119,9 +118,14 @@ def _where(d: Mapping[str, Any]) -> str:
         each = any(c["family"] == "scatter" for c in d["causes"][:1])
         spread = "one of single curves" if each else "one of shape, spread over the curves"
         return lies + f"No single region stands out; the gap is {spread}."
-    percent = [f"{100 * r['amplitude']:+.1f} ± {100 * r['amplitude_sd']:.1f} %" for r in clear]
+    percent = [f"{100 * r['amplitude']:+.1f} ± {100 * r['amplitude_sd']:.1f} %{_of(r)}" for r in clear]
     each = [f"{r['experiment']} {r['channel']} {r['region']} ({v})" for r, v in zip(clear, percent, strict=True)]
-    return lies + "Measured against what all other data predict: " + "; ".join(each) + "."
+    others = f"all data but those of {d['odd']['experiment']} predict" if d.get("odd") else "all other data predict"
+    return f"{lies}Measured against what {others}: {'; '.join(each)}."
+
+
+def _of(region: Mapping[str, Any]) -> str:
+    return " of the largest force" if region.get("of_largest") else ""
 
 
 def _named(c: Mapping[str, Any]) -> str:
@@ -175,14 +179,13 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
 
 def _odd(found: Mapping[str, Any]) -> str:
     """The one experiment that is odd, where all others agree with the model."""
-    odd = found["diagnosis"].get("odd") or {"probability": 0.0}
-    if odd["probability"] < LONE:
+    if not found["diagnosis"].get("odd"):
         return ""
+    odd, p = (found["diagnosis"]["odd"][k] for k in ("experiment", "probability"))
     points = {e["name"]: e["point"] for e in found["experiments"]}
-    own = points[odd["experiment"]]
-    alike = [n for n, p in points.items() if p == own and n != odd["experiment"]]
-    what = f"it, and {', '.join(alike)} at the same point" if alike else "it: that place of the body, or that test"
-    said = f" It is in {odd['experiment']} alone ({chance(odd['probability'])}), the others agree with the model."
+    alike = [n for n, p in points.items() if p == points[odd] and n != odd]
+    what = f"it and {', '.join(alike)} at the same point" if alike else "it: that place of the body, or that test"
+    said = f" It is in {odd} alone ({chance(p)}), the others agree with the model."
     return f"{said} Ask what differs between {what}." if alike else f"{said} Ask what is special about {what}."
 
 

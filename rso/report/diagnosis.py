@@ -237,7 +237,11 @@ def _regions(found: Found, rows: list[Mapping[str, Any]]) -> Table:
         column("of the gap", words([f"{100 * r['share']:.0f}" if r.get("share") else DASH for r in rows]), "%"),
         column("", tuple(states), number=False),
     ]
-    note = "Each region against what the base model predicts when it is fitted to all other data; + is measured above. "
+    odd = f", those of {clean(core(found)['odd'].get('experiment'))} left out" if core(found).get("odd") else ""
+    note = f"Each region against what the base model predicts when it is fitted to all other data{odd}; + is measured "
+    note += "above, in shares of the prediction"
+    largest = ", ".join(dict.fromkeys(clean(r.get("channel")) for r in rows if r.get("of_largest")))
+    note += f" ({largest}, where it vanishes: of the largest force). " if largest else ". "
     note += "Of the gap: what the region's channel holds of the difference between the chosen and the base model."
     if known(core(found).get("where_threshold")):
         limit = significant(core(found)["where_threshold"], 3)

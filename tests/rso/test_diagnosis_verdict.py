@@ -13,6 +13,7 @@ from rso.diagnosis.judge import BEYOND, MISFIT, _beyond, most_left
 from rso.diagnosis.judgement import judge
 from rso.diagnosis.mixture import Posterior
 from rso.diagnosis.shrinkage import Gap, summarise
+from rso.diagnosis.unfitted import HeldOut, held_out, predicts
 from rso.diagnosis.words import _alone, _cause, _outside, _shrinkage, _unlike, _where
 from rso.measurement import Noise, Repeat
 
@@ -263,3 +264,47 @@ def test_a_share_that_says_nothing_of_what_differs_from_curve_to_curve_is_said_t
     """Gains of each curve were the verdict, and the share closed on curves left out was -60 %: without a word."""
     said = _alone({"causes": [{"effect": "gain_each", "family": family}]}, {"effects": [{"name": "gain_each"}]})
     assert words in said and bool(said) == bool(words)
+
+
+@pytest.mark.parametrize(("points", "words"), [
+    ([[0, 0], [0, 0], [0, 0]], "Ask what differs between it and load, deep at the same point."),
+    ([[9, 0], [0, 0], [0, 0]], "Ask what is special about it: that place of the body, or that test."),
+])  # fmt: skip
+def test_the_odd_one_is_told_and_asked_about(points, words):
+    d = {"verdict": "unexplained", "causes": [], "odd": {"experiment": "cycle", "probability": 0.97}}
+    names = ("cycle", "load", "deep")
+    found = {"diagnosis": d, "effects": [],
+             "experiments": [{"name": n, "point": p} for n, p in zip(names, points, strict=True)]}  # fmt: skip
+    said = _cause(d, found)
+    assert "It is in cycle alone (97 %), the others agree with the model." in said and said.endswith(words)
+    assert "alone" not in _cause(d, {**found, "diagnosis": d | {"odd": None}})
+    region = {"experiment": "cycle", "channel": "Fx", "region": "loading", "z": -9.0, "amplitude": -0.02,
+              "amplitude_sd": 0.001, "share": 1.0, "beyond_noise": True, "of_largest": True}  # fmt: skip
+    assert "Measured against what all data but those of cycle predict: cycle Fx loading (-2.0 ± 0.1 % of the largest " \
+        "force)." in _where(d | {"where": [region]})  # fmt: skip
+    assert "what all other data predict" in _where(d | {"where": [region], "odd": None})
+
+
+def test_what_one_experiment_alone_can_show_is_said_to_be_unconfirmed():
+    c = {"effect": "turn", "probability": 0.99, "size": 9.0, "interval": [8.0, 10.0], "unit": "deg", "neutral": 0.0,
+         "railed": False, "like_a_modulus": False}  # fmt: skip
+    d = {"verdict": "measurement", "causes": [c], "ambiguous_with": [], "chosen": ["turn"]}
+    rows = [{"experiment": "side", "gain": {"none": 0.0}}, {"experiment": "top", "gain": {"none": 0.0, "turn": 0.1}}]
+    found = {"effects": [{"name": "turn", "description": "a turn"}], "held_out": rows}
+    assert _cause(d, found).endswith("Only side can show it: no other experiment confirms it.")
+    assert "confirms" not in _cause(d, found | {"held_out": rows[1:]})
+
+
+def test_an_effect_is_asked_of_what_can_show_it():
+    """Relaxation shows on the way back, which one of two experiments has; both say something of a stiffening."""
+    rng = np.random.default_rng(2)
+    plan = make_plan([loading(rng), toy.experiment("cycle", toy.recorded(toy.TRUTH, rng, unload=True))])
+    library = build(toy.base(axes=False), plan, toy.effects("stiff", "g"), toy.run)
+    y, effects = plan.values(), {e.name: e for e in library.effects}
+    bench = set_up(library, y)
+    hypotheses = [Hypothesis(()), *(Hypothesis((e,)) for e in effects.values())]
+    told = {h.experiment: set(h.gain) for h in held_out(bench, y, hypotheses)}
+    assert "stiff" in told["cycle"] and "stiff" in told["load"]
+    assert [t.returns for t in plan.tests] == [False, False, True]
+    assert ("g" in told["load"]) and "g" not in told["cycle"]  # one rate of loading tells no relaxation from a modulus
+    assert predicts([HeldOut("cycle", {"none": 0.0}), HeldOut("load", {"none": 0.0, "g": -1.0})], hypotheses[2])
