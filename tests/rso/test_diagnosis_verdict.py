@@ -296,15 +296,15 @@ def test_what_one_experiment_alone_can_show_is_said_to_be_unconfirmed():
 
 
 def test_an_effect_is_asked_of_what_can_show_it():
-    """Relaxation shows on the way back, which one of two experiments has; both say something of a stiffening."""
+    """Backlash shows on the way back, which one of two experiments has; both say something of a stiffening."""
     rng = np.random.default_rng(2)
     plan = make_plan([loading(rng), toy.experiment("cycle", toy.recorded(toy.TRUTH, rng, unload=True))])
-    library = build(toy.base(axes=False), plan, toy.effects("stiff", "g"), toy.run)
+    library = build(toy.base(axes=False), plan, toy.effects("stiff", "backlash"), toy.run)
     y, effects = plan.values(), {e.name: e for e in library.effects}
     bench = set_up(library, y)
     hypotheses = [Hypothesis(()), *(Hypothesis((e,)) for e in effects.values())]
     told = {h.experiment: set(h.gain) for h in held_out(bench, y, hypotheses)}
     assert "stiff" in told["cycle"] and "stiff" in told["load"]
     assert [t.returns for t in plan.tests] == [False, False, True]
-    assert ("g" in told["load"]) and "g" not in told["cycle"]  # one rate of loading tells no relaxation from a modulus
-    assert predicts([HeldOut("cycle", {"none": 0.0}), HeldOut("load", {"none": 0.0, "g": -1.0})], hypotheses[2])
+    assert "backlash" in told["load"] and "backlash" not in told["cycle"]
+    assert predicts([HeldOut("cycle", {"none": 0.0}), HeldOut("load", {"none": 0.0, "backlash": -1.0})], hypotheses[2])
