@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from rso import diagnosis
-from rso.contract import digest, plain
+from rso.contract import digest
 from rso.diagnosis import Library, TestPlan
 from rso.running import Event, run_all
 from rso.store import RunStore
-from rso.study.diagnosing import Asked, _finite, _replace, ask, judge
+from rso.study import files
+from rso.study.diagnosing import Asked, ask, judge
 from rso.study.laboratory import files_of, in_words, study_text
 from rso.study.loader import load
 from rso.study.nominal import FILE, read_nominal
@@ -62,7 +63,7 @@ def answer(
             found["taken"] = taken[case]
         except ValueError as error:
             found = {"error": str(error)}
-        _replace(path, json.dumps(plain(_finite(found)), indent=1, ensure_ascii=False))
+        files.write(path, found)
         say(f"{case.name}: {found.get('error') or found['diagnosis']['verdict']}")
         yield case.name, found
 

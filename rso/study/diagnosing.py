@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
-import os
 import textwrap
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -23,6 +21,7 @@ from rso.measurement import recorded_speed
 from rso.running import Event, Task, run_all
 from rso.similarity import group, stress_exponent
 from rso.store import RunStore
+from rso.study import files
 from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, place_of_setting
 from rso.study.errors import Problem, choose, study_error
 from rso.study.plan import source_of
@@ -278,29 +277,7 @@ def judge(asked: Asked, library: Library, run: Callable[[Sequence[Task]], list[A
 
 def _write(folder: Path, found: Mapping[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    _replace(folder / FILE, json.dumps(plain(_finite(found)), indent=1, ensure_ascii=False))
+    files.write(folder / FILE, found)
     path = folder / "results.json"
     if path.exists():
-        results = json.loads(path.read_text(encoding="utf-8"))
-        results["diagnosis"] = plain(_finite(found["diagnosis"]))
-        _replace(path, json.dumps(results, indent=1, ensure_ascii=False))
-
-
-def _replace(path: Path, text: str) -> None:
-    """Write at once or not at all."""
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text(text, encoding="utf-8")
-    os.replace(temporary, path)
-
-
-def _finite(data: Any) -> Any:
-    """NaN and infinities as None: strict JSON has no word for them."""
-    if isinstance(data, Mapping):
-        return {k: _finite(v) for k, v in data.items()}
-    if isinstance(data, list | tuple):
-        return [_finite(v) for v in data]
-    if isinstance(data, np.ndarray):
-        return _finite(data.tolist())
-    if isinstance(data, float | np.floating):
-        return float(data) if math.isfinite(data) else None
-    return data
+        files.write(path, json.loads(path.read_text(encoding="utf-8")) | {"diagnosis": found["diagnosis"]})

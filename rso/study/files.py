@@ -57,7 +57,7 @@ def claim(folder: Path, study: Path) -> None:
 def write(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:
     """Replace the file in one step, so that a reader never sees half of it; returns what was written, plain."""
     data = plainly(results)
-    _replace(path, json.dumps(data, indent=1, allow_nan=False))
+    _replace(path, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False))
     return data
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,11 +10,10 @@ from typing import Any
 import numpy as np
 
 import rso
-from rso.contract import plain
 from rso.identify import Told
 from rso.identify.verdict import FACTOR, physical
+from rso.study import files
 from rso.study.further import AGAIN, Found, Joint, Learnt
-from rso.study.ladder_results import finite
 from rso.study.plan import Plan
 
 FILE, SCHEMA = "next.json", 1
@@ -30,30 +27,28 @@ def results(plan: Plan, found: Found, command: str) -> dict[str, Any]:
     box, focus = found.axes.box, found.axes.box.names[found.weakest]
     theta = box.from_unit(found.truths)
     singles, pairs = ranked(found, 1), ranked(found, 2)
-    return plain(
-        finite(
-            {
-                "schema": SCHEMA,
-                "study": {"title": plan.study.study.title, "file": plan.study.file.name, "seed": plan.seed,
-                          "units": plan.study.study.units},
-                "focus": focus,
-                "enough": ENOUGH,
-                "draws": plan.study.next.draws,
-                "parameters": [{"name": n, "unit": box.units[k], "low": box.low[k], "high": box.high[k]}
-                               for k, n in enumerate(box.names)],
-                "truths": [dict(zip(box.names, map(float, row), strict=True)) for row in theta],
-                "words": words(found, singles, pairs),
-                "experiments": [_experiment(v) for v in found.learnt],
-                "problems": dict(found.problems),
-                "fits": [_fit(box, j) for j in found.joint],
-                "told": [_row(found, n) for n in [(), *singles, *pairs]],
-                "best": {"one": list(singles[0]) if singles else None, "two": list(pairs[0]) if pairs else None},
-                "timings": {"fe_cpu": sum(v.cpu_s for v in found.learnt)},
-                "counts": {"runs": sum(v.runs for v in found.learnt)},
-                "provenance": {"rso": rso.__version__, "backend": plan.backend.name, "numerics": plan.backend.numerics,
-                               "command": command},
-            }
-        )
+    return files.plainly(
+        {
+            "schema": SCHEMA,
+            "study": {"title": plan.study.study.title, "file": plan.study.file.name, "seed": plan.seed,
+                      "units": plan.study.study.units},
+            "focus": focus,
+            "enough": ENOUGH,
+            "draws": plan.study.next.draws,
+            "parameters": [{"name": n, "unit": box.units[k], "low": box.low[k], "high": box.high[k]}
+                           for k, n in enumerate(box.names)],
+            "truths": [dict(zip(box.names, map(float, row), strict=True)) for row in theta],
+            "words": words(found, singles, pairs),
+            "experiments": [_experiment(v) for v in found.learnt],
+            "problems": dict(found.problems),
+            "fits": [_fit(box, j) for j in found.joint],
+            "told": [_row(found, n) for n in [(), *singles, *pairs]],
+            "best": {"one": list(singles[0]) if singles else None, "two": list(pairs[0]) if pairs else None},
+            "timings": {"fe_cpu": sum(v.cpu_s for v in found.learnt)},
+            "counts": {"runs": sum(v.runs for v in found.learnt)},
+            "provenance": {"rso": rso.__version__, "backend": plan.backend.name, "numerics": plan.backend.numerics,
+                           "command": command},
+        }
     )  # fmt: skip
 
 
@@ -182,7 +177,6 @@ def markdown(data: Mapping[str, Any], pairs: int = 3) -> list[str]:
 def write(folder: Path, found: Mapping[str, Any]) -> Path:
     """Write next.json at once or not at all."""
     folder.mkdir(parents=True, exist_ok=True)
-    path, part = folder / FILE, folder / f"{FILE}.part"
-    part.write_text(json.dumps(found, indent=1, ensure_ascii=False, allow_nan=False), encoding="utf-8")
-    os.replace(part, path)
+    path = folder / FILE
+    files.write(path, found)
     return path

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import math
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import rso
 from rso import ladder
-from rso.contract import plain
 from rso.identify.verdict import physical
 from rso.ladder import Check, CurveError, Goodness, Judged
+from rso.study import files
 from rso.study.climbing import Climbed, Fitted
 from rso.study.plan import Plan
 
@@ -29,30 +24,28 @@ def results(plan: Plan, found: Climbed, command: str) -> dict[str, Any]:
     rung_of = {v.name: n for n, rung in enumerate(found.rungs) for v in rung}
     title_of = {v.name: v.label for rung in found.rungs for v in rung}
     alarm = f"{100 * (1 - table.confidence):.3g}"
-    return plain(
-        finite(
-            {
-                "schema": SCHEMA,
-                "study": {"title": plan.study.study.title, "file": plan.study.file.name, "seed": plan.seed,
-                          "units": plan.study.study.units},
-                "rule": ladder.RULE.format(alarm=alarm),
-                "confidence": table.confidence,
-                "draws": table.draws,
-                "chosen": climb.chosen,
-                "adequate": climb.adequate,
-                "rivals": list(climb.rivals),
-                "words": climb.words,
-                "warnings": warnings(plan, found),
-                "start": _start(plan, found),
-                "steps": [{"level": s.name, "title": title_of[s.name], "rung": s.rung, "verdict": s.verdict,
-                           "words": s.words} for s in climb.steps],
-                "levels": [_level(plan, found, j, rung_of[j.level.name]) for j in climb.judged],
-                "counts": {"runs": len(found.cost)},
-                "timings": {"wall": found.seconds, "fe_cpu": sum(found.cost.values())},
-                "provenance": {"rso": rso.__version__, "backend": plan.backend.name, "numerics": plan.backend.numerics,
-                               "command": command},
-            }
-        )
+    return files.plainly(
+        {
+            "schema": SCHEMA,
+            "study": {"title": plan.study.study.title, "file": plan.study.file.name, "seed": plan.seed,
+                      "units": plan.study.study.units},
+            "rule": ladder.RULE.format(alarm=alarm),
+            "confidence": table.confidence,
+            "draws": table.draws,
+            "chosen": climb.chosen,
+            "adequate": climb.adequate,
+            "rivals": list(climb.rivals),
+            "words": climb.words,
+            "warnings": warnings(plan, found),
+            "start": _start(plan, found),
+            "steps": [{"level": s.name, "title": title_of[s.name], "rung": s.rung, "verdict": s.verdict,
+                       "words": s.words} for s in climb.steps],
+            "levels": [_level(plan, found, j, rung_of[j.level.name]) for j in climb.judged],
+            "counts": {"runs": len(found.cost)},
+            "timings": {"wall": found.seconds, "fe_cpu": sum(found.cost.values())},
+            "provenance": {"rso": rso.__version__, "backend": plan.backend.name, "numerics": plan.backend.numerics,
+                           "command": command},
+        }
     )  # fmt: skip
 
 
@@ -140,17 +133,6 @@ def _level(plan: Plan, found: Climbed, j: Judged, rung: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def finite(data: Any) -> Any:
-    """NaN and infinities as None, arrays as lists: strict JSON has no word for them."""
-    if isinstance(data, Mapping):
-        return {k: finite(v) for k, v in data.items()}
-    if isinstance(data, list | tuple | np.ndarray):
-        return [finite(v) for v in data]
-    if isinstance(data, float | np.floating):
-        return float(data) if math.isfinite(data) else None
-    return data
-
-
 def _verdict(g: Goodness) -> dict[str, Any]:
     return {"passes": g.passes, "p_value": g.p_value, "share": g.share}
 
@@ -166,7 +148,6 @@ def _test(t: Check) -> dict[str, Any]:
 def write(folder: Path, found: Mapping[str, Any]) -> Path:
     """Write ladder.json at once or not at all."""
     folder.mkdir(parents=True, exist_ok=True)
-    path, part = folder / FILE, folder / f"{FILE}.part"
-    part.write_text(json.dumps(found, indent=1, ensure_ascii=False, allow_nan=False), encoding="utf-8")
-    os.replace(part, path)
+    path = folder / FILE
+    files.write(path, found)
     return path

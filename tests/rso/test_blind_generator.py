@@ -399,6 +399,8 @@ def judged(blind, truth, verdict, effect, cause=None, group=()):
         ("rocking", "compliance", None),
         ("set", "permanent_set", "offset"),
         ("backlash", "backlash", None),
+        ("depth_scale", "depth_scale", None),
+        ("nonlinear_cell", "nonlinearity", None),
     ],
 )
 def test_names_that_are_in_the_catalogue_by_now_count_alone(blind, kind, effect, cause):
