@@ -20,7 +20,7 @@ from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Posterior, mean_prediction, posterior
 from rso.diagnosis.remainder import Remainder, remainder
 from rso.diagnosis.undecided import Reach, draws, reach
-from rso.diagnosis.unfitted import HeldOut, held_out, left_out, predicts, shrinkage_of
+from rso.diagnosis.unfitted import HeldOut, fit, held_out, left_out, predicts, shrinkage_of
 
 DRAWS = 2000
 LEVEL = 0.9
@@ -150,6 +150,9 @@ def diagnose(
         C = noise.scatter(library.plan, bench.levels, fits["none"], slope)
         where = localise.shared(where, library.plan, Δ, C, noise.readings(library.plan, bench.levels, slope))
     causes = _causes(evidence, contest, y, posts, verdict, named)
+    if odd is not None:  # what the others say
+        rest = np.setdiff1d(np.arange(len(y)), localise.rows_of(library.plan, odd[0]))
+        posts[chosen.name] = fit(bench, (), rest, y, rng, DRAWS)
     besides = {}
     if verdict in OPEN and chosen in contest.hypotheses:
         besides = reach(evidence, contest, chosen, posts[chosen.name], y, LEVEL, seed + 7)

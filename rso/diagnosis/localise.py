@@ -78,7 +78,7 @@ def localise(plan: TestPlan, h: Ready, C: np.ndarray, y: np.ndarray, seed: int, 
     rng = np.random.default_rng(seed)
     draws = np.linalg.cholesky(T) @ rng.standard_normal((len(y), DRAWS))
     R = np.concatenate([(y - F)[:, None], draws], axis=1)
-    apart = _rows_of(plan, odd)
+    apart = rows_of(plan, odd)
     found, largest = [], np.zeros(DRAWS)
     for experiment, channel, name, rows in _regions(plan):
         pattern, of_largest = F[rows], False
@@ -97,7 +97,7 @@ def localise(plan: TestPlan, h: Ready, C: np.ndarray, y: np.ndarray, seed: int, 
     return Where(tuple(found), float(np.quantile(largest, 0.95)))
 
 
-def _rows_of(plan: TestPlan, experiment: str | None) -> np.ndarray:
+def rows_of(plan: TestPlan, experiment: str | None) -> np.ndarray:
     """Rows (m,) of the data vector that an experiment has."""
     rows = [np.arange(at.start, at.stop) for item, _, at in plan.rows()
             if plan.experiments[item.experiment].name == experiment]  # fmt: skip

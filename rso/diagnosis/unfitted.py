@@ -137,10 +137,10 @@ def _fits(library: Library, bench: Bench, y: np.ndarray, first: np.ndarray, rows
     """Predictions (n,) of a library's plan: the base model fitted to the `first` rows of y, to `rows`, and with the
     cause; without one that is the second once more."""
     rng = np.random.default_rng(seed)
-    before, again = (shrinkage.predicted(library, (), _fit(bench, (), r, y, rng), bench.modulus) for r in (first, rows))
+    before, again = (shrinkage.predicted(library, (), fit(bench, (), r, y, rng), bench.modulus) for r in (first, rows))
     if not cause:
         return [before, again, again]
-    return [before, again, shrinkage.predicted(library, cause, _fit(bench, cause, rows, y, rng), bench.modulus)]
+    return [before, again, shrinkage.predicted(library, cause, fit(bench, cause, rows, y, rng), bench.modulus)]
 
 
 def _gap(name: str, unit: str, rows: np.ndarray, y: np.ndarray, fits: Sequence[np.ndarray], C: np.ndarray,
@@ -196,10 +196,11 @@ def _taught(bench: Bench, y: np.ndarray, rest: np.ndarray, effects: Sequence[Eff
     return tuple(e for e in effects if e.family == "scatter" or tells(e))
 
 
-def _fit(bench: Bench, effects, rows: np.ndarray, y: np.ndarray, rng) -> Posterior:
+def fit(bench: Bench, effects: Sequence[Effect], rows: np.ndarray, y: np.ndarray, rng, draws: int = 300) -> Posterior:
+    """The base model with effects as some rows of the data y (n,) have it."""
     white = whitening(bench.covariance(effects, attribute.SCATTER[-1]), rows)
     h = ready(bench.of(effects, loose=True), white, bench.modulus)
-    return posterior(h, white(y), 300, rng)
+    return posterior(h, white(y), draws, rng)
 
 
 def _chosen_without(evidence: Evidence, rest: np.ndarray, y: np.ndarray, chosen: Hypothesis) -> tuple[Effect, ...]:

@@ -169,6 +169,8 @@ def test_one_experiment_that_is_odd_is_told(name):
     assert max(d.probabilities, key=d.probabilities.get) == "none + unexplained"
     assert d.odd is not None and d.odd[0] == name
     clear = [g for g in d.where.regions if abs(g.z) > d.where.threshold]
+    off = {when: abs(v["mu"][1] / TRUTH["mu"] - 1.0) for when, v in d.parameters.items()}
+    assert off["after"] < off["before"]  # nor in the modulus
     assert clear and all(g.experiment == name and g.z < 0 for g in clear)  # it has no say in what the others should be
 
 

@@ -287,12 +287,13 @@ def test_the_command_refuses_with_the_exit_code_of_bad_input(tmp_path):
     assert not list(tmp_path.rglob("diagnosis.json"))
 
 
-def test_failed_runs_show_in_the_exit_code(tmp_path):
+def test_failed_runs_show_in_the_exit_code_and_are_said(tmp_path):
     text = STUDY.replace("[backend.settings]", '[backend.settings]\nfail = "stiff"')
     done = rso("diagnose", write(tmp_path, text, soften=0.0))
     assert done.returncode not in (0, 2) and "Traceback" not in done.stderr
     (path,) = tmp_path.rglob("diagnosis.json")
     assert any("stiff" in line for line in strict(path)["failed_runs"])
+    assert "failed simulation, its neighbours stand for it: stiff" in " ".join(done.stdout.split())
 
 
 def test_check_says_how_large_the_library_will_be(folder, tmp_path):
