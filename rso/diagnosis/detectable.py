@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import isotonic_regression
 from scipy.special import logsumexp
 
 from rso.diagnosis import attribute
@@ -27,7 +28,7 @@ CLEAR = 0.9  # power from which confusion counts: about three times the limit
 
 @dataclass(frozen=True)
 class Detectable:
-    """`limit` is |value − neutral| found with 50 % power (None: invisible), `power` by size.
+    """`limit` is |value − neutral| found with 50 % power (None: invisible), `power` by size, which it grows with.
 
     `recognised` is the mean probability of the right cause, `confused_with` holds what takes more than CONFUSED of it:
     both at the smallest clear size, since what is large enough is told apart from much, or where none is clear at the
@@ -76,10 +77,10 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
     sets, labels = [], []
     effects = [e for e in evidence.effects if e.family != "scatter"]
     for e in effects:
+        scatter = (L @ rng.standard_normal((len(y), SETS))).T  # that of all sizes, of which the larger shows in more
         for t in _ladder(evidence, e, centre):
             r = evidence.ready((e,))
-            mean = L @ r.middle(t)
-            sets.append(mean + (L @ rng.standard_normal((len(y), SETS))).T)
+            sets.append(L @ r.middle(t) + scatter)
             labels.append((e, float(r.tiles.at[t, len(centre)])))
     T, P = _statistics(evidence, np.concatenate(sets))
     T, P = T.reshape(len(labels), SETS), P.reshape(len(labels), SETS, -1)
@@ -88,6 +89,8 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
         mine = [i for i, (own, _) in enumerate(labels) if own is e]
         sizes = np.array([labels[i][1] for i in mine])
         power = np.array([np.mean(T[i] > threshold) for i in mine])
+        if e.size.neutral is not None:
+            power = isotonic_regression(power).x
         limit = _limit(np.abs(sizes) if e.size.neutral is not None else np.arange(len(sizes)), power)
         clear = [i for i, q in zip(mine, power, strict=True)
                  if limit is not None and (q > CLEAR or e.size.neutral is None)]  # fmt: skip
