@@ -35,6 +35,10 @@ BARE_COLUMNS = ("repeat", "segment")
 COLUMN_NAMES = (*COLUMNS, *(f"{name}_sigma" for name in COLUMNS), *BARE_COLUMNS)
 UNITS = MappingProxyType({"mm": "mm, um, m, inch", "s": "s, ms, min", "N": "N, mN, kN, gf, lbf"})  # of each kind, some
 WEIGHTS = MappingProxyType({"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"})  # masses where only a force can be
+_WORDS = MappingProxyType(  # the same, written out
+    {"gram": "gf", "gramme": "gf", "kilogram": "kgf", "kilogramme": "kgf", "kilo": "kgf", "pound": "lbf", "lb": "lbf",
+     "ounce": "ozf"}
+)  # fmt: skip
 
 _EXAMPLES = {
     "MPa": '0.0032, "3.2 kPa" or "3200 Pa"',
@@ -211,7 +215,7 @@ def unit_in(text: str, name: str) -> str | None:
     base = kind_of(name)
     for unit in reversed(["".join(group).strip() for group in _GROUP.findall(written)]):
         # KN is no unit, but says that N is not meant.
-        if is_of(base, unit) or unit.lower() in UNITS[base].lower().split(", ") or (base == "N" and unit in WEIGHTS):
+        if is_of(base, unit) or unit.lower() in UNITS[base].lower().split(", ") or (base == "N" and weight(unit)):
             return unit
     low_line = _LOW_LINE.fullmatch(_GROUP.sub("", written).strip())
     return low_line[1] if low_line and is_of(base, low_line[1]) else None
@@ -231,6 +235,11 @@ def bracketed(text: str, name: str) -> str | None:
         if square.strip() or any(word == "%" or is_of(kind_of(name), word) for word in told):
             return square.strip() or words
     return None
+
+
+def weight(unit: str) -> str | None:
+    """The force that a mass stands for where only a force can be: gf for g, gram and Grams; None for what is none."""
+    return WEIGHTS.get(unit) or _WORDS.get(unit.lower().removesuffix("s"))
 
 
 def is_of(base: str, unit: str) -> bool:

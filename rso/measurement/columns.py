@@ -19,7 +19,6 @@ from typing import NoReturn
 from rso.units import (
     BARE_COLUMNS,
     UNITS,
-    WEIGHTS,
     bracketed,
     column_factor,
     factor,
@@ -29,6 +28,7 @@ from rso.units import (
     is_unit,
     kind_of,
     unit_in,
+    weight,
     worth,
 )
 
@@ -316,11 +316,11 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
     # In capitals S is a siemens, MM no millimetre, and the MN of a machine a mN.
     units = {who: unit for who, unit in said.items() if unit and (who == "the study" or unit.lower() != same)}
     for who, unit in units.items():
-        if base == "N" and unit in WEIGHTS:
+        if base == "N" and (force := weight(unit)):
             if column.unit is None:
                 fail(path, line, f"column {name!r} ({column.header!r}): {unit!r} is a mass; if its weight is meant, "
-                     f"say unit = {WEIGHTS[unit]!r} in [columns] of the study")  # fmt: skip
-            units[who] = WEIGHTS[unit]
+                     f"say unit = {force!r} in [columns] of the study")  # fmt: skip
+            units[who] = force
     if not units:
         if wrong := odd["the header"]:
             fail(path, line, f"column {name!r} ({column.header!r}): the header says {wrong!r}, which is not a known "
