@@ -57,6 +57,7 @@ _UNIT = re.compile(rf"{_FACTOR}(?:\s*[*·/ ]\s*{_FACTOR})*")
 _HEADER = re.compile(r"([A-Za-z]+)(_sigma)?_([^\s_]+)")
 _ENDING = re.compile(r"(.*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\)|/\s*([^\s/()\[\]]+))", re.DOTALL)
 _GROUP = re.compile(r"\[([^\[\]]*)\]|\(([^()]*)\)|/\s*([^\s/()\[\]]+)")
+_COMMA = re.compile(r"(.*\S)\s*,\s*([^\s,]+)\s*", re.DOTALL)  # "Fz, gf"
 _LOW_LINE = re.compile(r".*_([^\s_]+)", re.DOTALL)
 _LOWER = MappingProxyType({name.lower(): name for name in COLUMN_NAMES})
 _LONGEST = 80
@@ -206,8 +207,8 @@ def _ending(text: str) -> tuple[str, str] | None:
 def unit_in(text: str, name: str) -> str | None:
     """The unit that any header says of the column `name`: mm in ``"Weg [mm] (roh)"``, None in ``"Weg (Traverse)"``.
 
-    Behind a low line or before other words only a unit of the right kind counts: the A of ``"Load_A"`` is a channel,
-    not an ampere.
+    Behind a low line or a comma or before other words only a unit of the right kind counts: the A of ``"Load_A"`` and
+    of ``"Load, A"`` is a channel, not an ampere.
     """
     written = text.strip()
     if (ending := _ending(written)) and is_unit(ending[1]):
@@ -217,6 +218,8 @@ def unit_in(text: str, name: str) -> str | None:
         # KN is no unit, but says that N is not meant.
         if is_of(base, unit) or unit.lower() in UNITS[base].lower().split(", ") or (base == "N" and weight(unit)):
             return unit
+    if (comma := _COMMA.fullmatch(written)) and (is_of(base, comma[2]) or (base == "N" and weight(comma[2]))):
+        return comma[2]
     low_line = _LOW_LINE.fullmatch(_GROUP.sub("", written).strip())
     return low_line[1] if low_line and is_of(base, low_line[1]) else None
 

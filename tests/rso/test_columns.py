@@ -62,6 +62,13 @@ def texture(rows=TEXTS) -> str:
     return "\n".join(["Force (g)\tDistance (mm)\tTime (sec)", *lines, ""])
 
 
+def stage(rows=TEXTS) -> str:
+    """Units behind commas between tabs, tags around the notes, a stage that counts upwards, forces as weights."""
+    head = ["<Stage File>", "<INFO>", "Load Cell Offset:\t-291.25", "<END INFO>", "Velocity, mm/s:\t0.5", "<DATA>"]
+    lines = [f"{t}\t{minus(u)}\t{-1000 * float(F) / 9.80665!r}" for t, u, F in rows]
+    return "\n".join([*head, "Time, s\tPosition (z), mm\tFz, gf", *lines, ""])
+
+
 def quoted(rows=TEXTS) -> str:
     """Everything in quotes between commas, and decimal commas within."""
     lines = [",".join(f'"{comma(cell)}"' for cell in row) for row in rows]
@@ -74,12 +81,14 @@ INSTRON = {"depth": Column("Extension", flip=True), "Fz": Column("Load", "kN", T
 LABVIEW = {"depth": Column("Draht", "mm"), "Fz": Column("Kraft", "N"), "time": Column("X_Value", "s")}
 QUOTED = {"depth": Column("Weg"), "Fz": Column("Kraft"), "time": Column("Zeit")}
 TEXTURE = {"depth": Column("Distance (mm)"), "Fz": Column("Force (g)", "gf"), "time": Column("Time (sec)")}
+STAGE = {"depth": Column("Position (z), mm", flip=True), "Fz": Column("Fz, gf", flip=True), "time": Column("Time, s")}
 TEXTURE_WORDS = TEXTURE | {"Fz": Column("Force (Grams)", "gf")}
 MACHINES = {  # text, encoding, columns, some of the notes, what is not read
     "Zwick": (zwick(), "latin-1", ZWICK, ("Prüfprotokoll Niere 3", "Vorkraft 0,01 N"), ("Druckspannung",)),
     "Instron": (instron(), "utf-8", INSTRON, ("Specimen label kidney, 3", "1 0.32"), ("Cycle, total",)),
     "quoted": (quoted(), "utf-8", QUOTED, (), ()),
     "LabVIEW": (labview(), "utf-8", LABVIEW, ("LabVIEW Measurement", "Separator Tab"), ("Comment",)),
+    "stage": (stage(), "utf-8", STAGE, ("<Stage File>", "Velocity, mm/s: 0.5"), ()),
     "texture analyser": (texture(), "utf-8", TEXTURE, (), ()),
     "texture in words": (texture().replace("(g)", "(Grams)"), "utf-8", TEXTURE_WORDS, (), ()),
 }
@@ -106,7 +115,7 @@ def test_files_of_machines_hold_the_numbers_of_the_plain_table(tmp_path, machine
     assert set(notes) <= set(m.notes) and m.unread == unread
     assert list(r.segment) == list(expected.segment) and np.sum(r.segment == "hold") == 20
     # A unit costs the rounding of one product and of the number written.
-    rtol = 4e-16 if machine.startswith(("Instron", "texture")) else 0.0
+    rtol = 4e-16 if machine.startswith(("Instron", "texture", "stage")) else 0.0
     np.testing.assert_array_equal(r.time, expected.time)
     np.testing.assert_array_equal(r.depth, expected.depth)
     np.testing.assert_allclose(r.channels["Fz"], expected.channels["Fz"], rtol=rtol, atol=0)
@@ -200,6 +209,10 @@ REFUSED = {  # text, columns, words
     "another unit before other words": ("Weg [mm];Kraft [kN] (gefiltert)\n0;0\n", {
         "depth": Column("Weg [mm]"), "Fz": Column("Kraft [kN] (gefiltert)", "N")}, [
         ":1:", "the study says 'N'", "the header 'kN'"]),
+    "another unit behind a comma": (stage(), STAGE | {"Fz": Column("Fz, gf", "N", flip=True)}, [
+        ":7:", "'Fz' ('Fz, gf')", "the study says 'N'", "the header 'gf'"]),
+    "a channel behind a comma": ("Weg, mm;Kraft, A\n0;0\n", {"depth": Column("Weg, mm"), "Fz": Column("Kraft, A")}, [
+        ":1:", "'Kraft, A' says no unit"]),
     "another unit in capitals": ("Weg [mm];Kraft [KN]\n0;0\n", {
         "depth": Column("Weg [mm]"), "Fz": Column("Kraft [KN]", "N")}, [":1:", "the header says 'KN'"]),
     "another unit beneath, in capitals": (SHORT.replace("N;s", "KN;s"), SHORT_COLUMNS | {"Fz": Column("Kraft", "N")}, [
