@@ -34,6 +34,8 @@ STUCK = 10  # readings at the deepest point that make a rest, where no times are
 JITTER = 0.05  # of the stroke: a way back by less is jitter
 PAUSE = 0.1  # of the time of loading: a rest on the way this long is remarked upon
 JUMP = 0.05  # of the stroke: a single depth this far out of line is a mistake
+LEAP = 0.02  # of the stroke: a step of depth this long, far beyond those beside it, is remarked upon
+BESIDE = 8.0  # times the steps beside it: a step that is none of theirs
 POSITION = 0.5  # of the deepest travel: a record that begins beyond it has a force there, or depths from elsewhere
 TURN = "turn its sign (flip = true in [columns] of the study, or without it)"
 ZERO = "subtract the reading at contact (zero = … in [columns] of the study)"
@@ -78,6 +80,7 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
             f"repeat {label}: the last {pad} readings (from line {lines[-pad]}) are all {at}, after a jump; filled up "
             "by a logger? Leave them out"
         )
+    notes += [] if few else _breaks(label, depth, force, time, loading, lines)
     if sorted_here:
         notes += _of_order(who, label, depth, time, loading)
     if depth.max() <= 0.0:
@@ -261,6 +264,62 @@ def _jump(path: Path, depth: np.ndarray, stroke: float, lines: np.ndarray) -> No
             f"{path}:{lines[-1]}: column 'depth' jumps to {depth[-1]:g} mm in the last reading, after "
             f"{depth[-2]:g} mm: leave the row out"
         )
+
+
+def _breaks(label: str, depth: np.ndarray, force: np.ndarray | None, time: np.ndarray | None, loading: np.ndarray,
+            lines: np.ndarray) -> list[str]:  # fmt: skip
+    """Remarks on the largest step of depth and of the force of loading that those beside it do not share.
+
+    A counter that slipped, a motor that lost steps and a cell tared on the way leave the rest of a record as smooth as
+    it was.  Where only readings are missing the speed, or the force, goes on with it: nothing is remarked upon.
+    """
+    notes, step = [], np.diff(depth)
+    far = _alone(np.abs(step)) & (np.abs(step) > max(LEAP * np.ptp(depth), 12.0 * noise_of(depth)))
+    if time is not None:
+        far &= _alone(np.abs(step) / np.maximum(np.diff(time), 1e-12))
+    elif force is not None:
+        far &= ~_alone(np.abs(np.diff(force)), 3.0)
+    far = _on_the_way(far, depth)
+    if far.any():
+        k = int(np.argmax(np.abs(step) * far))
+        notes.append(
+            f"repeat {label}: depth jumps by {step[k]:.3g} mm from {depth[k]:.3g} mm between two readings (line "
+            f"{lines[k + 1]}), far more than beside it; a counter that slipped, steps that a motor lost?"
+        )
+    if force is not None:
+        rise = np.diff(force)
+        far = _alone(np.abs(rise)) & ~_alone(np.abs(step), 3.0) & loading[:-1] & loading[1:]
+        far = _on_the_way(far & (np.abs(rise) > max(JUMP * np.ptp(force), 12.0 * noise_of(force))), depth)
+        if far.any():
+            k = int(np.argmax(np.abs(rise) * far))
+            notes.append(
+                f"repeat {label}: Fz jumps by {rise[k]:.3g} N at {depth[k]:.3g} mm between two readings (line "
+                f"{lines[k + 1]}), far more than beside it; a slip, a crack, a cell tared on the way?"
+            )
+    return notes
+
+
+def _on_the_way(far: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Those of the steps `far` (n,) before and after which the indenter moves: others begin or end a rest."""
+    least = 0.25 * float(np.ptp(depth)) / len(depth)
+    moves = [
+        min(abs(depth[k] - depth[k - 3]), abs(depth[k + 4] - depth[k + 1])) > 3.0 * least for k in np.nonzero(far)[0]
+    ]
+    found = far.copy()
+    found[far] = moves
+    return found
+
+
+def _alone(size: np.ndarray, times: float = BESIDE) -> np.ndarray:
+    """Which of the steps (n,) are so many times larger than the three on either side; none at the ends.
+
+    Nor those of a coarse scale, on whose marks readings stand for a while: there all steps that are any are alike.
+    """
+    found = np.zeros(len(size), bool)
+    if len(size) > 6 and size.any():
+        beside = np.delete(np.lib.stride_tricks.sliding_window_view(size, 7), 3, axis=1)
+        found[3:-3] = size[3:-3] > times * np.maximum(beside.max(axis=1), np.median(size[size > 0.0]))
+    return found
 
 
 def _slipped(depth: np.ndarray, force: np.ndarray) -> int | None:

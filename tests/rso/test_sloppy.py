@@ -13,6 +13,8 @@ from rso.study.checking import check
 U = np.linspace(0.0, 4.0, 41)
 F = 0.04 * U**1.5
 T = 2.0 * U
+W = np.linspace(0.0, 4.0, 401)
+FINE = 2.0 * W, W - 0.3 * (W > 2.845), 0.04 * W**1.5  # a motor loses 0.3 mm on its way
 CYCLE = np.r_[U, U[::-1]]
 PLAIN = {"depth": Column("depth_mm"), "Fz": Column("Fz_N")}
 CLOCK = [f"00:00:{t:06.3f}" for t in T]
@@ -142,8 +144,24 @@ REMARKED = {  # text, words
     "filled up with its last": (table("depth_mm,Fz_N", np.r_[U, 9 * [2.5]], np.r_[F, 9 * [0.1]]), "last 9 readings"),
     "a load before": (table("depth_mm,Fz_N", U, F + 0.05), "0.05 N at 0 mm; not tared, or touched before?"),
     "a sensor at its end": (table("depth_mm,Fz_N", U, np.minimum(F, 0.2)), "stays at its largest value, 0.2 N"),
+    "a counter that slipped": (table("depth_mm,Fz_N", U + 1.0 * (U > 2.05), F), "jumps by 1.1 mm from 2 mm"),
+    "steps lost on the way": (table("time_s,depth_mm,Fz_N", *FINE), "jumps by -0.29 mm from 2.84 mm"),
+    "a cell tared on the way": (table("depth_mm,Fz_N", U, F - 0.1 * (U > 3.05)), "Fz jumps by -0.0895 N at 3 mm"),
     "cut within a number": (table("depth_mm,Fz_N", U, F)[:-4], "falls from 0.296 N"),
 }
+
+
+SOUND = {
+    "readings left out": table("depth_mm,Fz_N", np.delete(U, range(12, 26)), np.delete(F, range(12, 26))),
+    "left out between times": table("time_s,depth_mm,Fz_N", *(np.delete(v, range(12, 26)) for v in (T, U, F))),
+    "a coarse scale": table("depth_mm,Fz_N", np.round(np.linspace(0, 4, 400) / 0.25) * 0.25, np.linspace(0, 2, 400)),
+    "a quick way back": table("depth_mm,Fz_N", np.r_[U, U[-1:0:-16]], np.r_[F, F[-1:0:-16]]),
+}
+
+
+@pytest.mark.parametrize("what", SOUND)
+def test_gaps_coarse_scales_and_other_speeds_are_no_jumps(tmp_path, what):
+    assert not any("jumps" in doubt for doubt in read(write(tmp_path, SOUND[what])).doubts)
 
 
 @pytest.mark.parametrize("what", REMARKED)
