@@ -32,6 +32,7 @@ MARKED = 50.0  # times all other readings: no force and no depth
 FLATTEST = 0.8  # power below which no force of a pressed body grows
 STUCK = 10  # readings at the deepest point that make a rest, where no times are known
 JITTER = 0.05  # of the stroke: a way back by less is jitter
+STILL = 0.0025  # of the stroke: less is a rest at one depth
 PAUSE = 0.1  # of the time of loading: a rest on the way this long is remarked upon
 JUMP = 0.05  # of the stroke: a single depth this far out of line is a mistake
 LEAP = 0.02  # of the stroke: a step of depth this long, far beyond those beside it, is remarked upon
@@ -89,7 +90,7 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
             f"contact is: {ZERO}"
         )
     if force is not None and np.sum(loading) >= FEWEST:
-        notes += _of_force(who, label, depth, force, loading)
+        notes += _of_force(who, label, depth, force, time, loading)
     return notes
 
 
@@ -120,7 +121,8 @@ def _of_order(who: str, label: str, depth: np.ndarray, time: np.ndarray | None, 
     return notes
 
 
-def _of_force(who: str, label: str, depth: np.ndarray, force: np.ndarray, loading: np.ndarray) -> list[str]:
+def _of_force(who: str, label: str, depth: np.ndarray, force: np.ndarray, time: np.ndarray | None,
+              loading: np.ndarray) -> list[str]:  # fmt: skip
     """Remarks on where the force of loading begins and how it ends; ValueError where it is none of pressing."""
     d, F = depth[loading], force[loading]
     span = float(np.ptp(force))
@@ -150,7 +152,7 @@ def _of_force(who: str, label: str, depth: np.ndarray, force: np.ndarray, loadin
             f"repeat {label}: Fz stays at its largest value, {force.max():.4g} N, for {flat} readings; a sensor at its "
             "end?"
         )
-    elif creep := _creep(d, F):
+    elif creep := _creep(d, F, None if time is None else time[loading]):
         notes.append(
             f"repeat {label}: Fz stays at {creep[1]:.3g} N from {creep[0]:.3g} to {d.max():.3g} mm; held at constant "
             "force, a sensor at its end, or a ball that sank in? The model presses by travel: leave out what was held"
@@ -438,10 +440,11 @@ def _padding(depth: np.ndarray, force: np.ndarray | None, stroke: float) -> int:
     return n if n >= 3 and jump > max(2.0 * EDGE * stroke, 8.0 * usual) else 0
 
 
-def _creep(depth: np.ndarray, force: np.ndarray) -> tuple[float, float] | None:
+def _creep(depth: np.ndarray, force: np.ndarray, time: np.ndarray | None = None) -> tuple[float, float] | None:
     """Depth (mm) from which on loading stays at its last force, and that force (N); None where that is no long way.
 
     Within 1 % or the noise; a force that grows as depth^0.9 and more is there on a share of its travel of that / 0.9.
+    Where times are known a long time is one too: a stiff body creeps little under the force that it is held with.
     """
     end, width = float(np.median(force[-3:])), max(0.01 * float(np.ptp(force)), 6.0 * noise_of(force))
     away = np.nonzero(np.abs(force - end) > width)[0]
@@ -449,7 +452,11 @@ def _creep(depth: np.ndarray, force: np.ndarray) -> tuple[float, float] | None:
         return None
     first, most = float(depth[away[-1] + 1]), float(depth.max())
     usual = most * width / (0.9 * end)
-    return (first, end) if most - first > EDGE * float(np.ptp(depth)) + 2.0 * usual else None
+    far = most - first > EDGE * float(np.ptp(depth)) + 2.0 * usual
+    if time is not None:
+        long = time[-1] - time[away[-1] + 1] > (PAUSE + 2.0 * width / end) * (time[-1] - time[0])
+        far |= bool(long) and most - first > 2.0 * STILL * float(np.ptp(depth))
+    return (first, end) if far else None
 
 
 def _fall(force: np.ndarray) -> tuple[int, float] | None:

@@ -15,6 +15,12 @@ F = 0.04 * U**1.5
 T = 2.0 * U
 W = np.linspace(0.0, 4.0, 401)
 FINE = 2.0 * W, W - 0.3 * (W > 2.845), 0.04 * W**1.5  # a motor loses 0.3 mm on its way
+LOADED = np.linspace(0.0, 0.0785, 100)  # a force that grows steadily in 10 s and is held for 5 s, while the body creeps
+HELD = (
+    np.linspace(0.1, 15.0, 150),
+    np.r_[(LOADED / 0.04) ** (2 / 3), 1.568 + 0.04 * (1 - np.exp(-np.linspace(0.0, 1.5, 50)))],
+    np.r_[LOADED, np.full(50, 0.0785) + 1e-5 * np.sin(np.arange(50))],
+)
 CYCLE = np.r_[U, U[::-1]]
 PLAIN = {"depth": Column("depth_mm"), "Fz": Column("Fz_N")}
 CLOCK = [f"00:00:{t:06.3f}" for t in T]
@@ -147,6 +153,7 @@ REMARKED = {  # text, words
     "a counter that slipped": (table("depth_mm,Fz_N", U + 1.0 * (U > 2.05), F), "jumps by 1.1 mm from 2 mm"),
     "steps lost on the way": (table("time_s,depth_mm,Fz_N", *FINE), "jumps by -0.29 mm from 2.84 mm"),
     "a cell tared on the way": (table("depth_mm,Fz_N", U, F - 0.1 * (U > 3.05)), "Fz jumps by -0.0895 N at 3 mm"),
+    "held at constant force": (table("time_s,depth_mm,Fz_N", *HELD), "Fz stays at 0.0785 N from 1.57 to 1.6 mm"),
     "cut within a number": (table("depth_mm,Fz_N", U, F)[:-4], "falls from 0.296 N"),
 }
 
