@@ -21,7 +21,7 @@ from rso.diagnosis.effects import Effect
 from rso.diagnosis.nodes import Nodes, cardinal, placed, points, tensor, timed
 from rso.diagnosis.planning import Sizes, framed, jobs_of_base, jobs_of_effects, key_of
 from rso.diagnosis.responses import FORCES, changed, forces_of, loading_of, marks_of, reached_by, relative
-from rso.diagnosis.runs import Base, Pass, Run
+from rso.diagnosis.runs import Base, Job, Pass, Run
 from rso.diagnosis.testplan import TestPlan
 from rso.store import Done, Failed
 
@@ -134,6 +134,15 @@ class Library:
         return tensor(self.levels, x)
 
 
+def _told(base: Base, job: Job) -> str:
+    """The values of a run, and how its open parameters came by them: nobody stated a product of two ranges."""
+    values = job.task.values
+    each = [f"{base.modulus} = {base.reference:.4g}", *(f"{a.name} = {values[a.name]:.4g}" for a in base.axes)]
+    bound = [a.name for a in base.axes if a.exponent]
+    why = f"; low and high of {base.modulus} and of {' and '.join(bound)} are taken together" if bound else ""
+    return f"{', '.join(dict.fromkeys(each))} (a library covers the ranges of [parameters]{why}: narrow them)"
+
+
 def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Library:
     """Compute every table of the plan; a failed run leaves a gap that the nearest node of the same shape fills.
 
@@ -152,7 +161,7 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
             unknowns[j.place] = float(o.response.info.get("dofs", 0))
         elif j.passing is None:
             at = plan.places[j.place].settings.get("point")
-            raise ValueError(f"the base model has no answer at {at}: {o.reason}")
+            raise ValueError(f"the base model has no answer at {at} with {_told(base, j)}: {o.reason}")
     dear = unknowns > DEAR * unknowns[primary]
     aside = (unknowns >= ASIDE * unknowns.min()) & ~dear
     grid, further, rubbing = jobs_of_effects(base, plan, modelled, frame, Sizes(dear, aside))

@@ -46,6 +46,19 @@ def library() -> Library:
     return make([*toy.laboratory(toy.TRUTH, 0), profile()], names=(*MODEL, *chain))
 
 
+def test_a_base_model_without_an_answer_is_told_with_its_values_and_where_they_are_from():
+    nothing = lambda tasks: [Failed("k", t.values, t.case, "not_supported", "out of reach", None) for t in tasks]  # noqa: E731
+    with pytest.raises(ValueError, match="no answer at") as said:
+        build(BASE, make_plan(toy.laboratory(toy.TRUTH, 0)), toy.effects("stiff"), nothing)
+    axis = BASE.axes[0]
+    for words in (
+        f"{BASE.modulus} = {BASE.reference:.4g}, {axis.name} = ",
+        "are taken together: narrow",
+        "out of reach",
+    ):
+        assert words in str(said.value)
+
+
 def test_many_runs_are_cheap_ones_and_those_on_the_studys_mesh_lean():
     base = dataclasses.replace(BASE, draft={"mesh": "rough", "exact": False}, lean={"exact": False})
     seen = []
