@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -32,6 +32,7 @@ from rso.study.searching import Found
 from rso.study.stages import Bench, Watch
 
 Say = Callable[[str], None]
+ROUGH = 0.05  # of the largest value of a curve: a numerical error that leaves little to tell
 EXIT_DONE, EXIT_FAILED_RUNS, EXIT_NOT_VERIFIED, EXIT_NOT_DETERMINED = 0, 3, 4, 5
 
 
@@ -91,7 +92,7 @@ def _directly(bench: Bench, notes: _Notes, say: Say) -> dict[str, Any]:
     except (ValueError, np.linalg.LinAlgError) as error:
         parts = identifying.not_identified(plan, str(error))
         found["warnings"].append(f"identification: {error}")
-    found["warnings"] += descent_results.warnings(plan, there, known)
+    found["warnings"] += [*descent_results.warnings(plan, there, known), *rough(found["searches"][0]["candidates"])]
     notes.write("verify", **parts)
     return _validate(bench, design, [one], None if known is None else known.determination, notes, say)
 
@@ -142,6 +143,7 @@ def _search(ranges: Repaired, notes: _Notes, say: Say) -> tuple[Bench, list[Foun
         found["runs"] += results.candidate_runs(plan, one)
         notes.write("search", **results.of_searches(plan, searches, audit))
     found["warnings"] += [f"Ranges of the main search: {s.why}" for s in audit[-1:] if s.what == "stopped"]
+    found["warnings"] += rough(found["searches"][0]["candidates"])
     return bench, searches
 
 
@@ -268,6 +270,26 @@ class _Clock:
 
 def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def rough(candidates: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Curves whose stated numerical error is a large share of them: an agreement within that says little.
+
+    A ball far smaller than the elements, pressed a little, has such a curve; so every material agrees with the data.
+    """
+    worst: dict[str, float] = {}
+    for candidate in candidates:
+        for name, curve in candidate["curves"].items():
+            size = max(map(abs, curve["value"]), default=0.0)
+            share = max(curve["error"], default=0.0) / size if size else 0.0
+            worst[name] = max(worst.get(name, 0.0), share)
+    return [
+        f"{name}: the stated numerical error of the simulations is up to {100 * share:.2g} % of the largest value, so "
+        "that an agreement within errors says little; the contact is small against the elements: a finer mesh.level, "
+        "or a specimen that is no larger than it must be"
+        for name, share in worst.items()
+        if share > ROUGH
+    ]
 
 
 def _warn_of_constraints(one: Found, found: dict[str, Any]) -> None:
