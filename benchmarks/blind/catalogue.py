@@ -85,7 +85,7 @@ OUTSIDE = {  # name -> (verdicts allowed, causes with which "explained" or "ambi
     "recovery": ((*U, "ambiguous"), ("mullins", "mullins_r", "mullins_m")),
     "collar": ((*U, "measurement"), ()),
 }
-LISTED = {  # outside kinds that the diagnosis's catalogue holds by the thirteenth round, by its names for the same thing
+LISTED = {  # outside kinds that the diagnosis holds in its catalogue by the thirteenth round, by its names for them
     "temperature": ("ageing",),
     "wrong_point": ("offset_x", "offset_x at (20, 0)"),
     "rocking": ("compliance at (20, 0)", "compliance"),
