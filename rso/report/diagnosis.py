@@ -93,6 +93,9 @@ def verdict(found: Found) -> Section:
     if _nothing(found) > DOUBT:
         text = text.replace("misses", "may miss")
     lead = text.format(named) + _not_settled(found) if text else "There is no verdict."
+    if d.get("odd"):
+        odd = clean(d["odd"].get("experiment"))
+        lead = f"{odd} does not agree with the other experiments, and nothing in the catalogue explains it."
     blocks: list[Block] = [Text(lead, "lead" if text else "missing")]
     blocks.append(Facts(tuple(_facts(found))))
     blocks += [Text(re.sub(r"(?<![\w.])-(?=\d)", "−", clean(w))) for w in listed(found, "words")]

@@ -103,6 +103,15 @@ def test_the_verdict_is_said_in_words(verdict, words):
         assert w in text, w
 
 
+def test_one_odd_experiment_leads_the_page_and_has_no_say_in_the_regions():
+    found = story("unexplained")
+    assert "The model misses something" in said(found)
+    found["diagnosis"]["odd"] = {"experiment": "deep {0}", "probability": 0.97}
+    text = said(found)
+    assert "deep {0} does not agree with the other experiments" in text and "The model misses something" not in text
+    assert "fitted to all other data, those of deep {0} left out" in text
+
+
 def test_what_is_fixed_stands_beside_the_intervals_of_what_is_not():
     found = read_back(story("explained"))
     assert "Fixed by the study" not in said(found)
