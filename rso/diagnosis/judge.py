@@ -151,8 +151,8 @@ def diagnose(
         where = localise.shared(where, library.plan, Δ, C, noise.readings(library.plan, bench.levels, slope))
     causes = _causes(evidence, contest, y, posts, verdict, named)
     if odd is not None:  # what the others say
-        rest = np.setdiff1d(np.arange(len(y)), localise.rows_of(library.plan, odd[0]))
-        posts[chosen.name] = fit(bench, (), rest, y, rng, DRAWS)
+        others = np.setdiff1d(np.arange(len(y)), localise.rows_of(library.plan, odd[0]))
+        posts[chosen.name] = fit(bench, (), others, y, rng, DRAWS)
     besides = {}
     if verdict in OPEN and chosen in contest.hypotheses:
         besides = reach(evidence, contest, chosen, posts[chosen.name], y, LEVEL, seed + 7)

@@ -167,7 +167,7 @@ def test_one_experiment_that_is_odd_is_told(name):
     d = diagnosis.diagnose(dataclasses.replace(tables(NAMES, False), plan=plan), 3, nulls=NULLS)
     assert d.verdict == "unexplained" and not d.causes
     assert max(d.probabilities, key=d.probabilities.get) == "none + unexplained"
-    assert d.odd is not None and d.odd[0] == name
+    assert d.remainder is None and d.odd is not None and d.odd[0] == name
     clear = [g for g in d.where.regions if abs(g.z) > d.where.threshold]
     off = {when: abs(v["mu"][1] / TRUTH["mu"] - 1.0) for when, v in d.parameters.items()}
     assert off["after"] < off["before"]  # nor in the modulus
