@@ -49,7 +49,7 @@ def check(evidence: Evidence, effects: Sequence[Effect], judged: Judgement, y: n
         return Checked(judged, judged.verdict, judged.verdict, judged.chosen, np.nan)
     looked, pure = controls.looked_at(evidence, effects, judged, y, seed), Hypothesis(judged.chosen.effects)
     held = held_out(evidence.bench, y, [Hypothesis(()), pure])
-    gain = sum(c.gain.get(pure.name, 0.0) for c in held)
+    gain = sum(c.gain.get(pure.name, np.nan) for c in held)  # some experiment alone can show it: nobody asks
     if not predicts(held, pure):
         return Checked(judged, looked, "unexplained", Hypothesis((), True), gain)
     return Checked(judged, looked, looked, judged.chosen, gain)
