@@ -171,8 +171,8 @@ class FiniteElements:
     def canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
         """Defaults written out, what has no influence dropped: effects at neutral, times and returns if elastic."""
         settings = experiment.read_settings(case.settings)
-        known = {p.name: p for p in self.parameters}
-        kept = {k: known[k].check(v) if k in known else v for k, v in {**dict(settings.defaults), **values}.items()}
+        known, own = {p.name: p for p in self.parameters}, {**possible.usual(settings), **dict(settings.defaults)}
+        kept = {k: known[k].check(v) if k in known else v for k, v in {**own, **values}.items()}
         if settings.support != "bowl":
             kept = {k: v for k, v in kept.items() if not k.startswith("bowl_")}
         for group, switches in SWITCHES.items():
@@ -263,7 +263,8 @@ class FiniteElements:
         unknown = sorted(set(values) - set(known))
         if unknown:
             raise ValueError(f"unknown parameter {unknown[0]!r}; choose from {', '.join(known)}")
-        given = {**{n: p.default for n, p in known.items()}, **dict(settings.defaults), **values}
+        own = {**possible.usual(settings), **dict(settings.defaults)}
+        given = {**{n: p.default for n, p in known.items()}, **own, **values}
         missing = sorted(n for n, v in given.items() if v is None)
         if missing:
             raise ValueError(f"parameter {missing[0]!r} ({known[missing[0]].unit}) has no value")

@@ -27,7 +27,8 @@ class Knobs:
     """Every number that a study may open; an effect also says the value that switches it off.
 
     Lengths in mm, angles in degrees, moduli in MPa.  `mu` is the initial shear modulus under every law, instantaneous
-    where the material relaxes.
+    where the material relaxes.  Defaults and plausible ranges that hold a length are those of the usual specimen and
+    ball; at another size they go in proportion, see `fem_backend.possible`.
     """
 
     mu: float = knob("initial shear modulus", "MPa", 1e-6, 1e3)
@@ -61,14 +62,14 @@ class Knobs:
         plausible=(0.03, 0.6),
     )
     prony_tau: float = knob(
-        "relaxation time, first term", "s", 1e-4, 1e6, default=5.0, group="prony", typical=5.0, plausible=(0.3, 100.0)
+        "relaxation time, first term", "s", 1e-9, 1e9, default=5.0, group="prony", typical=5.0, plausible=(0.3, 100.0)
     )
     prony_g2: float = knob("relaxing share of the shear modulus, second term", "1", 0.0, 0.95, neutral=0.0,
                            group="prony2", typical=0.1)  # fmt: skip
-    prony_tau2: float = knob("relaxation time, second term", "s", 1e-4, 1e6, default=50.0, group="prony2")
+    prony_tau2: float = knob("relaxation time, second term", "s", 1e-9, 1e9, default=50.0, group="prony2")
     prony_g3: float = knob("relaxing share of the shear modulus, third term", "1", 0.0, 0.95, neutral=0.0,
                            group="prony3", typical=0.1)  # fmt: skip
-    prony_tau3: float = knob("relaxation time, third term", "s", 1e-4, 1e6, default=0.5, group="prony3")
+    prony_tau3: float = knob("relaxation time, third term", "s", 1e-9, 1e9, default=0.5, group="prony3")
     mullins: float = knob(
         "largest Mullins softening, 1/r of Ogden-Roxburgh",
         "1",
@@ -117,7 +118,7 @@ class Knobs:
         plausible=(0.2, 5.0),
     )
     skin_thickness: float = knob(
-        "thickness of the skin", "mm", 0.0, 100.0, default=0.5, group="skin", typical=0.5, plausible=(0.25, 2.0)
+        "thickness of the skin", "mm", 0.0, 1e3, default=0.5, group="skin", typical=0.5, plausible=(0.25, 2.0)
     )
     inclusion_ratio: float = knob(
         "stiffness of the inclusion over that of the body",
@@ -129,7 +130,7 @@ class Knobs:
         typical=5.0,
         plausible=(0.1, 20.0),
     )
-    inclusion_radius: float = knob("radius of the inclusion", "mm", 0.0, 100.0, default=5.0, group="inclusion")
+    inclusion_radius: float = knob("radius of the inclusion", "mm", 0.0, 1e3, default=5.0, group="inclusion")
     inclusion_x: float = knob(
         "centre of the inclusion, x", "mm", -1e3, 1e3, default=0.0, group="inclusion", plausible=(-16.0, 16.0)
     )
@@ -160,14 +161,14 @@ class Knobs:
         "Coulomb friction between indenter and body", "1", 0.0, 5.0, neutral=0.0, typical=0.3, plausible=(0.03, 1.0)
     )
     adhesion: float = knob(
-        "work of adhesion", "N/mm", 0.0, 1.0, neutral=0.0, group="adhesion", typical=1e-4, plausible=(1e-3, 0.2)
+        "work of adhesion", "N/mm", 0.0, 1e3, neutral=0.0, group="adhesion", typical=1e-4, plausible=(1e-3, 0.2)
     )
-    adhesion_range: float = knob("range of the attraction", "mm", 1e-4, 10.0, default=0.2, group="adhesion")
+    adhesion_range: float = knob("range of the attraction", "mm", 1e-9, 1e3, default=0.2, group="adhesion")
     bowl_clearance: float = knob(
         "semi-axes of the bowl minus those of the body",
         "mm",
-        1e-3,
-        100.0,
+        1e-8,
+        1e3,
         default=1.0,
         group="bowl",
         scope="mounting",
@@ -253,12 +254,11 @@ class Settings:
 def read_settings(settings: Mapping[str, Any]) -> Settings:
     """Settings from plain data; raises ValueError naming key, value and choices."""
     data = dict(settings)
-    specimen = _table(
-        data, "specimen", {"shape": "ellipsoid", "semi_axes": [60.0, 35.0, 35.0], "cavity": [15.0, 10.0, 10.0]}
-    )
+    specimen = _table(data, "specimen", {"shape": "ellipsoid", "semi_axes": [60.0, 35.0, 35.0], "cavity": None})
     _choice("specimen.shape", specimen["shape"], ["ellipsoid"])
     body = Ellipsoid(*_lengths("specimen.semi_axes", specimen["semi_axes"], 3))
-    cavity = tuple(_lengths("specimen.cavity", specimen["cavity"], 3))
+    hollow = [body.a / 4.0, body.b / 3.5, body.c / 3.5] if specimen["cavity"] is None else specimen["cavity"]
+    cavity = tuple(_lengths("specimen.cavity", hollow, 3))
     indenter = _table(data, "indenter", {"shape": "sphere", "radius": 3.0, "shaft": False})
     _choice("indenter.shape", indenter["shape"], ["sphere"])
     R = _lengths("indenter.radius", [indenter["radius"]], 1)[0]

@@ -33,6 +33,7 @@ BOWL_PENALTY = 8.0  # the same at the bowl, where pressures are far smaller; a s
 BOWL_ORDER = 14  # 42 points on the large facets of the lower half: contact with the bowl spreads gradually
 RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep ball; width in R
 MISALIGNED = ("offset_x", "offset_y", "tilt_x", "tilt_y")
+FATTEST = 0.6  # radius of the ball over the smallest semi-axis; settings say 0.5, knobs that err may exceed it
 REACH = 3.0  # facets within REACH·R of the first contact may touch
 STIFFEST = 1000.0  # K/μ beyond which the displacement element is not verified
 SPRINGS = 1e-4  # grounding springs of a body in a bowl, all together, over μR
@@ -76,7 +77,7 @@ def place(settings: Settings, knobs: Knobs) -> Placement:
     """Placement of an experiment; raises NotModelled (bad_geometry) for sizes that describe no body."""
     axes = settings.body.semi_axes + np.array([knobs.delta_a, knobs.delta_b, knobs.delta_c])
     R = settings.R + knobs.delta_R
-    if axes.min() <= 0.2 * settings.body.semi_axes.min() or not 0 < R <= 0.5 * axes.min():
+    if axes.min() <= 0.2 * settings.body.semi_axes.min() or not 0 < R <= FATTEST * axes.min():
         raise NotModelled("bad_geometry", f"semi-axes {axes.tolist()} mm with an indenter of {R:g} mm")
     body = Ellipsoid(*axes)
     x, y = settings.point[0] + knobs.offset_x, settings.point[1] + knobs.offset_y

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from fem_backend import zones
-from fem_backend.experiment import Settings
+from fem_backend.experiment import Knobs, Settings
 
 LAW_KNOBS = {"mooney_rivlin": {"C01"}, "yeoh": {"C20", "C30"}, "ogden": {"alpha"}}  # each law's own
 WITHOUT_STRETCH = ["prony_g", "mullins", "fibre"]  # what small strains do not have
 USUAL = (60.0, 35.0, 35.0), 3.0  # semi-axes and ball radius (mm) that the declared ranges are meant for
+OF_THE_BODY = ("bowl_clearance", "offset_x", "offset_y", "inclusion_radius", "inclusion_depth", "inclusion_x")
+OF_THE_BALL = ("delta_R", "skin_thickness", "adhesion", "adhesion_range")
 BENCH = "specimen and ball on the bench: callipers, a micrometer, a balance"
 ALIGNED = "ink on the ball and a level on the holder"
 GAUGES = {
@@ -47,25 +50,31 @@ def gauges(own: Settings) -> dict[str, tuple[str, float]]:
     return {name: (words, by.get(name, 1.0) * fine) for name, (words, fine) in GAUGES.items()}
 
 
+def usual(own: Settings) -> dict[str, float]:
+    """Knob → its default where the declared one belongs to another size of body or ball."""
+    declared = {f.name: f.default for f in fields(Knobs)}
+    return {name: k * declared[name] for name, k in _factors(own).items() if declared[name]}
+
+
 def _factors(own: Settings) -> dict[str, float]:
-    """What knobs that are lengths belong to, over its USUAL size, where that is another."""
+    """What knobs that hold a length belong to, over its USUAL size, where that is another."""
     axes, R = np.array(USUAL[0]), USUAL[1]
     a, b, c = (float(v) for v in own.body.semi_axes / axes)
-    size = (a * b * c) ** (1.0 / 3.0)
-    factors = {"delta_a": a, "delta_b": b, "delta_c": c, "bowl_clearance": size, "offset_x": size, "offset_y": size}
-    factors |= dict.fromkeys(("delta_R", "skin_thickness"), own.R / R)
+    factors = {"delta_a": a, "delta_b": b, "delta_c": c}
+    factors |= dict.fromkeys(OF_THE_BODY, (a * b * c) ** (1.0 / 3.0)) | dict.fromkeys(OF_THE_BALL, own.R / R)
     return {name: k for name, k in factors.items() if abs(k - 1.0) > 1e-9}
 
 
 def _lengths(own: Settings, known: Mapping[str, Any]) -> dict[str, Range]:
-    """Errors of dimensions and places, a skin and a clearance grow with what they belong to."""
-    return {name: tuple(k * v for v in known[name].plausible) for name, k in _factors(own).items()}
+    """What grows with the body or the ball: errors of dimensions and places, a skin, a clearance, an adhesion."""
+    mine = {name: k for name, k in _factors(own).items() if known[name].plausible}
+    return {name: tuple(k * v for v in known[name].plausible) for name, k in mine.items()}
 
 
 def _inclusion(own: Settings, known: Mapping[str, Any]) -> dict[str, Range]:
-    body = own.body
-    (high, low), across = known["inclusion_depth"].plausible, known["inclusion_x"].plausible[1]
-    low, radius = min(low, 2.0 * body.c - high), known["inclusion_radius"].default
+    body, k = own.body, _factors(own).get("inclusion_radius", 1.0)
+    high, low, across = (k * v for v in (*known["inclusion_depth"].plausible, known["inclusion_x"].plausible[1]))
+    low, radius = min(low, 2.0 * body.c - high), k * known["inclusion_radius"].default
 
     def inside(x: float) -> bool:
         at = np.array([[x, 0.0, body.c - d] for d in (high, low)])
@@ -79,7 +88,7 @@ def _inclusion(own: Settings, known: Mapping[str, Any]) -> dict[str, Range]:
 
 def tests(own: Settings) -> dict[str, Mapping[str, Any]]:
     """Further tests of the same specimen, in words, and the settings that they replace."""
-    x, y = round(0.35 * own.body.a, 1), round(0.35 * own.body.b, 1)
+    x, y = (float(f"{0.35 * v:.3g}") for v in (own.body.a, own.body.b))
     return {
         f"a ball of R = {2 * own.R:g} mm": {"indenter": {"shape": "sphere", "radius": 2 * own.R}},
         f"the point ({x:g}, 0) mm": {"point": [x, 0.0]},
@@ -90,10 +99,14 @@ def tests(own: Settings) -> dict[str, Mapping[str, Any]]:
 def marks(own: Settings) -> dict[str, list[list[float]]]:
     """Surface marks that a camera could follow during a test, in words, and their places (x, y) in mm."""
     (x, y), (a, b), beside = own.point, (own.body.a, own.body.b), 5.0 / 3.0 * own.R  # the ball hides what is nearer
-    share = np.linspace(-0.5, 0.5, 13)
+    unit, share = own.R / USUAL[1], np.linspace(-0.5, 0.5, 13)
+
+    def mark(*at: float) -> list[float]:
+        return [float(f"{unit * round(float(v) / unit, 2):.12g}") for v in at]
+
     lines = {
-        "surface marks along x": [[round(float(x + s * a), 2), round(float(y + beside), 2)] for s in share],
-        "surface marks along y": [[round(float(x + beside), 2), round(float(y + s * b), 2)] for s in share],
+        "surface marks along x": [mark(x + s * a, y + beside) for s in share],
+        "surface marks along y": [mark(x + beside, y + s * b) for s in share],
     }
     on_top = lambda m: (m[0] / a) ** 2 + (m[1] / b) ** 2 < 0.8  # noqa: E731 - what a camera sees from above
     seen = {words: [m for m in line if on_top(m)] for words, line in lines.items()}

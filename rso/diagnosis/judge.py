@@ -154,8 +154,8 @@ def diagnose(
         others = np.setdiff1d(np.arange(len(y)), localise.rows_of(library.plan, odd[0]))
         posts[chosen.name] = fit(bench, (), others, y, rng, DRAWS)
     besides = {}
-    if verdict in OPEN and chosen in contest.hypotheses:
-        besides = reach(evidence, contest, chosen, posts[chosen.name], y, LEVEL, seed + 7)
+    if odd is None:
+        besides = reach(evidence, contest, chosen, posts[chosen.name], y, LEVEL, seed + 7, verdict in OPEN)
     return Diagnosis(
         verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), causes, named,
         dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),

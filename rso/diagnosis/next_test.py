@@ -393,7 +393,7 @@ def gauges(library: Library, bench: Bench) -> dict[str, tuple[str, float]]:
     v = max(t.speed for t in library.plan.tests)
     resolution = {
         "compliance": 0.5 * level.contact / F, "bias": white, "drift": white / longest, "offset": level.contact,
-        "gain": 0.002, "lag": white / max(F * v / 4.0, 1e-9), "cross_x": white / F, "cross_y": white / F,
+        "gain": 0.002, "lag": white / max(F * v / 4.0, 1e-300), "cross_x": white / F, "cross_y": white / F,
         "nonlinearity": white / F**2, "turn": np.degrees(white / F), "depth_scale": 0.002,
     }  # fmt: skip
     own = {k: (DIRECT[k], resolution[k]) for k in DIRECT}

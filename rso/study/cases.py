@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from collections.abc import Mapping, Sequence
 
@@ -105,7 +106,8 @@ def travels(curve: MeasuredCurve, targets: set[float]) -> tuple[float, ...]:
     """The targets, and evenly spaced travels to the deepest measured depth where no target is near."""
     deepest = float(curve.depth.max())
     steps = 1 if len(curve.depth) == 1 else STEPS
-    grid = [round(deepest * k / steps, 6) for k in range(1, steps)]
+    digits = 6 - math.floor(math.log10(deepest)) if deepest > 0.0 else 6
+    grid = [round(deepest * k / steps, digits) for k in range(1, steps)]
     kept = {u for u in grid if all(abs(u - t) > 0.01 * deepest for t in targets)}
     if max(targets, default=0.0) < deepest:
         kept.add(deepest)  # not rounded: every measured depth must be reached

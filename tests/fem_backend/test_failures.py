@@ -49,6 +49,18 @@ def test_bad_geometry(values, settings, words):
         assert word in failure.reason, failure.reason
 
 
+@pytest.mark.parametrize("values", [{"delta_c": -0.68}, {"delta_R": 0.39}])
+def test_a_specimen_as_flat_as_settings_may_say_has_all_errors_that_are_plausible(values):
+    """A ball of half its smallest semi-axis: a pad that is thinner still is no other body."""
+    flat = {"specimen": {"semi_axes": [20.0, 16.0, 8.0]}, "indenter": {"radius": 4.0}, "mesh": SMALL}
+    own = BACKEND.plausible(flat)
+    for name, value in values.items():
+        assert own[name][0] <= value <= own[name][1]
+    case = Case("c", Programme.ramp((0.5,), 1.0), flat)
+    plain, other = BACKEND(VALUES, case), BACKEND({**VALUES, **values}, case)
+    assert other.channels["Fz"][0] > plain.channels["Fz"][0]  # a thinner pad, or a wider ball, is stiffer
+
+
 @pytest.mark.parametrize(
     "values,settings",
     [

@@ -84,15 +84,37 @@ def test_a_penalty_that_does_not_scale_is_seen(graded, to_two, monkeypatch):
     assert np.abs(two.Fz / k / to_two.Fz - 1).max() > 1e-4
 
 
-def test_similarity_of_lengths(make_bench):
-    """Twice as large in every length: forces times four, on a mesh of its own that is the same but for its size."""
+@pytest.mark.parametrize("k", [2.0, 1e-3])
+def test_similarity_of_lengths(make_bench, k):
+    """As many times as large in every length, down to a cell under a probe: forces by the square, on a mesh alike."""
 
     def at(k):
         table = {"specimen": {"semi_axes": [60 * k, 35 * k, 35 * k]}, "indenter": {"radius": 3.0 * k}}
         return make_bench({"weight": 1e-5 / k, "adhesion": 1e-4 * k, "adhesion_range": 0.2 * k, "skin_ratio": 2.0,
                            "skin_thickness": 0.5 * k}, **table).solve([0.5 * k, 1.0 * k])  # fmt: skip
 
-    one, two = at(1.0), at(2.0)
-    np.testing.assert_allclose(two.Fz, 4.0 * one.Fz, rtol=1e-6)  # steps and merged nodes have absolute tolerances
-    np.testing.assert_allclose(two.channels["contact_area"], 4.0 * one.channels["contact_area"], rtol=1e-5)
+    one, two = at(1.0), at(k)
+    np.testing.assert_allclose(two.Fz, k * k * one.Fz, rtol=1e-6)  # merged nodes have an absolute tolerance
+    np.testing.assert_allclose(two.channels["contact_area"], k * k * one.channels["contact_area"], rtol=1e-5)
     np.testing.assert_allclose(two.channels["peak_pressure"], one.channels["peak_pressure"], rtol=1e-5)
+
+
+@pytest.mark.parametrize("k", [1e-3, 20.0])
+@pytest.mark.parametrize(
+    "values, settings",
+    [
+        ({"adhesion": 1e-4, "skin_ratio": 2.0, "inclusion_ratio": 5.0, "prony_g": 0.3, "prony_tau": 1e-6}, {}),
+        ({"cavity": 1.0}, {}),
+        ({}, {"support": {"kind": "bowl"}}),
+    ],
+)
+def test_lengths_that_nobody_states_go_with_the_specimen(values, settings, k):
+    """Range of the adhesion, thickness of the skin, radius and depth of the inclusion, a cavity, the clearance."""
+
+    def at(k):
+        body = {"specimen": {"semi_axes": [60.0 * k, 35.0 * k, 35.0 * k]}, "indenter": {"radius": 3.0 * k}}
+        given = {**VALUES, **values, **({"adhesion": values["adhesion"] * k} if "adhesion" in values else {})}
+        programme = Programme.ramp((0.5 * k, 1.0 * k), k)
+        return BACKEND(given, Case("c", programme, {"mesh": SMALL, **body, **settings})).channels["Fz"]
+
+    np.testing.assert_allclose(at(k), k * k * at(1.0), rtol=1e-6)  # merged nodes have an absolute tolerance
