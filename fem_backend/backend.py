@@ -199,6 +199,17 @@ class FiniteElements:
             programme = Programme.ramp(tuple(sorted({*programme.asked_mm, *(float(v) for v in held if v > 0)})), 1.0)
         return kept, dataclasses.replace(case, settings=plain, programme=programme)
 
+    def refused(self, values: Mapping[str, float], case: Case) -> str | None:
+        """Why a simulation with these values would not be begun; None where nothing speaks against it."""
+        settings = experiment.read_settings(case.settings)
+        try:
+            knobs = self.knobs(values, settings)
+            modelling.place(settings, knobs)
+            modelling.admit(settings, knobs)
+        except ValueError as error:  # NotModelled, too
+            return str(error)
+        return None
+
     def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
         """The mesh of the experiment and, for a body without memory, an anchor: states to start from."""
         settings = experiment.read_settings(case.settings)

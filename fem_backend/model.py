@@ -214,8 +214,8 @@ def build(settings: Settings, mesh: Mesh, body: Ellipsoid, planes: tuple[bool, b
     return Model(quadratic, discrete, facets, factor, lower, condenser)
 
 
-def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> Model:
-    """The discretised specimen of an experiment; NotModelled without a mesh or for a material out of reach."""
+def admit(settings: Settings, knobs: Knobs) -> None:
+    """Raise NotModelled for a material or an adhesion out of reach."""
     stuff = material(settings, knobs)
     ratio = stuff.bulk_modulus / stuff.shear_modulus
     if ratio > STIFFEST:
@@ -227,6 +227,11 @@ def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str 
             "not_supported", f"adhesion_range = {knobs.adhesion_range:g} mm: elements of {settings.h0:.3g} mm at the "
             f"contact resolve ranges of {settings.h0 / FINEST_RANGE:.3g} mm and more",
         )  # fmt: skip
+
+
+def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> Model:
+    """The discretised specimen of an experiment; NotModelled without a mesh or for a material out of reach."""
+    admit(settings, knobs)
     symmetric = knobs.friction == 0.0 and not (settings.support == "bowl" and knobs.bowl_friction)
     shared = Settings(settings.body, settings.R, support=settings.support, point=fine_at(settings, knobs, placement),
                       recipe=settings.recipe, control=Control(), solver=settings.solver)  # fmt: skip

@@ -160,19 +160,22 @@ def suited(
     effects: Sequence[Effect], force: float, scale: float = 1.0, times: tuple[float, float] = (BRISK[0], LASTING[0])
 ) -> tuple[Effect, ...]:
     """The effects with the errors of the measurement in proportion to the largest `force` (N), if that is not ORDINARY,
-    to the lengths of the plan, `scale` times the usual ones, and to its `times` (s), see :attr:`TestPlan.times`, if
-    those are not BRISK and LASTING.
+    and to the lengths of the plan, `scale` times the usual ones, and all in proportion to its `times` (s), see
+    :attr:`TestPlan.times`, if those are not BRISK and LASTING.
 
     A cell of a larger range has larger errors of zero; where contact was is known to a share of the travel; what a load
     train gives way by counts by both.  Clocks are as far apart as a share of the loading; what drifts does so by as
-    much in a long test as in a short one.
+    much in a long test as in a short one; what relaxes takes as long as the quickest or the longest test can show.
     """
-    by = [_beyond(force, ORDINARY), scale, _beyond(times[0], BRISK), _beyond(times[1], LASTING)]
+    brisk, lasting = _beyond(times[0], BRISK), _beyond(times[1], LASTING)
+    by = [_beyond(force, ORDINARY), scale, brisk, lasting]
     found = []
     for e in effects:
         powers = (0,) * 4 if e.family == "model" else POWERS_IN.get(e.size.unit, (0,) * 4)
         k = math.prod(v**p for v, p in zip(by, powers, strict=True))
-        found.append(replace(e, size=replace(e.size, low=k * e.size.low, high=k * e.size.high)) if any(powers) else e)
+        size = replace(e.size, low=k * e.size.low, high=k * e.size.high) if any(powers) else e.size
+        shape = tuple(replace(s, low=brisk * s.low, high=lasting * s.high) if s.unit == "s" else s for s in e.shape)
+        found.append(replace(e, size=size, shape=shape))
     return tuple(found)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rso.diagnosis.effects import Effect
+from rso.diagnosis.effects import Effect, Size
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Kept, Tiles, compressed
 from rso.diagnosis.nodes import placed, points, timed
@@ -21,6 +21,7 @@ SIZE_TILES = 8
 SIZE_TILES_SIDE = 6  # per side of an effect with two signs
 VARIANT_TILES = (18, 6)  # of another support, fewer for pairs: what a body does in a bowl is far from linear
 TIME_TILES = 6
+TIME_WIDTH = 1.0  # in ln τ
 PLACE_TILES = 5
 SUPPORT_TILES = 4  # of a shape of another support
 SHAPE_TILES = 3  # of any other shape
@@ -68,7 +69,7 @@ def tiles(
     for e in effects:
         levels.append(_sizes(e, coarse))
         for s in e.shape:
-            n = TIME_TILES if timed(s) else PLACE_TILES if placed(s) else SUPPORT_TILES if e.settings else SHAPE_TILES
+            n = _times(s) if timed(s) else PLACE_TILES if placed(s) else SUPPORT_TILES if e.settings else SHAPE_TILES
             levels.append(_even(*s.ends()[0], n - (FEWER if coarse and n > SHAPE_TILES else 0)))
     at = points([v.at for v in levels])
     moduli = library.base.moduli(at)
@@ -121,6 +122,12 @@ def _kept(axis: BaseAxis, modulus: float) -> Kept | None:
     if low + shift >= axis.ends[1] or high + shift <= axis.ends[0]:
         return None
     return Kept(-float(axis.exponent), float(low), float(high))
+
+
+def _times(s: Size) -> int:
+    """Tiles of a time: as narrow in a wide range as in the usual one."""
+    low, high = s.ends()[0]
+    return max(TIME_TILES, round((high - low) / TIME_WIDTH))
 
 
 def _even(low: float, high: float, n: int) -> _Levels:

@@ -47,10 +47,11 @@ FEW = 0.05  # of the draws of a time that may lie beyond the rates computed with
 READ_OFF = "its rate lies beyond those computed, of which the nearest stands for it"
 SETTLED = 0.95  # probability of one hypothesis at which a matter is settled
 
-_BLOCK = "press a rigid block, and a shim of known thickness on it"
+_BLOCK = "press a rigid block and hold, and a shim of known thickness on it"
 _SENSOR = "the sensor alone: a run in air, a dead weight, turned by 90 degrees"
 DIRECT = {  # tests that show an effect of the chain by itself, whatever the specimen; one visit to the bench each
     "compliance": _BLOCK,
+    "creep": _BLOCK,
     "offset": _BLOCK,
     "bias": _SENSOR,
     "drift": _SENSOR,
@@ -391,8 +392,9 @@ def gauges(library: Library, bench: Bench) -> dict[str, tuple[str, float]]:
     F = max(float(np.max(np.abs(v))) for t in library.plan.tests for c, v in t.values.items() if c == t.channels[-1])
     longest = max(float(t.time.max()) for t in library.plan.tests)
     v = max(t.speed for t in library.plan.tests)
+    yields = 0.5 * level.contact / F
     resolution = {
-        "compliance": 0.5 * level.contact / F, "bias": white, "drift": white / longest, "offset": level.contact,
+        "compliance": yields, "creep": yields, "bias": white, "drift": white / longest, "offset": level.contact,
         "gain": 0.002, "lag": white / max(F * v / 4.0, 1e-300), "cross_x": white / F, "cross_y": white / F,
         "nonlinearity": white / F**2, "turn": np.degrees(white / F), "depth_scale": 0.002,
     }  # fmt: skip

@@ -13,6 +13,7 @@ from scipy.interpolate import CubicSpline
 from rso.diagnosis.effects import Effect, Size
 
 NEAR = 0.4  # in ln size, or of the range of a variant: how far a mended point reaches
+TIMES = 1.4  # of ln τ at most from one node to the next, where most was measured
 SAME = 0.9  # overlap of two points from which the later stands for both: a line through them would lead anywhere
 
 
@@ -134,7 +135,9 @@ def _shape_level(shape: Size, primary: bool, speeds: tuple[float, float], alone:
     low, high = shape.ends()[0]
     if timed(shape):
         low, high = low + math.log(speeds[0]), high + math.log(speeds[1])
-        return np.linspace(low, high, 7) if primary else np.array([0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high])
+        if primary:
+            return np.linspace(low, high, max(7, 1 + round((high - low) / TIMES)))
+        return np.array([0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high])
     if placed(shape):
         return np.array([0.5 * (low + high)]) if alone else np.linspace(low, high, 5)
     if not primary and shape.low >= 0 and not (shape.low == 0 and shape.unit == "deg"):

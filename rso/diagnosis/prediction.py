@@ -14,7 +14,7 @@ hereditary integral does (Simo & Hughes 1998, §10.3).
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,13 +27,14 @@ from rso.diagnosis.nodes import timed
 from rso.diagnosis.responses import FORCES
 from rso.diagnosis.runs import passes_of
 from rso.diagnosis.testplan import LOADING, UNLOADING, Profile, Test
-from rso.measurement import Chain, recorded
+from rso.measurement import Chain, recorded, yielded
 
 AIR = 1.0  # mm before contact from which the chain is followed, in a plan of the usual depth
+NEARBY = 0.02  # of the travel, over which the stiffness of the contact is read
 RESTING = 40  # instants of a hold through which the chain is followed, dense at its start
 
 Parts = Sequence[tuple[Effect, np.ndarray]]
-Chained = Sequence[tuple[Effect, np.ndarray]]  # knobs of the chain with their sizes (T,)
+Chained = Parts  # effects of the chain
 Relaxing = tuple[np.ndarray, np.ndarray]  # weights (T, n) where all has relaxed, rate 1/τ (T,) in 1/s
 Weighted = tuple[Effect, np.ndarray, Relaxing | None]
 Curves = Callable[[int, float, int], np.ndarray]  # place, speed, way → forces over the modulus (T, 3, m)
@@ -54,7 +55,7 @@ def predict(
     for e in effects:
         parts.append((e, X[:, at : at + len(e.knobs)]))
         at += len(e.knobs)
-    chain = [(e, p[:, 0]) for e, p in parts if e.family == "measurement"]
+    chain = [(e, p) for e, p in parts if e.family == "measurement"]
     model = [(e, p) for e, p in parts if e.family == "model"]
     W = library.base_weights(x)
     weights: dict[tuple[int, float], list[Weighted]] = {}  # of every model effect at every place and rate
@@ -174,14 +175,14 @@ def _recorded(
     back, held = test.branch == UNLOADING, test.held
     F = curves(test.place, test.speed, loading)
     G = curves(test.place, test.speed, unloading) if back.any() else F
-    setting = {e.size.name: _bounded(e, np.asarray(e.size.value(s), float))[:, None] for e, s in chain}
+    setting = {k: v[:, None] for e, at in chain for k, v in _bounded(e, at).items()}
     # the indenter's way: from before contact to where the record turns, and back
     top = np.full(len(F), u[-1])
     if back.any() or held.any():
         aged = modulus * F[:, 2] * (1.0 + test.age * setting.get("ageing", 0.0))
         dent = setting.get("permanent_set", 0.0) * test.earlier
         driven = (1.0 + setting.get("depth_scale", 0.0)) * (u - setting.get("offset", 0.0))
-        reads = driven + dent + setting.get("compliance", 0.0) * aged
+        reads = driven + dent + yielded(setting, np.broadcast_to(u / test.speed, aged.shape), aged)
         forward = np.maximum.accumulate(reads, axis=1)
         top = rows_at(np.array([test.peak]), forward, np.broadcast_to(u, reads.shape))[:, 0]
     way = np.minimum(u, top[:, None])
@@ -195,6 +196,8 @@ def _recorded(
         ends = np.repeat(there[:, :, -1:], len(rest), axis=2)
         for rate, fall in decays(test.place, test.speed, loading):
             ends = ends + np.expm1(-np.outer(rate, rest))[:, None] * _stopped(u, fall, top)[:, :, -1:]
+        if "creep" in setting:
+            ends = ends - _yielding(setting, u, F, top, modulus, test.speed, rest)
         way = np.concatenate([way, np.repeat(top[:, None], len(rest), axis=1)], axis=1)
         there = np.concatenate([there, ends], axis=2)
     if back.any():
@@ -238,13 +241,36 @@ def _stopped(u: np.ndarray, F: np.ndarray, top: np.ndarray) -> np.ndarray:
     return np.where(u < top[:, None, None], F, ends[:, :, None])
 
 
-def _bounded(effect: Effect, value: np.ndarray) -> np.ndarray:
-    """A knob of the chain within its hard bounds, which draws of a posterior may leave, as far from what is plausible
-    here as they are declared."""
-    p = next(p for p in parameters_of(Chain) if p.name == effect.size.name)
-    assert p.plausible is not None
-    k = effect.size.high / p.plausible[1]
-    return np.clip(value, k * p.low, k * p.high)
+def _yielding(
+    setting: Mapping[str, np.ndarray], u: np.ndarray, F: np.ndarray, top: np.ndarray, modulus: float, speed: float,
+    rest: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Forces over the modulus (T, 3, n) that are lost `rest` (n,) s after the drive has stopped and the load train has
+    not: with the stiffness K of the contact and κ = K / (1 + compliance K),
+
+    τ dz/dt + z = creep (F − κ (z − z₀))    →    z − z₀ = (creep F − z₀) / (1 + creep κ) · (1 − exp(−(1 + creep κ) t/τ))
+    """
+    pressed, c, τ = _stopped(u, F, top), setting["creep"][:, 0], setting["creep_tau"][:, 0]
+    at = pressed[:, :, -1]
+    K = (at - _stopped(u, F, (1.0 - NEARBY) * top)[:, :, -1]) / (NEARBY * top)[:, None]
+    creep = {k: setting[k] for k in ("creep", "creep_tau")}
+    z0 = yielded(creep, np.minimum(u, top[:, None]) / speed, modulus * pressed[:, 2])[:, -1]
+    softer = 1.0 / (1.0 + np.asarray(setting.get("compliance", np.zeros((1, 1))))[:, 0] * modulus * K[:, 2])
+    rate = 1.0 + c * softer * modulus * K[:, 2]
+    z = ((c * modulus * at[:, 2] - z0) / rate)[:, None] * -np.expm1(-np.outer(rate / τ, rest))
+    return K[:, :, None] * (softer[:, None] * z)[:, None]
+
+
+def _bounded(effect: Effect, at: np.ndarray) -> dict[str, np.ndarray]:
+    """Knobs (T,) of the chain within their hard bounds, which draws of a posterior may leave; that of the size as far
+    from what is plausible here as they are declared."""
+    out = {}
+    for j, s in enumerate(effect.knobs):
+        p = next(p for p in parameters_of(Chain) if p.name == s.name)
+        assert p.plausible is not None
+        k = 1.0 if j else s.high / p.plausible[1]
+        out[s.name] = np.clip(np.asarray(s.value(at[:, j]), float), k * p.low, k * p.high)
+    return out
 
 
 def _profile(library: Library, profile: Profile, x: np.ndarray, parts: Parts) -> np.ndarray:

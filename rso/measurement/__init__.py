@@ -1,7 +1,7 @@
 """Measured curves: reading them, averaging repeats, and the measurement chain between the specimen and the file."""
 
 from rso.measurement.branches import SEGMENTS
-from rso.measurement.chain import CROSS, LATERAL, Chain, Record, correct, record, recorded
+from rso.measurement.chain import CROSS, LATERAL, Chain, Record, correct, record, recorded, yielded
 from rso.measurement.columns import Column
 from rso.measurement.combining import MeasuredCurve, Noise, combine, value_at
 from rso.measurement.pace import recorded_speed
@@ -30,4 +30,5 @@ __all__ = [
     "step_of",
     "value_at",
     "without_spikes",
+    "yielded",
 ]

@@ -1,7 +1,7 @@
 """The measurement chain: what stands between the specimen and the file, as transforms of any curve.
 
-    recorded depth = (1 + depth_scale)(true depth − offset) + permanent_set · earlier + compliance · Fz,
-                     less the backlash on the way back
+    recorded depth = (1 + depth_scale)(true depth − offset) + permanent_set · earlier + compliance · Fz + z,
+                     less the backlash on the way back,                      creep_tau dz/dt + z = creep · Fz
     recorded Fz    = gain · (1 + nonlinearity · Fz*) Fz* + bias + drift · t,      lag_filter dF*/dt + F* = F(t − lag)
     recorded Fx    = Fx* cos(turn) + Fy* sin(turn) + cross_x · Fz*
     recorded Fy    = Fy* cos(turn) − Fx* sin(turn) + cross_y · Fz*
@@ -142,12 +142,29 @@ class Chain:
         plausible=(-20.0, 20.0),
     )
 
+    creep: float = knob(  # a glue, a tape, a soft seat: what gives way with time, not at once
+        "creep compliance of the load train",
+        "mm/N",
+        0.0,
+        2.0,
+        neutral=0.0,
+        group="creep",
+        typical=0.1,
+        plausible=(0.01, 0.8),
+        cause="compliance",
+    )
+
+    creep_tau: float = knob(
+        "retardation time of the load train", "s", 1e-9, 1e9, default=5.0, group="creep", plausible=(0.3, 100.0)
+    )
+
     def __post_init__(self) -> None:
         for parameter in parameters_of(type(self)):
             parameter.check(getattr(self, parameter.name))
 
 
 CROSS = {"Fx": "cross_x", "Fy": "cross_y"}  # knobs that act on one channel alone
+TIMED = ("drift", "lag", "lag_filter", "creep")  # knobs that ask for the time of each reading
 LATERAL = ("turn",)  # and those that act on Fx and Fy alone
 
 
@@ -179,14 +196,22 @@ def recorded(
     age: float = 0.0, earlier: float = 0.0,
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:  # fmt: skip
     """Recorded depth and forces for knobs that are numbers or columns (T, 1); `u`, `F` and `t` are (n,) or (T, n)."""
-    k = {p.name: knobs.get(p.name, p.neutral) for p in parameters_of(Chain)}
+    k = {p.name: knobs.get(p.name, p.default) for p in parameters_of(Chain)}
     F = {c: (1.0 + k["ageing"] * age) * v for c, v in F.items()}
     late = {c: _filtered(t, _shift(t, v, k["lag"]), k["lag_filter"]) for c, v in F.items()}
     Fz = late["Fz"]
     out = {c: v + k[CROSS[c]] * Fz for c, v in _turned(late, k["turn"]).items()}
     out["Fz"] = k["gain"] * (1.0 + k["nonlinearity"] * Fz) * Fz + k["bias"] + k["drift"] * t
-    depth = (1.0 + k["depth_scale"]) * (u - k["offset"]) + k["permanent_set"] * earlier + k["compliance"] * F["Fz"]
-    return depth - k["backlash"] * _returning(u), out
+    depth = (1.0 + k["depth_scale"]) * (u - k["offset"]) + k["permanent_set"] * earlier
+    return depth + yielded(k, t, F["Fz"]) - k["backlash"] * _returning(u), out
+
+
+def yielded(knobs: Mapping[str, float | np.ndarray], t: np.ndarray, Fz: np.ndarray) -> np.ndarray:
+    """What the load train has given way (mm) under the true force (…, n) N over time (…, n) s, at once and since."""
+    out, creep = knobs.get("compliance", 0.0) * Fz, knobs.get("creep", 0.0)
+    if np.all(np.asarray(creep) == 0):
+        return out
+    return out + creep * _filtered(t, Fz, knobs["creep_tau"])
 
 
 def correct(
@@ -207,7 +232,8 @@ def correct(
     late |= _turned(lateral, -chain.turn)
     true = {k: _shift(t, v, -chain.lag) for k, v in late.items()}
     by = 1.0 + chain.depth_scale
-    u = (d - chain.permanent_set * earlier - chain.compliance * true["Fz"]) / by + chain.offset
+    given = yielded({k: getattr(chain, k) for k in ("compliance", "creep", "creep_tau")}, t, true["Fz"])
+    u = (d - chain.permanent_set * earlier - given) / by + chain.offset
     young = {c: v / (1.0 + chain.ageing * age) for c, v in true.items()}
     return Record(np.minimum(u + chain.backlash / by * _returning(u), u.max()), young)
 
@@ -257,11 +283,10 @@ def _checked(
     F = {k: np.asarray(v, float) for k, v in forces.items()}
     if "Fz" not in F or not set(F) <= {"Fx", "Fy", "Fz"}:
         raise ValueError(f"the measurement chain needs Fz and knows Fx, Fy, Fz; got {', '.join(F) or 'nothing'}")
-    if time is None and (chain.drift != 0 or chain.lag != 0 or chain.lag_filter != 0):
-        raise ValueError(
-            f"drift = {chain.drift:g} N/s, lag = {chain.lag:g} s and lag_filter = {chain.lag_filter:g} s "
-            "need the time of each reading"
-        )
+    timed = [p for p in parameters_of(Chain) if p.name in TIMED and getattr(chain, p.name) != p.neutral]
+    if time is None and timed:
+        each = " and ".join(f"{p.name} = {getattr(chain, p.name):g} {p.unit}" for p in timed)
+        raise ValueError(f"{each}: the time of each reading is needed")
     t = np.zeros_like(u) if time is None else np.asarray(time, float)
     if chain.turn != 0 and not {"Fx", "Fy"} <= set(F):
         raise ValueError(f"turn = {chain.turn:g} deg needs both Fx and Fy; got {', '.join(F)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shlex
 from pathlib import Path
 
@@ -19,6 +20,8 @@ from rso.study.levels import rungs_of
 from rso.study.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.study.pricing import Pace, pace
 from rso.study.schema import ExperimentTable, Study
+
+CORNERS = 6  # open parameters up to which all corners of their ranges are looked at
 
 
 def check(study: Study, folder: Path, trust: bool, store: Path | None = None) -> list[str]:
@@ -143,6 +146,7 @@ def _things(plan: Plan) -> list[str]:
         for a in plan.resolved.axes
     ]
     lines += [f"  {name} = {value:g} (fixed)" for name, value in plan.resolved.fixed.items()]
+    lines += _refused(plan)
     lines += stated.of_study(plan)
     for e in plan.study.experiments:
         curve = plan.curves[e.name]
@@ -158,6 +162,23 @@ def _things(plan: Plan) -> list[str]:
         lines += [f"    {words}" for words in (_recorded(measured, curve), _noise(e), unread, *remarks) if words]
         lines += stated.of_experiment(plan, e.name)
     return lines
+
+
+def _refused(plan: Plan) -> list[str]:
+    """The first corner of the ranges that the backend refuses, and how many there are."""
+    refuses = getattr(plan.backend, "refused", None)
+    if refuses is None or plan.box.d > CORNERS:
+        return []
+    corners = [plan.values(np.array(x)) for x in itertools.product((0.0, 1.0), repeat=plan.box.d)]
+    why = [next(filter(None, (refuses(v, case) for case in plan.cases)), None) for v in corners]
+    first = next((k for k, reason in enumerate(why) if reason), None)
+    if first is None:
+        return []
+    at = ", ".join(f"{a.name} = {corners[first][a.name]:g}" for a in plan.resolved.axes)
+    count = sum(reason is not None for reason in why)
+    return [f"  not modelled in {count} of {len(why)} corners of these ranges, first {at}:",
+            f"    {why[first]};",
+            "    simulations there fail, and rso diagnose has no library without them: narrow the ranges"]  # fmt: skip
 
 
 def _recorded(m: Measurement, curve: MeasuredCurve) -> str:

@@ -135,3 +135,15 @@ def test_a_name_that_is_none_is_refused_in_words(tmp_path):
     with pytest.raises(StudyError) as caught:
         load(studies.write(tmp_path, experiments=TOP.replace('"top"', '"top/left"', 1)))
     assert "letters, digits, blanks and . + - _, at most 64" in str(caught.value) and "\\w" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("low", "corners"), [("0.05 1/MPa", 2), ("0.3 1/MPa", 1), ("1 1/MPa", 0)])
+def test_corners_of_the_ranges_that_nothing_models_are_told_before_a_library_stops_there(tmp_path, low, corners):
+    """K/mu = 2/(mu D1) beyond 1000: mu from 5 to 20 kPa."""
+    ranges = f'mu = {{ low = "5 kPa", high = "20 kPa" }}\nD1 = {{ low = "{low}", high = "100 1/MPa" }}'
+    lines = said(tmp_path, parameters=ranges)
+    told = [line for line in lines if "not modelled in" in line]
+    assert len(told) == (corners > 0)
+    if corners:
+        assert told[0].startswith(f"  not modelled in {corners} of 4 corners of these ranges, first mu = 0.005, D1 =")
+        assert f"K/mu = {2 / (0.005 * float(low.split()[0])):.4g}" in lines[lines.index(told[0]) + 1]

@@ -82,12 +82,16 @@ def test_errors_of_the_record_are_those_of_a_small_test():
     ((2.4, 48.0), 1, 1), ((0.5, 1.0), 1 / 3, 5), ((10_800.0, 30_000.0), 540, 1 / 300), ((2.0, 500.0), 1, 0.2),
 ])  # fmt: skip
 def test_errors_of_clock_and_drift_are_those_of_a_quick_or_a_slow_test(times, lag, drift):
-    """Who presses within half a second has no clock that is a second late, nor sees a drift that shows in an hour."""
+    """Who presses within half a second has no clock that is a second late, nor sees a drift that shows in an hour, and
+    what relaxes does so from the time of the quickest loading to that of the longest test."""
     found = toy.effects("stiff", "lag", "lag_filter", "drift", "drift_each", "bias", "offset")
     factors = {"stiff": 1, "lag": lag, "lag_filter": lag, "drift": drift, "drift_each": drift, "bias": 1, "offset": 1}
     for e, s in zip(found, suited(found, 1.0, 1.0, times), strict=True):
         np.testing.assert_allclose((s.size.low, s.size.high), np.multiply((e.size.low, e.size.high), factors[e.name]))
         assert factors[e.name] != 1 or s.size == e.size
+    (e,), (s,) = toy.effects("g"), suited(toy.effects("g"), 1.0, 1.0, times)
+    quick, long = (v / min(max(v, a), b) for v, (a, b) in zip(times, (BRISK, LASTING), strict=True))
+    np.testing.assert_allclose((s.shape[0].low, s.shape[0].high), (quick * e.shape[0].low, long * e.shape[0].high))
 
 
 def test_times_of_a_plan_are_those_of_its_quickest_loading_and_longest_record():
@@ -222,7 +226,7 @@ def test_an_inclusion_of_the_catalogue_lies_in_the_specimen(axes):
 
     settings = {"specimen": {"shape": "ellipsoid", "semi_axes": list(axes)}, "indenter": {"radius": 2.0}}
     (e,) = (e for e in catalogue(BACKEND, settings, {}, ("mu", "D1")) if e.name == "inclusion_ratio")
-    radius = next(p.default for p in BACKEND.parameters if p.name == "inclusion_radius")
+    radius = 5.0 * np.cbrt(np.prod(axes) / (60.0 * 35.0 * 35.0))  # in proportion to the body
     x, deep = e.shape
     assert (x.name, deep.name) == ("inclusion_x", "inclusion_depth") and deep.low < deep.high and x.low < 0.0 < x.high
     centres = np.array([[a, 0.0, axes[2] - d] for a in (x.low, 0.0, x.high) for d in np.linspace(deep.low, deep.high)])
@@ -236,8 +240,8 @@ def test_an_inclusion_is_plausible_as_usual_where_it_fits_and_not_at_all_where_i
     own = {e.name: e for e in catalogue(BACKEND, {}, {}, ("mu", "D1"))}
     shapes = own["inclusion_ratio"].shape
     assert [(s.low, s.high) for s in shapes] == [usual[s.name] for s in shapes]
-    tiny = {"specimen": {"shape": "ellipsoid", "semi_axes": [12.0, 8.0, 6.0]}, "indenter": {"radius": 1.0}}
-    assert set(own) - {e.name for e in catalogue(BACKEND, tiny, {}, ("mu", "D1"))} == {"inclusion_ratio"}
+    flat = {"specimen": {"shape": "ellipsoid", "semi_axes": [60.0, 60.0, 4.0]}, "indenter": {"radius": 1.0}}
+    assert set(own) - {e.name for e in catalogue(BACKEND, flat, {}, ("mu", "D1"))} == {"inclusion_ratio"}
 
 
 def test_lengths_are_plausible_in_proportion_to_body_and_ball():
@@ -251,9 +255,9 @@ def test_lengths_are_plausible_in_proportion_to_body_and_ball():
         return {s.name: (s.low, s.high) for e in found for s in e.knobs if s.unit == "mm" and e.family == "model"}
 
     usual, declared = ranges(1.0), {p.name: p.plausible for p in BACKEND.parameters}
-    names = {n for n in usual if not n.startswith("inclusion")}
+    names = {n for n in usual if n != "inclusion_depth"}
     assert names == {"delta_a", "delta_b", "delta_c", "delta_R", "skin_thickness", "offset_x", "offset_y",
-                     "bowl_clearance"}  # fmt: skip
+                     "bowl_clearance", "inclusion_x"}  # fmt: skip
     assert {n: usual[n] for n in names} == {n: declared[n] for n in names}
     for n in names:
         np.testing.assert_allclose(ranges(0.25)[n], 0.25 * np.array(usual[n]), rtol=1e-12)

@@ -7,9 +7,12 @@ import dataclasses
 import diagnosis_backend as toy
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 from rso.diagnosis import build, diagnose, make_plan, noise
 from rso.diagnosis.prediction import predict
+from rso.diagnosis.testplan import UNLOADING
 from rso.measurement import Repeat
 
 
@@ -53,6 +56,60 @@ def test_relaxation_in_a_hold_is_that_of_the_hereditary_integral(tau, chain):
     fall = got[at][test.held][0] - got[at][test.held][-1]
     np.testing.assert_allclose(fall, relaxed, rtol=0.03, atol=0.003 * want.max())
     assert base.modulus == "mu"
+
+
+def creeping(test, c, τ, k, modulus):
+    """Fz (n,) of a test whose drive goes to the peak, rests and returns, by the equations of motion themselves.
+
+    d = u + k F(u) + z,   τ dz/dt = c F(u) − z.
+    """
+    values = {"mu": modulus, "D1": 60.0}
+    F = lambda u: float(toy.elastic(values, np.array(max(u, 0.0)))[0])  # noqa: E731
+    rest = float(test.since.max()) if test.held.any() else 0.0
+    ends = np.cumsum([test.peak / test.speed, rest, test.peak / test.speed])
+
+    def drive(t):
+        return np.interp(t, [0.0, *ends], [0.0, test.peak, test.peak, 0.0])
+
+    def pressed(t, z):
+        left = lambda u: u + k * F(u) + z - drive(t)  # noqa: E731
+        return brentq(left, -1.0, test.peak + 1.0, xtol=1e-12)
+
+    def dz(t, z):
+        return [(c * F(pressed(t, z[0])) - z[0]) / τ]
+
+    step = test.peak / test.speed / 50
+    way = solve_ivp(dz, (0.0, ends[-1]), [0.0], rtol=1e-8, atol=1e-10, dense_output=True, max_step=step)
+    force = lambda t: F(pressed(t, float(way.sol(t)[0])))  # noqa: E731
+    at = np.where(test.held, ends[0] + test.since, test.depth / test.speed)
+    at = np.where(test.branch == UNLOADING, ends[2] - test.depth / test.speed, at)
+    return np.array([force(t) for t in at])
+
+
+@pytest.mark.parametrize("k", [0.0, 0.5])
+@pytest.mark.parametrize("τ", [1.0, 6.0, 40.0])
+def test_a_load_train_that_creeps_moves_as_its_equations_say(τ, k):
+    """Loading, a hold, and the way back.  The chain takes the body's time for the drive's."""
+    c, modulus = 1.5, 0.012
+    rng = np.random.default_rng(0)
+    own = [toy.experiment("load", toy.recorded(toy.TRUTH, rng)),
+           toy.experiment("rest", toy.recorded(toy.TRUTH, rng, hold=30.0)),
+           toy.experiment("back", toy.recorded(toy.TRUTH, rng, unload=True))]  # fmt: skip
+    chosen = {e.name: e for e in toy.effects("creep", "compliance")}
+    library = build(toy.base(), make_plan(own), tuple(chosen.values()), toy.run)
+    names, x = (["creep", "compliance"], [c, np.log(τ), k]) if k else (["creep"], [c, np.log(τ)])
+    x = [np.log(modulus * 60.0), *x]
+    A, _ = predict(library, [chosen[n] for n in names], np.array([x]), modulus)
+    plain, _ = predict(library, [], np.array([x[:1]]), modulus)
+    matters = []
+    for test, _, at in library.plan.rows():
+        want, without = creeping(test, c, τ, k, modulus), modulus * plain[0, at]
+        matters.append(np.abs(want - without).max() / without.max())
+        np.testing.assert_allclose(modulus * A[0, at], want, rtol=0, atol=0.004 * without.max())
+        if test.held.any():
+            fall, found = (v[test.held][0] - v[test.held][-1] for v in (want, modulus * A[0, at]))
+            np.testing.assert_allclose(found, fall, rtol=0.05, atol=0.002 * without.max())
+    assert max(matters) > 0.02
 
 
 def test_nothing_changes_in_a_hold_of_what_does_not_relax():

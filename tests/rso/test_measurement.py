@@ -321,6 +321,7 @@ EFFECTS = {
     # One reading late: 0.1 mm at 0.5 mm/s.
     "lag": (0.2, lambda u, F: (u, *(np.r_[F[k][0], F[k][:-1]] for k in ("Fx", "Fy", "Fz")))),
     "lag_filter": (0.3, lambda u, F: (u, *(smoothed(F[k], 0.3) for k in ("Fx", "Fy", "Fz")))),
+    "creep": (0.3, lambda u, F: (u + 0.3 * smoothed(F["Fz"], 5.0), F["Fx"], F["Fy"], F["Fz"])),
     "depth_scale": (-0.04, lambda u, F: (0.96 * u, F["Fx"], F["Fy"], F["Fz"])),
     "nonlinearity": (0.05, lambda u, F: (u, F["Fx"], F["Fy"], F["Fz"] + 0.05 * F["Fz"] ** 2)),
     # a sensor turned to the left feels a force along x to its right
@@ -343,7 +344,7 @@ def test_neutral_chain_changes_nothing():
 
 
 def test_every_knob_is_tested_and_is_an_effect():
-    knobs = parameters_of(Chain)
+    knobs = [p for p in parameters_of(Chain) if p.name != "creep_tau"]  # a shape of creep
     one_loading_does_not_show = {"backlash", "ageing", "permanent_set"}
     assert {p.name for p in knobs} == {*EFFECTS, *one_loading_does_not_show}
     for p in knobs:
@@ -400,7 +401,8 @@ def test_each_knob_does_what_its_definition_says(name):
 
 
 def test_correct_undoes_record():
-    chain = Chain(0.05, 0.3, 1.1, 0.01, 0.001, 0.0, 0.02, -0.03, depth_scale=0.1, nonlinearity=-0.2, turn=-25.0)
+    chain = Chain(0.05, 0.3, 1.1, 0.01, 0.001, 0.0, 0.02, -0.03, depth_scale=0.1, nonlinearity=-0.2, turn=-25.0,
+                  creep=0.2, creep_tau=2.0)  # fmt: skip
     r = record(chain, U, FORCES, T)
     back = correct(chain, r.depth, r.forces, T)
     np.testing.assert_allclose(back.depth, U, rtol=1e-13, atol=0)
@@ -419,7 +421,7 @@ def test_a_filter_follows_a_ramp_as_its_equation_says():
         np.testing.assert_allclose(got, 2.0 * (t - τ * (1.0 - np.exp(-t / τ))), rtol=0, atol=1e-12)
     with pytest.raises(ValueError, match="cannot be undone"):
         correct(Chain(lag_filter=τ), t, {"Fz": t}, t)
-    with pytest.raises(ValueError, match="need the time"):
+    with pytest.raises(ValueError, match=r"lag_filter = 0\.4 s: the time of each reading is needed"):
         record(Chain(lag_filter=τ), t, {"Fz": t})
 
 
@@ -435,8 +437,8 @@ def test_lag_is_undone_inside_the_record():
 def test_chain_refuses():
     with pytest.raises(ValueError, match="gain = 3"):
         Chain(gain=3)
-    with pytest.raises(ValueError, match="need the time"):
-        record(Chain(drift=0.001), U, FORCES)
+    with pytest.raises(ValueError, match=r"drift = 0\.001 N/s and creep = 0\.1 mm/N: the time of each"):
+        record(Chain(drift=0.001, creep=0.1), U, FORCES)
     with pytest.raises(ValueError, match="needs Fz"):
         record(Chain(), U, {"Fx": U})
     with pytest.raises(ValueError, match="knows Fx, Fy, Fz"):
