@@ -84,8 +84,9 @@ OUTSIDE = {  # name -> (verdicts allowed, causes with which "explained" or "ambi
     "cell_hysteresis": ((*U, "measurement"), ()),
     "recovery": ((*U, "ambiguous"), ("mullins", "mullins_r", "mullins_m")),
     "collar": ((*U, "measurement"), ()),
+    "glue": ((*U, "measurement"), ()),
 }
-LISTED = {  # outside kinds that the diagnosis holds in its catalogue by the thirteenth round, by its names for them
+LISTED = {  # outside kinds that the diagnosis holds in its catalogue by the fourteenth round, by its names for them
     "temperature": ("ageing",),
     "wrong_point": ("offset_x", "offset_x at (20, 0)"),
     "rocking": ("compliance at (20, 0)", "compliance"),
@@ -93,6 +94,7 @@ LISTED = {  # outside kinds that the diagnosis holds in its catalogue by the thi
     "backlash": ("backlash",),
     "depth_scale": ("depth_scale",),
     "nonlinear_cell": ("nonlinearity",),
+    "glue": ("creep", "compliance"),
 }
 
 
@@ -267,6 +269,7 @@ SIZES = {  # the others are one number of the chain or of the plan: how it is dr
     "tear": (UP, 0.005, 0.3),  # share of the force lost
     "cell_hysteresis": (UP, 0.003, 0.08),  # height of the loop over the peak force
     "recovery": (UP, 0.02, 0.3),  # share of the force lost right after a test
+    "glue": (UP, 0.03, 0.8),  # mm/N in the end
     "collar": (UP, 0.003, 0.3),  # share of the force 1 mm beyond the depth where it touches
 }
 BESIDE = {  # name -> (key of the chain, key of the truth, how it is drawn) of further numbers
@@ -283,6 +286,7 @@ BESIDE = {  # name -> (key of the chain, key of the truth, how it is drawn) of f
         ("recovery_time", "time_s", lambda rng: log_uniform(rng, 60.0, 400.0)),
         ("recovery_rests", "rests_s", lambda rng: [log_uniform(rng, 20.0, 900.0) for _ in range(11)]),
     ],
+    "glue": [("glue_time", "time_s", lambda rng: log_uniform(rng, 1.0, 60.0))],
     "collar": [("collar_depth", "depth_mm", lambda rng: float(rng.uniform(2.5, 4.5)))],
 }
 

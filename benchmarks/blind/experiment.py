@@ -176,24 +176,31 @@ def clean_test(mechanics, mu, test, index, chain, clock):
     scale = 1 + chain.get("depth_scale", 0.0)
     travel = grid + screw_error(grid, place, chain) if "screw_error" in chain else grid
     lint = chain.get("lint", 0.0), chain.get("lint_force", 1.0)
-    F, true = np.zeros((len(grid), 3)), np.zeros(len(grid))
-    for branch, mask in (("load", down), ("unload", ~down)):
-        if not mask.any():
-            continue
 
-        def force(d, branch=branch, mask=mask):
-            raw = mechanics.force(name, repeat, source, branch, np.clip(d, 0, None))
-            if chain.get("wrong_point") and place == "20_0":
-                w = (chain["wrong_point"] / 20) ** np.array([1.0, 1.0, 2.0])
-                raw = mechanics.null("top", np.clip(d, 0, None)) * (1 - w) + raw * w
-            raw = turned(mechanics, raw, source, np.clip(d, 0, None))
-            return mu * np.where((d > 0)[:, None], raw, 0.0) * stiff[mask][:, None]
+    def pressed(yielded):
+        F, true = np.zeros((len(grid), 3)), np.zeros(len(grid))
+        for branch, mask in (("load", down), ("unload", ~down)):
+            if not mask.any():
+                continue
 
-        extra = 0.0
-        if branch == "unload":
-            extra = -chain.get("backlash", 0.0) - chain.get("set", 0.0) * 4.0 * (index == 0)
-        true[mask] = true_depth(force, travel[mask], offset + extra, compliance, scale, *lint)
-        F[mask] = force(true[mask])
+            def force(d, branch=branch, mask=mask):
+                raw = mechanics.force(name, repeat, source, branch, np.clip(d, 0, None))
+                if chain.get("wrong_point") and place == "20_0":
+                    w = (chain["wrong_point"] / 20) ** np.array([1.0, 1.0, 2.0])
+                    raw = mechanics.null("top", np.clip(d, 0, None)) * (1 - w) + raw * w
+                raw = turned(mechanics, raw, source, np.clip(d, 0, None))
+                return mu * np.where((d > 0)[:, None], raw, 0.0) * stiff[mask][:, None]
+
+            extra = 0.0
+            if branch == "unload":
+                extra = -chain.get("backlash", 0.0) - chain.get("set", 0.0) * 4.0 * (index == 0)
+            true[mask] = true_depth(force, (travel - yielded)[mask], offset + extra, compliance, scale, *lint)
+            F[mask] = force(true[mask])
+        return F, true
+
+    F, true = pressed(np.zeros(len(grid)))
+    for _ in range(20 if "glue" in chain else 0):  # what the mount has given way by then; contracts by glue dF/dd
+        F, true = pressed(lagged(t, chain["glue"] * F[:, 2:], chain["glue_time"])[:, 0])
     if "stick_slip" in chain:
         phase = (true / chain["stick_slip_period"]) % 1.0
         F = F * (1 - chain["stick_slip"] * (phase - 0.5))[:, None]

@@ -180,7 +180,7 @@ def test_every_effect_can_be_drawn_and_answered(blind):
             assert not effect["model"]
 
 
-KINDS = {  # outside kinds added before the eighth round: range of the size, and an example of their other numbers
+KINDS = {  # outside kinds added before the eighth round and since: range of the size, and an example of their other numbers
     "screw_error": (0.005, 0.08, {"screw_pitch": 1.5, "screw_phase": 0.7}),
     "lint": (0.03, 0.5, {"lint_force": 0.004}),
     "parallel_spring": (1e-3, 6e-2, {}),
@@ -189,6 +189,7 @@ KINDS = {  # outside kinds added before the eighth round: range of the size, and
     "cell_hysteresis": (0.003, 0.08, {}),
     "recovery": (0.02, 0.3, {"recovery_time": 100.0, "recovery_rests": [30.0 * (k + 1) for k in range(11)]}),
     "collar": (0.003, 0.3, {"collar_depth": 3.05}),
+    "glue": (0.03, 0.8, {"glue_time": 10.0}),
 }
 OTHER = {  # ranges of the other numbers
     "screw_pitch": (0.5, 2.0),
@@ -199,11 +200,12 @@ OTHER = {  # ranges of the other numbers
     "recovery_time": (60.0, 400.0),
     "recovery_rests": (20.0, 900.0),
     "collar_depth": (2.5, 4.5),
+    "glue_time": (1.0, 60.0),
 }
 TOP = {"mp_load", "mp_cycle_10", "mp_cycle_30", "mp_cycle_100", "mp_deep"}
 POINTS = {"point_2.5_2.5", "point_20_0"}
 TOUCHED = {
-    **dict.fromkeys(("screw_error", "lint"), TOP | POINTS | {"profile"}),
+    **dict.fromkeys(("screw_error", "lint", "glue"), TOP | POINTS | {"profile"}),
     **dict.fromkeys(("parallel_spring", "poroelastic", "collar"), TOP | POINTS),
     "tear": {"mp_deep", "point_2.5_2.5"},
     "cell_hysteresis": {"mp_cycle_10", "mp_cycle_30", "mp_cycle_100"},
@@ -286,6 +288,23 @@ def test_a_parallel_spring_adds_what_the_travel_asks_for(blind):
     for key, (_, h, F, true) in clean(blind, "parallel_spring", 0.02).items():
         np.testing.assert_allclose(F - plain[key][2], np.outer(h, [0, 0, 0.02]), rtol=0, atol=1e-15)
         np.testing.assert_array_equal(true, plain[key][3])
+
+
+def test_a_mount_that_creeps_follows_its_equation(blind):
+    """z = h - d,  T dz/dt + z = c Fz: by central differences, and the way back lies below the way there."""
+    c, T = 0.4, 8.0
+    for _, (t, h, F, d) in clean(blind, "glue", c, glue_time=T).items():
+        z = h - d
+        dz = (z[2:] - z[:-2]) / (t[2:] - t[:-2])
+        inside = (np.diff(t)[1:] > 0) & (d[2:] > 0.1) & (d[:-2] > 0.1)
+        step = np.diff(t)[1:] / T  # error of the differences, and where the way turns
+        turn = np.argmax(h) - 1
+        inside[max(turn - 1, 0) : turn + 2] = False
+        rest = (T * dz + z[1:-1] - c * F[1:-1, 2])[inside]
+        np.testing.assert_allclose(rest, 0.0, atol=0.02 * z.max() * max(1.0, step.max()))
+        if h[-1] < 1.0:
+            up, down = slice(0, np.argmax(h) + 1), slice(np.argmax(h), None)
+            assert np.interp(2.0, h[down][::-1], F[down, 2][::-1]) < 0.999 * np.interp(2.0, h[up], F[up, 2])
 
 
 def test_overstress_of_water_takes_longer_the_deeper(blind):
@@ -401,6 +420,7 @@ def judged(blind, truth, verdict, effect, cause=None, group=()):
         ("backlash", "backlash", None),
         ("depth_scale", "depth_scale", None),
         ("nonlinear_cell", "nonlinearity", None),
+        ("glue", "creep", "compliance"),
     ],
 )
 def test_names_that_are_in_the_catalogue_by_now_count_alone(blind, kind, effect, cause):
