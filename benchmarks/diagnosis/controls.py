@@ -37,7 +37,7 @@ ALONE = ("explained", "measurement")  # verdicts that name one cause as sure
 def threshold_of(evidence: Evidence, y: np.ndarray, seed: int, keep: Filter = lambda c: c) -> float:
     """Threshold of the statistic from the pipeline's own null, as the product has it."""
     contests = attribute.contests(evidence, attribute.nulls(evidence, y, NULLS, seed))
-    return max(float(np.quantile([keep(c).statistic for c in contests], 1 - attribute.FALSE_ALARM)), 0.0)
+    return attribute.critical(np.array([keep(c).statistic for c in contests]))
 
 
 def scored(evidence: Evidence, y: np.ndarray, cases: Cases, classes, seed: int, keep: Filter = lambda c: c,

@@ -320,6 +320,14 @@ def nulls(evidence: Evidence, y: np.ndarray, count: int, seed: int) -> np.ndarra
     return simulated(evidence, (), y, count, seed)
 
 
+def critical(null: np.ndarray) -> float:
+    """The statistic beyond which there is a gap: p = (1 + number of `null` (n,) ≥ it) / (1 + n) ≤ FALSE_ALARM and
+    a gap is more probable than none.  Infinite where n is too few to say so.
+    """
+    k = int(FALSE_ALARM * (len(null) + 1) * (1 + 1e-12))
+    return max(float(np.sort(null)[-k]), 0.0) if k else np.inf
+
+
 def simulated(
     evidence: Evidence, effects: Sequence[Effect], y: np.ndarray, count: int, seed: int, loose: bool = False
 ) -> np.ndarray:

@@ -113,7 +113,7 @@ def _alarms(evidence: Evidence, null: np.ndarray) -> float:
     """Share of data sets without a gap (B, n) in which the verdict finds one: FALSE_ALARM, or less where the largest of
     them make a gap no more probable than none."""
     T = np.array([c.statistic for c in attribute.contests(evidence, null)])
-    return float(np.mean(T > max(float(np.quantile(T, 1 - attribute.FALSE_ALARM)), 0.0)))
+    return float(np.mean(T > attribute.critical(T)))
 
 
 def _rivals(effects: Sequence[Effect], mean: np.ndarray) -> list[str]:

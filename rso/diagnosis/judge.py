@@ -174,8 +174,8 @@ class _Opened:
 
     @property
     def threshold(self) -> float:
-        """What 5 % of these exceed; besides, a gap must be more probable than none."""
-        return max(float(np.quantile(self.null, 1 - attribute.FALSE_ALARM)), 0.0)
+        """What few of these exceed; besides, a gap must be more probable than none."""
+        return attribute.critical(self.null)
 
     @property
     def gap(self) -> bool:

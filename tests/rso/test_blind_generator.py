@@ -180,7 +180,7 @@ def test_every_effect_can_be_drawn_and_answered(blind):
             assert not effect["model"]
 
 
-KINDS = {  # outside kinds added before the eighth round and since: range of the size, and an example of their other numbers
+KINDS = {  # outside kinds added since the eighth round: range of the size, and an example of their other numbers
     "screw_error": (0.005, 0.08, {"screw_pitch": 1.5, "screw_phase": 0.7}),
     "lint": (0.03, 0.5, {"lint_force": 0.004}),
     "parallel_spring": (1e-3, 6e-2, {}),

@@ -10,10 +10,11 @@ import pytest
 
 from rso import diagnosis
 from rso.contract import plain
-from rso.diagnosis import Diagnosis, Library, attribute, build, make_plan, story
-from rso.diagnosis.attribute import FALSE_ALARM
+from rso.diagnosis import Diagnosis, Library, attribute, build, make_plan, story, undecided
+from rso.diagnosis.attribute import FALSE_ALARM, Evidence, set_up
 from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.judge import _opened
+from rso.diagnosis.mixture import log_evidence, posterior
 from rso.diagnosis.unfitted import _chosen_without, left_out
 from rso.diagnosis.words import _named, _otherwise, _single
 from rso.measurement import Noise
@@ -518,6 +519,40 @@ def test_what_the_data_neither_show_nor_exclude_widens_what_a_parameter_may_be()
     alone = diagnose(200, hidden, names=("gain",))
     assert alone.reach["mu"].low_with is alone.reach["mu"].high_with is None
     assert (alone.reach["mu"].low, alone.reach["mu"].high) == alone.parameters["after"]["mu"][::2]
+
+
+def test_beside_a_cause_that_is_found_another_may_move_the_modulus():
+    """Softening is seen on the way back; that the body stiffens a little, too, is not, and moves the modulus."""
+    held, wider = [], []
+    for seed in range(4):
+        d = diagnose(seed, {"soften": 0.3, "stiff": 0.03}, names=("stiff", "soften"))
+        assert d.verdict == "explained" and d.named == ("soften",)
+        (low, _, high), r = d.parameters["after"]["mu"], d.reach["mu"]
+        assert r.low <= low and high <= r.high
+        assert {r.low_with, r.high_with} <= {None, "stiff"}  # never what is there already
+        held.append(r.low <= TRUTH["mu"] <= r.high)
+        wider.append(r.low_with or r.high_with)
+    assert all(held) and any(wider)
+
+
+def test_an_effect_added_by_its_shift_has_the_evidence_of_the_pair():
+    """Tiles of both effects at once are the oracle: ln evidence within 1, ends of the modulus within 1 %."""
+    library, names = tables(("stiff", "soften"), False), ("soften", "stiff")
+    plan = make_plan(experiments(1, {"soften": 0.3, "stiff": 0.12}))
+    library = dataclasses.replace(library, plan=plan)
+    y = plan.values()
+    evidence = Evidence(set_up(library, y), library.effects)
+    first, second = (next(e for e in library.effects if e.name == n) for n in names)
+    said, rng = Hypothesis((first,)), np.random.default_rng(0)
+    h = evidence.best(said.effects, y, loose=True)
+    found, added = undecided._added(evidence, h, said, posterior(h, h.white(y), 1000, rng), second, y, rng)
+    both = evidence.best((first, second), y, loose=True)
+    want = log_evidence(both, both.white(y)[None])[0]
+    assert abs(found - want) < 1.0
+    exact = posterior(both, both.white(y), 4000, rng).modulus
+    np.testing.assert_allclose(np.quantile(added.modulus, [0.05, 0.95]), np.quantile(exact, [0.05, 0.95]), rtol=0.01)
+    assert added.modulus.shape == (undecided.DRAWS,)
+
 
 
 def test_what_a_plan_can_see_is_what_the_verdict_finds(monkeypatch):

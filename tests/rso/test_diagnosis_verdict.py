@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rso.diagnosis import build, diagnose, make_plan, story
-from rso.diagnosis.attribute import SHARES, Contest, Evidence, set_up
+from rso.diagnosis.attribute import FALSE_ALARM, SHARES, Contest, Evidence, critical, set_up
 from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.judge import BEYOND, MISFIT, _beyond, most_left
 from rso.diagnosis.judgement import judge
@@ -308,3 +308,16 @@ def test_an_effect_is_asked_of_what_can_show_it():
     assert [t.returns for t in plan.tests] == [False, False, True]
     assert "backlash" in told["load"] and "backlash" not in told["cycle"]
     assert predicts([HeldOut("cycle", {"none": 0.0}), HeldOut("load", {"none": 0.0, "backlash": -1.0})], hypotheses[2])
+
+
+@pytest.mark.parametrize("n", [10, 19, 40, 199, 200])
+def test_there_is_a_gap_where_p_says_so_and_one_is_more_probable_than_none(n):
+    """Beyond the critical value p is at most 5 %, and just below it is more; of ten there is no such value."""
+    null = np.random.default_rng(n).normal(2.0, 1.0, n)
+    at = critical(null)
+    p = lambda t: (1 + np.sum(null >= t)) / (1 + n)  # noqa: E731 - as a diagnosis prints it
+    if n < 19:
+        assert at == np.inf and p(10.0) > FALSE_ALARM
+        return
+    assert p(np.nextafter(at, 9.0)) <= FALSE_ALARM < p(np.nextafter(at, -9.0))
+    assert critical(null - 100.0) == 0.0
