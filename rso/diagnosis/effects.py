@@ -169,12 +169,14 @@ def suited(
     """
     brisk, lasting = _beyond(times[0], BRISK), _beyond(times[1], LASTING)
     by = [_beyond(force, ORDINARY), scale, brisk, lasting]
+    # in powers of two: data sets of one plan share a library, though their clocks differ a little
+    quick, long = (2.0 ** round(math.log2(v)) for v in (brisk, lasting))
     found = []
     for e in effects:
         powers = (0,) * 4 if e.family == "model" else POWERS_IN.get(e.size.unit, (0,) * 4)
         k = math.prod(v**p for v, p in zip(by, powers, strict=True))
         size = replace(e.size, low=k * e.size.low, high=k * e.size.high) if any(powers) else e.size
-        shape = tuple(replace(s, low=brisk * s.low, high=lasting * s.high) if s.unit == "s" else s for s in e.shape)
+        shape = tuple(replace(s, low=quick * s.low, high=long * s.high) if s.unit == "s" else s for s in e.shape)
         found.append(replace(e, size=size, shape=shape))
     return tuple(found)
 

@@ -292,7 +292,7 @@ def percents(interval: Sequence[float]) -> str:
 def _parameters(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
     before, after = d["parameters"]["before"], d["parameters"]["after"]
     odd = d.get("odd")
-    if not before or (d["verdict"] == "unexplained" and not odd):
+    if not before:
         return []
     k = next(iter(before))
     was, now = ([f"{p[k][v]:.4g}" for v in ("median", "low", "high")] for p in (before, after))
@@ -301,6 +301,8 @@ def _parameters(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
         text = f"{k} is {now[0]} {unit} (90 % {now[1]} to {now[2]}) if nothing is missing."
     elif odd:
         text = f"By all but {odd['experiment']} {k} is {now[0]} {unit} (90 % {now[1]} to {now[2]}), with it {was[0]}."
+    elif d["verdict"] == "unexplained":
+        text = f"{k} is {now[0]} {unit} (90 % {now[1]} to {now[2]}) beside what is unexplained, without it {was[0]}."
     else:
         text = f"{k} moves from {was[0]} {unit} (90 % {was[1]} to {was[2]}) to {now[0]} {unit} ({now[1]} to {now[2]})."
     return [text + beyond(d, k, unit)]
