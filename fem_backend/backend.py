@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import platform
 import time
 from collections.abc import Collection, Mapping
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from fem_backend import (
+    analytic,
     anchors,
     channels,
     costs,
@@ -209,6 +211,15 @@ class FiniteElements:
         except ValueError as error:  # NotModelled, too
             return str(error)
         return None
+
+    def hertz(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, float]:
+        """The modulus (MPa) by knob that Fz (n,) N at depths (n,) mm would have in Hertz's limit, incompressible."""
+        own = experiment.read_settings(settings)
+        x, y = own.point
+        top = np.array([x, y, own.body.c * math.sqrt(1.0 - (x / own.body.a) ** 2 - (y / own.body.b) ** 2)])
+        curved = 1.0 / own.R + analytic.ellipsoid_mean_curvature(own.body.semi_axes, top)
+        unit = analytic.hertz_force(depth, 1.0 / curved, 3.0, 0.5)
+        return {"mu": float(unit @ force / (unit @ unit))}
 
     def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
         """The mesh of the experiment and, for a body without memory, an anchor: states to start from."""

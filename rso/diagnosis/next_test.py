@@ -152,12 +152,13 @@ def _afterwards(done: TestPlan, plan: TestPlan, test: Test) -> Test:
 
 
 def _out_of_reach(there: Library, survivors: Survivors) -> bool:
-    """Whether times of a survivor, in the travel of the tests of a library, lie beyond those that were computed."""
+    """Whether a survivor relaxes in times that, in the travel of the tests of a library, lie beyond those computed."""
     d, speeds = len(there.base.axes), {t.speed for t in there.plan.tests}
     for effects, post in survivors.values():
         column = d
-        for e in effects:
-            for k in (k for k, s in enumerate(e.knobs) if k and timed(s)):
+        for e in (e for e in effects if e.family != "scatter"):  # these have no coordinate
+            timely = [k for k, s in enumerate(e.knobs) if k and timed(s)] if e.family == "model" else []
+            for k in timely:  # those of the chain are followed at any rate
                 level = there.places[there.home(e)].effects[e.name].nodes.levels[k]
                 for speed in speeds:
                     at = post.at[:, column + k] + np.log(speed)

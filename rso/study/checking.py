@@ -22,6 +22,7 @@ from rso.study.pricing import Pace, pace
 from rso.study.schema import ExperimentTable, Study
 
 CORNERS = 6  # open parameters up to which all corners of their ranges are looked at
+FAR = 5.0  # times: held thin bodies are up to three times as stiff as a half-space
 
 
 def check(study: Study, folder: Path, trust: bool, store: Path | None = None) -> list[str]:
@@ -159,7 +160,8 @@ def _things(plan: Plan) -> list[str]:
         measured = plan.study.measurement(e.name)
         remarks += stated.replaced(plan.study, e.name)
         unread = f"not read: {', '.join(measured.unread)}" if measured.unread else ""
-        lines += [f"    {words}" for words in (_recorded(measured, curve), _noise(e), unread, *remarks) if words]
+        about = (_recorded(measured, curve), *_by_hertz(plan, e.name, curve), _noise(e), unread, *remarks)
+        lines += [f"    {words}" for words in about if words]
         lines += stated.of_experiment(plan, e.name)
     return lines
 
@@ -189,6 +191,24 @@ def _recorded(m: Measurement, curve: MeasuredCurve) -> str:
     branches = ", ".join(f"{n} {s}" for s, n in count.items() if n)
     F = curve.value
     return f"readings: {branches}; {curve.channel} from {F.min():.3g} to {F.max():.3g} {curve.unit} while loading"
+
+
+def _by_hertz(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
+    """The modulus of the shallow half of a loading in Hertz's limit, where the backend knows one and Fz was measured:
+    far from its range a unit is wrong, or what is pressed is no half-space."""
+    limit, (low, high) = getattr(plan.backend, "hertz", None), (0.0, 0.5 * float(curve.depth.max()))
+    shallow = (curve.depth > low) & (curve.depth <= high)
+    if limit is None or curve.channel != "Fz" or not shallow.any():
+        return []
+    settings = {**plan.study.backend.settings, **plan.study.experiment(name).settings}
+    out = []
+    for knob, value in limit(settings, curve.depth[shallow], curve.value[shallow]).items():
+        out.append(f"Hertz's limit of its shallow half: {knob} about {value:.2g} MPa")
+        axis = next((a for a in plan.resolved.axes if a.name == knob), None)
+        ends = (axis.low, axis.high) if axis else (plan.resolved.fixed.get(knob),) * 2
+        if None not in ends and not ends[0] / FAR < value < ends[1] * FAR:
+            out.append(f"  that is far from {ends[0]:g} to {ends[1]:g} MPa: are the units of force and depth right?")
+    return out
 
 
 def _noise(e: ExperimentTable) -> str:

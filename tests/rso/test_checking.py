@@ -147,3 +147,12 @@ def test_corners_of_the_ranges_that_nothing_models_are_told_before_a_library_sto
     if corners:
         assert told[0].startswith(f"  not modelled in {corners} of 4 corners of these ranges, first mu = 0.005, D1 =")
         assert f"K/mu = {2 / (0.005 * float(low.split()[0])):.4g}" in lines[lines.index(told[0]) + 1]
+
+
+@pytest.mark.parametrize(("unit", "told"), [("kPa", 0), ("MPa", 2), ("Pa", 2)])
+def test_forces_that_no_modulus_of_the_range_would_have_are_told(tmp_path, unit, told):
+    """The same numbers in another unit: a thousand times what Hertz's limit of these forces has, or a thousandth."""
+    lines = said(tmp_path, parameters=f'mu = {{ low = "1 {unit}", high = "40 {unit}" }}\nD1 = {{ value = 5.8 }}')
+    found = [line for line in lines if "Hertz's limit" in line]
+    assert len(found) == 2 and all(re.search(r"mu about 0\.0\d+ MPa", line) for line in found)
+    assert sum("are the units of force and depth right?" in line for line in lines) == told

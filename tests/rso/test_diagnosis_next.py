@@ -251,6 +251,20 @@ def test_a_rate_beyond_those_computed_is_said():
     assert found and not any(t.note for t in found)  # nothing has a time
 
 
+def test_a_mount_that_creeps_has_times_that_no_run_needs():
+    """Against a body that relaxes: a test ten times slower leans on runs for the body alone, and a block tells them."""
+    truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012, "g": 0.3, "tau": 3.0}
+    library = build(toy.base(axes=False), plan_of(truth), toy.effects("g", "creep", "stiff", "offset_each"), toy.run)
+    bench, alive = survivors(library, ("g", "creep"), truth)
+    found = {t.test: t for t in next_tests(library, bench, alive, {"g": 0.5, "creep": 0.5}, None)}
+    assert any("rigid block" in test for test in found)
+    (slower,) = [t for test, t in found.items() if "ten times slower" in test]
+    assert slower.note == READ_OFF
+    bench, alive = survivors(library, ("stiff", "creep"), truth)
+    found = next_tests(library, bench, alive, {"stiff": 0.5, "creep": 0.5}, None)
+    assert found and not any(t.note for t in found)
+
+
 def test_a_candidate_comes_after_what_was_pressed_at_its_place():
     """A body with a dent has it in the next test too, but not at a place that nobody touched."""
     plan = plan_of({"mu": 0.012, "D1": 60.0})
