@@ -88,14 +88,14 @@ class Chain:
         cause="lag",
     )
 
-    backlash: float = knob(
-        "play of the drive, taken up on the way back",
+    backlash: float = knob(  # of either sign: a gauge that sticks shows on the way back what was
+        "play of the drive, taken up on the way back; negative: of the depth gauge",
         "mm",
-        0.0,
+        -1.0,
         1.0,
         neutral=0.0,
         typical=0.05,
-        plausible=(0.005, 0.3),
+        plausible=(-0.3, 0.3),
     )
 
     ageing: float = knob(

@@ -362,6 +362,8 @@ def test_backlash_shows_on_the_way_back_alone():
     # the drive has gone back by b before the indenter moves: at a recorded depth d it still stands at d + b
     np.testing.assert_allclose(r.forces["Fz"][back], 0.06 * (r.depth[back] + b) ** 1.5, rtol=1e-12, atol=0)
     assert np.array_equal(record(Chain(backlash=b), U, FORCES, T).depth, U)
+    sticks = record(Chain(backlash=-b), u, {"Fz": 0.06 * u**1.5}, t)  # the gauge stays deep while the indenter rises
+    np.testing.assert_allclose(sticks.forces["Fz"][back], 0.06 * (sticks.depth[back] - b) ** 1.5, rtol=1e-12, atol=0)
     again = correct(Chain(backlash=b), r.depth, r.forces, t)
     np.testing.assert_allclose(again.depth, np.minimum(u, top), rtol=1e-12, atol=0)
 
