@@ -229,4 +229,4 @@ def with_pairs(say: Say, own: Table, s: Scored, count: int) -> None:
             out.append([name, m.sum(), *(f"{np.mean(v):.2f}" for pair in both for v in pair)])
     cost = (time.process_time() - began) / len(rows)
     head = [f"{v}, {w} pairs" for v in ("on top", "in set", "set size", "wrong and sure") for w in ("without", "with")]
-    say(["## With pairs of survivors", *table(["truth", "cases", *head], out), f"{cost:.1f} s CPU a case."])
+    say(["## With pairs of survivors", *table(["truth", "cases", *head], out), f"{cost:.1f} s CPU a case.", ""])
