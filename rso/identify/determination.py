@@ -17,6 +17,7 @@ from rso.identify.sampling import Draws, agree, sample
 from rso.identify.verdict import Verdict, judge, sentences
 
 LEVEL = 0.9
+WIDE = 0.1  # of the largest value: an agreement within such errors says little
 UNLIKELY = 0.01  # a misfit that noise alone exceeds this seldom says that the model, or the noise, is wrong
 
 
@@ -155,7 +156,10 @@ def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> 
             f"{text}: the model misses the data by {scale:.2g} times their stated errors, more than noise explains; "
             "all intervals are widened by this factor."
         )
-    return f"{text}: the model agrees with the data within their errors."
+    text += ": the model agrees with the data within their errors"
+    share = max((float(np.max(d.sigma) / np.max(np.abs(d.value))) for d in misfit.data if np.any(d.value)), default=0.0)
+    wide = f", which are up to {100 * share:.2g} % of the largest value and say little" if share > WIDE else ""
+    return f"{text}{wide}."
 
 
 def compare_weightings(misfit: Misfit, near: np.ndarray, *, seed: int) -> dict[str, Fit]:

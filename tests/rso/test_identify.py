@@ -338,6 +338,16 @@ def test_a_model_that_does_not_fit_widens_the_intervals_and_says_so():
     )
 
 
+@pytest.mark.parametrize("share, told", [(0.002, False), (0.3, True)])
+def test_an_agreement_within_wide_errors_says_how_wide_they_are(share, told):
+    (clean,) = ball(0.0).data
+    sd = share * clean.value.max()
+    noisy = ball(sd)
+    found = identify.determine(noisy, seed=0, mcmc=False).story
+    assert "within their errors" in found
+    assert (f"which are up to {100 * sd / noisy.data[0].value.max():.2g} % of the largest value" in found) is told
+
+
 # ---- directions and further tests
 
 
