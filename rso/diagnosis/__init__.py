@@ -4,6 +4,7 @@ effects      the catalogue: every knob with a neutral value and a plausible rang
 testplan     what was measured, in bins        library     what is computed once per test plan
 runs, planning   what is simulated for it      responses   and what the simulations answered
 prediction   parameters → data vector          noise       what readings and models scatter by
+sensor       what filters or counts in steps
 mixture      exact evidence in tiles           attribute   the contest of hypotheses
 localise     where                             shrinkage   how much
 unfitted     what was left out of the fit      remainder   what a cause leaves

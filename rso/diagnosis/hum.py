@@ -19,7 +19,6 @@ from scipy.ndimage import median_filter
 from scipy.stats import gamma
 
 from rso.diagnosis.testplan import TestPlan
-from rso.measurement import step_of
 
 SURE = -10.0  # log10 of the chance of the strongest line; among some hundred frequencies scatter reaches about -6
 FEWEST = 24  # readings of a branch
@@ -136,7 +135,8 @@ def _levels(depth: np.ndarray) -> np.ndarray | None:
 
     The force goes on while the depth stands still: over depth that is a saw-tooth, and no hum.
     """
-    return np.concatenate([[0], np.cumsum(np.diff(depth) != 0.0)]) if step_of(depth) else None
+    moved = np.diff(depth) != 0.0
+    return np.concatenate([[0], np.cumsum(moved)]) if 0.0 < np.mean(moved) < 0.5 else None
 
 
 def _merged(v: np.ndarray, level: np.ndarray | None) -> np.ndarray:

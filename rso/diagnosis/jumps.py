@@ -1,12 +1,16 @@
 """Sudden jumps: what no smooth model of a curve can explain, and no scatter of readings makes.
 
-With q_i the steps of the force from reading to reading less their running median, over a robust standard deviation,
+With q_i the steps of the force from reading to reading less what is smooth in them (their running median, and a
+polynomial through what that leaves where they bend), over a robust standard deviation,
 
     t = Σ q³ / (Σ q⁶)^½,      z = √(n/6) mean q³ / (mean q²)^(3/2)
 
 Scatter, correlated or not, is as often up as down, so that t is about a standard normal variable however heavy its
 tails are; stick–slip and slipping grips rise slowly and fall at once, or the reverse, again and again.  Of k equal
 jumps t is no more than √k: a single crack shows in z, whose standard deviation without jumps is 2 to 3.
+
+A sensor that counts in steps s goes up by none or one from reading to reading, which is skewed: s counts as normal
+scatter besides, Σ (q⁶ + 15 s⁶) and q² + s² below.
 """
 
 from __future__ import annotations
@@ -17,12 +21,14 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from rso.diagnosis.testplan import TestPlan
+from rso.measurement import step_of
 
 OFTEN = 2.9  # t; with LARGE of scatter fewer than 0.5 % of plans reach it
 LARGE = 9.0  # z
 WINDOW = 9  # readings of the running median
 FEWEST = 12  # readings of a branch
 _CLIP = 8.0  # no single reading decides
+_DEGREE = 3  # of what the running median leaves of a slope that bends
 
 
 @dataclass(frozen=True)
@@ -53,19 +59,29 @@ def jumps(plan: TestPlan) -> Jumps:
             v = r.channels["Fz" if "Fz" in r.channels else next(iter(r.channels))][at]
             if len(v) < FEWEST:
                 continue
-            q = np.diff(v) - median_filter(np.diff(v), WINDOW, mode="nearest")
-            scale = 1.48 * float(np.median(np.abs(q)))
+            q = _unsmooth(np.diff(v))
+            counted = step_of(v)
+            scale = max(1.48 * float(np.median(np.abs(q))), counted)
             if scale == 0.0:
                 continue
-            raw.append((q, scale))
+            raw.append((q, scale, counted))
             found += [(float(s), e.name, float(d)) for s, d in zip(q, r.depth[at][1:], strict=True)]
     if not raw:
         return Jumps(0.0, 0.0, 0, "", 0.0, ())
-    usual = float(np.median([scale for _, scale in raw]))  # a record of few readings may seem quieter than it is
-    q = np.concatenate([np.clip(q / max(scale, usual), -_CLIP, _CLIP) for q, scale in raw])
-    t = float(np.sum(q**3) / np.sqrt(np.sum(q**6)))
-    z = float(np.mean(q**3) / np.mean(q**2) ** 1.5 / np.sqrt(6.0 / len(q)))
+    usual = float(np.median([scale for _, scale, _ in raw]))  # a record of few readings may seem quieter than it is
+    q = np.concatenate([np.clip(q / max(scale, usual), -_CLIP, _CLIP) for q, scale, _ in raw])
+    s = np.concatenate([np.full(len(q), counted / max(scale, usual)) for q, scale, counted in raw])
+    t = float(np.sum(q**3) / np.sqrt(np.sum(q**6 + 15.0 * s**6)))
+    z = float(np.mean(q**3) / np.mean(q**2 + s**2) ** 1.5 / np.sqrt(6.0 / len(q)))
     found.sort(key=lambda f: -f[0] * np.sign(z))
     name = found[0][1]
     largest = [f for f in found if f[1] == name][:5]
     return Jumps(t, z, len(q), name, largest[0][0], tuple(sorted(d for _, _, d in largest)))
+
+
+def _unsmooth(step: np.ndarray) -> np.ndarray:
+    """Steps (n,) less what is smooth in them, which single large ones do not move."""
+    q = step - median_filter(step, WINDOW, mode="nearest")
+    most = 3.0 * np.median(np.abs(q))
+    P = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(q)), _DEGREE)
+    return q - P @ np.linalg.lstsq(P, np.clip(q, -most, most), rcond=None)[0]

@@ -16,8 +16,9 @@ from scipy.stats import chi2
 
 from rso.diagnosis.library import Library
 from rso.diagnosis.responses import FORCES
-from rso.diagnosis.testplan import BINS, LOADING, UNLOADING, Experiment, Profile, Test, TestPlan
-from rso.measurement import Measurement, Repeat, step_of
+from rso.diagnosis.sensor import count_of, hidden, of_bins
+from rso.diagnosis.testplan import LOADING, UNLOADING, Profile, Test, TestPlan
+from rso.measurement import Measurement, Repeat
 
 GAIN = 0.01  # of a test, where nothing is known
 CONTACT = 0.01  # mm, contact point of a test, of a plan of the usual depth
@@ -36,7 +37,6 @@ GRAIN_LENGTH = 0.06  # of the deepest travel
 LATERAL = 0.25  # of the error of Fz that shows in Fx, Fy
 MARK = 0.05  # mm, where nothing is known of a profile, of such a plan
 ALIKE = 0.3  # mm, of such a plan: tests at a place with no other history than this are repeats
-DENSE, DEGREE, SMOOTH = 200, 10, 0.5  # readings of a record that tells by itself how it was filtered
 
 
 @dataclass(frozen=True)
@@ -93,6 +93,7 @@ def levels(plan: TestPlan, binding: bool = False) -> dict[str, Level]:
             estimated, each = upwards * estimated, [upwards * v for v in each]
         largest = max(float(np.max(np.abs(t.values[v]))) for t in tests for v in t.channels)
         least = 1e-4 * largest if stated or estimated else UNKNOWN * largest
+        least = max(least, count_of(seen, c) / math.sqrt(12.0))
         # what is said to be correlated is not white
         white = max(0.0 if correlation else stated, estimated, least)
         whites = [max(0.0 if correlation else v or stated, u, least) for v, u in zip(said, each, strict=True)]
@@ -100,10 +101,10 @@ def levels(plan: TestPlan, binding: bool = False) -> dict[str, Level]:
         source = "stated" if stated >= estimated else "from the readings"
         source = source if stated or estimated else "assumed"
         if length:  # readings that remember each other hold less than their number
-            share, reach = _of_bins(length, w, k)
+            share, reach = of_bins(length, w, k)
             correlated, white = share * (stated if correlation else white), white if correlation else 0.3 * white
         else:
-            correlated, reach = _smoothed(seen, c)
+            correlated, reach = hidden(seen, c, white)
         depth = max(e.noise.depth for e in seen)
         gain = max(e.noise.gain for e in seen)
         contact = max(plan.scale * CONTACT, 2 * depth)
@@ -227,34 +228,6 @@ def _memory(plan: TestPlan) -> float | None:
     return -float(np.median(steps)) / float(np.log(min(ρ, 0.98)))
 
 
-def _smoothed(experiments: Sequence[Experiment], channel: str) -> tuple[float, float]:
-    """Noise of a bin that does not show between neighbouring readings, and its length (mm): that of a sensor that
-    filters or counts in steps; zeros where there is none.
-
-    Of dense records: deviations from a polynomial in the root of depth whose neighbours are alike (lag-1 correlation
-    ρ > SMOOTH; length −Δu/ln ρ), and the step q of a coarse sensor, q/√12 over the travel that q takes.
-    """
-    found = []
-    for r in (r for e in experiments if e.measurement.kind == "force" for r in e.measurement.repeats):
-        at = (r.segment == "loading") & (r.depth > 0.1 * r.depth.max())
-        if channel not in r.channels or at.sum() < DENSE:
-            continue
-        s, v = np.sqrt(r.depth[at]), r.channels[channel][at]
-        P = np.polynomial.legendre.legvander(2.0 * (s - s.min()) / np.ptp(s) - 1.0, DEGREE)
-        rest = v - P @ np.linalg.lstsq(P, v, rcond=None)[0]
-        ρ = float(rest[1:] @ rest[:-1] / max(rest @ rest, 1e-300))
-        Δu, q = float(np.ptp(r.depth[at])) / len(v), step_of(v)
-        w = float(r.depth.max()) / BINS
-        own = (0.0, 0.0)
-        if SMOOTH < ρ < 1.0:
-            share, _ = _of_bins(-Δu / math.log(ρ), w, w / Δu)
-            own = (share * float(np.std(rest)), -Δu / math.log(ρ))
-        steps = (q / math.sqrt(12.0), q * len(v) * Δu / max(float(np.ptp(v)), q)) if q else (0.0, 0.0)
-        of_steps = steps[0] * min(1.0, steps[1] / w)  # a saw-tooth: what whole teeth leave is nothing
-        found.append(max(own, (of_steps, steps[1])))
-    return tuple(np.median(found, axis=0).tolist()) if found else (0.0, 0.0)  # type: ignore[return-value]
-
-
 def _repeats(plan: TestPlan, channel: str, known: Level) -> tuple[float, float, float, float]:
     """(gain, contact mm, correlated noise, its length mm) from what repeats of one experiment differ by.
 
@@ -320,19 +293,6 @@ def _bins(tests: Sequence[Test]) -> tuple[float, float]:
     widths = np.concatenate([np.diff(t.depth[b]) for t, b in there])
     counts = np.concatenate([t.count[b] for t, b in there])
     return (float(np.median(widths)), float(np.median(counts))) if len(widths) else (1.0, 1.0)
-
-
-def _of_bins(length: float, w: float, k: float) -> tuple[float, float]:
-    """Standard deviation of the mean of a bin, and its length (mm), of readings of variance 1 that remember each other.
-
-    With ρ = e^{−w/kℓ} from one to the next of the k readings in a bin of width w the variance is
-    V = [k (1 − ρ²) − 2ρ (1 − ρᵏ)] / k² (1 − ρ)²; correlations rⁿ of bins, r = (S − V) / (S + V), add up to the
-    variance S = (1 + ρ) / k (1 − ρ) per bin that the mean of many has.
-    """
-    ρ = min(math.exp(-w / (k * length)), 1.0 - 1e-6)  # beyond, V is round-off
-    V = (k * (1.0 - ρ**2) - 2.0 * ρ * (1.0 - ρ**k)) / (k * (1.0 - ρ)) ** 2
-    S = (1.0 + ρ) / (k * (1.0 - ρ))
-    return math.sqrt(V), -w / math.log(max((S - V) / (S + V), 1e-9))
 
 
 def covariance(library: Library, level: Mapping[str, Level], force: np.ndarray, slope: np.ndarray) -> np.ndarray:

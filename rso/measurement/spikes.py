@@ -13,6 +13,9 @@ from rso.measurement.reading import Measurement, Repeat
 SPIKE = 8.0  # robust standard deviations from its neighbours: no reading of its own
 MOST_SPIKES = 0.2  # of the readings: more of them are no spikes but the signal
 BACK = 0.25  # of its bend: a reading that stands alone bends the line back beside it
+FEWEST = 12  # readings of a branch that tell anything
+OFF_GRID = 0.1  # of a step: rounding in print
+PARTS = 5  # steps in the least gap between readings, at most
 LAST = 0.05  # of the range of the others: a first or last reading this far from its neighbour may be a mistake
 
 
@@ -48,7 +51,7 @@ def _wild(r: Repeat) -> np.ndarray:
     wild = np.zeros(len(r.depth), bool)
     for name in ("loading", "unloading"):
         at = np.nonzero(r.segment == name)[0]
-        while len(at) >= 12:  # again, for a spike beside a larger one
+        while len(at) >= FEWEST:  # again, for a spike beside a larger one
             values = [r.channels[c][at] for c in r.channels]
             out = np.any([_ends(r.depth[at], v) for v in values], axis=0)
             out &= [at[0] == 0, *[False] * (len(at) - 2), at[-1] == len(wild) - 1]
@@ -90,7 +93,16 @@ def _ends(depth: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def step_of(values: np.ndarray) -> float:
-    """Step in which a sensor counts: the smallest difference of neighbours where most of them are equal, else 0."""
-    steps = np.abs(np.diff(values))
-    moves = steps[steps > 0]
-    return float(moves.min()) if len(moves) and np.median(steps) == 0.0 else 0.0
+    """Step in which a sensor counts: the largest of which all differences of readings are multiples; 0 of few readings
+    or where there is none.
+
+    Of eleven gaps between readings that are not counted one in 10⁷ sets is taken for counted.
+    """
+    gaps = np.diff(np.unique(values))
+    if len(values) < FEWEST or len(gaps) == 0 or (len(gaps) == len(values) - 1 and np.ptp(gaps) < OFF_GRID * gaps[0]):
+        return 0.0  # equal gaps of a straight line are no steps
+    for parts in range(1, PARTS + 1):
+        multiple = parts * gaps / gaps.min()
+        if np.all(np.abs(multiple - np.round(multiple)) < OFF_GRID):
+            return float(gaps.min()) / parts
+    return 0.0
