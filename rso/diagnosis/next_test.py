@@ -54,6 +54,7 @@ DIRECT = {  # tests that show an effect of the chain by itself, whatever the spe
     "creep": _BLOCK,
     "offset": _BLOCK,
     "bias": _SENSOR,
+    "bias_side": _SENSOR,
     "drift": _SENSOR,
     "gain": _SENSOR,
     "cross_x": _SENSOR,
@@ -395,8 +396,9 @@ def gauges(library: Library, bench: Bench) -> dict[str, tuple[str, float]]:
     v = max(t.speed for t in library.plan.tests)
     yields = 0.5 * level.contact / F
     resolution = {
-        "compliance": yields, "creep": yields, "bias": white, "drift": white / longest, "offset": level.contact,
-        "gain": 0.002, "lag": white / max(F * v / 4.0, 1e-300), "cross_x": white / F, "cross_y": white / F,
+        "compliance": yields, "creep": yields, "offset": level.contact,
+        "bias": white, "bias_side": white, "drift": white / longest, "gain": 0.002,
+        "lag": white / max(F * v / 4.0, 1e-300), "cross_x": white / F, "cross_y": white / F,
         "nonlinearity": white / F**2, "turn": np.degrees(white / F), "depth_scale": 0.002,
     }  # fmt: skip
     own = {k: (DIRECT[k], resolution[k]) for k in DIRECT}

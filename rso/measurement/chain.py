@@ -3,8 +3,8 @@
     recorded depth = (1 + depth_scale)(true depth − offset) + permanent_set · earlier + compliance · Fz + z,
                      less the backlash on the way back,                      creep_tau dz/dt + z = creep · Fz
     recorded Fz    = gain · (1 + nonlinearity · Fz*) Fz* + bias + drift · t,      lag_filter dF*/dt + F* = F(t − lag)
-    recorded Fx    = Fx* cos(turn) + Fy* sin(turn) + cross_x · Fz*
-    recorded Fy    = Fy* cos(turn) − Fx* sin(turn) + cross_y · Fz*
+    recorded Fx    = Fx* cos(turn) + Fy* sin(turn) + cross_x · Fz* + bias_side cos(bias_angle)
+    recorded Fy    = Fy* cos(turn) − Fx* sin(turn) + cross_y · Fz* + bias_side sin(bias_angle)
 
 `earlier` is the deepest travel of all tests before at the same place: what stays of it is a dent in which the next test
 makes contact later.  There are no mechanics in it and it costs no simulation.  Each knob is an effect: at neutral it is
@@ -158,6 +158,22 @@ class Chain:
         "retardation time of the load train", "s", 1e-9, 1e9, default=5.0, group="creep", plausible=(0.3, 100.0)
     )
 
+    bias_side: float = knob(  # a cell of which Fz alone was tared
+        "zero error of the force channels Fx and Fy",
+        "N",
+        -0.5,
+        0.5,
+        neutral=0.0,
+        group="bias_side",
+        typical=0.005,
+        plausible=(-0.05, 0.05),
+    )
+
+    bias_angle: float = knob(
+        "direction of the zero error from x to y", "deg", -180.0, 180.0, default=0.0, group="bias_side",
+        plausible=(-90.0, 90.0),
+    )  # fmt: skip
+
     def __post_init__(self) -> None:
         for parameter in parameters_of(type(self)):
             parameter.check(getattr(self, parameter.name))
@@ -165,7 +181,7 @@ class Chain:
 
 CROSS = {"Fx": "cross_x", "Fy": "cross_y"}  # knobs that act on one channel alone
 TIMED = ("drift", "lag", "lag_filter", "creep")  # knobs that ask for the time of each reading
-LATERAL = ("turn",)  # and those that act on Fx and Fy alone
+LATERAL = ("turn", "bias_side")  # and those that act on Fx and Fy alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +216,8 @@ def recorded(
     F = {c: (1.0 + k["ageing"] * age) * v for c, v in F.items()}
     late = {c: _filtered(t, _shift(t, v, k["lag"]), k["lag_filter"]) for c, v in F.items()}
     Fz = late["Fz"]
-    out = {c: v + k[CROSS[c]] * Fz for c, v in _turned(late, k["turn"]).items()}
+    zero = _zero(k["bias_side"], k["bias_angle"])
+    out = {c: v + k[CROSS[c]] * Fz + zero[c] for c, v in _turned(late, k["turn"]).items()}
     out["Fz"] = k["gain"] * (1.0 + k["nonlinearity"] * Fz) * Fz + k["bias"] + k["drift"] * t
     depth = (1.0 + k["depth_scale"]) * (u - k["offset"]) + k["permanent_set"] * earlier
     return depth + yielded(k, t, F["Fz"]) - k["backlash"] * _returning(u), out
@@ -228,7 +245,8 @@ def correct(
         k, most = chain.nonlinearity, R["Fz"].max()
         raise ValueError(f"no force makes a cell with nonlinearity = {k:g} 1/N read {most:g} N")
     late = {"Fz": 2.0 * linear / (1.0 + np.sqrt(1.0 + 4.0 * chain.nonlinearity * linear))}
-    lateral = {k: v - getattr(chain, CROSS[k]) * late["Fz"] for k, v in R.items() if k != "Fz"}
+    zero = _zero(chain.bias_side, chain.bias_angle)
+    lateral = {k: v - getattr(chain, CROSS[k]) * late["Fz"] - zero[k] for k, v in R.items() if k != "Fz"}
     late |= _turned(lateral, -chain.turn)
     true = {k: _shift(t, v, -chain.lag) for k, v in late.items()}
     by = 1.0 + chain.depth_scale
@@ -244,6 +262,11 @@ def _turned(forces: Mapping[str, np.ndarray], angle: float | np.ndarray) -> dict
     Fx, Fy = forces.get("Fx", 0.0), forces.get("Fy", 0.0)
     out = {"Fx": c * Fx + s * Fy, "Fy": c * Fy - s * Fx}
     return {k: np.asarray(v) for k, v in out.items() if k in forces}
+
+
+def _zero(size: float | np.ndarray, angle: float | np.ndarray) -> dict[str, np.ndarray]:
+    """What Fx and Fy read (N) of no force at all."""
+    return {"Fx": np.asarray(size * np.cos(np.deg2rad(angle))), "Fy": np.asarray(size * np.sin(np.deg2rad(angle)))}
 
 
 def _returning(u: np.ndarray) -> np.ndarray:

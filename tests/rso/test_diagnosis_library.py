@@ -42,7 +42,7 @@ def make(experiments=None, names=MODEL, base: Base = BASE) -> Library:
 @pytest.fixture(scope="module")
 def library() -> Library:
     chain = ("offset", "compliance", "gain", "bias", "drift", "lag", "cross_x", "cross_y", "permanent_set",
-             "depth_scale", "nonlinearity", "turn")  # fmt: skip
+             "depth_scale", "nonlinearity", "turn", "bias_side")  # fmt: skip
     return make([*toy.laboratory(toy.TRUTH, 0), profile()], names=(*MODEL, *chain))
 
 
@@ -104,8 +104,8 @@ def exact(library: Library, values, **chain: float) -> np.ndarray:
         bent = late["Fz"] * (1.0 + chain.get("nonlinearity", 0.0) * late["Fz"])
         read = {
             "Fz": chain.get("gain", 1.0) * bent + chain.get("bias", 0.0) + chain.get("drift", 0.0) * (t + clock),
-            "Fx": turn.real + chain.get("cross_x", 0.0) * late["Fz"],
-            "Fy": turn.imag + chain.get("cross_y", 0.0) * late["Fz"],
+            "Fx": turn.real + chain.get("cross_x", 0.0) * late["Fz"] + chain.get("zero_x", 0.0),
+            "Fy": turn.imag + chain.get("cross_y", 0.0) * late["Fz"] + chain.get("zero_y", 0.0),
         }
         last = int(np.argmax(depth))
         for c in test.channels:
@@ -280,6 +280,11 @@ def test_an_effect_of_the_chain_is_its_formula(library, name, sign):
         s = np.log(value / e.size.neutral)
     # before contact and at the turn a record has corners that 160 travels round off
     assert worst(library, (name,), (CENTRE, s), {}, **{name: value})[0] < 0.01
+
+
+def test_a_zero_error_beside_the_axis_points_somewhere(library):
+    at, off = (CENTRE, 0.03, -60.0), {"zero_x": 0.015, "zero_y": -0.03 * np.sqrt(0.75)}
+    assert worst(library, ("bias_side",), at, {}, **off)[0] < 0.01
 
 
 def test_an_offset_moves_the_turn_of_a_cycle(library):

@@ -324,6 +324,7 @@ EFFECTS = {
     "creep": (0.3, lambda u, F: (u + 0.3 * smoothed(F["Fz"], 5.0), F["Fx"], F["Fy"], F["Fz"])),
     "depth_scale": (-0.04, lambda u, F: (0.96 * u, F["Fx"], F["Fy"], F["Fz"])),
     "nonlinearity": (0.05, lambda u, F: (u, F["Fx"], F["Fy"], F["Fz"] + 0.05 * F["Fz"] ** 2)),
+    "bias_side": (-0.02, lambda u, F: (u, F["Fx"] - 0.02, F["Fy"], F["Fz"])),
     # a sensor turned to the left feels a force along x to its right
     "turn": (30.0, lambda u, F: (u, HALF * F["Fx"] + F["Fy"] / 2, HALF * F["Fy"] - F["Fx"] / 2, F["Fz"])),
 }
@@ -344,7 +345,7 @@ def test_neutral_chain_changes_nothing():
 
 
 def test_every_knob_is_tested_and_is_an_effect():
-    knobs = [p for p in parameters_of(Chain) if p.name != "creep_tau"]  # a shape of creep
+    knobs = [p for p in parameters_of(Chain) if p.name not in ("creep_tau", "bias_angle")]  # shapes
     one_loading_does_not_show = {"backlash", "ageing", "permanent_set"}
     assert {p.name for p in knobs} == {*EFFECTS, *one_loading_does_not_show}
     for p in knobs:
@@ -404,7 +405,7 @@ def test_each_knob_does_what_its_definition_says(name):
 
 def test_correct_undoes_record():
     chain = Chain(0.05, 0.3, 1.1, 0.01, 0.001, 0.0, 0.02, -0.03, depth_scale=0.1, nonlinearity=-0.2, turn=-25.0,
-                  creep=0.2, creep_tau=2.0)  # fmt: skip
+                  creep=0.2, creep_tau=2.0, bias_side=-0.01, bias_angle=70.0)  # fmt: skip
     r = record(chain, U, FORCES, T)
     back = correct(chain, r.depth, r.forces, T)
     np.testing.assert_allclose(back.depth, U, rtol=1e-13, atol=0)
@@ -412,6 +413,13 @@ def test_correct_undoes_record():
         np.testing.assert_allclose(back.forces[k], v, rtol=0, atol=1e-15)
     wrong = correct(Chain(), r.depth, r.forces, T)
     assert np.max(np.abs(wrong.depth - U)) > 0.01  # negative control
+
+
+@pytest.mark.parametrize("angle, Fx, Fy", [(0.0, 0.01, 0.0), (90.0, 0.0, 0.01), (-60.0, 0.005, -0.01 * HALF)])
+def test_a_zero_error_beside_the_axis_has_a_direction(angle, Fx, Fy):
+    r = record(Chain(bias_side=0.01, bias_angle=angle), U, FORCES, T)
+    for c, off in (("Fx", Fx), ("Fy", Fy), ("Fz", 0.0)):
+        np.testing.assert_allclose(r.forces[c] - FORCES[c], off, rtol=0, atol=1e-15)
 
 
 def test_a_filter_follows_a_ramp_as_its_equation_says():
