@@ -76,7 +76,7 @@ def test_alarms_of_scatter_are_as_rare_as_said(tail):
 
     found = [jumps(plan_with(scatter, seed)) for seed in range(400)]
     assert np.mean([j.sudden for j in found]) <= 0.01
-    assert 0.6 < np.sqrt(np.mean([j.t**2 for j in found])) < 1.1
+    assert (0.6 if np.isfinite(tail) else 0.7) < np.sqrt(np.mean([j.t**2 for j in found])) < 1.1
 
 
 def coloured(u, F, rng, ρ=0.85):
