@@ -1,7 +1,8 @@
 """Anchors: the states of one cold run, from which every other elastic run of the same experiment starts.
 
-An anchor depends on its recipe only, and Newton converges so far that the start does not show in an answer: the
-result of a run is the same to 1e-8 with and without.
+An anchor holds its states before and after the multipliers and their derivatives by Poisson's ratio ν, and offers a body
+of another ν the states along these tangents.  It depends on its recipe only, and Newton converges so far that the start
+does not show in an answer: the result of a run is the same to 1e-8 with and without.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import functools
 import io
 import json
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -17,9 +19,12 @@ import numpy as np
 
 from fem_backend import experiment, indentation
 from fem_backend import model as modelling
+from fem_backend.bench import bench
 from fem_backend.experiment import Knobs, Settings
 from fem_backend.model import Model
-from fem_backend.stepping import Guess, Instant, Stopped
+from fem_backend.newton import Counters
+from fem_backend.slopes import Slopes, travel_of
+from fem_backend.stepping import Guess, Instant, Stage, Stopped
 
 
 def recipe(settings: Settings, knobs: Knobs, asked_mm: Sequence[float]) -> str:
@@ -32,7 +37,7 @@ def recipe(settings: Settings, knobs: Knobs, asked_mm: Sequence[float]) -> str:
     plain = experiment.plain_settings(settings) | {"material": {"law": "neo_hookean"}, "profile": [], "earlier": 0.0}
     decade = 10.0 ** min(max(round(math.log10(ratio)), 0), 2)
     return json.dumps(
-        {"anchor": 1, "settings": plain, "recipe": settings.recipe, "planes": placement.planes, "K_over_mu": decade,
+        {"anchor": 2, "settings": plain, "recipe": settings.recipe, "planes": placement.planes, "K_over_mu": decade,
          "clearance": knobs.bowl_clearance if settings.support == "bowl" else None, "asked_mm": list(asked_mm)},
         sort_keys=True,
     )  # fmt: skip
@@ -44,9 +49,10 @@ def is_anchor(recipe: str) -> bool:
 
 
 def make(recipe: str) -> bytes:
-    """Compute an anchor: an npz with travel (k,) mm and u (k, n, 3) mm of as many asked travels as could be reached.
+    """Compute an anchor, an npz of as many asked travels k as could be reached.
 
-    Raises meshing.BadMesh.
+    travel (k,) mm; u (k, s, n, 3) mm at the stages s of the multipliers; its derivative `slope` (k, s, n, 3) by Poisson's
+    ratio; `ratio` itself.  Raises meshing.BadMesh.
     """
     data = json.loads(recipe)
     settings = experiment.read_settings(data["settings"])
@@ -56,34 +62,61 @@ def make(recipe: str) -> bytes:
     placement = replace(modelling.place(settings, knobs), planes=tuple(data["planes"]))
     model = modelling.model_for(settings, knobs, placement, None)
     instants = [Instant(s, s, True) for s in data["asked_mm"]]
+    counters = Counters(deadline=time.process_time() + settings.control.time_limit_s)
+    states: dict[float, list[np.ndarray]] = {}
+    tangents: dict[float, list[np.ndarray]] = {}
     try:
-        points = indentation.solve(settings, knobs, placement, model, instants).points
-    except Stopped as stopped:
-        points = tuple(stopped.points)
+        at = bench(settings, knobs, placement, model, counters)
+        slopes = Slopes(at, ("D1",))
+
+        def keep(stage: Stage, last: bool) -> None:
+            slopes(stage, last)
+            s = travel_of(at, stage.load)
+            if not any(t.multiplier.any() for t in stage.load.touches):  # a first stage
+                states[s], tangents[s] = [], []
+            states[s].append(stage.equilibrium.evaluation.u)
+            tangents[s].append(slopes.field("D1"))
+
+        indentation.elastic(at, instants, counters, watch=keep)
+    except Stopped:
+        pass  # what was reached is worth having
+    stages = settings.control.augmentations + 1
+    reached = [s for s, u in states.items() if len(u) == stages]
+    shape = (len(reached), stages, *model.body.nodes.shape)
+    by_ratio = 1e-6 / (poisson(knobs.mu, knobs.D1 + 1e-6) - poisson(knobs.mu, knobs.D1))  # dD₁/dν
     out = io.BytesIO()
-    u = np.array([p.evaluation.u for p in points], np.float32).reshape(-1, *model.body.nodes.shape)
-    np.savez(out, travel=np.array([p.travel for p in points]), u=u)
+    np.savez(out, travel=np.array(reached), ratio=poisson(knobs.mu, knobs.D1),
+             u=np.array([states[s] for s in reached], np.float32).reshape(shape),
+             slope=by_ratio * np.array([tangents[s] for s in reached], np.float32).reshape(shape))  # fmt: skip
     return out.getvalue()
 
 
-def guess(path: str, model: Model) -> Guess:
-    """Start (n, 3) at a travel (mm) from an anchor's file; None where it offers nothing for this model."""
-    travel, u = _read(path)
+def poisson(mu: float, D1: float) -> float:
+    """Poisson's ratio ν = (3K − 2μ) / (2 (3K + μ)) of moduli μ (MPa) and K = 2/D₁."""
+    return (6.0 / D1 - 2.0 * mu) / (2.0 * (6.0 / D1 + mu))
 
-    def offer(s: float) -> np.ndarray | None:
-        if u.shape[1:] != model.body.nodes.shape or not len(travel):
+
+def guess(path: str, model: Model, ratio: float) -> Guess:
+    """Starts at a travel (mm), for a body of Poisson's ratio `ratio`, from an anchor's file.
+
+    States (n, 3) at the stages of the multipliers; None where it offers nothing for this model.
+    """
+    travel, u, slope, own = _read(path)
+
+    def offer(s: float) -> list[np.ndarray] | None:
+        if u.shape[2:] != model.body.nodes.shape or not len(travel):
             return None
         k = int(np.argmin(np.abs(travel - s)))
         if abs(travel[k] - s) > 1e-9:
             return None
-        start = u[k].astype(float)
-        start[model.body.free.reshape(-1, 3) < 0] = 0.0
-        return start
+        starts = u[k] + (ratio - own) * slope[k]
+        starts[:, model.body.free.reshape(-1, 3) < 0] = 0.0
+        return list(starts)
 
     return offer
 
 
 @functools.lru_cache(maxsize=8)
-def _read(path: str) -> tuple[np.ndarray, np.ndarray]:
+def _read(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     with np.load(path, allow_pickle=False) as data:
-        return data["travel"], data["u"]
+        return data["travel"], data["u"].astype(float), data["slope"].astype(float), float(data["ratio"])

@@ -260,7 +260,9 @@ class FiniteElements:
             placement = modelling.place(settings, knobs)
             model = modelling.model_for(settings, knobs, placement, None if path is None else str(path))
             instants, slopes = passages(case.programme), differentiable(settings, knobs)
-            guess, started = None if anchor is None else anchors.guess(str(anchor), model), time.process_time()
+            guess, started = None, time.process_time()
+            if anchor is not None:
+                guess = anchors.guess(str(anchor), model, anchors.poisson(knobs.mu, knobs.D1))
             elastic = not path_dependent(settings, dataclasses.asdict(knobs))
             if guess is None and elastic and nested.worthwhile(settings, knobs):
                 guess = nested.guess(settings, knobs, placement, model, instants)

@@ -133,7 +133,7 @@ def _step(
         load = _rubbing(system, load, here, [c.pressure for c in crude.evaluation.contacts])
     if goal.asked:
         patient = limit == stepping.PATIENT
-        point = stepping.settle(system, guess, load, goal.travel, control, counters, goal.time, loose=patient)
+        point = stepping.settle(system, [guess], load, goal.travel, control, counters, goal.time, loose=patient)
         found = point.stages[0].equilibrium
         return replace(found, rate=crude.rate) if rolls else found, load, point
     try:

@@ -17,7 +17,7 @@ from fem_backend.instants import each, merged, one, steps, together
 from fem_backend.model import Model, Placement
 from fem_backend.newton import Counters, System
 from fem_backend.slopes import Slopes
-from fem_backend.stepping import Guess, Instant, Point, Stopped
+from fem_backend.stepping import Guess, Instant, Point, Stopped, Watch
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def solve(
 ) -> Result:  # fmt: skip
     """Curves at the asked instants of a programme; raises Stopped with the result so far, and model.NotModelled.
 
-    `guess(s)` may offer a state (n, 3) to start from at travel s; `gradients` names material knobs.
+    `guess(s)` may offer states to start from at travel s; `gradients` names material knobs.
     """
     started = time.process_time()
     counters = Counters(deadline=started + settings.control.time_limit_s)
@@ -95,9 +95,9 @@ def along(at: Bench, instants: Sequence[Instant], counters: Counters) -> list[Po
 
 def elastic(
     at: Bench, instants: Sequence[Instant], counters: Counters, guess: Guess | None = None,
-    slopes: Slopes | None = None,
+    watch: Watch | None = None,
 ) -> list[Point]:  # fmt: skip
-    """Points of a body that returns on its loading curve: each asked travel is solved once."""
+    """Points of a body that returns on its loading curve: each asked travel is solved once, every stage is watched."""
     computed = merged([i.travel for i in instants if i.asked])
     asked = list(dict.fromkeys(computed.values()))
     at = replace(at, system=modelling.condensing(at.system, at.model, at.start(0.0), at.start(asked[-1])))
@@ -105,7 +105,7 @@ def elastic(
     if at.system.springs is not None and at.system.dead is None:
         u = stepping.seat(at.system, at.start(0.02 * at.placement.R), u, control, counters)
     try:
-        found = stepping.travel(at.system, at.start, asked, control, counters, u, guess, slopes)
+        found = stepping.travel(at.system, at.start, asked, control, counters, u, guess, watch)
     except Stopped as stopped:
         reached = {p.travel: p for p in stopped.points}
         stopped.points = []

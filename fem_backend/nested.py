@@ -70,12 +70,12 @@ def carried(crude: Model, points: Sequence[Point], model: Model) -> Guess:
     held = model.body.free.reshape(-1, 3) < 0
     states = {p.travel: p.stages[0].equilibrium.evaluation.u for p in points}
 
-    def offer(s: float) -> np.ndarray | None:
+    def offer(s: float) -> list[np.ndarray] | None:
         if s not in states:
             return None
         start = np.einsum("na,nai->ni", N, states[s][cells])
         start[held] = 0.0
-        return start
+        return [start]
 
     return offer
 

@@ -88,6 +88,10 @@ class Slopes:
                 self.rows[name][travel_of(self.at, stage.load)] = rows[name]
         self.cpu_s += time.process_time() - started
 
+    def field(self, name: str) -> np.ndarray:
+        """du/dθ (n, 3) mm per unit of the knob at the stage differentiated last."""
+        return self._known[name][0]
+
     def _similar(self, here: Mapping[str, float], rows: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
         """∂c/∂μ of every channel c from its value and its derivatives by the other moduli."""
         knobs, unit = self.at.knobs, units(self.at.settings)

@@ -114,7 +114,7 @@ class Stopped(ArithmeticError):
 
 
 Start = Callable[[float], Load]
-Guess = Callable[[float], np.ndarray | None]
+Guess = Callable[[float], Sequence[np.ndarray] | None]  # states (n, 3) at the stages of an asked travel, or fewer
 Watch = Callable[[Stage, bool], None]  # called at each stage, and whether it is the last, while its factor is alive
 
 
@@ -213,7 +213,7 @@ def travel(
     """Equilibria of a conservative system at the `asked` travels (mm, increasing) from the state u (n, 3) at travel 0.
 
     `start(s)` is the load at travel s without multipliers.  Between asked travels the state only has to be near: the
-    answer at an asked travel does not depend on the way there, and `guess(s)` may offer a state to start from.
+    answer at an asked travel does not depend on the way there, and `guess(s)` may offer states to start from.
     Raises Stopped with what was reached.
     """
     limit = BRISK
@@ -224,7 +224,7 @@ def travel(
     for target in asked:
         offered = guess(target) if guess is not None else None
         if offered is not None:
-            near = offered + amiss
+            near = [state + amiss for state in offered]
             try:
                 points.append(settle(system, near, start(target), target, control, counters, 0.0, watch, NOTHING))
             except NotConverged as error:
@@ -232,7 +232,7 @@ def travel(
                     raise stopped(error, target, points, counters) from error
             else:
                 u, rate, here = _end(points[-1], target)
-                amiss = u - offered
+                amiss = u - offered[0]
                 continue
         known = NOTHING
         while here < target - 1e-12:
@@ -255,7 +255,7 @@ def travel(
             u, rate, here = found.evaluation.u, found.rate, goal
             known = found.known
         try:
-            points.append(settle(system, u, start(target), target, control, counters, 0.0, watch, known, loose=True))
+            points.append(settle(system, [u], start(target), target, control, counters, 0.0, watch, known, loose=True))
         except NotConverged as error:
             raise stopped(error, target, points, counters) from error
         u, rate, here = _end(points[-1], target)
@@ -281,16 +281,18 @@ def stopped(error: NotConverged, here: float, points: list[Point], counters: Cou
 
 
 def settle(
-    system: System, u: np.ndarray, load: Load, target: float, control: Control, counters: Counters, time: float = 0.0,
+    system: System, starts: Sequence[np.ndarray], load: Load, target: float, control: Control, counters: Counters, time: float = 0.0,
     watch: Watch | None = None, known: Known | None = None, loose: bool = False,
 ) -> Point:  # fmt: skip
     """Tight equilibrium at an asked travel, multipliers λ ← p a fixed number of times (Uzawa); `known` as in Newton.
 
+    Of the states `starts` (n, 3) the first is where the search begins, the others tell what each stage will move.
     A body that hardly resists being turned may be left with a residual of `control.loose`, and counts as a loose one,
     if nothing else is left to try (`loose`).
     Raises NotConverged.
     """
     stages: list[Stage] = []
+    u = starts[0]
     for k in range(control.augmentations + 1):
         tolerance = control.tight if k == control.augmentations or known is not None else control.medium
         try:
@@ -307,4 +309,6 @@ def settle(
         found = replace(found, linear=None, known=None)  # a matrix each
         stages[-1] = Stage(found, load)
         u, load = found.evaluation.u, newton.augmented(system, load, found.evaluation)
+        if k + 1 < len(starts):
+            u = u + (starts[k + 1] - starts[k])
     return Point(time, target, tuple(stages))
