@@ -190,6 +190,7 @@ def _rested(
         load = _rubbing(system, load, here, limits)
         found = stepping.find(system, u, load, control.loose, counters, limit)
         rate = found.rate if rate is None else rate
+        found = replace(found, linear=None, known=None)  # a matrix each
         u, last, limits = found.evaluation.u, limits, [c.pressure for c in found.evaluation.contacts]
         weights = [p.surface.weights for p in system.pairs]
         off = sum(float((w * np.abs(p - q)).sum()) for w, p, q in zip(weights, limits, last, strict=True))

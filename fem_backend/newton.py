@@ -148,8 +148,10 @@ def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
 
 def tangent(system: System, at: Evaluation, load: Load, geometric: bool = True) -> tuple[np.ndarray, np.ndarray]:
     """Data of the whole tangent at a state, and ∂R/∂s (n, 3)."""
-    data, moving = contact_tangent(system, at, load, geometric)
-    return data + bulk_tangent(system, at, load), moving
+    data = bulk_tangent(system, at, load)
+    touching, moving = contact_tangent(system, at, load, geometric)
+    data += touching
+    return data, moving
 
 
 def factorise(
