@@ -24,6 +24,7 @@ KEPT = 0.5  # of the residual may be left by a step with a kept tangent
 FLAT = 1e-8  # relative residual at which a step that leaves more than that ends the iteration: round-off
 CALM = 0.1  # relative residual below which contact hardly changes and pairs are worth remembering
 PAIRS = 5
+SLOW, EARLY = 0.2, 1e-5  # of the residual left by two steps each, and the residual above which a new tangent pays then
 
 Pair = tuple[np.ndarray, np.ndarray]  # s, y
 
@@ -36,7 +37,7 @@ def solve(
     Raises NotConverged.
     """
     body, history = system.body, []
-    kept, fresh = known if callable(known) else None, False
+    kept, fresh, age = known if callable(known) else None, False, 0
     pairs: deque[Pair] = deque(maxlen=PAIRS)
     try:
         at = newton.evaluate(system, u, load)
@@ -49,10 +50,13 @@ def solve(
         if time.process_time() > counters.deadline:
             raise NotConverged("time_limit", "the time of the run is used up", tuple(history))
         slow = len(history) > 1 and history[-1] > KEPT * history[-2]
+        if age > 2 and EARLY < history[-1] < CALM:
+            slow = slow or history[-1] > SLOW**2 * history[-3]
         found = history[-1] <= tolerance or (slow and history[-1] < FLAT) or (fresh and newton.at_round_off(history))
         if slow and not (fresh or found):
             kept = None
         fresh = kept is None
+        age = 0 if fresh else age + 1
         if fresh:
             pairs.clear()
         try:
