@@ -232,6 +232,9 @@ def test_what_each_file_was_taken_for_is_said(tmp_path):
     assert "a cycle at (0, 0) mm" in second and "100 mm/min as stated" in second
     assert "(2.5, -3) mm" in third and "30 mm/min assumed" in third
     assert last == "profile.csv: surface marks while pressed at (0, 0) mm, role fit, 1 repeat(s)"
+    # clocks of two records of one test differ in the third digit, what is stated does not
+    assert " 100 mm/min by its times" in in_words(found[0] | {"speed_mm_per_min": 99.6})
+    assert "99.6 mm/min as stated" in in_words(found[1] | {"speed_mm_per_min": 99.6})
 
 
 MACHINE = {"depth": {"header": 'Weg "roh" Ä', "unit": "0.01 mm", "flip": True, "zero": 35}}
