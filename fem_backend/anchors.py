@@ -1,8 +1,8 @@
 """Anchors: the states of one cold run, from which every other elastic run of the same experiment starts.
 
-An anchor holds its states before and after the multipliers and their derivatives by Poisson's ratio ν, and offers a body
-of another ν the states along these tangents.  It depends on its recipe only, and Newton converges so far that the start
-does not show in an answer: the result of a run is the same to 1e-8 with and without.
+An anchor holds its states before and after the multipliers and their derivatives by Poisson's ratio ν, and offers a
+body of another ν the states along these tangents.  It depends on its recipe only, and Newton converges so far that the
+start does not show in an answer: the result of a run is the same to 1e-8 with and without.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ def is_anchor(recipe: str) -> bool:
 def make(recipe: str) -> bytes:
     """Compute an anchor, an npz of as many asked travels k as could be reached.
 
-    travel (k,) mm; u (k, s, n, 3) mm at the stages s of the multipliers; its derivative `slope` (k, s, n, 3) by Poisson's
-    ratio; `ratio` itself.  Raises meshing.BadMesh.
+    travel (k,) mm; u (k, s, n, 3) mm at the stages s of the multipliers; its derivative `slope` (k, s, n, 3) by
+    Poisson's ratio; `ratio` itself.  Raises meshing.BadMesh.
     """
     data = json.loads(recipe)
     settings = experiment.read_settings(data["settings"])

@@ -281,8 +281,8 @@ def stopped(error: NotConverged, here: float, points: list[Point], counters: Cou
 
 
 def settle(
-    system: System, starts: Sequence[np.ndarray], load: Load, target: float, control: Control, counters: Counters, time: float = 0.0,
-    watch: Watch | None = None, known: Known | None = None, loose: bool = False,
+    system: System, starts: Sequence[np.ndarray], load: Load, target: float, control: Control, counters: Counters,
+    time: float = 0.0, watch: Watch | None = None, known: Known | None = None, loose: bool = False,
 ) -> Point:  # fmt: skip
     """Tight equilibrium at an asked travel, multipliers λ ← p a fixed number of times (Uzawa); `known` as in Newton.
 

@@ -46,13 +46,15 @@ class Column:
     """A column of a machine's file: its header there, its unit where the file says none, whether its sign is turned.
 
     `zero` is what the file says where 0 is meant, as it stands there: a machine's position at contact, a tare; of
-    several files one each.  `unit` may be what one count is, "0.00125 mm".
+    several files one each.  `unit` may be what one count is, "0.00125 mm".  `values` says of a machine's codes of its
+    segments which are loading, hold or unloading, and which to skip.
     """
 
     header: str
     unit: str | None = None
     flip: bool = False
     zero: float | tuple[float, ...] = 0.0
+    values: Mapping[str, str] | None = None
 
 
 @dataclass(frozen=True)

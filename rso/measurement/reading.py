@@ -24,7 +24,7 @@ import numpy as np
 
 from rso.measurement import plausible, tables
 from rso.measurement.blanks import parted, width_of
-from rso.measurement.branches import SEGMENTS, segments
+from rso.measurement.branches import SEGMENTS, SKIP, segments
 from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head, is_head, is_number, of_file
 from rso.measurement.lines import lines_of, text_of
 from rso.measurement.tables import FORCES
@@ -178,6 +178,9 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     notes += [" ".join(filter(None, cells_of(row, head.separator))) for _, row in rows[: head.above]]
     parts, between = tables.beneath(path, rows, head)
     notes += between
+    codes = wanted["segment"].values if "segment" in wanted else None
+    if codes is not None:
+        parts = [(at, [row for row in part if _segment(path, row, head, codes) != SKIP]) for at, part in parts]
     rows = [row for _, part in parts for row in part]
     _no_thousands(path, rows, head)
     columns = {name: array("d") for name in head.at if name not in ("repeat", "segment")}
@@ -199,7 +202,11 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     arrays = {name: (np.array(column) - head.zero[name]) * head.factor[name] + 0.0 for name, column in columns.items()}
     for name, column in arrays.items():
         _within(path, line, name, column, head.unit[name])
-    stated = _segment_column(path, line, text["segment"]) if "segment" in text else None
+    stated = None
+    if codes is not None:
+        stated = np.array([_segment(path, row, head, codes) for row in rows])
+    elif "segment" in text:
+        stated = _segment_column(path, line, text["segment"])
     lines = np.array(line)
     labels, doubts = tables.labels_of(path, parts, lines, arrays, text.get("repeat", []), stated)
     if file_label:
@@ -314,8 +321,27 @@ def _hint(name: str, cell: str) -> str:
 def _segment_column(path: Path, line: array[int], text: list[str]) -> np.ndarray:
     for number, value in zip(line, text, strict=True):
         if value not in SEGMENTS:
-            fail(path, number, f"column 'segment': {value[:40]!r} is none of {', '.join(SEGMENTS)}")
+            cell = value[:40]
+            fail(path, number, f"column 'segment': {cell!r} is none of {', '.join(SEGMENTS)}; what a machine's codes "
+                 f'mean is said with [columns] in the study: values = {{ "{cell}" = "loading", … }}')  # fmt: skip
     return np.array(text)
+
+
+def _segment(path: Path, row: Row, head: Head, codes: Mapping[str, str]) -> str:
+    """What a row's segment is by the study's `codes`, or SKIP; 1 and 1.0 are the same code."""
+    number, text = row
+    at, cells = head.at["segment"], cells_of(text, head.separator)
+    cell = cells[at] if at < len(cells) else ""
+    found = next((own for own in codes if own == cell or _same_number(own, cell)), None)
+    if found is None:
+        known = ", ".join(map(repr, codes))
+        fail(path, number, f"column 'segment' ({head.cells[at]!r}): {cell[:40]!r} is none of {known}; say in its "
+             f"values what it is: {', '.join(SEGMENTS)} or {SKIP}")  # fmt: skip
+    return codes[found]
+
+
+def _same_number(a: str, b: str) -> bool:
+    return is_number(a) and is_number(b) and float(a.replace(",", ".")) == float(b.replace(",", "."))
 
 
 def _kind(table: _Table) -> Literal["force", "profile"]:

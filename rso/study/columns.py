@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, create_model, model_validator
 
@@ -27,13 +27,15 @@ def _zeros(value: Any) -> Any:
 class ColumnTable(Table):
     """One column: its header in the file, its unit unless the file says it, whether its sign is turned, its zero.
 
-    The unit may be what one count is; the zero may be a list with one for each file of an experiment.
+    The unit may be what one count is; the zero may be a list with one for each file of an experiment.  `values` says
+    what a machine's codes of its segments mean.
     """
 
     header: Annotated[str, formed(r"(?s:.*\S.*)", "must not be blank")]
     unit: str | None = None
     flip: bool = False
     zero: Annotated[Any, AfterValidator(_zeros)] = 0.0
+    values: dict[str, Literal["loading", "hold", "unloading", "skip"]] | None = None
 
 
 def _fits(name: str, table: ColumnTable | None) -> ColumnTable | None:
@@ -44,6 +46,10 @@ def _fits(name: str, table: ColumnTable | None) -> ColumnTable | None:
         raise ValueError(f"flip turns the sign of a measured value; {name} has none")
     if table.zero and name not in COLUMNS:
         raise ValueError(f"zero is subtracted from a measured value; {name} is none")
+    if table.values is not None and name != "segment":
+        raise ValueError(f"values says what the codes of a column of segments mean; {name} has none")
+    if table.values is not None and "loading" not in table.values.values():
+        raise ValueError('values names no code that is "loading"')
     if table.unit is not None and name in BARE_COLUMNS:
         raise ValueError(f"{name} has no unit")
     if table.unit is not None:
@@ -68,9 +74,9 @@ class _Columns(Table):
         """The same as plain dataclasses, by known name; nothing where files are read by their own headers."""
         return {name: Column(**column.model_dump()) for name, column in self if column is not None}
 
-    def headers(self) -> dict[str, str]:
-        """Known name → header: tables with the same read the same readings, whatever unit, sign or zero they say."""
-        return {name: column.header for name, column in self if column is not None}
+    def headers(self) -> dict[str, Any]:
+        """Known name → header and codes: tables with the same read the same readings, whatever unit, sign or zero."""
+        return {name: (column.header, column.values) for name, column in self if column is not None}
 
 
 ColumnsTable = create_model(

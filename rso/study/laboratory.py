@@ -119,8 +119,14 @@ def _columns(table: ColumnsTable) -> Iterator[str]:
     for name, column in table:
         if column is not None:
             keys = column.model_dump(exclude_unset=True, exclude_none=True)
-            # TOML knows no pairs of surrogates
-            yield f"{name} = {{ {', '.join(f'{k} = {json.dumps(v, ensure_ascii=False)}' for k, v in keys.items())} }}"
+            yield f"{name} = {_inline(keys)}"
+
+
+def _inline(value: Any) -> str:
+    """A value as TOML writes it within a line."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{json.dumps(k, ensure_ascii=False)} = {_inline(v)}' for k, v in value.items())} }}"
+    return json.dumps(value, ensure_ascii=False)  # TOML knows no pairs of surrogates
 
 
 def _refuse_unclear(file: Path) -> None:

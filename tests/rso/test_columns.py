@@ -280,6 +280,37 @@ def test_what_is_wrong_is_said_with_file_line_column_and_choices(tmp_path, what)
         assert word in said
 
 
+CODED = "Phase;Weg [mm];Kraft [N]\n0;-0,5;0\n0;-0,2;0\n1;0;0\n1;1;0,1\n1;2;0,3\n2.0;2;0,25\n3;1;0,05\n3;0;0\n"
+CODES = {"0": "skip", "1": "loading", "2": "hold", "3": "unloading"}
+
+
+def coded(values) -> dict[str, Column]:
+    return {"depth": Column("Weg [mm]"), "Fz": Column("Kraft [N]"), "segment": Column("Phase", values=values)}
+
+
+def test_codes_of_a_machine_are_its_segments_and_what_is_no_test_is_skipped(tmp_path):
+    """An approach through air would be refused as a depth; what a skipped row holds is nobody's affair."""
+    text = CODED.replace("0;-0,2;0", "0;offen;---")
+    (r,) = read(write(tmp_path, text), coded(CODES)).repeats
+    assert r.segment.tolist() == ["loading"] * 3 + ["hold"] + ["unloading"] * 2
+    np.testing.assert_array_equal(r.depth, [0, 1, 2, 2, 1, 0])
+    np.testing.assert_array_equal(r.channels["Fz"], [0, 0.1, 0.3, 0.25, 0.05, 0])
+    words = write(tmp_path, CODED.replace("1;", "Belasten;").replace(";Belasten;", ";1;"), name="words.csv")
+    (same,) = read(words, coded({**CODES, "Belasten": "loading"})).repeats
+    np.testing.assert_array_equal(same.depth, r.depth)
+
+
+@pytest.mark.parametrize(("values", "words"), [
+    ({k: v for k, v in CODES.items() if k != "2"}, [
+        ":7:", "'segment' ('Phase')", "'2.0' is none of '0', '1', '3'", "skip"]),
+    (None, [":2:", "'0' is none of loading, hold, unloading", 'values = { "0" = "loading"']),
+])  # fmt: skip
+def test_codes_that_nobody_explained_are_refused(tmp_path, values, words):
+    said = refusal(write(tmp_path, CODED), coded(values))
+    for word in words:
+        assert word in said
+
+
 @pytest.mark.parametrize("cells", [
     ("0", "0,5", "1", "1,125"), ("0.000", "0.500", "1.000", "1.125"), ("0,000", "1,000", "2,000", "3,000"),
     ("0", "0.5", "1.000", "2.000"), ("0,125", "1", "1,250", "2"), ("0", "1", "2", "3000"),

@@ -258,7 +258,20 @@ def test_columns_of_a_machine_are_named_in_nominal_json(tmp_path):
     assert study.measurement("point_20_0").repeats[0].depth.tolist() == [0.0, 1.0]
 
 
+def test_codes_of_segments_are_explained_in_nominal_json(tmp_path):
+    codes = {"segment": {"header": "Phase", "values": {"0": "skip", "1": "loading", "ü 2": "unloading"}}}
+    lab = folder(tmp_path, (), columns={"depth": {"header": "Weg [mm]"}, "Fz": {"header": "Fz [N]"}} | codes)
+    rows = "0;-1;0\n" + "".join(f"1;{k / 4};{k * k}\n" for k in range(9)) + "ü 2;1;9\nü 2;0;0\n"
+    (lab / "mp_load.csv").write_text("Phase;Weg [mm];Fz [N]\n" + rows, encoding="utf-8")
+    (lab / "study.toml").write_text(text(lab), encoding="utf-8")
+    (r,) = load(lab / "study.toml").measurement("mp_load").repeats
+    assert r.segment.tolist() == ["loading"] * 9 + ["unloading"] * 2 and r.depth[0] == 0.0
+
+
 @pytest.mark.parametrize(("changes", "words"), [
+    ({"columns": {"depth": {"header": "Weg", "values": {"1": "loading"}}}}, "columns.depth: values says what"),
+    ({"columns": {"segment": {"header": "P", "values": {"1": "load"}}}}, "columns.segment.values.1 = 'load'"),
+    ({"columns": {"segment": {"header": "P", "values": {"1": "hold"}}}}, 'values names no code that is "loading"'),
     ({"columns": {"depht": {"header": "Weg"}}}, "columns.depht: unknown key; did you mean 'depth'"),
     ({"columns": {"depth": {"header": "Weg", "unit": "N"}}}, "columns.depth: unit = 'N'"),
     ({"columns": {"depth": {"unit": "N"}}}, "columns.depth.header: is missing"),
