@@ -136,7 +136,7 @@ def _run(options: argparse.Namespace, command: str) -> int:
     from rso.progress import Progress
     from rso.store import RunStore, set_aside
     from rso.study import load
-    from rso.study.files import claim
+    from rso.study.files import claim, may_be_moved
     from rso.study.plan import make_plan, source_of
     from rso.study.stages import NothingToFit
     from rso.study.whole import run_study
@@ -144,6 +144,8 @@ def _run(options: argparse.Namespace, command: str) -> int:
     study = load(options.study)
     jobs = options.jobs or study.dispatch.jobs
     folder = _folder(options, study.folder)
+    if options.fresh and folder.exists():
+        may_be_moved(folder, study.file, study.inputs())
     plan = make_plan(study) if study.dispatch.engine == "dask" else None  # a bad study asks for no cluster
     warm = options.fresh or not folder.exists()  # there will be simulations: workers start while the plan is made
     with _executor(study.dispatch, jobs, source_of(study), folder, warm) as pool:

@@ -142,9 +142,9 @@ class CommandBackend:
     "history"]}`` with a cause of `rso.contract.CAUSES`.  *done* needs exit code 0.  Anything else is a crash:
     RuntimeError with the end of stderr.  Python's JSON words for NaN and infinity are refused.
 
-    Each run has a fresh folder below `keep_folder` (the system's folder for temporary files if None), which is also
-    its working directory; it is removed after *done* and kept otherwise.  After `timeout_s` the program and all
-    processes of its group are killed, and so they are when this process dies.
+    Each run has a fresh folder below `keep_folder` (made where it is missing; the system's folder for temporary files
+    if None), which is also its working directory; it is removed after *done* and kept otherwise.  After `timeout_s` the
+    program and all processes of its group are killed, and so they are when this process dies.
 
     *Assumptions.* The program ignores no setting silently: `check` cannot know its settings.
     """
@@ -176,6 +176,8 @@ class CommandBackend:
         """Run the program once; SimulationFailed if it says so, RuntimeError for a crash."""
         filled = check_values(self.parameters, values)
         key = run_key(self, *self.canonical(values, case))
+        if self.keep_folder is not None:  # not when loaded: workers start before old results are moved aside
+            os.makedirs(self.keep_folder, exist_ok=True)
         folder = Path(tempfile.mkdtemp(prefix=f"{key[:12]}-", dir=self.keep_folder))
         request, answer = folder / "request.json", folder / "response.json"
         request.write_text(json.dumps({"values": filled, "case": case.to_json()}, allow_nan=False, indent=1))
@@ -210,9 +212,7 @@ def _load_command(
             f"backend: {' '.join(words)} --schema must print JSON with name, numerics, parameters and channels "
             f"({type(error).__name__}: {error}; exit code {done.returncode}): {_tail(done.stderr or done.stdout)}"
         ) from error
-    if keep_folder is not None:
-        Path(keep_folder).mkdir(parents=True, exist_ok=True)
-        keep_folder = str(Path(keep_folder).absolute())
+    keep_folder = None if keep_folder is None else str(Path(keep_folder).absolute())
     return CommandBackend(words, parameters, channels, name, numerics, keep_folder, timeout_s)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from rso.contract import plain
 from rso.study.errors import StudyError
 
 OWNER = "study"  # file of a results folder that says whose they are
+STORE = "runs.sqlite"  # see rso.store
 STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
 
 
@@ -41,17 +42,42 @@ def claim(folder: Path, study: Path) -> None:
 
     The study file is noted as it is found from the folder, so that both may be moved together.
     """
-    note, mine = folder / OWNER, os.path.relpath(study.absolute(), folder)
-    try:
-        owner = note.read_text(encoding="utf-8").strip()
-    except OSError:
-        owner = ""
+    owner, mine = _owner(folder), _seen_from(folder, study)
     if owner and owner != mine and (folder / owner).exists():
         words = f"{folder} holds the results of another study, {os.path.normpath(folder / owner)}"
         raise StudyError([f"{study}: {words}: choose another --out; --store {folder} shares its simulations"])
     if owner != mine:
         folder.mkdir(parents=True, exist_ok=True)
-        _replace(note, mine + "\n")
+        _replace(folder / OWNER, mine + "\n")
+
+
+def may_be_moved(folder: Path, study: Path, inputs: Iterable[Path]) -> None:
+    """StudyError unless a folder that is there holds results, those of this study, and none of its `inputs`."""
+    owner = _owner(folder)
+    others = owner and owner != _seen_from(folder, study) and (folder / owner).exists()
+    inside = [f for f in (study, *inputs) if f.resolve().is_relative_to(folder.resolve())]
+    if others:
+        why = f"holds the results of another study, {os.path.normpath(folder / owner)}"
+    elif inside:
+        why = f"holds {inside[0]}, from which the study is read"
+    elif not (owner or (folder / STORE).is_file()) and any(folder.iterdir()):
+        why = f"is no folder of results: it has neither {STORE} nor the note {OWNER!r}"
+    else:
+        return
+    raise StudyError([f"{study}: --fresh moves no folder but that of this study's results: {folder} {why}: "
+                      "choose another --out"])  # fmt: skip
+
+
+def _owner(folder: Path) -> str:
+    """The study file whose results a folder holds, as it is found from there; empty where nothing says so."""
+    try:
+        return (folder / OWNER).read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError):
+        return ""
+
+
+def _seen_from(folder: Path, study: Path) -> str:
+    return os.path.relpath(study.absolute(), folder)
 
 
 def write(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:

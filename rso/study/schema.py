@@ -360,6 +360,11 @@ class Study(Table):
         """The folder that paths in the study are relative to."""
         return self._source.file.parent
 
+    def inputs(self) -> list[Path]:
+        """The files beside the study file from which it is read: data, and the points of a design."""
+        names = [f for e in self.experiments for f in e.data] + [self.doe.file] * (self.doe.file is not None)
+        return [self.folder / name for name in names]
+
     @property
     def lines(self) -> Mapping[Place, int]:
         """Line of every key, for messages."""

@@ -21,6 +21,7 @@ import rso
 from rso import progress
 from rso.cli import main
 from rso.running import Finished, Planned
+from rso.study import plan
 from rso.study.nominal import BOWL, HELD, NOISE, read_nominal
 
 HERE = Path(__file__).parent
@@ -255,6 +256,76 @@ def test_a_whole_study_with_its_report(tmp_path, capsys):
     assert main(["run", path, "--jobs", "1", "--fresh"]) == 0
     (aside,) = tmp_path.glob("results-*")
     assert (aside / "results.json").exists() and studies.read(tmp_path)["counts"]["from_store"] == 0
+
+
+HERTZ = """
+import json, sys
+if sys.argv[1] == "--schema":
+    open("schema.log", "a").write("asked\\n")
+    mu = {"name": "mu", "description": "shear modulus", "unit": "MPa", "low": 1e-5, "high": 10}
+    units = {"time": "s", "travel": "mm", "Fz": "N"}
+    print(json.dumps({"name": "hertz", "numerics": 1, "parameters": [mu], "channels": units}))
+    sys.exit()
+request = json.load(open(sys.argv[1]))
+h = request["case"]["programme"]["asked_mm"]
+F = [16 / 3 * request["values"]["mu"] * 3**0.5 * u**1.5 for u in h]
+answer = {"status": "done", "channels": {"time": h, "travel": h, "Fz": F},
+          "units": {"time": "s", "travel": "mm", "Fz": "N"}}
+json.dump(answer, open(sys.argv[2], "w"))
+"""
+
+
+def test_a_program_started_before_the_old_results_are_moved_runs_in_the_new_folder(tmp_path, monkeypatch):
+    """Workers start while the plan is made, and may have loaded the program long before the folder is another."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "hertz.py").write_text(HERTZ)
+    path = str(studies.write(tmp_path, backend=f'command = ["{sys.executable}", "hertz.py"]', backend__settings=None,
+                             parameters=MU, doe="runs = 6\nheld_out = 1"))  # fmt: skip
+    assert main(["run", path, "--jobs", "1"]) in (0, 4)
+    log, real = tmp_path / "schema.log", plan.make_plan
+    log.write_text("")
+    plan.Source.load.cache_clear()
+
+    def slow(study):
+        made, end = real(study), time.monotonic() + 60
+        while len(log.read_text().splitlines()) < 2 and time.monotonic() < end:
+            time.sleep(0.02)
+        time.sleep(0.5)  # the worker has asked for the schema as well, and has it by now
+        return made
+
+    monkeypatch.setattr(plan, "make_plan", slow)
+    assert main(["run", path, "--jobs", "1", "--fresh"]) in (0, 4)
+    counts = studies.read(tmp_path)["counts"]
+    assert counts["done"] == counts["fe_runs"] > 0 and counts["from_store"] == 0
+    assert len(list(tmp_path.glob("results-*"))) == 1
+
+
+def test_fresh_moves_results_and_nothing_else(tmp_path, capsys):
+    """Neither the folder of the study or its data, nor one of somebody else."""
+    path = studies.write(tmp_path / "mine")
+    foreign, other = tmp_path / "foreign", studies.write(tmp_path / "other")
+    foreign.mkdir()
+    (foreign / "letter.txt").write_text("keep me")
+    assert main(["run", str(other), "--jobs", "1"]) == 0
+    capsys.readouterr()
+    for out, why in (
+        (path.parent, f"holds {path}, from which the study is read"),
+        (tmp_path, f"holds {path}, from which the study is read"),
+        (foreign, "is no folder of results: it has neither runs.sqlite nor the note 'study'"),
+        (other.parent / "results", f"holds the results of another study, {other}"),
+    ):
+        before = sorted(tmp_path.rglob("*"))
+        assert main(["run", str(path), "--jobs", "1", "--out", str(out), "--fresh"]) == 2
+        said = capsys.readouterr().err
+        assert f"--fresh moves no folder but that of this study's results: {out} {why}" in said
+        assert sorted(tmp_path.rglob("*")) == before
+    away = tmp_path / "away"  # data that lie in the folder of results
+    away.mkdir()
+    (away / "top.csv").write_text(studies.measured())
+    (away / "study").write_text("../mine/study.toml\n")
+    studies.write(tmp_path / "mine", **experiments(first=TOP.replace("top.csv", "../away/top.csv")))
+    assert main(["run", str(path), "--jobs", "1", "--out", str(away), "--fresh"]) == 2
+    assert "top.csv, from which the study is read" in capsys.readouterr().err
 
 
 def test_studies_share_simulations_and_not_results(tmp_path, capsys):
