@@ -115,9 +115,7 @@ def _known(
         box, k, verdict, interval, p, unit=misfit.data[0].unit, depth=depth, level=level, leaning=leaning
     )
     agreement = None if drawn is None else agree(near_by, drawn)
-    if agreement is False:
-        why += " The Gaussian interval is another one; both are shown."
-    return Known(name, float(fit.theta[k]), sd, interval, near_by, drawn, agreement, p, verdict, text, why.strip())
+    return Known(name, float(fit.theta[k]), sd, interval, near_by, drawn, agreement, p, verdict, text, why)
 
 
 def _gains(misfit: Misfit, fit: Fit) -> tuple[Gain, ...]:

@@ -98,13 +98,21 @@ def sentences(
     text = f"{name} {WORDS[verdict.word]}: every value from {span} agrees with the curve{bounds}."
     inside = (profile.at >= interval.low - 1e-9) & (profile.at <= interval.high + 1e-9)
     worst = int(np.flatnonzero(inside)[np.argmax(np.abs(profile.change[inside]) / profile.sigma[inside])])
-    change, sigma = size(abs(profile.change[worst]), unit), size(profile.sigma[worst], unit)
-    others = "with the others following, " if box.d > 1 else ""
-    why = f"From end to end, {others}the curve changes by {change} where that shows most"
-    why += f" ({depth[profile.point[worst]]:.3g} mm), and is uncertain by {sigma} there."
+    why = _little(name, abs(profile.change[worst]), profile.sigma[worst], depth[profile.point[worst]], unit, box.d > 1)
     if verdict.noise_factor is not None:
-        why += f" It would be determined with the noise {1 / verdict.noise_factor:.2g} times smaller."
+        why += f" It would be determined if the noise were {1 / verdict.noise_factor:.2g} times smaller."
     return text, why
+
+
+def _little(name: str, change: float, sigma: float, depth: float, unit: str, others: bool) -> str:
+    """How much a curve changes over an interval, against its uncertainty, where that shows most."""
+    what = {"N": "force", "mm": "displacement"}.get(unit, "curve")
+    again = ", the other parameters fitted again," if others else ""
+    much = f"{change / sigma:.2g} times" if change >= sigma else f"{100 * change / sigma:.2g} % of"
+    return (
+        f"Over the whole interval of {name}{again} the {what} changes by at most {much} its uncertainty: "
+        f"{size(change, unit)} against {size(sigma, unit)}, at {depth:.3g} mm."
+    )
 
 
 def _either_way(low: float, high: float) -> str:
@@ -117,4 +125,4 @@ def _either_way(low: float, high: float) -> str:
 def size(value: float, unit: str) -> str:
     """A small quantity with two digits: forces in mN, displacements in µm."""
     scaled = {"N": ("mN", 1e3), "mm": ("µm", 1e3)}.get(unit, (unit, 1.0))
-    return f"{value * scaled[1]:.2g} {scaled[0]}".rstrip()
+    return f"{float(f'{value * scaled[1]:.2g}'):.6g} {scaled[0]}".rstrip()

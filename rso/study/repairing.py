@@ -136,15 +136,15 @@ def _pressed(
     touched = _ends_at(main, choice.X if choice.reachable else choice.X[:1])
     free = [e for e in touched if e not in barred and _room(main.axes, stated, e, plan)]
 
-    def limits(ends: Sequence[_End]) -> list[str]:
-        return [_limit_words(plan, stated, barred, e) for e in ends]
+    def limits(ends: Sequence[_End]) -> tuple[str, str]:
+        return _and([_reach(plan, e) for e in ends]), _and([_stop(plan, stated, barred, e) for e in ends])
 
     if choice.reachable:
         return _reached(plan, proposal, touched, free, limits)
     return _missed(plan, proposal, touched, free, limits, emulator)
 
 
-Words = Callable[[Sequence[_End]], list[str]]
+Words = Callable[[Sequence[_End]], tuple[str, str]]
 
 
 def _reached(
@@ -156,9 +156,10 @@ def _reached(
     if free:
         word = "a valley of values that all agree with the targets" if valley else "a candidate"
         return free, f"{word} reaches {_named(plan, free)}"
+    reach, stop = limits(touched)
     if valley:
-        return [], f"valley: {_and([f'every {text}' for text in limits(touched)])} agrees with the targets"
-    return [], f"a candidate that meets the targets lies at the end of what is allowed: {_and(limits(touched))}"
+        return [], f"every {reach} agrees with the targets, along a valley; {stop}"
+    return [], f"a candidate that meets the targets lies at the end of what is allowed, {reach}; {stop}"
 
 
 def _missed(
@@ -175,7 +176,8 @@ def _missed(
     if not useful:
         return [], f"the best compromise misses {miss}, and no wider range would bring it nearer"
     if not moving:
-        return [], f"the targets lie outside what any {_and(limits(useful))} reaches: the best compromise misses {miss}"
+        reach, stop = limits(useful)
+        return [], f"the targets lie outside what any {reach} reaches: the best compromise misses {miss}; {stop}"
     press = _named(plan, moving)
     return moving, f"the targets are out of reach (the best compromise misses {miss}) and press against {press}"
 
@@ -321,7 +323,8 @@ def _doubt(plan: Plan, proposal: Proposal, fitted: Fitted, runs: Sequence[Run]) 
     if runs and not any(r.done for r in runs):
         found = [why(o) for r in runs for o in r.outcomes if not isinstance(o, Done)]
         first = {cause: reason for cause, reason in reversed(found)}  # one example of each cause
-        return f"no run has an answer: {'; '.join(f'{cause} ({reason})' for cause, reason in first.items())}"
+        said = [reason if cause == "not_supported" else f"{cause}, {reason}" for cause, reason in first.items()]
+        return f"no run has an answer. The simulation says: {'; '.join(said)}"
     errors = [fitted.held_out[i].relative_rmse for i in stages.decisive(plan) if i in fitted.held_out]
     # Where the targets are met already, ranges that the surrogates do not follow would spoil more than they tell.
     if runs and proposal.choice.reachable and errors and max(errors) > plan.study.surrogate.tolerance:
@@ -354,13 +357,22 @@ def _back(row: Step, reason: str) -> Step:
     return replace(row, what="taken back", why=reason, before=row.after, after=row.before)
 
 
-def _limit_words(plan: Plan, stated: Sequence[Axis], barred: dict[_End, str], e: _End) -> str:
-    """'mu up to 10 MPa (the hard bound)', or whatever else stops that end."""
-    axis = plan.searches[0].axes[e.j]
-    _, hard = _limit(plan, axis, stated[e.j], e.side)
-    limit = "the hard bound" if hard else f"search.repair_limit = {plan.study.search.repair_limit:g}"
-    word, now = ("down to", "up to")[e.side], e.of(plan.searches[0].axes)
-    return f"{axis.name} {word} {now:.4g} {axis.parameter.unit} ({f'beyond it {barred[e]}' if e in barred else limit})"
+def _reach(plan: Plan, e: _End) -> str:
+    return f"{plan.searches[0].axes[e.j].name} {('down to', 'up to')[e.side]} {_place(plan, e)}"
+
+
+def _place(plan: Plan, e: _End) -> str:
+    axes = plan.searches[0].axes
+    return f"{e.of(axes):.4g} {axes[e.j].parameter.unit}"
+
+
+def _stop(plan: Plan, stated: Sequence[Axis], barred: dict[_End, str], e: _End) -> str:
+    """'10 MPa is the hard bound', or whatever else stops that end."""
+    if e in barred:
+        return f"{('below', 'above')[e.side]} {_place(plan, e)} {barred[e]}"
+    if _limit(plan, plan.searches[0].axes[e.j], stated[e.j], e.side)[1]:
+        return f"{_place(plan, e)} is the hard bound"
+    return f"search.repair_limit = {plan.study.search.repair_limit:g} ends the range at {_place(plan, e)}"
 
 
 def _named(plan: Plan, ends: Sequence[_End]) -> str:

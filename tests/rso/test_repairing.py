@@ -127,7 +127,8 @@ def test_hard_bounds_are_said_and_not_passed(tmp_path):
         search=f"{SEARCH}\nrepair_limit = 1e6",
     )  # fmt: skip
     last = found.audit[-1]
-    assert last.what == "stopped" and "outside what any mu up to 0.009 MPa (the hard bound) reaches" in last.why
+    assert last.what == "stopped" and "outside what any mu up to 0.009 MPa reaches: the best" in last.why
+    assert last.why.endswith("; 0.009 MPa is the hard bound")
     assert "Fz of top at 2 mm by -0.0" in last.why
     assert ranges(found) == [0.003, 0.009] and not found.proposal.choice.reachable
     assert max(v["mu"] for v, _ in found.bench.ended) == 0.009
@@ -144,7 +145,9 @@ def test_a_valley_goes_to_its_limit_at_once(tmp_path):
     found = repair(tmp_path, parameters=BOX.format(0.006, 0.04, 10, 60), search=f"{ONE_TARGET}\nrepair_limit = 2")
     assert found.proposal.choice.kind == "valley"
     assert {(s.parameter, s.end, s.after) for s in found.audit[:-1]} == {("D1", "low", 5), ("D1", "high", 120)}
-    assert found.audit[-1].why.startswith("valley: every D1 down to 5 1/MPa (search.repair_limit = 2)")
+    last = found.audit[-1].why
+    assert last.startswith("every D1 down to 5 1/MPa and D1 up to 120 1/MPa agrees with the targets, along a valley; ")
+    assert last.endswith("search.repair_limit = 2 ends the range at 120 1/MPa")
 
 
 def test_a_valley_is_not_followed_where_the_surrogates_fail(tmp_path):
@@ -165,7 +168,7 @@ def test_runs_without_an_answer_bar_the_way(tmp_path, setting, word):
         backend__settings=f"thickness = {studies.THICKNESS}\n{setting}",
     )  # fmt: skip
     assert what(found) == ["widened", "taken back", "stopped"]
-    assert f"no run has an answer: {word}" in found.audit[-1].why
+    assert f"no run has an answer. The simulation says: {word}, " in found.audit[-1].why
     assert ranges(found) == [low, high]
     assert found.bench.plan.feasible(np.linspace(0, 1, 9)[:, None]).all()  # what fails outside bars nothing inside
 
