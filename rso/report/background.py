@@ -7,6 +7,7 @@ from typing import Any
 
 from rso.report.digits import DASH, aligned, clean, duration, known, percent, shortest, significant
 from rso.report.document import Block, Cell, Section, Table, Text, column, table, words
+from rso.report.notes import sentences
 from rso.report.reading import Output, Parameter, Results, listed, number, outputs, pair, parameters
 
 OUTPUT_COLUMNS = 4  # of the table of all runs
@@ -143,7 +144,7 @@ def provenance(results: Results) -> Section:
         blocks.append(data)
     for e in listed(results, "experiments"):
         if e.get("notes"):
-            blocks.append(Text(f"{clean(e['name'])}: {' '.join(clean(n) for n in e['notes'])}", "note"))
+            blocks.append(Text(f"{clean(e['name'])}: {' '.join(sentences(e['notes']))}", "note"))
     times = {k: v for k, v in (results.get("timings") or {}).items() if known(v)}
     if times:
         names = {"total": "total", "fe_cpu": "CPU time of the simulations"}

@@ -8,14 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rso.report.document import Cell
+from rso.units import LADDERS, people
 
 DASH = "–"
 NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
-_LADDERS = {
-    "MPa": (("MPa", 1.0), ("kPa", 1e3), ("Pa", 1e6)),
-    "N": (("N", 1.0), ("mN", 1e3)),
-    "mm": (("mm", 1.0), ("µm", 1e3)),
-}
 _GREEK = dict(
     zip(
         "alpha beta gamma delta epsilon eta theta kappa lambda mu nu rho sigma tau phi".split(),
@@ -63,22 +59,33 @@ def symbol(name: str) -> str:
 
 
 def unit_text(unit: str) -> str:
-    """A unit as it is printed: 1/MPa → MPa⁻¹, 1 → nothing."""
+    """A unit as it is printed: 1/MPa → MPa⁻¹, mm^2 → mm², 1 → nothing."""
     if unit in ("1", "-", ""):
         return ""
     match = re.fullmatch(r"1/([A-Za-zµ]+)", unit)
-    return f"{match.group(1)}⁻¹" if match else clean(unit)
+    return f"{match.group(1)}⁻¹" if match else raised(clean(unit))
+
+
+def raised(text: str) -> str:
+    """Text with its powers as superscripts: mm^2 → mm²."""
+    return re.sub(r"(?<=[A-Za-zµ])\^(-?\d+)", lambda m: m.group(1).translate(_SUPERSCRIPT), text)
+
+
+def channel_text(name: object) -> str:
+    """The name of a channel as people read it: contact_area → contact area."""
+    return clean(name).replace("_", " ")
+
+
+def sentence(text: object) -> str:
+    """Words of the program with true minus signs, and nothing parted from its %."""
+    return re.sub(r"(?<=\d) %", f"{NBSP}%", re.sub(r"(?<![\w.])-(?=\d)", "−", clean(text)))
 
 
 def shown(unit: str, size: float | None = None) -> Unit:
     """The unit people would use for a quantity of this size (MPa, kPa or Pa; N or mN; mm or µm)."""
-    ladder = _LADDERS.get(unit)
-    if ladder is None or not known(size) or size == 0:
+    if unit not in LADDERS or not known(size) or size == 0:
         return Unit(unit_text(unit))
-    for label, factor in ladder:
-        if abs(size) * factor >= 0.1:
-            return Unit(label, factor)
-    return Unit(*ladder[-1])
+    return Unit(*people(unit, size))
 
 
 def known(x: object) -> bool:
@@ -127,7 +134,7 @@ def shortest(x: object) -> str:
     """A number as a person wrote it (a depth, a count), or any text."""
     if isinstance(x, str):
         return clean(x)
-    return f"{x:.6g}" if known(x) else DASH
+    return f"{x:.6g}".replace("-", "−") if known(x) else DASH
 
 
 def rounded(x: float | None, half_width: float | None) -> str:

@@ -49,16 +49,15 @@ def profile_blocks(results: Results, e: Mapping[str, Any], picture: str) -> list
     return [*blocks, _table(results, e, found)] if found else []
 
 
-def profile_sentence(e: Mapping[str, Any], v: Mapping[str, Any]) -> str:
-    """How well one candidate predicts a profile, for the first page."""
-    name, m = clean(e["name"]), _marks(v)
+def profile_words(v: Mapping[str, Any]) -> str:
+    """How far one candidate is off the displacements of a profile, for the first page."""
+    m = _marks(v)
     if m is None:
-        return f"Validation with {name}: no prediction."
+        return ""
     rmse, nrmse = _score(v, "rmse"), percent(_score(v, "nrmse"))
-    text = f"Validation, not used for the fit: {len(m.depth)} displacements of the surface profile {name} are predicted"
-    text += f" with an RMSE of {quantity(rmse, 'mm', 3)} ({nrmse} of their mean)"
+    text = f": {len(m.depth)} displacements with an RMSE of {quantity(rmse, 'mm', 3)} ({nrmse} of their mean)"
     noise = _noise(m)
-    return text + (f"; their own uncertainty is {quantity(noise, 'mm', 2)}." if noise else ".")
+    return text + (f"; their own uncertainty is {quantity(noise, 'mm', 2)}" if noise else "")
 
 
 def profile_figure(results: Results, e: Mapping[str, Any], name: str) -> str:
@@ -92,7 +91,7 @@ def profile_figure(results: Results, e: Mapping[str, Any], name: str) -> str:
 
 def _caption(e: Mapping[str, Any], label: str, m: Marks) -> str:
     gap, k = _worst(m)
-    text = f"Validation: {clean(e['name'])}, a profile that was not used for the fit, as {label} predicts it: off by "
+    text = f"Unused test: {clean(e['name'])}, a profile that was not used for the fit, as {label} predicts it: off by "
     text += f"at most {quantity(abs(gap), 'mm', 2)} ({_where(m, k)})."
     if m.sigma.any():
         near = int(np.sum(np.abs(m.predicted - m.measured) <= 2 * m.sigma))
@@ -132,8 +131,8 @@ def _table(results: Results, e: Mapping[str, Any], found: list[tuple[Mapping[str
         column("", tuple(state), number=False),
     ]
     reasons = [f"{n}: {clean(v['reason'])}." for n, (v, _) in zip(names, found, strict=True) if v.get("reason")]
-    note = "Vertical displacements (up is positive) over all marks and depths; largest: predicted − measured."
-    return table(f"Validation with {clean(e['name'])}", columns, " ".join([note, *reasons]))
+    note = "Vertical displacements (up is positive) over all marks and depths; largest: measured − predicted."
+    return table(f"Unused test {clean(e['name'])}", columns, " ".join([note, *reasons]))
 
 
 def _label(results: Results, v: Mapping[str, Any]) -> str:
@@ -169,9 +168,9 @@ def _noise(m: Marks) -> float:
 
 
 def _worst(m: Marks) -> tuple[float, int]:
-    """Largest difference predicted − measured, and of which reading."""
-    k = int(np.argmax(np.abs(m.predicted - m.measured)))
-    return float(m.predicted[k] - m.measured[k]), k
+    """Largest difference measured − predicted, and of which reading."""
+    k = int(np.argmax(np.abs(m.measured - m.predicted)))
+    return float(m.measured[k] - m.predicted[k]), k
 
 
 def _where(m: Marks, k: int) -> str:

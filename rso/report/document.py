@@ -52,7 +52,7 @@ class Text:
     """A paragraph; `role` says how it is set."""
 
     text: str
-    role: Literal["plain", "lead", "heading", "missing", "warning", "note"] = "plain"
+    role: Literal["plain", "lead", "heading", "missing", "warning", "remark", "note"] = "plain"
     kind: Literal["text"] = "text"
 
 

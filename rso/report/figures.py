@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,13 +12,14 @@ from matplotlib.ticker import MaxNLocator
 
 from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, canvas, short, style, svg, tag
 from rso.report.descent import descent_figure
-from rso.report.digits import Unit, clean, ends, known, largest, shortest, shown, signed, significant
+from rso.report.digits import Unit, channel_text, clean, ends, known, largest, percent, shortest, shown
 from rso.report.displacements import is_profile, profile_figure
 from rso.report.identification import profiles
 from rso.report.influence import along_figure, morris_figure, shapes_figure
 from rso.report.maps import fronts, sensitivity, surfaces
 from rso.report.reading import (
     Candidate,
+    Parameter,
     Results,
     candidates,
     curve_unit,
@@ -29,7 +31,7 @@ from rso.report.reading import (
     outputs,
     points,
 )
-from rso.report.verdict import how, interval_rows
+from rso.report.verdict import how, interval_rows, likely
 
 _FINE = 81  # points of a drawn curve
 _ROWS = 40  # more rows than this make a figure that nobody reads; the tables hold all
@@ -69,11 +71,10 @@ def draw(results: Results, name: str) -> str:
 
 
 def determined(results: Results, name: str) -> str:
-    """One line per parameter: the range searched, what the data allow, the best candidate."""
+    """One line per parameter: the range searched, what the data allow, the most likely value."""
     rows = interval_rows(results)
     figure = canvas(0.2 + 0.62 * len(rows))
     axes = figure.subplots()
-    best = next((c for c in candidates(results) if c.best), None)
     for k, (p, d) in enumerate(rows):
         y, low, high = -k, *d["interval"]
         a, b = p.share(p.low, low), p.share(p.low, high)
@@ -84,17 +85,30 @@ def determined(results: Results, name: str) -> str:
         for x, value, ha in ((-0.012, p.low, "right"), (1.012, p.high, "left")):
             axes.text(x, y, shortest(float(f"{value * p.unit.factor:.4g}")), ha=ha, va="center", color=GREY, fontsize=8)
         axes.text(1.1, y, p.unit.label, ha="left", va="center", color=GREY)
+        _scale(axes, y, p)
         word = "determined" if good else how(results, p).removeprefix("is ")
         axes.text((a + b) / 2, y + 0.24, word, ha="center", va="bottom", color=ACCENT if good else INK)
         sides = ("left", "right") if b - a > 0.2 else ("right", "left")
         for x, value, ha in zip((a, b), ends(low, high, p.unit), sides, strict=True):
             axes.text(x, y - 0.2, value, ha=ha, va="top", fontsize=8)
-        x = best.value(p.name) if best else None
+        x = likely(results, p)
         if known(x):
             axes.plot([p.share(p.low, x)], [y], "o", ms=6, mfc=PAPER, mec=INK, mew=1.2)
     axes.set(xlim=(-0.17, 1.17), ylim=(-len(rows) + 0.45, 0.62))
     axes.axis("off")
     return svg(figure, name)
+
+
+def _scale(axes: Axes, y: float, p: Parameter) -> None:
+    """Ticks at 1, 2 and 5 on a logarithmic range, and the words; a linear one needs neither."""
+    if not (p.log and p.low > 0):
+        return
+    ends = [math.log10(v * p.unit.factor) for v in (p.low, p.high)]
+    decades = range(math.floor(ends[0]), math.ceil(ends[1]) + 1)
+    for v in (k * 10.0**n / p.unit.factor for n in decades for k in (1, 2, 5)):
+        if p.low < v < p.high:
+            axes.plot([p.share(p.low, v)] * 2, [y - 0.07, y + 0.07], color=GREY, lw=0.6, zorder=1)
+    axes.text(1.1, y - 0.2, "log scale", ha="left", va="top", color=GREY, fontsize=7)
 
 
 def verification(results: Results, name: str) -> str:
@@ -191,7 +205,7 @@ def _curves(
     if others:
         word = f"{len(others)} other candidate{'s' if len(others) > 1 else ''} (thin)"
         axes.text(0.985, 0.04, word, transform=axes.transAxes, ha="right", color=GREY)
-    axes.set_ylabel(f"{short(clean(e.get('channel')), 20)}{unit.bracket}")
+    axes.set_ylabel(f"{short(channel_text(e.get('channel')), 20)}{unit.bracket}")
     axes.set_title(short(clean(e["name"]), 60), color=GREY)
     axes.set_xlim(0, None)
     if rest is None:
@@ -212,7 +226,7 @@ def _residuals(
     left = []
     for c, x, f in simulated:
         inside = (u > 0) & (u >= x[0]) & (u <= x[-1] * (1 + 1e-9))
-        left.append((c, u[inside], np.interp(u[inside], x, f) - y[inside]))
+        left.append((c, u[inside], y[inside] - np.interp(u[inside], x, f)))
     unit = shown(e.get("unit", ""), largest([float(v) for _, _, r in left for v in r]))
     axes.fill_between(u, -sigma * unit.factor, sigma * unit.factor, color=LIGHT, lw=0, alpha=0.75)
     axes.axhline(0, color=INK, lw=0.7)
@@ -224,7 +238,7 @@ def _residuals(
             if d:
                 wide = np.interp(x, d, error)
                 axes.fill_between(x, (r - wide) * unit.factor, (r + wide) * unit.factor, color=ACCENT, alpha=0.25, lw=0)
-    axes.set(xlabel="depth (mm)", ylabel=f"residual{unit.bracket}")
+    axes.set(xlabel="depth (mm)", ylabel=f"measured −\nsimulated{unit.bracket}")
     axes.yaxis.set_major_locator(MaxNLocator(5))
 
 
@@ -258,7 +272,7 @@ def _dots(
     for k, (c, f) in enumerate(rows):
         axes.plot([y * unit.factor, f * unit.factor], [-k, -k], color=PALE, lw=1.2, zorder=0)
         axes.plot([f * unit.factor], [-k], "o", ms=5 if c.best else 4, color=ACCENT if c.best else GREY)
-        text = signed(f - y, f"{significant(100 * (f - y) / abs(y), 2)} %") if y else ""
+        text = f"{percent(abs(f - y) / abs(y))} too {'high' if f > y else 'low'}" if y and f != y else ""
         axes.annotate(
             text, (f * unit.factor, -k), xytext=(6, 0), textcoords="offset points", va="center", fontsize=7.5,
             color=ACCENT if c.best else INK, path_effects=HALO,
@@ -267,7 +281,7 @@ def _dots(
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     axes.margins(x=0.12)
-    axes.set(ylim=(-len(rows) + 0.3, 0.7), xlabel=f"{short(clean(e.get('channel')), 20)}{unit.bracket}")
+    axes.set(ylim=(-len(rows) + 0.3, 0.7), xlabel=f"{short(channel_text(e.get('channel')), 20)}{unit.bracket}")
     words = f"measured{' ± σ, ± 2σ' if sigma else ''}"
     axes.annotate(
         words, (y * unit.factor, 1), xycoords=("data", "axes fraction"), xytext=(0, 3), textcoords="offset points",

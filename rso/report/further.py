@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, WARM, canvas, plain_log, short, style, svg
-from rso.report.digits import DASH, between, clean, duration, known, shown, significant, symbol
+from rso.report.digits import DASH, between, clean, duration, known, sentence, shown, significant, symbol
 from rso.report.document import Block, Cell, Picture, Report, Section, Table, Text, column, table, words
-from rso.report.ladder import sentence
 from rso.report.page import pictures, pour
 from rso.report.reading import listed, number, pair
 

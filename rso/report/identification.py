@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from statistics import NormalDist
 from typing import Any
@@ -10,7 +11,19 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, WARM, canvas, parameter_axis, svg
-from rso.report.digits import DASH, aligned, between, clean, known, largest, percent, shortest, shown, significant
+from rso.report.digits import (
+    DASH,
+    aligned,
+    between,
+    clean,
+    known,
+    largest,
+    percent,
+    sentence,
+    shortest,
+    shown,
+    significant,
+)
 from rso.report.document import Block, Cell, Picture, Section, Table, Text, column, missing, table, words
 from rso.report.reading import Parameter, Results, number, pair, parameters, points
 
@@ -31,7 +44,7 @@ def identification_section(results: Results) -> Section:
     blocks.append(_intervals(data, rows))
     for p, d in rows:
         if d.get("reason"):
-            blocks.append(Text(f"{p.letter}: {clean(d['reason'])}"))
+            blocks.append(Text(f"{p.letter}: {sentence(d['reason'])}"))
     blocks += [t for t in (_directions(results, data), _gains(results, data), _values(results, data)) if t is not None]
     return Section("identification", title, tuple(blocks))
 
@@ -54,12 +67,10 @@ def profiled(results: Results) -> list[tuple[Parameter, Mapping[str, Any]]]:
 
 
 def _fit(data: Mapping[str, Any]) -> str:
-    said = [clean(data.get("story"))]
-    numbers = [
-        text.format(significant(data[key], 3) if key != "degrees" else shortest(data[key]))
-        for key, text in (("degrees", "{} degrees of freedom"), ("p_value", "p = {}"), ("scale", "errors × {}"))
-        if known(data.get(key))
-    ]
+    said = [sentence(data.get("story"))]
+    numbers = [f"{shortest(data['degrees'])} degrees of freedom"] if _unsaid(said[0], data.get("degrees")) else []
+    numbers += [f"p = {significant(data['p_value'], 3)}"] if known(data.get("p_value")) else []
+    numbers += [f"errors × {significant(data['scale'], 3)}"] if (number(data.get("scale")) or 1.0) > 1.0 else []
     said += [f"({', '.join(numbers)}.)"] if numbers else []
     again = data.get("recomputed") or {}
     if known(again.get("agreement")):
@@ -78,6 +89,10 @@ def _fit(data: Mapping[str, Any]) -> str:
             f"{significant(m.get('independent'), 3)} independent ones."
         )
     return " ".join(said)
+
+
+def _unsaid(story: str, x: object) -> bool:
+    return known(x) and not re.search(rf"\b{shortest(x)}\b", story)
 
 
 def _caption(data: Mapping[str, Any]) -> str:

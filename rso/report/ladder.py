@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rso.report.digits import DASH, NBSP, aligned, between, clean, duration, known, percent, shown, significant, symbol
+from rso.report.digits import (
+    DASH,
+    NBSP,
+    aligned,
+    between,
+    clean,
+    duration,
+    known,
+    percent,
+    sentence,
+    shown,
+    significant,
+    symbol,
+)
 from rso.report.document import Block, Cell, Fact, Facts, Picture, Report, Section, Table, Text, column, table, words
 from rso.report.ladder_figures import Found, draw, fitted, levels, role_word, title
 from rso.report.page import pictures, pour
@@ -49,11 +61,6 @@ def decision(found: Found) -> Section:
     blocks += [Text(sentence(w), "warning") for w in listed(found, "warnings")]
     blocks.append(_steps(found))
     return Section("decision", "Decision", tuple(blocks))
-
-
-def sentence(text: object) -> str:
-    """Words of the program with true minus signs, and nothing parted from its %."""
-    return re.sub(r"(?<=\d) %", f"{NBSP}%", re.sub(r"(?<![\w.])-(?=\d)", "−", clean(text)))
 
 
 def chosen_level(found: Found) -> Mapping[str, Any] | None:

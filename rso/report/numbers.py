@@ -11,6 +11,7 @@ from rso.report.background import provenance, runs
 from rso.report.descent import descent_section, descents
 from rso.report.digits import (
     DASH,
+    NBSP,
     Unit,
     aligned,
     clean,
@@ -18,13 +19,17 @@ from rso.report.digits import (
     largest,
     percent,
     quantity,
+    sentence,
     shortest,
     shown,
+    signed,
 )
 from rso.report.displacements import is_profile, profile_blocks
 from rso.report.document import Block, Cell, Picture, Report, Section, Table, Text, column, missing, table, words
 from rso.report.identification import identification_section
 from rso.report.influence import extrapolation
+from rso.report.notes import opening
+from rso.report.predictions import off, predictions
 from rso.report.ranges import range_blocks
 from rso.report.reading import (
     Candidate,
@@ -45,6 +50,8 @@ from rso.report.reading import (
 from rso.report.responses import front_section, sensitivity_section, surface_section
 from rso.report.verdict import verdict
 
+NOTES = 500  # characters of what a file says of itself beside its curve
+NEAR = 0.01  # per cent between a prediction and its simulation that nobody needs to know better
 _METRICS = (("NRMSE", "nrmse", ""), ("MRE", "mre", ""), ("MAPE", "mape", "%"), ("RRMSE", "rrmse", ""))
 
 _KINDS = {
@@ -69,9 +76,9 @@ def report(results: Results) -> Report:
         " · ".join(byline),
         (
             verdict(results),
-            candidate_section(results),
-            identification_section(results),
             curve_section(results),
+            identification_section(results),
+            candidate_section(results),
             *_how_found(results),
             runs(results),
             provenance(results),
@@ -87,7 +94,7 @@ def _how_found(results: Results) -> tuple[Section, ...]:
 
 
 def candidate_section(results: Results) -> Section:
-    """Section 2: every candidate against the run that recomputed it, one table per search."""
+    """Section 4: every candidate against the run that recomputed it, one table per search."""
     blocks: list[Block] = []
     if any(known(o.get("recomputed")) for c in candidates(results) for o in c.data.get("outputs") or ()):
         blocks.append(Picture("verification", _verification_caption(results)))
@@ -123,7 +130,6 @@ def _candidate_table(results: Results, s: Mapping[str, Any], chosen: list[Candid
     asked = {target_output(t): number(t.get("sigma")) for t in s.get("targets") or ()}
     sigma = [asked.get(o.get("output", "")) for _, o in rows]
     gap = [None if a is None or b is None else a - b for a, b in zip(predicted, recomputed, strict=True)]
-    small = shown(next((known_outputs[i].base for i in units), ""), largest(gap))
     relative = [None if d is None or not b else 100 * d / abs(b) for d, b in zip(gap, recomputed, strict=True)]
     names = tuple(Cell(c.name, mark="strong" if c.best else "") if f else Cell("") for f, (c, _) in _zip(first, rows))
     columns = [column("", names, number=False)]
@@ -136,13 +142,18 @@ def _candidate_table(results: Results, s: Mapping[str, Any], chosen: list[Candid
         column("Target", words(labels), number=False),
         column("wanted", _scaled(target, unit), unit.label),
         column("± σ", aligned([s and s * unit.factor for s in sigma], 3), unit.label),
-        column("predicted", _scaled(predicted, unit), unit.label),
         column("recomputed", _scaled(recomputed, unit), unit.label),
-        column("difference", aligned([d and d * small.factor for d in gap], 3, plus=True), small.label),
-        column("", aligned(relative, 2, plus=True), "%"),
+        column("off", words([_off(r) for r in relative])),
         column("", tuple(_state(c) if f else Cell("") for f, (c, _) in _zip(first, rows)), number=False),
     ]
     return table(_search_title(s), columns, _search_note(results, s, chosen))
+
+
+def _off(relative: float | None) -> str:
+    """How far a prediction was from what came out, in per cent; where that is nothing, it is only said to be so."""
+    if relative is None:
+        return DASH
+    return f"<{NBSP}{NEAR}{NBSP}%" if abs(relative) < NEAR else signed(relative, percent(relative / 100))
 
 
 def _zip(a: Sequence[Any], b: Sequence[Any]) -> Any:
@@ -179,7 +190,7 @@ def _search_note(results: Results, s: Mapping[str, Any], chosen: list[Candidate]
     if each:
         said.append(f"Searched: {', '.join(each)}.")
     if s.get("story"):
-        said.append(clean(s["story"]))
+        said.append(sentence(s["story"]))
     if s.get("infill"):
         said.append(f"{s['infill']} run{'s' if s['infill'] > 1 else ''} added until predicted = recomputed.")
     every = [o for c in chosen for o in c.data.get("outputs") or () if known(o.get("target")) and o.get("recomputed")]
@@ -194,14 +205,13 @@ def _search_note(results: Results, s: Mapping[str, Any], chosen: list[Candidate]
 
 
 def curve_section(results: Results) -> Section:
-    """Section 4: measured and simulated curves with error metrics, then the validation."""
+    """Section 2: measured and simulated curves with error metrics, then the tests that were not used."""
     blocks: list[Block] = []
     for k, e in enumerate(fitted_curves(results)):
         if points((e.get("measured") or {}).get("depth"), (e.get("measured") or {}).get("value"))[0]:
             blocks.append(Picture(f"curve-{k}", curve_caption(results, e)))
         if e.get("notes"):
-            said = " ".join(clean(n) for n in e["notes"][:2])  # what rso itself has to say comes first
-            blocks.append(Text(f"{clean(e.get('file') or e['name'])}: {said}", "note"))
+            blocks.append(Text(f"{clean(e.get('file') or e['name'])}: {opening(e['notes'], NOTES)}", "note"))
         rows = metric_rows(results, e["name"])
         if rows:
             blocks.append(_metric_table(results, e, rows))
@@ -226,13 +236,8 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     a, b, c = max(inside, key=lambda row: abs(row[2] - row[1]))
     text = f"{name}: {best.label} deviates from the measurement by at most {quantity(abs(c - b), e['unit'], 2)}"
     text += f" (at {shortest(a)} mm, where {quantity(b, e['unit'], 3, 1 / unit.factor)} was measured)."
-    du, sigma = points(m.get("depth"), m.get("sigma"))
-    if du:
-        s = dict(zip(du, sigma, strict=True))
-        near = sum(abs(c - b) <= 2 * s[a] for a, b, c in inside if a in s)
-        text += (
-            f" {near} of {sum(a in s for a, _, _ in inside)} points lie within 2σ; grey band: ±σ of the measurement."
-        )
+    if points(m.get("depth"), m.get("sigma"))[0]:
+        text += " Grey band: ±σ of the measurement, whose errors may go up and down together over some depth."
     if any(best.error(e["name"])[1]):
         text += " Blue band of the residual: estimated numerical error of the simulation."
     return text
@@ -270,11 +275,11 @@ def _metric_table(results: Results, e: Mapping[str, Any], rows: list[tuple[str, 
 def _validation_blocks(results: Results) -> list[Block]:
     planned = experiments(results, "validate")
     if not planned:
-        return [Text("This study holds no experiment for validation.", "missing")]
+        return [Text("This study keeps no test for validation: whether it predicts one is not known.", "missing")]
     rows = listed(results, "validation")
     if not rows:
         return [missing("Predictions of the validation experiments", "validate")]
-    blocks: list[Block] = [Text("Validation", "heading")]
+    blocks: list[Block] = [Text("Tests that were not used", "heading")]
     for k, e in enumerate(planned):
         mine = [v for v in rows if v.get("experiment") == e["name"]]
         if not mine:
@@ -285,29 +290,21 @@ def _validation_blocks(results: Results) -> list[Block]:
         m = e.get("measured") or {}
         drawn = any(points(v.get("depth"), v.get("predicted"))[0] for v in mine)
         if drawn and points(m.get("depth"), m.get("value"))[0]:
-            blocks.append(Picture(f"validation-{k}", _validation_caption(e, mine)))
+            blocks.append(Picture(f"validation-{k}", _validation_caption(results, e)))
         blocks.append(_validation_table(results, e, mine))
     return blocks
 
 
-def _validation_caption(e: Mapping[str, Any], rows: list[Mapping[str, Any]]) -> str:
-    off = []
-    for v in rows:
-        pairs = zip(v.get("measured") or (), v.get("predicted") or (), strict=False)
-        last = [(y, f) for y, f in pairs if known(y) and known(f) and y]
-        off += [(last[-1][1] - last[-1][0]) / abs(last[-1][0])] if last else []
-    if not off:
-        return f"Validation with {clean(e['name'])}."
-    low, high = (percent(x).replace("-", "−") for x in (min(off), max(off)))
-    at = shortest(rows[0]["depth"][-1]) if rows[0].get("depth") else DASH
-    where = f"{clean(e['name'])}, which was not used for the fit, at {at} mm"
-    return f"Validation: {where}: predictions are off by {low if low == high else f'{low} to {high}'}."
+def _validation_caption(results: Results, e: Mapping[str, Any]) -> str:
+    found = predictions(results, e)
+    said = f": {off(found)}" if found else ""
+    return f"Unused test: {clean(e['name'])}, which was not used for the fit{said}."
 
 
 def _validation_table(results: Results, e: Mapping[str, Any], rows: list[Mapping[str, Any]]) -> Table:
     best, unit = best_candidate(results), curve_unit(results, e["name"])
     last = {k: [number((v.get(k) or [None])[-1]) for v in rows] for k in ("depth", "measured", "sigma", "predicted")}
-    gap = [None if f is None or not y else 100 * (f - y) / abs(y) for f, y in _zip(last["predicted"], last["measured"])]
+    gap = [None if f is None or not y else 100 * (y - f) / abs(y) for f, y in _zip(last["predicted"], last["measured"])]
     marks = [bool(best) and (v.get("search"), v.get("candidate")) == (best.search, best.name) for v in rows]
     label = {(c.search, c.name): c.label for c in candidates(results)}
     names = [label.get((clean(v.get("search")), clean(v.get("candidate"))), clean(v.get("candidate"))) for v in rows]
@@ -323,11 +320,11 @@ def _validation_table(results: Results, e: Mapping[str, Any], rows: list[Mapping
         column("measured", _scaled(last["measured"], unit), unit.label),
         column("± σ", aligned([None if s is None else s * unit.factor for s in last["sigma"]], 2), unit.label),
         column("predicted", _scaled(last["predicted"], unit), unit.label),
-        column("difference", aligned(gap, 3, plus=True), "%"),
+        column("measured − predicted", aligned(gap, 3, plus=True), "%"),
     ]
     columns.append(column("NRMSE", aligned([number((v.get("metrics") or {}).get("nrmse")) for v in rows], 3)))
     columns.append(column("", tuple(state), number=False))
     reasons = [f"{n}: {clean(v['reason'])}." for n, v in _zip(names, rows) if v.get("reason")]
     many = any(len(v.get("depth") or ()) > 1 for v in rows)
     note = ("Values are those at the last depth. " if many else "") + " ".join(reasons)
-    return table(f"Validation with {clean(e['name'])}", columns, note)
+    return table(f"Unused test {clean(e['name'])}", columns, note)

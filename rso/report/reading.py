@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rso.curves import loading
-from rso.report.digits import Unit, clean, known, largest, shortest, shown, significant, symbol
+from rso.report.digits import Unit, channel_text, clean, known, largest, shortest, shown, significant, symbol
 
 Results = Mapping[str, Any]
 STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
@@ -157,7 +157,7 @@ def outputs(results: Results) -> dict[str, Output]:
     several = len({o["experiment"] for o in every}) > 1
     views = {}
     for o in every:
-        label = f"{clean(o['channel'])} at {shortest(o['depth_mm'])} mm"
+        label = f"{channel_text(o['channel'])} at {shortest(o['depth_mm'])} mm"
         sizes = [number((r.get("outputs") or {}).get(o["id"])) for r in listed(results, "runs")]
         sizes += [number(e.get("predicted")) for c in candidates(results) for e in output_rows(c, o["id"])]
         unit = shown(o.get("unit", ""), largest(sizes))
@@ -244,7 +244,8 @@ def curve_unit(results: Results, name: str) -> Unit:
 
 def target_output(target: Mapping[str, Any]) -> str:
     """Id of the output that a target asks for."""
-    return f"{target['experiment']}:{target['channel']}@{shortest(target['depth_mm'])}"
+    depth = f"{target['depth_mm']:.6g}" if known(target['depth_mm']) else "–"
+    return f"{target['experiment']}:{target['channel']}@{depth}"
 
 
 def finished(results: Results, stage: str) -> bool:

@@ -14,13 +14,15 @@ from rso.report.digits import (
     percent,
     quantity,
     rounded,
+    sentence,
     shortest,
     significant,
     unit_text,
 )
-from rso.report.displacements import is_profile, profile_sentence
 from rso.report.document import Block, Fact, Facts, Picture, Section, Text
 from rso.report.identification import identified
+from rso.report.notes import data_remarks
+from rso.report.predictions import prediction_fact, prediction_sentences
 from rso.report.reading import (
     STAGES,
     Candidate,
@@ -29,7 +31,6 @@ from rso.report.reading import (
     best_candidate,
     candidates,
     experiment,
-    experiments,
     finished,
     listed,
     number,
@@ -45,10 +46,11 @@ def verdict(results: Results) -> Section:
     if facts:
         blocks.append(Facts(facts))
     blocks += [Text(t, "missing") for t in unfinished(results)]
-    blocks += [Text(t, "lead" if k == 0 else "plain") for k, t in enumerate(sentences(results))]
+    said = [Text(t, "lead" if k == 0 else "plain") for k, t in enumerate(sentences(results))]
+    blocks += [*said[:1], *data_remarks(results), *said[1:]]
+    blocks += [Text(sentence(w), "warning") for w in results.get("warnings") or ()]
     if interval_rows(results):
         blocks.append(Picture("determined", _determined_caption(results)))
-    blocks += [Text(clean(w), "warning") for w in results.get("warnings") or ()]
     return Section("verdict", "Verdict", tuple(blocks))
 
 
@@ -67,10 +69,10 @@ def sentences(results: Results) -> list[str]:
     """One paragraph per question; questions without an answer yet are left out."""
     paragraphs = [
         " ".join(_material(results)),
+        " ".join(prediction_sentences(results)),
         " ".join(_reason(results)),
         " ".join(_verification(results)),
         " ".join(_fit(results)),
-        " ".join(_validation(results)),
         _cost(results),
     ]
     return [p for p in paragraphs if p]
@@ -91,7 +93,7 @@ def _value(p: Parameter, x: float, interval: list[float], unit: Unit) -> str:
     return f"{rounded(x * unit.factor, half)}{unit.after}"
 
 
-def _likely(results: Results, p: Parameter) -> float | None:
+def likely(results: Results, p: Parameter) -> float | None:
     """The most likely value; without an identification that of the best candidate."""
     found = number(((results.get("identification") or {}).get("values") or {}).get(p.name))
     best = best_candidate(results)
@@ -113,28 +115,42 @@ def _material(results: Results) -> list[str]:
     said = []
     for p, d in interval_rows(results):
         low, high = d["interval"]
-        x = _likely(results, p)
+        x = likely(results, p)
         span = between(low, high, p.unit)
         if d.get("determined") is True:
             if x is None:
                 said.append(f"{p.letter} is determined: it lies between {span.replace(' to ', ' and ')}.")
             else:
                 value = _value(p, x, d["interval"], p.unit) + _also(p, x, d["interval"])
-                said.append(f"{p.letter} is determined: {value}, and anything from {span} is compatible with the data.")
+                said.append(
+                    f"{p.letter} is determined: {value}, and{_level(results)} anything from {span} is compatible with "
+                    "the data."
+                )
         else:
-            share = percent(p.share(low, high))
             said.append(
-                f"{p.letter} {how(results, p)}: every value from {span} ({share} of the range that was searched) "
-                "agrees with the data."
+                f"{p.letter} {how(results, p)}:{_level(results)} every value from {span} "
+                f"({_width(p, low, high)}) agrees with the data."
             )
     return said
+
+
+def _width(p: Parameter, low: float, high: float) -> str:
+    """How wide an interval is: a factor where the range is searched on a logarithmic scale, else a share of it."""
+    if p.log and low > 0:
+        return f"a factor of {shortest(float(f'{high / low:.2g}'))}"
+    return f"{percent(p.share(low, high))} of the range that was searched"
+
+
+def _level(results: Results) -> str:
+    level = number((results.get("identification") or {}).get("level"))
+    return "" if level is None else f" with {percent(level)} confidence"
 
 
 def _reason(results: Results) -> list[str]:
     """Why a parameter is not determined: along the valley it changes much and the targets do not."""
     open_ones = [(p, d) for p, d in interval_rows(results) if d.get("determined") is not True]
     reasons = {p.name: clean(d.get("reason")) for p, d in identified(results)}
-    said = [reasons.get(p.name) or clean(d.get("story")) for p, d in open_ones if d.get("story")]
+    said = [sentence(reasons.get(p.name) or d.get("story")) for p, d in open_ones if d.get("story")]
     valleys = [clean(s["name"]) for s in listed(results, "searches") if s.get("kind") == "valley"]
     shown_by = [text for name in valleys for p, _ in open_ones if (text := _valley(results, name, p))]
     return said + shown_by[:1]
@@ -199,53 +215,15 @@ def _fit(results: Results) -> list[str]:
         unit = experiment(results, name).get("unit", "")
         text = (
             f"The best candidate, {best.label}, reproduces the measured curve {clean(name)} with an NRMSE of "
-            f"{significant(m.get('nrmse'), 3)} (RMSE {quantity(m.get('rmse'), unit, 3)})"
+            f"{percent(number(m.get('nrmse')))} (RMSE {quantity(m.get('rmse'), unit, 3)})"
         )
         if known(base.get("nrmse")) and known(m.get("nrmse")) and m["nrmse"] > 0:
             text += (
-                f"; the model that only predicts the mean of the curve has {significant(base['nrmse'], 3)}, "
+                f"; the model that only predicts the mean of the curve has {percent(base['nrmse'])}, "
                 f"{significant(base['nrmse'] / m['nrmse'], 2)} times as much"
             )
         said.append(text + ".")
     return said
-
-
-def _validation(results: Results) -> list[str]:
-    said = []
-    best = best_candidate(results)
-    for e in experiments(results, "validate"):
-        rows = [v for v in listed(results, "validation") if v.get("experiment") == e["name"]]
-        mine = [v for v in rows if best and v.get("search") == best.search and v.get("candidate") == best.name]
-        if not mine:
-            if finished(results, "validate"):
-                said.append(f"Validation with {clean(e['name'])}: no prediction of the best candidate.")
-            continue
-        said.append(_one_validation(e, mine[0]))
-    return said
-
-
-def _one_validation(e: Mapping[str, Any], v: Mapping[str, Any]) -> str:
-    name, unit = clean(e["name"]), e.get("unit", "")
-    if v.get("state") != "done":
-        why = f"{clean(v.get('cause'))}: {clean(v.get('reason'))}"
-        return f"Validation with {name}: the run {clean(v.get('state'))} ({why})."
-    if is_profile(e):
-        return profile_sentence(e, v)
-    if len(v.get("depth") or ()) == 1:
-        depth, y, f = v["depth"][0], number(v["measured"][0]), number(v["predicted"][0])
-        if y and f is not None:
-            relative = (f - y) / abs(y)
-            way = "high" if relative > 0 else "low"
-            text = (
-                f"Validation, not used for the fit: {name} at {shortest(depth)} mm was measured as "
-                f"{quantity(y, unit)} and is predicted as {quantity(f, unit)}, {percent(abs(relative))} too {way}"
-            )
-            sigma = number((v.get("sigma") or [None])[0])
-            return text + (
-                f" ({significant(abs(f - y) / sigma, 2)} standard deviations of the measurement)." if sigma else "."
-            )
-    m = v.get("metrics") or {}
-    return f"Validation, not used for the fit: {name} is predicted with an NRMSE of {significant(m.get('nrmse'), 3)}."
 
 
 def _cost(results: Results) -> str:
@@ -264,21 +242,23 @@ def _cost(results: Results) -> str:
 
 def _facts(results: Results) -> tuple[Fact, ...]:
     facts, best = [], best_candidate(results)
+    sure = _level(results).removeprefix(" with ").replace(" confidence", " interval")
     for p, d in interval_rows(results)[:3]:
         span = between(*d["interval"], p.unit)
         if d.get("determined") is True:
-            x = _likely(results, p)
+            x = likely(results, p)
             value = span if x is None else _value(p, x, d["interval"], p.unit)
-            facts.append(Fact(p.letter, value, f"determined; compatible with the data: {span}", "good"))
+            facts.append(Fact(p.letter, value, f"determined; {sure or 'compatible with the data'}: {span}", "good"))
         else:
             word = how(results, p).removeprefix("is ")
-            facts.append(Fact(p.letter, word, f"{span} all agree with the data", "warn"))
+            note = f"{sure}: {span}, all agree with the data" if sure else f"{span} all agree with the data"
+            facts.append(Fact(p.letter, word, note, "warn"))
     if best:
         for name in list(best.data.get("metrics") or {})[:1]:
             base = ((results.get("baseline") or {}).get(name) or {}).get("nrmse")
-            note = f"NRMSE of the best candidate; {significant(base, 3)} for the mean"
-            facts.append(Fact("Fit", significant(best.metrics(name).get("nrmse"), 3), note))
-    facts += _validation_fact(results, best)
+            note = f"NRMSE of the best candidate; {percent(base)} for the mean of the curve"
+            facts.append(Fact("Fit", percent(number(best.metrics(name).get("nrmse"))), note))
+    facts += prediction_fact(results)
     if finished(results, "verify") and candidates(results):
         good = sum(c.verified for c in candidates(results))
         note = "candidates verified: predicted = recomputed"
@@ -287,19 +267,6 @@ def _facts(results: Results) -> tuple[Fact, ...]:
     if known(c.get("fe_runs")):
         facts.append(Fact("Cost", f"{c['fe_runs']} runs", f"simulations, {duration(t.get('total'))} of wall time"))
     return tuple(facts)
-
-
-def _validation_fact(results: Results, best: Candidate | None) -> list[Fact]:
-    for v in listed(results, "validation"):
-        if is_profile(experiment(results, v.get("experiment", ""))):
-            continue  # of many marks none stands for the others
-        if best and (v.get("search"), v.get("candidate")) == (best.search, best.name) and v.get("state") == "done":
-            y, f = number((v.get("measured") or [None])[-1]), number((v.get("predicted") or [None])[-1])
-            if y and f is not None:
-                depth = shortest(v["depth"][-1])
-                value = f"{'+' if f > y else ''}{percent((f - y) / abs(y))}".replace("-", "−")
-                return [Fact("Validation", value, f"{clean(v['experiment'])} at {depth} mm, predicted − measured")]
-    return []
 
 
 def _determined_caption(results: Results) -> str:
@@ -315,7 +282,8 @@ def _determined_caption(results: Results) -> str:
     if loose:
         said.append(f"the data leave {_and(loose)} open over half of the range and more")
     text = "; ".join(said)
-    return f"{text[:1].upper()}{text[1:]}. Thin line: range searched; bar: what the data allow; dot: best candidate."
+    bar = f"bar: what the data allow{_level(results)}"
+    return f"{text[:1].upper()}{text[1:]}. Thin line: range searched; {bar}; dot: most likely value."
 
 
 def _and(words: list[str]) -> str:

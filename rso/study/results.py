@@ -177,6 +177,7 @@ def of_validation(plan: Plan, found: list[Validation]) -> dict[str, Any]:
                 "experiment": v.experiment, "search": v.search, "candidate": f"{v.search} {v.candidate + 1}",
                 "state": type(v.outcome).__name__.lower(), "cause": cause, "reason": reason, "depth": v.depth,
                 "measured": v.measured, "sigma": v.sigma, "predicted": [] if v.predicted is None else v.predicted,
+                "numerical_error": [] if v.error is None else v.error,
                 "metrics": None if v.metrics is None else dataclasses.asdict(v.metrics),
                 "position": _position(v.position),
             }
@@ -222,11 +223,11 @@ def parameters(stated: Plan, plan: Plan) -> list[dict[str, Any]]:
 
 
 def _experiment(plan: Plan, name: str) -> dict[str, Any]:
-    e, curve = plan.study.experiment(name), plan.curves[name]
+    e, curve, said = plan.study.experiment(name), plan.curves[name], remarks(plan.study, name)
     return {
         "name": name, "role": e.role, "kind": e.kind, "channel": curve.channel, "unit": curve.unit,
         "settings": plan.study.settings_of(name), "file": e.files,
-        "notes": [*remarks(plan.study, name), *plan.study.measurement(name).notes],
+        "notes": [*said, *plan.study.measurement(name).notes], "remarks": len(said),
         "n_repeats": curve.n_repeats,
         "measured": {
             "depth": curve.depth, "value": curve.value, "sigma": curve.sigma, "position": _position(curve.position),

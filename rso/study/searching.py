@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rso import search
-from rso.curves import Metrics, Resampling, baseline, loading, metrics
+from rso.curves import Metrics, Resampling, ahead, baseline, loading, metrics
 from rso.emulator import Emulator, relearn
 from rso.measurement import MeasuredCurve
 from rso.running import Outcome, Task
@@ -44,7 +44,8 @@ class Found:
 class Validation:
     """One experiment kept for the end, predicted by one candidate: the search's name, its place there, its values.
 
-    Arrays (n,) over the readings; `position` (n, 2) are the reference places (x, y) in mm of a profile, else None.
+    Arrays (n,) over the readings, `error` the numerical one of what is predicted; `position` (n, 2)
+    are the reference places (x, y) in mm of a profile, else None.
     """
 
     experiment: str
@@ -56,6 +57,7 @@ class Validation:
     measured: np.ndarray
     sigma: np.ndarray
     predicted: np.ndarray | None
+    error: np.ndarray | None
     metrics: Metrics | None
     position: np.ndarray | None = None
 
@@ -238,17 +240,19 @@ def _validated(
     keep = curve.depth > 0
     depth, y, sigma = curve.depth[keep], curve.value[keep], curve.sigma[keep]
     position = None if curve.position is None else curve.position[keep]
-    predicted, scores = None, None
+    predicted, error, scores = None, None, None
     if isinstance(outcome, Done):
-        predicted = np.zeros_like(depth)
+        predicted, error = np.zeros_like(depth), np.zeros_like(depth)
         wanted = np.array(_channels(curve))[keep]
         for channel in dict.fromkeys(wanted.tolist()):
             simulated, mine = outcome.response.curve(channel), wanted == channel
             at = np.minimum(depth[mine], simulated.travel_mm.max())
             predicted[mine] = loading(simulated.travel_mm, simulated.value)(at)
+            on = ahead(simulated.travel_mm)
+            error[mine] = np.interp(at, simulated.travel_mm[on], simulated.error[on])
         scores = metrics(y, predicted)
     return Validation(
-        experiment, search, candidate, values, outcome, depth, y, sigma, predicted, scores, position
+        experiment, search, candidate, values, outcome, depth, y, sigma, predicted, error, scores, position
     )  # fmt: skip
 
 

@@ -390,7 +390,7 @@ def identification():
                     "sigma": 0.012 + 0 * D1,
                 },
                 "story": "D1 is not determined: every value from 1.09 to 160 1/MPa agrees with the curve.",
-                "reason": "From end to end the curve changes by 7.6 mN where that shows most; its error is 12 mN.",
+                "reason": "Over the whole interval of D1 the force changes by at most 63 % of its uncertainty: 7.6 mN.",
             },
         ],
         "directions": [

@@ -14,6 +14,7 @@ from rso.report import render
 from rso.report.digits import aligned, between, duration, percent, rounded, shown, significant, symbol, unit_text
 from rso.report.document import Picture, Table, Text
 from rso.report.figures import draw
+from rso.report.notes import opening, sentences
 from rso.report.numbers import report
 from rso.report.page import html_page, pdf_page
 
@@ -102,13 +103,14 @@ def test_same_results_same_bytes_whatever_the_users_settings(written, tmp_path):
 def test_the_verdict_answers_first():
     section = report(complete()).sections[0]
     said = " ".join(b.text for b in section.blocks if isinstance(b, Text)).replace("\xa0", " ")
-    assert "μ is determined: 10.2 kPa (0.0102 MPa), and anything from 8.8 to 12.6 kPa" in said
-    assert "D₁ is not determined: every value from 1.09 to 160 MPa⁻¹ (97 % of the range" in said
+    assert "μ is determined: 10.2 kPa (0.0102 MPa), and with 90 % confidence anything from 8.8 to 12.6 kPa" in said
+    assert "D₁ is not determined: with 90 % confidence every value from 1.09 to 160 MPa⁻¹ (a factor of 150)" in said
     assert "D₁ goes from 6.20 MPa⁻¹ to 139 MPa⁻¹, a factor of 22" in said
     assert "13 of 15 candidates are verified" in said and "Not within the tolerance: 3P 2" in said
     assert "1P FR 3 (failed)" in said
-    assert "NRMSE of 0.0279 (RMSE 6.56 mN); the model that only predicts the mean of the curve has 0.710" in said
-    assert "force_8mm at 8 mm was measured as 1.283 N and is predicted as 1.356 N, 5.7 % too high" in said
+    assert "NRMSE of 2.8 % (RMSE 6.56 mN); the model that only predicts the mean of the curve has 71 %" in said
+    assert "No: force_8mm, which was not used for the fit, is not predicted: at 8 mm 1.283 N was measured" in said
+    assert "and the best candidate has 1.356 N; 5.2 to 11 % too high over all 13 candidates." in said
     assert "49 simulations (3 failed, 1 crashed) and 6 min 1 s of wall time" in said
     assert "widen the range of mu" in said
 
@@ -176,7 +178,7 @@ def test_every_number_is_taken_from_the_results():
     assert len(paths) > 100
     quiet = [p for p in paths if not SILENT.search(".".join(map(str, p))) and texts(report(changed(p))) == base_text]
     # What no text shows must move a figure.
-    assert quiet and len(quiet) < 20
+    assert quiet and len(quiet) < 24
     for path in quiet:
         place = ".".join(map(str, path))
         kind = next((figure for part, figure in DRAWN.items() if part in place), "")
@@ -365,19 +367,23 @@ def table_of(results, title):
     return {c.title: [row[k].text for row in found.rows] for k, c in enumerate(found.columns)}
 
 
+def fact(results, label):
+    found = [f for b in report(results).sections[0].blocks if hasattr(b, "facts") for f in b.facts]
+    return next(f for f in found if f.label == label)
+
+
 def test_a_profile_for_validation_is_compared_mark_by_mark():
     results = with_profile()
     text = page(results)
-    assert "10 displacements of the surface profile surface are predicted with an RMSE of 11.4 µm (5.4 %" in text
+    said = "Yes: surface, which was not used for the fit, is predicted: 10 displacements with an RMSE of 11.4 µm (5.4 %"
+    assert said in text
     assert "as main 1 predicts it: off by at most 30 µm ((0, 5) at 4 mm). 9 of 10 marks lie within 2σ" in text
-    t = table_of(results, "Validation with surface")
+    t = table_of(results, "Unused test surface")
     rows = [k for k, state in enumerate(t[""]) if state == "done"]
     assert rows and {t["marks"][k] for k in rows} == {"10"} and {t["where"][k] for k in rows} == {"(0, 5) at 4 mm"}
-    assert {t["largest"][k] for k in rows} == {"+30.0"} and {t["RMSE"][k] for k in rows} == {"11.4"}
-    # The fact on the first page is that of the force, and curves and their figures are as they were.
-    assert [f.value for b in report(results).sections[0].blocks if hasattr(b, "facts") for f in b.facts] == [
-        f.value for b in report(complete()).sections[0].blocks if hasattr(b, "facts") for f in b.facts
-    ]
+    assert {t["largest"][k] for k in rows} == {"−30.0"} and {t["RMSE"][k] for k in rows} == {"11.4"}
+    # The fact on the first page counts both tests, and curves and their figures are as they were.
+    assert fact(results, "Unused tests").value == "1 of 2 predicted"
     assert pictures(report(results)) == [
         n for p in pictures(report(complete())) for n in ([p, "validation-1"] if p == "validation-0" else [p])
     ]
@@ -476,7 +482,7 @@ def test_a_curve_of_few_travels_is_compared_as_its_metrics_are():
     curve["value"] = (0.07 * few**1.5).tolist()
     measured.update(value=(0.07 * depth**1.5).tolist(), sigma=np.full(len(depth), 1e-4).tolist())
     caption = next(t for t in texts(report(results)) if "deviates from the measurement" in t)
-    assert f"{len(depth) - 1} of {len(depth) - 1} points lie within 2σ" in caption  # but for contact itself
+    assert re.search(r"at most [\d.]+\s×\s10⁻¹[⁰¹²³⁴⁵⁶⁷⁸⁹]\smN", caption)
     straight = np.abs(np.interp(depth, few, curve["value"]) - measured["value"])[depth >= few[0]]
     assert straight.max() > 2e-4  # negative control: straight lines would not
 
@@ -527,3 +533,58 @@ def test_targets_of_several_experiments_are_told_apart_in_the_front(monkeypatch)
     one = next(s for s in results["searches"] if len(s["targets"]) == 1)
     one["front"] = {key: v[:1] for key, v in one["front"].items()}
     assert "one target, met best at μ" in page(results)
+
+
+def test_comment_lines_of_a_file_are_read_as_the_sentences_that_they_were():
+    lines = ["Not a record: the force was read off a figure of the source, with its", "axes. Sent by J. Doe"]
+    assert sentences(lines) == [
+        "Not a record: the force was read off a figure of the source, with its axes.",
+        "Sent by J. Doe.",
+    ]
+    assert sentences(["Operator: JD", "Machine: Zwick 2.5"]) == ["Operator: JD.", "Machine: Zwick 2.5."]
+    assert opening(["One. Two.", "Three is far too long for it."], 20) == "One. Two."
+    assert opening(["One that is too long for it."], 5) == "One that is too long for it."
+
+
+def test_what_a_data_file_says_of_itself_stands_under_the_answer():
+    results = complete()
+    results["experiments"][0].update(file="m.csv", notes=["Only loading is used.", "A copy", "of a copy."], remarks=1)
+    results["experiments"][1].update(file="n.csv", notes=["A copy of a copy."])
+    first = report(results).sections[0].blocks
+    assert [b.text for b in first if isinstance(b, Text) and b.role == "remark"] == ["m.csv, n.csv: A copy of a copy."]
+    assert "Of the data. m.csv, n.csv: A copy of a copy." in re.sub(r"\s+", " ", page(results))
+    results["experiments"][0].update(notes=["Only loading is used."])
+    results["experiments"][1].update(notes=[])
+    assert not [b for b in report(results).sections[0].blocks if isinstance(b, Text) and b.role == "remark"]
+
+
+def test_whether_an_unused_test_is_predicted_is_yes_or_no():
+    """All candidates agree with what was fitted, so a test that only some predict is neither."""
+    results = complete()
+    assert fact(results, "Unused test").value == "not predicted" and fact(results, "Unused test").mark == "warn"
+    assert "over all 13 candidates; uncertainty 1.0\xa0%" in fact(results, "Unused test").note
+    done = [v for v in results["validation"] if v["state"] == "done"]
+    for v in done:
+        v["numerical_error"] = [0.13]  # of the simulation: 10 %
+    assert fact(results, "Unused test").value == "predicted" and fact(results, "Unused test").mark == "good"
+    assert "Yes: force_8mm" in page(results) and "of measurement and computation together is 10 %" in page(results)
+    done[-1]["predicted"] = [1.8]
+    assert fact(results, "Unused test").value == "by some only" and "Yes and no: force_8mm" in page(results)
+    for v in done:
+        v.update(sigma=[None], numerical_error=[])
+    assert fact(results, "Unused test").value == "compared" and "no known uncertainty" in page(results)
+
+
+def test_residuals_are_measured_less_simulated(monkeypatch):
+    results, drawn = complete(), []
+    best = next(c for s in results["searches"] for c in s["candidates"] if c["name"] == results["best"]["candidate"])
+    best["curves"]["middle_point"]["value"] = [0.0] * len(best["curves"]["middle_point"]["depth"])
+    plot = matplotlib.axes.Axes.plot
+    monkeypatch.setattr(matplotlib.axes.Axes, "plot", lambda self, *a, **k: drawn.append((a, k)) or plot(self, *a, **k))
+    said = []
+    label = matplotlib.axes.Axes.set_ylabel
+    monkeypatch.setattr(matplotlib.axes.Axes, "set_ylabel", lambda self, t, **k: said.append(t) or label(self, t, **k))
+    draw(results, "curve-0")
+    assert any("measured −" in t for t in said)
+    last = drawn[-1][0]
+    assert last[1].max() > 0 and last[1].min() >= 0  # nothing is simulated: all of the force is left
