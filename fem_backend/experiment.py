@@ -15,7 +15,7 @@ from typing import Any
 from fem_backend import meshing
 from fem_backend.geometry import Ellipsoid
 from fem_backend.stepping import Control
-from rso.contract import knob
+from rso.contract import finite, knob
 
 LIMIT = "limit"  # the mesh level whose forces are extrapolated, see fem_backend.nested
 LARGEST = 70  # semi-axis over the radius of the ball: of one three times as large fTetWild makes no sound mesh
@@ -45,12 +45,13 @@ class Knobs:
         typical=4e-4,
         plausible=(0.01, 0.4),
         cause="strain stiffening",
+        label="stiffening (Yeoh)",
     )
     C30: float = knob(
         "Yeoh C30, strain stiffening", "MPa", -1e3, 1e3, neutral=0.0, group="yeoh", typical=5e-5, plausible=(0.0, 0.04)
     )
     alpha: float = knob("Ogden exponent (one term)", "1", -30.0, 30.0, neutral=2.0, typical=5.0, plausible=(0.8, 12.0),
-                        cause="strain stiffening")  # fmt: skip
+                        cause="strain stiffening", label="stiffening (Ogden)")  # fmt: skip
     prony_g: float = knob(
         "relaxing share of the shear modulus, first term",
         "1",
@@ -60,6 +61,7 @@ class Knobs:
         group="prony",
         typical=0.2,
         plausible=(0.03, 0.6),
+        label="relaxation",
     )
     prony_tau: float = knob(
         "relaxation time, first term", "s", 1e-9, 1e9, default=5.0, group="prony", typical=5.0, plausible=(0.3, 100.0)
@@ -79,13 +81,22 @@ class Knobs:
         group="mullins",
         typical=0.2,
         plausible=(0.03, 0.6),
+        label="Mullins softening",
     )
     mullins_m: float = knob(
         "energy scale m of the softening over mu", "1", 1e-4, 1e3, default=0.1, group="mullins", plausible=(0.02, 0.5)
     )
     mullins_beta: float = knob("energy slope beta of the softening", "1", 0.0, 10.0, default=0.5, group="mullins")
     fibre: float = knob(
-        "fibre modulus k1", "MPa", 0.0, 1e3, neutral=0.0, group="fibre", typical=5e-3, plausible=(0.05, 3.0)
+        "fibre modulus k1",
+        "MPa",
+        0.0,
+        1e3,
+        neutral=0.0,
+        group="fibre",
+        typical=5e-3,
+        plausible=(0.05, 3.0),
+        label="fibres",
     )
     fibre_k2: float = knob("fibre stiffening exponent k2", "1", 0.0, 100.0, default=0.0, group="fibre")
     fibre_angle: float = knob(
@@ -99,13 +110,34 @@ class Knobs:
     )
     # body
     delta_a: float = knob(
-        "error of the major semi-axis (x)", "mm", -1e3, 1e3, neutral=0.0, typical=1.0, plausible=(-4.0, 4.0)
+        "error of the major semi-axis (x)",
+        "mm",
+        -1e3,
+        1e3,
+        neutral=0.0,
+        typical=1.0,
+        plausible=(-4.0, 4.0),
+        label="wrong semi-axis a",
     )
     delta_b: float = knob(
-        "error of the minor semi-axis (y)", "mm", -1e3, 1e3, neutral=0.0, typical=1.0, plausible=(-3.0, 3.0)
+        "error of the minor semi-axis (y)",
+        "mm",
+        -1e3,
+        1e3,
+        neutral=0.0,
+        typical=1.0,
+        plausible=(-3.0, 3.0),
+        label="wrong semi-axis b",
     )
     delta_c: float = knob(
-        "error of the vertical semi-axis (z)", "mm", -1e3, 1e3, neutral=0.0, typical=1.0, plausible=(-3.0, 3.0)
+        "error of the vertical semi-axis (z)",
+        "mm",
+        -1e3,
+        1e3,
+        neutral=0.0,
+        typical=1.0,
+        plausible=(-3.0, 3.0),
+        label="wrong semi-axis c",
     )
     skin_ratio: float = knob(
         "stiffness of the skin over that of the core",
@@ -116,6 +148,7 @@ class Knobs:
         group="skin",
         typical=2.0,
         plausible=(0.2, 5.0),
+        label="skin",
     )
     skin_thickness: float = knob(
         "thickness of the skin", "mm", 0.0, 1e3, default=0.5, group="skin", typical=0.5, plausible=(0.25, 2.0)
@@ -129,6 +162,7 @@ class Knobs:
         group="inclusion",
         typical=5.0,
         plausible=(0.1, 20.0),
+        label="inclusion",
     )
     inclusion_radius: float = knob("radius of the inclusion", "mm", 0.0, 1e3, default=5.0, group="inclusion")
     inclusion_x: float = knob(
@@ -152,16 +186,39 @@ class Knobs:
         neutral=0.0,
         typical=1.0,
         plausible=(0.3, 1.5),
+        label="cavity",
     )
     weight: float = knob(
-        "specific weight, density times g", "N/mm^3", 0.0, 1e-2, neutral=0.0, typical=1e-5, plausible=(1e-4, 4e-3)
+        "specific weight, density times g",
+        "N/mm^3",
+        0.0,
+        1e-2,
+        neutral=0.0,
+        typical=1e-5,
+        plausible=(1e-4, 4e-3),
+        label="weight",
     )
     # contact and boundary
     friction: float = knob(
-        "Coulomb friction between indenter and body", "1", 0.0, 5.0, neutral=0.0, typical=0.3, plausible=(0.03, 1.0)
+        "Coulomb friction between indenter and body",
+        "1",
+        0.0,
+        5.0,
+        neutral=0.0,
+        typical=0.3,
+        plausible=(0.03, 1.0),
+        label="friction under the ball",
     )
     adhesion: float = knob(
-        "work of adhesion", "N/mm", 0.0, 1e3, neutral=0.0, group="adhesion", typical=1e-4, plausible=(1e-3, 0.2)
+        "work of adhesion",
+        "N/mm",
+        0.0,
+        1e3,
+        neutral=0.0,
+        group="adhesion",
+        typical=1e-4,
+        plausible=(1e-3, 0.2),
+        label="adhesion",
     )
     adhesion_range: float = knob("range of the attraction", "mm", 1e-9, 1e3, default=0.2, group="adhesion")
     bowl_clearance: float = knob(
@@ -174,13 +231,22 @@ class Knobs:
         scope="mounting",
         typical=1.0,
         plausible=(0.2, 4.0),
+        label="clearance of the bowl",
     )
     bowl_friction: float = knob(
         # from where it slides under most loads to where it sticks
-        "Coulomb friction between bowl and body", "1", 0.0, 5.0, default=0.2, group="bowl", plausible=(0.1, 0.4)
+        "Coulomb friction between bowl and body", "1", 0.0, 5.0, default=0.2, group="bowl", plausible=(0.1, 0.4),
+        label="friction in the bowl"
     )  # fmt: skip
     delta_R: float = knob(
-        "error of the indenter radius", "mm", -100.0, 100.0, neutral=0.0, typical=0.05, plausible=(-0.3, 0.3)
+        "error of the indenter radius",
+        "mm",
+        -100.0,
+        100.0,
+        neutral=0.0,
+        typical=0.05,
+        plausible=(-0.3, 0.3),
+        label="wrong ball radius",
     )
     offset_x: float = knob(
         "misalignment of the indenter in x",
@@ -191,6 +257,7 @@ class Knobs:
         scope="place",
         typical=0.5,
         plausible=(-2.0, 2.0),
+        label="misalignment in x",
     )
     offset_y: float = knob(
         "misalignment of the indenter in y",
@@ -201,12 +268,29 @@ class Knobs:
         scope="place",
         typical=0.5,
         plausible=(-2.0, 2.0),
+        label="misalignment in y",
     )
     tilt_x: float = knob(
-        "specimen turned about x", "deg", -20.0, 20.0, neutral=0.0, scope="mounting", typical=2.0, plausible=(-6.0, 6.0)
+        "specimen turned about x",
+        "deg",
+        -20.0,
+        20.0,
+        neutral=0.0,
+        scope="mounting",
+        typical=2.0,
+        plausible=(-6.0, 6.0),
+        label="tilt about x",
     )
     tilt_y: float = knob(
-        "specimen turned about y", "deg", -20.0, 20.0, neutral=0.0, scope="mounting", typical=2.0, plausible=(-6.0, 6.0)
+        "specimen turned about y",
+        "deg",
+        -20.0,
+        20.0,
+        neutral=0.0,
+        scope="mounting",
+        typical=2.0,
+        plausible=(-6.0, 6.0),
+        label="tilt about y",
     )
 
 
@@ -406,8 +490,7 @@ def _speed(value: object) -> None:
     if isinstance(value, str):
         written = re.fullmatch(r"\s*(\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)\s*mm/(?:s|min)\s*", value)
     number = float(written[1]) if written else value
-    good = isinstance(number, int | float) and not isinstance(number, bool) and 0 < number < math.inf
-    if not good:
+    if not finite(number) or number <= 0:
         raise ValueError(f'speed = {value!r}: a positive speed such as "30 mm/min", or a number in mm/s')
 
 
@@ -443,7 +526,7 @@ def _flag(name: str, value: object) -> bool:
 
 def _numbers(name: str, value: object, count: int) -> list[float]:
     good = isinstance(value, list | tuple) and len(value) == count
-    if not good or not all(isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in value):
+    if not good or not all(map(finite, value)):
         text = any(isinstance(v, str) for v in value) if good else isinstance(value, str)
         plain = ", without quotes and units: lengths are in mm" if text else ""
         shown = value[0] if good and count == 1 else value

@@ -56,13 +56,14 @@ class Parameter:
     scope: Scope = "study"
     plausible: tuple[float, float] | None = None
     cause: str = ""
+    label: str = ""
 
     def check(self, value: float) -> float:
         """Return `value` as a float, or raise ValueError naming knob, value, unit and bounds."""
         x = number(self.name, value)
         if not (math.isfinite(x) and self.low <= x <= self.high):
             raise ValueError(
-                f"{self.name} = {value} {self.unit} is outside its hard bounds "
+                f"{self.name} = {x} {self.unit} is outside its hard bounds "
                 f"[{self.low:g}, {self.high:g}] {self.unit} ({self.description})"
             )
         return x
@@ -73,7 +74,18 @@ def number(name: str, value: Any) -> float:
     good = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
     if not good:
         raise ValueError(f"{name} = {value!r}: a number is expected")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:  # a whole number of more than 308 digits
+        raise ValueError(f"{name} = {str(value)[:20]}… is too large for a number") from None
+
+
+def finite(value: Any) -> bool:
+    """Whether it is a number (no truth value, no text) that is finite as a float: whole ones may be too large."""
+    try:
+        return math.isfinite(number("value", value))
+    except ValueError:
+        return False
 
 
 def knob(
@@ -89,16 +101,17 @@ def knob(
     scope: Scope = "study",
     plausible: tuple[float, float] | None = None,
     cause: str = "",
+    label: str = "",
 ) -> Any:
     """Declare one knob as a dataclass field; an effect gives `neutral`, which is then also its default.
 
     `plausible` is the range one meets in practice: the prior of a diagnosis, neither hard bounds nor a design's box.
     Effects of one `cause` are forms of the same thing (two laws of strain stiffening).  `scope` is what shares a value:
-    all tests, those of a mounting, those at a place, or none (each curve its own).
+    all tests, those of a mounting, those at a place, or none (each curve its own).  `label` is what reports call it.
     """
     start = neutral if default is None else default
     declared = Parameter("", description, unit, low, high, start, neutral, group, typical, scope, plausible,
-                         cause)  # fmt: skip
+                         cause, label)  # fmt: skip
     metadata = {"parameter": declared}
     return field(metadata=metadata) if start is None else field(default=start, metadata=metadata)
 

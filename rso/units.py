@@ -32,6 +32,11 @@ COLUMNS = MappingProxyType(
     }
 )
 BARE_COLUMNS = ("repeat", "segment")
+LADDERS = {
+    "MPa": (("MPa", 1.0), ("kPa", 1e3), ("Pa", 1e6)),
+    "N": (("N", 1.0), ("mN", 1e3)),
+    "mm": (("mm", 1.0), ("µm", 1e3)),
+}
 COLUMN_NAMES = (*COLUMNS, *(f"{name}_sigma" for name in COLUMNS), *BARE_COLUMNS)
 UNITS = MappingProxyType({"mm": "mm, um, m, inch", "s": "s, ms, min", "N": "N, mN, kN, gf, lbf"})  # of each kind, some
 WEIGHTS = MappingProxyType({"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"})  # masses where only a force can be
@@ -162,6 +167,12 @@ def quantity(value: str | float, unit: str) -> float:
         raise ValueError(f"{value!r} is not finite; {expected}") from error
     except ValueError as error:
         raise ValueError(f"{value!r}: {error}; {expected}") from error
+
+
+def people(unit: str, size: float) -> tuple[str, float]:
+    """The unit that people use for a quantity of this size, and the factor to it: 0.014 MPa is 14 kPa."""
+    ladder = LADDERS.get(unit, ((unit, 1.0),))
+    return next(((label, k) for label, k in ladder if abs(size) * k >= 0.1), ladder[-1]) if size else ladder[0]
 
 
 def header(text: str) -> tuple[str, str]:

@@ -82,7 +82,7 @@ class Effect:
 
     `family` is 'model' (the backend computes it), 'measurement' (the chain; costs no simulation) or 'scatter' (a knob
     of the chain that every curve has for itself: its size is a standard deviation).  `place` holds the settings of the
-    only place where it acts; None: it acts everywhere.
+    only place where it acts; None: it acts everywhere.  `label` is what reports call it.
     """
 
     name: str
@@ -94,6 +94,7 @@ class Effect:
     cause: str = ""
     scope: Scope = "study"
     place: Mapping[str, Any] | None = None
+    label: str = ""
 
     @property
     def measured(self) -> bool:
@@ -149,10 +150,10 @@ def catalogue(
         if members:
             effects.append(Effect(members[0].name, f"{name}: {members[0].description}", "model",
                                   _size(members[0], None), tuple(_size(p, None) for p in members[1:]),
-                                  variant["settings"]))  # fmt: skip
+                                  variant["settings"], label=variant["description"]))  # fmt: skip
         else:
             effects.append(Effect(name, variant["description"], "model", Size(name, variant["description"], "1", 0, 1,
-                                  None), (), variant["settings"]))  # fmt: skip
+                                  None), (), variant["settings"], label=variant["description"]))  # fmt: skip
     return (*effects, *_grouped(parameters_of(Chain), {}, {}, "measurement"), *_scatter())
 
 
@@ -207,7 +208,8 @@ def localised(effects: Sequence[Effect], places: Mapping[str, Mapping[str, Any]]
                 low, high = (middle + ASTRAY * (v - middle) for v in (size.low, size.high))
                 size = replace(size, low=low, high=high)
             found.append(replace(e, name=f"{e.name} at {label}", description=f"{e.description}, at {label} alone",
-                                 size=size, cause=f"{e.source} at one place", place=place))  # fmt: skip
+                                 size=size, cause=f"{e.source} at one place", place=place,
+                                 label=f"{e.label or e.name} at {label}"))  # fmt: skip
     return tuple(found)
 
 
@@ -218,7 +220,8 @@ def _scatter() -> list[Effect]:
         if p.scope in ("mounting", "curve") and p.plausible is not None:
             high = max(abs(v - p.neutral) for v in p.plausible)
             size = Size(p.name, f"{p.description}, each curve its own", p.unit, 0.1 * high, high, 0.0)
-            found.append(Effect(f"{p.name}_each", size.description, "scatter", size, cause=p.name))
+            label = f"{p.label or p.name} of each curve"
+            found.append(Effect(f"{p.name}_each", size.description, "scatter", size, cause=p.name, label=label))
     return found
 
 
@@ -238,7 +241,8 @@ def _grouped(
         if group in found and p.name in nominal:
             group = p.name
         if group not in found and neutral is not None:
-            found[group] = Effect(p.name, p.description, family, _size(p, neutral), cause=p.cause, scope=p.scope)
+            found[group] = Effect(p.name, p.description, family, _size(p, neutral), cause=p.cause, scope=p.scope,
+                                  label=p.label)  # fmt: skip
         elif group in found and p.name not in fixed:
             e = found[group]
             found[group] = replace(e, shape=(*e.shape, _size(p, None)))

@@ -54,7 +54,9 @@ class Cause:
 class Diagnosis:
     """Everything that one data set says; `probabilities` are those of all hypotheses given the data.
 
-    `odd` is the experiment that alone has what is unexplained, and how probable that is; None where none is.
+    `odd` is the experiment that alone has what is unexplained, and how probable that is; None where none is.  `taken`
+    (n,) is what gain and contact of each test, as fitted with the chosen hypothesis, add to it, `reading` (n,) the
+    standard deviation of a reading without them.
     """
 
     verdict: str
@@ -82,6 +84,8 @@ class Diagnosis:
     left: float
     remainder: Remainder | None
     odd: tuple[str, float] | None
+    taken: np.ndarray
+    reading: np.ndarray
 
 
 def diagnose(
@@ -144,11 +148,15 @@ def diagnose(
     checks = self_checks(evidence, contest, finalists, y, threshold, null, seed) if verdict != "no_gap" else ()
     fits = {name: shrinkage.predicted(library, h.effects, posts[name], bench.modulus)
             for name, h in {"none": Hypothesis(()), chosen.name: chosen}.items()}  # fmt: skip
+    slope = noise.slope_of(library, fits["none"])
+    tests = noise.of_tests(library.plan, bench.levels, fits["none"], slope)
+    taken = _of_tests(evidence, chosen, tests, y - fits[chosen.name], y)
+    alone = noise.readings(library.plan, bench.levels, slope)
+    scatter = np.sqrt(np.maximum(np.diag(bench.C) - np.diag(tests), alone))  # C was made at an earlier fit
     if chosen != Hypothesis(()):
         Δ = _gap_of(evidence, chosen, fits, y)
-        slope = noise.slope_of(library, fits["none"])
         C = noise.scatter(library.plan, bench.levels, fits["none"], slope)
-        where = localise.shared(where, library.plan, Δ, C, noise.readings(library.plan, bench.levels, slope))
+        where = localise.shared(where, library.plan, Δ, C, alone)
     causes = _causes(evidence, contest, y, posts, verdict, named)
     if odd is not None:  # what the others say
         others = np.setdiff1d(np.arange(len(y)), localise.rows_of(library.plan, odd[0]))
@@ -161,6 +169,7 @@ def diagnose(
         dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
         sensitivity(evidence, contest, finalists, y), where, held, shrunk, checks,
         _parameters(library, posts, chosen), besides, bench, contest, fits, posts, chosen, steps, line, left, rest, odd,
+        taken, scatter,
     )  # fmt: skip
 
 
@@ -256,6 +265,17 @@ def _gap_of(evidence: Evidence, h: Hypothesis, fits: Mapping[str, np.ndarray], y
     L = evidence.best(h.effects, y, h.unexplained, loose=bool(h.effects)).white.L
     C = L @ L.T
     return fits[h.name] - fits["none"] + (C - evidence.bench.C) @ np.linalg.solve(C, y - fits[h.name])
+
+
+def _of_tests(evidence: Evidence, h: Hypothesis, tests: np.ndarray, r: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Posterior mean (n,) of what whole tests are off by, from the residual r (n,) of a hypothesis.
+
+    `tests` (n, n) is its covariance, to which a hypothesis that scatters from curve to curve adds its own.
+    """
+    L = evidence.best(h.effects, y, h.unexplained, loose=bool(h.effects)).white.L
+    C = L @ L.T
+    own = C - evidence.bench.C if any(e.family == "scatter" for e in h.effects) else 0.0
+    return (tests + own) @ np.linalg.solve(C, r)
 
 
 def _beyond(h: Hypothesis, post: Posterior) -> bool:

@@ -302,10 +302,8 @@ def covariance(library: Library, level: Mapping[str, Level], force: np.ndarray, 
 
 def scatter(plan: TestPlan, level: Mapping[str, Level], force: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """What tests and readings scatter by (n, n): readings, gain and contact of each test, the contact of all."""
-    C = np.zeros((plan.n, plan.n))
-    placed = np.zeros(plan.n)
-    rows = plan.rows()
-    for item, c, at in rows:
+    C = of_tests(plan, level, force, slope)
+    for item, c, at in plan.rows():
         if isinstance(item, Profile):
             C[at, at] += np.diag(np.full(at.stop - at.start, level["uz"].white ** 2))
             continue
@@ -314,11 +312,17 @@ def scatter(plan: TestPlan, level: Mapping[str, Level], force: np.ndarray, slope
         if q.correlated:
             on = np.where(item.held, item.speed * item.since, item.depth)  # readings remember each other along time
             C[at, at] += _along(q, on) * (item.branch[:, None] == item.branch)
-        placed[at] = 1.0
+    return C
+
+
+def of_tests(plan: TestPlan, level: Mapping[str, Level], force: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """What whole tests are off by (n, n): gain and contact of each, the contact of all."""
+    C, placed, rows = np.zeros((plan.n, plan.n)), np.zeros(plan.n), plan.rows()
     for item in plan.tests:
         at = _rows_of(rows, item)
         q = level[item.channels[-1]]
         C[at, at] += q.gain**2 * np.outer(force[at], force[at]) + q.contact**2 * np.outer(slope[at], slope[at])
+        placed[at] = 1.0
     contact = max((level[t.channels[-1]].contact for t in plan.tests), default=0.0)
     common = contact * placed * slope  # what all tests take for contact
     return C + np.outer(common, common)

@@ -151,10 +151,14 @@ def _next(library: Library, d: Diagnosis, run: Run | None) -> list[NextTest]:
 
 def residuals(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
     """By test and channel: depth, branch, residual against each fitted model, standard deviation of a reading; readings
-    of a hold for themselves, with the time `since` the indenter came to rest."""
-    y, sd = plan.values(), np.sqrt(np.diag(d.bench.C))
-    return [{**head, "measured": y[k].tolist(), "sd": sd[k].tolist(),
-             "residual": {name: (y - f)[k].tolist() for name, f in d.fits.items()}}
+    of a hold for themselves, with the time `since` the indenter came to rest.
+
+    Gain and contact of each test, as fitted with the chosen hypothesis, are taken out of every residual.
+    """
+    y = plan.values()
+    left = {name: y - f - d.taken for name, f in d.fits.items()}
+    return [{**head, "measured": y[k].tolist(), "sd": d.reading[k].tolist(),
+             "residual": {name: r[k].tolist() for name, r in left.items()}}
             for head, k in _parts(plan)]  # fmt: skip
 
 
@@ -215,6 +219,6 @@ def _experiment(e: Any) -> dict[str, Any]:
 
 
 def _effect(e: Effect) -> dict[str, Any]:
-    return {"name": e.name, "description": e.description, "family": e.family, "unit": e.size.unit,
-            "neutral": e.size.neutral, "low": e.size.low, "high": e.size.high, "source": e.source,
+    return {"name": e.name, "label": e.label or e.name, "description": e.description, "family": e.family,
+            "unit": e.size.unit, "neutral": e.size.neutral, "low": e.size.low, "high": e.size.high, "source": e.source,
             "shape": [s.name for s in e.shape], "one_place": e.place is not None}  # fmt: skip

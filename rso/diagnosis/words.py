@@ -6,21 +6,24 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rso.diagnosis.noise import UNLIKE
+from rso.units import people
 
 HALF = 0.5  # of the gap on curves left out: less is no confirmation
 LEAST = -10.0  # times the gap: what is opened more widely need not be counted
 NEAR = 0.02  # of a range, in ln: a median that near to its end is pressed against it
 DOUBT = 0.05  # probability of no gap above which it is said beside causes that cannot be told apart
 WORTH_SAYING = 0.1  # share of the gap from which a place is named
+LOUD = 1.1  # times the noise: a misfit that is said to be larger than it
+ONE_CURVE = 0.9  # share of what exceeds the floor from which a single curve is said to hold it
 MOST = 0.7  # of what curves have each for itself (of the sum of squares): one that holds as much is named
 
 
 def words(found: Mapping[str, Any]) -> list[str]:
     """Sentences from the plain data of a diagnosis; no number is computed here."""
     d = found["diagnosis"]
-    out = [_gap(d), *_unlike(found), *_jumps(d), *_hum(d)]
+    out = [_gap(d, found), *_unlike(found), *_jumps(d), *_hum(d)]
     if d["verdict"] != "no_gap":
-        out += [_where(d), _cause(d, found) + _single(d) + _remainder(d)]
+        out += [_where(d, found), _cause(d, found) + _single(d, found) + _remainder(d, found)]
     if (closed := _shrinkage(d, found)) is not None:
         out.append(closed + _alone(d, found))
     out += _parameters(d, found) + _fixed(found) + _outside(d, found) + _pressed(d, found)
@@ -88,7 +91,13 @@ def _hum(d: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _gap(d: Mapping[str, Any]) -> str:
+def called(found: Mapping[str, Any], name: str) -> str:
+    """What people call an effect, or several joined by +; what is not in the catalogue as it is."""
+    label = {e.get("name"): e.get("label") for e in found.get("effects") or ()}
+    return " + ".join(label.get(part) or part for part in name.split(" + "))
+
+
+def _gap(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     p, g = d["gap"]["p_value"], d["gap"]
     if d["verdict"] != "no_gap" and not g["statistic"] > g["threshold"]:
         by = f"{g['size_over_noise']:.2f} times the noise"
@@ -106,17 +115,28 @@ def _gap(d: Mapping[str, Any]) -> str:
         return f"No gap beyond noise (p = {p:.2g}, misfit {g['size_over_noise']:.2f} times the noise)."
     sign = "<" if p < 0.005 else "="
     size = f"misfit {g['size_over_noise']:.2f} times the noise"
+    if (none := nothing(found)) > DOUBT:
+        large = "" if g["size_over_noise"] > LOUD else ", no more than noise"
+        return f"A gap is possible, not shown: p {sign} {max(p, 0.005):.2g}, {size}{large}; none has {chance(none)}."
     return f"There is a gap beyond noise (p {sign} {max(p, 0.005):.2g}, {size})."
 
 
-def _where(d: Mapping[str, Any]) -> str:
+def nothing(found: Mapping[str, Any]) -> float:
+    """Probability of no gap beside an ambiguous verdict; 0 beside others, which a test of the null has decided."""
+    ambiguous = (found.get("diagnosis") or {}).get("verdict") == "ambiguous"
+    p = (found.get("probabilities") or {}).get("none")
+    return float(p) if ambiguous and isinstance(p, int | float) else 0.0
+
+
+def _where(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     held = {(r["experiment"], r["channel"]): r["share"] for r in d["where"] if r["share"] >= WORTH_SAYING}
     shares = [f"{100 * v:.0f} % of the gap in {e} {c}" for (e, c), v in list(held.items())[:3]]
-    lies = f"Where: {', '.join(shares)}. " if shares else ""
+    several = sum(len(e["channels"]) for e in found["experiments"]) > 1
+    lies = f"Where: {', '.join(shares)}. " if shares and several else ""
     clear = sorted((r for r in d["where"] if r["beyond_noise"]), key=lambda r: -abs(r["z"]))[:3]
     if not clear:
         each = any(c["family"] == "scatter" for c in d["causes"][:1])
-        spread = "one of single curves" if each else "one of shape, spread over the curves"
+        spread = "one of single curves" if each and several else "one of shape, spread over the depth"
         return lies + f"No single region stands out; the gap is {spread}."
     percent = [f"{100 * r['amplitude']:+.1f} ± {100 * r['amplitude_sd']:.1f} %{_of(r)}" for r in clear]
     each = [f"{r['experiment']} {r['channel']} {r['region']} ({v})" for r, v in zip(clear, percent, strict=True)]
@@ -152,7 +172,10 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         return f"Cause: none in the catalogue reproduces it, or none predicts curves it was not fitted to.{_odd(found)}"
     first = causes[0]
     text = {e["name"]: e["description"] for e in found["effects"]}
-    each = ", ".join(f"{c['effect']} ({chance(c['probability'])})" for c in causes)
+    unseen = hidden(d, found)
+    doubt = [", hardly to be seen here" if c.get("cause") in unseen else "" for c in causes]
+    each = ", ".join(f"{called(found, c['effect'])} ({chance(c['probability'])}{more})"
+                     for c, more in zip(causes, doubt, strict=True))  # fmt: skip
     if v == "ambiguous":
         if len(causes) == 1 and first.get("like_a_modulus"):
             return (
@@ -162,7 +185,7 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
             )
         if len(causes) == 1:
             return f"Cause: {text[first['effect']]}, or something that is not in the catalogue: {each}."
-        return f"Cause: cannot be told apart with these data: {each}, given a gap.{_none(found)}"
+        return f"Cause, if there is a gap: cannot be told apart with these data: {each}."
     if v == "partly" and d["ambiguous_with"]:
         return f"Part of it, not all, looks like one of these, which cannot be told apart: {each}."
     if v == "partly" and len(d["chosen"]) == 2:
@@ -198,7 +221,7 @@ def _unconfirmed(effect: str, found: Mapping[str, Any]) -> str:
     return f" Only {', '.join(own)} can show it: no other experiment confirms it."
 
 
-def _single(d: Mapping[str, Any]) -> str:
+def _single(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     """The one curve that has most of what every curve has for itself, where there is one."""
     out = ""
     for c in d["causes"]:
@@ -212,24 +235,19 @@ def _single(d: Mapping[str, Any]) -> str:
         unit = "" if c["unit"] in ("1", "-") else f" {c['unit']}"
         curve = " ".join(v for v in (first["experiment"], first["label"]) if v)
         size = f"{first['value']:+.2g} ± {first['sd']:.1g}{unit}"
-        out += f" Nearly all of {c['effect']} is in one curve, {curve}: {size}."
+        out += f" Nearly all of it ({called(found, c['effect'])}) is in one curve, {curve}: {size}."
     return out
 
 
-def _none(found: Mapping[str, Any]) -> str:
-    """How probable no gap is, where that is worth saying beside causes that cannot be told apart."""
-    p = (found.get("probabilities") or {}).get("none", 0.0)
-    return f" That there is none has {chance(p)}." if p > DOUBT else ""
-
-
-def _remainder(d: Mapping[str, Any]) -> str:
+def _remainder(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     """What the likeliest cause leaves, where that is more than noise."""
     r = d.get("remainder") or {}
     if not r.get("there") or d["verdict"] != "partly":
         return ""
+    of, like = called(found, r["of"]), called(found, r["looks_like"] or "nothing known")
     return (
-        f" What {r['of']} alone leaves is more than noise: it looks most like {r['looks_like']} (score "
-        f"{r['score']:.1f}; of data simulated from {r['of']} about 1 % exceed {r['threshold']:.1f})."
+        f" What {of} alone leaves is more than noise: it looks most like {like} (score {r['score']:.1f}; where {of} is "
+        f"all that there is about 1 % exceed {r['threshold']:.1f})."
     )
 
 
@@ -243,34 +261,55 @@ def _shrinkage(d: Mapping[str, Any], found: Mapping[str, Any]) -> str | None:
     if not d["chosen"]:  # nothing was added
         text += " (noise floor 1)"
     else:
-        text += f", {s['with_cause']:.2f} with the cause (noise floor 1){_otherwise(d)}"
+        text += f", {s['with_cause']:.2f} with the cause (noise floor 1){_otherwise(d, found)}"
     if s["closed"] is None:
         return text + "; before is not clearly above the floor, so no share is printed."
     text += f": {100 * s['closed']:z.0f} % closed"
     most, validated = s["closed"] if s["interval"] is None else s["interval"][1], "validate" in s["how"]
-    text += " (one curve: no interval)." if s["interval"] is None else f" (90 %: {percents(s['interval'])} %)."
+    if (lone := in_one_curve(s)) is not None:
+        text += f" (nearly all of it in {lone[0]} alone: no interval over curves)."
+    else:
+        text += " (one curve: no interval)." if s["interval"] is None else f" (90 %: {percents(s['interval'])} %)."
     if d["chosen"] and validated and most < HALF:
         text += " What is named leaves most of the gap of curves that had no say: it is not all, or not it."
     return text
 
 
-def _otherwise(d: Mapping[str, Any]) -> str:
+def in_one_curve(s: Mapping[str, Any]) -> tuple[str, float] | None:
+    """The one of several held-out curves that holds nearly all of what exceeds the floor, and its share."""
+    over = {str(c.get("curve")): max((c.get("before") or 0.0) - 1.0, 0.0) for c in s.get("curves") or ()}
+    total = sum(over.values())
+    if len(over) < 2 or not total > 0:
+        return None
+    name = max(over, key=lambda k: over[k])
+    return (name, over[name] / total) if over[name] >= ONE_CURVE * total else None
+
+
+def _otherwise(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     """Curves without which another cause, or none, would have been chosen."""
     chosen, curves = set(d["chosen"]), d["shrinkage"]["curves"]
-    other = {c["curve"]: " + ".join(c["cause"]) or "none" for c in curves if set(c.get("cause", chosen)) != chosen}
+    other = {c["curve"]: called(found, " + ".join(c["cause"])) or "none"
+             for c in curves if set(c.get("cause", chosen)) != chosen}  # fmt: skip
     each = ", ".join(f"{v} without {k}" for k, v in other.items())
     return f"; the cause would be {each}" if each else ""
 
 
 def _values(values: Mapping[str, float], found: Mapping[str, Any]) -> str:
     """Parameters with their units."""
-    units = found.get("units", {})
-    return ", ".join(f"{k} = {v:.4g} {units.get(k, '')}".removesuffix(" 1").rstrip() for k, v in values.items())
+    return ", ".join(f"{k} = {_amounts(found, k, v)}" for k, v in values.items())
+
+
+def _amounts(found: Mapping[str, Any], k: str, *values: float, digits: int = 4) -> str:
+    """Values of a parameter in the unit of people, that of the first; the others are the ends of its interval."""
+    unit, factor = people(found.get("units", {}).get(k, ""), values[0])
+    first, *ends = (f"{v * factor:.{digits}g}" for v in values)
+    unit = "" if unit in ("1", "-", "") else f" {unit}"
+    return f"{first}{unit} (90 % {' to '.join(ends)})" if ends else f"{first}{unit}"
 
 
 def _alone(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     """What a share closed cannot say of a cause that one place, or every curve, has for itself alone."""
-    if any(c["family"] == "scatter" for c in d["causes"][:1]):
+    if any(c["family"] == "scatter" for c in d["causes"][:1]) and len(d["shrinkage"]["curves"]) > 1:
         return " What every curve has for itself no other can predict: on curves left out the share says nothing."
     one_place = {e["name"] for e in found["effects"] if e.get("one_place")}
     if not any(c["effect"] in one_place for c in d["causes"][:1]):
@@ -290,31 +329,35 @@ def percents(interval: Sequence[float]) -> str:
 
 
 def _parameters(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
-    before, after = d["parameters"]["before"], d["parameters"]["after"]
-    odd = d.get("odd")
-    if not before:
-        return []
-    k = next(iter(before))
-    was, now = ([f"{p[k][v]:.4g}" for v in ("median", "low", "high")] for p in (before, after))
-    unit = found.get("units", {}).get(k, "")
+    return [_parameter(d, found, k) + beyond(d, found, k) for k in d["parameters"]["before"]]
+
+
+def _parameter(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:
+    """A base parameter without and with what was found."""
+    each = [[d["parameters"][when][k][v] for v in ("median", "low", "high")] for when in ("before", "after")]
+    # digits that its interval allows, one more than those of the half-width
+    digits = [3 if high - low > 0.1 * abs(mid) else 4 for mid, low, high in each]
+    was, now = (_amounts(found, k, *v, digits=n) for v, n in zip(each, digits, strict=True))
+    alone = _amounts(found, k, each[0][0], digits=digits[0])
     if d["verdict"] == "no_gap":
-        text = f"{k} is {now[0]} {unit} (90 % {now[1]} to {now[2]}) if nothing is missing."
-    elif odd:
-        text = f"By all but {odd['experiment']} {k} is {now[0]} {unit} (90 % {now[1]} to {now[2]}), with it {was[0]}."
-    elif d["verdict"] == "unexplained":
-        text = f"{k} is {now[0]} {unit} (90 % {now[1]} to {now[2]}) beside what is unexplained, without it {was[0]}."
-    else:
-        text = f"{k} moves from {was[0]} {unit} (90 % {was[1]} to {was[2]}) to {now[0]} {unit} ({now[1]} to {now[2]})."
-    return [text + beyond(d, k, unit)]
+        return f"{k} is {now} if nothing is missing."
+    if d.get("odd"):
+        return f"By all but {d['odd']['experiment']} {k} is {now}, with it {alone}."
+    if d["verdict"] == "unexplained":
+        return f"{k} is {now} beside what is unexplained, without it {alone}."
+    return f"{k} stays at {now}." if was == now else f"{k} moves from {was} to {now}."
 
 
-def beyond(d: Mapping[str, Any], k: str, unit: str) -> str:
+def beyond(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:
     """What effects that the data neither show nor exclude could make of a parameter."""
     r = (d.get("reach") or {}).get(k)
     if not r or not (r["low_with"] or r["high_with"]):
         return ""
-    low, high = (f"{r[v]:.4g}" + (f" (with {r[v + '_with']})" if r[v + "_with"] else "") for v in ("low", "high"))
-    return f" With effects that the data neither show nor exclude it could be anything from {low} to {high} {unit}."
+    unit, factor = people(found.get("units", {}).get(k, ""), r["high"])
+    unit = "" if unit in ("1", "-", "") else f" {unit}"
+    low, high = (f"{r[v] * factor:.3g}{unit}" + (f" (with {called(found, r[v + '_with'])})" if r[v + "_with"] else "")
+                 for v in ("low", "high"))  # fmt: skip
+    return f" With effects that the data neither show nor exclude it could be anything from {low} to {high}."
 
 
 def _fixed(found: Mapping[str, Any]) -> list[str]:
@@ -328,11 +371,12 @@ def _outside(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
     now = d["parameters"]["after"].get(m.get("name"))
     if now is None or (m["low"] <= now["high"] and now["low"] <= m["high"]):
         return []
-    unit, way = found.get("units", {}).get(m["name"], ""), "stiffer" if now["low"] > m["high"] else "softer"
-    low, mid, high = (f"{now[k]:.4g}" for k in ("low", "median", "high"))
+    way = "stiffer" if now["low"] > m["high"] else "softer"
+    mine = _amounts(found, m["name"], *(now[k] for k in ("median", "low", "high")))
+    low, high = (_amounts(found, m["name"], m[k]) for k in ("low", "high"))
     return [
-        f"{m['name']} = {mid} {unit} (90 % {low} to {high}) lies outside the range of the study, {m['low']:.4g} to "
-        f"{m['high']:.4g} {unit}: look at that range, or at what makes the whole body {way}."
+        f"{m['name']} = {mine} lies outside the range of the study, {low} to {high}: look at that range, or at what "
+        f"makes the whole body {way}."
     ]
 
 
@@ -345,23 +389,31 @@ def _pressed(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
             continue
         up = now["median"] >= high / near or (now["high"] >= high / near and now["low"] > middle)
         if up or now["median"] <= low * near or (now["low"] <= low * near and now["high"] < middle):
-            unit = found.get("units", {}).get(k, "")
+            ends = " to ".join(_amounts(found, k, v) for v in (low, high))
             out.append(
-                f"{k} is pressed against the end of its range in the study, {low:.4g} to {high:.4g} {unit}: what data "
-                "want beyond it may look like a cause."
+                f"{k} is pressed against the end of its range in the study, {ends}: what data want beyond it may look "
+                "like a cause."
             )
     return out
 
 
 def _checks(found: Mapping[str, Any]) -> str | None:
-    each = [f"{c['hypothesis']}: {100 * c['returned']:.0f} %" for c in found["checks"]]
-    return "Simulated through the same contest, this comes back as itself: " + ", ".join(each) + "." if each else None
+    """How often data simulated from a hypothesis are judged to be of it."""
+    names = ["no gap" if c["hypothesis"] == "none" else called(found, c["hypothesis"]) for c in found["checks"]]
+    each = [f"{n} in {100 * c['returned']:.0f} %" for n, c in zip(names, found["checks"], strict=True)]
+    said = "Data simulated with this noise are recognised by the same contest"
+    return f"{said}: {', '.join(each)}." if each else None
+
+
+def hidden(d: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, str]:
+    """Causes of which no form is visible at any plausible size, each with its first form."""
+    source = {e["name"]: e.get("source") for e in found["effects"]}
+    rows = d.get("detectable") or ()
+    shown = {source[v["effect"]] for v in rows if v["visible"]}
+    first = {source[v["effect"]]: v["effect"] for v in reversed(rows)}
+    return {k: v for k, v in reversed(first.items()) if k not in shown}
 
 
 def _unseen(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
-    """Causes of which no form is visible, each by its first form."""
-    source = {e["name"]: e["source"] for e in found["effects"]}
-    shown = {source[v["effect"]] for v in d["detectable"] if v["visible"]}
-    hidden = {source[v["effect"]]: v["effect"] for v in reversed(d["detectable"]) if source[v["effect"]] not in shown}
-    blind: Sequence[str] = list(hidden.values())[::-1]
+    blind = [called(found, name) for name in hidden(d, found).values()]
     return [f"These data could not have shown, at any plausible size: {', '.join(blind)}."] if blind else []

@@ -35,12 +35,29 @@ class Chain:
         typical=0.05,
         scope="mounting",
         plausible=(-0.4, 0.4),
+        label="contact point",
     )
     compliance: float = knob(  # a specimen that rocks on its seat has one beside its middle alone
-        "load-train compliance", "mm/N", 0.0, 2.0, neutral=0.0, typical=0.1, scope="place", plausible=(0.01, 0.8)
+        "load-train compliance",
+        "mm/N",
+        0.0,
+        2.0,
+        neutral=0.0,
+        typical=0.1,
+        scope="place",
+        plausible=(0.01, 0.8),
+        label="load train gives way",
     )
     gain: float = knob(
-        "gain of the force channel", "1", 0.5, 2.0, neutral=1.0, typical=1.02, scope="curve", plausible=(0.8, 1.25)
+        "gain of the force channel",
+        "1",
+        0.5,
+        2.0,
+        neutral=1.0,
+        typical=1.02,
+        scope="curve",
+        plausible=(0.8, 1.25),
+        label="gain of the cell",
     )
     bias: float = knob(
         "zero error of the force channel",
@@ -51,6 +68,7 @@ class Chain:
         typical=0.005,
         scope="curve",
         plausible=(-0.05, 0.05),
+        label="Fz not tared",
     )
     drift: float = knob(
         "drift of the force channel",
@@ -61,6 +79,7 @@ class Chain:
         typical=0.0005,
         scope="curve",
         plausible=(-0.004, 0.004),
+        label="drift of the force",
     )
     lag: float = knob(
         "delay of the force clock behind the depth clock",
@@ -70,12 +89,27 @@ class Chain:
         neutral=0.0,
         typical=0.1,
         plausible=(-1.0, 1.0),
+        label="clocks apart",
     )
     cross_x: float = knob(
-        "share of Fz that appears in Fx", "1", -0.5, 0.5, neutral=0.0, typical=0.02, plausible=(-0.2, 0.2)
+        "share of Fz that appears in Fx",
+        "1",
+        -0.5,
+        0.5,
+        neutral=0.0,
+        typical=0.02,
+        plausible=(-0.2, 0.2),
+        label="crosstalk Fz to Fx",
     )
     cross_y: float = knob(
-        "share of Fz that appears in Fy", "1", -0.5, 0.5, neutral=0.0, typical=0.02, plausible=(-0.2, 0.2)
+        "share of Fz that appears in Fy",
+        "1",
+        -0.5,
+        0.5,
+        neutral=0.0,
+        typical=0.02,
+        plausible=(-0.2, 0.2),
+        label="crosstalk Fz to Fy",
     )
     lag_filter: float = knob(
         "time constant of the force channel's filter",
@@ -86,6 +120,7 @@ class Chain:
         typical=0.1,
         plausible=(0.01, 1.0),
         cause="lag",
+        label="filter of the force",
     )
 
     backlash: float = knob(  # of either sign: a gauge that sticks shows on the way back what was
@@ -96,6 +131,7 @@ class Chain:
         neutral=0.0,
         typical=0.05,
         plausible=(-0.3, 0.3),
+        label="backlash",
     )
 
     ageing: float = knob(
@@ -106,6 +142,7 @@ class Chain:
         neutral=0.0,
         typical=0.05,
         plausible=(-0.4, 0.4),
+        label="change from test to test",
     )
 
     permanent_set: float = knob(
@@ -116,10 +153,18 @@ class Chain:
         neutral=0.0,
         typical=0.03,
         plausible=(0.005, 0.3),
+        label="permanent set",
     )
 
     depth_scale: float = knob(
-        "error of the depth scale", "1", -0.5, 0.5, neutral=0.0, typical=0.02, plausible=(-0.15, 0.15)
+        "error of the depth scale",
+        "1",
+        -0.5,
+        0.5,
+        neutral=0.0,
+        typical=0.02,
+        plausible=(-0.15, 0.15),
+        label="scale of the depth",
     )
 
     nonlinearity: float = knob(
@@ -130,6 +175,7 @@ class Chain:
         neutral=0.0,
         typical=0.02,
         plausible=(-0.2, 0.2),
+        label="cell not linear",
     )
 
     turn: float = knob(
@@ -140,6 +186,7 @@ class Chain:
         neutral=0.0,
         typical=2.0,
         plausible=(-20.0, 20.0),
+        label="turned sensor",
     )
 
     creep: float = knob(  # a glue, a tape, a soft seat: what gives way with time, not at once
@@ -152,6 +199,7 @@ class Chain:
         typical=0.1,
         plausible=(0.01, 0.8),
         cause="compliance",
+        label="load train creeps",
     )
 
     creep_tau: float = knob(
@@ -167,6 +215,7 @@ class Chain:
         group="bias_side",
         typical=0.005,
         plausible=(-0.05, 0.05),
+        label="Fx, Fy not tared",
     )
 
     bias_angle: float = knob(

@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rso.diagnosis.words import DOUBT, percents, shaped
+from rso.diagnosis.words import DOUBT, called, in_one_curve, nothing, shaped
 from rso.report.canvas import short
-from rso.report.diagnosis_background import background
-from rso.report.diagnosis_figures import draw, drawn_curves, leading
+from rso.report.diagnosis_background import background, byline
+from rso.report.diagnosis_closing import each_its_own, how_much, share_text
+from rso.report.diagnosis_figures import draw, leading
 from rso.report.diagnosis_maps import FIRST, PANELS
 from rso.report.diagnosis_reach import how_sure, in_sight, next_test
 from rso.report.diagnosis_reading import (
-    BASE,
     Found,
     band,
     brief,
@@ -33,13 +33,12 @@ from rso.report.diagnosis_reading import (
     verdict_of,
 )
 from rso.report.diagnosis_signatures import ROWS, colours
-from rso.report.digits import DASH, NBSP, Unit, aligned, clean, known, percent, quantity, significant, symbol
+from rso.report.digits import DASH, NBSP, aligned, clean, known, percent, quantity, significant, symbol
 from rso.report.document import Block, Cell, Fact, Facts, Picture, Report, Section, Table, Text, column, table, words
 from rso.report.page import pictures, pour
 from rso.report.reading import listed, number, pair
 
 FEW = 0.9  # probability of all named causes below which it is said that others hold the rest
-ONE_CURVE = 0.9  # share of what exceeds the floor from which a single curve is said to hold it
 
 _VERDICTS = {
     "no_gap": ("No gap", "The model reproduces these measurements within their noise."),
@@ -65,7 +64,7 @@ def report(found: Found) -> Report:
     return Report(
         clean(found.get("title")) or "Untitled study",
         "Diagnosis: where model and measurement differ, why, and by how much",
-        "",
+        byline(found),
         (
             verdict(found),
             where(found),
@@ -90,7 +89,7 @@ def verdict(found: Found) -> Section:
     else:
         together = set(effects_of(chosen(found) or "")) >= {clean(c.get("effect")) for c in d.get("causes") or ()}
         named = _listing(names if together else names[:1], "and")
-    if _nothing(found) > DOUBT:
+    if nothing(found) > DOUBT:
         text = text.replace("misses", "may miss")
     lead = text.format(named) + _not_settled(found) if text else "There is no verdict."
     if d.get("odd"):
@@ -98,8 +97,15 @@ def verdict(found: Found) -> Section:
         lead = f"{odd} does not agree with the other experiments, and nothing in the catalogue explains it."
     blocks: list[Block] = [Text(lead, "lead" if text else "missing")]
     blocks.append(Facts(tuple(_facts(found))))
-    blocks += [Text(re.sub(r"(?<![\w.])-(?=\d)", "−", clean(w))) for w in listed(found, "words")]
+    blocks += [Text(_in_letters(found, clean(w))) for w in listed(found, "words")]
     return Section("verdict", "Verdict", tuple(blocks))
+
+
+def _in_letters(found: Found, text: str) -> str:
+    """A sentence with minus signs, and with the letters of the base parameters for their names."""
+    for name, _, _ in parameter_bands(found):
+        text = re.sub(rf"(?<![\w./]){re.escape(name)}(?![\w.]*\w)", symbol(name), text)
+    return re.sub(r"(?<![\w.])-(?=\d)", "−", text)
 
 
 def _other(d: Mapping[str, Any]) -> str:
@@ -118,15 +124,9 @@ def _not_settled(found: Found) -> str:
     if total < FEW:
         text += f" Given a gap, these hold {chance(total)} of the probability; the rest is spread over what is less "
         text += "likely."
-    if _nothing(found) > DOUBT:
-        text += f" That there is no gap at all has {chance(_nothing(found))}."
+    if nothing(found) > DOUBT:
+        text += f" That there is no gap at all has {chance(nothing(found))}."
     return text
-
-
-def _nothing(found: Found) -> float:
-    """Probability of no gap beside an ambiguous verdict; 0 beside others, which a test of the null has decided."""
-    p = number((found.get("probabilities") or {}).get(BASE))
-    return p if p is not None and verdict_of(found) == "ambiguous" else 0.0
 
 
 def _listing(names: list[str], word: str) -> str:
@@ -141,23 +141,33 @@ def _facts(found: Found) -> list[Fact]:
     mark = "good" if v in ("no_gap", "explained", "measurement") else "warn"
     facts = [
         Fact("Verdict", _VERDICTS.get(v, (clean(v) or DASH, ""))[0], _policy(d), mark),
-        Fact("p-value of no gap", p_text(g.get("p_value")), "below 0.05 there is a gap"),
+        Fact("p, if there were no gap", p_text(g.get("p_value")), "rare below 0.05"),
         Fact(
             "Misfit over noise", significant(number(g.get("size_over_noise")), 3), "root mean square; 1 is noise alone"
         ),
     ]
+    if nothing(found) > DOUBT:
+        facts.insert(1, Fact("No gap at all", chance(nothing(found)), "of the probability"))
     causes = list(d.get("causes") or ())
     if causes:
-        c = causes[0]
-        facts.append(
-            Fact("Leading cause", short(clean(c.get("effect")), 18), f"probability {chance(c.get('probability'))}")
-        )
-    if known(s.get("closed")) and not _each_its_own(found):
-        low_high = f"; 90{NBSP}%: {_share(s.get('interval'))}" if pair(s.get("interval")) else ""
-        facts.append(Fact("Gap closed", percent(s["closed"]), f"on held-out curves{low_high}"))
+        c, given = causes[0], ", given a gap" if nothing(found) > DOUBT else ""
+        note = f"probability {chance(c.get('probability'))}{given}"
+        facts.append(Fact("Leading cause", short(clean(called(found, str(c.get("effect")))), 26), note))
+    if known(s.get("closed")) and not each_its_own(found):
+        low_high = f"; 90{NBSP}%: {share_text(s.get('interval'))}" if pair(s.get("interval")) else ""
+        lone = in_one_curve(s)
+        over = f"nearly all in {clean(lone[0])} alone" if lone else f"on held-out curves{low_high}"
+        facts.append(Fact("Gap closed", percent(s["closed"]), over))
     if len(facts) > 3 and (check := _check_of(found)):
-        facts.append(Fact("Comes back as itself", percent(check), "of simulated data sets with this cause"))
-    return facts
+        facts.append(Fact("Recognised in trials", percent(check), "of simulated data sets with this cause"))
+    return facts + _parameter_facts(found)
+
+
+def _parameter_facts(found: Found) -> list[Fact]:
+    """The base parameters with what was found."""
+    when = "after" if chosen(found) else "before"
+    rows = [(name, interval(bands[when], unit)) for name, unit, bands in parameter_bands(found) if when in bands]
+    return [Fact(symbol(name), value, f"90{NBSP}%: {ends}") for name, (value, ends) in rows]
 
 
 _POLICY = {
@@ -176,19 +186,9 @@ def _policy(d: Mapping[str, Any]) -> str:
     return "load cell or specimen" if alike else _POLICY.get(clean(d.get("verdict")), "")
 
 
-def _each_its_own(found: Found) -> bool:
-    """Whether the leading cause is what every curve has for itself, which no other curve predicts."""
-    causes = list(core(found).get("causes") or ())
-    return bool(causes) and causes[0].get("family") == "scatter"
-
-
 def _check_of(found: Found) -> float | None:
     checks = [c for c in listed(found, "checks") if effects_of(str(c.get("hypothesis")))]
     return number(checks[0].get("returned")) if checks else None
-
-
-def _share(ends: Any) -> str:
-    return f"{percents(ends)}{NBSP}%".replace("-", "−") if pair(ends) else DASH
 
 
 def where(found: Found) -> Section:
@@ -206,7 +206,7 @@ def where(found: Found) -> Section:
         blocks.append(_regions(found, rows))
     if not any(r.get("beyond_noise") for r in rows):
         text = "No single region stands out beyond noise."
-        spread = "one of shape, spread over the curves" if not _each_its_own(found) else "one of single curves"
+        spread = "one of shape, spread over the curves" if not each_its_own(found) else "one of single curves"
         text += f" The gap is {spread}." if verdict_of(found) not in ("no_gap", "") else ""
         blocks.insert(0, Text(text))
     return Section("where", "Where the gap lies", tuple(blocks) or (Text("There are no residuals.", "missing"),))
@@ -216,9 +216,10 @@ def _residual_caption(found: Found) -> str:
     cause = chosen(found)
     text = "Measured minus model, each model fitted to all curves at once; the strongest region comes first. "
     text += "Dots are readings averaged in bins, lines their mean over five neighbouring bins, and over the repeats "
-    text += "where these have as many. Gain and contact point of each curve are not taken out: the band holds them."
+    text += "where these have as many. Gain and contact point of each curve, as fitted with the cause where there "
+    text += "is one, are taken out; the band is what a reading scatters by and a model may be off by."
     if cause and verdict_of(found) == "unexplained":
-        text += f" Blue: the best of the catalogue ({brief(cause)}), which did not hold."
+        text += f" Blue: the best of the catalogue ({brief(found, cause)}), which did not hold."
     if any(p.profile for p in panels(found)[:PANELS]):
         text += " Of a profile the marks stand side by side at each depth."
     return text
@@ -237,7 +238,7 @@ def _regions(found: Found, rows: list[Mapping[str, Any]]) -> Table:
         column("z", aligned([number(r.get("z")) for r in rows], 3, plus=True)),
         column("off by", aligned(amplitude, 3, plus=True), "%"),
         column("± sd", aligned(error, 2), "%"),
-        column("of the gap", words([f"{100 * r['share']:.0f}" if r.get("share") else DASH for r in rows]), "%"),
+        column("of the gap", words(_shares(rows)), "%"),
         column("", tuple(states), number=False),
     ]
     odd = f", those of {clean(core(found)['odd'].get('experiment'))} left out" if core(found).get("odd") else ""
@@ -254,6 +255,17 @@ def _regions(found: Found, rows: list[Mapping[str, Any]]) -> Table:
     return table("Regions", columns, note)
 
 
+def _shares(rows: list[Mapping[str, Any]]) -> list[str]:
+    """The share of the gap that a channel of an experiment holds, at its first region alone."""
+    seen: set[tuple[object, object]] = set()
+    out = []
+    for r in rows:
+        key = (r.get("experiment"), r.get("channel"))
+        out.append("" if key in seen else f"{100 * r['share']:.0f}" if r.get("share") else DASH)
+        seen.add(key)
+    return out
+
+
 def which(found: Found) -> Section:
     """Section 3: the hypotheses by probability, what they rest on, and their signatures."""
     blocks: list[Block] = []
@@ -263,7 +275,7 @@ def which(found: Found) -> Section:
         blocks.append(Picture("probabilities", _bars_caption(found)))
     causes = list(core(found).get("causes") or ())
     if causes:
-        blocks.append(_causes(causes))
+        blocks.append(_causes(found, causes))
     elif verdict_of(found) != "no_gap":
         blocks.append(Text("No cause of the catalogue is named."))
     if verdict_of(found) != "no_gap":
@@ -274,16 +286,17 @@ def which(found: Found) -> Section:
 
 
 def _bars_caption(found: Found) -> str:
-    text = "Probability of each hypothesis, given these data and the catalogue."
+    text = "Probability of each hypothesis, given these data and the catalogue, no gap among them."
     left = len(found.get("probabilities") or {}) - len(leading(found))
     return text + (f" The {left} after these are smaller still." if left > 0 else "")
 
 
-def _causes(causes: list[Mapping[str, Any]]) -> Table:
-    railed = [clean(c.get("effect")) for c in causes if c.get("railed")]
+def _causes(found: Found, causes: list[Mapping[str, Any]]) -> Table:
+    railed = [clean(called(found, str(c.get("effect")))) for c in causes if c.get("railed")]
     columns = [
-        column("Effect", words([clean(c.get("effect")) for c in causes], "strong"), number=False),
+        column("Effect", words([clean(called(found, str(c.get("effect")))) for c in causes], "strong"), number=False),
         column("What it is", words([clean(c.get("description")) for c in causes]), number=False),
+        column("knob", words([clean(c.get("effect")) for c in causes], "code"), number=False),
         column("probability", words([chance(c.get("probability")) for c in causes])),
         column("size", words([sized(c)[0] for c in causes])),
         column("90 % interval", words([sized(c)[1] for c in causes])),
@@ -291,7 +304,7 @@ def _causes(causes: list[Mapping[str, Any]]) -> Table:
     ]
     note = "Probability, given a gap, of all hypotheses that hold the effect; size: median where it is the cause."
     note += f" At the end of what is plausible or was computed: {', '.join(railed)}." if railed else ""
-    shapes = [f"{clean(c.get('effect'))}{clean(said)}" for c in causes if (said := shaped(c))]
+    shapes = [f"{clean(called(found, str(c.get('effect'))))}{clean(said)}" for c in causes if (said := shaped(c))]
     note += f" Shapes, median and 90 %: {'; '.join(shapes)}." if shapes else ""
     return table("Named causes", columns, note)
 
@@ -305,7 +318,7 @@ def _sensitivity(found: Found) -> Table | None:
     asked = [number(given.get(n)) for n in names]
     rest = [number(given.get(f"{n} + unexplained")) if effects_of(n) else None for n in names]
     both = [None if a is None and b is None else (a or 0.0) + (b or 0.0) for a, b in zip(asked, rest, strict=True)]
-    columns = [column("Hypothesis", words([brief(n) for n in names]), number=False)]
+    columns = [column("Hypothesis", words([brief(found, n) for n in names]), number=False)]
     columns += [
         column("halved", words([chance((data.get("halved") or {}).get(n)) for n in names])),
         column("as stated", words([chance(v) for v in both], "strong")),
@@ -328,7 +341,7 @@ def _held_out(found: Found) -> Table | None:
         total = None if None in values else sum(values)  # type: ignore[arg-type]
         cells = aligned([*values, total], 3, plus=True)
         last = Cell(cells[-1].text, cells[-1].pad, "strong")
-        columns.append(column(brief(n), (*cells[:-1], last)))
+        columns.append(column(brief(found, n), (*cells[:-1], last)))
     note = (
         "Each experiment is predicted from all the others. The number is the log predictive density over that of the "
         "base model: above 0 the effect predicts it better than the base model does, below 0 worse; +3 is 20 to 1."
@@ -338,94 +351,21 @@ def _held_out(found: Found) -> Table | None:
 
 def _signature_caption(found: Found) -> str:
     rows, names, cause = signatures(found), list(colours(found)), chosen(found)
-    each = "each hypothesis adds" if len(names) > 1 else f"{brief(names[0])} adds"
-    lost = [brief(n) for n in names if n not in {clean(c.get("effect")) for c in core(found).get("causes") or ()}
+    each = "each hypothesis adds" if len(names) > 1 else f"{brief(found, names[0])} adds"
+    lost = [brief(found, n) for n in names if n not in {clean(c.get("effect")) for c in core(found).get("causes") or ()}
             and n != cause]  # fmt: skip
     text = f"Left: what {each} to the base model"
     text += f" ({' and '.join(lost)}: not named, for comparison)" if lost and cause else ""
     text += ". Each is fitted to all curves with all its parameters, and so is the "
     text += "base model, so that heights compare and not shapes alone. Right, on the same scale: what the base model "
     if cause in names:
-        text += f"leaves (dots), and what {brief(cause)} adds (line). Where they part, that is left: noise, gain and "
-        text += "contact point of each curve, or a remainder."
+        text += f"leaves (dots), and what {brief(found, cause)} adds (line). Where they part, noise or a remainder "
+        text += "is left."
     elif cause:
-        text += f"leaves. What {brief(cause)} does to each curve for itself has no mean, and so no line."
+        text += f"leaves. What {brief(found, cause)} does to each curve for itself has no mean, and so no line."
     else:
         text += "leaves. None of these hypotheses held."
     return text + (f" The first {ROWS} of {len(rows)} panels are drawn." if len(rows) > ROWS else "")
-
-
-def how_much(found: Found) -> Section:
-    """Section 4: the gap on held-out curves before, after a re-fit, with the cause."""
-    title, s = "How much closes", core(found).get("shrinkage") or {}
-    if not all(known(s.get(k)) for k in ("before", "refit_only", "with_cause")):
-        return Section("how-much", title, (Text("One curve only: nothing is left to test a cause on.", "missing"),))
-    how = clean(s.get("how"))
-    blocks: list[Block] = []
-    if known(s.get("closed")):
-        text = f"{percent(s['closed'])} of what exceeds the noise floor is closed"
-        text += f" (90{NBSP}%: {_share(s.get('interval'))})" if pair(s.get("interval")) else ""
-        own = " What every curve has for itself no other can predict: this share says nothing of it."
-        blocks.append(Text(f"{text}, on curves that took no part in {_part(found)}: {how}."
-                           f"{own if _each_its_own(found) else ''}{_in_one_curve(s)}"))  # fmt: skip
-    else:
-        blocks.append(Text(f"No share is printed: before is not clearly above the noise floor. Held out: {how}."))
-    blocks.append(
-        Picture("shrinkage", "The gap G on held-out curves, in steps. G = 1 is what noise alone leaves (dashed).")
-    )
-    if len(drawn_curves(found)) > 1:
-        blocks.append(Picture("curves", "The same for every held-out curve."))
-    if fitted := s.get("fitted"):
-        units = found.get("units") or {}
-        each = [f"{symbol(k)} = {quantity(number(v), str(units.get(k) or ''))}" for k, v in fitted.items()]
-        blocks.append(Text(f"Before: the base model as the study found it, {', '.join(each)}.", "note"))
-    curves = list(s.get("curves") or ())
-    if curves:
-        blocks.append(_curves(curves, s, chosen(found) is not None))
-    return Section("how-much", title, tuple(blocks))
-
-
-def _part(found: Found) -> str:
-    """What held-out curves took no part in: without those left out in turn the cause is chosen anew."""
-    curves = list((core(found).get("shrinkage") or {}).get("curves") or ())
-    anew = chosen(found) and all("cause" in c for c in curves)
-    if anew or "validate" in {e.get("role") for e in listed(found, "experiments")}:
-        return "finding the cause"
-    return "the fit, though in finding the cause" if chosen(found) else "the fit"
-
-
-def _in_one_curve(s: Mapping[str, Any]) -> str:
-    """That an interval over curves means little where one of them holds the whole gap."""
-    over = {clean(c.get("curve")): max((number(c.get("before")) or 0.0) - 1.0, 0.0) for c in s.get("curves") or ()}
-    total = sum(over.values())
-    if len(over) < 2 or total <= 0:
-        return ""
-    name = max(over, key=lambda k: over[k])
-    if over[name] < ONE_CURVE * total:
-        return ""
-    more = ", and the interval over curves says little" if pair(s.get("interval")) else ""
-    return f" {chance(over[name] / total)} of what exceeds it is in {name} alone: this is a share of one curve{more}."
-
-
-def _curves(curves: list[Mapping[str, Any]], s: Mapping[str, Any], cause: bool) -> Table:
-    names = words([clean(c.get("curve")) for c in curves])
-    columns = [column("Held-out curve", names, number=False)]
-    steps = [("before", "before"), ("refit_only", "re-fitted")] + [("with_cause", "with cause")] * cause
-    for key, text in steps:
-        columns.append(column(f"G {text}", aligned([number(c.get(key)) for c in curves], 3)))
-    units = [Unit("µm", 1e3) if c.get("unit") == "mm" else Unit("mN", 1e3) for c in curves]
-    for k, (_, text) in enumerate(steps):
-        values = [number((list(c.get("rms") or ()) + [None] * 3)[k]) for c in curves]
-        scaled = [None if v is None else v * u.factor for v, u in zip(values, units, strict=True)]
-        columns.append(column(f"rms {text}", aligned(scaled, 3)))
-    columns.append(column("", words([u.label for u in units]), number=False))
-    if cause and len({tuple(c.get("cause") or ()) for c in curves}) > 1:
-        named = [" + ".join(map(clean, c.get("cause") or ())) or "none" for c in curves]
-        columns.append(column("cause without it", words(named), number=False))
-    note = "G: mean of the squared misfit over its noise, correlations and gain included; rms: plain root mean square."
-    if known(s.get("floor_error")):
-        note += f" Without a gap the mean of G is 1 ± {significant(s['floor_error'], 2)}."
-    return table("Curve by curve", columns, note)
 
 
 def parameters(found: Found) -> Section:
@@ -452,7 +392,7 @@ def parameters(found: Found) -> Section:
 def _besides(found: Found, name: str, unit: str) -> str:
     """What effects that the data neither show nor exclude could make of a parameter."""
     r = (core(found).get("reach") or {}).get(name) or {}
-    with_ = [clean(r[k]) if r.get(k) else "" for k in ("low_with", "high_with")]
+    with_ = [clean(called(found, str(r[k]))) if r.get(k) else "" for k in ("low_with", "high_with")]
     if not any(with_):
         return ""
     low, high = (quantity(number(r.get(k)), unit, 3, number(r.get("high"))) for k in ("low", "high"))

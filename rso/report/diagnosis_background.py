@@ -6,16 +6,24 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rso.report.diagnosis_reading import Found, place_text
-from rso.report.digits import DASH, clean, duration, known, percent, quantity, shortest
+from rso.report.digits import DASH, clean, duration, known, percent, quantity, shortest, symbol
 from rso.report.document import Block, Cell, Section, Table, Text, column, table, words
 from rso.report.reading import listed, number, pair
 
 _LONG = 6  # a longer list starts closed
 
 
+def byline(found: Found) -> str:
+    """Whose simulations, which version, when."""
+    made = found.get("provenance") or {}
+    said = [f"Simulations by {clean(made['backend'])}"] if made.get("backend") else []
+    said += [f"rso {clean(made['rso'])}"] if made.get("rso") else []
+    return " · ".join(said + ([clean(made["finished"])[:10]] if made.get("finished") else []))
+
+
 def background(found: Found) -> Section:
     """Section 9: what was used, and what went wrong."""
-    blocks: list[Block] = [t for t in (_data(found), _noise(found)) if t is not None]
+    blocks: list[Block] = [t for t in (_model(found), _data(found), _noise(found)) if t is not None]
     blocks.append(Text(_rerun(found.get("rerun") or [])))
     blocks += [Text(clean(n), "note") for n in listed(found, "notes")]
     failed = [clean(f) for f in listed(found, "failed_runs")]
@@ -28,6 +36,34 @@ def background(found: Found) -> Section:
     if t := _times(found):
         blocks.append(t)
     return Section("background", "Background", tuple(blocks))
+
+
+def _model(found: Found) -> Table | None:
+    """What the base model is: what all experiments share of the settings, and what is open or fixed."""
+    rows = [(clean(k), _setting(v)) for k, v in (found.get("settings") or {}).items()]
+    units, m = found.get("units") or {}, found.get("modulus") or {}
+    if m.get("name"):
+        unit = str(units.get(m["name"]) or "")
+        ends = [quantity(number(m.get(k)), unit) for k in ("low", "high")]
+        rows.append((symbol(str(m["name"])), f"open, {' to '.join(ends)}"))
+    for k, low_high in (found.get("ranges") or {}).items():
+        ends = [quantity(number(v), str(units.get(k) or "")) for v in low_high]
+        rows.append((symbol(k), f"open, {' to '.join(ends)}"))
+    seed = (found.get("provenance") or {}).get("seed")
+    rows += [("seed", shortest(seed))] if known(seed) else []
+    if not rows:
+        return None
+    names, values = (words([row[k] for row in rows]) for k in (0, 1))
+    return table("Base model", [column("", names, number=False), column("", values, number=False)])
+
+
+def _setting(value: object) -> str:
+    """A setting in words: its own names, numbers one behind the other."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{clean(k).replace('_', ' ')} {_setting(v)}" for k, v in value.items())
+    if isinstance(value, list | tuple):
+        return " × ".join(map(_setting, value))
+    return shortest(value) if known(value) else clean(value)
 
 
 def _data(found: Found) -> Table | None:

@@ -11,16 +11,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from rso.diagnosis.words import called
 from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, canvas, plain_log, short, style, svg
 from rso.report.diagnosis_maps import legend, residual_map
 from rso.report.diagnosis_reading import (
     Found,
     amount,
-    brief,
     chance,
     chosen,
     core,
-    descriptions,
     label,
     parameter_bands,
     unit_of,
@@ -70,19 +69,13 @@ def probabilities(found: Found) -> Figure:
         axes.barh(-k, 1.0, height=0.62, color=PALE, lw=0)
         axes.barh(-k, q, height=0.62, color=ACCENT if strong else GREY, lw=0)
         axes.text(1.015, -k, chance(q), va="center", color=ACCENT if strong else INK, fontsize=8.5)
-    texts = _distinct([(label(found, n), brief(n)) for n, _ in rows], 56)
+    texts = [short(label(found, n), 56) for n, _ in rows]
     axes.set_yticks([-k for k in range(len(rows))], texts)
     axes.tick_params(axis="y", length=0)
     axes.set(xlim=(0, 1.12), ylim=(-len(rows) + 0.45, 0.55), xticks=[])
     for side in ("left", "bottom"):
         axes.spines[side].set_visible(False)
     return figure
-
-
-def _distinct(rows: Sequence[tuple[str, str]], length: int) -> list[str]:
-    """Labels (words, name) that fit; of words that are too long the name is kept behind what is left of them."""
-    return [text if len(text) <= length else f"{short(text, max(length - len(name) - 3, 12))} ({name})"
-            for text, name in rows]  # fmt: skip
 
 
 _STEPS = ("before", "refit_only", "with_cause")
@@ -212,10 +205,9 @@ def least(values: Sequence[float]) -> str:
 
 def power(found: Found) -> Figure:
     """One strip per effect: how often a gap of that size is noticed."""
-    rows = power_rows(found)
+    rows = [v for v in power_rows(found) if v[2].get("visible")] or power_rows(found)
     figure = canvas(0.75 + 0.185 * len(rows))
     axes = figure.subplots()
-    text = descriptions(found)
     for k, (name, values, entry) in enumerate(rows):
         n = len(values)
         for i, q in enumerate(values):
@@ -223,9 +215,9 @@ def power(found: Found) -> Figure:
         limit = number(entry.get("smallest_visible"))
         word = "any" if entry.get("visible") else "invisible"
         if limit is not None:
-            word = least(values) + amount(limit, entry.get("unit"))
+            word = least(values) + amount(limit, entry.get("unit"), 2)
         axes.text(1.03, -k, word, va="center", fontsize=8, color=INK if entry.get("visible") else GREY)
-        axes.text(-0.015, -k, _distinct([(text.get(name) or name, name)], 62)[0], va="center", ha="right", fontsize=8,
+        axes.text(-0.015, -k, short(clean(called(found, name)), 62), va="center", ha="right", fontsize=8,
                   color=INK if entry.get("visible") else GREY)  # fmt: skip
     axes.text(1.03, 0.95, "visible from", va="center", fontsize=8, color=GREY)
     axes.text(0.0, 0.95, "small", va="center", ha="left", fontsize=8, color=GREY)

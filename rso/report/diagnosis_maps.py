@@ -51,7 +51,7 @@ def _keys(figure: Figure, found: Found, rows: Sequence[Panel]) -> None:
     strong = any(p.regions for p in rows)
     handles: list[Any] = [Line2D([], [], color=GREY, marker="o", ms=3, lw=1.3, label="base model")]
     if cause:
-        text = f"with {short(brief(cause), 30)}"
+        text = f"with {short(brief(found, cause), 30)}"
         handles.append(Line2D([], [], color=ACCENT, marker="o", ms=3, lw=1.6, label=text))
     if unloads:
         handles.append(Line2D([], [], color=INK, lw=1.2, label="loading"))

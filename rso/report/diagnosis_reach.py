@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from rso.diagnosis.words import called
 from rso.report.diagnosis_figures import leading, least, power_rows
 from rso.report.diagnosis_reading import Found, amount, brief, core, effects_of
 from rso.report.digits import DASH, aligned, clean, known, percent
@@ -17,7 +18,8 @@ def how_sure(found: Found) -> Section:
     title, rows = "How sure", listed(found, "checks")
     blocks: list[Block] = []
     if rows:
-        columns = [column("Simulated from", words([brief(str(c.get("hypothesis"))) for c in rows]), number=False)]
+        names = [brief(found, str(c.get("hypothesis"))) for c in rows]
+        columns = [column("Simulated from", words(names), number=False)]
         for key, text in (
             ("returned", "comes back as itself"),
             ("in_set", "in the named set"),
@@ -35,17 +37,17 @@ def how_sure(found: Found) -> Section:
     mine = [(n, entries[n]) for n in list(dict.fromkeys(wanted))[:6] if n in entries]
     if mine and rows:
         columns = [
-            column("Effect", words([n for n, _ in mine]), number=False),
+            column("Effect", words([clean(called(found, n)) for n, _ in mine]), number=False),
             column("recognised", words([_recognised(v) for _, v in mine])),
-            column("can look like", tuple(_confused(v) for _, v in mine), number=False),
+            column("can look like", tuple(_confused(found, v) for _, v in mine), number=False),
         ]
         note = "Recognised: mean probability of the effect itself where it is large enough to be noticed; –: never."
         blocks.append(table("What the leading hypotheses are mistaken for", columns, note))
     return Section("sure", title, tuple(blocks))
 
 
-def _confused(v: Mapping[str, Any]) -> Cell:
-    others = ", ".join(map(clean, v.get("confused_with") or ()))
+def _confused(found: Found, v: Mapping[str, Any]) -> Cell:
+    others = ", ".join(clean(called(found, n)) for n in v.get("confused_with") or ())
     if not v.get("visible"):
         return Cell(DASH, mark="quiet")
     return Cell(others) if others else Cell("nothing else", mark="quiet")
@@ -62,22 +64,25 @@ def in_sight(found: Found) -> Section:
         return Section("sight", title, (Text("What the plan can see was not computed.", "missing"),))
     blind = sum(not v.get("visible") for v in rows)
     text = f"Of {len(rows)} effects this plan can see {len(rows) - blind} at some plausible size"
-    blocks: list[Block] = [Text(text + (f"; {blind} stay invisible, whatever their size." if blind else "."))]
+    unseen = ", ".join(clean(called(found, v["effect"])) for v in rows if not v.get("visible"))
+    blocks: list[Block] = [Text(text + (f"; {blind} stay invisible, whatever their size: {unseen}." if blind else "."))]
+    rows = [v for v in rows if v.get("visible")]
     order = {n: k for k, (n, _, _) in enumerate(power_rows(found))}
     rows.sort(key=lambda v: order.get(clean(v.get("effect")), len(order)))
     before = {n: least(values) for n, values, _ in power_rows(found)}
-    limit = [before.get(clean(v.get("effect")), "") + amount(v.get("smallest_visible"), v.get("unit"))
-             if known(v.get("smallest_visible")) else "visible" if v.get("visible") else "invisible"
-             for v in rows]  # fmt: skip
+    limit = [before.get(clean(v.get("effect")), "") + amount(v.get("smallest_visible"), v.get("unit"), 2)
+             if known(v.get("smallest_visible")) else "visible" for v in rows]  # fmt: skip
     columns = [
-        column("Effect", words([clean(v.get("effect")) for v in rows]), number=False),
-        column("smallest visible", tuple(Cell(t, mark="quiet" if t == "invisible" else "") for t in limit)),
+        column("Effect", words([clean(called(found, v["effect"])) for v in rows]), number=False),
+        column("knob", words([clean(v["effect"]) for v in rows], "code"), number=False),
+        column("smallest visible", words(limit)),
         column("recognised", words([_recognised(v) for v in rows])),
-        column("confused with", tuple(_confused(v) for v in rows), number=False),
+        column("confused with", tuple(_confused(found, v) for v in rows), number=False),
     ]
     note = "Smallest visible: noticed in half of the data sets, at most 5 % false alarms; “visible”: it has no zero."
     note += " ≤: nothing smaller was simulated." if any(t.startswith("≤") for t in limit) else ""
-    blocks.append(table("Limits of this plan", columns, note))
+    if rows:
+        blocks.append(table("Limits of this plan", columns, note))
     if power_rows(found):
         caption = "How often a gap is noticed, from the smallest to the largest plausible size of each effect."
         blocks.append(Picture("power", caption))
@@ -88,6 +93,10 @@ def _named(test: Found) -> str:
     """A test in words, with what its forecast leans on."""
     note = clean(test["note"]) if test.get("note") else ""
     return clean(test.get("test")) + (f" ({note})" if note else "")
+
+
+def _pair(found: Found, test: Found) -> str:
+    return " / ".join(clean(called(found, str(n))) for n in test.get("separates") or ())
 
 
 def next_test(found: Found) -> Section:
@@ -103,7 +112,7 @@ def next_test(found: Found) -> Section:
     columns = [
         column("Test", words([_named(t) for t in rows]), number=False),
         column("settles it", aligned([None if v is None else 100 * v for v in chance], 2), "%"),
-        column("worst pair", words([" / ".join(map(clean, t.get("separates") or ())) for t in rows]), number=False),
+        column("worst pair", words([_pair(found, t) for t in rows]), number=False),
         column("D", aligned(distance, 3)),
         column("resolves", words([f"{t.get('resolves', DASH)} of {t.get('pairs', DASH)} pairs" for t in rows])),
         column("", tuple(promise), number=False),

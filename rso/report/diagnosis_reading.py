@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rso.diagnosis.words import called
 from rso.report.digits import (
     DASH,
     NBSP,
@@ -108,18 +109,17 @@ def descriptions(found: Found) -> dict[str, str]:
 
 
 def label(found: Found, name: str) -> str:
-    """A hypothesis in words: one effect by its description, several by their names."""
+    """A hypothesis in words."""
     effects, rest = effects_of(name), REST in parts(name)
     if not effects:
         return "something that is not in the catalogue" if rest else "nothing: the base model alone"
-    text = descriptions(found).get(effects[0]) or clean(effects[0])
-    text = text if len(effects) == 1 else " and ".join(map(clean, effects))
+    text = " and ".join(clean(called(found, e)) for e in effects)
     return f"{text}, and something more" if rest else text
 
 
-def brief(name: str) -> str:
-    """A hypothesis by the names of its effects, for the heading of a column."""
-    effects = " + ".join(map(clean, effects_of(name)))
+def brief(found: Found, name: str) -> str:
+    """A hypothesis by what people call its effects, for the heading of a column."""
+    effects = " + ".join(clean(called(found, e)) for e in effects_of(name))
     if REST not in parts(name):
         return effects or "base model"
     return f"{effects} and more" if effects else "not in the catalogue"

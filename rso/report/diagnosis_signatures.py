@@ -45,7 +45,7 @@ def signature_map(found: Found) -> Figure:
         left.yaxis.set_major_locator(MaxNLocator(4))
         left.set_ylabel(f"added ({p.unit.label})")
         right.set_ylabel(f"residual ({p.unit.label})")
-    _keys(figure, rows, colour)
+    _keys(figure, found, rows, colour)
     return figure
 
 
@@ -56,9 +56,11 @@ def colours(found: Found) -> dict[str, str]:
     return {n: COLOURS[0] if n == chosen(found) else next(free, COLOURS[-1]) for n in names}
 
 
-def _keys(figure: Figure, rows: Sequence[tuple[Panel, tuple[Signature, ...]]], colour: dict[str, str]) -> None:
+def _keys(
+    figure: Figure, found: Found, rows: Sequence[tuple[Panel, tuple[Signature, ...]]], colour: dict[str, str]
+) -> None:
     """What colours, lines and dots mean."""
-    handles: list[Any] = [Line2D([], [], color=c, lw=1.8, label=short(brief(n), 28)) for n, c in colour.items()]
+    handles: list[Any] = [Line2D([], [], color=c, lw=1.8, label=short(brief(found, n), 28)) for n, c in colour.items()]
     if any(np.any(s.branch == 1) for _, own in rows for s in own):
         handles.append(Line2D([], [], color=INK, lw=1.3, label="loading"))
         handles.append(Line2D([], [], color=INK, lw=0.9, ls=UNLOADING, marker="o", ms=3, mfc=PAPER, mew=0.6,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import datetime
 import json
 import textwrap
 import time
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+import rso
 from rso import diagnosis
 from rso.contract import Backend, Case, Programme, plain
 from rso.diagnosis import Base, BaseAxis, Effect, Experiment, Library
@@ -223,6 +225,11 @@ def run_diagnosis(
     found["timings"] = {"library_wall": built, "library_cpu": library.cpu_s, "library_runs": library.runs,
                         "judging_cpu": time.process_time() - cpu}  # fmt: skip
     found["command"] = command
+    found["settings"] = plain(dict(asked.study.backend.settings))
+    found["provenance"] = {
+        "rso": rso.__version__, "backend": asked.base.backend.name, "numerics": asked.base.backend.numerics,
+        "seed": asked.study.study.seed, "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    }  # fmt: skip
     _write(folder, found)
     return found
 

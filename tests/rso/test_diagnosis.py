@@ -327,7 +327,7 @@ def test_the_cause_is_chosen_anew_without_the_curve_that_is_left_out():
     causes = {c.curve: c.cause for c in shrunk.curves}
     assert causes["deep"] == () and ("stiff",) in causes.values()
     curves = [{"curve": k, "cause": list(v)} for k, v in causes.items()]
-    assert "none without deep" in _otherwise({"chosen": ["stiff"], "shrinkage": {"curves": curves}})
+    assert "none without deep" in _otherwise({"chosen": ["stiff"], "shrinkage": {"curves": curves}}, {})
 
 
 def test_the_model_before_is_the_one_that_the_study_found():
@@ -484,9 +484,9 @@ def test_shares_of_the_gap_add_up_and_lead_and_without_a_gap_there_are_none():
 def test_of_a_single_curve_none_stands_out():
     off = {"experiment": "load", "label": "1", "value": 0.3, "sd": 0.02}
     said = {"effect": "offset_each", "unit": "mm", "each": [off]}
-    assert _single({"causes": [said]}) == ""
+    assert _single({"causes": [said]}, {}) == ""
     others = [{**off, "label": "2", "value": 0.01}, {**off, "label": "3", "value": -0.02}]
-    assert "in one curve, load 1: +0.3" in _single({"causes": [{**said, "each": [off, *others]}]})
+    assert "in one curve, load 1: +0.3" in _single({"causes": [{**said, "each": [off, *others]}]}, {})
 
 
 @pytest.mark.parametrize("tau", [3.0, 20.0])

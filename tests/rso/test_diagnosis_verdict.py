@@ -14,7 +14,7 @@ from rso.diagnosis.judgement import judge
 from rso.diagnosis.mixture import Posterior
 from rso.diagnosis.shrinkage import Gap, summarise
 from rso.diagnosis.unfitted import HeldOut, held_out, predicts
-from rso.diagnosis.words import _alone, _cause, _outside, _shrinkage, _unlike, _where
+from rso.diagnosis.words import _alone, _cause, _gap, _outside, _parameters, _shrinkage, _unlike, _where
 from rso.measurement import Noise, Repeat
 
 STIFF, SKIN = toy.effects("stiff", "skin")
@@ -173,9 +173,41 @@ def test_beside_causes_that_cannot_be_told_apart_it_is_said_how_probable_none_is
     d = {"verdict": "ambiguous", "ambiguous_with": [["skin", "gain"]],
          "causes": [{"effect": "skin", "probability": 0.999}, {"effect": "gain", "probability": 0.004}]}  # fmt: skip
     effects = [{"name": n, "description": n} for n in ("skin", "gain")]
-    said = _cause(d, {"effects": effects, "probabilities": {"none": 0.41}})
-    assert said.endswith("skin (> 99 %), gain (< 1 %), given a gap. That there is none has 41 %.")
-    assert _cause(d, {"effects": effects, "probabilities": {"none": 0.01}}).endswith("given a gap.")
+    said = _cause(d, {"effects": effects})
+    assert said == "Cause, if there is a gap: cannot be told apart with these data: skin (> 99 %), gain (< 1 %)."
+    g = {"p_value": 0.04, "size_over_noise": 1.0, "statistic": 2.0, "threshold": 1.0}
+    found = {"diagnosis": d, "probabilities": {"none": 0.41}}
+    assert _gap(d | {"gap": g}, found) == (
+        "A gap is possible, not shown: p = 0.04, misfit 1.00 times the noise, no more than noise; none has 41 %."
+    )
+    sure = _gap(d | {"gap": g}, found | {"probabilities": {"none": 0.01}})
+    assert sure == "There is a gap beyond noise (p = 0.04, misfit 1.00 times the noise)."
+
+
+def test_a_named_cause_that_the_plan_cannot_show_is_said_to_be_one():
+    """One cause of four was named with 6 % on a page that listed it among what these data could not have shown."""
+    d = {"verdict": "ambiguous", "ambiguous_with": [["friction", "skin"]],
+         "causes": [{"effect": n, "cause": n, "probability": 0.4} for n in ("skin", "friction")],
+         "detectable": [{"effect": n, "visible": n == "skin"} for n in ("skin", "friction")]}  # fmt: skip
+    effects = [{"name": n, "label": f"some {n}", "description": n, "source": n} for n in ("skin", "friction")]
+    assert "some skin (40 %), some friction (40 %, hardly to be seen here)." in _cause(d, {"effects": effects})
+
+
+def test_parameters_are_said_one_by_one_in_the_units_of_people():
+    """The modulus moved by 6 % and D1 by a factor of five, of which nothing was said."""
+    band = lambda *v: dict(zip(("low", "median", "high"), v, strict=True))  # noqa: E731
+    d = {"verdict": "explained",
+         "parameters": {"before": {"mu": band(0.01392, 0.01416, 0.01439), "D1": band(15.0, 22.6, 31.0)},
+                        "after": {"mu": band(0.01299, 0.01328, 0.01355), "D1": band(1.3, 4.77, 10.6)}}}  # fmt: skip
+    units = {"units": {"mu": "MPa", "D1": "1/MPa"}, "effects": [{"name": "friction", "label": "rubbing"}]}
+    assert _parameters(d, units) == [
+        "mu moves from 14.16 kPa (90 % 13.92 to 14.39) to 13.28 kPa (90 % 12.99 to 13.55).",
+        "D1 moves from 22.6 1/MPa (90 % 15 to 31) to 4.77 1/MPa (90 % 1.3 to 10.6).",
+    ]
+    same = d | {"parameters": {"before": d["parameters"]["after"], "after": d["parameters"]["after"]}}
+    assert _parameters(same, units)[0] == "mu stays at 13.28 kPa (90 % 12.99 to 13.55)."
+    reach = {"mu": {"low": 0.01, "high": 0.02, "low_with": None, "high_with": "friction"}}
+    assert _parameters(d | {"reach": reach}, units)[0].endswith("anything from 10 kPa to 20 kPa (with rubbing).")
 
 
 def test_repeats_that_differ_by_more_than_expected_are_spoken_of():
@@ -226,7 +258,9 @@ def test_a_cause_that_leaves_the_gap_of_curves_without_a_say_is_said_to(closed, 
 
 @pytest.mark.parametrize(("family", "words"), [("scatter", "one of single curves"), ("model", "one of shape")])
 def test_a_gap_that_no_region_shows_is_spread_or_of_single_curves(family, words):
-    assert words in _where({"where": [], "causes": [{"family": family}]})
+    d = {"where": [], "causes": [{"family": family}]}
+    assert words in _where(d, {"experiments": [{"channels": ["Fz"]}] * 2})
+    assert "one of shape" in _where(d, {"experiments": [{"channels": ["Fz"]}]})  # a single curve is none of several
 
 
 def test_a_factor_of_every_test_that_is_a_part_may_be_the_specimen_s_too():
@@ -256,14 +290,16 @@ def test_a_modulus_beyond_the_range_of_the_study_is_said(low, high, words):
     found = {"modulus": {"name": "mu", "low": 2e-3, "high": 4e-3}, "units": {"mu": "MPa"}}
     said = _outside({"parameters": {"before": now, "after": now}}, found)
     assert len(said) == (words is not None)
-    assert all("0.002 to 0.004 MPa" in text and words in text for text in said)
+    assert all("2 kPa to 4 kPa" in text and words in text for text in said)
 
 
 @pytest.mark.parametrize(("family", "words"), [("scatter", "What every curve has for itself"), ("measurement", "")])
 def test_a_share_that_says_nothing_of_what_differs_from_curve_to_curve_is_said_to(family, words):
     """Gains of each curve were the verdict, and the share closed on curves left out was -60 %: without a word."""
-    said = _alone({"causes": [{"effect": "gain_each", "family": family}]}, {"effects": [{"name": "gain_each"}]})
+    d = {"causes": [{"effect": "gain_each", "family": family}], "shrinkage": {"curves": [{}, {}]}}
+    said = _alone(d, {"effects": [{"name": "gain_each"}]})
     assert words in said and bool(said) == bool(words)
+    assert _alone(d | {"shrinkage": {"curves": [{}]}}, {"effects": [{"name": "gain_each"}]}) == ""
 
 
 @pytest.mark.parametrize(("points", "words"), [
@@ -273,16 +309,16 @@ def test_a_share_that_says_nothing_of_what_differs_from_curve_to_curve_is_said_t
 def test_the_odd_one_is_told_and_asked_about(points, words):
     d = {"verdict": "unexplained", "causes": [], "odd": {"experiment": "cycle", "probability": 0.97}}
     names = ("cycle", "load", "deep")
-    found = {"diagnosis": d, "effects": [],
-             "experiments": [{"name": n, "point": p} for n, p in zip(names, points, strict=True)]}  # fmt: skip
+    experiments = [{"name": n, "point": p, "channels": ["Fz"]} for n, p in zip(names, points, strict=True)]
+    found = {"diagnosis": d, "effects": [], "experiments": experiments}
     said = _cause(d, found)
     assert "It is in cycle alone (97 %), the others agree with the model." in said and said.endswith(words)
     assert "alone" not in _cause(d, {**found, "diagnosis": d | {"odd": None}})
     region = {"experiment": "cycle", "channel": "Fx", "region": "loading", "z": -9.0, "amplitude": -0.02,
               "amplitude_sd": 0.001, "share": 1.0, "beyond_noise": True, "of_largest": True}  # fmt: skip
     assert "Measured against what all data but those of cycle predict: cycle Fx loading (-2.0 ± 0.1 % of the largest " \
-        "force)." in _where(d | {"where": [region]})  # fmt: skip
-    assert "what all other data predict" in _where(d | {"where": [region], "odd": None})
+        "force)." in _where(d | {"where": [region]}, found)  # fmt: skip
+    assert "what all other data predict" in _where(d | {"where": [region], "odd": None}, found)
 
 
 def test_what_one_experiment_alone_can_show_is_said_to_be_unconfirmed():
