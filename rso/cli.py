@@ -91,7 +91,7 @@ def _parser() -> argparse.ArgumentParser:
         ("diagnose", _diagnose, "say where the model misses the measurements and which unmodelled effect causes it"),
         ("ladder", _ladder, "climb from the simplest model to the one that these data ask for, and not further"),
         ("next", _next, "say which experiment, not done yet, would tell most of what is known worst"),
-        ("report", _report, "write the pages again from results.json and diagnosis.json"),
+        ("report", _report, "write the pages again from what run, diagnose, ladder and next have found"),
     ):
         command = commands.add_parser(name, help=text, description=text)
         command.add_argument("study", type=Path, help="study.toml, or the folder that holds it")
@@ -191,12 +191,23 @@ def _diagnose(options: argparse.Namespace, command: str) -> int:
         from rso.report import render_diagnosis
 
         files += render_diagnosis(found, folder, html=study.report.html, pdf=study.report.pdf)
+        files += _told_again(folder, study.report)
     print()
     failed = [f"failed simulation, its neighbours stand for it: {line}" for line in found["failed_runs"]]
     for line in [*found["words"], *failed]:
         print(textwrap.fill(line, min(shutil.get_terminal_size().columns, 100)))
     print("\n" + "\n".join(str(f) for f in files))
     return EXIT_FAILED_RUNS if found["failed_runs"] else 0
+
+
+def _told_again(folder: Path, pages: Any) -> list[Path]:
+    """The pages of a run that is there, now that a diagnosis says where its model is off."""
+    from rso.report import render
+    from rso.study.results import SCHEMA
+
+    path = folder / "results.json"
+    found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    return render(found, folder, html=pages.html, pdf=pages.pdf) if found.get("schema") == SCHEMA else []
 
 
 def _ladder(options: argparse.Namespace, command: str) -> int:
@@ -338,13 +349,15 @@ def _status(options: argparse.Namespace, command: str) -> int:
 
 def _report(options: argparse.Namespace, command: str) -> int:
     from rso.diagnosis.story import SCHEMA as TOLD
-    from rso.report import render, render_diagnosis
-    from rso.study import load
+    from rso.report import render, render_diagnosis, render_further, render_ladder
+    from rso.study import further_results, ladder_results, load
     from rso.study.results import SCHEMA
 
     folder = _folder(options, load(options.study).folder)
     shown: list[tuple[str, int, Callable[..., list[Path]], str]] = [
-        ("results.json", SCHEMA, render, "run"), ("diagnosis.json", TOLD, render_diagnosis, "diagnose")]  # fmt: skip
+        ("results.json", SCHEMA, render, "run"), ("diagnosis.json", TOLD, render_diagnosis, "diagnose"),
+        (ladder_results.FILE, ladder_results.SCHEMA, render_ladder, "ladder"),
+        (further_results.FILE, further_results.SCHEMA, render_further, "next")]  # fmt: skip
     there = [row for row in shown if (folder / row[0]).exists()]
     for name, schema, draw, again in there or shown[:1]:
         path = folder / name

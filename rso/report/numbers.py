@@ -26,6 +26,7 @@ from rso.report.digits import (
 )
 from rso.report.displacements import is_profile, profile_blocks
 from rso.report.document import Block, Cell, Picture, Report, Section, Table, Text, column, missing, table, words
+from rso.report.gap import gap_sections
 from rso.report.identification import identification_section
 from rso.report.influence import extrapolation
 from rso.report.notes import opening
@@ -78,6 +79,7 @@ def report(results: Results) -> Report:
             verdict(results),
             curve_section(results),
             identification_section(results),
+            *gap_sections(results),
             candidate_section(results),
             *_how_found(results),
             runs(results),

@@ -19,15 +19,31 @@ from rso.report.figures import draw
 from rso.report.numbers import report
 
 _HERE = Path(__file__).parent
+PAGES = {"report": "Identification", "diagnosis": "Diagnosis", "ladder": "Ladder of models", "next": "Next experiment"}
+_LINKS = '<p class="pages">'
 
 
 def render(results: Mapping[str, Any], folder: Path, html: bool = True, pdf: bool = True) -> list[Path]:
     """Write report.html and report.pdf into `folder` from the documented layout of results.json; list of files.
 
-    The same results give the same bytes. A study that is not complete gives a report that says what is missing.
+    The same results give the same bytes. A study that is not complete gives a report that says what is missing; a
+    diagnosis that lies in the folder is told of, too.
     """
+    results = _with_diagnosis(results, folder)
     document = report(results)
     return pour(document, {name: draw(results, name) for name in pictures(document)}, folder, "report", html, pdf)
+
+
+def _with_diagnosis(results: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
+    """A run writes its results anew, without what a diagnosis has put into them."""
+    path = folder / "diagnosis.json"
+    if results.get("diagnosis") or not path.exists():
+        return results
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))["diagnosis"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return results
+    return {**results, "diagnosis": found}
 
 
 def pictures(document: Report) -> list[str]:
@@ -41,9 +57,24 @@ def pour(document: Report, figures: Mapping[str, str], folder: Path, stem: str, 
     written = []
     if html:
         written.append(_write(folder / f"{stem}.html", html_page(document, figures).encode("utf-8")))
+        _link(folder)
     if pdf:
         written.append(_write(folder / f"{stem}.pdf", pdf_page(document, figures)))
     return written
+
+
+def _link(folder: Path) -> None:
+    """Every page of a folder leads to the others that are there."""
+    there = [s for s in PAGES if (folder / f"{s}.html").exists()]
+    for stem in there:
+        path = folder / f"{stem}.html"
+        before = path.read_text(encoding="utf-8")
+        head, mark, rest = before.partition(_LINKS)
+        links = [f'<b>{PAGES[s]}</b>' if s == stem else f'<a href="{s}.html">{PAGES[s]}</a>' for s in there]
+        line = rest.partition("\n")
+        after = f"{head}{mark}{' '.join(links) if len(there) > 1 else ''}</p>\n{line[2]}"
+        if mark and after != before:
+            _write(path, after.encode("utf-8"))
 
 
 def html_page(document: Report, figures: Mapping[str, str]) -> str:

@@ -20,6 +20,7 @@ from rso.report.digits import (
     unit_text,
 )
 from rso.report.document import Block, Fact, Facts, Picture, Section, Text
+from rso.report.gap import gap_fact, gap_sentences
 from rso.report.identification import identified
 from rso.report.notes import data_remarks
 from rso.report.predictions import prediction_fact, prediction_sentences
@@ -70,6 +71,7 @@ def sentences(results: Results) -> list[str]:
     paragraphs = [
         " ".join(_material(results)),
         " ".join(prediction_sentences(results)),
+        *gap_sentences(results),
         " ".join(_reason(results)),
         " ".join(_verification(results)),
         " ".join(_fit(results)),
@@ -258,7 +260,7 @@ def _facts(results: Results) -> tuple[Fact, ...]:
             base = ((results.get("baseline") or {}).get(name) or {}).get("nrmse")
             note = f"NRMSE of the best candidate; {percent(base)} for the mean of the curve"
             facts.append(Fact("Fit", percent(number(best.metrics(name).get("nrmse"))), note))
-    facts += prediction_fact(results)
+    facts += [*prediction_fact(results), *gap_fact(results)]
     if finished(results, "verify") and candidates(results):
         good = sum(c.verified for c in candidates(results))
         note = "candidates verified: predicted = recomputed"

@@ -1,5 +1,6 @@
 import copy
 import html
+import json
 import re
 import shutil
 import subprocess
@@ -16,7 +17,7 @@ from rso.report.document import Picture, Table, Text
 from rso.report.figures import draw
 from rso.report.notes import opening, sentences
 from rso.report.numbers import report
-from rso.report.page import html_page, pdf_page
+from rso.report.page import html_page, pdf_page, pour
 
 NASTY = (
     r"""<script>alert("1")</script> & 'x' #panic("no") $\frac{1}{0}$ _a_ *b* @cite \ `raw` [c] {{ 7*7 }} // no ~ <l>"""
@@ -588,3 +589,54 @@ def test_residuals_are_measured_less_simulated(monkeypatch):
     assert any("measured −" in t for t in said)
     last = drawn[-1][0]
     assert last[1].max() > 0 and last[1].min() >= 0  # nothing is simulated: all of the force is left
+
+
+DIAGNOSIS = {
+    "verdict": "explained",
+    "where": [
+        {"experiment": "middle_point", "channel": "Fz", "region": "2 to 3 mm", "z": -4.21, "beyond_noise": True},
+        {"experiment": "middle_point", "channel": "Fz", "region": "3 to 4 mm", "z": 0.4, "beyond_noise": False},
+    ],
+    "causes": [
+        {
+            "effect": "skin",
+            "description": "a stiffer skin",
+            "probability": 0.97,
+            "size": 0.31,
+            "interval": [0.22, 0.41],
+            "unit": "mm",
+            "neutral": 0.0,
+        }
+    ],
+    "shrinkage": {"closed": 0.83, "held_out": ["force_8mm"]},
+}
+
+
+def test_where_the_model_is_off_is_told_or_that_nobody_has_looked(tmp_path):
+    assert "Where the gap is has not been examined; “rso diagnose STUDY” does." in page(complete())
+    results = complete() | {"diagnosis": DIAGNOSIS}
+    text = page(results)
+    assert "not been examined" not in text and fact(results, "Gap to reality").value == "explained"
+    assert "The cause closes 83 % of the gap on force_8mm." in text
+    assert "Fz of middle_point, 2 to 3 mm (measured below simulated, 4.2 standard" in text
+    assert "3 to 4 mm (measured" not in text
+    assert table_of(results, "Causes")["Cause"] == ["a stiffer skin"]
+    (tmp_path / "diagnosis.json").write_text(json.dumps({"diagnosis": DIAGNOSIS}), encoding="utf-8")
+    render(complete(), tmp_path, pdf=False)
+    assert "a stiffer skin" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    (tmp_path / "diagnosis.json").write_text("{", encoding="utf-8")  # half written: as if there were none
+    render(complete(), tmp_path, pdf=False)
+    assert "not been examined" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_pages_of_one_folder_lead_to_each_other(tmp_path):
+    render(until("plan"), tmp_path, pdf=False)
+    first = tmp_path / "report.html"
+    assert '<p class="pages"></p>' in first.read_text(encoding="utf-8")
+    pour(report({}), {}, tmp_path, "ladder", html=True, pdf=False)
+    both = '<p class="pages"><b>Identification</b> <a href="ladder.html">Ladder of models</a></p>\n<header>'
+    assert both in first.read_text(encoding="utf-8")
+    second = (tmp_path / "ladder.html").read_text(encoding="utf-8")
+    assert '<p class="pages"><a href="report.html">Identification</a> <b>Ladder of models</b></p>\n<header>' in second
+    render(until("plan"), tmp_path, pdf=False)
+    assert both in first.read_text(encoding="utf-8")
