@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rso.report.digits import DASH, aligned, clean, duration, known, percent, shortest, significant
+from rso.report.digits import DASH, aligned, channel_text, clean, duration, known, percent, shortest, significant
 from rso.report.document import Block, Cell, Section, Table, Text, column, table, words
 from rso.report.notes import sentences
 from rso.report.reading import Output, Parameter, Results, listed, number, outputs, pair, parameters
@@ -230,7 +230,7 @@ def _settings(value: object) -> str:
 
 def _channel(e: Mapping[str, Any]) -> str:
     """What is compared; of a load-unload test it is said that half of it is."""
-    channel, more = clean(e.get("channel")), []
+    channel, more = channel_text(e.get("channel")), []
     if e.get("kind") == "profile":
         more = ["profile"] if e.get("role") == "validate" else ["profile", "not used"]
     elif (e.get("settings") or {}).get("unload") is True:

@@ -15,6 +15,7 @@ from rso.report.digits import (
     DASH,
     aligned,
     between,
+    channel_text,
     clean,
     known,
     largest,
@@ -79,7 +80,7 @@ def _fit(data: Mapping[str, Any]) -> str:
             f"largest value{'' if again.get('verified') else ', more than the tolerance'}, "
             f"and its χ² is {significant(again.get('chi2'), 3)}."
         )
-    curves = [f"{clean(d.get('channel'))} of {clean(d.get('experiment'))} ({shortest(d.get('points'))} points)"
+    curves = [f"{channel_text(d.get('channel'))} of {clean(d.get('experiment'))} ({shortest(d.get('points'))} points)"
               for d in data.get("data") or ()]  # fmt: skip
     said += [f"Data: {', '.join(curves)}."] if curves else []
     m = data.get("mcmc") or {}

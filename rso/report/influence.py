@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from rso.report.canvas import ACCENT, GREY, HALO, INK, WARM, canvas, parameter_axis, short, svg, tag
-from rso.report.digits import Unit, clean, known, percent, shortest, signed, significant
+from rso.report.digits import Unit, channel_text, clean, known, percent, shortest, signed, significant
 from rso.report.document import Block, Cell, Picture, Table, column, table, words
-from rso.report.reading import Results, number, outputs, pair, parameters
+from rso.report.reading import Results, number, outputs, pair, parameters, seen
 
 _LOOKS = ((ACCENT, "-"), (INK, "--"), (WARM, "-."), (GREY, ":"), (ACCENT, ":"), (INK, "-."))
 _PANELS = 4
@@ -75,7 +75,7 @@ def _over_depth(results: Results, key: tuple[str, str], field: str) -> dict[str,
 
 def _along_caption(results: Results, experiment: str, channel: str) -> str:
     letters, key = _letters(results), (experiment, channel)
-    said = f"{clean(channel)} of {clean(experiment)} over the depth"
+    said = f"{channel_text(channel)} of {clean(experiment)} over the depth"
     total = _over_depth(results, key, "total")
     if total:
         parts = []
@@ -88,7 +88,7 @@ def _along_caption(results: Results, experiment: str, channel: str) -> str:
         said += "."
     if _over_depth(results, key, "elasticity"):
         said += f" {'Right' if total else 'Shown'}: elasticity, the percentage by which the force changes for 1 % of θ."
-    return said.replace("the force changes", f"{clean(channel)} changes")
+    return said.replace("the force changes", f"{channel_text(channel)} changes")
 
 
 def along_figure(results: Results, k: int, name: str) -> str:
@@ -130,7 +130,7 @@ def _letters(results: Results) -> dict[str, str]:
 def _shapes(results: Results) -> dict[str, list[Row]]:
     """Parameter → its local curves, one per output, where both are known."""
     found: dict[str, list[Row]] = {}
-    for c in _sensitivity(results, "curves"):
+    for c in seen(results, _sensitivity(results, "curves")):
         if len(c.get("x") or ()) > 2 and all(map(known, [*c["x"], *c["y"]])):
             found.setdefault(c["parameter"], []).append(c)
     ours = {p.name for p in parameters(results, free=True)}
@@ -185,7 +185,8 @@ def shapes_figure(results: Results, name: str) -> str:
 
 
 def _morris(results: Results) -> list[Row]:
-    return [m for m in _sensitivity(results, "morris") if known(m.get("mu_star")) and known(m.get("sigma"))]
+    rows = seen(results, _sensitivity(results, "morris"))
+    return [m for m in rows if known(m.get("mu_star")) and known(m.get("sigma"))]
 
 
 def _units(results: Results) -> Callable[[str], Unit]:

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PALE, PAPER, WARM, canvas, plain_log, short, style, svg
-from rso.report.digits import Unit, clean, known, largest, shown, symbol
+from rso.report.digits import Unit, channel_text, clean, known, largest, shown, symbol
 from rso.report.reading import listed, pair, points
 
 Found = Mapping[str, Any]
@@ -93,7 +93,7 @@ def curve(found: Found, k: int) -> Figure:
     left.legend(handles, texts, frameon=False, fontsize=8, loc="upper left", handlelength=2.4, borderaxespad=0.1)
     left.set_title(short(clean(names[k]), 40), color=GREY)
     right.set_title("level − measured", color=GREY)
-    left.set(xlabel="depth (mm)", ylabel=f"{clean(holds.get('channel'))}{unit.bracket}", xlim=(0, None))
+    left.set(xlabel="depth (mm)", ylabel=f"{channel_text(holds.get('channel'))}{unit.bracket}", xlim=(0, None))
     right.set(xlabel="depth (mm)", ylabel=f"residual{fine.bracket}", xlim=(0, None))
     _clip(right, rows, s * fine.factor, fine)
     for axes in (left, right):

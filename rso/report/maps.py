@@ -25,7 +25,7 @@ from rso.report.canvas import (
     short,
     svg,
 )
-from rso.report.digits import Unit, clean, known, largest, quantity, shortest, shown
+from rso.report.digits import Unit, channel_text, clean, known, largest, quantity, shortest, shown
 from rso.report.reading import (
     Candidate,
     Output,
@@ -40,6 +40,7 @@ from rso.report.reading import (
     output_rows,
     outputs,
     parameters,
+    seen,
     target_output,
 )
 
@@ -191,7 +192,7 @@ def _line(axes: Axes, results: Results, s: Mapping[str, Any], x: Parameter, outp
 
 def sensitivity(results: Results, name: str) -> str:
     """Above: the output from the low to the high end of each parameter. Below: Sobol indices. One column per output."""
-    data, views = results["sensitivity"], outputs(results)
+    data, views = {k: seen(results, results["sensitivity"].get(k) or ()) for k in ("local", "sobol")}, outputs(results)
     ids = list(dict.fromkeys(b["output"] for key in ("local", "sobol") for b in data.get(key) or ()))[:4]
     names = list(dict.fromkeys(b["parameter"] for key in ("local", "sobol") for b in data.get(key) or ()))[:12]
     letters = {p.name: p.letter for p in parameters(results)}
@@ -261,7 +262,7 @@ def _pair(axes: Axes, targets: list[Mapping[str, Any]], F: np.ndarray, i: int, j
             axes.annotate(c.mark, at, ha="center", va="center", fontsize=6, zorder=4)
     several = len({t.get("experiment") for t in targets}) > 1
     a, b = (
-        f"|Δ{short(clean(t['channel']), 8)}|{' of ' + short(clean(t['experiment']), 10) if several else ''} "
+        f"|Δ{short(channel_text(t['channel']), 8)}|{' of ' + short(clean(t['experiment']), 10) if several else ''} "
         f"at {shortest(t['depth_mm'])} mm{unit.bracket}"
         for t in (targets[i], targets[j])
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -166,6 +166,27 @@ def outputs(results: Results) -> dict[str, Output]:
     return views
 
 
+def drowned(results: Results) -> dict[str, tuple[float, float]]:
+    """Outputs that are smaller than their own numerical error in every candidate: largest value and error by id."""
+    found: dict[str, list[tuple[float, float]]] = {}
+    for c in candidates(results):
+        for o in c.data.get("outputs") or ():
+            value, error = number(o.get("recomputed")), number(o.get("numerical_error"))
+            if value is not None and error is not None:
+                found.setdefault(clean(o["output"]), []).append((abs(value), error))
+    return {
+        i: (max(v for v, _ in rows), max(e for _, e in rows))
+        for i, rows in found.items()
+        if all(v < e for v, e in rows)
+    }
+
+
+def seen(results: Results, rows: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Those rows that are about an output which is more than its numerical error."""
+    lost = drowned(results)
+    return [r for r in rows if clean(r.get("output")) not in lost]
+
+
 def output_rows(candidate: Candidate, output: str) -> list[Mapping[str, Any]]:
     """The entry of a candidate for one output: a list of one, or empty."""
     return [o for o in candidate.data.get("outputs") or () if o.get("output") == output]
@@ -214,7 +235,7 @@ def grids(results: Results) -> list[Mapping[str, Any]]:
         return all(map(known, values))
 
     found = []
-    for s in listed(results, "surfaces"):
+    for s in seen(results, listed(results, "surfaces")):
         some = any(known(v) for row in s.get("mean") or () for v in (row if isinstance(row, list) else [row]))
         if some and (s.get("x") or {}).get("values") and whole(s["x"]) and whole(s.get("y")):
             found.append(s)

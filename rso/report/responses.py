@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rso.report.digits import (
@@ -15,13 +15,28 @@ from rso.report.digits import (
     known,
     largest,
     quantity,
+    raised,
+    sentence,
     shortest,
     shown,
     significant,
 )
 from rso.report.document import Block, Cell, Picture, Section, Table, Text, column, missing, table, words
 from rso.report.influence import influence_blocks
-from rso.report.reading import Output, Results, front, grids, lead_search, listed, number, outputs, pair, parameters
+from rso.report.reading import (
+    Output,
+    Results,
+    drowned,
+    front,
+    grids,
+    lead_search,
+    listed,
+    number,
+    outputs,
+    pair,
+    parameters,
+    seen,
+)
 
 
 def surface_section(results: Results) -> Section:
@@ -32,6 +47,9 @@ def surface_section(results: Results) -> Section:
     scores = listed(results, "surrogates")
     if scores:
         blocks.append(_score_table(scores, outputs(results)))
+        if any(s.get("story") for s in scores):
+            blocks.append(_choice_table(scores, outputs(results)))
+    blocks += _left_out(results) if grids(results) else []
     title = "Response surface"
     return Section("surface", title, tuple(blocks) or (missing("Response surfaces", "surrogates"),))
 
@@ -57,7 +75,7 @@ def _surface_caption(results: Results) -> str:
 
 def _score_table(scores: list[Mapping[str, Any]], known_outputs: Mapping[str, Output]) -> Table:
     views = [known_outputs.get(s["output"]) for s in scores]
-    labels = [v.label if v else clean(s["output"]) for v, s in zip(views, scores, strict=True)]
+    labels = [v.label if v else clean(s["output"]) for v, s in _zip(views, scores)]
     sized = [
         shown(
             s.get("unit", ""),
@@ -79,10 +97,39 @@ def _score_table(scores: list[Mapping[str, Any]], known_outputs: Mapping[str, Ou
         columns.append(column("Q²", tuple(Cell(significant(number(e.get("q2")), 4)) for e in each), title))
     columns.insert(3, column("errors in", words([u.label for u in sized]), number=False))
     held = {(s.get("held_out") or {}).get("n") for s in scores}
-    seen = ", ".join(f"{n}" for n in sorted(n for n in held if known(n)))
-    stories = list(dict.fromkeys(clean(s["story"]) for s in scores if s.get("story")))
-    note = (f"Held out: {seen} runs that no surrogate has seen. " if seen else "") + " ".join(stories)
+    new = ", ".join(f"{n}" for n in sorted(n for n in held if known(n)))
+    note = f"Held out: {new} runs that no surrogate has seen." if new else ""
     return table("Errors of the surrogates", columns, note)
+
+
+def _choice_table(scores: list[Mapping[str, Any]], known_outputs: Mapping[str, Output]) -> Table:
+    """Which surrogate was taken for each output, and what the others had; the story says both."""
+    views = [known_outputs.get(s["output"]) for s in scores]
+    stories = [raised(sentence(s.get("story"))) for s in scores]
+    taken = [story.partition(":")[0] for story in stories]
+    others = [story.partition(":")[2].partition("; ")[2].partition(". ")[0] for story in stories]
+    columns = [
+        column("Output", words([v.label if v else clean(s["output"]) for v, s in _zip(views, scores)]), number=False),
+        column("taken", words(taken), number=False),
+        column("others, cross-validated", words([text.removesuffix(".") or DASH for text in others]), number=False),
+    ]
+    return table("Why these surrogates", columns, folded=True)
+
+
+def _zip(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    return zip(a, b, strict=True)
+
+
+def _left_out(results: Results) -> list[Block]:
+    """Outputs that are nothing but numerical error say nothing."""
+    views, lost = outputs(results), drowned(results)
+    each = [
+        f"{views[i].label} ({quantity(value, views[i].base, 2)}, error {quantity(error, views[i].base, 2)})"
+        for i, (value, error) in lost.items()
+        if i in views
+    ]
+    said = f"Not drawn, because smaller than its own numerical error: {', '.join(each)}."
+    return [Text(said, "note")] if each else []
 
 
 def sensitivity_section(results: Results) -> Section:
@@ -94,9 +141,9 @@ def sensitivity_section(results: Results) -> Section:
     if data.get("local") or data.get("sobol"):
         marks = "Above: the output at the low end of a range (open) and at the high end (filled). "
         marks += "Below: first-order (filled) and total (open) Sobol indices with their intervals."
-        caption = f"{clean(data['story'])} {marks}" if data.get("story") else marks
+        caption = f"{raised(sentence(data['story']))} {marks}" if data.get("story") else marks
         blocks += [Picture("sensitivity", caption), _sensitivity_table(results, data)]
-    blocks += influence_blocks(results)
+    blocks += [*_left_out(results), *influence_blocks(results)]
     return Section("sensitivity", "Sensitivity", tuple(blocks))
 
 
@@ -114,8 +161,9 @@ def _definition(results: Results, data: Mapping[str, Any]) -> str:
 def _sensitivity_table(results: Results, data: Mapping[str, Any]) -> Table:
     views = outputs(results)
     letters = {p.name: p.letter for p in parameters(results)}
-    sobol = {(b["output"], b["parameter"]): b for b in data.get("sobol") or ()}
-    local = {(b["output"], b["parameter"]): b for b in data.get("local") or ()}
+    sobol, local = (
+        {(b["output"], b["parameter"]): b for b in seen(results, data.get(k) or ())} for k in ("sobol", "local")
+    )
     keys = list(dict.fromkeys([*local, *sobol]))
     first = [k == 0 or keys[k - 1][0] != key[0] for k, key in enumerate(keys)]
     unit = [views[o].unit if o in views else Unit("") for o, _ in keys]

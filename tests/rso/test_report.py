@@ -640,3 +640,27 @@ def test_pages_of_one_folder_lead_to_each_other(tmp_path):
     assert '<p class="pages"><a href="report.html">Identification</a> <b>Ladder of models</b></p>\n<header>' in second
     render(until("plan"), tmp_path, pdf=False)
     assert both in first.read_text(encoding="utf-8")
+
+
+def test_an_output_below_its_own_numerical_error_is_named_and_not_drawn():
+    results, bulge = complete(), "middle_point:uz_max@3.9"
+    drawn = {name: draw(results, name) for name in ("surface", "sensitivity", "shapes", "morris")}
+    for s in results["searches"]:
+        for o in (o for c in s["candidates"] for o in c["outputs"] if o["output"] == bulge):
+            o["numerical_error"] = o["recomputed"] and 2 * abs(o["recomputed"])
+    said = "Not drawn, because smaller than its own numerical error: uz max at 3.9 mm (3.8"
+    assert said in page(results) and said not in page(complete())
+    assert all(draw(results, name) != figure for name, figure in drawn.items())
+    assert not any("uz max" in cell for cell in table_of(results, "Local effects and Sobol indices")["Output"])
+
+
+def test_why_a_surrogate_was_taken_is_a_folded_table():
+    results = complete()
+    results["surrogates"][0]["story"] = (
+        "Kriging, Matérn 5/2, trend of degree 2: cross-validation error 0.2 mm^2 (1 %) over 8 runs; polynomial of "
+        "degree 3 had 1.1 mm^2 (3 %); kriging had 0.3 mm^2 (2 %). Fitted again to 13 runs."
+    )
+    t = table_of(results, "Why these surrogates")
+    assert t["taken"][0] == "Kriging, Matérn 5/2, trend of degree 2"
+    assert t["others, cross-validated"][0].startswith("polynomial of degree 3 had 1.1 mm² (3\xa0%); kriging had 0.3")
+    assert "Fitted again" not in t["others, cross-validated"][0] and "Fitted again" not in page(results)
