@@ -24,6 +24,7 @@ STEPS = 8  # travels at which a whole curve is computed; between them a spline t
 PROFILES = 2 * STEPS  # different depths of a profile up to which each is asked for
 PACES = 1e-5, 1e3  # mm/s: slower or quicker is nobody's test
 PACE = 1.5  # ratio of a stated to a recorded speed that is remarked upon
+SAME_PACE = 1.05  # ratio within which the stated one is meant: clocks and stages differ by as much
 SHALLOWEST = 1e-3  # mm: a deepest travel below this is a unit misread
 LOUD = 0.5  # of a range: a stated noise beyond is remarked upon
 READINGS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
@@ -77,9 +78,11 @@ def remarks(study: Study, name: str) -> list[str]:
     returns = any(np.any(r.segment != "loading") for r in measurement.repeats)
     left_out = without_spikes(measurement)[1]
     loading = [LOADING] if returns or study.settings_of(name).get("unload") is True else []
-    own, stated = recorded_speed(measurement), study.settings_of(name).get("speed")
-    other = own is not None and stated is not None and not 1.0 / PACE < own / _speed(stated) < PACE
-    speed = [f"The times of the file say {own:.3g} mm/s, the study says speed = {stated!r}."] if other else []
+    own, stated = recorded_speed(measurement), stated_speed(study, name)
+    other = own is not None and stated is not None and not 1.0 / PACE < own / stated < PACE
+    said, speed = study.settings_of(name).get("speed"), []
+    if other:
+        speed = [f"The times of the file say {own:.3g} mm/s, the study says speed = {said!r}: the file's counts."]
     if own is not None and stated is None and not PACES[0] < own < PACES[1]:
         speed = [f"The times of the file say {own:.3g} mm/s: is the unit of its time right?"]
     return [*doubtful, *left_out, *speed, *loading]
@@ -117,7 +120,7 @@ def travels(curve: MeasuredCurve, targets: set[float]) -> tuple[float, ...]:
 def case_for(study: Study, name: str, asked: tuple[float, ...]) -> Case:
     """Loading of an experiment through the asked travels (mm); that its file also holds an unloading is no setting."""
     settings = {k: v for k, v in study.settings_of(name).items() if k != "unload"}
-    return Case(name, Programme.ramp(asked, _speed(settings.get("speed"))), settings)
+    return Case(name, Programme.ramp(asked, speed_of(study, name)[0]), settings)
 
 
 def profile_case(study: Study, name: str, curve: MeasuredCurve) -> Case:
@@ -148,13 +151,34 @@ def profile_depths(curve: MeasuredCurve) -> tuple[float, ...]:
     return tuple(kept[::-1]) if len(kept) <= PROFILES else travels(curve, set())
 
 
-def _speed(value: object) -> float:
-    """Speed (mm/s) of an experiment; one that cannot be read is the backend's to refuse."""
+def speed_of(study: Study, name: str) -> tuple[float, str]:
+    """Speed (mm/s) of an experiment and whose word that is: its record's, the study's, or nobody's.
+
+    The same for simulations of every command; what differs from the record by no more than clocks do is as stated.
+    """
+    m, stated = study.measurement(name), stated_speed(study, name)
+    recorded = recorded_speed(m) if m.kind == "force" else None
+    if recorded is None:
+        return (stated, "as stated") if stated else (DEFAULT_SPEED, "assumed")
+    if stated and 1.0 / SAME_PACE < recorded / stated < SAME_PACE:
+        return stated, "as stated"
+    return float(f"{recorded:.3g}"), "by its times"
+
+
+def stated_speed(study: Study, name: str) -> float | None:
+    """Speed (mm/s) that the study gives an experiment, None without; StudyError for what is none."""
+    value = study.settings_of(name).get("speed")
+    if value is None:
+        return None
     try:
         speed = quantity(value, "mm/s")  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        return DEFAULT_SPEED
-    return speed if 0.0 < speed < float("inf") else DEFAULT_SPEED
+        if not 0.0 < speed < float("inf"):
+            raise ValueError("must be positive and finite")
+    except (TypeError, ValueError) as error:
+        n = [e.name for e in study.experiments].index(name)
+        text = f"speed = {value!r}: {error}" if "must be" in str(error) else f"speed: {error}"
+        raise study_error(study.file, study.lines, [Problem(place_of_setting(study, n, "speed"), text)]) from error
+    return speed
 
 
 def merge(
@@ -174,8 +198,9 @@ def merge(
         same = digest({"settings": plain.settings, "speed": round(speed, 12)})
         if same in index:
             k = index[same]
-            union, e_settings = tuple(sorted({*cases[k].programme.asked_mm, *asked[e.name]})), cases[k].settings
-            cases[k] = dataclasses.replace(cases[k], programme=Programme.ramp(union, _speed(e_settings.get("speed"))))
+            union, own = tuple(sorted({*cases[k].programme.asked_mm, *asked[e.name]})), cases[k].programme
+            pace = own.travel_mm[-1] / own.time_s[-1]
+            cases[k] = dataclasses.replace(cases[k], programme=Programme.ramp(union, pace))
         else:
             k = index[same] = len(cases)
             cases.append(case)

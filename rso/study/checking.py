@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import shlex
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rso import diagnosis
+from rso.contract import Programme
 from rso.measurement import SEGMENTS, MeasuredCurve, Measurement
 from rso.running import Task
 from rso.study import cases, stated
@@ -160,7 +162,8 @@ def _things(plan: Plan) -> list[str]:
         measured = plan.study.measurement(e.name)
         remarks += stated.replaced(plan.study, e.name)
         unread = f"not read: {', '.join(measured.unread)}" if measured.unread else ""
-        about = (_recorded(measured, curve), *_by_hertz(plan, e.name, curve), _noise(e), unread, *remarks)
+        known = (_recorded(measured, curve), _pace(plan, e), *_by_hertz(plan, e.name, curve), _noise(e), unread)
+        about = (*known, *remarks)
         lines += [f"    {words}" for words in about if words]
         lines += stated.of_experiment(plan, e.name)
     return lines
@@ -191,6 +194,18 @@ def _recorded(m: Measurement, curve: MeasuredCurve) -> str:
     branches = ", ".join(f"{n} {s}" for s, n in count.items() if n)
     F = curve.value
     return f"readings: {branches}; {curve.channel} from {F.min():.3g} to {F.max():.3g} {curve.unit} while loading"
+
+
+def _pace(plan: Plan, e: ExperimentTable) -> str:
+    """The speed of an experiment and whose word that is, where the backend's answer depends on it."""
+    if e.kind != "force":
+        return ""
+    case = cases.case_for(plan.study, e.name, (float(plan.curves[e.name].depth.max()),))
+    speed, whose = cases.speed_of(plan.study, e.name)
+    slower = dataclasses.replace(case, programme=Programme.ramp(case.programme.asked_mm, 0.1 * speed))
+    example = plan.values(np.full(plan.box.d, 0.5))
+    kept, other = (plan.backend.canonical(example, c)[1].programme.time_s for c in (case, slower))
+    return f"loaded with {speed:.3g} mm/s ({whose})" if kept != other else ""
 
 
 def _by_hertz(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:

@@ -24,12 +24,11 @@ from rso.running import Event, Task, run_all
 from rso.similarity import group, stress_exponent
 from rso.store import RunStore
 from rso.study import files
-from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, place_of_setting
+from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, place_of_setting, stated_speed
 from rso.study.errors import Problem, choose, study_error
 from rso.study.plan import source_of
 from rso.study.resolve import Axis, Resolved, resolve
 from rso.study.schema import Study
-from rso.units import quantity
 
 Watch = Callable[[Event], None]
 FILE = "diagnosis.json"
@@ -146,14 +145,9 @@ def _experiment(study: Study, n: int) -> Experiment:
     e = study.experiments[n]
     m = study.measurement(e.name)
     settings = {k: v for k, v in study.settings_of(e.name).items() if k not in ("speed", "unload")}
-    stated = study.settings_of(e.name).get("speed")
-    try:
-        speed = quantity(stated, "mm/s") if stated is not None else None  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        speed = None
     channels = ("uz",) if m.kind == "profile" else e.channels or m.channels
-    return Experiment(e.name, e.role, m, e.noise.noise(), tuple(channels), settings,
-                      recorded_speed(m) or speed or DEFAULT_SPEED, e.mounting, e.after)  # fmt: skip
+    speed = recorded_speed(m) or stated_speed(study, e.name) or DEFAULT_SPEED
+    return Experiment(e.name, e.role, m, e.noise.noise(), tuple(channels), settings, speed, e.mounting, e.after)
 
 
 def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:

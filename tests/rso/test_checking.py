@@ -156,3 +156,14 @@ def test_forces_that_no_modulus_of_the_range_would_have_are_told(tmp_path, unit,
     found = [line for line in lines if "Hertz's limit" in line]
     assert len(found) == 2 and all(re.search(r"mu about 0\.0\d+ MPa", line) for line in found)
     assert sum("are the units of force and depth right?" in line for line in lines) == told
+
+
+def test_the_speed_of_a_test_is_said_where_answers_depend_on_it(tmp_path):
+    """Whose word it is, too: nobody's is half a millimetre a second."""
+    held = {"backend__settings": "support = { kind = 'fixed' }"}
+    elastic = "\n".join(said(tmp_path / "a", "settings = { point = [10.0, 0.0] }", **held))
+    assert "loaded with" not in elastic
+    opened = 'mu = { low = "6 kPa", high = "20 kPa" }\nD1 = { value = 60 }\nprony_g = { low = 0.1, high = 0.5 }'
+    lines = said(tmp_path / "b", 'settings = { point = [10.0, 0.0], speed = "6 mm/min" }', parameters=opened, **held)
+    found = [line.strip() for line in lines if "loaded with" in line]
+    assert found == ["loaded with 0.5 mm/s (assumed)", "loaded with 0.1 mm/s (as stated)"]

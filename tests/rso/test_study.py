@@ -468,3 +468,31 @@ def test_that_a_test_also_unloads_is_no_matter_of_the_simulation(tmp_path, where
     assert cases.remarks(plan.study, "top") == [cases.LOADING]
     (tmp_path / "top.csv").write_text(studies.measured())
     assert cases.remarks(load(studies.write(tmp_path)), "top") == []
+
+
+def recorded(speed: float) -> str:
+    """The measured curve with the times of a loading at this speed (mm/s)."""
+    head, *rows = studies.measured().strip().splitlines()
+    return "\n".join([f"time_s,{head}", *(f"{float(r.split(',')[0]) / speed!r},{r}" for r in rows), ""])
+
+
+@pytest.mark.parametrize(
+    ("stated", "own", "speed", "whose"),
+    [(None, 0.01, 0.01, "by its times"), ("30 mm/min", 0.01, 0.01, "by its times"), ("30 mm/min", 0.51, 0.5, "as stated"),
+     ("30 mm/min", None, 0.5, "as stated"), (None, None, cases.DEFAULT_SPEED, "assumed")],
+)  # fmt: skip
+def test_a_test_is_simulated_as_fast_as_its_record_says(tmp_path, stated, own, speed, whose):
+    """One that took 300 s was simulated in 6, and what relaxes came out fifty times too quick, without a word."""
+    (tmp_path / "top.csv").write_text(studies.measured() if own is None else recorded(own))
+    experiments = TOP + (f'\nsettings = {{ speed = "{stated}" }}' if stated else "")
+    study = load(studies.write(tmp_path, experiments=experiments))
+    assert cases.speed_of(study, "top") == (pytest.approx(speed, rel=1e-3), whose)
+    (case,) = make_plan(study).cases
+    assert case.programme.time_s[-1] == pytest.approx(2.0 / speed, rel=1e-3)
+
+
+@pytest.mark.parametrize("speed", ['"fast"', '"-3 mm/s"', '"0 mm/s"'])
+def test_a_speed_that_is_none_is_refused_where_it_stands(tmp_path, speed):
+    (tmp_path / "top.csv").write_text(studies.measured())
+    with pytest.raises(StudyError, match=r"study\.toml:\d+: experiments\[0\]\.settings\.speed"):
+        make_plan(load(studies.write(tmp_path, experiments=f"{TOP}\nsettings = {{ speed = {speed} }}")))
