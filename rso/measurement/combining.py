@@ -69,6 +69,9 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
         C = diag(w²) + g² y yᵀ + o² y' y'ᵀ                    scatter of the repeats, as standard error of the mean
           + (s sᵀ + F²) e^{−|Δu|/ℓ} + G² y yᵀ + diag((d y')²)  stated: per reading, force, gain, depth
 
+    What a column states of each reading goes with the square root of how many were averaged, repeats included, where
+    it is white (ℓ = 0); F is of the curve and does not.
+
     The repeats' deviations are split into a part along y (gain g), one along y' (contact offset o) and a
     rest w, pooled over neighbouring depths: with few repeats a single depth can agree by chance.  One
     repeat alone shows only its white noise, taken from third differences.  Assumption: y' is that of a
@@ -85,8 +88,10 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
         present = sorted({str(s) for r in measurement.repeats for s in r.segment})
         raise ValueError(f"{measurement.where}: no segment {segment!r}; there are {', '.join(present)}")
     u = _grid(measurement, [b[0] for b in branches])
-    y = np.array([_between(depth, value, u) for depth, value, _ in branches])
-    stated = np.mean([np.interp(u, depth, sigma) for depth, _, sigma in branches], axis=0)
+    y = np.array([_between(depth, value, u) for depth, value, *_ in branches])
+    together = 1.0 if noise.correlation > 0 else len(branches) * np.array([np.interp(u, b[0], b[3]) for b in branches])
+    power = np.array([np.interp(u, depth, square) for depth, _, square, _ in branches])
+    stated = np.sqrt(np.mean(power / together, axis=0))
     mean = y.mean(axis=0)
     slope = _slope(u, mean)
     along = np.exp(-np.abs(u[:, None] - u) / noise.correlation) if noise.correlation > 0 else np.eye(len(u))
@@ -133,8 +138,11 @@ def _between(u: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
     return straight + terms(at) @ c - np.interp(at, u, terms(u) @ c)
 
 
-def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Depth, value and stated sigma of one segment, sorted, equal depths merged, dense records block-averaged."""
+def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, ...]:
+    """Depth, value, square of the stated sigma and number of readings, of one segment, sorted.
+
+    Equal depths are merged, dense records averaged in blocks.
+    """
     rows = repeat.segment == segment
     depth = repeat.depth[rows]
     stated = repeat.sigma.get(channel, np.zeros_like(repeat.depth))[rows]
@@ -143,8 +151,8 @@ def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, np.
     if distinct > MAX_POINTS:
         block = block * MAX_POINTS // distinct
     count = np.bincount(block)
-    mean = [np.bincount(block, weights=v) / count for v in (depth, repeat.channels[channel][rows], stated)]
-    return mean[0], mean[1], mean[2]
+    each = (depth, repeat.channels[channel][rows], stated**2)
+    return *(np.bincount(block, weights=v) / count for v in each), count
 
 
 def _grid(measurement: Measurement, depths: list[np.ndarray]) -> np.ndarray:
@@ -196,9 +204,9 @@ def _combine_profile(measurement: Measurement, noise: Noise, channel: str) -> Me
     if any(t[0].shape != places.shape or not np.allclose(t[0], places, rtol=0, atol=1e-9) for t in tables):
         raise ValueError(f"{measurement.where}: the repeats of a profile need the same depths and places")
     y = np.array([t[1] for t in tables])
-    stated = np.mean([t[2] for t in tables], axis=0)
+    stated = np.mean([t[2] ** 2 for t in tables], axis=0) / len(y)
     scatter = np.mean(np.var(y, axis=0, ddof=1)) / len(y) if len(y) > 1 else 0.0
-    variance = scatter + stated**2 + noise.of(channel) ** 2
+    variance = scatter + stated + noise.of(channel) ** 2
     return MeasuredCurve(
         channel,
         COLUMNS[channel],

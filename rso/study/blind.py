@@ -132,6 +132,16 @@ def _asked(case: Path, out: Path, seed: int) -> Asked:
 
 def _library(asked: Asked, known: dict[str, Library], store: RunStore, executor: Executor, watch: Any) -> Library:
     """A library of the same places, effects and base, made once; the tests of each case differ."""
+    b, key = asked.base, _key(asked)
+    if key not in known:
+        known[key] = diagnosis.build(b, asked.plan, asked.effects, lambda tasks: run_all(
+            b.backend, tasks, store, executor, watch=watch))  # fmt: skip
+    own = {e.name: e for e in asked.effects}  # what is plausible may hang on the forces
+    return replace(known[key], plan=asked.plan, effects=tuple(own[e.name] for e in known[key].effects))
+
+
+def _key(asked: Asked) -> str:
+    """Of cases with the same simulations: what is computed of an effect goes as far as its plausible sizes and shapes."""
     b, near = asked.base, asked.plan.near
     speeds = [min(t.speed for t in asked.plan.tests), max(t.speed for t in asked.plan.tests)]
     passes = [
@@ -139,15 +149,11 @@ def _library(asked: Asked, known: dict[str, Library], store: RunStore, executor:
             {(t.place, near(t.earlier), near(t.peak) if t.returns else 0.0) for t in asked.plan.tests}
         )
     ]
-    key = digest([
+    return digest([
         [[p.settings, p.deepest, p.peaks, p.marks, p.mark_depths] for p in asked.plan.places],
         asked.plan.scale, [e.name for e in asked.effects], b.modulus, b.reference,
+        [[[k.low, k.high] for k in e.knobs] for e in asked.effects if e.family == "model"],
         [[a.name, a.low, a.high] for a in b.axes],
         dict(b.fixed), dict(b.draft), dict(b.lean), [float(f"{v:.2g}") for v in speeds],
         [[list(p) for p in q] for q in passes],
     ])  # fmt: skip
-    if key not in known:
-        known[key] = diagnosis.build(b, asked.plan, asked.effects, lambda tasks: run_all(
-            b.backend, tasks, store, executor, watch=watch))  # fmt: skip
-    own = {e.name: e for e in asked.effects}  # what is plausible may hang on the forces
-    return replace(known[key], plan=asked.plan, effects=tuple(own[e.name] for e in known[key].effects))

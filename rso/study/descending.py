@@ -30,7 +30,8 @@ from rso.running import Outcome
 from rso.similarity import Group
 from rso.store import Done
 from rso.study.errors import Problem, study_error
-from rso.study.identifying import Identified, Settled, fitted_curves, numerical_error, ranges
+from rso.study.identifying import Identified, Settled, fitted_curves, ranges
+from rso.study.ladder_curves import error_at
 from rso.study.plan import Plan
 from rso.study.stages import REASONS, SIMILAR_TO, Bench, NothingToFit, Proof, Run, why
 
@@ -144,7 +145,7 @@ class _Eyes:
     def data(self, sight: Sight) -> tuple[Data, ...]:
         """The measured curves with the numerical error of this run."""
         outcomes, case_of = self.outcomes[sight.x.tobytes()], self.bench.plan.case_of
-        errors = [numerical_error(_response(outcomes[case_of[p.experiment]]), p) for p in self.places]
+        errors = [error_at(_response(outcomes[case_of[p.experiment]]), p) for p in self.places]
         return tuple(
             d.plus(together(p.depth, s, float(p.depth.max())))
             for p, d, s in zip(self.places, self.curves, errors, strict=True)

@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from rso.contract import Response
-from rso.curves import ahead
 from rso.doe import Box
 from rso.emulator import Emulator, relearn
 from rso.identify import (
@@ -39,6 +37,7 @@ from rso.identify.verdict import physical
 from rso.measurement import MeasuredCurve, combine
 from rso.running import Outcome, Task
 from rso.store import Done
+from rso.study.ladder_curves import error_at
 from rso.study.plan import Plan
 from rso.study.searching import Found, Validation
 from rso.study.stages import NOISE, Bench, Run, sample
@@ -254,7 +253,7 @@ def further_gains(plan: Plan, d: Determination, checked: Sequence[Validation]) -
         C = measured.covariance[np.ix_(keep, keep)] * d.scale**2
         C = (
             C
-            + together(place.depth, numerical_error(response, place))
+            + together(place.depth, error_at(response, place))
             + 1e-12 * np.eye(len(C)) * float(np.max(measured.value)) ** 2
         )
         # Of several candidates the one nearest to the most likely values speaks.
@@ -336,7 +335,7 @@ def _numerical(plan: Plan, found: Sequence[Found], place: Place) -> np.ndarray:
         for c in f.result.candidates:
             outcome = c.outcomes[plan.case_of[place.experiment]]
             if isinstance(outcome, Done):
-                return numerical_error(outcome.response, place)
+                return error_at(outcome.response, place)
     return np.zeros_like(place.depth)
 
 
@@ -345,17 +344,6 @@ def _recomputed(plan: Plan, outcomes: Sequence[Outcome], place: Place) -> np.nda
     outcome = outcomes[plan.case_of[place.experiment]]
     assert isinstance(outcome, Done)
     return resample(outcome.response, place, "")
-
-
-def numerical_error(response: Response, place: Place) -> np.ndarray:
-    """Estimated numerical error (n,) of a response at the measured depths."""
-    curve = response.curve(place.channel)
-    if not np.any(curve.error):
-        return np.zeros_like(place.depth)
-    # Relative errors are smooth where absolute ones follow the curve.
-    share = np.where(curve.value != 0, curve.error / np.where(curve.value != 0, curve.value, 1.0), 0.0)
-    loading = ahead(curve.travel_mm)
-    return np.abs(np.interp(place.depth, curve.travel_mm[loading], share[loading]) * resample(response, place, ""))
 
 
 def _values(plan: Plan, box: Box, x: np.ndarray) -> dict[str, float]:

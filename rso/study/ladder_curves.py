@@ -56,7 +56,10 @@ def numerical(plan: Plan, answer: tuple[Response, ...], place: Place, data: Data
 
 
 def error_at(response: Response, place: Place) -> np.ndarray:
-    """Estimated numerical error (n,) of a channel at the measured depths; between travels it grows as u^{3/2}."""
+    """Estimated numerical error (n,) of a channel at the measured depths; between travels it grows as u^{3/2}.
+
+    It is no share of the value: a lateral force may vanish on its way, and its error does not.
+    """
     curve = response.curve(place.channel)
     used = ahead(curve.travel_mm)
     u = curve.travel_mm[used]

@@ -127,3 +127,14 @@ def test_what_files_were_taken_for_is_said_at_the_first_reading_and_kept(librari
     ]  # fmt: skip
     assert all(data["taken"] == taken for _, data in found)
     assert json.loads((tmp_path / "case_2.json").read_text())["taken"]["files"] == [file]
+
+
+def test_a_library_serves_cases_of_its_own_ranges_only():
+    """A case held for 3000 s beside one of 8 s had its relaxation times cut off at 100 s, by what lay in the folder."""
+    plan = make_plan(toy.laboratory(toy.TRUTH, 0))
+    (e,) = toy.effects("stiff")
+    wider = replace(e, size=replace(e.size, high=2.0 * e.size.high))
+    (bias,) = toy.effects("bias")  # of the chain: nothing is computed for it
+    keys = [blind._key(blind.Asked(None, toy.base(), plan, effects)) for effects in
+            ((e, bias), (wider, bias), (e, replace(bias, size=replace(bias.size, high=9.0))))]  # fmt: skip
+    assert keys[0] != keys[1] and keys[0] == keys[2]

@@ -10,11 +10,12 @@ import soft_ball
 
 from rso import identify
 from rso.contract import Response
-from rso.identify import Misfit
+from rso.identify import Misfit, Place
 from rso.measurement import MeasuredCurve
 from rso.report.identification import identification_section
 from rso.store import Done
 from rso.study import identifying
+from rso.study.ladder_curves import error_at
 
 
 @pytest.fixture(scope="module")
@@ -121,3 +122,13 @@ def _done(response):
     done = object.__new__(Done)
     object.__setattr__(done, "response", response)
     return done
+
+
+def test_a_force_that_vanishes_on_its_way_keeps_its_numerical_error():
+    """As a share of the value it was interpolated through zero, and the data counted as exact there."""
+    travel, Fx = np.array([1.0, 2.0, 3.0, 4.0]), np.array([-0.01, 0.01, 0.03, 0.05])
+    channels = {"time": travel, "travel": travel, "Fx": Fx}
+    units = {"time": "s", "travel": "mm", "Fx": "N"}
+    response = Response(channels, units, error={"Fx": np.full(4, 0.002)})
+    error = error_at(response, Place("top", "Fx", np.array([1.2, 1.5, 1.8, 3.0])))
+    assert (error > 0.0019).all() and error[-1] == pytest.approx(0.002)

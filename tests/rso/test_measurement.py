@@ -805,3 +805,19 @@ def test_a_repeat_whose_force_has_another_sign_to_the_same_depth_is_refused(tmp_
     rows += [(u, f - 0.6, 2) for u, f in zip(PRESS[late], PULL[late], strict=True)]
     with pytest.raises(ValueError, match="another sign, unit or tare"):
         read(write(tmp_path, table("depth_mm,Fz_N,repeat", rows)))
+
+
+def test_what_a_column_states_of_each_reading_is_averaged_with_them(tmp_path):
+    """4000 readings of 3 mN each were a curve of 3 mN, and five repeats no better; a correlated error stays."""
+    rng = np.random.default_rng(4)
+    u = np.linspace(0.001, 4.0, 4000)
+    rows = [(r + 1, d, 0.1 * d**1.5 + 0.003 * rng.standard_normal()) for r in range(5) for d in u]
+    text = "".join(f"{r},{d:.6f},{f:.8f},3\n" for r, d, f in rows)
+    m = read(write(tmp_path, "repeat,depth_mm,Fz_N,Fz_sigma_mN\n" + text))
+    white = combine(m, Noise())
+    true = 0.1 * white.depth**1.5
+    honest = float(np.sqrt(np.mean(((white.value - true) / white.sigma)[20:] ** 2)))
+    assert 0.6 < honest < 1.2  # stated and shown both count: at most √2 too wide
+    assert np.median(white.sigma) < 0.003 / np.sqrt(50)
+    kept = combine(m, Noise(correlation=0.5))
+    assert np.median(kept.sigma) == pytest.approx(0.003, rel=0.05)
