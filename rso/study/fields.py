@@ -46,6 +46,13 @@ def plain(value: Any) -> Any:
     return value
 
 
+def apart(value: tuple[Any, ...]) -> tuple[Any, ...]:
+    """What is read counts once: nothing is listed twice."""
+    if twice := [v for k, v in enumerate(value) if v in value[:k]]:
+        raise ValueError(f"{twice[0]!r} is listed twice; a reading counts once")
+    return value
+
+
 def names_of_effects(value: Any) -> Any:
     """The word all, or names of effects."""
     if value == "all" or (isinstance(value, list) and all(isinstance(v, str) for v in value)):
@@ -72,6 +79,7 @@ def formed(pattern: str, words: str) -> AfterValidator:
 Bound = Annotated[Any, AfterValidator(as_written)]
 Settings = Annotated[dict[str, Any], AfterValidator(plain)]
 Names = Annotated[tuple[str, ...], BeforeValidator(list_to_tuple)]
+Channels = Annotated[Names, AfterValidator(apart)]
 Files = Annotated[tuple[Annotated[str, Field(min_length=1)], ...], BeforeValidator(one_or_more), Field(min_length=1)]
 _NAMED = "expected is a name of letters, digits, blanks and . + - _, at most 64, that begins with a letter, digit or _"
 Name = Annotated[str, formed(r"\w[\w .+-]{0,63}", _NAMED)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -156,29 +157,37 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
             if channel not in measurement.channels:
                 message = f"{e.files} has no such channel; {choose(channel, measurement.channels)}"
                 yield Problem((*place, "channels"), message, channel)
-    yield from _check_validation(experiments, folder, measurements)
+    yield from _check_once(raw, experiments, folder, measurements)
 
 
-def _check_validation(
-    experiments: dict[int, ExperimentTable], folder: Path, measurements: dict[str, Measurement]
-) -> Iterator[Problem]:
-    """What is kept for validation is not fitted or selected on: no file of the same bytes, read by the same headers."""
+def _check_once(raw: dict[str, Any], experiments: dict[int, ExperimentTable], folder: Path,
+                measurements: dict[str, Measurement]) -> Iterator[Problem]:  # fmt: skip
+    """Readings count once: those kept for validation are not fitted or selected on, no others stand in two tests.
+
+    Files are the same where their bytes are, readings where they are also read by the same headers.
+    """
     there = {n: e for n, e in experiments.items() if e.name in measurements}
-    if not any(e.role == "validate" for e in there.values()):
-        return
-    known = {n: {fingerprint(folder / f): f for f in e.data} for n, e in there.items()}
-    for n, e in there.items():
-        for k, other in there.items():
-            same = known[n].keys() & known[k].keys()
-            read_alike = (e.columns and e.columns.headers()) == (other.columns and other.columns.headers())
-            alike = set(e.compared) & set(other.compared) and read_alike
-            if same and alike and e.role == "validate" and other.role != "validate":
-                files = " and ".join(dict.fromkeys((known[n][min(same)], known[k][min(same)])))
-                message = (
-                    f"experiments {e.name!r} (role = {e.role!r}) and {other.name!r} (role = {other.role!r}) have the "
-                    f"same data ({files}): what was used before validates nothing"
-                )
-                yield Problem(("experiments", n, "data"), message, e.files)
+    known = {n: {fingerprint(folder / f): f for f in e.data} for n, e in there.items()} if len(there) > 1 else {}
+    for n, k in itertools.permutations(known, 2):
+        e, other = there[n], there[k]
+        same = known[n].keys() & known[k].keys()
+        read_alike = (e.columns and e.columns.headers()) == (other.columns and other.columns.headers())
+        if not (same and read_alike and set(e.compared) & set(other.compared)):
+            continue
+        files = " and ".join(dict.fromkeys((known[n][min(same)], known[k][min(same)])))
+        text = (f"experiments {e.name!r} (role = {e.role!r}) and {other.name!r} (role = {other.role!r}) have the same "
+                f"data ({files})")  # fmt: skip
+        if e.role == "validate" and other.role != "validate":
+            yield Problem(("experiments", n, "data"), f"{text}: what was used before validates nothing", e.files)
+        elif k < n and other.role != "validate" and _settings(raw, e) == _settings(raw, other):
+            yield Problem(("experiments", n, "data"), f"{text} of one test: a repeat counts once", e.files)
+
+
+def _settings(raw: dict[str, Any], e: ExperimentTable) -> dict[str, Any]:
+    """Settings of an experiment: its own replace those of the backend."""
+    backend = raw.get("backend")
+    shared = backend.get("settings") if isinstance(backend, dict) else None
+    return {**(shared if isinstance(shared, dict) else {}), **e.settings}
 
 
 def _circle(name: str, after: Mapping[str, Sequence[str]]) -> tuple[str, ...]:

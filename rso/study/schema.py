@@ -24,6 +24,7 @@ from rso.measurement import Measurement, Noise
 from rso.study.columns import ColumnsTable
 from rso.study.fields import (
     Bound,
+    Channels,
     Count,
     Depth,
     Duration,
@@ -37,6 +38,7 @@ from rso.study.fields import (
     Settings,
     Share,
     Tolerance,
+    apart,
     formed,
     list_to_tuple,
     names_of_effects,
@@ -114,7 +116,7 @@ class ExperimentTable(Table):
     data: Files
     columns: ColumnsTable | None = None
     kind: Literal["force", "profile"] = "force"
-    channels: Names = ()
+    channels: Channels = ()
     settings: Settings = Field(default_factory=dict)
     noise: NoiseTable = NoiseTable()
     mounting: Annotated[str, Field(min_length=1)] = "A"
@@ -253,10 +255,10 @@ class NextExperiment(Table):
     settings: Settings = Field(default_factory=dict)
     depth: Depth = 4.0
     step: Depth = 0.1
-    channels: Names = ("Fz",)
+    channels: Channels = ("Fz",)
     marks: Annotated[tuple[Annotated[tuple[float, float], BeforeValidator(list_to_tuple)], ...],
-                     BeforeValidator(list_to_tuple)] = ()  # fmt: skip
-    depths: Annotated[tuple[Depth, ...], BeforeValidator(list_to_tuple)] = ()
+                     BeforeValidator(list_to_tuple), AfterValidator(apart)] = ()  # fmt: skip
+    depths: Annotated[tuple[Depth, ...], BeforeValidator(list_to_tuple), AfterValidator(apart)] = ()
     noise: NoiseTable = NoiseTable()
 
     @model_validator(mode="after")

@@ -14,11 +14,13 @@ OWN = {
     "backend__settings": "indenter = { radius = 5.0, shaft = true }\nsupport = { kind = 'bowl', clearance = 2.0 }",
     "search": None,
 }
-SECOND = 'name = "side"\nrole = "fit"\ndata = "top.csv"\nnoise = { Fz = "0.02 mN" }\n'
+SECOND = 'name = "side"\nrole = "fit"\ndata = "side.csv"\nnoise = { Fz = "0.02 mN" }\n'
 
 
 def said(folder: Path, settings: str = "", trust: bool = False, **changes: str | None) -> list[str]:
     """Lines of a check of a study with a second experiment that has settings of its own."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "side.csv").write_text("# the same again\n" + studies.measured())
     both = "\n[[experiments]]\n".join([studies.SECTIONS["[experiments]"], SECOND + settings])
     return check(load(studies.write(folder, **{**OWN, "experiments": both, **changes})), folder / "results", trust)
 

@@ -662,12 +662,44 @@ def test_data_that_are_fitted_validate_nothing(tmp_path, what):
         assert word in problem
 
 
-@pytest.mark.parametrize("more", ['role = "select"\n', 'role = "validate"\nchannels = ["Fx"]\n'])
-def test_the_same_file_may_be_fitted_twice_or_validate_by_another_channel(tmp_path, more):
+@pytest.mark.parametrize("what", SAME)
+@pytest.mark.parametrize("role", ["fit", "select"])
+def test_the_same_readings_are_fitted_or_selected_on_once(tmp_path, what, role):
+    """Intervals would be too narrow by the root of two, and nobody would see it."""
+    first, second, *_ = SAME[what]
+    write(tmp_path, studies.measured(), name="copy.csv")
+    write(tmp_path, studies.measured().replace("0.1,", "0.1001,"), name="other.csv")
+    more = f'[[experiments]]\nname = "again"\nrole = "{role}"\n{second}\n'
+    with pytest.raises(StudyError) as caught:
+        load(studies.write(tmp_path, experiments=f"{EXPERIMENT}{first}\n{more}"))
+    (problem,) = caught.value.problems
+    for word in ("experiments[1].data", "'again'", "'top' (role = 'fit')", "a repeat counts once"):
+        assert word in problem
+
+
+@pytest.mark.parametrize("more", ['role = "select"\nchannels = ["Fx"]\n', 'role = "validate"\nchannels = ["Fx"]\n',
+                                  'role = "fit"\nsettings = { thickness = 9 }\n'])  # fmt: skip
+def test_the_same_file_may_be_fitted_elsewhere_or_validate_by_another_channel(tmp_path, more):
     text = "depth_mm,Fz_N,Fx_N\n" + "".join(f"{u},{0.04 * u**1.5},{0.004 * u}\n" for u in np.linspace(0.1, 2, 20))
     write(tmp_path, text, name="top.csv")
     more = f'[[experiments]]\nname = "other"\ndata = "top.csv"\n{more}'
     assert len(load(studies.write(tmp_path, experiments=f'{EXPERIMENT}data = "top.csv"\n{more}')).experiments) == 2
+
+
+TWICE = {  # more of the study, the key
+    'channels = ["Fz", "Fz"]\n': "experiments[0].channels = ['Fz', 'Fz']: 'Fz' is listed twice",
+    '[[next.experiments]]\nname = "n"\nchannels = ["Fz", "Fz"]\n': "next.experiments[0].channels",
+    '[[next.experiments]]\nname = "n"\nmarks = [[1, 2], [1, 2]]\ndepths = [1]\n': "next.experiments[0].marks",
+    '[[next.experiments]]\nname = "n"\nmarks = [[1, 2]]\ndepths = [1, "1 mm"]\n': "next.experiments[0].depths",
+}
+
+
+@pytest.mark.parametrize("more", TWICE)
+def test_what_is_read_is_listed_once(tmp_path, more):
+    with pytest.raises(StudyError, match="a reading counts once") as caught:
+        load(studies.write(tmp_path, experiments=f'{EXPERIMENT}data = "top.csv"\n{more}'))
+    (problem,) = caught.value.problems
+    assert TWICE[more] in problem
 
 
 LOUD = {  # noise, what a check says of it
