@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, create_model, model_validator
 
+from rso.contract import finite
 from rso.measurement import Column
 from rso.study.fields import formed
 from rso.study.table import Table
@@ -19,7 +19,7 @@ def _zeros(value: Any) -> Any:
     several = list(value) if isinstance(value, list | tuple) else [value]
     if not several or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in several):
         raise ValueError("expected a number, or a list with one for each file of an experiment")
-    if not all(map(math.isfinite, several)):
+    if not all(map(finite, several)):
         raise ValueError("must be finite")
     return tuple(map(float, several)) if isinstance(value, list | tuple) else float(value)
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import datetime
-import math
 import re
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
+from rso.contract import finite
 from rso.units import quantity
 
 
@@ -28,7 +28,7 @@ def as_written(value: Any) -> Any:
     """A bound: a finite bare number, or text that will be read with the parameter's unit."""
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise ValueError('expected a number or text with a unit, for example 0.0032 or "3.2 kPa"')
-    if not isinstance(value, str) and not math.isfinite(value):
+    if not isinstance(value, str) and not finite(value):
         raise ValueError("expected a finite number")
     return value
 
@@ -41,8 +41,9 @@ def plain(value: Any) -> Any:
     elif isinstance(value, list):
         for v in value:
             plain(v)
-    elif isinstance(value, datetime.date | datetime.time) or (isinstance(value, float) and not math.isfinite(value)):
-        raise ValueError(f"{value} cannot be handed to a backend; allowed are text, finite numbers, booleans, tables")
+    elif isinstance(value, datetime.date | datetime.time) or (type(value) in (int, float) and not finite(value)):
+        text = f"{str(value)[:20]} cannot be handed to a backend"
+        raise ValueError(f"{text}; allowed are text, finite numbers, booleans, tables")
     return value
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import difflib
 import json
-import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from rso.contract import finite
 from rso.study.columns import ColumnsTable
 from rso.study.errors import choose, in_words, schema_problems
 
@@ -184,7 +184,7 @@ def _table(data: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 def _number(key: str, value: Any, *, zero: bool = True) -> float:
     """A finite number, not negative."""
-    if not _finite(value):
+    if not finite(value):
         raise ValueError(f"{key} = {value!r}: a number is expected, in the unit of its name")
     if value < 0 or (value == 0 and not zero):
         raise ValueError(f"{key} = {value!r}: must be {'at least 0' if zero else 'positive'}")
@@ -192,10 +192,6 @@ def _number(key: str, value: Any, *, zero: bool = True) -> float:
 
 
 def _lengths(key: str, value: Any, n: int) -> list[float]:
-    if not isinstance(value, list) or len(value) != n or not all(map(_finite, value)):
+    if not isinstance(value, list) or len(value) != n or not all(map(finite, value)):
         raise ValueError(f"{key} = {value!r}: {n} number(s) in mm expected")
     return [_number(key, v, zero=False) for v in value]
-
-
-def _finite(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -68,6 +68,19 @@ def base() -> dict[str, Any]:
     return study
 
 
+def full() -> dict[str, Any]:
+    """The same with further tables: a ladder, columns, what might be done next."""
+    study = base()
+    columns = {"depth": {"header": "depth_mm", "zero": 0.0}, "Fz": {"header": "Fz_N", "zero": [0.0]}}
+    possible = {"name": "again", "depth": 2.0, "step": 0.5, "noise": {"Fz": 1e-5, "gain": 0.01}}
+    level = {"name": "other", "settings": {"thickness": 9.0}, "open": {"mu": ["6 kPa", 0.02]}}
+    study["experiments"][0] |= {"settings": {"speed": 0.5, "thickness": 8.0}, "columns": columns}
+    study["doe"] |= {"constraints": ["mu <= 1"]}
+    more = {"ladder": {"levels": [level]}, "next": {"truths": {"mu": [0.01, "9 kPa"]}, "experiments": [possible]},
+            "diagnose": {"settings": {"thickness": 8.0}}}  # fmt: skip
+    return study | more
+
+
 def write(folder: Path, study: dict[str, Any]) -> None:
     (folder / "study.toml").write_text(document(study), encoding="utf-8", errors="surrogatepass")
 

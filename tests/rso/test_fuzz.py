@@ -90,6 +90,21 @@ def test_the_study_that_is_mutated_is_good(tmp_path):
     assert (code, err) == (0, "") and "good" in out
 
 
+@pytest.mark.parametrize("digits", [400, 4000])
+def test_whole_numbers_too_large_for_a_float_are_refused_wherever_they_stand(tmp_path, digits):
+    (tmp_path / "top.csv").write_text(fuzzing.studies.measured())
+    fuzzing.write(tmp_path, fuzzing.full())
+    assert verdict(tmp_path)[0] == 0  # as it is, it is good
+    for place in list(fuzzing.places(fuzzing.full())):
+        for value in (10**digits, -(10**digits)):
+            study = fuzzing.full()
+            fuzzing.put(study, place, value)
+            fuzzing.write(tmp_path, study)
+            code, out, err = verdict(tmp_path)
+            assert (code, "Traceback" in out + err) == (2, False), (place, code, out, err[:300])
+            assert all(len(line) < 1500 for line in err.splitlines()), place
+
+
 # ------------------------------------------------------------------------------------------------------ trust
 
 

@@ -103,6 +103,8 @@ def test_a_rate_in_a_name_or_stated_is_that_of_files_without_times(tmp_path):
         ({"noise": {"force_mN": 3}}, ["noise.force_mN", "force_N"]),
         ({"noise": {"force_N": None}}, ["noise.force_N = None", "a number"]),
         ({"noise": {"force_N": "3 mN"}}, ["noise.force_N = '3 mN'", "a number"]),
+        ({"noise": {"force_N": 10**400}}, ["noise.force_N = 1000", "a number"]),
+        ({"specimen": {"semi_axes_mm": [10**400, 35, 35]}}, ["specimen.semi_axes_mm", "3 number(s)"]),
         ({"noise": {"force_N": -2.0}}, ["noise.force_N = -2.0", "at least 0"]),
         ({"support": "lying loose on a plate"}, ["support", "bonded", "bowl"]),
         ({"support": "lies loose on a fixed platform"}, ["support", "'loose'", "bonded", "bowl"]),
