@@ -184,7 +184,7 @@ def _measured(j: Judged) -> str:
     shown = [e for e in g.errors if e.role != "validate"]
     parts += [f"NRMSE {100 * e.nrmse:.3g} % on {e.name}, limit {100 * e.limit:.3g} %" for e in shown]
     alarm = f"{100 * (1 - g.confidence):.3g} %"
-    return f"{'; '.join(parts)}. A perfect model is beyond one of these limits in {alarm}; p {p_value(g)}."
+    return f"{'; '.join(parts)}; together p {p_value(g)} (below {alarm} it fails)."
 
 
 def _size(x: float) -> str:

@@ -10,9 +10,11 @@ from typing import Any
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from rso.report.byline import byline
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, WARM, canvas, plain_log, short, style, svg
-from rso.report.digits import DASH, between, clean, duration, known, sentence, shown, significant, symbol
+from rso.report.digits import DASH, between, clean, duration, known, quantity, sentence, shown, significant, symbol
 from rso.report.document import Block, Cell, Picture, Report, Section, Table, Text, column, table, words
+from rso.report.ladder import value_text
 from rso.report.page import pictures, pour
 from rso.report.reading import listed, number, pair
 
@@ -43,7 +45,7 @@ def report(found: Found) -> Report:
     """The whole document."""
     heading = clean((found.get("study") or {}).get("title")) or "Untitled study"
     parts = (answer(found), two(found), exists(found), how(found))
-    return Report(heading, f"Next: which experiment would tell most of {_focus(found)}", "", parts)
+    return Report(heading, f"Next: which experiment would tell most of {_focus(found)}", byline(found), parts)
 
 
 def _focus(found: Found) -> str:
@@ -75,8 +77,9 @@ def size_at(found: Found, row: Mapping[str, Any], which: str = "expected") -> li
 
 def answer(found: Found) -> Section:
     """Section 1: in words, every experiment in a line, the picture."""
-    blocks: list[Block] = [Text(sentence(w), "lead" if k == 1 else "plain")
-                           for k, w in enumerate(listed_words(found))]  # fmt: skip
+    now, *more = listed_words(found) or [""]
+    said = [*more[:1], now, *more[1:]]
+    blocks: list[Block] = [Text(sentence(w), "plain" if k or not more else "lead") for k, w in enumerate(said) if w]
     rows = [*rows_of(found, 0), *rows_of(found, 1)]
     titles = [r["added"][0] if r.get("added") else "only what has been done" for r in rows]
     blocks.append(Picture("sizes", f"Expected uncertainty of {_focus(found)} after each experiment, for different true "
@@ -104,7 +107,7 @@ def _table(found: Found, title: str, rows: Sequence[Mapping[str, Any]], titles: 
         heading = f"if {_focus(found)} = {significant(truth, 3)}" if k == 0 else significant(truth, 3)
         columns.append(column(heading, tuple(cells), unit.strip()))
     note = "One standard deviation, with what has been done, from made-up data; a factor either way, or per cent. "
-    note += "Green: a 90 % interval would be a value, within a factor of 1.75 either way."
+    note += "Marked with a dot: a 90 % interval would be a value, within a factor of 1.75 either way."
     return table(title, columns, note)
 
 
@@ -150,8 +153,7 @@ def exists(found: Found) -> Section:
     columns = [
         column("Fitted together", words([" + ".join(f.get("experiments") or ()) for f, _ in rows]), number=False),
         column("", words([symbol(p["name"]) for _, p in rows]), number=False),
-        column("value", words([significant(float(p["value"]) * u.factor, 3) + u.after
-                               for u, (_, p) in zip(shapes, rows, strict=True)])),
+        column("value", words([value_text(p, u) for u, (_, p) in zip(shapes, rows, strict=True)])),
         column("90 % interval", words([between(*map(float, p["interval"]), u, 3) if pair(p.get("interval")) else DASH
                                        for u, (_, p) in zip(shapes, rows, strict=True)])),
         column("", tuple(_word(p.get("verdict")) for _, p in rows), number=False),
@@ -168,7 +170,8 @@ def _word(word: Any) -> Cell:
 
 def how(found: Found) -> Section:
     """Section 4: method and cost."""
-    truths = [", ".join(f"{symbol(k)} = {significant(float(v), 3)}" for k, v in t.items())
+    units = {p["name"]: clean(p.get("unit")) for p in listed(found, "parameters")}
+    truths = [", ".join(f"{symbol(k)} = {quantity(float(v), units.get(k, ''), 3)}" for k, v in t.items())
               for t in listed(found, "truths")]  # fmt: skip
     text = (
         "Each experiment is simulated over the whole range and learnt with its derivatives. At every truth, data of "

@@ -6,9 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rso.report.byline import byline
 from rso.report.digits import (
     DASH,
     NBSP,
+    Unit,
     aligned,
     between,
     clean,
@@ -49,7 +51,7 @@ def report(found: Found) -> Report:
     """The whole document, in the order in which a reader asks."""
     title = clean((found.get("study") or {}).get("title")) or "Untitled study"
     parts = (decision(found), curves(found), thresholds(found), parameters(found), how(found))
-    return Report(title, "Ladder: the simplest model that these data cannot tell from the truth", "", parts)
+    return Report(title, "Ladder: the simplest model that these data cannot tell from the truth", byline(found), parts)
 
 
 def decision(found: Found) -> Section:
@@ -84,10 +86,22 @@ def _facts(found: Found) -> list[Fact]:
         facts.append(Fact("NRMSE", percent(number(first.get("nrmse")), 2), f"error threshold {limit}"))
     p = (level.get("verdict") or {}).get("p_value")
     facts.append(Fact("Both as one test", f"p {p_text(p, found)}", f"fails below {_alarm(found)}"))
+    facts += _unused(level)
     runs = (found.get("counts") or {}).get("runs")
     if known(runs):
         facts.append(Fact("Simulations", f"{runs}", f"{duration((found.get('timings') or {}).get('fe_cpu'))} of CPU"))
     return facts
+
+
+def _unused(level: Mapping[str, Any]) -> list[Fact]:
+    """The tests that took no part in the decision."""
+    tests = list(level.get("validated") or ())
+    if not tests:
+        return []
+    missed = [clean(t.get("curve")) for t in tests if (t.get("verdict") or {}).get("passes") is not True]
+    names = ", ".join(missed or [clean(t.get("curve")) for t in tests])
+    value, mark = (("missed", "warn") if missed else ("predicted", "good"))
+    return [Fact("Unused test" if len(tests) == 1 else "Unused tests", value, names, mark)]
 
 
 def _alarm(found: Found) -> str:
@@ -122,8 +136,7 @@ def _steps(found: Found) -> Table:
                                      significant(v["log_evidence"] - top, 3) for v in rows]), "below best"),
         column("runs", words([f"{v['runs']}" if known(v.get("runs")) else DASH for v in rows])),
     ]  # fmt: skip
-    note = "χ² of the fitted curves, NRMSE of the first of them. A level passes if it is beyond no limit, which is "
-    note += f"p ≥ {_alarm(found)}; a perfect model fails in {_alarm(found)} of all data sets. "
+    note = "χ² of the fitted curves, NRMSE of the first of them. A level passes if it is beyond no limit. "
     note += "Runs: simulations that a level was the first to need."
     return table("Every level", columns, note)
 
@@ -145,7 +158,7 @@ def curves(found: Found) -> Section:
     blocks: list[Block] = []
     if fitted(found):
         names = list(dict.fromkeys(c["name"] for v in fitted(found) for c in v.get("curves") or ()))
-        text = "Left: measured curve and every level at its best. Right: level − measured; grey: twice the standard "
+        text = "Left: measured curve and every level at its best. Right: measured − level; grey: twice the standard "
         text += "uncertainty of measurement and computation together."
         for k, name in enumerate(names[:DRAWN]):
             blocks.append(Picture(f"curve-{k}", text if k == 0 else f"The same for {name}."))
@@ -175,7 +188,7 @@ def thresholds(found: Found) -> Section:
     ]
     note = "Curves for validation took no part in the decision." if any(
         e.get("role") == "validate" for _, e in rows) else ""  # fmt: skip
-    picture = Picture("threshold", "Error of every level (dot) and its threshold (bar: what noise alone would leave).")
+    picture = Picture("threshold", "Error of every level (dot) and its threshold (tick: what noise alone would leave).")
     return Section("threshold", "How good is good enough", (Text(text), picture, table("Errors", columns, note)))
 
 
@@ -197,18 +210,25 @@ def parameters(found: Found) -> Section:
         column("Level", words([title(v) for v, _ in rows]), number=False),
         column("Parameter", words([n + (" (added)" if p.get("added") else "") for n, (_, p) in
                                    zip(names, rows, strict=True)]), number=False),
-        column("value", words([significant(_times(p.get("value"), u.factor), 3) + u.after
-                               for u, (_, p) in zip(units, rows, strict=True)])),
+        column("value", words([value_text(p, u) for u, (_, p) in zip(units, rows, strict=True)])),
         column("90 % interval", words([_interval(p, u) for u, (_, p) in zip(units, rows, strict=True)])),
         column("", tuple(_determined(p.get("verdict")) for _, p in rows), number=False),
     ]  # fmt: skip
     note = "Profile likelihood. Only what a level adds must be determined; moduli that it adds are shares of μ."
-    picture = Picture("intervals", "Value and 90 % interval of every parameter by level; pale: the range searched.")
+    caption = "90 % interval of every parameter by level, and its value if the data tell one; pale: the range searched."
+    picture = Picture("intervals", caption)
     return Section("parameters", "Parameters by level", (picture, table("What the data say", columns, note)))
 
 
 def _axis(name: Any) -> str:
     return "/".join("·".join(symbol(n) for n in part.split("·")) for part in clean(name).split("/"))
+
+
+def value_text(p: Mapping[str, Any], unit: Unit) -> str:
+    """The value of a parameter with its unit; one that the data do not determine has an interval only."""
+    if p.get("verdict") not in ("determined", "weakly"):
+        return DASH
+    return significant(_times(p.get("value"), unit.factor), 3) + unit.after
 
 
 def _times(x: Any, factor: float) -> float | None:

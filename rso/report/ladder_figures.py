@@ -86,15 +86,15 @@ def curve(found: Found, k: int) -> Figure:
         x, f = (np.array(v) for v in points(c.get("depth"), c.get("predicted")))
         m = np.interp(x, *map(np.array, points(c.get("depth"), c.get("measured"))))
         left.plot(x, f * unit.factor, **look[name])
-        right.plot(x, (f - m) * fine.factor, **look[name])
+        right.plot(x, (m - f) * fine.factor, **look[name])
     handles = [Line2D([], [], **marks)] + [Line2D([], [], **look[n]) for n, _ in rows]
     titles = {v["name"]: title(v) for v in fitted(found)}
     texts = ["measured", *(short(titles[n], 24) for n, _ in rows)]
     left.legend(handles, texts, frameon=False, fontsize=8, loc="upper left", handlelength=2.4, borderaxespad=0.1)
     left.set_title(short(clean(names[k]), 40), color=GREY)
-    right.set_title("level − measured", color=GREY)
+    right.set_title("what a level leaves", color=GREY)
     left.set(xlabel="depth (mm)", ylabel=f"{channel_text(holds.get('channel'))}{unit.bracket}", xlim=(0, None))
-    right.set(xlabel="depth (mm)", ylabel=f"residual{fine.bracket}", xlim=(0, None))
+    right.set(xlabel="depth (mm)", ylabel=f"measured − level{fine.bracket}", xlim=(0, None))
     _clip(right, rows, s * fine.factor, fine)
     for axes in (left, right):
         axes.xaxis.set_major_locator(MaxNLocator(5))
@@ -114,7 +114,7 @@ def _clip(axes: Axes, rows: list[tuple[str, Mapping[str, Any]]], s: np.ndarray, 
 
 
 def threshold(found: Found) -> Figure:
-    """One row per curve and level: a bar up to what noise alone would leave, a dot where the level is."""
+    """One row per curve and level: a tick at what noise alone would leave, a dot where the level is."""
     rows = [(v["name"], e) for v in fitted(found) for e in v.get("errors") or ()]
     rows = [(n, e) for n, e in rows if known(e.get("nrmse")) and known(e.get("threshold"))]
     titles = {v["name"]: title(v) for v in fitted(found)}
@@ -128,8 +128,10 @@ def threshold(found: Found) -> Figure:
         for k, (n, e) in enumerate(mine):
             value, limit = 100 * float(e["nrmse"]), 100 * float(e["threshold"])
             good = value <= limit
-            axes.barh(y, limit, height=0.62, color=LIGHT if n != found.get("chosen") else "#b9d3de", lw=0)
-            axes.plot([value], [y], "o", ms=5, mfc=ACCENT if good else PAPER, mec=ACCENT if good else WARM, mew=1.3)
+            axes.plot([value, limit], [y, y], color=LIGHT, lw=1.2, zorder=1)
+            axes.plot([limit], [y], "|", ms=11, mew=2.2, color=ACCENT if n == found.get("chosen") else INK, zorder=2)
+            axes.plot([value], [y], "o", ms=5, mfc=ACCENT if good else PAPER, mec=ACCENT if good else WARM, mew=1.3,
+                      zorder=3)  # fmt: skip
             ticks.append(y)
             text = titles[n]
             labels.append(f"{short(curve_name, 24)} ({role_word(e.get('role'))})   {text}" if k == 0 else text)
@@ -169,7 +171,8 @@ def intervals(found: Found) -> Figure:
             good = p.get("verdict") == "determined"
             axes.plot([a, b], [-k, -k], color=PALE, lw=5, solid_capstyle="butt")
             axes.plot([c, d], [-k, -k], color=ACCENT if good else GREY, lw=5, solid_capstyle="butt")
-            axes.plot([float(p["value"]) * unit.factor], [-k], "o", ms=4, mfc=PAPER, mec=INK, mew=1.0)
+            if p.get("verdict") in ("determined", "weakly"):
+                axes.plot([float(p["value"]) * unit.factor], [-k], "o", ms=4, mfc=PAPER, mec=INK, mew=1.0)
         ticks = axes.set_yticks([-k for k in range(len(mine))], [short(titles[n], 24) for n, _ in mine])
         for tick, (n, _) in zip(ticks, mine, strict=True):
             tick.label1.set_color(ACCENT if n == found.get("chosen") else INK)

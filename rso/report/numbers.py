@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from rso.report.background import provenance, runs
+from rso.report.byline import byline
 from rso.report.descent import descent_section, descents
 from rso.report.digits import (
     DASH,
@@ -65,16 +66,13 @@ _KINDS = {
 
 def report(results: Results) -> Report:
     """The whole document from the documented layout of results.json; what is missing is said to be missing."""
-    study, backend, made = (results.get(k) or {} for k in ("study", "backend", "provenance"))
+    study = results.get("study") or {}
     fitted, chosen = (", ".join(clean(e["name"]) for e in fitted_curves(results) if e.get("role") == role)
                       for role in ("fit", "select"))  # fmt: skip
-    byline = [f"Simulations by {clean(backend['name'])}"] if backend.get("name") else []
-    byline += [f"rso {clean(made['rso'])}"] if made.get("rso") else []
-    byline += [clean(made["finished"])[:10]] if made.get("finished") else []
     return Report(
         clean(study.get("title")) or "Untitled study",
         (f"Parameters identified from {fitted}" if fitted else "") + (f", chosen with {chosen} too" if chosen else ""),
-        " · ".join(byline),
+        byline(results),
         (
             verdict(results),
             curve_section(results),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from rso.identify.verdict import FACTOR, physical
 from rso.study import files
 from rso.study.further import AGAIN, Found, Joint, Learnt
 from rso.study.plan import Plan
+from rso.study.results import data_hashes
 
 FILE, SCHEMA = "next.json", 1
 ENOUGH = math.log(FACTOR) / 1.645  # sd of ln θ with which a 90 % interval is a value
@@ -47,7 +49,8 @@ def results(plan: Plan, found: Found, command: str) -> dict[str, Any]:
             "timings": {"fe_cpu": sum(v.cpu_s for v in found.learnt)},
             "counts": {"runs": sum(v.runs for v in found.learnt)},
             "provenance": {"rso": rso.__version__, "backend": plan.backend.name, "numerics": plan.backend.numerics,
-                           "command": command},
+                           "command": command, "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+                           "data_sha256": data_hashes(plan.study)},
         }
     )  # fmt: skip
 
@@ -74,14 +77,13 @@ def words(found: Found, singles: Sequence[tuple[str, ...]], pairs: Sequence[tupl
     box, k = found.axes.box, found.weakest
     name, at = box.names[k], [f"{v:.3g}" for v in box.from_unit(found.truths)[:, k]]
     before = _sizes(found, ())
-    order = ", in this order" if len(at) > 1 else ""
-    said = [
-        f"If {name} is {_or(at)} {box.units[k]}, what has been done knows it to {_list(before)}{order} (one standard "
-        "deviation; ×2: a factor of two either way)."
-    ]
+    def known(sizes: Sequence[float]) -> str:
+        return by_truth(at, sizes, box.units[k])
+
+    said = [f"What has been done tells {name} to {known(before)}: one standard deviation, either way."]
     if singles:
         best, after = singles[0], _sizes(found, singles[0])
-        said.append(f"The best next experiment is “{best[0]}”: with it {name} would be known to {_list(after)}.")
+        said.append(f"The best next experiment is “{best[0]}”: with it {name} would be known to {known(after)}.")
         close = [n[0] for n in singles[1:] if np.mean(np.log(_sizes(found, n)) - np.log(after)) < ALIKE]
         if close:
             said.append(f"Hardly worse: {', '.join(f'“{n}”' for n in close)}.")
@@ -89,11 +91,11 @@ def words(found: Found, singles: Sequence[tuple[str, ...]], pairs: Sequence[tupl
         if again and best not in again:
             least, new = _sizes(found, again[0]), [n for n in singles if n not in again]
             no = [n[0] for n in new if np.mean(np.log(_sizes(found, n)) - np.log(least)) > -ALIKE]
-            said.append(f"“{again[0][0]}” would bring it to {_list(least)}" + (
+            said.append(f"“{again[0][0]}” would bring it to {known(least)}" + (
                 f"; hardly more would come from {', '.join(f'“{n}”' for n in no)}." if no else "."))  # fmt: skip
     if pairs:
         two = _sizes(found, pairs[0])
-        said.append(f"The best two are “{pairs[0][0]}” and “{pairs[0][1]}”: {_list(two)}.")
+        said.append(f"The best two are “{pairs[0][0]}” and “{pairs[0][1]}”: {known(two)}.")
     every = [*singles, *pairs]
     lost, weak = [], []
     for j, v in enumerate(at):
@@ -120,8 +122,12 @@ def _or(texts: Sequence[str]) -> str:
     return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} or {texts[-1]}"
 
 
-def _list(sizes: Sequence[float]) -> str:
-    return ", ".join(_factor(s) for s in sizes)
+def by_truth(at: Sequence[str], sizes: Sequence[float], unit: str) -> str:
+    """'a factor of 1.9 if it is 1 or 3 1/MPa, to ±17 % if it is 10 1/MPa': true values that give the same, once."""
+    groups: dict[str, list[str]] = {}
+    for value, sd in zip(at, sizes, strict=True):
+        groups.setdefault(f"±{100 * sd:.2g} %" if sd < 0.2 else f"a factor of {math.exp(sd):.2g}", []).append(value)
+    return ", to ".join(f"{text} if it is {_or(values)} {unit}" for text, values in groups.items())
 
 
 def _factor(sd: float) -> str:

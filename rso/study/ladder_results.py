@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from rso.ladder import Check, CurveError, Goodness, Judged
 from rso.study import files
 from rso.study.climbing import Climbed, Fitted
 from rso.study.plan import Plan
+from rso.study.results import data_hashes
 
 FILE, SCHEMA = "ladder.json", 2
 LENIENT = 0.999  # of perfect models leave more than this: the stated errors are larger than the data show
@@ -44,7 +46,8 @@ def results(plan: Plan, found: Climbed, command: str) -> dict[str, Any]:
             "counts": {"runs": len(found.cost)},
             "timings": {"wall": found.seconds, "fe_cpu": sum(found.cost.values())},
             "provenance": {"rso": rso.__version__, "backend": plan.backend.name, "numerics": plan.backend.numerics,
-                           "command": command},
+                           "command": command, "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+                           "data_sha256": data_hashes(plan.study)},
         }
     )  # fmt: skip
 

@@ -25,6 +25,7 @@ from rso.store import Done
 from rso.study.cases import remarks
 from rso.study.plan import Plan, SearchPlan
 from rso.study.repairing import Step
+from rso.study.schema import Study
 from rso.study.searching import Found, Validation, baselines, mean_over_design
 from rso.study.stages import Design, Fitted, Run, why
 from rso.surrogates import Scores
@@ -60,7 +61,7 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
             "packages": _versions(),
             "command": command,
             "study_sha256": _sha(study.file),
-            "data_sha256": {f: _sha(study.folder / f) for e in study.experiments for f in e.data},
+            "data_sha256": data_hashes(study),
             "artefacts": {},
             "started": started,
             "finished": None,
@@ -392,6 +393,11 @@ def _versions() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             continue
     return found
+
+
+def data_hashes(study: Study) -> dict[str, str]:
+    """SHA-256 of every data file."""
+    return {f: _sha(study.folder / f) for e in study.experiments for f in e.data}
 
 
 def _sha(path: Path) -> str:

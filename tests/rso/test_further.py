@@ -15,12 +15,12 @@ from rso.doe import Box
 from rso.emulator import Output, Sample
 from rso.identify import Experiment, Model, determine, expected_sd, told
 from rso.identify.likelihood import Misfit
-from rso.report.further import render_further
+from rso.report.further import render_further, report
 from rso.store import RunStore
 from rso.study import StudyError, load
 from rso.study.further import run_next
 from rso.study.further_curves import along_one
-from rso.study.further_results import ENOUGH, results
+from rso.study.further_results import ENOUGH, by_truth, results
 from rso.study.plan import make_plan
 
 LINE = Box(("a", "b"), ("1", "1"), (1.0, 1.0), (3.0, 3.0), (False, False))
@@ -157,6 +157,20 @@ def test_the_existing_data_are_fitted_and_shown(found):
     _, data, _ = found
     assert [f["experiments"] for f in data["fits"]] == [["top"]]
     assert {p["name"] for p in data["fits"][0]["parameters"]} == {"mu", "D1"}
+
+
+def test_what_is_expected_is_said_truth_by_truth_with_units(found):
+    _, data, _ = found
+    assert by_truth(["1", "3", "10"], [0.6, 0.601, 0.1], "1/MPa") == (
+        "a factor of 1.8 if it is 1 or 3 1/MPa, to ±10 % if it is 10 1/MPa"
+    )
+    assert "D1 would be known to a factor of " in data["words"][1] and " if it is " in data["words"][1]
+    texts = [b.text for s in report(data).sections for b in s.blocks if hasattr(b, "text")]
+    truths = next(t for t in texts if t.startswith("Truths: "))
+    assert truths.count("Pa") == 6  # of both parameters, three times
+    fits = next(b for s in report(data).sections for b in s.blocks if getattr(b, "title", "") == "Fits")
+    values = {row[1].text: row[2].text for row in fits.rows}
+    assert values["D₁"] == "–"
 
 
 def test_page_and_command(found, tmp_path, capsys):

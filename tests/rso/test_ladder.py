@@ -15,7 +15,8 @@ from rso.cli import main
 from rso.doe import Box
 from rso.identify import Data, Misfit, Model, emulated, fit_at
 from rso.ladder import Added, Check, Goodness, Judged, Left, Level, goodness
-from rso.report.ladder import render_ladder
+from rso.report.digits import Unit
+from rso.report.ladder import render_ladder, report, value_text
 from rso.store import RunStore
 from rso.study import StudyError, load
 from rso.study.climbing import ladder_plan, run_ladder
@@ -241,7 +242,7 @@ def test_again_from_the_store_is_the_same(tmp_path):
     _, a = climbed(tmp_path, "neo", 4e-4)
     _, b = climbed(tmp_path, "neo", 4e-4)
     for data in (a, b):
-        data["timings"] = None
+        data["timings"] = data["provenance"]["finished"] = None
         for level in data["levels"]:
             level.pop("cpu_s", None)
     assert a == b
@@ -257,6 +258,26 @@ def test_file_and_page(stiff, tmp_path):
     for word in ("stiff", "error threshold", "refused", data["rule"][:60]):
         assert word in page
     assert render_ladder(data, tmp_path / "again")[0].read_bytes() == files[0].read_bytes()
+
+
+def test_the_page_has_values_only_of_what_is_determined_and_tells_of_unused_tests(stiff):
+    data = json.loads(json.dumps(stiff[1]))
+    level = found_level(data, data["chosen"])
+    p = level["parameters"][0]
+    p["verdict"] = "determined"
+    assert value_text(p, Unit("MPa")).endswith("MPa")
+    p["verdict"] = "not"
+    assert value_text(p, Unit("MPa")) == "–"
+    level["validated"] = [{"curve": "deep", "verdict": {"passes": False}}]
+    tiles = {f.label: f for b in report(data).sections[0].blocks if hasattr(b, "facts") for f in b.facts}
+    assert (tiles["Unused test"].value, tiles["Unused test"].note, tiles["Unused test"].mark) == (
+        "missed", "deep", "warn")  # fmt: skip
+    level["validated"][0]["verdict"]["passes"] = True
+    tiles = {f.label: f for b in report(data).sections[0].blocks if hasattr(b, "facts") for f in b.facts}
+    assert tiles["Unused test"].value == "predicted"
+    made = {"rso": "1", "finished": "2026-01-02T03:04", "data_sha256": {"a.csv": "ab" * 32}}
+    line = report(data | {"provenance": made})
+    assert line.byline == "rso 1 · 2026-01-02 · seed 3 · data abababab"
 
 
 def test_the_command(tmp_path, capsys):
