@@ -11,14 +11,15 @@ import numpy as np
 
 from rso import diagnosis
 from rso.contract import Programme
+from rso.ladder import Level
 from rso.measurement import SEGMENTS, MeasuredCurve, Measurement
 from rso.running import Task
-from rso.study import cases, stated
+from rso.study import cases, further, stated
 from rso.study.descending import ENDS
 from rso.study.diagnosing import ask
 from rso.study.errors import Problem, study_error
 from rso.study.identifying import ROUNDS
-from rso.study.levels import rungs_of
+from rso.study.levels import STUDY, axes_of, rungs_of
 from rso.study.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.study.pricing import Pace, pace
 from rso.study.schema import ExperimentTable, Study
@@ -47,6 +48,8 @@ def check(study: Study, folder: Path, trust: bool, store: Path | None = None) ->
     plan = make_plan(study)
     if "ladder" in study.model_fields_set:
         rungs_of(plan)  # names of levels are known
+    if "next" in study.model_fields_set:
+        further.asked(plan, axes_of(plan, Level(STUDY), {}))
     direct = study.search.method == "gauss_newton"
     parts, asked = directly(plan) if direct else on_surfaces(plan)
     total = sum(parts.values())

@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -91,8 +92,8 @@ def run_next(
 ) -> Found:  # fmt: skip
     """Simulate what is missing, fit what has been done alone and together, and ask what the rest would add."""
     table, axes = plan.study.next, axes_of(plan, Level(STUDY), {})
-    items = [*done(plan), *(planned(plan, e) for e in table.experiments)]
-    refuse(plan, items)
+    possible, values = asked(plan, axes)
+    items = [*done(plan), *possible]
     points = design(axes, table.runs, plan.seed)
     learnt: list[Learnt] = []
     problems: dict[str, str] = {}
@@ -108,8 +109,8 @@ def run_next(
         raise study_error(plan.study.file, plan.study.lines, [Problem(("experiments",), "; ".join(problems.values()))])
     joint = fits(plan, have)
     whole = joint[-1].determination
-    weakest = _weakest(plan, axes, whole)
-    truths = on_valley(whole.misfit, whole.fit.x, weakest, _places(plan, axes, weakest))
+    weakest = axes.box.names.index(*values) if values else int(np.argmax([k.sd_log for k in whole.known]))
+    truths = on_valley(whole.misfit, whole.fit.x, weakest, _places(axes, weakest, values))
     more = [v.experiment for v in learnt if not v.item.done]
     again = [dataclasses.replace(v.experiment, name=f"{v.item.name}{AGAIN}") for v in have]
     singles = [(e,) for e in (*again, *more)]
@@ -120,6 +121,40 @@ def run_next(
         for k, x in enumerate(truths)
     ]
     return Found(axes, tuple(learnt), problems, joint, weakest, truths, tuple(each))
+
+
+def asked(plan: Plan, axes: Axes) -> tuple[list[Item], dict[str, list[float]]]:
+    """What `[next]` asks: experiments that might be done, and values of a parameter in its unit; before any simulation.
+
+    StudyError with all that is wrong.
+    """
+    items: list[Item] = []
+    problems: list[Problem] = []
+    for n, e in enumerate(plan.study.next.experiments):
+        try:
+            items.append(planned(plan, e))
+        except ValueError as error:
+            problems.append(Problem(("next", "experiments", n), str(error), e.name))
+    values = {name: _values(axes, name, given, problems) for name, given in plan.study.next.truths.items()}
+    refuse(plan, items, problems)
+    return items, values
+
+
+def _values(axes: Axes, name: str, given: Sequence[Any], problems: list[Problem]) -> list[float]:
+    """Values that a parameter is asked for, in its unit and its range; what is wrong is noted."""
+    if name not in axes.box.names:
+        problems.append(Problem(("next", "truths", name), f"not searched for; {choose(name, axes.box.names)}", name))
+        return []
+    k = axes.box.names.index(name)
+    low, high, unit = axes.box.low[k], axes.box.high[k], axes.box.units[k]
+    try:
+        values = [quantity(v, unit) for v in given]
+        if not values or not all(low <= v <= high for v in values):
+            raise ValueError(f"values from {low:g} to {high:g} {unit} expected")
+    except ValueError as error:
+        problems.append(Problem(("next", "truths", name), str(error), list(given)))
+        return []
+    return values
 
 
 # ------------------------------------------------------------------------------------------------------ simulations
@@ -261,28 +296,11 @@ def _misfit(have: Sequence[Learnt], seed: int) -> Misfit:
     return Misfit(model, tuple(whole))
 
 
-def _weakest(plan: Plan, axes: Axes, d: Determination) -> int:
-    """The parameter that the study asks about, else the one known worst."""
-    wanted = next(iter(plan.study.next.truths), None)
-    if wanted is None:
-        return int(np.argmax([k.sd_log for k in d.known]))
-    if wanted not in axes.box.names:
-        text = f"not searched for; {choose(wanted, axes.box.names)}"
-        raise study_error(plan.study.file, plan.study.lines, [Problem(("next", "truths"), text, wanted)])
-    return axes.box.names.index(wanted)
-
-
-def _places(plan: Plan, axes: Axes, k: int) -> np.ndarray:
+def _places(axes: Axes, k: int, values: Mapping[str, Sequence[float]]) -> np.ndarray:
     """Places (t,) in the unit cube of the values that the parameter is asked for."""
-    given = plan.study.next.truths.get(axes.box.names[k])
+    given = values.get(axes.box.names[k])
     if given is None:
         return (np.arange(TRUTHS) + 0.5) / TRUTHS
-    try:
-        values = [quantity(v, axes.box.units[k]) for v in given]
-        if not values or not all(axes.box.low[k] <= v <= axes.box.high[k] for v in values):
-            raise ValueError(f"values from {axes.box.low[k]:g} to {axes.box.high[k]:g} {axes.box.units[k]} expected")
-    except ValueError as error:
-        raise study_error(plan.study.file, plan.study.lines, [Problem(("next", "truths"), str(error))]) from error
-    theta = np.tile(axes.box.from_unit(np.full((1, axes.box.d), 0.5)), (len(values), 1))
-    theta[:, k] = values
+    theta = np.tile(axes.box.from_unit(np.full((1, axes.box.d), 0.5)), (len(given), 1))
+    theta[:, k] = given
     return axes.box.to_unit(theta)[:, k]

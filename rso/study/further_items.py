@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,8 @@ from rso.study.ladder_curves import curve_data, fitted_curves, placed
 from rso.study.plan import Plan
 from rso.study.schema import NextExperiment
 from rso.units import quantity
+
+FORCES = ("Fx", "Fy", "Fz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,35 +103,41 @@ def _case(name: str, asked: tuple[float, ...], settings: Mapping[str, object]) -
         speed = quantity(settings["speed"], "mm/s")  # type: ignore[arg-type]
     except (KeyError, TypeError, ValueError):
         speed = DEFAULT_SPEED
+    if speed <= 0:
+        raise ValueError(f"settings.speed = {settings['speed']!r}: must be positive")
     return Case(name, Programme.ramp(asked, speed), dict(settings))
 
 
-def refuse(plan: Plan, items: Sequence[Item]) -> None:
-    """What the backend does not model, with its place in the study file."""
-    problems, backend = [], plan.backend
+def refuse(plan: Plan, items: Sequence[Item], others: Sequence[Problem] = ()) -> None:
+    """StudyError for `others` and for what of the experiments that might be done cannot be had, each with its place."""
     mine = {e.name: n for n, e in enumerate(plan.study.next.experiments)}
-    taken = {e.name for e in plan.study.experiments}
+    problems = list(others)
     for item in items:
-        if item.done:
-            continue
-        place = ("next", "experiments", mine[item.name])
-        if item.name in taken:
-            problems.append(Problem((*place, "name"), "this name is taken by an experiment", item.name))
-        try:
-            backend.check(item.case)
-        except (ValueError, TypeError, LookupError, AttributeError) as error:
-            problems.append(Problem((*place, "settings"), str(error)))
-        for b in item.blocks:
-            for c in (p.channel for p in b.places):
-                if c not in backend.channels and not c.startswith("uz("):
-                    text = f"the backend {backend.name!r} has no such channel; {choose(c, backend.channels)}"
-                    problems.append(Problem((*place, "channels"), text, c))
-        n = item.blocks[0].noise
-        if not any((n.Fz, n.Fx, n.Fy, n.uz, n.gain)):
-            problems.append(Problem((*place, "noise"), "without errors of the readings everything would be known"))
+        if not item.done:
+            problems += _refused(plan, item, ("next", "experiments", mine[item.name]))
     if problems:
         raise study_error(plan.study.file, plan.study.lines, problems)
 
 
+def _refused(plan: Plan, item: Item, place: tuple[str | int, ...]) -> Iterator[Problem]:
+    """A name that is taken, what the backend does not model, channels that are no forces, readings without errors."""
+    backend = plan.backend
+    if item.name in {e.name for e in plan.study.experiments}:
+        yield Problem((*place, "name"), "this name is taken by an experiment", item.name)
+    try:
+        backend.check(item.case)
+    except (ValueError, TypeError, LookupError, AttributeError) as error:
+        yield Problem((*place, "settings"), str(error))
+    forces = [c for c in backend.channels if c in FORCES]
+    for b in item.blocks:
+        if kind(b) not in ("uz", *forces):
+            text = f"the backend {backend.name!r} has no such channel of a force; {choose(kind(b), forces)}"
+            yield Problem((*place, "channels"), text, kind(b))
+        elif not b.noise.of(kind(b)) and not b.noise.gain:
+            text = f"without errors of the readings of {kind(b)} everything would be known: "
+            yield Problem((*place, "noise"), f"{text}noise.{kind(b)} or noise.gain must be positive")
+
+
 def kind(block: Block) -> str:
+    """Channel of a force curve, or uz of a profile."""
     return "uz" if block.unit == "mm" else block.places[0].channel

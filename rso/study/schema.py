@@ -243,6 +243,9 @@ class LadderTable(Table):
     count_validation: bool = False
 
 
+READINGS = 1000  # of a curve that might be measured: their covariance is a matrix
+
+
 class NextExperiment(Table):
     """[[next.experiments]]: an experiment that might be done: its settings, what is read and how well.
 
@@ -267,6 +270,8 @@ class NextExperiment(Table):
             raise ValueError("a profile needs both marks and depths, a force curve neither")
         if self.step > self.depth:
             raise ValueError(f"step = {self.step:g} mm is larger than depth = {self.depth:g} mm")
+        if self.depth / self.step > READINGS:
+            raise ValueError(f"step = {self.step:g} mm: more than {READINGS} readings down to {self.depth:g} mm")
         return self
 
 
