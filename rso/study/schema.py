@@ -86,6 +86,9 @@ class ParameterTable(Table):
             raise ValueError("give low and high, or value to fix it")
         if (self.low is None) != (self.high is None):
             raise ValueError("low and high belong together")
+        beside = [k for k in ("low", "high", "scale") if k in self.model_fields_set]
+        if self.value is not None and beside:
+            raise ValueError(f"value fixes it, and {beside[0]} belongs to a range to search: leave one of them out")
         return self
 
 

@@ -66,6 +66,11 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
     "beyond hard bounds": ({"parameters": MU.replace("20 kPa", "20 GPa") + "\n" + D1}, {}, "outside its hard bounds"),
     "log of zero": ({"parameters": MU + "\n" + D1.replace("10,", "0,")}, {}, "a log scale needs low > 0"),
     "half a range": ({"parameters": MU + "\nD1 = { low = 10 }"}, {}, "parameters.D1: give low and high"),
+    "a fixed one with a range": (
+        {"parameters": MU + '\nD1 = { value = 60, low = 10, high = 150 }'}, {},
+        "parameters.D1: value fixes it, and low belongs to a range to search"),
+    "a fixed one with a scale": (
+        {"parameters": MU + '\nD1 = { value = 60, scale = "log" }'}, {}, "value fixes it, and scale belongs"),
     "unknown parameter": ({"parameters": PARAMETERS + "\nnu = { value = 0.4 }"}, {}, "parameters.nu: the backend has"),
     "nothing open": ({"parameters": "mu = { value = 0.01 }"}, {}, "parameters: nothing to identify"),
     "needed parameter": ({"parameters": D1}, {}, "the backend needs 'mu' (shear modulus, MPa)"),
