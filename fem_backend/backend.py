@@ -270,15 +270,20 @@ class FiniteElements:
             how = nested.limit if settings.level == experiment.LIMIT else indentation.solve
             result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = _begun(dataclasses.replace(result, cpu_s=result.cpu_s + before), case.programme)
-            return Solved(settings, knobs, placement, model, result)
+            if indentation.unstable(result) is None:
+                return Solved(settings, knobs, placement, model, result)
+            failed = _inadmissible(result, model, settings, knobs)
         except NotModelled as error:
             failed = SimulationFailed(error.cause, str(error))
         except Stopped as stopped:
-            partial = None
+            partial, reached = None, stopped.reached
             if stopped.points:
-                partial = _response(_begun(stopped.reached, case.programme), model, settings, knobs)
+                reached = _begun(reached, case.programme)
+                partial = _response(reached, model, settings, knobs)
             history = tuple({"iteration": k, "residual": r} for k, r in enumerate(stopped.history))
             failed = SimulationFailed(stopped.cause, str(stopped), partial, history)
+            if stopped.points and indentation.unstable(reached) is not None:
+                failed = _inadmissible(reached, model, settings, knobs)
         raise failed  # not from the other: that holds states and factors, which cannot travel between processes
 
     def knobs(self, values: Mapping[str, float], settings: Settings) -> Knobs:
@@ -296,6 +301,12 @@ class FiniteElements:
 
 
 BACKEND = FiniteElements()
+
+
+def _inadmissible(result: Result, model: Model, settings: Settings, knobs: Knobs) -> SimulationFailed:
+    """The end of a run whose law softens over the stretches reached, with the curve before."""
+    k, why = indentation.unstable(result)  # type: ignore[misc]
+    return SimulationFailed("inadmissible", why, _response(result.upto(k), model, settings, knobs) if k else None)
 
 
 def path_dependent(settings: Settings, values: Mapping[str, float]) -> bool:

@@ -14,6 +14,7 @@ from fem_backend.bench import Bench, bench
 from fem_backend.channels import FORCES, channels, reaction, softness, units, whole
 from fem_backend.experiment import Knobs, Settings
 from fem_backend.instants import each, merged, one, steps, together
+from fem_backend.laws import LinearElastic, NeoHooke, admissible
 from fem_backend.model import Model, Placement
 from fem_backend.newton import Counters, System
 from fem_backend.slopes import Slopes
@@ -47,6 +48,14 @@ class Result:
         """Travel (k,) mm."""
         return self.channels["travel"]
 
+    def upto(self, k: int) -> Result:
+        """The first k instants."""
+        rows = {knob: {n: v[:k] for n, v in row.items()} for knob, row in self.gradients.items()}
+        return replace(
+            self, channels={n: v[:k] for n, v in self.channels.items()}, reaction=self.reaction[:k], gradients=rows,
+            contact_error=self.contact_error[:k], residual=self.residual[:k], points=self.points[:k],
+        )  # fmt: skip
+
     @property
     def Fz(self) -> np.ndarray:
         """Vertical force (k,) N."""
@@ -71,6 +80,27 @@ def solve(
         stopped.reached = collect(at, stopped.points, counters, time.process_time() - started)
         raise
     return collect(at, points, counters, time.process_time() - started, slopes)
+
+
+def unstable(result: Result) -> tuple[int, str] | None:
+    """The first point where the law is not admissible over the stretches reached, and why; None where there is none.
+
+    A body may find an equilibrium with a law whose stress falls with strain at some of its points: no answer to trust.
+    """
+    law, points = result.system.material.law, result.points
+    if isinstance(law, NeoHooke | LinearElastic) or not points:
+        return None
+
+    def lost(point: Point) -> str | None:
+        F = point.evaluation.H.reshape(-1, 3, 3) + np.eye(3)
+        squares = np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)
+        reached = float(np.sqrt(max(squares[:, 2].max(), 1.0 / squares[:, 0].min())))
+        why = admissible(law, reached)
+        return why and f"{why}, {reached:.3g} is reached at {point.travel:.4g} mm"
+
+    if lost(max(points, key=lambda p: p.travel)) is None:
+        return None
+    return next(((k, why) for k, p in enumerate(points) if (why := lost(p))), None)
 
 
 def along(at: Bench, instants: Sequence[Instant], counters: Counters) -> list[Point]:

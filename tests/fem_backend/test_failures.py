@@ -201,3 +201,24 @@ def test_step_limit_after_the_cut_backs_that_the_control_allows(small, monkeypat
             b.solve([1.0])
         assert stopped.value.cause == "step_limit" and 2 < stopped.value.counters.cutbacks < 12
         assert stopped.value.history == (1.0, 0.5) and stepping.Stopped is Stopped
+
+
+@pytest.mark.parametrize(
+    ("values", "law"), [({"C01": 0.012}, "mooney_rivlin"), ({"C01": -0.006}, "mooney_rivlin"), ({"C20": -2e-3}, "yeoh"),
+                        ({"C20": -4e-3}, "yeoh")]
+)  # fmt: skip
+def test_a_law_that_softens_over_the_stretches_reached_is_no_material(values, law):
+    """Pressed less deep than to where the body gave way such a run returned a force, with nothing said."""
+    failure = failed(values, (0.2, 1.0, 1.65), material={"law": law})
+    assert failure.cause == "inadmissible" and "Drucker" in failure.reason and " mm" in failure.reason
+    case = Case("c", Programme.ramp((0.2,), 1.0), {"mesh": SMALL, "material": {"law": law}})
+    whole = BACKEND({**VALUES, **values}, case)
+    np.testing.assert_allclose(failure.partial.channels["Fz"][0], whole.channels["Fz"][0], rtol=1e-8)
+    assert failure.partial.channels["travel"].max() < 1.65
+
+
+@pytest.mark.parametrize(("values", "law"), [({"C01": 0.002}, "mooney_rivlin"), ({"C20": 1e-3}, "yeoh"),
+                                             ({"alpha": -3.0}, "ogden"), ({"alpha": 1.2}, "ogden")])  # fmt: skip
+def test_stable_laws_answer(values, law):
+    case = Case("c", Programme.ramp((0.4, 0.8), 1.0), {"mesh": SMALL, "material": {"law": law}})
+    assert BACKEND({**VALUES, **values}, case).channels["Fz"].min() > 0.0
