@@ -31,7 +31,7 @@ CAUSES = (
     "contact",  # the contact search or its multipliers did not settle
     "step_limit",  # the load step became smaller than allowed
     "instability",  # the tangent lost positive definiteness and no equilibrium was found
-    "time_limit",  # the backend's own limit, not the dispatcher's
+    "time_limit",  # the backend's own limit; counts as a crash, as it says nothing of what was asked
     "bad_geometry",  # the values describe no body (inclusion outside, negative thickness, ...)
     "inadmissible",  # the values describe no material (energy not convex over the stretches reached)
     "not_supported",  # the backend does not model what was asked

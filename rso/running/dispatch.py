@@ -112,6 +112,7 @@ def run_all(
     What :func:`begin` has begun is in `ahead`; and runs of a pool that have their artefacts do not wait for those of
     others.  Only what was begun so and has not been taken over may be computed again after an interruption.
 
+    A backend that gives up for lack of time counts as crashed: on another machine, or another day, it has an answer.
     A response that lacks what its task needs (channels, asked travels) or has another unit than the backend declares
     is a crash.  A stored one that lacks something, from a time when the backend did not return it, is computed again
     and replaced.
@@ -346,6 +347,8 @@ def _outcome(plan: _Plan, result: _Ended | SimulationFailed | str, attempts: int
     if isinstance(ended.result, Response):
         return Done(*head, ended.result, ended.wall_s, ended.cpu_s)
     f = ended.result
+    if f.cause == "time_limit":  # says how fast this machine is, not what the answer hangs on
+        return Crashed(*head, f"{f.cause}: {f.reason}", attempts)
     return Failed(*head, f.cause, f.reason, f.partial, tuple(f.history), ended.wall_s, ended.cpu_s)
 
 

@@ -68,6 +68,8 @@ class Dummy:
         match do:
             case "fail":
                 raise SimulationFailed("step_limit", "too soft", response, ({"step": 1, "residual": np.float64(0.1)},))
+            case "late":
+                raise SimulationFailed("time_limit", "the time of the run is used up")
             case "crash":
                 raise ZeroDivisionError("a bug")
             case "exit":

@@ -129,6 +129,15 @@ def test_a_failure_is_a_result_and_keeps_what_it_knows(tmp_path):
         np.testing.assert_array_equal(outcome.partial.channels["travel"], [0.5, 1.0])
 
 
+def test_a_run_that_had_too_little_time_is_no_failure_and_tried_again_next_time(tmp_path):
+    """A slow machine had written down for good, and learned from, that there is no answer."""
+    log = str(tmp_path / "log")
+    for count in (1, 2):
+        (outcome,) = run(tmp_path, [task(do="late", log=log)], retries=2)
+        assert isinstance(outcome, Crashed) and "time_limit: the time of the run is used up" in outcome.reason
+        assert dummy.calls(log, "begin") == count  # at once it would be as slow
+
+
 def test_a_crash_is_retried_now_and_next_time(tmp_path):
     log = str(tmp_path / "log")
     events = []
