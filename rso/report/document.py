@@ -49,10 +49,11 @@ class Picture:
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph; `role` says how it is set."""
+    """A paragraph; `role` says how it is set; `link` is a page beside this one that it ends with."""
 
     text: str
     role: Literal["plain", "lead", "heading", "missing", "warning", "remark", "note"] = "plain"
+    link: str = ""
     kind: Literal["text"] = "text"
 
 

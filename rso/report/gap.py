@@ -56,7 +56,7 @@ def gap_sections(results: Results) -> tuple[Section, ...]:
         blocks.append(Text(regions))
     if causes:
         blocks.append(_causes(causes))
-    blocks.append(Text("How this was found, how sure it is and what would settle it: diagnosis.html.", "note"))
+    blocks.append(Text("How this was found, how sure it is and what would settle it:", "note", "diagnosis.html"))
     return (Section("gap", "Where the model is off", tuple(blocks)),)
 
 

@@ -288,6 +288,9 @@ def test_the_command(tmp_path, capsys):
     assert "neo is good enough" in said and "stiff was not needed" in said
     assert {"ladder.json", "ladder.html", "ladder.pdf"} <= {f.name for f in (tmp_path / "results").iterdir()}
     path = tmp_path / "study.toml"
+    (tmp_path / "results" / "ladder.html").unlink()
+    assert main(["report", str(path)]) == 0 and (tmp_path / "results" / "ladder.html").exists()
+    capsys.readouterr()
     path.write_text(path.read_text() + 'levels = ["nio"]\n')
     assert main(["ladder", str(tmp_path)]) == 2 and re.match(r".*study\.toml:\d+: ladder", capsys.readouterr().err)
 

@@ -623,7 +623,8 @@ def test_where_the_model_is_off_is_told_or_that_nobody_has_looked(tmp_path):
     assert table_of(results, "Causes")["Cause"] == ["a stiffer skin"]
     (tmp_path / "diagnosis.json").write_text(json.dumps({"diagnosis": DIAGNOSIS}), encoding="utf-8")
     render(complete(), tmp_path, pdf=False)
-    assert "a stiffer skin" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    source = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "a stiffer skin" in source and '<a href="diagnosis.html">diagnosis.html</a></p>' in source
     (tmp_path / "diagnosis.json").write_text("{", encoding="utf-8")  # half written: as if there were none
     render(complete(), tmp_path, pdf=False)
     assert "not been examined" in (tmp_path / "report.html").read_text(encoding="utf-8")
