@@ -54,6 +54,22 @@ def apart(value: tuple[Any, ...]) -> tuple[Any, ...]:
     return value
 
 
+def power_of_two(value: int) -> int:
+    """A number of points of a Sobol sequence, whose balance is that of powers of two."""
+    if value < 4 or value & (value - 1):
+        below = 2 ** max(2, value.bit_length() - 1)
+        choices = "4" if value < 4 else f"{below} or {2 * below}"
+        raise ValueError(f"points of a Sobol sequence come in powers of two, at least 4: take {choices}")
+    return value
+
+
+def even(value: int) -> int:
+    """A number of individuals that mate in pairs."""
+    if value % 2:
+        raise ValueError(f"individuals mate in pairs, an even number is expected: take {value + 1}")
+    return value
+
+
 def names_of_effects(value: Any) -> Any:
     """The word all, or names of effects."""
     if value == "all" or (isinstance(value, list) and all(isinstance(v, str) for v in value)):

@@ -42,6 +42,7 @@ from rso.study.fields import (
     formed,
     list_to_tuple,
     names_of_effects,
+    power_of_two,
     quantity_in,
 )
 from rso.study.places import Place
@@ -176,12 +177,12 @@ class SurrogateTable(Table):
 
 
 class SensitivityTable(Table):
-    """[sensitivity]"""
+    """[sensitivity]: `samples` are the base points of the Sobol indices at the targets, a power of two."""
 
     local: bool = True
     morris: bool = False
     sobol: bool = True
-    samples: Positive = 1024
+    samples: Annotated[Positive, AfterValidator(power_of_two)] = 1024
 
 
 class IdentifyTable(Table):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
-from rso.study.fields import Bound, Depth, Name, Positive, formed, list_to_tuple
+from rso.study.fields import Bound, Depth, Name, Positive, even, formed, list_to_tuple
 from rso.study.table import Table
 from rso.units import COLUMNS, quantity
 
@@ -83,7 +83,7 @@ class SearchTable(Table):
     constraints: Annotated[tuple[Constraint, ...], BeforeValidator(list_to_tuple)] = ()
     metric: Literal["rmse", "nrmse", "mre", "mape", "rrmse"] = "nrmse"
     candidates: Positive = 3
-    population: Annotated[int, Field(ge=4, le=100_000)] = 100
+    population: Annotated[int, Field(ge=4, le=100_000), AfterValidator(even)] = 100
     generations: Positive = 100
     repair: bool = True
     repair_limit: Annotated[float, Field(gt=1.0, le=1e6)] = 10.0

@@ -136,7 +136,7 @@ def propose(plan: Plan, wanted: SearchPlan, emulator: Emulator) -> Proposal:
 
     front = search.nsga2(
         lambda X: np.abs(signed(X)), plan.box.d, seed=plan.seed, constraints=limits,
-        population=table.population + table.population % 2, generations=table.generations, low=wanted.low,
+        population=table.population, generations=table.generations, low=wanted.low,
         high=wanted.high,
     )  # fmt: skip
     choice = search.choose(

@@ -55,7 +55,6 @@ def analyse(plan: Plan, fitted: Fitted) -> Sensitivity:
     wanted = list(dict.fromkeys([*plan.searches[0].outputs, *(o for o in emulator.outputs if o in plan.extras)]))
     limits = feasible(plan, emulator)
     inside = None if limits is None else lambda U: limits(low + U * (high - low))
-    samples = 2 ** max(2, round(np.log2(table.samples)))
     local, curves, morris, sobol, along, refused = {}, {}, {}, {}, [], None
 
     def indices(output: Output, n: int) -> sensitivity.SobolIndices | None:
@@ -79,7 +78,7 @@ def analyse(plan: Plan, fitted: Fitted) -> Sensitivity:
                 morris[output.id] = sensitivity.morris(predict(output), d, plan.seed, constraint=inside)
             except ValueError as error:
                 refused = str(error)
-        found = indices(output, samples)
+        found = indices(output, table.samples)
         if found is not None:
             sobol[output.id] = found
     channels = {(o.experiment, o.channel) for o in plan.searches[0].outputs}
@@ -87,7 +86,7 @@ def analyse(plan: Plan, fitted: Fitted) -> Sensitivity:
         if (output.experiment, output.channel) in channels:
             bars = sensitivity.local(predict(output), np.full(d, 0.5), box.names, ranges) if table.local else ()
             known = sobol.get(output.id)
-            along.append(Along(output, bars, known or indices(output, min(samples, ALONG))))
+            along.append(Along(output, bars, known or indices(output, min(table.samples, ALONG))))
     along.sort(key=lambda a: (a.output.experiment, a.output.channel, a.output.depth_mm))
     return Sensitivity(centre, local, curves, morris, sobol, tuple(along), inside is not None, refused)
 

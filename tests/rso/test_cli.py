@@ -59,6 +59,11 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
     "negative seed": ({"study": 'title = "x"\nseed = -1'}, {}, "study.seed = -1"),
     "no title": ({"study": "seed = 1"}, {}, "study.title: is missing"),
     "tolerance of 5": ({"verify": "tolerance = 5"}, {}, "verify.tolerance = 5"),
+    "a thousand points of Sobol": (
+        {"sensitivity": "samples = 1000"}, {},
+        "samples = 1000: points of a Sobol sequence come in powers of two, at least 4: take 512 or 1024"),
+    "one point of Sobol": ({"sensitivity": "samples = 1"}, {}, "at least 4: take 4"),
+    "five individuals": ({"search": "population = 5"}, {}, "search.population = 5: individuals mate in pairs"),
     "no workers": ({"dispatch": "jobs = 0"}, {}, "dispatch.jobs = 0"),
     "wrong unit": ({"parameters": MU.replace("6 kPa", "6 mm") + "\n" + D1}, {}, "parameters.mu.low = '6 mm'"),
     "no unit": ({"parameters": MU.replace("6 kPa", "6") + "\n" + D1}, {}, "text without a unit"),
