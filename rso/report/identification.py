@@ -26,7 +26,7 @@ from rso.report.digits import (
     significant,
 )
 from rso.report.document import Block, Cell, Picture, Section, Table, Text, column, missing, table, words
-from rso.report.reading import Parameter, Results, number, pair, parameters, points
+from rso.report.reading import Parameter, Results, lettered, number, pair, parameters, points
 
 _WORDS = {"determined": ("determined", "good"), "weakly": ("weakly", "warn"), "not": ("not determined", "warn")}
 _METHODS = (("interval", "profile"), ("laplace", "Gaussian"), ("mcmc", "MCMC"))
@@ -45,7 +45,7 @@ def identification_section(results: Results) -> Section:
     blocks.append(_intervals(data, rows))
     for p, d in rows:
         if d.get("reason"):
-            blocks.append(Text(f"{p.letter}: {sentence(d['reason'])}"))
+            blocks.append(Text(f"{p.letter}: {lettered(results, d['reason'])}"))
     blocks += [t for t in (_directions(results, data), _gains(results, data), _values(results, data)) if t is not None]
     return Section("identification", title, tuple(blocks))
 

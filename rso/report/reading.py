@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rso.curves import loading
-from rso.report.digits import Unit, channel_text, clean, known, largest, shortest, shown, significant, symbol
+from rso.report.digits import Unit, channel_text, clean, known, largest, sentence, shortest, shown, significant, symbol
 
 Results = Mapping[str, Any]
 STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
@@ -149,6 +150,14 @@ def parameters(results: Results, free: bool = False) -> tuple[Parameter, ...]:
             )
         )
     return tuple(v for v in views if not (free and v.fixed is not None))
+
+
+def lettered(results: Results, text: object) -> str:
+    """A sentence of the program with the literature's letters: D1 → D₁."""
+    said = sentence(text)
+    for p in parameters(results):
+        said = re.sub(rf"(?<![\w.]){re.escape(p.name)}(?!\w)", p.letter, said) if p.letter != p.name else said
+    return said
 
 
 def outputs(results: Results) -> dict[str, Output]:

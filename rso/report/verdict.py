@@ -14,7 +14,6 @@ from rso.report.digits import (
     percent,
     quantity,
     rounded,
-    sentence,
     shortest,
     significant,
     unit_text,
@@ -33,6 +32,7 @@ from rso.report.reading import (
     candidates,
     experiment,
     finished,
+    lettered,
     listed,
     number,
     pair,
@@ -49,7 +49,7 @@ def verdict(results: Results) -> Section:
     blocks += [Text(t, "missing") for t in unfinished(results)]
     said = [Text(t, "lead" if k == 0 else "plain") for k, t in enumerate(sentences(results))]
     blocks += [*said[:1], *data_remarks(results), *said[1:]]
-    blocks += [Text(sentence(w), "warning") for w in results.get("warnings") or ()]
+    blocks += [Text(lettered(results, w), "warning") for w in results.get("warnings") or ()]
     if interval_rows(results):
         blocks.append(Picture("determined", _determined_caption(results)))
     return Section("verdict", "Verdict", tuple(blocks))
@@ -152,7 +152,7 @@ def _reason(results: Results) -> list[str]:
     """Why a parameter is not determined: along the valley it changes much and the targets do not."""
     open_ones = [(p, d) for p, d in interval_rows(results) if d.get("determined") is not True]
     reasons = {p.name: clean(d.get("reason")) for p, d in identified(results)}
-    said = [sentence(reasons.get(p.name) or d.get("story")) for p, d in open_ones if d.get("story")]
+    said = [lettered(results, reasons.get(p.name) or d.get("story")) for p, d in open_ones if d.get("story")]
     valleys = [clean(s["name"]) for s in listed(results, "searches") if s.get("kind") == "valley"]
     shown_by = [text for name in valleys for p, _ in open_ones if (text := _valley(results, name, p))]
     return said + shown_by[:1]

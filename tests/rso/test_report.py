@@ -113,7 +113,7 @@ def test_the_verdict_answers_first():
     assert "No: force_8mm, which was not used for the fit, is not predicted: at 8 mm 1.283 N was measured" in said
     assert "and the best candidate has 1.356 N; 5.2 to 11 % too high over all 13 candidates." in said
     assert "49 simulations (3 failed, 1 crashed) and 6 min 1 s of wall time" in said
-    assert "widen the range of mu" in said
+    assert "widen the range of μ" in said and "Over the whole interval of D₁ the force" in said
 
 
 def test_every_candidate_run_and_metric_is_on_the_page():
