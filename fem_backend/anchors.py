@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem_backend import experiment, indentation
+from fem_backend import analytic, experiment, indentation
 from fem_backend import model as modelling
 from fem_backend.bench import bench
 from fem_backend.experiment import Knobs, Settings
@@ -83,17 +83,13 @@ def make(recipe: str) -> bytes:
     stages = settings.control.augmentations + 1
     reached = [s for s, u in states.items() if len(u) == stages]
     shape = (len(reached), stages, *model.body.nodes.shape)
-    by_ratio = 1e-6 / (poisson(knobs.mu, knobs.D1 + 1e-6) - poisson(knobs.mu, knobs.D1))  # dD₁/dν
+    K = 2.0 / knobs.D1
+    by_ratio = -((6.0 * K + 2.0 * knobs.mu) ** 2) / (9.0 * knobs.mu * K**2)  # dD₁/dν
     out = io.BytesIO()
-    np.savez(out, travel=np.array(reached), ratio=poisson(knobs.mu, knobs.D1),
+    np.savez(out, travel=np.array(reached), ratio=analytic.poisson_ratio(knobs.mu, K),
              u=np.array([states[s] for s in reached], np.float32).reshape(shape),
              slope=by_ratio * np.array([tangents[s] for s in reached], np.float32).reshape(shape))  # fmt: skip
     return out.getvalue()
-
-
-def poisson(mu: float, D1: float) -> float:
-    """Poisson's ratio ν = (3K − 2μ) / (2 (3K + μ)) of moduli μ (MPa) and K = 2/D₁."""
-    return (6.0 / D1 - 2.0 * mu) / (2.0 * (6.0 / D1 + mu))
 
 
 def guess(path: str, model: Model, ratio: float) -> Guess:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import platform
 import time
 from collections.abc import Collection, Mapping
@@ -214,12 +213,7 @@ class FiniteElements:
 
     def hertz(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, float]:
         """The modulus (MPa) by knob that Fz (n,) N at depths (n,) mm would have in Hertz's limit, incompressible."""
-        own = experiment.read_settings(settings)
-        x, y = own.point
-        top = np.array([x, y, own.body.c * math.sqrt(1.0 - (x / own.body.a) ** 2 - (y / own.body.b) ** 2)])
-        curved = 1.0 / own.R + analytic.ellipsoid_mean_curvature(own.body.semi_axes, top)
-        unit = analytic.hertz_force(depth, 1.0 / curved, 3.0, 0.5)
-        return {"mu": float(unit @ force / (unit @ unit))}
+        return {"mu": levels.hertz(experiment.read_settings(settings), depth, force)}
 
     def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
         """The mesh of the experiment and, for a body without memory, an anchor: states to start from."""
@@ -262,7 +256,7 @@ class FiniteElements:
             instants, slopes = passages(case.programme), differentiable(settings, knobs)
             guess, started = None, time.process_time()
             if anchor is not None:
-                guess = anchors.guess(str(anchor), model, anchors.poisson(knobs.mu, knobs.D1))
+                guess = anchors.guess(str(anchor), model, analytic.poisson_ratio(knobs.mu, 2.0 / knobs.D1))
             elastic = not path_dependent(settings, dataclasses.asdict(knobs))
             if guess is None and elastic and nested.worthwhile(settings, knobs):
                 guess = nested.guess(settings, knobs, placement, model, instants)

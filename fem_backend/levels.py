@@ -93,6 +93,13 @@ def start(settings: Settings, travel: np.ndarray, force: np.ndarray) -> dict[str
     return {"mu": (low, value, high), "D1": (D1(high, TIGHTEST), D1(value, NU), D1(low, LOOSEST))}
 
 
+def hertz(settings: Settings, travel: np.ndarray, force: np.ndarray) -> float:
+    """μ (MPa) that Fz (n,) N over travel (n,) mm would have in Hertz's limit, incompressible; see `closed_form`."""
+    normal, R, tilt = _touch(settings)
+    unit = normal[2] * analytic.hertz_force(travel * tilt, R, 3.0, 0.5)
+    return float(unit @ force / (unit @ unit))
+
+
 def _as_it_is(settings: Settings, knobs: Knobs) -> Settings:
     """The settings with the errors of ball, body and place; ValueError where nothing is left to press or with."""
     axes = settings.body.semi_axes + np.array([knobs.delta_a, knobs.delta_b, knobs.delta_c])

@@ -9,7 +9,7 @@ import io
 import numpy as np
 import pytest
 
-from fem_backend import anchors, experiment
+from fem_backend import analytic, anchors, experiment
 from fem_backend import model as modelling
 from fem_backend.backend import BACKEND
 from rso.contract import Case, Programme, object_path
@@ -48,11 +48,11 @@ def test_the_start_does_not_show_in_an_answer(values, settings, tmp_path):
 def test_starts_are_of_second_order_in_the_ratio(tmp_path):
     """At half the distance in ν a quarter of the error, at every stage; a half along no tangent (the control)."""
     _, path = placed({"mu": 1.0, "D1": 0.2}, CASE, tmp_path)
-    own = anchors.poisson(1.0, 0.2)  # of the anchor: K/μ = 10
+    own = analytic.poisson_ratio(1.0, 10.0)  # of the anchor
     errors = {True: [], False: []}
     for away in (0.04, 0.02, 0.01):
         D1 = 3.0 * (1.0 - 2.0 * (own - away)) / (1.0 + own - away)  # μ = 1, K = 2/D₁
-        assert anchors.poisson(1.0, D1) == pytest.approx(own - away, abs=1e-12)
+        assert analytic.poisson_ratio(1.0, 2.0 / D1) == pytest.approx(own - away, abs=1e-12)
         run = BACKEND.solve({"mu": 1.0, "D1": D1}, CASE)
         for tangent in errors:
             offer = anchors.guess(str(path), run.model, own - away if tangent else own)
