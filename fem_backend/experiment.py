@@ -19,6 +19,7 @@ from rso.contract import finite, knob
 
 LIMIT = "limit"  # the mesh level whose forces are extrapolated, see fem_backend.nested
 LARGEST = 70  # semi-axis over the radius of the ball: of one three times as large fTetWild makes no sound mesh
+MARKS = {"follows": 1, "rolling": 3}  # of canonical settings, raised by fem_backend.backend: no study states them
 LAWS = ("neo_hookean", "linear_elastic", "mooney_rivlin", "yeoh", "ogden")
 
 
@@ -380,7 +381,7 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
     if earlier < 0:
         raise ValueError(f"earlier = {earlier} mm: the deepest travel before this test, at least 0")
     plain = {"mesher": "tetwild", "level": "standard", "n": 12, "slip": 0.55}
-    mesh = _table(data, "mesh", plain | {"follows": None})  # the last is of the canonical form alone
+    mesh = _table(data, "mesh", plain, "follows")
     solver = _choice("solver", data.pop("solver", "auto"), ["auto", "pardiso", "superlu"])
     derivatives = _flag("derivatives", data.pop("derivatives", True))
     multipliers = _flag("multipliers", data.pop("multipliers", True))
@@ -419,8 +420,8 @@ def _support(data: dict[str, Any]) -> tuple[str, tuple[tuple[str, float], ...]]:
     kind = table.get("kind", "fixed") if isinstance(table, Mapping) else "fixed"
     known: dict[str, Any] = {"kind": "fixed"}
     if kind == "bowl":
-        known |= {"clearance": None, "friction": None, "rolling": None}  # the last is of the canonical form alone
-    table = _table(data, "support", known)
+        known |= {"clearance": None, "friction": None}
+    table = _table(data, "support", known, "rolling" if kind == "bowl" else "")
     _choice("support.kind", table["kind"], ["fixed", "bowl"])
     defaults = []
     for key in ("clearance", "friction"):
@@ -494,10 +495,13 @@ def _speed(value: object) -> None:
         raise ValueError(f'speed = {value!r}: a positive speed such as "30 mm/min", or a number in mm/s')
 
 
-def _table(data: dict[str, Any], name: str, defaults: dict[str, Any]) -> dict[str, Any]:
+def _table(data: dict[str, Any], name: str, defaults: dict[str, Any], mark: str = "") -> dict[str, Any]:
+    """A table with its defaults; its `mark` is passed over as the backend writes it and unknown otherwise."""
     value = data.pop(name, {})
     if not isinstance(value, Mapping):
         raise ValueError(f"{name} = {value!r}: a table with the keys {', '.join(defaults)} is expected")
+    if type(value.get(mark)) is int and 1 <= value[mark] <= MARKS[mark]:  # stored runs may have an earlier one
+        value = {k: v for k, v in value.items() if k != mark}
     unknown = sorted(set(value) - set(defaults))
     if unknown:
         text = f"{name}.{unknown[0]} = {value[unknown[0]]!r}: unknown"

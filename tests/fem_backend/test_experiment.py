@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fem_backend import errors, meshing
-from fem_backend.backend import BACKEND
-from fem_backend.experiment import LAWS, LIMIT, Knobs, read_settings
+from fem_backend.backend import BACKEND, FOLLOWS, ROLLING
+from fem_backend.experiment import LAWS, LIMIT, MARKS, Knobs, read_settings
 from rso.contract import Case, Programme, SimulationFailed
 
 MESH = {"mesher": "mapped", "n": 6, "slip": 0.3}
@@ -69,6 +69,10 @@ def case(asked=(0.5, 1.0), **settings) -> Case:
         ({"mesh": {"mesher": "mapped", "n": 3}}, ["mesh.n", "3", "4 to 40"]),
         ({"mesh": {"mesher": "mapped", "n": 8.0}}, ["mesh.n", "8.0", "integer"]),
         ({"mesh": {"mesher": "mapped", "n": 8, "slip": 0.9}}, ["mesh.slip", "0.9", "0 to 0.8"]),
+        ({"mesh": {"follows": 99}}, ["mesh.follows = 99: unknown; choose from mesher, level, n, slip"]),
+        ({"mesh": {"follows": True}}, ["mesh.follows = True: unknown"]),
+        ({"support": {"kind": "bowl", "rolling": 5}}, ["support.rolling = 5: unknown", "kind, clearance, friction"]),
+        ({"support": {"kind": "fixed", "rolling": 3}}, ["support.rolling = 3: unknown"]),
         ({"mesh": {"size": 1.0}}, ["mesh.size", "1.0", "mesher", "level"]),
     ],
 )
@@ -126,6 +130,16 @@ def test_whole_numbers_too_large_for_a_float_are_refused(key):
 def test_good_settings_are_taken(settings):
     """Negative control of the refusals."""
     BACKEND.check(case(**settings))
+
+
+def test_marks_of_the_canonical_form_are_offered_to_nobody():
+    """They are numbers of revisions: what the backend writes itself is read again, what a study made up is not."""
+    assert MARKS == {"follows": FOLLOWS, "rolling": ROLLING}
+    BACKEND.check(case(mesh={**MESH, "follows": FOLLOWS}, support={"kind": "bowl", "rolling": ROLLING}))
+    for settings in ({"mesh": {"folows": 1}}, {"support": {"kind": "bowl", "roling": 3}}):
+        with pytest.raises(ValueError) as refused:
+            BACKEND.check(case(**settings))
+        assert not {"follows", "rolling"} & set(re.findall(r"\w+", str(refused.value)))
 
 
 def test_nothing_said_is_the_standard_case():
