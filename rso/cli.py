@@ -73,7 +73,7 @@ LABORATORY = """a folder, for example:
 }
 headers of a machine are named under "columns", with the keys of [columns] in a study;
 what is not understood is refused with what is, other keys are not used, which is said; mu is taken to be 5 to 20 kPa
-and D1 1 to 100 1/MPa: what this means is in docs/reading_a_diagnosis.md"""
+and D1 1 to 100 1/MPa: what this means is in docs/data_for_a_diagnosis.md"""
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -102,7 +102,7 @@ def _parser() -> argparse.ArgumentParser:
             command.add_argument("--store", type=Path, help=text)
         if name == "check":
             command.add_argument("--trust", action="store_true", help="load a backend that is not rso's own: its code")
-        if name in ("run", "diagnose", "ladder", "next"):
+        if name in ("check", "run", "diagnose", "ladder", "next"):
             command.add_argument("--jobs", type=_at_least_one, help="simulations at a time (default: dispatch.jobs)")
         if name == "run":
             command.add_argument("--fresh", action="store_true", help="move the old results aside and start again")
@@ -128,7 +128,7 @@ def _check(options: argparse.Namespace, command: str) -> int:
 
     study = load(options.study)
     folder = _folder(options, study.folder)
-    print("\n".join(check(study, folder, options.trust, _store(options, folder))))
+    print("\n".join(check(study, folder, options.trust, _store(options, folder), options.jobs)))
     return 0
 
 

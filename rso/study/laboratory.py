@@ -2,7 +2,7 @@
 
 The CSV files are named for what they hold: ``point_20_0`` was pressed at (20, 0) mm, ``mp_cycle_30`` is a cycle at the
 top with 30 mm/min, ``mp_…`` and names with less than two numbers are force curves at the top, ``profile`` holds marks
-of the surface.  See docs/reading_a_diagnosis.md.
+of the surface.  See docs/data_for_a_diagnosis.md.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """`nominal.json` of a laboratory's folder: what the experimenter believes of specimen, indenter, support and noise.
 
 A value that is not understood is refused with the choices, and so is a key that is nearly one of those below; other
-keys are not used, which is said.  See docs/reading_a_diagnosis.md.
+keys are not used, which is said.  See docs/data_for_a_diagnosis.md.
 """
 
 from __future__ import annotations

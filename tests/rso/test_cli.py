@@ -192,7 +192,7 @@ def test_a_study_that_is_not_there(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("jobs", ["0", "-1", "many"])
-@pytest.mark.parametrize("command", ["run", "diagnose", "ladder", "blind"])
+@pytest.mark.parametrize("command", ["check", "run", "diagnose", "ladder", "blind"])
 def test_a_number_of_jobs_that_is_none(tmp_path, capsys, command, jobs):
     with pytest.raises(SystemExit, match="2"):
         main([command, str(tmp_path), "--jobs", jobs])
@@ -212,6 +212,17 @@ def test_check_says_what_would_run_and_computes_nothing(tmp_path, capsys):
     assert sorted(tmp_path.iterdir()) == before
 
 
+def test_times_of_a_check_are_those_with_as_many_jobs(tmp_path, capsys):
+    path = str(studies.write(tmp_path))
+    times = {}
+    for jobs in ([], ["--jobs", "1"], ["--jobs", "8"]):
+        assert main(["check", "--trust", path, *jobs]) == 0
+        (said,) = re.findall(r"about ([\d.]+) min with (\d+) job", capsys.readouterr().out)
+        times[int(said[1])] = float(said[0])
+    assert set(times) == {1, 2, 8}
+    assert times[1] == pytest.approx(2 * times[2], abs=0.1) and times[1] == pytest.approx(8 * times[8], abs=0.5)
+
+
 def test_help_names_the_exit_codes(capsys):
     with pytest.raises(SystemExit, match="0"):
         main(["--help"])
@@ -229,7 +240,7 @@ def test_the_example_of_a_folder_is_one_that_is_read(tmp_path, capsys):
     with pytest.raises(SystemExit, match="0"):
         main(["blind", "--help"])
     said = capsys.readouterr().out
-    page = (HERE.parents[1] / "docs" / "reading_a_diagnosis.md").read_text(encoding="utf-8")
+    page = (HERE.parents[1] / "docs" / "data_for_a_diagnosis.md").read_text(encoding="utf-8")
     for text in (said, page):
         (tmp_path / "nominal.json").write_text(text[text.index("{") : text.rindex("}") + 1])
         found = read_nominal(tmp_path)
