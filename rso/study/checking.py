@@ -28,8 +28,10 @@ CORNERS = 6  # open parameters up to which all corners of their ranges are looke
 FAR = 5.0  # times: held thin bodies are up to three times as stiff as a half-space
 
 
-def check(study: Study, folder: Path, trust: bool, store: Path | None = None) -> list[str]:
+def check(study: Study, folder: Path, trust: bool, store: Path | None = None, jobs: int | None = None) -> list[str]:
     """Lines about a loaded study whose results go to `folder`; StudyError for what its backend does not allow.
+
+    Times are those with as many `jobs` at a time, by default those of the study.
 
     A backend that is not rso's own is code of somebody else: it is loaded only with `trust`.
     """
@@ -63,11 +65,11 @@ def check(study: Study, folder: Path, trust: bool, store: Path | None = None) ->
         widening = " and each widening of its ranges" if study.search.repair and plan.searches else ""
         lines.append(f"    and for the surrogates, each search{widening} up to {study.verify.max_infill} points more")
     known = pace(plan.backend, store or folder)
-    jobs = study.dispatch.jobs
+    jobs = jobs or study.dispatch.jobs
     seconds = known.seconds(_one_of_each(plan)) / len(plan.cases)
     time = f"{_minutes(total * seconds / jobs)} with {jobs} job(s)"
     lines.append(f"  {'at most' if direct else 'about'} {time} ({seconds:.3g} s a simulation, {known.basis})")
-    return [*lines, *_diagnosis(study, known), f"  results: {folder}"]
+    return [*lines, *_diagnosis(study, known, jobs), f"  results: {folder}"]
 
 
 def _one_of_each(plan: Plan) -> list[Task]:
@@ -80,7 +82,7 @@ def _minutes(seconds: float) -> str:
     return f"{seconds / 60:.1f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-def _diagnosis(study: Study, known: Pace) -> list[str]:
+def _diagnosis(study: Study, known: Pace, jobs: int) -> list[str]:
     """What `rso diagnose` would simulate, or why it cannot; StudyError only for a study that asks for it."""
     try:
         asked = ask(study)
@@ -89,7 +91,6 @@ def _diagnosis(study: Study, known: Pace) -> list[str]:
         if "diagnose" in study.model_fields_set:
             raise
         return [f"  rso diagnose: not with this study: {str(error).replace(f'{study.file}:', 'line ', 1)}"]
-    jobs = study.dispatch.jobs
     left = [t for t in library if not known.stored(t)]
     there = f", of which {len(library) - len(left)} are there" if len(left) < len(library) else ""
     cost = f"a library of {len(library)} simulations at most{there}, {_minutes(known.seconds(left) / jobs)}, made once"
