@@ -35,7 +35,7 @@ LAYOUT: dict[str, Any] = {
     "parameters": [{**dict.fromkeys(("name", "description", "unit", "low", "high", "log", "fixed")), "stated": [None]}],
     "experiments": [
         {
-            **dict.fromkeys(("name", "role", "kind", "channel", "unit", "file", "n_repeats")),
+            **dict.fromkeys(("name", "role", "kind", "channel", "unit", "file", "n_repeats", "remarks")),
             "settings": {"thickness": None},
             "notes": [None],
             "measured": {"depth": [None], "value": [None], "sigma": [None], "position": [[None]]},
@@ -114,7 +114,7 @@ LAYOUT: dict[str, Any] = {
     "validation": [
         {
             **dict.fromkeys(("experiment", "search", "candidate", "state", "cause", "reason")),
-            **{k: [None] for k in ("depth", "measured", "sigma", "predicted")},
+            **{k: [None] for k in ("depth", "measured", "sigma", "predicted", "numerical_error")},
             "metrics": METRICS,
             "position": [[None]],
         }
