@@ -130,7 +130,7 @@ def _remember(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, History | None]:
     """Potential Φ, factor and slope with S ↦ factor S + added, ℂ ↦ factor ℂ + slope S⊗S, and the new history.
 
-    hᵢ ← exp(−Δt/τᵢ) hᵢ + gᵢ exp(−Δt/2τᵢ)(S_iso − S_iso,n): what does not depend on the strain now is `added`.
+    hᵢ ← e^{−x} hᵢ + gᵢ (1 − e^{−x})/x (S_iso − S_iso,n), x = Δt/τᵢ: what does not depend on the strain now is `added`.
     """
     if not material.path_dependent:
         return W, np.ones_like(W), np.zeros_like(W), np.zeros((1, 1, 6)), None

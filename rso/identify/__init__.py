@@ -9,7 +9,7 @@ from rso.identify.further import Experiment, Told, on_valley, told
 from rso.identify.intervals import Interval, Profile, laplace, profile, quantiles, spread
 from rso.identify.likelihood import WEIGHTINGS, Data, Misfit, Model, covariance, stack, together
 from rso.identify.metric import MetricMinimum, curve_score, downhill, minimise
-from rso.identify.models import Place, emulated, has_gradients, resample, simulated, slope
+from rso.identify.models import Place, emulated, has_gradients, resample, simulated
 from rso.identify.sampling import Draws, sample
 from rso.identify.tangents import Frame, Sight, tangents
 from rso.identify.verdict import Verdict, judge
@@ -64,7 +64,6 @@ __all__ = [
     "resample",
     "sample",
     "simulated",
-    "slope",
     "spread",
     "stack",
     "surface_minima",

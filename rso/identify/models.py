@@ -73,7 +73,7 @@ def simulated(box: Box, run: Run, places: Sequence[Place], fixed: Mapping[str, f
         answer = at(x)
         if all(has_gradients(answer[p.experiment], p.channel, box) for p in places):
             rows = [np.stack([resample(answer[p.experiment], p, n) for n in box.names], axis=1) for p in places]
-            return np.vstack(rows) * slope(box, x)
+            return np.vstack(rows) * box.slope(x)
         here = values(x)
         columns = []
         for k in range(box.d):
@@ -95,11 +95,3 @@ def resample(response: Response, place: Place, knob: str) -> np.ndarray:
     curve = response.curve(place.channel)
     y = np.asarray(response.gradients[knob][place.channel]) if knob else curve.value
     return loading(curve.travel_mm, y)(place.depth)
-
-
-def slope(box: Box, x: np.ndarray) -> np.ndarray:
-    """dθ/dx (d,) at x (d,) of the unit cube: high − low, or θ ln(high/low) on a log scale."""
-    low, high = np.array(box.low), np.array(box.high)
-    log = np.array(box.log)
-    ratio = np.where(log, high / np.where(log, low, 1.0), 1.0)
-    return np.where(log, box.from_unit(x) * np.log(ratio), high - low)

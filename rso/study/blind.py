@@ -141,7 +141,7 @@ def _library(asked: Asked, known: dict[str, Library], store: RunStore, executor:
 
 
 def _key(asked: Asked) -> str:
-    """Of cases with the same simulations: what is computed of an effect goes as far as its plausible sizes and shapes."""
+    """Of cases with the same simulations: those of an effect go as far as its plausible sizes and shapes."""
     b, near = asked.base, asked.plan.near
     speeds = [min(t.speed for t in asked.plan.tests), max(t.speed for t in asked.plan.tests)]
     passes = [

@@ -22,7 +22,6 @@ from rso.identify import (
     determine,
     emulated,
     resample,
-    slope,
     stack,
     together,
 )
@@ -322,7 +321,7 @@ def validate(bench: Bench, j: Judged) -> tuple[Goodness, ...]:
             f = resample(response, place, "")
             by_knob = {k: resample(response, place, k) for k, g in response.gradients.items() if channel in g}
             slopes = found.axes.slopes(found.values, by_knob)
-            J = np.stack([slopes.get(n, np.zeros_like(f)) for n in box.names], axis=1) * slope(box, fit.x)
+            J = np.stack([slopes.get(n, np.zeros_like(f)) for n in box.names], axis=1) * box.slope(fit.x)
             d = curve_data(plan, place)
             d = d.plus(together(d.depth, error_at(response, place), float(place.depth.max())))
             model = Model(box, lambda X, f=f, J=J: f + (X - fit.x) @ J.T)  # type: ignore[misc]

@@ -10,7 +10,6 @@ from scipy.interpolate import CubicHermiteSpline
 
 from rso.doe import Box
 from rso.emulator import Output, Sample
-from rso.identify import slope
 
 ORDER = 4  # of the error of a cubic Hermite spline in its step
 
@@ -37,7 +36,7 @@ def along_one(box: Box, outputs: Sequence[Output], samples: Sequence[Sample]) ->
     (name,) = box.names
     x = np.array([box.to_unit(np.array([s.values[name]]))[0] for s in samples]).ravel()
     order = np.argsort(x)
-    scale = np.array([slope(box, np.array([v]))[0] for v in x])
+    scale = np.array([box.slope(np.array([v]))[0] for v in x])
     out = {}
     for o in outputs:
         if any(name not in s.gradients.get(o.id, {}) for s in samples):

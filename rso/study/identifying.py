@@ -29,7 +29,6 @@ from rso.identify import (
     has_gradients,
     minimise,
     resample,
-    slope,
     stack,
     together,
 )
@@ -249,7 +248,7 @@ def further_gains(plan: Plan, d: Determination, checked: Sequence[Validation]) -
         deepest = float(response.curve(measured.channel).travel_mm.max())
         keep = (measured.depth > 0) & (measured.depth <= deepest * (1 + 1e-9))
         place = Place(v.experiment, measured.channel, np.minimum(measured.depth[keep], deepest))
-        J = np.stack([resample(response, place, n) for n in box.names], axis=1) * slope(box, np.clip(x, 0, 1))
+        J = np.stack([resample(response, place, n) for n in box.names], axis=1) * box.slope(np.clip(x, 0, 1))
         C = measured.covariance[np.ix_(keep, keep)] * d.scale**2
         C = (
             C
