@@ -17,7 +17,7 @@ import numpy as np
 from rso.benchmarks import indentation
 from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, knob, parameters_of
 
-SETTINGS = ("thickness", "fail_below", "crash_above", "spring", "sleep_s", "log", "lateral", "speed")
+SETTINGS = ("thickness", "fail_below", "crash_above", "spring", "sleep_s", "log", "lateral", "speed", "remark")
 
 
 @dataclass(frozen=True)

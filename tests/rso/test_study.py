@@ -478,7 +478,8 @@ def recorded(speed: float) -> str:
 
 @pytest.mark.parametrize(
     ("stated", "own", "speed", "whose"),
-    [(None, 0.01, 0.01, "by its times"), ("30 mm/min", 0.01, 0.01, "by its times"), ("30 mm/min", 0.51, 0.5, "as stated"),
+    [(None, 0.01, 0.01, "by its times"), ("30 mm/min", 0.01, 0.01, "by its times"),
+     ("30 mm/min", 0.51, 0.5, "as stated"),
      ("30 mm/min", None, 0.5, "as stated"), (None, None, cases.DEFAULT_SPEED, "assumed")],
 )  # fmt: skip
 def test_a_test_is_simulated_as_fast_as_its_record_says(tmp_path, stated, own, speed, whose):

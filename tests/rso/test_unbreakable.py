@@ -296,7 +296,7 @@ HOSTILE = '<script>alert(1)</script><img src=x onerror=alert(2)> #let x = 1; $x$
 
 def test_reports_escape_what_they_print(tmp_path):
     (tmp_path / "top.csv").write_text(f"# note {HOSTILE}\n" + studies.measured())
-    settings = f'thickness = 8\nfail_below = 0.007\nspeed = "{HOSTILE}"'
+    settings = f'thickness = 8\nfail_below = 0.007\nremark = "{HOSTILE}"'
     experiment = studies.SECTIONS["[experiments]"]
     studies.write(
         tmp_path, study=f'title = "{HOSTILE}"\nseed = 0', backend__settings=settings, experiments=experiment,
