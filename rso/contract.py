@@ -230,6 +230,14 @@ def _numbers(name: str, value: Any) -> tuple[float, ...]:
     return tuple(number(f"{name}[{k}]", v) for k, v in enumerate(value))
 
 
+def _along(name: str, value: Any, n: int, *, broadcast: bool = False) -> np.ndarray:
+    """Floats (n,); one alone holds for all where it may be `broadcast`; ValueError with its name for another shape."""
+    found = np.asarray(value, float)
+    if found.shape != (n,) and not (broadcast and found.size == 1):
+        raise ValueError(f"{name} has shape {found.shape}, expected ({n},)")
+    return np.broadcast_to(found, (n,)).copy()
+
+
 @dataclass(frozen=True)
 class Curve:
     """One channel over travel: `travel_mm` (n,), `value` (n,) in `unit`, estimated numerical error (n,)."""
@@ -262,7 +270,17 @@ class Response:
             if name not in channels:
                 raise ValueError(f"response: channel {name!r} is missing (got {sorted(channels)})")
         n = len(channels["travel"])
-        error = {k: np.broadcast_to(np.asarray(v, float), (n,)).copy() for k, v in self.error.items()}
+        error = {k: _along(f"response: error of {k!r}", v, n, broadcast=True) for k, v in self.error.items()}
+        for k, v in error.items():
+            if k not in channels:
+                raise ValueError(f"response: error of {k!r}, which is none of its channels {sorted(channels)}")
+            if not np.all(np.isfinite(v) & (v >= 0)):
+                got = f"got {v.min():g} to {v.max():g}"
+                raise ValueError(f"response: error of {k!r} must be finite and at least 0, {got}")
+        gradients = {
+            knob: {c: _along(f"response: gradient of {c!r} by {knob!r}", v, n) for c, v in by_channel.items()}
+            for knob, by_channel in self.gradients.items()
+        }
         for k, v in channels.items():
             if v.shape != (n,):
                 raise ValueError(f"response: channel {k!r} has shape {v.shape}, expected ({n},)")
@@ -272,6 +290,7 @@ class Response:
                 raise ValueError(f"response: channel {k!r} has no unit")
         object.__setattr__(self, "channels", channels)
         object.__setattr__(self, "error", error)
+        object.__setattr__(self, "gradients", gradients)
 
     def curve(self, channel: str) -> Curve:
         """One channel as a curve over travel; unknown channels raise KeyError listing the known ones."""
@@ -299,7 +318,7 @@ class Response:
             data["channels"],
             data["units"],
             data.get("error") or {},
-            {k: {c: np.asarray(v, float) for c, v in g.items()} for k, g in (data.get("gradients") or {}).items()},
+            data.get("gradients") or {},
             data.get("info") or {},
         )
 

@@ -18,9 +18,20 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, get_args
 
-from rso.contract import Backend, Case, Parameter, Response, SimulationFailed, drop_neutral, run_key
+from rso.contract import (
+    Backend,
+    Case,
+    Parameter,
+    Response,
+    Scope,
+    SimulationFailed,
+    drop_neutral,
+    finite,
+    number,
+    run_key,
+)
 
 GUARD = str(Path(__file__).with_name("guard.py"))
 SCHEMA_TIMEOUT_S = 60.0
@@ -182,7 +193,7 @@ class CommandBackend:
         request, answer = folder / "request.json", folder / "response.json"
         request.write_text(json.dumps({"values": filled, "case": case.to_json()}, allow_nan=False, indent=1))
         code = _run_guarded((*self.command, str(request), str(answer)), folder, self.timeout_s)
-        response = _read_answer(answer, code)
+        response = _read_answer(answer, code, [p.name for p in self.parameters])
         shutil.rmtree(folder)
         return response
 
@@ -203,6 +214,9 @@ def _load_command(
         )
         schema = json.loads(done.stdout)
         parameters = tuple(_parameter(p) for p in schema["parameters"])
+        names = [p.name for p in parameters]
+        if twice := sorted({n for n in names if names.count(n) > 1}):
+            raise ValueError(f"parameter {twice[0]!r} is there twice")
         channels = {str(name): str(unit) for name, unit in schema["channels"].items()}
         name, numerics = str(schema["name"]), int(schema["numerics"])
     except subprocess.TimeoutExpired as error:
@@ -212,6 +226,8 @@ def _load_command(
             f"backend: {' '.join(words)} --schema must print JSON with name, numerics, parameters and channels "
             f"({type(error).__name__}: {error}; exit code {done.returncode}): {_tail(done.stderr or done.stdout)}"
         ) from error
+    except ValueError as error:
+        raise ValueError(f"backend: {' '.join(words)} --schema: {error}") from error
     keep_folder = None if keep_folder is None else str(Path(keep_folder).absolute())
     return CommandBackend(words, parameters, channels, name, numerics, keep_folder, timeout_s)
 
@@ -228,10 +244,46 @@ def _no_program(command: tuple[str, ...], root: Path) -> str | None:
 
 
 def _parameter(data: Mapping[str, Any]) -> Parameter:
+    """A knob of a schema; ValueError naming it, the key and the value for what is of another type or out of order."""
     fields = [f.name for f in dataclasses.fields(Parameter)]
     if unknown := sorted(set(data) - set(fields)):
         raise KeyError(f"parameter {data.get('name')!r} has unknown {unknown}; known are {fields}")
-    return Parameter(**data)
+    name, given = data["name"], {k: v for k, v in data.items() if v is not None}
+    of = f"parameter {name!r}: "
+    for key in {"name", "description", "unit", "group", "scope", "cause", "label"} & given.keys():
+        if not isinstance(given[key], str) or (key == "name" and not name):
+            raise ValueError(f"{of}{key} = {given[key]!r}: text is expected")
+    for key in {"low", "high", "default", "neutral", "typical"} & given.keys():
+        given[key] = _finite(f"{of}{key}", given[key])
+    if "plausible" in given:
+        ends = given["plausible"]
+        if not isinstance(ends, list) or len(ends) != 2:
+            raise ValueError(f"{of}plausible = {ends!r}: two numbers are expected, from low to high")
+        given["plausible"] = tuple(_finite(f"{of}plausible", v) for v in ends)
+    found = Parameter(**given)
+    _in_order(found)
+    return found
+
+
+def _finite(name: str, value: Any) -> float:
+    if not finite(value):
+        raise ValueError(f"{name} = {repr(value)[:20]}: a finite number is expected")
+    return number(name, value)
+
+
+def _in_order(p: Parameter) -> None:
+    """low < high, default, neutral and plausible range within, a scope that there is; else ValueError."""
+    of = f"parameter {p.name!r}: "
+    if p.low >= p.high:
+        raise ValueError(f"{of}low = {p.low:g} must be below high = {p.high:g} {p.unit}")
+    for key in ("default", "neutral"):
+        value = getattr(p, key)
+        if value is not None and not p.low <= value <= p.high:
+            raise ValueError(f"{of}{key} = {value:g} is outside [{p.low:g}, {p.high:g}] {p.unit}")
+    if p.plausible is not None and not p.plausible[0] < p.plausible[1]:
+        raise ValueError(f"{of}plausible = {list(p.plausible)}: two numbers are expected, from low to high")
+    if p.scope not in get_args(Scope):
+        raise ValueError(f"{of}scope = {p.scope!r}: choose from {', '.join(get_args(Scope))}")
 
 
 def _run_guarded(command: Sequence[str], folder: Path, timeout_s: float | None) -> int:
@@ -257,7 +309,7 @@ def _run_guarded(command: Sequence[str], folder: Path, timeout_s: float | None) 
         process.stdin.close()
 
 
-def _read_answer(answer: Path, code: int) -> Response:
+def _read_answer(answer: Path, code: int, knobs: Sequence[str]) -> Response:
     """The response in the file, or SimulationFailed if it says so, or RuntimeError if it is none."""
 
     def refuse(word: str) -> NoReturn:
@@ -279,10 +331,20 @@ def _read_answer(answer: Path, code: int) -> Response:
         elif code != 0:
             raise ValueError("although status = done")
         else:
-            return Response.from_json(data)
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            return _with_known_gradients(Response.from_json(data), knobs)
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise crash(f"response file not understood ({type(error).__name__}: {error})") from error
     raise failure
+
+
+def _with_known_gradients(response: Response, knobs: Sequence[str]) -> Response:
+    """The response, whose derivatives are those of its channels by declared knobs; else ValueError."""
+    for knob, by_channel in response.gradients.items():
+        if knob not in knobs:
+            raise ValueError(f"response: gradients by {knob!r}, which is none of the knobs {', '.join(knobs)}")
+        if strange := sorted(set(by_channel) - set(response.channels)):
+            raise ValueError(f"response: gradient of {strange[0]!r} by {knob!r}: there is no such channel")
+    return response
 
 
 def _tail(text: str, lines: int = 20) -> str:

@@ -166,7 +166,7 @@ class Toy:
         u = goal[np.argmin(np.abs(u[:, None] - goal), axis=1)]  # both passages have the very travel asked
         channels = {"time": t, "travel": u, "Fz": F[0], "Fx": F[1], "Fy": F[2]}
         marks = {f"uz({x:g},{y:g})": mark(values, u, x, y) for x, y in s.get("profile", ())}
-        error = {c: 1e-3 * F[0] for c in ("Fx", "Fy", "Fz")}
+        error = {c: 1e-3 * np.abs(F[0]) for c in ("Fx", "Fy", "Fz")}
         return Response({**channels, **marks}, {**self.channels, **dict.fromkeys(marks, "mm")}, error)
 
 

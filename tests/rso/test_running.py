@@ -614,6 +614,13 @@ if do == "sleep":
 answers = {
     "": done, "fail": failed, "fail far": {**failed, **done, "status": "failed"}, "done but 1": done,
     "nan": {**done, "channels": {**channels, "Fz": [float("nan")] * len(a)}},
+    "short error": {**done, "error": {"Fz": [0.1] * (len(a) + 1)}},
+    "negative error": {**done, "error": {"Fz": [-0.1] * len(a)}},
+    "error of nothing": {**done, "error": {"Fq": 0.1}},
+    "short gradient": {**done, "gradients": {"x": {"Fz": [1.0]}}},
+    "gradient by nothing": {**done, "gradients": {"y": {"Fz": [1.0] * len(a)}}},
+    "gradient of nothing": {**done, "gradients": {"x": {"Fq": [1.0] * len(a)}}},
+    "huge": {**done, "channels": {**channels, "Fz": [10**400] * len(a)}},
     "strange": {"status": "perhaps"}, "cause": {**failed, "cause": "mood"}, "units": {**done, "units": {}}, "list": [],
 }
 odd = {"half": "{", "nested": 100_000 * "["}
@@ -673,6 +680,13 @@ def test_command_failed_keeps_its_folder(program, tmp_path):
         ("strange", "status = 'perhaps'"),
         ("cause", "unknown cause 'mood'"),
         ("units", "has no unit"),
+        ("short error", r"error of 'Fz' has shape \(3,\), expected \(2,\)"),
+        ("negative error", "error of 'Fz' must be finite and at least 0, got -0.1 to -0.1"),
+        ("error of nothing", "error of 'Fq', which is none of its channels"),
+        ("short gradient", r"gradient of 'Fz' by 'x' has shape \(1,\), expected \(2,\)"),
+        ("gradient by nothing", "gradients by 'y', which is none of the knobs x, lag"),
+        ("gradient of nothing", "gradient of 'Fq' by 'x': there is no such channel"),
+        ("huge", "response file not understood .*OverflowError"),
         ("list", "not understood"),
         ("nested", "response file not understood .*RecursionError"),
         ("done but 1", "exit code 1, .*although status = done"),
@@ -707,6 +721,46 @@ def assert_dies(pid):
     while alive(pid) and time.monotonic() < deadline:
         time.sleep(0.02)
     assert not alive(pid)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"low": "0"}, "parameter 'x': low = '0': a finite number is expected"),
+        ({"high": True}, "high = True: a finite number"),
+        ({"low": float("-inf")}, "low = -inf: a finite number"),
+        ({"high": 10**400}, "high = 1000000000"),
+        ({"low": 10}, "low = 10 must be below high = 10 N"),
+        ({"default": 11}, r"default = 11 is outside \[0, 10\] N"),
+        ({"neutral": -1}, r"neutral = -1 is outside \[0, 10\] N"),
+        ({"typical": [1]}, r"typical = \[1\]: a finite number"),
+        ({"plausible": 3}, "plausible = 3: two numbers"),
+        ({"plausible": [2, 1]}, r"plausible = \[2.0, 1.0\]: two numbers are expected, from low to high"),
+        ({"unit": 3}, "unit = 3: text is expected"),
+        ({"name": ""}, "name = '': text is expected"),
+        ({"name": "lag"}, "parameter 'lag' is there twice"),
+        ({"scope": "world"}, "scope = 'world': choose from study, mounting, place, curve"),
+        ({"lower": 0}, "must print JSON .*has unknown .*lower"),
+    ],
+)
+def test_command_whose_schema_is_wrong_is_refused_by_knob_key_and_value(tmp_path, changes, message):
+    x = {"name": "x", "description": "force", "unit": "N", "low": 0, "high": 10} | changes
+    lag = {"name": "lag", "description": "an effect", "unit": "1", "low": 0, "high": 1}
+    schema = {"name": "s", "numerics": 1, "channels": {"time": "s", "travel": "mm"}, "parameters": [x, lag]}
+    (tmp_path / "schema.json").write_text(json.dumps(schema))
+    with pytest.raises(ValueError, match=message):
+        load_backend(command=[sys.executable, "-c", f"print(open({str(tmp_path / 'schema.json')!r}).read())"])
+
+
+def test_command_with_a_full_schema_is_taken(tmp_path):
+    """Negative control of the refusals."""
+    x = {"name": "x", "description": "force", "unit": "N", "low": 0, "high": 10, "default": 1, "neutral": None,
+         "typical": 2, "plausible": [1, 20], "scope": "place", "group": "g"}  # fmt: skip
+    schema = {"name": "s", "numerics": 1, "channels": {"time": "s", "travel": "mm"}, "parameters": [x]}
+    (tmp_path / "schema.json").write_text(json.dumps(schema))
+    backend = load_backend(command=[sys.executable, "-c", f"print(open({str(tmp_path / 'schema.json')!r}).read())"])
+    (parameter,) = backend.parameters
+    assert parameter.plausible == (1.0, 20.0) and parameter.neutral is None and parameter.default == 1.0
 
 
 def test_command_that_is_none(tmp_path):

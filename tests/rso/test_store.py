@@ -26,7 +26,7 @@ def awkward_response(rng=None, n=50):
     return Response(
         {"time": np.arange(n), "travel": np.linspace(0, 1, n), "Fz": force},
         {"time": "s", "travel": "mm", "Fz": "N"},
-        {"Fz": force * 1e-9},
+        {"Fz": np.abs(force) * 1e-9},
         {"mu": {"Fz": rng.standard_normal(n)}},
         {"cpu_s": 0.1, "iterations": [3, 4], "version": "1.0"},
     )
