@@ -173,6 +173,7 @@ def _run(options: argparse.Namespace, command: str) -> int:
 
 
 def _diagnose(options: argparse.Namespace, command: str) -> int:
+    from rso.diagnosis import NoAnswer
     from rso.study import load
     from rso.study.diagnosing import ask, run_diagnosis
     from rso.study.plan import source_of
@@ -183,7 +184,7 @@ def _diagnose(options: argparse.Namespace, command: str) -> int:
     with _workplace(options, study, source_of(study), folder) as (store, pool, progress):
         try:
             found = run_diagnosis(asked, store, pool, folder, command=command, watch=progress.watch, say=progress.say)
-        except ValueError as error:
+        except NoAnswer as error:  # any other error is a fault of the program, and says where
             progress.say(f"stopped: {error}")
             return EXIT_FAILED_RUNS
     files = [folder / "diagnosis.json"]

@@ -18,7 +18,7 @@ story        all of it as plain data           words       and in sentences
 from rso.diagnosis.detectable import announced, in_sight
 from rso.diagnosis.effects import Effect, catalogue, localised, recorded, suited
 from rso.diagnosis.judge import Diagnosis, diagnose
-from rso.diagnosis.library import Library, build
+from rso.diagnosis.library import Library, NoAnswer, build
 from rso.diagnosis.next_test import planned_tests
 from rso.diagnosis.planning import planned
 from rso.diagnosis.rerun import CLOSE, Check, finalists, mended, planned_rerun
@@ -35,6 +35,7 @@ __all__ = [
     "Effect",
     "Experiment",
     "Library",
+    "NoAnswer",
     "TestPlan",
     "announced",
     "build",

@@ -116,6 +116,11 @@ class Effect:
         """Whether it multiplies all forces of a test: a modulus that changes from test to test does the same."""
         return self.family == "scatter" and self.is_gain
 
+    @property
+    def like_a_body(self) -> bool:
+        """Whether it yields with time under a load: a body out of which water is pressed does nearly the same."""
+        return self.size.name == "creep"
+
     def acts(self, place: Mapping[str, Any]) -> bool:
         """Whether it acts at a place with these settings."""
         return self.place is None or self.place == place

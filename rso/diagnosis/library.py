@@ -30,6 +30,10 @@ ASIDE = 1.3  # times the fewest unknowns: a model with fewer planes of symmetry,
 GRID = 160  # travels of the tables, evenly spaced in √u
 
 
+class NoAnswer(ValueError):
+    """The base model has no answer where one is needed: there is nothing to compare with."""
+
+
 @dataclass(frozen=True, eq=False)
 class Table:
     """Relative changes (n_nodes, n_pass, 3, m) by an effect at a place, displacements of marks (n_nodes, n_uz)."""
@@ -161,7 +165,7 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
             unknowns[j.place] = float(o.response.info.get("dofs", 0))
         elif j.passing is None:
             at = plan.places[j.place].settings.get("point")
-            raise ValueError(f"the base model has no answer at {at} with {_told(base, j)}: {o.reason}")
+            raise NoAnswer(f"the base model has no answer at {at} with {_told(base, j)}: {o.reason}")
     dear = unknowns > DEAR * unknowns[primary]
     aside = (unknowns >= ASIDE * unknowns.min()) & ~dear
     grid, further, rubbing = jobs_of_effects(base, plan, modelled, frame, Sizes(dear, aside))
@@ -223,7 +227,7 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
         each = [found[k, None, -1, i, False] for i in range(len(every))]
         ways, lost = changed(every, u, place, base.reference, each, first)
         if lost:
-            raise ValueError(f"the base model has no answer on the way back at {place.settings.get('point')}")
+            raise NoAnswer(f"the base model has no answer on the way back at {place.settings.get('point')}")
     best, unknowns = found.get((k, None, -1, None, True)), 0
     if isinstance(best, Done):
         unknowns = int(best.response.info.get("dofs", 0))

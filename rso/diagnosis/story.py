@@ -96,6 +96,7 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                     "family": c.effect.family, "probability": c.probability, "size": c.size,
                     "interval": list(c.interval), "unit": c.effect.size.unit, "neutral": c.effect.size.neutral,
                     "railed": c.railed, "like_a_modulus": c.effect.like_a_modulus,
+                    "like_a_body": c.effect.like_a_body,
                     **({"each": _each(d.bench.library.plan, c)} if c.each else {}),
                     "shape": [{"knob": k.name, "unit": k.unit, "size": mid, "interval": [low, high]}
                               for k, (low, mid, high) in zip(c.effect.shape, c.shape, strict=False)]}

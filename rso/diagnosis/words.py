@@ -183,6 +183,13 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
                 f"{chance(first['probability'])}. Of the load cell, or of the specimen (recovery between tests, "
                 "temperature): a modulus does the same. A known weight on the cell before each test tells."
             )
+        if len(causes) == 1 and first.get("like_a_body"):
+            return (
+                f"Cause: what carries the body gives way with time, {_named(first)}, probability "
+                f"{chance(first['probability'])}, or the body itself does, as one out of which water is pressed "
+                "(poroelasticity): forces on the ball hardly tell these apart. A rigid block under the same load, for "
+                "as long, does."
+            )
         if len(causes) == 1:
             return f"Cause: {text[first['effect']]}, or something that is not in the catalogue: {each}."
         return f"Cause, if there is a gap: cannot be told apart with these data: {each}."
@@ -196,6 +203,7 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     ]
     each = " and ".join(_named(c) for c in causes[: 2 if v == "explained" else 1])
     alike = " A modulus that differs from test to test does the same." if first.get("like_a_modulus") else ""
+    alike += " A body out of which water is pressed does nearly the same." if first.get("like_a_body") else ""
     alike += _unconfirmed(first["effect"], found)
     return f"{head}: {text[first['effect']]}, {each}; probability {chance(first['probability'])}.{alike}"
 

@@ -112,6 +112,8 @@ def _other(d: Mapping[str, Any]) -> str:
     """What a single cause cannot be told apart from."""
     if any(c.get("like_a_modulus") for c in d.get("causes") or ()):
         return "a specimen that is stiffer in one test than in another"
+    if any(c.get("like_a_body") for c in d.get("causes") or ()):
+        return "a body that itself yields with time, as one out of which water is pressed"
     return "something that is not in the catalogue"
 
 
@@ -182,8 +184,10 @@ _POLICY = {
 
 def _policy(d: Mapping[str, Any]) -> str:
     causes = list(d.get("causes") or ())
-    alike = d.get("verdict") == "ambiguous" and len(causes) == 1 and causes[0].get("like_a_modulus")
-    return "load cell or specimen" if alike else _POLICY.get(clean(d.get("verdict")), "")
+    lone = causes[0] if d.get("verdict") == "ambiguous" and len(causes) == 1 else {}
+    if lone.get("like_a_modulus") or lone.get("like_a_body"):
+        return "load cell or specimen" if lone.get("like_a_modulus") else "load train or specimen"
+    return _POLICY.get(clean(d.get("verdict")), "")
 
 
 def _check_of(found: Found) -> float | None:

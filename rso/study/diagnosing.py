@@ -205,7 +205,7 @@ def run_diagnosis(
 ) -> dict[str, Any]:  # fmt: skip
     """Library, verdict and rerun; writes ``diagnosis.json`` and puts its core into ``results.json`` if there is one.
 
-    Raises ValueError where the base model has no answer; what was computed stays in the store.
+    Raises NoAnswer where the base model has none; what was computed stays in the store.
     """
     started, cpu = time.perf_counter(), time.process_time()
 

@@ -357,3 +357,17 @@ def test_there_is_a_gap_where_p_says_so_and_one_is_more_probable_than_none(n):
         return
     assert p(np.nextafter(at, 9.0)) <= FALSE_ALARM < p(np.nextafter(at, -9.0))
     assert critical(null - 100.0) == 0.0
+
+
+def test_a_mount_that_creeps_may_be_a_body_that_does():
+    """Water pressed out of a gel was "the measurement", sure of it: leave the material model alone."""
+    for effect in toy.effects("creep", "bias"):
+        verdict = "ambiguous" if effect.name == "creep" else "measurement"
+        h = (Hypothesis(()), Hypothesis((effect,)), Hypothesis((), True))
+        told = judge(Contest(h, np.array([0.0, 30.0, 1.0]), np.log([0.8, 0.1, 0.1])), True)
+        assert (told.verdict, told.named) == (verdict, (effect.name,))
+    c = {"effect": "creep", "probability": 0.998, "size": 0.36, "interval": [0.27, 0.46], "unit": "mm/N",
+         "neutral": 0.0, "railed": False, "like_a_body": True}  # fmt: skip
+    d = {"verdict": "ambiguous", "ambiguous_with": [["creep"]], "causes": [c]}
+    said = _cause(d, {"effects": [{"name": "creep", "description": "creep compliance"}]})
+    assert "poroelasticity" in said and "creep = 0.36 mm/N" in said and "rigid block" in said
