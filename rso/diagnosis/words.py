@@ -315,6 +315,12 @@ def _amounts(found: Mapping[str, Any], k: str, *values: float, digits: int = 4) 
     return f"{first}{unit} (90 % {' to '.join(ends)})" if ends else f"{first}{unit}"
 
 
+def _range(found: Mapping[str, Any], k: str, low: float, high: float) -> str:
+    """Two ends of a parameter in the unit of people, that of the upper one."""
+    unit, factor = people(found.get("units", {}).get(k, ""), high)
+    return f"{low * factor:.4g} to {high * factor:.4g} {'' if unit in ('1', '-') else unit}".rstrip()
+
+
 def _alone(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     """What a share closed cannot say of a cause that one place, or every curve, has for itself alone."""
     if any(c["family"] == "scatter" for c in d["causes"][:1]) and len(d["shrinkage"]["curves"]) > 1:
@@ -381,10 +387,10 @@ def _outside(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
         return []
     way = "stiffer" if now["low"] > m["high"] else "softer"
     mine = _amounts(found, m["name"], *(now[k] for k in ("median", "low", "high")))
-    low, high = (_amounts(found, m["name"], m[k]) for k in ("low", "high"))
+    ends = _range(found, m["name"], m["low"], m["high"])
     return [
-        f"{m['name']} = {mine} lies outside the range of the study, {low} to {high}: look at that range, or at what "
-        f"makes the whole body {way}."
+        f"{m['name']} = {mine} lies outside the range of the study, {ends}: look at that range, or at what makes the "
+        f"whole body {way}."
     ]
 
 
@@ -397,7 +403,7 @@ def _pressed(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
             continue
         up = now["median"] >= high / near or (now["high"] >= high / near and now["low"] > middle)
         if up or now["median"] <= low * near or (now["low"] <= low * near and now["high"] < middle):
-            ends = " to ".join(_amounts(found, k, v) for v in (low, high))
+            ends = _range(found, k, low, high)
             out.append(
                 f"{k} is pressed against the end of its range in the study, {ends}: what data want beyond it may look "
                 "like a cause."

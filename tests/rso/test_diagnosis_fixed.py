@@ -181,7 +181,8 @@ def test_what_is_fixed_is_said_and_has_no_interval(of):
     held = {k: toy.TRUTH[k] for k in (("mu", "D1") if of == "both" else (of,))}
     assert found["fixed"] == held and not held.keys() & found["diagnosis"]["parameters"]["after"].keys()
     (said,) = (w for w in found["words"] if w.startswith("Fixed by the study"))
-    assert all(f"{k} = {v:.4g} " in said for k, v in held.items())
+    told = {"mu": f"mu = {1e3 * toy.TRUTH['mu']:.4g} kPa", "D1": f"D1 = {toy.TRUTH['D1']:.4g} 1/MPa"}
+    assert all(told[k] in said for k in held)
     assert not any(f"{k} moves" in w for k in held for w in found["words"])
 
 
