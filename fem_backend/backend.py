@@ -35,8 +35,6 @@ from fem_backend.stepping import Instant, Stopped
 from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
 
 NUMERICS = 5  # raised when, and only when, answers change
-FOLLOWS = 1  # the same where misalignment or tilt takes the fine elements along
-ROLLING = 3  # the same for bodies that may turn in a bowl and whose way there matters, and for them alone
 ADMITTED = 1e-12  # mm: what a programme allows an asked travel beyond its corners, so they are the same
 ULPS = 8  # of a moment: what interpolating it may lose
 DEEPEST = 0.3  # of the smallest semi-axis
@@ -187,9 +185,9 @@ class FiniteElements:
             plain["earlier"] = 0.0
         programme = case.programme
         if path_dependent(settings, kept) and _may_turn(settings, kept):
-            plain["support"]["rolling"] = ROLLING
+            plain["support"]["rolling"] = experiment.MARKS["rolling"]
         if any(kept.get(name) for name in MISALIGNED):
-            plain["mesh"]["follows"] = FOLLOWS
+            plain["mesh"]["follows"] = experiment.MARKS["follows"]
         some = settings.multipliers and not path_dependent(settings, kept) and not kept.get("weight")
         if some and not settings.derivatives:
             plain["derivatives"] = False

@@ -19,7 +19,9 @@ from rso.contract import finite, knob
 
 LIMIT = "limit"  # the mesh level whose forces are extrapolated, see fem_backend.nested
 LARGEST = 70  # semi-axis over the radius of the ball: of one three times as large fTetWild makes no sound mesh
-MARKS = {"follows": 1, "rolling": 3}  # of canonical settings, raised by fem_backend.backend: no study states them
+# Of canonical settings, raised when answers change where misalignment or tilt takes the fine elements along, and those
+# of bodies that may turn in a bowl and whose way there matters: no study states them.
+MARKS = {"follows": 1, "rolling": 3}
 LAWS = ("neo_hookean", "linear_elastic", "mooney_rivlin", "yeoh", "ogden")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fem_backend import errors, meshing
-from fem_backend.backend import BACKEND, FOLLOWS, ROLLING
+from fem_backend.backend import BACKEND
 from fem_backend.experiment import LAWS, LIMIT, MARKS, Knobs, read_settings
 from rso.contract import Case, Programme, SimulationFailed
 
@@ -134,8 +134,8 @@ def test_good_settings_are_taken(settings):
 
 def test_marks_of_the_canonical_form_are_offered_to_nobody():
     """They are numbers of revisions: what the backend writes itself is read again, what a study made up is not."""
-    assert MARKS == {"follows": FOLLOWS, "rolling": ROLLING}
-    BACKEND.check(case(mesh={**MESH, "follows": FOLLOWS}, support={"kind": "bowl", "rolling": ROLLING}))
+    follows, rolling = ({k: MARKS[k]} for k in ("follows", "rolling"))
+    BACKEND.check(case(mesh={**MESH, **follows}, support={"kind": "bowl", **rolling}))
     for settings in ({"mesh": {"folows": 1}}, {"support": {"kind": "bowl", "roling": 3}}):
         with pytest.raises(ValueError) as refused:
             BACKEND.check(case(**settings))

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fem_backend import bench, channels, following, instants
-from fem_backend.backend import BACKEND, FOLLOWS, ROLLING, passages
+from fem_backend.backend import BACKEND, passages
+from fem_backend.experiment import MARKS
 from fem_backend.stepping import Control, Instant
 from rso.contract import Case, Programme, run_key
 
@@ -190,8 +191,8 @@ def test_canonical_form_marks_what_rolls_and_nothing_else():
         return plain.settings["support"].get("rolling")
 
     rubs, slides = {"bowl_friction": 0.2}, {"bowl_friction": 0.0}
-    assert mark(rubs, **bowl, point=[5.0, 0.0]) == mark({**rubs, "offset_y": 0.1}, **bowl) == ROLLING
-    assert mark({**slides, "mullins": 0.2}, **bowl, point=[5.0, 0.0]) == ROLLING
+    assert mark(rubs, **bowl, point=[5.0, 0.0]) == mark({**rubs, "offset_y": 0.1}, **bowl) == MARKS["rolling"]
+    assert mark({**slides, "mullins": 0.2}, **bowl, point=[5.0, 0.0]) == MARKS["rolling"]
     assert mark(rubs, **bowl) is mark(slides, **bowl, point=[5.0, 0.0]) is None
     assert mark({"friction": 0.3}, point=[5.0, 0.0]) is mark({"offset_y": 0.1}) is None
 
@@ -203,7 +204,7 @@ def test_canonical_form_marks_where_the_fine_elements_go_along():
         assert BACKEND.canonical(kept, plain) == (kept, plain)
         return plain.settings["mesh"].get("follows")
 
-    assert {mark(**{name: 0.5}) for name in ("offset_x", "offset_y", "tilt_x", "tilt_y")} == {FOLLOWS}
+    assert {mark(**{name: 0.5}) for name in ("offset_x", "offset_y", "tilt_x", "tilt_y")} == {MARKS["follows"]}
     assert mark() is mark(offset_x=0.0) is mark(friction=0.2) is None
 
 
