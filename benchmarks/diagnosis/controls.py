@@ -134,14 +134,16 @@ def judged_without(table: Table, source: str, threshold: float, rows: Sequence[i
 
 def taken_out(
     table: Table, cases: Cases, threshold: float, rows: Sequence[int], seed: int
-) -> tuple[dict[str, list[str]], list[str], np.ndarray, np.ndarray]:
+) -> tuple[dict[str, list[str]], list[str], np.ndarray, np.ndarray, list[tuple[str, float]]]:
     """Verdicts, by source, of cases whose cause is not in the catalogue, and without a look at what is left; of those
     where another one is sure, what somebody knows who has it in his catalogue: the ln Bayes factor of the true cause
-    against all others, and how much less χ² it leaves than the one named."""
+    against all others, and how much less χ² it leaves than the one named; of all, the verdict and how much less χ² the
+    true cause leaves than the best of the others alone."""
     out: dict[str, list[str]] = {}
     blind: list[str] = []
     told: list[float] = []
     better: list[float] = []
+    tells: list[tuple[str, float]] = []
     for s in sorted({cases.truth(i)[0] for i in rows}):
         mine = [i for i in rows if cases.truth(i)[0] == s]
         both = judged_without(table, s, threshold, mine)
@@ -149,6 +151,12 @@ def taken_out(
         blind += [j.verdict for j in judged]
         out[s] = [looked_at(table.evidence, few.effects, j, cases.Y[i], seed + i)
                   for i, j in zip(mine, judged, strict=True)]  # fmt: skip
+        for i, v, c in zip(mine, out[s], attribute.contests(few, np.array(mine)), strict=True):
+            alone = [k for k, h in enumerate(c.hypotheses) if len(h.effects) == 1 and not h.unexplained]
+            other = c.hypotheses[max(alone, key=lambda k, c=c: c.log_evidence[k] + c.log_prior[k])].effects
+            left = [misfit(table.evidence, hypotheses.Hypothesis(tuple(e)), cases.Y[i])
+                    for e in (other, cases.effects[i])]  # fmt: skip
+            tells.append((v, len(cases.Y[i]) * (left[0] - left[1])))
         for i, v, j, c in zip(mine, out[s], judged, attribute.contests(table, np.array(mine)), strict=True):
             if v in ALONE:
                 own = (j.chosen.effects, cases.effects[i])
@@ -157,7 +165,7 @@ def taken_out(
                 true = np.array([any(e.source == s for e in h.effects) for h in c.hypotheses])
                 score = c.log_evidence + c.log_prior
                 told.append(float(logsumexp(score[true]) - logsumexp(score[1:][~true[1:]])))
-    return out, blind, np.array(told), np.array(better)
+    return out, blind, np.array(told), np.array(better), tells
 
 
 def with_twin(table: Table, cases: Cases, threshold: float, rows: Sequence[int]) -> list[str]:

@@ -33,6 +33,7 @@ def figures(s: Scored) -> list[str]:
             f"{np.mean(s.log_score[s.single | s.null]):.2f}", f"{slope(s, hit, True):.2f}"]  # fmt: skip
 
 
+TELLS = (("below 9", -np.inf, 9.0), ("9 to 25", 9.0, 25.0), ("25 to 100", 25.0, 100.0), ("100 and more", 100.0, np.inf))
 HEAD = ["false alarms (95 %)", "detected", "cause on top", "or its class", "in named set", "or its class", "set size",
         "wrong and sure", "log score", "slope"]  # fmt: skip
 
@@ -165,10 +166,10 @@ def checks(say: Say, bench: Bench, evidence: Evidence, own: Table, s: Scored, y,
     def count(v: Iterable[str]) -> list[str]:
         v = np.array(list(v))
         kinds = ("no_gap", "unexplained", "partly", "ambiguous", ("explained", "measurement"))
-        return [f"{np.mean(np.isin(v, k)):.3f}" for k in kinds] + [str(len(v))]
+        return [f"{np.mean(np.isin(v, k)):.3f}" if len(v) else "–" for k in kinds] + [str(len(v))]
 
     verdicts = ["no gap", "unexplained", "partly", "ambiguous", "one cause, sure", "cases"]
-    out, blind, told, better = controls.taken_out(own, s.cases, threshold, clear, seed)
+    out, blind, told, better, tells = controls.taken_out(own, s.cases, threshold, clear, seed)
     looked_at = [controls.looked_at(evidence, evidence.effects, s.judged[i], s.cases.Y[i], seed + i) for i in clear]
     rows = [["as it is", *count(looked_at)],
             ["as it is, no look at what is left", *count(s.verdict[clear])],
@@ -183,6 +184,10 @@ def checks(say: Say, bench: Bench, evidence: Evidence, own: Table, s: Scored, y,
          f"do not tell.  With it χ² would be smaller by less than 9 in {part_of(better < 9)}, by less than 25 in "
          f"{part_of(better < 25)}: what the named one leaves is hardly there.",
          "",
+         "Not in the catalogue, by how much less χ² the true cause would leave than the best of the others: below some "
+         "25 among hundreds of readings nobody sees it who does not know it.",
+         *table(["less χ²", *verdicts], [[name, *count(v for v, less in tells if low <= less < high)]
+                                         for name, low, high in TELLS]),
          "Not in the catalogue, by source:",
          *table(["taken out", *verdicts], [[k, *count(v)] for k, v in out.items()])])  # fmt: skip
     part = s.cases.picked([i for i in np.nonzero(s.single)[0] if s.cases.effects[i][0].family != "scatter"])
