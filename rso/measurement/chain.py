@@ -46,7 +46,7 @@ class Chain:
         typical=0.1,
         scope="place",
         plausible=(0.01, 0.8),
-        label="load train gives way",
+        label="compliant load train",
     )
     gain: float = knob(
         "gain of the force channel",
@@ -68,7 +68,7 @@ class Chain:
         typical=0.005,
         scope="curve",
         plausible=(-0.05, 0.05),
-        label="Fz not tared",
+        label="untared Fz",
     )
     drift: float = knob(
         "drift of the force channel",
@@ -89,7 +89,7 @@ class Chain:
         neutral=0.0,
         typical=0.1,
         plausible=(-1.0, 1.0),
-        label="clocks apart",
+        label="late force clock",
     )
     cross_x: float = knob(
         "share of Fz that appears in Fx",
@@ -142,7 +142,7 @@ class Chain:
         neutral=0.0,
         typical=0.05,
         plausible=(-0.4, 0.4),
-        label="change from test to test",
+        label="ageing from test to test",
     )
 
     permanent_set: float = knob(
@@ -175,7 +175,7 @@ class Chain:
         neutral=0.0,
         typical=0.02,
         plausible=(-0.2, 0.2),
-        label="cell not linear",
+        label="nonlinear cell",
     )
 
     turn: float = knob(
@@ -199,7 +199,7 @@ class Chain:
         typical=0.1,
         plausible=(0.01, 0.8),
         cause="compliance",
-        label="load train creeps",
+        label="creeping load train",
     )
 
     creep_tau: float = knob(
@@ -215,7 +215,7 @@ class Chain:
         group="bias_side",
         typical=0.005,
         plausible=(-0.05, 0.05),
-        label="Fx, Fy not tared",
+        label="untared Fx and Fy",
     )
 
     bias_angle: float = knob(
