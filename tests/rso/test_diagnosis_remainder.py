@@ -166,8 +166,9 @@ def test_what_shows_beside_a_cause_is_in_the_contest_and_in_the_words():
     found = diagnosis.story(library, d, (), None, "toy")
     rest = found["diagnosis"]["remainder"]
     assert rest["there"] and rest["score"] > rest["threshold"] and rest["of"] == "skin"
-    assert any(f"What skin alone leaves is more than noise: it looks most like {rest['looks_like']}" in w
-               for w in found["words"])  # fmt: skip
+    like = next(e["label"] for e in found["effects"] if e["name"] == rest["looks_like"])
+    said = f"What skin alone leaves is more than noise: it looks most like {like}"
+    assert any(said in w for w in found["words"]), found["words"]
     assert {"skin + " + rest["looks_like"], rest["looks_like"] + " + skin"} & set(d.probabilities)
 
 
