@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from rso.diagnosis.words import DOUBT, called, in_one_curve, nothing, shaped
+from rso.report.byline import byline
 from rso.report.canvas import short
-from rso.report.diagnosis_background import background, byline
+from rso.report.diagnosis_background import background
 from rso.report.diagnosis_closing import each_its_own, how_much, share_text
 from rso.report.diagnosis_figures import draw, leading
 from rso.report.diagnosis_maps import FIRST, PANELS

@@ -13,14 +13,6 @@ from rso.report.reading import listed, number, pair
 _LONG = 6  # a longer list starts closed
 
 
-def byline(found: Found) -> str:
-    """Whose simulations, which version, when."""
-    made = found.get("provenance") or {}
-    said = [f"Simulations by {clean(made['backend'])}"] if made.get("backend") else []
-    said += [f"rso {clean(made['rso'])}"] if made.get("rso") else []
-    return " · ".join(said + ([clean(made["finished"])[:10]] if made.get("finished") else []))
-
-
 def background(found: Found) -> Section:
     """Section 9: what was used, and what went wrong."""
     blocks: list[Block] = [t for t in (_model(found), _data(found), _noise(found)) if t is not None]
@@ -49,8 +41,6 @@ def _model(found: Found) -> Table | None:
     for k, low_high in (found.get("ranges") or {}).items():
         ends = [quantity(number(v), str(units.get(k) or "")) for v in low_high]
         rows.append((symbol(k), f"open, {' to '.join(ends)}"))
-    seed = (found.get("provenance") or {}).get("seed")
-    rows += [("seed", shortest(seed))] if known(seed) else []
     if not rows:
         return None
     names, values = (words([row[k] for row in rows]) for k in (0, 1))

@@ -28,6 +28,7 @@ from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, place_of_setting, 
 from rso.study.errors import Problem, choose, study_error
 from rso.study.plan import source_of
 from rso.study.resolve import Axis, Resolved, resolve
+from rso.study.results import data_hashes
 from rso.study.schema import Study
 
 Watch = Callable[[Event], None]
@@ -220,9 +221,11 @@ def run_diagnosis(
                         "judging_cpu": time.process_time() - cpu}  # fmt: skip
     found["command"] = command
     found["settings"] = plain(dict(asked.study.backend.settings))
+    found["study"] = {"file": asked.study.file.name, "seed": asked.study.study.seed}
     found["provenance"] = {
         "rso": rso.__version__, "backend": asked.base.backend.name, "numerics": asked.base.backend.numerics,
-        "seed": asked.study.study.seed, "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "data_sha256": data_hashes(asked.study),
     }  # fmt: skip
     _write(folder, found)
     return found

@@ -9,6 +9,7 @@ from scipy import sparse
 
 from fem_backend import bench, element, experiment, keeping, newton, stress
 from fem_backend import model as modelling
+from fem_backend import slopes as slopes_of
 from fem_backend.backend import BACKEND
 from fem_backend.condensed import OutOfReach, condenser
 from fem_backend.laws import NeoHooke
@@ -112,14 +113,16 @@ def anchored(case: Case, folder) -> Case:
 def test_a_kept_tangent_leads_to_the_same_equilibria(tmp_path, monkeypatch):
     """All channels and derivatives as by Newton, for a fraction of its factorisations; the control has none to keep."""
     case = anchored(Case("kept", Programme.ramp((0.5, 1.0, 2.0)), {"mesh": {"level": "coarse"}}), tmp_path)
+    monkeypatch.setattr(slopes_of, "REFINED", 1e-8)  # as they are left otherwise, at 1e-5, they differ by 1e-4
+    monkeypatch.setattr(slopes_of, "REFINEMENTS", 40)
     quick = BACKEND(VALUES, case)
     monkeypatch.setattr(modelling, "condensing", lambda system, model, start, end: system)
     plain = BACKEND(VALUES, case)
     for name, value in plain.channels.items():
         np.testing.assert_allclose(quick.channels[name], value, rtol=1e-8, atol=1e-10, err_msg=name)  # both to 1e-9
     for knob, slopes in plain.gradients.items():
-        for name in ("Fz", "uz_max"):  # residuals are left at 1e-5: 2e-4 and 6e-4 from those refined to 1e-9
-            np.testing.assert_allclose(quick.gradients[knob][name], slopes[name], rtol=6e-4, err_msg=f"{knob} {name}")
+        for name in ("Fz", "uz_max"):  # forward differences of 1e-5 in two places
+            np.testing.assert_allclose(quick.gradients[knob][name], slopes[name], rtol=1e-4, err_msg=f"{knob} {name}")
     assert quick.info["factorisations"] < 0.5 * plain.info["factorisations"]
 
 
