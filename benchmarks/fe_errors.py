@@ -38,8 +38,9 @@ from fem_backend import errors, experiment, indentation
 from fem_backend import model as modelling
 from fem_backend.backend import BACKEND, passages
 from fem_backend.errors import FORCES
-from fem_backend.experiment import Knobs, Settings
+from fem_backend.experiment import Settings
 from fem_backend.indentation import Result
+from fem_backend.knobs import Knobs
 from fem_backend.newton import Counters
 from rso.contract import Programme
 

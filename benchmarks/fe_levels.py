@@ -11,8 +11,9 @@ import time
 from dataclasses import replace
 
 from fem_backend import element, experiment, indentation, linsolve, model, stress  # isort: skip (pins the threads)
-from fem_backend.experiment import Knobs, Settings
+from fem_backend.experiment import Settings
 from fem_backend.indentation import Result
+from fem_backend.knobs import Knobs
 from fem_backend.laws import NeoHooke
 from fem_backend.model import Model
 from fem_backend.stepping import Control, Instant

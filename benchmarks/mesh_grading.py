@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from fem_backend import experiment, indentation, meshing, model  # isort: skip (pins the threads before numpy)
-from fem_backend.experiment import Knobs
+from fem_backend.knobs import Knobs
 from fem_backend.meshing import Mesh, Sizing, templates
 from fem_backend.stepping import Instant
 

@@ -20,7 +20,8 @@ import numpy as np
 from fem_backend import analytic, experiment, indentation
 from fem_backend import model as modelling
 from fem_backend.bench import bench
-from fem_backend.experiment import Knobs, Settings
+from fem_backend.experiment import Settings
+from fem_backend.knobs import Knobs
 from fem_backend.model import Model
 from fem_backend.newton import Counters
 from fem_backend.slopes import Slopes, travel_of

@@ -27,8 +27,9 @@ from fem_backend import (
 from fem_backend import model as modelling
 from fem_backend.channels import UNITS
 from fem_backend.errors import stated
-from fem_backend.experiment import SWITCHES, Knobs, Settings
+from fem_backend.experiment import Settings
 from fem_backend.indentation import Result
+from fem_backend.knobs import SWITCHES, Knobs
 from fem_backend.model import MISALIGNED, Model, NotModelled, Placement
 from fem_backend.newton import System
 from fem_backend.stepping import Instant, Stopped
@@ -81,7 +82,7 @@ class FiniteElements:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Every knob of :class:`fem_backend.experiment.Knobs`."""
+        """Every knob of :class:`fem_backend.knobs.Knobs`."""
         return parameters_of(Knobs)
 
     @property

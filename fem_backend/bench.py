@@ -8,7 +8,8 @@ import numpy as np
 
 from fem_backend import contact, following, newton, post, stepping
 from fem_backend import model as modelling
-from fem_backend.experiment import Knobs, Settings
+from fem_backend.experiment import Settings
+from fem_backend.knobs import Knobs
 from fem_backend.laws import Material
 from fem_backend.model import Model, Placement
 from fem_backend.newton import Counters, Load, System

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from fem_backend import model
-from fem_backend.experiment import Knobs, Settings
+from fem_backend.experiment import Settings
+from fem_backend.knobs import Knobs
 
 SECONDS = {"fixed": (13.0, 5.0, 3.0), "bowl": (51.0, 31.0, 7.0)}  # with 0, 1, 2 planes, coarse, as measured
 OF_LEVEL = {"coarse": 1.0, "standard": 2.6, "fine": 5.0, "reference": 9.0, "limit": 13.0}

@@ -11,8 +11,9 @@ import numpy as np
 from fem_backend import analytic, contact
 from fem_backend import model as modelling
 from fem_backend.channels import FORCES, profile_name
-from fem_backend.experiment import Knobs, Settings
+from fem_backend.experiment import Settings
 from fem_backend.indentation import Result
+from fem_backend.knobs import Knobs
 
 LEVEL = {"coarse": 1.0, "standard": 0.6, "fine": 0.29, "reference": 0.18, "limit": 0.18}  # over that of coarse
 BELOW = {"coarse": 1.0, "standard": 0.85, "fine": 1.6, "reference": 0.25, "limit": 0.25}  # the same of a bowl's contact

@@ -12,8 +12,9 @@ from fem_backend import following, rolling, stepping, stress
 from fem_backend import model as modelling
 from fem_backend.bench import Bench, bench
 from fem_backend.channels import FORCES, channels, reaction, softness, units, whole
-from fem_backend.experiment import Knobs, Settings
+from fem_backend.experiment import Settings
 from fem_backend.instants import each, merged, one, steps, together
+from fem_backend.knobs import Knobs
 from fem_backend.laws import LinearElastic, NeoHooke, admissible
 from fem_backend.model import Model, Placement
 from fem_backend.newton import Counters, System

@@ -11,8 +11,9 @@ import numpy as np
 
 from fem_backend import analytic
 from fem_backend.channels import UNITS
-from fem_backend.experiment import Knobs, Settings
+from fem_backend.experiment import Settings
 from fem_backend.geometry import Ellipsoid
+from fem_backend.knobs import Knobs
 from rso.contract import Programme, Response
 
 NU = 0.49  # of the simple levels: ν cannot be told from them

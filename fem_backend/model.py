@@ -20,8 +20,9 @@ from fem_backend.contact import (
     contact_surface,
     quadratic_facets,
 )
-from fem_backend.experiment import Knobs, Settings
+from fem_backend.experiment import Settings
 from fem_backend.geometry import Bowl, Ellipsoid, Sphere
+from fem_backend.knobs import Knobs
 from fem_backend.laws import Law, Material
 from fem_backend.meshing import Mesh
 from fem_backend.newton import Load, System

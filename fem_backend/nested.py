@@ -17,8 +17,9 @@ from skfem import ElementTetP2
 from fem_backend import experiment, indentation
 from fem_backend import model as modelling
 from fem_backend.channels import FORCES
-from fem_backend.experiment import Knobs, Settings
+from fem_backend.experiment import Settings
 from fem_backend.indentation import Result
+from fem_backend.knobs import Knobs
 from fem_backend.model import Model, NotModelled, Placement
 from fem_backend.stepping import Guess, Instant, Point, Stopped
 

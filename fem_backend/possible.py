@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from fem_backend import zones
-from fem_backend.experiment import Knobs, Settings
+from fem_backend.experiment import Settings
+from fem_backend.knobs import Knobs
 
 LAW_KNOBS = {"mooney_rivlin": {"C01"}, "yeoh": {"C20", "C30"}, "ogden": {"alpha"}}  # each law's own
 WITHOUT_STRETCH = ["prony_g", "mullins", "fibre"]  # what small strains do not have

@@ -20,7 +20,7 @@ ROOMS = {
         "__main__",
     ),
     "fem_backend": (
-        "analytic laws geometry",
+        "analytic laws geometry knobs",
         "stress meshing",
         "element linsolve condensed krylov zones contact newton keeping",
         "rolling stepping following post",
@@ -30,7 +30,7 @@ ROOMS = {
     ),
 }
 ORDER = {package: " ".join(floors).split() for package, floors in ROOMS.items()}
-SEAM = {"experiment", "levels", "backend", "__main__"}  # rooms of fem_backend that may import rso.contract
+SEAM = {"knobs", "experiment", "levels", "backend", "__main__"}  # rooms of fem_backend that may import rso.contract
 
 
 def imports(source: str, package: str, inside: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:

@@ -11,8 +11,9 @@ import pytest
 
 from fem_backend import experiment, indentation, model, stepping
 from fem_backend.backend import BACKEND, passages
-from fem_backend.experiment import Knobs, Settings
+from fem_backend.experiment import Settings
 from fem_backend.indentation import Result
+from fem_backend.knobs import Knobs
 from fem_backend.model import Model, Placement
 from fem_backend.newton import Counters, Load, System
 from fem_backend.stepping import Control, Instant, Point

@@ -12,6 +12,7 @@ import pytest
 from fem_backend import analytic, anchors, experiment
 from fem_backend import model as modelling
 from fem_backend.backend import BACKEND
+from fem_backend.knobs import Knobs
 from rso.contract import Case, Programme, object_path
 
 SMALL = {"mesher": "mapped", "n": 6, "slip": 0.3}
@@ -69,7 +70,7 @@ def test_an_anchor_says_nothing_where_it_knows_nothing(tmp_path):
     """Another travel, another mesh, and travels that its own body did not reach."""
     case, path = placed({"mu": 0.01, "D1": 12.0}, CASE, tmp_path)
     settings = experiment.read_settings({"mesh": {**SMALL, "n": 7}})
-    knobs = experiment.Knobs(mu=0.01, D1=12.0)
+    knobs = Knobs(mu=0.01, D1=12.0)
     other = modelling.model_for(settings, knobs, modelling.place(settings, knobs), None)
     assert anchors.guess(str(path), other, 0.4)(1.5) is None
     own = BACKEND.solve({"mu": 0.01, "D1": 12.0}, case).model

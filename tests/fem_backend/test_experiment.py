@@ -9,7 +9,8 @@ import pytest
 
 from fem_backend import errors, meshing
 from fem_backend.backend import BACKEND
-from fem_backend.experiment import LAWS, LIMIT, MARKS, Knobs, read_settings
+from fem_backend.experiment import LAWS, LIMIT, MARKS, read_settings
+from fem_backend.knobs import Knobs
 from rso.contract import Case, Programme, SimulationFailed
 
 MESH = {"mesher": "mapped", "n": 6, "slip": 0.3}

@@ -5,8 +5,9 @@ import pytest
 from scipy import optimize
 
 from fem_backend import model
-from fem_backend.experiment import Knobs, read_settings
+from fem_backend.experiment import read_settings
 from fem_backend.geometry import Bowl, Ellipsoid, Sphere, first_contact, hertz_radius
+from fem_backend.knobs import Knobs
 
 DIRECTION = np.array([0.3, -0.5, -0.8]) / np.linalg.norm([0.3, -0.5, -0.8])
 CENTRE = np.array([0.4, -0.7, 1.1])

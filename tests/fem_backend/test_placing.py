@@ -6,8 +6,9 @@ from skfem import MeshTet, MeshTet2
 
 from fem_backend import element, meshing
 from fem_backend import model as modelling
-from fem_backend.experiment import Knobs, read_settings
+from fem_backend.experiment import read_settings
 from fem_backend.geometry import Ellipsoid
+from fem_backend.knobs import Knobs
 from fem_backend.meshing import BadMesh, Mesh
 from fem_backend.meshing.placing import moved, translated
 

@@ -12,9 +12,10 @@ import pytest
 from skfem import MeshTet, MeshTet2
 
 from fem_backend import indentation, meshing, model
-from fem_backend.experiment import Knobs, Settings
+from fem_backend.experiment import Settings
 from fem_backend.geometry import Ellipsoid
 from fem_backend.indentation import Result
+from fem_backend.knobs import Knobs
 from fem_backend.model import Model, Placement
 from fem_backend.stepping import Control, Instant
 

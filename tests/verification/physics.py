@@ -9,8 +9,9 @@ import numpy as np
 from fem_backend import bench, contact, experiment, following, geometry, indentation, model, stepping, stress
 from fem_backend.backend import passages
 from fem_backend.bench import Bench
-from fem_backend.experiment import Knobs, Settings
+from fem_backend.experiment import Settings
 from fem_backend.indentation import Result
+from fem_backend.knobs import Knobs
 from fem_backend.model import Model, Placement
 from fem_backend.newton import Counters
 from fem_backend.stepping import Control, Instant, Point

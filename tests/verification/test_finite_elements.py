@@ -17,7 +17,7 @@ from scipy.optimize import brentq, least_squares
 from fem_backend import analytic, experiment, geometry, indentation, meshing, model, nested
 from fem_backend.backend import BACKEND
 from fem_backend.errors import stated
-from fem_backend.experiment import Knobs
+from fem_backend.knobs import Knobs
 from fem_backend.stepping import Instant
 from rso.contract import Case, Programme
 

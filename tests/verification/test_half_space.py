@@ -4,7 +4,7 @@ import numpy as np
 from half_space import half_space
 
 from fem_backend import analytic
-from fem_backend.experiment import Knobs
+from fem_backend.knobs import Knobs
 
 
 def test_a_ball_on_a_half_space_nears_hertz_from_above():
