@@ -123,17 +123,14 @@ def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
     """Potential and residual; raises stress.Inverted when an element is inside out."""
     body = system.body
     H = element.displacement_gradients(body, u)
-    state = stress.evaluate(system.material, H, False, load.history, load.dt, system.scale)
-    residual = element.internal_force(body, state.F, state.S)
-    energy = float((body.w * state.energy).sum())
-    x, outside = body.nodes + u, 0.0
-    contacts = []
-    for pair, touch in zip(system.pairs, load.touches, strict=True):
-        touching = contact.evaluate(pair, x, touch)
-        residual += touching.residual
-        energy += touching.energy
-        outside += float((touching.residual**2).sum())
-        contacts.append(touching)
+    stressed = stress.evaluate(system.material, H, False, load.history, load.dt, system.scale)
+    residual = element.internal_force(body, stressed.F, stressed.S)
+    energy = float((body.w * stressed.energy).sum())
+    contacts, outside = touching(system, u, load), 0.0
+    for state in contacts:
+        residual += state.residual
+        energy += state.energy
+        outside += float((state.residual**2).sum())
     if system.dead is not None and load.dead:
         residual -= load.dead * system.dead
         energy -= load.dead * float((system.dead * u).sum())
@@ -143,7 +140,13 @@ def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
         residual += pull
         energy += 0.5 * float((pull * u).sum())
     scale = max(float(np.sqrt(outside)), system.least_force)
-    return Evaluation(u, energy, residual, tuple(contacts), H, state.history, scale)
+    return Evaluation(u, energy, residual, contacts, H, stressed.history, scale)
+
+
+def touching(system: System, u: np.ndarray, load: Load) -> tuple[ContactState, ...]:
+    """Contact of every pair at a displacement u (n, 3) mm."""
+    x = system.body.nodes + u
+    return tuple(contact.evaluate(p, x, touch) for p, touch in zip(system.pairs, load.touches, strict=True))
 
 
 def tangent(system: System, at: Evaluation, load: Load, geometric: bool = True) -> tuple[np.ndarray, np.ndarray]:

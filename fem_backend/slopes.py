@@ -67,14 +67,16 @@ class Slopes:
             )
             load, left = replace(stage.load, touches=touches), np.inf
             for _ in range(REFINEMENTS):  # the factor may be of an earlier iterate
-                end = newton.evaluate(high, at.u + h * du, load)
-                change = (end.residual - at.residual) / h
+                change = (newton.evaluate(high, at.u + h * du, load).residual - at.residual) / h
                 before, left = left, float(np.linalg.norm(newton.reduced(body, change)))
                 first = first or left
                 if left <= REFINED * first or left > 0.9 * before:
                     break
                 du = du - stage.equilibrium.linear(change)
+                if before < np.inf and left**2 / before <= 0.3 * REFINED * first:
+                    break  # the step just made leaves about the share that the one before it left
             self._known[name] = du, first
+            end = replace(at, u=at.u + h * du, contacts=newton.touching(high, at.u + h * du, load))
             if last:
                 there = channels(self.at, high, end, stage.load)
                 rows[name] = {c: (v - here[c]) / h for c, v in there.items()}

@@ -14,7 +14,7 @@ from rso.diagnosis.checks import SelfCheck, self_checks, sensitivity
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.hum import Hum, hum
 from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judgement import beaten, beside, given_a_gap, judge, most_probable, singles
+from rso.diagnosis.judgement import UNEXPLAINED, Judgement, beaten, beside, given_a_gap, judge, most_probable, singles
 from rso.diagnosis.jumps import Jumps, jumps
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Posterior, mean_prediction, posterior
@@ -97,67 +97,34 @@ def diagnose(
     """
     library = replace(whole, plan=whole.plan.seen())
     y = library.plan.values()
-    opened = _opened(attribute.set_up(library, y), y, nulls, seed)
-    if not opened.gap and noise.levels(library.plan, True) != opened.evidence.bench.levels:
-        # noise that is far beyond what is stated explains all: what is stated asks why, and stands where that is found
-        asked = _opened(attribute.set_up(library, y, True), y, nulls, seed)
-        opened = asked if asked.gap else opened
-    evidence, first, null, threshold, gap = opened.evidence, opened.first, opened.null, opened.threshold, opened.gap
-    bench, p = evidence.bench, float((1 + np.sum(null >= first.statistic)) / (1 + len(null)))
-    last = attribute.survivors(first) if gap else []
-    pairs, finalists = attribute.pairs_of(last), frozenset(e.source for e in last)
-    contest = attribute.contests(evidence, y[None], pairs, finalists=finalists)[0] if gap else first
-    judged = judge(contest, gap)
-    rest = remainder(evidence, judged.chosen, y, seed + 3) if judged.verdict in WHOLE else None
-    if rest is not None and rest.there:
-        joined = beside(judged.chosen, rest, pairs)
-        pairs, finalists = [*pairs, *joined], finalists | {e.source for pair in joined for e in pair}
-        contest = attribute.contests(evidence, y[None], pairs, finalists=finalists)[0]
-        judged = judge(contest, gap)
-    verdict, named, chosen = judged.verdict, judged.named, judged.chosen
+    opened = _opened(library, y, nulls, seed)
+    evidence, bench, gap = opened.evidence, opened.evidence.bench, opened.gap
+    contest, finalists, judged, rest = _contested(opened, y, seed)
     steps, line = jumps(library.plan), hum(library.plan)
-    restless = steps.sudden or line.there
-    if gap and restless:  # no smooth model jumps or hums: a cause explains at most the rest
-        verdict = verdict if verdict == "unexplained" else "partly"
-    elif not gap and (restless or misfit(evidence, chosen, y) > most_left(len(y))):  # a loose contact: nothing smooth
-        verdict, chosen = "unexplained", Hypothesis((), True)
+    judged = _restless(judged, opened, y, steps.sudden or line.there)
     rng = np.random.default_rng(seed + 1)
     posts = {"none": _posterior(evidence, (), y, rng)}
-    for h in dict.fromkeys([chosen, *singles(contest, named), *(beaten(contest, named) if gap else [])]):
+    losers = beaten(contest, judged.named) if gap else []
+    for h in dict.fromkeys([judged.chosen, *singles(contest, judged.named), *losers]):
         posts[h.name] = _posterior(evidence, h.effects, y, rng, h.unexplained)
-    pure = Hypothesis(chosen.effects)  # of many forms of one cause it need not be among the most probable
+    pure = Hypothesis(judged.chosen.effects)  # of many forms of one cause it need not be among the most probable
     held = held_out(bench, y, list(dict.fromkeys([Hypothesis(()), *most_probable(contest), pure])))
-    if verdict in WHOLE and chosen.effects and not predicts(held, pure):
-        verdict, named, chosen = "unexplained", (), Hypothesis((), True)  # evidence without prediction is no cause
-        posts[chosen.name] = _posterior(evidence, (), y, rng, True)
-    left = misfit(evidence, chosen, y)
-    if verdict in WHOLE:
-        doubtful = left > most_left(len(y)) or _beyond(chosen, posts[chosen.name]) or (rest is not None and rest.there)
-        verdict = "partly" if doubtful else verdict
-    shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed, fitted)
-    # this part, by the curves that are seen: validation has no say
-    if verdict == "partly" and _widens(left_out(library, bench, evidence, y, chosen, seed, anew=False)):
-        verdict, named, chosen = "unexplained", (), Hypothesis((), True)
-        posts[chosen.name] = _posterior(evidence, (), y, rng, True)
-        left = misfit(evidence, chosen, y)
-        shrunk = shrinkage_of(whole, library, bench, evidence, y, chosen, seed, fitted)
-    odd = evidence.odd(y) if chosen == Hypothesis((), True) else None
+    if judged.verdict in WHOLE and pure.effects and not predicts(held, pure):
+        judged = UNEXPLAINED  # evidence without prediction is no cause
+        posts[judged.chosen.name] = _posterior(evidence, (), y, rng, True)
+    judged = _whole_or_part(judged, evidence, y, posts, rest)
+    # a part, by the curves that are seen: validation has no say
+    if judged.verdict == "partly" and _widens(left_out(library, bench, evidence, y, judged.chosen, seed, anew=False)):
+        judged = UNEXPLAINED
+        posts[judged.chosen.name] = _posterior(evidence, (), y, rng, True)
+    verdict, chosen = judged.verdict, judged.chosen
+    odd = evidence.odd(y) if chosen == UNEXPLAINED.chosen else None
     odd = odd if odd is not None and odd[1] > LONE else None
-    where = localise.localise(library.plan, evidence.ready(()), bench.C, y, seed, odd and odd[0])
-    r = bench.whites[0](y - shrinkage.predicted(library, (), posts["none"], bench.modulus))
-    checks = self_checks(evidence, contest, finalists, y, threshold, null, seed) if verdict != "no_gap" else ()
-    fits = {name: shrinkage.predicted(library, h.effects, posts[name], bench.modulus)
-            for name, h in {"none": Hypothesis(()), chosen.name: chosen}.items()}  # fmt: skip
-    slope = noise.slope_of(library, fits["none"])
-    tests = noise.of_tests(library.plan, bench.levels, fits["none"], slope)
-    taken = _of_tests(evidence, chosen, tests, y - fits[chosen.name], y)
-    alone = noise.readings(library.plan, bench.levels, slope)
-    scatter = np.sqrt(np.maximum(np.diag(bench.C) - np.diag(tests), alone))  # C was made at an earlier fit
-    if chosen != Hypothesis(()):
-        Δ = _gap_of(evidence, chosen, fits, y)
-        C = noise.scatter(library.plan, bench.levels, fits["none"], slope)
-        where = localise.shared(where, library.plan, Δ, C, alone)
-    causes = _causes(evidence, contest, y, posts, verdict, named)
+    fits = {h.name: shrinkage.predicted(library, h.effects, posts[h.name], bench.modulus)
+            for h in dict.fromkeys([Hypothesis(()), chosen])}  # fmt: skip
+    where, taken, scatter = _readings(evidence, chosen, fits, y, seed, odd and odd[0])
+    r = bench.whites[0](y - fits["none"])
+    causes = _causes(evidence, contest, y, posts, verdict, judged.named)
     if odd is not None:  # what the others say
         others = np.setdiff1d(np.arange(len(y)), localise.rows_of(library.plan, odd[0]))
         posts[chosen.name] = fit(bench, (), others, y, rng, DRAWS)
@@ -165,11 +132,34 @@ def diagnose(
     if odd is None:
         besides = reach(evidence, contest, chosen, posts[chosen.name], y, LEVEL, seed + 7, verdict in OPEN)
     return Diagnosis(
-        verdict, p, first.statistic, threshold, float(np.sqrt(np.mean(r**2))), causes, named,
-        dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
-        sensitivity(evidence, contest, finalists, y), where, held, shrunk, checks,
-        _parameters(library, posts, chosen), besides, bench, contest, fits, posts, chosen, steps, line, left, rest, odd,
-        taken, scatter,
+        verdict=verdict,
+        p_value=float((1 + np.sum(opened.null >= opened.first.statistic)) / (1 + len(opened.null))),
+        statistic=opened.first.statistic,
+        threshold=opened.threshold,
+        size_over_noise=float(np.sqrt(np.mean(r**2))),
+        causes=causes,
+        named=judged.named,
+        probabilities=dict(zip([h.name for h in contest.hypotheses], map(float, contest.probability), strict=True)),
+        sensitivity=sensitivity(evidence, contest, finalists, y),
+        where=where,
+        held_out=held,
+        shrinkage=shrinkage_of(whole, library, bench, evidence, y, chosen, seed, fitted),
+        checks=() if verdict == "no_gap" else
+        self_checks(evidence, contest, finalists, y, opened.threshold, opened.null, seed),
+        parameters=_parameters(library, posts, chosen),
+        reach=besides,
+        bench=bench,
+        contest=contest,
+        fits=fits,
+        posteriors=posts,
+        chosen=chosen,
+        jumps=steps,
+        hum=line,
+        left=misfit(evidence, chosen, y),
+        remainder=rest,
+        odd=odd,
+        taken=taken,
+        reading=scatter,
     )  # fmt: skip
 
 
@@ -192,11 +182,79 @@ class _Opened:
         return self.first.statistic > self.threshold
 
 
-def _opened(bench: Bench, y: np.ndarray, nulls: int, seed: int) -> _Opened:
+def _opened(library: Library, y: np.ndarray, nulls: int, seed: int) -> _Opened:
+    """With the noise of the repeats; where that is far beyond what is stated and explains all, what is stated asks why,
+    and stands where that is found."""
+    opened = _first(attribute.set_up(library, y), y, nulls, seed)
+    if opened.gap or noise.levels(library.plan, True) == opened.evidence.bench.levels:
+        return opened
+    asked = _first(attribute.set_up(library, y, True), y, nulls, seed)
+    return asked if asked.gap else opened
+
+
+def _first(bench: Bench, y: np.ndarray, nulls: int, seed: int) -> _Opened:
     evidence = Evidence(bench, bench.library.effects)
     first = attribute.contests(evidence, y[None])[0]
     simulated = attribute.nulls(evidence, y, nulls, seed)
     return _Opened(evidence, first, np.array([c.statistic for c in attribute.contests(evidence, simulated)]))
+
+
+def _contested(
+    opened: _Opened, y: np.ndarray, seed: int
+) -> tuple[Contest, frozenset[str], Judgement, Remainder | None]:
+    """The contest with pairs of the survivors, also with what a cause leaves, the finalists, what it says, the rest."""
+    evidence, gap = opened.evidence, opened.gap
+    last = attribute.survivors(opened.first) if gap else []
+    pairs, finalists = attribute.pairs_of(last), frozenset(e.source for e in last)
+    contest = opened.first
+    if gap:
+        contest = attribute.contests(evidence, y[None], pairs, finalists=finalists)[0]
+    judged = judge(contest, gap)
+    rest = remainder(evidence, judged.chosen, y, seed + 3) if judged.verdict in WHOLE else None
+    if rest is not None and rest.there:
+        joined = beside(judged.chosen, rest, pairs)
+        finalists |= {e.source for pair in joined for e in pair}
+        contest = attribute.contests(evidence, y[None], [*pairs, *joined], finalists=finalists)[0]
+        judged = judge(contest, gap)
+    return contest, finalists, judged, rest
+
+
+def _restless(judged: Judgement, opened: _Opened, y: np.ndarray, restless: bool) -> Judgement:
+    """No smooth model jumps or hums: a cause explains at most the rest; a loose contact leaves nothing smooth."""
+    if opened.gap and restless:
+        return judged if judged.verdict == "unexplained" else replace(judged, verdict="partly")
+    if not opened.gap and (restless or misfit(opened.evidence, judged.chosen, y) > most_left(len(y))):
+        return replace(judged, verdict="unexplained", chosen=UNEXPLAINED.chosen)
+    return judged
+
+
+def _whole_or_part(
+    judged: Judgement, evidence: Evidence, y: np.ndarray, posts: Mapping[str, Posterior], rest: Remainder | None
+) -> Judgement:
+    """A cause is a part where it leaves too much, would have to be larger than is plausible, or something shows."""
+    chosen = judged.chosen
+    if judged.verdict not in WHOLE:
+        return judged
+    doubtful = misfit(evidence, chosen, y) > most_left(len(y)) or _beyond(chosen, posts[chosen.name])
+    return replace(judged, verdict="partly") if doubtful or (rest is not None and rest.there) else judged
+
+
+def _readings(
+    evidence: Evidence, chosen: Hypothesis, fits: Mapping[str, np.ndarray], y: np.ndarray, seed: int, odd: str | None
+) -> tuple[localise.Where, np.ndarray, np.ndarray]:
+    """Where the gap lies; what gain and contact of each test add (n,); standard deviations of readings without (n,)."""
+    bench = evidence.bench
+    plan = bench.library.plan
+    where = localise.localise(plan, evidence.ready(()), bench.C, y, seed, odd)
+    slope = noise.slope_of(bench.library, fits["none"])
+    tests = noise.of_tests(plan, bench.levels, fits["none"], slope)
+    taken = _of_tests(evidence, chosen, tests, y - fits[chosen.name], y)
+    alone = noise.readings(plan, bench.levels, slope)
+    scatter = np.sqrt(np.maximum(np.diag(bench.C) - np.diag(tests), alone))  # C was made at an earlier fit
+    if chosen != Hypothesis(()):
+        C = noise.scatter(plan, bench.levels, fits["none"], slope)
+        where = localise.shared(where, plan, _gap_of(evidence, chosen, fits, y), C, alone)
+    return where, taken, scatter
 
 
 def _posterior(evidence: Evidence, effects, y: np.ndarray, rng, unexplained: bool = False) -> Posterior:

@@ -29,6 +29,9 @@ class Judgement:
     chosen: Hypothesis
 
 
+UNEXPLAINED = Judgement("unexplained", (), Hypothesis((), True))
+
+
 def judge(contest: Contest, gap: bool) -> Judgement:
     """What a contest says; `gap` is the decision of the null's statistic.
 
@@ -59,7 +62,7 @@ def judge(contest: Contest, gap: bool) -> Judgement:
             marginal[source] = marginal.get(source, 0.0) + q
     order = sorted(sets, key=lambda k: -sets[k])
     if not order or nothing > sets[order[0]]:
-        return Judgement("unexplained", (), Hypothesis((), True))
+        return UNEXPLAINED
     best, chosen = order[0], best_of[order[0]][1]
     named: list[str] = []
     reached = 0.0

@@ -446,7 +446,7 @@ def test_a_gap_that_is_small_and_rough_is_seen(monkeypatch, menu, seen):
     monkeypatch.setattr(attribute, "ALONE", ())
     plan = make_plan([screwed(e, 0.025, 1.3) for e in experiments(3)])
     library = dataclasses.replace(tables(NAMES, False), plan=plan)
-    opened = _opened(attribute.set_up(library, plan.values()), plan.values(), NULLS, 3)
+    opened = _opened(library, plan.values(), NULLS, 3)
     assert opened.gap == seen
     assert not seen or opened.first.hypotheses[int(np.argmax(opened.first.probability))] == Hypothesis((), True)
 
