@@ -84,6 +84,8 @@ def _writable(response: Path, folders: list[Path]) -> None:
     """OSError before anything is solved where an answer would have no place."""
     if not response.parent.is_dir():
         raise FileNotFoundError(f"{response}: there is no folder {response.parent}")
+    if response.is_dir():
+        raise IsADirectoryError(f"{response}: a folder; the response needs the name of a file")
     for folder in folders:
         folder.mkdir(parents=True, exist_ok=True)
 

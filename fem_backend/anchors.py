@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem_backend import analytic, experiment, indentation
+from fem_backend import analytic, experiment, indentation, meshing
 from fem_backend import model as modelling
 from fem_backend.bench import bench
 from fem_backend.experiment import Settings
@@ -115,5 +115,5 @@ def guess(path: str, model: Model, ratio: float) -> Guess:
 
 @functools.lru_cache(maxsize=8)
 def _read(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    with np.load(path, allow_pickle=False) as data:
-        return data["travel"], data["u"].astype(float), data["slope"].astype(float), float(data["ratio"])
+    travel, u, slope, ratio = meshing.arrays(path, "anchor", ("travel", "u", "slope", "ratio"))
+    return travel, u.astype(float), slope.astype(float), float(ratio)

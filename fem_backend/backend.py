@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import platform
 import time
 from collections.abc import Collection, Mapping
@@ -36,7 +37,7 @@ from fem_backend.stepping import Instant, Stopped
 from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
 
 NUMERICS = 5  # raised when, and only when, answers change
-ADMITTED = 1e-12  # mm: what a programme allows an asked travel beyond its corners, so they are the same
+ADMITTED = 1e-12  # of the deepest travel: an asked one this near a corner's is that
 ULPS = 8  # of a moment: what interpolating it may lose
 DEEPEST = 0.3  # of the smallest semi-axis
 ROUNDED = 1e-12  # of that: 0.3 · 18 is a little less than 5.4
@@ -157,7 +158,10 @@ class FiniteElements:
         return costs.seconds(settings, self.knobs(values, settings), path_dependent(settings, values))
 
     def check(self, case: Case) -> None:
-        """Raise ValueError for settings or programmes that are not modelled."""
+        """Raise ValueError for settings or programmes that are not modelled, and for artefacts that have no hash."""
+        for name, sha in case.artefacts.items():
+            if not isinstance(sha, str):
+                raise ValueError(f"case.artefacts.{name} = {sha!r}: the SHA-256 of the artefact, a text, is expected")
         settings = experiment.read_settings(case.settings)
         deepest = DEEPEST * float(settings.body.semi_axes.min())
         for name, far in (("travel_mm", max(case.programme.travel_mm)), ("earlier", settings.earlier)):
@@ -194,6 +198,8 @@ class FiniteElements:
             plain["derivatives"] = False
         if programme.time_s[0] != 0.0:  # one test has one key, whenever it began
             programme = _from_zero(programme)
+        if mended(settings, kept, programme):
+            plain["specimen"]["mended"] = experiment.MARKS["mended"]
         if not path_dependent(settings, kept):
             held = np.interp(programme.asked_s, programme.time_s, programme.travel_mm)
             programme = Programme.ramp(tuple(sorted({*programme.asked_mm, *(float(v) for v in held if v > 0)})), 1.0)
@@ -204,8 +210,7 @@ class FiniteElements:
         settings = experiment.read_settings(case.settings)
         try:
             knobs = self.knobs(values, settings)
-            modelling.place(settings, knobs)
-            modelling.admit(settings, knobs)
+            modelling.admit(settings, knobs, modelling.place(settings, knobs))
         except ValueError as error:  # NotModelled, too
             return str(error)
         return None
@@ -310,6 +315,19 @@ def path_dependent(settings: Settings, values: Mapping[str, float]) -> bool:
     return bool(rubbing or memory)
 
 
+def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) -> bool:
+    """Whether a weight acts on a cavity, a ball attracts, a body relaxes at rest or a bowl's height is not the usual.
+
+    A cavity used to weigh, the peak pressure not to be the net one, a rest to be one step, and the lip of every bowl to
+    be 1 mm.
+    """
+    relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))
+    rests = any(a == b for a, b in itertools.pairwise(programme.travel_mm))
+    hollow = kept.get("weight") and kept.get("cavity")
+    other = settings.support == "bowl" and settings.body.c != modelling.FLAT
+    return bool(hollow or kept.get("adhesion") or (relaxes and rests) or other)
+
+
 def _from_zero(programme: Programme) -> Programme:
     """The programme with the times since its start."""
     times, moments = ([v - programme.time_s[0] for v in given] for given in (programme.time_s, programme.asked_s))
@@ -337,29 +355,32 @@ def _begun(result: Result, programme: Programme) -> Result:
 def passages(programme: Programme) -> list[Instant]:
     """Every asked moment and every corner of a programme after its start, in order of the time since then.
 
-    An asked travel within round-off of a corner's is that travel, and a moment that of the corner.
+    An asked travel within round-off of a corner's is that travel, and a moment that of the corner; one beyond the
+    deepest, which a programme allows, is the deepest, and none is taken for 0.
     """
     t, s = np.array(programme.time_s) - programme.time_s[0], np.array(programme.travel_mm)
     found = {float(a): float(b) for a, b in zip(t[1:], s[1:], strict=True)}
     asked: dict[float, float] = {}
+    near_by = ADMITTED * float(s.max())
 
-    def add(moment: float, travel: float) -> None:
+    def add(moment: float, travel: float, rest: bool) -> None:
         """Two instants in one place would be none; on a steep ramp what is near in time is not near in travel."""
         corner = float(t[1:][np.argmin(np.abs(t[1:] - moment))])
         near = abs(corner - moment) <= ULPS * np.spacing(abs(programme.time_s[0]) + moment)
-        near = near and abs(found[corner] - travel) <= ADMITTED
+        near = near and abs(found[corner] - travel) <= near_by and (rest or found[corner] > 0.0)
         asked[corner if near else moment] = found[corner] if near else travel
 
-    travels = [s[np.argmin(np.abs(s - a))] for a in programme.asked_mm]
-    travels = [float(c if abs(c - a) <= ADMITTED else a) for c, a in zip(travels, programme.asked_mm, strict=True)]
+    below = np.minimum(programme.asked_mm, s.max())
+    travels = [s[np.argmin(np.abs(s - a))] for a in below]
+    travels = [float(c if c > 0.0 and abs(c - a) <= near_by else a) for c, a in zip(travels, below, strict=True)]
     for k in range(len(t) - 1):
         for a in travels:
             low, high = sorted((s[k], s[k + 1]))
             if low < a <= high if s[k + 1] > s[k] else low <= a < high:
-                add(float(t[k] + (t[k + 1] - t[k]) * (a - s[k]) / (s[k + 1] - s[k])), float(a))
+                add(float(t[k] + (t[k + 1] - t[k]) * (a - s[k]) / (s[k + 1] - s[k])), float(a), False)
     for moment in programme.asked_s:
         since = float(moment - programme.time_s[0])
-        add(since, float(np.interp(since, t, s)))
+        add(since, float(np.interp(since, t, s)), True)
     return [Instant(at, {**found, **asked}[at], at in asked) for at in sorted({**found, **asked})]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from fem_backend import contact, following, post
 from fem_backend import model as modelling
 from fem_backend.bench import Bench
-from fem_backend.experiment import Settings
+from fem_backend.experiment import Settings, profile_name
 from fem_backend.instants import merged
 from fem_backend.model import Placement
 from fem_backend.newton import Evaluation, Load, System
@@ -34,8 +34,9 @@ def channels(at: Bench, system: System, evaluation: Evaluation, load: Load, stif
     centre = load.touches[0].centre
     axis = (placement.touch - placement.contact) / placement.R
     patch = post.contact_patch(
-        surface, body.nodes + evaluation.u, touching.pressure, centre, placement.R, axis, placement.planes
-    )
+        surface, body.nodes + evaluation.u, touching.pressure, centre, placement.R, axis, placement.planes,
+        attraction=touching.attraction,
+    )  # fmt: skip
     active = touching.pressure > 0
     share = (surface.weights * (active & touching.slipping)).sum() / max((surface.weights * active).sum(), 1e-300)
     out = {
@@ -48,11 +49,6 @@ def channels(at: Bench, system: System, evaluation: Evaluation, load: Load, stif
         uz = post.displacements(at.probes, evaluation.u - at.seated) @ up
         out |= {profile_name(p): float(v) for p, v in zip(at.settings.profile, uz, strict=True)}
     return out
-
-
-def profile_name(place: tuple[float, float]) -> str:
-    """Channel of the vertical displacement (mm, up) of the surface point above the reference place (x, y) mm."""
-    return f"uz({place[0]:g},{place[1]:g})"
 
 
 def units(settings: Settings) -> dict[str, str]:

@@ -10,8 +10,8 @@ import numpy as np
 
 from fem_backend import analytic, contact
 from fem_backend import model as modelling
-from fem_backend.channels import FORCES, profile_name
-from fem_backend.experiment import Settings
+from fem_backend.channels import FORCES
+from fem_backend.experiment import Settings, profile_name
 from fem_backend.indentation import Result
 from fem_backend.knobs import Knobs
 
@@ -40,6 +40,7 @@ STICKING = 0.05  # of what friction takes of a lateral force in the first step
 CREEPS = 2.5  # times what an even traction would let what sticks creep: it is largest at the edge
 RELAXING = 0.075  # of the force, at Σg = 1 in the first step: 1.5 times what ten times as many steps change
 ADHERES = 4e-4  # of 2πWR*, times (h₀/ℓ)²: attraction of a range ℓ between points of contact (h₀/ℓ = 4 to 30)
+CREEPING = 2.0  # times that is the share of what a body creeps by under its weight
 LINGERS = 0.3  # of the largest of these so far is still there on the way back, where the force vanishes
 SLIP = 0.7  # of the contact in the first step, and of the share that slips
 
@@ -111,8 +112,9 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
     """What contact and steps leave on any mesh, (k,) in the channel's unit.
 
     What is out of balance may be missing in a force.  A step is rough for friction by its share of the travel, and for
-    relaxation (see `relaxing`); attraction errs by a share of Bradley's pull-off force 2πWR*, the more the shorter its
-    range.  `uz_max` has what the ball penetrates, a surface point its share of it.
+    relaxation (see `relaxing`, of displacements and contact `recovering`); attraction errs by a share of Bradley's
+    pull-off force 2πWR*, the more the shorter its range.  `uz_max` has what the ball penetrates, a surface point its
+    share of it.
     """
     size = whole_force(result)
     step = newly(settings, result)
@@ -124,8 +126,12 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
     pull = 2.0 * np.pi * knobs.adhesion * effective_radius(settings)
     pull *= min(ADHERES * (settings.h0 / knobs.adhesion_range) ** 2, 1.0)
     forces = {n: left * np.abs(result.channels[n]) + pull * share for n, share in directed(result).items()}
+    back = recovering(settings, knobs, result)
+    points = {n: v + back[n] for n, v in points.items()}
     return forces | points | {
-        "uz_max": np.full_like(result.travel, deep),
+        "uz_max": deep + back["uz_max"],
+        "contact_area": back["contact_area"],
+        "contact_radius": back["contact_radius"],
         "slipping": np.minimum(SLIP * (step + result.channels["slipping"]), 1.0) * (knobs.friction > 0.0),
     }  # fmt: skip
 
@@ -136,9 +142,37 @@ def relaxing(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
     By the first power of ds, see `newly`, as F ~ s^(3/2): at travel 1 and 2 mm in steps of 0.33 mm with g = 0.3 to 0.6,
     tau = 0.03 to 5 s.
     """
-    g = knobs.prony_g + knobs.prony_g2 + knobs.prony_g3 + sum(g for g, _ in settings.prony)
-    now = RELAXING * g * newly(settings, result) * whole_force(result)
+    now = RELAXING * relaxed(settings, knobs) * newly(settings, result) * whole_force(result)
     return np.maximum(now, LINGERS * np.maximum.accumulate(now))
+
+
+def recovering(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
+    """What steps leave (k,) of displacements (mm) and of the contact (mm, mm²) of a body that relaxes, on the way back.
+
+    As of the force, Σg ds/s of the largest so far, ds the longest step and s the deepest travel up to there: of the
+    contact while there is one, of points once the ball has left them.  Under its weight a body creeps on the way there,
+    too, where it does not move with the ball, by twice that.
+    Beside twenty times as many steps, g = 0.3 to 0.6, tau = 0.05 to 5 s, to 1, 2 and 3 mm and back: 0.05 to 1.1 % of
+    the deepest travel, up to 3 % of the largest radius and area (covered together with what the mesh states), 2 to 5 %
+    of what a point has moved under the weight.
+    """
+    deepest = np.maximum.accumulate(result.travel)
+    share = RELAXING * relaxed(settings, knobs) * longest(settings, result) / np.maximum(deepest, 1e-300)
+    back, touched = result.travel < deepest, whole_force(result) > 0.0
+    left = np.where(back & ~touched, share, 0.0)
+    creeps = np.where(back & ~touched | (knobs.weight == 0.0), 0.0, CREEPING * share)
+    largest = {n: np.maximum.accumulate(np.abs(v)) for n, v in result.channels.items()}
+    out = {n: np.where(back & touched, share, 0.0) * largest[n] for n in ("contact_area", "contact_radius")}
+    out["uz_max"] = left * largest["uz_max"]
+    for name in map(profile_name, settings.profile):
+        beside = 1.0 - np.clip(np.abs(result.channels[name]) / np.maximum(deepest, 1e-300), 0.0, 1.0)
+        out[name] = (left + creeps * beside) * largest[name]
+    return out
+
+
+def relaxed(settings: Settings, knobs: Knobs) -> float:
+    """Σg, the share of the stress that relaxes in the end."""
+    return knobs.prony_g + knobs.prony_g2 + knobs.prony_g3 + sum(g for g, _ in settings.prony)
 
 
 def sticking(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
@@ -189,10 +223,15 @@ def pressed(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
 
 
 def newly(settings: Settings, result: Result) -> np.ndarray:
-    """ds/s (k,) at travel s, ds the longest step up to there: asked travels may lie closer than the path's steps."""
-    gap = np.abs(np.diff(result.travel, prepend=0.0))
-    ds = np.maximum.accumulate(gap / np.maximum(np.ceil(gap / settings.control.path - 1e-9), 1.0))
+    """ds/s (k,) at travel s, ds the `longest` step up to there."""
+    ds = longest(settings, result)
     return ds / np.maximum(np.maximum(np.abs(result.travel), ds), 1e-300)
+
+
+def longest(settings: Settings, result: Result) -> np.ndarray:
+    """The longest step (k,) mm so far: asked travels may lie closer than the path's steps."""
+    gap = np.abs(np.diff(result.travel, prepend=0.0))
+    return np.maximum.accumulate(gap / np.maximum(np.ceil(gap / settings.control.path - 1e-9), 1.0))
 
 
 def unresolved(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndarray]:
@@ -257,6 +296,8 @@ def eased(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
     """(1 + W/F)^(2/3) − (W/F)^(2/3), (k,): how much of what a weightless body sinks into its bowl a heavy one sinks."""
     force = np.maximum(whole_force(result), 1e-300)
     weight = knobs.weight * 4.0 / 3.0 * np.pi * float(np.prod(settings.body.semi_axes)) / force
+    if knobs.weight and knobs.cavity and result.system is not None:  # a hole has none
+        weight *= np.linalg.norm(result.system.dead.sum(0)) / (knobs.weight * result.system.body.w.sum())
     return (1.0 + weight) ** (2.0 / 3.0) - weight ** (2.0 / 3.0)
 
 
@@ -276,7 +317,8 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
 
     Forces, area, radius, pressure: m · value · (1, (h₀/a)², log₁₀ K/μ), a the contact radius, h₀ the element size and m
     the `mesh_factor`; the value of a lateral force is what is `pressed`.  In a bowl forces have 3/2 F g/d
-    besides, d the travel, times what is `eased`: facets misplace the wall by a share of the clearance g, F ~ d^(3/2).
+    besides, d the travel, times what is `eased`: facets misplace the wall by a share of the clearance g, F ~ d^(3/2);
+    d is at least what makes that the force itself.
     `uz_max`: (m h₀ (h₀/a)², d²/2R), the ball's lowest point as far beside the axis, R Fx/Fz, as it is beside a node, d.
     `bulge`: (m value, m travel, w), since it vanishes in a compressible body; w is what is `sunk` into a bowl, times
     what its elements there make of it.
@@ -291,15 +333,19 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     stiff = np.full_like(travel, stiffness(knobs))
     shape = np.stack([np.ones_like(travel), edge, stiff], axis=-1)
     below = BELOW.get(settings.level, 1.0)
-    play = below * 1.5 * knobs.bowl_clearance / travel * eased(settings, knobs, result) * (settings.support == "bowl")
+    astray = CALIBRATED["force"][3] * below * knobs.bowl_clearance  # no force is off by more than itself
+    play = below * 1.5 * knobs.bowl_clearance / np.maximum(travel, 1.5 * astray)
+    play = play * eased(settings, knobs, result) * (settings.support == "bowl")
     forces = np.concatenate([EXTRAPOLATED.get(settings.level, 1.0) * mesh * shape, play[:, None]], axis=-1)
     out = {n: size_n[:, None] * forces for n, size_n in pressed(settings, knobs, result).items()}
     least = 0.5 * settings.h0 * (size > 0.0)  # a patch fitted over too few points may vanish
     radius = np.maximum(at["contact_radius"], least)
     hertz = 1.5 * size / np.maximum(np.pi * radius**2, 1e-300)
     floors = {"contact_area": np.pi * least**2, "contact_radius": least, "peak_pressure": hertz * (radius == least)}
+    pull = knobs.adhesion / knobs.adhesion_range * (at["contact_area"] > 0.0)  # the peak is less than the ball presses
     for name, floor in floors.items():
-        out[name] = mesh * (np.maximum(at[name], floor)[:, None] * shape)
+        value = at[name] + (pull if name == "peak_pressure" else 0.0)
+        out[name] = mesh * (np.maximum(value, floor)[:, None] * shape)
     beside = np.hypot(at["Fx"], at["Fy"]) / np.maximum(np.abs(at["Fz"]), 1e-300) * settings.R
     missed = np.minimum(beside, 0.25 * settings.h0) ** 2 / (2.0 * settings.R)
     out["uz_max"] = np.stack([mesh * settings.h0 * edge, missed], axis=-1)

@@ -19,9 +19,10 @@ from rso.contract import finite
 
 LIMIT = "limit"  # the mesh level whose forces are extrapolated, see fem_backend.nested
 LARGEST = 70  # semi-axis over the radius of the ball: of one three times as large fTetWild makes no sound mesh
-# Of canonical settings, raised when answers change where misalignment or tilt takes the fine elements along, and those
-# of bodies that may turn in a bowl and whose way there matters: no study states them.
-MARKS = {"follows": 1, "rolling": 3}
+# Of canonical settings, raised when answers change where misalignment or tilt takes the fine elements along, those of
+# bodies that may turn in a bowl and whose way there matters, and those of `backend.mended`: no study states them.
+MARKS = {"follows": 1, "rolling": 3, "mended": 1}
+OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
 LAWS = ("neo_hookean", "linear_elastic", "mooney_rivlin", "yeoh", "ogden")
 
 
@@ -62,7 +63,8 @@ class Settings:
 def read_settings(settings: Mapping[str, Any]) -> Settings:
     """Settings from plain data; raises ValueError naming key, value and choices."""
     data = dict(settings)
-    specimen = _table(data, "specimen", {"shape": "ellipsoid", "semi_axes": [60.0, 35.0, 35.0], "cavity": None})
+    specimen = _table(data, "specimen", {"shape": "ellipsoid", "semi_axes": [60.0, 35.0, 35.0], "cavity": None},
+                      "mended")  # fmt: skip
     _choice("specimen.shape", specimen["shape"], ["ellipsoid"])
     body = Ellipsoid(*_lengths("specimen.semi_axes", specimen["semi_axes"], 3))
     hollow = [body.a / 4.0, body.b / 3.5, body.c / 3.5] if specimen["cavity"] is None else specimen["cavity"]
@@ -100,10 +102,12 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
         if math.hypot(x / body.a, y / body.b) > 1.0:
             raise ValueError(f"profile: the mark ({x:g}, {y:g}) mm lies beside the specimen, whose semi-axes are "
                              f"{body.a:g} and {body.b:g} mm")  # fmt: skip
+    _distinct(places)
     earlier = _numbers("earlier", [data.pop("earlier", 0.0)], 1)[0]
     if earlier < 0:
         raise ValueError(f"earlier = {earlier} mm: the deepest travel before this test, at least 0")
     plain = {"mesher": "tetwild", "level": "standard", "n": 12, "slip": 0.55}
+    _apart(data.get("mesh"))
     mesh = _table(data, "mesh", plain, "follows")
     solver = _choice("solver", data.pop("solver", "auto"), ["auto", "pardiso", "superlu"])
     derivatives = _flag("derivatives", data.pop("derivatives", True))
@@ -118,6 +122,11 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
         body, R, shaft, support, law, ogden, prony, point, direction, cavity, places, earlier,
         recipe, used, h0, level, control if multipliers else control.soft(), solver, defaults, derivatives, multipliers,
     )  # fmt: skip
+
+
+def profile_name(place: tuple[float, float]) -> str:
+    """Channel of the vertical displacement (mm, up) of the surface point above the reference place (x, y) mm."""
+    return f"uz({place[0]:g},{place[1]:g})"
 
 
 def plain_settings(settings: Settings) -> dict[str, Any]:
@@ -138,11 +147,22 @@ def plain_settings(settings: Settings) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _distinct(places: Sequence[tuple[float, float]]) -> None:
+    """Each mark has a channel of its own."""
+    names = [profile_name(p) for p in places]
+    twice = [(p, n) for k, (p, n) in enumerate(zip(places, names, strict=True)) if n in names[:k]]
+    if twice:
+        (x, y), name = twice[0]
+        first = places[names.index(name)]
+        raise ValueError(f"profile: the marks {list(first)} and [{x!r}, {y!r}] mm would share the channel {name}; "
+                         "marks differ in their first six digits")  # fmt: skip
+
+
 def _support(data: dict[str, Any]) -> tuple[str, tuple[tuple[str, float], ...]]:
     table = data.get("support", {})
     kind = table.get("kind", "fixed") if isinstance(table, Mapping) else "fixed"
     known: dict[str, Any] = {"kind": "fixed"}
-    if kind == "bowl":
+    if kind == "bowl" or not isinstance(table, Mapping):
         known |= {"clearance": None, "friction": None}
     table = _table(data, "support", known, "rolling" if kind == "bowl" else "")
     _choice("support.kind", table["kind"], ["fixed", "bowl"])
@@ -203,6 +223,21 @@ def _mesh(body: Ellipsoid, R: float, mesh: Mapping[str, Any]) -> tuple[str, tupl
     similar = Ellipsoid(*(float(f"{v:.12g}") for v in body.semi_axes * (meshing.RADIUS / R)))
     sizing = replace(meshing.LEVELS[made], hmax=1.15 * float(similar.semi_axes.min()))
     return meshing.tetwild_recipe(similar, sizing), used, h0, level
+
+
+def _apart(mesh: object) -> None:
+    """A key of the other mesher would be ignored."""
+    if not isinstance(mesh, Mapping) or mesh.get("mesher", "tetwild") not in [*OF_A_MESHER]:
+        return
+    mesher = mesh.get("mesher", "tetwild")
+    for other, keys in OF_A_MESHER.items():
+        alien = [k for k in keys if other != mesher and k in mesh]
+        if alien:
+            key = alien[0]
+            raise ValueError(
+                f'mesh.{key} = {mesh[key]!r} is for mesher = "{other}" and would be ignored by "{mesher}", '
+                f"which has {', '.join(OF_A_MESHER[mesher])}"
+            )
 
 
 def _plain(terms: tuple) -> list[list[float]]:

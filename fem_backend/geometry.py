@@ -182,6 +182,16 @@ def _closest(x, s, y):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
+def depths(s, x):  # type: ignore[no-untyped-def]
+    """Distance (n,) of points x (n, 3) to the ellipsoid of semi-axes s (3,), negative outside."""
+    d, y = np.empty(len(x)), np.empty(3)
+    for k in range(len(x)):
+        tau = _closest(x[k], s, y)
+        d[k] = -tau * np.sqrt((y[0] / s[0] ** 2) ** 2 + (y[1] / s[1] ** 2) ** 2 + (y[2] / s[2] ** 2) ** 2)
+    return d
+
+
+@numba.njit(cache=True)
 def _bowl_gap(x, c, s, rim, lip):  # type: ignore[no-untyped-def]
     count = len(x)
     g, n, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))

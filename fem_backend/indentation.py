@@ -27,10 +27,10 @@ class Result:
     """Channels at the asked instants, each (k,), in the units of UNITS; forces of the whole specimen on the indenter.
 
     `uz_max` is how far the deepest point went down since contact, `bulge` how far the highest went up (the material
-    rises around the ball, the more the less compressible it is); `slipping` is the share of the contact area that
-    slips; `reaction` (k, 3) N is the support's, `contact_error` (k,) N what the last augmentation or `softness`
-    changed, `residual` (k,) the share of the outer forces that is out of balance; `gradients[knob][channel]` (k,);
-    `system` is what was solved.
+    rises around the ball, the more the less compressible it is); `peak_pressure` is that of the pressure less the
+    attraction, as a probe would feel it; `slipping` is the share of the contact area that slips; `reaction` (k, 3) N is
+    the support's, `contact_error` (k,) N what the last augmentation or `softness` changed, `residual` (k,) the share of
+    the outer forces that is out of balance; `gradients[knob][channel]` (k,); `system` is what was solved.
     """
 
     channels: Mapping[str, np.ndarray]
@@ -115,7 +115,7 @@ def along(at: Bench, instants: Sequence[Instant], counters: Counters) -> list[Po
         else:
             u = stepping.seat(following.smooth(at.system), at.start(0.02 * at.placement.R), u, control, counters)
     groups = together(instants)
-    way = steps([one(group) for group in groups], control.path)
+    way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None)
     try:
         points = following.follow(at.system, at.start, way, control, counters, u, history, touching)
     except Stopped as stopped:

@@ -9,6 +9,7 @@ import numpy as np
 
 from fem_backend.stepping import Instant, Point
 
+SLOWER = 3.0  # times as long as the step before it is a step of a rest
 SAME = 1e-9  # of the largest: instants and travels nearer than that are computed once
 
 
@@ -49,15 +50,28 @@ def merged(travels: Sequence[float]) -> dict[float, float]:
     return out
 
 
-def steps(instants: Sequence[Instant], largest: float) -> list[Instant]:
-    """The instants up to the last asked one and, between them, equal steps no larger than `largest` (mm of travel)."""
+def steps(instants: Sequence[Instant], largest: float, relaxes: bool = False) -> list[Instant]:
+    """The instants up to the last asked one and, between them, equal steps no larger than `largest` (mm of travel).
+
+    What `relaxes` does so in a rest, too: see `resting`.
+    """
     last = max((k for k, i in enumerate(instants) if i.asked), default=-1)
+    still = SAME * max((abs(i.travel) for i in instants), default=0.0)
     out: list[Instant] = []
-    t, s = 0.0, 0.0
+    t, s, began = 0.0, 0.0, 0.0
     for i in instants[: last + 1]:
         count = max(1, int(np.ceil(abs(i.travel - s) / largest - 1e-9)))
         for k in range(1, count):
             out.append(Instant(t + (i.time - t) * k / count, s + (i.travel - s) * k / count, False))
+        if abs(i.travel - s) > still:
+            began = i.time
+        elif relaxes:
+            out += [Instant(began + since, s, False) for since in resting(t - began, i.time - began)]
         out.append(i)
         t, s = i.time, i.travel
     return out
+
+
+def resting(since: float, until: float) -> list[float]:
+    """Times (s) since a rest began that part it between two others: a third of `until` and a ninth, if so long."""
+    return [v for v in (until / SLOWER**2, until / SLOWER) if v > since]

@@ -35,8 +35,10 @@ BOWL_ORDER = 14  # 42 points on the large facets of the lower half: contact with
 RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep ball; width in R
 MISALIGNED = ("offset_x", "offset_y", "tilt_x", "tilt_y")
 FATTEST = 0.6  # radius of the ball over the smallest semi-axis; settings say 0.5, knobs that err may exceed it
+THINNEST = 0.2  # smallest semi-axis over that of the settings
 REACH = 3.0  # facets within REACH·R of the first contact may touch
 STIFFEST = 1000.0  # K/μ beyond which the displacement element is not verified
+FLAT = 35.0  # semi-axis c over the lip of a bowl: 1 mm for the usual body
 SPRINGS = 1e-4  # grounding springs of a body in a bowl, all together, over μR
 
 
@@ -78,8 +80,18 @@ def place(settings: Settings, knobs: Knobs) -> Placement:
     """Placement of an experiment; raises NotModelled (bad_geometry) for sizes that describe no body."""
     axes = settings.body.semi_axes + np.array([knobs.delta_a, knobs.delta_b, knobs.delta_c])
     R = settings.R + knobs.delta_R
-    if axes.min() <= 0.2 * settings.body.semi_axes.min() or not 0 < R <= FATTEST * axes.min():
-        raise NotModelled("bad_geometry", f"semi-axes {axes.tolist()} mm with an indenter of {R:g} mm")
+    least, fattest = THINNEST * settings.body.semi_axes.min(), FATTEST * axes.min()
+    if axes.min() <= least:
+        errors = ", ".join(f"{n} = {getattr(knobs, n):g}" for n in ("delta_a", "delta_b", "delta_c"))
+        raise NotModelled(
+            "bad_geometry", f"{errors} mm: semi-axes {axes.tolist()} mm, all must be larger than {least:g} mm "
+            f"({THINNEST:g} of the smallest asked for)",
+        )  # fmt: skip
+    if not 0 < R <= fattest:
+        raise NotModelled(
+            "bad_geometry", f"delta_R = {knobs.delta_R:g} mm: an indenter of {R:g} mm, must be larger than 0 and at "
+            f"most {fattest:g} mm ({FATTEST:g} of the smallest semi-axis)",
+        )  # fmt: skip
     body = Ellipsoid(*axes)
     x, y = settings.point[0] + knobs.offset_x, settings.point[1] + knobs.offset_y
     a, b = np.deg2rad([knobs.tilt_x, knobs.tilt_y])
@@ -215,9 +227,15 @@ def build(settings: Settings, mesh: Mesh, body: Ellipsoid, planes: tuple[bool, b
     return Model(quadratic, discrete, facets, factor, lower, condenser)
 
 
-def admit(settings: Settings, knobs: Knobs) -> None:
-    """Raise NotModelled for a material or an adhesion out of reach."""
+def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
+    """Raise NotModelled for a material or an adhesion out of reach, and for small strains of a body that may turn."""
     stuff = material(settings, knobs)
+    if stuff.small_strain and settings.support == "bowl" and not all(placement.planes):
+        raise NotModelled(
+            "not_supported", 'law = "linear_elastic" with support = "bowl" where the body may turn (point, tilt or '
+            'misalignment off the axes): its strain, sym grad u, grows with a rotation; take law = "neo_hookean", '
+            'which agrees to first order, or support = "fixed"',
+        )  # fmt: skip
     ratio = stuff.bulk_modulus / stuff.shear_modulus
     if ratio > STIFFEST:
         raise NotModelled(
@@ -232,7 +250,7 @@ def admit(settings: Settings, knobs: Knobs) -> None:
 
 def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> Model:
     """The discretised specimen of an experiment; NotModelled without a mesh or for a material out of reach."""
-    admit(settings, knobs)
+    admit(settings, knobs, placement)
     symmetric = knobs.friction == 0.0 and not (settings.support == "bowl" and knobs.bowl_friction)
     shared = Settings(settings.body, settings.R, support=settings.support, point=fine_at(settings, knobs, placement),
                       recipe=settings.recipe, control=Control(), solver=settings.solver)  # fmt: skip
@@ -269,7 +287,8 @@ def system(
     springs = None
     if settings.support == "bowl":
         epsilon = np.full(surfaces[1].weights.shape, BOWL_PENALTY * mu / placement.R)
-        bowl = Bowl(tuple(placement.body.semi_axes + knobs.bowl_clearance), (0.0, 0.0, knobs.bowl_clearance), 0.0)
+        inner, centre = tuple(placement.body.semi_axes + knobs.bowl_clearance), (0.0, 0.0, knobs.bowl_clearance)
+        bowl = Bowl(inner, centre, lip=settings.body.c / FLAT)
         # multipliers stay with points of the body: where that turns, they do not hold its weight in place
         soft = knobs.weight > 0.0 and not all(placement.planes)
         pairs.append(Pair(surfaces[1], bowl, epsilon, knobs.bowl_friction, None, soft))
@@ -277,7 +296,7 @@ def system(
         springs = SPRINGS * mu * placement.R * lumped(body, np.ones_like(body.w)) / whole / multiplicity(placement)
     dead = None
     if knobs.weight:
-        dead = knobs.weight * lumped(body, np.ones_like(body.w))[:, None] * placement.down
+        dead = knobs.weight * lumped(body, filled(settings, knobs, placement, body))[:, None] * placement.down
     scale = stiffening(settings, knobs, placement, body) if like is None else like.scale
     least = 1e-3 * mu * placement.R**2  # about the force at R/100
     return System(body, stuff, tuple(pairs), model.factor, scale, dead, springs, least)
@@ -301,10 +320,21 @@ def stiffening(settings: Settings, knobs: Knobs, placement: Placement, body: ele
             body, placement.body,
             (knobs.skin_thickness, knobs.skin_ratio) if knobs.skin_ratio != 1.0 else None,
             (inclusion, knobs.inclusion_radius, knobs.inclusion_ratio) if knobs.inclusion_ratio != 1.0 else None,
-            ((0.0, 0.0, -placement.body.c), np.multiply(knobs.cavity, settings.cavity)) if knobs.cavity else None,
+            hole(settings, knobs, placement) if knobs.cavity else None,
         )  # fmt: skip
     except ValueError as error:
         raise NotModelled("bad_geometry", str(error)) from error
+
+
+def filled(settings: Settings, knobs: Knobs, placement: Placement, body: element.Body) -> np.ndarray:
+    """Share (m, q) of the volume that is no cavity: what weighs."""
+    whole = np.ones_like(body.w)
+    return whole - zones.cavity(body, *hole(settings, knobs, placement)) if knobs.cavity else whole
+
+
+def hole(settings: Settings, knobs: Knobs, placement: Placement) -> tuple[np.ndarray, np.ndarray]:
+    """Centre (3,) and semi-axes (3,) of the cavity in mm: around the lowest point of the body."""
+    return np.array([0.0, 0.0, -placement.body.c]), np.multiply(knobs.cavity, settings.cavity)
 
 
 def multiplicity(placement: Placement) -> int:

@@ -21,8 +21,8 @@ from fem_backend.newton import Counters, Equilibrium, Evaluation, Load, NotConve
 
 LIMIT = 120  # factorisations
 LEAST, MOST = 1e-3, 1e8  # damping over μR
-FARTHEST = 1.0  # mm that a step should not surpass by lengthening
-ROUND = 1e-10  # mm: a full step this short ends the iteration, whatever the residual of round-off is
+FARTHEST = 1.0  # lips of the bowl (c/35) that a step should not surpass by lengthening
+ROUND = 1e-10  # of that: a full step this short ends the iteration, whatever the residual of round-off is
 NOISE = 1e-13  # of μ times the volume: gains of energy below are round-off
 TRIALS = 10  # of a line search
 
@@ -86,7 +86,7 @@ def solve(
     mass = np.empty(body.pattern.size)
     mass[free[free >= 0]] = np.repeat(how.share[:, None], 3, axis=1)[free >= 0]
     mass *= float(np.abs(system.springs).sum()) / 1e-4  # about μR
-    damping = 0.0
+    damping, unit = 0.0, system.pairs[1].rigid.lip
     try:
         at = newton.evaluate(system, u, load)
     except stress.Inverted as error:
@@ -117,12 +117,12 @@ def solve(
                 damping = max(5.0 * damping, LEAST)
                 if damping > MOST:
                     raise NotConverged("instability", "the tangent stays indefinite", tuple(history)) from None
-        if history[-1] <= tolerance or np.abs(step).max() < ROUND:
+        if history[-1] <= tolerance or np.abs(step).max() < ROUND * unit:
             return _found(body, at, history, factor, moving)
         counters.iterations += 1
         found, alpha = _search(system, how, at, load, step, g, damping > 0.0, counters)
         if found is None:
-            if damping > 1.0 and np.abs(step).max() < 1e-3 * FARTHEST:
+            if damping > 1.0 and np.abs(step).max() < 1e-3 * FARTHEST * unit:
                 raise NotConverged("instability", "the line search found no descent", tuple(history))
             damping = max(10.0 * damping, LEAST)
             continue
@@ -182,7 +182,7 @@ def _search(
     −0.7 ≤ (d·R)(α)/|d·R|(0) < 0.7 by false position, with an energy that falls where there is one; damped steps, which
     are too short, are lengthened threefold and more.
     """
-    slope, largest = float(g @ step), float(np.abs(step).max())
+    slope, largest = float(g @ step), float(np.abs(step).max()) / system.pairs[1].rigid.lip
     noise = NOISE * system.material.shear_modulus * float(system.body.w.sum())
     rubs = any(t.before is not None for t in load.touches)
     field = newton.full(system.body, step)

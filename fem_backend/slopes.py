@@ -39,7 +39,7 @@ class Slopes:
         self._ends: dict[str, tuple[float, System]] = {}
         for name in dict.fromkeys([n for n in names if n != "mu"] + list(self._powers)):
             value = getattr(at.knobs, name)
-            h = DIFFERENCE * (abs(value) or at.system.material.shear_modulus)
+            h = DIFFERENCE * (abs(value) or (at.system.material.shear_modulus if name in POWERS else 1.0))
             end = replace(at.knobs, **{name: value + h})
             high = modelling.system(at.settings, end, at.placement, at.model, at.system)
             if name in ZONE_KNOBS:

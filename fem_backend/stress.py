@@ -77,7 +77,7 @@ def evaluate(
     if not isinstance(material, Material):
         material = Material(material)
     if material.small_strain:
-        return _small_strain(material, H, tangent, history, dt, scale)
+        return _small_strain(material, H, tangent, scale)
     law = material.law
     F = H + np.eye(3)
     i1, i2, J = invariants(F)
@@ -189,10 +189,8 @@ def _finish(F, jac, S, C4, energy, u1, u2, factor, slope, added, scale, tangent)
                     C4[e, q, l, k] = much * value
 
 
-def _small_strain(
-    material: Material, H: np.ndarray, tangent: bool, history: History | None, dt: float, scale: np.ndarray | None
-) -> PointState:
-    """σ = factor · 2μ dev ε + added + K tr ε I."""
+def _small_strain(material: Material, H: np.ndarray, tangent: bool, scale: np.ndarray | None) -> PointState:
+    """σ = 2μ dev ε + K tr ε I."""
     mu, K = material.shear_modulus, material.bulk_modulus
     one = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
     volume = K * np.outer(one, one)
@@ -200,23 +198,13 @@ def _small_strain(
     strain = np.stack(
         [H[..., i, j] + (H[..., j, i] if i != j else 0.0) for i, j in VOIGT], axis=-1
     )  # engineering shear
-    S, C, now = strain @ (shape + volume), np.broadcast_to(shape + volume, (*H.shape[:2], 6, 6)), None
+    S, C = strain @ (shape + volume), np.broadcast_to(shape + volume, (*H.shape[:2], 6, 6))
     energy = 0.5 * (S * strain).sum(-1)
-    if material.path_dependent:
-        S_iso, pressure = strain @ shape, strain @ volume
-        energy, factor, slope, added, now = _remember(material, 0.5 * (S_iso * strain).sum(-1), S_iso, history, dt)
-        energy = energy + ((added + 0.5 * pressure) * strain).sum(-1)
-        S = factor[..., None] * S_iso + added + pressure
-        C = (
-            factor[..., None, None] * shape
-            + volume
-            + slope[..., None, None] * S_iso[..., :, None] * S_iso[..., None, :]
-        )
     if scale is not None:
         energy, S, C = scale * energy, scale[..., None] * S, scale[..., None, None] * C
     _refuse(~np.isfinite(energy), "no finite energy")
     F = np.ascontiguousarray(np.broadcast_to(np.eye(3), H.shape))
-    return PointState(F, S, np.zeros_like(S), np.ascontiguousarray(C) if tangent else None, energy, now)
+    return PointState(F, S, np.zeros_like(S), np.ascontiguousarray(C) if tangent else None, energy)
 
 
 @numba.njit(cache=True)

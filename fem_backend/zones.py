@@ -18,6 +18,7 @@ from skfem import ElementTetP2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
+from fem_backend import geometry
 from fem_backend.element import Body
 from fem_backend.geometry import Ellipsoid
 
@@ -136,13 +137,9 @@ _skin, _inclusion, _cavity = skin, inclusion, cavity  # `scale` names its argume
 
 
 def depth(ellipsoid: Ellipsoid, X: np.ndarray) -> np.ndarray:
-    """Distance (…,) mm of points X (…, 3) to the surface of the ellipsoid, negative outside.
-
-    The foot y_i = a_i² x_i/(t + a_i²) with Σ (a_i x_i/(t + a_i²))² = 1, by Newton's method from the left, where the
-    convex function falls: it cannot overshoot.  Source: Eberly 2013, "Distance from a point to an ellipsoid", eq. 9.
-    """
+    """Distance (…,) mm of points X (…, 3) to the surface of the ellipsoid, negative outside."""
     X = np.asarray(X, float)
-    return _depth(ellipsoid.semi_axes, np.ascontiguousarray(X.reshape(-1, 3))).reshape(X.shape[:-1])
+    return geometry.depths(ellipsoid.semi_axes, np.ascontiguousarray(X.reshape(-1, 3))).reshape(X.shape[:-1])
 
 
 def surface_faces(body: Body, ellipsoid: Ellipsoid) -> np.ndarray:
@@ -360,28 +357,3 @@ def _below(v):  # type: ignore[no-untyped-def]
         for i in range(4):
             mean += 0.25 * volume * wedge[k + i]
     return part, mean / part
-
-
-@numba.njit(cache=True)
-def _depth(axes, X):  # type: ignore[no-untyped-def]
-    out = np.empty(len(X))
-    for k in range(len(X)):
-        t = -np.inf
-        x = np.empty(3)
-        for i in range(3):
-            x[i] = max(abs(X[k, i]), 1e-9 * axes[i])  # off the planes the foot is unique and the root simple
-            t = max(t, axes[i] * (x[i] - axes[i]))
-        for _ in range(200):
-            value, slope = -1.0, 0.0
-            for i in range(3):
-                s = axes[i] * x[i] / (t + axes[i] ** 2)
-                value += s * s
-                slope -= 2.0 * s * s / (t + axes[i] ** 2)
-            if value <= 1e-14:
-                break
-            t -= value / slope
-        square = 0.0
-        for i in range(3):
-            square += (x[i] / (t + axes[i] ** 2)) ** 2
-        out[k] = -t * np.sqrt(square)
-    return out

@@ -15,8 +15,8 @@ from fem_backend.laws.prony import Prony
 class Material:
     """S = S_vol + Prony(η S_iso), S_iso of the law and the fibre together; absent parts are None.
 
-    The softening acts on the elastic stress, and what is left relaxes.  Raises ValueError for fibres in a small-strain
-    law, which has no Ī₄.
+    The softening acts on the elastic stress, and what is left relaxes.  Raises ValueError for any of them with a
+    small-strain law, which has neither Ī₄ nor isochoric stresses to remember.
     """
 
     law: Law | Ogden
@@ -25,8 +25,8 @@ class Material:
     mullins: Mullins | None = None
 
     def __post_init__(self) -> None:
-        if self.fibre is not None and self.law.small_strain:
-            raise ValueError("a small-strain law knows no fibres: their stretch is not small")
+        if self.law.small_strain and (self.fibre or self.path_dependent):
+            raise ValueError("a small-strain law knows no fibres, relaxation or softening")
 
     @property
     def shear_modulus(self) -> float:

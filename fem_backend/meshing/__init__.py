@@ -7,7 +7,7 @@ everywhere.  All give a `Mesh` of vertices and tetrahedra of the quarter x ≥ 0
 """
 
 from fem_backend.meshing.mapped import kuhn_simplex, mapped_quarter
-from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, quadratic, volumes
+from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, arrays, quadratic, volumes
 from fem_backend.meshing.placing import FARTHEST, assemble, scaled_jacobian
 from fem_backend.meshing.recipes import cached, make, mapped_recipe, mesher, nominal, template_recipe, tetwild_recipe
 from fem_backend.meshing.refined import refined
@@ -20,6 +20,7 @@ __all__ = [
     "BadMesh",
     "Mesh",
     "Sizing",
+    "arrays",
     "assemble",
     "cached",
     "kuhn_simplex",

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import zipfile
+import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,9 +64,17 @@ class Mesh:
 
     @classmethod
     def from_file(cls, path: Path | str) -> Mesh:
-        """Inverse of `to_bytes`."""
+        """Inverse of `to_bytes`; ValueError for a file that holds no mesh."""
+        return cls(*arrays(path, "mesh", ("vertices", "tets")))
+
+
+def arrays(path: Path | str, what: str, names: Sequence[str]) -> list[np.ndarray]:
+    """Arrays by name from an npz that stands for `what`; ValueError naming both where they cannot be read."""
+    try:
         with np.load(path, allow_pickle=False) as data:
-            return cls(data["vertices"], data["tets"])
+            return [data[name] for name in names]
+    except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise ValueError(f"the artefact {what!r} at {path} cannot be read: {type(error).__name__}: {error}") from error
 
 
 def volumes(mesh: Mesh) -> np.ndarray:

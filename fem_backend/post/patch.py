@@ -24,7 +24,7 @@ class Patch:
     along the axis, `outermost` (k,) distance from the axis in each of k sectors (nan where nothing touches or nothing
     is modelled), `largest` pressure at a point, `points_radius` and `points_pressure` (p,).
     Fitted, smooth in travel and material (see `contact_patch`): `area`, `radius` (mean over directions), `edge` (k,)
-    radius at the angles `directions` (k,), `peak` pressure, `profile_radius` and `profile_pressure` (41,).
+    radius at the angles `directions` (k,), `peak` normal traction, `profile_radius` and `profile_pressure` (41,).
     """
 
     area: float
@@ -51,6 +51,7 @@ def contact_patch(
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0),
     planes: tuple[bool, bool] = (False, False),
     sectors: int = 16,
+    attraction: np.ndarray | None = None,
 ) -> Patch:
     """Contact patch from positions x (n, 3), pressure (f, q) MPa per reference area, the ball's centre (3,) and radius.
 
@@ -62,6 +63,8 @@ def contact_patch(
     Measured against a finer mesh (R = 3 mm, level standard): area 1 % to 2 mm of travel, 5 % at 4 mm; coarse 18 %,
     where surface elements have stretched to the width of the ball.
     The profile: p = √(1 − ξ) Σ c_k ξᵏ, ξ = s/s_e, k ≤ 3, fitted to force per current area; Hertz is c₀ alone.
+    The peak is that of p − σ, what a probe would feel, with an `attraction` (f, q) MPa per reference area that is
+    fitted by σ = Σ d_k ξᵏ; below zero where the ball pulls all over.
     Valid for a ball that sticks to nothing; the edge needs two or three elements across the contact.  Without contact
     all is zero.
     """
@@ -88,9 +91,12 @@ def contact_patch(
     if edge is None:  # nothing free near by
         edge = np.eye(1, harmonics(theta).shape[1])[0] * s[on].max()
     rim = np.maximum(harmonics(theta) @ edge, 0.0)
-    fit = _profile(s[on] / np.maximum(harmonics(angle[on]) @ edge, 1e-300), current, area[on])
-    xi = np.linspace(0.0, 1.0, SHOWN) ** 2
-    smooth = np.sqrt(1.0 - xi) * np.polynomial.polynomial.polyval(xi, fit)
+    at, xi = s[on] / np.maximum(harmonics(angle[on]) @ edge, 1e-300), np.linspace(0.0, 1.0, SHOWN) ** 2
+    smooth = np.sqrt(1.0 - xi) * np.polynomial.polynomial.polyval(xi, _profile(at, current, area[on], 0.5))
+    net = smooth
+    if attraction is not None and attraction.any():
+        pull = attraction[on] * surface.weights[on] / area[on]
+        net = smooth - np.polynomial.polynomial.polyval(xi, _profile(at, pull, area[on], 0.0))
     sector = np.round(angle[on] / (2.0 * np.pi / sectors)).astype(int) % sectors
     outermost = np.full(sectors, -np.inf)
     np.maximum.at(outermost, sector, r[on])
@@ -99,7 +105,7 @@ def contact_patch(
         area=float(np.pi * rim.mean()),
         radius=float(_plan(rim, radius).mean()),
         edge=_plan(rim, radius),
-        peak=float(smooth.max()),
+        peak=float(net.max()),
         profile_radius=_plan(xi * rim.mean(), radius),
         profile_pressure=smooth,
         directions=theta,
@@ -154,12 +160,12 @@ def _edge(
     return np.linalg.lstsq(A * root[:, None], s[use] * root, rcond=None)[0][: columns.shape[1]]
 
 
-def _profile(xi: np.ndarray, pressure: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """Coefficients c (4,) of p = √(1 − ξ) Σ c_k ξᵏ by least squares over the area; fewer points, fewer coefficients."""
+def _profile(xi: np.ndarray, pressure: np.ndarray, area: np.ndarray, power: float) -> np.ndarray:
+    """Coefficients c (4,) of p = (1 − ξ)^power Σ c_k ξᵏ by least squares over the area; fewer points, fewer of them."""
     inside = xi < 1.0
     terms = int(np.clip(inside.sum() // 10, 1, 4))
     x = xi[inside]
-    A = np.sqrt(1.0 - x)[:, None] * x[:, None] ** np.arange(terms)
+    A = ((1.0 - x) ** power)[:, None] * x[:, None] ** np.arange(terms)
     root = np.sqrt(area[inside])
     return np.pad(np.linalg.lstsq(A * root[:, None], pressure[inside] * root, rcond=None)[0], (0, 4 - terms))
 

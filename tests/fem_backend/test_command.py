@@ -147,6 +147,7 @@ def test_bad_request_is_exit_code_2_and_says_why(tmp_path, capsys, request_, wor
         ("case__settings", 5, "case.settings = 5: a table"),
         ("case__settings", [1, 2], "case.settings = [1, 2]: a table"),
         ("case__artefacts", [1], "case.artefacts = [1]: a table"),
+        ("case__artefacts", {"mesh": 5}, "case.artefacts.mesh = 5: the SHA-256 of the artefact, a text"),
         ("case__objects", 5, "case.objects = 5: a text"),
         ("case__name", 5, "case.name = 5: a text"),
     ],
@@ -223,6 +224,27 @@ def test_an_answer_without_a_place_is_refused_before_it_is_solved(tmp_path, caps
     assert main([str(tmp_path / "request.json"), str(target), *more]) == 2
     said = capsys.readouterr().err
     assert ("missing" if where == "response" else "file") in said and len(said.strip().splitlines()) == 1
+
+
+def test_a_folder_in_the_place_of_the_response_is_refused_before_it_is_solved(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("fem_backend.__main__.answer", lambda *_: pytest.fail("solved for nothing"))
+    (tmp_path / "request.json").write_text(json.dumps(REQUEST))
+    assert main([str(tmp_path / "request.json"), str(tmp_path)]) == 2
+    assert f"{tmp_path}: a folder; the response needs the name of a file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["mesh", "anchor"])
+@pytest.mark.parametrize("content", [b"", b"no npz", None], ids=["empty", "text", "missing"])
+def test_an_artefact_that_cannot_be_read_is_named(tmp_path, capsys, name, content):
+    sha = "ab" * 32
+    path = tmp_path / sha[:2] / sha
+    path.parent.mkdir()
+    if content is not None:
+        path.write_bytes(content)
+    code, answer = ask(tmp_path, changed(case__artefacts={name: sha}, case__objects=str(tmp_path)))
+    said = capsys.readouterr().err
+    assert code == 2 and answer is None and len(said.strip().splitlines()) == 1
+    assert f"the artefact {name!r} at {path} cannot be read" in said
 
 
 def test_missing_file_and_wrong_number_of_arguments(tmp_path, capsys):

@@ -15,6 +15,7 @@ from rso.contract import Case, Programme, SimulationFailed
 
 MESH = {"mesher": "mapped", "n": 6, "slip": 0.3}
 VALUES = {"mu": 0.01, "D1": 5.8}
+BOWL = {"support": {"kind": "bowl"}}
 
 
 def case(asked=(0.5, 1.0), **settings) -> Case:
@@ -75,6 +76,12 @@ def case(asked=(0.5, 1.0), **settings) -> Case:
         ({"support": {"kind": "bowl", "rolling": 5}}, ["support.rolling = 5: unknown", "kind, clearance, friction"]),
         ({"support": {"kind": "fixed", "rolling": 3}}, ["support.rolling = 3: unknown"]),
         ({"mesh": {"size": 1.0}}, ["mesh.size", "1.0", "mesher", "level"]),
+        ({"mesh": {**MESH, "level": "coarse"}}, ["mesh.level = 'coarse'", "tetwild", '"mapped"', "n, slip"]),
+        ({"mesh": {"n": 9}}, ["mesh.n = 9", '"mapped"', '"tetwild"', "level"]),
+        ({"mesh": {"mesher": "tetwild", "slip": 0.5}}, ["mesh.slip = 0.5", '"mapped"', '"tetwild"', "level"]),
+        ({"profile": [[5, 0], [5.000001, 0]]}, ["profile", "[5.0, 0.0]", "[5.000001, 0.0]", "uz(5,0)"]),
+        ({"profile": [[5, 1], [4, 1], [5, 1]]}, ["profile", "[5.0, 1.0]", "uz(5,1)"]),
+        ({"support": "bowl"}, ["support = 'bowl'", "table", "kind, clearance, friction"]),
     ],
 )
 def test_wrong_setting_is_refused_by_name_with_the_choices(settings, words):
@@ -135,12 +142,31 @@ def test_good_settings_are_taken(settings):
 
 def test_marks_of_the_canonical_form_are_offered_to_nobody():
     """They are numbers of revisions: what the backend writes itself is read again, what a study made up is not."""
-    follows, rolling = ({k: MARKS[k]} for k in ("follows", "rolling"))
-    BACKEND.check(case(mesh={**MESH, **follows}, support={"kind": "bowl", **rolling}))
-    for settings in ({"mesh": {"folows": 1}}, {"support": {"kind": "bowl", "roling": 3}}):
+    follows, rolling, mended = ({k: MARKS[k]} for k in ("follows", "rolling", "mended"))
+    BACKEND.check(case(mesh={**MESH, **follows}, support={"kind": "bowl", **rolling}, specimen=mended))
+    for settings in ({"mesh": {"folows": 1}}, {"support": {"kind": "bowl", "roling": 3}}, {"specimen": {"mendd": 1}}):
         with pytest.raises(ValueError) as refused:
             BACKEND.check(case(**settings))
-        assert not {"follows", "rolling"} & set(re.findall(r"\w+", str(refused.value)))
+        assert not {"follows", "rolling", "mended"} & set(re.findall(r"\w+", str(refused.value)))
+
+
+@pytest.mark.parametrize(
+    "values,settings,programme,marked",
+    [
+        ({"weight": 1e-5, "cavity": 1.0}, {}, Programme.ramp((1.0,)), True),
+        ({"weight": 1e-5}, {}, Programme.ramp((1.0,)), False),
+        ({"adhesion": 1e-4}, {}, Programme.ramp((1.0,)), True),
+        ({"prony_g": 0.3}, {}, Programme((0.0, 1.0, 2.0), (0.0, 1.0, 1.0), (1.0,), (2.0,)), True),
+        ({"prony_g": 0.3}, {}, Programme((0.0, 1.0, 2.0), (0.0, 1.0, 0.0), (1.0,)), False),
+        ({}, {**BOWL, "specimen": {"semi_axes": [30.0, 24.0, 21.0]}}, Programme.ramp((1.0,)), True),
+        ({}, BOWL, Programme.ramp((1.0,)), False),
+    ],
+)
+def test_answers_that_were_mended_have_another_key(values, settings, programme, marked):
+    """What was stored before is not taken for them; every other key is the old one."""
+    at = BACKEND.canonical({**VALUES, **values}, Case("case", programme, {"mesh": MESH, **settings}))[1]
+    assert ("mended" in at.settings["specimen"]) is marked
+    BACKEND.check(at)
 
 
 def test_nothing_said_is_the_standard_case():
@@ -245,8 +271,7 @@ def test_what_has_no_influence_is_not_in_the_canonical_case():
     "one,other",
     [
         ({}, {"mesher": "tetwild"}),
-        ({}, {"n": 9}),
-        (MESH, {**MESH, "level": "coarse"}),
+        ({"mesher": "mapped"}, {"mesher": "mapped", "n": 12, "slip": 0.55}),
         ({"level": "fine"}, {"mesher": "tetwild", "level": "fine"}),
     ],
 )

@@ -30,9 +30,9 @@ def failed(values, asked=(0.5, 1.0), **settings) -> SimulationFailed:
 @pytest.mark.parametrize(
     "values,settings,words",
     [
-        ({"delta_c": -36.0}, {}, ["semi-axes", "-1"]),
-        ({"delta_R": -3.0}, {}, ["indenter", "0 mm"]),
-        ({"delta_R": 20.0}, {}, ["indenter", "23 mm"]),
+        ({"delta_c": -36.0}, {}, ["delta_c = -36", "semi-axes", "-1", "larger than 7 mm"]),
+        ({"delta_R": -3.0}, {}, ["delta_R = -3 mm", "indenter of 0 mm", "larger than 0", "at most 21 mm"]),
+        ({"delta_R": 20.0}, {}, ["delta_R = 20 mm", "indenter of 23 mm", "at most 21 mm"]),
         ({"offset_x": 70.0}, {}, ["mm"]),
         ({"delta_a": -40.0}, {"point": [25.0, 0.0]}, ["point", "25", "not above"]),
         ({"inclusion_ratio": 3.0, "inclusion_radius": 50.0}, {}, ["inclusion"]),
@@ -90,6 +90,22 @@ def test_prony_shares_that_leave_nothing_are_inadmissible(values, settings):
 def test_laws_that_do_not_combine_are_not_supported(values, law):
     failure = failed(values, material={"law": law})
     assert failure.cause == "not_supported" and "law" in failure.reason
+
+
+@pytest.mark.parametrize(
+    "values,settings", [({}, {"point": [20.0, 0.0]}), ({"tilt_y": 2.0}, {}), ({"offset_y": 1.0}, {})]
+)
+def test_small_strains_of_a_body_that_may_turn_are_not_supported(values, settings):
+    """sym ∇u of a rotation by θ is θ²/2: it resists being turned, and forces are wrong by as much as they are."""
+    bowl = {"material": {"law": "linear_elastic"}, "support": {"kind": "bowl", "friction": 0.0}, **settings}
+    failure = failed(values, **bowl)
+    assert failure.cause == "not_supported"
+    for word in ("linear_elastic", "bowl", "neo_hookean"):
+        assert word in failure.reason
+    case = Case("c", Programme.ramp((0.5,)), {"mesh": SMALL, **bowl})
+    assert BACKEND.refused({**VALUES, **values}, case) == failure.reason
+    for other in ({"material": {}}, {"support": {}}, {"point": [0.0, 0.0]} if not values else {"material": {}}):
+        assert BACKEND.refused({**VALUES, **values}, replace(case, settings={**case.settings, **other})) is None
 
 
 @pytest.mark.parametrize(

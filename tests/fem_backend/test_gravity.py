@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from skfem import MeshTet, MeshTet2
 
-from fem_backend import element, linsolve, model, newton
+from fem_backend import element, linsolve, model, newton, zones
 from fem_backend.laws import LinearElastic, Material, NeoHooke
 from fem_backend.newton import Counters, Load, System
 
@@ -80,6 +80,18 @@ def test_support_carries_weight_and_force(small):
     r = b.solve([0.5, 1.0])
     weight = 4 * 1e-5 * b.model.body.w.sum()
     np.testing.assert_allclose(r.reaction[:, 2], r.Fz + weight, rtol=1e-6)
+
+
+def test_a_hole_weighs_nothing(small):
+    """The nodal loads lack the weight of the cavity, as its place says; so does what the support carries."""
+    b = small.other(weight=1e-5, cavity=2.5)
+    body, hollow = b.model.body, zones.cavity(b.model.body, *model.hole(b.settings, b.knobs, b.placement))
+    missing = 1e-5 * (body.w * hollow).sum()
+    full = 1e-5 * body.w.sum()
+    assert missing > 0.1 * full
+    np.testing.assert_allclose(b.system().dead.sum(0)[2], missing - full, rtol=1e-12)
+    r = b.solve([0.5])
+    np.testing.assert_allclose(r.reaction[:, 2], r.Fz + 4 * (full - missing), rtol=1e-6)
 
 
 def test_specimen_sags_first_and_is_touched_later(small):

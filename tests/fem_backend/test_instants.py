@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from fem_backend.backend import BACKEND, passages
+from fem_backend.instants import steps
+from fem_backend.stepping import Instant
 from rso.contract import Case, Programme, run_key
 
 MESH = {"mesher": "mapped", "n": 8, "slip": 0.5}
@@ -54,6 +56,26 @@ def test_an_asked_travel_that_is_the_deepest_but_for_round_off_is_passed():
     assert rows(Programme((0.0, 1.0), (0.0, 0.3), (0.1 * 3,))) == [(1.0, 0.3)]
     found = rows(Programme((0.0, 1.0), (0.0, 0.3), (0.1, 0.2, 0.1 * 3)))
     assert [s for _, s in found] == [0.1, 0.2, 0.3] and found[-1][0] == 1.0
+
+
+@pytest.mark.parametrize("tiny", [1e-13, 1e-15])
+@pytest.mark.parametrize("travel", [(0.0, 1.0), (0.0, 1.0, 0.0)])
+def test_an_asked_travel_that_is_hardly_any_is_not_lost(travel, tiny):
+    """Taken for travel 0, where nothing is asked, it had no row."""
+    found = rows(Programme(tuple(range(len(travel))), travel, (tiny, 0.5, 1.0)))
+    assert [s for _, s in found] == [tiny, 0.5, 1.0, 0.5, tiny][: 3 if len(travel) == 2 else 5]
+    small = rows(Programme((0.0, 1.0), (0.0, 1e-11), (2e-12, 0.9e-11, 1e-11)))  # round-off is a share of the travel
+    assert [s for _, s in small] == [2e-12, 0.9e-11, 1e-11]
+
+
+def test_a_rest_has_steps_that_grow_with_its_time():
+    """Of a body that relaxes, a ninth and a third of the time since it began; other bodies rest in one step."""
+    at = [Instant(1.0, 1.0, True), Instant(10.0, 1.0, True), Instant(19.0, 1.0, True), Instant(20.0, 0.9, True)]
+    np.testing.assert_allclose([i.time for i in steps(at, 1.0, True)], [1.0, 2.0, 4.0, 10.0, 19.0, 20.0], rtol=1e-12)
+    assert [i.time for i in steps(at, 1.0)] == [1.0, 10.0, 19.0, 20.0]
+    long = steps([Instant(1.0, 1.0, True), Instant(1.5, 1.0, True), Instant(91.0, 1.0, True)], 1.0, True)
+    np.testing.assert_allclose([i.time - 1.0 for i in long], [0.0, 0.5 / 9, 0.5 / 3, 0.5, 10.0, 30.0, 90.0], rtol=1e-9)
+    assert all(i.travel == 1.0 for i in long) and [i.asked for i in long[1:4]] == [False, False, True]
 
 
 def test_a_fast_ramp_relaxes_in_the_rest_only():

@@ -94,6 +94,8 @@ def test_what_makes_a_material_remember():
         (lambda: Mullins(0.5, 0.0, 0.1), "m = 0.0 MPa"),
         (lambda: Mullins(0.5, 0.1, -0.1), "beta = -0.1"),
         (lambda: Material(LinearElastic(MU, D1), Fibre(1.0, 1.0, (1, 0, 0))), "small-strain"),
+        (lambda: Material(LinearElastic(MU, D1), prony=Prony((0.1,), (1.0,))), "small-strain"),
+        (lambda: Material(LinearElastic(MU, D1), mullins=Mullins(0.5, 0.1, 0.1)), "small-strain"),
     ],
 )
 def test_constants_that_make_no_sense_are_refused(make, message):

@@ -162,6 +162,19 @@ def test_patch_profile_is_the_pressure(ball):
     assert found.profile_pressure[-1] == 0.0
 
 
+def test_the_peak_is_what_is_left_of_the_pressure_by_an_attraction(ball):
+    """p − σ at the middle, below zero where the ball pulls all over; an attraction of nothing changes no bit."""
+    surface, x, pressure, _ = touched(ball, 0.8)
+
+    def peak(pull):
+        return post.contact_patch(surface, x, pressure, np.zeros(3), 3.0, planes=(True, True), attraction=pull).peak
+
+    plain, ones = patch(ball, 0.8).peak, np.ones_like(pressure)
+    for pull in (0.005, 0.03):
+        np.testing.assert_allclose(peak(pull * ones), plain - pull, rtol=0.02, atol=2e-4)  # areas have grown there
+    assert peak(0.0 * ones) == peak(None) == plain
+
+
 def test_fitted_area_is_smooth_where_the_counted_one_is_not(ball):
     patches = [patch(ball, theta) for theta in 0.8 + 8e-4 * np.arange(-5, 6)]
     fitted, counted = np.array([p.area for p in patches]), np.array([p.counted_area for p in patches])

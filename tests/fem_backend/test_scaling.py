@@ -99,6 +99,21 @@ def test_similarity_of_lengths(make_bench, k):
     np.testing.assert_allclose(two.channels["peak_pressure"], one.channels["peak_pressure"], rtol=1e-5)
 
 
+@pytest.mark.parametrize("k", [8.0, 1e-2])
+def test_similarity_of_lengths_of_a_body_that_may_turn(k):
+    """The lip of the bowl and the steps of what rolls there, too; forces to what merged nodes leave."""
+
+    def at(k):
+        table = {"specimen": {"semi_axes": [60.0 * k, 35.0 * k, 35.0 * k]}, "indenter": {"radius": 3.0 * k},
+                 "support": {"kind": "bowl", "clearance": 2.0 * k, "friction": 0.0}, "point": [20.0 * k, 0.0],
+                 "mesh": SMALL, "derivatives": False}  # fmt: skip
+        return BACKEND(VALUES, Case("c", Programme.ramp((1.0 * k, 2.0 * k), k), table))
+
+    one, two = at(1.0), at(k)
+    np.testing.assert_allclose(two.channels["Fz"], k * k * one.channels["Fz"], rtol=1e-5)
+    np.testing.assert_allclose(two.channels["bulge"], k * one.channels["bulge"], rtol=1e-5)
+
+
 @pytest.mark.parametrize("k", [1e-3, 20.0])
 @pytest.mark.parametrize(
     "values, settings",

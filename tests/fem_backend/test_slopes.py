@@ -55,6 +55,17 @@ def test_gradients_are_differences_of_whole_runs(what):
         )  # there is something to see
 
 
+@pytest.mark.parametrize("mu", [1e-6, 0.01, 1e3])
+def test_the_difference_of_a_number_that_is_zero_does_not_hang_on_the_modulus(mu):
+    """α = 0 for any μ: with μ for the difference, 1e-5 μ, the derivative was round-off of a soft body, of a stiff one
+    that of a distant α.  Against central differences to 1e-5 of α² / 6."""
+    law = {"material": {"law": "ogden"}}
+    values = {"mu": mu, "D1": 0.058 / mu}
+    here = run({**values, "alpha": 0.0}, law)
+    low, high = (run({**values, "alpha": a}, {**law, "derivatives": False}).channels["Fz"] for a in (-1e-2, 1e-2))
+    np.testing.assert_allclose(here.gradients["alpha"]["Fz"], (high - low) / 2e-2, rtol=1e-3)
+
+
 def test_gradients_are_in_the_order_of_the_passages():
     programme = Programme((0.0, 1.5, 3.0), (0.0, 1.5, 0.0), (0.75, 1.5))
     there_and_back = BACKEND(VALUES, Case("c", programme, {"mesh": SMALL}))
