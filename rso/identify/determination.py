@@ -18,6 +18,7 @@ from rso.identify.verdict import Verdict, judge, sentences
 
 LEVEL = 0.9
 WIDE = 0.1  # of the largest value: an agreement within such errors says little
+FAR = 20.0  # of χ²: a minimum that much higher holds no probability that counts
 UNLIKELY = 0.01  # a misfit that noise alone exceeds this seldom says that the model, or the noise, is wrong
 
 
@@ -88,13 +89,14 @@ def determine(
     fit = fit_at(used, first.x)
     also = np.stack([m.x for m in minima[1:4]]) if len(minima) > 1 else None
     profiles = [profile(used, fit, k, also) for k in range(box.d)]
-    draws = sample(used, fit, seed=seed) if mcmc else None
+    near_best = [fit, *(fit_at(used, m.x) for m in minima[1:4])]
+    draws = sample(used, [m for m in near_best if m.chi2 < fit.chi2 + FAR], seed=seed) if mcmc else None
     near_by = laplace(fit, level, seed)
     drawn = quantiles(draws.X, level) if draws is not None and draws.enough else [None] * box.d
     sd = spread(fit.fisher) / per_log(box, fit.x)
-    known = []
+    known, missed = [], scale if stated else 1.0
     for k, name in enumerate(box.names):
-        known.append(_known(used, fit, name, k, float(sd[k]), profiles[k], near_by[k], drawn[k], level))
+        known.append(_known(used, fit, name, k, float(sd[k]), profiles[k], near_by[k], drawn[k], level, missed))
     gains = _gains(used, fit)
     return Determination(
         misfit, first, tuple(minima[1:]), ν, p, scale, tuple(known), along.directions(box, fit.x, fit.fisher), draws,
@@ -104,15 +106,15 @@ def determine(
 
 def _known(
     misfit: Misfit, fit: Fit, name: str, k: int, sd: float, p: Profile, near_by: Interval, drawn: Interval | None,
-    level: float,
+    level: float, scale: float,
 ) -> Known:  # fmt: skip
     box = misfit.model.box
     interval = p.interval(level)
     leaning = tuple(box.names[j] for j in p.leaning(level))
-    verdict = judge(box, k, interval, sd, leaning)
+    verdict = judge(box, k, interval, sd, leaning, scale)
     depth = np.concatenate([d.depth for d in misfit.data])
     text, why = sentences(
-        box, k, verdict, interval, p, unit=misfit.data[0].unit, depth=depth, level=level, leaning=leaning
+        box, k, verdict, interval, p, unit=misfit.data[0].unit, depth=depth, level=level, leaning=leaning, scale=scale
     )
     agreement = None if drawn is None else agree(near_by, drawn)
     return Known(name, float(fit.theta[k]), sd, interval, near_by, drawn, agreement, p, verdict, text, why)

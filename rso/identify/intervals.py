@@ -50,18 +50,29 @@ def gaussian(x: np.ndarray, fisher: np.ndarray, seed: int, draws: int = DRAWS) -
     cube is rejected, which is exact.  ValueError if nothing is left.
     """
     d = len(x)
-    values, V = np.linalg.eigh(fisher)
-    sd = 1.0 / np.sqrt(np.maximum(values, 1e-12 * max(float(values.max(initial=0.0)), 1e-6)))
-    low = np.minimum(V, 0.0).sum(axis=0) - V.T @ x
-    high = np.maximum(V, 0.0).sum(axis=0) - V.T @ x
+    sd, V, a, b = _truncated(x, fisher)
     p = qmc.Sobol(d, seed=np.random.default_rng(seed)).random(draws)
-    a, b = norm.cdf(low / sd), norm.cdf(high / sd)
     t = sd * norm.ppf(np.clip(a + p * (b - a), 1e-300, 1 - 1e-16))
     X = x + t @ V.T
     X = X[np.all((X >= 0) & (X <= 1), axis=1)]
     if not len(X):
         raise ValueError("gaussian: no draw lies in the unit cube; the point must lie in it")
     return X
+
+
+def log_volume(x: np.ndarray, fisher: np.ndarray) -> float:
+    """ln ∫ exp(−½ (x' − x)ᵀ F (x' − x)) dx' over the box along the eigenvectors of F that holds the unit cube."""
+    sd, _, a, b = _truncated(x, fisher)
+    return float(np.sum(np.log(np.sqrt(2 * np.pi) * sd * np.maximum(b - a, 1e-300))))
+
+
+def _truncated(x: np.ndarray, fisher: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Standard deviations (d,), eigenvectors (d, d) of F, and Φ (d,) of the Gaussian at both ends of the cube there."""
+    values, V = np.linalg.eigh(fisher)
+    sd = 1.0 / np.sqrt(np.maximum(values, 1e-12 * max(float(values.max(initial=0.0)), 1e-6)))
+    low = np.minimum(V, 0.0).sum(axis=0) - V.T @ x
+    high = np.maximum(V, 0.0).sum(axis=0) - V.T @ x
+    return sd, V, norm.cdf(low / sd), norm.cdf(high / sd)
 
 
 def laplace(fit: Fit, level: float = 0.9, seed: int = 0) -> list[Interval]:
@@ -137,7 +148,7 @@ def profile(misfit: Misfit, fit: Fit, parameter: int, also: np.ndarray | None = 
     """
     k = parameter
     sd = spread(fit.fisher)
-    at = [np.linspace(0, 1, COARSE), [fit.x[k]]]
+    at = [np.linspace(0, 1, COARSE), [fit.x[k]], [] if also is None else also[:, k]]  # a valley may be narrow
     if np.isfinite(sd[k]):
         at.append(np.clip(fit.x[k] + min(sd[k], 0.25) * np.linspace(-4, 4, FINE), 0, 1))
     t = np.unique(np.round(np.concatenate(at), 12))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import logsumexp
 
 from rso.identify.fitting import Fit
-from rso.identify.intervals import Interval, gaussian
+from rso.identify.intervals import Interval, gaussian, log_volume
 from rso.identify.likelihood import Misfit
 
 ENOUGH = 300.0  # independent draws: a 5 % quantile is then within 0.13 standard deviations
@@ -28,21 +30,28 @@ class Draws:
         return self.independent >= ENOUGH
 
 
-def sample(misfit: Misfit, fit: Fit, *, seed: int, walkers: int = 128, steps: int = 125, burn: int = 60) -> Draws:
+def sample(
+    misfit: Misfit, minima: Sequence[Fit], *, seed: int, walkers: int = 128, steps: int = 125, burn: int = 60
+) -> Draws:
     """Ensemble MCMC of p(x | y) ∝ exp(−χ²/2) inside the unit cube.
 
-    Walkers start as draws of the Gaussian approximation; one call of the model serves half of them.  If the draws are
-    too few the chain goes on, up to four times as long.
-    Source: ter Braak, Stat. Comput. 16 (2006) 239 (differential evolution), Goodman & Weare, CAMCoS 5 (2010) 65
-    (stretch), both as in emcee (Foreman-Mackey et al., PASP 125 (2013) 306).
+    Walkers start as draws of the Gaussian approximations at all minima, each with its share of the probability, and
+    jump between these by the whole difference of two others; one call of the model serves half of them.  If the draws
+    are too few the chain goes on, up to four times as long.
+    Source: ter Braak, Stat. Comput. 16 (2006) 239 (differential evolution, jumps in §2), Goodman & Weare, CAMCoS 5
+    (2010) 65 (stretch), both as in emcee (Foreman-Mackey et al., PASP 125 (2013) 306).
     """
     import emcee  # 1.8 s with scipy.stats, which only this needs of it
 
-    d = len(fit.x)
+    d = len(minima[0].x)
     walkers = max(walkers, 2 * d + 2)
-    start = gaussian(fit.x, fit.fisher, seed)
     rng = np.random.default_rng([seed, 11])
-    start = start[rng.choice(len(start), walkers, replace=len(start) < walkers)]
+    near = [gaussian(m.x, m.fisher, seed) for m in minima]
+    log_mass = np.array([log_volume(m.x, m.fisher) - 0.5 * m.chi2 for m in minima])
+    of = rng.choice(len(minima), walkers, p=np.exp(log_mass - logsumexp(log_mass)))
+    counts = np.bincount(of, minlength=len(near))
+    drawn = [X[rng.choice(len(X), n, replace=len(X) < n)] for X, n in zip(near, counts, strict=True)]
+    start = np.concatenate(drawn)
     start = np.clip(start + 1e-6 * rng.standard_normal(start.shape), 1e-9, 1 - 1e-9)
 
     def log_probability(X: np.ndarray) -> np.ndarray:
@@ -52,7 +61,7 @@ def sample(misfit: Misfit, fit: Fit, *, seed: int, walkers: int = 128, steps: in
             answer[inside] = -0.5 * misfit.chi2(X[inside])
         return answer
 
-    moves = [(emcee.moves.DEMove(), 0.7), (emcee.moves.StretchMove(), 0.3)]
+    moves = [(emcee.moves.DEMove(), 0.6), (emcee.moves.DEMove(gamma0=1.0), 0.1), (emcee.moves.StretchMove(), 0.3)]
     sampler = emcee.EnsembleSampler(walkers, d, log_probability, moves=moves, vectorize=True)
     sampler.random_state = np.random.RandomState(seed % 2**32).get_state()
     state = sampler.run_mcmc(start, burn + steps, skip_initial_state_check=True)

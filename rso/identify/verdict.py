@@ -16,6 +16,8 @@ WORDS = {"determined": "is determined", "weakly": "is weakly determined", "not":
 FACTOR = 1.75  # a 90 % interval of up to half of the value either way, one digit, is a value (sd of ln θ up to 0.34)
 LEANING = 1.25  # the same where the range of another parameter makes an end: that is not the merit of the data
 SHARE = 0.5  # of the range searched: an interval that leaves more than this says nothing
+UNSEEN = 1e-6  # of the uncertainty: a change that is round-off
+REFUTED = 3.0  # times the stated errors: a model that misses the data by more does not determine anything
 
 
 @dataclass(frozen=True)
@@ -27,14 +29,17 @@ class Verdict:
     noise_factor: float | None
 
 
-def judge(box: Box, k: int, interval: Interval, sd_log: float | None, leaning: tuple[str, ...] = ()) -> Verdict:
-    """'determined': the interval lies inside the box and its ends are within a factor 1.75 of its middle; 'not': it
-    covers half of the box or ends at both bounds; 'weakly': what lies between.
+def judge(
+    box: Box, k: int, interval: Interval, sd_log: float | None, leaning: tuple[str, ...] = (), scale: float = 1.0
+) -> Verdict:
+    """'not': the interval covers half of the box or ends at both bounds; else 'determined': it lies inside the box, its
+    ends are within a factor 1.75 of its middle, and the model is not refuted; 'weakly': what lies between.
 
     Parameters that may be zero or negative are measured against their range: within ± 10 % of it is determined.
     `leaning` names other parameters whose bounds end the interval; then a factor 1.25 is asked for.  `sd_log` is the
-    standard deviation of ln θ by the Fisher information; the noise must fall to `noise_factor` of
-    what it is for the value to be determined.
+    standard deviation of ln θ by the Fisher information; the noise must fall to `noise_factor` of what it is for the
+    value to be determined.  `scale` is what the errors were multiplied with as the model does not fit: beyond `REFUTED`
+    nothing is determined, and beyond 1 less noise would not help.
     """
     low, high = physical(box, k, interval)
     width = interval.high - interval.low
@@ -43,9 +48,10 @@ def judge(box: Box, k: int, interval: Interval, sd_log: float | None, leaning: t
         close, digits = 0.5 * math.log(high / low) <= most, _digits(math.sqrt(low * high), low, high)
     else:
         close, digits = width <= 0.2, _digits(0.5 * (low + high), low, high)
-    if close and not interval.open:
-        return Verdict("determined", digits, None)
     word: Word = "not" if width >= SHARE or (interval.at_low and interval.at_high) else "weakly"
+    if word == "weakly" and close and not interval.open and scale <= REFUTED:
+        return Verdict("determined", digits, None)
+    sd_log = sd_log if scale == 1.0 else None
     wanted = math.log(FACTOR) / 1.645
     factor = wanted / sd_log if sd_log is not None and math.isfinite(sd_log) and sd_log > wanted else None
     return Verdict(word, digits if word == "weakly" and not interval.open else 0, factor)
@@ -79,11 +85,12 @@ def _apart(low: float, high: float) -> int:
 
 def sentences(
     box: Box, k: int, verdict: Verdict, interval: Interval, profile: Profile, *, unit: str, depth: np.ndarray,
-    level: float = 0.9, leaning: tuple[str, ...] = (),
+    level: float = 0.9, leaning: tuple[str, ...] = (), scale: float = 1.0,
 ) -> tuple[str, str]:  # fmt: skip
     """The verdict in one sentence, and its reason: how little the curve changes where nothing is determined.
 
-    `depth` (n,) mm of all measured points, in the order of the misfit's data, whose unit is `unit`.
+    `depth` (n,) mm of all measured points, in the order of the misfit's data, whose unit is `unit`; `scale` as in
+    :func:`judge`.
     """
     name, of = box.names[k], box.units[k]
     tail = f" {of}" if of else ""
@@ -91,11 +98,18 @@ def sentences(
     digits = _apart(low, high)
     span = f"{low:.{digits}g} to {high:.{digits}g}{tail}"
     other = f", as long as {' and '.join(leaning)} stay{'s' if len(leaning) == 1 else ''} in range" if leaning else ""
+    missed = f"the model, which misses the data by {scale:.2g} times their errors" if scale > 1.0 else ""
     if verdict.word == "determined":
-        return f"{name} is determined: with {100 * level:.0f} % confidence {span}{_either_way(low, high)}{other}.", ""
+        given = f"under {missed}, " if missed else ""
+        sure = f"{given}with {100 * level:.0f} % confidence {span}{_either_way(low, high)}"
+        return f"{name} is determined: {sure}{other}.", ""
+    if scale > REFUTED and not interval.open and interval.high - interval.low < SHARE:
+        text = f"{name} {WORDS[verdict.word]}: {missed}, fits best from {span}{other}."
+        return text, "What it lacks has to be found first."
     ends = [w for w, at in (("lower", interval.at_low), ("upper", interval.at_high)) if at]
     bounds = f", as far as the {' and the '.join(ends)} bound of the search" if ends else other
-    text = f"{name} {WORDS[verdict.word]}: every value from {span} agrees with the curve{bounds}."
+    agrees = f"fits as well as any under {missed}" if missed else "agrees with the curve"
+    text = f"{name} {WORDS[verdict.word]}: every value from {span} {agrees}{bounds}."
     inside = (profile.at >= interval.low - 1e-9) & (profile.at <= interval.high + 1e-9)
     worst = int(np.flatnonzero(inside)[np.argmax(np.abs(profile.change[inside]) / profile.sigma[inside])])
     why = _little(name, abs(profile.change[worst]), profile.sigma[worst], depth[profile.point[worst]], unit, box.d > 1)
@@ -108,6 +122,8 @@ def _little(name: str, change: float, sigma: float, depth: float, unit: str, oth
     """How much a curve changes over an interval, against its uncertainty, where that shows most."""
     what = {"N": "force", "mm": "displacement"}.get(unit, "curve")
     again = ", the other parameters fitted again," if others else ""
+    if change < UNSEEN * sigma:
+        return f"Over the whole interval of {name}{again} the {what} does not change."
     much = f"{change / sigma:.2g} times" if change >= sigma else f"{100 * change / sigma:.2g} % of"
     return (
         f"Over the whole interval of {name}{again} the {what} changes by at most {much} its uncertainty: "

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
+from scipy.stats import norm, t
 
 from rso.measurement.reading import Measurement, Repeat
 from rso.measurement.spikes import without_spikes
@@ -66,17 +67,19 @@ class MeasuredCurve:
 def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment: str = "loading") -> MeasuredCurve:
     """Average the repeats on a common grid of the depths that all of them reach.
 
-        C = diag(w²) + g² y yᵀ + o² y' y'ᵀ                    scatter of the repeats, as standard error of the mean
-          + (s sᵀ + F²) e^{−|Δu|/ℓ} + G² y yᵀ + diag((d y')²)  stated: per reading, force, gain, depth
+        C = diag(w²) + g² ŷ ŷᵀ + o² ŷ' ŷ'ᵀ                    scatter of the repeats, as standard error of the mean
+          + (s sᵀ + F²) e^{−|Δu|/ℓ} + G² ŷ ŷᵀ + diag((d ŷ')²)  stated: per reading, force, gain, depth
 
     What a column states of each reading goes with the square root of how many were averaged, repeats included, where
     it is white (ℓ = 0); F is of the curve and does not.
 
-    The repeats' deviations are split into a part along y (gain g), one along y' (contact offset o) and a
-    rest w, pooled over neighbouring depths: with few repeats a single depth can agree by chance.  One
-    repeat alone shows only its white noise, taken from third differences.  Assumption: y' is that of a
-    polynomial of degree 4 (it only weights uncertainties).  ValueError if channel or segment is not there, or
-    the repeats share no depths.
+    The repeats' deviations are split into a part along ŷ (gain g), one along ŷ' (contact offset o) and a
+    rest w, pooled over neighbouring depths: with few repeats a single depth can agree by chance.  g and o, known from r
+    repeats alone, are wider by Student's factor at 90 %.  One
+    repeat alone shows only its white noise, of which what is stated as white is the same once more: the larger counts.
+    ŷ is a polynomial of degree 4 through the mean y: a gain of the readings themselves would take their noise along
+    and pull every fit low, by g² times their number (Peelle's puzzle; D'Agostini, Nucl. Instrum. Methods A 346 (1994)
+    306), one of ŷ by some g².  ValueError if channel or segment is not there, or the repeats share no depths.
     """
     if channel not in measurement.channels:
         raise ValueError(f"{measurement.where}: no channel {channel!r}; there are {', '.join(measurement.channels)}")
@@ -93,14 +96,14 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
     power = np.array([np.interp(u, depth, square) for depth, _, square, _ in branches])
     stated = np.sqrt(np.mean(power / together, axis=0))
     mean = y.mean(axis=0)
-    slope = _slope(u, mean)
+    smooth, slope = _smooth(u, mean)
     along = np.exp(-np.abs(u[:, None] - u) / noise.correlation) if noise.correlation > 0 else np.eye(len(u))
-    covariance = (
-        _scatter(y, mean, slope)
-        + (np.outer(stated, stated) + noise.of(channel) ** 2) * along
-        + np.diag((noise.depth * slope) ** 2)
-        + noise.gain**2 * np.outer(mean, mean)
-    )
+    said = (np.outer(stated, stated) + noise.of(channel) ** 2) * along + np.diag((noise.depth * slope) ** 2)
+    if len(y) > 1:
+        seen = _scatter(y, smooth, slope)
+    else:
+        seen = np.maximum(_white(u, mean) * np.eye(len(u)) - (said if noise.correlation == 0.0 else 0.0), 0.0)
+    covariance = seen + said + noise.gain**2 * np.outer(smooth, smooth)
     sigma = np.sqrt(np.diag(covariance))
     return MeasuredCurve(channel, COLUMNS[channel], u, mean, sigma, len(branches), covariance)
 
@@ -120,7 +123,7 @@ def value_at(curve: MeasuredCurve, depth: float) -> tuple[float, float]:
     inside = float(np.clip(depth, u[0], u[-1]))
     value = float(_between(u, y, np.array([inside]))[0])
     if inside != depth:
-        value += (depth - inside) * float(_slope(u, y)[0 if depth < inside else -1])
+        value += (depth - inside) * float(_smooth(u, y)[1][0 if depth < inside else -1])
     return value, float(np.interp(depth, u, curve.sigma))
 
 
@@ -166,29 +169,40 @@ def _grid(measurement: Measurement, depths: list[np.ndarray]) -> np.ndarray:
     return np.linspace(low, high, int(np.median([len(d) for d in depths])))
 
 
-def _slope(u: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """dy/du of a smooth curve through the points; one point alone is taken as Hertz's, 3/2 y/u."""
+def _smooth(u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A smooth curve through the points and its dy/du; one point alone is taken as Hertz's, 3/2 y/u."""
     if len(u) == 1:
-        return 1.5 * y / u if u[0] > 0 else np.zeros(1)
+        return y, 1.5 * y / u if u[0] > 0 else np.zeros(1)
     # full=True: badly spread depths give the least-norm fit, without a warning.
-    return np.polynomial.Polynomial.fit(u, y, min(4, len(u) - 1), full=True)[0].deriv()(u)
+    fit = np.polynomial.Polynomial.fit(u, y, min(4, len(u) - 1), full=True)[0]
+    return fit(u), fit.deriv()(u)
 
 
-def _scatter(y: np.ndarray, mean: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Covariance (n, n) of the mean of the repeats y (r, n), from their scatter."""
+def _white(u: np.ndarray, y: np.ndarray) -> float:
+    """Variance of white noise on a smooth curve y(u) (n,), from its third divided differences; 0 of few points."""
+    if len(u) < 8:
+        return 0.0
+    four = np.lib.stride_tricks.sliding_window_view(np.arange(len(u)), 4)
+    apart = u[four][:, :, None] - u[four][:, None, :]
+    weights = 1.0 / np.prod(apart + np.eye(4), axis=-1)  # zero on every parabola
+    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    return float(np.mean(np.sum(weights * y[four], axis=1) ** 2))
+
+
+def _scatter(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Covariance (n, n) of the mean of two repeats y (r, n) and more, from their scatter."""
     r, n = y.shape
-    if r == 1:
-        white = np.mean(np.diff(mean, 3) ** 2) / 20 if n >= 8 else 0.0  # 1 + 9 + 9 + 1
-        return white * np.eye(n)
-    shapes = np.stack([mean, slope], axis=1)
-    part = np.linalg.lstsq(shapes, (y - mean).T, rcond=None)[0]  # (2, r)
-    rest = (y - mean).T - shapes @ part
+    off = y - y.mean(axis=0)
+    shapes = np.stack([smooth, slope], axis=1)
+    part = np.linalg.lstsq(shapes, off.T, rcond=None)[0]  # (2, r)
+    rest = off.T - shapes @ part
     # Two shapes were fitted to each of the n-point deviations.
     white = np.sum(rest**2, axis=1) / (r - 1) * (n / max(n - 2, 1))
     width = min(n, 2 * max(2, n // 16) + 1)
     ones = np.ones(width)
     white = np.convolve(white, ones, "same") / np.convolve(np.ones(n), ones, "same")
-    modes = shapes @ np.diag(np.std(part, axis=1, ddof=1))
+    few = t.ppf(0.95, r - 1) / norm.ppf(0.95)  # a spread known from r values, for intervals of 90 %
+    modes = shapes @ np.diag(few * np.std(part, axis=1, ddof=1))
     return (np.diag(white) + modes @ modes.T) / r
 
 

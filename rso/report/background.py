@@ -49,7 +49,7 @@ def _summary(results: Results) -> list[str]:
         if design.get("kind") != "none" and similarity.get("applied") and known(similarity.get("runs_saved")):
             each = c.get("saved_by_similarity")  # a run of the design is one simulation or several
             more = f", {each} simulations" if known(each) and each != similarity["runs_saved"] else ""
-            said.append(f"Exact similarity saved {similarity['runs_saved']} of them{more}.")
+            said.append(f"Exact similarity saved {similarity['runs_saved']} of all these{more}.")
     if known(c.get("fe_runs")):
         states = ", ".join(f"{c[k]} {k}" for k in ("done", "failed", "crashed") if known(c.get(k)))
         stored = f"{c.get('from_store') or 0} answers were in the store already"

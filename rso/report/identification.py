@@ -74,10 +74,12 @@ def _fit(data: Mapping[str, Any]) -> str:
     numbers += [f"errors × {significant(data['scale'], 3)}"] if (number(data.get("scale")) or 1.0) > 1.0 else []
     said += [f"{', '.join(numbers)}."] if numbers else []
     again = data.get("recomputed") or {}
-    if known(again.get("agreement")):
+    if known(again.get("agreement")) and again.get("chi2") is None:
+        said.append("The most likely curve is that of a run by exact similarity.")
+    elif known(again.get("agreement")):
         said.append(
             f"Recomputed with the full model, the most likely curve is off by {percent(again['agreement'])} of its "
-            f"largest value{'' if again.get('verified') else ', more than the tolerance'}, "
+            f"largest value{'' if again.get('verified') else ', more than it may be'}, "
             f"and its χ² is {significant(again.get('chi2'), 3)}."
         )
     curves = [f"{channel_text(d.get('channel'))} of {clean(d.get('experiment'))} ({shortest(d.get('points'))} points)"

@@ -15,9 +15,10 @@ from rso.report.reading import Results, best_candidate, candidates, experiments,
 
 WITHIN = 2.0  # standard deviations of measurement and computation together
 ENOUGH = 0.9  # of the readings: one curve's errors mostly go up and down together
-Answer = Literal["yes", "no", "both", ""]
-_TILES = {"yes": "predicted", "no": "not predicted", "both": "by some only"}
-_WORDS = {"yes": "Yes", "no": "No", "both": "Yes and no"}
+MET = 1e-3  # of the force: a target counts as met within that, so that no candidate can do better elsewhere
+Answer = Literal["yes", "no", "among", ""]
+_TILES = {"yes": "predicted", "no": "not predicted", "among": "within what is open"}
+_WORDS = {"yes": "Yes", "no": "No", "among": "Yes, within what the fit leaves open"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +39,14 @@ class Prediction:
         return np.hypot(self.sigma, 0.0 if self.numerical is None else self.numerical)
 
     @property
+    def near(self) -> np.ndarray:
+        """What it may be off by at each reading."""
+        return WITHIN * np.hypot(self.total, MET * np.abs(self.predicted))
+
+    @property
     def within(self) -> int:
         """Readings that it meets."""
-        return int(np.sum(np.abs(self.measured - self.predicted) <= WITHIN * self.total))
+        return int(np.sum(np.abs(self.measured - self.predicted) <= self.near))
 
     @property
     def met(self) -> bool | None:
@@ -77,11 +83,19 @@ def _at(values: Sequence[Any], at: Sequence[int]) -> np.ndarray:
 
 
 def answer(found: Sequence[Prediction]) -> Answer:
-    """Whether a test is predicted by the candidates, all of which agree with the curves that were fitted."""
+    """Whether a test is predicted by the candidates, all of which hit the targets.
+
+    They are far apart where the targets leave a direction open: a measurement among their predictions is predicted as
+    far as the fit can tell, and one that only some of them meet tells them apart.
+    """
     met = [p.met for p in found]
     if not met or None in met:
         return ""
-    return "yes" if all(met) else "both" if any(met) else "no"
+    if all(met) or len({len(p.depth) for p in found}) > 1:
+        return "yes" if all(met) else "no"
+    low, high = np.min([p.predicted - p.near for p in found], 0), np.max([p.predicted + p.near for p in found], 0)
+    measured = found[0].measured
+    return "among" if np.mean((low <= measured) & (measured <= high)) >= ENOUGH else "no"
 
 
 def prediction_sentences(results: Results) -> list[str]:
@@ -105,7 +119,10 @@ def prediction_sentences(results: Results) -> list[str]:
 def _sentence(e: Mapping[str, Any], found: Sequence[Prediction], mine: Sequence[Mapping[str, Any]]) -> str:
     name, unit, first = clean(e["name"]), e.get("unit", ""), found[0]
     verdict = answer(found)
-    not_ = {"yes": "is predicted", "no": "is not predicted", "both": "is predicted by some candidates only"}
+    some = sum(bool(p.met) for p in found)
+    not_ = {"yes": "is predicted", "no": "is not predicted",
+            "among": f"lies among the predictions of {len(found)} candidates, {some or 'none'} of which meet"
+            f"{'s' if some == 1 else ''} it"}  # fmt: skip
     head = f"{_WORDS[verdict]}: " if verdict else ""
     text = f"{head}{name}, which was not used for the fit, {not_.get(verdict, 'is compared with no known uncertainty')}"
     if is_profile(e):
@@ -161,7 +178,7 @@ def prediction_fact(results: Results) -> list[Fact]:
         return []
     verdicts = [answer(found) for _, found in rows]
     if len(rows) > 1:
-        good, names = verdicts.count("yes"), ", ".join(clean(e["name"]) for e, _ in rows)
+        good, names = sum(v in ("yes", "among") for v in verdicts), ", ".join(clean(e["name"]) for e, _ in rows)
         mark = "good" if good == len(rows) else "warn"
         return [Fact("Unused tests", f"{good} of {len(rows)} predicted", names, mark)]
     (e, found), verdict = rows[0], verdicts[0]

@@ -221,6 +221,7 @@ def _front_caption(results: Results, s: Mapping[str, Any]) -> str:
     unit = targets[0].get("unit", "")
     worst = float(objectives.max(axis=1).min())
     return (
-        f"{what}the best compromise of {len(values)} misses its worst target by {quantity(worst, unit, 2)}. "
-        "Left: parameters; right: what each target is missed by. Diamonds: candidates, as predicted."
+        f"{what}{len(values)} compromises, as predicted; the least that one misses its worst target by is "
+        f"{quantity(worst, unit, 2)}. Left: parameters; right: what each target is missed by. Diamonds: candidates, as "
+        "predicted."
     )

@@ -30,8 +30,10 @@ def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
     lines.append(f"  {counts['fe_runs']} simulations ({ended}; {saved}), {found['timings']['total']:.0f} s")
     proved = [p["relative_difference"] for p in found["design"]["similarity"]["proof"]]
     proved = [p for p in proved if p is not None]
-    if proved:
+    if proved and found["design"]["similarity"]["applied"]:
         lines.append(f"  similarity proved on {len(proved)} direct runs: largest relative difference {max(proved):.1e}")
+    elif proved:
+        lines.append(f"  similarity {found['design']['similarity']['story']}")
     for warning in found["warnings"]:
         lines.append(f"  warning: {warning}")
     return [*lines, *(f"  {file}" for file in files)]

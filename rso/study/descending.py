@@ -259,8 +259,8 @@ def identified(plan: Plan, found: Descended) -> tuple[Identified, Settled]:
             break
         known += [s for s in eyes.look(ends, "interval") if s is not None]
     gap = found.best.gap if found.best.gap is not None or not found.best.confirmed else 0.0
-    extra = tuple(eyes.runs[len(runs) :])
-    return Identified(found.places, d, {}, {}), Settled(None, extra, gap, found.best.chi2)  # type: ignore[arg-type]
+    extra, good = tuple(eyes.runs[len(runs) :]), gap is not None and gap <= plan.study.verify.tolerance
+    return Identified(found.places, d, {}, {}), Settled(None, extra, gap, found.best.chi2, good)  # type: ignore[arg-type]
 
 
 def _ends(frame: Frame, misfit: Misfit, d: Determination, tried: list[np.ndarray]) -> list[np.ndarray]:

@@ -43,6 +43,7 @@ from rso.study.stages import NOISE, Bench, Run, sample
 
 METRICS = ("nrmse", "mre", "rrmse")
 ROUNDS = 4  # runs of the most likely point, at most
+SETTLED = 0.5  # of χ² in units of its least value per degree of freedom: what prediction and run may differ by
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +70,15 @@ class Settled:
     """The most likely point, recomputed: the runs made for it, the emulator that knows them, how far it was off.
 
     `agreement` is the largest difference of predicted and recomputed curves over their largest value, `chi2` the
-    misfit of the recomputed ones; both are None where the last run has no answer.
+    misfit of the recomputed ones; both are None where the last run has no answer.  `verified` says whether the
+    difference is within verify.tolerance and does not count beside the errors of the data.
     """
 
     emulator: Emulator
     runs: tuple[Run, ...]
     agreement: float | None
     chi2: float | None
+    verified: bool
 
 
 def evidence(plan: Plan, emulator: Emulator, found: Sequence[Found]) -> Evidence:
@@ -108,8 +111,8 @@ def settle(bench: Bench, emulator: Emulator, found: Sequence[Found], meanwhile: 
     """
     plan, runs = bench.plan, []
     if emulator.reduced is None:  # exact: similarity knows every run already
-        return Settled(emulator, (), 0.0, None)
-    gap = chi2 = None
+        return Settled(emulator, (), 0.0, None, True)
+    gap, chi2, verified = None, None, False
     for k in range(ROUNDS):
         now = evidence(plan, emulator, found)
         best = all_minima(now.misfit, seed=plan.seed, near=now.near)[0]
@@ -120,18 +123,22 @@ def settle(bench: Bench, emulator: Emulator, found: Sequence[Found], meanwhile: 
         bench.begin(meanwhile)  # whose artefacts may be there by now
         runs.append(Run("identified", values, outcomes))
         if not runs[-1].done:
-            return Settled(emulator, tuple(runs), None, None)
+            return Settled(emulator, tuple(runs), None, None, False)
         curves = [_recomputed(plan, outcomes, p) for p in now.places]
-        predicted = np.split(now.misfit.model.predict(best.x[None])[0], np.cumsum([len(c) for c in curves])[:-1])
+        whole = now.misfit.model.predict(best.x[None])[0]
+        predicted = np.split(whole, np.cumsum([len(c) for c in curves])[:-1])
         sizes = np.array([np.abs(y).max() for y in curves])
         sizes = np.maximum(sizes, NOISE * sizes.max())  # by symmetry a lateral force may be zero, or noise about it
         gap = max(float(np.abs(f - y).max() / s) for f, y, s in zip(predicted, curves, sizes, strict=True))
         measured = np.concatenate([d.value for d in now.misfit.data])
         chi2 = float(np.sum(now.misfit.white(np.concatenate(curves) - measured) ** 2))
-        if gap <= plan.study.verify.tolerance or k == ROUNDS - 1:
+        off = float(np.sum(now.misfit.white(np.concatenate(curves) - whole) ** 2))
+        least = max(1.0, best.chi2 / max(now.misfit.n - len(best.x), 1))
+        verified = gap <= plan.study.verify.tolerance and off <= SETTLED * least
+        if verified or k == ROUNDS - 1:
             break
         emulator = relearn(emulator, [sample(plan, values, outcomes)], seed=plan.seed)
-    return Settled(emulator, tuple(runs), gap, chi2)
+    return Settled(emulator, tuple(runs), gap, chi2, verified)
 
 
 def identify(plan: Plan, emulator: Emulator, found: Sequence[Found]) -> Identified:
@@ -165,7 +172,7 @@ def of_identification(plan: Plan, found: Identified, settled: Settled) -> dict[s
             "recomputed": {
                 "agreement": settled.agreement,
                 "chi2": settled.chi2,
-                "verified": settled.agreement is not None and settled.agreement <= plan.study.verify.tolerance,
+                "verified": settled.verified,
             },
             "other_minima": [{"values": _values(plan, box, m.x), "chi2": m.chi2} for m in d.others],
             "parameters": [_known(box, k, known) for k, known in enumerate(d.known)],
@@ -202,10 +209,11 @@ def identification(
     warnings = [f"identification: {d.story}"] if d.scale > 1 else []
     if settled.agreement is None:
         warnings.append("identification: the most likely point could not be recomputed, its run has no answer")
-    elif settled.agreement > plan.study.verify.tolerance:
+    elif not settled.verified:
         warnings.append(
             f"identification: recomputed, the most likely curve differs from its prediction by up to "
-            f"{100 * settled.agreement:.2g} % of its largest value"
+            f"{100 * settled.agreement:.2g} % of its largest value, and its χ² is {settled.chi2:.3g} where "
+            f"{d.fit.chi2:.3g} is expected: the surrogates are not good enough for what the data say"
         )
     if d.draws is not None and not d.draws.enough:
         warnings.append(f"identification: only {d.draws.independent:.0f} independent draws of the posterior")

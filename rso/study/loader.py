@@ -224,8 +224,9 @@ def _check_search(raw: dict[str, Any], measurements: dict[str, Measurement]) -> 
             yield Problem(where, f"unknown experiment; {choose(constraint.experiment, names)}", constraint.experiment)
     titles = [v.get("name") for v in variants if isinstance(v, dict)]
     for n, title in enumerate(titles):
-        if isinstance(title, str) and title in titles[:n]:
-            yield Problem(("search", "variants", n, "name"), "this name is taken by an earlier variant", title)
+        if isinstance(title, str) and title in ("main", *titles[:n]):
+            whose = "the search itself" if title == "main" else "an earlier variant"
+            yield Problem(("search", "variants", n, "name"), f"this name is taken by {whose}", title)
 
 
 def _check_target(

@@ -82,7 +82,7 @@ def of_design(plan: Plan, design: Design) -> dict[str, Any]:
             "kind": table.kind,
             "asked": len(design.asked),
             "points": [plan.values(x) for x in design.asked],
-            "held_out": sum(r.purpose == "held_out" for r in design.runs),
+            "held_out": table.held_out if any(r.purpose == "held_out" for r in design.runs) else 0,
             "similarity": {
                 "applied": design.similar,
                 "story": design.story,

@@ -128,6 +128,7 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
         {}, "did you mean 'uz_max'"),
     "variant outside": (
         {"[search__variants]": 'name = "wide"\nranges = { mu = ["1 kPa", "9 kPa"] }'}, {}, "must lie inside"),
+    "variant called as the search": ({"[search__variants]": 'name = "main"'}, {}, "is taken by the search itself"),
     "required but fixed": ({"identify": 'require = ["radius"]'}, {}, "identify.require[0] = 'radius'"),
     "two of one name": (experiments(TOP), {}, "this name is taken"),
     "unknown role": (experiments(first=TOP.replace('"fit"', '"fitt"')), {}, "did you mean 'fit'"),
@@ -257,14 +258,14 @@ def test_a_whole_study_with_its_report(tmp_path, capsys):
     assert main(["report", path]) == 2 and "run the study first" in capsys.readouterr().err
     assert main(["run", path, "--jobs", "1"]) == 0
     said = capsys.readouterr().out
-    assert "mu is determined: with 90 % confidence" in said and "17 simulations (17 done, 0 failed, 0 crashed" in said
+    assert "mu is determined: with 90 % confidence" in said and "18 simulations (18 done, 0 failed, 0 crashed" in said
     results = tmp_path / "results"
     assert b"<html" in (results / "report.html").read_bytes()[:500]
     assert (results / "report.pdf").read_bytes().startswith(b"%PDF")
     assert main(["status", path]) == 0
     assert capsys.readouterr().out.splitlines() == [
         "last finished stage: validate",
-        "done: 17",
+        "done: 18",
         "failed: 0",
         "crashed: 0",
     ]
@@ -364,8 +365,8 @@ def test_studies_share_simulations_and_not_results(tmp_path, capsys):
     assert "as measured in this study" in capsys.readouterr().out
     assert main(["run", other, "--jobs", "1", "--store", str(kept)]) == 0
     counts = studies.read(tmp_path / "other")["counts"]
-    assert counts["from_store"] == counts["fe_runs"] == 17 and not (tmp_path / "other/results/runs.sqlite").exists()
-    assert main(["status", other, "--store", str(kept)]) == 0 and "done: 17" in capsys.readouterr().out
+    assert counts["from_store"] == counts["fe_runs"] == 18 and not (tmp_path / "other/results/runs.sqlite").exists()
+    assert main(["status", other, "--store", str(kept)]) == 0 and "done: 18" in capsys.readouterr().out
     # moved together they still belong together; a study that is gone owns nothing
     (tmp_path / "one").rename(tmp_path / "moved")
     assert main(["run", str(tmp_path / "moved/study.toml"), "--jobs", "1"]) == 0

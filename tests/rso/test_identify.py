@@ -250,6 +250,32 @@ def test_where_the_gaussian_fails_the_disagreement_is_noted_and_no_reason():
     assert found.known[0].agreement is False and "Gaussian" not in found.known[0].reason
 
 
+def test_draws_and_profile_hold_every_valley_that_the_data_leave():
+    """Two equal valleys: each has half of the draws (to 10 %: they jump), and the profile holds both."""
+    box = Box(["a", "b"], ["1", "1"], [0.0, 0.0], [1.0, 1.0], [False, False])
+
+    def f(X):
+        return np.stack([(X[:, 0] - 0.2) * (X[:, 0] - 0.79), X[:, 1] - 0.5], axis=1)
+
+    d = identify.determine(Misfit(Model(box, f), (curve([0.0, 0.0], sigma=0.003),)), seed=0)
+    assert abs(np.mean(d.draws.X[:, 0] > 0.5) - 0.5) < 0.1
+    a = d.of("a")
+    for interval in (a.profile_interval, a.mcmc):
+        np.testing.assert_allclose([interval.low, interval.high], [0.2, 0.79], rtol=0, atol=0.02)
+    assert a.agreement is False
+
+
+def test_a_refuted_model_determines_nothing():
+    """Errors that are 50 times what is stated: an interval under a model that is wrong is no answer."""
+    m = ball(0.003)
+    (d,) = m.data
+    bent = dataclasses.replace(d, value=d.value * (1 + 0.2 * np.sin(2 * d.depth)), covariance=d.covariance / 400)
+    wrong = identify.determine(Misfit(m.model, (bent,)), seed=0, mcmc=False)
+    assert wrong.scale > 3.0 and {k.verdict.word for k in wrong.known} <= {"weakly", "not"}
+    assert all(k.verdict.noise_factor is None for k in wrong.known)
+    assert "misses the data by" in wrong.of("mu").story and "agrees" not in wrong.of("mu").story
+
+
 def test_the_same_seed_gives_the_same_draws():
     a, b, c = (identify.determine(ball(0.003), seed=s).draws.X for s in (0, 0, 1))
     np.testing.assert_array_equal(a, b)
@@ -296,6 +322,12 @@ def test_mu_is_determined_in_both_cases():
 def test_the_word_follows_the_interval(low, high, word):
     interval = Interval(low, high, low == 0.0, high == 1.0)
     assert judge(soft_ball.BOX, 1, interval, 1.0).word == word
+
+
+def test_most_of_a_narrow_range_is_no_answer():
+    narrow = Box(["p"], ["1"], [2.0], [4.0], [False])
+    assert judge(narrow, 0, Interval(0.02, 0.98), 0.2).word == "not"
+    assert judge(narrow, 0, Interval(0.3, 0.7), 0.1).word == "determined"
 
 
 @pytest.mark.parametrize(

@@ -46,6 +46,19 @@ def test_the_most_likely_point_is_recomputed_by_the_backend(study):
     assert run["outputs"]["top:Fz@2"] == pytest.approx(float(exact[0]), rel=1e-9)
 
 
+@pytest.mark.parametrize("settled", [identifying.SETTLED, 1e-6])
+def test_what_is_verified_has_the_misfit_that_was_predicted(tmp_path, monkeypatch, settled):
+    """A curve within 0.5 % of the largest force may be far off beside errors of 0.006 %: χ² has a say, and is told."""
+    monkeypatch.setattr(identifying, "SETTLED", settled)
+    (tmp_path / "top.csv").write_text(studies.measured(noise=2e-5))
+    found = studies.run(tmp_path, doe="runs = 8\nheld_out = 0")
+    again = found["identification"]["recomputed"]
+    assert again["agreement"] < found["verify"]["tolerance"] and again["verified"] == (settled > 1e-6)
+    assert again["verified"] != any("not good enough" in w for w in found["warnings"])
+    # |χ²(f + δ) − χ²(f)| ≤ |δ|² + 2 |δ| |r| with |δ|² ≤ 0.5
+    assert abs(again["chi2"] - found["identification"]["chi2"]) <= 0.5 + 2 * np.sqrt(0.5 * again["chi2"])
+
+
 def test_the_most_likely_values_are_those_of_a_direct_fit(study):
     measured = study["experiments"][0]["measured"]
     u, y = np.array(measured["depth"]), np.array(measured["value"])
