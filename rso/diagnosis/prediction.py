@@ -177,7 +177,7 @@ def _recorded(
     G = curves(test.place, test.speed, unloading) if back.any() else F
     setting = {k: v[:, None] for e, at in chain for k, v in _bounded(e, at).items()}
     # the indenter's way: from before contact to where the record turns, and back
-    top = np.full(len(F), u[-1])
+    top = rests = np.full(len(F), u[-1])
     if back.any() or held.any():
         aged = modulus * F[:, 2] * (1.0 + test.age * setting.get("ageing", 0.0))
         dent = setting.get("permanent_set", 0.0) * test.earlier
@@ -185,6 +185,9 @@ def _recorded(
         reads = driven + dent + yielded(setting, np.broadcast_to(u / test.speed, aged.shape), aged)
         forward = np.maximum.accumulate(reads, axis=1)
         top = rows_at(np.array([test.peak]), forward, np.broadcast_to(u, reads.shape))[:, 0]
+        if held.any():  # in the midst of what its depths scatter by, of which the peak is the largest
+            level = np.mean(test.depth[held], keepdims=True)
+            rests = rows_at(level, forward, np.broadcast_to(u, reads.shape))[:, 0]
     way = np.minimum(u, top[:, None])
     there, home = _stopped(u, F, top), _stopped(u, G, top)
     turn = len(u) + 1
@@ -193,12 +196,12 @@ def _recorded(
     there = np.concatenate([np.zeros((len(F), 3, 1)), there], axis=2)
     rest = np.geomspace(1e-3, 1.0, RESTING) * test.since.max() if held.any() else np.zeros(0)
     if held.any():  # what is on the way back, if anything, was recorded after a short rest
-        ends = np.repeat(there[:, :, -1:], len(rest), axis=2)
+        ends = np.repeat(_stopped(u, F, rests)[:, :, -1:], len(rest), axis=2)
         for rate, fall in decays(test.place, test.speed, loading):
-            ends = ends + np.expm1(-np.outer(rate, rest))[:, None] * _stopped(u, fall, top)[:, :, -1:]
+            ends = ends + np.expm1(-np.outer(rate, rest))[:, None] * _stopped(u, fall, rests)[:, :, -1:]
         if "creep" in setting:
-            ends = ends - _yielding(setting, u, F, top, modulus, test.speed, rest)
-        way = np.concatenate([way, np.repeat(top[:, None], len(rest), axis=1)], axis=1)
+            ends = ends - _yielding(setting, u, F, rests, modulus, test.speed, rest)
+        way = np.concatenate([way, np.repeat(rests[:, None], len(rest), axis=1)], axis=1)
         there = np.concatenate([there, ends], axis=2)
     if back.any():
         way = np.concatenate([way, way[:, turn - 2 :: -1]], axis=1)
@@ -217,6 +220,8 @@ def _recorded(
         if held.any():
             resting = np.broadcast_to(rest, (len(F), len(rest)))
             out[:, j, held] = rows_at(test.since[held], resting, v[:, turn : turn + len(rest)])
+            at = rows_at(np.append(test.depth[held], level), forward, v[:, :turn])
+            out[:, j, held] += at[:, :-1] - at[:, -1:]
         if back.any():
             out[:, j, back] = rows_at(test.depth[back], backward, v[:, : -turn - 1 : -1])
     return (out / modulus).reshape(len(F), -1)

@@ -25,6 +25,7 @@ from rso.running import Task
 
 SCHEMA = 1
 REGIONS = 8
+SHOWN, OPPOSITE = 20.0, -0.5  # root of the sum of squares over the noise of a force that has a sign; times it
 LEADING = 4  # hypotheses of one effect whose signatures are told
 Run = Callable[[Sequence[Task]], list[Any]]
 
@@ -66,8 +67,24 @@ def story(
         "rerun": [asdict(c) for c in checked],
         "failed_runs": list(library.failed),
         "notes": list(library.plan.notes),
+        "mirrored": mirrored(plan, d),
     }  # fmt: skip
     return found | {"words": words(found)}
+
+
+def mirrored(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
+    """Lateral forces that are those of the base model times a number below −0.5, where that has some to show."""
+    y, f, out = plan.values(), d.fits["none"], {}
+    for item, c, at in plan.rows():
+        if c in ("Fx", "Fy"):
+            name = plan.experiments[item.experiment].name
+            fy, ff, noise = out.get((name, c), (0.0, 0.0, 0.0))
+            more = ff + float(f[at] @ f[at]), max(noise, float(np.max(d.reading[at])))
+            out[name, c] = fy + float(f[at] @ y[at]), *more
+    return [
+        {"experiment": name, "channel": c, "times": fy / ff}
+        for (name, c), (fy, ff, noise) in out.items() if ff > (SHOWN * noise) ** 2 and fy / ff < OPPOSITE
+    ]  # fmt: skip
 
 
 def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]) -> dict[str, Any]:

@@ -21,7 +21,7 @@ MOST = 0.7  # of what curves have each for itself (of the sum of squares): one t
 def words(found: Mapping[str, Any]) -> list[str]:
     """Sentences from the plain data of a diagnosis; no number is computed here."""
     d = found["diagnosis"]
-    out = [_gap(d, found), *_unlike(found), *_jumps(d), *_hum(d)]
+    out = [_gap(d, found), *_mirrored(found), *_unlike(found), *_jumps(d), *_hum(d)]
     if d["verdict"] != "no_gap":
         out += [_where(d, found), _cause(d, found) + _single(d, found) + _remainder(d, found)]
     if (closed := _shrinkage(d, found)) is not None:
@@ -38,6 +38,18 @@ def words(found: Mapping[str, Any]) -> list[str]:
         else:
             out.append(f"No test in the list is likely to settle it; the best is {t['test']}: {share}{note}.")
     return out
+
+
+def _mirrored(found: Mapping[str, Any]) -> list[str]:
+    """Forces with the sign opposite to that of the model: before any cause a laboratory looks at its signs."""
+    rows = found.get("mirrored") or []
+    if not rows:
+        return []
+    each = ", ".join(f"{r['channel']} in {r['experiment']} ({r['times']:+.1f} times the model's)" for r in rows)
+    return [
+        f"Opposite to the model in sign: {each}. Are signs of channels and places right? Forces are those "
+        "of the specimen on the ball: a slope pushes it downhill. What else is said takes the data as they stand."
+    ]
 
 
 def _unlike(found: Mapping[str, Any]) -> list[str]:

@@ -18,7 +18,7 @@ from rso.running import Event, run_all
 from rso.store import RunStore
 from rso.study import files
 from rso.study.diagnosing import Asked, ask, judge
-from rso.study.laboratory import files_of, in_words, study_text
+from rso.study.laboratory import files_of, in_words, study_text, unread
 from rso.study.loader import load
 from rso.study.nominal import FILE, read_nominal
 
@@ -79,7 +79,8 @@ def _answered(path: Path) -> bool:
 def _taken(case: Path, asked: Asked) -> dict[str, Any]:
     """What the files of a case and its support were taken for, and what its nominal.json leaves to be assumed."""
     support = asked.study.backend.settings["support"]
-    return {"files": files_of(asked.study), "support": support, "assumed": list(read_nominal(case).assumed)}
+    assumed = [*read_nominal(case).assumed, *unread(case)]
+    return {"files": files_of(asked.study), "support": support, "assumed": assumed}
 
 
 def _tell(taken: Mapping[Path, Mapping[str, Any]], say: Callable[[str], None]) -> None:

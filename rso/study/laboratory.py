@@ -8,9 +8,10 @@ of the surface.  See docs/data_for_a_diagnosis.md.
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ _POINT = re.compile(rf"^(?:point|pt|p|pos|position|site)[_ ]?{_NUMBER}[_ ]{_NUMB
 _CYCLE = re.compile(r"^mp_cycle_(\d+(?:\.\d+)?)(?![\d.])", re.IGNORECASE)
 _PLACE = re.compile(r"^(point|pt|pos|position|site)([_ -]|\d)", re.IGNORECASE)  # a name that means a place
 _TOP = re.compile(r"^mp([_ -]|$)", re.IGNORECASE)  # middle point
+_NUMBERED = re.compile(r"^(\d+)[_ -]+(?=[^\W\d])")  # 04_site_20_0: the fourth test
 MU, D1 = ("5 kPa", "20 kPa"), ("1 1/MPa", "100 1/MPa")  # their product, the axis of the library: ν from 0.125 to 0.499
 
 
@@ -43,7 +45,7 @@ def study_text(folder: Path, seed: int, beside: Path) -> str:
     for name in nominal.columns_of:
         if name not in (names := [f.name for f in files]):
             raise ValueError(f"{folder / FILE}: columns_of.{name}: there is no such file; {choose(name, names)}")
-    files.sort(key=lambda f: (_rank(f.stem), f.stem))
+    files.sort(key=_order([f.stem for f in files]))
     lines = [
         "[study]", f"title = {json.dumps('Diagnosis of ' + folder.name)}", f"seed = {seed}", "", "[backend]",
         'use = "fem_backend.backend:BACKEND"', "", "[backend.settings]",
@@ -73,17 +75,24 @@ def _experiment(file: Path, nominal: Nominal, before: list[str], beside: Path) -
         lines += ['kind = "profile"']
     elif {"Fx", "Fy"} <= set(read(file, nominal.of_file(file.name).columns()).channels):
         lines += ['channels = ["Fz", "Fx", "Fy"]']
-    point, cycle = _POINT.match(name), _CYCLE.match(name)
+    point, cycle = _POINT.match(_bare(name)), _CYCLE.match(_bare(name))
     settings = [f"point = {[float(v) for v in point.groups()] if point else [0.0, 0.0]}"]
     rate = float(cycle[1]) if cycle else nominal.rate
     if rate and not profile:
         settings += [f'speed = "{rate:g} mm/min"']
     settings += ["unload = true"] if cycle else []
     lines += [f"settings = {{ {', '.join(settings)} }}"]
-    keys = {"uz": "profile_mm"} if profile else {"Fz": "force_N", "depth": "depth_mm", "gain": "repeat_gain"}
+    of_force = {"Fz": "force_N", "depth": "depth_mm", "gain": "repeat_gain", "correlation": "correlation_mm"}
+    keys = {"uz": "profile_mm"} if profile else of_force
     stated = ", ".join(f"{k} = {nominal.noise[v]}" for k, v in keys.items() if v in nominal.noise)
     lines += [f"noise = {{ {stated} }}"] if stated else []
     return lines + ([f"after = {json.dumps(before)}"] if before and not profile else [])
+
+
+def unread(folder: Path) -> list[str]:
+    """Files of a folder that may hold readings and are not read."""
+    return [f"{f.name} is not read: only .csv files are" for f in sorted(folder.iterdir())
+            if f.suffix.lower() in (".txt", ".tsv", ".dat", ".asc", ".xls", ".xlsx", ".ods")]  # fmt: skip
 
 
 def files_of(study: Study) -> list[dict[str, Any]]:
@@ -131,23 +140,37 @@ def _inline(value: Any) -> str:
 
 def _refuse_unclear(file: Path) -> None:
     """ValueError for a name that seems to say where or how it was pressed in a way that is not understood."""
-    name = file.stem
+    name = _bare(file.stem)
     clear = _POINT.match(name) or _TOP.match(name)
     if clear or not (_PLACE.search(name) or len(re.findall(r"\d+", name)) > 1):
         return
     raise ValueError(
         f"{file}: the name does not say where it was pressed: understood are point_X_Y (point_20_0.csv: pressed at "
-        "(20, 0) mm), mp_cycle_V (mp_cycle_30.csv: loaded and unloaded at the top with 30 mm/min), mp_ with anything "
-        "else and names with less than two numbers (at the top; profile.csv: surface marks)"
+        "(20, 0) mm; pt_, pos_, site_ or P_ likewise), mp_cycle_V (mp_cycle_30.csv: loaded and unloaded at the top "
+        "with 30 mm/min), mp_ with anything else and names with less than two numbers (at the top; profile.csv: "
+        "surface marks), each with the number of the test before it or without (04_site_20_0.csv)"
     )
 
 
+def _bare(name: str) -> str:
+    """A name without the number of the test before it."""
+    return _NUMBERED.sub("", name)
+
+
 def _is_profile(name: str) -> bool:
-    return name.lower().startswith("profile")
+    return _bare(name).lower().startswith("profile")
+
+
+def _order(names: list[str]) -> Callable[[Path], tuple[float, float, str]]:
+    """Key of the order of testing: the numbers before the names where every test has one of its own, else by kind."""
+    numbers = {n: int(m[1]) for n in names if not _is_profile(n) and (m := _NUMBERED.match(n))}
+    told = len(set(numbers.values())) == sum(not _is_profile(n) for n in names)
+    return lambda f: (float(numbers.get(f.stem, math.inf)), 0.0, f.stem) if told else (*_rank(f.stem), f.stem)
 
 
 def _rank(name: str) -> tuple[int, float]:
     """Order of testing: loading, cycles from slow to fast, deep, other points, profile."""
+    name = _bare(name)
     cycle = _CYCLE.match(name)
     if cycle:
         return 1, float(cycle[1])

@@ -21,7 +21,7 @@ from rso.study.columns import ColumnsTable
 from rso.study.errors import choose, in_words, schema_problems
 
 FILE = "nominal.json"
-NOISE = ("force_N", "depth_mm", "repeat_gain", "profile_mm")
+NOISE = ("force_N", "depth_mm", "repeat_gain", "profile_mm", "correlation_mm")
 HELD, BOWL = ("fixed", "held", "bonded", "glued", "clamped"), ("bowl", "platform")
 _DENIAL, _BETWEEN, _WORD = "not|no|non|never|without|neither|nor", "in|on|a|the|any", "|".join((*HELD, *BOWL))
 _NEGATED = re.compile(rf"\b({_DENIAL})[ -]+(({_BETWEEN}) +)*({_WORD})\b", re.IGNORECASE)

@@ -123,6 +123,30 @@ def test_nothing_changes_in_a_hold_of_what_does_not_relax():
     assert A[0, at][~test.held][-1] < held[0]  # the last bin of loading lies below the end
 
 
+@pytest.mark.parametrize("name", ["compliance", "gain", "offset", "drift", "lag"])
+def test_a_chain_without_an_error_changes_nothing_where_depths_scatter(name):
+    """A hold lies in the midst of its depths, 5 µm beside the largest, where the force would be another by 0.2 %.
+
+    What is left is a curve read off linearly in the depth and not in its root, 0.02 % of the largest force.
+    """
+    rng = np.random.default_rng(0)
+    shaken = [
+        dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=tuple(
+            dataclasses.replace(r, depth=r.depth + 2e-3 * rng.standard_normal(len(r.depth)))
+            for r in e.measurement.repeats)))
+        for e in plan_of(white=0.0, scatter=0.0)[1:]
+    ]  # fmt: skip
+    plan = make_plan(shaken)
+    (effect,) = toy.effects(name)
+    library = build(toy.base(), plan, (effect,), toy.run)
+    x = np.array([[np.log(0.72)]])
+    A, b = predict(library, [], x, 0.012)
+    C, d = predict(library, [effect], np.append(x, [[1e-9]], axis=1), 0.012)
+    test, _, at = next(r for r in library.plan.rows() if r[0].held.any())
+    assert test.peak > np.mean(test.depth[test.held]) + 3e-3
+    np.testing.assert_allclose((C + d / 0.012)[0, at], (A + b / 0.012)[0, at], rtol=0, atol=3e-4 * A[0, at].max())
+
+
 def test_a_hold_finds_relaxation_at_one_speed():
     """Size and time both; without the readings of the hold a single speed shows a stiffness, and no time at all."""
     truth = {**toy.TRUTH, "g": 0.3, "tau": 8.0}

@@ -61,6 +61,34 @@ def remembering(rng, ρ, n, repeats, sd=3e-3):
     return tuple(Repeat(str(k), u, u / 0.5, {"Fz": v}, {}, np.full(n, "loading")) for k, v in enumerate(F))
 
 
+def beside(rng, ρ, n, slope):
+    """A record whose lateral forces are `slope` times Fz and noise with a memory ρ, as that of Fz."""
+    e = rng.standard_normal((3, n))
+    for k in range(1, n):
+        e[:, k] = ρ * e[:, k - 1] + np.sqrt(1 - ρ**2) * e[:, k]
+    u = np.linspace(0.0, 4.0, n)
+    F = 0.04 * u**1.5 * np.array([[1.0], [slope], [slope]]) + 3e-3 * e
+    return (Repeat("1", u, u / 0.5, dict(zip(("Fz", "Fx", "Fy"), F, strict=True)), {}, np.full(n, "loading")),)
+
+
+@pytest.mark.parametrize("ρ", [0.0, 0.4, 0.8])
+def test_what_lateral_forces_remember_shows_where_they_have_nothing_to_show(ρ):
+    """Five tests of other lengths, no repeats: ρ of a reading, 25 plans, to 0.05 and 0.07 each; none of white noise.
+
+    Negative control: lateral forces of a slope tell none, as they may be what a model lacks.
+    """
+    rng, found = np.random.default_rng(5), []
+    for slope in 25 * [0.0] + 5 * [0.3]:
+        sizes = (61, 72, 80, 91, 101)
+        tests = [toy.experiment(f"x{n}", beside(rng, ρ, n, slope), point=(float(n), 0.0), noise=Noise(Fz=3e-3))
+                 for n in sizes]  # fmt: skip
+        length = noise._idle_memory(make_plan(tests))
+        assert slope == 0.0 or length is None
+        found += [] if slope else [0.0 if length is None else np.exp(-4.0 / 80 / length)]
+    np.testing.assert_allclose(np.mean(found), ρ, rtol=0, atol=0.05)
+    assert np.std(found) < 0.07
+
+
 def thrice(rng, peak, contact):
     """Three records to a depth, contact found `contact` (mm, rms) off; the first is a virgin one."""
     u, off = np.linspace(0.0, peak, 81), contact * rng.standard_normal((3, 1))

@@ -13,7 +13,7 @@ import pytest
 from rso.cli import main
 from rso.measurement import Measurement, Repeat, recorded_speed
 from rso.study import load
-from rso.study.laboratory import files_of, in_words, study_text
+from rso.study.laboratory import files_of, in_words, study_text, unread
 from rso.study.nominal import read_nominal
 
 NOMINAL = {
@@ -43,6 +43,28 @@ def test_order_of_testing(tmp_path):
     named_alone.mkdir()
     made = text(folder(named_alone, ("mp_deep.csv", "mp_cycle.csv", "mp_load.csv"), rate_mm_per_min=30))
     assert re.findall(r'name = "(.*?)"', made) == ["mp_load", "mp_cycle", "mp_deep"]
+
+
+def test_numbers_before_names_are_the_order_of_testing(tmp_path):
+    names = ["01_mp_load", "02_site_20_0", "10_mp_cycle_30", "11_mp_load"]
+    made = text(folder(tmp_path, [f"{n}.csv" for n in reversed(names)]))
+    assert re.findall(r'name = "(.*?)"', made) == names and made.count("point = [20.0, 0.0]") == 1
+    assert 'speed = "30 mm/min"' in made and 'after = ["01_mp_load", "02_site_20_0"]' in made
+    some = tmp_path / "some"
+    some.mkdir()
+    made = text(folder(some, ("2_mp_load.csv", "mp_deep.csv", "mp_cycle_30.csv")))
+    assert re.findall(r'name = "(.*?)"', made) == ["2_mp_load", "mp_cycle_30", "mp_deep"]
+
+
+def test_files_that_are_not_read_are_named(tmp_path):
+    lab = folder(tmp_path)
+    (lab / "mp_deep.txt").write_text("depth_mm,Fz_N\n0,0\n1,0.1\n")
+    assert unread(lab) == ["mp_deep.txt is not read: only .csv files are"]
+
+
+def test_a_length_over_which_readings_remember_can_be_stated(tmp_path):
+    made = text(folder(tmp_path, noise={"force_N": 0.003, "correlation_mm": 0.2}))
+    assert "noise = { Fz = 0.003, correlation = 0.2 }" in made
 
 
 def test_places_come_from_names_whatever_their_case(tmp_path):
