@@ -113,6 +113,19 @@ def test_a_test_done_at_another_place_than_noted_is_the_measurement(away):
     assert any("it is the measurement" in w.lower() for w in said) and any("no other can confirm" in w for w in said)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_lateral_force_of_the_wrong_sign_is_told_before_any_cause(sign):
+    """Everyday: a channel whose sign is the machine's.  With the right one nothing is said."""
+    rng = np.random.default_rng(4)
+    side = toy.recorded(TRUTH, rng, point=(10.0, 0.0), lateral=True, repeats=2)
+    side = tuple(dataclasses.replace(r, channels={**r.channels, "Fx": sign * r.channels["Fx"]}) for r in side)
+    plan = make_plan([*experiments(4), toy.experiment("side", side, point=(10.0, 0.0))])
+    library = build(BASE, plan, toy.effects("gain"), toy.run)
+    found = story(library, diagnosis.diagnose(library, 0, NULLS), (), None, "")
+    assert [(r["experiment"], r["channel"]) for r in found["mirrored"]] == ([("side", "Fx")] if sign < 0 else [])
+    assert any("Opposite to the model in sign: Fx in side" in w for w in found["words"][:2]) == (sign < 0)
+
+
 def test_forms_share_the_prior_of_their_cause_and_one_place_teaches_nothing_of_another():
     made, rng = experiments(4), np.random.default_rng(11)
     side = toy.recorded(TRUTH, rng, point=(10.0, 0.0), lateral=True, repeats=2)
