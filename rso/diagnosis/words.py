@@ -204,7 +204,8 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
             )
         if len(causes) == 1:
             return f"Cause: {text[first['effect']]}, or something that is not in the catalogue: {each}."
-        return f"Cause, if there is a gap: cannot be told apart with these data: {each}."
+        whether = ", if there is a gap (chances given one)" if nothing(found) > DOUBT else ""
+        return f"Cause{whether}: cannot be told apart with these data: {each}."
     if v == "partly" and d["ambiguous_with"]:
         return f"Part of it, not all, looks like one of these, which cannot be told apart: {each}."
     if v == "partly" and len(d["chosen"]) == 2:

@@ -174,7 +174,9 @@ def test_beside_causes_that_cannot_be_told_apart_it_is_said_how_probable_none_is
          "causes": [{"effect": "skin", "probability": 0.999}, {"effect": "gain", "probability": 0.004}]}  # fmt: skip
     effects = [{"name": n, "description": n} for n in ("skin", "gain")]
     said = _cause(d, {"effects": effects})
-    assert said == "Cause, if there is a gap: cannot be told apart with these data: skin (> 99 %), gain (< 1 %)."
+    assert said == "Cause: cannot be told apart with these data: skin (> 99 %), gain (< 1 %)."
+    said = _cause(d, {"effects": effects, "diagnosis": d, "probabilities": {"none": 0.41}})
+    assert said.startswith("Cause, if there is a gap (chances given one): cannot be told apart with these data: skin")
     g = {"p_value": 0.04, "size_over_noise": 1.0, "statistic": 2.0, "threshold": 1.0}
     found = {"diagnosis": d, "probabilities": {"none": 0.41}}
     assert _gap(d | {"gap": g}, found) == (
