@@ -16,9 +16,9 @@ MARGIN = math.log(20.0)  # of ln evidence: below 20 to 1 two levels are not told
 RULE = (
     "A level is left only if at most {alarm} % of the data sets that a perfect model with this noise and this "
     "numerical error would give look as bad: χ² over all readings and the NRMSE of each curve are one test, and a "
-    "perfect model is beyond any of their limits in {alarm} %. A level above is taken only if every parameter that it "
-    "adds is determined by the data and its evidence is larger, and climbing ends at the first level taken that is "
-    "good enough."
+    "perfect model is beyond any of their limits in {alarm} %. A level above is taken only if the data determine every "
+    "parameter that it adds, or at least that it is not nothing, and its evidence is larger; climbing ends at the "
+    "first level taken that is good enough."
 )
 
 
@@ -52,11 +52,16 @@ class Level:
 
 @dataclass(frozen=True)
 class Added:
-    """A parameter that a level adds: whether the data determine it, and the sentence that says so."""
+    """A parameter that a level adds: whether the data determine it, and the sentence that says so.
+
+    One is `shown` where its value is open to one side, as of what saturates, but its interval ends before the value at
+    which it would be absent.
+    """
 
     name: str
     determined: bool
     story: str
+    shown: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +88,7 @@ class Judged:
     @property
     def undetermined(self) -> tuple[Added, ...]:
         """Parameters that it adds without the data's consent."""
-        return tuple(a for a in self.added if not a.determined)
+        return tuple(a for a in self.added if not (a.determined or a.shown))
 
 
 @dataclass(frozen=True)
@@ -171,7 +176,8 @@ def _step(j: Judged, n: int, before: Judged | None, holds: Judged | None, rivals
     text = "is good enough" if holds is j else "is good enough too, and not told apart"
     if holds is not j and name not in rivals:
         text = "is good enough too, but more than 20 times less likely"
-    return Step(name, n, "adequate", f"{label} {text}: {measured}")
+    open_ended = "".join(f" Its size is open to one side: {a.story}" for a in j.added if not a.determined)
+    return Step(name, n, "adequate", f"{label} {text}: {measured}{open_ended}")
 
 
 def _measured(j: Judged) -> str:

@@ -15,6 +15,7 @@ from rso.emulator import Emulator, Sample, learn, relearn
 from rso.identify import (
     Data,
     Determination,
+    Known,
     Misfit,
     Model,
     Place,
@@ -25,6 +26,7 @@ from rso.identify import (
     stack,
     together,
 )
+from rso.identify.verdict import physical
 from rso.ladder import Added, Climb, Goodness, Judged, Left, Level
 from rso.store import RunStore
 from rso.study.ladder_curves import curve_data, curve_outputs, error_at, fitted_curves, measured, numerical, placed
@@ -43,8 +45,8 @@ SETTLED = 0.5  # of χ²: what the emulator may be off by at the most likely poi
 class Fitted:
     """A level at its best: axes, emulator, what the curves say, curves kept to select, the recomputed responses.
 
-    `agreement` is the largest difference of predicted and recomputed curves over their largest value, `errors` are the
-    numerical errors (n,) at the fitted and selecting places.
+    `agreement` is the largest difference of predicted and recomputed curves over their largest value, `settled` says
+    whether that is no matter beside the errors, `errors` are the numerical ones (n,) at fitted and selecting places.
     """
 
     axes: Axes
@@ -57,6 +59,7 @@ class Fitted:
     errors: tuple[np.ndarray, ...]
     simulated: ladder.Simulated
     agreement: float
+    settled: bool
     runs: int
     cpu_s: float
 
@@ -187,8 +190,8 @@ def settled(
 ) -> tuple[Emulator, tuple[Response, ...], float, np.ndarray, bool]:
     """The most likely point recomputed and learnt until the difference is no matter.
 
-    Emulator, last run, by how much of the largest value it was off, the point, and whether that was no matter: within
-    verify.tolerance of each curve's largest value, and less than half a unit of χ².
+    Emulator, last run, by how much of the largest value it was off, the point, and whether that was no matter: less
+    than half a unit of χ², whatever share that is of a small lateral force.
     """
     plan, x = bench.plan, None
     for _ in range(ROUNDS):
@@ -206,7 +209,7 @@ def settled(
         last, (gap, off) = answer, _gap(plan, misfit, x, answer)
         if off > 1e-6:  # the same point twice would tell nothing
             emulator = relearn(emulator, [sampled(plan, axes, values, answer)], seed=plan.seed)
-        if gap <= plan.study.verify.tolerance and off <= SETTLED:
+        if off <= SETTLED:
             return emulator, last, gap, x, True
     return emulator, last, gap, x, False
 
@@ -226,7 +229,7 @@ def _finished(
     simulated = ladder.simulate(d.misfit, fit, plan.seed, plan.study.ladder.draws)
     mine = set(bench.cost) - before
     return Fitted(axes, emulator, d, places, tuple(r for r, *_ in pairs), data, predicted, errors, simulated, gap,
-                  len(mine), sum(bench.cost[k] for k in mine))  # fmt: skip
+                  unsure is None, len(mine), sum(bench.cost[k] for k in mine))  # fmt: skip
 
 
 def judged(plan: Plan, level: Level, whole: Level, found: Fitted, onto: str) -> Judged:
@@ -242,14 +245,23 @@ def judged(plan: Plan, level: Level, whole: Level, found: Fitted, onto: str) -> 
         parts.append(Left(np.concatenate(residual[k:]), Misfit(model, other), elsewhere, found.roles[k:]))
     axis_of = {knob: axis for axis, knob in found.axes.knob.items()}
     known = {v.name: v for v in d.known}
+    neutral_of = {p.name: p.neutral for p in plan.backend.parameters}
     added = tuple(
         Added(axis_of[n], known[axis_of[n]].verdict.word == "determined",
-              f"{known[axis_of[n]].story} {known[axis_of[n]].reason}".strip())
+              f"{known[axis_of[n]].story} {known[axis_of[n]].reason}".strip(),
+              _shown(known[axis_of[n]], found.axes, neutral_of.get(n)))
         for n in level.open
     )  # fmt: skip
     evidence = ladder.log_evidence(d.misfit, d.fit, seed)
     goodness = ladder.assess(parts, share)
     return Judged(replace(whole, extends=level.extends), "", goodness, added, evidence, onto, found)
+
+
+def _shown(known: Known, axes: Axes, absent: float | None) -> bool:
+    """Whether the interval of a parameter ends, by the data and not at a bound, before the value where it is absent."""
+    i = known.profile_interval
+    low, high = physical(axes.box, axes.box.names.index(known.name), i)
+    return absent is not None and ((absent < low and not i.at_low) or (absent > high and not i.at_high))
 
 
 def neutral(plan: Plan, axes: Axes, level: Level, below: Fitted | None) -> list[Sample]:

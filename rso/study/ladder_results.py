@@ -74,7 +74,7 @@ def warnings(plan: Plan, found: Climbed) -> list[str]:
                 f"{100 * e.limit:.3g} %), which it did not see; with count_validation in [ladder] that curve counts in "
                 "the decision"
             )
-    bad = [v.level.name for v in climb.judged if v.detail and v.detail.agreement > plan.study.verify.tolerance]
+    bad = [v.level.name for v in climb.judged if v.detail and not v.detail.settled]
     said += [f"{n}: the recomputed most likely curve is not yet its prediction" for n in bad]
     return said
 

@@ -483,6 +483,14 @@ def test_what_is_good_enough_but_not_determined_is_not_taken():
     assert "k is not determined" in found.steps[1].words and "would be good enough" in found.steps[1].words
 
 
+def test_what_saturates_is_taken_where_it_is_shown():
+    """Friction that sticks has no upper end; that there is some is what counts."""
+    open_ended = (Added("k", False, "k is not determined: every value from 0.2 to 1 agrees.", shown=True),)
+    found, _ = decided([fake("a", 0.01, 0)], [fake("b", 0.9, 50, open_ended)])
+    assert found.chosen == "b" and found.adequate
+    assert "open to one side: k is not determined: every value from 0.2" in found.steps[1].words
+
+
 def test_what_is_good_enough_but_less_likely_is_not_taken():
     found, _ = decided([fake("a", 0.04, 0)], [fake("b", 0.06, -1)])
     assert found.chosen == "a" and not found.adequate and found.steps[1].verdict == "not_better"
