@@ -54,8 +54,8 @@ class Level:
 class Added:
     """A parameter that a level adds: whether the data determine it, and the sentence that says so.
 
-    One is `shown` where its value is open to one side, as of what saturates, but its interval ends before the value at
-    which it would be absent.
+    One is `shown` where its interval ends before the value at which it would be absent, however far that leaves its
+    size open, as of what saturates.
     """
 
     name: str
@@ -176,8 +176,8 @@ def _step(j: Judged, n: int, before: Judged | None, holds: Judged | None, rivals
     text = "is good enough" if holds is j else "is good enough too, and not told apart"
     if holds is not j and name not in rivals:
         text = "is good enough too, but more than 20 times less likely"
-    open_ended = "".join(f" Its size is open to one side: {a.story}" for a in j.added if not a.determined)
-    return Step(name, n, "adequate", f"{label} {text}: {measured}{open_ended}")
+    left_open = "".join(f" That it is there is shown, its size is not: {a.story}" for a in j.added if not a.determined)
+    return Step(name, n, "adequate", f"{label} {text}: {measured}{left_open}")
 
 
 def _measured(j: Judged) -> str:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy.stats import norm, t
+from scipy.special import ndtri, stdtrit
 
 from rso.measurement.reading import Measurement, Repeat
 from rso.measurement.spikes import without_spikes
@@ -74,9 +74,9 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
     it is white (ℓ = 0); F is of the curve and does not.
 
     The repeats' deviations are split into a part along ŷ (gain g), one along ŷ' (contact offset o) and a
-    rest w, pooled over neighbouring depths: with few repeats a single depth can agree by chance.  g and o, known from r
-    repeats alone, are wider by Student's factor at 90 %.  One
-    repeat alone shows only its white noise, of which what is stated as white is the same once more: the larger counts.
+    rest w, pooled over neighbouring depths: with few repeats a single depth can agree by chance.  g and o, known from
+    the repeats alone, are wider by Student's factor at 90 %.  One repeat alone shows only its white noise, of which
+    what is stated as white is the same once more: the larger counts.
     ŷ is a polynomial of degree 4 through the mean y: a gain of the readings themselves would take their noise along
     and pull every fit low, by g² times their number (Peelle's puzzle; D'Agostini, Nucl. Instrum. Methods A 346 (1994)
     306), one of ŷ by some g².  ValueError if channel or segment is not there, or the repeats share no depths.
@@ -201,7 +201,7 @@ def _scatter(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> np.ndarray
     width = min(n, 2 * max(2, n // 16) + 1)
     ones = np.ones(width)
     white = np.convolve(white, ones, "same") / np.convolve(np.ones(n), ones, "same")
-    few = t.ppf(0.95, r - 1) / norm.ppf(0.95)  # a spread known from r values, for intervals of 90 %
+    few = stdtrit(r - 1, 0.95) / ndtri(0.95)  # a spread known from r values, for intervals of 90 %
     modes = shapes @ np.diag(few * np.std(part, axis=1, ddof=1))
     return (np.diag(white) + modes @ modes.T) / r
 

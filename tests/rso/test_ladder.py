@@ -488,7 +488,7 @@ def test_what_saturates_is_taken_where_it_is_shown():
     open_ended = (Added("k", False, "k is not determined: every value from 0.2 to 1 agrees.", shown=True),)
     found, _ = decided([fake("a", 0.01, 0)], [fake("b", 0.9, 50, open_ended)])
     assert found.chosen == "b" and found.adequate
-    assert "open to one side: k is not determined: every value from 0.2" in found.steps[1].words
+    assert "its size is not: k is not determined: every value from 0.2" in found.steps[1].words
 
 
 def test_what_is_good_enough_but_less_likely_is_not_taken():
