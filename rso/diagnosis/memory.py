@@ -68,8 +68,6 @@ def of_idle_channels(plan: TestPlan) -> float | None:
             if c not in r.channels or at.sum() < LONG:
                 continue
             u, v = r.depth[at], r.channels[c][at]
-            if np.ptp(v) == 0.0:  # nothing was recorded: what is left of it is round-off
-                continue
             D = v - _cubic(len(v)) @ (_cubic(len(v)).T @ v)
             if np.ptp(v - D) < np.ptp(D) and step_of(r.channels[c]) < np.std(D):
                 found.append((float(D[1:] @ D[:-1]), float(D @ D), len(v), float(np.ptp(u)) / len(v)))
