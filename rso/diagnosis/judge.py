@@ -30,6 +30,8 @@ OPEN = ("no_gap", "ambiguous")  # verdicts that leave other hypotheses possible
 MISFIT = 1.3  # χ² per reading that a cause may leave; a right one leaves about 1, less what was fitted
 RARE = 0.01  # of few readings: chance of what a right one leaves beyond which that is too much
 LONE = 0.9  # probability beyond which one experiment is the odd one
+FEW = 0.01  # of the draws: a sign that fewer have is not worth a word
+APART = 0.3  # of the median deviation: where 95 % on both sides lie further out than that, nothing is between
 BEYOND = 1.15  # times the largest plausible size: a cause that needs more than that is not all of it
 
 
@@ -38,7 +40,8 @@ class Cause:
     """One effect of the verdict: probability, size with interval in its unit, and where it is absent.
 
     Of what scatters `each` holds (value, standard deviation) of every test; `shape` (low, median, high) of every knob
-    that shapes it, in its unit.
+    that shapes it, in its unit.  Where the data allow both signs and nothing between, size and interval are those of
+    the likelier one, and `otherwise` is (probability, low, high) of the other.
     """
 
     effect: Effect
@@ -48,6 +51,7 @@ class Cause:
     railed: bool
     each: tuple[tuple[float, float], ...] = ()
     shape: tuple[tuple[float, float, float], ...] = ()
+    otherwise: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,15 +293,34 @@ def _causes(
         column = _column(h, e, post)
         # sizes of the chain count against the force at μ₀, those of the model are multiples of the modulus
         scale = post.modulus / (1.0 if e.family == "model" else evidence.bench.modulus)
-        (low, mid, high), *shape = (
-            tuple(map(float, np.quantile(k.value(post.at[:, column + j]) * scale**k.exponent, ENDS)))
-            for j, k in enumerate(e.knobs)
-        )
+        values = [k.value(post.at[:, column + j]) * scale**k.exponent for j, k in enumerate(e.knobs)]
+        side, levels, otherwise = _sides(e, post.at[:, column], values[0])
+        (low, mid, high), *shape = (tuple(map(float, np.quantile(v[side], levels))) for v in values)
         ends = [abs(v) for side in e.size.ends() for v in side]
         railed = bool(np.median(np.abs(post.at[:, column])) > 0.95 * max(ends)) and e.size.neutral is not None
         railed = railed or _strayed(e, column, post)
-        found.append(Cause(e, float(probability), mid, (low, high), railed, shape=tuple(shape)))
+        found.append(Cause(e, float(probability), mid, (low, high), railed, (), tuple(shape), otherwise))
     return tuple(sorted(found, key=lambda c: -c.probability))
+
+
+def _sides(
+    e: Effect, deviation: np.ndarray, size: np.ndarray
+) -> tuple[np.ndarray, tuple[float, float, float], tuple[float, float, float] | None]:
+    """Which draws (m,) are said, quantiles that leave LEVEL of all within, and (probability, low, high) of the others.
+
+    All are said, unless signed deviations from neutral lie on both sides and next to none between.
+    """
+    whole = np.ones(len(deviation), bool), ENDS, None
+    other, main = sorted((deviation < 0, deviation > 0), key=np.count_nonzero)
+    if e.size.neutral is None or other.sum() < FEW * len(deviation):
+        return whole
+    near, middle = (sum(np.quantile(abs(deviation[s]), q) for s in (main, other)) for q in (ENDS[0], 0.5))
+    if near < APART * middle:
+        return whole
+    share = float(other.mean())
+    within = min(LEVEL / (1 - share), 1.0) if share < 1 - LEVEL else LEVEL
+    low, high = np.quantile(size[other], (ENDS[0], ENDS[-1]))
+    return main, ((1 - within) / 2, 0.5, (1 + within) / 2), (share, float(low), float(high))
 
 
 def holders_of(contest: Contest, given: np.ndarray, source: str) -> list[tuple[float, Hypothesis]]:

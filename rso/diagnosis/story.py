@@ -115,6 +115,8 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                     "railed": c.railed, "like_a_modulus": c.effect.like_a_modulus,
                     "like_a_body": c.effect.like_a_body,
                     **({"each": _each(d.bench.library.plan, c)} if c.each else {}),
+                    **({"otherwise": dict(zip(("probability", "low", "high"), c.otherwise, strict=True))}
+                       if c.otherwise else {}),
                     "shape": [{"knob": k.name, "unit": k.unit, "size": mid, "interval": [low, high]}
                               for k, (low, mid, high) in zip(c.effect.shape, c.shape, strict=False)]}
                    for c in d.causes],

@@ -162,8 +162,9 @@ def _of(region: Mapping[str, Any]) -> str:
 
 def _named(c: Mapping[str, Any]) -> str:
     low, high = c["interval"]
-    unit = "" if c["unit"] in ("1", "-") else f" {c['unit']}"
-    neutral = "" if not c["neutral"] else f", absent at {c['neutral']:g}"
+    unit, other = _of_unit(c["unit"]), c.get("otherwise")
+    neutral = f", or {other['low']:.3g} to {other['high']:.3g}: {chance(other['probability'])}" if other else ""
+    neutral += "" if not c["neutral"] else f", absent at {c['neutral']:g}"
     if c["railed"]:
         neutral += "; a knob of it is at the end of what is plausible or was computed: size and interval mean little"
     return f"{c['effect']} = {c['size']:.3g}{unit} (90 % {low:.3g} to {high:.3g}{neutral}){shaped(c)}"
@@ -173,7 +174,7 @@ def shaped(c: Mapping[str, Any]) -> str:
     """The knobs that shape an effect, as found: a thickness, a time, a place."""
     each = []
     for k in c.get("shape") or []:
-        (low, high), unit = k["interval"], "" if k["unit"] in ("1", "-") else f" {k['unit']}"
+        (low, high), unit = k["interval"], _of_unit(k["unit"])
         each.append(f"{k['knob']} = {k['size']:.3g}{unit} ({low:.3g} to {high:.3g})")
     return f" with {', '.join(each)}" if each else ""
 
@@ -253,7 +254,7 @@ def _single(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         first = max(each, key=lambda v: abs(v["value"]))
         if first["value"] ** 2 < MOST * whole or abs(first["value"]) < 3.0 * first["sd"]:
             continue
-        unit = "" if c["unit"] in ("1", "-") else f" {c['unit']}"
+        unit = _of_unit(c["unit"])
         curve = " ".join(v for v in (first["experiment"], first["label"]) if v)
         size = f"{first['value']:+.2g} ± {first['sd']:.1g}{unit}"
         out += f" Nearly all of it ({called(found, c['effect'])}) is in one curve, {curve}: {size}."
@@ -324,14 +325,18 @@ def _amounts(found: Mapping[str, Any], k: str, *values: float, digits: int = 4) 
     """Values of a parameter in the unit of people, that of the first; the others are the ends of its interval."""
     unit, factor = people(found.get("units", {}).get(k, ""), values[0])
     first, *ends = (f"{v * factor:.{digits}g}" for v in values)
-    unit = "" if unit in ("1", "-", "") else f" {unit}"
-    return f"{first}{unit} (90 % {' to '.join(ends)})" if ends else f"{first}{unit}"
+    return f"{first}{_of_unit(unit)} (90 % {' to '.join(ends)})" if ends else f"{first}{_of_unit(unit)}"
 
 
 def _range(found: Mapping[str, Any], k: str, low: float, high: float) -> str:
     """Two ends of a parameter in the unit of people, that of the upper one."""
     unit, factor = people(found.get("units", {}).get(k, ""), high)
-    return f"{low * factor:.4g} to {high * factor:.4g} {'' if unit in ('1', '-') else unit}".rstrip()
+    return f"{low * factor:.4g} to {high * factor:.4g}{_of_unit(unit)}"
+
+
+def _of_unit(unit: str) -> str:
+    """A unit behind a number: 3.3 1/MPa would be read as another number."""
+    return "" if unit in ("1", "-", "") else f" {unit[1:] if unit.startswith('1/') else unit}"
 
 
 def _alone(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
@@ -381,8 +386,7 @@ def beyond(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:
     if not r or not (r["low_with"] or r["high_with"]):
         return ""
     unit, factor = people(found.get("units", {}).get(k, ""), r["high"])
-    unit = "" if unit in ("1", "-", "") else f" {unit}"
-    low, high = (f"{r[v] * factor:.3g}{unit}" + (f" (with {called(found, r[v + '_with'])})" if r[v + "_with"] else "")
+    low, high = (f"{r[v] * factor:.3g}{_of_unit(unit)}" + (f" (with {called(found, r[v + '_with'])})" if r[v + "_with"] else "")
                  for v in ("low", "high"))  # fmt: skip
     return f" With effects that the data neither show nor exclude it could be anything from {low} to {high}."
 

@@ -311,7 +311,18 @@ def _causes(found: Found, causes: list[Mapping[str, Any]]) -> Table:
     note += f" At the end of what is plausible or was computed: {', '.join(railed)}." if railed else ""
     shapes = [f"{clean(called(found, str(c.get('effect'))))}{clean(said)}" for c in causes if (said := shaped(c))]
     note += f" Shapes, median and 90 %: {'; '.join(shapes)}." if shapes else ""
+    note += "".join(_other_sign(found, c) for c in causes)
     return table("Named causes", columns, note)
+
+
+def _other_sign(found: Found, cause: Mapping[str, Any]) -> str:
+    """That the data allow the effect with the other sign too, and nothing between."""
+    other = cause.get("otherwise")
+    if not other:
+        return ""
+    name, (low, high) = clean(called(found, str(cause.get("effect")))), (number(other.get(k)) for k in ("low", "high"))
+    ends = interval((low, low, high), cause.get("unit"))[1]  # type: ignore[arg-type]
+    return f" {name[:1].upper()}{name[1:]} with the other sign, {ends}: {chance(other.get('probability'))}."
 
 
 def _sensitivity(found: Found) -> Table | None:

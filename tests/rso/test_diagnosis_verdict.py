@@ -9,12 +9,12 @@ import pytest
 from rso.diagnosis import build, diagnose, make_plan, story
 from rso.diagnosis.attribute import FALSE_ALARM, SHARES, Contest, Evidence, critical, set_up
 from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judge import BEYOND, MISFIT, _beyond, most_left
+from rso.diagnosis.judge import BEYOND, MISFIT, _beyond, _sides, most_left
 from rso.diagnosis.judgement import judge
 from rso.diagnosis.mixture import Posterior
 from rso.diagnosis.shrinkage import Gap, summarise
 from rso.diagnosis.unfitted import HeldOut, held_out, predicts
-from rso.diagnosis.words import _alone, _cause, _gap, _outside, _parameters, _shrinkage, _unlike, _where
+from rso.diagnosis.words import _alone, _cause, _gap, _named, _outside, _parameters, _shrinkage, _unlike, _where
 from rso.measurement import Noise, Repeat
 
 STIFF, SKIN = toy.effects("stiff", "skin")
@@ -204,7 +204,7 @@ def test_parameters_are_said_one_by_one_in_the_units_of_people():
     units = {"units": {"mu": "MPa", "D1": "1/MPa"}, "effects": [{"name": "friction", "label": "rubbing"}]}
     assert _parameters(d, units) == [
         "mu moves from 14.16 kPa (90 % 13.92 to 14.39) to 13.28 kPa (90 % 12.99 to 13.55).",
-        "D1 moves from 22.6 1/MPa (90 % 15 to 31) to 4.77 1/MPa (90 % 1.3 to 10.6).",
+        "D1 moves from 22.6 /MPa (90 % 15 to 31) to 4.77 /MPa (90 % 1.3 to 10.6).",
     ]
     same = d | {"parameters": {"before": d["parameters"]["after"], "after": d["parameters"]["after"]}}
     assert _parameters(same, units)[0] == "mu stays at 13.28 kPa (90 % 12.99 to 13.55)."
@@ -373,3 +373,34 @@ def test_a_mount_that_creeps_may_be_a_body_that_does():
     d = {"verdict": "ambiguous", "ambiguous_with": [["creep"]], "causes": [c]}
     said = _cause(d, {"effects": [{"name": "creep", "description": "creep compliance"}]})
     assert "poroelasticity" in said and "creep = 0.36 mm/N" in said and "rigid block" in said
+
+
+def test_two_signs_with_nothing_between_are_two_intervals():
+    """A soft inclusion below the ball or a hard one aside: one interval, 0.09 to 2.9, held the 1 where there is none."""
+    rng = np.random.default_rng(0)
+    soft, hard = rng.normal(np.log(0.2), 0.3, 4700), rng.normal(np.log(2.7), 0.1, 300)
+    of = np.concatenate([soft, hard])
+    said, levels, (share, low, high) = _sides(STIFF, of, np.exp(of))
+    ends = np.quantile(np.exp(of)[said], levels)
+    assert said.sum() == 4700 and share == 0.06 and 2.2 < low < 2.7 < high < 3.3
+    assert np.mean((np.exp(of) >= ends[0]) & (np.exp(of) <= ends[2])) == pytest.approx(0.9, abs=1e-3)
+    even = np.concatenate([soft[:3000], *[hard] * 7])
+    said, levels, (share, *_) = _sides(STIFF, even, np.exp(even))
+    assert share == pytest.approx(0.412, abs=1e-3) and levels == pytest.approx((0.05, 0.5, 0.95))
+
+
+@pytest.mark.parametrize("of", ["through", "few", "variant"])
+def test_one_interval_where_sizes_go_through_neutral_or_hardly_any_has_the_other_sign(of):
+    rng = np.random.default_rng(0)
+    at = {"through": rng.normal(0.1, 0.3, 4000), "few": np.append(rng.normal(-2.0, 0.1, 3990), [2.0] * 10),
+          "variant": np.append(np.full(2000, -2.0), np.full(2000, 2.0))}[of]  # fmt: skip
+    size = dataclasses.replace(STIFF.size, neutral=None) if of == "variant" else STIFF.size
+    said, levels, otherwise = _sides(dataclasses.replace(STIFF, size=size), at, at)
+    assert said.all() and levels == pytest.approx((0.05, 0.5, 0.95)) and otherwise is None
+
+
+def test_the_other_sign_is_said_and_a_unit_is_no_number():
+    c = {"effect": "D1", "size": 3.3, "interval": [2.0, 4.0], "unit": "1/MPa", "neutral": 1.0, "railed": False}
+    assert _named(c) == "D1 = 3.3 /MPa (90 % 2 to 4, absent at 1)"
+    other = {"probability": 0.06, "low": 0.2, "high": 0.4}
+    assert "(90 % 2 to 4, or 0.2 to 0.4: 6 %, absent at 1)" in _named({**c, "otherwise": other})
