@@ -386,8 +386,8 @@ def beyond(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:
     if not r or not (r["low_with"] or r["high_with"]):
         return ""
     unit, factor = people(found.get("units", {}).get(k, ""), r["high"])
-    low, high = (f"{r[v] * factor:.3g}{_of_unit(unit)}" + (f" (with {called(found, r[v + '_with'])})" if r[v + "_with"] else "")
-                 for v in ("low", "high"))  # fmt: skip
+    with_ = {v: f" (with {called(found, r[v + '_with'])})" if r[v + "_with"] else "" for v in ("low", "high")}
+    low, high = (f"{r[v] * factor:.3g}{_of_unit(unit)}{more}" for v, more in with_.items())
     return f" With effects that the data neither show nor exclude it could be anything from {low} to {high}."
 
 

@@ -376,7 +376,7 @@ def test_a_mount_that_creeps_may_be_a_body_that_does():
 
 
 def test_two_signs_with_nothing_between_are_two_intervals():
-    """A soft inclusion below the ball or a hard one aside: one interval, 0.09 to 2.9, held the 1 where there is none."""
+    """A soft inclusion below the ball or a hard one aside: one interval, 0.09 to 2.9, held the 1 of no inclusion."""
     rng = np.random.default_rng(0)
     soft, hard = rng.normal(np.log(0.2), 0.3, 4700), rng.normal(np.log(2.7), 0.1, 300)
     of = np.concatenate([soft, hard])
