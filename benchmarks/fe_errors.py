@@ -265,9 +265,7 @@ def run(seed: int, k: int, level: str, kind: str = "") -> dict[str, Any]:
     return out | {"cpu": time.process_time() - started}
 
 
-def needed(
-    draws: int, outside: int, turning: int, first: int = 0, rubbing: int = 0
-) -> list[tuple[int, int, str, str]]:
+def needed(draws: int, outside: int, turning: int, first: int = 0, rubbing: int = 0) -> list[tuple[int, int, str, str]]:
     """Keys (seed, k, level, kind) of all runs, dear last: half models (every other one of two seeds), whole ones."""
     keys = []
     counts = {CALIBRATE: draws, CHECK: draws, OUTSIDE: outside, TURNING: turning, RUBBING: rubbing}

@@ -58,8 +58,11 @@ def jobs() -> dict[str, tuple[str, list[tuple[dict, Case]], bool]]:
         "top, coarse, penalty": ("", [(SET1, case(multipliers=False))], False),
         "top, fine, penalty": ("5 s at 0.3 %", [(SET1, case(level="fine", multipliers=False))], False),
         "top, coarse, anchor, penalty": ("0.5 s at 1 %", [(SET1 | {"D1": 12.0}, case(multipliers=False))], True),
-        "top, fine, anchor, penalty":
-            ("1.5 s at 0.3 %", [(SET1 | {"D1": 12.0}, case(level="fine", multipliers=False))], True),
+        "top, fine, anchor, penalty": (
+            "1.5 s at 0.3 %",
+            [(SET1 | {"D1": 12.0}, case(level="fine", multipliers=False))],
+            True,
+        ),
         "(20, 0), half": ("6 s at 1 %", [(SET1, case(point=[20.0, 0.0]))], False),
         "(2.5, 2.5), whole": ("15 s at 1 %", [(SET1, case(point=[2.5, 2.5]))], False),
         "bowl with friction": ("5 s at 1 %", [(SET1, case(**BOWL))], False),

@@ -67,8 +67,10 @@ def stress(folder: Path | None) -> None:
     ζ, σ = z[on][order] / a, nodal.cauchy[on][order]
     p0 = 3.0 * F / (2.0 * np.pi * a**2)
     σz, σr = -1 / (1 + ζ**2), -(1 + ν) * (1 - ζ * np.arctan(1 / ζ)) + 1 / (2 * (1 + ζ**2))
-    print(f"\ntravel {SHALLOW} mm: Fz = {F:.5f} N, a = {a:.3f} mm (of the contact found: "
-          f"{float(found.channels['contact_radius'][0]):.3f}), p0 = {p0:.5f} MPa")
+    print(
+        f"\ntravel {SHALLOW} mm: Fz = {F:.5f} N, a = {a:.3f} mm (of the contact found: "
+        f"{float(found.channels['contact_radius'][0]):.3f}), p0 = {p0:.5f} MPa"
+    )
     print("\n| z/a | σ_z/p₀ | Hertz | (σ_r − σ_z)/p₀ | Hertz |\n|---|---|---|---|---|")
     for k, one in enumerate(ζ):
         own = σ[k] / p0

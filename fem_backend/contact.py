@@ -328,7 +328,7 @@ def _trial(n, point, start, traction, motion, counts, stiff, v, t):  # type: ign
 def _evaluate(  # type: ignore[no-untyped-def]
     facets, N, weights, count, points, gap, normal, epsilon, multiplier, friction, start, before, opened, bound, met,
     motion, work, length,
-):
+):  # fmt: skip
     m, nq = weights.shape
     residual, force = np.zeros((count, 3)), np.zeros(3)
     pressure, attraction = np.zeros((m, nq)), np.zeros((m, nq))

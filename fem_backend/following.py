@@ -105,9 +105,7 @@ def _rest(system: System, load: Load, u: np.ndarray, history: History | None) ->
     return Reached(0.0, 0.0, u, np.zeros_like(u), history, before, [np.zeros_like(t.multiplier) for t in load.touches])
 
 
-def _held(
-    system: System, load: Load, here: Reached, dt: float, control: Control, counters: Counters
-) -> np.ndarray:
+def _held(system: System, load: Load, here: Reached, dt: float, control: Control, counters: Counters) -> np.ndarray:
     """Displacement (n, 3) of a body at rest in its bowl with everything stuck that touches."""
     load = _rubbing(system, replace(load, history=here.history, dt=dt), here, _stuck(system, load))
     return stepping.seat(system, load, here.u, control, counters)

@@ -85,9 +85,7 @@ def judge(contest: Contest, gap: bool) -> Judgement:
     return Judgement("measurement" if measured else "explained", own, chosen)
 
 
-def beside(
-    chosen: Hypothesis, rest: Remainder, pairs: Sequence[tuple[Effect, Effect]]
-) -> list[tuple[Effect, Effect]]:
+def beside(chosen: Hypothesis, rest: Remainder, pairs: Sequence[tuple[Effect, Effect]]) -> list[tuple[Effect, Effect]]:
     """The pair of a single cause and what shows in its remainder, if it is not among the pairs."""
     both = {*chosen.effects, rest.effect}
     if rest.effect is None or len(chosen.effects) != 1 or any(both == set(p) for p in pairs):

@@ -321,9 +321,13 @@ def _seen(marks: Sequence[Sequence[float]], known: Sequence[Sequence[float]]) ->
 def _known(library: Library | Outline, plan: TestPlan) -> bool:
     """Whether a plan can be read off the tables: its places are the library's, its turns near theirs, no new marks."""
     own = [_place(library, p) for p in plan.places]
-    return not plan.profiles and all(k is not None for k in own) and all(
-        not p.peaks or any(abs(v - q) < TURN * plan.scale for v in p.peaks for q in library.plan.places[k].peaks)
-        for p, k in zip(plan.places, own, strict=True)
+    return (
+        not plan.profiles
+        and all(k is not None for k in own)
+        and all(
+            not p.peaks or any(abs(v - q) < TURN * plan.scale for v in p.peaks for q in library.plan.places[k].peaks)
+            for p, k in zip(plan.places, own, strict=True)
+        )
     )
 
 

@@ -100,7 +100,7 @@ def _unused(level: Mapping[str, Any]) -> list[Fact]:
         return []
     missed = [clean(t.get("curve")) for t in tests if (t.get("verdict") or {}).get("passes") is not True]
     names = ", ".join(missed or [clean(t.get("curve")) for t in tests])
-    value, mark = (("missed", "warn") if missed else ("predicted", "good"))
+    value, mark = ("missed", "warn") if missed else ("predicted", "good")
     return [Fact("Unused test" if len(tests) == 1 else "Unused tests", value, names, mark)]
 
 

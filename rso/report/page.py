@@ -70,7 +70,7 @@ def _link(folder: Path) -> None:
         path = folder / f"{stem}.html"
         before = path.read_text(encoding="utf-8")
         head, mark, rest = before.partition(_LINKS)
-        links = [f'<b>{PAGES[s]}</b>' if s == stem else f'<a href="{s}.html">{PAGES[s]}</a>' for s in there]
+        links = [f"<b>{PAGES[s]}</b>" if s == stem else f'<a href="{s}.html">{PAGES[s]}</a>' for s in there]
         line = rest.partition("\n")
         after = f"{head}{mark}{' '.join(links) if len(there) > 1 else ''}</p>\n{line[2]}"
         if mark and after != before:

@@ -274,7 +274,7 @@ def curve_unit(results: Results, name: str) -> Unit:
 
 def target_output(target: Mapping[str, Any]) -> str:
     """Id of the output that a target asks for."""
-    depth = f"{target['depth_mm']:.6g}" if known(target['depth_mm']) else "–"
+    depth = f"{target['depth_mm']:.6g}" if known(target["depth_mm"]) else "–"
     return f"{target['experiment']}:{target['channel']}@{depth}"
 
 

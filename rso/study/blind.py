@@ -145,11 +145,7 @@ def _key(asked: Asked) -> str:
     """Of cases with the same simulations: those of an effect go as far as its plausible sizes and shapes."""
     b, near = asked.base, asked.plan.near
     speeds = [min(t.speed for t in asked.plan.tests), max(t.speed for t in asked.plan.tests)]
-    passes = [
-        sorted(
-            {(t.place, near(t.earlier), near(t.peak) if t.returns else 0.0) for t in asked.plan.tests}
-        )
-    ]
+    passes = [sorted({(t.place, near(t.earlier), near(t.peak) if t.returns else 0.0) for t in asked.plan.tests})]
     return digest([
         [[p.settings, p.deepest, p.peaks, p.marks, p.mark_depths] for p in asked.plan.places],
         asked.plan.scale, [e.name for e in asked.effects], b.modulus, b.reference,

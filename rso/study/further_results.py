@@ -77,6 +77,7 @@ def words(found: Found, singles: Sequence[tuple[str, ...]], pairs: Sequence[tupl
     box, k = found.axes.box, found.weakest
     name, at = box.names[k], [f"{v:.3g}" for v in box.from_unit(found.truths)[:, k]]
     before = _sizes(found, ())
+
     def known(sizes: Sequence[float]) -> str:
         return by_truth(at, sizes, box.units[k])
 

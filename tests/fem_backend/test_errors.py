@@ -96,6 +96,7 @@ def test_a_lateral_force_that_friction_takes_back_keeps_the_error_of_the_pressur
 
 def test_what_the_penalty_lets_creep_is_a_share_of_what_friction_takes_on_every_level():
     """None where friction takes nothing: along the normal, or none; of forces and lengths the same share."""
+
     def crept(force=(0.02, 0.0, 1.0), level="coarse", scale=1.0, friction=0.4, **more):
         at = settings(level, scale, point=[20.0 * scale, 0.0], **more)
         return errors.creeping(at, knobs(friction=friction), result(force, scale, scale**2))["Fx"] / scale**2
@@ -403,6 +404,7 @@ def test_a_body_that_recovers_in_few_steps_is_right_to_what_it_states(graded):
 
     Without the mesh's share; negative control: without the term for the way back it is not.
     """
+
     def run(moments):
         bench = graded.other(prony_g=0.6, prony_tau=0.3)
         return bench, bench.solve(Programme((0.0, 1.0, 2.0, 3.0), (0.0, 1.0, 0.0, 0.0), (0.5, 1.0), moments))

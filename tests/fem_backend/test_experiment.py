@@ -195,6 +195,7 @@ def test_mesh_is_finer_for_a_smaller_ball():
 
 def test_similar_specimens_share_one_mesh():
     """Made for each size by itself, that of a small specimen had a fourth of the elements below the ball."""
+
     def recipe(k: float) -> str:
         table = {"semi_axes": [30.0 * k, 24.0 * k, 21.0 * k]}
         return read_settings({"specimen": table, "indenter": {"radius": 3.0 * k}}).recipe

@@ -176,7 +176,8 @@ def story(verdict="explained", seed=0):
         "residuals": residuals,
         "signatures": _signatures(residuals, named, chosen),
         "rerun": [{"runs": 2, "failed": 0, "largest": 0.0061, "rms": 0.0024, "effects": ["C20"]}]
-        if verdict == "explained" else [],
+        if verdict == "explained"
+        else [],
         "failed_runs": ["cavity at [20.0, 0.0]: Newton did not converge at 3.1 mm"],
         "notes": ["cycle_10: 12 readings of a hold are not used"],
         "words": _words(verdict, named),

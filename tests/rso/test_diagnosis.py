@@ -567,7 +567,6 @@ def test_an_effect_added_by_its_shift_has_the_evidence_of_the_pair():
     assert added.modulus.shape == (undecided.DRAWS,)
 
 
-
 def test_what_a_plan_can_see_is_what_the_verdict_finds(monkeypatch):
     """The verdict asks besides that a gap be more probable than none: powers were those of a laxer rule."""
     from rso.diagnosis import detectable as room

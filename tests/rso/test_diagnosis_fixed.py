@@ -34,8 +34,6 @@ def base(mu: float | None = None, D1: float | None = None) -> Base:
     return Base(toy.BACKEND, "mu", reference, low, high, axes, fixed, {}, held=held)
 
 
-
-
 def experiments(seed: int, truth=None, **chain: float):
     """Repeats, a cycle, a deep curve to be held out, of little scatter in the gain."""
     rng, body = np.random.default_rng(seed), {**toy.TRUTH, **(truth or {})}

@@ -118,7 +118,6 @@ def test_a_cause_that_is_not_in_the_catalogue_makes_another_one_a_part_of_it(mon
     assert blind.verdict in WHOLE and blind.named == ("skin",)
 
 
-
 def test_a_remainder_with_an_open_parameter_and_a_profile():
     """Forces are over the modulus, displacements are not; the base's tile is that of the data."""
     base, rng = toy.base(), np.random.default_rng(8)

@@ -217,8 +217,14 @@ def test_repeats_that_differ_by_more_than_expected_are_spoken_of():
     usual = {"gain": 0.01, "contact_mm": 0.01}
     calm, wide = {"gain": 0.02, "contact_mm": 0.02}, {"gain": 0.054, "contact_mm": 0.14}
     assert _unlike({"noise": {"Fz": calm | {"expected": usual, "repeats": calm}}}) == []
-    gain, contact = _unlike({"noise": {"Fz": wide | {"expected": usual, "repeats": wide},
-                                      "Fx": calm | {"expected": usual, "repeats": calm}}})
+    gain, contact = _unlike(
+        {
+            "noise": {
+                "Fz": wide | {"expected": usual, "repeats": wide},
+                "Fx": calm | {"expected": usual, "repeats": calm},
+            }
+        }
+    )
     assert gain.startswith("Repeats differ by 5.4 % in Fz, 1 % is stated or usual: taken for noise")
     bound = {"gain": 0.01, "contact_mm": 0.14, "expected": usual, "repeats": wide}
     gain, other = _unlike({"noise": {"Fz": bound}})

@@ -386,7 +386,6 @@ def smoothed(v: np.ndarray, τ: float) -> np.ndarray:
     return v[0] + lsim(([1.0], [τ, 1.0]), v - v[0], T - T[0])[1]
 
 
-
 def test_neutral_chain_changes_nothing():
     for time in (None, T):
         r = record(Chain(), U, FORCES, time)

@@ -175,7 +175,6 @@ def test_the_lock_of_a_process_that_has_ended_is_waited_for(tmp_path):
         assert time.monotonic() - start > 0.1  # it was held: the test sees the case it is made for
 
 
-
 WRITER = """
 import sys
 from rso.contract import Case, Programme, Response
