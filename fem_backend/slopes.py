@@ -11,12 +11,12 @@ import numpy as np
 from fem_backend import model as modelling
 from fem_backend import newton, stepping
 from fem_backend.bench import Bench
-from fem_backend.channels import channels, units
+from fem_backend.channels import FORCES, channels, units, whole
 from fem_backend.newton import Load, System
 
 MATERIAL_KNOBS = ("mu", "D1", "C01", "C20", "C30", "alpha", "fibre", "fibre_k2", "skin_ratio", "inclusion_ratio")
 DIFFERENCE = 1e-5  # of a knob: truncation and round-off (K/μ = 10³) alike
-REFINED, REFINEMENTS = 1e-5, 10  # of a derivative's residual, and how often at most
+REFINED, REFINEMENTS = 1e-4, 10  # of a derivative's residual, and how often at most
 STRESSES = ("N", "MPa")  # units of what grows with all moduli
 ZONE_KNOBS = ("skin_ratio", "inclusion_ratio")
 POWERS = {"D1": -1, "C01": 1, "C20": 1, "C30": 1, "fibre": 1}  # of a stress in the knobs that have one, besides mu
@@ -27,7 +27,9 @@ class Slopes:
 
     K du/dθ = −∂R/∂θ − ∂R/∂λ dλ/dθ at each stage, with the last factor of that stage and iterative refinement; every
     derivative along (u, θ, λ) is a forward difference of the residual or of the channels, which costs no factorisation.
-    Refinement starts at the derivative of the stage before.  μ is not differentiated: all moduli grown alike change no
+    Refinement starts at the derivative of the stage before.  What a residual r that is left makes of the indenter's
+    force along its way d is known to first order and added: ∂(F·d)/∂u = −∂R/∂s, so that K⁻¹r takes (du/ds)·r from it
+    (the adjoint of a potential needs no solution of its own).  μ is not differentiated: all moduli grown alike change no
     displacement, so a channel c of the dimension stressⁿ has μ ∂c/∂μ = n c − Σ p θ ∂c/∂θ over the knobs θ of the
     dimension stressᵖ (Euler's identity).
     """
@@ -66,20 +68,23 @@ class Slopes:
                 replace(t, multiplier=t.multiplier + h * d) for t, d in zip(stage.load.touches, dlambda, strict=True)
             )
             load, left = replace(stage.load, touches=touches), np.inf
-            for _ in range(REFINEMENTS):  # the factor may be of an earlier iterate
+            for k in range(REFINEMENTS + 1):  # the factor may be of an earlier iterate
                 change = (newton.evaluate(high, at.u + h * du, load).residual - at.residual) / h
                 before, left = left, float(np.linalg.norm(newton.reduced(body, change)))
                 first = first or left
-                if left <= REFINED * first or left > 0.9 * before:
+                if left <= REFINED * first or left > 0.9 * before or k == REFINEMENTS:
                     break
                 du = du - stage.equilibrium.linear(change)
-                if before < np.inf and left**2 / before <= 0.3 * REFINED * first:
+                if not last and before < np.inf and left**2 / before <= 0.3 * REFINED * first:
                     break  # the step just made leaves about the share that the one before it left
             self._known[name] = du, first
             end = replace(at, u=at.u + h * du, contacts=newton.touching(high, at.u + h * du, load))
             if last:
                 there = channels(self.at, high, end, stage.load)
                 rows[name] = {c: (v - here[c]) / h for c, v in there.items()}
+                taken = float(newton.reduced(body, stage.equilibrium.rate) @ newton.reduced(body, change))
+                for c, v in zip(FORCES, whole(self.at.placement, -taken * self.at.placement.direction), strict=True):
+                    rows[name][c] += v
             else:
                 self._dlambda[name] = [
                     (b.pressure - a.pressure) / h for a, b in zip(at.contacts, end.contacts, strict=True)

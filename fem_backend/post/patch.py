@@ -14,6 +14,7 @@ from fem_backend.contact import ORDER, ContactSurface
 
 SHOWN = 41  # radii of the smoothed profile
 NEAR = 0.06  # gap, in radii of the ball, whose surroundings the edge is found from
+FARTHEST = 12.0  # of these gaps: what is further off has no say
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,9 @@ def contact_patch(
     X, w = get_quadrature(RefTri, ORDER)
     dN = np.stack([ElementTriP2().lbasis(X, a)[1] for a in range(6)])
     d = np.einsum("qa,fai->fqi", surface.N, x[surface.facets]) - centre
-    tangent = np.einsum("fai,akq->fqki", x[surface.facets], dN)
+    beside = ((np.linalg.norm(d, axis=-1) - radius < FARTHEST * NEAR * radius) | (pressure > 0.0)).any(1)
+    d, pressure, weights = d[beside], pressure[beside], surface.weights[beside]
+    tangent = np.einsum("fai,akq->fqki", x[surface.facets[beside]], dN)
     vector = np.cross(tangent[:, :, 0], tangent[:, :, 1]) * w[:, None]
     area = np.linalg.norm(vector, axis=-1)
     on = pressure > 0.0
@@ -79,7 +82,7 @@ def contact_patch(
     if not on.any():
         no, none = np.zeros(0), np.full(sectors, np.nan)
         return Patch(0.0, 0.0, none, 0.0, no, no, theta, 0.0, 0.0, none, 0.0, no, no)
-    current = pressure[on] * surface.weights[on] / area[on]
+    current = pressure[on] * weights[on] / area[on]
     up = np.asarray(axis, float) / np.linalg.norm(axis)
     east = np.array([1.0, 0.0, 0.0]) - up[0] * up if abs(up[0]) < 0.9 else np.cross([0.0, 1.0, 0.0], up)
     east /= np.linalg.norm(east)
@@ -95,7 +98,7 @@ def contact_patch(
     smooth = np.sqrt(1.0 - xi) * np.polynomial.polynomial.polyval(xi, _profile(at, current, area[on], 0.5))
     net = smooth
     if attraction is not None and attraction.any():
-        pull = attraction[on] * surface.weights[on] / area[on]
+        pull = attraction[beside][on] * weights[on] / area[on]
         net = smooth - np.polynomial.polynomial.polyval(xi, _profile(at, pull, area[on], 0.0))
     sector = np.round(angle[on] / (2.0 * np.pi / sectors)).astype(int) % sectors
     outermost = np.full(sectors, -np.inf)
@@ -149,7 +152,7 @@ def _edge(
     near: float,
 ) -> np.ndarray | None:
     """Coefficients of s_e(θ); a point's weight goes to zero with its gap, so that none comes or goes with a jump."""
-    use = free & (gap > 0.0) & (gap < 12.0 * near)
+    use = free & (gap > 0.0) & (gap < FARTHEST * near)
     columns = harmonics(angle[use])
     if use.sum() < 2 * (columns.shape[1] + 3):
         return None

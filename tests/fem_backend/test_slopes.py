@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -114,6 +116,36 @@ def test_multipliers_are_differentiated_too(graded, monkeypatch):
     monkeypatch.setattr(slopes.Slopes, "__call__", forgetful)
     wrong = graded.solve([1.5], gradients=("D1",)).gradients["D1"]["Fz"]
     assert abs(wrong / right - 1) > 5e-3  # residuals of 1e-5 leave 2e-4
+
+
+@pytest.mark.parametrize(
+    "settings", [{}, {"point": [10.0, 0.0], "direction": "normal"}, BOWL], ids=["top", "normal", "bowl"]
+)
+def test_what_a_residual_makes_of_the_force_is_taken_out(settings, monkeypatch):
+    """Of the force along the way of the ball, by a solver that leaves a tenth and residuals of 1e-2: the multipliers,
+    off by as much, leave 1e-3 of it.  Negative control: left in, the residual does ten times that."""
+    way = np.array([0.0, 0.0, 1.0])
+    if "direction" in settings:
+        way = np.array([10.0 / 60.0**2, 0.0, np.sqrt(1.0 - (10.0 / 60.0) ** 2) / 35.0])
+        way /= np.linalg.norm(way)
+
+    def along():
+        by_D1 = run({}, settings).gradients["D1"]
+        return way @ [by_D1[c] for c in ("Fx", "Fy", "Fz")]
+
+    monkeypatch.setattr(slopes, "REFINED", 1e-9)
+    exact, call = along(), slopes.Slopes.__call__
+
+    def crudely(self, stage, last):
+        found = stage.equilibrium
+        found = dataclasses.replace(found, linear=lambda v: 0.9 * stage.equilibrium.linear(v))
+        call(self, dataclasses.replace(stage, equilibrium=found), last)
+
+    monkeypatch.setattr(slopes.Slopes, "__call__", crudely)
+    monkeypatch.setattr(slopes, "REFINED", 1e-2)
+    error = np.abs(along() / exact - 1.0).max()
+    monkeypatch.setattr(slopes, "whole", lambda placement, force: np.zeros(3))
+    assert error < 1e-3 and np.abs(along() / exact - 1.0).max() > 10.0 * error
 
 
 def test_mu_is_differentiated_with_the_other_moduli_whether_they_are_asked_for_or_not(graded):
