@@ -29,9 +29,10 @@ class Slopes:
     derivative along (u, θ, λ) is a forward difference of the residual or of the channels, which costs no factorisation.
     Refinement starts at the derivative of the stage before.  What a residual r that is left makes of the indenter's
     force along its way d is known to first order and added: ∂(F·d)/∂u = −∂R/∂s, so that K⁻¹r takes (du/ds)·r from it
-    (the adjoint of a potential needs no solution of its own).  μ is not differentiated: all moduli grown alike change no
-    displacement, so a channel c of the dimension stressⁿ has μ ∂c/∂μ = n c − Σ p θ ∂c/∂θ over the knobs θ of the
-    dimension stressᵖ (Euler's identity).
+    (the adjoint of a potential needs no solution of its own).
+
+    μ is not differentiated: all moduli grown alike change no displacement, so a channel c of the dimension stressⁿ has
+    μ ∂c/∂μ = n c − Σ p θ ∂c/∂θ over the knobs θ of the dimension stressᵖ (Euler's identity).
     """
 
     def __init__(self, at: Bench, names: Sequence[str]) -> None:
