@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from fem_backend import analytic, contact
+from fem_backend import analytic
 from fem_backend import model as modelling
 from fem_backend.channels import FORCES
 from fem_backend.experiment import Settings, profile_name
 from fem_backend.indentation import Result
 from fem_backend.knobs import Knobs
+from fem_backend.pointwise import TANGENTIAL
 
 LEVEL = {"coarse": 1.0, "standard": 0.6, "fine": 0.29, "reference": 0.18, "limit": 0.18}  # over that of coarse
 BELOW = {"coarse": 1.0, "standard": 0.85, "fine": 1.6, "reference": 0.25, "limit": 0.25}  # the same of a bowl's contact
@@ -194,7 +195,7 @@ def creeping(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     Measured at (20, 0), friction 0.4, with ten times ε_T: 2.1, 2.2, 1.8 and 1.1 times that at 0.5, 1, 2 and 4 mm.
     """
     a = np.maximum(result.channels["contact_radius"], 0.5 * settings.h0)
-    share = CREEPS * 16.0 / (3.0 * np.pi * contact.TANGENTIAL * modelling.PENALTY) * settings.R / a
+    share = CREEPS * 16.0 / (3.0 * np.pi * TANGENTIAL * modelling.PENALTY) * settings.R / a
     stuck = 1.0 - result.channels["slipping"]
     return {n: share * stuck * held for n, held in taken(settings, knobs, result).items()}
 

@@ -12,9 +12,7 @@ import numba
 import numpy as np
 
 from fem_backend.laws import Derivatives, Law, Material, Ogden
-from fem_backend.laws.law import cauchy_green
-
-VOIGT = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])
+from fem_backend.voigt import COL, ROW, cauchy_green, spread
 
 
 @dataclass(frozen=True)
@@ -156,7 +154,6 @@ def _finish(F, jac, S, C4, energy, u1, u2, factor, slope, added, scale, tangent)
     S ↦ factor S + added + U′J C⁻¹, ℂ ↦ factor ℂ + slope S⊗S + (J²U″ + JU′) C⁻¹⊗C⁻¹ − 2JU′ C⁻¹⊙C⁻¹, all times scale.
     """
     m, n = F.shape[0], F.shape[1]
-    row, col = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
     c, ci, s = np.empty(6), np.empty(6), np.empty(6)
     G = np.empty((3, 3))
     some = added.shape[0] == m and added.shape[1] == n
@@ -175,14 +172,12 @@ def _finish(F, jac, S, C4, energy, u1, u2, factor, slope, added, scale, tangent)
             energy[e, q] *= much
             if not tangent:
                 continue
-            for k in range(6):
-                G[row[k], col[k]] = ci[k]
-                G[col[k], row[k]] = ci[k]
+            spread(ci, G)
             volume, steep = p + u2[e, q] * J * J, slope[e, q]
             for k in range(6):
-                i, j = row[k], col[k]
+                i, j = ROW[k], COL[k]
                 for l in range(k, 6):
-                    o, r = row[l], col[l]
+                    o, r = ROW[l], COL[l]
                     value = a * C4[e, q, k, l] + steep * s[k] * s[l] + volume * ci[k] * ci[l]
                     value -= p * (G[i, o] * G[j, r] + G[i, r] * G[j, o])
                     C4[e, q, k, l] = much * value
@@ -196,7 +191,7 @@ def _small_strain(material: Material, H: np.ndarray, tangent: bool, scale: np.nd
     volume = K * np.outer(one, one)
     shape = mu * np.diag([2.0] * 3 + [1.0] * 3) - 2.0 / 3.0 * mu * np.outer(one, one)
     strain = np.stack(
-        [H[..., i, j] + (H[..., j, i] if i != j else 0.0) for i, j in VOIGT], axis=-1
+        [H[..., i, j] + (H[..., j, i] if i != j else 0.0) for i, j in zip(ROW, COL, strict=True)], axis=-1
     )  # engineering shear
     S, C = strain @ (shape + volume), np.broadcast_to(shape + volume, (*H.shape[:2], 6, 6))
     energy = 0.5 * (S * strain).sum(-1)
@@ -246,24 +241,14 @@ def _isotropic(F, jac, w1, w2, w11, w12, w22, u1, u2, tangent):  # type: ignore[
     m, n = F.shape[0], F.shape[1]
     S = np.empty((m, n, 6))
     C4 = np.empty((m, n, 6, 6) if tangent else (1, 1, 6, 6))
-    row = np.array([0, 1, 2, 1, 0, 0])
-    col = np.array([0, 1, 2, 2, 2, 1])
     one = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
     c, ci, a, b, t = np.empty(6), np.empty(6), np.empty(6), np.empty(6), np.empty(6)
     G = np.empty((3, 3))
     for e in range(m):
         for q in range(n):
-            f, J = F[e, q], jac[e, q]
-            for k in range(6):
-                i, j = row[k], col[k]
-                c[k] = f[0, i] * f[0, j] + f[1, i] * f[1, j] + f[2, i] * f[2, j]
+            J = jac[e, q]
             J2 = J * J
-            ci[0] = (c[1] * c[2] - c[3] * c[3]) / J2
-            ci[1] = (c[0] * c[2] - c[4] * c[4]) / J2
-            ci[2] = (c[0] * c[1] - c[5] * c[5]) / J2
-            ci[3] = (c[4] * c[5] - c[0] * c[3]) / J2
-            ci[4] = (c[5] * c[3] - c[1] * c[4]) / J2
-            ci[5] = (c[3] * c[4] - c[2] * c[5]) / J2
+            cauchy_green(F[e, q], J, c, ci)
             I1 = c[0] + c[1] + c[2]
             I2 = c[0] * c[1] + c[1] * c[2] + c[0] * c[2] - c[3] * c[3] - c[4] * c[4] - c[5] * c[5]
             j23 = J ** (-2.0 / 3.0)
@@ -276,17 +261,14 @@ def _isotropic(F, jac, w1, w2, w11, w12, w22, u1, u2, tangent):  # type: ignore[
                 S[e, q, k] = 2.0 * (W1 * a[k] + W2 * b[k] + 0.5 * U1 * J * ci[k])
             if not tangent:
                 continue
-            G[0, 0], G[1, 1], G[2, 2] = ci[0], ci[1], ci[2]
-            G[1, 2] = G[2, 1] = ci[3]
-            G[0, 2] = G[2, 0] = ci[4]
-            G[0, 1] = G[1, 0] = ci[5]
+            spread(ci, G)
             aa, ab, bb, uu = w11[e, q], w12[e, q], w22[e, q], u2[e, q] * 0.25 * J2
             cc = W1 * j23 * I1 / 9.0 + W2 * j43 * 4.0 / 9.0 * I2 + 0.25 * U1 * J + uu
             gg = W1 * j23 * I1 / 3.0 + W2 * j43 * 2.0 / 3.0 * I2 - 0.5 * U1 * J
             for k in range(6):
-                i, j = row[k], col[k]
+                i, j = ROW[k], COL[k]
                 for l in range(k, 6):
-                    p, r = row[l], col[l]
+                    p, r = ROW[l], COL[l]
                     inverse = 0.5 * (G[i, p] * G[j, r] + G[i, r] * G[j, p])
                     identity = 0.0
                     if k == l:

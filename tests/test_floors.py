@@ -20,9 +20,9 @@ ROOMS = {
         "__main__",
     ),
     "fem_backend": (
-        "analytic laws geometry knobs",
+        "voigt analytic laws geometry knobs",
         "stress meshing",
-        "element linsolve condensed krylov zones contact newton keeping",
+        "element linsolve condensed krylov zones pointwise contact newton keeping",
         "rolling stepping following post",
         "experiment model bench instants channels slopes indentation errors anchors nested levels possible costs",
         "backend output",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from fem_backend.laws.law import cauchy_green
+from fem_backend.voigt import COL, ROW, cauchy_green, spread
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,10 @@ class Fibre:
 def _add(F, jac, k1, k2, a0, W, S, C4, tangent):  # type: ignore[no-untyped-def]
     """S = 2W′ ∂Ī₄/∂C, ℂ = 4W″ ∂Ī₄/∂C⊗∂Ī₄/∂C + 4W′ ∂²Ī₄/∂C², ∂Ī₄/∂C = J^(-2/3)(A − I₄/3 C⁻¹), A = a⊗a."""
     m, n = F.shape[0], F.shape[1]
-    row, col = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
     c, ci, A, d = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
     G = np.empty((3, 3))
     for k in range(6):
-        A[k] = a0[row[k]] * a0[col[k]]
+        A[k] = a0[ROW[k]] * a0[COL[k]]
     for e in range(m):
         for q in range(n):
             J = jac[e, q]
@@ -67,13 +66,11 @@ def _add(F, jac, k1, k2, a0, W, S, C4, tangent):  # type: ignore[no-untyped-def]
                 S[e, q, k] += 2.0 * w1 * d[k]
             if not tangent:
                 continue
+            spread(ci, G)
             for k in range(6):
-                G[row[k], col[k]] = ci[k]
-                G[col[k], row[k]] = ci[k]
-            for k in range(6):
-                i, j = row[k], col[k]
+                i, j = ROW[k], COL[k]
                 for l in range(k, 6):
-                    p, r = row[l], col[l]
+                    p, r = ROW[l], COL[l]
                     inverse = 0.5 * (G[i, p] * G[j, r] + G[i, r] * G[j, p])
                     curve = I4 / 9.0 * ci[k] * ci[l] + I4 / 3.0 * inverse - (ci[k] * A[l] + A[k] * ci[l]) / 3.0
                     value = 4.0 * (w2 * d[k] * d[l] + w1 * j23 * curve)

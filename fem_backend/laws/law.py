@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-import numba
 import numpy as np
 
 
@@ -64,20 +63,3 @@ class Isotropic:
     def pressure(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """U′ = 2(J − 1)/D₁ and U″ = 2/D₁ (MPa)."""
         return 2.0 * (J - 1.0) / self.D1, np.full_like(J, 2.0 / self.D1)
-
-
-@numba.njit(cache=True)
-def cauchy_green(f, J, c, inverse):  # type: ignore[no-untyped-def]
-    """C = FᵀF and C⁻¹ of one point in Voigt order 11, 22, 33, 23, 13, 12 (no doubling), written into c and inverse."""
-    for i in range(3):
-        c[i] = f[0, i] * f[0, i] + f[1, i] * f[1, i] + f[2, i] * f[2, i]
-    c[3] = f[0, 1] * f[0, 2] + f[1, 1] * f[1, 2] + f[2, 1] * f[2, 2]
-    c[4] = f[0, 0] * f[0, 2] + f[1, 0] * f[1, 2] + f[2, 0] * f[2, 2]
-    c[5] = f[0, 0] * f[0, 1] + f[1, 0] * f[1, 1] + f[2, 0] * f[2, 1]
-    J2 = J * J
-    inverse[0] = (c[1] * c[2] - c[3] * c[3]) / J2
-    inverse[1] = (c[0] * c[2] - c[4] * c[4]) / J2
-    inverse[2] = (c[0] * c[1] - c[5] * c[5]) / J2
-    inverse[3] = (c[4] * c[5] - c[0] * c[3]) / J2
-    inverse[4] = (c[5] * c[3] - c[1] * c[4]) / J2
-    inverse[5] = (c[3] * c[4] - c[2] * c[5]) / J2

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from fem_backend.laws.law import Isotropic, cauchy_green
-
-ROW, COL = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])  # of the six components of a symmetric tensor
+from fem_backend.laws.law import Isotropic
+from fem_backend.voigt import COL, ROW, cauchy_green, spread
 
 
 @dataclass(frozen=True)
@@ -95,9 +94,7 @@ def _quotients(y):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def _stretches(c, x, e, v, a):  # type: ignore[no-untyped-def]
     """Fill x = λ² (3,), e = ln λ̄ (3,) and the directions, columns of v, of C given as c (6,); `a` (3, 3) is room."""
-    for k in range(6):
-        a[ROW[k], COL[k]] = c[k]
-        a[COL[k], ROW[k]] = c[k]
+    spread(c, a)
     _jacobi(a, v)
     # Σ ln λ̄ = 0 exactly, which a log of J alone would miss by round-off
     mean = (math.log(a[0, 0]) + math.log(a[1, 1]) + math.log(a[2, 2])) / 6.0

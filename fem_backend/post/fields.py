@@ -12,8 +12,8 @@ from skfem.refdom import RefTet
 from fem_backend import element, stress
 from fem_backend.element import Body
 from fem_backend.stress import PointState
+from fem_backend.voigt import PLACE
 
-VOIGT = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # place of a tensor component in the order of `stress`
 MIDDLES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])  # corners on both sides of mid-edge nodes 4 to 9
 
 
@@ -51,10 +51,10 @@ def fields(
     H = element.displacement_gradients(body, u)
     F = H + np.eye(3)
     if state is None:
-        S = stress.evaluate(material, H, False).S[..., VOIGT]
+        S = stress.evaluate(material, H, False).S[..., PLACE]
         S = S if scale is None else S * scale[..., None, None]
     else:
-        S = state.S[..., VOIGT]
+        S = state.S[..., PLACE]
     if material.small_strain:
         strain = 0.5 * (H + np.swapaxes(H, -1, -2))
         J, cauchy = 1.0 + np.trace(strain, axis1=-2, axis2=-1), S

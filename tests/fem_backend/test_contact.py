@@ -9,9 +9,10 @@ from scipy import integrate, optimize, sparse
 from skfem import MeshTet, MeshTet2
 
 from fem_backend import contact, element, linsolve, newton
-from fem_backend.contact import TANGENTIAL, Adhesion, Before, ContactState, Pair, Touch
+from fem_backend.contact import Adhesion, Before, ContactState, Pair, Touch
 from fem_backend.geometry import Bowl, Ellipsoid, Sphere, first_contact
 from fem_backend.laws import NeoHooke
+from fem_backend.pointwise import LAG, TANGENTIAL
 
 STEPS = np.array([1.0, 0.5, 0.25, 0.125])
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -314,7 +315,7 @@ def test_every_point_by_its_definition(name):
             counted = 1.0 if b.gap[f, q] <= 0 else max(-gap, 0.0) / (b.gap[f, q] - gap) if gap < 0 else 0.0
             if b.met is not None and b.gap[f, q] > 0:
                 counted = b.met[f, q]
-                slip = slip + contact.LAG * (1.0 - counted) * (touch.centre - b.centre)
+                slip = slip + LAG * (1.0 - counted) * (touch.centre - b.centre)
             t = (np.eye(3) - np.outer(unit, unit)) @ (b.traction[f, q] - TANGENTIAL * epsilon * counted * slip)
             t *= 0.0 if p == 0 or not case.pair.friction else min(1.0, case.pair.friction * p / np.linalg.norm(t))
             W, l = (STICKY.work, STICKY.range) if case.pair.adhesion else (0.0, 1.0)

@@ -1,0 +1,32 @@
+"""Symmetric tensors of one point by their six components 11, 22, 33, 23, 13, 12."""
+
+import numba
+import numpy as np
+
+ROW, COL = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
+PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # of the component ij
+
+
+@numba.njit(cache=True)
+def cauchy_green(f, J, c, inverse):  # type: ignore[no-untyped-def]
+    """C = FᵀF and C⁻¹ of one point, no component doubled, written into c (6,) and inverse (6,)."""
+    for i in range(3):
+        c[i] = f[0, i] * f[0, i] + f[1, i] * f[1, i] + f[2, i] * f[2, i]
+    c[3] = f[0, 1] * f[0, 2] + f[1, 1] * f[1, 2] + f[2, 1] * f[2, 2]
+    c[4] = f[0, 0] * f[0, 2] + f[1, 0] * f[1, 2] + f[2, 0] * f[2, 2]
+    c[5] = f[0, 0] * f[0, 1] + f[1, 0] * f[1, 1] + f[2, 0] * f[2, 1]
+    J2 = J * J
+    inverse[0] = (c[1] * c[2] - c[3] * c[3]) / J2
+    inverse[1] = (c[0] * c[2] - c[4] * c[4]) / J2
+    inverse[2] = (c[0] * c[1] - c[5] * c[5]) / J2
+    inverse[3] = (c[4] * c[5] - c[0] * c[3]) / J2
+    inverse[4] = (c[5] * c[3] - c[1] * c[4]) / J2
+    inverse[5] = (c[3] * c[4] - c[2] * c[5]) / J2
+
+
+@numba.njit(cache=True)
+def spread(c, A):  # type: ignore[no-untyped-def]
+    """Fill A (3, 3) from its components c (6,)."""
+    for k in range(6):
+        A[ROW[k], COL[k]] = c[k]
+        A[COL[k], ROW[k]] = c[k]
