@@ -9,7 +9,7 @@ from rso.identify.further import Experiment, Told, on_valley, told
 from rso.identify.intervals import Interval, Profile, laplace, profile, quantiles, spread
 from rso.identify.likelihood import WEIGHTINGS, Data, Misfit, Model, covariance, stack, together
 from rso.identify.metric import MetricMinimum, curve_score, downhill, minimise
-from rso.identify.models import Place, emulated, has_gradients, resample, simulated
+from rso.identify.models import Place, emulated, has_gradients, resample, simulated, spread_of
 from rso.identify.sampling import Draws, sample
 from rso.identify.tangents import Frame, Sight, tangents
 from rso.identify.verdict import Verdict, judge
@@ -65,6 +65,7 @@ __all__ = [
     "sample",
     "simulated",
     "spread",
+    "spread_of",
     "stack",
     "surface_minima",
     "tangents",

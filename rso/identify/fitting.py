@@ -18,7 +18,8 @@ SEEN = 0.1  # of χ²: minima with a lower pass between them are one valley
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A least misfit: x and θ (d,), χ², whitened residual (n,) and Jacobian (n, d) in the unit cube.
+    """A least misfit: x and θ (d,), χ², whitened residual (n + w,), behind the data what is beyond a
+    wall, and Jacobian (n, d) of the data in the unit cube.
 
     `at_bound` names the parameters that stopped there, `evaluations` counts evaluated points (with derivatives one).
     """
@@ -56,7 +57,8 @@ def fit_at(misfit: Misfit, x: np.ndarray, evaluations: int = 0, converged: bool 
     """What the misfit is at x (d,)."""
     # An interior method stops short of a bound; on it the misfit is as good.
     x = np.where(x < 1e3 * NEAR, 0.0, np.where(x > 1 - 1e3 * NEAR, 1.0, x)) if np.any(_near(x)) else x
-    r, J, box = misfit.residuals(x[None])[0], misfit.jacobian(x), misfit.model.box
+    r, box = misfit.residuals(x[None])[0], misfit.model.box
+    J = misfit.white(misfit.model.jacobian(x).T).T  # of the data: a wall tells nothing of the parameters
     bound = tuple(n for n, v in zip(box.names, x, strict=True) if v <= NEAR or v >= 1 - NEAR)
     return Fit(x, box.from_unit(x), float(r @ r), r, J, bound, evaluations, converged)
 
@@ -88,7 +90,7 @@ def descend(
         k = np.flatnonzero(active)
         if not len(k):
             break
-        J = np.swapaxes(misfit.white(np.swapaxes(misfit.model.jacobians(X[k], free), 1, 2)), 1, 2)
+        J = misfit.jacobians(X[k], free)
         step = damped(J, r[k], λ[k], X[k][:, axes])
         tries = X[k].copy()
         tries[:, axes] = np.clip(tries[:, axes] + step, 0.0, 1.0)

@@ -17,6 +17,7 @@ from rso.doe import Box
 Weighting = Literal["noise", "absolute", "relative"]
 WEIGHTINGS: tuple[Weighting, ...] = ("noise", "absolute", "relative")
 SMALLEST = 1e-6  # share of the largest value below which no error is believed: it keeps every covariance definite
+STEEP = 1e4  # of χ^½ per range of a condition that is broken: a thousandth of it rules a point out
 STEP = 1e-4  # of the unit cube, for differences: rounding (1e-16/h) and curvature (h²) are both below 1e-8
 
 
@@ -116,12 +117,16 @@ class Misfit:
     W is the inverse Cholesky factor of the covariance ('noise'), 1 ('absolute') or 1/|y| ('relative', points with |y|
     below `SMALLEST` of the largest have no weight); with the latter two the size of the errors is taken from what is
     left over.  `scale` divides W: errors that are known only in their relation to one another.
+
+    Beyond a `wall`, X (k, d) → (k, w) by how much conditions are broken, χ² grows by (STEEP · wall)²: there is no
+    answer there, or none is wanted.
     """
 
     model: Model
     data: tuple[Data, ...]
     weighting: Weighting = "noise"
     scale: float = 1.0
+    wall: Callable[[np.ndarray], np.ndarray] | None = None
     _whiten: tuple[np.ndarray, ...] = field(init=False, repr=False)
     _value: np.ndarray = field(init=False, repr=False)
 
@@ -148,16 +153,32 @@ class Misfit:
         return np.concatenate(parts, axis=-1)
 
     def residuals(self, X: np.ndarray) -> np.ndarray:
-        """W (f − y) (k, n) at X (k, d)."""
-        return self.white(self.model.predict(np.atleast_2d(X)) - self._value)
+        """W (f − y) (k, n) at X (k, d), and after them what lies beyond the wall (k, n + w)."""
+        X = np.atleast_2d(X)
+        r = self.white(self.model.predict(X) - self._value)
+        return r if self.wall is None else np.hstack([r, self.beyond(X)])
+
+    def beyond(self, X: np.ndarray) -> np.ndarray:
+        """STEEP · what is beyond the wall (k, w) at X (k, d); no columns where there is none."""
+        return np.zeros((len(X), 0)) if self.wall is None else STEEP * np.maximum(self.wall(X), 0.0)
 
     def chi2(self, X: np.ndarray) -> np.ndarray:
         """χ² (k,) at X (k, d)."""
         return np.sum(self.residuals(X) ** 2, axis=1)
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """W ∂f/∂x (n, d) at x (d,)."""
-        return self.white(self.model.jacobian(x).T).T
+        """∂r/∂x (n, d) of the residuals at x (d,)."""
+        J = self.white(self.model.jacobian(x).T).T
+        if self.wall is None:
+            return J
+        return np.vstack([J, Model(self.model.box, self.beyond).jacobian(x)])
+
+    def jacobians(self, X: np.ndarray, free: np.ndarray | None = None) -> np.ndarray:
+        """∂r/∂x (k, n, f) at many points by differences, along the `free` axes only."""
+        J = np.swapaxes(self.white(np.swapaxes(self.model.jacobians(X, free), 1, 2)), 1, 2)
+        if self.wall is None:
+            return J
+        return np.concatenate([J, Model(self.model.box, self.beyond).jacobians(X, free)], axis=1)
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         """∂χ²/∂x (d,) = 2 Jᵀ r."""

@@ -10,7 +10,7 @@ import numpy as np
 from rso.contract import Response
 from rso.curves import Resampling, loading
 from rso.doe import Box
-from rso.emulator import Emulator
+from rso.emulator import Emulator, Output
 from rso.identify.likelihood import Model
 
 Run = Callable[[Mapping[str, float]], Mapping[str, Response]]
@@ -32,12 +32,8 @@ def emulated(emulator: Emulator, place: Place) -> tuple[Model, Callable[[np.ndar
     The spline of :class:`~rso.curves.Resampling` is linear in the computed values: one matrix (n, m) for all.
     ValueError if the emulator knows nothing of the curve, or not as deep.
     """
-    outputs = [o for o in emulator.outputs if (o.experiment, o.channel) == (place.experiment, place.channel)]
-    outputs.sort(key=lambda o: o.depth_mm)
-    if not outputs:
-        raise ValueError(f"the emulator has no {place.channel} of {place.experiment!r}")
+    outputs, R = _at(emulator, place)
     travel = np.array([o.depth_mm for o in outputs])
-    R = Resampling(travel, np.eye(len(travel)))(place.depth)
 
     def predict(X: np.ndarray) -> np.ndarray:
         return emulator.means(outputs, np.asarray(X, float)) @ R.T
@@ -47,6 +43,26 @@ def emulated(emulator: Emulator, place: Place) -> tuple[Model, Callable[[np.ndar
         return np.interp(place.depth, np.append(0.0, travel), np.append(0.0, sd))
 
     return Model(emulator.box, predict), band
+
+
+def spread_of(emulator: Emulator, place: Place, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Means and standard deviations (k, m) of the surrogates of a curve at X (k, d), and R (n, m): f = R mean.
+
+    ValueError as :func:`emulated`.
+    """
+    outputs, R = _at(emulator, place)
+    each = [emulator.predict(o, np.asarray(X, float)) for o in outputs]
+    return np.stack([m for m, _ in each], axis=1), np.stack([s for _, s in each], axis=1), R
+
+
+def _at(emulator: Emulator, place: Place) -> tuple[list[Output], np.ndarray]:
+    """Outputs of a curve by travel, and the matrix (n, m) of the spline through them at its measured places."""
+    outputs = [o for o in emulator.outputs if (o.experiment, o.channel) == (place.experiment, place.channel)]
+    outputs.sort(key=lambda o: o.depth_mm)
+    if not outputs:
+        raise ValueError(f"the emulator has no {place.channel} of {place.experiment!r}")
+    travel = np.array([o.depth_mm for o in outputs])
+    return outputs, Resampling(travel, np.eye(len(travel)))(place.depth)
 
 
 def simulated(box: Box, run: Run, places: Sequence[Place], fixed: Mapping[str, float] | None = None) -> Model:

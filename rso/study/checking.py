@@ -14,11 +14,10 @@ from rso.contract import Programme
 from rso.ladder import Level
 from rso.measurement import SEGMENTS, MeasuredCurve, Measurement
 from rso.running import Task
-from rso.study import cases, further, stated
+from rso.study import cases, further, settling, stated
 from rso.study.descending import ENDS
 from rso.study.diagnosing import ask
 from rso.study.errors import Problem, study_error
-from rso.study.identifying import ROUNDS
 from rso.study.levels import STUDY, axes_of, rungs_of
 from rso.study.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.study.pricing import Pace, pace
@@ -115,13 +114,14 @@ def on_surfaces(plan: Plan) -> tuple[dict[str, int], list[str]]:
     similar = plan.group.reference is not None
     design, held = fe_design(plan, similar)
     proof = proofs(plan, design) if similar else []
-    cases, candidates = len(plan.cases), study.search.candidates
+    cases, candidates, exact = len(plan.cases), study.search.candidates, similar and plan.box.d == 1
     parts = {
         "design": cases * len(design),
         "held out": cases * len(held),
         "proof": cases * len(proof),
         "candidates": cases * candidates * len(plan.searches),
-        "identification": 0 if similar and plan.box.d == 1 else cases * ROUNDS,
+        "identification": 0 if exact else cases * settling.ROUNDS,
+        "ends of intervals": 0 if exact else cases * settling.ENDS * (2 * plan.box.d + 1),
         "validation": candidates * len(plan.validation),
     }
     return parts, [f"  design: {study.doe.kind}, {len(full_design(plan))} runs asked + {study.doe.held_out} held out"]

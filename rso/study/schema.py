@@ -169,7 +169,7 @@ class DoeTable(Table):
 
 
 class SurrogateTable(Table):
-    """[surrogate]: `tolerance` is the held-out relative error above which a surrogate is refused."""
+    """[surrogate]: `tolerance` is the relative error on new runs above which points are added."""
 
     kind: Literal["auto", "polynomial", "kriging", "whole_curve"] = "auto"
     degree: Annotated[int, Field(ge=1, le=8)] = 2

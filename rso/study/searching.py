@@ -9,14 +9,14 @@ import numpy as np
 
 from rso import search
 from rso.curves import Metrics, Resampling, ahead, baseline, loading, metrics
-from rso.emulator import Emulator, relearn
+from rso.emulator import Emulator
 from rso.measurement import MeasuredCurve
 from rso.running import Outcome, Task
 from rso.search import Choice
 from rso.store import Done
 from rso.study.cases import mark_channel
 from rso.study.plan import Plan, SearchPlan, limited
-from rso.study.stages import Bench, Design, sample
+from rso.study.stages import Bench, Design, learn_more, sample
 from rso.targets import residuals, violations
 from rso.verify import Candidate, Verified, agreement, verify
 
@@ -110,7 +110,7 @@ def find(bench: Bench, wanted: SearchPlan, emulator: Emulator, first: Proposal) 
         failed.extend(lost)
         if not new:
             return replace(current) if lost else current
-        return relearn(current, new, seed=plan.seed)
+        return learn_more(bench, current, new)
 
     result = verify(emulator, wanted.outputs, again, rerun, enrich, plan.study.verify.max_infill)
     scores = tuple(

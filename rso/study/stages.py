@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import dataclass, field, replace
@@ -23,6 +24,7 @@ from rso.surrogates import Scores
 
 SIMILAR_TO = 1e-8  # relative difference up to which two runs count as the same by similarity
 NOISE = 1e-4  # share of the largest output of its unit below which an output that nobody asked for is not learnt
+GROWN = 1.25  # times as many samples: kinds of surrogates may be chosen anew
 REASONS = 3  # reasons of failed runs that are told
 
 Watch = Callable[[Event], None]
@@ -281,6 +283,22 @@ def learnt_anew(
     )
 
 
+def learn_more(bench: Bench, emulator: Emulator, new: Sequence[Sample]) -> Emulator:
+    """The emulator with new samples in it, of the kinds that it has.
+
+    Where one that a search or a metric rests on is not good enough by cross-validation, kinds are chosen anew each time
+    that the samples have become `GROWN` times as many: what few runs chose need not suit many.
+    """
+    plan = bench.plan
+    more = relearn(emulator, new, seed=plan.seed)
+    known = [more.surrogates[i].cv for i in decisive(plan) if i in more.surrogates]
+    good = all(cv is None or cv.relative_rmse <= plan.study.surrogate.tolerance for cv in known)
+    before, now = (int(math.log(max(len(e.samples), 1), GROWN)) for e in (emulator, more))
+    if good or before == now:
+        return more
+    return learnt_anew(plan, more.group, more.outputs, more.samples, each=bench.each)
+
+
 def refine(
     bench: Bench, emulator: Emulator, new: list[Sample], room: int, purpose: str
 ) -> tuple[Emulator, dict[str, Scores], tuple[Run, ...]]:
@@ -294,7 +312,7 @@ def refine(
     added: list[Run] = []
     while new:
         scores = {o.id: emulator.score(o, new) for o in emulator.outputs}
-        emulator = relearn(emulator, new, seed=plan.seed)
+        emulator = learn_more(bench, emulator, new)
         count = min(len(new), room - len(added))
         if not any(scores[i].relative_rmse > plan.study.surrogate.tolerance for i in decisive(plan)) or count < 1:
             break

@@ -1,0 +1,298 @@
+"""What measured curves are compared with: the likelihood on an emulator, settled by runs where it counts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2 as chi2_distribution
+
+from rso.doe import Box, sobol
+from rso.emulator import Emulator
+from rso.identify import (
+    Data,
+    Fit,
+    Misfit,
+    Model,
+    Place,
+    all_minima,
+    determine,
+    emulated,
+    resample,
+    spread_of,
+    stack,
+    together,
+)
+from rso.identify.determination import LEVEL
+from rso.identify.likelihood import SMALLEST
+from rso.measurement import MeasuredCurve, combine
+from rso.running import Outcome, Task
+from rso.store import Done
+from rso.study.ladder_curves import error_at
+from rso.study.plan import Plan
+from rso.study.searching import Found
+from rso.study.stages import NOISE, Bench, Run, learn_more, sample
+
+ROUNDS = 4  # runs of the most likely point between two rounds of the ends of intervals, at most
+ENDS = 3  # rounds of runs at the ends of intervals, at most
+BESIDE = 0.05  # of the unit cube: points so close to a run need none
+SCAN, DOUBTED = 2**11, 2.0  # points of the ranges that are looked at; standard deviations that surrogates may be off by
+SURE = 2.0  # of χ² in the same units: at the most likely point what the surrogates may be off by is at most 1 of it
+SETTLED = 0.5  # of χ² in units of its least value per degree of freedom: what prediction and run may differ by
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Likelihood of the fitted curves on an emulator, where they were measured, and starts (k, d) in the ranges."""
+
+    misfit: Misfit
+    places: tuple[Place, ...]
+    near: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """The most likely point, recomputed: the runs made for it, the emulator that knows them, how far it was off.
+
+    `agreement` is the largest difference of predicted and recomputed curves over their largest value, `chi2` the
+    misfit of the recomputed ones; both are None where the last run has no answer.  `verified` says whether the
+    difference is within verify.tolerance and does not count beside the errors of the data.  `open` are points, in
+    words, at which the surrogates still do not know whether the data allow them.
+    """
+
+    emulator: Emulator
+    runs: tuple[Run, ...]
+    agreement: float | None
+    chi2: float | None
+    verified: bool
+    open: tuple[str, ...] = ()
+
+
+def evidence(plan: Plan, emulator: Emulator, found: Sequence[Found]) -> Evidence:
+    """Likelihood of every fitted curve in the ranges of the main search.
+
+    Errors: those of the measurement, the estimated numerical error of the first recomputed candidate and the standard
+    deviation of the surrogates at the best fit; the latter two belong together over the depth of the curve.
+    ValueError where the data or their errors allow no likelihood.
+    """
+    box, near = ranges(plan), _start(plan, found)
+    places, curves = (list(v) for v in zip(*fitted_curves(plan), strict=True))
+    data = [
+        d.plus(together(p.depth, _numerical(plan, found, p), float(p.depth.max())))
+        for p, d in zip(places, curves, strict=True)
+    ]
+    pairs = [emulated(emulator, p) for p in places]
+    models = [_within(plan, box, model) for model, _ in pairs]
+    model = stack(models) if len(models) > 1 else models[0]
+    plain = Misfit(model, tuple(data), wall=_wall(plan, box))
+    first = all_minima(plain, seed=plan.seed, near=near)[0]
+    there = _wide(plan, first.x[None])[0]
+    banded = zip(data, pairs, strict=True)
+    data = [d.plus(together(d.depth, band(there), float(d.depth.max()))) for d, (_, band) in banded]
+    return Evidence(replace(plain, data=tuple(data)), tuple(places), np.vstack([first.x[None], near]))
+
+
+def settle(bench: Bench, emulator: Emulator, found: Sequence[Found], meanwhile: Sequence[Task] = ()) -> Settled:
+    """Recompute the most likely point and learn it, until prediction and simulation agree, then where surrogates do not
+    know enough (:func:`_unsure`), and look for all again, `ENDS` times at most.
+
+    Workers that are free begin what will be wanted later, `meanwhile`.
+    """
+    plan = bench.plan
+    if emulator.reduced is None:  # exact: similarity knows every run already
+        return Settled(emulator, (), 0.0, None, True)
+    runs: list[Run] = []
+    for k in range(ENDS + 1):
+        now = _most_likely(bench, emulator, found, meanwhile)
+        emulator, runs = now.emulator, [*runs, *now.runs]
+        if not now.verified:
+            break
+        unsure = _unsure(plan, emulator, found, runs)
+        if not unsure or k == ENDS:
+            return replace(now, runs=tuple(runs), open=tuple(name for name, _ in unsure))
+        values = [plan.values(x) for _, x in unsure]
+        new = [Run("interval", v, o) for v, o in zip(values, bench.run(values), strict=True)]
+        runs += new
+        learnt = [sample(plan, r.values, r.outcomes) for r in new if r.done]
+        if not learnt:
+            return replace(now, runs=tuple(runs), open=tuple(name for name, _ in unsure))
+        emulator = learn_more(bench, emulator, learnt)
+    return replace(now, runs=tuple(runs))
+
+
+def _most_likely(bench: Bench, emulator: Emulator, found: Sequence[Found], meanwhile: Sequence[Task]) -> Settled:
+    """The most likely point, run and learnt until prediction and simulation agree, `ROUNDS` times at most."""
+    plan, runs = bench.plan, []
+    gap, chi2, verified = None, None, False
+    for k in range(ROUNDS):
+        now = evidence(plan, emulator, found)
+        best = all_minima(now.misfit, seed=plan.seed, near=now.near)[0]
+        values = plan.values(_wide(plan, best.x[None])[0])
+        bench.begin(plan.tasks(values))  # before those, which may need artefacts
+        bench.begin(meanwhile)
+        (outcomes,) = bench.run([values])
+        bench.begin(meanwhile)  # whose artefacts may be there by now
+        runs.append(Run("identified", values, outcomes))
+        if not runs[-1].done:  # where runs have an answer is known better now
+            bench = bench.around_failures(emulator.group.reference is not None)
+            plan = bench.plan
+            continue
+        curves = [_recomputed(plan, outcomes, p) for p in now.places]
+        whole = now.misfit.model.predict(best.x[None])[0]
+        predicted = np.split(whole, np.cumsum([len(c) for c in curves])[:-1])
+        sizes = np.array([np.abs(y).max() for y in curves])
+        sizes = np.maximum(sizes, NOISE * sizes.max())  # by symmetry a lateral force may be zero, or noise about it
+        gap = max(float(np.abs(f - y).max() / s) for f, y, s in zip(predicted, curves, sizes, strict=True))
+        measured = np.concatenate([d.value for d in now.misfit.data])
+        chi2 = float(np.sum(now.misfit.white(np.concatenate(curves) - measured) ** 2))
+        off = float(np.sum(now.misfit.white(np.concatenate(curves) - whole) ** 2))
+        verified = gap <= plan.study.verify.tolerance and off <= SETTLED * _least(now, best)
+        if verified or k == ROUNDS - 1:
+            break
+        emulator = learn_more(bench, emulator, [sample(plan, values, outcomes)])
+    if not runs[-1].done:
+        return Settled(emulator, tuple(runs), None, None, False)
+    return Settled(emulator, tuple(runs), gap, chi2, verified)
+
+
+def _least(now: Evidence, best: Fit) -> float:
+    """Least χ² per degree of freedom, at least 1."""
+    return max(1.0, best.chi2 / max(now.misfit.n - len(best.x), 1))
+
+
+def _unsure(
+    plan: Plan, emulator: Emulator, found: Sequence[Found], runs: Sequence[Run]
+) -> list[tuple[str, np.ndarray]]:
+    """Points (d,) of the plan's box, named, at which the surrogates do not know whether the data allow them.
+
+    Ends of intervals, the other parameters following, where what the surrogates may be off by counts beside the errors
+    of the data, among them that at the most likely point; and points of the ranges that they exclude, but not beyond
+    `DOUBTED` times their own standard deviation.  None of them is near one of the `runs` or of the others.
+    """
+    now = evidence(plan, emulator, found)
+    d = determine(now.misfit, seed=plan.seed, near=now.near, mcmc=False)
+    box, least = now.misfit.model.box, _least(now, d.fit)
+    bands = [emulated(emulator, p)[1] for p in now.places]
+    ends = []
+    for k, known in enumerate(d.known):
+        i, p = known.profile_interval, known.profile
+        for at in (i.low, i.high):
+            x = np.array([np.interp(at, p.at, p.path[:, j]) for j in range(box.d)])
+            x[k] = at
+            off = np.concatenate([band(_wide(plan, x[None])[0]) for band in bands])
+            if float(np.sum(now.misfit.white(off) ** 2)) > SURE * least:
+                ends.append((f"the end of an interval, {_named(box, x)}", x))
+    limit = d.fit.chi2 + least * chi2_distribution.ppf(LEVEL, 1)
+    X = sobol(box.d, SCAN, plan.seed)
+    X = X[(now.misfit.chi2(X) > limit) & (now.misfit.beyond(X).sum(axis=1) == 0.0)]
+    hopeful = _hopeful(plan, emulator, now, X)
+    open_ = np.argsort(hopeful)[: np.count_nonzero(hopeful <= limit)]
+    each = [*ends, *((f"what they cannot exclude, {_named(box, X[j])}", X[j]) for j in open_)]
+    taken = [plan.box.to_unit(np.array([r.values[n] for n in plan.box.names])) for r in runs]
+    kept = []
+    for name, x in each:
+        there = _wide(plan, x[None])[0]
+        if len(kept) < 2 * box.d and min(np.abs(there - t).max() for t in taken) >= BESIDE:
+            taken.append(there)
+            kept.append((name, there))
+    return kept
+
+
+def _hopeful(plan: Plan, emulator: Emulator, now: Evidence, X: np.ndarray) -> np.ndarray:
+    """χ² (k,) at X (k, d) with covariances C + DOUBTED² R diag(s²) Rᵀ, s the surrogates' standard deviations there."""
+    found, wide = np.zeros(len(X)), _wide(plan, X)
+    for place, data in zip(now.places, now.misfit.data, strict=True):
+        mean, sd, R = spread_of(emulator, place, wide)
+        r = mean @ R.T - data.value
+        C = data.covariance + (SMALLEST * np.abs(data.value).max()) ** 2 * np.eye(len(data.value))
+        C = C + DOUBTED**2 * np.einsum("im,km,jm->kij", R, sd**2, R)
+        found += np.einsum("ki,ki->k", r, np.linalg.solve(C, r[:, :, None])[:, :, 0])
+    return found
+
+
+def _named(box: Box, x: np.ndarray) -> str:
+    each = zip(box.names, box.from_unit(x), box.units, strict=True)
+    return ", ".join(f"{n} = {v:.3g} {u}".rstrip() for n, v, u in each)
+
+
+def _wall(plan: Plan, box: Box) -> Callable[[np.ndarray], np.ndarray] | None:
+    """By how much points (k, d) of the ranges break each condition between parameters, and the one that a run has an
+    answer, over what it varies by in the ranges (k, w); None where there are no conditions."""
+    if not plan.conditions:
+        return None
+    span = np.ptp(plan.excess(_wide(plan, sobol(box.d, 256, plan.seed))), axis=0)
+    return lambda X: plan.excess(_wide(plan, X)) / np.where(span > 0.0, span, 1.0)
+
+
+# ------------------------------------------------------------------------------------------------------ pieces
+
+
+def fitted_curves(plan: Plan) -> list[tuple[Place, Data]]:
+    """Where the fitted curves were measured, as deep as they are simulated, and their values with their errors."""
+    found, fitted = [], _fitted(plan)
+    for name, channel in fitted:
+        measured = _curve(plan, name, channel)
+        deepest = max(o.depth_mm for o in plan.outputs if (o.experiment, o.channel) == (name, channel))
+        keep = (measured.depth > 0) & (measured.depth <= deepest * (1 + 1e-9))
+        label = name if len({c for e, c in fitted if e == name}) == 1 else f"{name} {channel}"
+        C = measured.covariance[np.ix_(keep, keep)]
+        data = Data(label, measured.unit, measured.depth[keep], measured.value[keep], C)
+        found.append((Place(name, channel, np.minimum(measured.depth[keep], deepest)), data))
+    return found
+
+
+def ranges(plan: Plan) -> Box:
+    """The ranges of the study file; the plan's own box may be wider, for a design that reaches beyond them."""
+    main = plan.searches[0]
+    low, high = plan.box.from_unit(np.stack([main.low, main.high]))
+    return Box(plan.box.names, plan.box.units, tuple(map(float, low)), tuple(map(float, high)), plan.box.log)
+
+
+def _wide(plan: Plan, X: np.ndarray) -> np.ndarray:
+    """From the unit cube of the ranges to that of the plan's box."""
+    main = plan.searches[0]
+    return np.clip(main.low + X * (main.high - main.low), 0.0, 1.0)
+
+
+def _within(plan: Plan, box: Box, model: Model) -> Model:
+    return Model(box, lambda X: model.predict(_wide(plan, X)))
+
+
+def _start(plan: Plan, found: Sequence[Found]) -> np.ndarray:
+    """Candidates (k, d) of all searches in the unit cube of the ranges."""
+    main, box = plan.searches[0], plan.box
+    values = [c.values for f in found for c in f.result.candidates]
+    X = box.to_unit(np.array([[v[n] for n in box.names] for v in values]).reshape(-1, box.d))
+    return np.clip((X - main.low) / np.maximum(main.high - main.low, 1e-12), 0.0, 1.0)
+
+
+def _fitted(plan: Plan) -> list[tuple[str, str]]:
+    """(experiment, channel) of the curves with role "fit"; where there are none, of all not kept for the end."""
+    every = [e for e in plan.study.experiments if e.name in plan.case_of]
+    mine = [e for e in every if e.role == "fit"] or every
+    return [(e.name, c) for e in mine for c in e.compared]
+
+
+def _curve(plan: Plan, name: str, channel: str) -> MeasuredCurve:
+    measured = plan.curves[name]
+    if measured.channel == channel:
+        return measured
+    return combine(plan.study.measurement(name), plan.study.experiment(name).noise.noise(), channel)
+
+
+def _numerical(plan: Plan, found: Sequence[Found], place: Place) -> np.ndarray:
+    """Estimated numerical error (n,) at the measured depths, of the first candidate that was recomputed; else 0."""
+    for f in found:
+        for c in f.result.candidates:
+            outcome = c.outcomes[plan.case_of[place.experiment]]
+            if isinstance(outcome, Done):
+                return error_at(outcome.response, place)
+    return np.zeros_like(place.depth)
+
+
+def _recomputed(plan: Plan, outcomes: Sequence[Outcome], place: Place) -> np.ndarray:
+    """The simulated curve (n,) at the measured depths."""
+    outcome = outcomes[plan.case_of[place.experiment]]
+    assert isinstance(outcome, Done)
+    return resample(outcome.response, place, "")
