@@ -80,6 +80,7 @@ def of_identification(plan: Plan, found: Identified, settled: Settled) -> dict[s
                 "agreement": settled.agreement,
                 "chi2": settled.chi2,
                 "verified": settled.verified,
+                "open": list(settled.open),
             },
             "other_minima": [{"values": _values(plan, box, m.x), "chi2": m.chi2} for m in d.others],
             "parameters": [_known(box, k, known) for k, known in enumerate(d.known)],

@@ -1,0 +1,113 @@
+"""What an identification says near walls, where surrogates are poor, and where simulations do not confirm them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import sample_studies as studies
+
+from rso.doe import Box
+from rso.identify import Data, Misfit, Model, determine
+from rso.study import identifying, settling
+from rso.study.settling import Settled
+
+BOX = Box(("a", "b"), ("", ""), (0.0, 0.0), (1.0, 1.0), (False, False))
+AT = np.linspace(0.1, 1.0, 10)
+
+
+def line(wall=None):
+    """y = a + b u at u, truth (0.4, 0.5), without noise; σ = 0.1."""
+    data = Data("line", "N", AT, 0.4 + 0.5 * AT, 0.1**2 * np.eye(len(AT)))
+    return Misfit(Model(BOX, lambda X: X[:, :1] + X[:, 1:] * AT), (data,), wall=wall)
+
+
+def ends(misfit, k):
+    i = determine(misfit, seed=0, mcmc=False).known[k].profile_interval
+    return np.array([i.low, i.high])
+
+
+def brute(misfit, k, allowed):
+    """Ends by a grid of 400² points."""
+    t = (np.arange(400) + 0.5) / 400
+    X = np.stack(np.meshgrid(t, t, indexing="ij"), axis=-1).reshape(-1, 2)
+    S = np.where(allowed(X), misfit.chi2(X), np.inf).reshape(400, 400).min(axis=1 - k)
+    return t[S <= S.min() + 2.7055][[0, -1]]
+
+
+@pytest.mark.parametrize("most", [0.45, 0.35])
+def test_intervals_end_at_a_wall(most):
+    """a ≤ 0.45 cuts the interval, a ≤ 0.35 leaves the best fit beyond it too; b follows.  A grid is 1/400 wide.
+    Negative control: without the wall the ends of a are far off."""
+    walled = line(lambda X: X[:, :1] - most)
+    for k in (0, 1):
+        exact = brute(line(), k, lambda X: X[:, 0] <= most)
+        np.testing.assert_allclose(ends(walled, k), exact, atol=6e-3)
+    assert ends(line(), 0)[1] > most + 0.05
+    assert determine(walled, seed=0, mcmc=False).fit.x[0] <= most + 1e-3
+
+
+def test_draws_stay_within_a_wall():
+    draws = determine(line(lambda X: X[:, :1] - 0.4), seed=0).draws
+    assert draws.X[:, 0].max() < 0.4 + 1e-3
+
+
+def test_a_wall_that_is_kept_changes_nothing():
+    plain, walled = (determine(line(w), seed=0, mcmc=False) for w in (None, lambda X: X[:, :1] - 2.0))
+    np.testing.assert_allclose(walled.fit.x, plain.fit.x, atol=1e-9)
+    np.testing.assert_array_equal(walled.fit.jacobian, plain.fit.jacobian)
+
+
+@pytest.mark.parametrize(
+    ("settled", "word", "why"),
+    [
+        (Settled(None, (), 0.001, 1.0, True), "determined", ""),
+        (Settled(None, (), 0.001, 1.0, True, ("a = 0.1",)), "weakly", "well enough to exclude"),
+        (Settled(None, (), 0.1, 1.0, False), "not", "do not confirm"),
+        (Settled(None, (), None, None, False), "not", "has no answer"),
+    ],
+)
+def test_nothing_is_determined_that_simulations_do_not_confirm(settled, word, why):
+    d = determine(dataclasses.replace(line(), scale=0.1), seed=0, mcmc=False)
+    assert [k.verdict.word for k in d.known] == ["determined"] * 2
+    for k in identifying.doubted(d, settled).known:
+        assert k.verdict.word == word and why in k.reason
+        assert k.story.startswith(
+            f"{k.name} is {word.replace('weakly', 'weakly determined').replace('not', 'not determined')}"
+        )
+
+
+def test_conditions_between_parameters_hold_for_what_is_identified(tmp_path):
+    """What the data like best, mu D1 = 0.5, is not allowed: the most likely values lie where 0.4 is reached, to 1e-3
+    of the range of mu D1, and are run there."""
+    (tmp_path / "top.csv").write_text(studies.measured(noise=1e-3))
+    noise = studies.SECTIONS["[experiments]"].replace("0.02 mN", "1 mN")
+    found = studies.run(tmp_path, experiments=noise, doe='runs = 16\nheld_out = 0\nconstraints = ["mu*D1 <= 0.4"]')
+    values = found["identification"]["values"]
+    assert values["mu"] * values["D1"] == pytest.approx(0.4, abs=3e-3)
+    last = [r for r in found["runs"] if r["purpose"] == "identified"][-1]
+    assert last["values"] == pytest.approx(values, rel=0.02)
+
+
+def test_where_surrogates_are_good_nothing_more_is_run(tmp_path):
+    (tmp_path / "top.csv").write_text(studies.measured(noise=5e-3))
+    noise = studies.SECTIONS["[experiments]"].replace("0.02 mN", "5 mN")
+    found = studies.run(tmp_path, experiments=noise, doe="runs = 16\nheld_out = 0")
+    assert not [r for r in found["runs"] if r["purpose"] == "interval"]
+
+
+def test_what_poor_surrogates_cannot_exclude_is_run(tmp_path, monkeypatch):
+    """A surrogate that says it may be off by ten times the noise: points are run, and if that does not help nothing is
+    called determined."""
+    (tmp_path / "top.csv").write_text(studies.measured(noise=1e-3))
+    noise = studies.SECTIONS["[experiments]"].replace("0.02 mN", "1 mN")
+    known = settling.spread_of
+
+    def unsure(emulator, place, X):
+        mean, sd, R = known(emulator, place, X)
+        return mean, sd + 0.05 * mean, R
+
+    monkeypatch.setattr(settling, "spread_of", unsure)
+    found = studies.run(tmp_path, experiments=noise, doe="runs = 8\nheld_out = 0")
+    assert 0 < len([r for r in found["runs"] if r["purpose"] == "interval"]) <= settling.ENDS * 4
+    assert any("not good enough for what the data say at what they cannot exclude" in w for w in found["warnings"])
+    assert not any(v["determined"] for v in found["determined"].values())
