@@ -140,7 +140,7 @@ class Profile:
 
 
 def pieces(at: np.ndarray, rise: np.ndarray, level: float = 0.9) -> tuple[tuple[float, float], ...]:
-    """(low, high) of all values `at` (g,) in order with `rise` (g,) of χ² within its quantile, as of a :class:`Profile`."""
+    """(low, high) of all values `at` (g,), in order, where the `rise` (g,) of χ² is within its quantile."""
     limit, root, n = math.sqrt(chi2_distribution.ppf(level, 1)), np.sqrt(np.maximum(rise, 0.0)), len(at)
 
     def crossing(inner: int, outer: int) -> float:

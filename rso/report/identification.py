@@ -141,7 +141,8 @@ def _intervals(results: Results, data: Mapping[str, Any], rows: list[tuple[Param
     for key, label in _METHODS:
         said = []
         for p, d in rows:
-            text = spans(results, p, d.get(key)) if key == "interval" else between(*(d.get(key) or (None, None)), p.unit)
+            ends = d.get(key) or (None, None)
+            text = spans(results, p, ends) if key == "interval" else between(*ends, p.unit)
             said.append(text.replace(p.unit.after, "") if p.unit.after else text)
         columns.append(column(label, words(said), level))
     need = [f"× {significant(d['noise_factor'], 2)}" if known(d.get("noise_factor")) else DASH for _, d in rows]

@@ -115,7 +115,7 @@ def _also(p: Parameter, x: float, interval: list[float]) -> str:
 def _material(results: Results) -> list[str]:
     said = []
     for p, d in interval_rows(results):
-        x, span, apart = likely(results, p), spans(results, p, d["interval"]), len(allowed(results, p, d["interval"])) > 1
+        x, span = likely(results, p), spans(results, p, d["interval"])
         if d.get("determined") is True:
             if x is None:
                 said.append(f"{p.letter} is determined: it lies between {span.replace(' to ', ' and ')}.")
@@ -126,7 +126,8 @@ def _material(results: Results) -> list[str]:
                     "the data."
                 )
         else:
-            width = "" if apart else f" ({_width(p, *d['interval'])})"
+            whole = len(allowed(results, p, d["interval"])) == 1
+            width = f" ({_width(p, *d['interval'])})" if whole else ""
             said.append(
                 f"{p.letter} {how(results, p)}:{_level(results)} every value from {span}{width} agrees with the data."
             )

@@ -170,6 +170,22 @@ def test_an_answer_that_is_none_is_a_crash(tmp_path):
     assert outcome.reason.splitlines()[0] == "TypeError: dummy returned dict, must be a Response"
 
 
+@pytest.mark.parametrize(("unit", "why"), [("um", "uz(3,4) in um, it must be in mm"), ("mm", ""), ("millimetre", "")])
+def test_a_mark_in_another_unit_is_a_crash(tmp_path, unit, why):
+    """Marks are declared nowhere: what one is compared with is in mm, and nothing converts it."""
+
+    @dataclasses.dataclass(frozen=True)
+    class Marked(dummy.Dummy):
+        def __call__(self, values, case):
+            r = super().__call__(values, case)
+            marks = {**r.channels, "uz(3,4)": r.channels["travel"]}
+            return dataclasses.replace(r, channels=marks, units={**r.units, "uz(3,4)": unit})
+
+    with RunStore(tmp_path) as store:
+        (outcome,) = run_all(Marked(), [task()], store, InlineExecutor(), retries=0)
+    assert why in outcome.reason if why else isinstance(outcome, Done)
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
