@@ -255,7 +255,11 @@ def _next(options: argparse.Namespace, command: str) -> int:
 
         files += render_further(found, folder, html=study.report.html, pdf=study.report.pdf)
     print(f"\n{found['study']['title']}")
-    for line in [*found["words"], *(f"no answer: {n}: {w}" for n, w in found["problems"].items())]:
+    for line in [
+        *found["words"],
+        *(f"warning: {w}" for w in found["warnings"]),
+        *(f"no answer: {n}: {w}" for n, w in found["problems"].items()),
+    ]:
         width = min(shutil.get_terminal_size().columns, 100)
         print(textwrap.fill(line, width, initial_indent="  ", subsequent_indent="    "))
     print("\n" + "\n".join(markdown(found)) + "\n")

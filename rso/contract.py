@@ -346,7 +346,8 @@ class SimulationFailed(Exception):
 class Backend(Protocol):
     """What `rso` needs of a simulator.  `name` and `numerics` enter the run key.
 
-    `numerics` is raised when, and only when, answers change: the package version does not enter the key.
+    `numerics` is raised when, and only when, answers change: the package version does not enter the key.  So does
+    `fingerprint` where there is one: of foreign backends the loader sets it to the hash of the files they come from.
     """
 
     name: str
@@ -417,8 +418,10 @@ def run_key(backend: Backend, values: Mapping[str, float], case: Case) -> str:
 
     `values` and `case` are expected in the backend's canonical form.
     """
+    fingerprint = getattr(backend, "fingerprint", "")
     return digest(
         {
+            **({"fingerprint": fingerprint} if fingerprint else {}),
             "backend": backend.name,
             "numerics": backend.numerics,
             "values": {k: float(v) for k, v in values.items()},

@@ -31,6 +31,9 @@ COLUMNS = MappingProxyType(
         "uz": "mm",
     }
 )
+CHANNELS = MappingProxyType(  # of a response, whose values meet those of the columns as they are
+    {"time": "s", "travel": "mm", **{c: COLUMNS[c] for c in ("Fx", "Fy", "Fz", "ux", "uy", "uz")}}
+)
 BARE_COLUMNS = ("repeat", "segment")
 LADDERS = {
     "MPa": (("MPa", 1.0), ("kPa", 1e3), ("Pa", 1e6)),
@@ -94,6 +97,14 @@ def _scale(unit: str) -> tuple[Fraction, pint.util.UnitsContainer]:
     except (pint.PintError, AttributeError, TypeError, SyntaxError) as error:
         raise ValueError(f"{written!r} is not a known unit") from error
     return Fraction(scale), dimension
+
+
+def same(unit: str, base: str) -> bool:
+    """Whether they are one unit, however it is written."""
+    try:
+        return unit == base or factor(unit, base) == 1
+    except ValueError:
+        return False
 
 
 @functools.lru_cache(maxsize=256)

@@ -16,6 +16,7 @@ from rso.identify.likelihood import Misfit
 DRAWS = 2**14  # of the Gaussian in the box: its 5 % quantile is then within 1 % of a standard deviation
 COARSE, FINE = 33, 17  # points of a profile over the whole box, and over ±4 standard deviations
 FINER = 9  # further ones between the last point inside an interval and the next one outside
+GAP = 1.0  # of χ²: values between two pieces of an interval are excluded by this much more than those at its ends
 ON_BOUND = 1e-9
 
 
@@ -112,19 +113,21 @@ class Profile:
     point: np.ndarray
 
     def interval(self, level: float = 0.9) -> Interval:
-        """All values with rise <= the quantile of χ² with one degree of freedom; √rise is linear between grid points.
+        """From the first to the last of all values with rise <= the quantile of χ² with one degree of freedom.
 
-        Outermost ends where there are several pieces.  Source: Venzon & Moolgavkar, Appl. Stat. 37 (1988) 87, eq. 1.
+        There may be values between that the data exclude: :meth:`pieces`.
+        Source: Venzon & Moolgavkar, Appl. Stat. 37 (1988) 87, eq. 1.
         """
-        limit, root = math.sqrt(chi2_distribution.ppf(level, 1)), np.sqrt(np.maximum(self.rise, 0.0))
-        inside = np.flatnonzero(root <= limit)
-        if not len(inside):
-            best = float(self.at[int(np.argmin(root))])
-            return Interval(best, best)
-        first, last = int(inside[0]), int(inside[-1])
-        low = self._crossing(first, first - 1, root, limit) if first else float(self.at[0])
-        high = self._crossing(last, last + 1, root, limit) if last + 1 < len(self.at) else float(self.at[-1])
-        return Interval(low, high, low <= ON_BOUND, high >= 1 - ON_BOUND)
+        found = self.pieces(level)
+        return Interval(found[0].low, found[-1].high, found[0].at_low, found[-1].at_high)
+
+    def pieces(self, level: float = 0.9) -> tuple[Interval, ...]:
+        """The same values as intervals in order, apart where the rise exceeds the quantile by more than `GAP`.
+
+        √rise is linear between grid points; where no value is inside, the best one alone.
+        """
+        found = pieces(self.at, self.rise, level)
+        return tuple(Interval(low, high, low <= ON_BOUND, high >= 1 - ON_BOUND) for low, high in found)
 
     def leaning(self, level: float = 0.9) -> tuple[int, ...]:
         """Other parameters on a bound of the box just beyond an end of this interval: that bound makes the end."""
@@ -135,9 +138,34 @@ class Profile:
         on[self.parameter] = False
         return tuple(int(j) for j in np.flatnonzero(on))
 
-    def _crossing(self, inner: int, outer: int, root: np.ndarray, limit: float) -> float:
+
+def pieces(at: np.ndarray, rise: np.ndarray, level: float = 0.9) -> tuple[tuple[float, float], ...]:
+    """(low, high) of all values `at` (g,), in order, where the `rise` (g,) of χ² is within its quantile."""
+    limit, root, n = math.sqrt(chi2_distribution.ppf(level, 1)), np.sqrt(np.maximum(rise, 0.0)), len(at)
+
+    def crossing(inner: int, outer: int) -> float:
         share = (limit - root[inner]) / (root[outer] - root[inner])
-        return float(self.at[inner] + share * (self.at[outer] - self.at[inner]))
+        return float(at[inner] + share * (at[outer] - at[inner]))
+
+    found = []
+    for first, last in stretches(rise, level):
+        low = crossing(first, first - 1) if first else float(at[0])
+        found.append((low, crossing(last, last + 1) if last + 1 < n else float(at[-1])))
+    best = float(at[int(np.argmin(root))])
+    return tuple(found) or ((best, best),)
+
+
+def stretches(rise: np.ndarray, level: float = 0.9) -> list[tuple[int, int]]:
+    """First and last index of each run of values (g,) within the quantile of χ² with one degree of freedom.
+
+    Runs with nothing between them above that quantile + `GAP` are one: descents end short of the least misfit by less.
+    """
+    limit = chi2_distribution.ppf(level, 1)
+    found: list[tuple[int, int]] = []
+    for i in map(int, np.flatnonzero(rise <= limit)):
+        joined = bool(found) and float(rise[found[-1][1] : i + 1].max()) <= limit + GAP
+        found[-1:] = [(found[-1][0], i)] if joined else [*found[-1:], (i, i)]
+    return found
 
 
 def profile(misfit: Misfit, fit: Fit, parameter: int, also: np.ndarray | None = None) -> Profile:
@@ -156,8 +184,8 @@ def profile(misfit: Misfit, fit: Fit, parameter: int, also: np.ndarray | None = 
     starts.insert(0, fit.x + np.outer(t - fit.x[k], _follow(fit.fisher, k)))
     best, path = _lowest(misfit, fit, k, t, starts)
     # a valley is flat inside and steep outside: from the last point inside to the next one √rise is no line
-    inside = np.flatnonzero(best - min(fit.chi2, float(best.min())) <= chi2_distribution.ppf(0.9, 1))
-    ends = ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)) if len(inside) else ()
+    inside = stretches(best - min(fit.chi2, float(best.min())))
+    ends = [(i, o) for first, last in inside for i, o in ((first, first - 1), (last, last + 1))]
     for i, o in [(i, o) for i, o in ends if 0 <= o < len(t)]:
         between = np.linspace(t[i], t[o], FINER + 2)[1:-1]
         S, P = _lowest(misfit, fit, k, between, [np.repeat(path[[n]], FINER, axis=0) for n in (i, o)])

@@ -95,8 +95,9 @@ def sentences(
     name, of = box.names[k], box.units[k]
     tail = f" {of}" if of else ""
     low, high = physical(box, k, interval)
-    digits = _apart(low, high)
-    span = f"{low:.{digits}g} to {high:.{digits}g}{tail}"
+    pieces = profile.pieces(level) if profile is not None else (interval,)
+    said = [_span(*physical(box, k, p)) for p in pieces]
+    span = f"{' or from '.join(said)}{tail}"
     other = f", as long as {' and '.join(leaning)} stay{'s' if len(leaning) == 1 else ''} in range" if leaning else ""
     missed = f"the model, which misses the data by {scale:.2g} times their errors" if scale > 1.0 else ""
     if verdict.word == "determined":
@@ -110,23 +111,29 @@ def sentences(
     bounds = f", as far as the {' and the '.join(ends)} bound of the search" if ends else other
     agrees = f"fits as well as any under {missed}" if missed else "agrees with the curve"
     text = f"{name} {WORDS[verdict.word]}: every value from {span} {agrees}{bounds}."
-    inside = (profile.at >= interval.low - 1e-9) & (profile.at <= interval.high + 1e-9)
+    inside = np.any([(profile.at >= p.low - 1e-9) & (profile.at <= p.high + 1e-9) for p in pieces], axis=0)
     worst = int(np.flatnonzero(inside)[np.argmax(np.abs(profile.change[inside]) / profile.sigma[inside])])
-    why = _little(name, abs(profile.change[worst]), profile.sigma[worst], depth[profile.point[worst]], unit, box.d > 1)
+    over = f"Over the whole interval of {name}" if len(pieces) == 1 else f"Over all these values of {name}"
+    over += ", the other parameters fitted again," if box.d > 1 else ""
+    why = _little(over, abs(profile.change[worst]), profile.sigma[worst], depth[profile.point[worst]], unit)
     if verdict.noise_factor is not None:
         why += f" It would be determined if the noise were {1 / verdict.noise_factor:.2g} times smaller."
     return text, why
 
 
-def _little(name: str, change: float, sigma: float, depth: float, unit: str, others: bool) -> str:
-    """How much a curve changes over an interval, against its uncertainty, where that shows most."""
+def _span(low: float, high: float) -> str:
+    digits = _apart(low, high)
+    return f"{low:.{digits}g} to {high:.{digits}g}"
+
+
+def _little(over: str, change: float, sigma: float, depth: float, unit: str) -> str:
+    """How much a curve changes `over` an interval, against its uncertainty, where that shows most."""
     what = {"N": "force", "mm": "displacement"}.get(unit, "curve")
-    again = ", the other parameters fitted again," if others else ""
     if change < UNSEEN * sigma:
-        return f"Over the whole interval of {name}{again} the {what} does not change."
+        return f"{over} the {what} does not change."
     much = f"{change / sigma:.2g} times" if change >= sigma else f"{100 * change / sigma:.2g} % of"
     return (
-        f"Over the whole interval of {name}{again} the {what} changes by at most {much} its uncertainty: "
+        f"{over} the {what} changes by at most {much} its uncertainty: "
         f"{size(change, unit)} against {size(sigma, unit)}, at {depth:.3g} mm."
     )
 

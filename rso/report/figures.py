@@ -14,7 +14,7 @@ from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM,
 from rso.report.descent import descent_figure
 from rso.report.digits import Unit, channel_text, clean, ends, known, largest, percent, shortest, shown
 from rso.report.displacements import is_profile, profile_figure
-from rso.report.identification import profiles
+from rso.report.identification import allowed, profiles
 from rso.report.influence import along_figure, morris_figure, shapes_figure
 from rso.report.maps import fronts, sensitivity, surfaces
 from rso.report.reading import (
@@ -80,7 +80,9 @@ def determined(results: Results, name: str) -> str:
         a, b = p.share(p.low, low), p.share(p.low, high)
         good = d.get("determined") is True
         axes.plot([0, 1], [y, y], color=LIGHT, lw=1.2, solid_capstyle="butt")
-        axes.plot([a, b], [y, y], color=ACCENT if good else LIGHT, lw=7, solid_capstyle="butt")
+        for piece in allowed(results, p, d["interval"]):
+            bar = [p.share(p.low, v) for v in piece]
+            axes.plot(bar, [y, y], color=ACCENT if good else LIGHT, lw=7, solid_capstyle="butt")
         axes.text(-0.12, y, p.letter, ha="right", va="center", fontsize=11)
         for x, value, ha in ((-0.012, p.low, "right"), (1.012, p.high, "left")):
             axes.text(x, y, shortest(float(f"{value * p.unit.factor:.4g}")), ha=ha, va="center", color=GREY, fontsize=8)

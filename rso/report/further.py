@@ -86,6 +86,7 @@ def answer(found: Found) -> Section:
                           "values. Full: from made-up data; ring: Fisher information; left of the line it would be "
                           "determined."))  # fmt: skip
     blocks.append(_table(found, "Each experiment", rows, titles))
+    blocks[1:1] = [Text(sentence(clean(w)), "warning") for w in found.get("warnings") or ()]
     for name, why in (found.get("problems") or {}).items():
         blocks.append(Text(sentence(f"{name} has no answer: {why}"), "warning"))
     return Section("answer", "Answer", tuple(blocks))

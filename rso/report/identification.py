@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from rso.identify.intervals import pieces
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, WARM, canvas, parameter_axis, svg
 from rso.report.digits import (
     DASH,
@@ -42,7 +43,7 @@ def identification_section(results: Results) -> Section:
     blocks: list[Block] = [Text(_fit(data))]
     if profiled(results):
         blocks.append(Picture("profile", _caption(data)))
-    blocks.append(_intervals(data, rows))
+    blocks.append(_intervals(results, data, rows))
     for p, d in rows:
         if d.get("reason"):
             blocks.append(Text(f"{p.letter}: {lettered(results, d['reason'])}"))
@@ -55,6 +56,25 @@ def identified(results: Results) -> list[tuple[Parameter, Mapping[str, Any]]]:
     data = (results.get("identification") or {}).get("parameters") or ()
     by_name = {clean(d.get("parameter")): d for d in data}
     return [(p, by_name[p.name]) for p in parameters(results, free=True) if p.name in by_name]
+
+
+def allowed(results: Results, p: Parameter, interval: Any) -> list[tuple[float, float]]:
+    """What the data allow a parameter, in its base unit: the pieces of its profile; of one piece, its `interval`."""
+    d = dict((q.name, d) for q, d in identified(results)).get(p.name) or {}
+    whole = [tuple(interval)] if pair(interval) else []
+    level, profile = number((results.get("identification") or {}).get("level")), d.get("profile") or {}
+    at, rise = (np.array(v) for v in points(profile.get("values"), profile.get("rise")))
+    if level is None or not 0 < level < 1 or len(at) < 2 or (p.log and at.min() <= 0):
+        return whole
+    found = pieces(np.log(at) if p.log else at, rise, level)
+    if len(found) == 1:
+        return whole
+    return [(float(np.exp(a)), float(np.exp(b))) if p.log else (a, b) for a, b in found]
+
+
+def spans(results: Results, p: Parameter, interval: Any) -> str:
+    """The same in words."""
+    return " or ".join(between(low, high, p.unit) for low, high in allowed(results, p, interval)) or DASH
 
 
 def profiled(results: Results) -> list[tuple[Parameter, Mapping[str, Any]]]:
@@ -106,7 +126,7 @@ def _caption(data: Mapping[str, Any]) -> str:
     )
 
 
-def _intervals(data: Mapping[str, Any], rows: list[tuple[Parameter, Mapping[str, Any]]]) -> Table:
+def _intervals(results: Results, data: Mapping[str, Any], rows: list[tuple[Parameter, Mapping[str, Any]]]) -> Table:
     value = [
         significant(d["value"] * p.unit.factor, d["digits"]) if known(d.get("value")) and d.get("digits") else DASH
         for p, d in rows
@@ -119,8 +139,12 @@ def _intervals(data: Mapping[str, Any], rows: list[tuple[Parameter, Mapping[str,
     ]
     level = percent(number(data.get("level")))
     for key, label in _METHODS:
-        spans = [between(*d[key], p.unit).removesuffix(p.unit.after) if pair(d.get(key)) else DASH for p, d in rows]
-        columns.append(column(label, words(spans), level))
+        said = []
+        for p, d in rows:
+            ends = d.get(key) or (None, None)
+            text = spans(results, p, ends) if key == "interval" else between(*ends, p.unit)
+            said.append(text.replace(p.unit.after, "") if p.unit.after else text)
+        columns.append(column(label, words(said), level))
     need = [f"× {significant(d['noise_factor'], 2)}" if known(d.get("noise_factor")) else DASH for _, d in rows]
     columns.append(column("noise needed", words(need)))
     state = [_WORDS.get(str(d.get("verdict")), (clean(d.get("verdict")) or DASH, "")) for _, d in rows]

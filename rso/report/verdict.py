@@ -7,7 +7,6 @@ from typing import Any
 
 from rso.report.digits import (
     Unit,
-    between,
     clean,
     duration,
     known,
@@ -20,7 +19,7 @@ from rso.report.digits import (
 )
 from rso.report.document import Block, Fact, Facts, Picture, Section, Text
 from rso.report.gap import gap_fact, gap_sentences
-from rso.report.identification import identified
+from rso.report.identification import allowed, identified, spans
 from rso.report.notes import data_remarks
 from rso.report.predictions import prediction_fact, prediction_sentences
 from rso.report.reading import (
@@ -116,9 +115,7 @@ def _also(p: Parameter, x: float, interval: list[float]) -> str:
 def _material(results: Results) -> list[str]:
     said = []
     for p, d in interval_rows(results):
-        low, high = d["interval"]
-        x = likely(results, p)
-        span = between(low, high, p.unit)
+        x, span = likely(results, p), spans(results, p, d["interval"])
         if d.get("determined") is True:
             if x is None:
                 said.append(f"{p.letter} is determined: it lies between {span.replace(' to ', ' and ')}.")
@@ -129,9 +126,10 @@ def _material(results: Results) -> list[str]:
                     "the data."
                 )
         else:
+            whole = len(allowed(results, p, d["interval"])) == 1
+            width = f" ({_width(p, *d['interval'])})" if whole else ""
             said.append(
-                f"{p.letter} {how(results, p)}:{_level(results)} every value from {span} "
-                f"({_width(p, low, high)}) agrees with the data."
+                f"{p.letter} {how(results, p)}:{_level(results)} every value from {span}{width} agrees with the data."
             )
     return said
 
@@ -246,7 +244,7 @@ def _facts(results: Results) -> tuple[Fact, ...]:
     facts, best = [], best_candidate(results)
     sure = _level(results).removeprefix(" with ").replace(" confidence", " interval")
     for p, d in interval_rows(results)[:3]:
-        span = between(*d["interval"], p.unit)
+        span = spans(results, p, d["interval"])
         if d.get("determined") is True:
             x = likely(results, p)
             value = span if x is None else _value(p, x, d["interval"], p.unit)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import difflib
 import functools
+import hashlib
 import importlib
 import importlib.machinery
 import importlib.util
@@ -27,6 +29,7 @@ from rso.contract import (
     Response,
     Scope,
     SimulationFailed,
+    digest,
     drop_neutral,
     finite,
     number,
@@ -91,6 +94,10 @@ def load_backend(
     command that name an existing file in it are made absolute.  `keep_folder` and `timeout_s` (wall, s) are for the
     command only: see :class:`CommandBackend`.
 
+    What is not the project's own has the hash of its files as `fingerprint`, a part of every run key: of an object the
+    file of its module (unless it has a `fingerprint` itself), of a command its words and the files that they name.
+    What these import or read in turn is not seen.
+
     Raises ValueError if not exactly one of the two is given, if the module, attribute or program does not exist,
     or if what was found is no backend (listing what it lacks).
     """
@@ -121,7 +128,29 @@ def _load_object(use: str, base: str | os.PathLike[str] | None) -> Backend:
     if missing or isinstance(backend, type):
         lack = f"lacks {', '.join(missing)}" if missing else "is a class; an instance is needed"
         raise ValueError(f"backend: {use!r} is not a backend (rso.contract.Backend): it {lack}")
+    if module_name.partition(".")[0] != OWN and not hasattr(backend, "fingerprint"):
+        backend = _marked(backend, use, module.__file__)
     return backend  # type: ignore[no-any-return]
+
+
+def _marked(backend: Any, use: str, file: str | None) -> Any:
+    """A copy of a foreign object with its `fingerprint`; ValueError if it takes no attribute."""
+    try:
+        found = copy.copy(backend)
+    except TypeError:  # a module, or what holds one process's own things
+        found = backend
+    try:  # past the freezing of a dataclass: what it computes is not changed
+        object.__setattr__(found, "fingerprint", "" if file is None else _hash(file))
+    except (AttributeError, TypeError) as error:
+        raise ValueError(
+            f"backend: {use!r} takes no attribute; let it have one, fingerprint, that changes with its answers"
+        ) from error
+    return found
+
+
+def _hash(file: str) -> str:
+    with open(file, "rb") as f:
+        return hashlib.file_digest(f, "sha256").hexdigest()
 
 
 def check_values(parameters: tuple[Parameter, ...], values: Mapping[str, float]) -> dict[str, float]:
@@ -167,6 +196,7 @@ class CommandBackend:
     numerics: int
     keep_folder: str | None = None
     timeout_s: float | None = None
+    fingerprint: str = ""
 
     def check(self, case: Case) -> None:
         """Nothing to say before the program runs."""
@@ -229,7 +259,9 @@ def _load_command(
     except ValueError as error:
         raise ValueError(f"backend: {' '.join(words)} --schema: {error}") from error
     keep_folder = None if keep_folder is None else str(Path(keep_folder).absolute())
-    return CommandBackend(words, parameters, channels, name, numerics, keep_folder, timeout_s)
+    named = [_hash(word) if os.path.isabs(word) and os.path.isfile(word) else word for word in words]
+    fingerprint = "" if words[1:] == ("-m", OWN) else digest(named)
+    return CommandBackend(words, parameters, channels, name, numerics, keep_folder, timeout_s, fingerprint)
 
 
 def _words(command: tuple[str, ...], root: Path) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from rso.running.cluster import ClusterExecutor
 from rso.running.driving import Ahead, Job, drive
 from rso.running.pool import WorkerPool
 from rso.store import Crashed, Done, Failed, RunStore
+from rso.units import CHANNELS, same
 
 Outcome = Done | Failed | Crashed
 
@@ -360,6 +361,9 @@ def _lacking(response: Response, case: Case, needs: frozenset[str], backend: Bac
     for channel, unit in response.units.items():
         if backend.channels.get(channel, unit) != unit:
             return f"the response has {channel} in {unit}, {backend.name} declares {backend.channels[channel]}"
+        wanted = CHANNELS.get(channel.partition("(")[0], unit)  # "uz(3,4)" is a mark's, declared by nobody
+        if channel not in backend.channels and not same(unit, wanted):
+            return f"the response has {channel} in {unit}, it must be in {wanted}"
     travel = response.channels["travel"]
     asked = np.asarray(case.programme.asked_mm)
     if not len(travel) or np.any(np.abs(travel[:, None] - asked).min(axis=0) > 1e-9):

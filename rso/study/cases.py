@@ -17,7 +17,7 @@ from rso.study.resolve import Resolved
 from rso.study.schema import ExperimentTable, Study
 from rso.study.searched import Target
 from rso.surrogates.polynomial import HIGHEST
-from rso.units import COLUMNS, UNITS, quantity
+from rso.units import CHANNELS, COLUMNS, UNITS, quantity, same
 
 DEFAULT_SPEED = 0.5  # mm/s
 STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for Hertz
@@ -211,7 +211,7 @@ def merge(
 def refuse_what_is_not_modelled(
     study: Study, backend: Backend, resolved: Resolved, curves: Mapping[str, MeasuredCurve]
 ) -> None:
-    problems = []
+    problems = foreign_units(study, backend)
     for n, e in enumerate(study.experiments):
         place: Place = ("experiments", n)
         unload = study.settings_of(e.name).get("unload", False)
@@ -243,6 +243,20 @@ def refuse_what_is_not_modelled(
         problems.append(Problem(("surrogate", "degree"), text, study.surrogate.degree))
     if problems:
         raise study_error(study.file, study.lines, problems)
+
+
+def foreign_units(study: Study, backend: Backend) -> list[Problem]:
+    """Channels that the backend declares in another unit than that in which they meet what was measured."""
+    place: Place = ("backend", "use" if study.backend.command is None else "command")
+    wrong = [(c, unit) for c, unit in backend.channels.items() if c in CHANNELS and not same(unit, CHANNELS[c])]
+    return [
+        Problem(
+            place,
+            f"the backend {backend.name!r} declares channel {c!r} in {unit}; choose {CHANNELS[c]}, in which it is "
+            "compared: responses are not converted",
+        )
+        for c, unit in wrong
+    ]
 
 
 def _refusal(backend: Backend, case: Case) -> str | None:

@@ -24,7 +24,7 @@ from rso.running import Event, Task, run_all
 from rso.similarity import group, stress_exponent
 from rso.store import RunStore
 from rso.study import files
-from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, place_of_setting, stated_speed
+from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, foreign_units, place_of_setting, stated_speed
 from rso.study.errors import Problem, choose, study_error
 from rso.study.plan import source_of
 from rso.study.resolve import Axis, Resolved, resolve
@@ -99,7 +99,7 @@ def ask(study: Study) -> Asked:
 
 def _refuse_what_is_not_modelled(study: Study, backend: Backend, experiments: Sequence[Experiment]) -> None:
     """StudyError for what of the experiments the backend refuses, at the setting that it names."""
-    problems: list[Problem] = []
+    problems = foreign_units(study, backend)
     for n, e in enumerate(experiments):
         try:
             case = _probe(e)

@@ -75,7 +75,11 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Everything of `rso next`: fits of what exists; truths (k, d) in the unit cube, what each set tells at each."""
+    """Everything of `rso next`: fits of what exists; truths (k, d) in the unit cube, what each set tells at each.
+
+    `scale` >= 1 is what all errors were multiplied with because the model misses the data; `rise` (k,) is how far χ² of
+    what exists lies above its least value at each truth, after that.
+    """
 
     axes: Axes
     learnt: tuple[Learnt, ...]
@@ -83,6 +87,8 @@ class Found:
     joint: tuple[Joint, ...]
     weakest: int
     truths: np.ndarray
+    rise: np.ndarray
+    scale: float
     told: tuple[tuple[Told, ...], ...]
 
 
@@ -111,16 +117,24 @@ def run_next(
     whole = joint[-1].determination
     weakest = axes.box.names.index(*values) if values else int(np.argmax([k.sd_log for k in whole.known]))
     truths = on_valley(whole.misfit, whole.fit.x, weakest, _places(axes, weakest, values))
-    more = [v.experiment for v in learnt if not v.item.done]
-    again = [dataclasses.replace(v.experiment, name=f"{v.item.name}{AGAIN}") for v in have]
+    # What the model lacks it will lack in the next experiment too.
+    s = whole.scale
+    rise = (whole.misfit.chi2(truths) - whole.fit.chi2) / s**2
+    more = [widened(v.experiment, s) for v in learnt if not v.item.done]
+    again = [dataclasses.replace(widened(v.experiment, s), name=f"{v.item.name}{AGAIN}") for v in have]
     singles = [(e,) for e in (*again, *more)]
     sets = [(), *singles, *itertools.combinations(more, 2)]
-    existing = [v.experiment for v in have]
+    existing = [widened(v.experiment, s) for v in have]
     each = [
         tuple(told(axes.box, x, weakest, existing, sets, plan.seed + 100 * k, table.draws))
         for k, x in enumerate(truths)
     ]
-    return Found(axes, tuple(learnt), problems, joint, weakest, truths, tuple(each))
+    return Found(axes, tuple(learnt), problems, joint, weakest, truths, rise, s, tuple(each))
+
+
+def widened(e: Experiment, scale: float) -> Experiment:
+    """An experiment with errors `scale` times as large: C scale²."""
+    return dataclasses.replace(e, covariance=lambda x: scale**2 * e.covariance(x))
 
 
 def asked(plan: Plan, axes: Axes) -> tuple[list[Item], dict[str, list[float]]]:

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2 as chi2_distribution
 
 import rso
 from rso.identify import Told
-from rso.identify.verdict import FACTOR, physical
+from rso.identify.verdict import FACTOR, REFUTED, physical
 from rso.study import files
 from rso.study.further import AGAIN, Found, Joint, Learnt
 from rso.study.plan import Plan
@@ -21,6 +22,8 @@ from rso.study.results import data_hashes
 FILE, SCHEMA = "next.json", 1
 ENOUGH = math.log(FACTOR) / 1.645  # sd of ln θ with which a 90 % interval is a value
 ALIKE = 0.1  # of ln sd: experiments whose expectations are closer than this are not told apart
+DOUBTED = 0.99  # confidence with which the data exclude a truth that is worth a word
+ON_BOUND = 1e-6  # of the unit cube
 APART = 1.5  # factor between Fisher information and made-up data that is worth a word
 
 
@@ -42,6 +45,7 @@ def results(plan: Plan, found: Found, command: str) -> dict[str, Any]:
             "truths": [dict(zip(box.names, map(float, row), strict=True)) for row in theta],
             "words": words(found, singles, pairs),
             "experiments": [_experiment(v) for v in found.learnt],
+            "warnings": warnings(found),
             "problems": dict(found.problems),
             "fits": [_fit(box, j) for j in found.joint],
             "told": [_row(found, n) for n in [(), *singles, *pairs]],
@@ -116,6 +120,33 @@ def words(found: Found, singles: Sequence[tuple[str, ...]], pairs: Sequence[tupl
             f"Fisher information alone would have been off by factors of {1 / max(off):.2g} to {1 / min(off):.2g}: "
             "the numbers here are those of made-up data."
         )
+    return said
+
+
+def warnings(found: Found) -> list[str]:
+    """Where the model misses the data, and the truths that these exclude."""
+    box, k, said = found.axes.box, found.weakest, []
+    if found.scale > 1.0:
+        text = (
+            f"The model misses what has been measured by {found.scale:.2g} times the stated errors; those of all "
+            "experiments, of further ones too, are taken as that much larger"
+        )
+        cure = "; what it lacks has to be found before a further experiment is chosen" if found.scale > REFUTED else ""
+        said.append(f"{text}{cure}.")
+    limit = float(chi2_distribution.ppf(DOUBTED, 1))
+    for x, theta, rise in zip(found.truths, box.from_unit(found.truths), found.rise, strict=True):
+        if rise > limit:
+            on = [n for j, n in enumerate(box.names) if j != k and not ON_BOUND < x[j] < 1 - ON_BOUND]
+            held = (
+                f" with {' and '.join(on)} at the end of {'its range' if len(on) == 1 else 'their ranges'}"
+                if on
+                else ""
+            )
+            value = f"{box.names[k]} = {theta[k]:.3g} {box.units[k]}"
+            said.append(
+                f"The data speak against {value}: χ² is {rise:.3g} above its least value there{held}; "
+                "what is expected for it is not expected of this specimen."
+            )
     return said
 
 

@@ -52,6 +52,12 @@ def targets(text: str) -> dict[str, str]:
     return {"search": f"targets = [{text}]"}
 
 
+IN_MN = """import indentation_backend
+class Milli(indentation_backend.Layer):
+    channels = {"time": "s", "travel": "mm", "Fz": "mN", "Fx": "newton", "uz_max": "m"}
+BACKEND = Milli()
+"""
+
 BROKEN = {  # changes of the study file, other files, what the message must hold
     "unknown table": ({"serach": "population = 20"}, {}, "serach: unknown key; did you mean 'search'"),
     "unknown key": ({"doe": "run = 16"}, {}, "doe.run = 16: unknown key; did you mean 'runs'"),
@@ -108,6 +114,9 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
     "channel that is not modelled": (
         experiments(first=TOP + '\nchannels = ["Fy"]') | {"search": None},
         {"top.csv": "depth_mm,Fy_N\n1,.1\n2,.2\n"}, "the backend 'layer' has no such channel"),
+    "forces in another unit": (
+        {"backend": 'use = "layer_in_mN:BACKEND"'},
+        {"layer_in_mN.py": IN_MN}, "use: the backend 'layer' declares channel 'Fz' in mN; choose N"),
     "target that is not modelled": (
         targets('{ experiment = "top", depth = 1, channel = "Fy" }'),
         {"top.csv": "depth_mm,Fz_N,Fy_N\n1,.1,.1\n2,.2,.2\n"}, "search.targets[0].channel = 'Fy'"),

@@ -1,5 +1,6 @@
 """What further experiments would tell: against Gaussian theory and against data; a valley is not believed away."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -20,7 +21,7 @@ from rso.store import RunStore
 from rso.study import StudyError, load
 from rso.study.further import run_next
 from rso.study.further_curves import along_one
-from rso.study.further_results import ENOUGH, by_truth, results
+from rso.study.further_results import ENOUGH, by_truth, results, warnings
 from rso.study.plan import make_plan
 
 LINE = Box(("a", "b"), ("1", "1"), (1.0, 1.0), (3.0, 3.0), (False, False))
@@ -303,3 +304,54 @@ def test_data_of_the_ladder_backend_are_what_the_climb_sees(tmp_path):
     grown = [brentq(lambda mu, D1=D1: mu * (6 + mu * D1) / (6 + 4 * mu * D1) - 0.01 * 6.08 / 6.32, 1e-3, 0.1)
              for D1 in (2.0, 40.0)]  # fmt: skip
     np.testing.assert_allclose(ends, grown, rtol=0.01)
+
+
+# ------------------------------------------------------------------------------- where the model does not have it all
+
+
+def bent(folder, amplitude, sigma=2e-4):
+    """The layer's force with a part (N) that it does not have, and what `rso next` makes of it."""
+    depth, force = np.loadtxt(studies.measured(sigma).splitlines(), delimiter=",", skiprows=1).T
+    folder.mkdir()
+    force = force + amplitude * np.sin(6 * depth)
+    (folder / "top.csv").write_text(
+        "depth_mm,Fz_N\n" + "".join(f"{d!r},{f!r}\n" for d, f in zip(depth.tolist(), force.tolist(), strict=True))
+    )
+    top = studies.SECTIONS["[experiments]"].replace("0.02 mN", f"{1e3 * sigma} mN")
+    table = 'truths = { D1 = [20, 60] }\nexperiments = [{ name = "deeper", depth = 3, noise = { Fz = "0.2 mN" } }]'
+    plan = make_plan(load(studies.write(folder, experiments=top, next=f"runs = 10\ndraws = 20\n{table}")))
+    with RunStore(folder / "results") as store:
+        further = run_next(plan, store, Inline())
+    return further, results(plan, further, "test")
+
+
+def test_what_the_model_lacks_it_lacks_in_the_next_experiment_too(tmp_path):
+    """With a misfit of s times the errors all that is expected is s times as wide; without one nothing is said."""
+    (right, plain), (wrong, data) = (bent(tmp_path / k, a) for k, a in (("right", 0.0), ("wrong", 1e-3)))
+    s = wrong.scale
+    assert right.scale == 1.0 and s == wrong.joint[-1].determination.scale > 3.0
+    for a, b in zip(right.learnt, wrong.learnt, strict=True):  # the same errors are stated of every experiment
+        x = wrong.truths[1]
+        np.testing.assert_allclose(a.experiment.covariance(x), b.experiment.covariance(x), rtol=1e-6, atol=1e-12)
+    known = wrong.joint[-1].determination.of("D1")
+    told_ = {t.added: t.fisher["D1"] for t in wrong.told[1]}
+    assert told_[()] == pytest.approx(known.sd_log, rel=0.3)  # D1 = 60 is near the fit; the range counts as known
+    assert told_[("deeper",)] / next(t for t in right.told[1] if t.added == ("deeper",)).fisher["D1"] > 0.8 * s
+    assert not any("misses" in w for w in plain["warnings"])
+    warned = next(w for w in data["warnings"] if "misses" in w)
+    assert f"by {s:.2g} times the stated errors" in warned and "has to be found" in warned
+    texts = [b.text for section in report(data).sections for b in section.blocks if getattr(b, "role", "") == "warning"]
+    assert warned in texts
+
+
+def test_truths_that_the_data_exclude_are_said_to_be(tmp_path):
+    """D1 = 20 where 60 is true and well known; the rise is that of the misfit there."""
+    further, data = bent(tmp_path / "right", 0.0)
+    d = further.joint[-1].determination
+    np.testing.assert_allclose(further.rise, d.misfit.chi2(further.truths) - d.fit.chi2)
+    assert further.rise[0] > 20 and further.rise[1] < 6
+    against = [w for w in data["warnings"] if "speak against" in w]
+    assert len(against) == 1 and "D1 = 20 1/MPa: χ² is " in against[0]
+    at_end = np.array([[0.0, 0.1]]) if further.weakest else np.array([[0.1, 0.0]])
+    bound = warnings(dataclasses.replace(further, truths=at_end, rise=np.array([50.0])))
+    assert "with mu at the end of its range" in bound[0]

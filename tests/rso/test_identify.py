@@ -14,7 +14,7 @@ from rso.curves import metrics
 from rso.doe import Box
 from rso.emulator import Output, Sample, learn
 from rso.identify import Data, Misfit, Model
-from rso.identify.intervals import Interval
+from rso.identify.intervals import Interval, pieces
 from rso.identify.verdict import judge, sentences
 from rso.similarity import Group
 
@@ -263,6 +263,32 @@ def test_draws_and_profile_hold_every_valley_that_the_data_leave():
     for interval in (a.profile_interval, a.mcmc):
         np.testing.assert_allclose([interval.low, interval.high], [0.2, 0.79], rtol=0, atol=0.02)
     assert a.agreement is False
+
+
+def test_pieces_of_a_profile_are_said_one_by_one():
+    """θ² = 0.09 ± 0.0125 with θ in (-1, 1): 90 % are √(0.09 ± 1.645·0.0125) either way, and nothing between."""
+    box = Box(["a"], ["MPa"], [-1.0], [1.0], [False])
+    d = identify.determine(Misfit(Model(box, lambda X: box.from_unit(X) ** 2), (curve([0.09], sigma=0.0125),)), seed=0)
+    a = d.of("a")
+    inner, outer = np.sqrt(0.09 + 1.6449 * 0.0125 * np.array([-1, 1]))
+    found = [tuple(2 * np.array([i.low, i.high]) - 1) for i in a.profile.pieces()]
+    np.testing.assert_allclose(found, [(-outer, -inner), (inner, outer)], atol=2e-3)
+    whole = a.profile_interval
+    assert (whole.low, whole.high) == (a.profile.pieces()[0].low, a.profile.pieces()[1].high)
+    said = " or from ".join(f"{low:.3f} to {high:.3f}" for low, high in found)
+    assert f"every value from {said} MPa agrees" in a.story
+    # over the pieces it changes by no more than 1.645 σ, between them by 0.09/0.0125 = 7.2 σ
+    assert "Over all these values of a the force" in a.reason
+    assert float(a.reason.split("at most ")[1].split(" times")[0]) < 1.65
+
+
+def test_one_valley_is_one_piece_and_a_hump_as_small_as_a_descent_s_remainder_parts_nothing():
+    at = np.linspace(0, 1, 101)
+    one = np.abs(at - 0.5) * 8
+    assert len(pieces(at, one**2)) == 1
+    floor = 2.0 + 100 * np.maximum(np.abs(at - 0.5) - 0.3, 0)
+    humps = [floor + h * np.exp(-(((at - 0.5) / 0.05) ** 2)) for h in (1, 3)]
+    assert [len(pieces(at, h)) for h in humps] == [1, 2]  # 2.71 is the limit: up to 3.0, and up to 5.0
 
 
 def test_a_refuted_model_determines_nothing():

@@ -116,6 +116,18 @@ def test_the_verdict_answers_first():
     assert "widen the range of μ" in said and "Over the whole interval of D₁ the force" in said
 
 
+def test_two_pieces_of_a_profile_are_said_and_drawn_as_two():
+    results = complete()
+    before = draw(results, "determined")
+    d1 = results["identification"]["parameters"][1]
+    D1 = np.array(d1["profile"]["values"])
+    d1["profile"]["rise"] = list(4 * (np.log(D1 / 13) ** 2 - 4) ** 2)  # valleys at 1.76 and at 96 1/MPa
+    text = page(results).replace("\xa0", " ")
+    assert "every value from 1.5 to 2.2 MPa⁻¹ or 80 to 120 MPa⁻¹ agrees with the data" in text
+    assert "every value from 1.09 to 160 MPa⁻¹ (a factor of 150)" not in text
+    assert draw(results, "determined") != before
+
+
 def test_every_candidate_run_and_metric_is_on_the_page():
     results, text = complete(), page(complete())
     for s in results["searches"]:

@@ -2,6 +2,7 @@ import dataclasses
 import json
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import dummy_backend as dummy
 import numpy as np
 import pytest
 
-from rso.contract import Case, Programme, SimulationFailed
+from rso.contract import Case, Programme, SimulationFailed, run_key
 from rso.running import (
     Crashed,
     Done,
@@ -56,9 +57,9 @@ def task(x=1.0, name="case", asked=(0.5, 1.0), lag=None, **settings):
     return Task(values, Case(name, Programme.ramp(asked), settings))
 
 
-def run(folder, tasks, executor=None, **options):
+def run(folder, tasks, executor=None, backend=dummy.BACKEND, **options):
     with RunStore(folder) as store:
-        return run_all(dummy.BACKEND, tasks, store, executor or InlineExecutor(), **options)
+        return run_all(backend, tasks, store, executor or InlineExecutor(), **options)
 
 
 def bits(outcomes):
@@ -168,6 +169,22 @@ def test_an_answer_that_is_none_is_a_crash(tmp_path):
     with RunStore(tmp_path) as store:
         (outcome,) = run_all(Silent(), [task()], store, InlineExecutor(), retries=0)
     assert outcome.reason.splitlines()[0] == "TypeError: dummy returned dict, must be a Response"
+
+
+@pytest.mark.parametrize(("unit", "why"), [("um", "uz(3,4) in um, it must be in mm"), ("mm", ""), ("millimetre", "")])
+def test_a_mark_in_another_unit_is_a_crash(tmp_path, unit, why):
+    """Marks are declared nowhere: what one is compared with is in mm, and nothing converts it."""
+
+    @dataclasses.dataclass(frozen=True)
+    class Marked(dummy.Dummy):
+        def __call__(self, values, case):
+            r = super().__call__(values, case)
+            marks = {**r.channels, "uz(3,4)": r.channels["travel"]}
+            return dataclasses.replace(r, channels=marks, units={**r.units, "uz(3,4)": unit})
+
+    with RunStore(tmp_path) as store:
+        (outcome,) = run_all(Marked(), [task()], store, InlineExecutor(), retries=0)
+    assert why in outcome.reason if why else isinstance(outcome, Done)
 
 
 @pytest.mark.parametrize(
@@ -525,14 +542,15 @@ def test_kill_9_of_the_parent_then_resume(tmp_path):
         finished = len(rows)
     before = {r.values["x"] for r in rows}
     n_log = len(log_lines(tmp_path, "begin"))
+    again = SOURCE.load()  # as in the script: with its fingerprint
     with WorkerPool(2, source=SOURCE) as pool:
-        resumed = run(tmp_path / "results", killable_tasks(tmp_path), pool)
+        resumed = run(tmp_path / "results", killable_tasks(tmp_path), pool, backend=again)
     repeated = {float(line.split()[1]) for line in log_lines(tmp_path, "begin")[n_log:]}
     assert repeated == set(range(16)) - before  # what was stored is not repeated, the rest is computed
     assert 0 < finished
     assert dummy.calls(str(tmp_path / "log"), "make") <= 7
     (tmp_path / "in one go").mkdir()
-    reference = run(tmp_path / "in one go", killable_tasks(tmp_path))
+    reference = run(tmp_path / "in one go", killable_tasks(tmp_path), backend=again)
     assert bits(resumed) == bits(reference)
 
 
@@ -560,8 +578,9 @@ def test_two_parents_at_once(tmp_path):
 
 
 def test_load_python_object():
-    assert load_backend("dummy_backend:BACKEND", base=HERE) is dummy.BACKEND
-    assert SOURCE.load() is dummy.BACKEND
+    loaded = load_backend("dummy_backend:BACKEND", base=HERE)
+    assert loaded == dummy.BACKEND and loaded.fingerprint and not hasattr(dummy.BACKEND, "fingerprint")
+    assert SOURCE.load() == dummy.BACKEND
     assert pickle.loads(pickle.dumps(SOURCE)) == SOURCE
 
 
@@ -588,7 +607,7 @@ def test_load_needs_exactly_one():
 
 PROGRAM = """
 import json, subprocess, sys, time
-if sys.argv[1] == "--schema":
+if sys.argv[-1] == "--schema":
     print(json.dumps({
         "name": "program", "numerics": 3, "channels": {"time": "s", "travel": "mm", "Fz": "N"}, "more": [],
         "parameters": [
@@ -656,6 +675,57 @@ def test_command_schema(program, tmp_path):
     assert backend.recipes({}, case) == {}
     with pytest.raises(ValueError, match=r"x = 11.0 N is outside"):
         backend({"x": 11.0}, case)
+
+
+def key_of(backend):
+    return run_key(backend, {"x": 2.0}, task().case)
+
+
+def test_a_command_that_was_edited_has_other_keys(program, tmp_path):
+    """Every word and every file that a word names counts, however often and where it lies; nothing else does."""
+    (tmp_path / "deck.inp").write_text("h = 1")
+    words = [*program, "--deck", "deck.inp"]
+
+    def key(base=tmp_path, words=words):
+        return key_of(load_backend(command=words, base=base))
+
+    before = key()
+    (tmp_path / "other.inp").write_text("h = 2")
+    shutil.copytree(tmp_path, tmp_path / "elsewhere")
+    assert before == key() == key(tmp_path / "elsewhere")
+    seen = {before, key(words=[*program, "--fast", "deck.inp"])}
+    (tmp_path / "deck.inp").write_text("h = 2")
+    seen.add(key())
+    (tmp_path / "program.py").write_text(PROGRAM.replace('["x"] +', '["x"] -'))
+    seen.add(key())
+    assert len(seen) == 4
+
+
+def test_an_edited_command_answers_anew(program, tmp_path):
+    """The same study after an edit of its solver: no stored answer is that of the solver before."""
+    found = []
+    for text in (PROGRAM, PROGRAM, PROGRAM.replace('["x"] +', '["x"] * 2 +')):
+        (tmp_path / "program.py").write_text(text)
+        with RunStore(tmp_path / "results") as store:
+            backend = load_backend(command=program, base=tmp_path)
+            (outcome,) = run_all(backend, [Task({"x": 2.0}, task().case)], store, InlineExecutor())
+        found.append((outcome.key, outcome.response.channels["Fz"][0]))
+    assert found[0] == found[1] and [F for _, F in found] == [2.0, 2.0, 4.0]
+
+
+def test_an_edited_module_has_other_keys_and_our_own_has_none(tmp_path):
+    text = (HERE / "dummy_backend.py").read_text()
+    for name, more in (("same_a", ""), ("same_b", ""), ("edited", "# forces twice as large")):
+        (tmp_path / f"{name}.py").write_text(text + more)
+    a, b, c = (load_backend(f"{name}:BACKEND", base=tmp_path) for name in ("same_a", "same_b", "edited"))
+    assert key_of(a) == key_of(b) != key_of(c)
+    own = load_backend("fem_backend.backend:BACKEND"), load_backend(command=[sys.executable, "-m", "fem_backend"])
+    assert [getattr(it, "fingerprint", "") for it in own] == ["", ""]
+    (tmp_path / "stated.py").write_text(text + "\nobject.__setattr__(BACKEND, 'fingerprint', 'v7')\n")
+    assert load_backend("stated:BACKEND", base=tmp_path).fingerprint == "v7"
+    (tmp_path / "slotted.py").write_text(text.replace("frozen=True", "frozen=True, slots=True"))
+    with pytest.raises(ValueError, match="takes no attribute; let it have one, fingerprint"):
+        load_backend("slotted:BACKEND", base=tmp_path)
 
 
 def test_command_failed_keeps_its_folder(program, tmp_path):
