@@ -167,6 +167,7 @@ def of_identification(plan: Plan, found: Identified, settled: Settled) -> dict[s
             "chi2": first.chi2,
             "degrees": d.degrees,
             "p_value": d.p_value,
+            "noise_degrees": float(d.misfit.freedom) if np.isfinite(d.misfit.freedom) else None,
             "scale": d.scale,
             "story": d.story,
             "recomputed": {
@@ -292,7 +293,7 @@ def fitted_curves(plan: Plan) -> list[tuple[Place, Data]]:
         keep = (measured.depth > 0) & (measured.depth <= deepest * (1 + 1e-9))
         label = name if len({c for e, c in fitted if e == name}) == 1 else f"{name} {channel}"
         C = measured.covariance[np.ix_(keep, keep)]
-        data = Data(label, measured.unit, measured.depth[keep], measured.value[keep], C)
+        data = Data(label, measured.unit, measured.depth[keep], measured.value[keep], C, measured.freedom)
         found.append((Place(name, channel, np.minimum(measured.depth[keep], deepest)), data))
     return found
 
