@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
+from scipy.stats import f, norm, t
 
 from rso.identify import directions as along
 from rso.identify.directions import Direction, Gain, best_depth, gain, per_log
@@ -48,7 +49,8 @@ class Determination:
     """Best fit and other minima of χ², goodness of fit, what is known of each parameter, directions, gains of tests.
 
     `scale` >= 1 is what the errors were multiplied with because the model does not fit within them (Birge's ratio);
-    the χ² of `fit` is that before, the intervals are those after it.
+    the χ² of `fit` is that before, the intervals are those after it.  Errors whose size is known from few readings
+    widen the intervals as well, by Student's factor, which is not in `scale`.
     """
 
     misfit: Misfit
@@ -76,16 +78,17 @@ def determine(
 
     Steps: all minima of χ² (also from the points `near`, (k, d)); errors widened by √(χ²/ν) where the fit is worse than
     noise explains (p < 0.01; always with the weightings that have no noise); Laplace, profile and MCMC intervals.
+    Where the size of the errors was itself taken from m degrees of freedom, χ²/ν is F(ν, m), not χ²_ν/ν.
     Source of the widening: Birge, Phys. Rev. 40 (1932) 207, eq. 9.
     """
     minima = all_minima(misfit, seed=seed, near=near)
     first, box = minima[0], misfit.model.box
     ν = misfit.n - box.d
     stated = misfit.weighting == "noise"
-    p = float(chi2_distribution.sf(first.chi2, ν)) if stated and ν > 0 else None
+    p = exceeded(first.chi2, ν, misfit.freedom) if stated and ν > 0 else None
     wrong = ν > 0 and first.chi2 > 0 and (not stated or (p is not None and p < UNLIKELY))
     scale = math.sqrt(first.chi2 / ν) if wrong else 1.0
-    used = replace(misfit, scale=misfit.scale * scale)
+    used = replace(misfit, scale=misfit.scale * (scale if wrong else student(misfit.freedom, level)))
     fit = fit_at(used, first.x)
     also = np.stack([m.x for m in minima[1:4]]) if len(minima) > 1 else None
     profiles = [profile(used, fit, k, also) for k in range(box.d)]
@@ -102,6 +105,20 @@ def determine(
         misfit, first, tuple(minima[1:]), ν, p, scale, tuple(known), along.directions(box, fit.x, fit.fisher), draws,
         gains, _story(misfit, first, ν, p, scale),
     )  # fmt: skip
+
+
+def exceeded(chi2: float, ν: int, m: float) -> float:
+    """Chance that noise alone leaves more than χ² with ν degrees of freedom, its size known from m: P(F(ν, m) > χ²/ν).
+
+    χ²_ν where m is infinite.
+    """
+    return float(f.sf(chi2 / ν, ν, m)) if math.isfinite(m) else float(chi2_distribution.sf(chi2, ν))
+
+
+def student(m: float, level: float = LEVEL) -> float:
+    """How much wider an interval is whose errors are known from m degrees of freedom: quantile of t_m over normal."""
+    tail = 0.5 * (1 + level)
+    return float(t.ppf(tail, m) / norm.ppf(tail)) if math.isfinite(m) else 1.0
 
 
 def _known(
@@ -153,7 +170,7 @@ def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> 
     text = f"χ² = {fit.chi2:.3g} for {ν} degrees of freedom"
     if scale > 1:
         return (
-            f"{text}: the model misses the data by {scale:.2g} times their stated errors, more than noise explains; "
+            f"{text}: the model misses the data by {scale:.2g} times their errors, more than noise explains; "
             "all intervals are widened by this factor."
         )
     text += ": the model agrees with the data within their errors"

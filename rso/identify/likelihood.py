@@ -23,13 +23,17 @@ STEP = 1e-4  # of the unit cube, for differences: rounding (1e-16/h) and curvatu
 
 @dataclass(frozen=True, eq=False)
 class Data:
-    """One measured curve: `value` (n,) in `unit` at `depth` (n,) mm, and the covariance (n, n) of its errors."""
+    """One measured curve: `value` (n,) in `unit` at `depth` (n,) mm, and the covariance (n, n) of its errors.
+
+    The size of the errors is known from `freedom` degrees of freedom; infinite: it is stated.
+    """
 
     name: str
     unit: str
     depth: np.ndarray
     value: np.ndarray
     covariance: np.ndarray
+    freedom: float = np.inf
 
     def __post_init__(self) -> None:
         u, y, C = (np.array(v, float) for v in (self.depth, self.value, self.covariance))
@@ -143,6 +147,12 @@ class Misfit:
     def n(self) -> int:
         """Number of measured points."""
         return len(self._value)
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom from which the size of all errors is known, n²/Σ_k (n_k²/m_k) over the curves k."""
+        unknown = sum(len(d.value) ** 2 / d.freedom for d in self.data) if self.weighting == "noise" else 0.0
+        return self.n**2 / unknown if unknown > 0 else np.inf
 
     def white(self, change: np.ndarray) -> np.ndarray:
         """W applied along the last axis (..., n): a change of the curves in units of their noise."""

@@ -18,6 +18,7 @@ Source: Westfall & Young, Resampling-Based Multiple Testing, Wiley 1993, §2.3 (
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -142,6 +143,8 @@ def together(S: np.ndarray, alpha: float) -> tuple[float, np.ndarray, np.ndarray
 def simulate(misfit: Misfit, fit: Fit, seed: int, draws: int = DRAWS) -> Simulated:
     """Parametric bootstrap: y* = f(x̂) + ε with ε ~ N(0, C), refitted from x̂ within the box.
 
+    Where the size of C was itself taken from m degrees of freedom it is drawn anew with each data set: the errors are
+    then ε/√(χ²_m/m), which is what both χ² by such a C and an NRMSE of noise that it only estimates scatter by.
     Source: Efron & Tibshirani 1993, §6.5.  All data sets are refitted at once: an axis that does not move says which.
     """
     d, rng = misfit.model.box.d, np.random.default_rng([seed, 11])
@@ -182,4 +185,7 @@ def norms(data: Sequence[Data], residual: np.ndarray, value: np.ndarray) -> tupl
 def _noise(data: Data, draws: int, rng: np.random.Generator) -> np.ndarray:
     n = len(data.value)
     tiny = (1e-9 * (float(np.abs(data.value).max()) or 1.0)) ** 2
-    return rng.standard_normal((draws, n)) @ cholesky(data.covariance + tiny * np.eye(n), lower=True).T
+    drawn = rng.standard_normal((draws, n)) @ cholesky(data.covariance + tiny * np.eye(n), lower=True).T
+    if not math.isfinite(data.freedom):
+        return drawn
+    return drawn / np.sqrt(rng.chisquare(data.freedom, (draws, 1)) / data.freedom)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from rso.measurement.reading import Measurement, Repeat
+from rso.measurement.scatter import of_record, of_repeats
 from rso.measurement.spikes import without_spikes
 from rso.units import COLUMNS
 
@@ -51,7 +53,8 @@ class Noise:
 class MeasuredCurve:
     """Mean of the repeats of one channel: arrays (n,), `covariance` (n, n), `sigma` = √diag(covariance).
 
-    `position` (n, 2) holds x, y in mm for a profile and is None for a force curve.
+    `position` (n, 2) holds x, y in mm for a profile and is None for a force curve.  The size of the errors is known
+    from `freedom` degrees of freedom, as far as it was taken from the readings; infinite where all of it is stated.
     """
 
     channel: str
@@ -62,6 +65,7 @@ class MeasuredCurve:
     n_repeats: int
     covariance: np.ndarray
     position: np.ndarray | None = None
+    freedom: float = math.inf
 
 
 def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment: str = "loading") -> MeasuredCurve:
@@ -73,10 +77,11 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
     What a column states of each reading goes with the square root of how many were averaged, repeats included, where
     it is white (ℓ = 0); F is of the curve and does not.
 
-    The repeats' deviations are split into a part along ŷ (gain g), one along ŷ' (contact offset o) and a
-    rest w, pooled over neighbouring depths: with few repeats a single depth can agree by chance.  g and o, known from
-    the repeats alone, are wider by Student's factor at 90 %.  One repeat alone shows only its white noise, of which
-    what is stated as white is the same once more: the larger counts.
+    The repeats' deviations are split into a part along ŷ (gain g), one along ŷ' (contact offset o) and a rest w, which
+    is white, of one variance for the whole curve or, where that shows, of one that changes smoothly along it.  g and o,
+    known from the repeats alone, are wider by Student's factor at 90 %; how well w is known is the curve's `freedom`.
+    One repeat alone shows only its white noise, of which what is stated is the same once more: the latter counts,
+    unless the readings clearly scatter by more.
     ŷ is a polynomial of degree 4 through the mean y: a gain of the readings themselves would take their noise along
     and pull every fit low, by g² times their number (Peelle's puzzle; D'Agostini, Nucl. Instrum. Methods A 346 (1994)
     306), one of ŷ by some g².  ValueError if channel or segment is not there, or the repeats share no depths.
@@ -100,12 +105,13 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
     along = np.exp(-np.abs(u[:, None] - u) / noise.correlation) if noise.correlation > 0 else np.eye(len(u))
     said = (np.outer(stated, stated) + noise.of(channel) ** 2) * along + np.diag((noise.depth * slope) ** 2)
     if len(y) > 1:
-        seen = _scatter(y, smooth, slope)
+        seen, freedom = _scatter(y, smooth, slope, np.diag(said))
     else:
-        seen = np.maximum(_white(u, mean) * np.eye(len(u)) - (said if noise.correlation == 0.0 else 0.0), 0.0)
+        white = of_record(u, mean - _ball(u, mean)(u), smooth, said)  # small force, steep bend: not to be noise
+        seen, freedom = np.diag(white.variance), white.freedom
     covariance = seen + said + noise.gain**2 * np.outer(smooth, smooth)
     sigma = np.sqrt(np.diag(covariance))
-    return MeasuredCurve(channel, COLUMNS[channel], u, mean, sigma, len(branches), covariance)
+    return MeasuredCurve(channel, COLUMNS[channel], u, mean, sigma, len(branches), covariance, freedom=freedom)
 
 
 def value_at(curve: MeasuredCurve, depth: float) -> tuple[float, float]:
@@ -132,13 +138,19 @@ def _between(u: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
     straight = np.interp(at, u, y)
     if len(u) < 2 or np.isin(at, u).all():
         return straight
+    ball = _ball(u, y)
+    return straight + ball(at) - np.interp(at, u, ball(u))
+
+
+def _ball(u: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """a u^{3/2} + b u² + c u + d through readings y (n,) at u (n,): as many of these terms as readings less one."""
 
     def terms(depth: np.ndarray) -> np.ndarray:
-        s = np.maximum(depth, 0.0) / np.abs(u).max()
-        return np.stack([s**1.5, s**2, s, np.ones_like(s)], axis=-1)[..., : min(4, len(u) - 1)]
+        s = np.maximum(depth, 0.0) / (np.abs(u).max() or 1.0)
+        return np.stack([s**1.5, s**2, s, np.ones_like(s)], axis=-1)[..., : min(4, max(len(u) - 1, 1))]
 
     c = np.linalg.lstsq(terms(u), y, rcond=None)[0]
-    return straight + terms(at) @ c - np.interp(at, u, terms(u) @ c)
+    return lambda depth: terms(depth) @ c
 
 
 def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, ...]:
@@ -178,32 +190,19 @@ def _smooth(u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return fit(u), fit.deriv()(u)
 
 
-def _white(u: np.ndarray, y: np.ndarray) -> float:
-    """Variance of white noise on a smooth curve y(u) (n,), from its third divided differences; 0 of few points."""
-    if len(u) < 8:
-        return 0.0
-    four = np.lib.stride_tricks.sliding_window_view(np.arange(len(u)), 4)
-    apart = u[four][:, :, None] - u[four][:, None, :]
-    weights = 1.0 / np.prod(apart + np.eye(4), axis=-1)  # zero on every parabola
-    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
-    return float(np.mean(np.sum(weights * y[four], axis=1) ** 2))
+def _scatter(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray, said: np.ndarray) -> tuple[np.ndarray, float]:
+    """Covariance (n, n) of the mean of two repeats y (r, n) and more, from their scatter, and its degrees of freedom.
 
-
-def _scatter(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Covariance (n, n) of the mean of two repeats y (r, n) and more, from their scatter."""
-    r, n = y.shape
-    off = y - y.mean(axis=0)
-    shapes = np.stack([smooth, slope], axis=1)
-    part = np.linalg.lstsq(shapes, off.T, rcond=None)[0]  # (2, r)
-    rest = off.T - shapes @ part
-    # Two shapes were fitted to each of the n-point deviations.
-    white = np.sum(rest**2, axis=1) / (r - 1) * (n / max(n - 2, 1))
-    width = min(n, 2 * max(2, n // 16) + 1)
-    ones = np.ones(width)
-    white = np.convolve(white, ones, "same") / np.convolve(np.ones(n), ones, "same")
+    White noise that makes the share p of all white noise, that which is `said` (n,) included, counts m/p² of its own m
+    (Satterthwaite, Biometrics Bull. 2 (1946) 110).
+    """
+    r = len(y)
+    white, spread = of_repeats(y, smooth, slope)
+    mean = white.variance / r
+    share = float(np.mean(mean / np.maximum(mean + said, 1e-300)))
     few = stdtrit(r - 1, 0.95) / ndtri(0.95)  # a spread known from r values, for intervals of 90 %
-    modes = shapes @ np.diag(few * np.std(part, axis=1, ddof=1))
-    return (np.diag(white) + modes @ modes.T) / r
+    modes = np.stack([smooth, slope], axis=1) * few * spread / math.sqrt(r)
+    return np.diag(mean) + modes @ modes.T, white.freedom / share**2 if share > 0 else math.inf
 
 
 def _combine_profile(measurement: Measurement, noise: Noise, channel: str) -> MeasuredCurve:
@@ -221,6 +220,8 @@ def _combine_profile(measurement: Measurement, noise: Noise, channel: str) -> Me
     stated = np.mean([t[2] ** 2 for t in tables], axis=0) / len(y)
     scatter = np.mean(np.var(y, axis=0, ddof=1)) / len(y) if len(y) > 1 else 0.0
     variance = scatter + stated + noise.of(channel) ** 2
+    share = float(np.mean(scatter / np.maximum(variance, 1e-300)))
+    freedom = (len(y) - 1) * y.shape[1] / share**2 if share > 0 else math.inf
     return MeasuredCurve(
         channel,
         COLUMNS[channel],
@@ -230,4 +231,5 @@ def _combine_profile(measurement: Measurement, noise: Noise, channel: str) -> Me
         len(y),
         np.diag(variance),
         places[:, 1:],
+        freedom,
     )

@@ -12,6 +12,7 @@ from rso.measurement.reading import Measurement, Repeat
 
 SPIKE = 8.0  # robust standard deviations from its neighbours: no reading of its own
 MOST_SPIKES = 0.2  # of the readings: more of them are no spikes but the signal
+NEAR = 25  # third differences that tell the noise around a reading; a spike is in four of them
 BACK = 0.25  # of its bend: a reading that stands alone bends the line back beside it
 FEWEST = 12  # readings of a branch that tell anything
 OFF_GRID = 0.1  # of a step: rounding in print
@@ -44,9 +45,10 @@ def kept(r: Repeat, keep: np.ndarray) -> Repeat:
 def _wild(r: Repeat) -> np.ndarray:
     """Readings that stand alone: further than SPIKE standard deviations from the median of the five around them.
 
-    The deviation is a robust one of the branch itself, 1.48 times the median of its third differences, and at least the
-    step in which the sensor counts; jumps and slopes pass, single spikes do not (Hampel 1974).  Neither is a wave of a
-    few readings, nor what stands beside the first or last reading, which have a rule of their own.
+    The deviation is a robust one, 1.48 times the median of the third differences, of the branch or of the `NEAR` around
+    the reading, whichever is larger, as noise may grow with the force; at least the step in which the sensor counts.
+    Jumps and slopes pass, single spikes do not (Hampel 1974).  Neither is a wave of a few readings, nor what stands
+    beside the first or last reading, which have a rule of their own.
     """
     wild = np.zeros(len(r.depth), bool)
     for name in ("loading", "unloading"):
@@ -66,9 +68,12 @@ def _wild(r: Repeat) -> np.ndarray:
 
 def _far(v: np.ndarray) -> np.ndarray:
     """Readings further than SPIKE standard deviations or steps of the sensor from the median of five around them."""
-    scatter = 1.48 * np.median(np.abs(np.diff(v, 3))) / math.sqrt(20.0)  # variance of a third difference
-    d = np.abs(v - median_filter(v, 5, mode="nearest"))
-    return d > SPIKE * max(scatter, 1e-4 * np.median(np.abs(v)), step_of(v))
+    third = 1.48 * np.abs(np.diff(v, 3)) / math.sqrt(20.0)  # variance of a third difference
+    least = max(np.median(third), 1e-4 * np.median(np.abs(v)), step_of(v))
+    around = np.median(np.lib.stride_tricks.sliding_window_view(third, min(NEAR, len(third))), axis=1)
+    beside = np.arange(len(v)) - 0.5 * (len(v) - len(around))  # at the ends the outermost whole window counts
+    scatter = np.maximum(np.interp(beside, np.arange(len(around)), around), least)
+    return np.abs(v - median_filter(v, 5, mode="nearest")) > SPIKE * scatter
 
 
 def _alone(v: np.ndarray) -> np.ndarray:

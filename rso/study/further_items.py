@@ -79,7 +79,8 @@ def _measured_profile(plan: Plan, name: str) -> Block:
         places.append(Place(name, channel, np.where(close, near, curve.depth[mine])))
         order += list(mine)
     depth = np.concatenate([p.depth for p in places])
-    data = Data(name, curve.unit, depth, curve.value[order], curve.covariance[np.ix_(order, order)])
+    C = curve.covariance[np.ix_(order, order)]
+    data = Data(name, curve.unit, depth, curve.value[order], C, curve.freedom)
     return Block(tuple(places), curve.unit, noise, data)
 
 

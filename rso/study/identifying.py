@@ -74,6 +74,7 @@ def of_identification(plan: Plan, found: Identified, settled: Settled) -> dict[s
             "chi2": first.chi2,
             "degrees": d.degrees,
             "p_value": d.p_value,
+            "noise_degrees": float(d.misfit.freedom) if np.isfinite(d.misfit.freedom) else None,
             "scale": d.scale,
             "story": d.story,
             "recomputed": {

@@ -38,7 +38,8 @@ def curve_data(plan: Plan, place: Place) -> Data:
     keep = curve.depth > 0
     several = len(plan.study.experiment(place.experiment).compared) > 1
     label = f"{place.experiment} {place.channel}" if several else place.experiment
-    return Data(label, curve.unit, curve.depth[keep], curve.value[keep], curve.covariance[np.ix_(keep, keep)])
+    C = curve.covariance[np.ix_(keep, keep)]
+    return Data(label, curve.unit, curve.depth[keep], curve.value[keep], C, curve.freedom)
 
 
 def curve_outputs(plan: Plan) -> list[Output]:

@@ -237,7 +237,7 @@ def fitted_curves(plan: Plan) -> list[tuple[Place, Data]]:
         keep = (measured.depth > 0) & (measured.depth <= deepest * (1 + 1e-9))
         label = name if len({c for e, c in fitted if e == name}) == 1 else f"{name} {channel}"
         C = measured.covariance[np.ix_(keep, keep)]
-        data = Data(label, measured.unit, measured.depth[keep], measured.value[keep], C)
+        data = Data(label, measured.unit, measured.depth[keep], measured.value[keep], C, measured.freedom)
         found.append((Place(name, channel, np.minimum(measured.depth[keep], deepest)), data))
     return found
 

@@ -8,7 +8,7 @@ import ladder_backend
 import numpy as np
 import pytest
 from sample_studies import Inline
-from scipy.stats import chi2
+from scipy.stats import chi2, f
 
 from rso import ladder
 from rso.cli import main
@@ -338,6 +338,15 @@ def test_simulated_misfits_of_a_line_are_chi_squared():
     found = ladder.simulate(misfit, fit, seed=1, draws=4000)
     assert found.chi2.mean() == pytest.approx(28, abs=4 * np.sqrt(2 * 28 / 4000))
     assert np.mean(found.chi2 > chi2.ppf(0.95, 28)) == pytest.approx(0.05, abs=0.015)
+
+
+def test_simulated_misfits_of_errors_known_from_few_readings_are_fisher_s():
+    """χ²/ν is F(28, m) where the size of the errors is known from m = 12, and with it the threshold is higher."""
+    misfit, fit, *_ = line(gain=0.1)
+    known = replace(misfit, data=tuple(replace(d, freedom=12.0) for d in misfit.data))
+    found = ladder.simulate(known, fit, seed=1, draws=4000)
+    assert np.mean(found.chi2 / 28 > f.ppf(0.95, 28, 12)) == pytest.approx(0.05, abs=0.015)
+    assert np.mean(found.chi2 > chi2.ppf(0.95, 28)) > 0.15  # the control: the size is not known that well
 
 
 def test_the_nrmse_of_simulated_data_is_that_of_noise():

@@ -1,0 +1,116 @@
+"""What readings scatter by: white noise and how it changes along the curve, gain and contact from test to test."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+FEWEST = 8  # readings of a record that tell its noise
+BEYOND = 0.05  # chance of a right statement to be overruled by the readings
+VARIES = 0.01  # chance of even noise to be taken for one that changes along the curve
+DEGREE = 2  # of its logarithm as a polynomial, at most
+FAINT = 0.01  # of the largest value: below it forces count as equally small
+
+
+@dataclass(frozen=True, eq=False)
+class White:
+    """Variance (n,) of white noise, known from `freedom` degrees of freedom (infinite: not estimated)."""
+
+    variance: np.ndarray
+    freedom: float
+
+
+def of_record(u: np.ndarray, y: np.ndarray, smooth: np.ndarray, said: np.ndarray) -> White:
+    """White noise of a record beyond the covariance `said` (n, n) of what is stated: none, unless its readings clearly
+    scatter by more; none of fewer than `FEWEST` readings either.  y (n,) is what a smooth curve leaves of them at u.
+
+        q_j = (a_jᵀ y)²,   E q_j = a_jᵀ C a_j       with a_j the third divided difference at four readings, ‖a_j‖ = 1
+
+    The mean of q_j/E q_j, which is χ²_m/m for m = (tr A Aᵀ)²/tr (A Aᵀ)², says whether they do.
+    """
+    n = len(u)
+    if n < FEWEST:
+        return White(np.zeros(n), np.inf)
+    four = np.lib.stride_tricks.sliding_window_view(np.arange(n), 4)
+    apart = u[four][:, :, None] - u[four][:, None, :]
+    weights = 1.0 / np.prod(apart + np.eye(4), axis=-1)  # zero on every parabola
+    A = np.zeros((n - 3, n))
+    np.put_along_axis(A, four, weights / np.linalg.norm(weights, axis=1, keepdims=True), axis=1)
+    jumps = A @ y
+    q, expected = jumps**2, np.einsum("ji,ik,jk->j", A, said, A)
+    m = (n - 3) ** 2 / float(np.sum((A @ A.T) ** 2))
+    if expected.min() > 0 and np.mean(q / expected) <= chi2.ppf(1 - BEYOND, m) / m:
+        return White(np.zeros(n), np.inf)
+    # White noise turns in three of four; what a curve itself leaves there is all at its beginning, and not noise.
+    turns = np.mean(jumps[1:] * jumps[:-1] < 0) > 0.5
+    size = _size(smooth) if turns else np.zeros(n)
+    found = varying(q, size[four].mean(axis=1), size, m)
+    return White(np.maximum(found.variance - np.interp(u, u[four].mean(axis=1), expected), 0.0), found.freedom)
+
+
+def of_repeats(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[White, np.ndarray]:
+    """White noise of one of r >= 2 repeats y (r, n), and standard deviations (2,) of gain and contact between them.
+
+    Both shapes were taken out of the deviations, which leaves (r − 1)(n − 2) degrees of freedom.
+    """
+    r, n = y.shape
+    off = y - y.mean(axis=0)
+    shapes = np.stack([smooth, slope], axis=1)
+    part = np.linalg.lstsq(shapes, off.T, rcond=None)[0]  # (2, r)
+    rest = off.T - shapes @ part
+    size, left = _size(smooth), max(n - 2, 1)
+    found = varying(np.sum(rest**2, axis=1) / (r - 1) * (n / left), size, size, (r - 1) * left)
+    return found, np.std(part, axis=1, ddof=1)
+
+
+def varying(q: np.ndarray, t: np.ndarray, at: np.ndarray, freedom: float) -> White:
+    """Variance at `at` (n,) from squares q (m,) at t (m,) that hold `freedom` degrees of freedom together.
+
+        ln σ² = β₀ + β₁ t + β₂ t²,   ln L = −ν/2 Σ_j (ln σ_j² + q_j/σ_j²)   with ν = freedom/m
+
+    The terms in t are let in one by one where the likelihood ratio says that even noise has them in one case of a
+    hundred; each costs a degree of freedom.  Source: McCullagh & Nelder, Generalized Linear Models, 1989, §8.3.
+    """
+    mean, spread = float(q.mean()), float(np.ptp(t))
+    even = White(np.full(len(at), mean), freedom)
+    if mean == 0.0 or spread < 1e-6 or len(q) < FEWEST:
+        return even
+
+    def terms(v: np.ndarray) -> np.ndarray:
+        return np.vander((v - t.mean()) / spread, DEGREE + 1, increasing=True)
+
+    X, ν, best = terms(t), freedom / len(q), even
+    least, k = _deviance(X[:, :1], np.zeros(1), q / mean), 0
+    for d in range(1, DEGREE + 1):
+        β, deviance = _gamma(X[:, : d + 1], q / mean)
+        if ν * (least - deviance) > chi2.ppf(1 - VARIES, d - k):
+            least, k = deviance, d
+            best = White(mean * np.exp(terms(at)[:, : d + 1] @ β), max(freedom - d, 1.0))
+    return best
+
+
+def _size(smooth: np.ndarray) -> np.ndarray:
+    """ln(|ŷ| + a hundredth of its largest) (n,): noise in proportion to the force or to its slope is straight in it."""
+    largest = float(np.abs(smooth).max())
+    return np.log(np.abs(smooth) / largest + FAINT) if largest > 0 else np.zeros(len(smooth))
+
+
+def _deviance(X: np.ndarray, β: np.ndarray, q: np.ndarray) -> float:
+    η = np.clip(X @ β, -60.0, 60.0)
+    return float(np.sum(η + q * np.exp(-η)))
+
+
+def _gamma(X: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, float]:
+    """β of least Σ (Xβ + q e^{−Xβ}), and that, by Fisher's scoring with halved steps; it is convex."""
+    β = np.zeros(X.shape[1])
+    now, inverse = _deviance(X, β, q), np.linalg.pinv(X)
+    for _ in range(60):
+        step = inverse @ (q * np.exp(-np.clip(X @ β, -60.0, 60.0)) - 1.0)
+        while (after := _deviance(X, β + step, q)) > now and np.abs(step).max() > 1e-9:
+            step *= 0.5
+        if now - after < 1e-9:
+            break
+        β, now = β + step, after
+    return β, now

@@ -1,0 +1,98 @@
+"""What repeats, a single record and statements say about the errors of a curve, and how well they say it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import ndtri
+
+from rso.identify.determination import exceeded, student
+from rso.measurement import Measurement, Noise, Repeat, combine
+
+U = np.linspace(0.1, 4.0, 40)
+SETS = 200
+
+
+def ball(u: np.ndarray) -> np.ndarray:
+    return 0.14 * u**1.5 * (1 + 0.2 * u)
+
+
+def measured(u: np.ndarray, curves, sigma=None) -> Measurement:
+    stated = {} if sigma is None else {"Fz": sigma}
+    rows = np.array(["loading"] * len(u))
+    repeats = tuple(Repeat(str(k), u, None, {"Fz": y}, stated, rows) for k, y in enumerate(curves))
+    return Measurement(Path("x.csv"), "force", repeats, ())
+
+
+def fit(curve, shape):
+    """a, its standard deviation and χ² of curve = a shape."""
+    y, f = np.linalg.solve(np.linalg.cholesky(curve.covariance), np.stack([curve.value, shape], axis=1)).T
+    a = float(y @ f / (f @ f))
+    return a, float((f @ f) ** -0.5), float(np.sum((y - a * f) ** 2))
+
+
+def trials(draw, noise=None, u=U, sigma=None, bend=0.0):
+    """Share of p < 0.01 of the model a · shape, and coverage of a's 90 % intervals, over `SETS` data sets."""
+    rng, refuted, held = np.random.default_rng(1), 0, 0
+    shape = ball(u)
+    for _ in range(SETS):
+        curves = [y + bend * shape.max() * np.sin(6 * u) for y in draw(rng)]
+        curve = combine(measured(u, curves, sigma), noise or Noise())
+        a, sd, χ2 = fit(curve, shape)
+        refuted += exceeded(χ2, len(u) - 1, curve.freedom) < 0.01
+        held += abs(a - 1.0) <= ndtri(0.95) * student(curve.freedom) * sd
+    return refuted / SETS, held / SETS
+
+
+def white(r, sd=0.002, u=U):
+    return lambda rng: [ball(u) + sd * rng.standard_normal(len(u)) for _ in range(r)]
+
+
+@pytest.mark.parametrize("r", [1, 2, 3, 5])
+def test_few_repeats_do_not_refute_the_true_model(r):
+    """Nothing stated: of 200 data sets 2 ± 1.4 have p < 0.01, eight are four standard deviations above that.
+
+    Intervals are too wide where the gain of the tests is known from few of them, and never too narrow: 0.90 ± 0.02.
+    """
+    refuted, held = trials(white(r))
+    assert refuted <= 0.04 and held >= 0.83
+    assert trials(white(r), bend=0.02)[0] > 0.95  # the control: a wave of 2 % through noise of 0.1 % is found
+
+
+def test_stated_noise_is_judged_as_stated():
+    """Of white noise that is stated nothing is taken from the readings but where they scatter by clearly more."""
+    refuted, held = trials(white(1), Noise(Fz=0.002))
+    assert refuted <= 0.04 and 0.83 <= held <= 0.97
+    rng = np.random.default_rng(0)
+    known = [combine(measured(U, white(1)(rng)), Noise(Fz=0.002)) for _ in range(SETS)]
+    assert np.mean([np.isinf(c.freedom) for c in known]) > 0.9
+
+
+def test_a_column_that_varies_counts_as_it_is_and_one_that_is_too_small_does_not():
+    """Right columns are overruled in 5 % ± 1.5 % of records; one that is three times too small is in nearly all."""
+    u = np.linspace(0.1, 4.0, 100)
+    sigma = 0.0005 + 0.03 * ball(u)
+    rng, kept, lifted = np.random.default_rng(2), 0, 0
+    for _ in range(SETS):
+        y = ball(u) + sigma * rng.standard_normal(len(u))
+        kept += np.allclose(combine(measured(u, [y], sigma), Noise()).sigma, sigma, rtol=1e-6, atol=0)
+        lifted += np.median(combine(measured(u, [y], sigma / 3), Noise()).sigma / sigma) > 0.6
+    assert kept / SETS > 0.88 and lifted / SETS > 0.97
+
+
+@pytest.mark.parametrize("r", [1, 3])
+def test_noise_in_proportion_to_the_force_is_found_to_be(r):
+    """3 % of the force and 0.5 mN: intervals hold the truth, the deviation follows the force; even noise is even."""
+    u = np.linspace(0.1, 4.0, 100)
+    sigma = 0.0005 + 0.03 * ball(u)
+
+    def draw(rng):
+        return [ball(u) + sigma * rng.standard_normal(len(u)) for _ in range(r)]
+
+    refuted, held = trials(draw, u=u)
+    assert refuted <= 0.05 and held >= 0.82
+    rng = np.random.default_rng(3)
+    spread = [np.ptp(np.log(combine(measured(u, draw(rng)), Noise()).sigma)) for _ in range(50)]
+    assert np.median(spread) > 2.0
+    even = [np.ptp(np.diag(combine(measured(u, white(1, u=u)(rng)), Noise()).covariance)) for _ in range(SETS)]
+    assert np.mean(np.array(even) < 1e-12) > 0.94  # 1 % for each of two terms, squares that hang together
