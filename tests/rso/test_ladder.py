@@ -196,8 +196,8 @@ def test_a_curve_to_select_by_can_fail_what_fits(tmp_path):
     assert verdicts(counted) == verdicts(found)
 
 
-def test_a_perfect_model_without_derivatives_is_not_told_that_it_misses_what_it_did_not_see(tmp_path):
-    """The prediction is carried beyond the fitted depth by fitted values, whose uncertainty is larger than the noise."""
+def test_a_perfect_model_without_derivatives_does_not_miss_what_it_did_not_see(tmp_path):
+    """Beyond the fitted depth the uncertainty of the fitted values is larger than the noise."""
     levels, white = 'levels = ["neo"]', 'noise = { Fz = "2 mN" }'
     missed = {}
     for law, more in (("neo", {}), ("stiff", {"C20": 1e-4})):
@@ -232,7 +232,7 @@ def test_without_slopes_no_verdict_on_what_was_kept_is_stated(tmp_path, monkeypa
         return inside(self, values, case)
 
     monkeypatch.setattr(ladder_backend.Laws, "__call__", narrow)
-    found, data = climbed(tmp_path, "neo", 4e-4, 'levels = ["neo"]', deep="validate")
+    _, data = climbed(tmp_path, "neo", 4e-4, 'levels = ["neo"]', deep="validate")
     (v,) = found_level(data, "neo")["validated"]
     assert v["verdict"] is None and "changes with mu" in v["why"] and "only here" in v["why"]
     assert any("whether neo predicts deep is open" in w for w in data["warnings"])
