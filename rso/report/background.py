@@ -8,7 +8,7 @@ from typing import Any
 from rso.report.digits import DASH, aligned, channel_text, clean, duration, known, percent, shortest, significant
 from rso.report.document import Block, Cell, Section, Table, Text, column, table, words
 from rso.report.notes import sentences
-from rso.report.reading import Output, Parameter, Results, listed, number, outputs, pair, parameters
+from rso.report.reading import Output, Parameter, Results, listed, number, outputs, pair, parameters, views
 
 OUTPUT_COLUMNS = 4  # of the table of all runs
 
@@ -239,7 +239,7 @@ def _channel(e: Mapping[str, Any]) -> str:
 
 
 def _data(results: Results) -> Table | None:
-    every = listed(results, "experiments")
+    every = [v for e in listed(results, "experiments") for v in views(e)]
     if not every:
         return None
     depth = [[d for d in (e.get("measured") or {}).get("depth") or () if known(d)] for e in every]

@@ -11,7 +11,7 @@ import numpy as np
 from rso.report.canvas import ACCENT, INK, LIGHT, PAPER, canvas, short, svg, tag
 from rso.report.digits import DASH, Unit, aligned, clean, known, largest, percent, quantity, shortest, shown
 from rso.report.document import Block, Cell, Picture, Table, column, table, words
-from rso.report.reading import Results, best_candidate, candidates, listed, number
+from rso.report.reading import Results, best_candidate, candidates, number, validations
 
 _DEPTHS = 8  # of a figure; the numbers are over all
 _SAME = 0.03  # of the deepest: depths nearer than this are drawn as one
@@ -35,7 +35,7 @@ def is_profile(e: Mapping[str, Any]) -> bool:
 
 def predictions(results: Results, e: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], Marks | None]]:
     """Rows of the validation with a profile, the best candidate's first; None where a run has no answer."""
-    rows = [v for v in listed(results, "validation") if v.get("experiment") == e["name"]]
+    rows = validations(results, e)
     best = best_candidate(results)
     rows.sort(key=lambda v: not _is(v, best))
     return [(v, _marks(v)) for v in rows]

@@ -30,6 +30,7 @@ from rso.report.reading import (
     number,
     outputs,
     points,
+    validations,
 )
 from rso.report.verdict import how, interval_rows, likely
 
@@ -247,7 +248,7 @@ def _residuals(
 def validation(results: Results, e: Mapping[str, Any], name: str) -> str:
     """Predictions of an experiment that was not used: a curve, or rows of dots where it is a single point."""
     unit = curve_unit(results, e["name"])
-    rows = [v for v in listed(results, "validation") if v.get("experiment") == e["name"] and v.get("predicted")]
+    rows = [v for v in validations(results, e) if v.get("predicted")]
     known_candidates = {(c.search, c.name): c for c in candidates(results)}
     found = [
         (c, *map(np.array, points(v.get("depth"), v.get("predicted"))))

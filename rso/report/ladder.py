@@ -98,9 +98,10 @@ def _unused(level: Mapping[str, Any]) -> list[Fact]:
     tests = list(level.get("validated") or ())
     if not tests:
         return []
-    missed = [clean(t.get("curve")) for t in tests if (t.get("verdict") or {}).get("passes") is not True]
-    names = ", ".join(missed or [clean(t.get("curve")) for t in tests])
-    value, mark = ("missed", "warn") if missed else ("predicted", "good")
+    missed = [clean(t.get("curve")) for t in tests if t.get("verdict") and t["verdict"].get("passes") is not True]
+    unknown = [clean(t.get("curve")) for t in tests if not t.get("verdict")]
+    names = ", ".join(missed or unknown or [clean(t.get("curve")) for t in tests])
+    value, mark = ("missed", "warn") if missed else ("open", "") if unknown else ("predicted", "good")
     return [Fact("Unused test" if len(tests) == 1 else "Unused tests", value, names, mark)]
 
 

@@ -48,6 +48,7 @@ from rso.report.reading import (
     parameters,
     points,
     target_output,
+    validations,
 )
 from rso.report.responses import front_section, sensitivity_section, surface_section
 from rso.report.verdict import verdict
@@ -281,7 +282,7 @@ def _validation_blocks(results: Results) -> list[Block]:
         return [missing("Predictions of the validation experiments", "validate")]
     blocks: list[Block] = [Text("Tests that were not used", "heading")]
     for k, e in enumerate(planned):
-        mine = [v for v in rows if v.get("experiment") == e["name"]]
+        mine = validations(results, e)
         if not mine:
             continue
         if is_profile(e):

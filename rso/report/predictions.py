@@ -11,7 +11,8 @@ import numpy as np
 from rso.report.digits import NBSP, clean, known, percent, quantity, shortest
 from rso.report.displacements import is_profile, profile_words
 from rso.report.document import Fact
-from rso.report.reading import Results, best_candidate, candidates, experiments, finished, listed, number
+from rso.report.foretold import foretold, foretold_note, foretold_sentence
+from rso.report.reading import Results, best_candidate, candidates, experiments, finished, number, validations
 
 WITHIN = 2.0  # standard deviations of measurement and computation together
 ENOUGH = 0.9  # of the readings: one curve's errors mostly go up and down together
@@ -55,12 +56,11 @@ class Prediction:
 
 
 def predictions(results: Results, e: Mapping[str, Any]) -> list[Prediction]:
-    """Of a test that was not used, by every candidate that is verified and has an answer; the best one first."""
+    """Of a compared curve that was not used, by every candidate that is verified and has an answer; the best first."""
     found = []
     for c in candidates(results):
-        for v in listed(results, "validation"):
-            mine = (v.get("experiment"), clean(v.get("search")), clean(v.get("candidate"))) == (
-                e["name"], c.search, c.name)  # fmt: skip
+        for v in validations(results, e):
+            mine = (clean(v.get("search")), clean(v.get("candidate"))) == (c.search, c.name)
             if mine and c.verified and v.get("state") == "done" and (p := _prediction(v, c.label, c.best)):
                 found.append(p)
     return sorted(found, key=lambda p: not p.best)
@@ -102,11 +102,14 @@ def prediction_sentences(results: Results) -> list[str]:
     """One per test: yes or no, and by how much."""
     said = []
     for e in experiments(results, "validate"):
-        found = predictions(results, e)
-        best = best_candidate(results)
-        rows = [v for v in listed(results, "validation") if v.get("experiment") == e["name"]]
-        mine = [v for v in rows if best and (v.get("search"), v.get("candidate")) == (best.search, best.name)]
-        if found:
+        if e["name"] != e["experiment"] and foretold(results, e) is not None:
+            continue  # one test of all its channels, said with the first
+        best, found = best_candidate(results), predictions(results, e)
+        mine = [v for v in validations(results, e) if best and (v.get("search"), v.get("candidate")) == (
+            best.search, best.name)]  # fmt: skip
+        if (v := foretold(results, e)) is not None:
+            said.append(foretold_sentence(e, v))
+        elif found:
             said.append(_sentence(e, found, mine))
         elif mine and mine[0].get("state") != "done":
             why = f"{clean(mine[0].get('cause'))}: {clean(mine[0].get('reason'))}"
@@ -173,17 +176,21 @@ def noise(p: Prediction) -> str:
 
 def prediction_fact(results: Results) -> list[Fact]:
     """The tile of the tests that were not used."""
-    rows = [(e, found) for e in experiments(results, "validate") if (found := predictions(results, e))]
+    rows = []
+    for e in experiments(results, "validate"):
+        v, found = foretold(results, e), predictions(results, e)
+        if v is not None and e["name"] == e["experiment"]:
+            rows.append((e, clean(v.get("verdict")), foretold_note(e, v)))
+        elif v is None and found:
+            note = f"{found[0].within} of {len(found[0].depth)} readings within 2σ" if is_profile(e) else off(found)
+            verdict = answer(found)
+            rows.append((e, verdict, note + (f"; uncertainty {noise(found[0])}" if verdict else "")))
     if not rows:
         return []
-    verdicts = [answer(found) for _, found in rows]
     if len(rows) > 1:
-        good, names = sum(v in ("yes", "among") for v in verdicts), ", ".join(clean(e["name"]) for e, _ in rows)
+        good, names = sum(v in ("yes", "among") for _, v, _ in rows), ", ".join(clean(e["name"]) for e, *_ in rows)
         mark = "good" if good == len(rows) else "warn"
         return [Fact("Unused tests", f"{good} of {len(rows)} predicted", names, mark)]
-    (e, found), verdict = rows[0], verdicts[0]
-    note = f"{clean(e['name'])}: "
-    note += f"{found[0].within} of {len(found[0].depth)} readings within 2σ" if is_profile(e) else off(found)
-    note += f"; uncertainty {noise(found[0])}" if verdict else ""
+    ((e, verdict, note),) = rows
     mark = "good" if verdict == "yes" else "warn" if verdict else ""
-    return [Fact("Unused test", _TILES.get(verdict, "compared"), note, mark)]
+    return [Fact("Unused test", _TILES.get(verdict, "compared"), f"{clean(e['name'])}: {note}", mark)]

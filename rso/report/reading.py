@@ -252,8 +252,20 @@ def grids(results: Results) -> list[Mapping[str, Any]]:
 
 
 def experiments(results: Results, *roles: str) -> tuple[Mapping[str, Any], ...]:
-    """Experiments of these roles."""
-    return tuple(e for e in listed(results, "experiments") if e.get("role") in roles)
+    """Compared curves of the experiments of these roles, those of one experiment after another."""
+    return tuple(v for e in listed(results, "experiments") if e.get("role") in roles for v in views(e))
+
+
+def views(e: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
+    """Every compared channel of an experiment as an entry of its own: the first has its name, the others theirs too."""
+    rest = [{**e, **o, "name": f"{e['name']} {o['channel']}", "experiment": e["name"]} for o in e.get("others") or ()]
+    return ({**e, "experiment": e["name"]}, *rest)
+
+
+def validations(results: Results, e: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Rows of the validation with one compared curve."""
+    mine = [v for v in listed(results, "validation") if v.get("experiment") == e.get("experiment", e["name"])]
+    return [v for v in mine if v.get("channel", e.get("channel")) == e.get("channel")]
 
 
 def fitted_curves(results: Results) -> tuple[Mapping[str, Any], ...]:
@@ -262,8 +274,8 @@ def fitted_curves(results: Results) -> tuple[Mapping[str, Any], ...]:
 
 
 def experiment(results: Results, name: str) -> Mapping[str, Any]:
-    """The entry of an experiment, empty if it is unknown."""
-    return next((e for e in listed(results, "experiments") if e.get("name") == name), {})
+    """The entry of an experiment or of a compared curve by its name, empty if it is unknown."""
+    return next((v for e in listed(results, "experiments") for v in views(e) if v.get("name") == name), {})
 
 
 def curve_unit(results: Results, name: str) -> Unit:

@@ -25,6 +25,10 @@ def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
         lines.append(f"  best verified candidate ({best['candidate']}): {values}; {scores}")
     for v in found["validation"]:
         lines.append(f"  validation {v['experiment']} with {v['candidate']}: {validated(v)}")
+    for v in found.get("predictions") or ():  # results of an older program have none
+        said = "open" if v["verdict"] is None else "not predicted" if v["verdict"] == "no" else "predicted"
+        why = v["why"] or ("p < 0.001" if v["p_value"] < 1e-3 else f"p = {v['p_value']:.2g}")
+        lines.append(f"  {v['experiment']} by the most likely values: {said} ({why})")
     ended = ", ".join(f"{counts[state]} {state}" for state in ("done", "failed", "crashed"))
     saved = f"{counts['from_store']} of them known before, {counts['saved_by_similarity']} saved by similarity"
     lines.append(f"  {counts['fe_runs']} simulations ({ended}; {saved}), {found['timings']['total']:.0f} s")
@@ -48,4 +52,5 @@ def validated(v: Mapping[str, Any]) -> str:
         n, rmse = v["metrics"]["n"], v["metrics"]["rmse"]
         return f"{n} readings missed by {rmse:.2g} mm (RMSE), the largest measured is {deepest:.4g} mm"
     k = max(range(len(v["depth"])), key=lambda i: v["depth"][i])
-    return f"predicted {v['predicted'][k]:.4g}, measured {v['measured'][k]:.4g} at {v['depth'][k]:g} mm"
+    predicted, measured = (f"{v[what][k]:.4g} {v.get('unit', '')}".strip() for what in ("predicted", "measured"))
+    return f"{v.get('channel', '')} predicted {predicted}, measured {measured} at {v['depth'][k]:g} mm".strip()

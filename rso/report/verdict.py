@@ -18,6 +18,7 @@ from rso.report.digits import (
     unit_text,
 )
 from rso.report.document import Block, Fact, Facts, Picture, Section, Text
+from rso.report.foretold import foretold, missed, missed_channel
 from rso.report.gap import gap_fact, gap_sentences
 from rso.report.identification import allowed, identified, spans
 from rso.report.notes import data_remarks
@@ -222,6 +223,10 @@ def _fit(results: Results) -> list[str]:
                 f"; the model that only predicts the mean of the curve has {percent(base['nrmse'])}, "
                 f"{significant(base['nrmse'] / m['nrmse'], 2)} times as much"
             )
+        e = experiment(results, name)
+        v = foretold(results, e) if e.get("role") == "select" else None
+        if v is not None and v.get("verdict") == "no" and (name == e["experiment"] or missed_channel(e, v)):
+            text += f"; that is beyond its errors: {missed(v)}"
         said.append(text + ".")
     return said
 

@@ -18,6 +18,7 @@ from rso.study import cases, further, settling, stated
 from rso.study.descending import ENDS
 from rso.study.diagnosing import ask
 from rso.study.errors import Problem, study_error
+from rso.study.foretelling import unfitted
 from rso.study.levels import STUDY, axes_of, rungs_of
 from rso.study.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.study.pricing import Pace, pace
@@ -122,7 +123,7 @@ def on_surfaces(plan: Plan) -> tuple[dict[str, int], list[str]]:
         "candidates": cases * candidates * len(plan.searches),
         "identification": 0 if exact else cases * settling.ROUNDS,
         "ends of intervals": 0 if exact else cases * settling.ENDS * (2 * plan.box.d + 1),
-        "validation": candidates * len(plan.validation),
+        "validation": candidates * len(plan.validation) + len(unfitted(plan)),
     }
     return parts, [f"  design: {study.doe.kind}, {len(full_design(plan))} runs asked + {study.doe.held_out} held out"]
 
@@ -138,7 +139,7 @@ def directly(plan: Plan) -> tuple[dict[str, int], list[str]]:
         "differences": points * reduced if differences else 0,
         "proof": cases * plan.group.saved if differences else 0,
         "ends of intervals": cases * ENDS * 2 * plan.box.d,
-        "validation": len(plan.validation),
+        "validation": len(plan.validation) + len(unfitted(plan)),
     }
     begin = ", ".join(f"{k} = {v:g}" for k, v in plan.resolved.start.items()) or "the middle of the ranges"
     more = f" and {table.starts - 1} more start(s)" if table.starts > 1 else ""

@@ -17,7 +17,6 @@ from rso.identify import (
     Determination,
     Known,
     Misfit,
-    Model,
     Place,
     all_minima,
     determine,
@@ -27,10 +26,11 @@ from rso.identify import (
     together,
 )
 from rso.identify.verdict import physical
-from rso.ladder import Added, Climb, Goodness, Judged, Left, Level
+from rso.ladder import Added, Climb, Judged, Left, Level
 from rso.store import RunStore
-from rso.study.ladder_curves import curve_data, curve_outputs, error_at, fitted_curves, measured, numerical, placed
+from rso.study.ladder_curves import curve_data, curve_outputs, fitted_curves, measured, numerical, placed
 from rso.study.ladder_runs import Bench, NoAnswer, Watch, design, prove, sampled
+from rso.study.ladder_validation import Unused, validate
 from rso.study.levels import Axes, axes_of, rungs_of
 from rso.study.plan import Plan, make_plan
 from rso.study.schema import Study
@@ -76,7 +76,7 @@ class Climbed:
     rungs: tuple[tuple[Level, ...], ...]
     climb: Climb
     start: Mapping[str, tuple[float, float, float]] | None
-    validation: Mapping[str, tuple[Goodness, ...]]
+    validation: Mapping[str, tuple[Unused, ...]]
     cost: Mapping[str, float]
     seconds: float
 
@@ -310,34 +310,3 @@ def _gap(plan: Plan, misfit: Misfit, x: np.ndarray, answer: tuple[Response, ...]
     top = max(float(np.abs(c).max()) for c in curves)
     sizes = [max(float(np.abs(c).max()), 1e-4 * top) for c in curves]  # by symmetry a lateral force may be zero
     return max(float(np.abs(a - b).max()) / s for a, b, s in zip(f, curves, sizes, strict=True)), off
-
-
-# ------------------------------------------------------------------------------------------------------ validation
-
-
-def validate(bench: Bench, j: Judged) -> tuple[Goodness, ...]:
-    """Force curves kept for the end, predicted by a level, each against what a perfect model would leave there.
-
-    The parameters' own uncertainty is carried by the derivatives of the run, where the backend gives them.
-    """
-    plan, found, out = bench.plan, j.detail, []
-    box, fit = found.axes.box, found.determination.fit
-    for e in plan.study.experiments:
-        if e.role != "validate" or e.kind != "force":
-            continue
-        (answer,) = bench.run(j.level, found.axes, [plan.validation[e.name]], [found.values])
-        if isinstance(answer, str):
-            continue
-        for channel in e.compared:
-            place, response = placed(plan, e.name, channel), answer[0]
-            f = resample(response, place, "")
-            by_knob = {k: resample(response, place, k) for k, g in response.gradients.items() if channel in g}
-            slopes = found.axes.slopes(found.values, by_knob)
-            J = np.stack([slopes.get(n, np.zeros_like(f)) for n in box.names], axis=1) * box.slope(fit.x)
-            d = curve_data(plan, place)
-            d = d.plus(together(d.depth, error_at(response, place), float(place.depth.max())))
-            model = Model(box, lambda X, f=f, J=J: f + (X - fit.x) @ J.T)  # type: ignore[misc]
-            apart = ladder.simulate_elsewhere(model, (d,), fit, found.simulated.X, plan.seed)
-            share = plan.study.ladder.confidence
-            out.append(ladder.assess([Left(f - d.value, Misfit(model, (d,)), apart, ("validate",))], share))
-    return tuple(out)

@@ -141,7 +141,7 @@ def _candidate(plan: Plan, found: Descended) -> dict[str, Any]:
         "agreement": found.best.gap,
         "verified": found.best.confirmed,
         "curves": curves_of(plan, found.outcomes),
-        "metrics": {e: dataclasses.asdict(curve_metrics(plan, e, found.outcomes)) for e in plan.case_of},
+        "metrics": {n: dataclasses.asdict(m) for n, m in curve_metrics(plan, found.outcomes).items()},
         "at_bound": at_bound(search, plan, values),
         "extrapolated": False,
     }

@@ -20,18 +20,12 @@ from rso.identify import (
     curve_score,
     determine,
     downhill,
-    gain,
-    has_gradients,
     minimise,
-    resample,
-    together,
 )
 from rso.identify.verdict import WORDS, Verdict, Word, physical
 from rso.running import Task
-from rso.store import Done
-from rso.study.ladder_curves import error_at
 from rso.study.plan import Plan
-from rso.study.searching import Found, Validation
+from rso.study.searching import Found
 from rso.study.settling import Settled, evidence, settle
 from rso.study.stages import Bench, Run
 
@@ -174,37 +168,6 @@ def _far(d: Determination, name: str, values: Mapping[str, float]) -> list[str]:
         f"the best candidate, {name}, is not what the whole curves say: {', '.join(said)}; its search knows only the "
         "targets, more of them would bring it closer"
     ]
-
-
-def further_gains(plan: Plan, d: Determination, checked: Sequence[Validation]) -> list[dict[str, Any]]:
-    """What the experiments that were kept for the end would add if they were fitted too.
-
-    From the derivatives that the backend gives with each run; those of other backends are not known here.
-    """
-    box, found = d.misfit.model.box, {}
-    for v in checked:
-        measured = plan.curves[v.experiment]
-        if measured.position is not None:  # of a profile no single channel has the derivatives
-            continue
-        if not isinstance(v.outcome, Done) or not has_gradients(v.outcome.response, measured.channel, box):
-            continue
-        response, x = v.outcome.response, box.to_unit(np.array([v.values[n] for n in box.names]))
-        deepest = float(response.curve(measured.channel).travel_mm.max())
-        keep = (measured.depth > 0) & (measured.depth <= deepest * (1 + 1e-9))
-        place = Place(v.experiment, measured.channel, np.minimum(measured.depth[keep], deepest))
-        J = np.stack([resample(response, place, n) for n in box.names], axis=1) * box.slope(np.clip(x, 0, 1))
-        C = measured.covariance[np.ix_(keep, keep)] * d.scale**2
-        C = (
-            C
-            + together(place.depth, error_at(response, place))
-            + 1e-12 * np.eye(len(C)) * float(np.max(measured.value)) ** 2
-        )
-        # Of several candidates the one nearest to the most likely values speaks.
-        apart = float(np.linalg.norm(x - d.fit.x))
-        if v.experiment not in found or apart < found[v.experiment][0]:
-            g = gain(box, d.fit.x, d.fit.fisher / d.scale**2, f"{v.experiment}, fitted too", J, C)
-            found[v.experiment] = (apart, {"test": g.test, "before": dict(g.before), "after": dict(g.after)})
-    return [row for _, row in found.values()]
 
 
 def not_identified(plan: Plan, reason: str) -> dict[str, Any]:

@@ -26,6 +26,17 @@ def measured(plan: Plan, name: str, channel: str) -> MeasuredCurve:
     return combine(plan.study.measurement(name), plan.study.experiment(name).noise.noise(), channel)
 
 
+def label(plan: Plan, name: str, channel: str) -> str:
+    """What a compared curve is called: its experiment, and where it is not the first of that the channel too."""
+    return name if channel == plan.study.experiment(name).compared[0] else f"{name} {channel}"
+
+
+def compared(plan: Plan) -> dict[str, tuple[str, MeasuredCurve]]:
+    """Label → experiment and measured curve of every channel that is compared of the experiments to fit and select."""
+    pairs = [(n, c) for n in plan.case_of for c in plan.study.experiment(n).compared]
+    return {label(plan, n, c): (n, measured(plan, n, c)) for n, c in pairs}
+
+
 def placed(plan: Plan, name: str, channel: str) -> Place:
     """Where a curve was measured, from contact on."""
     depth = measured(plan, name, channel).depth

@@ -13,6 +13,7 @@ from rso.identify.verdict import physical
 from rso.ladder import Check, CurveError, Goodness, Judged
 from rso.study import files
 from rso.study.climbing import Climbed, Fitted
+from rso.study.ladder_validation import Unused
 from rso.study.plan import Plan
 from rso.study.results import data_hashes
 
@@ -66,9 +67,11 @@ def warnings(plan: Plan, found: Climbed) -> list[str]:
             "stated errors are larger than the curves show, so that the thresholds are lenient and the ladder may stop "
             "too early"
         )
-    for g in found.validation.get(climb.chosen, ()):
-        if not g.passes:
-            (e,) = g.errors
+    for u in found.validation.get(climb.chosen, ()):
+        if u.goodness is None:
+            said.append(f"validation: whether {j.level.label} predicts {u.curve} is open: {u.why}")
+        elif not u.goodness.passes:
+            (e,) = u.goodness.errors
             said.append(
                 f"validation: {j.level.label} misses {e.name} (NRMSE {100 * e.nrmse:.3g} %, threshold "
                 f"{100 * e.limit:.3g} %), which it did not see; with count_validation in [ladder] that curve counts in "
@@ -112,14 +115,14 @@ def _level(plan: Plan, found: Climbed, j: Judged, rung: int) -> dict[str, Any]:
         })  # fmt: skip
     g, elsewhere = j.goodness, found.validation.get(j.level.name, ())
     assert g is not None
-    errors = [_error(e) for v in (g, *elsewhere) for e in v.errors]
+    errors = [_error(e) for v in (g, *(u.goodness for u in elsewhere if u.goodness)) for e in v.errors]
     return head | {
         "parameters": rows,
         "values": d.axes.physical(d.values),
         "verdict": _verdict(g),
         "fitted": _test(g.checks[0]),
         "selected": _test(g.checks[1]) if len(g.checks) > 1 else None,
-        "validated": [{"curve": v.errors[0].name} | _test(v.checks[0]) | {"verdict": _verdict(v)} for v in elsewhere],
+        "validated": [_validated(u) for u in elsewhere],
         "errors": errors,
         "log_evidence": j.log_evidence,
         "agreement": d.agreement,
@@ -134,6 +137,12 @@ def _level(plan: Plan, found: Climbed, j: Judged, rung: int) -> dict[str, Any]:
             for v, p, role, f, e in zip(d.data, d.places, d.roles, d.predicted, d.errors, strict=True)
         ],
     }  # fmt: skip
+
+
+def _validated(u: Unused) -> dict[str, Any]:
+    if u.goodness is None:
+        return {"curve": u.curve, "verdict": None, "why": u.why}
+    return {"curve": u.curve} | _test(u.goodness.checks[0]) | {"verdict": _verdict(u.goodness), "why": None}
 
 
 def _verdict(g: Goodness) -> dict[str, Any]:

@@ -20,9 +20,11 @@ from rso.contract import plain
 from rso.curves import ahead
 from rso.emulator import Emulator, Output
 from rso.feasibility import Region
+from rso.measurement import MeasuredCurve
 from rso.running import Outcome
 from rso.store import Done
 from rso.study.cases import remarks
+from rso.study.ladder_curves import compared, measured
 from rso.study.plan import Plan, SearchPlan
 from rso.study.repairing import Step
 from rso.study.schema import Study
@@ -31,6 +33,7 @@ from rso.study.stages import Design, Fitted, Run, why
 from rso.surrogates import Scores
 
 SCHEMA = 1
+LOUD = 3.0  # times its noise: what a lateral force must be to count in the choice of the best candidate
 GRID = 41  # points a side of a drawn response surface
 PACKAGES = ("numpy", "scipy", "scikit-learn", "pymoo", "scikit-fem", "pytetwild", "pymetis", "numba", "pypardiso")
 
@@ -93,6 +96,11 @@ def of_design(plan: Plan, design: Design) -> dict[str, Any]:
         },
         "runs": [run for r in design.runs for run in _runs(plan, r)],
     }
+
+
+def foretelling_runs(runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """Rows of `runs` for single cases that none of the outputs belongs to."""
+    return [_row(o, r.purpose, r.values, {}) for r in runs for o in r.outcomes]
 
 
 def rows_of(plan: Plan, runs: Sequence[Run]) -> list[dict[str, Any]]:
@@ -165,22 +173,24 @@ def candidate_runs(plan: Plan, found: Found) -> list[dict[str, Any]]:
 
 def validation_runs(found: list[Validation]) -> list[dict[str, Any]]:
     """Rows of `runs` for the experiments kept for the end."""
-    return [_row(v.outcome, "validate", v.values, {}) for v in found]
+    rows = [_row(v.outcome, "validate", v.values, {}) for v in found]
+    return list({r["key"]: r for r in rows}.values())  # channels of one experiment are one run
 
 
-def of_validation(plan: Plan, found: list[Validation]) -> dict[str, Any]:
+def of_validation(found: list[Validation]) -> dict[str, Any]:
     """validation."""
     rows = []
     for v in found:
         cause, reason = why(v.outcome)
         rows.append(
             {
-                "experiment": v.experiment, "search": v.search, "candidate": f"{v.search} {v.candidate + 1}",
-                "state": type(v.outcome).__name__.lower(), "cause": cause, "reason": reason, "depth": v.depth,
-                "measured": v.measured, "sigma": v.sigma, "predicted": [] if v.predicted is None else v.predicted,
+                "experiment": v.kept.experiment, "channel": v.kept.channel, "unit": v.kept.unit, "search": v.search,
+                "candidate": f"{v.search} {v.candidate + 1}", "state": type(v.outcome).__name__.lower(),
+                "cause": cause, "reason": reason, "depth": v.kept.depth, "measured": v.kept.value,
+                "sigma": v.kept.sigma, "predicted": [] if v.predicted is None else v.predicted,
                 "numerical_error": [] if v.error is None else v.error,
                 "metrics": None if v.metrics is None else dataclasses.asdict(v.metrics),
-                "position": _position(v.position),
+                "position": _position(v.kept.position),
             }
         )  # fmt: skip
     return {"validation": rows}
@@ -188,9 +198,9 @@ def of_validation(plan: Plan, found: list[Validation]) -> dict[str, Any]:
 
 def best(plan: Plan, found: list[Found]) -> tuple[str, int] | None:
     """Search and place of the verified candidate with the smallest study metric, averaged over the fitted curves."""
-    metric = plan.study.search.metric
+    metric, telling = plan.study.search.metric, _telling(plan)
     scored = [
-        (float(np.mean([getattr(m, metric) for m in scores.values()])), f.plan.name, k)
+        (float(np.mean([getattr(m, metric) for n, m in scores.items() if n in telling])), f.plan.name, k)
         for f in found
         for k, (c, scores) in enumerate(zip(f.result.candidates, f.metrics, strict=True))
         if c.verified and scores
@@ -200,6 +210,12 @@ def best(plan: Plan, found: list[Found]) -> tuple[str, int] | None:
         return None
     _, name, k = min(scored)
     return name, k
+
+
+def _telling(plan: Plan) -> set[str]:
+    """Curves that a relative error says something about: a lateral force that is only noise about zero is none."""
+    loud = {n for n, (_, c) in compared(plan).items() if np.sum(c.value**2) > LOUD**2 * np.sum(c.sigma**2)}
+    return {*plan.case_of, *loud}
 
 
 # ------------------------------------------------------------------------------------------------------ pieces
@@ -225,15 +241,19 @@ def parameters(stated: Plan, plan: Plan) -> list[dict[str, Any]]:
 
 def _experiment(plan: Plan, name: str) -> dict[str, Any]:
     e, curve, said = plan.study.experiment(name), plan.curves[name], remarks(plan.study, name)
+    others = [measured(plan, name, c) for c in e.compared[1:]]
     return {
         "name": name, "role": e.role, "kind": e.kind, "channel": curve.channel, "unit": curve.unit,
         "settings": plan.study.settings_of(name), "file": e.files,
         "notes": [*said, *plan.study.measurement(name).notes], "remarks": len(said),
         "n_repeats": curve.n_repeats,
-        "measured": {
-            "depth": curve.depth, "value": curve.value, "sigma": curve.sigma, "position": _position(curve.position),
-        },
+        "measured": _measured(curve),
+        "others": [{"channel": c.channel, "unit": c.unit, "measured": _measured(c)} for c in others],
     }  # fmt: skip
+
+
+def _measured(c: MeasuredCurve) -> dict[str, Any]:
+    return {"depth": c.depth, "value": c.value, "sigma": c.sigma, "position": _position(c.position)}
 
 
 def _position(places: np.ndarray | None) -> list[list[float]]:
@@ -351,16 +371,16 @@ def _candidate(plan: Plan, found: Found, k: int) -> dict[str, Any]:
 
 
 def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """The compared curve of every experiment in runs that are done."""
+    """Every compared curve in runs that are done."""
     found = {}
-    for name, index in plan.case_of.items():
-        outcome = outcomes[index]
+    for name, (experiment, data) in compared(plan).items():
+        outcome = outcomes[plan.case_of[experiment]]
         assert isinstance(outcome, Done)
-        curve = outcome.response.curve(plan.curves[name].channel)
+        curve = outcome.response.curve(data.channel)
         loading = ahead(curve.travel_mm)
         found[name] = {
-            "channel": curve.channel, "depth": curve.travel_mm[loading], "value": curve.value[loading],
-            "error": curve.error[loading],
+            "experiment": experiment, "channel": curve.channel, "depth": curve.travel_mm[loading],
+            "value": curve.value[loading], "error": curve.error[loading],
         }  # fmt: skip
     return found
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rso import search
-from rso.curves import Metrics, Resampling, ahead, baseline, loading, metrics
+from rso.curves import Metrics, Resampling, baseline, loading, metrics
 from rso.emulator import Emulator
-from rso.measurement import MeasuredCurve
 from rso.running import Outcome, Task
 from rso.search import Choice
 from rso.store import Done
-from rso.study.cases import mark_channel
+from rso.study.kept import Kept, kept, task
+from rso.study.ladder_curves import compared
 from rso.study.plan import Plan, SearchPlan, limited
 from rso.study.stages import Bench, Design, learn_more, sample
 from rso.targets import residuals, violations
@@ -42,24 +42,19 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """One experiment kept for the end, predicted by one candidate: the search's name, its place there, its values.
+    """A channel of an experiment kept for the end, predicted by one candidate: its search, its place there, its values.
 
-    Arrays (n,) over the readings, `error` the numerical one of what is predicted; `position` (n, 2)
-    are the reference places (x, y) in mm of a profile, else None.
+    `predicted` and its numerical `error` are (n,) over the readings that were `kept`, None without an answer.
     """
 
-    experiment: str
+    kept: Kept
     search: str
     candidate: int
     values: Mapping[str, float]
     outcome: Outcome
-    depth: np.ndarray
-    measured: np.ndarray
-    sigma: np.ndarray
     predicted: np.ndarray | None
     error: np.ndarray | None
     metrics: Metrics | None
-    position: np.ndarray | None = None
 
 
 # ------------------------------------------------------------------------------------------------------ search
@@ -113,10 +108,7 @@ def find(bench: Bench, wanted: SearchPlan, emulator: Emulator, first: Proposal) 
         return learn_more(bench, current, new)
 
     result = verify(emulator, wanted.outputs, again, rerun, enrich, plan.study.verify.max_infill)
-    scores = tuple(
-        {e: curve_metrics(plan, e, c.outcomes) for e in plan.case_of} if c.state == "done" else {}
-        for c in result.candidates
-    )
+    scores = tuple(curve_metrics(plan, c.outcomes) if c.state == "done" else {} for c in result.candidates)
     return Found(wanted, proposals[-1].front, result, search.story(result.choice, plan.box, wanted.goals), scores)
 
 
@@ -161,16 +153,18 @@ def _candidate(
     return Candidate(values, predicted, recomputed, outcomes, gap, gap <= plan.study.verify.tolerance)
 
 
-def curve_metrics(plan: Plan, experiment: str, outcomes: Sequence[Outcome]) -> Metrics:
-    """Error metrics of a run against one measured curve, at the measured depths."""
-    outcome = outcomes[plan.case_of[experiment]]
-    assert isinstance(outcome, Done)
-    measured = plan.curves[experiment]
-    simulated = outcome.response.curve(measured.channel)
-    deepest = float(simulated.travel_mm.max())
-    keep = (measured.depth > 0) & (measured.depth <= deepest + 1e-9)
-    at = np.minimum(measured.depth[keep], deepest)
-    return metrics(measured.value[keep], loading(simulated.travel_mm, simulated.value)(at))
+def curve_metrics(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Metrics]:
+    """Error metrics of runs that are done against every compared curve, at the measured depths."""
+    found = {}
+    for name, (experiment, curve) in compared(plan).items():
+        outcome = outcomes[plan.case_of[experiment]]
+        assert isinstance(outcome, Done)
+        simulated = outcome.response.curve(curve.channel)
+        deepest = float(simulated.travel_mm.max())
+        keep = (curve.depth > 0) & (curve.depth <= deepest + 1e-9)
+        at = np.minimum(curve.depth[keep], deepest)
+        found[name] = metrics(curve.value[keep], loading(simulated.travel_mm, simulated.value)(at))
+    return found
 
 
 def mean_over_design(plan: Plan, design: Design, emulator: Emulator) -> dict[str, Metrics]:
@@ -186,10 +180,8 @@ def mean_over_design(plan: Plan, design: Design, emulator: Emulator) -> dict[str
     points = points[plan.feasible(points)] if len(points) else points
     if not len(points):
         return {}
-    for name, measured in plan.curves.items():
-        if name not in plan.case_of:
-            continue
-        outputs = [o for o in plan.outputs if o.experiment == name and o.channel == measured.channel]
+    for name, (experiment, measured) in compared(plan).items():
+        outputs = [o for o in plan.outputs if o.experiment == experiment and o.channel == measured.channel]
         travel = np.array([o.depth_mm for o in outputs])
         keep = (measured.depth > 0) & (measured.depth <= travel[-1] + 1e-9)
         at = np.minimum(measured.depth[keep], travel[-1])
@@ -202,7 +194,7 @@ def mean_over_design(plan: Plan, design: Design, emulator: Emulator) -> dict[str
 
 def baselines(plan: Plan) -> dict[str, Metrics]:
     """The model that predicts the mean of each fitted curve."""
-    return {e: baseline(c.value[c.depth > 0]) for e, c in plan.curves.items() if e in plan.case_of and len(c.depth) > 1}
+    return {n: baseline(c.value[c.depth > 0]) for n, (_, c) in compared(plan).items() if len(c.depth) > 1}
 
 
 # ------------------------------------------------------------------------------------------------------ validation
@@ -219,45 +211,20 @@ def chosen(found: Sequence[Found], best: tuple[str, int] | None) -> list[Chosen]
 
 
 def validate(bench: Bench, those: Sequence[Chosen]) -> list[Validation]:
-    """Predict the experiments kept for the end with the chosen candidates."""
+    """Predict every compared channel of the experiments kept for the end with the chosen candidates."""
     plan, tasks = bench.plan, validation_tasks(bench.plan, those)
     pairs = [(e, c) for e in plan.validation for c in those]
     outcomes = bench.run_tasks(tasks) if tasks else []
-    return [_validated(plan, e, *c, outcome) for (e, c), outcome in zip(pairs, outcomes, strict=True)]
+    return [_validated(k, *c, o) for (e, c), o in zip(pairs, outcomes, strict=True) for k in kept(plan, e)]
 
 
 def validation_tasks(plan: Plan, those: Sequence[Chosen]) -> list[Task]:
     """The simulations of the experiments kept for the end; they may be made before anybody looks at them."""
-    return [
-        Task(v, plan.validation[e], frozenset(_channels(plan.curves[e]))) for e in plan.validation for _, _, v in those
-    ]
+    return [task(plan, e, v) for e in plan.validation for _, _, v in those]
 
 
-def _validated(
-    plan: Plan, experiment: str, search: str, candidate: int, values: Mapping[str, float], outcome: Outcome
-) -> Validation:
-    curve = plan.curves[experiment]
-    keep = curve.depth > 0
-    depth, y, sigma = curve.depth[keep], curve.value[keep], curve.sigma[keep]
-    position = None if curve.position is None else curve.position[keep]
-    predicted, error, scores = None, None, None
-    if isinstance(outcome, Done):
-        predicted, error = np.zeros_like(depth), np.zeros_like(depth)
-        wanted = np.array(_channels(curve))[keep]
-        for channel in dict.fromkeys(wanted.tolist()):
-            simulated, mine = outcome.response.curve(channel), wanted == channel
-            at = np.minimum(depth[mine], simulated.travel_mm.max())
-            predicted[mine] = loading(simulated.travel_mm, simulated.value)(at)
-            on = ahead(simulated.travel_mm)
-            error[mine] = np.interp(at, simulated.travel_mm[on], simulated.error[on])
-        scores = metrics(y, predicted)
-    return Validation(
-        experiment, search, candidate, values, outcome, depth, y, sigma, predicted, error, scores, position
-    )  # fmt: skip
-
-
-def _channels(curve: MeasuredCurve) -> list[str]:
-    """The simulated channel behind every reading of a curve: of a profile that of its mark."""
-    if curve.position is None:
-        return [curve.channel] * len(curve.depth)
-    return [mark_channel(p) for p in curve.position]
+def _validated(k: Kept, search: str, candidate: int, values: Mapping[str, float], outcome: Outcome) -> Validation:
+    predicted = k.read(outcome.response) if isinstance(outcome, Done) else None
+    error = k.error(outcome.response) if isinstance(outcome, Done) else None
+    scores = None if predicted is None else metrics(k.value, predicted)
+    return Validation(k, search, candidate, values, outcome, predicted, error, scores)

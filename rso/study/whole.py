@@ -20,7 +20,9 @@ from rso.study import (
     descending,
     descent_results,
     files,
+    foretelling,
     identifying,
+    kept,
     repairing,
     results,
     searching,
@@ -175,10 +177,17 @@ def _validate(
     plan, found = bench.plan, notes.found
     if plan.validation:
         say("validation: experiments kept for the end")
+    values = None if determination is None else foretelling.most_likely(plan, determination, chosen)
+    if values is not None:
+        bench.begin([kept.task(plan, name, values) for name in foretelling.unfitted(plan)])
     checked = searching.validate(bench, chosen)
     found["runs"] += results.validation_runs(checked)
-    if determination is not None:
-        found["identification"]["gains"] += identifying.further_gains(plan, determination, checked)
+    foretold = []
+    if determination is not None and values is not None:
+        foretold = foretelling.foretell(bench, determination, values)
+        found["runs"] += results.foretelling_runs([r for v in foretold for r in v.runs])
+        found["warnings"] += foretelling.warnings(plan, foretold)
+        found["identification"]["gains"] += foretelling.gains(plan, determination, foretold)
     found["timings"]["fe_cpu"] = sum(r["cpu_s"] or 0.0 for r in _distinct(found["runs"]))
     found["provenance"].update(artefacts=_artefacts(design), solver=_solver(design), finished=_now())
     found.update(results.of_region(plan, bench.region(design.similar), found["runs"]))
@@ -190,7 +199,8 @@ def _validate(
         when = ("command", "started", "finished", "jobs")
         found["provenance"].update({k: v for k, v in before["provenance"].items() if k in when})
     code = exit_code(plan, found)
-    return notes.write("validate", end=True, **results.of_validation(plan, checked), counts=counts, exit_code=code)
+    parts = {**results.of_validation(checked), **foretelling.of_predictions(foretold)}
+    return notes.write("validate", end=True, **parts, counts=counts, exit_code=code)
 
 
 def exit_code(plan: Plan, found: dict[str, Any]) -> int:
@@ -281,8 +291,12 @@ def rough(candidates: Sequence[Mapping[str, Any]]) -> list[str]:
     """
     worst: dict[str, float] = {}
     for candidate in candidates:
+        sizes: dict[str, float] = {}  # of all channels of a test: a lateral force may be zero by symmetry
+        for curve in candidate["curves"].values():
+            largest = max(map(abs, curve["value"]), default=0.0)
+            sizes[curve["experiment"]] = max(sizes.get(curve["experiment"], 0.0), largest)
         for name, curve in candidate["curves"].items():
-            size = max(map(abs, curve["value"]), default=0.0)
+            size = sizes[curve["experiment"]]
             share = max(curve["error"], default=0.0) / size if size else 0.0
             worst[name] = max(worst.get(name, 0.0), share)
     return [

@@ -1,6 +1,5 @@
 """Identification inside a study: the most likely point is recomputed, its numbers reach results.json and the report."""
 
-from types import SimpleNamespace
 
 import indentation_backend
 import numpy as np
@@ -11,7 +10,6 @@ import soft_ball
 from rso import identify
 from rso.contract import Response
 from rso.identify import Misfit, Place
-from rso.measurement import MeasuredCurve
 from rso.report.identification import identification_section
 from rso.store import Done
 from rso.study import identifying, settling
@@ -99,35 +97,6 @@ def test_data_that_allow_no_likelihood_are_said_not_raised(tmp_path, monkeypatch
     assert found["identification"] is None and found["exit_code"] == 5
     assert found["determined"]["mu"]["interval"] == [None, None]
     assert any("not positive definite" in w for w in found["warnings"])
-
-
-def test_what_another_experiment_would_add_comes_from_its_derivatives():
-    d = identify.determine(
-        Misfit(soft_ball.model(), (soft_ball.data(0.01, 20.0, 0.02, np.random.default_rng(1)),)), seed=0, mcmc=False
-    )
-    u = np.linspace(0.5, 4.0, 8)
-    mu, D1 = map(float, d.fit.theta)
-    F, h = soft_ball.force(mu, D1, u), 1e-6
-    slopes = {
-        "mu": {"Fz": (soft_ball.force(mu * (1 + h), D1, u) - F) / (mu * h)},
-        "D1": {"Fz": (soft_ball.force(mu, D1 * (1 + h), u) - F) / (D1 * h)},
-    }
-    units = {"time": "s", "travel": "mm", "Fz": "N"}
-    curve = MeasuredCurve("Fz", "N", u, F, np.full(8, 1e-3), 1, 1e-6 * np.eye(8))
-    plan = SimpleNamespace(curves={"deep": curve})
-
-    def checked(gradients):
-        response = Response({"time": u, "travel": u, "Fz": F}, units, gradients=gradients)
-        return [SimpleNamespace(experiment="deep", outcome=_done(response), values={"mu": mu, "D1": D1})]
-
-    (row,) = identifying.further_gains(plan, d, checked(slopes))
-    assert row["after"]["D1"] < 0.5 * row["before"]["D1"]
-    # Oracle: the joint Fisher information, by hand.
-    J = np.stack([slopes[n]["Fz"] * t * np.log(b / a) for n, t, a, b in
-                  zip(("mu", "D1"), (mu, D1), soft_ball.BOX.low, soft_ball.BOX.high, strict=True)], axis=1)  # fmt: skip
-    F2 = d.fit.fisher + 12 * np.eye(2) + J.T @ J / 1e-6
-    assert row["after"]["D1"] == pytest.approx(np.sqrt(np.linalg.inv(F2)[1, 1]) * np.log(168), rel=1e-3)
-    assert identifying.further_gains(plan, d, checked({})) == []
 
 
 def _done(response):

@@ -12,6 +12,7 @@ from scipy.stats import chi2, f
 
 from rso import ladder
 from rso.cli import main
+from rso.contract import SimulationFailed
 from rso.doe import Box
 from rso.identify import Data, Misfit, Model, emulated, fit_at
 from rso.ladder import Added, Check, Goodness, Judged, Left, Level, goodness
@@ -193,6 +194,51 @@ def test_a_curve_to_select_by_can_fail_what_fits(tmp_path):
     levels += "\ncount_validation = true"
     counted, _ = study(tmp_path / "counted", "validate")
     assert verdicts(counted) == verdicts(found)
+
+
+def test_a_perfect_model_without_derivatives_does_not_miss_what_it_did_not_see(tmp_path):
+    """Beyond the fitted depth the uncertainty of the fitted values is larger than the noise."""
+    levels, white = 'levels = ["neo"]', 'noise = { Fz = "2 mN" }'
+    missed = {}
+    for law, more in (("neo", {}), ("stiff", {"C20": 1e-4})):
+        missed[law] = 0
+        for seed in range(8):
+            folder = tmp_path / f"{law}{seed}"
+            folder.mkdir()
+            (folder / "top.csv").write_text(curve(law, 2e-3, seed, 1.0, 41, 1, **more))
+            (folder / "deep.csv").write_text(curve(law, 4e-4, seed + 50, 6.0, 31, 1, **more))
+            study = STUDY.replace('noise = { gain = "0.2 %" }', white).replace("error = 0.001", "error = 0.0")
+            deep = DEEP.replace("ROLE", "validate").replace(', gain = "0.2 %"', "")
+            (folder / "study.toml").write_text(f"{study}{deep}{LADDER}\n{levels}\n")
+            plan = ladder_plan(load(folder / "study.toml"))
+            with RunStore(folder / "results") as store:
+                data = results(plan, run_ladder(plan, store, Inline()), "test")
+            (v,) = found_level(data, "neo")["validated"]
+            assert v["why"] is None
+            missed[law] += not v["verdict"]["passes"]
+    # 1 in 20 at the stated confidence: more than 2 of 8 would come about once in 200 times.
+    assert missed["neo"] <= 2 and missed["stiff"] == 8
+
+
+def test_without_slopes_no_verdict_on_what_was_kept_is_stated(tmp_path, monkeypatch):
+    """The run for validation has an answer and those beside it have none."""
+    inside, exact = ladder_backend.Laws.__call__, []
+
+    def narrow(self, values, case):
+        if max(case.programme.asked_mm) > 5:
+            exact.append(values["mu"])
+            if values["mu"] != exact[0]:
+                raise SimulationFailed("instability", "only here")
+        return inside(self, values, case)
+
+    monkeypatch.setattr(ladder_backend.Laws, "__call__", narrow)
+    _, data = climbed(tmp_path, "neo", 4e-4, 'levels = ["neo"]', deep="validate")
+    (v,) = found_level(data, "neo")["validated"]
+    assert v["verdict"] is None and "changes with mu" in v["why"] and "only here" in v["why"]
+    assert any("whether neo predicts deep is open" in w for w in data["warnings"])
+    assert [e["role"] for e in found_level(data, "neo")["errors"]] == ["fit"]
+    tiles = {f.label: f for b in report(data).sections[0].blocks if hasattr(b, "facts") for f in b.facts}
+    assert tiles["Unused test"].value == "open"
 
 
 def test_an_effect_is_put_on_the_level_that_holds(tmp_path):

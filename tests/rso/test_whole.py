@@ -39,6 +39,7 @@ LAYOUT: dict[str, Any] = {
             "settings": {"thickness": None},
             "notes": [None],
             "measured": {"depth": [None], "value": [None], "sigma": [None], "position": [[None]]},
+            "others": [{"channel": None, "unit": None, "measured": None}],
         }
     ],
     "outputs": [dict.fromkeys(("id", "experiment", "channel", "depth_mm", "unit"))],
@@ -100,7 +101,9 @@ LAYOUT: dict[str, Any] = {
                     "outputs": [
                         dict.fromkeys(("output", "predicted", "sd", "recomputed", "numerical_error", "target"))
                     ],
-                    "curves": {"top": {"channel": None, "depth": [None], "value": [None], "error": [None]}},
+                    "curves": {
+                        "top": {"experiment": None, "channel": None, "depth": [None], "value": [None], "error": [None]}
+                    },
                     "metrics": {"top": METRICS},
                     "at_bound": [None],
                     "extrapolated": None,
@@ -113,10 +116,23 @@ LAYOUT: dict[str, Any] = {
     "mean_over_runs": {"top": METRICS},
     "validation": [
         {
-            **dict.fromkeys(("experiment", "search", "candidate", "state", "cause", "reason")),
+            **dict.fromkeys(("experiment", "channel", "unit", "search", "candidate", "state", "cause", "reason")),
             **{k: [None] for k in ("depth", "measured", "sigma", "predicted", "numerical_error")},
             "metrics": METRICS,
             "position": [[None]],
+        }
+    ],
+    "predictions": [
+        {
+            **dict.fromkeys(("experiment", "verdict", "why", "chi2", "points", "p_value", "alone")),
+            "values": VALUES,
+            "channels": [
+                {
+                    **dict.fromkeys(("channel", "unit", "chi2", "p_value", "missed")),
+                    **{k: [None] for k in ("depth", "measured", "sigma", "predicted", "numerical_error", "spread")},
+                    "metrics": METRICS,
+                }
+            ],
         }
     ],
     "counts": dict.fromkeys(("asked", "fe_runs", "done", "failed", "crashed", "from_store", "saved_by_similarity")),
@@ -647,10 +663,11 @@ def test_the_command_line_counts_marks_and_sums_a_profile_up(marked, capsys):
     profile = {
         "position": [[0, 0], [5, 0]], "depth": [2, 2], "measured": [-1.5, -0.2], "predicted": [-1.4, -0.2],
         "metrics": {"n": 2, "rmse": 0.0707}, "state": "done", "reason": None,
+        "channel": "Fz", "unit": "N",
     }  # fmt: skip
     assert validated(profile) == "2 readings missed by 0.071 mm (RMSE), the largest measured is -1.5 mm"
     curve = profile | {"position": [], "depth": [3.0, 1.0]}  # the deepest reading need not be the last
-    assert validated(curve) == "predicted -1.4, measured -1.5 at 3 mm"
+    assert validated(curve) == "Fz predicted -1.4 N, measured -1.5 N at 3 mm"
     assert validated(profile | {"predicted": [], "state": "failed", "reason": "no"}) == "failed: no"
 
 
