@@ -36,7 +36,7 @@ from rso.identify.verdict import physical
 from rso.measurement import MeasuredCurve, combine
 from rso.running import Outcome, Task
 from rso.store import Done
-from rso.study.ladder_curves import error_at
+from rso.study.ladder_curves import as_data, error_at
 from rso.study.plan import Plan
 from rso.study.searching import Found, Validation
 from rso.study.stages import NOISE, Bench, Run, sample
@@ -207,7 +207,7 @@ def identification(
     except (ValueError, np.linalg.LinAlgError) as error:
         return not_identified(plan, str(error)), (), [f"identification: {error}"], None
     d = done.determination
-    warnings = [f"identification: {d.story}"] if d.scale > 1 else []
+    warnings = [f"identification: {text}" for text in (d.story if d.scale > 1 else "", d.lenient) if text]
     if settled.agreement is None:
         warnings.append("identification: the most likely point could not be recomputed, its run has no answer")
     elif not settled.verified:
@@ -292,8 +292,7 @@ def fitted_curves(plan: Plan) -> list[tuple[Place, Data]]:
         deepest = max(o.depth_mm for o in plan.outputs if (o.experiment, o.channel) == (name, channel))
         keep = (measured.depth > 0) & (measured.depth <= deepest * (1 + 1e-9))
         label = name if len({c for e, c in fitted if e == name}) == 1 else f"{name} {channel}"
-        C = measured.covariance[np.ix_(keep, keep)]
-        data = Data(label, measured.unit, measured.depth[keep], measured.value[keep], C, measured.freedom)
+        data = as_data(label, name, measured, keep)
         found.append((Place(name, channel, np.minimum(measured.depth[keep], deepest)), data))
     return found
 
