@@ -108,13 +108,14 @@ def levels(plan: TestPlan, binding: bool = False) -> dict[str, Level]:
             correlated, reach = hidden(seen, c, white)
         depth = max(e.noise.depth for e in seen)
         gain = max(e.noise.gain for e in seen)
-        contact = max(plan.scale * CONTACT, 2 * depth)
+        off = max(e.noise.contact for e in seen)
+        contact = max(plan.scale * CONTACT, 2 * depth, off)
         known = Level(white, correlated, reach, gain, contact, depth, source, loud, (gain or GAIN, contact))
         *shown, extra, its_reach = _repeats(plan, c, known)
         if extra > correlated:
             known = replace(known, correlated=extra, length=max(its_reach, reach))
         gain, contact = (e if binding and said and v > UNLIKE * e else v
-                         for v, e, said in zip(shown, known.expected, (gain, depth), strict=True))  # fmt: skip
+                         for v, e, said in zip(shown, known.expected, (gain, depth or off), strict=True))  # fmt: skip
         out[c] = replace(known, gain=max(known.gain, gain) or GAIN, contact=max(known.contact, contact),
                          shown=(shown[0], shown[1]))  # fmt: skip
     if plan.profiles:

@@ -7,7 +7,7 @@ from rso.identify.error_surface import ErrorSurface, Minimum, fit_surface, surfa
 from rso.identify.fitting import Fit, all_minima, descend, fit_at, gauss_newton
 from rso.identify.further import Experiment, Told, on_valley, told
 from rso.identify.intervals import Interval, Profile, laplace, profile, quantiles, spread
-from rso.identify.likelihood import WEIGHTINGS, Data, Misfit, Model, covariance, stack, together
+from rso.identify.likelihood import WEIGHTINGS, Data, Misfit, Model, common, covariance, stack, together
 from rso.identify.metric import MetricMinimum, curve_score, downhill, minimise
 from rso.identify.models import Place, emulated, has_gradients, resample, simulated, spread_of
 from rso.identify.sampling import Draws, sample
@@ -40,6 +40,7 @@ __all__ = [
     "Verdict",
     "all_minima",
     "best_depth",
+    "common",
     "compare_weightings",
     "covariance",
     "curve_score",

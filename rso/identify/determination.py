@@ -20,6 +20,7 @@ from rso.identify.verdict import Verdict, judge, sentences
 LEVEL = 0.9
 WIDE = 0.1  # of the largest value: an agreement within such errors says little
 FAR = 20.0  # of χ²: a minimum that much higher holds no probability that counts
+LENIENT = 0.001  # of true models leave less: the errors are stated larger than the curves show
 UNLIKELY = 0.01  # a misfit that noise alone exceeds this seldom says that the model, or the noise, is wrong
 
 
@@ -64,6 +65,17 @@ class Determination:
     draws: Draws | None
     gains: tuple[Gain, ...]
     story: str
+
+    @property
+    def lenient(self) -> str:
+        """A remark where χ² is far less than the errors would leave, else nothing."""
+        if self.p_value is None or self.p_value <= 1.0 - LENIENT:
+            return ""
+        return (
+            f"χ² = {self.fit.chi2:.2g} for {self.degrees} degrees of freedom: the readings scatter far less than the "
+            "stated errors say. Fz, depth and a column of Fz_sigma_N are errors of each reading by itself, which many "
+            "readings average out; what moves a whole curve is contact, gain or calibration under noise"
+        )
 
     def of(self, name: str) -> Known:
         """What is known of a parameter; KeyError if there is none of this name."""
@@ -116,7 +128,7 @@ def exceeded(chi2: float, ν: int, m: float) -> float:
 
 
 def student(m: float, level: float = LEVEL) -> float:
-    """How much wider an interval is whose errors are known from m degrees of freedom: quantile of t_m over normal."""
+    """By how much wider an interval is with errors known from m degrees of freedom: quantile of t_m over normal."""
     tail = 0.5 * (1 + level)
     return float(t.ppf(tail, m) / norm.ppf(tail)) if math.isfinite(m) else 1.0
 

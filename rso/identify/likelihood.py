@@ -5,7 +5,8 @@ Everything works on the unit cube of a :class:`~rso.doe.Box`, where a parameter 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -25,7 +26,8 @@ STEP = 1e-4  # of the unit cube, for differences: rounding (1e-16/h) and curvatu
 class Data:
     """One measured curve: `value` (n,) in `unit` at `depth` (n,) mm, and the covariance (n, n) of its errors.
 
-    The size of the errors is known from `freedom` degrees of freedom; infinite: it is stated.
+    The size of the errors is known from `freedom` degrees of freedom; infinite: it is stated.  `shared` holds parts s
+    (n,) of the covariance, s sᵀ each: of curves that have one of the same name it is the same error.
     """
 
     name: str
@@ -34,11 +36,14 @@ class Data:
     value: np.ndarray
     covariance: np.ndarray
     freedom: float = np.inf
+    shared: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         u, y, C = (np.array(v, float) for v in (self.depth, self.value, self.covariance))
         if u.ndim != 1 or not len(u) or y.shape != u.shape or C.shape != (len(u), len(u)):
             raise ValueError(f"{self.name}: depth {u.shape}, value {y.shape} and covariance {C.shape} do not fit")
+        if any(np.shape(s) != u.shape for s in self.shared.values()):
+            raise ValueError(f"{self.name}: shared errors need the shape {u.shape} of the depth")
         if not all(np.all(np.isfinite(v)) for v in (u, y, C)):
             raise ValueError(f"{self.name}: depth, value and covariance must be finite")
         for key, v in (("depth", u), ("value", y), ("covariance", C)):
@@ -56,22 +61,24 @@ class Data:
 
 def covariance(
     depth: np.ndarray, value: np.ndarray, slope: np.ndarray, *, white: float = 0.0, correlated: float = 0.0,
-    length: float = 0.0, gain: float = 0.0, depth_noise: float = 0.0, repeats: int = 1,
+    length: float = 0.0, gain: float = 0.0, depth_noise: float = 0.0, contact: float = 0.0, repeats: int = 1,
     numerical: np.ndarray | None = None, numerical_length: float = np.inf,
 ) -> np.ndarray:  # fmt: skip
     """Covariance (n, n) of the mean of `repeats` curves y(u) with slope y′ (n,), against a model with its own error.
 
-        C = [σ² I + c² e^{−|Δu|/ℓ} + g² y yᵀ + δ² diag(y′²)] / r  +  s sᵀ e^{−|Δu|/L}
+        C = [σ² I + c² e^{−|Δu|/ℓ} + g² y yᵀ + δ² diag(y′²) + o² y′ y′ᵀ] / r  +  s sᵀ e^{−|Δu|/L}
 
     `white` σ and `correlated` c in the unit of y, the latter over the `length` ℓ (mm); `gain` g relative, one draw for
-    a whole repeat; `depth_noise` δ in mm, white, propagated by the slope; `numerical` s (n,), the model's error, which
-    belongs together over the length L and is not reduced by repeats.  ValueError for negative sizes.
+    a whole repeat; `depth_noise` δ in mm, white, and `contact` o in mm, one draw for a whole repeat, propagated by the
+    slope; `numerical` s (n,), the model's error, which belongs together over the length L and is not reduced by
+    repeats.  ValueError for negative sizes.
     """
     u, y, dy = (np.asarray(v, float) for v in (depth, value, slope))
-    if min(white, correlated, length, gain, depth_noise) < 0 or repeats < 1 or not numerical_length > 0:
+    if min(white, correlated, length, gain, depth_noise, contact) < 0 or repeats < 1 or not numerical_length > 0:
         raise ValueError("covariance: sizes must be >= 0, repeats >= 1 and numerical_length > 0")
     apart = np.abs(u[:, None] - u)
     C = white**2 * np.eye(len(u)) + gain**2 * np.outer(y, y) + depth_noise**2 * np.diag(dy**2)
+    C += contact**2 * np.outer(dy, dy)
     C += correlated**2 * (np.exp(-apart / length) if length > 0 else np.eye(len(u)))
     C /= repeats
     return C if numerical is None else C + together(u, numerical, numerical_length)
@@ -81,6 +88,17 @@ def together(depth: np.ndarray, size: np.ndarray, length: float = np.inf) -> np.
     """Covariance (n, n) of an error of the given size (n,) that belongs together over a length (mm) of depth."""
     u, s = np.asarray(depth, float), np.asarray(size, float)
     return np.outer(s, s) * np.exp(-np.abs(u[:, None] - u) / length)
+
+
+def common(data: Sequence[Data]) -> tuple[list[Data], np.ndarray]:
+    """Curves without the errors that two of them and more share, and those, V (n, g): C = diag(C_1, C_2, …) + V Vᵀ."""
+    count = Counter(name for d in data for name in d.shared)
+    names = [name for name, k in count.items() if k > 1]
+    if not names:
+        return list(data), np.zeros((sum(len(d.value) for d in data), 0))
+    alone = [d.plus(-sum(np.outer(s, s) for n, s in d.shared.items() if n in names)) for d in data]
+    columns = [np.concatenate([d.shared.get(n, np.zeros(len(d.value))) for d in data]) for n in names]
+    return alone, np.stack(columns, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +136,8 @@ class Model:
 class Misfit:
     """χ²(x) = ‖W (f(x) − y)‖² of a model against all data at once.
 
-    W is the inverse Cholesky factor of the covariance ('noise'), 1 ('absolute') or 1/|y| ('relative', points with |y|
+    WᵀW is the inverse of the covariance ('noise'; with L Lᵀ that of curve by curve and V of what they share, W is
+    (1 + U Uᵀ)^{-1/2} L⁻¹ with U = L⁻¹ V), 1 ('absolute') or 1/|y| ('relative', points with |y|
     below `SMALLEST` of the largest have no weight); with the latter two the size of the errors is taken from what is
     left over.  `scale` divides W: errors that are known only in their relation to one another.
 
@@ -132,6 +151,7 @@ class Misfit:
     scale: float = 1.0
     wall: Callable[[np.ndarray], np.ndarray] | None = None
     _whiten: tuple[np.ndarray, ...] = field(init=False, repr=False)
+    _shared: tuple[np.ndarray, np.ndarray] | None = field(init=False, repr=False)
     _value: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -140,7 +160,12 @@ class Misfit:
         if not self.data or not self.scale > 0:
             raise ValueError("a misfit needs data and a scale > 0")
         object.__setattr__(self, "data", tuple(self.data))
-        object.__setattr__(self, "_whiten", tuple(_whitening(d, self.weighting) / self.scale for d in self.data))
+        alone, V = common(self.data) if self.weighting == "noise" else (self.data, np.zeros((0, 0)))
+        object.__setattr__(self, "_whiten", tuple(_whitening(d, self.weighting) / self.scale for d in alone))
+        object.__setattr__(self, "_shared", None)
+        if V.size:
+            Q, s, _ = np.linalg.svd(self.scale * self.white(V.T).T, full_matrices=False)
+            object.__setattr__(self, "_shared", (Q, 1.0 - 1.0 / np.sqrt(1.0 + s**2)))
         object.__setattr__(self, "_value", np.concatenate([d.value for d in self.data]))
 
     @property
@@ -160,7 +185,11 @@ class Misfit:
         for W in self._whiten:
             parts.append(change[..., start : start + len(W)] @ W.T)
             start += len(W)
-        return np.concatenate(parts, axis=-1)
+        whole = np.concatenate(parts, axis=-1)
+        if self._shared is None:
+            return whole
+        Q, less = self._shared
+        return whole - (whole @ Q * less) @ Q.T
 
     def residuals(self, X: np.ndarray) -> np.ndarray:
         """W (f − y) (k, n) at X (k, d), and after them what lies beyond the wall (k, n + w)."""

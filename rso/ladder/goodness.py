@@ -26,7 +26,7 @@ import numpy as np
 from scipy.linalg import cholesky
 
 from rso.doe import Box
-from rso.identify import Data, Fit, Misfit, Model, descend
+from rso.identify import Data, Fit, Misfit, Model, common, descend
 
 CONFIDENCE = 0.95
 DRAWS = 400  # simulated data sets: a p-value of 0.05 is then known to 0.01
@@ -149,7 +149,7 @@ def simulate(misfit: Misfit, fit: Fit, seed: int, draws: int = DRAWS) -> Simulat
     """
     d, rng = misfit.model.box.d, np.random.default_rng([seed, 11])
     f = misfit.model.predict(fit.x[None])[0]
-    noise = np.concatenate([_noise(v, draws, rng) for v in misfit.data], axis=1)
+    noise = _noise(misfit.data, draws, rng)
     spare = Box((*misfit.model.box.names, ""), (*misfit.model.box.units, ""), (*misfit.model.box.low, 0.0),
                 (*misfit.model.box.high, 1.0), (*misfit.model.box.log, False))  # fmt: skip
 
@@ -170,7 +170,7 @@ def simulate_elsewhere(model: Model, data: Sequence[Data], fit: Fit, X: np.ndarr
     rng = np.random.default_rng([seed, 12])
     f = model.predict(fit.x[None])[0]
     misfit = Misfit(model, tuple(data))
-    noise = np.concatenate([_noise(v, len(X), rng) for v in data], axis=1)
+    noise = _noise(data, len(X), rng)
     residual = model.predict(X) - f - noise
     return Simulated(X, np.sum(misfit.white(residual) ** 2, axis=1), norms(data, residual, f + noise))
 
@@ -182,10 +182,15 @@ def norms(data: Sequence[Data], residual: np.ndarray, value: np.ndarray) -> tupl
     return tuple(np.sqrt(np.mean(r**2, axis=1)) / np.maximum(np.abs(y.mean(axis=1)), 1e-300) for r, y in pairs)
 
 
-def _noise(data: Data, draws: int, rng: np.random.Generator) -> np.ndarray:
-    n = len(data.value)
-    tiny = (1e-9 * (float(np.abs(data.value).max()) or 1.0)) ** 2
-    drawn = rng.standard_normal((draws, n)) @ cholesky(data.covariance + tiny * np.eye(n), lower=True).T
-    if not math.isfinite(data.freedom):
-        return drawn
-    return drawn / np.sqrt(rng.chisquare(data.freedom, (draws, 1)) / data.freedom)
+def _noise(data: Sequence[Data], draws: int, rng: np.random.Generator) -> np.ndarray:
+    """Errors (draws, n) of all curves; those of which the size is known from few readings are Student's."""
+    parts, (alone, V) = [], common(data)
+    for d in alone:
+        n = len(d.value)
+        tiny = (1e-9 * (float(np.abs(d.value).max()) or 1.0)) ** 2
+        drawn = rng.standard_normal((draws, n)) @ cholesky(d.covariance + tiny * np.eye(n), lower=True).T
+        if math.isfinite(d.freedom):
+            drawn = drawn / np.sqrt(rng.chisquare(d.freedom, (draws, 1)) / d.freedom)
+        parts.append(drawn)
+    whole = np.concatenate(parts, axis=1)
+    return whole + rng.standard_normal((draws, V.shape[1])) @ V.T if V.size else whole

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
@@ -22,9 +22,11 @@ MAX_POINTS = 200
 class Noise:
     """What repeats cannot tell: standard uncertainties stated by the experimenter.
 
-    `Fx`, `Fy`, `Fz` N (x and y are as z unless given), `uz` mm (all displacements), `depth` mm (white), `gain`
-    relative and common to the whole curve, `correlation` mm: length over which the force noise, and what a
-    column such as Fz_sigma_N states, is correlated along the depth, exp(−|Δu|/correlation), 0 = white.
+    `Fx`, `Fy`, `Fz` N (x and y are as z unless given), `uz` mm (all displacements), `depth` mm, of each reading by
+    itself (white); `contact` mm, by which the depths of a whole test are off together; `gain`, relative, of all forces
+    of a test; `calibration`, relative, of all forces of all tests: that of their cell.  `correlation` mm: length over
+    which the force noise, and what a column such as Fz_sigma_N states, is correlated along the depth,
+    exp(−|Δu|/correlation), 0 = white.
     """
 
     Fz: float = 0.0
@@ -34,6 +36,8 @@ class Noise:
     depth: float = 0.0
     gain: float = 0.0
     correlation: float = 0.0
+    contact: float = 0.0
+    calibration: float = 0.0
 
     def __post_init__(self) -> None:
         for f in fields(self):
@@ -55,6 +59,8 @@ class MeasuredCurve:
 
     `position` (n, 2) holds x, y in mm for a profile and is None for a force curve.  The size of the errors is known
     from `freedom` degrees of freedom, as far as it was taken from the readings; infinite where all of it is stated.
+    `shared` holds the parts s (n,) of C, s sᵀ each, that other curves have with the same sign: what is named alike in
+    curves of one test, and "calibration" in those of all tests, is one error.
     """
 
     channel: str
@@ -66,13 +72,15 @@ class MeasuredCurve:
     covariance: np.ndarray
     position: np.ndarray | None = None
     freedom: float = math.inf
+    shared: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment: str = "loading") -> MeasuredCurve:
     """Average the repeats on a common grid of the depths that all of them reach.
 
         C = diag(w²) + g² ŷ ŷᵀ + o² ŷ' ŷ'ᵀ                    scatter of the repeats, as standard error of the mean
-          + (s sᵀ + F²) e^{−|Δu|/ℓ} + G² ŷ ŷᵀ + diag((d ŷ')²)  stated: per reading, force, gain, depth
+          + (s sᵀ + F²) e^{−|Δu|/ℓ} + diag((d ŷ')²)            stated of readings: column, force, depth
+          + (G² + K²) ŷ ŷᵀ + O² ŷ' ŷ'ᵀ                         stated of the test: gain, calibration, contact
 
     What a column states of each reading goes with the square root of how many were averaged, repeats included, where
     it is white (ℓ = 0); F is of the curve and does not.
@@ -105,13 +113,19 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
     along = np.exp(-np.abs(u[:, None] - u) / noise.correlation) if noise.correlation > 0 else np.eye(len(u))
     said = (np.outer(stated, stated) + noise.of(channel) ** 2) * along + np.diag((noise.depth * slope) ** 2)
     if len(y) > 1:
-        seen, freedom = _scatter(y, smooth, slope, np.diag(said))
+        seen, freedom, shared = _scatter(y, smooth, slope, np.diag(said))
     else:
         white = of_record(u, mean - _ball(u, mean)(u), smooth, said)  # small force, steep bend: not to be noise
-        seen, freedom = np.diag(white.variance), white.freedom
-    covariance = seen + said + noise.gain**2 * np.outer(smooth, smooth)
+        seen, freedom, shared = np.diag(white.variance), white.freedom, {}
+    covariance = seen + said
+    whole = {"gain": noise.gain * smooth, "calibration": noise.calibration * smooth, "contact": noise.contact * slope}
+    for name, s in whole.items():
+        if s.any():
+            covariance, shared[name] = covariance + np.outer(s, s), s
     sigma = np.sqrt(np.diag(covariance))
-    return MeasuredCurve(channel, COLUMNS[channel], u, mean, sigma, len(branches), covariance, freedom=freedom)
+    return MeasuredCurve(
+        channel, COLUMNS[channel], u, mean, sigma, len(branches), covariance, freedom=freedom, shared=shared
+    )
 
 
 def value_at(curve: MeasuredCurve, depth: float) -> tuple[float, float]:
@@ -190,19 +204,31 @@ def _smooth(u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return fit(u), fit.deriv()(u)
 
 
-def _scatter(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray, said: np.ndarray) -> tuple[np.ndarray, float]:
-    """Covariance (n, n) of the mean of two repeats y (r, n) and more, from their scatter, and its degrees of freedom.
+def _scatter(
+    y: np.ndarray, smooth: np.ndarray, slope: np.ndarray, said: np.ndarray
+) -> tuple[np.ndarray, float, dict[str, np.ndarray]]:
+    """Covariance (n, n) of the mean of two repeats y (r, n) and more, its degrees of freedom, and what is shared of it.
 
     White noise that makes the share p of all white noise, that which is `said` (n,) included, counts m/p² of its own m
-    (Satterthwaite, Biometrics Bull. 2 (1946) 110).
+    (Satterthwaite, Biometrics Bull. 2 (1946) 110).  What gain and contact scatter by beyond what white noise makes of
+    them is shared with other channels, a part for each repeat, whose sum has the correlation that the repeats have.
     """
     r = len(y)
-    white, spread = of_repeats(y, smooth, slope)
+    white, part, noise = of_repeats(y, smooth, slope)
     mean = white.variance / r
     share = float(np.mean(mean / np.maximum(mean + said, 1e-300)))
     few = stdtrit(r - 1, 0.95) / ndtri(0.95)  # a spread known from r values, for intervals of 90 %
+    spread = np.std(part, axis=1, ddof=1)
     modes = np.stack([smooth, slope], axis=1) * few * spread / math.sqrt(r)
-    return np.diag(mean) + modes @ modes.T, white.freedom / share**2 if share > 0 else math.inf
+    beyond = np.sqrt(np.clip(1.0 - noise / np.maximum(spread**2, 1e-300), 0.0, 1.0))
+    each = few * beyond[:, None] * part / math.sqrt((r - 1) * r)
+    shared = {
+        f"{name} of repeat {k + 1}": a * shape
+        for name, shape, row in zip(("gain", "contact"), (smooth, slope), each, strict=True)
+        for k, a in enumerate(row)
+        if a != 0.0
+    }
+    return np.diag(mean) + modes @ modes.T, white.freedom / share**2 if share > 0 else math.inf, shared
 
 
 def _combine_profile(measurement: Measurement, noise: Noise, channel: str) -> MeasuredCurve:

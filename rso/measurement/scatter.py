@@ -50,19 +50,21 @@ def of_record(u: np.ndarray, y: np.ndarray, smooth: np.ndarray, said: np.ndarray
     return White(np.maximum(found.variance - np.interp(u, u[four].mean(axis=1), expected), 0.0), found.freedom)
 
 
-def of_repeats(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[White, np.ndarray]:
-    """White noise of one of r >= 2 repeats y (r, n), and standard deviations (2,) of gain and contact between them.
+def of_repeats(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[White, np.ndarray, np.ndarray]:
+    """White noise of one of r >= 2 repeats y (r, n), gain and contact (2, r) of each against their mean, and the
+    variance (2,) that white noise alone gives these.
 
     Both shapes were taken out of the deviations, which leaves (r − 1)(n − 2) degrees of freedom.
     """
     r, n = y.shape
     off = y - y.mean(axis=0)
     shapes = np.stack([smooth, slope], axis=1)
-    part = np.linalg.lstsq(shapes, off.T, rcond=None)[0]  # (2, r)
+    inverse = np.linalg.pinv(shapes)
+    part = inverse @ off.T
     rest = off.T - shapes @ part
     size, left = _size(smooth), max(n - 2, 1)
     found = varying(np.sum(rest**2, axis=1) / (r - 1) * (n / left), size, size, (r - 1) * left)
-    return found, np.std(part, axis=1, ddof=1)
+    return found, part, inverse**2 @ found.variance
 
 
 def varying(q: np.ndarray, t: np.ndarray, at: np.ndarray, freedom: float) -> White:

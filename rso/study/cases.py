@@ -98,6 +98,7 @@ def _loud(measurement: Measurement, e: ExperimentTable) -> list[str]:
             ranges[key] = (noise.of(channel), f"{channel} goes over", float(np.ptp([0.0, *values])), COLUMNS[channel])
     deepest = max(float(r.depth.max()) for r in measurement.repeats)
     ranges["depth"] = (noise.depth, "depth goes over", deepest, "mm")
+    ranges["contact"] = (noise.contact, "depth goes over", deepest, "mm")
     return [
         f"noise.{key} = {stated:g} {unit} is more than half of the {span:.3g} {unit} that {what}: is its unit right?"
         for key, (stated, what, span, unit) in ranges.items()

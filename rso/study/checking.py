@@ -233,7 +233,8 @@ def _by_hertz(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
 
 def _noise(e: ExperimentTable) -> str:
     """The stated noise of an experiment in words."""
-    units = {"gain": "of the value", "uz": "mm", "depth": "mm", "correlation": "mm"}
+    units = {"uz": "mm", "depth": "mm", "correlation": "mm", "contact": "mm"}
+    units |= {"gain": "of the value, each test by itself", "calibration": "of the value, all experiments alike"}
     own = {k: v for k, v in e.noise.model_dump().items() if v}
     shown = ", ".join(f"{k} {v:g} {units.get(k, 'N')}" for k, v in own.items())
     return f"stated noise: {shown or 'none'}"

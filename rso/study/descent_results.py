@@ -83,8 +83,9 @@ def warnings(plan: Plan, found: Descended, known: Identified | None) -> list[str
     rivals = [d for d in found.descents if d.confirmed and d is not found.best and _apart(d, found.best)]
     if rivals:
         said.append(f"{len(rivals)} of {len(found.descents)} starts led to another minimum; see the descents")
-    if known is not None and known.determination.scale > 1:
-        said.append(f"identification: {known.determination.story}")
+    if known is not None:
+        d = known.determination
+        said += [f"identification: {text}" for text in (d.story if d.scale > 1 else "", d.lenient) if text]
     return said
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -253,8 +254,8 @@ def _errors(item: Item, emulator: Emulator, share: Mapping[Place, np.ndarray], x
             n = b.noise
             C = covariance(
                 b.depth, y, slope, white=0.0 if n.correlation else n.of(kind(b)),
-                correlated=n.of(kind(b)) if n.correlation else 0.0, length=n.correlation, gain=n.gain,
-                depth_noise=n.depth,
+                correlated=n.of(kind(b)) if n.correlation else 0.0, length=n.correlation,
+                gain=math.hypot(n.gain, n.calibration), depth_noise=n.depth, contact=n.contact,
             )  # fmt: skip
         else:
             C = b.data.covariance

@@ -134,7 +134,7 @@ def _refused(plan: Plan, item: Item, place: tuple[str | int, ...]) -> Iterator[P
         if kind(b) not in ("uz", *forces):
             text = f"the backend {backend.name!r} has no such channel of a force; {choose(kind(b), forces)}"
             yield Problem((*place, "channels"), text, kind(b))
-        elif not b.noise.of(kind(b)) and not b.noise.gain:
+        elif not b.noise.of(kind(b)) and not b.noise.gain and not b.noise.calibration:
             text = f"without errors of the readings of {kind(b)} everything would be known: "
             yield Problem((*place, "noise"), f"{text}noise.{kind(b)} or noise.gain must be positive")
 

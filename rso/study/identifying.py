@@ -110,7 +110,7 @@ def identification(
     except (ValueError, np.linalg.LinAlgError) as error:
         return not_identified(plan, str(error)), (), [f"identification: {error}"], None
     d = done.determination
-    warnings = [f"identification: {d.story}"] if d.scale > 1 else []
+    warnings = [f"identification: {text}" for text in (d.story if d.scale > 1 else "", d.lenient) if text]
     if settled.agreement is None:
         warnings.append("identification: the most likely point could not be recomputed, its run has no answer")
     elif not settled.verified:

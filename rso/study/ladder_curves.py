@@ -49,8 +49,15 @@ def curve_data(plan: Plan, place: Place) -> Data:
     keep = curve.depth > 0
     several = len(plan.study.experiment(place.experiment).compared) > 1
     label = f"{place.experiment} {place.channel}" if several else place.experiment
+    return as_data(label, place.experiment, curve, keep)
+
+
+def as_data(label: str, experiment: str, curve: MeasuredCurve, keep: np.ndarray) -> Data:
+    """A measured curve at the readings to `keep` (n,); errors that its channels share are of the experiment's own."""
     C = curve.covariance[np.ix_(keep, keep)]
-    return Data(label, curve.unit, curve.depth[keep], curve.value[keep], C, curve.freedom)
+    every = {"calibration"}  # one cell for all experiments
+    shared = {n if n in every else f"{experiment}: {n}": s[keep] for n, s in curve.shared.items()}
+    return Data(label, curve.unit, curve.depth[keep], curve.value[keep], C, curve.freedom, shared)
 
 
 def curve_outputs(plan: Plan) -> list[Output]:

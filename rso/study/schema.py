@@ -94,7 +94,10 @@ class ParameterTable(Table):
 
 
 class NoiseTable(Table):
-    """noise of an experiment: what repeats cannot tell (see :class:`rso.measurement.Noise`)."""
+    """noise of an experiment: what repeats cannot tell (see :class:`rso.measurement.Noise`).
+
+    `contact` and `gain` are of the whole test, in all its channels; `calibration` of all experiments that state it.
+    """
 
     Fz: NotNegativeForce = 0.0
     Fx: NotNegativeForce | None = None
@@ -103,6 +106,8 @@ class NoiseTable(Table):
     depth: NotNegativeLength = 0.0
     gain: Share = 0.0
     correlation: NotNegativeLength = 0.0
+    contact: NotNegativeLength = 0.0
+    calibration: Share = 0.0
 
     def noise(self) -> Noise:
         """The same as a plain dataclass."""

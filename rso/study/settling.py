@@ -29,7 +29,7 @@ from rso.identify.likelihood import SMALLEST
 from rso.measurement import MeasuredCurve, combine
 from rso.running import Outcome, Task
 from rso.store import Done
-from rso.study.ladder_curves import error_at
+from rso.study.ladder_curves import as_data, error_at
 from rso.study.plan import Plan
 from rso.study.searching import Found
 from rso.study.stages import NOISE, Bench, Run, learn_more, sample
@@ -236,8 +236,7 @@ def fitted_curves(plan: Plan) -> list[tuple[Place, Data]]:
         deepest = max(o.depth_mm for o in plan.outputs if (o.experiment, o.channel) == (name, channel))
         keep = (measured.depth > 0) & (measured.depth <= deepest * (1 + 1e-9))
         label = name if len({c for e, c in fitted if e == name}) == 1 else f"{name} {channel}"
-        C = measured.covariance[np.ix_(keep, keep)]
-        data = Data(label, measured.unit, measured.depth[keep], measured.value[keep], C, measured.freedom)
+        data = as_data(label, name, measured, keep)
         found.append((Place(name, channel, np.minimum(measured.depth[keep], deepest)), data))
     return found
 

@@ -169,6 +169,14 @@ def test_a_gain_that_repeats_contradict_is_theirs_but_where_what_is_stated_binds
     assert said.expected == unsaid.expected == (0.01, 0.01)
 
 
+def test_a_stated_contact_is_that_of_each_test_and_a_calibration_is_none():
+    """`contact` widens the usual 0.01 mm; what all tests have alike is not noise between them."""
+    records = remembering(np.random.default_rng(3), 0.0, 41, 5)
+    said = [Noise(Fz=3e-3), Noise(Fz=3e-3, contact=0.05), Noise(Fz=3e-3, calibration=0.05)]
+    usual, off, cell = (noise.levels(make_plan([toy.experiment("a", records, noise=n)]))["Fz"] for n in said)
+    assert (usual.contact, off.contact) == (0.01, 0.05) and cell == usual
+
+
 @pytest.mark.parametrize("largest", [0.0, 0.3, 0.7, 3.0])
 def test_a_channel_that_moves_by_few_counts_scatters_by_a_count(largest):
     """Readings of a lateral force whose largest is a share of the step in which they are counted, beside one test

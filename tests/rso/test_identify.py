@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import soft_ball
+from scipy import stats
 from scipy.optimize import approx_fprime
 from scipy.stats import multivariate_normal, truncnorm
 
@@ -490,3 +491,64 @@ def test_what_only_the_range_of_another_parameter_limits_is_said():
     mu, D1 = found.known
     assert D1.verdict.word == "not" and mu.verdict.word != "determined" and "as long as D1 stays in range" in mu.story
     assert not mu.profile_interval.open and mu.profile.leaning() == (1,) and D1.profile.leaning() == ()
+
+
+# ---- errors that curves share
+
+
+def shared(gain, n=20, sigma=0.02, names=("cell", "cell")):
+    """Two curves y = a, a u with a gain each that is one error where it has one name."""
+    u = np.linspace(0.1, 1.0, n)
+    shapes = [np.ones(n), u]
+    data = []
+    for f, name in zip(shapes, names, strict=True):
+        C = sigma**2 * np.eye(n) + gain**2 * np.outer(f, f)
+        data.append(Data(name, "N", u, f, C, shared={name: gain * f}))
+    A = np.concatenate(shapes)[:, None]
+    return linear(A, box=Box(["a"], ["1"], [0.0], [2.0], [False])), tuple(data)
+
+
+def test_the_misfit_of_shared_errors_is_that_of_their_whole_covariance():
+    """χ² = rᵀ C⁻¹ r and ln |W| = −½ ln |C| with the blocks between the curves; without a common name they are zero."""
+    model, data = shared(0.1)
+    v = np.concatenate([d.shared["cell"] for d in data])
+    C = 0.02**2 * np.eye(40) + np.outer(v, v)
+    r = np.random.default_rng(0).standard_normal(40)
+    for scale in (1.0, 3.0):
+        m = Misfit(model, data, scale=scale)
+        np.testing.assert_allclose(np.sum(m.white(r) ** 2), r @ np.linalg.solve(C, r) / scale**2, rtol=1e-6, atol=0)
+        expected = -0.5 * np.linalg.slogdet(scale**2 * C)[1]
+        np.testing.assert_allclose(np.linalg.slogdet(m.white(np.eye(40)))[1], expected, rtol=1e-6, atol=0)
+    apart = Misfit(model, shared(0.1, names=("one", "other"))[1])
+    blocks = sum(np.sum(v @ np.linalg.solve(d.covariance, v)) for d, v in zip(apart.data, np.split(r, 2), strict=True))
+    np.testing.assert_allclose(np.sum(apart.white(r) ** 2), blocks, rtol=1e-6, atol=0)
+
+
+@pytest.mark.parametrize("names, right", [(("cell", "cell"), True), (("one", "other"), False)])
+def test_a_gain_common_to_all_curves_does_not_average_out(names, right):
+    """One gain of 10 % for two curves: 90 % of the intervals hold the truth (± 2 % of 200), with two fewer."""
+    rng, held = np.random.default_rng(1), 0
+    model, data = shared(0.1, names=names)
+    for _ in range(200):
+        g = 0.1 * rng.standard_normal()
+        found = [dataclasses.replace(d, value=d.value * (1 + g) + 0.02 * rng.standard_normal(20)) for d in data]
+        fit = identify.fit_at(m := Misfit(model, tuple(found)), identify.descend(m, np.array([[0.5]]))[0])
+        held += abs(fit.theta[0] - 1.0) <= 1.645 * identify.spread(fit.fisher)[0] * 2.0
+    assert (0.83 <= held / 200 <= 0.97) if right else held / 200 < 0.8
+
+
+def test_errors_known_from_few_readings_widen_intervals_and_thresholds():
+    """With 5 degrees of freedom p is that of F(38, 5) and the interval wider by t/z = 1.225."""
+    m = ball(0.003)
+    few = dataclasses.replace(m, data=tuple(dataclasses.replace(d, freedom=5.0) for d in m.data))
+    sure, unsure = (identify.determine(v, seed=0, mcmc=False) for v in (m, few))
+    assert few.freedom == 5.0 and m.freedom == np.inf
+    assert unsure.p_value == pytest.approx(stats.f.sf(unsure.fit.chi2 / 38, 38, 5))
+    assert unsure.of("mu").sd_log / sure.of("mu").sd_log == pytest.approx(stats.t.ppf(0.95, 5) / 1.645, rel=1e-3)
+
+
+def test_errors_stated_much_larger_than_the_curves_show_are_remarked_upon():
+    m = ball(0.003)
+    wide = dataclasses.replace(m, scale=3.0)
+    said, silent = (identify.determine(v, seed=0, mcmc=False).lenient for v in (wide, m))
+    assert "stated errors" in said and "contact" in said and not silent

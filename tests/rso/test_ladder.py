@@ -395,6 +395,18 @@ def test_simulated_misfits_of_errors_known_from_few_readings_are_fisher_s():
     assert np.mean(found.chi2 > chi2.ppf(0.95, 28)) > 0.15  # the control: the size is not known that well
 
 
+def test_simulated_errors_that_curves_share_are_the_same_in_both():
+    """A shared gain makes the correlation that its covariance says, 0.8 here; of another name it makes none."""
+    u = np.linspace(0, 1, 10)
+
+    def drawn(names):
+        g = [Data(n, "1", u, u, 0.5**2 * np.eye(10) + 1.0, shared={n: np.ones(10)}) for n in names]
+        noise = goodness._noise(g, 4000, np.random.default_rng(0))
+        return np.corrcoef(noise[:, 3], noise[:, 13])[0, 1]
+
+    assert drawn("aa") == pytest.approx(0.8, abs=0.04) and drawn("ab") == pytest.approx(0.0, abs=0.07)
+
+
 def test_the_nrmse_of_simulated_data_is_that_of_noise():
     """Of white noise σ a line leaves σ √(1 − 2/n) in the mean square, over the mean of the curve."""
     misfit, fit, *_ = line()
