@@ -15,7 +15,7 @@ from rso.identify.fitting import Fit, all_minima, fit_at
 from rso.identify.intervals import Interval, Profile, laplace, profile, quantiles, spread
 from rso.identify.likelihood import WEIGHTINGS, Data, Misfit
 from rso.identify.sampling import Draws, agree, sample
-from rso.identify.verdict import Verdict, judge, sentences
+from rso.identify.verdict import Verdict, judge, quieter, sentences
 
 LEVEL = 0.9
 WIDE = 0.1  # of the largest value: an agreement within such errors says little
@@ -140,7 +140,9 @@ def _known(
     box = misfit.model.box
     interval = p.interval(level)
     leaning = tuple(box.names[j] for j in p.leaning(level))
-    verdict = judge(box, k, interval, sd, leaning, scale)
+    verdict = judge(box, k, interval, leaning, scale)
+    if verdict.word != "determined" and scale == 1.0:  # less noise does not help a model that is wrong
+        verdict = replace(verdict, noise_factor=quieter(box, k, p, level))
     depth = np.concatenate([d.depth for d in misfit.data])
     text, why = sentences(
         box, k, verdict, interval, p, unit=misfit.data[0].unit, depth=depth, level=level, leaning=leaning, scale=scale

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -17,29 +17,27 @@ FACTOR = 1.75  # a 90 % interval of up to half of the value either way, one digi
 LEANING = 1.25  # the same where the range of another parameter makes an end: that is not the merit of the data
 SHARE = 0.5  # of the range searched: an interval that leaves more than this says nothing
 UNSEEN = 1e-6  # of the uncertainty: a change that is round-off
+NOISES = np.geomspace(1.0, 1e-3, 61)  # times what it is
+MARGIN = 0.7  # between the noise at which the profile is narrow enough and that at which a new one would be too
 REFUTED = 3.0  # times the stated errors: a model that misses the data by more does not determine anything
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """One word; how many digits of the value are warranted (0: none); by how much the noise would have to fall."""
+    """One word; how many digits of the value are warranted (0: none); what of the noise would be little enough."""
 
     word: Word
     digits: int
     noise_factor: float | None
 
 
-def judge(
-    box: Box, k: int, interval: Interval, sd_log: float | None, leaning: tuple[str, ...] = (), scale: float = 1.0
-) -> Verdict:
+def judge(box: Box, k: int, interval: Interval, leaning: tuple[str, ...] = (), scale: float = 1.0) -> Verdict:
     """'not': the interval covers half of the box or ends at both bounds; else 'determined': it lies inside the box, its
     ends are within a factor 1.75 of its middle, and the model is not refuted; 'weakly': what lies between.
 
     Parameters that may be zero or negative are measured against their range: within ± 10 % of it is determined.
-    `leaning` names other parameters whose bounds end the interval; then a factor 1.25 is asked for.  `sd_log` is the
-    standard deviation of ln θ by the Fisher information; the noise must fall to `noise_factor` of what it is for the
-    value to be determined.  `scale` is what the errors were multiplied with as the model does not fit: beyond `REFUTED`
-    nothing is determined, and beyond 1 less noise would not help.
+    `leaning` names other parameters whose bounds end the interval; then a factor 1.25 is asked for.  `scale` is what
+    the errors were multiplied with as the model does not fit: beyond `REFUTED` nothing is determined.
     """
     low, high = physical(box, k, interval)
     width = interval.high - interval.low
@@ -51,10 +49,21 @@ def judge(
     word: Word = "not" if width >= SHARE or (interval.at_low and interval.at_high) else "weakly"
     if word == "weakly" and close and not interval.open and scale <= REFUTED:
         return Verdict("determined", digits, None)
-    sd_log = sd_log if scale == 1.0 else None
-    wanted = math.log(FACTOR) / 1.645
-    factor = wanted / sd_log if sd_log is not None and math.isfinite(sd_log) and sd_log > wanted else None
-    return Verdict(word, digits if word == "weakly" and not interval.open else 0, factor)
+    return Verdict(word, digits if word == "weakly" and not interval.open else 0, None)
+
+
+def quieter(box: Box, k: int, profile: Profile, level: float = 0.9) -> float | None:
+    """What the noise would have to be multiplied with for parameter k to be determined; None if that is below 1/1000.
+
+    With f times the noise χ² rises by 1/f² times as much.  The most likely values would be others, within the noise:
+    hence `MARGIN`.
+    """
+    for f in NOISES:
+        louder = replace(profile, rise=profile.rise / f**2)
+        leaning = tuple(box.names[j] for j in louder.leaning(level))
+        if judge(box, k, louder.interval(level), leaning).word == "determined":
+            return MARGIN * float(f)
+    return None
 
 
 def physical(box: Box, k: int, interval: Interval) -> tuple[float, float]:
@@ -117,7 +126,11 @@ def sentences(
     over += ", the other parameters fitted again," if box.d > 1 else ""
     why = _little(over, abs(profile.change[worst]), profile.sigma[worst], depth[profile.point[worst]], unit)
     if verdict.noise_factor is not None:
-        why += f" It would be determined if the noise were {1 / verdict.noise_factor:.2g} times smaller."
+        best = physical(box, k, Interval(*[float(profile.at[int(np.argmin(profile.rise))])] * 2))[0]
+        why += f" If its most likely value, {best:.2g}{tail}, is right, it would be determined if the noise were "
+        why += f"{1 / verdict.noise_factor:.2g} times smaller."
+    elif scale == 1.0 and not 0.0 < profile.at[int(np.argmin(profile.rise))] < 1.0:
+        why += " The curve fits best at an end of the range, so how little noise would do cannot be said."
     return text, why
 
 

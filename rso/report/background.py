@@ -44,6 +44,11 @@ def _summary(results: Results) -> list[str]:
             text = f"The design ({clean(design.get('kind'))}) asked for {shortest(design.get('asked'))} runs"
             said.append(text + (f", and {design['held_out']} more held out." if design.get("held_out") else "."))
         similarity = design.get("similarity") or {}
+        points = [r.get("values") or {} for r in listed(results, "runs") if r.get("purpose") == "design"]
+        made = len({tuple(sorted(p.items())) for p in points})
+        if design.get("kind") != "none" and similarity.get("applied") and made:
+            say = "points were run" if made > 1 else "point was run"
+            said.append(f"In place of its points, {made} other {say}, over what similarity leaves of the parameters.")
         if similarity.get("story"):
             said.append(clean(similarity["story"]).removesuffix(".") + ".")
         if design.get("kind") != "none" and similarity.get("applied") and known(similarity.get("runs_saved")):

@@ -125,11 +125,17 @@ def of_sensitivity(plan: Plan, found: Sensitivity) -> dict[str, object]:
     names = plan.box.names
     logs = [n for n, log in zip(names, plan.box.log, strict=True) if log]
     excluded = next((s.excluded for s in found.sobol.values()), 0.0)
+    dependent = found.restricted and excluded > 0
     story = (
         "Local: one parameter goes over its range, the others stay in the middle of theirs; elasticity is "
-        "d ln y / d ln theta there. Sobol: shares of the variance when all parameters vary independently and "
-        f"uniformly over their ranges{' (in the logarithm of ' + ', '.join(logs) + ')' if logs else ''}."
+        "d ln y / d ln theta there. Sobol: shares of the variance when all parameters vary "
+        f"{'' if dependent else 'independently and '}uniformly over "
+        f"{'what the constraints leave of ' if dependent else ''}"
+        f"their ranges{' (in the logarithm of ' + ', '.join(logs) + ')' if logs else ''}."
     )
+    if dependent:
+        story += " Over that they depend on each other: a share holds what its parameter tells of others too, and "
+        story += "first shares may add up to more than 1."
     if found.morris:
         story += " Morris: mean size (mu*) and spread (sigma) of the change per full range, along random trajectories."
     if found.restricted:

@@ -333,7 +333,26 @@ def test_D1_is_determined_with_3_mN_and_not_with_60_mN():
     assert sum(k.verdict.word == "not" for k in bad) >= 6 and all(k.verdict.word != "determined" for k in bad)
     assert "Over the whole interval of D1, the other parameters fitted again, the force changes" in bad[0].reason
     assert "mN against 60 mN, at " in bad[0].reason
-    assert "noise" in bad[0].reason and bad[0].verdict.digits == 0
+    assert all((k.verdict.noise_factor is None) == (k.value in (1.0, 168.0)) for k in bad)
+    for k in bad:
+        said = "an end of the range, so how little noise" if k.verdict.noise_factor is None else "times smaller"
+        assert said in k.reason and k.verdict.digits == 0
+
+
+def test_with_the_noise_that_is_asked_for_the_value_is_determined():
+    """Where the most likely values are true, in curves of their own noise; with three times that it seldom is."""
+    words = {1: [], 3: []}
+    for seed in range(6):
+        first = identify.determine(ball(0.012, seed), seed=0, mcmc=False)
+        known = first.of("D1")
+        f = known.verdict.noise_factor
+        assert known.verdict.word != "determined"
+        assert f"{known.value:.2g} 1/MPa, is right" in known.reason and f"{1 / f:.2g} times smaller" in known.reason
+        for times, found in words.items():
+            noisy = soft_ball.data(*first.fit.theta, 0.012 * f * times, np.random.default_rng(100 + seed))
+            again = identify.determine(Misfit(soft_ball.model(), (noisy,)), seed=0, mcmc=False)
+            found.append(again.of("D1").verdict.word)
+    assert words[1].count("determined") >= 5 and words[3].count("determined") <= 2
 
 
 def test_mu_is_determined_in_both_cases():
@@ -348,13 +367,13 @@ def test_mu_is_determined_in_both_cases():
 )
 def test_the_word_follows_the_interval(low, high, word):
     interval = Interval(low, high, low == 0.0, high == 1.0)
-    assert judge(soft_ball.BOX, 1, interval, 1.0).word == word
+    assert judge(soft_ball.BOX, 1, interval).word == word
 
 
 def test_most_of_a_narrow_range_is_no_answer():
     narrow = Box(["p"], ["1"], [2.0], [4.0], [False])
-    assert judge(narrow, 0, Interval(0.02, 0.98), 0.2).word == "not"
-    assert judge(narrow, 0, Interval(0.3, 0.7), 0.1).word == "determined"
+    assert judge(narrow, 0, Interval(0.02, 0.98)).word == "not"
+    assert judge(narrow, 0, Interval(0.3, 0.7)).word == "determined"
 
 
 @pytest.mark.parametrize(
@@ -363,7 +382,7 @@ def test_most_of_a_narrow_range_is_no_answer():
 def test_digits_end_at_the_size_of_the_error(low, high, digits):
     box = Box(["p"], ["1"], [low / 10], [high * 10], [True])
     x = box.to_unit(np.array([[low], [high]]))[:, 0]
-    assert judge(box, 0, Interval(*map(float, x)), 0.1).digits == digits
+    assert judge(box, 0, Interval(*map(float, x))).digits == digits
 
 
 @pytest.mark.parametrize(
@@ -379,7 +398,7 @@ def test_an_interval_is_said_with_the_digits_of_its_width(low, high, said):
     """Three digits of 0.011949 to 0.012043, 0.0119 to 0.012, end before the middle of the interval."""
     box = Box(["p"], ["1"], [low / 10], [high * 10], [True])
     interval = Interval(*map(float, box.to_unit(np.array([[low], [high]]))[:, 0]))
-    verdict = judge(box, 0, interval, 0.1)
+    verdict = judge(box, 0, interval)
     assert verdict.word == "determined"
     profile = None  # is asked only where nothing is determined
     text, _ = sentences(box, 0, verdict, interval, profile, unit="N", depth=np.ones(1))

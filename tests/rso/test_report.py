@@ -128,6 +128,13 @@ def test_two_pieces_of_a_profile_are_said_and_drawn_as_two():
     assert draw(results, "determined") != before
 
 
+def test_a_design_that_similarity_replaced_is_not_said_to_have_been_run():
+    results = complete()
+    assert "In place of its points, 26 other points were run" in page(results)
+    results["design"]["similarity"]["applied"] = False
+    assert "In place of its points" not in page(results)
+
+
 def test_every_candidate_run_and_metric_is_on_the_page():
     results, text = complete(), page(complete())
     for s in results["searches"]:
