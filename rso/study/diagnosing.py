@@ -206,6 +206,7 @@ def run_diagnosis(
 ) -> dict[str, Any]:  # fmt: skip
     """Library, verdict and rerun; writes ``diagnosis.json`` and puts its core into ``results.json`` if there is one.
 
+    The verdict is written before candidates of the next test are simulated, which may take longer than all before.
     Raises NoAnswer where the base model has none; what was computed stays in the store.
     """
     started, cpu = time.perf_counter(), time.process_time()
@@ -216,18 +217,22 @@ def run_diagnosis(
     say("library: the base model and every effect of the catalogue, once for this test plan")
     library = diagnosis.build(asked.base, asked.plan, asked.effects, run)
     built = time.perf_counter() - started
-    found = judge(asked, library, run, say=say, fitted=_fitted(asked, folder))
-    found["timings"] = {"library_wall": built, "library_cpu": library.cpu_s, "library_runs": library.runs,
-                        "judging_cpu": time.process_time() - cpu}  # fmt: skip
-    found["command"] = command
-    found["settings"] = plain(dict(asked.study.backend.settings))
-    found["study"] = {"file": asked.study.file.name, "seed": asked.study.study.seed}
-    found["provenance"] = {
-        "rso": rso.__version__, "backend": asked.base.backend.name, "numerics": asked.base.backend.numerics,
-        "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "data_sha256": data_hashes(asked.study),
-    }  # fmt: skip
-    _write(folder, found)
+
+    def keep(found: dict[str, Any]) -> None:
+        found["timings"] = {"library_wall": built, "library_cpu": library.cpu_s, "library_runs": library.runs,
+                            "judging_cpu": time.process_time() - cpu}  # fmt: skip
+        found["command"] = command
+        found["settings"] = plain(dict(asked.study.backend.settings))
+        found["study"] = {"file": asked.study.file.name, "seed": asked.study.study.seed}
+        found["provenance"] = {
+            "rso": rso.__version__, "backend": asked.base.backend.name, "numerics": asked.base.backend.numerics,
+            "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            "data_sha256": data_hashes(asked.study),
+        }  # fmt: skip
+        _write(folder, found)
+
+    found = judge(asked, library, run, say=say, fitted=_fitted(asked, folder), keep=keep)
+    keep(found)
     return found
 
 
@@ -249,11 +254,12 @@ def _fitted(asked: Asked, folder: Path) -> dict[str, float] | None:
 
 def judge(asked: Asked, library: Library, run: Callable[[Sequence[Task]], list[Any]] | None,
           say: Callable[[str], None] = lambda _: None, fitted: Mapping[str, float] | None = None,
-          ) -> dict[str, Any]:  # fmt: skip
+          keep: Callable[[dict[str, Any]], None] = lambda _: None) -> dict[str, Any]:  # fmt: skip
     """The verdict on a finished library as plain data; `fitted` are open parameters as the study found them.
 
     With `run` the effects that the verdict names are computed anew at their sizes, the library is mended there and the
-    verdict found again, until both agree or ROUNDS are over; candidates of the next test are simulated too.
+    verdict found again, until both agree or ROUNDS are over; candidates of the next test are simulated too.  What is
+    known before these is handed to `keep`.
     """
     seed = asked.study.study.seed
     say("what this test plan can show, before any cause meets the data")
@@ -276,7 +282,10 @@ def judge(asked: Asked, library: Library, run: Callable[[Sequence[Task]], list[A
     named = f" ({', '.join(result.named)})" if result.named else ""
     further = "; tests that could settle it" if run is not None and len(result.named) > 1 else ""
     say(f"the verdict is {result.verdict}{named}{further}")
-    return diagnosis.story(library, result, visible, run, asked.study.study.title, checks)
+    title = asked.study.study.title
+    if run is not None and len(result.named) > 1:
+        keep(diagnosis.story(library, result, visible, None, title, checks))
+    return diagnosis.story(library, result, visible, run, title, checks)
 
 
 def _write(folder: Path, found: Mapping[str, Any]) -> None:

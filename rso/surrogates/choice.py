@@ -13,7 +13,7 @@ from rso.surrogates.common import powers
 from rso.surrogates.kernels import KERNELS
 from rso.surrogates.kriging import Kriging, describe, fit_kriging
 from rso.surrogates.polynomial import Polynomial, fit_polynomial
-from rso.surrogates.scores import Scores, cross_validate, held_out, pooled
+from rso.surrogates.scores import Scores, cross_validate, held_out, left_out, pooled, score
 
 Surrogate = Polynomial | Kriging
 KINDS = ("auto", "polynomial", "kriging")
@@ -123,7 +123,7 @@ def refit(
             gradient_sd=0.0 if model.slopes is None else _gradient_sd(noise, X), restarts=0, start=model,
         )  # fmt: skip
     else:
-        new = fit_polynomial(X, y, degree=degree, log=model.log)
+        new = replace(fit_polynomial(X, y, degree=degree, log=model.log), inflate=model.inflate)
     story = model.story.removesuffix(f" Fitted again to {model.cv.n if model.cv else 0} runs.")
     return replace(new, story=f"{story} Fitted again to {len(y)} runs.")
 
@@ -142,10 +142,19 @@ def _best_polynomial(
     model = min(_tame([fit_polynomial(X, y, degree=degree, log=g) for g in logs], y), key=lambda p: p.cv.rmse)
     try:
         # Terms are selected without each fold too: a selection that has seen the fold would flatter itself.
-        cv = cross_validate(lambda rows: fit_polynomial(X[rows], y[rows], degree=degree, log=model.log), X, y, seed)
+        mean = left_out(lambda rows: fit_polynomial(X[rows], y[rows], degree=degree, log=model.log), X, y, seed)
+        model, cv = replace(model, inflate=_widening(model, X, y, mean)), score(mean, y)
     except ValueError:
         cv = model.cv  # with a fold left out too few points remain: leave-one-out has the largest folds there are
     return model, cv
+
+
+def _widening(model: Polynomial, X: np.ndarray, y: np.ndarray, mean: np.ndarray) -> float:
+    """How many times larger, at least once, the errors of what was predicted without them are than the deviation that
+    the model states for new values there, root mean squares; relative ones where it is of the logarithm."""
+    of = y if model.log else np.ones_like(y)
+    stated = float(np.mean((model.predict(X)[1] / of) ** 2))
+    return float(np.sqrt(max(np.mean(((mean - y) / of) ** 2) / max(stated, 1e-300), 1.0)))
 
 
 def _best_kriging(data: Data, share: float | None, logs: tuple[bool, ...], seed: int) -> tuple[Kriging, Scores]:

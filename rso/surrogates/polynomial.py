@@ -21,6 +21,7 @@ class Polynomial:
 
     `exponents` (terms, d) are the e_kj; `R` (terms, terms) is the triangular factor of the design matrix and `s` the
     residual standard deviation (of ln y where `log`): var(x) = s² (1 + |a(x) R⁻¹|²), the variance of a new value at x.
+    Selected terms leave too small an s: `inflate` >= 1 multiplies the standard deviation of y.
     """
 
     exponents: np.ndarray
@@ -30,6 +31,7 @@ class Polynomial:
     log: bool = False
     cv: Scores | None = None
     story: str = ""
+    inflate: float = 1.0
 
     kind = "polynomial"
 
@@ -54,7 +56,8 @@ class Polynomial:
         m = A @ self.coefficients
         h = np.sum(solve_triangular(self.R, A.T, trans="T") ** 2, axis=0)
         sd = self.s * np.sqrt(1 + h)
-        return from_log(m, sd) if self.log else (m, sd)
+        m, sd = from_log(m, sd) if self.log else (m, sd)
+        return m, self.inflate * sd
 
     def mean(self, X: np.ndarray) -> np.ndarray:
         """Mean alone (n,), faster."""
@@ -77,6 +80,7 @@ class Polynomial:
             "log": self.log,
             "cv": None if self.cv is None else vars(self.cv).copy(),
             "story": self.story,
+            "inflate": self.inflate,
         }
 
     @classmethod
@@ -90,6 +94,7 @@ class Polynomial:
             data["log"],
             None if data["cv"] is None else Scores(**data["cv"]),
             data["story"],
+            data.get("inflate", 1.0),
         )
 
 

@@ -64,6 +64,13 @@ def cross_validate(
 
     Leave-one-out where there are no more points than folds. The assignment to folds depends on n and seed only.
     """
+    return score(left_out(refit, X, y, seed, folds), y)
+
+
+def left_out(
+    refit: Callable[[np.ndarray], Predictor], X: np.ndarray, y: np.ndarray, seed: int, folds: int = 10
+) -> np.ndarray:
+    """Mean (n,) for each fold by a model refitted without it, as :func:`cross_validate`."""
     y = np.asarray(y, float)
     n = len(y)
     if n < 2 or folds < 2:
@@ -73,4 +80,4 @@ def cross_validate(
     for part in np.array_split(order, min(folds, n)):
         rows = np.setdiff1d(np.arange(n), part)
         predicted[part] = refit(rows).mean(X[part])
-    return score(predicted, y)
+    return predicted

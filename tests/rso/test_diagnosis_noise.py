@@ -9,6 +9,7 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter1d
+from scipy.signal import lfilter
 
 from rso.diagnosis import build, make_plan, memory, noise, sensor
 from rso.measurement import Noise, Repeat
@@ -301,3 +302,31 @@ def test_a_model_may_be_rough_by_a_thousandth_from_bin_to_bin():
     found = np.array([d @ noise._world(library, F)[k : k + 3, k : k + 3] @ d for k in range(1, 6)])
     r, R = (np.exp(-0.5 * ((u[2:7] - u[1:6]) * m / (0.06 * deepest)) ** 2) for m in (1, 2))
     np.testing.assert_allclose(found, 1e-6 * (6.0 - 8.0 * r + 2.0 * R), rtol=0.2)  # what is smooth adds a little
+
+
+def records(s, tau, seeds, n=2000, white=3e-3):
+    """Deviations of dense records from polynomials: white noise and slow noise of time constant tau (readings)."""
+    x = np.sqrt(np.linspace(0.4, 4.0, n))
+    P = np.polynomial.legendre.legvander(2.0 * (x - x.min()) / np.ptp(x) - 1.0, sensor.DEGREE)
+    for seed in seeds:
+        rng, a = np.random.default_rng(seed), np.exp(-1.0 / tau)
+        slow = lfilter([np.sqrt(1.0 - a * a)], [1.0, -a], rng.standard_normal(n + 2000))[2000:]
+        v = 0.1 * x**3 + s * slow + white * rng.standard_normal(n)
+        yield v - P @ np.linalg.lstsq(P, v, rcond=None)[0], 3.6 / n, 4.0 / 14
+
+
+def test_white_noise_of_dense_records_is_not_slow():
+    """One in a thousand is let through: of 60 sets of six none as a rule, two with a chance of 2e-3."""
+    called = [sensor.slow(list(records(0.0, 20, range(6 * k, 6 * k + 6))))[0] > 0.0 for k in range(60)]
+    assert sum(called) < 2
+
+
+@pytest.mark.parametrize("tau", [20, 60])
+def test_slow_noise_below_the_white_one_is_seen_in_dense_records(tau):
+    """1 mN of slow noise beneath 3 mN of white, of which neighbouring readings show nothing (lag-1 correlation 0.1).
+    What a bin has of it is known to a factor of 1.6 from six records, as the polynomial takes the most of it."""
+    size, length = np.median(
+        [sensor.slow(list(records(1e-3, tau, range(6 * k, 6 * k + 6)))) for k in range(20)], axis=0
+    )
+    share, reach = sensor.of_bins(tau * 3.6 / 2000, 4.0 / 14, 4.0 / 14 / (3.6 / 2000))
+    assert 1 / 1.6 < size / (1e-3 * share) < 1.6 and 1 / 2.5 < length / reach < 2.5
