@@ -78,16 +78,17 @@ class MeasuredCurve:
 def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment: str = "loading") -> MeasuredCurve:
     """Average the repeats on a common grid of the depths that all of them reach.
 
-        C = diag(w²) + g² ŷ ŷᵀ + o² ŷ' ŷ'ᵀ                    scatter of the repeats, as standard error of the mean
-          + (s sᵀ + F²) e^{−|Δu|/ℓ} + diag((d ŷ')²)            stated of readings: column, force, depth
-          + (G² + K²) ŷ ŷᵀ + O² ŷ' ŷ'ᵀ                         stated of the test: gain, calibration, contact
+        C = w wᵀ ρ^{|i−j|} + g² ŷ ŷᵀ + o² ŷ' ŷ'ᵀ          scatter of the repeats, as standard error of the mean
+          + (s sᵀ + F²) e^{−|Δu|/ℓ} + diag((d ŷ')²)       stated of readings: column, force, depth
+          + (G² + K²) ŷ ŷᵀ + O² ŷ' ŷ'ᵀ                    stated of the test: gain, calibration, contact
 
     What a column states of each reading goes with the square root of how many were averaged, repeats included, where
     it is white (ℓ = 0); F is of the curve and does not.
 
     The repeats' deviations are split into a part along ŷ (gain g), one along ŷ' (contact offset o) and a rest w, which
-    is white, of one variance for the whole curve or, where that shows, of one that changes smoothly along it.  g and o,
-    known from the repeats alone, are wider by Student's factor at 90 %; how well w is known is the curve's `freedom`.
+    is white or, where that shows, remembers its neighbours (ρ), of one variance or, where that shows, of one that
+    changes smoothly.  g and o, known from the repeats alone, are wider by Student's factor at 90 %; how well w is known
+    is the curve's `freedom`.
     One repeat alone shows only its white noise, of which what is stated is the same once more: the latter counts,
     unless the readings clearly scatter by more.
     ŷ is a polynomial of degree 4 through the mean y: a gain of the readings themselves would take their noise along
@@ -228,7 +229,7 @@ def _scatter(
         for k, a in enumerate(row)
         if a != 0.0
     }
-    return np.diag(mean) + modes @ modes.T, white.freedom / share**2 if share > 0 else math.inf, shared
+    return white.covariance / r + modes @ modes.T, white.freedom / share**2 if share > 0 else math.inf, shared
 
 
 def _combine_profile(measurement: Measurement, noise: Noise, channel: str) -> MeasuredCurve:

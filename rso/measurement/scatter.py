@@ -1,4 +1,4 @@
-"""What readings scatter by: white noise and how it changes along the curve, gain and contact from test to test."""
+"""What readings scatter by: noise, how it changes along the curve and remembers, gain and contact of each test."""
 
 from __future__ import annotations
 
@@ -10,16 +10,28 @@ from scipy.stats import chi2
 FEWEST = 8  # readings of a record that tell its noise
 BEYOND = 0.05  # chance of a right statement to be overruled by the readings
 VARIES = 0.01  # chance of even noise to be taken for one that changes along the curve
+REMEMBERS = 2.5  # standard errors of a correlation of neighbours: one case of white noise in 160 has more
 DEGREE = 2  # of its logarithm as a polynomial, at most
 FAINT = 0.01  # of the largest value: below it forces count as equally small
 
 
 @dataclass(frozen=True, eq=False)
 class White:
-    """Variance (n,) of white noise, known from `freedom` degrees of freedom (infinite: not estimated)."""
+    """Variance (n,) of a reading's noise, known from `freedom` degrees of freedom (infinite: not estimated).
+
+    Neighbouring readings have the correlation `memory`, ρ^k those k apart; 0: the noise is white.
+    """
 
     variance: np.ndarray
     freedom: float
+    memory: float = 0.0
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """C (n, n)."""
+        k = np.arange(len(self.variance))
+        along = self.memory ** np.abs(np.subtract.outer(k, k)) if self.memory else np.eye(len(k))
+        return along * np.sqrt(np.outer(self.variance, self.variance))
 
 
 def of_record(u: np.ndarray, y: np.ndarray, smooth: np.ndarray, said: np.ndarray) -> White:
@@ -51,10 +63,11 @@ def of_record(u: np.ndarray, y: np.ndarray, smooth: np.ndarray, said: np.ndarray
 
 
 def of_repeats(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[White, np.ndarray, np.ndarray]:
-    """White noise of one of r >= 2 repeats y (r, n), gain and contact (2, r) of each against their mean, and the
-    variance (2,) that white noise alone gives these.
+    """Noise of one of r >= 2 repeats y (r, n), gain and contact (2, r) of each against their mean, and the variance
+    (2,) that this noise alone gives these.
 
-    Both shapes were taken out of the deviations, which leaves (r − 1)(n − 2) degrees of freedom.
+    Both shapes were taken out of the deviations, which leaves (r − 1)(n − 2) degrees of freedom, and of readings that
+    remember each other (1 − ρ²)/(1 + ρ²) of these (Bartlett, J. R. Stat. Soc. 98 (1935) 536).
     """
     r, n = y.shape
     off = y - y.mean(axis=0)
@@ -64,7 +77,23 @@ def of_repeats(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[Wh
     rest = off.T - shapes @ part
     size, left = _size(smooth), max(n - 2, 1)
     found = varying(np.sum(rest**2, axis=1) / (r - 1) * (n / left), size, size, (r - 1) * left)
-    return found, part, inverse**2 @ found.variance
+    ρ = _memory(rest / np.sqrt(np.maximum(found.variance, 1e-300))[:, None])
+    found = White(found.variance, max(found.freedom * (1 - ρ**2) / (1 + ρ**2), 1.0), ρ)
+    return found, part, np.einsum("ki,ij,kj->k", inverse, found.covariance, inverse)
+
+
+def _memory(rest: np.ndarray) -> float:
+    """Correlation ρ of neighbours in deviations (n, r) of r repeats from their mean, 0 where it may be none.
+
+    It counts from `REMEMBERS` standard errors on; what taking out the mean and two shapes cost is put back (Marriott &
+    Pope, Biometrika 41 (1954) 390).
+    """
+    n, r = rest.shape
+    power = float(np.sum(rest**2))
+    if n < 12 or power == 0.0:
+        return 0.0
+    ρ = float(np.sum(rest[1:] * rest[:-1])) / power
+    return min(ρ + (1.0 + 4.0 * ρ) / n, 0.98) if ρ > REMEMBERS / np.sqrt(n * (r - 1)) else 0.0
 
 
 def varying(q: np.ndarray, t: np.ndarray, at: np.ndarray, freedom: float) -> White:
