@@ -12,7 +12,7 @@ undecided    what parameters could be besides  jumps, hum  what no smooth model 
 detectable   what this plan can see            judgement   what a contest says
 checks       how far to trust it               judge       the verdict
 rerun        finalists computed anew           next_test   what would settle it
-story        all of it as plain data           words       and in sentences
+story        all of it as plain data           words, parameters   and in sentences
 """
 
 from rso.diagnosis.detectable import announced, in_sight

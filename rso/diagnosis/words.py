@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rso.diagnosis.noise import UNLIKE
-from rso.units import people
+from rso.diagnosis.parameters import about, called, of_unit
 
 HALF = 0.5  # of the gap on curves left out: less is no confirmation
 LEAST = -10.0  # times the gap: what is opened more widely need not be counted
-NEAR = 0.02  # of a range, in ln: a median that near to its end is pressed against it
 DOUBT = 0.05  # probability of no gap above which it is said beside causes that cannot be told apart
 WORTH_SAYING = 0.1  # share of the gap from which a place is named
 LOUD = 1.1  # times the noise: a misfit that is said to be larger than it
 ONE_CURVE = 0.9  # share of what exceeds the floor from which a single curve is said to hold it
+FITS = 0.3  # probability from which an effect is said to fit where it is not named
 MOST = 0.7  # of what curves have each for itself (of the sum of squares): one that holds as much is named
 
 
@@ -26,7 +26,7 @@ def words(found: Mapping[str, Any]) -> list[str]:
         out += [_where(d, found), _cause(d, found) + _single(d, found) + _remainder(d, found)]
     if (closed := _shrinkage(d, found)) is not None:
         out.append(closed + _alone(d, found))
-    out += _parameters(d, found) + _fixed(found) + _outside(d, found) + _pressed(d, found)
+    out += about(d, found)
     if checks := _checks(found):
         out.append(checks)
     out += _unseen(d, found)
@@ -103,12 +103,6 @@ def _hum(d: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def called(found: Mapping[str, Any], name: str) -> str:
-    """What people call an effect, or several joined by +; what is not in the catalogue as it is."""
-    label = {e.get("name"): e.get("label") for e in found.get("effects") or ()}
-    return " + ".join(label.get(part) or part for part in name.split(" + "))
-
-
 def _gap(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     p, g = d["gap"]["p_value"], d["gap"]
     if d["verdict"] != "no_gap" and not g["statistic"] > g["threshold"]:
@@ -162,7 +156,7 @@ def _of(region: Mapping[str, Any]) -> str:
 
 def _named(c: Mapping[str, Any]) -> str:
     low, high = c["interval"]
-    unit, other = _of_unit(c["unit"]), c.get("otherwise")
+    unit, other = of_unit(c["unit"]), c.get("otherwise")
     neutral = f", or {other['low']:.3g} to {other['high']:.3g}: {chance(other['probability'])}" if other else ""
     neutral += "" if not c["neutral"] else f", absent at {c['neutral']:g}"
     if c["railed"]:
@@ -174,7 +168,7 @@ def shaped(c: Mapping[str, Any]) -> str:
     """The knobs that shape an effect, as found: a thickness, a time, a place."""
     each = []
     for k in c.get("shape") or []:
-        (low, high), unit = k["interval"], _of_unit(k["unit"])
+        (low, high), unit = k["interval"], of_unit(k["unit"])
         each.append(f"{k['knob']} = {k['size']:.3g}{unit} ({low:.3g} to {high:.3g})")
     return f" with {', '.join(each)}" if each else ""
 
@@ -182,7 +176,8 @@ def shaped(c: Mapping[str, Any]) -> str:
 def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     causes, v = d["causes"], d["verdict"]
     if v == "unexplained":
-        return f"Cause: none in the catalogue reproduces it, or none predicts curves it was not fitted to.{_odd(found)}"
+        none = "Cause: none in the catalogue reproduces it, or none predicts curves it was not fitted to."
+        return none + _fitting(found) + _odd(found)
     first = causes[0]
     text = {e["name"]: e["description"] for e in found["effects"]}
     unseen = hidden(d, found)
@@ -222,6 +217,21 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     return f"{head}: {text[first['effect']]}, {each}; probability {chance(first['probability'])}.{alike}"
 
 
+def _fitting(found: Mapping[str, Any]) -> str:
+    """The effect that most of the probability fits with, and nothing was found to confirm."""
+    each: dict[str, float] = {}
+    for name, p in (found.get("probabilities") or {}).items():
+        parts = name.split(" + ")
+        for part in parts if "unexplained" not in parts else ():
+            each[part] = each.get(part, 0.0) + p
+    none = each.pop("none", 0.0)
+    best = max(each, key=lambda k: each[k], default=None)
+    if best is None or each[best] < FITS:
+        return ""
+    beside = f"; no gap has {chance(none)}" if none > DOUBT else ""
+    return f" {called(found, best)} fits best ({chance(each[best])}) and does not predict curves left out{beside}."
+
+
 def _odd(found: Mapping[str, Any]) -> str:
     """The one experiment that is odd, where all others agree with the model."""
     if not found["diagnosis"].get("odd"):
@@ -254,7 +264,7 @@ def _single(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         first = max(each, key=lambda v: abs(v["value"]))
         if first["value"] ** 2 < MOST * whole or abs(first["value"]) < 3.0 * first["sd"]:
             continue
-        unit = _of_unit(c["unit"])
+        unit = of_unit(c["unit"])
         curve = " ".join(v for v in (first["experiment"], first["label"]) if v)
         size = f"{first['value']:+.2g} ± {first['sd']:.1g}{unit}"
         out += f" Nearly all of it ({called(found, c['effect'])}) is in one curve, {curve}: {size}."
@@ -264,6 +274,8 @@ def _single(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
 def _remainder(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     """What the likeliest cause leaves, where that is more than noise."""
     r = d.get("remainder") or {}
+    if d["verdict"] == "partly" and not r.get("there") and (d.get("left") or 0.0) > LOUD**2:
+        return f" What is left is {d['left'] ** 0.5:.2g} times the noise."
     if not r.get("there") or d["verdict"] != "partly":
         return ""
     of, like = called(found, r["of"]), called(found, r["looks_like"] or "nothing known")
@@ -277,7 +289,7 @@ def _shrinkage(d: Mapping[str, Any], found: Mapping[str, Any]) -> str | None:
     s = d["shrinkage"]
     if s["before"] is None or s["before"] != s["before"]:
         return "How much: one curve only, nothing is left to test a cause on."
-    model = f" ({_values(s['fitted'], found)}, as the study found them)" if s.get("fitted") else ""
+    model = f" ({values_of(s['fitted'], found)}, as the study found them)" if s.get("fitted") else ""
     before, after = f"{s['before']:.2f} before{model}", f"{s['refit_only']:.2f} after a re-fit alone"
     text = f"On held-out curves, {s['how']}, the gap is {before}, {after}"
     if not d["chosen"]:  # nothing was added
@@ -316,29 +328,6 @@ def _otherwise(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     return f"; the cause would be {each}" if each else ""
 
 
-def _values(values: Mapping[str, float], found: Mapping[str, Any]) -> str:
-    """Parameters with their units."""
-    return ", ".join(f"{k} = {_amounts(found, k, v)}" for k, v in values.items())
-
-
-def _amounts(found: Mapping[str, Any], k: str, *values: float, digits: int = 4) -> str:
-    """Values of a parameter in the unit of people, that of the first; the others are the ends of its interval."""
-    unit, factor = people(found.get("units", {}).get(k, ""), values[0])
-    first, *ends = (f"{v * factor:.{digits}g}" for v in values)
-    return f"{first}{_of_unit(unit)} (90 % {' to '.join(ends)})" if ends else f"{first}{_of_unit(unit)}"
-
-
-def _range(found: Mapping[str, Any], k: str, low: float, high: float) -> str:
-    """Two ends of a parameter in the unit of people, that of the upper one."""
-    unit, factor = people(found.get("units", {}).get(k, ""), high)
-    return f"{low * factor:.4g} to {high * factor:.4g}{_of_unit(unit)}"
-
-
-def _of_unit(unit: str) -> str:
-    """A unit behind a number: 3.3 1/MPa would be read as another number."""
-    return "" if unit in ("1", "-", "") else f" {unit[1:] if unit.startswith('1/') else unit}"
-
-
 def _alone(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     """What a share closed cannot say of a cause that one place, or every curve, has for itself alone."""
     if any(c["family"] == "scatter" for c in d["causes"][:1]) and len(d["shrinkage"]["curves"]) > 1:
@@ -358,74 +347,6 @@ def percents(interval: Sequence[float]) -> str:
     """An interval of a share in per cent, its ends no lower than LEAST."""
     ends = [f"{100 * v:z.0f}" if v > LEAST else f"less than {100 * LEAST:.0f}" for v in interval]
     return " to ".join(dict.fromkeys(ends))
-
-
-def _parameters(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
-    return [_parameter(d, found, k) + beyond(d, found, k) for k in d["parameters"]["before"]]
-
-
-def _parameter(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:
-    """A base parameter without and with what was found."""
-    each = [[d["parameters"][when][k][v] for v in ("median", "low", "high")] for when in ("before", "after")]
-    # digits that its interval allows, one more than those of the half-width
-    digits = [3 if high - low > 0.1 * abs(mid) else 4 for mid, low, high in each]
-    was, now = (_amounts(found, k, *v, digits=n) for v, n in zip(each, digits, strict=True))
-    alone = _amounts(found, k, each[0][0], digits=digits[0])
-    if d["verdict"] == "no_gap":
-        return f"{k} is {now} if nothing is missing."
-    if d.get("odd"):
-        return f"By all but {d['odd']['experiment']} {k} is {now}, with it {alone}."
-    if d["verdict"] == "unexplained":
-        return f"{k} is {now} beside what is unexplained, without it {alone}."
-    return f"{k} stays at {now}." if was == now else f"{k} moves from {was} to {now}."
-
-
-def beyond(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:
-    """What effects that the data neither show nor exclude could make of a parameter."""
-    r = (d.get("reach") or {}).get(k)
-    if not r or not (r["low_with"] or r["high_with"]):
-        return ""
-    unit, factor = people(found.get("units", {}).get(k, ""), r["high"])
-    with_ = {v: f" (with {called(found, r[v + '_with'])})" if r[v + "_with"] else "" for v in ("low", "high")}
-    low, high = (f"{r[v] * factor:.3g}{_of_unit(unit)}{more}" for v, more in with_.items())
-    return f" With effects that the data neither show nor exclude it could be anything from {low} to {high}."
-
-
-def _fixed(found: Mapping[str, Any]) -> list[str]:
-    """What the study fixes, so that no fit has moved it."""
-    return [f"Fixed by the study, not fitted: {_values(found['fixed'], found)}."] if found.get("fixed") else []
-
-
-def _outside(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
-    """A modulus whose interval misses the range of the study: what stiffens a body as a whole shows in nothing else."""
-    m = found.get("modulus") or {}
-    now = d["parameters"]["after"].get(m.get("name"))
-    if now is None or (m["low"] <= now["high"] and now["low"] <= m["high"]):
-        return []
-    way = "stiffer" if now["low"] > m["high"] else "softer"
-    mine = _amounts(found, m["name"], *(now[k] for k in ("median", "low", "high")))
-    ends = _range(found, m["name"], m["low"], m["high"])
-    return [
-        f"{m['name']} = {mine} lies outside the range of the study, {ends}: look at that range, or at what makes the "
-        f"whole body {way}."
-    ]
-
-
-def _pressed(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
-    """A parameter at the end of the range that its fits keep to: the data may want it beyond."""
-    out = []
-    for k, (low, high) in (found.get("ranges") or {}).items():
-        now, near, middle = d["parameters"]["after"].get(k), (high / low) ** NEAR, (low * high) ** 0.5
-        if now is None:
-            continue
-        up = now["median"] >= high / near or (now["high"] >= high / near and now["low"] > middle)
-        if up or now["median"] <= low * near or (now["low"] <= low * near and now["high"] < middle):
-            ends = _range(found, k, low, high)
-            out.append(
-                f"{k} is pressed against the end of its range in the study, {ends}: what data want beyond it may look "
-                "like a cause."
-            )
-    return out
 
 
 def _checks(found: Mapping[str, Any]) -> str | None:

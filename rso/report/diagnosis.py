@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rso.diagnosis.words import DOUBT, called, in_one_curve, nothing, shaped
+from rso.diagnosis.parameters import called
+from rso.diagnosis.words import DOUBT, in_one_curve, nothing, shaped
 from rso.report.byline import byline
 from rso.report.canvas import short
 from rso.report.diagnosis_background import background

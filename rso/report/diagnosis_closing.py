@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rso.diagnosis.words import called, in_one_curve, percents
+from rso.diagnosis.parameters import called
+from rso.diagnosis.words import in_one_curve, percents
 from rso.report.diagnosis_figures import drawn_curves
 from rso.report.diagnosis_reading import Found, chance, chosen, core
 from rso.report.digits import DASH, NBSP, Unit, aligned, clean, known, percent, quantity, significant, symbol

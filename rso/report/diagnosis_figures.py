@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from rso.diagnosis.words import called
+from rso.diagnosis.parameters import called
 from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, canvas, plain_log, short, style, svg
 from rso.report.diagnosis_maps import legend, residual_map
 from rso.report.diagnosis_reading import (

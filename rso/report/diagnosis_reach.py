@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rso.diagnosis.words import called
+from rso.diagnosis.parameters import called
 from rso.report.diagnosis_figures import leading, least, power_rows
 from rso.report.diagnosis_reading import Found, amount, brief, core, effects_of
 from rso.report.digits import DASH, aligned, clean, known, percent
@@ -103,7 +103,9 @@ def next_test(found: Found) -> Section:
     """Section 8: tests by how well they separate what is still open."""
     title, rows = "Next test", list(core(found).get("next_test") or ())
     if not rows:
-        return Section("next", title, (Text("Nothing is left to tell apart, so no further test is proposed."),))
+        open_ = core(found).get("verdict") in ("partly", "unexplained")
+        why = "What is left looks like nothing in the catalogue" if open_ else "Nothing is left to tell apart"
+        return Section("next", title, (Text(f"{why}, so no further test is proposed."),))
     distance = [number(t.get("distance")) for t in rows]
     chance = [number(t.get("chance")) for t in rows]
     promise = [

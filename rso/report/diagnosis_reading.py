@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rso.diagnosis.words import called
+from rso.diagnosis.parameters import called
 from rso.report.digits import (
     DASH,
     NBSP,

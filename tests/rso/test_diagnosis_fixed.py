@@ -13,9 +13,9 @@ from rso.contract import plain
 from rso.diagnosis import Base, BaseAxis, Library, attribute, build, finalists, make_plan, mended, story
 from rso.diagnosis.attribute import Evidence
 from rso.diagnosis.mixture import log_evidence, mean_prediction, posterior, ready, simulate
+from rso.diagnosis.parameters import _pressed
 from rso.diagnosis.prediction import predict
 from rso.diagnosis.unfitted import _at
-from rso.diagnosis.words import _pressed
 
 MU, D1 = toy.TRUTH["mu"], toy.TRUTH["D1"]
 LOW, HIGH = 0.006, 0.024

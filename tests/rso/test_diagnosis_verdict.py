@@ -12,9 +12,10 @@ from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.judge import BEYOND, MISFIT, _beyond, _sides, most_left
 from rso.diagnosis.judgement import judge
 from rso.diagnosis.mixture import Posterior
+from rso.diagnosis.parameters import _outside
 from rso.diagnosis.shrinkage import Gap, summarise
 from rso.diagnosis.unfitted import HeldOut, held_out, predicts
-from rso.diagnosis.words import _alone, _cause, _gap, _named, _outside, _parameters, _shrinkage, _unlike, _where
+from rso.diagnosis.words import _alone, _cause, _gap, _named, _remainder, _shrinkage, _unlike, _where
 from rso.measurement import Noise, Repeat
 
 STIFF, SKIN = toy.effects("stiff", "skin")
@@ -202,14 +203,14 @@ def test_parameters_are_said_one_by_one_in_the_units_of_people():
          "parameters": {"before": {"mu": band(0.01392, 0.01416, 0.01439), "D1": band(15.0, 22.6, 31.0)},
                         "after": {"mu": band(0.01299, 0.01328, 0.01355), "D1": band(1.3, 4.77, 10.6)}}}  # fmt: skip
     units = {"units": {"mu": "MPa", "D1": "1/MPa"}, "effects": [{"name": "friction", "label": "rubbing"}]}
-    assert _parameters(d, units) == [
+    assert about(d, units) == [
         "mu moves from 14.16 kPa (90 % 13.92 to 14.39) to 13.28 kPa (90 % 12.99 to 13.55).",
         "D1 moves from 22.6 /MPa (90 % 15 to 31) to 4.77 /MPa (90 % 1.3 to 10.6).",
     ]
     same = d | {"parameters": {"before": d["parameters"]["after"], "after": d["parameters"]["after"]}}
-    assert _parameters(same, units)[0] == "mu stays at 13.28 kPa (90 % 12.99 to 13.55)."
+    assert about(same, units)[0] == "mu stays at 13.28 kPa (90 % 12.99 to 13.55)."
     reach = {"mu": {"low": 0.01, "high": 0.02, "low_with": None, "high_with": "friction"}}
-    assert _parameters(d | {"reach": reach}, units)[0].endswith("anything from 10 kPa to 20 kPa (with rubbing).")
+    assert about(d | {"reach": reach}, units)[0].endswith("anything from 10 kPa to 20 kPa (with rubbing).")
 
 
 def test_repeats_that_differ_by_more_than_expected_are_spoken_of():
@@ -410,3 +411,19 @@ def test_the_other_sign_is_said_and_a_unit_is_no_number():
     assert _named(c) == "D1 = 3.3 /MPa (90 % 2 to 4, absent at 1)"
     other = {"probability": 0.06, "low": 0.2, "high": 0.4}
     assert "(90 % 2 to 4, or 0.2 to 0.4: 6 %, absent at 1)" in _named({**c, "otherwise": other})
+
+
+def test_what_fits_best_and_is_not_confirmed_is_said_beside_unexplained():
+    """Adhesion had 56 % and no gap 23 % beneath "none in the catalogue reproduces it"."""
+    d = {"verdict": "unexplained", "causes": [], "ambiguous_with": [], "odd": None}
+    found = {"diagnosis": d, "effects": [{"name": "adhesion", "label": "sticking"}], "experiments": [],
+             "probabilities": {"adhesion": 0.4, "adhesion + gain": 0.16, "none": 0.23, "none + unexplained": 0.2}}  # fmt: skip
+    assert _cause(d, found).endswith("sticking fits best (56 %) and does not predict curves left out; no gap has 23 %.")
+    free = {**found, "probabilities": {"none + unexplained": 0.9, "adhesion + unexplained": 0.1}}
+    assert "fits best" not in _cause(d, free)
+
+
+def test_a_part_that_leaves_much_says_how_much():
+    d = {"verdict": "partly", "left": 3.8, "remainder": None}
+    assert _remainder(d, {}) == " What is left is 1.9 times the noise."
+    assert _remainder({**d, "left": 1.1}, {}) == ""
