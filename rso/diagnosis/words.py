@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rso.diagnosis.noise import UNLIKE
-from rso.diagnosis.parameters import about, called, of_unit
+from rso.diagnosis.parameters import about, called, of_unit, values_of
 
 HALF = 0.5  # of the gap on curves left out: less is no confirmation
 LEAST = -10.0  # times the gap: what is opened more widely need not be counted

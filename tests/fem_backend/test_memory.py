@@ -9,6 +9,7 @@ from scipy.integrate import quad
 
 from fem_backend import analytic, stress
 from fem_backend.laws import Fibre, LinearElastic, Material, MooneyRivlin, Mullins, NeoHooke, Ogden, Prony, Yeoh
+from fem_backend.voigt import COL, ROW
 
 MU, D1 = 0.01, 5.8
 SHAPE = (2, 3)  # elements, points
@@ -50,7 +51,7 @@ def strain(material: Material, H: np.ndarray) -> np.ndarray:
     """Green (or small) strain with doubled shears, (m, q, 6)."""
     product_ = 0.0 if material.small_strain else np.einsum("mqki,mqkj->mqij", H, H)
     E = 0.5 * (H + np.swapaxes(H, -1, -2) + product_)
-    return np.stack([E[..., i, j] * (1 if i == j else 2) for i, j in stress.VOIGT], -1)
+    return np.stack([E[..., i, j] * (1 if i == j else 2) for i, j in zip(ROW, COL, strict=True)], -1)
 
 
 def rotations(seed: int) -> np.ndarray:

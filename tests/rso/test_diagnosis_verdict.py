@@ -12,7 +12,7 @@ from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.judge import BEYOND, MISFIT, _beyond, _sides, most_left
 from rso.diagnosis.judgement import judge
 from rso.diagnosis.mixture import Posterior
-from rso.diagnosis.parameters import _outside
+from rso.diagnosis.parameters import _outside, about
 from rso.diagnosis.shrinkage import Gap, summarise
 from rso.diagnosis.unfitted import HeldOut, held_out, predicts
 from rso.diagnosis.words import _alone, _cause, _gap, _named, _remainder, _shrinkage, _unlike, _where
