@@ -416,8 +416,9 @@ def test_the_other_sign_is_said_and_a_unit_is_no_number():
 def test_what_fits_best_and_is_not_confirmed_is_said_beside_unexplained():
     """Adhesion had 56 % and no gap 23 % beneath "none in the catalogue reproduces it"."""
     d = {"verdict": "unexplained", "causes": [], "ambiguous_with": [], "odd": None}
-    found = {"diagnosis": d, "effects": [{"name": "adhesion", "label": "sticking"}], "experiments": [],
-             "probabilities": {"adhesion": 0.4, "adhesion + gain": 0.16, "none": 0.23, "none + unexplained": 0.2}}  # fmt: skip
+    p = {"adhesion": 0.4, "adhesion + gain": 0.16, "none": 0.23, "none + unexplained": 0.2}
+    effects = [{"name": "adhesion", "label": "sticking"}]
+    found = {"diagnosis": d, "effects": effects, "experiments": [], "probabilities": p}
     assert _cause(d, found).endswith("sticking fits best (56 %) and does not predict curves left out; no gap has 23 %.")
     free = {**found, "probabilities": {"none + unexplained": 0.9, "adhesion + unexplained": 0.1}}
     assert "fits best" not in _cause(d, free)
