@@ -181,6 +181,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     codes = wanted["segment"].values if "segment" in wanted else None
     if codes is not None:
         parts = [(at, [row for row in part if _segment(path, row, head, codes) != SKIP]) for at, part in parts]
+    parts, gaps = tables.without_gaps(parts, head)
     rows = [row for _, part in parts for row in part]
     _no_thousands(path, rows, head)
     columns = {name: array("d") for name in head.at if name not in ("repeat", "segment")}
@@ -208,7 +209,9 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     elif "segment" in text:
         stated = _segment_column(path, line, text["segment"])
     lines = np.array(line)
-    labels, doubts = tables.labels_of(path, parts, lines, arrays, text.get("repeat", []), stated)
+    whole = lines - np.searchsorted(gaps, lines)  # a row that was left out parts no blocks
+    labels, doubts = tables.labels_of(path, parts, whole, arrays, text.get("repeat", []), stated)
+    doubts = [*tables.told(gaps, len(line)), *doubts]
     if file_label:
         several = "repeat" in text or len(set(labels)) > 1
         labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])

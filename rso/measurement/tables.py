@@ -15,6 +15,8 @@ HALF = 0.5  # of the longest stroke: a block that goes as far is a test of its o
 START = 0.1  # of it: where all blocks begin
 FEWEST = 4  # readings of such a block
 FORCES = ("Fx", "Fy", "Fz")
+MISSING = ("", "nan", "na", "n/a", "#n/a", "null", "none")
+LOST = 0.05  # of the rows: where more lack a value the table is refused
 PLACES = ("depth", "x", "y")
 
 
@@ -42,6 +44,33 @@ def beneath(path: Path, rows: Sequence[Row], head: Head) -> tuple[list[tuple[int
         tables.append((number, []))
         unit_row = k + 1 if any(head.units) else -1
     return [t for t in tables if t[1]] or tables, notes
+
+
+def without_gaps(tables: Sequence[tuple[int, list[Row]]], head: Head) -> tuple[list[tuple[int, list[Row]]], list[int]]:
+    """The tables without rows in which a value is missing, where these are few, and the lines of those.
+
+    Samples are lost on a bus or between two clocks.  Dashes and words are no gap: they say something.
+    """
+    numeric = [k for name, k in head.at.items() if name not in BARE_COLUMNS]
+
+    def lacks(row: Row) -> bool:
+        cells = cells_of(row[1], head.separator)
+        return len(cells) == len(head.cells) and any(cells[k].strip().lower() in MISSING for k in numeric)
+
+    lost = [row[0] for _, rows in tables for row in rows if lacks(row)]
+    if not 0 < len(lost) <= LOST * sum(len(rows) for _, rows in tables):
+        return list(tables), []
+    gone = set(lost)
+    return [(at, [row for row in rows if row[0] not in gone]) for at, rows in tables], lost
+
+
+def told(gaps: Sequence[int], left: int) -> list[str]:
+    """What to say of rows that were left out, by their lines, beside as many as are left."""
+    if not gaps:
+        return []
+    rows, at = ("1 row has", "line") if len(gaps) == 1 else (f"{len(gaps)} rows have", "lines")
+    lines = ", ".join(map(str, gaps[:3])) + (", …" if len(gaps) > 3 else "")
+    return [f"{rows} no value ({at} {lines}): left out, {left} remain"]
 
 
 def labels_of(

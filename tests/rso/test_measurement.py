@@ -904,3 +904,31 @@ def test_what_a_column_states_of_each_reading_is_averaged_with_them(tmp_path):
     assert np.median(white.sigma) < 1.05 * 0.003 / np.sqrt(50)  # both: √2 · 3 mN/√100, known to 1.3 % from 796
     kept = combine(m, Noise(correlation=0.5))
     assert np.median(kept.sigma) == pytest.approx(0.003, rel=0.05)
+
+
+def table(cells, n=101):
+    """A loading of n readings, in some rows of which a cell is replaced: {row: (column, cell)}."""
+    rows = [[f"{d:.3f}", f"{0.04 * d**1.5:.5f}"] for d in np.linspace(0.0, 4.0, n)]
+    for k, (column, cell) in cells.items():
+        rows[k][column] = cell
+    return "depth_mm,Fz_N\n" + "".join(",".join(row) + "\n" for row in rows)
+
+
+@pytest.mark.parametrize("cell", ["", "NaN", "#N/A"])
+def test_a_few_rows_without_a_value_are_left_out_and_said(tmp_path, cell):
+    """Samples lost on a bus: what remains is read as if they had never been, in one curve."""
+    path = tmp_path / "top.csv"
+    path.write_text(table({40: (1, cell), 70: (0, cell)}))
+    m = read(path)
+    (repeat,) = m.repeats
+    keep = np.delete(np.arange(101), [40, 70])
+    np.testing.assert_array_equal(repeat.depth, np.round(np.linspace(0.0, 4.0, 101), 3)[keep])
+    assert "2 rows have no value (lines 42, 72): left out, 99 remain" in m.doubts[0]
+
+
+@pytest.mark.parametrize("cells", [{k: (1, "") for k in range(10, 17)}, {40: (1, "----")}, {40: (1, "overload")}])
+def test_many_gaps_and_what_says_something_are_refused(tmp_path, cells):
+    path = tmp_path / "top.csv"
+    path.write_text(table(cells))
+    with pytest.raises(ValueError, match=f"{path}:{min(cells) + 2}: "):
+        read(path)
