@@ -906,7 +906,7 @@ def test_what_a_column_states_of_each_reading_is_averaged_with_them(tmp_path):
     assert np.median(kept.sigma) == pytest.approx(0.003, rel=0.05)
 
 
-def table(cells, n=101):
+def lossy(cells, n=101):
     """A loading of n readings, in some rows of which a cell is replaced: {row: (column, cell)}."""
     rows = [[f"{d:.3f}", f"{0.04 * d**1.5:.5f}"] for d in np.linspace(0.0, 4.0, n)]
     for k, (column, cell) in cells.items():
@@ -918,7 +918,7 @@ def table(cells, n=101):
 def test_a_few_rows_without_a_value_are_left_out_and_said(tmp_path, cell):
     """Samples lost on a bus: what remains is read as if they had never been, in one curve."""
     path = tmp_path / "top.csv"
-    path.write_text(table({40: (1, cell), 70: (0, cell)}))
+    path.write_text(lossy({40: (1, cell), 70: (0, cell)}))
     m = read(path)
     (repeat,) = m.repeats
     keep = np.delete(np.arange(101), [40, 70])
@@ -929,6 +929,6 @@ def test_a_few_rows_without_a_value_are_left_out_and_said(tmp_path, cell):
 @pytest.mark.parametrize("cells", [{k: (1, "") for k in range(10, 17)}, {40: (1, "----")}, {40: (1, "overload")}])
 def test_many_gaps_and_what_says_something_are_refused(tmp_path, cells):
     path = tmp_path / "top.csv"
-    path.write_text(table(cells))
+    path.write_text(lossy(cells))
     with pytest.raises(ValueError, match=f"{path}:{min(cells) + 2}: "):
         read(path)
