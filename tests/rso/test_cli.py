@@ -218,7 +218,7 @@ def test_check_says_what_would_run_and_computes_nothing(tmp_path, capsys):
     assert main(["check", "--trust", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert f"{path}: good" in said and "2 → 1 dimensions" in said
-    assert "20 at most (8 design, 3 held out, 2 proof, 3 candidates, 4 identification)" in said
+    assert "35 at most (8 design, 3 held out, 2 proof, 3 candidates, 4 identification, 15 ends of intervals)" in said
     assert sorted(tmp_path.iterdir()) == before
 
 
@@ -267,14 +267,14 @@ def test_a_whole_study_with_its_report(tmp_path, capsys):
     assert main(["report", path]) == 2 and "run the study first" in capsys.readouterr().err
     assert main(["run", path, "--jobs", "1"]) == 0
     said = capsys.readouterr().out
-    assert "mu is determined: with 90 % confidence" in said and "18 simulations (18 done, 0 failed, 0 crashed" in said
+    assert "mu is determined: with 90 % confidence" in said and "20 simulations (20 done, 0 failed, 0 crashed" in said
     results = tmp_path / "results"
     assert b"<html" in (results / "report.html").read_bytes()[:500]
     assert (results / "report.pdf").read_bytes().startswith(b"%PDF")
     assert main(["status", path]) == 0
     assert capsys.readouterr().out.splitlines() == [
         "last finished stage: validate",
-        "done: 18",
+        "done: 20",
         "failed: 0",
         "crashed: 0",
     ]
@@ -374,8 +374,8 @@ def test_studies_share_simulations_and_not_results(tmp_path, capsys):
     assert "as measured in this study" in capsys.readouterr().out
     assert main(["run", other, "--jobs", "1", "--store", str(kept)]) == 0
     counts = studies.read(tmp_path / "other")["counts"]
-    assert counts["from_store"] == counts["fe_runs"] == 18 and not (tmp_path / "other/results/runs.sqlite").exists()
-    assert main(["status", other, "--store", str(kept)]) == 0 and "done: 18" in capsys.readouterr().out
+    assert counts["from_store"] == counts["fe_runs"] == 20 and not (tmp_path / "other/results/runs.sqlite").exists()
+    assert main(["status", other, "--store", str(kept)]) == 0 and "done: 20" in capsys.readouterr().out
     # moved together they still belong together; a study that is gone owns nothing
     (tmp_path / "one").rename(tmp_path / "moved")
     assert main(["run", str(tmp_path / "moved/study.toml"), "--jobs", "1"]) == 0

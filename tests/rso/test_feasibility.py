@@ -91,7 +91,7 @@ def test_failed_runs_are_numbers_nowhere(third_fails):
     found = third_fails
     failed = [r for r in found["runs"] if r["state"] == "failed"]
     done = [r for r in found["runs"] if r["state"] == "done"]
-    assert 0.2 < len(failed) / len(found["runs"]) < 0.4
+    assert 0.15 < len(failed) / len(found["runs"]) < 0.4
     assert all(r["outputs"] == {} and r["cause"] == "inversion" for r in failed)
     n = {s["n"] for s in found["surrogates"]}
     assert max(n) <= len(done)  # fitted to runs that are done and to nothing else

@@ -152,7 +152,8 @@ def test_a_valley_goes_to_its_limit_at_once(tmp_path):
 
 def test_a_valley_is_not_followed_where_the_surrogates_fail(tmp_path):
     """Quadratic polynomials do not span three decades: ranges and surrogates are those of before again."""
-    found = repair(tmp_path, parameters=BOX.format(0.006, 0.04, 10, 60), search=ONE_TARGET)
+    quadratic = 'kind = "polynomial"\ndegree = 2'
+    found = repair(tmp_path, parameters=BOX.format(0.006, 0.04, 10, 60), search=ONE_TARGET, surrogate=quadratic)
     assert set(what(found)) == {"widened", "taken back", "stopped"}
     assert "surrogates miss new runs" in found.audit[-1].why
     emulator, added = found.fitted.emulator, [r.values for r in found.fitted.added if r.purpose == "repair"]

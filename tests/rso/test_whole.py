@@ -140,10 +140,10 @@ LAYOUT: dict[str, Any] = {
     "feasible": dict.fromkeys(("failed", "causes", "share_infeasible", "story", "map")),
     "determined": {n: {"determined": None, "interval": [None], "story": None} for n in VALUES},
     "identification": {
-        **dict.fromkeys(("level", "chi2", "degrees", "p_value", "scale", "story")),
+        **dict.fromkeys(("level", "chi2", "degrees", "p_value", "noise_degrees", "scale", "story")),
         "values": VALUES,
         "data": [dict.fromkeys(("experiment", "channel", "points"))],
-        "recomputed": dict.fromkeys(("agreement", "chi2", "verified")),
+        "recomputed": dict.fromkeys(("agreement", "chi2", "verified", "open")),
         "other_minima": [{"values": VALUES, "chi2": None}],
         "parameters": [
             {
