@@ -7,7 +7,8 @@ from rso.study.whole import rough
 
 def candidate(error: float) -> dict:
     value = [0.0, 0.1, 0.4]
-    return {"curves": {"ball": {"experiment": "ball", "channel": "Fz", "value": value, "error": [error * v for v in value]}}}
+    curve = {"experiment": "ball", "channel": "Fz", "value": value, "error": [error * v for v in value]}
+    return {"curves": {"ball": curve}}
 
 
 @pytest.mark.parametrize("shares, told", [((0.01, 0.04), None), ((0.01, 0.234), "23 %"), ((), None)])
