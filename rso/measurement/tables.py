@@ -47,9 +47,10 @@ def beneath(path: Path, rows: Sequence[Row], head: Head) -> tuple[list[tuple[int
 
 
 def without_gaps(tables: Sequence[tuple[int, list[Row]]], head: Head) -> tuple[list[tuple[int, list[Row]]], list[int]]:
-    """The tables without rows in which a value is missing, where these are few, and the lines of those.
+    """The tables without rows in which a value is missing, where these are few and single, and the lines of those.
 
-    Samples are lost on a bus or between two clocks.  Dashes and words are no gap: they say something.
+    Samples are lost on a bus or between two clocks.  Several in a row may be an overload, and dashes and words say
+    something.
     """
     numeric = [k for name, k in head.at.items() if name not in BARE_COLUMNS]
 
@@ -57,8 +58,12 @@ def without_gaps(tables: Sequence[tuple[int, list[Row]]], head: Head) -> tuple[l
         cells = cells_of(row[1], head.separator)
         return len(cells) == len(head.cells) and any(cells[k].strip().lower() in MISSING for k in numeric)
 
-    lost = [row[0] for _, rows in tables for row in rows if lacks(row)]
-    if not 0 < len(lost) <= LOST * sum(len(rows) for _, rows in tables):
+    gaps = [[lacks(row) for row in rows] for _, rows in tables]
+    lost = [
+        row[0] for (_, rows), gap in zip(tables, gaps, strict=True) for row, no in zip(rows, gap, strict=True) if no
+    ]
+    in_a_row = any(a and b for gap in gaps for a, b in itertools.pairwise(gap))
+    if in_a_row or not 0 < len(lost) <= LOST * sum(len(rows) for _, rows in tables):
         return list(tables), []
     gone = set(lost)
     return [(at, [row for row in rows if row[0] not in gone]) for at, rows in tables], lost

@@ -926,7 +926,15 @@ def test_a_few_rows_without_a_value_are_left_out_and_said(tmp_path, cell):
     assert "2 rows have no value (lines 42, 72): left out, 99 remain" in m.doubts[0]
 
 
-@pytest.mark.parametrize("cells", [{k: (1, "") for k in range(10, 17)}, {40: (1, "----")}, {40: (1, "overload")}])
+@pytest.mark.parametrize(
+    "cells",
+    [
+        {k: (1, "") for k in range(10, 30, 3)},
+        {k: (1, "NaN") for k in (90, 91)},
+        {40: (1, "----")},
+        {40: (1, "overload")},
+    ],
+)
 def test_many_gaps_and_what_says_something_are_refused(tmp_path, cells):
     path = tmp_path / "top.csv"
     path.write_text(lossy(cells))

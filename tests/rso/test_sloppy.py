@@ -95,9 +95,9 @@ REFUSED = {  # text, columns, place and words
     "a clock in its header": (table("Zeit [hh:mm:ss],depth_mm,Fz_N", CLOCK, U, F), PLAIN | {
         "time": Column("Zeit [hh:mm:ss]")}, [":1:", "'time'", "'hh:mm:ss'", "not a known unit", "s, ms, min"]),
     **{f"overload {cell!r}": (with_cell(cell), None, [":32:", "'Fz'", f"'{cell}'", "delete the row"])
-       for cell in ("----", "OVLD", "NaN", "", "***")},
+       for cell in ("----", "OVLD", "***")},
     **{f"overload {cell!r}": (with_cell(cell), None, [":32:", "'Fz'", f"'{cell}'"])
-       for cell in ("1.#INF", "9.99E+37", "#N/A", "1.0D+00")},
+       for cell in ("1.#INF", "9.99E+37", "1.0D+00")},
     "a gap as a number": (table("depth_mm,Fz_N", U, np.where(abs(U - 2) < 0.15, -9999.0, F)), None, [
         ":21:", "'Fz' is -9999 N in 3 readings", "delete these rows"]),
     "an overload as a number": (table("depth_mm,Fz_N", U, np.where(U > 3.45, 9999.0, F)), None, [
