@@ -45,14 +45,13 @@ def emulated(emulator: Emulator, place: Place) -> tuple[Model, Callable[[np.ndar
     return Model(emulator.box, predict), band
 
 
-def spread_of(emulator: Emulator, place: Place, X: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Means and standard deviations (k, m) of the surrogates of a curve at X (k, d), and R (n, m): f = R mean.
+def spread_of(emulator: Emulator, place: Place, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Standard deviations (k, m) of the surrogates y of a curve at X (k, d), and R (n, m) of the curve R y.
 
     ValueError as :func:`emulated`.
     """
     outputs, R = _at(emulator, place)
-    each = [emulator.predict(o, np.asarray(X, float)) for o in outputs]
-    return np.stack([m for m, _ in each], axis=1), np.stack([s for _, s in each], axis=1), R
+    return np.stack([emulator.predict(o, np.asarray(X, float))[1] for o in outputs], axis=1), R
 
 
 def _at(emulator: Emulator, place: Place) -> tuple[list[Output], np.ndarray]:

@@ -64,6 +64,8 @@ def check(study: Study, folder: Path, trust: bool, store: Path | None = None, jo
     else:
         widening = " and each widening of its ranges" if study.search.repair and plan.searches else ""
         lines.append(f"    and for the surrogates, each search{widening} up to {study.verify.max_infill} points more")
+        points = settling.ENDS * (2 * plan.box.d + settling.ROUNDS)
+        lines.append(f"    and where these do not know what the data allow up to {points} points")
     known = pace(plan.backend, store or folder)
     jobs = jobs or study.dispatch.jobs
     seconds = known.seconds(_one_of_each(plan)) / len(plan.cases)
@@ -122,7 +124,6 @@ def on_surfaces(plan: Plan) -> tuple[dict[str, int], list[str]]:
         "proof": cases * len(proof),
         "candidates": cases * candidates * len(plan.searches),
         "identification": 0 if exact else cases * settling.ROUNDS,
-        "ends of intervals": 0 if exact else cases * settling.ENDS * (2 * plan.box.d + 1),
         "validation": candidates * len(plan.validation) + len(unfitted(plan)),
     }
     return parts, [f"  design: {study.doe.kind}, {len(full_design(plan))} runs asked + {study.doe.held_out} held out"]

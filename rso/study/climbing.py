@@ -28,11 +28,11 @@ from rso.identify import (
 from rso.identify.verdict import physical
 from rso.ladder import Added, Climb, Judged, Left, Level
 from rso.store import RunStore
-from rso.study.ladder_curves import curve_data, curve_outputs, fitted_curves, measured, numerical, placed
 from rso.study.ladder_runs import Bench, NoAnswer, Watch, design, prove, sampled
 from rso.study.ladder_validation import Unused, validate
 from rso.study.levels import Axes, axes_of, rungs_of
 from rso.study.plan import Plan, make_plan
+from rso.study.readings import curve_data, curve_outputs, fitted_curves, measured, numerical, placed
 from rso.study.schema import Study
 
 FEWEST = 4  # runs with an answer from which a level is learnt

@@ -31,8 +31,8 @@ from rso.similarity import Group
 from rso.store import Done
 from rso.study.errors import Problem, study_error
 from rso.study.identifying import Identified
-from rso.study.ladder_curves import error_at
 from rso.study.plan import Plan
+from rso.study.readings import error_at
 from rso.study.settling import Settled, fitted_curves, ranges
 from rso.study.stages import REASONS, SIMILAR_TO, Bench, NothingToFit, Proof, Run, why
 

@@ -38,10 +38,10 @@ from rso.store import RunStore
 from rso.study.errors import Problem, choose, study_error
 from rso.study.further_curves import along_one
 from rso.study.further_items import Block, Item, done, kind, planned, refuse
-from rso.study.ladder_curves import error_at
 from rso.study.ladder_runs import design
 from rso.study.levels import STUDY, Axes, axes_of
 from rso.study.plan import Plan
+from rso.study.readings import error_at
 from rso.units import quantity
 
 FEWEST = 5  # runs with an answer from which an experiment is learnt

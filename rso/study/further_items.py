@@ -12,8 +12,8 @@ from rso.identify import Data, Place
 from rso.measurement import Noise
 from rso.study.cases import DEFAULT_SPEED, STEPS, case_for, mark_channel, profile_case, profile_depths, travels
 from rso.study.errors import Problem, choose, study_error
-from rso.study.ladder_curves import curve_data, fitted_curves, placed
 from rso.study.plan import Plan
+from rso.study.readings import curve_data, fitted_curves, placed
 from rso.study.schema import NextExperiment
 from rso.units import quantity
 

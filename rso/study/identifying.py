@@ -105,6 +105,7 @@ def identification(
     plan = bench.plan
     try:
         settled = settle(bench, emulator, found, meanwhile)
+        plan = bench.around_failures(settled.emulator.group.reference is not None).plan
         done = identify(plan, settled.emulator, found)
         done = replace(done, determination=doubted(done.determination, settled))
     except (ValueError, np.linalg.LinAlgError) as error:
@@ -138,16 +139,16 @@ def doubted(d: Determination, settled: Settled) -> Determination:
     if settled.verified and not settled.open:
         return d
     word: Word = "weakly" if settled.verified else "not"
-    why = "The surrogates do not know the curves well enough to exclude other values"
+    why = "They do not know the curves well enough to exclude other values"
     if settled.agreement is None:
-        why = "This is what surrogates say; the most likely point has no answer"
+        why = "The most likely point has no answer"
     elif not settled.verified:
-        why = "This is what surrogates say, and simulations do not confirm them"
+        why = "Simulations do not confirm them"
     why += ': more runs (verify.max_infill, [doe]) or search.method = "gauss_newton" would tell.'
     known = []
     for k in d.known:
         if k.verdict.word == "determined":
-            story = k.story.replace(WORDS["determined"], WORDS[word], 1)
+            story = k.story.replace(f"{WORDS['determined']}: ", f"{WORDS[word]}: by surrogates, ", 1)
             k = replace(k, verdict=Verdict(word, 0, None), story=story, reason=why)
         known.append(k)
     return replace(d, known=tuple(known))

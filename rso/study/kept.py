@@ -11,8 +11,8 @@ from rso.contract import Case, Response
 from rso.curves import ahead, loading
 from rso.running import Task
 from rso.study.cases import mark_channel
-from rso.study.ladder_curves import measured
 from rso.study.plan import Plan
+from rso.study.readings import measured
 
 
 @dataclass(frozen=True, eq=False)

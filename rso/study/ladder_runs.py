@@ -15,9 +15,9 @@ from rso.emulator import Sample, reduced_box
 from rso.ladder import Level
 from rso.running import Crashed, Done, Event, Task, run_all
 from rso.store import RunStore
-from rso.study.ladder_curves import curve_outputs
 from rso.study.levels import Axes
 from rso.study.plan import Plan
+from rso.study.readings import curve_outputs
 
 RUNS = {0: 1, 1: 8, 2: 16, 3: 30}  # of a level by the number of parameters that similarity leaves
 LEAST = 0.5  # of these, however many are known from the level below

@@ -12,8 +12,8 @@ from rso import ladder
 from rso.contract import Response
 from rso.identify import Misfit, Model, Place, resample, together
 from rso.ladder import Goodness, Judged, Left
-from rso.study.ladder_curves import curve_data, error_at, placed
 from rso.study.ladder_runs import Bench
+from rso.study.readings import curve_data, error_at, placed
 from rso.study.schema import ExperimentTable
 from rso.study.slopes import NoSlopes, jacobian
 

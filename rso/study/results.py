@@ -24,11 +24,11 @@ from rso.measurement import MeasuredCurve
 from rso.running import Outcome
 from rso.store import Done
 from rso.study.cases import remarks
-from rso.study.ladder_curves import compared, measured
 from rso.study.plan import Plan, SearchPlan
+from rso.study.readings import compared, measured
 from rso.study.repairing import Step
 from rso.study.schema import Study
-from rso.study.searching import Found, Validation, baselines, mean_over_design
+from rso.study.searching import Found, Validation, baselines, mean_over_design, simulated_curves
 from rso.study.stages import Design, Fitted, Run, why
 from rso.surrogates import Scores
 
@@ -373,10 +373,7 @@ def _candidate(plan: Plan, found: Found, k: int) -> dict[str, Any]:
 def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Every compared curve in runs that are done."""
     found = {}
-    for name, (experiment, data) in compared(plan).items():
-        outcome = outcomes[plan.case_of[experiment]]
-        assert isinstance(outcome, Done)
-        curve = outcome.response.curve(data.channel)
+    for name, (experiment, _, curve) in simulated_curves(plan, outcomes).items():
         loading = ahead(curve.travel_mm)
         found[name] = {
             "experiment": experiment, "channel": curve.channel, "depth": curve.travel_mm[loading],

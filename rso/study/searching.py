@@ -8,14 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rso import search
+from rso.contract import Curve
 from rso.curves import Metrics, Resampling, baseline, loading, metrics
 from rso.emulator import Emulator
+from rso.measurement import MeasuredCurve
 from rso.running import Outcome, Task
 from rso.search import Choice
 from rso.store import Done
 from rso.study.kept import Kept, kept, task
-from rso.study.ladder_curves import compared
 from rso.study.plan import Plan, SearchPlan, limited
+from rso.study.readings import compared
 from rso.study.stages import Bench, Design, learn_more, sample
 from rso.targets import residuals, violations
 from rso.verify import Candidate, Verified, agreement, verify
@@ -153,13 +155,20 @@ def _candidate(
     return Candidate(values, predicted, recomputed, outcomes, gap, gap <= plan.study.verify.tolerance)
 
 
-def curve_metrics(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Metrics]:
-    """Error metrics of runs that are done against every compared curve, at the measured depths."""
+def simulated_curves(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, tuple[str, MeasuredCurve, Curve]]:
+    """Label → experiment, measured and simulated curve of every compared channel in runs that are done."""
     found = {}
     for name, (experiment, curve) in compared(plan).items():
         outcome = outcomes[plan.case_of[experiment]]
         assert isinstance(outcome, Done)
-        simulated = outcome.response.curve(curve.channel)
+        found[name] = experiment, curve, outcome.response.curve(curve.channel)
+    return found
+
+
+def curve_metrics(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Metrics]:
+    """Error metrics of runs that are done against every compared curve, at the measured depths."""
+    found = {}
+    for name, (_, curve, simulated) in simulated_curves(plan, outcomes).items():
         deepest = float(simulated.travel_mm.max())
         keep = (curve.depth > 0) & (curve.depth <= deepest + 1e-9)
         at = np.minimum(curve.depth[keep], deepest)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.stats import chi2 as chi2_distribution
 
 from rso.doe import Box, sobol
@@ -25,12 +26,10 @@ from rso.identify import (
     together,
 )
 from rso.identify.determination import LEVEL
-from rso.identify.likelihood import SMALLEST
-from rso.measurement import MeasuredCurve, combine
 from rso.running import Outcome, Task
 from rso.store import Done
-from rso.study.ladder_curves import as_data, error_at
 from rso.study.plan import Plan
+from rso.study.readings import as_data, error_at, measured
 from rso.study.searching import Found
 from rso.study.stages import NOISE, Bench, Run, learn_more, sample
 
@@ -99,15 +98,15 @@ def settle(bench: Bench, emulator: Emulator, found: Sequence[Found], meanwhile: 
 
     Workers that are free begin what will be wanted later, `meanwhile`.
     """
-    plan = bench.plan
     if emulator.reduced is None:  # exact: similarity knows every run already
         return Settled(emulator, (), 0.0, None, True)
-    runs: list[Run] = []
+    similar, runs = emulator.group.reference is not None, list[Run]()
     for k in range(ENDS + 1):
         now = _most_likely(bench, emulator, found, meanwhile)
         emulator, runs = now.emulator, [*runs, *now.runs]
         if not now.verified:
             break
+        plan = bench.around_failures(similar).plan
         unsure = _unsure(plan, emulator, found, runs)
         if not unsure or k == ENDS:
             return replace(now, runs=tuple(runs), open=tuple(name for name, _ in unsure))
@@ -123,9 +122,10 @@ def settle(bench: Bench, emulator: Emulator, found: Sequence[Found], meanwhile: 
 
 def _most_likely(bench: Bench, emulator: Emulator, found: Sequence[Found], meanwhile: Sequence[Task]) -> Settled:
     """The most likely point, run and learnt until prediction and simulation agree, `ROUNDS` times at most."""
-    plan, runs = bench.plan, []
+    runs: list[Run] = []
     gap, chi2, verified = None, None, False
     for k in range(ROUNDS):
+        plan = bench.around_failures(emulator.group.reference is not None).plan  # which the last run may have changed
         now = evidence(plan, emulator, found)
         best = all_minima(now.misfit, seed=plan.seed, near=now.near)[0]
         values = plan.values(_wide(plan, best.x[None])[0])
@@ -134,9 +134,7 @@ def _most_likely(bench: Bench, emulator: Emulator, found: Sequence[Found], meanw
         (outcomes,) = bench.run([values])
         bench.begin(meanwhile)  # whose artefacts may be there by now
         runs.append(Run("identified", values, outcomes))
-        if not runs[-1].done:  # where runs have an answer is known better now
-            bench = bench.around_failures(emulator.group.reference is not None)
-            plan = bench.plan
+        if not runs[-1].done:
             continue
         curves = [_recomputed(plan, outcomes, p) for p in now.places]
         whole = now.misfit.model.predict(best.x[None])[0]
@@ -144,8 +142,8 @@ def _most_likely(bench: Bench, emulator: Emulator, found: Sequence[Found], meanw
         sizes = np.array([np.abs(y).max() for y in curves])
         sizes = np.maximum(sizes, NOISE * sizes.max())  # by symmetry a lateral force may be zero, or noise about it
         gap = max(float(np.abs(f - y).max() / s) for f, y, s in zip(predicted, curves, sizes, strict=True))
-        measured = np.concatenate([d.value for d in now.misfit.data])
-        chi2 = float(np.sum(now.misfit.white(np.concatenate(curves) - measured) ** 2))
+        readings = np.concatenate([d.value for d in now.misfit.data])
+        chi2 = float(np.sum(now.misfit.white(np.concatenate(curves) - readings) ** 2))
         off = float(np.sum(now.misfit.white(np.concatenate(curves) - whole) ** 2))
         verified = gap <= plan.study.verify.tolerance and off <= SETTLED * _least(now, best)
         if verified or k == ROUNDS - 1:
@@ -200,15 +198,17 @@ def _unsure(
 
 
 def _hopeful(plan: Plan, emulator: Emulator, now: Evidence, X: np.ndarray) -> np.ndarray:
-    """χ² (k,) at X (k, d) with covariances C + DOUBTED² R diag(s²) Rᵀ, s the surrogates' standard deviations there."""
-    found, wide = np.zeros(len(X)), _wide(plan, X)
-    for place, data in zip(now.places, now.misfit.data, strict=True):
-        mean, sd, R = spread_of(emulator, place, wide)
-        r = mean @ R.T - data.value
-        C = data.covariance + (SMALLEST * np.abs(data.value).max()) ** 2 * np.eye(len(data.value))
-        C = C + DOUBTED**2 * np.einsum("im,km,jm->kij", R, sd**2, R)
-        found += np.einsum("ki,ki->k", r, np.linalg.solve(C, r[:, :, None])[:, :, 0])
-    return found
+    """χ² (k,) at X (k, d) with the covariance C + R S² Rᵀ, S = diag(DOUBTED s), s the surrogates' deviations there:
+
+    |r|² − bᵀ (1 + S Vᵀ V S)⁻¹ b with W whitening by C, r = W (f − y), V = W R, b = S Vᵀ r (Woodbury).
+    """
+    each = [spread_of(emulator, place, _wide(plan, X)) for place in now.places]
+    S = DOUBTED * np.hstack([s for s, _ in each])
+    V = now.misfit.white(block_diag(*(R for _, R in each)).T).T
+    r = now.misfit.residuals(X)[:, : len(V)]
+    b = S * (r @ V)
+    inside = np.eye(S.shape[1]) + S[:, :, None] * (V.T @ V) * S[:, None, :]
+    return np.sum(r**2, axis=1) - np.einsum("ki,ki->k", b, np.linalg.solve(inside, b[:, :, None])[:, :, 0])
 
 
 def _named(box: Box, x: np.ndarray) -> str:
@@ -232,12 +232,12 @@ def fitted_curves(plan: Plan) -> list[tuple[Place, Data]]:
     """Where the fitted curves were measured, as deep as they are simulated, and their values with their errors."""
     found, fitted = [], _fitted(plan)
     for name, channel in fitted:
-        measured = _curve(plan, name, channel)
+        curve = measured(plan, name, channel)
         deepest = max(o.depth_mm for o in plan.outputs if (o.experiment, o.channel) == (name, channel))
-        keep = (measured.depth > 0) & (measured.depth <= deepest * (1 + 1e-9))
+        keep = (curve.depth > 0) & (curve.depth <= deepest * (1 + 1e-9))
         label = name if len({c for e, c in fitted if e == name}) == 1 else f"{name} {channel}"
-        data = as_data(label, name, measured, keep)
-        found.append((Place(name, channel, np.minimum(measured.depth[keep], deepest)), data))
+        place = Place(name, channel, np.minimum(curve.depth[keep], deepest))
+        found.append((place, as_data(label, name, curve, keep)))
     return found
 
 
@@ -271,13 +271,6 @@ def _fitted(plan: Plan) -> list[tuple[str, str]]:
     every = [e for e in plan.study.experiments if e.name in plan.case_of]
     mine = [e for e in every if e.role == "fit"] or every
     return [(e.name, c) for e in mine for c in e.compared]
-
-
-def _curve(plan: Plan, name: str, channel: str) -> MeasuredCurve:
-    measured = plan.curves[name]
-    if measured.channel == channel:
-        return measured
-    return combine(plan.study.measurement(name), plan.study.experiment(name).noise.noise(), channel)
 
 
 def _numerical(plan: Plan, found: Sequence[Found], place: Place) -> np.ndarray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -90,7 +89,6 @@ def _directly(bench: Bench, notes: _Notes, say: Say) -> dict[str, Any]:
         if not there.best.confirmed:
             raise ValueError(f"Gauss–Newton stopped without a confirmed answer: {there.best.why}")
         known, settled = descending.identified(plan, there)
-        known = dataclasses.replace(known, determination=identifying.doubted(known.determination, settled))
         parts = identifying.of_identification(plan, known, settled)
         found["runs"] += results.rows_of(plan, settled.runs)
     except (ValueError, np.linalg.LinAlgError) as error:

@@ -9,7 +9,7 @@ from scipy.special import ndtri
 from rso.identify.determination import exceeded, student
 from rso.measurement import Measurement, Noise, Repeat, combine
 from rso.measurement.scatter import of_repeats
-from rso.study.ladder_curves import as_data
+from rso.study.readings import as_data
 
 U = np.linspace(0.1, 4.0, 40)
 SETS = 200

@@ -1,6 +1,5 @@
 """Identification inside a study: the most likely point is recomputed, its numbers reach results.json and the report."""
 
-
 import indentation_backend
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from rso.identify import Misfit, Place
 from rso.report.identification import identification_section
 from rso.store import Done
 from rso.study import identifying, settling
-from rso.study.ladder_curves import error_at
+from rso.study.readings import error_at
 
 
 @pytest.fixture(scope="module")

@@ -21,9 +21,9 @@ from rso.report.ladder import render_ladder, report, value_text
 from rso.store import RunStore
 from rso.study import StudyError, load
 from rso.study.climbing import ladder_plan, run_ladder
-from rso.study.ladder_curves import curve_data
 from rso.study.ladder_results import results, write
 from rso.study.ladder_runs import design
+from rso.study.readings import curve_data
 
 MU, D1 = 0.01, 8.0
 STUDY = """

@@ -1,4 +1,4 @@
-"""The measured curves of a ladder: which there are, where, with which errors."""
+"""The measured curves of a study: which are compared, where, with which errors."""
 
 from __future__ import annotations
 
