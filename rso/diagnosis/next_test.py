@@ -46,6 +46,7 @@ REST = 20.0  # of the time of loading: how long a hold is proposed to last
 FEW = 0.05  # of the draws of a time that may lie beyond the rates computed without a word
 READ_OFF = "its rate lies beyond those computed, of which the nearest stands for it"
 SETTLED = 0.95  # probability of one hypothesis at which a matter is settled
+NEED = float(np.log(SETTLED / (1.0 - SETTLED)))
 
 _BLOCK = "press a rigid block and hold, and a shim of known thickness on it"
 _SENSOR = "the sensor alone: a run in air, a dead weight, turned by 90 degrees"
@@ -212,12 +213,16 @@ def ranked(words: str, distance: Mapping[tuple[str, str], float], probability: M
 def _chance(distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> float:
     whole = max(sum(probability.values()), 1.0)  # the causes of a pair hold the same probability twice
     P = {k: max(v / whole, 1e-9) for k, v in probability.items()}
-    need, chance = np.log(SETTLED / (1 - SETTLED)), 0.0
+    chance = 0.0
     for k in P:
         rivals = [((l if k == m else m), D) for (l, m), D in distance.items() if k in (l, m)]
-        each = [norm.cdf((0.5 * D**2 + np.log(P[k] / P[l]) - need) / max(D, 1e-9)) for l, D in rivals]
-        chance += P[k] * min(each)
-    return float(chance)
+        chance += P[k] * min(float(_settles(D, np.log(P[k] / P[l]))) for l, D in rivals)
+    return chance
+
+
+def _settles(D: np.ndarray | float, odds: float) -> np.ndarray:
+    """Probability that a test of distance D leaves the truth with `SETTLED`, from the logarithm of its odds before."""
+    return norm.cdf((0.5 * np.square(D) + odds - NEED) / np.maximum(D, 1e-9))
 
 
 def candidates(library: Library | Outline) -> list[Candidate]:
@@ -411,7 +416,10 @@ def gauges(library: Library, bench: Bench) -> dict[str, tuple[str, float]]:
 
 
 def direct(library: Library, bench: Bench, survivors: Survivors) -> dict[str, dict[tuple[str, str], float]]:
-    """D of every pair in tests of one knob alone: the size of the effect over what that test resolves."""
+    """D of every pair in tests of one knob alone.
+
+    What such a test shows is the size itself, so that a size known badly before is as good as any.
+    """
     known, pairs = gauges(library, bench), list(itertools.combinations(survivors, 2))
     found: dict[str, dict[tuple[str, str], float]] = {}
     for name, (effects, post) in survivors.items():
@@ -420,13 +428,30 @@ def direct(library: Library, bench: Bench, survivors: Survivors) -> dict[str, di
                 continue  # no bench shows what one test had
             words, resolution = known[e.size.name]
             off = sizes(bench, effects, post, e) - e.size.neutral
-            D = abs(float(np.mean(off))) / np.hypot(resolution, float(np.std(off)))
+            D = _as_likely(off, resolution)
             own = found.setdefault(words, dict.fromkeys(pairs, 0.0))
             for p in pairs:
                 other = p[0] if p[1] == name else p[1]
                 if name in p and e.name not in {x.name for x in survivors[other][0]}:
                     own[p] = max(own[p], D)
     return found
+
+
+def _as_likely(off: np.ndarray, resolution: float) -> float:
+    """D with the chance, at even odds, of a test that shows sizes `off` (m,) of one hypothesis, 0 of the other, itself.
+
+    Φ[D/2 − c/D] = ½ (⟨[ln p(x)/q(x) ≥ c]⟩ₚ + ⟨[ln q(x)/p(x) ≥ c]⟩_q), c = ln(s / (1 − s)), q = N(0, resolution²) and
+    p = N(mean, sd² + resolution²) of the sizes, solved for D; 0 where a size that is none is as likely.
+    """
+    spread = np.hypot(float(np.std(off)), resolution)
+    read = norm.ppf((np.arange(400) + 0.5) / 400)
+    p, q = norm(float(np.mean(off)), spread), norm(0.0, resolution)
+    here, away = p.mean() + spread * read, resolution * read
+    chance = 0.5 * np.mean(p.logpdf(here) - q.logpdf(here) >= NEED) + 0.5 * np.mean(
+        q.logpdf(away) - p.logpdf(away) >= NEED
+    )
+    z = float(norm.ppf(np.clip(chance, 1e-12, 1 - 1e-12)))
+    return z + float(np.sqrt(z**2 + 2.0 * NEED))
 
 
 def sizes(bench: Bench, effects: Sequence[Effect], post: Posterior, effect: Effect) -> np.ndarray:

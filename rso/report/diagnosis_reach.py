@@ -12,6 +12,8 @@ from rso.report.digits import DASH, aligned, clean, known, percent
 from rso.report.document import Block, Cell, Picture, Section, Text, column, table, words
 from rso.report.reading import listed, number
 
+TELLS = 0.01  # chance from which a test is worth a row
+
 
 def how_sure(found: Found) -> Section:
     """Section 6: data simulated from the leading hypotheses, through the same contest."""
@@ -106,6 +108,10 @@ def next_test(found: Found) -> Section:
         open_ = core(found).get("verdict") in ("partly", "unexplained")
         why = "What is left looks like nothing in the catalogue" if open_ else "Nothing is left to tell apart"
         return Section("next", title, (Text(f"{why}, so no further test is proposed."),))
+    every, rows = rows, [t for t in rows if (number(t.get("chance")) or 0.0) >= TELLS]
+    if not rows:
+        told = f"None of {len(every)} that were weighed would settle it (chance below 1 %): "
+        return Section("next", title, (Text(f"{told}it takes repeats, less noise or other channels."),))
     distance = [number(t.get("distance")) for t in rows]
     chance = [number(t.get("chance")) for t in rows]
     promise = [
@@ -121,4 +127,6 @@ def next_test(found: Found) -> Section:
     ]
     note = "Settles it: probability that one cause has 95 % afterwards; what presses is done three times. "
     note += "D: distance in standard deviations of what the pair predicts for the test, after a re-fit; 4 is enough."
+    if len(rows) < len(every):
+        note += f" Weighed and left out, for they settle nothing (chance below 1 %): {len(every) - len(rows)}."
     return Section("next", title, (table("Tests that would settle it", columns, note),))

@@ -8,6 +8,7 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 from scipy.special import logsumexp
+from scipy.stats import norm
 
 from rso.contract import run_key
 from rso.diagnosis import attribute, build, make_plan, next_test
@@ -15,6 +16,7 @@ from rso.diagnosis.mixture import posterior
 from rso.diagnosis.next_test import (
     READ_OFF,
     SETTLED,
+    _as_likely,
     _chance,
     candidates,
     covariance,
@@ -51,6 +53,21 @@ def test_what_separates_nothing_settles_nothing_and_what_separates_all_does():
 def test_the_causes_of_a_pair_do_not_settle_it_twice():
     """Both are in every hypothesis that counts, so that each has all of the probability."""
     np.testing.assert_allclose(_chance({("a", "b"): 20.0}, {"a": 1.0, "b": 0.98}), 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize(("size", "sd"), [(1.0, 0.6), (0.3, 0.1), (0.05, 0.3), (1.0, 1e-3)])
+def test_what_shows_a_size_by_itself_needs_no_knowledge_of_it(size, sd):
+    """A gauge of resolution 0.05 and a size that is known badly: draw it, read it, compare with 0 by the densities."""
+    rng, resolution = np.random.default_rng(2), 0.05
+    s = size + sd * rng.standard_normal(20_000)
+    D = {("a", "b"): _as_likely(s, resolution)}
+    spread = np.hypot(sd, resolution)
+    x = s + resolution * rng.standard_normal(len(s))  # a is there
+    odds = norm.logpdf(x, size, spread) - norm.logpdf(x, 0.0, resolution)
+    y = resolution * rng.standard_normal(len(s))  # it is not
+    against = norm.logpdf(y, 0.0, resolution) - norm.logpdf(y, size, spread)
+    settled = 0.5 * np.mean(odds >= np.log(19.0)) + 0.5 * np.mean(against >= np.log(19.0))
+    np.testing.assert_allclose(_chance(D, {"a": 0.5, "b": 0.5}), settled, atol=0.01)  # draws scatter by 0.004
 
 
 def survivors(library, names, data):

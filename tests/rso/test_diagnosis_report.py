@@ -337,6 +337,15 @@ def test_numbers_are_shown_to_the_digits_of_their_interval():
     assert sized({"size": 0.011, "interval": [0.007, 0.016], "unit": "N/mm^3", "neutral": None})[2] == "–"
 
 
+def test_tests_that_settle_nothing_have_no_row():
+    found = story("ambiguous")
+    one = found["diagnosis"]["next_test"][0]
+    found["diagnosis"]["next_test"] = [one | {"chance": 0.4}, one | {"test": "idle", "chance": 0.004}]
+    assert "idle" not in said(found) and "left out, for they settle nothing (chance below 1 %): 1." in said(found)
+    found["diagnosis"]["next_test"] = [one | {"chance": 0.0}]
+    assert "None of 1 that were weighed would settle it" in said(found)
+
+
 def test_a_share_that_is_not_known_is_not_printed():
     found = story("explained")
     assert "95 % of what exceeds the noise floor is closed (90 %: 81 to 99 %)" in said(found)
