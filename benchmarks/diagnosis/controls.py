@@ -14,7 +14,7 @@ from scipy.linalg import cholesky
 from scipy.special import logsumexp
 from scores import Scored, by_key
 
-from rso.diagnosis import attribute, hypotheses, next_test
+from rso.diagnosis import attribute, hypotheses, next_test, proposals
 from rso.diagnosis.attribute import Bench, Contest, Evidence
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.judge import WHOLE, misfit
@@ -241,7 +241,7 @@ def next_tests(
     library, bench, cases = evidence.bench.library, evidence.bench, result.cases
     known = {e.name: e for e in evidence.effects if e.family != "scatter"}
     everything = {n: ((e,), None) for n, e in known.items() if e.family == "model"}
-    there = {c.words: (c, v) for c in next_test.candidates(library)
+    there = {c.words: (c, v) for c in proposals.candidates(library)
              if (v := next_test.simulated(library, c, everything, run)) is not None}  # fmt: skip
     plan = library.plan
     once_more = [[t for t in plan.tests if t.experiment == k] for k in sorted({t.experiment for t in plan.tests})]

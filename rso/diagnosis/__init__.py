@@ -19,8 +19,8 @@ from rso.diagnosis.detectable import announced, in_sight
 from rso.diagnosis.effects import Effect, catalogue, localised, recorded, suited
 from rso.diagnosis.judge import Diagnosis, diagnose
 from rso.diagnosis.library import Library, NoAnswer, build
-from rso.diagnosis.next_test import planned_tests
 from rso.diagnosis.planning import planned
+from rso.diagnosis.proposals import planned_tests
 from rso.diagnosis.rerun import CLOSE, Check, finalists, mended, planned_rerun
 from rso.diagnosis.runs import Base, BaseAxis
 from rso.diagnosis.story import story

@@ -11,21 +11,20 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from rso.contract import run_key
-from rso.diagnosis import attribute, build, make_plan, next_test
+from rso.diagnosis import attribute, build, make_plan, proposals
 from rso.diagnosis.mixture import posterior
 from rso.diagnosis.next_test import (
     READ_OFF,
     SETTLED,
     _as_likely,
     _chance,
-    candidates,
     covariance,
     distances,
     forecast,
     next_tests,
-    planned_tests,
     simulated,
 )
+from rso.diagnosis.proposals import candidates, planned_tests
 
 
 @pytest.mark.parametrize("D", [1.0, 2.5, 4.0, 7.0])
@@ -195,7 +194,7 @@ def test_a_test_done_three_times_tells_more_than_once_but_less_than_three_tests_
     bench, alive = survivors(library, ("stiff", "soften"), truth)
     D = {}
     for times in (1, 3):
-        monkeypatch.setattr(next_test, "REPEATS", times)
+        monkeypatch.setattr(proposals, "REPEATS", times)
         found = next_tests(library, bench, alive, {"stiff": 0.5, "soften": 0.5}, None)
         D[times] = {t.test: t.distance for t in found}
     assert D[1].keys() == D[3].keys() and len(D[1]) > 1
@@ -205,7 +204,7 @@ def test_a_test_done_three_times_tells_more_than_once_but_less_than_three_tests_
 
 def test_surface_marks_are_proposed_where_none_are_known_and_tell_a_skin_from_stiffening(monkeypatch):
     """In this body marks move less under a stiff skin, and stiffening does not show in them."""
-    monkeypatch.setattr(next_test, "REPEATS", 1)  # the marks are photographed once
+    monkeypatch.setattr(proposals, "REPEATS", 1)  # the marks are photographed once
     truth = {"mu": 0.012, "D1": 60.0 * toy.base(axes=False).reference / 0.012, "skin": 1.6}
     marks = [[float(x), 5.0] for x in np.linspace(-8, 8, 9)]
     backend = proposing(marks=lambda settings: {"marks": marks})

@@ -11,9 +11,9 @@ from rso.contract import Case, Programme
 from rso.diagnosis import build, diagnose, make_plan, noise, suited
 from rso.diagnosis.attribute import by_test
 from rso.diagnosis.localise import _regions
-from rso.diagnosis.next_test import candidates
 from rso.diagnosis.planning import framed, jobs_of_base
 from rso.diagnosis.prediction import predict
+from rso.diagnosis.proposals import candidates
 from rso.diagnosis.runs import passes
 from rso.diagnosis.testplan import scale_of
 from rso.measurement import Noise, Repeat
