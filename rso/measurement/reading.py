@@ -22,10 +22,10 @@ from typing import Literal
 
 import numpy as np
 
-from rso.measurement import plausible, tables
+from rso.measurement import customary, plausible, tables
 from rso.measurement.blanks import parted, width_of
 from rso.measurement.branches import SEGMENTS, SKIP, segments
-from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head, is_head, is_number, of_file
+from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head, is_head, is_number, of_file, seconds
 from rso.measurement.lines import lines_of, text_of
 from rso.measurement.tables import FORCES
 from rso.units import kind_of
@@ -203,6 +203,8 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     arrays = {name: (np.array(column) - head.zero[name]) * head.factor[name] + 0.0 for name, column in columns.items()}
     for name, column in arrays.items():
         _within(path, line, name, column, head.unit[name])
+    turned = customary.turned(arrays, head.customary) if head.customary else []
+    arrays |= {name: 0.0 - arrays[name] for name in turned}
     stated = None
     if codes is not None:
         stated = np.array([_segment(path, row, head, codes) for row in rows])
@@ -211,11 +213,20 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     lines = np.array(line)
     whole = lines - np.searchsorted(gaps, lines)  # a row that was left out parts no blocks
     labels, doubts = tables.labels_of(path, parts, whole, arrays, text.get("repeat", []), stated)
-    doubts = [*tables.told(gaps, len(line)), *doubts]
+    doubts = [*_taken(head, turned), *tables.told(gaps, len(line)), *doubts]
     if file_label:
         several = "repeat" in text or len(set(labels)) > 1
         labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])
     return _Table(path, arrays, labels, stated, lines, tuple(notes), head.unread, tuple(doubts))
+
+
+def _taken(head: Head, turned: Sequence[str]) -> list[str]:
+    """What to say of columns that were taken by their customary names."""
+    if not head.customary:
+        return []
+    each = [f"{head.cells[head.at[n]]!r} is read as {n}" + (", its sign turned" if n in turned else "")
+            for n in head.customary]  # fmt: skip
+    return [f"{'; '.join(each)}; [columns] in the study file says it otherwise"]
 
 
 def _cells(path: Path, number: int, row: str, head: Head) -> list[str]:
@@ -296,6 +307,8 @@ def _no_thousands(path: Path, rows: Sequence[Row], head: Head) -> None:
 def _number(path: Path, line: int, name: str, cells: Sequence[str], head: Head) -> float:
     """One cell as a finite float; a comma that is left in it is a decimal one, between commas in quotes."""
     cell = cells[head.at[name]]
+    if name == "time" and head.unit[name] == "s" and (clock := seconds(cell)) is not None:
+        return clock
     try:
         value = float(cell.replace(",", ".").replace("\u2212", "-"))  # a minus as a word processor writes it
     except ValueError:
@@ -314,7 +327,7 @@ def _number(path: Path, line: int, name: str, cells: Sequence[str], head: Head) 
 def _hint(name: str, cell: str) -> str:
     """What to do about a cell that is no number."""
     if ":" in cell and name == "time":
-        return ", but a time of day; write seconds, or leave the column out and state settings.speed"
+        return " and no time of day as 10:00:03.5; write seconds, or leave the column out and state settings.speed"
     if _PARTED.fullmatch(cell):
         return "; write thousands without a mark between them"
     nothing = cell.lower() == "nan" or not any(map(str.isdigit, cell))
