@@ -282,6 +282,11 @@ def test_a_whole_study_with_its_report(tmp_path, capsys):
     (results / "report.html").unlink()
     assert main(["report", path]) == 0
     assert (results / "report.html").read_bytes() == page
+    assert "of other data" not in capsys.readouterr().err
+    measured, table = tmp_path / "top.csv", (tmp_path / "top.csv").read_text()
+    measured.write_text(table + "# a remark\n")
+    assert main(["report", path]) == 0 and "since then top.csv changed, came or went" in capsys.readouterr().err
+    measured.write_text(table)
     assert main(["check", "--trust", path]) == 0 and "as measured in this study" in capsys.readouterr().out
     # Moved aside, not deleted.
     assert main(["run", path, "--jobs", "1", "--fresh"]) == 0
