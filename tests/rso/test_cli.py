@@ -97,7 +97,7 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
     "bad setting": (
         experiments(first=TOP + "\nsettings = { thickness = -1 }"), {}, "experiments[0].settings.thickness: thickness"),
     "no such data": (experiments(first=TOP.replace("top.csv", "tip.csv")), {}, "tip.csv"),
-    "wrong column": ({}, {"top.csv": "depth_mm,force_N\n1,2\n"}, "top.csv:1: unknown column 'force_N'"),
+    "wrong column": ({}, {"top.csv": "depth_mm,power_N\n1,2\n"}, "top.csv:1: unknown column 'power_N'"),
     "wrong unit of a column": ({}, {"top.csv": "depth_mm,Fz_mm\n1,2\n"}, "Fz_mm"),
     "NaN in the data": ({}, {"top.csv": "depth_mm,Fz_N\n1,0.1\n2,nan\n"}, "top.csv:3: column 'Fz': 'nan'"),
     "text in the data": ({}, {"top.csv": "depth_mm,Fz_N\n1,0.1\n2,much\n"}, "top.csv:3: column 'Fz': 'much'"),
