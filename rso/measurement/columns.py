@@ -43,6 +43,8 @@ _HEADLESS = "; no header stands above these numbers: write one there, such as de
 _TWICE = "rename one of them, tests side by side are files of their own"
 _OTHER_NAMES = "other names are understood with [columns] in the study file"
 
+CONTACT = "contact"
+
 Row = tuple[int, str]  # number of a line, and its text
 
 
@@ -51,14 +53,15 @@ class Column:
     """A column of a machine's file: its header there, its unit where the file says none, whether its sign is turned.
 
     `zero` is what the file says where 0 is meant, as it stands there: a machine's position at contact, a tare; of
-    several files one each.  `unit` may be what one count is, "0.00125 mm".  `values` says of a machine's codes of its
-    segments which are loading, hold or unloading, and which to skip.
+    several files one each; or CONTACT, for depth and Fz: what the record itself shows there, in each repeat.  `unit`
+    may be what one count is, "0.00125 mm".  `values` says of a machine's codes of its segments which are loading, hold
+    or unloading, and which to skip.
     """
 
     header: str
     unit: str | None = None
     flip: bool = False
-    zero: float | tuple[float, ...] = 0.0
+    zero: float | tuple[float, ...] | str = 0.0
     values: Mapping[str, str] | None = None
 
 
@@ -68,7 +71,7 @@ class Head:
 
     `above` and `below` are how many of the rows stand above the header and where the readings begin; `notes` are the
     first cells of those above, `units` the cells of the row beneath, empty where there is none; `customary` the names
-    that were taken from what machines call them.
+    that were taken from what machines call them, `found` those whose zero is sought in the record.
     """
 
     text: str
@@ -83,6 +86,7 @@ class Head:
     notes: tuple[str, ...]
     units: tuple[str, ...]
     customary: tuple[str, ...] = ()
+    found: tuple[str, ...] = ()
 
     @property
     def unread(self) -> tuple[str, ...]:
@@ -173,9 +177,11 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) ->
         )
         factors[name] = column_factor(name, unit) * (-1.0 if column.flip else 1.0)
     zeros = {name: columns[name].zero if name in columns else 0.0 for name in at}
+    found = tuple(name for name, zero in zeros.items() if zero == CONTACT)
+    zeros |= dict.fromkeys(found, 0.0)
     notes = tuple(cells_of(row, separator)[0] for _, row in rows[:k])
     taken = tuple(n for n in usual if _name(cells[at[n]], units[at[n]]) is None)
-    return Head(text, separator, tuple(cells), at, read_as, factors, zeros, k, below, notes, tuple(units), taken)
+    return Head(text, separator, tuple(cells), at, read_as, factors, zeros, k, below, notes, tuple(units), taken, found)
 
 
 def _separator(row: str) -> str:

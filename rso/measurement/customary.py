@@ -86,12 +86,11 @@ def named(
 
 
 def turned(columns: Mapping[str, np.ndarray], names: Sequence[str]) -> list[str]:
-    """Which of the columns `names` count the other way: force is to be positive where it is largest, travel to grow
-    towards there."""
+    """Which of the columns `names` count the other way: the force is to grow from where the record begins to where it
+    differs most, travel too."""
     force, depth = columns["Fz"], columns["depth"]
-    if len(force) < 2 or not np.ptp(depth):
+    if len(force) < 2:
         return []
-    k, size = int(np.argmax(np.abs(force))), np.abs(force)
-    weak = depth[size <= np.quantile(size, 0.1)]
-    backwards = {"Fz": force[k] < 0.0, "depth": depth[k] < float(np.median(weak))}
-    return [name for name in names if backwards.get(name, False)]
+    k = int(np.argmax(np.abs(force - np.median(force[:3]))))
+    grows = {"Fz": force[k] - np.median(force[:3]), "depth": depth[k] - depth[0]}
+    return [name for name in names if grows.get(name, 0.0) < 0.0]

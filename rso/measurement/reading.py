@@ -16,16 +16,29 @@ import os
 import re
 from array import array
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from rso.measurement import customary, plausible, tables
+from rso.measurement import contact, customary, plausible, tables
 from rso.measurement.blanks import parted, width_of
 from rso.measurement.branches import SEGMENTS, SKIP, segments
-from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head, is_head, is_number, of_file, seconds
+from rso.measurement.columns import (
+    CONTACT,
+    Column,
+    Head,
+    Row,
+    cells_of,
+    fail,
+    find_head,
+    is_head,
+    is_number,
+    of_file,
+    seconds,
+)
+from rso.measurement.contact import Onset
 from rso.measurement.lines import lines_of, text_of
 from rso.measurement.tables import FORCES
 from rso.units import kind_of
@@ -57,8 +70,9 @@ class Repeat:
 class Measurement:
     """One measured file, or several of one kind: repeats, notes, what is doubtful and which columns are not read.
 
-    `path` is the file, of several the first, `more` the others.  Notes are comment lines without '#' and what stands
-    above the header.
+    `path` is the file, of several the first, `more` the others.  `contact` (mm) is the standard deviation of where the
+    contact of each repeat was found in its record, 0 where it was not sought there.  Notes are comment lines without
+    '#' and what stands above the header.
     """
 
     path: Path
@@ -68,6 +82,7 @@ class Measurement:
     doubts: tuple[str, ...] = ()
     unread: tuple[str, ...] = ()
     more: tuple[Path, ...] = ()
+    contact: float = 0.0
 
     @property
     def where(self) -> str:
@@ -92,6 +107,8 @@ class _Table:
     notes: tuple[str, ...]
     unread: tuple[str, ...]
     doubts: tuple[str, ...]
+    found: tuple[str, ...]
+    customary: bool
 
 
 def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] | None = None) -> Measurement:
@@ -115,10 +132,15 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
             )
     repeats: list[Repeat] = []
     doubts: list[str] = []
+    deviations: list[float] = []
     for table, kind in zip(found, kinds, strict=True):
         doubts += [f"{table.path.name}: {words}" for words in table.doubts]
         for label in dict.fromkeys(table.labels.tolist()):
-            repeats.append(r := _repeat(table, kind, label))
+            r, onset, told = _from_contact(table, _repeat(table, kind, label))
+            repeats.append(r)
+            doubts += told
+            if onset is not None:
+                deviations.append(onset.deviation)
             if kind == "force":
                 lines, force = table.line[table.labels == label], r.channels.get("Fz")
                 given = table.segments is not None
@@ -128,12 +150,35 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
     if kinds[0] == "force":
         doubts += plausible.common([(r.label, r.depth[r.segment == "loading"]) for r in repeats])
     notes, unread = (tuple(dict.fromkeys(v for t in found for v in getattr(t, k))) for k in ("notes", "unread"))
-    m = Measurement(paths[0], kinds[0], tuple(repeats), notes, tuple(doubts), unread, tuple(paths[1:]))
+    off = float(np.sqrt(np.mean(np.square(deviations)))) if deviations else 0.0
+    m = Measurement(paths[0], kinds[0], tuple(repeats), notes, tuple(doubts), unread, tuple(paths[1:]), off)
     plausible.alike(m.where, [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels])
     for repeat in repeats:
         if len(repeat.depth) == 1 and len(repeats) > 1 and m.kind == "force":
             raise ValueError(f"{m.where}: repeat {repeat.label!r} has too few points (1) to be a curve")
     return m
+
+
+def _from_contact(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[str]]:
+    """A repeat with depth, and force, counted from contact where that is to be found in its record; and what to say.
+
+    A machine's file without [columns] is taken so where it shows an approach beyond doubt.
+    """
+    loading, names = r.segment == "loading", table.found
+    if not names and table.customary and "Fz" in r.channels and np.sum(loading) >= contact.FEWEST:
+        names = ("depth", "Fz") if plausible.late(r.depth[loading], r.channels["Fz"][loading]) else ()
+    if not names:
+        return r, None, []
+    try:
+        depth, channels, onset = contact.zeroed(r.depth, r.channels, loading, names)
+    except ValueError as error:
+        if not table.found:
+            return r, None, []
+        raise ValueError(f"{table.path}: repeat {r.label!r}: zero = {CONTACT!r}: {error}") from error
+    told = f"repeat {r.label}: contact is found at {onset.depth:.4g} mm ± {onset.deviation:.2g} mm by the shape of Fz"
+    level = float(np.median(r.channels["Fz"] - channels["Fz"]))
+    told += f"; {' and '.join(names)} count from there" + (f", {level:.2g} N is taken off" if "Fz" in names else "")
+    return replace(r, depth=depth, channels=channels), onset, [told]
 
 
 def _labels(paths: Sequence[Path]) -> list[str]:
@@ -217,7 +262,9 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     if file_label:
         several = "repeat" in text or len(set(labels)) > 1
         labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])
-    return _Table(path, arrays, labels, stated, lines, tuple(notes), head.unread, tuple(doubts))
+    return _Table(
+        path, arrays, labels, stated, lines, tuple(notes), head.unread, tuple(doubts), head.found, bool(head.customary)
+    )
 
 
 def _taken(head: Head, turned: Sequence[str]) -> list[str]:
