@@ -158,7 +158,10 @@ def _named(c: Mapping[str, Any]) -> str:
     low, high = c["interval"]
     unit, other = of_unit(c["unit"]), c.get("otherwise")
     neutral = f", or {other['low']:.3g} to {other['high']:.3g}: {chance(other['probability'])}" if other else ""
-    neutral += "" if not c["neutral"] else f", absent at {c['neutral']:g}"
+    if may_be_absent(c):
+        neutral += f", among them {c['neutral']:g}: it may be absent"
+    elif c["neutral"]:
+        neutral += f", absent at {c['neutral']:g}"
     if c["railed"]:
         neutral += "; a knob of it is at the end of what is plausible or was computed: size and interval mean little"
     return f"{c['effect']} = {c['size']:.3g}{unit} (90 % {low:.3g} to {high:.3g}{neutral}){shaped(c)}"
@@ -336,6 +339,11 @@ def _alone(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     if not any(c["effect"] in one_place for c in d["causes"][:1]):
         return ""
     return " What one place alone has, no other can confirm: with its tests left out the cause does nothing."
+
+
+def may_be_absent(c: Mapping[str, Any]) -> bool:
+    """Whether the interval of a cause holds the size at which it is absent."""
+    return c.get("neutral") is not None and c["interval"][0] < c["neutral"] < c["interval"][1]
 
 
 def chance(p: float) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rso.diagnosis.parameters import called
-from rso.diagnosis.words import DOUBT, in_one_curve, nothing, shaped
+from rso.diagnosis.words import DOUBT, in_one_curve, may_be_absent, nothing, shaped
 from rso.report.byline import byline
 from rso.report.canvas import short
 from rso.report.diagnosis_background import background
@@ -156,6 +156,7 @@ def _facts(found: Found) -> list[Fact]:
     if causes:
         c, given = causes[0], ", given a gap" if nothing(found) > DOUBT else ""
         note = f"probability {chance(c.get('probability'))}{given}"
+        note += "; may be absent" if pair(c.get("interval")) and may_be_absent(c) else ""
         facts.append(Fact("Leading cause", short(clean(called(found, str(c.get("effect")))), 26), note))
     if known(s.get("closed")) and not each_its_own(found):
         low_high = f"; 90{NBSP}%: {share_text(s.get('interval'))}" if pair(s.get("interval")) else ""
