@@ -81,6 +81,13 @@ def _jumps(d: Mapping[str, Any]) -> list[str]:
     j = d.get("jumps") or {}
     if not j.get("sudden"):
         return []
+    if c := j.get("crack"):
+        stays = (
+            f"The force steps by {c['size']:+.3g} N in {c['experiment']}, at {c['depth']:.3g} mm, and stays so "
+            f"({c['z']:.1f} standard deviations): a crack, a slip, a part that touches. No smooth model has that."
+        )
+        if not j.get("skewed", True):
+            return [stays]
     depths = ", ".join(f"{v:.3g}" for v in j["depths"])
     return [
         f"The force jumps suddenly (its steps are skewed, t = {j['t']:+.1f} and z = {j['z']:+.0f}; largest "
