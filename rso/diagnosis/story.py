@@ -115,7 +115,7 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                     "family": c.effect.family, "probability": c.probability, "size": c.size,
                     "interval": list(c.interval), "unit": c.effect.size.unit, "neutral": c.effect.size.neutral,
                     "railed": c.railed, "like_a_modulus": c.effect.like_a_modulus,
-                    "like_a_body": c.effect.like_a_body,
+                    "like_a_body": c.effect.like_a_body, "like_a_spot": c.effect.like_a_spot,
                     **({"each": _each(d.bench.library.plan, c)} if c.each else {}),
                     **({"otherwise": dict(zip(("probability", "low", "high"), c.otherwise, strict=True))}
                        if c.otherwise else {}),

@@ -208,6 +208,12 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
                 "(poroelasticity): forces on the ball hardly tell these apart. A rigid block under the same load, for "
                 "as long, does."
             )
+        if len(causes) == 1 and first.get("like_a_spot"):
+            return (
+                f"Cause: the specimen gives way under one place, {_named(first)}, probability "
+                f"{chance(first['probability'])}: how it sits there, or a softer spot of the body itself, such as an "
+                "inclusion. The same place with the specimen turned or set anew tells, or places around it."
+            )
         if len(causes) == 1:
             return f"Cause: {text[first['effect']]}, or something that is not in the catalogue: {each}."
         whether = ", if there is a gap (chances given one)" if nothing(found) > DOUBT else ""
@@ -223,6 +229,7 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     each = " and ".join(_named(c) for c in causes[: 2 if v == "explained" else 1])
     alike = " A modulus that differs from test to test does the same." if first.get("like_a_modulus") else ""
     alike += " A body out of which water is pressed does nearly the same." if first.get("like_a_body") else ""
+    alike += " A softer spot of the body there does nearly the same." if first.get("like_a_spot") else ""
     alike += _unconfirmed(first["effect"], found)
     return f"{head}: {text[first['effect']]}, {each}; probability {chance(first['probability'])}.{alike}"
 

@@ -116,6 +116,8 @@ def _other(d: Mapping[str, Any]) -> str:
         return "a specimen that is stiffer in one test than in another"
     if any(c.get("like_a_body") for c in d.get("causes") or ()):
         return "a body that itself yields with time, as one out of which water is pressed"
+    if any(c.get("like_a_spot") for c in d.get("causes") or ()):
+        return "a softer spot of the body there"
     return "something that is not in the catalogue"
 
 
@@ -184,12 +186,18 @@ _POLICY = {
     "measurement": "test or chain, not the specimen",
 }
 
+_EITHER = {
+    "like_a_modulus": "load cell or specimen", "like_a_body": "load train or specimen",
+    "like_a_spot": "its seat or the specimen",
+}  # fmt: skip
+
 
 def _policy(d: Mapping[str, Any]) -> str:
     causes = list(d.get("causes") or ())
     lone = causes[0] if d.get("verdict") == "ambiguous" and len(causes) == 1 else {}
-    if lone.get("like_a_modulus") or lone.get("like_a_body"):
-        return "load cell or specimen" if lone.get("like_a_modulus") else "load train or specimen"
+    for like, either in _EITHER.items():
+        if lone.get(like):
+            return either
     return _POLICY.get(clean(d.get("verdict")), "")
 
 
