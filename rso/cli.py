@@ -356,9 +356,10 @@ def _report(options: argparse.Namespace, command: str) -> int:
     from rso.diagnosis.story import SCHEMA as TOLD
     from rso.report import render, render_diagnosis, render_further, render_ladder
     from rso.study import further_results, ladder_results, load
-    from rso.study.results import SCHEMA
+    from rso.study.results import SCHEMA, data_hashes
 
-    folder = _folder(options, load(options.study).folder)
+    study = load(options.study)
+    folder, now = _folder(options, study.folder), data_hashes(study)
     shown: list[tuple[str, int, Callable[..., list[Path]], str]] = [
         ("results.json", SCHEMA, render, "run"), ("diagnosis.json", TOLD, render_diagnosis, "diagnose"),
         (ladder_results.FILE, ladder_results.SCHEMA, render_ladder, "ladder"),
@@ -384,6 +385,10 @@ def _report(options: argparse.Namespace, command: str) -> int:
             return EXIT_BAD_INPUT
         for file in files:
             print(file)
+        then = (found.get("provenance") or {}).get("data_sha256") or now
+        if changed := sorted(f for f in then.keys() | now.keys() if then.get(f) != now.get(f)):
+            print(f"rso: {path.name} and its page are of other data: since then {', '.join(changed)} changed, came or "
+                  f"went; run it again: rso {again} {options.study}", file=sys.stderr)  # fmt: skip
     return 0
 
 

@@ -121,6 +121,11 @@ class Effect:
         """Whether it yields with time under a load: a body out of which water is pressed does nearly the same."""
         return self.size.name == "creep"
 
+    @property
+    def like_a_spot(self) -> bool:
+        """Whether it gives way at one place alone: a softer spot of the body there does nearly the same."""
+        return self.place is not None and self.size.name == "compliance"
+
     def acts(self, place: Mapping[str, Any]) -> bool:
         """Whether it acts at a place with these settings."""
         return self.place is None or self.place == place

@@ -79,7 +79,7 @@ def judge(contest: Contest, gap: bool) -> Judgement:
     if min(marginal[v] for v in best) < SURE:
         return Judgement("ambiguous", names, chosen)
     own = tuple(e.name for e in chosen.effects)
-    if any(e.like_a_modulus or e.like_a_body for e in chosen.effects):
+    if any(e.like_a_modulus or e.like_a_body or e.like_a_spot for e in chosen.effects):
         return Judgement("ambiguous", own, chosen)
     measured = all(e.measured for e in chosen.effects)
     return Judgement("measurement" if measured else "explained", own, chosen)

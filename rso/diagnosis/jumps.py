@@ -7,7 +7,8 @@ polynomial through what that leaves where they bend), over a robust standard dev
 
 Scatter, correlated or not, is as often up as down, so that t is about a standard normal variable however heavy its
 tails are; stick–slip and slipping grips rise slowly and fall at once, or the reverse, again and again.  Of k equal
-jumps t is no more than √k: a single crack shows in z, whose standard deviation without jumps is 2 to 3.
+jumps t is no more than √k: few large ones show in z, whose standard deviation without jumps is 2 to 3, and a single
+one that stays by itself (:mod:`rso.diagnosis.cracks`).
 
 A sensor that counts in steps s goes up by none or one from reading to reading, which is skewed: s counts as normal
 scatter besides, Σ (q⁶ + 15 s⁶) and q² + s² below.
@@ -20,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import median_filter
 
+from rso.diagnosis.cracks import Crack, crack
 from rso.diagnosis.testplan import TestPlan
 from rso.measurement import step_of
 
@@ -33,7 +35,7 @@ _DEGREE = 3  # of what the running median leaves of a slope that bends
 
 @dataclass(frozen=True)
 class Jumps:
-    """Skewness of steps t and z, their number, and experiment, size (N) and depths (mm) of the largest."""
+    """Skewness of steps t and z, their number, experiment, size (N) and depths (mm) of the largest; one that stays."""
 
     t: float
     z: float
@@ -41,11 +43,17 @@ class Jumps:
     experiment: str
     size: float
     depths: tuple[float, ...]
+    crack: Crack | None = None
+
+    @property
+    def skewed(self) -> bool:
+        """Whether steps go up and down more unlike than scatter and a bending curve make them."""
+        return abs(self.t) > OFTEN or abs(self.z) > LARGE
 
     @property
     def sudden(self) -> bool:
-        """Whether there are jumps beyond what scatter and a bending curve make."""
-        return abs(self.t) > OFTEN or abs(self.z) > LARGE
+        """Whether there are jumps, or one that stays."""
+        return self.skewed or self.crack is not None
 
 
 def jumps(plan: TestPlan) -> Jumps:
@@ -67,7 +75,7 @@ def jumps(plan: TestPlan) -> Jumps:
             raw.append((q, scale, counted))
             found += [(float(s), e.name, float(d)) for s, d in zip(q, r.depth[at][1:], strict=True)]
     if not raw:
-        return Jumps(0.0, 0.0, 0, "", 0.0, ())
+        return Jumps(0.0, 0.0, 0, "", 0.0, (), crack(plan))
     usual = float(np.median([scale for _, scale, _ in raw]))  # a record of few readings may seem quieter than it is
     q = np.concatenate([np.clip(q / max(scale, usual), -_CLIP, _CLIP) for q, scale, _ in raw])
     s = np.concatenate([np.full(len(q), counted / max(scale, usual)) for q, scale, counted in raw])
@@ -76,7 +84,7 @@ def jumps(plan: TestPlan) -> Jumps:
     found.sort(key=lambda f: -f[0] * np.sign(z))
     name = found[0][1]
     largest = [f for f in found if f[1] == name][:5]
-    return Jumps(t, z, len(q), name, largest[0][0], tuple(sorted(d for _, _, d in largest)))
+    return Jumps(t, z, len(q), name, largest[0][0], tuple(sorted(d for _, _, d in largest)), crack(plan))
 
 
 def _unsmooth(step: np.ndarray) -> np.ndarray:

@@ -100,8 +100,10 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                       "threshold": d.remainder.threshold,
                       "looks_like": d.remainder.effect.name if d.remainder.effect else None},
         "odd": None if d.odd is None else {"experiment": d.odd[0], "probability": d.odd[1]},
-        "jumps": {"sudden": d.jumps.sudden, "t": d.jumps.t, "z": d.jumps.z, "experiment": d.jumps.experiment,
-                  "size": d.jumps.size, "depths": list(d.jumps.depths)},
+        "jumps": {"sudden": d.jumps.sudden, "skewed": d.jumps.skewed, "t": d.jumps.t, "z": d.jumps.z,
+                  "experiment": d.jumps.experiment, "size": d.jumps.size, "depths": list(d.jumps.depths),
+                  "crack": None if (c := d.jumps.crack) is None else
+                  {"z": c.z, "experiment": c.experiment, "size": c.size, "depth": c.depth}},
         "hum": {"there": d.hum.there, "log10_p": d.hum.log10_p, "frequency": d.hum.frequency,
                 "amplitude": d.hum.amplitude, "channel": d.hum.channel, "along": d.hum.along},
         "where": [{"experiment": r.experiment, "channel": r.channel, "region": r.region, "z": r.z,
@@ -113,7 +115,7 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                     "family": c.effect.family, "probability": c.probability, "size": c.size,
                     "interval": list(c.interval), "unit": c.effect.size.unit, "neutral": c.effect.size.neutral,
                     "railed": c.railed, "like_a_modulus": c.effect.like_a_modulus,
-                    "like_a_body": c.effect.like_a_body,
+                    "like_a_body": c.effect.like_a_body, "like_a_spot": c.effect.like_a_spot,
                     **({"each": _each(d.bench.library.plan, c)} if c.each else {}),
                     **({"otherwise": dict(zip(("probability", "low", "high"), c.otherwise, strict=True))}
                        if c.otherwise else {}),

@@ -81,6 +81,13 @@ def _jumps(d: Mapping[str, Any]) -> list[str]:
     j = d.get("jumps") or {}
     if not j.get("sudden"):
         return []
+    if c := j.get("crack"):
+        stays = (
+            f"The force steps by {c['size']:+.3g} N in {c['experiment']}, at {c['depth']:.3g} mm, and stays so "
+            f"({c['z']:.1f} standard deviations): a crack, a slip, a part that touches. No smooth model has that."
+        )
+        if not j.get("skewed", True):
+            return [stays]
     depths = ", ".join(f"{v:.3g}" for v in j["depths"])
     return [
         f"The force jumps suddenly (its steps are skewed, t = {j['t']:+.1f} and z = {j['z']:+.0f}; largest "
@@ -158,7 +165,10 @@ def _named(c: Mapping[str, Any]) -> str:
     low, high = c["interval"]
     unit, other = of_unit(c["unit"]), c.get("otherwise")
     neutral = f", or {other['low']:.3g} to {other['high']:.3g}: {chance(other['probability'])}" if other else ""
-    neutral += "" if not c["neutral"] else f", absent at {c['neutral']:g}"
+    if may_be_absent(c):
+        neutral += f", among them {c['neutral']:g}: it may be absent"
+    elif c["neutral"]:
+        neutral += f", absent at {c['neutral']:g}"
     if c["railed"]:
         neutral += "; a knob of it is at the end of what is plausible or was computed: size and interval mean little"
     return f"{c['effect']} = {c['size']:.3g}{unit} (90 % {low:.3g} to {high:.3g}{neutral}){shaped(c)}"
@@ -198,6 +208,12 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
                 "(poroelasticity): forces on the ball hardly tell these apart. A rigid block under the same load, for "
                 "as long, does."
             )
+        if len(causes) == 1 and first.get("like_a_spot"):
+            return (
+                f"Cause: the specimen gives way under one place, {_named(first)}, probability "
+                f"{chance(first['probability'])}: how it sits there, or a softer spot of the body itself, such as an "
+                "inclusion. The same place with the specimen turned or set anew tells, or places around it."
+            )
         if len(causes) == 1:
             return f"Cause: {text[first['effect']]}, or something that is not in the catalogue: {each}."
         whether = ", if there is a gap (chances given one)" if nothing(found) > DOUBT else ""
@@ -213,6 +229,7 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     each = " and ".join(_named(c) for c in causes[: 2 if v == "explained" else 1])
     alike = " A modulus that differs from test to test does the same." if first.get("like_a_modulus") else ""
     alike += " A body out of which water is pressed does nearly the same." if first.get("like_a_body") else ""
+    alike += " A softer spot of the body there does nearly the same." if first.get("like_a_spot") else ""
     alike += _unconfirmed(first["effect"], found)
     return f"{head}: {text[first['effect']]}, {each}; probability {chance(first['probability'])}.{alike}"
 
@@ -336,6 +353,11 @@ def _alone(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     if not any(c["effect"] in one_place for c in d["causes"][:1]):
         return ""
     return " What one place alone has, no other can confirm: with its tests left out the cause does nothing."
+
+
+def may_be_absent(c: Mapping[str, Any]) -> bool:
+    """Whether the interval of a cause holds the size at which it is absent."""
+    return c.get("neutral") is not None and c["interval"][0] < c["neutral"] < c["interval"][1]
 
 
 def chance(p: float) -> str:

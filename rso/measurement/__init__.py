@@ -2,13 +2,14 @@
 
 from rso.measurement.branches import SEGMENTS
 from rso.measurement.chain import CROSS, LATERAL, Chain, Record, correct, record, recorded, yielded
-from rso.measurement.columns import Column
+from rso.measurement.columns import CONTACT, Column
 from rso.measurement.combining import MeasuredCurve, Noise, combine, value_at
 from rso.measurement.pace import recorded_speed
 from rso.measurement.reading import Measurement, Repeat, fingerprint, read
 from rso.measurement.spikes import kept, step_of, without_spikes
 
 __all__ = [
+    "CONTACT",
     "CROSS",
     "LATERAL",
     "SEGMENTS",

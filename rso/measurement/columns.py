@@ -16,6 +16,7 @@ from difflib import SequenceMatcher
 from pathlib import Path
 from typing import NoReturn
 
+from rso.measurement import customary
 from rso.units import (
     BARE_COLUMNS,
     UNITS,
@@ -33,10 +34,16 @@ from rso.units import (
 )
 
 _QUOTED = re.compile(r'"[^"]*"')
+_CLOCK = re.compile(
+    r"(?:\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[T ]\s*)?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?"
+)
+_SEARCHED = 300  # lines in which a header of customary names is looked for
 _LONGEST, _SHOWN = 80, 200  # characters of a header and headers of a line that a message looks at
 _HEADLESS = "; no header stands above these numbers: write one there, such as depth_mm,Fz_N"
 _TWICE = "rename one of them, tests side by side are files of their own"
 _OTHER_NAMES = "other names are understood with [columns] in the study file"
+
+CONTACT = "contact"
 
 Row = tuple[int, str]  # number of a line, and its text
 
@@ -46,14 +53,15 @@ class Column:
     """A column of a machine's file: its header there, its unit where the file says none, whether its sign is turned.
 
     `zero` is what the file says where 0 is meant, as it stands there: a machine's position at contact, a tare; of
-    several files one each.  `unit` may be what one count is, "0.00125 mm".  `values` says of a machine's codes of its
-    segments which are loading, hold or unloading, and which to skip.
+    several files one each; or CONTACT, for depth and Fz: what the record itself shows there, in each repeat.  `unit`
+    may be what one count is, "0.00125 mm".  `values` says of a machine's codes of its segments which are loading, hold
+    or unloading, and which to skip.
     """
 
     header: str
     unit: str | None = None
     flip: bool = False
-    zero: float | tuple[float, ...] = 0.0
+    zero: float | tuple[float, ...] | str = 0.0
     values: Mapping[str, str] | None = None
 
 
@@ -62,7 +70,8 @@ class Head:
     """The header of a table: `at`, `unit`, `zero` and `factor` (to N, mm, s, with the sign) of each column, by name.
 
     `above` and `below` are how many of the rows stand above the header and where the readings begin; `notes` are the
-    first cells of those above, `units` the cells of the row beneath, empty where there is none.
+    first cells of those above, `units` the cells of the row beneath, empty where there is none; `customary` the names
+    that were taken from what machines call them, `found` those whose zero is sought in the record.
     """
 
     text: str
@@ -76,6 +85,8 @@ class Head:
     below: int
     notes: tuple[str, ...]
     units: tuple[str, ...]
+    customary: tuple[str, ...] = ()
+    found: tuple[str, ...] = ()
 
     @property
     def unread(self) -> tuple[str, ...]:
@@ -134,7 +145,10 @@ def cells_of(row: str, separator: str) -> list[str]:
 
 
 def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> Head:
-    """The header among the lines of a file, as the study names it or, without `columns`, as it is understood itself."""
+    """The header among the lines of a file, as the study names it or, without `columns`, as it is understood itself:
+    by the known names, else by what machines customarily write."""
+    usual = {} if columns else _customary(path, rows)
+    columns = columns or usual
     k = _named(path, rows, columns) if columns else _understood(path, rows)
     line, text = rows[k]
     separator, cells, units, below = _split(rows, k)
@@ -152,11 +166,22 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) ->
     factors, read_as = {}, {}
     for name, i in at.items():
         column = columns.get(name, Column(cells[i]))
-        read_as[name] = unit = "" if name in BARE_COLUMNS else _unit(path, line, name, column, units[i])
+        timed = (
+            name == "time"
+            and column.unit is None
+            and unit_in(cells[i], "time") is None
+            and is_clock(_cell(rows, below, separator, i))
+        )
+        read_as[name] = unit = (
+            "" if name in BARE_COLUMNS else "s" if timed else _unit(path, line, name, column, units[i])
+        )
         factors[name] = column_factor(name, unit) * (-1.0 if column.flip else 1.0)
     zeros = {name: columns[name].zero if name in columns else 0.0 for name in at}
+    found = tuple(name for name, zero in zeros.items() if zero == CONTACT)
+    zeros |= dict.fromkeys(found, 0.0)
     notes = tuple(cells_of(row, separator)[0] for _, row in rows[:k])
-    return Head(text, separator, tuple(cells), at, read_as, factors, zeros, k, below, notes, tuple(units))
+    taken = tuple(n for n in usual if _name(cells[at[n]], units[at[n]]) is None)
+    return Head(text, separator, tuple(cells), at, read_as, factors, zeros, k, below, notes, tuple(units), taken, found)
 
 
 def _separator(row: str) -> str:
@@ -176,6 +201,23 @@ def _split(rows: Sequence[Row], k: int) -> tuple[str, list[str], list[str], int]
         if len(units) == len(cells) and not any(map(is_number, units)) and any(map(is_unit, units)):
             return separator, cells, units, k + 2
     return separator, cells, [""] * len(cells), k + 1
+
+
+def seconds(cell: str) -> float | None:
+    """A time of day, 10:02:03.5 with or without a date before it, as seconds since midnight; else None."""
+    match = _CLOCK.fullmatch(cell.strip())
+    return None if match is None else 3600.0 * int(match[1]) + 60.0 * int(match[2]) + float(match[3].replace(",", "."))
+
+
+def is_clock(cell: str) -> bool:
+    """Whether a cell is a time of day."""
+    return seconds(cell) is not None
+
+
+def _cell(rows: Sequence[Row], k: int, separator: str, i: int) -> str:
+    """The i-th cell of the k-th of some rows, empty where there is none."""
+    cells = cells_of(rows[k][1], separator) if k < len(rows) else []
+    return cells[i] if i < len(cells) else ""
 
 
 def is_number(cell: str) -> bool:
@@ -238,13 +280,35 @@ def _understood(path: Path, rows: Sequence[Row]) -> int:
         if best is None and any(name for _, name in itertools.islice(_names(rows, k), _SHOWN)):
             best = k
     best = _likely(rows) if best is None else best
-    cell = next(cell for cell, name in _names(rows, best) if name is None)
+    unknown = [cell for cell, name in _names(rows, best) if name is None]
+    cell = next((cell for cell in unknown if not customary.is_one(cell)), unknown[0])
     try:
         header(cell)
     except ValueError as error:
         message = str(error)
     headless = _HEADLESS if numbers_in(rows[best][1]) else _by_blanks(rows, best)
     fail(path, rows[best][0], f"{message}; {_OTHER_NAMES}{headless}")
+
+
+def _customary(path: Path, rows: Sequence[Row]) -> dict[str, Column]:
+    """The columns of the first line that is a header by what machines write; none where one is understood itself."""
+    found: dict[str, Column] = {}
+    for k, (line, row) in enumerate(rows[:_SEARCHED]):
+        if numbers_in(row):
+            continue  # of a table of results above the readings, perhaps
+        if _is_header(rows, k):
+            return {}
+        separator, cells, units, below = _split(rows, k)
+        if found or not 1 < len(cells) <= _SHOWN:
+            continue
+        try:
+            known = [_name(c, u) for c, u in zip(cells, units, strict=True)]
+            clocks = [is_clock(_cell(rows, below, separator, i)) for i in range(len(cells))]
+            at = customary.named(cells, units, known, clocks)
+        except ValueError as error:
+            fail(path, line, str(error))
+        found = {name: Column(cells[i]) for name, i in at.items()}
+    return found
 
 
 def _by_blanks(rows: Sequence[Row], k: int) -> str:

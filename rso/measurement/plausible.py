@@ -134,8 +134,8 @@ def _of_force(who: str, label: str, depth: np.ndarray, force: np.ndarray, time: 
     if late > LATE * d.max():
         notes.append(
             f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm, up to there it stays within its "
-            f"scatter of {scatter:.1g} N; depth must count from contact: subtract what was air (zero = … in [columns]; "
-            "rso diagnose looks at it as 'offset')"
+            f"scatter of {scatter:.1g} N; depth must count from contact: subtract what was air (zero = … or "
+            "\"contact\" in [columns]; rso diagnose looks at it as 'offset')"
         )
     if grown := _before_contact(d, F):
         notes.append(
@@ -164,6 +164,12 @@ def _of_force(who: str, label: str, depth: np.ndarray, force: np.ndarray, time: 
             f"on to {d.max():.3g} mm; slipped, broken, or taken off before the record ends? Leave such readings out"
         )
     return notes
+
+
+def late(depth: np.ndarray, force: np.ndarray) -> bool:
+    """Whether a loading curve (n,) that begins at its first reading shows a contact beyond doubt later than that."""
+    begins = _onset(depth - depth.min(), force)
+    return begins is not None and begins[0] > LATE * float(np.ptp(depth))
 
 
 def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> float:

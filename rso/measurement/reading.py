@@ -11,30 +11,44 @@ and a header in the last comment above bare numbers.  Tables beneath one another
 from __future__ import annotations
 
 import hashlib
-import math
 import os
-import re
 from array import array
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from rso.measurement import plausible, tables
+from rso.measurement import contact, customary, plausible, tables
 from rso.measurement.blanks import parted, width_of
-from rso.measurement.branches import SEGMENTS, SKIP, segments
-from rso.measurement.columns import Column, Head, Row, cells_of, fail, find_head, is_head, is_number, of_file
+from rso.measurement.branches import SKIP, segments
+from rso.measurement.cells import (
+    counters,
+    no_summary,
+    no_thousands,
+    number_in,
+    row_of,
+    segment_code,
+    segment_words,
+    within,
+)
+from rso.measurement.columns import (
+    CONTACT,
+    Column,
+    Head,
+    Row,
+    cells_of,
+    fail,
+    find_head,
+    is_head,
+    of_file,
+)
+from rso.measurement.contact import Onset
 from rso.measurement.lines import lines_of, text_of
 from rso.measurement.tables import FORCES
-from rso.units import kind_of
 
 DISPLACEMENTS = ("ux", "uy", "uz")
-_LARGEST = 1e12
-_MOST = {"mm": 1e4, "N": 1e6}  # ten metres, a hundred tonnes: no indenter, but a unit misread
-_PARTED = re.compile(r"[+-]?\d{1,3}(?:[\s'’.,]\d{3})+(?:[.,]\d*)?")
-_THOUSANDS, _WHOLE = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}"), re.compile(r"[+-]?\d+")
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +71,9 @@ class Repeat:
 class Measurement:
     """One measured file, or several of one kind: repeats, notes, what is doubtful and which columns are not read.
 
-    `path` is the file, of several the first, `more` the others.  Notes are comment lines without '#' and what stands
-    above the header.
+    `path` is the file, of several the first, `more` the others.  `contact` (mm) is the standard deviation of where the
+    contact of each repeat was found in its record, 0 where it was not sought there.  Notes are comment lines without
+    '#' and what stands above the header.
     """
 
     path: Path
@@ -68,6 +83,7 @@ class Measurement:
     doubts: tuple[str, ...] = ()
     unread: tuple[str, ...] = ()
     more: tuple[Path, ...] = ()
+    contact: float = 0.0
 
     @property
     def where(self) -> str:
@@ -92,6 +108,8 @@ class _Table:
     notes: tuple[str, ...]
     unread: tuple[str, ...]
     doubts: tuple[str, ...]
+    found: tuple[str, ...]
+    customary: bool
 
 
 def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] | None = None) -> Measurement:
@@ -115,10 +133,15 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
             )
     repeats: list[Repeat] = []
     doubts: list[str] = []
+    deviations: list[float] = []
     for table, kind in zip(found, kinds, strict=True):
         doubts += [f"{table.path.name}: {words}" for words in table.doubts]
         for label in dict.fromkeys(table.labels.tolist()):
-            repeats.append(r := _repeat(table, kind, label))
+            r, onset, told = _from_contact(table, _repeat(table, kind, label))
+            repeats.append(r)
+            doubts += told
+            if onset is not None:
+                deviations.append(onset.deviation)
             if kind == "force":
                 lines, force = table.line[table.labels == label], r.channels.get("Fz")
                 given = table.segments is not None
@@ -128,12 +151,35 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
     if kinds[0] == "force":
         doubts += plausible.common([(r.label, r.depth[r.segment == "loading"]) for r in repeats])
     notes, unread = (tuple(dict.fromkeys(v for t in found for v in getattr(t, k))) for k in ("notes", "unread"))
-    m = Measurement(paths[0], kinds[0], tuple(repeats), notes, tuple(doubts), unread, tuple(paths[1:]))
+    off = float(np.sqrt(np.mean(np.square(deviations)))) if deviations else 0.0
+    m = Measurement(paths[0], kinds[0], tuple(repeats), notes, tuple(doubts), unread, tuple(paths[1:]), off)
     plausible.alike(m.where, [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels])
     for repeat in repeats:
         if len(repeat.depth) == 1 and len(repeats) > 1 and m.kind == "force":
             raise ValueError(f"{m.where}: repeat {repeat.label!r} has too few points (1) to be a curve")
     return m
+
+
+def _from_contact(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[str]]:
+    """A repeat with depth, and force, counted from contact where that is to be found in its record; and what to say.
+
+    A machine's file without [columns] is taken so where it shows an approach beyond doubt.
+    """
+    loading, names = r.segment == "loading", table.found
+    if not names and table.customary and "Fz" in r.channels and np.sum(loading) >= contact.FEWEST:
+        names = ("depth", "Fz") if plausible.late(r.depth[loading], r.channels["Fz"][loading]) else ()
+    if not names:
+        return r, None, []
+    try:
+        depth, channels, onset = contact.zeroed(r.depth, r.channels, loading, names)
+    except ValueError as error:
+        if not table.found:
+            return r, None, []
+        raise ValueError(f"{table.path}: repeat {r.label!r}: zero = {CONTACT!r}: {error}") from error
+    told = f"repeat {r.label}: contact is found at {onset.depth:.4g} mm ± {onset.deviation:.2g} mm by the shape of Fz"
+    level = float(np.median(r.channels["Fz"] - channels["Fz"]))
+    told += f"; {' and '.join(names)} count from there" + (f", {level:.2g} N is taken off" if "Fz" in names else "")
+    return replace(r, depth=depth, channels=channels), onset, [told]
 
 
 def _labels(paths: Sequence[Path]) -> list[str]:
@@ -180,171 +226,55 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     notes += between
     codes = wanted["segment"].values if "segment" in wanted else None
     if codes is not None:
-        parts = [(at, [row for row in part if _segment(path, row, head, codes) != SKIP]) for at, part in parts]
+        parts = [(at, [row for row in part if segment_code(path, row, head, codes) != SKIP]) for at, part in parts]
     parts, gaps = tables.without_gaps(parts, head)
     rows = [row for _, part in parts for row in part]
-    _no_thousands(path, rows, head)
+    no_thousands(path, rows, head)
     columns = {name: array("d") for name in head.at if name not in ("repeat", "segment")}
     text = {name: list[str]() for name in head.at if name not in columns}
     line = array("q")
-    counting = _counting(head, range(len(head.cells)), cells_of(rows[0][1], head.separator)) if rows else []
+    counting = counters(head, range(len(head.cells)), cells_of(rows[0][1], head.separator)) if rows else []
     for number, row in rows:
-        cells = _cells(path, number, row, head)
+        cells = row_of(path, number, row, head)
         line.append(number)
         for name, values in text.items():
             values.append(cells[head.at[name]])
         for name, column in columns.items():
-            column.append(_number(path, number, name, cells, head))
-        _no_summary(path, number, cells, head, counting)
-        counting = _counting(head, counting, cells)
+            column.append(number_in(path, number, name, cells, head))
+        no_summary(path, number, cells, head, counting)
+        counting = counters(head, counting, cells)
     if not line:
         raise ValueError(f"{path}: too few points: there is no row of numbers below the header")
     # + 0.0: no negative zero where the sign is turned
     arrays = {name: (np.array(column) - head.zero[name]) * head.factor[name] + 0.0 for name, column in columns.items()}
     for name, column in arrays.items():
-        _within(path, line, name, column, head.unit[name])
+        within(path, line, name, column, head.unit[name])
+    turned = customary.turned(arrays, head.customary) if head.customary else []
+    arrays |= {name: 0.0 - arrays[name] for name in turned}
     stated = None
     if codes is not None:
-        stated = np.array([_segment(path, row, head, codes) for row in rows])
+        stated = np.array([segment_code(path, row, head, codes) for row in rows])
     elif "segment" in text:
-        stated = _segment_column(path, line, text["segment"])
+        stated = segment_words(path, line, text["segment"])
     lines = np.array(line)
     whole = lines - np.searchsorted(gaps, lines)  # a row that was left out parts no blocks
     labels, doubts = tables.labels_of(path, parts, whole, arrays, text.get("repeat", []), stated)
-    doubts = [*tables.told(gaps, len(line)), *doubts]
+    doubts = [*_taken(head, turned), *tables.told(gaps, len(line)), *doubts]
     if file_label:
         several = "repeat" in text or len(set(labels)) > 1
         labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])
-    return _Table(path, arrays, labels, stated, lines, tuple(notes), head.unread, tuple(doubts))
+    return _Table(
+        path, arrays, labels, stated, lines, tuple(notes), head.unread, tuple(doubts), head.found, bool(head.customary)
+    )
 
 
-def _cells(path: Path, number: int, row: str, head: Head) -> list[str]:
-    """The cells of a row, as many as the header has; separators at the end of either make no cell."""
-    cells = cells_of(row, head.separator)
-    while len(cells) > len(head.cells) and not cells[-1]:
-        cells.pop()
-    if not any(head.cells[len(cells) :]):
-        cells += [""] * (len(head.cells) - len(cells))
-    if len(cells) == len(head.cells) - 1 and head.cells[-1] == "Comment" in head.unread:
-        return cells  # LabVIEW leaves the last cell away where there is no comment
-    if len(cells) != len(head.cells):
-        words = len(row.split()) if head.separator == "\t" not in row else 0  # a line of a table parted by blanks
-        n = words if words not in (0, len(head.cells)) else len(cells)
-        fail(path, number, f"{n} values in a table of {len(head.cells)} columns ({head.text!r}): {row.strip()[:60]!r}; "
-             "delete what is no reading, or begin its line with #; a second table is a file of its own, unless it has "
-             "the same header")  # fmt: skip
-    if not head.cells[-1] and cells[-1]:
-        fail(path, number, f"{cells[-1][:40]!r} stands beneath no header ({head.text!r})")
-    return cells
-
-
-def _within(path: Path, line: Sequence[int], name: str, column: np.ndarray, unit: str) -> None:
-    """ValueError where a length or force is larger than any of a test; `unit` is the one it was read in."""
-    base = kind_of(name)
-    if base in _MOST and (beyond := np.abs(column) > _MOST[base]).any():
-        k = int(np.argmax(beyond))
-        told = f"{column[k]:g} {base} is larger than in any test ({_MOST[base]:g} {base}); read as {unit!r}"
-        fail(path, line[k], f"column {name!r}: {told}; another unit is said with [columns] in the study file")
-
-
-def _counting(head: Head, columns: Sequence[int], cells: Sequence[str]) -> list[int]:
-    """Which of the columns are not read and hold a number in this row."""
-    return [k for k in columns if k not in head.at.values() and k < len(cells) and is_number(cells[k])]
-
-
-def _no_summary(path: Path, number: int, cells: Sequence[str], head: Head, counting: Sequence[int]) -> None:
-    """ValueError where a word stands in a column that had a number in every row above: Max beneath the readings."""
-    for k in counting:
-        # Only letters: overflows are dashes, and thousands may be parted where nothing is read.
-        if k < len(cells) and any(map(str.isalpha, cells[k])) and not is_number(cells[k]):
-            told = f"{cells[k][:40]!r} beneath numbers, as in a row of a summary; delete the row"
-            fail(path, number, f"column {head.cells[k]!r}: {told}")
-
-
-def _no_thousands(path: Path, rows: Sequence[Row], head: Head) -> None:
-    """ValueError where a comma or point may part thousands and not decimals: 1,250 after 750 or 0, or 1.250,5.
-
-    Between commas a point alone parts decimals.
-    """
-    numeric = {k: name for name, k in head.at.items() if name not in ("repeat", "segment")}
-    marks: dict[str, tuple[int, str]] = {}
-    thousands: dict[int, tuple[int, str]] = {}
-    whole, other = dict[int, str](), set[int]()
-    for number, row in rows:
-        cells = cells_of(row, head.separator)
-        for k in numeric if len(cells) >= len(head.cells) - 1 else ():
-            cell = cells[k] if k < len(cells) else ""
-            if ("," in cell) != ("." in cell):  # both in one is no number at all
-                marks.setdefault("," if "," in cell else ".", (number, cell))
-            if _THOUSANDS.fullmatch(cell):
-                thousands.setdefault(k, (number, cell))
-            elif "," in cell or "." in cell:
-                other.add(k)
-            elif _WHOLE.fullmatch(cell):
-                whole.setdefault(k, cell)
-    if len(marks) == 2 and thousands:
-        (line, one), (_, two) = (marks[m] for m in ".,")
-        fail(path, line, f"{one!r} has a point, {two!r} a comma: one of them parts thousands; write 1250, not 1,250")
-    either = {k: v for k, v in thousands.items() if head.separator != "," or "," in v[1]}
-    if doubtful := {k: v for k, v in either.items() if k in whole and k not in other}:
-        k, (line, cell) = next(iter(doubtful.items()))
-        # Whoever prints three decimals prints them of 0 and 50 too.
-        told = f"{cell!r} beside {whole[k]!r} is a thousand or a decimal; write 1250 or 1.2500"
-        fail(path, line, f"column {numeric[k]!r}: {told}")
-
-
-def _number(path: Path, line: int, name: str, cells: Sequence[str], head: Head) -> float:
-    """One cell as a finite float; a comma that is left in it is a decimal one, between commas in quotes."""
-    cell = cells[head.at[name]]
-    try:
-        value = float(cell.replace(",", ".").replace("\u2212", "-"))  # a minus as a word processor writes it
-    except ValueError:
-        value = math.nan
-    # float() also reads 1_000 as a number, which nobody means in a table.
-    if not math.isfinite(value) or "_" in cell:
-        tables.no_reading(path, line, cells, head)
-        fail(path, line, f"column {name!r}: {cell[:40]!r} is not a finite number{_hint(name, cell)}")
-    if abs(value) > _LARGEST:
-        fail(path, line, f"column {name!r}: {cell[:40]!r} is larger than anything measured ({_LARGEST:g})")
-    if value < 0 and name.endswith("_sigma"):
-        fail(path, line, f"column {name!r}: {cell[:40]!r} is negative, a standard uncertainty is not")
-    return value
-
-
-def _hint(name: str, cell: str) -> str:
-    """What to do about a cell that is no number."""
-    if ":" in cell and name == "time":
-        return ", but a time of day; write seconds, or leave the column out and state settings.speed"
-    if _PARTED.fullmatch(cell):
-        return "; write thousands without a mark between them"
-    nothing = cell.lower() == "nan" or not any(map(str.isdigit, cell))
-    return "; delete the row if nothing was measured there" if nothing else ""
-
-
-def _segment_column(path: Path, line: array[int], text: list[str]) -> np.ndarray:
-    for number, value in zip(line, text, strict=True):
-        if value not in SEGMENTS:
-            cell = value[:40]
-            fail(path, number, f"column 'segment': {cell!r} is none of {', '.join(SEGMENTS)}; what a machine's codes "
-                 f'mean is said with [columns] in the study: values = {{ "{cell}" = "loading", … }}')  # fmt: skip
-    return np.array(text)
-
-
-def _segment(path: Path, row: Row, head: Head, codes: Mapping[str, str]) -> str:
-    """What a row's segment is by the study's `codes`, or SKIP; 1 and 1.0 are the same code."""
-    number, text = row
-    at, cells = head.at["segment"], cells_of(text, head.separator)
-    cell = cells[at] if at < len(cells) else ""
-    found = next((own for own in codes if own == cell or _same_number(own, cell)), None)
-    if found is None:
-        known = ", ".join(map(repr, codes))
-        fail(path, number, f"column 'segment' ({head.cells[at]!r}): {cell[:40]!r} is none of {known}; say in its "
-             f"values what it is: {', '.join(SEGMENTS)} or {SKIP}")  # fmt: skip
-    return codes[found]
-
-
-def _same_number(a: str, b: str) -> bool:
-    return is_number(a) and is_number(b) and float(a.replace(",", ".")) == float(b.replace(",", "."))
+def _taken(head: Head, turned: Sequence[str]) -> list[str]:
+    """What to say of columns that were taken by their customary names."""
+    if not head.customary:
+        return []
+    each = [f"{head.cells[head.at[n]]!r} is read as {n}" + (", its sign turned" if n in turned else "")
+            for n in head.customary]  # fmt: skip
+    return [f"{'; '.join(each)}; [columns] in the study file says it otherwise"]
 
 
 def _kind(table: _Table) -> Literal["force", "profile"]:

@@ -43,7 +43,30 @@ def beneath(path: Path, rows: Sequence[Row], head: Head) -> tuple[list[tuple[int
         tables = [t for t in tables if t[1]]  # a header that stands twice begins one table
         tables.append((number, []))
         unit_row = k + 1 if any(head.units) else -1
+    notes += _footer(tables[-1][1], head)
     return [t for t in tables if t[1]] or tables, notes
+
+
+def _footer(rows: list[Row], head: Head) -> list[str]:
+    """Takes lines of text off the end of the readings: one of a single cell, or all that follow an empty line or a
+    comment and begin with words where readings begin with a number."""
+    k = len(rows)
+    while k and _is_words(_filled(rows[k - 1][1], head)[0]):
+        k -= 1
+    if not 0 < k < len(rows) or not is_number(cells_of(rows[k - 1][1], head.separator)[0]):
+        return []
+    apart = [n for n in range(k, len(rows)) if rows[n][0] > rows[n - 1][0] + 1]
+    alone = all(len(_filled(row, head)) == 1 for _, row in rows[k : apart[0] if apart else len(rows)])
+    first = k if alone and len(head.cells) > 1 else apart[0] if apart else len(rows)
+    found = [" ".join(filter(None, cells_of(row, head.separator))) for _, row in rows[first:]]
+    del rows[first:]
+    return found
+
+
+def _is_words(cell: str) -> bool:
+    """Whether a cell begins with a letter and is no number, and no value that is missing."""
+    first = next(filter(str.isalnum, cell), "")
+    return first.isalpha() and not is_number(cell) and cell.strip().lower() not in MISSING
 
 
 def without_gaps(tables: Sequence[tuple[int, list[Row]]], head: Head) -> tuple[list[tuple[int, list[Row]]], list[int]]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rso.diagnosis.parameters import called
-from rso.diagnosis.words import DOUBT, in_one_curve, nothing, shaped
+from rso.diagnosis.words import DOUBT, in_one_curve, may_be_absent, nothing, shaped
 from rso.report.byline import byline
 from rso.report.canvas import short
 from rso.report.diagnosis_background import background
@@ -116,6 +116,8 @@ def _other(d: Mapping[str, Any]) -> str:
         return "a specimen that is stiffer in one test than in another"
     if any(c.get("like_a_body") for c in d.get("causes") or ()):
         return "a body that itself yields with time, as one out of which water is pressed"
+    if any(c.get("like_a_spot") for c in d.get("causes") or ()):
+        return "a softer spot of the body there"
     return "something that is not in the catalogue"
 
 
@@ -156,6 +158,7 @@ def _facts(found: Found) -> list[Fact]:
     if causes:
         c, given = causes[0], ", given a gap" if nothing(found) > DOUBT else ""
         note = f"probability {chance(c.get('probability'))}{given}"
+        note += "; may be absent" if pair(c.get("interval")) and may_be_absent(c) else ""
         facts.append(Fact("Leading cause", short(clean(called(found, str(c.get("effect")))), 26), note))
     if known(s.get("closed")) and not each_its_own(found):
         low_high = f"; 90{NBSP}%: {share_text(s.get('interval'))}" if pair(s.get("interval")) else ""
@@ -183,12 +186,18 @@ _POLICY = {
     "measurement": "test or chain, not the specimen",
 }
 
+_EITHER = {
+    "like_a_modulus": "load cell or specimen", "like_a_body": "load train or specimen",
+    "like_a_spot": "its seat or the specimen",
+}  # fmt: skip
+
 
 def _policy(d: Mapping[str, Any]) -> str:
     causes = list(d.get("causes") or ())
     lone = causes[0] if d.get("verdict") == "ambiguous" and len(causes) == 1 else {}
-    if lone.get("like_a_modulus") or lone.get("like_a_body"):
-        return "load cell or specimen" if lone.get("like_a_modulus") else "load train or specimen"
+    for like, either in _EITHER.items():
+        if lone.get(like):
+            return either
     return _POLICY.get(clean(d.get("verdict")), "")
 
 

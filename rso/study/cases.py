@@ -53,7 +53,7 @@ def _measured(study: Study, kind: str) -> dict[str, MeasuredCurve]:
             readings = len(measurement.repeats[0].depth)
             if kind == "profile" and readings > READINGS:
                 raise ValueError(f"{readings} displacements of one profile: keep at most {READINGS}")
-            curve = combine(measurement, e.noise.noise(), e.compared[0])
+            curve = combine(measurement, study.noise_of(e.name), e.compared[0])
             if not curve.depth.max() > 0:
                 raise ValueError(f"no depth is positive, the largest is {curve.depth.max():g} mm")
             if curve.depth.max() < SHALLOWEST:

@@ -8,17 +8,19 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, create_model, model_validator
 
 from rso.contract import finite
-from rso.measurement import Column
+from rso.measurement import CONTACT, Column
 from rso.study.fields import formed
 from rso.study.table import Table
 from rso.units import BARE_COLUMNS, COLUMN_NAMES, COLUMNS, UNITS, kind_of, worth
 
 
 def _zeros(value: Any) -> Any:
-    """A finite number, or a list of them as a tuple."""
+    """A finite number, a list of them as a tuple, or CONTACT."""
+    if value == CONTACT:
+        return value
     several = list(value) if isinstance(value, list | tuple) else [value]
     if not several or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in several):
-        raise ValueError("expected a number, or a list with one for each file of an experiment")
+        raise ValueError(f"expected a number, a list with one for each file of an experiment, or {CONTACT!r}")
     if not all(map(finite, several)):
         raise ValueError("must be finite")
     return tuple(map(float, several)) if isinstance(value, list | tuple) else float(value)
@@ -44,6 +46,8 @@ def _fits(name: str, table: ColumnTable | None) -> ColumnTable | None:
         return None
     if table.flip and name not in COLUMNS:
         raise ValueError(f"flip turns the sign of a measured value; {name} has none")
+    if table.zero == CONTACT and name not in ("depth", "Fz"):
+        raise ValueError(f"the contact that a record shows is the zero of depth and Fz; {name} has none")
     if table.zero and name not in COLUMNS:
         raise ValueError(f"zero is subtracted from a measured value; {name} is none")
     if table.values is not None and name != "segment":

@@ -148,7 +148,7 @@ def _experiment(study: Study, n: int) -> Experiment:
     settings = {k: v for k, v in study.settings_of(e.name).items() if k not in ("speed", "unload")}
     channels = ("uz",) if m.kind == "profile" else e.channels or m.channels
     speed = recorded_speed(m) or stated_speed(study, e.name) or DEFAULT_SPEED
-    return Experiment(e.name, e.role, m, e.noise.noise(), tuple(channels), settings, speed, e.mounting, e.after)
+    return Experiment(e.name, e.role, m, study.noise_of(e.name), tuple(channels), settings, speed, e.mounting, e.after)
 
 
 def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:

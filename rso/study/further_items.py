@@ -66,7 +66,7 @@ def done(plan: Plan) -> list[Item]:
 
 def _measured_profile(plan: Plan, name: str) -> Block:
     """A measured profile, its readings in the order of the marks; depths as they were asked for."""
-    curve, noise = plan.curves[name], plan.study.experiment(name).noise.noise()
+    curve, noise = plan.curves[name], plan.study.noise_of(name)
     assert curve.position is not None
     asked = np.array(profile_depths(curve))
     keep = np.flatnonzero(curve.depth > 0)

@@ -368,7 +368,7 @@ def _search(
     for t in search.targets:
         e, curve = study.experiment(t.experiment), curves[t.experiment]
         if t.channel != curve.channel:
-            curve = combine(study.measurement(e.name), e.noise.noise(), t.channel)
+            curve = combine(study.measurement(e.name), study.noise_of(e.name), t.channel)
         value, sigma = value_at(curve, t.depth)
         value = value if t.value is None else t.value
         sigma = max(sigma, 1e-3 * abs(value))  # a perfect measurement would leave nothing acceptable

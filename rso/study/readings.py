@@ -23,7 +23,7 @@ def measured(plan: Plan, name: str, channel: str) -> MeasuredCurve:
     curve = plan.curves[name]
     if curve.channel == channel:
         return curve
-    return combine(plan.study.measurement(name), plan.study.experiment(name).noise.noise(), channel)
+    return combine(plan.study.measurement(name), plan.study.noise_of(name), channel)
 
 
 def label(plan: Plan, name: str, channel: str) -> str:

@@ -7,7 +7,7 @@ is the backend's to say: see :func:`rso.study.resolve.resolve`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -393,6 +393,12 @@ class Study(Table):
     def measurement(self, name: str) -> Measurement:
         """The measured file of an experiment, as read when the study was loaded."""
         return self._source.measurements[name]
+
+    def noise_of(self, name: str) -> Noise:
+        """Errors of an experiment as stated; of its contact, unless stated, as the record tells where it was found."""
+        e, found = self.experiment(name), self.measurement(name).contact
+        noise = e.noise.noise()
+        return noise if "contact" in e.noise.model_fields_set else replace(noise, contact=found)
 
     def settings_of(self, name: str) -> dict[str, Any]:
         """Settings of an experiment: its own replace those of the backend, whole top-level keys at a time."""

@@ -97,7 +97,7 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
     "bad setting": (
         experiments(first=TOP + "\nsettings = { thickness = -1 }"), {}, "experiments[0].settings.thickness: thickness"),
     "no such data": (experiments(first=TOP.replace("top.csv", "tip.csv")), {}, "tip.csv"),
-    "wrong column": ({}, {"top.csv": "depth_mm,force_N\n1,2\n"}, "top.csv:1: unknown column 'force_N'"),
+    "wrong column": ({}, {"top.csv": "depth_mm,power_N\n1,2\n"}, "top.csv:1: unknown column 'power_N'"),
     "wrong unit of a column": ({}, {"top.csv": "depth_mm,Fz_mm\n1,2\n"}, "Fz_mm"),
     "NaN in the data": ({}, {"top.csv": "depth_mm,Fz_N\n1,0.1\n2,nan\n"}, "top.csv:3: column 'Fz': 'nan'"),
     "text in the data": ({}, {"top.csv": "depth_mm,Fz_N\n1,0.1\n2,much\n"}, "top.csv:3: column 'Fz': 'much'"),
@@ -282,6 +282,11 @@ def test_a_whole_study_with_its_report(tmp_path, capsys):
     (results / "report.html").unlink()
     assert main(["report", path]) == 0
     assert (results / "report.html").read_bytes() == page
+    assert "of other data" not in capsys.readouterr().err
+    measured, table = tmp_path / "top.csv", (tmp_path / "top.csv").read_text()
+    measured.write_text(table + "# a remark\n")
+    assert main(["report", path]) == 0 and "since then top.csv changed, came or went" in capsys.readouterr().err
+    measured.write_text(table)
     assert main(["check", "--trust", path]) == 0 and "as measured in this study" in capsys.readouterr().out
     # Moved aside, not deleted.
     assert main(["run", path, "--jobs", "1", "--fresh"]) == 0

@@ -122,6 +122,87 @@ def test_files_of_machines_hold_the_numbers_of_the_plain_table(tmp_path, machine
     assert not np.signbit(r.depth).any() and not np.signbit(r.channels["Fz"]).any()
 
 
+@pytest.mark.parametrize("machine", ["Zwick", "quoted", "stage"])
+def test_customary_names_need_no_columns(tmp_path, machine):
+    """The same numbers as with [columns], signs turned where force and travel of pressing are negative, and said."""
+    text, encoding, columns, notes, unread = MACHINES[machine]
+    path = write(tmp_path, text, encoding)
+    m, asked = read(path), read(path, columns)
+    (r,), (expected,) = m.repeats, asked.repeats
+    np.testing.assert_array_equal(r.depth, expected.depth)
+    np.testing.assert_array_equal(r.time, expected.time)
+    np.testing.assert_array_equal(r.channels["Fz"], expected.channels["Fz"])
+    assert set(notes) <= set(m.notes) and m.unread == unread
+    said = m.doubts[0]
+    for name, column in columns.items():
+        assert f"{column.header!r} is read as {name}" in said
+        assert (f"as {name}, its sign turned" in said) is column.flip
+    assert m.doubts[1:] == asked.doubts
+
+
+def test_a_machine_whose_units_are_not_what_they_seem_is_asked_about(tmp_path):
+    assert "'g' is a mass" in refusal(write(tmp_path, texture()))
+    assert "'Load'" in (said := refusal(write(tmp_path, instron().replace('"(kN)"', '""')))) and "says no unit" in said
+    assert "unknown column" in refusal(write(tmp_path, labview()))
+
+
+TABLE = [(0.0, 0.0), (1.0, 0.05), (2.0, 0.15), (3.0, 0.3), (4.0, 0.5)]
+
+
+def table(head: str, row: str = "{u},{F}") -> str:
+    return "\n".join([head, *(row.format(u=u, F=F, t=2 * u) for u, F in TABLE), ""])
+
+
+@pytest.mark.parametrize("head", [
+    "Displacement (mm),Force (N)", "Extension [mm],Load [N]", "disp_mm,force_N", "Position/mm,Normal force/N",
+    "STROKE (mm),LOAD (N)", "Crosshead travel, mm\tAxial Force, N", "Weg (mm);Kraft (N)",
+])  # fmt: skip
+def test_travel_and_force_by_their_usual_names(tmp_path, head):
+    separator = next(s for s in "\t;," if s in head)
+    m = read(write(tmp_path, table(head, f"{{u}}{separator}{{F}}")))
+    (r,) = m.repeats
+    assert r.depth.tolist() == [u for u, _ in TABLE] and r.channels["Fz"].tolist() == [F for _, F in TABLE]
+    assert "read as depth" in m.doubts[0] and r.time is None
+
+
+def test_what_may_be_two_things_or_is_misspelt_is_not_guessed(tmp_path):
+    two = table("Extension (mm),Crosshead (mm),Load (N)", "{u},{u},{F}")
+    assert "'Extension (mm)' and 'Crosshead (mm)' may each be depth" in refusal(write(tmp_path, two))
+    assert "unknown column 'Peak load (N)'" in refusal(write(tmp_path, table("Extension (mm),Peak load (N)")))
+    assert "unknown column 'Temp (C)'" in refusal(write(tmp_path, table("Displacement (mm),Temp (C)")))
+    # known names stay as strict as they were
+    assert "unknown column 'deph_mm'" in refusal(write(tmp_path, table("deph_mm,Fz_N")))
+    assert "unknown column 'T (C)'" in refusal(write(tmp_path, table("depth_mm,Fz_N,T (C)", "{u},{F},{t}")))
+
+
+def test_customary_names_stand_beside_known_ones_and_columns_have_the_last_word(tmp_path):
+    path = write(tmp_path, table("Time (s),Displacement (um),Fx_N,Load (N),Cycle", "{t},{u},0.1,{F},1"))
+    m = read(path)
+    (r,) = m.repeats
+    assert r.depth.max() == 4e-3 and set(r.channels) == {"Fx", "Fz"} and m.unread == ("Cycle",)
+    assert r.time.tolist() == [2 * u for u, _ in TABLE]
+    m = read(path, {"depth": Column("Displacement (um)"), "Fz": Column("Load (N)")})
+    assert set(m.repeats[0].channels) == {"Fz"} and not any("read as" in d for d in m.doubts)
+
+
+def test_a_position_that_falls_while_the_force_grows_is_turned(tmp_path):
+    text = "\n".join(["Position (mm),Force (N)", *(f"{1.0 - u},{-F}" for u, F in TABLE), ""])
+    m = read(write(tmp_path, text))
+    assert m.repeats[0].depth.tolist() == [u - 1.0 for u, _ in TABLE]
+    assert m.repeats[0].channels["Fz"].max() == 0.5 and m.doubts[0].count("its sign turned") == 2
+
+
+@pytest.mark.parametrize("clock", ["10:00:{t:06.3f}", "2026-11-25T10:00:{t:06.3f}", "25.11.2026 10:00:{t:06.3f}"])
+@pytest.mark.parametrize("head", ["time", "Time (s)", "Timestamp"])
+def test_a_time_of_day_is_seconds(tmp_path, clock, head):
+    row = clock.replace("{t", "{t") + ",{u},{F}"
+    (r,) = read(write(tmp_path, table(f"{head},Displacement (mm),Force (N)", row))).repeats
+    np.testing.assert_allclose(np.diff(r.time), 2.0, rtol=1e-12)  # differences of seconds of a day
+    columns = {"time": Column(head), "depth": Column("Displacement (mm)"), "Fz": Column("Force (N)")}
+    (same,) = read(write(tmp_path, table(f"{head},Displacement (mm),Force (N)", row)), columns).repeats
+    np.testing.assert_array_equal(same.time, r.time)
+
+
 OWN = {  # headers that say themselves what they are
     "square": "time [s],depth [mm],Fz [N]",
     "round, in capitals": "TIME (s),Depth (mm),FZ(N)",
@@ -235,14 +316,16 @@ REFUSED = {  # text, columns, words
         ":1:", "'grams' is a mass", "unit = 'gf'"]),
     "a mass as newtons": (texture(), TEXTURE | {"Fz": Column("Force (g)", "N")}, ["the header 'g'", "'N'"]),
     "own header without a unit": ("depth;Fz_N\n0;0\n", None, [":1:", "'depth' has no unit", "[columns]"]),
-    "own header of other names": (zwick(), None, [":6:", "unknown column 'Prüfzeit'", "depth_mm", "[columns]"]),
+    "own header of other names": (zwick().replace("Standardweg", "Kanal 1"), None, [
+        ":6:", "unknown column 'Kanal 1'", "depth_mm", "[columns]"]),
     "own header below others, misspelt": ("a,b,c\nx\ntime_s,deph_mm,Fz_N\n0,0,0\n", None, [":3:", "'deph_mm'"]),
     "a second table": (SHORT + "Zeit;Weg;Kraft\ns;mm;N\n0;0;0\n", SHORT_COLUMNS, [
         ":5:", "'Zeit Weg Kraft' is no reading beneath the header 'Weg Kraft Zeit'", "a file of its own", "with #"]),
     "a second table in other units": (SHORT + SHORT.replace("N", "mN"), SHORT_COLUMNS, [
         ":6:", "'Fz'", "'mN' beneath the header of this table, 'N' beneath that of the first"]),
-    "a word beneath": (SHORT + "Probe 2;;\n", SHORT_COLUMNS, [":5:", "'Probe 2' is no reading", "begin a note with #"]),
-    "fewer words beneath": (SHORT + "Probe 2\n", SHORT_COLUMNS, [":5:", "1 values", "'Probe 2'", "with #"]),
+    "a word beneath": (SHORT + "Probe 2;x;\n", SHORT_COLUMNS, [
+        ":5:", "'Probe 2 x' is no reading", "begin a note with #"]),
+    "fewer words beneath": (SHORT + "Probe 2;x\n", SHORT_COLUMNS, [":5:", "2 values", "'Probe 2;x'", "with #"]),
     "numbers under no header": ("Weg;Kraft;\nmm;N;\n0;0;7\n", SHORT_COLUMNS, [":3:", "'7' stands beneath no header"]),
     "comma decimals between commas": ("Weg [mm],Kraft [N]\n0,5,0,1\n", {
         "depth": Column("Weg [mm]"), "Fz": Column("Kraft [N]")}, [":2:", "4 values", "2 columns"]),
@@ -603,6 +686,7 @@ def folder(tmp_path):
     for k in range(2):
         write(tmp_path, shallow(1 + k / 1000), "latin-1", f"niere_{k}.tra")
     write(tmp_path, shallow(), "latin-1", "niere_2.tra")  # a copy of the first
+    write(tmp_path, shallow().replace("Standardweg", "Kanal 1"), "latin-1", "kanal.tra")
     return tmp_path
 
 
@@ -772,7 +856,7 @@ BAD = {  # columns, data, key, words
         "no unit"]),
     "a header of nowhere": (COLUMNS.replace("Standardweg", "Standartweg"), '"niere_0.tra"', "experiments[0].data", [
         "niere_0.tra:6", "'Standartweg' (depth)", "'Standardweg'"]),
-    "no table": (None, '"niere_0.tra"', "experiments[0].data", ["niere_0.tra:6", "'Prüfzeit'", "[columns]"]),
+    "no table": (None, '"kanal.tra"', "experiments[0].data", ["kanal.tra:6", "'Kanal 1'", "[columns]"]),
     "no files": (COLUMNS, "[]", "experiments[0].data", ["at least 1"]),
     "no text for a file": (COLUMNS, "3", "experiments[0].data", ["a list of files"]),
     "one of two is missing": (COLUMNS, '["niere_0.tra", "niere_9.tra"]', "experiments[0].data", [

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rso.diagnosis import make_plan
+from rso.diagnosis.cracks import steps
 from rso.diagnosis.jumps import jumps
 
 
@@ -51,6 +52,44 @@ def test_steps_that_are_ordinary_in_other_records_are_no_jumps_of_a_quiet_one():
 
 def test_one_crack_is_found():
     assert jumps(plan_with(lambda u, F, rng: F - 0.2 * F.max() * (u > 2.6))).sudden
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_one_small_crack_in_one_of_five_records_is_found_where_it_is(sense):
+    """Nine times what readings scatter by: too little for the skewness of all steps."""
+
+    def crack(u, F, rng):
+        crack.calls += 1
+        there = crack.calls == 3
+        return F + sense * 0.09 * F.max() * (u > 2.6) * there
+
+    found = []
+    for seed in range(20):
+        crack.calls = 0
+        found.append(jumps(plan_with(crack, seed)))
+    there = [j.crack for j in found if j.crack is not None]
+    assert len(there) > 12 and all(j.sudden for j in found if j.crack is not None)
+    assert sum(j.skewed for j in found) < 10
+    assert all(np.sign(c.size) == sense and abs(c.depth - 2.6) < 0.1 and c.experiment == "a" for c in there)
+
+
+@pytest.mark.parametrize("spacing", [0.0, 0.9])
+def test_neither_one_wild_reading_nor_uneven_depths_are_a_crack(spacing):
+    """A step of the depth is one of the force too; a reading far out goes up and down again."""
+
+    def uneven(u, F, rng):
+        e = 0.005 * F.max() * rng.standard_normal(len(u))
+        e[20] += 0.07 * F.max()
+        return F + e
+
+    for seed in range(20):
+        plan = plan_with(uneven, seed)
+        assert jumps(plan).crack is None
+    rng = np.random.default_rng(5)
+    u = np.sort(rng.uniform(0.1, 4.0, 40))
+    u[20:] += spacing
+    z, least, _, _ = steps(u, 0.05 * u**1.5 + 0.003 * rng.standard_normal(40))
+    assert least.max() / (1.48 * np.median(np.abs(z))) < 4.0
 
 
 def test_a_slip_every_millimetre_is_found():

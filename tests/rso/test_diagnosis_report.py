@@ -337,6 +337,14 @@ def test_numbers_are_shown_to_the_digits_of_their_interval():
     assert sized({"size": 0.011, "interval": [0.007, 0.016], "unit": "N/mm^3", "neutral": None})[2] == "–"
 
 
+def test_a_cause_whose_interval_holds_its_absence_is_said_to_be_perhaps_absent():
+    found = story("explained")
+    cause = found["diagnosis"]["causes"][0]
+    assert "may be absent" not in said(found)
+    cause |= {"neutral": cause["size"]}
+    assert "may be absent" in said(found)
+
+
 def test_tests_that_settle_nothing_have_no_row():
     found = story("ambiguous")
     one = found["diagnosis"]["next_test"][0]

@@ -382,6 +382,21 @@ def test_a_mount_that_creeps_may_be_a_body_that_does():
     assert "poroelasticity" in said and "creep = 0.36 mm/N" in said and "rigid block" in said
 
 
+def test_what_gives_way_at_one_place_may_be_a_soft_spot_of_the_body():
+    """A soft inclusion under one of three places was "the measurement", sure of it."""
+    (everywhere,) = toy.effects("compliance")
+    there = dataclasses.replace(everywhere, place={"point": [10.0, 0.0]}, label="(10, 0)")
+    for effect in (everywhere, there):
+        h = (Hypothesis(()), Hypothesis((effect,)), Hypothesis((), True))
+        told = judge(Contest(h, np.array([0.0, 30.0, 1.0]), np.log([0.8, 0.1, 0.1])), True)
+        assert told.verdict == ("ambiguous" if effect.place else "measurement")
+    c = {"effect": "compliance at (10, 0)", "probability": 0.99, "size": 0.52, "interval": [0.34, 0.72], "unit": "mm/N",
+         "neutral": 0.0, "railed": False, "like_a_spot": True}  # fmt: skip
+    d = {"verdict": "ambiguous", "ambiguous_with": [["compliance at (10, 0)"]], "causes": [c]}
+    said = _cause(d, {"effects": [{"name": "compliance at (10, 0)", "description": "load-train compliance"}]})
+    assert "softer spot" in said and "inclusion" in said and "compliance at (10, 0) = 0.52 mm/N" in said
+
+
 def test_two_signs_with_nothing_between_are_two_intervals():
     """A soft inclusion below the ball or a hard one aside: one interval, 0.09 to 2.9, held the 1 of no inclusion."""
     rng = np.random.default_rng(0)
@@ -409,6 +424,7 @@ def test_one_interval_where_sizes_go_through_neutral_or_hardly_any_has_the_other
 def test_the_other_sign_is_said_and_a_unit_is_no_number():
     c = {"effect": "D1", "size": 3.3, "interval": [2.0, 4.0], "unit": "1/MPa", "neutral": 1.0, "railed": False}
     assert _named(c) == "D1 = 3.3 /MPa (90 % 2 to 4, absent at 1)"
+    assert "(90 % 0.5 to 4, among them 1: it may be absent)" in _named({**c, "interval": [0.5, 4.0]})
     other = {"probability": 0.06, "low": 0.2, "high": 0.4}
     assert "(90 % 2 to 4, or 0.2 to 0.4: 6 %, absent at 1)" in _named({**c, "otherwise": other})
 

@@ -56,6 +56,9 @@ READ = {  # text, encoding, columns
     "a header cell of two lines": (table('"depth\n[mm]";"Fz\r\n[N]"', U, F, separator=";"), "utf-8", None),
     "a comment in the middle": (table("depth_mm,Fz_N", U, F).replace("\n2,", "\n# paused\n2,"), "utf-8", None),
     "no end of the last line": (table("depth_mm,Fz_N", U, F).rstrip("\n"), "utf-8", None),
+    "a clock": (table("time_s,depth_mm,Fz_N", CLOCK, U, F), "utf-8", None),
+    "a clock in its header": (table("Zeit [hh:mm:ss],depth_mm,Fz_N", CLOCK, U, F), "utf-8", PLAIN | {
+        "time": Column("Zeit [hh:mm:ss]")}),
     "a clock that is not read": (table("Zeit,depth_mm,Fz_N", CLOCK, U, F), "utf-8", PLAIN),
     "a typographic minus": (table("depth_mm,Fz_N", U, [f"−{v:.6g}" for v in F]), "utf-8", {
         "depth": Column("depth_mm"), "Fz": Column("Fz_N", flip=True)}),
@@ -89,11 +92,9 @@ REFUSED = {  # text, columns, place and words
     "apostrophes": (grouped("'"), None, [":12:", "'depth'", "1'000", "write thousands without a mark"]),
     "thin blanks": (grouped("\u202f"), None, [":12:", "'depth'", "000'", "write thousands without a mark"]),
     "points": (grouped("."), None, [":12:", "'1.000'"]),
-    "a clock": (table("time_s,depth_mm,Fz_N", CLOCK, U, F), None, [
-        ":2:", "'time'", "'00:00:00.000'", "a time of day; write seconds", "settings.speed"]),
-    "a date": (table("time_s,depth_mm,Fz_N", ["2024-02-01T10:00:00"] * 41, U, F), None, [":2:", "a time of day"]),
-    "a clock in its header": (table("Zeit [hh:mm:ss],depth_mm,Fz_N", CLOCK, U, F), PLAIN | {
-        "time": Column("Zeit [hh:mm:ss]")}, [":1:", "'time'", "'hh:mm:ss'", "not a known unit", "s, ms, min"]),
+    "a date": (table("time_s,depth_mm,Fz_N", ["2024-02-01T10:00:00"] * 41, U, F), None, [":3:", "does not follow"]),
+    "a clock of minutes": (table("time_s,depth_mm,Fz_N", [t[3:] for t in CLOCK], U, F), None, [
+        ":2:", "'time'", "'00:00.000'", "no time of day as 10:00:03.5; write seconds", "settings.speed"]),
     **{f"overload {cell!r}": (with_cell(cell), None, [":32:", "'Fz'", f"'{cell}'", "delete the row"])
        for cell in ("----", "OVLD", "***")},
     **{f"overload {cell!r}": (with_cell(cell), None, [":32:", "'Fz'", f"'{cell}'"])

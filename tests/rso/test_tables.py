@@ -138,26 +138,33 @@ def test_a_word_in_a_column_of_segments_parted_by_blanks_is_read(tmp_path):
     assert np.sum(r.segment == "loading") == 41 and np.sum(r.segment == "unloading") == 41
 
 
-FOOTERS = {  # lines beneath a table of two columns, place and words
-    "a sentence": (["End of test."], ":43:", ["3 values", "'End of test.'", "begin its line with #"]),
-    "a summary": (["", "Max 4.0 0.32"], ":44:", ["3 values", "'Max 4.0 0.32'"]),
-    "a name and a number": (["Fmax 0.32"], ":43:", ["'Fmax"]),
-    "words": (["Test finished"], ":43:", ["'Test finished'", "with #"]),
-    "one word": (["END"], ":43:", ["1 values", "'END'"]),
+FOOTERS = {  # lines beneath a table of two columns, separators between which they are no notes, place and words
+    "a sentence": (["End of test."], (), "", []),
+    "a summary": (["", "Max 4.0 0.32"], (), "", []),
+    "a summary right beneath": (["Max 4.0"], " ", ":43:", ["'Max'"]),
+    "a name and a number": (["Fmax 0.32"], " ", ":43:", ["'Fmax"]),
+    "words": (["Test finished"], " ", ":43:", ["'Test finished'", "with #"]),
+    "one word": (["END"], (), "", []),
+    "several lines": (["END", "", "Operator NN", "Date 2024-02-01"], (), "", []),
+    "a word in the force": (["4.1 OVLD"], " \t", ":43:", ["OVLD"]),
+    "a reading after words": (["END", "4.1 0.33"], " \t", ":43:", ["END"]),
 }
 
 
 @pytest.mark.parametrize("separator", [" ", "   ", "\t"])
 @pytest.mark.parametrize("what", FOOTERS)
-def test_a_footer_beneath_blanks_is_refused_with_its_line(tmp_path, what, separator):
-    footer, place, words = FOOTERS[what]
+def test_words_beneath_the_last_reading_are_notes_or_refused_with_their_line(tmp_path, what, separator):
+    """A footer is one of a single cell, or stands behind an empty line and begins with words."""
+    footer, refused, place, words = FOOTERS[what]
     path = write(tmp_path, ["depth_mm Fz_N".replace(" ", separator), *rows(separator=separator), *footer])
-    said = refusal(path)
-    assert f"{path}{place}" in said
-    for word in words:
-        assert word in said
-    path.write_text(path.read_text().replace(footer[-1], "# " + footer[-1]))
-    assert read(path).notes == (footer[-1],)
+    if separator.strip(" ") in refused or (separator.strip() == "" and separator != "\t" and " " in refused):
+        said = refusal(path)
+        assert f"{path}{place}" in said
+        for word in words:
+            assert word in said
+    else:
+        m = read(path)
+        assert m.notes == tuple(filter(None, footer)) and m.repeats[0].depth.tolist() == U.tolist()
 
 
 @pytest.mark.parametrize("lines", [

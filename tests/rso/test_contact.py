@@ -1,0 +1,97 @@
+"""Contact found in the record of an approach: where it is, how sure, and what becomes of it in a study."""
+
+import numpy as np
+import pytest
+import sample_studies as studies
+
+from rso.measurement import CONTACT, Column, read
+from rso.measurement.contact import approached
+from rso.study import load
+
+TRUE, AIR = 0.0, 2.0
+
+
+def pressed(u, stiffens=0.1):
+    """Force (N) of a ball that stiffens: no power of the depth."""
+    u = np.maximum(u, 0.0)
+    return 0.05 * u**1.5 * (1.0 + stiffens * u)
+
+
+def record(rng, n=61, noise=0.003, start=-AIR, stiffens=0.1):
+    u = np.linspace(start, 4.0, n)
+    return u, pressed(u, stiffens) + noise * rng.standard_normal(n)
+
+
+def write(path, head, *columns):
+    path.write_text("\n".join([head, *(",".join(f"{v:.6f}" for v in row) for row in zip(*columns, strict=True)), ""]))
+    return path
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-3, 4e-3])
+@pytest.mark.parametrize("n", [41, 121])
+def test_the_stated_deviation_is_what_the_contact_is_off_by(noise, n):
+    """200 records: errors over stated deviations, which hold the bias of bodies other than this one too."""
+    rng = np.random.default_rng(3)
+    found = [approached(*record(rng, n, noise)) for _ in range(200)]
+    error, stated = (np.array([getattr(f, k) for f in found]) for k in ("depth", "deviation"))
+    assert 0.15 < np.sqrt(np.mean((error - TRUE) ** 2) / np.mean(stated**2)) < 1.5
+    assert np.mean(abs(error) < 2.5 * stated) > 0.9
+
+
+def test_shifted_or_turned_axes_find_the_same_place():
+    u, F = record(np.random.default_rng(0))
+    a, b = approached(u, F), approached(u + 117.0, 3.0 * F + 0.4)
+    np.testing.assert_allclose([b.depth - 117.0, b.deviation], [a.depth, a.deviation], atol=1e-9)
+
+
+@pytest.mark.parametrize("start", [0.0, 0.2])
+def test_a_record_that_begins_at_contact_shows_no_approach(start):
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        with pytest.raises(ValueError, match=r"no approach is seen|too few"):
+            approached(*record(rng, start=start, noise=1e-3))
+
+
+def test_the_zero_of_a_machine_is_found_in_each_repeat(tmp_path):
+    """Position and force of a machine that counts otherwise: depth from contact, force without the tare."""
+    rng = np.random.default_rng(2)
+    u, F = record(rng, 121, 1e-3)
+    files = [write(tmp_path / f"{k}.csv", "Pos (mm),F (N)", 50.0 + s - u, 0.3 - F) for k, s in enumerate((0.0, 0.7))]
+    columns = {"depth": Column("Pos (mm)", flip=True, zero=CONTACT), "Fz": Column("F (N)", flip=True, zero=CONTACT)}
+    m = read(files, columns)
+    for r in m.repeats:
+        np.testing.assert_allclose(r.depth, u, atol=4 * m.contact)
+        np.testing.assert_allclose(r.channels["Fz"], F, atol=1e-3)  # the median of 40 readings of 1 mN
+    assert 0.0 < m.contact < 0.05
+    assert sum("contact is found at -50" in d and "-0.3 N is taken off" in d for d in m.doubts) == 2
+    with pytest.raises(ValueError, match=r"zero = 'contact': no approach is seen"):
+        read(write(tmp_path / "a.csv", "Pos (mm),F (N)", u[u >= 0], F[u >= 0]),
+             {"depth": Column("Pos (mm)", zero=CONTACT), "Fz": Column("F (N)")})  # fmt: skip
+
+
+def test_a_file_of_customary_names_counts_from_contact_and_others_do_as_they_say(tmp_path):
+    u, F = record(np.random.default_rng(4), 121, 1e-3)
+    usual = read(write(tmp_path / "usual.csv", "Displacement (mm),Force (N)", u + 7.0, -F - 0.2))
+    assert usual.contact > 0 and any(
+        "contact is found at 7." in d or "contact is found at 6.9" in d for d in usual.doubts
+    )
+    np.testing.assert_allclose(usual.repeats[0].depth, u, atol=4 * usual.contact)
+    own = read(write(tmp_path / "own.csv", "depth_mm,Fz_N", u + AIR, F))
+    assert own.contact == 0.0 and own.repeats[0].depth[0] == 0.0
+    assert any("the contact lies near" in d and "contact" in d for d in own.doubts)
+    at = read(write(tmp_path / "at.csv", "Displacement (mm),Force (N)", u[u >= 0], F[u >= 0]))
+    assert at.contact == 0.0 and at.repeats[0].depth[0] == u[u >= 0][0]
+
+
+def test_a_study_takes_what_the_contact_is_uncertain_by_unless_it_states_it(tmp_path):
+    u, F = record(np.random.default_rng(5), 121, 1e-4)
+    table = "\n".join(["Displacement (mm),Force (N)", *(f"{a:.5f},{b:.7f}" for a, b in zip(u + 9, F, strict=True))])
+    for stated, wanted in ((None, True), ("0.2 mm", False)):
+        noise = "" if stated is None else f'\nnoise = {{ contact = "{stated}" }}'
+        folder = tmp_path / str(wanted)
+        folder.mkdir()
+        path = studies.write(folder, experiments=f'name = "top"\nrole = "fit"\ndata = "usual.csv"{noise}')
+        (folder / "usual.csv").write_text(table)
+        study = load(path)
+        found = study.measurement("top").contact
+        assert 0 < found < 0.05 and study.noise_of("top").contact == (found if wanted else 0.2)
