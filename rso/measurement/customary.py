@@ -86,11 +86,15 @@ def named(
 
 
 def turned(columns: Mapping[str, np.ndarray], names: Sequence[str]) -> list[str]:
-    """Which of the columns `names` count the other way: the force is to grow from where the record begins to where it
-    differs most, travel too."""
+    """Which of the columns `names` count the other way: the force is to be larger where it is furthest from where the
+    record begins, and to grow with the travel, from reading to reading, whatever offsets the tests of a file have."""
     force, depth = columns["Fz"], columns["depth"]
     if len(force) < 2:
         return []
-    k = int(np.argmax(np.abs(force - np.median(force[:3]))))
-    grows = {"Fz": force[k] - np.median(force[:3]), "depth": depth[k] - depth[0]}
+    far = force - float(np.median(force[:3]))
+    upright = float(far[np.argmax(np.abs(far))])
+    step = np.diff(depth)
+    usual = 3.0 * float(np.median(np.abs(step)))
+    together = float(np.sum(np.diff(force) * np.clip(step, -usual, usual)))
+    grows = {"Fz": upright, "depth": together * upright}
     return [name for name in names if grows.get(name, 0.0) < 0.0]

@@ -83,6 +83,20 @@ def test_a_file_of_customary_names_counts_from_contact_and_others_do_as_they_say
     assert at.contact == 0.0 and at.repeats[0].depth[0] == u[u >= 0][0]
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_repeats_in_one_file_have_their_own_contact_and_all_one_sense(tmp_path, sign):
+    """Tables beneath one another whose positions lie further apart than one of them is long."""
+    rng = np.random.default_rng(6)
+    tests = [(record(rng, 61, 1e-3), start) for start in (8.0, 25.0, 1.0)]
+    table = [np.concatenate(v) for v in zip(*[(np.full(61, k), sign * (u + s), -F) for k, ((u, F), s) in
+                                              enumerate(tests)], strict=True)]  # fmt: skip
+    m = read(write(tmp_path / "three.csv", "repeat,Position (mm),Load (N)", *table))
+    assert len(m.repeats) == 3 and m.doubts[0].count("its sign turned") == (1 if sign > 0 else 2)
+    for r, ((u, F), _) in zip(m.repeats, tests, strict=True):
+        np.testing.assert_allclose(r.depth, u, atol=5 * m.contact)
+        np.testing.assert_allclose(r.channels["Fz"], F, atol=1e-3)
+
+
 def test_a_study_takes_what_the_contact_is_uncertain_by_unless_it_states_it(tmp_path):
     u, F = record(np.random.default_rng(5), 121, 1e-4)
     table = "\n".join(["Displacement (mm),Force (N)", *(f"{a:.5f},{b:.7f}" for a, b in zip(u + 9, F, strict=True))])
