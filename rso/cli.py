@@ -128,8 +128,17 @@ def _check(options: argparse.Namespace, command: str) -> int:
 
     study = load(options.study)
     folder = _folder(options, study.folder)
-    print("\n".join(check(study, folder, options.trust, _store(options, folder), options.jobs)))
+    lines = check(study, folder, options.trust, _store(options, folder), options.jobs)
+    print("\n".join(map(_hanging, lines) if sys.stdout.isatty() else lines))
     return 0
+
+
+def _hanging(line: str) -> str:
+    """A line in the width of the terminal, what follows further in."""
+    within = " " * (len(line) - len(line.lstrip()))
+    width = max(shutil.get_terminal_size().columns, 40)
+    return textwrap.fill(line.strip(), width, initial_indent=within, subsequent_indent=within + "  ",
+                         break_long_words=False, break_on_hyphens=False)  # fmt: skip
 
 
 def _run(options: argparse.Namespace, command: str) -> int:

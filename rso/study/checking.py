@@ -168,7 +168,7 @@ def _things(plan: Plan) -> list[str]:
         measured = plan.study.measurement(e.name)
         remarks += stated.replaced(plan.study, e.name)
         unread = f"not read: {', '.join(measured.unread)}" if measured.unread else ""
-        known = (_recorded(measured, curve), _pace(plan, e), *_by_hertz(plan, e.name, curve), _noise(e), unread)
+        known = (_recorded(measured, curve), _pace(plan, e), *_by_hertz(plan, e.name, curve), _noise(plan.study, e), unread)
         about = (*known, *remarks)
         lines += [f"    {words}" for words in about if words]
         lines += stated.of_experiment(plan, e.name)
@@ -232,10 +232,11 @@ def _by_hertz(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
     return out
 
 
-def _noise(e: ExperimentTable) -> str:
-    """The stated noise of an experiment in words."""
+def _noise(study: Study, e: ExperimentTable) -> str:
+    """The stated noise of an experiment in words, and what its record says of its contact."""
     units = {"uz": "mm", "depth": "mm", "correlation": "mm", "contact": "mm"}
     units |= {"gain": "of the value, each test by itself", "calibration": "of the value, all experiments alike"}
     own = {k: v for k, v in e.noise.model_dump().items() if v}
     shown = ", ".join(f"{k} {v:g} {units.get(k, 'N')}" for k, v in own.items())
-    return f"stated noise: {shown or 'none'}"
+    found = "" if "contact" in own else study.noise_of(e.name).contact
+    return f"stated noise: {shown or 'none'}" + (f"; contact {found:.2g} mm by the record" if found else "")
