@@ -168,8 +168,8 @@ def _things(plan: Plan) -> list[str]:
         measured = plan.study.measurement(e.name)
         remarks += stated.replaced(plan.study, e.name)
         unread = f"not read: {', '.join(measured.unread)}" if measured.unread else ""
-        known = (_recorded(measured, curve), _pace(plan, e), *_by_hertz(plan, e.name, curve), _noise(plan.study, e), unread)
-        about = (*known, *remarks)
+        known = (_recorded(measured, curve), _pace(plan, e), *_by_hertz(plan, e.name, curve), _noise(plan.study, e))
+        about = (*known, unread, *remarks)
         lines += [f"    {words}" for words in about if words]
         lines += stated.of_experiment(plan, e.name)
     return lines
