@@ -24,6 +24,7 @@ LEAST = 5  # of them at the ends of a record, where a contact bends too much for
 CLEAR = (
     4.5  # z: reached by 1 % of plans of scatter with tails of Student's t of 2 degrees of freedom, by 0.2 % of others
 )
+PRESSED = 0.05  # of the deepest travel: nearer to contact the ball may snap in
 SMALL = 0.005  # of the range of the force: less is no crack, but what a parabola misses where noise is small
 
 
@@ -44,7 +45,7 @@ def crack(plan: TestPlan) -> Crack | None:
         if e.measurement.kind != "force" or e.role == "validate":
             continue
         for r in e.measurement.repeats:
-            at = r.segment == "loading"
+            at = (r.segment == "loading") & (r.depth > PRESSED * r.depth.max())
             v = r.channels["Fz" if "Fz" in r.channels else next(iter(r.channels))][at]
             z, least, size, depth = steps(r.depth[at], v)
             if len(z) > LEAST:

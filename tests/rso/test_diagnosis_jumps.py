@@ -73,6 +73,17 @@ def test_one_small_crack_in_one_of_five_records_is_found_where_it_is(sense):
     assert all(np.sign(c.size) == sense and abs(c.depth - 2.6) < 0.1 and c.experiment == "a" for c in there)
 
 
+def test_a_ball_that_snaps_in_at_contact_is_no_crack():
+    """Adhesion is in the catalogue; the same step deeper is one."""
+    rng, found = np.random.default_rng(7), {}
+    for at in (0.0, 2.0):
+        u = np.linspace(-1.0, 4.0, 61)
+        F = 0.05 * np.maximum(u, 0.0) ** 1.5 - 0.03 * (u > at) + 0.002 * rng.standard_normal(61)
+        r = dataclasses.replace(toy.recorded(toy.TRUTH, rng, readings=61)[0], depth=u, channels={"Fz": F})
+        found[at] = jumps(make_plan([toy.experiment("a", (r,))])).crack
+    assert found[0.0] is None and found[2.0] is not None and abs(found[2.0].depth - 2.0) < 0.1
+
+
 @pytest.mark.parametrize("spacing", [0.0, 0.9])
 def test_neither_one_wild_reading_nor_uneven_depths_are_a_crack(spacing):
     """A step of the depth is one of the force too; a reading far out goes up and down again."""
