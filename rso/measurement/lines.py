@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rso.measurement.columns import Row, is_number
+from rso.measurement.workbook import BEGINS, text_of_workbook
 
 MAX_BYTES = 200_000_000
 _BROKEN = 8  # lines that the cells of a header may have
@@ -17,7 +18,7 @@ _FAULT = re.compile(r"#(?:#+|DIV/0!|N/A|NV|[A-ZÄÖÜ]+[!?])\s*[;,\t]\s*[^\s;,]"
 
 
 def text_of(path: Path) -> str:
-    """Contents as text: UTF-16 with its mark, UTF-8 with or without one, else Latin-1."""
+    """Contents as text: UTF-16 with its mark, UTF-8 with or without one, else Latin-1; of a workbook its readings."""
     try:
         if not path.is_file():
             raise ValueError(f"{path}: there is no such file" if not path.exists() else f"{path}: is not a file")
@@ -27,13 +28,16 @@ def text_of(path: Path) -> str:
         raw = path.read_bytes()
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from error
+    if raw.startswith(BEGINS):
+        return text_of_workbook(path, raw)
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         try:
             raw = raw.decode("utf-16").encode()
         except UnicodeDecodeError as error:
             raise ValueError(f"{path}: begins as UTF-16 text and goes on as none; save it as UTF-8") from error
     if b"\0" in raw:
-        raise ValueError(f"{path}: is not a text file (it holds zero bytes); a CSV file is expected")
+        raise ValueError(f"{path}: is not a text file (it holds zero bytes); a CSV file or a workbook (.xlsx) is "
+                         "expected")  # fmt: skip
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:

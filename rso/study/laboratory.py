@@ -31,13 +31,15 @@ _CYCLE = re.compile(r"^mp_cycle_(\d+(?:\.\d+)?)(?![\d.])", re.IGNORECASE)
 _PLACE = re.compile(r"^(point|pt|pos|position|site)([_ -]|\d)", re.IGNORECASE)  # a name that means a place
 _TOP = re.compile(r"^mp([_ -]|$)", re.IGNORECASE)  # middle point
 _NUMBERED = re.compile(r"^(\d+)[_ -]+(?=[^\W\d])")  # 04_site_20_0: the fourth test
+READ = (".csv", ".xlsx")
+LOCK = "~$"  # what a spreadsheet lays beside a workbook that is open
 MU, D1 = ("5 kPa", "20 kPa"), ("1 1/MPa", "100 1/MPa")  # their product, the axis of the library: ν from 0.125 to 0.499
 
 
 def study_text(folder: Path, seed: int, beside: Path) -> str:
     """The study file for a folder; `beside` is where it will be written.  ValueError naming what is missing."""
     nominal = read_nominal(folder)
-    files = sorted(f for f in folder.iterdir() if f.suffix.lower() == ".csv")
+    files = sorted(f for f in folder.iterdir() if f.suffix.lower() in READ and not f.name.startswith(LOCK))
     if not files:
         raise ValueError(f"{folder}: holds no CSV file")
     for f in files:
@@ -91,8 +93,8 @@ def _experiment(file: Path, nominal: Nominal, before: list[str], beside: Path) -
 
 def unread(folder: Path) -> list[str]:
     """Files of a folder that may hold readings and are not read."""
-    return [f"{f.name} is not read: only .csv files are" for f in sorted(folder.iterdir())
-            if f.suffix.lower() in (".txt", ".tsv", ".dat", ".asc", ".xls", ".xlsx", ".ods")]  # fmt: skip
+    return [f"{f.name} is not read: only {' and '.join(READ)} files are" for f in sorted(folder.iterdir())
+            if f.suffix.lower() in (".txt", ".tsv", ".dat", ".asc", ".xls", ".ods")]  # fmt: skip
 
 
 def files_of(study: Study) -> list[dict[str, Any]]:

@@ -59,7 +59,7 @@ def test_numbers_before_names_are_the_order_of_testing(tmp_path):
 def test_files_that_are_not_read_are_named(tmp_path):
     lab = folder(tmp_path)
     (lab / "mp_deep.txt").write_text("depth_mm,Fz_N\n0,0\n1,0.1\n")
-    assert unread(lab) == ["mp_deep.txt is not read: only .csv files are"]
+    assert unread(lab) == ["mp_deep.txt is not read: only .csv and .xlsx files are"]
 
 
 def test_a_length_over_which_readings_remember_can_be_stated(tmp_path):

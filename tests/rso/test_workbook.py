@@ -1,0 +1,101 @@
+"""Workbooks of a spreadsheet: read as the same table saved as CSV, or refused with what they hold."""
+
+import datetime
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from openpyxl import Workbook
+from test_laboratory import NOMINAL
+
+from rso.measurement import read
+from rso.study.laboratory import study_text
+
+U = np.linspace(0.0, 4.0, 41)
+F = 0.04 * U**1.5
+START = datetime.datetime(2026, 3, 1, 23, 59, 58)
+
+
+def saved(path: Path, **sheets) -> Path:
+    book = Workbook()
+    book.remove(book.active)
+    for title, rows in sheets.items():
+        sheet = book.create_sheet(title)
+        for row in rows:
+            sheet.append(row)
+    book.save(path)
+    return path
+
+
+def readings(head: tuple[str, ...], *columns) -> list[list]:
+    return [
+        list(head),
+        *([v if not isinstance(v, np.floating) else float(v) for v in row] for row in zip(*columns, strict=True)),
+    ]
+
+
+def as_text(column: np.ndarray) -> list[str]:
+    return [repr(float(v)).replace(".", ",") for v in column]
+
+
+PLAIN = readings(("depth_mm", "Fz_N"), U, F)
+READ = {
+    "plain": [("a", PLAIN)],
+    "notes above and an empty row": [("a", [["Operator", "M. Muster"], [], *PLAIN])],
+    "a row of units": [("a", [["Standardweg", "Standardkraft"], ["mm", "N"], *PLAIN[1:]])],
+    "a header of two lines in a cell": [("a", [["depth\n[mm]", "Fz\n[N]"], *PLAIN[1:]])],
+    "another sheet of a few results": [("Results", [["Speed", 0.5], ["Force", 2]]), ("Probe 1", PLAIN), ("empty", [])],
+    "numbers as text with commas": [("a", readings(("depth_mm", "Fz_N"), as_text(U), as_text(F)))],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("sheets", READ.values(), ids=READ)
+def test_a_sheet_of_readings_is_read_to_all_its_digits(tmp_path, sheets):
+    m = read(saved(tmp_path / "data.xlsx", **dict(sheets)))
+    # The library that writes them keeps 16 digits.
+    assert_allclose(m.repeats[0].depth, U, rtol=1e-15, atol=0.0)
+    assert_allclose(m.repeats[0].channels["Fz"], F, rtol=1e-15, atol=0.0)
+
+
+@pytest.mark.parametrize("clock", [
+    [START.time().replace(hour=10, minute=5, second=1 + k, microsecond=500_000) for k in range(41)],
+    [datetime.timedelta(seconds=k + 0.5) for k in range(41)],
+    [datetime.datetime(2026, 3, 1, 10, 5, 1) + datetime.timedelta(seconds=k) for k in range(41)],
+], ids=["time of day", "duration", "date and time"])  # fmt: skip
+def test_times_of_a_sheet_are_seconds(tmp_path, clock):
+    m = read(saved(tmp_path / "data.xlsx", a=readings(("time_s", "depth_mm", "Fz_N"), clock, U, F)))
+    assert_array_equal(np.diff(m.repeats[0].time), np.ones(40))
+
+
+def test_a_row_is_named_by_its_number_in_the_sheet(tmp_path):
+    rows = [["note"], [], *(PLAIN[:10]), [0.9, "?"], *PLAIN[11:]]
+    with pytest.raises(ValueError, match=r"data\.xlsx:13: column 'Fz': '\?' is not a finite number"):
+        read(saved(tmp_path / "data.xlsx", a=rows))
+
+
+def test_several_sheets_of_readings_are_refused_by_name(tmp_path):
+    with pytest.raises(ValueError, match=r"2 of its sheets hold readings \('Probe 1', 'Probe 2'\)"):
+        read(saved(tmp_path / "data.xlsx", **{"Probe 1": PLAIN, "Probe 2": PLAIN}))
+
+
+def test_formulas_never_computed_are_no_readings(tmp_path):
+    rows = [["depth_mm", "Fz_N"], *([f"=A{k}*2", f"=B{k}*2"] for k in range(40))]
+    with pytest.raises(ValueError, match=r"none of its sheets .* formulas that were never computed"):
+        read(saved(tmp_path / "data.xlsx", a=rows))
+
+
+def test_another_archive_is_no_workbook(tmp_path):
+    path = tmp_path / "data.xlsx"
+    path.write_bytes(b"PK\x03\x04 and so on")
+    with pytest.raises(ValueError, match="no workbook"):
+        read(path)
+
+
+def test_a_folder_may_hold_workbooks(tmp_path):
+    (tmp_path / "nominal.json").write_text(json.dumps(NOMINAL))
+    saved(tmp_path / "mp_load.xlsx", a=PLAIN)
+    saved(tmp_path / "~$mp_load.xlsx", a=PLAIN)  # an open workbook's lock
+    text = study_text(tmp_path, 1, tmp_path)
+    assert text.count("[[experiments]]") == 1 and "mp_load.xlsx" in text
