@@ -331,14 +331,43 @@ def test_force_error_grows_with_what_makes_it_grow():
 def test_stated_errors_have_their_channels_dimension():
     """Twice the size and three times the force: the errors follow (the shipped meshes scale with the ball)."""
     aside = (0.01, 0.0, 1.0)
-    small = stated(result(aside), bowl(), weight=1e-6, bowl_clearance=0.5)
+    small = stated(result(aside), bowl(), weight=1e-6, bowl_clearance=0.5, skin_ratio=4.0, skin_thickness=0.3)
     large = stated(result(aside, lengths=2.0, forces=12.0), bowl(scale=2.0), mu=0.03, D1=5.8 / 3,
-                   weight=1.5e-6, bowl_clearance=1.0)  # fmt: skip
+                   weight=1.5e-6, bowl_clearance=1.0, skin_ratio=4.0, skin_thickness=0.6)  # fmt: skip
     power = {"Fx": 12.0, "Fz": 12.0, "uz_max": 2.0, "bulge": 2.0, "contact_area": 4.0, "contact_radius": 2.0,
              "peak_pressure": 3.0, "uz(0.5,0)": 2.0, "uz(6,2)": 2.0}  # fmt: skip
     scaled = {"uz(0.5,0)": "uz(1,0)", "uz(6,2)": "uz(12,4)"}
     for name, factor in power.items():
         np.testing.assert_allclose(large[scaled.get(name, name)], factor * small[name], rtol=1e-12, err_msg=name)
+
+
+SKINS = {  # ratio, thickness (mm): Fz (N) of the level fine at K/mu = 60 and travels 0.25, 0.5, 1, 2, 4 mm
+    (0.1, 0.3): [0.0089211, 0.0274420, 0.0797850, 0.2208898, 0.5620930],
+    (10.0, 0.15): [0.0117150, 0.0321553, 0.0890514, 0.2444972, 0.6423078],
+    (10.0, 2.0): [0.0417122, 0.0945266, 0.2094593, 0.4588836, 1.0465947],
+}
+
+
+@pytest.mark.parametrize("ratio, thickness", SKINS)
+def test_what_is_missed_of_a_skin_is_stated(ratio, thickness, monkeypatch):
+    """The level coarse beside the level fine; negative control: stated as of a plain body each is off by more."""
+    values = {"mu": 0.01, "D1": 2.0 / 0.6, "skin_ratio": ratio, "skin_thickness": thickness}
+    case = Case("skin", Programme.ramp((0.25, 0.5, 1.0, 2.0, 4.0), 0.5), {"mesh": {"level": "coarse"}})
+    r = BACKEND(values, case)
+    fine = np.array(SKINS[ratio, thickness])
+    off = np.abs(r.channels["Fz"] - fine)
+    assert (off < r.error["Fz"]).all() and (r.error["Fz"] < 0.15 * fine).all()
+    monkeypatch.setattr(errors, "contrast", lambda knobs: 0.0)
+    assert (off > BACKEND(values, case).error["Fz"]).any()
+
+
+def test_a_skin_of_the_core_is_none_and_one_far_thinner_or_thicker_than_elements_has_no_edge():
+    for name, error in stated(skin_ratio=1.0, skin_thickness=0.5).items():
+        np.testing.assert_array_equal(error, stated()[name])
+    at = settings()
+    assert errors.lumped(at, knobs(skin_ratio=0.2, skin_thickness=1e-9)) == pytest.approx(1.0)
+    assert errors.lumped(at, knobs(skin_ratio=0.2, skin_thickness=2.0 * at.h0)) == 1.0
+    assert errors.layered(at, knobs(skin_ratio=0.2, skin_thickness=1.0)) == 1.0  # a softer one is missed by no more
 
 
 def test_a_patch_too_small_to_be_fitted_is_not_exact():
