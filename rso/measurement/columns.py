@@ -308,6 +308,8 @@ def _customary(path: Path, rows: Sequence[Row]) -> dict[str, Column]:
         except ValueError as error:
             fail(path, line, str(error))
         found = {name: Column(cells[i]) for name, i in at.items()}
+        if "time" in at and (unit := customary.unit_of(cells[at["time"]], units[at["time"]], "time")):
+            found["time"] = Column(cells[at["time"]], unit=unit)
     return found
 
 

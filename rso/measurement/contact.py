@@ -9,64 +9,75 @@ from dataclasses import dataclass
 import numpy as np
 
 POWERS = (1.5, 2.5)  # of the travel of a ball: Hertz's, and the first of what stiffens or softens
+STIFFENS = 3.5  # a third one, where it is clear
+CLEAR = 25.0  # fall of χ² with one number more that is no scatter
 UP_TO = 0.7  # of the largest force: what tells the contact
 BIAS = 0.005  # of the travel pressed up to there by which two powers miss a soft ellipsoid's contact
 SURE = 2.0  # standard deviations after the first reading
+LATE = 0.03  # of the travel: an approach that nobody has asked for
+STEEPEST = 4.0  # power beyond which no tissue stiffens, and the exponent of one that stiffens by e^{βu} from there on
 MOST = 200  # means of readings that tell the shape of a curve
 STEPS = 181  # places of contact that are tried
 FURTHEST = 0.95  # of the way
 FEWEST = 6  # readings up to there
 BEFORE = 3  # readings in air, at least, that show that there was an approach
+DRIFT = 0.1  # of the range of the force, at most: a body that is pressed when the record begins is steeper
+REMEMBERS = 0.98  # correlation of a reading with the next, at most
 
 
 @dataclass(frozen=True)
 class Onset:
-    """Where the force rises: depth and its standard deviation (mm)."""
+    """Where the force rises: depth (mm), what it scatters by from record to record, and what it is off by in all."""
 
     depth: float
-    deviation: float
+    scatter: float
+    bias: float
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation (mm) of both."""
+        return math.hypot(self.scatter, self.bias)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Contact c and its variance, in shares of `way` from the first reading `t` (n,), χ² and variance of a reading."""
+
+    c: float
+    spread: float
+    left: float
+    variance: float
+    way: float
+    t: np.ndarray
+    F: np.ndarray
 
 
 def onset(depth: np.ndarray, force: np.ndarray) -> Onset | None:
     """The contact of a loading curve (n,) in mm and N that begins in air; None where too few readings tell it.
 
     Least squares of F = b + Σ_p a_p (u − c)^p, p of POWERS, up to UP_TO of the largest force, for c from the first
-    reading on; c is the mean, its deviation (with BIAS) the standard deviation, of exp(−χ²/2) over c.
+    reading on, with a drift b' u and a third power where they are clear; c is the mean, its scatter the standard
+    deviation, of exp(−χ²/2) over c, with the residual's memory.  Its bias is that of two powers on a soft ellipsoid,
+    or by how much more than scatter the contact moves if half of the force tells it.
     Valid for a ball on a smooth body without adhesion (Hertz 1881 and what stiffens or softens beyond).
     """
-    order = np.argsort(depth, kind="stable")
-    blocks = np.array_split(order, min(len(order), MOST))
-    u, F = (np.array([v[b].mean() for b in blocks]) for v in (depth, force))
-    low, high = (float(np.median(v)) for v in (F[:3], F[-3:]))
-    n = int(np.sum(F < low + UP_TO * (high - low)))  # a count: a reading out of line moves it by one
-    if n < FEWEST or u[n - 1] <= u[0]:
+    u, F = _pressed(depth, force)
+    whole, half = (_fit(u, F, share) for share in (UP_TO, 0.5 * UP_TO))
+    if whole is None:
         return None
-    first, way = float(u[0]), float(u[n - 1] - u[0])
-    t, F = (u[:n] - first) / way, F[:n]
-    c = np.linspace(0.0, FURTHEST, STEPS)
-    left = np.full(STEPS, np.inf)
-    for k in range(STEPS):
-        x = np.maximum(t - c[k], 0.0)
-        A = np.stack([np.ones(n), *(x**p for p in POWERS)], axis=1)
-        a = np.linalg.lstsq(A, F, rcond=None)[0]
-        if a[1] > 0.0 and sum(a[1:]) > 0.0:
-            left[k] = float(np.sum((F - A @ a) ** 2))
-    k = int(np.argmin(left))
-    if not np.isfinite(left[k]):
-        return None
-    variance = max(float(left[k]) / max(n - 2 - len(POWERS), 1), (1e-3 * float(np.ptp(force))) ** 2)
-    weight = np.exp(-0.5 * (left - left[k]) / variance)
-    mean = float(weight @ c / weight.sum())
-    spread = float(weight @ (c - mean) ** 2 / weight.sum())
-    deviation = math.sqrt(spread + (c[1] - c[0]) ** 2 / 12.0 + (BIAS * (1.0 - mean)) ** 2)
-    return Onset(first + way * mean, way * deviation)
+    bias = BIAS * (1.0 - whole.c) * whole.way
+    if half is not None:
+        moves = whole.c * whole.way - half.c * half.way
+        scatter = sum(fit.spread * fit.way**2 for fit in (whole, half))
+        bias = math.hypot(bias, math.sqrt(max(moves**2 - scatter, 0.0)))
+    return Onset(float(u[0]) + whole.way * whole.c, whole.way * math.sqrt(whole.spread), bias)
 
 
 def approached(depth: np.ndarray, force: np.ndarray) -> Onset:
     """The contact of a loading curve that begins in air; ValueError where it does not show one."""
     found = onset(depth, force) if len(depth) >= FEWEST else None
     if found is None:
-        raise ValueError("too few readings before half of the largest force to tell the contact")
+        raise ValueError("too few readings before 0.7 of the largest force to tell the contact")
     before = int(np.sum(depth < found.depth))
     if before < BEFORE or found.depth - float(depth.min()) < SURE * found.deviation:
         where = f"{found.depth:.3g} ± {found.deviation:.2g} mm"
@@ -74,10 +85,29 @@ def approached(depth: np.ndarray, force: np.ndarray) -> Onset:
     return found
 
 
+def begins_in_air(depth: np.ndarray, force: np.ndarray) -> bool:
+    """Whether a loading curve (n,) has an approach beyond doubt: no curve that begins with it does as well.
+
+    Such are b + a t^p with p up to STEEPEST and b + a t^1.5 e^{βt}, t from the first reading, and b + a (t + s)^p of a
+    body that is touched before: tissue that stiffens much is no later contact.
+    """
+    try:
+        found = approached(depth, force)
+    except ValueError:
+        return False
+    fit = _fit(*_pressed(depth, force), UP_TO)
+    if fit is None or found.depth - float(depth.min()) < LATE * float(np.ptp(depth)):
+        return False
+    shapes = [fit.t**p for p in np.linspace(1.0, STEEPEST, 61)]
+    shapes += [(fit.t + s) ** p for s in (0.03, 0.1, 0.2, 0.4, 0.8) for p in np.linspace(1.2, STEEPEST, 29)]
+    shapes += [fit.t**1.5 * np.exp(b * fit.t) for b in np.linspace(0.1, 2.0 * STEEPEST, 80)]
+    return min(_left(np.stack([np.ones_like(s), s], axis=1), fit.F) for s in shapes) > fit.left + CLEAR * fit.variance
+
+
 def zeroed(
     depth: np.ndarray, channels: Mapping[str, np.ndarray], loading: np.ndarray, names: Sequence[str]
 ) -> tuple[np.ndarray, dict[str, np.ndarray], Onset]:
-    """Depth (n,) and channels of one repeat with the columns `names`, depth or Fz, 0 at contact; and where that was.
+    """Depth (n,) and channels of one repeat with the columns `names`, depth and forces, 0 at contact; where that was.
 
     ValueError where loading, where `loading` (n,), does not show an approach.
     """
@@ -86,6 +116,84 @@ def zeroed(
     found = approached(depth[loading], channels["Fz"][loading])
     air = loading & (depth < found.depth - found.deviation)
     own = dict(channels)
-    if "Fz" in names:
-        own["Fz"] = own["Fz"] - float(np.median(own["Fz"][air]))
+    for name in names:
+        if name in own:
+            own[name] = own[name] - float(np.median(own[name][air]))
     return depth - found.depth if "depth" in names else depth, own, found
+
+
+def _pressed(depth: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means u, F (n,) of readings by depth, with about as much air before the contact as the ball is pressed."""
+    order = np.argsort(depth, kind="stable")
+    u, F = _means(depth[order], force[order])
+    low, high = float(np.quantile(F, 0.1)), float(np.median(F[-3:]))
+    tenth, half = (u[np.nonzero(low + share * (high - low) > F)[0][-1:]] for share in (0.1, 0.5))
+    if len(tenth) and len(half):
+        c = float(tenth[0] - (half[0] - tenth[0]))
+        order = order[depth[order] >= c - (u[-1] - c)]
+    return _means(depth[order], force[order])
+
+
+def _means(u: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    n = min(len(u), MOST)
+    block = np.arange(len(u)) * n // len(u)
+    return tuple(np.bincount(block, weights=v) / np.bincount(block) for v in (u, F))
+
+
+def _fit(u: np.ndarray, F: np.ndarray, share: float) -> _Fit | None:
+    """The contact by the readings up to a share of the largest force."""
+    low, high = float(np.quantile(F, 0.1)), float(np.median(F[-3:]))
+    n = int(np.sum(low + share * (high - low) > F))  # a count: a reading out of line moves it by one
+    if n < FEWEST or u[n - 1] <= u[0]:
+        return None
+    way, least = float(u[n - 1] - u[0]), (1e-3 * float(np.ptp(F))) ** 2
+    t, F = (u[:n] - u[0]) / way, F[:n]
+    best, more = _profile(t, F, POWERS, False, least), [(POWERS, True), ((*POWERS, STIFFENS), False)]
+    while best is not None and more and n > FEWEST + 3:
+        found = [_profile(t, F, *terms, least) for terms in more]
+        k = min(range(len(more)), key=lambda k: math.inf if found[k] is None else found[k][1])
+        if found[k] is None or best[1] - found[k][1] < CLEAR * found[k][2]:
+            break
+        best, more = found[k], [((*POWERS, STIFFENS), True)] * (len(more) > 1)
+    if best is None:
+        return None
+    left, smallest, variance = best
+    c = np.linspace(0.0, FURTHEST, STEPS)
+    weight = np.exp(-0.5 * (left - smallest) / variance)
+    mean = float(weight @ c / weight.sum())
+    spread = float(weight @ (c - mean) ** 2 / weight.sum()) + (c[1] - c[0]) ** 2 / 12.0
+    return _Fit(mean, spread, smallest, variance, way, t, F)
+
+
+def _profile(
+    t: np.ndarray, F: np.ndarray, powers: Sequence[float], drift: bool, least: float
+) -> tuple[np.ndarray, float, float] | None:
+    """Squares left for each place of contact, the smallest, and the variance of a reading, times what its memory does.
+
+    Of readings that remember their neighbours by ρ, (1 + ρ)/(1 − ρ) count as one: residuals of a shape that does not
+    fit do so, too.
+    """
+    n, fixed = len(t), np.stack([np.ones_like(t), t] if drift else [np.ones_like(t)], axis=1)
+    left, rest = np.full(STEPS, np.inf), np.zeros((STEPS, n))
+    for k, c in enumerate(np.linspace(0.0, FURTHEST, STEPS)):
+        x = np.maximum(t - c, 0.0)
+        A = np.concatenate([np.stack([x**p for p in powers], axis=1), fixed], axis=1)
+        a = np.linalg.lstsq(A, F, rcond=None)[0]
+        drifts = drift and abs(a[-1]) > DRIFT * np.ptp(F)
+        if a[0] > 0.0 and sum(a[: len(powers)]) > 0.0 and not drifts:
+            rest[k] = F - A @ a
+            left[k] = float(rest[k] @ rest[k])
+    k = int(np.argmin(left))
+    if not np.isfinite(left[k]):
+        return None
+    variance = float(left[k]) / max(n - 1 - A.shape[1], 1)
+    if variance <= least:
+        return left, float(left[k]), least
+    r = float(rest[k][1:] @ rest[k][:-1]) / float(left[k])
+    r = min(max(r, 0.0), REMEMBERS)
+    return left, float(left[k]), max(variance * (1.0 + r) / (1.0 - r), least)
+
+
+def _left(A: np.ndarray, F: np.ndarray) -> float:
+    rest = F - A @ np.linalg.lstsq(A, F, rcond=None)[0]
+    return float(rest @ rest)

@@ -5,13 +5,14 @@ Only whole names count, and only where a single column has one: what may be two 
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
 
-from rso.units import is_of, kind_of, unit_in, weight
+from rso.units import bracketed, is_of, kind_of, unit_in, weight
 
 NAMES: Mapping[str, frozenset[str]] = MappingProxyType(
     {
@@ -36,6 +37,10 @@ NAMES: Mapping[str, frozenset[str]] = MappingProxyType(
         ),
     }
 )  # fmt: skip
+FROM_CONTACT = ("indentation", "penetration", "eindring", "enfoncement")  # such a travel is no machine's position
+PRESSED = ((0.6, 0.7), (0.8, 0.9), (0.95, 1.0))  # of the way: where a force is looked for
+STEEPER = 2.5  # times the last fifth of the way: u^0.7 is by 2.2, a ball that is taken off by 3
+FEW = 7  # readings: more of them tell the shape of a curve
 _GROUP = re.compile(r"\[[^\[\]]*\]|\([^()]*\)")
 _JOINED = re.compile(r"[\s_\-.:]+")
 
@@ -45,10 +50,20 @@ def plain(cell: str, name: str) -> str:
     text = _GROUP.sub(" ", cell)
     for mark in ("/", "_", ",", " "):
         words, _, last = text.strip().rpartition(mark)
+        last = last.lower() if name == "time" else last
         if words and (is_of(kind_of(name), last) or (kind_of(name) == "N" and weight(last))):
             text = words
             break
     return _JOINED.sub(" ", text).strip().lower()
+
+
+def unit_of(cell: str, beneath: str, name: str) -> str:
+    """What a header, or the row beneath it, says for its unit, known or not; Sec and MIN of a time are sec and min."""
+    unit = unit_in(cell, name) or bracketed(cell, name) or beneath
+    if not unit and name == "time":
+        unit = next((w for w in re.split(r"[\s_(\[\])]+", cell)[:0:-1] if is_of("s", w.lower())), "")
+    small = unit.lower()
+    return small if name == "time" and not is_of("s", unit) and is_of("s", small) else unit
 
 
 def is_one(cell: str) -> bool:
@@ -70,12 +85,15 @@ def named(
     for name, names in NAMES.items():
         if name in found:
             continue
-        united = [is_of(kind_of(name), unit_in(cell, name) or beneath[k]) for k, cell in enumerate(cells)]
+        units = [unit_of(cell, beneath[k], name) for k, cell in enumerate(cells)]
+        united = [is_of(kind_of(name), unit) for unit in units]
         called = [plain(cell, name) if known[k] is None else "" for k, cell in enumerate(cells)]
         mine = [k for k, c in enumerate(called) if c in names or (united[k] and c == name.lower())]
         if name == "time":
             mine = [k for k in mine if clocks[k] or united[k]]
             mine = mine if len(mine) == 1 else []
+        if len(own := [k for k in mine if united[k] or not units[k]]) == 1:
+            mine = own  # beside an Extension (%) and a Force (g)
         if len(mine) > 1:
             each = " and ".join(repr(cells[k]) for k in mine[:3])
             raise ValueError(f"{each} may each be {name}: say with [columns] in the study file which is")
@@ -85,16 +103,44 @@ def named(
     return found if customary and {"depth", "Fz"} <= found.keys() else {}
 
 
-def turned(columns: Mapping[str, np.ndarray], names: Sequence[str]) -> list[str]:
-    """Which of the columns `names` count the other way: the force is to be larger where it is furthest from where the
-    record begins, and to grow with the travel, from reading to reading, whatever offsets the tests of a file have."""
-    force, depth = columns["Fz"], columns["depth"]
-    if len(force) < 2:
-        return []
-    far = force - float(np.median(force[:3]))
-    upright = float(far[np.argmax(np.abs(far))])
-    step = np.diff(depth)
-    usual = 3.0 * float(np.median(np.abs(step)))
-    together = float(np.sum(np.diff(force) * np.clip(step, -usual, usual)))
-    grows = {"Fz": upright, "depth": together * upright}
-    return [name for name in names if grows.get(name, 0.0) < 0.0]
+def from_contact(cell: str) -> bool:
+    """Whether a header says that a travel counts from contact."""
+    return any(part in plain(cell, "depth") for part in FROM_CONTACT)
+
+
+def turned(columns: Mapping[str, np.ndarray], labels: np.ndarray, names: Sequence[str]) -> list[str]:
+    """Which of the columns `names` count the other way, by most of the tests `labels` (n,), whatever their offsets.
+
+    A ball is pressed where the travel is furthest from where the record begins: there the force is larger than in the
+    first half of the way, of which less than half may have been tared otherwise.  ValueError where the force changes
+    most where the record begins.
+    """
+    votes = {"depth": 0.0, "Fz": 0.0}
+    for label in dict.fromkeys(labels.tolist()):
+        rows = labels == label
+        sense = _sense(columns["depth"][rows], columns["Fz"][rows])
+        votes = {name: votes[name] + sign for name, sign in zip(votes, sense, strict=True)}
+    return [name for name in names if votes.get(name, 0.0) < 0.0]
+
+
+def _sense(travel: np.ndarray, force: np.ndarray) -> tuple[float, float]:
+    """Signs of travel and force of one test, 0 where it does not show any."""
+    way = travel - float(np.median(travel[: 3 if len(travel) > FEW else 1]))
+    end = int(np.argmax(np.abs(way)))
+    if way[end] == 0.0:
+        return 0.0, 0.0
+    x, F = way[: end + 1] / way[end], force[: end + 1]
+
+    def at(low: float, high: float) -> float:
+        inside = F[(x >= low) & (x <= high)]
+        return float(np.median(inside)) if len(inside) else float(np.interp(0.5 * (low + high), x, F))
+
+    rises = [at(*part) - at(0.0, 0.5) for part in PRESSED]
+    sign = float(np.sign(max(rises, key=abs)))
+    slope = [sign * (at(b, b + 0.05) - at(a, a + 0.05)) for a, b in itertools.pairwise((0.0, 0.2, 0.4, 0.6, 0.8, 0.95))]
+    if len(x) > FEW and slope[0] > max(STEEPER * max(slope[-1], 0.0), *slope[1:]) and slope[0] > 0.25 * sum(slope):
+        raise ValueError(
+            "the force changes most where the record begins: a way back alone, or a cell tared on the way? Leave such "
+            "readings out, or say with [columns] in the study file what the columns are"
+        )
+    return float(np.sign(way[end])), sign

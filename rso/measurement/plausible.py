@@ -166,12 +166,6 @@ def _of_force(who: str, label: str, depth: np.ndarray, force: np.ndarray, time: 
     return notes
 
 
-def late(depth: np.ndarray, force: np.ndarray) -> bool:
-    """Whether a loading curve (n,) that begins at its first reading shows a contact beyond doubt later than that."""
-    begins = _onset(depth - depth.min(), force)
-    return begins is not None and begins[0] > LATE * float(np.ptp(depth))
-
-
 def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> float:
     """The force (N) where loading begins; ValueError where it falls, is not tared, or depths are a machine's."""
     n = max(3 if len(F) >= FEW else 1, int(EDGE * len(F)))

@@ -11,10 +11,11 @@ and a header in the last comment above bare numbers.  Tables beneath one another
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 from array import array
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -72,8 +73,8 @@ class Measurement:
     """One measured file, or several of one kind: repeats, notes, what is doubtful and which columns are not read.
 
     `path` is the file, of several the first, `more` the others.  `contact` (mm) is the standard deviation of where the
-    contact of each repeat was found in its record, 0 where it was not sought there.  Notes are comment lines without
-    '#' and what stands above the header.
+    contact of all was found in their records, 0 where it was not sought there; `headers` are what the columns are
+    called in the file.  Notes are comment lines without '#' and what stands above the header.
     """
 
     path: Path
@@ -84,6 +85,7 @@ class Measurement:
     unread: tuple[str, ...] = ()
     more: tuple[Path, ...] = ()
     contact: float = 0.0
+    headers: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def where(self) -> str:
@@ -98,7 +100,11 @@ class Measurement:
 
 @dataclass(frozen=True, eq=False)
 class _Table:
-    """Columns by name in base units, the label of each row's repeat and segment, and where each row stood."""
+    """Columns by name in base units, the label of each row's repeat and segment, and where each row stood.
+
+    `found` are columns whose zero is sought, `position` whether depth is a machine's position, `own` what one mm or N
+    of a column is in the file, `headers` what the columns are called there, `turned` those whose sign was turned.
+    """
 
     path: Path
     columns: Mapping[str, np.ndarray]
@@ -109,7 +115,10 @@ class _Table:
     unread: tuple[str, ...]
     doubts: tuple[str, ...]
     found: tuple[str, ...]
-    customary: bool
+    position: bool
+    own: Mapping[str, tuple[float, str]]
+    headers: Mapping[str, str]
+    turned: tuple[str, ...]
 
 
 def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] | None = None) -> Measurement:
@@ -133,26 +142,23 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
             )
     repeats: list[Repeat] = []
     doubts: list[str] = []
-    deviations: list[float] = []
+    onsets: list[Onset] = []
     for table, kind in zip(found, kinds, strict=True):
         doubts += [f"{table.path.name}: {words}" for words in table.doubts]
         for label in dict.fromkeys(table.labels.tolist()):
             r, onset, told = _from_contact(table, _repeat(table, kind, label))
             repeats.append(r)
             doubts += told
-            if onset is not None:
-                deviations.append(onset.deviation)
+            onsets += [onset] if onset is not None else []
             if kind == "force":
-                lines, force = table.line[table.labels == label], r.channels.get("Fz")
-                given = table.segments is not None
-                doubts += plausible.check(table.path, label, r.depth, r.segment, force, r.time, lines, not given)
+                doubts += _plausible(table, r)
             elif "uz" in r.channels:
                 doubts += plausible.profile(label, r.depth, r.channels["uz"])
     if kinds[0] == "force":
         doubts += plausible.common([(r.label, r.depth[r.segment == "loading"]) for r in repeats])
     notes, unread = (tuple(dict.fromkeys(v for t in found for v in getattr(t, k))) for k in ("notes", "unread"))
-    off = float(np.sqrt(np.mean(np.square(deviations)))) if deviations else 0.0
-    m = Measurement(paths[0], kinds[0], tuple(repeats), notes, tuple(doubts), unread, tuple(paths[1:]), off)
+    m = Measurement(paths[0], kinds[0], tuple(repeats), notes, tuple(doubts), unread, tuple(paths[1:]), _off(onsets),
+                    found[0].headers)  # fmt: skip
     plausible.alike(m.where, [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels])
     for repeat in repeats:
         if len(repeat.depth) == 1 and len(repeats) > 1 and m.kind == "force":
@@ -160,26 +166,68 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
     return m
 
 
-def _from_contact(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[str]]:
-    """A repeat with depth, and force, counted from contact where that is to be found in its record; and what to say.
+def _plausible(table: _Table, r: Repeat) -> list[str]:
+    """Remarks on a force curve; what refuses it says, too, which signs were turned."""
+    lines, force = table.line[table.labels == r.label], r.channels.get("Fz")
+    try:
+        return plausible.check(table.path, r.label, r.depth, r.segment, force, r.time, lines, table.segments is None)
+    except ValueError as error:
+        if not table.turned:
+            raise
+        raise ValueError(f"{error} (the sign of {' and '.join(table.turned)} was turned, as the force seemed to grow "
+                         "that way; [columns] in the study file says what the columns are)") from error  # fmt: skip
 
-    A machine's file without [columns] is taken so where it shows an approach beyond doubt.
+
+def _off(onsets: Sequence[Onset]) -> float:
+    """Standard deviation (mm) of the contact of all repeats together: what scatters averages out, a bias stays."""
+    if not onsets:
+        return 0.0
+    scatter, bias = (np.mean(np.square([getattr(o, k) for o in onsets])) for k in ("scatter", "bias"))
+    return float(np.sqrt(scatter / len(onsets) + bias))
+
+
+def _from_contact(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[str]]:
+    """A repeat with depth, and forces, counted from contact where that is to be found in its record; and what to say.
+
+    A machine's position is taken so where it shows an approach beyond doubt, else from its first reading.
     """
     loading, names = r.segment == "loading", table.found
-    if not names and table.customary and "Fz" in r.channels and np.sum(loading) >= contact.FEWEST:
-        names = ("depth", "Fz") if plausible.late(r.depth[loading], r.channels["Fz"][loading]) else ()
+    sought = not names and table.position and "Fz" in r.channels and np.sum(loading) >= contact.FEWEST
+    if sought and contact.begins_in_air(r.depth[loading], r.channels["Fz"][loading]):
+        names = ("depth", *(n for n in FORCES if n in r.channels))
+    elif sought:
+        return _from_first(table, r)
     if not names:
         return r, None, []
     try:
         depth, channels, onset = contact.zeroed(r.depth, r.channels, loading, names)
     except ValueError as error:
-        if not table.found:
-            return r, None, []
         raise ValueError(f"{table.path}: repeat {r.label!r}: zero = {CONTACT!r}: {error}") from error
-    told = f"repeat {r.label}: contact is found at {onset.depth:.4g} mm ± {onset.deviation:.2g} mm by the shape of Fz"
-    level = float(np.median(r.channels["Fz"] - channels["Fz"]))
-    told += f"; {' and '.join(names)} count from there" + (f", {level:.2g} N is taken off" if "Fz" in names else "")
-    return replace(r, depth=depth, channels=channels), onset, [told]
+    told = f"repeat {r.label}: contact is found at {_own(table, onset.depth, onset.deviation)} by the shape of Fz"
+    told += f"; {', '.join(names)} count{'s' * (len(names) == 1)} from there"
+    level, (per, unit) = float(np.median(r.channels["Fz"] - channels["Fz"])), table.own["Fz"]
+    told += f", {level * per:.2g} {unit} is taken off" if "Fz" in names else ""
+    return replace(r, depth=depth, channels=channels), onset if "depth" in names else None, [told]
+
+
+def _from_first(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[str]]:
+    """A repeat whose record begins at contact, where its position does not begin near 0, from its first reading."""
+    loading = r.segment == "loading"
+    first, way = float(r.depth[loading][0]), float(np.ptp(r.depth[loading]))
+    if abs(first) <= plausible.EDGE * way:
+        return r, None, []
+    found = contact.onset(r.depth[loading], r.channels["Fz"][loading])
+    found = Onset(first, contact.LATE * way, 0.0) if found is None else replace(found, depth=first)
+    told = f"repeat {r.label}: depth counts from the first reading, at {_own(table, first, found.deviation)}"
+    return replace(r, depth=r.depth - first), found, [f"{told}, as no approach is seen before it"]
+
+
+def _own(table: _Table, depth: float, deviation: float) -> str:
+    """A depth and its deviation as the file has them, to the digits that the deviation allows."""
+    per, unit = table.own["depth"]
+    off = abs(deviation * per)
+    digits = max(1 - math.floor(math.log10(off)), 0) if off > 0.0 else 3
+    return f"{depth * per:.{digits}f} {unit} ± {off:.2g} {unit}"
 
 
 def _labels(paths: Sequence[Path]) -> list[str]:
@@ -249,8 +297,6 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     arrays = {name: (np.array(column) - head.zero[name]) * head.factor[name] + 0.0 for name, column in columns.items()}
     for name, column in arrays.items():
         within(path, line, name, column, head.unit[name])
-    turned = customary.turned(arrays, head.customary) if head.customary else []
-    arrays |= {name: 0.0 - arrays[name] for name in turned}
     stated = None
     if codes is not None:
         stated = np.array([segment_code(path, row, head, codes) for row in rows])
@@ -259,13 +305,20 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     lines = np.array(line)
     whole = lines - np.searchsorted(gaps, lines)  # a row that was left out parts no blocks
     labels, doubts = tables.labels_of(path, parts, whole, arrays, text.get("repeat", []), stated)
+    try:
+        turned = customary.turned(arrays, labels, head.customary) if head.customary else []
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    arrays |= {name: 0.0 - arrays[name] for name in turned}
     doubts = [*_taken(head, turned), *tables.told(gaps, len(line)), *doubts]
     if file_label:
         several = "repeat" in text or len(set(labels)) > 1
         labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])
-    return _Table(
-        path, arrays, labels, stated, lines, tuple(notes), head.unread, tuple(doubts), head.found, bool(head.customary)
-    )
+    own = {n: ((-1.0 if n in turned else 1.0) / head.factor[n], head.unit[n]) for n in arrays if head.unit[n]}
+    headers = {name: head.cells[k] for name, k in head.at.items()}
+    position = "depth" in head.customary and not customary.from_contact(headers["depth"])
+    return _Table(path, arrays, labels, stated, lines, tuple(notes), head.unread, tuple(doubts), head.found, position,
+                  own, headers, tuple(turned))  # fmt: skip
 
 
 def _taken(head: Head, turned: Sequence[str]) -> list[str]:

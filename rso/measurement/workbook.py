@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import io
 import warnings
+import zlib
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -28,7 +29,8 @@ def text_of_workbook(path: Path, raw: bytes) -> str:
             warnings.simplefilter("ignore")  # styles and validations that it does not know
             book = load_workbook(io.BytesIO(raw), read_only=True, data_only=True)
             sheets = {s.title: [list(row) for row in s.iter_rows(values_only=True)] for s in book.worksheets}
-    except (BadZipFile, InvalidFileException, KeyError, ValueError, OSError) as error:
+    # SyntaxError: of what the sheets are written in; the library does not catch it.
+    except (BadZipFile, InvalidFileException, KeyError, ValueError, OSError, SyntaxError, zlib.error) as error:
         raise ValueError(
             f"{path}: is a zip archive and no workbook (.xlsx) that can be read; save it as CSV"
         ) from error

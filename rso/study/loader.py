@@ -164,15 +164,16 @@ def _check_once(raw: dict[str, Any], experiments: dict[int, ExperimentTable], fo
                 measurements: dict[str, Measurement]) -> Iterator[Problem]:  # fmt: skip
     """Readings count once: those kept for validation are not fitted or selected on, no others stand in two tests.
 
-    Files are the same where their bytes are, readings where they are also read by the same headers.
+    Files are the same where their bytes are, readings where they also stand beneath the same headers.
     """
     there = {n: e for n, e in experiments.items() if e.name in measurements}
     known = {n: {fingerprint(folder / f): f for f in e.data} for n, e in there.items()} if len(there) > 1 else {}
     for n, k in itertools.permutations(known, 2):
         e, other = there[n], there[k]
         same = known[n].keys() & known[k].keys()
-        read_alike = (e.columns and e.columns.headers()) == (other.columns and other.columns.headers())
-        if not (same and read_alike and set(e.compared) & set(other.compared)):
+        heads = measurements[e.name].headers, measurements[other.name].headers
+        twice = {c for c in {*e.compared} & {*other.compared} if heads[0].get(c) == heads[1].get(c)}
+        if not (same and twice):
             continue
         files = " and ".join(dict.fromkeys((known[n][min(same)], known[k][min(same)])))
         text = (f"experiments {e.name!r} (role = {e.role!r}) and {other.name!r} (role = {other.role!r}) have the same "
