@@ -101,8 +101,9 @@ class Emulator:
         return self._predict(output, *self._reduce(X))
 
     def mean(self, output: Output, X: np.ndarray) -> np.ndarray:
-        """Mean alone (n,)."""
-        return self.predict(output, X)[0]
+        """Mean alone (n,), faster."""
+        s, R = self._reduce(X)
+        return self._scaled(output, self._means(output, s, R), s)
 
     def means(self, outputs: Sequence[Output], X: np.ndarray) -> np.ndarray:
         """Means of several outputs (n, m)."""

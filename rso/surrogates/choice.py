@@ -13,10 +13,12 @@ from rso.surrogates.common import powers
 from rso.surrogates.kernels import KERNELS
 from rso.surrogates.kriging import Kriging, describe, fit_kriging
 from rso.surrogates.polynomial import Polynomial, fit_polynomial
-from rso.surrogates.scores import Scores, cross_validate, held_out, left_out, pooled, score
+from rso.surrogates.scores import Scores, held_out, left_out, left_out_bands, pooled, score
 
 Surrogate = Polynomial | Kriging
 KINDS = ("auto", "polynomial", "kriging")
+RIVALS = 3  # kriging models whose disagreement with the best one widens its band
+UNSEEN = 1e-12  # of the largest value: a smaller deviation is rounding
 ENOUGH = 1e-5  # relative error below which derivatives, which cost fits, are not tried
 
 
@@ -113,7 +115,8 @@ def refit(
     """The same kind of surrogate on other (usually more) data, no contest: see :func:`fit` for the arguments.
 
     Kriging finds its hyper-parameters anew from the old ones and uses gradients if it did; a polynomial selects its
-    terms anew unless `degree` is given. The cross-validation scores are leave-one-out at fixed hyper-parameters.
+    terms anew unless `degree` is given. The cross-validation scores are leave-one-out at fixed hyper-parameters; what
+    widens the band is kept, the rivals of a kriging model are fitted anew as it is.
     """
     if isinstance(model, Kriging):
         noise = noise_sd if model.noise.any() else None
@@ -122,6 +125,9 @@ def refit(
             share=None if model.share != 1.0 else 1.0, gradients=None if model.slopes is None else gradients,
             gradient_sd=0.0 if model.slopes is None else _gradient_sd(noise, X), restarts=0, start=model,
         )  # fmt: skip
+        again = {"seed": seed, "noise_sd": noise_sd, "gradients": gradients}
+        rivals = tuple((w, refit(rival, X, y, **again)) for w, rival in model.rivals)
+        new = replace(new, inflate=model.inflate, rivals=rivals)
     else:
         new = replace(fit_polynomial(X, y, degree=degree, log=model.log), inflate=model.inflate)
     story = model.story.removesuffix(f" Fitted again to {model.cv.n if model.cv else 0} runs.")
@@ -164,7 +170,9 @@ def _best_kriging(data: Data, share: float | None, logs: tuple[bool, ...], seed:
     trends = [q for q in (0, 1, 2) if q == 0 or n >= 2 * len(powers(d, q))]
     first = data if known else replace(data, noise=None)
     options = [(kernel, q, g) for kernel in KERNELS for g in logs for q in trends]
-    model = min(_tame([_kriging(first, o, share, seed, restarts=1) for o in options], data.y), key=lambda m: m.cv.rmse)
+    tried = _tame([_kriging(first, o, share, seed, restarts=1) for o in options], data.y)
+    model, *others = sorted(tried, key=lambda m: m.cv.rmse)
+    rivals = _rivals(model, others)
     model = _kriging(first, (model.kernel, model.trend, model.log), share, seed, restarts=4)
     if not known and data.noise is not None and data.noise.any():
         noisy = _kriging(data, (model.kernel, model.trend, model.log), None, seed, restarts=2)
@@ -174,7 +182,23 @@ def _best_kriging(data: Data, share: float | None, logs: tuple[bool, ...], seed:
     def again(rows: np.ndarray) -> Kriging:
         return _kriging(first.rows(rows), (model.kernel, model.trend, model.log), share, seed, start=model)
 
-    return model, cross_validate(again, data.X, data.y, seed)
+    mean, sd = left_out_bands(again, data.X, data.y, seed)
+    scatter = 0.0 if first.noise is None else model.share * first.noise
+    size = float(np.abs(data.y).max()) or 1.0
+    z = (mean - data.y) / np.maximum(np.hypot(sd, scatter), UNSEEN * size)
+    inflate = float(np.sqrt(max(np.mean(z**2), 1.0)))
+    return replace(model, inflate=inflate, rivals=rivals), score(mean, data.y)
+
+
+def _rivals(best: Kriging, others: list[Kriging]) -> tuple[tuple[float, Kriging], ...]:
+    """The next best models with their weights e_k⁻⁴/Σ_j e_j⁻⁴ among all, e the leave-one-out errors, best first.
+
+    Source: Goel, Haftka, Shyy & Queipo, Struct. Multidisc. Optim. 33 (2007) 199 (weights by errors).
+    """
+    if best.cv.rmse == 0.0:  # exact: nobody has a say beside it
+        return ()
+    weights = np.array([(best.cv.rmse / m.cv.rmse) ** 4 for m in [best, *others]])
+    return tuple(zip((weights / weights.sum())[1 : RIVALS + 1].tolist(), others[:RIVALS], strict=True))
 
 
 def _tame(models: list[Any], y: np.ndarray) -> list[Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -14,6 +14,13 @@ class Predictor(Protocol):
 
     def mean(self, X: np.ndarray) -> np.ndarray:
         """Predicted y (n,) at X (n, d)."""
+
+
+class Banded(Protocol):
+    """Anything that says how sure it is."""
+
+    def predict(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and standard deviation (n,) at X (n, d)."""
 
 
 @dataclass(frozen=True)
@@ -71,13 +78,26 @@ def left_out(
     refit: Callable[[np.ndarray], Predictor], X: np.ndarray, y: np.ndarray, seed: int, folds: int = 10
 ) -> np.ndarray:
     """Mean (n,) for each fold by a model refitted without it, as :func:`cross_validate`."""
-    y = np.asarray(y, float)
-    n = len(y)
+    predicted = np.empty(len(y))
+    for part, rows in _folds(len(y), seed, folds):
+        predicted[part] = refit(rows).mean(X[part])
+    return predicted
+
+
+def left_out_bands(
+    refit: Callable[[np.ndarray], Banded], X: np.ndarray, y: np.ndarray, seed: int, folds: int = 10
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation (n,) for each fold by a model refitted without it, as :func:`cross_validate`."""
+    mean, sd = np.empty(len(y)), np.empty(len(y))
+    for part, rows in _folds(len(y), seed, folds):
+        mean[part], sd[part] = refit(rows).predict(X[part])
+    return mean, sd
+
+
+def _folds(n: int, seed: int, folds: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Each fold of n points and the others."""
     if n < 2 or folds < 2:
         raise ValueError(f"cross-validation needs at least 2 points and 2 folds, got {n} and {folds}")
     order = np.random.default_rng(seed).permutation(n)
-    predicted = np.empty(n)
     for part in np.array_split(order, min(folds, n)):
-        rows = np.setdiff1d(np.arange(n), part)
-        predicted[part] = refit(rows).mean(X[part])
-    return predicted
+        yield part, np.setdiff1d(np.arange(n), part)

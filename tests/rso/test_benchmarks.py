@@ -98,6 +98,13 @@ def test_the_comparison_in_small_without_peers():
     assert np.median(errors["rso kriging, gradients"]) < 0.5 * np.median(errors["rso kriging"])
 
 
+def test_bands_in_small():
+    s = script()
+    lines, found = s.bands((s.BANDS[1],), 3, 256)
+    assert found.shape == (1, 3, 2, 2) and len(lines) == 3 and " -> " in lines[-1]
+    assert np.all(found[0, :, 1, 0] >= found[0, :, 0, 0])  # a wider band holds no less
+
+
 def test_gradients_of_the_benchmark():
     X = np.array([[0.3, 0.7], [0.0, 1.0], [1.0, 0.0]])
     G = script().gradient(lambda X: np.sin(X[:, 0]) * X[:, 1] ** 2, X)

@@ -1,5 +1,6 @@
 import json
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -146,6 +147,47 @@ def test_kriging_sd_covers_the_error():
     z = (mean - branin(Q)) / sd
     assert np.mean(np.abs(z) < 2) > 0.75  # one smooth function at fitted hyper-parameters: no exact 95 %
     assert np.std(z) > 0.05  # and not absurdly wide
+
+
+def within(model, Q, y):
+    """Share of the values y at Q within the 90 % band."""
+    mean, sd = model.predict(Q)
+    return np.mean(np.abs(mean - y) < 1.645 * sd)
+
+
+def test_the_chosen_kriging_has_a_band_that_holds_most_of_what_it_has_not_seen():
+    Q, wide, plain_ = sobol(2, 512, 9), [], []
+    for f, runs in ((branin, 20), (branin, 60), (decades, 20)):
+        for seed in range(3):
+            X = design("lhs", 2, runs, seed)
+            model = fit("kriging", X, f(X), seed=0)
+            wide.append(within(model, Q, f(Q)))
+            plain_.append(within(replace(model, inflate=1.0, rivals=()), Q, f(Q)))
+    assert 0.8 < np.mean(wide) <= 1
+    assert np.mean(plain_) < np.mean(wide) - 0.1  # negative control: hyper-parameters taken for known
+
+
+def test_rivals_that_disagree_widen_the_band_by_their_weights():
+    X, Q = design("lhs", 2, 20, 0), sobol(2, 64, 3)
+    model = fit("kriging", X, branin(X), seed=0)
+    weights = [w for w, _ in model.rivals]
+    assert 0 < len(weights) <= 3 and weights == sorted(weights, reverse=True) and sum(weights) < 1
+    mean, sd = model.predict(Q)
+    _, alone = replace(model, inflate=1.0, rivals=()).predict(Q)
+    apart = sum(w * (rival.mean(Q) - mean) ** 2 for w, rival in model.rivals)
+    np.testing.assert_allclose(sd**2, (model.inflate * alone) ** 2 + apart, rtol=1e-12)  # rounding
+    again = refit(model, *(np.concatenate(v) for v in ((X, Q[:10]), (branin(X), branin(Q[:10])))), seed=0)
+    assert again.inflate == model.inflate and [w for w, _ in again.rivals] == weights
+    assert all(len(rival.X) == 30 for _, rival in again.rivals)
+    old = {k: v for k, v in model.to_dict().items() if k not in ("inflate", "rivals")}  # written by an earlier version
+    assert np.array_equal(from_dict(old).predict(Q)[1], alone)
+
+
+def test_stated_noise_of_left_out_values_does_not_widen_the_band():
+    rng = np.random.default_rng(0)
+    X = rng.random((60, 1))
+    y = np.sin(4 * X[:, 0]) + rng.normal(0, 0.1, 60)
+    assert fit("kriging", X, y, seed=0, noise_sd=0.1).inflate < 1.2  # rms of 60 normal values: 1 ± 0.09
 
 
 def test_leave_one_out_of_kriging_equals_conditioning_without_the_point():
