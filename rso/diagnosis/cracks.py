@@ -6,24 +6,27 @@ Between every two readings v of a loading branch the step δ of
 
 through the `WINDOW` readings on either side, by least squares, over its standard deviation per unit noise; of δ with
 each reading left out in turn the least counts, so that no single reading makes a step.  z is that over the robust
-standard deviation of all such steps of the record, noise that remembers included, or of a usual record where that is
-larger.
+standard deviation of all such steps of the record, noise that remembers included, or of a usual record or of the
+readings under about the same force, where noise grows with it, whichever is largest.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtri
 
 from rso.diagnosis.testplan import TestPlan
 from rso.measurement import step_of
 
 WINDOW = 6  # readings on either side
 LEAST = 5  # of them at the ends of a record, where a contact bends too much for fewer
-CLEAR = (
-    4.5  # z: reached by 1 % of plans of scatter with tails of Student's t of 2 degrees of freedom, by 0.2 % of others
-)
+CLEAR = 4.5  # z: reached by 1 % of plans of some hundred readings with the tails of Student's t₂, by 0.2 % of others
+CHANCE = 0.005  # of normal scatter, of that many steps in all: the limit of more readings
+GROWS = 1.5  # times that of the first part is the scatter of the last: less is scatter of it
+PARTS = 4  # of a record by its force, that tell whether its scatter grows
 PRESSED = 0.05  # of the deepest travel: nearer to contact the ball may snap in
 SMALL = 0.005  # of the range of the force: less is no crack, but what a parabola misses where noise is small
 
@@ -51,14 +54,32 @@ def crack(plan: TestPlan) -> Crack | None:
             if len(z) > LEAST:
                 scales.append(max(1.48 * float(np.median(np.abs(z))), step_of(v)))
                 large = np.abs(size) > SMALL * np.ptp(v)
-                found.append((e.name, least * large, size, depth, scales[-1]))
+                found.append((e.name, least * large, size, depth, np.maximum(scales[-1], _grown(z))))
     usual = float(np.median(scales)) if scales else 0.0
     best = None
     for name, least, size, depth, own in found:
-        k = int(np.argmax(least))
-        if (scale := max(own, usual)) > 0.0 and (best is None or least[k] / scale > best.z):
-            best = Crack(float(least[k] / scale), name, float(size[k]), float(depth[k]))
-    return best if best is not None and best.z > CLEAR else None
+        scale = np.maximum(own, usual)
+        z = np.divide(least, scale, out=np.zeros_like(least), where=scale > 0.0)
+        k = int(np.argmax(z))
+        if best is None or z[k] > best.z:
+            best = Crack(float(z[k]), name, float(size[k]), float(depth[k]))
+    limit = max(CLEAR, -float(ndtri(CHANCE / max(sum(len(f[1]) for f in found), 1))))
+    return best if best is not None and best.z > limit else None
+
+
+def _grown(z: np.ndarray) -> np.ndarray:
+    """Robust standard deviation of the steps z (m,) along a record, which grows steadily with the travel: a line
+    through those of its parts, of which one that holds a crack does not count more than the others."""
+    parts = np.array_split(np.abs(z), PARTS)
+    if len(z) < PARTS * WINDOW:
+        return np.zeros(len(z))
+    middle = (np.arange(PARTS) + 0.5) / PARTS
+    each = np.array([1.48 * np.median(part) for part in parts])
+    slopes = [(b - a) / (v - u) for (u, a), (v, b) in itertools.combinations(zip(middle, each, strict=True), 2)]
+    slope = float(np.median(slopes))
+    if each[-1] < GROWS * each[0]:
+        return np.zeros(len(z))
+    return np.maximum(np.median(each - slope * middle) + slope * np.linspace(0.0, 1.0, len(z)), 0.0)
 
 
 def steps(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -29,6 +29,7 @@ OFTEN = 2.9  # t; with LARGE of scatter fewer than 0.5 % of plans reach it
 LARGE = 9.0  # z
 WINDOW = 9  # readings of the running median
 FEWEST = 12  # readings of a branch
+UNEVEN = 0.25  # of a step of depth: more is another spacing
 _CLIP = 8.0  # no single reading decides
 _DEGREE = 3  # of what the running median leaves of a slope that bends
 
@@ -65,15 +66,15 @@ def jumps(plan: TestPlan) -> Jumps:
         for r in e.measurement.repeats:
             at = r.segment == "loading"
             v = r.channels["Fz" if "Fz" in r.channels else next(iter(r.channels))][at]
-            if len(v) < FEWEST:
+            if len(v) < FEWEST or np.sum(even := _even(r.depth[at])) < FEWEST - 1:
                 continue
-            q = _unsmooth(np.diff(v))
+            q = _unsmooth(np.diff(v)[even])
             counted = step_of(v)
             scale = max(1.48 * float(np.median(np.abs(q))), counted)
             if scale == 0.0:
                 continue
             raw.append((q, scale, counted))
-            found += [(float(s), e.name, float(d)) for s, d in zip(q, r.depth[at][1:], strict=True)]
+            found += [(float(s), e.name, float(d)) for s, d in zip(q, r.depth[at][1:][even], strict=True)]
     if not raw:
         return Jumps(0.0, 0.0, 0, "", 0.0, (), crack(plan))
     usual = float(np.median([scale for _, scale, _ in raw]))  # a record of few readings may seem quieter than it is
@@ -85,6 +86,21 @@ def jumps(plan: TestPlan) -> Jumps:
     name = found[0][1]
     largest = [f for f in found if f[1] == name][:5]
     return Jumps(t, z, len(q), name, largest[0][0], tuple(sorted(d for _, _, d in largest)), crack(plan))
+
+
+def _even(u: np.ndarray) -> np.ndarray:
+    """Mask (n − 1,) of the steps of depth as long as those around them: where rows are lost the force goes on.
+
+    All of them where depths scatter, and none of those where the spacing changes.
+    """
+    step = np.diff(u)
+    around = median_filter(step, WINDOW, mode="nearest")
+    off = np.abs(step - around)
+    if np.median(off) > UNEVEN * max(float(np.median(step)), 0.0):
+        return np.full(len(step), True)
+    changes = np.abs(np.diff(around, prepend=around[0])) > UNEVEN * np.abs(around)
+    near = np.convolve(changes, np.ones(WINDOW), mode="same") > 0.0
+    return (off <= UNEVEN * np.abs(around)) & ~near
 
 
 def _unsmooth(step: np.ndarray) -> np.ndarray:

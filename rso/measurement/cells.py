@@ -94,6 +94,10 @@ def no_thousands(path: Path, rows: Sequence[Row], head: Head) -> None:
         # Whoever prints three decimals prints them of 0 and 50 too.
         told = f"{cell!r} beside {whole[k]!r} is a thousand or a decimal; write 1250 or 1.2500"
         fail(path, line, f"column {numeric[k]!r}: {told}")
+    if either and not other:  # 10,000 to 16,000 beside whole numbers, and no cell of the table has other decimals
+        k, (line, cell) = next(iter(either.items()))
+        told = f"{cell!r} is a thousand or a decimal, and no number of the table tells; write {cell[:-4]}{cell[-3:]} or"
+        fail(path, line, f"column {numeric[k]!r}: {told} {cell}0")
 
 
 def number_in(path: Path, line: int, name: str, cells: Sequence[str], head: Head) -> float:

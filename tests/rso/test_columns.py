@@ -337,6 +337,8 @@ REFUSED = {  # text, columns, words
     "perhaps thousands": ("Weg;Kraft\num;mN\n500;1\n750;2\n1,000;3\n", SHORT_COLUMNS, [":5:", "'depth'", "'1,000'"]),
     "perhaps thousands after 0": ("depth [um]\tFz [mN]\n0\t0\n1,000\t40\n2,000\t113\n", None, [
         ":3:", "'depth'", "'1,000' beside '0'"]),
+    "nothing but thousands": ("depth [um]\tFz [mN]\n10,000\t0\n11,000\t40\n12,000\t113\n", None, [
+        ":2:", "'depth'", "'10,000'", "write 10000 or 10,0000"]),
     "perhaps thousands with a point": ("Weg;Kraft\num;mN\n0;0\n50;1\n1.000;2\n2.000;3\n", SHORT_COLUMNS, [
         ":5:", "'depth'", "'1.000'"]),
     "thousands in quotes": ('Weg,Kraft\num,mN\n0,"0"\n500,"14"\n"1,000","40"\n', SHORT_COLUMNS, [

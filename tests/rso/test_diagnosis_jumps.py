@@ -9,6 +9,7 @@ import pytest
 from rso.diagnosis import make_plan
 from rso.diagnosis.cracks import steps
 from rso.diagnosis.jumps import jumps
+from rso.measurement import Repeat
 
 
 def plan_with(change, seed: int = 0, repeats: int = 5):
@@ -169,3 +170,37 @@ def test_slips_show_in_a_coarse_sensor():
         return 0.01 * F.max() * np.round(slipped / (0.01 * F.max()))
 
     assert all(jumps(plan_with(slips, seed)).sudden for seed in range(20))
+
+
+def plan_of(records):
+    each = [Repeat("1", u, None, {"Fz": F}, {}, np.full(len(u), "loading")) for u, F in records]
+    return make_plan([toy.experiment(f"e{k}", (r,)) for k, r in enumerate(each)])
+
+
+def ball(u):
+    return 0.05 * u**1.5 * (1.0 + 0.1 * u)
+
+
+@pytest.mark.parametrize("n", [41, 201])
+def test_rows_that_were_lost_are_no_jumps(n):
+    """The force goes on where they were: a step twice as long, always upwards."""
+    for seed in range(5):
+        rng, records = np.random.default_rng(seed), []
+        for _ in range(5):
+            u = np.delete(np.linspace(0.0, 4.0, n), rng.choice(np.arange(3, n - 3), max(2, n // 25), replace=False))
+            records.append((u, ball(u) + 5e-4 * rng.standard_normal(len(u))))
+        assert not jumps(plan_of(records)).skewed
+
+
+@pytest.mark.parametrize("n", [41, 201])
+@pytest.mark.parametrize("share", [0.005, 0.01])
+def test_scatter_in_proportion_to_the_force_is_no_crack_and_one_in_it_is_seen(n, share):
+    found, u = [], np.linspace(0.0, 4.0, n)
+    for step in (0.0, 0.05):
+        rng, found_here = np.random.default_rng(3), []
+        for _ in range(8):
+            noise = np.hypot(1e-3, share * ball(u)) * rng.standard_normal((5, n))
+            torn = [ball(u) + e - step * (k == 2) * (u > 2.5) for k, e in enumerate(noise)]
+            found_here.append(jumps(plan_of([(u, F) for F in torn])).crack is not None)
+        found.append(sum(found_here))
+    assert found[0] == 0 and found[1] > 4
