@@ -15,6 +15,7 @@ from rso.measurement.spikes import without_spikes
 from rso.units import COLUMNS
 
 # Dense records are averaged in blocks: a curve of this many points says all that such a test knows.
+AIR = 0.05  # of the deepest travel: so much before contact still tells where that is
 MAX_POINTS = 200
 
 
@@ -171,9 +172,12 @@ def _ball(u: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
 def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, ...]:
     """Depth, value, square of the stated sigma and number of readings, of one segment, sorted.
 
-    Equal depths are merged, dense records averaged in blocks.
+    Equal depths are merged, dense records averaged in blocks; of an approach through air only its end is kept, as a
+    polynomial through the whole would bend for it.
     """
     rows = repeat.segment == segment
+    near = repeat.depth >= -AIR * max(float(repeat.depth[rows].max()), 0.0)
+    rows = rows & near if np.sum(rows & near) > 1 else rows
     depth = repeat.depth[rows]
     stated = repeat.sigma.get(channel, np.zeros_like(repeat.depth))[rows]
     block = np.unique(depth, return_inverse=True)[1].ravel()

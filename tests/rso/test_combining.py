@@ -171,3 +171,17 @@ def test_white_noise_of_repeats_remembers_nothing():
     rng, slope = np.random.default_rng(8), np.gradient(ball(U), U)
     found = [of_repeats(np.array(white(3)(rng)), ball(U), slope)[0].memory for _ in range(SETS)]
     assert np.mean(np.array(found) > 0) <= 0.03
+
+
+@pytest.mark.parametrize("air", [0.0, 10.0, 30.0])
+def test_a_long_approach_does_not_bend_what_gain_and_contact_change(air):
+    """Shapes of a gain and a contact point, a degree 4 polynomial, beside the force and its slope."""
+    u = np.linspace(-air, 4.0, 2001)
+    force = np.maximum(u, 0.0) ** 1.5
+    curve = combine(measured(u, [force]), Noise(gain=0.02, contact=0.1))
+    for name, wanted in (
+        ("gain", 0.02 * np.maximum(curve.depth, 0.0) ** 1.5),
+        ("contact", 0.15 * np.sqrt(np.abs(curve.depth))),
+    ):
+        at = curve.depth > 0.5
+        np.testing.assert_allclose(curve.shared[name][at], wanted[at], rtol=0.1)  # of the polynomial
