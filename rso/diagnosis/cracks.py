@@ -6,8 +6,8 @@ Between every two readings v of a loading branch the step δ of
 
 through the `WINDOW` readings on either side, by least squares, over its standard deviation per unit noise; of δ with
 each reading left out in turn the least counts, so that no single reading makes a step.  z is that over the robust
-standard deviation of all such steps of the record, noise that remembers included, or of a usual record or of the
-readings under about the same force, where noise grows with it, whichever is largest.
+standard deviation of all such steps of the record, noise that remembers included, of a usual record, or of the steps
+at this place where they grow along the record, as noise in proportion to a force does: of the largest of these.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ LEAST = 5  # of them at the ends of a record, where a contact bends too much for
 CLEAR = 4.5  # z: reached by 1 % of plans of some hundred readings with the tails of Student's t₂, by 0.2 % of others
 CHANCE = 0.005  # of normal scatter, of that many steps in all: the limit of more readings
 GROWS = 1.5  # times that of the first part is the scatter of the last: less is scatter of it
-PARTS = 4  # of a record by its force, that tell whether its scatter grows
+PARTS = 4  # of a record, that tell whether its scatter grows
 PRESSED = 0.05  # of the deepest travel: nearer to contact the ball may snap in
 SMALL = 0.005  # of the range of the force: less is no crack, but what a parabola misses where noise is small
 

@@ -91,16 +91,14 @@ def jumps(plan: TestPlan) -> Jumps:
 def _even(u: np.ndarray) -> np.ndarray:
     """Mask (n − 1,) of the steps of depth as long as those around them: where rows are lost the force goes on.
 
-    All of them where depths scatter, and none of those where the spacing changes.
+    All of them where depths scatter.
     """
     step = np.diff(u)
     around = median_filter(step, WINDOW, mode="nearest")
     off = np.abs(step - around)
     if np.median(off) > UNEVEN * max(float(np.median(step)), 0.0):
         return np.full(len(step), True)
-    changes = np.abs(np.diff(around, prepend=around[0])) > UNEVEN * np.abs(around)
-    near = np.convolve(changes, np.ones(WINDOW), mode="same") > 0.0
-    return (off <= UNEVEN * np.abs(around)) & ~near
+    return off <= UNEVEN * np.abs(around)
 
 
 def _unsmooth(step: np.ndarray) -> np.ndarray:

@@ -14,8 +14,8 @@ from rso.measurement.scatter import of_record, of_repeats
 from rso.measurement.spikes import without_spikes
 from rso.units import COLUMNS
 
-# Dense records are averaged in blocks: a curve of this many points says all that such a test knows.
 AIR = 0.05  # of the deepest travel: so much before contact still tells where that is
+# Dense records are averaged in blocks: a curve of this many points says all that such a test knows.
 MAX_POINTS = 200
 
 

@@ -14,8 +14,8 @@ CLEAR = 25.0  # fall of χ² with one number more that is no scatter
 UP_TO = 0.7  # of the largest force: what tells the contact
 BIAS = 0.005  # of the travel pressed up to there by which two powers miss a soft ellipsoid's contact
 SURE = 2.0  # standard deviations after the first reading
-LATE = 0.03  # of the travel: an approach that nobody has asked for
-STEEPEST = 4.0  # power beyond which no tissue stiffens, and the exponent of one that stiffens by e^{βu} from there on
+LATE = 0.03  # of the travel: a contact this late is taken, or remarked upon, where nobody has asked for it
+STEEPEST = 4.0  # power beyond which no tissue stiffens; twice that is the β of the steepest e^{βt}
 MOST = 200  # means of readings that tell the shape of a curve
 STEPS = 181  # places of contact that are tried
 FURTHEST = 0.95  # of the way
@@ -88,8 +88,8 @@ def approached(depth: np.ndarray, force: np.ndarray) -> Onset:
 def begins_in_air(depth: np.ndarray, force: np.ndarray) -> bool:
     """Whether a loading curve (n,) has an approach beyond doubt: no curve that begins with it does as well.
 
-    Such are b + a t^p with p up to STEEPEST and b + a t^1.5 e^{βt}, t from the first reading, and b + a (t + s)^p of a
-    body that is touched before: tissue that stiffens much is no later contact.
+    Such are b + a t^p with p up to STEEPEST and b + a t^1.5 e^{βt}, t from the first reading: tissue that stiffens
+    much is no later contact.
     """
     try:
         found = approached(depth, force)
@@ -99,7 +99,6 @@ def begins_in_air(depth: np.ndarray, force: np.ndarray) -> bool:
     if fit is None or found.depth - float(depth.min()) < LATE * float(np.ptp(depth)):
         return False
     shapes = [fit.t**p for p in np.linspace(1.0, STEEPEST, 61)]
-    shapes += [(fit.t + s) ** p for s in (0.03, 0.1, 0.2, 0.4, 0.8) for p in np.linspace(1.2, STEEPEST, 29)]
     shapes += [fit.t**1.5 * np.exp(b * fit.t) for b in np.linspace(0.1, 2.0 * STEEPEST, 80)]
     return min(_left(np.stack([np.ones_like(s), s], axis=1), fit.F) for s in shapes) > fit.left + CLEAR * fit.variance
 

@@ -61,7 +61,8 @@ def unit_of(cell: str, beneath: str, name: str) -> str:
     """What a header, or the row beneath it, says for its unit, known or not; Sec and MIN of a time are sec and min."""
     unit = unit_in(cell, name) or bracketed(cell, name) or beneath
     if not unit and name == "time":
-        unit = next((w for w in re.split(r"[\s_(\[\])]+", cell)[:0:-1] if is_of("s", w.lower())), "")
+        words = re.split(r"[\s_()\[\]]+", cell)[1:]  # Time (Sec) and Time_S
+        unit = next((word for word in words if is_of("s", word.lower())), "")
     small = unit.lower()
     return small if name == "time" and not is_of("s", unit) and is_of("s", small) else unit
 

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from rso.measurement.contact import CLEAR, LATE, MOST, STEEPEST, begins_in_air
+
 FEW = 8  # readings: less is a table by hand, of which only order, sign and tare are looked at
 FEWEST = 4  # readings that tell these
 SLIPPED = 5.0  # times what the others say: a reading of a table by hand that may be mistyped
@@ -22,12 +24,8 @@ DOUBTFUL = 0.01  # the same, from which on it is remarked upon where it is no sc
 STROKE = 0.5  # of the stroke that loading must cover
 SEEN = 20.0  # times the noise: a force that tells its sign and unit
 SKEW = 5.0  # ratio of the largest forces of two repeats to one depth
-LATE = 0.03  # of the deepest travel: a contact this late is remarked upon where it is no scatter
 UNSEEN = 0.03  # of its range that a force may scatter where too few readings tell it
 POWERS = np.linspace(0.9, 2.5, 33)  # of curves that begin at contact, from a flat punch to a stiffening body
-STEEPEST = 4.0  # power beyond which no tissue stiffens: a force that grows faster begins elsewhere
-CLEAR = 25.0  # fall of χ² with one number more that is no scatter
-MOST = 200  # means of readings that tell the shape of a curve
 MARKED = 50.0  # times all other readings: no force and no depth
 FLATTEST = 0.8  # power below which no force of a pressed body grows
 STUCK = 10  # readings at the deepest point that make a rest, where no times are known
@@ -131,7 +129,7 @@ def _of_force(who: str, label: str, depth: np.ndarray, force: np.ndarray, time: 
     late, level, scatter = _onset(d, F) or (0.0, start, UNSEEN * span)
     if d[0] <= EDGE * d.max() and abs(level) > max(DOUBTFUL * span, 5.0 * scatter):
         notes.append(f"repeat {label}: Fz is {level:.3g} N at {max(d[0], 0.0):.2g} mm; not tared, or touched before?")
-    if late > LATE * d.max():
+    if late > LATE * d.max() and begins_in_air(d, F):
         notes.append(
             f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm, up to there it stays within its "
             f"scatter of {scatter:.1g} N; depth must count from contact: subtract what was air (zero = … or "

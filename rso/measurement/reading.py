@@ -140,20 +140,24 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
                 f"{table.path}: repeats need the same columns; it holds {', '.join(table.columns)}, "
                 f"{paths[0].name} holds {', '.join(found[0].columns)}"
             )
+    each = [
+        (table, _repeat(table, kind, label))
+        for table, kind in zip(found, kinds, strict=True)
+        for label in dict.fromkeys(table.labels.tolist())
+    ]
+    in_air = any(_in_air(table, r) for table, r in each)
     repeats: list[Repeat] = []
-    doubts: list[str] = []
+    doubts = [f"{table.path.name}: {words}" for table in found for words in table.doubts]
     onsets: list[Onset] = []
-    for table, kind in zip(found, kinds, strict=True):
-        doubts += [f"{table.path.name}: {words}" for words in table.doubts]
-        for label in dict.fromkeys(table.labels.tolist()):
-            r, onset, told = _from_contact(table, _repeat(table, kind, label))
-            repeats.append(r)
-            doubts += told
-            onsets += [onset] if onset is not None else []
-            if kind == "force":
-                doubts += _plausible(table, r)
-            elif "uz" in r.channels:
-                doubts += plausible.profile(label, r.depth, r.channels["uz"])
+    for table, raw in each:
+        r, onset, told = _from_contact(table, raw, in_air)
+        repeats.append(r)
+        doubts += told
+        onsets += [onset] if onset is not None else []
+        if kinds[0] == "force":
+            doubts += _plausible(table, r)
+        elif "uz" in r.channels:
+            doubts += plausible.profile(r.label, r.depth, r.channels["uz"])
     if kinds[0] == "force":
         doubts += plausible.common([(r.label, r.depth[r.segment == "loading"]) for r in repeats])
     notes, unread = (tuple(dict.fromkeys(v for t in found for v in getattr(t, k))) for k in ("notes", "unread"))
@@ -186,23 +190,34 @@ def _off(onsets: Sequence[Onset]) -> float:
     return float(np.sqrt(scatter / len(onsets) + bias))
 
 
-def _from_contact(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[str]]:
+def _sought(table: _Table, r: Repeat) -> bool:
+    """Whether a machine's position may count from where its force tells the contact."""
+    return table.position and not table.found and "Fz" in r.channels and np.sum(r.segment == "loading") > contact.FEWEST
+
+
+def _in_air(table: _Table, r: Repeat) -> bool:
+    """Whether such a record has an approach beyond doubt."""
+    at = r.segment == "loading"
+    return _sought(table, r) and contact.begins_in_air(r.depth[at], r.channels["Fz"][at])
+
+
+def _from_contact(table: _Table, r: Repeat, in_air: bool) -> tuple[Repeat, Onset | None, list[str]]:
     """A repeat with depth, and forces, counted from contact where that is to be found in its record; and what to say.
 
-    A machine's position is taken so where it shows an approach beyond doubt, else from its first reading.
+    Machines' positions are taken so where one of the repeats is `in_air` at first, else from their first readings.
     """
     loading, names = r.segment == "loading", table.found
-    sought = not names and table.position and "Fz" in r.channels and np.sum(loading) >= contact.FEWEST
-    if sought and contact.begins_in_air(r.depth[loading], r.channels["Fz"][loading]):
+    if _sought(table, r):
+        if not in_air:
+            return _from_first(table, r)
         names = ("depth", *(n for n in FORCES if n in r.channels))
-    elif sought:
-        return _from_first(table, r)
     if not names:
         return r, None, []
     try:
         depth, channels, onset = contact.zeroed(r.depth, r.channels, loading, names)
     except ValueError as error:
-        raise ValueError(f"{table.path}: repeat {r.label!r}: zero = {CONTACT!r}: {error}") from error
+        by = f"zero = {CONTACT!r}" if table.found else f"{table.headers['depth']!r} begins in air, by other repeats"
+        raise ValueError(f"{table.path}: repeat {r.label!r}: {by}: {error}; {plausible.ZERO}") from error
     told = f"repeat {r.label}: contact is found at {_own(table, onset.depth, onset.deviation)} by the shape of Fz"
     told += f"; {', '.join(names)} count{'s' * (len(names) == 1)} from there"
     level, (per, unit) = float(np.median(r.channels["Fz"] - channels["Fz"])), table.own["Fz"]
@@ -211,10 +226,10 @@ def _from_contact(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[
 
 
 def _from_first(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[str]]:
-    """A repeat whose record begins at contact, where its position does not begin near 0, from its first reading."""
+    """A repeat whose record begins at contact from its first reading, where 0 is no place near or on its way."""
     loading = r.segment == "loading"
     first, way = float(r.depth[loading][0]), float(np.ptp(r.depth[loading]))
-    if abs(first) <= plausible.EDGE * way:
+    if -way < first <= plausible.EDGE * way:
         return r, None, []
     found = contact.onset(r.depth[loading], r.channels["Fz"][loading])
     found = Onset(first, contact.LATE * way, 0.0) if found is None else replace(found, depth=first)

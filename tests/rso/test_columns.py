@@ -727,6 +727,7 @@ SAME = {  # data of the first and of the second, role of the first, files in wor
     "same bytes": ('data = "top.csv"', 'data = "copy.csv"', "fit", "(copy.csv and top.csv)"),
     "one of the repeats": ('data = ["other.csv", "top.csv"]', 'data = "copy.csv"', "fit", "(copy.csv and top.csv)"),
     "selected": ('data = "top.csv"', 'data = "copy.csv"', "select", "(copy.csv and top.csv)"),
+    "by its own header": ('data = "copy.csv"', f'data = "copy.csv"\n{HEADED % 0.0}', "fit", "(copy.csv)"),
     "another zero": (f'data = "copy.csv"\n{HEADED % 0.0}', f'data = "copy.csv"\n{HEADED % 0.001}', "fit", "(copy.csv)"),
 }
 

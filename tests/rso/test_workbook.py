@@ -2,6 +2,7 @@
 
 import datetime
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +91,16 @@ def test_another_archive_is_no_workbook(tmp_path):
     path = tmp_path / "data.xlsx"
     path.write_bytes(b"PK\x03\x04 and so on")
     with pytest.raises(ValueError, match="no workbook"):
+        read(path)
+
+
+def test_a_damaged_workbook_is_refused_as_one(tmp_path):
+    whole, path = saved(tmp_path / "whole.xlsx", a=PLAIN), tmp_path / "data.xlsx"
+    with zipfile.ZipFile(whole) as source, zipfile.ZipFile(path, "w") as copy:
+        for name in source.namelist():
+            raw = source.read(name)
+            copy.writestr(name, raw[: len(raw) // 2] if "sheet1" in name else raw)
+    with pytest.raises(ValueError, match=r"data\.xlsx: .*no workbook"):
         read(path)
 
 
