@@ -361,6 +361,17 @@ def test_what_is_missed_of_a_skin_is_stated(ratio, thickness, monkeypatch):
     assert (off > BACKEND(values, case).error["Fz"]).any()
 
 
+def test_the_lowest_point_below_a_stiff_skin_is_off_by_what_is_stated(monkeypatch):
+    """The level coarse beside the level fine, as above: 7 to 9 μm at a quarter and half a millimetre."""
+    values = {"mu": 0.01, "D1": 2.0 / 0.6, "skin_ratio": 10.0, "skin_thickness": 0.15}
+    case = Case("skin", Programme.ramp((0.25, 0.5, 1.0, 2.0, 4.0), 0.5), {"mesh": {"level": "coarse"}})
+    r, fine = BACKEND(values, case), np.array([0.25095, 0.50057, 1.00054, 2.00068, 4.00056])
+    off = np.abs(r.channels["uz_max"] - fine)
+    assert (off < r.error["uz_max"]).all()
+    monkeypatch.setattr(errors, "UNEVEN", 0.0)
+    assert (off > BACKEND(values, case).error["uz_max"]).any()
+
+
 def test_a_skin_of_the_core_is_none_and_one_far_thinner_or_thicker_than_elements_has_no_edge():
     for name, error in stated(skin_ratio=1.0, skin_thickness=0.5).items():
         np.testing.assert_array_equal(error, stated()[name])

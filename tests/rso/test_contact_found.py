@@ -69,6 +69,13 @@ def test_a_body_that_stiffens_much_is_no_later_contact(body, noise):
     assert not any(begins_in_air(u, STIFF[body](u) + noise * rng.standard_normal(401)) for _ in range(10))
 
 
+@pytest.mark.parametrize("body", STIFF)
+def test_nor_is_it_remarked_upon_as_one(tmp_path, body):
+    u = np.linspace(0.0, 4.0, 401)
+    F = STIFF[body](u) + 1e-3 * np.random.default_rng(7).standard_normal(401)
+    assert not any("the contact lies near" in d for d in read(write(tmp_path / "a.csv", "depth_mm,Fz_N", u, F)).doubts)
+
+
 @pytest.mark.parametrize("air", [0.5, 2.0, 60.0])
 def test_an_approach_of_any_length_is_seen_and_does_not_move_the_contact(air):
     rng, n = np.random.default_rng(8), int(50 * (air + 4.0))
@@ -176,6 +183,9 @@ def test_the_zero_of_a_machine_is_found_in_each_repeat(tmp_path):
     assert 0.0 < m.contact < 0.05
     found = [float(re.search(r"found at (\S+) mm", d)[1]) for d in m.doubts if "0.3 N is taken off" in d]
     np.testing.assert_allclose(found, [50.0, 50.7], atol=0.1)  # as the file counts
+    columns["depth"] = Column("Pos (mm)", flip=True, zero=50.0)
+    own = read(files[0], columns)  # of which only the force is off by what the record says
+    assert own.contact == 0.0 and abs(own.repeats[0].depth[0] + AIR) < 1e-6
     with pytest.raises(ValueError, match=r"zero = 'contact': no approach is seen"):
         read(write(tmp_path / "a.csv", "Pos (mm),F (N)", u[u >= 0], F[u >= 0]),
              {"depth": Column("Pos (mm)", zero=CONTACT), "Fz": Column("F (N)")})  # fmt: skip

@@ -47,7 +47,7 @@ READ = {
     "notes above and an empty row": [("a", [["Operator", "M. Muster"], [], *PLAIN])],
     "a row of units": [("a", [["Standardweg", "Standardkraft"], ["mm", "N"], *PLAIN[1:]])],
     "a header of two lines in a cell": [("a", [["depth\n[mm]", "Fz\n[N]"], *PLAIN[1:]])],
-    "another sheet of a few results": [("Results", [["Speed", 0.5], ["Force", 2]]), ("Probe 1", PLAIN), ("empty", [])],
+    "another sheet of results": [("Max", [["Force", 0.5, 2], ["Depth", 1, 4]]), ("Probe 1", PLAIN), ("empty", [])],
     "numbers as text with commas": [("a", readings(("depth_mm", "Fz_N"), as_text(U), as_text(F)))],
 }  # fmt: skip
 
