@@ -1,7 +1,7 @@
 """Identification: what measured curves say about parameters, and how well they determine them."""
 
 from rso.identify.descent import Descent, Iterate, on_runs
-from rso.identify.determination import Determination, Known, compare_weightings, determine
+from rso.identify.determination import Determination, Known, compare_weightings, determine, lenient, p_value
 from rso.identify.directions import Direction, Gain, best_depth, directions, expected_sd, gain
 from rso.identify.error_surface import ErrorSurface, Minimum, fit_surface, surface_minima
 from rso.identify.fitting import Fit, all_minima, descend, fit_at, gauss_newton
@@ -10,6 +10,7 @@ from rso.identify.intervals import Interval, Profile, laplace, profile, quantile
 from rso.identify.likelihood import WEIGHTINGS, Data, Misfit, Model, common, covariance, stack, together
 from rso.identify.metric import MetricMinimum, curve_score, downhill, minimise
 from rso.identify.models import Place, emulated, has_gradients, resample, simulated, spread_of
+from rso.identify.remembering import remembering
 from rso.identify.sampling import Draws, sample
 from rso.identify.tangents import Frame, Sight, tangents
 from rso.identify.verdict import Verdict, judge
@@ -57,11 +58,14 @@ __all__ = [
     "has_gradients",
     "judge",
     "laplace",
+    "lenient",
     "minimise",
     "on_runs",
     "on_valley",
+    "p_value",
     "profile",
     "quantiles",
+    "remembering",
     "resample",
     "sample",
     "simulated",

@@ -14,8 +14,9 @@ from rso.identify.directions import Direction, Gain, best_depth, gain, per_log
 from rso.identify.fitting import Fit, all_minima, fit_at
 from rso.identify.intervals import Interval, Profile, laplace, profile, quantiles, spread
 from rso.identify.likelihood import WEIGHTINGS, Data, Misfit
+from rso.identify.remembering import independent
 from rso.identify.sampling import Draws, agree, sample
-from rso.identify.verdict import Verdict, judge, quieter, sentences
+from rso.identify.verdict import REFUTED, Verdict, judge, quieter, sentences, size
 
 LEVEL = 0.9
 WIDE = 0.1  # of the largest value: an agreement within such errors says little
@@ -51,7 +52,9 @@ class Determination:
 
     `scale` >= 1 is what the errors were multiplied with because the model does not fit within them (Birge's ratio);
     the χ² of `fit` is that before, the intervals are those after it.  Errors whose size is known from few readings
-    widen the intervals as well, by Student's factor, which is not in `scale`.
+    widen the intervals as well, by Student's factor, which is not in `scale`.  Where readings may remember each other
+    (:func:`~rso.identify.remembering.remembering`) these are at least as large as what is left; there is no p-value
+    where nobody stated them, unless that is beyond `REFUTED`.
     """
 
     misfit: Misfit
@@ -67,15 +70,9 @@ class Determination:
     story: str
 
     @property
-    def lenient(self) -> str:
-        """A remark where χ² is far less than the errors would leave, else nothing."""
-        if self.p_value is None or self.p_value <= 1.0 - LENIENT:
-            return ""
-        return (
-            f"χ² = {self.fit.chi2:.2g} for {self.degrees} degrees of freedom: the readings scatter far less than the "
-            "stated errors say. Fz, depth and a column of Fz_sigma_N are errors of each reading by itself, which many "
-            "readings average out; what moves a whole curve is contact, gain or calibration under noise"
-        )
+    def warning(self) -> str:
+        """The story where the errors had to be made larger or readings to remember each other, else nothing."""
+        return self.story if self.scale > 1 or any(d.memory for d in self.misfit.data) else ""
 
     def of(self, name: str) -> Known:
         """What is known of a parameter; KeyError if there is none of this name."""
@@ -90,17 +87,16 @@ def determine(
 
     Steps: all minima of χ² (also from the points `near`, (k, d)); errors widened by √(χ²/ν) where the fit is worse than
     noise explains (p < 0.01; always with the weightings that have no noise); Laplace, profile and MCMC intervals.
-    Where the size of the errors was itself taken from m degrees of freedom, χ²/ν is F(ν, m), not χ²_ν/ν.
+    Where the size of the errors was itself taken from m degrees of freedom, χ²/ν is F(ν, m), not χ²_ν/ν.  That of
+    readings which remember each other is not seen in how neighbours differ: unless it is stated, it is taken from what
+    is left, which holds fewer degrees of freedom than ν.
     Source of the widening: Birge, Phys. Rev. 40 (1932) 207, eq. 9.
     """
     minima = all_minima(misfit, seed=seed, near=near)
     first, box = minima[0], misfit.model.box
     ν = misfit.n - box.d
-    stated = misfit.weighting == "noise"
-    p = exceeded(first.chi2, ν, misfit.freedom) if stated and ν > 0 else None
-    wrong = ν > 0 and first.chi2 > 0 and (not stated or (p is not None and p < UNLIKELY))
-    scale = math.sqrt(first.chi2 / ν) if wrong else 1.0
-    used = replace(misfit, scale=misfit.scale * (scale if wrong else student(misfit.freedom, level)))
+    p, scale, wider = _widening(misfit, first.chi2, ν, level)
+    used = replace(misfit, scale=misfit.scale * wider)
     fit = fit_at(used, first.x)
     also = np.stack([m.x for m in minima[1:4]]) if len(minima) > 1 else None
     profiles = [profile(used, fit, k, also) for k in range(box.d)]
@@ -109,7 +105,7 @@ def determine(
     near_by = laplace(fit, level, seed)
     drawn = quantiles(draws.X, level) if draws is not None and draws.enough else [None] * box.d
     sd = spread(fit.fisher) / per_log(box, fit.x)
-    known, missed = [], scale if stated else 1.0
+    known, missed = [], scale if misfit.weighting == "noise" else 1.0
     for k, name in enumerate(box.names):
         known.append(_known(used, fit, name, k, float(sd[k]), profiles[k], near_by[k], drawn[k], level, missed))
     gains = _gains(used, fit)
@@ -119,7 +115,43 @@ def determine(
     )  # fmt: skip
 
 
-def exceeded(chi2: float, ν: int, m: float) -> float:
+def _widening(misfit: Misfit, chi2: float, ν: int, level: float) -> tuple[float | None, float, float]:
+    """The p-value, the scale of the errors, and by how much intervals are wider: by the scale or Student's factor."""
+    p, ratio = p_value(misfit, chi2, ν), chi2 / ν if ν > 0 else 0.0
+    if ratio > 0 and (misfit.weighting != "noise" or (p is not None and p < UNLIKELY)):
+        return p, math.sqrt(ratio), math.sqrt(ratio)
+    ρ, m = max(d.memory for d in misfit.data), misfit.freedom
+    if ρ == 0.0 or ν <= 0:
+        return p, 1.0, student(m, level)
+    scale = math.sqrt(max(ratio, 1.0))  # so few degrees of freedom hardly refute anything
+    return p, scale, scale * (student(max(ν * independent(ρ), 1.0), level) if p is None else 1.0)
+
+
+def p_value(misfit: Misfit, chi2: float, ν: int) -> float | None:
+    """Chance that noise alone leaves more than χ² with ν degrees of freedom; None where nothing tells.
+
+    That is where ν <= 0, where errors have no stated size, and where readings remember each other by errors that nobody
+    stated, unless χ² is beyond what `REFUTED` times these would leave.
+    """
+    ρ = max(d.memory for d in misfit.data)
+    unsized = ρ > 0 and math.isfinite(misfit.freedom) and 0 < chi2 <= REFUTED**2 * ν
+    if misfit.weighting != "noise" or ν <= 0 or unsized:
+        return None
+    return exceeded(chi2 * independent(ρ), ν * independent(ρ), misfit.freedom)
+
+
+def lenient(chi2: float, ν: int, p: float | None) -> str:
+    """A remark where χ² is far less than the errors would leave, else nothing."""
+    if p is None or p <= 1.0 - LENIENT:
+        return ""
+    return (
+        f"χ² = {chi2:.2g} for {ν} degrees of freedom: the readings scatter far less than the stated errors say. Fz, "
+        "depth and a column of Fz_sigma_N are errors of each reading by itself, which many readings average out; what "
+        "moves a whole curve is contact, gain or calibration under noise"
+    )
+
+
+def exceeded(chi2: float, ν: float, m: float) -> float:
     """Chance that noise alone leaves more than χ² with ν degrees of freedom, its size known from m: P(F(ν, m) > χ²/ν).
 
     χ²_ν where m is infinite.
@@ -182,15 +214,36 @@ def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> 
     if ν <= 0:
         return "There are no more points than parameters: whether the model fits cannot be said."
     text = f"χ² = {fit.chi2:.3g} for {ν} degrees of freedom"
+    together = _together(misfit.data)
+    if together and (p is None or p >= UNLIKELY):
+        larger = f" Their errors count {scale:.2g} times as large." if scale > 1.05 else ""
+        return f"{text}. {together}{larger}"
     if scale > 1:
+        after = f" {together}" if together else ""
         return (
             f"{text}: the model misses the data by {scale:.2g} times their errors, more than noise explains; "
-            "all intervals are widened by this factor."
+            f"all intervals are widened by this factor.{after}"
         )
     text += ": the model agrees with the data within their errors"
     share = max((float(np.max(d.sigma) / np.max(np.abs(d.value))) for d in misfit.data if np.any(d.value)), default=0.0)
     wide = f", which are up to {100 * share:.2g} % of the largest value and say little" if share > WIDE else ""
     return f"{text}{wide}."
+
+
+def _together(data: tuple[Data, ...]) -> str:
+    """What is said of curves of which neighbouring readings miss the model by the same."""
+    each = [
+        f"{d.name} by {size(d.left, d.unit)} ({100 * d.left / float(np.abs(d.value).max()):.2g} % of its largest value)"
+        for d in data
+        if d.memory
+    ]
+    if not each:
+        return ""
+    return (
+        f"Neighbouring readings miss the model together, those of {', of '.join(each)}, root mean square: either they "
+        "remember each other, which the intervals allow for and noise.correlation would state, or the model is wrong "
+        "by that."
+    )
 
 
 def compare_weightings(misfit: Misfit, near: np.ndarray, *, seed: int) -> dict[str, Fit]:

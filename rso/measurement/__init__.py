@@ -6,6 +6,7 @@ from rso.measurement.columns import CONTACT, Column
 from rso.measurement.combining import MeasuredCurve, Noise, combine, value_at
 from rso.measurement.pace import recorded_speed
 from rso.measurement.reading import Measurement, Repeat, fingerprint, read
+from rso.measurement.scatter import memory
 from rso.measurement.spikes import kept, step_of, without_spikes
 
 __all__ = [
@@ -24,6 +25,7 @@ __all__ = [
     "correct",
     "fingerprint",
     "kept",
+    "memory",
     "read",
     "record",
     "recorded",

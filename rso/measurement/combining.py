@@ -61,7 +61,8 @@ class MeasuredCurve:
     `position` (n, 2) holds x, y in mm for a profile and is None for a force curve.  The size of the errors is known
     from `freedom` degrees of freedom, as far as it was taken from the readings; infinite where all of it is stated.
     `shared` holds the parts s (n,) of C, s sᵀ each, that other curves have with the same sign: what is named alike in
-    curves of one test, and "calibration" in those of all tests, is one error.
+    curves of one test, and "calibration" in those of all tests, is one error.  `white` is the standard deviation (n,)
+    of what counts as white because one record alone does not tell and nothing is stated; None where it is known.
     """
 
     channel: str
@@ -74,6 +75,7 @@ class MeasuredCurve:
     position: np.ndarray | None = None
     freedom: float = math.inf
     shared: Mapping[str, np.ndarray] = field(default_factory=dict)
+    white: np.ndarray | None = None
 
 
 def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment: str = "loading") -> MeasuredCurve:
@@ -117,17 +119,20 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
     if len(y) > 1:
         seen, freedom, shared = _scatter(y, smooth, slope, np.diag(said))
     else:
-        white = of_record(u, mean - _ball(u, mean)(u), smooth, said)  # small force, steep bend: not to be noise
-        seen, freedom, shared = np.diag(white.variance), white.freedom, {}
+        noisy = of_record(u, mean - _ball(u, mean)(u), smooth, said)  # small force, steep bend: not to be noise
+        seen, freedom, shared = np.diag(noisy.variance), noisy.freedom, {}
     covariance = seen + said
+    untold = len(y) == 1 and noise.correlation == 0
+    white = np.sqrt(np.diag(covariance)) if untold else None
     whole = {"gain": noise.gain * smooth, "calibration": noise.calibration * smooth, "contact": noise.contact * slope}
     for name, s in whole.items():
         if s.any():
             covariance, shared[name] = covariance + np.outer(s, s), s
     sigma = np.sqrt(np.diag(covariance))
     return MeasuredCurve(
-        channel, COLUMNS[channel], u, mean, sigma, len(branches), covariance, freedom=freedom, shared=shared
-    )
+        channel, COLUMNS[channel], u, mean, sigma, len(branches), covariance,
+        freedom=freedom, shared=shared, white=white,
+    )  # fmt: skip
 
 
 def value_at(curve: MeasuredCurve, depth: float) -> tuple[float, float]:

@@ -77,23 +77,23 @@ def of_repeats(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[Wh
     rest = off.T - shapes @ part
     size, left = _size(smooth), max(n - 2, 1)
     found = varying(np.sum(rest**2, axis=1) / (r - 1) * (n / left), size, size, (r - 1) * left)
-    ρ = _memory(rest / np.sqrt(np.maximum(found.variance, 1e-300))[:, None])
+    ρ = memory(rest / np.sqrt(np.maximum(found.variance, 1e-300))[:, None], r - 1)
     found = White(found.variance, max(found.freedom * (1 - ρ**2) / (1 + ρ**2), 1.0), ρ)
     return found, part, np.einsum("ki,ij,kj->k", inverse, found.covariance, inverse)
 
 
-def _memory(rest: np.ndarray) -> float:
-    """Correlation ρ of neighbours in deviations (n, r) of r repeats from their mean, 0 where it may be none.
+def memory(rest: np.ndarray, independent: int = 1) -> float:
+    """Correlation ρ of neighbours in deviations (n, r), as many of the r curves `independent`; 0 where it may be none.
 
     It counts from `REMEMBERS` standard errors on; what taking out the mean and two shapes cost is put back (Marriott &
     Pope, Biometrika 41 (1954) 390).
     """
-    n, r = rest.shape
+    n = len(rest)
     power = float(np.sum(rest**2))
     if n < 12 or power == 0.0:
         return 0.0
     ρ = float(np.sum(rest[1:] * rest[:-1])) / power
-    return min(ρ + (1.0 + 4.0 * ρ) / n, 0.98) if ρ > REMEMBERS / np.sqrt(n * (r - 1)) else 0.0
+    return min(ρ + (1.0 + 4.0 * ρ) / n, 0.98) if ρ > REMEMBERS / np.sqrt(n * independent) else 0.0
 
 
 def varying(q: np.ndarray, t: np.ndarray, at: np.ndarray, freedom: float) -> White:

@@ -19,6 +19,7 @@ from rso.identify import (
     Sight,
     determine,
     on_runs,
+    remembering,
     resample,
     tangents,
     together,
@@ -253,7 +254,7 @@ def identified(plan: Plan, found: Descended) -> tuple[Identified, Settled]:
     known = [i.sight for d in found.descents for i in d.iterates if i.sight is not None]
     tried = [found.frame.reduced(i.x[None])[1][0] for d in found.descents for i in d.iterates]
     for k in range(ENDS + 1):
-        misfit = Misfit(tangents(found.frame, known, best), found.data)
+        misfit = remembering(Misfit(tangents(found.frame, known, best), found.data), best.x)
         d: Determination = determine(misfit, seed=plan.seed, near=best.x[None], mcmc=False)
         ends = [] if k == ENDS else _ends(found.frame, misfit, d, tried)
         if not ends:

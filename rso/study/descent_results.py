@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rso.emulator import Output
-from rso.identify import Descent, Iterate
+from rso.identify import Descent, Iterate, lenient
 from rso.store import Done
 from rso.study.descending import Descended
 from rso.study.identifying import Identified
@@ -85,7 +85,7 @@ def warnings(plan: Plan, found: Descended, known: Identified | None) -> list[str
         said.append(f"{len(rivals)} of {len(found.descents)} starts led to another minimum; see the descents")
     if known is not None:
         d = known.determination
-        said += [f"identification: {text}" for text in (d.story if d.scale > 1 else "", d.lenient) if text]
+        said += [f"identification: {text}" for text in (d.warning, lenient(d.fit.chi2, d.degrees, d.p_value)) if text]
     return said
 
 

@@ -20,13 +20,14 @@ from rso.identify import (
     curve_score,
     determine,
     downhill,
+    lenient,
     minimise,
 )
-from rso.identify.verdict import WORDS, Verdict, Word, physical
+from rso.identify.verdict import REFUTED, WORDS, Verdict, Word, physical
 from rso.running import Task
 from rso.study.plan import Plan
 from rso.study.searching import Found
-from rso.study.settling import Settled, evidence, settle
+from rso.study.settling import Settled, covered, evidence, settle
 from rso.study.stages import Bench, Run
 
 METRICS = ("nrmse", "mre", "rrmse")
@@ -74,6 +75,8 @@ def of_identification(plan: Plan, found: Identified, settled: Settled) -> dict[s
             "recomputed": {
                 "agreement": settled.agreement,
                 "chi2": settled.chi2,
+                "chi2_bare": settled.chi2_bare,
+                "p_value_bare": settled.p_bare,
                 "verified": settled.verified,
                 "open": list(settled.open),
             },
@@ -111,7 +114,8 @@ def identification(
     except (ValueError, np.linalg.LinAlgError) as error:
         return not_identified(plan, str(error)), (), [f"identification: {error}"], None
     d = done.determination
-    warnings = [f"identification: {text}" for text in (d.story if d.scale > 1 else "", d.lenient) if text]
+    chi2, p = (d.fit.chi2, d.p_value) if settled.chi2_bare is None else (settled.chi2_bare, settled.p_bare)
+    warnings = [f"identification: {text}" for text in (d.warning, lenient(chi2, d.degrees, p)) if text]
     if settled.agreement is None:
         warnings.append("identification: the most likely point could not be recomputed, its run has no answer")
     elif not settled.verified:
@@ -126,6 +130,8 @@ def identification(
             f"identification: after {len(settled.runs)} runs the surrogates are not good enough for what the data say "
             f"at {'; '.join(settled.open[:2])}{more}"
         )
+    elif _hides_much(d, settled):
+        warnings.append(f"identification: {d.story}")
     if d.draws is not None and not d.draws.enough:
         warnings.append(f"identification: only {d.draws.independent:.0f} independent draws of the posterior")
     if best is not None:
@@ -134,13 +140,31 @@ def identification(
     return of_identification(plan, done, settled), settled.runs, warnings, d
 
 
+def _hides_much(d: Determination, settled: Settled) -> bool:
+    """Whether the model agrees with the data only by what the surrogates may be off by, and misses them widely."""
+    much = settled.chi2_bare is not None and settled.chi2_bare > REFUTED**2 * d.degrees
+    return settled.verified and much and covered(d.p_value, settled.p_bare)
+
+
 def doubted(d: Determination, settled: Settled) -> Determination:
-    """What is known, with no parameter called determined where simulations do not confirm what the surrogates say."""
-    if settled.verified and not settled.open:
+    """What is known, with no parameter called determined where simulations do not confirm what the surrogates say, or
+    where what these may be off by hides a misfit of more than `REFUTED` times the errors; no p-value where
+    it hides any.
+    """
+    hidden = _hides_much(d, settled)
+    if settled.verified and settled.chi2_bare is not None and covered(d.p_value, settled.p_bare):
+        text = (
+            f"χ² = {d.fit.chi2:.3g} for {d.degrees} degrees of freedom by errors that hold what surrogates may be off "
+            f"by, {settled.chi2_bare:.3g} of the recomputed curve without it: whether the model fits cannot be said."
+        )
+        d = replace(d, p_value=None, story=text)
+    if settled.verified and not settled.open and not hidden:
         return d
     word: Word = "weakly" if settled.verified else "not"
     why = "They do not know the curves well enough to exclude other values"
-    if settled.agreement is None:
+    if hidden and not settled.open:
+        why = "What they may be off by hides a misfit"
+    elif settled.agreement is None:
         why = "The most likely point has no answer"
     elif not settled.verified:
         why = "Simulations do not confirm them"

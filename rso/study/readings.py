@@ -57,7 +57,8 @@ def as_data(label: str, experiment: str, curve: MeasuredCurve, keep: np.ndarray)
     C = curve.covariance[np.ix_(keep, keep)]
     every = {"calibration"}  # one cell for all experiments
     shared = {n if n in every else f"{experiment}: {n}": s[keep] for n, s in curve.shared.items()}
-    return Data(label, curve.unit, curve.depth[keep], curve.value[keep], C, curve.freedom, shared)
+    white = None if curve.white is None else curve.white[keep]
+    return Data(label, curve.unit, curve.depth[keep], curve.value[keep], C, curve.freedom, shared, white)
 
 
 def curve_outputs(plan: Plan) -> list[Output]:

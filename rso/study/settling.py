@@ -20,12 +20,15 @@ from rso.identify import (
     all_minima,
     determine,
     emulated,
+    p_value,
+    remembering,
     resample,
     spread_of,
     stack,
     together,
 )
-from rso.identify.determination import LEVEL
+from rso.identify.determination import LEVEL, UNLIKELY
+from rso.identify.verdict import REFUTED
 from rso.running import Outcome, Task
 from rso.store import Done
 from rso.study.plan import Plan
@@ -43,9 +46,13 @@ SETTLED = 0.5  # of χ² in units of its least value per degree of freedom: what
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Likelihood of the fitted curves on an emulator, where they were measured, and starts (k, d) in the ranges."""
+    """Likelihood of the fitted curves on an emulator, where they were measured, and starts (k, d) in the ranges.
+
+    The errors of `bare` are those of `misfit` without what the surrogates may be off by.
+    """
 
     misfit: Misfit
+    bare: Misfit
     places: tuple[Place, ...]
     near: np.ndarray
 
@@ -57,7 +64,9 @@ class Settled:
     `agreement` is the largest difference of predicted and recomputed curves over their largest value, `chi2` the
     misfit of the recomputed ones; both are None where the last run has no answer.  `verified` says whether the
     difference is within verify.tolerance and does not count beside the errors of the data.  `open` are points, in
-    words, at which the surrogates still do not know whether the data allow them.
+    words, at which the surrogates still do not know whether the data allow them.  `chi2_bare` and `p_bare` are the
+    misfit of the recomputed curves without what the surrogates may be off by, and its p-value; None where the
+    simulations are exact by similarity or nothing tells.
     """
 
     emulator: Emulator
@@ -66,6 +75,8 @@ class Settled:
     chi2: float | None
     verified: bool
     open: tuple[str, ...] = ()
+    chi2_bare: float | None = None
+    p_bare: float | None = None
 
 
 def evidence(plan: Plan, emulator: Emulator, found: Sequence[Found]) -> Evidence:
@@ -73,6 +84,7 @@ def evidence(plan: Plan, emulator: Emulator, found: Sequence[Found]) -> Evidence
 
     Errors: those of the measurement, the estimated numerical error of the first recomputed candidate and the standard
     deviation of the surrogates at the best fit; the latter two belong together over the depth of the curve.
+    Readings of one record remember each other where what the best fit leaves does and nothing is stated of that.
     ValueError where the data or their errors allow no likelihood.
     """
     box, near = ranges(plan), _start(plan, found)
@@ -89,7 +101,8 @@ def evidence(plan: Plan, emulator: Emulator, found: Sequence[Found]) -> Evidence
     there = _wide(plan, first.x[None])[0]
     banded = zip(data, pairs, strict=True)
     data = [d.plus(together(d.depth, band(there), float(d.depth.max()))) for d, (_, band) in banded]
-    return Evidence(replace(plain, data=tuple(data)), tuple(places), np.vstack([first.x[None], near]))
+    misfit, bare = (remembering(m, first.x) for m in (replace(plain, data=tuple(data)), plain))
+    return Evidence(misfit, bare, tuple(places), np.vstack([first.x[None], near]))
 
 
 def settle(bench: Bench, emulator: Emulator, found: Sequence[Found], meanwhile: Sequence[Task] = ()) -> Settled:
@@ -123,7 +136,7 @@ def settle(bench: Bench, emulator: Emulator, found: Sequence[Found], meanwhile: 
 def _most_likely(bench: Bench, emulator: Emulator, found: Sequence[Found], meanwhile: Sequence[Task]) -> Settled:
     """The most likely point, run and learnt until prediction and simulation agree, `ROUNDS` times at most."""
     runs: list[Run] = []
-    gap, chi2, verified = None, None, False
+    last = Settled(emulator, (), None, None, False)
     for k in range(ROUNDS):
         plan = bench.around_failures(emulator.group.reference is not None).plan  # which the last run may have changed
         now = evidence(plan, emulator, found)
@@ -143,15 +156,25 @@ def _most_likely(bench: Bench, emulator: Emulator, found: Sequence[Found], meanw
         sizes = np.maximum(sizes, NOISE * sizes.max())  # by symmetry a lateral force may be zero, or noise about it
         gap = max(float(np.abs(f - y).max() / s) for f, y, s in zip(predicted, curves, sizes, strict=True))
         readings = np.concatenate([d.value for d in now.misfit.data])
-        chi2 = float(np.sum(now.misfit.white(np.concatenate(curves) - readings) ** 2))
+        left = np.concatenate(curves) - readings
+        chi2, bare = (float(np.sum(m.white(left) ** 2)) for m in (now.misfit, now.bare))
         off = float(np.sum(now.misfit.white(np.concatenate(curves) - whole) ** 2))
         verified = gap <= plan.study.verify.tolerance and off <= SETTLED * _least(now, best)
-        if verified or k == ROUNDS - 1:
+        ν = now.misfit.n - len(best.x)
+        p, p_bare = p_value(now.misfit, chi2, ν), p_value(now.bare, bare, ν)
+        last = Settled(emulator, (), gap, chi2, verified, chi2_bare=bare, p_bare=p_bare)
+        hidden = covered(p, p_bare) and bare > REFUTED**2 * ν
+        if (verified and not hidden) or k == ROUNDS - 1:
             break
         emulator = learn_more(bench, emulator, [sample(plan, values, outcomes)])
     if not runs[-1].done:
         return Settled(emulator, tuple(runs), None, None, False)
-    return Settled(emulator, tuple(runs), gap, chi2, verified)
+    return replace(last, emulator=emulator, runs=tuple(runs))
+
+
+def covered(p: float | None, p_bare: float | None) -> bool:
+    """Whether a model agrees with the data only because of what the surrogates may be off by."""
+    return (p is None or p >= UNLIKELY) and p_bare is not None and p_bare < UNLIKELY
 
 
 def _least(now: Evidence, best: Fit) -> float:

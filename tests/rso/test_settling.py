@@ -64,6 +64,8 @@ def test_a_wall_that_is_kept_changes_nothing():
         (Settled(None, (), 0.001, 1.0, True, ("a = 0.1",)), "weakly", "well enough to exclude"),
         (Settled(None, (), 0.1, 1.0, False), "not", "do not confirm"),
         (Settled(None, (), None, None, False), "not", "has no answer"),
+        (Settled(None, (), 0.001, 1.0, True, chi2_bare=900.0, p_bare=1e-9), "weakly", "hides a misfit"),
+        (Settled(None, (), 0.001, 1.0, True, chi2_bare=1.0, p_bare=0.5), "determined", ""),
     ],
 )
 def test_nothing_is_determined_that_simulations_do_not_confirm(settled, word, why):
@@ -111,3 +113,31 @@ def test_what_poor_surrogates_cannot_exclude_is_run(tmp_path, monkeypatch):
     assert 0 < len([r for r in found["runs"] if r["purpose"] == "interval"]) <= settling.ENDS * 4
     assert any("not good enough for what the data say at what they cannot exclude" in w for w in found["warnings"])
     assert not any(v["determined"] for v in found["determined"].values())
+
+
+@pytest.mark.parametrize("band_N", [0.0, 0.02])
+def test_a_misfit_that_only_surrogates_could_explain_is_no_fit(tmp_path, monkeypatch, band_N):
+    """A wave of five times the noise: refuted where surrogates are sure; where they say that they may be off by more
+    than it the recomputed curve tells that the readings themselves are missed, and nothing is determined."""
+    u, force = np.loadtxt(studies.measured(noise=0.0).splitlines(), delimiter=",", skiprows=1).T
+    wavy = force + 5e-3 * np.sin(6 * u)
+    text = "depth_mm,Fz_N\n" + "".join(f"{a!r},{b!r}\n" for a, b in zip(u.tolist(), wavy.tolist(), strict=True))
+    (tmp_path / "top.csv").write_text(text)
+    noise = studies.SECTIONS["[experiments]"].replace("0.02 mN", "1 mN")
+    known = settling.emulated
+
+    def unsure(emulator, place):
+        model, band = known(emulator, place)
+        return model, lambda x: band(x) + band_N * np.sin(6 * place.depth)
+
+    monkeypatch.setattr(settling, "emulated", unsure)
+    found = studies.run(tmp_path, experiments=noise, doe="runs = 16\nheld_out = 0", surrogate='kind = "kriging"')
+    known, again = found["identification"], found["identification"]["recomputed"]
+    assert again["p_value_bare"] < 1e-3
+    if band_N:
+        assert known["p_value"] is None and "whether the model fits cannot be said" in known["story"]
+        assert any("whether the model fits cannot be said" in w for w in found["warnings"])
+        assert again["chi2"] < 0.3 * again["chi2_bare"]
+        assert not any(v["determined"] for v in found["determined"].values())
+    else:
+        assert known["p_value"] < 1e-3 and "misses the data" in known["story"]

@@ -143,7 +143,7 @@ LAYOUT: dict[str, Any] = {
         **dict.fromkeys(("level", "chi2", "degrees", "p_value", "noise_degrees", "scale", "story")),
         "values": VALUES,
         "data": [dict.fromkeys(("experiment", "channel", "points"))],
-        "recomputed": dict.fromkeys(("agreement", "chi2", "verified", "open")),
+        "recomputed": dict.fromkeys(("agreement", "chi2", "chi2_bare", "p_value_bare", "verified", "open")),
         "other_minima": [{"values": VALUES, "chi2": None}],
         "parameters": [
             {
