@@ -20,6 +20,7 @@ from rso.curves import Resampling
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.nodes import Nodes, cardinal, placed, points, tensor, timed
 from rso.diagnosis.planning import Sizes, framed, jobs_of_base, jobs_of_effects, key_of
+from rso.diagnosis.relaxation import dense, foreseen, relaxes
 from rso.diagnosis.responses import FORCES, changed, forces_of, loading_of, marks_of, reached_by, relative
 from rso.diagnosis.runs import Base, Job, Pass, Run
 from rso.diagnosis.testplan import TestPlan
@@ -120,7 +121,8 @@ class Library:
         none.
         """
         k = next(k for k, s in enumerate(effect.shape, 1) if timed(s))
-        shortest = self.places[self.home(effect)].effects[effect.name].nodes.levels[k][:3]
+        nodes = self.places[self.home(effect)].effects[effect.name].nodes
+        shortest = nodes.levels[k][:: nodes.fine][:3]
         share, fast = cardinal(np.exp(shortest), np.zeros(1))[0], np.array(at, float)
         out = np.zeros(())
         for level, part in zip(shortest, share, strict=True):
@@ -178,9 +180,9 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
         for j, o in zip(jobs, outcomes, strict=True) if not isinstance(o, Done)
     ))  # fmt: skip
     found = {(j.place, j.effect, j.node, j.passing, j.finer): o for j, o in zip(jobs, outcomes, strict=True)}
-    first = _tables(base, plan, primary, every[primary], modelled, grid, levels, found)
+    first = _tables(base, plan, primary, every[primary], modelled, grid, levels, found, primary)
     others = {
-        k: _tables(base, plan, k, every[k], modelled, grid, few, found)
+        k: _tables(base, plan, k, every[k], modelled, grid, few, found, primary)
         for k in range(len(plan.places)) if k != primary
     }  # fmt: skip
     tables = tuple(first if k == primary else _beside(first, levels, few, others[k]) for k in range(len(plan.places)))
@@ -214,7 +216,7 @@ def _home(effect: Effect, plan: TestPlan, primary: int) -> int:
 
 def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled: Sequence[Effect],
             grid: Mapping[tuple[str, int], Nodes], levels: Sequence[np.ndarray],
-            found: Mapping[tuple[Any, ...], Any]) -> PlaceTables:  # fmt: skip
+            found: Mapping[tuple[Any, ...], Any], primary: int) -> PlaceTables:  # fmt: skip
     place = plan.places[k]
     u = (np.linspace(0.0, np.sqrt(plan.reach(k)), GRID)) ** 2
     n_base = int(np.prod([len(v) for v in levels])) if levels else 1
@@ -242,19 +244,33 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
         change = np.zeros((len(points), len(every), 3, GRID))
         marks = np.zeros((len(points), base_marks.shape[1]))
         known = np.ones(len(points), bool)
+        ahead = foreseen(u, first(u), points, every) if relaxes(e) else None
         for n in range(len(points)):
             whole = found.get((k, e.name, n, None, False))
             each = [found.get((k, e.name, n, i, False)) for i in range(len(every))] if whole is None else [whole]
             if None in each:  # not computed here
                 known[n] = False
                 continue
-            change[n], lost = changed(every, u, place, base.reference, each, first)
+            likely = None if ahead is None else ahead[n]
+            change[n], lost = changed(every, u, place, base.reference, each, first, likely)
             change[n] -= ways
             known[n] = lost == 0
             reached = reached_by(each[0], place.deepest)
             marks[n] = 0.0 if reached is None else marks_of(reached, place) - base_marks[-1]
-        effects[e.name] = _filled(Table(grid[e.name, k], change, marks, known))
+        rest = _filled(Table(grid[e.name, k], change - (0.0 if ahead is None else ahead), marks, known))
+        effects[e.name] = rest if ahead is None else _densely(rest, dense(grid[e.name, primary]), u, first(u), every)
     return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], mesh, ways, error, effects, unknowns)
+
+
+def _densely(rest: Table, nodes: Nodes, u: np.ndarray, base: np.ndarray, every: Sequence[Pass]) -> Table:
+    """The table of an effect that relaxes: what is expected at dense `nodes`, and the `rest` that was computed at few.
+
+    `base` (m, 3) are the forces without it.
+    """
+    W = rest.nodes.weights(nodes.points)
+    change = np.tensordot(W, rest.change, axes=1) + foreseen(u, base, nodes.points, every)
+    change[:, :, 2] = np.maximum(change[:, :, 2], -1.0)  # nothing pulls
+    return Table(nodes, change, W @ rest.marks, np.full(len(W), rest.known.any()))
 
 
 def _beside(
@@ -295,6 +311,8 @@ def _transfer(effect: Effect, primary: Table, other: Table) -> np.ndarray:
     Where an effect sits is read off between the other place's own nodes: what is below one point is beside another.
     """
     P, O = primary.nodes.points, other.nodes.points
+    if other.nodes.fine > 1:  # as dense as those
+        return np.eye(len(P))
     if effect.place is not None:  # it acts nowhere else
         return np.zeros((len(P), len(O)))
     curved = len(O) > 1 and O.shape[1] == 1 and (np.all(O[:, 0] > 0) or math.isinf(other.nodes.middle))

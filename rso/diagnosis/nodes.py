@@ -13,17 +13,21 @@ from scipy.interpolate import CubicSpline
 from rso.diagnosis.effects import Effect, Size
 
 NEAR = 0.4  # in ln size, or of the range of a variant: how far a mended point reaches
-TIMES = 1.4  # of ln τ at most from one node to the next, where most was measured
+TIMES = 2.0  # of ln τ at most from one node to the next, where most was measured
 SAME = 0.9  # overlap of two points from which the later stands for both: a line through them would lead anywhere
 
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Sizes (n,) as signed deviations and shapes (n, d) of an effect, on a tensor grid `levels`; first axis is size."""
+    """Sizes (n,) as signed deviations and shapes (n, d) of an effect, on a tensor grid `levels`; first axis is size.
+
+    Of the shapes every `fine`-th level was computed.
+    """
 
     levels: tuple[np.ndarray, ...]
     middle: float
     anchored: bool
+    fine: int = 1
 
     @property
     def points(self) -> np.ndarray:
@@ -51,6 +55,8 @@ class Nodes:
         level = self.levels[0]
         if not self.anchored:
             return cardinal(level, s)
+        if self.fine > 1:
+            return piecewise(np.append(0.0, level), s)[:, 1:]
         if not math.isfinite(self.middle):
             return cardinal(np.append(0.0, level), s)[:, 1:]
 
@@ -74,7 +80,7 @@ class Nodes:
             spread = np.ptp(self.levels[0]) or 1.0
             K = np.exp(-0.5 * ((a[:, None, 0] - b[None, :, 0]) / (NEAR * spread)) ** 2)
         for j, level in enumerate(self.levels[1:], 1):
-            step = (np.ptp(level) or 1.0) / max(len(level) - 1, 1)
+            step = self.fine * (np.ptp(level) or 1.0) / max(len(level) - 1, 1)
             K = K * np.exp(-0.5 * ((a[:, None, j] - b[None, :, j]) / (0.5 * step)) ** 2)
         return K
 
@@ -136,7 +142,7 @@ def _shape_level(shape: Size, primary: bool, speeds: tuple[float, float], alone:
     if timed(shape):
         low, high = low + math.log(speeds[0]), high + math.log(speeds[1])
         if primary:
-            return np.linspace(low, high, max(7, 1 + round((high - low) / TIMES)))
+            return np.linspace(low, high, max(5, 1 + math.ceil((high - low) / TIMES)))
         return np.array([0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high])
     if placed(shape):
         return np.array([0.5 * (low + high)]) if alone else np.linspace(low, high, 5)

@@ -23,6 +23,7 @@ from rso.diagnosis.judge import Diagnosis
 from rso.diagnosis.library import DEAR, Library
 from rso.diagnosis.nodes import SAME, timed
 from rso.diagnosis.planning import framed
+from rso.diagnosis.relaxation import foreseen, relaxes
 from rso.diagnosis.responses import FORCES, changed, marks_of
 from rso.diagnosis.runs import Base, jobs_at, passes
 from rso.diagnosis.testplan import TestPlan
@@ -90,8 +91,10 @@ def mended(
     for e, at, k, v, late, tasks in wanted:
         mine = [next(outcomes) for _ in tasks]
         here, place = library.places[k], library.plan.places[k]
-        base = Resampling(here.u[1:], library.forces(k, at[None, :d])[0, :, 1:].T)
-        change, lost = changed(here.passes, here.u, place, library.base.reference, mine, base)
+        forces = library.forces(k, at[None, :d])[0].T
+        base = Resampling(here.u[1:], forces[1:])
+        ahead = foreseen(here.u, forces, (at[d:] + late)[None], here.passes)[0] if relaxes(e) else None
+        change, lost = changed(here.passes, here.u, place, library.base.reference, mine, base, ahead)
         failed += sum(not isinstance(o, Done) for o in mine)
         if lost:
             continue

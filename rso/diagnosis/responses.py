@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import PchipInterpolator, interp1d
 
 from rso.contract import Response
 from rso.curves import Resampling
@@ -62,11 +62,13 @@ def reached_by(outcome: Any, deepest: float) -> Response | None:
 
 
 def changed(
-    ways: Sequence[Pass], u: np.ndarray, place: Place, reference: float, outcomes: Sequence[Any], base: Resampling
-) -> tuple[np.ndarray, int]:
+    ways: Sequence[Pass], u: np.ndarray, place: Place, reference: float, outcomes: Sequence[Any], base: Resampling,
+    foreseen: np.ndarray | None = None,
+) -> tuple[np.ndarray, int]:  # fmt: skip
     """Changes (n_pass, 3, m) over `base` relative to its Fz, and how many passes have none.
 
-    `outcomes` are those of every pass, or one where the way does not matter.
+    `outcomes` are those of every pass, or one where the way does not matter.  What is `foreseen` (n_pass, 3, m) need
+    not be interpolated from travel to travel.
     """
     change, lost = np.zeros((len(ways), 3, len(u))), 0
     for i, way in enumerate(ways):
@@ -75,7 +77,12 @@ def changed(
             lost += 1
             continue
         travel, F = forces_of(response, reference, back=back and len(outcomes) > 1)
-        change[i] = relative(travel, F - base(travel), base(travel)[:, 2], u)
+        at = base(travel)
+        if foreseen is None:
+            change[i] = relative(travel, F - at, at[:, 2], u)
+        else:
+            known = interp1d(np.sqrt(u), foreseen[i])(np.sqrt(np.clip(travel, u[0], u[-1]))).T
+            change[i] = foreseen[i] + relative(travel, F - at - known * at[:, 2:], at[:, 2], u)
     return change, lost
 
 

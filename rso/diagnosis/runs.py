@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -154,7 +155,8 @@ def task_of(base: Base, plan: TestPlan, k: int, values: Mapping[str, float], way
     else:  # what relaxes does so at once after the turn
         p = way.peak
         inside = tuple(sorted({a for a in asked if a < 0.78 * p} | {to(f * p) for f in (0.8, 0.92, 0.98, 0.997)}))
-        programme = Programme((0.0, p, 2 * p), (0.0, p, 0.0), inside)
+        home = [2 * p - 0.5 * (a + b) for a, b in itertools.pairwise((0.0, *inside)) if b < 0.9 * p]  # contact is lost
+        programme = Programme((0.0, p, 2 * p), (0.0, p, 0.0), inside, tuple(sorted(to(t) for t in home)))
     if way is not None and way.earlier:
         data["earlier"] = way.earlier
     tidy = {name: float(f"{v:.12g}") for name, v in values.items()}  # equal nodes have equal keys

@@ -75,27 +75,34 @@ def along(
 ) -> np.ndarray:
     """Fz, Fx, Fy (3, n) along a dense way (n,) in time and travel, with softening and relaxation.
 
-    F(t) = F_e(t) − g ∫ (1 − e^{−(t−s)/τ}) dF_e(s), exact for a force that is linear between instants.
+    F(t) = ∫₀^{t₁} R(t − s) dF_e(s), R(t) = 1 − g (1 − e^{−t/τ}), summed interval by interval; t₁ = t until the ball
+    turns and then when contact was as large, ∫_{t₁}^t R(t − s) du(s) = 0 (Ting, J. Appl. Mech. 33 (1966) 845).
     """
     F = elastic(values, travel, **place)
     soften, g, tau = values.get("soften", 0.0), values.get("g", 0.0), values.get("tau", 3.0)
-    if soften:
-        deepest = np.maximum(np.maximum.accumulate(travel), earlier)
-        F = F * (1 - soften * (1 - travel / np.maximum(deepest, 1e-12)))
+    deepest = np.maximum(np.maximum.accumulate(travel), earlier)
+    softer = 1 - soften * (1 - travel / np.maximum(deepest, 1e-12))
     if g:
-        dt, dF = np.diff(time), np.diff(F, axis=1)
-        fresh = np.zeros_like(F)  # ∫ e^{−(t−s)/τ} dF
-        for i, (h, d) in enumerate(zip(dt, dF.T, strict=True)):
-            e = np.exp(-h / tau)
-            fresh[:, i + 1] = fresh[:, i] * e + d * (1 - e) * tau / h
-        F = F - g * (F - fresh)
-    return F
+        top = int(np.argmax(travel >= travel.max() - 1e-12))
+        du, dF, middle = np.diff(travel), np.diff(F, axis=1), 0.5 * (time[1:] + time[:-1])
+        relaxed = np.zeros_like(F)
+        for i, t in enumerate(time[1:], 1):
+            R, n = 1 - g * -np.expm1(-(t - middle[:i]) / tau), i
+            if i > top:
+                since = np.cumsum((R * du[:i])[::-1])[::-1]  # ∫ from the beginning of each interval on
+                n = int(np.argmax(since <= 0.0))  # contact is lost where it is that of the first
+                share = since[n - 1] / (since[n - 1] - since[n]) if n else 0.0
+                relaxed[:, i] = share * R[n - 1] * dF[:, n - 1] if n else 0.0
+                n = max(n - 1, 0)
+            relaxed[:, i] += dF[:, :n] @ R[:n]
+        F = relaxed
+    return F * softer
 
 
 def way(programme: Programme) -> tuple[np.ndarray, np.ndarray]:
     """A dense (time, travel) through a programme with every asked passage in it."""
     T, U = np.array(programme.time_s), np.array(programme.travel_mm)
-    t = [np.linspace(T[0], T[-1], 241), T]
+    t = [np.linspace(T[0], T[-1], 241), np.concatenate([T, programme.asked_s])]
     for a, b, p, q in zip(T[:-1], T[1:], U[:-1], U[1:], strict=True):
         inside = np.array([x for x in programme.asked_mm if min(p, q) <= x <= max(p, q)])
         t.append(a + (b - a) * (inside - p) / (q - p) if p != q else np.empty(0))
@@ -161,9 +168,10 @@ class Toy:
         place = {"point": s.get("point", (0.0, 0.0)), "support": s.get("support", "held")}
         F = along(values, time, travel, s.get("earlier", 0.0), **place)
         goal = np.array(case.programme.asked_mm)
-        asked = np.isin(travel.round(9), goal.round(9))
+        asked = np.isin(travel.round(9), goal.round(9)) | np.isin(time.round(9), np.round(case.programme.asked_s, 9))
         t, u, F = time[asked], travel[asked], F[:, asked]
-        u = goal[np.argmin(np.abs(u[:, None] - goal), axis=1)]  # both passages have the very travel asked
+        very = goal[np.argmin(np.abs(u[:, None] - goal), axis=1)]
+        u = np.where(np.abs(u - very) < 1e-8, very, u)  # both passages have the very travel asked
         channels = {"time": t, "travel": u, "Fz": F[0], "Fx": F[1], "Fy": F[2]}
         marks = {f"uz({x:g},{y:g})": mark(values, u, x, y) for x, y in s.get("profile", ())}
         error = {c: 1e-3 * np.abs(F[0]) for c in ("Fx", "Fy", "Fz")}

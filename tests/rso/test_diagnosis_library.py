@@ -194,12 +194,12 @@ def test_at_another_place_few_nodes_carry_most_of_an_effect(library, name):
 
 
 @pytest.mark.parametrize("tau", [0.7, 1.7, 5.0, 20.0])
-@pytest.mark.parametrize("g", [0.1, 0.3])
+@pytest.mark.parametrize("g", [0.1, 0.3, 0.5])
 def test_relaxation_at_every_time_and_rate(library, g, tau):
-    """Loading at three rates to 1 % of the largest force; just after a turn forces are steep in travel."""
+    """Loading at three rates to 0.1 % of the largest force, at another place too; 1 % where contact is lost."""
     at, values = (CENTRE, g, np.log(tau)), {"g": g, "tau": tau}
-    assert worst(library, ("g",), at, values, back=False, places=(0,))[0] < 0.01
-    assert worst(library, ("g",), at, values, places=(0,))[0] < 0.05
+    assert worst(library, ("g",), at, values, back=False)[0] < 0.001
+    assert worst(library, ("g",), at, values)[0] < 0.01
 
 
 @pytest.mark.parametrize("where", [0, 1])
