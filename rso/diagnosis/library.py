@@ -337,7 +337,7 @@ def _transfer(effect: Effect, primary: Table, other: Table) -> np.ndarray:
 def _likened(primary: Table, P: np.ndarray, O: np.ndarray) -> np.ndarray | None:
     """(n, m): sizes and shapes P (n, 1 + d) in terms of O (m, 1 + d) by least squares over the changes at the primary
     place; None where the effect does not show there."""
-    nodes = primary.change[:, 0].reshape(len(primary.change), -1)
+    nodes = primary.change.reshape(len(primary.change), -1)
     A, B = (primary.nodes.weights(at) @ nodes for at in (P, O))
     gram = B @ B.T
     if np.trace(gram) / len(O) < 1e-8 * A.shape[1]:  # below 1e-4: nothing to lean on

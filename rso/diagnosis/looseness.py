@@ -12,7 +12,7 @@ from rso.diagnosis.hypotheses import blocks
 from rso.diagnosis.library import Library
 from rso.diagnosis.mixture import Tiles
 from rso.diagnosis.prediction import predict
-from rso.diagnosis.runs import nearest
+from rso.diagnosis.runs import Pass, nearest
 
 SHARE = 0.1  # by which an effect may be stronger or weaker in a part of the data
 LATERAL = 0.25  # the same in Fx and Fy: two meshes differ so in friction beside the top
@@ -87,7 +87,7 @@ def loops(library: Library, effects: Sequence[Effect], own: Tiles, modulus: floa
     """ℓ (T, n): force on the way back less that on the way there, of the tile with the widest loop at the same κ."""
     places = []
     for here in library.places:
-        there = [nearest(here.passes, None, p.earlier) for p in here.passes]
+        there = [nearest(here.passes, Pass(None, p.earlier)) for p in here.passes]
         straight = {
             n: replace(t, change=t.change[:, there]) if n in library.rubbing else t for n, t in here.effects.items()
         }

@@ -195,7 +195,7 @@ def _recorded(
     way = np.concatenate([np.full((len(F), 1), far), way], axis=1)
     there = np.concatenate([np.zeros((len(F), 3, 1)), there], axis=2)
     rest = np.geomspace(1e-3, 1.0, RESTING) * test.since.max() if held.any() else np.zeros(0)
-    if held.any():  # what is on the way back, if anything, was recorded after a short rest
+    if held.any():
         ends = np.repeat(_stopped(u, F, rests)[:, :, -1:], len(rest), axis=2)
         for rate, fall in decays(test.place, test.speed, loading):
             ends = ends + np.expm1(-np.outer(rate, rest))[:, None] * _stopped(u, fall, rests)[:, :, -1:]
@@ -206,9 +206,12 @@ def _recorded(
     if back.any():
         way = np.concatenate([way, way[:, turn - 2 :: -1]], axis=1)
         there = np.concatenate([there, home[:, :, -2::-1], np.zeros((len(F), 3, 1))], axis=2)
-    time = np.cumsum(np.abs(np.diff(way, axis=1, prepend=far)), axis=1)
+    moved = np.abs(np.diff(way, axis=1, prepend=far))
+    moved[:, turn + len(rest) :] /= test.pace
+    time = np.cumsum(moved, axis=1)
     time = (time - time[:, 1:2]) / test.speed + _contact_time(test)
-    time[:, turn:] += np.concatenate([rest, np.full(time.shape[1] - turn - len(rest), test.since.max())])
+    rested = max(test.rest, float(test.since.max()))
+    time[:, turn:] += np.concatenate([rest, np.full(time.shape[1] - turn - len(rest), rested)])
     forces = {c: modulus * there[:, i] for i, c in enumerate(FORCES)}
     depth, got = recorded(setting, way, forces, time, test.age, test.earlier)
     forward = np.maximum.accumulate(depth[:, :turn], axis=1)

@@ -55,18 +55,18 @@ def dense(nodes: Nodes) -> Nodes:
 
 def foreseen(u: np.ndarray, base: np.ndarray, points: np.ndarray, ways: Sequence[Pass]) -> np.ndarray:
     """Changes (n, n_pass, 3, m) relative to Fz of the forces (m, 3) over travels u (m,); all of them fall alike."""
-    fall = np.stack([expected(u, base[:, 2], points, way.peak) for way in ways], axis=1)
+    fall = np.stack([expected(u, base[:, 2], points, way) for way in ways], axis=1)
     share = np.divide(base.T, base[:, 2], out=np.zeros_like(base.T), where=base[:, 2] > 0.0)
     return fall[:, :, None] * share
 
 
-def expected(u: np.ndarray, force: np.ndarray, points: np.ndarray, peak: float | None) -> np.ndarray:
+def expected(u: np.ndarray, force: np.ndarray, points: np.ndarray, way: Pass) -> np.ndarray:
     """Relative change (n, m) of the elastic force (m,) over travels u (m,) at points (n, 2) of g and ln τ.
 
-    τ counts in travel, as at unit speed; `peak` is where the ball turns, None on the way there.  Beyond it, and where
-    there is no elastic force, the change is that beside it.
+    τ counts in travel, as at unit speed.  Beyond the peak of the `way`, and where there is no elastic force, the change
+    is that beside it.
     """
-    top = float(u[-1]) if peak is None else min(peak, float(u[-1]))
+    top = float(u[-1]) if way.peak is None else min(way.peak, float(u[-1]))
     a = np.linspace(0.0, math.sqrt(top), STEPS) ** 2
     F = np.interp(np.sqrt(a), np.sqrt(u), force)
     there = np.flatnonzero((force > 0.0) & (u > 0.0) & (u <= top))
@@ -79,9 +79,9 @@ def expected(u: np.ndarray, force: np.ndarray, points: np.ndarray, peak: float |
         held = _held(a, F, τ)
         for n in np.flatnonzero(points[:, 1] == lnτ):
             g = points[n, 0]
-            since = np.zeros(len(x)) if peak is None else 2 * top - x - (at := _as_large(x, top, g, τ))
-            at = x if peak is None else at
-            f = (1 - g) * _along(at, a, F) + g * np.exp(-since / τ) * _along(at, a, held)
+            t = x if way.peak is None else top + way.rest + (top - x) / way.pace
+            at = x if way.peak is None else np.minimum(_as_large(t, top, way, g, τ), x)
+            f = (1 - g) * _along(at, a, F) + g * np.exp(-(t - at) / τ) * _along(at, a, held)
             out[n, there] = f / _along(x, a, F) - 1.0
     out[:, : there[0]], out[:, there[-1] + 1 :] = out[:, there[:1]], out[:, there[-1:]]
     return out
@@ -96,18 +96,20 @@ def _held(a: np.ndarray, F: np.ndarray, τ: float) -> np.ndarray:
     return out
 
 
-def _as_large(x: np.ndarray, top: float, g: float, τ: float) -> np.ndarray:
-    """Travels t₁ (n,) on the way there at which contact was as large as on the way back at x: 0 where it is lost.
+def _as_large(t: np.ndarray, top: float, way: Pass, g: float, τ: float) -> np.ndarray:
+    """Travels t₁ (n,) on the way there at which contact was as large as at times t on the way back: 0 where it is lost.
 
-    With S(t) = ∫₀^t R the condition is S(t − t₁) = 2 S(t − top), and t = 2 top − x.
+    With S(t) = ∫₀^t R, the rest from `top` to t_r and the pace w of the way back the condition is
+
+        S(t − t₁) = S(t − top) + w S(t − t_r).
     """
-    t = 2 * top - x
-    wanted, low, high = 2 * _S(t - top, g, τ), np.zeros(len(x)), t.copy()
+    wanted = _S(t - top, g, τ) + way.pace * _S(t - top - way.rest, g, τ)
+    low, high = t - top, t.copy()
     for _ in range(50):
         middle = 0.5 * (low + high)
         below = _S(middle, g, τ) < wanted
         low, high = np.where(below, middle, low), np.where(below, high, middle)
-    return np.clip(t - 0.5 * (low + high), 0.0, x)
+    return np.clip(t - 0.5 * (low + high), 0.0, top)
 
 
 def _S(t: np.ndarray, g: float, τ: float) -> np.ndarray:

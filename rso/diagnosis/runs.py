@@ -11,6 +11,7 @@ import numpy as np
 
 from rso.contract import Backend, Case, Programme
 from rso.diagnosis.effects import Effect
+from rso.diagnosis.nodes import timed
 from rso.diagnosis.testplan import Test, TestPlan, rounded
 from rso.running import Task
 
@@ -95,10 +96,16 @@ class Base:
 
 @dataclass(frozen=True)
 class Pass:
-    """One way of the indenter: loading (peak None) or unloading from `peak`, after an earlier travel there."""
+    """One way of the indenter: loading (peak None) or unloading from `peak`, after an earlier travel there.
+
+    Before unloading it rests for as long as it takes to go `rest` mm on the way there; then it goes `pace` times as
+    fast.
+    """
 
     peak: float | None
     earlier: float
+    rest: float = 0.0
+    pace: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,20 +124,29 @@ def passes(plan: TestPlan, place: int) -> tuple[Pass, ...]:
     """The different ways at a place; travels that are nearly the same count as one."""
     mine = [t for t in plan.tests if t.place == place]
     ways = [Pass(None, plan.near(t.earlier)) for t in mine]
-    ways += [Pass(plan.near(t.peak), plan.near(t.earlier)) for t in mine if t.returns]
+    ways += [Pass(plan.near(t.peak), plan.near(t.earlier), _rested(t), t.pace) for t in mine if t.returns]
     return tuple(dict.fromkeys([Pass(None, 0.0), *ways]))
 
 
 def passes_of(every: Sequence[Pass], test: Test) -> tuple[int, int]:
     """Indices of the loading and of the unloading pass of a test."""
-    loading = nearest(every, None, test.earlier)
-    return loading, loading if not test.returns else nearest(every, test.peak, test.earlier)
+    loading = nearest(every, Pass(None, test.earlier))
+    back = Pass(test.peak, test.earlier, _rested(test), test.pace)
+    return loading, nearest(every, back) if test.returns else loading
 
 
-def nearest(every: Sequence[Pass], peak: float | None, earlier: float) -> int:
-    """Index of the loading pass (`peak` None) or unloading pass that is most alike."""
-    same = [k for k, p in enumerate(every) if (p.peak is None) == (peak is None)]
-    return min(same, key=lambda k: abs((every[k].peak or 0.0) - (peak or 0.0)) + abs(every[k].earlier - earlier))
+def _rested(test: Test) -> float:
+    return float(f"{test.rest * test.speed:.2g}")
+
+
+def nearest(every: Sequence[Pass], way: Pass) -> int:
+    """Index of the pass of the same direction that is most alike."""
+
+    def apart(k: int) -> float:
+        travel = abs((every[k].peak or 0.0) - (way.peak or 0.0)) + abs(every[k].earlier - way.earlier)
+        return travel + abs(np.log((1.0 + every[k].rest) / (1.0 + way.rest))) + abs(np.log(every[k].pace / way.pace))
+
+    return min((k for k, p in enumerate(every) if (p.peak is None) == (way.peak is None)), key=apart)
 
 
 def knobs_at(base: Base, effect: Effect, at: np.ndarray) -> dict[str, float]:
@@ -155,8 +171,10 @@ def task_of(base: Base, plan: TestPlan, k: int, values: Mapping[str, float], way
     else:  # what relaxes does so at once after the turn
         p = way.peak
         inside = tuple(sorted({a for a in asked if a < 0.78 * p} | {to(f * p) for f in (0.8, 0.92, 0.98, 0.997)}))
-        home = [2 * p - 0.5 * (a + b) for a, b in itertools.pairwise((0.0, *inside)) if b < 0.9 * p]  # contact is lost
-        programme = Programme((0.0, p, 2 * p), (0.0, p, 0.0), inside, tuple(sorted(to(t) for t in home)))
+        between = [0.5 * (a + b) for a, b in itertools.pairwise((0.0, *inside)) if b < 0.9 * p]
+        corners = ((0.0, 0.0), (p, p), *([(p + way.rest, p)] if way.rest else []), (p + way.rest + p / way.pace, 0.0))
+        home = sorted(to(corners[-1][0] - v / way.pace) for v in between)  # where contact is lost is steep
+        programme = Programme(*zip(*corners, strict=True), inside, tuple(home))
     if way is not None and way.earlier:
         data["earlier"] = way.earlier
     tidy = {name: float(f"{v:.12g}") for name, v in values.items()}  # equal nodes have equal keys
@@ -165,7 +183,7 @@ def task_of(base: Base, plan: TestPlan, k: int, values: Mapping[str, float], way
 
 def jobs_of(base: Base, plan: TestPlan, k: int, e: Effect | None, n: int, values: Mapping[str, float],
             every: Sequence[Pass], finer: bool = False) -> list[Job]:  # fmt: skip
-    """One loading run where the way does not matter, else one run per pass."""
+    """One loading run where the way does not matter, else one run per pass; rest and pace only where times matter."""
     name, settings = (None, {}) if e is None else (e.name, e.settings)
     load = task_of(base, plan, k, values, None, settings, finer)
     there_and_back = task_of(base, plan, k, values, Pass(min(1.0, plan.places[k].deepest), 0.0), settings)
@@ -173,7 +191,9 @@ def jobs_of(base: Base, plan: TestPlan, k: int, e: Effect | None, n: int, values
     if programme.travel_mm[-1] == max(programme.travel_mm):
         return [Job(k, name, n, None, load)]
     jobs = []
+    timely = e is None or any(timed(s) for s in e.shape) or rated(base, plan)
     for i, way in enumerate(every):
+        way = way if timely else replace(way, rest=0.0, pace=1.0)
         task = task_of(base, plan, k, values, way, settings, finer)
         if "earlier" in task.case.settings:  # what does not soften shares the virgin run
             plain = base.backend.canonical(task.values, task.case)[1].settings

@@ -22,7 +22,8 @@ LOADING, UNLOADING, HELD = range(3)  # branches of a test
 USUAL = 3.25  # mm: lengths below are those of a plan this deep or up to twice; others have theirs in proportion
 STEP = 0.25  # mm, to which the deepest travel is rounded up: data sets of one plan share their library
 BACK = 0.1  # of the deepest travel: a way back that ends earlier is left out
-DWELL = 0.05  # of the time of loading: after a longer hold what relaxes has done so before the way back
+DWELL = 0.05  # of the time of loading: a shorter rest before the way back is none
+EVEN = 0.15  # by which the speed of the way back may differ from that of the way there and count as the same
 MARGIN = 0.4  # mm beyond the deepest record, for a contact found late
 Role = Literal["fit", "select", "validate"]
 
@@ -60,7 +61,8 @@ class Test:
 
     `age` is where it stands in the order of testing, −1/2 the first and 1/2 the last.  `depth`, `time`, `count` (n,):
     the depth where a ball has the mean force of the readings of a bin, when it was there (from the first reading on),
-    and their number; `since` (n,) s is the time since the indenter came to rest, 0 while it moves.
+    and their number; `since` (n,) s is the time since the indenter came to rest, 0 while it moves.  Before the way back
+    it rests for `rest` s, and goes `pace` times as fast as on the way there.
     """
 
     experiment: int
@@ -77,6 +79,8 @@ class Test:
     values: Mapping[str, np.ndarray]
     age: float = 0.0
     since: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    rest: float = 0.0
+    pace: float = 1.0
 
     def __post_init__(self) -> None:
         if not len(self.since):
@@ -254,7 +258,10 @@ def _tests(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> 
         d, t, b, m, values = (_joined(branches, i, channels) for i in range(5))
         peak = float(r.depth.max())
         since = np.where(b == HELD, t - max(time[r.segment == "loading"], default=0.0), 0.0)
-        yield Test(k, r.label, site.index, e.speed, peak, site.deepest, channels, d, t, b, m, values, since=since)
+        yield Test(
+            k, r.label, site.index, e.speed, peak, site.deepest, channels, d, t, b, m, values,
+            since=since, rest=_rest(r), pace=_pace(r, e.speed),
+        )  # fmt: skip
         site.deepest = max(site.deepest, peak)
         if np.any(b == UNLOADING):
             site.peaks.add(peak)
@@ -280,8 +287,8 @@ def _profiles(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) 
 def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
     """A repeat without what no model here follows, and words for what is missing.
 
-    That is a hold without times or elsewhere than between loading and unloading, the way back after a hold longer than
-    DWELL, where one without times counts as long, and a way back that is hardly one.
+    That is a hold without times or elsewhere than between loading and unloading, the way back after one without times,
+    and a way back that is hardly one.
     """
     depth, back = r.depth, r.segment == "unloading"
     if back.any() and (np.sum(back) < 3 or depth.max() - depth[back].min() < BACK * depth.max()):
@@ -297,12 +304,37 @@ def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
     lost = held if not timed else np.setdiff1d(held, at_peak)
     if len(lost):
         without.append(f"{len(lost)} readings of a hold {'elsewhere' if timed else 'without times'}")
-    if len(at_peak) and len(back):
-        short = timed and r.time[back[0]] - r.time[there[-1]] < DWELL * np.ptp(r.time[there])
-        if not short:
-            lost = np.concatenate([lost, back])
-            without.append(f"{len(back)} readings of the way back after a hold")
+    if len(at_peak) and len(back) and not timed:
+        lost = np.concatenate([lost, back])
+        without.append(f"{len(back)} readings of the way back after a hold")
     return kept(r, ~np.isin(np.arange(len(r.segment)), lost)), without
+
+
+def _rest(r: Repeat) -> float:
+    """Time (s) between the ways there and back beyond that of moving, 0 where it is short or there are no times."""
+    there, back = (np.nonzero(r.segment == s)[0] for s in ("loading", "unloading"))
+    if r.time is None or len(there) < 2 or not len(back):
+        return 0.0
+    way = np.ptp(r.time[there])
+    rest = float(r.time[back[0]] - r.time[there[-1]])
+    moving = abs(r.depth[there[-1]] - r.depth[back[0]]) / max(np.ptp(r.depth[there]), 1e-9) * way
+    one = max(np.median(np.diff(r.time[v])) if len(v) > 1 else 0.0 for v in (there, back))  # from reading to reading
+    rest -= max(moving, 0.0 if np.any(r.segment == "hold") else float(one))
+    return rest if rest > DWELL * way else 0.0
+
+
+def _pace(r: Repeat, speed: float) -> float:
+    """Speed of the way back over that of the way there, in the midst of both; 1 where it is nearly so or not known."""
+    back = r.segment == "unloading"
+    if r.time is None or np.sum(back) < 3:
+        return 1.0
+    d, t = np.maximum.accumulate(r.depth[back][::-1]), r.time[back][::-1]
+    low, high = max(0.2 * r.depth.max(), d[0]), min(0.9 * r.depth.max(), d[-1])
+    end, start = np.interp((low, high), d, t)
+    if high <= low or end <= start:
+        return 1.0
+    pace = (high - low) / (end - start) / speed
+    return 1.0 if abs(np.log(pace)) < EVEN else float(f"{pace:.2g}")
 
 
 def _in_order(experiments: Sequence[Experiment]) -> list[int]:

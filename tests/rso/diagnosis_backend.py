@@ -217,20 +217,21 @@ def recorded(
     unload: bool = False, point: tuple[float, float] = (0.0, 0.0), support: str = "held", repeats: int = 1,
     white: float = WHITE, scatter: float = SCATTER, earlier: float = 0.0, offset: float = 0.0, compliance: float = 0.0,
     bias: float = 0.0, drift: float = 0.0, each_offset: float = 0.0, lateral: bool = False, readings: int = 84,
-    hold: float = 0.0,
+    hold: float = 0.0, pace: float = 1.0,
 ) -> tuple[Repeat, ...]:  # fmt: skip
-    """Repeats as a laboratory records them, the chain written out by hand; `hold` s of rest at the end of a loading."""
+    """Repeats as a laboratory records them, the chain written out by hand; `hold` s of rest at the end of a loading,
+    `pace` times as fast on the way back."""
     found = []
     for k in range(repeats):
         zero = offset + each_offset * rng.standard_normal()
         far = peak
         for _ in range(30):  # the record, not the body, reaches the peak
             far = peak + zero - compliance * float(elastic(truth, np.array(far), point, support)[0])
-        t = np.linspace(0, far / speed * (2 if unload else 1), 500 * (2 if unload else 1) - (1 if unload else 0))
-        u = np.minimum(t * speed, 2 * far - t * speed)
+        t, u = np.linspace(0, far / speed, 500), np.linspace(0, far, 500)
         if hold:
-            t = np.concatenate([t, t[-1] + np.linspace(0, hold, 1001)[1:]])
-            u = np.append(u, np.full(1000, far))
+            t, u = np.append(t, t[-1] + np.linspace(0, hold, 1001)[1:]), np.append(u, np.full(1000, far))
+        if unload:
+            t, u = np.append(t, t[-1] + np.linspace(0, far / speed / pace, 500)[1:]), np.append(u, u[498::-1])
         F = along(truth, t, u, max(earlier, peak if k else 0.0), point=point, support=support)
         gain = 1 + scatter * rng.standard_normal()
         force = {"Fz": gain * F[0] + bias + drift * t, "Fx": gain * F[1], "Fy": gain * F[2]}
@@ -240,9 +241,10 @@ def recorded(
         top = int(np.argmax(depth[at]))
         segment = np.where(np.arange(len(at)) <= top, "loading", "unloading")
         if hold:
-            at = np.concatenate([np.linspace(6, 499, readings), np.linspace(500, 1499, readings)]).astype(int)
+            home = np.linspace(1500, len(t) - 1, readings if unload else 0)
+            at = np.concatenate([np.linspace(6, 499, readings), np.linspace(500, 1499, readings), home]).astype(int)
             channels = {c: v[at] + white * rng.standard_normal(len(at)) for c, v in force.items() if c in channels}
-            segment = np.where(at < 500, "loading", "hold")
+            segment = np.where(at < 500, "loading", np.where(at < 1500, "hold", "unloading"))
         found.append(Repeat(str(k + 1), depth[at], t[at], channels, {}, segment))
     return tuple(found)
 

@@ -112,6 +112,30 @@ def test_a_load_train_that_creeps_moves_as_its_equations_say(τ, k):
     assert max(matters) > 0.02
 
 
+@pytest.mark.parametrize("hold, pace", [(0.0, 3.0), (6.0, 1.0), (20.0, 0.4)])
+@pytest.mark.parametrize("tau", [1.0, 8.0])
+def test_the_way_back_knows_how_long_the_ball_rested_and_how_fast_it_goes(tau, hold, pace):
+    """Against the integral over the whole way; to 1 % of the largest force.  Without either it is off by 2 %."""
+    values = {"mu": 0.012, "D1": 60.0, "g": 0.4, "tau": tau}
+    repeats = toy.recorded(values, np.random.default_rng(0), hold=hold, pace=pace, unload=True, white=0.0, scatter=0.0)
+    plan = make_plan([toy.experiment("cycle", repeats)])
+    (test,), (g,) = plan.tests, toy.effects("g")
+    library = build(toy.base(), plan, (g,), toy.run)
+    far, v = repeats[0].depth.max(), test.speed
+    t = np.concatenate([np.linspace(0, far / v, 1001), far / v + hold + np.linspace(0, far / v / pace, 1001)])
+    t, one = np.unique(t, return_index=True)
+    u = np.concatenate([np.linspace(0, far, 1001), np.linspace(far, 0, 1001)])[one]
+    F = toy.along(values, t, u)[0]
+    back = test.branch == UNLOADING
+    want = np.interp(-test.depth[back], -u[t >= far / v + hold], F[t >= far / v + hold])
+    off = []
+    for plain in (plan, dataclasses.replace(plan, tests=(dataclasses.replace(test, rest=0.0, pace=1.0),))):
+        other = library if plain is plan else build(toy.base(), plain, (g,), toy.run)
+        A, c = predict(other, [g], np.array([[np.log(0.72), 0.4, np.log(tau)]]), 0.012)
+        off.append(np.abs((0.012 * A + c)[0][: test.n][back] - want).max() / F.max())
+    assert off[0] < 0.01 and off[1] > 2 * off[0] and off[1] > 0.02
+
+
 def test_nothing_changes_in_a_hold_of_what_does_not_relax():
     plan = make_plan(plan_of(white=0.0, scatter=0.0))
     (stiff,) = toy.effects("stiff")

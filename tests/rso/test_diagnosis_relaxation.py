@@ -9,11 +9,13 @@ import pytest
 from rso.diagnosis.library import build
 from rso.diagnosis.nodes import nodes
 from rso.diagnosis.relaxation import dense, expected, relaxes
+from rso.diagnosis.runs import Pass
 from rso.diagnosis.testplan import make_plan
 
 U = np.linspace(0.0, 2.0, 160) ** 2
 VALUES = {"mu": 0.012, "D1": 60.0}
 F = toy.elastic(VALUES, U)[0]
+THERE, BACK = Pass(None, 0.0), Pass(4.0, 0.0)
 FORCE = F / F[-1]
 
 
@@ -30,7 +32,7 @@ def there_and_back(g, tau, peak):
 def test_the_force_is_that_of_the_hereditary_integral(g, tau):
     """To 0.4 % of the largest force: steps of the sum by other code, 1 mm of travel in 2000."""
     point = np.array([[g, np.log(tau)]])
-    found = [expected(U, F, point, peak)[0] for peak in (None, 4.0)]
+    found = [expected(U, F, point, way)[0] for way in (THERE, BACK)]
     for ours, theirs in zip(found, there_and_back(g, tau, 4.0), strict=True):
         np.testing.assert_allclose(ours[1:] * FORCE[1:], theirs[1:] * FORCE[1:], rtol=0, atol=4e-3)
     assert np.abs(found[0] - found[1])[80] > 0.01 * g  # the way matters
@@ -38,14 +40,14 @@ def test_the_force_is_that_of_the_hereditary_integral(g, tau):
 
 def test_what_relaxes_at_once_or_never():
     """τ → 0: the share g is lost on either way; τ → ∞: nothing is."""
-    for peak in (None, 4.0):
-        fast, slow = expected(U, F, np.array([[0.4, np.log(1e-4)], [0.4, np.log(1e6)]]), peak)
+    for way in (THERE, BACK):
+        fast, slow = expected(U, F, np.array([[0.4, np.log(1e-4)], [0.4, np.log(1e6)]]), way)
         np.testing.assert_allclose(fast[20:-1], -0.4, rtol=0, atol=2e-3)
         np.testing.assert_allclose(slow[20:-1], 0.0, rtol=0, atol=1e-3)
 
 
 def test_contact_is_lost_on_the_way_back_and_the_turn_is_continuous():
-    there, back = (expected(U, F, np.array([[0.6, np.log(2.0)]]), peak)[0] for peak in (None, 4.0))
+    there, back = (expected(U, F, np.array([[0.6, np.log(2.0)]]), way)[0] for way in (THERE, BACK))
     np.testing.assert_allclose(back[1:40], -1.0, rtol=0, atol=1e-5)  # bisection
     assert np.all(back[100:] > -0.98)
     np.testing.assert_allclose(back[-1], there[-1], rtol=0, atol=1e-9)
@@ -79,7 +81,7 @@ def test_tables_at_every_place_and_way_follow_it():
         for (i, way), (g, tau) in itertools.product(enumerate(here.passes), ((0.2, 0.7), (0.45, 2.0), (0.45, 9.0))):
             k, u = library.places.index(here), (here.u > 0) & (here.u <= (way.peak or np.inf))
             got = library.change(k, e, np.array([[g, np.log(tau)]]), 1.0)[0][0, i]
-            want = expected(here.u, f[2], np.array([[g, np.log(tau)]]), way.peak)[0]
+            want = expected(here.u, f[2], np.array([[g, np.log(tau)]]), way)[0]
             for c in (0, 2):  # what a ball is pushed aside by falls as much
                 off = (got[c] * f[2] - want * f[c])[u] / np.abs(f[c]).max() if f[c].any() else 0.0
                 np.testing.assert_allclose(off, 0.0, rtol=0, atol=0.01)

@@ -145,8 +145,8 @@ def test_a_tare_before_the_test_is_no_hold_in_it():
     assert np.any(plan.tests[0].branch == 1)
 
 
-@pytest.mark.parametrize("seconds, kept", [(0.2, True), (30.0, False), (None, False)])
-def test_the_way_back_after_a_long_hold_is_left_out_and_said_so(seconds, kept):
+@pytest.mark.parametrize("seconds, kept", [(0.2, True), (30.0, True), (None, False)])
+def test_the_way_back_after_a_hold_is_used_where_times_tell_how_long_it_was(seconds, kept):
     """What relaxes has done so in it; a dwell of 2 % of the loading is none."""
     (r,) = toy.recorded(toy.TRUTH, rng(), unload=True)
     top = int(np.argmax(r.depth)) + 1
@@ -160,6 +160,16 @@ def test_the_way_back_after_a_long_hold_is_left_out_and_said_so(seconds, kept):
     assert plan.tests[0].returns == kept and bool(plan.places[0].peaks) == kept
     assert any("way back" in note for note in plan.notes) != kept
     assert plan.tests[0].count[plan.tests[0].held].sum() == (4 if seconds else 0)
+    assert plan.tests[0].rest == pytest.approx(30.0 if seconds == 30.0 else 0.0, rel=0.01)
+
+
+@pytest.mark.parametrize("pace, hold", [(1.0, 0.0), (1.05, 0.0), (3.0, 0.0), (0.4, 12.0)])
+def test_rest_and_pace_of_the_way_back_are_those_of_the_record(pace, hold):
+    """A speed that is nearly that of the way there is that; rest to 2 %, what the machine needs to turn is no rest."""
+    repeats = toy.recorded(toy.TRUTH, rng(), unload=True, hold=hold, pace=pace)
+    (test,) = make_plan([toy.experiment("a", repeats)]).tests
+    assert test.rest == pytest.approx(hold, rel=0.02)
+    assert test.pace == (1.0 if pace in (1.0, 1.05) else pytest.approx(pace, rel=0.03))
 
 
 def test_single_readings_out_of_line_are_left_out_and_said_so():
