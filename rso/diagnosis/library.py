@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import interp1d
 
 from rso.curves import Resampling
 from rso.diagnosis.effects import Effect
@@ -22,12 +23,13 @@ from rso.diagnosis.nodes import Nodes, cardinal, placed, points, tensor, timed
 from rso.diagnosis.planning import Sizes, framed, jobs_of_base, jobs_of_effects, key_of
 from rso.diagnosis.relaxation import dense, foreseen, relaxes
 from rso.diagnosis.responses import FORCES, changed, forces_of, loading_of, marks_of, reached_by, relative
-from rso.diagnosis.runs import Base, Job, Pass, Run
+from rso.diagnosis.runs import Base, Job, Pass, Run, nearest
 from rso.diagnosis.testplan import TestPlan
 from rso.store import Done, Failed
 
 DEAR = 3.0  # times the unknowns at the primary place, as a whole model has: runs there are few
 ASIDE = 1.3  # times the fewest unknowns: a model with fewer planes of symmetry, whose body the ball pushes aside
+ALIKE = 2.0  # times as large as at home: what the curve of an effect at another place may be at most
 GRID = 160  # travels of the tables, evenly spaced in √u
 
 
@@ -78,7 +80,6 @@ class Library:
     places: tuple[PlaceTables, ...]
     primary: int
     effects: tuple[Effect, ...]
-    transfer: Mapping[tuple[str, int], np.ndarray]
     failed: tuple[str, ...]
     cpu_s: float
     runs: int
@@ -107,10 +108,8 @@ class Library:
         for k, s in enumerate(effect.shape, 1):
             if timed(s):
                 at[:, k] += np.log(speed)
-        home = self.home(effect)
-        nodes = self.places[home].effects[effect.name].nodes
+        nodes = self.places[place].effects[effect.name].nodes
         W = nodes.weights(at)
-        W = W if place == home else W @ self.transfer[effect.name, place]
         points = self.mended.get((effect.name, place))
         return W if points is None else np.concatenate([W, nodes.nearness(at, points)], axis=1)
 
@@ -188,18 +187,20 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     tables = tuple(first if k == primary else _beside(first, levels, few, others[k]) for k in range(len(plan.places)))
     home = {e.name: _home(e, plan, primary) for e in modelled}
     lost = {name for name, k in home.items() if not tables[k].effects[name].known.any()}
-    transfer = {
-        (e.name, k): _transfer(e, tables[home[e.name]].effects[e.name], tables[k].effects[e.name])
-        for e in modelled for k in range(len(plan.places)) if k != home[e.name]
-    }  # fmt: skip
+    carried = tuple(
+        replace(here, effects={
+            e.name: here.effects[e.name] if k == home[e.name] else _carried(e, tables[home[e.name]], here)
+            for e in modelled
+        })
+        for k, here in enumerate(tables)
+    )  # fmt: skip
     return Library(
         base,
         plan,
         levels,
-        tables,
+        carried,
         primary,
         tuple(e for e in effects if e.name not in lost),
-        transfer,
         failed,
         cpu,
         len(different),
@@ -305,14 +306,52 @@ def _filled(table: Table) -> Table:
     return replace(table, change=change, marks=marks)
 
 
+def _carried(effect: Effect, first: PlaceTables, own: PlaceTables) -> Table:
+    """The table of an effect at another place, at the nodes P of its home, from the few nodes O computed there:
+
+        δ(P) = R δ(O) + c [δ'(P) − R δ'(O)],    c = ⟨δ(O), δ'(O)⟩ / ⟨δ'(O), δ'(O)⟩
+
+    δ' are changes at home and R the nodes P in terms of O (:func:`_transfer`).  What R leaves of the curve's shape is
+    that of home, in the proportion c of both places, of every way and channel, by force.  What has a place of its own
+    is not alike.
+    """
+    known, other = first.effects[effect.name], own.effects[effect.name]
+    if other.nodes.fine > 1:  # as dense as those
+        return other
+    R = _transfer(effect, known, other)
+    change = np.tensordot(R, other.change, axes=1)
+    if effect.place is None and not any(placed(s) for s in effect.shape):
+        there = _along_ways(known.change, first, own)
+        at = np.tensordot(known.nodes.weights(other.nodes.points), there, axes=1)
+        force = own.base[:, 2].mean(axis=0)
+        both, square = (np.sum(v * at * force**2, axis=(0, 3)) for v in (other.change, at))
+        c = np.clip(both / np.maximum(square, 1e-300), 0.0, ALIKE)
+        change = change + c[..., None] * (there - np.tensordot(R, at, axes=1))
+    return Table(known.nodes, change, R @ other.marks, np.ones(len(R), bool))
+
+
+def _along_ways(change: np.ndarray, first: PlaceTables, own: PlaceTables) -> np.ndarray:
+    """Changes (n, n_pass, 3, m) of one place over the ways and travels of another.
+
+    What a way matters to counts in shares of its peak, or of the earlier travel.
+    """
+    out = np.empty((len(change), len(own.passes), 3, len(own.u)))
+    for i, way in enumerate(own.passes):
+        j = nearest(first.passes, way)
+        matters = not np.allclose(change[:, j], change[:, 0], rtol=0, atol=1e-6)
+        mine, theirs = (p.peak or p.earlier for p in (way, first.passes[j]))
+        u = own.u * (theirs / mine if matters and mine and theirs else 1.0)
+        at = np.sqrt(np.clip(u, first.u[0], first.u[-1]))
+        out[:, i] = interp1d(np.sqrt(first.u), change[:, j])(at)
+    return out
+
+
 def _transfer(effect: Effect, primary: Table, other: Table) -> np.ndarray:
     """(n_primary, n_other): what each primary node is in terms of the nodes that the other place has too.
 
     Where an effect sits is read off between the other place's own nodes: what is below one point is beside another.
     """
     P, O = primary.nodes.points, other.nodes.points
-    if other.nodes.fine > 1:  # as dense as those
-        return np.eye(len(P))
     if effect.place is not None:  # it acts nowhere else
         return np.zeros((len(P), len(O)))
     curved = len(O) > 1 and O.shape[1] == 1 and (np.all(O[:, 0] > 0) or math.isinf(other.nodes.middle))
