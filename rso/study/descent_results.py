@@ -16,6 +16,7 @@ from rso.study.plan import Plan
 from rso.study.results import at_bound, curves_of
 from rso.study.searching import curve_metrics
 from rso.study.stages import Design
+from rso.study.unstated import unstated
 from rso.targets import Target
 
 
@@ -86,6 +87,7 @@ def warnings(plan: Plan, found: Descended, known: Identified | None) -> list[str
     if known is not None:
         d = known.determination
         said += [f"identification: {text}" for text in (d.warning, lenient(d.fit.chi2, d.degrees, d.p_value)) if text]
+        said += unstated(plan, d)
     return said
 
 

@@ -29,6 +29,7 @@ from rso.study.plan import Plan
 from rso.study.searching import Found
 from rso.study.settling import Settled, covered, evidence, settle
 from rso.study.stages import Bench, Run
+from rso.study.unstated import unstated
 
 METRICS = ("nrmse", "mre", "rrmse")
 
@@ -116,6 +117,7 @@ def identification(
     d = done.determination
     chi2, p = (d.fit.chi2, d.p_value) if settled.chi2_bare is None else (settled.chi2_bare, settled.p_bare)
     warnings = [f"identification: {text}" for text in (d.warning, lenient(chi2, d.degrees, p)) if text]
+    warnings += unstated(plan, d)
     if settled.agreement is None:
         warnings.append("identification: the most likely point could not be recomputed, its run has no answer")
     elif not settled.verified:

@@ -14,7 +14,7 @@ OWN = {
     "backend__settings": "indenter = { radius = 5.0, shaft = true }\nsupport = { kind = 'bowl', clearance = 2.0 }",
     "search": None,
 }
-SECOND = 'name = "side"\nrole = "fit"\ndata = "side.csv"\nnoise = { Fz = "0.02 mN" }\n'
+SECOND = 'name = "side"\nrole = "fit"\ndata = "side.csv"\nnoise = { Fz = "0.02 mN", contact = "0 mm" }\n'
 
 
 def said(folder: Path, settings: str = "", trust: bool = False, **changes: str | None) -> list[str]:

@@ -674,7 +674,7 @@ def test_repeats_without_a_common_depth_name_all_files(tmp_path):
 COLUMNS = """depth = { header = "Standardweg", flip = true }
 Fz = { header = "Standardkraft", unit = "N", flip = true }
 time = { header = "Prüfzeit" }"""
-EXPERIMENT = 'name = "top"\nrole = "fit"\nnoise = { Fz = "0.02 mN" }\n'
+EXPERIMENT = 'name = "top"\nrole = "fit"\nnoise = { Fz = "0.02 mN", contact = "0 mm" }\n'
 
 
 def shallow(factor: float = 1.0) -> str:
