@@ -16,6 +16,7 @@ from rso.diagnosis.testplan import Test, TestPlan, rounded
 from rso.running import Task
 
 ASKED = 9  # travels at which a run is asked for forces
+LIKE = 0.15  # by which rests and speeds of ways may differ and count as one
 NEAR = 0.15  # of the depth of a mark: forces are asked for there, and need not be beside it
 Run = Callable[[Sequence[Task]], list[Any]]
 
@@ -121,11 +122,20 @@ class Job:
 
 
 def passes(plan: TestPlan, place: int) -> tuple[Pass, ...]:
-    """The different ways at a place; travels that are nearly the same count as one."""
+    """The different ways at a place; travels, rests and speeds that are nearly the same count as one."""
     mine = [t for t in plan.tests if t.place == place]
     ways = [Pass(None, plan.near(t.earlier)) for t in mine]
     ways += [Pass(plan.near(t.peak), plan.near(t.earlier), _rested(t), t.pace) for t in mine if t.returns]
-    return tuple(dict.fromkeys([Pass(None, 0.0), *ways]))
+    found = [Pass(None, 0.0)]
+    for way in ways:
+        if not any(_alike(way, other) for other in found):
+            found.append(way)
+    return tuple(found)
+
+
+def _alike(a: Pass, b: Pass) -> bool:
+    same = (a.peak, a.earlier) == (b.peak, b.earlier)
+    return same and max(a.rest, b.rest) <= (1 + LIKE) * min(a.rest, b.rest) and abs(np.log(a.pace / b.pace)) < LIKE
 
 
 def passes_of(every: Sequence[Pass], test: Test) -> tuple[int, int]:

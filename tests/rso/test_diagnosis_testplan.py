@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rso.diagnosis import make_plan, noise
+from rso.diagnosis.runs import passes, passes_of
 from rso.diagnosis.testplan import BINS, STEP
 from rso.measurement import Measurement, Noise, Repeat
 
@@ -170,6 +171,17 @@ def test_rest_and_pace_of_the_way_back_are_those_of_the_record(pace, hold):
     (test,) = make_plan([toy.experiment("a", repeats)]).tests
     assert test.rest == pytest.approx(hold, rel=0.02)
     assert test.pace == (1.0 if pace in (1.0, 1.05) else pytest.approx(pace, rel=0.03))
+
+
+def test_rests_that_are_nearly_the_same_are_one_way():
+    """Repeats of one programme rest and return as a machine can: one way there, one after an earlier test, and back."""
+    programme = ((30.0, 0.8), (30.5, 0.78), (31.2, 0.83), (29.6, 0.81), (0.0, 1.0))
+    every = [r for rest, pace in programme for r in toy.recorded(toy.TRUTH, rng(), unload=True, hold=rest, pace=pace)]
+    plan = make_plan([toy.experiment("a", tuple(every))])
+    assert len({(t.rest, t.pace) for t in plan.tests}) == 5
+    back = [p for p in passes(plan, 0) if p.peak is not None]
+    assert sorted((p.earlier > 0, p.rest > 0) for p in back) == [(False, True), (True, False), (True, True)]
+    assert all(passes_of(passes(plan, 0), t)[1] != 0 for t in plan.tests)
 
 
 def test_single_readings_out_of_line_are_left_out_and_said_so():
