@@ -214,7 +214,8 @@ def _contested(
     if gap:
         contest = attribute.contests(evidence, y[None], pairs, finalists=finalists)[0]
     judged = judge(contest, gap)
-    rest = remainder(evidence, judged.chosen, y, seed + 3) if judged.verdict in WHOLE else None
+    part = judged.verdict == "partly" and len(judged.chosen.effects) == 1
+    rest = remainder(evidence, judged.chosen, y, seed + 3) if part or judged.verdict in WHOLE else None
     if rest is not None and rest.there:
         joined = beside(judged.chosen, rest, pairs)
         finalists |= {e.source for pair in joined for e in pair}

@@ -86,11 +86,11 @@ def judge(contest: Contest, gap: bool) -> Judgement:
 
 
 def beside(chosen: Hypothesis, rest: Remainder, pairs: Sequence[tuple[Effect, Effect]]) -> list[tuple[Effect, Effect]]:
-    """The pair of a single cause and what shows in its remainder, if it is not among the pairs."""
-    both = {*chosen.effects, rest.effect}
-    if rest.effect is None or len(chosen.effects) != 1 or any(both == set(p) for p in pairs):
+    """Pairs of a single cause and what shows in its remainder, as far as they are not among the pairs."""
+    if len(chosen.effects) != 1 or chosen.effects[0].family == "scatter":
         return []
-    return [] if chosen.effects[0].family == "scatter" else [(chosen.effects[0], rest.effect)]
+    known = [set(p) for p in pairs]
+    return [(chosen.effects[0], e) for e in rest.alike if {chosen.effects[0], e} not in known]
 
 
 def given_a_gap(contest: Contest) -> np.ndarray:

@@ -24,17 +24,22 @@ from rso.diagnosis.mixture import Posterior, Ready, log_tiles, mean_prediction, 
 
 SETS = 200
 LEVEL = 0.01
+MOST = 3
 OWN = 0.1  # of a change: if the hypothesis can move all but this much of it, the rest says nothing
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """The effect that shows most in what a hypothesis (`of`) leaves, its score, and what few simulated data reach."""
+    """The effect that shows most in what a hypothesis (`of`) leaves, its score, and what few simulated data reach.
+
+    `alike` are it and the next ones beyond that threshold, `MOST` at most: effects look like each other.
+    """
 
     of: str
     effect: Effect | None
     score: float
     threshold: float
+    alike: tuple[Effect, ...] = ()
 
     @property
     def there(self) -> bool:
@@ -62,8 +67,10 @@ def remainder(evidence: Evidence, hypothesis: Hypothesis, y: np.ndarray, seed: i
         return Remainder(name, None, 0.0, np.inf)
     S = np.abs(r @ (d[shows] / length[shows, None]).T)
     owner = np.repeat(np.arange(len(others)), [len(c) for c in changes])
-    return Remainder(name, others[owner[shows[np.argmax(S[0])]]], float(S[0].max()),
-                     float(np.quantile(S[1:].max(axis=1), 1 - LEVEL)))  # fmt: skip
+    threshold = float(np.quantile(S[1:].max(axis=1), 1 - LEVEL))
+    best = np.array([max(S[0][owner[shows] == k], default=0.0) for k in range(len(others))])
+    alike = tuple(others[k] for k in np.argsort(-best)[:MOST] if best[k] > threshold)
+    return Remainder(name, others[int(np.argmax(best))], float(best.max()), threshold, alike)
 
 
 def _changes(evidence: Evidence, effect: Effect, post: Posterior) -> np.ndarray:

@@ -82,7 +82,7 @@ def test_what_the_cause_itself_can_move_is_no_remainder():
 
 def test_what_shows_beside_a_single_cause_is_tried_as_a_pair_with_it():
     stiff, bias, each = toy.effects("stiff", "bias", "bias_each")
-    rest = Remainder("stiff", bias, 5.0, 3.0)
+    rest = Remainder("stiff", bias, 5.0, 3.0, (bias,))
     assert beside(Hypothesis((stiff,)), rest, []) == [(stiff, bias)]
     assert beside(Hypothesis((stiff,)), rest, [(bias, stiff)]) == []  # it is among them
     assert beside(Hypothesis((each,)), rest, []) == []  # a scatter has no tiles to pair
