@@ -258,7 +258,9 @@ def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled:
             known[n] = lost == 0
             reached = reached_by(each[0], place.deepest)
             marks[n] = 0.0 if reached is None else marks_of(reached, place) - base_marks[-1]
-        rest = _filled(Table(grid[e.name, k], change - (0.0 if ahead is None else ahead), marks, known))
+        if ahead is not None:
+            change = np.where(known[:, None, None, None], change - ahead, 0.0)
+        rest = _filled(Table(grid[e.name, k], change, marks, known))
         effects[e.name] = rest if ahead is None else _densely(rest, dense(grid[e.name, primary]), u, first(u), every)
     return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], mesh, ways, error, effects, unknowns)
 
@@ -333,10 +335,13 @@ def _carried(effect: Effect, first: PlaceTables, own: PlaceTables) -> Table:
 def _along_ways(change: np.ndarray, first: PlaceTables, own: PlaceTables) -> np.ndarray:
     """Changes (n, n_pass, 3, m) of one place over the ways and travels of another.
 
-    What a way matters to counts in shares of its peak, or of the earlier travel.
+    What a way matters to counts in shares of its peak, or of the earlier travel; nothing is known of ways back where
+    home has none.
     """
-    out = np.empty((len(change), len(own.passes), 3, len(own.u)))
+    out = np.zeros((len(change), len(own.passes), 3, len(own.u)))
     for i, way in enumerate(own.passes):
+        if all((way.peak is None) != (p.peak is None) for p in first.passes):
+            continue
         j = nearest(first.passes, way)
         matters = not np.allclose(change[:, j], change[:, 0], rtol=0, atol=1e-6)
         mine, theirs = (p.peak or p.earlier for p in (way, first.passes[j]))

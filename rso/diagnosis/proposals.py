@@ -12,7 +12,7 @@ from rso.diagnosis import noise
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.library import Library
 from rso.diagnosis.planning import framed, planned
-from rso.diagnosis.runs import Base, Job, passes, rated
+from rso.diagnosis.runs import Base, Job, alike, passes, rated
 from rso.diagnosis.testplan import Experiment, Place, Test, TestPlan, make_plan
 from rso.measurement import Measurement, Repeat
 
@@ -130,7 +130,8 @@ def afterwards(done: TestPlan, plan: TestPlan, test: Test) -> Test:
 
 
 def known(library: Library | Outline, plan: TestPlan) -> bool:
-    """Whether a plan can be read off the tables: its places are the library's, its turns near theirs, no new marks."""
+    """Whether a plan can be read off the tables: its places are the library's, its turns near theirs, as are rests and
+    speeds of ways back, no new marks."""
     own = [_place(library, p) for p in plan.places]
     return (
         not plan.profiles
@@ -138,6 +139,11 @@ def known(library: Library | Outline, plan: TestPlan) -> bool:
         and all(
             not p.peaks or any(abs(v - q) < TURN * plan.scale for v in p.peaks for q in library.plan.places[k].peaks)
             for p, k in zip(plan.places, own, strict=True)
+        )
+        and all(
+            way.peak is None or any(p.peak is not None and alike(way, p) for p in passes(library.plan, k))
+            for j, k in enumerate(own)
+            for way in passes(plan, j)
         )
     )
 

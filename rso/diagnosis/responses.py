@@ -74,7 +74,10 @@ def changed(
     for i, way in enumerate(ways):
         response, back = reached_by(outcomes[min(i, len(outcomes) - 1)], place.deepest), way.peak is not None
         if response is None or (back and len(outcomes) > 1 and not _returning(response).any()):
-            lost += 1
+            if foreseen is not None and (way.rest or way.pace != 1.0):  # it may be that alone which cannot be simulated
+                change[i] = foreseen[i]
+            else:
+                lost += 1
             continue
         travel, F = forces_of(response, reference, back=back and len(outcomes) > 1)
         at = base(travel)

@@ -16,7 +16,8 @@ from rso.diagnosis.testplan import Test, TestPlan, rounded
 from rso.running import Task
 
 ASKED = 9  # travels at which a run is asked for forces
-LIKE = 0.15  # by which rests and speeds of ways may differ and count as one
+LIKE = 0.06  # by which rests and speeds of ways may differ and count as one
+STEP = 0.05  # of ln, to which they are rounded: data sets of one plan share most of their runs
 NEAR = 0.15  # of the depth of a mark: forces are asked for there, and need not be beside it
 Run = Callable[[Sequence[Task]], list[Any]]
 
@@ -125,28 +126,32 @@ def passes(plan: TestPlan, place: int) -> tuple[Pass, ...]:
     """The different ways at a place; travels, rests and speeds that are nearly the same count as one."""
     mine = [t for t in plan.tests if t.place == place]
     ways = [Pass(None, plan.near(t.earlier)) for t in mine]
-    ways += [Pass(plan.near(t.peak), plan.near(t.earlier), _rested(t), t.pace) for t in mine if t.returns]
+    ways += [Pass(plan.near(t.peak), plan.near(t.earlier), *_resting(t)) for t in mine if t.returns]
     found = [Pass(None, 0.0)]
     for way in ways:
-        if not any(_alike(way, other) for other in found):
+        if not any((way.peak, way.earlier) == (p.peak, p.earlier) and alike(way, p) for p in found):
             found.append(way)
     return tuple(found)
 
 
-def _alike(a: Pass, b: Pass) -> bool:
-    same = (a.peak, a.earlier) == (b.peak, b.earlier)
-    return same and max(a.rest, b.rest) <= (1 + LIKE) * min(a.rest, b.rest) and abs(np.log(a.pace / b.pace)) < LIKE
+def alike(a: Pass, b: Pass) -> bool:
+    """Whether the ball rests as long and goes back as fast."""
+    return max(a.rest, b.rest) <= (1 + LIKE) * min(a.rest, b.rest) and abs(np.log(a.pace / b.pace)) < LIKE
 
 
 def passes_of(every: Sequence[Pass], test: Test) -> tuple[int, int]:
     """Indices of the loading and of the unloading pass of a test."""
     loading = nearest(every, Pass(None, test.earlier))
-    back = Pass(test.peak, test.earlier, _rested(test), test.pace)
+    back = Pass(test.peak, test.earlier, *_resting(test))
     return loading, nearest(every, back) if test.returns else loading
 
 
-def _rested(test: Test) -> float:
-    return float(f"{test.rest * test.speed:.2g}")
+def _resting(test: Test) -> tuple[float, float]:
+    """Rest in mm of the way there, and pace, as round numbers."""
+    return tuple(  # type: ignore[return-value]
+        float(f"{np.exp(STEP * round(np.log(v) / STEP)):.4g}") if v > 0.0 else 0.0
+        for v in (test.rest * test.speed, test.pace)
+    )
 
 
 def nearest(every: Sequence[Pass], way: Pass) -> int:
@@ -183,8 +188,8 @@ def task_of(base: Base, plan: TestPlan, k: int, values: Mapping[str, float], way
         inside = tuple(sorted({a for a in asked if a < 0.78 * p} | {to(f * p) for f in (0.8, 0.92, 0.98, 0.997)}))
         between = [0.5 * (a + b) for a, b in itertools.pairwise((0.0, *inside)) if b < 0.9 * p]
         corners = ((0.0, 0.0), (p, p), *([(p + way.rest, p)] if way.rest else []), (p + way.rest + p / way.pace, 0.0))
-        home = sorted(to(corners[-1][0] - v / way.pace) for v in between)  # where contact is lost is steep
-        programme = Programme(*zip(*corners, strict=True), inside, tuple(home))
+        home = [float(f"{corners[-1][0] - v / way.pace:.12g}") for v in between]  # where contact is lost is steep
+        programme = Programme(*zip(*corners, strict=True), inside, tuple(sorted(home)))
     if way is not None and way.earlier:
         data["earlier"] = way.earlier
     tidy = {name: float(f"{v:.12g}") for name, v in values.items()}  # equal nodes have equal keys
@@ -201,7 +206,7 @@ def jobs_of(base: Base, plan: TestPlan, k: int, e: Effect | None, n: int, values
     if programme.travel_mm[-1] == max(programme.travel_mm):
         return [Job(k, name, n, None, load)]
     jobs = []
-    timely = e is None or any(timed(s) for s in e.shape) or rated(base, plan)
+    timely = (e is not None and any(timed(s) for s in e.shape)) or rated(base, plan)
     for i, way in enumerate(every):
         way = way if timely else replace(way, rest=0.0, pace=1.0)
         task = task_of(base, plan, k, values, way, settings, finer)

@@ -23,6 +23,7 @@ USUAL = 3.25  # mm: lengths below are those of a plan this deep or up to twice; 
 STEP = 0.25  # mm, to which the deepest travel is rounded up: data sets of one plan share their library
 BACK = 0.1  # of the deepest travel: a way back that ends earlier is left out
 DWELL = 0.05  # of the time of loading: a shorter rest before the way back is none
+LEGS = 7  # of a way back, whose median tells its speed
 EVEN = 0.15  # by which the speed of the way back may differ from that of the way there and count as the same
 MARGIN = 0.4  # mm beyond the deepest record, for a contact found late
 Role = Literal["fit", "select", "validate"]
@@ -260,7 +261,7 @@ def _tests(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> 
         since = np.where(b == HELD, t - max(time[r.segment == "loading"], default=0.0), 0.0)
         yield Test(
             k, r.label, site.index, e.speed, peak, site.deepest, channels, d, t, b, m, values,
-            since=since, rest=_rest(r), pace=_pace(r, e.speed),
+            since=since, rest=_rest(r, e.speed), pace=_pace(r, e.speed),
         )  # fmt: skip
         site.deepest = max(site.deepest, peak)
         if np.any(b == UNLOADING):
@@ -310,31 +311,34 @@ def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
     return kept(r, ~np.isin(np.arange(len(r.segment)), lost)), without
 
 
-def _rest(r: Repeat) -> float:
+def _rest(r: Repeat, speed: float) -> float:
     """Time (s) between the ways there and back beyond that of moving, 0 where it is short or there are no times."""
     there, back = (np.nonzero(r.segment == s)[0] for s in ("loading", "unloading"))
     if r.time is None or len(there) < 2 or not len(back):
         return 0.0
-    way = np.ptp(r.time[there])
+    way = r.depth.max() / speed  # without that through air
     rest = float(r.time[back[0]] - r.time[there[-1]])
-    moving = abs(r.depth[there[-1]] - r.depth[back[0]]) / max(np.ptp(r.depth[there]), 1e-9) * way
+    moving = abs(r.depth[there[-1]] - r.depth[back[0]]) / speed
     one = max(np.median(np.diff(r.time[v])) if len(v) > 1 else 0.0 for v in (there, back))  # from reading to reading
     rest -= max(moving, 0.0 if np.any(r.segment == "hold") else float(one))
     return rest if rest > DWELL * way else 0.0
 
 
 def _pace(r: Repeat, speed: float) -> float:
-    """Speed of the way back over that of the way there, in the midst of both; 1 where it is nearly so or not known."""
+    """Speed of the way back over that of the way there, 1 where it is nearly so or not known.
+
+    The median of `LEGS` equal parts of the travel in its midst: a pause is in one of them.
+    """
     back = r.segment == "unloading"
     if r.time is None or np.sum(back) < 3:
         return 1.0
     d, t = np.maximum.accumulate(r.depth[back][::-1]), r.time[back][::-1]
     low, high = max(0.2 * r.depth.max(), d[0]), min(0.9 * r.depth.max(), d[-1])
-    end, start = np.interp((low, high), d, t)
-    if high <= low or end <= start:
+    leg = float(np.median(-np.diff(np.interp(np.linspace(low, high, LEGS + 1), d, t))))
+    if high <= low or leg <= 0.0:
         return 1.0
-    pace = (high - low) / (end - start) / speed
-    return 1.0 if abs(np.log(pace)) < EVEN else float(f"{pace:.2g}")
+    pace = (high - low) / LEGS / leg / speed
+    return 1.0 if abs(np.log(pace)) < EVEN else float(f"{pace:.3g}")
 
 
 def _in_order(experiments: Sequence[Experiment]) -> list[int]:

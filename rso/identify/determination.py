@@ -124,7 +124,7 @@ def _widening(misfit: Misfit, chi2: float, ν: int, level: float) -> tuple[float
     if ρ == 0.0 or ν <= 0:
         return p, 1.0, student(m, level)
     scale = math.sqrt(max(ratio, 1.0))  # so few degrees of freedom hardly refute anything
-    return p, scale, scale * (student(max(ν * independent(ρ), 1.0), level) if p is None else 1.0)
+    return p, scale, scale * (student(max(ν * independent(ρ), 1.0), level) if math.isfinite(m) else 1.0)
 
 
 def p_value(misfit: Misfit, chi2: float, ν: int) -> float | None:

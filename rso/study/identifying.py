@@ -132,7 +132,7 @@ def identification(
             f"identification: after {len(settled.runs)} runs the surrogates are not good enough for what the data say "
             f"at {'; '.join(settled.open[:2])}{more}"
         )
-    elif _hides_much(d, settled):
+    elif _hides_much(d, settled) and f"identification: {d.story}" not in warnings:
         warnings.append(f"identification: {d.story}")
     if d.draws is not None and not d.draws.enough:
         warnings.append(f"identification: only {d.draws.independent:.0f} independent draws of the posterior")

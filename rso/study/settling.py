@@ -167,7 +167,7 @@ def _most_likely(bench: Bench, emulator: Emulator, found: Sequence[Found], meanw
         if (verified and not hidden) or k == ROUNDS - 1:
             break
         emulator = learn_more(bench, emulator, [sample(plan, values, outcomes)])
-    if not runs[-1].done:
+    if not runs[-1].done and not last.verified:
         return Settled(emulator, tuple(runs), None, None, False)
     return replace(last, emulator=emulator, runs=tuple(runs))
 

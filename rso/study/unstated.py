@@ -22,12 +22,14 @@ def unstated(plan: Plan, d: Determination) -> list[str]:
         return []
     said, start = [], 0
     J, box = d.misfit.white(d.misfit.model.jacobian(d.fit.x).T).T, d.misfit.model.box
+    every = plan.study.experiments
+    called = {e.name: e.name for e in every} | {f"{e.name} {c}": e.name for e in every for c in e.compared}
     whole = d.misfit.model.predict(d.fit.x[None])[0]
     for data in d.misfit.data:
         rows = slice(start, start + len(data.value))
         start = rows.stop
-        name = data.name.split(" ")[0]
-        if data.unit != "N" or not _silent(plan, name, data):
+        name = called[data.name]
+        if data.unit != "N" or len(data.value) < 2 or not _silent(plan, name, data):
             continue
         moved = []
         for what, s, size in _shapes(data, whole[rows]):
@@ -69,8 +71,7 @@ def _half(interval: Interval) -> float:
 
 
 def _much(d: Determination, k: int, shift: float) -> str:
-    box, x = d.misfit.model.box, d.fit.x
-    ends = np.tile(x, (2, 1))
-    ends[1, k] += shift
-    a, b = box.from_unit(np.clip(ends, 0.0, 1.0))[:, k]
-    return f"{100 * (b / a - 1):+.2g} %" if box.log[k] else f"{b - a:+.2g} {box.units[k]}".rstrip()
+    box = d.misfit.model.box
+    if box.log[k]:
+        return f"{100 * np.expm1(shift * np.log(box.high[k] / box.low[k])):+.2g} %"
+    return f"{shift * (box.high[k] - box.low[k]):+.2g} {box.units[k]}".rstrip()

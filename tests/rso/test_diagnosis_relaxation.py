@@ -11,6 +11,7 @@ from rso.diagnosis.nodes import nodes
 from rso.diagnosis.relaxation import dense, expected, relaxes
 from rso.diagnosis.runs import Pass
 from rso.diagnosis.testplan import make_plan
+from rso.store import Failed
 
 U = np.linspace(0.0, 2.0, 160) ** 2
 VALUES = {"mu": 0.012, "D1": 60.0}
@@ -85,3 +86,27 @@ def test_tables_at_every_place_and_way_follow_it():
             for c in (0, 2):  # what a ball is pushed aside by falls as much
                 off = (got[c] * f[2] - want * f[c])[u] / np.abs(f[c]).max() if f[c].any() else 0.0
                 np.testing.assert_allclose(off, 0.0, rtol=0, atol=0.01)
+
+
+def test_a_way_back_where_home_has_none_and_one_that_cannot_be_simulated():
+    """The library is built; of a way back at another place that fails the table is what is foreseen."""
+    rng = np.random.default_rng(0)
+    cycle = toy.recorded(VALUES, rng, unload=True, hold=6.0, point=(10.0, 0.0), lateral=True)
+    load = toy.experiment("load", toy.recorded(VALUES, rng, repeats=4))
+    plan = make_plan([load, toy.experiment("side", cycle, point=(10.0, 0.0))])
+
+    def run(tasks):
+        away = [len(t.case.programme.time_s) > 3 for t in tasks]  # a rest
+        known = iter(toy.run([t for t, a in zip(tasks, away, strict=True) if not a]))
+        return [Failed("", t.values, t.case, "not_supported", "no rests") if a else next(known)
+                for t, a in zip(tasks, away, strict=True)]  # fmt: skip
+
+    library, without = (build(toy.base(), plan, toy.effects("g", "soften", "stiff"), f) for f in (toy.run, run))
+    assert {e.name for e in without.effects} == {"soften", "stiff", "g"} and without.failed
+    g, k = next(e for e in without.effects if e.name == "g"), 1
+    at = np.array([[0.4, np.log(4.0)]])
+    i = next(i for i, p in enumerate(library.places[k].passes) if p.rest)
+    got, want = (v.change(k, g, at, 1.0)[0][0, i, 2] for v in (without, library))
+    u, force = library.places[k].u, library.places[k].base[0, 2]
+    seen = (u > 0.2) & (u < 3.8)
+    np.testing.assert_allclose((got * force)[seen], (want * force)[seen], rtol=0, atol=0.01 * force.max())

@@ -173,9 +173,25 @@ def test_rest_and_pace_of_the_way_back_are_those_of_the_record(pace, hold):
     assert test.pace == (1.0 if pace in (1.0, 1.05) else pytest.approx(pace, rel=0.03))
 
 
+def test_a_pause_on_the_way_back_is_no_slow_way_and_air_before_contact_no_loading():
+    (r,) = toy.recorded(toy.TRUTH, rng(), unload=True, hold=5.0)
+    back = np.flatnonzero(r.segment == "unloading")
+    paused = dataclasses.replace(r, time=r.time + 60.0 * (np.arange(len(r.time)) > back[len(back) // 2]))
+    n, speed = 200, 0.5
+    air = {c: np.concatenate([np.zeros(n), v]) for c, v in r.channels.items()}
+    late = dataclasses.replace(
+        r, depth=np.concatenate([np.linspace(-50.0, -0.1, n), r.depth]), channels=air,
+        time=np.concatenate([np.linspace(0.0, 100.0, n), 100.1 + r.time]),
+        segment=np.concatenate([["loading"] * n, r.segment]),
+    )  # fmt: skip
+    for record in (paused, late):
+        (test,) = make_plan([toy.experiment("a", (record,), speed=speed)]).tests
+        assert test.pace == 1.0 and test.rest == pytest.approx(5.0, rel=0.03)
+
+
 def test_rests_that_are_nearly_the_same_are_one_way():
     """Repeats of one programme rest and return as a machine can: one way there, one after an earlier test, and back."""
-    programme = ((30.0, 0.8), (30.5, 0.78), (31.2, 0.83), (29.6, 0.81), (0.0, 1.0))
+    programme = ((30.0, 0.8), (30.5, 0.79), (30.2, 0.82), (29.6, 0.81), (0.0, 1.0))
     every = [r for rest, pace in programme for r in toy.recorded(toy.TRUTH, rng(), unload=True, hold=rest, pace=pace)]
     plan = make_plan([toy.experiment("a", tuple(every))])
     assert len({(t.rest, t.pace) for t in plan.tests}) == 5

@@ -41,6 +41,19 @@ def test_what_is_stated_is_not_asked_for(tmp_path, stated):
     assert not said(run(tmp_path / "a", STATED.replace('contact = "0 mm"', stated)))
 
 
+def test_an_experiment_may_have_a_space_in_its_name_and_another_one_reading(tmp_path):
+    one = '\n[[experiments]]\nname = "single"\nrole = "fit"\ndata = "one.csv"\nnoise = { Fz = "0.02 mN" }'
+    (tmp_path / "a").mkdir()
+    u, force = np.loadtxt(studies.measured().splitlines(), delimiter=",", skiprows=1).T
+    (tmp_path / "a" / "one.csv").write_text(f"depth_mm,Fz_N\n{float(u[12])!r},{float(force[12])!r}\n")
+    (tmp_path / "a" / "top.csv").write_text(studies.measured())
+    spaced = SILENT.replace('name = "top"', 'name = "the top"') + one
+    search = studies.SECTIONS["search"].replace('experiment = "top"', 'experiment = "the top"')
+    found = studies.run(tmp_path / "a", experiments=spaced, search=search, surrogate='kind = "kriging"')
+    (warning,) = said(found)
+    assert "of the top is stated" in warning
+
+
 def test_repeats_show_it_themselves_and_much_noise_drowns_it(tmp_path):
     assert not said(run(tmp_path / "a", SILENT, repeats=3))
     assert not said(run(tmp_path / "b", SILENT.replace("0.02 mN", "0.1 N")))
