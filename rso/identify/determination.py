@@ -118,13 +118,14 @@ def determine(
 def _widening(misfit: Misfit, chi2: float, ν: int, level: float) -> tuple[float | None, float, float]:
     """The p-value, the scale of the errors, and by how much intervals are wider: by the scale or Student's factor."""
     p, ratio = p_value(misfit, chi2, ν), chi2 / ν if ν > 0 else 0.0
-    if ratio > 0 and (misfit.weighting != "noise" or (p is not None and p < UNLIKELY)):
-        return p, math.sqrt(ratio), math.sqrt(ratio)
     ρ, m = max(d.memory for d in misfit.data), misfit.freedom
+    left = student(max(ν * independent(ρ), 1.0), level) if ρ > 0.0 and math.isfinite(m) else 1.0
+    if ratio > 0 and (misfit.weighting != "noise" or (p is not None and p < UNLIKELY)):
+        return p, math.sqrt(ratio), math.sqrt(ratio) * (left if misfit.weighting == "noise" else 1.0)
     if ρ == 0.0 or ν <= 0:
         return p, 1.0, student(m, level)
     scale = math.sqrt(max(ratio, 1.0))  # so few degrees of freedom hardly refute anything
-    return p, scale, scale * (student(max(ν * independent(ρ), 1.0), level) if math.isfinite(m) else 1.0)
+    return p, scale, scale * left
 
 
 def p_value(misfit: Misfit, chi2: float, ν: int) -> float | None:

@@ -298,3 +298,15 @@ def test_a_candidate_comes_after_what_was_pressed_at_its_place():
             assert t.age == 0.5
             seen.add(point in pressed)
     assert True in seen
+
+
+def test_a_way_back_after_a_long_rest_says_nothing_of_one_without():
+    """Proposals that load and unload are simulated where all ways back so far came after a rest."""
+    truth = {**toy.TRUTH, "g": 0.4, "tau": 8.0}
+    held = toy.recorded(truth, np.random.default_rng(0), hold=60.0, unload=True, repeats=2)
+    plan = make_plan([toy.experiment("a", held)])
+    library = build(toy.base(), plan, toy.effects("g"), toy.run)
+    back = [make_plan(c.experiments, plan.scale) for c in candidates(library)]
+    back = [p for p in back if any(t.returns for t in p.tests)]
+    assert back and not any(proposals.known(library, p) for p in back)
+    assert proposals.known(library, plan)

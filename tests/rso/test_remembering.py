@@ -9,7 +9,8 @@ import sample_studies as studies
 import soft_ball
 
 from rso.doe import Box
-from rso.identify import Misfit, Model, all_minima, determine, remembering
+from rso.identify import Data, Misfit, Model, all_minima, determine, remembering
+from rso.identify.determination import _widening
 from rso.identify.verdict import REFUTED
 from rso.measurement import Measurement, Noise, Repeat, combine
 from rso.study.readings import as_data
@@ -128,3 +129,12 @@ def test_a_study_says_so(tmp_path):
     results = studies.run(tmp_path, experiments=experiments, surrogate='kind = "kriging"')
     assert any(NEIGHBOURS in w and "noise.correlation" in w for w in results["warnings"])
     assert results["identification"]["scale"] > 2  # three times the stated noise is not explained away
+
+
+def test_a_larger_misfit_never_makes_an_interval_narrower():
+    """Through the sizes at which a p-value begins to be given and at which the model counts as refuted."""
+    d = Data("top", "N", U, F, SD**2 * np.eye(len(U)), 5.0, memory=0.9)
+    m = Misfit(Model(BOX, lambda V: soft_ball.force(*BOX.from_unit(V).T[:, :, None], U)), (d,))
+    ν = len(U) - 2
+    wider = [_widening(m, ν * ratio, ν, 0.9)[2] for ratio in np.geomspace(0.1, 100.0, 60)]
+    assert np.all(np.diff(wider) >= -1e-12)
