@@ -91,7 +91,8 @@ def test_the_reference_is_that_of_the_present_finite_elements():
     answer = BACKEND({"mu": 0.010, "D1": 20.0}, Case("top", Programme.ramp(tuple(map(float, depth))), settings))
     of_both = np.hypot(answer.error["Fz"], 0.004 * F)  # 0.4 % is in the file's head; meshes differ between processors
     assert np.all(np.abs(answer.channels["Fz"] - F) < of_both)
-    assert np.all(answer.error["Fz"] < 0.02 * F)  # and that says something
+    # and that says something: no two meshes by fTetWild are alike, and 0.5 mm is half an edge of the coarse ones
+    assert np.all(answer.error["Fz"] < 0.05 * F)
 
 
 @needs_ccx
