@@ -13,6 +13,7 @@ SKIP = "skip"  # what a study calls a segment of a file that is not of the test:
 _SECOND_TURN = 0.2  # of the stroke: a second turn by more means several tests in one
 # At rest: this near the deepest level, as a share of the stroke, for this many times as long as passing by takes.
 _REST, _LONG = 0.0025, 4.0
+_SETTLED = 0.0005  # of the deepest level: this near it a machine has arrived
 _AWAY = 0.05  # of the readings of a rest may lie outside it
 
 
@@ -74,8 +75,20 @@ def _at_rest(depth: np.ndarray, time: np.ndarray) -> slice:
     beside += _between(time, depth, int(after[0]), int(there[-1]), level, width) if len(after) else beside
     if time[there[-1]] - time[there[0]] <= _LONG * max(beside, 2.0 * float(np.median(np.diff(time)))):
         return slice(0, 0)
-    arrived = there[depth[there] >= level][0]  # which still belongs to loading
-    return slice(int(arrived) + 1, int(there[-1]) + 1)
+    near = max(_SETTLED * top, 3.0 * float(np.median(np.abs(depth[there] - level))))
+    arrived = int(there[depth[there] >= level - near][0])
+    waited = time[arrived] - _arrival(time[:arrived], depth[:arrived], level)
+    late = waited > 0.5 * float(np.median(np.diff(time)))  # it had come to rest before: the body relaxes already
+    return slice(arrived + (not late), int(there[-1]) + 1)
+
+
+def _arrival(time: np.ndarray, depth: np.ndarray, level: float) -> float:
+    """When a level is reached from the last of the readings at the speed of the way, which the machine's brake ends;
+    infinite where these do not tell it."""
+    start, end = (int(np.argmax(depth >= share * level)) for share in (0.5, 0.9))
+    if end <= start or not time[end] > time[start]:
+        return np.inf
+    return float(time[-1] + (level - depth[-1]) * (time[end] - time[start]) / (depth[end] - depth[start]))
 
 
 def _between(time: np.ndarray, depth: np.ndarray, far: int, near: int, level: float, width: float) -> float:

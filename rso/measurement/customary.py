@@ -24,16 +24,17 @@ NAMES: Mapping[str, frozenset[str]] = MappingProxyType(
              "axial displacement", "axial position", "compressive displacement", "compressive extension",
              "z displacement", "displacement z", "z position", "position z", "weg", "standardweg", "traversenweg",
              "verformung", "verfahrweg", "eindringtiefe", "eindringweg", "position traverse", "déplacement",
-             "enfoncement", "desplazamiento", "spostamento"}
+             "enfoncement", "allongement", "course", "course standard", "pd", "desplazamiento",
+             "spostamento"}
         ),
         "Fz": frozenset(
             {"force", "force z", "z force", "load", "normal force", "normal load", "axial force",
              "axial load", "compressive force", "compressive load", "vertical force", "indentation force", "load cell",
-             "kraft", "standardkraft", "prüfkraft", "normalkraft", "fuerza", "forza"}
+             "force a", "kraft", "standardkraft", "prüfkraft", "normalkraft", "force standard", "fn", "fuerza", "forza"}
         ),
         "time": frozenset(
             {"time", "timestamp", "elapsed time", "test time", "total time", "zeit", "prüfzeit", "testzeit", "temps",
-             "tiempo", "tempo"}
+             "temps d'essai", "temps d’essai", "tiempo", "tempo"}
         ),
     }
 )  # fmt: skip

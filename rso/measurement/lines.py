@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rso.measurement.columns import Row, is_number
-from rso.measurement.workbook import BEGINS, text_of_workbook
+from rso.measurement.workbook import BEGINS, sheet_of, text_of_workbook
 
 MAX_BYTES = 200_000_000
+OLD = b"\xd0\xcf\x11\xe0"  # a workbook as spreadsheets wrote it until 2007
 _BROKEN = 8  # lines that the cells of a header may have
 _OPENS, _CLOSES = re.compile(r'(?:^|[;,\t])\s*"[^"]*$'), re.compile(r'[^"]*"\s*(?:[;,\t]|$)')
 # A cell that a spreadsheet could not show or compute is a bad number, not the begin of a comment.
@@ -19,6 +20,7 @@ _FAULT = re.compile(r"#(?:#+|DIV/0!|N/A|NV|[A-ZÄÖÜ]+[!?])\s*[;,\t]\s*[^\s;,]"
 
 def text_of(path: Path) -> str:
     """Contents as text: UTF-16 with its mark, UTF-8 with or without one, else Latin-1; of a workbook its readings."""
+    path, sheet = sheet_of(path)
     try:
         if not path.is_file():
             raise ValueError(f"{path}: there is no such file" if not path.exists() else f"{path}: is not a file")
@@ -29,7 +31,9 @@ def text_of(path: Path) -> str:
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from error
     if raw.startswith(BEGINS):
-        return text_of_workbook(path, raw)
+        return text_of_workbook(path, raw, sheet)
+    if raw.startswith(OLD):
+        raise ValueError(f"{path}: is a workbook of the old kind (.xls); save it as .xlsx")
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         try:
             raw = raw.decode("utf-16").encode()

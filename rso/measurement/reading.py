@@ -48,6 +48,7 @@ from rso.measurement.columns import (
 from rso.measurement.contact import Onset
 from rso.measurement.lines import lines_of, text_of
 from rso.measurement.tables import FORCES
+from rso.measurement.workbook import sheet_of
 
 DISPLACEMENTS = ("ux", "uy", "uz")
 
@@ -246,20 +247,22 @@ def _own(table: _Table, depth: float, deviation: float) -> str:
 
 
 def _labels(paths: Sequence[Path]) -> list[str]:
-    """What repeats are called by their file: nothing for a single one, else its stem, or its path where stems agree."""
+    """What repeats are called by their file: nothing for a single one, else its sheet or stem, or its path where these
+    agree."""
     if len(paths) < 2:
         return [""] * len(paths)
     whole = [os.path.abspath(p) for p in paths]
     if twice := [p for k, p in enumerate(paths) if whole[k] in whole[:k]]:
         raise ValueError(f"{twice[0]}: is listed twice; a repeat counts once")
-    stems = [p.stem for p in paths]
+    stems = [sheet or file.stem for file, sheet in map(sheet_of, paths)]
     return stems if len(set(stems)) == len(stems) else [os.path.relpath(p, os.path.commonpath(whole)) for p in whole]
 
 
 def fingerprint(path: Path) -> str:
-    """SHA-256 of a file, the same for the same bytes."""
+    """SHA-256 of a file, the same for the same bytes; of one sheet of a workbook with its name behind it."""
+    path, sheet = sheet_of(path)
     with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest() + (f"#{sheet}" if sheet else "")
 
 
 def _apart(paths: Sequence[Path]) -> None:

@@ -4,48 +4,111 @@ from __future__ import annotations
 
 import datetime
 import io
+import itertools
+import re
 import warnings
 import zlib
+from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
 
 from rso.measurement.columns import is_number
+from rso.units import is_unit
 
 BEGINS = b"PK\x03\x04"  # a zip archive, which such a file is
 FEWEST = 4  # rows of two numbers and more: readings
+FULL = 0.5  # of the readings: a column of the table holds as many values
+SHOWN = 8  # names of sheets in a message
+_SHEET = re.compile(r"(.+\.xlsx)#(.+)", re.IGNORECASE | re.DOTALL)
 
 
-def text_of_workbook(path: Path, raw: bytes) -> str:
-    """The one sheet that holds readings, a line for each row; ValueError for none, several, and other archives.
+def sheet_of(path: Path) -> tuple[Path, str]:
+    """The file of a measurement and, of "book.xlsx#Sheet", the sheet, else nothing; a file of that name comes first."""
+    match = _SHEET.fullmatch(str(path))
+    return (path, "") if match is None or path.is_file() else (Path(match[1]), match[2])
+
+
+def text_of_workbook(path: Path, raw: bytes, sheet: str = "") -> str:
+    """The named sheet, or the one that holds readings, a line for each row; ValueError for none, several, and other
+    archives.
 
     Numbers are written to all their digits, however the sheet shows them, and formulas by the values last computed.
+    What somebody reckoned beside the table, under no header of its own, is not read, which a last comment says.
     """
     from openpyxl import load_workbook  # only who has such a file waits for it
+    from openpyxl.utils.cell import get_column_letter
     from openpyxl.utils.exceptions import InvalidFileException
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # styles and validations that it does not know
             book = load_workbook(io.BytesIO(raw), read_only=True, data_only=True)
-            sheets = {s.title: [list(row) for row in s.iter_rows(values_only=True)] for s in book.worksheets}
+            sheets = {s.title: [list(row) for row in s.iter_rows(values_only=True)]
+                      for s in book.worksheets if not sheet or s.title == sheet}  # fmt: skip
+            titles = book.sheetnames
     # SyntaxError: of what the sheets are written in; the library does not catch it.
     except (BadZipFile, InvalidFileException, KeyError, ValueError, OSError, SyntaxError, zlib.error) as error:
         raise ValueError(
             f"{path}: is a zip archive and no workbook (.xlsx) that can be read; save it as CSV"
         ) from error
-    found = {title: rows for title, rows in sheets.items() if sum(map(_is_reading, rows)) >= FEWEST}
-    if len(found) != 1:
-        names = ", ".join(map(repr, found or sheets))
-        many = f"{len(found)} of its sheets hold readings ({names}): save each as a file of its own"
-        none = (
-            f"none of its sheets ({names}) holds {FEWEST} rows of numbers; formulas that were never computed hold none"
-        )
-        raise ValueError(f"{path}: {many if found else none}")
-    return "".join("\t".join(map(_written, row)) + "\n" for row in next(iter(found.values())))
+    rows = sheets[_chosen(path, sheets, titles, sheet)]
+    beside = _beside(rows)
+    kept = [[v for k, v in enumerate(row) if k not in beside] for row in rows]
+    told = ", ".join(get_column_letter(k + 1) for k in sorted(beside))
+    notes = [f"# not read, as no header of the table stands above: column(s) {told}\n"] if told else []
+    return "".join(["\t".join(map(_written, row)) + "\n" for row in kept] + notes)
 
 
-def _is_reading(row: list[Any]) -> bool:
+def _chosen(path: Path, sheets: dict[str, list[list[Any]]], titles: Sequence[str], sheet: str) -> str:
+    """Title of the sheet that is read."""
+    if sheet and sheet not in sheets:
+        near = get_close_matches(sheet, titles, n=SHOWN, cutoff=0.0)
+        raise ValueError(f"{path}: has no sheet {sheet!r}; choose from {_few(near)}")
+    found = [title for title, rows in sheets.items() if sum(map(_is_reading, rows)) >= FEWEST]
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise ValueError(f"{path}: none of its sheets ({_few(list(sheets))}) holds {FEWEST} rows of numbers; formulas "
+                         "that were never computed hold none")  # fmt: skip
+    longest = max(found, key=lambda title: len(sheets[title]))
+    raise ValueError(
+        f"{path}: {len(found)} of its sheets hold readings ({_few(found)}): name one behind a #, as in "
+        f'data = "{path.name}#{longest}", several in a list are repeats; or save each as a file of its own'
+    )
+
+
+def _few(titles: Sequence[str]) -> str:
+    return ", ".join(map(repr, titles[:SHOWN])) + (", …" if len(titles) > SHOWN else "")
+
+
+def _beside(rows: Sequence[Sequence[Any]]) -> set[int]:
+    """Columns with cells and without a header: what was reckoned beside the table, as a mean or a force at 20 %.
+
+    The table are the columns that hold a number in half of the rows of readings; its header is the last row of words
+    above the longest run of these that is none of units.
+    """
+    numbers = [[k for k, v in enumerate(row) if is_number(_written(v))] for row in rows]
+    filled = [k for found in numbers if len(found) > 1 for k in found]
+    count = {k: filled.count(k) for k in set(filled)}
+    table = {k for k, n in count.items() if n >= FULL * max(count.values())}
+    inside = [len(table & {*found}) > 1 for found in numbers]
+    runs = [(len(list(run)), is_one) for is_one, run in itertools.groupby(inside)]
+    ends = list(itertools.accumulate(n for n, _ in runs))
+    first = max(((n, end - n) for (n, is_one), end in zip(runs, ends, strict=True) if is_one), default=(0, 0))[1]
+    words = [{k: v for k, v in enumerate(row) if _is_word(v)} for row in rows[:first]]
+    heads = [w for w in words if len(table & w.keys()) > 1 and not any(is_unit(w[k].strip("[]() ")) for k in w)]
+    named = set(heads[-1]) if heads else set()
+    used = {k for row in rows for k, v in enumerate(row) if v is not None}
+    return used - named if named else set()
+
+
+def _is_word(value: Any) -> bool:
+    return isinstance(value, str) and value.strip() != "" and not is_number(value)
+
+
+def _is_reading(row: Sequence[Any]) -> bool:
     return sum(is_number(_written(v)) for v in row) > 1
 
 

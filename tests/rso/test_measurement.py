@@ -98,7 +98,7 @@ def test_a_rest_at_the_deepest_point_is_a_hold_where_times_are_known(tmp_path, r
         assert abs(np.ptp(r.time[held]) - rest_s) < 0.3 + 2.0 / rate_hz
         assert back or held[-1]
         assert np.all(r.time[r.segment == "loading"] < r.time[held][0])
-        assert r.depth[r.segment == "loading"].max() > 3.99  # the way there is kept to its end
+        assert r.depth[r.segment == "loading"].max() > 3.97  # the way there is kept to its end, but for the brake
         returning = r.segment == "unloading"
         assert np.all(r.time[returning] > r.time[held][-1]) and returning.any() == back
     timeless = write(tmp_path, table("depth_mm,Fz_N", zip(u, u, strict=True)))
@@ -807,6 +807,25 @@ def test_repeats_of_noise_and_repeats_with_a_spike_are_not_told_to_have_another_
 def test_whole_numbers_beside_decimals_part_no_thousands(tmp_path):
     m = read(write(tmp_path, "depth_mm;Fz_N\n0.0;0\n1.0;0,04\n2.0;0,1\n"))
     assert m.channels == ("Fz",) and m.repeats[0].depth.tolist() == [0.0, 1.0, 2.0]
+
+
+@pytest.mark.parametrize("stop_s", [6.71, 6.73, 6.78])
+@pytest.mark.parametrize("brake_s", [0.0, 0.05])
+@pytest.mark.parametrize("settling", [0.0, 2e-4])
+def test_a_hold_begins_where_the_machine_stops_between_two_readings(tmp_path, stop_s, brake_s, settling):
+    """1 mm/s and 10 readings a second: what the body relaxes until the first reading at rest is not of the way there.
+
+    A testing machine wrote such records of muscle: a tenth of the force within the first tenth of a second.
+    """
+    t = np.arange(0.0, 17.0, 0.1)
+    u = np.where(t < stop_s, t, stop_s) - np.where(t >= stop_s, settling * np.exp(stop_s - t), 0.0)
+    u = np.minimum(u, stop_s - 0.5 * brake_s * np.clip(1.0 - (t - stop_s) / max(brake_s, 1e-9), 0.0, 1.0) ** 2)
+    F = 0.1 * np.minimum(u, 6.7) ** 2 * np.where(t > stop_s, 0.6 + 0.4 * np.exp(-np.maximum(t - stop_s, 0) / 0.4), 1.0)
+    (r,) = read(write(tmp_path, table("time_s,depth_mm,Fz_N", zip(t, u, F, strict=True)))).repeats
+    loading = r.segment == "loading"
+    # where it stops less than half a step before a reading, that reading is its way's last
+    assert r.time[loading][-1] == pytest.approx(6.8 if stop_s > 6.75 else 6.7)
+    assert r.depth[loading][-1] > 0.99 * stop_s and np.sum(r.segment == "hold") == np.sum(~loading)
 
 
 @pytest.mark.parametrize("back", [True, False])

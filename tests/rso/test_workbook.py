@@ -77,8 +77,67 @@ def test_a_row_is_named_by_its_number_in_the_sheet(tmp_path):
 
 
 def test_several_sheets_of_readings_are_refused_by_name(tmp_path):
-    with pytest.raises(ValueError, match=r"2 of its sheets hold readings \('Probe 1', 'Probe 2'\)"):
-        read(saved(tmp_path / "data.xlsx", **{"Probe 1": PLAIN, "Probe 2": PLAIN}))
+    path = saved(tmp_path / "data.xlsx", **{"Probe 1": PLAIN[:20], "Probe 2": PLAIN, "Max": [["Fmax", 1.0, 2.0]]})
+    with pytest.raises(ValueError, match=r"2 of its sheets .*'Probe 1', 'Probe 2'.*data = \"data.xlsx#Probe 2\""):
+        read(path)
+
+
+def test_sheets_of_a_workbook_are_named_behind_its_name_and_repeats_in_a_list(tmp_path):
+    twice = readings(("depth_mm", "Fz_N"), U, 2.0 * F)
+    path = saved(tmp_path / "Serie #3.xlsx", **{"Probe 1": PLAIN, "Probe # 2": twice, "empty": []})
+    one = read(f"{path}#Probe # 2")
+    assert_allclose(one.repeats[0].channels["Fz"], 2.0 * F, rtol=1e-15, atol=0.0)
+    both = read([f"{path}#Probe 1", f"{path}#Probe # 2"])
+    assert [r.label for r in both.repeats] == ["Probe 1", "Probe # 2"]
+    with pytest.raises(ValueError, match=r"has no sheet 'Probe 2'; choose from .*'Probe # 2'"):
+        read(f"{path}#Probe 2")
+    with pytest.raises(ValueError, match="none of its sheets \\('empty'\\)"):
+        read(f"{path}#empty")
+    with pytest.raises(ValueError, match="no such file"):
+        read(tmp_path / "other.xlsx#Probe 1")
+    with pytest.raises(ValueError, match="listed twice"):
+        read([f"{path}#Probe 1", f"{path}#Probe 1"])
+
+
+def test_a_file_whose_own_name_holds_the_mark_is_that_file(tmp_path):
+    path = saved(tmp_path / "book.xlsx#1", a=PLAIN)
+    assert read(path).path == path
+
+
+ZWICK = [  # title, header, units, and what the laboratory reckoned beside the readings
+    ["Probe 1"] * 4,
+    ["Temps d'essai", "Force standard", "Allongement", "Ecartement entre outils", None, None, 20, 80],
+    ["s", "N", "mm", "mm", None, "N0", 0.123, 0.456],
+]
+
+
+@pytest.mark.parametrize("beside", ["few", "full", "none"])
+def test_what_was_reckoned_beside_the_readings_is_not_read(tmp_path, beside):
+    more = {
+        "few": lambda k: [None, 1.5 * k] if k < 3 else [],
+        "full": lambda k: [0.1 * k, None, 7],
+        "none": lambda k: [],
+    }
+    rows = [[0.1 * k, float(f), float(u), 10.0 - float(u), *more[beside](k)] for k, (u, f) in enumerate(zip(U, F))]
+    head = ZWICK if beside != "none" else [row[:4] for row in ZWICK]
+    m = read(saved(tmp_path / "data.xlsx", a=[*head, *rows]))
+    assert_allclose(m.repeats[0].channels["Fz"], F, rtol=1e-15, atol=0.0)
+    assert_allclose(m.repeats[0].time, 0.1 * np.arange(41), rtol=1e-12, atol=0.0)
+    assert any("not read" in note and "column(s)" in note for note in m.notes) == (beside != "none")
+    assert m.unread == ("Ecartement entre outils",)
+
+
+def test_a_column_with_a_header_stays_however_few_cells_it_has(tmp_path):
+    rows = [[*row, "slipped" if k == 5 else None] for k, row in enumerate(PLAIN[1:])]
+    m = read(saved(tmp_path / "data.xlsx", a=[["Standardweg", "Standardkraft", "Bemerkung"], ["mm", "N"], *rows]))
+    assert m.unread == ("Bemerkung",) and not any("not read" in note for note in m.notes)
+
+
+def test_a_workbook_of_the_old_kind_is_named_as_one(tmp_path):
+    path = tmp_path / "data.xls"
+    path.write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600))
+    with pytest.raises(ValueError, match=r"data.xls: is a workbook of the old kind \(.xls\); save it as .xlsx"):
+        read(path)
 
 
 def test_formulas_never_computed_are_no_readings(tmp_path):
