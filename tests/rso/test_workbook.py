@@ -113,12 +113,8 @@ ZWICK = [  # title, header, units, and what the laboratory reckoned beside the r
 
 @pytest.mark.parametrize("beside", ["few", "full", "none"])
 def test_what_was_reckoned_beside_the_readings_is_not_read(tmp_path, beside):
-    more = {
-        "few": lambda k: [None, 1.5 * k] if k < 3 else [],
-        "full": lambda k: [0.1 * k, None, 7],
-        "none": lambda k: [],
-    }
-    rows = [[0.1 * k, float(f), float(u), 10.0 - float(u), *more[beside](k)] for k, (u, f) in enumerate(zip(U, F))]
+    more = {"few": [[None, 1.5], [None, 2.5]] + 39 * [[]], "full": 41 * [[0.1, None, 7]], "none": 41 * [[]]}[beside]
+    rows = [[0.1 * k, float(F[k]), float(U[k]), 10.0 - float(U[k]), *more[k]] for k in range(41)]
     head = ZWICK if beside != "none" else [row[:4] for row in ZWICK]
     m = read(saved(tmp_path / "data.xlsx", a=[*head, *rows]))
     assert_allclose(m.repeats[0].channels["Fz"], F, rtol=1e-15, atol=0.0)
