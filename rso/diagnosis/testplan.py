@@ -255,10 +255,11 @@ def _tests(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> 
             raise ValueError(f"{e.name}: repeat {r.label!r} never gets deeper than 0 mm; depth counts from contact")
         channels = tuple(c for c in ("Fx", "Fy", "Fz") if c in r.channels and c in e.channels)
         time = r.time - r.time[0] if r.time is not None else _times(r.depth, e.speed)
-        branches = [_binned(r, time, channels, b) for b in (LOADING, UNLOADING, HELD)]
+        stopped = _stopped(r, time, e.speed)
+        branches = [_binned(r, time, channels, b, stopped) for b in (LOADING, UNLOADING, HELD)]
         d, t, b, m, values = (_joined(branches, i, channels) for i in range(5))
         peak = float(r.depth.max())
-        since = np.where(b == HELD, t - max(time[r.segment == "loading"], default=0.0), 0.0)
+        since = np.where(b == HELD, t - stopped, 0.0)
         yield Test(
             k, r.label, site.index, e.speed, peak, site.deepest, channels, d, t, b, m, values,
             since=since, rest=_rest(r, e.speed), pace=_pace(r, e.speed),
@@ -311,6 +312,17 @@ def _usable(r: Repeat) -> tuple[Repeat, list[str]]:
     return kept(r, ~np.isin(np.arange(len(r.segment)), lost)), without
 
 
+def _stopped(r: Repeat, time: np.ndarray, speed: float) -> float:
+    """When (s) the indenter came to rest, if it did: after the last reading of the way there, or between it and the
+    first of the rest, by what was left to go."""
+    there = np.nonzero(r.segment == "loading")[0]
+    if not len(there):
+        return 0.0
+    stopped = float(time[there[-1]] + max(r.depth.max() - r.depth[there[-1]], 0.0) / speed)
+    held = time[r.segment == "hold"]
+    return min(stopped, float(held[0])) if len(held) else stopped
+
+
 def _rest(r: Repeat, speed: float) -> float:
     """Time (s) between the ways there and back beyond that of moving, 0 where it is short or there are no times."""
     there, back = (np.nonzero(r.segment == s)[0] for s in ("loading", "unloading"))
@@ -318,7 +330,7 @@ def _rest(r: Repeat, speed: float) -> float:
         return 0.0
     way = r.depth.max() / speed  # without that through air
     rest = float(r.time[back[0]] - r.time[there[-1]])
-    moving = abs(r.depth[there[-1]] - r.depth[back[0]]) / speed
+    moving = (2.0 * r.depth.max() - r.depth[there[-1]] - r.depth[back[0]]) / speed
     one = max(np.median(np.diff(r.time[v])) if len(v) > 1 else 0.0 for v in (there, back))  # from reading to reading
     rest -= max(moving, 0.0 if np.any(r.segment == "hold") else float(one))
     return rest if rest > DWELL * way else 0.0
@@ -372,13 +384,13 @@ def _without_spikes(e: Experiment, notes: list[str]) -> Experiment:
     return replace(e, measurement=measurement)
 
 
-def _binned(r: Repeat, time: np.ndarray, channels: tuple[str, ...], branch: int) -> tuple[Any, ...]:
+def _binned(r: Repeat, time: np.ndarray, channels: tuple[str, ...], branch: int, stopped: float) -> tuple[Any, ...]:
     """Depth, time, branch, count and values of one branch, averaged over runs of readings: at most BINS, even in depth,
-    while the indenter presses, AIR before it does so, and even in the logarithm of time while it rests.
+    while the indenter presses, AIR before it does so, and even in the logarithm of time since it `stopped` (s).
     """
     at = np.nonzero(r.segment == ("loading", "unloading", "hold")[branch])[0]
     if branch == HELD:
-        since = time[at] - max(time[r.segment == "loading"], default=0.0)
+        since = time[at] - stopped
         edges = np.geomspace(max(since[0], 1e-3 * since[-1]), since[-1], BINS + 1)[1:-1] if len(at) > BINS else since
         groups = np.split(at, np.searchsorted(since, edges))
     else:

@@ -114,6 +114,20 @@ def test_a_hold_is_binned_along_the_logarithm_of_time():
     np.testing.assert_allclose(t.depth[t.held], 4.0, rtol=1e-9)
 
 
+def test_time_in_a_hold_counts_from_where_the_machine_stopped_between_two_readings():
+    """The last reading of a way there of 4 mm at 0.5 mm/s is left out: the machine stopped 0.1 s after the one before
+    it, and rests for 10 s."""
+    (r,) = toy.recorded(toy.TRUTH, rng(), hold=10.0, unload=True)
+    top = int(np.argmax(r.segment != "loading")) - 1
+    dropped = np.delete(np.arange(len(r.depth)), top)
+    cut = dataclasses.replace(r, depth=r.depth[dropped], time=r.time[dropped], segment=r.segment[dropped],
+                              channels={c: v[dropped] for c, v in r.channels.items()})  # fmt: skip
+    (whole,), (test,) = (make_plan([toy.experiment("a", (v,))]).tests for v in (r, cut))
+    # toy.recorded has no noise in its depths and times
+    np.testing.assert_allclose(test.since[test.held], whole.since[whole.held], rtol=0.0, atol=1e-9)
+    assert test.rest == pytest.approx(whole.rest, abs=1e-9)
+
+
 @pytest.mark.parametrize("how", ["without times", "elsewhere"])
 def test_holds_that_nobody_can_follow_are_left_out_and_said_so(how):
     (r,) = toy.recorded(toy.TRUTH, rng())
