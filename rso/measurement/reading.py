@@ -49,6 +49,7 @@ from rso.measurement.contact import Onset
 from rso.measurement.lines import lines_of, text_of
 from rso.measurement.tables import FORCES
 from rso.measurement.workbook import sheet_of
+from rso.units import is_counted
 
 DISPLACEMENTS = ("ux", "uy", "uz")
 
@@ -332,7 +333,8 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     if file_label:
         several = "repeat" in text or len(set(labels)) > 1
         labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])
-    own = {n: ((-1.0 if n in turned else 1.0) / head.factor[n], head.unit[n]) for n in arrays if head.unit[n]}
+    units = {n: f"× {unit}" if is_counted(unit) else unit for n, unit in head.unit.items() if n in arrays and unit}
+    own = {n: ((-1.0 if n in turned else 1.0) / head.factor[n], unit) for n, unit in units.items()}
     headers = {name: head.cells[k] for name, k in head.at.items()}
     position = "depth" in head.customary and not customary.from_contact(headers["depth"])
     return _Table(path, arrays, labels, stated, lines, tuple(notes), head.unread, tuple(doubts), head.found, position,

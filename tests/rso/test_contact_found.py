@@ -264,3 +264,12 @@ def test_what_is_refused_after_its_sign_was_turned_says_so(tmp_path):
     u = np.linspace(-AIR, 4.0, 121)
     with pytest.raises(ValueError, match=r"the sign of depth and Fz was turned"):
         sensed(tmp_path, -u, -pressed(u) - np.where(np.arange(121) < 30, 2.0, 0.0))
+
+
+def test_a_contact_in_counts_is_said_in_counts(tmp_path):
+    u, F = record(np.random.default_rng(0), noise=1e-3)
+    path = write(tmp_path / "a.csv", "Step (steps),Load (N)", np.round((u + AIR) / 0.005), F)
+    columns = {"depth": Column("Step (steps)", "0.005 mm", zero=CONTACT), "Fz": Column("Load (N)", zero=CONTACT)}
+    (said,) = (d for d in read(path, columns).doubts if "contact is found" in d)
+    place = re.search(r"found at (\d+) × 0\.005 mm ± ([\d.]+) × 0\.005 mm", said)
+    assert abs(float(place[1]) - AIR / 0.005) < 3.0 * float(place[2])
