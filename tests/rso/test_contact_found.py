@@ -271,5 +271,5 @@ def test_a_contact_in_counts_is_said_in_counts(tmp_path):
     path = write(tmp_path / "a.csv", "Step (steps),Load (N)", np.round((u + AIR) / 0.005), F)
     columns = {"depth": Column("Step (steps)", "0.005 mm", zero=CONTACT), "Fz": Column("Load (N)", zero=CONTACT)}
     (said,) = (d for d in read(path, columns).doubts if "contact is found" in d)
-    place = re.search(r"found at (\d+) × 0\.005 mm ± ([\d.]+) × 0\.005 mm", said)
+    place = re.search(r"found at ([\d.]+) × 0\.005 mm ± ([\d.]+) × 0\.005 mm", said)
     assert abs(float(place[1]) - AIR / 0.005) < 3.0 * float(place[2])
