@@ -125,7 +125,12 @@ def is_head(comment: Row, rows: Sequence[Row], columns: Mapping[str, Column]) ->
         return False
     if not all(is_number(b) for cell, b in zip(cells, below, strict=True) if cell in numeric or not wanted):
         return False
-    return bool(wanted) or _is_header([comment, *rows[:2]], 0)
+    if wanted or _is_header([comment, *rows[:2]], 0):
+        return True
+    try:
+        return bool(_customary(Path(), [comment, *rows[:2]]))
+    except ValueError:  # what may be two things
+        return False
 
 
 def fail(path: Path, line: int, message: str) -> NoReturn:

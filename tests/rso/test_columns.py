@@ -438,6 +438,12 @@ def test_a_header_in_the_comment_above_bare_numbers_is_read(tmp_path, separator,
     assert m.notes == ("Niere 3",) and m.repeats[0].depth.tolist() == [0.0, 4.0]
 
 
+@pytest.mark.parametrize("separator", [",", ";", " "])
+def test_such_a_header_may_hold_usual_names(tmp_path, separator):
+    m = read(write(tmp_path, "# Niere 3\n# Weg (mm),Kraft (mN)\n0,0\n4,3\n".replace(",", separator)))
+    assert m.notes == ("Niere 3",) and m.repeats[0].channels["Fz"].tolist() == [0.0, 0.003]
+
+
 BLANKS = {  # header, columns, decimal comma
     "of numpy": ("# depth_mm Fz_N", None, False),
     "own": ("depth_mm Fz_N", None, False),
@@ -494,7 +500,8 @@ def test_a_header_in_a_comment_may_stand_above_words_that_are_not_read(tmp_path)
 
 
 def test_other_comments_are_no_headers(tmp_path):
-    assert "'0'" in refusal(write(tmp_path, "# Weg, Kraft\n0,0\n4,3\n"))
+    assert "'0'" in refusal(write(tmp_path, "# Weg, Last\n0,0\n4,3\n"))
+    assert "'Weg' says no unit" in refusal(write(tmp_path, "# Weg, Kraft\n0,0\n4,3\n"))
     m = read(write(tmp_path, "# depth_mm,Fz_N\ndepth_um,Fz_mN\n0,0\n4,3\n"))
     assert m.notes == ("depth_mm,Fz_N",) and m.repeats[0].depth.tolist() == [0.0, 0.004]
 
