@@ -44,6 +44,7 @@ _TWICE = "rename one of them, tests side by side are files of their own"
 _OTHER_NAMES = "other names are understood with [columns] in the study file"
 
 CONTACT = "contact"
+MEGA = 1e6  # N: no force on a soft body is told in it
 
 Row = tuple[int, str]  # number of a line, and its text
 
@@ -394,6 +395,10 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
                 fail(path, line, f"column {name!r} ({column.header!r}): {unit!r} is a mass; if its weight is meant, "
                      f"say unit = {force!r} in [columns] of the study")  # fmt: skip
             units[who] = force
+    if base == "N" and column.unit is None and any(is_of(base, u) and factor(u, base) >= MEGA for u in units.values()):
+        unit = next(iter(units.values()))
+        fail(path, line, f"column {name!r} ({column.header!r}): {unit!r} is a meganewton, the weight of a hundred "
+             'tonnes; if a millinewton is meant, say unit = "mN" in [columns] of the study')  # fmt: skip
     if not units:
         if wrong := odd["the header"]:
             fail(path, line, f"column {name!r} ({column.header!r}): the header says {wrong!r}, which is not a known "

@@ -891,6 +891,13 @@ def test_what_is_wrong_in_a_study_is_one_problem_at_its_key(folder, what):
 COUNTS = "Schritte [steps];Kraft [V]\n12000;0.5\n12800;0.6\n13600;0.8\n"
 
 
+def test_a_meganewton_is_asked_about(tmp_path):
+    path = write(tmp_path, "Weg (mm);Kraft (MN)\n0;0\n1;40\n2;110\n")
+    assert "'MN' is a meganewton" in refusal(path)
+    m = read(path, {"depth": Column("Weg (mm)"), "Fz": Column("Kraft (MN)", "mN")})
+    assert m.repeats[0].channels["Fz"].tolist() == [0.0, 0.04, 0.11]
+
+
 def test_what_one_count_is_makes_a_length_of_steps_and_a_force_of_volts(tmp_path):
     columns = {"depth": Column("Schritte [steps]", "0.00125 mm", zero=12000.0)}
     columns |= {"Fz": Column("Kraft [V]", "2.5 N", zero=0.5)}
