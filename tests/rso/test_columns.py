@@ -298,8 +298,10 @@ REFUSED = {  # text, columns, words
         "depth": Column("Weg [mm]"), "Fz": Column("Kraft [KN]", "N")}, [":1:", "the header says 'KN'"]),
     "another unit beneath, in capitals": (SHORT.replace("N;s", "KN;s"), SHORT_COLUMNS | {"Fz": Column("Kraft", "N")}, [
         ":1:", "'Fz' ('Kraft')", "the study says 'N'", "beneath the header 'KN'"]),
-    "a force beyond all": ("Weg;FORCE (MN)\n0;0\n1;320\n", {
-        "depth": Column("Weg", "mm"), "Fz": Column("FORCE (MN)")}, [":3:", "'Fz'", "3.2e+08 N", "read as 'MN'"]),
+    "a force in meganewtons": ("Weg;FORCE (MN)\n0;0\n1;320\n", {
+        "depth": Column("Weg", "mm"), "Fz": Column("FORCE (MN)")}, [":1:", "'Fz'", "'MN' is a meganewton"]),
+    "a force beyond all": ("Weg;FORCE (kN)\n0;0\n1;32000\n", {
+        "depth": Column("Weg", "mm"), "Fz": Column("FORCE (kN)")}, [":3:", "'Fz'", "3.2e+07 N", "read as 'kN'"]),
     "a depth beyond all": ("depth [Mm];Fz [N]\n0;0\n4;1\n", None, [":3:", "'depth'", "4e+09 mm", "read as 'Mm'"]),
     "a depth beyond all, turned": ("Weg [Mm];Fz [N]\n0;0\n4;1\n", {
         "depth": Column("Weg [Mm]", flip=True), "Fz": Column("Fz [N]")}, [":3:", "-4e+09 mm"]),
@@ -889,13 +891,6 @@ def test_what_is_wrong_in_a_study_is_one_problem_at_its_key(folder, what):
 
 
 COUNTS = "Schritte [steps];Kraft [V]\n12000;0.5\n12800;0.6\n13600;0.8\n"
-
-
-def test_a_meganewton_is_asked_about(tmp_path):
-    path = write(tmp_path, "Weg (mm);Kraft (MN)\n0;0\n1;40\n2;110\n")
-    assert "'MN' is a meganewton" in refusal(path)
-    m = read(path, {"depth": Column("Weg (mm)"), "Fz": Column("Kraft (MN)", "mN")})
-    assert m.repeats[0].channels["Fz"].tolist() == [0.0, 0.04, 0.11]
 
 
 def test_what_one_count_is_makes_a_length_of_steps_and_a_force_of_volts(tmp_path):
