@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -26,6 +27,7 @@ from rso.identify import (
     determine,
     emulated,
     on_valley,
+    remembering,
     resample,
     stack,
     together,
@@ -114,6 +116,8 @@ def run_next(
     have = [v for v in learnt if v.item.done]
     if not have:
         raise study_error(plan.study.file, plan.study.lines, [Problem(("experiments",), "; ".join(problems.values()))])
+    have = remembered(have, plan.seed)
+    learnt = [*have, *(v for v in learnt if not v.item.done)]
     joint = fits(plan, have)
     whole = joint[-1].determination
     weakest = axes.box.names.index(*values) if values else int(np.argmax([k.sd_log for k in whole.known]))
@@ -297,18 +301,40 @@ def fits(plan: Plan, have: Sequence[Learnt]) -> tuple[Joint, ...]:
     return tuple(out)
 
 
+def remembered(have: Sequence[Learnt], seed: int) -> list[Learnt]:
+    """What has been done with the memory of readings of one record, of which nobody says whether they have any; it will
+    have it once more."""
+    measured = _measured(have)
+    known = iter(remembering(measured, all_minima(measured, seed=seed)[0].x).data)
+    found = []
+    for v in have:
+        item = dataclasses.replace(
+            v.item, blocks=tuple(dataclasses.replace(b, data=next(known)) for b in v.item.blocks)
+        )
+        covariance = functools.partial(_errors, item, v.emulator, v.share)
+        found.append(
+            dataclasses.replace(v, item=item, experiment=dataclasses.replace(v.experiment, covariance=covariance))
+        )
+    return found
+
+
+def _measured(have: Sequence[Learnt]) -> Misfit:
+    """Likelihood of what was measured, without the model's own errors."""
+    data = tuple(b.data for v in have for b in v.item.blocks if b.data is not None)
+    return Misfit(stack([v.experiment.model for v in have]), data)
+
+
 def _misfit(have: Sequence[Learnt], seed: int) -> Misfit:
     """Likelihood of what was measured, with the model's own errors at the most likely point."""
-    model = stack([v.experiment.model for v in have])
-    data = tuple(b.data for v in have for b in v.item.blocks if b.data is not None)
-    x = all_minima(Misfit(model, data), seed=seed)[0].x
+    measured = _measured(have)
+    x = all_minima(measured, seed=seed)[0].x
     whole = []
     for v in have:
         for b in v.item.blocks:
             assert b.data is not None
             curves = [emulated(v.emulator, p)[0].predict(x[None])[0] for p in b.places]
             whole.append(b.data.plus(_of_model(b, v.emulator, v.share, x, curves)))
-    return Misfit(model, tuple(whole))
+    return dataclasses.replace(measured, data=tuple(whole))
 
 
 def _places(axes: Axes, k: int, values: Mapping[str, Sequence[float]]) -> np.ndarray:
