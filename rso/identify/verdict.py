@@ -32,8 +32,9 @@ class Verdict:
 
 
 def judge(box: Box, k: int, interval: Interval, leaning: tuple[str, ...] = (), scale: float = 1.0) -> Verdict:
-    """'not': the interval covers half of the box or ends at both bounds; else 'determined': it lies inside the box, its
-    ends are within a factor 1.75 of its middle, and the model is not refuted; 'weakly': what lies between.
+    """'not': the interval covers half of the box or ends at both bounds, or at one of a model that is refuted; else
+    'determined': it lies inside the box, its ends are within a factor 1.75 of its middle, and the model is not refuted;
+    'weakly': what lies between.
 
     Parameters that may be zero or negative are measured against their range: within ± 10 % of it is determined.
     `leaning` names other parameters whose bounds end the interval; then a factor 1.25 is asked for.  `scale` is what
@@ -46,7 +47,8 @@ def judge(box: Box, k: int, interval: Interval, leaning: tuple[str, ...] = (), s
         close, digits = 0.5 * math.log(high / low) <= most, _digits(math.sqrt(low * high), low, high)
     else:
         close, digits = width <= 0.2, _digits(0.5 * (low + high), low, high)
-    word: Word = "not" if width >= SHARE or (interval.at_low and interval.at_high) else "weakly"
+    pressed = interval.open and scale > REFUTED  # it wants to go on, and fits nowhere
+    word: Word = "not" if width >= SHARE or (interval.at_low and interval.at_high) or pressed else "weakly"
     if word == "weakly" and close and not interval.open and scale <= REFUTED:
         return Verdict("determined", digits, None)
     return Verdict(word, digits if word == "weakly" and not interval.open else 0, None)

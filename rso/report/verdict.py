@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from rso.identify.verdict import REFUTED
 from rso.report.digits import (
     Unit,
     clean,
@@ -130,13 +131,24 @@ def _material(results: Results) -> list[str]:
             whole = len(allowed(results, p, d["interval"])) == 1
             width = f" ({_width(p, *d['interval'])})" if whole else ""
             said.append(
-                f"{p.letter} {how(results, p)}:{_level(results)} every value from {span}{width} agrees with the data."
+                f"{p.letter} {how(results, p)}:{_level(results)} every value from {span}{width} {_agrees(results)}."
             )
     return said
 
 
+def _agrees(results: Results) -> str:
+    """What values within an interval do: agree with the data, or no better than the model does at all."""
+    missed = number((results.get("identification") or {}).get("scale"))
+    if missed is None or missed <= REFUTED:
+        return "agrees with the data"
+    times = shortest(float(f"{missed:.2g}"))
+    return f"fits as well as any under the model, which misses the data by {times} times their errors"
+
+
 def _width(p: Parameter, low: float, high: float) -> str:
     """How wide an interval is: a factor where the range is searched on a logarithmic scale, else a share of it."""
+    if p.log and 0 < low < high < 1.2 * low:
+        return f"±{percent(0.5 * (high / low - 1.0))}"
     if p.log and low > 0:
         return f"a factor of {shortest(float(f'{high / low:.2g}'))}"
     return f"{percent(p.share(low, high))} of the range that was searched"
@@ -256,7 +268,9 @@ def _facts(results: Results) -> tuple[Fact, ...]:
             facts.append(Fact(p.letter, value, f"determined; {sure or 'compatible with the data'}: {span}", "good"))
         else:
             word = how(results, p).removeprefix("is ")
-            note = f"{sure}: {span}, all agree with the data" if sure else f"{span} all agree with the data"
+            missed = _agrees(results) != "agrees with the data"
+            agrees = "the model misses the data" if missed else "all agree with the data"
+            note = f"{sure}: {span}, {agrees}" if sure else f"{span}; {agrees}"
             facts.append(Fact(p.letter, word, note, "warn"))
     if best:
         for name in list(best.data.get("metrics") or {})[:1]:

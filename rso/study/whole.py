@@ -141,6 +141,7 @@ def _search(ranges: Repaired, notes: _Notes, say: Say) -> tuple[Bench, list[Foun
             audit = repairing.afterwards(plan, audit, one.result.choice.X)
         searches.append(one)
         _warn_of_constraints(one, found)
+        _warn_of_reach(one, found)
         _warn_of_extrapolation(plan, one, found)
         found["runs"] += results.candidate_runs(plan, one)
         notes.write("search", **results.of_searches(plan, searches, audit))
@@ -158,7 +159,7 @@ def _identify(
     later = searching.validation_tasks(bench.plan, searching.chosen(searches, chosen))
     identified, extra, doubts, determination = identifying.identification(bench, emulator, searches, chosen, later)
     notes.found["runs"] += results.rows_of(bench.plan, extra)
-    notes.found["warnings"] += doubts
+    notes.found["warnings"] += [*_outside(identified.get("identification"), notes.found["parameters"]), *doubts]
     notes.write("verify", **identified)
     return determination
 
@@ -309,6 +310,26 @@ def rough(candidates: Sequence[Mapping[str, Any]]) -> list[str]:
 def _warn_of_constraints(one: Found, found: dict[str, Any]) -> None:
     if not one.result.choice.feasible:
         found["warnings"].append(f"search {one.plan.name!r}: no point of the ranges respects every constraint")
+
+
+def _outside(identification: dict[str, Any] | None, parameters: list[dict[str, Any]]) -> list[str]:
+    """Warnings of most likely values outside of what the study states: ranges were widened, perhaps for what is missing
+    in the model."""
+    values = (identification or {}).get("values") or {}
+    said = []
+    for p in parameters:
+        (low, high), value = p["stated"], values.get(p["name"])
+        if value is not None and not low * (1 - 1e-9) <= value <= high * (1 + 1e-9):
+            said.append(
+                f"identification: the most likely {p['name']}, {value:.3g} {p['unit']}, lies outside the stated range, "
+                f"{low:g} to {high:g} {p['unit']}: a wrong range, or a model that makes up for what it lacks"
+            )
+    return said
+
+
+def _warn_of_reach(one: Found, found: dict[str, Any]) -> None:
+    if one.result.choice.feasible and not one.result.choice.reachable:
+        found["warnings"].append(f"search {one.plan.name!r}: {one.story}")
 
 
 def _warn_of_extrapolation(plan: Plan, one: Found, found: dict[str, Any]) -> None:

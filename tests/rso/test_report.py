@@ -116,6 +116,15 @@ def test_the_verdict_answers_first():
     assert "widen the range of μ" in said and "Over the whole interval of D₁ the force" in said
 
 
+def test_a_refuted_model_agrees_with_nothing():
+    results = complete()
+    results["identification"]["scale"] = 7.6
+    said = page(results).replace("\xa0", " ")
+    assert "(a factor of 150) fits as well as any under the model, which misses the data by 7.6 times" in said
+    assert "the model misses the data" in said and "agree with the data" not in said
+    assert "agrees with the data" in page(complete()).replace("\xa0", " ")  # the control
+
+
 def test_two_pieces_of_a_profile_are_said_and_drawn_as_two():
     results = complete()
     before = draw(results, "determined")
