@@ -33,9 +33,11 @@ def row_of(path: Path, number: int, row: str, head: Head) -> list[str]:
     if len(cells) != len(head.cells):
         words = len(row.split()) if head.separator == "\t" not in row else 0  # a line of a table parted by blanks
         n = words if words not in (0, len(head.cells)) else len(cells)
+        halved = head.separator == "," and n == 2 * len(head.cells) and all(map(str.isdigit, "".join(cells[1::2])))
+        comma = "are these decimal commas? part the columns by semicolons, or write points; else " if halved else ""
         fail(path, number, f"{n} values in a table of {len(head.cells)} columns ({head.text!r}): {row.strip()[:60]!r}; "
-             "delete what is no reading, or begin its line with #; a second table is a file of its own, unless it has "
-             "the same header")  # fmt: skip
+             f"{comma}delete what is no reading, or begin its line with #; a second table is a file of its own, unless "
+             "it has the same header")  # fmt: skip
     if not head.cells[-1] and cells[-1]:
         fail(path, number, f"{cells[-1][:40]!r} stands beneath no header ({head.text!r})")
     return cells

@@ -298,6 +298,7 @@ REFUSED = {  # text, columns, words
         "depth": Column("Weg [mm]"), "Fz": Column("Kraft [KN]", "N")}, [":1:", "the header says 'KN'"]),
     "another unit beneath, in capitals": (SHORT.replace("N;s", "KN;s"), SHORT_COLUMNS | {"Fz": Column("Kraft", "N")}, [
         ":1:", "'Fz' ('Kraft')", "the study says 'N'", "beneath the header 'KN'"]),
+    "decimal commas between commas": ("depth_mm,Fz_N\n0,0,0,0\n1,5,0,04\n", None, [":2:", "are these decimal commas?"]),
     "a force in meganewtons": ("Weg;FORCE (MN)\n0;0\n1;320\n", {
         "depth": Column("Weg", "mm"), "Fz": Column("FORCE (MN)")}, [":1:", "'Fz'", "'MN' is a meganewton"]),
     "a force beyond all": ("Weg;FORCE (kN)\n0;0\n1;32000\n", {

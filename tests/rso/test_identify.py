@@ -370,6 +370,12 @@ def test_the_word_follows_the_interval(low, high, word):
     assert judge(soft_ball.BOX, 1, interval).word == word
 
 
+def test_a_refuted_model_pressed_against_a_bound_determines_nothing():
+    pressed = Interval(0.0, 0.08, at_low=True)
+    assert [judge(soft_ball.BOX, 1, pressed, scale=s).word for s in (1.0, 2.0, 5.0)] == ["weakly", "weakly", "not"]
+    assert judge(soft_ball.BOX, 1, Interval(0.45, 0.55), scale=5.0).word == "weakly"  # it fits best there
+
+
 def test_most_of_a_narrow_range_is_no_answer():
     narrow = Box(["p"], ["1"], [2.0], [4.0], [False])
     assert judge(narrow, 0, Interval(0.02, 0.98)).word == "not"

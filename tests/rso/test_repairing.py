@@ -102,6 +102,17 @@ def test_a_modulus_outside_is_found_and_the_whole_study_follows(tmp_path):
     assert studies.timeless(again) == studies.timeless(r) and again["timings"] == r["timings"]
 
 
+@pytest.mark.parametrize("repaired", [True, False])
+def test_targets_out_of_reach_and_values_outside_the_stated_range_are_warnings(tmp_path, repaired):
+    search = SEARCH if repaired else f"{SEARCH}\nrepair = false"
+    r = studies.run(tmp_path, parameters=ONE_MU.format(0.003, 0.006), search=search)
+    outside = [w for w in r["warnings"] if "lies outside the stated range, 0.003 to 0.006 MPa" in w]
+    reach = [w for w in r["warnings"] if "not reachable" in w]
+    assert (len(outside), len(reach)) == ((1, 0) if repaired else (0, 1))
+    if not repaired:  # it misses the data widely and wants to go on beyond the bound
+        assert "mu is not determined" in r["determined"]["mu"]["story"]
+
+
 def test_without_repair_it_is_not_found(tmp_path):
     found = repair(tmp_path, parameters=ONE_MU.format(0.003, 0.006), search=f"{SEARCH}\nrepair = false")
     assert found.audit == () and ranges(found) == [0.003, 0.006]
