@@ -177,7 +177,8 @@ def _run(options: argparse.Namespace, command: str) -> int:
         files = render(found, folder, html=study.report.html, pdf=study.report.pdf)
     from rso.report.terminal import summary
 
-    print("\n".join(summary(found, files)))
+    lines = summary(found, files)
+    print("\n".join(map(_hanging, lines) if sys.stdout.isatty() else lines))
     return int(found["exit_code"])
 
 

@@ -38,7 +38,7 @@ class Progress:
     def say(self, text: str) -> None:
         """One line."""
         if self._bar is not None:
-            self._bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
+            self._bar.console.print(text, markup=False, highlight=False)
         else:
             print(text, flush=True)
 
