@@ -273,7 +273,7 @@ def _connect_to_write(file: Path) -> sqlite3.Connection:
 
 def _connect_to_read(file: Path) -> sqlite3.Connection:
     if not file.is_file():
-        raise StoreError(f"{file} does not exist: nothing has been run in this folder yet")
+        raise StoreError(f"{file} does not exist: nothing has been run in this folder yet, or its runs were moved")
     wal = file.with_name(file.name + "-wal")
     db = sqlite3.connect(f"{file.as_uri()}?mode=ro", uri=True, timeout=30.0)
     try:
