@@ -63,6 +63,11 @@ BANDS = (
     Problem("Ishigami", benchmarks.ishigami, 3, 60),
     Problem("Borehole", benchmarks.borehole, 8, 80),
 )
+FEW = (  # one dimension, what similarity leaves of (mu, D1), and as few runs as a study makes
+    Problem("Softening", lambda X: benchmarks.indentation(1.0, 1.0, 10 ** (3 * X[:, 0] - 1.5)), 1, 8),
+    Problem("Rough", lambda X: FEW[0].f(X) * (1 + 3e-3 * np.sin(9e3 * X[:, 0])), 1, 8),
+    Problem("Kink", lambda X: 1 + 0.3 * X[:, 0] + 0.2 * np.maximum(X[:, 0] - 0.63, 0), 1, 8),
+)
 GRADIENTS = (
     Problem("Branin", benchmarks.branin, 2, 12),
     Problem("Borehole", benchmarks.borehole, 8, 20),
@@ -241,6 +246,7 @@ def main(arguments: list[str]) -> int:
 
     show(indices())
     show(bands(BANDS, given.seeds)[0])
+    show(bands(FEW, given.seeds)[0])
     with contextlib.nullcontext(None) if given.no_peers else peer_python(given.peers) as python:
         show(compare("Kriging", VALUES, given.seeds, python, False)[0])
         show(compare("Kriging through gradients", GRADIENTS, given.seeds, python, True)[0])

@@ -148,10 +148,11 @@ def passes_of(every: Sequence[Pass], test: Test) -> tuple[int, int]:
 
 def _resting(test: Test) -> tuple[float, float]:
     """Rest in mm of the way there, and pace, as round numbers."""
-    return tuple(  # type: ignore[return-value]
-        float(f"{np.exp(STEP * round(np.log(v) / STEP)):.4g}") if v > 0.0 else 0.0
-        for v in (test.rest * test.speed, test.pace)
-    )
+    return _round(test.rest * test.speed), _round(test.pace)
+
+
+def _round(v: float) -> float:
+    return float(f"{np.exp(STEP * round(np.log(v) / STEP)):.4g}") if v > 0.0 else 0.0
 
 
 def nearest(every: Sequence[Pass], way: Pass) -> int:

@@ -8,6 +8,7 @@ from rso.measurement.pace import recorded_speed
 from rso.measurement.reading import Measurement, Repeat, fingerprint, read
 from rso.measurement.scatter import memory
 from rso.measurement.spikes import kept, step_of, without_spikes
+from rso.measurement.workbook import sheet_of
 
 __all__ = [
     "CONTACT",
@@ -30,6 +31,7 @@ __all__ = [
     "record",
     "recorded",
     "recorded_speed",
+    "sheet_of",
     "step_of",
     "value_at",
     "without_spikes",

@@ -114,10 +114,11 @@ def of_file(columns: Mapping[str, Column], k: int, n: int) -> dict[str, Column]:
     return found
 
 
-def is_head(comment: Row, rows: Sequence[Row], columns: Mapping[str, Column]) -> bool:
+def is_head(path: Path, comment: Row, rows: Sequence[Row], columns: Mapping[str, Column]) -> bool:
     """Whether a comment above rows of numbers is their header, as numpy.savetxt writes it.
 
-    What a study does not name may be no number: a word for each segment.
+    What a study does not name may be no number: a word for each segment.  ValueError where a usual name may be two
+    columns.
     """
     cells, below = list(map(same_letters, _filled(comment[1]))), _filled(rows[0][1]) if rows else []
     wanted = {same_letters(column.header) for name, column in columns.items()}
@@ -126,12 +127,8 @@ def is_head(comment: Row, rows: Sequence[Row], columns: Mapping[str, Column]) ->
         return False
     if not all(is_number(b) for cell, b in zip(cells, below, strict=True) if cell in numeric or not wanted):
         return False
-    if wanted or _is_header([comment, *rows[:2]], 0):
-        return True
-    try:
-        return bool(_customary(Path(), [comment, *rows[:2]]))
-    except ValueError:  # what may be two things
-        return False
+    head = [comment, *rows[:2]]
+    return bool(wanted) or _is_header(head, 0) or bool(_customary(path, head))
 
 
 def fail(path: Path, line: int, message: str) -> NoReturn:
@@ -395,9 +392,9 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
                 fail(path, line, f"column {name!r} ({column.header!r}): {unit!r} is a mass; if its weight is meant, "
                      f"say unit = {force!r} in [columns] of the study")  # fmt: skip
             units[who] = force
-    if base == "N" and column.unit is None and any(is_of(base, u) and factor(u, base) >= MEGA for u in units.values()):
-        unit = next(iter(units.values()))
-        fail(path, line, f"column {name!r} ({column.header!r}): {unit!r} is a meganewton, the weight of a hundred "
+    mega = [u for u in units.values() if base == "N" and is_of(base, u) and factor(u, base) >= MEGA]
+    if mega and column.unit is None:
+        fail(path, line, f"column {name!r} ({column.header!r}): {mega[0]!r} is a meganewton, the weight of a hundred "
              'tonnes; if a millinewton is meant, say unit = "mN" in [columns] of the study')  # fmt: skip
     if not units:
         if wrong := odd["the header"]:

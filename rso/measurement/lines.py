@@ -18,8 +18,9 @@ _OPENS, _CLOSES = re.compile(r'(?:^|[;,\t])\s*"[^"]*$'), re.compile(r'[^"]*"\s*(
 _FAULT = re.compile(r"#(?:#+|DIV/0!|N/A|NV|[A-ZÄÖÜ]+[!?])\s*[;,\t]\s*[^\s;,]")
 
 
-def text_of(path: Path) -> str:
-    """Contents as text: UTF-16 with its mark, UTF-8 with or without one, else Latin-1; of a workbook its readings."""
+def text_of(path: Path) -> tuple[str, list[str]]:
+    """Contents as text, and remarks: UTF-16 with its mark, UTF-8 with or without one, else Latin-1; of a workbook its
+    readings."""
     path, sheet = sheet_of(path)
     try:
         if not path.is_file():
@@ -34,6 +35,8 @@ def text_of(path: Path) -> str:
         return text_of_workbook(path, raw, sheet)
     if raw.startswith(OLD):
         raise ValueError(f"{path}: is a workbook of the old kind (.xls); save it as .xlsx")
+    if sheet:
+        raise ValueError(f"{path}: is no workbook and has no sheet {sheet!r}")
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         try:
             raw = raw.decode("utf-16").encode()
@@ -43,9 +46,9 @@ def text_of(path: Path) -> str:
         raise ValueError(f"{path}: is not a text file (it holds zero bytes); a CSV file or a workbook (.xlsx) is "
                          "expected")  # fmt: skip
     try:
-        return raw.decode("utf-8-sig")
+        return raw.decode("utf-8-sig"), []
     except UnicodeDecodeError:
-        return raw.decode("latin-1")
+        return raw.decode("latin-1"), []
 
 
 def lines_of(text: str, comments: list[Row]) -> Iterator[Row]:

@@ -48,7 +48,7 @@ from rso.measurement.columns import (
 from rso.measurement.contact import Onset
 from rso.measurement.lines import lines_of, text_of
 from rso.measurement.tables import FORCES
-from rso.measurement.workbook import sheet_of
+from rso.measurement.workbook import BEGINS, sheet_of
 from rso.units import is_counted
 
 DISPLACEMENTS = ("ux", "uy", "uz")
@@ -260,10 +260,12 @@ def _labels(paths: Sequence[Path]) -> list[str]:
 
 
 def fingerprint(path: Path) -> str:
-    """SHA-256 of a file, the same for the same bytes; of one sheet of a workbook with its name behind it."""
-    path, sheet = sheet_of(path)
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest() + (f"#{sheet}" if sheet else "")
+    """SHA-256 of what is read of a file: of its bytes, of a workbook of its sheet's, named or the only one."""
+    with sheet_of(path)[0].open("rb") as file:
+        if file.read(len(BEGINS)) == BEGINS:
+            return hashlib.sha256(text_of(path)[0].encode()).hexdigest()
+        file.seek(0)
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _apart(paths: Sequence[Path]) -> None:
@@ -277,11 +279,12 @@ def _apart(paths: Sequence[Path]) -> None:
 def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     """The file as columns; `file_label` goes before the labels of its repeats."""
     comments: list[Row] = []
-    rows = list(lines_of(text_of(path), comments))
+    whole_text, told = text_of(path)
+    rows = list(lines_of(whole_text, comments))
     width = width_of(rows)
     rows = [parted(row, width) for row in rows]
     above = [c for c in comments if rows and c[0] < rows[0][0]]
-    if above and is_head(nearest := parted(above[-1], width), rows, wanted):
+    if above and is_head(path, nearest := parted(above[-1], width), rows, wanted):
         rows.insert(0, nearest)
         comments.remove(above[-1])
     notes = [text for _, text in comments]
@@ -329,7 +332,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     arrays |= {name: 0.0 - arrays[name] for name in turned}
-    doubts = [*_taken(head, turned), *tables.told(gaps, len(line)), *doubts]
+    doubts = [*told, *_taken(head, turned), *tables.told(gaps, len(line)), *doubts]
     if file_label:
         several = "repeat" in text or len(set(labels)) > 1
         labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])

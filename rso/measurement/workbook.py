@@ -30,12 +30,12 @@ def sheet_of(path: Path) -> tuple[Path, str]:
     return (path, "") if match is None or path.is_file() else (Path(match[1]), match[2])
 
 
-def text_of_workbook(path: Path, raw: bytes, sheet: str = "") -> str:
-    """The named sheet, or the one that holds readings, a line for each row; ValueError for none, several, and other
-    archives.
+def text_of_workbook(path: Path, raw: bytes, sheet: str = "") -> tuple[str, list[str]]:
+    """The named sheet, or the one that holds readings, a line for each row, and remarks; ValueError for none, several,
+    and other archives.
 
     Numbers are written to all their digits, however the sheet shows them, and formulas by the values last computed.
-    What somebody reckoned beside the table, under no header of its own, is not read, which a last comment says.
+    What somebody reckoned beside the table, under no header of its own, is not read, which a remark says.
     """
     from openpyxl import load_workbook  # only who has such a file waits for it
     from openpyxl.utils.cell import get_column_letter
@@ -56,9 +56,9 @@ def text_of_workbook(path: Path, raw: bytes, sheet: str = "") -> str:
     rows = sheets[_chosen(path, sheets, titles, sheet)]
     beside = _beside(rows)
     kept = [[v for k, v in enumerate(row) if k not in beside] for row in rows]
-    told = ", ".join(get_column_letter(k + 1) for k in sorted(beside))
-    notes = [f"# not read, as no header of the table stands above: column(s) {told}\n"] if told else []
-    return "".join(["\t".join(map(_written, row)) + "\n" for row in kept] + notes)
+    letters = ", ".join(get_column_letter(k + 1) for k in sorted(beside))
+    told = [f"column(s) {letters}, under no header of the table, are not read"] if letters else []
+    return "".join("\t".join(map(_written, row)) + "\n" for row in kept), told
 
 
 def _chosen(path: Path, sheets: dict[str, list[list[Any]]], titles: Sequence[str], sheet: str) -> str:

@@ -136,13 +136,18 @@ def _material(results: Results) -> list[str]:
     return said
 
 
+def _refuted(results: Results) -> float | None:
+    """By how many times their errors the model misses the data, where it does so widely."""
+    scale = number((results.get("identification") or {}).get("scale"))
+    return scale if scale is not None and scale > REFUTED else None
+
+
 def _agrees(results: Results) -> str:
     """What values within an interval do: agree with the data, or no better than the model does at all."""
-    missed = number((results.get("identification") or {}).get("scale"))
-    if missed is None or missed <= REFUTED:
+    if (times := _refuted(results)) is None:
         return "agrees with the data"
-    times = shortest(float(f"{missed:.2g}"))
-    return f"fits as well as any under the model, which misses the data by {times} times their errors"
+    by = shortest(float(f"{times:.2g}"))
+    return f"fits as well as any under the model, which misses the data by {by} times their errors"
 
 
 def _width(p: Parameter, low: float, high: float) -> str:
@@ -268,8 +273,7 @@ def _facts(results: Results) -> tuple[Fact, ...]:
             facts.append(Fact(p.letter, value, f"determined; {sure or 'compatible with the data'}: {span}", "good"))
         else:
             word = how(results, p).removeprefix("is ")
-            missed = _agrees(results) != "agrees with the data"
-            agrees = "the model misses the data" if missed else "all agree with the data"
+            agrees = "all agree with the data" if _refuted(results) is None else "the model misses the data"
             note = f"{sure}: {span}, {agrees}" if sure else f"{span}; {agrees}"
             facts.append(Fact(p.letter, word, note, "warn"))
     if best:

@@ -20,7 +20,7 @@ from rso.contract import plain
 from rso.curves import ahead
 from rso.emulator import Emulator, Output
 from rso.feasibility import Region
-from rso.measurement import MeasuredCurve, fingerprint
+from rso.measurement import MeasuredCurve, sheet_of
 from rso.running import Outcome
 from rso.store import Done
 from rso.study.cases import remarks
@@ -413,8 +413,8 @@ def _versions() -> dict[str, str]:
 
 
 def data_hashes(study: Study) -> dict[str, str]:
-    """SHA-256 of every data file."""
-    return {f: fingerprint(study.folder / f) for e in study.experiments for f in e.data}
+    """SHA-256 of every data file, whichever of its sheets is read."""
+    return {f: _sha(sheet_of(study.folder / f)[0]) for e in study.experiments for f in e.data}
 
 
 def _sha(path: Path) -> str:

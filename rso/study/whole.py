@@ -319,7 +319,7 @@ def _outside(identification: dict[str, Any] | None, parameters: list[dict[str, A
     said = []
     for p in parameters:
         (low, high), value = p["stated"], values.get(p["name"])
-        if value is not None and not low * (1 - 1e-9) <= value <= high * (1 + 1e-9):
+        if value is not None and max(low - value, value - high) > 1e-9 * max(abs(low), abs(high)):
             said.append(
                 f"identification: the most likely {p['name']}, {value:.3g} {p['unit']}, lies outside the stated range, "
                 f"{low:g} to {high:g} {p['unit']}: a wrong range, or a model that makes up for what it lacks"

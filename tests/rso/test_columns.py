@@ -504,6 +504,8 @@ def test_a_header_in_a_comment_may_stand_above_words_that_are_not_read(tmp_path)
 
 def test_other_comments_are_no_headers(tmp_path):
     assert "'0'" in refusal(write(tmp_path, "# Weg, Last\n0,0\n4,3\n"))
+    asked = refusal(write(tmp_path, "# Weg (mm),Position (mm),Kraft (N)\n0,0,0\n4,4,3\n"))
+    assert "'Weg (mm)' and 'Position (mm)' may each be depth" in asked
     assert "'Weg' says no unit" in refusal(write(tmp_path, "# Weg, Kraft\n0,0\n4,3\n"))
     m = read(write(tmp_path, "# depth_mm,Fz_N\ndepth_um,Fz_mN\n0,0\n4,3\n"))
     assert m.notes == ("depth_mm,Fz_N",) and m.repeats[0].depth.tolist() == [0.0, 0.004]

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 
+import indentation_backend
 import numpy as np
 import pytest
 import sample_studies as studies
@@ -343,6 +344,33 @@ def test_what_the_model_lacks_it_lacks_in_the_next_experiment_too(tmp_path):
     assert f"by {s:.2g} times the stated errors" in warned and "has to be found" in warned
     texts = [b.text for section in report(data).sections for b in section.blocks if getattr(b, "role", "") == "warning"]
     assert warned in texts
+
+
+def one_record(folder, length):
+    """`rso next` of one record of 100 readings whose noise of 2 mN remembers along a length (mm); white without."""
+    u = np.linspace(0.02, 2.0, 100)
+    C = np.exp(-np.abs(np.subtract.outer(u, u)) / length) if length else np.eye(100)
+    noise = 2e-3 * np.linalg.cholesky(C) @ np.random.default_rng(2).standard_normal(100)
+    F = indentation_backend.force(studies.MU, studies.D1, u, studies.THICKNESS) + noise
+    folder.mkdir()
+    rows = "".join(f"{a!r},{b!r}\n" for a, b in zip(u.tolist(), F.tolist(), strict=True))
+    (folder / "top.csv").write_text("depth_mm,Fz_N\n" + rows)
+    top = studies.SECTIONS["[experiments]"].replace('Fz = "0.02 mN", ', "")
+    plan = make_plan(load(studies.write(folder, experiments=top, next="runs = 10\ndraws = 20")))
+    with RunStore(folder / "results") as store:
+        return run_next(plan, store, Inline())
+
+
+def test_readings_of_one_record_that_remember_each_other_do_so_once_more(tmp_path, monkeypatch):
+    """Against the same record taken for white; a record that is white, the control, is left as it is."""
+    knows = one_record(tmp_path / "memory", 0.1)
+    assert knows.learnt[0].item.blocks[0].data.memory > 0.6
+    assert one_record(tmp_path / "white", 0.0).learnt[0].item.blocks[0].data.memory == 0.0
+    monkeypatch.setattr("rso.study.further.remembered", lambda have, seed: list(have))
+    blind = one_record(tmp_path / "blind", 0.1)
+    again = [next(t for t in v.told[0] if t.added == ("top once more",)).fisher["mu"] for v in (knows, blind)]
+    mine = [v.joint[-1].determination.of("mu").sd_log for v in (knows, blind)]
+    assert again[0] > 1.3 * again[1] and mine[0] > 1.3 * mine[1]
 
 
 def test_truths_that_the_data_exclude_are_said_to_be(tmp_path):

@@ -12,7 +12,7 @@ import sample_studies as studies
 from rso.contract import knob, parameters_of
 from rso.report.numbers import report as document
 from rso.store import RunStore
-from rso.study import load, repairing, stages
+from rso.study import load, repairing, stages, whole
 from rso.study.plan import make_plan
 
 BOX = 'mu = {{ low = {}, high = {}, scale = "log" }}\nD1 = {{ low = {}, high = {}, scale = "log" }}'
@@ -111,6 +111,12 @@ def test_targets_out_of_reach_and_values_outside_the_stated_range_are_warnings(t
     assert (len(outside), len(reach)) == ((1, 0) if repaired else (0, 1))
     if not repaired:  # it misses the data widely and wants to go on beyond the bound
         assert "mu is not determined" in r["determined"]["mu"]["story"]
+
+
+@pytest.mark.parametrize("value, beyond", [(-1.0, False), (0.5, False), (-1.001, True), (0.501, True)])
+def test_a_range_may_be_negative_and_its_ends_are_inside(value, beyond):
+    row = {"name": "tilt", "unit": "deg", "stated": [-1.0, 0.5]}
+    assert bool(whole._outside({"values": {"tilt": value}}, [row])) == beyond
 
 
 def test_without_repair_it_is_not_found(tmp_path):

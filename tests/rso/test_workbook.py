@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from openpyxl import Workbook
 from test_laboratory import NOMINAL
 
-from rso.measurement import read
+from rso.measurement import fingerprint, read
 from rso.study.laboratory import study_text
 
 U = np.linspace(0.0, 4.0, 41)
@@ -99,6 +99,19 @@ def test_sheets_of_a_workbook_are_named_behind_its_name_and_repeats_in_a_list(tm
         read([f"{path}#Probe 1", f"{path}#Probe 1"])
 
 
+def test_a_sheet_counts_once_however_it_is_named(tmp_path):
+    path = saved(tmp_path / "a.xlsx", **{"Probe 1": PLAIN, "notes": [["Operator", "M. Muster"]]})
+    assert fingerprint(path) == fingerprint(Path(f"{path}#Probe 1"))
+    two = saved(tmp_path / "b.xlsx", **{"Probe 1": PLAIN, "Probe 2": readings(("depth_mm", "Fz_N"), U, 2.0 * F)})
+    assert fingerprint(Path(f"{two}#Probe 1")) == fingerprint(path) != fingerprint(Path(f"{two}#Probe 2"))
+
+
+def test_what_is_no_workbook_has_no_sheet(tmp_path):
+    (tmp_path / "a.xlsx").write_text("depth_mm,Fz_N\n0,0\n1,1\n")
+    with pytest.raises(ValueError, match=r"a\.xlsx: is no workbook and has no sheet 'Probe 1'"):
+        read(tmp_path / "a.xlsx#Probe 1")
+
+
 def test_a_file_whose_own_name_holds_the_mark_is_that_file(tmp_path):
     path = saved(tmp_path / "book.xlsx#1", a=PLAIN)
     assert read(path).path == path
@@ -119,14 +132,16 @@ def test_what_was_reckoned_beside_the_readings_is_not_read(tmp_path, beside):
     m = read(saved(tmp_path / "data.xlsx", a=[*head, *rows]))
     assert_allclose(m.repeats[0].channels["Fz"], F, rtol=1e-15, atol=0.0)
     assert_allclose(m.repeats[0].time, 0.1 * np.arange(41), rtol=1e-12, atol=0.0)
-    assert any("not read" in note and "column(s)" in note for note in m.notes) == (beside != "none")
+    letters = {"few": "F, G, H", "full": "E, F, G, H", "none": ""}[beside]
+    said = [d.split(": ", 1)[1] for d in m.doubts if "under no header" in d]
+    assert said == ([f"column(s) {letters}, under no header of the table, are not read"] if letters else [])
     assert m.unread == ("Ecartement entre outils",)
 
 
 def test_a_column_with_a_header_stays_however_few_cells_it_has(tmp_path):
     rows = [[*row, "slipped" if k == 5 else None] for k, row in enumerate(PLAIN[1:])]
     m = read(saved(tmp_path / "data.xlsx", a=[["Standardweg", "Standardkraft", "Bemerkung"], ["mm", "N"], *rows]))
-    assert m.unread == ("Bemerkung",) and not any("not read" in note for note in m.notes)
+    assert m.unread == ("Bemerkung",) and not any("not read" in d for d in m.doubts)
 
 
 def test_a_workbook_of_the_old_kind_is_named_as_one(tmp_path):
