@@ -1,4 +1,4 @@
-"""rso check | run | status | diagnose | ladder | next | blind | report: parse, call a stage, print."""
+"""rso check | run | status | diagnose | ladder | next | blind | report | keys: parse, call a stage, print."""
 
 from __future__ import annotations
 
@@ -106,6 +106,10 @@ def _parser() -> argparse.ArgumentParser:
             command.add_argument("--jobs", type=_at_least_one, help="simulations at a time (default: dispatch.jobs)")
         if name == "run":
             command.add_argument("--fresh", action="store_true", help="move the old results aside and start again")
+    keys = commands.add_parser("keys", help="list the tables and keys of a study file", description="What a study file "
+                               "may hold: every table and key, what it may be, its default, its meaning.")  # fmt: skip
+    keys.add_argument("table", nargs="?", default="", help="one table and those within, for example search")
+    keys.set_defaults(call=_keys)
     words = (
         "Diagnose every laboratory folder below FOLDER: nominal.json says what the experimenter believes, the CSV "
         "files hold what was measured. Answers are written one by one; folders that have one are passed over, an error "
@@ -129,6 +133,18 @@ def _check(options: argparse.Namespace, command: str) -> int:
     study = load(options.study)
     folder = _folder(options, study.folder)
     lines = check(study, folder, options.trust, _store(options, folder), options.jobs)
+    print("\n".join(map(_hanging, lines) if sys.stdout.isatty() else lines))
+    return 0
+
+
+def _keys(options: argparse.Namespace, command: str) -> int:
+    from rso.study.keys import reference
+
+    try:
+        lines = reference(options.table)
+    except ValueError as error:
+        print(f"rso: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
     print("\n".join(map(_hanging, lines) if sys.stdout.isatty() else lines))
     return 0
 

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, create_model, model_validator
 
 from rso.contract import finite
 from rso.measurement import CONTACT, Column
-from rso.study.fields import formed
+from rso.study.fields import expected, formed
 from rso.study.table import Table
 from rso.units import BARE_COLUMNS, COLUMN_NAMES, COLUMNS, UNITS, kind_of, worth
 
@@ -27,17 +27,18 @@ def _zeros(value: Any) -> Any:
 
 
 class ColumnTable(Table):
-    """One column: its header in the file, its unit unless the file says it, whether its sign is turned, its zero.
-
-    The unit may be what one count is; the zero may be a list with one for each file of an experiment.  `values` says
-    what a machine's codes of its segments mean.
-    """
+    """A column of a machine's files, here that of the depth."""
 
     header: Annotated[str, formed(r"(?s:.*\S.*)", "must not be blank")]
+    """As it stands in the file, exactly."""
     unit: str | None = None
+    """Unless the file says it; also what one count is, as 0.00125 mm."""
     flip: bool = False
-    zero: Annotated[Any, AfterValidator(_zeros)] = 0.0
+    """Whether the machine counts with the other sign."""
+    zero: Annotated[Any, AfterValidator(_zeros), expected('number, list of numbers or "contact"')] = 0.0
+    """Subtracted as the file has it, before the sign is turned; a list with one for each file, or "contact": found."""
     values: dict[str, Literal["loading", "hold", "unloading", "skip"]] | None = None
+    """What a machine's codes of its segments mean."""
 
 
 def _fits(name: str, table: ColumnTable | None) -> ColumnTable | None:
@@ -66,6 +67,8 @@ def _fits(name: str, table: ColumnTable | None) -> ColumnTable | None:
 
 
 class _Columns(Table):
+    """[columns]: what the columns of a testing machine's files are called, by their known names."""
+
     @model_validator(mode="after")
     def _headers_apart(self) -> _Columns:
         names: dict[str, str] = {}
@@ -84,6 +87,6 @@ class _Columns(Table):
 
 
 ColumnsTable = create_model(
-    "ColumnsTable", __base__=_Columns,
+    "ColumnsTable", __base__=_Columns, __doc__=_Columns.__doc__,
     **{n: (Annotated[ColumnTable | None, AfterValidator(partial(_fits, n))], None) for n in COLUMN_NAMES},
 )  # fmt: skip

@@ -93,19 +93,32 @@ def formed(pattern: str, words: str) -> AfterValidator:
     return AfterValidator(check)
 
 
-Bound = Annotated[Any, AfterValidator(as_written)]
+def expected(words: str) -> Any:
+    """What is allowed, in words, where the type does not tell (see :mod:`rso.study.keys`)."""
+    return Field(json_schema_extra={"expected": words})
+
+
+def number_in(unit: str, **bounds: float) -> Any:
+    """A number within bounds, as text with its unit or bare in `unit`."""
+    return Annotated[float, quantity_in(unit), Field(json_schema_extra={"unit": unit}, **bounds)]
+
+
+Bound = Annotated[Any, AfterValidator(as_written), expected('number, or text with a unit such as "3.2 kPa"')]
 Settings = Annotated[dict[str, Any], AfterValidator(plain)]
 Names = Annotated[tuple[str, ...], BeforeValidator(list_to_tuple)]
 Channels = Annotated[Names, AfterValidator(apart)]
-Files = Annotated[tuple[Annotated[str, Field(min_length=1)], ...], BeforeValidator(one_or_more), Field(min_length=1)]
+Files = Annotated[
+    tuple[Annotated[str, Field(min_length=1)], ...], BeforeValidator(one_or_more),
+    Field(min_length=1, json_schema_extra={"expected": "a file, or a list of files"}),
+]  # fmt: skip
 _NAMED = "expected is a name of letters, digits, blanks and . + - _, at most 64, that begins with a letter, digit or _"
 Name = Annotated[str, formed(r"\w[\w .+-]{0,63}", _NAMED)]
-NotNegativeForce = Annotated[float, quantity_in("N"), Field(ge=0)]
-NotNegativeLength = Annotated[float, quantity_in("mm"), Field(ge=0)]
-Depth = Annotated[float, quantity_in("mm"), Field(gt=0, le=1e6)]
-Share = Annotated[float, quantity_in("1"), Field(ge=0, lt=1)]
-Tolerance = Annotated[float, quantity_in("1"), Field(gt=0, lt=1)]
-Duration = Annotated[float, quantity_in("s"), Field(gt=0)]
+NotNegativeForce = number_in("N", ge=0)
+NotNegativeLength = number_in("mm", ge=0)
+Depth = number_in("mm", gt=0, le=1e6)
+Share = number_in("1", ge=0, lt=1)
+Tolerance = number_in("1", gt=0, lt=1)
+Duration = number_in("s", gt=0)
 Count = Annotated[int, Field(ge=0, le=10_000_000)]
 Runs = Annotated[int, Field(ge=1, le=10_000)]
 Positive = Annotated[int, Field(ge=1, le=10_000_000)]

@@ -10,11 +10,11 @@ import numpy as np
 from rso.contract import Case, Programme
 from rso.identify import Data, Place
 from rso.measurement import Noise
+from rso.study.beyond import NextExperiment
 from rso.study.cases import DEFAULT_SPEED, STEPS, case_for, mark_channel, profile_case, profile_depths, travels
 from rso.study.errors import Problem, choose, study_error
 from rso.study.plan import Plan
 from rso.study.readings import curve_data, fitted_curves, placed
-from rso.study.schema import NextExperiment
 from rso.units import quantity
 
 FORCES = ("Fx", "Fy", "Fz")

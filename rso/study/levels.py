@@ -11,10 +11,10 @@ from rso.contract import Backend, Parameter
 from rso.doe import Box
 from rso.ladder import Level
 from rso.similarity import Group, group, stress_exponent
+from rso.study.beyond import LevelTable
 from rso.study.errors import Problem, choose, study_error
 from rso.study.places import Place
 from rso.study.plan import Plan
-from rso.study.schema import LevelTable
 from rso.units import quantity
 
 STUDY = "study"  # the model as the study file states it

@@ -16,55 +16,56 @@ from pydantic import (
     BeforeValidator,
     Field,
     PrivateAttr,
-    field_validator,
     model_validator,
 )
 
 from rso.measurement import Measurement, Noise
+from rso.study.beyond import DiagnoseTable, LadderTable, NextTable
 from rso.study.columns import ColumnsTable
 from rso.study.fields import (
     Bound,
     Channels,
     Count,
-    Depth,
     Duration,
     Files,
     Name,
     Names,
-    NotNegativeForce,
-    NotNegativeLength,
     Positive,
     Runs,
     Settings,
-    Share,
     Tolerance,
-    apart,
     formed,
     list_to_tuple,
-    names_of_effects,
     power_of_two,
-    quantity_in,
 )
+from rso.study.noise import NoiseTable
 from rso.study.places import Place
-from rso.study.searched import Range, SearchTable
+from rso.study.searched import SearchTable
 from rso.study.table import Table
 
 
 class StudyTable(Table):
-    """[study]"""
+    """[study]: the study as a whole."""
 
     title: Annotated[str, Field(min_length=1, max_length=200)]
+    """What the report is called."""
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)]
+    """Root of all random numbers: the same seed gives the same answer, whatever the number of jobs."""
     units: Literal["N-mm-MPa-s"] = "N-mm-MPa-s"
+    """Units of bare numbers; text may carry another unit of the same kind."""
 
 
 class BackendTable(Table):
-    """[backend]: a Python object or an external command; `timeout` is the longest one run may take."""
+    """[backend]: what simulates, a Python object or an external command."""
 
     use: Annotated[str, formed(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", 'expected is "package.module:NAME"')] | None = None
+    """A Python object that simulates."""
     command: Annotated[tuple[str, ...], BeforeValidator(list_to_tuple), Field(min_length=1)] | None = None
+    """Or a program, called with the paths of request.json and response.json behind its arguments."""
     settings: Settings = Field(default_factory=dict)
+    """What the backend is told of every experiment: specimen, indenter, support, law, mesh."""
     timeout: Duration | None = None
+    """The longest that one run may take."""
 
     @model_validator(mode="after")
     def _one_of(self) -> BackendTable:
@@ -74,12 +75,16 @@ class BackendTable(Table):
 
 
 class ParameterTable(Table):
-    """[parameters] name: a range to search, or a `value` that fixes it."""
+    """[parameters]: a range to search, or a value that fixes it."""
 
     low: Bound = None
+    """Lower end of the range to search, in the backend's unit or with its own."""
     high: Bound = None
+    """Upper end of it."""
     scale: Literal["linear", "log"] = "linear"
+    """Whether the range is covered evenly or in its logarithm; moduli go by logarithm."""
     value: Bound = None
+    """Or the value that fixes the parameter."""
 
     @model_validator(mode="after")
     def _range_or_value(self) -> ParameterTable:
@@ -93,43 +98,29 @@ class ParameterTable(Table):
         return self
 
 
-class NoiseTable(Table):
-    """noise of an experiment: what repeats cannot tell (see :class:`rso.measurement.Noise`).
-
-    `contact` and `gain` are of the whole test, in all its channels; `calibration` of all experiments that state it.
-    """
-
-    Fz: NotNegativeForce = 0.0
-    Fx: NotNegativeForce | None = None
-    Fy: NotNegativeForce | None = None
-    uz: NotNegativeLength = 0.0
-    depth: NotNegativeLength = 0.0
-    gain: Share = 0.0
-    correlation: NotNegativeLength = 0.0
-    contact: NotNegativeLength = 0.0
-    calibration: Share = 0.0
-
-    def noise(self) -> Noise:
-        """The same as a plain dataclass."""
-        return Noise(**self.model_dump())
-
-
 class ExperimentTable(Table):
-    """[[experiments]]: `channels` are those compared with the model, by default Fz, or uz for a profile.
-
-    `data` is a file, or a list of files with the repeats of one test; `columns` replaces that of the study as a whole.
-    """
+    """[[experiments]]: a test that was done, and what the model is to do with it."""
 
     name: Name
+    """How the experiment is called everywhere else."""
     role: Literal["fit", "select", "validate"]
+    """Fitted; looked at when candidates or models are chosen; or only looked at in the end."""
     data: Files
+    """Several files are repeats of one test; `book.xlsx#Sheet` is a sheet of a workbook."""
     columns: ColumnsTable | None = None
+    """Its own columns, in place of those of the study as a whole."""
     kind: Literal["force", "profile"] = "force"
+    """Forces against depth, or displacements of marks on the surface."""
     channels: Channels = ()
+    """Those compared with the model; by default Fz, or uz for a profile."""
     settings: Settings = Field(default_factory=dict)
+    """What the backend is told of this experiment, in place of keys of the same name."""
     noise: NoiseTable = NoiseTable()
+    """What its readings are uncertain by, besides what they show themselves."""
     mounting: Annotated[str, Field(min_length=1)] = "A"
+    """Tests of one mounting share what it may be off by, as a tilt: the specimen was not taken out between them."""
     after: Names = ()
+    """Experiments that the specimen had been through before, which a softening remembers."""
 
     @property
     def compared(self) -> tuple[str, ...]:
@@ -143,24 +134,30 @@ class ExperimentTable(Table):
 
 
 class DoeTable(Table):
-    """[doe]: `runs` is what the user asks for; with `reduce`, similarity may need fewer.
-
-    `extend` adds so many runs to a finished design, whose runs stay. `constraints` between the open parameters, in
-    their units, hold for the design, the sensitivities and the search. A ccd is `inscribed` in the ranges, has its star
-    points on the `face`s, or is `circumscribed`: then low and high are its corners and the star points lie beyond.
-    """
+    """[doe]: the design of experiments, which simulations are run."""
 
     kind: Literal["lhs", "sobol", "ccd", "box_behnken", "factorial", "osf", "file"] = "lhs"
+    """Latin hypercube, Sobol, central composite, Box-Behnken, factorial, optimal space filling, or points of a file."""
     runs: Runs = 40
+    """What is asked for; with `reduce`, similarity may need fewer."""
     held_out: Annotated[int, Field(ge=0, le=1000)] = 5
+    """Runs that no surrogate sees and that score all of them."""
     reduce: bool = True
+    """Whether exact similarity, where units and backend grant it, takes a parameter out of the design."""
     file: str | None = None
+    """A CSV file with one point in each row, one parameter in each column."""
     optimise: bool = True
+    """Whether a Latin hypercube is spread out further."""
     star: Literal["inscribed", "circumscribed", "face"] = "inscribed"
+    """Star points of a ccd within the ranges, beyond them (low and high are then its corners), or on their faces."""
     alpha: Annotated[float, Field(ge=1, le=10)] | None = None
+    """Distance of the star points in units of that of the corners; by default that of a rotatable design."""
     levels: Annotated[tuple[Annotated[int, Field(ge=2, le=1000)], ...], BeforeValidator(list_to_tuple)] | None = None
+    """Number of levels of each parameter of a factorial design."""
     extend: Annotated[int, Field(ge=0, le=10_000)] = 0
+    """So many runs more for a finished design, whose runs stay."""
     constraints: Names = ()
+    """Conditions between open parameters, in their units, for design, sensitivities and search, such as mu * D1 < 1."""
 
     @model_validator(mode="after")
     def _file_with_kind(self) -> DoeTable:
@@ -174,152 +171,56 @@ class DoeTable(Table):
 
 
 class SurrogateTable(Table):
-    """[surrogate]: `tolerance` is the relative error on new runs above which points are added."""
+    """[surrogate]: the response surfaces."""
 
     kind: Literal["auto", "polynomial", "kriging", "whole_curve"] = "auto"
+    """Response surfaces: chosen by their scores, or of one kind; whole_curve learns curves, not single forces."""
     degree: Annotated[int, Field(ge=1, le=8)] = 2
+    """Of the polynomial; chosen by cross-validation where it is not stated."""
     tolerance: Tolerance = 0.01
+    """Relative error on new runs above which runs are added."""
 
 
 class SensitivityTable(Table):
-    """[sensitivity]: `samples` are the base points of the Sobol indices at the targets, a power of two."""
+    """[sensitivity]: what moves the responses."""
 
     local: bool = True
+    """Bars of local sensitivity, as the change over the range."""
     morris: bool = False
+    """Elementary effects (Morris screening)."""
     sobol: bool = True
+    """First-order and total Sobol indices at the targets."""
     samples: Annotated[Positive, AfterValidator(power_of_two)] = 1024
+    """Base points of the Sobol indices, a power of two."""
 
 
 class IdentifyTable(Table):
-    """[identify]: parameters that the data must determine."""
+    """[identify]: what the data must determine."""
 
     require: Names = ()
+    """Parameters that the data must determine: exit code 5 where they do not."""
 
 
 class VerifyTable(Table):
-    """[verify]: how well a rerun must agree with its prediction, and how many runs may be added for it."""
+    """[verify]: candidates are simulated again."""
 
     tolerance: Tolerance = 0.005
+    """How well the rerun of a candidate must agree with its prediction: exit code 4 where it does not."""
     max_infill: Count = 8
-
-
-class DiagnoseTable(Table):
-    """[diagnose]: `settings` replace those of the backend in the library of effects (a coarser mesh).
-
-    Without `keep_ranges` an open parameter besides the modulus is bounded by the range of its product with that alone.
-    """
-
-    effects: Annotated[Any, AfterValidator(names_of_effects)] = "all"
-    keep_ranges: bool = True
-    settings: Settings = Field(default_factory=dict)
-
-
-class LevelTable(Table):
-    """One level of a ladder: its settings replace those of the study, `open` maps parameters to [low, high].
-
-    It is put on the level that holds by then, unless it stands `alone`.  With nothing but a name, or as bare text, it
-    is what the backend knows by this name.
-    """
-
-    name: Name
-    description: Annotated[str, Field(max_length=200)] = ""
-    settings: Settings = Field(default_factory=dict)
-    open: dict[str, Range] = Field(default_factory=dict)
-    alone: bool = False
-
-
-def _rungs(value: Any) -> Any:
-    """Lists of levels as tables; one that stands alone is a rung of its own."""
-    if not isinstance(value, list):
-        return value
-    rungs = [v if isinstance(v, list) else [v] for v in value]
-    return tuple(tuple({"name": v} if isinstance(v, str) else v for v in rung) for rung in rungs)
-
-
-class LadderTable(Table):
-    """[ladder]: levels from simple to rich, a list within the list holds alternatives; by default all that are offered.
-
-    `runs` is the size of the design of each level; `ranges` says
-    whether the open parameters are searched where the study says or where the backend's closed form does.  With
-    `count_validation` the curves for validation count as those for selection: nothing is then left to validate on.
-    """
-
-    levels: Annotated[tuple[tuple[LevelTable, ...], ...], BeforeValidator(_rungs)] = ()
-    runs: Runs | None = None
-    confidence: Annotated[float, quantity_in("1"), Field(gt=0.5, lt=1)] = 0.95
-    draws: Annotated[int, Field(ge=99, le=100_000)] = 400
-    ranges: Literal["study", "start"] = "study"
-    count_validation: bool = False
-
-
-READINGS = 1000  # of a curve that might be measured: their covariance is a matrix
-
-
-class NextExperiment(Table):
-    """[[next.experiments]]: an experiment that might be done: its settings, what is read and how well.
-
-    A force curve is read every `step` down to `depth` in its `channels`; with `marks` ([x, y] of surface points, mm) it
-    is a profile, whose uz is read at the `depths`.  `words` says in a line what it is.
-    """
-
-    name: Name
-    words: Annotated[str, Field(max_length=200)] = ""
-    settings: Settings = Field(default_factory=dict)
-    depth: Depth = 4.0
-    step: Depth = 0.1
-    channels: Channels = ("Fz",)
-    marks: Annotated[tuple[Annotated[tuple[float, float], BeforeValidator(list_to_tuple)], ...],
-                     BeforeValidator(list_to_tuple), AfterValidator(apart)] = ()  # fmt: skip
-    depths: Annotated[tuple[Depth, ...], BeforeValidator(list_to_tuple), AfterValidator(apart)] = ()
-    noise: NoiseTable = NoiseTable()
-
-    @model_validator(mode="after")
-    def _profile(self) -> NextExperiment:
-        if bool(self.marks) != bool(self.depths):
-            raise ValueError("a profile needs both marks and depths, a force curve neither")
-        if self.step > self.depth:
-            raise ValueError(f"step = {self.step:g} mm is larger than depth = {self.depth:g} mm")
-        if self.depth / self.step > READINGS:
-            raise ValueError(f"step = {self.step:g} mm: more than {READINGS} readings down to {self.depth:g} mm")
-        return self
-
-
-class NextTable(Table):
-    """[next]: what experiments that nobody has done yet would tell (`rso next`).
-
-    `truths` maps a parameter to the values that it is asked for (default: five over its range, for the parameter that
-    is known worst); the others follow the data.  `runs` is the design of each experiment, `draws` the made-up data sets
-    behind every expectation.
-    """
-
-    experiments: Annotated[tuple[NextExperiment, ...], BeforeValidator(list_to_tuple)] = ()
-    truths: dict[str, Annotated[tuple[Bound, ...], BeforeValidator(list_to_tuple)]] = Field(default_factory=dict)
-    runs: Runs | None = None
-    draws: Annotated[int, Field(ge=10, le=10_000)] = 60
-
-    @field_validator("experiments")
-    @classmethod
-    def _names_apart(cls, value: tuple[NextExperiment, ...]) -> tuple[NextExperiment, ...]:
-        names = [e.name for e in value]
-        if twice := sorted({n for n in names if names.count(n) > 1}):
-            raise ValueError(f"the name {twice[0]!r} is there twice")
-        return value
-
-    @field_validator("truths")
-    @classmethod
-    def _one_parameter(cls, value: dict[str, Any]) -> dict[str, Any]:
-        if len(value) > 1:
-            raise ValueError(f"one parameter at a time, not {', '.join(value)}: the others follow the data")
-        return value
+    """Runs that may be added until it does."""
 
 
 class DispatchTable(Table):
-    """[dispatch]: `timeout` is for one run, whatever the backend's own limit."""
+    """[dispatch]: how simulations are run."""
 
     jobs: Annotated[int, Field(ge=1, le=10_000)] = 2
+    """Simulations at a time."""
     engine: Literal["local", "dask"] = "local"
+    """Processes of this machine, or a Dask cluster."""
     address: Annotated[str, Field(min_length=1, max_length=300)] | None = None
+    """Of a Dask scheduler that runs already."""
     timeout: Duration | None = None
+    """For one run, whatever the backend's own limit."""
 
     @model_validator(mode="after")
     def _address_of_dask(self) -> DispatchTable:
@@ -329,10 +230,12 @@ class DispatchTable(Table):
 
 
 class ReportTable(Table):
-    """[report]"""
+    """[report]: which pages are written."""
 
     html: bool = True
+    """Whether report.html is written."""
     pdf: bool = True
+    """Whether report.pdf is."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,12 +12,16 @@ from rso.units import COLUMNS, quantity
 
 
 class Target(Table):
-    """A force (or displacement) to meet at one depth; without `value` it is read off the measured curve."""
+    """A force (or displacement) to meet at one depth."""
 
     experiment: str
+    """Name of the experiment."""
     depth: Depth
+    """At which the value is met."""
     channel: Literal["Fx", "Fy", "Fz", "ux", "uy", "uz"] = "Fz"
+    """What is met."""
     value: float | None = None
+    """What it must be; read off the measured curve where it is not stated."""
 
     @field_validator("value", mode="before")
     @classmethod
@@ -26,13 +30,18 @@ class Target(Table):
 
 
 class Constraint(Table):
-    """low ≤ response ≤ high at one depth."""
+    """A response that must stay within low and high at one depth."""
 
     experiment: str
+    """Name of the experiment."""
     channel: Annotated[str, formed(r"[A-Za-z_]\w*", "expected is the name of a channel, such as Fz")]
+    """A channel of the backend."""
     depth: Depth
+    """At which the condition holds."""
     low: float | None = None
+    """The least that it may be."""
     high: float | None = None
+    """The most that it may be."""
 
     @field_validator("low", "high", mode="before")
     @classmethod
@@ -55,39 +64,51 @@ Range = Annotated[tuple[Bound, Bound], BeforeValidator(list_to_tuple)]
 
 
 class Variant(Table):
-    """One more search of the same study: other targets (those of [search] if none) and narrower ranges."""
+    """One more search of the same study: other targets and narrower ranges."""
 
     name: Name
+    """How the search is called in the report."""
     targets: Annotated[tuple[Target, ...], BeforeValidator(list_to_tuple)] = ()
+    """Its own, in place of those of [search]."""
     ranges: dict[str, Range] = Field(default_factory=dict)
+    """Parameter and its narrower range, [low, high]."""
 
 
 class SearchTable(Table):
     """[search]: where the parameters are looked for, on response surfaces of a design or straight on simulations.
 
-    With method "gauss_newton" whole curves are fitted by runs and their derivatives: from the `start` (the middle of
-    the ranges for what it leaves out), or from as many `starts`, with `max_runs` points for each. `derivatives` are
-    those of the backend, or differences between more runs. All other keys but `metric` belong to "response_surface".
-
-    Without targets up to three points of each fitted curve are met. With `repair` the ranges of the main search are
-    widened while its candidates press against an end: on a log scale by up to the factor `repair_limit` a side, on a
-    linear one by that many widths, within the hard bounds.
+    `start`, `starts`, `max_runs` and `derivatives` belong to method "gauss_newton", all others but `metric` to
+    "response_surface".
     """
 
     method: Literal["response_surface", "gauss_newton"] = "response_surface"
+    """On response surfaces of a design, or whole curves straight on simulations and their derivatives."""
     start: dict[str, Bound] = Field(default_factory=dict)
+    """Values to begin with; the middle of the range for a parameter that is left out."""
     starts: Annotated[int, Field(ge=1, le=100)] = 1
+    """Places to begin from."""
     max_runs: Annotated[int, Field(ge=2, le=1000)] = 20
+    """Points for each start."""
     derivatives: Literal["backend", "differences"] = "backend"
+    """Those of the backend, or differences between more runs."""
     targets: Annotated[tuple[Target, ...], BeforeValidator(list_to_tuple)] = ()
+    """Values to meet; without, up to three points of each fitted curve."""
     constraints: Annotated[tuple[Constraint, ...], BeforeValidator(list_to_tuple)] = ()
+    """Responses that must stay within bounds."""
     metric: Literal["rmse", "nrmse", "mre", "mape", "rrmse"] = "nrmse"
+    """By which whole curves are compared."""
     candidates: Positive = 3
+    """How many of them are rerun."""
     population: Annotated[int, Field(ge=4, le=100_000), AfterValidator(even)] = 100
+    """Of NSGA-II."""
     generations: Positive = 100
+    """Of NSGA-II."""
     repair: bool = True
+    """Whether ranges are widened while candidates press against an end."""
     repair_limit: Annotated[float, Field(gt=1.0, le=1e6)] = 10.0
+    """How far: on a log scale by this factor a side, on a linear one by so many widths, within the hard bounds."""
     variants: Annotated[tuple[Variant, ...], BeforeValidator(list_to_tuple)] = ()
+    """More searches of the same study."""
 
     @model_validator(mode="after")
     def _keys_of_method(self) -> SearchTable:

@@ -1,0 +1,124 @@
+"""Every table and key of a study file, with what it may be, its default and its meaning, from the models themselves."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from itertools import groupby
+from typing import Any
+
+from rso.study.errors import choose
+from rso.study.schema import Study
+
+Shape = Mapping[str, Any]  # a piece of a JSON schema
+HUGE = 1e6  # a bound that no study comes near is not worth a word
+
+HEAD = """# The study file
+
+A study is one TOML file. Numbers are in N, mm, MPa and s, or text with a unit of the same kind (`"3.2 kPa"`, `"1 %"`).
+An unknown key is an error that names file, line and choices; `rso check` reads a study and computes nothing. `rso keys`
+prints this page, `rso keys search` a part of it. Settings and parameters are the backend's: those of the one here stand
+in [the finite element model](finite_elements.md), and `python -m fem_backend --schema` prints them."""
+
+
+def reference(table: str = "") -> list[str]:
+    """The page, one line for each key, or the part on one table and those within; ValueError naming the choices."""
+    whole = Study.model_json_schema()
+    parts = list(_tables(whole, whole["$defs"]))
+    names = [name for name, *_ in parts]
+    if table and table not in names:
+        raise ValueError(f"there is no table {table!r}; {choose(table, names)}")
+    lines = [] if table else HEAD.splitlines()
+    for name, heading, shape in parts:
+        if not table or name == table or name.startswith(f"{table}."):
+            lines += ["", f"## {heading}", "", *_described(shape), "", *_keys(name, shape, whole["$defs"])]
+    return lines if not table else lines[1:]
+
+
+def _tables(shape: Shape, known: Shape, inside: str = "") -> Iterator[tuple[str, str, Shape]]:
+    """Name, heading and shape of all tables within one, depth first; those of one kind are described once."""
+    seen = {kind: "" for kind, _ in map(_table_in, shape["properties"].values()) if kind}  # these have their own place
+
+    def within(shape: Shape, inside: str) -> Iterator[tuple[str, str, Shape]]:
+        for key, value in shape["properties"].items():
+            kind, how = _table_in(value)
+            name = f"{inside}.{key}" if inside else key
+            if kind and seen.setdefault(kind, inside) == inside:
+                seen[kind] = name  # once
+                heading = {"many": f"[[{name}]]", "named": f"[{name}] name = {{…}}"}.get(how, f"[{name}]")
+                yield name, heading, known[kind]
+                yield from within(known[kind], name)
+
+    yield from within(shape, inside)
+
+
+def _table_in(value: Shape) -> tuple[str, str]:
+    """Which table a key holds, and whether one, `many` of them or `named` ones; empty where it holds none."""
+    for one in value.get("anyOf", [value]):
+        while one.get("type") == "array" and "items" in one:
+            if "$ref" in one["items"]:
+                return _named(one["items"]), "many"
+            one = one["items"]
+        if "$ref" in one:
+            return _named(one), "one"
+        if isinstance(one.get("additionalProperties"), dict) and "$ref" in one["additionalProperties"]:
+            return _named(one["additionalProperties"]), "named"
+    return "", ""
+
+
+def _named(value: Shape) -> str:
+    return str(value["$ref"]).rsplit("/", 1)[1]
+
+
+def _described(shape: Shape) -> list[str]:
+    text = " ".join(shape.get("description", "").split())
+    text = text.partition("]: ")[2] if text.startswith("[") else text
+    return [text[:1].upper() + text[1:]] if text else []
+
+
+def _keys(name: str, shape: Shape, known: Shape) -> Iterator[str]:
+    """A line for each key; keys of which the same holds share one."""
+    rows = [(key, _row(key, value, key in shape.get("required", ()))) for key, value in shape["properties"].items()]
+    for said, same in groupby(rows, key=lambda row: row[1]):
+        yield f"- {', '.join(f'`{key}`' for key, _ in same)}: {said}"
+
+
+def _row(key: str, value: Shape, required: bool) -> str:
+    kind, how = _table_in(value)
+    default = value.get("default")
+    said = {"many": "tables", "named": "tables with names"}.get(how, "a table") if kind else _allowed(value)
+    if required:
+        said += "; required"
+    elif default not in (None, [], {}, ()) and not isinstance(default, dict):
+        said += f"; default {_shown(default, value)}"
+    return f"{said}. {value['description']}" if "description" in value else f"{said}."
+
+
+def _allowed(value: Shape) -> str:
+    """What a key may be, in words."""
+    if "expected" in value:
+        return str(value["expected"])
+    if "anyOf" in value:
+        return " or ".join(_allowed(one) for one in value["anyOf"] if one.get("type") != "null")
+    if "enum" in value or "const" in value:
+        return " | ".join(json.dumps(v) for v in value.get("enum", [value.get("const")]))
+    kind = value.get("type")
+    if kind == "array":
+        return f"list of {_allowed(value['items']) if 'items' in value else 'values'}"
+    if kind == "object":
+        inner = value.get("additionalProperties")
+        return f"table of {_allowed(inner)}" if isinstance(inner, dict) and inner else "a table"
+    word = {"string": "text", "boolean": "true | false", "integer": "whole number", "number": "number"}[str(kind)]
+    unit = {"1": ' or text such as "1 %"', None: ""}.get(value.get("unit"), f", {value.get('unit')}")
+    return f"{word}{unit}{_bounds(value)}"
+
+
+def _bounds(value: Shape) -> str:
+    signs = {"minimum": "≥", "ge": "≥", "exclusiveMinimum": ">", "gt": ">",
+             "maximum": "≤", "le": "≤", "exclusiveMaximum": "<", "lt": "<"}  # fmt: skip
+    return "".join(f", {sign} {value[key]:.15g}" for key, sign in signs.items() if abs(value.get(key, HUGE)) < HUGE)
+
+
+def _shown(default: Any, value: Shape) -> str:
+    text = f"{default:g}" if isinstance(default, float) else json.dumps(default)
+    return f"{text} {value['unit']}" if value.get("unit") not in (None, "1") else text
