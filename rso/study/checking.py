@@ -22,6 +22,7 @@ from rso.study.foretelling import unfitted
 from rso.study.levels import STUDY, axes_of, rungs_of
 from rso.study.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.study.pricing import Pace, pace
+from rso.study.readings import by_hertz
 from rso.study.schema import ExperimentTable, Study
 
 CORNERS = 6  # open parameters up to which all corners of their ranges are looked at
@@ -217,13 +218,8 @@ def _pace(plan: Plan, e: ExperimentTable) -> str:
 def _by_hertz(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
     """The modulus of the shallow half of a loading in Hertz's limit, where the backend knows one and Fz was measured:
     far from its range a unit is wrong, or what is pressed is no half-space."""
-    limit, (low, high) = getattr(plan.backend, "hertz", None), (0.0, 0.5 * float(curve.depth.max()))
-    shallow = (curve.depth > low) & (curve.depth <= high)
-    if limit is None or curve.channel != "Fz" or not shallow.any():
-        return []
-    settings = {**plan.study.backend.settings, **plan.study.experiment(name).settings}
     out = []
-    for knob, value in limit(settings, curve.depth[shallow], curve.value[shallow]).items():
+    for knob, value in by_hertz(plan.backend, plan.study.settings_of(name), curve).items():
         out.append(f"Hertz's limit of its shallow half: {knob} about {value:.2g} MPa")
         axis = next((a for a in plan.resolved.axes if a.name == knob), None)
         ends = (axis.low, axis.high) if axis else (plan.resolved.fixed.get(knob),) * 2

@@ -77,8 +77,8 @@ def _experiment(file: Path, nominal: Nominal, before: list[str], beside: Path) -
         lines += ['kind = "profile"']
     elif {"Fx", "Fy"} <= set(read(file, nominal.of_file(file.name).columns()).channels):
         lines += ['channels = ["Fz", "Fx", "Fy"]']
-    point, cycle = _POINT.match(_bare(name)), _CYCLE.match(_bare(name))
-    settings = [f"point = {[float(v) for v in point.groups()] if point else [0.0, 0.0]}"]
+    cycle = _CYCLE.match(_bare(name))
+    settings = [f"point = {list(place(name) or (0.0, 0.0))}"]
     rate = float(cycle[1]) if cycle else nominal.rate
     if rate and not profile:
         settings += [f'speed = "{rate:g} mm/min"']
@@ -89,6 +89,12 @@ def _experiment(file: Path, nominal: Nominal, before: list[str], beside: Path) -
     stated = ", ".join(f"{k} = {nominal.noise[v]}" for k, v in keys.items() if v in nominal.noise)
     lines += [f"noise = {{ {stated} }}"] if stated else []
     return lines + ([f"after = {json.dumps(before)}"] if before and not profile else [])
+
+
+def place(name: str) -> tuple[float, float] | None:
+    """The point (mm) that the name of a file says, if it says one."""
+    point = _POINT.match(_bare(name))
+    return (float(point[1]), float(point[2])) if point else None
 
 
 def unread(folder: Path) -> list[str]:
@@ -130,14 +136,18 @@ def _columns(table: ColumnsTable) -> Iterator[str]:
     for name, column in table:
         if column is not None:
             keys = column.model_dump(exclude_unset=True, exclude_none=True)
-            yield f"{name} = {_inline(keys)}"
+            yield f"{name} = {inline(keys)}"
 
 
-def _inline(value: Any) -> str:
+def inline(value: Any) -> str:
     """A value as TOML writes it within a line."""
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{json.dumps(k, ensure_ascii=False)} = {_inline(v)}' for k, v in value.items())} }}"
+        return f"{{ {', '.join(f'{_key(k)} = {inline(v)}' for k, v in value.items())} }}"
     return json.dumps(value, ensure_ascii=False)  # TOML knows no pairs of surrogates
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
 
 
 def _refuse_unclear(file: Path) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from rso.contract import Response
+from rso.contract import Backend, Response
 from rso.curves import ahead
 from rso.emulator import Output
 from rso.identify import Data, Place, resample
@@ -24,6 +26,14 @@ def measured(plan: Plan, name: str, channel: str) -> MeasuredCurve:
     if curve.channel == channel:
         return curve
     return combine(plan.study.measurement(name), plan.study.noise_of(name), channel)
+
+
+def by_hertz(backend: Backend, settings: Mapping[str, object], curve: MeasuredCurve) -> Mapping[str, float]:
+    """Knob → modulus (MPa) of the shallow half of a loading in Hertz's limit; nothing where the backend knows none."""
+    limit, deepest = getattr(backend, "hertz", None), 0.5 * float(curve.depth.max())
+    shallow = (curve.depth > 0.0) & (curve.depth <= deepest)
+    known = limit is not None and curve.channel == "Fz" and shallow.any()
+    return limit(settings, curve.depth[shallow], curve.value[shallow]) if known else {}
 
 
 def label(plan: Plan, name: str, channel: str) -> str:

@@ -1,13 +1,10 @@
-"""rso check | run | status | diagnose | ladder | next | blind | report | keys: parse, call a stage, print."""
+"""The commands: each calls a stage, prints what it says and returns an exit code."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
-import io
 import json
-import os
-import shlex
 import shutil
 import sys
 import textwrap
@@ -16,128 +13,40 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import rso
-
 EXIT_BROKEN, EXIT_BAD_INPUT, EXIT_FAILED_RUNS, EXIT_INTERRUPTED = 1, 2, 3, 130
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Console script; returns the exit code."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal without μ shows ? for it
-    arguments = list(sys.argv[1:] if arguments is None else arguments)
-    options = _parser().parse_args(arguments)
-    from concurrent.futures import BrokenExecutor
-
-    from rso.store import StoreError
-    from rso.study import StudyError
-
-    try:
-        return options.call(options, shlex.join(["rso", *arguments]))
-    except KeyboardInterrupt:
-        print("\nrso: interrupted; everything finished is stored, the same command goes on from there", file=sys.stderr)
-        return EXIT_INTERRUPTED
-    except StudyError as error:
-        print(error, file=sys.stderr)
-        return EXIT_BAD_INPUT
-    except (StoreError, BrokenExecutor) as error:
-        print(f"rso: {error}", file=sys.stderr)
-        return EXIT_BROKEN
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing to complain about at the end
-        return EXIT_BROKEN
-    except OSError as error:
-        what = f"{error.filename}: " if error.filename else ""
-        print(
-            f"rso: {what}{error.strerror or error}: check that the folder is writable and that the disk is not full, "
-            "then run again; runs stored so far are kept",
-            file=sys.stderr,
-        )
-        return EXIT_BROKEN
-
-
-LABORATORY = """a folder, for example:
-  mp_load.csv       mp_ with anything, or a name with less than two numbers: a force curve at the top
-  mp_cycle_30.csv   loaded and unloaded at the top with 30 mm/min
-  point_20_0.csv    pressed at x = 20, y = 0 mm; point_2.5_-3.csv at (2.5, -3) mm
-  profile.csv       displacements of surface marks while pressed at the top
-  nominal.json:
-{
-  "specimen": {"shape": "ellipsoid", "semi_axes_mm": [60, 35, 35]},
-  "indenter": {"shape": "sphere", "radius_mm": 3},
-  "support": "fixed: lower half bonded to the holder",
-  "noise": {"force_N": 0.003, "depth_mm": 0.005, "repeat_gain": 0.01, "profile_mm": 0.05},
-  "rate_mm_per_min": 30,
-  "remark": "whatever people should know: not read"
-}
-headers of a machine are named under "columns", with the keys of [columns] in a study;
-what is not understood is refused with what is, other keys are not used, which is said; mu is taken to be 5 to 20 kPa
-and D1 1 to 100 1/MPa: what this means is in docs/data_for_a_diagnosis.md"""
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="rso", description="Response surface optimisation for indentation tests.",
-        epilog="exit codes: 0 done and verified, 1 results folder or workers unusable, 2 bad study or data, 3 some "
-        "runs failed, 4 not verified, 5 a required parameter is not determined, 130 interrupted (resumable)",
-    )  # fmt: skip
-    parser.add_argument("--version", action="version", version=f"rso {rso.__version__}")
-    commands = parser.add_subparsers(required=True, metavar="command")
-    for name, call, text in (
-        ("check", _check, "read a study, say what would run and about how long; compute nothing"),
-        ("run", _run, "run a study, or go on with it, and write its report"),
-        ("status", _status, "say how far a study is"),
-        ("diagnose", _diagnose, "say where the model misses the measurements and which unmodelled effect causes it"),
-        ("ladder", _ladder, "climb from the simplest model to the one that these data ask for, and not further"),
-        ("next", _next, "say which experiment, not done yet, would tell most of what is known worst"),
-        ("report", _report, "write the pages again from what run, diagnose, ladder and next have found"),
-    ):
-        command = commands.add_parser(name, help=text, description=text)
-        command.add_argument("study", type=Path, help="study.toml, or the folder that holds it")
-        command.add_argument("--out", type=Path, help="folder of the results (default: results/ beside the study)")
-        command.set_defaults(call=call)
-        if name != "report":
-            text = "folder of the simulations, which studies may share, one at a time (default: that of the results)"
-            command.add_argument("--store", type=Path, help=text)
-        if name == "check":
-            command.add_argument("--trust", action="store_true", help="load a backend that is not rso's own: its code")
-        if name in ("check", "run", "diagnose", "ladder", "next"):
-            command.add_argument("--jobs", type=_at_least_one, help="simulations at a time (default: dispatch.jobs)")
-        if name == "run":
-            command.add_argument("--fresh", action="store_true", help="move the old results aside and start again")
-    keys = commands.add_parser("keys", help="list the tables and keys of a study file", description="What a study file "
-                               "may hold: every table and key, what it may be, its default, its meaning.")  # fmt: skip
-    keys.add_argument("table", nargs="?", default="", help="one table and those within, for example search")
-    keys.set_defaults(call=_keys)
-    words = (
-        "Diagnose every laboratory folder below FOLDER: nominal.json says what the experimenter believes, the CSV "
-        "files hold what was measured. Answers are written one by one; folders that have one are passed over, an error "
-        "is none."
-    )
-    blind = commands.add_parser("blind", help="diagnose laboratory folders (nominal.json, CSV)", description=words,
-                                epilog=LABORATORY, formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
-    blind.add_argument("folder", type=Path, help="a laboratory folder, or the folder that holds several")
-    blind.add_argument("--out", type=Path, default=Path("answers"), help="where answers go (default: answers/)")
-    blind.add_argument("--jobs", type=_at_least_one, default=2, help="simulations at a time")
-    blind.add_argument("--seed", type=int, default=1, help="seed of the simulated data sets")
-    blind.add_argument("--reruns", action="store_true", help="compute finalists anew: minutes a case")
-    blind.set_defaults(call=_blind)
-    return parser
-
-
-def _check(options: argparse.Namespace, command: str) -> int:
+def check(options: argparse.Namespace, command: str) -> int:
     from rso.study import load
     from rso.study.checking import check
 
     study = load(options.study)
     folder = _folder(options, study.folder)
-    lines = check(study, folder, options.trust, _store(options, folder), options.jobs)
-    print("\n".join(map(_hanging, lines) if sys.stdout.isatty() else lines))
+    _print(check(study, folder, options.trust, _store(options, folder), options.jobs))
     return 0
 
 
-def _keys(options: argparse.Namespace, command: str) -> int:
+def new(options: argparse.Namespace, command: str) -> int:
+    from rso.running.adapters import load_backend
+    from rso.study import load
+    from rso.study.beginning import Test, begin
+    from rso.study.checking import check
+
+    test = Test(tuple(options.semi_axes), options.radius, options.bowl, tuple(options.point), options.repeats)
+    try:
+        text = begin(options.out, load_backend("fem_backend.backend:BACKEND"), test, options.fit, options.validate)
+    except ValueError as error:
+        print(f"rso: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    options.out.write_text(text, encoding="utf-8")
+    print(f"{options.out}: written; look at the lines with <-\n")
+    study = load(options.out)
+    folder = study.folder / "results"
+    _print([*check(study, folder, False, folder), f"then: rso run {options.out}"])
+    return 0
+
+
+def keys(options: argparse.Namespace, command: str) -> int:
     from rso.study.keys import reference
 
     try:
@@ -145,8 +54,13 @@ def _keys(options: argparse.Namespace, command: str) -> int:
     except ValueError as error:
         print(f"rso: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
-    print("\n".join(map(_hanging, lines) if sys.stdout.isatty() else lines))
+    _print(lines)
     return 0
+
+
+def _print(lines: Sequence[str]) -> None:
+    """Lines, in a terminal wrapped at words."""
+    print("\n".join(map(_hanging, lines) if sys.stdout.isatty() else lines))
 
 
 def _hanging(line: str) -> str:
@@ -157,7 +71,7 @@ def _hanging(line: str) -> str:
                          break_long_words=False, break_on_hyphens=False)  # fmt: skip
 
 
-def _run(options: argparse.Namespace, command: str) -> int:
+def run(options: argparse.Namespace, command: str) -> int:
     from rso.progress import Progress
     from rso.store import RunStore, set_aside
     from rso.study import load
@@ -193,12 +107,11 @@ def _run(options: argparse.Namespace, command: str) -> int:
         files = render(found, folder, html=study.report.html, pdf=study.report.pdf)
     from rso.report.terminal import summary
 
-    lines = summary(found, files)
-    print("\n".join(map(_hanging, lines) if sys.stdout.isatty() else lines))
+    _print(summary(found, files))
     return int(found["exit_code"])
 
 
-def _diagnose(options: argparse.Namespace, command: str) -> int:
+def diagnose(options: argparse.Namespace, command: str) -> int:
     from rso.diagnosis import NoAnswer
     from rso.study import load
     from rso.study.diagnosing import ask, run_diagnosis
@@ -237,7 +150,7 @@ def _told_again(folder: Path, pages: Any) -> list[Path]:
     return render(found, folder, html=pages.html, pdf=pages.pdf) if found.get("schema") == SCHEMA else []
 
 
-def _ladder(options: argparse.Namespace, command: str) -> int:
+def ladder(options: argparse.Namespace, command: str) -> int:
     from rso.study import load
     from rso.study.climbing import ladder_plan, run_ladder
     from rso.study.ladder_results import FILE, results, write
@@ -263,7 +176,7 @@ def _ladder(options: argparse.Namespace, command: str) -> int:
     return EXIT_FAILED_RUNS if found["chosen"] is None else 0
 
 
-def _next(options: argparse.Namespace, command: str) -> int:
+def next_test(options: argparse.Namespace, command: str) -> int:
     from rso.study import load
     from rso.study.further import run_next
     from rso.study.further_results import markdown, results, write
@@ -293,7 +206,7 @@ def _next(options: argparse.Namespace, command: str) -> int:
     return EXIT_FAILED_RUNS if found["problems"] else 0
 
 
-def _blind(options: argparse.Namespace, command: str) -> int:
+def blind(options: argparse.Namespace, command: str) -> int:
     from rso.progress import Progress
     from rso.running import WorkerPool
     from rso.running.adapters import Source
@@ -321,13 +234,6 @@ def _blind(options: argparse.Namespace, command: str) -> int:
     return EXIT_BAD_INPUT if bad else 0
 
 
-def _at_least_one(text: str) -> int:
-    """A number of jobs; argparse turns the error into exit code 2."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text}: at least 1 is needed")
-    return int(text)
-
-
 @contextmanager
 def _workplace(options: argparse.Namespace, study: Any, source: Any, folder: Path) -> Iterator[tuple[Any, Any, Any]]:
     """The store of a study, what runs its simulations, and what tells of them; the folder is its own from then on."""
@@ -353,7 +259,7 @@ def _executor(table: Any, jobs: int, source: Any, folder: Path, warm: bool = Fal
     return WorkerPool(jobs, source=source, timeout_s=table.timeout, warm=warm)
 
 
-def _status(options: argparse.Namespace, command: str) -> int:
+def status(options: argparse.Namespace, command: str) -> int:
     from rso.store import RunStore
     from rso.study import load
 
@@ -378,7 +284,7 @@ def _status(options: argparse.Namespace, command: str) -> int:
     return 0
 
 
-def _report(options: argparse.Namespace, command: str) -> int:
+def report(options: argparse.Namespace, command: str) -> int:
     from rso.diagnosis.story import SCHEMA as TOLD
     from rso.report import render, render_diagnosis, render_further, render_ladder
     from rso.study import further_results, ladder_results, load
@@ -424,7 +330,3 @@ def _folder(options: argparse.Namespace, study: Path) -> Path:
 
 def _store(options: argparse.Namespace, folder: Path) -> Path:
     return (options.store or folder).absolute()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

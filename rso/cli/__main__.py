@@ -1,0 +1,7 @@
+"""`python -m rso.cli`."""
+
+import sys
+
+from rso.cli import main
+
+sys.exit(main())

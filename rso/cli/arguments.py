@@ -1,0 +1,113 @@
+"""What may stand behind `rso` on a command line."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import rso
+from rso.cli import commands
+
+LABORATORY = """a folder, for example:
+  mp_load.csv       mp_ with anything, or a name with less than two numbers: a force curve at the top
+  mp_cycle_30.csv   loaded and unloaded at the top with 30 mm/min
+  point_20_0.csv    pressed at x = 20, y = 0 mm; point_2.5_-3.csv at (2.5, -3) mm
+  profile.csv       displacements of surface marks while pressed at the top
+  nominal.json:
+{
+  "specimen": {"shape": "ellipsoid", "semi_axes_mm": [60, 35, 35]},
+  "indenter": {"shape": "sphere", "radius_mm": 3},
+  "support": "fixed: lower half bonded to the holder",
+  "noise": {"force_N": 0.003, "depth_mm": 0.005, "repeat_gain": 0.01, "profile_mm": 0.05},
+  "rate_mm_per_min": 30,
+  "remark": "whatever people should know: not read"
+}
+headers of a machine are named under "columns", with the keys of [columns] in a study;
+what is not understood is refused with what is, other keys are not used, which is said; mu is taken to be 5 to 20 kPa
+and D1 1 to 100 1/MPa: what this means is in docs/data_for_a_diagnosis.md"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The whole command line; `call` of what it parses is the command."""
+    rso_ = argparse.ArgumentParser(
+        prog="rso", description="Response surface optimisation for indentation tests.",
+        epilog="exit codes: 0 done and verified, 1 results folder or workers unusable, 2 bad study or data, 3 some "
+        "runs failed, 4 not verified, 5 a required parameter is not determined, 130 interrupted (resumable)",
+    )  # fmt: skip
+    rso_.add_argument("--version", action="version", version=f"rso {rso.__version__}")
+    known = rso_.add_subparsers(required=True, metavar="command")
+    _new(known)
+    _of_a_study(known)
+    _blind(known)
+    text = "list what a study file may hold: every table and key, its values, default and meaning"
+    keys = known.add_parser("keys", help=text, description=text)
+    keys.add_argument("table", nargs="?", default="", help="one table and those within, for example search")
+    keys.set_defaults(call=commands.keys)
+    return rso_
+
+
+def _new(known: Any) -> None:
+    text = "write a first study file from data files, what they tell filled in and guesses marked, and check it"
+    new = known.add_parser("new", help=text, description=text)
+    new.add_argument("fit", nargs="+", metavar="FILE", help="a file to fit; book.xlsx#Sheet is a sheet of a workbook")
+    new.add_argument("--repeats", action="store_true", help="these files are repeats of one test")
+    new.add_argument("--validate", nargs="+", default=[], metavar="FILE", help="a file only looked at in the end")
+    new.add_argument("--semi-axes", nargs=3, type=float, required=True, metavar=("A", "B", "C"),
+                     help="of the ellipsoid along x, y and upwards, mm")  # fmt: skip
+    new.add_argument("--radius", type=float, required=True, metavar="R", help="of the ball, mm")
+    new.add_argument("--bowl", type=float, metavar="CLEARANCE", help="it lies in a bowl so much (mm) larger in each "
+                     "semi-axis (default: its lower half is held)")  # fmt: skip
+    new.add_argument("--point", nargs=2, type=float, default=(0.0, 0.0), metavar=("X", "Y"),
+                     help="where it was pressed, mm from the top (default: 0 0)")  # fmt: skip
+    new.add_argument("--out", type=Path, default=Path("study.toml"), help="the study file (default: study.toml)")
+    new.set_defaults(call=commands.new)
+
+
+def _of_a_study(known: Any) -> None:
+    for name, call, text in (
+        ("check", commands.check, "read a study, say what would run and about how long; compute nothing"),
+        ("run", commands.run, "run a study, or go on with it, and write its report"),
+        ("status", commands.status, "say how far a study is"),
+        ("diagnose", commands.diagnose,
+         "say where the model misses the measurements and which unmodelled effect causes it"),
+        ("ladder", commands.ladder, "climb from the simplest model to the one that the data ask for, and not further"),
+        ("next", commands.next_test, "say which experiment, not done yet, would tell most of what is known worst"),
+        ("report", commands.report, "write the pages again from what run, diagnose, ladder and next have found"),
+    ):  # fmt: skip
+        command = known.add_parser(name, help=text, description=text)
+        command.add_argument("study", type=Path, help="study.toml, or the folder that holds it")
+        command.add_argument("--out", type=Path, help="folder of the results (default: results/ beside the study)")
+        command.set_defaults(call=call)
+        if name != "report":
+            text = "folder of the simulations, which studies may share, one at a time (default: that of the results)"
+            command.add_argument("--store", type=Path, help=text)
+        if name == "check":
+            command.add_argument("--trust", action="store_true", help="load a backend that is not rso's own: its code")
+        if name in ("check", "run", "diagnose", "ladder", "next"):
+            command.add_argument("--jobs", type=_at_least_one, help="simulations at a time (default: dispatch.jobs)")
+        if name == "run":
+            command.add_argument("--fresh", action="store_true", help="move the old results aside and start again")
+
+
+def _blind(known: Any) -> None:
+    words = (
+        "Diagnose every laboratory folder below FOLDER: nominal.json says what the experimenter believes, the CSV "
+        "files hold what was measured. Answers are written one by one; folders that have one are passed over, an error "
+        "is none."
+    )
+    blind = known.add_parser("blind", help="diagnose laboratory folders (nominal.json, CSV)", description=words,
+                             epilog=LABORATORY, formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
+    blind.add_argument("folder", type=Path, help="a laboratory folder, or the folder that holds several")
+    blind.add_argument("--out", type=Path, default=Path("answers"), help="where answers go (default: answers/)")
+    blind.add_argument("--jobs", type=_at_least_one, default=2, help="simulations at a time")
+    blind.add_argument("--seed", type=int, default=1, help="seed of the simulated data sets")
+    blind.add_argument("--reruns", action="store_true", help="compute finalists anew: minutes a case")
+    blind.set_defaults(call=commands.blind)
+
+
+def _at_least_one(text: str) -> int:
+    """A number of jobs; argparse turns the error into exit code 2."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text}: at least 1 is needed")
+    return int(text)

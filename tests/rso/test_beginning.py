@@ -1,0 +1,107 @@
+"""`rso new`: a study from data files that loads, holds what they tell, and says what they do not."""
+
+import pytest
+import sample_studies as studies
+
+from rso.cli import main
+from rso.study import load
+
+BODY = ("--semi-axes", "60", "35", "35", "--radius", "3")
+
+
+def hertz(mu: float = 0.008, gain: float = 1.0) -> str:
+    """Hertz's limit by hand, incompressible, E* = 4 mu: F = 16/3 mu √R d^1.5, 1/R = 1/3 + (35/60² + 1/35)/2."""
+    R = 1 / (1 / 3 + 0.5 * (35 / 60**2 + 1 / 35))
+    rows = [f"{0.1 * k:.1f},{gain * 16 / 3 * mu * R**0.5 * (0.1 * k) ** 1.5:.8g}" for k in range(31)]
+    return "\n".join(["depth_mm,Fz_N", *rows]) + "\n"
+
+
+def new(folder, *arguments: str) -> int:
+    return main(["new", *arguments, *BODY, "--out", str(folder / "study.toml")])
+
+
+def test_the_modulus_of_the_readings_is_the_middle_of_its_range(tmp_path, capsys):
+    (tmp_path / "top 1.csv").write_text(hertz())
+    (tmp_path / "point_20_-5.csv").write_text(hertz(gain=0.9))
+    assert new(tmp_path, str(tmp_path / "top 1.csv"), "--validate", str(tmp_path / "point_20_-5.csv")) == 0
+    assert "study.toml: good" in capsys.readouterr().out
+    study = load(tmp_path)
+    mu = study.parameters["mu"]
+    low, high = (float(str(v).split()[0]) for v in (mu.low, mu.high))
+    assert mu.low.endswith(" kPa")
+    assert (low * high) ** 0.5 == pytest.approx(8.0, rel=0.02)  # two digits are written
+    assert [e.role for e in study.experiments] == ["fit", "validate"]
+    assert [e.settings["point"] for e in study.experiments] == [[0.0, 0.0], [20.0, -5.0]]
+    assert study.backend.settings["specimen"]["semi_axes"] == [60.0, 35.0, 35.0]
+
+
+def test_the_poisson_ratio_stays_positive_in_every_corner(tmp_path):
+    (tmp_path / "top.csv").write_text(hertz(mu=0.5))
+    assert new(tmp_path, str(tmp_path / "top.csv")) == 0
+    p = load(tmp_path).parameters
+    K, mu = 2 / float(p["D1"].high.split()[0]), 1e-3 * float(p["mu"].high.split()[0])
+    assert (3 * K - 2 * mu) / (2 * (3 * K + mu)) == pytest.approx(0.15, abs=0.02)  # digits again
+
+
+def test_repeats_cycles_lateral_forces_and_a_bowl(tmp_path):
+    rows = [*range(11), *range(9, -1, -1)]
+    cycle = "depth_mm,Fz_N,Fx_N,Fy_N\n" + "".join(f"{0.3 * k:.1f},{0.01 * k**1.5:.6f},0,0\n" for k in rows)
+    files = [tmp_path / "a.csv", tmp_path / "b.csv"]
+    for f in files:
+        f.write_text(cycle)
+    files[1].write_text(cycle.replace("0.010000", "0.010100"))
+    assert new(tmp_path, *map(str, files), "--repeats", "--bowl", "1.5", "--point", "3", "0") == 0
+    study = load(tmp_path)
+    (e,) = study.experiments
+    assert e.data == ("a.csv", "b.csv")
+    assert e.channels == ("Fz", "Fx", "Fy")
+    assert e.settings == {"point": [3.0, 0.0], "unload": True}
+    assert study.backend.settings["support"] == {"kind": "bowl", "clearance": 1.5, "friction": 0.2}
+
+
+def test_a_file_that_is_not_understood_has_its_place_and_the_reason_is_said(tmp_path, capsys):
+    (tmp_path / "weg.csv").write_text(hertz().replace("depth_mm,Fz_N", "weg;kraft").replace(",", ";"))
+    assert new(tmp_path, str(tmp_path / "weg.csv")) == 2
+    said = capsys.readouterr()
+    assert "written" in said.out
+    assert "'weg' says no unit" in said.err
+    text = (tmp_path / "study.toml").read_text()
+    columns = '[columns]\ndepth = { header = "weg", unit = "mm" }\nFz = { header = "kraft", unit = "N" }\n'
+    (tmp_path / "study.toml").write_text(text.replace("# [columns]", columns))
+    assert main(["check", str(tmp_path)]) == 0  # what the study then lacks is what the message asked for
+
+
+def test_names_are_apart_and_allowed(tmp_path):
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "Versuch 3 (Öl), #7.csv").write_text(hertz(gain=1.0 if folder == "one" else 1.01))
+    files = [str(tmp_path / f / "Versuch 3 (Öl), #7.csv") for f in ("one", "two")]
+    assert new(tmp_path, *files) == 0
+    names = [e.name for e in load(tmp_path).experiments]
+    assert len(set(names)) == 2
+    assert all(n.startswith("Versuch 3 Öl 7") for n in names)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nowhere.csv"], "nowhere.csv: there is no such file"),
+        (["top.csv", "top.csv"], "top.csv: is given twice"),
+        (["top.csv", "--radius", "40"], "indenter.radius = 40.0 mm"),
+    ],
+)
+def test_what_cannot_be_is_refused_and_nothing_written(tmp_path, monkeypatch, capsys, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "top.csv").write_text(hertz())
+    assert main(["new", *arguments, *(() if "--radius" in arguments else BODY[4:]), *BODY[:4]]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "study.toml").exists()
+
+
+def test_a_study_that_is_there_is_not_written_over(tmp_path, capsys):
+    (tmp_path / "top.csv").write_text(hertz())
+    path = studies.write(tmp_path)
+    before = path.read_text()
+    assert new(tmp_path, str(tmp_path / "top.csv")) == 2
+    assert "is there already" in capsys.readouterr().err
+    assert path.read_text() == before
