@@ -215,6 +215,10 @@ class FiniteElements:
             return str(error)
         return None
 
+    def ordinary(self) -> Mapping[str, str]:
+        """Conditions between knobs that ordinary materials respect, and what they say: K/μ ≥ 2/3 with K = 2/D₁."""
+        return {"mu * D1 <= 3": "a Poisson ratio of at least 0"}
+
     def hertz(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, float]:
         """The modulus (MPa) by knob that Fz (n,) N at depths (n,) mm would have in Hertz's limit, incompressible."""
         return {"mu": levels.hertz(experiment.read_settings(settings), depth, force)}

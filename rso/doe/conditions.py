@@ -20,10 +20,14 @@ Value = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """An inequality between parameters, in their units; `excess` gives by how much it is violated."""
+    """An inequality between parameters, in their units; `excess` gives by how much it is violated.
+
+    `words` say what it means, where somebody has said so.
+    """
 
     text: str
     _gaps: tuple[tuple[Value, bool], ...]
+    words: str = ""
 
     def excess(self, theta: Mapping[str, np.ndarray]) -> np.ndarray:
         """How far values (n,) by name violate it (n,): the difference of its sides, at most 0 where it holds."""
@@ -41,7 +45,7 @@ class Condition:
         return np.where(gap == 0, np.finfo(float).tiny, gap) if strict else gap
 
 
-def read_condition(text: str, names: Sequence[str]) -> Condition:
+def read_condition(text: str, names: Sequence[str], words: str = "") -> Condition:
     """The condition that `text` states: expressions of `names`, numbers, + − * / **, sqrt, log, exp, abs, compared.
 
     Raises ValueError for anything else, naming what is not understood and what there is.
@@ -61,7 +65,7 @@ def read_condition(text: str, names: Sequence[str]) -> Condition:
     for a, b, op in zip(sides, sides[1:], tree.ops, strict=False):
         first, second = (a, b) if isinstance(op, ast.Lt | ast.LtE) else (b, a)
         gaps.append((_difference(first, second), isinstance(op, ast.Lt | ast.Gt)))
-    return Condition(text.strip(), tuple(gaps))
+    return Condition(text.strip(), tuple(gaps), words)
 
 
 def _difference(a: Value, b: Value) -> Value:

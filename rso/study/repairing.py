@@ -11,9 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rso.doe import Condition
 from rso.emulator import Emulator, reduced_box
+from rso.feasibility import Region
 from rso.store import Done
 from rso.study import stages
+from rso.study.ordinary import added, ordinary
 from rso.study.plan import Plan, SearchPlan, ends_in
 from rso.study.resolve import Axis
 from rso.study.searching import Proposal, propose
@@ -75,11 +78,12 @@ def repair(bench: Bench, design: Design, fitted: Fitted, say: Callable[[str], No
 
     An end that a valley touches moves to its limit at once: the valley either ends before it or does not.  Where the
     targets are out of reach, those ends move by half a width that bring the best compromise nearer.  Each round adds
-    runs in the new part and fits the surrogates anew.  No end passes its hard bound or `search.repair_limit`.
+    runs in the new part and fits the surrogates anew.  No end passes its hard bound or `search.repair_limit`, and what
+    holds of every ordinary material all over the stated ranges holds in wider ones.
     """
     if not bench.plan.study.search.repair:
         return Repaired(bench, design, fitted, (), None)
-    stated, audit = bench.plan.searches[0].axes, []
+    stated, usual, audit = bench.plan.searches[0].axes, ordinary(bench.plan), []
     barred: dict[_End, str] = {}  # ends that came back, with what stands in the way
     proposal = None
     for k in range(1, ROUNDS + 1):
@@ -87,13 +91,13 @@ def repair(bench: Bench, design: Design, fitted: Fitted, say: Callable[[str], No
         plan, axes = bench.plan, bench.plan.searches[0].axes
         proposal = proposal or propose(plan, plan.searches[0], fitted.emulator)
         moving, reason = _pressed(plan, proposal, stated, barred, fitted.emulator)
-        wider = _moved(plan, proposal, moving, stated) if k < ROUNDS else {}
+        wider = _moved(plan, proposal, moving, stated, usual) if k < ROUNDS else {}
         if not wider:
             audit.append(Step(k, _last_word(plan, proposal, audit), reason + _obstacle(moving, k)))
             break
         said = [f"{axes[e.j].name} {e.of(axes):.4g} → {to:.4g} {axes[e.j].parameter.unit}" for e, to in wider.items()]
         say(f"ranges: {reason}; {', '.join(said)}")
-        grown, fitted_there, runs = _grown(bench, design, fitted, wider)
+        grown, fitted_there, runs = _grown(bench, design, fitted, wider, usual)
         rows = [Step(k, "widened", reason, axes[e.j].name, e.word, e.of(axes), to) for e, to in wider.items()]
         audit += [replace(rows[0], runs=len(runs)), *rows[1:]]
         if doubt := _doubt(plan, proposal, fitted_there, runs):
@@ -167,7 +171,7 @@ def _missed(
 ) -> tuple[list[_End], str]:
     choice, miss = proposal.choice, _miss(plan, proposal)
     if not touched:
-        edge = " at the edge of where runs have an answer" if _at_edge(plan, choice.X[0]) else ""
+        edge = _edge(plan, choice.X[0])
         return [], f"the best compromise misses {miss} and lies inside the ranges{edge}: wider ones would not help"
     gains = {e: _gain(plan, emulator, choice.X[0], e, choice.tolerance) for e in touched}
     best = max(gains.values())
@@ -200,9 +204,12 @@ def _miss(plan: Plan, proposal: Proposal) -> str:
     return _and([f"{t} by {r:+.3g} {t.unit}" for t, r, tol in rows if abs(r) > tol])
 
 
-def _at_edge(plan: Plan, x: np.ndarray) -> bool:
-    excess = plan.excess(x[None])
-    return bool(excess.size and excess.max() > -0.1)
+def _edge(plan: Plan, x: np.ndarray) -> str:
+    """At the edge of which conditions a point (d,) lies, in words."""
+    close = [c for c, excess in zip(plan.conditions, plan.excess(x[None])[0], strict=True) if excess > -0.1]
+    said = ["where runs have an answer" if isinstance(c, Region) else f"{c.words or 'a condition'} ({c.text})"
+            for c in close]  # fmt: skip
+    return f" at the edge of {_and(said)}" if said else ""
 
 
 # ------------------------------------------------------------------------------------------------------ how far
@@ -227,14 +234,16 @@ def _room(axes: Sequence[Axis], stated: Sequence[Axis], e: _End, plan: Plan) -> 
     return now > far * (1 + 1e-9) if e.side == 0 and far > 0 else abs(far - now) > 1e-9 * max(abs(far), abs(now))
 
 
-def _moved(plan: Plan, proposal: Proposal, moving: Sequence[_End], stated: Sequence[Axis]) -> dict[_End, float]:
+def _moved(
+    plan: Plan, proposal: Proposal, moving: Sequence[_End], stated: Sequence[Axis], usual: Sequence[Condition]
+) -> dict[_End, float]:
     """New values of the ends; empty where similarity would run outside the hard bounds however little they moved."""
     axes = plan.searches[0].axes
     whole = proposal.choice.reachable and proposal.choice.kind in ("valley", "islands")
     share = 1.0
     for _ in range(6):
         wider = {e: _next(plan, axes[e.j], stated[e.j], e, share, whole) for e in moving}
-        if _may_run(_widened(plan, _with(axes, wider))):
+        if _may_run(_widened(plan, _with(axes, wider), usual)):
             return wider
         share, whole = 0.5 * share, False
     return {}
@@ -253,8 +262,9 @@ def _next(plan: Plan, axis: Axis, stated: Axis, e: _End, share: float, whole: bo
     return max(to, far) if e.side == 0 else min(to, far)
 
 
-def _widened(plan: Plan, axes: tuple[Axis, ...]) -> Plan:
-    """The plan with wider ranges of its main search; variants keep theirs, the reference of similarity its value."""
+def _widened(plan: Plan, axes: tuple[Axis, ...], usual: Sequence[Condition]) -> Plan:
+    """The plan with wider ranges of its main search, kept to what is usual; variants keep theirs, the reference of
+    similarity its value."""
     box = replace(
         plan.box,
         low=tuple(min(a.low, x) for a, x in zip(axes, plan.box.low, strict=True)),
@@ -264,7 +274,8 @@ def _widened(plan: Plan, axes: tuple[Axis, ...]) -> Plan:
     searches = [replace(main, axes=axes), *variants]
     searches = [replace(s, **dict(zip(("low", "high"), ends_in(s.axes, box), strict=True))) for s in searches]
     resolved = replace(plan.resolved, axes=axes)
-    return replace(plan, box=box, resolved=resolved, searches=tuple(searches))
+    conditions = added(plan.conditions, usual, box, plan.seed)
+    return replace(plan, box=box, resolved=resolved, searches=tuple(searches), conditions=conditions)
 
 
 def _may_run(plan: Plan) -> bool:
@@ -290,10 +301,10 @@ def _with(axes: Sequence[Axis], wider: dict[_End, float]) -> tuple[Axis, ...]:
 
 
 def _grown(
-    bench: Bench, design: Design, fitted: Fitted, wider: dict[_End, float]
+    bench: Bench, design: Design, fitted: Fitted, wider: dict[_End, float], usual: Sequence[Condition]
 ) -> tuple[Bench, Fitted, tuple[Run, ...]]:
     """The bench over wider ranges, its surrogates, and the runs that were added for them."""
-    plan = _widened(bench.plan, _with(bench.plan.searches[0].axes, wider))
+    plan = _widened(bench.plan, _with(bench.plan.searches[0].axes, wider), usual)
     grown = replace(bench, plan=plan).around_failures(design.similar)
     old = fitted.emulator
     reduced, room = reduced_box(plan.box, old.group), max(plan.study.verify.max_infill, BATCH)
