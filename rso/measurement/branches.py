@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rso.measurement import plausible
+from rso.measurement import plausible, shape
 
 SEGMENTS = ("loading", "hold", "unloading")
 SKIP = "skip"  # what a study calls a segment of a file that is not of the test: an approach, a preload
@@ -36,7 +36,7 @@ def segments(path: Path, label: str, depth: np.ndarray, time: np.ndarray | None)
             f"study), or add 'segment' with {', '.join(SEGMENTS)}{sign}"
         )
     segment = np.full(len(depth), "loading", dtype="<U9")
-    if depth[k] - after.min() > plausible.JITTER * stroke:
+    if depth[k] - after.min() > shape.JITTER * stroke:
         segment[k + 1 :] = "unloading"
     if time is not None:
         segment[_at_rest(depth, time)] = "hold"
@@ -56,7 +56,7 @@ def _at_rest(depth: np.ndarray, time: np.ndarray) -> slice:
 
     There is within a share of the stroke or the noise; just before and after is from there to four times as far below.
     """
-    noise = plausible.noise_of(depth)
+    noise = shape.noise_of(depth)
     top = float(depth.max())
     on_the_way = depth[: int(np.argmax(depth > 0.95 * top))]
     steps = np.abs(np.diff(on_the_way))

@@ -6,18 +6,14 @@ here is no curve of an indenter that goes deeper into a body at rest; what is do
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from rso.measurement.contact import CLEAR, LATE, MOST, STEEPEST, begins_in_air
+from rso.measurement import shape
+from rso.measurement.contact import LATE, STEEPEST, begins_in_air
 
-FEW = 8  # readings: less is a table by hand, of which only order, sign and tare are looked at
-FEWEST = 4  # readings that tell these
-SLIPPED = 5.0  # times what the others say: a reading of a table by hand that may be mistyped
-EDGE = 0.05  # of the readings of loading: what counts as its start and its end
 FALLS = 0.5  # of its range by which a force must not fall while the indenter goes deeper
 UNTARED = 0.5  # of its range that a force may have where the indenter begins to press
 DOUBTFUL = 0.01  # the same, from which on it is remarked upon where it is no scatter
@@ -25,23 +21,14 @@ STROKE = 0.5  # of the stroke that loading must cover
 SEEN = 20.0  # times the noise: a force that tells its sign and unit
 SKEW = 5.0  # ratio of the largest forces of two repeats to one depth
 UNSEEN = 0.03  # of its range that a force may scatter where too few readings tell it
-POWERS = np.linspace(0.9, 2.5, 33)  # of curves that begin at contact, from a flat punch to a stiffening body
-MARKED = 50.0  # times all other readings: no force and no depth
 FLATTEST = 0.8  # power below which no force of a pressed body grows
-STUCK = 10  # readings at the deepest point that make a rest, where no times are known
-JITTER = 0.05  # of the stroke: a way back by less is jitter
-STILL = 0.0025  # of the stroke: less is a rest at one depth
-PAUSE = 0.1  # of the time of loading: a rest on the way this long is remarked upon
 JUMP = 0.05  # of the stroke: a single depth this far out of line is a mistake
 LEAP = 0.02  # of the stroke: a step of depth this long, far beyond those beside it, is remarked upon
-BESIDE = 8.0  # times the steps beside it: a step that is none of theirs
 POSITION = 0.5  # of the deepest travel: a record that begins beyond it has a force there, or depths from elsewhere
 TURN = "turn its sign (flip = true in [columns] of the study, or without it)"
 ZERO = "subtract the reading at contact (zero = … in [columns] of the study)"
 UP = 0.1  # of the deepest travel: a mark that goes up by more, and further than any goes down, has its sign turned
 BEYOND = 2.0  # times the deepest travel: no mark goes as far
-FALL = 0.1  # of its range that a force of loading may fall before the deepest point
-FLAT = 5  # equal largest readings in a row: a sensor at its end
 
 
 def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force: np.ndarray | None,
@@ -51,11 +38,11 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
     `depth` (n,) mm, `force` (n,) N is Fz, `lines` (n,) of the file; `sorted_here` where the segments were not given.
     """
     who = f"{path}: repeat {label!r}"
-    few = len(depth) < FEW
-    if len(depth) < FEWEST:
+    few = len(depth) < shape.FEW
+    if len(depth) < shape.FEWEST:
         return []
     for name, unit, values in (("depth", "mm", depth), ("Fz", "N", force)):
-        if values is not None and not few and len(wild := _marks(values)):
+        if values is not None and not few and len(wild := shape.marks(values)):
             count, rows = ("1 reading", "this row") if len(wild) == 1 else (f"{len(wild)} readings", "these rows")
             raise ValueError(
                 f"{path}:{lines[wild[0]]}: column {name!r} is {values[wild[0]]:g} {unit} in {count} and of another "
@@ -68,12 +55,12 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
         _jump(path, depth, stroke, lines)
     loading = segment == "loading"
     notes: list[str] = []
-    if few and force is not None and (k := _slipped(depth, force)) is not None:
+    if few and force is not None and (k := shape.slipped(depth, force)) is not None:
         notes.append(
             f"repeat {label}: {force[k]:g} N at {depth[k]:g} mm (line {lines[k]}) lies far beside a power of the depth "
             "that all other readings follow; mistyped?"
         )
-    if pad := 0 if few else _padding(depth, force, stroke):
+    if pad := 0 if few else shape.padding(depth, force, stroke):
         at = f"{depth[-1]:g} mm" + ("" if force is None else f" and {force[-1]:g} N")
         notes.append(
             f"repeat {label}: the last {pad} readings (from line {lines[-pad]}) are all {at}, after a jump; filled up "
@@ -87,7 +74,7 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
             f"{who}: column 'depth' lies between {depth.min():g} and {depth.max():g} mm and never beyond 0, where "
             f"contact is: {ZERO}"
         )
-    if force is not None and np.sum(loading) >= FEWEST:
+    if force is not None and np.sum(loading) >= shape.FEWEST:
         notes += _of_force(who, label, depth, force, time, loading)
     return notes
 
@@ -96,22 +83,22 @@ def _of_order(who: str, label: str, depth: np.ndarray, time: np.ndarray | None, 
     """Remarks on the order of readings whose segments were not given; ValueError where they do not press."""
     notes: list[str] = []
     pressed = float(np.ptp(np.maximum(depth, 0.0)))  # how far it went home through the air says nothing
-    if np.sum(loading) < (2 if len(depth) < FEW else 3) or np.ptp(depth[loading]) < STROKE * pressed:
+    if np.sum(loading) < (2 if len(depth) < shape.FEW else 3) or np.ptp(depth[loading]) < STROKE * pressed:
         raise ValueError(
             f"{who}: column 'depth' falls from {depth[0]:g} to {depth[-1]:g} mm and rises hardly anywhere; it must "
             f"grow while the indenter goes deeper, from 0 at contact: {TURN} or subtract its start"
         )
-    if back := _back(depth):
+    if back := shape.back(depth):
         notes.append(
             f"repeat {label}: depth falls back by {back:.2g} mm before its deepest point and all is read as one "
             "loading; a block before the test, or several tests, are told by a column 'repeat', or by 'segment'"
         )
-    if time is None and (near := _rest(depth)):
+    if time is None and (near := shape.rest(depth)):
         notes.append(
             f"repeat {label}: {near} of {len(depth)} readings lie at the deepest point; if that is a rest, give a "
             "column time_s, or 'segment' with loading, hold, unloading"
         )
-    if time is not None and (rest := _rest_on_the_way(depth, time)):
+    if time is not None and (rest := shape.rest_on_the_way(depth, time)):
         notes.append(
             f"repeat {label}: the indenter rests for {rest[0]:.2g} s near {rest[1]:.2g} mm on its way, and all is "
             "read as one loading at a steady speed; where the body relaxes leave the readings of rests out"
@@ -126,8 +113,8 @@ def _of_force(who: str, label: str, depth: np.ndarray, force: np.ndarray, time: 
     span = float(np.ptp(force))
     start = _force_at_start(who, d, F, span)
     notes: list[str] = []
-    late, level, scatter = _onset(d, F) or (0.0, start, UNSEEN * span)
-    if d[0] <= EDGE * d.max() and abs(level) > max(DOUBTFUL * span, 5.0 * scatter):
+    late, level, scatter = shape.onset(d, F) or (0.0, start, UNSEEN * span)
+    if d[0] <= shape.EDGE * d.max() and abs(level) > max(DOUBTFUL * span, 5.0 * scatter):
         notes.append(f"repeat {label}: Fz is {level:.3g} N at {max(d[0], 0.0):.2g} mm; not tared, or touched before?")
     if late > LATE * d.max() and begins_in_air(d, F):
         notes.append(
@@ -135,27 +122,28 @@ def _of_force(who: str, label: str, depth: np.ndarray, force: np.ndarray, time: 
             f"scatter of {scatter:.1g} N; depth must count from contact: subtract what was air (zero = … or "
             "\"contact\" in [columns]; rso diagnose looks at it as 'offset')"
         )
-    if grown := _before_contact(d, F):
+    if grown := shape.before_contact(d, F):
         notes.append(
             f"repeat {label}: Fz grows by {grown:.3g} N from {d.min():.3g} mm to 0, where contact should be; depth "
             f"must count from contact: {ZERO}"
         )
-    if not notes and (power := _power(d, F)) is not None and power < FLATTEST:
+    if not notes and (power := shape.power(d, F)) is not None and power < FLATTEST:
         notes.append(
             f"repeat {label}: Fz grows only as the power {power:.2g} of depth, a pressed body's at least in "
             "proportion; are the columns depth and Fz exchanged?"
         )
-    if flat := _flat(depth, force, float(np.ptp(depth))):
+    if flat := shape.flat(depth, force, float(np.ptp(depth))):
         notes.append(
             f"repeat {label}: Fz stays at its largest value, {force.max():.4g} N, for {flat} readings; a sensor at its "
             "end?"
         )
-    elif creep := _creep(d, F, None if time is None else time[loading]):
+    elif creep := shape.creep(d, F, None if time is None else time[loading]):
         notes.append(
             f"repeat {label}: Fz stays at {creep[1]:.3g} N from {creep[0]:.3g} to {d.max():.3g} mm; held at constant "
             "force, a sensor at its end, or a ball that sank in? The model presses by travel: leave out what was held"
         )
-    if (fall := _fall(F)) and d.max() - d[fall[0]] > 0.005 * np.ptp(depth):  # less is a rest, in which the body relaxes
+    # nearer to the deepest point it is a rest, in which the body relaxes
+    if (fall := shape.fall(F)) and d.max() - d[fall[0]] > 0.005 * np.ptp(depth):
         top, low = fall
         notes.append(
             f"repeat {label}: Fz falls from {F[top]:.3g} N at {d[top]:.3g} mm to {low:.3g} N while the indenter goes "
@@ -166,8 +154,8 @@ def _of_force(who: str, label: str, depth: np.ndarray, force: np.ndarray, time: 
 
 def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> float:
     """The force (N) where loading begins; ValueError where it falls, is not tared, or depths are a machine's."""
-    n = max(3 if len(F) >= FEW else 1, int(EDGE * len(F)))
-    shallow = d <= max(EDGE * d.max(), float(d.min()))
+    n = max(3 if len(F) >= shape.FEW else 1, int(shape.EDGE * len(F)))
+    shallow = d <= max(shape.EDGE * d.max(), float(d.min()))
     start, end = float(np.median(F[shallow])), float(np.median(F[-n:]))
     if end < start - FALLS * span:
         raise ValueError(
@@ -176,12 +164,12 @@ def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> floa
         )
     if d[0] > POSITION * d.max() > 0.0:
         least = (d[0] / d.max()) ** STEEPEST * end
-        if start < 0.5 * least and least > SEEN * noise_of(F):
+        if start < 0.5 * least and least > SEEN * shape.noise_of(F):
             raise ValueError(
                 f"{who}: column 'depth' begins at {d[0]:g} mm with {start:.3g} N and ends at {d.max():g} mm with "
                 f"{end:.3g} N; a body pressed from 0 mm on has {least:.2g} N and more at the first of these: {ZERO}"
             )
-    if d[0] <= EDGE * d.max() and abs(start) > UNTARED * span:
+    if d[0] <= shape.EDGE * d.max() and abs(start) > UNTARED * span:
         raise ValueError(
             f"{who}: column 'Fz' is {start:.3g} N where the indenter begins to press, and changes by {span:.3g} N "
             "in all: subtract the reading before contact (zero = … in [columns] of the study)"
@@ -194,8 +182,8 @@ def alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> N
     deepest = max((float(d.max()) for _, d, _ in repeats), default=0.0)
     ends = []
     for label, d, F in repeats:
-        force = float(np.median(F[d > 0.95 * d.max()])) if len(d) >= FEW and d.max() > 0.8 * deepest else 0.0
-        if abs(force) > SEEN * noise_of(F):
+        force = float(np.median(F[d > 0.95 * d.max()])) if len(d) >= shape.FEW and d.max() > 0.8 * deepest else 0.0
+        if abs(force) > SEEN * shape.noise_of(F):
             ends.append((label, force))
     if len(ends) < 2:
         return
@@ -229,21 +217,13 @@ def common(repeats: Sequence[tuple[str, np.ndarray]]) -> list[str]:
     if len(ways) < 2:
         return []
     deepest, first = max(end for _, _, end in ways), min(start for _, start, _ in ways)
-    slack, notes = EDGE * deepest, []
+    slack, notes = shape.EDGE * deepest, []
     for label, start, end in ways:
         if end < deepest - slack:
             notes.append(f"repeat {label} ends at {end:.3g} mm, others go to {deepest:.3g} mm: the mean ends there")
         if start > max(first, 0.0) + slack:
             notes.append(f"repeat {label} begins at {start:.3g} mm, others at {first:.3g} mm: the mean begins there")
     return [f"{note}, the rest is left out; give it as an experiment of its own" for note in notes]
-
-
-def _marks(values: np.ndarray) -> np.ndarray:
-    """Indices of a few readings of the same size, MARKED times that of any other: 9999 or −9999 where nothing was."""
-    size = np.abs(values)
-    far = np.nonzero(size == size.max())[0]
-    others = np.delete(size, far)
-    return far if len(far) < len(others) and size.max() > MARKED * others.max() > 0.0 else far[:0]
 
 
 def _jump(path: Path, depth: np.ndarray, stroke: float, lines: np.ndarray) -> None:
@@ -274,12 +254,12 @@ def _breaks(label: str, depth: np.ndarray, force: np.ndarray | None, time: np.nd
     it was.  Where only readings are missing the speed, or the force, goes on with it: nothing is remarked upon.
     """
     notes, step = [], np.diff(depth)
-    far = _alone(np.abs(step)) & (np.abs(step) > max(LEAP * np.ptp(depth), 12.0 * noise_of(depth)))
+    far = shape.alone(np.abs(step)) & (np.abs(step) > max(LEAP * np.ptp(depth), 12.0 * shape.noise_of(depth)))
     if time is not None:
-        far &= _alone(np.abs(step) / np.maximum(np.diff(time), 1e-12))
+        far &= shape.alone(np.abs(step) / np.maximum(np.diff(time), 1e-12))
     elif force is not None:
-        far &= ~_alone(np.abs(np.diff(force)), 3.0)
-    far = _on_the_way(far, depth)
+        far &= ~shape.alone(np.abs(np.diff(force)), 3.0)
+    far = shape.on_the_way(far, depth)
     if far.any():
         k = int(np.argmax(np.abs(step) * far))
         notes.append(
@@ -288,8 +268,8 @@ def _breaks(label: str, depth: np.ndarray, force: np.ndarray | None, time: np.nd
         )
     if force is not None:
         rise = np.diff(force)
-        far = _alone(np.abs(rise)) & ~_alone(np.abs(step), 3.0) & loading[:-1] & loading[1:]
-        far = _on_the_way(far & (np.abs(rise) > max(JUMP * np.ptp(force), 12.0 * noise_of(force))), depth)
+        far = shape.alone(np.abs(rise)) & ~shape.alone(np.abs(step), 3.0) & loading[:-1] & loading[1:]
+        far = shape.on_the_way(far & (np.abs(rise) > max(JUMP * np.ptp(force), 12.0 * shape.noise_of(force))), depth)
         if far.any():
             k = int(np.argmax(np.abs(rise) * far))
             notes.append(
@@ -297,168 +277,3 @@ def _breaks(label: str, depth: np.ndarray, force: np.ndarray | None, time: np.nd
                 f"{lines[k + 1]}), far more than beside it; a slip, a crack, a cell tared on the way?"
             )
     return notes
-
-
-def _on_the_way(far: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Those of the steps `far` (n,) before and after which the indenter moves: others begin or end a rest."""
-    least = 0.25 * float(np.ptp(depth)) / len(depth)
-    moves = [
-        min(abs(depth[k] - depth[k - 3]), abs(depth[k + 4] - depth[k + 1])) > 3.0 * least for k in np.nonzero(far)[0]
-    ]
-    found = far.copy()
-    found[far] = moves
-    return found
-
-
-def _alone(size: np.ndarray, times: float = BESIDE) -> np.ndarray:
-    """Which of the steps (n,) are so many times larger than the three on either side; none at the ends.
-
-    Nor those of a coarse scale, on whose marks readings stand for a while: there all steps that are any are alike.
-    """
-    found = np.zeros(len(size), bool)
-    if len(size) > 6 and size.any():
-        beside = np.delete(np.lib.stride_tricks.sliding_window_view(size, 7), 3, axis=1)
-        found[3:-3] = size[3:-3] > times * np.maximum(beside.max(axis=1), np.median(size[size > 0.0]))
-    return found
-
-
-def _slipped(depth: np.ndarray, force: np.ndarray) -> int | None:
-    """The one reading of a few whose force is SLIPPED times too large or small for the power of the depth that all
-    others follow closely, if there is one: a decimal point that has slipped in its force or its depth."""
-    pressed = np.nonzero((depth > 0.0) & (force > 0.0))[0]
-    if len(pressed) < FEWEST:
-        return None
-    x, y = np.log(depth[pressed]), np.log(force[pressed])
-    found = []
-    for k in range(len(x)):
-        u, v = np.delete(x, k), np.delete(y, k)
-        if np.ptp(u) == 0.0:
-            continue
-        p, a = np.polyfit(u, v, 1)
-        away, rest = abs(y[k] - a - p * x[k]), float(np.max(np.abs(v - a - p * u)))
-        if POWERS[0] <= p <= POWERS[-1] and away > max(math.log(SLIPPED), 8.0 * rest):
-            found.append(int(pressed[k]))
-    return found[0] if len(found) == 1 else None
-
-
-def _back(depth: np.ndarray) -> float:
-    """By how much the indenter, once in contact, goes back before its deepest point; 0 where that may be jitter."""
-    there = np.maximum(depth[: int(np.argmax(depth)) + 1], 0.0)
-    back = float(np.max(np.maximum.accumulate(there) - there))
-    return back if back > max(JITTER * float(np.ptp(np.maximum(depth, 0.0))), 12.0 * noise_of(depth)) else 0.0
-
-
-def _rest(depth: np.ndarray) -> int:
-    """How many readings lie at the deepest point where that may be a rest, else 0; times would tell."""
-    stroke = float(np.ptp(depth))
-    width = max(0.005 * stroke, 12.0 * noise_of(depth))
-    near = int(np.sum(depth > depth.max() - width))
-    passing = 2.0 * len(depth) * width / stroke  # there and back
-    return near if near > max(STUCK, 0.1 * len(depth), 3.0 * passing) else 0
-
-
-def _rest_on_the_way(depth: np.ndarray, time: np.ndarray) -> tuple[float, float] | None:
-    """Duration (s) and depth (mm) of the longest rest before the deepest point; None where the way has no long one."""
-    way = np.maximum.accumulate(depth[: int(np.argmax(depth)) + 1])
-    levels = np.linspace(max(EDGE * way[-1], way[0]), (1.0 - EDGE) * way[-1], MOST)
-    passing = np.diff(np.interp(levels, way, time[: len(way)]))
-    k = int(np.argmax(passing))
-    long = max(PAUSE * (time[len(way) - 1] - time[0]), 20.0 * float(np.median(passing)))
-    return (float(passing[k]), float(levels[k])) if passing[k] > long else None
-
-
-def noise_of(values: np.ndarray) -> float:
-    """Standard deviation of readings that else change steadily, from their third differences; 0 where too few."""
-    return 1.5 * float(np.median(np.abs(np.diff(values, 3)))) / 20**0.5 if len(values) > 12 else 0.0
-
-
-def _onset(depth: np.ndarray, force: np.ndarray) -> tuple[float, float, float] | None:
-    """Depth from which the force rises (mm), its level at the start and its scatter (N); None where too few tell it.
-
-    Least squares of F = b + a (u − c)^p up to half of the largest force, for all c ≥ 0 and p of POWERS; c is 0 unless
-    χ² falls by more than CLEAR with another.  The level is what the start has beyond a (u − c)^p.
-    """
-    order = np.argsort(depth, kind="stable")
-    blocks = np.array_split(order, min(len(order), MOST))
-    u, F = (np.array([v[b].mean() for b in blocks]) for v in (depth, force))
-    low, high = (float(np.median(v)) for v in (F[:3], F[-3:]))
-    n = int(np.sum(F < 0.5 * (low + high)))  # a count: a reading out of line moves it by one
-    if n < 6 or u[n - 1] <= 0.0:
-        return None
-    near = u[:n] <= max(EDGE * float(depth.max()), float(u[0]))
-    u, F = u[:n], F[:n]
-    c = np.linspace(0.0, 0.9, 91) * u[-1]
-    shape = (np.maximum(u - c[:, None], 0.0) / u[-1])[:, None] ** POWERS[:, None]  # (c, p, n)
-    away, rise = shape - shape.mean(axis=2, keepdims=True), F - F.mean()
-    a = away @ rise / np.sum(away**2, axis=2)
-    left = np.where(a > 0.0, rise @ rise - a * (away @ rise), np.inf)
-    i, j = np.unravel_index(np.argmin(left), left.shape)
-    if not np.isfinite(left[0]).any():
-        return None
-    variance = max(float(left[i, j]) / (n - 4), (1e-3 * float(np.ptp(force))) ** 2)
-    if left[0].min() - left[i, j] < CLEAR * variance:
-        i, j = 0, int(np.argmin(left[0]))
-    level = float(np.median((F - a[i, j] * shape[i, j])[near]))
-    return float(c[i]), level, math.sqrt(variance)
-
-
-def _flat(depth: np.ndarray, force: np.ndarray, stroke: float) -> int:
-    """How many readings in a row have the largest force while the indenter moves by EDGE of its stroke; 0 if few."""
-    at = np.nonzero(force == force.max())[0]
-    run = max(np.split(at, np.nonzero(np.diff(at) > 1)[0] + 1), key=len)
-    return len(run) if len(run) >= FLAT and np.ptp(depth[run]) > EDGE * stroke else 0
-
-
-def _before_contact(depth: np.ndarray, force: np.ndarray) -> float | None:
-    """By how much (N) the force has grown where the depth says contact, None where it has not or nothing is before."""
-    if depth.min() > -EDGE * depth.max():
-        return None
-    before, near = force[depth < 0.0], np.argsort(np.abs(depth), kind="stable")[:3]
-    start = float(np.median(before[: max(3, len(before) // 10)]))
-    grown = float(np.median(force[near])) - start
-    return grown if grown > max(LATE * float(np.ptp(force)), 8.0 * noise_of(force)) else None
-
-
-def _power(depth: np.ndarray, force: np.ndarray) -> float | None:
-    """The power of the depth that the force of loading follows closely, None where it follows none."""
-    pressed = (depth > 2.0 * EDGE * depth.max()) & (force > 0.0)
-    if np.sum(pressed) < max(FEW, 0.6 * len(depth)) or np.ptp(depth[pressed]) == 0.0:
-        return None
-    x, y = np.log(depth[pressed]), np.log(force[pressed])
-    p, a = np.polyfit(x, y, 1)
-    return float(p) if np.std(y - a - p * x) < 0.1 else None
-
-
-def _padding(depth: np.ndarray, force: np.ndarray | None, stroke: float) -> int:
-    """How many readings at the end are all the same, after a jump to them; 0 where there are none."""
-    other = depth != depth[-1] if force is None else (depth != depth[-1]) | (force != force[-1])
-    last = int(np.nonzero(other)[0][-1])
-    n, jump = len(depth) - 1 - last, abs(float(depth[last] - depth[-1]))
-    usual = float(np.median(np.abs(np.diff(depth[: last + 1])))) if last else 0.0
-    return n if n >= 3 and jump > max(2.0 * EDGE * stroke, 8.0 * usual) else 0
-
-
-def _creep(depth: np.ndarray, force: np.ndarray, time: np.ndarray | None = None) -> tuple[float, float] | None:
-    """Depth (mm) from which on loading stays at its last force, and that force (N); None where that is no long way.
-
-    Within 1 % or the noise; a force that grows as depth^0.9 and more is there on a share of its travel of that / 0.9.
-    Where times are known a long time is one too: a stiff body creeps little under the force that it is held with.
-    """
-    end, width = float(np.median(force[-3:])), max(0.01 * float(np.ptp(force)), 6.0 * noise_of(force))
-    away = np.nonzero(np.abs(force - end) > width)[0]
-    if end <= width or not len(away) or away[-1] + 1 == len(force):
-        return None
-    first, most = float(depth[away[-1] + 1]), float(depth.max())
-    usual = most * width / (0.9 * end)
-    far = most - first > EDGE * float(np.ptp(depth)) + 2.0 * usual
-    if time is not None:
-        long = time[-1] - time[away[-1] + 1] > (PAUSE + 2.0 * width / end) * (time[-1] - time[0])
-        far |= bool(long) and most - first > 2.0 * STILL * float(np.ptp(depth))
-    return (first, end) if far else None
-
-
-def _fall(force: np.ndarray) -> tuple[int, float] | None:
-    """Index of the largest force of loading and the last one (N) where it fell by FALL of its range, else None."""
-    calm = np.r_[force[0], np.median([force[:-2], force[1:-1], force[2:]], axis=0), force[-1]]  # without spikes
-    top, low = int(np.argmax(calm)), float(calm[-1])
-    return (top, low) if calm[top] - low > max(FALL * float(np.ptp(calm)), 8.0 * noise_of(force)) else None

@@ -21,7 +21,7 @@ from typing import Literal
 
 import numpy as np
 
-from rso.measurement import contact, customary, plausible, tables
+from rso.measurement import contact, customary, plausible, shape, tables
 from rso.measurement.blanks import parted, width_of
 from rso.measurement.branches import SKIP, segments
 from rso.measurement.cells import (
@@ -231,7 +231,7 @@ def _from_first(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[st
     """A repeat whose record begins at contact from its first reading, where 0 is no place near or on its way."""
     loading = r.segment == "loading"
     first, way = float(r.depth[loading][0]), float(np.ptp(r.depth[loading]))
-    if -way < first <= plausible.EDGE * way:
+    if -way < first <= shape.EDGE * way:
         return r, None, []
     found = contact.onset(r.depth[loading], r.channels["Fz"][loading])
     found = Onset(first, contact.LATE * way, 0.0) if found is None else replace(found, depth=first)
