@@ -51,6 +51,8 @@ def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force:
     stroke = float(np.ptp(depth))
     if stroke == 0.0:
         raise ValueError(f"{who}: column 'depth' is {depth[0]:g} mm throughout, the indenter does not move")
+    if force is not None and np.ptp(force) == 0.0:
+        raise ValueError(f"{who}: column 'Fz' is {force[0]:g} N throughout, the indenter felt nothing: another column?")
     if not few:
         _jump(path, depth, stroke, lines)
     loading = segment == "loading"

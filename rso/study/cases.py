@@ -221,7 +221,8 @@ def refuse_what_is_not_modelled(
             problems.append(Problem(place_of_setting(study, n, "unload"), text))
         wrong = _refusal(backend, case_for(study, e.name, travels(curves[e.name], set())))
         if wrong is not None:
-            found = Problem(place_of_setting(study, n, wrong), wrong)
+            at = place_of_setting(study, n, wrong)
+            found = Problem(at, wrong, e.files) if at[-1] == "data" else Problem(at, wrong)
             problems += [] if found in problems else [found]  # what all experiments share is said once
         if e.kind == "force":
             problems += [_no_channel(backend, (*place, "channels"), c) for c in e.compared if c not in backend.channels]
@@ -275,7 +276,7 @@ def place_of_setting(study: Study, n: int, message: str) -> Place:
     A travel or a programme is that of the n-th experiment's data.  Else where that experiment has its own settings.
     """
     own, words = study.experiments[n].settings, re.findall(r"\w+", message)
-    if words and words[0] in ("travel", "programme"):
+    if words and words[0] in ("travel", "travel_mm", "programme"):
         return ("experiments", n, "data")
     owners: list[tuple[Place, Mapping[str, object]]] = [
         (("experiments", n, "settings"), own), (("backend", "settings"), study.backend.settings)

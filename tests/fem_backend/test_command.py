@@ -271,3 +271,9 @@ def test_failure_before_any_point_has_no_channels(tmp_path):
     code, answer = ask(tmp_path, changed(values={"mu": 1.0, "D1": 1e-3}))
     assert code == 0 and answer["status"] == "failed" and answer["cause"] == "not_supported"
     assert "channels" not in answer
+
+
+def test_who_reads_the_schema_may_stop():
+    shell = f"{sys.executable} -m fem_backend --schema | true"  # which is gone before anything is written
+    done = subprocess.run(shell, shell=True, capture_output=True, text=True, timeout=60)
+    assert done.stderr == ""

@@ -555,6 +555,7 @@ IMPOSSIBLE = {  # content, words of the answer
     "no tare": (curve(force=PULL + 1.85), ["'Fz' is 1.85 N", "subtract", "zero = "]),
     "position falls": (curve(depth=4.0 - PRESS), ["'depth' falls from 4 to 0 mm", "must grow"]),
     "no travel": (curve(depth=np.ones(81)), ["'depth' is 1 mm throughout"]),
+    "no force": (curve(force=np.zeros(81)), ["'Fz' is 0 N throughout, the indenter felt nothing"]),
     "a position": (curve(depth=35.2 + PRESS), ["'depth' begins at 35.2 mm", "N and more at", "zero = "]),
     "a position of few rows": (curve(10 + np.arange(5.0), np.arange(5.0)), ["'depth' begins at 10 mm", "zero = "]),
     "a height turned": (curve(depth=PRESS - 60.0), ["'depth' lies between -60 and -56 mm", "zero = "]),
