@@ -216,7 +216,7 @@ def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> 
     if ν <= 0:
         return "There are no more points than parameters: whether the model fits cannot be said."
     text = f"χ² = {fit.chi2:.3g} for {ν} degrees of freedom"
-    together = _together(misfit.data)
+    together = _together(misfit, fit)
     if together and (p is None or p >= UNLIKELY):
         larger = f" Their errors count {scale:.2g} times as large." if scale > 1.05 else ""
         return f"{text}. {together}{larger}"
@@ -232,13 +232,16 @@ def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> 
     return f"{text}{wide}."
 
 
-def _together(data: tuple[Data, ...]) -> str:
-    """What is said of curves of which neighbouring readings miss the model by the same."""
-    each = [
-        f"{d.name} by {size(d.left, d.unit)} ({100 * d.left / float(np.abs(d.value).max()):.2g} % of its largest value)"
-        for d in data
-        if d.memory
-    ]
+def _together(misfit: Misfit, fit: Fit) -> str:
+    """What is said of curves of which neighbouring readings miss the best fit by the same."""
+    predicted = np.split(misfit.model.predict(fit.x[None])[0], np.cumsum([len(d.value) for d in misfit.data])[:-1])
+    each = []
+    for d, said in zip(misfit.data, predicted, strict=True):
+        if d.memory:
+            missed = (said - d.value)[np.argsort(d.depth, kind="stable")]
+            left = math.sqrt(max(float(np.mean(missed[1:] * missed[:-1])), 0.0))  # without what each has by itself
+            each.append(f"{d.name} by {size(left, d.unit)} ({100 * left / float(np.abs(d.value).max()):.2g} % of its "
+                        "largest value)")  # fmt: skip
     if not each:
         return ""
     return (

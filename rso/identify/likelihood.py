@@ -29,7 +29,7 @@ class Data:
     The size of the errors is known from `freedom` degrees of freedom; infinite: it is stated.  `shared` holds parts s
     (n,) of the covariance, s sᵀ each: of curves that have one of the same name it is the same error.  `white` w (n,) is
     the part diag(w²) that counts as white for want of knowledge; `memory` is the correlation of neighbours that it was
-    given since, for which `left` is the root mean square, in `unit`, of what neighbours miss the model by together.
+    given since.
     """
 
     name: str
@@ -41,7 +41,6 @@ class Data:
     shared: Mapping[str, np.ndarray] = field(default_factory=dict)
     white: np.ndarray | None = None
     memory: float = 0.0
-    left: float = 0.0
 
     def __post_init__(self) -> None:
         u, y, C = (np.array(v, float) for v in (self.depth, self.value, self.covariance))

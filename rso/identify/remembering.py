@@ -43,6 +43,4 @@ def _remembering(data: Data, r: np.ndarray) -> Data:
         return data
     place = np.argsort(order)
     along = ρ ** np.abs(np.subtract.outer(place, place)) - np.eye(len(r))
-    missed = (r * data.white)[order]
-    left = float(np.sqrt(max(np.mean(missed[1:] * missed[:-1]), 0.0)))
-    return replace(data.plus(along * np.outer(data.white, data.white)), memory=ρ, left=left)
+    return replace(data.plus(along * np.outer(data.white, data.white)), memory=ρ)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from rso.measurement.reading import Measurement, Repeat
-from rso.measurement.scatter import of_record, of_repeats
+from rso.measurement.scatter import White, beyond_said, of_record, of_repeats
 from rso.measurement.spikes import without_spikes
 from rso.units import COLUMNS
 
@@ -21,13 +21,13 @@ MAX_POINTS = 200
 
 @dataclass(frozen=True)
 class Noise:
-    """What repeats cannot tell: standard uncertainties stated by the experimenter.
+    """Standard uncertainties stated by the experimenter.
 
     `Fx`, `Fy`, `Fz` N (x and y are as z unless given), `uz` mm (all displacements), `depth` mm, of each reading by
     itself (white); `contact` mm, by which the depths of a whole test are off together; `gain`, relative, of all forces
     of a test; `calibration`, relative, of all forces of all tests: that of their cell.  `correlation` mm: length over
-    which the force noise, and what a column such as Fz_sigma_N states, is correlated along the depth,
-    exp(−|Δu|/correlation), 0 = white.
+    which the force noise, then that of the mean of repeats, and what a column such as Fz_sigma_N states, is correlated
+    along the depth, exp(−|Δu|/correlation), 0 = white.
     """
 
     Fz: float = 0.0
@@ -81,19 +81,19 @@ class MeasuredCurve:
 def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment: str = "loading") -> MeasuredCurve:
     """Average the repeats on a common grid of the depths that all of them reach.
 
-        C = w wᵀ ρ^{|i−j|} + g² ŷ ŷᵀ + o² ŷ' ŷ'ᵀ          scatter of the repeats, as standard error of the mean
-          + (s sᵀ + F²) e^{−|Δu|/ℓ} + diag((d ŷ')²)       stated of readings: column, force, depth
-          + (G² + K²) ŷ ŷᵀ + O² ŷ' ŷ'ᵀ                    stated of the test: gain, calibration, contact
+        C = w wᵀ ρ^{|i−j|} + g² ŷ ŷᵀ + o² ŷ' ŷ'ᵀ              scatter of the r repeats, as standard error of the mean
+          + (s sᵀ + F²) e^{−|Δu|/ℓ} + diag((d ŷ')²)/r         stated of readings: column, force, depth
+          + (G² + K²) ŷ ŷᵀ + O² ŷ' ŷ'ᵀ                        stated of the test: gain, calibration, contact
 
-    What a column states of each reading goes with the square root of how many were averaged, repeats included, where
-    it is white (ℓ = 0); F is of the curve and does not.
+    What is stated of a single reading, white (ℓ = 0), goes with the square root of r, a column's also with that of the
+    readings in a block; what has a length of correlation is of the curve and does not.
 
     The repeats' deviations are split into a part along ŷ (gain g), one along ŷ' (contact offset o) and a rest w, which
     is white or, where that shows, remembers its neighbours (ρ), of one variance or, where that shows, of one that
     changes smoothly.  g and o, known from the repeats alone, are wider by Student's factor at 90 %; how well w is known
     is the curve's `freedom`.
-    One repeat alone shows only its white noise, of which what is stated is the same once more: the latter counts,
-    unless the readings clearly scatter by more.
+    White noise that is stated is what the readings show, once more: the former counts, unless they clearly scatter by
+    more, whether about a smooth curve (one repeat alone, which shows no other) or about each other.
     ŷ is a polynomial of degree 4 through the mean y: a gain of the readings themselves would take their noise along
     and pull every fit low, by g² times their number (Peelle's puzzle; D'Agostini, Nucl. Instrum. Methods A 346 (1994)
     306), one of ŷ by some g².  ValueError if channel or segment is not there, or the repeats share no depths.
@@ -115,14 +115,17 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
     mean = y.mean(axis=0)
     smooth, slope = _smooth(u, mean)
     along = np.exp(-np.abs(u[:, None] - u) / noise.correlation) if noise.correlation > 0 else np.eye(len(u))
-    said = (np.outer(stated, stated) + noise.of(channel) ** 2) * along + np.diag((noise.depth * slope) ** 2)
-    if len(y) > 1:
-        seen, freedom, shared = _scatter(y, smooth, slope, np.diag(said))
+    r = len(y)
+    own = noise.of(channel) ** 2 / (1.0 if noise.correlation > 0 else r)
+    said = (np.outer(stated, stated) + own) * along + np.diag((noise.depth * slope) ** 2) / r
+    if r > 1:
+        white_said = np.diag(said) if noise.correlation == 0 else (noise.depth * slope) ** 2 / r
+        seen, freedom, shared = _scatter(y, smooth, slope, white_said, np.diag(said))
     else:
         noisy = of_record(u, mean - _ball(u, mean)(u), smooth, said)  # small force, steep bend: not to be noise
         seen, freedom, shared = np.diag(noisy.variance), noisy.freedom, {}
     covariance = seen + said
-    untold = len(y) == 1 and noise.correlation == 0
+    untold = r == 1 and noise.correlation == 0
     white = np.sqrt(np.diag(covariance)) if untold else None
     whole = {"gain": noise.gain * smooth, "calibration": noise.calibration * smooth, "contact": noise.contact * slope}
     for name, s in whole.items():
@@ -215,16 +218,18 @@ def _smooth(u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _scatter(
-    y: np.ndarray, smooth: np.ndarray, slope: np.ndarray, said: np.ndarray
+    y: np.ndarray, smooth: np.ndarray, slope: np.ndarray, white_said: np.ndarray, said: np.ndarray
 ) -> tuple[np.ndarray, float, dict[str, np.ndarray]]:
-    """Covariance (n, n) of the mean of two repeats y (r, n) and more, its degrees of freedom, and what is shared of it.
+    """Covariance (n, n) of the mean of two repeats y (r, n) and more beyond what is stated as white of it, `white_said`
+    (n,), its degrees of freedom, and what is shared of it.
 
-    White noise that makes the share p of all white noise, that which is `said` (n,) included, counts m/p² of its own m
+    White noise that makes the share p of all noise, that which is `said` (n,) included, counts m/p² of its own m
     (Satterthwaite, Biometrics Bull. 2 (1946) 110).  What gain and contact scatter by beyond what white noise makes of
     them is shared with other channels, a part for each repeat, whose sum has the correlation that the repeats have.
     """
     r = len(y)
     white, part, noise = of_repeats(y, smooth, slope)
+    white = beyond_said(white, r * white_said)
     mean = white.variance / r
     share = float(np.mean(mean / np.maximum(mean + said, 1e-300)))
     few = stdtrit(r - 1, 0.95) / ndtri(0.95)  # a spread known from r values, for intervals of 90 %
@@ -253,11 +258,13 @@ def _combine_profile(measurement: Measurement, noise: Noise, channel: str) -> Me
     if any(t[0].shape != places.shape or not np.allclose(t[0], places, rtol=0, atol=1e-9) for t in tables):
         raise ValueError(f"{measurement.where}: the repeats of a profile need the same depths and places")
     y = np.array([t[1] for t in tables])
-    stated = np.mean([t[2] ** 2 for t in tables], axis=0) / len(y)
-    scatter = np.mean(np.var(y, axis=0, ddof=1)) / len(y) if len(y) > 1 else 0.0
-    variance = scatter + stated + noise.of(channel) ** 2
-    share = float(np.mean(scatter / np.maximum(variance, 1e-300)))
-    freedom = (len(y) - 1) * y.shape[1] / share**2 if share > 0 else math.inf
+    r, n = y.shape
+    said = np.mean([t[2] ** 2 for t in tables], axis=0) + noise.of(channel) ** 2
+    seen = White(np.full(n, np.mean(np.var(y, axis=0, ddof=1))), (r - 1) * n) if r > 1 else White(np.zeros(n), math.inf)
+    scatter = beyond_said(seen, said)
+    variance = (scatter.variance + said) / r
+    share = float(np.mean(scatter.variance / np.maximum(scatter.variance + said, 1e-300)))
+    freedom = scatter.freedom / share**2 if share > 0 else math.inf
     return MeasuredCurve(
         channel,
         COLUMNS[channel],

@@ -82,6 +82,17 @@ def of_repeats(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[Wh
     return found, part, np.einsum("ki,ij,kj->k", inverse, found.covariance, inverse)
 
 
+def beyond_said(seen: White, said: np.ndarray) -> White:
+    """What noise that is `seen` has beyond the variance `said` (n,) of what is stated of the same readings.
+
+    None, unless it is clearly more by the mean of s²/σ², which is χ²_ν/ν.
+    """
+    if seen.freedom < np.inf and said.min() > 0:
+        if np.mean(seen.variance / said) <= chi2.ppf(1 - BEYOND, seen.freedom) / seen.freedom:
+            return White(np.zeros(len(said)), np.inf)
+    return White(np.maximum(seen.variance - said, 0.0), seen.freedom, seen.memory)
+
+
 def memory(rest: np.ndarray, independent: int = 1) -> float:
     """Correlation ρ of neighbours in deviations (n, r), as many of the r curves `independent`; 0 where it may be none.
 

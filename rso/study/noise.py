@@ -11,7 +11,7 @@ class NoiseTable(Table):
     """[experiments.noise]: standard deviations of what its readings are off by, besides what they show."""
 
     Fz: NotNegativeForce = 0.0
-    """Of each reading of Fz by itself; along `correlation` if that is given."""
+    """Of each reading of Fz by itself; with a `correlation` of the mean of repeats, along that."""
     Fx: NotNegativeForce | None = None
     """The same of Fx; that of Fz where it is not given."""
     Fy: NotNegativeForce | None = None
@@ -23,7 +23,7 @@ class NoiseTable(Table):
     gain: Share = 0.0
     """Of all forces of the test by one factor: other tests have their own."""
     correlation: NotNegativeLength = 0.0
-    """Length of travel over which the errors of readings belong together."""
+    """Length of travel over which errors of Fz, Fx, Fy and those of a column belong together."""
     contact: NotNegativeLength = 0.0
     """Of the depths of the whole test together: where contact was taken to begin."""
     calibration: Share = 0.0

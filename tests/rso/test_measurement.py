@@ -208,7 +208,7 @@ def test_identical_repeats_average_to_themselves(tmp_path):
     curve = combine(m, Noise(Fz=0.01))
     np.testing.assert_allclose(curve.depth, U, rtol=1e-12, atol=0)
     np.testing.assert_allclose(curve.value, 0.06 * U**1.4, rtol=1e-12, atol=0)
-    np.testing.assert_allclose(curve.sigma, 0.01, rtol=1e-6, atol=0)  # nothing but what was stated
+    np.testing.assert_allclose(curve.sigma, 0.01 / np.sqrt(5), rtol=1e-6, atol=0)  # nothing but what was stated of each
     assert curve.n_repeats == 5 and curve.unit == "N"
 
 
@@ -287,7 +287,7 @@ def test_stated_noise_adds_as_written(tmp_path):
     m = repeats(tmp_path, np.random.default_rng(0), white=0.0, n=2, p=1.0)  # slope 0.06 everywhere
     noise = Noise(Fz=0.003, depth=0.1, gain=0.05, correlation=0.5)
     curve = combine(m, noise)
-    expected = np.sqrt(0.003**2 + (0.1 * 0.06) ** 2 + (0.05 * 0.06 * U) ** 2)
+    expected = np.sqrt(0.003**2 + (0.1 * 0.06) ** 2 / 2 + (0.05 * 0.06 * U) ** 2)  # depths are each reading's own
     np.testing.assert_allclose(curve.sigma, expected, rtol=1e-6, atol=0)  # round-off of the polynomial slope
     off = 0.003**2 * np.exp(-(U[5] - U[0]) / 0.5) + 0.05**2 * 0.06**2 * U[0] * U[5]
     np.testing.assert_allclose(curve.covariance[0, 5], off, rtol=1e-6, atol=0)

@@ -1,6 +1,7 @@
 """One record whose readings remember each other, and a wrong model, which looks alike."""
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
@@ -84,15 +85,23 @@ def test_memory_that_is_known_is_not_looked_for():
 @pytest.mark.parametrize("stated", [Noise(), Noise(Fz=SD)])
 def test_a_wrong_model_is_not_explained_away(stated):
     """A wave of 10 % leaves residuals that go together, and more of them than three times the errors."""
-    y = F * (1 + 0.1 * np.sin(2 * U)) + noise_of(0.0, np.random.default_rng(6))
-    d = found([y], stated)
-    left = d.misfit.data[0].left
+    d = found([F * (1 + 0.1 * np.sin(2 * U)) + noise_of(0.0, np.random.default_rng(6))], stated)
     assert d.scale > REFUTED and d.p_value < 0.01 and "misses the data by" in d.warning
     assert all(k.verdict.word != "determined" for k in d.known)
-    e = soft_ball.force(*found([y], stated, False).fit.theta, U) - y
-    # What neighbours share is nearly all of the residual, beside white noise of 2 mN.
-    np.testing.assert_allclose(left, np.sqrt(np.mean(e**2) - SD**2), rtol=0.05)
-    assert f"top by {1e3 * left:.2g} mN ({100 * left / y.max():.2g} % of its largest value)" in d.story
+
+
+@pytest.mark.parametrize("numerical", [0.0, 0.02])
+def test_what_neighbours_miss_by_together_is_what_the_best_fit_leaves(numerical):
+    """Nearly all of the residual, beside white noise of 2 mN, whatever numerical errors the model has as well."""
+    y = F * (1 + 0.1 * np.sin(2 * U)) + noise_of(0.0, np.random.default_rng(6))
+    m = misfit([y], Noise(Fz=SD))
+    theirs = numerical**2 * np.outer(F, F) * np.exp(-np.abs(np.subtract.outer(U, U)))
+    m = dataclasses.replace(m, data=(m.data[0].plus(theirs),))
+    d = determine(remembering(m, all_minima(m, seed=0, near=X[None])[0].x), seed=0, near=X[None], mcmc=False)
+    e = soft_ball.force(*d.fit.theta, U) - y
+    left = np.sqrt(np.mean(e**2) - SD**2)
+    said, share = map(float, re.search(r"top by ([\d.]+) mN \(([\d.]+) %", d.story).groups())
+    np.testing.assert_allclose([said, share], [1e3 * left, 100 * left / y.max()], rtol=0.06)  # two digits
 
 
 def test_a_small_wave_is_said_with_its_size_and_widens_the_intervals():
