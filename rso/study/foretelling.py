@@ -181,8 +181,8 @@ def gains(plan: Plan, d: Determination, found: Sequence[Foretold]) -> list[dict[
         if v.J is None or v.experiment not in plan.validation or plan.study.experiment(v.experiment).kind != "force":
             continue
         y = np.concatenate([c.kept.value for c in v.channels])
-        C = v.theirs * d.scale**2 + v.ours + 1e-12 * np.eye(len(y)) * float(np.abs(y).max()) ** 2
-        g = gain(box, d.fit.x, d.fit.fisher / d.scale**2, f"{v.experiment}, fitted too", v.J, C)
+        C = v.theirs * d.wider**2 + v.ours + 1e-12 * np.eye(len(y)) * float(np.abs(y).max()) ** 2
+        g = gain(box, d.fit.x, d.fit.fisher / d.wider**2, f"{v.experiment}, fitted too", v.J, C)
         rows.append({"test": g.test, "before": dict(g.before), "after": dict(g.after)})
     return rows
 
