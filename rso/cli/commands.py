@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import shlex
 import shutil
 import sys
 import textwrap
@@ -29,11 +30,13 @@ def check(options: argparse.Namespace, command: str) -> int:
 def new(options: argparse.Namespace, command: str) -> int:
     from rso.running.adapters import load_backend
     from rso.study import load
-    from rso.study.beginning import Test, begin
+    from rso.study.beginning import Test, alone, begin
     from rso.study.checking import check
 
-    test = Test(tuple(options.semi_axes), options.radius, options.bowl, tuple(options.point), options.repeats)
+    point = None if options.point is None else tuple(options.point)
     try:
+        columns = dict(map(_column, options.column))
+        test = Test(tuple(options.semi_axes), options.radius, options.bowl, point, options.repeats, columns)
         text = begin(options.out, load_backend("fem_backend.backend:BACKEND"), test, options.fit, options.validate)
     except ValueError as error:
         print(f"rso: {error}", file=sys.stderr)
@@ -41,9 +44,23 @@ def new(options: argparse.Namespace, command: str) -> int:
     options.out.write_text(text, encoding="utf-8")
     print(f"{options.out}: written; look at the lines with <-\n")
     study = load(options.out)
-    folder = study.folder / "results"
-    _print([*check(study, folder, False, folder), f"then: rso run {options.out}"])
+    own = options.out.stem == "study"  # a folder of results belongs to one study file
+    folder = study.folder / ("results" if own else f"results_{options.out.stem}")
+    said = alone(test, options.fit)
+    there = [] if own else ["--out", str(folder)]
+    _print([*check(study, folder, False, folder), *([said] if said else []),
+            f"then: {shlex.join(['rso', 'run', str(options.out), *there])}"])  # fmt: skip
     return 0
+
+
+def _column(words: Sequence[str]) -> tuple[str, dict[str, Any]]:
+    """A column by its words: name, header, unit, flip."""
+    flip = words[-1] == "flip" and len(words) > 2
+    rest = words[:-1] if flip else words
+    if len(rest) not in (2, 3):
+        raise ValueError(f"--column {shlex.join(words)}: give NAME HEADER [UNIT] [flip], such as Fz Kraft N flip")
+    table = {"header": rest[1], **({"unit": rest[2]} if len(rest) == 3 else {}), **({"flip": True} if flip else {})}
+    return rest[0], table
 
 
 def keys(options: argparse.Namespace, command: str) -> int:

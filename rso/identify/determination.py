@@ -52,9 +52,9 @@ class Determination:
 
     `scale` >= 1 is what the errors were multiplied with because the model does not fit within them (Birge's ratio);
     the χ² of `fit` is that before, the intervals are those after it.  Errors whose size is known from few readings
-    widen the intervals as well, by Student's factor, which `wider` has and `scale` has not.  Where readings may remember
-    each other (:func:`~rso.identify.remembering.remembering`) these are at least as large as what is left; there is no
-    p-value where nobody stated them, unless that is beyond `REFUTED`.
+    widen the intervals as well, by Student's factor, which `wider` has and `scale` has not.  Where readings may
+    remember each other (:func:`~rso.identify.remembering.remembering`) these are at least as large as what is left;
+    there is no p-value where nobody stated them, unless that is beyond `REFUTED`.
     """
 
     misfit: Misfit

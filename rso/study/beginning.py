@@ -7,33 +7,42 @@ import json
 import math
 import os
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from rso.contract import Backend
 from rso.measurement import Measurement, Noise, combine, read, sheet_of
+from rso.study.columns import ColumnsTable
+from rso.study.errors import choose
 from rso.study.laboratory import inline, place
 from rso.study.readings import by_hertz
+from rso.units import COLUMN_NAMES
 
 GUESS = "# <-"  # behind what nobody has stated
 AROUND = 3.0  # of the modulus of Hertz's limit, whose half-space the body is not
-WIDE = (0.001, 1.0)  # MPa, of a modulus that no reading tells
+WIDE = (0.001, 1.0)  # MPa, of a modulus that no force curve tells
 PRODUCT = (0.01, 1.8)  # mu D1, at the middle of the range of mu and at its end: ν = 0.4975 and 0.15
 
 
 @dataclass(frozen=True)
 class Test:
-    """What the readings do not tell: semi-axes, radius of the ball and clearance of the bowl (held without) in mm, the
-    point that is pressed where the name of a file says none, whether the files fitted are repeats of one test."""
+    """What the readings do not tell.
+
+    Semi-axes, radius of the ball and clearance of the bowl (held without) in mm; the point that was pressed where the
+    name of a file says none (the top without); whether the files fitted are repeats of one test; and what columns are
+    called, with the keys of [columns], where the files do not say it themselves.
+    """
 
     semi_axes: tuple[float, float, float]
     radius: float
     clearance: float | None = None
-    point: tuple[float, float] = (0.0, 0.0)
+    point: tuple[float, float] | None = None
     repeats: bool = False
+    columns: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def settings(self) -> dict[str, object]:
         """The same as settings of the backend."""
@@ -45,98 +54,137 @@ class Test:
         }
 
 
+@dataclass(frozen=True)
+class _Experiment:
+    name: str
+    role: str
+    files: tuple[str, ...]
+    measurement: Measurement
+    point: tuple[float, float]
+    by_name: bool
+
+
 def begin(file: Path, backend: Backend, test: Test, fitted: Sequence[str], validated: Sequence[str] = ()) -> str:
     """The text of a study to be written at `file`, from data files given as paths from where one stands.
 
-    A file that cannot be read has its place too: reading the study says what it lacks.  ValueError for a file that is
-    not there or given twice, and where a study is at `file` already.
+    ValueError where a study is at `file` already, and for data that are not there, given twice or not understood.
     """
     if file.exists():
         raise ValueError(f"{file}: is there already; --out names another file")
-    given = [*fitted, *validated]
-    if twice := next((g for k, g in enumerate(given) if g in given[:k]), None):
-        raise ValueError(f"{twice}: is given twice; a reading counts once")
-    if gone := next((g for g in given if not sheet_of(Path(g))[0].is_file()), None):
-        raise ValueError(f"{gone}: there is no such file")
-    names = _names(given)
-    groups = [list(fitted)] if test.repeats else [[f] for f in fitted]
-    readable = [_read(g) for g in groups]
+    if not file.absolute().parent.is_dir():
+        raise ValueError(f"{file}: there is no folder {file.parent}")
+    experiments = _experiments(test, fitted, validated)
+    title = json.dumps(f"Indentation: {experiments[0].name}", ensure_ascii=False)
     lines = [
         "# Begun by `rso new`.  Lines with <- are guesses to look at; `rso keys` says what else may stand here.",
-        "[study]", f"title = {json.dumps(f'Indentation: {names[0]}', ensure_ascii=False)}  {GUESS} for the report",
-        "seed = 1", "", "[backend]", 'use = "fem_backend.backend:BACKEND"', "", "[backend.settings]",
+        "[study]", f"title = {title}  {GUESS} for the report", "seed = 1", "",
+        "[backend]", 'use = "fem_backend.backend:BACKEND"', "", "[backend.settings]",
         *(f"{key} = {inline(value)}{_remark(key, test)}" for key, value in test.settings().items()),
         f'material = {{ law = "neo_hookean" }}  {GUESS} or linear_elastic, mooney_rivlin, yeoh, ogden',
         'mesh = { level = "coarse" }  # about 1 % in force; standard, fine and reference cost more', "",
-        *_parameters(backend, test, readable), "",
+        *_parameters(backend, test, experiments), "",
     ]  # fmt: skip
-    if not all(readable):
-        lines += ["# A file is not understood: `rso check` says why.  What its columns are (`rso keys columns`):",
-                  "# [columns]", '# depth = { header = "Standardweg", unit = "mm" }',
-                  '# Fz = { header = "Standardkraft", unit = "N" }', ""]  # fmt: skip
-    beside = file.absolute().parent
-    for group, m in zip(groups, readable, strict=True):
-        lines += [*_experiment(names[given.index(group[0])], "fit", group, m, test, beside), ""]
-    for path in validated:
-        lines += [*_experiment(names[given.index(path)], "validate", [path], _read([path]), test, beside), ""]
+    if test.columns:
+        lines += ["[columns]", *(f"{name} = {inline(dict(column))}" for name, column in test.columns.items()), ""]
+    for e in experiments:
+        lines += [*_lines(e, file.absolute().parent), ""]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _read(files: Sequence[str]) -> Measurement | None:
+def alone(test: Test, fitted: Sequence[str]) -> str:
+    """What is to be said of several files that are fitted as tests of their own at one point; else nothing."""
+    if test.repeats or len(fitted) < 2:
+        return ""
+    at = [(e.point, e.measurement.kind) for e in _experiments(test, fitted, ())]
+    same = [f for f, where in zip(fitted, at, strict=True) if where == at[0]]
+    if len(same) < 2:
+        return ""
+    return f"{', '.join(same)} are tests of their own at one point; repeats of one test are begun with --repeats"
+
+
+def _experiments(test: Test, fitted: Sequence[str], validated: Sequence[str]) -> list[_Experiment]:
+    given = [*fitted, *validated]
+    if twice := next((g for k, g in enumerate(given) if g in given[:k]), None):
+        raise ValueError(f"{twice}: is given twice; a reading counts once")
+    for g in given:
+        path = sheet_of(Path(g))[0]
+        if not path.is_file():
+            raise ValueError(f"{g}: {'is a folder, not a file' if path.is_dir() else 'there is no such file'}")
+    names = dict(zip(given, _names(given), strict=True))
+    groups = [("fit", tuple(fitted))] if test.repeats else [("fit", (f,)) for f in fitted]
+    groups += [("validate", (f,)) for f in validated]
+    found = []
+    for role, files in groups:
+        m = _read(files, test.columns)
+        if role == "fit" and m.kind == "profile":
+            raise ValueError(f"{files[0]}: displacements are not fitted; give a profile behind --validate")
+        said = place(names[files[0]])
+        if role == "fit" and said is not None and test.point not in (None, said):
+            raise ValueError(f"{files[0]}: pressed at ({said[0]:g}, {said[1]:g}) mm by its name, elsewhere by --point")
+        point = said or test.point or (0.0, 0.0)
+        found.append(_Experiment(names[files[0]], role, files, m, point, said is not None))
+    return found
+
+
+def _read(files: Sequence[str], columns: Mapping[str, Mapping[str, Any]]) -> Measurement:
     try:
-        return read(files if len(files) > 1 else files[0])
-    except ValueError:
-        return None  # said again, with its place, when the study is read
+        if unknown := next((name for name in columns if name not in COLUMN_NAMES), None):
+            raise ValueError(f"there is no column {unknown!r}; {choose(unknown, COLUMN_NAMES)}")
+        known = ColumnsTable(**columns).columns() if columns else {}
+        return read(files if len(files) > 1 else files[0], known)
+    except ValueError as error:
+        text = f"{error}\nsay what its columns are: --column depth HEADER mm --column Fz HEADER N, and flip behind the "
+        raise ValueError(f"{text}unit where the machine counts with the other sign (rso keys columns)") from error
 
 
 def _remark(key: str, test: Test) -> str:
     if key == "support" and test.clearance is None:
-        return '  # its lower half; or { kind = "bowl", clearance = 1.0, friction = 0.2 }'
+        return f'  {GUESS} its lower half; or {{ kind = "bowl", clearance = 1.0, friction = 0.2 }}'
     return f"  {GUESS} its friction" if key == "support" else ""
 
 
-def _parameters(backend: Backend, test: Test, readable: Sequence[Measurement | None]) -> list[str]:
-    """Ranges about the modulus that Hertz's limit has in the first readable force curve, or a wide one."""
-    force = next((m for m in readable if m is not None and m.kind == "force" and "Fz" in m.channels), None)
-    settings = {**test.settings(), "point": list(test.point)}
-    mu = 0.0 if force is None else float(by_hertz(backend, settings, combine(force, Noise())).get("mu", 0.0))
+def _parameters(backend: Backend, test: Test, experiments: Sequence[_Experiment]) -> list[str]:
+    """Ranges about the modulus that Hertz's limit has in the first force curve, or a wide one."""
+    force = next((e for e in experiments if "Fz" in e.measurement.channels), None)
+    mu = 0.0
+    if force is not None:
+        settings = {**test.settings(), "point": list(force.point)}
+        mu = float(by_hertz(backend, settings, combine(force.measurement, Noise())).get("mu", 0.0))
     low, high = (mu / AROUND, mu * AROUND) if mu > 0 else WIDE
     limit = f"Hertz's limit of the shallow half says about {_two(1e3 * mu)} kPa"
     why = limit if mu > 0 else "no reading tells: narrow it"
     D1 = [_two(PRODUCT[0] / math.sqrt(low * high)), _two(PRODUCT[1] / high)]
     return ["[parameters]",
             f'mu = {{ low = "{_two(1e3 * low)} kPa", high = "{_two(1e3 * high)} kPa", scale = "log" }}  {GUESS} {why}',
-            f'D1 = {{ low = "{D1[0]} 1/MPa", high = "{D1[1]} 1/MPa", scale = "log" }}  {GUESS} 2 / K, from nearly '
-            "incompressible to a Poisson ratio of 0.15 in a corner of these ranges"]  # fmt: skip
+            f'D1 = {{ low = "{D1[0]} 1/MPa", high = "{D1[1]} 1/MPa", scale = "log" }}  '
+            f"{GUESS} bulk modulus K = 2 / D1; Poisson ratio 0.15 where both are high"]  # fmt: skip
 
 
-def _experiment(
-    name: str, role: str, files: Sequence[str], m: Measurement | None, test: Test, beside: Path
-) -> list[str]:
-    data = [os.path.relpath(f, beside) for f in files]
-    lines = ["[[experiments]]", f"name = {json.dumps(name, ensure_ascii=False)}", f'role = "{role}"',
+def _lines(e: _Experiment, beside: Path) -> list[str]:
+    m, data = e.measurement, [os.path.relpath(f, beside) for f in e.files]
+    lines = ["[[experiments]]", f"name = {json.dumps(e.name, ensure_ascii=False)}", f'role = "{e.role}"',
              f"data = {inline(data[0] if len(data) == 1 else data)}"]  # fmt: skip
-    settings = [f"point = {list(place(name) or test.point)}"]
-    if m is not None and m.kind == "profile":
+    settings = [f"point = {list(e.point)}"]
+    if m.kind == "profile":
         lines += ['kind = "profile"']
-    elif m is not None:
+    else:
         lines += ['channels = ["Fz", "Fx", "Fy"]'] if {"Fx", "Fy"} <= set(m.channels) else []
         settings += ["unload = true"] if any(np.any(r.segment == "unloading") for r in m.repeats) else []
-    lines += [f"settings = {{ {', '.join(settings)} }}"]
-    if m is None or m.kind == "force":
-        lines += ['# What the record cannot show; usual: noise = { contact = "0.05 mm", gain = "1 %" }']
+    lines += [f"settings = {{ {', '.join(settings)} }}{f'  {GUESS} by the name of the file' if e.by_name else ''}"]
+    unseen = [*([] if m.contact or len(e.files) > 1 else ['contact = "0.05 mm"']), 'gain = "1 %"']
+    if m.kind == "force":
+        lines += [f"# noise = {{ {', '.join(unseen)} }}  {GUESS} what a record cannot show of itself; usual figures"]
     return lines
 
 
 def _names(files: Sequence[str]) -> list[str]:
-    """A name of an experiment for each file, from that of the file and the sheet."""
+    """A name of an experiment for each file, from that of the file and the sheet, none that another file has itself."""
+    parts = [sheet_of(Path(f)) for f in files]
+    words = [re.sub(r"[^\w.+-]+", " ", f"{path.stem} {sheet}")[:60].strip(" .+-") or "test" for path, sheet in parts]
     names: list[str] = []
-    for f in files:
-        path, sheet = sheet_of(Path(f))
-        words = re.sub(r"[^\w.+-]+", " ", f"{path.stem} {sheet}")
-        plain = words[:60].strip(" .+-") or "test"
-        free = (f"{plain}_{k}" if k > 1 else plain for k in itertools.count(1))
-        names.append(next(name for name in free if name not in names))
+    for plain in words:
+        more = (f"{plain}_{k}" for k in itertools.count(2))
+        names.append(plain if plain not in names else next(n for n in more if n not in (*names, *words)))
     return names
 
 

@@ -59,16 +59,28 @@ def test_repeats_cycles_lateral_forces_and_a_bowl(tmp_path):
     assert study.backend.settings["support"] == {"kind": "bowl", "clearance": 1.5, "friction": 0.2}
 
 
-def test_a_file_that_is_not_understood_has_its_place_and_the_reason_is_said(tmp_path, capsys):
-    (tmp_path / "weg.csv").write_text(hertz().replace("depth_mm,Fz_N", "weg;kraft").replace(",", ";"))
-    assert new(tmp_path, str(tmp_path / "weg.csv")) == 2
+def test_columns_that_a_file_does_not_tell_are_given_and_until_then_nothing_is_written(tmp_path, capsys):
+    rows = hertz().replace("depth_mm,Fz_N", "weg;kraft").replace(",", ";").replace(";0.", ";-0.")
+    (tmp_path / "weg.csv").write_text(rows)
+    file = str(tmp_path / "weg.csv")
+    assert new(tmp_path, file) == 2
     said = capsys.readouterr()
-    assert "written" in said.out
-    assert "'weg' says no unit" in said.err
-    text = (tmp_path / "study.toml").read_text()
-    columns = '[columns]\ndepth = { header = "weg", unit = "mm" }\nFz = { header = "kraft", unit = "N" }\n'
-    (tmp_path / "study.toml").write_text(text.replace("# [columns]", columns))
-    assert main(["check", str(tmp_path)]) == 0  # what the study then lacks is what the message asked for
+    assert said.out == "" and not (tmp_path / "study.toml").exists()
+    assert "'weg' says no unit" in said.err and "--column depth HEADER mm" in said.err
+    assert new(tmp_path, file, "--column", "depth", "weg", "mm", "--column", "Fz", "kraft", "N", "flip") == 0
+    study = load(tmp_path)
+    assert study.columns.Fz.flip and study.columns.depth.unit == "mm"
+    mu = study.parameters["mu"]
+    assert float(mu.low.split()[0]) < 8 < float(mu.high.split()[0])
+
+
+@pytest.mark.parametrize(
+    ("column", "said"), [(["Fq", "kraft"], "no column 'Fq'; did you mean"), (["Fz"], "--column Fz: give NAME HEADER")]
+)
+def test_a_column_that_is_none_is_named(tmp_path, capsys, column, said):
+    (tmp_path / "top.csv").write_text(hertz())
+    assert new(tmp_path, str(tmp_path / "top.csv"), "--column", *column) == 2
+    assert said in capsys.readouterr().err
 
 
 def test_names_are_apart_and_allowed(tmp_path):
@@ -88,14 +100,42 @@ def test_names_are_apart_and_allowed(tmp_path):
         (["nowhere.csv"], "nowhere.csv: there is no such file"),
         (["top.csv", "top.csv"], "top.csv: is given twice"),
         (["top.csv", "--radius", "40"], "indenter.radius = 40.0 mm"),
+        ([".", "--radius", "3"], ".: is a folder"),
+        (["top.csv", "--out", "no/study.toml"], "there is no folder no"),
+        (["point_10_0.csv", "--point", "0", "10"], "pressed at (10, 0) mm by its name, elsewhere by --point"),
+        (["profile.csv"], "displacements are not fitted; give a profile behind --validate"),
     ],
 )
 def test_what_cannot_be_is_refused_and_nothing_written(tmp_path, monkeypatch, capsys, arguments, said):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "top.csv").write_text(hertz())
+    for name in ("top.csv", "point_10_0.csv"):
+        (tmp_path / name).write_text(hertz())
+    (tmp_path / "profile.csv").write_text("depth_mm,x_mm,y_mm,uz_mm\n" + "".join(f"1,{x},0,-0.1\n" for x in range(5, 15)))
     assert main(["new", *arguments, *(() if "--radius" in arguments else BODY[4:]), *BODY[:4]]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "study.toml").exists()
+
+
+def test_a_name_that_another_file_has_by_itself_is_left_to_it(tmp_path):
+    (tmp_path / "b").mkdir()
+    files = ["b/top.csv", "top.csv", "top_2.csv"]
+    for k, f in enumerate(files):
+        (tmp_path / f).write_text(hertz(gain=1 + 0.01 * k))
+    assert new(tmp_path, *(str(tmp_path / f) for f in files)) == 0
+    assert {e.name: e.data for e in load(tmp_path).experiments} == {
+        "top": ("b/top.csv",), "top_3": ("top.csv",), "top_2": ("top_2.csv",)}  # fmt: skip
+
+
+def test_what_may_be_repeats_and_a_second_study_in_a_folder_are_said(tmp_path, capsys):
+    files = [str(tmp_path / f"rep_{k}.csv") for k in (1, 2)]
+    for k, f in enumerate(files):
+        (tmp_path / f).write_text(hertz(gain=1 + 0.01 * k))
+    assert main(["new", *files, *BODY, "--out", str(tmp_path / "a b.toml")]) == 0
+    out = capsys.readouterr().out
+    assert "repeats of one test are begun with --repeats" in out
+    assert f"then: rso run '{tmp_path / 'a b.toml'}' --out '{tmp_path / 'results_a b'}'" in out
+    assert new(tmp_path, *files, "--repeats") == 0
+    assert "are tests of their own" not in capsys.readouterr().out
 
 
 def test_a_study_that_is_there_is_not_written_over(tmp_path, capsys):
