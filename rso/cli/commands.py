@@ -318,6 +318,9 @@ def report(options: argparse.Namespace, command: str) -> int:
         path = folder / name
         try:
             found = json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            print(f"rso: {path}: is not there; run the study first: rso {again} {options.study}", file=sys.stderr)
+            return EXIT_BAD_INPUT
         except (OSError, ValueError) as error:
             print(f"rso: {path}: {error}; run the study first: rso {again} {options.study}", file=sys.stderr)
             return EXIT_BAD_INPUT

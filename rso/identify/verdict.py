@@ -117,7 +117,7 @@ def sentences(
         return f"{name} is determined: {sure}{other}.", ""
     if scale > REFUTED and not interval.open and interval.high - interval.low < SHARE:
         text = f"{name} {WORDS[verdict.word]}: {missed}, fits best from {span}{other}."
-        return text, "What it lacks has to be found first."
+        return text, "What the model lacks has to be found first."
     ends = [w for w, at in (("lower", interval.at_low), ("upper", interval.at_high)) if at]
     bounds = f", as far as the {' and the '.join(ends)} bound of the search" if ends else other
     agrees = f"fits as well as any under {missed}" if missed else "agrees with the curve"

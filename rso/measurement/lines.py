@@ -42,6 +42,8 @@ def text_of(path: Path) -> tuple[str, list[str]]:
             raw = raw.decode("utf-16").encode()
         except UnicodeDecodeError as error:
             raise ValueError(f"{path}: begins as UTF-16 text and goes on as none; save it as UTF-8") from error
+    if b"\0" in raw and path.suffix.lower() == ".xlsx":
+        raise ValueError(f"{path}: is no workbook that can be read; damaged?")
     if b"\0" in raw:
         raise ValueError(f"{path}: is not a text file (it holds zero bytes); a CSV file or a workbook (.xlsx) is "
                          "expected")  # fmt: skip

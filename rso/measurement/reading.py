@@ -135,7 +135,7 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
     own = [of_file(columns or {}, k, len(paths)) for k in range(len(paths))]
     found = [_table(p, c, label) for p, c, label in zip(paths, own, _labels(paths), strict=True)]
     _apart(paths)
-    kinds = [_kind(t) for t in found]
+    kinds = [_kind(t, bool(columns)) for t in found]
     for table, kind in zip(found, kinds, strict=True):
         if (kind, table.columns.keys()) != (kinds[0], found[0].columns.keys()):
             raise ValueError(
@@ -149,7 +149,8 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
     ]
     in_air = any(_in_air(table, r) for table, r in each)
     repeats: list[Repeat] = []
-    doubts = [f"{table.path.name}: {words}" for table in found for words in table.doubts]
+    everywhere = dict.fromkeys(words for table in found for words in table.doubts)
+    doubts = [f"{', '.join(t.path.name for t in found if words in t.doubts)}: {words}" for words in everywhere]
     onsets: list[Onset] = []
     for table, raw in each:
         r, onset, told = _from_contact(table, raw, in_air)
@@ -353,14 +354,15 @@ def _taken(head: Head, turned: Sequence[str]) -> list[str]:
     return [f"{'; '.join(each)}; [columns] in the study file says it otherwise"]
 
 
-def _kind(table: _Table) -> Literal["force", "profile"]:
+def _kind(table: _Table, named: bool) -> Literal["force", "profile"]:
     """Force curve or surface profile, by the columns present."""
     names = [n for n in table.columns if not n.endswith("_sigma")]
     forces = [n for n in names if n in FORCES]
     surface = [n for n in names if n in DISPLACEMENTS]
     found = f"; found are {', '.join(names)}"
     if "depth" not in names:
-        raise ValueError(f"{table.path}: column depth_mm is missing{found}")
+        also = ", and where [columns] names one column it names all that are read" if named else ""
+        raise ValueError(f"{table.path}: column depth_mm is missing{found}{also}")
     if bool(forces) == bool(surface):
         raise ValueError(
             f"{table.path}: either forces (Fz_N, Fx_N, Fy_N) or a profile (x_mm, y_mm, uz_mm) is expected{found}"

@@ -98,7 +98,8 @@ def _score_table(scores: list[Mapping[str, Any]], known_outputs: Mapping[str, Ou
     columns.insert(3, column("errors in", words([u.label for u in sized]), number=False))
     held = {(s.get("held_out") or {}).get("n") for s in scores}
     new = ", ".join(f"{n}" for n in sorted(n for n in held if known(n)))
-    note = f"Held out: {new} runs that no surrogate has seen." if new else ""
+    note = f"Held out: {new} runs that the surrogates had not seen when these scored them; then they learn them."
+    note = note if new else ""
     return table("Errors of the surrogates", columns, note)
 
 

@@ -14,15 +14,20 @@ def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
     lines.append(found["study"]["title"])
     for state in found["determined"].values():
         lines.append(f"  {state['story']}")
+    units = {p["name"]: p["unit"] for p in found["parameters"]}
+    likely = (found.get("identification") or {}).get("values") or {}
+    if likely:
+        lines.append(f"  most likely by the whole curves: {_values(likely, units)}")
     if best:
         every = [(s["name"], c) for s in found["searches"] for c in s["candidates"]]
         candidate = next(c for name, c in every if (name, c["name"]) == (best["search"], best["candidate"]))
-        units = {p["name"]: p["unit"] for p in found["parameters"]}
-        values = ", ".join(f"{k} = {v:.4g} {units[k]}" for k, v in candidate["values"].items())
         scores = "; ".join(
             f"NRMSE {m['nrmse']:.4f} on {e}" for e, m in candidate["metrics"].items() if m["nrmse"] is not None
         )
-        lines.append(f"  best verified candidate ({best['candidate']}): {values}; {scores}")
+        values = _values(candidate["values"], units)
+        lines.append(f"  best verified candidate ({best['candidate']}) for the targets: {values}; {scores}")
+        if apart := [k for k, v in candidate["values"].items() if _outside(v, found["determined"].get(k))]:
+            lines.append(f"    its {' and '.join(apart)} lies outside what agrees with the whole curves")
     for v in found["validation"]:
         lines.append(f"  validation {v['experiment']} with {v['candidate']}: {validated(v)}")
     for v in found.get("predictions") or ():  # results of an older program have none
@@ -41,6 +46,15 @@ def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
     for warning in found["warnings"]:
         lines.append(f"  warning: {warning}")
     return [*lines, *(f"  {file}" for file in files)]
+
+
+def _values(values: Mapping[str, float], units: Mapping[str, str]) -> str:
+    return ", ".join(f"{k} = {v:.4g} {units.get(k, '')}".strip() for k, v in values.items())
+
+
+def _outside(value: float, state: Mapping[str, Any] | None) -> bool:
+    low, high = (state or {}).get("interval") or (None, None)
+    return low is not None and high is not None and not low <= value <= high
 
 
 def validated(v: Mapping[str, Any]) -> str:

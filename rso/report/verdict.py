@@ -171,7 +171,7 @@ def _reason(results: Results) -> list[str]:
     said = [lettered(results, reasons.get(p.name) or d.get("story")) for p, d in open_ones if d.get("story")]
     valleys = [clean(s["name"]) for s in listed(results, "searches") if s.get("kind") == "valley"]
     shown_by = [text for name in valleys for p, _ in open_ones if (text := _valley(results, name, p))]
-    return said + shown_by[:1]
+    return [*dict.fromkeys(said), *shown_by[:1]]
 
 
 def _valley(results: Results, name: str, p: Parameter) -> str:

@@ -36,9 +36,9 @@ class ColumnTable(Table):
     flip: bool = False
     """Whether the machine counts with the other sign."""
     zero: Annotated[Any, AfterValidator(_zeros), expected('number, list of numbers or "contact"')] = 0.0
-    """Subtracted as the file has it, before the sign is turned; a list with one for each file, or "contact": found."""
+    """Subtracted as the file has it, before the sign is turned; one for each file; depth and Fz may be "contact"."""
     values: dict[str, Literal["loading", "hold", "unloading", "skip"]] | None = None
-    """What a machine's codes of its segments mean."""
+    """Of `segment` alone: what a machine's codes mean."""
 
 
 def _fits(name: str, table: ColumnTable | None) -> ColumnTable | None:

@@ -26,6 +26,8 @@ def reference(table: str = "") -> list[str]:
     whole = Study.model_json_schema()
     parts = list(_tables(whole, whole["$defs"]))
     names = [name for name, *_ in parts]
+    inner = [name for name in names if name.endswith(f".{table}")]
+    table = inner[0] if table not in names and len(inner) == 1 else table
     if table and table not in names:
         raise ValueError(f"there is no table {table!r}; {choose(table, names)}")
     lines = [] if table else HEAD.splitlines()

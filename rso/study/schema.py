@@ -63,7 +63,7 @@ class BackendTable(Table):
     command: Annotated[tuple[str, ...], BeforeValidator(list_to_tuple), Field(min_length=1)] | None = None
     """Or a program, called with the paths of request.json and response.json behind its arguments."""
     settings: Settings = Field(default_factory=dict)
-    """What the backend is told of every experiment: specimen, indenter, support, law, mesh."""
+    """What the backend is told of every experiment: specimen, indenter, support, material, mesh, point, …"""
     timeout: Duration | None = None
     """The longest that one run may take."""
 
@@ -108,9 +108,9 @@ class ExperimentTable(Table):
     data: Files
     """Several files are repeats of one test; `book.xlsx#Sheet` is a sheet of a workbook."""
     columns: ColumnsTable | None = None
-    """Its own columns, in place of those of the study as a whole."""
+    """Its own columns: these replace those of the study as a whole."""
     kind: Literal["force", "profile"] = "force"
-    """Forces against depth, or displacements of marks on the surface."""
+    """Forces against depth, or displacements of marks on the surface, which are not fitted by `rso run`."""
     channels: Channels = ()
     """Those compared with the model; by default Fz, or uz for a profile."""
     settings: Settings = Field(default_factory=dict)
@@ -139,9 +139,9 @@ class DoeTable(Table):
     kind: Literal["lhs", "sobol", "ccd", "box_behnken", "factorial", "osf", "file"] = "lhs"
     """Latin hypercube, Sobol, central composite, Box-Behnken, factorial, optimal space filling, or points of a file."""
     runs: Runs = 40
-    """What is asked for; with `reduce`, similarity may need fewer."""
+    """What is asked for; with `reduce`, where similarity holds, fewer: `rso check` says how many."""
     held_out: Annotated[int, Field(ge=0, le=1000)] = 5
-    """Runs that no surrogate sees and that score all of them."""
+    """Runs that score all surrogates before any of them learns these."""
     reduce: bool = True
     """Whether exact similarity, where units and backend grant it, takes a parameter out of the design."""
     file: str | None = None
@@ -178,7 +178,7 @@ class SurrogateTable(Table):
     degree: Annotated[int, Field(ge=1, le=8)] = 2
     """Of the polynomial; chosen by cross-validation where it is not stated."""
     tolerance: Tolerance = 0.01
-    """Relative error on new runs above which runs are added."""
+    """Relative error on new runs above which runs are added, at most verify.max_infill of them."""
 
 
 class SensitivityTable(Table):

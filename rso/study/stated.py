@@ -6,7 +6,6 @@ Nothing is known here of what a setting is: plain data, and the backend's own fo
 from __future__ import annotations
 
 import json
-import textwrap
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -15,17 +14,17 @@ from rso.study.cases import MISREAD, case_for, travels
 from rso.study.plan import Plan
 from rso.study.schema import Study
 
-_WIDTH = 116
-
 
 def of_study(plan: Plan) -> list[str]:
     """Settings that differ from the backend's defaults, and those that do not."""
     taken, default = (_taken(plan, plan.study.experiments[0].name, s) for s in (plan.study.backend.settings, {}))
     if taken is None:
         return []
-    stated = {k: v for k, v in taken.items() if k not in (default or {}) or default[k] != v}
+    said = _flat(plan.study.backend.settings)
+    other = {k: v for k, v in taken.items() if k not in (default or {}) or default[k] != v}
+    stated = {k: v for k, v in other.items() if k in said or "." not in k}  # a table's other keys follow from these
     unstated = {k: v for k, v in taken.items() if k not in stated and v not in ([], None)}
-    groups = {"settings as stated": stated, "settings by the backend's default": unstated}
+    groups = {"settings as stated": stated, "settings by the backend, by default or for its own use": unstated}
     return [line for words, found in groups.items() for line in _list(f"  {words}: ", map(_pair, found.items()))]
 
 
@@ -86,7 +85,6 @@ def _pair(item: tuple[str, Any]) -> str:
 
 
 def _list(head: str, found: Iterable[str]) -> list[str]:
-    """One line, broken between things where it is too long."""
-    text = ", ".join(words.replace(" ", "\0") for words in found)
-    lines = textwrap.wrap(head + text, _WIDTH, subsequent_indent=" " * 6, break_on_hyphens=False) if text else []
-    return [line.replace("\0", " ") for line in lines]
+    """One line, or none where there is nothing."""
+    text = ", ".join(found)
+    return [head + text] if text else []

@@ -110,7 +110,8 @@ def test_what_cannot_be_is_refused_and_nothing_written(tmp_path, monkeypatch, ca
     monkeypatch.chdir(tmp_path)
     for name in ("top.csv", "point_10_0.csv"):
         (tmp_path / name).write_text(hertz())
-    (tmp_path / "profile.csv").write_text("depth_mm,x_mm,y_mm,uz_mm\n" + "".join(f"1,{x},0,-0.1\n" for x in range(5, 15)))
+    marks = "".join(f"1,{x},0,-0.1\n" for x in range(5, 15))
+    (tmp_path / "profile.csv").write_text("depth_mm,x_mm,y_mm,uz_mm\n" + marks)
     assert main(["new", *arguments, *(() if "--radius" in arguments else BODY[4:]), *BODY[:4]]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "study.toml").exists()
