@@ -45,6 +45,14 @@ def test_what_the_backend_takes_an_experiment_for(tmp_path):
     assert not any("differs" in line for line in lines[:at])
 
 
+def test_what_the_backend_works_out_of_a_statement_is_no_statement(tmp_path):
+    """The size that a cavity would have follows from the semi-axes."""
+    lines = said(tmp_path, backend__settings="specimen = { semi_axes = [50.0, 40.0, 30.0] }")
+    stated = next(line for line in lines if "settings as stated" in line)
+    assert "specimen.semi_axes = [50.0, 40.0, 30.0]" in stated and "cavity" not in stated
+    assert any("specimen.cavity" in line for line in lines if "by the backend" in line)
+
+
 def test_what_only_the_form_of_the_backend_has_is_not_said(tmp_path):
     """A body that may turn in its bowl has a number in its key that no study can state."""
     bowl = "support = { kind = 'bowl' }"

@@ -18,6 +18,7 @@ from rso.doe import Box
 from rso.identify import Data, Frame, Sight, on_runs, tangents
 from rso.identify.descent import contradiction
 from rso.report import render
+from rso.report.terminal import summary
 from rso.similarity import group
 from rso.store import RunStore
 from rso.study import StudyError, load
@@ -259,7 +260,12 @@ def test_check_and_the_end_of_a_run_describe_it(tmp_path, capsys):
     assert "Gauss–Newton on simulations with the backend's derivatives, from mu = 0.009 and 1 more start" in said
     assert "30 at most (18 iterates, 12 ends of intervals)" in said and "design:" not in said
     assert main(["run", str(file), "--out", str(tmp_path / "out")]) == 0
-    assert "best verified candidate (main 1)" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "best verified candidate (main 1)" in out and "outside what agrees" not in out
+    assert out.index("most likely by the whole curves: mu = ") < out.index("best verified candidate")
+    found = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    found["determined"]["mu"]["interval"] = [1.0, 2.0]  # as where three targets pull elsewhere than whole curves
+    assert "    its mu lies outside what agrees with the whole curves" in summary(found, [])
 
 
 def test_the_report_shows_every_point(known, tmp_path):

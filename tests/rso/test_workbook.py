@@ -164,6 +164,12 @@ def test_another_archive_is_no_workbook(tmp_path):
         read(path)
 
 
+def test_what_only_has_the_name_of_a_workbook_is_said_to_be_damaged(tmp_path):
+    (tmp_path / "x.xlsx").write_bytes(bytes(range(200)))
+    with pytest.raises(ValueError, match=r"x\.xlsx: is no workbook that can be read; damaged\?"):
+        read(tmp_path / "x.xlsx")
+
+
 def test_a_damaged_workbook_is_refused_as_one(tmp_path):
     whole, path = saved(tmp_path / "whole.xlsx", a=PLAIN), tmp_path / "data.xlsx"
     with zipfile.ZipFile(whole) as source, zipfile.ZipFile(path, "w") as copy:
