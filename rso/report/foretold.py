@@ -9,6 +9,7 @@ from rso.report.digits import clean, percent, quantity, shortest, significant
 from rso.report.displacements import is_profile
 from rso.report.reading import Results, listed, number
 
+SEEN = 3.0  # standard deviations below which a single reading is hardly more than noise
 _HEADS = {"yes": "Yes: ", "among": "Yes, within what the fit leaves open: ", "no": "No: "}
 _WORDS = {
     "yes": "is predicted",
@@ -76,6 +77,8 @@ def _off(channels: Sequence[Mapping[str, Any]]) -> str:
         gap = f"{percent(abs(f - y) / abs(y))} too {'high' if abs(f) > abs(y) else 'low'}" if y else ""
         if y and f * y < 0:
             gap = f"{quantity(f, c['unit'])} instead of {quantity(y, c['unit'])}"
+        if abs(y) < SEEN * c["sigma"][-1]:  # a per cent of noise says nothing
+            gap = f"{quantity(f, c['unit'])} where {quantity(y, c['unit'])}, hardly more than noise, was measured"
         name = f"{clean(c['channel'])} " if len(channels) > 1 else ""
         said.append(f"{name}{gap or 'zero was measured'} at {shortest(u)} mm")
     return ", ".join(said)

@@ -10,7 +10,7 @@ from rso.report.digits import DASH, channel_text, clean, known, percent, signifi
 from rso.report.document import Block, Cell, Fact, Section, Table, Text, column, table, words
 from rso.report.reading import Results, fitted_curves, pair
 
-NOT_EXAMINED = "Where the gap is has not been examined; “rso diagnose STUDY” does."
+NOT_EXAMINED = "Whether the model misses something, and what, has not been examined; “rso diagnose STUDY” does."
 _REGIONS = 3
 _VERDICTS = {
     "no_gap": ("none", "The model reproduces the measurements within their noise."),

@@ -14,6 +14,7 @@ from rso.curves import loading
 from rso.report.digits import Unit, channel_text, clean, known, largest, sentence, shortest, shown, significant, symbol
 
 Results = Mapping[str, Any]
+FLAT = 2.0  # times its mean by which a curve scatters that is hardly more than noise about zero
 STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
 
 
@@ -111,6 +112,14 @@ def drawn_at(x: Sequence[float], f: Sequence[float], at: np.ndarray) -> np.ndarr
 def number(x: object) -> float | None:
     """A finite number, or None."""
     return float(x) if known(x) else None
+
+
+def about_zero(base: Mapping[str, Any]) -> bool:
+    """Whether a curve, by the metrics `base` of its mean as a model of it, has no mean to which an error is related.
+
+    Of a force that grows as depth^p from zero the NRMSE of the mean is p/√(2p + 1), 1.1 at p = 3.
+    """
+    return known(base.get("nrmse")) and base["nrmse"] > FLAT
 
 
 def points(x: Sequence[Any] | None, y: Sequence[Any] | None) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rso.report.reading import about_zero
+
 
 def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
     """Lines at the end of `rso run`."""
@@ -22,7 +24,9 @@ def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
         every = [(s["name"], c) for s in found["searches"] for c in s["candidates"]]
         candidate = next(c for name, c in every if (name, c["name"]) == (best["search"], best["candidate"]))
         scores = "; ".join(
-            f"NRMSE {m['nrmse']:.4f} on {e}" for e, m in candidate["metrics"].items() if m["nrmse"] is not None
+            f"NRMSE {m['nrmse']:.4f} on {e}"
+            for e, m in candidate["metrics"].items()
+            if m["nrmse"] is not None and not about_zero((found.get("baseline") or {}).get(e) or {})
         )
         values = _values(candidate["values"], units)
         lines.append(f"  best verified candidate ({best['candidate']}) for the targets: {values}; {scores}")

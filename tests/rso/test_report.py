@@ -1,4 +1,5 @@
 import copy
+import dataclasses
 import html
 import json
 import re
@@ -11,13 +12,15 @@ import numpy as np
 import pytest
 from report_fixture import STAGES, complete, one_parameter, until
 
-from rso.report import render
+from rso.curves import baseline
+from rso.report import foretold, render
 from rso.report.digits import aligned, between, duration, percent, rounded, shown, significant, symbol, unit_text
 from rso.report.document import Picture, Table, Text
 from rso.report.figures import draw
 from rso.report.notes import opening, sentences
 from rso.report.numbers import report
 from rso.report.page import html_page, pdf_page, pour
+from rso.report.reading import about_zero
 
 NASTY = (
     r"""<script>alert("1")</script> & 'x' #panic("no") $\frac{1}{0}$ _a_ *b* @cite \ `raw` [c] {{ 7*7 }} // no ~ <l>"""
@@ -645,7 +648,7 @@ DIAGNOSIS = {
 
 
 def test_where_the_model_is_off_is_told_or_that_nobody_has_looked(tmp_path):
-    assert "Where the gap is has not been examined; “rso diagnose STUDY” does." in page(complete())
+    assert "has not been examined; “rso diagnose STUDY” does." in page(complete())
     results = complete() | {"diagnosis": DIAGNOSIS}
     text = page(results)
     assert "not been examined" not in text and fact(results, "Gap to reality").value == "explained"
@@ -697,3 +700,24 @@ def test_why_a_surrogate_was_taken_is_a_folded_table():
     assert t["taken"][0] == "Kriging, Matérn 5/2, trend of degree 2"
     assert t["others, cross-validated"][0].startswith("polynomial of degree 3 had 1.1 mm² (3\xa0%); kriging had 0.3")
     assert "Fitted again" not in t["others, cross-validated"][0] and "Fitted again" not in page(results)
+
+
+def test_a_force_about_zero_is_said_in_newtons():
+    """A share of nothing says nothing: neither of a mean about zero nor of a reading within its noise."""
+    results = complete()
+    name = next(iter(results["baseline"]))
+    assert f"measured curve {name} with an NRMSE of" in page(results)
+    results["baseline"][name]["nrmse"] = 11.0
+    told = page(results)
+    assert f"measured curve {name} with an RMSE of" in told and f"{name} with an NRMSE of" not in told
+    row = {"channel": "Fy", "unit": "N", "depth": [4.0], "measured": [0.001], "predicted": [0.0], "sigma": [0.001]}
+    assert "too low" not in foretold._off([row]) and "hardly more than noise" in foretold._off([row])
+    assert "100" in foretold._off([{**row, "measured": [0.1]}])
+
+
+@pytest.mark.parametrize("p", [1.0, 1.5, 3.0])
+def test_a_curve_that_grows_as_a_power_is_not_about_zero(p):
+    u = np.linspace(0, 1, 400)[1:]
+    base = dataclasses.asdict(baseline(u**p))
+    np.testing.assert_allclose(base["nrmse"], p / np.sqrt(2 * p + 1), rtol=0.02)  # 400 points for an integral
+    assert not about_zero(base) and about_zero(dataclasses.asdict(baseline(np.sin(40 * u))))
