@@ -69,7 +69,9 @@ class Judged:
     """What was found of one level.
 
     `problem` says why there is no answer, and then the rest is empty.  `onto` is the level that it was put on,
-    `detail` whatever the caller keeps with it.
+    `detail` whatever the caller keeps with it.  `if_remembering` is the goodness of a level that is not good enough if
+    readings of which nobody knows whether they remember each other do so as what it leaves does; None where that does
+    not go together, or is far more than noise.
     """
 
     level: Level
@@ -79,6 +81,7 @@ class Judged:
     log_evidence: float = -math.inf
     onto: str = ""
     detail: Any = None
+    if_remembering: Goodness | None = None
 
     @property
     def adequate(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -21,11 +22,12 @@ from rso.identify import (
     all_minima,
     determine,
     emulated,
+    remembering,
     resample,
     stack,
     together,
 )
-from rso.identify.verdict import physical
+from rso.identify.verdict import REFUTED, physical
 from rso.ladder import Added, Climb, Judged, Left, Level
 from rso.store import RunStore
 from rso.study.ladder_runs import Bench, NoAnswer, Watch, design, prove, sampled
@@ -254,7 +256,29 @@ def judged(plan: Plan, level: Level, whole: Level, found: Fitted, onto: str) -> 
     )  # fmt: skip
     evidence = ladder.log_evidence(d.misfit, d.fit, seed)
     goodness = ladder.assess(parts, share)
-    return Judged(replace(whole, extends=level.extends), "", goodness, added, evidence, onto, found)
+    excused = None if goodness.passes else if_remembering(plan, found, parts[1:])
+    return Judged(replace(whole, extends=level.extends), "", goodness, added, evidence, onto, found, excused)
+
+
+def if_remembering(plan: Plan, found: Fitted, elsewhere: Sequence[Left]) -> ladder.Goodness | None:
+    """How good a level is if readings that count as white by default remember each other as what it leaves does.
+
+    The size of such errors is not seen in how neighbours differ: where nobody has stated it, it is what is left.
+    """
+    white, near = found.determination.misfit, found.determination.fit.x
+    misfit = remembering(white, near)
+    if not any(v.memory for v in misfit.data):
+        return None
+    fit = all_minima(misfit, seed=plan.seed, near=near[None])[0]
+    if math.isfinite(misfit.freedom):
+        larger = max(fit.chi2 / max(misfit.n - misfit.model.box.d, 1), 1.0)
+        if larger > REFUTED**2:
+            return None
+        misfit = replace(misfit, data=tuple(v.plus((larger - 1.0) * v.covariance) for v in misfit.data))
+    simulated = ladder.simulate(misfit, fit, plan.seed, plan.study.ladder.draws)
+    residual = misfit.model.predict(fit.x[None])[0] - np.concatenate([v.value for v in misfit.data])
+    part = Left(residual, misfit, simulated, found.roles[: found.roles.count("fit")])
+    return ladder.assess([part, *elsewhere], plan.study.ladder.confidence)
 
 
 def _shown(known: Known, axes: Axes, absent: float | None) -> bool:

@@ -566,3 +566,38 @@ def test_what_is_good_enough_but_less_likely_is_not_taken():
 def test_without_any_answer_nothing_is_chosen():
     found, _ = decided([fake("a", 0, 0, problem="no mesh")])
     assert found.chosen is None and not found.adequate and found.steps[0].verdict == "no_answer"
+
+
+def remembering_record(folder, law, length, seed, **more):
+    """A climb over one record of whose noise of 2 mN nothing is stated; it remembers over a length (mm)."""
+    folder.mkdir(parents=True, exist_ok=True)
+    u, rng = np.linspace(0, 4.0, 121)[1:], np.random.default_rng(seed)
+    C = np.exp(-np.abs(np.subtract.outer(u, u)) / length) if length else np.eye(len(u))
+    F = ladder_backend.force(u, law, MU, D1, **more)
+    F = F + 2e-3 * np.linalg.cholesky(C) @ rng.standard_normal(len(u))
+    (folder / "top.csv").write_text(
+        "depth_mm,Fz_N\n" + "".join(f"{a!r},{b!r}\n" for a, b in zip(u.tolist(), F.tolist(), strict=True))
+    )
+    text = STUDY.replace('noise = { gain = "0.2 %" }\n', "")
+    (folder / "study.toml").write_text(f"{text}{LADDER}\n")
+    plan = ladder_plan(load(folder / "study.toml"))
+    with RunStore(folder / "results") as store:
+        found = run_ladder(plan, store, Inline())
+    return found, results(plan, found, "test")["warnings"]
+
+
+def test_a_level_that_memory_of_the_noise_may_have_given_up_is_named(tmp_path):
+    """The true law with noise that remembers over 0.4 mm is given up in most records, and then it is said why."""
+    given_up, named = 0, 0
+    for seed in range(6):
+        found, said = remembering_record(tmp_path / str(seed), "neo", 0.4, seed)
+        if verdicts(found)["neo"] == "fails":
+            given_up += 1
+            named += any("if they remember each other by as much" in w for w in said)
+    assert given_up >= 2 and named >= given_up - 1  # a p-value has its own share of false alarms
+
+
+def test_a_wrong_law_is_not_excused_by_memory(tmp_path):
+    """The control: what is left is far more than the record scatters by."""
+    found, said = remembering_record(tmp_path, "stiff", 0.0, 0, C20=1e-3)
+    assert verdicts(found)["neo"] == "fails" and not any("neo is given up" in w for w in said)
