@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from rso.contract import Backend
-from rso.measurement import Measurement, Noise, combine, read, sheet_of
+from rso.measurement import Measurement, Noise, combine, read, recorded_speed, sheet_of
 from rso.study.columns import ColumnsTable
 from rso.study.errors import choose
 from rso.study.laboratory import inline, place
@@ -171,6 +171,8 @@ def _lines(e: _Experiment, beside: Path) -> list[str]:
         lines += ['channels = ["Fz", "Fx", "Fy"]'] if {"Fx", "Fy"} <= set(m.channels) else []
         settings += ["unload = true"] if any(np.any(r.segment == "unloading") for r in m.repeats) else []
     lines += [f"settings = {{ {', '.join(settings)} }}{f'  {GUESS} by the name of the file' if e.by_name else ''}"]
+    if m.kind == "force" and not recorded_speed(m):
+        lines += ['# no times in the file: settings may have speed = "30 mm/min" too, if the body remembers']
     unseen = [*([] if m.contact or len(e.files) > 1 else ['contact = "0.05 mm"']), 'gain = "1 %"']
     if m.kind == "force":
         lines += [f"# noise = {{ {', '.join(unseen)} }}  {GUESS} what a record cannot show of itself; usual figures"]

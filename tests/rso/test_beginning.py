@@ -33,6 +33,7 @@ def test_the_modulus_of_the_readings_is_the_middle_of_its_range(tmp_path, capsys
     assert [e.role for e in study.experiments] == ["fit", "validate"]
     assert [e.settings["point"] for e in study.experiments] == [[0.0, 0.0], [20.0, -5.0]]
     assert study.backend.settings["specimen"]["semi_axes"] == [60.0, 35.0, 35.0]
+    assert (tmp_path / "study.toml").read_text().count("no times in the file") == 2
 
 
 def test_the_poisson_ratio_stays_positive_in_every_corner(tmp_path):
