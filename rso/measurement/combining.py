@@ -82,11 +82,11 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
     """Average the repeats on a common grid of the depths that all of them reach.
 
         C = w wᵀ ρ^{|i−j|} + g² ŷ ŷᵀ + o² ŷ' ŷ'ᵀ              scatter of the r repeats, as standard error of the mean
-          + (s sᵀ + F²) e^{−|Δu|/ℓ} + diag((d ŷ')²)/r         stated of readings: column, force, depth
+          + (s sᵀ + F²) e^{−|Δu|/ℓ} + diag((d ŷ')²)/m         stated of readings: column, force, depth
           + (G² + K²) ŷ ŷᵀ + O² ŷ' ŷ'ᵀ                        stated of the test: gain, calibration, contact
 
-    What is stated of a single reading, white (ℓ = 0), goes with the square root of r, a column's also with that of the
-    readings in a block; what has a length of correlation is of the curve and does not.
+    What is stated of a single reading, white (ℓ = 0), goes with the square root of how many were averaged, m: repeats,
+    and readings of a block; what has a length of correlation is of the curve and does not.
 
     The repeats' deviations are split into a part along ŷ (gain g), one along ŷ' (contact offset o) and a rest w, which
     is white or, where that shows, remembers its neighbours (ρ), of one variance or, where that shows, of one that
@@ -109,17 +109,19 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
         raise ValueError(f"{measurement.where}: no segment {segment!r}; there are {', '.join(present)}")
     u = _grid(measurement, [b[0] for b in branches])
     y = np.array([_between(depth, value, u) for depth, value, *_ in branches])
-    together = 1.0 if noise.correlation > 0 else len(branches) * np.array([np.interp(u, b[0], b[3]) for b in branches])
+    many = len(branches) * np.array([np.interp(u, b[0], b[3]) for b in branches])  # averaged, if all were like this one
+    together = 1.0 if noise.correlation > 0 else many
     power = np.array([np.interp(u, depth, square) for depth, _, square, _ in branches])
     stated = np.sqrt(np.mean(power / together, axis=0))
     mean = y.mean(axis=0)
     smooth, slope = _smooth(u, mean)
     along = np.exp(-np.abs(u[:, None] - u) / noise.correlation) if noise.correlation > 0 else np.eye(len(u))
     r = len(y)
-    own = noise.of(channel) ** 2 / (1.0 if noise.correlation > 0 else r)
-    said = (np.outer(stated, stated) + own) * along + np.diag((noise.depth * slope) ** 2) / r
+    deep = (noise.depth * slope) ** 2 * np.mean(1.0 / many, axis=0)
+    own = noise.of(channel) * np.sqrt(np.mean(1.0 / np.broadcast_to(together, y.shape), axis=0))
+    said = (np.outer(stated, stated) + np.outer(own, own)) * along + np.diag(deep)
     if r > 1:
-        white_said = np.diag(said) if noise.correlation == 0 else (noise.depth * slope) ** 2 / r
+        white_said = np.diag(said) if noise.correlation == 0 else deep
         seen, freedom, shared = _scatter(y, smooth, slope, white_said, np.diag(said))
     else:
         noisy = of_record(u, mean - _ball(u, mean)(u), smooth, said)  # small force, steep bend: not to be noise
@@ -223,15 +225,17 @@ def _scatter(
     """Covariance (n, n) of the mean of two repeats y (r, n) and more beyond what is stated as white of it, `white_said`
     (n,), its degrees of freedom, and what is shared of it.
 
-    White noise that makes the share p of all noise, that which is `said` (n,) included, counts m/p² of its own m
-    (Satterthwaite, Biometrics Bull. 2 (1946) 110).  What gain and contact scatter by beyond what white noise makes of
-    them is shared with other channels, a part for each repeat, whose sum has the correlation that the repeats have.
+    White noise of a size that was taken from readings and makes the share p of all noise, that which is `said` (n,)
+    included, counts m/p² of its own m (Satterthwaite, Biometrics Bull. 2 (1946) 110).  What gain and contact scatter by
+    beyond what white noise makes of them is shared with other channels, a part for each repeat, whose sum has the
+    correlation that the repeats have.
     """
     r = len(y)
-    white, part, noise = of_repeats(y, smooth, slope)
-    white = beyond_said(white, r * white_said)
+    white, part, noise = of_repeats(y, smooth, slope, r * white_said)
     mean = white.variance / r
-    share = float(np.mean(mean / np.maximum(mean + said, 1e-300)))
+    below = 0.0 if white.memory else white_said  # what is stated, and less than what was seen
+    taken = np.where(mean > 0.0, mean + below, 0.0)
+    share = float(np.mean(taken / np.maximum(mean + said, 1e-300)))
     few = stdtrit(r - 1, 0.95) / ndtri(0.95)  # a spread known from r values, for intervals of 90 %
     spread = np.std(part, axis=1, ddof=1)
     modes = np.stack([smooth, slope], axis=1) * few * spread / math.sqrt(r)
@@ -260,10 +264,11 @@ def _combine_profile(measurement: Measurement, noise: Noise, channel: str) -> Me
     y = np.array([t[1] for t in tables])
     r, n = y.shape
     said = np.mean([t[2] ** 2 for t in tables], axis=0) + noise.of(channel) ** 2
-    seen = White(np.full(n, np.mean(np.var(y, axis=0, ddof=1))), (r - 1) * n) if r > 1 else White(np.zeros(n), math.inf)
-    scatter = beyond_said(seen, said)
+    q = np.var(y, axis=0, ddof=1) if r > 1 else np.zeros(n)
+    seen = White(np.full(n, q.mean()), (r - 1) * n if r > 1 else math.inf)
+    scatter = beyond_said(seen, float(np.mean(q / said)) if said.min() > 0.0 else math.inf, said)
     variance = (scatter.variance + said) / r
-    share = float(np.mean(scatter.variance / np.maximum(scatter.variance + said, 1e-300)))
+    share = float(np.mean(scatter.variance > 0.0))
     freedom = scatter.freedom / share**2 if share > 0 else math.inf
     return MeasuredCurve(
         channel,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.stats import chi2
 
 FEWEST = 8  # readings of a record that tell its noise
 BEYOND = 0.05  # chance of a right statement to be overruled by the readings
+EVEN = 0.1  # share by which a stated variance may change along the curve and still say nothing of its shape
 VARIES = 0.01  # chance of even noise to be taken for one that changes along the curve
 REMEMBERS = 2.5  # standard errors of a correlation of neighbours: one case of white noise in 160 has more
 DEGREE = 2  # of its logarithm as a polynomial, at most
@@ -62,9 +64,11 @@ def of_record(u: np.ndarray, y: np.ndarray, smooth: np.ndarray, said: np.ndarray
     return White(np.maximum(found.variance - np.interp(u, u[four].mean(axis=1), expected), 0.0), found.freedom)
 
 
-def of_repeats(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[White, np.ndarray, np.ndarray]:
-    """Noise of one of r >= 2 repeats y (r, n), gain and contact (2, r) of each against their mean, and the variance
-    (2,) that this noise alone gives these.
+def of_repeats(
+    y: np.ndarray, smooth: np.ndarray, slope: np.ndarray, said: np.ndarray
+) -> tuple[White, np.ndarray, np.ndarray]:
+    """Noise of one of r >= 2 repeats y (r, n) beyond the variance `said` (n,) of what is stated of its readings, gain
+    and contact (2, r) of each against their mean, and the variance (2,) that all noise alone gives these.
 
     Both shapes were taken out of the deviations, which leaves (r − 1)(n − 2) degrees of freedom, and of readings that
     remember each other (1 − ρ²)/(1 + ρ²) of these (Bartlett, J. R. Stat. Soc. 98 (1935) 536).
@@ -79,18 +83,27 @@ def of_repeats(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[Wh
     found = varying(np.sum(rest**2, axis=1) / (r - 1) * (n / left), size, size, (r - 1) * left)
     ρ = memory(rest / np.sqrt(np.maximum(found.variance, 1e-300))[:, None], r - 1)
     found = White(found.variance, max(found.freedom * (1 - ρ**2) / (1 + ρ**2), 1.0), ρ)
-    return found, part, np.einsum("ki,ij,kj->k", inverse, found.covariance, inverse)
+    alone = np.einsum("ki,ij,kj->k", inverse, found.covariance, inverse)
+    if said.min() <= 0.0:
+        return beyond_said(found, math.inf, said), part, alone
+    z, weighed = off.T / np.sqrt(said)[:, None], shapes / np.sqrt(said)[:, None]
+    z = z - weighed @ (np.linalg.pinv(weighed) @ z)
+    return beyond_said(found, float(np.sum(z**2)) / ((r - 1) * left), said), part, alone
 
 
-def beyond_said(seen: White, said: np.ndarray) -> White:
+def beyond_said(seen: White, ratio: float, said: np.ndarray) -> White:
     """What noise that is `seen` has beyond the variance `said` (n,) of what is stated of the same readings.
 
-    None, unless it is clearly more by the mean of s²/σ², which is χ²_ν/ν.
+    None, unless the `ratio` of the two, χ²_ν/ν where what is stated is right, is clearly above 1.  Then what is stated
+    to change along the curve is as much larger everywhere.  Noise that remembers its neighbours is not what is stated
+    as white, and counts as a whole.
     """
-    if seen.freedom < np.inf and said.min() > 0:
-        if np.mean(seen.variance / said) <= chi2.ppf(1 - BEYOND, seen.freedom) / seen.freedom:
-            return White(np.zeros(len(said)), np.inf)
-    return White(np.maximum(seen.variance - said, 0.0), seen.freedom, seen.memory)
+    if seen.memory or said.min() <= 0.0 or not np.isfinite(seen.freedom):
+        return White(seen.variance if seen.memory else np.maximum(seen.variance - said, 0.0), seen.freedom, seen.memory)
+    if ratio <= chi2.ppf(1 - BEYOND, seen.freedom) / seen.freedom:
+        return White(np.zeros(len(said)), np.inf)
+    even = np.ptp(said) <= EVEN * said.max()
+    return White(np.maximum(seen.variance - said, 0.0) if even else said * (ratio - 1.0), seen.freedom)
 
 
 def memory(rest: np.ndarray, independent: int = 1) -> float:

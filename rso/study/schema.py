@@ -116,7 +116,7 @@ class ExperimentTable(Table):
     settings: Settings = Field(default_factory=dict)
     """What the backend is told of this experiment, in place of keys of the same name."""
     noise: NoiseTable = NoiseTable()
-    """What its readings are uncertain by, besides what they show themselves."""
+    """What its readings are uncertain by."""
     mounting: Annotated[str, Field(min_length=1)] = "A"
     """Tests of one mounting share what it may be off by, as a tilt: the specimen was not taken out between them."""
     after: Names = ()
