@@ -149,8 +149,7 @@ def lenient(chi2: float, ν: int, p: float | None) -> str:
     return (
         f"χ² = {chi2:.2g} for {ν} degrees of freedom: the readings scatter far less than the stated errors say. Fz, "
         "depth and a column of Fz_sigma_N are errors of each reading by itself, which many readings average out; what "
-        "moves a whole curve is contact, gain or calibration under noise; what several repeats show is not stated once "
-        "more"
+        "moves a whole curve is contact, gain or calibration under noise"
     )
 
 

@@ -11,7 +11,7 @@ class NoiseTable(Table):
     """[experiments.noise]: standard deviations of what its readings are off by."""
 
     Fz: NotNegativeForce = 0.0
-    """Of each reading of Fz by itself, unless repeats or the record show clearly more; with `correlation` of the curve."""
+    """Of each reading of Fz by itself, unless the readings show clearly more; with `correlation` of the curve."""
     Fx: NotNegativeForce | None = None
     """The same of Fx; that of Fz where it is not given."""
     Fy: NotNegativeForce | None = None

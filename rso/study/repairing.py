@@ -11,12 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rso.doe import Condition
 from rso.emulator import Emulator, reduced_box
-from rso.feasibility import Region
 from rso.store import Done
 from rso.study import stages
-from rso.study.ordinary import added, ordinary
+from rso.study.ends import End, Stated, limit, moved_to, ordinary, room, with_ends
 from rso.study.plan import Plan, SearchPlan, ends_in
 from rso.study.resolve import Axis
 from rso.study.searching import Proposal, propose
@@ -24,7 +22,6 @@ from rso.study.stages import Bench, Design, Fitted, Run, sample, why
 
 ROUNDS = 12  # at most; a range that grows by half its width each time is then a hundred times as wide
 AT_END = 0.01  # share of the width of a range that counts as its end
-STEP = 0.5  # of its width by which a range grows at a time, on its scale
 WEAK = 0.1  # an end whose move would help less than this share of the best one stays where it is
 BATCH = 2  # new runs a round: at least this many, one more than there are parameters after similarity
 
@@ -58,46 +55,31 @@ class Repaired:
     proposal: Proposal | None
 
 
-@dataclass(frozen=True)
-class _End:
-    """The low (side 0) or high (side 1) end of the range of parameter j."""
-
-    j: int
-    side: int
-
-    @property
-    def word(self) -> str:
-        return ("low", "high")[self.side]
-
-    def of(self, axes: Sequence[Axis]) -> float:
-        return (axes[self.j].low, axes[self.j].high)[self.side]
-
-
 def repair(bench: Bench, design: Design, fitted: Fitted, say: Callable[[str], None] = lambda _: None) -> Repaired:
     """Widen the ranges of the main search until its candidates lie inside, or say why that is not to be had.
 
     An end that a valley touches moves to its limit at once: the valley either ends before it or does not.  Where the
     targets are out of reach, those ends move by half a width that bring the best compromise nearer.  Each round adds
-    runs in the new part and fits the surrogates anew.  No end passes its hard bound or `search.repair_limit`, and what
-    holds of every ordinary material all over the stated ranges holds in wider ones.
+    runs in the new part and fits the surrogates anew.  No end passes its hard bound or `search.repair_limit`, nor goes
+    so far that what holds of every ordinary material, all over the stated ranges, would not in a corner of the wider.
     """
     if not bench.plan.study.search.repair:
         return Repaired(bench, design, fitted, (), None)
-    stated, usual, audit = bench.plan.searches[0].axes, ordinary(bench.plan), []
-    barred: dict[_End, str] = {}  # ends that came back, with what stands in the way
+    stated, audit = Stated(bench.plan.searches[0].axes, ordinary(bench.plan)), []
+    barred: dict[End, str] = {}  # ends that came back, with what stands in the way
     proposal = None
     for k in range(1, ROUNDS + 1):
         bench = bench.around_failures(design.similar)
         plan, axes = bench.plan, bench.plan.searches[0].axes
         proposal = proposal or propose(plan, plan.searches[0], fitted.emulator)
         moving, reason = _pressed(plan, proposal, stated, barred, fitted.emulator)
-        wider = _moved(plan, proposal, moving, stated, usual) if k < ROUNDS else {}
+        wider = _moved(plan, proposal, moving, stated) if k < ROUNDS else {}
         if not wider:
             audit.append(Step(k, _last_word(plan, proposal, audit), reason + _obstacle(moving, k)))
             break
         said = [f"{axes[e.j].name} {e.of(axes):.4g} → {to:.4g} {axes[e.j].parameter.unit}" for e, to in wider.items()]
         say(f"ranges: {reason}; {', '.join(said)}")
-        grown, fitted_there, runs = _grown(bench, design, fitted, wider, usual)
+        grown, fitted_there, runs = _grown(bench, design, fitted, wider)
         rows = [Step(k, "widened", reason, axes[e.j].name, e.word, e.of(axes), to) for e, to in wider.items()]
         audit += [replace(rows[0], runs=len(runs)), *rows[1:]]
         if doubt := _doubt(plan, proposal, fitted_there, runs):
@@ -123,24 +105,24 @@ def afterwards(plan: Plan, audit: Sequence[Step], X: np.ndarray) -> tuple[Step, 
 # ------------------------------------------------------------------------------------------------------ what presses
 
 
-def _ends_at(main: SearchPlan, X: np.ndarray) -> list[_End]:
+def _ends_at(main: SearchPlan, X: np.ndarray) -> list[End]:
     """Ends at which any of the points X (n, d) of the unit cube lies."""
     close = AT_END * np.maximum(main.high - main.low, 1e-12)
     at = [(X - main.low < close).any(axis=0), (main.high - X < close).any(axis=0)]
-    return [_End(j, side) for j in range(len(main.low)) for side in (0, 1) if at[side][j]]
+    return [End(j, side) for j in range(len(main.low)) for side in (0, 1) if at[side][j]]
 
 
 def _pressed(
-    plan: Plan, proposal: Proposal, stated: Sequence[Axis], barred: dict[_End, str], emulator: Emulator
-) -> tuple[list[_End], str]:
+    plan: Plan, proposal: Proposal, stated: Stated, barred: dict[End, str], emulator: Emulator
+) -> tuple[list[End], str]:
     """Ends worth moving and why; where there are none, why it ends."""
     choice, main = proposal.choice, plan.searches[0]
     if not choice.feasible:
         return [], "no point of the ranges respects every constraint; ranges are widened for targets only"
     touched = _ends_at(main, choice.X if choice.reachable else choice.X[:1])
-    free = [e for e in touched if e not in barred and _room(main.axes, stated, e, plan)]
+    free = [e for e in touched if e not in barred and room(main.axes, stated, e, plan)]
 
-    def limits(ends: Sequence[_End]) -> tuple[str, str]:
+    def limits(ends: Sequence[End]) -> tuple[str, str]:
         return _and([_reach(plan, e) for e in ends]), _and([_stop(plan, stated, barred, e) for e in ends])
 
     if choice.reachable:
@@ -148,12 +130,12 @@ def _pressed(
     return _missed(plan, proposal, touched, free, limits, emulator)
 
 
-Words = Callable[[Sequence[_End]], tuple[str, str]]
+Words = Callable[[Sequence[End]], tuple[str, str]]
 
 
 def _reached(
-    plan: Plan, proposal: Proposal, touched: list[_End], free: list[_End], limits: Words
-) -> tuple[list[_End], str]:
+    plan: Plan, proposal: Proposal, touched: list[End], free: list[End], limits: Words
+) -> tuple[list[End], str]:
     valley = proposal.choice.kind == "valley"
     if not touched:
         return [], "every candidate lies inside the ranges and the targets are met"
@@ -167,11 +149,11 @@ def _reached(
 
 
 def _missed(
-    plan: Plan, proposal: Proposal, touched: list[_End], free: list[_End], limits: Words, emulator: Emulator
-) -> tuple[list[_End], str]:
+    plan: Plan, proposal: Proposal, touched: list[End], free: list[End], limits: Words, emulator: Emulator
+) -> tuple[list[End], str]:
     choice, miss = proposal.choice, _miss(plan, proposal)
     if not touched:
-        edge = _edge(plan, choice.X[0])
+        edge = " at the edge of where runs have an answer" if _at_edge(plan, choice.X[0]) else ""
         return [], f"the best compromise misses {miss} and lies inside the ranges{edge}: wider ones would not help"
     gains = {e: _gain(plan, emulator, choice.X[0], e, choice.tolerance) for e in touched}
     best = max(gains.values())
@@ -186,7 +168,7 @@ def _missed(
     return moving, f"the targets are out of reach (the best compromise misses {miss}) and press against {press}"
 
 
-def _gain(plan: Plan, emulator: Emulator, x: np.ndarray, e: _End, tolerance: np.ndarray) -> float:
+def _gain(plan: Plan, emulator: Emulator, x: np.ndarray, e: End, tolerance: np.ndarray) -> float:
     """How fast the root of the squared misses (in tolerances) falls towards the outside of an end, per width."""
     main = plan.searches[0]
     width = main.high[e.j] - main.low[e.j]
@@ -204,67 +186,31 @@ def _miss(plan: Plan, proposal: Proposal) -> str:
     return _and([f"{t} by {r:+.3g} {t.unit}" for t, r, tol in rows if abs(r) > tol])
 
 
-def _edge(plan: Plan, x: np.ndarray) -> str:
-    """At the edge of which conditions a point (d,) lies, in words."""
-    close = [c for c, excess in zip(plan.conditions, plan.excess(x[None])[0], strict=True) if excess > -0.1]
-    said = ["where runs have an answer" if isinstance(c, Region) else f"{c.words or 'a condition'} ({c.text})"
-            for c in close]  # fmt: skip
-    return f" at the edge of {_and(said)}" if said else ""
+def _at_edge(plan: Plan, x: np.ndarray) -> bool:
+    excess = plan.excess(x[None])
+    return bool(excess.size and excess.max() > -0.1)
 
 
 # ------------------------------------------------------------------------------------------------------ how far
 
 
-def _limit(plan: Plan, axis: Axis, stated: Axis, side: int) -> tuple[float, bool]:
-    """How far an end may go, and whether a hard bound says so."""
-    factor, hard = plan.study.search.repair_limit, (axis.parameter.low, axis.parameter.high)[side]
-    # The modulus that similarity scales out must stay positive.
-    if axis.scale == "log" or (axis.name == plan.group.reference and side == 0):
-        far = stated.low / factor if side == 0 else stated.high * factor
-    else:
-        width = factor * (stated.high - stated.low)
-        far = stated.low - width if side == 0 else stated.high + width
-    beyond = hard >= far if side == 0 else hard <= far
-    return (hard, True) if beyond else (far, False)
-
-
-def _room(axes: Sequence[Axis], stated: Sequence[Axis], e: _End, plan: Plan) -> bool:
-    far, _ = _limit(plan, axes[e.j], stated[e.j], e.side)
-    now = e.of(axes)
-    return now > far * (1 + 1e-9) if e.side == 0 and far > 0 else abs(far - now) > 1e-9 * max(abs(far), abs(now))
-
-
-def _moved(
-    plan: Plan, proposal: Proposal, moving: Sequence[_End], stated: Sequence[Axis], usual: Sequence[Condition]
-) -> dict[_End, float]:
+def _moved(plan: Plan, proposal: Proposal, moving: Sequence[End], stated: Stated) -> dict[End, float]:
     """New values of the ends; empty where similarity would run outside the hard bounds however little they moved."""
     axes = plan.searches[0].axes
     whole = proposal.choice.reachable and proposal.choice.kind in ("valley", "islands")
     share = 1.0
     for _ in range(6):
-        wider = {e: _next(plan, axes[e.j], stated[e.j], e, share, whole) for e in moving}
-        if _may_run(_widened(plan, _with(axes, wider), usual)):
+        wider: dict[End, float] = {}
+        for e in moving:
+            wider[e] = moved_to(plan, with_ends(axes, wider), stated, e, share, whole)
+        if _may_run(_widened(plan, with_ends(axes, wider))):
             return wider
         share, whole = 0.5 * share, False
     return {}
 
 
-def _next(plan: Plan, axis: Axis, stated: Axis, e: _End, share: float, whole: bool) -> float:
-    far, _ = _limit(plan, axis, stated, e.side)
-    if whole:
-        return far
-    out = -1 if e.side == 0 else 1
-    now = (axis.low, axis.high)[e.side]
-    if axis.scale == "log":
-        to = now * (axis.high / axis.low) ** (out * STEP * share)
-    else:
-        to = now + out * STEP * share * (axis.high - axis.low)
-    return max(to, far) if e.side == 0 else min(to, far)
-
-
-def _widened(plan: Plan, axes: tuple[Axis, ...], usual: Sequence[Condition]) -> Plan:
-    """The plan with wider ranges of its main search, kept to what is usual; variants keep theirs, the reference of
-    similarity its value."""
+def _widened(plan: Plan, axes: tuple[Axis, ...]) -> Plan:
+    """The plan with wider ranges of its main search; variants keep theirs, the reference of similarity its value."""
     box = replace(
         plan.box,
         low=tuple(min(a.low, x) for a, x in zip(axes, plan.box.low, strict=True)),
@@ -274,8 +220,7 @@ def _widened(plan: Plan, axes: tuple[Axis, ...], usual: Sequence[Condition]) -> 
     searches = [replace(main, axes=axes), *variants]
     searches = [replace(s, **dict(zip(("low", "high"), ends_in(s.axes, box), strict=True))) for s in searches]
     resolved = replace(plan.resolved, axes=axes)
-    conditions = added(plan.conditions, usual, box, plan.seed)
-    return replace(plan, box=box, resolved=resolved, searches=tuple(searches), conditions=conditions)
+    return replace(plan, box=box, resolved=resolved, searches=tuple(searches))
 
 
 def _may_run(plan: Plan) -> bool:
@@ -290,21 +235,14 @@ def _may_run(plan: Plan) -> bool:
     )
 
 
-def _with(axes: Sequence[Axis], wider: dict[_End, float]) -> tuple[Axis, ...]:
-    changed = list(axes)
-    for e, to in wider.items():
-        changed[e.j] = replace(changed[e.j], **{e.word: to})
-    return tuple(changed)
-
-
 # ------------------------------------------------------------------------------------------------------ new runs
 
 
 def _grown(
-    bench: Bench, design: Design, fitted: Fitted, wider: dict[_End, float], usual: Sequence[Condition]
+    bench: Bench, design: Design, fitted: Fitted, wider: dict[End, float]
 ) -> tuple[Bench, Fitted, tuple[Run, ...]]:
     """The bench over wider ranges, its surrogates, and the runs that were added for them."""
-    plan = _widened(bench.plan, _with(bench.plan.searches[0].axes, wider), usual)
+    plan = _widened(bench.plan, with_ends(bench.plan.searches[0].axes, wider))
     grown = replace(bench, plan=plan).around_failures(design.similar)
     old = fitted.emulator
     reduced, room = reduced_box(plan.box, old.group), max(plan.study.verify.max_infill, BATCH)
@@ -357,7 +295,7 @@ def _last_word(plan: Plan, proposal: Proposal, audit: Sequence[Step]) -> str:
     return "stopped"
 
 
-def _obstacle(moving: Sequence[_End], k: int) -> str:
+def _obstacle(moving: Sequence[End], k: int) -> str:
     """Why ends that are worth moving do not move."""
     if not moving:
         return ""
@@ -368,25 +306,25 @@ def _back(row: Step, reason: str) -> Step:
     return replace(row, what="taken back", why=reason, before=row.after, after=row.before)
 
 
-def _reach(plan: Plan, e: _End) -> str:
+def _reach(plan: Plan, e: End) -> str:
     return f"{plan.searches[0].axes[e.j].name} {('down to', 'up to')[e.side]} {_place(plan, e)}"
 
 
-def _place(plan: Plan, e: _End) -> str:
+def _place(plan: Plan, e: End) -> str:
     axes = plan.searches[0].axes
     return f"{e.of(axes):.4g} {axes[e.j].parameter.unit}"
 
 
-def _stop(plan: Plan, stated: Sequence[Axis], barred: dict[_End, str], e: _End) -> str:
+def _stop(plan: Plan, stated: Stated, barred: dict[End, str], e: End) -> str:
     """'10 MPa is the hard bound', or whatever else stops that end."""
     if e in barred:
         return f"{('below', 'above')[e.side]} {_place(plan, e)} {barred[e]}"
-    if _limit(plan, plan.searches[0].axes[e.j], stated[e.j], e.side)[1]:
-        return f"{_place(plan, e)} is the hard bound"
+    if words := limit(plan, plan.searches[0].axes, stated, e)[1]:
+        return f"{_place(plan, e)} {words}"
     return f"search.repair_limit = {plan.study.search.repair_limit:g} ends the range at {_place(plan, e)}"
 
 
-def _named(plan: Plan, ends: Sequence[_End]) -> str:
+def _named(plan: Plan, ends: Sequence[End]) -> str:
     return _and([f"the {e.word} end of {plan.box.names[e.j]}" for e in ends])
 
 

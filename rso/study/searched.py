@@ -106,7 +106,7 @@ class SearchTable(Table):
     repair: bool = True
     """Whether ranges are widened while candidates press against an end."""
     repair_limit: Annotated[float, Field(gt=1.0, le=1e6)] = 10.0
-    """How far: on a log scale by this factor a side, on a linear one by so many widths, within the hard bounds."""
+    """How far: by this factor a side on a log scale, by so many widths on a linear one; hard bounds come first."""
     variants: Annotated[tuple[Variant, ...], BeforeValidator(list_to_tuple)] = ()
     """More searches of the same study."""
 
