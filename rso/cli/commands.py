@@ -29,19 +29,33 @@ def check(options: argparse.Namespace, command: str) -> int:
 
 def new(options: argparse.Namespace, command: str) -> int:
     from rso.running.adapters import load_backend
-    from rso.study import load
+    from rso.study import StudyError, load
     from rso.study.beginning import Test, alone, begin
     from rso.study.checking import check
+    from rso.study.plan import make_plan
 
     point = None if options.point is None else tuple(options.point)
     try:
-        columns = dict(map(_column, options.column))
+        columns: dict[str, dict[str, Any]] = {}
+        for name, table in map(_column, options.column):
+            if columns.setdefault(name, table) is not table:
+                raise ValueError(f"--column {name}: is given twice")
         test = Test(tuple(options.semi_axes), options.radius, options.bowl, point, options.repeats, columns)
         text = begin(options.out, load_backend("fem_backend.backend:BACKEND"), test, options.fit, options.validate)
     except ValueError as error:
         print(f"rso: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
-    options.out.write_text(text, encoding="utf-8")
+    draft = options.out.with_name(f"{options.out.name}.draft")
+    try:
+        draft.write_text(text, encoding="utf-8")
+        study = load(draft)
+        make_plan(study)
+        draft.replace(options.out)
+    except StudyError as error:  # nothing is left behind that the next try would find
+        said = [p.replace(str(draft), str(options.out)) for p in error.problems]
+        raise StudyError([*said, "the study that this would be cannot run; it was not written"]) from error
+    finally:
+        draft.unlink(missing_ok=True)
     print(f"{options.out}: written; look at the lines with <-\n")
     study = load(options.out)
     own = options.out.stem == "study"  # a folder of results belongs to one study file

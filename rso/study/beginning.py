@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import os
 import re
@@ -13,16 +12,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from rso.contract import Backend
 from rso.measurement import Measurement, Noise, combine, read, recorded_speed, sheet_of
 from rso.study.columns import ColumnsTable
 from rso.study.errors import choose
-from rso.study.laboratory import inline, place
+from rso.study.laboratory import inline, may_be_a_place, place
 from rso.study.readings import by_hertz
 from rso.units import COLUMN_NAMES
 
 GUESS = "# <-"  # behind what nobody has stated
+TOP = (0.0, 0.0)
 AROUND = 3.0  # of the modulus of Hertz's limit, whose half-space the body is not
 WIDE = (0.001, 1.0)  # MPa, of a modulus that no force curve tells
 PRODUCT = (0.01, 1.8)  # mu D1, at the middle of the range of mu and at its end: ν = 0.4975 and 0.15
@@ -60,7 +61,7 @@ class _Experiment:
     role: str
     files: tuple[str, ...]
     measurement: Measurement
-    point: tuple[float, float]
+    point: tuple[float, float] | None
     by_name: bool
 
 
@@ -74,7 +75,7 @@ def begin(file: Path, backend: Backend, test: Test, fitted: Sequence[str], valid
     if not file.absolute().parent.is_dir():
         raise ValueError(f"{file}: there is no folder {file.parent}")
     experiments = _experiments(test, fitted, validated)
-    title = json.dumps(f"Indentation: {experiments[0].name}", ensure_ascii=False)
+    title = inline(f"Indentation: {experiments[0].name}")
     lines = [
         "# Begun by `rso new`.  Lines with <- are guesses to look at; `rso keys` says what else may stand here.",
         "[study]", f"title = {title}  {GUESS} for the report", "seed = 1", "",
@@ -93,23 +94,22 @@ def begin(file: Path, backend: Backend, test: Test, fitted: Sequence[str], valid
 
 def alone(test: Test, fitted: Sequence[str]) -> str:
     """What is to be said of several files that are fitted as tests of their own at one point; else nothing."""
-    if test.repeats or len(fitted) < 2:
-        return ""
-    at = [(e.point, e.measurement.kind) for e in _experiments(test, fitted, ())]
-    same = [f for f, where in zip(fitted, at, strict=True) if where == at[0]]
-    if len(same) < 2:
-        return ""
-    return f"{', '.join(same)} are tests of their own at one point; repeats of one test are begun with --repeats"
+    found = [] if test.repeats else _experiments(test, fitted, ())
+    same = {e.point: [o.files[0] for o in found if o.point == e.point] for e in found}
+    said = [f"{', '.join(files)} are tests of their own at one point" for files in same.values() if len(files) > 1]
+    return f"{'; '.join(said)}; repeats of one test are begun with --repeats" if said else ""
 
 
 def _experiments(test: Test, fitted: Sequence[str], validated: Sequence[str]) -> list[_Experiment]:
     given = [*fitted, *validated]
-    if twice := next((g for k, g in enumerate(given) if g in given[:k]), None):
-        raise ValueError(f"{twice}: is given twice; a reading counts once")
-    for g in given:
-        path = sheet_of(Path(g))[0]
+    for k, g in enumerate(given):
+        path, sheet = sheet_of(Path(g))
         if not path.is_file():
             raise ValueError(f"{g}: {'is a folder, not a file' if path.is_dir() else 'there is no such file'}")
+        if (path.resolve(), sheet) in [(p.resolve(), s) for p, s in map(sheet_of, map(Path, given[:k]))]:
+            raise ValueError(f"{g}: is given twice; a reading counts once")
+        if not g.isprintable() or any("\ud800" <= c <= "\udfff" for c in g):
+            raise ValueError(f"{g!r}: a study file cannot name this; rename it")
     names = dict(zip(given, _names(given), strict=True))
     groups = [("fit", tuple(fitted))] if test.repeats else [("fit", (f,)) for f in fitted]
     groups += [("validate", (f,)) for f in validated]
@@ -118,21 +118,40 @@ def _experiments(test: Test, fitted: Sequence[str], validated: Sequence[str]) ->
         m = _read(files, test.columns)
         if role == "fit" and m.kind == "profile":
             raise ValueError(f"{files[0]}: displacements are not fitted; give a profile behind --validate")
-        said = place(names[files[0]])
-        if role == "fit" and said is not None and test.point not in (None, said):
-            raise ValueError(f"{files[0]}: pressed at ({said[0]:g}, {said[1]:g}) mm by its name, elsewhere by --point")
-        point = said or test.point or (0.0, 0.0)
-        found.append(_Experiment(names[files[0]], role, files, m, point, said is not None))
+        point, by_name = _point(test, role, files)
+        found.append(_Experiment(names[files[0]], role, files, m, point, by_name))
     return found
 
 
+def _point(test: Test, role: str, files: Sequence[str]) -> tuple[tuple[float, float] | None, bool]:
+    """Where a test was done, if anything says so, and whether that is the name of its file or sheet."""
+    said = set()
+    for f in files:
+        path, sheet = sheet_of(Path(f))
+        where = place(sheet) or place(path.stem)
+        if where is None and test.point is None and (may_be_a_place(sheet) or may_be_a_place(path.stem)):
+            raise ValueError(f"{f}: its name does not say where it was pressed as point_20_0 does; give --point X Y")
+        said.add(where)
+    if len(said) > 1:
+        raise ValueError(f"{', '.join(files)}: by their names they were pressed at several points, and are no repeats")
+    (where,) = said
+    if role == "fit" and where is not None and test.point not in (None, where):
+        raise ValueError(f"{files[0]}: pressed at ({where[0]:g}, {where[1]:g}) mm by its name, elsewhere by --point")
+    return where or test.point, where is not None
+
+
 def _read(files: Sequence[str], columns: Mapping[str, Mapping[str, Any]]) -> Measurement:
+    if unknown := next((name for name in columns if name not in COLUMN_NAMES), None):
+        raise ValueError(f"--column {unknown}: there is no column {unknown!r}; {choose(unknown, COLUMN_NAMES)}")
     try:
-        if unknown := next((name for name in columns if name not in COLUMN_NAMES), None):
-            raise ValueError(f"there is no column {unknown!r}; {choose(unknown, COLUMN_NAMES)}")
         known = ColumnsTable(**columns).columns() if columns else {}
+    except ValidationError as error:
+        raise ValueError("; ".join(f"--column {e['loc'][0]}: {e['msg']}" for e in error.errors())) from error
+    try:
         return read(files if len(files) > 1 else files[0], known)
     except ValueError as error:
+        if "column" not in str(error):
+            raise
         text = f"{error}\nsay what its columns are: --column depth HEADER mm --column Fz HEADER N, and flip behind the "
         raise ValueError(f"{text}unit where the machine counts with the other sign (rso keys columns)") from error
 
@@ -148,7 +167,7 @@ def _parameters(backend: Backend, test: Test, experiments: Sequence[_Experiment]
     force = next((e for e in experiments if "Fz" in e.measurement.channels), None)
     mu = 0.0
     if force is not None:
-        settings = {**test.settings(), "point": list(force.point)}
+        settings = {**test.settings(), "point": list(force.point or TOP)}
         mu = float(by_hertz(backend, settings, combine(force.measurement, Noise())).get("mu", 0.0))
     low, high = (mu / AROUND, mu * AROUND) if mu > 0 else WIDE
     limit = f"Hertz's limit of the shallow half says about {_two(1e3 * mu)} kPa"
@@ -161,22 +180,33 @@ def _parameters(backend: Backend, test: Test, experiments: Sequence[_Experiment]
 
 
 def _lines(e: _Experiment, beside: Path) -> list[str]:
-    m, data = e.measurement, [os.path.relpath(f, beside) for f in e.files]
-    lines = ["[[experiments]]", f"name = {json.dumps(e.name, ensure_ascii=False)}", f'role = "{e.role}"',
+    m, data = e.measurement, [_beside(f, beside) for f in e.files]
+    lines = ["[[experiments]]", f"name = {inline(e.name)}", f'role = "{e.role}"',
              f"data = {inline(data[0] if len(data) == 1 else data)}"]  # fmt: skip
-    settings = [f"point = {list(e.point)}"]
+    settings = [f"point = {list(e.point or TOP)}"]
     if m.kind == "profile":
         lines += ['kind = "profile"']
     else:
         lines += ['channels = ["Fz", "Fx", "Fy"]'] if {"Fx", "Fy"} <= set(m.channels) else []
         settings += ["unload = true"] if any(np.any(r.segment == "unloading") for r in m.repeats) else []
-    lines += [f"settings = {{ {', '.join(settings)} }}{f'  {GUESS} by the name of the file' if e.by_name else ''}"]
+    whose = f"  {GUESS} by the name of the file" if e.by_name else f"  {GUESS} the top" if e.point is None else ""
+    lines += [f"settings = {{ {', '.join(settings)} }}{whose}"]
     if m.kind == "force" and not recorded_speed(m):
         lines += ['# no times in the file: settings may have speed = "30 mm/min" too, if the body remembers']
     unseen = [*([] if m.contact or len(e.files) > 1 else ['contact = "0.05 mm"']), 'gain = "1 %"']
     if m.kind == "force":
         lines += [f"# noise = {{ {', '.join(unseen)} }}  {GUESS} what a record cannot show of itself; usual figures"]
     return lines
+
+
+def _beside(file: str, folder: Path) -> str:
+    """The path of a file, or of a sheet in it, from a folder; its own on another drive."""
+    path, sheet = sheet_of(Path(file))
+    try:
+        there = Path(os.path.relpath(path.resolve(), folder.resolve()))
+    except ValueError:
+        there = path.resolve()
+    return there.as_posix() + (f"#{sheet}" if sheet else "")
 
 
 def _names(files: Sequence[str]) -> list[str]:

@@ -97,6 +97,11 @@ def place(name: str) -> tuple[float, float] | None:
     return (float(point[1]), float(point[2])) if point else None
 
 
+def may_be_a_place(name: str) -> bool:
+    """Whether the name of a file seems to say a point and is not understood."""
+    return place(name) is None and _PLACE.search(_bare(name)) is not None
+
+
 def unread(folder: Path) -> list[str]:
     """Files of a folder that may hold readings and are not read."""
     return [f"{f.name} is not read: only {' and '.join(READ)} files are" for f in sorted(folder.iterdir())
@@ -143,7 +148,7 @@ def inline(value: Any) -> str:
     """A value as TOML writes it within a line."""
     if isinstance(value, dict):
         return f"{{ {', '.join(f'{_key(k)} = {inline(v)}' for k, v in value.items())} }}"
-    return json.dumps(value, ensure_ascii=False)  # TOML knows no pairs of surrogates
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # TOML knows no pairs of surrogates
 
 
 def _key(name: str) -> str:

@@ -1,5 +1,8 @@
 """`rso new`: a study from data files that loads, holds what they tell, and says what they do not."""
 
+from pathlib import Path
+
+import openpyxl
 import pytest
 import sample_studies as studies
 
@@ -126,6 +129,65 @@ def test_a_name_that_another_file_has_by_itself_is_left_to_it(tmp_path):
     assert new(tmp_path, *(str(tmp_path / f) for f in files)) == 0
     assert {e.name: e.data for e in load(tmp_path).experiments} == {
         "top": ("b/top.csv",), "top_3": ("top.csv",), "top_2": ("top_2.csv",)}  # fmt: skip
+
+
+def points(folder):
+    return [tuple(e.settings["point"]) for e in load(folder).experiments]
+
+
+def test_the_place_is_that_of_the_file_or_sheet_and_not_of_a_made_up_name(tmp_path):
+    for k, f in enumerate(["a/point_20_0.csv", "b/point_20_0.csv", "a/p20.csv", "b/p20.csv"]):
+        (tmp_path / f).parent.mkdir(exist_ok=True)
+        (tmp_path / f).write_text(hertz(gain=1 + 0.01 * k))
+    given = [str(tmp_path / f) for f in ("a/point_20_0.csv", "b/point_20_0.csv", "a/p20.csv", "b/p20.csv")]
+    assert new(tmp_path, *given) == 0
+    assert points(tmp_path) == [(20, 0), (20, 0), (0, 0), (0, 0)]
+    text = (tmp_path / "study.toml").read_text()
+    assert text.count("<- by the name of the file") == 2 and text.count("<- the top") == 2
+
+
+def test_the_name_of_a_sheet_may_say_the_place(tmp_path):
+    book = openpyxl.Workbook()
+    for k, name in enumerate(("point_20_0", "point_0_10")):
+        sheet = book.active if k == 0 else book.create_sheet()
+        sheet.title = name
+        for row in hertz(gain=1 + 0.01 * k).splitlines():
+            cells = row.split(",")
+            sheet.append([float(c) for c in cells] if cells[0][0].isdigit() else cells)
+    book.save(tmp_path / "book.xlsx")
+    assert new(tmp_path, *(f"{tmp_path / 'book.xlsx'}#{n}" for n in ("point_20_0", "point_0_10"))) == 0
+    assert points(tmp_path) == [(20, 0), (0, 10)]
+
+
+@pytest.mark.parametrize(
+    ("files", "more", "said"),
+    [
+        (["point_20_0.csv", "point_0_20.csv"], ["--repeats"], "were pressed at several points, and are no repeats"),
+        (["point_20mm_0mm.csv"], [], "does not say where it was pressed as point_20_0 does; give --point X Y"),
+        (["top.csv"], ["--validate", "point_100_0.csv"], "it was not written"),
+        (["top.csv", "./top.csv"], [], "is given twice"),
+        (["top.csv"], ["--column", "Fz", "Fz_N", "N", "--column", "Fz", "b"], "--column Fz: is given twice"),
+        (["top.csv"], ["--column", "Fz", "Fz_N", "kg"], "--column Fz: "),
+        (["to\x7fp.csv"], [], "a study file cannot name this"),
+        (["t\udcfcp.csv"], [], "a study file cannot name this"),
+    ],
+)
+def test_what_cannot_be_told_or_run_leaves_nothing_behind(tmp_path, monkeypatch, capsys, files, more, said):
+    monkeypatch.chdir(tmp_path)
+    for k, f in enumerate({*files, "point_100_0.csv"}):
+        Path(f).write_text(hertz(gain=1 + 0.01 * k))
+    before = sorted(p.name for p in tmp_path.iterdir())
+    assert main(["new", *files, *BODY, *more]) == 2
+    told = capsys.readouterr().err
+    assert said in told and "pydantic" not in told
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
+
+
+def test_a_study_behind_a_link_finds_its_data(tmp_path):
+    (tmp_path / "far" / "deep").mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "far" / "deep")
+    (tmp_path / "top.csv").write_text(hertz())
+    assert main(["new", str(tmp_path / "top.csv"), *BODY, "--out", str(tmp_path / "link" / "study.toml")]) == 0
 
 
 def test_what_may_be_repeats_and_a_second_study_in_a_folder_are_said(tmp_path, capsys):
