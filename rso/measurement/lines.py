@@ -34,7 +34,8 @@ def text_of(path: Path) -> tuple[str, list[str]]:
     if raw.startswith(BEGINS):
         return text_of_workbook(path, raw, sheet)
     if raw.startswith(OLD):
-        raise ValueError(f"{path}: is a workbook of the old kind (.xls); save it as .xlsx")
+        text = "is a workbook of the old kind (.xls) or has a password; save it as .xlsx, without one"
+        raise ValueError(f"{path}: {text}")
     if sheet:
         raise ValueError(f"{path}: is no workbook and has no sheet {sheet!r}")
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):

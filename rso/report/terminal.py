@@ -58,7 +58,9 @@ def _values(values: Mapping[str, float], units: Mapping[str, str]) -> str:
 
 def _outside(value: float, state: Mapping[str, Any] | None) -> bool:
     low, high = (state or {}).get("interval") or (None, None)
-    return low is not None and high is not None and not low <= value <= high
+    if low is None or high is None:
+        return False
+    return max(low - value, value - high) > 1e-9 * max(abs(low), abs(high))  # at an end is inside
 
 
 def validated(v: Mapping[str, Any]) -> str:

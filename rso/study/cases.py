@@ -16,7 +16,6 @@ from rso.study.places import Place
 from rso.study.resolve import Resolved
 from rso.study.schema import ExperimentTable, Study
 from rso.study.searched import Target
-from rso.surrogates.polynomial import HIGHEST
 from rso.units import CHANNELS, COLUMNS, UNITS, quantity, same
 
 DEFAULT_SPEED = 0.5  # mm/s
@@ -240,9 +239,6 @@ def refuse_what_is_not_modelled(
         if p.default is None and p.name not in opened and p.name not in resolved.fixed:
             text = f"the backend needs {p.name!r} ({p.description}, {p.unit}): give low and high, or value"
             problems.append(Problem(("parameters",), text))
-    if "degree" in study.surrogate.model_fields_set and study.surrogate.degree > HIGHEST:
-        text = f"polynomials have degrees 1 to {HIGHEST}"
-        problems.append(Problem(("surrogate", "degree"), text, study.surrogate.degree))
     if problems:
         raise study_error(study.file, study.lines, problems)
 

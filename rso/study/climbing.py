@@ -183,8 +183,7 @@ def learnt(plan: Plan, axes: Axes, samples: Sequence[Sample]) -> Emulator:
     """Emulator of the compared curves: whole curves, unless [surrogate] wants another kind."""
     table = plan.study.surrogate
     kind = "whole_curve" if table.kind == "auto" else table.kind
-    degree = table.degree if "degree" in table.model_fields_set else None
-    return learn(axes.box, axes.group, curve_outputs(plan), samples, kind=kind, degree=degree, seed=plan.seed)
+    return learn(axes.box, axes.group, curve_outputs(plan), samples, kind=kind, degree=table.degree, seed=plan.seed)
 
 
 def settled(

@@ -151,7 +151,7 @@ def _foretold(bench: Bench, d: Determination, name: str, values: Mapping[str, fl
     y, f = np.concatenate([k.value for k in parts]), f + J @ (d.fit.x - x0)
     ours = block_diag(*(together(k.depth, k.error(response), float(k.depth.max())) for k in parts))
     theirs = block_diag(*(k.covariance for k in parts))
-    left = J @ np.linalg.solve(d.fit.fisher / d.scale**2 + UNIFORM * np.eye(box.d), J.T)
+    left = J @ np.linalg.solve(d.fit.fisher / d.wider**2 + UNIFORM * np.eye(box.d), J.T)
     stated = bool(np.any(np.diag(theirs + ours)))
     channels, start = [], 0
     for k in parts:

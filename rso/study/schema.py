@@ -42,6 +42,7 @@ from rso.study.noise import NoiseTable
 from rso.study.places import Place
 from rso.study.searched import SearchTable
 from rso.study.table import Table
+from rso.surrogates.polynomial import HIGHEST
 
 
 class StudyTable(Table):
@@ -175,7 +176,7 @@ class SurrogateTable(Table):
 
     kind: Literal["auto", "polynomial", "kriging", "whole_curve"] = "auto"
     """Response surfaces: chosen by their scores, or of one kind; whole_curve learns curves, not single forces."""
-    degree: Annotated[int, Field(ge=1, le=8)] = 2
+    degree: Annotated[int, Field(ge=1, le=HIGHEST)] | None = None
     """Of the polynomial; chosen by cross-validation where it is not stated."""
     tolerance: Tolerance = 0.01
     """Relative error on new runs above which runs are added, at most verify.max_infill of them."""
@@ -191,7 +192,7 @@ class SensitivityTable(Table):
     sobol: bool = True
     """First-order and total Sobol indices at the targets."""
     samples: Annotated[Positive, AfterValidator(power_of_two)] = 1024
-    """Base points of the Sobol indices, a power of two."""
+    """Base points of the Sobol indices, a power of two, at least 4."""
 
 
 class IdentifyTable(Table):

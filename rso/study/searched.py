@@ -100,7 +100,7 @@ class SearchTable(Table):
     candidates: Positive = 3
     """How many of them are rerun."""
     population: Annotated[int, Field(ge=4, le=100_000), AfterValidator(even)] = 100
-    """Of NSGA-II."""
+    """Of NSGA-II, an even number."""
     generations: Positive = 100
     """Of NSGA-II."""
     repair: bool = True

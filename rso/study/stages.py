@@ -277,9 +277,8 @@ def learnt_anew(
 ) -> Emulator:  # fmt: skip
     """Emulator of the outputs as [surrogate] wants it; the data choose what it leaves open."""
     table = plan.study.surrogate
-    degree = table.degree if "degree" in table.model_fields_set else None
     return learn(
-        plan.box, group, outputs, samples, kind=table.kind, degree=degree, seed=plan.seed, held=held, each=each
+        plan.box, group, outputs, samples, kind=table.kind, degree=table.degree, seed=plan.seed, held=held, each=each
     )
 
 

@@ -152,7 +152,7 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
     "points of others": ({"doe": 'kind = "file"\nfile = "p.csv"'}, {"p.csv": "mu,nu\n0.01,0.3\n"}, "p.csv"),
     "points outside": (
         {"doe": 'kind = "file"\nfile = "p.csv"'}, {"p.csv": "mu,D1\n0.01,1000\n"}, "outside the parameters' ranges"),
-    "degree of 7": ({"surrogate": "degree = 7"}, {}, "surrogate.degree = 7: polynomials have degrees 1 to 4"),
+    "degree of 7": ({"surrogate": "degree = 7"}, {}, "surrogate.degree = 7: should be less than or equal to 4"),
 }  # fmt: skip
 
 
