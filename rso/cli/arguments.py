@@ -61,7 +61,8 @@ def _new(known: Any) -> None:
     new.add_argument("--point", nargs=2, type=float, metavar=("X", "Y"), help="where it was pressed, mm from the top "
                      "(default: as the name of a file says, point_20_0.csv, or else the top)")  # fmt: skip
     new.add_argument("--column", nargs="+", action="append", default=[], metavar=("NAME", "WORD"),
-                     help="what a column is called in the files, its unit, its sign: --column Fz Kraft N flip")  # fmt: skip
+                     help="what a column is called in the files and its unit: --column Fz Kraft N; behind these flip "
+                     "turns its sign, contact finds its zero")  # fmt: skip
     new.add_argument("--out", type=Path, default=Path("study.toml"), help="the study file (default: study.toml)")
     new.set_defaults(call=commands.new)
 

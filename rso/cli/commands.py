@@ -67,14 +67,18 @@ def new(options: argparse.Namespace, command: str) -> int:
     return 0
 
 
+FLAGS: dict[str, dict[str, Any]] = {"flip": {"flip": True}, "contact": {"zero": "contact"}}
+
+
 def _column(words: Sequence[str]) -> tuple[str, dict[str, Any]]:
-    """A column by its words: name, header, unit, flip."""
-    flip = words[-1] == "flip" and len(words) > 2
-    rest = words[:-1] if flip else words
+    """A column by its words: name, header, unit, whether its sign is turned, its zero the contact that it shows."""
+    rest, table = list(words), {}
+    while len(rest) > 2 and rest[-1] in FLAGS:
+        table |= FLAGS[rest.pop()]
     if len(rest) not in (2, 3):
-        raise ValueError(f"--column {shlex.join(words)}: give NAME HEADER [UNIT] [flip], such as Fz Kraft N flip")
-    table = {"header": rest[1], **({"unit": rest[2]} if len(rest) == 3 else {}), **({"flip": True} if flip else {})}
-    return rest[0], table
+        text = "give NAME HEADER [UNIT] [flip] [contact], such as Fz Kraft N flip"
+        raise ValueError(f"--column {shlex.join(words)}: {text}")
+    return rest[0], dict(zip(("header", "unit"), rest[1:], strict=False)) | table
 
 
 def keys(options: argparse.Namespace, command: str) -> int:

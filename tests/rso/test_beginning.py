@@ -78,6 +78,16 @@ def test_columns_that_a_file_does_not_tell_are_given_and_until_then_nothing_is_w
     assert float(mu.low.split()[0]) < 8 < float(mu.high.split()[0])
 
 
+def test_a_zero_may_be_the_contact_that_the_record_shows(tmp_path):
+    rows = [f"{0.05 * k:.2f},{0.0 if k < 40 else -0.02 * (0.05 * (k - 40)) ** 1.5:.6f}" for k in range(100)]
+    (tmp_path / "air.csv").write_text("\n".join(["depth_mm,Kraft", *rows]))
+    columns = ("--column", "depth", "depth_mm", "contact", "--column", "Fz", "Kraft", "N", "contact", "flip")
+    assert new(tmp_path, str(tmp_path / "air.csv"), *columns) == 0
+    study = load(tmp_path)
+    assert study.columns.Fz.zero == study.columns.depth.zero == "contact" and study.columns.Fz.flip
+    assert study.measurement("air").repeats[0].depth[0] < -1.5
+
+
 @pytest.mark.parametrize(
     ("column", "said"), [(["Fq", "kraft"], "no column 'Fq'; did you mean"), (["Fz"], "--column Fz: give NAME HEADER")]
 )
