@@ -98,6 +98,13 @@ def _print(lines: Sequence[str]) -> None:
     print("\n".join(map(_hanging, lines) if sys.stdout.isatty() else lines))
 
 
+def _tell(sentences: Sequence[str]) -> None:
+    """Sentences below a title, each wrapped at words."""
+    width = min(shutil.get_terminal_size().columns, 100)
+    for text in sentences:
+        print(textwrap.fill(text, width, initial_indent="  ", subsequent_indent="    "))
+
+
 def _hanging(line: str) -> str:
     """A line in the width of the terminal, what follows further in."""
     within = " " * (len(line) - len(line.lstrip()))
@@ -203,9 +210,7 @@ def ladder(options: argparse.Namespace, command: str) -> int:
 
         files += render_ladder(found, folder, html=study.report.html, pdf=study.report.pdf)
     print(f"\n{found['study']['title']}")
-    width = min(shutil.get_terminal_size().columns, 100)
-    for line in [s["words"] for s in found["steps"]] + [found["words"]] + [f"warning: {w}" for w in found["warnings"]]:
-        print(textwrap.fill(line, width, initial_indent="  ", subsequent_indent="    "))
+    _tell([*(s["words"] for s in found["steps"]), found["words"], *(f"warning: {w}" for w in found["warnings"])])
     print(f"  {found['counts']['runs']} simulations, {found['timings']['wall']:.0f} s")
     print("\n".join(f"  {f}" for f in files))
     return EXIT_FAILED_RUNS if found["chosen"] is None else 0
@@ -229,13 +234,8 @@ def next_test(options: argparse.Namespace, command: str) -> int:
 
         files += render_further(found, folder, html=study.report.html, pdf=study.report.pdf)
     print(f"\n{found['study']['title']}")
-    for line in [
-        *found["words"],
-        *(f"warning: {w}" for w in found["warnings"]),
-        *(f"no answer: {n}: {w}" for n, w in found["problems"].items()),
-    ]:
-        width = min(shutil.get_terminal_size().columns, 100)
-        print(textwrap.fill(line, width, initial_indent="  ", subsequent_indent="    "))
+    unanswered = (f"no answer: {n}: {w}" for n, w in found["problems"].items())
+    _tell([*found["words"], *(f"warning: {w}" for w in found["warnings"]), *unanswered])
     print("\n" + "\n".join(markdown(found)) + "\n")
     print("\n".join(f"  {f}" for f in files))
     return EXIT_FAILED_RUNS if found["problems"] else 0

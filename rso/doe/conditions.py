@@ -13,7 +13,7 @@ LONGEST = 200
 _BINARY = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
            ast.Pow: operator.pow}  # fmt: skip
 _UNARY = {ast.USub: operator.neg, ast.UAdd: operator.pos}
-_FUNCTIONS = {"sqrt": np.sqrt, "log": np.log, "exp": np.exp, "abs": np.abs}
+FUNCTIONS = {"sqrt": np.sqrt, "log": np.log, "exp": np.exp, "abs": np.abs}
 _COMPARISONS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 Value = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 
@@ -87,9 +87,9 @@ def _value(node: ast.expr, names: tuple[str, ...]) -> Value:
         case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
             g, c = _UNARY[type(op)], _value(operand, names)
             return lambda theta: g(c(theta))
-        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in _FUNCTIONS:
-            h, e = _FUNCTIONS[name], _value(argument, names)
+        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in FUNCTIONS:
+            h, e = FUNCTIONS[name], _value(argument, names)
             return lambda theta: h(e(theta))
     what = ast.unparse(node)
-    known = f"parameters {', '.join(names)}, numbers, + - * / **, {', '.join(_FUNCTIONS)}"
+    known = f"parameters {', '.join(names)}, numbers, + - * / **, {', '.join(FUNCTIONS)}"
     raise ValueError(f"{what!r} is not understood in a constraint; there are {known}")

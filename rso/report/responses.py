@@ -99,8 +99,7 @@ def _score_table(scores: list[Mapping[str, Any]], known_outputs: Mapping[str, Ou
     held = {(s.get("held_out") or {}).get("n") for s in scores}
     new = ", ".join(f"{n}" for n in sorted(n for n in held if known(n)))
     note = f"Held out: {new} runs that the surrogates had not seen when these scored them; then they learn them."
-    note = note if new else ""
-    return table("Errors of the surrogates", columns, note)
+    return table("Errors of the surrogates", columns, note if new else "")
 
 
 def _choice_table(scores: list[Mapping[str, Any]], known_outputs: Mapping[str, Output]) -> Table:

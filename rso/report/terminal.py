@@ -31,7 +31,7 @@ def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
         values = _values(candidate["values"], units)
         lines.append(f"  best verified candidate ({best['candidate']}) for the targets: {values}; {scores}")
         if apart := [k for k, v in candidate["values"].items() if _outside(v, found["determined"].get(k))]:
-            lines.append(f"    its {' and '.join(apart)} lies outside what agrees with the whole curves")
+            lines.append(f"    outside what agrees with the whole curves: its {' and '.join(apart)}")
     for v in found["validation"]:
         lines.append(f"  validation {v['experiment']} with {v['candidate']}: {validated(v)}")
     for v in found.get("predictions") or ():  # results of an older program have none

@@ -231,13 +231,9 @@ def _fit(results: Results) -> list[str]:
         return ["No candidate is verified, so none is called the best."] if finished(results, "verify") else []
     for name in best.data.get("metrics") or {}:
         m, base = best.metrics(name), (results.get("baseline") or {}).get(name) or {}
-        unit, rmse = experiment(results, name).get("unit", ""), m.get("rmse")
-        flat = about_zero(base)
-        score = f"RMSE of {quantity(rmse, unit, 3)}" if flat else f"NRMSE of {percent(number(m.get('nrmse')))} "
-        text = (
-            f"The best candidate, {best.label}, reproduces the measured curve {clean(name)} with an "
-            f"{score}{'' if flat else f'(RMSE {quantity(rmse, unit, 3)})'}"
-        )
+        rmse, flat = quantity(m.get("rmse"), experiment(results, name).get("unit", ""), 3), about_zero(base)
+        score = f"RMSE of {rmse}" if flat else f"NRMSE of {percent(number(m.get('nrmse')))} (RMSE {rmse})"
+        text = f"The best candidate, {best.label}, reproduces the measured curve {clean(name)} with an {score}"
         if not flat and known(base.get("nrmse")) and known(m.get("nrmse")) and m["nrmse"] > 0:
             text += (
                 f"; the model that only predicts the mean of the curve has {percent(base['nrmse'])}, "

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rso.doe import Condition, read_condition
+from rso.doe.conditions import FUNCTIONS
 from rso.study.plan import Plan
 from rso.study.resolve import Axis
 
 STEP = 0.5  # of its width by which a range grows at a time, on its scale
-FUNCTIONS = {"sqrt", "log", "exp", "abs"}
 NAME = re.compile(r"\b[A-Za-z_]\w*")
 CLOSE = 1e-9  # by which rounding may break a condition
 HALVINGS = 40
@@ -61,10 +61,10 @@ def limit(plan: Plan, axes: Sequence[Axis], stated: Stated, e: End) -> tuple[flo
         far = before.low - width if side == 0 else before.high + width
     beyond = hard >= far if side == 0 else hard <= far
     far, words = (hard, "is the hard bound") if beyond else (far, "")
-    return kept(axes, stated.ordinary, e, far) or (far, words)
+    return _kept(axes, stated.ordinary, e, far) or (far, words)
 
 
-def kept(axes: Sequence[Axis], conditions: Sequence[Condition], e: End, far: float) -> tuple[float, str] | None:
+def _kept(axes: Sequence[Axis], conditions: Sequence[Condition], e: End, far: float) -> tuple[float, str] | None:
     """The place nearest to `far` where an end breaks no condition, and which one is next; None where `far` does not."""
     what = broken(conditions, with_ends(axes, {e: far}))
     if not what:
@@ -113,7 +113,7 @@ def ordinary(plan: Plan) -> tuple[Condition, ...]:
     found = []
     for text, words in said.items():
         here = NAME.sub(lambda m: f"({fixed[m[0]]!r})" if m[0] in fixed else m[0], text)
-        names = set(NAME.findall(here)) - FUNCTIONS
+        names = set(NAME.findall(here)) - FUNCTIONS.keys()
         if names and names <= {a.name for a in axes}:
             found.append(read_condition(here, [a.name for a in axes], words))
     return tuple(c for c in found if not broken([c], axes))

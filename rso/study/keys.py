@@ -33,11 +33,11 @@ def reference(table: str = "") -> list[str]:
     lines = [] if table else HEAD.splitlines()
     for name, heading, shape in parts:
         if not table or name == table or name.startswith(f"{table}."):
-            lines += ["", f"## {heading}", "", *_described(shape), "", *_keys(name, shape, whole["$defs"])]
+            lines += ["", f"## {heading}", "", *_described(shape), "", *_keys(shape)]
     return lines if not table else lines[1:]
 
 
-def _tables(shape: Shape, known: Shape, inside: str = "") -> Iterator[tuple[str, str, Shape]]:
+def _tables(shape: Shape, known: Shape) -> Iterator[tuple[str, str, Shape]]:
     """Name, heading and shape of all tables within one, depth first; those of one kind are described once."""
     seen = {kind: "" for kind, _ in map(_table_in, shape["properties"].values()) if kind}  # these have their own place
 
@@ -51,7 +51,7 @@ def _tables(shape: Shape, known: Shape, inside: str = "") -> Iterator[tuple[str,
                 yield name, heading, known[kind]
                 yield from within(known[kind], name)
 
-    yield from within(shape, inside)
+    yield from within(shape, "")
 
 
 def _table_in(value: Shape) -> tuple[str, str]:
@@ -78,14 +78,14 @@ def _described(shape: Shape) -> list[str]:
     return [text[:1].upper() + text[1:]] if text else []
 
 
-def _keys(name: str, shape: Shape, known: Shape) -> Iterator[str]:
+def _keys(shape: Shape) -> Iterator[str]:
     """A line for each key; keys of which the same holds share one."""
-    rows = [(key, _row(key, value, key in shape.get("required", ()))) for key, value in shape["properties"].items()]
+    rows = [(key, _row(value, key in shape.get("required", ()))) for key, value in shape["properties"].items()]
     for said, same in groupby(rows, key=lambda row: row[1]):
         yield f"- {', '.join(f'`{key}`' for key, _ in same)}: {said}"
 
 
-def _row(key: str, value: Shape, required: bool) -> str:
+def _row(value: Shape, required: bool) -> str:
     kind, how = _table_in(value)
     default = value.get("default")
     said = {"many": "tables", "named": "tables with names"}.get(how, "a table") if kind else _allowed(value)

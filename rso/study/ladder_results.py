@@ -77,13 +77,12 @@ def warnings(plan: Plan, found: Climbed) -> list[str]:
                 f"{100 * e.limit:.3g} %), which it did not see; with count_validation in [ladder] that curve counts in "
                 "the decision"
             )
-    excused = next((v for v in climb.judged if v.if_remembering is not None and v.if_remembering.passes), None)
-    if excused is not None:
-        p = excused.if_remembering.p_value  # type: ignore[union-attr]
+    failing = {s.name for s in climb.steps if s.verdict == "fails"}
+    for v in [v for v in climb.judged if v.level.name in failing and v.if_remembering and v.if_remembering.passes][:1]:
         said.append(
-            f"{excused.level.label} is given up because neighbouring readings miss it together; if they remember each "
-            f"other by as much (an amplifier's filter) it is good enough (p = {p:.2g}), and what is put on it may be "
-            "noise: repeats, or noise.correlation, would tell"
+            f"{v.level.label} is given up because neighbouring readings miss it together; if they remember each other "
+            f"by as much (an amplifier's filter) it is good enough (p = {v.if_remembering.p_value:.2g}), and what is "
+            "put on it may be noise: repeats, or noise.correlation, would tell"
         )
     bad = [v.level.name for v in climb.judged if v.detail and not v.detail.settled]
     said += [f"{n}: the recomputed most likely curve is not yet its prediction" for n in bad]

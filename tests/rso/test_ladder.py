@@ -19,7 +19,7 @@ from rso.ladder import Added, Check, Goodness, Judged, Left, Level, goodness
 from rso.report.digits import Unit
 from rso.report.ladder import render_ladder, report, value_text
 from rso.store import RunStore
-from rso.study import StudyError, load
+from rso.study import StudyError, climbing, load
 from rso.study.climbing import ladder_plan, run_ladder
 from rso.study.ladder_results import results, write
 from rso.study.ladder_runs import design
@@ -597,7 +597,15 @@ def test_a_level_that_memory_of_the_noise_may_have_given_up_is_named(tmp_path):
     assert given_up >= 2 and named >= given_up - 1  # a p-value has its own share of false alarms
 
 
+def test_what_is_far_more_than_noise_is_not_excused(tmp_path, monkeypatch):
+    """The same records where hardly anything counts as noise."""
+    monkeypatch.setattr(climbing, "REFUTED", 0.0)
+    for seed in range(6):
+        _, said = remembering_record(tmp_path / str(seed), "neo", 0.4, seed)
+        assert not any("if they remember each other" in w for w in said)
+
+
 def test_a_wrong_law_is_not_excused_by_memory(tmp_path):
     """The control: what is left is far more than the record scatters by."""
     found, said = remembering_record(tmp_path, "stiff", 0.0, 0, C20=1e-3)
-    assert verdicts(found)["neo"] == "fails" and not any("neo is given up" in w for w in said)
+    assert verdicts(found)["neo"] == "fails" and not any("if they remember each other" in w for w in said)
