@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,7 @@ def template_mesh(level: str) -> Mesh:
         return Mesh(data["vertices"], data["tets"].astype(np.int64))
 
 
+@cache
 def template_hash(level: str) -> str:
     """Hash of the numbers of a template (not of its file)."""
     mesh = template_mesh(level)
