@@ -16,13 +16,14 @@ from rso.study.schema import Study
 
 
 def of_study(plan: Plan) -> list[str]:
-    """Settings that differ from the backend's defaults, and those that do not."""
+    """Settings that the study states, whatever the defaults are, and those that it leaves to the backend."""
     taken, default = (_taken(plan, plan.study.experiments[0].name, s) for s in (plan.study.backend.settings, {}))
     if taken is None:
         return []
     said = _flat(plan.study.backend.settings)
     other = {k: v for k, v in taken.items() if k not in (default or {}) or default[k] != v}
-    stated = {k: v for k, v in other.items() if k in said or "." not in k}  # a table's other keys follow from these
+    # a table's other keys follow from those that are said
+    stated = {k: v for k, v in taken.items() if k in said or (k in other and "." not in k)}
     unstated = {k: v for k, v in taken.items() if k not in stated and v not in ([], None)}
     groups = {"settings as stated": stated, "settings by the backend, by default or for its own use": unstated}
     return [line for words, found in groups.items() for line in _list(f"  {words}: ", map(_pair, found.items()))]

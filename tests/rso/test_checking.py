@@ -53,6 +53,15 @@ def test_what_the_backend_works_out_of_a_statement_is_no_statement(tmp_path):
     assert any("specimen.cavity" in line for line in lines if "by the backend" in line)
 
 
+def test_a_statement_that_equals_the_default_is_a_statement(tmp_path):
+    """Negative control: what is not stated is said to be the backend's."""
+    lines = whole(said(tmp_path, backend__settings="specimen = { semi_axes = [60.0, 35.0, 35.0] }"))
+    stated = next(line for line in lines if "settings as stated" in line)
+    default = next(line for line in lines if "by the backend" in line)
+    assert "specimen.semi_axes = [60.0, 35.0, 35.0]" in stated and "specimen.semi_axes" not in default
+    assert "indenter.radius" in default and "indenter.radius" not in stated
+
+
 def test_what_only_the_form_of_the_backend_has_is_not_said(tmp_path):
     """A body that may turn in its bowl has a number in its key that no study can state."""
     bowl = "support = { kind = 'bowl' }"
