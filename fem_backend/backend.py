@@ -17,6 +17,7 @@ from fem_backend import (
     channels,
     costs,
     experiment,
+    foreseen,
     indentation,
     levels,
     linsolve,
@@ -27,7 +28,7 @@ from fem_backend import (
 )
 from fem_backend import model as modelling
 from fem_backend.channels import UNITS
-from fem_backend.errors import stated
+from fem_backend.errors import DEEP, stated
 from fem_backend.experiment import Settings
 from fem_backend.indentation import Result
 from fem_backend.knobs import SWITCHES, Knobs
@@ -198,22 +199,23 @@ class FiniteElements:
             plain["derivatives"] = False
         if programme.time_s[0] != 0.0:  # one test has one key, whenever it began
             programme = _from_zero(programme)
-        if mended(settings, kept, programme):
-            plain["specimen"]["mended"] = experiment.MARKS["mended"]
+        if revision := mended(settings, kept, programme):
+            plain["specimen"]["mended"] = revision
         if not path_dependent(settings, kept):
             held = np.interp(programme.asked_s, programme.time_s, programme.travel_mm)
             programme = Programme.ramp(tuple(sorted({*programme.asked_mm, *(float(v) for v in held if v > 0)})), 1.0)
         return kept, dataclasses.replace(case, settings=plain, programme=programme)
 
     def refused(self, values: Mapping[str, float], case: Case) -> str | None:
-        """Why a simulation with these values would not be begun; None where nothing speaks against it."""
+        """Why a simulation with these values has no answer to its depth; None where nothing speaks against it."""
         settings = experiment.read_settings(case.settings)
         try:
-            knobs = self.knobs(values, settings)
+            knobs, deepest = self.knobs(values, settings), max(case.programme.travel_mm)
             modelling.admit(settings, knobs, modelling.place(settings, knobs))
+            end = foreseen.inadmissible(settings, knobs, deepest)
         except ValueError as error:  # NotModelled, too
             return str(error)
-        return None
+        return end.why if end is not None else foreseen.small_strains(settings, knobs, deepest)
 
     def ordinary(self) -> Mapping[str, str]:
         """Conditions between knobs that ordinary materials respect, and what they say: K/μ ≥ 2/3 with K = 2/D₁."""
@@ -260,8 +262,9 @@ class FiniteElements:
         path, anchor = case.artefact("mesh"), case.artefact("anchor")
         try:
             placement = modelling.place(settings, knobs)
-            model = modelling.model_for(settings, knobs, placement, None if path is None else str(path))
             instants, slopes = passages(case.programme), differentiable(settings, knobs)
+            instants, end = _before(instants, foreseen.inadmissible(settings, knobs, max(case.programme.travel_mm)))
+            model = modelling.model_for(settings, knobs, placement, None if path is None else str(path))
             guess, started = None, time.process_time()
             if anchor is not None:
                 guess = anchors.guess(str(anchor), model, analytic.poisson_ratio(knobs.mu, 2.0 / knobs.D1))
@@ -272,9 +275,12 @@ class FiniteElements:
             how = nested.limit if settings.level == experiment.LIMIT else indentation.solve
             result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = _begun(dataclasses.replace(result, cpu_s=result.cpu_s + before), case.programme)
-            if indentation.unstable(result) is None:
+            if indentation.unstable(result) is not None:
+                failed = _inadmissible(result, model, settings, knobs)
+            elif end is not None:
+                failed = SimulationFailed("inadmissible", end.why, _response(result, model, settings, knobs))
+            else:
                 return Solved(settings, knobs, placement, model, result)
-            failed = _inadmissible(result, model, settings, knobs)
         except NotModelled as error:
             failed = SimulationFailed(error.cause, str(error))
         except Stopped as stopped:
@@ -311,6 +317,16 @@ def _inadmissible(result: Result, model: Model, settings: Settings, knobs: Knobs
     return SimulationFailed("inadmissible", why, _response(result.upto(k), model, settings, knobs) if k else None)
 
 
+def _before(instants: list[Instant], end: foreseen.End | None) -> tuple[list[Instant], foreseen.End | None]:
+    """The instants before a law ends, and its end; NotModelled where no answer is asked for before it."""
+    if end is None:
+        return instants, None
+    left = list(itertools.takewhile(lambda i: i.travel < end.depth, instants))
+    if not any(i.asked for i in left):
+        raise NotModelled("inadmissible", end.why)
+    return left, end
+
+
 def path_dependent(settings: Settings, values: Mapping[str, float]) -> bool:
     """Whether the answer depends on times and on the way there."""
     rubbing = bool(values.get("friction") or values.get("adhesion"))
@@ -319,17 +335,19 @@ def path_dependent(settings: Settings, values: Mapping[str, float]) -> bool:
     return bool(rubbing or memory)
 
 
-def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) -> bool:
-    """Whether a weight acts on a cavity, a ball attracts, a body relaxes at rest or a bowl's height is not the usual.
+def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) -> int:
+    """The last change since the first answers that counts here, 0 where none does.
 
-    A cavity used to weigh, the peak pressure not to be the net one, a rest to be one step, and the lip of every bowl to
-    be 1 mm.
+    1: a cavity used to weigh, the peak pressure not to be the net one, a rest to be one step, and the lip of every bowl to
+    be 1 mm.  2: small strains had no end, and errors below a deep ball were stated too small.
     """
     relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))
     rests = any(a == b for a, b in itertools.pairwise(programme.travel_mm))
     hollow = kept.get("weight") and kept.get("cavity")
     other = settings.support == "bowl" and settings.body.c != modelling.FLAT
-    return bool(hollow or kept.get("adhesion") or (relaxes and rests) or other)
+    if max(programme.travel_mm) > DEEP * settings.R or settings.law == "linear_elastic":
+        return 2
+    return int(bool(hollow or kept.get("adhesion") or (relaxes and rests) or other))
 
 
 def _from_zero(programme: Programme) -> Programme:

@@ -46,6 +46,7 @@ LINGERS = 0.3  # of the largest of these so far is still there on the way back, 
 LUMPED = 1.7  # times |ln ratio|: what elements miss of the edge of contact where they are as thick as the skin
 LAYERED = 7.0  # times ln ratio t/R: what they miss of a stiff skin at any depth
 UNEVEN = 1.3e-3  # of R, times |ln ratio|: where the lowest point below a skin is (1 to 13 μm at R = 3 mm)
+DEEP = 2.0  # of R: travel from which elements around the ball are distorted
 SLIP = 0.7  # of the contact in the first step, and of the share that slips
 
 
@@ -312,8 +313,12 @@ def sunk(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
     """
     if settings.support != "bowl":
         return np.zeros_like(result.travel)
-    share = (settings.R * knobs.bowl_clearance / (settings.body.b * settings.body.c)) ** (1.0 / 3.0)
-    return np.abs(result.travel) * share * eased(settings, knobs, result)
+    return np.abs(result.travel) * sinking(settings, knobs) * eased(settings, knobs, result)
+
+
+def sinking(settings: Settings, knobs: Knobs) -> float:
+    """The share (R g/(b c))^(1/3) of the travel by which a weightless body sinks into its bowl, at most 1."""
+    return min((settings.R * knobs.bowl_clearance / (settings.body.b * settings.body.c)) ** (1.0 / 3.0), 1.0)
 
 
 def eased(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:

@@ -21,7 +21,7 @@ LIMIT = "limit"  # the mesh level whose forces are extrapolated, see fem_backend
 LARGEST = 70  # semi-axis over the radius of the ball: of one three times as large fTetWild makes no sound mesh
 # Of canonical settings, raised when answers change where misalignment or tilt takes the fine elements along, those of
 # bodies that may turn in a bowl and whose way there matters, and those of `backend.mended`: no study states them.
-MARKS = {"follows": 1, "rolling": 3, "mended": 1}
+MARKS = {"follows": 1, "rolling": 3, "mended": 2}
 OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
 LAWS = ("neo_hookean", "linear_elastic", "mooney_rivlin", "yeoh", "ogden")
 

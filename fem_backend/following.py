@@ -84,6 +84,7 @@ def follow(
                     here = replace(here, rate=np.zeros_like(here.rate))
                 continue
             counters.steps += 1
+            stepping.proper(system, found, here.travel, goal.travel, points, counters)
             points += [] if point is None else [_light(point)]
             share, pace = 1.0, 1.5 * max(pace, abs(goal.travel - here.travel))
             here = _arrived(system, load, found, goal)

@@ -90,7 +90,7 @@ def unstable(result: Result) -> tuple[int, str] | None:
     """
     law, points = result.system.material.law, result.points
     if isinstance(law, NeoHooke | LinearElastic) or not points:
-        return None
+        return None  # small strains are watched on the way (stepping.travel)
 
     def lost(point: Point) -> str | None:
         F = point.evaluation.H.reshape(-1, 3, 3) + np.eye(3)

@@ -231,6 +231,7 @@ def travel(
                 if error.cause == "time_limit":
                     raise stopped(error, target, points, counters) from error
             else:
+                proper(system, points[-1].stages[-1].equilibrium, here, target, points[:-1], counters)
                 u, rate, here = _end(points[-1], target)
                 amiss = u - offered[0]
                 continue
@@ -250,6 +251,7 @@ def travel(
                 rate = rate if step > control.first / 4 else np.zeros_like(rate)
                 continue
             counters.steps += 1
+            proper(system, found, here, goal, points, counters)
             easy = len(found.history) <= 5
             step = min((goal - here) * (1.6 if easy else 1.0), control.largest) if goal < target else step
             u, rate, here = found.evaluation.u, found.rate, goal
@@ -258,8 +260,28 @@ def travel(
             points.append(settle(system, [u], start(target), target, control, counters, 0.0, watch, known, loose=True))
         except NotConverged as error:
             raise stopped(error, target, points, counters) from error
+        proper(system, points[-1].stages[-1].equilibrium, here, target, points[:-1], counters)
         u, rate, here = _end(points[-1], target)
     return points
+
+
+def proper(system: System, found: Equilibrium, here: float, goal: float, points: list[Point], counters: Counters) -> None:
+    """Raise Stopped where the displacements between two travels (mm) are beyond small strains.
+
+    With ε = sym ∇u, a line element shrinks to nothing at 1 + ε_min ≤ 0 and the body turns over at det(I + ∇u) ≤ 0: no
+    motion has such gradients, whatever its forces.
+    """
+    if not system.material.small_strain:
+        return
+    H = found.evaluation.H
+    shortest = 1.0 + float(np.linalg.eigvalsh(0.5 * (H + np.swapaxes(H, -1, -2)))[..., 0].min())
+    least = float(np.linalg.det(np.eye(3) + H).min())
+    if min(shortest, least) <= 0.0:
+        raise Stopped(
+            "inadmissible", f'law = "linear_elastic": small-strain kinematics end between {here:.4g} and {goal:.4g} mm '
+            f"of travel, where det(I + grad u) = {least:.3g} and 1 + the smallest strain = {shortest:.3g}; take a law "
+            "of finite strain, such as neo_hookean, or smaller depths", points, found.history, counters,
+        )  # fmt: skip
 
 
 def may_go_on(system: System, limit: int, error: NotConverged) -> bool:

@@ -30,6 +30,7 @@ from rso.study.repairing import Step
 from rso.study.schema import Study
 from rso.study.searching import Found, Validation, baselines, mean_over_design, simulated_curves
 from rso.study.stages import Design, Fitted, Run, why
+from rso.study.stated import extraordinary
 from rso.surrogates import Scores
 
 SCHEMA = 1
@@ -56,7 +57,10 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
         "verify": {"tolerance": study.verify.tolerance, "max_infill": study.verify.max_infill},
         "metric": study.search.metric,
         "baseline": {e: dataclasses.asdict(m) for e, m in baselines(plan).items()},
-        "warnings": [f"{e.name}, {doubt}" for e in study.experiments for doubt in study.measurement(e.name).doubts],
+        "warnings": [
+            *(f"{e.name}, {doubt}" for e in study.experiments for doubt in study.measurement(e.name).doubts),
+            *extraordinary(plan),
+        ],
         "timings": {},
         "provenance": {
             "rso": rso.__version__,

@@ -5,15 +5,21 @@ Nothing is known here of what a setting is: plain data, and the backend's own fo
 
 from __future__ import annotations
 
+import itertools
 import json
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
+
 from rso.contract import Case
+from rso.doe import read_condition
 from rso.study.cases import MISREAD, case_for, travels
 from rso.study.plan import Plan
 from rso.study.schema import Study
 
+MOST = 4096  # corners of the ranges that are looked at
 
 def of_study(plan: Plan) -> list[str]:
     """Settings that the study states, whatever the defaults are, and those that it leaves to the backend."""
@@ -27,6 +33,23 @@ def of_study(plan: Plan) -> list[str]:
     unstated = {k: v for k, v in taken.items() if k not in stated and v not in ([], None)}
     groups = {"settings as stated": stated, "settings by the backend, by default or for its own use": unstated}
     return [line for words, found in groups.items() for line in _list(f"  {words}: ", map(_pair, found.items()))]
+
+
+def extraordinary(plan: Plan) -> list[str]:
+    """What the backend says of ordinary materials and does not hold all over the ranges, a sentence each."""
+    said: Mapping[str, str] = getattr(plan.backend, "ordinary", dict)()
+    at = [(a.name, (a.low, a.high)) for a in plan.resolved.axes]
+    at += [(name, (value,)) for name, value in plan.resolved.fixed.items()]
+    names, lines = [name for name, _ in at], []
+    corners = np.array(list(itertools.product(*(ends for _, ends in at)))[:MOST])
+    for text, words in said.items():
+        if not set(re.findall(r"[A-Za-z_]\w*", text)) <= set(names):
+            continue
+        off = np.asarray(read_condition(text, names, words).excess(dict(zip(names, corners.T, strict=True)))) > 0.0
+        if off.any():
+            where = "any of their corners" if off.all() else "some of their corners"
+            lines.append(f"ranges beyond ordinary materials: {words} needs {text}, not so at {where}")
+    return lines
 
 
 def of_experiment(plan: Plan, name: str) -> list[str]:

@@ -160,6 +160,9 @@ def test_marks_of_the_canonical_form_are_offered_to_nobody():
         ({"prony_g": 0.3}, {}, Programme((0.0, 1.0, 2.0), (0.0, 1.0, 0.0), (1.0,)), False),
         ({}, {**BOWL, "specimen": {"semi_axes": [30.0, 24.0, 21.0]}}, Programme.ramp((1.0,)), True),
         ({}, BOWL, Programme.ramp((1.0,)), False),
+        ({}, {"material": {"law": "linear_elastic"}}, Programme.ramp((1.0,)), True),
+        ({}, {}, Programme.ramp((6.1,)), True),
+        ({}, {}, Programme.ramp((6.0,)), False),
     ],
 )
 def test_answers_that_were_mended_have_another_key(values, settings, programme, marked):

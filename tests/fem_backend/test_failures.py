@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem_backend import newton, stepping
+from fem_backend import foreseen, newton, stepping
 from fem_backend.backend import BACKEND
 from fem_backend.stepping import Control, Stopped
 from rso.contract import CAUSES, Case, Programme, SimulationFailed
@@ -231,6 +231,45 @@ def test_a_law_that_softens_over_the_stretches_reached_is_no_material(values, la
     whole = BACKEND({**VALUES, **values}, case)
     np.testing.assert_allclose(failure.partial.channels["Fz"][0], whole.channels["Fz"][0], rtol=1e-8)
     assert failure.partial.channels["travel"].max() < 1.65
+
+
+@pytest.mark.parametrize(
+    ("values", "material"),
+    [({"C01": -0.01}, {"law": "mooney_rivlin"}), ({"C20": -2e-2}, {"law": "yeoh"}),
+     ({}, {"law": "ogden", "ogden": [[8.0, -0.9]]})],
+)  # fmt: skip
+def test_a_law_that_cannot_reach_the_depth_is_refused_before_anything_is_meshed(values, material, monkeypatch):
+    """By a strain that Hertz's contact reaches; what can be reached is not refused, and a skin forbids to foretell."""
+    monkeypatch.setattr("fem_backend.model.build", lambda *a, **k: pytest.fail("something was built"))
+    at = {"mesh": SMALL, "material": material}
+    case = Case("c", Programme.ramp((1.0, 2.0), 1.0), at)
+    failure = failed(values, (1.0, 2.0), material=material)
+    assert failure.cause == "inadmissible" and failure.partial is None and " mm" in failure.reason
+    assert BACKEND.refused({**VALUES, **values}, case) == failure.reason
+    shallow = Case("c", Programme.ramp((0.02,), 1.0), at)
+    assert BACKEND.refused({**VALUES, **values}, shallow) is None
+    assert BACKEND.refused({**VALUES, **values, "skin_ratio": 3.0}, case) is None
+
+
+@pytest.mark.parametrize("K_over_mu", [1.2, 40.0])
+def test_a_neo_hookean_body_is_strained_more_than_is_foretold(small, K_over_mu):
+    """The oracle is the run: what is foretold must be reached, but is no idle bound."""
+    found = small.other(D1=2.0 / (0.01 * K_over_mu)).solve([1.0, 2.0, 3.0])
+    for point in found.points:
+        F = point.evaluation.H.reshape(-1, 3, 3) + np.eye(3)
+        shortest = np.sqrt(np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)[:, 0].min())
+        assert 1.0 < -np.log(shortest) / foreseen.strain(point.travel, 3.0) < 2.5
+
+
+@pytest.mark.parametrize("values", [{}, {"friction": 0.3}, {"D1": 139.0}], ids=["incompressible", "friction", "soft"])
+def test_small_strains_end_where_the_body_would_turn_over(values):
+    """Beyond, forces fell with depth and were called done; before, the curve is kept."""
+    failure = failed(values, (1.0, 2.0, 8.0), material={"law": "linear_elastic"})
+    assert failure.cause == "inadmissible" and "det(I + grad u)" in failure.reason and " mm" in failure.reason
+    assert failure.partial.channels["travel"].tolist() == [1.0, 2.0]
+    case = Case("c", Programme.ramp((8.0,), 1.0), {"mesh": SMALL, "material": {"law": "linear_elastic"}})
+    assert "small-strain" in BACKEND.refused({**VALUES, **values}, case)
+    assert BACKEND.refused({**VALUES, **values}, replace(case, programme=Programme.ramp((1.0,), 1.0))) is None
 
 
 @pytest.mark.parametrize(("values", "law"), [({"C01": 0.002}, "mooney_rivlin"), ({"C20": 1e-3}, "yeoh"),

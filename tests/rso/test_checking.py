@@ -144,6 +144,18 @@ def test_a_diagnosis_with_a_fixed_parameter_is_called_good(tmp_path, parameters)
     assert any("rso diagnose: " in line and "a library of" in line for line in lines)
 
 
+@pytest.mark.parametrize(("D1", "said"), [
+    ("{ low = 10, high = 400 }", "some of their corners"), ("{ value = 600 }", "any of their corners"),
+    ("{ low = 10, high = 140 }", ""),
+])  # fmt: skip
+def test_a_negative_poisson_ratio_is_said(tmp_path, D1, said):
+    """K/mu below 2/3 where mu D1 is above 3: auxetic bodies exist, but nobody means one without a word."""
+    own = {**OWN, "backend__settings": "", "parameters": f'mu = {{ low = "6 kPa", high = "20 kPa" }}\nD1 = {D1}'}
+    lines = check(load(studies.write(tmp_path, **own)), tmp_path / "results", False)
+    found = [line for line in lines if "Poisson" in line]
+    assert len(found) == bool(said) and all(said in line and "mu * D1 <= 3" in line for line in found)
+
+
 def test_a_module_beside_the_study_is_found_and_not_loaded(tmp_path):
     (tmp_path / "solver.py").write_text("raise SystemExit('loaded')")
     study = load(studies.write(tmp_path, backend='use = "solver:BACKEND"'))
