@@ -251,14 +251,13 @@ def test_a_law_that_cannot_reach_the_depth_is_refused_before_anything_is_meshed(
     assert BACKEND.refused({**VALUES, **values, "skin_ratio": 3.0}, case) is None
 
 
-@pytest.mark.parametrize("K_over_mu", [1.2, 40.0])
-def test_a_neo_hookean_body_is_strained_more_than_is_foretold(small, K_over_mu):
+def test_a_neo_hookean_body_is_strained_more_than_is_foretold():
     """The oracle is the run: what is foretold must be reached, but is no idle bound."""
-    found = small.other(D1=2.0 / (0.01 * K_over_mu)).solve([1.0, 2.0, 3.0])
-    for point in found.points:
+    case = Case("c", Programme.ramp((0.5, 1.0, 2.0, 3.5), 1.0), {"mesh": {"level": "coarse"}, "derivatives": False})
+    for point in BACKEND.solve(VALUES, case).result.points:
         F = point.evaluation.H.reshape(-1, 3, 3) + np.eye(3)
         shortest = np.sqrt(np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)[:, 0].min())
-        assert 1.0 < -np.log(shortest) / foreseen.strain(point.travel, 3.0) < 2.5
+        assert 1.0 < -np.log(shortest) / foreseen.strain(point.travel, 3.0) < 1.7
 
 
 @pytest.mark.parametrize("values", [{}, {"friction": 0.3}, {"D1": 139.0}], ids=["incompressible", "friction", "soft"])
