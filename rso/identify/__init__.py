@@ -1,7 +1,7 @@
 """Identification: what measured curves say about parameters, and how well they determine them."""
 
 from rso.identify.descent import Descent, Iterate, on_runs
-from rso.identify.determination import Determination, Known, compare_weightings, determine, lenient, p_value
+from rso.identify.determination import Determination, Known, Runs, compare_weightings, determine, lenient, p_value
 from rso.identify.directions import Direction, Gain, best_depth, directions, expected_sd, gain
 from rso.identify.error_surface import ErrorSurface, Minimum, fit_surface, surface_minima
 from rso.identify.fitting import Fit, all_minima, descend, fit_at, gauss_newton
@@ -36,6 +36,7 @@ __all__ = [
     "Model",
     "Place",
     "Profile",
+    "Runs",
     "Sight",
     "Told",
     "Verdict",

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
 from scipy.stats import f, norm, t
 
+from rso.doe import Box
 from rso.identify import directions as along
 from rso.identify.directions import Direction, Gain, best_depth, gain, per_log
-from rso.identify.fitting import Fit, all_minima, fit_at
+from rso.identify.fitting import SAME, Fit, all_minima, fit_at
 from rso.identify.intervals import Interval, Profile, laplace, profile, quantiles, spread
 from rso.identify.likelihood import WEIGHTINGS, Data, Misfit
 from rso.identify.remembering import independent
 from rso.identify.sampling import Draws, agree, sample
-from rso.identify.verdict import REFUTED, Verdict, judge, quieter, sentences, size
+from rso.identify.verdict import REFUTED, WORDS, Verdict, Word, judge, quieter, sentences, size
 
 LEVEL = 0.9
+OTHERS = 5  # points beside the best fit from which profiles start
+BEST = 8  # finished runs from which descents start
+BESIDE = 0.1  # of the width of an interval: a run that far outside of it refutes it, a nearer one widens it
 WIDE = 0.1  # of the largest value: an agreement within such errors says little
 FAR = 20.0  # of χ²: a minimum that much higher holds no probability that counts
 LENIENT = 0.001  # of true models leave less: the errors are stated larger than the curves show
@@ -54,7 +59,8 @@ class Determination:
     the χ² of `fit` is that before, the intervals are those after it.  Errors whose size is known from few readings
     widen the intervals as well, by Student's factor, which `wider` has and `scale` has not.  Where readings may
     remember each other (:func:`~rso.identify.remembering.remembering`) these are at least as large as what is left;
-    there is no p-value where nobody stated them, unless that is beyond `REFUTED`.
+    there is no p-value where nobody stated them, unless that is beyond `REFUTED`.  `refuting` are the finished runs
+    (their indices) that agree with the data where the model of the misfit left their values out.
     """
 
     misfit: Misfit
@@ -69,6 +75,7 @@ class Determination:
     gains: tuple[Gain, ...]
     story: str
     wider: float = 1.0
+    refuting: tuple[int, ...] = ()
 
     @property
     def warning(self) -> str:
@@ -81,9 +88,18 @@ class Determination:
         return found[name]
 
 
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """Finished simulations at X (m, d) of the unit cube, and the curves (m, n) that they computed at all readings."""
+
+    X: np.ndarray
+    curves: np.ndarray
+
+
 def determine(
-    misfit: Misfit, *, seed: int, near: np.ndarray | None = None, mcmc: bool = True, level: float = LEVEL
-) -> Determination:
+    misfit: Misfit, *, seed: int, near: np.ndarray | None = None, mcmc: bool = True, level: float = LEVEL,
+    runs: Runs | None = None, stated: Box | None = None,
+) -> Determination:  # fmt: skip
     """Identify the parameters and say how well they are determined.
 
     Steps: all minima of χ² (also from the points `near`, (k, d)); errors widened by √(χ²/ν) where the fit is worse than
@@ -91,28 +107,41 @@ def determine(
     Where the size of the errors was itself taken from m degrees of freedom, χ²/ν is F(ν, m), not χ²_ν/ν.  That of
     readings which remember each other is not seen in how neighbours differ: unless it is stated, it is taken from what
     is left, which holds fewer degrees of freedom than ν.
+
+    χ² of every finished one of the `runs` counts: the best are starts, and no interval leaves one out that agrees with
+    the data.  Where it would have, the surrogates behind the misfit are refuted, and no parameter is determined.
+    Intervals are measured against the `stated` ranges, where the misfit has wider ones.
     Source of the widening: Birge, Phys. Rev. 40 (1932) 207, eq. 9.
     """
+    box = misfit.model.box
+    runs = runs or Runs(np.zeros((0, box.d)), np.zeros((0, misfit.n)))
+    best = runs.X[np.argsort(_chi2(misfit, runs))[:BEST]]
+    near = best if near is None else np.vstack([near, best])
     minima = all_minima(misfit, seed=seed, near=near)
-    first, box = minima[0], misfit.model.box
+    first = minima[0]
     ν = misfit.n - box.d
     p, scale, wider = _widening(misfit, first.chi2, ν, level)
     used = replace(misfit, scale=misfit.scale * wider)
     fit = fit_at(used, first.x)
-    also = np.stack([m.x for m in minima[1:4]]) if len(minima) > 1 else None
-    profiles = [profile(used, fit, k, also) for k in range(box.d)]
+    profiles = [profile(used, fit, k, _apart(used, fit, [*(m.x for m in minima[1:]), *near])) for k in range(box.d)]
+    rise = _chi2(used, runs) - fit.chi2
     near_best = [fit, *(fit_at(used, m.x) for m in minima[1:4])]
-    draws = sample(used, [m for m in near_best if m.chi2 < fit.chi2 + FAR], seed=seed) if mcmc else None
+    near_best = [m for m in near_best if m.chi2 < fit.chi2 + FAR]
+    draws = sample(used, near_best, seed=seed, along=_along(profiles)) if mcmc else None
     near_by = laplace(fit, level, seed)
     drawn = quantiles(draws.X, level) if draws is not None and draws.enough else [None] * box.d
     sd = spread(fit.fisher) / per_log(box, fit.x)
-    known, missed = [], scale if misfit.weighting == "noise" else 1.0
+    known, refuting, missed = [], set[int](), scale if misfit.weighting == "noise" else 1.0
     for k, name in enumerate(box.names):
-        known.append(_known(used, fit, name, k, float(sd[k]), profiles[k], near_by[k], drawn[k], level, missed))
+        out = left_out(profiles[k], runs.X[:, k], rise, level)
+        refuting |= set(out)
+        seen = profiles[k].with_runs(runs.X, rise)
+        one = _known(used, fit, name, k, float(sd[k]), seen, near_by[k], drawn[k], level, missed, stated)
+        known.append(refuted(one, len(out)) if out else one)
     gains = _gains(used, fit)
     return Determination(
         misfit, first, tuple(minima[1:]), ν, p, scale, tuple(known), along.directions(box, fit.x, fit.fisher), draws,
-        gains, _story(misfit, first, ν, p, scale), wider,
+        gains, _story(misfit, first, ν, p, scale), wider, tuple(sorted(refuting)),
     )  # fmt: skip
 
 
@@ -169,20 +198,66 @@ def student(m: float, level: float = LEVEL) -> float:
 
 def _known(
     misfit: Misfit, fit: Fit, name: str, k: int, sd: float, p: Profile, near_by: Interval, drawn: Interval | None,
-    level: float, scale: float,
+    level: float, scale: float, stated: Box | None,
 ) -> Known:  # fmt: skip
     box = misfit.model.box
     interval = p.interval(level)
     leaning = tuple(box.names[j] for j in p.leaning(level))
-    verdict = judge(box, k, interval, leaning, scale)
+    verdict = judge(box, k, interval, leaning, scale, stated)
     if verdict.word != "determined" and scale == 1.0:  # less noise does not help a model that is wrong
-        verdict = replace(verdict, noise_factor=quieter(box, k, p, level))
+        verdict = replace(verdict, noise_factor=quieter(box, k, p, level, stated))
     depth = np.concatenate([d.depth for d in misfit.data])
     text, why = sentences(
         box, k, verdict, interval, p, unit=misfit.data[0].unit, depth=depth, level=level, leaning=leaning, scale=scale
     )
     agreement = None if drawn is None else agree(near_by, drawn)
     return Known(name, float(fit.theta[k]), sd, interval, near_by, drawn, agreement, p, verdict, text, why)
+
+
+def refuted(known: Known, count: int) -> Known:
+    """The same, not called determined: so many finished runs agree with the data at values that were left out."""
+    why = (
+        f"{count} finished run{'s agree' if count > 1 else ' agrees'} with the data at values of {known.name} that the "
+        "surrogates exclude: they do not know the curves well enough, more runs (verify.max_infill, [doe]) would tell."
+    )
+    return doubt(known, "weakly", why)
+
+
+def doubt(known: Known, word: Word, why: str, by: str = "by surrogates, ") -> Known:
+    """What is known of a parameter, which is no more called determined but `word`, and why."""
+    if known.verdict.word != "determined":
+        return replace(known, reason=f"{known.reason} {why}".strip())
+    story = known.story.replace(f"{WORDS['determined']}: ", f"{WORDS[word]}: {by}", 1)
+    return replace(known, verdict=Verdict(word, 0, None), story=story, reason=why)
+
+
+def left_out(p: Profile, at: np.ndarray, rise: np.ndarray, level: float = LEVEL) -> list[int]:
+    """Indices of runs with the parameter `at` (m,) that agree with the data, χ² risen by `rise` (m,), but lie outside
+    of all pieces of its interval by more than `BESIDE` of its width."""
+    found, limit = p.pieces(level), chi2_distribution.ppf(level, 1)
+    slack = BESIDE * max(found[-1].high - found[0].low, 1e-6)
+    inside = np.any([(at >= i.low - slack) & (at <= i.high + slack) for i in found], axis=0)
+    return [int(j) for j in np.flatnonzero(~inside & (rise <= limit))]
+
+
+def _chi2(misfit: Misfit, runs: Runs) -> np.ndarray:
+    """χ² (m,) of the curves of runs."""
+    return np.sum(misfit.white(runs.curves - np.concatenate([d.value for d in misfit.data])) ** 2, axis=1)
+
+
+def _apart(misfit: Misfit, fit: Fit, points: Sequence[np.ndarray]) -> np.ndarray:
+    """At most `OTHERS` of some points (k, d), the best first, apart from each other and from the best fit."""
+    X = np.array(points).reshape(-1, len(fit.x))
+    kept = [fit.x]
+    for j in np.argsort(misfit.chi2(X)) if len(X) else ():
+        if len(kept) <= OTHERS and min(float(np.abs(X[j] - v).max()) for v in kept) > SAME:
+            kept.append(X[j])
+    return np.array(kept[1:]).reshape(-1, len(fit.x))
+
+
+def _along(profiles: Sequence[Profile]) -> np.ndarray:
+    """Points (k, d) of all profiles at which the data allow the model."""
+    return np.concatenate([p.path[p.rise <= FAR] for p in profiles])
 
 
 def _gains(misfit: Misfit, fit: Fit) -> tuple[Gain, ...]:

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.spatial import cKDTree
 
 from rso.doe import sobol
 from rso.identify.likelihood import Misfit
 
 NEAR = 1e-6  # of the unit cube: a parameter this close to a bound is on it
 SAME = 0.02  # of the unit cube: minima closer than this are one
+SCAN = 512  # points of the box among which descents begin
 COARSELY = 1e-5  # of χ²: where descents may rest before it is known which of them matter
 SEEN = 0.1  # of χ²: minima with a lower pass between them are one valley
 
@@ -126,17 +128,18 @@ def damped(J: np.ndarray, r: np.ndarray, λ: np.ndarray, x: np.ndarray) -> np.nd
     return np.where(held, 0.0, step)
 
 
-def all_minima(misfit: Misfit, *, seed: int, starts: int = 16, near: np.ndarray | None = None) -> list[Fit]:
+def all_minima(misfit: Misfit, *, seed: int, starts: int = 24, near: np.ndarray | None = None) -> list[Fit]:
     """Every distinct minimum of χ² that Sobol points, and the points `near` (k, d), lead to; best first.
 
-    Half of the starts are the best of 256, half are spread over the box.  Minima closer than `SAME`, or with a
-    pass between them that is lower than `SEEN`, are one.
+    A quarter of the starts are the best of `SCAN`, a quarter are spread over the box, and half are the best of those
+    that no neighbour betters: one wide basin does not take them all.  Minima closer than `SAME`, or with a pass
+    between them that is lower than `SEEN`, are one.
     """
     d = misfit.model.box.d
-    sample = sobol(d, 256, seed)
+    sample = sobol(d, SCAN, seed)
     score = misfit.chi2(sample)
     order = np.argsort(score)
-    picked = [*order[: starts // 2], *range(starts - starts // 2)]
+    picked = [*order[: starts // 4], *range(starts // 4), *_basins(sample, score)[: starts // 2]]
     X = sample[list(dict.fromkeys(int(k) for k in picked))]
     if near is not None and len(near):
         X = np.vstack([np.clip(near, 0, 1), X])
@@ -155,6 +158,13 @@ def all_minima(misfit: Misfit, *, seed: int, starts: int = 16, near: np.ndarray 
             kept.append(k)
     fine = descend(misfit, X[kept])
     return sorted((fit_at(misfit, x) for x in fine), key=lambda fit: fit.chi2)
+
+
+def _basins(X: np.ndarray, S: np.ndarray) -> np.ndarray:
+    """Indices of the points X (k, d) that none of their nearest neighbours betters by S (k,), best first."""
+    near = cKDTree(X).query(X, k=2 * X.shape[1] + 2)[1]
+    lowest = np.flatnonzero(np.all(S[:, None] <= S[near], axis=1))
+    return lowest[np.argsort(S[lowest])]
 
 
 def _one_valley(misfit: Misfit, a: np.ndarray, b: np.ndarray, S: float) -> bool:

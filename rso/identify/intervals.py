@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2 as chi2_distribution
@@ -15,6 +15,9 @@ from rso.identify.likelihood import Misfit
 
 DRAWS = 2**14  # of the Gaussian in the box: its 5 % quantile is then within 1 % of a standard deviation
 COARSE, FINE = 33, 17  # points of a profile over the whole box, and over ±4 standard deviations
+ALONE = 257  # points of the profile of an only parameter, which cost no descent
+SCAN, BEST = 64, 2  # points with the parameter at each of its values, and how many of them are starts of the others
+SWEEPS = 2  # of each value's descent from where its neighbours' ended
 FINER = 9  # further ones between the last point inside an interval and the next one outside
 GAP = 1.0  # of χ²: values between two pieces of an interval are excluded by this much more than those at its ends
 ON_BOUND = 1e-9
@@ -129,6 +132,24 @@ class Profile:
         found = pieces(self.at, self.rise, level)
         return tuple(Interval(low, high, low <= ON_BOUND, high >= 1 - ON_BOUND) for low, high in found)
 
+    def with_runs(self, X: np.ndarray, rise: np.ndarray) -> Profile:
+        """The profile with simulations at X (m, d) of which χ² rises by `rise` (m,) where that is less than its own.
+
+        A least misfit is nowhere more than that of a run: whatever surrogates say, such values are not excluded.
+        """
+        k = self.parameter
+        lower = np.flatnonzero(rise < np.interp(X[:, k], self.at, self.rise) - 1e-9)
+        if not len(lower):
+            return self
+        order = np.argsort(np.append(self.at, X[lower, k]), kind="stable")
+        merged = {
+            "at": np.append(self.at, X[lower, k]), "rise": np.append(self.rise, np.maximum(rise[lower], 0.0)),
+            "path": np.append(self.path, X[lower], axis=0),
+        }  # fmt: skip
+        near = [int(np.argmin(np.abs(self.at - x))) for x in X[lower, k]]
+        rest = {n: np.append(getattr(self, n), getattr(self, n)[near]) for n in ("change", "sigma", "point")}
+        return replace(self, **{n: v[order] for n, v in {**merged, **rest}.items()})
+
     def leaning(self, level: float = 0.9) -> tuple[int, ...]:
         """Other parameters on a bound of the box just beyond an end of this interval: that bound makes the end."""
         i = self.interval(level)
@@ -171,18 +192,24 @@ def stretches(rise: np.ndarray, level: float = 0.9) -> list[tuple[int, int]]:
 def profile(misfit: Misfit, fit: Fit, parameter: int, also: np.ndarray | None = None) -> Profile:
     """Profile of one parameter over the whole box, finer within ±4 standard deviations of the fit.
 
-    The others start where the Gaussian approximation takes them, at the best fit itself and at the points `also`
-    (k, d); the lowest counts.
+    At each value the others start where the Gaussian approximation takes them, at the best fit itself, at the points
+    `also` (k, d), at the best of a scan, and then where they end at both neighbours; the lowest counts, so that no
+    branch is missed because the best fit lies on another.
     """
-    k = parameter
+    k, d = parameter, len(fit.x)
     sd = spread(fit.fisher)
-    at = [np.linspace(0, 1, COARSE), [fit.x[k]], [] if also is None else also[:, k]]  # a valley may be narrow
+    points = [fit.x, *(() if also is None else also)]
+    at = [np.linspace(0, 1, COARSE if d > 1 else ALONE), [p[k] for p in points]]  # a valley may be narrow
     if np.isfinite(sd[k]):
-        at.append(np.clip(fit.x[k] + min(sd[k], 0.25) * np.linspace(-4, 4, FINE), 0, 1))
+        at += [np.clip(p[k] + min(sd[k], 0.25) * np.linspace(-4, 4, FINE), 0, 1) for p in points[:1]]
     t = np.unique(np.round(np.concatenate(at), 12))
-    starts = [np.repeat(p[None], len(t), axis=0) for p in (fit.x, *(() if also is None else also))]
+    starts = [np.repeat(p[None], len(t), axis=0) for p in points]
     starts.insert(0, fit.x + np.outer(t - fit.x[k], _follow(fit.fisher, k)))
-    best, path = _lowest(misfit, fit, k, t, starts)
+    best, path = _lowest(misfit, fit, k, t, [*starts, *_scanned(misfit, k, t)])
+    for _ in range(SWEEPS if d > 1 else 0):
+        S, P = _lowest(misfit, fit, k, t, [np.roll(path, 1, axis=0), np.roll(path, -1, axis=0)])
+        better = S < best
+        best, path = np.where(better, S, best), np.where(better[:, None], P, path)
     # a valley is flat inside and steep outside: from the last point inside to the next one √rise is no line
     inside = stretches(best - min(fit.chi2, float(best.min())))
     ends = [(i, o) for first, last in inside for i, o in ((first, first - 1), (last, last + 1))]
@@ -201,15 +228,26 @@ def _lowest(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lowest χ² (n,) with parameter k at t (n,), and where (n, d), from the best of some starts (n, d)."""
     d = len(fit.x)
-    best, path = np.full(len(t), np.inf), np.repeat(fit.x[None], len(t), axis=0)
-    for start in starts if d > 1 else starts[:1]:
-        X = np.clip(start, 0.0, 1.0)
-        X[:, k] = t
-        X = descend(misfit, X, np.arange(d) != k)
-        S = misfit.chi2(X)
-        better = S < best
-        best[better], path[better] = S[better], X[better]
-    return best, path
+    X = np.clip(np.concatenate(starts if d > 1 else starts[:1]), 0.0, 1.0)
+    X[:, k] = np.tile(t, len(X) // len(t))
+    X = descend(misfit, X, np.arange(d) != k)
+    S = misfit.chi2(X).reshape(-1, len(t))
+    S = np.where(np.isfinite(S), S, np.inf)
+    rows = np.arange(len(t))
+    lowest = np.argmin(S, axis=0)
+    return S[lowest, rows], X.reshape(len(S), len(t), d)[lowest, rows]
+
+
+def _scanned(misfit: Misfit, k: int, t: np.ndarray) -> list[np.ndarray]:
+    """`BEST` starts (n, d) each: the lowest of `SCAN` points with parameter k at t (n,)."""
+    d = misfit.model.box.d
+    if d == 1:
+        return []
+    X = np.repeat(qmc.Sobol(d, seed=0).random(SCAN)[None], len(t), axis=0)
+    X[:, :, k] = t[:, None]
+    S = misfit.chi2(X.reshape(-1, d)).reshape(len(t), SCAN)
+    order = np.argsort(np.where(np.isfinite(S), S, np.inf), axis=1)[:, :BEST]
+    return [X[np.arange(len(t)), order[:, j]] for j in range(BEST)]
 
 
 def _follow(fisher: np.ndarray, k: int) -> np.ndarray:

@@ -15,7 +15,7 @@ Word = Literal["determined", "weakly", "not"]
 WORDS = {"determined": "is determined", "weakly": "is weakly determined", "not": "is not determined"}
 FACTOR = 1.75  # a 90 % interval of up to half of the value either way, one digit, is a value (sd of ln θ up to 0.34)
 LEANING = 1.25  # the same where the range of another parameter makes an end: that is not the merit of the data
-SHARE = 0.5  # of the range searched: an interval that leaves more than this says nothing
+SHARE = 0.5  # of the range stated or searched: an interval that leaves more than this says nothing
 UNSEEN = 1e-6  # of the uncertainty: a change that is round-off
 NOISES = np.geomspace(1.0, 1e-3, 61)  # times what it is
 MARGIN = 0.7  # between the noise at which the profile is narrow enough and that at which a new one would be too
@@ -31,30 +31,41 @@ class Verdict:
     noise_factor: float | None
 
 
-def judge(box: Box, k: int, interval: Interval, leaning: tuple[str, ...] = (), scale: float = 1.0) -> Verdict:
-    """'not': the interval covers half of the box or ends at both bounds, or at one of a model that is refuted; else
-    'determined': it lies inside the box, its ends are within a factor 1.75 of its middle, and the model is not refuted;
-    'weakly': what lies between.
+def judge(
+    box: Box, k: int, interval: Interval, leaning: tuple[str, ...] = (), scale: float = 1.0, stated: Box | None = None
+) -> Verdict:
+    """'not': the interval covers half of the box or of the `stated` range, or ends at both bounds, or at one of a model
+    that is refuted; else 'determined': it lies inside the box, its ends are within a factor 1.75 of its middle, and the
+    model is not refuted; 'weakly': what lies between.
 
-    Parameters that may be zero or negative are measured against their range: within ± 10 % of it is determined.
+    Parameters that may be zero or negative are measured against their stated range: within ± 10 % of it is determined.
+    A range that was widened since makes no interval narrower.
     `leaning` names other parameters whose bounds end the interval; then a factor 1.25 is asked for.  `scale` is what
     the errors were multiplied with as the model does not fit: beyond `REFUTED` nothing is determined.
     """
     low, high = physical(box, k, interval)
-    width = interval.high - interval.low
+    width, covered = _shares(box, k, interval, box if stated is None else stated)
     if low > 0:
         most = math.log(LEANING if leaning else FACTOR)
         close, digits = 0.5 * math.log(high / low) <= most, _digits(math.sqrt(low * high), low, high)
     else:
         close, digits = width <= 0.2, _digits(0.5 * (low + high), low, high)
     pressed = interval.open and scale > REFUTED  # it wants to go on, and fits nowhere
-    word: Word = "not" if width >= SHARE or (interval.at_low and interval.at_high) or pressed else "weakly"
+    word: Word = "not" if covered >= SHARE or (interval.at_low and interval.at_high) or pressed else "weakly"
     if word == "weakly" and close and not interval.open and scale <= REFUTED:
         return Verdict("determined", digits, None)
     return Verdict(word, digits if word == "weakly" and not interval.open else 0, None)
 
 
-def quieter(box: Box, k: int, profile: Profile, level: float = 0.9) -> float | None:
+def _shares(box: Box, k: int, interval: Interval, stated: Box) -> tuple[float, float]:
+    """Width of an interval over the stated range, and the larger share of that range and of the box that it covers."""
+    X = np.full((2, box.d), 0.5)
+    X[:, k] = [interval.low, interval.high]
+    low, high = stated.to_unit(box.from_unit(X))[:, k]
+    return high - low, max(min(high, 1.0) - max(low, 0.0), interval.high - interval.low)
+
+
+def quieter(box: Box, k: int, profile: Profile, level: float = 0.9, stated: Box | None = None) -> float | None:
     """What the noise would have to be multiplied with for parameter k to be determined; None if that is below 1/1000.
 
     With f times the noise χ² rises by 1/f² times as much.  The most likely values would be others, within the noise:
@@ -63,7 +74,7 @@ def quieter(box: Box, k: int, profile: Profile, level: float = 0.9) -> float | N
     for f in NOISES:
         louder = replace(profile, rise=profile.rise / f**2)
         leaning = tuple(box.names[j] for j in louder.leaning(level))
-        if judge(box, k, louder.interval(level), leaning).word == "determined":
+        if judge(box, k, louder.interval(level), leaning, stated=stated).word == "determined":
             return MARGIN * float(f)
     return None
 

@@ -18,13 +18,15 @@ from rso.identify import (
     Place,
     compare_weightings,
     curve_score,
-    determine,
     downhill,
     lenient,
     minimise,
 )
-from rso.identify.verdict import REFUTED, WORDS, Verdict, Word, physical
+from rso.identify.determination import doubt
+from rso.identify.verdict import REFUTED, Word, physical
 from rso.running import Task
+from rso.store import RunStore
+from rso.study.finished import finished
 from rso.study.plan import Plan
 from rso.study.searching import Found
 from rso.study.settling import Settled, covered, evidence, settle
@@ -44,8 +46,9 @@ class Identified:
     metrics: dict[str, tuple[MetricMinimum, ...]]
 
 
-def identify(plan: Plan, emulator: Emulator, found: Sequence[Found]) -> Identified:
-    """What follows from the likelihood: intervals, verdicts, best fits by weighting, minima by metric."""
+def identify(plan: Plan, emulator: Emulator, found: Sequence[Found], store: RunStore) -> Identified:
+    """What follows from the likelihood, every finished run heard: intervals, verdicts, best fits by weighting, minima
+    by metric."""
     now = evidence(plan, emulator, found)
     misfit, near = now.misfit, now.near
     model, data, seed = misfit.model, misfit.data, plan.seed
@@ -54,7 +57,8 @@ def identify(plan: Plan, emulator: Emulator, found: Sequence[Found]) -> Identifi
         m: minimise(curve_score(model, data, m), model.box, seed=seed, near=near, steps=downhill(model, data, m))
         for m in wanted
     }
-    determination = determine(misfit, seed=seed, near=near)
+    runs, _ = finished(plan, emulator, store, misfit, now.places)
+    determination = now.determined(plan, runs, mcmc=True)
     return Identified(now.places, determination, compare_weightings(misfit, near, seed=seed), minima)
 
 
@@ -87,7 +91,10 @@ def of_identification(plan: Plan, found: Identified, settled: Settled) -> dict[s
             "gains": [{"test": g.test, "before": dict(g.before), "after": dict(g.after)} for g in d.gains],
             "mcmc": None
             if d.draws is None
-            else {"draws": len(d.draws.X), "tau": d.draws.tau, "independent": d.draws.independent},
+            else {
+                "method": d.draws.method, "draws": len(d.draws.X), "steps": d.draws.steps, "tau": d.draws.tau,
+                "independent": d.draws.independent, "r_hat": d.draws.r_hat, "converged": d.draws.enough,
+            },  # fmt: skip
             "weightings": [{"weighting": w, "values": _values(plan, box, f.x)} for w, f in found.weightings.items()],
             "metrics": [
                 {"metric": name, "minima": [{"values": _values(plan, box, m.x), "value": m.value} for m in minima]}
@@ -110,7 +117,7 @@ def identification(
     try:
         settled = settle(bench, emulator, found, meanwhile)
         plan = bench.around_failures(settled.emulator.group.reference is not None).plan
-        done = identify(plan, settled.emulator, found)
+        done = identify(plan, settled.emulator, found, bench.store)
         done = replace(done, determination=doubted(done.determination, settled))
     except (ValueError, np.linalg.LinAlgError) as error:
         return not_identified(plan, str(error)), (), [f"identification: {error}"], None
@@ -135,7 +142,14 @@ def identification(
     elif _hides_much(d, settled) and f"identification: {d.story}" not in warnings:
         warnings.append(f"identification: {d.story}")
     if d.draws is not None and not d.draws.enough:
-        warnings.append(f"identification: only {d.draws.independent:.0f} independent draws of the posterior")
+        why = d.draws.doubt or f"only {d.draws.independent:.0f} of its draws are independent"
+        text = f"identification: the chain of the posterior has not converged: {why}; its intervals are not given"
+        warnings.append(text)
+    if d.refuting:
+        warnings.append(
+            f"identification: {len(d.refuting)} finished run(s) agree with the data at values that the surrogates "
+            "exclude; their values are in the intervals, and what they refute is not called determined"
+        )
     if best is not None:
         values = next(f.result.candidates[best[1]].values for f in found if f.plan.name == best[0])
         warnings += _far(d, f"{best[0]} {best[1] + 1}", values)
@@ -171,13 +185,7 @@ def doubted(d: Determination, settled: Settled) -> Determination:
     elif not settled.verified:
         why = "Simulations do not confirm them"
     why += ': more runs (verify.max_infill, [doe]) or search.method = "gauss_newton" would tell.'
-    known = []
-    for k in d.known:
-        if k.verdict.word == "determined":
-            story = k.story.replace(f"{WORDS['determined']}: ", f"{WORDS[word]}: by surrogates, ", 1)
-            k = replace(k, verdict=Verdict(word, 0, None), story=story, reason=why)
-        known.append(k)
-    return replace(d, known=tuple(known))
+    return replace(d, known=tuple(doubt(k, word, why) if k.verdict.word == "determined" else k for k in d.known))
 
 
 def _far(d: Determination, name: str, values: Mapping[str, float]) -> list[str]:

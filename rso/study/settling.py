@@ -10,13 +10,15 @@ from scipy.linalg import block_diag
 from scipy.stats import chi2 as chi2_distribution
 
 from rso.doe import Box, sobol
-from rso.emulator import Emulator
+from rso.emulator import Emulator, relearn
 from rso.identify import (
     Data,
+    Determination,
     Fit,
     Misfit,
     Model,
     Place,
+    Runs,
     all_minima,
     determine,
     emulated,
@@ -31,10 +33,12 @@ from rso.identify.determination import LEVEL, UNLIKELY
 from rso.identify.verdict import REFUTED
 from rso.running import Outcome, Task
 from rso.store import Done
+from rso.study.finished import finished
 from rso.study.plan import Plan
 from rso.study.readings import as_data, error_at, measured
+from rso.study.resolve import resolve
 from rso.study.searching import Found
-from rso.study.stages import NOISE, Bench, Run, learn_more, sample
+from rso.study.stages import NOISE, Bench, Run, learn_more, learnt_anew, sample
 
 ROUNDS = 4  # runs of the most likely point between two rounds of the ends of intervals, at most
 ENDS = 3  # rounds of runs at the ends of intervals, at most
@@ -55,6 +59,10 @@ class Evidence:
     bare: Misfit
     places: tuple[Place, ...]
     near: np.ndarray
+
+    def determined(self, plan: Plan, runs: Runs, *, mcmc: bool) -> Determination:
+        """What the curves determine, finished runs heard, measured against the ranges of the study file."""
+        return determine(self.misfit, seed=plan.seed, near=self.near, mcmc=mcmc, runs=runs, stated=stated(plan))
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,15 +128,15 @@ def settle(bench: Bench, emulator: Emulator, found: Sequence[Found], meanwhile: 
         if not now.verified:
             break
         plan = bench.around_failures(similar).plan
-        unsure = _unsure(plan, emulator, found, runs)
+        emulator, unsure = _unsure(bench, plan, emulator, found, runs)
         if not unsure or k == ENDS:
-            return replace(now, runs=tuple(runs), open=tuple(name for name, _ in unsure))
+            return replace(now, emulator=emulator, runs=tuple(runs), open=tuple(name for name, _ in unsure))
         values = [plan.values(x) for _, x in unsure]
         new = [Run("interval", v, o) for v, o in zip(values, bench.run(values), strict=True)]
         runs += new
         learnt = [sample(plan, r.values, r.outcomes) for r in new if r.done]
         if not learnt:
-            return replace(now, runs=tuple(runs), open=tuple(name for name, _ in unsure))
+            return replace(now, emulator=emulator, runs=tuple(runs), open=tuple(name for name, _ in unsure))
         emulator = learn_more(bench, emulator, learnt)
     return replace(now, runs=tuple(runs))
 
@@ -182,17 +190,36 @@ def _least(now: Evidence, best: Fit) -> float:
     return max(1.0, best.chi2 / max(now.misfit.n - len(best.x), 1))
 
 
+def _heard(
+    bench: Bench, plan: Plan, emulator: Emulator, found: Sequence[Found]
+) -> tuple[Emulator, Evidence, Determination]:
+    """The emulator that has learnt every finished run that refutes it, what it says, and what is determined then.
+
+    A run that agrees with the data outside of an interval is learnt where that is new; where it is not, kinds of
+    surrogates are chosen anew.
+    """
+    for again in (True, False):
+        now = evidence(plan, emulator, found)
+        runs, new = finished(plan, emulator, bench.store, now.misfit, now.places)
+        d = now.determined(plan, runs, mcmc=False)
+        if not d.refuting or not again:
+            break
+        more = relearn(emulator, new, seed=plan.seed) if new else emulator
+        emulator = learnt_anew(plan, more.group, more.outputs, more.samples, each=bench.each)
+    return emulator, now, d
+
+
 def _unsure(
-    plan: Plan, emulator: Emulator, found: Sequence[Found], runs: Sequence[Run]
-) -> list[tuple[str, np.ndarray]]:
-    """Points (d,) of the plan's box, named, at which the surrogates do not know whether the data allow them.
+    bench: Bench, plan: Plan, emulator: Emulator, found: Sequence[Found], runs: Sequence[Run]
+) -> tuple[Emulator, list[tuple[str, np.ndarray]]]:
+    """The emulator, all finished runs heard, and points (d,) of the plan's box, named, at which it does not know
+    whether the data allow them.
 
     Ends of intervals, the other parameters following, where what the surrogates may be off by counts beside the errors
     of the data, among them that at the most likely point; and points of the ranges that they exclude, but not beyond
     `DOUBTED` times their own standard deviation.  None of them is near one of the `runs` or of the others.
     """
-    now = evidence(plan, emulator, found)
-    d = determine(now.misfit, seed=plan.seed, near=now.near, mcmc=False)
+    emulator, now, d = _heard(bench, plan, emulator, found)
     box, least = now.misfit.model.box, _least(now, d.fit)
     bands = [emulated(emulator, p)[1] for p in now.places]
     ends = []
@@ -217,7 +244,7 @@ def _unsure(
         if len(kept) < 2 * box.d and min(np.abs(there - t).max() for t in taken) >= BESIDE:
             taken.append(there)
             kept.append((name, there))
-    return kept
+    return emulator, kept
 
 
 def _hopeful(plan: Plan, emulator: Emulator, now: Evidence, X: np.ndarray) -> np.ndarray:
@@ -269,6 +296,12 @@ def ranges(plan: Plan) -> Box:
     main = plan.searches[0]
     low, high = plan.box.from_unit(np.stack([main.low, main.high]))
     return Box(plan.box.names, plan.box.units, tuple(map(float, low)), tuple(map(float, high)), plan.box.log)
+
+
+def stated(plan: Plan) -> Box:
+    """The ranges of the study file, whatever the search came to use."""
+    axes = resolve(plan.study, plan.backend.parameters).axes
+    return Box(plan.box.names, plan.box.units, tuple(a.low for a in axes), tuple(a.high for a in axes), plan.box.log)
 
 
 def _wide(plan: Plan, X: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ from rso.surrogates.scores import Scores, held_out, left_out, left_out_bands, po
 Surrogate = Polynomial | Kriging
 KINDS = ("auto", "polynomial", "kriging")
 RIVALS = 3  # kriging models whose disagreement with the best one widens its band
+FAR = 0.1  # of the mean: sd up to which a logarithm may predict more than ten times the largest value seen
 UNSEEN = 1e-12  # of the largest value: a smaller deviation is rounding
 ENOUGH = 1e-5  # relative error below which derivatives, which cost fits, are not tried
 
@@ -202,9 +203,10 @@ def _rivals(best: Kriging, others: list[Kriging]) -> tuple[tuple[float, Kriging]
 
 
 def _tame(models: list[Any], y: np.ndarray) -> list[Any]:
-    """The models without those of a logarithm that explode between the points, if any others are there.
+    """The models without those of a logarithm that are lost between the points, if any others are there.
 
-    exp(m + s²/2) has no bound where s is large: one such place spoils a prediction that cross-validation praised.
+    exp(m + s²/2) has no bound where s is large: one such place spoils a prediction that cross-validation praised.  How
+    large the mean is says nothing by itself: a power law rises by decades, and its sd tells whether it knows that.
     """
     d = models[0].d
     Q = np.vstack([sobol(d, 256, 0), *([factorial(d, levels=(2,) * d)] if d <= 8 else [])])
@@ -213,7 +215,8 @@ def _tame(models: list[Any], y: np.ndarray) -> list[Any]:
         if m.log:
             with np.errstate(over="ignore", invalid="ignore"):
                 mean, sd = m.predict(Q)
-                if not (np.all(sd <= mean) and mean.max() <= 10 * y.max()):
+                far = mean > 10 * y.max()
+                if not np.all(np.isfinite(mean)) or np.any(sd > np.where(far, FAR, 1.0) * mean):
                     continue
         kept.append(m)
     return kept or models
