@@ -4,7 +4,8 @@ A backend is any object with the attributes of :class:`Backend`.  It receives on
 :class:`Case`, and returns a :class:`Response` or raises :class:`SimulationFailed`.  A run therefore ends
 
 * **done**: a response;
-* **failed**: the backend itself says that there is no answer (:class:`SimulationFailed`, with a cause class);
+* **failed**: the backend itself says that there is no answer (:class:`SimulationFailed`, with a cause class), or
+  answers with what is no number (:class:`NotFinite`): what is finite is kept as a partial answer;
 * **crashed**: anything else (another exception, a killed process, a time-out).  It is shown apart and tried
   again next time, so that a bug is never recorded as physics.
 
@@ -35,6 +36,7 @@ CAUSES = (
     "bad_geometry",  # the values describe no body (inclusion outside, negative thickness, ...)
     "inadmissible",  # the values describe no material (energy not convex over the stretches reached)
     "not_supported",  # the backend does not model what was asked
+    "not_finite",  # what it answers is no number at some depth; set by the contract, the rest is kept as partial
 )
 
 Scope = Literal["study", "mounting", "place", "curve"]
@@ -271,26 +273,40 @@ class Response:
                 raise ValueError(f"response: channel {name!r} is missing (got {sorted(channels)})")
         n = len(channels["travel"])
         error = {k: _along(f"response: error of {k!r}", v, n, broadcast=True) for k, v in self.error.items()}
+        for k, v in channels.items():
+            if v.shape != (n,):
+                raise ValueError(f"response: channel {k!r} has shape {v.shape}, expected ({n},)")
+            if k not in self.units:
+                raise ValueError(f"response: channel {k!r} has no unit")
+        whole = np.all([np.isfinite(v) for v in channels.values()], axis=0)
         for k, v in error.items():
             if k not in channels:
                 raise ValueError(f"response: error of {k!r}, which is none of its channels {sorted(channels)}")
-            if not np.all(np.isfinite(v) & (v >= 0)):
+            if not np.all(np.isfinite(v[whole]) & (v[whole] >= 0)):
                 got = f"got {v.min():g} to {v.max():g}"
                 raise ValueError(f"response: error of {k!r} must be finite and at least 0, {got}")
         gradients = {
             knob: {c: _along(f"response: gradient of {c!r} by {knob!r}", v, n) for c, v in by_channel.items()}
             for knob, by_channel in self.gradients.items()
         }
-        for k, v in channels.items():
-            if v.shape != (n,):
-                raise ValueError(f"response: channel {k!r} has shape {v.shape}, expected ({n},)")
-            if not np.all(np.isfinite(v)):
-                raise ValueError(f"response: channel {k!r} holds NaN or infinity; a run without an answer must fail")
-            if k not in self.units:
-                raise ValueError(f"response: channel {k!r} has no unit")
+        if not whole.all():
+            raise self._not_finite(channels, error, whole)
         object.__setattr__(self, "channels", channels)
         object.__setattr__(self, "error", error)
         object.__setattr__(self, "gradients", gradients)
+
+    def _not_finite(
+        self, channels: dict[str, np.ndarray], error: dict[str, np.ndarray], whole: np.ndarray
+    ) -> NotFinite:
+        """What is no number and where, with the rows that are `whole` (n,)."""
+        name, row = next((k, int(np.argmin(np.isfinite(v)))) for k, v in channels.items() if not np.isfinite(v).all())
+        at = "" if name == "travel" else f" at travel {channels['travel'][row]:g} mm"
+        text = f"response: channel {name!r} is {channels[name][row]:g}{at}, no number"
+        more = int((~whole).sum()) - 1
+        text += f" ({more} more of {len(whole)} like it)" if more else ""
+        kept = {k: v[whole] for k, v in channels.items()}
+        partial = Response(kept, self.units, {k: v[whole] for k, v in error.items()}) if whole.any() else None
+        return NotFinite(text, partial)
 
     def curve(self, channel: str) -> Curve:
         """One channel as a curve over travel; unknown channels raise KeyError listing the known ones."""
@@ -321,6 +337,21 @@ class Response:
             data.get("gradients") or {},
             data.get("info") or {},
         )
+
+
+class NotFinite(ValueError):
+    """A response with a value that is no number: a sentence, and what is left without the rows that hold such."""
+
+    def __init__(self, reason: str, partial: Response | None = None) -> None:
+        super().__init__(reason)
+        self.reason, self.partial = reason, partial
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.reason, self.partial)
+
+    def failure(self) -> SimulationFailed:
+        """The same as a failed run: asked again, the same backend would answer the same."""
+        return SimulationFailed("not_finite", self.reason, self.partial)
 
 
 class SimulationFailed(Exception):

@@ -10,11 +10,15 @@ from rso.emulator import Emulator, Output
 from rso.running import Outcome
 from rso.search import Choice
 from rso.store import Done
+from rso.targets import Checked
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Values, predicted (mean, sd) and recomputed outputs by id, and the largest relative difference of the targets."""
+    """Values, predicted (mean, sd) and recomputed outputs by id, the largest relative difference of the targets.
+
+    `worst` is the id of that target; `checked` what is demanded of the recomputed outputs (empty without an answer).
+    """
 
     values: Mapping[str, float]
     predicted: Mapping[str, tuple[float, float]]
@@ -22,6 +26,13 @@ class Candidate:
     outcomes: tuple[Outcome, ...]
     agreement: float | None
     verified: bool
+    worst: str | None = None
+    checked: tuple[Checked, ...] = ()
+
+    @property
+    def meets(self) -> bool:
+        """Whether it has an answer that meets every target and constraint."""
+        return self.state == "done" and all(c.met for c in self.checked)
 
     @property
     def state(self) -> str:
@@ -59,6 +70,8 @@ def verify(
 ) -> Verified:
     """Propose, rerun, learn from the reruns, propose again, until all candidates agree or `max_infill` runs are spent.
 
+    A candidate that was to meet all that is demanded and does not when recomputed does not agree either.
+
     A candidate that failed or crashed is not verified and teaches no surrogate; one that failed may teach where not to
     look: `enrich` then returns another emulator of the same samples.  When it returns the same one the loop ends.
     """
@@ -67,7 +80,8 @@ def verify(
     while True:
         choice = propose(emulator)
         candidates = rerun(emulator, choice)
-        wrong = sum(not c.verified for c in candidates)
+        promised = choice.feasible and choice.reachable
+        wrong = sum(not c.verified or (promised and not c.meets) for c in candidates)
         learned = enrich(emulator, candidates) if wrong and infill + wrong <= max_infill else emulator
         if learned is emulator:
             return Verified(choice, tuple(candidates), tuple(earlier), infill, emulator)
@@ -76,13 +90,21 @@ def verify(
         emulator = learned
 
 
+FLOOR = 20.0  # standard deviations of a target: at 0.5 % a prediction may be off by a tenth of one, however small it is
+
+
 def agreement(
-    predicted: Mapping[str, tuple[float, float]], recomputed: Mapping[str, float], ids: Sequence[str]
-) -> float:
-    """max |predicted − recomputed| / |recomputed| over the outputs `ids`; infinite where 0 was not predicted as 0."""
+    predicted: Mapping[str, tuple[float, float]], recomputed: Mapping[str, float], sigma: Mapping[str, float]
+) -> tuple[float, str | None]:
+    """Largest |predicted − recomputed| / max(|recomputed|, 20 σ) over the outputs of `sigma` (id → σ), and its id.
+
+    Without the floor, no prediction of a value about zero would ever be good enough.
+    """
 
     def difference(i: str) -> float:
-        gap, size = abs(predicted[i][0] - recomputed[i]), abs(recomputed[i])
+        gap, size = abs(predicted[i][0] - recomputed[i]), max(abs(recomputed[i]), FLOOR * sigma[i])
         return gap / size if size > 0 else (math.inf if gap > 0 else 0.0)
 
-    return max(difference(i) for i in ids)
+    gaps = {i: difference(i) for i in sigma}
+    worst = max(gaps, key=lambda i: gaps[i], default=None)
+    return (0.0, None) if worst is None else (gaps[worst], worst)

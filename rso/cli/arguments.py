@@ -33,7 +33,8 @@ def parser() -> argparse.ArgumentParser:
     rso_ = argparse.ArgumentParser(
         prog="rso", description="Response surface optimisation for indentation tests.",
         epilog="exit codes: 0 done and verified, 1 results folder or workers unusable, 2 bad study or data, 3 some "
-        "runs failed, 4 not verified, 5 a required parameter is not determined, 130 interrupted (resumable)",
+        "runs failed, 4 not verified, 5 a required parameter is not determined, 6 no candidate meets the targets and "
+        "constraints, 7 a validation fails (--strict), 130 interrupted (resumable)",
     )  # fmt: skip
     rso_.add_argument("--version", action="version", version=f"rso {rso.__version__}")
     known = rso_.add_subparsers(required=True, metavar="command")
@@ -91,6 +92,8 @@ def _of_a_study(known: Any) -> None:
             command.add_argument("--jobs", type=_at_least_one, help="simulations at a time (default: dispatch.jobs)")
         if name == "run":
             command.add_argument("--fresh", action="store_true", help="move the old results aside and start again")
+            command.add_argument("--strict", action="store_true", help="exit code 7 where an experiment kept for the "
+                                 "end is not predicted by the most likely values")  # fmt: skip
 
 
 def _blind(known: Any) -> None:

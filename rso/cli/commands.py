@@ -137,11 +137,11 @@ def run(options: argparse.Namespace, command: str) -> int:
         with RunStore(_store(options, folder)) as store, Progress() as progress:
             try:
                 found = run_study(
-                    plan, store, pool, folder, command=command, jobs=jobs, watch=progress.watch, say=progress.say
-                )
+                    plan, store, pool, folder, command=command, jobs=jobs, watch=progress.watch, say=progress.say,
+                    strict=options.strict,
+                )  # fmt: skip
             except NothingToFit as error:
-                progress.say(f"stopped: {error}")
-                return EXIT_FAILED_RUNS
+                return _ended(EXIT_FAILED_RUNS, f"stopped: {error}")
     files = []
     if study.report.html or study.report.pdf:
         from rso.report import render
@@ -150,7 +150,14 @@ def run(options: argparse.Namespace, command: str) -> int:
     from rso.report.terminal import summary
 
     _print(summary(found, files))
-    return int(found["exit_code"])
+    return _ended(int(found["exit_code"]), found["exit_reason"])
+
+
+def _ended(code: int, reason: str | None) -> int:
+    """The exit code; where it is not 0 the last line of a command says why."""
+    if code:
+        _print([f"exit code {code}: {reason}"])
+    return code
 
 
 def diagnose(options: argparse.Namespace, command: str) -> int:
@@ -166,8 +173,7 @@ def diagnose(options: argparse.Namespace, command: str) -> int:
         try:
             found = run_diagnosis(asked, store, pool, folder, command=command, watch=progress.watch, say=progress.say)
         except NoAnswer as error:  # any other error is a fault of the program, and says where
-            progress.say(f"stopped: {error}")
-            return EXIT_FAILED_RUNS
+            return _ended(EXIT_FAILED_RUNS, f"stopped: {error}")
     files = [folder / "diagnosis.json"]
     if study.report.html or study.report.pdf:
         from rso.report import render_diagnosis
@@ -179,7 +185,8 @@ def diagnose(options: argparse.Namespace, command: str) -> int:
     for line in [*found["words"], *failed]:
         print(textwrap.fill(line, min(shutil.get_terminal_size().columns, 100)))
     print("\n" + "\n".join(str(f) for f in files))
-    return EXIT_FAILED_RUNS if found["failed_runs"] else 0
+    failed = found["failed_runs"]
+    return _ended(EXIT_FAILED_RUNS, f"{len(failed)} failed simulations; the first: {failed[0]}") if failed else 0
 
 
 def _told_again(folder: Path, pages: Any) -> list[Path]:
@@ -213,7 +220,7 @@ def ladder(options: argparse.Namespace, command: str) -> int:
     _tell([*(s["words"] for s in found["steps"]), found["words"], *(f"warning: {w}" for w in found["warnings"])])
     print(f"  {found['counts']['runs']} simulations, {found['timings']['wall']:.0f} s")
     print("\n".join(f"  {f}" for f in files))
-    return EXIT_FAILED_RUNS if found["chosen"] is None else 0
+    return 0 if found["chosen"] else _ended(EXIT_FAILED_RUNS, f"no level has an answer: {found['words']}")
 
 
 def next_test(options: argparse.Namespace, command: str) -> int:
@@ -238,7 +245,8 @@ def next_test(options: argparse.Namespace, command: str) -> int:
     _tell([*found["words"], *(f"warning: {w}" for w in found["warnings"]), *unanswered])
     print("\n" + "\n".join(markdown(found)) + "\n")
     print("\n".join(f"  {f}" for f in files))
-    return EXIT_FAILED_RUNS if found["problems"] else 0
+    lost = "; ".join(f"{n}: {w}" for n, w in found["problems"].items())
+    return _ended(EXIT_FAILED_RUNS, f"no answer: {lost}") if lost else 0
 
 
 def blind(options: argparse.Namespace, command: str) -> int:
@@ -266,7 +274,7 @@ def blind(options: argparse.Namespace, command: str) -> int:
         bad = sum("error" in data for _, data in found)
     errors = f"; {bad} with an error, tried again at the next call" if bad else ""
     print(f"{len(cases)} cases, answers in {options.out}{errors}")
-    return EXIT_BAD_INPUT if bad else 0
+    return _ended(EXIT_BAD_INPUT, f"{bad} of {len(cases)} cases have an error, see error in their answers") if bad else 0
 
 
 @contextmanager

@@ -8,7 +8,18 @@ from typing import Any
 from rso.report.digits import DASH, aligned, channel_text, clean, duration, known, percent, shortest, significant
 from rso.report.document import Block, Cell, Section, Table, Text, column, table, words
 from rso.report.notes import sentences
-from rso.report.reading import Output, Parameter, Results, listed, number, outputs, pair, parameters, views
+from rso.report.reading import (
+    Output,
+    Parameter,
+    Results,
+    lettered,
+    listed,
+    number,
+    outputs,
+    pair,
+    parameters,
+    views,
+)
 
 OUTPUT_COLUMNS = 4  # of the table of all runs
 
@@ -18,6 +29,8 @@ _EXIT = {
     3: "finished, some runs failed",
     4: "the verification tolerance was not met",
     5: "a parameter that the study requires is not determined",
+    6: "no candidate meets the targets and constraints",
+    7: "a validation fails",
     130: "interrupted, can be resumed",
 }
 
@@ -219,6 +232,7 @@ def _study(results: Results) -> list[tuple[str, str]]:
         ("started", clean(made.get("started"))),
         ("finished", clean(made.get("finished"))),
         ("exit code", "" if code is None else f"{code}: {_EXIT.get(code, 'unknown')}"),
+        ("because", lettered(results, results.get("exit_reason")) if code else ""),
     ]
     rows += [(clean(k), _settings(v)) for k, v in (backend.get("settings") or {}).items()]
     return [(k, v) for k, v in rows if v]

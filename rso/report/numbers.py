@@ -168,7 +168,8 @@ def _scaled(values: Sequence[float | None], unit: Unit, digits: int = 4) -> tupl
 def _state(c: Candidate) -> Cell:
     state = clean(c.data.get("state"))
     if c.verified:
-        return Cell("verified", mark="good")
+        met = c.data.get("meets") is not False  # results of an older program do not say
+        return Cell("verified", mark="good") if met else Cell("verified, but misses what is asked", mark="warn")
     if state == "done":
         return Cell("not verified", mark="warn")
     return Cell(state or DASH, mark="bad" if state in ("failed", "crashed") else "quiet")

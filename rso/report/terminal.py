@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rso.report.reading import about_zero
+from rso.units import after
 
 
 def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
@@ -32,6 +33,13 @@ def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
         lines.append(f"  best verified candidate ({best['candidate']}) for the targets: {values}; {scores}")
         if apart := [k for k, v in candidate["values"].items() if _outside(v, found["determined"].get(k))]:
             lines.append(f"    outside what agrees with the whole curves: its {' and '.join(apart)}")
+    elif near := found.get("closest"):
+        every = [c for s in found["searches"] for c in s["candidates"] if s["name"] == near["search"]]
+        candidate = next(c for c in every if c["name"] == near["candidate"])
+        values = _values(candidate["values"], units)
+        lines.append("  no candidate is both verified and within every target and constraint")
+        lines.append(f"  the closest ({near['candidate']}): {values}")
+        lines += [f"    {d['words']}" for d in candidate["demands"] if not d["met"]]
     for v in found["validation"]:
         lines.append(f"  validation {v['experiment']} with {v['candidate']}: {validated(v)}")
     for v in found.get("predictions") or ():  # results of an older program have none
@@ -53,7 +61,7 @@ def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
 
 
 def _values(values: Mapping[str, float], units: Mapping[str, str]) -> str:
-    return ", ".join(f"{k} = {v:.4g} {units.get(k, '')}".strip() for k, v in values.items())
+    return ", ".join(f"{k} = {v:.4g}{after(units.get(k, ''))}" for k, v in values.items())
 
 
 def _outside(value: float, state: Mapping[str, Any] | None) -> bool:

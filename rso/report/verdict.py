@@ -225,10 +225,24 @@ def _verification(results: Results) -> list[str]:
     return said
 
 
+def _none_is_best(results: Results) -> list[str]:
+    """Why no candidate is called the best, and what the closest one misses."""
+    every = candidates(results)
+    if not any(c.verified for c in every):
+        return ["No candidate is verified, so none is called the best."]
+    near = results.get("closest") or {}
+    closest = next((c for c in every if (c.search, c.name) == (near.get("search"), near.get("candidate"))), None)
+    said = ["No verified candidate meets every target and constraint, so none is called the best."]
+    misses = [d for d in (closest.data.get("demands") or () if closest else ()) if d.get("met") is False]
+    if closest and misses:
+        said.append(f"The closest is {closest.label}: {'; '.join(lettered(results, d.get('words')) for d in misses)}.")
+    return said
+
+
 def _fit(results: Results) -> list[str]:
     best, said = best_candidate(results), []
     if best is None:
-        return ["No candidate is verified, so none is called the best."] if finished(results, "verify") else []
+        return _none_is_best(results) if finished(results, "verify") else []
     for name in best.data.get("metrics") or {}:
         m, base = best.metrics(name), (results.get("baseline") or {}).get(name) or {}
         rmse, flat = quantity(m.get("rmse"), experiment(results, name).get("unit", ""), 3), about_zero(base)
@@ -275,6 +289,8 @@ def _facts(results: Results) -> tuple[Fact, ...]:
             agrees = "all agree with the data" if _refuted(results) is None else "the model misses the data"
             note = f"{sure}: {span}, {agrees}" if sure else f"{span}; {agrees}"
             facts.append(Fact(p.letter, word, note, "warn"))
+    if any(s.get("met") is False for s in listed(results, "searches")):
+        facts.append(Fact("Targets", "not met", "by no recomputed candidate, within their tolerances", "warn"))
     if best:
         for name in list(best.data.get("metrics") or {})[:1]:
             base = ((results.get("baseline") or {}).get(name) or {}).get("nrmse")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import dataclasses
 import difflib
@@ -12,6 +13,7 @@ import importlib.machinery
 import importlib.util
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -20,11 +22,12 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn, get_args
+from typing import Any, get_args
 
 from rso.contract import (
     Backend,
     Case,
+    NotFinite,
     Parameter,
     Response,
     Scope,
@@ -180,7 +183,7 @@ class CommandBackend:
     *Response.* ``{"status": "done", "channels", "units"[, "error", "gradients", "info"]}`` as in
     :meth:`rso.contract.Response.from_json`, or ``{"status": "failed", "cause", "reason"[, "channels", "units",
     "history"]}`` with a cause of `rso.contract.CAUSES`.  *done* needs exit code 0.  Anything else is a crash:
-    RuntimeError with the end of stderr.  Python's JSON words for NaN and infinity are refused.
+    RuntimeError with the end of stderr.  A value that is no number (Python's JSON words for NaN and infinity) fails.
 
     Each run has a fresh folder below `keep_folder` (made where it is missing; the system's folder for temporary files
     if None), which is also its working directory; it is removed after *done* and kept otherwise.  After `timeout_s` the
@@ -242,7 +245,7 @@ def _load_command(
         done = subprocess.run(
             (*words, "--schema"), capture_output=True, text=True, timeout=SCHEMA_TIMEOUT_S, stdin=subprocess.DEVNULL
         )
-        schema = json.loads(done.stdout)
+        schema = _printed(done.stdout)
         parameters = tuple(_parameter(p) for p in schema["parameters"])
         names = [p.name for p in parameters]
         if twice := sorted({n for n in names if names.count(n) > 1}):
@@ -262,6 +265,23 @@ def _load_command(
     named = [_hash(word) if os.path.isabs(word) and os.path.isfile(word) else word for word in words]
     fingerprint = "" if words[1:] == ("-m", OWN) else digest(named)
     return CommandBackend(words, parameters, channels, name, numerics, keep_folder, timeout_s, fingerprint)
+
+
+def _printed(text: str) -> Any:
+    """The JSON that a command printed; what it printed before or behind (a banner, a licence) is passed over.
+
+    That is the object with the most keys of a schema among those that begin a line; JSONDecodeError where there is none.
+    """
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        found = []
+        for start in re.finditer(r"^[ \t]*(?=\{)", text, re.MULTILINE):
+            with contextlib.suppress(json.JSONDecodeError):
+                found.append(json.JSONDecoder().raw_decode(text, start.end()))
+        if not found:
+            raise error
+        return max(found, key=lambda pair: len(pair[0].keys() & {"name", "numerics", "parameters", "channels"}))[0]
 
 
 def _words(command: tuple[str, ...], root: Path) -> tuple[str, ...]:
@@ -344,9 +364,6 @@ def _run_guarded(command: Sequence[str], folder: Path, timeout_s: float | None) 
 def _read_answer(answer: Path, code: int, knobs: Sequence[str]) -> Response:
     """The response in the file, or SimulationFailed if it says so, or RuntimeError if it is none."""
 
-    def refuse(word: str) -> NoReturn:
-        raise ValueError(f"{word} is not a number; a run without an answer must say status = failed")
-
     def crash(why: object) -> RuntimeError:
         stderr = _tail((answer.parent / "stderr.txt").read_text(errors="replace"))
         return RuntimeError(f"exit code {code}, {why}; see {answer.parent}; stderr ends with: {stderr or '(nothing)'}")
@@ -354,9 +371,9 @@ def _read_answer(answer: Path, code: int, knobs: Sequence[str]) -> Response:
     if not answer.is_file():
         raise crash("no response file")
     try:
-        data = json.loads(answer.read_text(), parse_constant=refuse)
+        data = json.loads(answer.read_text())
         if data["status"] == "failed":
-            partial = Response.from_json(data) if data.get("channels") else None
+            partial = _finite_part(data) if data.get("channels") else None
             failure = SimulationFailed(data["cause"], data["reason"], partial, tuple(data.get("history") or ()))
         elif data["status"] != "done":
             raise ValueError(f"status = {data['status']!r}, must be done or failed")
@@ -364,9 +381,19 @@ def _read_answer(answer: Path, code: int, knobs: Sequence[str]) -> Response:
             raise ValueError("although status = done")
         else:
             return _with_known_gradients(Response.from_json(data), knobs)
+    except NotFinite as error:
+        failure = error.failure()
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise crash(f"response file not understood ({type(error).__name__}: {error})") from error
     raise failure
+
+
+def _finite_part(data: Mapping[str, Any]) -> Response | None:
+    """How far a failed run came, without what is no number."""
+    try:
+        return Response.from_json(data)
+    except NotFinite as error:
+        return error.partial
 
 
 def _with_known_gradients(response: Response, knobs: Sequence[str]) -> Response:

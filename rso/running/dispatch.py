@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rso.contract import Backend, Case, Response, SimulationFailed, digest, plain, run_key
+from rso.contract import Backend, Case, NotFinite, Response, SimulationFailed, digest, plain, run_key
 from rso.running.adapters import Source, check_values
 from rso.running.cluster import ClusterExecutor
 from rso.running.driving import Ahead, Job, drive
@@ -207,6 +207,8 @@ def simulate(backend: Backend | Source, values: Mapping[str, float], case: Case)
     except SimulationFailed as failure:
         partial = None if failure.partial is None else Response.from_json(failure.partial.to_json())
         result = SimulationFailed(failure.cause, failure.reason, partial, tuple(plain(failure.history)))
+    except NotFinite as wrong:
+        result = wrong.failure()
     return _Ended(result, time.perf_counter() - wall, _cpu_s() - cpu)
 
 

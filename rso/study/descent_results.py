@@ -12,12 +12,12 @@ from rso.identify import Descent, Iterate, lenient
 from rso.store import Done
 from rso.study.descending import Descended
 from rso.study.identifying import Identified
-from rso.study.plan import Plan
-from rso.study.results import at_bound, curves_of
-from rso.study.searching import curve_metrics
+from rso.study.plan import Plan, limited
+from rso.study.results import at_bound, curves_of, demand
+from rso.study.searching import curve_metrics, demands
 from rso.study.stages import Design
 from rso.study.unstated import unstated
-from rso.targets import Target
+from rso.targets import Checked
 
 
 def design_of(plan: Plan, found: Descended) -> Design:
@@ -39,7 +39,8 @@ def of_design(plan: Plan, found: Descended) -> dict[str, Any]:
 
 def of_descent(plan: Plan, found: Descended) -> dict[str, Any]:
     """descent, searches (one, with one candidate), best."""
-    search, confirmed = plan.searches[0], found.best.confirmed
+    search, confirmed, checked = plan.searches[0], found.best.confirmed, _checked(plan, found)
+    met, one = all(c.met for c in checked), {"search": search.name, "candidate": f"{search.name} 1"}
     return {
         "descent": {
             "derivatives": plan.study.search.derivatives,
@@ -59,16 +60,18 @@ def of_descent(plan: Plan, found: Descended) -> dict[str, Any]:
                 "targets": [dataclasses.asdict(g) for g in search.goals],
                 "ranges": {a.name: [a.low, a.high] for a in search.axes},
                 "kind": "single",
-                "reachable": bool(np.all([abs(y - g.value) <= 2 * g.sigma for g, y in _met(plan, found)])),
+                "reachable": met,
                 "story": _story(found.best),
                 "front": {"values": [], "objectives": []},
-                "candidates": [_candidate(plan, found)],
+                "candidates": [_candidate(plan, found, checked)],
                 "infill": 0,
                 "verified": confirmed,
+                "met": met,
                 "audit": [],
             }
         ],
-        "best": {"search": search.name, "candidate": f"{search.name} 1"} if confirmed else None,
+        "best": one if confirmed and met else None,
+        "closest": None if confirmed and met else one,
     }  # fmt: skip
 
 
@@ -122,7 +125,7 @@ def _last(found: Descended) -> Iterate:
     return next(i for d in found.descents for i in d.iterates if i.sight is found.best.best)
 
 
-def _candidate(plan: Plan, found: Descended) -> dict[str, Any]:
+def _candidate(plan: Plan, found: Descended, checked: tuple[Checked, ...]) -> dict[str, Any]:
     search, sight, goals = plan.searches[0], found.best.best, plan.searches[0].goals
     assert sight is not None
     values, last = _values(plan, found, sight.x), _last(found)
@@ -143,6 +146,9 @@ def _candidate(plan: Plan, found: Descended) -> dict[str, Any]:
         "outputs": rows,
         "agreement": found.best.gap,
         "verified": found.best.confirmed,
+        "worst": None,
+        "meets": all(c.met for c in checked),
+        "demands": [demand(c) for c in checked],
         "curves": curves_of(plan, found.outcomes),
         "metrics": {n: dataclasses.asdict(m) for n, m in curve_metrics(plan, found.outcomes).items()},
         "at_bound": at_bound(search, plan, values),
@@ -160,10 +166,12 @@ def _at(found: Descended, o: Output, curve: np.ndarray) -> float | None:
     return None
 
 
-def _met(plan: Plan, found: Descended) -> list[tuple[Target, float]]:
-    pairs = []
-    for o, g in zip(plan.searches[0].outputs, plan.searches[0].goals, strict=True):
+def _checked(plan: Plan, found: Descended) -> tuple[Checked, ...]:
+    search = plan.searches[0]
+    outputs, errors = {}, {}
+    for o in (*search.outputs, *map(limited, plan.constraints)):
         outcome = found.outcomes[plan.case_of[o.experiment]]
         assert isinstance(outcome, Done)
-        pairs.append((g, o.read(outcome.response)))
-    return pairs
+        outputs[o.id], errors[o.id] = o.read(outcome.response), o.error(outcome.response)
+    assert found.best.best is not None
+    return demands(plan, search, found.best.best.x, outputs, errors)

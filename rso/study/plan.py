@@ -172,7 +172,17 @@ def full_design(plan: Plan) -> np.ndarray:
         X = _designed(plan, table.runs if stated else None)
         return _extended(plan, X)
     except ValueError as error:
-        raise study_error(plan.study.file, plan.study.lines, [Problem(("doe",), str(error))]) from error
+        place = ("doe", "constraints") if (left := _left(plan)) else ("doe",)
+        raise study_error(plan.study.file, plan.study.lines, [Problem(place, f"{error}{left}")]) from error
+
+
+def _left(plan: Plan) -> str:
+    """How much of the ranges each condition between parameters leaves, the least first; empty without any."""
+    X = doe.sobol(plan.box.d, 2**14, plan.seed)
+    theta = dict(zip(plan.box.names, plan.box.from_unit(X).T, strict=True))
+    shares = sorted((float(np.mean(c.excess(theta) <= 0)), c.text) for c in plan.conditions)
+    said = [f"{text!r} leaves {f'{100 * share:.2g}' if share else 'less than 0.01'} %" for share, text in shares]
+    return f"; of the ranges {', '.join(said)}" if said else ""
 
 
 @functools.lru_cache(maxsize=4)
@@ -371,11 +381,12 @@ def _search(
             curve = combine(study.measurement(e.name), study.noise_of(e.name), t.channel)
         value, sigma = value_at(curve, t.depth)
         value = value if t.value is None else t.value
-        sigma = max(sigma, 1e-3 * abs(value))  # a perfect measurement would leave nothing acceptable
+        # A perfect measurement would leave nothing acceptable; neither would a target of 0 on a curve that is not.
+        sigma = max(sigma, 1e-3 * (abs(value) or float(np.abs(curve.value).max())))
         if sigma == 0.0:
             text = f"the target {t.channel} of {e.name!r} at {t.depth:g} mm is 0 without uncertainty: state a noise"
             raise study_error(study.file, study.lines, [Problem(("search", "targets"), text)])
-        goals.append(Goal(t.experiment, t.channel, t.depth, value, sigma, units[t.channel]))
+        goals.append(Goal(t.experiment, t.channel, t.depth, value, sigma, units[t.channel], t.value is None))
         outputs.append(Output(t.experiment, t.channel, t.depth, units[t.channel]))
     return SearchPlan(search.name, tuple(goals), tuple(outputs), *ends_in(search.axes, box), search.axes)
 

@@ -32,6 +32,7 @@ from rso.study.searching import Found, Validation, baselines, mean_over_design, 
 from rso.study.stages import Design, Fitted, Run, why
 from rso.study.stated import extraordinary
 from rso.surrogates import Scores
+from rso.targets import Checked
 
 SCHEMA = 1
 LOUD = 3.0  # times its noise: what a lateral force must be to count in the choice of the best candidate
@@ -143,12 +144,18 @@ def of_surrogates(plan: Plan, design: Design, fitted: Fitted) -> dict[str, Any]:
 
 
 def of_searches(plan: Plan, found: list[Found], audit: Sequence[Step]) -> dict[str, Any]:
-    """searches, best; `audit` is that of the first; the runs of candidates are added to `runs` by the caller."""
+    """searches, best, closest; `audit` is that of the first; the runs of candidates are added by the caller."""
     first = best(plan, found)
+    near = closest(found) if first is None else None
     return {
         "searches": [_search(plan, f, () if k else audit) for k, f in enumerate(found)],
-        "best": None if first is None else {"search": first[0], "candidate": f"{first[0]} {first[1] + 1}"},
+        "best": _named(first),
+        "closest": _named(near),
     }
+
+
+def _named(place: tuple[str, int] | None) -> dict[str, str] | None:
+    return None if place is None else {"search": place[0], "candidate": f"{place[0]} {place[1] + 1}"}
 
 
 def of_region(plan: Plan, region: Region | None, runs: list[dict[str, Any]]) -> dict[str, Any]:
@@ -201,19 +208,36 @@ def of_validation(found: list[Validation]) -> dict[str, Any]:
 
 
 def best(plan: Plan, found: list[Found]) -> tuple[str, int] | None:
-    """Search and place of the verified candidate with the smallest study metric, averaged over the fitted curves."""
+    """Search and place of the candidate with the smallest study metric, averaged over the fitted curves.
+
+    Only those are asked that are verified, meet every target and violate no constraint.
+    """
     metric, telling = plan.study.search.metric, _telling(plan)
     scored = [
         (float(np.mean([getattr(m, metric) for n, m in scores.items() if n in telling])), f.plan.name, k)
         for f in found
         for k, (c, scores) in enumerate(zip(f.result.candidates, f.metrics, strict=True))
-        if c.verified and scores
+        if c.verified and c.meets and scores
     ]
     scored = [s for s in scored if math.isfinite(s[0])]
     if not scored:
         return None
     _, name, k = min(scored)
     return name, k
+
+
+def closest(found: Sequence[Found]) -> tuple[str, int] | None:
+    """Search and place of the candidate that comes closest to what is demanded: constraints first, then targets."""
+    every = [
+        (
+            max((d.size for d in c.checked if d.kind != "target"), default=0.0),
+            max((d.size for d in c.checked if d.kind == "target"), default=0.0), f.plan.name, k,
+        )
+        for f in found
+        for k, c in enumerate(f.result.candidates)
+        if c.state == "done"
+    ]  # fmt: skip
+    return min(every)[2:] if every else None
 
 
 def _telling(plan: Plan) -> set[str]:
@@ -331,6 +355,7 @@ def _search(plan: Plan, found: Found, audit: Sequence[Step]) -> dict[str, Any]:
         "candidates": [_candidate(plan, found, k) for k in range(len(found.result.candidates))],
         "infill": found.result.infill,
         "verified": found.result.verified,
+        "met": any(c.meets for c in found.result.candidates),
         "audit": [_step(plan, s) for s in audit],
     }
 
@@ -367,10 +392,21 @@ def _candidate(plan: Plan, found: Found, k: int) -> dict[str, Any]:
         ],
         "agreement": c.agreement,
         "verified": c.verified,
+        "worst": c.worst,
+        "meets": c.meets if c.state == "done" else None,
+        "demands": [demand(d) for d in c.checked],
         "curves": curves_of(plan, c.outcomes) if c.state == "done" else {},
         "metrics": {e: dataclasses.asdict(m) for e, m in found.metrics[k].items()},
         "at_bound": at_bound(found.plan, plan, c.values),
         "extrapolated": extrapolated(plan, emulator, c.values),
+    }  # fmt: skip
+
+
+def demand(d: Checked) -> dict[str, Any]:
+    """One target or constraint and how a candidate meets it; `words` only where it does not."""
+    return {
+        "kind": d.kind, "output": d.output, "demand": d.demand, "value": d.value, "miss": d.miss,
+        "tolerance": d.tolerance, "unit": d.unit, "met": d.met, "words": None if d.met else str(d),
     }  # fmt: skip
 
 

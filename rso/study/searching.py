@@ -11,6 +11,7 @@ from rso import search
 from rso.contract import Curve
 from rso.curves import Metrics, Resampling, baseline, loading, metrics
 from rso.emulator import Emulator
+from rso.feasibility import Region
 from rso.measurement import MeasuredCurve
 from rso.running import Outcome, Task
 from rso.search import Choice
@@ -19,7 +20,7 @@ from rso.study.kept import Kept, kept, task
 from rso.study.plan import Plan, SearchPlan, limited
 from rso.study.readings import compared
 from rso.study.stages import Bench, Design, learn_more, sample
-from rso.targets import residuals, violations
+from rso.targets import Checked, against, residuals, violations, within
 from rso.verify import Candidate, Verified, agreement, verify
 
 
@@ -150,9 +151,27 @@ def _candidate(
         predicted[output.id] = (float(mean[0]), float(sd[0]))
     if not all(isinstance(o, Done) for o in outcomes):
         return Candidate(values, predicted, {}, outcomes, None, False)
-    recomputed = sample(plan, values, outcomes).outputs
-    gap = agreement(predicted, recomputed, [o.id for o in wanted.outputs])
-    return Candidate(values, predicted, recomputed, outcomes, gap, gap <= plan.study.verify.tolerance)
+    known = sample(plan, values, outcomes)
+    recomputed = known.outputs
+    sigma = {o.id: g.sigma for o, g in zip(wanted.outputs, wanted.goals, strict=True)}
+    gap, worst = agreement(predicted, recomputed, sigma)
+    good = gap <= plan.study.verify.tolerance
+    checked = demands(plan, wanted, x, recomputed, known.errors)
+    return Candidate(values, predicted, recomputed, outcomes, gap, good, worst, checked)
+
+
+def demands(
+    plan: Plan, wanted: SearchPlan, x: np.ndarray, outputs: Mapping[str, float], errors: Mapping[str, float]
+) -> tuple[Checked, ...]:
+    """Recomputed outputs by id, with numerical errors, of a point x (d,) of the unit cube against what is demanded."""
+    pairs = zip(wanted.outputs, wanted.goals, strict=True)
+    targets = [against(g, o.id, outputs[o.id], errors.get(o.id, 0.0)) for o, g in pairs]
+    limits = [within(c, limited(c).id, outputs[limited(c).id]) for c in plan.constraints]
+    theta = dict(zip(plan.box.names, plan.box.from_unit(x[None]).T, strict=True))
+    stated = [c for c in plan.conditions if not isinstance(c, Region)]
+    excess = [max(float(c.excess(theta)[0]), 0.0) for c in stated]
+    rules = [Checked("condition", None, c.text, e, e, 0.0, "") for c, e in zip(stated, excess, strict=True)]
+    return (*targets, *limits, *rules)
 
 
 def simulated_curves(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, tuple[str, MeasuredCurve, Curve]]:

@@ -28,6 +28,7 @@ from rso.study import (
     sensitivities,
     stages,
 )
+from rso.study.exits import EXIT_FAILED_RUNS, ended
 from rso.study.plan import Plan
 from rso.study.repairing import Repaired
 from rso.study.searching import Found
@@ -35,7 +36,6 @@ from rso.study.stages import Bench, Watch
 
 Say = Callable[[str], None]
 ROUGH = 0.05  # of the largest value of a curve: a numerical error that leaves little to tell
-EXIT_DONE, EXIT_FAILED_RUNS, EXIT_NOT_VERIFIED, EXIT_NOT_DETERMINED = 0, 3, 4, 5
 
 
 def run_study(
@@ -48,8 +48,9 @@ def run_study(
     jobs: int,
     watch: Watch | None = None,
     say: Say = lambda _: None,
+    strict: bool = False,
 ) -> dict[str, Any]:
-    """Run every stage, write ``results.json`` after each, return the results.
+    """Run every stage, write ``results.json`` after each, return the results; `strict` is for the exit code alone.
 
     Where an earlier call has left results of the same study, they stay until there is more to tell, and wall times
     add up; a call that finds everything computed keeps the times of the calls that did.
@@ -60,15 +61,15 @@ def run_study(
     notes.write("plan")
     bench = Bench(plan, store, executor, watch)
     if plan.study.search.method == "gauss_newton":
-        return _directly(bench, notes, say)
+        return _directly(bench, notes, say, strict)
     ranges = _learn(bench, notes, say)
     bench, searches = _search(ranges, notes, say)
     chosen = results.best(bench.plan, searches)
     determination = _identify(bench, searches, chosen, notes, say)
-    return _validate(bench, ranges.design, searching.chosen(searches, chosen), determination, notes, say)
+    return _validate(bench, ranges.design, searching.chosen(searches, chosen), determination, notes, say, strict)
 
 
-def _directly(bench: Bench, notes: _Notes, say: Say) -> dict[str, Any]:
+def _directly(bench: Bench, notes: _Notes, say: Say, strict: bool) -> dict[str, Any]:
     """The same without a design and its surfaces: Gauss–Newton on simulations with their derivatives."""
     plan, found = bench.plan, notes.found
     say("search: Gauss–Newton on simulations and their derivatives")
@@ -76,7 +77,7 @@ def _directly(bench: Bench, notes: _Notes, say: Say) -> dict[str, Any]:
         there = descending.descend(bench)
     except stages.NothingToFit as error:
         found["warnings"].append(str(error))
-        notes.write("plan", end=True, exit_code=EXIT_FAILED_RUNS)
+        notes.write("plan", end=True, exit_code=EXIT_FAILED_RUNS, exit_reason=str(error))
         raise
     design = descent_results.design_of(plan, there)
     found["runs"] = results.rows_of(plan, there.runs)
@@ -96,7 +97,7 @@ def _directly(bench: Bench, notes: _Notes, say: Say) -> dict[str, Any]:
         found["warnings"].append(f"identification: {error}")
     found["warnings"] += [*descent_results.warnings(plan, there, known), *rough(found["searches"][0]["candidates"])]
     notes.write("verify", **parts)
-    return _validate(bench, design, [one], None if known is None else known.determination, notes, say)
+    return _validate(bench, design, [one], None if known is None else known.determination, notes, say, strict)
 
 
 def _learn(bench: Bench, notes: _Notes, say: Say) -> Repaired:
@@ -112,7 +113,8 @@ def _learn(bench: Bench, notes: _Notes, say: Say) -> Repaired:
         fitted = stages.fit_surrogates(bench, design)
     except stages.NothingToFit as error:
         found["warnings"].append(str(error))
-        notes.write("design", end=True, counts=notes.counts(plan), exit_code=EXIT_FAILED_RUNS)
+        notes.write("design", end=True, counts=notes.counts(plan), exit_code=EXIT_FAILED_RUNS,
+                    exit_reason=str(error))  # fmt: skip
         raise
     ranges = repairing.repair(bench.around_failures(design.similar), design, fitted, say)
     plan, fitted = ranges.bench.plan, ranges.fitted
@@ -171,6 +173,7 @@ def _validate(
     determination: Determination | None,
     notes: _Notes,
     say: Say,
+    strict: bool,
 ) -> dict[str, Any]:
     """The experiments kept for the end, and everything that is known only then; the whole results."""
     plan, found = bench.plan, notes.found
@@ -197,21 +200,9 @@ def _validate(
         notes.clock.stop(before["timings"])
         when = ("command", "started", "finished", "jobs")
         found["provenance"].update({k: v for k, v in before["provenance"].items() if k in when})
-    code = exit_code(plan, found)
-    parts = {**results.of_validation(checked), **foretelling.of_predictions(foretold)}
-    return notes.write("validate", end=True, **parts, counts=counts, exit_code=code)
-
-
-def exit_code(plan: Plan, found: dict[str, Any]) -> int:
-    """4 if a candidate is not verified, 5 if a required parameter is not determined, 3 if runs failed, else 0."""
-    if not all(s["verified"] for s in found["searches"]):
-        return EXIT_NOT_VERIFIED
-    if any(not found["determined"][n]["determined"] for n in plan.study.identify.require):
-        return EXIT_NOT_DETERMINED
-    # That runs beyond the ranges of the study have no answer is what they were made to find out.
-    beyond = {("failed", "repair"), ("failed", "interval")}
-    lost = [r for r in found["runs"] if r["state"] != "done" and (r["state"], r["purpose"]) not in beyond]
-    return EXIT_FAILED_RUNS if lost else EXIT_DONE
+    found.update(**results.of_validation(checked), **foretelling.of_predictions(foretold), counts=counts)
+    code, reason = ended(found, plan.study.identify.require, strict)
+    return notes.write("validate", end=True, exit_code=code, exit_reason=reason)
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,7 +300,9 @@ def rough(candidates: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def _warn_of_constraints(one: Found, found: dict[str, Any]) -> None:
     if not one.result.choice.feasible:
-        found["warnings"].append(f"search {one.plan.name!r}: no point of the ranges respects every constraint")
+        broken = [str(d) for c in one.result.candidates[:1] for d in c.checked if d.kind != "target" and not d.met]
+        least = f"; where they are violated least, {'; '.join(broken)}" if broken else ""
+        found["warnings"].append(f"search {one.plan.name!r}: no point of the ranges respects every constraint{least}")
 
 
 def _outside(identification: dict[str, Any] | None, parameters: list[dict[str, Any]]) -> list[str]:

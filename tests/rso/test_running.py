@@ -741,12 +741,34 @@ def test_command_failed_keeps_its_folder(program, tmp_path):
     np.testing.assert_array_equal(failure.value.partial.channels["travel"], [0.5, 1.0])
 
 
+def test_what_a_command_answers_with_nan_fails_and_keeps_the_rest(program, tmp_path):
+    with pytest.raises(SimulationFailed, match="'Fz' is nan at travel") as failure:
+        call(program, tmp_path, do="nan")
+    kept = failure.value.partial
+    assert failure.value.cause == "not_finite"
+    assert kept is None or np.isfinite(kept.channels["Fz"]).all()
+
+
+@pytest.mark.parametrize(
+    "text", ["Licence 4711 {trial}\n\n{}", "{}\n  {{not JSON\n", '{{"version": 3}}\n{}\nbye', "\ufeffHello\n  {}"]
+)
+def test_what_a_command_prints_around_its_schema_is_passed_over(tmp_path, text):
+    schema = {"name": "s", "numerics": 1, "channels": {"time": "s"}, "parameters": [
+        {"name": "x", "description": "", "unit": "1", "low": 0.0, "high": 1.0}]}  # fmt: skip
+    said = text.replace("{}", json.dumps(schema, indent=1)).replace("{{", "{").replace("}}", "}")
+    (tmp_path / "said").write_text(said, encoding="utf-8")
+    code = f"print(open({str(tmp_path / 'said')!r}, encoding='utf-8').read())"
+    assert load_backend(command=[sys.executable, "-X", "utf8", "-c", code]).name == "s"
+    (tmp_path / "said").write_text(said.replace("numerics", "numbers"), encoding="utf-8")
+    with pytest.raises(ValueError, match="must print JSON with name, numerics"):
+        load_backend(command=[sys.executable, "-X", "utf8", "-c", code])
+
+
 @pytest.mark.parametrize(
     ("do", "message"),
     [
         ("silent", r"exit code 4, no response file; see .*licence server not found"),
         ("half", "exit code 0, response file not understood .*JSONDecodeError"),
-        ("nan", "NaN is not a number"),
         ("strange", "status = 'perhaps'"),
         ("cause", "unknown cause 'mood'"),
         ("units", "has no unit"),

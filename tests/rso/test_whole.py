@@ -89,14 +89,17 @@ LAYOUT: dict[str, Any] = {
     },
     "searches": [
         {
-            **dict.fromkeys(("name", "kind", "reachable", "story", "infill", "verified")),
-            "targets": [dict.fromkeys(("experiment", "channel", "depth_mm", "value", "sigma", "unit"))],
+            **dict.fromkeys(("name", "kind", "reachable", "story", "infill", "verified", "met")),
+            "targets": [dict.fromkeys(("experiment", "channel", "depth_mm", "value", "sigma", "unit", "read"))],
             "ranges": {"mu": [None], "D1": [None]},
             "audit": [dict.fromkeys(("round", "what", "why", "parameter", "end", "from", "to", "unit", "runs"))],
             "front": {"values": [VALUES], "objectives": [[None]]},
             "candidates": [
                 {
-                    **dict.fromkeys(("name", "state", "agreement", "verified")),
+                    **dict.fromkeys(("name", "state", "agreement", "verified", "worst", "meets")),
+                    "demands": [
+                        dict.fromkeys(("kind", "output", "demand", "value", "miss", "tolerance", "unit", "met", "words"))
+                    ],
                     "values": VALUES,
                     "outputs": [
                         dict.fromkeys(("output", "predicted", "sd", "recomputed", "numerical_error", "target"))
@@ -112,6 +115,7 @@ LAYOUT: dict[str, Any] = {
         }
     ],
     "best": {"search": None, "candidate": None},
+    "closest": None,
     "baseline": {"top": METRICS},
     "mean_over_runs": {"top": METRICS},
     "validation": [
@@ -161,6 +165,7 @@ LAYOUT: dict[str, Any] = {
         "metrics": [{"metric": None, "minima": [{"values": VALUES, "value": None}]}],
     },
     "exit_code": None,
+    "exit_reason": None,
     "warnings": [None],
     "provenance": {
         **dict.fromkeys(("rso", "python", "packages", "command", "study_sha256", "data_sha256", "artefacts")),
