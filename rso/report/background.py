@@ -56,6 +56,8 @@ def _summary(results: Results) -> list[str]:
         if design.get("kind") != "none":
             text = f"The design ({clean(design.get('kind'))}) asked for {shortest(design.get('asked'))} runs"
             said.append(text + (f", and {design['held_out']} more held out." if design.get("held_out") else "."))
+        if story := clean((results.get("joined") or {}).get("story")):
+            said.append(f"From the store: {story}.")
         similarity = design.get("similarity") or {}
         points = [r.get("values") or {} for r in listed(results, "runs") if r.get("purpose") == "design"]
         made = len({tuple(sorted(p.items())) for p in points})

@@ -96,8 +96,11 @@ def _invalid(found: Results) -> str | None:
 
 
 def _failed(found: Results) -> str | None:
-    """How many runs have no answer, and the first reason; those beyond the ranges were made to find that out."""
-    beyond = {("failed", "repair"), ("failed", "interval")}
+    """How many runs have no answer, and the first reason.
+
+    Those beyond the ranges were made to find that out, those of before belong to another version of the study.
+    """
+    beyond = {("failed", "repair"), ("failed", "interval"), ("failed", "stored")}
     lost = {r["key"]: r for r in found["runs"] if r["state"] != "done" and (r["state"], r["purpose"]) not in beyond}
     if not lost:
         return None

@@ -180,8 +180,19 @@ def why(outcome: Outcome) -> tuple[str | None, str | None]:
 # ------------------------------------------------------------------------------------------------------ design
 
 
-def run_design(bench: Bench) -> Design:
-    """Run the design; with similarity first the reduced one and its proof, and without a proof the full one."""
+def run_design(bench: Bench, known: Sequence[Mapping[str, float]] = ()) -> Design:
+    """Run the design; with similarity first the reduced one and its proof, and without a proof the full one.
+
+    Points `known` from before, that are in the store, are taken as runs of the purpose 'stored'.
+    """
+    design = _run_design(bench)
+    mine = {tuple(r.values[n] for n in bench.plan.box.names) for r in design.runs}
+    more = [v for v in known if tuple(v[n] for n in bench.plan.box.names) not in mine]
+    runs = tuple(Run("stored", v, o) for v, o in zip(more, bench.run(more) if more else [], strict=True))
+    return replace(design, runs=(*design.runs, *runs))
+
+
+def _run_design(bench: Bench) -> Design:
     plan = bench.plan
     asked = full_design(plan)
     if plan.group.reference is None:
@@ -259,6 +270,7 @@ def fit_surrogates(bench: Bench, design: Design) -> Fitted:
     plan = bench.plan
     group = plan.group if design.similar else dataclasses.replace(plan.group, reference=None)
     learnt, new = design.samples(plan, "design"), design.samples(plan, "held_out")
+    learnt += design.samples(plan, "stored")
     outputs = [*plan.outputs, *_worth_learning(plan, learnt)]
     try:
         emulator = learnt_anew(plan, group, outputs, learnt, new, bench.each)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -21,6 +22,7 @@ from rso.study import (
     files,
     foretelling,
     identifying,
+    joining,
     kept,
     repairing,
     results,
@@ -104,7 +106,11 @@ def _learn(bench: Bench, notes: _Notes, say: Say) -> Repaired:
     """Design, surrogates, the ranges that the main search needs, sensitivities."""
     plan, found = bench.plan, notes.found
     say("design: simulations to learn from")
-    design = stages.run_design(bench)
+    known = joining.joined(plan, bench.store, notes.before)
+    if known.story:
+        say(f"store: {known.story}")
+    notes.write("plan", joined={**dataclasses.asdict(known), "story": known.story})
+    design = stages.run_design(bench, known.points)
     if not design.similar and plan.group.reference is not None:
         found["warnings"].append(f"similarity {design.story}")
     notes.write("design", **results.of_design(plan, design))

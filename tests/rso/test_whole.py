@@ -116,6 +116,7 @@ LAYOUT: dict[str, Any] = {
     ],
     "best": {"search": None, "candidate": None},
     "closest": None,
+    "joined": {"points": [VALUES], "outside": None, "other": None, "left": None, "story": None},
     "baseline": {"top": METRICS},
     "mean_over_runs": {"top": METRICS},
     "validation": [

@@ -1,0 +1,95 @@
+"""What was run before, of the same model, joins what a changed study learns from."""
+
+import dataclasses
+
+import pytest
+import sample_studies as studies
+
+from rso.store import RunStore
+from rso.study import load
+from rso.study.joining import find
+from rso.study.plan import make_plan
+
+FULL = 'runs = 12\nheld_out = 3\nreduce = false'
+NARROW = 'mu = {{ low = "6 kPa", high = "{} kPa", scale = "log" }}\nD1 = {{ low = 10, high = 150, scale = "log" }}'
+
+
+def of(found, purpose):
+    return [r for r in found["runs"] if r["purpose"] == purpose]
+
+
+def within(values, high):
+    return 0.006 <= values["mu"] <= high and 10 <= values["D1"] <= 150
+
+
+@pytest.fixture(scope="module")
+def changed(tmp_path_factory):
+    """A study, and the same after its range was changed."""
+    folder = tmp_path_factory.mktemp("changed")
+    first = studies.run(folder, doe=FULL)
+    return folder, first, studies.run(folder, doe=FULL, parameters=NARROW.format(16))
+
+
+def test_finished_runs_within_the_new_ranges_are_learnt_too(changed):
+    _, first, second = changed
+    before = {tuple(r["values"].items()) for r in first["runs"] if within(r["values"], 0.016)}
+    stored = {tuple(r["values"].items()) for r in of(second, "stored")}
+    assert len(stored) > 8 and stored == before
+    assert len(of(second, "design")) == 12 and all(s["n"] >= 12 + len(stored) for s in second["surrogates"])
+    assert len(second["joined"]["points"]) == len(stored) and second["joined"]["outside"] > 0
+    assert f"{len(stored)} points of this model" in second["joined"]["story"]
+    assert second["exit_code"] == 0
+
+
+def test_the_first_run_of_a_study_has_nothing_to_join(changed):
+    assert of(changed[1], "stored") == [] and changed[1]["joined"]["story"] == ""
+
+
+def test_going_on_changes_nothing(changed):
+    """What joins is noted when a study begins: its own later runs do not."""
+    folder, _, second = changed
+    again = studies.run(folder, doe=FULL, parameters=NARROW.format(16))
+    assert studies.timeless(again) == studies.timeless(second) and again["counts"]["from_store"] == again["counts"]["fe_runs"]
+
+
+def test_a_study_that_was_killed_goes_on_as_it_would_have(changed, tmp_path):
+    first = studies.run(tmp_path, doe=FULL)
+    plan = make_plan(load(studies.write(tmp_path, doe=FULL, parameters=NARROW.format(16))))
+    left = 9  # simulations that it may still do
+
+    class Killed(studies.Inline):
+        def submit(self, fn, /, *args, **kwargs):
+            nonlocal left
+            left -= 1
+            if left < 0:
+                raise KeyboardInterrupt
+            return super().submit(fn, *args, **kwargs)
+
+    from rso.study.whole import run_study
+
+    with RunStore(tmp_path / "results") as store, pytest.raises(KeyboardInterrupt):
+        run_study(plan, store, Killed(), tmp_path / "results", command="test", jobs=1)
+    resumed = studies.run(tmp_path, doe=FULL, parameters=NARROW.format(16))
+    assert studies.timeless(resumed) == studies.timeless(changed[2]) and first["exit_code"] == 0
+
+
+def test_another_model_does_not_join(changed):
+    folder = changed[0]
+    with RunStore(folder / "results", read_only=True) as store:
+        plan = make_plan(load(studies.write(folder, doe=FULL)))
+        assert len(find(plan, store).points) > 20
+        thinner = make_plan(load(studies.write(folder, doe=FULL, backend__settings="thickness = 7")))
+        found = find(thinner, store)
+        assert found.points == () and found.other == len(store.rows()) and "other settings" in found.story
+        newer = dataclasses.replace(plan, backend=type("Newer", (type(plan.backend),), {"numerics": 99})())
+        assert find(newer, store).points == ()
+    studies.write(folder, doe=FULL, parameters=NARROW.format(16))
+
+
+def test_by_similarity_runs_of_another_modulus_join(tmp_path):
+    """Ranges of another middle have another modulus of reference: what was run at the old one stands for the new."""
+    studies.run(tmp_path)
+    found = studies.run(tmp_path, parameters=NARROW.format(18))
+    assert found["design"]["similarity"]["applied"] and len(of(found, "stored")) > 5
+    assert found["exit_code"] == 0
+    assert all(s["cross_validation"]["q2"] > 0.99 for s in found["surrogates"] if s["output"].startswith("top:Fz@2"))
