@@ -8,39 +8,16 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 
 import numpy as np
 
+from rso.measurement.names import NAMES, QUALIFIERS, SEGMENT, TENSILE, UNITED
 from rso.units import bracketed, is_of, kind_of, unit_in, weight
 
-NAMES: Mapping[str, frozenset[str]] = MappingProxyType(
-    {
-        "depth": frozenset(
-            {"indentation", "indentation depth", "penetration", "penetration depth", "indenter displacement",
-             "indenter position", "indenter travel", "displacement", "displ", "disp", "distance", "extension",
-             "travel", "stroke", "position", "deformation", "compression", "crosshead", "crosshead displacement",
-             "crosshead position", "crosshead travel", "actuator displacement", "actuator position",
-             "axial displacement", "axial position", "compressive displacement", "compressive extension",
-             "z displacement", "displacement z", "z position", "position z", "weg", "standardweg", "traversenweg",
-             "verformung", "verfahrweg", "eindringtiefe", "eindringweg", "position traverse", "déplacement",
-             "enfoncement", "allongement", "course", "course standard", "pd", "desplazamiento",
-             "spostamento"}
-        ),
-        "Fz": frozenset(
-            {"force", "force z", "z force", "load", "normal force", "normal load", "axial force",
-             "axial load", "compressive force", "compressive load", "vertical force", "indentation force", "load cell",
-             "force a", "kraft", "standardkraft", "prüfkraft", "normalkraft", "force standard", "fn", "fuerza", "forza"}
-        ),
-        "time": frozenset(
-            {"time", "timestamp", "elapsed time", "test time", "total time", "zeit", "prüfzeit", "testzeit", "temps",
-             "temps d'essai", "temps d’essai", "tiempo", "tempo"}
-        ),
-    }
-)  # fmt: skip
 FROM_CONTACT = ("indentation", "penetration", "eindring", "enfoncement")  # such a travel is no machine's position
 PRESSED = ((0.6, 0.7), (0.8, 0.9), (0.95, 1.0))  # of the way: where a force is looked for
 STEEPER = 2.5  # times the last fifth of the way: u^0.7 is by 2.2, a ball that is taken off by 3
+EARLIER = 0.1  # of the longest way: the way before it in the other sense, where the force is
 FEW = 7  # readings: more of them tell the shape of a curve
 _GROUP = re.compile(r"\[[^\[\]]*\]|\([^()]*\)")
 _JOINED = re.compile(r"[\s_\-.:]+")
@@ -90,12 +67,18 @@ def named(
         units = [unit_of(cell, beneath[k], name) for k, cell in enumerate(cells)]
         united = [is_of(kind_of(name), unit) for unit in units]
         called = [plain(cell, name) if known[k] is None else "" for k, cell in enumerate(cells)]
-        mine = [k for k, c in enumerate(called) if c in names or (united[k] and c == name.lower())]
+        small = UNITED[name] | {name.lower()}
+        mine = [k for k, c in enumerate(called) if c in names or (united[k] and c in small)]
+        if not any(united[k] or not units[k] for k in mine):  # none of them has the right kind of unit
+            bare = [_bare(c) for c in called]
+            mine = [k for k, c in enumerate(bare) if c in names or (united[k] and c in small)] or mine
         if name == "time":
             mine = [k for k in mine if clocks[k] or united[k]]
             mine = mine if len(mine) == 1 else []
         if len(own := [k for k in mine if united[k] or not units[k]]) == 1:
             mine = own  # beside an Extension (%) and a Force (g)
+        if len(mine) > 1 and len(own := [k for k in mine if name == "depth" and from_contact(cells[k])]) == 1:
+            mine = own  # beside the position of the machine
         if len(mine) > 1:
             each = " and ".join(repr(cells[k]) for k in mine[:3])
             raise ValueError(f"{each} may each be {name}: say with [columns] in the study file which is")
@@ -103,6 +86,24 @@ def named(
             found[name] = mine[0]
             customary = customary or name != "time"
     return found if customary and {"depth", "Fz"} <= found.keys() else {}
+
+
+def _bare(name: str) -> str:
+    """A name without the words that say how it was come by: corrected force."""
+    return " ".join(word for word in name.split() if word not in QUALIFIERS)
+
+
+def segment_column(cells: Sequence[str]) -> int | None:
+    """The one column of a machine's codes of its segments; None without, and for several."""
+    found = [k for k, cell in enumerate(cells) if plain(cell, "segment") in SEGMENT]
+    return found[0] if len(found) == 1 else None
+
+
+def tensile(texts: Sequence[str]) -> str:
+    """The first of the headers and notes of a file that says that it was pulled, empty without one."""
+    small = [text.lower() for text in texts]
+    pressed = any(word in text for text in small for word in ("compress", "indent", "druck", "eindring"))
+    return next((t for t, s in zip(texts, small, strict=True) if not pressed and any(w in s for w in TENSILE)), "")
 
 
 def from_contact(cell: str) -> bool:
@@ -131,6 +132,9 @@ def _sense(travel: np.ndarray, force: np.ndarray) -> tuple[float, float]:
     end = int(np.argmax(np.abs(way)))
     if way[end] == 0.0:
         return 0.0, 0.0
+    other = int(np.argmax(-np.sign(way[end]) * way[:end])) if end else 0
+    if -way[other] / way[end] > EARLIER and abs(force[other] - force[0]) > 2.0 * abs(force[end] - force[0]):
+        end = other  # a ball that was taken off further than it was pressed
     x, F = way[: end + 1] / way[end], force[: end + 1]
 
     def at(low: float, high: float) -> float:

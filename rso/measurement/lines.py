@@ -36,7 +36,7 @@ def text_of(path: Path) -> tuple[str, list[str]]:
     if raw.startswith(OLD):
         text = "is a workbook of the old kind (.xls) or has a password; save it as .xlsx, without one"
         raise ValueError(f"{path}: {text}")
-    if sheet:
+    if sheet and not sheet.isdigit():
         raise ValueError(f"{path}: is no workbook and has no sheet {sheet!r}")
     if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         try:

@@ -48,7 +48,7 @@ from rso.measurement.columns import (
 from rso.measurement.contact import Onset
 from rso.measurement.lines import lines_of, text_of
 from rso.measurement.tables import FORCES
-from rso.measurement.workbook import BEGINS, sheet_of
+from rso.measurement.workbook import BEGINS, block_of, sheet_of
 from rso.units import is_counted
 
 DISPLACEMENTS = ("ux", "uy", "uz")
@@ -256,7 +256,8 @@ def _labels(paths: Sequence[Path]) -> list[str]:
     whole = [os.path.abspath(p) for p in paths]
     if twice := [p for k, p in enumerate(paths) if whole[k] in whole[:k]]:
         raise ValueError(f"{twice[0]}: is listed twice; a repeat counts once")
-    stems = [sheet or file.stem for file, sheet in map(sheet_of, paths)]
+    stems = [f"{p.stem}#{b}" if (b := block_of(one)) else sheet or p.stem
+             for one, (p, sheet) in zip(paths, map(sheet_of, paths), strict=True)]  # fmt: skip
     return stems if len(set(stems)) == len(stems) else [os.path.relpath(p, os.path.commonpath(whole)) for p in whole]
 
 
@@ -266,7 +267,10 @@ def fingerprint(path: Path) -> str:
         if file.read(len(BEGINS)) == BEGINS:
             return hashlib.sha256(text_of(path)[0].encode()).hexdigest()
         file.seek(0)
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        digest = hashlib.file_digest(file, "sha256")
+        if block := block_of(path):
+            digest.update(f"#{block}".encode())
+        return digest.hexdigest()
 
 
 def _apart(paths: Sequence[Path]) -> None:
@@ -293,8 +297,10 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
         raise ValueError(f"{path}: holds no header line such as depth_mm,Fz_N")
     head = find_head(path, rows, wanted)
     notes += [" ".join(filter(None, cells_of(row, head.separator))) for _, row in rows[: head.above]]
-    parts, between = tables.beneath(path, rows, head)
+    parts, between, machines = tables.beneath(path, rows, head)
     notes += between
+    if block := block_of(path):
+        parts = tables.block(path, parts, block)
     codes = wanted["segment"].values if "segment" in wanted else None
     if codes is not None:
         parts = [(at, [row for row in part if segment_code(path, row, head, codes) != SKIP]) for at, part in parts]
@@ -333,7 +339,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     arrays |= {name: 0.0 - arrays[name] for name in turned}
-    doubts = [*told, *_taken(head, turned), *tables.told(gaps, len(line)), *doubts]
+    doubts = [*told, *machines, *_taken(head, turned), *tables.told(gaps, len(line)), *doubts]
     if file_label:
         several = "repeat" in text or len(set(labels)) > 1
         labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])

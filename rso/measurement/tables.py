@@ -9,64 +9,57 @@ from pathlib import Path
 import numpy as np
 
 from rso.measurement.columns import Head, Row, cells_of, fail, is_number
+from rso.measurement.machine import MISSING, filled, parted_from_readings
 from rso.units import BARE_COLUMNS
 
 HALF = 0.5  # of the longest stroke: a block that goes as far is a test of its own
 START = 0.1  # of it: where all blocks begin
 FEWEST = 4  # readings of such a block
 FORCES = ("Fx", "Fy", "Fz")
-MISSING = ("", "nan", "na", "n/a", "#n/a", "null", "none")
 LOST = 0.05  # of the rows: where more lack a value the table is refused
 PLACES = ("depth", "x", "y")
+SHOWN = 6  # blocks that a message lists
 
 
-def beneath(path: Path, rows: Sequence[Row], head: Head) -> tuple[list[tuple[int, list[Row]]], list[str]]:
-    """Readings below a header of a file by table, each with the line of its header, and notes between them.
+def beneath(path: Path, rows: Sequence[Row], head: Head) -> tuple[list[tuple[int, list[Row]]], list[str], list[str]]:
+    """Readings below a header of a file by table, each with the line of its header, notes between them, remarks.
 
     A table begins where the header stands again, with its row of units if it has one.  Lines directly above it are
     notes where they hold no number in a column that is read, or begin as one above the first header does.
     """
     tables: list[tuple[int, list[Row]]] = [(rows[head.above][0], [])]
-    notes: list[str] = []
-    again, unit_row = _filled(head.text, head), -1
-    for k, (number, row) in enumerate(rows[head.below :]):
-        if k == unit_row and not _numbers(cells := _filled(row, head), head):
+    below, notes, told = parted_from_readings(rows[head.below :], head)
+    again, unit_row = filled(head.text, head.separator), -1
+    for k, (number, row) in enumerate(below):
+        if k == unit_row and not _numbers(cells := filled(row, head.separator), head):
             _same_units(path, number, cells, head)
             continue
-        if again[-1] not in row or _filled(row, head) != again:
+        if again[-1] not in row or filled(row, head.separator) != again:
             tables[-1][1].append((number, row))
             continue
         last, between = tables[-1][1], []
-        while last and _is_note(_filled(last[-1][1], head), head):
+        while last and _is_note(filled(last[-1][1], head.separator), head):
             between.append(" ".join(filter(None, cells_of(last.pop()[1], head.separator))))
         notes += reversed(between)
         tables = [t for t in tables if t[1]]  # a header that stands twice begins one table
         tables.append((number, []))
         unit_row = k + 1 if any(head.units) else -1
-    notes += _footer(tables[-1][1], head)
-    return [t for t in tables if t[1]] or tables, notes
+    return [t for t in tables if t[1]] or tables, notes, told
 
 
-def _footer(rows: list[Row], head: Head) -> list[str]:
-    """Takes lines of text off the end of the readings: one of a single cell, or all that follow an empty line or a
-    comment and begin with words where readings begin with a number."""
-    k = len(rows)
-    while k and _is_words(_filled(rows[k - 1][1], head)[0]):
-        k -= 1
-    if not 0 < k < len(rows) or not is_number(cells_of(rows[k - 1][1], head.separator)[0]):
-        return []
-    apart = [n for n in range(k, len(rows)) if rows[n][0] > rows[n - 1][0] + 1]
-    alone = all(len(_filled(row, head)) == 1 for _, row in rows[k : apart[0] if apart else len(rows)])
-    first = k if alone and len(head.cells) > 1 else apart[0] if apart else len(rows)
-    found = [" ".join(filter(None, cells_of(row, head.separator))) for _, row in rows[first:]]
-    del rows[first:]
-    return found
-
-
-def _is_words(cell: str) -> bool:
-    """Whether a cell begins with a letter and is no number, and no value that is missing."""
-    first = next(filter(str.isalnum, cell), "")
-    return first.isalpha() and not is_number(cell) and cell.strip().lower() not in MISSING
+def block(path: Path, tables: Sequence[tuple[int, list[Row]]], number: int) -> list[tuple[int, list[Row]]]:
+    """The block of that number of a file: one of several tables, or of the parts of one between lines that are none."""
+    found = list(tables)
+    if len(found) < 2:
+        parts: list[list[Row]] = []
+        for row in found[0][1]:
+            if not parts or row[0] > parts[-1][-1][0] + 1:
+                parts.append([])
+            parts[-1].append(row)
+        found = [(part[0][0], part) for part in parts]
+    if number > len(found):
+        raise ValueError(f"{path}: has no block {number}; it holds {len(found)}")
+    return [found[number - 1]]
 
 
 def without_gaps(tables: Sequence[tuple[int, list[Row]]], head: Head) -> tuple[list[tuple[int, list[Row]]], list[int]]:
@@ -140,8 +133,15 @@ def labels_of(
         headers = [int(line[np.argmax(block == k)]) for k in range(len(parts))]
     else:
         what = "tables stand beneath one another"
-        if not pressed or (not _alike(parts, START) and _go_on(parts)):
+        if not pressed or (not _alike(parts, START) and _go_on(parts) and not _anew(columns.get("time"), block)):
             return one, [f"{len(parts)} {what} {_lines(headers)} and are read as one test that goes on in each"]
+        if not _alike(parts, HALF):
+            each = ", ".join(f"#{k + 1} from line {headers[k]}: {len(v)} readings, depth from {v[0]:.4g} to {v[-1]:.4g} mm"
+                             for k, v in enumerate(parts[:SHOWN]))  # fmt: skip
+            raise ValueError(
+                f"{path}: {len(parts)} {what} and are no repeats of one test ({each}{', …' * (len(parts) > SHOWN)}): "
+                f'name the one that is meant, as in data = "{path.name}#{len(parts)}"'
+            )
     told = f"{len(parts)} {what} {_lines(headers)} and are read as repeats of one test"
     return (block + 1).astype(str), [
         f"{told}; different tests are files of their own, a way back is told by a column 'segment'"
@@ -172,6 +172,11 @@ def _go_on(parts: Sequence[np.ndarray]) -> bool:
     return all(abs(b[0] - a[-1]) <= START * stroke for a, b in itertools.pairwise(parts))
 
 
+def _anew(time: np.ndarray | None, block: np.ndarray) -> bool:
+    """Whether the clock begins again in a block."""
+    return time is not None and bool(np.any(np.diff(time)[np.diff(block) > 0] <= 0.0))
+
+
 def _lines(lines: Sequence[int]) -> str:
     return f"(from the lines {', '.join(map(str, lines[:6]))}{', …' if len(lines) > 6 else ''})"
 
@@ -192,13 +197,6 @@ def _same_units(path: Path, number: int, cells: Sequence[str], head: Head) -> No
         if unit != head.units[k]:
             fail(path, number, f"column {name!r}: {unit!r} beneath the header of this table, {head.units[k]!r} beneath "
                  "that of the first; make them files of their own")  # fmt: skip
-
-
-def _filled(row: str, head: Head) -> list[str]:
-    cells = cells_of(row, head.separator)
-    while cells and not cells[-1]:
-        cells.pop()
-    return cells
 
 
 def _numbers(cells: Sequence[str], head: Head) -> int:

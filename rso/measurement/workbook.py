@@ -22,12 +22,22 @@ FEWEST = 4  # rows of two numbers and more: readings
 FULL = 0.5  # of the readings: a column of the table holds as many values
 SHOWN = 8  # names of sheets in a message
 _SHEET = re.compile(r"(.+\.xlsx)#(.+)", re.IGNORECASE | re.DOTALL)
+_BLOCK = re.compile(r"(.+)#([1-9]\d{0,3})", re.DOTALL)
 
 
 def sheet_of(path: Path) -> tuple[Path, str]:
-    """The file of a measurement and, of "book.xlsx#Sheet", the sheet, else nothing; a file of that name comes first."""
-    match = _SHEET.fullmatch(str(path))
+    """The file of a measurement and, of "book.xlsx#Sheet", the sheet, of "file.txt#2" the block, else nothing.
+
+    A file of that whole name comes first.
+    """
+    match = _SHEET.fullmatch(str(path)) or _BLOCK.fullmatch(str(path))
     return (path, "") if match is None or path.is_file() else (Path(match[1]), match[2])
+
+
+def block_of(path: Path) -> int:
+    """The number of the block that "file.txt#2" names; 0 for a whole file and for a sheet of a workbook."""
+    file, name = sheet_of(path)
+    return int(name) if name and file.suffix.lower() != ".xlsx" else 0
 
 
 def text_of_workbook(path: Path, raw: bytes, sheet: str = "") -> tuple[str, list[str]]:

@@ -326,9 +326,6 @@ REFUSED = {  # text, columns, words
         ":5:", "'Zeit Weg Kraft' is no reading beneath the header 'Weg Kraft Zeit'", "a file of its own", "with #"]),
     "a second table in other units": (SHORT + SHORT.replace("N", "mN"), SHORT_COLUMNS, [
         ":6:", "'Fz'", "'mN' beneath the header of this table, 'N' beneath that of the first"]),
-    "a word beneath": (SHORT + "Probe 2;x;\n", SHORT_COLUMNS, [
-        ":5:", "'Probe 2 x' is no reading", "begin a note with #"]),
-    "fewer words beneath": (SHORT + "Probe 2;x\n", SHORT_COLUMNS, [":5:", "2 values", "'Probe 2;x'", "with #"]),
     "numbers under no header": ("Weg;Kraft;\nmm;N;\n0;0;7\n", SHORT_COLUMNS, [":3:", "'7' stands beneath no header"]),
     "comma decimals between commas": ("Weg [mm],Kraft [N]\n0,5,0,1\n", {
         "depth": Column("Weg [mm]"), "Fz": Column("Kraft [N]")}, [":2:", "4 values", "2 columns"]),
@@ -348,8 +345,8 @@ REFUSED = {  # text, columns, words
         ":5:", "'depth'", "'1,000' beside '0'"]),
     "thousands in quotes beside decimals": ('Weg,Kraft\num,mN\n0.0,0\n"1,000.5",14\n', SHORT_COLUMNS, [
         ":4:", "'1,000.5'"]),
-    "a summary": (COUNTED + "Max;4,0;0,32\n", COUNTED_COLUMNS, [":6:", "'Nr'", "'Max'", "summary; delete"]),
-    "a summary of nothing": (COUNTED + "Min;0;0\n", COUNTED_COLUMNS, [":6:", "'Nr'", "'Min'"]),
+    "a summary between": (COUNTED + "Max;4,0;0,32\n4;4,1;0,33\n", COUNTED_COLUMNS, [
+        ":6:", "'Nr'", "'Max'", "summary; delete"]),
     "sigma of nothing": (SHORT, SHORT_COLUMNS | {"Fx_sigma": Column("Zeit", "N")}, ["'Fx_sigma'", "not there"]),
     "comment as a number": (labview(), LABVIEW | {"Fz": Column("Comment", "N")}, [":6:", "3 values", "4 columns"]),
     "travel negative": (zwick(), ZWICK | {"depth": Column("Standardweg")}, ["mostly negative", "flip = true"]),

@@ -127,8 +127,6 @@ REFUSED = {  # text, columns, place and words
         "turns back more than once within 4 mm", "add a column 'repeat'"]),
     "units in the cells": (table("depth,Fz", [f"{u} mm" for u in U], [f"{v} N" for v in F]), None, [":1:", "no unit"]),
     "a mass": (table("depth_mm,Fz [g]", U, F), PLAIN | {"Fz": Column("Fz [g]")}, [":1:", "'g' is a mass", "'gf'"]),
-    "another mark of comments": (table("depth_mm,Fz_N", U, F).replace("\n2,", "\n// paused\n2,"), None, [
-        ":22:", "'// paused'", "begin its line with #"]),
     "cut off": (table("depth_mm,Fz_N", U, F)[:-6], None, [":42:", "1 values in a table of 2 columns", "'4'"]),
     "side by side": (table("depth_mm,Fz_N,depth_mm,Fz_N", U, F, U, F), None, [":1:", "twice", "files of their own"]),
 }  # fmt: skip

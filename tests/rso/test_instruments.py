@@ -1,0 +1,103 @@
+"""Files as instruments write them: the numbers of one plain curve come back, or the message says what to do."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rso.measurement import read
+
+T = np.round(np.arange(61) * 0.1, 6)
+U = np.round(np.linspace(0.0, 1.2, 61), 6)  # mm
+F = 0.8 * U**1.5  # N
+
+
+def table(head: list[str], columns: list[np.ndarray], separator: str = "\t", digits: int = 6, comma: bool = False) -> str:
+    rows = [separator.join(f"{v:.{digits}f}" for v in row) for row in zip(*columns, strict=True)]
+    rows = [row.replace(".", ",") for row in rows] if comma else rows
+    return "\n".join([*head, *rows]) + "\n"
+
+
+MACHINES = {  # text of the file
+    "Hysitron": "Number of Points = 61\n" + table(["Depth (nm)\tLoad (uN)\tTime (s)", "eoh"], [U * 1e6, F * 1e6, T]),
+    "plate reader rig": "Rig,7\nWell,X1\n\n" + table(
+        ["Timestamp(s),Z_Position(mm),Corrected_Force(N)"], [100 + T, -10 - U, -F], ",") + "Total_Time(s),6.0\n",
+    "footer as wide as the table": table(["Indentation (mm),Force (N)"], [U, F], ",") + "Total_Measurement_Time(s),8.0\n",
+    "Mach-1": "<Mach-1 File>\n<INFO>\nDate:\tTue\n<END INFO>\n<Stress Relaxation>\nRamp Amplitude, mm:\t1.2\n<DATA>\n"
+    + table(["Time, s\tPosition (z), mm\tFz, gf"], [T, U, -F / 9.80665e-3]) + "<END DATA>\n",
+    "Piuma": "Date\t01/02/2024\nTip radius (um)\t50\nk (N/m)\t0.5\n\n" + table(
+        ["Time (s)\tLoad (uN)\tIndentation (nm)\tCantilever (nm)\tPiezo (nm)"], [T, F * 1e6, U * 1e6, 0 * U, U * 1e6]),
+    "nanoindenter": table(
+        ["Displacement Into Surface,Load On Sample,Time On Sample", "nm,mN,s"], [U * 1e6, F * 1e3, T], ","),
+    "Bluehill": '"Specimen","1"\n\n' + table(
+        ['"Time","Compressive extension","Compressive load"', '"(sec)","(mm)","(N)"'], [T, U, F], ","),
+    "TestXpert": "Prüfer;NN\n" + table(["Prüfzeit;Standardweg;Standardkraft", "s;mm;N"], [T, U, F], ";", comma=True),
+    "French": table(["Temps (s);Profondeur (µm);Force normale (mN)"], [T, U * 1e3, F * 1e3], ";", comma=True),
+    "Spanish": table(["Tiempo (s);Desplazamiento (mm);Carga (N)"], [T, U, F], ";", comma=True),
+    "Italian": table(["Tempo (s);Spostamento (mm);Carico (N)"], [T, U, F], ";", comma=True),
+    "Polish": table(["Czas (s);Przemieszczenie (mm);Siła (N)"], [T, U, F], ";", comma=True),
+    "Chinese": table(["时间(s),位移(mm),力(N)"], [T, U, F], ","),
+    "symbols": table(["t (s)\th (µm)\tP (mN)"], [T, U * 1e3, F * 1e3]),
+    "a line drawn beneath": table(["Distance (mm)\tForce (N)", "-----\t-----"], [U, F]) + "--- end of data ---\n",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+def test_the_numbers_of_an_instrument_come_back(tmp_path, machine):
+    path = tmp_path / "data.txt"
+    path.write_text(MACHINES[machine], encoding="utf-8")
+    (r,) = read(path).repeats
+    assert len(r.depth) == len(U)
+    np.testing.assert_allclose(np.diff(r.depth), np.diff(U), atol=2e-6)
+    np.testing.assert_allclose(r.channels["Fz"] - r.channels["Fz"][0], F, atol=2e-5)
+
+
+def two_blocks(tmp_path: Path) -> Path:
+    block = "<{}>\nStage Axis:\tPosition (z)\nRamp Amplitude, mm:\t0.3\n<DATA>\nTime, s\tPosition (z), mm\tFz, gf\n{}<END DATA>\n"
+    air = table([], [T[:20], U[:20], 0.0 * U[:20] + 0.01 * np.cos(T[:20] * 40)])
+    press = table([], [T, 0.4 + U, -F / 9.80665e-3])
+    path = tmp_path / "mach.txt"
+    path.write_text("<Mach-1 File>\n" + block.format("Find Contact", air.lstrip()) + block.format("Ramp", press.lstrip()))
+    return path
+
+
+def test_blocks_that_are_no_repeats_are_named(tmp_path):
+    path = two_blocks(tmp_path)
+    with pytest.raises(ValueError, match=r'2 tables .* no repeats .*#1 from line .*#2 from line .*data = "mach.txt#2"'):
+        read(path)
+    r = read(f"{path}#2").repeats[0]
+    assert len(r.depth) == 61 and abs(float(r.depth[0])) < 0.02
+    np.testing.assert_allclose(r.channels["Fz"], F, atol=1e-4)
+    with pytest.raises(ValueError, match="has no block 3; it holds 2"):
+        read(f"{path}#3")
+
+
+def test_blocks_of_one_file_are_different_readings(tmp_path):
+    text = table(["depth_mm,Fz_N"], [U, F], ",")
+    (tmp_path / "a.csv").write_text(text + text.replace("0.8", "0.8"))
+    m = read([f"{tmp_path}/a.csv#1", f"{tmp_path}/a.csv#2"])
+    assert [r.label for r in m.repeats] == ["a#1", "a#2"]
+
+
+def test_a_ball_taken_off_further_than_it_was_pressed_keeps_its_sign(tmp_path):
+    up = np.linspace(1.2, -2.5, 80)[1:]
+    depth, force = np.r_[U, up], np.r_[F, 0.75 * np.maximum(up, 0.0) ** 1.5 - 0.05 * (up < 0) * np.exp(up)]
+    time = np.arange(len(depth)) * 0.1
+    path = tmp_path / "data.txt"
+    path.write_text(table(["Time (s)\tPd (mm)\tFn (N)"], [time, depth, force]))
+    (r,) = read(path).repeats
+    loading = r.segment == "loading"
+    assert float(r.depth.max()) == pytest.approx(1.2, abs=0.02) and r.channels["Fz"][loading].max() > 1.0
+
+
+def test_a_word_below_the_readings_that_may_be_one_is_told(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(table(["depth_mm,Fz_N"], [U, F], ",") + "Max,1.05\n")
+    assert any("'Max 1.05'" in d and "note" in d for d in read(path).doubts)
+
+
+def test_a_reading_cut_short_is_still_refused(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(table(["time_s,depth_mm,Fz_N"], [T, U, F], ",") + "6.1,1.25\n")
+    with pytest.raises(ValueError, match="2 values in a table of 3 columns"):
+        read(path)
