@@ -232,9 +232,22 @@ def _numbers(name: str, value: Any) -> tuple[float, ...]:
     return tuple(number(f"{name}[{k}]", v) for k, v in enumerate(value))
 
 
+def _real(name: str, value: Any) -> np.ndarray:
+    """An array of floats; ValueError for complex numbers, text, truth values and masked ones, which numpy would take."""
+    found = np.asarray(value)
+    if np.ma.is_masked(value):
+        raise ValueError(f"{name} holds masked values; a run without an answer must fail")
+    if found.dtype.kind == "O":
+        return np.array([np.nan if v is None else number(name, v) for v in found.ravel()], float).reshape(found.shape)
+    if found.dtype.kind not in "iuf" and found.size:
+        what = {"c": "complex numbers", "b": "truth values", "U": "text", "S": "text"}.get(found.dtype.kind, "no numbers")
+        raise ValueError(f"{name} holds {what}; real numbers are expected")
+    return found.astype(float)
+
+
 def _along(name: str, value: Any, n: int, *, broadcast: bool = False) -> np.ndarray:
     """Floats (n,); one alone holds for all where it may be `broadcast`; ValueError with its name for another shape."""
-    found = np.asarray(value, float)
+    found = _real(name, value)
     if found.shape != (n,) and not (broadcast and found.size == 1):
         raise ValueError(f"{name} has shape {found.shape}, expected ({n},)")
     return np.broadcast_to(found, (n,)).copy()
@@ -267,7 +280,7 @@ class Response:
     info: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        channels = {k: np.atleast_1d(np.asarray(v, float)) for k, v in self.channels.items()}
+        channels = {k: np.atleast_1d(_real(f"response: channel {k!r}", v)) for k, v in self.channels.items()}
         for name in ("time", "travel"):
             if name not in channels:
                 raise ValueError(f"response: channel {name!r} is missing (got {sorted(channels)})")

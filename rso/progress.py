@@ -6,6 +6,7 @@ import sys
 import time
 from typing import Any
 
+from rso.printable import one, raw
 from rso.running import Event, Finished, Planned, Preparing, Retried
 
 EVERY_S = 20.0  # between plain lines
@@ -24,10 +25,12 @@ class Progress:
 
     def __enter__(self) -> Progress:
         if self._terminal:
+            from rich.console import Console
             from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
             columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-            self._bar = Progress(*columns, transient=True)
+            console = Console(file=raw(sys.stdout))  # its own codes go through; texts are made printable by `say`
+            self._bar = Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False)
             self._bar.start()
         return self
 
@@ -38,9 +41,9 @@ class Progress:
     def say(self, text: str) -> None:
         """One line."""
         if self._bar is not None:
-            self._bar.console.print(text, markup=False, highlight=False)
+            self._bar.console.print(one(text), markup=False, highlight=False)
         else:
-            print(text, flush=True)
+            print(one(text), flush=True)
 
     def watch(self, event: Event) -> None:
         """Show an event of :func:`rso.running.run_all`."""

@@ -4,7 +4,11 @@ One folder holds ``runs.sqlite`` (write-ahead log, one transaction per run), ``o
 other artefacts) and ``runs.lock`` (who writes).  A run is stored once as *done* or *failed* and never changed;
 a *crashed* run is noted apart and has no result, so that it is tried again.  Responses are zlib-compressed JSON
 of :meth:`rso.contract.Response.to_json`: Python prints the shortest decimal that reads back to the same double,
-so the bits survive, the checksum of zlib finds damage, and any language can read them.
+so the bits survive, and any language can read them.  Each row carries the SHA-256 of its key and content, so that an
+answer that stands in another run's row is found; rows of older versions have none.
+
+The folder may come from a stranger: nothing is written through a link or into a file with a second name, a database
+that holds more than these tables (views and triggers compute) is refused, and what a row unpacks to is limited.
 
 With ``synchronous=NORMAL`` a committed run survives the death of the process; a power cut may lose the last
 commits but not what was stored before.  The folder must lie on a local disk (write-ahead logs need shared memory).
@@ -20,23 +24,26 @@ import os
 import sqlite3
 import time
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from rso.contract import Case, Response, object_path, plain
+from rso import disk
+from rso.contract import Case, Response, finite, object_path, plain
 
 SCHEMA = 1
 GRACE_S = 3.0
+MOST = 64 * 1024 * 1024  # bytes that a response may unpack to: a million readings of three channels
 
 _TABLES = (
     """CREATE TABLE runs (
         key TEXT PRIMARY KEY, state TEXT NOT NULL CHECK (state IN ('done', 'failed')), name TEXT NOT NULL,
         "values" TEXT NOT NULL, "case" TEXT NOT NULL, response BLOB, cause TEXT, reason TEXT, history TEXT,
-        partial BLOB, wall_s REAL NOT NULL, cpu_s REAL NOT NULL, created TEXT NOT NULL, attempts INTEGER NOT NULL)""",
+        partial BLOB, wall_s REAL NOT NULL, cpu_s REAL NOT NULL, created TEXT NOT NULL, attempts INTEGER NOT NULL,
+        checksum TEXT)""",
     """CREATE TABLE crashes (
         key TEXT NOT NULL, "when" TEXT NOT NULL, reason TEXT NOT NULL, attempt INTEGER NOT NULL,
         name TEXT NOT NULL, "values" TEXT NOT NULL)""",
@@ -45,6 +52,8 @@ _TABLES = (
         recipe_hash TEXT PRIMARY KEY, recipe TEXT NOT NULL, name TEXT NOT NULL, sha TEXT NOT NULL)""",
     f"PRAGMA user_version = {SCHEMA}",
 )
+_PARTS = {("table", "runs"), ("table", "crashes"), ("table", "artefacts"), ("index", "crashes_key")}
+_SUMMED = 13  # columns of a run that its checksum is taken over: all but the number of attempts and itself
 
 
 class StoreError(Exception):
@@ -126,15 +135,21 @@ class RunStore:
     def __enter__(self) -> Self:
         try:
             with _explained(self._file):
+                for end in ("", "-wal", "-shm", "-journal"):
+                    disk.only(self._file.with_name(self._file.name + end))
                 if self.read_only:
                     self._db = _connect_to_read(self._file)
                 else:
-                    self.objects.mkdir(parents=True, exist_ok=True)
+                    disk.folder(self.objects)
                     self._lock = _lock(self.folder / "runs.lock")
                     for left_over in self.objects.glob("tmp-*"):  # we hold the lock: whoever wrote it is dead
                         left_over.unlink()
+                    for folder in (self.folder, *self.objects.iterdir()):
+                        disk.without_leftovers(folder)
                     self._db = _connect_to_write(self._file)
                 _check_schema(self._db, self._file)
+                if not self.read_only:
+                    _with_checksums(self._db)
         except BaseException:
             self.__exit__()
             raise
@@ -153,13 +168,21 @@ class RunStore:
             row = db.execute("SELECT * FROM runs WHERE key = ?", (key,)).fetchone()
             if row is None:
                 return None
+            _check_row(row)
+            return self._outcome(row)
+
+    def _outcome(self, row: sqlite3.Row) -> Done | Failed:
+        """What a row says; sqlite3.DatabaseError where it is nothing that was stored."""
+        try:
             case = dataclasses.replace(Case.from_json(json.loads(row["case"])), objects=str(self.objects))
-            values, wall_s, cpu_s = json.loads(row["values"]), row["wall_s"], row["cpu_s"]
+            key, values, wall_s, cpu_s = row["key"], json.loads(row["values"]), row["wall_s"], row["cpu_s"]
             if row["state"] == "done":
                 return Done(key, values, case, _unpack(row["response"]), wall_s, cpu_s)
             partial = None if row["partial"] is None else _unpack(row["partial"])
             history = tuple(json.loads(row["history"]))
             return Failed(key, values, case, row["cause"], row["reason"], partial, history, wall_s, cpu_s)
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, MemoryError, zlib.error) as error:
+            raise sqlite3.DatabaseError(f"run {row['key'][:12]}: {type(error).__name__}: {error}") from error
 
     def put_done(self, run: Done, *, replace: bool = False) -> None:
         """Store an answer; a run that is already stored stays as it is, unless its answer is to be replaced."""
@@ -168,13 +191,13 @@ class RunStore:
     def put_failed(self, run: Failed) -> None:
         """Store that there is no answer; a run that is already stored stays as it is."""
         partial = None if run.partial is None else _pack(run.partial)
-        self._put(run, "failed", None, run.cause, run.reason, json.dumps(plain(run.history)), partial)
+        self._put(run, "failed", None, run.cause, _text(run.reason), json.dumps(plain(run.history)), partial)
 
     def put_crashed(self, run: Crashed) -> None:
         """Note one more crash of a run; it stays without result."""
+        row = (run.key, _now(), _text(run.reason), run.case.name, json.dumps(plain(run.values)), run.key)
         with self._writing() as db:
-            sql = """INSERT INTO crashes SELECT ?, ?, ?, count(*) + 1, ?, ? FROM crashes WHERE key = ?"""
-            db.execute(sql, (run.key, _now(), run.reason, run.case.name, json.dumps(plain(run.values)), run.key))
+            db.execute("INSERT INTO crashes SELECT ?, ?, ?, count(*) + 1, ?, ? FROM crashes WHERE key = ?", row)
 
     def artefact(self, recipe: str) -> str | None:
         """SHA-256 of the artefact made from this recipe, or None if there is none (or its file was removed).
@@ -186,7 +209,7 @@ class RunStore:
             path = None if row is None else object_path(self.objects, row["sha"])
             if path is None or not path.is_file():
                 return None
-            if _sha(path.read_bytes()) != row["sha"]:
+            if _sha(disk.read(path)) != row["sha"]:
                 raise StoreError(f"{path} is damaged (its content has another hash): delete it, it will be made again")
             return str(row["sha"])
 
@@ -195,8 +218,7 @@ class RunStore:
         sha = _sha(data)
         path = object_path(self.objects, sha)
         with self._writing() as db:
-            path.parent.mkdir(exist_ok=True)
-            _write_durably(self.objects / f"tmp-{os.getpid()}-{sha}", path, data)
+            _write_durably(path, data)
             db.execute(
                 "INSERT OR REPLACE INTO artefacts VALUES (?, ?, ?, ?)", (_sha(recipe.encode()), recipe, name, sha)
             )
@@ -209,15 +231,16 @@ class RunStore:
                      FROM crashes WHERE key NOT IN (SELECT key FROM runs) GROUP BY key"""
         with self._reading() as db:
             found = db.execute(f"SELECT {columns} FROM runs UNION ALL {crashed} ORDER BY created, key").fetchall()
-            return [Row(*r[:3], json.loads(r["v"]), *r[4:]) for r in found]
+            return [_listed(r) for r in found]
 
     def _put(self, run: Done | Failed, state: str, *columns: object, verb: str = "IGNORE") -> None:
         case = dataclasses.replace(run.case, objects=None).to_json()  # no machine's path in the file
         head = (run.key, state, run.case.name, json.dumps(plain(run.values)), json.dumps(case))
-        sql = f"""INSERT OR {verb} INTO runs SELECT ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, count(*) + 1
+        row = (*head, *columns, float(run.wall_s), float(run.cpu_s), _now())
+        sql = f"""INSERT OR {verb} INTO runs SELECT ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, count(*) + 1, ?
                  FROM crashes WHERE key = ?"""
         with self._writing() as db:
-            db.execute(sql, (*head, *columns, run.wall_s, run.cpu_s, _now(), run.key))
+            db.execute(sql, (*row, _checksum(row), run.key))
 
     @contextmanager
     def _reading(self) -> Iterator[sqlite3.Connection]:
@@ -298,6 +321,10 @@ def _check_schema(db: sqlite3.Connection, file: Path) -> None:
             f"{file} {what}; this version of rso reads schema {SCHEMA}: "
             "use the version that wrote it, or move the folder aside and run again"
         )
+    parts = db.execute("SELECT type, name FROM sqlite_master WHERE name NOT LIKE 'sqlite@_%' ESCAPE '@'").fetchall()
+    hidden = [r["name"] for _, table in _PARTS for r in db.execute(f"PRAGMA table_xinfo({table})") if r["hidden"]]
+    if strange := sorted({(r["type"], r["name"]) for r in parts} - _PARTS) + hidden:
+        raise StoreError(f"{file} holds {strange[0]!r}, which no store of rso has: is it from somebody else? Move it aside")
     finding = db.execute("PRAGMA quick_check(1)").fetchone()[0]
     if finding != "ok":
         raise sqlite3.DatabaseError(finding)
@@ -307,7 +334,8 @@ def _lock(path: Path) -> int:
     """Descriptor that holds the lock until it is closed or the process ends, however it ends."""
     deadline = time.monotonic() + GRACE_S
     while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        disk.only(path)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if os.fstat(descriptor).st_ino != os.stat(path).st_ino:
@@ -318,7 +346,7 @@ def _lock(path: Path) -> int:
             if not isinstance(error, BlockingIOError):
                 raise
             # A worker that its killed parent was just starting keeps the lock until it has become its own program.
-            if _ended(holder) and time.monotonic() < deadline:
+            if not disk.running(holder) and time.monotonic() < deadline:
                 time.sleep(0.02)
                 continue
             raise StoreError(
@@ -330,20 +358,9 @@ def _lock(path: Path) -> int:
         return descriptor
 
 
-def _ended(holder: str) -> bool:
-    """True if the process that wrote its number into the lock is no more (on this machine)."""
-    try:
-        os.kill(int(holder), 0)
-    except ProcessLookupError:
-        return True
-    except (ValueError, OverflowError, PermissionError):
-        return False
-    return False
-
-
 @contextmanager
 def _explained(file: Path) -> Iterator[None]:
-    """Turn what sqlite3, zlib and the operating system raise into StoreError; programming errors pass through."""
+    """Turn what sqlite3, zlib, the operating system and bad content raise into StoreError; misuse passes through."""
     try:
         yield
     except (sqlite3.ProgrammingError, sqlite3.IntegrityError):
@@ -353,19 +370,15 @@ def _explained(file: Path) -> Iterator[None]:
             f"{file} cannot be used ({error}): check that its folder exists, is writable and that the disk is not "
             "full, then run again; runs stored so far are kept"
         ) from error
-    except (sqlite3.DatabaseError, zlib.error, json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (sqlite3.DatabaseError, zlib.error, ValueError, TypeError, RecursionError, MemoryError) as error:
         raise StoreError(
             f"{file} is damaged ({' '.join(str(error).split())}): restore a copy, or move it aside and run again; "
             "the artefacts beside it in objects/ can stay"
         ) from error
 
 
-def _write_durably(temporary: Path, path: Path, data: bytes) -> None:
-    with open(temporary, "wb") as f:
-        f.write(data)
-        f.flush()
-        os.fsync(f.fileno())
-    os.replace(temporary, path)
+def _write_durably(path: Path, data: bytes) -> None:
+    disk.replace(disk.folder(path.parent) / path.name, data, durably=True)
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)  # the new name too must survive a power cut before the database mentions it
@@ -378,7 +391,48 @@ def _pack(response: Response) -> bytes:
 
 
 def _unpack(blob: bytes) -> Response:
-    return Response.from_json(json.loads(zlib.decompress(blob)))
+    unpacking = zlib.decompressobj()
+    text = unpacking.decompress(blob, MOST)
+    if unpacking.unconsumed_tail:
+        raise ValueError(f"its response unpacks to more than {MOST / 1e6:.0f} MB")
+    if not unpacking.eof:
+        raise ValueError("its response is cut")
+    return Response.from_json(json.loads(text))
+
+
+def _checksum(row: Sequence[object]) -> str:
+    """SHA-256 over the columns of a run but for its number of attempts, each with its type and length."""
+    total = hashlib.sha256()
+    for value in row:
+        data = value if isinstance(value, bytes) else repr(value).encode()
+        total.update(f"{type(value).__name__} {len(data)} ".encode() + data)
+    return total.hexdigest()
+
+
+def _listed(r: sqlite3.Row) -> Row:
+    """One line of the list; ValueError where its values are none."""
+    values = json.loads(r["v"])
+    if not isinstance(values, dict) or not all(map(finite, values.values())):
+        raise ValueError(f"run {str(r['key'])[:12]} has no table of values")
+    cause, reason = (None if r[k] is None else str(r[k]) for k in ("cause", "reason"))
+    return Row(str(r["key"]), r["state"], str(r["name"]), values, cause, reason, *r[6:8], str(r["created"]), r["attempts"])
+
+
+def _check_row(row: sqlite3.Row) -> None:
+    """sqlite3.DatabaseError where a row is not the one that was stored; rows of older versions carry no checksum."""
+    if "checksum" in row.keys() and row["checksum"] not in (None, _checksum(tuple(row)[:_SUMMED])):
+        raise sqlite3.DatabaseError(f"run {row['key'][:12]} is not as it was stored: its checksum is another")
+
+
+def _with_checksums(db: sqlite3.Connection) -> None:
+    """Give a store of an older version the column for checksums."""
+    if "checksum" not in {r[1] for r in db.execute("PRAGMA table_info(runs)")}:
+        db.execute("ALTER TABLE runs ADD COLUMN checksum TEXT")
+
+
+def _text(reason: str) -> str:
+    """What a backend says, of any characters, as text that can be stored."""
+    return str(reason).encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def _sha(data: bytes) -> str:

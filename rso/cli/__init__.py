@@ -2,47 +2,99 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import shlex
 import sys
-from collections.abc import Sequence
+import traceback
+from collections.abc import Callable, Sequence
 
 from rso.cli.arguments import parser
 from rso.cli.commands import EXIT_BAD_INPUT, EXIT_BROKEN, EXIT_INTERRUPTED
+from rso.printable import Printable, one
+
+DEBUG = "RSO_TRACEBACK"  # environment variable: a fault of the program is raised instead of told
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Console script; returns the exit code."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal without μ shows ? for it
+    """Console script; returns the exit code.  Whatever goes wrong is told in one message, never as a traceback."""
+    _open_streams()
     arguments = list(sys.argv[1:] if arguments is None else arguments)
-    options = parser().parse_args(arguments)
+    out, err = Printable(sys.stdout), Printable(sys.stderr)
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):  # type: ignore[type-var]
+        options = parser().parse_args(arguments)
+        code = _guarded(lambda: options.call(options, shlex.join(["rso", *arguments])))
+        return _guarded(lambda: _flushed(code))
+
+
+def _open_streams() -> None:
+    """Standard streams that somebody closed lead nowhere: else the next file that is opened would take their place."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+    for name, number in (("stdout", 1), ("stderr", 2)):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(number, "w", encoding="utf-8", closefd=False))  # noqa: SIM115
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without μ shows ? for it
+
+
+def _flushed(code: int) -> int:
+    sys.stdout.flush()
+    return code
+
+
+def _guarded(call: Callable[[], int]) -> int:
+    """Exit code of a command; whatever it raises is told."""
     from concurrent.futures import BrokenExecutor
 
     from rso.store import StoreError
     from rso.study import StudyError
 
     try:
-        return options.call(options, shlex.join(["rso", *arguments]))
+        return call()
     except KeyboardInterrupt:
-        print("\nrso: interrupted; everything finished is stored, the same command goes on from there", file=sys.stderr)
+        _tell("\nrso: interrupted; everything finished is stored, the same command goes on from there")
         return EXIT_INTERRUPTED
     except StudyError as error:
-        print(error, file=sys.stderr)
+        _tell("\n".join(map(one, error.problems)))
         return EXIT_BAD_INPUT
     except (StoreError, BrokenExecutor) as error:
-        print(f"rso: {error}", file=sys.stderr)
+        _tell(f"rso: {one(str(error))}")
         return EXIT_BROKEN
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing to complain about at the end
-        return EXIT_BROKEN
+    except BrokenPipeError:  # whoever read has read enough, as head does: no fault of the folder or the study
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        _tell("rso: its output was closed, so it stopped; everything finished is stored, the same command goes on from there")
+        return EXIT_INTERRUPTED
     except OSError as error:
         what = f"{error.filename}: " if error.filename else ""
-        print(
-            f"rso: {what}{error.strerror or error}: check that the folder is writable and that the disk is not full, "
-            "then run again; runs stored so far are kept",
-            file=sys.stderr,
-        )
+        _tell(f"rso: {one(what)}{error.strerror or error}: check that the folder is writable and that the disk is not "
+              "full, then run again; runs stored so far are kept")  # fmt: skip
         return EXIT_BROKEN
+    except MemoryError:
+        _tell("rso: the memory of this machine is not enough; runs stored so far are kept")
+        return EXIT_BROKEN
+    except Exception as error:
+        if os.environ.get(DEBUG):
+            raise
+        _tell(_fault(error))
+        return EXIT_BROKEN
+
+
+def _fault(error: Exception) -> str:
+    """One sentence about an error that nobody foresaw: what, and where in the program."""
+    frames = traceback.extract_tb(error.__traceback__)[-1:]
+    where = "".join(f" at {os.path.basename(f.filename)}:{f.lineno}" for f in frames)
+    said = one(f"{type(error).__name__}: {error}")
+    return (f"rso: a fault of the program{where}: {said[:800]}; runs stored so far are kept. Please report it, with what "
+            f"{DEBUG}=1 before the command prints")  # fmt: skip
+
+
+def _tell(text: str) -> None:
+    """A message for people, as far as somebody reads."""
+    with contextlib.suppress(OSError, ValueError):
+        print(text, file=sys.stderr, flush=True)

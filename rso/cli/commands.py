@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import shlex
 import shutil
 import sys
@@ -13,6 +12,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from rso import disk
+from rso.printable import one
 
 EXIT_BROKEN, EXIT_BAD_INPUT, EXIT_FAILED_RUNS, EXIT_INTERRUPTED = 1, 2, 3, 130
 
@@ -47,7 +49,7 @@ def new(options: argparse.Namespace, command: str) -> int:
         return EXIT_BAD_INPUT
     draft = options.out.with_name(f"{options.out.name}.draft")
     try:
-        draft.write_text(text, encoding="utf-8")
+        disk.replace(draft, text)
         study = load(draft)
         make_plan(study)
         draft.replace(options.out)
@@ -95,7 +97,7 @@ def keys(options: argparse.Namespace, command: str) -> int:
 
 def _print(lines: Sequence[str]) -> None:
     """Lines, in a terminal wrapped at words."""
-    print("\n".join(map(_hanging, lines) if sys.stdout.isatty() else lines))
+    print("\n".join(map(_hanging if sys.stdout.isatty() else one, lines)))
 
 
 def _tell(sentences: Sequence[str]) -> None:
@@ -195,7 +197,10 @@ def _told_again(folder: Path, pages: Any) -> list[Path]:
     from rso.study.results import SCHEMA
 
     path = folder / "results.json"
-    found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    try:
+        found = disk.read_json(path)
+    except (OSError, ValueError):  # there is none, or a damaged one, which the next run writes anew
+        return []
     return render(found, folder, html=pages.html, pdf=pages.pdf) if found.get("schema") == SCHEMA else []
 
 
@@ -260,7 +265,7 @@ def blind(options: argparse.Namespace, command: str) -> int:
     if not cases:
         print(f"rso: {options.folder}: no folder with a nominal.json in it", file=sys.stderr)
         return EXIT_BAD_INPUT
-    options.out.mkdir(parents=True, exist_ok=True)
+    disk.folder(options.out)
     bad = 0
     with (
         RunStore(options.out / "store") as store,
@@ -295,11 +300,13 @@ def _executor(table: Any, jobs: int, source: Any, folder: Path, warm: bool = Fal
     """What runs the simulations: processes of this machine, or a Dask cluster."""
     from rso.running import WorkerPool, open_cluster
 
+    own = source.timeout_s if source.command is None else None  # a command is stopped by its adapter, which keeps its folder
+    limit = min((t for t in (table.timeout, own) if t is not None), default=None)
     if table.engine == "dask":  # a folder of this machine means nothing there
-        return open_cluster(table.address, jobs, source, table.timeout)
+        return open_cluster(table.address, jobs, source, limit)
     if source.command is not None:  # folders of runs that did not end well stay with the results
         source = dataclasses.replace(source, keep_folder=str(folder / "kept"))
-    return WorkerPool(jobs, source=source, timeout_s=table.timeout, warm=warm)
+    return WorkerPool(jobs, source=source, timeout_s=limit, warm=warm)
 
 
 def status(options: argparse.Namespace, command: str) -> int:
@@ -312,8 +319,8 @@ def status(options: argparse.Namespace, command: str) -> int:
         print(f"{study.file}: not started ({folder} does not exist)")
         return 0
     try:
-        found = json.loads((folder / "results.json").read_text(encoding="utf-8"))
-        print(f"last finished stage: {found['stage']}")
+        found = disk.read_json(folder / "results.json")
+        print(one(f"last finished stage: {found['stage']}"))
     except (OSError, ValueError, KeyError, TypeError):
         print("no stage is finished")
     with RunStore(_store(options, folder), read_only=True) as store:
@@ -322,7 +329,7 @@ def status(options: argparse.Namespace, command: str) -> int:
         print(f"{state}: {sum(r.state == state for r in rows)}")
     for row in rows:
         if row.state != "done":
-            reason = (row.reason or "no reason given").splitlines()[0]
+            reason, *_ = (*(row.reason or "").splitlines(), "no reason given")
             print(f"  {row.state} {row.key[:12]} {dict(row.values)}: {reason}")
     return 0
 
@@ -343,7 +350,7 @@ def report(options: argparse.Namespace, command: str) -> int:
     for name, schema, draw, again in there or shown[:1]:
         path = folder / name
         try:
-            found = json.loads(path.read_text(encoding="utf-8"))
+            found = disk.read_json(path)
         except FileNotFoundError:
             print(f"rso: {path}: is not there; run the study first: rso {again} {options.study}", file=sys.stderr)
             return EXIT_BAD_INPUT
@@ -371,7 +378,14 @@ def report(options: argparse.Namespace, command: str) -> int:
 
 
 def _folder(options: argparse.Namespace, study: Path) -> Path:
-    return (options.out or study / "results").absolute()
+    """Where results go; StudyError where the folder beside the study leads elsewhere and nobody said that it may."""
+    from rso.study import StudyError
+
+    beside = (study / "results").absolute()
+    if options.out is None and beside.is_symlink():
+        raise StudyError([f"{beside}: is a symbolic link to {beside.resolve()}: say --out {beside.resolve()} if results "
+                          "are to go there"])  # fmt: skip
+    return options.out.absolute() if options.out else beside
 
 
 def _store(options: argparse.Namespace, folder: Path) -> Path:

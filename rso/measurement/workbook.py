@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile
 
 from rso.measurement.columns import is_number
 from rso.units import is_unit
@@ -20,6 +20,9 @@ from rso.units import is_unit
 BEGINS = b"PK\x03\x04"  # a zip archive, which such a file is
 FEWEST = 4  # rows of two numbers and more: readings
 FULL = 0.5  # of the readings: a column of the table holds as many values
+UNPACKED = 128_000_000  # bytes of all parts: a million rows of three columns
+CELLS = 5_000_000  # of a sheet
+PIECE = 1 << 20
 SHOWN = 8  # names of sheets in a message
 _SHEET = re.compile(r"(.+\.xlsx)#(.+)", re.IGNORECASE | re.DOTALL)
 _BLOCK = re.compile(r"(.+)#([1-9]\d{0,3})", re.DOTALL)
@@ -52,14 +55,17 @@ def text_of_workbook(path: Path, raw: bytes, sheet: str = "") -> tuple[str, list
     from openpyxl.utils.exceptions import InvalidFileException
 
     try:
+        _admit(path, raw)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # styles and validations that it does not know
             book = load_workbook(io.BytesIO(raw), read_only=True, data_only=True)
-            sheets = {s.title: [list(row) for row in s.iter_rows(values_only=True)]
-                      for s in book.worksheets if not sheet or s.title == sheet}  # fmt: skip
+            sheets = {s.title: _rows(path, s) for s in book.worksheets if not sheet or s.title == sheet}
             titles = book.sheetnames
-    # SyntaxError: of what the sheets are written in; the library does not catch it.
-    except (BadZipFile, InvalidFileException, KeyError, ValueError, OSError, SyntaxError, zlib.error) as error:
+    except Refused:
+        raise
+    # Of the library, which takes for granted that what it reads is a workbook; SyntaxError: of the sheets' language.
+    except (BadZipFile, InvalidFileException, LookupError, ValueError, TypeError, AttributeError, OSError, SyntaxError,
+            ArithmeticError, NotImplementedError, RuntimeError, EOFError, zlib.error) as error:
         raise ValueError(
             f"{path}: is a zip archive and no workbook (.xlsx) that can be read; save it as CSV"
         ) from error
@@ -69,6 +75,52 @@ def text_of_workbook(path: Path, raw: bytes, sheet: str = "") -> tuple[str, list
     letters = ", ".join(get_column_letter(k + 1) for k in sorted(beside))
     told = [f"column(s) {letters}, under no header of the table, are not read"] if letters else []
     return "".join("\t".join(map(_written, row)) + "\n" for row in kept), told
+
+
+class Refused(ValueError):
+    """A workbook that could be read, at a cost that no file of readings has."""
+
+
+def _admit(path: Path, raw: bytes) -> None:
+    """Unpack every part of the archive once, without keeping it.
+
+    Raises Refused where the parts together have more bytes than a sheet of readings may, whatever the archive says of
+    their sizes, and where one declares entities of its own, which may stand for any amount of text.
+    """
+    left = UNPACKED
+    with ZipFile(io.BytesIO(raw)) as archive:
+        for part in archive.infolist():
+            end = b""
+            with archive.open(part) as file:
+                while piece := file.read(PIECE):
+                    left -= len(piece)
+                    if left < 0:
+                        raise Refused(f"{path}: unpacks to more than {UNPACKED / 1e6:.0f} MB, no sheet of readings does; "
+                                      "save the sheet as CSV")  # fmt: skip
+                    seen = (end + piece).replace(b"\0", b"")  # in UTF-16 too
+                    if b"<!DOCTYPE" in seen and part.filename.endswith((".xml", ".rels")):
+                        raise Refused(f"{path}: its part {part.filename!r} declares entities, which no spreadsheet writes; "
+                                      "save the sheet as CSV")  # fmt: skip
+                    end = piece[-32:]
+
+
+def _rows(path: Path, sheet: Any) -> list[list[Any]]:
+    """All rows of a sheet, as long as the longest, whatever size it claims to have; Refused beyond CELLS."""
+    sheet.reset_dimensions()
+    rows: list[list[Any]] = []
+    longest = 0
+    for cells in sheet.iter_rows(values_only=True):
+        row = list(cells)
+        while row and row[-1] is None:
+            row.pop()
+        longest = max(longest, len(row))
+        rows.append(row)
+        if len(rows) * max(longest, 1) > CELLS:
+            raise Refused(f"{path}: sheet {sheet.title!r} spans more than {CELLS / 1e6:.0f} million cells; save what was "
+                          "measured as a file of its own")  # fmt: skip
+    while rows and not rows[-1]:
+        rows.pop()
+    return [[*row, *[None] * (longest - len(row))] for row in rows]
 
 
 def _chosen(path: Path, sheets: dict[str, list[list[Any]]], titles: Sequence[str], sheet: str) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from rso import disk
 from rso.report.byline import byline
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, WARM, canvas, plain_log, short, style, svg
 from rso.report.digits import DASH, between, clean, duration, known, quantity, sentence, shown, significant, symbol
@@ -36,8 +37,7 @@ def render_further(found: Found, folder: Path, html: bool = True, pdf: bool = Tr
         # On its own it needs a ground: readers' pages may be dark.
         head, rest = drawn["sizes"].split(">", 1)
         ground = f'{head}><rect width="100%" height="100%" fill="{PAPER}"/>'
-        path.write_text(ground + rest, encoding="utf-8", newline="\n")
-        files.append(path)
+        files.append(disk.replace(path, ground + rest))
     return files
 
 

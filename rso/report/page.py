@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,6 +13,7 @@ import jinja2
 import typst
 from markupsafe import Markup
 
+from rso import disk
 from rso.report.document import Picture, Report
 from rso.report.figures import draw
 from rso.report.numbers import report
@@ -40,7 +40,7 @@ def _with_diagnosis(results: Mapping[str, Any], folder: Path) -> Mapping[str, An
     if results.get("diagnosis") or not path.exists():
         return results
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))["diagnosis"]
+        found = disk.read_json(path)["diagnosis"]
     except (OSError, ValueError, KeyError, TypeError):
         return results
     return {**results, "diagnosis": found}
@@ -56,25 +56,25 @@ def pour(document: Report, figures: Mapping[str, str], folder: Path, stem: str, 
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     if html:
-        written.append(_write(folder / f"{stem}.html", html_page(document, figures).encode("utf-8")))
+        written.append(disk.replace(folder / f"{stem}.html", html_page(document, figures)))
         _link(folder)
     if pdf:
-        written.append(_write(folder / f"{stem}.pdf", pdf_page(document, figures)))
+        written.append(disk.replace(folder / f"{stem}.pdf", pdf_page(document, figures)))
     return written
 
 
 def _link(folder: Path) -> None:
     """Every page of a folder leads to the others that are there."""
-    there = [s for s in PAGES if (folder / f"{s}.html").exists()]
+    there = [s for s in PAGES if (folder / f"{s}.html").is_file()]
     for stem in there:
         path = folder / f"{stem}.html"
-        before = path.read_text(encoding="utf-8")
+        before = disk.read(path).decode("utf-8")
         head, mark, rest = before.partition(_LINKS)
         links = [f"<b>{PAGES[s]}</b>" if s == stem else f'<a href="{s}.html">{PAGES[s]}</a>' for s in there]
         line = rest.partition("\n")
         after = f"{head}{mark}{' '.join(links) if len(there) > 1 else ''}</p>\n{line[2]}"
         if mark and after != before:
-            _write(path, after.encode("utf-8"))
+            disk.replace(path, after)
 
 
 def html_page(document: Report, figures: Mapping[str, str]) -> str:
@@ -97,11 +97,3 @@ def pdf_page(document: Report, figures: Mapping[str, str]) -> bytes:
         source = folder / "page.typ"
         source.write_bytes((_HERE / "page.typ").read_bytes())
         return typst.compile(str(source), root=str(folder), format="pdf", ignore_system_fonts=True)
-
-
-def _write(path: Path, content: bytes) -> Path:
-    """Whole or not at all: an interrupted report leaves the last one."""
-    part = path.with_name(f"{path.name}.part")
-    part.write_bytes(content)
-    os.replace(part, path)
-    return path

@@ -7,7 +7,6 @@ import copy
 import dataclasses
 import difflib
 import functools
-import hashlib
 import importlib
 import importlib.machinery
 import importlib.util
@@ -24,6 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
+from rso import disk
 from rso.contract import (
     Backend,
     Case,
@@ -38,6 +38,7 @@ from rso.contract import (
     number,
     run_key,
 )
+from rso.running.fingerprints import fingerprint_of
 
 GUARD = str(Path(__file__).with_name("guard.py"))
 SCHEMA_TIMEOUT_S = 60.0
@@ -98,8 +99,9 @@ def load_backend(
     command only: see :class:`CommandBackend`.
 
     What is not the project's own has the hash of its files as `fingerprint`, a part of every run key: of an object the
-    file of its module (unless it has a `fingerprint` itself), of a command its words and the files that they name.
-    What these import or read in turn is not seen.
+    file of its module (unless it has a `fingerprint` itself), of a command its words and the files that they name, each
+    with the Python modules beside it that it imports (:func:`rso.running.fingerprints.fingerprint_of`).  Data files
+    that they read are not seen.
 
     Raises ValueError if not exactly one of the two is given, if the module, attribute or program does not exist,
     or if what was found is no backend (listing what it lacks).
@@ -124,6 +126,9 @@ def _load_object(use: str, base: str | os.PathLike[str] | None) -> Backend:
         module = importlib.import_module(module_name)
     except ImportError as error:
         raise ValueError(f"backend: cannot import module {module_name!r} of use = {use!r}: {error}") from error
+    except (Exception, SystemExit) as error:  # its own code, whatever that does
+        what = f"{type(error).__name__}: {error}"
+        raise ValueError(f"backend: module {module_name!r} of use = {use!r} cannot be imported: {what}") from error
     if not hasattr(module, attribute):
         raise ValueError(f"backend: module {module_name!r} ({module.__file__}) has no {attribute!r} (use = {use!r})")
     backend = getattr(module, attribute)
@@ -143,17 +148,12 @@ def _marked(backend: Any, use: str, file: str | None) -> Any:
     except TypeError:  # a module, or what holds one process's own things
         found = backend
     try:  # past the freezing of a dataclass: what it computes is not changed
-        object.__setattr__(found, "fingerprint", "" if file is None else _hash(file))
+        object.__setattr__(found, "fingerprint", "" if file is None else fingerprint_of(file))
     except (AttributeError, TypeError) as error:
         raise ValueError(
             f"backend: {use!r} takes no attribute; let it have one, fingerprint, that changes with its answers"
         ) from error
     return found
-
-
-def _hash(file: str) -> str:
-    with open(file, "rb") as f:
-        return hashlib.file_digest(f, "sha256").hexdigest()
 
 
 def check_values(parameters: tuple[Parameter, ...], values: Mapping[str, float]) -> dict[str, float]:
@@ -221,7 +221,7 @@ class CommandBackend:
         filled = check_values(self.parameters, values)
         key = run_key(self, *self.canonical(values, case))
         if self.keep_folder is not None:  # not when loaded: workers start before old results are moved aside
-            os.makedirs(self.keep_folder, exist_ok=True)
+            disk.folder(Path(self.keep_folder))
         folder = Path(tempfile.mkdtemp(prefix=f"{key[:12]}-", dir=self.keep_folder))
         request, answer = folder / "request.json", folder / "response.json"
         request.write_text(json.dumps({"values": filled, "case": case.to_json()}, allow_nan=False, indent=1))
@@ -262,7 +262,7 @@ def _load_command(
     except ValueError as error:
         raise ValueError(f"backend: {' '.join(words)} --schema: {error}") from error
     keep_folder = None if keep_folder is None else str(Path(keep_folder).absolute())
-    named = [_hash(word) if os.path.isabs(word) and os.path.isfile(word) else word for word in words]
+    named = [fingerprint_of(word) if os.path.isabs(word) and os.path.isfile(word) else word for word in words]
     fingerprint = "" if words[1:] == ("-m", OWN) else digest(named)
     return CommandBackend(words, parameters, channels, name, numerics, keep_folder, timeout_s, fingerprint)
 
@@ -365,13 +365,17 @@ def _read_answer(answer: Path, code: int, knobs: Sequence[str]) -> Response:
     """The response in the file, or SimulationFailed if it says so, or RuntimeError if it is none."""
 
     def crash(why: object) -> RuntimeError:
-        stderr = _tail((answer.parent / "stderr.txt").read_text(errors="replace"))
+        stderr = _tail(_end_of(answer.parent / "stderr.txt"))
         return RuntimeError(f"exit code {code}, {why}; see {answer.parent}; stderr ends with: {stderr or '(nothing)'}")
 
-    if not answer.is_file():
-        raise crash("no response file")
     try:
-        data = json.loads(answer.read_text())
+        text = disk.read(answer).decode("utf-8-sig")
+    except FileNotFoundError:
+        raise crash("no response file") from None
+    except (OSError, ValueError) as error:
+        raise crash(f"response file cannot be read ({error})") from None
+    try:
+        data = json.loads(text)
         if data["status"] == "failed":
             partial = _finite_part(data) if data.get("channels") else None
             failure = SimulationFailed(data["cause"], data["reason"], partial, tuple(data.get("history") or ()))
@@ -404,6 +408,16 @@ def _with_known_gradients(response: Response, knobs: Sequence[str]) -> Response:
         if strange := sorted(set(by_channel) - set(response.channels)):
             raise ValueError(f"response: gradient of {strange[0]!r} by {knob!r}: there is no such channel")
     return response
+
+
+def _end_of(file: Path, most: int = 10_000) -> str:
+    """The end of a file of any length as text; empty where there is none."""
+    try:
+        with open(file, "rb") as f:
+            f.seek(max(os.fstat(f.fileno()).st_size - most, 0))
+            return f.read(most).decode("utf-8", "replace")
+    except OSError:
+        return ""
 
 
 def _tail(text: str, lines: int = 20) -> str:

@@ -10,6 +10,7 @@ travel must live in an importable module, not in ``__main__``; this is said wher
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import pickle
 import queue
@@ -34,14 +35,15 @@ _PINNED = {
     **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"),
     "PYTHONHASHSEED": "0",  # the order of sets of strings is then the same in every worker
 }
+# The folder that it is started in, which may be a stranger's, is no place for modules: -P, and sys.path comes first.
 _BOOT = """
 import sys
-from multiprocessing.connection import Connection
-pipe = Connection(int(sys.argv[1]))
 sys.path[:] = sys.argv[2:]
 from rso.running.pool import serve
-serve(pipe)
+serve(int(sys.argv[1]))
 """
+_NUMBER = 8  # bytes of the number of a call, which its answer repeats
+_numbers = itertools.count(1)
 _BAD_STARTS = 3  # one may be bad luck (memory), three in turn are not
 
 
@@ -177,7 +179,7 @@ class WorkerPool(Executor):
             if self._broken is not None or self._killed:
                 raise self._broken or WorkerDied("the pool was stopped")
             process = subprocess.Popen(
-                (sys.executable, "-c", _BOOT, str(there.fileno()), *sys.path),
+                (sys.executable, "-P", "-c", _BOOT, str(there.fileno()), *sys.path),
                 env={**os.environ, **_PINNED},
                 stdin=subprocess.DEVNULL,
                 pass_fds=(there.fileno(),),
@@ -212,6 +214,8 @@ class WorkerPool(Executor):
         except subprocess.TimeoutExpired:
             _kill(worker.process)
             worker.process.wait()
+        with contextlib.suppress(ProcessLookupError, PermissionError):  # and what it has left behind
+            os.killpg(worker.process.pid, signal.SIGKILL)
         with self._lock:
             self._alive.discard(worker.process)
 
@@ -219,8 +223,9 @@ class WorkerPool(Executor):
 def _ask(worker: _Worker, payload: bytes, timeout_s: float | None) -> tuple[bool, Any]:
     """Send one task and wait for its result; WorkerDied if none can come any more."""
     deadline = None if timeout_s is None else time.monotonic() + timeout_s
+    number = next(_numbers).to_bytes(_NUMBER, "big")
     try:
-        worker.pipe.send_bytes(payload)
+        worker.pipe.send_bytes(number + payload)
         while not worker.pipe.poll(1.0 if deadline is None else max(0.0, min(1.0, deadline - time.monotonic()))):
             # a process that the worker left behind may hold the pipe open
             if worker.process.poll() is not None and not worker.pipe.poll(0):
@@ -229,7 +234,12 @@ def _ask(worker: _Worker, payload: bytes, timeout_s: float | None) -> tuple[bool
                 _kill(worker.process)
                 worker.process.wait()
                 raise WorkerDied(f"stopped after the time-out of {timeout_s:g} s")
-        ok, value, trace = pickle.loads(worker.pipe.recv_bytes())
+        answer = worker.pipe.recv_bytes()
+        if answer[:_NUMBER] != number:  # somebody else writes into its pipe: nothing that follows can be trusted
+            _kill(worker.process)
+            worker.process.wait()
+            raise WorkerDied("the worker process answered another call: does the backend make copies of its process?")
+        ok, value, trace = pickle.loads(answer[_NUMBER:])
     except (EOFError, OSError):
         _kill(worker.process)
         raise WorkerDied(f"the worker process ended {_how(worker.process.wait())} while it computed") from None
@@ -248,8 +258,13 @@ def _how(code: int) -> str:
     return f"by signal {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
 
 
-def serve(pipe: Connection) -> None:
-    """Main function of a worker: answer calls until the pipe closes, which also happens when the parent dies."""
+def serve(descriptor: int) -> None:
+    """Main function of a worker: answer calls until the pipe closes, which also happens when the parent dies.
+
+    A copy of this process that a backend makes (fork) and lets return ends here: it has no task, and its answer would
+    be taken for that of the next one.
+    """
+    pipe, home = Connection(descriptor), os.getpid()
     os.set_inheritable(pipe.fileno(), False)
     tasks: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
@@ -262,28 +277,38 @@ def serve(pipe: Connection) -> None:
     threading.Thread(target=receive, daemon=True).start()
     while True:
         answer = _answer(tasks.get())
+        if os.getpid() != home:
+            os._exit(1)
         sys.stdout.flush()
         with contextlib.suppress(OSError):  # the parent is gone: the other thread ends this process
             pipe.send_bytes(answer)
 
 
 def _answer(payload: bytes) -> bytes:
-    """Pickled (ok, result or exception, traceback) of one call; never raises."""
+    """The number of one call, and pickled (ok, result or exception, traceback); never raises."""
+    number, call = payload[:_NUMBER], payload[_NUMBER:]
     try:
-        fn, args, kwargs = pickle.loads(payload)
+        fn, args, kwargs = pickle.loads(call)
     except Exception as error:
         hint = "functions and classes that travel must live in an importable module, not in __main__"
-        return pickle.dumps((False, RuntimeError(f"the worker cannot read the task ({error}): {hint}"), ""))
+        return number + pickle.dumps((False, RuntimeError(f"the worker cannot read the task ({error}): {hint}"), ""))
     try:
-        return pickle.dumps((True, fn(*args, **kwargs), ""))
+        return number + pickle.dumps((True, fn(*args, **kwargs), ""))
     except BaseException as error:  # even sys.exit() in a backend must not take the worker along
         trace = traceback.format_exc()
         try:
             answer = pickle.dumps((False, error if isinstance(error, Exception) else RuntimeError(repr(error)), trace))
             pickle.loads(answer)
-            return answer
+            return number + answer
         except Exception:  # not every exception survives the journey; its text does
-            return pickle.dumps((False, RuntimeError(f"{type(error).__name__}: {error}"), trace))
+            return number + pickle.dumps((False, RuntimeError(f"{type(error).__name__}: {_text_of(error)}"), trace))
+
+
+def _text_of(error: BaseException) -> str:
+    try:
+        return str(error)
+    except Exception:  # its own __str__ fails
+        return "(it has no text)"
 
 
 def _start_up(source: Source | None) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
@@ -11,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rso import diagnosis
+from rso import diagnosis, disk
 from rso.contract import digest
 from rso.diagnosis import Library, TestPlan
 from rso.running import Event, run_all
@@ -71,8 +70,8 @@ def answer(
 def _answered(path: Path) -> bool:
     """Whether there is an answer: an error is none, nor is what cannot be read."""
     try:
-        return "error" not in json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return "error" not in disk.read_json(path)
+    except (OSError, ValueError, TypeError):
         return False
 
 
@@ -126,8 +125,8 @@ def _as_deep(plan: TestPlan, deepest: Mapping[str, float]) -> TestPlan:
 
 def _asked(case: Path, out: Path, seed: int) -> Asked:
     own = out / "studies" / case.name
-    own.mkdir(parents=True, exist_ok=True)
-    (own / "study.toml").write_text(study_text(case, seed, own), encoding="utf-8")
+    disk.folder(disk.folder(out / "studies") / case.name)
+    disk.replace(own / "study.toml", study_text(case, seed, own))
     return ask(load(own / "study.toml"))
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import rso
-from rso import diagnosis
+from rso import diagnosis, disk
 from rso.contract import Backend, Case, Programme, plain
 from rso.diagnosis import Base, BaseAxis, Effect, Experiment, Library
 from rso.diagnosis.planning import framed
@@ -239,7 +239,7 @@ def run_diagnosis(
 def _fitted(asked: Asked, folder: Path) -> dict[str, float] | None:
     """Open parameters of the best candidate that a run of this study left in its folder; None without one."""
     try:
-        results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+        results = disk.read_json(folder / "results.json")
         best = results["best"]
         search = next(s for s in results["searches"] if s["name"] == best["search"])
         values = next(c for c in search["candidates"] if c["name"] == best["candidate"])["values"]
@@ -292,5 +292,9 @@ def _write(folder: Path, found: Mapping[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     files.write(folder / FILE, found)
     path = folder / "results.json"
-    if path.exists():
-        files.write(path, json.loads(path.read_text(encoding="utf-8")) | {"diagnosis": found["diagnosis"]})
+    if not path.exists():
+        return
+    try:
+        files.write(path, disk.read_json(path) | {"diagnosis": found["diagnosis"]})
+    except (ValueError, TypeError):  # what is damaged is no place for it; diagnosis.json has it
+        return

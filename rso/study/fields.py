@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from rso.contract import finite
+from rso.printable import printable
 from rso.units import quantity
 
 
@@ -91,6 +92,13 @@ def formed(pattern: str, words: str) -> AfterValidator:
         return value
 
     return AfterValidator(check)
+
+
+def seen(value: str) -> str:
+    """Text of one line in which every character is seen: it stands in titles and on terminals."""
+    if printable(value) != value or "\n" in value:
+        raise ValueError("holds characters that are not seen (line ends, controls, marks of direction): leave them out")
+    return value
 
 
 def expected(words: str) -> Any:

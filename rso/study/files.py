@@ -11,18 +11,20 @@ from typing import Any
 
 import pandas as pd
 
+from rso import disk
 from rso.contract import plain
 from rso.study.errors import StudyError
 
 OWNER = "study"  # file of a results folder that says whose they are
 STORE = "runs.sqlite"  # see rso.store
+_FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")
 STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
 
 
 def earlier(path: Path, begun: Mapping[str, Any]) -> dict[str, Any] | None:
     """Results that an earlier call left for the same study, data and backend as those that are `begun`; else None."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = disk.read_json(path)
         same = all(found[k] == begun[k] for k in ("schema", "outputs"))
         same &= _as_stated(found["parameters"]) == _as_stated(begun["parameters"])
         same &= all(found["backend"][k] == begun["backend"][k] for k in ("name", "numerics"))
@@ -48,7 +50,7 @@ def claim(folder: Path, study: Path) -> None:
         raise StudyError([f"{study}: {words}: choose another --out; --store {folder} shares its simulations"])
     if owner != mine:
         folder.mkdir(parents=True, exist_ok=True)
-        _replace(folder / OWNER, mine + "\n")
+        disk.replace(folder / OWNER, mine + "\n")
 
 
 def may_be_moved(folder: Path, study: Path, inputs: Iterable[Path]) -> None:
@@ -71,8 +73,8 @@ def may_be_moved(folder: Path, study: Path, inputs: Iterable[Path]) -> None:
 def _owner(folder: Path) -> str:
     """The study file whose results a folder holds, as it is found from there; empty where nothing says so."""
     try:
-        return (folder / OWNER).read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError):
+        return disk.read(folder / OWNER, 10_000).decode("utf-8").strip()
+    except (OSError, ValueError):
         return ""
 
 
@@ -83,17 +85,8 @@ def _seen_from(folder: Path, study: Path) -> str:
 def write(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:
     """Replace the file in one step, so that a reader never sees half of it; returns what was written, plain."""
     data = plainly(results)
-    _replace(path, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False))
+    disk.replace(path, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False))
     return data
-
-
-def _replace(path: Path, text: str) -> None:
-    temporary = path.with_suffix(".tmp")
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        os.replace(temporary, path)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from error  # the temporary name says nothing to anybody
 
 
 def plainly(results: Mapping[str, Any]) -> dict[str, Any]:
@@ -111,7 +104,13 @@ def write_runs(path: Path, found: Mapping[str, Any]) -> None:
         | r["outputs"]
         for r in found["runs"]
     ]
-    pd.DataFrame(rows).to_csv(path, index=False)
+    table = [{_cell(k): _cell(v) for k, v in row.items()} for row in rows]
+    disk.replace(path, pd.DataFrame(table).to_csv(index=False, lineterminator="\n"))
+
+
+def _cell(value: Any) -> Any:
+    """A cell that no spreadsheet takes for a formula: text that begins like one has an apostrophe before it."""
+    return f"'{value}" if isinstance(value, str) and value.lstrip().startswith(_FORMULA) else value
 
 
 def _finite(data: Any) -> Any:

@@ -18,9 +18,11 @@ from rso.study.places import Place, lines_of
 from rso.study.schema import DoeTable, ExperimentTable, Source, Study
 from rso.study.searched import Constraint, Target
 from rso.study.table import Table
+from rso.study.texts import look_alikes, too_deep
 
 MAX_BYTES = 1_000_000
 MAX_LINE = 10_000  # the time to read a dotted key grows with the square of its length
+DEEPEST = 64  # tables and arrays within one another
 T = TypeVar("T", bound=Table)
 
 
@@ -43,6 +45,7 @@ def load(path: str | Path) -> Study:
     problems += _check_experiments(raw, file.parent, measurements)
     problems += _check_search(raw, measurements)
     problems += _check_names(raw, file.parent)
+    problems += _check_look_alikes(raw)
     if problems or study is None:
         raise study_error(file, lines, problems)
     study._source = Source(file, lines, measurements)
@@ -83,7 +86,7 @@ def _toml(file: Path, text: str) -> dict[str, Any]:
         if len(line) > MAX_LINE:
             raise StudyError([f"{file}:{number}: not a study file: a line of {len(line)} characters ({line[:60]!r}…)"])
     try:
-        return tomllib.loads(text)
+        found = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         match = re.search(r"\(at line (\d+), column \d+\)", str(error))
         line = int(match[1]) if match else text.count("\n") + 1
@@ -93,6 +96,9 @@ def _toml(file: Path, text: str) -> dict[str, Any]:
         raise StudyError([f"{file}: not a study file: brackets are nested too deeply"]) from error
     except ValueError as error:  # an integer of thousands of digits
         raise StudyError([f"{file}: not valid TOML: {error}"]) from error
+    if (deep := too_deep(found, DEEPEST)) is not None:
+        raise StudyError([f"{file}: not a study file: {str(deep)[:60]} holds tables or arrays nested more than {DEEPEST} deep"])
+    return found
 
 
 def _tables(raw: dict[str, Any], *place: str) -> list[Any]:
@@ -276,3 +282,17 @@ def _check_names(raw: dict[str, Any], folder: Path) -> Iterator[Problem]:
     for _, doe in _valid(DoeTable, [raw.get("doe", {})]):
         if doe.file is not None and not (folder / doe.file).is_file():
             yield Problem(("doe", "file"), "there is no such file next to the study", doe.file)
+
+
+def _check_look_alikes(raw: dict[str, Any]) -> Iterator[Problem]:
+    """Names of one kind that differ by nothing that a reader sees would be mistaken for one another."""
+    rungs = [(("ladder", "levels"), _tables(raw, "ladder", "levels"))]
+    rungs += [((*place, n), inner) for place, tables in rungs for n, inner in enumerate(tables) if isinstance(inner, list)]
+    kinds = [(("experiments",), "name"), (("experiments",), "mounting"), (("search", "variants"), "name"),
+             (("next", "experiments"), "name")]  # fmt: skip
+    lists = [(place, key, _tables(raw, *place)) for place, key in kinds] + [(p, "name", t) for p, t in rungs]
+    for place, key, tables in lists:
+        named = [(n, t[key]) for n, t in enumerate(tables) if isinstance(t, dict) and isinstance(t.get(key), str)]
+        for k, name, earlier in look_alikes([name for _, name in named]):
+            text = f"looks like {earlier!r} and is another name: they differ by case, a blank or a letter of another script"
+            yield Problem((*place, named[k][0], key), text, name)

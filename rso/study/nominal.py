@@ -16,6 +16,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from rso import disk
 from rso.contract import finite
 from rso.study.columns import ColumnsTable
 from rso.study.errors import choose, in_words, schema_problems
@@ -31,6 +32,7 @@ _SPECIMEN = {"shape": ["ellipsoid"]}  # what the model takes for granted, and ma
 _INDENTER = {"shape": ["sphere"], "rigid": [True], "full_sphere": [True], "direction": [[0, 0, -1]], "friction": [0]}
 _BOWL = {"clearance_mm": 1.0, "friction": 0.2}
 _BESIDE = {"clearance_mm": "clearance_mm", "mu_platform": "friction"}  # older names beside the support
+MOST = 1_000_000  # bytes
 _UNITS = ["N, mm, MPa, s"]
 _WORDS = ("remark", "family", "frame", "depth", "force", "cycle_rates_mm_per_min", "rest_between_tests",
           "order_of_tests", "points_mm", "profile")  # fmt: skip  # for people: not read
@@ -64,8 +66,8 @@ def read_nominal(folder: Path) -> Nominal:
     """Read a folder's nominal.json; ValueError naming file, key, value and choices."""
     path = folder / FILE
     try:
-        data = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
+        data = disk.read_json(path, MOST)
+    except (OSError, ValueError) as error:
         raise ValueError(f"{path}: cannot be read ({error})") from error
     if not isinstance(data, dict):
         raise ValueError(f"{path}: a table is expected")

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rso import doe
+from rso import disk, doe
 from rso.contract import Backend, Case
 from rso.doe import Box, Condition
 from rso.emulator import Output, reduced_box
@@ -34,6 +34,7 @@ from rso.study.searched import Target
 from rso.targets import Constraint
 from rso.targets import Target as Goal
 
+MOST_POINTS = 20_000_000  # bytes of a file of points
 FEWEST = 8  # runs of a reduced design
 PROOFS = 2  # direct runs that prove similarity on the study itself
 
@@ -395,7 +396,7 @@ def _from_file(plan: Plan, name: str) -> np.ndarray:
     """Points from a CSV whose header names the open parameters, in their units."""
     path = plan.study.folder / name
     try:
-        text = path.read_text(encoding="utf-8")
+        text = disk.read(path, MOST_POINTS).decode("utf-8-sig")
         header = [h.strip() for h in text.splitlines()[0].split(",")]
         data = np.loadtxt(text.splitlines()[1:], delimiter=",", ndmin=2)
         theta = data[:, [header.index(n) for n in plan.box.names]]

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 import rso
+from rso import disk
 from rso.contract import plain
 from rso.curves import ahead
 from rso.emulator import Emulator, Output
@@ -458,4 +459,4 @@ def data_hashes(study: Study) -> dict[str, str]:
 
 
 def _sha(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(disk.read(path)).hexdigest()

@@ -37,6 +37,7 @@ from rso.study.fields import (
     formed,
     list_to_tuple,
     power_of_two,
+    seen,
 )
 from rso.study.noise import NoiseTable
 from rso.study.places import Place
@@ -48,7 +49,7 @@ from rso.surrogates.polynomial import HIGHEST
 class StudyTable(Table):
     """[study]: the study as a whole."""
 
-    title: Annotated[str, Field(min_length=1, max_length=200)]
+    title: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(seen)]
     """What the report is called."""
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)]
     """Root of all random numbers: the same seed gives the same answer, whatever the number of jobs."""
@@ -118,7 +119,7 @@ class ExperimentTable(Table):
     """What the backend is told of this experiment, in place of keys of the same name."""
     noise: NoiseTable = NoiseTable()
     """What its readings are uncertain by."""
-    mounting: Annotated[str, Field(min_length=1)] = "A"
+    mounting: Annotated[str, Field(min_length=1), AfterValidator(seen)] = "A"
     """Tests of one mounting share what it may be off by, as a tilt: the specimen was not taken out between them."""
     after: Names = ()
     """Experiments that the specimen had been through before, which a softening remembers."""

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import json
-import os
+import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from rso import disk
 
 MARK = "array in npz"
 
@@ -38,17 +42,23 @@ def save(stem: Path, data: Mapping[str, Any]) -> None:
         raise ValueError(f"{value!r} ({type(value).__name__}) cannot be saved")
 
     text = json.dumps(pack(data), indent=1)
-    for suffix, write in ((".npz", lambda f: np.savez(f, **arrays)), (".json", lambda f: f.write(text.encode()))):
-        temporary = stem.with_name(f"{stem.name}{suffix}.tmp")
-        with open(temporary, "wb") as file:
-            write(file)
-        os.replace(temporary, stem.with_name(stem.name + suffix))
+    packed = io.BytesIO()
+    np.savez(packed, **arrays)
+    disk.replace(stem.with_name(f"{stem.name}.npz"), packed.getvalue())
+    disk.replace(stem.with_name(f"{stem.name}.json"), text)
 
 
 def load(stem: Path) -> dict[str, Any]:
     """What :func:`save` wrote; OSError or ValueError if it cannot be read. Nothing in the files is executed."""
-    with np.load(stem.with_name(stem.name + ".npz"), allow_pickle=False) as file:
-        arrays = {name: file[name] for name in file.files}
+    raw = disk.read(stem.with_name(stem.name + ".npz"))
+    try:
+        with zipfile.ZipFile(io.BytesIO(raw)) as file:
+            if sum(part.file_size for part in file.infolist()) > 2 * len(raw) + 10_000:  # it is written unpacked
+                raise ValueError(f"{stem.name}.npz unpacks to more than was packed")
+        with np.load(io.BytesIO(raw), allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except (zipfile.BadZipFile, zlib.error, EOFError, KeyError, MemoryError) as error:
+        raise ValueError(f"{stem.name}.npz cannot be read: {error}") from error
 
     def unpack(value: Any) -> Any:
         if isinstance(value, dict):
@@ -61,4 +71,4 @@ def load(stem: Path) -> dict[str, Any]:
             return {k: unpack(v) for k, v in value.items()}
         return [unpack(v) for v in value] if isinstance(value, list) else value
 
-    return unpack(json.loads(stem.with_name(stem.name + ".json").read_text(encoding="utf-8")))
+    return unpack(disk.read_json(stem.with_name(stem.name + ".json")))
