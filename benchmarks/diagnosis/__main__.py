@@ -2,7 +2,7 @@
 
     python benchmarks/diagnosis STUDY [--cases 2400] [--whole 40] [--pairs 40] [--store FOLDER] [--out FILE]
                                       [--sections effects,rules,controls,check,shrinkage,next,ablations,smooth,
-                                                  pairs,whole]
+                                                  pairs,whole,coverage]
 
 Draws causes, sizes and parameters from the priors and data from the noise of the plan, and sends each data set through
 the contests of `rso diagnose`; curves kept for validation are drawn too, and say only how much closes.  The cases share
@@ -30,6 +30,7 @@ from pathlib import Path
 import checked
 import complete
 import controls
+import coverage
 import sections
 import shrunk
 import smooth
@@ -48,7 +49,8 @@ from rso.study import load
 from rso.study.diagnosing import ask
 
 REPORT = Path(__file__).parents[2] / "reports" / "diagnosis_emulator.md"
-SECTIONS = ("effects", "rules", "controls", "check", "shrinkage", "next", "ablations", "smooth", "pairs", "whole")
+SECTIONS = ("effects", "rules", "controls", "check", "shrinkage", "next", "ablations", "smooth", "pairs", "whole",
+            "coverage")
 
 
 class NothingRuns(Executor):
@@ -157,6 +159,7 @@ def main() -> None:
         "ablations": lambda: sections.without(say, bench, cases, y, classes, o.seed),
         "smooth": lambda: smooth.of_no_cause(say, evidence, y, threshold, o.seed),
         "pairs": lambda: sections.with_pairs(say, own, s, o.pairs),
+        "coverage": lambda: coverage.section(say, evidence, y, threshold, o.seed),
         "whole": lambda: complete.complete(say, whole, s, values, o.whole, o.seed),
     }
     for name in ("inference", *(n for n in SECTIONS if n in o.sections.split(","))):

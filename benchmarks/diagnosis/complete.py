@@ -58,20 +58,20 @@ def complete(say: Say, whole: Library, s: Scored, values: np.ndarray, count: int
 
 
 def _modulus(whole: Library, s: Scored, rows: np.ndarray, found: Sequence[Diagnosis]) -> list[str]:
-    """How often the modulus lies in the interval that is said, and in what it reaches with one effect more."""
+    """How often the modulus lies in its interval if nothing else is there, and in that over all that the data allow."""
     name, out = whole.base.modulus, []
     for kind, m in (("none", s.null), ("one cause", s.single), ("two causes", ~s.null & ~s.single)):
         own = [(d, s.cases.modulus[i]) for d, i in zip(found, rows, strict=True) if m[i] and d.odd is None]
         if not own:
             continue
-        said = np.array([[d.parameters["after"][name][k] for k in (0, 2)] for d, _ in own])
-        reached = np.array([[d.reach[name].low, d.reach[name].high] for d, _ in own])
+        said, reached = (np.array([[getattr(d.reach[name], of)[k] for k in (0, 2)] for d, _ in own])
+                         for of in ("alone", "whole"))  # fmt: skip
         μ = np.array([v for _, v in own])
         held = [share((v[:, 0] <= μ) & (μ <= v[:, 1])) for v in (said, reached)]
         width = [f"{np.median(np.log(v[:, 1] / v[:, 0])):.3f}" for v in (said, reached)]
         out.append([kind, len(own), held[0], width[0], held[1], width[1]])
-    head = ["truth", "cases", f"{name} in the interval said", "its width in ln", "in what one effect more could make",
-            "its width in ln"]  # fmt: skip
+    head = ["truth", "cases", f"{name} held if nothing else is there", "width in ln", "over all that the data allow",
+            "width in ln"]  # fmt: skip
     return ["", *table(head, out)]
 
 

@@ -82,7 +82,8 @@ class Effect:
 
     `family` is 'model' (the backend computes it), 'measurement' (the chain; costs no simulation) or 'scatter' (a knob
     of the chain that every curve has for itself: its size is a standard deviation).  `place` holds the settings of the
-    only place where it acts; None: it acts everywhere.  `label` is what reports call it.
+    only place where it acts; None: it acts everywhere.  `label` is what reports call it.  `known` is the standard
+    uncertainty of its size by a calibration, None where there is none.
     """
 
     name: str
@@ -95,6 +96,7 @@ class Effect:
     scope: Scope = "study"
     place: Mapping[str, Any] | None = None
     label: str = ""
+    known: float | None = None
 
     @property
     def measured(self) -> bool:

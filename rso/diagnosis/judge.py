@@ -26,7 +26,6 @@ DRAWS = 2000
 LEVEL = 0.9
 ENDS = ((1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2)
 WHOLE = ("explained", "measurement", "ambiguous")  # verdicts that take causes for the whole of a gap
-OPEN = ("no_gap", "ambiguous")  # verdicts that leave other hypotheses possible
 MISFIT = 1.3  # χ² per reading that a cause may leave; a right one leaves about 1, less what was fitted
 RARE = 0.01  # of few readings: chance of what a right one leaves beyond which that is too much
 LONE = 0.9  # probability beyond which one experiment is the odd one
@@ -129,12 +128,10 @@ def diagnose(
     where, taken, scatter = _readings(evidence, chosen, fits, y, seed, odd and odd[0])
     r = bench.whites[0](y - fits["none"])
     causes = _causes(evidence, contest, y, posts, verdict, judged.named)
-    if odd is not None:  # what the others say
-        others = np.setdiff1d(np.arange(len(y)), localise.rows_of(library.plan, odd[0]))
+    others = None if odd is None else np.setdiff1d(np.arange(len(y)), localise.rows_of(library.plan, odd[0]))
+    if others is not None:  # what the others say
         posts[chosen.name] = fit(bench, (), others, y, rng, DRAWS)
-    besides = {}
-    if odd is None:
-        besides = reach(evidence, contest, chosen, posts[chosen.name], y, LEVEL, seed + 7, verdict in OPEN)
+    reached = reach(evidence, contest, chosen, y, LEVEL, seed + 7, others)
     return Diagnosis(
         verdict=verdict,
         p_value=float((1 + np.sum(opened.null >= opened.first.statistic)) / (1 + len(opened.null))),
@@ -150,8 +147,8 @@ def diagnose(
         shrinkage=shrinkage_of(whole, library, bench, evidence, y, chosen, seed, fitted),
         checks=() if verdict == "no_gap" else
         self_checks(evidence, contest, finalists, y, opened.threshold, opened.null, seed),
-        parameters=_parameters(library, posts, chosen),
-        reach=besides,
+        parameters=_parameters(library, posts, reached),
+        reach=reached,
         bench=bench,
         contest=contest,
         fits=fits,
@@ -394,9 +391,8 @@ def _column(h: Hypothesis, effect: Effect, post: Posterior) -> int:
     return column
 
 
-def _parameters(library: Library, posts: Mapping[str, Posterior], chosen: Hypothesis):
-    """Open base parameters (low, median, high) before and after the cause."""
-    out = {}
-    for when, name in (("before", "none"), ("after", chosen.name)):
-        out[when] = {k: tuple(float(x) for x in np.quantile(v, ENDS)) for k, v in draws(library, posts[name]).items()}
-    return out
+def _parameters(library: Library, posts: Mapping[str, Posterior], reached: Mapping[str, Reach]):
+    """Open base parameters (low, median, high): of the base model, over all that the data allow, of what is said."""
+    before = {k: tuple(map(float, np.quantile(v, ENDS))) for k, v in draws(library, posts["none"]).items()}
+    after, alone = ({k: getattr(r, of) for k, r in reached.items()} for of in ("whole", "alone"))
+    return {"before": before, "after": after, "if_nothing_else": alone}

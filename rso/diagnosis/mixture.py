@@ -214,7 +214,7 @@ def _kept_share(h: Ready, mean: np.ndarray) -> np.ndarray:
 
 
 def _moved(h: Ready, t: int, mean: np.ndarray, local: np.ndarray | None = None) -> np.ndarray:
-    """Draws `local` (m, k') of a tile's Gaussian, or its mean (k',), as they are within the walls.
+    """Draws `local` (m, k') of a tile's Gaussian of mean (k',) or (m, k'), or the mean, as they are within the walls.
 
     Along each wall's coordinate the distribution is cut off, quantile by quantile; the others follow by regression.
     """
@@ -222,14 +222,14 @@ def _moved(h: Ready, t: int, mean: np.ndarray, local: np.ndarray | None = None) 
     for wall in h.walls:
         S = h.S_inverse[t]
         i, sd = wall.at, np.sqrt(S[wall.at, wall.at])
-        a, b = ((v - mean[i]) / sd for v in _ends(h, wall, mean, t))
-        sign = -1.0 if a > 0.0 else 1.0  # logarithms are good to the left
-        a, b = sorted((sign * a, sign * b))
+        a, b = ((v - mean[..., i]) / sd for v in _ends(h, wall, mean, t))
+        sign = np.where(a > 0.0, -1.0, 1.0)  # logarithms are good to the left
+        a, b = np.minimum(sign * a, sign * b), np.maximum(sign * a, sign * b)
         if local is None:
             mass = _log_mass(a, b) + 0.5 * np.log(2 * np.pi)
             z, was = np.exp(-0.5 * a**2 - mass) - np.exp(-0.5 * b**2 - mass), 0.0
         else:
-            was = sign * (local[:, i] - mean[i]) / sd
+            was = sign * (local[:, i] - mean[..., i]) / sd
             z = ndtri_exp(np.logaddexp(log_ndtr(-was) + log_ndtr(a), log_ndtr(was) + log_ndtr(b)))
             z = np.clip(z, a, b)
         out = out + np.multiply.outer(sign * (z - was) * sd, S[:, i] / S[i, i])
@@ -278,6 +278,26 @@ def posterior(h: Ready, y: np.ndarray, draws: int, rng: np.random.Generator) -> 
         mean = h.S_inverse[t] @ (h.X[t] @ (z - h.c[t]))
         root = np.linalg.cholesky(h.S_inverse[t] + 1e-14 * np.trace(h.S_inverse[t]) * np.eye(k))
         local[mine] = _moved(h, t, mean, mean + rng.standard_normal((mine.sum(), k)) @ root.T)
+    return _placed(h, tile, local)
+
+
+def posterior_each(h: Ready, Y: np.ndarray, rng: np.random.Generator) -> Posterior:
+    """One draw given each of whitened data Y (m, n)."""
+    logs = log_tiles(h, Y)
+    weight = np.cumsum(np.exp(logs - logsumexp(logs, axis=1)[:, None]), axis=1)
+    tile = np.minimum(np.sum(weight < rng.random((len(Y), 1)) * weight[:, -1:], axis=1), weight.shape[1] - 1)
+    k, Z = h.X.shape[1], Y @ h.Q
+    local = np.empty((len(Y), k))
+    for t in np.unique(tile):
+        mine = np.nonzero(tile == t)[0]
+        mean = (Z[mine] - h.c[t]) @ h.X[t].T @ h.S_inverse[t]
+        root = np.linalg.cholesky(h.S_inverse[t] + 1e-14 * np.trace(h.S_inverse[t]) * np.eye(k))
+        local[mine] = _moved(h, t, mean, mean + rng.standard_normal((len(mine), k)) @ root.T)
+    return _placed(h, tile, local)
+
+
+def _placed(h: Ready, tile: np.ndarray, local: np.ndarray) -> Posterior:
+    """Draws of local coordinates (m, k') in tiles (m,) with the coordinates that they mean."""
     at = h.tiles.at[tile].copy()
     strayed = np.zeros(at.shape, bool)
     m, moved = h.state(tile, local)

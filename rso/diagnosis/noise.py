@@ -33,6 +33,8 @@ WORLD = 0.005  # of the force: another code, another mesher
 DEEP = 0.015  # more of it where meshes distort and codes part company: at the deepest travel, or where the backend says
 STEEP = 8  # power of the travel with which it grows
 WORLD_LENGTH = 0.35  # of the deepest travel
+CODE = 0.01  # of the force: one program beside another in all tests alike, as a re-fit of the modulus takes it
+CODE_LENGTH = 1.0  # of the deepest travel
 GRAIN = 0.001  # of the force: elements that come into contact one by one
 GRAIN_LENGTH = 0.06  # of the deepest travel
 LATERAL = 0.25  # of the error of Fz that shows in Fx, Fy
@@ -322,6 +324,17 @@ def _world(library: Library, force: np.ndarray) -> np.ndarray:
     growing = DEEP * (u / distorted) ** STEEP * np.where(place < 100, force, 0.0)
     K = same * (np.outer(world, world) * along + np.outer(grain, grain) * near)
     return K + np.outer(growing, growing) * (channel[:, None] == channel)
+
+
+def other_code(plan: TestPlan, force: np.ndarray) -> np.ndarray:
+    """What a model may be off by in all tests alike (n, n), as another program is: CODE of its prediction (n,)."""
+    u, channel, size = np.zeros(plan.n), np.full(plan.n, -1), np.zeros(plan.n)
+    for item, c, at in plan.rows():
+        if not isinstance(item, Profile):
+            u[at], channel[at], size[at] = item.depth, FORCES.index(c), CODE * force[at]
+    deepest = max(p.deepest for p in plan.places)
+    along = np.exp(-0.5 * ((u[:, None] - u) / (CODE_LENGTH * deepest)) ** 2)
+    return np.outer(size, size) * along * (channel[:, None] == channel)
 
 
 def readings(plan: TestPlan, level: Mapping[str, Level], slope: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Parameters in sentences: what they are without and with what was found, and what could move them besides."""
+"""Parameters in sentences: over all that the data allow, and if nothing is there but what is said."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from typing import Any
 
 from rso.units import people
 
+WIDER = 1.15  # times: an interval that is said beside another is wider by this
 NEAR = 0.02  # of a range, in ln: a median that near to its end is pressed against it
 
 
 def about(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
     """Sentences about every parameter, open or fixed, and about ranges that are too narrow for the data."""
-    own = [_parameter(d, found, k) + _beyond(d, found, k) for k in d["parameters"]["before"]]
-    return own + _fixed(found) + _outside(d, found) + _pressed(d, found)
+    own = [" ".join(filter(None, (_parameter(d, found, k), beside(d, found, k)))) for k in d["parameters"]["before"]]
+    return own + _trusted(d, found) + _fixed(found) + _outside(d, found) + _pressed(d, found)
 
 
 def called(found: Mapping[str, Any], name: str) -> str:
@@ -53,7 +54,7 @@ def _parameter(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:
     was, now = (_amounts(found, k, *v, digits=n) for v, n in zip(each, digits, strict=True))
     alone = _amounts(found, k, each[0][0], digits=digits[0])
     if d["verdict"] == "no_gap":
-        return f"{k} is {now} if nothing is missing."
+        return f"{k} is {now}."
     if d.get("odd"):
         return f"By all but {d['odd']['experiment']} {k} is {now}, with it {alone}."
     if d["verdict"] == "unexplained":
@@ -61,15 +62,56 @@ def _parameter(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:
     return f"{k} stays at {now}." if was == now else f"{k} moves from {was} to {now}."
 
 
-def _beyond(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:
-    """What effects that the data neither show nor exclude could make of a parameter."""
-    r = (d.get("reach") or {}).get(k)
-    if not r or not (r["low_with"] or r["high_with"]):
+def beside(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:
+    """How well a parameter is known if nothing is there but what is said, and what that leaves out; nothing where it
+    leaves out nothing that counts."""
+    whole, alone = (d["parameters"].get(when, {}).get(k) for when in ("after", "if_nothing_else"))
+    r = (d.get("reach") or {}).get(k) or {}
+    if not whole or not alone or whole["high"] - whole["low"] < WIDER * (alone["high"] - alone["low"]):
         return ""
-    unit, factor = people(found.get("units", {}).get(k, ""), r["high"])
-    with_ = {v: f" (with {called(found, r[v + '_with'])})" if r[v + "_with"] else "" for v in ("low", "high")}
-    low, high = (f"{r[v] * factor:.3g}{of_unit(unit)}{more}" for v, more in with_.items())
-    return f" With effects that the data neither show nor exclude it could be anything from {low} to {high}."
+    by, without = r.get("by") or (), r.get("without") or alone
+    if not by:
+        nothing = "nothing is missing" if d["verdict"] == "no_gap" else "nothing else is there"
+        widen = "effects that the data neither show nor exclude widen this"
+        return f"It is {_known(found, k, alone)} if {nothing}; {widen}."
+    each = " and without ".join(called(found, v) for v in by)
+    them = "it" if len(by) == 1 else "them"
+    return (
+        f"It is {_known(found, k, without)} without {each}, else {_known(found, k, whole)}: "
+        f"the data neither show nor exclude {them}."
+    )
+
+
+def unproved(d: Mapping[str, Any]) -> list[str]:
+    """That a model without a gap need not have the right parameters, with how well they are known then."""
+    alone, whole = ((d.get("parameters") or {}).get(when) or {} for when in ("if_nothing_else", "after"))
+    worth = [k for k in whole if k in alone and alone[k]["low"] < alone[k]["high"]
+             and whole[k]["high"] - whole[k]["low"] > WIDER * (alone[k]["high"] - alone[k]["low"])]  # fmt: skip
+    each = [f"{k} {percent_of(alone[k])} if nothing is missing, else {percent_of(whole[k])}" for k in worth]
+    return [f"That does not prove its parameters: known are {'; '.join(each)}."] if each else []
+
+
+def percent_of(band: Mapping[str, float]) -> str:
+    """Half the width of an interval over its median, in words; a factor where that is large."""
+    half = 0.5 * (band["high"] - band["low"]) / max(abs(band["median"]), 1e-300)
+    if half > 1.0 and band["low"] > 0.0:
+        return f"to a factor of {(band['high'] / band['low']) ** 0.5:.2g}"
+    return f"to {100 * half:.2g} %"
+
+
+def _known(found: Mapping[str, Any], k: str, band: Mapping[str, float]) -> str:
+    return f"known {percent_of(band)} ({_range(found, k, band['low'], band['high'])})"
+
+
+def _trusted(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
+    """What no indentation shows and a calibration must tell, and how far it was trusted."""
+    labels = {"gain": "the gain of the cell", "depth_scale": "the scale of the depth"}
+    usual = {k: v["sd"] for k, v in (found.get("trusted") or {}).items() if not v["stated"] and v["sd"]}
+    each = [f"{labels.get(k, called(found, k))} to {100 * v:.2g} %" for k, v in usual.items()]
+    if not each:
+        return []
+    more = "a gain that is off by more moves the modulus by as much; noise.calibration states it"
+    return [f"Trusted, as no indentation shows them and nothing is stated: {' and '.join(each)} ({more})."]
 
 
 def _fixed(found: Mapping[str, Any]) -> list[str]:

@@ -20,6 +20,7 @@ from rso.diagnosis.rerun import Check
 from rso.diagnosis.runs import Base
 from rso.diagnosis.shrinkage import predicted
 from rso.diagnosis.testplan import HELD, LOADING, Profile, TestPlan
+from rso.diagnosis.undecided import trusted
 from rso.diagnosis.words import words
 from rso.running import Task
 
@@ -55,6 +56,8 @@ def story(
                       "expected": {"gain": v.expected[0], "contact_mm": v.expected[1]},
                       "repeats": {"gain": v.shown[0], "contact_mm": v.shown[1]}}
                   for c, v in d.bench.levels.items()},
+        "trusted": {e.name: {"sd": sd, "unit": e.size.unit, "stated": e.known is not None} for e in library.effects
+                    if (sd := trusted(e)) is not None},
         "effects": [_effect(e) for e in library.effects],
         "probabilities": dict(sorted(d.probabilities.items(), key=lambda v: -v[1])[:20]),
         "sensitivity": d.sensitivity,
@@ -133,8 +136,9 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
                       "fitted": None if s.fitted is None else dict(s.fitted)},
         "parameters": {when: {k: {"low": v[0], "median": v[1], "high": v[2]} for k, v in p.items()}
                        for when, p in d.parameters.items()},
-        "reach": {k: {"low": r.low, "high": r.high, "low_with": r.low_with, "high_with": r.high_with}
-                  for k, r in d.reach.items()},
+        "reach": {k: {"low": r.whole[0], "high": r.whole[2], "low_with": r.low_with, "high_with": r.high_with,
+                      "by": list(r.by), "without": None if r.without is None else
+                      dict(zip(("low", "median", "high"), r.without, strict=True))} for k, r in d.reach.items()},
         "detectable": [{"effect": v.effect.name, "unit": v.effect.size.unit, "smallest_visible": v.value,
                         "visible": v.limit is not None, "confused_with": list(v.confused_with),
                         "confounded_with": list(v.confused_with), "recognised": v.recognised} for v in visible],

@@ -1,41 +1,83 @@
-"""What a parameter could be besides: effects that the data neither show nor exclude move it with them.
+"""What the parameters could be: averaged over the hypotheses and over what the data neither show nor exclude.
 
-The interval of a hypothesis holds if nothing else is there.  Over all that the data make no more than POSSIBLE times
-less probable it is wider: a little stiffening beside a softer and less compressible body, say, leaves the same curve,
-beside a cause that is found as beside none.  A gain of the cell, which no indentation tells from a modulus, and a scale
-of the depth, which hardly one does, are left to their calibration.
+    p(θ | y) = Σ_h P(h | y) Σ_z ∫ p(θ | y − Δ(z, s), h) P(z, s | y, h) ds
+
+Bayesian model averaging (Hoeting et al., Statist. Sci. 14 (1999) 382, eq. 1) over the hypotheses h of the contest, and
+under each over subsets z of all other effects, of sizes s, that leave the prediction Δ beside it.  Before the data an
+effect that another does not stand for is there with probability PRESENT, of a size that its catalogue calls plausible;
+what is known of one from a calibration takes the place of both.  The model itself may be off in all tests alike, as one
+program is from another (:func:`noise.other_code`), which no re-fit of the modulus sees.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import logsumexp, ndtri
 from scipy.stats import qmc
 
+from rso.diagnosis import noise
 from rso.diagnosis.attribute import Contest, Evidence
 from rso.diagnosis.effects import Effect
 from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.library import Library
-from rso.diagnosis.mixture import Posterior, Ready, log_evidence, posterior
+from rso.diagnosis.mixture import (
+    Posterior,
+    Ready,
+    log_evidence,
+    mean_prediction,
+    posterior,
+    posterior_each,
+    ready,
+    whitening,
+)
 from rso.diagnosis.prediction import predict
 
-POSSIBLE = 10.0  # Bayes factor beyond which evidence counts as strong (Jeffreys 1961, appendix B)
-WIDER = 0.1  # of the width of the interval: an end that moves by less is no news
-DRAWS = 1000
+PRESENT = 0.5  # before any data, that what the measurement chain may be off by is there: as likely as not
+SELDOM = 0.04  # the same of an effect of the body, the indenter or the support
 SIZES = 64  # draws of an effect that is added to what is said
+USUAL = {"gain": 0.02, "depth_scale": 0.005}  # of what no indentation shows, and calibrations know: its uncertainty
+SCENARIOS = 3000  # subsets of effects, before they are drawn by what the data say of them together
+DRAWS = 3000
+LEAST = 0.005  # probability of a hypothesis below which it is left out of the average
+DOUBTED = 0.5  # least probability of what is said: the verdict may take a cause back that the contest believes
+TELLS = 0.8  # of the width: an effect without which the interval is narrower than this is named
+MOST = 3  # effects that are named
+FEW = 150  # draws that tell an interval
+TAIL = 2.0  # times as often as elsewhere: an effect stands behind an end of the interval
 
 
 @dataclass(frozen=True)
 class Reach:
-    """Ends of a parameter over all possible hypotheses, and the effect behind each, None for the one that is said."""
+    """A parameter (low, median, high): `whole` over all that the data allow, `alone` where nothing is there but what is
+    said, `without` the effects `by` that widen it most (None where none does); and the effects behind the two ends.
+    """
 
-    low: float
-    high: float
-    low_with: str | None
-    high_with: str | None
+    whole: tuple[float, float, float]
+    alone: tuple[float, float, float]
+    by: tuple[str, ...] = ()
+    without: tuple[float, float, float] | None = None
+    low_with: str | None = None
+    high_with: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Unseen:
+    """An effect that may be there besides: what it adds (SIZES, n), by how much more evidence each size has (SIZES,)
+    than its absence, ln, and the probability of its presence before any data."""
+
+    effect: Effect
+    adds: np.ndarray
+    gained: np.ndarray
+    prior: float
+
+    @property
+    def present(self) -> float:
+        """Probability of its presence given the data, where nothing else is there besides."""
+        there = self.prior * np.exp(logsumexp(self.gained) - np.log(len(self.gained)))
+        return float(there / (1.0 - self.prior + there))
 
 
 def draws(library: Library, p: Posterior) -> dict[str, np.ndarray]:
@@ -46,56 +88,49 @@ def draws(library: Library, p: Posterior) -> dict[str, np.ndarray]:
     return out
 
 
-def reach(
-    evidence: Evidence, contest: Contest, said: Hypothesis, post: Posterior, y: np.ndarray, level: float, seed: int,
-    open_: bool,
-) -> dict[str, Reach]:  # fmt: skip
-    """Reach of every open parameter: the hypothesis that is said, whose draws are `post`, and all that add one effect
-    to it and whose evidence is at least 1/POSSIBLE of its own, but for a gain or a scale of the depth.
+def trusted(e: Effect) -> float | None:
+    """Standard uncertainty of an effect by a calibration, as stated or else usual; None where neither is."""
+    return e.known if e.known is not None else USUAL.get(e.name)
 
-    Where another cause is as possible as the one that is said, `open_`, all single effects too.  Ends are those of the
-    intervals of probability `level` under each.
+
+def reach(
+    evidence: Evidence, contest: Contest, said: Hypothesis, y: np.ndarray, level: float, seed: int,
+    rows: np.ndarray | None = None,
+) -> dict[str, Reach]:  # fmt: skip
+    """Intervals of probability `level` of every open parameter, over what the data allow and for what is `said` alone.
+
+    With `rows` only these readings (of n) count, and the base model is what is said.
     """
     library, rng = evidence.bench.library, np.random.default_rng(seed)
-    ends = [(1 - level) / 2, (1 + level) / 2]
-    own = {k: tuple(map(float, np.quantile(v, ends))) for k, v in draws(library, post).items()}
-    least = {k: WIDER * (high - low) for k, (low, high) in own.items()}
-    found = {k: Reach(*v, None, None) for k, v in own.items()}
-    for name, possible in _possible(evidence, contest, said, post, y, rng, open_):
-        for k, v in draws(library, possible).items():
-            low, high = map(float, np.quantile(v, ends))
-            r = found[k]
-            if low < min(r.low, own[k][0] - least[k]):
-                r = replace(r, low=low, low_with=name)
-            if high > max(r.high, own[k][1] + least[k]):
-                r = replace(r, high=high, high_with=name)
-            found[k] = r
-    return found
+    ends = [(1 - level) / 2, 0.5, (1 + level) / 2]
+    quantiles = lambda v: tuple(map(float, np.quantile(v, ends)))  # noqa: E731
+    shares = {Hypothesis(()): 1.0} if rows is not None else _shares(contest, said)
+    said = said if rows is None else Hypothesis(())
+    h = _with_code(evidence, said, y, rows)
+    own = posterior(h, h.white(y), DRAWS, rng)
+    alone = {k: quantiles(v) for k, v in draws(library, own).items()}
+    unseen = _unseen(evidence, h, said, own, y, rng)
+    number = rng.multinomial(DRAWS, np.array(list(shares.values())))
+    found = [_averaged(evidence, h if g == said else _with_code(evidence, g, y, rows), g, unseen, y, n, rng)
+             for g, n in zip(shares, number, strict=True) if n]  # fmt: skip
+    there = {u.effect.name: np.concatenate([v[:, j] for _, v in found]) for j, u in enumerate(unseen)}
+    there = {n: v for n, v in there.items() if v.any()}
+    values = {k: np.concatenate([v[k] for v, _ in found]) for k in alone}
+    return {k: _told(values[k], alone[k], there, quantiles) for k in alone}
 
 
-def _possible(
-    evidence: Evidence, contest: Contest, said: Hypothesis, post: Posterior, y: np.ndarray, rng: np.random.Generator,
-    open_: bool,
-) -> Iterator[tuple[str, Posterior]]:  # fmt: skip
-    """Names and draws of what the data make no more than POSSIBLE times less probable than what is said."""
-    of = {_key(h): (h, z) for h, z in zip(contest.hypotheses, contest.log_evidence, strict=True)}
-    h = evidence.best(said.effects, y, said.unexplained, loose=bool(said.effects))
-    own = log_evidence(h, h.white(y)[None])[0]
-    least = of.get(_key(said), (said, own))[1] - np.log(POSSIBLE)
-    taken = {e.source for e in said.effects}
-    for e in evidence.effects:
-        if e.family == "scatter" or e.is_scale:
-            continue
-        alone, more = Hypothesis((e,)), Hypothesis((*said.effects, e), said.unexplained)
-        both = [alone] * (open_ and said.effects not in ((), (e,))) + [more] * (e.source not in taken)
-        for known, z in (of[_key(g)] for g in both if _key(g) in of):
-            if z >= least:
-                best = evidence.best(known.effects, y, known.unexplained, loose=len(known.effects) > 1)
-                yield e.name, posterior(best, best.white(y), DRAWS, rng)
-        if more in both and _key(more) not in of:
-            log_Z, added = _added(evidence, h, said, post, e, y, rng)
-            if log_Z >= own - np.log(POSSIBLE):
-                yield e.name, added
+def _shares(contest: Contest, said: Hypothesis) -> dict[Hypothesis, float]:
+    """Probabilities of the hypotheses that count, at least DOUBTED of it that of what is said; they sum to 1.
+
+    None has an effect that a calibration bounds: the contest knows what is plausible without one.
+    """
+    free = [(h, float(v)) for h, v in zip(contest.hypotheses, contest.probability, strict=True)
+            if all(e.known is None for e in h.effects) or _key(h) == _key(said)]  # fmt: skip
+    p = {h: v for h, v in free if v >= LEAST}
+    own = next((h for h in p if _key(h) == _key(said)), said)
+    mine, rest = p.pop(own, 0.0), sum(p.values())
+    mine = max(mine / max(mine + rest, 1e-300), DOUBTED) if rest else 1.0
+    return {said: mine, **{h: v / rest * (1.0 - mine) for h, v in p.items()}}
 
 
 def _key(h: Hypothesis) -> tuple[frozenset[str], bool]:
@@ -103,25 +138,82 @@ def _key(h: Hypothesis) -> tuple[frozenset[str], bool]:
     return frozenset(e.name for e in h.effects), h.unexplained
 
 
-def _added(
-    evidence: Evidence, h: Ready, said: Hypothesis, post: Posterior, e: Effect, y: np.ndarray, rng: np.random.Generator
-) -> tuple[float, Posterior]:
-    """Log evidence of what is said with an effect added, and draws of the former's coordinates.
+def _with_code(evidence: Evidence, g: Hypothesis, y: np.ndarray, rows: np.ndarray | None) -> Ready:
+    """A hypothesis whose model may be off as one program is from another, on the readings `rows` (all if None)."""
+    bench = evidence.bench
+    h = evidence.best(g.effects, y, g.unexplained, loose=bool(g.effects))
+    L = h.white.L
+    force = L @ mean_prediction(h, h.white(y))
+    return ready(h.tiles, whitening(L @ L.T + noise.other_code(bench.library.plan, force), rows), bench.modulus)
 
-    The effect, drawn SIZES times from its prior, is what it adds to the prediction in the middle of `post`; without it
-    the data are fitted anew each time.  What a new modulus makes of it is another size of the same.
+
+def _unseen(
+    evidence: Evidence, h: Ready, said: Hypothesis, post: Posterior, y: np.ndarray, rng: np.random.Generator
+) -> list[Unseen]:
+    """Every effect that moves a mean and is none of those that are said, beside these in the middle of `post`.
+
+    Without it the data are fitted anew for each of SIZES draws of its size; a new modulus makes another size of it.
     """
     library, μ = evidence.bench.library, evidence.bench.modulus
-    at, own = np.mean(post.at, axis=0), _drawn(e, SIZES, rng)
-    A, c = predict(library, (*said.effects, e), np.hstack([np.tile(at, (SIZES, 1)), own]), μ)
+    at, m = np.mean(post.at, axis=0), float(np.mean(post.modulus))
     A0, c0 = predict(library, said.effects, at[None], μ)
-    Y = h.white(y - (np.mean(post.modulus) * (A - A0) + c - c0))
-    logs = log_evidence(h, Y)
-    log_Z = logsumexp(logs)
-    number = rng.multinomial(DRAWS, np.exp(logs - log_Z))
-    each = [posterior(h, Y[b], n, rng) for b, n in enumerate(number) if n]
-    joined = {f.name: np.concatenate([getattr(p, f.name) for p in each]) for f in fields(Posterior)}
-    return float(log_Z - np.log(SIZES)), Posterior(**joined)
+    own = float(log_evidence(h, h.white(y)[None])[0])
+    taken, found = {e.source for e in said.effects}, []
+    places = [e.source for e in evidence.effects if e.place is not None]  # one of them has it
+    for e in evidence.effects:
+        sd = trusted(e)
+        if e.family == "scatter" or e.source in taken or sd == 0.0:
+            continue
+        size = _drawn(e, SIZES, rng) if sd is None else _calibrated(e, SIZES, sd)
+        A, c = predict(library, (*said.effects, e), np.hstack([np.tile(at, (SIZES, 1)), size]), μ)
+        adds = m * (A - A0) + c - c0
+        prior = 1.0 if sd is not None else (PRESENT if e.measured else SELDOM) / max(places.count(e.source), 1)
+        found.append(Unseen(e, adds, log_evidence(h, h.white(y - adds)) - own, prior))
+    return found
+
+
+def _averaged(
+    evidence: Evidence, h: Ready, g: Hypothesis, unseen: Sequence[Unseen], y: np.ndarray, count: int,
+    rng: np.random.Generator,
+) -> tuple[dict[str, np.ndarray], np.ndarray]:  # fmt: skip
+    """Draws (count,) of the parameters under a hypothesis, and which of the unseen effects (count, k) each holds.
+
+    Subsets are proposed from what the data say of each effect by itself and drawn anew by what they say of all together
+    (sampling–importance resampling, Rubin 1988).
+    """
+    taken, own = {e.source for e in g.effects}, {e.name for e in g.effects}
+    there, Y, log_w = np.zeros((SCENARIOS, len(unseen)), bool), np.tile(y, (SCENARIOS, 1)), np.zeros(SCENARIOS)
+    for j, u in enumerate(unseen):
+        if u.effect.source in taken:
+            there[:, j] = u.effect.name in own
+            continue
+        there[:, j] = rng.random(SCENARIOS) < u.present
+        mine = np.nonzero(there[:, j])[0]
+        size = rng.choice(len(u.gained), size=len(mine), p=np.exp(u.gained - logsumexp(u.gained)))
+        Y[mine] -= u.adds[size]
+        log_w[mine] -= u.gained[size]
+    log_w += log_evidence(h, h.white(Y))
+    picked = rng.choice(SCENARIOS, size=count, p=np.exp(log_w - logsumexp(log_w)))
+    return draws(evidence.bench.library, posterior_each(h, h.white(Y[picked]), rng)), there[picked]
+
+
+def _told(values: np.ndarray, alone: tuple[float, float, float], there: Mapping[str, np.ndarray], quantiles) -> Reach:
+    """Which effects widen the interval of the draws (m,) most: what is named, and what stands behind its ends."""
+    whole, without, by, left = quantiles(values), None, [], np.ones(len(values), bool)
+    width = lambda v: v[2] - v[0]  # noqa: E731
+    while len(by) < MOST:
+        tried = {n: left & ~v for n, v in there.items() if n not in by and np.sum(left & ~v) >= FEW}
+        ends = {n: quantiles(values[v]) for n, v in tried.items()}
+        best = min(ends, key=lambda n: width(ends[n]), default=None)
+        if best is None or width(ends[best]) > TELLS * width(without or whole):
+            break
+        without, left = ends[best], tried[best]
+        by.append(best)
+    behind = []
+    for tail in (values < alone[0], values > alone[2]):
+        often = {n: np.mean(v[tail]) / max(np.mean(v), 1e-9) for n, v in there.items()} if tail.sum() >= FEW else {}
+        behind.append(max((n for n in often if often[n] > TAIL), key=lambda n: np.mean(there[n][tail]), default=None))
+    return Reach(whole, alone, tuple(by), without, *behind)
 
 
 def _drawn(e: Effect, n: int, rng: np.random.Generator) -> np.ndarray:
@@ -136,3 +228,12 @@ def _drawn(e: Effect, n: int, rng: np.random.Generator) -> np.ndarray:
         size = near * (far / near) ** within
     spans = [s.ends()[0] for s in e.shape]
     return np.column_stack([size, *(low + v * (high - low) for v, (low, high) in zip(shape, spans, strict=True))])
+
+
+def _calibrated(e: Effect, n: int, sd: float) -> np.ndarray:
+    """Signed deviations (n, 1) of an effect of standard uncertainty `sd`, of one side where it has one."""
+    sides = e.size.ends()
+    share = (np.arange(n) + 0.5) / n
+    if len(sides) == 1:
+        return (np.sign(sides[0][1]) * sd * ndtri(0.5 + 0.5 * share))[:, None]
+    return (sd * ndtri(share))[:, None]

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rso.diagnosis.parameters import called
+from rso.diagnosis.parameters import beside, called, unproved
 from rso.diagnosis.words import DOUBT, in_one_curve, may_be_absent, nothing, shaped
 from rso.report.byline import byline
 from rso.report.canvas import short
@@ -29,6 +29,7 @@ from rso.report.diagnosis_reading import (
     p_text,
     panels,
     parameter_bands,
+    said_when,
     signatures,
     sized,
     unit_of,
@@ -94,6 +95,7 @@ def verdict(found: Found) -> Section:
     if nothing(found) > DOUBT:
         text = text.replace("misses", "may miss")
     lead = text.format(named) + _not_settled(found) if text else "There is no verdict."
+    lead += "".join(f" {_in_letters(found, v)}" for v in unproved(core(found))) if verdict_of(found) == "no_gap" else ""
     if d.get("odd"):
         odd = clean(d["odd"].get("experiment"))
         lead = f"{odd} does not agree with the other experiments, and nothing in the catalogue explains it."
@@ -171,9 +173,9 @@ def _facts(found: Found) -> list[Fact]:
 
 
 def _parameter_facts(found: Found) -> list[Fact]:
-    """The base parameters with what was found."""
-    when = "after" if chosen(found) else "before"
-    rows = [(name, interval(bands[when], unit)) for name, unit, bands in parameter_bands(found) if when in bands]
+    """The base parameters over all that the data allow."""
+    each = [(name, unit, bands.get("after", bands.get("before"))) for name, unit, bands in parameter_bands(found)]
+    rows = [(name, interval(b, unit)) for name, unit, b in each if b]
     return [Fact(symbol(name), value, f"90{NBSP}%: {ends}") for name, (value, ends) in rows]
 
 
@@ -399,32 +401,21 @@ def parameters(found: Found) -> Section:
     title, rows = "Parameters", parameter_bands(found)
     if not rows:
         return Section("parameters", title, (Text("There are no fitted parameters.", "missing"), *_held(found)))
-    blocks: list[Block] = [] if chosen(found) else [Text("No cause is named, so the parameters stay as they are.")]
+    blocks: list[Block] = []
     blocks.append(Picture("parameters", "Median and 90 % interval, fitted to all fit and select curves at once."))
-    data = core(found).get("parameters") or {}
-    columns = [column("", words([symbol(name) for name, _, _ in rows]), number=False)]
-    for when in ("before", "after") if chosen(found) else ("before",):
+    data, columns = core(found).get("parameters") or {}, []
+    columns.append(column("", words([symbol(name) for name, _, _ in rows]), number=False))
+    for when, said in said_when(found).items():
         each = [band((data.get(when) or {}).get(name)) for name, _, _ in rows]
         cells = [interval(b, u) if b else (DASH, DASH) for b, (_, u, _) in zip(each, rows, strict=True)]
-        columns.append(column(when if chosen(found) else "fitted", words([c[0] for c in cells])))
+        columns.append(column(said, words([c[0] for c in cells])))
         columns.append(column("90 % interval", words([c[1] for c in cells])))
-    units = all(unit_of(u).label for _, u, _ in rows)
-    note = "" if units else "In the units of the study: N, mm, MPa, s."
-    blocks.append(table("Parameters before and after" if chosen(found) else "Parameters", columns, note))
-    blocks += [Text(text) for name, u, _ in rows if (text := _besides(found, name, u))]
+    note = "" if all(unit_of(u).label for _, u, _ in rows) else "In the units of the study: N, mm, MPa, s. "
+    note += "All that the data allow: every hypothesis by its probability, effects that the data neither show nor "
+    note += "exclude, 1 % by which one program differs from another."
+    blocks.append(table("Parameters", columns, note))
+    blocks += [Text(_in_letters(found, text)) for name, _, _ in rows if (text := beside(core(found), found, name))]
     return Section("parameters", title, (*blocks, *_held(found)))
-
-
-def _besides(found: Found, name: str, unit: str) -> str:
-    """What effects that the data neither show nor exclude could make of a parameter."""
-    r = (core(found).get("reach") or {}).get(name) or {}
-    with_ = [clean(called(found, str(r[k]))) if r.get(k) else "" for k in ("low_with", "high_with")]
-    if not any(with_):
-        return ""
-    low, high = (quantity(number(r.get(k)), unit, 3, number(r.get("high"))) for k in ("low", "high"))
-    each = [f"{v} ({w})" if w else v for v, w in zip((low, high), with_, strict=True)]
-    said = f"With effects that the data neither show nor exclude {symbol(name)} could be anything from"
-    return f"{said} {' to '.join(each)}."
 
 
 def _held(found: Found) -> list[Text]:

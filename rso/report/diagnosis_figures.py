@@ -22,6 +22,7 @@ from rso.report.diagnosis_reading import (
     core,
     label,
     parameter_bands,
+    said_when,
     unit_of,
     verdict_of,
 )
@@ -160,10 +161,14 @@ def held_out_curves(found: Found) -> Figure:
     return figure
 
 
+_CALLED = {"before": "without cause", "if_nothing_else": "nothing else", "after": "all allowed"}
+
+
 def parameters(found: Found) -> Figure:
-    """Each parameter before and after: median and 90 % interval."""
+    """Each parameter by what it hangs on: median and 90 % interval."""
     rows = parameter_bands(found)[:4]
-    whens = (("before", GREY), ("after", ACCENT)) if chosen(found) else (("before", GREY),)
+    shown = [w for w in ("before", "if_nothing_else", "after") if w in said_when(found)]
+    whens = [(w, GREY if w == shown[0] else ACCENT) for w in shown]
     figure = canvas(0.65 + 0.25 * len(whens))
     grid = figure.subplots(1, len(rows), squeeze=False)[0]
     for axes, (name, unit, bands) in zip(grid, rows, strict=True):
@@ -180,7 +185,7 @@ def parameters(found: Found) -> Figure:
         else:
             axes.xaxis.set_major_locator(MaxNLocator(4))
         axes.margins(x=0.08)
-        axes.set_yticks([-k for k in range(len(whens))], [w for w, _ in whens] if len(whens) > 1 else [""])
+        axes.set_yticks([-k for k in range(len(whens))], [_CALLED[w] for w, _ in whens])
         axes.set(ylim=(0.4 - len(whens), 0.6), xlabel=f"{symbol(name)}{use.bracket}")
         axes.tick_params(axis="y", length=0)
         axes.spines["left"].set_visible(False)

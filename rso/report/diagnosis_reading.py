@@ -28,6 +28,7 @@ from rso.report.reading import listed, number, pair
 
 Found = Mapping[str, Any]
 BASE, REST = "none", "unexplained"  # parts of the names of hypotheses: no effect, a gap of no known cause
+WHEN = "before", "if_nothing_else", "after"  # bands of parameters
 FORCE, LENGTH = Unit("mN", 1e3), Unit("µm", 1e3)
 _POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 _BRANCH = {"loading": 0, "unloading": 1, "held": 2}
@@ -183,13 +184,22 @@ def band(d: Mapping[str, Any] | None) -> tuple[float, float, float] | None:
     return None if None in values else (values[0], values[1], values[2])  # type: ignore[return-value]
 
 
+def said_when(found: Found) -> dict[str, str]:
+    """Which bands of parameters are shown, and what each is called; without a cause the first two are the same."""
+    said = {"before": "without the cause", "if_nothing_else": "with it, if nothing else is there"}
+    bands = core(found).get("parameters") or {}
+    if not chosen(found):
+        said = {"if_nothing_else" if "if_nothing_else" in bands else "before": "if nothing is missing"}
+    return said | {"after": "with all that the data allow"}
+
+
 def parameter_bands(found: Found) -> list[tuple[str, str, dict[str, tuple[float, float, float]]]]:
     """(name, unit, {when: (low, median, high)}) of every base parameter."""
     data = core(found).get("parameters") or {}
-    names = dict.fromkeys(k for when in ("before", "after") for k in data.get(when) or {})
+    names = dict.fromkeys(k for when in WHEN for k in data.get(when) or {})
     rows = []
     for k in names:
-        known_bands = {w: b for w in ("before", "after") if (b := band((data.get(w) or {}).get(k)))}
+        known_bands = {w: b for w in WHEN if (b := band((data.get(w) or {}).get(k)))}
         if known_bands:
             rows.append((clean(k), str((found.get("units") or {}).get(k) or ""), known_bands))
     return rows

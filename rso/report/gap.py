@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from rso.diagnosis.parameters import unproved
 from rso.report.diagnosis_reading import chance, sized
 from rso.report.digits import DASH, channel_text, clean, known, percent, significant
 from rso.report.document import Block, Cell, Fact, Section, Table, Text, column, table, words
@@ -51,7 +52,9 @@ def gap_sections(results: Results) -> tuple[Section, ...]:
     names = ", ".join(_name(c) for c in causes) or "no cause is named"
     said = _VERDICTS.get(clean(d.get("verdict")), ("", clean(d.get("verdict"))))[1].format(names)
     closed = _closed(d)
-    blocks: list[Block] = [Text(" ".join(filter(None, (said, f"{closed[:1].upper()}{closed[1:]}." if closed else ""))))]
+    proved = unproved(d) if d.get("verdict") == "no_gap" else []
+    how_much = f"{closed[:1].upper()}{closed[1:]}." if closed else ""
+    blocks: list[Block] = [Text(" ".join(filter(None, (said, *proved, how_much))))]
     if regions := _regions(d):
         blocks.append(Text(regions))
     if causes:

@@ -33,6 +33,8 @@ class DiagnoseTable(Table):
     """Whether ranges are bounds; else one besides the modulus is bounded by the range of its product with it alone."""
     settings: Settings = Field(default_factory=dict)
     """In place of those of the backend in the library of effects, as a coarser mesh."""
+    known: dict[str, Any] = Field(default_factory=dict)
+    """Effects that a calibration bounds, with the standard uncertainty of each, as compliance = "0.02 mm/N"."""
 
 
 class LevelTable(Table):

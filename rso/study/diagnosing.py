@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import json
+import math
 import textwrap
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -30,6 +31,7 @@ from rso.study.plan import source_of
 from rso.study.resolve import Axis, Resolved, resolve
 from rso.study.results import data_hashes
 from rso.study.schema import Study
+from rso.units import quantity
 
 Watch = Callable[[Event], None]
 FILE = "diagnosis.json"
@@ -91,10 +93,31 @@ def ask(study: Study) -> Asked:
     largest = max(float(np.abs(v).max(initial=0.0)) for t in plan.tests for v in t.values.values())
     effects = diagnosis.suited(effects, largest, plan.scale, plan.times)
     effects = diagnosis.localised(effects, plan.seen().labels())
+    effects = _calibrated(study, effects, every)
     if not any(e.family != "scatter" for e in effects):
         text = "at least one effect is needed that is not one of scatter (each curve its own)"
         raise study_error(study.file, study.lines, [Problem(("diagnose", "effects"), text)])
     return Asked(study, base, plan, effects)
+
+
+def _calibrated(study: Study, effects: Sequence[Effect], every: Sequence[Effect]) -> tuple[Effect, ...]:
+    """The effects with what is known of them; the gain of the cell is as uncertain as the experiments state."""
+    stated = max((study.noise_of(e.name).calibration for e in study.experiments), default=0.0)
+    known, problems = {"gain": stated} if stated else {}, []
+    units = {e.name: e.size.unit for e in every if e.family != "scatter" and e.size.neutral is not None}
+    for name, written in study.diagnose.known.items():
+        place = ("diagnose", "known", name)
+        try:
+            if name not in units:
+                raise ValueError(f"no such effect; {choose(name, list(units))}")
+            if not 0.0 <= (value := quantity(written, units[name])) < math.inf:
+                raise ValueError(f"{written!r}: a standard uncertainty is a number of at least 0 in {units[name]}")
+            known[name] = value
+        except (ValueError, TypeError) as error:
+            problems.append(Problem(place, str(error), name))
+    if problems:
+        raise study_error(study.file, study.lines, problems)
+    return tuple(dataclasses.replace(e, known=known.get(e.name)) for e in effects)
 
 
 def _refuse_what_is_not_modelled(study: Study, backend: Backend, experiments: Sequence[Experiment]) -> None:

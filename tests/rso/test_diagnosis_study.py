@@ -74,6 +74,20 @@ FIXED_D1 = STUDY.replace('D1 = { low = "15 1/MPa", high = "150 1/MPa", scale = "
 FIXED_MU = STUDY.replace('mu = { low = "6 kPa", high = "24 kPa", scale = "log" }', 'mu = { value = "11 kPa" }')
 
 
+def test_what_a_calibration_knows_is_read_with_its_unit(tmp_path):
+    """By [diagnose] known, and of the gain by the cell of the experiments; what is not understood is named."""
+    known = 'effects = "all"\nknown = { compliance = "20 um/N", stiff = 0 }'
+    text = STUDY.replace('effects = ["stiff", "soften"]', known)
+    stated = text.replace("gain = 0.01 }", 'gain = 0.01, calibration = "0.5 %" }')
+    found = {e.name: e.known for e in ask(load(write(tmp_path, stated))).effects}
+    assert (found["compliance"], found["stiff"], found["gain"], found["offset"]) == (0.02, 0.0, 0.005, None)
+    assert {e.name: e.known for e in ask(load(write(tmp_path, text))).effects}["gain"] is None
+    for wrong, said in (("grip = 1", "no such effect"), ('gain = "2 mm"', "gain"), ("gain = -0.1", "at least 0")):
+        with pytest.raises(StudyError, match=said) as error:
+            ask(load(write(tmp_path, text.replace("stiff = 0", wrong))))
+        assert "known" in str(error.value)
+
+
 @pytest.mark.parametrize(
     ("text", "d1", "fitted"),
     [

@@ -12,7 +12,7 @@ from rso.diagnosis.hypotheses import Hypothesis
 from rso.diagnosis.judge import BEYOND, MISFIT, _beyond, _sides, most_left
 from rso.diagnosis.judgement import judge
 from rso.diagnosis.mixture import Posterior
-from rso.diagnosis.parameters import _outside, about
+from rso.diagnosis.parameters import _outside, about, unproved
 from rso.diagnosis.shrinkage import Gap, summarise
 from rso.diagnosis.unfitted import HeldOut, held_out, predicts
 from rso.diagnosis.words import _alone, _cause, _gap, _named, _remainder, _shrinkage, _unlike, _where
@@ -209,8 +209,31 @@ def test_parameters_are_said_one_by_one_in_the_units_of_people():
     ]
     same = d | {"parameters": {"before": d["parameters"]["after"], "after": d["parameters"]["after"]}}
     assert about(same, units)[0] == "mu stays at 13.28 kPa (90 % 12.99 to 13.55)."
-    reach = {"mu": {"low": 0.01, "high": 0.02, "low_with": None, "high_with": "friction"}}
-    assert about(d | {"reach": reach}, units)[0].endswith("anything from 10 kPa to 20 kPa (with rubbing).")
+
+
+def test_how_well_a_parameter_is_known_is_said_with_what_that_hangs_on():
+    """A compliant load train was called no gap, and mu was said to be known to 3 %, 10 % beside the truth.
+
+    Negative control: nothing is said where what is unseen leaves the interval as it is.
+    """
+    band = lambda *v: dict(zip(("low", "median", "high"), v, strict=True))  # noqa: E731
+    found = {"units": {"mu": "MPa"}, "effects": [{"name": "compliance", "label": "compliant load train"}]}
+    d = {"verdict": "no_gap", "reach": {"mu": {"by": ["compliance"], "without": band(0.0097, 0.01, 0.0103)}},
+         "parameters": {"before": {"mu": band(0.0097, 0.01, 0.0103)}, "after": {"mu": band(0.0096, 0.0102, 0.012)},
+                        "if_nothing_else": {"mu": band(0.0098, 0.01, 0.0102)}}}  # fmt: skip
+    assert about(d, found) == [
+        "mu is 10.2 kPa (90 % 9.6 to 12). It is known to 3 % (9.7 to 10.3 kPa) without compliant load train, else "
+        "known to 12 % (9.6 to 12 kPa): the data neither show nor exclude it."
+    ]
+    proof = "That does not prove its parameters: known are mu to 2 % if nothing is missing, else to 12 %."
+    assert unproved(d) == [proof]
+    several = d | {"reach": {"mu": {"by": [], "without": None}}}
+    assert "known to 2 % (9.8 to 10.2 kPa) if nothing is missing" in about(several, found)[0]
+    shown = d | {"parameters": d["parameters"] | {"after": {"mu": band(0.0098, 0.01, 0.0102)}}}
+    assert about(shown, found) == ["mu is 10 kPa (90 % 9.8 to 10.2)."] and unproved(shown) == []
+    trusted = found | {"trusted": {"gain": {"sd": 0.02, "stated": False}}}
+    assert "the gain of the cell to 2 %" in about(shown, trusted)[-1]
+    assert about(shown, found | {"trusted": {"gain": {"sd": 0.02, "stated": True}}}) == about(shown, found)
 
 
 def test_repeats_that_differ_by_more_than_expected_are_spoken_of():
