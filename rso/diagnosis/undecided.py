@@ -39,8 +39,8 @@ PRESENT = 0.5  # before any data, that what the measurement chain may be off by 
 SELDOM = 0.04  # the same of an effect of the body, the indenter or the support
 SIZES = 64  # draws of an effect that is added to what is said
 USUAL = {"gain": 0.02, "depth_scale": 0.005}  # of what no indentation shows, and calibrations know: its uncertainty
-SCENARIOS = 3000  # subsets of effects, before they are drawn by what the data say of them together
-DRAWS = 3000
+DRAWS = 2000
+EACH, FEWEST = 1, 200  # subsets of effects for each draw of a hypothesis, and besides
 LEAST = 0.005  # probability of a hypothesis below which it is left out of the average
 DOUBTED = 0.5  # least probability of what is said: the verdict may take a cause back that the contest believes
 TELLS = 0.8  # of the width: an effect without which the interval is narrower than this is named
@@ -182,18 +182,19 @@ def _averaged(
     (sampling–importance resampling, Rubin 1988).
     """
     taken, own = {e.source for e in g.effects}, {e.name for e in g.effects}
-    there, Y, log_w = np.zeros((SCENARIOS, len(unseen)), bool), np.tile(y, (SCENARIOS, 1)), np.zeros(SCENARIOS)
+    m = EACH * count + FEWEST
+    there, Y, log_w = np.zeros((m, len(unseen)), bool), np.tile(y, (m, 1)), np.zeros(m)
     for j, u in enumerate(unseen):
         if u.effect.source in taken:
             there[:, j] = u.effect.name in own
             continue
-        there[:, j] = rng.random(SCENARIOS) < u.present
+        there[:, j] = rng.random(m) < u.present
         mine = np.nonzero(there[:, j])[0]
         size = rng.choice(len(u.gained), size=len(mine), p=np.exp(u.gained - logsumexp(u.gained)))
         Y[mine] -= u.adds[size]
         log_w[mine] -= u.gained[size]
     log_w += log_evidence(h, h.white(Y))
-    picked = rng.choice(SCENARIOS, size=count, p=np.exp(log_w - logsumexp(log_w)))
+    picked = rng.choice(m, size=count, p=np.exp(log_w - logsumexp(log_w)))
     return draws(evidence.bench.library, posterior_each(h, h.white(Y[picked]), rng)), there[picked]
 
 
