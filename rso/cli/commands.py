@@ -69,16 +69,21 @@ def new(options: argparse.Namespace, command: str) -> int:
     return 0
 
 
+CODES = ("loading", "hold", "unloading", "skip")
 FLAGS: dict[str, dict[str, Any]] = {"flip": {"flip": True}, "contact": {"zero": "contact"}}
 
 
 def _column(words: Sequence[str]) -> tuple[str, dict[str, Any]]:
     """A column by its words: name, header, unit, whether its sign is turned, its zero the contact that it shows."""
     rest, table = list(words), {}
+    codes = dict(word.rsplit("=", 1) for word in rest[2:] if word.rpartition("=")[2] in CODES)
+    if codes:
+        rest = rest[:2] + [word for word in rest[2:] if word.rpartition("=")[2] not in CODES]
+        table["values"] = codes
     while len(rest) > 2 and rest[-1] in FLAGS:
         table |= FLAGS[rest.pop()]
     if len(rest) not in (2, 3):
-        text = "give NAME HEADER [UNIT] [flip] [contact], such as Fz Kraft N flip"
+        text = "give NAME HEADER [UNIT] [flip] [contact], such as Fz Kraft N flip, or segment HEADER 1=loading 2=skip"
         raise ValueError(f"--column {shlex.join(words)}: {text}")
     return rest[0], dict(zip(("header", "unit"), rest[1:], strict=False)) | table
 

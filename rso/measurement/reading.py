@@ -21,7 +21,7 @@ from typing import Literal
 
 import numpy as np
 
-from rso.measurement import contact, customary, plausible, shape, tables
+from rso.measurement import contact, customary, held, plausible, shape, tables
 from rso.measurement.blanks import parted, width_of
 from rso.measurement.branches import SKIP, segments
 from rso.measurement.cells import (
@@ -159,6 +159,8 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
         onsets += [onset] if onset is not None else []
         if kinds[0] == "force":
             doubts += _plausible(table, r)
+            repeats[-1], said = _without_creep(r)
+            doubts += said
         elif "uz" in r.channels:
             doubts += plausible.profile(r.label, r.depth, r.channels["uz"])
     if kinds[0] == "force":
@@ -171,6 +173,19 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
         if len(repeat.depth) == 1 and len(repeats) > 1 and m.kind == "force":
             raise ValueError(f"{m.where}: repeat {repeat.label!r} has too few points (1) to be a curve")
     return m
+
+
+def _without_creep(r: Repeat) -> tuple[Repeat, list[str]]:
+    """A repeat up to where it is held at constant force, and what to say of the rest."""
+    found = held.until(r.depth, r.channels["Fz"], r.time, r.segment) if "Fz" in r.channels else None
+    if found is None or found[0] < contact.FEWEST:
+        return r, []
+    n, words = found
+    told = (f"repeat {r.label}: {words}, held at constant force or a sensor at its end: creep cannot be expressed yet; "
+            f"the {len(r.depth) - n} readings from there on are left out")  # fmt: skip
+    parts = {k: {c: v[:n] for c, v in getattr(r, k).items()} for k in ("channels", "sigma")}
+    time = None if r.time is None else r.time[:n]
+    return replace(r, depth=r.depth[:n], time=time, segment=r.segment[:n], **parts), [told]
 
 
 def _plausible(table: _Table, r: Repeat) -> list[str]:
@@ -347,6 +362,10 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     own = {n: ((-1.0 if n in turned else 1.0) / head.factor[n], unit) for n, unit in units.items()}
     headers = {name: head.cells[k] for name, k in head.at.items()}
     position = "depth" in head.customary and not customary.from_contact(headers["depth"])
+    if pulled := customary.tensile([*head.cells, *notes]):
+        if head.customary:
+            raise ValueError(f"{path}: {pulled[:60]!r} says that the specimen was pulled; a record of pressing is expected")
+        doubts.append(f"{pulled[:60]!r} says that the specimen was pulled: is this a record of pressing?")
     return _Table(path, arrays, labels, stated, lines, tuple(notes), head.unread, tuple(doubts), head.found, position,
                   own, headers, tuple(turned))  # fmt: skip
 
@@ -355,9 +374,10 @@ def _taken(head: Head, turned: Sequence[str]) -> list[str]:
     """What to say of columns that were taken by their customary names."""
     if not head.customary:
         return []
+    both = "; both signs were turned, which is a guess" if {"depth", "Fz"} <= set(turned) else ""
     each = [f"{head.cells[head.at[n]]!r} is read as {n}" + (", its sign turned" if n in turned else "")
             for n in head.customary]  # fmt: skip
-    return [f"{'; '.join(each)}; [columns] in the study file says it otherwise"]
+    return [f"{'; '.join(each)}{both}; [columns] in the study file says it otherwise"]
 
 
 def _kind(table: _Table, named: bool) -> Literal["force", "profile"]:

@@ -24,7 +24,7 @@ PROFILES = 2 * STEPS  # different depths of a profile up to which each is asked 
 PACES = 1e-5, 1e3  # mm/s: slower or quicker is nobody's test
 PACE = 1.5  # ratio of a stated to a recorded speed that is remarked upon
 SAME_PACE = 1.05  # ratio within which the stated one is meant: clocks and stages differ by as much
-SHALLOWEST = 1e-3  # mm: a deepest travel below this is a unit misread
+SHALLOWEST = 1e-4  # of the radius of the ball: a deepest travel below this is a unit misread
 LOUD = 0.5  # of a range: a stated noise beyond is remarked upon
 READINGS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
 LOADING = "Only the loading branch is compared; unloading and holds are for rso diagnose."
@@ -55,10 +55,11 @@ def _measured(study: Study, kind: str) -> dict[str, MeasuredCurve]:
             curve = combine(measurement, study.noise_of(e.name), e.compared[0])
             if not curve.depth.max() > 0:
                 raise ValueError(f"no depth is positive, the largest is {curve.depth.max():g} mm")
-            if curve.depth.max() < SHALLOWEST:
+            if curve.depth.max() < SHALLOWEST * (radius := _radius(study, e.name)):
                 raise ValueError(
-                    f"the largest depth is {curve.depth.max():g} mm, less than {SHALLOWEST:g} mm: is column 'depth' in "
-                    f"the unit that it is read in? Choose from {UNITS['mm']}"
+                    f"the largest depth is {curve.depth.max():g} mm, {curve.depth.max() / radius:.1g} of the radius of "
+                    f"the indenter, {radius:g} mm: is column 'depth' in the unit that it is read in? Choose from "
+                    f"{UNITS['mm']}"
                 )
             curves[e.name] = curve
         except ValueError as error:
@@ -66,6 +67,16 @@ def _measured(study: Study, kind: str) -> dict[str, MeasuredCurve]:
     if problems:
         raise study_error(study.file, study.lines, problems)
     return curves
+
+
+def _radius(study: Study, name: str) -> float:
+    """Radius (mm) of the indenter of an experiment, 0 where its settings state none that is understood."""
+    indenter = study.settings_of(name).get("indenter")
+    value = indenter.get("radius") if isinstance(indenter, Mapping) else None
+    try:
+        return quantity(value, "mm")  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return 0.0
 
 
 def remarks(study: Study, name: str) -> list[str]:

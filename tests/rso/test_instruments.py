@@ -101,3 +101,32 @@ def test_a_reading_cut_short_is_still_refused(tmp_path):
     path.write_text(table(["time_s,depth_mm,Fz_N"], [T, U, F], ",") + "6.1,1.25\n")
     with pytest.raises(ValueError, match="2 values in a table of 3 columns"):
         read(path)
+
+
+@pytest.mark.parametrize("segments", [False, True])
+def test_a_hold_at_constant_force_is_never_loading(tmp_path, segments):
+    creep = np.linspace(1.2, 1.29, 40)[1:]
+    depth, force = np.r_[U, creep], np.r_[F, np.full(len(creep), F[-1])]
+    path = tmp_path / "a.csv"
+    rows = [f"{0.1 * k:.1f},{u:.6f},{f:.6f}" + (",loading" if k < 61 else ",hold") * segments
+            for k, (u, f) in enumerate(zip(depth, force, strict=True))]  # fmt: skip
+    path.write_text("\n".join(["time_s,depth_mm,Fz_N" + ",segment" * segments, *rows, ""]))
+    m = read(path)
+    assert m.repeats[0].depth.max() <= 1.2001 and any("creep cannot be expressed yet" in d for d in m.doubts)
+
+
+def test_a_record_that_says_that_it_was_pulled_is_refused(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("Test type,Tensile\n" + table(["Extension (mm),Load (N)"], [U, U], ","))
+    with pytest.raises(ValueError, match="'Test type Tensile' says that the specimen was pulled"):
+        read(path)
+    path.write_text("Test type,Compression\nFixture,tensile and compression\n" + table(["Extension (mm),Load (N)"], [U, F], ","))
+    assert len(read(path).repeats[0].depth) == 61
+
+
+def test_a_double_turn_is_marked_as_a_guess(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(table(["Position (mm),Load (N)"], [-U, -F], ","))
+    assert any("both signs were turned, which is a guess" in d for d in read(path).doubts)
+    path.write_text(table(["Position (mm),Load (N)"], [U, -F], ","))
+    assert not any("guess" in d for d in read(path).doubts)

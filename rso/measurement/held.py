@@ -1,0 +1,34 @@
+"""Holds at constant force: the body creeps there, which a model driven by travel cannot express yet."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rso.measurement import shape
+
+CONSTANT = 0.02  # of its range that a force may change while it is held
+CREEPS = 0.005  # of the stroke that the depth changes in a hold at constant force, at least
+
+
+def until(depth: np.ndarray, force: np.ndarray, time: np.ndarray | None, segment: np.ndarray) -> tuple[int, str] | None:
+    """How many readings (n,) come before a hold at constant force, and what it is in words; None without one.
+
+    That is a hold by its segment, or the end of loading, where the force stays while the indenter goes on.
+    """
+    stroke = float(np.ptp(depth))
+    hold = np.nonzero(segment == "hold")[0]
+    if len(hold) > 2 and np.ptp(depth[hold]) > CREEPS * stroke and np.ptp(force[hold]) < CONSTANT * np.ptp(force):
+        return int(hold[0]), _words(depth[hold], force[hold])
+    loading = np.nonzero(segment == "loading")[0]
+    if len(loading) < shape.FEW:
+        return None
+    d, F = depth[loading], force[loading]
+    found = shape.creep(d, F, None if time is None else time[loading])
+    if found is None:
+        return None
+    at = int(np.nonzero(d >= found[0])[0][0])
+    return int(loading[at]) + 1, _words(d[at:], F[at:])
+
+
+def _words(depth: np.ndarray, force: np.ndarray) -> str:
+    return f"Fz stays at {np.median(force):.3g} N from {depth.min():.3g} to {depth.max():.3g} mm"
