@@ -58,6 +58,8 @@ CHOICES = {  # the settings and what each may be, for --schema
     "multipliers": "true | false: exact contact, or a penalty corrected to first order, faster and without derivatives",
 }
 
+GRAM = 9.81e-6  # N/mm³, the specific weight of 1 g/cm³
+
 
 @dataclasses.dataclass(frozen=True)
 class Solved:
@@ -220,6 +222,14 @@ class FiniteElements:
     def ordinary(self) -> Mapping[str, str]:
         """Conditions between knobs that ordinary materials respect, and what they say: K/μ ≥ 2/3 with K = 2/D₁."""
         return {"mu * D1 <= 3": "a Poisson ratio of at least 0"}
+
+    def physical(self) -> Mapping[str, tuple[float, float]]:
+        """Knob → bounds that no ordinary material leaves, whatever its modulus: densities from 0.5 to 8 g/cm³."""
+        return {"weight": (0.5 * GRAM, 8.0 * GRAM)}
+
+    def jkr(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, float]:
+        """Modulus (MPa), work of adhesion (N/mm) and contact (mm) by knob of Fz (n,) N at depths (n,) mm that pulls."""
+        return levels.jkr(experiment.read_settings(settings), depth, force)
 
     def hertz(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, float]:
         """The modulus (MPa) by knob that Fz (n,) N at depths (n,) mm would have in Hertz's limit, incompressible."""

@@ -101,6 +101,31 @@ def hertz(settings: Settings, travel: np.ndarray, force: np.ndarray) -> float:
     return float(unit @ force / (unit @ unit))
 
 
+def jkr(settings: Settings, travel: np.ndarray, force: np.ndarray) -> dict[str, float]:
+    """μ (MPa), w (N/mm) and where contact is (mm) of Fz (n,) N over travel (n,) mm in the JKR limit, incompressible.
+
+    F = 4 E* a³/(3 R) − √(8π w E* a³),   δ = a²/R − √(2π w a/E*),   E* = 4 μ.  Least squares over w/E* and the contact,
+    E* in closed form, of the readings from the strongest pull on.  Small strains, a half-space (Johnson, Kendall and
+    Roberts 1971); nothing where no reading pulls.
+    """
+    R = _touch(settings)[1]
+    k = int(np.argmin(force))
+    u, F = travel[k:], force[k:]
+    if len(u) < 4 or not F[0] < 0.0 or np.ptp(u) == 0.0:
+        return {}
+    a, best = np.linspace(1e-3, 1.0, 400) * R, (np.inf, 0.0, 0.0, 0.0)
+    for ratio in np.geomspace(1e-6, 0.3, 120) * R:
+        depth, unit = a**2 / R - np.sqrt(2.0 * np.pi * ratio * a), 4.0 * a**3 / (3.0 * R) - np.sqrt(8.0 * np.pi * ratio * a**3)
+        low = int(np.argmin(depth))  # beyond the turn of the branch no contact is stable
+        for contact in u[0] + np.linspace(-0.5, 1.0, 61) * np.ptp(u):
+            f = np.interp(u - contact, depth[low:], unit[low:])
+            E = float(f @ F / max(f @ f, 1e-300))
+            left = float(np.sum((F - E * f) ** 2))
+            if E > 0.0 and left < best[0]:
+                best = left, E, E * ratio, contact
+    return {"mu": best[1] / 4.0, "adhesion": best[2], "contact": best[3]} if best[1] > 0.0 else {}
+
+
 def _as_it_is(settings: Settings, knobs: Knobs) -> Settings:
     """The settings with the errors of ball, body and place; ValueError where nothing is left to press or with."""
     axes = settings.body.semi_axes + np.array([knobs.delta_a, knobs.delta_b, knobs.delta_c])

@@ -16,7 +16,7 @@ story        all of it as plain data           words, parameters   and in senten
 """
 
 from rso.diagnosis.detectable import announced, in_sight
-from rso.diagnosis.effects import Effect, catalogue, localised, recorded, suited
+from rso.diagnosis.effects import Effect, bounded, catalogue, localised, recorded, suited
 from rso.diagnosis.judge import Diagnosis, diagnose
 from rso.diagnosis.library import Library, NoAnswer, build
 from rso.diagnosis.planning import planned
@@ -38,6 +38,7 @@ __all__ = [
     "NoAnswer",
     "TestPlan",
     "announced",
+    "bounded",
     "build",
     "catalogue",
     "diagnose",

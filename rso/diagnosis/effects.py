@@ -169,6 +169,30 @@ def catalogue(
     return (*effects, *_grouped(parameters_of(Chain), {}, {}, "measurement"), *_scatter())
 
 
+def bounded(
+    effects: Sequence[Effect], reference: float, physical: Mapping[str, tuple[float, float]],
+    hard: Mapping[str, float],
+) -> tuple[tuple[Effect, ...], list[str]]:  # fmt: skip
+    """Effects with sizes that no ordinary body leaves at the modulus `reference` (MPa), and what to say of the others.
+
+    Sizes with a stress in their unit are multiples of the modulus; `physical` bounds, and `hard` ones of the knobs, are
+    not.  What is below the smallest plausible multiple even at its bound cannot be seen and is left out.
+    """
+    kept, told = [], []
+    for e in effects:
+        k = e.size
+        unit = reference**k.exponent if k.exponent else 1.0
+        most = min(physical.get(k.name, (0.0, math.inf))[1], hard.get(k.name, math.inf)) / unit
+        if not k.exponent or not most < k.high:
+            kept.append(e)
+        elif most > k.low:
+            kept.append(replace(e, size=replace(k, high=most)))
+        else:
+            told.append(f"{e.label or k.name} is at most {most * unit:.2g} {k.unit} and cannot be seen in a body of "
+                        f"{reference:.2g} MPa: it is no hypothesis")  # fmt: skip
+    return tuple(kept), told
+
+
 def suited(
     effects: Sequence[Effect], force: float, scale: float = 1.0, times: tuple[float, float] = (BRISK[0], LASTING[0])
 ) -> tuple[Effect, ...]:

@@ -25,6 +25,7 @@ from rso.units import COLUMN_NAMES
 GUESS = "# <-"  # behind what nobody has stated
 TOP = (0.0, 0.0)
 AROUND = 3.0  # of the modulus of Hertz's limit, whose half-space the body is not
+PULLS = 0.1  # of its range: a force that is negative by more pulls
 WIDE = (0.001, 1.0)  # MPa, of a modulus that no force curve tells
 PRODUCT = (0.01, 1.8)  # mu D1, at the middle of the range of mu and at its end: ν = 0.4975 and 0.15
 
@@ -165,18 +166,42 @@ def _remark(key: str, test: Test) -> str:
 def _parameters(backend: Backend, test: Test, experiments: Sequence[_Experiment]) -> list[str]:
     """Ranges about the modulus that Hertz's limit has in the first force curve, or a wide one."""
     force = next((e for e in experiments if "Fz" in e.measurement.channels), None)
-    mu = 0.0
+    mu, pull = 0.0, {}
     if force is not None:
         settings = {**test.settings(), "point": list(force.point or TOP)}
-        mu = float(by_hertz(backend, settings, combine(force.measurement, Noise())).get("mu", 0.0))
+        curve = combine(force.measurement, Noise())
+        mu = float(by_hertz(backend, settings, curve).get("mu", 0.0))
+        if _adheres(curve.value) and hasattr(backend, "jkr"):
+            pull = backend.jkr(settings, curve.depth, curve.value)
+            mu = float(pull.get("mu", mu))
+        if mu <= 0.0:
+            raise ValueError(f"{force.files[0]}: the modulus by Hertz's limit would be {mu:.2g} MPa, which is none: Fz "
+                             "falls while the ball goes deeper; is it a tensile record, or a sign or a zero wrong?")  # fmt: skip
     low, high = (mu / AROUND, mu * AROUND) if mu > 0 else WIDE
     limit = f"Hertz's limit of the shallow half says about {_two(1e3 * mu)} kPa"
+    limit = f"adhesion: the JKR limit says about {_two(1e3 * mu)} kPa" if pull else limit
     why = limit if mu > 0 else "no reading tells: narrow it"
     D1 = [_two(PRODUCT[0] / math.sqrt(low * high)), _two(PRODUCT[1] / high)]
     return ["[parameters]",
             f'mu = {{ low = "{_two(1e3 * low)} kPa", high = "{_two(1e3 * high)} kPa", scale = "log" }}  {GUESS} {why}',
             f'D1 = {{ low = "{D1[0]} 1/MPa", high = "{D1[1]} 1/MPa", scale = "log" }}  '
-            f"{GUESS} bulk modulus K = 2 / D1; Poisson ratio 0.15 where both are high"]  # fmt: skip
+            f"{GUESS} bulk modulus K = 2 / D1; Poisson ratio 0.15 where both are high",
+            *_adhesion(pull)]  # fmt: skip
+
+
+def _adheres(force: np.ndarray) -> bool:
+    """Whether a loading curve (n,) is pulled by more than a tare or its scatter may be."""
+    noise = 1.5 * float(np.median(np.abs(np.diff(force, 2)))) / 6**0.5
+    return float(force.min()) < -max(PULLS * float(np.ptp(force)), 10.0 * noise) and int(np.argmin(force)) > 0
+
+
+def _adhesion(pull: Mapping[str, float]) -> list[str]:
+    """The line of a parameter of adhesion that the record shows."""
+    if not pull:
+        return []
+    w = float(pull["adhesion"])
+    return [f'adhesion = {{ low = "{_two(w / AROUND)} N/mm", high = "{_two(w * AROUND)} N/mm", scale = "log" }}  {GUESS} '
+            f"Fz pulls: adhesion; JKR says about {_two(w)} N/mm, contact at {pull['contact']:.3g} mm in the file"]  # fmt: skip
 
 
 def _lines(e: _Experiment, beside: Path) -> list[str]:

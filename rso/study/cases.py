@@ -25,6 +25,7 @@ PACES = 1e-5, 1e3  # mm/s: slower or quicker is nobody's test
 PACE = 1.5  # ratio of a stated to a recorded speed that is remarked upon
 SAME_PACE = 1.05  # ratio within which the stated one is meant: clocks and stages differ by as much
 SHALLOWEST = 1e-4  # of the radius of the ball: a deepest travel below this is a unit misread
+FINEST = 1e-5  # mm: the same where no radius is stated, for no instrument presses by so little
 LOUD = 0.5  # of a range: a stated noise beyond is remarked upon
 READINGS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
 LOADING = "Only the loading branch is compared; unloading and holds are for rso diagnose."
@@ -55,12 +56,11 @@ def _measured(study: Study, kind: str) -> dict[str, MeasuredCurve]:
             curve = combine(measurement, study.noise_of(e.name), e.compared[0])
             if not curve.depth.max() > 0:
                 raise ValueError(f"no depth is positive, the largest is {curve.depth.max():g} mm")
-            if curve.depth.max() < SHALLOWEST * (radius := _radius(study, e.name)):
-                raise ValueError(
-                    f"the largest depth is {curve.depth.max():g} mm, {curve.depth.max() / radius:.1g} of the radius of "
-                    f"the indenter, {radius:g} mm: is column 'depth' in the unit that it is read in? Choose from "
-                    f"{UNITS['mm']}"
-                )
+            deepest, radius = float(curve.depth.max()), _radius(study, e.name)
+            if deepest < (SHALLOWEST * radius or FINEST):
+                share = f", {deepest / radius:.1g} of the radius of the indenter, {radius:g} mm" if radius else ""
+                raise ValueError(f"the largest depth is {deepest:g} mm{share}: is column 'depth' in the unit that it is "
+                                 f"read in? Choose from {UNITS['mm']}")  # fmt: skip
             curves[e.name] = curve
         except ValueError as error:
             problems.append(Problem(("experiments", n, "data"), f"cannot be used: {error}", e.files))

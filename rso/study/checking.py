@@ -97,7 +97,7 @@ def _diagnosis(study: Study, known: Pace, jobs: int) -> list[str]:
     left = [t for t in library if not known.stored(t)]
     there = f", of which {len(library) - len(left)} are there" if len(left) < len(library) else ""
     cost = f"a library of {len(library)} simulations at most{there}, {_minutes(known.seconds(left) / jobs)}, made once"
-    lines = [f"  rso diagnose: {len(asked.effects)} effects; {cost}"]
+    lines = [f"  rso diagnose: {len(asked.effects)} effects; {cost}", *(f"    {words}" for words in asked.unseen)]
     anew, each = diagnosis.planned_rerun(asked.base, asked.plan, asked.effects)
     if anew:
         time = _minutes(known.seconds(anew) * each / len(anew) / jobs)
@@ -220,7 +220,15 @@ def _by_hertz(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
     """The modulus of the shallow half of a loading in Hertz's limit, where the backend knows one and Fz was measured:
     far from its range a unit is wrong, or what is pressed is no half-space."""
     out = []
+    opened = {a.name for a in plan.resolved.axes} | {k for k, v in plan.resolved.fixed.items() if v}
     for knob, value in by_hertz(plan.backend, plan.study.settings_of(name), curve).items():
+        if "adhesion" in opened:
+            continue  # Hertz has none
+        if value <= 0.0:
+            n = [e.name for e in plan.study.experiments].index(name)
+            text = (f"Fz falls while the indenter goes deeper: Hertz's limit has {knob} = {value:.2g} MPa, which is no "
+                    "modulus; a sign, a zero, a tensile record, or adhesion: then open `adhesion` in [parameters]")  # fmt: skip
+            raise study_error(plan.study.file, plan.study.lines, [Problem(("experiments", n, "data"), text)])
         out.append(f"Hertz's limit of its shallow half: {knob} about {value:.2g} MPa")
         axis = next((a for a in plan.resolved.axes if a.name == knob), None)
         ends = (axis.low, axis.high) if axis else (plan.resolved.fixed.get(knob),) * 2

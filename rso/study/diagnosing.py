@@ -48,6 +48,7 @@ class Asked:
     base: Base
     plan: diagnosis.TestPlan
     effects: tuple[Effect, ...]
+    unseen: tuple[str, ...] = ()  # what of the catalogue cannot be seen in such a body, in words
 
 
 def ask(study: Study) -> Asked:
@@ -92,12 +93,14 @@ def ask(study: Study) -> Asked:
         effects = tuple(e for e in effects if e.name in wanted)
     largest = max(float(np.abs(v).max(initial=0.0)) for t in plan.tests for v in t.values.values())
     effects = diagnosis.suited(effects, largest, plan.scale, plan.times)
+    physical = getattr(backend, "physical", dict)()
+    effects, unseen = diagnosis.bounded(effects, base.reference, physical, {p.name: p.high for p in backend.parameters})
     effects = diagnosis.localised(effects, plan.seen().labels())
     effects = _calibrated(study, effects, every)
     if not any(e.family != "scatter" for e in effects):
         text = "at least one effect is needed that is not one of scatter (each curve its own)"
         raise study_error(study.file, study.lines, [Problem(("diagnose", "effects"), text)])
-    return Asked(study, base, plan, effects)
+    return Asked(study, base, plan, effects, tuple(unseen))
 
 
 def _calibrated(study: Study, effects: Sequence[Effect], every: Sequence[Effect]) -> tuple[Effect, ...]:

@@ -1,13 +1,17 @@
 """`rso new`: a study from data files that loads, holds what they tell, and says what they do not."""
 
+import tomllib
 from pathlib import Path
 
+import numpy as np
 import openpyxl
 import pytest
 import sample_studies as studies
 
+from fem_backend.backend import BACKEND
 from rso.cli import main
 from rso.study import load
+from rso.study.beginning import Test, begin
 
 BODY = ("--semi-axes", "60", "35", "35", "--radius", "3")
 
@@ -219,3 +223,30 @@ def test_a_study_that_is_there_is_not_written_over(tmp_path, capsys):
     assert new(tmp_path, str(tmp_path / "top.csv")) == 2
     assert "is there already" in capsys.readouterr().err
     assert path.read_text() == before
+
+
+def test_a_ball_that_is_pulled_in_opens_adhesion_about_what_was_put_in(tmp_path):
+    """JKR with E* = 4 μ, written down here again by its equations."""
+    R, mu, w, contact = 3.0, 0.5, 0.08, 0.2
+    a = np.linspace(0.3, 1.5, 4000)
+    depth = a**2 / R - np.sqrt(2 * np.pi * w * a / (4 * mu))
+    force = 16 * mu * a**3 / (3 * R) - np.sqrt(8 * np.pi * w * 4 * mu * a**3)
+    u = np.linspace(0.0, 0.9, 40)
+    air = np.linspace(0.0, 0.19, 20)
+    rows = [f"{v:.5f},{f:.5f}" for v, f in [*zip(air, 0 * air, strict=True),
+            *zip(contact + u, np.interp(u, depth, force), strict=True)]]  # fmt: skip
+    (tmp_path / "a.csv").write_text("\n".join(["depth_mm,Fz_N", *rows, ""]))
+    text = begin(tmp_path / "study.toml", BACKEND, Test((30.0, 30.0, 30.0), R), [str(tmp_path / "a.csv")])
+    read = tomllib.loads(text)["parameters"]
+    for name, unit, truth in (("mu", 1e-3, mu), ("adhesion", 1.0, w)):
+        low, high = (unit * float(read[name][k].split()[0]) for k in ("low", "high"))
+        assert abs(np.sqrt(low * high) / truth - 1.0) < 0.15
+    assert "adhesion" in text and "JKR" in text
+
+
+def test_a_modulus_that_is_none_is_refused(tmp_path):
+    u = np.linspace(0.0, 1.0, 30)
+    rows = [f"{v:.4f},{-0.4 * v:.4f}" for v in u]
+    (tmp_path / "a.csv").write_text("\n".join(["depth_mm,Fz_N", *rows, ""]))
+    with pytest.raises(ValueError, match="falls"):
+        begin(tmp_path / "study.toml", BACKEND, Test((30.0, 30.0, 30.0), 3.0), [str(tmp_path / "a.csv")])

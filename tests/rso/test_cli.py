@@ -107,7 +107,7 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
         {"search": None}, {"top.csv": "depth_mm,Fz_N,repeat\n1,.1,a\n2,.2,a\n3,.3,b\n4,.4,b\n"}, "share no range"),
     "depths in metres said to be micrometres": (
         {"search": None}, {"top.csv": "depth_um,Fz_N\n0.001,.1\n0.002,.2\n0.004,.4\n"},
-        "the largest depth is 4e-06 mm, less than 0.001 mm: is column 'depth' in the unit that it is read in?"),
+        "the largest depth is 4e-06 mm: is column 'depth' in the unit that it is read in?"),
     "depths to four nanometres": (
         {"search": None}, {"top.csv": "depth_nm,Fz_N\n0,0\n1,.1\n2,.2\n4,.4\n"}, "Choose from mm, um"),
     "no such channel": (experiments(first=TOP + '\nchannels = ["Fq"]'), {}, "top.csv has no such channel"),

@@ -288,3 +288,19 @@ def test_no_effect_of_the_catalogue_is_refused_beside_the_law_of_the_study(law, 
     names = {e.name for e in found}
     assert {"friction", "delta_R", "skin_ratio"} <= names
     assert ({"C20", "alpha"} <= names) == (law == "neo_hookean" and not opened)
+
+
+@pytest.mark.parametrize(("modulus", "seen"), [(0.01, True), (0.1, True), (3.0, False)])
+def test_a_weight_is_that_of_a_body_and_no_multiple_of_its_modulus(modulus, seen):
+    from fem_backend.backend import BACKEND
+    from rso.diagnosis import bounded, catalogue
+
+    settings = {"specimen": {"shape": "ellipsoid", "semi_axes": [30.0, 30.0, 30.0]},
+                "indenter": {"shape": "sphere", "radius": 3.0}, "support": {"kind": "fixed"}, "point": [0.0, 0.0]}  # fmt: skip
+    every = catalogue(BACKEND, settings, {}, ["mu", "D1"])
+    kept, told = bounded(every, modulus, BACKEND.physical(), {})
+    weights = [e for e in kept if e.size.name == "weight"]
+    assert len(weights) == seen and bool(told) is not seen
+    assert all(e.size.high * modulus <= 8.0 * 9.81e-6 * 1.001 for e in weights)
+    assert [e for e in every if e.size.name != "weight"] == [e for e in kept if e.size.name != "weight"]
+    assert seen or "weight is at most" in told[0]
