@@ -228,7 +228,7 @@ def test_a_study_that_is_there_is_not_written_over(tmp_path, capsys):
 def test_a_ball_that_is_pulled_in_opens_adhesion_about_what_was_put_in(tmp_path):
     """JKR with E* = 4 μ, written down here again by its equations."""
     R, mu, w, contact = 3.0, 0.5, 0.08, 0.2
-    a = np.linspace(0.3, 1.5, 4000)
+    a = np.linspace(0.6, 3.0, 4000)
     depth = a**2 / R - np.sqrt(2 * np.pi * w * a / (4 * mu))
     force = 16 * mu * a**3 / (3 * R) - np.sqrt(8 * np.pi * w * 4 * mu * a**3)
     u = np.linspace(0.0, 0.9, 40)
