@@ -17,6 +17,7 @@ import numpy as np
 
 from rso.doe import Box, sobol
 from rso.similarity import Group
+from rso.units import spaced
 
 LIKELY = 0.5
 CLEAN = 0.1  # share of the runs that a threshold may misjudge and still be told in words
@@ -87,12 +88,12 @@ class Region:
         ends = self.box.from_unit(np.tile([[a], [b]], (1, self.box.d)))[:, j]
         word = "below" if side else "above"
         most = "" if wrong == 0 else " with few exceptions"
-        return f"runs fail for {self.box.names[j]} {word} {ends[0]:.3g} to {ends[1]:.3g} {self.box.units[j]}{most}"
+        return f"runs fail for {self.box.names[j]} {word} {ends[0]:.3g} to {ends[1]:.3g}{spaced(self.box.units[j])}{most}"
 
     def _extent(self) -> str:
         ends = self.box.from_unit(np.stack([self.X[~self.done].min(axis=0), self.X[~self.done].max(axis=0)]))
         parts = [
-            f"{n} {a:.3g} to {b:.3g} {u}" for n, u, a, b in zip(self.box.names, self.box.units, *ends, strict=True)
+            f"{n} {a:.3g} to {b:.3g}{spaced(u)}" for n, u, a, b in zip(self.box.names, self.box.units, *ends, strict=True)
         ]
         return f"runs fail within {', '.join(parts)}"
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from rso.units import after
+from rso.units import spaced
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Constraint:
     @property
     def words(self) -> str:
         """' >= 1 N', ' <= 2 N' or ' within 1 to 2 N'."""
-        unit = after(self.unit)
+        unit = spaced(self.unit)
         if np.isfinite(self.low) and np.isfinite(self.high):
             return f" within {self.low:g} to {self.high:g}{unit}"
         return f" >= {self.low:g}{unit}" if np.isfinite(self.low) else f" <= {self.high:g}{unit}"
@@ -91,7 +91,7 @@ class Checked:
         return 0.0 if self.met else abs(self.miss) / max(abs(self.value), abs(self.miss))
 
     def __str__(self) -> str:
-        unit = after(self.unit)
+        unit = spaced(self.unit)
         if self.kind == "target":
             return f"{self.demand} is missed by {self.miss:+.3g}{unit} (tolerance {self.tolerance:.3g}{unit})"
         of = f", by {abs(self.miss):.3g}{unit}: it is {self.value:.4g}{unit}" if self.kind == "constraint" else ""
@@ -108,7 +108,7 @@ def against(target: Target, output: str, value: float, error: float = 0.0) -> Ch
     A stated value is met within σ, one that was read off the data within 3 σ + error: it is no more certain than that.
     """
     tolerance = READ_OFF * target.sigma + error if target.read else target.sigma
-    demand = f"{target} = {target.value:.4g}{after(target.unit)}"
+    demand = f"{target} = {target.value:.4g}{spaced(target.unit)}"
     return Checked("target", output, demand, value, value - target.value, tolerance, target.unit)
 
 

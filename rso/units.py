@@ -99,7 +99,7 @@ def _scale(unit: str) -> tuple[Fraction, pint.util.UnitsContainer]:
     return Fraction(scale), dimension
 
 
-def after(unit: str) -> str:
+def spaced(unit: str) -> str:
     """What stands behind a number in a sentence: a blank and its unit, nothing where it has none ("1")."""
     return "" if unit in ("", "1") else f" {unit}"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rso.report.reading import about_zero
-from rso.units import after
+from rso.units import spaced
 
 
 def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
@@ -61,7 +61,7 @@ def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
 
 
 def _values(values: Mapping[str, float], units: Mapping[str, str]) -> str:
-    return ", ".join(f"{k} = {v:.4g}{after(units.get(k, ''))}" for k, v in values.items())
+    return ", ".join(f"{k} = {v:.4g}{spaced(units.get(k, ''))}" for k, v in values.items())
 
 
 def _outside(value: float, state: Mapping[str, Any] | None) -> bool:

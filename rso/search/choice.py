@@ -14,6 +14,7 @@ from rso.doe import Box, sobol
 from rso.search.acceptable import Goal, approach, grow
 from rso.search.front import Front, Function, bounds, inside
 from rso.targets import Target
+from rso.units import spaced
 
 Kind = Literal["valley", "islands", "front", "single"]
 
@@ -116,11 +117,11 @@ def story(choice: Choice, box: Box, targets: Sequence[Target]) -> str:
         return "No point of the ranges respects every constraint; the candidate violates them least."
     n = len(choice.X)
     ends = zip(box.names, box.from_unit(choice.lowest), box.from_unit(choice.highest), box.units, strict=True)
-    ranges = ", ".join(f"{name} from {a:.4g} to {b:.4g} {u}" for name, a, b, u in ends)
-    within = " and ".join(f"{t} within ±{tol:.3g} {t.unit}" for t, tol in zip(targets, choice.tolerance, strict=True))
+    ranges = ", ".join(f"{name} from {a:.4g} to {b:.4g}{spaced(u)}" for name, a, b, u in ends)
+    within = " and ".join(f"{t} within ±{tol:.3g}{spaced(t.unit)}" for t, tol in zip(targets, choice.tolerance, strict=True))
     if not choice.reachable:
         signed = zip(targets, choice.residual[0], choice.tolerance, strict=True)
-        misses = ", ".join(f"{t} by {r:+.3g} {t.unit}" for t, r, tol in signed if abs(r) > tol)
+        misses = ", ".join(f"{t} by {r:+.3g}{spaced(t.unit)}" for t, r, tol in signed if abs(r) > tol)
         text = "The targets are not reachable inside the ranges: "
         text += f"the best compromise misses {misses} (predicted − target)."
     elif choice.kind == "valley":

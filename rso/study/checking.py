@@ -14,7 +14,7 @@ from rso.contract import Programme
 from rso.ladder import Level
 from rso.measurement import SEGMENTS, MeasuredCurve, Measurement
 from rso.running import Task
-from rso.study import cases, further, settling, stated
+from rso.study import cases, further, needs, settling, stated
 from rso.study.descending import ENDS
 from rso.study.diagnosing import ask
 from rso.study.errors import Problem, study_error
@@ -24,6 +24,7 @@ from rso.study.plan import Plan, fe_design, full_design, make_plan, proofs, sour
 from rso.study.pricing import Pace, pace
 from rso.study.readings import by_hertz
 from rso.study.schema import ExperimentTable, Study
+from rso.units import spaced
 
 CORNERS = 6  # open parameters up to which all corners of their ranges are looked at
 FAR = 5.0  # times: held thin bodies are up to three times as stiff as a half-space
@@ -53,6 +54,8 @@ def check(study: Study, folder: Path, trust: bool, store: Path | None = None, jo
         rungs_of(plan)  # names of levels are known
     if "next" in study.model_fields_set:
         further.asked(plan, axes_of(plan, Level(STUDY), {}))
+    if (few := needs.too_few(plan)) is not None:
+        raise few
     direct = study.search.method == "gauss_newton"
     parts, asked = directly(plan) if direct else on_surfaces(plan)
     total = sum(parts.values())
@@ -152,7 +155,7 @@ def directly(plan: Plan) -> tuple[dict[str, int], list[str]]:
 def _things(plan: Plan) -> list[str]:
     """Parameters, settings and experiments."""
     lines = [
-        f"  {a.name}: {a.low:g} to {a.high:g} {a.parameter.unit} ({a.scale}), {a.parameter.description}"
+        f"  {a.name}: {a.low:g} to {a.high:g}{spaced(a.parameter.unit)} ({a.scale}), {a.parameter.description}"
         for a in plan.resolved.axes
     ]
     lines += [f"  {name} = {value:g} (fixed)" for name, value in plan.resolved.fixed.items()]
@@ -197,11 +200,11 @@ def _refused(plan: Plan) -> list[str]:
 def _recorded(m: Measurement, curve: MeasuredCurve) -> str:
     """What a file holds, in words: readings of each branch and the range of the force, or that of the displacements."""
     if m.kind != "force":
-        return f"{curve.channel} from {curve.value.min():.3g} to {curve.value.max():.3g} {curve.unit}"
+        return f"{curve.channel} from {curve.value.min():.3g} to {curve.value.max():.3g}{spaced(curve.unit)}"
     count = {s: sum(int(np.sum(r.segment == s)) for r in m.repeats) for s in SEGMENTS}
     branches = ", ".join(f"{n} {s}" for s, n in count.items() if n)
     F = curve.value
-    return f"readings: {branches}; {curve.channel} from {F.min():.3g} to {F.max():.3g} {curve.unit} while loading"
+    return f"readings: {branches}; {curve.channel} from {F.min():.3g} to {F.max():.3g}{spaced(curve.unit)} while loading"
 
 
 def _pace(plan: Plan, e: ExperimentTable) -> str:

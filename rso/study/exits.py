@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rso.units import after
+from rso.units import spaced
 
 EXIT_DONE, EXIT_FAILED_RUNS, EXIT_NOT_VERIFIED, EXIT_NOT_DETERMINED, EXIT_NOT_MET, EXIT_NOT_VALID = 0, 3, 4, 5, 6, 7
 
@@ -44,7 +44,7 @@ def unverified(found: Results) -> str | None:
         o = next((o for o in c["outputs"] if o["output"] == c["worst"]), None)
         if o is None:
             return f"{count}: {search['story']}"
-        unit = after(next((u["unit"] for u in found["outputs"] if u["id"] == o["output"]), ""))
+        unit = spaced(next((u["unit"] for u in found["outputs"] if u["id"] == o["output"]), ""))
         return (
             f"{count}: of {c['name']} {o['output']} was predicted as {o['predicted']:.5g}{unit} and recomputed as "
             f"{o['recomputed']:.5g}{unit}, which differs by {100 * c['agreement']:.2g} %; verify.tolerance is "

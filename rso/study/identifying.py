@@ -32,6 +32,7 @@ from rso.study.searching import Found
 from rso.study.settling import Settled, covered, evidence, settle
 from rso.study.stages import Bench, Run
 from rso.study.unstated import unstated
+from rso.units import spaced
 
 METRICS = ("nrmse", "mre", "rrmse")
 
@@ -196,7 +197,7 @@ def _far(d: Determination, name: str, values: Mapping[str, float]) -> list[str]:
         i = known.profile_interval
         if max(i.low - x[k], x[k] - i.high) > 0.5 * (i.high - i.low):
             low, high = physical(box, k, i)
-            said.append(f"{known.name} = {values[known.name]:.4g} (the curves: {low:.4g} to {high:.4g} {box.units[k]})")
+            said.append(f"{known.name} = {values[known.name]:.4g} (the curves: {low:.4g} to {high:.4g}{spaced(box.units[k])})")
     if not said:
         return []
     return [

@@ -19,6 +19,7 @@ from rso.study.plan import Plan, SearchPlan, ends_in
 from rso.study.resolve import Axis
 from rso.study.searching import Proposal, propose
 from rso.study.stages import Bench, Design, Fitted, Run, sample, why
+from rso.units import spaced
 
 ROUNDS = 12  # at most; a range that grows by half its width each time is then a hundred times as wide
 AT_END = 0.01  # share of the width of a range that counts as its end
@@ -77,7 +78,7 @@ def repair(bench: Bench, design: Design, fitted: Fitted, say: Callable[[str], No
         if not wider:
             audit.append(Step(k, _last_word(plan, proposal, audit), reason + _obstacle(moving, k)))
             break
-        said = [f"{axes[e.j].name} {e.of(axes):.4g} → {to:.4g} {axes[e.j].parameter.unit}" for e, to in wider.items()]
+        said = [f"{axes[e.j].name} {e.of(axes):.4g} → {to:.4g}{spaced(axes[e.j].parameter.unit)}" for e, to in wider.items()]
         say(f"ranges: {reason}; {', '.join(said)}")
         grown, fitted_there, runs = _grown(bench, design, fitted, wider)
         rows = [Step(k, "widened", reason, axes[e.j].name, e.word, e.of(axes), to) for e, to in wider.items()]
@@ -183,7 +184,7 @@ def _gain(plan: Plan, emulator: Emulator, x: np.ndarray, e: End, tolerance: np.n
 def _miss(plan: Plan, proposal: Proposal) -> str:
     choice = proposal.choice
     rows = zip(plan.searches[0].goals, choice.residual[0], choice.tolerance, strict=True)
-    return _and([f"{t} by {r:+.3g} {t.unit}" for t, r, tol in rows if abs(r) > tol])
+    return _and([f"{t} by {r:+.3g}{spaced(t.unit)}" for t, r, tol in rows if abs(r) > tol])
 
 
 def _at_edge(plan: Plan, x: np.ndarray) -> bool:
@@ -312,7 +313,7 @@ def _reach(plan: Plan, e: End) -> str:
 
 def _place(plan: Plan, e: End) -> str:
     axes = plan.searches[0].axes
-    return f"{e.of(axes):.4g} {axes[e.j].parameter.unit}"
+    return f"{e.of(axes):.4g}{spaced(axes[e.j].parameter.unit)}"
 
 
 def _stop(plan: Plan, stated: Stated, barred: dict[End, str], e: End) -> str:

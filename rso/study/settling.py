@@ -39,6 +39,7 @@ from rso.study.readings import as_data, error_at, measured
 from rso.study.resolve import resolve
 from rso.study.searching import Found
 from rso.study.stages import NOISE, Bench, Run, learn_more, learnt_anew, sample
+from rso.units import spaced
 
 ROUNDS = 4  # runs of the most likely point between two rounds of the ends of intervals, at most
 ENDS = 3  # rounds of runs at the ends of intervals, at most
@@ -263,7 +264,7 @@ def _hopeful(plan: Plan, emulator: Emulator, now: Evidence, X: np.ndarray) -> np
 
 def _named(box: Box, x: np.ndarray) -> str:
     each = zip(box.names, box.from_unit(x), box.units, strict=True)
-    return ", ".join(f"{n} = {v:.3g} {u}".rstrip() for n, v, u in each)
+    return ", ".join(f"{n} = {v:.3g}{spaced(u)}".rstrip() for n, v, u in each)
 
 
 def _wall(plan: Plan, box: Box) -> Callable[[np.ndarray], np.ndarray] | None:

@@ -7,6 +7,7 @@ import numpy as np
 from rso.identify import Data, Determination
 from rso.identify.intervals import Interval
 from rso.study.plan import Plan
+from rso.units import spaced
 
 OFF = {"contact": 0.01, "gain": 0.01}  # of the deepest travel, of the force: what is usual
 NONE = 0.5  # of half an interval: a smaller shift is not worth a word
@@ -74,4 +75,4 @@ def _much(d: Determination, k: int, shift: float) -> str:
     box = d.misfit.model.box
     if box.log[k]:
         return f"{100 * np.expm1(shift * np.log(box.high[k] / box.low[k])):+.2g} %"
-    return f"{shift * (box.high[k] - box.low[k]):+.2g} {box.units[k]}".rstrip()
+    return f"{shift * (box.high[k] - box.low[k]):+.2g}{spaced(box.units[k])}".rstrip()

@@ -24,6 +24,7 @@ from rso.study import (
     identifying,
     joining,
     kept,
+    needs,
     repairing,
     results,
     searching,
@@ -110,6 +111,8 @@ def _learn(bench: Bench, notes: _Notes, say: Say) -> Repaired:
     if known.story:
         say(f"store: {known.story}")
     notes.write("plan", joined={**dataclasses.asdict(known), "story": known.story})
+    if not known.points and (few := needs.too_few(plan)) is not None:
+        raise few
     design = stages.run_design(bench, known.points)
     if not design.similar and plan.group.reference is not None:
         found["warnings"].append(f"similarity {design.story}")
