@@ -88,12 +88,14 @@ class Region:
         ends = self.box.from_unit(np.tile([[a], [b]], (1, self.box.d)))[:, j]
         word = "below" if side else "above"
         most = "" if wrong == 0 else " with few exceptions"
-        return f"runs fail for {self.box.names[j]} {word} {ends[0]:.3g} to {ends[1]:.3g}{spaced(self.box.units[j])}{most}"
+        name, unit = self.box.names[j], spaced(self.box.units[j])
+        return f"runs fail for {name} {word} {ends[0]:.3g} to {ends[1]:.3g}{unit}{most}"
 
     def _extent(self) -> str:
         ends = self.box.from_unit(np.stack([self.X[~self.done].min(axis=0), self.X[~self.done].max(axis=0)]))
         parts = [
-            f"{n} {a:.3g} to {b:.3g}{spaced(u)}" for n, u, a, b in zip(self.box.names, self.box.units, *ends, strict=True)
+            f"{n} {a:.3g} to {b:.3g}{spaced(u)}"
+            for n, u, a, b in zip(self.box.names, self.box.units, *ends, strict=True)
         ]
         return f"runs fail within {', '.join(parts)}"
 

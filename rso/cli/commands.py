@@ -284,7 +284,7 @@ def blind(options: argparse.Namespace, command: str) -> int:
         bad = sum("error" in data for _, data in found)
     errors = f"; {bad} with an error, tried again at the next call" if bad else ""
     print(f"{len(cases)} cases, answers in {options.out}{errors}")
-    return _ended(EXIT_BAD_INPUT, f"{bad} of {len(cases)} cases have an error, see error in their answers") if bad else 0
+    return _ended(EXIT_BAD_INPUT, f"{bad} of {len(cases)} cases have an error; their answers say it") if bad else 0
 
 
 @contextmanager

@@ -10,6 +10,7 @@ import numpy as np
 
 from rso.doe import Box
 from rso.identify.intervals import Interval, Profile
+from rso.units import spaced
 
 Word = Literal["determined", "weakly", "not"]
 WORDS = {"determined": "is determined", "weakly": "is weakly determined", "not": "is not determined"}
@@ -115,7 +116,7 @@ def sentences(
     :func:`judge`.
     """
     name, of = box.names[k], box.units[k]
-    tail = f" {of}" if of else ""
+    tail = spaced(of)
     low, high = physical(box, k, interval)
     pieces = profile.pieces(level) if profile is not None else (interval,)
     said = [_span(*physical(box, k, p)) for p in pieces]

@@ -36,6 +36,7 @@ from rso.study.plan import Plan
 from rso.study.repairing import Repaired
 from rso.study.searching import Found
 from rso.study.stages import Bench, Watch
+from rso.units import spaced
 
 Say = Callable[[str], None]
 ROUGH = 0.05  # of the largest value of a curve: a numerical error that leaves little to tell
@@ -323,8 +324,8 @@ def _outside(identification: dict[str, Any] | None, parameters: list[dict[str, A
         (low, high), value = p["stated"], values.get(p["name"])
         if value is not None and max(low - value, value - high) > 1e-9 * max(abs(low), abs(high)):
             said.append(
-                f"identification: the most likely {p['name']}, {value:.3g} {p['unit']}, lies outside the stated range, "
-                f"{low:g} to {high:g} {p['unit']}: a wrong range, or a model that makes up for what it lacks"
+                f"identification: the most likely {p['name']}, {value:.3g}{spaced(p['unit'])}, lies outside the stated "
+                f"range, {low:g} to {high:g}{spaced(p['unit'])}: a wrong range, or a model that makes up for what it lacks"
             )
     return said
 
