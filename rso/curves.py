@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
 
 import numba
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, make_interp_spline
 
 # Beyond the last computed travel by this share of it is round-off, not extrapolation.
 _ROUND_OFF = 1e-9
@@ -85,6 +86,30 @@ def loading(travel: np.ndarray, value: np.ndarray) -> Resampling:
     """The loading curve in the points (n,) of a response, whatever else it holds; ValueError where it has none."""
     mine = ahead(travel)
     return Resampling(np.asarray(travel, float)[mine], np.asarray(value, float)[mine])
+
+
+def between(travel: np.ndarray, value: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """How far a :class:`Resampling` of value (n,) at travel (n,) mm may be off at `at` (m,): of its interval the largest
+    difference from a spline of degree five in s = √u.
+
+    Where there are fewer than five points, from the curve through every second one, whose error is at least
+    four times as large.  0 for a single point, and before contact.
+    """
+    u, y = np.asarray(travel, float), np.asarray(value, float)
+    knots = np.append(0.0, u)
+    fine = np.unique(np.concatenate([a + (b - a) * np.linspace(0.0, 1.0, 9) for a, b in itertools.pairwise(knots)]))
+    if len(u) >= 5:
+        s = np.sqrt(knots)
+        other = make_interp_spline(s, np.append(0.0, y), k=5)(np.sqrt(fine))
+        off = np.abs(other - Resampling(u, y)(fine))
+    elif len(u) > 1:
+        rest = slice((len(u) - 1) % 2, None, 2)
+        off = np.abs(Resampling(u[rest], y[rest])(fine) - Resampling(u, y)(fine)) / 4
+    else:
+        return np.zeros(np.shape(at))
+    largest = [float(off[(fine >= a) & (fine <= b)].max()) for a, b in itertools.pairwise(knots)]
+    where = np.clip(np.searchsorted(knots, at, side="left") - 1, 0, len(largest) - 1)
+    return np.where(np.asarray(at) > 0.0, np.array(largest)[where], 0.0)
 
 
 def rows_at(at: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -122,9 +122,9 @@ def _ensemble(misfit: Misfit, minima: Sequence[Fit], walkers: int, seed: int, nu
 
 
 def _draws(samplers: Sequence[object], steps: int) -> Draws:
-    """Draws of the second half of every chain."""
-    chains = [s.get_chain(discard=steps // 2) for s in samplers]  # type: ignore[attr-defined]
-    tau = np.array([s.get_autocorr_time(discard=steps // 2, tol=0) for s in samplers])  # type: ignore[attr-defined]
+    """Draws of every chain without its first quarter."""
+    chains = [s.get_chain(discard=steps // 4) for s in samplers]  # type: ignore[attr-defined]
+    tau = np.array([s.get_autocorr_time(discard=steps // 4, tol=0) for s in samplers])  # type: ignore[attr-defined]
     long, walkers, d = chains[0].shape
     longest = float(np.max(np.where(np.isfinite(tau), tau, long)))
     parts = [c.reshape(-1, d) for chain in chains for c in (chain[: long // 2], chain[long // 2 :])]

@@ -34,7 +34,7 @@ from rso.study.ladder_runs import Bench, NoAnswer, Watch, design, prove, sampled
 from rso.study.ladder_validation import Unused, validate
 from rso.study.levels import Axes, axes_of, rungs_of
 from rso.study.plan import Plan, make_plan
-from rso.study.readings import curve_data, curve_outputs, fitted_curves, measured, numerical, placed
+from rso.study.readings import curve_data, curve_outputs, fitted_curves, interpolated, measured, numerical, placed
 from rso.study.schema import Study
 
 FEWEST = 4  # runs with an answer from which a level is learnt
@@ -318,6 +318,7 @@ def likelihood(
         model, band = emulated(emulator, place)
         d, length = curve_data(plan, place), float(place.depth.max())
         d = d.plus(together(d.depth, numerical(plan, answer, place, d), length))
+        d = d.plus(interpolated(answer[plan.case_of[name]], place))
         models.append(model)
         data.append(d if unsure is None else d.plus(together(d.depth, band(unsure), length)))
     return Misfit(stack(models) if len(models) > 1 else models[0], tuple(data))

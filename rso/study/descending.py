@@ -33,7 +33,7 @@ from rso.store import Done
 from rso.study.errors import Problem, study_error
 from rso.study.identifying import Identified
 from rso.study.plan import Plan
-from rso.study.readings import error_at
+from rso.study.readings import error_at, interpolated
 from rso.study.settling import Settled, fitted_curves, ranges
 from rso.study.stages import REASONS, SIMILAR_TO, Bench, NothingToFit, Proof, Run, why
 
@@ -147,10 +147,10 @@ class _Eyes:
     def data(self, sight: Sight) -> tuple[Data, ...]:
         """The measured curves with the numerical error of this run."""
         outcomes, case_of = self.outcomes[sight.x.tobytes()], self.bench.plan.case_of
-        errors = [error_at(_response(outcomes[case_of[p.experiment]]), p) for p in self.places]
+        answers = [_response(outcomes[case_of[p.experiment]]) for p in self.places]
         return tuple(
-            d.plus(together(p.depth, s, float(p.depth.max())))
-            for p, d, s in zip(self.places, self.curves, errors, strict=True)
+            d.plus(together(p.depth, error_at(r, p), float(p.depth.max()))).plus(interpolated(r, p))
+            for p, d, r in zip(self.places, self.curves, answers, strict=True)
         )
 
 

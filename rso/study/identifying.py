@@ -28,12 +28,14 @@ from rso.running import Task
 from rso.store import RunStore
 from rso.study.finished import finished
 from rso.study.plan import Plan
+from rso.study.readings import curve_data
 from rso.study.searching import Found
 from rso.study.settling import Settled, covered, evidence, settle
 from rso.study.stages import Bench, Run
 from rso.study.unstated import unstated
 from rso.units import spaced
 
+NOISELESS = 1e-4  # of the largest value: readings that scatter less are computed ones
 METRICS = ("nrmse", "mre", "rrmse")
 
 
@@ -125,7 +127,7 @@ def identification(
     d = done.determination
     chi2, p = (d.fit.chi2, d.p_value) if settled.chi2_bare is None else (settled.chi2_bare, settled.p_bare)
     warnings = [f"identification: {text}" for text in (d.warning, lenient(chi2, d.degrees, p)) if text]
-    warnings += unstated(plan, d)
+    warnings += [*unstated(plan, d), *_noiseless(plan, done.places, d)]
     if settled.agreement is None:
         warnings.append("identification: the most likely point could not be recomputed, its run has no answer")
     elif not settled.verified:
@@ -175,7 +177,7 @@ def doubted(d: Determination, settled: Settled) -> Determination:
             f"by, {settled.chi2_bare:.3g} of the recomputed curve without it: whether the model fits cannot be said."
         )
         d = replace(d, p_value=None, story=text)
-    if settled.verified and not settled.open and not hidden:
+    if settled.verified and not settled.open and not settled.poor and not hidden:
         return d
     word: Word = "weakly" if settled.verified else "not"
     why = "They do not know the curves well enough to exclude other values"
@@ -185,8 +187,26 @@ def doubted(d: Determination, settled: Settled) -> Determination:
         why = "The most likely point has no answer"
     elif not settled.verified:
         why = "Simulations do not confirm them"
+    elif settled.poor and not settled.open:
+        why = f"Surrogates of {len(settled.poor)} fitted outputs miss surrogate.tolerance, {settled.poor[0]} among them"
     why += ': more runs (verify.max_infill, [doe]) or search.method = "gauss_newton" would tell.'
     return replace(d, known=tuple(doubt(k, word, why) if k.verdict.word == "determined" else k for k in d.known))
+
+
+def _noiseless(plan: Plan, places: Sequence[Place], d: Determination) -> list[str]:
+    """Curves without stated noise whose readings show less than what is added for the computation of the curve."""
+    said = []
+    for p, data in zip(places, d.misfit.data, strict=True):
+        shown = curve_data(plan, p)
+        largest = float(np.abs(data.value).max()) or 1.0
+        seen, whole = (float(np.sqrt(np.mean(v.sigma**2))) / largest for v in (shown, data))
+        if np.isfinite(shown.freedom) and seen < NOISELESS and whole > 2.0 * seen:
+            said.append(
+                f"identification: the readings of {data.name} show no noise ({100 * seen:.1g} % of the largest value); "
+                f"the intervals hold what the computed curve may be off by, {100 * whole:.1g} %, between the computed "
+                "depths for one. Real readings scatter: state noise under the experiment"
+            )
+    return said
 
 
 def _far(d: Determination, name: str, values: Mapping[str, float]) -> list[str]:

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from rso.contract import Backend, Response
-from rso.curves import ahead
+from rso.curves import ahead, between
 from rso.emulator import Output
-from rso.identify import Data, Place, resample
+from rso.identify import Data, Place, resample, together
 from rso.measurement import MeasuredCurve, combine
 from rso.study.plan import Plan
 
@@ -83,6 +83,21 @@ def numerical(plan: Plan, answer: tuple[Response, ...], place: Place, data: Data
     error = error_at(response, place)
     largest = float(np.abs(resample(response, place, "")).max())
     return error if largest == 0.0 else error * float(np.abs(data.value).max()) / largest
+
+
+def of_interpolation(place: Place, travel: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Covariance (n, n) at the measured depths of what the spline through a curve computed at `travel` (m,) mm may be
+    off by; it belongs together between two of these."""
+    off = between(travel, value, place.depth)
+    spacing = float(np.median(np.diff(np.append(0.0, travel))))
+    return together(place.depth, off, spacing) if off.any() else np.zeros((len(off), len(off)))
+
+
+def interpolated(response: Response, place: Place) -> np.ndarray:
+    """The same of a response."""
+    curve = response.curve(place.channel)
+    used = ahead(curve.travel_mm)
+    return of_interpolation(place, curve.travel_mm[used], np.asarray(curve.value)[used])
 
 
 def error_at(response: Response, place: Place) -> np.ndarray:

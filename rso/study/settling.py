@@ -35,7 +35,7 @@ from rso.running import Outcome, Task
 from rso.store import Done
 from rso.study.finished import finished
 from rso.study.plan import Plan
-from rso.study.readings import as_data, error_at, measured
+from rso.study.readings import as_data, error_at, measured, of_interpolation
 from rso.study.resolve import resolve
 from rso.study.searching import Found
 from rso.study.stages import NOISE, Bench, Run, learn_more, learnt_anew, sample
@@ -73,7 +73,8 @@ class Settled:
     `agreement` is the largest difference of predicted and recomputed curves over their largest value, `chi2` the
     misfit of the recomputed ones; both are None where the last run has no answer.  `verified` says whether the
     difference is within verify.tolerance and does not count beside the errors of the data.  `open` are points, in
-    words, at which the surrogates still do not know whether the data allow them.  `chi2_bare` and `p_bare` are the
+    words, at which the surrogates still do not know whether the data allow them, `poor` fitted outputs whose surrogates
+    miss surrogate.tolerance by cross-validation, with all runs in them.  `chi2_bare` and `p_bare` are the
     misfit of the recomputed curves without what the surrogates may be off by, and its p-value; None where the
     simulations are exact by similarity or nothing tells.
     """
@@ -84,6 +85,7 @@ class Settled:
     chi2: float | None
     verified: bool
     open: tuple[str, ...] = ()
+    poor: tuple[str, ...] = ()
     chi2_bare: float | None = None
     p_bare: float | None = None
 
@@ -91,8 +93,9 @@ class Settled:
 def evidence(plan: Plan, emulator: Emulator, found: Sequence[Found]) -> Evidence:
     """Likelihood of every fitted curve in the ranges of the main search.
 
-    Errors: those of the measurement, the estimated numerical error of the first recomputed candidate and the standard
-    deviation of the surrogates at the best fit; the latter two belong together over the depth of the curve.
+    Errors: those of the measurement, of the spline between computed depths, the estimated numerical error of the first
+    recomputed candidate and the standard deviation of the surrogates at the best fit; the latter two belong together
+    over the depth of the curve.
     Readings of one record remember each other where what the best fit leaves does and nothing is stated of that.
     ValueError where the data or their errors allow no likelihood.
     """
@@ -108,7 +111,10 @@ def evidence(plan: Plan, emulator: Emulator, found: Sequence[Found]) -> Evidence
     plain = Misfit(model, tuple(data), wall=_wall(plan, box))
     first = all_minima(plain, seed=plan.seed, near=near)[0]
     there = _wide(plan, first.x[None])[0]
-    banded = zip(data, pairs, strict=True)
+    data = [
+        d.plus(of_interpolation(p, *_curve(emulator, p, there))) for p, d in zip(places, data, strict=True)
+    ]
+    plain, banded = replace(plain, data=tuple(data)), zip(data, pairs, strict=True)
     data = [d.plus(together(d.depth, band(there), float(d.depth.max()))) for d, (_, band) in banded]
     misfit, bare = (remembering(m, first.x) for m in (replace(plain, data=tuple(data)), plain))
     return Evidence(misfit, bare, tuple(places), np.vstack([first.x[None], near]))
@@ -131,13 +137,15 @@ def settle(bench: Bench, emulator: Emulator, found: Sequence[Found], meanwhile: 
         plan = bench.around_failures(similar).plan
         emulator, unsure = _unsure(bench, plan, emulator, found, runs)
         if not unsure or k == ENDS:
-            return replace(now, emulator=emulator, runs=tuple(runs), open=tuple(name for name, _ in unsure))
+            names = tuple(name for name, _ in unsure)
+            return replace(now, emulator=emulator, runs=tuple(runs), open=names, poor=_poor(plan, emulator))
         values = [plan.values(x) for _, x in unsure]
         new = [Run("interval", v, o) for v, o in zip(values, bench.run(values), strict=True)]
         runs += new
         learnt = [sample(plan, r.values, r.outcomes) for r in new if r.done]
         if not learnt:
-            return replace(now, emulator=emulator, runs=tuple(runs), open=tuple(name for name, _ in unsure))
+            names = tuple(name for name, _ in unsure)
+            return replace(now, emulator=emulator, runs=tuple(runs), open=names, poor=_poor(plan, emulator))
         emulator = learn_more(bench, emulator, learnt)
     return replace(now, runs=tuple(runs))
 
@@ -189,6 +197,14 @@ def covered(p: float | None, p_bare: float | None) -> bool:
 def _least(now: Evidence, best: Fit) -> float:
     """Least χ² per degree of freedom, at least 1."""
     return max(1.0, best.chi2 / max(now.misfit.n - len(best.x), 1))
+
+
+def _poor(plan: Plan, emulator: Emulator) -> tuple[str, ...]:
+    """Ids of the fitted outputs whose surrogates miss surrogate.tolerance by cross-validation."""
+    fitted, limit = set(_fitted(plan)), plan.study.surrogate.tolerance
+    mine = [o.id for o in emulator.outputs if (o.experiment, o.channel) in fitted]
+    scores = [(i, emulator.surrogates[i].cv) for i in mine]
+    return tuple(i for i, cv in scores if cv is not None and cv.relative_rmse > limit)
 
 
 def _heard(
@@ -303,6 +319,13 @@ def stated(plan: Plan) -> Box:
     """The ranges of the study file, whatever the search came to use."""
     axes = resolve(plan.study, plan.backend.parameters).axes
     return Box(plan.box.names, plan.box.units, tuple(a.low for a in axes), tuple(a.high for a in axes), plan.box.log)
+
+
+def _curve(emulator: Emulator, place: Place, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Travels (m,) mm and values (m,) of a curve of the emulator at x (d,)."""
+    outputs = [o for o in emulator.outputs if (o.experiment, o.channel) == (place.experiment, place.channel)]
+    outputs.sort(key=lambda o: o.depth_mm)
+    return np.array([o.depth_mm for o in outputs]), emulator.means(outputs, x[None])[0]
 
 
 def _wide(plan: Plan, X: np.ndarray) -> np.ndarray:

@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from rso import surrogates
+from rso.curves import Resampling, between
 from rso.doe import Box, sobol
 from rso.identify import Data, Misfit, Model, Runs, determine, grid, judge
 from rso.identify.intervals import Interval
 from rso.identify.sampling import chain, sample
+from rso.study.identifying import doubted
+from rso.study.settling import Settled
 
 AT = np.linspace(0.1, 1.0, 10)
 
@@ -151,3 +154,24 @@ def test_a_chain_says_whether_it_has_converged(monkeypatch):
     np.testing.assert_allclose(*ends, atol=0.1 * float(np.ptp(ends[0], axis=0).min()))
     monkeypatch.setattr(grid, "MOST", dict.fromkeys((1, 2, 3), 100))
     assert sample(misfit, [d.fit], seed=0).method == "chain"
+
+
+@pytest.mark.parametrize("power", [1.5, 2.0, 2.7])
+def test_what_lies_between_computed_depths_is_within_what_is_stated(power):
+    """Errors of the spline through ten depths of F = u + u^p at readings between them; a few per cent beyond the
+    estimate are forgiven, ten times too wide an estimate is not.  Hertz alone is exact."""
+    u, at = np.linspace(0.1, 1.0, 10), np.linspace(0.02, 1.0, 99)
+    for knots in (u, u[[0, 3, 6, 9]]):
+        off = np.abs(Resampling(knots, knots + knots**power)(at) - at - at**power)
+        stated = between(knots, knots + knots**power, at)
+        assert np.all(off <= 1.1 * stated + 1e-12)
+        assert stated.max() <= 30 * off.max() + 1e-12
+    np.testing.assert_allclose(between(u, u**1.5, at), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("poor", "word"), [((), "determined"), (("e:Fz@1",), "weakly")])
+def test_nothing_is_determined_while_surrogates_miss_their_tolerance(poor, word):
+    misfit = made(lambda t: t[:, :1] * AT + t[:, 1:2], SUM, (0.5, 0.4), 0.01)
+    d = doubted(determine(misfit, seed=0, mcmc=False), Settled(None, (), 0.001, 1.0, True, poor=poor))
+    assert [k.verdict.word for k in d.known] == [word] * 2
+    assert all(("e:Fz@1" in k.reason) == bool(poor) for k in d.known)
