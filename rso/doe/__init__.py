@@ -21,11 +21,12 @@ from rso.doe.filling import (
     sobol,
     within,
 )
-from rso.doe.structured import Star, box_behnken, central_composite, factorial, star_distance
+from rso.doe.structured import Alpha, Star, box_behnken, central_composite, factorial, star_distance
 
 __all__ = [
     "KINDS",
     "MOST_OPTIMISED",
+    "Alpha",
     "Box",
     "Condition",
     "Feasible",
@@ -56,14 +57,16 @@ def design(
     *,
     optimise: bool = True,
     star: Star = "circumscribed",
-    alpha: float | None = None,
+    alpha: Alpha | None = None,
+    centres: int = 1,
     levels: Sequence[int] | None = None,
     feasible: Feasible | None = None,
 ) -> np.ndarray:
     """A design X (n, d) of the named kind in the unit cube.
 
     `runs` is needed by lhs, sobol and osf; the others have fixed counts: leave it None or state the right one.
-    `optimise` lowers the centred discrepancy of an lhs; `star` and `alpha` belong to ccd, `levels` to factorial.
+    `optimise` lowers the centred discrepancy of an lhs; `star`, `alpha` and `centres` belong to ccd, `levels` to
+    factorial.
     `feasible(X)` marks the points that may be run: lhs, sobol and osf keep to these, a factorial leaves the others
     out, ccd and box_behnken must not have any.
 
@@ -90,7 +93,7 @@ def design(
     if kind == "factorial":
         X = factorial(d, runs, levels)
     else:
-        X = central_composite(d, star, alpha) if kind == "ccd" else box_behnken(d)
+        X = central_composite(d, star, alpha, centres) if kind == "ccd" else box_behnken(d)
         if runs is not None and runs != len(X):
             text = f"design: {kind} of {d} parameters has {len(X)} runs, not {runs}; leave runs out or use lhs"
             raise ValueError(text)

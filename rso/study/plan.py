@@ -192,7 +192,7 @@ def _designed(plan: Plan, runs: int | None) -> np.ndarray:
     table = plan.study.doe
     X = doe.design(
         table.kind, plan.box.d, runs, plan.seed, optimise=table.optimise, star=table.star, alpha=table.alpha,
-        levels=table.levels, feasible=plan.feasible if plan.conditions else None,
+        centres=table.centres, levels=table.levels, feasible=plan.feasible if plan.conditions else None,
     )  # fmt: skip
     X.flags.writeable = False
     return X
@@ -301,7 +301,7 @@ def _box(study: Study, resolved: Resolved) -> Box:
     if table.kind != "ccd" or table.star != "circumscribed":
         return box
     try:
-        wide = box.widened(doe.star_distance(box.d, table.star, table.alpha))
+        wide = box.widened(doe.star_distance(box.d, table.star, table.alpha, table.centres))
         for a, low, high in zip(axes, wide.low, wide.high, strict=True):
             if not a.parameter.low <= low <= high <= a.parameter.high:
                 text = f"its star points, {low:g} and {high:g} {a.parameter.unit}, lie outside the bounds of {a.name}, "

@@ -152,8 +152,10 @@ class DoeTable(Table):
     """Whether a Latin hypercube is spread out further."""
     star: Literal["inscribed", "circumscribed", "face"] = "inscribed"
     """Star points of a ccd within the ranges, beyond them (low and high are then its corners), or on their faces."""
-    alpha: Annotated[float, Field(ge=1, le=10)] | None = None
+    alpha: Annotated[float, Field(ge=1, le=10)] | Literal["rotatable", "orthogonal"] | None = None
     """Distance of the star points in units of that of the corners; by default that of a rotatable design."""
+    centres: Annotated[int, Field(ge=1, le=100)] = 1
+    """Centre points that an orthogonal ccd counts; a computed centre repeats exactly and is run once."""
     levels: Annotated[tuple[Annotated[int, Field(ge=2, le=1000)], ...], BeforeValidator(list_to_tuple)] | None = None
     """Number of levels of each parameter of a factorial design."""
     extend: Annotated[int, Field(ge=0, le=10_000)] = 0
@@ -165,7 +167,7 @@ class DoeTable(Table):
     def _file_with_kind(self) -> DoeTable:
         if (self.kind == "file") != (self.file is not None):
             raise ValueError('file = "points.csv" and kind = "file" belong together')
-        owners = {"star": "ccd", "alpha": "ccd", "levels": "factorial", "optimise": "lhs"}
+        owners = {"star": "ccd", "alpha": "ccd", "centres": "ccd", "levels": "factorial", "optimise": "lhs"}
         wrong = [k for k, kind in owners.items() if k in self.model_fields_set and self.kind != kind]
         if wrong:
             raise ValueError(f'{wrong[0]} belongs to kind = "{owners[wrong[0]]}", not to "{self.kind}"')

@@ -89,6 +89,30 @@ def test_face_centred_points_lie_on_faces_and_stars_never_leave_the_box():
         np.testing.assert_allclose(np.sort(np.unique(X))[1], 0.5 - 0.5 / 1.7, rtol=1e-14)
 
 
+@pytest.mark.parametrize("d,centres,published", [
+    (2, 1, 1.000), (3, 1, 1.216), (4, 1, 1.414), (5, 1, 1.547), (6, 1, 1.724), (2, 5, 1.267), (3, 6, 1.525), (4, 12, 2),
+])  # fmt: skip
+def test_an_orthogonal_ccd_has_uncorrelated_squares(d, centres, published):
+    # Khuri & Cornell 1996, table 4.5 and Myers, Montgomery & Anderson-Cook 2009, table 8.4, to the printed digits.
+    a = star_distance(d, "circumscribed", "orthogonal", centres)
+    assert abs(a - published) < 6e-4
+
+    def correlation(X):
+        coded = np.vstack([(2 * X - 1) * a, np.zeros((centres - 1, d))])  # a repeated centre counts in least squares
+        squares = coded**2 - np.mean(coded**2, axis=0)
+        return np.abs(np.triu(squares.T @ squares, 1)).max()
+
+    assert correlation(central_composite(d, "circumscribed", "orthogonal", centres)) < 1e-12 * 100
+    assert correlation(central_composite(d, "circumscribed", a + 0.1, centres)) > 0.1  # negative control
+
+
+def test_an_unknown_alpha_or_number_of_centres_is_refused():
+    assert star_distance(3, "inscribed", "rotatable") == star_distance(3)
+    for alpha, centres, words in (("orthagonal", 1, "rotatable, orthogonal"), (None, 0, "1 to 100 centres")):
+        with pytest.raises(ValueError, match=words):
+            star_distance(3, "inscribed", alpha, centres)
+
+
 @pytest.mark.parametrize("d,runs", [(3, 13), (4, 25), (5, 41), (6, 49), (7, 57)])
 def test_box_behnken_counts_and_balance(d, runs):
     X = 2 * box_behnken(d) - 1

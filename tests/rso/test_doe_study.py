@@ -56,6 +56,8 @@ def test_constraints_between_parameters_hold_for_design_sensitivities_and_search
         ('constraints = ["mu"]', "is not an inequality"),
         ('constraints = ["mu < 1e-9"]', "less than 1 %"),
         ('kind = "lhs"\nstar = "face"', 'star belongs to kind = "ccd"'),
+        ('kind = "ccd"\nalpha = "orthagonal"', "orthogonal"),
+        ('kind = "lhs"\nalpha = "orthogonal"', 'alpha belongs to kind = "ccd"'),
         ('kind = "ccd"\nalpha = 1.5\nstar = "face"', "exactly 1 where face-centred"),
         ('kind = "factorial"\nruns = 9\nlevels = [2, 3]', "give 6 runs, not 9"),
         ('kind = "ccd"\nconstraints = ["mu * D1 <= 0.6"]', "of ccd violate"),
