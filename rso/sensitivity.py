@@ -9,12 +9,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import qmc
+from scipy.stats import qmc, t
 
 from rso.doe import Box
 
 Predict = Callable[[np.ndarray], np.ndarray]
 Feasible = Callable[[np.ndarray], np.ndarray]
+REPLICATES = 8  # independent scrambles behind every index
+ERRORS, ERROR_POINTS = 4, 256  # random errors of the surrogate for each scramble, and on how many of its points
+FEATURES = 32  # waves in such an error
 
 
 @dataclass(frozen=True)
@@ -34,10 +37,10 @@ class LocalBar:
 
 @dataclass(frozen=True, eq=False)
 class SobolIndices:
-    """First-order and total indices (d,) with 90 % bootstrap intervals (d, 2); nan for a constant output.
+    """First-order and total indices (d,) with 90 % intervals (d, 2), all in [0, 1]; nan for a constant output.
 
-    `variance` is that of y, `n` the number of base points, `excluded` the share of the cube that the
-    constraint forbids.
+    `variance` is that of y, `n` the number of base points of each scramble, `excluded` the share of the cube that
+    the constraint forbids.
     """
 
     first: np.ndarray
@@ -142,17 +145,21 @@ def _trajectories(
 
 
 def sobol(
-    predict: Predict, d: int, seed: int, n: int = 2**12, constraint: Feasible | None = None, resamples: int = 400
+    predict: Predict, d: int, seed: int, n: int = 2**12, constraint: Feasible | None = None, sd: Predict | None = None
 ) -> SobolIndices:
     """Sobol indices S_j = Var(E[y|x_j])/Var(y) and T_j = E[Var(y|x_~j)]/Var(y) of inputs uniform on the cube.
 
-    S from pairs that share x_j and T from pairs that share all else (Janon et al. 2014, eq. 6; Jansen 1999), on a
-    scrambled Sobol sequence of n = 2^k points: n (2d + 2) evaluations at most. `constraint(X)` (mask of feasible
-    points) restricts the distribution to the uniform one on the feasible set, the conditional points being
-    drawn by rejection (Kucherenko, Klymenko & Shah 2017); inputs are then dependent: ΣS may exceed 1.
+    S from pairs that share x_j and T from pairs that share all else (Janon et al. 2014, eq. 6; Jansen 1999), means
+    over R = 8 independent scrambles of a Sobol sequence of n = 2^k points: R n (2d + 2) evaluations at most.
+    `constraint(X)` (mask of feasible points) restricts the distribution to the uniform one on the feasible set, the
+    conditional points being drawn by rejection (Kucherenko, Klymenko & Shah 2017); inputs are then dependent: ΣS may
+    exceed 1.
 
-    The intervals come from resampling the n points as if independent: wider than a low-discrepancy
-    sequence deserves, never narrower by design.
+    The intervals are Student's of the R scrambles (Owen, Monte Carlo theory, methods and examples (2013), ch. 17).
+    Where `predict` is a surrogate, `sd(X)` (n,) says how far off it may be: the intervals then also hold what indices
+    change by when random smooth errors of that size are added to it, y + sd g with g of unit variance, a sum of waves
+    along one to three parameters with lengths from 0.2 to 1 (as Janon et al. 2014 and Marrel et al. 2009 do with
+    draws of the surrogate).
 
     Raises
     ------
@@ -161,30 +168,70 @@ def sobol(
     """
     if n < 4 or n & (n - 1):
         raise ValueError(f"sobol: n must be a power of two >= 4, got {n}")
-    rng = np.random.default_rng(seed)
-    A, B, excluded = _base(d, n, rng, constraint)
-    fA, fB = np.asarray(predict(A), float), np.asarray(predict(B), float)
-    pairs = []
-    for j in range(d):
-        AB = A.copy()
-        AB[:, j] = B[:, j]
-        if constraint is None:
-            f = np.asarray(predict(AB), float)
-            pairs.append((fB, f, fA, f))
-            continue
-        shares_j = _redraw(A, np.arange(d) != j, rng, constraint)
-        shares_rest = _redraw(A, np.arange(d) == j, rng, constraint)
-        pairs.append((fA, np.asarray(predict(shares_j), float), fA, np.asarray(predict(shares_rest), float)))
-    variance = float(np.var(np.concatenate([fA, fB])))
-    if variance <= 1e-24 * float(np.mean(fA**2)):
+    found, moved, variances, sizes, excluded = [], [], [], [], []
+    for child in np.random.SeedSequence(seed).spawn(REPLICATES):
+        rng = np.random.default_rng(child)
+        points, roles, share = _scramble(d, n, rng, constraint)
+        y = np.stack([np.asarray(predict(X), float) for X in points])
+        variances.append(float(np.var(y[:2])))
+        sizes.append(float(np.mean(y[0] ** 2)))
+        excluded.append(share)
+        if variances[-1] > 0:
+            found.append(_estimate(y[roles]))
+            moved += [] if sd is None else _moved(points[:, :ERROR_POINTS], y[:, :ERROR_POINTS], sd, roles, rng)
+    variance, lost = float(np.mean(variances)), float(np.mean(excluded))
+    if len(found) < REPLICATES or variance <= 1e-24 * float(np.mean(sizes)):
         nan = np.full(d, np.nan)
-        return SobolIndices(nan, nan, np.full((d, 2), np.nan), np.full((d, 2), np.nan), 0.0, n, excluded)
-    P = np.moveaxis(np.array(pairs), 0, 1)  # (4, d, n)
-    first, total = _estimate(P)
-    samples = np.array([_estimate(P[:, :, rng.integers(n, size=n)]) for _ in range(resamples)])
-    low, high = np.quantile(samples, (0.05, 0.95), axis=0)
-    intervals = np.stack([low, high], axis=-1)
-    return SobolIndices(first, total, intervals[0], intervals[1], variance, n, excluded)
+        return SobolIndices(nan, nan, np.full((d, 2), np.nan), np.full((d, 2), np.nan), 0.0, n, lost)
+    each = np.array(found)  # (R, 2, d)
+    index, spread = each.mean(axis=0), each.var(axis=0, ddof=1) / REPLICATES
+    half = t.ppf(0.95, REPLICATES - 1) * np.sqrt(spread)
+    low, high = index - half, index + half
+    if moved:
+        δ = np.array(moved)
+        half = t.ppf(0.95, REPLICATES - 1) * np.sqrt(spread + δ.var(axis=0, ddof=1))
+        low = np.minimum(low, index + δ.mean(axis=0) - half)
+        high = np.maximum(high, index + δ.mean(axis=0) + half)
+    first, total = np.clip(index, 0.0, 1.0)
+    intervals = np.clip(np.stack([low, high], axis=-1), 0.0, 1.0)
+    return SobolIndices(first, total, intervals[0], intervals[1], variance, n, lost)
+
+
+def _scramble(
+    d: int, n: int, rng: np.random.Generator, constraint: Feasible | None
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Points (k, n, d), which of the k are p, q, u, v of each parameter (4, d), and the share that is not feasible."""
+    A, B, excluded = _base(d, n, rng, constraint)
+    j = np.arange(d)
+    if constraint is None:
+        mixed = np.repeat(A[None], d, axis=0)
+        mixed[j, :, j] = B.T
+        return np.stack([A, B, *mixed]), np.array([0 * j + 1, j + 2, 0 * j, j + 2]), excluded
+    shared = [_redraw(A, j != k, rng, constraint) for k in j] + [_redraw(A, j == k, rng, constraint) for k in j]
+    return np.stack([A, B, *shared]), np.array([0 * j, j + 2, 0 * j, j + 2 + d]), excluded
+
+
+def _moved(
+    points: np.ndarray, y: np.ndarray, sd: Predict, roles: np.ndarray, rng: np.random.Generator
+) -> list[np.ndarray]:
+    """What random errors of size sd change the indices by, (2, d) each, on points (k, n, d) with values y (k, n)."""
+    if not np.all(y[:2].std(axis=1) > 0):
+        return []
+    band = np.stack([np.asarray(sd(X), float) for X in points])
+    before = np.array(_estimate(y[roles]))
+    return [np.array(_estimate((y + band * _error(points, rng))[roles])) - before for _ in range(ERRORS)]
+
+
+def _error(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A random smooth function of unit variance at points (k, n, d): Σ √(2/F) cos(ω·x + φ)."""
+    d = points.shape[-1]
+    # Errors of a surrogate are seldom of high order: each wave runs along few parameters.
+    order = rng.integers(1, min(d, 3) + 1, FEATURES)
+    along = rng.permuted(np.tile(np.arange(d), (FEATURES, 1)), axis=1) < order[:, None]
+    length = np.exp(rng.uniform(np.log(0.2), 0.0, FEATURES))
+    ω = along * rng.standard_normal((FEATURES, d)) / length[:, None]
+    φ = rng.uniform(0, 2 * np.pi, FEATURES)
+    return np.sqrt(2 / FEATURES) * np.cos(points @ ω.T + φ).sum(axis=-1)
 
 
 def _estimate(P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

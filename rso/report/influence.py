@@ -262,4 +262,16 @@ def _morris_table(results: Results) -> Table:
         column("σ", scaled("sigma"), "spread"),
         column("σ / μ*", words([significant(r, 2) for r in ratio])),
     ]
-    return table("Morris’s elementary effects, per full range", columns)
+    return table("Morris’s elementary effects, per full range", columns, over(results))
+
+
+def over(results: Results) -> str:
+    """The ranges that sensitivities are about, in a sentence; empty where nothing tells."""
+    data = results.get("sensitivity") or {}
+    ranges, whose = data.get("ranges") or {}, {"stated": "stated", "searched": "widened"}.get(data.get("ranges_are"), "")
+    spans = [
+        f"{p.letter} from {p.show(ends[0])} to {p.show(ends[1])}"
+        for p in parameters(results)
+        if pair(ends := ranges.get(p.name))
+    ]
+    return f"Over the {whose} ranges: {', '.join(spans)}." if spans else ""

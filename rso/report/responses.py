@@ -22,7 +22,7 @@ from rso.report.digits import (
     significant,
 )
 from rso.report.document import Block, Cell, Picture, Section, Table, Text, column, missing, table, words
-from rso.report.influence import influence_blocks
+from rso.report.influence import influence_blocks, over
 from rso.report.reading import (
     Output,
     Results,
@@ -154,7 +154,7 @@ def _definition(results: Results, data: Mapping[str, Any]) -> str:
     return (
         f"Local: the output at the two ends of a parameter’s range with the others held{around}; the elasticity is "
         "d ln y / d ln θ there. Sobol: the share of the output’s variance over the whole box that a parameter causes "
-        "alone (first order) and together with the others (total), with bootstrap intervals, on the surrogate."
+        "alone (first order) and together with the others (total), with 90 % intervals that hold the surrogate’s error."
     )
 
 
@@ -193,7 +193,7 @@ def _sensitivity_table(results: Results, data: Mapping[str, Any]) -> Table:
         column("total", index("total")),
         column("interval", interval("total_interval")),
     ]
-    return table("Local effects and Sobol indices", columns)
+    return table("Local effects and Sobol indices", columns, over(results))
 
 
 def front_section(results: Results) -> Section:

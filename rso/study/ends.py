@@ -52,15 +52,19 @@ class Stated:
 def limit(plan: Plan, axes: Sequence[Axis], stated: Stated, e: End) -> tuple[float, str]:
     """How far an end may go while the others stay where they are, and what ends it there, in words."""
     axis, before, side = axes[e.j], stated.axes[e.j], e.side
-    factor, hard = plan.study.search.repair_limit, (axis.parameter.low, axis.parameter.high)[side]
+    told, hard = plan.study.search.repair_limit, (axis.parameter.low, axis.parameter.high)[side]
+    words = ""
     # The modulus that similarity scales out must stay positive.
     if axis.scale == "log" or (axis.name == plan.group.reference and side == 0):
+        factor = before.high / before.low if told is None and before.low > 0 else told or 1.0
         far = before.low / factor if side == 0 else before.high * factor
     else:
-        width = factor * (before.high - before.low)
+        width = (1.0 if told is None else told) * (before.high - before.low)
         far = before.low - width if side == 0 else before.high + width
+        if before.low * before.high >= 0 and far * (before.low + before.high) < 0:
+            far, words = 0.0, "is where the parameter would change its sign: who means that states it"
     beyond = hard >= far if side == 0 else hard <= far
-    far, words = (hard, "is the hard bound") if beyond else (far, "")
+    far, words = (hard, "is the hard bound") if beyond else (far, words)
     return _kept(axes, stated.ordinary, e, far) or (far, words)
 
 

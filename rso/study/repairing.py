@@ -322,7 +322,11 @@ def _stop(plan: Plan, stated: Stated, barred: dict[End, str], e: End) -> str:
         return f"{('below', 'above')[e.side]} {_place(plan, e)} {barred[e]}"
     if words := limit(plan, plan.searches[0].axes, stated, e)[1]:
         return f"{_place(plan, e)} {words}"
-    return f"search.repair_limit = {plan.study.search.repair_limit:g} ends the range at {_place(plan, e)}"
+    told = plan.study.search.repair_limit
+    limit_is = "a width a side, the limit where search.repair_limit is not stated," if told is None else (
+        f"search.repair_limit = {told:g}"
+    )
+    return f"{limit_is} ends the range at {_place(plan, e)}"
 
 
 def _named(plan: Plan, ends: Sequence[End]) -> str:

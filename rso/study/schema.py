@@ -194,6 +194,8 @@ class SensitivityTable(Table):
     """Elementary effects (Morris screening)."""
     sobol: bool = True
     """First-order and total Sobol indices at the targets."""
+    ranges: Literal["stated", "searched"] = "stated"
+    """Over which ranges: those that the study states, or those that the main search has widened."""
     samples: Annotated[Positive, AfterValidator(power_of_two)] = 1024
     """Base points of the Sobol indices, a power of two, at least 4."""
 

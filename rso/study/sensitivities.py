@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from rso import sensitivity
+from rso.doe import Box
 from rso.emulator import Emulator, Output
-from rso.study.plan import Plan, limited
+from rso.study.plan import Plan, ends_in, limited
 from rso.study.stages import Fitted
 from rso.targets import violations
 
-ALONG = 512  # base points of the indices along a curve, at most
+ALONG = 128  # base points of the indices along a curve, at most
 CURVE = 21  # points of a local curve
 
 
@@ -30,8 +31,12 @@ class Along:
 class Sensitivity:
     """Local bars and curves (x, y), Morris and Sobol by output id at or over the ranges, and along the curves.
 
-    `at` (d,) is the middle of the ranges in the unit cube of the study's box. `refused` says why there are no indices.
+    `ranges` are those that all of it is about, `at` (d,) is their middle in the unit cube of the study's box. `refused`
+    says why there are no indices.
     """
+
+    ranges: Box
+    searched: bool
 
     at: np.ndarray
     local: Mapping[str, tuple[sensitivity.LocalBar, ...]]
@@ -43,13 +48,15 @@ class Sensitivity:
     refused: str | None
 
 
-def analyse(plan: Plan, fitted: Fitted) -> Sensitivity:
+def analyse(plan: Plan, fitted: Fitted, stated: Plan) -> Sensitivity:
     """Sensitivities of the targets of the main search and of the extra outputs; along the curves those of the targets.
 
-    Only the part of the ranges counts that respects the conditions between parameters and the limits on outputs.
+    They are over the ranges of the plan as `stated`, or, where `sensitivity.ranges` asks for it, over those of `plan`,
+    which the main search may have widened; a circumscribed design is wider than either. Only the part of the ranges counts that respects the conditions between parameters and the limits on outputs.
     """
     table, emulator = plan.study.sensitivity, fitted.emulator
-    low, high = plan.searches[0].low, plan.searches[0].high  # a circumscribed design is wider than the ranges
+    searched = table.ranges == "searched"
+    low, high = ends_in((plan if searched else stated).searches[0].axes, plan.box)
     box, d = plan.box, plan.box.d
     centre = low + 0.5 * (high - low)
     wanted = list(dict.fromkeys([*plan.searches[0].outputs, *(o for o in emulator.outputs if o in plan.extras)]))
@@ -60,13 +67,16 @@ def analyse(plan: Plan, fitted: Fitted) -> Sensitivity:
     def indices(output: Output, n: int) -> sensitivity.SobolIndices | None:
         nonlocal refused
         try:
-            return sensitivity.sobol(predict(output), d, plan.seed, n=n, constraint=inside) if table.sobol else None
+            return sensitivity.sobol(predict(output), d, plan.seed, n, inside, band(output)) if table.sobol else None
         except ValueError as error:
             refused = str(error)
             return None
 
     def predict(output: Output) -> Callable[[np.ndarray], np.ndarray]:
         return lambda U: emulator.mean(output, low + U * (high - low))
+
+    def band(output: Output) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda U: emulator.predict(output, low + U * (high - low))[1]
 
     ranges = _ranges(box, low, high)
     for output in wanted:
@@ -88,7 +98,7 @@ def analyse(plan: Plan, fitted: Fitted) -> Sensitivity:
             known = sobol.get(output.id)
             along.append(Along(output, bars, known or indices(output, min(table.samples, ALONG))))
     along.sort(key=lambda a: (a.output.experiment, a.output.channel, a.output.depth_mm))
-    return Sensitivity(centre, local, curves, morris, sobol, tuple(along), inside is not None, refused)
+    return Sensitivity(ranges, searched, centre, local, curves, morris, sobol, tuple(along), inside is not None, refused)
 
 
 def feasible(plan: Plan, emulator: Emulator) -> Callable[[np.ndarray], np.ndarray] | None:
@@ -107,10 +117,10 @@ def feasible(plan: Plan, emulator: Emulator) -> Callable[[np.ndarray], np.ndarra
     return inside
 
 
-def _ranges(box, low: np.ndarray, high: np.ndarray):
-    """The box of the ranges that the study states, whatever the design needed."""
+def _ranges(box: Box, low: np.ndarray, high: np.ndarray) -> Box:
+    """The box of the ranges, whatever the design needed."""
     ends = box.from_unit(np.stack([low, high]))
-    return type(box)(box.names, box.units, tuple(map(float, ends[0])), tuple(map(float, ends[1])), box.log)
+    return Box(box.names, box.units, tuple(map(float, ends[0])), tuple(map(float, ends[1])), box.log)
 
 
 def _curve(predict, j: int, d: int, ranges) -> tuple[np.ndarray, np.ndarray]:
@@ -126,7 +136,12 @@ def of_sensitivity(plan: Plan, found: Sensitivity) -> dict[str, object]:
     logs = [n for n, log in zip(names, plan.box.log, strict=True) if log]
     excluded = next((s.excluded for s in found.sobol.values()), 0.0)
     dependent = found.restricted and excluded > 0
+    ranges = found.ranges
+    ends = zip(ranges.names, ranges.low, ranges.high, ranges.units, strict=True)
+    spans = ", ".join(f"{n} from {a:.4g} to {b:.4g} {u}".removesuffix(" 1") for n, a, b, u in ends)
+    whose = "that the main search came to use" if found.searched else "that the study states"
     story = (
+        f"Over the ranges {whose}, {spans}. "
         "Local: one parameter goes over its range, the others stay in the middle of theirs; elasticity is "
         "d ln y / d ln theta there. Sobol: shares of the variance when all parameters vary "
         f"{'' if dependent else 'independently and '}uniformly over "
@@ -145,6 +160,8 @@ def of_sensitivity(plan: Plan, found: Sensitivity) -> dict[str, object]:
     return {
         "sensitivity": {
             "at": plan.values(found.at),
+            "ranges": {n: [a, b] for n, a, b in zip(ranges.names, ranges.low, ranges.high, strict=True)},
+            "ranges_are": "searched" if found.searched else "stated",
             "local": [_bar(o, b) for o, bars in found.local.items() for b in bars],
             "curves": [
                 {"output": o, "parameter": n, "x": x, "y": y}

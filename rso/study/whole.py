@@ -134,7 +134,7 @@ def _learn(bench: Bench, notes: _Notes, say: Say) -> Repaired:
     found["parameters"] = results.parameters(bench.plan, plan)
     notes.write("surrogates", **results.of_surrogates(plan, ranges.design, fitted))
     say("sensitivity")
-    notes.write("sensitivity", **sensitivities.of_sensitivity(plan, sensitivities.analyse(plan, fitted)))
+    notes.write("sensitivity", **sensitivities.of_sensitivity(plan, sensitivities.analyse(plan, fitted, bench.plan)))
     return ranges
 
 

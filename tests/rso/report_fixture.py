@@ -255,7 +255,8 @@ def sensitivity():
                 }
             )
     story = "mu moves Fz about 13 times as much as D1."
-    return {"at": at, "local": local, "sobol": sobol, "story": story, **details(at, ends)}
+    ranges = {"ranges": {k: list(v) for k, v in ends.items()}, "ranges_are": "stated"}
+    return {**ranges, "at": at, "local": local, "sobol": sobol, "story": story, **details(at, ends)}
 
 
 def details(at, ends):

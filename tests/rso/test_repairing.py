@@ -13,12 +13,13 @@ from rso.contract import knob, parameters_of
 from rso.report.numbers import report as document
 from rso.store import RunStore
 from rso.study import load, repairing, stages, whole
-from rso.study.ends import ordinary
+from rso.study.ends import End, Stated, limit, ordinary
 from rso.study.plan import make_plan
 
 BOX = 'mu = {{ low = {}, high = {}, scale = "log" }}\nD1 = {{ low = {}, high = {}, scale = "log" }}'
 ONE_MU = "mu = {{ low = {}, high = {} }}\nD1 = {{ value = 60 }}"
 SEARCH = studies.SECTIONS["search"].replace("repair = false\n", "")
+WIDE = f"{SEARCH}\nrepair_limit = 10"  # more than the one width a side that nobody has to ask for
 ONE_TARGET = 'population = 20\ngenerations = 10\ntargets = [{ experiment = "top", depth = 2 }]'
 
 
@@ -83,7 +84,7 @@ def test_a_target_inside_leaves_the_ranges_untouched(tmp_path):
 
 def test_a_modulus_outside_is_found_and_the_whole_study_follows(tmp_path):
     low, high = 0.003, 0.006
-    text = f"{SEARCH}\n[[search.variants]]\nname = 'same'\n[[search.variants]]\nname = 'narrow'\nranges = "
+    text = f"{WIDE}\n[[search.variants]]\nname = 'same'\n[[search.variants]]\nname = 'narrow'\nranges = "
     changes = {"parameters": ONE_MU.format(low, high), "search": text + "{ mu = [0.004, 0.005] }"}
     r = studies.run(tmp_path, **changes)
     main, same, narrow = r["searches"]
@@ -115,7 +116,7 @@ def test_a_modulus_outside_is_found_and_the_whole_study_follows(tmp_path):
 
 @pytest.mark.parametrize("repaired", [True, False])
 def test_targets_out_of_reach_and_values_outside_the_stated_range_are_warnings(tmp_path, repaired):
-    search = SEARCH if repaired else f"{SEARCH}\nrepair = false"
+    search = WIDE if repaired else f"{SEARCH}\nrepair = false"
     r = studies.run(tmp_path, parameters=ONE_MU.format(0.003, 0.006), search=search)
     outside = [w for w in r["warnings"] if "lies outside the stated range, 0.003 to 0.006 MPa" in w]
     reach = [w for w in r["warnings"] if "not reachable" in w]
@@ -142,7 +143,7 @@ def test_a_range_too_stiff_grows_downwards(tmp_path):
 
 
 def test_two_parameters_by_similarity(tmp_path):
-    found = repair(tmp_path, parameters=BOX.format(0.003, 0.006, 10, 150))
+    found = repair(tmp_path, parameters=BOX.format(0.003, 0.006, 10, 150), search=WIDE)
     assert found.design.similar and what(found)[-1] == "done"
     values = candidates(found)[0]
     np.testing.assert_allclose([values["mu"], values["D1"]], [studies.MU, studies.D1], rtol=0.1)  # two targets, noise
@@ -190,6 +191,31 @@ def test_the_stated_limit_ends_it(tmp_path):
     assert what(found)[-1] == "stopped" and "search.repair_limit = 2" in found.audit[-1].why
     np.testing.assert_allclose(ranges(found), [3e-4, 1.2e-3], rtol=1e-12)  # 6e-4 and two widths
     assert len(found.audit) <= 6
+
+
+@pytest.mark.parametrize("low, high, scale, ends", [
+    (3e-4, 6e-4, "linear", [3e-4, 9e-4]), (2e-4, 6e-4, "log", [2e-4, 1.8e-3]),
+])  # fmt: skip
+def test_nobody_asked_for_more_than_one_width_on_the_scale_of_the_range(tmp_path, low, high, scale, ends):
+    text = f'mu = {{ low = {low}, high = {high}, scale = "{scale}" }}\nD1 = {{ value = 60 }}'
+    found = repair(tmp_path, parameters=text)
+    assert what(found)[-1] == "stopped" and "a width a side, the limit where" in found.audit[-1].why
+    np.testing.assert_allclose(ranges(found), ends, rtol=1e-12)
+
+
+@pytest.mark.parametrize("low, high", [(0.2, 1.0), (0.0, 1.0), (-1.0, -0.2), (-0.2, 1.0)])
+def test_a_range_of_one_sign_keeps_it_however_wide_it_may_become(tmp_path, low, high):
+    plan = make_plan(load(studies.write(tmp_path, search=f"{SEARCH}\nrepair_limit = 5")))
+    offset = dataclasses.replace(plan.searches[0].axes[1].parameter, low=-1e3, high=1e3)
+    axis = dataclasses.replace(plan.searches[0].axes[1], parameter=offset, low=low, high=high, scale="linear")
+    axes = (plan.searches[0].axes[0], axis)
+    found = [limit(plan, axes, Stated(axes, ()), End(1, side)) for side in (0, 1)]
+    widest = 5.0 * (high - low)
+    np.testing.assert_allclose(
+        [far for far, _ in found], [max(low - widest, 0.0) if low >= 0 else low - widest,
+                                    min(high + widest, 0.0) if high <= 0 else high + widest],
+    )  # fmt: skip
+    assert ("change its sign" in found[0][1]) == (low >= 0) and ("change its sign" in found[1][1]) == (high <= 0)
 
 
 def test_a_valley_goes_to_its_limit_at_once(tmp_path):

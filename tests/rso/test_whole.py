@@ -65,6 +65,8 @@ LAYOUT: dict[str, Any] = {
     ],
     "surfaces": [{"output": None, "unit": None, "x": AXIS, "y": AXIS, "mean": [[None]], "sd": [[None]], "others": {}}],
     "sensitivity": {
+        "ranges": {"mu": [None], "D1": [None]},
+        "ranges_are": None,
         "at": VALUES,
         "curves": [{"output": None, "parameter": None, "x": [None], "y": [None]}],
         "morris": [dict.fromkeys(("output", "parameter", "mu", "mu_star", "sigma"))],
