@@ -32,6 +32,7 @@ from rso.surrogates import (
     score,
 )
 
+UNSEEN = 1e-10  # of an output's largest value: a smaller spread is rounding
 FEWEST_TRAVELS = 3  # a curve with fewer is no curve: one surrogate per travel
 
 
@@ -131,6 +132,25 @@ class Emulator:
         theta = {n: np.array([s.values[n] for s in held_out]) for n in self.box.names}
         predicted, _ = self._predict(output, *self._reduced(theta))
         return score(predicted, np.array([s.outputs[output.id] for s in held_out]))
+
+    def spread(self, output: Output) -> float:
+        """Width of the values of an output over the box, √12 σ, in the unit of the output at the reference modulus.
+
+        √12 σ is the range of evenly spread values of standard deviation σ, here of s^e f over the samples f and the
+        range of the scale s, over √mean(s^2e). A share t of it as error leaves Q² = 1 − 12 t². It is not less than
+        what rounding leaves.
+        """
+        f = np.array([v.outputs[output.id] for v in self.samples])
+        scale = np.ones(1)
+        if self.group.reference is not None:
+            k = self.box.names.index(self.group.reference)
+            s = np.linspace(0.0, 1.0, 33)[:, None] * np.ones(self.box.d)
+            s = self.box.from_unit(s)[:, k] / self.group.reference_value
+            own = self._reduced({n: np.array([v.values[n] for v in self.samples]) for n in self.box.names})[0]
+            f = f / self.group.expand(output.channel, np.ones(len(f)), own)
+            scale = self.group.expand(output.channel, np.ones(len(s)), s)
+        width = np.sqrt(12.0) * float(np.std(np.outer(scale, f))) / float(np.sqrt(np.mean(scale**2)))
+        return max(width, UNSEEN * float(np.abs(f).max()), 1e-300)
 
     def _reduce(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         theta = self.box.from_unit(np.asarray(X, float)).T

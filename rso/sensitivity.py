@@ -17,7 +17,7 @@ Predict = Callable[[np.ndarray], np.ndarray]
 Feasible = Callable[[np.ndarray], np.ndarray]
 REPLICATES = 8  # independent scrambles behind every index
 ERRORS, ERROR_POINTS = 4, 256  # random errors of the surrogate for each scramble, and on how many of its points
-FEATURES = 32  # waves in such an error
+FEATURES = 12  # waves in such an error
 
 
 @dataclass(frozen=True)

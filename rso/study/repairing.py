@@ -258,7 +258,7 @@ def _grown(
     if new:  # what suits the wider ranges may be another kind of surrogate
         scores = {o.id: emulator.score(o, new) for o in emulator.outputs}
         emulator = stages.learnt_anew(plan, old.group, old.outputs, (*old.samples, *new), each=grown.each)
-    if any(scores[i].relative_rmse > plan.study.surrogate.tolerance for i in stages.decisive(plan) if new):
+    if new and stages.misses(plan, emulator, scores):
         points = stages.worst(grown.around_failures(design.similar).plan, emulator, min(len(new), room - len(first)))
         more = tuple(Run("repair", v, o) for v, o in zip(points, grown.run(points), strict=True))
         first += more
@@ -275,10 +275,10 @@ def _doubt(plan: Plan, proposal: Proposal, fitted: Fitted, runs: Sequence[Run]) 
         first = {cause: reason for cause, reason in reversed(found)}  # one example of each cause
         said = [reason if cause == "not_supported" else f"{cause}, {reason}" for cause, reason in first.items()]
         return f"no run has an answer. The simulation says: {'; '.join(said)}"
-    errors = [fitted.held_out[i].relative_rmse for i in stages.decisive(plan) if i in fitted.held_out]
+    errors = stages.misses(plan, fitted.emulator, fitted.held_out).values()
     # Where the targets are met already, ranges that the surrogates do not follow would spoil more than they tell.
-    if runs and proposal.choice.reachable and errors and max(errors) > plan.study.surrogate.tolerance:
-        return f"the surrogates miss new runs by {100 * max(errors):.2g} %, more than surrogate.tolerance"
+    if runs and proposal.choice.reachable and errors:
+        return f"the surrogates miss new runs by {100 * max(errors):.2g} % of their spread, above surrogate.tolerance"
     return ""
 
 

@@ -132,6 +132,7 @@ def of_surrogates(plan: Plan, design: Design, fitted: Fitted) -> dict[str, Any]:
                 "kind": "exact" if model is None else model.kind,
                 "story": "similarity leaves no dimension: one run says all" if model is None else model.story,
                 "n": len(emulator.samples),
+                "spread": emulator.spread(output),
                 "cross_validation": None if model is None else _scores(model.cv),
                 "held_out": _scores(fitted.held_out.get(output.id)),
             }

@@ -182,7 +182,8 @@ class SurrogateTable(Table):
     degree: Annotated[int, Field(ge=1, le=HIGHEST)] | None = None
     """Of the polynomial; chosen by cross-validation where it is not stated."""
     tolerance: Tolerance = 0.01
-    """Relative error on new runs above which runs are added, at most verify.max_infill of them."""
+    """Error on new runs, as a share of the spread of the output over the ranges (√12 standard deviations), above which
+    runs are added, at most verify.max_infill of them; an error below the stated numerical error of the runs is none."""
 
 
 class SensitivityTable(Table):

@@ -348,12 +348,12 @@ def _warn_of_extrapolation(plan: Plan, one: Found, found: dict[str, Any]) -> Non
 def _warn_of_poor_surrogates(plan: Plan, fitted: stages.Fitted, found: dict[str, Any]) -> None:
     limit = plan.study.surrogate.tolerance
     used = {k: s for k, s in fitted.held_out.items() if k in stages.decisive(plan)}
-    poor = [(o, s) for o, s in used.items() if s.relative_rmse > limit]
+    poor = stages.misses(plan, fitted.emulator, used)
     if poor:
-        name, worst = max(poor, key=lambda pair: pair[1].relative_rmse)
+        name = max(poor, key=lambda i: poor[i])
         found["warnings"].append(
-            f"{len(poor)} of {len(used)} surrogates miss surrogate.tolerance = {100 * limit:g} % on the "
-            f"last {worst.n} runs that were new to them; worst is {name} with {100 * worst.relative_rmse:.2g} %"
+            f"{len(poor)} of {len(used)} surrogates miss surrogate.tolerance = {100 * limit:g} % of the spread of their "
+            f"output on the last {used[name].n} runs that were new to them; worst is {name} with {100 * poor[name]:.2g} %"
         )
 
 

@@ -137,3 +137,26 @@ def test_points_outside_the_hull_are_flagged():
     assert beyond(np.array([[0.2], [0.7]]), np.array([[0.1], [0.5]])).tolist() == [True, False]
     e = learn(BOX, FREE, OUTPUTS[:1], samples(12), kind="polynomial", seed=0)
     assert e.beyond(np.array([[0.0, 0.0], [0.5, 0.5]])).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("similar", [GROUP, FREE])
+def test_the_spread_of_an_output_is_that_over_the_ranges_whether_or_not_similarity_takes_a_parameter_out(similar):
+    e = learn(BOX, similar, OUTPUTS, samples(200, slopes=False), kind="polynomial", seed=0, degree=2)
+    theta = BOX.from_unit(np.random.default_rng(0).random((4000, 2)))
+    truth = np.array([force(*t, 2.0) for t in theta])
+    # At the reference modulus an error is as large, relatively, as the force there.
+    scale = 1.0 if similar is FREE else float(np.sqrt(np.mean((theta[:, 0] / similar.reference_value) ** 2)))
+    # Sampling of σ by 200 runs: 4 %; under similarity mu D1 and mu count as independent, here 18 % too wide.
+    np.testing.assert_allclose(e.spread(OUTPUTS[-1]), np.sqrt(12) * truth.std() / scale, rtol=0.25)
+
+
+def test_a_level_hides_no_error_and_a_constant_has_none():
+    o = OUTPUTS[-1]
+    runs = samples(30, slopes=False)
+    moved = [dataclasses.replace(s, outputs={o.id: s.outputs[o.id] + 1e5}) for s in runs]
+    level = [dataclasses.replace(s, outputs={o.id: 1e5}) for s in runs]
+    plain, high, flat = (
+        learn(BOX, FREE, [o], r, kind="polynomial", seed=0, degree=1).spread(o) for r in (runs, moved, level)
+    )
+    np.testing.assert_allclose(high, plain, rtol=1e-6)  # rounding of 1e5
+    assert 0 < flat <= 1e-4

@@ -117,3 +117,46 @@ def test_morris_keeps_to_the_feasible_set():
     assert r.trajectories == 30
     with pytest.raises(ValueError, match="hardly any trajectory"):
         morris(lambda X: X[:, 0], 2, 0, constraint=lambda X: X[:, 0] < 0.1)
+
+
+@pytest.mark.parametrize("f, d, exact", [
+    (ishigami, 3, ishigami_indices()), (lambda X: sobol_g(X, A), 4, sobol_g_indices(A)),
+    (lambda X: X @ np.array([1.0, 2.0, 3.0]), 3, (np.array([1, 4, 9]) / 14,) * 2),
+])  # fmt: skip
+def test_intervals_are_as_wide_as_the_estimates_scatter(f, d, exact):
+    found = [sobol(f, d, seed, n=1024) for seed in range(25)]
+    for name, truth in zip(("first", "total"), exact, strict=True):
+        ends = np.array([getattr(r, f"{name}_interval") for r in found])
+        inside = (ends[..., 0] <= truth + 1e-12) & (truth - 1e-12 <= ends[..., 1])
+        # 25 d indices, of one function not independent: 0.90 ± 0.05 and more.
+        assert inside.mean() > 0.75
+        half = np.diff(ends, axis=-1)[..., 0].mean(axis=0) / 2
+        scatter = np.sqrt(np.mean([(getattr(r, name) - truth) ** 2 for r in found], axis=0))
+        # 1.645 for a known σ, 1.9 for eight scrambles; near 0 and 1 the interval is cut.
+        assert np.all(half < 3 * scatter + 1e-4)
+
+
+def test_indices_and_their_intervals_stay_between_0_and_1_whatever_the_level():
+    for level in (0.0, 1e5):
+        r = sobol(lambda X: X[:, 0] + 1e-3 * X[:, 1] + level, 2, 0, n=64)  # noqa: B023
+        values = np.concatenate([r.first, r.total, r.first_interval.ravel(), r.total_interval.ravel()])
+        assert values.min() >= 0 and values.max() <= 1
+        np.testing.assert_allclose(r.first, [1, 0], atol=5e-3)  # 8 times 64 points: 0.003
+
+
+def test_the_intervals_hold_the_error_of_the_surrogate():
+    # A surrogate of x1 + 0.25 x2 that has missed x2, and says that it may be off by 1.6 times that.
+    truth = np.array([1.0, 0.25**2]) / (1 + 0.25**2)
+
+    def surrogate(X):
+        return X[:, 0]
+
+    def sd(X):
+        return np.full(len(X), 0.4 / np.sqrt(12))
+
+    blind, told = sobol(surrogate, 2, 0, n=512), sobol(surrogate, 2, 0, n=512, sd=sd)
+    assert np.array_equal(blind.first, told.first)
+    for ends, holds in ((blind.first_interval, False), (told.first_interval, True)):
+        assert np.all((ends[:, 0] <= truth) & (truth <= ends[:, 1])) == holds
+    exact = sobol(surrogate, 2, 0, n=512, sd=lambda X: np.zeros(len(X)))  # negative control
+    np.testing.assert_allclose(exact.first_interval, blind.first_interval, atol=1e-12)
