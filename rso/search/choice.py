@@ -12,6 +12,7 @@ from scipy.spatial.distance import cdist, pdist, squareform
 
 from rso.doe import Box, sobol
 from rso.search.acceptable import Goal, approach, grow
+from rso.search.basins import basins
 from rso.search.front import Front, Function, bounds, inside
 from rso.targets import Target
 from rso.units import spaced
@@ -68,7 +69,7 @@ def choose(
 ) -> Choice:
     """Up to `count` candidates from the acceptable set {x: |r_j(x)| <= tolerance_j, no violation} or its neighbourhood.
 
-    residuals(X) (n, m) is signed, predicted − target. A Sobol sample of the box and the front are moved to the
+    residuals(X) (n, m) is signed, predicted − target. A Sobol sample of the box, its basins and the front are moved to the
     acceptable set by shortest Gauss–Newton steps, each only as far as needed, so that they cover it. If a
     connected piece of it is longer than `long` along an axis of the cube it is a valley: the candidates are a
     central point that hits the targets and then points as far apart as possible. Otherwise they are the
@@ -80,10 +81,11 @@ def choose(
     tolerance = np.asarray(tolerance, float)
     if count < 1 or not np.all(tolerance > 0):
         raise ValueError(f"choose: needs count >= 1 and tolerances > 0, got {count} and {tolerance}")
-    pool = front.X
+    goal, pool = Goal(residuals, violations, tolerance, low, high), front.X
     if free.any():
-        pool = np.vstack([pool, inside(sobol(int(free.sum()), SAMPLE, seed), low, high, free)])
-    goal = Goal(residuals, violations, tolerance, low, high)
+        narrow = basins(lambda U: goal.judge(inside(U, low, high, free))[1], int(free.sum()), seed)
+        U = np.vstack([sobol(int(free.sum()), SAMPLE, seed), narrow])
+        pool = np.vstack([pool, inside(U, low, high, free)])
     spread = approach(pool, goal, 0.95)
     if not len(spread):
         raise ValueError("choose: no residual is finite anywhere in the box")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rso.doe import sobol
+from rso.search.basins import basins
 
 Function = Callable[[np.ndarray], np.ndarray]
 WORST = 1e30
@@ -44,7 +45,8 @@ def nsga2(
 ) -> Front:
     """Minimise objectives(X) (n, m) over [low, high] in the unit cube with NSGA-II (Deb et al. 2002).
 
-    `constraints(X)` (n, k) is positive where violated; `start` (k, d) enters the first population. Points with
+    A quarter of the first population are the basins of the sum of the objectives, each over its mean, and of its
+    violations (:func:`~rso.search.basins.basins`): what is narrow no population finds by chance. `constraints(X)` (n, k) is positive where violated; `start` (k, d) enters the first population. Points with
     a value that is not finite count as infeasible. Same arguments, same bits.
 
     Raises
@@ -58,7 +60,9 @@ def nsga2(
     if not free.any():
         F, G = _evaluate(low[None], objectives, constraints)
         return Front(low[None], F, bool(G.max() <= 0), np.zeros(1), 1)
-    first = _start(d, population, seed, start, low, high, free)
+    score = _one(objectives, constraints, inside(sobol(int(free.sum()), 256, seed), low, high, free))
+    narrow = basins(lambda U: score(inside(U, low, high, free)), int(free.sum()), seed)[: population // 4]
+    first = _start(d, population, seed, start, low, high, free, narrow)
     algorithm, problem = _algorithm(int(free.sum()), population, generations, seed, first)
     static, evaluator = _pymoo_evaluation()
     history = []
@@ -95,10 +99,28 @@ def inside(U: np.ndarray, low: np.ndarray, high: np.ndarray, free: np.ndarray) -
     return X
 
 
+def _one(objectives: Function, constraints: Function | None, X: np.ndarray) -> Function:
+    """One number for each point: objectives over their mean size at X (n, d), and violations over theirs, added up."""
+    F, G = _evaluate(X, objectives, constraints)
+    good = G[:, -1] == 0
+    sizes = [np.abs(V[good]).mean(axis=0) if good.any() else np.ones(V.shape[1]) for V in (F, G[:, :-1])]
+    a, b = (np.where(s > 0, s, 1.0) for s in sizes)
+
+    def score(points: np.ndarray) -> np.ndarray:
+        F, G = _evaluate(points, objectives, constraints)
+        # A violation counts more than any objective.
+        total = (F / a).sum(axis=1) + 100 * (G[:, :-1] / b).sum(axis=1)
+        return np.where(G[:, -1] > 0, np.inf, total)
+
+    return score
+
+
 def _start(
-    d: int, population: int, seed: int, start: np.ndarray | None, low: np.ndarray, high: np.ndarray, free: np.ndarray
-) -> np.ndarray:
+    d: int, population: int, seed: int, start: np.ndarray | None, low: np.ndarray, high: np.ndarray, free: np.ndarray,
+    narrow: np.ndarray,
+) -> np.ndarray:  # fmt: skip
     U = sobol(int(free.sum()), population, seed)
+    U[len(U) - len(narrow) :] = narrow
     if start is not None:
         given = np.atleast_2d(np.asarray(start, float))
         if given.shape[1] != d:
