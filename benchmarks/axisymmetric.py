@@ -7,6 +7,7 @@ nor solution are those of fem_backend.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 
 import numpy as np
@@ -181,3 +182,14 @@ def force(
             u, F, kept = body.solve(u, target, kept, 1e-7) or (u, np.nan, kept)
         out.append(F)
     return np.array(out)
+
+
+def main() -> None:
+    """Print forces at the depths of a set: `python benchmarks/axisymmetric.py MU D1 DEPTH …` (R = 3 on 35 mm)."""
+    mu, D1, *asked = map(float, sys.argv[1:])
+    for depth, F in zip(asked, force(35.0, 3.0, mu, D1, asked, h0=0.25), strict=True):
+        print(f"{depth:g} mm: {F:.5f} N")
+
+
+if __name__ == "__main__":
+    main()

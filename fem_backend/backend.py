@@ -28,7 +28,7 @@ from fem_backend import (
 )
 from fem_backend import model as modelling
 from fem_backend.channels import UNITS
-from fem_backend.errors import DEEP, stated
+from fem_backend.errors import DEEP, at_depth, stated
 from fem_backend.experiment import Settings
 from fem_backend.indentation import Result
 from fem_backend.knobs import SWITCHES, Knobs
@@ -40,6 +40,7 @@ from rso.contract import Case, Parameter, Programme, Response, SimulationFailed,
 NUMERICS = 5  # raised when, and only when, answers change
 ADMITTED = 1e-12  # of the deepest travel: an asked one this near a corner's is that
 ULPS = 8  # of a moment: what interpolating it may lose
+RESOLVING = ("coarse", "standard", "fine", "reference")  # levels from cheap to dear
 DEEPEST = 0.3  # of the smallest semi-axis
 ROUNDED = 1e-12  # of that: 0.3 · 18 is a little less than 5.4
 
@@ -230,6 +231,15 @@ class FiniteElements:
     def jkr(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, float]:
         """Modulus (MPa), work of adhesion (N/mm) and contact (mm) by knob of Fz (n,) N at depths (n,) mm that pulls."""
         return levels.jkr(experiment.read_settings(settings), depth, force)
+
+    def resolution(self, settings: Mapping[str, Any], depth: float) -> Mapping[str, float]:
+        """Level of the mesh, that of the settings first, and the share of the force that it misses at a depth (mm)."""
+        own = experiment.read_settings(settings)
+        if not own.level:
+            return {"mapped": at_depth(own, depth)}
+        names = [own.level, *(name for name in RESOLVING if name != own.level)]
+        each = {n: experiment.read_settings({**settings, "mesh": {"level": n}}) for n in names}
+        return {name: at_depth(one, depth) for name, one in each.items()}
 
     def hertz(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, float]:
         """The modulus (MPa) by knob that Fz (n,) N at depths (n,) mm would have in Hertz's limit, incompressible."""

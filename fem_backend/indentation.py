@@ -22,6 +22,10 @@ from fem_backend.slopes import Slopes
 from fem_backend.stepping import Guess, Instant, Point, Stopped, Watch
 
 
+FINAL = ("time_limit", "inadmissible")  # ends of a run that no other path avoids
+SHORTER = 0.6  # of the steps, where a run is tried again
+
+
 @dataclass(frozen=True)
 class Result:
     """Channels at the asked instants, each (k,), in the units of UNITS; forces of the whole specimen on the indenter.
@@ -69,10 +73,33 @@ def solve(
 ) -> Result:  # fmt: skip
     """Curves at the asked instants of a programme; raises Stopped with the result so far, and model.NotModelled.
 
-    `guess(s)` may offer states to start from at travel s; `gradients` names material knobs.
+    `guess(s)` may offer states to start from at travel s; `gradients` names material knobs.  Where it ends early for
+    want of an equilibrium it is tried once more from the start in shorter steps, without a guess: what is found must
+    not hang on which travels are asked for.  The deeper of the two counts.
     """
     started = time.process_time()
-    counters = Counters(deadline=started + settings.control.time_limit_s)
+    deadline = started + settings.control.time_limit_s
+    try:
+        return _attempt(settings, knobs, placement, model, instants, guess, gradients, started, deadline)
+    except Stopped as stopped:
+        if stopped.cause in FINAL:
+            raise
+        first = stopped
+    control = settings.control
+    shorter = {n: SHORTER * getattr(control, n) for n in ("first", "largest", "path")}
+    patient = replace(settings, control=replace(control, **shorter))
+    try:
+        return _attempt(patient, knobs, placement, model, instants, None, gradients, started, deadline)
+    except Stopped as stopped:
+        raise (stopped if len(stopped.points) > len(first.points) else first) from None
+
+
+def _attempt(
+    settings: Settings, knobs: Knobs, placement: Placement, model: Model, instants: Sequence[Instant],
+    guess: Guess | None, gradients: Sequence[str], started: float, deadline: float,
+) -> Result:  # fmt: skip
+    """Curves by one path; raises Stopped with the result so far."""
+    counters = Counters(deadline=deadline)
     at = bench(settings, knobs, placement, model, counters)
     slopes = None if at.path_dependent else Slopes(at, gradients)
     try:

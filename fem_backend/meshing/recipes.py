@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
 import subprocess
 import sys
 import tempfile
+import threading
+import time
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
@@ -17,6 +21,8 @@ from fem_backend.geometry import Ellipsoid
 from fem_backend.meshing.mapped import mapped_quarter
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing
 from fem_backend.meshing.templates import NOMINAL, template_hash, template_mesh
+
+ALIVE = 10.0  # s between two signs of life of a mesher
 
 
 def make(recipe: str) -> Mesh:
@@ -38,13 +44,35 @@ def make(recipe: str) -> Mesh:
         path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
         environment = {**os.environ, "PYTHONPATH": path}
         try:
-            done = subprocess.run(child, cwd=folder, env=environment, capture_output=True, text=True, timeout=600)
+            with _said(data["semi_axes"]):
+                done = subprocess.run(child, cwd=folder, env=environment, capture_output=True, text=True, timeout=600)
         except subprocess.TimeoutExpired:
             raise BadMesh("fTetWild took more than 600 s") from None
         if done.returncode != 0:
             last = (done.stderr.strip().splitlines() or ["no message"])[-1]
             raise BadMesh(f"fTetWild ended with code {done.returncode}: {last}")
         return Mesh.from_file(Path(folder) / "mesh.npz")
+
+
+@contextlib.contextmanager
+def _said(semi_axes: list[float]) -> Iterator[None]:
+    """Signs of life on stderr while fTetWild works: at once, then every ten seconds, then how long it took."""
+    axes, began, over = " x ".join(f"{v:.4g}" for v in semi_axes), time.monotonic(), threading.Event()
+    what = f"meshing a new specimen (scaled semi-axes {axes} mm) with fTetWild"
+
+    def tell() -> None:
+        while not over.wait(ALIVE):
+            print(f"  {what}: {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
+
+    print(f"  {what}: once, 10 to 90 s; the mesh is kept for later studies", file=sys.stderr, flush=True)
+    teller = threading.Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        over.set()
+        teller.join()
+    print(f"  {what}: made in {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
 
 
 def nominal(recipe: str) -> Ellipsoid:

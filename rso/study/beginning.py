@@ -24,6 +24,7 @@ from rso.units import COLUMN_NAMES
 
 GUESS = "# <-"  # behind what nobody has stated
 TOP = (0.0, 0.0)
+RESOLVED = 0.035  # of the force at the deepest reading: what the mesh of a new study may miss
 AROUND = 3.0  # of the modulus of Hertz's limit, whose half-space the body is not
 PULLS = 0.1  # of its range: a force that is negative by more pulls
 WIDE = (0.001, 1.0)  # MPa, of a modulus that no force curve tells
@@ -83,7 +84,7 @@ def begin(file: Path, backend: Backend, test: Test, fitted: Sequence[str], valid
         "[backend]", 'use = "fem_backend.backend:BACKEND"', "", "[backend.settings]",
         *(f"{key} = {inline(value)}{_remark(key, test)}" for key, value in test.settings().items()),
         f'material = {{ law = "neo_hookean" }}  {GUESS} or linear_elastic, mooney_rivlin, yeoh, ogden',
-        'mesh = { level = "coarse" }  # about 1 % in force; standard, fine and reference cost more', "",
+        _mesh(backend, test, experiments), "",
         *_parameters(backend, test, experiments), "",
     ]  # fmt: skip
     if test.columns:
@@ -161,6 +162,22 @@ def _remark(key: str, test: Test) -> str:
     if key == "support" and test.clearance is None:
         return f'  {GUESS} its lower half; or {{ kind = "bowl", clearance = 1.0, friction = 0.2 }}'
     return f"  {GUESS} its friction" if key == "support" else ""
+
+
+def _mesh(backend: Backend, test: Test, experiments: Sequence[_Experiment]) -> str:
+    """The cheapest level that resolves the shallowest of the tests, and what it misses at its deepest reading."""
+    forces = [e for e in experiments if e.measurement.kind == "force"]
+    depths = [max(float(r.depth.max()) for r in e.measurement.repeats) for e in forces]
+    ask, d = getattr(backend, "resolution", None), min(depths, default=0.0)
+    if ask is None or d <= 0.0:
+        return 'mesh = { level = "coarse" }  # standard, fine and reference cost more'
+    errors = ask({**test.settings(), "mesh": {"level": "coarse"}}, d)
+    level = next((name for name, error in errors.items() if error <= RESOLVED), min(errors, key=errors.__getitem__))
+    others = ", ".join(f"{n} {100 * v:.2g} %" for n, v in errors.items() if n != level)
+    return (
+        f'mesh = {{ level = "{level}" }}  # about {100 * errors[level]:.2g} % in force at {_two(d)} mm, '
+        f"more where it is shallower; {others}"
+    )
 
 
 def _parameters(backend: Backend, test: Test, experiments: Sequence[_Experiment]) -> list[str]:

@@ -159,7 +159,7 @@ def _things(plan: Plan) -> list[str]:
         for a in plan.resolved.axes
     ]
     lines += [f"  {name} = {value:g} (fixed)" for name, value in plan.resolved.fixed.items()]
-    lines += [f"  {words}" for words in stated.extraordinary(plan)]
+    lines += [f"  {words}" for words in (*stated.extraordinary(plan), *stated.unresolved(plan))]
     lines += _refused(plan)
     lines += stated.of_study(plan)
     for e in plan.study.experiments:

@@ -31,7 +31,7 @@ from rso.study.repairing import Step
 from rso.study.schema import Study
 from rso.study.searching import Found, Validation, baselines, mean_over_design, simulated_curves
 from rso.study.stages import Design, Fitted, Run, why
-from rso.study.stated import extraordinary
+from rso.study.stated import extraordinary, unresolved
 from rso.surrogates import Scores
 from rso.targets import Checked
 
@@ -62,6 +62,7 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
         "warnings": [
             *(f"{e.name}, {doubt}" for e in study.experiments for doubt in study.measurement(e.name).doubts),
             *extraordinary(plan),
+            *unresolved(plan),
         ],
         "timings": {},
         "provenance": {

@@ -19,6 +19,7 @@ from rso.study.cases import MISREAD, case_for, travels
 from rso.study.plan import Plan
 from rso.study.schema import Study
 
+COARSE = 0.04  # of the force at the deepest reading: what a mesh may miss without a word
 MOST = 4096  # corners of the ranges that are looked at
 
 def of_study(plan: Plan) -> list[str]:
@@ -49,6 +50,26 @@ def extraordinary(plan: Plan) -> list[str]:
         if off.any():
             where = "any of their corners" if off.all() else "some of their corners"
             lines.append(f"ranges beyond ordinary materials: {words} needs {text}, not so at {where}")
+    return lines
+
+
+def unresolved(plan: Plan) -> list[str]:
+    """Experiments whose deepest reading the mesh resolves badly, and by which level it would be better."""
+    lines, ask = [], getattr(plan.backend, "resolution", None)
+    for e in plan.study.experiments if ask is not None else ():
+        if e.kind != "force" or e.name not in plan.curves:
+            continue
+        settings = {k: v for k, v in plan.study.settings_of(e.name).items() if k != "unload"}
+        deepest = float(plan.curves[e.name].depth.max())
+        (own, error), *others = ask(settings, deepest).items()
+        if deepest <= 0.0 or error <= COARSE:
+            continue
+        better = [f"{name} {100 * v:.2g} %" for name, v in others if v < 0.8 * error]
+        hint = f"; by level: {', '.join(better)}" if better else ""
+        lines.append(
+            f"experiment {e.name!r}: the mesh is the limit, not the noise: its contact is small against the elements, "
+            f"the force at {deepest:.3g} mm is about {100 * error:.2g} % off at mesh.level = {json.dumps(own)}{hint}"
+        )
     return lines
 
 

@@ -518,3 +518,49 @@ def test_attraction_of_a_short_range_errs_more_and_a_shorter_one_is_refused():
     assert failed.value.cause == "not_supported"
     usual, none = (errors.run_terms(settings(), knobs(adhesion=w), result())["Fz"] for w in (W, 0.0))
     np.testing.assert_allclose(usual - none, 2 * np.pi * W * errors.effective_radius(settings()) * 0.005625, rtol=1e-6)
+
+
+DEEP = {  # K/mu -> (level, travel, force here, independent axisymmetric force of degree 4), mm and N
+    5.8: [("coarse", 6, 0.9157, 0.9061), ("coarse", 7, 1.0427, 1.0249), ("coarse", 7.5, 1.0916, 1.0639),
+          ("coarse", 8, 1.1305, 1.0874), ("standard", 6, 0.9135, 0.9061), ("standard", 7, 1.0390, 1.0249),
+          ("standard", 7.5, 1.0864, 1.0639), ("standard", 8, 1.1241, 1.0874)],
+    1.1: [("coarse", 6, 0.9420, 0.92496), ("coarse", 7, 1.0762, 1.04489), ("coarse", 7.5, 1.1317, 1.08804),
+          ("coarse", 8, 1.1804, 1.12075), ("standard", 6, 0.9381, 0.92496), ("standard", 7, 1.0699, 1.04489),
+          ("standard", 7.5, 1.1238, 1.08804), ("standard", 8, 1.1721, 1.12075)],
+}  # fmt: skip
+
+
+def deep_error(D1, level, travel, force):
+    """Stated relative error of a force at one depth below a ball of 3 mm, contact radius about R."""
+    one = replace(result(), channels={n: v[-1:] for n, v in result().channels.items()})
+    channels = one.channels | {"travel": np.array([float(travel)]), "Fz": np.array([force]),
+                               "contact_radius": np.array([2.9])}  # fmt: skip
+    found = replace(one, channels=channels, contact_error=np.zeros(1), residual=np.zeros(1))
+    return float(errors.stated(settings(level), knobs(D1=D1), found)["Fz"][0]) / force
+
+
+def test_deep_forces_err_by_no_more_than_is_stated():
+    """16 forces at 2 to 2.7 R against an independent code: nine in ten lie within, in the median by less than 4 times."""
+    rows = [(D1, *row) for D1, found in DEEP.items() for row in found]
+    true = np.array([abs(F / exact - 1.0) for *_, F, exact in rows])
+    said = np.array([deep_error(D1, level, s, F) for D1, level, s, F, _ in rows])
+    assert np.mean(said >= true) >= 0.9 and np.median(said / true) < 4.0
+    deeper = [deep_error(5.8, "fine", s, 1.0) for s in (3.0, 4.5, 6.0, 7.0, 8.0, 9.0)]
+    assert deeper[1] == pytest.approx(deeper[0], rel=0.1) and all(b > a for a, b in pairwise(deeper[1:]))
+
+
+def test_without_the_term_of_depth_most_deep_forces_lie_outside(monkeypatch):
+    monkeypatch.setattr(errors, "DISTORTED", 0.0)
+    rows = [(D1, *row) for D1, found in DEEP.items() for row in found]
+    true = np.array([abs(F / exact - 1.0) for *_, F, exact in rows])
+    assert np.mean(np.array([deep_error(D1, level, s, F) for D1, level, s, F, _ in rows]) >= true) < 0.5
+
+
+def test_what_a_mesh_misses_is_foretold_from_the_contact_radius():
+    """By ratios alone: the same at every size; smaller elements and deeper contacts miss less."""
+    usual = [errors.at_depth(settings(), d) for d in (0.01, 0.07, 0.3, 1.0)]
+    np.testing.assert_allclose([errors.at_depth(settings(scale=0.1), 0.1 * d) for d in (0.01, 0.07, 0.3, 1.0)], usual)
+    assert all(b < a for a, b in pairwise(usual)) and usual[0] > 0.2 and usual[-1] < 0.03
+    levels = BACKEND.resolution({"mesh": {"level": "standard"}}, 0.1)
+    assert list(levels) == ["standard", "coarse", "fine", "reference"]
+    assert levels["coarse"] > levels["standard"] > levels["fine"] > levels["reference"]

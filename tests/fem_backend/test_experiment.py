@@ -161,8 +161,8 @@ def test_marks_of_the_canonical_form_are_offered_to_nobody():
         ({}, {**BOWL, "specimen": {"semi_axes": [30.0, 24.0, 21.0]}}, Programme.ramp((1.0,)), True),
         ({}, BOWL, Programme.ramp((1.0,)), False),
         ({}, {"material": {"law": "linear_elastic"}}, Programme.ramp((1.0,)), True),
-        ({}, {}, Programme.ramp((6.1,)), True),
-        ({}, {}, Programme.ramp((6.0,)), False),
+        ({}, {}, Programme.ramp((4.6,)), True),
+        ({}, {}, Programme.ramp((4.5,)), False),
     ],
 )
 def test_answers_that_were_mended_have_another_key(values, settings, programme, marked):

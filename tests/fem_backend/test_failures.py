@@ -169,6 +169,29 @@ def test_inversion_is_said_where_no_step_is_small_enough(small, brittle):
     assert stopped.value.counters.cutbacks > 2
 
 
+def test_a_run_that_fails_is_tried_once_more_in_shorter_steps(small, monkeypatch):
+    """Whatever the steps the answer is that of the run that does not fail; a second failure is one."""
+    true, tried = stepping.travel, []
+
+    def travel(system, start, asked, control, *rest):
+        tried.append(control.first)
+        if len(tried) in fails:
+            raise Stopped("instability", "no", [], (), rest[0])
+        return true(system, start, asked, control, *rest)
+
+    fails = {1}
+    monkeypatch.setattr(stepping, "travel", travel)
+    other = small.solve([0.5, 1.0])
+    assert len(tried) == 2 and tried[1] < tried[0]
+    tried.clear()
+    fails = {1, 2}
+    with pytest.raises(Stopped):
+        small.solve([0.5, 1.0])
+    assert len(tried) == 2
+    monkeypatch.setattr(stepping, "travel", true)
+    np.testing.assert_allclose(other.Fz, small.solve([0.5, 1.0]).Fz, rtol=1e-8)
+
+
 def test_indefinite_tangent_is_an_instability(small, monkeypatch):
     """A matrix that no shift repairs."""
 
