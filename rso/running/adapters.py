@@ -270,7 +270,7 @@ def _load_command(
 def _printed(text: str) -> Any:
     """The JSON that a command printed; what it printed before or behind (a banner, a licence) is passed over.
 
-    That is the object with the most keys of a schema among those that begin a line; JSONDecodeError where there is none.
+    That is the object with most keys of a schema among those that begin a line; JSONDecodeError without any.
     """
     try:
         return json.loads(text)

@@ -120,7 +120,8 @@ def story(choice: Choice, box: Box, targets: Sequence[Target]) -> str:
     n = len(choice.X)
     ends = zip(box.names, box.from_unit(choice.lowest), box.from_unit(choice.highest), box.units, strict=True)
     ranges = ", ".join(f"{name} from {a:.4g} to {b:.4g}{spaced(u)}" for name, a, b, u in ends)
-    within = " and ".join(f"{t} within ±{tol:.3g}{spaced(t.unit)}" for t, tol in zip(targets, choice.tolerance, strict=True))
+    allowed = zip(targets, choice.tolerance, strict=True)
+    within = " and ".join(f"{t} within ±{tol:.3g}{spaced(t.unit)}" for t, tol in allowed)
     if not choice.reachable:
         signed = zip(targets, choice.residual[0], choice.tolerance, strict=True)
         misses = ", ".join(f"{t} by {r:+.3g}{spaced(t.unit)}" for t, r, tol in signed if abs(r) > tol)

@@ -204,7 +204,8 @@ def _recorded(m: Measurement, curve: MeasuredCurve) -> str:
     count = {s: sum(int(np.sum(r.segment == s)) for r in m.repeats) for s in SEGMENTS}
     branches = ", ".join(f"{n} {s}" for s, n in count.items() if n)
     F = curve.value
-    return f"readings: {branches}; {curve.channel} from {F.min():.3g} to {F.max():.3g}{spaced(curve.unit)} while loading"
+    span = f"{F.min():.3g} to {F.max():.3g}{spaced(curve.unit)}"
+    return f"readings: {branches}; {curve.channel} from {span} while loading"
 
 
 def _pace(plan: Plan, e: ExperimentTable) -> str:

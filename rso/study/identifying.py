@@ -217,7 +217,8 @@ def _far(d: Determination, name: str, values: Mapping[str, float]) -> list[str]:
         i = known.profile_interval
         if max(i.low - x[k], x[k] - i.high) > 0.5 * (i.high - i.low):
             low, high = physical(box, k, i)
-            said.append(f"{known.name} = {values[known.name]:.4g} (the curves: {low:.4g} to {high:.4g}{spaced(box.units[k])})")
+            span = f"{low:.4g} to {high:.4g}{spaced(box.units[k])}"
+            said.append(f"{known.name} = {values[known.name]:.4g} (the curves: {span})")
     if not said:
         return []
     return [

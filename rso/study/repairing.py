@@ -78,7 +78,10 @@ def repair(bench: Bench, design: Design, fitted: Fitted, say: Callable[[str], No
         if not wider:
             audit.append(Step(k, _last_word(plan, proposal, audit), reason + _obstacle(moving, k)))
             break
-        said = [f"{axes[e.j].name} {e.of(axes):.4g} → {to:.4g}{spaced(axes[e.j].parameter.unit)}" for e, to in wider.items()]
+        said = [
+            f"{axes[e.j].name} {e.of(axes):.4g} → {to:.4g}{spaced(axes[e.j].parameter.unit)}"
+            for e, to in wider.items()
+        ]
         say(f"ranges: {reason}; {', '.join(said)}")
         grown, fitted_there, runs = _grown(bench, design, fitted, wider)
         rows = [Step(k, "widened", reason, axes[e.j].name, e.word, e.of(axes), to) for e, to in wider.items()]

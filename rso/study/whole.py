@@ -325,7 +325,8 @@ def _outside(identification: dict[str, Any] | None, parameters: list[dict[str, A
         if value is not None and max(low - value, value - high) > 1e-9 * max(abs(low), abs(high)):
             said.append(
                 f"identification: the most likely {p['name']}, {value:.3g}{spaced(p['unit'])}, lies outside the stated "
-                f"range, {low:g} to {high:g}{spaced(p['unit'])}: a wrong range, or a model that makes up for what it lacks"
+                f"range, {low:g} to {high:g}{spaced(p['unit'])}: a wrong range, or a model that makes up for what it "
+                "lacks"
             )
     return said
 

@@ -100,7 +100,10 @@ LAYOUT: dict[str, Any] = {
                 {
                     **dict.fromkeys(("name", "state", "agreement", "verified", "worst", "meets")),
                     "demands": [
-                        dict.fromkeys(("kind", "output", "demand", "value", "miss", "tolerance", "unit", "met", "words"))
+                        {
+                            **dict.fromkeys(("kind", "output", "demand", "value", "miss")),
+                            **dict.fromkeys(("tolerance", "unit", "met", "words")),
+                        }
                     ],
                     "values": VALUES,
                     "outputs": [
