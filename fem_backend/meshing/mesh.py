@@ -63,17 +63,22 @@ class Mesh:
         return out.getvalue()
 
     @classmethod
+    def from_bytes(cls, data: bytes) -> Mesh:
+        """Inverse of `to_bytes`; ValueError for bytes that hold no mesh."""
+        return cls(*arrays(io.BytesIO(data), "mesh", ("vertices", "tets")))
+
+    @classmethod
     def from_file(cls, path: Path | str) -> Mesh:
         """Inverse of `to_bytes`; ValueError for a file that holds no mesh."""
         return cls(*arrays(path, "mesh", ("vertices", "tets")))
 
 
-def arrays(path: Path | str, what: str, names: Sequence[str]) -> list[np.ndarray]:
+def arrays(path: Path | str | io.BytesIO, what: str, names: Sequence[str]) -> list[np.ndarray]:
     """Arrays by name from an npz that stands for `what`; ValueError naming both where they cannot be read."""
     try:
         with np.load(path, allow_pickle=False) as data:
             return [data[name] for name in names]
-    except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile, zlib.error, MemoryError) as error:
         raise ValueError(f"the artefact {what!r} at {path} cannot be read: {type(error).__name__}: {error}") from error
 
 

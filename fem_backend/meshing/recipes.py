@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import json
 import os
+import stat
 import subprocess
 import sys
 import tempfile
@@ -19,10 +20,11 @@ import numpy as np
 
 from fem_backend.geometry import Ellipsoid
 from fem_backend.meshing.mapped import mapped_quarter
-from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing
+from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, volumes
 from fem_backend.meshing.templates import NOMINAL, template_hash, template_mesh
 
 ALIVE = 10.0  # s between two signs of life of a mesher
+OFF = 0.09  # of the volume: straight edges of a coarse mesh cut that much off, see `finish`
 
 
 def make(recipe: str) -> Mesh:
@@ -41,7 +43,7 @@ def make(recipe: str) -> Mesh:
         return Mesh(mesh.vertices * (np.array(data["semi_axes"]) / NOMINAL.semi_axes), mesh.tets)
     with tempfile.TemporaryDirectory() as folder:
         child = [sys.executable, "-m", "fem_backend.meshing.tetwild", recipe, "mesh.npz"]
-        path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
+        path = os.pathsep.join(filter(None, [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH")]))
         environment = {**os.environ, "PYTHONPATH": path}
         try:
             with _said(data["semi_axes"]):
@@ -112,22 +114,72 @@ def template_recipe(level: str, body: Ellipsoid = NOMINAL) -> str:
 
 
 def cached(recipe: str) -> Mesh:
-    """Mesh of a recipe from this user's cache, made there if missing: two studies then share one mesh."""
-    if json.loads(recipe)["mesher"] == "template":
+    """Mesh of a recipe from this user's cache, made there if missing: two studies then share one mesh.
+
+    Nothing is believed of a file in the cache: it must be this user's alone, carry the recipe and the SHA-256 of the
+    mesh, and hold the body of the recipe; any other is made again and replaced.
+    """
+    if mesher(recipe) == "template":
         return make(recipe)  # it lies beside the program already
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    path = base / "rso-meshes" / f"{hashlib.sha256(recipe.encode()).hexdigest()}.npz"
-    if not path.exists():
-        mesh = make(recipe)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            temporary = path.with_suffix(f".{os.getpid()}")
-            temporary.write_bytes(mesh.to_bytes())
-            try:
-                os.link(temporary, path)  # the first of two racing processes wins: both then read the same mesh
-            except FileExistsError:
-                pass
-            temporary.unlink()
-        except OSError:
-            return mesh  # no writable home: the caller's store keeps the artefact
-    return Mesh.from_file(path)
+    path = cache() / f"{hashlib.sha256(recipe.encode()).hexdigest()}.npz"
+    found = _kept(path, recipe)
+    if found is not None:
+        return found
+    mesh = make(recipe)
+    _keep(path, recipe, mesh.to_bytes())
+    return _kept(path, recipe) or mesh  # the first of two racing processes wins: both then use the same mesh
+
+
+def cache() -> Path:
+    """Folder of this user's meshes; below no home there is none, and nothing can be kept there."""
+    try:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    except RuntimeError:  # who has no home has no cache
+        base = Path(os.devnull)
+    return base / "rso-meshes"
+
+
+def _private(path: Path) -> bool:
+    """Whether a file or folder is this user's own, no link, and nobody else may write to it."""
+    found = path.lstat()
+    return found.st_uid == os.getuid() and not stat.S_ISLNK(found.st_mode) and not found.st_mode & 0o022
+
+
+def _marked(recipe: str, data: bytes) -> bytes:
+    """The bytes of an npz with recipe and SHA-256 as the comment of its archive, which readers of npz pass over."""
+    comment = f"rso mesh 1 {hashlib.sha256(data).hexdigest()} {recipe}".encode()
+    return data[:-2] + len(comment).to_bytes(2, "little") + comment
+
+
+def _kept(path: Path, recipe: str) -> Mesh | None:
+    """The mesh of the recipe in a file of the cache; None where there is none that can be believed."""
+    try:
+        if not (_private(path.parent) and _private(path) and path.is_file()):
+            return None
+        raw = path.read_bytes()
+        data = raw[: len(raw) - len(_marked(recipe, bytes(2)))] + bytes(2)
+        if raw != _marked(recipe, data):
+            return None
+        mesh = Mesh.from_bytes(data)
+        v = volumes(mesh)
+        stands_for = v.min() > 0 and abs(v.sum() / (nominal(recipe).volume() / 4) - 1) <= OFF
+    except (OSError, ValueError, IndexError, TypeError, MemoryError):
+        return None
+    return mesh if stands_for else None
+
+
+def _keep(path: Path, recipe: str, data: bytes) -> None:
+    """Put a mesh into the cache, whole or not at all; without a place for it the caller's store keeps the artefact."""
+    part = path.with_suffix(f".{os.getpid()}")
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if not _private(path.parent):
+            return
+        part.unlink(missing_ok=True)
+        with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600), "wb") as file:
+            file.write(_marked(recipe, data))
+        if _kept(path, recipe) is None:
+            os.replace(part, path)
+        part.unlink(missing_ok=True)
+    except OSError:
+        return

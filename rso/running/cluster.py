@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import os
+import stat
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -17,6 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rso import disk
 from rso.contract import Case, object_path
 from rso.running.adapters import Source
 from rso.running.pool import WorkerPool, WorkersCannotStart
@@ -67,16 +69,18 @@ class ClusterExecutor(Executor):
 def open_cluster(
     address: str | None, jobs: int, source: Source | None = None, timeout_s: float | None = None
 ) -> Iterator[ClusterExecutor]:
-    """Executor of the Dask scheduler at `address`; without one, of a local cluster of `jobs` processes.
+    """Executor of the Dask scheduler at `address`; without one, of a cluster of `jobs` threads within this process.
 
+    Each call has a process of its own anyway, and within one process the cluster opens no port that others could use: a
+    Dask scheduler runs whatever whoever reaches it sends.  Its pages of status are switched off and not served.
     WorkersCannotStart if Dask is not installed or no scheduler answers there.
     """
     try:
-        from distributed import Client, LocalCluster
+        from distributed import Client
     except ImportError as error:
         raise WorkersCannotStart(f"engine = 'dask' needs Dask ({error}): pip install 'rso[dask]'") from error
     try:
-        local = None if address else LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None)
+        local = None if address else _within(jobs)
         client = Client(address or local, timeout=CONNECT_S)
     except (OSError, ValueError) as error:
         raise WorkersCannotStart(f"no Dask scheduler at {address or 'this machine'}: {error}") from error
@@ -87,6 +91,22 @@ def open_cluster(
         client.close()
         if local is not None:
             local.close()
+
+
+def _within(jobs: int) -> Any:
+    """A cluster within this process; its servers of status pages, which Dask starts in any case, have no pages and
+    listen on this machine's loopback only."""
+    import dask
+    from distributed import LocalCluster
+
+    quiet = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+    with dask.config.set(quiet):
+        cluster = LocalCluster(n_workers=jobs, threads_per_worker=1, processes=False, protocol="inproc://",
+                               dashboard_address=None, host="127.0.0.1", memory_limit=0)  # fmt: skip
+    for node in (cluster.scheduler, *cluster.workers.values()):
+        if (server := getattr(node, "http_server", None)) is not None:
+            server.stop()
+    return cluster
 
 
 def _files(case: Case) -> Mapping[str, Path]:
@@ -113,14 +133,11 @@ def _there(
 
 def _keep(folder: Path, sha: str, content: bytes) -> None:
     """Store a file under its hash, whole or not at all; somebody else may be storing it too."""
+    folder.mkdir(mode=0o700, exist_ok=True)
+    found = folder.lstat()  # before anything in it is believed: its name is known to everybody on the machine
+    if stat.S_ISLNK(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
+        raise PermissionError(f"{folder} is a link, belongs to somebody else or others may write to it: remove it")
     path = object_path(folder, sha)
     if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == sha:
         return
-    folder.mkdir(mode=0o700, exist_ok=True)
-    if folder.stat().st_uid != os.getuid():
-        raise PermissionError(f"{folder} belongs to somebody else")
-    path.parent.mkdir(exist_ok=True)
-    descriptor, temporary = tempfile.mkstemp(dir=folder)
-    with open(descriptor, "wb") as file:
-        file.write(content)
-    os.replace(temporary, path)
+    disk.replace(disk.folder(path.parent) / path.name, content)

@@ -20,6 +20,7 @@ from rso.cli.commands import _executor
 from rso.contract import Case, Programme, Response
 from rso.printable import one, printable
 from rso.running import Source, WorkerDied, WorkerPool, load_backend
+from rso.running.cluster import _keep
 from rso.running.fingerprints import fingerprint_of
 from rso.store import Done, RunStore, StoreError
 from rso.study import load
@@ -435,3 +436,23 @@ def test_a_fault_of_the_program_is_one_message(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("RSO_TRACEBACK", "1")
     with pytest.raises(LookupError):
         main(["keys"])
+
+
+# ------------------------------------------------------------------------------------------------------ shared folders
+
+
+def test_objects_of_a_folder_that_others_may_write_to_are_not_believed(tmp_path):
+    content, folder = b"mesh", tmp_path / "objects"
+    sha = disk_sha(content)
+    _keep(folder, sha, content)
+    assert (folder / sha[:2] / sha).read_bytes() == content
+    (folder / sha[:2] / sha).write_bytes(b"cut")
+    _keep(folder, sha, content)
+    assert (folder / sha[:2] / sha).read_bytes() == content
+    folder.chmod(0o777)
+    with pytest.raises(PermissionError, match="others may write"):
+        _keep(folder, sha, content)
+    folder.chmod(0o700)
+    (tmp_path / "link").symlink_to(folder)
+    with pytest.raises(PermissionError, match="is a link"):
+        _keep(tmp_path / "link", sha, content)
