@@ -16,6 +16,7 @@ import os
 from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -122,6 +123,11 @@ class _Table:
     headers: Mapping[str, str]
     turned: tuple[str, ...]
 
+    @cached_property
+    def rows(self) -> dict[str, np.ndarray]:
+        """Indices of the rows of each repeat."""
+        return tables.rows_of(self.labels.tolist())
+
 
 def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] | None = None) -> Measurement:
     """Read a measured file, or repeats of one test from several; ValueError for what is no clean table of numbers.
@@ -145,7 +151,7 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
     each = [
         (table, _repeat(table, kind, label))
         for table, kind in zip(found, kinds, strict=True)
-        for label in dict.fromkeys(table.labels.tolist())
+        for label in table.rows
     ]
     in_air = any(_in_air(table, r) for table, r in each)
     repeats: list[Repeat] = []
@@ -190,7 +196,7 @@ def _without_creep(r: Repeat) -> tuple[Repeat, list[str]]:
 
 def _plausible(table: _Table, r: Repeat) -> list[str]:
     """Remarks on a force curve; what refuses it says, too, which signs were turned."""
-    lines, force = table.line[table.labels == r.label], r.channels.get("Fz")
+    lines, force = table.line[table.rows[r.label]], r.channels.get("Fz")
     try:
         return plausible.check(table.path, r.label, r.depth, r.segment, force, r.time, lines, table.segments is None)
     except ValueError as error:
@@ -402,7 +408,7 @@ def _kind(table: _Table, named: bool) -> Literal["force", "profile"]:
 
 def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     """The rows of one repeat, checked."""
-    rows = table.labels == label
+    rows = table.rows[label]
     data = {name: column[rows] for name, column in table.columns.items()}
     depth, time = data.pop("depth"), data.pop("time", None)
     if kind == "force" and time is not None and np.any(np.diff(time) <= 0):

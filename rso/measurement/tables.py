@@ -150,13 +150,20 @@ def labels_of(
 
 def _apart(path: Path, table: np.ndarray, headers: Sequence[int], depth: np.ndarray, own: Sequence[str]) -> None:
     """ValueError where a label stands in two tables of which the second does not go on where the first ended."""
-    for label in dict.fromkeys(own):
-        at = np.nonzero(np.array(own) == label)[0]
+    for label, at in rows_of(own).items():
         parts = [at[table[at] == k] for k in np.unique(table[at])]
         if not _go_on([depth[part] for part in parts]):
             line = headers[table[parts[1][0]]]
             fail(path, line, f"a table begins again, with the repeat {label!r} of the one above: number its column "
                  "'repeat' through all tables, or do without it, then each table is a repeat")  # fmt: skip
+
+
+def rows_of(labels: Sequence[str]) -> dict[str, np.ndarray]:
+    """Indices of the rows of each label, in the order in which labels come first."""
+    found: dict[str, list[int]] = {}
+    for k, label in enumerate(labels):
+        found.setdefault(label, []).append(k)
+    return {label: np.array(rows) for label, rows in found.items()}
 
 
 def _alike(parts: Sequence[np.ndarray], share: float) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -133,15 +134,19 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
     if "experiments" in raw and "fit" not in roles:
         yield Problem(("experiments",), 'at least one experiment needs role = "fit"')
     circles: set[frozenset[str]] = set()
+    after = {e.name: e.after for e in experiments.values()}
+    round_about = _on_circles(after)
+    count = Counter(names)
+    known = set(names)
     for n, e in experiments.items():
         place: Place = ("experiments", n)
-        if names.count(e.name) > 1 and any(other.name == e.name for k, other in experiments.items() if k < n):
+        if count[e.name] > 1 and any(other.name == e.name for k, other in experiments.items() if k < n):
             yield Problem((*place, "name"), "this name is taken by an earlier experiment", e.name)
         for other in e.after:
-            if other not in names or (other == e.name and names.count(other) == 1):
+            if other not in known or (other == e.name and count[other] == 1):
                 yield Problem((*place, "after"), f"no other experiment; {choose(other, set(names) - {e.name})}", other)
-        circle = _circle(e.name, {other.name: other.after for other in experiments.values()})
-        taken = any(names.count(k) > 1 for k in circle or ())  # of two with one name nobody knows which is meant
+        circle = _circle(e.name, after) if e.name in round_about else ()
+        taken = any(count[k] > 1 for k in circle or ())  # of two with one name nobody knows which is meant
         if circle and not taken and frozenset(circle) not in circles:  # one mistake, wherever it is entered
             circles.add(frozenset(circle))
             text = f"comes after itself: {', '.join(circle)}; leave one of these out"
@@ -195,6 +200,24 @@ def _settings(raw: dict[str, Any], e: ExperimentTable) -> dict[str, Any]:
     backend = raw.get("backend")
     shared = backend.get("settings") if isinstance(backend, dict) else None
     return {**(shared if isinstance(shared, dict) else {}), **e.settings}
+
+
+def _on_circles(after: Mapping[str, Sequence[str]]) -> set[str]:
+    """Names left when those are taken away again and again that come after none of the others: all that are on circles."""
+    waits = {name: {k for k in others if k in after and k != name} for name, others in after.items()}
+    behind: dict[str, list[str]] = {}
+    for name, others in waits.items():
+        for k in others:
+            behind.setdefault(k, []).append(name)
+    free = [name for name, others in waits.items() if not others]
+    while free:
+        done = free.pop()
+        del waits[done]
+        for name in behind.get(done, ()):
+            waits[name].discard(done)
+            if not waits[name]:
+                free.append(name)
+    return set(waits)
 
 
 def _circle(name: str, after: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
