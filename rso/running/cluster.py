@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 CONNECT_S = 30.0
+LOOPBACK = "127.0.0.1:0"
 _here = threading.local()  # one pool of one process per thread of a Dask worker
 
 
@@ -102,7 +103,8 @@ def _within(jobs: int) -> Any:
     quiet = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     with dask.config.set(quiet):
         cluster = LocalCluster(n_workers=jobs, threads_per_worker=1, processes=False, protocol="inproc://",
-                               dashboard_address=None, host="127.0.0.1", memory_limit=0)  # fmt: skip
+                               worker_dashboard_address=LOOPBACK, memory_limit=0,
+                               scheduler_kwargs={"dashboard": False, "dashboard_address": LOOPBACK})  # fmt: skip
     for node in (cluster.scheduler, *cluster.workers.values()):
         if (server := getattr(node, "http_server", None)) is not None:
             server.stop()
