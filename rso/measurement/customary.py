@@ -108,7 +108,8 @@ def tensile(texts: Sequence[str]) -> str:
 
 def from_contact(cell: str) -> bool:
     """Whether a header says that a travel counts from contact."""
-    return any(part in plain(cell, "depth") for part in FROM_CONTACT)
+    name = plain(cell, "depth")
+    return name == "pd" or any(part in name for part in FROM_CONTACT)  # penetration depth
 
 
 def turned(columns: Mapping[str, np.ndarray], labels: np.ndarray, names: Sequence[str]) -> list[str]:

@@ -17,10 +17,11 @@ def until(depth: np.ndarray, force: np.ndarray, time: np.ndarray | None, segment
     """
     stroke = float(np.ptp(depth))
     hold = np.nonzero(segment == "hold")[0]
-    if len(hold) > 2 and np.ptp(depth[hold]) > CREEPS * stroke and np.ptp(force[hold]) < CONSTANT * np.ptp(force):
+    creeps = len(hold) > 5 and _drift(depth[hold]) > max(CREEPS * stroke, 6.0 * shape.noise_of(depth))
+    if creeps and np.ptp(force[hold]) < CONSTANT * np.ptp(force):
         return int(hold[0]), _words(depth[hold], force[hold])
     loading = np.nonzero(segment == "loading")[0]
-    if len(loading) < shape.FEW:
+    if len(loading) < shape.FEW or len(hold):
         return None
     d, F = depth[loading], force[loading]
     found = shape.creep(d, F, None if time is None else time[loading])
@@ -28,6 +29,12 @@ def until(depth: np.ndarray, force: np.ndarray, time: np.ndarray | None, segment
         return None
     at = int(np.nonzero(d >= found[0])[0][0])
     return int(loading[at]) + 1, _words(d[at:], F[at:])
+
+
+def _drift(depth: np.ndarray) -> float:
+    """How far the last third of the readings of a hold lies beyond the first."""
+    n = len(depth) // 3
+    return float(np.median(depth[-n:]) - np.median(depth[:n]))
 
 
 def _words(depth: np.ndarray, force: np.ndarray) -> str:

@@ -130,3 +130,9 @@ def test_a_double_turn_is_marked_as_a_guess(tmp_path):
     assert any("both signs were turned, which is a guess" in d for d in read(path).doubts)
     path.write_text(table(["Position (mm),Load (N)"], [U, -F], ","))
     assert not any("guess" in d for d in read(path).doubts)
+
+
+def test_a_penetration_counts_from_contact_as_it_says(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text(table(["Time (s)\tPd (mm)\tFn (N)"], [T, U, F]))
+    np.testing.assert_allclose(read(path).repeats[0].depth, U, atol=2e-6)
