@@ -269,14 +269,15 @@ def test_a_whole_study_with_its_report(tmp_path, capsys):
     assert "is not there; run the study first" in said and "Errno" not in said
     assert main(["run", path, "--jobs", "1"]) == 0
     said = capsys.readouterr().out
-    assert "mu is determined: with 90 % confidence" in said and "20 simulations (20 done, 0 failed, 0 crashed" in said
+    assert "mu is determined: with 90 % confidence" in said
+    done = re.search(r"(\d+) simulations \(\1 done, 0 failed, 0 crashed", said)[1]
     results = tmp_path / "results"
     assert b"<html" in (results / "report.html").read_bytes()[:500]
     assert (results / "report.pdf").read_bytes().startswith(b"%PDF")
     assert main(["status", path]) == 0
     assert capsys.readouterr().out.splitlines() == [
         "last finished stage: validate",
-        "done: 20",
+        f"done: {done}",
         "failed: 0",
         "crashed: 0",
     ]
@@ -319,7 +320,7 @@ def test_a_program_started_before_the_old_results_are_moved_runs_in_the_new_fold
     (tmp_path / "hertz.py").write_text(HERTZ)
     path = str(studies.write(tmp_path, backend=f'command = ["{sys.executable}", "hertz.py"]', backend__settings=None,
                              parameters=MU, doe="runs = 6\nheld_out = 1"))  # fmt: skip
-    assert main(["run", path, "--jobs", "1"]) in (0, 4)
+    assert main(["run", path, "--jobs", "1"]) in (0, 4, 6)
     log, real = tmp_path / "schema.log", plan.make_plan
     log.write_text("")
     plan.Source.load.cache_clear()
@@ -332,7 +333,7 @@ def test_a_program_started_before_the_old_results_are_moved_runs_in_the_new_fold
         return made
 
     monkeypatch.setattr(plan, "make_plan", slow)
-    assert main(["run", path, "--jobs", "1", "--fresh"]) in (0, 4)
+    assert main(["run", path, "--jobs", "1", "--fresh"]) in (0, 4, 6)
     counts = studies.read(tmp_path)["counts"]
     assert counts["done"] == counts["fe_runs"] > 0 and counts["from_store"] == 0
     assert len(list(tmp_path.glob("results-*"))) == 1
@@ -380,9 +381,12 @@ def test_studies_share_simulations_and_not_results(tmp_path, capsys):
     assert main(["check", "--trust", other, "--store", str(kept)]) == 0
     assert "as measured in this study" in capsys.readouterr().out
     assert main(["run", other, "--jobs", "1", "--store", str(kept)]) == 0
-    counts = studies.read(tmp_path / "other")["counts"]
-    assert counts["from_store"] == counts["fe_runs"] == 20 and not (tmp_path / "other/results/runs.sqlite").exists()
-    assert main(["status", other, "--store", str(kept)]) == 0 and "done: 20" in capsys.readouterr().out
+    counts, before = (studies.read(tmp_path / name)["counts"] for name in ("other", "one"))
+    # it learns from all of them, so its candidates may lie a little beside those of the first: they are its own runs
+    assert counts["from_store"] == before["fe_runs"] and counts["fe_runs"] - counts["from_store"] <= 5
+    assert not (tmp_path / "other/results/runs.sqlite").exists()
+    done = f"done: {counts['fe_runs']}"
+    assert main(["status", other, "--store", str(kept)]) == 0 and done in capsys.readouterr().out
     # moved together they still belong together; a study that is gone owns nothing
     (tmp_path / "one").rename(tmp_path / "moved")
     assert main(["run", str(tmp_path / "moved/study.toml"), "--jobs", "1"]) == 0
