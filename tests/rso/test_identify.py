@@ -408,7 +408,7 @@ def test_an_interval_is_said_with_the_digits_of_its_width(low, high, said):
     assert verdict.word == "determined"
     profile = None  # is asked only where nothing is determined
     text, _ = sentences(box, 0, verdict, interval, profile, unit="N", depth=np.ones(1))
-    assert f"confidence {said} 1 (" in text
+    assert f"confidence {said} (" in text
 
 
 def test_a_model_that_does_not_fit_widens_the_intervals_and_says_so():
