@@ -1,6 +1,6 @@
 """90 % intervals and the word "determined" on simulated data sets of four kinds of problems and three kinds of noise.
 
-    ./dev test -m verification tests/verification/test_determined.py -n 2 -s
+    ./dev test -m verification tests/verification/test_determined_studies.py -n 2 -s
 
 Closed forms, no finite elements.  RSO_SETS is the number of data sets each (200).
 """
