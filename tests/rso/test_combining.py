@@ -77,12 +77,13 @@ def test_noise_of_each_reading_counts_once_however_many_repeats_show_it(r, share
     """χ² per degree of freedom of the true model: 1 where what is stated is right or too small, (σ/stated)² else.
 
     The mean over 200 data sets of 39 degrees of freedom is known to 2 %; what gain and contact of few tests are taken
-    to scatter by takes up to two of the 39.
+    to scatter by takes up to two of the 39; a size known from the 37 degrees of freedom of two repeats makes it
+    37/35, and what of the scatter counts as correlated is missing in the white part.
     """
     rng = np.random.default_rng(2)
     noise = Noise(Fz=0.002 * share, **NONE)
     χ2 = [fit(combine(measured(U, white(r)(rng)), noise), ball(U))[2] for _ in range(SETS)]
-    np.testing.assert_allclose(np.mean(χ2) / (len(U) - 1), expected, rtol=0.1, atol=0)
+    np.testing.assert_allclose(np.mean(χ2) / (len(U) - 1), expected, rtol=0.15, atol=0)
 
 
 @pytest.mark.parametrize("shape", [1 + 4 * ball(U) / ball(U).max(), 1 + 3 * (np.arange(len(U)) % 2), 0.5 + ball(U)])
@@ -194,7 +195,7 @@ def test_what_channels_of_one_record_share_has_the_correlation_of_the_repeats():
             rows = np.array(["loading"] * len(u))
             repeats = [Repeat(str(k), u, None, {c: v[k] for c, v in curves.items()}, {}, rows) for k in range(5)]
             m = Measurement(Path("x.csv"), "force", tuple(repeats), ())
-            z, x = combine(m, Noise(), "Fz"), combine(m, Noise(), "Fx")
+            z, x = combine(m, Noise(**NONE), "Fz"), combine(m, Noise(**NONE), "Fx")  # the usual parts are shared
             together = sum(z.shared[n][-1] * x.shared[n][-1] for n in set(z.shared) & set(x.shared))
             values.append(together / np.sqrt(z.covariance[-1, -1] * x.covariance[-1, -1]))
             assert np.linalg.eigvalsh(z.covariance - sum(np.outer(s, s) for s in z.shared.values())).min() > 0
