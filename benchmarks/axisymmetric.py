@@ -126,6 +126,7 @@ class Body:
 
     def solve(self, u: np.ndarray, depth: float, kept: np.ndarray, tolerance: float) -> tuple | None:
         """Equilibrium by Newton with halved steps, its force and pressure; None where there is none."""
+
         def state(u: np.ndarray) -> tuple | None:
             inside = self.bulk(u)
             return None if inside is None else (inside, self.contact(u, depth, kept))

@@ -1,8 +1,8 @@
 """python -m fem_backend request.json response.json : one simulation without rso.
 
-    --vtu FOLDER        one VTU file per asked instant
-    --pictures FOLDER   sections and the surface from above as PNG per asked instant, no display needed
-    --schema            what requests and responses hold, every knob with unit and range
+--vtu FOLDER        one VTU file per asked instant
+--pictures FOLDER   sections and the surface from above as PNG per asked instant, no display needed
+--schema            what requests and responses hold, every knob with unit and range
 """
 
 from __future__ import annotations

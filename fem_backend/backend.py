@@ -358,8 +358,8 @@ def path_dependent(settings: Settings, values: Mapping[str, float]) -> bool:
 def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) -> int:
     """The last change since the first answers that counts here, 0 where none does.
 
-    1: a cavity used to weigh, the peak pressure not to be the net one, a rest to be one step, and the lip of every bowl to
-    be 1 mm.  2: small strains had no end, and errors below a deep ball were stated too small.
+    1: a cavity used to weigh, the peak pressure not to be the net one, a rest to be one step, and the lip of every
+    bowl to be 1 mm.  2: small strains had no end, and errors below a deep ball were stated too small.
     """
     relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))
     rests = any(a == b for a, b in itertools.pairwise(programme.travel_mm))

@@ -150,12 +150,15 @@ def distorted(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
     """What elements distorted below a deep ball add to a force (k,), as a share of it:
 
     λ (0.4 + log₁₀ K/μ) (x − 3/2)³/80 beyond x = 3/2, x = (travel − w)/R, w what the body has `sunk`, λ by the level.
-    Against two axisymmetric programs with elements of degree 4 (one is benchmarks/axisymmetric.py): R = 3 mm on a sphere of 35 mm,
-    x = 2 to 2.67, K/μ = 34 and 178, forces 0.8 to 5.3 % too large at coarse and standard; and between levels.
+    Fitted to forces of an independent axisymmetric program of degree 4 (R = 3 mm on a sphere of 35 mm, x = 2 to 2.67,
+    K/μ = 34 and 178: coarse and standard are 0.8 to 5.3 % too large), and to differences between levels elsewhere;
+    benchmarks/axisymmetric.py, a second such program, agrees at x = 2 and has not been brought deeper.
     Of forces alone: what it does to other channels was not measured.
     """
     x = (np.maximum(result.travel, 0.0) - sunk(settings, knobs, result)) / settings.R
-    return DISTORTED * DISTORTS.get(settings.level, 1.0) * (AT_LEAST + stiffness(knobs)) * np.maximum(x - DEEP, 0.0) ** 3
+    return (
+        DISTORTED * DISTORTS.get(settings.level, 1.0) * (AT_LEAST + stiffness(knobs)) * np.maximum(x - DEEP, 0.0) ** 3
+    )
 
 
 def relaxing(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:

@@ -21,7 +21,6 @@ from fem_backend.newton import Counters, System
 from fem_backend.slopes import Slopes
 from fem_backend.stepping import Guess, Instant, Point, Stopped, Watch
 
-
 FINAL = ("time_limit", "inadmissible")  # ends of a run that no other path avoids
 SHORTER = 0.6  # of the steps, where a run is tried again
 

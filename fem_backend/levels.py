@@ -115,7 +115,10 @@ def jkr(settings: Settings, travel: np.ndarray, force: np.ndarray) -> dict[str, 
         return {}
     a, best = np.linspace(1e-3, 1.0, 400) * R, (np.inf, 0.0, 0.0, 0.0)
     for ratio in np.geomspace(1e-6, 0.3, 120) * R:
-        depth, unit = a**2 / R - np.sqrt(2.0 * np.pi * ratio * a), 4.0 * a**3 / (3.0 * R) - np.sqrt(8.0 * np.pi * ratio * a**3)
+        depth, unit = (
+            a**2 / R - np.sqrt(2.0 * np.pi * ratio * a),
+            4.0 * a**3 / (3.0 * R) - np.sqrt(8.0 * np.pi * ratio * a**3),
+        )
         low = int(np.argmin(depth))  # beyond the turn of the branch no contact is stable
         for contact in u[0] + np.linspace(-0.5, 1.0, 61) * np.ptp(u):
             f = np.interp(u - contact, depth[low:], unit[low:])

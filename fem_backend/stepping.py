@@ -265,7 +265,9 @@ def travel(
     return points
 
 
-def proper(system: System, found: Equilibrium, here: float, goal: float, points: list[Point], counters: Counters) -> None:
+def proper(
+    system: System, found: Equilibrium, here: float, goal: float, points: list[Point], counters: Counters
+) -> None:
     """Raise Stopped where the displacements between two travels (mm) are beyond small strains.
 
     With ε = sym ∇u, a line element shrinks to nothing at 1 + ε_min ≤ 0 and the body turns over at det(I + ∇u) ≤ 0: no

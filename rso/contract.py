@@ -233,14 +233,16 @@ def _numbers(name: str, value: Any) -> tuple[float, ...]:
 
 
 def _real(name: str, value: Any) -> np.ndarray:
-    """An array of floats; ValueError for complex numbers, text, truth values and masked ones, which numpy would take."""
+    """An array of floats; ValueError for complex numbers, text, truth values and masked ones, which numpy takes."""
     found = np.asarray(value)
     if np.ma.is_masked(value):
         raise ValueError(f"{name} holds masked values; a run without an answer must fail")
     if found.dtype.kind == "O":
         return np.array([np.nan if v is None else number(name, v) for v in found.ravel()], float).reshape(found.shape)
     if found.dtype.kind not in "iuf" and found.size:
-        what = {"c": "complex numbers", "b": "truth values", "U": "text", "S": "text"}.get(found.dtype.kind, "no numbers")
+        what = {"c": "complex numbers", "b": "truth values", "U": "text", "S": "text"}.get(
+            found.dtype.kind, "no numbers"
+        )
         raise ValueError(f"{name} holds {what}; real numbers are expected")
     return found.astype(float)
 

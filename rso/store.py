@@ -324,7 +324,9 @@ def _check_schema(db: sqlite3.Connection, file: Path) -> None:
     parts = db.execute("SELECT type, name FROM sqlite_master WHERE name NOT LIKE 'sqlite@_%' ESCAPE '@'").fetchall()
     hidden = [r["name"] for _, table in _PARTS for r in db.execute(f"PRAGMA table_xinfo({table})") if r["hidden"]]
     if strange := sorted({(r["type"], r["name"]) for r in parts} - _PARTS) + hidden:
-        raise StoreError(f"{file} holds {strange[0]!r}, which no store of rso has: is it from somebody else? Move it aside")
+        raise StoreError(
+            f"{file} holds {strange[0]!r}, which no store of rso has: is it from somebody else? Move it aside"
+        )
     finding = db.execute("PRAGMA quick_check(1)").fetchone()[0]
     if finding != "ok":
         raise sqlite3.DatabaseError(finding)
@@ -415,7 +417,9 @@ def _listed(r: sqlite3.Row) -> Row:
     if not isinstance(values, dict) or not all(map(finite, values.values())):
         raise ValueError(f"run {str(r['key'])[:12]} has no table of values")
     cause, reason = (None if r[k] is None else str(r[k]) for k in ("cause", "reason"))
-    return Row(str(r["key"]), r["state"], str(r["name"]), values, cause, reason, *r[6:8], str(r["created"]), r["attempts"])
+    return Row(
+        str(r["key"]), r["state"], str(r["name"]), values, cause, reason, *r[6:8], str(r["created"]), r["attempts"]
+    )
 
 
 def _check_row(row: sqlite3.Row) -> None:

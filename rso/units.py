@@ -41,7 +41,9 @@ LADDERS = {
     "mm": (("mm", 1.0), ("µm", 1e3)),
 }
 COLUMN_NAMES = (*COLUMNS, *(f"{name}_sigma" for name in COLUMNS), *BARE_COLUMNS)
-UNITS = MappingProxyType({"mm": "mm, um, nm, m, inch", "s": "s, ms, min", "N": "N, mN, uN, nN, kN, gf, lbf"})  # of each kind, some
+UNITS = MappingProxyType(
+    {"mm": "mm, um, nm, m, inch", "s": "s, ms, min", "N": "N, mN, uN, nN, kN, gf, lbf"}
+)  # of each kind, some
 WEIGHTS = MappingProxyType({"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"})  # masses where only a force can be
 _WORDS = MappingProxyType(  # the same, written out
     {"gram": "gf", "gramme": "gf", "kilogram": "kgf", "kilogramme": "kgf", "kilo": "kgf", "pound": "lbf", "lb": "lbf",

@@ -24,7 +24,8 @@ ROOMS = {
         "stress meshing",
         "element linsolve condensed krylov zones pointwise contact newton keeping",
         "rolling stepping following post",
-        "experiment model bench instants channels slopes indentation errors foreseen anchors nested levels possible costs",
+        "experiment model bench instants channels slopes indentation errors foreseen anchors nested levels "
+        "possible costs",
         "backend output",
         "__main__",
     ),

@@ -49,8 +49,19 @@ from rso.study import load
 from rso.study.diagnosing import ask
 
 REPORT = Path(__file__).parents[2] / "reports" / "diagnosis_emulator.md"
-SECTIONS = ("effects", "rules", "controls", "check", "shrinkage", "next", "ablations", "smooth", "pairs", "whole",
-            "coverage")
+SECTIONS = (
+    "effects",
+    "rules",
+    "controls",
+    "check",
+    "shrinkage",
+    "next",
+    "ablations",
+    "smooth",
+    "pairs",
+    "whole",
+    "coverage",
+)
 
 
 class NothingRuns(Executor):

@@ -38,7 +38,7 @@ def _open_streams() -> None:
     for name, number in (("stdout", 1), ("stderr", 2)):
         stream = getattr(sys, name)
         if stream is None:
-            setattr(sys, name, open(number, "w", encoding="utf-8", closefd=False))  # noqa: SIM115
+            setattr(sys, name, open(number, "w", encoding="utf-8", closefd=False))
         elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without μ shows ? for it
 
@@ -68,7 +68,9 @@ def _guarded(call: Callable[[], int]) -> int:
         return EXIT_BROKEN
     except BrokenPipeError:  # whoever read has read enough, as head does: no fault of the folder or the study
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        _tell("rso: its output was closed, so it stopped; everything finished is stored, the same command goes on from there")
+        _tell(
+            "rso: its output was closed, so it stopped; everything finished is stored, the same command goes on from there"
+        )
         return EXIT_INTERRUPTED
     except OSError as error:
         what = f"{error.filename}: " if error.filename else ""

@@ -305,7 +305,9 @@ def _executor(table: Any, jobs: int, source: Any, folder: Path, warm: bool = Fal
     """What runs the simulations: processes of this machine, or a Dask cluster."""
     from rso.running import WorkerPool, open_cluster
 
-    own = source.timeout_s if source.command is None else None  # a command is stopped by its adapter, which keeps its folder
+    own = (
+        source.timeout_s if source.command is None else None
+    )  # a command is stopped by its adapter, which keeps its folder
     limit = min((t for t in (table.timeout, own) if t is not None), default=None)
     if table.engine == "dask":  # a folder of this machine means nothing there
         return open_cluster(table.address, jobs, source, limit)

@@ -40,9 +40,7 @@ def factorial(d: int, runs: int | None = None, levels: Sequence[int] | None = No
     return np.array(list(itertools.product(*(np.linspace(0, 1, L) for L in levels))))
 
 
-def central_composite(
-    d: int, star: Star = "circumscribed", alpha: Alpha | None = None, centres: int = 1
-) -> np.ndarray:
+def central_composite(d: int, star: Star = "circumscribed", alpha: Alpha | None = None, centres: int = 1) -> np.ndarray:
     """Central composite design: corners, 2d star points and one centre (a computed centre repeats exactly).
 
     In coded units the corners sit at ±1 and the star points at ±α. α = 1 is face-centred; the default is rotatable,
@@ -58,9 +56,7 @@ def central_composite(
     return 0.5 + 0.5 * coded / a
 
 
-def star_distance(
-    d: int, star: Star = "circumscribed", alpha: Alpha | None = None, centres: int = 1
-) -> float:
+def star_distance(d: int, star: Star = "circumscribed", alpha: Alpha | None = None, centres: int = 1) -> float:
     """α of a central composite design of F corners and n0 = `centres` centres; ValueError for what there is none of.
 
         rotatable:  α⁴ = F        orthogonal:  α² = ½ (√(F (F + 2d + n0)) − F)

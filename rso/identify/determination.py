@@ -179,7 +179,7 @@ def _widening(
 def taken_up(misfit: Misfit, x: np.ndarray | None) -> float:
     """By how much χ² at x (d,) is smaller than its degrees of freedom where a test has none of the usual errors.
 
-        E χ² = n − d − ‖(1 − J J⁺) W U‖²      with whitened slopes J and the usual parts U of the covariance
+    E χ² = n − d − ‖(1 − J J⁺) W U‖²      with whitened slopes J and the usual parts U of the covariance
     """
     if x is None or misfit.weighting != "noise" or not any(d.usual for d in misfit.data):
         return 0.0

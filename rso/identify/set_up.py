@@ -1,4 +1,4 @@
-"""What usual errors of a test, which nobody has stated, make of an interval: that without them, and which counts most."""
+"""What unstated usual errors of a test make of an interval: that without them, and which of them counts most."""
 
 from __future__ import annotations
 

@@ -149,9 +149,7 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
                 f"{paths[0].name} holds {', '.join(found[0].columns)}"
             )
     each = [
-        (table, _repeat(table, kind, label))
-        for table, kind in zip(found, kinds, strict=True)
-        for label in table.rows
+        (table, _repeat(table, kind, label)) for table, kind in zip(found, kinds, strict=True) for label in table.rows
     ]
     in_air = any(_in_air(table, r) for table, r in each)
     repeats: list[Repeat] = []
@@ -370,7 +368,9 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     position = "depth" in head.customary and not customary.from_contact(headers["depth"])
     if pulled := customary.tensile([*head.cells, *notes]):
         if head.customary:
-            raise ValueError(f"{path}: {pulled[:60]!r} says that the specimen was pulled; a record of pressing is expected")
+            raise ValueError(
+                f"{path}: {pulled[:60]!r} says that the specimen was pulled; a record of pressing is expected"
+            )
         doubts.append(f"{pulled[:60]!r} says that the specimen was pulled: is this a record of pressing?")
     return _Table(path, arrays, labels, stated, lines, tuple(notes), head.unread, tuple(doubts), head.found, position,
                   own, headers, tuple(turned))  # fmt: skip

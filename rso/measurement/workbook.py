@@ -64,8 +64,21 @@ def text_of_workbook(path: Path, raw: bytes, sheet: str = "") -> tuple[str, list
     except Refused:
         raise
     # Of the library, which takes for granted that what it reads is a workbook; SyntaxError: of the sheets' language.
-    except (BadZipFile, InvalidFileException, LookupError, ValueError, TypeError, AttributeError, OSError, SyntaxError,
-            ArithmeticError, NotImplementedError, RuntimeError, EOFError, zlib.error) as error:
+    except (
+        BadZipFile,
+        InvalidFileException,
+        LookupError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        OSError,
+        SyntaxError,
+        ArithmeticError,
+        NotImplementedError,
+        RuntimeError,
+        EOFError,
+        zlib.error,
+    ) as error:
         raise ValueError(
             f"{path}: is a zip archive and no workbook (.xlsx) that can be read; save it as CSV"
         ) from error

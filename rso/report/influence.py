@@ -268,7 +268,10 @@ def _morris_table(results: Results) -> Table:
 def over(results: Results) -> str:
     """The ranges that sensitivities are about, in a sentence; empty where nothing tells."""
     data = results.get("sensitivity") or {}
-    ranges, whose = data.get("ranges") or {}, {"stated": "stated", "searched": "widened"}.get(data.get("ranges_are"), "")
+    ranges, whose = (
+        data.get("ranges") or {},
+        {"stated": "stated", "searched": "widened"}.get(data.get("ranges_are"), ""),
+    )
     spans = [
         f"{p.letter} from {p.show(ends[0])} to {p.show(ends[1])}"
         for p in parameters(results)

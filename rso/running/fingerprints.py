@@ -81,6 +81,11 @@ def _files(base: Path, parts: Sequence[str]) -> list[Path]:
         folder = base.joinpath(*parts[:k])
         if not part or not folder.is_dir():
             break
-        tries = [folder / f"{part}.py", folder / part / "__init__.py", *folder.glob(f"{part}.*.so"), folder / f"{part}.so"]
+        tries = [
+            folder / f"{part}.py",
+            folder / part / "__init__.py",
+            *folder.glob(f"{part}.*.so"),
+            folder / f"{part}.so",
+        ]
         found += [Path(os.path.realpath(p)) for p in tries if p.is_file()]
     return found

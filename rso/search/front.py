@@ -46,8 +46,9 @@ def nsga2(
     """Minimise objectives(X) (n, m) over [low, high] in the unit cube with NSGA-II (Deb et al. 2002).
 
     A quarter of the first population are the basins of the sum of the objectives, each over its mean, and of its
-    violations (:func:`~rso.search.basins.basins`): what is narrow no population finds by chance. `constraints(X)` (n, k) is positive where violated; `start` (k, d) enters the first population. Points with
-    a value that is not finite count as infeasible. Same arguments, same bits.
+    violations (:func:`~rso.search.basins.basins`): what is narrow no population finds by chance.
+    `constraints(X)` (n, k) is positive where violated; `start` (k, d) enters the first population. Points with a value
+    that is not finite count as infeasible. Same arguments, same bits.
 
     Raises
     ------

@@ -96,8 +96,13 @@ def of_identification(plan: Plan, found: Identified, settled: Settled) -> dict[s
             "mcmc": None
             if d.draws is None
             else {
-                "method": d.draws.method, "draws": len(d.draws.X), "steps": d.draws.steps, "tau": d.draws.tau,
-                "independent": d.draws.independent, "r_hat": d.draws.r_hat, "converged": d.draws.enough,
+                "method": d.draws.method,
+                "draws": len(d.draws.X),
+                "steps": d.draws.steps,
+                "tau": d.draws.tau,
+                "independent": d.draws.independent,
+                "r_hat": d.draws.r_hat,
+                "converged": d.draws.enough,
             },  # fmt: skip
             "weightings": [{"weighting": w, "values": _values(plan, box, f.x)} for w, f in found.weightings.items()],
             "metrics": [

@@ -98,7 +98,9 @@ def _toml(file: Path, text: str) -> dict[str, Any]:
     except ValueError as error:  # an integer of thousands of digits
         raise StudyError([f"{file}: not valid TOML: {error}"]) from error
     if (deep := too_deep(found, DEEPEST)) is not None:
-        raise StudyError([f"{file}: not a study file: {str(deep)[:60]} holds tables or arrays nested more than {DEEPEST} deep"])
+        raise StudyError(
+            [f"{file}: not a study file: {str(deep)[:60]} holds tables or arrays nested more than {DEEPEST} deep"]
+        )
     return found
 
 
@@ -203,7 +205,7 @@ def _settings(raw: dict[str, Any], e: ExperimentTable) -> dict[str, Any]:
 
 
 def _on_circles(after: Mapping[str, Sequence[str]]) -> set[str]:
-    """Names left when those are taken away again and again that come after none of the others: all that are on circles."""
+    """Names left when those are taken away again and again that come after none of the others: all on circles."""
     waits = {name: {k for k in others if k in after and k != name} for name, others in after.items()}
     behind: dict[str, list[str]] = {}
     for name, others in waits.items():
@@ -310,12 +312,14 @@ def _check_names(raw: dict[str, Any], folder: Path) -> Iterator[Problem]:
 def _check_look_alikes(raw: dict[str, Any]) -> Iterator[Problem]:
     """Names of one kind that differ by nothing that a reader sees would be mistaken for one another."""
     rungs = [(("ladder", "levels"), _tables(raw, "ladder", "levels"))]
-    rungs += [((*place, n), inner) for place, tables in rungs for n, inner in enumerate(tables) if isinstance(inner, list)]
+    rungs += [
+        ((*place, n), inner) for place, tables in rungs for n, inner in enumerate(tables) if isinstance(inner, list)
+    ]
     kinds = [(("experiments",), "name"), (("experiments",), "mounting"), (("search", "variants"), "name"),
              (("next", "experiments"), "name")]  # fmt: skip
     lists = [(place, key, _tables(raw, *place)) for place, key in kinds] + [(p, "name", t) for p, t in rungs]
     for place, key, tables in lists:
         named = [(n, t[key]) for n, t in enumerate(tables) if isinstance(t, dict) and isinstance(t.get(key), str)]
         for k, name, earlier in look_alikes([name for _, name in named]):
-            text = f"looks like {earlier!r} and is another name: they differ by case, a blank or a letter of another script"
+            text = f"looks like {earlier!r} and is another name: by case, a blank or a letter of another script"
             yield Problem((*place, named[k][0], key), text, name)

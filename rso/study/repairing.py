@@ -79,8 +79,7 @@ def repair(bench: Bench, design: Design, fitted: Fitted, say: Callable[[str], No
             audit.append(Step(k, _last_word(plan, proposal, audit), reason + _obstacle(moving, k)))
             break
         said = [
-            f"{axes[e.j].name} {e.of(axes):.4g} → {to:.4g}{spaced(axes[e.j].parameter.unit)}"
-            for e, to in wider.items()
+            f"{axes[e.j].name} {e.of(axes):.4g} → {to:.4g}{spaced(axes[e.j].parameter.unit)}" for e, to in wider.items()
         ]
         say(f"ranges: {reason}; {', '.join(said)}")
         grown, fitted_there, runs = _grown(bench, design, fitted, wider)
@@ -326,8 +325,10 @@ def _stop(plan: Plan, stated: Stated, barred: dict[End, str], e: End) -> str:
     if words := limit(plan, plan.searches[0].axes, stated, e)[1]:
         return f"{_place(plan, e)} {words}"
     told = plan.study.search.repair_limit
-    limit_is = "a width a side, the limit where search.repair_limit is not stated," if told is None else (
-        f"search.repair_limit = {told:g}"
+    limit_is = (
+        "a width a side, the limit where search.repair_limit is not stated,"
+        if told is None
+        else (f"search.repair_limit = {told:g}")
     )
     return f"{limit_is} ends the range at {_place(plan, e)}"
 

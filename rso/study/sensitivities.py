@@ -52,7 +52,8 @@ def analyse(plan: Plan, fitted: Fitted, stated: Plan) -> Sensitivity:
     """Sensitivities of the targets of the main search and of the extra outputs; along the curves those of the targets.
 
     They are over the ranges of the plan as `stated`, or, where `sensitivity.ranges` asks for it, over those of `plan`,
-    which the main search may have widened; a circumscribed design is wider than either. Only the part of the ranges counts that respects the conditions between parameters and the limits on outputs.
+    which the main search may have widened; a circumscribed design is wider than either. Only the part of the ranges
+    counts that respects the conditions between parameters and the limits on outputs.
     """
     table, emulator = plan.study.sensitivity, fitted.emulator
     searched = table.ranges == "searched"
@@ -98,7 +99,9 @@ def analyse(plan: Plan, fitted: Fitted, stated: Plan) -> Sensitivity:
             known = sobol.get(output.id)
             along.append(Along(output, bars, known or indices(output, min(table.samples, ALONG))))
     along.sort(key=lambda a: (a.output.experiment, a.output.channel, a.output.depth_mm))
-    return Sensitivity(ranges, searched, centre, local, curves, morris, sobol, tuple(along), inside is not None, refused)
+    return Sensitivity(
+        ranges, searched, centre, local, curves, morris, sobol, tuple(along), inside is not None, refused
+    )
 
 
 def feasible(plan: Plan, emulator: Emulator) -> Callable[[np.ndarray], np.ndarray] | None:

@@ -111,9 +111,7 @@ def evidence(plan: Plan, emulator: Emulator, found: Sequence[Found]) -> Evidence
     plain = Misfit(model, tuple(data), wall=_wall(plan, box))
     first = all_minima(plain, seed=plan.seed, near=near)[0]
     there = _wide(plan, first.x[None])[0]
-    data = [
-        d.plus(of_interpolation(p, *_curve(emulator, p, there))) for p, d in zip(places, data, strict=True)
-    ]
+    data = [d.plus(of_interpolation(p, *_curve(emulator, p, there))) for p, d in zip(places, data, strict=True)]
     plain, banded = replace(plain, data=tuple(data)), zip(data, pairs, strict=True)
     data = [d.plus(together(d.depth, band(there), float(d.depth.max()))) for d, (_, band) in banded]
     misfit, bare = (remembering(m, first.x) for m in (replace(plain, data=tuple(data)), plain))

@@ -22,6 +22,7 @@ from rso.study.schema import Study
 COARSE = 0.04  # of the force at the deepest reading: what a mesh may miss without a word
 MOST = 4096  # corners of the ranges that are looked at
 
+
 def of_study(plan: Plan) -> list[str]:
     """Settings that the study states, whatever the defaults are, and those that it leaves to the backend."""
     taken, default = (_taken(plan, plan.study.experiments[0].name, s) for s in (plan.study.backend.settings, {}))

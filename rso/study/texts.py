@@ -31,7 +31,9 @@ def too_deep(data: Any, most: int) -> Any:
     """The first key of plain data below which tables and arrays are nested deeper than `most`, or None."""
     for key, inner in data.items():
         level, depth = [inner], 1
-        while level := [v for d in level if isinstance(d, dict | list) for v in (d.values() if isinstance(d, dict) else d)]:
+        while level := [
+            v for d in level if isinstance(d, dict | list) for v in (d.values() if isinstance(d, dict) else d)
+        ]:
             depth += 1
             if depth > most:
                 return key

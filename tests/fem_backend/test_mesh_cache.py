@@ -35,7 +35,9 @@ def test_a_whole_mesh_is_made_once_and_is_an_npz(kept):
     assert same(recipes.Mesh.from_file(file), mesh)  # other readers see an ordinary file
 
 
-@pytest.mark.parametrize("spoil", ["cut", "empty", "flipped", "other body", "bare", "group", "link", "two names", "folder open"])
+@pytest.mark.parametrize(
+    "spoil", ["cut", "empty", "flipped", "other body", "bare", "group", "link", "two names", "folder open"]
+)
 def test_what_is_not_that_mesh_is_made_again_and_replaced(kept, spoil):
     file, made, mesh = kept
     raw = file.read_bytes()

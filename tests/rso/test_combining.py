@@ -13,7 +13,11 @@ from rso.study.readings import as_data
 
 U = np.linspace(0.1, 4.0, 40)
 SETS = 200
-NONE = {"gain": 0.0, "contact": 0.0, "correlation": 0.0}  # errors of the test as a whole: it is said that there are none
+NONE = {
+    "gain": 0.0,
+    "contact": 0.0,
+    "correlation": 0.0,
+}  # errors of the test as a whole: it is said that there are none
 
 
 def ball(u: np.ndarray) -> np.ndarray:

@@ -53,7 +53,9 @@ def test_modules_of_the_folder_a_worker_is_started_in_are_not_imported(tmp_path)
         "with WorkerPool(1, source=Source('dummy_backend:BACKEND')) as pool: print(pool.submit(math.sqrt, 4.0).result())"
     )
     environment = {**os.environ, "PYTHONPATH": str(HERE)}
-    done = subprocess.run([sys.executable, "-P", "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True
+    )
     assert (done.returncode, done.stdout) == (0, "2.0\n"), done.stderr
     bad = subprocess.run([sys.executable, "-c", "import socket"], cwd=tmp_path, capture_output=True, text=True)
     assert "executed" in bad.stderr  # the trap works where nobody minds
@@ -254,7 +256,9 @@ def test_a_database_that_computes_is_no_store(tmp_path, statement):
 VICTIM = "mine, and not to be touched\n"
 
 
-@pytest.mark.parametrize("name", ["runs.lock", "runs.sqlite", "runs.sqlite-wal", "runs.sqlite-shm", "objects", "objects/ab"])
+@pytest.mark.parametrize(
+    "name", ["runs.lock", "runs.sqlite", "runs.sqlite-wal", "runs.sqlite-shm", "objects", "objects/ab"]
+)
 @pytest.mark.parametrize("link", [os.symlink, os.link])
 def test_a_store_is_not_written_through_links(tmp_path, name, link):
     folder, victim = tmp_path / "results", tmp_path / "victim"
@@ -279,7 +283,16 @@ def disk_sha(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-WRITTEN = ("results.json", "runs.csv", "report.html", "report.pdf", "study", "surrogates.npz", "surrogates.json", "x.tmp")
+WRITTEN = (
+    "results.json",
+    "runs.csv",
+    "report.html",
+    "report.pdf",
+    "study",
+    "surrogates.npz",
+    "surrogates.json",
+    "x.tmp",
+)
 
 
 def test_a_run_overwrites_nothing_that_links_in_its_folder_lead_to(tmp_path):
@@ -368,7 +381,10 @@ def test_a_path_of_the_command_line_is_shown_as_text(tmp_path, capsys):
 def test_cells_of_runs_are_no_formulas(tmp_path):
     run = {"key": "k", "purpose": "design", "state": "crashed", "cause": "@SUM(A1)", "reason": '=cmd|"/c calc"!A1', "wall_s": -1.0,
            "cpu_s": 1.0, "values": {"=mu": -0.5}, "outputs": {"+Fz": -2.0}}  # fmt: skip
-    write_runs(tmp_path / "runs.csv", {"parameters": [{"name": "=mu", "unit": "MPa"}], "runs": [run, run | {"reason": " -1+1"}]})
+    write_runs(
+        tmp_path / "runs.csv",
+        {"parameters": [{"name": "=mu", "unit": "MPa"}], "runs": [run, run | {"reason": " -1+1"}]},
+    )
     import csv
 
     rows = list(csv.reader((tmp_path / "runs.csv").open()))
@@ -391,14 +407,33 @@ def _number(text: str) -> bool:
 def test_names_that_look_alike_are_told_apart_or_refused(tmp_path, capsys, one_name, other):
     assert drawn(one_name) == drawn(other)
     again = f'name = "{other}"\nrole = "validate"\ndata = "side.csv"'
-    studies.write(tmp_path, experiments=f'name = "{one_name}"\nrole = "fit"\ndata = "top.csv"\n[[experiments]]\n{again}', search=None)
+    studies.write(
+        tmp_path,
+        experiments=f'name = "{one_name}"\nrole = "fit"\ndata = "top.csv"\n[[experiments]]\n{again}',
+        search=None,
+    )
     (tmp_path / "side.csv").write_text(studies.measured(noise=2e-5))
     assert main(["check", "--trust", str(tmp_path)]) == 2
     assert "looks like" in capsys.readouterr().err
 
 
 def test_names_that_differ_to_the_eye_are_different():
-    names = ["top", "tip", "point 1 12", "point 11 2", "point_1", "point 1.", "mu", "nu", "μ", "β", "ä", "a", "x-1", "x+1"]
+    names = [
+        "top",
+        "tip",
+        "point 1 12",
+        "point 11 2",
+        "point_1",
+        "point 1.",
+        "mu",
+        "nu",
+        "μ",
+        "β",
+        "ä",
+        "a",
+        "x-1",
+        "x+1",
+    ]
     assert list(look_alikes(names)) == []
     assert too_deep({"a": {"b": [1, {"c": 2}]}}, 4) is None and too_deep({"z": 1, "a": {"b": [1, {"c": 2}]}}, 2) == "a"
 

@@ -12,7 +12,9 @@ U = np.round(np.linspace(0.0, 1.2, 61), 6)  # mm
 F = 0.8 * U**1.5  # N
 
 
-def table(head: list[str], columns: list[np.ndarray], separator: str = "\t", digits: int = 6, comma: bool = False) -> str:
+def table(
+    head: list[str], columns: list[np.ndarray], separator: str = "\t", digits: int = 6, comma: bool = False
+) -> str:
     rows = [separator.join(f"{v:.{digits}f}" for v in row) for row in zip(*columns, strict=True)]
     rows = [row.replace(".", ",") for row in rows] if comma else rows
     return "\n".join([*head, *rows]) + "\n"
@@ -57,7 +59,9 @@ def two_blocks(tmp_path: Path) -> Path:
     air = table([], [T[:20], U[:20], 0.0 * U[:20] + 0.01 * np.cos(T[:20] * 40)])
     press = table([], [T, 0.4 + U, -F / 9.80665e-3])
     path = tmp_path / "mach.txt"
-    path.write_text("<Mach-1 File>\n" + block.format("Find Contact", air.lstrip()) + block.format("Ramp", press.lstrip()))
+    path.write_text(
+        "<Mach-1 File>\n" + block.format("Find Contact", air.lstrip()) + block.format("Ramp", press.lstrip())
+    )
     return path
 
 
@@ -120,7 +124,9 @@ def test_a_record_that_says_that_it_was_pulled_is_refused(tmp_path):
     path.write_text("Test type,Tensile\n" + table(["Extension (mm),Load (N)"], [U, U], ","))
     with pytest.raises(ValueError, match="'Test type Tensile' says that the specimen was pulled"):
         read(path)
-    path.write_text("Test type,Compression\nFixture,tensile and compression\n" + table(["Extension (mm),Load (N)"], [U, F], ","))
+    path.write_text(
+        "Test type,Compression\nFixture,tensile and compression\n" + table(["Extension (mm),Load (N)"], [U, F], ",")
+    )
     assert len(read(path).repeats[0].depth) == 61
 
 

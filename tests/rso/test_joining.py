@@ -10,7 +10,7 @@ from rso.study import load
 from rso.study.joining import find
 from rso.study.plan import make_plan
 
-FULL = 'runs = 12\nheld_out = 3\nreduce = false'
+FULL = "runs = 12\nheld_out = 3\nreduce = false"
 NARROW = 'mu = {{ low = "6 kPa", high = "{} kPa", scale = "log" }}\nD1 = {{ low = 10, high = 150, scale = "log" }}'
 
 

@@ -61,7 +61,11 @@ LAYOUT: dict[str, Any] = {
         }
     ],
     "surrogates": [
-        {**dict.fromkeys(("output", "unit", "kind", "story", "n", "spread")), "cross_validation": SCORES, "held_out": SCORES}
+        {
+            **dict.fromkeys(("output", "unit", "kind", "story", "n", "spread")),
+            "cross_validation": SCORES,
+            "held_out": SCORES,
+        }
     ],
     "surfaces": [{"output": None, "unit": None, "x": AXIS, "y": AXIS, "mean": [[None]], "sd": [[None]], "others": {}}],
     "sensitivity": {
