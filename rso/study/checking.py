@@ -262,4 +262,4 @@ def _usual(study: Study, e: ExperimentTable) -> str:
              "correlation": f"{100 * usual.CORRELATED:g} % of the largest force along the depth"}  # fmt: skip
     each = ", ".join(sizes[n] for n in noise.unstated)
     less = ", less as far as repeats show less" if len(m.repeats) > 1 else ""
-    return f"; usual errors of a test that is not stated: {each}{less}" if each else ""
+    return f"; not stated, so usual errors count: {each}{less}" if each else ""
