@@ -66,12 +66,12 @@ def _said(d: Determination, k: int, found: AsStated) -> str:
     name = found.shares[0][0]
     curve, key = name.rsplit(": ", 1) if ": " in name else ("", name)
     of = f" of {curve}" if curve else ""
-    what = {"correlation": "errors that go together along the depth"}.get(key, f"{key}")
+    what = {"correlation": "correlated", "gain": "gain", "contact": "contact"}.get(key, key)
     low, high = (physical(box, k, i) for i in (a, b))
     return (
-        f"{known.name} is known to {_either(low)} with what is stated alone, {_either(high)} with usual errors of a "
-        f"test; the usual {what}{of}, {_size(d, name, key)}, counts most: noise.{key} states what it is, 0 that there "
-        "is none."
+        f"{known.name} is known to {_either(low)} by what is stated alone, to {_either(high)} with usual errors of a "
+        f"test. The usual {what} error{of}, {_size(d, name, key)}, counts most: noise.{key} states it, and 0 says that "
+        "there is none."
     )
 
 
