@@ -93,7 +93,7 @@ def between(travel: np.ndarray, value: np.ndarray, at: np.ndarray) -> np.ndarray
     difference from a spline of degree five in s = √u.
 
     Where there are fewer than five points, from the curve through every second one, whose error is at least
-    four times as large.  0 for a single point, and before contact.
+    four times as large.  0 at computed points, for a single one, and before contact.
     """
     u, y = np.asarray(travel, float), np.asarray(value, float)
     knots = np.append(0.0, u)
@@ -109,7 +109,9 @@ def between(travel: np.ndarray, value: np.ndarray, at: np.ndarray) -> np.ndarray
         return np.zeros(np.shape(at))
     largest = [float(off[(fine >= a) & (fine <= b)].max()) for a, b in itertools.pairwise(knots)]
     where = np.clip(np.searchsorted(knots, at, side="left") - 1, 0, len(largest) - 1)
-    return np.where(np.asarray(at) > 0.0, np.array(largest)[where], 0.0)
+    at = np.asarray(at, float)
+    computed = np.min(np.abs(np.subtract.outer(at, knots)), axis=-1) <= _ROUND_OFF * knots[-1]
+    return np.where((at > 0.0) & ~computed, np.array(largest)[where], 0.0)
 
 
 def rows_at(at: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

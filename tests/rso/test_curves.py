@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from rso.curves import Resampling, baseline, metrics, rows_at, window
+from rso.curves import Resampling, baseline, between, metrics, rows_at, window
 
 # Round-off of a handful of operations on numbers of order one.
 EXACT = 1e-13
@@ -153,3 +153,10 @@ def test_rows_are_interpolated_as_numpy_does_one_by_one():
     each = [np.interp(at, a, b) for a, b in zip(x, y, strict=True)]
     np.testing.assert_allclose(rows_at(at, x, y), each, rtol=0, atol=1e-14)  # round-off
     np.testing.assert_allclose(rows_at(at[None] + np.zeros((20, 1)), x[0], y)[3], np.interp(at, x[0], y[3]), atol=1e-14)
+
+
+def test_a_curve_is_not_off_where_it_was_computed():
+    """Negative control: between computed points the estimate is not 0."""
+    u = np.linspace(0.2, 2.0, 7)
+    assert not between(u, u**1.7, u).any()
+    assert np.all(between(u, u**1.7, u[1:] - 0.1) > 0.0)

@@ -65,7 +65,8 @@ def known(tmp_path_factory) -> dict[str, Any]:
 
 def test_the_truth_is_found_in_a_few_runs_and_confirmed(known):
     true_within(known)
-    assert known["exit_code"] == 0 and known["stage"] == "validate" and known["warnings"] == []
+    assert known["exit_code"] == 0 and known["stage"] == "validate"
+    assert all("scatter far less" in w for w in known["warnings"])  # twice the noise of the data is stated
     assert len(points(known)) <= 5 and known["counts"]["fe_runs"] <= 6  # one of them for validation
     last = points(known)[-1]
     assert last["agreement"] <= known["verify"]["tolerance"] and last["better"]
