@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from rso.surrogates import (
     CurvePoint,
     Scores,
     Surrogate,
+    Together,
     WholeCurve,
     beyond,
     fit,
@@ -30,6 +32,7 @@ from rso.surrogates import (
     refit,
     refit_curve,
     score,
+    together,
 )
 
 UNSEEN = 1e-10  # of an output's largest value: a smaller spread is rounding
@@ -97,6 +100,11 @@ class Emulator:
     samples: tuple[Sample, ...]
     degree: int | None = None
 
+    @cached_property
+    def _together(self) -> dict[tuple[str, ...], Together]:
+        """Outputs that have been predicted together, by their ids."""
+        return {}
+
     def predict(self, output: Output, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (n,) of one output at points X (n, d) of the unit cube of `box`."""
         return self._predict(output, *self._reduce(X))
@@ -109,17 +117,13 @@ class Emulator:
     def means(self, outputs: Sequence[Output], X: np.ndarray) -> np.ndarray:
         """Means of several outputs (n, m)."""
         s, R = self._reduce(X)
-        curves: dict[int, np.ndarray] = {}  # every whole curve once, not once per travel
-        columns = []
-        for o in outputs:
-            model = self.surrogates.get(o.id)
-            if isinstance(model, CurvePoint):
-                if id(model.curve) not in curves:
-                    curves[id(model.curve)] = model.curve.mean(R)
-                columns.append(self._scaled(o, curves[id(model.curve)][:, model.point], s))
-            else:
-                columns.append(self._scaled(o, self._means(o, s, R), s))
-        return np.stack(columns, axis=1)
+        if self.reduced is None:
+            return np.stack([self._scaled(o, np.full(len(s), self._constant(o)), s) for o in outputs], axis=1)
+        names = tuple(o.id for o in outputs)
+        if names not in self._together:
+            self._together[names] = together([self.surrogates[n] for n in names])
+        f = self._together[names].mean(R)
+        return np.stack([self._scaled(o, f[:, k], s) for k, o in enumerate(outputs)], axis=1)
 
     def beyond(self, X: np.ndarray) -> np.ndarray:
         """Mask (n,) of the points of the unit cube of `box` that lie outside the hull of the (reduced) samples."""

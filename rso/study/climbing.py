@@ -179,10 +179,10 @@ def fit_level(bench: Bench, level: Level, ranges: Mapping[str, tuple[float, floa
     return _finished(bench, axes, emulator, d, last, gap, unsure, before)
 
 
-def learnt(plan: Plan, axes: Axes, samples: Sequence[Sample]) -> Emulator:
-    """Emulator of the compared curves: whole curves, unless [surrogate] wants another kind."""
+def learnt(plan: Plan, axes: Axes, samples: Sequence[Sample], kind: str = "") -> Emulator:
+    """Emulator of the compared curves, of a `kind`: else that of [surrogate], whole curves where it leaves the choice."""
     table = plan.study.surrogate
-    kind = "whole_curve" if table.kind == "auto" else table.kind
+    kind = kind or ("whole_curve" if table.kind == "auto" else table.kind)
     return learn(axes.box, axes.group, curve_outputs(plan), samples, kind=kind, degree=table.degree, seed=plan.seed)
 
 
@@ -192,10 +192,11 @@ def settled(
     """The most likely point recomputed and learnt until the difference is no matter.
 
     Emulator, last run, by how much of the largest value it was off, the point, and whether that was no matter: less
-    than half a unit of χ², whatever share that is of a small lateral force.
+    than half a unit of χ², whatever share that is of a small lateral force.  What still misses after half of the
+    rounds is learnt as whole curves: a polynomial of few terms comes no nearer by one more run.
     """
     plan, x = bench.plan, None
-    for _ in range(ROUNDS):
+    for done in range(ROUNDS):
         misfit = likelihood(plan, emulator, last, "fit")
         fit = all_minima(misfit, seed=plan.seed, near=None if x is None else x[None])[0]
         if emulator.reduced is None:  # similarity, which was proved, knows every run already
@@ -209,7 +210,11 @@ def settled(
             raise NoAnswer(f"the most likely point has no answer: {answer}")
         last, (gap, off) = answer, _gap(plan, misfit, x, answer)
         if off > 1e-6:  # the same point twice would tell nothing
-            emulator = relearn(emulator, [sampled(plan, axes, values, answer)], seed=plan.seed)
+            more = sampled(plan, axes, values, answer)
+            if done + 1 == ROUNDS // 2 and off > SETTLED:
+                emulator = learnt(plan, axes, [*emulator.samples, more], "whole_curve")
+            else:
+                emulator = relearn(emulator, [more], seed=plan.seed)
         if off <= SETTLED:
             return emulator, last, gap, x, True
     return emulator, last, gap, x, False

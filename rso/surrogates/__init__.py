@@ -6,6 +6,7 @@ from rso.surrogates.kriging import Kriging, fit_kriging
 from rso.surrogates.polynomial import Polynomial, fit_polynomial
 from rso.surrogates.saving import load, save
 from rso.surrogates.scores import Scores, cross_validate, held_out, pooled, score
+from rso.surrogates.together import Together, together
 from rso.surrogates.whole_curve import CurvePoint, WholeCurve, fit_curve, on_common_grid, refit_curve
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "Polynomial",
     "Scores",
     "Surrogate",
+    "Together",
     "WholeCurve",
     "beyond",
     "cross_validate",
@@ -30,4 +32,5 @@ __all__ = [
     "refit_curve",
     "save",
     "score",
+    "together",
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import combinations_with_replacement
 
 import numpy as np
+from scipy.linalg.lapack import dtrtrs
 
 
 def outside(X: np.ndarray, d: int, tolerance: float = 1e-9) -> np.ndarray:
@@ -69,3 +70,11 @@ def from_log(m: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean and standard deviation of exp(N(m, s²)): e^(m + s²/2) and mean·√(e^(s²) − 1)."""
     mean = np.exp(m + s**2 / 2)
     return mean, mean * np.sqrt(np.expm1(s**2))
+
+
+def triangular(L: np.ndarray, B: np.ndarray, *, upper: bool = False) -> np.ndarray:
+    """L⁻¹ B for a lower triangular L (m, m), or L⁻ᵀ B for an `upper` one, B (m, n).
+
+    LAPACK's own routine: predictions solve thousands of small systems, whose size scipy's checks outweigh.
+    """
+    return dtrtrs(L, B, lower=not upper, trans=int(upper))[0]

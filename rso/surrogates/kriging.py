@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-from rso.surrogates.common import checked, from_log, inside, legendre, legendre_slopes, outside, powers
+from rso.surrogates.common import checked, from_log, inside, legendre, legendre_slopes, outside, powers, triangular
 from rso.surrogates.kernels import KERNELS, WORDS, covariance
 from rso.surrogates.likelihood import LENGTHS, Data, correlation, factor, hyper_parameters, one_thread
 from rso.surrogates.scores import Scores, score
@@ -78,8 +78,8 @@ class Kriging:
         k = self._covariance(X)
         a = legendre(X, powers(self.d, self.trend))
         m = a @ self.beta + k @ self.weights
-        v = solve_triangular(self.L, k.T, lower=True)
-        u = solve_triangular(self.LH, a.T - self.LA.T @ v, lower=True)
+        v = triangular(self.L, k.T)
+        u = triangular(self.LH, a.T - self.LA.T @ v)
         sd = np.sqrt(np.maximum(self.variance - np.sum(v**2, axis=0) + np.sum(u**2, axis=0), 0.0))
         return from_log(m, sd) if self.log else (m, sd)
 

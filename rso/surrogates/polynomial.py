@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from rso.surrogates.common import checked, from_log, inside, legendre, outside, powers
+from rso.surrogates.common import checked, from_log, inside, legendre, outside, powers, triangular
 from rso.surrogates.scores import Scores, score
 
 HIGHEST = 4
@@ -52,18 +52,23 @@ class Polynomial:
 
     def predict(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean and sd (n,) in the units of y at X (n, d); ValueError outside the unit cube."""
-        A = legendre(inside(X, self.d), self.exponents)
-        m = A @ self.coefficients
-        h = np.sum(solve_triangular(self.R, A.T, trans="T") ** 2, axis=0)
-        sd = self.s * np.sqrt(1 + h)
-        m, sd = from_log(m, sd) if self.log else (m, sd)
+        m, sd = self._moments(legendre(inside(X, self.d), self.exponents))
         return m, self.inflate * sd
+
+    def _moments(self, A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and sd (n,) of least squares from the basis A (n, terms)."""
+        m = A @ self.coefficients
+        h = np.sum(triangular(self.R, A.T, upper=True) ** 2, axis=0)
+        sd = self.s * np.sqrt(1 + h)
+        return from_log(m, sd) if self.log else (m, sd)
 
     def mean(self, X: np.ndarray) -> np.ndarray:
         """Mean alone (n,), faster."""
-        if self.log:
-            return self.predict(X)[0]
-        return legendre(inside(X, self.d), self.exponents) @ self.coefficients
+        return self.of_basis(legendre(inside(X, self.d), self.exponents))
+
+    def of_basis(self, A: np.ndarray) -> np.ndarray:
+        """Mean (n,) from the values A (n, terms) of its terms."""
+        return self._moments(A)[0] if self.log else A @ self.coefficients
 
     def outside(self, X: np.ndarray) -> np.ndarray:
         """Mask (n,) of the points where this surrogate refuses to answer."""
