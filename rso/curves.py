@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
-import numba
 import numpy as np
 from scipy.interpolate import CubicSpline, make_interp_spline
 
@@ -117,10 +117,16 @@ def between(travel: np.ndarray, value: np.ndarray, at: np.ndarray) -> np.ndarray
 def rows_at(at: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """y(at) (T, n) row by row, linear between increasing x and constant beyond; at (n,) or (T, n), x (m,) or (T, m)."""
     own = [np.ascontiguousarray(np.broadcast_to(v, (len(y), np.shape(v)[-1])), float) for v in (at, x, y)]
-    return _rows_at(*own)
+    return _compiled()(*own)
 
 
-@numba.njit(cache=True)
+@cache
+def _compiled() -> Callable[..., np.ndarray]:
+    import numba  # a second to import, and only curves of many rows need it
+
+    return numba.njit(cache=True)(_rows_at)
+
+
 def _rows_at(at, x, y):
     out = np.empty(at.shape)
     last = x.shape[1] - 1

@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import qmc, t
 
+from rso.distributions import t_ppf
 from rso.doe import Box
 
 Predict = Callable[[np.ndarray], np.ndarray]
@@ -185,11 +185,11 @@ def sobol(
         return SobolIndices(nan, nan, np.full((d, 2), np.nan), np.full((d, 2), np.nan), 0.0, n, lost)
     each = np.array(found)  # (R, 2, d)
     index, spread = each.mean(axis=0), each.var(axis=0, ddof=1) / REPLICATES
-    half = t.ppf(0.95, REPLICATES - 1) * np.sqrt(spread)
+    half = t_ppf(0.95, REPLICATES - 1) * np.sqrt(spread)
     low, high = index - half, index + half
     if moved:
         δ = np.array(moved)
-        half = t.ppf(0.95, REPLICATES - 1) * np.sqrt(spread + δ.var(axis=0, ddof=1))
+        half = t_ppf(0.95, REPLICATES - 1) * np.sqrt(spread + δ.var(axis=0, ddof=1))
         low = np.minimum(low, index + δ.mean(axis=0) - half)
         high = np.maximum(high, index + δ.mean(axis=0) + half)
     first, total = np.clip(index, 0.0, 1.0)
@@ -247,6 +247,8 @@ def _base(
     d: int, n: int, rng: np.random.Generator, constraint: Feasible | None
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Two feasible samples (n, d) and the share of the cube that is not feasible."""
+    from scipy.stats import qmc  # half a second to import
+
     engine = qmc.Sobol(2 * d, scramble=True, rng=rng)
     if constraint is None:
         points = engine.random(n)

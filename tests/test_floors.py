@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[1]
 # One line per floor; within a floor too, the order counts.
 ROOMS = {
     "rso": (
-        "contract units disk printable",
+        "contract units disk printable distributions",
         "curves measurement similarity doe surrogates sensitivity feasibility",
         "store running targets benchmarks emulator",
         "search verify identify norms ladder diagnosis",

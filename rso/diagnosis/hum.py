@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import median_filter
-from scipy.stats import gamma
 
 from rso.diagnosis.testplan import TestPlan
 
@@ -124,6 +123,8 @@ def _strongest(groups: Records, along: str) -> Hum:
         largest[c] = np.maximum(largest.get(c, 0.0), line)
     if not number.any():
         return Hum(0.0, 0.0, 0.0, "")
+    from scipy.stats import gamma  # half a second to import
+
     chance = np.where(number > 0, gamma.logsf(total, np.maximum(number, 1.0)), 0.0) / np.log(10.0)
     k = int(np.argmin(chance))
     channel = max(largest, key=lambda c: largest[c][k])

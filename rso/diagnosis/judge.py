@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from rso.diagnosis import attribute, localise, noise, shrinkage
 from rso.diagnosis.attribute import Bench, Contest, Evidence
@@ -21,6 +20,7 @@ from rso.diagnosis.mixture import Posterior, mean_prediction, posterior
 from rso.diagnosis.remainder import Remainder, remainder
 from rso.diagnosis.undecided import Reach, draws, reach
 from rso.diagnosis.unfitted import HeldOut, fit, held_out, left_out, predicts, shrinkage_of
+from rso.distributions import chi2_ppf
 
 DRAWS = 2000
 LEVEL = 0.9
@@ -336,7 +336,7 @@ def misfit(evidence: Evidence, h: Hypothesis, y: np.ndarray) -> float:
 
 def most_left(n: int) -> float:
     """χ² per reading that a right hypothesis may leave of n readings."""
-    return max(MISFIT, float(chi2.ppf(1.0 - RARE, n)) / n)
+    return max(MISFIT, float(chi2_ppf(1.0 - RARE, n)) / n)
 
 
 def _gap_of(evidence: Evidence, h: Hypothesis, fits: Mapping[str, np.ndarray], y: np.ndarray) -> np.ndarray:

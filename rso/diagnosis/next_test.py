@@ -20,7 +20,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
 
 from rso.diagnosis import noise
 from rso.diagnosis.attribute import Bench, by_test
@@ -31,6 +30,7 @@ from rso.diagnosis.nodes import timed
 from rso.diagnosis.prediction import predict
 from rso.diagnosis.proposals import READINGS, Candidate, afterwards, candidates, known, moved
 from rso.diagnosis.testplan import make_plan
+from rso.distributions import normal_cdf, normal_ppf
 from rso.running import Task
 
 DRAWS = 80
@@ -165,7 +165,7 @@ def _chance(distance: Mapping[tuple[str, str], float], probability: Mapping[str,
 
 def _settles(D: np.ndarray | float, odds: float) -> np.ndarray:
     """Probability that a test of distance D leaves the truth with `SETTLED`, from the logarithm of its odds before."""
-    return norm.cdf((0.5 * np.square(D) + odds - NEED) / np.maximum(D, 1e-9))
+    return normal_cdf((0.5 * np.square(D) + odds - NEED) / np.maximum(D, 1e-9))
 
 
 def distances(
@@ -261,13 +261,13 @@ def _as_likely(off: np.ndarray, resolution: float) -> float:
     p = N(mean, sd² + resolution²) of the sizes, solved for D; 0 where a size that is none is as likely.
     """
     spread = np.hypot(float(np.std(off)), resolution)
-    read = norm.ppf((np.arange(400) + 0.5) / 400)
+    read = normal_ppf((np.arange(400) + 0.5) / 400)
     p, q = norm(float(np.mean(off)), spread), norm(0.0, resolution)
     here, away = p.mean() + spread * read, resolution * read
     chance = 0.5 * np.mean(p.logpdf(here) - q.logpdf(here) >= NEED) + 0.5 * np.mean(
         q.logpdf(away) - p.logpdf(away) >= NEED
     )
-    z = float(norm.ppf(np.clip(chance, 1e-12, 1 - 1e-12)))
+    z = float(normal_ppf(np.clip(chance, 1e-12, 1 - 1e-12)))
     return z + float(np.sqrt(z**2 + 2.0 * NEED))
 
 

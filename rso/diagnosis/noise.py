@@ -12,13 +12,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from rso.diagnosis.library import Library
 from rso.diagnosis.memory import memory
 from rso.diagnosis.responses import FORCES
 from rso.diagnosis.sensor import count_of, hidden, of_bins
 from rso.diagnosis.testplan import LOADING, UNLOADING, Profile, Test, TestPlan
+from rso.distributions import chi2_cdf, chi2_ppf
 from rso.measurement import Measurement, Repeat
 
 GAIN = 0.01  # of a test, where nothing is known
@@ -92,7 +92,7 @@ def levels(plan: TestPlan, binding: bool = False) -> dict[str, Level]:
         said = [max(e.noise.of(c), _written(e.measurement, c)) for e in seen]
         stated = max(said)
         if estimated and not stated:  # a few readings that happen to agree are no quiet sensor
-            upwards = math.sqrt(ν / chi2.ppf(SCARCE, ν))
+            upwards = math.sqrt(ν / chi2_ppf(SCARCE, ν))
             estimated, each = upwards * estimated, [upwards * v for v in each]
         largest = max(float(np.max(np.abs(t.values[v]))) for t in tests for v in t.channels)
         least = 1e-4 * largest if stated or estimated else UNKNOWN * largest
@@ -141,7 +141,7 @@ def _estimated(own: Sequence[np.ndarray], of_one: float) -> tuple[list[float], f
     typical = float(np.median(np.repeat(power / np.maximum(number, 1.0), number.astype(int))))
     ν = np.maximum(number / OVERLAP, 1.0)
     ratio = np.maximum(power / np.maximum(number * typical, 1e-300), 1e-12)
-    rare = np.abs(chi2.cdf(ν * ratio, ν) - 0.5) > 0.4995
+    rare = np.abs(chi2_cdf(ν * ratio, ν) - 0.5) > 0.4995
     middle = np.array([np.median(v**2) if len(v) else 0.0 for v in own]) / (chi2.median(1) * of_one)
     least = np.minimum(np.abs(np.log(ratio)), np.abs(np.log(np.maximum(middle / max(typical, 1e-300), 1e-12))))
     apart = tells & rare & ((ratio > 1.0) == (middle > typical)) & (least > 2.0 * math.log(LOUDER))
@@ -249,7 +249,7 @@ def _repeats(plan: TestPlan, channel: str, known: Level) -> tuple[float, float, 
 
 def _beyond(known: Level, found: np.ndarray, of_noise: np.ndarray, dof: int) -> np.ndarray:
     """Variances (2,) of gain and contact of which `found` is more than noise and what is `known` make of it."""
-    usual = (np.array([known.gain, known.contact]) ** 2 + of_noise) * chi2.ppf(0.95, dof) / dof
+    usual = (np.array([known.gain, known.contact]) ** 2 + of_noise) * chi2_ppf(0.95, dof) / dof
     return np.where(found > usual, found - of_noise, 0.0)
 
 

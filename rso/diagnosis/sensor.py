@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
 
 from rso.diagnosis.testplan import BINS, Experiment
+from rso.distributions import chi2_ppf
 from rso.measurement import Repeat, step_of
 
 DENSE, DEGREE, SMOOTH = 200, 10, 0.5  # readings of a record that tells by itself how it was filtered
@@ -67,7 +67,7 @@ def slow(records: Sequence[tuple[np.ndarray, float, float]]) -> tuple[float, flo
         white = float(np.mean(np.diff(rest, 3) ** 2)) / 20.0 / m
         ν, ratio = ν + left, ratio + float(b @ b) / max(white, 1e-300)
         found.append((float(b @ b) - white * left, float(b[1:] @ b[:-1]) - white * side, m * Δu, w, Δu))
-    if not found or ratio < chi2.ppf(1.0 - RARE, ν):
+    if not found or ratio < chi2_ppf(1.0 - RARE, ν):
         return 0.0, 0.0
     V, C, block, w, Δu = np.median(found, axis=0)
     if V <= 0.0:

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp, ndtri
-from scipy.stats import qmc
 
 from rso.diagnosis import noise
 from rso.diagnosis.attribute import Contest, Evidence
@@ -219,6 +218,8 @@ def _told(values: np.ndarray, alone: tuple[float, float, float], there: Mapping[
 
 def _drawn(e: Effect, n: int, rng: np.random.Generator) -> np.ndarray:
     """Signed deviations (n, knobs) of an effect from its prior, one in each nth of it."""
+    from scipy.stats import qmc  # half a second to import
+
     share = qmc.LatinHypercube(len(e.knobs), rng=rng).random(n)
     sides, (first, *shape) = e.size.ends(), share.T
     side, within = np.minimum((len(sides) * first).astype(int), len(sides) - 1), (len(sides) * first) % 1.0

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.spatial.distance import cdist, pdist, squareform
-from scipy.stats import qmc
 
 MOST_OPTIMISED = 1000  # runs up to which a design is optimised, within about a second
 POOL = 4096
@@ -15,14 +14,18 @@ Feasible = Callable[[np.ndarray], np.ndarray]
 
 def latin(d: int, runs: int, seed: int, optimise: bool = True) -> np.ndarray:
     """Latin hypercube (runs, d): one point per row of cells; `optimise` swaps for low centred discrepancy."""
+    from scipy.stats import qmc  # half a second to import
+
     # Never scipy's 'lloyd': it moves the points off their cells and took minutes at n = 120, d = 10.
     # Its own optimiser takes n² time; so many points fill the cube without it.
     method = "random-cd" if optimise and d > 1 and runs <= MOST_OPTIMISED else None
     return qmc.LatinHypercube(d, optimization=method, rng=np.random.default_rng(seed)).random(runs)
 
 
-def sobol(d: int, runs: int, seed: int) -> np.ndarray:
+def sobol(d: int, runs: int, seed: int | Sequence[int]) -> np.ndarray:
     """First `runs` points of a scrambled Sobol sequence (runs, d); balanced where runs is a power of two."""
+    from scipy.stats import qmc  # half a second to import
+
     m = max(1, int(np.ceil(np.log2(runs))))
     return qmc.Sobol(d, scramble=True, rng=np.random.default_rng(seed)).random_base2(m)[:runs]
 

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
-from scipy.stats import f, norm, t
 
+from rso.distributions import chi2_ppf, chi2_sf, f_sf, normal_ppf, t_ppf
 from rso.doe import Box
 from rso.identify import directions as along
 from rso.identify.directions import Direction, Gain, best_depth, gain, per_log
@@ -187,13 +186,13 @@ def exceeded(chi2: float, ν: float, m: float) -> float:
 
     χ²_ν where m is infinite.
     """
-    return float(f.sf(chi2 / ν, ν, m)) if math.isfinite(m) else float(chi2_distribution.sf(chi2, ν))
+    return float(f_sf(chi2 / ν, ν, m)) if math.isfinite(m) else float(chi2_sf(chi2, ν))
 
 
 def student(m: float, level: float = LEVEL) -> float:
     """By how much wider an interval is with errors known from m degrees of freedom: quantile of t_m over normal."""
     tail = 0.5 * (1 + level)
-    return float(t.ppf(tail, m) / norm.ppf(tail)) if math.isfinite(m) else 1.0
+    return float(t_ppf(tail, m) / normal_ppf(tail)) if math.isfinite(m) else 1.0
 
 
 def _known(
@@ -234,7 +233,7 @@ def doubt(known: Known, word: Word, why: str, by: str = "by surrogates, ") -> Kn
 def left_out(p: Profile, at: np.ndarray, rise: np.ndarray, level: float = LEVEL) -> list[int]:
     """Indices of runs with the parameter `at` (m,) that agree with the data, χ² risen by `rise` (m,), but lie outside
     of all pieces of its interval by more than `BESIDE` of its width."""
-    found, limit = p.pieces(level), chi2_distribution.ppf(level, 1)
+    found, limit = p.pieces(level), chi2_ppf(level, 1)
     slack = BESIDE * max(found[-1].high - found[0].low, 1e-6)
     inside = np.any([(at >= i.low - slack) & (at <= i.high + slack) for i in found], axis=0)
     return [int(j) for j in np.flatnonzero(~inside & (rise <= limit))]

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.stats import norm, qmc
 
-from rso.doe import Box
+from rso.distributions import normal_cdf, normal_pdf, normal_ppf
+from rso.doe import Box, sobol
 from rso.identify.directions import UNIFORM, expected_sd, per_log
 from rso.identify.fitting import descend, fit_at
 from rso.identify.intervals import profile, spread
@@ -125,8 +125,8 @@ def _points(
     X[:, weakest], log_t = np.repeat(t, ACROSS), np.repeat(log_t, ACROSS)
     if not others.any():
         return X, log_t
-    z = qmc.Sobol(int(others.sum()), seed=np.random.default_rng([seed, 22])).random(ALONG * ACROSS)
-    z = norm.ppf(np.clip(z, 1e-9, 1 - 1e-9))
+    z = sobol(int(others.sum()), ALONG * ACROSS, [seed, 22])
+    z = normal_ppf(np.clip(z, 1e-9, 1 - 1e-9))
     part = fisher[np.ix_(others, others)] + UNIFORM * np.eye(int(others.sum()))
     X[:, others] += WIDER * z @ np.linalg.inv(np.linalg.cholesky(part))
     outside = np.any((X < 0) | (X > 1), axis=1)
@@ -138,11 +138,11 @@ def _along(truth: float, sharpest: float) -> tuple[np.ndarray, np.ndarray]:
     widths = np.geomspace(min(2.0 * sharpest, 0.5), 0.5, SCALES)
     fine = np.unique(np.clip(np.concatenate([truth + np.outer(widths, np.linspace(-5, 5, 401)).ravel(),
                                              np.linspace(0, 1, 2001)]), 0, 1))  # fmt: skip
-    shares = [fine, *((norm.cdf((fine - truth) / w) - norm.cdf(-truth / w))
-                      / (norm.cdf((1 - truth) / w) - norm.cdf(-truth / w)) for w in widths)]  # fmt: skip
+    shares = [fine, *((normal_cdf((fine - truth) / w) - normal_cdf(-truth / w))
+                      / (normal_cdf((1 - truth) / w) - normal_cdf(-truth / w)) for w in widths)]  # fmt: skip
     t = np.interp((np.arange(ALONG) + 0.5) / ALONG, np.mean(shares, axis=0), fine)
-    heights = [np.ones_like(t), *(norm.pdf((t - truth) / w) / w
-                                  / (norm.cdf((1 - truth) / w) - norm.cdf(-truth / w)) for w in widths)]  # fmt: skip
+    heights = [np.ones_like(t), *(normal_pdf((t - truth) / w) / w
+                                  / (normal_cdf((1 - truth) / w) - normal_cdf(-truth / w)) for w in widths)]  # fmt: skip
     return t, np.log(np.mean(heights, axis=0))
 
 

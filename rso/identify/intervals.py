@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
-from scipy.stats import norm, qmc
 
+from rso.distributions import chi2_ppf, normal_cdf, normal_ppf
+from rso.doe import sobol
 from rso.identify.fitting import Fit, descend
 from rso.identify.likelihood import Misfit
 
@@ -55,8 +55,8 @@ def gaussian(x: np.ndarray, fisher: np.ndarray, seed: int, draws: int = DRAWS) -
     """
     d = len(x)
     sd, V, a, b = _truncated(x, fisher)
-    p = qmc.Sobol(d, seed=np.random.default_rng(seed)).random(draws)
-    t = sd * norm.ppf(np.clip(a + p * (b - a), 1e-300, 1 - 1e-16))
+    p = sobol(d, draws, seed)
+    t = sd * normal_ppf(np.clip(a + p * (b - a), 1e-300, 1 - 1e-16))
     X = x + t @ V.T
     X = X[np.all((X >= 0) & (X <= 1), axis=1)]
     if not len(X):
@@ -76,7 +76,7 @@ def _truncated(x: np.ndarray, fisher: np.ndarray) -> tuple[np.ndarray, np.ndarra
     sd = 1.0 / np.sqrt(np.maximum(values, 1e-12 * max(float(values.max(initial=0.0)), 1e-6)))
     low = np.minimum(V, 0.0).sum(axis=0) - V.T @ x
     high = np.maximum(V, 0.0).sum(axis=0) - V.T @ x
-    return sd, V, norm.cdf(low / sd), norm.cdf(high / sd)
+    return sd, V, normal_cdf(low / sd), normal_cdf(high / sd)
 
 
 def laplace(fit: Fit, level: float = 0.9, seed: int = 0) -> list[Interval]:
@@ -86,7 +86,7 @@ def laplace(fit: Fit, level: float = 0.9, seed: int = 0) -> list[Interval]:
     """
     sd, tail = spread(fit.fisher), 0.5 * (1 - level)
     if np.all((fit.x - 4 * sd > 0) & (fit.x + 4 * sd < 1)):
-        z = norm.ppf(1 - tail)
+        z = normal_ppf(1 - tail)
         return [Interval(float(a), float(b)) for a, b in zip(fit.x - z * sd, fit.x + z * sd, strict=True)]
     return quantiles(gaussian(fit.x, fit.fisher, seed), level)
 
@@ -162,7 +162,7 @@ class Profile:
 
 def pieces(at: np.ndarray, rise: np.ndarray, level: float = 0.9) -> tuple[tuple[float, float], ...]:
     """(low, high) of all values `at` (g,), in order, where the `rise` (g,) of χ² is within its quantile."""
-    limit, root, n = math.sqrt(chi2_distribution.ppf(level, 1)), np.sqrt(np.maximum(rise, 0.0)), len(at)
+    limit, root, n = math.sqrt(chi2_ppf(level, 1)), np.sqrt(np.maximum(rise, 0.0)), len(at)
 
     def crossing(inner: int, outer: int) -> float:
         share = (limit - root[inner]) / (root[outer] - root[inner])
@@ -181,7 +181,7 @@ def stretches(rise: np.ndarray, level: float = 0.9) -> list[tuple[int, int]]:
 
     Runs with nothing between them above that quantile + `GAP` are one: descents end short of the least misfit by less.
     """
-    limit = chi2_distribution.ppf(level, 1)
+    limit = chi2_ppf(level, 1)
     found: list[tuple[int, int]] = []
     for i in map(int, np.flatnonzero(rise <= limit)):
         joined = bool(found) and float(rise[found[-1][1] : i + 1].max()) <= limit + GAP
@@ -243,7 +243,7 @@ def _scanned(misfit: Misfit, k: int, t: np.ndarray) -> list[np.ndarray]:
     d = misfit.model.box.d
     if d == 1:
         return []
-    X = np.repeat(qmc.Sobol(d, seed=0).random(SCAN)[None], len(t), axis=0)
+    X = np.repeat(sobol(d, SCAN, 0)[None], len(t), axis=0)
     X[:, :, k] = t[:, None]
     S = misfit.chi2(X.reshape(-1, d)).reshape(len(t), SCAN)
     order = np.argsort(np.where(np.isfinite(S), S, np.inf), axis=1)[:, :BEST]

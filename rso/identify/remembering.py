@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
+from rso.distributions import chi2_cdf
 from rso.identify.likelihood import Data, Misfit
 from rso.measurement import memory
 
@@ -39,7 +39,7 @@ def _remembering(data: Data, r: np.ndarray) -> Data:
     order = np.argsort(data.depth, kind="stable")
     ρ = memory(r[order, None])
     each = independent(ρ)
-    if ρ == 0.0 or chi2.cdf(each * float(r @ r), each * len(r)) < SEEN:
+    if ρ == 0.0 or chi2_cdf(each * float(r @ r), each * len(r)) < SEEN:
         return data
     place = np.argsort(order)
     along = ρ ** np.abs(np.subtract.outer(place, place)) - np.eye(len(r))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.stats import qmc
 
 from rso.identify import Fit, Misfit
 
@@ -19,6 +18,8 @@ def log_evidence(misfit: Misfit, fit: Fit, seed: int, points: int = POINTS) -> f
     Gaussian's normalisation is kept, so that levels with other covariances compare.
     Source: Kass & Raftery, J. Am. Stat. Assoc. 90 (1995) 773, §4.
     """
+    from scipy.stats import qmc  # half a second to import
+
     d = misfit.model.box.d
     values, V = np.linalg.eigh(fit.fisher)
     sd = np.minimum(2.0 / np.sqrt(np.maximum(values, 1e-12)), 0.5)

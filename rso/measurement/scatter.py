@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 FEWEST = 8  # readings of a record that tell its noise
 BEYOND = 0.05  # chance of a right statement to be overruled by the readings
@@ -15,6 +14,8 @@ VARIES = 0.01  # chance of even noise to be taken for one that changes along the
 REMEMBERS = 2.5  # standard errors of a correlation of neighbours: one case of white noise in 160 has more
 DEGREE = 2  # of its logarithm as a polynomial, at most
 FAINT = 0.01  # of the largest value: below it forces count as equally small
+
+from rso.distributions import chi2_ppf
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,7 @@ def of_record(u: np.ndarray, y: np.ndarray, smooth: np.ndarray, said: np.ndarray
     jumps = A @ y
     q, expected = jumps**2, np.einsum("ji,ik,jk->j", A, said, A)
     m = (n - 3) ** 2 / float(np.sum((A @ A.T) ** 2))
-    if expected.min() > 0 and np.mean(q / expected) <= chi2.ppf(1 - BEYOND, m) / m:
+    if expected.min() > 0 and np.mean(q / expected) <= chi2_ppf(1 - BEYOND, m) / m:
         return White(np.zeros(n), np.inf)
     # White noise turns in three of four; what a curve itself leaves there is all at its beginning, and not noise.
     turns = np.mean(jumps[1:] * jumps[:-1] < 0) > 0.5
@@ -100,7 +101,7 @@ def beyond_said(seen: White, ratio: float, said: np.ndarray) -> White:
     """
     if seen.memory or said.min() <= 0.0 or not np.isfinite(seen.freedom):
         return White(seen.variance if seen.memory else np.maximum(seen.variance - said, 0.0), seen.freedom, seen.memory)
-    if ratio <= chi2.ppf(1 - BEYOND, seen.freedom) / seen.freedom:
+    if ratio <= chi2_ppf(1 - BEYOND, seen.freedom) / seen.freedom:
         return White(np.zeros(len(said)), np.inf)
     even = np.ptp(said) <= EVEN * said.max()
     return White(np.maximum(seen.variance - said, 0.0) if even else said * (ratio - 1.0), seen.freedom)
@@ -140,7 +141,7 @@ def varying(q: np.ndarray, t: np.ndarray, at: np.ndarray, freedom: float) -> Whi
     least, k = _deviance(X[:, :1], np.zeros(1), q / mean), 0
     for d in range(1, DEGREE + 1):
         β, deviance = _gamma(X[:, : d + 1], q / mean)
-        if ν * (least - deviance) > chi2.ppf(1 - VARIES, d - k):
+        if ν * (least - deviance) > chi2_ppf(1 - VARIES, d - k):
             least, k = deviance, d
             best = White(mean * np.exp(terms(at)[:, : d + 1] @ β), max(freedom - d, 1.0))
     return best

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag, cholesky, solve_triangular
-from scipy.stats import chi2 as chi2_distribution
 
 from rso.curves import Metrics, metrics
+from rso.distributions import chi2_sf
 from rso.identify import Determination, gain, together
 from rso.identify.determination import WIDE
 from rso.identify.directions import UNIFORM
@@ -171,7 +171,7 @@ def _test(y: np.ndarray, f: np.ndarray, C: np.ndarray) -> tuple[float, float]:
     floor = SMALLEST * (float(np.abs(y).max()) or 1.0)
     r = solve_triangular(cholesky(C + floor**2 * np.eye(len(y)), lower=True), y - f, lower=True)
     chi2 = float(r @ r)
-    return chi2, float(chi2_distribution.sf(chi2, len(y)))
+    return chi2, float(chi2_sf(chi2, len(y)))
 
 
 def gains(plan: Plan, d: Determination, found: Sequence[Foretold]) -> list[dict[str, Any]]:

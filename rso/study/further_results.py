@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
 
 import rso
+from rso.distributions import chi2_ppf
 from rso.identify import Told
 from rso.identify.verdict import FACTOR, REFUTED, physical
 from rso.study import files
@@ -133,7 +133,7 @@ def warnings(found: Found) -> list[str]:
         )
         cure = "; what it lacks has to be found before a further experiment is chosen" if found.scale > REFUTED else ""
         said.append(f"{text}{cure}.")
-    limit = float(chi2_distribution.ppf(DOUBTED, 1))
+    limit = float(chi2_ppf(DOUBTED, 1))
     for x, theta, rise in zip(found.truths, box.from_unit(found.truths), found.rise, strict=True):
         if rise > limit:
             on = [n for j, n in enumerate(box.names) if j != k and not ON_BOUND < x[j] < 1 - ON_BOUND]

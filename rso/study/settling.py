@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
-from scipy.stats import chi2 as chi2_distribution
 
+from rso.distributions import chi2_ppf
 from rso.doe import Box, sobol
 from rso.emulator import Emulator, relearn
 from rso.identify import (
@@ -246,7 +246,7 @@ def _unsure(
             off = np.concatenate([band(_wide(plan, x[None])[0]) for band in bands])
             if float(np.sum(now.misfit.white(off) ** 2)) > SURE * least:
                 ends.append((f"the end of an interval, {_named(box, x)}", x))
-    limit = d.fit.chi2 + least * chi2_distribution.ppf(LEVEL, 1)
+    limit = d.fit.chi2 + least * chi2_ppf(LEVEL, 1)
     X = sobol(box.d, SCAN, plan.seed)
     X = X[(now.misfit.chi2(X) > limit) & (now.misfit.beyond(X).sum(axis=1) == 0.0)]
     hopeful = _hopeful(plan, emulator, now, X)

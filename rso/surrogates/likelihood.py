@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import lapack
 from scipy.optimize import minimize
-from scipy.stats import qmc
 from threadpoolctl import ThreadpoolController
 
+from rso.doe import sobol
 from rso.surrogates.kernels import covariance, length_slopes
 
 LENGTHS = (0.05, 500.0)  # in units of the cube: shorter is unseen between points; a long one makes a nearly linear term
@@ -127,7 +127,7 @@ def hyper_parameters(
     noisy = bool(data.noise.any())
     bounds = np.log([LENGTHS] * d + [VARIANCES] * noisy + [SHARES] * free_share)
     first = [np.full(d, np.log(v)) for v in (0.5, 1.5)]
-    more = np.log(0.15) + np.log(20.0) * qmc.Sobol(d, rng=np.random.default_rng(seed)).random(16)[:TRIED]
+    more = np.log(0.15) + np.log(20.0) * sobol(d, TRIED, seed)
     rest = [0.0] * noisy + [np.log(0.1)] * free_share
     starts = [np.array([*lengths, *rest]) for lengths in (*first, *more)]
     if start is not None:
