@@ -11,7 +11,7 @@ import numpy as np
 from rso.doe import factorial, sobol
 from rso.surrogates.common import powers
 from rso.surrogates.kernels import KERNELS
-from rso.surrogates.kriging import Kriging, describe, fit_kriging
+from rso.surrogates.kriging import Kriging, conditioned, describe, fit_kriging
 from rso.surrogates.polynomial import Polynomial, fit_polynomial
 from rso.surrogates.scores import Scores, held_out, left_out, left_out_bands, pooled, score
 
@@ -20,6 +20,7 @@ KINDS = ("auto", "polynomial", "kriging")
 RIVALS = 3  # kriging models whose disagreement with the best one widens its band
 FAR = 0.1  # of the mean: sd up to which a logarithm may predict more than ten times the largest value seen
 UNSEEN = 1e-12  # of the largest value: a smaller deviation is rounding
+SEARCHED = 150  # runs that kernel and trend are sought with where there are more; all fit the hyper-parameters
 ENOUGH = 1e-5  # relative error below which derivatives, which cost fits, are not tried
 
 
@@ -60,6 +61,8 @@ def fit(
     Gradients that do not help there are not used. `degree` fixes the degree of the polynomial (1 to 4), otherwise its
     terms are selected; `log` None tries the logarithm too where y > 0. `noise_sd` is used by kriging alone (a
     polynomial estimates its own scatter); share None has the share of it that is scatter estimated, if that helps.
+    Of more than 150 runs (more from nine dimensions on) as many that fill the space seek kernel and trend; the four
+    best are fitted to all, and folds keep their hyper-parameters.
     The reasons are in `story`, the cross-validation scores in `cv`.
 
     Raises
@@ -97,6 +100,8 @@ def fit(
     model, cv = tried[best]
     others = [f"{_name(m)} had {_error(s, unit)}" for k, (m, s) in enumerate(tried) if k != best]
     words = describe(model, names) if isinstance(model, Kriging) else _name(model)
+    if isinstance(model, Kriging) and len(y) > _searched(X.shape[1]):
+        words += f"; kernel and trend were sought with {_searched(X.shape[1])} of the runs"
     story = f"{words}: cross-validation error {_error(cv, unit)} over {len(y)} runs"
     if judged[best] is not cv:
         story += f", with {len(held[1])} held out {_error(judged[best], unit)}"  # type: ignore[index]
@@ -171,17 +176,29 @@ def _best_kriging(data: Data, share: float | None, logs: tuple[bool, ...], seed:
     trends = [q for q in (0, 1, 2) if q == 0 or n >= 2 * len(powers(d, q))]
     first = data if known else replace(data, noise=None)
     options = [(kernel, q, g) for kernel in KERNELS for g in logs for q in trends]
-    tried = _tame([_kriging(first, o, share, seed, restarts=1) for o in options], data.y)
+    few = spread(data.X, _searched(d))
+
+    def search(data: Data, o: tuple[str, int, bool], share: float | None, restarts: int) -> Kriging:
+        found = _kriging(data.rows(few), o, share, seed, restarts=restarts)
+        return found if len(few) == n else _kriging(data, o, share, seed, start=found)
+
+    tried = _tame([_kriging(first.rows(few), o, share, seed, restarts=1) for o in options], data.y)
+    tried = sorted(tried, key=lambda m: m.cv.rmse)
+    if len(few) < n:
+        tried = _tame([_kriging(first, _option(m), share, seed, start=m) for m in tried[: 1 + RIVALS]], data.y)
     model, *others = sorted(tried, key=lambda m: m.cv.rmse)
     rivals = _rivals(model, others)
-    model = _kriging(first, (model.kernel, model.trend, model.log), share, seed, restarts=4)
+    model = search(first, _option(model), share, 4)
     if not known and data.noise is not None and data.noise.any():
-        noisy = _kriging(data, (model.kernel, model.trend, model.log), None, seed, restarts=2)
+        noisy = search(data, _option(model), None, 2)
         if noisy.cv.rmse < 0.99 * model.cv.rmse:
             model, first = noisy, data
 
     def again(rows: np.ndarray) -> Kriging:
-        return _kriging(first.rows(rows), (model.kernel, model.trend, model.log), share, seed, start=model)
+        # A tenth of many points tells nothing new of the hyper-parameters.
+        if len(few) < n:
+            return conditioned(model, rows)
+        return _kriging(first.rows(rows), _option(model), share, seed, start=model)
 
     mean, sd = left_out_bands(again, data.X, data.y, seed)
     scatter = 0.0 if first.noise is None else model.share * first.noise
@@ -189,6 +206,30 @@ def _best_kriging(data: Data, share: float | None, logs: tuple[bool, ...], seed:
     z = (mean - data.y) / np.maximum(np.hypot(sd, scatter), UNSEEN * size)
     inflate = float(np.sqrt(max(np.mean(z**2), 1.0)))
     return replace(model, inflate=inflate, rivals=rivals), score(mean, data.y)
+
+
+def _searched(d: int) -> int:
+    """Runs at most that kernel and trend are sought with: enough for a quadratic trend too."""
+    return max(SEARCHED, 2 * len(powers(d, 2)))
+
+
+def _option(model: Kriging) -> tuple[str, int, bool]:
+    return model.kernel, model.trend, model.log
+
+
+def spread(X: np.ndarray, m: int) -> np.ndarray:
+    """Rows (at most m) of X (n, d) that fill the space as X does: each is the farthest from those before it.
+
+    Source: Gonzalez, Theor. Comput. Sci. 38 (1985) 293 (within a factor 2 of the least covering radius).
+    """
+    if len(X) <= m:
+        return np.arange(len(X))
+    rows = [int(np.sum((X - X.mean(axis=0)) ** 2, axis=1).argmin())]
+    distance = np.full(len(X), np.inf)
+    while len(rows) < m:
+        distance = np.minimum(distance, np.sum((X - X[rows[-1]]) ** 2, axis=1))
+        rows.append(int(distance.argmax()))
+    return np.sort(rows)
 
 
 def _rivals(best: Kriging, others: list[Kriging]) -> tuple[tuple[float, Kriging], ...]:

@@ -271,6 +271,15 @@ def condition(
     )  # fmt: skip
 
 
+def conditioned(model: Kriging, rows: np.ndarray) -> Kriging:
+    """The process with the hyper-parameters of `model`, conditioned on these rows of its data alone."""
+    slopes, slope_noise = (None if v is None else v[rows] for v in (model.slopes, model.slope_noise))
+    return condition(
+        model.X[rows], model.t[rows], model.noise[rows], model.trend, model.variance, model.lengths, model.log,
+        model.kernel, model.share, slopes, slope_noise, cv=model.cv,
+    )  # fmt: skip
+
+
 def _leave_one_out(L, LA, LH, t, weights, log, keep) -> Scores:
     """Dubrule (1983) in blocks: with P = K⁻¹ − K⁻¹A H⁻¹ AᵀK⁻¹, z_I − z_{−I} = P_II⁻¹ (P z)_I with covariance P_II⁻¹.
 

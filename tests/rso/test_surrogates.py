@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rso.benchmarks import borehole, branin, indentation
+from rso.benchmarks import borehole, branin, indentation, ishigami
 from rso.contract import plain
 from rso.doe import Box, design, sobol
 from rso.surrogates import (
+    choice,
     cross_validate,
     fit,
     fit_kriging,
@@ -363,3 +364,34 @@ def test_the_penalty_keeps_noise_out_of_a_selection():
     rng = np.random.default_rng(2)
     counts = [len(select(design("lhs", 3, 25, s), rng.normal(size=25), 3)) for s in range(20)]
     assert np.mean(counts) < 5  # of 20 terms; without the penalty about twice as many
+
+
+def test_many_runs_are_searched_with_some_and_learnt_with_all(monkeypatch):
+    X, Q = design("lhs", 3, 200, 0), sobol(3, 512, 9)
+    searches = []
+
+    def watched(*args, **options):
+        searches.append((len(args[1]), options["restarts"]))
+        return fit_kriging(*args, **options)
+
+    monkeypatch.setattr(choice, "fit_kriging", watched)
+    quick = fit("kriging", X, ishigami(X), seed=0)
+    assert max(n for n, restarts in searches if restarts) == 150 and len(quick.X) == 200
+    assert "sought with 150 of the runs" in quick.story and all(len(m.X) == 200 for _, m in quick.rivals)
+    monkeypatch.setattr(choice, "SEARCHED", 1000)
+    full = fit("kriging", X, ishigami(X), seed=0)
+    assert "sought with" not in full.story
+    errors = [held_out(m, Q, ishigami(Q)).rmse for m in (quick, full)]
+    assert errors[0] < 1.1 * errors[1]  # as accurate, but for a tenth
+
+
+def test_some_points_of_many_fill_the_space():
+    X = np.random.default_rng(0).random((400, 2))
+    rows = choice.spread(X, 25)
+    assert len(set(rows)) == 25 and np.array_equal(choice.spread(X[:7], 25), np.arange(7))
+
+    def covering(points):
+        return np.sqrt(((X[:, None] - points) ** 2).sum(axis=2)).min(axis=1).max()
+
+    # Within twice the least covering radius, which for 25 of a square is about 0.14; 25 at random leave larger gaps.
+    assert covering(X[rows]) < 0.28 and covering(X[rows]) < 0.8 * covering(X[:25])
