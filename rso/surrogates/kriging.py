@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -60,11 +61,15 @@ class Kriging:
         """Number of parameters."""
         return self.X.shape[1]
 
+    @cached_property
+    def _columns(self) -> np.ndarray | slice:
+        return slice(None) if self.slopes is None else _kept(self.slopes)
+
     def _covariance(self, X: np.ndarray, left: bool = False) -> np.ndarray:
         """Covariance of the process at X with the observations, ((1 + d left) n, N)."""
         right = self.slopes is not None
         K = self.variance * covariance(self.kernel, X, self.X, self.lengths, left=left, right=right)
-        return K if self.slopes is None else K[:, _kept(self.slopes)]
+        return K[:, self._columns]
 
     def predict(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean and sd (n,) in the units of y at X (n, d); ValueError outside the unit cube."""
@@ -80,7 +85,7 @@ class Kriging:
         m = a @ self.beta + k @ self.weights
         v = triangular(self.L, k.T)
         u = triangular(self.LH, a.T - self.LA.T @ v)
-        sd = np.sqrt(np.maximum(self.variance - np.sum(v**2, axis=0) + np.sum(u**2, axis=0), 0.0))
+        sd = np.sqrt(np.maximum(self.variance - np.einsum("ij,ij->j", v, v) + np.einsum("ij,ij->j", u, u), 0.0))
         return from_log(m, sd) if self.log else (m, sd)
 
     def mean(self, X: np.ndarray) -> np.ndarray:
