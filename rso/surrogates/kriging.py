@@ -27,10 +27,12 @@ class Kriging:
 
     Hyper-parameters that are taken for known leave too small an sd, and another kernel or trend might have been chosen:
 
-        sd² = (inflate √var)² + Σ_k w_k (m_k − m)²,   in the units of y
+        sd² = (inflate √var)² + Σ_k w_k ((m_k − m)² + var_k),   in the units of y
 
     with `inflate` >= 1 from refitted folds and the `rivals` (w_k, m_k), the next best models by cross-validation.
-    Source: Goel, Haftka, Shyy & Queipo, Struct. Multidisc. Optim. 33 (2007) 199 (disagreement of several surrogates).
+    Source: Goel, Haftka, Shyy & Queipo, Struct. Multidisc. Optim. 33 (2007) 199 (disagreement of several surrogates);
+    Hoeting, Madigan, Raftery & Volinsky, Stat. Sci. 14 (1999) 382, eq. 3 (their variances), but for the best one's
+    weight, which stays 1.
     """
 
     X: np.ndarray
@@ -74,8 +76,11 @@ class Kriging:
     def predict(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean and sd (n,) in the units of y at X (n, d); ValueError outside the unit cube."""
         m, sd = self._moments(X)
-        apart = sum((w * (rival.mean(X) - m) ** 2 for w, rival in self.rivals), np.zeros(len(m)))
-        return m, np.sqrt((self.inflate * sd) ** 2 + apart)
+        variance = (self.inflate * sd) ** 2
+        for weight, rival in self.rivals:
+            other, s = rival._moments(X)
+            variance += weight * ((other - m) ** 2 + s**2)
+        return m, np.sqrt(variance)
 
     def _moments(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean and sd (n,) of this process alone."""
