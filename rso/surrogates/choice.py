@@ -7,19 +7,22 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 from rso.doe import factorial, sobol
 from rso.surrogates.common import powers
 from rso.surrogates.kernels import KERNELS
-from rso.surrogates.kriging import Kriging, describe, fit_kriging
+from rso.surrogates.kriging import Kriging, conditioned, describe, fit_kriging
 from rso.surrogates.polynomial import Polynomial, fit_polynomial
-from rso.surrogates.scores import Scores, held_out, left_out, left_out_bands, pooled, score
+from rso.surrogates.scores import Scores, held_out, left_out, left_out_bands, pooled, scaled, score
 
 Surrogate = Polynomial | Kriging
 KINDS = ("auto", "polynomial", "kriging")
 RIVALS = 3  # kriging models whose disagreement with the best one widens its band
 FAR = 0.1  # of the mean: sd up to which a logarithm may predict more than ten times the largest value seen
+SURE = 0.1  # chance that a band whose scale is known from n squared errors alone is too narrow
 UNSEEN = 1e-12  # of the largest value: a smaller deviation is rounding
+SEARCHED = 150  # runs that kernel and trend are sought with where there are more; all fit the hyper-parameters
 ENOUGH = 1e-5  # relative error below which derivatives, which cost fits, are not tried
 
 
@@ -60,7 +63,10 @@ def fit(
     Gradients that do not help there are not used. `degree` fixes the degree of the polynomial (1 to 4), otherwise its
     terms are selected; `log` None tries the logarithm too where y > 0. `noise_sd` is used by kriging alone (a
     polynomial estimates its own scatter); share None has the share of it that is scatter estimated, if that helps.
-    The reasons are in `story`, the cross-validation scores in `cv`.
+    Of more than 150 runs (more from nine dimensions on) as many that fill the space seek kernel and trend; the four
+    best are fitted to all, and folds keep their hyper-parameters.
+    The reasons are in `story`. `cv` holds the scores on left-out points, for kriging those that they let expect over
+    the whole cube (see :func:`_over_the_cube`); kinds are compared by the former.
 
     Raises
     ------
@@ -97,10 +103,14 @@ def fit(
     model, cv = tried[best]
     others = [f"{_name(m)} had {_error(s, unit)}" for k, (m, s) in enumerate(tried) if k != best]
     words = describe(model, names) if isinstance(model, Kriging) else _name(model)
+    if isinstance(model, Kriging) and len(y) > _searched(X.shape[1]):
+        words += f"; kernel and trend were sought with {_searched(X.shape[1])} of the runs"
     story = f"{words}: cross-validation error {_error(cv, unit)} over {len(y)} runs"
+    if model.cv is not None and model.cv.rmse < cv.rmse:
+        story += f", which lets {_error(model.cv, unit)} be expected over the whole ranges"
     if judged[best] is not cv:
         story += f", with {len(held[1])} held out {_error(judged[best], unit)}"  # type: ignore[index]
-    return replace(model, cv=cv, story="; ".join([story, *others, *dict.fromkeys(refusals)]) + ".")
+    return replace(model, story="; ".join([story, *others, *dict.fromkeys(refusals)]) + ".")
 
 
 def refit(
@@ -129,6 +139,7 @@ def refit(
         again = {"seed": seed, "noise_sd": noise_sd, "gradients": gradients}
         rivals = tuple((w, refit(rival, X, y, **again)) for w, rival in model.rivals)
         new = replace(new, inflate=model.inflate, rivals=rivals)
+        new = replace(new, cv=_over_the_cube(new, new.cv))
     else:
         new = replace(fit_polynomial(X, y, degree=degree, log=model.log), inflate=model.inflate)
     story = model.story.removesuffix(f" Fitted again to {model.cv.n if model.cv else 0} runs.")
@@ -150,7 +161,8 @@ def _best_polynomial(
     try:
         # Terms are selected without each fold too: a selection that has seen the fold would flatter itself.
         mean = left_out(lambda rows: fit_polynomial(X[rows], y[rows], degree=degree, log=model.log), X, y, seed)
-        model, cv = replace(model, inflate=_widening(model, X, y, mean)), score(mean, y)
+        cv = score(mean, y)
+        model = replace(model, inflate=_widening(model, X, y, mean), cv=cv)
     except ValueError:
         cv = model.cv  # with a fold left out too few points remain: leave-one-out has the largest folds there are
     return model, cv
@@ -171,35 +183,93 @@ def _best_kriging(data: Data, share: float | None, logs: tuple[bool, ...], seed:
     trends = [q for q in (0, 1, 2) if q == 0 or n >= 2 * len(powers(d, q))]
     first = data if known else replace(data, noise=None)
     options = [(kernel, q, g) for kernel in KERNELS for g in logs for q in trends]
-    tried = _tame([_kriging(first, o, share, seed, restarts=1) for o in options], data.y)
+    few = spread(data.X, _searched(d))
+
+    def search(data: Data, o: tuple[str, int, bool], share: float | None, restarts: int) -> Kriging:
+        found = _kriging(data.rows(few), o, share, seed, restarts=restarts)
+        return found if len(few) == n else _kriging(data, o, share, seed, start=found)
+
+    tried = _tame([_kriging(first.rows(few), o, share, seed, restarts=1) for o in options], data.y)
+    tried = sorted(tried, key=lambda m: m.cv.rmse)
+    if len(few) < n:
+        tried = _tame([_kriging(first, _option(m), share, seed, start=m) for m in tried[: 1 + RIVALS]], data.y)
     model, *others = sorted(tried, key=lambda m: m.cv.rmse)
-    rivals = _rivals(model, others)
-    model = _kriging(first, (model.kernel, model.trend, model.log), share, seed, restarts=4)
+    model = search(first, _option(model), share, 4)
     if not known and data.noise is not None and data.noise.any():
-        noisy = _kriging(data, (model.kernel, model.trend, model.log), None, seed, restarts=2)
+        noisy = search(data, _option(model), None, 2)
         if noisy.cv.rmse < 0.99 * model.cv.rmse:
             model, first = noisy, data
 
     def again(rows: np.ndarray) -> Kriging:
-        return _kriging(first.rows(rows), (model.kernel, model.trend, model.log), share, seed, start=model)
+        # A tenth of many points tells nothing new of the hyper-parameters.
+        if len(few) < n:
+            return conditioned(model, rows)
+        return _kriging(first.rows(rows), _option(model), share, seed, start=model)
 
     mean, sd = left_out_bands(again, data.X, data.y, seed)
     scatter = 0.0 if first.noise is None else model.share * first.noise
     size = float(np.abs(data.y).max()) or 1.0
     z = (mean - data.y) / np.maximum(np.hypot(sd, scatter), UNSEEN * size)
-    inflate = float(np.sqrt(max(np.mean(z**2), 1.0)))
-    return replace(model, inflate=inflate, rivals=rivals), score(mean, data.y)
+    # z² scatter: with the mean in place of the quantile every other band would be too narrow.
+    inflate = float(np.sqrt(max(np.sum(z**2) / chi2.ppf(SURE, n), 1.0)))
+    cv = score(mean, data.y)
+    model = replace(model, inflate=inflate, rivals=_rivals(cv.rmse, others))
+    return replace(model, cv=_over_the_cube(model, cv)), cv
 
 
-def _rivals(best: Kriging, others: list[Kriging]) -> tuple[tuple[float, Kriging], ...]:
-    """The next best models with their weights e_k⁻⁴/Σ_j e_j⁻⁴ among all, e the leave-one-out errors, best first.
+def _over_the_cube(model: Kriging, left_out: Scores) -> Scores:
+    """Scores that those of left-out points let expect over the whole cube; never worse than they are.
 
+    A left-out point is farther from all others than a new one, and often outside of them: its error e counts as
+    e s/s₋, s₋ the deviation that was stated for it and s that of all data at a new point. The root mean square is
+
+        rmse = √mean(e²/s₋²) √mean_x s(x)² = inflate √mean_x s(x)²,   x over the cube.
+
+    Source: Bachoc, Comput. Stat. Data Anal. 66 (2013) 55 (scale of the variance by cross-validation); Le Gratiet &
+    Cannamela, Technometrics 57 (2015) 418 (the stated variance corrected by left-out errors).
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        sd = replace(model, rivals=()).predict(sobol(model.d, 512, 0))[1]
+        expected = float(np.sqrt(np.mean(sd**2)))
+    return scaled(left_out, expected / left_out.rmse) if expected < left_out.rmse else left_out
+
+
+def _searched(d: int) -> int:
+    """Runs at most that kernel and trend are sought with: enough for a quadratic trend too."""
+    return max(SEARCHED, 2 * len(powers(d, 2)))
+
+
+def _option(model: Kriging) -> tuple[str, int, bool]:
+    return model.kernel, model.trend, model.log
+
+
+def spread(X: np.ndarray, m: int) -> np.ndarray:
+    """Rows (at most m) of X (n, d) that fill the space as X does: each is the farthest from those before it.
+
+    Source: Gonzalez, Theor. Comput. Sci. 38 (1985) 293 (within a factor 2 of the least covering radius).
+    """
+    if len(X) <= m:
+        return np.arange(len(X))
+    rows = [int(np.sum((X - X.mean(axis=0)) ** 2, axis=1).argmin())]
+    distance = np.full(len(X), np.inf)
+    while len(rows) < m:
+        distance = np.minimum(distance, np.sum((X - X[rows[-1]]) ** 2, axis=1))
+        rows.append(int(distance.argmax()))
+    return np.sort(rows)
+
+
+def _rivals(error: float, others: list[Kriging]) -> tuple[tuple[float, Kriging], ...]:
+    """The next best models with weights e_k⁻⁴/Σ_j e_j⁻⁴ among them and the best.
+
+    e are their leave-one-out errors, but for the best one's, `error`, that of refitted folds: it was chosen for the
+    smallest of many leave-one-out errors, which flatters it.
     Source: Goel, Haftka, Shyy & Queipo, Struct. Multidisc. Optim. 33 (2007) 199 (weights by errors).
     """
-    if best.cv.rmse == 0.0:  # exact: nobody has a say beside it
+    others = others[:RIVALS]
+    if error == 0.0 or not others or others[0].cv.rmse == 0.0:  # exact: nobody has a say beside it
         return ()
-    weights = np.array([(best.cv.rmse / m.cv.rmse) ** 4 for m in [best, *others]])
-    return tuple(zip((weights / weights.sum())[1 : RIVALS + 1].tolist(), others[:RIVALS], strict=True))
+    weights = np.array([(error / m.cv.rmse) ** 4 for m in others])
+    return tuple(zip((weights / (1 + weights.sum())).tolist(), others, strict=True))
 
 
 def _tame(models: list[Any], y: np.ndarray) -> list[Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -37,19 +38,28 @@ def checked(X: np.ndarray, y: np.ndarray, log: bool) -> tuple[np.ndarray, np.nda
     return inside(X, X.shape[1]), y
 
 
+@cache
 def powers(d: int, degree: int) -> np.ndarray:
-    """Exponents (terms, d) of every monomial of total degree <= `degree`, constant first."""
+    """Exponents (terms, d) of every monomial of total degree <= `degree`, constant first; not to be written to."""
     rows = [c for k in range(degree + 1) for c in combinations_with_replacement(range(d), k)]
-    return np.array([[row.count(j) for j in range(d)] for row in rows])
+    found = np.array([[row.count(j) for j in range(d)] for row in rows])
+    found.flags.writeable = False
+    return found
 
 
 def legendre(X: np.ndarray, exponents: np.ndarray) -> np.ndarray:
     """Basis Π_j P_{e_j}(2 x_j − 1) (n, terms): spans the monomials and is far better conditioned."""
-    V = np.polynomial.legendre.legvander(2 * X - 1, int(exponents.max(initial=0)))
-    A = np.ones((len(X), len(exponents)))
-    for j, column in enumerate(exponents.T):
-        A *= V[:, j, column]
-    return A
+    # numpy's legvander by hand: single points are asked for ten thousands of times, and its checks outweigh the sums.
+    x, highest = 2 * X.T - 1, int(exponents.max(initial=0))
+    P = np.ones((highest + 1, *x.shape))
+    if highest > 0:
+        P[1] = x
+    for k in range(2, highest + 1):
+        P[k] = (P[k - 1] * x * (2 * k - 1) - P[k - 2] * (k - 1)) / k
+    A = P[exponents[:, 0], 0]
+    for j in range(1, len(x)):
+        A *= P[exponents[:, j], j]
+    return A.T
 
 
 def legendre_slopes(X: np.ndarray, exponents: np.ndarray) -> np.ndarray:

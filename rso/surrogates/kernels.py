@@ -9,27 +9,35 @@ are the covariances of values with slopes and of slopes with slopes (Rasmussen &
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
+from scipy.spatial.distance import cdist
 
-Profile = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]
 KERNELS = ("matern52", "squared_exponential")
 WORDS = {"matern52": "Matérn 5/2", "squared_exponential": "squared exponential"}
 
 
-def profile(kernel: str, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """g and its first three derivatives in s; g‴ of Matérn is regularised at 0, where it meets a factor of order s².
+def profile(kernel: str, s: np.ndarray, order: int = 3) -> tuple[np.ndarray, ...]:
+    """g and its derivatives in s up to `order` <= 3; g‴ of Matérn is regularised at 0, where a factor s² meets it.
 
     Matérn 5/2: g = (1 + q + q²/3) e^(−q), q = √(5 s) (Rasmussen & Williams 2006, eq. 4.17); squared exponential:
     g = e^(−s/2) (eq. 4.9).
     """
     if kernel == "squared_exponential":
         g = np.exp(-0.5 * s)
-        return g, -0.5 * g, 0.25 * g, -0.125 * g
+        return (g, *((-0.5) ** k * g for k in range(1, order + 1)))
     q = np.sqrt(5 * s)
     e = np.exp(-q)
-    return (1 + q + q**2 / 3) * e, -5 / 6 * (1 + q) * e, 25 / 12 * e, -125 / 24 * e / np.maximum(q, 1e-6)
+    found = [(1 + q + q**2 / 3) * e]
+    if order > 0:
+        found.append(-5 / 6 * (1 + q) * e)
+    if order > 1:
+        found += [25 / 12 * e, -125 / 24 * e / np.maximum(q, 1e-6)][: order - 1]
+    return tuple(found)
+
+
+def squares(X: np.ndarray) -> np.ndarray:
+    """(x_j − y_j)² (d, n, n) of all pairs of points X (n, d)."""
+    return (X.T[:, :, None] - X.T[:, None, :]) ** 2
 
 
 def differences(X: np.ndarray, Y: np.ndarray, lengths: np.ndarray) -> np.ndarray:
@@ -50,10 +58,10 @@ def covariance(
 
     Rows are [k; ∂k/∂x_1; …; ∂k/∂x_d], each n, columns likewise with y: shape (n, m) up to ((1 + d) n, (1 + d) m).
     """
-    D = differences(X, Y, lengths)
-    g, g1, g2, _ = profile(kernel, np.sum(D**2, axis=0))
     if not (left or right):
-        return g
+        return profile(kernel, cdist(X / lengths, Y / lengths, "sqeuclidean"), 0)[0]
+    D = differences(X, Y, lengths)
+    g, g1, g2 = profile(kernel, np.sum(D**2, axis=0), 2)
     d, n, m = D.shape
     rows, columns = 1 + d * left, 1 + d * right
     K = np.empty((rows, n, columns, m))
@@ -71,14 +79,12 @@ def covariance(
     return K.reshape(rows * n, columns * m)
 
 
-def length_slopes(kernel: str, X: np.ndarray, lengths: np.ndarray, W: np.ndarray, slopes: bool) -> np.ndarray:
-    """Σ_ab W_ab ∂K_ab/∂ ln ℓ_m (d,) for K = covariance(X, X) with slopes or without; W symmetric, of K's shape."""
+def length_slopes(kernel: str, X: np.ndarray, lengths: np.ndarray, W: np.ndarray) -> np.ndarray:
+    """Σ_ab W_ab ∂K_ab/∂ ln ℓ_m (d,) for K = covariance(X, X) with all slopes; W symmetric, of K's shape."""
     D = differences(X, X, lengths)
     d, n, _ = D.shape
     D2 = D**2
     _, g1, g2, g3 = profile(kernel, np.sum(D2, axis=0))
-    if not slopes:
-        return -2 * np.tensordot(D2, W * g1, axes=2)
     V = W.reshape(1 + d, n, 1 + d, n)
     out = -2 * np.tensordot(D2, V[0, :, 0] * g1, axes=2)
     for j in range(d):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,10 +27,12 @@ class Kriging:
 
     Hyper-parameters that are taken for known leave too small an sd, and another kernel or trend might have been chosen:
 
-        sd² = (inflate √var)² + Σ_k w_k (m_k − m)²,   in the units of y
+        sd² = (inflate √var)² + Σ_k w_k ((m_k − m)² + var_k),   in the units of y
 
     with `inflate` >= 1 from refitted folds and the `rivals` (w_k, m_k), the next best models by cross-validation.
-    Source: Goel, Haftka, Shyy & Queipo, Struct. Multidisc. Optim. 33 (2007) 199 (disagreement of several surrogates).
+    Source: Goel, Haftka, Shyy & Queipo, Struct. Multidisc. Optim. 33 (2007) 199 (disagreement of several surrogates);
+    Hoeting, Madigan, Raftery & Volinsky, Stat. Sci. 14 (1999) 382, eq. 3 (their variances), but for the best one's
+    weight, which stays 1.
     """
 
     X: np.ndarray
@@ -60,17 +63,24 @@ class Kriging:
         """Number of parameters."""
         return self.X.shape[1]
 
+    @cached_property
+    def _columns(self) -> np.ndarray | slice:
+        return slice(None) if self.slopes is None else _kept(self.slopes)
+
     def _covariance(self, X: np.ndarray, left: bool = False) -> np.ndarray:
         """Covariance of the process at X with the observations, ((1 + d left) n, N)."""
         right = self.slopes is not None
         K = self.variance * covariance(self.kernel, X, self.X, self.lengths, left=left, right=right)
-        return K if self.slopes is None else K[:, _kept(self.slopes)]
+        return K[:, self._columns]
 
     def predict(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean and sd (n,) in the units of y at X (n, d); ValueError outside the unit cube."""
         m, sd = self._moments(X)
-        apart = sum((w * (rival.mean(X) - m) ** 2 for w, rival in self.rivals), np.zeros(len(m)))
-        return m, np.sqrt((self.inflate * sd) ** 2 + apart)
+        variance = (self.inflate * sd) ** 2
+        for weight, rival in self.rivals:
+            other, s = rival._moments(X)
+            variance += weight * ((other - m) ** 2 + s**2)
+        return m, np.sqrt(variance)
 
     def _moments(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean and sd (n,) of this process alone."""
@@ -80,7 +90,7 @@ class Kriging:
         m = a @ self.beta + k @ self.weights
         v = triangular(self.L, k.T)
         u = triangular(self.LH, a.T - self.LA.T @ v)
-        sd = np.sqrt(np.maximum(self.variance - np.sum(v**2, axis=0) + np.sum(u**2, axis=0), 0.0))
+        sd = np.sqrt(np.maximum(self.variance - np.einsum("ij,ij->j", v, v) + np.einsum("ij,ij->j", u, u), 0.0))
         return from_log(m, sd) if self.log else (m, sd)
 
     def mean(self, X: np.ndarray) -> np.ndarray:
@@ -268,6 +278,15 @@ def condition(
     return Kriging(
         X, t, np.asarray(noise), trend, float(variance), lengths, log, kernel, float(share), slopes, slope_noise, L,
         beta, weights, LA, LH, cv, story,
+    )  # fmt: skip
+
+
+def conditioned(model: Kriging, rows: np.ndarray) -> Kriging:
+    """The process with the hyper-parameters of `model`, conditioned on these rows of its data alone."""
+    slopes, slope_noise = (None if v is None else v[rows] for v in (model.slopes, model.slope_noise))
+    return condition(
+        model.X[rows], model.t[rows], model.noise[rows], model.trend, model.variance, model.lengths, model.log,
+        model.kernel, model.share, slopes, slope_noise, cv=model.cv,
     )  # fmt: skip
 
 

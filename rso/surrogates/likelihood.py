@@ -11,7 +11,8 @@ from scipy.optimize import minimize
 from threadpoolctl import ThreadpoolController
 
 from rso.doe import sobol
-from rso.surrogates.kernels import covariance, length_slopes
+from rso.surrogates.common import triangular
+from rso.surrogates.kernels import covariance, length_slopes, profile, squares
 
 LENGTHS = (0.05, 500.0)  # in units of the cube: shorter is unseen between points; a long one makes a nearly linear term
 VARIANCES = (1e-3, 1e8)  # of the standardised output; beyond, the jitter would be a noise that nobody stated
@@ -33,6 +34,11 @@ class Data:
     noise: np.ndarray
     keep: np.ndarray
     slopes: bool = field(default=False)
+
+    @functools.cached_property
+    def squares(self) -> np.ndarray:
+        """(x_j − y_j)² (d, n, n) of all pairs of points."""
+        return squares(self.X)
 
 
 @functools.cache
@@ -80,22 +86,25 @@ def restricted(p: np.ndarray, data: Data, kernel: str, free_share: bool) -> tupl
     lengths, noisy = np.exp(p[:d]), len(p) > d
     c = np.exp(p[d]) if noisy else 1.0
     share = np.exp(p[d + 1]) if free_share else 1.0
-    R = correlation(data, kernel, lengths)
+    if data.slopes:
+        R = correlation(data, kernel, lengths)
+    else:
+        R, slope = profile(kernel, np.tensordot(lengths**-2.0, data.squares, axes=1), 1)
     K = c * R + np.diag((share * data.noise) ** 2) if noisy else R
     N, q = data.A.shape
     try:
         L = factor(K)
     except np.linalg.LinAlgError:
         return 1e10, np.zeros_like(p)
-    inverse = lapack.dtrtri(L, lower=1)[0]
-    Q, T = np.linalg.qr(inverse @ data.A)
-    r = inverse @ data.z
+    Q, T = np.linalg.qr(triangular(L, data.A))
+    r = triangular(L, data.z)
     r = r - Q @ (Q.T @ r)
     fit = float(r @ r)
     logdet = np.sum(np.log(np.diag(L))) + np.sum(np.log(np.abs(np.diag(T))))
-    V = inverse.T @ Q
-    a = inverse.T @ r
-    P = inverse.T @ inverse - V @ V.T
+    V = lapack.dtrtrs(L, np.column_stack([Q, r]), lower=1, trans=1)[0]
+    V, a = V[:, :-1], V[:, -1]
+    P = lapack.dpotri(L, lower=1)[0]
+    P = P + np.tril(P, -1).T - V @ V.T
     if noisy:
         value, W = logdet + 0.5 * fit, np.outer(a, a) - P
     else:
@@ -104,11 +113,12 @@ def restricted(p: np.ndarray, data: Data, kernel: str, free_share: bool) -> tupl
         beyond = np.log(max(fit, 1e-300) / (N - q) / VARIANCES[1])
         if beyond > 0:
             value, W = value + beyond**2, W + 4 * beyond / fit * np.outer(a, a)
-    full = W
-    if not data.keep.all():
+    if data.slopes:
         full = np.zeros((len(data.keep),) * 2)
         full[np.ix_(data.keep, data.keep)] = W
-    gradient = [-0.5 * c * length_slopes(kernel, data.X, lengths, full, data.slopes)]
+        gradient = [-0.5 * c * length_slopes(kernel, data.X, lengths, full)]
+    else:
+        gradient = [c * lengths**-2.0 * (data.squares.reshape(d, -1) @ (W * slope).ravel())]
     if noisy:
         gradient.append(np.array([-0.5 * c * np.sum(W * R)]))
     if free_share:
@@ -147,8 +157,8 @@ def hyper_parameters(
     share = float(np.exp(p[-1])) if free_share else 1.0
     if noisy:
         return float(np.exp(p[d])), lengths, share
-    inverse = lapack.dtrtri(factor(correlation(data, kernel, lengths)), lower=1)[0]
-    Q, _ = np.linalg.qr(inverse @ data.A)
-    r = inverse @ data.z
+    L = factor(correlation(data, kernel, lengths))
+    Q, _ = np.linalg.qr(triangular(L, data.A))
+    r = triangular(L, data.z)
     r = r - Q @ (Q.T @ r)
     return float(r @ r) / (len(r) - data.A.shape[1]), lengths, share

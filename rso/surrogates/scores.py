@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -46,6 +46,11 @@ def score(predicted: np.ndarray, y: np.ndarray) -> Scores:
     return Scores(
         float(rmse), float(np.abs(error).max()), float(q2), float(rmse / size) if size > 0 else np.nan, len(y)
     )
+
+
+def scaled(s: Scores, factor: float) -> Scores:
+    """Scores of errors that are `factor` times as large all over; the largest that was seen stays what it is."""
+    return replace(s, rmse=factor * s.rmse, relative_rmse=factor * s.relative_rmse, q2=1 - factor**2 * (1 - s.q2))
 
 
 def pooled(a: Scores, b: Scores) -> Scores:
