@@ -50,11 +50,17 @@ def _flushed(code: int) -> int:
 
 def _guarded(call: Callable[[], int]) -> int:
     """Exit code of a command; whatever it raises is told."""
-    from concurrent.futures import BrokenExecutor
+    try:
+        from concurrent.futures import BrokenExecutor
 
-    from rso.store import StoreError
-    from rso.study import StudyError
-
+        from rso.store import StoreError
+        from rso.study import StudyError
+    except Exception as error:  # not this call's doing: it is the machine that does not let the program be loaded
+        if os.environ.get(DEBUG):
+            raise
+        _tell(f"rso: cannot be loaded on this machine: {one(f'{type(error).__name__}: {error}')[:800]}; where compiled "
+              "code can be kept nowhere, let NUMBA_CACHE_DIR name a folder that can be written")  # fmt: skip
+        return EXIT_BROKEN
     try:
         return call()
     except KeyboardInterrupt:

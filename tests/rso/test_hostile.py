@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -491,3 +492,49 @@ def test_objects_of_a_folder_that_others_may_write_to_are_not_believed(tmp_path)
     (tmp_path / "link").symlink_to(folder)
     with pytest.raises(PermissionError, match="is a link"):
         _keep(tmp_path / "link", sha, content)
+
+
+# ------------------------------------------------------------------------------------------------------ machines
+
+
+@pytest.fixture(scope="module")
+def read_only(tmp_path_factory):
+    """A copy of the program in which nothing can be kept beside the code, whoever one is."""
+    root = tmp_path_factory.mktemp("code")
+    for package in ("rso", "fem_backend"):
+        shutil.copytree(HERE.parents[1] / package, root / package, ignore=shutil.ignore_patterns("__pycache__"))
+    for folder in [p for p in root.rglob("*") if p.is_dir()]:
+        (folder / "__pycache__").touch()
+    return root
+
+
+KERNEL = """
+import os, sys
+from rso.cli import main
+code = main(sys.argv[1:])
+if code == 0:
+    import numpy as np
+    from fem_backend import pointwise
+    total = pointwise.points(np.zeros((1, 6), int), np.ones((1, 6)), np.ones((1, 3))).sum()
+    print("kernel", total, sum(len(n) for _, _, n in os.walk(os.environ["NUMBA_CACHE_DIR"])))
+sys.exit(code)
+"""
+
+
+@pytest.mark.parametrize(("temporary", "code"), [("there", 0), ("nowhere", 1)])
+def test_read_only_code_without_a_home_runs(tmp_path, read_only, temporary, code):
+    """With a temporary folder of its own for compiled code, which is gone afterwards; with none in one sentence."""
+    (tmp_path / "there").mkdir()
+    studies.write(tmp_path / "study")
+    # Python goes on to /tmp and to where it stands unless it is told otherwise.
+    nowhere = "import tempfile\ntempfile._candidate_tempdir_list = lambda: ['/dev/null']\n"
+    (tmp_path / "sitecustomize.py").write_text(nowhere * code)
+    around = {"PYTHONPATH": f"{read_only}{os.pathsep}{tmp_path}", "HOME": "/dev/null", "PYTHONDONTWRITEBYTECODE": "1",
+              "TMPDIR": str(tmp_path / temporary)}  # fmt: skip
+    kept = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME")}
+    line = [sys.executable, "-P", "-c", KERNEL, "status", str(tmp_path / "study")]
+    done = subprocess.run(line, cwd="/", env=kept | around, capture_output=True, text=True, timeout=120)
+    assert done.returncode == code and "Traceback" not in done.stderr, done.stderr
+    assert "not started" in done.stdout or ("NUMBA_CACHE_DIR name a folder" in done.stderr and code)
+    assert code or done.stdout.splitlines()[-1] == "kernel 18.0 2"  # compiled, and kept for the workers
+    assert list((tmp_path / "there").iterdir()) == []
