@@ -240,6 +240,21 @@ def test_a_stored_answer_that_is_none_is_damage_in_words(tmp_path, text):
         store.get("key0")
 
 
+@pytest.mark.parametrize(("column", "value"), [
+    ("cpu_s", "soon"), ("wall_s", b"1"), ("cpu_s", 1e999), ('"values"', "[]"), ('"values"', '{"x": "a"}'), ('"values"', "[" * 9000),
+    ("reason", b"\xff"), ("cause", b"\xff"), ("history", "[3]"),
+])  # fmt: skip
+def test_what_a_row_says_of_its_run_is_of_the_kind_that_was_stored(tmp_path, column, value):
+    file = stored(tmp_path)
+    with sqlite3.connect(file) as db:
+        if column in ("reason", "cause", "history"):
+            db.execute("UPDATE runs SET state = 'failed', cause = 'c', reason = 'r', history = '[]' WHERE key = 'key0'")
+        db.execute(f"UPDATE runs SET checksum = NULL, {column} = ? WHERE key = 'key0'", (value,))
+    db.close()
+    with RunStore(tmp_path, read_only=True) as store, pytest.raises(StoreError, match=r"damaged \(run key0"):
+        store.get("key0")
+
+
 @pytest.mark.parametrize("statement", [
     "CREATE VIEW more AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT * FROM n",
     "CREATE TRIGGER t AFTER INSERT ON runs BEGIN DELETE FROM runs; END", "CREATE TABLE other (a)",
@@ -371,6 +386,11 @@ def test_no_text_of_a_study_moves_the_cursor_or_forges_a_line(tmp_path, capsys, 
     said = capsys.readouterr()
     assert printable(said.out + said.err) == said.out + said.err
     assert not any(line.startswith("rso: forged") for line in said.err.splitlines())
+
+
+def test_a_long_word_of_the_command_line_is_shown_in_part(capsys):
+    assert main(["keys", "x" * 5000]) == 2
+    assert "there is no table 'xxx" in (said := capsys.readouterr().err) and len(said) < 600
 
 
 def test_a_path_of_the_command_line_is_shown_as_text(tmp_path, capsys):
