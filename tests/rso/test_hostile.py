@@ -16,7 +16,7 @@ import pytest
 import sample_studies as studies
 
 from rso import disk
-from rso.cli import main
+from rso.cli import commands, main
 from rso.cli.commands import _executor
 from rso.contract import Case, Programme, Response
 from rso.printable import one, printable
@@ -311,9 +311,16 @@ WRITTEN = (
 )
 
 
-def test_a_run_overwrites_nothing_that_links_in_its_folder_lead_to(tmp_path):
+def test_a_run_overwrites_nothing_that_links_in_its_folder_lead_to(tmp_path, monkeypatch):
     folder, victims = tmp_path / "study" / "results", tmp_path / "victims"
-    studies.write(tmp_path / "study", doe="runs = 8\nheld_out = 1", report="html = true\npdf = false")
+    studies.write(
+        tmp_path / "study",
+        parameters='mu = { low = "6 kPa", high = "20 kPa", scale = "log" }\nD1 = { value = 60 }',
+        doe="runs = 8\nheld_out = 1",
+        sensitivity="sobol = false\nlocal = false",
+        report="html = true\npdf = false",
+    )
+    monkeypatch.setattr(commands, "_executor", lambda *_: studies.Inline())  # workers write nothing there
     folder.mkdir()
     victims.mkdir()
     names = [*WRITTEN, *(f"{n}.tmp" for n in WRITTEN), *(f"{n}.part" for n in WRITTEN), "results.tmp", "study.tmp"]
@@ -469,19 +476,16 @@ def test_keys_of_thousands_of_parts_are_refused_in_words(tmp_path, capsys):
 # ------------------------------------------------------------------------------------------------------ streams
 
 
-@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-", "> /dev/full", "| head -1", "| true"])
+# Others are tried with every command in tests/verification/test_hostile_inputs.py.
+@pytest.mark.parametrize("closed", ["<&- >&- 2>&-", "> /dev/full", "| true"])
 def test_closed_and_full_streams(tmp_path, closed):
     line = f"set -o pipefail; {sys.executable} -P -m rso.cli keys {closed}"
     done = subprocess.run(["bash", "-c", line], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert "Traceback" not in done.stderr and "Exception ignored" not in done.stderr, done.stderr
-    expected = 130 if "|" in closed else 1 if "full" in closed else 0
-    # What fits into the pipe's buffer may all be written before head has gone.
-    assert done.returncode == expected or (closed == "| head -1" and done.returncode == 0), done
+    assert done.returncode == (130 if "|" in closed else 1 if "full" in closed else 0), done
 
 
 def test_a_fault_of_the_program_is_one_message(tmp_path, capsys, monkeypatch):
-    from rso.cli import commands
-
     def fault(options, command):
         raise LookupError("a fault\nrso: forged")
 
@@ -533,10 +537,8 @@ import os, sys
 from rso.cli import main
 code = main(sys.argv[1:])
 if code == 0:
-    import numpy as np
     from fem_backend import pointwise
-    total = pointwise.points(np.zeros((1, 6), int), np.ones((1, 6)), np.ones((1, 3))).sum()
-    print("kernel", total, sum(len(n) for _, _, n in os.walk(os.environ["NUMBA_CACHE_DIR"])))
+    print("kept", pointwise.points.stats.cache_path.startswith(os.environ["NUMBA_CACHE_DIR"]))
 sys.exit(code)
 """
 
@@ -556,5 +558,5 @@ def test_read_only_code_without_a_home_runs(tmp_path, read_only, temporary, code
     done = subprocess.run(line, cwd="/", env=kept | around, capture_output=True, text=True, timeout=120)
     assert done.returncode == code and "Traceback" not in done.stderr, done.stderr
     assert "not started" in done.stdout or ("NUMBA_CACHE_DIR name a folder" in done.stderr and code)
-    assert code or done.stdout.splitlines()[-1] == "kernel 18.0 2"  # compiled, and kept for the workers
+    assert code or done.stdout.splitlines()[-1] == "kept True"
     assert list((tmp_path / "there").iterdir()) == []
