@@ -20,6 +20,9 @@ DEBUG = "RSO_TRACEBACK"  # environment variable: a fault of the program is raise
 def main(arguments: Sequence[str] | None = None) -> int:
     """Console script; returns the exit code.  Whatever goes wrong is told in one message, never as a traceback."""
     _open_streams()
+    os.environ["MPLBACKEND"] = (
+        "agg"  # figures go to files; matplotlib cannot be imported where it names none that it has
+    )
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     out, err = Printable(sys.stdout), Printable(sys.stderr)
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):  # type: ignore[type-var]

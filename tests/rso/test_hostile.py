@@ -560,3 +560,13 @@ def test_read_only_code_without_a_home_runs(tmp_path, read_only, temporary, code
     assert "not started" in done.stdout or ("NUMBA_CACHE_DIR name a folder" in done.stderr and code)
     assert code or done.stdout.splitlines()[-1] == "kept True"
     assert list((tmp_path / "there").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("MPLBACKEND", "nowhere"), ("MPLCONFIGDIR", "/dev/null"), ("COLUMNS", "-1")]
+)
+def test_figures_are_drawn_whatever_a_machine_says_of_windows(name, value):
+    code = "from rso.cli import main\nmain(['keys', 'study'])\nfrom rso.report import canvas\nprint('drawn')"
+    done = subprocess.run([sys.executable, "-P", "-c", code], cwd="/", env={**os.environ, name: value}, capture_output=True,
+                          text=True)  # fmt: skip
+    assert done.stdout.endswith("drawn\n") and "Traceback" not in done.stderr, done.stderr

@@ -1,8 +1,8 @@
 """Study folders, laboratories, results and environments, damaged by a number: what strangers, disks and haste leave.
 
-`case(n, bases, folder)` copies a good folder, spoils it and says which command to call on it.  The same number always makes
-the same case.  Damage of studies and data beyond that of `tests/rso/fuzzing.py` is of bytes, of structure and of text
-that is not to reach a terminal.
+`case(n, bases, folder)` copies a good folder, spoils it and says which command to call on it.  The same number always
+makes the same case.  Damage beyond that of `tests/rso/fuzzing.py` is of bytes, of structure, of values of one kind,
+and of text that is not to reach a terminal.
 """
 
 from __future__ import annotations
@@ -31,12 +31,14 @@ from test_laboratory import NOMINAL
 FORGED = "\nrso: forged"
 VICTIM = "mine, and not to be touched\n"
 BODY = ("--semi-axes", "60", "35", "35", "--radius", "3")
-TEXTS = ("", " ", "\x1b[2J\x1b]0;t\x07", "\u202egnp.exe", f"a{FORGED}", "a\rb\x9b31m", "\u2028\u200b", "=cmd|'/c calc'!A1",
-         "<script>alert(1)</script>", "x" * 20_000, "ａ", "nan", "1e999", "../../../etc/passwd", "%s{}{0.__class__}",
-         "a\tb", "\ufeff", "🜁" * 30)  # fmt: skip
+TEXTS = (
+    "", " ", "\x1b[2J\x1b]0;t\x07", "\u202egnp.exe", f"a{FORGED}", "a\rb\x9b31m", "\u2028\u200b", "=cmd|'/c calc'!A1",
+    "<script>alert(1)</script>", "x" * 20_000, "ａ", "nan", "1e999", "../../../etc/passwd", "%s{}{0.__class__}",
+    "a\tb", "\ufeff", "🜁" * 30,
+)  # fmt: skip
 VALUES: tuple[Any, ...] = (
-    None, True, False, 0, -1, 1, 10**9, 2**63, 10**400, 0.5, 1e300, -1e300, 5e-324, float("nan"), float("inf"), [], {}, [[]],
-    [None], [1, "a"], {"a": {}}, "text", *TEXTS,
+    None, True, False, 0, -1, 1, 10**9, 2**63, 10**400, 0.5, 1e300, -1e300, 5e-324, float("nan"), float("inf"), [],
+    {}, [[]], [None], [1, "a"], {"a": {}}, "text", *TEXTS,
 )  # fmt: skip
 
 
@@ -124,7 +126,8 @@ def alike(rng: random.Random, value: Any, others: list[Any]) -> Any:
     if isinstance(value, str):
         match = re.fullmatch(r"([-0-9.e]+) (\S+)", value)
         if match and rng.random() < 0.6:
-            return f"{float(match[1]) * rng.choice(FACTORS):g} {rng.choice((match[2], 'mm', 'N', 'kPa', '%', 's', '1/MPa'))}"
+            unit = rng.choice((match[2], "mm", "N", "kPa", "%", "s", "1/MPa"))
+            return f"{float(match[1]) * rng.choice(FACTORS):g} {unit}"
         return rng.choice([o for o in others if isinstance(o, str)] or [""])
     if isinstance(value, list):
         return rng.choice(
@@ -217,7 +220,7 @@ def cells(rng: random.Random, file: Path) -> None:
             case 6:
                 rows = rows[: k + 1] or rows
             case 7:
-                rows = rows[:k] + [[rng.choice(TEXTS)] * rng.choice((1, 2, 50))] + rows[k:]
+                rows.insert(k, [rng.choice(TEXTS)] * rng.choice((1, 2, 50)))
             case 8:
                 for row in rows:
                     row[j : j + 1] = [rng.choice(("7", "0", "-1e9", "1e-320"))]
@@ -328,8 +331,9 @@ def npz_members(rng: random.Random, file: Path) -> None:
     name = rng.choice(list(arrays))
     value = arrays[name]
     kinds: tuple[Callable[[], Any], ...] = (
-        lambda: value.ravel()[: value.size // 2], lambda: value[None], lambda: np.full(value.shape, np.nan), lambda: np.array("text"),
-        lambda: np.array([{}], dtype=object), lambda: value.astype(complex), lambda: np.zeros((0, 3)), lambda: value * 1e300,
+        lambda: value.ravel()[: value.size // 2], lambda: value[None], lambda: np.full(value.shape, np.nan),
+        lambda: np.array("text"), lambda: np.array([{}], dtype=object), lambda: value.astype(complex),
+        lambda: np.zeros((0, 3)), lambda: value * 1e300,
     )  # fmt: skip
     if rng.random() < 0.2:
         del arrays[name]
@@ -357,15 +361,19 @@ def results(rng: random.Random, folder: Path) -> None:
 
 
 STATEMENTS = (
-    'UPDATE runs SET "values" = ?', 'UPDATE runs SET "case" = ?', "UPDATE runs SET response = ?", "UPDATE runs SET wall_s = ?",
-    "UPDATE runs SET name = ?", "UPDATE runs SET reason = ?", "UPDATE runs SET created = ?", "UPDATE runs SET attempts = ?",
-    "UPDATE runs SET checksum = ?", "UPDATE runs SET checksum = NULL, response = ?", 'UPDATE runs SET checksum = NULL, "values" = ?',
-    'UPDATE runs SET checksum = NULL, "case" = ?', "UPDATE runs SET checksum = NULL, cpu_s = ?", "UPDATE runs SET key = key || ?",
-    "UPDATE runs SET checksum = NULL, state = 'failed', cause = ?", "UPDATE runs SET checksum = NULL, state = 'failed', history = ?",
-    "INSERT INTO crashes VALUES ('k', ?, 'r', 1, 'n', '{}')", "INSERT INTO crashes VALUES ('k', 'w', ?, 1, 'n', '{}')",
-    "INSERT INTO crashes VALUES ('k', 'w', 'r', ?, 'n', '{}')", "INSERT INTO crashes VALUES ('k', 'w', 'r', 1, 'n', ?)",
-    "INSERT INTO artefacts VALUES ('k', ?, 'n', 's')", "DELETE FROM runs WHERE 1 OR ?", "DROP TABLE runs", "DROP TABLE crashes",
-    "DROP TABLE artefacts", "DROP INDEX crashes_key", "PRAGMA user_version = 7", "ALTER TABLE runs RENAME COLUMN cause TO other",
+    'UPDATE runs SET "values" = ?', 'UPDATE runs SET "case" = ?', "UPDATE runs SET response = ?",
+    "UPDATE runs SET wall_s = ?", "UPDATE runs SET name = ?", "UPDATE runs SET reason = ?",
+    "UPDATE runs SET created = ?", "UPDATE runs SET attempts = ?", "UPDATE runs SET checksum = ?",
+    "UPDATE runs SET checksum = NULL, response = ?", 'UPDATE runs SET checksum = NULL, "values" = ?',
+    'UPDATE runs SET checksum = NULL, "case" = ?', "UPDATE runs SET checksum = NULL, cpu_s = ?",
+    "UPDATE runs SET key = key || ?", "UPDATE runs SET checksum = NULL, state = 'failed', cause = ?",
+    "UPDATE runs SET checksum = NULL, state = 'failed', history = ?",
+    "INSERT INTO crashes VALUES ('k', ?, 'r', 1, 'n', '{}')",
+    "INSERT INTO crashes VALUES ('k', 'w', ?, 1, 'n', '{}')",
+    "INSERT INTO crashes VALUES ('k', 'w', 'r', ?, 'n', '{}')",
+    "INSERT INTO crashes VALUES ('k', 'w', 'r', 1, 'n', ?)", "INSERT INTO artefacts VALUES ('k', ?, 'n', 's')",
+    "DELETE FROM runs WHERE 1 OR ?", "DROP TABLE runs", "DROP TABLE crashes", "DROP TABLE artefacts",
+    "DROP INDEX crashes_key", "PRAGMA user_version = 7", "ALTER TABLE runs RENAME COLUMN cause TO other",
     "CREATE TABLE more (a)", "ALTER TABLE runs DROP COLUMN history",
 )  # fmt: skip
 
@@ -442,10 +450,11 @@ def laboratory(rng: random.Random, folder: Path) -> None:
 HOMES = ("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "TMPDIR", "MPLCONFIGDIR")
 ENVIRONMENTS: tuple[tuple[str, tuple[str | None, ...]], ...] = (
     *((name, (None, "", "/nonexistent", "relative", "/dev/null", "/proc", "~", "x" * 5000)) for name in HOMES),
-    ("COLUMNS", ("0", "-1", "", "x", "1", "999999999999")), ("LINES", ("0", "x")), ("TERM", (None, "", "dumb", "\x1b[2J")),
-    ("LANG", ("C", "xx_YY", None)), ("LC_ALL", ("C", "POSIX", "xx")), ("NO_COLOR", ("1",)), ("TZ", ("nowhere", ":", "")),
-    ("OMP_NUM_THREADS", ("0", "x", "999999")), ("PYTHONHASHSEED", ("7",)), ("PATH", (None, "", "/nonexistent")),
-    ("SOURCE_DATE_EPOCH", ("x", "-1")), ("MPLBACKEND", ("nowhere",)), ("USER", (None,)),
+    ("COLUMNS", ("0", "-1", "", "x", "1", "999999999999")), ("LINES", ("0", "x")),
+    ("TERM", (None, "", "dumb", "\x1b[2J")), ("LANG", ("C", "xx_YY", None)), ("LC_ALL", ("C", "POSIX", "xx")),
+    ("NO_COLOR", ("1",)), ("TZ", ("nowhere", ":", "")), ("OMP_NUM_THREADS", ("0", "x", "999999")),
+    ("PYTHONHASHSEED", ("7",)), ("PATH", (None, "", "/nonexistent")), ("SOURCE_DATE_EPOCH", ("x", "-1")),
+    ("MPLBACKEND", ("nowhere",)), ("USER", (None,)),
 )  # fmt: skip
 
 
@@ -531,9 +540,11 @@ def cache(n: int, file: Path, other: Path) -> str:
 # ------------------------------------------------------------------------------------------------------ processes
 
 # What only a process of its own can be given: shell that stands before or behind the command, and variables.
-SHELLS = ("{}", "{} >&-", "{} 2>&-", "{} <&- >&- 2>&-", "{} > /dev/full", "{} 2> /dev/full", "{} | true", "{} | head -c 100",
-          "cd gone && rmdir ../gone && {}", "ulimit -f 0; {}", "ulimit -f 40; {}", "ulimit -n 24; {}", "umask 777; {}", "umask 0; {}",
-          "ulimit -v 3000000; {}", "ulimit -u 1; {}", "ulimit -s 512; {}")  # fmt: skip
+SHELLS = (
+    "{}", "{} >&-", "{} 2>&-", "{} <&- >&- 2>&-", "{} > /dev/full", "{} 2> /dev/full", "{} | true",
+    "{} | head -c 100", "cd gone && rmdir ../gone && {}", "ulimit -f 0; {}", "ulimit -f 40; {}", "ulimit -n 24; {}",
+    "umask 777; {}", "umask 0; {}", "ulimit -v 3000000; {}", "ulimit -u 1; {}", "ulimit -s 512; {}",
+)  # fmt: skip
 
 
 def process(n: int, bases: Path, folder: Path) -> tuple[str, Case]:
@@ -560,7 +571,8 @@ SMALL = {
     "report": "html = false\npdf = false",
 }
 LEVELS = 'levels = [{ name = "thick", settings = { thickness = 9 } }, { name = "study" }]'
-AGAIN = 'truths = { mu = [0.012] }\nexperiments = [{ name = "again", depth = 2.0, step = 0.5, noise = { Fz = 1e-5, gain = 0.01 } }]'
+AGAIN = """truths = { mu = [0.012] }
+experiments = [{ name = "again", depth = 2.0, step = 0.5, noise = { Fz = 1e-5, gain = 0.01 } }]"""
 SIDE = '\n[[experiments]]\nname = "side"\nrole = "validate"\ndata = "side.xlsx"\nnoise = { Fz = "0.02 mN" }'
 
 

@@ -18,6 +18,7 @@ from concurrent.futures import Future
 from pathlib import Path
 
 import damages
+import matplotlib.figure  # noqa: F401  # before any case: an import that fails would fail for all that follow
 import pytest
 import sample_studies as studies
 import test_diagnosis_study as toy
@@ -121,7 +122,6 @@ def faults(n: int, bases: Path, folder: Path) -> str | None:
     case = damages.case(n, bases, folder)
     before = outside(folder)
     code, out, err = called(case)
-    said = out + err
     return judged(f"case {n} ({case.name}): {case.arguments} {case.environment}", code, out, err, folder, before)
 
 
@@ -129,7 +129,7 @@ def judged(
     name: str, code: int, out: str, err: str, folder: Path, before: dict[str, str], quiet: bool = False
 ) -> str | None:
     """What is wrong with an exit code and what was printed, or None; `quiet` where nobody can read it."""
-    said = out + err
+    said, pages = out + err, [p.read_text("utf-8", "replace") for p in folder.rglob("*.html") if p.is_file()]
     wrong = {
         f"exit code {code}": code not in CODES,
         "no message": code != 0 and not said.strip() and not quiet,
@@ -139,8 +139,8 @@ def judged(
         "a forged line": any(line.startswith("rso: forged") for line in said.splitlines()),
         "a line without end": any(len(line) > 1500 for line in err.splitlines()),
         "other files changed": outside(folder) != before,
-        "text in a page that runs": any("<script>alert(1)" in p.read_text("utf-8", "replace") for p in folder.rglob("*.html")),
-    }  # fmt: skip
+        "text in a page that runs": any("<script>alert(1)" in page for page in pages),
+    }
     found = [what for what, is_so in wrong.items() if is_so]
     return f"{name}: {found} {said[-700:]}" if found else None
 
@@ -184,9 +184,39 @@ def test_every_process_ends_in_words_wherever_it_is_started(tmp_path, bases, fir
         around = {k: v for k, v in around.items() if v is not None}
         if "gone" in line:
             before = {k: v for k, v in before.items() if not k.startswith("gone")}
-        done = subprocess.run(["/bin/bash", "-c", f"set -o pipefail; {line}"], cwd=folder, env=around, capture_output=True,
-                              text=True, errors="replace", timeout=120)  # fmt: skip
+        whole = ["/bin/bash", "-c", f"set -o pipefail; {line}"]
+        done = subprocess.run(
+            whole, cwd=folder, env=around, capture_output=True, text=True, errors="replace", timeout=120
+        )
         quiet = "2>" in shell
         name = f"process {n}: {shell} {case.arguments} {case.environment}"
         found.append(judged(name, done.returncode, done.stdout, done.stderr, folder, before, quiet))
     assert not any(found), "\n\n".join(filter(None, found))
+
+
+def _unforeseen(options, command):
+    raise LookupError("a fault")
+
+
+def _raw(options, command):
+    sys.stdout.stream.write("\x1b[2J")
+    return 0
+
+
+def _careless(options, command):
+    folder = options.study if options.study.is_dir() else options.study.parent
+    (folder.parent / "victim").write_text("written over")
+    return 0
+
+
+@pytest.mark.parametrize(("call", "what"), [
+    (_unforeseen, "a fault of the program"), (_raw, "unseen characters"), (_careless, "other files changed"),
+    (lambda *_: 9, "exit code 9"), (lambda *_: 2, "no message"),
+])  # fmt: skip
+def test_what_is_looked_for_is_found(tmp_path, bases, monkeypatch, call, what):
+    """The same case is without fault, and with it when the command is replaced by one that has it."""
+    n = next(n for n in range(1000) if damages.case(n, bases, tmp_path / "case").arguments[0] == "status"
+             and (tmp_path / "case" / "study" / "study.toml").is_file())  # fmt: skip
+    assert faults(n, bases, tmp_path / "case") is None
+    monkeypatch.setattr(commands, "status", call)
+    assert what in faults(n, bases, tmp_path / "case")
