@@ -507,7 +507,14 @@ def _line(rng: random.Random, command: str, damage: str, folder: Path) -> tuple[
     fresh = ("--fresh",) if command == "run" and damage in ("results", "store") and rng.random() < 0.3 else ()
     strict = ("--strict",) if command == "run" and rng.random() < 0.2 else ()
     where = rng.choice((study, study / "study.toml"))
-    return (command, str(where), *(jobs if command not in ("status", "report") else ()), *trust, *fresh, *strict)
+    more = (*(jobs if command not in ("status", "report") else ()), *trust, *fresh, *strict)
+    if rng.random() < 0.06:
+        made = folder / "made"
+        places = (folder / "victim", made / "new", made / "\x1b[2J", made / ("x" * 300), f"{made}/a{FORGED}",
+                  study / "top.csv", "/proc/nowhere/results", "/dev/null")  # fmt: skip
+        option = "--out" if command == "report" else rng.choice(("--out", "--store"))
+        more = (*more, option, str(rng.choice(places)))
+    return (command, str(where), *more)
 
 
 # ------------------------------------------------------------------------------------------------------ mesh caches
