@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import shutil
 import sqlite3
 import subprocess
@@ -483,6 +484,19 @@ def test_closed_and_full_streams(tmp_path, closed):
     done = subprocess.run(["bash", "-c", line], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert "Traceback" not in done.stderr and "Exception ignored" not in done.stderr, done.stderr
     assert done.returncode == (130 if "|" in closed else 1 if "full" in closed else 0), done
+
+
+@pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>{err}"])
+def test_workers_of_a_command_without_streams_work(tmp_path, closed):
+    code = (
+        "from rso.cli import _open_streams\n_open_streams()\nfrom rso.running import WorkerPool\nimport math, pathlib, sys\n"
+        "with WorkerPool(1) as pool: pathlib.Path(sys.argv[1]).write_text(str(pool.submit(math.sqrt, 4.0).result()))"
+    )
+    answer, err = tmp_path / "answer", tmp_path / "err"
+    line = f"{shlex.join([sys.executable, '-P', '-c', code, str(answer)])} {closed.format(err=err)}"
+    done = subprocess.run(["bash", "-c", line], cwd="/", capture_output=True, text=True, timeout=60)
+    said = done.stderr + (err.read_text() if err.exists() else "")
+    assert (done.returncode, answer.read_text(), said) == (0, "2.0", "")
 
 
 def test_a_fault_of_the_program_is_one_message(tmp_path, capsys, monkeypatch):
