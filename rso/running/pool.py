@@ -294,7 +294,8 @@ def serve(descriptor: int) -> None:
         answer = _answer(tasks.get())
         if os.getpid() != home:
             os._exit(1)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # a parent without one has workers without one
+            sys.stdout.flush()
         with contextlib.suppress(OSError):  # the parent is gone: the other thread ends this process
             pipe.send_bytes(answer)
 
