@@ -32,7 +32,7 @@ from rso.printable import printable
 pytestmark = pytest.mark.verification
 
 FIRST, LAST = map(int, os.environ.get("RSO_HOSTILE", "0 2000").split())
-CHUNK, CACHES, PROCESSES = 50, 100, 68
+CHUNK, CACHES, PROCESSES = 50, 100, 51
 RSO = Path(studies.__file__).parent
 RECIPES = [recipes.mapped_recipe(Ellipsoid(60.0, 35.0, c), 6, 0.3) for c in (35.0, 30.0)]
 CODES = {0, 1, 2, 3, 4, 5, 6, 7, 130}  # README
