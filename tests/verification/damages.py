@@ -511,7 +511,7 @@ def _line(rng: random.Random, command: str, damage: str, folder: Path) -> tuple[
     if rng.random() < 0.06:
         made = folder / "made"
         places = (folder / "victim", made / "new", made / "\x1b[2J", made / ("x" * 300), f"{made}/a{FORGED}",
-                  study / "top.csv", "/proc/nowhere/results", "/dev/null")  # fmt: skip
+                  "/proc/nowhere/results", "/dev/null")  # fmt: skip
         option = "--out" if command == "report" else rng.choice(("--out", "--store"))
         more = (*more, option, str(rng.choice(places)))
     return (command, str(where), *more)
