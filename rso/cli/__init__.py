@@ -56,27 +56,10 @@ def _flushed(code: int) -> int:
 def _guarded(call: Callable[[], int]) -> int:
     """Exit code of a command; whatever it raises is told."""
     try:
-        from concurrent.futures import BrokenExecutor
-
-        from rso.store import StoreError
-        from rso.study import StudyError
-    except Exception as error:  # not this call's doing: it is the machine that does not let the program be loaded
-        if os.environ.get(DEBUG):
-            raise
-        _tell(f"rso: cannot be loaded on this machine: {one(f'{type(error).__name__}: {error}')[:800]}; where compiled "
-              "code can be kept nowhere, let NUMBA_CACHE_DIR name a folder that can be written")  # fmt: skip
-        return EXIT_BROKEN
-    try:
         return call()
     except KeyboardInterrupt:
         _tell("\nrso: interrupted; everything finished is stored, the same command goes on from there")
         return EXIT_INTERRUPTED
-    except StudyError as error:
-        _tell("\n".join(map(one, error.problems)))
-        return EXIT_BAD_INPUT
-    except (StoreError, BrokenExecutor) as error:
-        _tell(f"rso: {one(str(error))}")
-        return EXIT_BROKEN
     except BrokenPipeError:  # whoever read has read enough, as head does: no fault of the folder or the study
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         _tell(
@@ -92,10 +75,29 @@ def _guarded(call: Callable[[], int]) -> int:
         _tell("rso: the memory of this machine is not enough; runs stored so far are kept")
         return EXIT_BROKEN
     except Exception as error:
-        if os.environ.get(DEBUG):
+        code, text = _foreseen(error)
+        if not text and os.environ.get(DEBUG):
             raise
-        _tell(_fault(error))
-        return EXIT_BROKEN
+        _tell(text or _fault(error))
+        return code
+
+
+def _foreseen(error: Exception) -> tuple[int, str]:
+    """Exit code and message of an error; without a message where it is a fault of the program."""
+    try:
+        from concurrent.futures import BrokenExecutor
+
+        from rso.store import StoreError
+        from rso.study import StudyError
+    except Exception:  # not this call's doing: it is the machine that does not let the program be loaded
+        why = one(f"{type(error).__name__}: {error}")[:800]
+        return EXIT_BROKEN, (f"rso: cannot be loaded on this machine: {why}; where compiled code can be kept nowhere, let "
+                             "NUMBA_CACHE_DIR name a folder that can be written")  # fmt: skip
+    if isinstance(error, StudyError):
+        return EXIT_BAD_INPUT, "\n".join(map(one, error.problems))
+    if isinstance(error, StoreError | BrokenExecutor):
+        return EXIT_BROKEN, f"rso: {one(str(error))}"
+    return EXIT_BROKEN, ""
 
 
 def _fault(error: Exception) -> str:
