@@ -549,7 +549,8 @@ def cache(n: int, file: Path, other: Path) -> str:
 # What only a process of its own can be given: shell that stands before or behind the command, and variables.
 SHELLS = (
     "{}", "{} >&-", "{} 2>&-", "{} <&- >&- 2>&-", "{} > /dev/full", "{} 2> /dev/full", "{} | true",
-    "{} | /usr/bin/head -c 100", "cd gone && /bin/rmdir ../gone && {}", "ulimit -f 0; {}", "ulimit -f 40; {}", "ulimit -n 24; {}",
+    "{} | /usr/bin/head -c 100", "cd gone && /bin/rmdir ../gone && {}", "ulimit -f 0; {}", "ulimit -f 40; {}",
+    "ulimit -n 24; {}",
     "umask 777; {}", "umask 0; {}", "ulimit -v 3000000; {}", "ulimit -u 1; {}", "ulimit -s 512; {}",
 )  # fmt: skip
 
