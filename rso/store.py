@@ -175,12 +175,16 @@ class RunStore:
         """What a row says; sqlite3.DatabaseError where it is nothing that was stored."""
         try:
             case = dataclasses.replace(Case.from_json(json.loads(row["case"])), objects=str(self.objects))
-            key, values, wall_s, cpu_s = row["key"], json.loads(row["values"]), row["wall_s"], row["cpu_s"]
+            key, values, took = row["key"], _values(row["values"]), (row["wall_s"], row["cpu_s"])
+            if not all(map(finite, took)):
+                raise ValueError("its times are no numbers")
             if row["state"] == "done":
-                return Done(key, values, case, _unpack(row["response"]), wall_s, cpu_s)
+                return Done(key, values, case, _unpack(row["response"]), *took)
             partial = None if row["partial"] is None else _unpack(row["partial"])
-            history = tuple(json.loads(row["history"]))
-            return Failed(key, values, case, row["cause"], row["reason"], partial, history, wall_s, cpu_s)
+            history = tuple(map(dict, json.loads(row["history"])))
+            if not isinstance(row["cause"], str) or not isinstance(row["reason"], str):
+                raise ValueError("it has no cause or reason")
+            return Failed(key, values, case, row["cause"], row["reason"], partial, history, *took)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError, MemoryError, zlib.error) as error:
             raise sqlite3.DatabaseError(f"run {row['key'][:12]}: {type(error).__name__}: {error}") from error
 
@@ -411,11 +415,22 @@ def _checksum(row: Sequence[object]) -> str:
     return total.hexdigest()
 
 
-def _listed(r: sqlite3.Row) -> Row:
-    """One line of the list; ValueError where its values are none."""
-    values = json.loads(r["v"])
+def _values(text: str) -> dict[str, float]:
+    """The values of a run; ValueError where they are none."""
+    values = json.loads(text)
     if not isinstance(values, dict) or not all(map(finite, values.values())):
-        raise ValueError(f"run {str(r['key'])[:12]} has no table of values")
+        raise ValueError("there is no table of values")
+    return values
+
+
+def _listed(r: sqlite3.Row) -> Row:
+    """One line of the list; ValueError where its values or times are none."""
+    try:
+        values = _values(r["v"])
+        if not all(v is None or finite(v) for v in r[6:8]):
+            raise ValueError("its times are no numbers")
+    except (ValueError, TypeError, RecursionError) as error:
+        raise ValueError(f"run {str(r['key'])[:12]}: {error}") from error
     cause, reason = (None if r[k] is None else str(r[k]) for k in ("cause", "reason"))
     return Row(
         str(r["key"]), r["state"], str(r["name"]), values, cause, reason, *r[6:8], str(r["created"]), r["attempts"]

@@ -20,6 +20,9 @@ DEBUG = "RSO_TRACEBACK"  # environment variable: a fault of the program is raise
 def main(arguments: Sequence[str] | None = None) -> int:
     """Console script; returns the exit code.  Whatever goes wrong is told in one message, never as a traceback."""
     _open_streams()
+    os.environ["MPLBACKEND"] = (
+        "agg"  # figures go to files; matplotlib cannot be imported where it names none that it has
+    )
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     out, err = Printable(sys.stdout), Printable(sys.stderr)
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):  # type: ignore[type-var]
@@ -34,7 +37,9 @@ def _open_streams() -> None:
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+            os.set_inheritable(
+                os.open(os.devnull, os.O_RDWR), True
+            )  # the lowest number that is free; workers have it too
     for name, number in (("stdout", 1), ("stderr", 2)):
         stream = getattr(sys, name)
         if stream is None:
@@ -50,22 +55,11 @@ def _flushed(code: int) -> int:
 
 def _guarded(call: Callable[[], int]) -> int:
     """Exit code of a command; whatever it raises is told."""
-    from concurrent.futures import BrokenExecutor
-
-    from rso.store import StoreError
-    from rso.study import StudyError
-
     try:
         return call()
     except KeyboardInterrupt:
         _tell("\nrso: interrupted; everything finished is stored, the same command goes on from there")
         return EXIT_INTERRUPTED
-    except StudyError as error:
-        _tell("\n".join(map(one, error.problems)))
-        return EXIT_BAD_INPUT
-    except (StoreError, BrokenExecutor) as error:
-        _tell(f"rso: {one(str(error))}")
-        return EXIT_BROKEN
     except BrokenPipeError:  # whoever read has read enough, as head does: no fault of the folder or the study
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         _tell(
@@ -81,10 +75,29 @@ def _guarded(call: Callable[[], int]) -> int:
         _tell("rso: the memory of this machine is not enough; runs stored so far are kept")
         return EXIT_BROKEN
     except Exception as error:
-        if os.environ.get(DEBUG):
+        code, text = _foreseen(error)
+        if not text and os.environ.get(DEBUG):
             raise
-        _tell(_fault(error))
-        return EXIT_BROKEN
+        _tell(text or _fault(error))
+        return code
+
+
+def _foreseen(error: Exception) -> tuple[int, str]:
+    """Exit code and message of an error; without a message where it is a fault of the program."""
+    try:
+        from concurrent.futures import BrokenExecutor
+
+        from rso.store import StoreError
+        from rso.study import StudyError
+    except Exception:  # not this call's doing: it is the machine that does not let the program be loaded
+        why = one(f"{type(error).__name__}: {error}")[:800]
+        return EXIT_BROKEN, (f"rso: cannot be loaded on this machine: {why}; where compiled code can be kept nowhere, let "
+                             "NUMBA_CACHE_DIR name a folder that can be written")  # fmt: skip
+    if isinstance(error, StudyError):
+        return EXIT_BAD_INPUT, "\n".join(map(one, error.problems))
+    if isinstance(error, StoreError | BrokenExecutor):
+        return EXIT_BROKEN, f"rso: {one(str(error))}"
+    return EXIT_BROKEN, ""
 
 
 def _fault(error: Exception) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import rso
 from rso.cli import commands
 
+MOST_JOBS = 10_000  # as in [dispatch]
 LABORATORY = """a folder, for example:
   mp_load.csv       mp_ with anything, or a name with less than two numbers: a force curve at the top
   mp_cycle_30.csv   loaded and unloaded at the top with 30 mm/min
@@ -89,7 +90,7 @@ def _of_a_study(known: Any) -> None:
         if name == "check":
             command.add_argument("--trust", action="store_true", help="load a backend that is not rso's own: its code")
         if name in ("check", "run", "diagnose", "ladder", "next"):
-            command.add_argument("--jobs", type=_at_least_one, help="simulations at a time (default: dispatch.jobs)")
+            command.add_argument("--jobs", type=_jobs, help="simulations at a time (default: dispatch.jobs)")
         if name == "run":
             command.add_argument("--fresh", action="store_true", help="move the old results aside and start again")
             command.add_argument("--strict", action="store_true", help="exit code 7 where an experiment kept for the "
@@ -106,14 +107,15 @@ def _blind(known: Any) -> None:
                              epilog=LABORATORY, formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
     blind.add_argument("folder", type=Path, help="a laboratory folder, or the folder that holds several")
     blind.add_argument("--out", type=Path, default=Path("answers"), help="where answers go (default: answers/)")
-    blind.add_argument("--jobs", type=_at_least_one, default=2, help="simulations at a time")
+    blind.add_argument("--jobs", type=_jobs, default=2, help="simulations at a time")
     blind.add_argument("--seed", type=int, default=1, help="seed of the simulated data sets")
     blind.add_argument("--reruns", action="store_true", help="compute finalists anew: minutes a case")
     blind.set_defaults(call=commands.blind)
 
 
-def _at_least_one(text: str) -> int:
+def _jobs(text: str) -> int:
     """A number of jobs; argparse turns the error into exit code 2."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text}: at least 1 is needed")
-    return int(text)
+    number = int(text[:20]) if text.isdecimal() else 0  # Python reads no number of thousands of digits
+    if not 1 <= number <= MOST_JOBS:
+        raise argparse.ArgumentTypeError(f"{text[:40]}: a number from 1 to {MOST_JOBS} is needed")
+    return number

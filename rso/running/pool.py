@@ -64,9 +64,8 @@ class _Worker:
 class WorkerPool(Executor):
     """`workers` persistent processes behind the interface of `concurrent.futures`.
 
-    `source` is loaded once in each worker when it starts, which is when it gets its first task, or at once where
-    `warm`.  A task that takes
-    longer than `timeout_s` (wall, s) is stopped by killing its worker; its future gets WorkerDied, the next task a
+    `source` is loaded once in each worker when it starts, which is when it gets its first task, or at once where `warm`
+    (as many as the machine has processors).  There are never more workers than tasks.  A task that takes longer than `timeout_s` (wall, s) is stopped by killing its worker; its future gets WorkerDied, the next task a
     new worker.  Leaving the ``with`` block by an exception kills what still runs.  Workers exit when the parent dies
     (compiled code that never releases the interpreter's lock delays this until it returns).
 
@@ -92,9 +91,11 @@ class WorkerPool(Executor):
         self._broken: WorkersCannotStart | None = None
         self._bad_starts = 0
         self._alive: set[subprocess.Popen[bytes]] = set()
-        self._threads = [threading.Thread(target=self._manage, daemon=True) for _ in range(workers)]
-        for thread in self._threads:
-            thread.start()
+        self._workers = workers
+        self._threads: list[threading.Thread] = []
+        if warm:
+            for _ in range(min(workers, os.cpu_count() or 1)):
+                self._one_more()
 
     @property
     def broken(self) -> bool:
@@ -111,9 +112,23 @@ class WorkerPool(Executor):
                 raise self._broken
             if self._closed:
                 raise RuntimeError("the pool is shut down: no new tasks")
+            if len(self._threads) < self._workers:
+                self._one_more()
             future: Future[T] = Future()
             self._tasks.put((future, payload))
             return future
+
+    def _one_more(self) -> None:
+        """One more manager thread; WorkersCannotStart where the machine gives the first none."""
+        thread = threading.Thread(target=self._manage, daemon=True)
+        try:
+            thread.start()
+        except RuntimeError as error:  # no more threads are allowed: those that there are do the work
+            if not self._threads:
+                raise WorkersCannotStart(f"no thread for a worker can be started ({error})") from error
+            self._workers = len(self._threads)
+            return
+        self._threads.append(thread)
 
     def kill_workers(self) -> None:
         """Kill every worker now and start none again; running tasks get WorkerDied, waiting ones are cancelled."""
@@ -279,7 +294,8 @@ def serve(descriptor: int) -> None:
         answer = _answer(tasks.get())
         if os.getpid() != home:
             os._exit(1)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # a parent without one has workers without one
+            sys.stdout.flush()
         with contextlib.suppress(OSError):  # the parent is gone: the other thread ends this process
             pipe.send_bytes(answer)
 

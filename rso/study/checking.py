@@ -27,6 +27,7 @@ from rso.study.schema import ExperimentTable, Study
 from rso.units import spaced
 
 CORNERS = 6  # open parameters up to which all corners of their ranges are looked at
+ENCRYPTED = ("tls://", "wss://")  # schemes of Dask's addresses
 FAR = 5.0  # times: held thin bodies are up to three times as stiff as a half-space
 
 
@@ -48,6 +49,7 @@ def check(study: Study, folder: Path, trust: bool, store: Path | None = None, jo
             f"  {what} is foreign code and was not loaded: names, units and bounds of the parameters, settings and",
             "  the number of simulations were not checked; if you trust it: rso check --trust",
             *(f"  experiment {e.name!r}: {w}" for e in study.experiments for w in stated.replaced(study, e.name)),
+            *_open_to_others(study),
         ]
     plan = make_plan(study)
     if "ladder" in study.model_fields_set:
@@ -75,7 +77,17 @@ def check(study: Study, folder: Path, trust: bool, store: Path | None = None, jo
     seconds = known.seconds(_one_of_each(plan)) / len(plan.cases)
     time = f"{_minutes(total * seconds / jobs)} with {jobs} job(s)"
     lines.append(f"  {'at most' if direct else 'about'} {time} ({seconds:.3g} s a simulation, {known.basis})")
-    return [*lines, *_diagnosis(study, known, jobs), f"  results: {folder}"]
+    return [*lines, *_diagnosis(study, known, jobs), *_open_to_others(study), f"  results: {folder}"]
+
+
+def _open_to_others(study: Study) -> list[str]:
+    """A warning where simulations go to a scheduler that asks nobody who they are; Dask takes no scheme for tcp://."""
+    address = study.dispatch.address
+    if address is None or address.startswith(ENCRYPTED):
+        return []
+    return [f"  warning: dispatch.address = {address!r} has no TLS, so neither encryption nor a password: whoever reaches",
+            "    that scheduler can run code as you there and change what is computed; tls:// with certificates is safe,",
+            "    or a network that only you can reach (docs/cluster.md)"]  # fmt: skip
 
 
 def _one_of_each(plan: Plan) -> list[Task]:

@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rso.contract import Response, run_key
+from rso.contract import Response
 from rso.curves import Resampling
 from rso.emulator import Emulator, Sample
 from rso.identify import Misfit, Place, Runs, resample
-from rso.store import Done, RunStore
+from rso.store import RunStore
 from rso.study.plan import Plan
+from rso.study.stored import answers, points
 
 SCALES = 257  # values of the modulus that similarity makes of one run
 
@@ -26,8 +27,11 @@ def finished(
     rows = [row for values, curve in rows for row in _scaled(emulator, misfit, places, values, curve)]
     known = {_point(plan, s.values) for s in emulator.samples}
     stored, new = [], []
-    for values, responses in _stored(plan, store):
+    for point in points(plan, store):
+        values, responses = point.values, None
         if _point(plan, values) not in known:
+            responses = answers(store, point)
+        if responses is not None:
             try:
                 curve = np.concatenate([resample(responses[plan.case_of[p.experiment]], p, "") for p in places])
                 new.append(_sample(emulator, plan, values, responses))
@@ -79,27 +83,6 @@ def _scaled(
     chi2 = np.where(keep, np.sum(misfit.white(curves - y) ** 2, axis=1), np.inf)
     j = int(np.argmin(chi2))
     return [(values, curve), (dict(zip(box.names, map(float, theta[:, j]), strict=True)), curves[j])]
-
-
-def _stored(plan: Plan, store: RunStore) -> list[tuple[Mapping[str, float], tuple[Response, ...]]]:
-    """Values and responses, one per case, of the runs in the store that are of this model and of these cases."""
-    found: dict[tuple[float, ...], dict[int, Done]] = {}
-    fixed, backend = plan.resolved.fixed, plan.backend
-    for row in store.rows():
-        if row.state != "done" or any(n not in row.values for n in plan.box.names):
-            continue
-        run = store.get(row.key)
-        if not isinstance(run, Done) or run_key(backend, run.values, run.case) != row.key:
-            continue
-        for k, case in enumerate(plan.cases):
-            values = {**fixed, **{n: run.values[n] for n in plan.box.names}}
-            wanted, same = backend.canonical(values, case)
-            if dict(wanted) == dict(run.values) and (same.programme, same.settings) == (
-                run.case.programme, run.case.settings
-            ):  # fmt: skip
-                found.setdefault(_point(plan, values), {})[k] = run
-    whole = [runs for runs in found.values() if len(runs) == len(plan.cases)]
-    return [({**fixed, **runs[0].values}, tuple(runs[k].response for k in range(len(plan.cases)))) for runs in whole]
 
 
 def _sample(emulator: Emulator, plan: Plan, values: Mapping[str, float], responses: Sequence[Response]) -> Sample:

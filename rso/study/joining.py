@@ -6,23 +6,19 @@ they are is noted in results.json when a study begins, so that a study that is i
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from rso.contract import run_key
 from rso.emulator import reduced_box
-from rso.running import Task
 from rso.store import RunStore
 from rso.study.plan import Plan
+from rso.study.stored import Values, points
 
 MOST = 200  # runs that join: kriging takes the third power of their number
 SLACK = 1e-9  # of the unit cube
-
-Values = Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -62,48 +58,12 @@ def joined(plan: Plan, store: RunStore, before: Mapping[str, Any] | None) -> Joi
 
 def find(plan: Plan, store: RunStore) -> Joined:
     """Points all of whose cases are stored (done, or failed: where there is no answer is worth knowing too)."""
-    rows = [r for r in store.rows() if r.state != "crashed"]
-    keys, artefacts = {r.key for r in rows}, _Artefacts(store)
-    default = {p.name: p.default if p.neutral is None else p.neutral for p in plan.backend.parameters}
-    points: dict[tuple[float, ...], Values] = {}
-    mine: set[str] = set()
-    for row in rows:
-        values = {n: row.values.get(n, default[n]) for n in plan.box.names}
-        if any(v is None for v in values.values()):
-            continue
-        asked = {**{n: float(v) for n, v in values.items()}, **plan.resolved.fixed}
-        found = [_key(plan, t, artefacts) for t in plan.tasks(asked)]
-        if all(k in keys for k in found):
-            points[tuple(asked[n] for n in plan.box.names)] = asked
-            mine |= {k for k in found if k is not None}
-    inside = [v for v in points.values() if _inside(plan, v)]
+    known = points(plan, store)
+    stored = {r.key for r in store.rows() if r.state != "crashed"}
+    other = len(stored - {key for point in known for key in point.keys})
+    inside = [p.values for p in known if _inside(plan, p.values)]
     chosen = _apart(plan, inside)
-    return Joined(tuple(chosen), len(points) - len(inside), len(keys - mine), len(inside) - len(chosen))
-
-
-@dataclass(frozen=True, eq=False)
-class _Artefacts:
-    """Hashes of artefacts by recipe, each looked up once: the store reads a file for it."""
-
-    store: RunStore
-    known: dict[str, str | None] = dataclasses.field(default_factory=dict)
-
-    def sha(self, recipe: str) -> str | None:
-        if recipe not in self.known:
-            self.known[recipe] = self.store.artefact(recipe)
-        return self.known[recipe]
-
-
-def _key(plan: Plan, task: Task, artefacts: _Artefacts) -> str | None:
-    """Key of a task; None where the backend does not take it, or an artefact of it is not there."""
-    try:
-        values, case = plan.backend.canonical(task.values, task.case)
-        shas = {n: artefacts.sha(recipe) for n, recipe in plan.backend.recipes(values, case).items()}
-    except ValueError:
-        return None
-    if None in shas.values():
-        return None
-    return run_key(plan.backend, values, dataclasses.replace(case, artefacts=shas))  # type: ignore[arg-type]
+    return Joined(tuple(chosen), len(known) - len(inside), other, len(inside) - len(chosen))
 
 
 def _inside(plan: Plan, values: Values) -> bool:
@@ -120,7 +80,7 @@ def _inside(plan: Plan, values: Values) -> bool:
 
 
 def _apart(plan: Plan, points: Sequence[Values]) -> list[Values]:
-    """At most `MOST` of the points, those that lie farthest apart, in the order of the store."""
+    """At most `MOST` of the points, those that lie farthest apart, in their order."""
     if len(points) <= MOST:
         return list(points)
     X = plan.box.to_unit(np.array([[v[n] for n in plan.box.names] for v in points]))

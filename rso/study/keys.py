@@ -11,6 +11,7 @@ from rso.study.errors import choose
 from rso.study.schema import Study
 
 Shape = Mapping[str, Any]  # a piece of a JSON schema
+LONGEST = 80  # characters of what somebody asked for that are shown
 HUGE = 1e6  # a bound that no study comes near is not worth a word
 
 HEAD = """# The study file
@@ -29,7 +30,7 @@ def reference(table: str = "") -> list[str]:
     inner = [name for name in names if name.endswith(f".{table}")]
     table = inner[0] if table not in names and len(inner) == 1 else table
     if table and table not in names:
-        raise ValueError(f"there is no table {table!r}; {choose(table, names)}")
+        raise ValueError(f"there is no table {table[:LONGEST]!r}; {choose(table[:LONGEST], names)}")
     lines = [] if table else HEAD.splitlines()
     for name, heading, shape in parts:
         if not table or name == table or name.startswith(f"{table}."):

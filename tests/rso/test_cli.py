@@ -201,12 +201,13 @@ def test_a_study_that_is_not_there(tmp_path, capsys):
         main(["simulate", "study.toml"])
 
 
-@pytest.mark.parametrize("jobs", ["0", "-1", "many"])
+@pytest.mark.parametrize("jobs", ["0", "-1", "many", "０", "10001", "9" * 5000])
 @pytest.mark.parametrize("command", ["check", "run", "diagnose", "ladder", "blind"])
 def test_a_number_of_jobs_that_is_none(tmp_path, capsys, command, jobs):
     with pytest.raises(SystemExit, match="2"):
         main([command, str(tmp_path), "--jobs", jobs])
-    assert "--jobs" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "--jobs" in said and "from 1 to 10000" in said and len(said) < 1500
 
 
 # ------------------------------------------------------------------------------------------------------ check, status

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
@@ -329,11 +330,36 @@ def test_a_run_does_not_wait_for_the_artefacts_of_others(tmp_path):
 
 def test_a_warm_pool_starts_before_its_first_task():
     with WorkerPool(2, source=SOURCE, warm=True) as pool:
-        until(lambda: len(pool._alive) == 2)
+        until(lambda: len(pool._alive) == min(2, os.cpu_count()))
         assert pool.submit(dummy.square, 3.0).result() == 9.0
     with WorkerPool(1, source=Source(use="no_such_module:BACKEND"), warm=True) as pool:
         with pytest.raises(WorkersCannotStart, match="no_such_module"):
             pool.submit(dummy.square, 3.0).result()
+
+
+@pytest.mark.parametrize("warm", [False, True])
+def test_whoever_asks_for_thousands_of_workers_gets_what_there_is_work_for(warm):
+    before = threading.active_count()
+    with WorkerPool(10_000, warm=warm) as pool:
+        assert threading.active_count() - before <= os.cpu_count() * warm
+        assert pool.submit(dummy.square, 3.0).result() == 9.0
+        assert len(pool._alive) <= max(1, os.cpu_count() * warm + 1)
+
+
+def test_fewer_threads_than_asked_do_the_work_and_none_is_said(monkeypatch):
+    start, left = threading.Thread.start, [2]
+
+    def limited(thread):
+        if left[0] == 0:
+            raise RuntimeError("can't start new thread")
+        left[0] -= 1
+        start(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", limited)
+    with WorkerPool(4) as pool:
+        assert [f.result() for f in [pool.submit(dummy.square, float(k)) for k in range(4)]] == [0.0, 1.0, 4.0, 9.0]
+    with WorkerPool(4) as pool, pytest.raises(WorkersCannotStart, match="can't start new thread"):
+        pool.submit(dummy.square, 1.0)
 
 
 def test_other_work_of_a_study_outlives_the_workers(tmp_path):
