@@ -30,9 +30,15 @@ def remembering(misfit: Misfit, x: np.ndarray) -> Misfit:
     536); where χ² is too small for these, what goes together is not the errors.
     """
     misfit = sized(misfit, x)
-    r = misfit.white(misfit.model.predict(x[None])[0] - np.concatenate([d.value for d in misfit.data]))
-    parts = np.split(r, np.cumsum([len(d.value) for d in misfit.data])[:-1])
-    return replace(misfit, data=tuple(_remembering(d, part) for d, part in zip(misfit.data, parts, strict=True)))
+    left = misfit.model.predict(x[None])[0] - np.concatenate([d.value for d in misfit.data])
+    orders = [np.argsort(d.depth, kind="stable") for d in misfit.data]
+    at = np.cumsum([len(d.value) for d in misfit.data])[:-1]
+    # A triangular factor whitens each reading by those before it: these are the shallower ones.
+    r = replace(misfit, data=tuple(d.rows(o) for d, o in zip(misfit.data, orders, strict=True))).white(
+        np.concatenate([e[o] for e, o in zip(np.split(left, at), orders, strict=True)])
+    )
+    found = zip(misfit.data, np.split(r, at), orders, strict=True)
+    return replace(misfit, data=tuple(_remembering(*each) for each in found))
 
 
 def sized(misfit: Misfit, x: np.ndarray) -> Misfit:
@@ -85,11 +91,11 @@ def independent(ρ: float) -> float:
     return (1 - ρ**2) / (1 + ρ**2)
 
 
-def _remembering(data: Data, r: np.ndarray) -> Data:
+def _remembering(data: Data, r: np.ndarray, order: np.ndarray) -> Data:
+    """The curve with memory where whitened residuals r (n,), in `order` of depth, show it."""
     if data.white is None or data.memory:
         return data
-    order = np.argsort(data.depth, kind="stable")
-    ρ = memory(r[order, None])
+    ρ = memory(r[:, None])
     each = independent(ρ)
     if ρ == 0.0 or chi2_cdf(each * float(r @ r), each * len(r)) < SEEN:
         return data

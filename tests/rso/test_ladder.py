@@ -42,7 +42,7 @@ kind = "polynomial"
 name = "top"
 role = "fit"
 data = "top.csv"
-noise = { gain = "0.2 %" }
+noise = { gain = "0.2 %", contact = 0, correlation = 0 }
 """
 LADDER = "[ladder]\ndraws = 99\nruns = 6"
 DEEP = """
@@ -50,7 +50,7 @@ DEEP = """
 name = "deep"
 role = "ROLE"
 data = "deep.csv"
-noise = { Fz = "0.4 mN", gain = "0.2 %" }
+noise = { Fz = "0.4 mN", gain = "0.2 %", contact = 0, correlation = 0 }
 """
 
 
@@ -67,7 +67,7 @@ def curve(law, noise, seed, deepest=4.0, n=41, repeats=5, **more):
 def climbed(folder, law, scatter, table="", seed=0, deep="", deepest=6.0, noise="", **more):
     """The climb of a study on data of a law, and its plain data."""
     folder.mkdir(parents=True, exist_ok=True)
-    study = STUDY if not noise else STUDY.replace('noise = { gain = "0.2 %" }', noise)
+    study = STUDY if not noise else STUDY.replace('noise = { gain = "0.2 %", contact = 0, correlation = 0 }', noise)
     (folder / "top.csv").write_text(curve(law, scatter, seed, **more))
     (folder / "deep.csv").write_text(curve(law, scatter, seed + 1, deepest, 31, 1, **more))
     (folder / "study.toml").write_text(study + (DEEP.replace("ROLE", deep) if deep else "") + f"{LADDER}\n{table}\n")
@@ -163,7 +163,7 @@ def test_the_threshold_is_what_the_truth_stays_below(tmp_path):
     below, ratio = 0, []
     table = 'levels = [{ name = "exact", alone = true, settings = { law = "neo", error = 0.0 } }]'
     for seed in range(8):
-        _, data = climbed(tmp_path / str(seed), "neo", 4e-4, table, seed=10 * seed, noise="noise = { gain = 0.0 }")
+        _, data = climbed(tmp_path / str(seed), "neo", 4e-4, table, seed=10 * seed, noise="noise = { gain = 0, contact = 0, correlation = 0 }")
         (error,) = found_level(data, "exact")["errors"]
         below += error["nrmse"] <= error["threshold"]
         ratio.append(error["nrmse"] / error["threshold"])
@@ -198,7 +198,7 @@ def test_a_curve_to_select_by_can_fail_what_fits(tmp_path):
 
 def test_a_perfect_model_without_derivatives_does_not_miss_what_it_did_not_see(tmp_path):
     """Beyond the fitted depth the uncertainty of the fitted values is larger than the noise."""
-    levels, white = 'levels = ["neo"]', 'noise = { Fz = "2 mN" }'
+    levels, white = 'levels = ["neo"]', 'noise = { Fz = "2 mN", gain = 0, contact = 0, correlation = 0 }'
     missed = {}
     for law, more in (("neo", {}), ("stiff", {"C20": 1e-4})):
         missed[law] = 0
@@ -207,8 +207,8 @@ def test_a_perfect_model_without_derivatives_does_not_miss_what_it_did_not_see(t
             folder.mkdir()
             (folder / "top.csv").write_text(curve(law, 2e-3, seed, 1.0, 41, 1, **more))
             (folder / "deep.csv").write_text(curve(law, 4e-4, seed + 50, 6.0, 31, 1, **more))
-            study = STUDY.replace('noise = { gain = "0.2 %" }', white).replace("error = 0.001", "error = 0.0")
-            deep = DEEP.replace("ROLE", "validate").replace(', gain = "0.2 %"', "")
+            study = STUDY.replace('noise = { gain = "0.2 %", contact = 0, correlation = 0 }', white).replace("error = 0.001", "error = 0.0")
+            deep = DEEP.replace("ROLE", "validate").replace(', gain = "0.2 %"', ", gain = 0")
             (folder / "study.toml").write_text(f"{study}{deep}{LADDER}\n{levels}\n")
             plan = ladder_plan(load(folder / "study.toml"))
             with RunStore(folder / "results") as store:
@@ -273,7 +273,7 @@ def test_nothing_good_enough_is_said(tmp_path):
 
 def test_errors_stated_too_large_are_said(tmp_path):
     table = 'levels = ["neo"]\n'
-    found, data = climbed(tmp_path / "a", "neo", 1e-6, table, noise="noise = { Fz = 0.02 }")
+    found, data = climbed(tmp_path / "a", "neo", 1e-6, table, noise="noise = { Fz = 0.02, gain = 0, contact = 0, correlation = 0 }")
     assert found.climb.adequate and any("stated errors are larger" in w for w in data["warnings"])
 
 
@@ -578,7 +578,7 @@ def remembering_record(folder, law, length, seed, **more):
     (folder / "top.csv").write_text(
         "depth_mm,Fz_N\n" + "".join(f"{a!r},{b!r}\n" for a, b in zip(u.tolist(), F.tolist(), strict=True))
     )
-    text = STUDY.replace('noise = { gain = "0.2 %" }\n', "")
+    text = STUDY.replace('noise = { gain = "0.2 %", contact = 0, correlation = 0 }\n', "")
     (folder / "study.toml").write_text(f"{text}{LADDER}\n")
     plan = ladder_plan(load(folder / "study.toml"))
     with RunStore(folder / "results") as store:
