@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rso.distributions import chi2_ppf
+
 FEWEST = 8  # readings of a record that tell its noise
 BEYOND = 0.05  # chance of a right statement to be overruled by the readings
 EVEN = 0.1  # share by which a stated variance may change along the curve and still say nothing of its shape
@@ -14,8 +16,6 @@ VARIES = 0.01  # chance of even noise to be taken for one that changes along the
 REMEMBERS = 2.5  # standard errors of a correlation of neighbours: one case of white noise in 160 has more
 DEGREE = 2  # of its logarithm as a polynomial, at most
 FAINT = 0.01  # of the largest value: below it forces count as equally small
-
-from rso.distributions import chi2_ppf
 
 
 @dataclass(frozen=True, eq=False)

@@ -163,7 +163,14 @@ def test_the_threshold_is_what_the_truth_stays_below(tmp_path):
     below, ratio = 0, []
     table = 'levels = [{ name = "exact", alone = true, settings = { law = "neo", error = 0.0 } }]'
     for seed in range(8):
-        _, data = climbed(tmp_path / str(seed), "neo", 4e-4, table, seed=10 * seed, noise="noise = { gain = 0, contact = 0, correlation = 0 }")
+        _, data = climbed(
+            tmp_path / str(seed),
+            "neo",
+            4e-4,
+            table,
+            seed=10 * seed,
+            noise="noise = { gain = 0, contact = 0, correlation = 0 }",
+        )
         (error,) = found_level(data, "exact")["errors"]
         below += error["nrmse"] <= error["threshold"]
         ratio.append(error["nrmse"] / error["threshold"])
@@ -207,7 +214,9 @@ def test_a_perfect_model_without_derivatives_does_not_miss_what_it_did_not_see(t
             folder.mkdir()
             (folder / "top.csv").write_text(curve(law, 2e-3, seed, 1.0, 41, 1, **more))
             (folder / "deep.csv").write_text(curve(law, 4e-4, seed + 50, 6.0, 31, 1, **more))
-            study = STUDY.replace('noise = { gain = "0.2 %", contact = 0, correlation = 0 }', white).replace("error = 0.001", "error = 0.0")
+            study = STUDY.replace('noise = { gain = "0.2 %", contact = 0, correlation = 0 }', white).replace(
+                "error = 0.001", "error = 0.0"
+            )
             deep = DEEP.replace("ROLE", "validate").replace(', gain = "0.2 %"', ", gain = 0")
             (folder / "study.toml").write_text(f"{study}{deep}{LADDER}\n{levels}\n")
             plan = ladder_plan(load(folder / "study.toml"))
@@ -273,7 +282,9 @@ def test_nothing_good_enough_is_said(tmp_path):
 
 def test_errors_stated_too_large_are_said(tmp_path):
     table = 'levels = ["neo"]\n'
-    found, data = climbed(tmp_path / "a", "neo", 1e-6, table, noise="noise = { Fz = 0.02, gain = 0, contact = 0, correlation = 0 }")
+    found, data = climbed(
+        tmp_path / "a", "neo", 1e-6, table, noise="noise = { Fz = 0.02, gain = 0, contact = 0, correlation = 0 }"
+    )
     assert found.climb.adequate and any("stated errors are larger" in w for w in data["warnings"])
 
 
