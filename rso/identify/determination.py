@@ -209,7 +209,8 @@ def p_value(misfit: Misfit, chi2: float, ν: int, x: np.ndarray | None = None) -
     left = ν - taken_up(misfit, x)
     if left < LEAST:
         return None
-    return exceeded(chi2 * independent(ρ), left * independent(ρ), *_freedoms(misfit, left))
+    each = independent(ρ)
+    return exceeded(chi2 * each, left * each, *_freedoms(misfit, left * each))
 
 
 def _freedoms(misfit: Misfit, ν: float) -> tuple[float, float]:

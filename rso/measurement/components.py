@@ -16,8 +16,7 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.optimize import minimize
 
-MOST = 48  # readings, or means of neighbours, that tell the parts
-LENGTHS = 4  # of correlation that are tried, from the spacing of readings to the whole travel
+LENGTHS = 5  # of correlation that are tried, from the spacing of readings to the whole travel
 LOW = 1e-8  # of the white variance, at least: nothing
 FLAT = 1e-3  # weight of a prior that says nothing, so that a flat likelihood has a maximum
 
@@ -42,31 +41,47 @@ def parts(
     `shapes` (2, n) are ŷ and ŷ'; `priors` are the usual deviations of correlated noise, gain and contact, known from
     `weight` degrees of freedom; None: nothing is expected of it.  κ is `least` at least.
     """
-    u, E, w, F = _means(u, contrasts, white, shapes)
-    apart, k = np.abs(u[:, None] - u), len(E)
-    root = np.sqrt(w)
-    Z = np.vstack([E, F]) / root
+    apart, k = np.abs(u[:, None] - u), len(contrasts)
+    root = np.sqrt(white)
+    Z = np.vstack([contrasts, shapes]) / root
     span = float(np.ptp(u)) or 1.0
     best, found = np.inf, Parts(1.0, 0.0, span, 0.0, 0.0)
     # in units in which each part is of the size of the white noise
-    unit = np.array([float(np.mean(w)), *(1.0 / np.maximum(np.sum(Z[k:] ** 2, axis=1), 1e-300))])
+    unit = np.array([float(np.mean(white)), *(1.0 / np.maximum(np.sum(Z[k:] ** 2, axis=1), 1e-300))])
     usual = np.array([0.0 if p is None else p**2 for p in priors]) / unit
     held = np.array([FLAT if p is None else weight for p in priors])
     usual = np.maximum(usual, LOW)
-    start = np.r_[0.0, np.log(np.maximum(usual, 1e-2))]
-    for length in np.geomspace(1.5 * span / max(len(u) - 1, 1), span, LENGTHS):
+    starts = [np.r_[0.0, np.log(np.maximum(usual, 1e-2))], *_moments(Z[:k], Z[k:])]
+    for length in np.geomspace(span / max(len(u) - 1, 1), span, LENGTHS):
         K = np.exp(-apart / length) * unit[0] / np.outer(root, root)
         λ, Q = eigh(K, check_finite=False)
         rotated = Z @ Q
         args = (np.maximum(λ, 0.0), rotated[:k] ** 2, rotated[:k], rotated[k:] * np.sqrt(unit[1:, None]), usual, held)
         bounds = [(np.log(max(least, 1e-6)), 12.0), *[(np.log(LOW), 25.0)] * 3]
-        result = minimize(_minus, np.clip(start, *np.transpose(bounds)), args, jac=True, method="L-BFGS-B",
-                          bounds=bounds, options={"maxiter": 40, "ftol": 1e-7})  # fmt: skip
+        start = min((np.clip(s, *np.transpose(bounds)) for s in starts), key=lambda s: _minus(s, *args)[0])
+        result = minimize(_minus, start, args, jac=True, method="L-BFGS-B", bounds=bounds,
+                          options={"maxiter": 40, "ftol": 1e-7})  # fmt: skip
+        starts.append(result.x)
         if result.fun < best:
             best, v = result.fun, np.exp(result.x)
             v[1:][v[1:] < 10 * LOW] = 0.0
             found = Parts(float(v[0]), float(v[1] * unit[0]), float(length), *map(float, v[2:] * unit[1:]))
-            start = result.x
+    return found
+
+
+def _moments(E: np.ndarray, F: np.ndarray) -> list[np.ndarray]:
+    """Logarithms (4,) of the parts by least squares of contrasts E (k, n) on the shapes F (2, n), together and alone.
+
+    The likelihood has more than one maximum: a gain that begins too small ends as white noise.
+    """
+    found = []
+    for rows in ([0, 1], [0], [1]):
+        A = np.linalg.lstsq(F[rows].T, E.T, rcond=1e-8)[0]
+        rest = E - A.T @ F[rows]
+        white = max(float(np.mean(rest**2)), 1e-6)
+        each = np.full(2, LOW)
+        each[rows] = np.maximum(np.mean(A**2, axis=1) * np.sum(F[rows] ** 2, axis=1), LOW)
+        found.append(np.log(np.r_[white, 0.1 * white, each]))
     return found
 
 
@@ -95,17 +110,3 @@ def _minus(
     fun += float(np.sum(held * (x[1:] + usual / v)))
     gradient[1:] += held * (1.0 - usual / v)
     return float(fun), gradient
-
-
-def _means(
-    u: np.ndarray, contrasts: np.ndarray, white: np.ndarray, shapes: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Means of neighbouring readings, `MOST` at most."""
-    n = len(u)
-    if n <= MOST:
-        return u, contrasts, white, shapes
-    block = np.arange(n) * MOST // n
-    count = np.bincount(block)
-    mean = np.zeros((MOST, n))
-    mean[block, np.arange(n)] = 1.0 / count[block]
-    return mean @ u, contrasts @ mean.T, mean**2 @ white, shapes @ mean.T

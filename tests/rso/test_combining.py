@@ -237,12 +237,22 @@ def test_noise_that_remembers_is_seen_in_repeats(ρ, r):
 
 
 def test_white_noise_of_repeats_remembers_little():
-    """Neighbours share a tenth of their variance in one data set of ten at most, with nothing said of correlation."""
+    """Neighbours share a quarter of their variance in one data set of ten at most where no correlated error is usual."""
     rng, found = np.random.default_rng(8), []
     for _ in range(50):
-        C = combine(measured(U, white(3)(rng)), Noise(gain=0.0, contact=0.0)).covariance
+        C = combine(measured(U, white(3)(rng)), Noise(**NONE)).covariance
         found.append(C[20, 21] / C[20, 20])
     assert np.mean(np.array(found) > 0.25) <= 0.1 and np.median(found) < 0.15
+
+
+def test_what_is_usual_is_narrowed_by_repeats_that_do_not_show_it():
+    """Of white noise alone less than the usual 0.2 % of the largest force counts as correlated, of more repeats less."""
+    rng, largest = np.random.default_rng(8), ball(U).max()
+    sizes = []
+    for r in (1, 3, 10):
+        C = combine(measured(U, white(r)(rng)), Noise(gain=0.0, contact=0.0)).covariance
+        sizes.append(np.sqrt(C[20, 21]) / largest)
+    assert 0.001 < sizes[0] <= 0.002 and np.all(np.diff(sizes) < 0)
 
 
 @pytest.mark.parametrize("air", [0.0, 10.0, 30.0])

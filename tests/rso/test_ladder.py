@@ -131,7 +131,8 @@ def test_runs_of_the_level_below_are_learnt_too(stiff):
 def test_the_numerical_error_is_counted_once(stiff):
     """What the curves are uncertain by is the measurement and the stated error of the simulation, in squares.
 
-    Where a polynomial of six runs did not settle, besides what it does not know, and nothing else.
+    Where a polynomial of six runs did not settle, besides what it does not know, and nothing else; between computed
+    depths the spline has an error of its own.
     """
     found = stiff[0].climb.of("stiff").detail
     bare = curve_data(stiff[2], found.places[0]).sigma
@@ -139,6 +140,9 @@ def test_the_numerical_error_is_counted_once(stiff):
     np.testing.assert_allclose(found.errors[0][deep], 0.001 * found.predicted[0][deep], rtol=0.01)  # of the spline
     band = emulated(found.emulator, found.places[0])[1](found.determination.fit.x)
     more = (found.data[0].sigma ** 2 - bare**2 - found.errors[0] ** 2) / np.mean(found.errors[0] ** 2)
+    travels = [o.depth_mm for o in found.emulator.outputs if o.experiment == "top"]
+    more = more[np.min(np.abs(np.subtract.outer(found.places[0].depth, travels)), axis=1) < 1e-9]
+    assert len(more) >= 4
     # the band is taken at the point recomputed, rounded, a little beside the fit
     unknown = np.mean(band**2) / np.mean(found.errors[0] ** 2)
     assert np.abs(more).max() < 1e-6 or np.mean(more) == pytest.approx(unknown, rel=0.3)
@@ -580,7 +584,7 @@ def test_without_any_answer_nothing_is_chosen():
 
 
 def remembering_record(folder, law, length, seed, **more):
-    """A climb over one record of whose noise of 2 mN nothing is stated; it remembers over a length (mm)."""
+    """A climb over one record of whose noise of 2 mN nothing is stated, of errors of the whole test that there are none; it remembers over a length (mm)."""
     folder.mkdir(parents=True, exist_ok=True)
     u, rng = np.linspace(0, 4.0, 121)[1:], np.random.default_rng(seed)
     C = np.exp(-np.abs(np.subtract.outer(u, u)) / length) if length else np.eye(len(u))
@@ -589,7 +593,7 @@ def remembering_record(folder, law, length, seed, **more):
     (folder / "top.csv").write_text(
         "depth_mm,Fz_N\n" + "".join(f"{a!r},{b!r}\n" for a, b in zip(u.tolist(), F.tolist(), strict=True))
     )
-    text = STUDY.replace('noise = { gain = "0.2 %", contact = 0, correlation = 0 }\n', "")
+    text = STUDY.replace('gain = "0.2 %"', "gain = 0")
     (folder / "study.toml").write_text(f"{text}{LADDER}\n")
     plan = ladder_plan(load(folder / "study.toml"))
     with RunStore(folder / "results") as store:
