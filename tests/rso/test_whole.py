@@ -162,7 +162,7 @@ LAYOUT: dict[str, Any] = {
         "parameters": [
             {
                 **dict.fromkeys(("parameter", "value", "verdict", "digits", "sd_log", "agreement", "noise_factor")),
-                "as_stated": [None],
+                "as_stated": None,
                 "usual_errors": None,
                 **{key: [None] for key in ("interval", "bounds", "laplace", "mcmc")},
                 "profile": {key: [None] for key in ("values", "rise", "change", "sigma")},
