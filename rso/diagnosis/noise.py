@@ -80,7 +80,7 @@ def levels(plan: TestPlan, binding: bool = False) -> dict[str, Level]:
             continue
         numbers = list(dict.fromkeys(t.experiment for t in tests))
         seen = [plan.experiments[k] for k in numbers]
-        correlation = max(e.noise.correlation for e in seen)
+        correlation = max(e.noise.stated.correlation for e in seen)
         length = correlation or remembered or 0.0
         w, k = _bins(tests)
         ρ = math.exp(-w / (k * length)) if remembered and not correlation else 0.0
@@ -109,8 +109,8 @@ def levels(plan: TestPlan, binding: bool = False) -> dict[str, Level]:
         else:
             correlated, reach = hidden(seen, c, white)
         depth = max(e.noise.depth for e in seen)
-        gain = max(e.noise.gain for e in seen)
-        off = max(e.noise.contact for e in seen)
+        gain = max(e.noise.stated.gain for e in seen)
+        off = max(e.noise.stated.contact for e in seen)
         contact = max(plan.scale * CONTACT, 2 * depth, off)
         known = Level(white, correlated, reach, gain, contact, depth, source, loud, (gain or GAIN, contact))
         *shown, extra, its_reach = _repeats(plan, c, known)

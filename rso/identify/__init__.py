@@ -12,6 +12,7 @@ from rso.identify.metric import MetricMinimum, curve_score, downhill, minimise
 from rso.identify.models import Place, emulated, has_gradients, resample, simulated, spread_of
 from rso.identify.remembering import remembering
 from rso.identify.sampling import Draws, sample
+from rso.identify.set_up import widened, with_usual
 from rso.identify.tangents import Frame, Sight, tangents
 from rso.identify.verdict import Verdict, judge
 
@@ -77,4 +78,6 @@ __all__ = [
     "tangents",
     "together",
     "told",
+    "widened",
+    "with_usual",
 ]

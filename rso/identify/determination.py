@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rso.distributions import chi2_ppf, chi2_sf, f_sf, normal_ppf, t_ppf
+from rso.distributions import chi2_cdf, chi2_ppf, chi2_sf, f_sf, normal_ppf, t_ppf
 from rso.doe import Box
 from rso.identify import directions as along
 from rso.identify.directions import Direction, Gain, best_depth, gain, per_log
@@ -26,7 +26,19 @@ BESIDE = 0.1  # of the width of an interval: a run that far outside of it refute
 WIDE = 0.1  # of the largest value: an agreement within such errors says little
 FAR = 20.0  # of χ²: a minimum that much higher holds no probability that counts
 LENIENT = 0.001  # of true models leave less: the errors are stated larger than the curves show
+LEAST = 0.5  # degrees of freedom that say whether a model fits
 UNLIKELY = 0.01  # a misfit that noise alone exceeds this seldom says that the model, or the noise, is wrong
+
+
+@dataclass(frozen=True, eq=False)
+class AsStated:
+    """Interval of a parameter with what is stated and shown alone, and how much of what widens it beyond is each error.
+
+    `shares` holds (name of the error, share of the variance that usual errors add), the largest first.
+    """
+
+    interval: Interval
+    shares: tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +47,7 @@ class Known:
 
     `sd_log` is the standard deviation of ln θ by the Fisher information (of θ/range where θ may not be positive);
     `mcmc` is None where no chain was run or its draws are too few; `agreement` says whether Laplace and MCMC agree.
+    `as_stated` is what it would be without usual errors that nobody has stated; None where none count.
     """
 
     name: str
@@ -48,6 +61,7 @@ class Known:
     verdict: Verdict
     story: str
     reason: str
+    as_stated: AsStated | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +133,7 @@ def determine(
     minima = all_minima(misfit, seed=seed, near=near)
     first = minima[0]
     ν = misfit.n - box.d
-    p, scale, wider = _widening(misfit, first.chi2, ν, level)
+    p, scale, wider = _widening(misfit, first.chi2, ν, level, first.x)
     used = replace(misfit, scale=misfit.scale * wider)
     fit = fit_at(used, first.x)
     profiles = [profile(used, fit, k, _apart(used, fit, [*(m.x for m in minima[1:]), *near])) for k in range(box.d)]
@@ -144,11 +158,15 @@ def determine(
     )  # fmt: skip
 
 
-def _widening(misfit: Misfit, chi2: float, ν: int, level: float) -> tuple[float | None, float, float]:
+def _widening(
+    misfit: Misfit, chi2: float, ν: int, level: float, x: np.ndarray | None = None
+) -> tuple[float | None, float, float]:
     """The p-value, the scale of the errors, and by how much intervals are wider: by the scale or Student's factor."""
-    p, ratio = p_value(misfit, chi2, ν), chi2 / ν if ν > 0 else 0.0
+    p, expected = p_value(misfit, chi2, ν, x), ν - taken_up(misfit, x)
+    ratio = chi2 / expected if ν > 0 and expected >= LEAST else 0.0
     ρ, m = max(d.memory for d in misfit.data), misfit.freedom
-    left = student(max(ν * independent(ρ), 1.0), level) if ρ > 0.0 and math.isfinite(m) else 1.0
+    unsized = math.isfinite(m) or any(d.sized for d in misfit.data)
+    left = student(max(ν * independent(ρ), 1.0), level) if ρ > 0.0 and unsized else 1.0
     if ratio > 0 and (misfit.weighting != "noise" or (p is not None and p < UNLIKELY)):
         return p, math.sqrt(ratio), math.sqrt(ratio) * (left if misfit.weighting == "noise" else 1.0)
     if ρ == 0.0 or ν <= 0:
@@ -157,17 +175,61 @@ def _widening(misfit: Misfit, chi2: float, ν: int, level: float) -> tuple[float
     return p, scale, scale * left
 
 
-def p_value(misfit: Misfit, chi2: float, ν: int) -> float | None:
+def taken_up(misfit: Misfit, x: np.ndarray | None) -> float:
+    """By how much χ² at x (d,) is smaller than its degrees of freedom where a test has none of the usual errors.
+
+    E χ² = n − d − ‖(1 − J J⁺) W U‖²      with whitened slopes J and the usual parts U of the covariance
+    """
+    if x is None or misfit.weighting != "noise" or not any(d.usual for d in misfit.data):
+        return 0.0
+    columns, start = [], 0
+    for d in misfit.data:
+        for U in d.usual.values():
+            full = np.zeros((misfit.n, U.shape[1]))
+            full[start : start + len(d.value)] = U
+            columns.append(full)
+        start += len(d.value)
+    WU, J = misfit.white(np.hstack(columns).T).T, misfit.white(misfit.model.jacobian(x).T).T
+    Q = np.linalg.svd(J, full_matrices=False)
+    Q = Q[0][:, Q[1] > 1e-9 * max(float(Q[1].max(initial=0.0)), 1e-300)]
+    return float(np.sum(WU**2) - np.sum((Q.T @ WU) ** 2))
+
+
+def p_value(misfit: Misfit, chi2: float, ν: int, x: np.ndarray | None = None) -> float | None:
     """Chance that noise alone leaves more than χ² with ν degrees of freedom; None where nothing tells.
 
-    That is where ν <= 0, where errors have no stated size, and where readings remember each other by errors that nobody
-    stated, unless χ² is beyond what `REFUTED` times these would leave.
+    That is where ν <= 0, where errors have no stated size, where their size was taken from what is left, and where
+    readings remember each other by errors that nobody stated, unless χ² is beyond what `REFUTED` times these would
+    leave.  Usual errors (:func:`taken_up` at x (d,)) may be there or not: it is the chance without them.
     """
     ρ = max(d.memory for d in misfit.data)
     unsized = ρ > 0 and math.isfinite(misfit.freedom) and 0 < chi2 <= REFUTED**2 * ν
-    if misfit.weighting != "noise" or ν <= 0 or unsized:
+    if misfit.weighting != "noise" or ν <= 0 or unsized or any(d.sized for d in misfit.data):
         return None
-    return exceeded(chi2 * independent(ρ), ν * independent(ρ), misfit.freedom)
+    left = ν - taken_up(misfit, x)
+    if left < LEAST:
+        return None
+    each = independent(ρ)
+    return exceeded(chi2 * each, left * each, *_freedoms(misfit, left * each))
+
+
+def _freedoms(misfit: Misfit, ν: float) -> tuple[float, float]:
+    """Degrees of freedom (a, m) of F for χ²/ν: from what readings hold, and from what the size of their errors does.
+
+    A size s² that was taken from the very readings, m of ν degrees of freedom, is no independent one.  The ratio
+    s²/(χ²/ν) is independent of χ² (Basu, Sankhyā 15 (1955) 377), hence of variance (1 + 2/m)/(1 + 2/ν) − 1, and is
+    taken for χ²_b/b of this variance 2/b.
+    """
+    known, size = 0.0, 0.0
+    for d in misfit.data:
+        share = len(d.value) / misfit.n
+        mine = ν * share
+        if d.itself and math.isfinite(d.freedom):
+            size += share**2 * max((1 + 2 / d.freedom) / (1 + 2 / mine) - 1, 1e-6)
+        else:
+            known += share**2 * 2 / mine
+            size += share**2 * 2 / d.freedom
+    return (2 / known if known > 0 else math.inf), (2 / size if size > 0 else math.inf)
 
 
 def lenient(chi2: float, ν: int, p: float | None) -> str:
@@ -181,12 +243,15 @@ def lenient(chi2: float, ν: int, p: float | None) -> str:
     )
 
 
-def exceeded(chi2: float, ν: float, m: float) -> float:
-    """Chance that noise alone leaves more than χ² with ν degrees of freedom, its size known from m: P(F(ν, m) > χ²/ν).
+def exceeded(chi2: float, ν: float, *known: float) -> float:
+    """Chance that noise alone leaves more than χ² where ν is expected, its size known from m: P(F(a, m) > χ²/ν).
 
-    χ²_ν where m is infinite.
+    `known` is m, or a and m; a is ν unless given.  χ²_a where m is infinite, the reciprocal of χ²_m/m where a is.
     """
-    return float(f_sf(chi2 / ν, ν, m)) if math.isfinite(m) else float(chi2_sf(chi2, ν))
+    a, m = (ν, *known)[-2:]
+    if math.isinf(m):
+        return float(chi2_sf(a * chi2 / ν, a)) if math.isfinite(a) else float(chi2 < ν)
+    return float(f_sf(chi2 / ν, a, m)) if math.isfinite(a) else float(chi2_cdf(m * ν / chi2, m))
 
 
 def student(m: float, level: float = LEVEL) -> float:
@@ -289,7 +354,9 @@ def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> 
         return f"All points count equally ({misfit.weighting} errors); their size is taken from what is left over."
     if ν <= 0:
         return "There are no more points than parameters: whether the model fits cannot be said."
-    text = f"χ² = {fit.chi2:.3g} for {ν} degrees of freedom"
+    text, by_rest = f"χ² = {fit.chi2:.3g} for {ν} degrees of freedom", _by_what_is_left(misfit)
+    if by_rest:
+        return f"{by_rest} {_together(misfit, fit)}".strip()
     together = _together(misfit, fit)
     if together and (p is None or p >= UNLIKELY):
         larger = f" Their errors count {scale:.2g} times as large." if scale > 1.05 else ""
@@ -304,6 +371,19 @@ def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> 
     share = max((float(np.max(d.sigma) / np.max(np.abs(d.value))) for d in misfit.data if np.any(d.value)), default=0.0)
     wide = f", which are up to {100 * share:.2g} % of the largest value and say little" if share > WIDE else ""
     return f"{text}{wide}."
+
+
+def _by_what_is_left(misfit: Misfit) -> str:
+    """What is said of curves of which errors have the size of what is left over."""
+    each = [f"{d.name} {size(float(d.white.max()) / student(d.sized), d.unit)} "
+            f"({100 * float(d.white.max()) / student(d.sized) / (float(np.abs(d.value).max()) or 1.0):.2g} % of its "
+            "largest value)" for d in misfit.data if d.sized and d.white is not None]  # fmt: skip
+    if not each:
+        return ""
+    return (
+        "Nobody states the errors of single readings, and the readings show none: what the best fit leaves over is "
+        f"taken for them, of {', of '.join(each)}. Whether the model fits cannot be said; noise.Fz would tell."
+    )
 
 
 def _together(misfit: Misfit, fit: Fit) -> str:

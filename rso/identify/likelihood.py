@@ -29,7 +29,9 @@ class Data:
     The size of the errors is known from `freedom` degrees of freedom; infinite: it is stated.  `shared` holds parts s
     (n,) of the covariance, s sᵀ each: of curves that have one of the same name it is the same error.  `white` w (n,) is
     the part diag(w²) that counts as white for want of knowledge; `memory` is the correlation of neighbours that it was
-    given since.
+    given since.  `usual` holds the parts U (n, q) of the covariance, U Uᵀ each, that nobody has stated and the readings
+    do not show: what a test is usually off by.  `itself` says that its size was taken from these very readings, not
+    from what repeats differ by; `sized` from how many degrees of freedom of what the best fit leaves.
     """
 
     name: str
@@ -41,6 +43,9 @@ class Data:
     shared: Mapping[str, np.ndarray] = field(default_factory=dict)
     white: np.ndarray | None = None
     memory: float = 0.0
+    usual: Mapping[str, np.ndarray] = field(default_factory=dict)
+    itself: bool = False
+    sized: float | None = None
 
     def __post_init__(self) -> None:
         u, y, C = (np.array(v, float) for v in (self.depth, self.value, self.covariance))
@@ -61,6 +66,21 @@ class Data:
     def plus(self, covariance: np.ndarray) -> Data:
         """The same curve with another independent error (n, n)."""
         return replace(self, covariance=self.covariance + covariance)
+
+    def rows(self, order: np.ndarray) -> Data:
+        """The same curve with its readings in another order, or some of them."""
+        return replace(
+            self, depth=self.depth[order], value=self.value[order], covariance=self.covariance[np.ix_(order, order)],
+            shared={n: s[order] for n, s in self.shared.items()}, white=None if self.white is None else self.white[order],
+            usual={n: U[order] for n, U in self.usual.items()},
+        )  # fmt: skip
+
+    @property
+    def as_stated(self) -> Data:
+        """The same curve without what is usual."""
+        shared = {n: s for n, s in self.shared.items() if n not in self.usual}
+        left = sum((U @ U.T for U in self.usual.values()), np.zeros_like(self.covariance))
+        return replace(self, covariance=self.covariance - left, shared=shared, usual={})
 
 
 def covariance(

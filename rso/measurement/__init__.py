@@ -1,5 +1,6 @@
 """Measured curves: reading them, averaging repeats, and the measurement chain between the specimen and the file."""
 
+from rso.measurement import usual
 from rso.measurement.branches import SEGMENTS
 from rso.measurement.chain import CROSS, LATERAL, Chain, Record, correct, record, recorded, yielded
 from rso.measurement.columns import CONTACT, Column
@@ -33,6 +34,7 @@ __all__ = [
     "recorded_speed",
     "sheet_of",
     "step_of",
+    "usual",
     "value_at",
     "without_spikes",
     "yielded",

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
 
+from rso.measurement import usual
+from rso.measurement.components import parts
 from rso.measurement.reading import Measurement, Repeat
-from rso.measurement.scatter import White, beyond_said, of_record, of_repeats
+from rso.measurement.scatter import White, beyond_said, of_record, of_repeats, ratio_of
 from rso.measurement.spikes import without_spikes
 from rso.units import COLUMNS
 
@@ -28,6 +29,10 @@ class Noise:
     of a test; `calibration`, relative, of all forces of all tests: that of their cell.  `correlation` mm: length over
     which the force noise, then that of the mean of repeats, and what a column such as Fz_sigma_N states, is correlated
     along the depth, exp(−|Δu|/correlation), 0 = white.
+
+    `gain`, `contact` and `correlation` are None where nobody states them: then what is usual counts
+    (:mod:`~rso.measurement.usual`), as far as repeats do not show it; 0 says that there is none.  A stated calibration
+    states the gain as well.
     """
 
     Fz: float = 0.0
@@ -35,9 +40,9 @@ class Noise:
     Fy: float | None = None
     uz: float = 0.0
     depth: float = 0.0
-    gain: float = 0.0
-    correlation: float = 0.0
-    contact: float = 0.0
+    gain: float | None = None
+    correlation: float | None = None
+    contact: float | None = None
     calibration: float = 0.0
 
     def __post_init__(self) -> None:
@@ -53,6 +58,24 @@ class Noise:
         own = {"Fx": self.Fx, "Fy": self.Fy, "Fz": self.Fz}[channel]
         return self.Fz if own is None else own
 
+    @property
+    def unstated(self) -> tuple[str, ...]:
+        """Which of "gain", "contact" and "correlation" nobody has stated."""
+        gain = self.gain is None and self.calibration == 0.0
+        said = {"gain": not gain, "contact": self.contact is not None, "correlation": self.correlation is not None}
+        return tuple(name for name, stated in said.items() if not stated)
+
+    @property
+    def stated(self) -> Noise:
+        """The same with 0 where nothing is stated."""
+        each = {n: getattr(self, n) or 0.0 for n in ("gain", "contact", "correlation")}
+        return replace(self, **each)
+
+    def of_test(self, deepest: float) -> Noise:
+        """The same with what is usual of one test to the depth `deepest` (mm) where nothing is stated."""
+        each = {"gain": usual.GAIN, "contact": usual.CONTACT * deepest}
+        return replace(self.stated, **{n: v for n, v in each.items() if n in self.unstated})
+
 
 @dataclass(frozen=True, eq=False)
 class MeasuredCurve:
@@ -63,6 +86,7 @@ class MeasuredCurve:
     `shared` holds the parts s (n,) of C, s sᵀ each, that other curves have with the same sign: what is named alike in
     curves of one test, and "calibration" in those of all tests, is one error.  `white` is the standard deviation (n,)
     of what counts as white because one record alone does not tell and nothing is stated; None where it is known.
+    `usual` holds the parts U (n, q) of C, U Uᵀ each, that nobody has stated and the readings do not show.
     """
 
     channel: str
@@ -76,22 +100,24 @@ class MeasuredCurve:
     freedom: float = math.inf
     shared: Mapping[str, np.ndarray] = field(default_factory=dict)
     white: np.ndarray | None = None
+    usual: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment: str = "loading") -> MeasuredCurve:
     """Average the repeats on a common grid of the depths that all of them reach.
 
-        C = w wᵀ ρ^{|i−j|} + g² ŷ ŷᵀ + o² ŷ' ŷ'ᵀ              scatter of the r repeats, as standard error of the mean
+        C = (κ w² + c² e^{−|Δu|/ℓ} + g² ŷ ŷᵀ + o² ŷ' ŷ'ᵀ)/r      scatter of the r repeats, usual errors of a test
           + (s sᵀ + F²) e^{−|Δu|/ℓ} + diag((d ŷ')²)/m         stated of readings: column, force, depth
           + (G² + K²) ŷ ŷᵀ + O² ŷ' ŷ'ᵀ                        stated of the test: gain, calibration, contact
 
     What is stated of a single reading, white (ℓ = 0), goes with the square root of how many were averaged, m: repeats,
     and readings of a block; what has a length of correlation is of the curve and does not.
 
-    The repeats' deviations are split into a part along ŷ (gain g), one along ŷ' (contact offset o) and a rest w, which
-    is white or, where that shows, remembers its neighbours (ρ), of one variance or, where that shows, of one that
-    changes smoothly.  g and o, known from the repeats alone, are wider by Student's factor at 90 %; how well w is known
-    is the curve's `freedom`.
+    The repeats' deviations are split into white noise w, of one variance or, where that shows, of one that changes
+    smoothly, a noise c correlated along the depth, and parts along ŷ (gain g) and ŷ' (contact o), estimated together
+    (:func:`~rso.measurement.components.parts`); how well w is known is the curve's `freedom`.  g, o and c that nobody
+    states are of the usual size, the less so the more repeats there are; one record has these alone
+    (:mod:`~rso.measurement.usual`).  What is stated counts as it is, unless repeats differ by more.
     White noise that is stated is what the readings show, once more: the former counts, unless they clearly scatter by
     more, whether about a smooth curve (one repeat alone, which shows no other) or about each other.
     ŷ is a polynomial of degree 4 through the mean y: a gain of the readings themselves would take their noise along
@@ -110,33 +136,39 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
     u = _grid(measurement, [b[0] for b in branches])
     y = np.array([_between(depth, value, u) for depth, value, *_ in branches])
     many = len(branches) * np.array([np.interp(u, b[0], b[3]) for b in branches])  # averaged, if all were like this one
-    together = 1.0 if noise.correlation > 0 else many
+    own_length = noise.correlation or 0.0
+    together = 1.0 if own_length > 0 else many
     power = np.array([np.interp(u, depth, square) for depth, _, square, _ in branches])
     stated = np.sqrt(np.mean(power / together, axis=0))
     mean = y.mean(axis=0)
     smooth, slope = _smooth(u, mean)
-    along = np.exp(-np.abs(u[:, None] - u) / noise.correlation) if noise.correlation > 0 else np.eye(len(u))
+    along = np.exp(-np.abs(u[:, None] - u) / own_length) if own_length > 0 else np.eye(len(u))
     r = len(y)
     deep = (noise.depth * slope) ** 2 * np.mean(1.0 / many, axis=0)
     own = noise.of(channel) * np.sqrt(np.mean(1.0 / np.broadcast_to(together, y.shape), axis=0))
     said = (np.outer(stated, stated) + np.outer(own, own)) * along + np.diag(deep)
     if r > 1:
-        white_said = np.diag(said) if noise.correlation == 0 else deep
-        seen, freedom, shared = _scatter(y, smooth, slope, white_said, np.diag(said))
+        white_said = np.diag(said) if own_length == 0 else deep
+        seen, freedom, shared, left = _scatter(u, y, smooth, slope, white_said, np.diag(said), noise)
     else:
         noisy = of_record(u, mean - _ball(u, mean)(u), smooth, said)  # small force, steep bend: not to be noise
-        seen, freedom, shared = np.diag(noisy.variance), noisy.freedom, {}
+        seen, freedom, shared, left = np.diag(noisy.variance), noisy.freedom, {}, _of_one(u, smooth, slope, noise)
     covariance = seen + said
-    untold = r == 1 and noise.correlation == 0
+    untold = r == 1 and own_length == 0
     white = np.sqrt(np.diag(covariance)) if untold else None
-    whole = {"gain": noise.gain * smooth, "calibration": noise.calibration * smooth, "contact": noise.contact * slope}
-    for name, s in whole.items():
-        if s.any():
-            covariance, shared[name] = covariance + np.outer(s, s), s
+    whole = {"gain": noise.gain, "calibration": noise.calibration, "contact": noise.contact}
+    for name, size in whole.items():
+        if size:
+            shared[name] = size * (slope if name == "contact" else smooth)
+            covariance = covariance + np.outer(shared[name], shared[name])
+    for name, U in left.items():
+        covariance = covariance + U @ U.T
+        if U.shape[1] == 1:
+            shared[name] = U[:, 0]
     sigma = np.sqrt(np.diag(covariance))
     return MeasuredCurve(
         channel, COLUMNS[channel], u, mean, sigma, len(branches), covariance,
-        freedom=freedom, shared=shared, white=white,
+        freedom=freedom, shared=shared, white=white, usual=left,
     )  # fmt: skip
 
 
@@ -219,35 +251,83 @@ def _smooth(u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return fit(u), fit.deriv()(u)
 
 
+def _of_one(u: np.ndarray, smooth: np.ndarray, slope: np.ndarray, noise: Noise) -> dict[str, np.ndarray]:
+    """What one record is usually off by, as parts U (n, q) of C = U Uᵀ, where nothing is stated."""
+    sizes = {"gain": usual.GAIN, "contact": usual.CONTACT * float(u.max()), "correlation": _correlated(smooth)}
+    return _parts(u, smooth, slope, {n: v for n, v in sizes.items() if n in noise.unstated})
+
+
+def _correlated(smooth: np.ndarray) -> float:
+    return usual.CORRELATED * float(np.abs(smooth).max())
+
+
+def _parts(
+    u: np.ndarray, smooth: np.ndarray, slope: np.ndarray, sizes: Mapping[str, float], length: float | None = None
+) -> dict[str, np.ndarray]:
+    """U (n, q) of errors of these standard deviations; correlated ones over a length, usually of half the travel."""
+    found = {n: sizes[n] * s[:, None] for n, s in (("gain", smooth), ("contact", slope)) if sizes.get(n, 0.0) > 0.0}
+    if sizes.get("correlation", 0.0) > 0.0 and len(u) > 1:
+        length = length or usual.OVER * float(np.ptp(u))
+        found["correlation"] = sizes["correlation"] * _root(np.exp(-np.abs(u[:, None] - u) / length))
+    return found
+
+
+def _root(K: np.ndarray) -> np.ndarray:
+    """U of U Uᵀ = K (n, n)."""
+    λ, Q = np.linalg.eigh(K)
+    keep = λ > 1e-9 * λ.max()
+    return np.asarray(Q[:, keep] * np.sqrt(λ[keep]))
+
+
 def _scatter(
-    y: np.ndarray, smooth: np.ndarray, slope: np.ndarray, white_said: np.ndarray, said: np.ndarray
-) -> tuple[np.ndarray, float, dict[str, np.ndarray]]:
+    u: np.ndarray, y: np.ndarray, smooth: np.ndarray, slope: np.ndarray, white_said: np.ndarray, said: np.ndarray,
+    noise: Noise,
+) -> tuple[np.ndarray, float, dict[str, np.ndarray], dict[str, np.ndarray]]:  # fmt: skip
     """Covariance (n, n) of the mean of two repeats y (r, n) and more beyond what is stated as white of it, `white_said`
-    (n,), its degrees of freedom, and what is shared of it.
+    (n,), its degrees of freedom, what is shared of it, and what is usual beyond it, in parts.
 
     White noise of a size that was taken from readings and makes the share p of all noise, that which is `said` (n,)
     included, counts m/p² of its own m (Satterthwaite, Biometrics Bull. 2 (1946) 110).  What gain and contact scatter by
-    beyond what white noise makes of them is shared with other channels, a part for each repeat, whose sum has the
-    correlation that the repeats have.
+    is shared with other channels, a part for each repeat, whose sum has the correlation that the repeats have.
     """
     r = len(y)
-    white, part, noise = of_repeats(y, smooth, slope, r * white_said)
+    found, part = of_repeats(y, smooth, slope)
+    contrasts = np.linalg.svd(np.eye(r) - 1.0 / r)[0][:, : r - 1].T @ y
+    prior = {n: v for n, v in zip(("correlation", "gain", "contact"), _priors(u, smooth, noise), strict=True)}
+    variance = np.maximum(found.variance, (1e-9 * float(np.abs(smooth).max() or 1.0)) ** 2)
+    p = parts(u, contrasts, variance, np.stack([smooth, slope]), tuple(prior.values()), usual.PRIOR)
+    ratio = p.white * ratio_of(y, smooth, slope, r * white_said)
+    white = beyond_said(White(p.white * found.variance, found.freedom), ratio, r * white_said)
     mean = white.variance / r
-    below = 0.0 if white.memory else white_said  # what is stated, and less than what was seen
-    taken = np.where(mean > 0.0, mean + below, 0.0)
+    taken = np.where(mean > 0.0, mean + white_said, 0.0)
     share = float(np.mean(taken / np.maximum(mean + said, 1e-300)))
-    few = stdtrit(r - 1, 0.95) / ndtri(0.95)  # a spread known from r values, for intervals of 90 %
-    spread = np.std(part, axis=1, ddof=1)
-    modes = np.stack([smooth, slope], axis=1) * few * spread / math.sqrt(r)
-    beyond = np.sqrt(np.clip(1.0 - noise / np.maximum(spread**2, 1e-300), 0.0, 1.0))
-    each = few * beyond[:, None] * part / math.sqrt((r - 1) * r)
-    shared = {
-        f"{name} of repeat {k + 1}": a * shape
-        for name, shape, row in zip(("gain", "contact"), (smooth, slope), each, strict=True)
-        for k, a in enumerate(row)
-        if a != 0.0
-    }
-    return white.covariance / r + modes @ modes.T, white.freedom / share**2 if share > 0 else math.inf, shared
+    dof = {"gain": r - 1.0, "contact": r - 1.0, "correlation": (r - 1) * (1.0 + 0.5 * float(np.ptp(u)) / p.length)}
+    shown, rest = {}, {}
+    for name, v in (("gain", p.gain), ("contact", p.contact), ("correlation", p.correlated)):
+        v0, k = prior[name], dof[name]
+        s2 = v if v0 is None else max(v * (usual.PRIOR + k) - usual.PRIOR * v0**2, 0.0) / k
+        a, b = usual.counted(v0 or 0.0, k, s2) if v0 is not None else (usual.student(usual.PRIOR + k) ** 2 * v, 0.0)
+        stated = {"gain": noise.gain, "contact": noise.contact, "correlation": None}[name] or 0.0
+        shown[name], rest[name] = max(a / r - stated**2, 0.0), math.sqrt(b / r) if name in noise.unstated else 0.0
+    shared = {}
+    for name, shape, row in (("gain", smooth, part[0]), ("contact", slope, part[1])):
+        size = math.sqrt(shown[name] / max(float(row @ row), 1e-300))
+        shared |= {f"{name} of repeat {k + 1}": a * size * shape for k, a in enumerate(row) if a * size != 0.0}
+    K = np.exp(-np.abs(u[:, None] - u) / p.length)
+    C = np.diag(mean) + shown["correlation"] * K + sum(np.outer(s, s) for s in shared.values())
+    freedom = white.freedom / share**2 if share > 0 else math.inf
+    return C, freedom, shared, _parts(u, smooth, slope, rest, p.length)
+
+
+def _priors(u: np.ndarray, smooth: np.ndarray, noise: Noise) -> tuple[float | None, float | None, float | None]:
+    """Deviations of correlated noise, gain and contact of a test that are expected; None: nothing is known, or 0."""
+    sizes = (_correlated(smooth), usual.GAIN, usual.CONTACT * float(u.max()))
+    given = (None, noise.gain, noise.contact)
+    names = ("correlation", "gain", "contact")
+    return tuple(
+        usual.scale(v) if n in noise.unstated else (usual.scale(g) if g else None)
+        for n, v, g in zip(names, sizes, given, strict=True)
+    )  # type: ignore[return-value]
 
 
 def _combine_profile(measurement: Measurement, noise: Noise, channel: str) -> MeasuredCurve:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rso.distributions import chi2_ppf
+
 FEWEST = 8  # readings of a record that tell its noise
 BEYOND = 0.05  # chance of a right statement to be overruled by the readings
 EVEN = 0.1  # share by which a stated variance may change along the curve and still say nothing of its shape
@@ -15,26 +17,13 @@ REMEMBERS = 2.5  # standard errors of a correlation of neighbours: one case of w
 DEGREE = 2  # of its logarithm as a polynomial, at most
 FAINT = 0.01  # of the largest value: below it forces count as equally small
 
-from rso.distributions import chi2_ppf
-
 
 @dataclass(frozen=True, eq=False)
 class White:
-    """Variance (n,) of a reading's noise, known from `freedom` degrees of freedom (infinite: not estimated).
-
-    Neighbouring readings have the correlation `memory`, ρ^k those k apart; 0: the noise is white.
-    """
+    """Variance (n,) of a reading's noise, known from `freedom` degrees of freedom (infinite: not estimated)."""
 
     variance: np.ndarray
     freedom: float
-    memory: float = 0.0
-
-    @property
-    def covariance(self) -> np.ndarray:
-        """C (n, n)."""
-        k = np.arange(len(self.variance))
-        along = self.memory ** np.abs(np.subtract.outer(k, k)) if self.memory else np.eye(len(k))
-        return along * np.sqrt(np.outer(self.variance, self.variance))
 
 
 def of_record(u: np.ndarray, y: np.ndarray, smooth: np.ndarray, said: np.ndarray) -> White:
@@ -65,11 +54,9 @@ def of_record(u: np.ndarray, y: np.ndarray, smooth: np.ndarray, said: np.ndarray
     return White(np.maximum(found.variance - np.interp(u, u[four].mean(axis=1), expected), 0.0), found.freedom)
 
 
-def of_repeats(
-    y: np.ndarray, smooth: np.ndarray, slope: np.ndarray, said: np.ndarray
-) -> tuple[White, np.ndarray, np.ndarray]:
-    """Noise of one of r >= 2 repeats y (r, n) beyond the variance `said` (n,) of what is stated of its readings, gain
-    and contact (2, r) of each against their mean, and the variance (2,) that all noise alone gives these.
+def of_repeats(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[White, np.ndarray]:
+    """Noise of one of r >= 2 repeats y (r, n), as if it were white, and gain and contact (2, r) of each against their
+    mean.
 
     Both shapes were taken out of the deviations, which leaves (r − 1)(n − 2) degrees of freedom, and of readings that
     remember each other (1 − ρ²)/(1 + ρ²) of these (Bartlett, J. R. Stat. Soc. 98 (1935) 536).
@@ -77,30 +64,34 @@ def of_repeats(
     r, n = y.shape
     off = y - y.mean(axis=0)
     shapes = np.stack([smooth, slope], axis=1)
-    inverse = np.linalg.pinv(shapes)
-    part = inverse @ off.T
+    part = np.linalg.pinv(shapes) @ off.T
     rest = off.T - shapes @ part
     size, left = _size(smooth), max(n - 2, 1)
     found = varying(np.sum(rest**2, axis=1) / (r - 1) * (n / left), size, size, (r - 1) * left)
     ρ = memory(rest / np.sqrt(np.maximum(found.variance, 1e-300))[:, None], r - 1)
-    found = White(found.variance, max(found.freedom * (1 - ρ**2) / (1 + ρ**2), 1.0), ρ)
-    alone = np.einsum("ki,ij,kj->k", inverse, found.covariance, inverse)
+    return White(found.variance, max(found.freedom * (1 - ρ**2) / (1 + ρ**2), 1.0)), part
+
+
+def ratio_of(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray, said: np.ndarray) -> float:
+    """Variance of repeats y (r, n), gain and contact taken out, over what is stated as white of a reading, `said` (n,):
+    χ²_ν/ν where that is right; infinite where nothing is stated."""
+    r, n = y.shape
     if said.min() <= 0.0:
-        return beyond_said(found, math.inf, said), part, alone
-    z, weighed = off.T / np.sqrt(said)[:, None], shapes / np.sqrt(said)[:, None]
+        return math.inf
+    root = np.sqrt(said)[:, None]
+    z, weighed = (y - y.mean(axis=0)).T / root, np.stack([smooth, slope], axis=1) / root
     z = z - weighed @ (np.linalg.pinv(weighed) @ z)
-    return beyond_said(found, float(np.sum(z**2)) / ((r - 1) * left), said), part, alone
+    return float(np.sum(z**2)) / ((r - 1) * max(n - 2, 1))
 
 
 def beyond_said(seen: White, ratio: float, said: np.ndarray) -> White:
     """What noise that is `seen` has beyond the variance `said` (n,) of what is stated of the same readings.
 
     None, unless the `ratio` of the two, χ²_ν/ν where what is stated is right, is clearly above 1.  Then what is stated
-    to change along the curve is as much larger everywhere.  Noise that remembers its neighbours is not what is stated
-    as white, and counts as a whole.
+    to change along the curve is as much larger everywhere.
     """
-    if seen.memory or said.min() <= 0.0 or not np.isfinite(seen.freedom):
-        return White(seen.variance if seen.memory else np.maximum(seen.variance - said, 0.0), seen.freedom, seen.memory)
+    if said.min() <= 0.0 or not np.isfinite(seen.freedom):
+        return White(np.maximum(seen.variance - said, 0.0), seen.freedom)
     if ratio <= chi2_ppf(1 - BEYOND, seen.freedom) / seen.freedom:
         return White(np.zeros(len(said)), np.inf)
     even = np.ptp(said) <= EVEN * said.max()

@@ -149,6 +149,10 @@ def _intervals(results: Results, data: Mapping[str, Any], rows: list[tuple[Param
             text = spans(results, p, ends) if key == "interval" else between(*ends, p.unit)
             said.append(text.replace(p.unit.after, "") if p.unit.after else text)
         columns.append(column(label, words(said), level))
+    if any(pair(d.get("as_stated")) for _, d in rows):
+        said = [between(*(d.get("as_stated") or (None, None)), p.unit) for p, d in rows]
+        said = [t.replace(p.unit.after, "") if p.unit.after else t for t, (p, _) in zip(said, rows, strict=True)]
+        columns.insert(5, column("profile, as stated", words(said), level))
     need = [f"× {significant(d['noise_factor'], 2)}" if known(d.get("noise_factor")) else DASH for _, d in rows]
     columns.append(column("noise needed", words(need)))
     state = [_WORDS.get(str(d.get("verdict")), (clean(d.get("verdict")) or DASH, "")) for _, d in rows]
@@ -156,7 +160,9 @@ def _intervals(results: Results, data: Mapping[str, Any], rows: list[tuple[Param
     apart = [p.letter for p, d in rows if d.get("agreement") is False]
     note = "± sd is that of the logarithm, from the curvature of the misfit; a value has the digits that are known. "
     note += "Profile: likelihood ratio; Gaussian: that curvature inside the range; MCMC: flat prior in the range."
-    note += f" The last two differ by more than 15 % of their width for {', '.join(apart)}." if apart else ""
+    if any(pair(d.get("as_stated")) for _, d in rows):
+        note += " As stated: without usual errors of a test that nobody has stated, which all others hold."
+    note += f" Gaussian and MCMC differ by more than 15 % of their width for {', '.join(apart)}." if apart else ""
     return table("Parameters", columns, note)
 
 

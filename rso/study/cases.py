@@ -100,7 +100,7 @@ def remarks(study: Study, name: str) -> list[str]:
 
 def _loud(measurement: Measurement, e: ExperimentTable) -> list[str]:
     """Stated noise that is more than half of what was measured: a unit misread?"""
-    noise, ranges = e.noise.noise(), {}
+    noise, ranges = e.noise.noise().stated, {}
     for channel in measurement.channels:
         key = "uz" if e.kind == "profile" else channel
         values = np.concatenate([r.channels[channel] for r in measurement.repeats])

@@ -12,7 +12,7 @@ import numpy as np
 from rso import diagnosis
 from rso.contract import Programme
 from rso.ladder import Level
-from rso.measurement import SEGMENTS, MeasuredCurve, Measurement
+from rso.measurement import SEGMENTS, MeasuredCurve, Measurement, usual
 from rso.running import Task
 from rso.study import cases, further, needs, settling, stated
 from rso.study.descending import ENDS
@@ -257,7 +257,21 @@ def _noise(study: Study, e: ExperimentTable) -> str:
     """The stated noise of an experiment in words, and what its record says of its contact."""
     units = {"uz": "mm", "depth": "mm", "correlation": "mm", "contact": "mm"}
     units |= {"gain": "of the value, each test by itself", "calibration": "of the value, all experiments alike"}
-    own = {k: v for k, v in e.noise.model_dump().items() if v}
+    own = {k: v for k, v in e.noise.model_dump().items() if v is not None and v > 0.0}
     shown = ", ".join(f"{k} {v:g} {units.get(k, 'N')}" for k, v in own.items())
-    found = "" if "contact" in own else study.noise_of(e.name).contact
-    return f"stated noise: {shown or 'none'}" + (f"; contact {found:.2g} mm by the record" if found else "")
+    found = study.noise_of(e.name).contact if e.noise.contact is None else None
+    said = f"; contact {found:.2g} mm by the record" if found else ""
+    return f"stated noise: {shown or 'none'}{said}{_usual(study, e)}"
+
+
+def _usual(study: Study, e: ExperimentTable) -> str:
+    """What counts of the errors of its tests that nobody has stated."""
+    if e.kind != "force":
+        return ""
+    noise, m = study.noise_of(e.name), study.measurement(e.name)
+    once = noise.of_test(max(float(r.depth.max()) for r in m.repeats))
+    sizes = {"gain": f"gain {100 * once.gain:.2g} %", "contact": f"contact {once.contact:.2g} mm",
+             "correlation": f"{100 * usual.CORRELATED:g} % of the largest force along the depth"}  # fmt: skip
+    each = ", ".join(sizes[n] for n in noise.unstated)
+    less = ", less as far as repeats show less" if len(m.repeats) > 1 else ""
+    return f"; not stated, so usual errors count: {each}{less}" if each else ""

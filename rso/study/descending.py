@@ -23,6 +23,7 @@ from rso.identify import (
     resample,
     tangents,
     together,
+    with_usual,
 )
 from rso.identify import descend as descend_along
 from rso.identify.descent import DIGITS
@@ -260,6 +261,7 @@ def identified(plan: Plan, found: Descended) -> tuple[Identified, Settled]:
         if not ends:
             break
         known += [s for s in eyes.look(ends, "interval") if s is not None]
+    d = with_usual(d, plan.seed)
     gap = found.best.gap if found.best.gap is not None or not found.best.confirmed else 0.0
     extra, good = tuple(eyes.runs[len(runs) :]), gap is not None and gap <= plan.study.verify.tolerance
     return Identified(found.places, d, {}, {}), Settled(None, extra, gap, found.best.chi2, good)  # type: ignore[arg-type]

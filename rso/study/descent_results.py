@@ -90,7 +90,7 @@ def warnings(plan: Plan, found: Descended, known: Identified | None) -> list[str
     if known is not None:
         d = known.determination
         said += [f"identification: {text}" for text in (d.warning, lenient(d.fit.chi2, d.degrees, d.p_value)) if text]
-        said += unstated(plan, d)
+        said += unstated(d)
     return said
 
 

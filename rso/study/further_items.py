@@ -52,7 +52,7 @@ def done(plan: Plan) -> list[Item]:
     for e in plan.study.experiments:
         if e.role != "fit":
             continue
-        noise = e.noise.noise()
+        noise = plan.study.noise_of(e.name).of_test(float(plan.curves[e.name].depth.max()))
         if e.kind == "force":
             case = case_for(plan.study, e.name, travels(plan.curves[e.name], set()))
             pairs = [(n, c) for n, c in fitted_curves(plan, "fit") if n == e.name]
@@ -87,7 +87,7 @@ def _measured_profile(plan: Plan, name: str) -> Block:
 def planned(plan: Plan, e: NextExperiment) -> Item:
     """An experiment of `[[next.experiments]]`."""
     settings = {k: v for k, v in {**plan.study.backend.settings, **e.settings}.items() if k != "unload"}
-    noise = e.noise.noise()
+    noise = e.noise.noise().stated if e.marks else e.noise.noise().of_test(e.depth)
     if e.marks:
         depths = tuple(sorted(e.depths))
         settings["profile"] = [list(map(float, m)) for m in e.marks]
@@ -122,7 +122,7 @@ def refuse(plan: Plan, items: Sequence[Item], others: Sequence[Problem] = ()) ->
 
 def _refused(plan: Plan, item: Item, place: tuple[str | int, ...]) -> Iterator[Problem]:
     """A name that is taken, what the backend does not model, channels that are no forces, readings without errors."""
-    backend = plan.backend
+    backend, said = plan.backend, plan.study.next.experiments[int(place[-1])].noise.noise().stated
     if item.name in {e.name for e in plan.study.experiments}:
         yield Problem((*place, "name"), "this name is taken by an experiment", item.name)
     try:
@@ -134,7 +134,7 @@ def _refused(plan: Plan, item: Item, place: tuple[str | int, ...]) -> Iterator[P
         if kind(b) not in ("uz", *forces):
             text = f"the backend {backend.name!r} has no such channel of a force; {choose(kind(b), forces)}"
             yield Problem((*place, "channels"), text, kind(b))
-        elif not b.noise.of(kind(b)) and not b.noise.gain and not b.noise.calibration:
+        elif not said.of(kind(b)) and not said.gain and not said.calibration:
             text = f"without errors of the readings of {kind(b)} everything would be known: "
             yield Problem((*place, "noise"), f"{text}noise.{kind(b)} or noise.gain must be positive")
 

@@ -21,6 +21,7 @@ from rso.identify import (
     downhill,
     lenient,
     minimise,
+    with_usual,
 )
 from rso.identify.determination import doubt
 from rso.identify.verdict import REFUTED, Word, physical
@@ -61,7 +62,7 @@ def identify(plan: Plan, emulator: Emulator, found: Sequence[Found], store: RunS
         for m in wanted
     }
     runs, _ = finished(plan, emulator, store, misfit, now.places)
-    determination = now.determined(plan, runs, mcmc=True)
+    determination = with_usual(now.determined(plan, runs, mcmc=True), seed)
     return Identified(now.places, determination, compare_weightings(misfit, near, seed=seed), minima)
 
 
@@ -132,7 +133,7 @@ def identification(
     d = done.determination
     chi2, p = (d.fit.chi2, d.p_value) if settled.chi2_bare is None else (settled.chi2_bare, settled.p_bare)
     warnings = [f"identification: {text}" for text in (d.warning, lenient(chi2, d.degrees, p)) if text]
-    warnings += [*unstated(plan, d), *_noiseless(plan, done.places, d)]
+    warnings += [*unstated(d), *_noiseless(plan, done.places, d)]
     if settled.agreement is None:
         warnings.append("identification: the most likely point could not be recomputed, its run has no answer")
     elif not settled.verified:
@@ -259,6 +260,8 @@ def _known(box: Box, k: int, known: Known) -> dict[str, Any]:
         "digits": known.verdict.digits,
         "sd_log": known.sd_log,
         "interval": list(physical(box, k, known.profile_interval)),
+        "as_stated": None if known.as_stated is None else list(physical(box, k, known.as_stated.interval)),
+        "usual_errors": {} if known.as_stated is None else dict(known.as_stated.shares),
         "bounds": ends,
         "laplace": list(physical(box, k, known.laplace)),
         "mcmc": None if known.mcmc is None else list(physical(box, k, known.mcmc)),

@@ -8,7 +8,7 @@ from rso.study.table import Table
 
 
 class NoiseTable(Table):
-    """[experiments.noise]: standard deviations of what its readings are off by."""
+    """[experiments.noise]: standard deviations of what its readings are off by; 0 says that there is no such error."""
 
     Fz: NotNegativeForce = 0.0
     """Of each reading of Fz by itself, unless the readings show clearly more; with `correlation` of the curve."""
@@ -20,15 +20,18 @@ class NoiseTable(Table):
     """The same of a displacement of the surface."""
     depth: NotNegativeLength = 0.0
     """Of the depth of each reading by itself: many readings average it out."""
-    gain: Share = 0.0
-    """Of all forces of the test by one factor: other tests have their own."""
-    correlation: NotNegativeLength = 0.0
-    """Length of travel over which errors of Fz, Fx, Fy and those of a column belong together."""
-    contact: NotNegativeLength = 0.0
-    """Of the depths of the whole test together: where contact was taken to begin."""
+    gain: Share | None = None
+    """Of all forces of the test by one factor: unless stated 2 % a test, less by repeats."""
+    correlation: NotNegativeLength | None = None
+    """Length of travel over which errors of forces and columns belong together; unstated: 0.2 % over half of it."""
+    contact: NotNegativeLength | None = None
+    """Of the depths of the whole test: where contact was taken to begin; unless stated 1 % of the deepest travel."""
     calibration: Share = 0.0
     """Of all forces of all experiments that state it by one factor: that of their cell."""
 
     def noise(self) -> Noise:
-        """The same as a plain dataclass."""
-        return Noise(**self.model_dump())
+        """The same as a plain dataclass; a calibration, 0 too, states the gain."""
+        stated = self.model_dump()
+        if self.gain is None and "calibration" in self.model_fields_set:
+            stated["gain"] = 0.0
+        return Noise(**stated)

@@ -68,7 +68,11 @@ def as_data(label: str, experiment: str, curve: MeasuredCurve, keep: np.ndarray)
     every = {"calibration"}  # one cell for all experiments
     shared = {n if n in every else f"{experiment}: {n}": s[keep] for n, s in curve.shared.items()}
     white = None if curve.white is None else curve.white[keep]
-    return Data(label, curve.unit, curve.depth[keep], curve.value[keep], C, curve.freedom, shared, white)
+    left = {n if n in every else f"{experiment}: {n}": U[keep] for n, U in curve.usual.items()}
+    return Data(
+        label, curve.unit, curve.depth[keep], curve.value[keep], C, curve.freedom, shared, white, usual=left,
+        itself=curve.n_repeats == 1,
+    )  # fmt: skip
 
 
 def curve_outputs(plan: Plan) -> list[Output]:

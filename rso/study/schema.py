@@ -308,7 +308,7 @@ class Study(Table):
         """Errors of an experiment as stated; of its contact, unless stated, as the record tells where it was found."""
         e, found = self.experiment(name), self.measurement(name).contact
         noise = e.noise.noise()
-        return noise if "contact" in e.noise.model_fields_set else replace(noise, contact=found)
+        return replace(noise, contact=found) if noise.contact is None and found > 0.0 else noise
 
     def settings_of(self, name: str) -> dict[str, Any]:
         """Settings of an experiment: its own replace those of the backend, whole top-level keys at a time."""

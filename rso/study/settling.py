@@ -176,7 +176,7 @@ def _most_likely(bench: Bench, emulator: Emulator, found: Sequence[Found], meanw
         off = float(np.sum(now.misfit.white(np.concatenate(curves) - whole) ** 2))
         verified = gap <= plan.study.verify.tolerance and off <= SETTLED * _least(now, best)
         ν = now.misfit.n - len(best.x)
-        p, p_bare = p_value(now.misfit, chi2, ν), p_value(now.bare, bare, ν)
+        p, p_bare = (p_value(m, v, ν, best.x) for m, v in ((now.misfit, chi2), (now.bare, bare)))
         last = Settled(emulator, (), gap, chi2, verified, chi2_bare=bare, p_bare=p_bare)
         hidden = covered(p, p_bare) and bare > REFUTED**2 * ν
         if (verified and not hidden) or k == ROUNDS - 1:

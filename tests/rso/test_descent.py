@@ -30,7 +30,7 @@ TRUTH = {"mu": studies.MU, "D1": studies.D1}
 TWO = (
     studies.SECTIONS["[experiments]"]
     + '\n[[experiments]]\nname = "thin"\nrole = "fit"\ndata = "thin.csv"\nsettings = { thickness = 6 }\n'
-    'noise = { Fz = "0.02 mN", contact = "0 mm" }'
+    'noise = { Fz = "0.02 mN", contact = "0 mm", gain = 0, correlation = "0 mm" }'
 )
 
 

@@ -15,26 +15,26 @@ NOISE = 0.003  # N
 EXPERIMENTS = """name = "top"
 role = "fit"
 data = "top.csv"
-noise = { Fz = "3 mN" }
+noise = { Fz = "3 mN", gain = 0, contact = 0, correlation = 0 }
 [[experiments]]
 name = "deep"
 role = "ROLE"
 data = "deep.csv"
-noise = { Fz = "3 mN" }
+noise = { Fz = "3 mN", gain = 0, contact = 0, correlation = 0 }
 """
 SIDE = """name = "top"
 role = "fit"
 data = "top.csv"
 channels = ["Fz", "Fx"]
 settings = { x = 20.0 }
-noise = { Fz = "3 mN", Fx = "2 mN" }
+noise = { Fz = "3 mN", Fx = "2 mN", gain = 0, contact = 0, correlation = 0 }
 [[experiments]]
 name = "side"
 role = "ROLE"
 data = "side.csv"
 channels = ["Fz", "Fx"]
 settings = { x = 30.0 }
-noise = { Fz = "3 mN", Fx = "2 mN" }
+noise = { Fz = "3 mN", Fx = "2 mN", gain = 0, contact = 0, correlation = 0 }
 """
 DIRECT = {
     "backend": 'use = "sideways_backend:BACKEND"',
@@ -50,7 +50,14 @@ def written(path, u, **channels):
     path.write_text("\n".join([head, *(",".join(f"{v!r}" for v in row) for row in rows.tolist())]) + "\n")
 
 
-def deeper(folder, seed, c=0.0, role="validate", settings=None, stated='noise = { Fz = "3 mN" }\n'):
+def deeper(
+    folder,
+    seed,
+    c=0.0,
+    role="validate",
+    settings=None,
+    stated='noise = { Fz = "3 mN", gain = 0, contact = 0, correlation = 0 }\n',
+):
     """Fitted to 4 mm, kept to 8 mm, of a ball that stiffens by `c` per mm more than the model."""
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
@@ -58,7 +65,9 @@ def deeper(folder, seed, c=0.0, role="validate", settings=None, stated='noise = 
         u = np.linspace(0, deepest, 41)[1:]
         written(folder / f"{name}.csv", u, Fz=force(u, c=c) + NOISE * rng.standard_normal(40))
     more = {} if settings is None else {"backend__settings": settings}
-    text = EXPERIMENTS.replace("ROLE", role).replace('noise = { Fz = "3 mN" }\n', stated)
+    text = EXPERIMENTS.replace("ROLE", role).replace(
+        'noise = { Fz = "3 mN", gain = 0, contact = 0, correlation = 0 }\n', stated
+    )
     return studies.run(folder, experiments=text, **{**DIRECT, **more})
 
 

@@ -42,7 +42,7 @@ kind = "polynomial"
 name = "top"
 role = "fit"
 data = "top.csv"
-noise = { gain = "0.2 %" }
+noise = { gain = "0.2 %", contact = 0, correlation = 0 }
 """
 LADDER = "[ladder]\ndraws = 99\nruns = 6"
 DEEP = """
@@ -50,7 +50,7 @@ DEEP = """
 name = "deep"
 role = "ROLE"
 data = "deep.csv"
-noise = { Fz = "0.4 mN", gain = "0.2 %" }
+noise = { Fz = "0.4 mN", gain = "0.2 %", contact = 0, correlation = 0 }
 """
 
 
@@ -67,7 +67,7 @@ def curve(law, noise, seed, deepest=4.0, n=41, repeats=5, **more):
 def climbed(folder, law, scatter, table="", seed=0, deep="", deepest=6.0, noise="", **more):
     """The climb of a study on data of a law, and its plain data."""
     folder.mkdir(parents=True, exist_ok=True)
-    study = STUDY if not noise else STUDY.replace('noise = { gain = "0.2 %" }', noise)
+    study = STUDY if not noise else STUDY.replace('noise = { gain = "0.2 %", contact = 0, correlation = 0 }', noise)
     (folder / "top.csv").write_text(curve(law, scatter, seed, **more))
     (folder / "deep.csv").write_text(curve(law, scatter, seed + 1, deepest, 31, 1, **more))
     (folder / "study.toml").write_text(study + (DEEP.replace("ROLE", deep) if deep else "") + f"{LADDER}\n{table}\n")
@@ -131,7 +131,8 @@ def test_runs_of_the_level_below_are_learnt_too(stiff):
 def test_the_numerical_error_is_counted_once(stiff):
     """What the curves are uncertain by is the measurement and the stated error of the simulation, in squares.
 
-    Where a polynomial of six runs did not settle, besides what it does not know, and nothing else.
+    Where a polynomial of six runs did not settle, besides what it does not know, and nothing else; between computed
+    depths the spline has an error of its own.
     """
     found = stiff[0].climb.of("stiff").detail
     bare = curve_data(stiff[2], found.places[0]).sigma
@@ -139,6 +140,9 @@ def test_the_numerical_error_is_counted_once(stiff):
     np.testing.assert_allclose(found.errors[0][deep], 0.001 * found.predicted[0][deep], rtol=0.01)  # of the spline
     band = emulated(found.emulator, found.places[0])[1](found.determination.fit.x)
     more = (found.data[0].sigma ** 2 - bare**2 - found.errors[0] ** 2) / np.mean(found.errors[0] ** 2)
+    travels = [o.depth_mm for o in found.emulator.outputs if o.experiment == "top"]
+    more = more[np.min(np.abs(np.subtract.outer(found.places[0].depth, travels)), axis=1) < 1e-9]
+    assert len(more) >= 4
     # the band is taken at the point recomputed, rounded, a little beside the fit
     unknown = np.mean(band**2) / np.mean(found.errors[0] ** 2)
     assert np.abs(more).max() < 1e-6 or np.mean(more) == pytest.approx(unknown, rel=0.3)
@@ -163,7 +167,14 @@ def test_the_threshold_is_what_the_truth_stays_below(tmp_path):
     below, ratio = 0, []
     table = 'levels = [{ name = "exact", alone = true, settings = { law = "neo", error = 0.0 } }]'
     for seed in range(8):
-        _, data = climbed(tmp_path / str(seed), "neo", 4e-4, table, seed=10 * seed, noise="noise = { gain = 0.0 }")
+        _, data = climbed(
+            tmp_path / str(seed),
+            "neo",
+            4e-4,
+            table,
+            seed=10 * seed,
+            noise="noise = { gain = 0, contact = 0, correlation = 0 }",
+        )
         (error,) = found_level(data, "exact")["errors"]
         below += error["nrmse"] <= error["threshold"]
         ratio.append(error["nrmse"] / error["threshold"])
@@ -198,7 +209,7 @@ def test_a_curve_to_select_by_can_fail_what_fits(tmp_path):
 
 def test_a_perfect_model_without_derivatives_does_not_miss_what_it_did_not_see(tmp_path):
     """Beyond the fitted depth the uncertainty of the fitted values is larger than the noise."""
-    levels, white = 'levels = ["neo"]', 'noise = { Fz = "2 mN" }'
+    levels, white = 'levels = ["neo"]', 'noise = { Fz = "2 mN", gain = 0, contact = 0, correlation = 0 }'
     missed = {}
     for law, more in (("neo", {}), ("stiff", {"C20": 1e-4})):
         missed[law] = 0
@@ -207,8 +218,10 @@ def test_a_perfect_model_without_derivatives_does_not_miss_what_it_did_not_see(t
             folder.mkdir()
             (folder / "top.csv").write_text(curve(law, 2e-3, seed, 1.0, 41, 1, **more))
             (folder / "deep.csv").write_text(curve(law, 4e-4, seed + 50, 6.0, 31, 1, **more))
-            study = STUDY.replace('noise = { gain = "0.2 %" }', white).replace("error = 0.001", "error = 0.0")
-            deep = DEEP.replace("ROLE", "validate").replace(', gain = "0.2 %"', "")
+            study = STUDY.replace('noise = { gain = "0.2 %", contact = 0, correlation = 0 }', white).replace(
+                "error = 0.001", "error = 0.0"
+            )
+            deep = DEEP.replace("ROLE", "validate").replace(', gain = "0.2 %"', ", gain = 0")
             (folder / "study.toml").write_text(f"{study}{deep}{LADDER}\n{levels}\n")
             plan = ladder_plan(load(folder / "study.toml"))
             with RunStore(folder / "results") as store:
@@ -273,7 +286,9 @@ def test_nothing_good_enough_is_said(tmp_path):
 
 def test_errors_stated_too_large_are_said(tmp_path):
     table = 'levels = ["neo"]\n'
-    found, data = climbed(tmp_path / "a", "neo", 1e-6, table, noise="noise = { Fz = 0.02 }")
+    found, data = climbed(
+        tmp_path / "a", "neo", 1e-6, table, noise="noise = { Fz = 0.02, gain = 0, contact = 0, correlation = 0 }"
+    )
     assert found.climb.adequate and any("stated errors are larger" in w for w in data["warnings"])
 
 
@@ -569,7 +584,7 @@ def test_without_any_answer_nothing_is_chosen():
 
 
 def remembering_record(folder, law, length, seed, **more):
-    """A climb over one record of whose noise of 2 mN nothing is stated; it remembers over a length (mm)."""
+    """A climb over one record of whose noise of 2 mN nothing is stated, of errors of the whole test that there are none; it remembers over a length (mm)."""
     folder.mkdir(parents=True, exist_ok=True)
     u, rng = np.linspace(0, 4.0, 121)[1:], np.random.default_rng(seed)
     C = np.exp(-np.abs(np.subtract.outer(u, u)) / length) if length else np.eye(len(u))
@@ -578,7 +593,7 @@ def remembering_record(folder, law, length, seed, **more):
     (folder / "top.csv").write_text(
         "depth_mm,Fz_N\n" + "".join(f"{a!r},{b!r}\n" for a, b in zip(u.tolist(), F.tolist(), strict=True))
     )
-    text = STUDY.replace('noise = { gain = "0.2 %" }\n', "")
+    text = STUDY.replace('gain = "0.2 %"', "gain = 0")
     (folder / "study.toml").write_text(f"{text}{LADDER}\n")
     plan = ladder_plan(load(folder / "study.toml"))
     with RunStore(folder / "results") as store:

@@ -23,6 +23,7 @@ from rso.measurement import (
 from rso.measurement import lines as lines_module
 
 U = np.linspace(0.1, 4.0, 40)
+NONE = {"gain": 0.0, "contact": 0.0, "correlation": 0.0}  # errors of a test as a whole: it is said that there are none
 
 
 def write(tmp_path: Path, content: str, encoding: str = "utf-8") -> Path:
@@ -57,7 +58,7 @@ def test_dialects_read_the_same(tmp_path, encoding, separator, newline):
 def test_single_row_sigma_and_profile(tmp_path):
     m = read(write(tmp_path, "depth_mm,Fz_N,Fz_sigma_mN\n8,1.283,2\n"))
     assert m.repeats[0].sigma["Fz"].tolist() == [0.002]
-    curve = combine(m, Noise())
+    curve = combine(m, Noise(**NONE))
     assert (curve.depth.tolist(), curve.value.tolist(), curve.sigma.tolist()) == ([8.0], [1.283], [0.002])
     assert value_at(curve, 8.0) == (1.283, 0.002)
     p = read(write(tmp_path, "depth_mm,x_mm,y_mm,uz_mm\n1,5,5,-0.1\n1,-5,5,-0.2\n2,0,5,-0.3\n"))
@@ -205,7 +206,7 @@ def repeats(tmp_path, rng, n=5, white=0.003, gain=0.0, depth_noise=0.0, p=1.4):
 
 def test_identical_repeats_average_to_themselves(tmp_path):
     m = repeats(tmp_path, np.random.default_rng(0), white=0.0)
-    curve = combine(m, Noise(Fz=0.01))
+    curve = combine(m, Noise(Fz=0.01, **NONE))
     np.testing.assert_allclose(curve.depth, U, rtol=1e-12, atol=0)
     np.testing.assert_allclose(curve.value, 0.06 * U**1.4, rtol=1e-12, atol=0)
     np.testing.assert_allclose(curve.sigma, 0.01 / np.sqrt(5), rtol=1e-6, atol=0)  # nothing but what was stated of each
@@ -229,19 +230,21 @@ def test_sigma_is_honest_for_white_noise_gain_scatter_and_depth_noise(tmp_path):
 def test_one_repeat_shows_its_white_noise(tmp_path):
     m = repeats(tmp_path, np.random.default_rng(5), n=1, white=0.003)
     # 37 third differences of correlated terms: about 20 % standard error; three of them.
-    assert combine(m, Noise()).sigma[0] == pytest.approx(0.003, rel=0.6)
+    assert combine(m, Noise(**NONE)).sigma[0] == pytest.approx(0.003, rel=0.6)
 
 
 @pytest.mark.parametrize("depth", [U, np.sort(np.r_[0.05, 4.0, np.random.default_rng(1).uniform(0.05, 4.0, 60)]),
                                    np.geomspace(0.05, 4.0, 40)], ids=["even", "random", "geometric"])  # fmt: skip
 def test_white_noise_of_one_repeat_does_not_hang_on_where_the_readings_are(tmp_path, depth):
     """A smooth curve without noise has none; with noise it is found to the scatter of 30 files of 40 readings."""
-    smooth = combine(read(write(tmp_path, table("depth_mm,Fz_N", zip(depth, 0.1 * depth**1.4, strict=True)))), Noise())
+    rows = table("depth_mm,Fz_N", zip(depth, 0.1 * depth**1.4, strict=True))
+    smooth = combine(read(write(tmp_path, rows)), Noise(**NONE))
     assert smooth.sigma.max() < 1e-4 * smooth.value.max()
     rng, found = np.random.default_rng(0), []
     for _ in range(30):
         noisy = 0.1 * depth**1.4 + 0.003 * rng.standard_normal(len(depth))
-        found.append(combine(read(write(tmp_path, table("depth_mm,Fz_N", zip(depth, noisy, strict=True)))), Noise()))
+        rows = table("depth_mm,Fz_N", zip(depth, noisy, strict=True))
+        found.append(combine(read(write(tmp_path, rows)), Noise(**NONE)))
     np.testing.assert_allclose(np.sqrt(np.mean([c.sigma[0] ** 2 for c in found])), 0.003, rtol=0.12, atol=0)
 
 
@@ -269,7 +272,8 @@ def test_a_gain_error_neither_pulls_a_fit_nor_spoils_its_interval(tmp_path, coun
             own = 0.002**2 * np.eye(len(u)) + 0.03**2 * np.outer(curve.value, curve.value)
             spoilt.append(fitted(curve, shape, own)[0])
     a, sd = np.array(found).T
-    assert 0.82 <= np.mean(np.abs(a - 1.0) <= 1.645 * sd) <= 0.97
+    # 0.90 ± 0.03; gains of 3 % where 2 % are usual are drawn towards these
+    assert 0.78 <= np.mean(np.abs(a - 1.0) <= 1.645 * sd) <= 0.98
     assert abs(a.mean() - 1.0) < 5 * 0.03**2 + 3 * 0.03 / np.sqrt(120 * count)
     assert not spoilt or np.mean(spoilt) < 0.95
 
@@ -278,14 +282,14 @@ def test_noise_that_is_stated_and_seen_counts_once(tmp_path):
     rng = np.random.default_rng(3)
     u = np.linspace(0.02, 4.0, 200)
     m = read(write(tmp_path, table("depth_mm,Fz_N", zip(u, 0.1 * u + 0.003 * rng.standard_normal(200), strict=True))))
-    seen = combine(m, Noise()).sigma[0]
+    seen = combine(m, Noise(**NONE)).sigma[0]
     for stated, counted in ((0.001, seen), (seen, seen), (0.02, 0.02)):
-        np.testing.assert_allclose(combine(m, Noise(Fz=stated)).sigma, counted, rtol=1e-12, atol=0)
+        np.testing.assert_allclose(combine(m, Noise(Fz=stated, **NONE)).sigma, counted, rtol=1e-12, atol=0)
 
 
 def test_stated_noise_adds_as_written(tmp_path):
     m = repeats(tmp_path, np.random.default_rng(0), white=0.0, n=2, p=1.0)  # slope 0.06 everywhere
-    noise = Noise(Fz=0.003, depth=0.1, gain=0.05, correlation=0.5)
+    noise = Noise(Fz=0.003, depth=0.1, gain=0.05, contact=0.0, correlation=0.5)
     curve = combine(m, noise)
     expected = np.sqrt(0.003**2 + (0.1 * 0.06) ** 2 / 2 + (0.05 * 0.06 * U) ** 2)  # depths are each reading's own
     np.testing.assert_allclose(curve.sigma, expected, rtol=1e-6, atol=0)  # round-off of the polynomial slope
@@ -296,24 +300,24 @@ def test_stated_noise_adds_as_written(tmp_path):
 
 def test_grid_is_what_all_repeats_reach(tmp_path):
     rows = [(1, d, d) for d in np.linspace(0, 3, 31)] + [(2, d, d) for d in np.linspace(0.55, 4, 30)]
-    curve = combine(read(write(tmp_path, table("repeat,depth_mm,Fz_N", rows))), Noise())
+    curve = combine(read(write(tmp_path, table("repeat,depth_mm,Fz_N", rows))), Noise(**NONE))
     assert (curve.depth[0], curve.depth[-1]) == (0.55, 3.0)
     np.testing.assert_allclose(curve.value, curve.depth, rtol=1e-12, atol=0)
     rows = [(1, d, d) for d in (0.0, 1.0)] + [(2, d, d) for d in (2.0, 3.0)]
     with pytest.raises(ValueError, match="share no range"):
-        combine(read(write(tmp_path, table("repeat,depth_mm,Fz_N", rows))), Noise())
+        combine(read(write(tmp_path, table("repeat,depth_mm,Fz_N", rows))), Noise(**NONE))
 
 
 def test_dense_records_shrink_without_bias(tmp_path):
     u = np.linspace(0, 4, 8001)
-    curve = combine(read(write(tmp_path, table("depth_mm,Fz_N", zip(u, u, strict=True)))), Noise())
+    curve = combine(read(write(tmp_path, table("depth_mm,Fz_N", zip(u, u, strict=True)))), Noise(**NONE))
     assert len(curve.depth) == 200
     np.testing.assert_allclose(curve.value, curve.depth, rtol=0, atol=1e-12)
 
 
 def test_value_at_grants_half_a_spacing(tmp_path):
     m = read(write(tmp_path, table("depth_mm,Fz_N", [(d, 2 * d) for d in np.linspace(0.2, 3.99, 20)])))
-    curve = combine(m, Noise())
+    curve = combine(m, Noise(**NONE))
     assert value_at(curve, 1.0)[0] == pytest.approx(2.0, rel=1e-12)
     assert value_at(curve, 4.0)[0] == pytest.approx(8.0, rel=1e-9)
     for depth in (4.2, 0.05, 40.0):
@@ -326,7 +330,7 @@ def test_between_readings_the_force_of_a_ball_is_read(tmp_path, n):
     """Straight lines are 4 % above it in the second interval, whatever the step: targets are missed by less."""
     u = np.linspace(4 / n, 4, n)
     rows = zip(u, 0.07 * u**1.5, strict=True)
-    curve = combine(read(write(tmp_path, table("depth_mm,Fz_N", rows))), Noise())
+    curve = combine(read(write(tmp_path, table("depth_mm,Fz_N", rows))), Noise(**NONE))
     middle = 0.5 * (u[0] + u[1])
     straight = float(np.interp(middle, u, curve.value))
     assert value_at(curve, middle)[0] == pytest.approx(0.07 * middle**1.5, rel=1e-9)
@@ -341,7 +345,7 @@ def test_repeats_at_other_depths_are_averaged_as_the_force_of_a_ball(tmp_path, n
     for k in range(3):
         u = np.linspace(step, 4, n) - step * rng.uniform(0.1, 0.9)
         rows += [(v, 0.07 * v**1.5, k) for v in u]
-    curve = combine(read(write(tmp_path, table("depth_mm,Fz_N,repeat", rows))), Noise())
+    curve = combine(read(write(tmp_path, table("depth_mm,Fz_N,repeat", rows))), Noise(**NONE))
     np.testing.assert_allclose(curve.value, 0.07 * curve.depth**1.5, rtol=1e-9)
     each = [[r for r in rows if r[2] == k] for k in range(3)]
     straight = np.mean([np.interp(curve.depth, *np.array(e)[:, :2].T) for e in each], axis=0)
@@ -361,9 +365,9 @@ def test_between_noisy_readings_nothing_is_amplified():
 def test_combine_names_choices(tmp_path):
     m = read(write(tmp_path, "depth_mm,Fz_N\n1,1\n2,2\n3,3\n"))
     with pytest.raises(ValueError, match="no channel 'Fx'; there are Fz"):
-        combine(m, Noise(), "Fx")
+        combine(m, Noise(**NONE), "Fx")
     with pytest.raises(ValueError, match="no segment 'unloading'; there are loading"):
-        combine(m, Noise(), segment="unloading")
+        combine(m, Noise(**NONE), segment="unloading")
     with pytest.raises(ValueError, match="gain = -1"):
         Noise(gain=-1)
 
@@ -840,7 +844,7 @@ def test_a_stage_that_rests_exactly_is_no_encoder(tmp_path, rest, back):
 def test_spikes_are_left_out_of_the_mean_too(tmp_path):
     """As in a diagnosis: one reading of 9 N in 81 changes nothing."""
     clean, spiked = (read(write(tmp_path, curve(force=f))) for f in (PULL, once(PULL, 40, 9.0)))
-    a, b = (combine(m, Noise()) for m in (clean, spiked))
+    a, b = (combine(m, Noise(**NONE)) for m in (clean, spiked))
     np.testing.assert_allclose(np.interp(a.depth, b.depth, b.value), a.value, rtol=0, atol=0.01)
     assert b.sigma.max() < 2.0 * a.sigma.max()
 
@@ -918,12 +922,12 @@ def test_what_a_column_states_of_each_reading_is_averaged_with_them(tmp_path):
     rows = [(r + 1, d, 0.1 * d**1.5 + 0.003 * rng.standard_normal()) for r in range(5) for d in u]
     text = "".join(f"{r},{d:.6f},{f:.8f},3\n" for r, d, f in rows)
     m = read(write(tmp_path, "repeat,depth_mm,Fz_N,Fz_sigma_mN\n" + text))
-    white = combine(m, Noise())
+    white = combine(m, Noise(**NONE))
     true = 0.1 * white.depth**1.5
     honest = float(np.sqrt(np.mean(((white.value - true) / white.sigma)[20:] ** 2)))
     assert 0.6 < honest < 1.2  # stated and shown both count: at most √2 too wide
     assert np.median(white.sigma) < 1.05 * 0.003 / np.sqrt(50)  # both: √2 · 3 mN/√100, known to 1.3 % from 796
-    kept = combine(m, Noise(correlation=0.5))
+    kept = combine(m, Noise(gain=0.0, contact=0.0, correlation=0.5))
     assert np.median(kept.sigma) == pytest.approx(0.003, rel=0.05)
 
 

@@ -162,6 +162,8 @@ LAYOUT: dict[str, Any] = {
         "parameters": [
             {
                 **dict.fromkeys(("parameter", "value", "verdict", "digits", "sd_log", "agreement", "noise_factor")),
+                "as_stated": None,
+                "usual_errors": None,
                 **{key: [None] for key in ("interval", "bounds", "laplace", "mcmc")},
                 "profile": {key: [None] for key in ("values", "rise", "change", "sigma")},
                 "story": None,
@@ -587,7 +589,7 @@ def test_several_experiments_share_runs_where_only_the_speed_differs(tmp_path):
         (tmp_path / f"{name}.csv").write_text(studies.measured(thickness=thickness, deepest=1.5))
     others = "".join(
         f'\n[[experiments]]\nname = "{n}"\nrole = "{role}"\ndata = "{n}.csv"\nsettings = {{ {s} }}\n'
-        'noise = { Fz = "0.02 mN", contact = "0 mm" }'
+        'noise = { Fz = "0.02 mN", contact = "0 mm", gain = 0, correlation = "0 mm" }'
         for n, role, s in (("slow", "fit", "speed = 1"), ("thin", "select", "thickness = 5"))
     )
     found = studies.run(tmp_path, experiments=TOP + others, search="population = 20\ngenerations = 10")
