@@ -29,6 +29,17 @@ def chi2_ppf(p: Values, ν: Values) -> Values:
     return 2.0 * special.gammaincinv(np.multiply(0.5, ν), p)
 
 
+def gamma_logsf(x: Values, k: Values) -> Values:
+    """ln P(sum of k exponential variables of mean 1 > x); −∞ where that is below the smallest number."""
+    with np.errstate(divide="ignore"):
+        return np.log(special.gammaincc(k, np.maximum(x, 0.0)))
+
+
+def gamma_ppf(p: Values, k: Values) -> Values:
+    """The x with P(sum of k exponential variables of mean 1 <= x) = p."""
+    return special.gammaincinv(k, p)
+
+
 def f_sf(x: Values, a: Values, b: Values) -> Values:
     """P(F > x) with a and b degrees of freedom."""
     return special.fdtrc(a, b, x)
@@ -52,3 +63,8 @@ def normal_ppf(p: Values) -> Values:
 def normal_pdf(x: Values) -> Values:
     """φ(x) = e^{−x²/2}/√(2π)."""
     return np.exp(-0.5 * np.square(x)) / np.sqrt(2.0 * np.pi)
+
+
+def normal_logpdf(x: Values, mean: Values, sd: Values) -> Values:
+    """ln φ((x − mean)/sd) − ln sd."""
+    return -0.5 * np.square((x - np.asarray(mean)) / sd) - np.log(sd) - 0.5 * np.log(2.0 * np.pi)

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from rso.diagnosis.testplan import TestPlan
+from rso.distributions import gamma_logsf, gamma_ppf
 
 SURE = -10.0  # log10 of the chance of the strongest line; among some hundred frequencies scatter reaches about -6
 FEWEST = 24  # readings of a branch
@@ -123,9 +124,7 @@ def _strongest(groups: Records, along: str) -> Hum:
         largest[c] = np.maximum(largest.get(c, 0.0), line)
     if not number.any():
         return Hum(0.0, 0.0, 0.0, "")
-    from scipy.stats import gamma  # half a second to import
-
-    chance = np.where(number > 0, gamma.logsf(total, np.maximum(number, 1.0)), 0.0) / np.log(10.0)
+    chance = np.where(number > 0, gamma_logsf(total, np.maximum(number, 1.0)), 0.0) / np.log(10.0)
     k = int(np.argmin(chance))
     channel = max(largest, key=lambda c: largest[c][k])
     return Hum(float(chance[k]), float(f[k]), float(largest[channel][k]), channel, along)
@@ -199,4 +198,4 @@ def _floor(P: np.ndarray, width: float) -> np.ndarray:
 
 def _middle(n: int) -> float:
     """Median of the mean of n exponential variables of mean 1."""
-    return float(gamma.median(n) / n)
+    return float(gamma_ppf(0.5, n) / n)

@@ -30,7 +30,7 @@ from rso.diagnosis.nodes import timed
 from rso.diagnosis.prediction import predict
 from rso.diagnosis.proposals import READINGS, Candidate, afterwards, candidates, known, moved
 from rso.diagnosis.testplan import make_plan
-from rso.distributions import normal_cdf, normal_ppf
+from rso.distributions import normal_cdf, normal_logpdf, normal_ppf
 from rso.running import Task
 
 DRAWS = 80
@@ -262,11 +262,13 @@ def _as_likely(off: np.ndarray, resolution: float) -> float:
     """
     spread = np.hypot(float(np.std(off)), resolution)
     read = normal_ppf((np.arange(400) + 0.5) / 400)
-    p, q = norm(float(np.mean(off)), spread), norm(0.0, resolution)
-    here, away = p.mean() + spread * read, resolution * read
-    chance = 0.5 * np.mean(p.logpdf(here) - q.logpdf(here) >= NEED) + 0.5 * np.mean(
-        q.logpdf(away) - p.logpdf(away) >= NEED
-    )
+    mean = float(np.mean(off))
+
+    def odds(x: np.ndarray) -> np.ndarray:
+        """ln p/q at x."""
+        return normal_logpdf(x, mean, spread) - normal_logpdf(x, 0.0, resolution)
+
+    chance = 0.5 * np.mean(odds(mean + spread * read) >= NEED) + 0.5 * np.mean(-odds(resolution * read) >= NEED)
     z = float(normal_ppf(np.clip(chance, 1e-12, 1 - 1e-12)))
     return z + float(np.sqrt(z**2 + 2.0 * NEED))
 

@@ -142,7 +142,7 @@ def _estimated(own: Sequence[np.ndarray], of_one: float) -> tuple[list[float], f
     ν = np.maximum(number / OVERLAP, 1.0)
     ratio = np.maximum(power / np.maximum(number * typical, 1e-300), 1e-12)
     rare = np.abs(chi2_cdf(ν * ratio, ν) - 0.5) > 0.4995
-    middle = np.array([np.median(v**2) if len(v) else 0.0 for v in own]) / (chi2.median(1) * of_one)
+    middle = np.array([np.median(v**2) if len(v) else 0.0 for v in own]) / (chi2_ppf(0.5, 1) * of_one)
     least = np.minimum(np.abs(np.log(ratio)), np.abs(np.log(np.maximum(middle / max(typical, 1e-300), 1e-12))))
     apart = tells & rare & ((ratio > 1.0) == (middle > typical)) & (least > 2.0 * math.log(LOUDER))
     usual = math.sqrt(typical if apart.all() else power[~apart].sum() / number[~apart].sum())
