@@ -44,6 +44,7 @@ _TWICE = "rename one of them, tests side by side are files of their own"
 _OTHER_NAMES = "other names are understood with [columns] in the study file"
 
 CONTACT = "contact"
+LESS = "depth.minus"  # the column that is subtracted of depth, among those that are read
 MEGA = 1e6  # N: no force on a soft body is told in it
 
 Row = tuple[int, str]  # number of a line, and its text
@@ -57,6 +58,9 @@ class Column:
     several files one each; or CONTACT, for depth and Fz: what the record itself shows there, in each repeat.  `unit`
     may be what one count is, "0.00125 mm".  `values` says of a machine's codes of its segments which are loading, hold
     or unloading, and which to skip.
+
+        depth = ±(header − zero) − minus,    minus = ±header, or of a force ±header / stiffness = ±header · compliance
+        Fz    = ±(header − zero) · stiffness of a deflection,                          `stiffness` N/mm
     """
 
     header: str
@@ -64,6 +68,21 @@ class Column:
     flip: bool = False
     zero: float | tuple[float, ...] | str = 0.0
     values: Mapping[str, str] | None = None
+    minus: Column | None = None
+    stiffness: float | None = None
+    compliance: float | None = None
+
+    def read_as(self, name: str) -> str:
+        """A known name whose kind of unit the file has where the column `name` is meant."""
+        bends = self.stiffness is not None or self.compliance is not None
+        if name == LESS:
+            return "Fz" if bends else "depth"
+        return "depth" if bends and kind_of(name) == "N" else name
+
+    def worth(self, name: str) -> float:
+        """Factor from the kind that the file has to that of the column `name`, mm/N or N/mm; else 1."""
+        k = self.stiffness
+        return (self.compliance or (1.0 / k if k else 1.0)) if name == LESS else k or 1.0
 
 
 @dataclass(frozen=True)
@@ -112,6 +131,12 @@ def of_file(columns: Mapping[str, Column], k: int, n: int) -> dict[str, Column]:
             zero = zero[k]
         found[name] = replace(column, zero=zero)
     return found
+
+
+def with_less(columns: Mapping[str, Column]) -> Mapping[str, Column]:
+    """The columns with that which is subtracted of depth as one of its own, LESS."""
+    less = columns["depth"].minus if "depth" in columns else None
+    return columns if less is None else {**columns, LESS: less}
 
 
 def is_head(path: Path, comment: Row, rows: Sequence[Row], columns: Mapping[str, Column]) -> bool:
@@ -178,7 +203,7 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) ->
         read_as[name] = unit = (
             "" if name in BARE_COLUMNS else "s" if timed else _unit(path, line, name, column, units[i])
         )
-        factors[name] = column_factor(name, unit) * (-1.0 if column.flip else 1.0)
+        factors[name] = column_factor(column.read_as(name), unit) * (-1.0 if column.flip else 1.0) * column.worth(name)
     zeros = {name: columns[name].zero if name in columns else 0.0 for name in at}
     found = tuple(name for name, zero in zeros.items() if zero == CONTACT)
     zeros |= dict.fromkeys(found, 0.0)
@@ -329,7 +354,10 @@ def _by_blanks(rows: Sequence[Row], k: int) -> str:
 
 def _named(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> int:
     """The first line whose cells contain all headers that the study names."""
-    wanted = {same_letters(column.header): name for name, column in columns.items()}
+    wanted: dict[str, str] = {}
+    for name, column in columns.items():
+        text = same_letters(column.header)
+        wanted[text] = f"{wanted[text]}, {name}" if text in wanted else name
     best, most = None, 0
     for k, row in enumerate(same_letters(row) for _, row in rows):
         if any(text in row for text in wanted):
@@ -368,9 +396,10 @@ def _likely(rows: Sequence[Row]) -> int:
 
 def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str:
     """The unit of a column; ValueError unless study, header and row of units agree as far as they say one."""
-    base = kind_of(name)
-    choices = f'{UNITS[base]}, or "0.00125 {base}" for what one count is'
-    said = {"the study": column.unit, "the header": unit_in(column.header, name)}
+    like = column.read_as(name)
+    base = kind_of(like)
+    choices = f'{UNITS[base]}, or "0.00125 {base}" for what one count is{_bends(name, column)}'
+    said = {"the study": column.unit, "the header": unit_in(column.header, like)}
     said["the row beneath the header"] = beneath if is_unit(beneath) else None
     if is_counted(column.unit):  # what the file calls a count is its own affair, unless it is a unit of this kind
         for who in ("the header", "the row beneath the header"):
@@ -379,7 +408,7 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
         return column.unit
     same = (column.unit or "").lower()
     odd = {"the row beneath the header": "" if is_unit(beneath) else beneath}
-    odd["the header"] = bracketed(column.header, name) or ""
+    odd["the header"] = bracketed(column.header, like) or ""
     for who, unit in odd.items():
         if unit and same and unit.lower() != same and not _alike(unit.lower(), column.unit or "", base):
             fail(path, line, f"column {name!r} ({column.header!r}): the study says {column.unit!r}, {who} {unit!r}, "
@@ -412,3 +441,11 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
         if known[who] != known[first]:
             fail(path, line, f"column {name!r} ({column.header!r}): {first} says {said[first]!r}, {who} {said[who]!r}")
     return units[first]
+
+
+def _bends(name: str, column: Column) -> str:
+    """What to say of the unit of a column that something bends under, or may."""
+    if name == LESS:
+        force = "; with stiffness or compliance it is a force" if column.read_as(name) == "Fz" else ""
+        return force or "; a force is subtracted with the stiffness or compliance of what it bends"
+    return "; stiffness makes a force of a deflection" if column.stiffness is not None else ""

@@ -14,7 +14,8 @@ import hashlib
 import math
 import os
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -37,6 +38,7 @@ from rso.measurement.cells import (
 )
 from rso.measurement.columns import (
     CONTACT,
+    LESS,
     Column,
     Head,
     Row,
@@ -45,6 +47,7 @@ from rso.measurement.columns import (
     find_head,
     is_head,
     of_file,
+    with_less,
 )
 from rso.measurement.contact import Onset
 from rso.measurement.lines import lines_of, text_of
@@ -53,6 +56,7 @@ from rso.measurement.workbook import BEGINS, block_of, sheet_of
 from rso.units import is_counted
 
 DISPLACEMENTS = ("ux", "uy", "uz")
+MOSTLY = 0.5  # of the depth: where more was subtracted of it, that is said
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +110,8 @@ class _Table:
     """Columns by name in base units, the label of each row's repeat and segment, and where each row stood.
 
     `found` are columns whose zero is sought, `position` whether depth is a machine's position, `own` what one mm or N
-    of a column is in the file, `headers` what the columns are called there, `turned` those whose sign was turned.
+    of a column is in the file, `headers` what the columns are called there, `turned` those whose sign was turned,
+    `less` what was subtracted of the depth (n,) mm and `reckoned` that in words.
     """
 
     path: Path
@@ -122,6 +127,8 @@ class _Table:
     own: Mapping[str, tuple[float, str]]
     headers: Mapping[str, str]
     turned: tuple[str, ...]
+    less: np.ndarray | None
+    reckoned: tuple[str, ...]
 
     @cached_property
     def rows(self) -> dict[str, np.ndarray]:
@@ -148,25 +155,27 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
                 f"{table.path}: repeats need the same columns; it holds {', '.join(table.columns)}, "
                 f"{paths[0].name} holds {', '.join(found[0].columns)}"
             )
-    each = [
-        (table, _repeat(table, kind, label)) for table, kind in zip(found, kinds, strict=True) for label in table.rows
-    ]
+    each: list[tuple[_Table, Repeat]] = []
+    for table, kind in zip(found, kinds, strict=True):
+        with _reckoned(table):
+            each += [(table, _repeat(table, kind, label)) for label in table.rows]
     in_air = any(_in_air(table, r) for table, r in each)
     repeats: list[Repeat] = []
     everywhere = dict.fromkeys(words for table in found for words in table.doubts)
     doubts = [f"{', '.join(t.path.name for t in found if words in t.doubts)}: {words}" for words in everywhere]
     onsets: list[Onset] = []
     for table, raw in each:
-        r, onset, told = _from_contact(table, raw, in_air)
-        repeats.append(r)
-        doubts += told
-        onsets += [onset] if onset is not None else []
-        if kinds[0] == "force":
-            doubts += _plausible(table, r)
-            repeats[-1], said = _without_creep(r)
-            doubts += said
-        elif "uz" in r.channels:
-            doubts += plausible.profile(r.label, r.depth, r.channels["uz"])
+        with _reckoned(table):
+            r, onset, told = _from_contact(table, raw, in_air)
+            repeats.append(r)
+            doubts += told
+            onsets += [onset] if onset is not None else []
+            if kinds[0] == "force":
+                doubts += [*_plausible(table, r), *_left(table, r)]
+                repeats[-1], said = _without_creep(r)
+                doubts += said
+            elif "uz" in r.channels:
+                doubts += plausible.profile(r.label, r.depth, r.channels["uz"])
     if kinds[0] == "force":
         doubts += plausible.common([(r.label, r.depth[r.segment == "loading"]) for r in repeats])
     notes, unread = (tuple(dict.fromkeys(v for t in found for v in getattr(t, k))) for k in ("notes", "unread"))
@@ -177,6 +186,32 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
         if len(repeat.depth) == 1 and len(repeats) > 1 and m.kind == "force":
             raise ValueError(f"{m.where}: repeat {repeat.label!r} has too few points (1) to be a curve")
     return m
+
+
+@contextmanager
+def _reckoned(table: _Table) -> Iterator[None]:
+    """Says in every ValueError what was reckoned from the columns of the file."""
+    try:
+        yield
+    except ValueError as error:
+        if not table.reckoned:
+            raise
+        raise ValueError(f"{error} ({'; '.join(table.reckoned)})") from error
+
+
+def _left(table: _Table, r: Repeat) -> list[str]:
+    """What to say of a depth that is the smaller part of what it was reckoned from, at the deepest reading."""
+    if table.less is None:
+        return []
+    less, k = table.less[table.rows[r.label]], int(np.argmax(r.depth))
+    off, depth = float(less[k] - less[int(np.argmin(np.abs(r.depth)))]), float(r.depth[k])
+    if off <= MOSTLY * depth:
+        return []
+    per, unit = table.own["depth"]
+    return [
+        f"repeat {r.label}: at the deepest reading {off * abs(per):.3g} {unit} are subtracted and "
+        f"{depth * abs(per):.3g} {unit} are left: 1 % of what is subtracted is {off / depth:.2g} % of depth"
+    ]
 
 
 def _without_creep(r: Repeat) -> tuple[Repeat, list[str]]:
@@ -302,6 +337,7 @@ def _apart(paths: Sequence[Path]) -> None:
 
 def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     """The file as columns; `file_label` goes before the labels of its repeats."""
+    wanted = with_less(wanted)
     comments: list[Row] = []
     whole_text, told = text_of(path)
     rows = list(lines_of(whole_text, comments))
@@ -345,6 +381,9 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     arrays = {name: (np.array(column) - head.zero[name]) * head.factor[name] + 0.0 for name, column in columns.items()}
     for name, column in arrays.items():
         within(path, line, name, column, head.unit[name])
+    less = arrays.pop(LESS, None)
+    if less is not None:
+        arrays["depth"] = arrays["depth"] - less
     stated = None
     if codes is not None:
         stated = np.array([segment_code(path, row, head, codes) for row in rows])
@@ -364,7 +403,9 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
         labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])
     units = {n: f"× {unit}" if is_counted(unit) else unit for n, unit in head.unit.items() if n in arrays and unit}
     own = {n: ((-1.0 if n in turned else 1.0) / head.factor[n], unit) for n, unit in units.items()}
-    headers = {name: head.cells[k] for name, k in head.at.items()}
+    headers = {name: head.cells[k] for name, k in head.at.items() if name != LESS}
+    reckoned = _in_words(wanted)
+    doubts += reckoned
     position = "depth" in head.customary and not customary.from_contact(headers["depth"])
     if pulled := customary.tensile([*head.cells, *notes]):
         if head.customary:
@@ -373,7 +414,26 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
             )
         doubts.append(f"{pulled[:60]!r} says that the specimen was pulled: is this a record of pressing?")
     return _Table(path, arrays, labels, stated, lines, tuple(notes), head.unread, tuple(doubts), head.found, position,
-                  own, headers, tuple(turned))  # fmt: skip
+                  own, headers, tuple(turned), less, tuple(reckoned))  # fmt: skip
+
+
+def _in_words(columns: Mapping[str, Column]) -> list[str]:
+    """What is reckoned from the columns of a file, one sentence for each."""
+    said = []
+    for name, column in columns.items():
+        less = column.minus
+        if name != LESS and (less is not None or column.stiffness is not None):
+            first = f"{name} is {'−' * column.flip}{column.header!r}{_times(column)}"
+            sign = "" if less is None else " + " if less.flip else " − "
+            said.append(f"{first}{sign}{'' if less is None else repr(less.header) + _times(less, LESS)}")
+    return said
+
+
+def _times(column: Column, name: str = "") -> str:
+    """By what the values of a column are multiplied, or divided where it is subtracted, in words."""
+    k = column.stiffness
+    times = "" if k is None else f" / ({1e3 * k:.4g} N/m)" if name == LESS else f" · {1e3 * k:.4g} N/m"
+    return times or ("" if column.compliance is None else f" · {column.compliance:.4g} mm/N")
 
 
 def _taken(head: Head, turned: Sequence[str]) -> list[str]:
@@ -406,10 +466,21 @@ def _kind(table: _Table, named: bool) -> Literal["force", "profile"]:
     return "profile" if surface else "force"
 
 
+def _against(less: np.ndarray, force: np.ndarray) -> bool:
+    """Whether a deflection (n,) and a force (n,) clearly go against each other."""
+    x, y = less - less.mean(), force - force.mean()
+    return float(x @ y) < -0.5 * float(np.sqrt((x @ x) * (y @ y)))
+
+
 def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     """The rows of one repeat, checked."""
     rows = table.rows[label]
     data = {name: column[rows] for name, column in table.columns.items()}
+    if table.less is not None and "Fz" in data and _against(table.less[rows], data["Fz"]):
+        raise ValueError(
+            f"{table.path}: repeat {label!r}: what is subtracted of depth falls while Fz grows, and nothing bends so: "
+            "turn its sign (flip = true in minus, or without it), or that of Fz"
+        )
     depth, time = data.pop("depth"), data.pop("time", None)
     if kind == "force" and time is not None and np.any(np.diff(time) <= 0):
         k = int(np.argmax(np.diff(time) <= 0)) + 1

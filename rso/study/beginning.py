@@ -148,7 +148,8 @@ def _read(files: Sequence[str], columns: Mapping[str, Mapping[str, Any]]) -> Mea
     try:
         known = ColumnsTable(**columns).columns() if columns else {}
     except ValidationError as error:
-        raise ValueError("; ".join(f"--column {e['loc'][0]}: {e['msg']}" for e in error.errors())) from error
+        each = [(".".join(map(str, e["loc"])), e["msg"].removeprefix("Value error, ")) for e in error.errors()]
+        raise ValueError("; ".join(f"--column {place}: {message}" for place, message in each)) from error
     try:
         return read(files if len(files) > 1 else files[0], known)
     except ValueError as error:
