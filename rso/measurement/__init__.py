@@ -1,6 +1,7 @@
 """Measured curves: reading them, averaging repeats, and the measurement chain between the specimen and the file."""
 
 from rso.measurement.branches import SEGMENTS
+from rso.measurement.cantilever import Unsaid
 from rso.measurement.chain import CROSS, LATERAL, Chain, Record, correct, record, recorded, yielded
 from rso.measurement.columns import CONTACT, Column
 from rso.measurement.combining import MeasuredCurve, Noise, combine, value_at
@@ -22,6 +23,7 @@ __all__ = [
     "Noise",
     "Record",
     "Repeat",
+    "Unsaid",
     "combine",
     "correct",
     "fingerprint",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import itertools
+import math
 import re
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +17,9 @@ from difflib import SequenceMatcher
 from pathlib import Path
 from typing import NoReturn
 
-from rso.measurement import customary
+import numpy as np
+
+from rso.measurement import cantilever, customary
 from rso.units import (
     BARE_COLUMNS,
     UNITS,
@@ -38,6 +41,7 @@ _CLOCK = re.compile(
     r"(?:\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[T ]\s*)?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?"
 )
 _SEARCHED = 300  # lines in which a header of customary names is looked for
+_LOOKED = 20_000  # rows whose numbers tell which way a travel counts
 _LONGEST, _SHOWN = 80, 200  # characters of a header and headers of a line that a message looks at
 _HEADLESS = "; no header stands above these numbers: write one there, such as depth_mm,Fz_N"
 _TWICE = "rename one of them, tests side by side are files of their own"
@@ -172,10 +176,13 @@ def cells_of(row: str, separator: str) -> list[str]:
     return [cell.strip().strip('"').strip() for cell in cells]
 
 
-def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> Head:
+def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column], notes: Sequence[str] = ()) -> Head:
     """The header among the lines of a file, as the study names it or, without `columns`, as it is understood itself:
-    by the known names, else by what machines customarily write."""
-    usual = {} if columns else _customary(path, rows)
+    by the known names, else by what machines customarily write.
+
+    `notes` are comments of the file.  ValueError with what to say where a travel holds a deflection.
+    """
+    usual = {} if columns else _customary(path, rows, notes)
     columns = columns or usual
     k = _named(path, rows, columns) if columns else _understood(path, rows)
     line, text = rows[k]
@@ -212,7 +219,7 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) ->
     return Head(text, separator, tuple(cells), at, read_as, factors, zeros, k, below, notes, tuple(units), taken, found)
 
 
-def _separator(row: str) -> str:
+def separator_of(row: str) -> str:
     """Semicolon, tab or comma: the first of them that the line has outside quotes."""
     bare = _QUOTED.sub("", row)
     return next((s for s in (";", "\t") if s in bare), ",")
@@ -220,7 +227,7 @@ def _separator(row: str) -> str:
 
 def _split(rows: Sequence[Row], k: int) -> tuple[str, list[str], list[str], int]:
     """A line as a header: separator, cells, the unit that stands beneath each (or nothing), and where rows go on."""
-    separator = _separator(rows[k][1])
+    separator = separator_of(rows[k][1])
     cells = cells_of(rows[k][1], separator)
     if k + 1 < len(rows):
         units = [cell.strip("[]() ") for cell in cells_of(rows[k + 1][1], separator)]
@@ -259,7 +266,7 @@ def is_number(cell: str) -> bool:
 
 def _filled(row: str) -> list[str]:
     """Cells of a line up to the last that is not empty."""
-    cells = cells_of(row, _separator(row))
+    cells = cells_of(row, separator_of(row))
     while cells and not cells[-1]:
         cells.pop()
     return cells
@@ -318,7 +325,7 @@ def _understood(path: Path, rows: Sequence[Row]) -> int:
     fail(path, rows[best][0], f"{message}; {_OTHER_NAMES}{headless}")
 
 
-def _customary(path: Path, rows: Sequence[Row]) -> dict[str, Column]:
+def _customary(path: Path, rows: Sequence[Row], notes: Sequence[str] = ()) -> dict[str, Column]:
     """The columns of the first line that is a header by what machines write; none where one is understood itself."""
     found: dict[str, Column] = {}
     for k, (line, row) in enumerate(rows[:_SEARCHED]):
@@ -331,14 +338,31 @@ def _customary(path: Path, rows: Sequence[Row]) -> dict[str, Column]:
             continue
         try:
             known = [_name(c, u) for c, u in zip(cells, units, strict=True)]
+            if bends := cantilever.bending(cells, units, known):
+                numbers = _numbers(rows[below : below + _LOOKED], separator, len(cells))
+                if np.isfinite(numbers[:, list(bends)]).all(axis=1).any():
+                    above = [*notes, *(text for _, text in rows[:k])]
+                    raise cantilever.question(f"{path}:{line}", cells, units, bends, numbers, above)
             clocks = [is_clock(_cell(rows, below, separator, i)) for i in range(len(cells))]
             at = customary.named(cells, units, known, clocks)
+        except cantilever.Unsaid:
+            raise
         except ValueError as error:
             fail(path, line, str(error))
         found = {name: Column(cells[i]) for name, i in at.items()}
         if "time" in at and (unit := customary.unit_of(cells[at["time"]], units[at["time"]], "time")):
             found["time"] = Column(cells[at["time"]], unit=unit)
     return found
+
+
+def _numbers(rows: Sequence[Row], separator: str, width: int) -> np.ndarray:
+    """The numbers (n, width) of some rows, NaN where there is none."""
+
+    def number(cell: str) -> float:
+        return float(cell.replace(",", ".").replace("\u2212", "-")) if is_number(cell) else math.nan
+
+    cells = [(cells_of(text, separator) + [""] * width)[:width] for _, text in rows]
+    return np.array([[number(cell) for cell in row] for row in cells]).reshape(-1, width)
 
 
 def _by_blanks(rows: Sequence[Row], k: int) -> str:
@@ -361,13 +385,13 @@ def _named(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> in
     best, most = None, 0
     for k, row in enumerate(same_letters(row) for _, row in rows):
         if any(text in row for text in wanted):
-            known = len(wanted.keys() & set(cells_of(row, _separator(row))))
+            known = len(wanted.keys() & set(cells_of(row, separator_of(row))))
             if known == len(wanted):
                 return k
             best, most = (k, known) if known > most else (best, most)
     best = _likely(rows) if best is None else best
     line, text = rows[best]
-    cells = cells_of(text, _separator(text))
+    cells = cells_of(text, separator_of(text))
     missing = {text: name for text, name in wanted.items() if text not in map(same_letters, cells)}
     first = next(iter(missing)).lower()
     shown = sorted({cell[:_LONGEST] for cell in cells[:_SHOWN] if cell},

@@ -26,6 +26,7 @@ import numpy as np
 from rso.measurement import contact, customary, held, plausible, shape, tables
 from rso.measurement.blanks import parted, width_of
 from rso.measurement.branches import SKIP, segments
+from rso.measurement.cantilever import bending
 from rso.measurement.cells import (
     counters,
     no_summary,
@@ -50,6 +51,7 @@ from rso.measurement.columns import (
     with_less,
 )
 from rso.measurement.contact import Onset
+from rso.measurement.labelled import head_of
 from rso.measurement.lines import lines_of, text_of
 from rso.measurement.tables import FORCES
 from rso.measurement.workbook import BEGINS, block_of, sheet_of
@@ -347,10 +349,12 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     if above and is_head(path, nearest := parted(above[-1], width), rows, wanted):
         rows.insert(0, nearest)
         comments.remove(above[-1])
+    elif above:
+        rows[:0] = head_of(path, comments, rows)
     notes = [text for _, text in comments]
     if not rows:
         raise ValueError(f"{path}: holds no header line such as depth_mm,Fz_N")
-    head = find_head(path, rows, wanted)
+    head = find_head(path, rows, wanted, notes)
     notes += [" ".join(filter(None, cells_of(row, head.separator))) for _, row in rows[: head.above]]
     parts, between, machines = tables.beneath(path, rows, head)
     notes += between
@@ -405,7 +409,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     own = {n: ((-1.0 if n in turned else 1.0) / head.factor[n], unit) for n, unit in units.items()}
     headers = {name: head.cells[k] for name, k in head.at.items() if name != LESS}
     reckoned = _in_words(wanted)
-    doubts += reckoned
+    doubts += reckoned + _unsubtracted(head, wanted)
     position = "depth" in head.customary and not customary.from_contact(headers["depth"])
     if pulled := customary.tensile([*head.cells, *notes]):
         if head.customary:
@@ -427,6 +431,15 @@ def _in_words(columns: Mapping[str, Column]) -> list[str]:
             sign = "" if less is None else " + " if less.flip else " − "
             said.append(f"{first}{sign}{'' if less is None else repr(less.header) + _times(less, LESS)}")
     return said
+
+
+def _unsubtracted(head: Head, columns: Mapping[str, Column]) -> list[str]:
+    """What to say of a travel that a study calls depth beside a deflection, which it does not subtract."""
+    found = bending(head.cells, head.units, [None] * len(head.cells)) if columns and LESS not in columns else None
+    if found is None or head.at.get("depth") != found[0]:
+        return []
+    depth, bends = (head.cells[k] for k in found[:2])
+    return [f"depth is {depth!r} as it stands, beside {bends!r}: what bends is subtracted by minus in [columns]"]
 
 
 def _times(column: Column, name: str = "") -> str:
