@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rso.measurement.names import NAMES, QUALIFIERS, SEGMENT, TENSILE, UNITED
+from rso.measurement.rows import rows_of
 from rso.units import bracketed, is_of, kind_of, unit_in, weight
 
 FROM_CONTACT = ("indentation", "penetration", "eindring", "enfoncement")  # such a travel is no machine's position
@@ -120,8 +121,7 @@ def turned(columns: Mapping[str, np.ndarray], labels: np.ndarray, names: Sequenc
     most where the record begins.
     """
     votes = {"depth": 0.0, "Fz": 0.0}
-    for label in dict.fromkeys(labels.tolist()):
-        rows = labels == label
+    for rows in rows_of(labels.tolist()).values():
         sense = _sense(columns["depth"][rows], columns["Fz"][rows])
         votes = {name: votes[name] + sign for name, sign in zip(votes, sense, strict=True)}
     return [name for name in names if votes.get(name, 0.0) < 0.0]

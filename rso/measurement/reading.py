@@ -53,6 +53,7 @@ from rso.measurement.columns import (
 from rso.measurement.contact import Onset
 from rso.measurement.labelled import head_of
 from rso.measurement.lines import lines_of, text_of
+from rso.measurement.rows import rows_of
 from rso.measurement.tables import FORCES
 from rso.measurement.workbook import BEGINS, block_of, sheet_of
 from rso.units import is_counted
@@ -135,7 +136,7 @@ class _Table:
     @cached_property
     def rows(self) -> dict[str, np.ndarray]:
         """Indices of the rows of each repeat."""
-        return tables.rows_of(self.labels.tolist())
+        return rows_of(self.labels.tolist())
 
 
 def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] | None = None) -> Measurement:
