@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rso.measurement.names import NAMES, QUALIFIERS, SEGMENT, TENSILE, UNITED
+from rso.measurement.names import NAMES, QUALIFIERS, SEGMENT, TENSILE, UNITED, WORDS
 from rso.measurement.rows import rows_of
 from rso.units import bracketed, is_of, kind_of, unit_in, weight
 
@@ -98,6 +98,12 @@ def segment_column(cells: Sequence[str]) -> int | None:
     """The one column of a machine's codes of its segments; None without, and for several."""
     found = [k for k, cell in enumerate(cells) if plain(cell, "segment") in SEGMENT]
     return found[0] if len(found) == 1 else None
+
+
+def segment_codes(values: Sequence[str]) -> dict[str, str]:
+    """Words of such a column → loading, hold or unloading; nothing where one of them, as a number, may be anything."""
+    codes = {value: WORDS.get(_JOINED.sub(" ", value).strip().lower(), "") for value in dict.fromkeys(values)}
+    return codes if "loading" in codes.values() and all(codes.values()) else {}
 
 
 def tensile(texts: Sequence[str]) -> str:

@@ -25,7 +25,7 @@ import numpy as np
 
 from rso.measurement import contact, customary, held, plausible, shape, tables
 from rso.measurement.blanks import parted, width_of
-from rso.measurement.branches import SKIP, segments
+from rso.measurement.branches import SEGMENTS, SKIP, segments
 from rso.measurement.cantilever import bending
 from rso.measurement.cells import (
     counters,
@@ -59,6 +59,7 @@ from rso.measurement.workbook import BEGINS, block_of, sheet_of
 from rso.units import is_counted
 
 DISPLACEMENTS = ("ux", "uy", "uz")
+SHOWN = 8  # codes of segments that a message shows
 MOSTLY = 0.5  # of the depth: where more was subtracted of it, that is said
 
 
@@ -355,13 +356,13 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     notes = [text for _, text in comments]
     if not rows:
         raise ValueError(f"{path}: holds no header line such as depth_mm,Fz_N")
-    head = find_head(path, rows, wanted, notes)
+    head, own, segmented = _segmented(find_head(path, rows, wanted, notes), rows)
     notes += [" ".join(filter(None, cells_of(row, head.separator))) for _, row in rows[: head.above]]
     parts, between, machines = tables.beneath(path, rows, head)
     notes += between
     if block := block_of(path):
         parts = tables.block(path, parts, block)
-    codes = wanted["segment"].values if "segment" in wanted else None
+    codes = wanted["segment"].values if "segment" in wanted else own or None
     if codes is not None:
         parts = [(at, [row for row in part if segment_code(path, row, head, codes) != SKIP]) for at, part in parts]
     parts, gaps = tables.without_gaps(parts, head)
@@ -402,12 +403,12 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     arrays |= {name: 0.0 - arrays[name] for name in turned}
-    doubts = [*told, *machines, *_taken(head, turned), *tables.told(gaps, len(line)), *doubts]
+    doubts = [*told, *machines, *_taken(head, turned), *segmented, *tables.told(gaps, len(line)), *doubts]
     if file_label:
         several = "repeat" in text or len(set(labels)) > 1
         labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])
     units = {n: f"× {unit}" if is_counted(unit) else unit for n, unit in head.unit.items() if n in arrays and unit}
-    own = {n: ((-1.0 if n in turned else 1.0) / head.factor[n], unit) for n, unit in units.items()}
+    in_file = {n: ((-1.0 if n in turned else 1.0) / head.factor[n], unit) for n, unit in units.items()}
     headers = {name: head.cells[k] for name, k in head.at.items() if name != LESS}
     reckoned = _in_words(wanted)
     doubts += reckoned + _unsubtracted(head, wanted)
@@ -419,7 +420,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
             )
         doubts.append(f"{pulled[:60]!r} says that the specimen was pulled: is this a record of pressing?")
     return _Table(path, arrays, labels, stated, lines, tuple(notes), head.unread, tuple(doubts), head.found, position,
-                  own, headers, tuple(turned), less, tuple(reckoned))  # fmt: skip
+                  in_file, headers, tuple(turned), less, tuple(reckoned))  # fmt: skip
 
 
 def _in_words(columns: Mapping[str, Column]) -> list[str]:
@@ -448,6 +449,27 @@ def _times(column: Column, name: str = "") -> str:
     k = column.stiffness
     times = "" if k is None else f" / ({1e3 * k:.4g} N/m)" if name == LESS else f" · {1e3 * k:.4g} N/m"
     return times or ("" if column.compliance is None else f" · {column.compliance:.4g} mm/N")
+
+
+def _segmented(head: Head, rows: Sequence[Row]) -> tuple[Head, dict[str, str], list[str]]:
+    """The header with a column of a machine's segments, what its words mean, and what to say; where no column has that
+    name in files that are read by their usual names."""
+    k = head.at.get("segment", customary.segment_column(head.cells) if head.customary else None)
+    if k is None:
+        return head, {}, []
+    below = (cells_of(text, head.separator) for _, text in rows[head.below :])
+    values = [cells[k] for cells in below if len(cells) == len(head.cells) and cells[k] not in ("", head.cells[k])]
+    codes, header = customary.segment_codes(values), head.cells[k]
+    if not codes:
+        shown = [] if "segment" in head.at else list(dict.fromkeys(values))
+        each = ", ".join(f'"{v[:20]}" = "…"' for v in shown[:SHOWN])
+        said = [f"{header!r} is not read: segment = {{ header = \"{header}\", values = {{ {each} }} }} in [columns] says "
+                f"which of its codes are {', '.join(SEGMENTS)} or {SKIP}"]  # fmt: skip
+        return head, {}, said if 1 < len(shown) <= SHOWN else []
+    meant = ", ".join(f"{word!r} is {what}" for word, what in codes.items() if word != what)
+    of_it = (("at", k), ("unit", ""), ("factor", 1.0), ("zero", 0.0))
+    more = {name: {**getattr(head, name), "segment": value} for name, value in of_it}
+    return replace(head, **more), codes, [f"{header!r} is read as segment: {meant}"] if meant else []
 
 
 def _taken(head: Head, turned: Sequence[str]) -> list[str]:
