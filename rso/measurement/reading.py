@@ -59,6 +59,7 @@ from rso.measurement.workbook import BEGINS, block_of, sheet_of
 from rso.units import is_counted
 
 DISPLACEMENTS = ("ux", "uy", "uz")
+BOTH = "a pull looks the same where pressing counts as positive"
 SHOWN = 8  # codes of segments that a message shows
 MOSTLY = 0.5  # of the depth: where more was subtracted of it, that is said
 
@@ -85,7 +86,8 @@ class Measurement:
 
     `path` is the file, of several the first, `more` the others.  `contact` (mm) is the standard deviation of where the
     contact of all was found in their records, 0 where it was not sought there; `headers` are what the columns are
-    called in the file.  Notes are comment lines without '#' and what stands above the header.
+    called in the file; `guessed` whether the signs of depth and force were both turned by their shape.  Notes are
+    comment lines without '#' and what stands above the header.
     """
 
     path: Path
@@ -97,6 +99,7 @@ class Measurement:
     more: tuple[Path, ...] = ()
     contact: float = 0.0
     headers: Mapping[str, str] = field(default_factory=dict)
+    guessed: bool = False
 
     @property
     def where(self) -> str:
@@ -184,7 +187,7 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
         doubts += plausible.common([(r.label, r.depth[r.segment == "loading"]) for r in repeats])
     notes, unread = (tuple(dict.fromkeys(v for t in found for v in getattr(t, k))) for k in ("notes", "unread"))
     m = Measurement(paths[0], kinds[0], tuple(repeats), notes, tuple(doubts), unread, tuple(paths[1:]), _off(onsets),
-                    found[0].headers)  # fmt: skip
+                    found[0].headers, any({"depth", "Fz"} <= set(t.turned) for t in found))  # fmt: skip
     plausible.alike(m.where, [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels])
     for repeat in repeats:
         if len(repeat.depth) == 1 and len(repeats) > 1 and m.kind == "force":
@@ -463,9 +466,11 @@ def _segmented(head: Head, rows: Sequence[Row]) -> tuple[Head, dict[str, str], l
     if not codes:
         shown = [] if "segment" in head.at else list(dict.fromkeys(values))
         each = ", ".join(f'"{v[:20]}" = "…"' for v in shown[:SHOWN])
-        said = [f"{header!r} is not read: segment = {{ header = \"{header}\", values = {{ {each} }} }} in [columns] says "
-                f"which of its codes are {', '.join(SEGMENTS)} or {SKIP}"]  # fmt: skip
-        return head, {}, said if 1 < len(shown) <= SHOWN else []
+        table = f'segment = {{ header = "{header}", values = {{ {each} }} }}'
+        text = (
+            f"{header!r} is not read: {table} in [columns] says which of its codes are {', '.join(SEGMENTS)} or {SKIP}"
+        )
+        return head, {}, [text] if 1 < len(shown) <= SHOWN else []
     meant = ", ".join(f"{word!r} is {what}" for word, what in codes.items() if word != what)
     of_it = (("at", k), ("unit", ""), ("factor", 1.0), ("zero", 0.0))
     more = {name: {**getattr(head, name), "segment": value} for name, value in of_it}
@@ -476,7 +481,7 @@ def _taken(head: Head, turned: Sequence[str]) -> list[str]:
     """What to say of columns that were taken by their customary names."""
     if not head.customary:
         return []
-    both = "; both signs were turned, which is a guess" if {"depth", "Fz"} <= set(turned) else ""
+    both = f"; both signs were turned, which is a guess: {BOTH}" if set(turned) >= {"depth", "Fz"} else ""
     each = [f"{head.cells[head.at[n]]!r} is read as {n}" + (", its sign turned" if n in turned else "")
             for n in head.customary]  # fmt: skip
     return [f"{'; '.join(each)}{both}; [columns] in the study file says it otherwise"]

@@ -24,6 +24,7 @@ from rso.study.readings import by_hertz
 from rso.units import COLUMN_NAMES
 
 GUESS = "# <-"  # behind what nobody has stated
+TURNED = "pressed, as both signs were turned; a pull looks the same: else [columns] says so"
 TOP = (0.0, 0.0)
 RESOLVED = 0.035  # of the force at the deepest reading: what the mesh of a new study may miss
 AROUND = 3.0  # of the modulus of Hertz's limit, whose half-space the body is not
@@ -238,7 +239,7 @@ def _adhesion(pull: Mapping[str, float]) -> list[str]:
 def _lines(e: _Experiment, beside: Path) -> list[str]:
     m, data = e.measurement, [_beside(f, beside) for f in e.files]
     lines = ["[[experiments]]", f"name = {inline(e.name)}", f'role = "{e.role}"',
-             f"data = {inline(data[0] if len(data) == 1 else data)}"]  # fmt: skip
+             f"data = {inline(data[0] if len(data) == 1 else data)}{f'  {GUESS} {TURNED}' * m.guessed}"]  # fmt: skip
     settings = [f"point = {list(e.point or TOP)}"]
     if m.kind == "profile":
         lines += ['kind = "profile"']

@@ -19,7 +19,7 @@ EFFECTS = [  # name, description, family, unit, neutral, low, high, smallest vis
     ("tilt_y", "specimen turned about y", "model", "deg", 0.0, -6.0, 6.0, 0.7, ["offset_x"]),
     ("weight", "specific weight, density times g", "model", "N/mm^3", 0.0, 1e-7, 4e-6, None, []),
     ("bowl_clearance", "bowl: semi-axes of the bowl minus those of the body", "model", "mm", None, 0.2, 4.0, None, []),
-    ("offset", "true depth at which the record says zero (contact found late)", "measurement", "mm", 0.0, -0.4, 0.4,
+    ("offset", "true depth at which the record says zero (above 0: contact was taken late, below: early)", "measurement", "mm", 0.0, -0.4, 0.4,
      0.037, ["delta_R"]),
     ("compliance", "load-train compliance", "measurement", "mm/N", 0.0, 0.01, 0.8, 0.05, ["prony_g"]),
     ("gain", "gain of the force channel", "measurement", "1", 1.0, 0.8, 1.25, None, []),

@@ -133,9 +133,10 @@ def test_a_record_that_says_that_it_was_pulled_is_refused(tmp_path):
 def test_a_double_turn_is_marked_as_a_guess(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text(table(["Position (mm),Load (N)"], [-U, -F], ","))
-    assert any("both signs were turned, which is a guess" in d for d in read(path).doubts)
+    m = read(path)
+    assert any("both signs were turned, which is a guess: a pull looks the same" in d for d in m.doubts) and m.guessed
     path.write_text(table(["Position (mm),Load (N)"], [U, -F], ","))
-    assert not any("guess" in d for d in read(path).doubts)
+    assert not any("guess" in d for d in read(path).doubts) and not read(path).guessed
 
 
 WORDS = {"English": ("Load", "Hold", "Unload"), "German": ("Belasten", "Halten", "Entlasten"),
