@@ -61,9 +61,10 @@ class _Fit:
 def onset(depth: np.ndarray, force: np.ndarray) -> Onset | None:
     """The contact of a loading curve (n,) in mm and N that begins in air; None where too few readings tell it.
 
-    The contact is a ball's (:func:`_of_a_ball`); its bias holds by how much more than that states it may lie elsewhere
-    by any of the alternatives, var = Σ w_m (var_m + (c_m − c)²) (S. T. Buckland, K. P. Burnham, N. H. Augustin,
-    Biometrics 53 (1997) 603): of the shape beyond contact, what the force does before it, and half of the window.
+    The contact is a ball's (:func:`_of_a_ball`) with the weight that the record leaves to balls, else the average of
+    alternatives m of the shape beyond contact and of what the force does before it.  Its bias holds by how much it may
+    lie elsewhere by any of them, Σ w_m (var_m + (c_m − c)²) (S. T. Buckland, K. P. Burnham, N. H. Augustin, Biometrics
+    53 (1997) 603), or by half of the window.
     """
     u, F = _pressed(depth, force)
     ball = _of_a_ball(u, F)
@@ -95,10 +96,11 @@ def _widened(ball: Onset, u: np.ndarray, F: np.ndarray) -> Onset:
     found = [average for share in SHARES if (average := _averaged(u, F, share)) is not None]
     if not found:
         return ball
-    (c, within, between), less = found[0], found[1:]
-    moves = max(((c - other) ** 2 - within - between - v - w for other, v, w in less), default=0.0)
-    off = between + (float(u[0]) + c - ball.depth) ** 2 + max(moves, 0.0)
-    return Onset(ball.depth, max(ball.scatter, math.sqrt(within)), max(ball.bias, math.sqrt(off)))
+    (c, within, between, weight), less = found[0], found[1:]
+    moves = max(((c - other) ** 2 - within - between - v - w for other, v, w, _ in less), default=0.0)
+    depth = weight * ball.depth + (1.0 - weight) * (float(u[0]) + c)
+    off = between + (float(u[0]) + c - depth) ** 2 + max(moves, 0.0)
+    return Onset(depth, max(ball.scatter, math.sqrt(within)), max(ball.bias, math.sqrt(off)))
 
 
 def approached(depth: np.ndarray, force: np.ndarray) -> Onset:
@@ -230,9 +232,9 @@ def _profile(
     return left, float(left[k]), max(variance * (1.0 + r) / (1.0 - r), least)
 
 
-def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float, float] | None:
-    """Contact (mm from the first reading) and its variance within and between alternatives, by the readings up to a
-    share of the largest force; None where too few tell it.
+def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float, float, float] | None:
+    """Contact (mm from the first reading), its variance within and between alternatives, and the weight of balls, by
+    the readings up to a share of the largest force; None where too few tell it.
 
     Mean and variance of c over all alternatives m, of SHAPES beyond contact and of what the force does before it, with
     weights π_m exp(−(χ²(m, c) + k_m ln n)/2).
@@ -244,12 +246,14 @@ def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float,
     way, c = float(u[n - 1] - u[0]), np.linspace(0.0, FURTHEST, STEPS)
     t, F = (u[:n] - u[0]) / way, F[:n]
     every: list[tuple[float, int, np.ndarray, np.ndarray]] = []
+    balls: list[bool] = []
     for prior, before in _before(t):
         for share_of, family in SHAPES:
             for powers in family:
                 k = len(powers) + len(before)
                 if n > k + 2 and (fit := _squares(t, F, c, powers, before)) is not None:
                     every.append((prior * share_of / len(family), k, *fit))
+                    balls.append(POWERS in family)
     if not every:
         return None
     least = (1e-3 * float(np.ptp(F))) ** 2
@@ -263,7 +267,8 @@ def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float,
     each, own = weight.sum(axis=1), weight @ c
     mean, between = float(own.sum()), float(np.sum(own**2 / np.maximum(each, 1e-300)) - own.sum() ** 2)
     within = float(weight.sum(axis=0) @ c**2) - mean**2 - between + (c[1] - c[0]) ** 2 / 12.0
-    return way * mean, way**2 * max(within, 0.0), way**2 * max(between, 0.0)
+    of_balls = float(sum(e for e, p in zip(each, balls, strict=True) if p))
+    return way * mean, way**2 * max(within, 0.0), way**2 * max(between, 0.0), of_balls
 
 
 def _own_share(rest: np.ndarray, n: int) -> float:
