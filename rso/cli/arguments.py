@@ -64,7 +64,10 @@ def _new(known: Any) -> None:
                      "(default: as the name of a file says, point_20_0.csv, or else the top)")  # fmt: skip
     new.add_argument("--column", nargs="+", action="append", default=[], metavar=("NAME", "WORD"),
                      help="what a column is called in the files and its unit: --column Fz Kraft N; behind these flip "
-                     "turns its sign, contact finds its zero; --column segment SegmentID 1=loading 2=skip says what codes mean")  # fmt: skip
+                     "turns its sign, contact finds its zero; --column segment SegmentID 1=loading 2=skip says what "
+                     "codes mean; --column depth Piezo nm minus Deflection nm subtracts a deflection, --column Fz "
+                     "Deflection nm stiffness '0.0876 N/m' makes a force of it (minus Load N compliance '0.4 mm/N' for "
+                     "a frame)")  # fmt: skip
     new.add_argument("--out", type=Path, default=Path("study.toml"), help="the study file (default: study.toml)")
     new.set_defaults(call=commands.new)
 

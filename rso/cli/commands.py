@@ -8,7 +8,7 @@ import shlex
 import shutil
 import sys
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -75,17 +75,45 @@ FLAGS: dict[str, dict[str, Any]] = {"flip": {"flip": True}, "contact": {"zero": 
 
 def _column(words: Sequence[str]) -> tuple[str, dict[str, Any]]:
     """A column by its words: name, header, unit, whether its sign is turned, its zero the contact that it shows."""
-    rest, table = list(words), {}
+    at = next((k for k, word in enumerate(words) if k > 1 and word == "minus"), len(words))
+    rest, table = list(words[:at]), {}
+    if at < len(words):
+        table["minus"] = _minus(words, words[at + 1 :])
     codes = dict(word.rsplit("=", 1) for word in rest[2:] if word.rpartition("=")[2] in CODES)
     if codes:
         rest = rest[:2] + [word for word in rest[2:] if word.rpartition("=")[2] not in CODES]
         table["values"] = codes
-    while len(rest) > 2 and rest[-1] in FLAGS:
-        table |= FLAGS[rest.pop()]
+    table |= _flags(rest, 2, {**FLAGS, "stiffness": None})
     if len(rest) not in (2, 3):
-        text = "give NAME HEADER [UNIT] [flip] [contact], such as Fz Kraft N flip, or segment HEADER 1=loading 2=skip"
+        text = ("give NAME HEADER [UNIT] [stiffness K] [flip] [contact] [minus HEADER …], such as Fz Kraft N flip, or "
+                "segment HEADER 1=loading 2=skip")  # fmt: skip
         raise ValueError(f"--column {shlex.join(words)}: {text}")
     return rest[0], dict(zip(("header", "unit"), rest[1:], strict=False)) | table
+
+
+def _minus(words: Sequence[str], behind: Sequence[str]) -> dict[str, Any]:
+    """What is subtracted of a column, by the words behind minus: header, unit, whether its sign is turned, stiffness."""
+    rest = list(behind)
+    table = _flags(rest, 1, {"flip": FLAGS["flip"], "stiffness": None, "compliance": None})
+    if len(rest) not in (1, 2):
+        text = "behind minus give HEADER [UNIT] [stiffness K or compliance C] [flip], such as minus Deflection nm"
+        raise ValueError(f"--column {shlex.join(words)}: {text}")
+    return dict(zip(("header", "unit"), rest, strict=False)) | table
+
+
+def _flags(rest: list[str], first: int, known: Mapping[str, dict[str, Any] | None]) -> dict[str, Any]:
+    """The keys that the last of some words say, which are taken off; those of no value of their own have it behind."""
+    table: dict[str, Any] = {}
+    while len(rest) > first:
+        if (flag := known.get(rest[-1])) is not None:
+            table |= flag
+            rest.pop()
+        elif len(rest) > first + 1 and rest[-2] in known and known[rest[-2]] is None:
+            value = rest.pop()
+            table[rest.pop()] = value
+        else:
+            break
+    return table
 
 
 def keys(options: argparse.Namespace, command: str) -> int:

@@ -65,7 +65,7 @@ def _unlike(found: Mapping[str, Any]) -> list[str]:
         if z and at > UNLIKE * z:
             out.append(
                 f"Contact points of repeats differ by {at:.2g} mm by {c}, {z:.2g} mm is usual: "
-                f"{_counts(v['contact_mm'], at)} (contact found late, a specimen that creeps or moves)."
+                f"{_counts(v['contact_mm'], at)} (contact taken early or late, a specimen that creeps or moves)."
             )
     return out
 

@@ -2,6 +2,7 @@
 
 from rso.measurement import usual
 from rso.measurement.branches import SEGMENTS
+from rso.measurement.cantilever import Unsaid
 from rso.measurement.chain import CROSS, LATERAL, Chain, Record, correct, record, recorded, yielded
 from rso.measurement.columns import CONTACT, Column
 from rso.measurement.combining import MeasuredCurve, Noise, combine, value_at
@@ -23,6 +24,7 @@ __all__ = [
     "Noise",
     "Record",
     "Repeat",
+    "Unsaid",
     "combine",
     "correct",
     "fingerprint",

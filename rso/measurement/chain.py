@@ -27,7 +27,7 @@ class Chain:
     """Every knob of the measurement chain, all neutral by default; ValueError outside the hard bounds."""
 
     offset: float = knob(
-        "true depth at which the record says zero (contact found late)",
+        "true depth at which the record says zero (above 0: contact was taken late, below: early)",
         "mm",
         -1.0,
         1.0,

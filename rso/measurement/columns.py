@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import itertools
+import math
 import re
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +17,9 @@ from difflib import SequenceMatcher
 from pathlib import Path
 from typing import NoReturn
 
-from rso.measurement import customary
+import numpy as np
+
+from rso.measurement import cantilever, customary
 from rso.units import (
     BARE_COLUMNS,
     UNITS,
@@ -38,12 +41,14 @@ _CLOCK = re.compile(
     r"(?:\d{1,4}[-./]\d{1,2}[-./]\d{1,4}[T ]\s*)?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?"
 )
 _SEARCHED = 300  # lines in which a header of customary names is looked for
+_LOOKED = 20_000  # rows whose numbers tell which way a travel counts
 _LONGEST, _SHOWN = 80, 200  # characters of a header and headers of a line that a message looks at
 _HEADLESS = "; no header stands above these numbers: write one there, such as depth_mm,Fz_N"
 _TWICE = "rename one of them, tests side by side are files of their own"
 _OTHER_NAMES = "other names are understood with [columns] in the study file"
 
 CONTACT = "contact"
+LESS = "depth.minus"  # the column that is subtracted of depth, among those that are read
 MEGA = 1e6  # N: no force on a soft body is told in it
 
 Row = tuple[int, str]  # number of a line, and its text
@@ -57,6 +62,9 @@ class Column:
     several files one each; or CONTACT, for depth and Fz: what the record itself shows there, in each repeat.  `unit`
     may be what one count is, "0.00125 mm".  `values` says of a machine's codes of its segments which are loading, hold
     or unloading, and which to skip.
+
+        depth = ±(header − zero) − minus,    minus = ±header, or of a force ±header / stiffness = ±header · compliance
+        Fz    = ±(header − zero) · stiffness of a deflection,                          `stiffness` N/mm
     """
 
     header: str
@@ -64,6 +72,21 @@ class Column:
     flip: bool = False
     zero: float | tuple[float, ...] | str = 0.0
     values: Mapping[str, str] | None = None
+    minus: Column | None = None
+    stiffness: float | None = None
+    compliance: float | None = None
+
+    def read_as(self, name: str) -> str:
+        """A known name whose kind of unit the file has where the column `name` is meant."""
+        bends = self.stiffness is not None or self.compliance is not None
+        if name == LESS:
+            return "Fz" if bends else "depth"
+        return "depth" if bends and kind_of(name) == "N" else name
+
+    def worth(self, name: str) -> float:
+        """Factor from the kind that the file has to that of the column `name`, mm/N or N/mm; else 1."""
+        k = self.stiffness
+        return (self.compliance or (1.0 / k if k else 1.0)) if name == LESS else k or 1.0
 
 
 @dataclass(frozen=True)
@@ -114,6 +137,12 @@ def of_file(columns: Mapping[str, Column], k: int, n: int) -> dict[str, Column]:
     return found
 
 
+def with_less(columns: Mapping[str, Column]) -> Mapping[str, Column]:
+    """The columns with that which is subtracted of depth as one of its own, LESS."""
+    less = columns["depth"].minus if "depth" in columns else None
+    return columns if less is None else {**columns, LESS: less}
+
+
 def is_head(path: Path, comment: Row, rows: Sequence[Row], columns: Mapping[str, Column]) -> bool:
     """Whether a comment above rows of numbers is their header, as numpy.savetxt writes it.
 
@@ -147,10 +176,13 @@ def cells_of(row: str, separator: str) -> list[str]:
     return [cell.strip().strip('"').strip() for cell in cells]
 
 
-def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> Head:
+def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column], notes: Sequence[str] = ()) -> Head:
     """The header among the lines of a file, as the study names it or, without `columns`, as it is understood itself:
-    by the known names, else by what machines customarily write."""
-    usual = {} if columns else _customary(path, rows)
+    by the known names, else by what machines customarily write.
+
+    `notes` are comments of the file.  ValueError with what to say where a travel holds a deflection.
+    """
+    usual = {} if columns else _customary(path, rows, notes)
     columns = columns or usual
     k = _named(path, rows, columns) if columns else _understood(path, rows)
     line, text = rows[k]
@@ -178,7 +210,7 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) ->
         read_as[name] = unit = (
             "" if name in BARE_COLUMNS else "s" if timed else _unit(path, line, name, column, units[i])
         )
-        factors[name] = column_factor(name, unit) * (-1.0 if column.flip else 1.0)
+        factors[name] = column_factor(column.read_as(name), unit) * (-1.0 if column.flip else 1.0) * column.worth(name)
     zeros = {name: columns[name].zero if name in columns else 0.0 for name in at}
     found = tuple(name for name, zero in zeros.items() if zero == CONTACT)
     zeros |= dict.fromkeys(found, 0.0)
@@ -187,7 +219,7 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) ->
     return Head(text, separator, tuple(cells), at, read_as, factors, zeros, k, below, notes, tuple(units), taken, found)
 
 
-def _separator(row: str) -> str:
+def separator_of(row: str) -> str:
     """Semicolon, tab or comma: the first of them that the line has outside quotes."""
     bare = _QUOTED.sub("", row)
     return next((s for s in (";", "\t") if s in bare), ",")
@@ -195,7 +227,7 @@ def _separator(row: str) -> str:
 
 def _split(rows: Sequence[Row], k: int) -> tuple[str, list[str], list[str], int]:
     """A line as a header: separator, cells, the unit that stands beneath each (or nothing), and where rows go on."""
-    separator = _separator(rows[k][1])
+    separator = separator_of(rows[k][1])
     cells = cells_of(rows[k][1], separator)
     if k + 1 < len(rows):
         units = [cell.strip("[]() ") for cell in cells_of(rows[k + 1][1], separator)]
@@ -234,7 +266,7 @@ def is_number(cell: str) -> bool:
 
 def _filled(row: str) -> list[str]:
     """Cells of a line up to the last that is not empty."""
-    cells = cells_of(row, _separator(row))
+    cells = cells_of(row, separator_of(row))
     while cells and not cells[-1]:
         cells.pop()
     return cells
@@ -293,7 +325,7 @@ def _understood(path: Path, rows: Sequence[Row]) -> int:
     fail(path, rows[best][0], f"{message}; {_OTHER_NAMES}{headless}")
 
 
-def _customary(path: Path, rows: Sequence[Row]) -> dict[str, Column]:
+def _customary(path: Path, rows: Sequence[Row], notes: Sequence[str] = ()) -> dict[str, Column]:
     """The columns of the first line that is a header by what machines write; none where one is understood itself."""
     found: dict[str, Column] = {}
     for k, (line, row) in enumerate(rows[:_SEARCHED]):
@@ -306,14 +338,31 @@ def _customary(path: Path, rows: Sequence[Row]) -> dict[str, Column]:
             continue
         try:
             known = [_name(c, u) for c, u in zip(cells, units, strict=True)]
+            if bends := cantilever.bending(cells, units, known):
+                numbers = _numbers(rows[below : below + _LOOKED], separator, len(cells))
+                if np.isfinite(numbers[:, list(bends)]).all(axis=1).any():
+                    above = [*notes, *(text for _, text in rows[:k])]
+                    raise cantilever.question(f"{path}:{line}", cells, units, bends, numbers, above)
             clocks = [is_clock(_cell(rows, below, separator, i)) for i in range(len(cells))]
             at = customary.named(cells, units, known, clocks)
+        except cantilever.Unsaid:
+            raise
         except ValueError as error:
             fail(path, line, str(error))
         found = {name: Column(cells[i]) for name, i in at.items()}
         if "time" in at and (unit := customary.unit_of(cells[at["time"]], units[at["time"]], "time")):
             found["time"] = Column(cells[at["time"]], unit=unit)
     return found
+
+
+def _numbers(rows: Sequence[Row], separator: str, width: int) -> np.ndarray:
+    """The numbers (n, width) of some rows, NaN where there is none."""
+
+    def number(cell: str) -> float:
+        return float(cell.replace(",", ".").replace("\u2212", "-")) if is_number(cell) else math.nan
+
+    cells = [(cells_of(text, separator) + [""] * width)[:width] for _, text in rows]
+    return np.array([[number(cell) for cell in row] for row in cells]).reshape(-1, width)
 
 
 def _by_blanks(rows: Sequence[Row], k: int) -> str:
@@ -329,17 +378,20 @@ def _by_blanks(rows: Sequence[Row], k: int) -> str:
 
 def _named(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> int:
     """The first line whose cells contain all headers that the study names."""
-    wanted = {same_letters(column.header): name for name, column in columns.items()}
+    wanted: dict[str, str] = {}
+    for name, column in columns.items():
+        text = same_letters(column.header)
+        wanted[text] = f"{wanted[text]}, {name}" if text in wanted else name
     best, most = None, 0
     for k, row in enumerate(same_letters(row) for _, row in rows):
         if any(text in row for text in wanted):
-            known = len(wanted.keys() & set(cells_of(row, _separator(row))))
+            known = len(wanted.keys() & set(cells_of(row, separator_of(row))))
             if known == len(wanted):
                 return k
             best, most = (k, known) if known > most else (best, most)
     best = _likely(rows) if best is None else best
     line, text = rows[best]
-    cells = cells_of(text, _separator(text))
+    cells = cells_of(text, separator_of(text))
     missing = {text: name for text, name in wanted.items() if text not in map(same_letters, cells)}
     first = next(iter(missing)).lower()
     shown = sorted({cell[:_LONGEST] for cell in cells[:_SHOWN] if cell},
@@ -368,9 +420,10 @@ def _likely(rows: Sequence[Row]) -> int:
 
 def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str:
     """The unit of a column; ValueError unless study, header and row of units agree as far as they say one."""
-    base = kind_of(name)
-    choices = f'{UNITS[base]}, or "0.00125 {base}" for what one count is'
-    said = {"the study": column.unit, "the header": unit_in(column.header, name)}
+    like = column.read_as(name)
+    base = kind_of(like)
+    choices = f'{UNITS[base]}, or "0.00125 {base}" for what one count is{_bends(name, column)}'
+    said = {"the study": column.unit, "the header": unit_in(column.header, like)}
     said["the row beneath the header"] = beneath if is_unit(beneath) else None
     if is_counted(column.unit):  # what the file calls a count is its own affair, unless it is a unit of this kind
         for who in ("the header", "the row beneath the header"):
@@ -379,7 +432,7 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
         return column.unit
     same = (column.unit or "").lower()
     odd = {"the row beneath the header": "" if is_unit(beneath) else beneath}
-    odd["the header"] = bracketed(column.header, name) or ""
+    odd["the header"] = bracketed(column.header, like) or ""
     for who, unit in odd.items():
         if unit and same and unit.lower() != same and not _alike(unit.lower(), column.unit or "", base):
             fail(path, line, f"column {name!r} ({column.header!r}): the study says {column.unit!r}, {who} {unit!r}, "
@@ -412,3 +465,11 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
         if known[who] != known[first]:
             fail(path, line, f"column {name!r} ({column.header!r}): {first} says {said[first]!r}, {who} {said[who]!r}")
     return units[first]
+
+
+def _bends(name: str, column: Column) -> str:
+    """What to say of the unit of a column that something bends under, or may."""
+    if name == LESS:
+        force = "; with stiffness or compliance it is a force" if column.read_as(name) == "Fz" else ""
+        return force or "; a force is subtracted with the stiffness or compliance of what it bends"
+    return "; stiffness makes a force of a deflection" if column.stiffness is not None else ""

@@ -10,8 +10,14 @@ import numpy as np
 
 POWERS = (1.5, 2.5)  # of the travel of a ball: Hertz's, and the first of what stiffens or softens
 STIFFENS = 3.5  # a third one, where it is clear
+# Powers of the force beyond contact, with the priors of their families: balls that stiffen more and more, flat ends,
+# cones; and of what it does before: it stays, drifts, or relaxes over so much of the way from where the record begins.
+SHAPES = ((0.6, (POWERS, (*POWERS, STIFFENS), (*POWERS, STIFFENS, 4.5))), (0.2, ((1.0, 2.0),)), (0.2, ((2.0, 3.0),)))
+STAYS, DRIFTS, CREEPS, RELAXES = 0.5, 0.3, 0.2, (0.05, 0.15, 0.4)
+BEFORE_MOST = 0.2  # of the range of the force that it does so by, at most
 CLEAR = 25.0  # fall of χ² with one number more that is no scatter
 UP_TO = 0.7  # of the largest force: what tells the contact
+SHARES = (UP_TO, 0.5 * UP_TO)
 BIAS = 0.005  # of the travel pressed up to there by which two powers miss a soft ellipsoid's contact
 SURE = 2.0  # standard deviations after the first reading
 LATE = 0.03  # of the travel: a contact this late is taken, or remarked upon, where nobody has asked for it
@@ -55,14 +61,26 @@ class _Fit:
 def onset(depth: np.ndarray, force: np.ndarray) -> Onset | None:
     """The contact of a loading curve (n,) in mm and N that begins in air; None where too few readings tell it.
 
+    The contact is a ball's (:func:`_of_a_ball`) with the weight that the record leaves to balls, else the average of
+    alternatives m of the shape beyond contact and of what the force does before it.  Its bias holds by how much it may
+    lie elsewhere by any of them, Σ w_m (var_m + (c_m − c)²) (S. T. Buckland, K. P. Burnham, N. H. Augustin, Biometrics
+    53 (1997) 603), or by half of the window.
+    """
+    u, F = _pressed(depth, force)
+    ball = _of_a_ball(u, F)
+    return None if ball is None else _widened(ball, u, F)
+
+
+def _of_a_ball(u: np.ndarray, F: np.ndarray) -> Onset | None:
+    """The contact of a ball by means u, F (n,); None where too few of them tell it.
+
     Least squares of F = b + Σ_p a_p (u − c)^p, p of POWERS, up to UP_TO of the largest force, for c from the first
     reading on, with a drift b' u and a third power where they are clear; c is the mean, its scatter the standard
     deviation, of exp(−χ²/2) over c, with the residual's memory.  Its bias is that of two powers on a soft ellipsoid,
     or by how much more than scatter the contact moves if half of the force tells it.
     Valid for a ball on a smooth body without adhesion (Hertz 1881 and what stiffens or softens beyond).
     """
-    u, F = _pressed(depth, force)
-    whole, half = (_fit(u, F, share) for share in (UP_TO, 0.5 * UP_TO))
+    whole, half = (_fit(u, F, share) for share in SHARES)
     if whole is None:
         return None
     bias = BIAS * (1.0 - whole.c) * whole.way
@@ -73,16 +91,33 @@ def onset(depth: np.ndarray, force: np.ndarray) -> Onset | None:
     return Onset(float(u[0]) + whole.way * whole.c, whole.way * math.sqrt(whole.spread), bias)
 
 
+def _widened(ball: Onset, u: np.ndarray, F: np.ndarray) -> Onset:
+    """The same contact, by how much the alternatives say that it may be off beside its scatter."""
+    found = [average for share in SHARES if (average := _averaged(u, F, share)) is not None]
+    if not found:
+        return ball
+    (c, within, between, weight), less = found[0], found[1:]
+    moves = max(((c - other) ** 2 - within - between - v - w for other, v, w, _ in less), default=0.0)
+    depth = weight * ball.depth + (1.0 - weight) * (float(u[0]) + c)
+    off = between + (float(u[0]) + c - depth) ** 2 + max(moves, 0.0)
+    return Onset(depth, max(ball.scatter, math.sqrt(within)), max(ball.bias, math.sqrt(off)))
+
+
 def approached(depth: np.ndarray, force: np.ndarray) -> Onset:
     """The contact of a loading curve that begins in air; ValueError where it does not show one."""
-    found = onset(depth, force) if len(depth) >= FEWEST else None
-    if found is None:
+    u, F = _pressed(depth, force) if len(depth) >= FEWEST else (depth, force)
+    return _widened(_seen(depth, _of_a_ball(u, F) if len(depth) >= FEWEST else None), u, F)
+
+
+def _seen(depth: np.ndarray, ball: Onset | None) -> Onset:
+    """The contact of a ball where there is air before it beyond doubt; ValueError where there is not."""
+    if ball is None:
         raise ValueError("too few readings before 0.7 of the largest force to tell the contact")
-    before = int(np.sum(depth < found.depth))
-    if before < BEFORE or found.depth - float(depth.min()) < SURE * found.deviation:
-        where = f"{found.depth:.3g} ± {found.deviation:.2g} mm"
+    before = int(np.sum(depth < ball.depth))
+    if before < BEFORE or ball.depth - float(depth.min()) < SURE * ball.deviation:
+        where = f"{ball.depth:.3g} ± {ball.deviation:.2g} mm"
         raise ValueError(f"no approach is seen: {before} reading(s) before {where}, where the force begins to rise")
-    return found
+    return ball
 
 
 def begins_in_air(depth: np.ndarray, force: np.ndarray) -> bool:
@@ -91,11 +126,14 @@ def begins_in_air(depth: np.ndarray, force: np.ndarray) -> bool:
     Such are b + a t^p with p up to STEEPEST and b + a t^1.5 e^{βt}, t from the first reading: tissue that stiffens
     much is no later contact.
     """
+    if len(depth) < FEWEST:
+        return False
+    u, F = _pressed(depth, force)
     try:
-        found = approached(depth, force)
+        found = _seen(depth, _of_a_ball(u, F))
     except ValueError:
         return False
-    fit = _fit(*_pressed(depth, force), UP_TO)
+    fit = _fit(u, F, UP_TO)
     if fit is None or found.depth - float(depth.min()) < LATE * float(np.ptp(depth)):
         return False
     shapes = [fit.t**p for p in np.linspace(1.0, STEEPEST, 61)]
@@ -113,7 +151,8 @@ def zeroed(
     if "Fz" not in channels:
         raise ValueError("Fz tells it, which is not there")
     found = approached(depth[loading], channels["Fz"][loading])
-    air = loading & (depth < found.depth - found.deviation)
+    first = float(depth[loading].min())
+    air = loading & (depth < found.depth - min(found.deviation, 0.5 * (found.depth - first)))
     own = dict(channels)
     for name in names:
         if name in own:
@@ -191,6 +230,84 @@ def _profile(
     r = float(rest[k][1:] @ rest[k][:-1]) / float(left[k])
     r = min(max(r, 0.0), REMEMBERS)
     return left, float(left[k]), max(variance * (1.0 + r) / (1.0 - r), least)
+
+
+def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float, float, float] | None:
+    """Contact (mm from the first reading), its variance within and between alternatives, and the weight of balls, by
+    the readings up to a share of the largest force; None where too few tell it.
+
+    Mean and variance of c over all alternatives m, of SHAPES beyond contact and of what the force does before it, with
+    weights π_m exp(−(χ²(m, c) + k_m ln n)/2).
+    """
+    low, high = float(np.quantile(F, 0.1)), float(np.median(F[-3:]))
+    n = int(np.sum(low + share * (high - low) > F))  # a count: a reading out of line moves it by one
+    if n < FEWEST or u[n - 1] <= u[0]:
+        return None
+    way, c = float(u[n - 1] - u[0]), np.linspace(0.0, FURTHEST, STEPS)
+    t, F = (u[:n] - u[0]) / way, F[:n]
+    every: list[tuple[float, int, np.ndarray, np.ndarray]] = []
+    balls: list[bool] = []
+    for prior, before in _before(t):
+        for share_of, family in SHAPES:
+            for powers in family:
+                k = len(powers) + len(before)
+                if n > k + 2 and (fit := _squares(t, F, c, powers, before)) is not None:
+                    every.append((prior * share_of / len(family), k, *fit))
+                    balls.append(POWERS in family)
+    if not every:
+        return None
+    least = (1e-3 * float(np.ptp(F))) ** 2
+    variances = [max(float(left.min()) / max(n - 1 - k, 1), least) for _, k, left, _ in every]
+    at = min(range(len(every)), key=lambda j: n * math.log(variances[j]) + every[j][1] * math.log(n))
+    many = n * _own_share(every[at][3], n)
+    variance = max(variances[at] * n / many, least)
+    loss = np.stack([left / variance + k * math.log(max(many, 2.0)) - 2.0 * math.log(p) for p, k, left, _ in every])
+    weight = np.exp(-0.5 * (loss - loss.min()))
+    weight /= weight.sum()
+    each, own = weight.sum(axis=1), weight @ c
+    mean, between = float(own.sum()), float(np.sum(own**2 / np.maximum(each, 1e-300)) - own.sum() ** 2)
+    within = float(weight.sum(axis=0) @ c**2) - mean**2 - between + (c[1] - c[0]) ** 2 / 12.0
+    of_balls = float(sum(e for e, p in zip(each, balls, strict=True) if p))
+    return way * mean, way**2 * max(within, 0.0), way**2 * max(between, 0.0), of_balls
+
+
+def _own_share(rest: np.ndarray, n: int) -> float:
+    """(1 − ρ)/(1 + ρ) of residuals (n,) that remember their neighbours by ρ: as many of them count as readings.
+
+    ρ of n of them is too small by (1 + 3ρ)/n (M. G. Kendall, Biometrika 41 (1954) 403).
+    """
+    power = float(rest @ rest)
+    r = float(rest[1:] @ rest[:-1]) / power if power > 0.0 else 0.0
+    r = min(max(r + (1.0 + 3.0 * r) / n, 0.0), REMEMBERS)
+    return (1.0 - r) / (1.0 + r)
+
+
+def _before(t: np.ndarray) -> list[tuple[float, list[np.ndarray]]]:
+    """What a force may do before contact, with its prior: columns (n,), the last of several bounded."""
+    one = np.ones_like(t)
+    relaxes = [(CREEPS / len(RELAXES), [one, np.exp(-t / tau)]) for tau in RELAXES]
+    return [(STAYS, [one]), (DRIFTS, [one, t]), *relaxes]
+
+
+def _squares(
+    t: np.ndarray, F: np.ndarray, c: np.ndarray, powers: Sequence[float], before: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Squares left (m,) of F = Σ_p a_p (t − c)^p + what is before, for contacts c (m,), infinite where no body is
+    pressed so, and what is left (n,) at the best; None where that is nowhere."""
+    x = np.maximum(t - c[:, None], 0.0)
+    A = np.stack([*(x**p for p in powers), *(np.broadcast_to(b, x.shape) for b in before)], axis=2)
+    size = np.maximum(np.sqrt((A * A).sum(axis=1)), 1e-300)
+    A = A / size[:, None, :]
+    G = A.transpose(0, 2, 1) @ A + 1e-13 * np.eye(A.shape[2])  # of columns of size 1
+    a = np.linalg.solve(G, (F @ A)[..., None])
+    rest = F - (A @ a)[..., 0]
+    a = a[..., 0] / size
+    good = (a[:, 0] > 0.0) & (a[:, : len(powers)].sum(axis=1) > 0.0)
+    if len(before) > 1:
+        good &= np.abs(a[:, -1]) <= BEFORE_MOST * np.ptp(F)
+    left = np.where(good, (rest * rest).sum(axis=1), np.inf)
+    k = int(np.argmin(left))
+    return (left, rest[k]) if np.isfinite(left[k]) else None
 
 
 def _left(A: np.ndarray, F: np.ndarray) -> float:

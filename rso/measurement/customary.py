@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rso.measurement.names import NAMES, QUALIFIERS, SEGMENT, TENSILE, UNITED
+from rso.measurement.names import NAMES, QUALIFIERS, SEGMENT, TENSILE, UNITED, WORDS
+from rso.measurement.rows import rows_of
 from rso.units import bracketed, is_of, kind_of, unit_in, weight
 
 FROM_CONTACT = ("indentation", "penetration", "eindring", "enfoncement")  # such a travel is no machine's position
@@ -99,6 +100,12 @@ def segment_column(cells: Sequence[str]) -> int | None:
     return found[0] if len(found) == 1 else None
 
 
+def segment_codes(values: Sequence[str]) -> dict[str, str]:
+    """Words of such a column → loading, hold or unloading; nothing where one of them, as a number, may be anything."""
+    codes = {value: WORDS.get(_JOINED.sub(" ", value).strip().lower(), "") for value in dict.fromkeys(values)}
+    return codes if "loading" in codes.values() and all(codes.values()) else {}
+
+
 def tensile(texts: Sequence[str]) -> str:
     """The first of the headers and notes of a file that says that it was pulled, empty without one."""
     small = [text.lower() for text in texts]
@@ -120,8 +127,7 @@ def turned(columns: Mapping[str, np.ndarray], labels: np.ndarray, names: Sequenc
     most where the record begins.
     """
     votes = {"depth": 0.0, "Fz": 0.0}
-    for label in dict.fromkeys(labels.tolist()):
-        rows = labels == label
+    for rows in rows_of(labels.tolist()).values():
         sense = _sense(columns["depth"][rows], columns["Fz"][rows])
         votes = {name: votes[name] + sign for name, sign in zip(votes, sense, strict=True)}
     return [name for name in names if votes.get(name, 0.0) < 0.0]

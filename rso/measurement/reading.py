@@ -14,7 +14,8 @@ import hashlib
 import math
 import os
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -24,7 +25,8 @@ import numpy as np
 
 from rso.measurement import contact, customary, held, plausible, shape, tables
 from rso.measurement.blanks import parted, width_of
-from rso.measurement.branches import SKIP, segments
+from rso.measurement.branches import SEGMENTS, SKIP, segments
+from rso.measurement.cantilever import bending
 from rso.measurement.cells import (
     counters,
     no_summary,
@@ -37,6 +39,7 @@ from rso.measurement.cells import (
 )
 from rso.measurement.columns import (
     CONTACT,
+    LESS,
     Column,
     Head,
     Row,
@@ -45,14 +48,20 @@ from rso.measurement.columns import (
     find_head,
     is_head,
     of_file,
+    with_less,
 )
 from rso.measurement.contact import Onset
+from rso.measurement.labelled import head_of
 from rso.measurement.lines import lines_of, text_of
+from rso.measurement.rows import rows_of
 from rso.measurement.tables import FORCES
 from rso.measurement.workbook import BEGINS, block_of, sheet_of
 from rso.units import is_counted
 
 DISPLACEMENTS = ("ux", "uy", "uz")
+BOTH = "a pull looks the same where pressing counts as positive"
+SHOWN = 8  # codes of segments that a message shows
+MOSTLY = 0.5  # of the depth: where more was subtracted of it, that is said
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +86,8 @@ class Measurement:
 
     `path` is the file, of several the first, `more` the others.  `contact` (mm) is the standard deviation of where the
     contact of all was found in their records, 0 where it was not sought there; `headers` are what the columns are
-    called in the file.  Notes are comment lines without '#' and what stands above the header.
+    called in the file; `guessed` whether the signs of depth and force were both turned by their shape.  Notes are
+    comment lines without '#' and what stands above the header.
     """
 
     path: Path
@@ -89,6 +99,7 @@ class Measurement:
     more: tuple[Path, ...] = ()
     contact: float = 0.0
     headers: Mapping[str, str] = field(default_factory=dict)
+    guessed: bool = False
 
     @property
     def where(self) -> str:
@@ -106,7 +117,8 @@ class _Table:
     """Columns by name in base units, the label of each row's repeat and segment, and where each row stood.
 
     `found` are columns whose zero is sought, `position` whether depth is a machine's position, `own` what one mm or N
-    of a column is in the file, `headers` what the columns are called there, `turned` those whose sign was turned.
+    of a column is in the file, `headers` what the columns are called there, `turned` those whose sign was turned,
+    `less` what was subtracted of the depth (n,) mm and `reckoned` that in words.
     """
 
     path: Path
@@ -122,11 +134,13 @@ class _Table:
     own: Mapping[str, tuple[float, str]]
     headers: Mapping[str, str]
     turned: tuple[str, ...]
+    less: np.ndarray | None
+    reckoned: tuple[str, ...]
 
     @cached_property
     def rows(self) -> dict[str, np.ndarray]:
         """Indices of the rows of each repeat."""
-        return tables.rows_of(self.labels.tolist())
+        return rows_of(self.labels.tolist())
 
 
 def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] | None = None) -> Measurement:
@@ -148,35 +162,63 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
                 f"{table.path}: repeats need the same columns; it holds {', '.join(table.columns)}, "
                 f"{paths[0].name} holds {', '.join(found[0].columns)}"
             )
-    each = [
-        (table, _repeat(table, kind, label)) for table, kind in zip(found, kinds, strict=True) for label in table.rows
-    ]
+    each: list[tuple[_Table, Repeat]] = []
+    for table, kind in zip(found, kinds, strict=True):
+        with _reckoned(table):
+            each += [(table, _repeat(table, kind, label)) for label in table.rows]
     in_air = any(_in_air(table, r) for table, r in each)
     repeats: list[Repeat] = []
     everywhere = dict.fromkeys(words for table in found for words in table.doubts)
     doubts = [f"{', '.join(t.path.name for t in found if words in t.doubts)}: {words}" for words in everywhere]
     onsets: list[Onset] = []
     for table, raw in each:
-        r, onset, told = _from_contact(table, raw, in_air)
-        repeats.append(r)
-        doubts += told
-        onsets += [onset] if onset is not None else []
-        if kinds[0] == "force":
-            doubts += _plausible(table, r)
-            repeats[-1], said = _without_creep(r)
-            doubts += said
-        elif "uz" in r.channels:
-            doubts += plausible.profile(r.label, r.depth, r.channels["uz"])
+        with _reckoned(table):
+            r, onset, told = _from_contact(table, raw, in_air)
+            repeats.append(r)
+            doubts += told
+            onsets += [onset] if onset is not None else []
+            if kinds[0] == "force":
+                doubts += [*_plausible(table, r), *_left(table, r)]
+                repeats[-1], said = _without_creep(r)
+                doubts += said
+            elif "uz" in r.channels:
+                doubts += plausible.profile(r.label, r.depth, r.channels["uz"])
     if kinds[0] == "force":
         doubts += plausible.common([(r.label, r.depth[r.segment == "loading"]) for r in repeats])
     notes, unread = (tuple(dict.fromkeys(v for t in found for v in getattr(t, k))) for k in ("notes", "unread"))
     m = Measurement(paths[0], kinds[0], tuple(repeats), notes, tuple(doubts), unread, tuple(paths[1:]), _off(onsets),
-                    found[0].headers)  # fmt: skip
+                    found[0].headers, any({"depth", "Fz"} <= set(t.turned) for t in found))  # fmt: skip
     plausible.alike(m.where, [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels])
     for repeat in repeats:
         if len(repeat.depth) == 1 and len(repeats) > 1 and m.kind == "force":
             raise ValueError(f"{m.where}: repeat {repeat.label!r} has too few points (1) to be a curve")
     return m
+
+
+@contextmanager
+def _reckoned(table: _Table) -> Iterator[None]:
+    """Says in every ValueError what was reckoned from the columns of the file."""
+    try:
+        yield
+    except ValueError as error:
+        if not table.reckoned:
+            raise
+        raise ValueError(f"{error} ({'; '.join(table.reckoned)})") from error
+
+
+def _left(table: _Table, r: Repeat) -> list[str]:
+    """What to say of a depth that is the smaller part of what it was reckoned from, at the deepest reading."""
+    if table.less is None:
+        return []
+    less, k = table.less[table.rows[r.label]], int(np.argmax(r.depth))
+    off, depth = float(less[k] - less[int(np.argmin(np.abs(r.depth)))]), float(r.depth[k])
+    if off <= MOSTLY * depth:
+        return []
+    per, unit = table.own["depth"]
+    return [
+        f"repeat {r.label}: at the deepest reading {off * abs(per):.3g} {unit} are subtracted and "
+        f"{depth * abs(per):.3g} {unit} are left: 1 % of what is subtracted is {off / depth:.2g} % of depth"
+    ]
 
 
 def _without_creep(r: Repeat) -> tuple[Repeat, list[str]]:
@@ -302,6 +344,7 @@ def _apart(paths: Sequence[Path]) -> None:
 
 def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     """The file as columns; `file_label` goes before the labels of its repeats."""
+    wanted = with_less(wanted)
     comments: list[Row] = []
     whole_text, told = text_of(path)
     rows = list(lines_of(whole_text, comments))
@@ -311,16 +354,18 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     if above and is_head(path, nearest := parted(above[-1], width), rows, wanted):
         rows.insert(0, nearest)
         comments.remove(above[-1])
+    elif above:
+        rows[:0] = head_of(path, comments, rows)
     notes = [text for _, text in comments]
     if not rows:
         raise ValueError(f"{path}: holds no header line such as depth_mm,Fz_N")
-    head = find_head(path, rows, wanted)
+    head, own, segmented = _segmented(find_head(path, rows, wanted, notes), rows)
     notes += [" ".join(filter(None, cells_of(row, head.separator))) for _, row in rows[: head.above]]
     parts, between, machines = tables.beneath(path, rows, head)
     notes += between
     if block := block_of(path):
         parts = tables.block(path, parts, block)
-    codes = wanted["segment"].values if "segment" in wanted else None
+    codes = wanted["segment"].values if "segment" in wanted else own or None
     if codes is not None:
         parts = [(at, [row for row in part if segment_code(path, row, head, codes) != SKIP]) for at, part in parts]
     parts, gaps = tables.without_gaps(parts, head)
@@ -345,6 +390,9 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     arrays = {name: (np.array(column) - head.zero[name]) * head.factor[name] + 0.0 for name, column in columns.items()}
     for name, column in arrays.items():
         within(path, line, name, column, head.unit[name])
+    less = arrays.pop(LESS, None)
+    if less is not None:
+        arrays["depth"] = arrays["depth"] - less
     stated = None
     if codes is not None:
         stated = np.array([segment_code(path, row, head, codes) for row in rows])
@@ -358,13 +406,15 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     arrays |= {name: 0.0 - arrays[name] for name in turned}
-    doubts = [*told, *machines, *_taken(head, turned), *tables.told(gaps, len(line)), *doubts]
+    doubts = [*told, *machines, *_taken(head, turned), *segmented, *tables.told(gaps, len(line)), *doubts]
     if file_label:
         several = "repeat" in text or len(set(labels)) > 1
         labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])
     units = {n: f"× {unit}" if is_counted(unit) else unit for n, unit in head.unit.items() if n in arrays and unit}
-    own = {n: ((-1.0 if n in turned else 1.0) / head.factor[n], unit) for n, unit in units.items()}
-    headers = {name: head.cells[k] for name, k in head.at.items()}
+    in_file = {n: ((-1.0 if n in turned else 1.0) / head.factor[n], unit) for n, unit in units.items()}
+    headers = {name: head.cells[k] for name, k in head.at.items() if name != LESS}
+    reckoned = _in_words(wanted)
+    doubts += reckoned + _unsubtracted(head, wanted)
     position = "depth" in head.customary and not customary.from_contact(headers["depth"])
     if pulled := customary.tensile([*head.cells, *notes]):
         if head.customary:
@@ -373,14 +423,65 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
             )
         doubts.append(f"{pulled[:60]!r} says that the specimen was pulled: is this a record of pressing?")
     return _Table(path, arrays, labels, stated, lines, tuple(notes), head.unread, tuple(doubts), head.found, position,
-                  own, headers, tuple(turned))  # fmt: skip
+                  in_file, headers, tuple(turned), less, tuple(reckoned))  # fmt: skip
+
+
+def _in_words(columns: Mapping[str, Column]) -> list[str]:
+    """What is reckoned from the columns of a file, one sentence for each."""
+    said = []
+    for name, column in columns.items():
+        less = column.minus
+        if name != LESS and (less is not None or column.stiffness is not None):
+            first = f"{name} is {'−' * column.flip}{column.header!r}{_times(column)}"
+            sign = "" if less is None else " + " if less.flip else " − "
+            said.append(f"{first}{sign}{'' if less is None else repr(less.header) + _times(less, LESS)}")
+    return said
+
+
+def _unsubtracted(head: Head, columns: Mapping[str, Column]) -> list[str]:
+    """What to say of a travel that a study calls depth beside a deflection, which it does not subtract."""
+    found = bending(head.cells, head.units, [None] * len(head.cells)) if columns and LESS not in columns else None
+    if found is None or head.at.get("depth") != found[0]:
+        return []
+    depth, bends = (head.cells[k] for k in found[:2])
+    return [f"depth is {depth!r} as it stands, beside {bends!r}: what bends is subtracted by minus in [columns]"]
+
+
+def _times(column: Column, name: str = "") -> str:
+    """By what the values of a column are multiplied, or divided where it is subtracted, in words."""
+    k = column.stiffness
+    times = "" if k is None else f" / ({1e3 * k:.4g} N/m)" if name == LESS else f" · {1e3 * k:.4g} N/m"
+    return times or ("" if column.compliance is None else f" · {column.compliance:.4g} mm/N")
+
+
+def _segmented(head: Head, rows: Sequence[Row]) -> tuple[Head, dict[str, str], list[str]]:
+    """The header with a column of a machine's segments, what its words mean, and what to say; where no column has that
+    name in files that are read by their usual names."""
+    k = head.at.get("segment", customary.segment_column(head.cells) if head.customary else None)
+    if k is None:
+        return head, {}, []
+    below = (cells_of(text, head.separator) for _, text in rows[head.below :])
+    values = [cells[k] for cells in below if len(cells) == len(head.cells) and cells[k] not in ("", head.cells[k])]
+    codes, header = customary.segment_codes(values), head.cells[k]
+    if not codes:
+        shown = [] if "segment" in head.at else list(dict.fromkeys(values))
+        each = ", ".join(f'"{v[:20]}" = "…"' for v in shown[:SHOWN])
+        table = f'segment = {{ header = "{header}", values = {{ {each} }} }}'
+        text = (
+            f"{header!r} is not read: {table} in [columns] says which of its codes are {', '.join(SEGMENTS)} or {SKIP}"
+        )
+        return head, {}, [text] if 1 < len(shown) <= SHOWN else []
+    meant = ", ".join(f"{word!r} is {what}" for word, what in codes.items() if word != what)
+    of_it = (("at", k), ("unit", ""), ("factor", 1.0), ("zero", 0.0))
+    more = {name: {**getattr(head, name), "segment": value} for name, value in of_it}
+    return replace(head, **more), codes, [f"{header!r} is read as segment: {meant}"] if meant else []
 
 
 def _taken(head: Head, turned: Sequence[str]) -> list[str]:
     """What to say of columns that were taken by their customary names."""
     if not head.customary:
         return []
-    both = "; both signs were turned, which is a guess" if {"depth", "Fz"} <= set(turned) else ""
+    both = f"; both signs were turned, which is a guess: {BOTH}" if set(turned) >= {"depth", "Fz"} else ""
     each = [f"{head.cells[head.at[n]]!r} is read as {n}" + (", its sign turned" if n in turned else "")
             for n in head.customary]  # fmt: skip
     return [f"{'; '.join(each)}{both}; [columns] in the study file says it otherwise"]
@@ -406,10 +507,21 @@ def _kind(table: _Table, named: bool) -> Literal["force", "profile"]:
     return "profile" if surface else "force"
 
 
+def _against(less: np.ndarray, force: np.ndarray) -> bool:
+    """Whether a deflection (n,) and a force (n,) clearly go against each other."""
+    x, y = less - less.mean(), force - force.mean()
+    return float(x @ y) < -0.5 * float(np.sqrt((x @ x) * (y @ y)))
+
+
 def _repeat(table: _Table, kind: str, label: str) -> Repeat:
     """The rows of one repeat, checked."""
     rows = table.rows[label]
     data = {name: column[rows] for name, column in table.columns.items()}
+    if table.less is not None and "Fz" in data and _against(table.less[rows], data["Fz"]):
+        raise ValueError(
+            f"{table.path}: repeat {label!r}: what is subtracted of depth falls while Fz grows, and nothing bends so: "
+            "turn its sign (flip = true in minus, or without it), or that of Fz"
+        )
     depth, time = data.pop("depth"), data.pop("time", None)
     if kind == "force" and time is not None and np.any(np.diff(time) <= 0):
         k = int(np.argmax(np.diff(time) <= 0)) + 1

@@ -10,6 +10,7 @@ import numpy as np
 
 from rso.measurement.columns import Head, Row, cells_of, fail, is_number
 from rso.measurement.machine import MISSING, filled, parted_from_readings
+from rso.measurement.rows import rows_of
 from rso.units import BARE_COLUMNS
 
 HALF = 0.5  # of the longest stroke: a block that goes as far is a test of its own
@@ -115,22 +116,24 @@ def labels_of(
         again = len(np.unique(places, axis=0)) < len(places)
         return ((table + 1).astype(str) if again else one), []
     block = table if len(tables) > 1 else np.cumsum(np.diff(line, prepend=line[0]) > 1)
-    parts = [depth[block == k] for k in range(block[-1] + 1)]
+    first = np.flatnonzero(np.diff(block, prepend=-1))
+    parts = np.split(depth, first[1:])
     if len(parts) < 2:
         return one, []
-    loads = [k for k in range(len(parts)) if segment is None or "loading" in segment[block == k]]
+    told = None if segment is None else np.split(segment, first[1:])
+    loads = [k for k in range(len(parts)) if told is None or "loading" in told[k]]
     pressed = len(loads) == len(parts)
     if len(tables) < 2 and not pressed:
         again = [parts[k] for k in loads]
         if len(again) < 2 or min(map(len, again)) < FEWEST or not _alike(again, HALF):
             return one, []
-        where = _lines([int(line[np.argmax(block == k)]) for k in loads])
+        where = _lines([int(line[first[k]]) for k in loads])
         return one, [f"{len(again)} blocks load anew {where} and are read as one test; a column 'repeat' parts them"]
     if len(tables) < 2:
         if not (min(map(len, parts)) >= FEWEST and _alike(parts, HALF)):
             return one, []
         what = "blocks are parted by empty lines or comments"
-        headers = [int(line[np.argmax(block == k)]) for k in range(len(parts))]
+        headers = [int(line[k]) for k in first]
     else:
         what = "tables stand beneath one another"
         if not pressed or (not _alike(parts, START) and _go_on(parts) and not _anew(columns.get("time"), block)):
@@ -142,9 +145,9 @@ def labels_of(
                 f"{path}: {len(parts)} {what} and are no repeats of one test ({each}{', …' * (len(parts) > SHOWN)}): "
                 f'name the one that is meant, as in data = "{path.name}#{len(parts)}"'
             )
-    told = f"{len(parts)} {what} {_lines(headers)} and are read as repeats of one test"
+    said = f"{len(parts)} {what} {_lines(headers)} and are read as repeats of one test"
     return (block + 1).astype(str), [
-        f"{told}; different tests are files of their own, a way back is told by a column 'segment'"
+        f"{said}; different tests are files of their own, a way back is told by a column 'segment'"
     ]
 
 
@@ -156,14 +159,6 @@ def _apart(path: Path, table: np.ndarray, headers: Sequence[int], depth: np.ndar
             line = headers[table[parts[1][0]]]
             fail(path, line, f"a table begins again, with the repeat {label!r} of the one above: number its column "
                  "'repeat' through all tables, or do without it, then each table is a repeat")  # fmt: skip
-
-
-def rows_of(labels: Sequence[str]) -> dict[str, np.ndarray]:
-    """Indices of the rows of each label, in the order in which labels come first."""
-    found: dict[str, list[int]] = {}
-    for k, label in enumerate(labels):
-        found.setdefault(label, []).append(k)
-    return {label: np.array(rows) for label, rows in found.items()}
 
 
 def _alike(parts: Sequence[np.ndarray], share: float) -> bool:

@@ -6,6 +6,7 @@ import itertools
 import math
 import os
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from rso.contract import Backend
-from rso.measurement import Measurement, Noise, combine, read, recorded_speed, sheet_of
+from rso.measurement import CONTACT, Measurement, Noise, Unsaid, combine, read, recorded_speed, sheet_of
 from rso.study.columns import ColumnsTable
 from rso.study.errors import choose
 from rso.study.laboratory import inline, may_be_a_place, place
@@ -23,6 +24,7 @@ from rso.study.readings import by_hertz
 from rso.units import COLUMN_NAMES
 
 GUESS = "# <-"  # behind what nobody has stated
+TURNED = "pressed, as both signs were turned; a pull looks the same: else [columns] says so"
 TOP = (0.0, 0.0)
 RESOLVED = 0.035  # of the force at the deepest reading: what the mesh of a new study may miss
 AROUND = 3.0  # of the modulus of Hertz's limit, whose half-space the body is not
@@ -148,14 +150,27 @@ def _read(files: Sequence[str], columns: Mapping[str, Mapping[str, Any]]) -> Mea
     try:
         known = ColumnsTable(**columns).columns() if columns else {}
     except ValidationError as error:
-        raise ValueError("; ".join(f"--column {e['loc'][0]}: {e['msg']}" for e in error.errors())) from error
+        each = [(".".join(map(str, e["loc"])), e["msg"].removeprefix("Value error, ")) for e in error.errors()]
+        raise ValueError("; ".join(f"--column {place}: {message}" for place, message in each)) from error
     try:
         return read(files if len(files) > 1 else files[0], known)
+    except Unsaid as error:
+        words = "\n".join(f"  --column {shlex.join(_words(name, c))}" for name, c in error.columns.items())
+        raise ValueError(f"{error.message}:\n{words}") from error
     except ValueError as error:
         if "column" not in str(error):
             raise
         text = f"{error}\nsay what its columns are: --column depth HEADER mm --column Fz HEADER N, and flip behind the "
         raise ValueError(f"{text}unit where the machine counts with the other sign (rso keys columns)") from error
+
+
+def _words(name: str, column: Mapping[str, Any]) -> list[str]:
+    """A column as the words of --column say it, what is subtracted of it last."""
+    less, told = column.get("minus"), ("stiffness", "compliance")
+    said = [name] * bool(name) + [column[k] for k in ("header", "unit") if k in column]
+    said += [word for k in told if k in column for word in (k, column[k])]
+    said += ["flip"] * ("flip" in column) + ["contact"] * (column.get("zero") == CONTACT)
+    return said if less is None else [*said, "minus", *_words("", less)]
 
 
 def _remark(key: str, test: Test) -> str:
@@ -224,7 +239,7 @@ def _adhesion(pull: Mapping[str, float]) -> list[str]:
 def _lines(e: _Experiment, beside: Path) -> list[str]:
     m, data = e.measurement, [_beside(f, beside) for f in e.files]
     lines = ["[[experiments]]", f"name = {inline(e.name)}", f'role = "{e.role}"',
-             f"data = {inline(data[0] if len(data) == 1 else data)}"]  # fmt: skip
+             f"data = {inline(data[0] if len(data) == 1 else data)}{f'  {GUESS} {TURNED}' * m.guessed}"]  # fmt: skip
     settings = [f"point = {list(e.point or TOP)}"]
     if m.kind == "profile":
         lines += ['kind = "profile"']

@@ -127,6 +127,8 @@ Depth = number_in("mm", gt=0, le=1e6)
 Share = number_in("1", ge=0, lt=1)
 Tolerance = number_in("1", gt=0, lt=1)
 Duration = number_in("s", gt=0)
+Stiffness = number_in("N/mm", gt=0)
+Compliance = number_in("mm/N", gt=0)
 Count = Annotated[int, Field(ge=0, le=10_000_000)]
 Runs = Annotated[int, Field(ge=1, le=10_000)]
 Positive = Annotated[int, Field(ge=1, le=10_000_000)]

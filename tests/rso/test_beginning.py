@@ -250,3 +250,14 @@ def test_a_modulus_that_is_none_is_refused(tmp_path):
     (tmp_path / "a.csv").write_text("\n".join(["depth_mm,Fz_N", *rows, ""]))
     with pytest.raises(ValueError, match="falls"):
         begin(tmp_path / "study.toml", BACKEND, Test((30.0, 30.0, 30.0), 3.0), [str(tmp_path / "a.csv")])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_two_signs_that_were_turned_are_marked_as_a_guess(tmp_path, sign):
+    rows = [line.split(",") for line in hertz().splitlines()[1:]]
+    (tmp_path / "top.csv").write_text(
+        "\n".join(["Position (mm),Load (N)", *(f"{sign * float(u):g},{sign * float(F):g}" for u, F in rows), ""])
+    )
+    assert new(tmp_path, str(tmp_path / "top.csv")) == 0
+    (line,) = (v for v in (tmp_path / "study.toml").read_text().splitlines() if v.startswith("data"))
+    assert ("# <- pressed, as both signs were turned; a pull looks the same" in line) == (sign < 0)

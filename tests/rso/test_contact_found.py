@@ -2,12 +2,13 @@
 
 import re
 
+import contact_records
 import numpy as np
 import pytest
 import sample_studies as studies
 
 from rso.measurement import CONTACT, Column, customary, read
-from rso.measurement.contact import approached, begins_in_air
+from rso.measurement.contact import approached, begins_in_air, onset
 from rso.study import load
 
 TRUE, AIR = 0.0, 2.0
@@ -32,9 +33,9 @@ def write(path, head, *columns):
 @pytest.mark.parametrize("noise", [1e-4, 1e-3, 4e-3])
 @pytest.mark.parametrize("n", [41, 121])
 def test_the_stated_deviation_is_what_the_contact_is_off_by(noise, n):
-    """200 records: errors over stated deviations, which hold the bias of bodies other than this one too."""
+    """40 records: errors over stated deviations, which hold what other bodies than this one would do, too."""
     rng = np.random.default_rng(3)
-    found = [approached(*record(rng, n, noise)) for _ in range(200)]
+    found = [approached(*record(rng, n, noise)) for _ in range(40)]
     error, stated = (np.array([getattr(f, k) for f in found]) for k in ("depth", "deviation"))
     assert 0.15 < np.sqrt(np.mean((error - TRUE) ** 2) / np.mean(stated**2)) < 1.5
     assert np.mean(abs(error) < 2.5 * stated) > 0.9
@@ -78,11 +79,13 @@ def test_nor_is_it_remarked_upon_as_one(tmp_path, body):
 
 @pytest.mark.parametrize("air", [0.5, 2.0, 60.0])
 def test_an_approach_of_any_length_is_seen_and_does_not_move_the_contact(air):
-    rng, n = np.random.default_rng(8), int(50 * (air + 4.0))
+    rng, n, wide = np.random.default_rng(8), int(50 * (air + 4.0)), []
     for _ in range(5):
         u, F = record(rng, n, 1e-3, start=-air)
         found = approached(u, F)
-        assert begins_in_air(u, F) and abs(found.depth - TRUE) < 3 * found.deviation < 0.2
+        assert begins_in_air(u, F) and abs(found.depth - TRUE) < 3 * found.deviation
+        wide.append(found.deviation)
+    assert np.median(wide) < 0.2 / 3  # another body may not be excluded in one of them
 
 
 def remembering(rng, n, rho, sd):
@@ -96,12 +99,11 @@ def remembering(rng, n, rho, sd):
 def test_noise_that_remembers_and_a_drift_are_in_the_deviation():
     """Taken as white the first states a third of its error, the second, 1 mN/mm, is off by four times that."""
     rng, u = np.random.default_rng(9), np.linspace(-AIR, 4.0, 121)
-    found = [approached(u, pressed(u) + remembering(rng, 121, 0.9, 3e-3)) for _ in range(60)]
+    found = [approached(u, pressed(u) + remembering(rng, 121, 0.9, 3e-3)) for _ in range(30)]
     assert np.mean([abs(f.depth) < 2.5 * f.deviation for f in found]) > 0.8
     u = np.linspace(-10.0, 4.0, 281)
-    for _ in range(10):
-        f = approached(u, pressed(u) + 1e-3 * u + 1e-3 * rng.standard_normal(281))
-        assert abs(f.depth) < 2.5 * f.deviation < 0.1
+    found = [approached(u, pressed(u) + 1e-3 * u + 1e-3 * rng.standard_normal(281)) for _ in range(10)]
+    assert all(abs(f.depth) < 2.5 * f.deviation for f in found) and np.median([f.deviation for f in found]) < 0.04
 
 
 def test_a_shape_that_does_not_fit_is_in_the_deviation():
@@ -117,7 +119,8 @@ def test_the_contact_of_many_repeats_is_known_better_than_that_of_one(tmp_path):
     rng, u = np.random.default_rng(10), np.linspace(-AIR, 4.0, 121)
     files = [write(tmp_path / f"{k}.csv", "Displacement (mm),Force (N)", u, pressed(u) + noise) for k, noise in
              enumerate(0.005 * rng.standard_normal((9, 121)))]  # fmt: skip
-    assert 0.0 < read(files).contact < 0.6 * read(files[0]).contact
+    # what the shape of one record leaves open does not average out
+    assert 0.0 < read(files).contact < 0.8 * read(files[0]).contact
 
 
 def test_repeats_of_one_test_all_count_from_contact_or_none_does(tmp_path):
@@ -273,3 +276,12 @@ def test_a_contact_in_counts_is_said_in_counts(tmp_path):
     (said,) = (d for d in read(path, columns).doubts if "contact is found" in d)
     place = re.search(r"found at ([\d.]+) × 0\.005 mm ± ([\d.]+) × 0\.005 mm", said)
     assert abs(float(place[1]) - AIR / 0.005) < 3.0 * float(place[2])
+
+
+@pytest.mark.parametrize(("body", "before"), [("sphere", "creep"), ("flat end", "nothing"), ("cone", "drift")])
+def test_what_shape_and_approach_leave_open_is_in_the_deviation(body, before):
+    """By the scatter of a ball's fit alone a flat end is off by five standard deviations; more in the verification."""
+    rng = np.random.default_rng(16)
+    found = [onset(*contact_records.record(rng, body, before)) for _ in range(12)]
+    away = np.array([abs(f.depth) / f.deviation for f in found])
+    assert np.mean(away < 2.5) > 0.8 and np.median([f.deviation for f in found]) < 0.2

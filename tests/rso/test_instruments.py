@@ -133,9 +133,43 @@ def test_a_record_that_says_that_it_was_pulled_is_refused(tmp_path):
 def test_a_double_turn_is_marked_as_a_guess(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text(table(["Position (mm),Load (N)"], [-U, -F], ","))
-    assert any("both signs were turned, which is a guess" in d for d in read(path).doubts)
+    m = read(path)
+    assert any("both signs were turned, which is a guess: a pull looks the same" in d for d in m.doubts) and m.guessed
     path.write_text(table(["Position (mm),Load (N)"], [U, -F], ","))
-    assert not any("guess" in d for d in read(path).doubts)
+    assert not any("guess" in d for d in read(path).doubts) and not read(path).guessed
+
+
+WORDS = {"English": ("Load", "Hold", "Unload"), "German": ("Belasten", "Halten", "Entlasten"),
+         "microscope": ("extend", "pause", "retract")}  # fmt: skip
+THERE = np.r_[np.linspace(0.0, 1.2, 31), np.full(10, 1.2), np.linspace(1.2, 0.0, 21)[1:]]
+PARTS = np.r_[np.zeros(31, int), np.ones(10, int), np.full(20, 2)]
+
+
+def segmented(tmp_path: Path, words: tuple[str, ...], first: bool, name: str = "Segment") -> Path:
+    force = 0.8 * THERE**1.5 * np.where(PARTS > 0, 0.9, 1.0)
+    rows = [[f"{u:.6f}", f"{f:.6f}"] for u, f in zip(THERE, force, strict=True)]
+    rows = [[words[k], *row] if first else [*row, words[k]] for k, row in zip(PARTS, rows, strict=True)]
+    head = [name, "Indentation (mm)", "Force (N)"] if first else ["Indentation (mm)", "Force (N)", name]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(",".join(row) for row in [head, *rows]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("name", ["Segment", "Segment Type"])
+@pytest.mark.parametrize("first", [False, True])
+@pytest.mark.parametrize("language", WORDS)
+def test_words_of_segments_are_read_and_said(tmp_path, language, first, name):
+    m = read(segmented(tmp_path, WORDS[language], first, name))
+    assert m.repeats[0].segment.tolist() == np.array(["loading", "hold", "unloading"])[PARTS].tolist()
+    assert any(f"{name!r} is read as segment: {WORDS[language][0]!r} is loading, " in d for d in m.doubts)
+    assert m.unread == ()
+
+
+@pytest.mark.parametrize("codes", [("1", "2", "3"), ("Load", "Creep", "Unload")])
+def test_codes_of_segments_are_asked_about_and_not_guessed(tmp_path, codes):
+    m = read(segmented(tmp_path, codes, False, "SegmentID"))
+    assert "SegmentID" in m.unread and any(f'values = {{ "{codes[0]}" = "…", ' in d for d in m.doubts)
+    assert m.repeats[0].segment.tolist() != np.array(["loading", "hold", "unloading"])[PARTS].tolist()
 
 
 def test_a_penetration_counts_from_contact_as_it_says(tmp_path):

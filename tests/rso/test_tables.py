@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rso.measurement import Column, Measurement, read
+from rso.measurement import Column, Measurement, customary, read, tables
 
 U = np.round(np.linspace(0.0, 4.0, 41), 6)
 COLUMNS = {"depth": Column("Weg", "mm"), "Fz": Column("Kraft", "N")}
@@ -221,3 +221,31 @@ def test_tables_of_a_profile_are_its_depths_or_its_repeats(tmp_path, depths, rep
     lines = [line for d in depths for line in ("depth_mm,x_mm,y_mm,uz_mm", *(f"{d},{x},5,-0.1" for x in range(5)))]
     m = read(write(tmp_path, lines))
     assert [len(r.depth) for r in m.repeats] == [10 // repeats] * repeats
+
+
+class Counted(np.ndarray):
+    """An array that counts how many of its values are compared."""
+
+    compared = 0
+
+    def __eq__(self, other):
+        Counted.compared += self.size
+        return np.asarray(self) == other
+
+
+def counted(values) -> Counted:
+    Counted.compared = 0
+    return np.asarray(values).view(Counted)
+
+
+@pytest.mark.parametrize("n", [50, 500])
+def test_repeats_and_blocks_are_parted_by_looking_at_each_row_once(n):
+    """A mask for each of n labels looks at n times all rows."""
+    u = np.tile(np.linspace(0.0, 1.0, 8), n)
+    labels = counted(np.repeat(np.arange(n).astype(str), 8))
+    assert customary.turned({"depth": -u, "Fz": u**1.5}, labels, ("depth", "Fz")) == ["depth"]
+    assert Counted.compared <= 4 * len(u)
+    line = counted(np.arange(8 * n) + np.repeat(np.arange(n), 8))
+    rows = [(int(k), "") for k in np.asarray(line)]
+    found, told = tables.labels_of(Path("a.csv"), [(0, rows)], line, {"depth": u, "Fz": u**1.5}, [], None)
+    assert len(set(found.tolist())) == n and f"{n} blocks" in told[0] and Counted.compared <= 4 * len(u)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path.append(str(Path(__file__).parents[1] / "fem_backend"))  # cube.py is shared
+sys.path += [str(Path(__file__).parents[1] / name) for name in ("fem_backend", "rso")]  # cube.py, contact_records.py
 HEAD = """# Verification of the finite element backend
 
 Every figure is from a run of the test named beside it. The table is written by
