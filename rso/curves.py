@@ -89,11 +89,11 @@ def loading(travel: np.ndarray, value: np.ndarray) -> Resampling:
 
 
 def between(travel: np.ndarray, value: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """How far a :class:`Resampling` of value (n,) at travel (n,) mm may be off at `at` (m,): of its interval the largest
-    difference from a spline of degree five in s = √u.
+    """How far a :class:`Resampling` of value (n,) at travel (n,) mm may be off at `at` (m,).
 
-    Where there are fewer than five points, from the curve through every second one, whose error is at least
-    four times as large.  0 at computed points, for a single one, and before contact.
+    It is the largest difference of its interval from a spline of degree five in s = √u.  Where there are fewer
+    than five points, from the curve through every second one, whose error is at least four times as large.
+    0 at computed points, for a single one, and before contact.
     """
     u, y = np.asarray(travel, float), np.asarray(value, float)
     knots = np.append(0.0, u)

@@ -63,7 +63,8 @@ def _guarded(call: Callable[[], int]) -> int:
     except BrokenPipeError:  # whoever read has read enough, as head does: no fault of the folder or the study
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         _tell(
-            "rso: its output was closed, so it stopped; everything finished is stored, the same command goes on from there"
+            "rso: its output was closed, so it stopped; everything finished is stored, "
+            "the same command goes on from there"
         )
         return EXIT_INTERRUPTED
     except OSError as error:
@@ -91,8 +92,8 @@ def _foreseen(error: Exception) -> tuple[int, str]:
         from rso.study import StudyError
     except Exception:  # not this call's doing: it is the machine that does not let the program be loaded
         why = one(f"{type(error).__name__}: {error}")[:800]
-        return EXIT_BROKEN, (f"rso: cannot be loaded on this machine: {why}; where compiled code can be kept nowhere, let "
-                             "NUMBA_CACHE_DIR name a folder that can be written")  # fmt: skip
+        return EXIT_BROKEN, (f"rso: cannot be loaded on this machine: {why}; where compiled code can be kept nowhere, "
+                             "let NUMBA_CACHE_DIR name a folder that can be written")  # fmt: skip
     if isinstance(error, StudyError):
         return EXIT_BAD_INPUT, "\n".join(map(one, error.problems))
     if isinstance(error, StoreError | BrokenExecutor):
@@ -105,8 +106,8 @@ def _fault(error: Exception) -> str:
     frames = traceback.extract_tb(error.__traceback__)[-1:]
     where = "".join(f" at {os.path.basename(f.filename)}:{f.lineno}" for f in frames)
     said = one(f"{type(error).__name__}: {error}")
-    return (f"rso: a fault of the program{where}: {said[:800]}; runs stored so far are kept. Please report it, with what "
-            f"{DEBUG}=1 before the command prints")  # fmt: skip
+    return (f"rso: a fault of the program{where}: {said[:800]}; runs stored so far are kept. Please report it, with "
+            f"what {DEBUG}=1 before the command prints")  # fmt: skip
 
 
 def _tell(text: str) -> None:

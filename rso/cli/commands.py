@@ -92,7 +92,7 @@ def _column(words: Sequence[str]) -> tuple[str, dict[str, Any]]:
 
 
 def _minus(words: Sequence[str], behind: Sequence[str]) -> dict[str, Any]:
-    """What is subtracted of a column, by the words behind minus: header, unit, whether its sign is turned, stiffness."""
+    """What is subtracted of a column by the words behind minus: header, unit, whether its sign is turned, stiffness."""
     rest = list(behind)
     table = _flags(rest, 1, {"flip": FLAGS["flip"], "stiffness": None, "compliance": None})
     if len(rest) not in (1, 2):
@@ -418,8 +418,8 @@ def _folder(options: argparse.Namespace, study: Path) -> Path:
 
     beside = (study / "results").absolute()
     if options.out is None and beside.is_symlink():
-        raise StudyError([f"{beside}: is a symbolic link to {beside.resolve()}: say --out {beside.resolve()} if results "
-                          "are to go there"])  # fmt: skip
+        raise StudyError([f"{beside}: is a symbolic link to {beside.resolve()}: say --out {beside.resolve()} if "
+                          "results are to go there"])  # fmt: skip
     return options.out.absolute() if options.out else beside
 
 

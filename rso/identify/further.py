@@ -142,7 +142,8 @@ def _along(truth: float, sharpest: float) -> tuple[np.ndarray, np.ndarray]:
                       / (normal_cdf((1 - truth) / w) - normal_cdf(-truth / w)) for w in widths)]  # fmt: skip
     t = np.interp((np.arange(ALONG) + 0.5) / ALONG, np.mean(shares, axis=0), fine)
     heights = [np.ones_like(t), *(normal_pdf((t - truth) / w) / w
-                                  / (normal_cdf((1 - truth) / w) - normal_cdf(-truth / w)) for w in widths)]  # fmt: skip
+                                  / (normal_cdf((1 - truth) / w) - normal_cdf(-truth / w))
+                                  for w in widths)]  # fmt: skip
     return t, np.log(np.mean(heights, axis=0))
 
 

@@ -71,7 +71,8 @@ class Data:
         """The same curve with its readings in another order, or some of them."""
         return replace(
             self, depth=self.depth[order], value=self.value[order], covariance=self.covariance[np.ix_(order, order)],
-            shared={n: s[order] for n, s in self.shared.items()}, white=None if self.white is None else self.white[order],
+            shared={n: s[order] for n, s in self.shared.items()},
+            white=None if self.white is None else self.white[order],
             usual={n: U[order] for n, U in self.usual.items()},
         )  # fmt: skip
 

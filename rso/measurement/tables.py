@@ -139,7 +139,8 @@ def labels_of(
         if not pressed or (not _alike(parts, START) and _go_on(parts) and not _anew(columns.get("time"), block)):
             return one, [f"{len(parts)} {what} {_lines(headers)} and are read as one test that goes on in each"]
         if not _alike(parts, HALF):
-            each = ", ".join(f"#{k + 1} from line {headers[k]}: {len(v)} readings, depth from {v[0]:.4g} to {v[-1]:.4g} mm"
+            each = ", ".join(f"#{k + 1} from line {headers[k]}: {len(v)} readings, "
+                             f"depth from {v[0]:.4g} to {v[-1]:.4g} mm"
                              for k, v in enumerate(parts[:SHOWN]))  # fmt: skip
             raise ValueError(
                 f"{path}: {len(parts)} {what} and are no repeats of one test ({each}{', …' * (len(parts) > SHOWN)}): "

@@ -108,12 +108,12 @@ def _admit(path: Path, raw: bytes) -> None:
                 while piece := file.read(PIECE):
                     left -= len(piece)
                     if left < 0:
-                        raise Refused(f"{path}: unpacks to more than {UNPACKED / 1e6:.0f} MB, no sheet of readings does; "
-                                      "save the sheet as CSV")  # fmt: skip
+                        raise Refused(f"{path}: unpacks to more than {UNPACKED / 1e6:.0f} MB, no sheet of readings "
+                                      "does; save the sheet as CSV")  # fmt: skip
                     seen = (end + piece).replace(b"\0", b"")  # in UTF-16 too
                     if b"<!DOCTYPE" in seen and part.filename.endswith((".xml", ".rels")):
-                        raise Refused(f"{path}: its part {part.filename!r} declares entities, which no spreadsheet writes; "
-                                      "save the sheet as CSV")  # fmt: skip
+                        raise Refused(f"{path}: its part {part.filename!r} declares entities, which no spreadsheet "
+                                      "writes; save the sheet as CSV")  # fmt: skip
                     end = piece[-32:]
 
 
@@ -129,8 +129,8 @@ def _rows(path: Path, sheet: Any) -> list[list[Any]]:
         longest = max(longest, len(row))
         rows.append(row)
         if len(rows) * max(longest, 1) > CELLS:
-            raise Refused(f"{path}: sheet {sheet.title!r} spans more than {CELLS / 1e6:.0f} million cells; save what was "
-                          "measured as a file of its own")  # fmt: skip
+            raise Refused(f"{path}: sheet {sheet.title!r} spans more than {CELLS / 1e6:.0f} million cells; save what "
+                          "was measured as a file of its own")  # fmt: skip
     while rows and not rows[-1]:
         rows.pop()
     return [[*row, *[None] * (longest - len(row))] for row in rows]

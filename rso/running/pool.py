@@ -65,9 +65,10 @@ class WorkerPool(Executor):
     """`workers` persistent processes behind the interface of `concurrent.futures`.
 
     `source` is loaded once in each worker when it starts, which is when it gets its first task, or at once where `warm`
-    (as many as the machine has processors).  There are never more workers than tasks.  A task that takes longer than `timeout_s` (wall, s) is stopped by killing its worker; its future gets WorkerDied, the next task a
-    new worker.  Leaving the ``with`` block by an exception kills what still runs.  Workers exit when the parent dies
-    (compiled code that never releases the interpreter's lock delays this until it returns).
+    (as many as the machine has processors).  There are never more workers than tasks.  A task that takes longer than
+    `timeout_s` (wall, s) is stopped by killing its worker; its future gets WorkerDied, the next task a new worker.
+    Leaving the ``with`` block by an exception kills what still runs.  Workers exit when the parent dies (compiled code
+    that never releases the interpreter's lock delays this until it returns).
 
     Raises ValueError for `workers` < 1.  Futures get WorkersCannotStart if a worker cannot start.
     """

@@ -69,8 +69,8 @@ def choose(
 ) -> Choice:
     """Up to `count` candidates from the acceptable set {x: |r_j(x)| <= tolerance_j, no violation} or its neighbourhood.
 
-    residuals(X) (n, m) is signed, predicted − target. A Sobol sample of the box, its basins and the front are moved to the
-    acceptable set by shortest Gauss–Newton steps, each only as far as needed, so that they cover it. If a
+    residuals(X) (n, m) is signed, predicted − target. A Sobol sample of the box, its basins and the front are moved
+    to the acceptable set by shortest Gauss–Newton steps, each only as far as needed, so that they cover it. If a
     connected piece of it is longer than `long` along an axis of the cube it is a valley: the candidates are a
     central point that hits the targets and then points as far apart as possible. Otherwise they are the
     point with the smallest max |r|/tolerance and then the extremes of the front. Candidates are at least

@@ -207,8 +207,9 @@ def _parameters(backend: Backend, test: Test, experiments: Sequence[_Experiment]
             pull = backend.jkr(settings, curve.depth, curve.value)
             mu = float(pull.get("mu", mu))
         if mu <= 0.0:
-            raise ValueError(f"{force.files[0]}: the modulus by Hertz's limit would be {mu:.2g} MPa, which is none: Fz "
-                             "falls while the ball goes deeper; is it a tensile record, or a sign or a zero wrong?")  # fmt: skip
+            raise ValueError(f"{force.files[0]}: the modulus by Hertz's limit would be {mu:.2g} MPa, which is none: "
+                             "Fz falls while the ball goes deeper; is it a tensile record, "
+                             "or a sign or a zero wrong?")  # fmt: skip
     low, high = (mu / AROUND, mu * AROUND) if mu > 0 else WIDE
     limit = f"Hertz's limit of the shallow half says about {_two(1e3 * mu)} kPa"
     limit = f"adhesion: the JKR limit says about {_two(1e3 * mu)} kPa" if pull else limit
@@ -232,8 +233,9 @@ def _adhesion(pull: Mapping[str, float]) -> list[str]:
     if not pull:
         return []
     w = float(pull["adhesion"])
-    return [f'adhesion = {{ low = "{_two(w / AROUND)} N/mm", high = "{_two(w * AROUND)} N/mm", scale = "log" }}  {GUESS} '
-            f"Fz pulls: adhesion; JKR says about {_two(w)} N/mm, contact at {pull['contact']:.3g} mm in the file"]  # fmt: skip
+    return [f'adhesion = {{ low = "{_two(w / AROUND)} N/mm", high = "{_two(w * AROUND)} N/mm", scale = "log" }}  '
+            f"{GUESS} Fz pulls: adhesion; JKR says about {_two(w)} N/mm, "
+            f"contact at {pull['contact']:.3g} mm in the file"]  # fmt: skip
 
 
 def _lines(e: _Experiment, beside: Path) -> list[str]:

@@ -59,8 +59,8 @@ def _measured(study: Study, kind: str) -> dict[str, MeasuredCurve]:
             deepest, radius = float(curve.depth.max()), _radius(study, e.name)
             if deepest < (SHALLOWEST * radius or FINEST):
                 share = f", {deepest / radius:.1g} of the radius of the indenter, {radius:g} mm" if radius else ""
-                raise ValueError(f"the largest depth is {deepest:g} mm{share}: is column 'depth' in the unit that it is "
-                                 f"read in? Choose from {UNITS['mm']}")  # fmt: skip
+                raise ValueError(f"the largest depth is {deepest:g} mm{share}: is column 'depth' in the unit that it "
+                                 f"is read in? Choose from {UNITS['mm']}")  # fmt: skip
             curves[e.name] = curve
         except ValueError as error:
             problems.append(Problem(("experiments", n, "data"), f"cannot be used: {error}", e.files))

@@ -81,13 +81,18 @@ def check(study: Study, folder: Path, trust: bool, store: Path | None = None, jo
 
 
 def _open_to_others(study: Study) -> list[str]:
-    """A warning where simulations go to a scheduler that asks nobody who they are; Dask takes no scheme for tcp://."""
+    """A warning where simulations go to a scheduler that asks nobody who they are.
+
+    Dask takes no scheme for tcp://.
+    """
     address = study.dispatch.address
     if address is None or address.startswith(ENCRYPTED):
         return []
-    return [f"  warning: dispatch.address = {address!r} has no TLS, so neither encryption nor a password: whoever reaches",
-            "    that scheduler can run code as you there and change what is computed; tls:// with certificates is safe,",
-            "    or a network that only you can reach (docs/cluster.md)"]  # fmt: skip
+    return [
+        f"  warning: dispatch.address = {address!r} has no TLS, so neither encryption nor a password: whoever reaches",
+        "    that scheduler can run code as you there and change what is computed; tls:// with certificates is safe,",
+        "    or a network that only you can reach (docs/cluster.md)",
+    ]
 
 
 def _one_of_each(plan: Plan) -> list[Task]:
@@ -243,7 +248,8 @@ def _by_hertz(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
         if value <= 0.0:
             n = [e.name for e in plan.study.experiments].index(name)
             text = (f"Fz falls while the indenter goes deeper: Hertz's limit has {knob} = {value:.2g} MPa, which is no "
-                    "modulus; a sign, a zero, a tensile record, or adhesion: then open `adhesion` in [parameters]")  # fmt: skip
+                    "modulus; a sign, a zero, a tensile record, or adhesion: "
+                    "then open `adhesion` in [parameters]")  # fmt: skip
             raise study_error(plan.study.file, plan.study.lines, [Problem(("experiments", n, "data"), text)])
         out.append(f"Hertz's limit of its shallow half: {knob} about {value:.2g} MPa")
         axis = next((a for a in plan.resolved.axes if a.name == knob), None)

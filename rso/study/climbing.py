@@ -180,7 +180,10 @@ def fit_level(bench: Bench, level: Level, ranges: Mapping[str, tuple[float, floa
 
 
 def learnt(plan: Plan, axes: Axes, samples: Sequence[Sample], kind: str = "") -> Emulator:
-    """Emulator of the compared curves, of a `kind`: else that of [surrogate], whole curves where it leaves the choice."""
+    """Emulator of the compared curves, of a `kind`.
+
+    Without one it is that of [surrogate], whole curves where it leaves the choice.
+    """
     table = plan.study.surrogate
     kind = kind or ("whole_curve" if table.kind == "auto" else table.kind)
     return learn(axes.box, axes.group, curve_outputs(plan), samples, kind=kind, degree=table.degree, seed=plan.seed)

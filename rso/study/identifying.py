@@ -103,7 +103,7 @@ def of_identification(plan: Plan, found: Identified, settled: Settled) -> dict[s
                 "independent": d.draws.independent,
                 "r_hat": d.draws.r_hat,
                 "converged": d.draws.enough,
-            },  # fmt: skip
+            },
             "weightings": [{"weighting": w, "values": _values(plan, box, f.x)} for w, f in found.weightings.items()],
             "metrics": [
                 {"metric": name, "minima": [{"values": _values(plan, box, m.x), "value": m.value} for m in minima]}

@@ -225,8 +225,11 @@ class DispatchTable(Table):
     """Simulations at a time."""
     engine: Literal["local", "dask"] = "local"
     """Processes of this machine, or a Dask cluster."""
-    address: Annotated[str, Field(min_length=1, max_length=300)] | None = None
-    """Of a Dask scheduler that runs already; `tls://` with certificates where others reach it, else they run code as you."""
+    address: Annotated[str, Field(min_length=1, max_length=300)] | None = Field(
+        default=None,
+        description="Of a Dask scheduler that runs already; `tls://` with certificates where others reach it, "
+        "else they run code as you.",
+    )
     timeout: Duration | None = None
     """For one run, whatever the backend's own limit."""
 

@@ -354,7 +354,8 @@ def _warn_of_poor_surrogates(plan: Plan, fitted: stages.Fitted, found: dict[str,
         name = max(poor, key=lambda i: poor[i])
         found["warnings"].append(
             f"{len(poor)} of {len(used)} surrogates miss surrogate.tolerance = {100 * limit:g} % of the spread of "
-            f"their output on the last {used[name].n} runs that were new to them; worst is {name} with {100 * poor[name]:.2g} %"
+            f"their output on the last {used[name].n} runs that were new to them; "
+            f"worst is {name} with {100 * poor[name]:.2g} %"
         )
 
 

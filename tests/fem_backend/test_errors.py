@@ -540,7 +540,10 @@ def deep_error(D1, level, travel, force):
 
 
 def test_deep_forces_err_by_no_more_than_is_stated():
-    """16 forces at 2 to 2.7 R against an independent code: nine in ten lie within, in the median by less than 4 times."""
+    """16 forces at 2 to 2.7 R against an independent code: nine in ten lie within what is stated.
+
+    In the median the stated error is less than 4 times the true one.
+    """
     rows = [(D1, *row) for D1, found in DEEP.items() for row in found]
     true = np.array([abs(F / exact - 1.0) for *_, F, exact in rows])
     said = np.array([deep_error(D1, level, s, F) for D1, level, s, F, _ in rows])

@@ -1,4 +1,4 @@
-"""The user's cache of meshes: nothing in it is believed that is not the mesh of the recipe, whole and the user's own."""
+"""The user's cache of meshes: nothing in it is believed but the mesh of the recipe, whole and the user's own."""
 
 import os
 

@@ -26,7 +26,8 @@ SECTIONS = {
     "backend.settings": f"thickness = {THICKNESS}",
     "parameters": 'mu = { low = "6 kPa", high = "20 kPa", scale = "log" }\n'
     'D1 = { low = 10, high = 150, scale = "log" }',
-    "[experiments]": 'name = "top"\nrole = "fit"\ndata = "top.csv"\nnoise = { Fz = "0.02 mN", contact = "0 mm", gain = 0, correlation = "0 mm" }',
+    "[experiments]": 'name = "top"\nrole = "fit"\ndata = "top.csv"\n'
+    'noise = { Fz = "0.02 mN", contact = "0 mm", gain = 0, correlation = "0 mm" }',
     "doe": "runs = 16\nheld_out = 3",
     "surrogate": 'kind = "polynomial"',
     "sensitivity": "samples = 64",

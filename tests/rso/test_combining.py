@@ -237,7 +237,7 @@ def test_noise_that_remembers_is_seen_in_repeats(ρ, r):
 
 
 def test_white_noise_of_repeats_remembers_little():
-    """Neighbours share a quarter of their variance in one data set of ten at most where no correlated error is usual."""
+    """Neighbours share 25 % of their variance in one data set of ten at most where no correlated error is usual."""
     rng, found = np.random.default_rng(8), []
     for _ in range(50):
         C = combine(measured(U, white(3)(rng)), Noise(**NONE)).covariance
@@ -246,7 +246,10 @@ def test_white_noise_of_repeats_remembers_little():
 
 
 def test_what_is_usual_is_narrowed_by_repeats_that_do_not_show_it():
-    """Of white noise alone less than the usual 0.2 % of the largest force counts as correlated, of more repeats less."""
+    """Of white noise alone less than the usual 0.2 % of the largest force counts as correlated.
+
+    The more repeats there are, the less.
+    """
     rng, largest = np.random.default_rng(8), ball(U).max()
     sizes = []
     for r in (1, 3, 10):

@@ -296,7 +296,8 @@ def test_a_weight_is_that_of_a_body_and_no_multiple_of_its_modulus(modulus, seen
     from rso.diagnosis import bounded, catalogue
 
     settings = {"specimen": {"shape": "ellipsoid", "semi_axes": [30.0, 30.0, 30.0]},
-                "indenter": {"shape": "sphere", "radius": 3.0}, "support": {"kind": "fixed"}, "point": [0.0, 0.0]}  # fmt: skip
+                "indenter": {"shape": "sphere", "radius": 3.0},
+                "support": {"kind": "fixed"}, "point": [0.0, 0.0]}  # fmt: skip
     every = catalogue(BACKEND, settings, {}, ["mu", "D1"])
     kept, told = bounded(every, modulus, BACKEND.physical(), {})
     weights = [e for e in kept if e.size.name == "weight"]

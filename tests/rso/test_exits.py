@@ -111,7 +111,7 @@ def test_a_response_that_is_no_number_at_one_depth_fails_and_keeps_the_others():
         def __call__(self, values, case):
             return Response(channels, units, {"Fz": [0.1, 0.2, np.nan]})
 
-    with pytest.raises(NotFinite, match="'Fz' is nan at travel 1.5 mm"):
+    with pytest.raises(NotFinite, match=r"'Fz' is nan at travel 1\.5 mm"):
         Backend()({}, None)
     failed = simulate(Backend(), {}, None).result
     assert isinstance(failed, SimulationFailed) and failed.cause == "not_finite"

@@ -52,7 +52,8 @@ def test_modules_of_the_folder_a_worker_is_started_in_are_not_imported(tmp_path)
         (tmp_path / f"{name}.py").write_text("raise SystemExit('executed')\n")
     code = (
         "from rso.running import Source, WorkerPool\nimport math\n"
-        "with WorkerPool(1, source=Source('dummy_backend:BACKEND')) as pool: print(pool.submit(math.sqrt, 4.0).result())"
+        "with WorkerPool(1, source=Source('dummy_backend:BACKEND')) as pool: "
+        "print(pool.submit(math.sqrt, 4.0).result())"
     )
     environment = {**os.environ, "PYTHONPATH": str(HERE)}
     done = subprocess.run(
@@ -98,7 +99,8 @@ def _lives(process: str) -> bool:
 
 @pytest.mark.parametrize(("backend", "dispatch", "limit"), [
     ('use = "a:B"\ntimeout = "2 s"', "jobs = 1", 2.0), ('use = "a:B"\ntimeout = "2 s"', 'timeout = "1 s"', 1.0),
-    ('use = "a:B"', 'timeout = "3 s"', 3.0), ('use = "a:B"', "jobs = 1", None), ('command = ["a"]\ntimeout = "2 s"', "jobs = 1", None),
+    ('use = "a:B"', 'timeout = "3 s"', 3.0), ('use = "a:B"', "jobs = 1", None),
+    ('command = ["a"]\ntimeout = "2 s"', "jobs = 1", None),
 ])  # fmt: skip
 def test_the_time_out_of_a_backend_holds_for_an_object_too(tmp_path, backend, dispatch, limit):
     study = load(studies.write(tmp_path, backend=backend, dispatch=dispatch))
@@ -112,7 +114,8 @@ def test_the_time_out_of_a_backend_holds_for_an_object_too(tmp_path, backend, di
 @pytest.mark.parametrize(("value", "words"), [
     (np.array([1j, 2j]), "complex numbers"), ([1 + 0j, 2], "complex numbers"), (["1", "2"], "text"),
     ([True, False], "truth values"), (np.ma.array([1.0, 2.0], mask=[True, False]), "masked"),
-    ([None, 1.0], "no number"), ([{}, 1.0], "a number is expected"), ([1.0, 10**400], "too large"), ([np.nan, 1.0], "no number"),
+    ([None, 1.0], "no number"), ([{}, 1.0], "a number is expected"), ([1.0, 10**400], "too large"),
+    ([np.nan, 1.0], "no number"),
 ])  # fmt: skip
 def test_only_real_numbers_are_an_answer(value, words):
     units = {"time": "s", "travel": "mm", "Fz": "N"}
@@ -156,7 +159,10 @@ def disk_hash(file: Path) -> str:
 
 
 def test_helpers_enter_the_fingerprint_of_objects_and_commands(tmp_path):
-    script = "import sys, json\nimport aid_of_it\nprint(json.dumps({'name': 'x', 'numerics': 1, 'channels': {}, 'parameters': []}))\n"
+    script = (
+        "import sys, json\nimport aid_of_it\n"
+        "print(json.dumps({'name': 'x', 'numerics': 1, 'channels': {}, 'parameters': []}))\n"
+    )
     (tmp_path / "driver.py").write_text(script)
     prints = []
     for text in ("A = 1\n", "A = 2\n"):
@@ -229,8 +235,8 @@ def test_rows_of_an_older_version_stay_valid(tmp_path):
 
 
 @pytest.mark.parametrize("text", [
-    b" " * (100 * 1024 * 1024), b'{"channels": ' + b"[" * 200_000, b"[1, 2]", b"{}", b'{"channels": 3, "units": []}', b"nul",
-    b'{"channels": {"time": ["x"], "travel": [1]}, "units": {}}',
+    b" " * (100 * 1024 * 1024), b'{"channels": ' + b"[" * 200_000, b"[1, 2]", b"{}", b'{"channels": 3, "units": []}',
+    b"nul", b'{"channels": {"time": ["x"], "travel": [1]}, "units": {}}',
 ])  # fmt: skip
 def test_a_stored_answer_that_is_none_is_damage_in_words(tmp_path, text):
     file = stored(tmp_path)
@@ -242,8 +248,8 @@ def test_a_stored_answer_that_is_none_is_damage_in_words(tmp_path, text):
 
 
 @pytest.mark.parametrize(("column", "value"), [
-    ("cpu_s", "soon"), ("wall_s", b"1"), ("cpu_s", 1e999), ('"values"', "[]"), ('"values"', '{"x": "a"}'), ('"values"', "[" * 9000),
-    ("reason", b"\xff"), ("cause", b"\xff"), ("history", "[3]"),
+    ("cpu_s", "soon"), ("wall_s", b"1"), ("cpu_s", 1e999), ('"values"', "[]"), ('"values"', '{"x": "a"}'),
+    ('"values"', "[" * 9000), ("reason", b"\xff"), ("cause", b"\xff"), ("history", "[3]"),
 ])  # fmt: skip
 def test_what_a_row_says_of_its_run_is_of_the_kind_that_was_stored(tmp_path, column, value):
     file = stored(tmp_path)
@@ -408,8 +414,8 @@ def test_a_path_of_the_command_line_is_shown_as_text(tmp_path, capsys):
 
 
 def test_cells_of_runs_are_no_formulas(tmp_path):
-    run = {"key": "k", "purpose": "design", "state": "crashed", "cause": "@SUM(A1)", "reason": '=cmd|"/c calc"!A1', "wall_s": -1.0,
-           "cpu_s": 1.0, "values": {"=mu": -0.5}, "outputs": {"+Fz": -2.0}}  # fmt: skip
+    run = {"key": "k", "purpose": "design", "state": "crashed", "cause": "@SUM(A1)", "reason": '=cmd|"/c calc"!A1',
+           "wall_s": -1.0, "cpu_s": 1.0, "values": {"=mu": -0.5}, "outputs": {"+Fz": -2.0}}  # fmt: skip
     write_runs(
         tmp_path / "runs.csv",
         {"parameters": [{"name": "=mu", "unit": "MPa"}], "runs": [run, run | {"reason": " -1+1"}]},
@@ -431,7 +437,8 @@ def _number(text: str) -> bool:
 
 
 @pytest.mark.parametrize(("one_name", "other"), [
-    ("top", "Top"), ("top", "tоp"), ("top", "top "), ("A 1", "А1"), ("Η", "H"), ("top", "ｔop"), ("side b", "sideb"), ("l1", "ll"),
+    ("top", "Top"), ("top", "tоp"), ("top", "top "), ("A 1", "А1"), ("Η", "H"), ("top", "ｔop"), ("side b", "sideb"),
+    ("l1", "ll"),
 ])  # fmt: skip
 def test_names_that_look_alike_are_told_apart_or_refused(tmp_path, capsys, one_name, other):
     assert drawn(one_name) == drawn(other)
@@ -489,7 +496,8 @@ def test_closed_and_full_streams(tmp_path, closed):
 @pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>{err}"])
 def test_workers_of_a_command_without_streams_work(tmp_path, closed):
     code = (
-        "from rso.cli import _open_streams\n_open_streams()\nfrom rso.running import WorkerPool\nimport math, pathlib, sys\n"
+        "from rso.cli import _open_streams\n_open_streams()\n"
+        "from rso.running import WorkerPool\nimport math, pathlib, sys\n"
         "with WorkerPool(1) as pool: pathlib.Path(sys.argv[1]).write_text(str(pool.submit(math.sqrt, 4.0).result()))"
     )
     answer, err = tmp_path / "answer", tmp_path / "err"
@@ -581,6 +589,6 @@ def test_read_only_code_without_a_home_runs(tmp_path, read_only, temporary, code
 )
 def test_figures_are_drawn_whatever_a_machine_says_of_windows(name, value):
     code = "from rso.cli import main\nmain(['keys', 'study'])\nfrom rso.report import canvas\nprint('drawn')"
-    done = subprocess.run([sys.executable, "-P", "-c", code], cwd="/", env={**os.environ, name: value}, capture_output=True,
-                          text=True)  # fmt: skip
+    done = subprocess.run([sys.executable, "-P", "-c", code], cwd="/", env={**os.environ, name: value},
+                          capture_output=True, text=True)  # fmt: skip
     assert done.stdout.endswith("drawn\n") and "Traceback" not in done.stderr, done.stderr

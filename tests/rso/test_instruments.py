@@ -24,7 +24,8 @@ MACHINES = {  # text of the file
     "Hysitron": "Number of Points = 61\n" + table(["Depth (nm)\tLoad (uN)\tTime (s)", "eoh"], [U * 1e6, F * 1e6, T]),
     "plate reader rig": "Rig,7\nWell,X1\n\n" + table(
         ["Timestamp(s),Z_Position(mm),Corrected_Force(N)"], [100 + T, -10 - U, -F], ",") + "Total_Time(s),6.0\n",
-    "footer as wide as the table": table(["Indentation (mm),Force (N)"], [U, F], ",") + "Total_Measurement_Time(s),8.0\n",
+    "footer as wide as the table": table(["Indentation (mm),Force (N)"], [U, F], ",")
+    + "Total_Measurement_Time(s),8.0\n",
     "Mach-1": "<Mach-1 File>\n<INFO>\nDate:\tTue\n<END INFO>\n<Stress Relaxation>\nRamp Amplitude, mm:\t1.2\n<DATA>\n"
     + table(["Time, s\tPosition (z), mm\tFz, gf"], [T, U, -F / 9.80665e-3]) + "<END DATA>\n",
     "Piuma": "Date\t01/02/2024\nTip radius (um)\t50\nk (N/m)\t0.5\n\n" + table(
@@ -55,7 +56,10 @@ def test_the_numbers_of_an_instrument_come_back(tmp_path, machine):
 
 
 def two_blocks(tmp_path: Path) -> Path:
-    block = "<{}>\nStage Axis:\tPosition (z)\nRamp Amplitude, mm:\t0.3\n<DATA>\nTime, s\tPosition (z), mm\tFz, gf\n{}<END DATA>\n"
+    block = (
+        "<{}>\nStage Axis:\tPosition (z)\nRamp Amplitude, mm:\t0.3\n"
+        "<DATA>\nTime, s\tPosition (z), mm\tFz, gf\n{}<END DATA>\n"
+    )
     air = table([], [T[:20], U[:20], 0.0 * U[:20] + 0.01 * np.cos(T[:20] * 40)])
     press = table([], [T, 0.4 + U, -F / 9.80665e-3])
     path = tmp_path / "mach.txt"

@@ -584,7 +584,7 @@ def test_without_any_answer_nothing_is_chosen():
 
 
 def remembering_record(folder, law, length, seed, **more):
-    """The level "neo" alone on one record whose noise of 2 mN, of which nothing is stated, remembers over a length (mm).
+    """The level "neo" alone on a record whose noise of 2 mN, of which nothing is stated, remembers over a length (mm).
 
     Of errors of the test as a whole it is stated that there are none.
     """

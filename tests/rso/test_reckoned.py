@@ -1,4 +1,4 @@
-"""Depth less a deflection, force as stiffness times deflection: what comes back is what the tip did, or a clear error."""
+"""Depth less a deflection, force as stiffness times deflection: what the tip did comes back, or a clear error."""
 
 import numpy as np
 import pytest
@@ -118,10 +118,10 @@ def test_a_force_has_no_stiffness_and_a_force_alone_is_no_deflection(tmp_path):
     z, d, _ = approach()
     path = write(tmp_path / "a.csv", "Z (nm),Load (nN)", 1e6 * z, 1e9 * K * d)
     with pytest.raises(
-        ValueError, match="'nN' is not a unit of the kind 'mm'.*stiffness makes a force of a deflection"
+        ValueError, match=r"'nN' is not a unit of the kind 'mm'.*stiffness makes a force of a deflection"
     ):
         read(path, {"depth": Column("Z (nm)"), "Fz": Column("Load (nN)", stiffness=K)})
-    with pytest.raises(ValueError, match="'depth.minus'.*a force is subtracted with the stiffness or compliance"):
+    with pytest.raises(ValueError, match=r"'depth\.minus'.*a force is subtracted with the stiffness or compliance"):
         read(path, {"depth": Column("Z (nm)", minus=Column("Load (nN)")), "Fz": Column("Load (nN)")})
 
 

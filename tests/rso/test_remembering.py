@@ -86,7 +86,10 @@ def test_memory_that_is_known_is_not_looked_for():
     """By repeats, or by what the study states of it; nor where the errors are far larger than what is left."""
     rng = np.random.default_rng(5)
     remembers = [F + noise_of(0.3, rng) for _ in range(3)]
-    for curves, noise in ((remembers, Noise(**NONE)), (remembers[:1], Noise(correlation=0.3, Fz=SD, gain=0.0, contact=0.0))):
+    for curves, noise in (
+        (remembers, Noise(**NONE)),
+        (remembers[:1], Noise(correlation=0.3, Fz=SD, gain=0.0, contact=0.0)),
+    ):
         assert not found(curves, noise).misfit.data[0].memory
     assert found(remembers[:1]).misfit.data[0].memory > 0.7
     assert not found(remembers[:1], Noise(Fz=200 * SD, **NONE)).misfit.data[0].memory

@@ -1,4 +1,4 @@
-"""Usual errors of a whole test that nobody stated: they widen the interval, are named, and a statement replaces them."""
+"""Usual errors of a whole test that nobody stated widen the interval, are named, and a statement replaces them."""
 
 import re
 
