@@ -50,3 +50,11 @@ def test_what_is_stated_is_not_asked_for(tmp_path):
 def test_repeats_narrow_it(tmp_path):
     one, three = (mu(run(tmp_path / f"{r}", SILENT, repeats=r)) for r in (1, 3))
     assert width(three["interval"]) < width(one["interval"])
+
+
+@pytest.mark.parametrize("noise, said", [(0.0, True), (1e-3, False)])
+def test_readings_without_noise_are_called_so_beside_usual_errors(tmp_path, noise, said):
+    """Exact readings of which nothing is stated; the control scatters by 0.3 % of the largest force."""
+    (tmp_path / "top.csv").write_text(studies.measured(noise=noise))
+    found = studies.run(tmp_path, experiments=STATED.split("\nnoise")[0], surrogate='kind = "kriging"')
+    assert any("show no noise" in w for w in found["warnings"]) is said
