@@ -565,21 +565,22 @@ sys.exit(code)
 """
 
 
-@pytest.mark.parametrize(("temporary", "code"), [("there", 0), ("nowhere", 1)])
+@pytest.mark.parametrize(("temporary", "code"), [("there", 0), ("nowhere", 2)])
 def test_read_only_code_without_a_home_runs(tmp_path, read_only, temporary, code):
     """With a temporary folder of its own for compiled code, which is gone afterwards; with none in one sentence."""
     (tmp_path / "there").mkdir()
     studies.write(tmp_path / "study")
     # Python goes on to /tmp and to where it stands unless it is told otherwise.
     nowhere = "import tempfile\ntempfile._candidate_tempdir_list = lambda: ['/dev/null']\n"
-    (tmp_path / "sitecustomize.py").write_text(nowhere * code)
+    (tmp_path / "sitecustomize.py").write_text(nowhere if code else "")
     around = {"PYTHONPATH": f"{read_only}{os.pathsep}{tmp_path}", "HOME": "/dev/null", "PYTHONDONTWRITEBYTECODE": "1",
               "TMPDIR": str(tmp_path / temporary)}  # fmt: skip
     kept = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME")}
-    line = [sys.executable, "-P", "-c", KERNEL, "status", str(tmp_path / "study")]
+    command = ["check", str(HERE.parents[1] / "studies/kidney_em2")] if code else ["status", str(tmp_path / "study")]
+    line = [sys.executable, "-P", "-c", KERNEL, *command]
     done = subprocess.run(line, cwd="/", env=kept | around, capture_output=True, text=True, timeout=120)
     assert done.returncode == code and "Traceback" not in done.stderr, done.stderr
-    assert "not started" in done.stdout or (done.stderr.count("rso: cannot be loaded") == code == 1)
+    assert "not started" in done.stdout or (done.stderr.count("cannot be imported") == 1 and code == 2)
     assert code or done.stdout.splitlines()[-1] == "kept True"
     assert list((tmp_path / "there").iterdir()) == []
 
