@@ -17,6 +17,7 @@ from scipy.linalg import eigh
 from scipy.optimize import minimize
 
 LENGTHS = 5  # of correlation that are tried, from the spacing of readings to the whole travel
+POLISHED = 2  # of these are followed to their maximum, the likeliest from where they begin
 LOW = 1e-8  # of the white variance, at least: nothing
 FLAT = 1e-3  # weight of a prior that says nothing, so that a flat likelihood has a maximum
 
@@ -52,20 +53,21 @@ def parts(
     held = np.array([FLAT if p is None else weight for p in priors])
     usual = np.maximum(usual, LOW)
     starts = [np.r_[0.0, np.log(np.maximum(usual, 1e-2))], *_moments(Z[:k], Z[k:])]
+    bounds = [(np.log(max(least, 1e-6)), 12.0), *[(np.log(LOW), 25.0)] * 3]
+    starts = [np.clip(s, *np.transpose(bounds)) for s in starts]
+    tried = []
     for length in np.geomspace(span / max(len(u) - 1, 1), span, LENGTHS):
-        K = np.exp(-apart / length) * unit[0] / np.outer(root, root)
-        λ, Q = eigh(K, check_finite=False)
+        λ, Q = eigh(np.exp(-apart / length) * unit[0] / np.outer(root, root), check_finite=False)
         rotated = Z @ Q
         args = (np.maximum(λ, 0.0), rotated[:k] ** 2, rotated[:k], rotated[k:] * np.sqrt(unit[1:, None]), usual, held)
-        bounds = [(np.log(max(least, 1e-6)), 12.0), *[(np.log(LOW), 25.0)] * 3]
-        start = min((np.clip(s, *np.transpose(bounds)) for s in starts), key=lambda s: _minus(s, *args)[0])
-        result = minimize(_minus, start, args, jac=True, method="L-BFGS-B", bounds=bounds,
+        tried.append((*min((float(_minus(s, *args)[0]), j) for j, s in enumerate(starts)), float(length), args))
+    for _, j, length, args in sorted(tried, key=lambda t: t[0])[:POLISHED]:
+        result = minimize(_minus, starts[j], args, jac=True, method="L-BFGS-B", bounds=bounds,
                           options={"maxiter": 40, "ftol": 1e-7})  # fmt: skip
-        starts.append(result.x)
         if result.fun < best:
             best, v = result.fun, np.exp(result.x)
             v[1:][v[1:] < 10 * LOW] = 0.0
-            found = Parts(float(v[0]), float(v[1] * unit[0]), float(length), *map(float, v[2:] * unit[1:]))
+            found = Parts(float(v[0]), float(v[1] * unit[0]), length, *map(float, v[2:] * unit[1:]))
     return found
 
 

@@ -203,7 +203,8 @@ def _noiseless(plan: Plan, places: Sequence[Place], d: Determination) -> list[st
     """Curves without stated noise whose readings show less than what is added for the computation of the curve."""
     said = []
     for p, data in zip(places, d.misfit.data, strict=True):
-        shown, data = curve_data(plan, p).as_stated, data.as_stated  # usual errors are of the test, no noise of its readings
+        # Usual errors are of the test as a whole, no noise of its readings.
+        shown, data = curve_data(plan, p).as_stated, data.as_stated
         largest = float(np.abs(data.value).max()) or 1.0
         seen, whole = (float(np.sqrt(np.mean(v.sigma**2))) / largest for v in (shown, data))
         if np.isfinite(shown.freedom) and seen < NOISELESS and whole > 2.0 * seen:
