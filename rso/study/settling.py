@@ -38,7 +38,7 @@ from rso.study.plan import Plan
 from rso.study.readings import as_data, error_at, measured, of_interpolation
 from rso.study.resolve import resolve
 from rso.study.searching import Found
-from rso.study.stages import NOISE, Bench, Run, learn_more, learnt_anew, sample
+from rso.study.stages import NOISE, Bench, Run, learn_more, learnt_anew, misses, sample
 from rso.units import spaced
 
 ROUNDS = 4  # runs of the most likely point between two rounds of the ends of intervals, at most
@@ -199,10 +199,9 @@ def _least(now: Evidence, best: Fit) -> float:
 
 def _poor(plan: Plan, emulator: Emulator) -> tuple[str, ...]:
     """Ids of the fitted outputs whose surrogates miss surrogate.tolerance by cross-validation."""
-    fitted, limit = set(_fitted(plan)), plan.study.surrogate.tolerance
+    fitted = set(_fitted(plan))
     mine = [o.id for o in emulator.outputs if (o.experiment, o.channel) in fitted]
-    scores = [(i, emulator.surrogates[i].cv) for i in mine]
-    return tuple(i for i, cv in scores if cv is not None and cv.relative_rmse > limit)
+    return tuple(misses(plan, emulator, {i: m.cv for i in mine if (m := emulator.surrogates.get(i))}, mine))
 
 
 def _heard(

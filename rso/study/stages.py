@@ -261,14 +261,17 @@ def decisive(plan: Plan) -> list[str]:
     return [o.id for o in (*plan.outputs, *map(limited, plan.constraints))]
 
 
-def misses(plan: Plan, emulator: Emulator, scores: Mapping[str, Scores | None]) -> dict[str, float]:
-    """Errors of the decisive outputs that exceed surrogate.tolerance, as shares of the spread of the output by id.
+def misses(
+    plan: Plan, emulator: Emulator, scores: Mapping[str, Scores | None], of: Iterable[str] | None = None
+) -> dict[str, float]:
+    """Errors of outputs that exceed surrogate.tolerance, as shares of the spread of the output by id.
 
-    What the runs themselves do not know, their stated numerical error, is no fault of a surrogate.
+    `of` are the ids that are looked at, the decisive ones unless given.  What the runs themselves do not know, their
+    stated numerical error, is no fault of a surrogate.
     """
     found = {}
     by_id = {o.id: o for o in emulator.outputs}
-    for i in decisive(plan):
+    for i in decisive(plan) if of is None else of:
         one = scores.get(i)
         if one is None or i not in by_id:
             continue

@@ -1,13 +1,16 @@
 """What an identification says near walls, where surrogates are poor, and where simulations do not confirm them."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import sample_studies as studies
 
 from rso.doe import Box
+from rso.emulator import Output, Sample, learn
 from rso.identify import Data, Misfit, Model, determine
+from rso.similarity import Group
 from rso.study import identifying, settling
 from rso.study.settling import Settled
 
@@ -55,6 +58,17 @@ def test_a_wall_that_is_kept_changes_nothing():
     plain, walled = (determine(line(w), seed=0, mcmc=False) for w in (None, lambda X: X[:, :1] - 2.0))
     np.testing.assert_allclose(walled.fit.x, plain.fit.x, atol=1e-9)
     np.testing.assert_array_equal(walled.fit.jacobian, plain.fit.jacobian)
+
+
+@pytest.mark.parametrize("tolerance, poor", [(0.02, True), (0.2, False)])
+def test_what_a_surrogate_may_miss_is_a_share_of_the_spread_whatever_the_level(monkeypatch, tolerance, poor):
+    """A parabola of spread 1 on a level of 1e5 by a straight line: 7 % of the spread, 1e-6 of the level."""
+    box, out = Box(("x",), ("",), (0.0,), (1.0,), (False,)), Output("e", "Fz", 1.0, "N")
+    samples = [Sample({"x": x}, {out.id: 1e5 + x**2}) for x in np.linspace(0.0, 1.0, 9)]
+    emulator = learn(box, Group(None, 1.0, {}, {"Fz": 0}, ""), [out], samples, kind="polynomial", seed=0, degree=1)
+    monkeypatch.setattr(settling, "_fitted", lambda plan: [("e", "Fz")])
+    plan = SimpleNamespace(study=SimpleNamespace(surrogate=SimpleNamespace(tolerance=tolerance)))
+    assert bool(settling._poor(plan, emulator)) is poor
 
 
 @pytest.mark.parametrize(
