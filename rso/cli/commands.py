@@ -351,7 +351,7 @@ def status(options: argparse.Namespace, command: str) -> int:
     study = load(options.study)
     folder = _folder(options, study.folder)
     if not folder.exists():
-        print(f"{study.file}: not started ({folder} does not exist)")
+        print(f"{one(str(study.file))}: not started ({one(str(folder))} does not exist)")
         return 0
     try:
         found = disk.read_json(folder / "results.json")
