@@ -50,6 +50,12 @@ def t_ppf(p: Values, ν: Values) -> Values:
     return special.stdtrit(ν, p)
 
 
+def student(freedom: float, level: float = 0.9) -> float:
+    """How much wider an interval is with errors known from so many degrees of freedom: quantile of t over normal."""
+    tail = 0.5 * (1.0 + level)
+    return float(t_ppf(tail, freedom) / normal_ppf(tail)) if np.isfinite(freedom) else 1.0
+
+
 def normal_cdf(x: Values) -> Values:
     """Φ(x)."""
     return special.ndtr(x)

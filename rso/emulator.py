@@ -21,18 +21,18 @@ from rso.doe import Box
 from rso.similarity import Group
 from rso.surrogates import (
     CurvePoint,
+    MultiOutput,
     Scores,
     Surrogate,
-    Together,
     WholeCurve,
     beyond,
     fit,
     fit_curve,
     from_dict,
+    multi_output,
     refit,
     refit_curve,
     score,
-    together,
 )
 
 UNSEEN = 1e-10  # of an output's largest value: a smaller spread is rounding
@@ -101,7 +101,7 @@ class Emulator:
     degree: int | None = None
 
     @cached_property
-    def _together(self) -> dict[tuple[str, ...], Together]:
+    def _several(self) -> dict[tuple[str, ...], MultiOutput]:
         """Outputs that have been predicted together, by their ids."""
         return {}
 
@@ -120,9 +120,9 @@ class Emulator:
         if self.reduced is None:
             return np.stack([self._scaled(o, np.full(len(s), self._constant(o)), s) for o in outputs], axis=1)
         names = tuple(o.id for o in outputs)
-        if names not in self._together:
-            self._together[names] = together([self.surrogates[n] for n in names])
-        f = self._together[names].mean(R)
+        if names not in self._several:
+            self._several[names] = multi_output([self.surrogates[n] for n in names])
+        f = self._several[names].mean(R)
         return np.stack([self._scaled(o, f[:, k], s) for k, o in enumerate(outputs)], axis=1)
 
     def beyond(self, X: np.ndarray) -> np.ndarray:

@@ -91,7 +91,9 @@ def test_imports_lead_downwards_only(package, path):
 
 @pytest.mark.parametrize("package", ROOMS)
 def test_the_package_itself_imports_no_room(package):
-    assert list(imports((ROOT / package / "__init__.py").read_text(encoding="utf-8"), package)) == []
+    """But for the bare `rso`, which imports nothing itself: it sets threads and the place of compiled code."""
+    found = imports((ROOT / package / "__init__.py").read_text(encoding="utf-8"), package)
+    assert [name for name in found if name != ("rso",) or package == "rso"] == []
 
 
 @pytest.mark.parametrize(

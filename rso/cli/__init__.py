@@ -20,9 +20,7 @@ DEBUG = "RSO_TRACEBACK"  # environment variable: a fault of the program is raise
 def main(arguments: Sequence[str] | None = None) -> int:
     """Console script; returns the exit code.  Whatever goes wrong is told in one message, never as a traceback."""
     _open_streams()
-    os.environ["MPLBACKEND"] = (
-        "agg"  # figures go to files; matplotlib cannot be imported where it names none that it has
-    )
+    os.environ["MPLBACKEND"] = "agg"  # figures go to files; matplotlib does not start with a name that it lacks
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     out, err = Printable(sys.stdout), Printable(sys.stderr)
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):  # type: ignore[type-var]
@@ -37,9 +35,8 @@ def _open_streams() -> None:
         try:
             os.fstat(number)
         except OSError:
-            os.set_inheritable(
-                os.open(os.devnull, os.O_RDWR), True
-            )  # the lowest number that is free; workers have it too
+            # It takes the lowest number that is free; workers have it too.
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     for name, number in (("stdout", 1), ("stderr", 2)):
         stream = getattr(sys, name)
         if stream is None:

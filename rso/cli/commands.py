@@ -45,7 +45,7 @@ def new(options: argparse.Namespace, command: str) -> int:
         test = Test(tuple(options.semi_axes), options.radius, options.bowl, point, options.repeats, columns)
         text = begin(options.out, load_backend("fem_backend.backend:BACKEND"), test, options.fit, options.validate)
     except ValueError as error:
-        print(f"rso: {error}", file=sys.stderr)
+        _complain(error)
         return EXIT_BAD_INPUT
     draft = options.out.with_name(f"{options.out.name}.draft")
     try:
@@ -58,7 +58,8 @@ def new(options: argparse.Namespace, command: str) -> int:
         raise StudyError([*said, "the study that this would be cannot run; it was not written"]) from error
     finally:
         draft.unlink(missing_ok=True)
-    print(f"{options.out}: written; look at the lines with <-\n")
+    _say(f"{options.out}: written; look at the lines with <-")
+    print()
     study = load(options.out)
     own = options.out.stem == "study"  # a folder of results belongs to one study file
     folder = study.folder / ("results" if own else f"results_{options.out.stem}")
@@ -122,10 +123,20 @@ def keys(options: argparse.Namespace, command: str) -> int:
     try:
         lines = reference(options.table)
     except ValueError as error:
-        print(f"rso: {error}", file=sys.stderr)
+        _complain(error)
         return EXIT_BAD_INPUT
     _print(lines)
     return 0
+
+
+def _say(text: object) -> None:
+    """One line, whatever names are in it."""
+    print(one(str(text)))
+
+
+def _complain(text: object) -> None:
+    """The same of an error."""
+    print(one(f"rso: {text}"), file=sys.stderr)
 
 
 def _print(lines: Sequence[str]) -> None:
@@ -167,7 +178,7 @@ def run(options: argparse.Namespace, command: str) -> int:
     with _executor(study.dispatch, jobs, source_of(study), folder, warm) as pool:
         plan = plan or make_plan(study)
         if options.fresh and folder.exists():
-            print(f"old results moved to {set_aside(folder)}")
+            _say(f"old results moved to {set_aside(folder)}")
         claim(folder, study.file)
         with RunStore(_store(options, folder)) as store, Progress() as progress:
             try:
@@ -219,7 +230,9 @@ def diagnose(options: argparse.Namespace, command: str) -> int:
     failed = [f"failed simulation, its neighbours stand for it: {line}" for line in found["failed_runs"]]
     for line in [*found["words"], *failed]:
         print(textwrap.fill(line, min(shutil.get_terminal_size().columns, 100)))
-    print("\n" + "\n".join(str(f) for f in files))
+    print()
+    for file in files:
+        _say(file)
     failed = found["failed_runs"]
     return _ended(EXIT_FAILED_RUNS, f"{len(failed)} failed simulations; the first: {failed[0]}") if failed else 0
 
@@ -254,10 +267,12 @@ def ladder(options: argparse.Namespace, command: str) -> int:
         from rso.report.ladder import render_ladder
 
         files += render_ladder(found, folder, html=study.report.html, pdf=study.report.pdf)
-    print(f"\n{found['study']['title']}")
+    print()
+    _say(found["study"]["title"])
     _tell([*(s["words"] for s in found["steps"]), found["words"], *(f"warning: {w}" for w in found["warnings"])])
     print(f"  {found['counts']['runs']} simulations, {found['timings']['wall']:.0f} s")
-    print("\n".join(f"  {f}" for f in files))
+    for file in files:
+        _say(f"  {file}")
     return 0 if found["chosen"] else _ended(EXIT_FAILED_RUNS, f"no level has an answer: {found['words']}")
 
 
@@ -278,11 +293,13 @@ def next_test(options: argparse.Namespace, command: str) -> int:
         from rso.report.further import render_further
 
         files += render_further(found, folder, html=study.report.html, pdf=study.report.pdf)
-    print(f"\n{found['study']['title']}")
+    print()
+    _say(found["study"]["title"])
     unanswered = (f"no answer: {n}: {w}" for n, w in found["problems"].items())
     _tell([*found["words"], *(f"warning: {w}" for w in found["warnings"]), *unanswered])
     print("\n" + "\n".join(markdown(found)) + "\n")
-    print("\n".join(f"  {f}" for f in files))
+    for file in files:
+        _say(f"  {file}")
     lost = "; ".join(f"{n}: {w}" for n, w in found["problems"].items())
     return _ended(EXIT_FAILED_RUNS, f"no answer: {lost}") if lost else 0
 
@@ -296,7 +313,7 @@ def blind(options: argparse.Namespace, command: str) -> int:
 
     cases = cases_of(options.folder)
     if not cases:
-        print(f"rso: {options.folder}: no folder with a nominal.json in it", file=sys.stderr)
+        _complain(f"{options.folder}: no folder with a nominal.json in it")
         return EXIT_BAD_INPUT
     disk.folder(options.out)
     bad = 0
@@ -311,7 +328,7 @@ def blind(options: argparse.Namespace, command: str) -> int:
         )  # fmt: skip
         bad = sum("error" in data for _, data in found)
     errors = f"; {bad} with an error, tried again at the next call" if bad else ""
-    print(f"{len(cases)} cases, answers in {options.out}{errors}")
+    _say(f"{len(cases)} cases, answers in {options.out}{errors}")
     return _ended(EXIT_BAD_INPUT, f"{bad} of {len(cases)} cases have an error; their answers say it") if bad else 0
 
 
@@ -351,11 +368,11 @@ def status(options: argparse.Namespace, command: str) -> int:
     study = load(options.study)
     folder = _folder(options, study.folder)
     if not folder.exists():
-        print(f"{one(str(study.file))}: not started ({one(str(folder))} does not exist)")
+        _say(f"{study.file}: not started ({folder} does not exist)")
         return 0
     try:
         found = disk.read_json(folder / "results.json")
-        print(one(f"last finished stage: {found['stage']}"))
+        _say(f"last finished stage: {found['stage']}")
     except (OSError, ValueError, KeyError, TypeError):
         print("no stage is finished")
     with RunStore(_store(options, folder), read_only=True) as store:
@@ -365,7 +382,7 @@ def status(options: argparse.Namespace, command: str) -> int:
     for row in rows:
         if row.state != "done":
             reason, *_ = (*(row.reason or "").splitlines(), "no reason given")
-            print(f"  {row.state} {row.key[:12]} {dict(row.values)}: {reason}")
+            _say(f"  {row.state} {row.key[:12]} {dict(row.values)}: {reason}")
     return 0
 
 
@@ -387,28 +404,25 @@ def report(options: argparse.Namespace, command: str) -> int:
         try:
             found = disk.read_json(path)
         except FileNotFoundError:
-            print(f"rso: {path}: is not there; run the study first: rso {again} {options.study}", file=sys.stderr)
+            _complain(f"{path}: is not there; run the study first: rso {again} {options.study}")
             return EXIT_BAD_INPUT
         except (OSError, ValueError) as error:
-            print(f"rso: {path}: {error}; run the study first: rso {again} {options.study}", file=sys.stderr)
+            _complain(f"{path}: {error}; run the study first: rso {again} {options.study}")
             return EXIT_BAD_INPUT
         try:
             if found["schema"] != schema:
                 raise ValueError(f"schema {found['schema']}, expected {schema}")
             files = draw(found, folder, html=True, pdf=True)
         except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
-            print(
-                f"rso: {path}: holds no results that this version can show ({type(error).__name__}: {error}); "
-                f"run the study again: rso {again} {options.study}",
-                file=sys.stderr,
-            )
+            _complain(f"{path}: holds no results that this version can show ({type(error).__name__}: {error}); "
+                      f"run the study again: rso {again} {options.study}")  # fmt: skip
             return EXIT_BAD_INPUT
         for file in files:
-            print(file)
+            _say(file)
         then = (found.get("provenance") or {}).get("data_sha256") or now
         if changed := sorted(f for f in then.keys() | now.keys() if then.get(f) != now.get(f)):
-            print(f"rso: {path.name} and its page are of other data: since then {', '.join(changed)} changed, came or "
-                  f"went; run it again: rso {again} {options.study}", file=sys.stderr)  # fmt: skip
+            _complain(f"{path.name} and its page are of other data: since then {', '.join(changed)} changed, came or "
+                      f"went; run it again: rso {again} {options.study}")  # fmt: skip
     return 0
 
 

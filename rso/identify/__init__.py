@@ -12,8 +12,8 @@ from rso.identify.metric import MetricMinimum, curve_score, downhill, minimise
 from rso.identify.models import Place, emulated, has_gradients, resample, simulated, spread_of
 from rso.identify.remembering import remembering
 from rso.identify.sampling import Draws, sample
-from rso.identify.set_up import widened, with_usual
 from rso.identify.tangents import Frame, Sight, tangents
+from rso.identify.usual_errors import elsewhere, widened, with_usual
 from rso.identify.verdict import Verdict, judge
 
 __all__ = [
@@ -51,6 +51,7 @@ __all__ = [
     "determine",
     "directions",
     "downhill",
+    "elsewhere",
     "emulated",
     "expected_sd",
     "fit_at",

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rso.distributions import chi2_cdf, chi2_ppf, chi2_sf, f_sf, normal_ppf, t_ppf
+from rso.distributions import chi2_cdf, chi2_ppf, chi2_sf, f_sf, student
 from rso.doe import Box
 from rso.identify import directions as along
 from rso.identify.directions import Direction, Gain, best_depth, gain, per_log
@@ -34,11 +34,13 @@ UNLIKELY = 0.01  # a misfit that noise alone exceeds this seldom says that the m
 class AsStated:
     """Interval of a parameter with what is stated and shown alone, and how much of what widens it beyond is each error.
 
-    `shares` holds (name of the error, share of the variance that usual errors add), the largest first.
+    `shares` holds (name of the error, share of the variance that usual errors add), the largest first; `story` says
+    both intervals where they differ enough to be worth a word.
     """
 
     interval: Interval
     shares: tuple[tuple[str, float], ...]
+    story: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,12 +254,6 @@ def exceeded(chi2: float, ν: float, *known: float) -> float:
     if math.isinf(m):
         return float(chi2_sf(a * chi2 / ν, a)) if math.isfinite(a) else float(chi2 < ν)
     return float(f_sf(chi2 / ν, a, m)) if math.isfinite(a) else float(chi2_cdf(m * ν / chi2, m))
-
-
-def student(m: float, level: float = LEVEL) -> float:
-    """By how much wider an interval is with errors known from m degrees of freedom: quantile of t_m over normal."""
-    tail = 0.5 * (1 + level)
-    return float(t_ppf(tail, m) / normal_ppf(tail)) if math.isfinite(m) else 1.0
 
 
 def _known(

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import block_diag, null_space
 
-from rso.distributions import chi2_cdf
+from rso.distributions import chi2_cdf, student
 from rso.identify.likelihood import Data, Misfit, common
 from rso.measurement import memory
-from rso.measurement.usual import student
 
 SEEN = 0.001  # chance of errors of the stated size to leave so little: then it is not they that go together
 UNKNOWN = 0.01  # of the largest value: a reading's error, where no reading is left over to tell it

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
+from rso.distributions import student
 from rso.measurement import usual
 from rso.measurement.components import parts
 from rso.measurement.reading import Measurement, Repeat
@@ -306,7 +307,7 @@ def _scatter(
     for name, v in (("gain", p.gain), ("contact", p.contact), ("correlation", p.correlated)):
         v0, k = prior[name], dof[name]
         s2 = v if v0 is None else max(v * (usual.PRIOR + k) - usual.PRIOR * v0**2, 0.0) / k
-        a, b = usual.counted(v0 or 0.0, k, s2) if v0 is not None else (usual.student(usual.PRIOR + k) ** 2 * v, 0.0)
+        a, b = usual.counted(v0 or 0.0, k, s2) if v0 is not None else (student(usual.PRIOR + k) ** 2 * v, 0.0)
         stated = {"gain": noise.gain, "contact": noise.contact, "correlation": None}[name] or 0.0
         shown[name], rest[name] = max(a / r - stated**2, 0.0), math.sqrt(b / r) if name in noise.unstated else 0.0
     shared = {}

@@ -10,18 +10,13 @@ itself; two do not start from one degree of freedom.
 
 from __future__ import annotations
 
-from scipy.special import ndtri, stdtrit
+from rso.distributions import student
 
 PRIOR = 2.0  # degrees of freedom with which usual sizes are known: a test may well be off by three times as much
 GAIN = 0.02  # of the force: cells and amplifiers are within 0.1 to 2 %, radius and temperature come on top
 CONTACT = 0.01  # of the deepest travel: by eye or a touch threshold 0.05 to 0.3 mm of 4 to 10 mm
 CORRELATED = 0.002  # of the largest force: nonlinearity, hysteresis and drift of a cell, 0.1 to 0.2 % of its range
 OVER = 0.5  # of the travel, along which these belong together
-
-
-def student(freedom: float) -> float:
-    """How much wider a 90 % interval is with a size known from so many degrees of freedom: t over z."""
-    return float(stdtrit(freedom, 0.95) / ndtri(0.95))
 
 
 def scale(size: float) -> float:

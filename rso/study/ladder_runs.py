@@ -41,13 +41,16 @@ class Bench:
     cost: dict[str, float] = field(default_factory=dict)
 
     def run(self, level: Level, axes: Axes, cases: Sequence[Case], points: Sequence[Mapping[str, float]]):
-        """By point, the response of every case, or the reason why one has none."""
+        """By point, the response of every case, or the reason why one has none; NoAnswer for a level not modelled."""
         here = [replace(c, settings={**c.settings, **level.settings}) for c in cases]
         values = [axes.physical(p) for p in points]
         if level.closed_form:
             return [tuple(self.plan.backend.closed_form(v, c) for c in here) for v in values]  # type: ignore[attr-defined]
         tasks = [Task(v, c, frozenset()) for v in values for c in here]
-        outcomes = run_all(self.plan.backend, tasks, self.store, self.executor, watch=self.watch)
+        try:
+            outcomes = run_all(self.plan.backend, tasks, self.store, self.executor, watch=self.watch)
+        except ValueError as error:  # nothing was run
+            raise NoAnswer(f"the backend does not model it: {error}") from error
         self.cost.update({o.key: getattr(o, "cpu_s", 0.0) for o in outcomes if not isinstance(o, Crashed)})
         n = len(here)
         return [_answer(outcomes[k * n : (k + 1) * n]) for k in range(len(points))]

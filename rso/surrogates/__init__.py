@@ -3,19 +3,19 @@
 from rso.surrogates.choice import Surrogate, fit, from_dict, refit
 from rso.surrogates.hull import beyond
 from rso.surrogates.kriging import Kriging, fit_kriging
+from rso.surrogates.multi_output import MultiOutput, multi_output
 from rso.surrogates.polynomial import Polynomial, fit_polynomial
 from rso.surrogates.saving import load, save
 from rso.surrogates.scores import Scores, cross_validate, held_out, pooled, score
-from rso.surrogates.together import Together, together
 from rso.surrogates.whole_curve import CurvePoint, WholeCurve, fit_curve, on_common_grid, refit_curve
 
 __all__ = [
     "CurvePoint",
     "Kriging",
+    "MultiOutput",
     "Polynomial",
     "Scores",
     "Surrogate",
-    "Together",
     "WholeCurve",
     "beyond",
     "cross_validate",
@@ -26,11 +26,11 @@ __all__ = [
     "from_dict",
     "held_out",
     "load",
+    "multi_output",
     "on_common_grid",
     "pooled",
     "refit",
     "refit_curve",
     "save",
     "score",
-    "together",
 ]

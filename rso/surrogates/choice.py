@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
+from rso.distributions import chi2_ppf
 from rso.doe import factorial, sobol
 from rso.surrogates.common import powers
 from rso.surrogates.kernels import KERNELS
@@ -183,7 +183,7 @@ def _best_kriging(data: Data, share: float | None, logs: tuple[bool, ...], seed:
     trends = [q for q in (0, 1, 2) if q == 0 or n >= 2 * len(powers(d, q))]
     first = data if known else replace(data, noise=None)
     options = [(kernel, q, g) for kernel in KERNELS for g in logs for q in trends]
-    few = spread(data.X, _searched(d))
+    few = farthest_first(data.X, _searched(d))
 
     def search(data: Data, o: tuple[str, int, bool], share: float | None, restarts: int) -> Kriging:
         found = _kriging(data.rows(few), o, share, seed, restarts=restarts)
@@ -211,7 +211,7 @@ def _best_kriging(data: Data, share: float | None, logs: tuple[bool, ...], seed:
     size = float(np.abs(data.y).max()) or 1.0
     z = (mean - data.y) / np.maximum(np.hypot(sd, scatter), UNSEEN * size)
     # z² scatter: with the mean in place of the quantile every other band would be too narrow.
-    inflate = float(np.sqrt(max(np.sum(z**2) / chi2.ppf(SURE, n), 1.0)))
+    inflate = float(np.sqrt(max(np.sum(z**2) / chi2_ppf(SURE, n), 1.0)))
     cv = score(mean, data.y)
     model = replace(model, inflate=inflate, rivals=_rivals(cv.rmse, others))
     return replace(model, cv=_over_the_cube(model, cv)), cv
@@ -243,7 +243,7 @@ def _option(model: Kriging) -> tuple[str, int, bool]:
     return model.kernel, model.trend, model.log
 
 
-def spread(X: np.ndarray, m: int) -> np.ndarray:
+def farthest_first(X: np.ndarray, m: int) -> np.ndarray:
     """Rows (at most m) of X (n, d) that fill the space as X does: each is the farthest from those before it.
 
     Source: Gonzalez, Theor. Comput. Sci. 38 (1985) 293 (within a factor 2 of the least covering radius).

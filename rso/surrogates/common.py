@@ -86,5 +86,9 @@ def triangular(L: np.ndarray, B: np.ndarray, *, upper: bool = False) -> np.ndarr
     """L⁻¹ B for a lower triangular L (m, m), or L⁻ᵀ B for an `upper` one, B (m, n).
 
     LAPACK's own routine: predictions solve thousands of small systems, whose size scipy's checks outweigh.
+    LinAlgError where L is singular.
     """
-    return dtrtrs(L, B, lower=not upper, trans=int(upper))[0]
+    X, info = dtrtrs(L, B, lower=not upper, trans=int(upper))
+    if info:
+        raise np.linalg.LinAlgError(f"a triangular factor is singular (dtrtrs: {info})")
+    return X

@@ -246,18 +246,23 @@ def no_file(rng: random.Random, folder: Path) -> set[int]:
     """Something else in the place of a file."""
     path = folder / rng.choice(("study.toml", "top.csv"))
     path.unlink()
-    match rng.randrange(6):
+    of_other_kind(path, rng.randrange(6))
+    return BAD
+
+
+def of_other_kind(path: Path, kind: int) -> None:
+    """A folder, a loop of links, a device, a pipe or a link to nowhere, by `kind` from 0 to 4; else nothing."""
+    match kind:
         case 0:
             path.mkdir()
         case 1:
-            path.symlink_to(path.name)  # a loop
+            path.symlink_to(path.name)
         case 2:
             path.symlink_to("/dev/zero")
         case 3:
             os.mkfifo(path)
         case 4:
             path.symlink_to("/nowhere/at/all")
-    return BAD
 
 
 # ------------------------------------------------------------------------------------------------------ data file

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from rso.identify.determination import exceeded, student
+from rso.distributions import student
+from rso.identify.determination import exceeded
 from rso.measurement import Measurement, Noise, Repeat, combine
 from rso.measurement.scatter import beyond_said, of_repeats, ratio_of
 from rso.study.readings import as_data

@@ -413,6 +413,14 @@ def test_a_path_of_the_command_line_is_shown_as_text(tmp_path, capsys):
     assert "\x1b" not in said and "\nrso: forged" not in said
 
 
+@pytest.mark.parametrize(("command", "code"), [("status", 0), ("report", 2)])
+def test_a_folder_whose_name_holds_a_line_is_one_line(tmp_path, capsys, command, code):
+    studies.write(tmp_path)
+    assert main([command, str(tmp_path), "--out", str(tmp_path / "a\nrso: forged")]) == code
+    said = capsys.readouterr()
+    assert "a\n    rso: forged" in said.out + said.err and "\nrso: forged" not in said.out + said.err
+
+
 def test_cells_of_runs_are_no_formulas(tmp_path):
     run = {"key": "k", "purpose": "design", "state": "crashed", "cause": "@SUM(A1)", "reason": '=cmd|"/c calc"!A1',
            "wall_s": -1.0, "cpu_s": 1.0, "values": {"=mu": -0.5}, "outputs": {"+Fz": -2.0}}  # fmt: skip

@@ -270,6 +270,13 @@ def test_a_level_without_an_answer_is_passed_over(tmp_path):
     assert "no equilibrium beyond 1 mm" in next(s.words for s in found.climb.steps if s.name == "lossy")
 
 
+def test_a_level_that_the_backend_does_not_model_is_passed_over(tmp_path):
+    table = 'levels = ["hertz", { name = "odd", alone = true, settings = { law = "none" } }, "neo"]'
+    found, _ = climbed(tmp_path, "neo", 4e-4, table)
+    assert verdicts(found) == {"hertz": "fails", "odd": "no_answer", "neo": "adequate"}
+    assert "law = 'none'; choose from" in next(s.words for s in found.climb.steps if s.name == "odd")
+
+
 def test_a_level_that_is_not_similar_is_found_out(tmp_path):
     table = 'levels = [{ name = "sprung", alone = true, settings = { law = "neo", spring = 0.01 } }]'
     found, data = climbed(tmp_path, "neo", 4e-4, table)

@@ -427,8 +427,8 @@ def test_many_runs_are_searched_with_some_and_learnt_with_all(monkeypatch):
 
 def test_some_points_of_many_fill_the_space():
     X = np.random.default_rng(0).random((400, 2))
-    rows = choice.spread(X, 25)
-    assert len(set(rows)) == 25 and np.array_equal(choice.spread(X[:7], 25), np.arange(7))
+    rows = choice.farthest_first(X, 25)
+    assert len(set(rows)) == 25 and np.array_equal(choice.farthest_first(X[:7], 25), np.arange(7))
 
     def covering(points):
         return np.sqrt(((X[:, None] - points) ** 2).sum(axis=2)).min(axis=1).max()

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
+from rso.identify import Interval, elsewhere
+
 STATED = studies.SECTIONS["[experiments]"]
 SILENT = STATED.replace(', contact = "0 mm", gain = 0, correlation = "0 mm"', "")
 
@@ -58,3 +60,9 @@ def test_readings_without_noise_are_called_so_beside_usual_errors(tmp_path, nois
     (tmp_path / "top.csv").write_text(studies.measured(noise=noise))
     found = studies.run(tmp_path, experiments=STATED.split("\nnoise")[0], surrogate='kind = "kriging"')
     assert any("show no noise" in w for w in found["warnings"]) is said
+
+
+@pytest.mark.parametrize("at, said", [(0.8, True), (0.32, False)])
+def test_intervals_that_lie_apart_are_two_answers(at, said):
+    """What is stated says 0.3 to 0.5: a wider interval that begins at 0.4 is no wider one of the same."""
+    assert elsewhere(Interval(0.3, 0.5), Interval(0.5 * at, 0.9)) is said

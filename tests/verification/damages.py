@@ -94,17 +94,9 @@ def something_else(rng: random.Random, path: Path) -> None:
     else:
         path.unlink(missing_ok=True)
     victim = next(p / "victim" for p in path.parents if (p / "victim").exists())
-    match rng.randrange(9):
-        case 0:
-            path.mkdir()
-        case 1:
-            path.symlink_to(path.name)  # a loop
-        case 2:
-            path.symlink_to("/dev/zero")
-        case 3:
-            os.mkfifo(path)
-        case 4:
-            path.symlink_to("/nowhere/at/all")
+    kind = rng.randrange(9)
+    fuzzing.of_other_kind(path, kind)
+    match kind:
         case 5:
             path.symlink_to(victim)
         case 6:

@@ -178,7 +178,8 @@ def test_every_process_ends_in_words_wherever_it_is_started(tmp_path, bases, fir
         line = shell.format(shlex.join([sys.executable, "-P", "-m", "rso.cli", *case.arguments]))
         around = {
             **os.environ,
-            "PYTHONPATH": os.pathsep.join([str(RSO), os.environ.get("PYTHONPATH", "")]),
+            # An empty entry is the working folder, and without one Python itself does not start.
+            "PYTHONPATH": os.pathsep.join(filter(None, [str(RSO), os.environ.get("PYTHONPATH", "")])),
             **case.environment,
         }
         around = {k: v for k, v in around.items() if v is not None}

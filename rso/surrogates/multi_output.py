@@ -14,7 +14,7 @@ from rso.surrogates.whole_curve import CurvePoint
 
 
 @dataclass(frozen=True, eq=False)
-class Together:
+class MultiOutput:
     """Surrogates of one cube; `exponents` (terms, d) are all terms of the polynomials, `places` those of each."""
 
     models: tuple[Surrogate | CurvePoint, ...]
@@ -38,7 +38,7 @@ class Together:
         return np.stack(columns, axis=1)
 
 
-def together(models: Sequence[Surrogate | CurvePoint]) -> Together:
+def multi_output(models: Sequence[Surrogate | CurvePoint]) -> MultiOutput:
     """The surrogates with the terms that their polynomials share."""
     terms: dict[tuple[int, ...], int] = {}
     places = tuple(
@@ -47,4 +47,4 @@ def together(models: Sequence[Surrogate | CurvePoint]) -> Together:
         else np.empty(0, int)
         for m in models
     )
-    return Together(tuple(models), np.array(list(terms), int), places)
+    return MultiOutput(tuple(models), np.array(list(terms), int), places)

@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from rso.identify.determination import AsStated, Determination, determine
+from rso.identify.intervals import Interval
 from rso.identify.verdict import physical
 
 WORTH = 1.1  # times as wide: less is not worth a word
+APART = 0.25  # of its width that the interval as stated lies outside: the two say different things
 
 
 def with_usual(d: Determination, seed: int) -> Determination:
@@ -28,8 +30,8 @@ def with_usual(d: Determination, seed: int) -> Determination:
         whole = sum(variance.values()) or 1.0
         shares = tuple(sorted(((n, v / whole) for n, v in variance.items()), key=lambda s: -s[1]))
         found = AsStated(alone.known[k].profile_interval, shares)
-        text = _said(d, k, found)
-        known.append(replace(one, as_stated=found, reason=f"{one.reason} {text}".strip()))
+        found = replace(found, story=_said(d, k, found))
+        known.append(replace(one, as_stated=found, reason=f"{one.reason} {found.story}".strip()))
     return replace(d, known=tuple(known))
 
 
@@ -48,6 +50,12 @@ def _moved(d: Determination) -> dict[str, np.ndarray]:
     return {name: inverse @ d.misfit.white(U.T).T for name, U in columns.items()}
 
 
+def elsewhere(a: Interval, b: Interval) -> bool:
+    """Whether interval a lies outside of b by more than `APART` of its width: they do not say the same."""
+    outside = max(b.low - a.low, 0.0) + max(a.high - b.high, 0.0)
+    return outside > APART * max(a.high - a.low, 1e-12)
+
+
 def widened(d: Determination, k: int) -> float:
     """How many times as wide the interval of parameter k is as that with what is stated alone."""
     known = d.known[k]
@@ -61,17 +69,23 @@ def _said(d: Determination, k: int, found: AsStated) -> str:
     """The two intervals in words, the error that counts most, and the key that would state it."""
     known, box = d.known[k], d.misfit.model.box
     a, b = found.interval, known.profile_interval
-    if not found.shares or (b.high - b.low) < WORTH * (a.high - a.low):
+    moved = elsewhere(a, b)
+    if not found.shares or not (moved or (b.high - b.low) >= WORTH * (a.high - a.low)):
         return ""
     name = found.shares[0][0]
     curve, key = name.rsplit(": ", 1) if ": " in name else ("", name)
     of = f" of {curve}" if curve else ""
     what = {"correlation": "correlated", "gain": "gain", "contact": "contact"}.get(key, key)
-    low, high = (physical(box, k, i) for i in (a, b))
+    alone, with_them = (physical(box, k, i) for i in (a, b))
+    both = (
+        f"{known.name} is known to {_either(alone)} by what is stated alone, to {_either(with_them)} with usual errors"
+    )
+    if moved:
+        each = [f"{ends[0]:.3g} to {ends[1]:.3g} {box.units[k]}".strip() for ends in (alone, with_them)]
+        both = f"{known.name} hangs on usual errors: it is {each[0]} by what is stated alone, {each[1]} with those"
     return (
-        f"{known.name} is known to {_either(low)} by what is stated alone, to {_either(high)} with usual errors of a "
-        f"test. The usual {what} error{of}, {_size(d, name, key)}, counts most: noise.{key} states it, and 0 says that "
-        "there is none."
+        f"{both} of a test. The usual {what} error{of}, {_size(d, name, key)}, counts most: noise.{key} states it, "
+        "and 0 says that there is none."
     )
 
 
