@@ -3,6 +3,7 @@
     --peers PYTHON   an interpreter that has smt and openturns; without it a throw-away environment is made (pip)
     --no-peers       print without the peers
     --seeds N        designs per problem (10)
+    --many           only kriging of many runs: CPU time and error of one output
 
 Sections: Sobol indices against exact ones; what 90 % bands of kriging hold; kriging against SMT and OpenTURNS on
 identical designs; kriging through gradients against GEKPLS; hypervolume of NSGA-II on ZDT1 to 3; the three-term
@@ -135,6 +136,18 @@ def bands(problems: tuple[Problem, ...], seeds: int, points: int = 512) -> tuple
     return lines, found
 
 
+def many(points: int = 4096) -> list[str]:
+    """CPU time (s) of kriging an output of many runs, and its error over the deviation of new values."""
+    lines = ["Kriging of many runs: CPU time of one output, error over the deviation of new values"]
+    for f, name, d, runs in ((benchmarks.borehole, "borehole", 8, 500), (benchmarks.branin, "Branin", 2, 300)):
+        X, Q = design("lhs", d, runs, 0), sobol(d, points, 9)
+        began = time.process_time()
+        model, y = fit("kriging", X, f(X), seed=0), f(Q)
+        spent = time.process_time() - began
+        lines.append(f"  {name}, d = {d}, {runs} runs: {spent:.3g} s, {np.std(model.mean(Q) - y) / np.std(y):.2g}")
+    return lines
+
+
 def compare(
     title: str, problems: tuple[Problem, ...], seeds: int, python: str | None, slopes: bool, points: int = 2048
 ) -> tuple[list[str], dict[str, dict[str, list[float]]]]:
@@ -239,11 +252,15 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--peers")
     parser.add_argument("--no-peers", action="store_true")
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--many", action="store_true")
     given = parser.parse_args(arguments)
 
     def show(lines: list[str]) -> None:
         print("\n".join(lines), flush=True)
 
+    if given.many:
+        show(many())
+        return 0
     show(indices())
     show(bands(BANDS, given.seeds)[0])
     show(bands(FEW, given.seeds)[0])
