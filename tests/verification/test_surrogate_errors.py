@@ -34,8 +34,8 @@ def judged(f, d, runs):
         mean, sd = model.predict(Q)
         shares.append(np.mean(np.abs(mean - f(Q)) < 1.645 * sd))
         ratios.append(model.cv.rmse / held_out(model, Q, f(Q)).rmse)
-    print(f"{f.__name__}, {runs} runs: within the 90 % band {min(shares):.2f} in the worst design, "
-          f"{np.mean(shares):.2f} in the mean; cross-validation {np.median(ratios):.2g} times the true error")  # fmt: skip
+    text = f"within the 90 % band {min(shares):.2f} in the worst design, {np.mean(shares):.2f} in the mean"
+    print(f"{f.__name__}, {runs} runs: {text}; cross-validation {np.median(ratios):.2g} times the true error")
     return np.array(shares), np.array(ratios)
 
 
