@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from rso.contract import Case, Parameter, Programme, Response
-from rso.running import Source, Task, WorkerPool, run_all
-from rso.store import Done, RunStore
+from rso.evaluation import Source, Task, WorkerPool, run_all
+from rso.evaluation.store import Done, RunStore
 
 CHANNELS = {"time": "s", "travel": "mm", "Fx": "N", "Fy": "N", "Fz": "N"}
 

@@ -31,11 +31,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from rso import feasibility
 from rso.benchmarks import indentation
+from rso.core.similarity import Group
 from rso.doe import Box, design, sobol
-from rso.similarity import Group
-from rso.surrogates import fit
+from rso.emulation import feasibility, fit
 
 BOX = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.006, 10.0), (0.02, 150.0), (True, True))
 TRUE = np.array([0.012, 60.0])

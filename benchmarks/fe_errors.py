@@ -8,7 +8,8 @@ coarse and it (ratio of the errors of the force to its Richardson limit at the t
 limit).  What a run leaves to its step size and its augmentations is measured on the coarse mesh with half the step and
 six augmentations, and added; what the penalty of friction lets creep with three times the penalty.
 
-The coefficients (fem_backend/errors.py has them rounded by hand) come from seed 1 and the even draws of `--outside`: a
+The coefficients (fem_backend/accuracy/error_estimate.py has them rounded by hand) come from
+seed 1 and the even draws of `--outside`: a
 third each of bowls, tilts and misalignments, and the way back; those of the force, of contact and of depth are older
 and from seed 1 alone, those of lateral forces from balls that rub and from tilts (all but number 13 of the one).
 Tables: seed 1; seed 2; both; tilts of `--outside`; `--rubbing`, balls that slip or stick beside the top; these
@@ -34,14 +35,15 @@ from unittest import mock
 import numpy as np
 from scipy.optimize import linprog
 
-from fem_backend import errors, experiment, indentation
-from fem_backend import model as modelling
+from fem_backend.accuracy import error_estimate
+from fem_backend.accuracy.error_estimate import FORCES
 from fem_backend.backend import BACKEND, passages
-from fem_backend.errors import FORCES
-from fem_backend.experiment import Settings
-from fem_backend.indentation import Result
-from fem_backend.knobs import Knobs
-from fem_backend.newton import Counters
+from fem_backend.simulation import assembly as modelling
+from fem_backend.simulation import experiment, indentation
+from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.indentation import Result
+from fem_backend.simulation.knobs import Knobs
+from fem_backend.solver.newton import Counters
 from rso.contract import Programme
 
 CALIBRATE, CHECK, OUTSIDE, TURNING, RUBBING = 1, 2, 3, 4, 5  # seeds
@@ -322,13 +324,13 @@ def calibrate(checked: list[Checked]) -> None:
     """Coefficients of every kind of channel by quantile regression (Koenker & Bassett 1978) in relative errors."""
     rows: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for c in checked:
-        other, columns = (f(c.settings, c.knobs, c.result) for f in (errors.run_terms, errors.columns))
+        other, columns = (f(c.settings, c.knobs, c.result) for f in (error_estimate.run_terms, error_estimate.columns))
         for name, parts in columns.items():
             if name not in ("Fx", "Fy"):
                 rest = np.maximum(c.true[name] - other.get(name, 0.0), 0.0)
-                rows.setdefault(errors.kind(name), []).append((parts, rest))
-        for name, parts in errors.aslant(c.settings, c.knobs, c.result).items():
-            own = columns[name] @ np.array(errors.CALIBRATED["force"]) + other[name]
+                rows.setdefault(error_estimate.kind(name), []).append((parts, rest))
+        for name, parts in error_estimate.aslant(c.settings, c.knobs, c.result).items():
+            own = columns[name] @ np.array(error_estimate.CALIBRATED["force"]) + other[name]
             rows.setdefault("lateral", []).append((parts, np.sqrt(np.maximum(c.true[name] ** 2 - own**2, 0.0))))
     print(f"coefficients, {100 * QUANTILE:g} % below")
     for kind, parts in rows.items():
@@ -353,10 +355,10 @@ def table(checked: list[Checked]) -> None:
           f" {'true %':>7s} {'stated %':>8s} {'coarse %':>9s} {'standard %':>10s} {'fine %':>7s}")  # fmt: skip
     found: dict[str, list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]] = {}
     for c in checked:
-        for name, bound in errors.stated(c.settings, c.knobs, c.result).items():
+        for name, bound in error_estimate.stated(c.settings, c.knobs, c.result).items():
             if name not in ("time", "travel") and (bound > 0.0).any():
                 scale = np.abs(c.result.channels[name])
-                label = LABELS.get(name, "uz(x,y)" if errors.kind(name) == "uz" else name)
+                label = LABELS.get(name, "uz(x,y)" if error_estimate.kind(name) == "uz" else name)
                 found.setdefault(label, []).append((c.settings.level, bound, c.true[name], scale))
     for name, rows in found.items():
         bound, true, scale = (np.concatenate([r[i] for r in rows]) for i in (1, 2, 3))

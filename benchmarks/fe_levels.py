@@ -10,13 +10,17 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
-from fem_backend import element, experiment, indentation, linsolve, model, stress  # isort: skip (pins the threads)
-from fem_backend.experiment import Settings
-from fem_backend.indentation import Result
-from fem_backend.knobs import Knobs
+from fem_backend.kinematics import tetrahedra
+from fem_backend.simulation import assembly, experiment, indentation
+from fem_backend.solver import direct
+
+from fem_backend.materials import stress  # isort: skip (pins the threads)
 from fem_backend.laws import NeoHooke
-from fem_backend.model import Model
-from fem_backend.stepping import Control, Instant
+from fem_backend.simulation.assembly import Model
+from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.indentation import Result
+from fem_backend.simulation.knobs import Knobs
+from fem_backend.solver.load_steps import Control, Instant
 
 import numpy as np  # isort: skip
 
@@ -29,13 +33,13 @@ REPEATS = {"coarse": 3, "standard": 2, "fine": 1, "reference": 1}  # the last is
 def model_of(level: str) -> tuple[Settings, Model]:
     """The level's model on the mesh of this user's cache."""
     settings = experiment.read_settings({"mesh": {"level": level}})
-    return settings, model.model_for(settings, KNOBS, model.place(settings, KNOBS), None)
+    return settings, assembly.model_for(settings, KNOBS, assembly.place(settings, KNOBS), None)
 
 
 def run(settings: Settings, built: Model, asked: np.ndarray = ASKED) -> Result:
     """Run to the asked travels at 1 mm/s."""
     instants = [Instant(s, s, True) for s in asked]
-    return indentation.solve(settings, KNOBS, model.place(settings, KNOBS), built, instants)
+    return indentation.solve(settings, KNOBS, assembly.place(settings, KNOBS), built, instants)
 
 
 def timed(settings: Settings, built: Model, repeats: int) -> tuple[Result, float]:
@@ -49,7 +53,7 @@ def levels(models: dict[str, tuple[Settings, Model]]) -> None:
     run(*models["coarse"], np.array([0.2]))  # compile the kernels
     runs = {level: timed(*models[level], REPEATS[level]) for level in REPEATS}
     finest = list(runs.values())[-1][0].Fz
-    print(f"solver {linsolve.available()}; run to 4 mm, forces at {', '.join(f'{d:g}' for d in ASKED)} mm\n")
+    print(f"solver {direct.available()}; run to 4 mm, forces at {', '.join(f'{d:g}' for d in ASKED)} mm\n")
     print(f"{'level':9} {'nodes':>7} {'dofs':>7} {'CPU s':>7} {'its':>4} {'fact.':>5} {'F(4) N':>8}"
           f" {'to finest %':>26} {'to NGSolve %':>26}")  # fmt: skip
     for level, (result, seconds) in runs.items():
@@ -68,14 +72,14 @@ def solvers(built: Model, repeats: int = 3) -> None:
     """Seconds per factorisation and per solution of the undeformed stiffness on one mesh."""
     body = built.body
     state = stress.evaluate(NeoHooke(KNOBS.mu, KNOBS.D1), np.zeros((*body.w.shape, 3, 3)), tangent=True)
-    data = element.stiffness(body, state.F, state.S_geometric, state.C)
+    data = tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
     b = np.random.default_rng(0).normal(size=body.pattern.size)
     print(f"\nstandard mesh, {body.pattern.size} dofs: CPU s, median of {repeats}")
     print(f"{'solver':9} {'analysis':>9} {'factor':>9} {'solve':>9} {'residual':>9}")
     for name in ("pardiso", "superlu"):
         try:
             start = time.process_time()
-            factor = linsolve.solver(body.pattern, name)
+            factor = direct.solver(body.pattern, name)
             factor(data)  # pardiso analyses here
             first = time.process_time() - start
         except ImportError:
@@ -104,7 +108,7 @@ def augmentations(settings: Settings, built: Model) -> None:
         print(f"{k:2d} augmentations {row}  {result.counters.iterations:4d} its")
 
 
-def _times(pattern: element.Pattern, data: np.ndarray, x: np.ndarray) -> np.ndarray:
+def _times(pattern: tetrahedra.Pattern, data: np.ndarray, x: np.ndarray) -> np.ndarray:
     """The symmetric matrix times x."""
     rows = np.repeat(np.arange(pattern.size), np.diff(pattern.indptr))
     off = rows != pattern.indices

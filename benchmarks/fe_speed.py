@@ -22,8 +22,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fem_backend import condensed, element, linsolve, newton
 from fem_backend.backend import BACKEND
+from fem_backend.kinematics import tetrahedra
+from fem_backend.solver import condensation, direct, newton
 from rso.contract import Case, Programme, object_path
 
 SET1 = {"mu": 0.0099997, "D1": 5.8}
@@ -121,9 +122,9 @@ def overhead() -> float:
     case = Case("speed", Programme.ramp(ASKED), {"mesh": {"level": "standard"}})
     BACKEND(SET1, case)
     clock = Clock()
-    watched = [(element, "internal_force"), (element, "stiffness"), (element, "displacement_gradients"),
-               (newton.stress, "evaluate"), (linsolve._Pardiso, "_call"), (linsolve.Schur, "_call"),
-               (condensed, "cho_factor"), (condensed, "cho_solve")]  # fmt: skip
+    watched = [(tetrahedra, "internal_force"), (tetrahedra, "stiffness"), (tetrahedra, "displacement_gradients"),
+               (newton.stress, "evaluate"), (direct._Pardiso, "_call"), (direct.Schur, "_call"),
+               (condensation, "cho_factor"), (condensation, "cho_solve")]  # fmt: skip
     kept = [getattr(owner, name) for owner, name in watched]
     for (owner, name), function in zip(watched, kept, strict=True):
         setattr(owner, name, clock.watch(function))
@@ -141,7 +142,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--jobs", default="")
     options = parser.parse_args()
-    print(f"solver: {linsolve.available()}")
+    print(f"solver: {direct.available()}")
     print(f"{'job':28s} {'CPU s':>7s} {'dofs':>6s} {'its':>5s} {'slopes':>6s} {'off':>6s}  goal")
     with tempfile.TemporaryDirectory() as folder:
         for name, (goal, runs, from_anchor) in jobs().items():
@@ -161,7 +162,7 @@ def main() -> None:
             off = "" if "penalty" not in name else f"{apart(*runs[-1], responses[-1].channels['Fz']):.2%}"
             print(f"{name:28s} {np.median(seconds):7.2f} {responses[-1].info['dofs']:6d} {iterations:5d} "
                   f"{np.median(shares):6.1%} {off:>6s}  {goal}", flush=True)  # fmt: skip
-    if linsolve.available() == "pardiso":
+    if direct.available() == "pardiso":
         print(f"whole run / (assembly + factorisation + solution), standard level: {overhead():.2f}  (goal 1.2)")
 
 

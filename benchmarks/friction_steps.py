@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 
-from fem_backend import contact  # isort: skip (pins the threads before numpy)
+from fem_backend.contact import tractions  # isort: skip (pins the threads before numpy)
 
 import numpy as np
 
@@ -38,10 +38,10 @@ def main() -> None:
     dense = tuple(sorted({*ASKED, *(round(float(s), 6) for s in np.arange(args.step, ASKED[-1], args.step))}))
     for friction in map(float, args.friction.split(",")):
         exact, _ = run(friction, dense)
-        now = contact.met
-        contact.met = (lambda *_: None) if args.old else now
+        now = tractions.met
+        tractions.met = (lambda *_: None) if args.old else now
         found, error = run(friction, ASKED)
-        contact.met = now
+        tractions.met = now
         for c in ("Fx", "Fz"):
             off, stated, value = (100.0 * v / exact["Fz"] for v in (found[c] - exact[c], error[c], exact[c]))
             value, off, stated = (np.round(v, 2) for v in (value, off, stated))

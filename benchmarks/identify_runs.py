@@ -25,12 +25,12 @@ from typing import Any
 import numpy as np
 
 from fem_backend.backend import BACKEND
+from rso.calibration.pipeline import run_study
+from rso.calibration.plan import make_plan
 from rso.contract import Case, Programme
-from rso.running import Task, run_all
-from rso.store import Done, RunStore
+from rso.evaluation import Task, run_all
+from rso.evaluation.store import Done, RunStore
 from rso.study import load
-from rso.study.plan import make_plan
-from rso.study.whole import run_study
 
 SETTINGS: dict[str, Any] = {
     "specimen": {"shape": "ellipsoid", "semi_axes": [60.0, 35.0, 35.0]},

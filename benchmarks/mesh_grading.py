@@ -13,10 +13,12 @@ import json
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from fem_backend import experiment, indentation, meshing, model  # isort: skip (pins the threads before numpy)
-from fem_backend.knobs import Knobs
+from fem_backend.simulation import assembly, experiment, indentation
+
+from fem_backend import meshing  # isort: skip (pins the threads before numpy)
 from fem_backend.meshing import Mesh, Sizing, templates
-from fem_backend.stepping import Instant
+from fem_backend.simulation.knobs import Knobs
+from fem_backend.solver.load_steps import Instant
 
 import numpy as np  # isort: skip
 
@@ -60,8 +62,8 @@ class Row:
 def measure(mesh: Mesh, sizing: Sizing | None = None) -> Row:
     """Forces of one mesh for both laws."""
     settings = experiment.read_settings({})
-    place = model.place(settings, LAWS[0])
-    made = model.build(settings, mesh, place.body, place.planes)
+    place = assembly.place(settings, LAWS[0])
+    made = assembly.build(settings, mesh, place.body, place.planes)
     instants = [Instant(d, d, True) for d in ASKED]
     results = [indentation.solve(settings, law, place, made, instants) for law in LAWS]
     work, seconds = results[0].counters, results[0].cpu_s

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from rso.benchmarks import indentation
+from rso.calibration.readings import as_data
+from rso.data import Measurement, Noise, Repeat, combine
 from rso.doe import Box
-from rso.identify import Misfit, Model, all_minima, determine, remembering
-from rso.measurement import Measurement, Noise, Repeat, combine
-from rso.study.readings import as_data
+from rso.inference import Misfit, Model, all_minima, determine, remembering
 
 BOX = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.003, 2.0), (0.03, 200.0), (True, True))
 MU, D1, SD = 0.01, 20.0, 2e-3

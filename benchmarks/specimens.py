@@ -16,7 +16,7 @@ from fem_backend import meshing  # isort: skip (pins the threads before numpy)
 import numpy as np
 
 from fem_backend.backend import BACKEND
-from fem_backend.experiment import read_settings
+from fem_backend.simulation.experiment import read_settings
 from rso.contract import Case, Programme, SimulationFailed
 
 TOP = (0.0, 0.0)

@@ -25,10 +25,10 @@ from pathlib import Path
 
 import numpy as np
 
-from rso import benchmarks, sensitivity
+from rso import benchmarks
 from rso.doe import Box, design, sobol
-from rso.search import nsga2
-from rso.surrogates import fit
+from rso.emulation import fit, sensitivity
+from rso.optimise import nsga2
 
 HERE = Path(__file__).parent
 SHEET = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.006, 10.0), (0.02, 150.0), (True, True))

@@ -11,30 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from fem_backend import (
-    analytic,
-    anchors,
-    channels,
-    costs,
-    experiment,
-    foreseen,
-    indentation,
-    levels,
-    linsolve,
-    meshing,
-    nested,
-    possible,
-    slopes,
-)
-from fem_backend import model as modelling
-from fem_backend.channels import UNITS
-from fem_backend.errors import DEEP, at_depth, stated
-from fem_backend.experiment import Settings
-from fem_backend.indentation import Result
-from fem_backend.knobs import SWITCHES, Knobs
-from fem_backend.model import MISALIGNED, Model, NotModelled, Placement
-from fem_backend.newton import System
-from fem_backend.stepping import Instant, Stopped
+from fem_backend import meshing
+from fem_backend.accuracy import admissible_depth, closed_forms, two_grid, warm_starts
+from fem_backend.accuracy.error_estimate import DEEP, at_depth, stated
+from fem_backend.adapter import cost_model, model_hierarchy, priors
+from fem_backend.simulation import assembly as modelling
+from fem_backend.simulation import derivatives, experiment, indentation, outputs
+from fem_backend.simulation.assembly import MISALIGNED, Model, NotModelled, Placement
+from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.indentation import Result
+from fem_backend.simulation.knobs import SWITCHES, Knobs
+from fem_backend.simulation.outputs import UNITS
+from fem_backend.solver import direct
+from fem_backend.solver.load_steps import Instant, Stopped
+from fem_backend.solver.newton import System
 from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
 
 NUMERICS = 5  # raised when, and only when, answers change
@@ -87,7 +77,7 @@ class FiniteElements:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Every knob of :class:`fem_backend.knobs.Knobs`."""
+        """Every knob of :class:`fem_backend.simulation.knobs.Knobs`."""
         return parameters_of(Knobs)
 
     @property
@@ -116,50 +106,50 @@ class FiniteElements:
 
         `given` are knobs that have a value.
         """
-        return possible.plausible(experiment.read_settings(settings), given, {p.name: p for p in self.parameters})
+        return priors.plausible(experiment.read_settings(settings), given, {p.name: p for p in self.parameters})
 
     def tests(self, settings: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
         """Further tests of the same specimen, in words, and the settings that they replace."""
-        return possible.tests(experiment.read_settings(settings))
+        return priors.tests(experiment.read_settings(settings))
 
     def marks(self, settings: Mapping[str, Any]) -> Mapping[str, list[list[float]]]:
         """Surface marks that a camera could follow during a test, in words, and their places (x, y) in mm."""
-        return possible.marks(experiment.read_settings(settings))
+        return priors.marks(experiment.read_settings(settings))
 
     def prevented(self) -> Mapping[str, tuple[str, ...]]:
         """The same tests again with something kept from acting, in words, and its knobs."""
-        return possible.PREVENTED
+        return priors.PREVENTED
 
     def deep(self, settings: Mapping[str, Any]) -> float:
         """Travel (mm) by which elements under the ball are so distorted that programs part company."""
-        return possible.DEEP * experiment.read_settings(settings).R
+        return priors.DEEP * experiment.read_settings(settings).R
 
     def gauges(self, settings: Mapping[str, Any]) -> Mapping[str, tuple[str, float]]:
         """Knob → a measurement that shows it without indentation, and its standard uncertainty in the knob's unit."""
-        return possible.gauges(experiment.read_settings(settings))
+        return priors.gauges(experiment.read_settings(settings))
 
     def variants(self, settings: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
         """Other supports than that of the settings: what replaces them and the group of knobs that belongs to it."""
-        return possible.variants(experiment.read_settings(settings))
+        return priors.variants(experiment.read_settings(settings))
 
     def levels(self, settings: Mapping[str, Any]) -> tuple[tuple[Mapping[str, Any], ...], ...]:
-        """Models from simple to rich, alternatives side by side; see :func:`fem_backend.levels.levels`."""
-        return levels.levels(settings)
+        """Models from simple to rich, alternatives side by side: :func:`.model_hierarchy.levels`."""
+        return model_hierarchy.levels(settings)
 
     def closed_form(self, values: Mapping[str, float], case: Case) -> Response:
-        """Hertz's answer to the same case, for no cost; see :func:`fem_backend.levels.closed_form`."""
+        """Hertz's answer to the same case, for no cost; see :func:`fem_backend.adapter.model_hierarchy.closed_form`."""
         self.check(case)
         settings = experiment.read_settings(case.settings)
-        return levels.closed_form(settings, self.knobs(values, settings), case.programme)
+        return model_hierarchy.closed_form(settings, self.knobs(values, settings), case.programme)
 
     def start(self, case: Case, travel: np.ndarray, force: np.ndarray) -> Mapping[str, tuple[float, float, float]]:
-        """(low, value, high) of mu and D1 by Hertz, before any simulation; see :func:`fem_backend.levels.start`."""
-        return levels.start(experiment.read_settings(case.settings), travel, force)
+        """(low, value, high) of mu and D1 by Hertz, before any simulation: :func:`.model_hierarchy.start`."""
+        return model_hierarchy.start(experiment.read_settings(case.settings), travel, force)
 
     def cost(self, values: Mapping[str, float], case: Case) -> float:
-        """Seconds that a run takes, roughly; see :func:`fem_backend.costs.seconds`."""
+        """Seconds that a run takes, roughly; see :func:`fem_backend.adapter.cost_model.seconds`."""
         settings = experiment.read_settings(case.settings)
-        return costs.seconds(settings, self.knobs(values, settings), path_dependent(settings, values))
+        return cost_model.seconds(settings, self.knobs(values, settings), path_dependent(settings, values))
 
     def check(self, case: Case) -> None:
         """Raise ValueError for settings or programmes that are not modelled, and for artefacts that have no hash."""
@@ -179,7 +169,7 @@ class FiniteElements:
     def canonical(self, values: Mapping[str, float], case: Case) -> tuple[dict[str, float], Case]:
         """Defaults written out, what has no influence dropped: effects at neutral, times and returns if elastic."""
         settings = experiment.read_settings(case.settings)
-        known, own = {p.name: p for p in self.parameters}, {**possible.usual(settings), **dict(settings.defaults)}
+        known, own = {p.name: p for p in self.parameters}, {**priors.usual(settings), **dict(settings.defaults)}
         kept = {k: known[k].check(v) if k in known else v for k, v in {**own, **values}.items()}
         if settings.support != "bowl":
             kept = {k: v for k, v in kept.items() if not k.startswith("bowl_")}
@@ -215,10 +205,10 @@ class FiniteElements:
         try:
             knobs, deepest = self.knobs(values, settings), max(case.programme.travel_mm)
             modelling.admit(settings, knobs, modelling.place(settings, knobs))
-            end = foreseen.inadmissible(settings, knobs, deepest)
+            end = admissible_depth.inadmissible(settings, knobs, deepest)
         except ValueError as error:  # NotModelled, too
             return str(error)
-        return end.why if end is not None else foreseen.small_strains(settings, knobs, deepest)
+        return end.why if end is not None else admissible_depth.small_strains(settings, knobs, deepest)
 
     def ordinary(self) -> Mapping[str, str]:
         """Conditions between knobs that ordinary materials respect, and what they say: K/μ ≥ 2/3 with K = 2/D₁."""
@@ -230,7 +220,7 @@ class FiniteElements:
 
     def jkr(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, float]:
         """Modulus (MPa), work of adhesion (N/mm) and contact (mm) by knob of Fz (n,) N at depths (n,) mm that pulls."""
-        return levels.jkr(experiment.read_settings(settings), depth, force)
+        return model_hierarchy.jkr(experiment.read_settings(settings), depth, force)
 
     def resolution(self, settings: Mapping[str, Any], depth: float) -> Mapping[str, float]:
         """Level of the mesh, that of the settings first, and the share of the force that it misses at a depth (mm)."""
@@ -243,7 +233,7 @@ class FiniteElements:
 
     def hertz(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, float]:
         """The modulus (MPa) by knob that Fz (n,) N at depths (n,) mm would have in Hertz's limit, incompressible."""
-        return {"mu": levels.hertz(experiment.read_settings(settings), depth, force)}
+        return {"mu": model_hierarchy.hertz(experiment.read_settings(settings), depth, force)}
 
     def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
         """The mesh of the experiment and, for a body without memory, an anchor: states to start from."""
@@ -254,7 +244,7 @@ class FiniteElements:
         moved = any(getattr(knobs, name) for name in MISALIGNED)
         if not moved and not path_dependent(settings, dataclasses.asdict(knobs)):
             try:
-                out["anchor"] = anchors.recipe(settings, knobs, case.programme.asked_mm)
+                out["anchor"] = warm_starts.recipe(settings, knobs, case.programme.asked_mm)
             except NotModelled:
                 pass  # the run itself will say why
         return out
@@ -262,7 +252,7 @@ class FiniteElements:
     def make(self, recipe: str) -> bytes:
         """A mesh or an anchor from its recipe; raises SimulationFailed (bad_geometry) if there is none."""
         try:
-            return anchors.make(recipe) if anchors.is_anchor(recipe) else meshing.cached(recipe).to_bytes()
+            return warm_starts.make(recipe) if warm_starts.is_anchor(recipe) else meshing.cached(recipe).to_bytes()
         except meshing.BadMesh as error:
             raise SimulationFailed("bad_geometry", f"no mesh: {error}") from error
 
@@ -283,16 +273,18 @@ class FiniteElements:
         try:
             placement = modelling.place(settings, knobs)
             instants, slopes = passages(case.programme), differentiable(settings, knobs)
-            instants, end = _before(instants, foreseen.inadmissible(settings, knobs, max(case.programme.travel_mm)))
+            instants, end = _before(
+                instants, admissible_depth.inadmissible(settings, knobs, max(case.programme.travel_mm))
+            )
             model = modelling.model_for(settings, knobs, placement, None if path is None else str(path))
             guess, started = None, time.process_time()
             if anchor is not None:
-                guess = anchors.guess(str(anchor), model, analytic.poisson_ratio(knobs.mu, 2.0 / knobs.D1))
+                guess = warm_starts.guess(str(anchor), model, closed_forms.poisson_ratio(knobs.mu, 2.0 / knobs.D1))
             elastic = not path_dependent(settings, dataclasses.asdict(knobs))
-            if guess is None and elastic and nested.worthwhile(settings, knobs):
-                guess = nested.guess(settings, knobs, placement, model, instants)
+            if guess is None and elastic and two_grid.worthwhile(settings, knobs):
+                guess = two_grid.guess(settings, knobs, placement, model, instants)
             before = time.process_time() - started
-            how = nested.limit if settings.level == experiment.LIMIT else indentation.solve
+            how = two_grid.limit if settings.level == experiment.LIMIT else indentation.solve
             result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = _begun(dataclasses.replace(result, cpu_s=result.cpu_s + before), case.programme)
             if indentation.unstable(result) is not None:
@@ -320,7 +312,7 @@ class FiniteElements:
         unknown = sorted(set(values) - set(known))
         if unknown:
             raise ValueError(f"unknown parameter {unknown[0]!r}; choose from {', '.join(known)}")
-        own = {**possible.usual(settings), **dict(settings.defaults)}
+        own = {**priors.usual(settings), **dict(settings.defaults)}
         given = {**{n: p.default for n, p in known.items()}, **own, **values}
         missing = sorted(n for n, v in given.items() if v is None)
         if missing:
@@ -337,7 +329,9 @@ def _inadmissible(result: Result, model: Model, settings: Settings, knobs: Knobs
     return SimulationFailed("inadmissible", why, _response(result.upto(k), model, settings, knobs) if k else None)
 
 
-def _before(instants: list[Instant], end: foreseen.End | None) -> tuple[list[Instant], foreseen.End | None]:
+def _before(
+    instants: list[Instant], end: admissible_depth.End | None
+) -> tuple[list[Instant], admissible_depth.End | None]:
     """The instants before a law ends, and its end; NotModelled where no answer is asked for before it."""
     if end is None:
         return instants, None
@@ -435,7 +429,7 @@ def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
     if not settings.derivatives or not settings.multipliers or way or knobs.weight:
         return ()
     neutral = {p.name: p.neutral for p in BACKEND.parameters}
-    names = [n for n in slopes.MATERIAL_KNOBS if getattr(knobs, n) != neutral[n] or _always(settings, n)]
+    names = [n for n in derivatives.MATERIAL_KNOBS if getattr(knobs, n) != neutral[n] or _always(settings, n)]
     if "fibre" not in names or knobs.fibre_k2 == 0.0:
         names = [n for n in names if n != "fibre_k2"]
     return tuple(names)
@@ -453,13 +447,13 @@ def _response(result: Result, model: Model, settings: Settings, knobs: Knobs) ->
         **result.notes,
         "nodes": len(model.body.nodes),
         "dofs": model.body.pattern.size,
-        "solver": linsolve.available() if settings.solver == "auto" else settings.solver,
+        "solver": direct.available() if settings.solver == "auto" else settings.solver,
         "machine": platform.machine(),
         "reaction_Fz": result.reaction[:, 2].tolist(),
     }
     return Response(
         channels=result.channels,
-        units=channels.units(settings),
+        units=outputs.units(settings),
         error=stated(settings, knobs, result),
         gradients={k: dict(v) for k, v in result.gradients.items()},
         info=info,

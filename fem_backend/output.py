@@ -6,15 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
-from fem_backend import contact, element, post, stress
+from fem_backend import post
 from fem_backend.backend import Solved
-from fem_backend.stepping import Point
+from fem_backend.contact import tractions
+from fem_backend.kinematics import tetrahedra
+from fem_backend.materials import stress
+from fem_backend.solver.load_steps import Point
 
 
 def fields(solved: Solved, point: Point) -> post.Fields:
     """Stress and stretch at the quadrature points of one state, with the history that led there."""
     body, system, load = solved.model.body, solved.system, point.load
-    H = element.displacement_gradients(body, point.evaluation.u)
+    H = tetrahedra.displacement_gradients(body, point.evaluation.u)
     state = stress.evaluate(system.material, H, False, load.history, load.dt, system.scale)
     return post.fields(body, point.evaluation.u, system.material, state=state)
 
@@ -51,7 +54,7 @@ def draw(solved: Solved, folder: Path) -> list[Path]:
         nodal = post.nodal(body, fields(solved, point))
         u, touch = point.evaluation.u, point.load.touches[0]
         surface = solved.system.pairs[0].surface
-        points = contact.contact_points(surface, body.nodes + u)
+        points = tractions.contact_points(surface, body.nodes + u)
         on = point.evaluation.contact.pressure > 0
         spikes = (points[on], point.evaluation.contact.pressure[on]) if on.any() else None
         force = solved.result.Fz[k]

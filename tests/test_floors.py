@@ -99,16 +99,16 @@ def test_the_package_itself_imports_no_room(package):
 @pytest.mark.parametrize(
     ("package", "room", "source"),
     [
-        ("rso", "store", "from rso.search import choose"),
-        ("rso", "contract", "import rso.units"),
+        ("rso", "store", "from rso.optimise import choose"),
+        ("rso", "contract", "import rso.core.units"),
         ("rso", "curves", "def f():\n    from rso import doe"),
-        ("rso", "doe", "if True:\n    import numpy, rso.study.plan"),
+        ("rso", "doe", "if True:\n    import numpy, rso.calibration.plan"),
         ("rso", "cli", "from fem_backend.backend import BACKEND"),
         ("rso", "cli", "import fem_backend"),
         ("rso", "doe", "from .search import front"),
         ("rso", "cli", "from rso import nowhere"),
         ("fem_backend", "newton", "from rso.contract import Case"),
-        ("fem_backend", "backend", "from rso.units import quantity"),
+        ("fem_backend", "backend", "from rso.core.units import quantity"),
         ("fem_backend", "backend", "import rso"),
         ("fem_backend", "element", "from fem_backend import newton"),
     ],
@@ -120,7 +120,7 @@ def test_a_forbidden_import_is_caught(package, room, source):
 @pytest.mark.parametrize(
     ("package", "room", "inside", "source"),
     [
-        ("rso", "cli", (), "import rso\nfrom rso import __version__\nfrom rso.search import choose\nimport numpy"),
+        ("rso", "cli", (), "import rso\nfrom rso import __version__\nfrom rso.optimise import choose\nimport numpy"),
         ("rso", "study", ("study",), "from .errors import Problem\nfrom ..contract import Case\nfrom . import plan"),
         ("fem_backend", "backend", (), "from rso.contract import Case\nfrom fem_backend import newton, laws"),
     ],

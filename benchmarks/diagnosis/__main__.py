@@ -37,16 +37,16 @@ import smooth
 from cases import Table, draw_cases
 from scores import Scored
 
-from rso import diagnosis
-from rso.diagnosis import attribute
-from rso.diagnosis.attribute import Evidence
-from rso.diagnosis.detectable import Detectable, detectable
-from rso.diagnosis.effects import Effect
-from rso.diagnosis.library import Library
-from rso.running import run_all
-from rso.store import RunStore
+from rso import discrepancy
+from rso.discrepancy.evidence import attribution
+from rso.discrepancy.evidence.attribution import Evidence
+from rso.discrepancy.evidence.detectable import Detectable, detectable
+from rso.discrepancy.library.effects import Effect
+from rso.discrepancy.library.tables import Library
+from rso.discrepancy.study_diagnosis import ask
+from rso.evaluation import run_all
+from rso.evaluation.store import RunStore
 from rso.study import load
-from rso.study.diagnosing import ask
 
 REPORT = Path(__file__).parents[2] / "reports" / "diagnosis_emulator.md"
 SECTIONS = (
@@ -78,7 +78,7 @@ def library_of(folder: Path, store: Path) -> Library:
         copy = Path(folder_of_copy) / "store"
         shutil.copytree(store, copy, ignore=shutil.ignore_patterns("*.lock", "*.html", "*.pdf"))
         with RunStore(copy) as runs:
-            return diagnosis.build(asked.base, asked.plan, asked.effects,
+            return discrepancy.build(asked.base, asked.plan, asked.effects,
                                    lambda t: run_all(asked.base.backend, t, runs, NothingRuns()))  # fmt: skip
 
 
@@ -130,7 +130,7 @@ def main() -> None:
     whole = library_of(o.study, o.store or o.study / "results")
     library = replace(whole, plan=whole.plan.seen())
     y = library.plan.values()
-    bench = attribute.set_up(library, y)
+    bench = attribution.set_up(library, y)
     evidence = Evidence(bench, library.effects)
     before = detectable(evidence, y, o.seed)
     classes = classes_of(library.effects, before)

@@ -9,11 +9,11 @@ import numpy as np
 from scipy.linalg import cholesky
 from scipy.special import logsumexp
 
-from rso.diagnosis import attribute, noise
-from rso.diagnosis.attribute import GAPS, Bench, Contest, Evidence
-from rso.diagnosis.effects import Effect, Size
-from rso.diagnosis.mixture import log_evidence, log_tiles, mean_prediction, ready, whitening
-from rso.diagnosis.prediction import predict
+from rso.discrepancy.evidence import attribution, noise
+from rso.discrepancy.evidence.attribution import GAPS, Bench, Contest, Evidence
+from rso.discrepancy.evidence.gaussian_mixture import log_evidence, log_tiles, mean_prediction, ready, whitening
+from rso.discrepancy.library.effects import Effect, Size
+from rso.discrepancy.library.prediction import predict
 
 NULL, PAIRS = 0.3, 0.1  # shares of the cases; the rest has one cause
 SPREAD = 0.05  # of ln modulus around the one that gives the forces of the study
@@ -160,16 +160,16 @@ class Table:
 
 def contested(table: Table, rows: Sequence[int], first: Sequence[Contest], pairs: bool = False) -> list[Contest]:
     """The second contest of rows that have a gap, as the product holds it; `first` are those of all rows."""
-    last = {i: attribute.survivors(first[i]) for i in rows}
+    last = {i: attribution.survivors(first[i]) for i in rows}
     order = {e.name: k for k, e in enumerate(table.effects)}
-    asked = {i: [tuple(sorted(p, key=lambda e: order[e.name])) for p in attribute.pairs_of(v)]
+    asked = {i: [tuple(sorted(p, key=lambda e: order[e.name])) for p in attribution.pairs_of(v)]
              for i, v in last.items()} if pairs else {i: [] for i in rows}  # fmt: skip
     wanted: dict[tuple[Effect, Effect], list[int]] = {}
     for i, v in asked.items():
         for p in v:
             wanted.setdefault(p, []).append(i)
     table.add_pairs(wanted)
-    return [attribute.contests(table, np.array([i]), asked[i], finalists=frozenset(e.source for e in last[i]))[0]
+    return [attribution.contests(table, np.array([i]), asked[i], finalists=frozenset(e.source for e in last[i]))[0]
             for i in rows]  # fmt: skip
 
 

@@ -12,12 +12,12 @@ from cases import Table
 from scores import Scored
 from sections import Say, table
 
-from rso.diagnosis.attribute import Evidence
-from rso.diagnosis.effects import Effect
-from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judge import WHOLE
-from rso.diagnosis.judgement import Judgement
-from rso.diagnosis.unfitted import held_out, predicts
+from rso.discrepancy.diagnosis import WHOLE
+from rso.discrepancy.evidence.attribution import Evidence
+from rso.discrepancy.evidence.cross_validation import held_out, predicts
+from rso.discrepancy.evidence.hypotheses import Hypothesis
+from rso.discrepancy.evidence.verdict import Judgement
+from rso.discrepancy.library.effects import Effect
 
 MOST = 150  # cases found, with the true effect in the catalogue and without
 KINDS = ("no_gap", "unexplained", "partly", "ambiguous")

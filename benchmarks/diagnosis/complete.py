@@ -12,11 +12,11 @@ from scores import Scored, share
 from sections import Say, table
 from shrunk import ENOUGH, Closed, closed, quartiles, seen_rows
 
-from rso import diagnosis
-from rso.diagnosis import Diagnosis
-from rso.diagnosis.attribute import Evidence
-from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.library import Library
+from rso import discrepancy
+from rso.discrepancy import Diagnosis
+from rso.discrepancy.evidence.attribution import Evidence
+from rso.discrepancy.evidence.hypotheses import Hypothesis
+from rso.discrepancy.library.tables import Library
 
 CAUSES = ("explained", "measurement", "ambiguous")
 
@@ -29,7 +29,7 @@ def complete(say: Say, whole: Library, s: Scored, values: np.ndarray, count: int
     began, found, shares = time.process_time(), [], []
     for i in rows:
         own = replace(whole, plan=with_values(whole.plan, values[i]))
-        found.append(diagnosis.diagnose(own, seed))
+        found.append(discrepancy.diagnose(own, seed))
         shares += _closed(own, found[-1], s, i, values[i], seed)
     cost = (time.process_time() - began) / len(rows)
     source = {e.name: e.source for e in whole.effects}

@@ -14,17 +14,18 @@ from scipy.linalg import cholesky
 from scipy.special import logsumexp
 from scores import Scored, by_key
 
-from rso.diagnosis import attribute, hypotheses, next_test, proposals
-from rso.diagnosis.attribute import Bench, Contest, Evidence
-from rso.diagnosis.effects import Effect
-from rso.diagnosis.judge import WHOLE, misfit
-from rso.diagnosis.judgement import Judgement, judge
-from rso.diagnosis.library import Library
-from rso.diagnosis.mixture import mean_prediction, posterior
-from rso.diagnosis.prediction import predict
-from rso.diagnosis.remainder import remainder
-from rso.diagnosis.testplan import Profile, Test, TestPlan
-from rso.running import Task
+from rso.discrepancy import next_test, proposals
+from rso.discrepancy.diagnosis import WHOLE, misfit
+from rso.discrepancy.evidence import attribution, hypotheses
+from rso.discrepancy.evidence.attribution import Bench, Contest, Evidence
+from rso.discrepancy.evidence.gaussian_mixture import mean_prediction, posterior
+from rso.discrepancy.evidence.residual_test import remainder
+from rso.discrepancy.evidence.verdict import Judgement, judge
+from rso.discrepancy.library.effects import Effect
+from rso.discrepancy.library.prediction import predict
+from rso.discrepancy.library.tables import Library
+from rso.discrepancy.library.test_plan import Profile, Test, TestPlan
+from rso.evaluation import Task
 
 NULLS = 400
 Filter = Callable[[Contest], Contest]
@@ -36,15 +37,15 @@ ALONE = ("explained", "measurement")  # verdicts that name one cause as sure
 
 def threshold_of(evidence: Evidence, y: np.ndarray, seed: int, keep: Filter = lambda c: c) -> float:
     """Threshold of the statistic from the pipeline's own null, as the product has it."""
-    contests = attribute.contests(evidence, attribute.nulls(evidence, y, NULLS, seed))
-    return attribute.critical(np.array([keep(c).statistic for c in contests]))
+    contests = attribution.contests(evidence, attribution.nulls(evidence, y, NULLS, seed))
+    return attribution.critical(np.array([keep(c).statistic for c in contests]))
 
 
 def scored(evidence: Evidence, y: np.ndarray, cases: Cases, classes, seed: int, keep: Filter = lambda c: c,
            threshold: float | None = None, table: Table | None = None) -> Scored:  # fmt: skip
     """First contest, null, second contest without pairs, judgement."""
     table = Table(evidence, cases.Y) if table is None else table
-    first = [keep(c) for c in attribute.contests(table, np.arange(len(cases.Y)))]
+    first = [keep(c) for c in attribution.contests(table, np.arange(len(cases.Y)))]
     limit = threshold_of(evidence, y, seed, keep) if threshold is None else threshold
     rows = [i for i, c in enumerate(first) if c.statistic > limit]
     last = list(first)
@@ -126,7 +127,7 @@ def looked_at(evidence: Evidence, effects: Sequence[Effect], judged: Judgement, 
 def judged_without(table: Table, source: str, threshold: float, rows: Sequence[int]) -> list[tuple[Table, Judgement]]:
     """Judgements of some rows where a source is not in the catalogue, and the table without it."""
     few = table.seen_by([e for e in table.effects if e.source != source])
-    first = dict(zip(rows, attribute.contests(few, np.array(rows)), strict=True))
+    first = dict(zip(rows, attribution.contests(few, np.array(rows)), strict=True))
     gap = [i for i in rows if first[i].statistic > threshold]
     last = {**first, **dict(zip(gap, contested(few, gap, first), strict=True))}
     return [(few, judge(last[i], i in gap)) for i in rows]
@@ -151,13 +152,13 @@ def taken_out(
         blind += [j.verdict for j in judged]
         out[s] = [looked_at(table.evidence, few.effects, j, cases.Y[i], seed + i)
                   for i, j in zip(mine, judged, strict=True)]  # fmt: skip
-        for i, v, c in zip(mine, out[s], attribute.contests(few, np.array(mine)), strict=True):
+        for i, v, c in zip(mine, out[s], attribution.contests(few, np.array(mine)), strict=True):
             alone = [k for k, h in enumerate(c.hypotheses) if len(h.effects) == 1 and not h.unexplained]
             other = c.hypotheses[max(alone, key=lambda k, c=c: c.log_evidence[k] + c.log_prior[k])].effects
             left = [misfit(table.evidence, hypotheses.Hypothesis(tuple(e)), cases.Y[i])
                     for e in (other, cases.effects[i])]  # fmt: skip
             tells.append((v, len(cases.Y[i]) * (left[0] - left[1])))
-        for i, v, j, c in zip(mine, out[s], judged, attribute.contests(table, np.array(mine)), strict=True):
+        for i, v, j, c in zip(mine, out[s], judged, attribution.contests(table, np.array(mine)), strict=True):
             if v in ALONE:
                 own = (j.chosen.effects, cases.effects[i])
                 left = [misfit(table.evidence, hypotheses.Hypothesis(tuple(e)), cases.Y[i]) for e in own]
@@ -174,7 +175,7 @@ def with_twin(table: Table, cases: Cases, threshold: float, rows: Sequence[int])
     for i in rows:
         e = cases.effects[i][0]
         two = table.seen_by([*table.effects, replace(e, name=e.name + TWIN, cause="")])
-        first = {i: attribute.contests(two, np.array([i]))[0]}
+        first = {i: attribution.contests(two, np.array([i]))[0]}
         gap = first[i].statistic > threshold
         out.append(judge(contested(two, [i], first)[0] if gap else first[i], gap).verdict)
     return out
@@ -208,7 +209,7 @@ def taken_away(bench: Bench, y: np.ndarray, cases: Cases) -> dict[str, tuple[np.
         b = other_bench(bench, y, rows=own)
         table = Table(Evidence(b, effects), cases.Y)
         right = []
-        for i, c in enumerate(attribute.contests(table, np.arange(len(cases.Y)))):
+        for i, c in enumerate(attribution.contests(table, np.arange(len(cases.Y)))):
             p = by_key(c, c.probability)
             right.append(p.get(cases.truth(i), 0.0) / max(1 - p[()], 1e-300))
         out[name] = (np.array(right), len(own))

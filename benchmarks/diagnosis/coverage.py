@@ -11,13 +11,13 @@ from scores import share
 from sections import Say
 from sections import table as table_of
 
-from rso.diagnosis import attribute, noise
-from rso.diagnosis.attribute import Evidence
-from rso.diagnosis.judge import ENDS, LEVEL
-from rso.diagnosis.judgement import judge
-from rso.diagnosis.mixture import posterior
-from rso.diagnosis.prediction import predict
-from rso.diagnosis.undecided import draws, reach
+from rso.discrepancy.diagnosis import ENDS, LEVEL
+from rso.discrepancy.evidence import attribution, noise
+from rso.discrepancy.evidence.attribution import Evidence
+from rso.discrepancy.evidence.gaussian_mixture import posterior
+from rso.discrepancy.evidence.marginal_ranges import draws, reach
+from rso.discrepancy.evidence.verdict import judge
+from rso.discrepancy.library.prediction import predict
 
 DRAWS = 1000
 # Planted beside what is drawn from the priors: knobs with their values, left out where there is none.
@@ -67,7 +67,7 @@ def intervals(evidence: Evidence, cases: Cases, threshold: float, seed: int) -> 
     """ln of the ends of the modulus over the truth (B, 3, 2): of what is said as it was, of that where another program
     counts, over all that the data allow; and the verdicts of the contest."""
     library, table = evidence.bench.library, Table(evidence, cases.Y)
-    first = attribute.contests(table, np.arange(len(cases.Y)))
+    first = attribution.contests(table, np.arange(len(cases.Y)))
     rows = [i for i, c in enumerate(first) if c.statistic > threshold]
     last = dict(enumerate(first)) | dict(zip(rows, contested(table, rows, first), strict=True))
     out, verdicts = [], []

@@ -10,12 +10,12 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp
 from scipy.stats import beta
 
-from rso.diagnosis.attribute import NO_GAP, PRIOR, Contest, Evidence
-from rso.diagnosis.effects import Effect
-from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judge import LEVEL
-from rso.diagnosis.judgement import Judgement, judge
-from rso.diagnosis.mixture import log_tiles, mean_prediction, posterior
+from rso.discrepancy.diagnosis import LEVEL
+from rso.discrepancy.evidence.attribution import NO_GAP, PRIOR, Contest, Evidence
+from rso.discrepancy.evidence.gaussian_mixture import log_tiles, mean_prediction, posterior
+from rso.discrepancy.evidence.hypotheses import Hypothesis
+from rso.discrepancy.evidence.verdict import Judgement, judge
+from rso.discrepancy.library.effects import Effect
 
 DRAWS = 400
 Key = tuple[str, ...]

@@ -12,12 +12,12 @@ import numpy as np
 from cases import Cases, Table, contested
 from scores import Scored, baselines, covered, limit, oracle, share, slope
 
-from rso.diagnosis.attribute import Bench, Evidence
-from rso.diagnosis.detectable import Detectable
-from rso.diagnosis.next_test import SETTLED
-from rso.running import WorkerPool, run_all
-from rso.running.adapters import Source
-from rso.store import RunStore
+from rso.discrepancy.evidence.attribution import Bench, Evidence
+from rso.discrepancy.evidence.detectable import Detectable
+from rso.discrepancy.next_test import SETTLED
+from rso.evaluation import WorkerPool, run_all
+from rso.evaluation.adapters import Source
+from rso.evaluation.store import RunStore
 
 CONTROLS = 300  # cases of a control
 ABLATED = 500  # cases of an ablation

@@ -14,15 +14,15 @@ from scipy.stats import norm
 from scores import Scored, share
 from sections import Say, table
 
-from rso.diagnosis import attribute, noise, shrinkage
-from rso.diagnosis.attribute import Contest, Evidence
-from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.library import Library
-from rso.diagnosis.mixture import posterior
-from rso.diagnosis.prediction import predict
-from rso.diagnosis.shrinkage import Shrinkage
-from rso.diagnosis.testplan import TestPlan
-from rso.diagnosis.unfitted import left_out, shrinkage_of
+from rso.discrepancy.evidence import attribution, noise, shrinkage
+from rso.discrepancy.evidence.attribution import Contest, Evidence
+from rso.discrepancy.evidence.cross_validation import left_out, shrinkage_of
+from rso.discrepancy.evidence.gaussian_mixture import posterior
+from rso.discrepancy.evidence.hypotheses import Hypothesis
+from rso.discrepancy.evidence.shrinkage import Shrinkage
+from rso.discrepancy.library.prediction import predict
+from rso.discrepancy.library.tables import Library
+from rso.discrepancy.library.test_plan import TestPlan
 
 ENOUGH = 0.9  # of what the true effect closes
 LEFT_OUT = 100  # cases in which experiments are left out in turn
@@ -89,7 +89,7 @@ def means(whole: Library, evidence: Evidence, cases: Cases, rng: np.random.Gener
         out[rows] = cases.modulus[rows, None] * A + c
         if effects and effects[0].family == "scatter":
             for i in rows:
-                g = attribute.by_test(whole, effects[0], cases.at[i][None, :d], evidence.bench.modulus)
+                g = attribution.by_test(whole, effects[0], cases.at[i][None, :d], evidence.bench.modulus)
                 out[i] += cases.at[i][d] * rng.standard_normal(len(g)) @ g
     return out
 

@@ -12,8 +12,8 @@ from scipy.linalg import cholesky
 from scipy.special import comb
 from sections import Say, table
 
-from rso.diagnosis.attribute import Bench, Evidence
-from rso.diagnosis.testplan import Test
+from rso.discrepancy.evidence.attribution import Bench, Evidence
+from rso.discrepancy.library.test_plan import Test
 
 CASES = 300
 AMPLITUDE = (0.005, 0.1)  # largest relative change of the force at a place

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from fem_backend.voigt import COL, ROW, cauchy_green, spread
+from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, spread
 
 
 @dataclass(frozen=True)

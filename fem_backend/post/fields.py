@@ -9,10 +9,11 @@ import numpy as np
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
-from fem_backend import element, stress
-from fem_backend.element import Body
-from fem_backend.stress import PointState
-from fem_backend.voigt import PLACE
+from fem_backend.kinematics import tetrahedra
+from fem_backend.kinematics.tetrahedra import Body
+from fem_backend.kinematics.voigt import PLACE
+from fem_backend.materials import stress
+from fem_backend.materials.stress import PointState
 
 MIDDLES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])  # corners on both sides of mid-edge nodes 4 to 9
 
@@ -48,7 +49,7 @@ def fields(
     the `state` of the step, whose stress is taken as it is.  For small strain σ = S, J = 1 + tr ε and the stretches are
     1 + eig(ε).  Raises stress.Inverted if any J ≤ 0.  Source: Holzapfel 2000, eq. 3.65, 2.124.
     """
-    H = element.displacement_gradients(body, u)
+    H = tetrahedra.displacement_gradients(body, u)
     F = H + np.eye(3)
     if state is None:
         S = stress.evaluate(material, H, False).S[..., PLACE]

@@ -10,7 +10,7 @@ from skfem import ElementTriP2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTri
 
-from fem_backend.contact import ORDER, ContactSurface
+from fem_backend.contact.tractions import ORDER, ContactSurface
 
 SHOWN = 41  # radii of the smoothed profile
 NEAR = 0.06  # gap, in radii of the ball, whose surroundings the edge is found from

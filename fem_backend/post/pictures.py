@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.tri import Triangulation
 
-from fem_backend.element import Body
-from fem_backend.zones import divided, shape
+from fem_backend.kinematics.tetrahedra import Body
+from fem_backend.materials.zones import divided, shape
 
 SPLIT = 3  # straight pieces of a quadratic edge
 COLOURS = "viridis"

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 
 from rso.cli.arguments import parser
 from rso.cli.commands import EXIT_BAD_INPUT, EXIT_BROKEN, EXIT_INTERRUPTED
-from rso.printable import Printable, one
+from rso.core.printable import Printable, one
 
 DEBUG = "RSO_TRACEBACK"  # environment variable: a fault of the program is raised instead of told
 
@@ -85,7 +85,7 @@ def _foreseen(error: Exception) -> tuple[int, str]:
     try:
         from concurrent.futures import BrokenExecutor
 
-        from rso.store import StoreError
+        from rso.evaluation.store import StoreError
         from rso.study import StudyError
     except Exception:  # not this call's doing: it is the machine that does not let the program be loaded
         why = one(f"{type(error).__name__}: {error}")[:800]

@@ -13,15 +13,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rso import disk
-from rso.printable import one
+from rso.core import disk
+from rso.core.printable import one
 
 EXIT_BROKEN, EXIT_BAD_INPUT, EXIT_FAILED_RUNS, EXIT_INTERRUPTED = 1, 2, 3, 130
 
 
 def check(options: argparse.Namespace, command: str) -> int:
+    from rso.cli.checking import check
     from rso.study import load
-    from rso.study.checking import check
 
     study = load(options.study)
     folder = _folder(options, study.folder)
@@ -30,11 +30,11 @@ def check(options: argparse.Namespace, command: str) -> int:
 
 
 def new(options: argparse.Namespace, command: str) -> int:
-    from rso.running.adapters import load_backend
+    from rso.calibration.plan import make_plan
+    from rso.cli.checking import check
+    from rso.evaluation.adapters import load_backend
     from rso.study import StudyError, load
-    from rso.study.beginning import Test, alone, begin
-    from rso.study.checking import check
-    from rso.study.plan import make_plan
+    from rso.study.new_study import Test, alone, begin
 
     point = None if options.point is None else tuple(options.point)
     try:
@@ -160,13 +160,13 @@ def _hanging(line: str) -> str:
 
 
 def run(options: argparse.Namespace, command: str) -> int:
-    from rso.progress import Progress
-    from rso.store import RunStore, set_aside
+    from rso.calibration.pipeline import run_study
+    from rso.calibration.plan import make_plan, source_of
+    from rso.calibration.result_files import claim, may_be_moved
+    from rso.calibration.stages import NothingToFit
+    from rso.cli.progress import Progress
+    from rso.evaluation.store import RunStore, set_aside
     from rso.study import load
-    from rso.study.files import claim, may_be_moved
-    from rso.study.plan import make_plan, source_of
-    from rso.study.stages import NothingToFit
-    from rso.study.whole import run_study
 
     study = load(options.study)
     jobs = options.jobs or study.dispatch.jobs
@@ -207,10 +207,10 @@ def _ended(code: int, reason: str | None) -> int:
 
 
 def diagnose(options: argparse.Namespace, command: str) -> int:
-    from rso.diagnosis import NoAnswer
+    from rso.calibration.plan import source_of
+    from rso.discrepancy import NoAnswer
+    from rso.discrepancy.study_diagnosis import ask, run_diagnosis
     from rso.study import load
-    from rso.study.diagnosing import ask, run_diagnosis
-    from rso.study.plan import source_of
 
     study = load(options.study)
     asked = ask(study)
@@ -239,8 +239,8 @@ def diagnose(options: argparse.Namespace, command: str) -> int:
 
 def _told_again(folder: Path, pages: Any) -> list[Path]:
     """The pages of a run that is there, now that a diagnosis says where its model is off."""
+    from rso.calibration.results import SCHEMA
     from rso.report import render
-    from rso.study.results import SCHEMA
 
     path = folder / "results.json"
     try:
@@ -251,9 +251,9 @@ def _told_again(folder: Path, pages: Any) -> list[Path]:
 
 
 def ladder(options: argparse.Namespace, command: str) -> int:
+    from rso.model_selection.ladder_results import FILE, results, write
+    from rso.model_selection.study_ladder import ladder_plan, run_ladder
     from rso.study import load
-    from rso.study.climbing import ladder_plan, run_ladder
-    from rso.study.ladder_results import FILE, results, write
 
     study = load(options.study)
     plan = ladder_plan(study)
@@ -264,7 +264,7 @@ def ladder(options: argparse.Namespace, command: str) -> int:
     write(folder, found)
     files = [folder / FILE]
     if study.report.html or study.report.pdf:
-        from rso.report.ladder import render_ladder
+        from rso.report.model_selection.report import render_ladder
 
         files += render_ladder(found, folder, html=study.report.html, pdf=study.report.pdf)
     print()
@@ -277,10 +277,10 @@ def ladder(options: argparse.Namespace, command: str) -> int:
 
 
 def next_test(options: argparse.Namespace, command: str) -> int:
+    from rso.calibration.plan import make_plan
+    from rso.optimal_design.design_results import markdown, results, write
+    from rso.optimal_design.study_design import run_next
     from rso.study import load
-    from rso.study.further import run_next
-    from rso.study.further_results import markdown, results, write
-    from rso.study.plan import make_plan
 
     study = load(options.study)
     plan = make_plan(study)
@@ -290,7 +290,7 @@ def next_test(options: argparse.Namespace, command: str) -> int:
     found = results(plan, further, command)
     files = [write(folder, found)]
     if study.report.html or study.report.pdf:
-        from rso.report.further import render_further
+        from rso.report.optimal_design.report import render_further
 
         files += render_further(found, folder, html=study.report.html, pdf=study.report.pdf)
     print()
@@ -305,11 +305,11 @@ def next_test(options: argparse.Namespace, command: str) -> int:
 
 
 def blind(options: argparse.Namespace, command: str) -> int:
-    from rso.progress import Progress
-    from rso.running import WorkerPool
-    from rso.running.adapters import Source
-    from rso.store import RunStore
-    from rso.study.blind import answer, cases_of
+    from rso.cli.progress import Progress
+    from rso.discrepancy.blind import answer, cases_of
+    from rso.evaluation import WorkerPool
+    from rso.evaluation.adapters import Source
+    from rso.evaluation.store import RunStore
 
     cases = cases_of(options.folder)
     if not cases:
@@ -335,9 +335,9 @@ def blind(options: argparse.Namespace, command: str) -> int:
 @contextmanager
 def _workplace(options: argparse.Namespace, study: Any, source: Any, folder: Path) -> Iterator[tuple[Any, Any, Any]]:
     """The store of a study, what runs its simulations, and what tells of them; the folder is its own from then on."""
-    from rso.progress import Progress
-    from rso.store import RunStore
-    from rso.study.files import claim
+    from rso.calibration.result_files import claim
+    from rso.cli.progress import Progress
+    from rso.evaluation.store import RunStore
 
     claim(folder, study.file)
     jobs = options.jobs or study.dispatch.jobs
@@ -348,7 +348,7 @@ def _workplace(options: argparse.Namespace, study: Any, source: Any, folder: Pat
 
 def _executor(table: Any, jobs: int, source: Any, folder: Path, warm: bool = False) -> Any:
     """What runs the simulations: processes of this machine, or a Dask cluster."""
-    from rso.running import WorkerPool, open_cluster
+    from rso.evaluation import WorkerPool, open_cluster
 
     own = (
         source.timeout_s if source.command is None else None
@@ -362,7 +362,7 @@ def _executor(table: Any, jobs: int, source: Any, folder: Path, warm: bool = Fal
 
 
 def status(options: argparse.Namespace, command: str) -> int:
-    from rso.store import RunStore
+    from rso.evaluation.store import RunStore
     from rso.study import load
 
     study = load(options.study)
@@ -387,17 +387,19 @@ def status(options: argparse.Namespace, command: str) -> int:
 
 
 def report(options: argparse.Namespace, command: str) -> int:
-    from rso.diagnosis.story import SCHEMA as TOLD
+    from rso.calibration.results import SCHEMA, data_hashes
+    from rso.discrepancy.diagnosis_results import SCHEMA as TOLD
+    from rso.model_selection import ladder_results
+    from rso.optimal_design import design_results
     from rso.report import render, render_diagnosis, render_further, render_ladder
-    from rso.study import further_results, ladder_results, load
-    from rso.study.results import SCHEMA, data_hashes
+    from rso.study import load
 
     study = load(options.study)
     folder, now = _folder(options, study.folder), data_hashes(study)
     shown: list[tuple[str, int, Callable[..., list[Path]], str]] = [
         ("results.json", SCHEMA, render, "run"), ("diagnosis.json", TOLD, render_diagnosis, "diagnose"),
         (ladder_results.FILE, ladder_results.SCHEMA, render_ladder, "ladder"),
-        (further_results.FILE, further_results.SCHEMA, render_further, "next")]  # fmt: skip
+        (design_results.FILE, design_results.SCHEMA, render_further, "next")]  # fmt: skip
     there = [row for row in shown if (folder / row[0]).exists()]
     for name, schema, draw, again in there or shown[:1]:
         path = folder / name

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from rso.doe.box import Box
-from rso.doe.conditions import Condition, read_condition
-from rso.doe.filling import (
+from rso.doe.constraints import Condition, read_condition
+from rso.doe.space_filling import (
     MOST_OPTIMISED,
     Feasible,
     extend,

@@ -1,8 +1,8 @@
 """The finished page of a study: numbers and sentences, figures, HTML and PDF.  Never simulates, never fits."""
 
-from rso.report.diagnosis import render_diagnosis
-from rso.report.further import render_further
-from rso.report.ladder import render_ladder
-from rso.report.page import render
+from rso.report.calibration.report import render
+from rso.report.discrepancy.report import render_diagnosis
+from rso.report.model_selection.report import render_ladder
+from rso.report.optimal_design.report import render_further
 
 __all__ = ["render", "render_diagnosis", "render_further", "render_ladder"]

@@ -6,8 +6,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rso.report.digits import clean
-from rso.report.document import Text
+from rso.report.layout.digits import clean
+from rso.report.layout.document import Text
 from rso.report.reading import Results, listed
 
 OPENING = 200  # characters of a file's notes that the first page has room for

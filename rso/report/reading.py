@@ -10,8 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from rso.curves import loading
-from rso.report.digits import Unit, channel_text, clean, known, largest, sentence, shortest, shown, significant, symbol
+from rso.core.curves import loading
+from rso.report.layout.digits import (
+    Unit,
+    channel_text,
+    clean,
+    known,
+    largest,
+    sentence,
+    shortest,
+    shown,
+    significant,
+    symbol,
+)
 
 Results = Mapping[str, Any]
 FLAT = 2.0  # times its mean by which a curve scatters that is hardly more than noise about zero

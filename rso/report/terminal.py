@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rso.core.units import spaced
 from rso.report.reading import about_zero
-from rso.units import spaced
 
 
 def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:

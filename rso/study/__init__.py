@@ -4,7 +4,7 @@ from rso.study.errors import StudyError
 from rso.study.loader import load
 from rso.study.resolve import Axis, Resolved, Search, resolve
 from rso.study.schema import ExperimentTable, Study
-from rso.study.searched import Target, Variant
+from rso.study.search_table import Target, Variant
 
 __all__ = [
     "Axis",

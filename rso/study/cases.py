@@ -10,13 +10,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from rso.contract import Backend, Case, Programme, digest
-from rso.measurement import MeasuredCurve, Measurement, combine, recorded_speed, without_spikes
+from rso.core.units import CHANNELS, COLUMNS, UNITS, quantity, same
+from rso.data import MeasuredCurve, Measurement, combine, recorded_speed, without_spikes
 from rso.study.errors import Problem, choose, study_error
-from rso.study.places import Place
+from rso.study.line_numbers import Place
 from rso.study.resolve import Resolved
 from rso.study.schema import ExperimentTable, Study
-from rso.study.searched import Target
-from rso.units import CHANNELS, COLUMNS, UNITS, quantity, same
+from rso.study.search_table import Target
 
 DEFAULT_SPEED = 0.5  # mm/s
 STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for Hertz
@@ -321,3 +321,11 @@ def _no_channel(backend: Backend, place: Place, channel: str) -> Problem:
     return Problem(
         place, f"the backend {backend.name!r} has no such channel; {choose(channel, backend.channels)}", channel
     )
+
+
+def by_hertz(backend: Backend, settings: Mapping[str, object], curve: MeasuredCurve) -> Mapping[str, float]:
+    """Knob → modulus (MPa) of the shallow half of a loading in Hertz's limit; nothing where the backend knows none."""
+    limit, deepest = getattr(backend, "hertz", None), 0.5 * float(curve.depth.max())
+    shallow = (curve.depth > 0.0) & (curve.depth <= deepest)
+    known = limit is not None and curve.channel == "Fz" and shallow.any()
+    return limit(settings, curve.depth[shallow], curve.value[shallow]) if known else {}

@@ -11,7 +11,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from rso.study.places import Place, line_of
+from rso.study.line_numbers import Place, line_of
 
 _SHOWN, _LONGEST = 60, 800
 

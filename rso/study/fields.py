@@ -9,8 +9,8 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from rso.contract import finite
-from rso.printable import printable
-from rso.units import quantity
+from rso.core.printable import printable
+from rso.core.units import quantity
 
 
 def list_to_tuple(value: Any) -> Any:

@@ -12,14 +12,14 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from rso.measurement import Measurement, Noise, combine, fingerprint, read, value_at
-from rso.study.columns import ColumnsTable
+from rso.data import Measurement, Noise, combine, fingerprint, read, value_at
+from rso.study.base_table import Table
+from rso.study.columns_table import ColumnsTable
+from rso.study.confusable_text import look_alikes, too_deep
 from rso.study.errors import Problem, StudyError, choose, schema_problems, study_error
-from rso.study.places import Place, lines_of
+from rso.study.line_numbers import Place, lines_of
 from rso.study.schema import DoeTable, ExperimentTable, Source, Study
-from rso.study.searched import Constraint, Target
-from rso.study.table import Table
-from rso.study.texts import look_alikes, too_deep
+from rso.study.search_table import Constraint, Target
 
 MAX_BYTES = 1_000_000
 MAX_LINE = 10_000  # the time to read a dotted key grows with the square of its length

@@ -8,11 +8,11 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from rso.contract import Parameter
+from rso.core.units import quantity
 from rso.study.errors import Problem, choose, study_error
-from rso.study.places import Place
+from rso.study.line_numbers import Place
 from rso.study.schema import ParameterTable, Study
-from rso.study.searched import Target
-from rso.units import quantity
+from rso.study.search_table import Target
 
 _WIDEST = 1e30  # ratio of the ends of a log scale; beyond it their quotient overflows sooner or later
 

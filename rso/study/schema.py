@@ -19,9 +19,11 @@ from pydantic import (
     model_validator,
 )
 
-from rso.measurement import Measurement, Noise
-from rso.study.beyond import DiagnoseTable, LadderTable, NextTable
-from rso.study.columns import ColumnsTable
+from rso.data import Measurement, Noise
+from rso.emulation.polynomial import HIGHEST
+from rso.study.analysis_tables import DiagnoseTable, LadderTable, NextTable
+from rso.study.base_table import Table
+from rso.study.columns_table import ColumnsTable
 from rso.study.fields import (
     Bound,
     Channels,
@@ -39,11 +41,9 @@ from rso.study.fields import (
     power_of_two,
     seen,
 )
-from rso.study.noise import NoiseTable
-from rso.study.places import Place
-from rso.study.searched import SearchTable
-from rso.study.table import Table
-from rso.surrogates.polynomial import HIGHEST
+from rso.study.line_numbers import Place
+from rso.study.noise_table import NoiseTable
+from rso.study.search_table import SearchTable
 
 
 class StudyTable(Table):

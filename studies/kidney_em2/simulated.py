@@ -17,9 +17,9 @@ from scipy.special import ndtr
 
 from fem_backend.backend import BACKEND
 from rso.contract import Case, Programme
-from rso.curves import Resampling
-from rso.running import Done, Source, Task, WorkerPool, run_all
-from rso.store import RunStore
+from rso.core.curves import Resampling
+from rso.evaluation import Done, Source, Task, WorkerPool, run_all
+from rso.evaluation.store import RunStore
 
 MU = 0.01  # MPa at which the table is computed
 # μD₁ of the thesis's simulations lies between 0.0065 and 1.95; the force bends where K/μ = 2/μD₁ is not large.

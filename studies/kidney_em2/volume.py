@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from fem_backend.backend import BACKEND
-from fem_backend.model import multiplicity
+from fem_backend.simulation.assembly import multiplicity
 from rso.contract import Case, Programme
 
 FOLDER = Path(__file__).parent

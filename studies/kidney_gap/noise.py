@@ -9,13 +9,13 @@ import dataclasses
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from rso import diagnosis
-from rso.diagnosis.attribute import Evidence, contests
-from rso.measurement import Noise
-from rso.running import run_all
-from rso.store import RunStore
+from rso import discrepancy
+from rso.data import Noise
+from rso.discrepancy.evidence.attribution import Evidence, contests
+from rso.discrepancy.study_diagnosis import ask
+from rso.evaluation import run_all
+from rso.evaluation.store import RunStore
 from rso.study import load
-from rso.study.diagnosing import ask
 
 FOLDER = Path(__file__).parent
 STATEMENTS = {  # force N, depth mm, gain
@@ -29,13 +29,13 @@ def main() -> None:
     """Print verdict, p and leading causes of each statement."""
     asked = ask(load(FOLDER / "study.toml"))
     with RunStore(FOLDER / "results") as store, ThreadPoolExecutor(1) as one:
-        library = diagnosis.build(asked.base, asked.plan, asked.effects,
+        library = discrepancy.build(asked.base, asked.plan, asked.effects,
                                   lambda tasks: run_all(asked.base.backend, tasks, store, one))  # fmt: skip
     print(f"{'statement':26} {'verdict':10} {'p':>6} {'misfit':>7}  leading causes (probability given a gap)")
     for name, (force, depth, gain) in STATEMENTS.items():
         noise = Noise(Fz=force, depth=depth, gain=gain, correlation=2.2)
         experiments = tuple(dataclasses.replace(e, noise=noise) for e in library.plan.experiments)
-        found = diagnosis.diagnose(
+        found = discrepancy.diagnose(
             dataclasses.replace(library, plan=dataclasses.replace(library.plan, experiments=experiments)), seed=1
         )
         causes = ", ".join(f"{c.effect.name} {c.probability:.2f}" for c in found.causes[:3])
@@ -44,7 +44,7 @@ def main() -> None:
         print(f"{'':26} ln Bayes factor of a late contact {_factor(library, found, offset):.1f}")
 
 
-def _factor(library: diagnosis.Library, found: diagnosis.Diagnosis, effect: diagnosis.Effect) -> float:
+def _factor(library: discrepancy.Library, found: discrepancy.Diagnosis, effect: discrepancy.Effect) -> float:
     evidence = Evidence(found.bench, library.effects)
     (contest,) = contests(evidence, library.plan.values()[None])
     at = [h.name for h in contest.hypotheses].index(effect.name)

@@ -10,10 +10,10 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
-from rso.curves import Metrics, Resampling, metrics
-from rso.measurement import read
-from rso.running import Outcome
-from rso.store import Done
+from rso.core.curves import Metrics, Resampling, metrics
+from rso.data import read
+from rso.evaluation import Outcome
+from rso.evaluation.store import Done
 from studies.thesis.simulations import FAMILY, MU, PRINTED
 
 KIDNEY = Path(__file__).parents[1] / "kidney_em2"

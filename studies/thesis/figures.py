@@ -13,11 +13,11 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from scipy.interpolate import CubicSpline
 from scipy.spatial import ConvexHull
 
-from rso.curves import Resampling
-from rso.identify import fit_surface, surface_minima
+from rso.core.curves import Resampling
+from rso.evaluation import Outcome
+from rso.evaluation.store import Done
+from rso.inference import fit_surface, surface_minima
 from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PALE, PAPER, WARM, canvas, style, tag
-from rso.running import Outcome
-from rso.store import Done
 from studies.thesis import analysis
 from studies.thesis.analysis import RANGES, Family
 from studies.thesis.simulations import GRID, LINE, POINTS, PRINTED, SETS, of_set

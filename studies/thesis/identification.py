@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rso.curves import baseline, metrics
-from rso.identify import fit_surface, surface_minima
+from rso.core.curves import baseline, metrics
+from rso.inference import fit_surface, surface_minima
 from studies.thesis import analysis
 from studies.thesis.analysis import RANGES, Family
 from studies.thesis.rows import Outcomes, num, per_cent, table

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rso.running import Outcome
-from rso.store import Done, Failed
+from rso.evaluation import Outcome
+from rso.evaluation.store import Done, Failed
 
 Outcomes = Mapping[str, Outcome]
 

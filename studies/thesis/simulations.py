@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from fem_backend.backend import BACKEND, FiniteElements
-from fem_backend.model import multiplicity
+from fem_backend.simulation.assembly import multiplicity
 from rso.contract import Backend, Case, Programme, Response
-from rso.running import Event, Outcome, Task, run_all
-from rso.store import RunStore
+from rso.evaluation import Event, Outcome, Task, run_all
+from rso.evaluation.store import RunStore
 
 FOLDER = Path(__file__).parent
 PRINTED: Mapping[str, Any] = tomllib.loads((FOLDER / "printed.toml").read_text(encoding="utf-8"))

@@ -19,7 +19,7 @@ from typing import Any
 import jinja2
 
 from rso.cli import main as rso
-from rso.running import Event, Finished
+from rso.evaluation import Event, Finished
 from studies.thesis import figures, identification, validation
 from studies.thesis.rows import Outcomes
 from studies.thesis.simulations import FOLDER, compute, stored

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from rso.curves import Resampling, metrics
-from rso.store import Done, Failed
+from rso.core.curves import Resampling, metrics
+from rso.evaluation.store import Done, Failed
 from studies.thesis import analysis
 from studies.thesis.analysis import Family, gap
 from studies.thesis.rows import Outcomes, curve, num, per_cent, table, value, yes

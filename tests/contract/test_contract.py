@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from rso.contract import CAUSES, Case, Programme, Response, Scope, SimulationFailed, digest, run_key
-from rso.running import Source
-from rso.store import RunStore
+from rso.evaluation import Source
+from rso.evaluation.store import RunStore
 
 HERE = Path(__file__).parent
 

@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fem_backend import experiment, indentation, model, stepping
 from fem_backend.backend import BACKEND, passages
-from fem_backend.experiment import Settings
-from fem_backend.indentation import Result
-from fem_backend.knobs import Knobs
-from fem_backend.model import Model, Placement
-from fem_backend.newton import Counters, Load, System
-from fem_backend.stepping import Control, Instant, Point
+from fem_backend.simulation import assembly, experiment, indentation
+from fem_backend.simulation.assembly import Model, Placement
+from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.indentation import Result
+from fem_backend.simulation.knobs import Knobs
+from fem_backend.solver import load_steps
+from fem_backend.solver.load_steps import Control, Instant, Point
+from fem_backend.solver.newton import Counters, Load, System
 from rso.contract import Programme
 
 # slip 0.6 needs n >= 9: below that the straight-sided volume is more than 8 % short and the mesh is refused
@@ -36,20 +37,20 @@ class Bench:
 
     def system(self) -> System:
         """The system that `indentation.solve` builds."""
-        return model.system(self.settings, self.knobs, self.placement, self.model)
+        return assembly.system(self.settings, self.knobs, self.placement, self.model)
 
     def load(self, travel: float) -> Load:
         """Indenter at a travel (mm), no multipliers."""
-        return model.load(self.system(), self.placement, travel)
+        return assembly.load(self.system(), self.placement, travel)
 
     def travel(self, asked: Sequence[float], control: Control) -> list[Point]:
         """Equilibria at the asked travels of an elastic body with other numerical settings."""
         system = self.system()
 
         def start(s: float) -> Load:
-            return model.load(system, self.placement, s)
+            return assembly.load(system, self.placement, s)
 
-        return stepping.travel(system, start, list(asked), control, Counters())
+        return load_steps.travel(system, start, list(asked), control, Counters())
 
     def solve(self, asked: Sequence[float] | Programme, gradients: Sequence[str] = (), **settings: Any) -> Result:
         """The whole run to asked travels (mm, 1 mm/s) or through a programme, with other fields of the settings."""
@@ -68,8 +69,8 @@ def bench(mesh: Mapping[str, Any], knobs: Mapping[str, float] = VALUES, settings
     """An experiment on the mesh: `table` is that of a case, unless `settings` were read already."""
     settings = experiment.read_settings({"mesh": dict(mesh), **table}) if settings is None else settings
     values = BACKEND.knobs(knobs, settings)
-    placement = model.place(settings, values)
-    return Bench(settings, values, placement, model.model_for(settings, values, placement, None))
+    placement = assembly.place(settings, values)
+    return Bench(settings, values, placement, assembly.model_for(settings, values, placement, None))
 
 
 def instants(*asked: float) -> list[Instant]:

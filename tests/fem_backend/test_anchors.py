@@ -9,10 +9,11 @@ import io
 import numpy as np
 import pytest
 
-from fem_backend import analytic, anchors, experiment
-from fem_backend import model as modelling
+from fem_backend.accuracy import closed_forms, warm_starts
 from fem_backend.backend import BACKEND
-from fem_backend.knobs import Knobs
+from fem_backend.simulation import assembly as modelling
+from fem_backend.simulation import experiment
+from fem_backend.simulation.knobs import Knobs
 from rso.contract import Case, Programme, object_path
 
 SMALL = {"mesher": "mapped", "n": 6, "slip": 0.3}
@@ -49,14 +50,14 @@ def test_the_start_does_not_show_in_an_answer(values, settings, tmp_path):
 def test_starts_are_of_second_order_in_the_ratio(tmp_path):
     """At half the distance in ν a quarter of the error, at every stage; a half along no tangent (the control)."""
     _, path = placed({"mu": 1.0, "D1": 0.2}, CASE, tmp_path)
-    own = analytic.poisson_ratio(1.0, 10.0)  # of the anchor
+    own = closed_forms.poisson_ratio(1.0, 10.0)  # of the anchor
     errors = {True: [], False: []}
     for away in (0.04, 0.02, 0.01):
         D1 = 3.0 * (1.0 - 2.0 * (own - away)) / (1.0 + own - away)  # μ = 1, K = 2/D₁
-        assert analytic.poisson_ratio(1.0, 2.0 / D1) == pytest.approx(own - away, abs=1e-12)
+        assert closed_forms.poisson_ratio(1.0, 2.0 / D1) == pytest.approx(own - away, abs=1e-12)
         run = BACKEND.solve({"mu": 1.0, "D1": D1}, CASE)
         for tangent in errors:
-            offer = anchors.guess(str(path), run.model, own - away if tangent else own)
+            offer = warm_starts.guess(str(path), run.model, own - away if tangent else own)
             true = [[stage.equilibrium.evaluation.u for stage in p.stages] for p in run.result.points]
             off = np.array([offer(p.travel) for p in run.result.points]) - np.array(true)
             errors[tangent].append(np.abs(off).max((0, 2, 3)))
@@ -72,9 +73,9 @@ def test_an_anchor_says_nothing_where_it_knows_nothing(tmp_path):
     settings = experiment.read_settings({"mesh": {**SMALL, "n": 7}})
     knobs = Knobs(mu=0.01, D1=12.0)
     other = modelling.model_for(settings, knobs, modelling.place(settings, knobs), None)
-    assert anchors.guess(str(path), other, 0.4)(1.5) is None
+    assert warm_starts.guess(str(path), other, 0.4)(1.5) is None
     own = BACKEND.solve({"mu": 0.01, "D1": 12.0}, case).model
-    offer = anchors.guess(str(path), own, 0.4)
+    offer = warm_starts.guess(str(path), own, 0.4)
     assert offer(1.0) is None and len(offer(1.5)) == 2
     deep = dataclasses.replace(CASE, programme=Programme.ramp((1.0, 30.0)))
     made = BACKEND.make(BACKEND.recipes({"mu": 0.01, "D1": 12.0}, deep)["anchor"])

@@ -7,25 +7,28 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from fem_backend import bench, element, experiment, keeping, newton, stress
-from fem_backend import model as modelling
-from fem_backend import slopes as slopes_of
 from fem_backend.backend import BACKEND
-from fem_backend.condensed import OutOfReach, condenser
+from fem_backend.kinematics import tetrahedra
 from fem_backend.laws import NeoHooke
-from fem_backend.linsolve import NotPositiveDefinite
+from fem_backend.materials import stress
+from fem_backend.simulation import assembly as modelling
+from fem_backend.simulation import derivatives as slopes_of
+from fem_backend.simulation import experiment, initial_state
+from fem_backend.solver import modified_newton, newton
+from fem_backend.solver.condensation import OutOfReach, condenser
+from fem_backend.solver.direct import NotPositiveDefinite
 from rso.contract import Case, Programme, SimulationFailed, object_path
 
 pytest.importorskip("pypardiso")
 SINGLE = 1e-4  # round-off of single precision, 6e-8, times a condition of some 10³
 
 
-def stiffness(body: element.Body) -> np.ndarray:
+def stiffness(body: tetrahedra.Body) -> np.ndarray:
     state = stress.evaluate(NeoHooke(0.01, 5.8), np.zeros((*body.w.shape, 3, 3)), tangent=True)
-    return element.stiffness(body, state.F, state.S_geometric, state.C)
+    return tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
 
 
-def touching(body: element.Body, dofs: np.ndarray, seed: int, size: float) -> np.ndarray:
+def touching(body: tetrahedra.Body, dofs: np.ndarray, seed: int, size: float) -> np.ndarray:
     """Data of a positive semi-definite matrix on some of the dofs (c,), as contact has."""
     rng, data = np.random.default_rng(seed), np.zeros(len(body.pattern.indices))
     chosen = rng.choice(dofs, 20, replace=False)
@@ -34,7 +37,7 @@ def touching(body: element.Body, dofs: np.ndarray, seed: int, size: float) -> np
     return data
 
 
-def whole(body: element.Body, data: np.ndarray) -> np.ndarray:
+def whole(body: tetrahedra.Body, data: np.ndarray) -> np.ndarray:
     n = body.pattern.size
     upper = sparse.csr_matrix((data, body.pattern.indices, body.pattern.indptr), shape=(n, n))
     return (upper + sparse.triu(upper, 1).T).toarray()
@@ -130,7 +133,7 @@ def test_where_keeping_fails_newton_goes_on(tmp_path, monkeypatch):
     """Contact beyond the dofs condensed to: the same answer, by the ordinary way."""
     case = anchored(Case("kept", Programme.ramp((0.5, 1.0)), {"mesh": {"level": "coarse"}}), tmp_path)
     expected, lost = BACKEND(VALUES, case), []
-    condensing, solve = modelling.condensing, keeping.solve
+    condensing, solve = modelling.condensing, modified_newton.solve
 
     def too_few(system, model, start, end):
         found = condensing(system, model, start, end)
@@ -145,7 +148,7 @@ def test_where_keeping_fails_newton_goes_on(tmp_path, monkeypatch):
             raise
 
     monkeypatch.setattr(modelling, "condensing", too_few)
-    monkeypatch.setattr(keeping, "solve", watched)
+    monkeypatch.setattr(modified_newton, "solve", watched)
     found = BACKEND(VALUES, case)
     np.testing.assert_allclose(found.channels["Fz"], expected.channels["Fz"], rtol=1e-8)
     assert lost and all(isinstance(e.__cause__, OutOfReach) for e in lost)
@@ -156,7 +159,7 @@ def test_a_shift_is_none_of_the_contact(monkeypatch):
     case = Case("shifted", Programme.ramp((0.5,)), {"mesh": {"level": "coarse"}})
     found = BACKEND.solve(VALUES, case)
     point = found.result.points[-1]
-    at = bench.bench(found.settings, found.knobs, found.placement, found.model, newton.Counters())
+    at = initial_state.bench(found.settings, found.knobs, found.placement, found.model, newton.Counters())
     system = modelling.condensing(at.system, at.model, at.start(0.0), at.start(0.5))
     bulk, counters = newton.bulk_tangent, newton.Counters()
 
@@ -179,7 +182,7 @@ def test_swept_dofs_hold_all_that_touches():
     """A ball of radius 3 mm that has gone 7 mm down no longer reaches the first dofs that it touched, its way does."""
     case = Case("swept", Programme.ramp((0.5,)), {"mesh": {"level": "coarse"}})
     solved = BACKEND.solve(VALUES, case)
-    at = bench.bench(solved.settings, solved.knobs, solved.placement, solved.model, newton.Counters())
+    at = initial_state.bench(solved.settings, solved.knobs, solved.placement, solved.model, newton.Counters())
     pressed = (solved.result.points[-1].evaluation.contact.pressure > 0).any(1)
     touched = np.unique(at.system.pairs[0].surface.facets[pressed])
     mine = at.model.body.free.reshape(-1, 3)[touched]
@@ -221,6 +224,6 @@ def test_a_nearly_incompressible_body_hardly_touched_has_an_answer(monkeypatch):
     hertz = 4.0 / 3.0 * 4.0 * 0.01 * np.sqrt(3.0) * 0.03**1.5  # E* = 4 μ where ν = 1/2 (Johnson 1985, eq. 4.23)
     assert 0.5 * hertz < F < 2.0 * hertz  # one element under the ball: no more is to be had of that mesh
     monkeypatch.setattr(newton, "at_round_off", lambda history: False)
-    monkeypatch.setattr(keeping, "FLAT", 0.0)
+    monkeypatch.setattr(modified_newton, "FLAT", 0.0)
     with pytest.raises(SimulationFailed, match="no equilibrium"):
         BACKEND(values, case)

@@ -8,11 +8,13 @@ import pytest
 from scipy import integrate, optimize, sparse
 from skfem import MeshTet, MeshTet2
 
-from fem_backend import contact, element, linsolve, newton
-from fem_backend.contact import Adhesion, Before, ContactState, Pair, Touch
+from fem_backend.contact import tractions
+from fem_backend.contact.pointwise import LAG, TANGENTIAL
+from fem_backend.contact.tractions import Adhesion, Before, ContactState, Pair, Touch
 from fem_backend.geometry import Bowl, Ellipsoid, Sphere, first_contact
+from fem_backend.kinematics import tetrahedra
 from fem_backend.laws import NeoHooke
-from fem_backend.pointwise import LAG, TANGENTIAL
+from fem_backend.solver import direct, newton
 
 STEPS = np.array([1.0, 0.5, 0.25, 0.125])
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -31,25 +33,25 @@ class WrongWay(Sphere):
 class Case:
     """A pair, its load, positions x (n, 3), and a body with the full matrix pattern."""
 
-    body: element.Body
+    body: tetrahedra.Body
     pair: Pair
     touch: Touch
     x: np.ndarray
 
     def evaluate(self, x: np.ndarray | None = None, **load: object) -> ContactState:
-        return contact.evaluate(self.pair, self.x if x is None else x, replace(self.touch, **load))
+        return tractions.evaluate(self.pair, self.x if x is None else x, replace(self.touch, **load))
 
     def matrix(self, geometric: bool = True) -> tuple[sparse.csr_matrix, np.ndarray]:
         """∂R/∂x over all dofs in the order of `free`, and ∂R/∂s."""
         pattern = self.body.pattern
         data = np.zeros(len(pattern.indices))
-        moving = contact.tangent(self.pair, self.x, self.touch, self.evaluate(), data, geometric)
+        moving = tractions.tangent(self.pair, self.x, self.touch, self.evaluate(), data, geometric)
         return sparse.csr_matrix((data, pattern.indices, pattern.indptr), shape=(pattern.size,) * 2), moving
 
 
 def block(
     cells: int = 4, half: float = 2.0, shape: Callable[[np.ndarray], np.ndarray] | None = None
-) -> tuple[element.Body, MeshTet2]:
+) -> tuple[tetrahedra.Body, MeshTet2]:
     """A plate 1 mm thick with a free surface at z = 0, or at z = shape(x, y); full matrix pattern, nothing held."""
     line = np.linspace(-half, half, cells + 1)
     quadratic = MeshTet2.from_mesh(MeshTet.init_tensor(line, line, np.array([-1.0, 0.0])))
@@ -57,13 +59,13 @@ def block(
     if shape is not None:
         X[2] += (1.0 + X[2]) * shape(X)
     quadratic = MeshTet2(X, quadratic.t)
-    return element.discretise(quadratic, np.zeros((X.shape[1], 3), bool), symmetric=False), quadratic
+    return tetrahedra.discretise(quadratic, np.zeros((X.shape[1], 3), bool), symmetric=False), quadratic
 
 
-def top(body: element.Body, quadratic: MeshTet2, surface_z: Callable[[np.ndarray], np.ndarray] | None = None):
-    facets = contact.quadratic_facets(quadratic, quadratic.boundary_facets())
+def top(body: tetrahedra.Body, quadratic: MeshTet2, surface_z: Callable[[np.ndarray], np.ndarray] | None = None):
+    facets = tractions.quadratic_facets(quadratic, quadratic.boundary_facets())
     z = 0.0 if surface_z is None else surface_z(body.nodes.T)[facets]
-    return contact.contact_surface(body, facets[np.all(np.abs(body.nodes[facets, 2] - z) < 1e-9, axis=1)])
+    return tractions.contact_surface(body, facets[np.all(np.abs(body.nodes[facets, 2] - z) < 1e-9, axis=1)])
 
 
 def wave(X: np.ndarray) -> np.ndarray:
@@ -86,7 +88,7 @@ def pressed(
     x = body.nodes + wave(body.nodes)
     shape = surface.weights.shape
     epsilon = rng.uniform(2.0, 4.0, shape)
-    start = contact.contact_points(surface, body.nodes + 0.8 * wave(body.nodes))
+    start = tractions.contact_points(surface, body.nodes + 0.8 * wave(body.nodes))
     before = Before(
         start + 0.02 * rng.normal(size=start.shape), centre - 0.05 * direction, 0.05 * rng.normal(size=start.shape),
         0.02 * rng.normal(size=shape),  # half of the points were open
@@ -118,7 +120,7 @@ SYMMETRIC = ("normal", "adhesion")
 def kind(case: Case, x: np.ndarray, centre: np.ndarray) -> np.ndarray:
     """Which branch every point is in: contact, slip, side of the joint or rim, side of g = 0."""
     at = case.evaluate(x, centre=centre)
-    points = contact.contact_points(case.pair.surface, x)
+    points = tractions.contact_points(case.pair.surface, x)
     side = (points - centre) @ case.touch.direction > 0
     rim = points[..., 2] > getattr(case.pair.rigid, "rim_z", 0.0)
     return np.stack([at.pressure > 0, at.slipping, side, rim, at.gap > 0])
@@ -245,12 +247,12 @@ def test_upper_pattern_gets_the_upper_triangle():
     free = case.body.free
     upper = sparse.triu(full, format="csr")
     upper.sort_indices()
-    pattern = element.Pattern(upper.indptr.astype(np.int32), upper.indices.astype(np.int32))
+    pattern = tetrahedra.Pattern(upper.indptr.astype(np.int32), upper.indices.astype(np.int32))
     facets = case.pair.surface.facets
     place = pattern.find(free[(3 * facets[:, :, None] + np.arange(3)).reshape(len(facets), 18)])
     pair = replace(case.pair, surface=replace(case.pair.surface, place=place))
     data = np.zeros(len(pattern.indices))
-    contact.tangent(pair, case.x, case.touch, case.evaluate(), data)
+    tractions.tangent(pair, case.x, case.touch, case.evaluate(), data)
     np.testing.assert_array_equal(data, upper.data)
 
 
@@ -349,7 +351,7 @@ def test_large_friction_sticks():
     case = pressed(friction=1e3)
     at, b = case.evaluate(), case.touch.before
     closed = at.pressure > 0
-    points = contact.contact_points(case.pair.surface, case.x)
+    points = tractions.contact_points(case.pair.surface, case.x)
     n = (points - case.touch.centre) / np.linalg.norm(points - case.touch.centre, axis=-1)[..., None]
     slip = points - b.points - (case.touch.centre - b.centre)
     slip *= np.where(b.gap <= 0, 1.0, np.where(at.gap < 0, at.gap / (at.gap - b.gap), 0.0))[..., None]
@@ -388,12 +390,12 @@ def sliding(amplitude: float, friction: float, count: int = 400) -> tuple[np.nda
     along = np.array([0.6, -0.8, 0.0])
     nothing = np.zeros(surface.weights.shape)
     centre = np.array([0.0, 0.0, R - depth])
-    before = Before(contact.contact_points(surface, body.nodes), centre, np.zeros((*nothing.shape, 3)), nothing)
+    before = Before(tractions.contact_points(surface, body.nodes), centre, np.zeros((*nothing.shape, 3)), nothing)
     force = []
     for way in s:
         touch = Touch(centre + way * along, DOWN, nothing, before=before)
-        at = contact.evaluate(pair, body.nodes, touch)
-        before = contact.remember(pair, body.nodes, touch, at)
+        at = tractions.evaluate(pair, body.nodes, touch)
+        before = tractions.remember(pair, body.nodes, touch, at)
         force.append(at.force @ along)
     return s, np.array(force), float((surface.weights * at.pressure).sum()), depth
 
@@ -416,7 +418,7 @@ def test_ball_on_a_still_plate_makes_the_loop_of_coulomb():
 def test_what_is_remembered_is_the_end_of_the_step():
     case = pressed(friction=0.3)
     at = case.evaluate()
-    b = contact.remember(case.pair, case.x, case.touch, at)
+    b = tractions.remember(case.pair, case.x, case.touch, at)
     np.testing.assert_array_equal(
         b.points, np.einsum("qa,fai->fqi", case.pair.surface.N, case.x[case.pair.surface.facets])
     )
@@ -435,7 +437,7 @@ def pulled(height: float, adhesion: Adhesion | None, R: float = 1e7, cells: int 
     surface = top(body, quadratic)
     nothing = np.zeros(surface.weights.shape)
     pair = Pair(surface, Sphere(R), nothing + 3.0, 0.0, adhesion)
-    return contact.evaluate(pair, body.nodes, Touch(np.array([0.0, 0.0, R + height]), DOWN, nothing))
+    return tractions.evaluate(pair, body.nodes, Touch(np.array([0.0, 0.0, R + height]), DOWN, nothing))
 
 
 def test_work_of_separation():
@@ -530,9 +532,9 @@ def test_first_touch_is_that_of_all_points_of_the_deformed_surface(seed):
     d = np.array([*rng.uniform(-0.4, 0.4, 2), -1.0])
     d /= np.linalg.norm(d)
     centre = np.array([*rng.uniform(-0.5, 0.5, 2), rng.uniform(0.5, 2.5)])
-    found = contact.first_touch(surface, x, Sphere(1.0), centre, d)
+    found = tractions.first_touch(surface, x, Sphere(1.0), centre, d)
     np.testing.assert_allclose(found, travel_oracle(surface, x, 1.0, centre, d), atol=1e-9)
-    gap = Sphere(1.0).gap(contact.contact_points(surface, x), centre + found * d, d)[0]
+    gap = Sphere(1.0).gap(tractions.contact_points(surface, x), centre + found * d, d)[0]
     assert 0 <= gap.min() < 0.05  # quadrature points stay outside, but not by much
 
 
@@ -540,9 +542,9 @@ def test_first_touch_of_known_surfaces():
     body, quadratic = block()
     surface = top(body, quadratic)
     for shaft in (False, True):
-        found = contact.first_touch(surface, body.nodes, Sphere(1.0, shaft), np.array([0.37, 0.21, 3.0]), DOWN)
+        found = tractions.first_touch(surface, body.nodes, Sphere(1.0, shaft), np.array([0.37, 0.21, 3.0]), DOWN)
         np.testing.assert_allclose(found, 2.0, rtol=1e-14)
-    assert contact.first_touch(surface, body.nodes, Sphere(1.0), np.array([5.0, 0.0, 3.0]), DOWN) == np.inf
+    assert tractions.first_touch(surface, body.nodes, Sphere(1.0), np.array([5.0, 0.0, 3.0]), DOWN) == np.inf
     ball = Ellipsoid(10.0, 8.0, 7.0)
 
     def cap(X):
@@ -554,12 +556,12 @@ def test_first_touch_of_known_surfaces():
     d = np.array([0.1, -0.2, -1.0]) / np.linalg.norm([0.1, -0.2, -1.0])
     centre = first_contact(ball, 2.0, [0.5, 0.3, 8.0], d)
     # quadratic facets of 0.67 mm follow the ellipsoid to some 1e-5
-    np.testing.assert_allclose(contact.first_touch(surface, x, Sphere(2.0), centre - 1.5 * d, d), 1.5, atol=1e-4)
+    np.testing.assert_allclose(tractions.first_touch(surface, x, Sphere(2.0), centre - 1.5 * d, d), 1.5, atol=1e-4)
     # a bowl going up meets the lowest point of a plate turned over
     bowl = Bowl((10.0, 10.0, 10.0), (0.0, 0.0, 5.0), rim_z=5.0)
     x = body.nodes * [1, 1, -1]
-    up = contact.first_touch(surface, x, bowl, np.zeros(3), np.array([0.0, 0.0, 1.0]))
-    points = contact.contact_points(surface, x)
+    up = tractions.first_touch(surface, x, bowl, np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    points = tractions.contact_points(surface, x)
     below = 5.0 - np.sqrt(100.0 - points[..., 0] ** 2 - points[..., 1] ** 2)
     np.testing.assert_allclose(up, (points[..., 2] - below).min(), atol=5e-3)
 
@@ -572,7 +574,7 @@ def test_first_touch_follows_the_deformation_smoothly():
 
     def way(t: float) -> float:
         x = body.nodes + t * bump
-        return contact.first_touch(surface, x, Sphere(1.0), np.array([0.25, 0.32, 2.0]), DOWN)
+        return tractions.first_touch(surface, x, Sphere(1.0), np.array([0.25, 0.32, 2.0]), DOWN)
 
     h = 1e-5
     second = np.diff([way(0.3 + k * h) for k in range(12)], 2)
@@ -589,13 +591,13 @@ def indented(rigid: Sphere, friction: float = 0.0, augmentations: int = 0) -> tu
     body, quadratic = block(4)
     held = np.zeros(body.nodes.shape, bool)
     held[body.nodes[:, 2] < -1.0 + 1e-9] = True
-    body = element.discretise(quadratic, held, symmetric=False)
+    body = tetrahedra.discretise(quadratic, held, symmetric=False)
     surface = top(body, quadratic)
     nothing = np.zeros(surface.weights.shape)
     pair = Pair(surface, rigid, nothing + 2.0, friction)
-    system = newton.System(body, NeoHooke(0.01, 5.8), (pair,), linsolve.solver(body.pattern, "superlu"))
+    system = newton.System(body, NeoHooke(0.01, 5.8), (pair,), direct.solver(body.pattern, "superlu"))
     centre = np.array([0.1, 0.05, rigid.R])
-    before = Before(contact.contact_points(surface, body.nodes), centre, np.zeros((*nothing.shape, 3)), nothing)
+    before = Before(tractions.contact_points(surface, body.nodes), centre, np.zeros((*nothing.shape, 3)), nothing)
     touch = Touch(centre + 0.2 * DOWN, DOWN, nothing, before=before)
     counters = newton.Counters()
     u = np.zeros_like(body.nodes)
@@ -633,7 +635,7 @@ def test_friction_holds_the_surface_back():
     force, sliding = [], []
     for friction in (0.0, 0.3, 10.0):
         pair, at = indented(Sphere(1.5), friction)
-        points = contact.contact_points(pair.surface, at.u)
+        points = tractions.contact_points(pair.surface, at.u)
         across = np.linalg.norm(points[..., :2], axis=-1)
         force.append(at.contact.force[2])
         sliding.append(float((across * (at.contact.pressure > 0)).max()))

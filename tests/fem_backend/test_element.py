@@ -6,31 +6,33 @@ from cube import box
 from scipy import sparse
 from skfem import MeshTet2
 
-from fem_backend import element, geometry, meshing, stress
+from fem_backend import geometry, meshing
+from fem_backend.kinematics import tetrahedra
 from fem_backend.laws import NeoHooke
+from fem_backend.materials import stress
 
 LAW = NeoHooke(0.01, 5.8)
 
 
-def discretised(cells=2, corners=0.2, middles=0.0) -> tuple[element.Body, np.ndarray]:
+def discretised(cells=2, corners=0.2, middles=0.0) -> tuple[tetrahedra.Body, np.ndarray]:
     mesh, inner = box(cells, corners, middles)
-    return element.discretise(mesh, np.zeros((mesh.doflocs.shape[1], 3), bool)), inner
+    return tetrahedra.discretise(mesh, np.zeros((mesh.doflocs.shape[1], 3), bool)), inner
 
 
-def forces(body: element.Body, u: np.ndarray, law=LAW) -> np.ndarray:
-    state = stress.evaluate(law, element.displacement_gradients(body, u), tangent=False)
-    return element.internal_force(body, state.F, state.S)
+def forces(body: tetrahedra.Body, u: np.ndarray, law=LAW) -> np.ndarray:
+    state = stress.evaluate(law, tetrahedra.displacement_gradients(body, u), tangent=False)
+    return tetrahedra.internal_force(body, state.F, state.S)
 
 
-def energy(body: element.Body, u: np.ndarray, law=LAW) -> float:
-    state = stress.evaluate(law, element.displacement_gradients(body, u), tangent=False)
+def energy(body: tetrahedra.Body, u: np.ndarray, law=LAW) -> float:
+    state = stress.evaluate(law, tetrahedra.displacement_gradients(body, u), tangent=False)
     return float((body.w * state.energy).sum())
 
 
-def matrix(body: element.Body, u: np.ndarray, law=LAW) -> sparse.csr_matrix:
+def matrix(body: tetrahedra.Body, u: np.ndarray, law=LAW) -> sparse.csr_matrix:
     """The whole symmetric tangent over free dofs."""
-    state = stress.evaluate(law, element.displacement_gradients(body, u), tangent=True)
-    data = element.stiffness(body, state.F, state.S_geometric, state.C)
+    state = stress.evaluate(law, tetrahedra.displacement_gradients(body, u), tangent=True)
+    data = tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
     upper = sparse.csr_matrix((data, body.pattern.indices, body.pattern.indptr), shape=(body.pattern.size,) * 2)
     return upper + sparse.triu(upper, 1).T
 
@@ -45,10 +47,10 @@ A = np.array([[0.1, 0.2, -0.05], [0.0, -0.15, 0.1], [0.05, 0.0, 0.2]])  # a larg
 def test_patch_linear_displacement_gives_constant_strain(middles):
     """Isoparametric elements hold every linear field exactly, whatever their shape."""
     body, _ = discretised(middles=middles)
-    H = element.displacement_gradients(body, body.nodes @ A.T)
+    H = tetrahedra.displacement_gradients(body, body.nodes @ A.T)
     np.testing.assert_allclose(H, np.broadcast_to(A, H.shape), rtol=0, atol=1e-13)  # round-off
     kinked = body.nodes @ A.T + 1e-3 * np.abs(body.nodes - 0.4)  # negative control: no linear field
-    assert np.abs(element.displacement_gradients(body, kinked) - A).max() > 1e-4
+    assert np.abs(tetrahedra.displacement_gradients(body, kinked) - A).max() > 1e-4
 
 
 def test_patch_inner_forces_vanish_on_straight_elements():
@@ -97,7 +99,7 @@ def test_forces_are_in_balance():
 # ---------------------------------------------------------------------------------------------- derivatives
 
 
-def direction(body: element.Body, size: float) -> np.ndarray:
+def direction(body: tetrahedra.Body, size: float) -> np.ndarray:
     """A smooth field with a little noise: the work along it must not drown in the curvature of the energy."""
     return size * (np.cos(3 * body.nodes) + 0.02 * np.random.default_rng(5).normal(size=body.nodes.shape))
 
@@ -119,7 +121,7 @@ def test_stiffness_is_the_derivative_of_the_force(slopes):
     """‖f(u + tv) − f(u) − t K v‖ = O(t²), also with the held dofs left out."""
     mesh, _ = box(2, 0.2, 0.05)
     held = mesh.doflocs.T == 0.0  # sliding on three planes: single components are held
-    body = element.discretise(mesh, held)
+    body = tetrahedra.discretise(mesh, held)
     u, v = 0.1 * np.sin(4 * body.nodes[:, [1, 2, 0]]), direction(body, 0.05)
     v[held] = 0.0
     free = body.free.reshape(held.shape)
@@ -155,7 +157,7 @@ def test_volume_converges_to_that_of_the_quarter_ellipsoid():
     error = []
     for k in n:
         mesh = meshing.quadratic(body, meshing.make(meshing.mapped_recipe(body, int(k), 0.0)))
-        w = element.discretise(mesh, np.zeros((mesh.doflocs.shape[1], 3), bool)).w
+        w = tetrahedra.discretise(mesh, np.zeros((mesh.doflocs.shape[1], 3), bool)).w
         assert w.min() > 0
         error.append(abs(w.sum() / (np.pi / 3 * 60 * 35 * 35) - 1))
     assert error[0] < 2e-3, error
@@ -169,7 +171,7 @@ def test_turned_over_element_is_refused():
     edge = np.argmax(np.all(np.isclose(nodes, 0.5), axis=0))  # the middle of the diagonal, pulled through a face
     nodes[:, edge] += 2.0
     with pytest.raises(ValueError, match="inside out"):
-        element.discretise(MeshTet2(nodes, mesh.t), np.zeros((nodes.shape[1], 3), bool))
+        tetrahedra.discretise(MeshTet2(nodes, mesh.t), np.zeros((nodes.shape[1], 3), bool))
 
 
 def test_free_dofs_are_numbered_once_and_held_ones_not(graded):

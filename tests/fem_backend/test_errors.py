@@ -8,12 +8,14 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from fem_backend import analytic, contact, errors, experiment, model
+from fem_backend.accuracy import closed_forms, error_estimate
 from fem_backend.backend import BACKEND
-from fem_backend.experiment import profile_name
-from fem_backend.indentation import Result
+from fem_backend.contact import tractions
 from fem_backend.meshing import LEVELS
-from fem_backend.newton import Counters
+from fem_backend.simulation import assembly, experiment
+from fem_backend.simulation.experiment import profile_name
+from fem_backend.simulation.indentation import Result
+from fem_backend.solver.newton import Counters
 from rso.contract import Case, Programme, SimulationFailed
 
 VALUES = {"mu": 0.01, "D1": 5.8}
@@ -26,7 +28,7 @@ def result(force=(0.0, 0.0, 1.0), lengths=1.0, forces=1.0):
     radius = np.array([1.1, 1.6, 2.2])
     channels = {
         "time": travel, "travel": lengths * travel,
-        **{n: forces * f * size for n, f in zip(errors.FORCES, force, strict=True)},
+        **{n: forces * f * size for n, f in zip(error_estimate.FORCES, force, strict=True)},
         "uz_max": lengths * 1.001 * travel, "bulge": lengths * 0.004 * travel,
         "contact_area": lengths**2 * 3.5 * radius**2, "contact_radius": lengths * radius,
         "peak_pressure": forces / lengths**2 * np.array([0.010, 0.014, 0.018]), "slipping": np.array([0.2, 0.1, 0.1]),
@@ -47,13 +49,13 @@ def knobs(**values):
 
 
 def stated(found=None, at=None, **values):
-    return errors.stated(at or settings(), knobs(**values), found or result())
+    return error_estimate.stated(at or settings(), knobs(**values), found or result())
 
 
 def test_every_channel_of_a_run_has_an_error(make_bench):
     bench = make_bench({"friction": 0.2}, profile=PROFILE)
     found = bench.solve([0.5, 1.0])
-    error = errors.stated(bench.settings, bench.knobs, found)
+    error = error_estimate.stated(bench.settings, bench.knobs, found)
     assert set(error) == set(found.channels)
     for name, values in error.items():
         assert values.shape == (2,) and np.isfinite(values).all() and (values >= 0).all(), name
@@ -99,7 +101,7 @@ def test_what_the_penalty_lets_creep_is_a_share_of_what_friction_takes_on_every_
 
     def crept(force=(0.02, 0.0, 1.0), level="coarse", scale=1.0, friction=0.4, **more):
         at = settings(level, scale, point=[20.0 * scale, 0.0], **more)
-        return errors.creeping(at, knobs(friction=friction), result(force, scale, scale**2))["Fx"] / scale**2
+        return error_estimate.creeping(at, knobs(friction=friction), result(force, scale, scale**2))["Fx"] / scale**2
 
     usual, normal = crept(), np.array([20.0 / 60.0**2, 0.0, 8.0**0.5 / 3.0 / 35.0])  # of the ellipsoid at (20, 0)
     np.testing.assert_allclose(crept(level="reference"), usual, rtol=1e-12)
@@ -127,11 +129,11 @@ def test_where_a_surface_sticks_creep_and_steps_take_from_each_other(monkeypatch
     nothing = {n: np.zeros(3) for n in ("Fx", "Fy")}
     left = {}
     for creep, stick in ((1, 1), (1, 0), (0, 1)):
-        monkeypatch.setattr(errors, "creeping", lambda *_, on=creep: much if on else nothing)
-        monkeypatch.setattr(errors, "sticking", lambda *_, on=stick: much if on else nothing)
+        monkeypatch.setattr(error_estimate, "creeping", lambda *_, on=creep: much if on else nothing)
+        monkeypatch.setattr(error_estimate, "sticking", lambda *_, on=stick: much if on else nothing)
         left[creep, stick] = stated(aside, slope, friction=0.4)["Fx"]
-    np.testing.assert_allclose(left[1, 1], 2 * errors.CANCELS * 0.1, rtol=1e-3)
-    np.testing.assert_allclose(left[1, 0], np.hypot(1, errors.CANCELS) * 0.1, rtol=1e-3)
+    np.testing.assert_allclose(left[1, 1], 2 * error_estimate.CANCELS * 0.1, rtol=1e-3)
+    np.testing.assert_allclose(left[1, 0], np.hypot(1, error_estimate.CANCELS) * 0.1, rtol=1e-3)
     np.testing.assert_allclose(left[0, 1], left[1, 0], rtol=1e-9)
 
 
@@ -175,12 +177,12 @@ def bowl(clearance=1.0, **more):
 
 def in_bowl(at=None, **values):
     at = at or bowl()
-    return errors.stated(at, BACKEND.knobs({**VALUES, **values}, at), result())
+    return error_estimate.stated(at, BACKEND.knobs({**VALUES, **values}, at), result())
 
 
 def test_a_bowl_adds_what_the_body_sinks_to_what_moves_with_it_and_to_nothing_else():
     held, lying = stated(), in_bowl()
-    for name in set(held) - {"bulge", *errors.FORCES, *map(profile_name, PROFILE)}:
+    for name in set(held) - {"bulge", *error_estimate.FORCES, *map(profile_name, PROFILE)}:
         np.testing.assert_array_equal(held[name], lying[name])
     added = [lying[n] - held[n] for n in map(profile_name, PROFILE)]
     assert (added[0] > 0).all()
@@ -205,7 +207,7 @@ def test_where_the_travel_vanishes_the_wall_takes_no_more_than_the_force():
     """On the way back to contact a force of 1 µN stated 1e9 times itself; travels beyond 3/2 of a wall's error keep."""
     found = result()
     gone = replace(found, channels=found.channels | {"travel": np.array([0.5, 1e-3, 0.0])})
-    held, lying = (errors.stated(at, BACKEND.knobs(VALUES, at), gone)["Fz"] for at in (settings(), bowl()))
+    held, lying = (error_estimate.stated(at, BACKEND.knobs(VALUES, at), gone)["Fz"] for at in (settings(), bowl()))
     assert (lying - held <= found.Fz * (1.0 + 1e-9)).all()  # round-off
     np.testing.assert_allclose((lying - held)[1:], found.Fz[1:], rtol=1e-9)
     np.testing.assert_allclose((lying - held)[0], 1.5e-3 / 0.5 * found.Fz[0], rtol=1e-9)
@@ -216,7 +218,7 @@ def test_what_a_cavity_does_not_weigh_does_not_hold_the_body_down(make_bench):
     at = bowl(mesh={"mesher": "mapped", "n": 6, "slip": 0.3})
     bench = make_bench({"weight": 1e-4, "cavity": 2.5}, support={"kind": "bowl", "clearance": 1.0})
     holed = replace(result(), system=bench.system())
-    light, full = (errors.eased(at, knobs(weight=1e-4, cavity=c), holed) for c in (2.5, 0.0))
+    light, full = (error_estimate.eased(at, knobs(weight=1e-4, cavity=c), holed) for c in (2.5, 0.0))
     left = np.linalg.norm(bench.system().dead.sum(0)) / (1e-4 * bench.model.body.w.sum())
     assert 0.8 < left < 0.9
     np.testing.assert_allclose(light / full, left ** (-1 / 3), rtol=1e-3)  # W/F is some thousands
@@ -265,7 +267,7 @@ def test_finer_levels_state_less():
 def test_extrapolated_forces_state_less_and_nothing_else_does():
     plain, limit = stated(at=settings("reference")), stated(at=settings("limit"))
     assert (limit["Fz"] < plain["Fz"]).all()
-    for name in set(plain) - set(errors.FORCES):
+    for name in set(plain) - set(error_estimate.FORCES):
         np.testing.assert_array_equal(limit[name], plain[name])
 
 
@@ -284,27 +286,27 @@ def test_elements_longer_than_asked_for_below_the_ball_state_more(edge):
         np.testing.assert_allclose(found["Fz"], factor, rtol=1e-9)
         np.testing.assert_allclose(found["contact_area"], factor, rtol=1e-9)
     mapped = settings(mesh={"mesher": "mapped", "n": 8, "slip": 0.5})  # counts by its own size already
-    assert errors.unreached(mapped, knobs(), replace(result(), system=system)) == 1.0
+    assert error_estimate.unreached(mapped, knobs(), replace(result(), system=system)) == 1.0
 
 
 def test_a_tilt_counts_by_where_the_ball_touches():
     """The fine elements are there: those at the asked point, which the ball has left, do not lie below it."""
     at, tilted = settings(), knobs(tilt_y=20.0)
-    x, y = model.fine_at(at, tilted, model.place(at, tilted))
+    x, y = assembly.fine_at(at, tilted, assembly.place(at, tilted))
     assert -16.0 < x < -10.0 and y == 0.0  # the side that comes up
     triangle = np.array([[-0.5, -0.3, 0.0], [0.5, -0.3, 0.0], [0.0, 0.75**0.5 - 0.3, 0.0]])
     nodes = np.concatenate([0.5 * at.h0 * triangle + np.array([x, y, 34.0]), 5.0 * triangle + at.body.top])
     surface = SimpleNamespace(facets=np.array([[0, 1, 2, 0, 0, 0], [3, 4, 5, 3, 3, 3]]))
     system = SimpleNamespace(body=SimpleNamespace(nodes=nodes), pairs=(SimpleNamespace(surface=surface),))
     found = replace(result(), system=system)
-    assert errors.unreached(at, tilted, found) == 1.0
-    assert errors.unreached(at, knobs(), found) > 10.0  # below an upright one lie the long ones
-    np.testing.assert_allclose(errors.stretched(at, tilted), 1.0 + 4.0 * (x / 60.0) ** 2, rtol=1e-12)
+    assert error_estimate.unreached(at, tilted, found) == 1.0
+    assert error_estimate.unreached(at, knobs(), found) > 10.0  # below an upright one lie the long ones
+    np.testing.assert_allclose(error_estimate.stretched(at, tilted), 1.0 + 4.0 * (x / 60.0) ** 2, rtol=1e-12)
 
 
 def test_a_mesh_without_a_level_counts_by_its_element_size():
     size = {n: settings(mesh={"mesher": "mapped", "n": n, "slip": 0.5}) for n in (8, 16)}
-    ratio = [errors.mesh_factor(s, knobs()) for s in size.values()]
+    ratio = [error_estimate.mesh_factor(s, knobs()) for s in size.values()]
     np.testing.assert_allclose(ratio[0] / ratio[1], 4.0, rtol=1e-12)  # second order
 
 
@@ -357,7 +359,7 @@ def test_what_is_missed_of_a_skin_is_stated(ratio, thickness, monkeypatch):
     fine = np.array(SKINS[ratio, thickness])
     off = np.abs(r.channels["Fz"] - fine)
     assert (off < r.error["Fz"]).all() and (r.error["Fz"] < 0.15 * fine).all()
-    monkeypatch.setattr(errors, "contrast", lambda knobs: 0.0)
+    monkeypatch.setattr(error_estimate, "contrast", lambda knobs: 0.0)
     assert (off > BACKEND(values, case).error["Fz"]).any()
 
 
@@ -368,7 +370,7 @@ def test_the_lowest_point_below_a_stiff_skin_is_off_by_what_is_stated(monkeypatc
     r, fine = BACKEND(values, case), np.array([0.25095, 0.50057, 1.00054, 2.00068, 4.00056])
     off = np.abs(r.channels["uz_max"] - fine)
     assert (off < r.error["uz_max"]).all()
-    monkeypatch.setattr(errors, "UNEVEN", 0.0)
+    monkeypatch.setattr(error_estimate, "UNEVEN", 0.0)
     assert (off > BACKEND(values, case).error["uz_max"]).any()
 
 
@@ -376,9 +378,11 @@ def test_a_skin_of_the_core_is_none_and_one_far_thinner_or_thicker_than_elements
     for name, error in stated(skin_ratio=1.0, skin_thickness=0.5).items():
         np.testing.assert_array_equal(error, stated()[name])
     at = settings()
-    assert errors.lumped(at, knobs(skin_ratio=0.2, skin_thickness=1e-9)) == pytest.approx(1.0)
-    assert errors.lumped(at, knobs(skin_ratio=0.2, skin_thickness=2.0 * at.h0)) == 1.0
-    assert errors.layered(at, knobs(skin_ratio=0.2, skin_thickness=1.0)) == 1.0  # a softer one is missed by no more
+    assert error_estimate.lumped(at, knobs(skin_ratio=0.2, skin_thickness=1e-9)) == pytest.approx(1.0)
+    assert error_estimate.lumped(at, knobs(skin_ratio=0.2, skin_thickness=2.0 * at.h0)) == 1.0
+    assert (
+        error_estimate.layered(at, knobs(skin_ratio=0.2, skin_thickness=1.0)) == 1.0
+    )  # a softer one is missed by no more
 
 
 def test_a_patch_too_small_to_be_fitted_is_not_exact():
@@ -393,19 +397,19 @@ def test_no_contact_is_no_force_and_no_error_of_it():
     found = replace(found, channels={n: 0.0 * v for n, v in found.channels.items()}, contact_error=np.zeros(3))
     error = stated(found)
     assert all(np.isfinite(v).all() for v in error.values())
-    assert not np.any([error[n] for n in (*errors.FORCES, "contact_area", "contact_radius", "peak_pressure")])
+    assert not np.any([error[n] for n in (*error_estimate.FORCES, "contact_area", "contact_radius", "peak_pressure")])
 
 
 def test_a_contact_smaller_than_an_element_states_what_it_misses(graded):
     """Beside Hertz, who is right there: the force of 2 µm is nothing on this mesh, and that is no exact answer."""
     found = graded.solve([0.002, 0.01, 0.05])
-    error = errors.stated(graded.settings, graded.knobs, found)["Fz"]
+    error = error_estimate.stated(graded.settings, graded.knobs, found)["Fz"]
     K = 2.0 / VALUES["D1"]
-    E, nu = analytic.youngs_modulus(VALUES["mu"], K), analytic.poisson_ratio(VALUES["mu"], K)
-    hertz = analytic.hertz_force(found.travel, errors.effective_radius(graded.settings), E, nu)
+    E, nu = closed_forms.youngs_modulus(VALUES["mu"], K), closed_forms.poisson_ratio(VALUES["mu"], K)
+    hertz = closed_forms.hertz_force(found.travel, error_estimate.effective_radius(graded.settings), E, nu)
     assert found.Fz[0] == 0.0
     assert np.all(error > np.abs(found.Fz - hertz)) and np.all(error < 10.0 * hertz)
-    assert not errors.stated(graded.settings, graded.knobs, found)["Fx"].any()
+    assert not error_estimate.stated(graded.settings, graded.knobs, found)["Fx"].any()
 
 
 @pytest.mark.verification
@@ -415,8 +419,8 @@ def test_errors_at_tiny_depths_cover_hertz(level):
     s = (0.002, 0.005, 0.01, 0.02, 0.05)
     r = BACKEND(VALUES, Case("c", Programme.ramp(s), {"mesh": {"level": level}, "derivatives": False}))
     K = 2.0 / VALUES["D1"]
-    E, nu = analytic.youngs_modulus(VALUES["mu"], K), analytic.poisson_ratio(VALUES["mu"], K)
-    hertz = analytic.hertz_force(np.array(s), errors.effective_radius(settings(level)), E, nu)
+    E, nu = closed_forms.youngs_modulus(VALUES["mu"], K), closed_forms.poisson_ratio(VALUES["mu"], K)
+    hertz = closed_forms.hertz_force(np.array(s), error_estimate.effective_radius(settings(level)), E, nu)
     assert np.all(r.error["Fz"] > np.abs(r.channels["Fz"] - hertz))
 
 
@@ -431,12 +435,12 @@ def test_steps_of_a_body_that_relaxes_are_in_the_error(graded, tau):
     found = bench.solve(Programme(*there_and_back, (1.0, 2.0)))
     dense = bench.solve(Programme(*there_and_back, tuple(np.round(np.arange(1, 41) / 20, 10))))
     exact = dense.Fz[np.isclose(dense.travel[:, None], [1.0, 2.0]).any(1)]
-    left = errors.run_terms(bench.settings, bench.knobs, found)["Fz"]
+    left = error_estimate.run_terms(bench.settings, bench.knobs, found)["Fz"]
     off = np.abs(found.Fz - exact)
     assert np.all(off < left) and np.all(left[:2] < 5.0 * off[:2])
-    finer = errors.run_terms(bench.settings, bench.knobs, dense)["Fz"][np.isclose(dense.travel, 2.0)]
+    finer = error_estimate.run_terms(bench.settings, bench.knobs, dense)["Fz"][np.isclose(dense.travel, 2.0)]
     assert finer[0] < 0.4 * left[1]
-    assert not errors.relaxing(graded.settings, graded.knobs, found).any()
+    assert not error_estimate.relaxing(graded.settings, graded.knobs, found).any()
 
 
 def test_a_body_that_recovers_in_few_steps_is_right_to_what_it_states(graded):
@@ -453,14 +457,14 @@ def test_a_body_that_recovers_in_few_steps_is_right_to_what_it_states(graded):
     _, dense = run((*np.round(np.arange(1, 60) / 20, 10), 3.0))
     same = [int(np.argmin(np.abs(dense.channels["time"] - t))) for t in found.channels["time"]]
     missed = {n: np.abs(found.channels[n] - dense.channels[n][same]) for n in ("uz_max", "contact_radius")}
-    stated_, left, back = (of(bench.settings, bench.knobs, found)
-                           for of in (errors.stated, errors.run_terms, errors.recovering))  # fmt: skip
+    terms = (error_estimate.stated, error_estimate.run_terms, error_estimate.recovering)
+    stated_, left, back = (of(bench.settings, bench.knobs, found) for of in terms)
     assert all(np.all(off <= stated_[name]) for name, off in missed.items())
     off, there = missed["uz_max"], found.travel == np.maximum.accumulate(found.travel)
     assert np.all(off < left["uz_max"]) and np.any(off > left["uz_max"] - back["uz_max"])
     assert np.all(left["uz_max"][-3:] < 6.0 * off[-3:])
     assert not any(v[there].any() for v in back.values())
-    assert not any(v.any() for v in errors.recovering(graded.settings, graded.knobs, found).values())
+    assert not any(v.any() for v in error_estimate.recovering(graded.settings, graded.knobs, found).values())
 
 
 def off_axis(friction: float, *asked: float):
@@ -481,7 +485,7 @@ def test_a_ball_that_sticks_in_few_steps_is_right_to_what_it_states(friction, mo
     """
     exact, _ = off_axis(friction, *np.round(0.05 * np.arange(1, 9), 10))
     found, error = off_axis(friction, 0.2, 0.4)
-    monkeypatch.setattr(contact, "met", lambda *_: None)
+    monkeypatch.setattr(tractions, "met", lambda *_: None)
     late, _ = off_axis(friction, 0.2, 0.4)
     for name in ("Fx", "Fz"):
         assert np.all(np.abs(found[name] - exact[name]) < error[name])
@@ -496,14 +500,14 @@ def test_what_friction_takes_of_a_lateral_force_errs_as_the_pressures_do(monkeyp
     """
     fine = 0.0238  # N
     case = Case("slope", Programme.ramp((4.0,)), {"point": [20.0, 0.0], "mesh": {"level": "coarse"}})
-    states = Mock(wraps=errors.stated)
+    states = Mock(wraps=error_estimate.stated)
     monkeypatch.setattr("fem_backend.backend.stated", states)
     found = BACKEND({"mu": 0.01306, "D1": 4.25, "friction": 0.4}, case)
     off = abs(found.channels["Fx"][-1] - fine)
     assert off < found.error["Fx"][-1] < 4.0 * off
     run = states.call_args.args
-    monkeypatch.setattr(errors, "taken", lambda *run: {n: np.zeros(1) for n in ("Fx", "Fy")})
-    assert errors.stated(*run)["Fx"][-1] < off
+    monkeypatch.setattr(error_estimate, "taken", lambda *run: {n: np.zeros(1) for n in ("Fx", "Fy")})
+    assert error_estimate.stated(*run)["Fx"][-1] < off
 
 
 def test_attraction_of_a_short_range_errs_more_and_a_shorter_one_is_refused():
@@ -516,8 +520,10 @@ def test_attraction_of_a_short_range_errs_more_and_a_shorter_one_is_refused():
     with pytest.raises(SimulationFailed, match=r"adhesion_range = 0.01 mm.* 0.75 mm .* 0.025 mm") as failed:
         BACKEND({**VALUES, "adhesion": W, "adhesion_range": 0.01}, case)
     assert failed.value.cause == "not_supported"
-    usual, none = (errors.run_terms(settings(), knobs(adhesion=w), result())["Fz"] for w in (W, 0.0))
-    np.testing.assert_allclose(usual - none, 2 * np.pi * W * errors.effective_radius(settings()) * 0.005625, rtol=1e-6)
+    usual, none = (error_estimate.run_terms(settings(), knobs(adhesion=w), result())["Fz"] for w in (W, 0.0))
+    np.testing.assert_allclose(
+        usual - none, 2 * np.pi * W * error_estimate.effective_radius(settings()) * 0.005625, rtol=1e-6
+    )
 
 
 DEEP = {  # K/mu -> (level, travel, force here, independent axisymmetric force of degree 4), mm and N
@@ -536,7 +542,7 @@ def deep_error(D1, level, travel, force):
     channels = one.channels | {"travel": np.array([float(travel)]), "Fz": np.array([force]),
                                "contact_radius": np.array([2.9])}  # fmt: skip
     found = replace(one, channels=channels, contact_error=np.zeros(1), residual=np.zeros(1))
-    return float(errors.stated(settings(level), knobs(D1=D1), found)["Fz"][0]) / force
+    return float(error_estimate.stated(settings(level), knobs(D1=D1), found)["Fz"][0]) / force
 
 
 def test_deep_forces_err_by_no_more_than_is_stated():
@@ -553,7 +559,7 @@ def test_deep_forces_err_by_no_more_than_is_stated():
 
 
 def test_without_the_term_of_depth_most_deep_forces_lie_outside(monkeypatch):
-    monkeypatch.setattr(errors, "DISTORTED", 0.0)
+    monkeypatch.setattr(error_estimate, "DISTORTED", 0.0)
     rows = [(D1, *row) for D1, found in DEEP.items() for row in found]
     true = np.array([abs(F / exact - 1.0) for *_, F, exact in rows])
     assert np.mean(np.array([deep_error(D1, level, s, F) for D1, level, s, F, _ in rows]) >= true) < 0.5
@@ -561,8 +567,10 @@ def test_without_the_term_of_depth_most_deep_forces_lie_outside(monkeypatch):
 
 def test_what_a_mesh_misses_is_foretold_from_the_contact_radius():
     """By ratios alone: the same at every size; smaller elements and deeper contacts miss less."""
-    usual = [errors.at_depth(settings(), d) for d in (0.01, 0.07, 0.3, 1.0)]
-    np.testing.assert_allclose([errors.at_depth(settings(scale=0.1), 0.1 * d) for d in (0.01, 0.07, 0.3, 1.0)], usual)
+    usual = [error_estimate.at_depth(settings(), d) for d in (0.01, 0.07, 0.3, 1.0)]
+    np.testing.assert_allclose(
+        [error_estimate.at_depth(settings(scale=0.1), 0.1 * d) for d in (0.01, 0.07, 0.3, 1.0)], usual
+    )
     assert all(b < a for a, b in pairwise(usual)) and usual[0] > 0.2 and usual[-1] < 0.03
     levels = BACKEND.resolution({"mesh": {"level": "standard"}}, 0.1)
     assert list(levels) == ["standard", "coarse", "fine", "reference"]

@@ -7,10 +7,11 @@ import re
 import numpy as np
 import pytest
 
-from fem_backend import errors, meshing
+from fem_backend import meshing
+from fem_backend.accuracy import error_estimate
 from fem_backend.backend import BACKEND
-from fem_backend.experiment import LAWS, LIMIT, MARKS, read_settings
-from fem_backend.knobs import Knobs
+from fem_backend.simulation.experiment import LAWS, LIMIT, MARKS, read_settings
+from fem_backend.simulation.knobs import Knobs
 from rso.contract import Case, Programme, SimulationFailed
 
 MESH = {"mesher": "mapped", "n": 6, "slip": 0.3}
@@ -332,8 +333,8 @@ def test_settings_without_a_mesh_are_a_failed_run():
 
 
 def test_levels_exist_for_every_stated_error():
-    assert set(errors.LEVEL) == {*meshing.LEVELS, LIMIT}
-    assert set(errors.EXTRAPOLATED) == {LIMIT}
+    assert set(error_estimate.LEVEL) == {*meshing.LEVELS, LIMIT}
+    assert set(error_estimate.EXTRAPOLATED) == {LIMIT}
 
 
 @pytest.mark.parametrize("point", [[0.0, 0.0], [20.0, 0.0], [40.0, 5.0]])

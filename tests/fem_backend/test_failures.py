@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem_backend import foreseen, newton, stepping
+from fem_backend.accuracy import admissible_depth
 from fem_backend.backend import BACKEND
-from fem_backend.stepping import Control, Stopped
+from fem_backend.solver import load_steps, newton
+from fem_backend.solver.load_steps import Control, Stopped
 from rso.contract import CAUSES, Case, Programme, SimulationFailed
 
 SMALL = {"mesher": "mapped", "n": 6, "slip": 0.3}
@@ -171,7 +172,7 @@ def test_inversion_is_said_where_no_step_is_small_enough(small, brittle):
 
 def test_a_run_that_fails_is_tried_once_more_in_shorter_steps(small, monkeypatch):
     """Whatever the steps the answer is that of the run that does not fail; a second failure is one."""
-    true, tried = stepping.travel, []
+    true, tried = load_steps.travel, []
 
     def travel(system, start, asked, control, *rest):
         tried.append(control.first)
@@ -180,7 +181,7 @@ def test_a_run_that_fails_is_tried_once_more_in_shorter_steps(small, monkeypatch
         return true(system, start, asked, control, *rest)
 
     fails = {1}
-    monkeypatch.setattr(stepping, "travel", travel)
+    monkeypatch.setattr(load_steps, "travel", travel)
     other = small.solve([0.5, 1.0])
     assert len(tried) == 2 and tried[1] < tried[0]
     tried.clear()
@@ -188,7 +189,7 @@ def test_a_run_that_fails_is_tried_once_more_in_shorter_steps(small, monkeypatch
     with pytest.raises(Stopped):
         small.solve([0.5, 1.0])
     assert len(tried) == 2
-    monkeypatch.setattr(stepping, "travel", true)
+    monkeypatch.setattr(load_steps, "travel", true)
     np.testing.assert_allclose(other.Fz, small.solve([0.5, 1.0]).Fz, rtol=1e-8)
 
 
@@ -239,7 +240,7 @@ def test_step_limit_after_the_cut_backs_that_the_control_allows(small, monkeypat
             patch.setattr(newton, "solve", never)
             b.solve([1.0])
         assert stopped.value.cause == "step_limit" and 2 < stopped.value.counters.cutbacks < 12
-        assert stopped.value.history == (1.0, 0.5) and stepping.Stopped is Stopped
+        assert stopped.value.history == (1.0, 0.5) and load_steps.Stopped is Stopped
 
 
 @pytest.mark.parametrize(
@@ -263,7 +264,7 @@ def test_a_law_that_softens_over_the_stretches_reached_is_no_material(values, la
 )  # fmt: skip
 def test_a_law_that_cannot_reach_the_depth_is_refused_before_anything_is_meshed(values, material, monkeypatch):
     """By a strain that Hertz's contact reaches; what can be reached is not refused, and a skin forbids to foretell."""
-    monkeypatch.setattr("fem_backend.model.build", lambda *a, **k: pytest.fail("something was built"))
+    monkeypatch.setattr("fem_backend.simulation.assembly.build", lambda *a, **k: pytest.fail("something was built"))
     at = {"mesh": SMALL, "material": material}
     case = Case("c", Programme.ramp((1.0, 2.0), 1.0), at)
     failure = failed(values, (1.0, 2.0), material=material)
@@ -280,7 +281,7 @@ def test_a_neo_hookean_body_is_strained_more_than_is_foretold():
     for point in BACKEND.solve(VALUES, case).result.points:
         F = point.evaluation.H.reshape(-1, 3, 3) + np.eye(3)
         shortest = np.sqrt(np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)[:, 0].min())
-        assert 1.0 < -np.log(shortest) / foreseen.strain(point.travel, 3.0) < 1.7
+        assert 1.0 < -np.log(shortest) / admissible_depth.strain(point.travel, 3.0) < 1.7
 
 
 @pytest.mark.parametrize("values", [{}, {"friction": 0.3}, {"D1": 139.0}], ids=["incompressible", "friction", "soft"])

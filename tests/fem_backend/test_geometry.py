@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from fem_backend import model
-from fem_backend.experiment import read_settings
 from fem_backend.geometry import Bowl, Ellipsoid, Sphere, first_contact, hertz_radius
-from fem_backend.knobs import Knobs
+from fem_backend.simulation import assembly
+from fem_backend.simulation.experiment import read_settings
+from fem_backend.simulation.knobs import Knobs
 
 DIRECTION = np.array([0.3, -0.5, -0.8]) / np.linalg.norm([0.3, -0.5, -0.8])
 CENTRE = np.array([0.4, -0.7, 1.1])
@@ -218,7 +218,7 @@ def test_the_place_of_first_contact_lies_on_the_body_and_on_the_ball(axes):
     """Also where the body is curved more strongly than the ball, as at the top of one that stands on its end."""
     settings = read_settings({"specimen": {"semi_axes": axes}, "indenter": {"radius": 0.5 * min(axes)},
                               "point": [0.35 * axes[0], 0.1 * axes[1]]})  # fmt: skip
-    placement = model.place(settings, Knobs(mu=0.01, D1=5.8))
+    placement = assembly.place(settings, Knobs(mu=0.01, D1=5.8))
     x, body = placement.contact, placement.body
     np.testing.assert_allclose(((x / body.semi_axes) ** 2).sum(), 1.0, rtol=1e-12)
     normal = x / body.semi_axes**2

@@ -8,24 +8,27 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from skfem import MeshTet, MeshTet2
 
-from fem_backend import element, linsolve, model, newton, zones
+from fem_backend.kinematics import tetrahedra
 from fem_backend.laws import LinearElastic, Material, NeoHooke
-from fem_backend.newton import Counters, Load, System
+from fem_backend.materials import zones
+from fem_backend.simulation import assembly
+from fem_backend.solver import direct, newton
+from fem_backend.solver.newton import Counters, Load, System
 
 L, MU, D1 = 10.0, 0.01, 5.8
 LAWS = {"linear_elastic": LinearElastic, "neo_hookean": NeoHooke}
 
 
-def column(law, weight: float, n: int, sign: float = -1.0) -> tuple[element.Body, np.ndarray]:
+def column(law, weight: float, n: int, sign: float = -1.0) -> tuple[tetrahedra.Body, np.ndarray]:
     """A column 1 × 1 × L mm held at z = 0 that slides on its sides, under its weight (N/mm³): nodes and u (n, 3) mm."""
     mesh = MeshTet2.from_mesh(MeshTet.init_tensor(np.linspace(0, 1, 2), np.linspace(0, 1, 2), np.linspace(0, L, n + 1)))
     X = mesh.doflocs.T
     held = np.zeros(X.shape, bool)
     held[:, 0] = held[:, 1] = True  # no sideways motion: uniaxial strain
     held[:, 2] = X[:, 2] == 0.0
-    body = element.discretise(mesh, held)
-    dead = weight * model.lumped(body, np.ones_like(body.w))[:, None] * np.array([0.0, 0.0, sign])
-    system = System(body, Material(law(MU, D1)), (), linsolve.solver(body.pattern, "superlu"), None, dead)
+    body = tetrahedra.discretise(mesh, held)
+    dead = weight * assembly.lumped(body, np.ones_like(body.w))[:, None] * np.array([0.0, 0.0, sign])
+    system = System(body, Material(law(MU, D1)), (), direct.solver(body.pattern, "superlu"), None, dead)
     u = np.zeros_like(X)
     for share in (0.25, 0.5, 0.75, 1.0):
         u = newton.solve(system, u, Load((), dead=share), 1e-10, Counters()).evaluation.u
@@ -69,7 +72,7 @@ def test_weight_is_that_of_the_volume(small):
     body = small.model.body
     dead = small.other(weight=1e-5).system().dead
     np.testing.assert_allclose(dead.sum(0), [0.0, 0.0, -1e-5 * body.w.sum()], rtol=1e-12, atol=1e-18)
-    points = np.einsum("qa,mai->mqi", element.shape_functions(), body.nodes[body.cells])
+    points = np.einsum("qa,mai->mqi", tetrahedra.shape_functions(), body.nodes[body.cells])
     centre = (body.w[..., None] * points).sum((0, 1))
     np.testing.assert_allclose(body.nodes.T @ dead[:, 2], -1e-5 * centre, rtol=1e-10, atol=1e-12)
 
@@ -85,7 +88,7 @@ def test_support_carries_weight_and_force(small):
 def test_a_hole_weighs_nothing(small):
     """The nodal loads lack the weight of the cavity, as its place says; so does what the support carries."""
     b = small.other(weight=1e-5, cavity=2.5)
-    body, hollow = b.model.body, zones.cavity(b.model.body, *model.hole(b.settings, b.knobs, b.placement))
+    body, hollow = b.model.body, zones.cavity(b.model.body, *assembly.hole(b.settings, b.knobs, b.placement))
     missing = 1e-5 * (body.w * hollow).sum()
     full = 1e-5 * body.w.sum()
     assert missing > 0.1 * full

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fem_backend.backend import BACKEND, passages
-from fem_backend.instants import steps
-from fem_backend.stepping import Instant
+from fem_backend.simulation.schedule import steps
+from fem_backend.solver.load_steps import Instant
 from rso.contract import Case, Programme, run_key
 
 MESH = {"mesher": "mapped", "n": 8, "slip": 0.5}

@@ -9,12 +9,14 @@ import pytest
 from scipy import sparse
 from skfem import MeshTet, MeshTet2
 
-from fem_backend import element, following, krylov, linsolve, rolling, stepping, stress
-from fem_backend.element import Pattern
+from fem_backend.kinematics import tetrahedra
+from fem_backend.kinematics.tetrahedra import Pattern
 from fem_backend.laws import NeoHooke
-from fem_backend.linsolve import NotPositiveDefinite
-from fem_backend.newton import Counters, NotConverged
-from fem_backend.stepping import Control, Stopped
+from fem_backend.materials import stress
+from fem_backend.solver import direct, history_steps, krylov, load_steps, rigid_motions
+from fem_backend.solver.direct import NotPositiveDefinite
+from fem_backend.solver.load_steps import Control, Stopped
+from fem_backend.solver.newton import Counters, NotConverged
 
 BOWL = {"support": {"kind": "bowl", "clearance": 1.0, "friction": 0.0}, "point": [8.0, 4.0]}
 
@@ -30,13 +32,13 @@ def name(request):
 def loose():
     """A free cube on springs a billionth as stiff: pattern, data, dense matrix, rigid motions, all (…, f) free."""
     mesh = MeshTet2.from_mesh(MeshTet().refined(2))
-    body = element.discretise(mesh, np.zeros(mesh.doflocs.T.shape, bool))
+    body = tetrahedra.discretise(mesh, np.zeros(mesh.doflocs.T.shape, bool))
     state = stress.evaluate(NeoHooke(1.0, 0.02), np.zeros((*body.w.shape, 3, 3)), tangent=True)
-    data, pattern = element.stiffness(body, state.F, state.S_geometric, state.C), body.pattern
+    data, pattern = tetrahedra.stiffness(body, state.F, state.S_geometric, state.C), body.pattern
     data[pattern.diagonal] += 1e-9
     upper = sparse.csr_matrix((data, pattern.indices, pattern.indptr))
     whole = (upper + sparse.triu(upper, 1).T).toarray()
-    return pattern, data, whole, rolling.modes(rolling.motion(body), np.zeros(mesh.doflocs.T.shape))
+    return pattern, data, whole, rigid_motions.modes(rigid_motions.motion(body), np.zeros(mesh.doflocs.T.shape))
 
 
 def general(whole: np.ndarray) -> tuple[Pattern, np.ndarray]:
@@ -78,7 +80,7 @@ def test_solution_is_the_dense_one(loose, name, share, apart):
 def test_single_precision_alone_is_lost(loose, name):
     """Negative control: refined factors in single precision do not solve this system."""
     pattern, data, *_ = loose
-    mixed = linsolve.solver(pattern, name).__self__
+    mixed = direct.solver(pattern, name).__self__
     mixed.factor(data)(right(pattern.size))
     assert mixed._poor == 1
 
@@ -145,7 +147,7 @@ def test_only_what_may_turn_in_its_bowl_rolls(make_bench):
     bowl = {"support": {"kind": "bowl"}}
     for point, table, rolls in (([0, 0], bowl, False), ([8, 0], bowl, True), ([8, 4], bowl, True), ([8, 4], {}, False)):
         b = make_bench({"bowl_friction": 0.0}, point=[float(v) for v in point], **table)
-        assert rolls == rolling.rolls(b.system())
+        assert rolls == rigid_motions.rolls(b.system())
         assert isinstance(getattr(b.model.factor, "__self__", None), krylov.Loose) == rolls
 
 
@@ -154,13 +156,13 @@ def test_equilibrium_is_that_of_factors_in_double(make_bench):
     b = make_bench(**{**BOWL, "point": [8.0, 0.0]})
     system, load = b.system(), replace(b.load(0.3), springs=1e3)
     start = np.zeros_like(b.model.body.nodes)
-    one = rolling.solve(system, start, load, 1e-10, Counters())
+    one = rigid_motions.solve(system, start, load, 1e-10, Counters())
 
     class Exact:
         def __call__(self, data, modes=None):
-            return linsolve.precise(b.model.body.pattern)(data)
+            return direct.precise(b.model.body.pattern)(data)
 
-    two = rolling.solve(replace(system, factor=Exact()), start, load, 1e-10, Counters())
+    two = rigid_motions.solve(replace(system, factor=Exact()), start, load, 1e-10, Counters())
     # converged to 1e-10 of the outer forces; the springs are 1e4 times softer than the contact
     np.testing.assert_allclose(one.evaluation.contact.force, two.evaluation.contact.force, rtol=1e-7, atol=1e-10)
     np.testing.assert_allclose(one.evaluation.u, two.evaluation.u, atol=1e-5)
@@ -170,7 +172,7 @@ def test_equilibrium_is_that_of_factors_in_double(make_bench):
 def test_a_step_between_may_stay_loose_and_says_so(make_bench, monkeypatch):
     """Where a path is not found tightly between asked travels, the state before it counts, 1e-2 of the force off."""
     b = make_bench({"prony_g": 0.2}, **{**BOWL, "point": [8.0, 0.0]})
-    control, find = replace(Control(), path=0.1), stepping.find
+    control, find = replace(Control(), path=0.1), load_steps.find
     tight = b.solve([0.2], control=control)
 
     def lazy(system, u, load, tolerance, *more, **given):
@@ -178,7 +180,7 @@ def test_a_step_between_may_stay_loose_and_says_so(make_bench, monkeypatch):
             raise NotConverged("contact", "no equilibrium", ())
         return find(system, u, load, tolerance, *more, **given)
 
-    monkeypatch.setattr(stepping, "find", lazy)
+    monkeypatch.setattr(load_steps, "find", lazy)
     loose = b.solve([0.2], control=control)
     assert (tight.counters.loose, loose.counters.loose) == (0, 1)
     np.testing.assert_allclose(loose.Fz, tight.Fz, rtol=1e-2)
@@ -186,7 +188,7 @@ def test_a_step_between_may_stay_loose_and_says_so(make_bench, monkeypatch):
 
 def test_an_answer_may_stay_loose_says_so_and_states_what_is_left(make_bench, monkeypatch):
     """Where a body turns so easily that no tight equilibrium is found, 1e-2 of the force may be out of balance."""
-    b, find = make_bench({"bowl_friction": 0.0}, **{**BOWL, "point": [8.0, 0.0]}), stepping.find
+    b, find = make_bench({"bowl_friction": 0.0}, **{**BOWL, "point": [8.0, 0.0]}), load_steps.find
     tight = b.solve([0.2])
 
     fails: list[float] = []
@@ -197,7 +199,7 @@ def test_an_answer_may_stay_loose_says_so_and_states_what_is_left(make_bench, mo
             raise NotConverged("contact", "no equilibrium", ())
         return find(system, u, load, tolerance, *more, **given)
 
-    monkeypatch.setattr(stepping, "find", lazy)
+    monkeypatch.setattr(load_steps, "find", lazy)
     for most in (2, 1):  # either stage, or the first alone: what the second starts from
         fails.clear()
         loose = b.solve([0.2], control=replace(Control(), seating=Control().loose))
@@ -214,7 +216,7 @@ def test_a_body_that_nothing_holds_slips_to_its_wall(make_bench, monkeypatch):
     def lost(*given):
         raise Stopped("contact", "while seating", [], (), Counters())
 
-    monkeypatch.setattr(following, "_held", lost)
+    monkeypatch.setattr(history_steps, "_held", lost)
     slipped = b.solve([0.3])
     assert 0.0 < slipped.Fz[0] < held.Fz[0]  # it gives way first
     assert abs(slipped.Fz[0] - smooth.Fz[0]) < abs(held.Fz[0] - smooth.Fz[0])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fem_backend import analytic
+from fem_backend.accuracy import closed_forms
 from fem_backend.laws import (
     Fibre,
     LinearElastic,
@@ -147,17 +147,17 @@ def test_the_range_of_stretches_decides():
     assert admissible(law, 1.3) is None and admissible(law, 3.0) is not None
 
 
-@pytest.mark.parametrize("test", analytic.SIDE)
+@pytest.mark.parametrize("test", closed_forms.SIDE)
 @pytest.mark.parametrize("top", [1.2, 1.8, 3.0])
 def test_the_stress_of_an_admissible_law_increases(test, top):
     """Kirchhoff stress τ = λP from the closed forms, whichever constants are let through; some must be, some not."""
     rng, judged = np.random.default_rng(7), []
-    side = np.log(top) / max(1.0, -analytic.SIDE[test])  # the free stretch too stays between 1/top and top
+    side = np.log(top) / max(1.0, -closed_forms.SIDE[test])  # the free stretch too stays between 1/top and top
     stretch = np.exp(np.linspace(-side, side, 401))
     for _ in range(60):
         C20, C30 = rng.uniform(-0.1, 0.1) * MU, rng.uniform(-0.01, 0.01) * MU
         judged.append(admissible(Yeoh(MU, D1, C20, C30), top) is None)
-        rising = np.all(np.diff(stretch * analytic.nominal_yeoh(test, stretch, MU, C20, C30)) > 0.0)
+        rising = np.all(np.diff(stretch * closed_forms.nominal_yeoh(test, stretch, MU, C20, C30)) > 0.0)
         assert rising or not judged[-1], (C20, C30)
     assert any(judged) and not (all(judged) and top == 3.0)
 
@@ -167,7 +167,7 @@ def test_a_yeoh_that_turns_over_is_refused_where_it_does():
     C20, e = -0.05 * MU, np.linspace(0.0, np.log(4.0), 40001)
     turns = []
     for test, size in (("uniaxial", e), ("uniaxial", -e), ("planar", e)):
-        tau = np.abs(np.exp(size) * analytic.nominal_yeoh(test, np.exp(size), MU, C20, 0.0))
+        tau = np.abs(np.exp(size) * closed_forms.nominal_yeoh(test, np.exp(size), MU, C20, 0.0))
         falls = np.flatnonzero(np.diff(tau) < 0.0)
         turns += [np.exp(e[falls[0]])] if falls.size else []
     assert len(turns) == 3

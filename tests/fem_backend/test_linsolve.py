@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from fem_backend import element, linsolve, stress
+from fem_backend.kinematics import tetrahedra
 from fem_backend.laws import NeoHooke
-from fem_backend.linsolve import NotPositiveDefinite, solver
+from fem_backend.materials import stress
+from fem_backend.solver import direct
+from fem_backend.solver.direct import NotPositiveDefinite, solver
 
 
 @pytest.fixture(params=["superlu", "pardiso"])
@@ -14,17 +16,17 @@ def name(request):
     return request.param
 
 
-def stiffness(body: element.Body) -> np.ndarray:
+def stiffness(body: tetrahedra.Body) -> np.ndarray:
     state = stress.evaluate(NeoHooke(0.01, 5.8), np.zeros((*body.w.shape, 3, 3)), tangent=True)
-    return element.stiffness(body, state.F, state.S_geometric, state.C)
+    return tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
 
 
-def pattern_of(upper: np.ndarray) -> tuple[element.Pattern, np.ndarray]:
+def pattern_of(upper: np.ndarray) -> tuple[tetrahedra.Pattern, np.ndarray]:
     """Pattern with every entry of a dense upper triangle, also where it is zero, and its data."""
     n = len(upper)
     rows, cols = np.triu_indices(n)
     indptr = np.concatenate([[0], np.cumsum(np.arange(n, 0, -1))]).astype(np.int32)
-    return element.Pattern(indptr, cols.astype(np.int32)), upper[rows, cols].astype(float)
+    return tetrahedra.Pattern(indptr, cols.astype(np.int32)), upper[rows, cols].astype(float)
 
 
 def test_solution_is_that_of_the_whole_matrix(small, name):
@@ -108,7 +110,7 @@ def test_rough_solution_is_that_of_single_precision(small, name):
     body = small.model.body
     data, b = stiffness(body), np.random.default_rng(0).normal(size=body.pattern.size)
     factor = solver(body.pattern, name)(data)
-    x, y = factor(b), factor(b, linsolve.ROUGH)
+    x, y = factor(b), factor(b, direct.ROUGH)
     assert 0.0 < np.linalg.norm(y - x) < 1e-3 * np.linalg.norm(x)
 
 
@@ -118,20 +120,20 @@ def test_unknown_solver_is_refused_by_name(small):
 
 
 def test_auto_takes_what_is_there():
-    assert linsolve.available() in ("pardiso", "superlu")
+    assert direct.available() in ("pardiso", "superlu")
 
 
 # ---------------------------------------------------------------------------------------------- unsymmetric matrices
 
 
-def dense_pattern(n: int, symmetric: bool) -> element.Pattern:
+def dense_pattern(n: int, symmetric: bool) -> tetrahedra.Pattern:
     """Every entry of a small matrix, or those of its upper triangle."""
     rows, cols = np.nonzero(np.triu(np.ones((n, n))) if symmetric else np.ones((n, n)))
     indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))]).astype(np.int32)
-    return element.Pattern(indptr, cols.astype(np.int32), symmetric)
+    return tetrahedra.Pattern(indptr, cols.astype(np.int32), symmetric)
 
 
-def skewed(body: element.Body) -> tuple[sparse.csr_matrix, np.ndarray]:
+def skewed(body: tetrahedra.Body) -> tuple[sparse.csr_matrix, np.ndarray]:
     """The stiffness of a body stored whole, every entry off by its own 2 %; a right-hand side."""
     p, rng = body.pattern, np.random.default_rng(0)
     data = stiffness(body) * (1.0 + 0.02 * rng.uniform(-1, 1, len(p.indices)))
@@ -196,10 +198,10 @@ def test_unsymmetric_matrix_may_be_indefinite(name):
 def test_only_one_factor_is_alive(monkeypatch):
     """Each is 50 to 100 MB on a whole model: that of the other precision goes, a refused one too; analyses stay."""
     pytest.importorskip("pypardiso")
-    freed, free = [], linsolve._free
-    monkeypatch.setattr(linsolve, "_free", lambda s, everything=True: (freed.append(everything), free(s, everything)))
+    freed, free = [], direct._free
+    monkeypatch.setattr(direct, "_free", lambda s, everything=True: (freed.append(everything), free(s, everything)))
     pattern, data = pattern_of(np.array([[4.0, 1.0, 0.0], [1.0, 3.0, 1.0], [0.0, 1.0, 2.0]]))
-    pardiso, b = linsolve._Pardiso(pattern), np.array([1.0, 2.0, 3.0])
+    pardiso, b = direct._Pardiso(pattern), np.array([1.0, 2.0, 3.0])
     exact = np.linalg.solve([[4.0, 1.0, 0.0], [1.0, 3.0, 1.0], [0.0, 1.0, 2.0]], b)
     for k, dtype in enumerate((np.float32, np.float64, np.float32)):
         x = pardiso.factor(data.astype(dtype))(b.astype(dtype))

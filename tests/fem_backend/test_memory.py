@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from fem_backend import analytic, stress
+from fem_backend.accuracy import closed_forms
+from fem_backend.kinematics.voigt import COL, ROW
 from fem_backend.laws import Fibre, LinearElastic, Material, MooneyRivlin, Mullins, NeoHooke, Ogden, Prony, Yeoh
-from fem_backend.voigt import COL, ROW
+from fem_backend.materials import stress
 
 MU, D1 = 0.01, 5.8
 SHAPE = (2, 3)  # elements, points
@@ -215,7 +216,7 @@ def test_relaxation_after_a_sudden_stretch():
     for dt in (0.001, 0.03, 0.5, 2.0, 40.0):
         at = stress.evaluate(VISCOUS, uniaxial(0.7), False, history, dt)
         history, t = at.history, t + dt
-        np.testing.assert_allclose(at.S[0, 0, 0], axial(0.7) * analytic.relaxation(t, G, TAU), rtol=1e-12)
+        np.testing.assert_allclose(at.S[0, 0, 0], axial(0.7) * closed_forms.relaxation(t, G, TAU), rtol=1e-12)
 
 
 @pytest.mark.parametrize("to", [0.6, 1.5])
@@ -300,7 +301,7 @@ def test_primary_unloading_and_reloading_path():
     S, history = travel(SOFT, [*up, *down[1:], *up[1:], *further])
     first, back, again, last = np.split(S, [13, 25, 37])
     np.testing.assert_allclose(first, axial(up), rtol=1e-12, atol=1e-15)
-    eta = analytic.softening(energy(down[1:]), energy(1.6), MULLINS.r_inverse, MULLINS.m, MULLINS.beta)
+    eta = closed_forms.softening(energy(down[1:]), energy(1.6), MULLINS.r_inverse, MULLINS.m, MULLINS.beta)
     np.testing.assert_allclose(back, eta * axial(down[1:]), rtol=1e-11, atol=1e-15)
     assert np.all(back[:-1] < 0.999 * axial(down[1:-1]))  # softer on the way down
     np.testing.assert_allclose(again[:-1], back[-2::-1], rtol=1e-13, atol=1e-16)
@@ -321,7 +322,7 @@ def test_the_fibre_softens_too():
     fibre = lambda x: 0.01 / (2 * 0.5) * np.expm1(0.5 * (x**2 - 1) ** 2)  # noqa: E731
     W = [energy(x) + fibre(x) for x in (1.3, 1.5)]
     np.testing.assert_allclose(
-        S, elastic * analytic.softening(*W, MULLINS.r_inverse, MULLINS.m, MULLINS.beta), rtol=1e-11
+        S, elastic * closed_forms.softening(*W, MULLINS.r_inverse, MULLINS.m, MULLINS.beta), rtol=1e-11
     )
 
 

@@ -220,10 +220,10 @@ def test_tetwild_mesh_is_well_shaped_and_graded(tetwild):
 
 def test_tetwild_volume(tetwild):
     """Quadratic elements hold the volume to 1e-3, straight ones (as made) are up to 8 % short."""
-    from fem_backend import element
+    from fem_backend.kinematics import tetrahedra
 
     quadratic = meshing.quadratic(BODY, tetwild[0])
-    w = element.discretise(quadratic, np.zeros((quadratic.doflocs.shape[1], 3), bool)).w
+    w = tetrahedra.discretise(quadratic, np.zeros((quadratic.doflocs.shape[1], 3), bool)).w
     np.testing.assert_allclose(w.sum(), np.pi / 3 * 60 * 35 * 35, rtol=2e-3)
 
 

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fem_backend import indentation
 from fem_backend.backend import BACKEND
+from fem_backend.simulation import indentation
 from rso.contract import Case, Programme, SimulationFailed
 
 VALUES = {"mu": 0.01, "D1": 10.0}

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from fem_backend import experiment, indentation, meshing, nested
-from fem_backend import model as modelling
+from fem_backend import meshing
+from fem_backend.accuracy import two_grid
 from fem_backend.backend import BACKEND
-from fem_backend.stepping import Instant
+from fem_backend.simulation import assembly as modelling
+from fem_backend.simulation import experiment, indentation
+from fem_backend.solver.load_steps import Instant
 from rso.contract import Case, Programme
 
 VALUES = {"mu": 0.01, "D1": 5.8}
@@ -19,7 +21,7 @@ def case(level: str, **settings: object) -> Case:
 def test_a_field_is_carried_from_mesh_to_mesh():
     """A quadratic field at the nodes of the standard mesh from those of the coarse one: off by the cells' curvature."""
     coarse, standard = (model(level) for level in ("coarse", "standard"))
-    cells, N = nested.located(coarse, standard.body.nodes)
+    cells, N = two_grid.located(coarse, standard.body.nodes)
     np.testing.assert_allclose(N.sum(1), 1.0, rtol=1e-12)
 
     def field(X: np.ndarray) -> np.ndarray:
@@ -41,7 +43,7 @@ def model(level: str) -> modelling.Model:
 def test_the_answer_does_not_show_where_it_started(monkeypatch):
     """All channels to 1e-8 and the path itself as the control: without the coarse run it costs more factorisations."""
     quick = BACKEND(VALUES, case("fine"))
-    monkeypatch.setattr(nested, "worthwhile", lambda settings, knobs: False)
+    monkeypatch.setattr(two_grid, "worthwhile", lambda settings, knobs: False)
     walked = BACKEND(VALUES, case("fine"))
     for name, value in walked.channels.items():
         np.testing.assert_allclose(quick.channels[name], value, rtol=1e-8, atol=1e-10, err_msg=name)
@@ -63,7 +65,7 @@ def test_the_answer_does_not_show_where_it_started(monkeypatch):
 )
 def test_when_it_is_done(level, extra, settings, worth):
     read = experiment.read_settings({"mesh": {"level": level}, **settings})
-    assert nested.worthwhile(read, BACKEND.knobs(VALUES | extra, read)) is worth
+    assert two_grid.worthwhile(read, BACKEND.knobs(VALUES | extra, read)) is worth
 
 
 # ------------------------------------------------------------------------------------------------- extrapolation
@@ -74,14 +76,14 @@ def extrapolated(level: str, values: dict[str, float]) -> indentation.Result:
     knobs = BACKEND.knobs(values, read)
     place = modelling.place(read, knobs)
     built = modelling.model_for(read, knobs, place, None)
-    return nested.limit(read, knobs, place, built, [Instant(s, s, True) for s in (0.4, 0.8)], None, ("mu", "D1"))
+    return two_grid.limit(read, knobs, place, built, [Instant(s, s, True) for s in (0.4, 0.8)], None, ("mu", "D1"))
 
 
 def test_forces_are_extrapolated_and_nothing_else_is():
     """Here from the levels coarse and standard, since the arithmetic is the same; derivatives and reaction go along."""
     found = extrapolated("standard", VALUES)
     coarse, fine = (BACKEND(VALUES, case(level)) for level in ("coarse", "standard"))
-    k = nested.KEPT
+    k = two_grid.KEPT
     for name in set(fine.channels) - {"time"}:
         expected = fine.channels[name]
         if name == "Fz":

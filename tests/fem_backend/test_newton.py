@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem_backend import bench, contact, indentation, newton
-from fem_backend.newton import Counters, NotConverged
-from fem_backend.stepping import Control, Stopped
+from fem_backend.contact import tractions
+from fem_backend.simulation import indentation, initial_state
+from fem_backend.solver import newton
+from fem_backend.solver.load_steps import Control, Stopped
+from fem_backend.solver.newton import Counters, NotConverged
 from rso.contract import CAUSES
 
 PENALTY_ONLY = Control(augmentations=0)
@@ -34,12 +36,12 @@ def test_wrong_tangent_is_seen_in_the_rate(graded, monkeypatch):
     start = graded.travel([0.95], PENALTY_ONLY)[0].stages[-1].equilibrium
     u = start.evaluation.u + 0.05 * start.rate
     right = newton.solve(system, u, load, 1e-10, Counters()).history
-    true = contact.tangent
+    true = tractions.tangent
 
     def wrong(pair, *rest):
         return true(replace(pair, epsilon=1.05 * pair.epsilon), *rest)
 
-    monkeypatch.setattr(contact, "tangent", wrong)
+    monkeypatch.setattr(tractions, "tangent", wrong)
     history = newton.solve(system, u, load, 1e-10, Counters()).history
     assert len(history) > len(right) + 2
     r = np.array([h for h in history if h > 1e-11][-3:])
@@ -163,7 +165,7 @@ def test_too_deep_is_stopped_with_a_cause_and_what_was_reached(small):
     assert [p.travel for p in failure.points] == [1.0]
     assert failure.counters.cutbacks > 0 and failure.history
     assert "mm" in str(failure)
-    at = bench.bench(small.settings, small.knobs, small.placement, small.model, Counters())
+    at = initial_state.bench(small.settings, small.knobs, small.placement, small.model, Counters())
     reached = indentation.collect(at, failure.points, failure.counters, 0.0)
     # the points reached are answers like any other
     np.testing.assert_allclose(reached.Fz, small.solve([1.0]).Fz, rtol=1e-12)

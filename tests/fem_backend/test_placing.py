@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from skfem import MeshTet, MeshTet2
 
-from fem_backend import element, meshing
-from fem_backend import model as modelling
-from fem_backend.experiment import read_settings
+from fem_backend import meshing
 from fem_backend.geometry import Ellipsoid
-from fem_backend.knobs import Knobs
+from fem_backend.kinematics import tetrahedra
 from fem_backend.meshing import BadMesh, Mesh
 from fem_backend.meshing.placing import moved, translated
+from fem_backend.simulation import assembly as modelling
+from fem_backend.simulation.experiment import read_settings
+from fem_backend.simulation.knobs import Knobs
 
 NOMINAL = Ellipsoid(60.0, 35.0, 35.0)
 QUARTER = meshing.mapped_quarter(NOMINAL, 8, 0.5)
@@ -51,7 +52,7 @@ def test_placed_mesh_is_the_ellipsoid(body, point):
     place = np.array([*point, body.c * np.sqrt(1 - (point[0] / body.a) ** 2 - (point[1] / body.b) ** 2)])
     assert np.linalg.norm(X[: mesh.nvertices] - place, axis=1).min() < 1e-12, "the pole node came to the point"
     assert meshing.scaled_jacobian(mesh).min() > 0.08
-    w = element.discretise(mesh, held_nothing(mesh)).w  # raises when a Jacobian changes its sign
+    w = tetrahedra.discretise(mesh, held_nothing(mesh)).w  # raises when a Jacobian changes its sign
     np.testing.assert_allclose(w.sum(), body.volume(), rtol=7e-3)  # coarse elements far from the point
 
 
@@ -197,7 +198,7 @@ def test_volume_converges():
     sizes, missing = (8, 12, 18), []
     for n in sizes:
         mesh = meshing.assemble(meshing.mapped_quarter(NOMINAL, n, 0.4), NOMINAL, BODIES[1], (0.0, 20.0), (True, False))
-        w = element.discretise(mesh, held_nothing(mesh)).w
+        w = tetrahedra.discretise(mesh, held_nothing(mesh)).w
         missing.append(abs(1 - w.sum() / (BODIES[1].volume() / 2)))
     slope = -np.polyfit(np.log(sizes), np.log(missing), 1)[0]
     assert 3.3 < slope < 4.7, missing

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from fem_backend.adapter.priors import GAUGES
 from fem_backend.backend import BACKEND
-from fem_backend.possible import GAUGES
 
 LENGTHS = ("delta_a", "delta_b", "delta_c", "delta_R", "offset_x", "offset_y")
 

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from fem_backend import contact, element, meshing, post, stress
-from fem_backend.contact import quadratic_facets
+from fem_backend import meshing, post
+from fem_backend.contact import tractions
+from fem_backend.contact.tractions import quadratic_facets
 from fem_backend.geometry import Ellipsoid
+from fem_backend.kinematics import tetrahedra
 from fem_backend.laws import LinearElastic, NeoHooke
+from fem_backend.materials import stress
 from fem_backend.post import pictures
 
 BODY = Ellipsoid(60.0, 35.0, 35.0)
@@ -21,7 +24,7 @@ LAW = NeoHooke(mu=0.01, D1=5.8)
 
 def discretised(ellipsoid, n, slip):
     mesh = meshing.quadratic(ellipsoid, meshing.mapped_quarter(ellipsoid, n, slip))
-    body = element.discretise(mesh, np.zeros((mesh.doflocs.shape[1], 3), bool))
+    body = tetrahedra.discretise(mesh, np.zeros((mesh.doflocs.shape[1], 3), bool))
     facets = quadratic_facets(mesh, mesh.boundary_facets())
     flat = (body.nodes[facets, 0] == 0).all(1) | (body.nodes[facets, 1] == 0).all(1)
     return body, facets[~flat]
@@ -71,7 +74,7 @@ def test_fields_of_a_homogeneous_deformation(specimen):
 def test_a_state_of_the_step_is_used_as_it_is(specimen):
     body, _ = specimen
     u = 0.01 * body.nodes
-    state = stress.evaluate(LAW, element.displacement_gradients(body, u), False)
+    state = stress.evaluate(LAW, tetrahedra.displacement_gradients(body, u), False)
     np.testing.assert_array_equal(
         post.fields(body, u, LAW, np.full(body.w.shape, 3.0), state).cauchy, post.fields(body, u, LAW).cauchy
     )
@@ -106,7 +109,9 @@ def test_smoothing_is_exact_for_linear_fields(specimen):
     a, b = 0.1381966011250105, 0.5854101966249685  # the rule of degree 2
     L = np.full((4, 4), a) + (b - a) * np.eye(4)
     points = np.einsum("qc,mci->mqi", L, X[:, :4])
-    order = np.argmin(np.abs(element.get_quadrature(element.RefTet, 2)[0].T[:, None] - L[None, :, 1:]).sum(-1), axis=1)
+    order = np.argmin(
+        np.abs(tetrahedra.get_quadrature(tetrahedra.RefTet, 2)[0].T[:, None] - L[None, :, 1:]).sum(-1), axis=1
+    )
     nodes = post.to_nodes(body, (points @ g)[:, order])
     assert inner.sum() > 50
     assert straight(nodes[inner], body.nodes[inner] @ g, atol=1e-9)
@@ -119,7 +124,7 @@ def touched(ball, theta, k=0.05):
     """The ball's own shape under a ball of radius 3 from below: cap up to the angle θ, p = p₀ √(1 − s/s_e), outside
     a gap k (s − s_e)^{3/2} (1 + (s − s_e)/20)."""
     body, facets = ball
-    surface = contact.contact_surface(body, facets)
+    surface = tractions.contact_surface(body, facets)
 
     def cap(x):
         return 2.0 * 9.0 * (1.0 + x[..., 2] / np.linalg.norm(x, axis=-1))
@@ -221,7 +226,7 @@ def test_a_turned_patch_is_the_same(ball):
 
 def test_pressure_is_per_current_area(ball):
     body, facets = ball
-    surface = contact.contact_surface(body, facets)
+    surface = tractions.contact_surface(body, facets)
     pressure = np.full(surface.weights.shape, 0.01)
     found = post.contact_patch(surface, 2.0 * body.nodes, pressure, np.zeros(3), 6.0, planes=(True, True))
     np.testing.assert_allclose(found.largest, 0.01 / 4.0, rtol=1e-12)
@@ -230,14 +235,14 @@ def test_pressure_is_per_current_area(ball):
 
 def test_no_contact_is_zero(ball):
     body, facets = ball
-    surface = contact.contact_surface(body, facets)
+    surface = tractions.contact_surface(body, facets)
     found = post.contact_patch(surface, body.nodes, np.zeros(surface.weights.shape), np.zeros(3), 3.0)
     assert found.area == found.peak == found.radius == 0.0 and len(found.profile_radius) == 0
 
 
 def test_pressure_at_nodes_is_exact_for_a_constant_and_never_negative(ball):
     body, facets = ball
-    surface = contact.contact_surface(body, facets)
+    surface = tractions.contact_surface(body, facets)
     p = post.pressure_at_nodes(surface, np.full(surface.weights.shape, 0.3), len(body.nodes))
     on = np.unique(facets)
     np.testing.assert_allclose(p[on], 0.3, rtol=1e-12)

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem_backend import bench, channels, following, instants
 from fem_backend.backend import BACKEND, passages
-from fem_backend.experiment import MARKS
-from fem_backend.stepping import Control, Instant
+from fem_backend.simulation import initial_state, outputs, schedule
+from fem_backend.simulation.experiment import MARKS
+from fem_backend.solver import history_steps
+from fem_backend.solver.load_steps import Control, Instant
 from rso.contract import Case, Programme, run_key
 
 SMALL = {"mesher": "mapped", "n": 6, "slip": 0.3}
@@ -77,10 +78,10 @@ def test_memory_shows_between_loading_and_unloading(values):
 def test_path_of_an_elastic_law_ends_at_the_elastic_answer(graded):
     """The two drivers on one problem: `follow` (as for friction) and `travel`."""
     elastic = graded.solve([1.0, 2.0])
-    at = bench.bench(graded.settings, graded.knobs, graded.placement, graded.model, elastic.counters)
-    steps = instants.steps(passages(Programme((0.0, 2.0, 3.0), (0.0, 2.0, 1.0), (1.0, 2.0))), 0.4)
-    points = following.follow(at.system, at.start, steps, Control(), elastic.counters, at.seated)
-    F = [channels.whole(graded.placement, p.force)[2] for p in points]
+    at = initial_state.bench(graded.settings, graded.knobs, graded.placement, graded.model, elastic.counters)
+    steps = schedule.steps(passages(Programme((0.0, 2.0, 3.0), (0.0, 2.0, 1.0), (1.0, 2.0))), 0.4)
+    points = history_steps.follow(at.system, at.start, steps, Control(), elastic.counters, at.seated)
+    F = [outputs.whole(graded.placement, p.force)[2] for p in points]
     np.testing.assert_allclose(F, elastic.Fz[[0, 1, 0]], rtol=1e-6)
 
 

@@ -1,6 +1,6 @@
 """Exact similarity: all moduli times k, all forces times k, nothing else, whatever acts (Buckingham).
 
-This is what `rso.similarity` saves runs by; the penalties, the springs and the tolerances must scale too.
+This is what `rso.core.similarity` saves runs by; the penalties, the springs and the tolerances must scale too.
 """
 
 from __future__ import annotations
@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem_backend import model
 from fem_backend.backend import BACKEND
+from fem_backend.simulation import assembly
 from rso.contract import Case, Programme
 
 SMALL = {"mesher": "mapped", "n": 6, "slip": 0.3}
@@ -79,7 +79,7 @@ def test_a_modulus_left_behind_is_seen(knob):
 def test_a_penalty_that_does_not_scale_is_seen(graded, to_two, monkeypatch):
     """Negative control: the same ε for the stiffer body."""
     k = 3.7
-    monkeypatch.setattr(model, "PENALTY", model.PENALTY / k)
+    monkeypatch.setattr(assembly, "PENALTY", assembly.PENALTY / k)
     two = graded.other(mu=k * graded.knobs.mu, D1=graded.knobs.D1 / k).solve([1.0, 2.0])
     assert np.abs(two.Fz / k / to_two.Fz - 1).max() > 1e-4
 

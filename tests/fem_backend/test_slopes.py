@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fem_backend import slopes
 from fem_backend.backend import BACKEND, differentiable
+from fem_backend.simulation import derivatives
 from rso.contract import Case, Programme
 
 SMALL = {"mesher": "mapped", "n": 6, "slip": 0.3}
@@ -107,13 +107,13 @@ def test_derivatives_that_are_not_wanted_are_not_there():
 def test_multipliers_are_differentiated_too(graded, monkeypatch):
     """Negative control: with the multipliers taken as fixed numbers the derivative is far off."""
     right = graded.solve([1.5], gradients=("D1",)).gradients["D1"]["Fz"]
-    call = slopes.Slopes.__call__
+    call = derivatives.Slopes.__call__
 
     def forgetful(self, stage, last):
         self._dlambda = {}
         call(self, stage, last)
 
-    monkeypatch.setattr(slopes.Slopes, "__call__", forgetful)
+    monkeypatch.setattr(derivatives.Slopes, "__call__", forgetful)
     wrong = graded.solve([1.5], gradients=("D1",)).gradients["D1"]["Fz"]
     assert abs(wrong / right - 1) > 5e-3  # residuals of 1e-5 leave 2e-4
 
@@ -133,18 +133,18 @@ def test_what_a_residual_makes_of_the_force_is_taken_out(settings, monkeypatch):
         by_D1 = run({}, settings).gradients["D1"]
         return way @ [by_D1[c] for c in ("Fx", "Fy", "Fz")]
 
-    monkeypatch.setattr(slopes, "REFINED", 1e-9)
-    exact, call = along(), slopes.Slopes.__call__
+    monkeypatch.setattr(derivatives, "REFINED", 1e-9)
+    exact, call = along(), derivatives.Slopes.__call__
 
     def crudely(self, stage, last):
         found = stage.equilibrium
         found = dataclasses.replace(found, linear=lambda v: 0.9 * stage.equilibrium.linear(v))
         call(self, dataclasses.replace(stage, equilibrium=found), last)
 
-    monkeypatch.setattr(slopes.Slopes, "__call__", crudely)
-    monkeypatch.setattr(slopes, "REFINED", 1e-2)
+    monkeypatch.setattr(derivatives.Slopes, "__call__", crudely)
+    monkeypatch.setattr(derivatives, "REFINED", 1e-2)
     error = np.abs(along() / exact - 1.0).max()
-    monkeypatch.setattr(slopes, "whole", lambda placement, force: np.zeros(3))
+    monkeypatch.setattr(derivatives, "whole", lambda placement, force: np.zeros(3))
     assert error < 1e-3 and np.abs(along() / exact - 1.0).max() > 10.0 * error
 
 

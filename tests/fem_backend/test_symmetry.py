@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem_backend import meshing, model
+from fem_backend import meshing
 from fem_backend.backend import BACKEND
 from fem_backend.geometry import Ellipsoid
+from fem_backend.simulation import assembly
 from rso.contract import Case, Programme
 
 SMALL = {"mesher": "mapped", "n": 6, "slip": 0.3}
@@ -49,7 +50,7 @@ def test_quarter_half_and_whole_are_one_body(make_bench, knobs, table):
     answers = []
     for planes in ((True, True), (True, False), (False, False)):
         placement = replace(quarter.placement, planes=planes)
-        built = model.model_for(quarter.settings, quarter.knobs, placement, None)
+        built = assembly.model_for(quarter.settings, quarter.knobs, placement, None)
         answers.append(replace(quarter, placement=placement, model=built).solve([1.0]))
     exact = not (knobs.get("prony_g") or knobs.get("weight") or knobs.get("friction"))
     first = answers[0]
@@ -64,7 +65,7 @@ def test_quarter_half_and_whole_are_one_body(make_bench, knobs, table):
 def test_the_parts_are_parts(make_bench):
     """Negative control: the whole body has four times the volume of the quarter."""
     b = make_bench()
-    whole = model.model_for(b.settings, b.knobs, replace(b.placement, planes=(False, False)), None)
+    whole = assembly.model_for(b.settings, b.knobs, replace(b.placement, planes=(False, False)), None)
     np.testing.assert_allclose(whole.body.w.sum(), 4 * b.model.body.w.sum(), rtol=1e-12)
 
 
@@ -93,8 +94,8 @@ def test_body_turned_by_ninety_degrees_gives_turned_forces(make_bench, knobs):
     two = make_bench(turned, point=[-point[1], point[0]], specimen={"semi_axes": axes.tolist()}, **table)
     quarter = meshing.make(one.settings.recipe)
     mesh = meshing.Mesh(quarter.vertices[:, [1, 0, 2]], quarter.tets[:, [0, 2, 1, 3]])
-    fine = replace(two.settings, point=model.fine_at(two.settings, two.knobs, two.placement))
-    built = model.build(fine, mesh, Ellipsoid(*axes), two.placement.planes, not knobs.get("friction"))
+    fine = replace(two.settings, point=assembly.fine_at(two.settings, two.knobs, two.placement))
+    built = assembly.build(fine, mesh, Ellipsoid(*axes), two.placement.planes, not knobs.get("friction"))
     a, b = force(one.solve([1.0])), force(replace(two, model=built).solve([1.0]))
     np.testing.assert_allclose(b, [-a[1], a[0], a[2]], rtol=0, atol=1e-7 * np.abs(a).max())
     assert np.all(np.abs(a[:2]) > 1e-3 * np.abs(a).max())  # off the top there is something to turn
@@ -148,10 +149,10 @@ def test_a_misaligned_ball_meets_elements_as_fine_as_one_that_was_asked_there(ma
     # elements lie otherwise under the ball by a tenth of their size: some per cent of Fx, 0.1 % of Fz
     np.testing.assert_allclose(b, a, rtol=4e-2, atol=1e-12 * a[2])
     np.testing.assert_allclose(b[2], a[2], rtol=2e-3)
-    np.testing.assert_allclose(model.fine_at(off.settings, off.knobs, off.placement), [5.0, 0.0], atol=0.5)
-    assert model.fine_at(at.settings, at.knobs, at.placement) == (5.0, 0.0)
+    np.testing.assert_allclose(assembly.fine_at(off.settings, off.knobs, off.placement), [5.0, 0.0], atol=0.5)
+    assert assembly.fine_at(at.settings, at.knobs, at.placement) == (5.0, 0.0)
     tilted = make_bench({"tilt_y": 6.0})
-    fine = model.fine_at(tilted.settings, tilted.knobs, tilted.placement)
+    fine = assembly.fine_at(tilted.settings, tilted.knobs, tilted.placement)
     np.testing.assert_allclose(fine, tilted.placement.contact[:2], atol=1e-9)
     assert abs(fine[0]) > 1.0 and fine[1] == 0.0
 

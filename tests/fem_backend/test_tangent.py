@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from fem_backend import contact, newton, stepping, stress
-from fem_backend.newton import Counters, Load, System
-from fem_backend.stepping import Control
+from fem_backend.contact import tractions
+from fem_backend.materials import stress
+from fem_backend.solver import load_steps, newton
+from fem_backend.solver.load_steps import Control
+from fem_backend.solver.newton import Counters, Load, System
 
 BOWL = {"support": {"kind": "bowl", "clearance": 0.5, "friction": 0.0}}
 EFFECTS = {
@@ -76,7 +78,7 @@ def state(dimple, b) -> tuple[System, np.ndarray, Load]:
     before = []
     for pair, touch in zip(system.pairs, b.load(2.0).touches, strict=True):
         x = b.model.body.nodes + 0.99 * u
-        before.append(contact.remember(pair, x, touch, contact.evaluate(replace(pair, friction=0.0), x, touch)))
+        before.append(tractions.remember(pair, x, touch, tractions.evaluate(replace(pair, friction=0.0), x, touch)))
     if history is not None:
         H = newton.evaluate(system, 0.9 * u, replace(load, history=history, touches=_with(load, before)))
         history = H.history
@@ -182,9 +184,9 @@ def test_search_without_a_potential_finds_the_same_state(small):
     frictional = replace(system, pairs=(replace(system.pairs[0], friction=1e-30),))
     x = small.model.body.nodes
     touch = load.touches[0]
-    before = contact.remember(system.pairs[0], x, touch, contact.evaluate(system.pairs[0], x, touch))
+    before = tractions.remember(system.pairs[0], x, touch, tractions.evaluate(system.pairs[0], x, touch))
     u = np.zeros_like(x)
     one = newton.solve(system, u, load, 1e-10, Counters())
     two = newton.solve(frictional, u, replace(load, touches=(replace(touch, before=before),)), 1e-10, Counters())
     np.testing.assert_allclose(two.evaluation.u, one.evaluation.u, atol=1e-9)
-    assert stepping.Control().tight < 1e-8
+    assert load_steps.Control().tight < 1e-8

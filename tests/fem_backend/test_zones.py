@@ -5,8 +5,10 @@ import pytest
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
-from fem_backend import element, meshing, zones
+from fem_backend import meshing
 from fem_backend.geometry import Ellipsoid
+from fem_backend.kinematics import tetrahedra
+from fem_backend.materials import zones
 
 BODY = Ellipsoid(60.0, 35.0, 35.0)
 BELOW = np.array([0.0, 0.0, 25.0])
@@ -14,7 +16,7 @@ BELOW = np.array([0.0, 0.0, 25.0])
 
 def discretised(n, slip):
     mesh = meshing.quadratic(BODY, meshing.mapped_quarter(BODY, n, slip))
-    return element.discretise(mesh, np.zeros((mesh.doflocs.shape[1], 3), bool))
+    return tetrahedra.discretise(mesh, np.zeros((mesh.doflocs.shape[1], 3), bool))
 
 
 @pytest.fixture(scope="module")

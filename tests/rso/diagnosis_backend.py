@@ -26,10 +26,10 @@ from rso.contract import (
     parameters_of,
     run_key,
 )
-from rso.diagnosis import Base, BaseAxis, Effect, Experiment, catalogue
-from rso.measurement import Measurement, Noise, Repeat
-from rso.running import Task
-from rso.store import Done, Failed
+from rso.data import Measurement, Noise, Repeat
+from rso.discrepancy import Base, BaseAxis, Effect, Experiment, catalogue
+from rso.evaluation import Task
+from rso.evaluation.store import Done, Failed
 
 SETTINGS = ("point", "support", "profile", "earlier", "fail", "fail_all", "log", "speed", "unload", "mesh")
 FAILS_FROM = 0.7  # of the largest plausible size

@@ -1,4 +1,4 @@
-"""A diagnosis as plain data, made by formulas: the layout that `rso.diagnosis.story` writes."""
+"""A diagnosis as plain data, made by formulas: the layout that `rso.discrepancy.diagnosis_results` writes."""
 
 import json
 

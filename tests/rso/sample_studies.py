@@ -12,11 +12,11 @@ from typing import Any
 import indentation_backend
 import numpy as np
 
+from rso.calibration.pipeline import run_study
+from rso.calibration.plan import make_plan
 from rso.contract import Case, Response
-from rso.store import RunStore
+from rso.evaluation.store import RunStore
 from rso.study import load
-from rso.study.plan import make_plan
-from rso.study.whole import run_study
 
 MU, D1, THICKNESS = 0.012, 60.0, 8.0
 # Ranges stay as they are stated but in test_repairing.py.

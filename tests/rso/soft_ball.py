@@ -9,7 +9,7 @@ d ln F/d ln K is 0.030 at 0.4 mm and 0.011 at 4 mm, as finite elements give.  N,
 import numpy as np
 
 from rso.doe import Box
-from rso.identify import Data, Model, covariance
+from rso.inference import Data, Model, covariance
 
 BOX = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.0034, 1.0), (0.037, 168.0), (True, True))
 C0 = 0.058

@@ -7,8 +7,7 @@ import diagnosis_backend as toy
 import pytest
 
 from rso.cli import main
-from rso.diagnosis import make_plan
-from rso.study import blind
+from rso.discrepancy import blind, make_plan
 
 
 @dataclass(frozen=True)

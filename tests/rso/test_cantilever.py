@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rso.cli import main
-from rso.measurement import Unsaid, read
-from rso.study.columns import ColumnsTable
+from rso.data import Unsaid, read
+from rso.study.columns_table import ColumnsTable
 
 K, MODULUS, SENSITIVITY = 0.0876e-3, 1e-4, 62e-6  # N/mm, N/mm^1.5, mm/V
 PARKED, LIGHT = 8e-3, 1.2e-4  # mm

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import sample_studies as studies
 
+from rso.cli.checking import check
 from rso.study import StudyError, load
-from rso.study.checking import check
 
 OWN = {
     "backend": 'use = "fem_backend.backend:BACKEND"',

@@ -18,11 +18,10 @@ import pytest
 import sample_studies as studies
 
 import rso
-from rso import progress
-from rso.cli import main
-from rso.running import Finished, Planned
-from rso.study import plan
-from rso.study.nominal import BOWL, HELD, NOISE, read_nominal
+from rso.calibration import plan
+from rso.cli import main, progress
+from rso.evaluation import Finished, Planned
+from rso.study.laboratory_nominal import BOWL, HELD, NOISE, read_nominal
 
 HERE = Path(__file__).parent
 TOP = studies.SECTIONS["[experiments]"]

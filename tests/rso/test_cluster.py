@@ -13,8 +13,8 @@ import sample_studies as studies
 from test_running import SOURCE, bits, task
 
 from rso.cli import main
-from rso.running import Crashed, Done, Failed, WorkersCannotStart, open_cluster, run_all
-from rso.store import RunStore
+from rso.evaluation import Crashed, Done, Failed, WorkersCannotStart, open_cluster, run_all
+from rso.evaluation.store import RunStore
 
 HERE = Path(__file__).parent
 
@@ -126,7 +126,7 @@ def test_a_whole_study_by_its_file(local, tmp_path):
 @pytest.mark.verification
 def test_no_scheduler_there(tmp_path, capsys, monkeypatch):
     pytest.importorskip("distributed")
-    import rso.running.cluster as room
+    import rso.evaluation.cluster as room
 
     monkeypatch.setattr(room, "CONNECT_S", 2.0)
     studies.write(tmp_path, dispatch='engine = "dask"\naddress = "tcp://127.0.0.1:1"')

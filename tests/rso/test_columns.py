@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
-from rso.measurement import Column, combine, read
-from rso.measurement.combining import Noise
+from rso.calibration.plan import make_plan
+from rso.calibration.results import begin
+from rso.cli.checking import check
+from rso.data import Column, combine, read
+from rso.data.repeats import Noise
 from rso.study import StudyError, load
 from rso.study.cases import measured_curves
-from rso.study.checking import check
-from rso.study.columns import ColumnsTable
-from rso.study.plan import make_plan
-from rso.study.results import begin
+from rso.study.columns_table import ColumnsTable
 
 # 4 mm there in 8 s, 4 s of rest, and back.
 U = np.r_[np.linspace(0, 4, 41), np.full(20, 4.0), np.linspace(3.9, 0, 40)]

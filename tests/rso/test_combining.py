@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from rso.distributions import student
-from rso.identify.determination import exceeded
-from rso.measurement import Measurement, Noise, Repeat, combine
-from rso.measurement.scatter import beyond_said, of_repeats, ratio_of
-from rso.study.readings import as_data
+from rso.calibration.readings import as_data
+from rso.core.distributions import student
+from rso.data import Measurement, Noise, Repeat, combine
+from rso.data.scatter import beyond_said, of_repeats, ratio_of
+from rso.inference.identifiability import exceeded
 
 U = np.linspace(0.1, 4.0, 40)
 SETS = 200

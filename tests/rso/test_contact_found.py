@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
-from rso.measurement import CONTACT, Column, customary, read
-from rso.measurement.contact import approached, begins_in_air, onset
+from rso.data import CONTACT, Column, read
+from rso.data.contact_point import approached, begins_in_air, onset
+from rso.data.files import header_aliases
 from rso.study import load
 
 TRUE, AIR = 0.0, 2.0
@@ -162,7 +163,7 @@ def test_what_was_tared_on_the_way_and_spikes_turn_no_sign(sign):
     back = np.r_[pressed(u), pressed(u[::-1]) - 1.2 * (u[::-1] < 0) * np.exp(u[::-1])]  # it pulls more than it pressed
     for travel, F in [(u, F) for F in (spiked, *tared)] + [(np.r_[u, u[::-1]], back)]:
         columns = {"depth": sign * travel, "Fz": sign * F}
-        assert customary.turned(columns, np.full(len(F), "1"), names) == wanted
+        assert header_aliases.turned(columns, np.full(len(F), "1"), names) == wanted
 
 
 @pytest.mark.parametrize("last", [0.0, -AIR])

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from rso.curves import Resampling, baseline, between, metrics, rows_at, window
+from rso.core.curves import Resampling, baseline, between, metrics, rows_at, window
 
 # Round-off of a handful of operations on numbers of order one.
 EXACT = 1e-13

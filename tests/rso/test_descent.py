@@ -12,18 +12,18 @@ import pytest
 import sample_studies as studies
 import sloped_backend
 
+from rso.calibration.pipeline import run_study
+from rso.calibration.plan import make_plan
 from rso.cli import main
 from rso.contract import Parameter
+from rso.core.similarity import group
 from rso.doe import Box
-from rso.identify import Data, Frame, Sight, on_runs, tangents
-from rso.identify.descent import contradiction
+from rso.evaluation.store import RunStore
+from rso.inference import Data, Frame, Sight, on_runs, tangents
+from rso.inference.gauss_newton import contradiction
 from rso.report import render
 from rso.report.terminal import summary
-from rso.similarity import group
-from rso.store import RunStore
 from rso.study import StudyError, load
-from rso.study.plan import make_plan
-from rso.study.whole import run_study
 
 DOCS = Path(__file__).parents[2] / "docs" / "results.md"
 TRUTH = {"mu": studies.MU, "D1": studies.D1}

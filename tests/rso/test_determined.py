@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from rso import surrogates
-from rso.curves import Resampling, between
+from rso import emulation
+from rso.calibration.confirmed_optimum import Settled
+from rso.calibration.identification_stage import doubted
+from rso.core.curves import Resampling, between
 from rso.doe import Box, sobol
-from rso.identify import Data, Misfit, Model, Runs, determine, grid, judge
-from rso.identify.intervals import Interval
-from rso.identify.sampling import chain, sample
-from rso.study.identifying import doubted
-from rso.study.settling import Settled
+from rso.inference import Data, Misfit, Model, Runs, determine, judge, posterior_grid
+from rso.inference.intervals import Interval
+from rso.inference.posterior_sampling import chain, sample
 
 AT = np.linspace(0.1, 1.0, 10)
 
@@ -32,7 +32,7 @@ def test_a_power_law_over_decades_is_learnt_as_its_logarithm():
     the largest value that 20 runs have, and knows that: nothing else may be preferred to it."""
     X = sobol(3, 20, 1)
     y = 10.0 ** (4 * X[:, 0] + 3 * X[:, 1] - 2 * X[:, 2] - 3)
-    model = surrogates.fit("auto", X, y, seed=1)
+    model = emulation.fit("auto", X, y, seed=1)
     assert model.log
     corner = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     mean, sd = model.predict(corner)
@@ -45,8 +45,8 @@ def test_a_logarithm_that_knows_nothing_of_a_corner_is_dropped():
     rng = np.random.default_rng(3)
     X = 0.3 + 0.2 * rng.random((12, 2))
     y = np.exp(3 * np.sin(40 * X[:, 0]) + 2 * rng.standard_normal(12))
-    log, plain = (surrogates.fit_kriging(X, y, seed=0, trend=2, log=g) for g in (True, False))
-    assert surrogates.choice._tame([log, plain], y) == [plain]
+    log, plain = (emulation.fit_kriging(X, y, seed=0, trend=2, log=g) for g in (True, False))
+    assert emulation.choice._tame([log, plain], y) == [plain]
 
 
 SUM = box([0.0, 0.0], [1.0, 1.0])
@@ -152,7 +152,7 @@ def test_a_chain_says_whether_it_has_converged(monkeypatch):
     on_cells = sample(misfit, [d.fit], seed=0)
     ends = [np.quantile(v.X, [0.05, 0.95], axis=0) for v in (good, on_cells)]
     np.testing.assert_allclose(*ends, atol=0.1 * float(np.ptp(ends[0], axis=0).min()))
-    monkeypatch.setattr(grid, "MOST", dict.fromkeys((1, 2, 3), 100))
+    monkeypatch.setattr(posterior_grid, "MOST", dict.fromkeys((1, 2, 3), 100))
     assert sample(misfit, [d.fit], seed=0).method == "chain"
 
 

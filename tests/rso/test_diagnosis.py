@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from rso import diagnosis
+from rso import discrepancy
 from rso.contract import plain
-from rso.diagnosis import Diagnosis, Library, attribute, build, make_plan, story, undecided
-from rso.diagnosis.attribute import FALSE_ALARM, Evidence, set_up
-from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judge import _opened
-from rso.diagnosis.mixture import log_evidence, posterior, posterior_each
-from rso.diagnosis.unfitted import _chosen_without, left_out
-from rso.diagnosis.words import _named, _otherwise, _single
-from rso.measurement import Noise
+from rso.data import Noise
+from rso.discrepancy import Diagnosis, Library, build, make_plan, story
+from rso.discrepancy.diagnosis import _opened
+from rso.discrepancy.evidence import attribution, marginal_ranges
+from rso.discrepancy.evidence.attribution import FALSE_ALARM, Evidence, set_up
+from rso.discrepancy.evidence.cross_validation import _chosen_without, left_out
+from rso.discrepancy.evidence.gaussian_mixture import log_evidence, posterior, posterior_each
+from rso.discrepancy.evidence.hypotheses import Hypothesis
+from rso.discrepancy.wording import _named, _otherwise, _single
 
 NAMES = ("stiff", "skin", "soften", "offset", "bias")
 NULLS = 100
@@ -46,7 +47,7 @@ def tables(names: tuple[str, ...], validate: bool) -> Library:
 def diagnose(seed: int, truth=None, names=NAMES, validate: bool = False, **chain: float) -> Diagnosis:
     """One library serves all data of the same plan."""
     plan = make_plan(experiments(seed, truth, validate, **chain))
-    return diagnosis.diagnose(dataclasses.replace(tables(names, validate), plan=plan), seed, nulls=NULLS)
+    return discrepancy.diagnose(dataclasses.replace(tables(names, validate), plan=plan), seed, nulls=NULLS)
 
 
 def cause(d: Diagnosis, name: str):
@@ -101,9 +102,9 @@ def test_a_test_done_at_another_place_than_noted_is_the_measurement(away):
         made.append(toy.experiment("side", toy.recorded(truth, rng, point=(10.0, 0.0), lateral=True, repeats=2),
                                    point=(10.0, 0.0)))  # fmt: skip
         plan = make_plan(made)
-        effects = diagnosis.localised(toy.effects(*NAMES, "shift", "tilt"), plan.labels())
+        effects = discrepancy.localised(toy.effects(*NAMES, "shift", "tilt"), plan.labels())
         library = build(BASE, plan, effects, toy.run)
-        return library, diagnosis.diagnose(library, 4, nulls=NULLS)
+        return library, discrepancy.diagnose(library, 4, nulls=NULLS)
 
     library, d = found(away, False)
     assert d.verdict == "measurement" and d.named == ("shift at (10, 0)",), (d.verdict, d.named)
@@ -122,7 +123,7 @@ def test_a_lateral_force_of_the_wrong_sign_is_told_before_any_cause(sign):
     side = tuple(dataclasses.replace(r, channels={**r.channels, "Fx": sign * r.channels["Fx"]}) for r in side)
     plan = make_plan([*experiments(4), toy.experiment("side", side, point=(10.0, 0.0))])
     library = build(BASE, plan, toy.effects("gain"), toy.run)
-    found = story(library, diagnosis.diagnose(library, 0, NULLS), (), None, "")
+    found = story(library, discrepancy.diagnose(library, 0, NULLS), (), None, "")
     assert [(r["experiment"], r["channel"]) for r in found["mirrored"]] == ([("side", "Fx")] if sign < 0 else [])
     assert any("Opposite to the model in sign: Fx in side" in w for w in found["words"][:2]) == (sign < 0)
 
@@ -131,11 +132,11 @@ def test_forms_share_the_prior_of_their_cause_and_one_place_teaches_nothing_of_a
     made, rng = experiments(4), np.random.default_rng(11)
     side = toy.recorded(TRUTH, rng, point=(10.0, 0.0), lateral=True, repeats=2)
     plan = make_plan([*made, toy.experiment("side", side, point=(10.0, 0.0))])
-    library = build(BASE, plan, diagnosis.localised(toy.effects("stiff", "shift"), plan.labels()), toy.run)
+    library = build(BASE, plan, discrepancy.localised(toy.effects("stiff", "shift"), plan.labels()), toy.run)
     y = plan.values()
-    evidence = attribute.Evidence(attribute.set_up(library, y), library.effects)
+    evidence = attribution.Evidence(attribution.set_up(library, y), library.effects)
     pair = tuple(e for e in library.effects if e.name in ("stiff", "shift"))
-    (contest,) = attribute.contests(evidence, y[None], [pair])
+    (contest,) = attribution.contests(evidence, y[None], [pair])
     P = {}
     for h, p in zip(contest.hypotheses, np.exp(contest.log_prior), strict=True):
         key = (*sorted(e.source for e in h.effects), h.unexplained)
@@ -143,7 +144,9 @@ def test_forms_share_the_prior_of_their_cause_and_one_place_teaches_nothing_of_a
     for more in (False, True):
         each = [P[s, more] for s in ("stiff", "shift", "shift at one place")]
         np.testing.assert_allclose(each, each[0], rtol=1e-12)
-    np.testing.assert_allclose(P["shift", "stiff", False], 0.5 * attribute.PRIOR["pair"] / 3, rtol=1e-12)  # of 3 pairs
+    np.testing.assert_allclose(
+        P["shift", "stiff", False], 0.5 * attribution.PRIOR["pair"] / 3, rtol=1e-12
+    )  # of 3 pairs
     beside = np.concatenate([np.arange(at.start, at.stop) for t, _, at in plan.rows() if t.place == 1])
     rest = np.setdiff1d(np.arange(plan.n), beside)
     away = next(e for e in library.effects if e.name == "shift at (10, 0)")
@@ -179,7 +182,7 @@ def clipped(name: str, found: list) -> list:
 def test_one_experiment_that_is_odd_is_told(name):
     """One of three at the same point has a clipped file: no cause that all share, and the answer says which."""
     plan = make_plan(clipped(name, experiments(3)))
-    d = diagnosis.diagnose(dataclasses.replace(tables(NAMES, False), plan=plan), 3, nulls=NULLS)
+    d = discrepancy.diagnose(dataclasses.replace(tables(NAMES, False), plan=plan), 3, nulls=NULLS)
     assert d.verdict == "unexplained" and not d.causes
     assert max(d.probabilities, key=d.probabilities.get) == "none + unexplained"
     assert d.remainder is None and d.odd is not None and d.odd[0] == name
@@ -191,16 +194,16 @@ def test_one_experiment_that_is_odd_is_told(name):
 
 def test_what_all_experiments_have_is_in_none_alone():
     plan = make_plan([screwed(e, 0.025, 1.3) for e in experiments(3)])
-    d = diagnosis.diagnose(dataclasses.replace(tables(NAMES, False), plan=plan), 3, nulls=NULLS)
+    d = discrepancy.diagnose(dataclasses.replace(tables(NAMES, False), plan=plan), 3, nulls=NULLS)
     assert d.verdict == "unexplained" and d.odd is None
 
 
 @pytest.mark.parametrize("name", ["load", "cycle", "deep"])
 def test_a_part_that_only_widens_the_gap_of_other_curves_is_none(name, monkeypatch):
     """Softening or stiffening makes most of a file that is clipped, and nothing of the other files."""
-    monkeypatch.setattr(attribute, "ALONE", ())
+    monkeypatch.setattr(attribution, "ALONE", ())
     plan = make_plan(clipped(name, experiments(3)))
-    d = diagnosis.diagnose(dataclasses.replace(tables(NAMES, False), plan=plan), 3, nulls=NULLS)
+    d = discrepancy.diagnose(dataclasses.replace(tables(NAMES, False), plan=plan), 3, nulls=NULLS)
     assert d.verdict == "unexplained" and not d.causes
     likely = max(d.probabilities, key=d.probabilities.get)
     assert likely.startswith(("soften", "stiff"))  # evidence alone would name it
@@ -217,7 +220,7 @@ def test_a_body_that_stiffens_from_test_to_test_is_found_and_is_no_scatter_of_ga
     plan = make_plan(made)
     assert [t.age for t in plan.tests] == [-0.5, -0.25, 0.0, 0.25, 0.5]
     library = build(BASE, plan, toy.effects("stiff", "soften", "gain", "gain_each", "ageing"), toy.run)
-    d = diagnosis.diagnose(library, 6, nulls=NULLS)
+    d = discrepancy.diagnose(library, 6, nulls=NULLS)
     assert d.verdict == "measurement" and d.named == ("ageing",), (d.verdict, d.named, d.probabilities)
     c = cause(d, "ageing")
     assert c.interval[0] <= 0.2 <= c.interval[1]
@@ -233,7 +236,7 @@ def test_a_dent_that_stays_is_found_and_is_no_offset():
             reached = max(reached, float(r.depth.max()))
         made.append(dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=tuple(repeats))))
     names = ("stiff", "soften", "offset", "offset_each", "ageing", "permanent_set")
-    d = diagnosis.diagnose(build(BASE, make_plan(made), toy.effects(*names), toy.run), 6, nulls=NULLS)
+    d = discrepancy.diagnose(build(BASE, make_plan(made), toy.effects(*names), toy.run), 6, nulls=NULLS)
     assert d.verdict == "measurement" and d.named == ("permanent_set",), (d.verdict, d.named, d.probabilities)
     c = cause(d, "permanent_set")
     assert c.interval[0] <= 0.04 <= c.interval[1]
@@ -262,7 +265,7 @@ def test_the_one_curve_whose_contact_is_off_is_named(late):
                first.repeats[2])  # fmt: skip
     made[0] = dataclasses.replace(made[0], measurement=dataclasses.replace(first, repeats=repeats))
     library = build(BASE, make_plan(made), toy.effects("stiff", "soften", "offset_each"), toy.run)
-    d = diagnosis.diagnose(library, 7, nulls=NULLS)
+    d = discrepancy.diagnose(library, 7, nulls=NULLS)
     assert d.verdict == "measurement" and d.named == ("offset_each",), (d.verdict, d.named, d.probabilities)
     found = story(library, d, (), None, "")
     each = found["diagnosis"]["causes"][0]["each"]
@@ -297,7 +300,7 @@ def test_a_factor_of_every_test_is_of_the_cell_or_of_the_specimen():
     made = factors(experiments(6), (0.94, 1.07, 0.98, 1.05, 0.93))
     names = ("stiff", "soften", "gain_each", "offset_each")
     library = build(BASE, make_plan(made), toy.effects(*names), toy.run)
-    d = diagnosis.diagnose(library, 6, nulls=NULLS)
+    d = discrepancy.diagnose(library, 6, nulls=NULLS)
     assert d.verdict == "ambiguous" and d.named == ("gain_each",), (d.verdict, d.named, d.probabilities)
     said = " ".join(story(library, d, (), None, "")["words"])
     assert "every test has its own factor" in said and "known weight" in said
@@ -312,7 +315,7 @@ def test_tests_that_differ_by_more_than_is_stated_do_not_hide_what_else_there_is
         cycles = toy.recorded(body, rng, repeats=2, unload=True, earlier=4.0)
         made = [toy.experiment("load", loads), toy.experiment("cycle", cycles, after=("load",))]
         library = build(BASE, make_plan(factors(made, each)), toy.effects("stiff", "soften", "gain_each"), toy.run)
-        d = diagnosis.diagnose(library, 6, nulls=NULLS)
+        d = discrepancy.diagnose(library, 6, nulls=NULLS)
         assert (d.verdict, d.named) == (verdict, named), (d.verdict, d.named, d.probabilities)
 
 
@@ -324,7 +327,7 @@ def test_what_is_stated_binds_only_where_a_gap_is_found_by_it():
     made = [toy.experiment("load", loads), toy.experiment("cycle", cycles, after=("load",))]
     plan = make_plan(factors(made, (0.934, 1.072, 0.97, 1.024, 1.018, 0.988)))
     library = build(BASE, plan, toy.effects("stiff", "soften"), toy.run)
-    d = diagnosis.diagnose(library, 3, nulls=NULLS)
+    d = discrepancy.diagnose(library, 3, nulls=NULLS)
     said = " ".join(story(library, d, (), None, "")["words"])
     assert d.verdict == "no_gap" and "taken for noise" in said
     assert "counts as a gap" not in said and "not smooth" not in said
@@ -336,7 +339,7 @@ def test_the_cause_is_chosen_anew_without_the_curve_that_is_left_out():
     made = [*experiments(1)[:2], experiments(1, {"stiff": 0.25})[2]]
     library = dataclasses.replace(tables(names, False), plan=make_plan(made))
     y, (stiff, _) = library.plan.values(), library.effects
-    evidence = attribute.Evidence(bench := attribute.set_up(library, y), library.effects)
+    evidence = attribution.Evidence(bench := attribution.set_up(library, y), library.effects)
     shrunk = left_out(library, bench, evidence, y, Hypothesis((stiff,)), 0)
     causes = {c.curve: c.cause for c in shrunk.curves}
     assert causes["deep"] == () and ("stiff",) in causes.values()
@@ -349,7 +352,7 @@ def test_the_model_before_is_the_one_that_the_study_found():
     made = make_plan(experiments(3, validate=True))
     library = dataclasses.replace(tables(NAMES, True), plan=made)
     own, right, off = (
-        diagnosis.diagnose(library, 7, nulls=NULLS, fitted=f).shrinkage
+        discrepancy.diagnose(library, 7, nulls=NULLS, fitted=f).shrinkage
         for f in (None, {"mu": TRUTH["mu"]}, {"mu": 1.2 * TRUTH["mu"]})
     )
     assert own.fitted is None and right.fitted == {"mu": TRUTH["mu"]}
@@ -375,7 +378,9 @@ def test_what_is_kept_for_validation_never_influences_the_verdict(clip):
     moved = dataclasses.replace(r, channels={"Fz": 1.4 * r.channels["Fz"] + 0.05})
     other[2] = dataclasses.replace(other[2], measurement=dataclasses.replace(other[2].measurement, repeats=(moved,)))
     library = tables(NAMES, True)
-    found = [diagnosis.diagnose(dataclasses.replace(library, plan=p), 7, nulls=NULLS) for p in (one, make_plan(other))]
+    found = [
+        discrepancy.diagnose(dataclasses.replace(library, plan=p), 7, nulls=NULLS) for p in (one, make_plan(other))
+    ]
     a, b = (verdict(d) for d in found)
     assert a == b
     assert found[0].shrinkage.before != found[1].shrinkage.before
@@ -411,10 +416,10 @@ def test_one_curve_alone_is_answered_humbly():
     repeats = toy.recorded({**TRUTH, "soften": 0.3}, rng, unload=True)
     plan = make_plan([toy.experiment("cycle", repeats)])
     library = build(BASE, plan, toy.effects("soften", "stiff"), toy.run)
-    d = diagnosis.diagnose(library, 0, nulls=NULLS)
+    d = discrepancy.diagnose(library, 0, nulls=NULLS)
     assert d.verdict in ("explained", "ambiguous", "partly") and "soften" in d.named
     assert d.held_out == () and d.shrinkage.closed is None
-    story = diagnosis.story(library, d, (), None, "one curve")
+    story = discrepancy.story(library, d, (), None, "one curve")
     assert any("one curve" in line for line in story["words"])
 
 
@@ -429,7 +434,7 @@ def test_nothing_stated_and_no_repeats():
     curves = [toy.recorded(TRUTH, rng, peak=p, readings=10) for p in (3.0, 4.0)]
     plan = make_plan([toy.experiment(f"c{k}", r, noise=Noise()) for k, r in enumerate(curves)])
     library = build(BASE, plan, toy.effects("stiff", "skin"), toy.run)
-    assert diagnosis.diagnose(library, 0, nulls=NULLS).verdict in ("no_gap", "ambiguous", "explained")
+    assert discrepancy.diagnose(library, 0, nulls=NULLS).verdict in ("no_gap", "ambiguous", "explained")
 
 
 def test_failed_runs_everywhere_are_no_evidence():
@@ -439,7 +444,7 @@ def test_failed_runs_everywhere_are_no_evidence():
         for e in experiments(0, {"soften": 0.35})
     ]
     library = build(BASE, make_plan(failing), toy.effects("soften", "stiff"), toy.run)
-    d = diagnosis.diagnose(library, 0, nulls=NULLS)
+    d = discrepancy.diagnose(library, 0, nulls=NULLS)
     assert "soften" not in d.named and library.failed
 
 
@@ -453,11 +458,11 @@ def screwed(e, size: float, pitch: float):
     return dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=repeats))
 
 
-@pytest.mark.parametrize("menu, seen", [(attribute.GAPS, True), (((0.03, 0.2), (0.15, 0.2)), False)])
+@pytest.mark.parametrize("menu, seen", [(attribution.GAPS, True), (((0.03, 0.2), (0.15, 0.2)), False)])
 def test_a_gap_that_is_small_and_rough_is_seen(monkeypatch, menu, seen):
     """0.025 mm in 1.3 mm: a competitor that is only smooth, or only large, finds it less probable than nothing."""
-    monkeypatch.setattr(attribute, "GAPS", menu)
-    monkeypatch.setattr(attribute, "ALONE", ())
+    monkeypatch.setattr(attribution, "GAPS", menu)
+    monkeypatch.setattr(attribution, "ALONE", ())
     plan = make_plan([screwed(e, 0.025, 1.3) for e in experiments(3)])
     library = dataclasses.replace(tables(NAMES, False), plan=plan)
     opened = _opened(library, plan.values(), NULLS, 3)
@@ -479,7 +484,7 @@ def test_a_hum_is_no_smooth_gap_and_yet_not_nothing():
         )
         for e in experiments(3)
     ]
-    d = diagnosis.diagnose(dataclasses.replace(tables(NAMES, False), plan=make_plan(every)), 3, nulls=NULLS)
+    d = discrepancy.diagnose(dataclasses.replace(tables(NAMES, False), plan=make_plan(every)), 3, nulls=NULLS)
     assert d.verdict == "unexplained" and not d.causes
     assert diagnose(3).verdict == "no_gap"
 
@@ -523,11 +528,11 @@ def test_what_the_data_neither_show_nor_exclude_widens_the_interval():
     Negative controls: a cell that is known well, and nothing else that could be there, leave the interval as it is.
     """
 
-    def found(seed: int, **known: float) -> undecided.Reach:
+    def found(seed: int, **known: float) -> marginal_ranges.Reach:
         library = tables(("compliance", "gain"), False)
         effects = tuple(dataclasses.replace(e, known=known.get(e.name)) for e in library.effects)
         plan = make_plan(experiments(seed, {"mu": 0.95 * TRUTH["mu"], "D1": TRUTH["D1"] / 0.95}))
-        d = diagnosis.diagnose(dataclasses.replace(library, plan=plan, effects=effects), seed, NULLS)
+        d = discrepancy.diagnose(dataclasses.replace(library, plan=plan, effects=effects), seed, NULLS)
         assert d.verdict == "no_gap"
         r = d.reach["mu"]
         assert (d.parameters["after"]["mu"], d.parameters["if_nothing_else"]["mu"]) == (r.whole, r.alone)
@@ -547,10 +552,10 @@ def test_what_widens_an_interval_most_is_named():
     own, there = rng.standard_normal(4000), rng.random(4000) < 0.4
     other = rng.random(4000) < 0.5
     names = {"train": there, "other": other}
-    r = undecided._told(own + 8.0 * there * rng.random(4000), quantiles(own), names, quantiles)
+    r = marginal_ranges._told(own + 8.0 * there * rng.random(4000), quantiles(own), names, quantiles)
     assert r.by == ("train",) and r.high_with == "train" and r.low_with is None
     assert width(r.without) < 1.1 * width(r.alone) < 0.6 * width(r.whole)
-    assert undecided._told(own + 0.3 * other, quantiles(own), names, quantiles).by == ()
+    assert marginal_ranges._told(own + 0.3 * other, quantiles(own), names, quantiles).by == ()
 
 
 def width(v: tuple[float, float, float]) -> float:
@@ -580,14 +585,16 @@ def test_an_effect_added_by_its_shift_has_the_evidence_of_the_pair():
     first, second = (next(e for e in library.effects if e.name == n) for n in names)
     said, rng = Hypothesis((first,)), np.random.default_rng(0)
     h = evidence.best(said.effects, y, loose=True)
-    (added,) = undecided._unseen(evidence, h, said, posterior(h, h.white(y), 1000, rng), y, rng)
+    (added,) = marginal_ranges._unseen(evidence, h, said, posterior(h, h.white(y), 1000, rng), y, rng)
     assert added.effect is second
     both = evidence.best((first, second), y, loose=True)
     want = log_evidence(both, both.white(y)[None])[0]
-    assert abs(log_evidence(h, h.white(y)[None])[0] + logsumexp(added.gained) - np.log(undecided.SIZES) - want) < 1.0
+    assert (
+        abs(log_evidence(h, h.white(y)[None])[0] + logsumexp(added.gained) - np.log(marginal_ranges.SIZES) - want) < 1.0
+    )
     exact = posterior(both, both.white(y), 4000, rng).modulus
     sure = dataclasses.replace(added, prior=1.0)
-    drawn, there = undecided._averaged(evidence, h, said, [sure], y, 4000, rng)
+    drawn, there = marginal_ranges._averaged(evidence, h, said, [sure], y, 4000, rng)
     assert there.all()
     np.testing.assert_allclose(np.quantile(drawn["mu"], [0.05, 0.95]), np.quantile(exact, [0.05, 0.95]), rtol=0.01)
 
@@ -597,11 +604,11 @@ def test_the_average_holds_all_hypotheses_by_their_probability():
     library = tables(NAMES, False)
     stiff, skin = (Hypothesis((next(e for e in library.effects if e.name == n),)) for n in ("stiff", "skin"))
     none, s = Hypothesis(()), np.log([0.7, 0.29, 0.01 - 1e-4, 1e-4])
-    contest = attribute.Contest((none, stiff, skin, Hypothesis((), True)), s, np.zeros(4))
-    shares = undecided._shares(contest, none)
+    contest = attribution.Contest((none, stiff, skin, Hypothesis((), True)), s, np.zeros(4))
+    shares = marginal_ranges._shares(contest, none)
     assert list(shares) == [none, stiff, skin] and abs(sum(shares.values()) - 1.0) < 1e-12
     assert abs(shares[none] - 0.7) < 0.01 and abs(shares[stiff] - 0.29) < 0.01
-    back = undecided._shares(contest, Hypothesis((), True))
+    back = marginal_ranges._shares(contest, Hypothesis((), True))
     assert back[Hypothesis((), True)] == 0.5 and abs(back[none] / back[stiff] - 0.7 / 0.29) < 1e-9
 
 
@@ -622,13 +629,15 @@ def test_one_draw_of_each_data_set_is_the_posterior_of_each(walls):
 
 def test_what_a_plan_can_see_is_what_the_verdict_finds(monkeypatch):
     """The verdict asks besides that a gap be more probable than none: powers were those of a laxer rule."""
-    from rso.diagnosis import detectable as room
+    from rso.discrepancy.evidence import detectable as room
 
-    monkeypatch.setattr(attribute, "FALSE_ALARM", 0.5)  # as far beyond what that lets through as a poor plan's 5 % are
+    monkeypatch.setattr(
+        attribution, "FALSE_ALARM", 0.5
+    )  # as far beyond what that lets through as a poor plan's 5 % are
     library = tables(NAMES, False)
     y = library.plan.values()
-    evidence = attribute.Evidence(attribute.set_up(library, y), library.effects)
-    null = np.array([c.statistic for c in attribute.contests(evidence, attribute.nulls(evidence, y, 400, 5))])
+    evidence = attribution.Evidence(attribution.set_up(library, y), library.effects)
+    null = np.array([c.statistic for c in attribution.contests(evidence, attribution.nulls(evidence, y, 400, 5))])
     assert np.quantile(null, 0.5) < 0.0 and np.mean(null > 0.0) < 0.1
     base, rng, over = evidence.ready(()), np.random.default_rng(3), []
     centre = base.tiles.at[int(np.argmax(room.log_tiles(base, base.white(y)[None])[0]))]
@@ -636,17 +645,17 @@ def test_what_a_plan_can_see_is_what_the_verdict_finds(monkeypatch):
         r = evidence.ready((seen.effect,))
         for t, (_, power) in zip(room._ladder(evidence, seen.effect, centre), seen.power, strict=True):
             Y = base.white.L @ r.middle(t) + rng.standard_normal((100, len(y))) @ base.white.L.T
-            over.append(power - np.mean([c.statistic > 0.0 for c in attribute.contests(evidence, Y)]))
+            over.append(power - np.mean([c.statistic > 0.0 for c in attribution.contests(evidence, Y)]))
     assert abs(np.mean(over)) < 0.05, over
 
 
 def test_what_is_seen_without_ever_being_clear_has_rivals_too(monkeypatch):
     """With no size found in nine of ten data sets it was said to be recognised in 0 % and to look like nothing else."""
-    from rso.diagnosis import detectable as room
+    from rso.discrepancy.evidence import detectable as room
 
     library = tables(NAMES, False)
     y = library.plan.values()
-    evidence = attribute.Evidence(attribute.set_up(library, y), library.effects)
+    evidence = attribution.Evidence(attribution.set_up(library, y), library.effects)
     monkeypatch.setattr(room, "CLEAR", 1.0)
     seen = [d for d in room.detectable(evidence, y, 0) if d.limit is not None]
     assert len(seen) > 2
@@ -657,7 +666,7 @@ def test_the_verdict_is_said_before_tests_that_could_settle_it_are_simulated():
     """They may take as long as the library did, and who stopped waiting had heard nothing."""
     from types import SimpleNamespace
 
-    from rso.study.diagnosing import judge
+    from rso.discrepancy.study_diagnosis import judge
 
     library = dataclasses.replace(tables(NAMES, False), plan=make_plan(experiments(0, bias=0.02)))
     said: list[str] = []

@@ -7,10 +7,21 @@ import numpy as np
 import pytest
 
 from rso.contract import parameters_of
-from rso.diagnosis import make_plan
-from rso.diagnosis.effects import ASTRAY, BRISK, LASTING, ORDINARY, Effect, Size, catalogue, localised, recorded, suited
-from rso.diagnosis.nodes import nodes, piecewise, tensor
-from rso.measurement import Chain
+from rso.data import Chain
+from rso.discrepancy import make_plan
+from rso.discrepancy.library.effects import (
+    ASTRAY,
+    BRISK,
+    LASTING,
+    ORDINARY,
+    Effect,
+    Size,
+    catalogue,
+    localised,
+    recorded,
+    suited,
+)
+from rso.discrepancy.library.interpolation import nodes, piecewise, tensor
 
 ONE = Size("a", "one-sided", "1", 0.02, 0.5, 0.0)
 TWO = Size("b", "two-sided", "mm", -0.3, 0.3, 0.0)
@@ -224,9 +235,9 @@ def test_what_the_settings_of_a_support_set_are_effects_by_themselves():
 @pytest.mark.parametrize("axes", [(25.0, 18.0, 15.0), (20.0, 20.0, 10.0), (30.0, 30.0, 30.0)])
 def test_an_inclusion_of_the_catalogue_lies_in_the_specimen(axes):
     """Depths to 30 mm were computed in a body of 30 mm from top to bottom: a third of its nodes failed."""
-    from fem_backend import zones
     from fem_backend.backend import BACKEND
     from fem_backend.geometry import Ellipsoid
+    from fem_backend.materials import zones
 
     settings = {"specimen": {"shape": "ellipsoid", "semi_axes": list(axes)}, "indenter": {"radius": 2.0}}
     (e,) = (e for e in catalogue(BACKEND, settings, {}, ("mu", "D1")) if e.name == "inclusion_ratio")
@@ -274,9 +285,9 @@ LAWS = ("neo_hookean", "linear_elastic", "mooney_rivlin", "yeoh", "ogden")
                                              ("neo_hookean", ("C01",)), ("neo_hookean", ("alpha",))])  # fmt: skip
 def test_no_effect_of_the_catalogue_is_refused_beside_the_law_of_the_study(law, opened):
     """Another law was a hypothesis all the same: its runs failed, and a diagnosis ended as one with failed runs."""
-    from fem_backend import model
     from fem_backend.backend import BACKEND
-    from fem_backend.experiment import read_settings
+    from fem_backend.simulation import assembly
+    from fem_backend.simulation.experiment import read_settings
 
     settings, mu = {"material": {"law": law}}, 0.01
     base = {"mu": mu, "D1": 10.0} | {k: 3.0 if k == "alpha" else 0.1 * mu for k in opened}
@@ -284,7 +295,7 @@ def test_no_effect_of_the_catalogue_is_refused_beside_the_law_of_the_study(law, 
     for e in found:
         far = {s.name: float(s.value(s.ends()[-1][1])) * mu**s.exponent for s in e.knobs}
         read = read_settings({**settings, **e.settings})
-        model.material(read, BACKEND.knobs({**base, **far}, read))
+        assembly.material(read, BACKEND.knobs({**base, **far}, read))
     names = {e.name for e in found}
     assert {"friction", "delta_R", "skin_ratio"} <= names
     assert ({"C20", "alpha"} <= names) == (law == "neo_hookean" and not opened)
@@ -293,7 +304,7 @@ def test_no_effect_of_the_catalogue_is_refused_beside_the_law_of_the_study(law, 
 @pytest.mark.parametrize(("modulus", "seen"), [(0.01, True), (0.1, True), (3.0, False)])
 def test_a_weight_is_that_of_a_body_and_no_multiple_of_its_modulus(modulus, seen):
     from fem_backend.backend import BACKEND
-    from rso.diagnosis import bounded, catalogue
+    from rso.discrepancy import bounded, catalogue
 
     settings = {"specimen": {"shape": "ellipsoid", "semi_axes": [30.0, 30.0, 30.0]},
                 "indenter": {"shape": "sphere", "radius": 3.0},

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from test_diagnosis import NAMES, tables
 
-from rso.diagnosis import attribute
-from rso.diagnosis.attribute import Evidence
-from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judgement import Judgement
-from rso.diagnosis.unfitted import HeldOut
+from rso.discrepancy.evidence import attribution
+from rso.discrepancy.evidence.attribution import Evidence
+from rso.discrepancy.evidence.cross_validation import HeldOut
+from rso.discrepancy.evidence.hypotheses import Hypothesis
+from rso.discrepancy.evidence.verdict import Judgement
 
 FOLDER = Path(__file__).parents[2] / "benchmarks" / "diagnosis"
 PARTS = ("cases", "scores", "controls", "sections", "checked", "shrunk", "smooth", "complete", "coverage")
@@ -38,7 +38,7 @@ def world(bench):
     whole = tables(NAMES, True)
     library = dataclasses.replace(whole, plan=whole.plan.seen())
     y = library.plan.values()
-    evidence = Evidence(attribute.set_up(library, y), library.effects)
+    evidence = Evidence(attribution.set_up(library, y), library.effects)
     cases = bench.cases.draw_cases(evidence.bench, y, 80, 5)
     s = bench.controls.scored(evidence, y, cases, {}, 6)
     values = bench.shrunk.everywhere(whole, evidence, y, cases, 7)
@@ -157,7 +157,7 @@ def test_the_interval_of_the_modulus_holds_it_as_often_as_it_says(bench):
     """
     library = tables((*NAMES, "compliance", "gain"), False)
     y = library.plan.values()
-    evidence = Evidence(attribute.set_up(library, y), library.effects)
+    evidence = Evidence(attribution.set_up(library, y), library.effects)
     force = bench.cases.fitted(evidence.bench, y)
     rows = list(bench.coverage.coverage(evidence, y, force, 0.0, 200, 1))
     found = {r[0]: [float(str(v).split()[0]) for v in r[3:]] for r in rows}

@@ -8,14 +8,15 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-from rso import diagnosis
+from rso import discrepancy
 from rso.contract import plain
-from rso.diagnosis import Base, BaseAxis, Library, attribute, build, finalists, make_plan, mended, story
-from rso.diagnosis.attribute import Evidence
-from rso.diagnosis.mixture import log_evidence, mean_prediction, posterior, ready, simulate
-from rso.diagnosis.parameters import _pressed
-from rso.diagnosis.prediction import predict
-from rso.diagnosis.unfitted import _at
+from rso.discrepancy import Base, BaseAxis, Library, build, finalists, make_plan, mended, story
+from rso.discrepancy.evidence import attribution
+from rso.discrepancy.evidence.attribution import Evidence
+from rso.discrepancy.evidence.cross_validation import _at
+from rso.discrepancy.evidence.gaussian_mixture import log_evidence, mean_prediction, posterior, ready, simulate
+from rso.discrepancy.library.prediction import predict
+from rso.discrepancy.parameters import _pressed
 
 MU, D1 = toy.TRUTH["mu"], toy.TRUTH["D1"]
 LOW, HIGH = 0.006, 0.024
@@ -59,7 +60,7 @@ def library(mu: float | None = None, D1: float | None = None, seed: int = 1, tru
 
 def diagnose(mu: float | None = None, D1: float | None = None, seed: int = 1, truth=None):
     own = library(mu, D1, seed, truth)
-    return own, diagnosis.diagnose(own, seed, nulls=60)
+    return own, discrepancy.diagnose(own, seed, nulls=60)
 
 
 def width(span: tuple[float, float, float]) -> float:
@@ -90,7 +91,7 @@ def test_every_draw_of_every_fit_keeps_the_fixed_value(effects):
     """And its forces are those of that value: a tile is linear, so that half its width is 0.3 % off."""
     own = library(D1=D1, truth={"stiff": 0.4})
     y = own.plan.values()
-    evidence = Evidence(attribute.set_up(own, y), own.effects)
+    evidence = Evidence(attribution.set_up(own, y), own.effects)
     chosen = [e for e in own.effects if e.name in effects]
     h = evidence.ready(chosen)
     post = posterior(h, h.white(y), 300, np.random.default_rng(0))
@@ -109,9 +110,9 @@ def test_simulated_nulls_are_of_the_fixed_value():
     for of, right in ((D1, True), (1.0, False)):
         own, free = library(D1=of), library()
         y = own.plan.values()
-        mine = Evidence(attribute.set_up(own, y), own.effects)
-        other = Evidence(attribute.set_up(free, y), free.effects)
-        Y = attribute.nulls(mine, y, 30, 4)
+        mine = Evidence(attribution.set_up(own, y), own.effects)
+        other = Evidence(attribution.set_up(free, y), free.effects)
+        Y = attribution.nulls(mine, y, 30, 4)
         h = other.ready(())
         posts = [posterior(h, h.white(v), 60, np.random.default_rng(k)) for k, v in enumerate(Y)]
         found = np.array([np.median(np.exp(p.at[:, 0]) / p.modulus) for p in posts])
@@ -199,7 +200,7 @@ def ranged(low: float, high: float, keep: bool = True) -> Library:
 def test_fits_keep_to_the_range_of_a_parameter_whatever_the_modulus(low, high):
     """Its product with the modulus spans four times as much, and without it they leave the range."""
     own = ranged(low, high)
-    d = diagnosis.diagnose(own, 1, nulls=60)
+    d = discrepancy.diagnose(own, 1, nulls=60)
     for post in d.posteriors.values():
         found = np.exp(post.at[:, 0]) / post.modulus
         assert low * (1 - 1e-9) <= found.min() and found.max() <= high * (1 + 1e-9)
@@ -207,9 +208,9 @@ def test_fits_keep_to_the_range_of_a_parameter_whatever_the_modulus(low, high):
         assert d.named == ("soften",)
         span = d.parameters["after"]["D1"]
         assert span[0] < D1 < span[2]
-        free = diagnosis.diagnose(ranged(low, high, keep=False), 1, nulls=60).parameters["after"]["D1"]
+        free = discrepancy.diagnose(ranged(low, high, keep=False), 1, nulls=60).parameters["after"]["D1"]
         assert width(span) <= 1.05 * width(free)
-    free = diagnosis.diagnose(ranged(low, high, keep=False), 1, nulls=60).posteriors["none"]
+    free = discrepancy.diagnose(ranged(low, high, keep=False), 1, nulls=60).posteriors["none"]
     assert np.max(np.exp(free.at[:, 0]) / free.modulus) > high
     assert (d.verdict == "explained") is (low < D1 < high)  # what a range keeps out is sought elsewhere
 
@@ -217,7 +218,7 @@ def test_fits_keep_to_the_range_of_a_parameter_whatever_the_modulus(low, high):
 def test_forces_of_a_fit_that_keeps_to_a_range_are_those_of_its_draws():
     """Where the modulus is not that of the tiles by a tenth and more, too: it takes the product along."""
     own = ranged(15.0, 150.0)
-    evidence = Evidence(attribute.set_up(own, own.plan.values()), own.effects)
+    evidence = Evidence(attribution.set_up(own, own.plan.values()), own.effects)
     tiles = dataclasses.replace(evidence.ready(()).tiles)
     for share in (0.85, 1.2):
         white = evidence.ready(()).white
@@ -235,7 +236,7 @@ def pressed(low: float, high: float, truth=None):
     own = library(truth=truth)
     axis = dataclasses.replace(own.base.axes[0], kept=(low, high))
     own = dataclasses.replace(own, base=dataclasses.replace(own.base, axes=(axis,)))
-    evidence = Evidence(attribute.set_up(own, own.plan.values()), own.effects)
+    evidence = Evidence(attribution.set_up(own, own.plan.values()), own.effects)
     h = evidence.ready(())
     y = h.white(own.plan.values())
     post = posterior(h, y, 2000, np.random.default_rng(0))
@@ -287,7 +288,7 @@ def test_an_interval_that_ends_where_the_range_does_and_starts_in_its_far_half_i
 
 def test_a_wide_range_changes_nothing_but_the_tiles():
     """The modulus takes D1's product along in every tile: the same body, in other coordinates."""
-    free, kept = (diagnosis.diagnose(ranged(15.0, 150.0, k), 1, nulls=60) for k in (False, True))
+    free, kept = (discrepancy.diagnose(ranged(15.0, 150.0, k), 1, nulls=60) for k in (False, True))
     assert kept.verdict == free.verdict and kept.named == free.named
     for k in ("mu", "D1"):
         np.testing.assert_allclose(kept.parameters["after"][k], free.parameters["after"][k], rtol=0.15)
@@ -302,7 +303,7 @@ def test_the_model_before_has_what_is_fixed_beside_what_a_run_found(of, found):
     """At the truth it leaves noise, whatever is fixed; at twice of it more; outside the library it is not known."""
     lib = library(*of)
     y = lib.plan.values()
-    bench = attribute.set_up(lib, y)
+    bench = attribution.set_up(lib, y)
     (name, *_), white = found, bench.whites[0]
 
     def left(values):

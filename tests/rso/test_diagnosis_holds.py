@@ -10,10 +10,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from rso.diagnosis import build, diagnose, make_plan, noise
-from rso.diagnosis.prediction import predict
-from rso.diagnosis.testplan import UNLOADING
-from rso.measurement import Repeat
+from rso.data import Repeat
+from rso.discrepancy import build, diagnose, make_plan
+from rso.discrepancy.evidence import noise
+from rso.discrepancy.library.prediction import predict
+from rso.discrepancy.library.test_plan import UNLOADING
 
 
 def plan_of(truth=toy.TRUTH, hold=60.0, seed=0, **more):

@@ -8,9 +8,9 @@ import pytest
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.signal import butter, lfilter
 
-from rso.diagnosis import make_plan
-from rso.diagnosis.hum import hum
-from rso.measurement import Repeat
+from rso.data import Repeat
+from rso.discrepancy import make_plan
+from rso.discrepancy.detectors.periodic import hum
 
 
 def plan_with(change, seed: int = 0, repeats: int = 5, readings: int = 60):
@@ -140,7 +140,7 @@ def test_the_steps_of_an_encoder_are_no_hum(step):
 def test_the_steps_of_an_encoder_would_be_a_hum(monkeypatch):
     recorded = toy.recorded(toy.TRUTH, np.random.default_rng(1), readings=480, repeats=3)
     coarse = [dataclasses.replace(r, depth=np.round(r.depth / 0.1) * 0.1) for r in recorded]
-    monkeypatch.setattr("rso.diagnosis.hum._levels", lambda depth: None)
+    monkeypatch.setattr("rso.discrepancy.detectors.periodic._levels", lambda depth: None)
     assert hum(make_plan([toy.experiment("a", tuple(coarse))])).there
 
 

@@ -6,10 +6,10 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-from rso.diagnosis import make_plan
-from rso.diagnosis.cracks import steps
-from rso.diagnosis.jumps import jumps
-from rso.measurement import Repeat
+from rso.data import Repeat
+from rso.discrepancy import make_plan
+from rso.discrepancy.detectors.jumps import jumps
+from rso.discrepancy.detectors.steps import steps
 
 
 def plan_with(change, seed: int = 0, repeats: int = 5):

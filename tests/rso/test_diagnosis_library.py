@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from rso.contract import Case, Parameter, Programme, Response
-from rso.curves import Resampling
-from rso.diagnosis import Base, build, make_plan, mended
-from rso.diagnosis.effects import Effect, Size, catalogue, localised
-from rso.diagnosis.library import Library, PlaceTables, Table, _carried, _transfer
-from rso.diagnosis.nodes import Nodes, nodes
-from rso.diagnosis.prediction import predict
-from rso.diagnosis.responses import changed
-from rso.diagnosis.runs import Pass
-from rso.diagnosis.testplan import Place
-from rso.measurement import Chain, Repeat, record
-from rso.store import Failed
+from rso.core.curves import Resampling
+from rso.data import Chain, Repeat, record
+from rso.discrepancy import Base, build, make_plan, mended
+from rso.discrepancy.library.effects import Effect, Size, catalogue, localised
+from rso.discrepancy.library.interpolation import Nodes, nodes
+from rso.discrepancy.library.prediction import predict
+from rso.discrepancy.library.responses import changed
+from rso.discrepancy.library.simulations import Pass
+from rso.discrepancy.library.tables import Library, PlaceTables, Table, _carried, _transfer
+from rso.discrepancy.library.test_plan import Place
+from rso.evaluation.store import Failed
 
 MU = 0.012
 BASE = toy.base()
@@ -563,7 +563,7 @@ def test_the_grip_of_another_support_is_computed_where_the_ball_pushes_aside():
 
 def test_a_reading_in_the_air_does_not_decide_where_most_was_measured():
     """Where a record begins is chance: the primary place followed it, and data sets of one plan shared no library."""
-    from rso.diagnosis.planning import framed
+    from rso.discrepancy.library.planning import framed
 
     def primary(*first: float) -> int:
         rng, experiments = np.random.default_rng(0), []

@@ -6,10 +6,11 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-from rso.diagnosis import build, looseness, make_plan
-from rso.diagnosis.hypotheses import tiles
-from rso.diagnosis.looseness import LATERAL, LOOP, SHARE, WAY, loops, loosened
-from rso.diagnosis.prediction import predict
+from rso.discrepancy import build, make_plan
+from rso.discrepancy.evidence import model_form_tolerance
+from rso.discrepancy.evidence.hypotheses import tiles
+from rso.discrepancy.evidence.model_form_tolerance import LATERAL, LOOP, SHARE, WAY, loops, loosened
+from rso.discrepancy.library.prediction import predict
 
 MODULUS = 0.012
 
@@ -106,4 +107,6 @@ def test_another_support_is_weaker_in_proportion_and_holds_nothing_where_it_held
             np.testing.assert_allclose(more[:, rows], power, rtol=0, atol=0.01 * np.abs(power).max())
     F0, F, h = np.array([2.0, 2.0, 2.0, 2.0]), np.array([1.0, 0.0, 3.0, 2.0]), 1e-6
     # one-sided difference of step 1e-6 on values of order 1
-    np.testing.assert_allclose(looseness._in_proportion(F, F - F0), (F * (F / F0) ** h - F) / h, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(
+        model_form_tolerance._in_proportion(F, F - F0), (F * (F / F0) ** h - F) / h, rtol=0, atol=1e-5
+    )

@@ -6,9 +6,8 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-from rso.diagnosis import make_plan
-from rso.diagnosis.localise import localise
-from rso.diagnosis.mixture import (
+from rso.discrepancy import make_plan
+from rso.discrepancy.evidence.gaussian_mixture import (
     FARTHEST,
     Tiles,
     compressed,
@@ -20,6 +19,7 @@ from rso.diagnosis.mixture import (
     simulate,
     whitening,
 )
+from rso.discrepancy.evidence.localisation import localise
 
 U = np.linspace(1.0, 4.0, 4)
 A = U**1.5

@@ -11,9 +11,10 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 from rso.contract import run_key
-from rso.diagnosis import attribute, build, make_plan, proposals
-from rso.diagnosis.mixture import posterior
-from rso.diagnosis.next_test import (
+from rso.discrepancy import build, make_plan, proposals
+from rso.discrepancy.evidence import attribution
+from rso.discrepancy.evidence.gaussian_mixture import posterior
+from rso.discrepancy.next_test import (
     READ_OFF,
     SETTLED,
     _as_likely,
@@ -24,7 +25,7 @@ from rso.diagnosis.next_test import (
     next_tests,
     simulated,
 )
-from rso.diagnosis.proposals import candidates, planned_tests
+from rso.discrepancy.proposals import candidates, planned_tests
 
 
 @pytest.mark.parametrize("D", [1.0, 2.5, 4.0, 7.0])
@@ -72,8 +73,8 @@ def test_what_shows_a_size_by_itself_needs_no_knowledge_of_it(size, sd):
 def survivors(library, names, data):
     """Posteriors of single effects."""
     y = library.plan.values()
-    bench = attribute.set_up(library, y)
-    evidence = attribute.Evidence(bench, library.effects)
+    bench = attribution.set_up(library, y)
+    evidence = attribution.Evidence(bench, library.effects)
     own = {e.name: e for e in library.effects}
     found = {}
     for n in names:
@@ -176,7 +177,7 @@ def test_what_every_curve_has_for_itself_is_told_from_a_cause_by_the_scatter_of_
     F = {n: forecast(there, bench, *pair[n]) for n in pair}
     Δ, ((each,), post) = F["offset"].mean(0) - F["offset_each"].mean(0), pair["offset_each"]
     centre = np.median(post.at[:, : len(there.base.axes)], axis=0)[None]
-    moved = 0.3 * attribute.by_test(there, each, centre, np.median(post.modulus))
+    moved = 0.3 * attribution.by_test(there, each, centre, np.median(post.modulus))
     known = covariance(there, bench, F["offset"].mean(0)) + np.cov(F["offset"].T) + np.cov(F["offset_each"].T)
     y = rng.standard_normal((4000, len(moved))) @ moved + rng.multivariate_normal(np.zeros(len(Δ)), known, 4000)
     w = np.linalg.solve(np.cov(y.T), Δ)

@@ -11,8 +11,10 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
-from rso.diagnosis import build, make_plan, memory, noise, sensor
-from rso.measurement import Noise, Repeat
+from rso.data import Noise, Repeat
+from rso.discrepancy import build, make_plan
+from rso.discrepancy.detectors import autocorrelation, sensor
+from rso.discrepancy.evidence import noise
 
 N = 1601  # readings
 U = np.linspace(0.0, 4.0, N)
@@ -83,7 +85,7 @@ def test_what_lateral_forces_remember_shows_where_they_have_nothing_to_show(ρ):
         sizes = (61, 72, 80, 91, 101)
         tests = [toy.experiment(f"x{n}", beside(rng, ρ, n, slope), point=(float(n), 0.0), noise=Noise(Fz=3e-3))
                  for n in sizes]  # fmt: skip
-        length = memory.of_idle_channels(make_plan(tests))
+        length = autocorrelation.of_idle_channels(make_plan(tests))
         assert slope == 0.0 or length is None
         found += [] if slope else [0.0 if length is None else np.exp(-4.0 / 80 / length)]
     np.testing.assert_allclose(np.mean(found), ρ, rtol=0, atol=0.05)
@@ -94,7 +96,7 @@ def test_channels_in_which_nothing_was_recorded_tell_nothing():
     still = beside(np.random.default_rng(0), 0.8, 80, 0.0)
     dead = tuple(replace(r, channels=r.channels | {"Fx": np.full(80, 0.1), "Fy": np.full(80, 0.1)}) for r in still)
     tests = [toy.experiment(f"x{k}", dead, point=(float(k), 0.0), noise=Noise(Fz=3e-3)) for k in range(9)]
-    assert memory.of_idle_channels(make_plan(tests)) is None
+    assert autocorrelation.of_idle_channels(make_plan(tests)) is None
 
 
 def thrice(rng, peak, contact):

@@ -6,12 +6,12 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-from rso.diagnosis.library import build
-from rso.diagnosis.nodes import nodes
-from rso.diagnosis.relaxation import dense, expected, relaxes
-from rso.diagnosis.runs import Pass
-from rso.diagnosis.testplan import make_plan
-from rso.store import Failed
+from rso.discrepancy.library.interpolation import nodes
+from rso.discrepancy.library.relaxation import dense, expected, relaxes
+from rso.discrepancy.library.simulations import Pass
+from rso.discrepancy.library.tables import build
+from rso.discrepancy.library.test_plan import make_plan
+from rso.evaluation.store import Failed
 
 U = np.linspace(0.0, 2.0, 160) ** 2
 VALUES = {"mu": 0.012, "D1": 60.0}

@@ -8,17 +8,18 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-import rso.diagnosis.judge
-from rso import diagnosis
-from rso.diagnosis import attribute, build, make_plan
-from rso.diagnosis.attribute import Evidence
-from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judge import MISFIT, WHOLE
-from rso.diagnosis.judgement import beside
-from rso.diagnosis.mixture import posterior
-from rso.diagnosis.prediction import predict
-from rso.diagnosis.remainder import LEVEL, Remainder, _changes, remainder
-from rso.measurement import Repeat
+import rso.discrepancy.diagnosis
+from rso import discrepancy
+from rso.data import Repeat
+from rso.discrepancy import build, make_plan
+from rso.discrepancy.diagnosis import MISFIT, WHOLE
+from rso.discrepancy.evidence import attribution
+from rso.discrepancy.evidence.attribution import Evidence
+from rso.discrepancy.evidence.gaussian_mixture import posterior
+from rso.discrepancy.evidence.hypotheses import Hypothesis
+from rso.discrepancy.evidence.residual_test import LEVEL, Remainder, _changes, remainder
+from rso.discrepancy.evidence.verdict import beside
+from rso.discrepancy.library.prediction import predict
 
 BASE = toy.base(axes=False)
 TRUTH = {"mu": 0.012, "D1": 60.0 * BASE.reference / 0.012}
@@ -43,7 +44,7 @@ def tables(names: tuple[str, ...]):
 def evidence_of(seed: int, truth, names=NAMES, **chain: float) -> tuple[Evidence, np.ndarray]:
     library = dataclasses.replace(tables(names), plan=make_plan(experiments(seed, truth, **chain)))
     y = library.plan.values()
-    return Evidence(attribute.set_up(library, y), library.effects), y
+    return Evidence(attribution.set_up(library, y), library.effects), y
 
 
 def of(evidence: Evidence, name: str) -> Hypothesis:
@@ -55,7 +56,7 @@ def test_the_true_cause_leaves_noise(name, size):
     """As rarely as it says: within what 60 data sets may do by chance."""
     evidence, y = evidence_of(1, {name: size})
     own = of(evidence, name)
-    Y = attribute.simulated(evidence, own.effects, y, 60, 5)
+    Y = attribution.simulated(evidence, own.effects, y, 60, 5)
     there = sum(remainder(evidence, own, v, k).there for k, v in enumerate(Y))
     assert there <= binom.ppf(0.999, len(Y), LEVEL)
 
@@ -100,7 +101,7 @@ def test_the_score_of_a_direction_is_standard_normal_under_the_cause(other):
     """One other effect, whose sizes are nearly one direction: the median of |score| is that of a standard normal."""
     evidence, y = evidence_of(4, {"stiff": 0.5}, names=("stiff", other))
     own = of(evidence, "stiff")
-    scores = [remainder(evidence, own, v, 0).score for v in attribute.simulated(evidence, own.effects, y, 300, 7)]
+    scores = [remainder(evidence, own, v, 0).score for v in attribution.simulated(evidence, own.effects, y, 300, 7)]
     assert 0.58 < np.median(scores) < 0.80  # 0.674; 300 draws scatter it by 0.05, several sizes add to it
     assert 1.7 < np.quantile(scores, 0.95) < 2.4  # 1.96
 
@@ -110,11 +111,11 @@ def test_a_cause_that_is_not_in_the_catalogue_makes_another_one_a_part_of_it(mon
     names = ("stiff", "bias", "skin")
     plan = make_plan(experiments(2, offset=0.09))
     library = dataclasses.replace(tables(names), plan=plan)
-    d = diagnosis.diagnose(library, 2, nulls=100)
+    d = discrepancy.diagnose(library, 2, nulls=100)
     assert d.remainder.there and d.left < MISFIT
     assert d.verdict == "partly" and "skin" in d.named, (d.verdict, d.named, d.remainder)
-    monkeypatch.setattr(rso.diagnosis.judge, "remainder", lambda *_: Remainder("", None, 0.0, np.inf))
-    blind = diagnosis.diagnose(library, 2, nulls=100)
+    monkeypatch.setattr(rso.discrepancy.diagnosis, "remainder", lambda *_: Remainder("", None, 0.0, np.inf))
+    blind = discrepancy.diagnose(library, 2, nulls=100)
     assert blind.verdict in WHOLE and blind.named == ("skin",)
 
 
@@ -136,7 +137,7 @@ def test_a_remainder_with_an_open_parameter_and_a_profile():
 
     def left(name: str, **wrong: float) -> Remainder:
         own = dataclasses.replace(library, plan=plan(**{"mark": 0.0, "bias": 0.0, **wrong}))
-        evidence = Evidence(attribute.set_up(own, own.plan.values()), own.effects)
+        evidence = Evidence(attribution.set_up(own, own.plan.values()), own.effects)
         return remainder(evidence, of(evidence, name), own.plan.values(), 0)
 
     quiet, found = left("stiff"), left("stiff", bias=0.03)
@@ -144,7 +145,7 @@ def test_a_remainder_with_an_open_parameter_and_a_profile():
     assert found.there and found.effect.name == "bias" and found.of == "stiff"
 
     # what an effect changes, as it is predicted with and without it at the base's tile nearest to the data
-    evidence = Evidence(attribute.set_up(library, library.plan.values()), library.effects)
+    evidence = Evidence(attribution.set_up(library, library.plan.values()), library.effects)
     y = library.plan.values()
     for name in ("skin", "bias"):
         (e,) = of(evidence, name).effects
@@ -161,8 +162,8 @@ def test_a_remainder_with_an_open_parameter_and_a_profile():
 def test_what_shows_beside_a_cause_is_in_the_contest_and_in_the_words():
     names = ("stiff", "bias", "skin")
     library = dataclasses.replace(tables(names), plan=make_plan(experiments(2, offset=0.09)))
-    d = diagnosis.diagnose(library, 2, nulls=100)
-    found = diagnosis.story(library, d, (), None, "toy")
+    d = discrepancy.diagnose(library, 2, nulls=100)
+    found = discrepancy.story(library, d, (), None, "toy")
     rest = found["diagnosis"]["remainder"]
     assert rest["there"] and rest["score"] > rest["threshold"] and rest["of"] == "skin"
     like = next(e["label"] for e in found["effects"] if e["name"] == rest["looks_like"])
@@ -176,7 +177,7 @@ def test_rivals_of_a_part_are_named_and_are_not_called_a_pair():
     names = ("stiff", "twin", "skin")
     plan = make_plan(experiments(0, {"stiff": 0.3, "soften": 0.08}))
     library = dataclasses.replace(tables(names), plan=plan)
-    found = diagnosis.story(library, diagnosis.diagnose(library, 0, nulls=100), (), None, "toy")
+    found = discrepancy.story(library, discrepancy.diagnose(library, 0, nulls=100), (), None, "toy")
     d = found["diagnosis"]
     assert d["verdict"] == "partly" and len(d["chosen"]) == 1 and len(d["causes"]) > 1, d["causes"]
     assert set(d["ambiguous_with"][0]) == {c["effect"] for c in d["causes"]}

@@ -6,13 +6,13 @@ import pytest
 from diagnosis_fixture import VERDICTS, read_back, story
 
 from rso.report import render_diagnosis
-from rso.report.diagnosis import report
-from rso.report.diagnosis_figures import draw, power, probabilities
-from rso.report.diagnosis_maps import FIRST, PANELS, residual_map
-from rso.report.diagnosis_reading import interval, panels, signatures, sized
-from rso.report.diagnosis_signatures import ROWS, colours, signature_map
-from rso.report.document import Facts, Picture, Table, Text
-from rso.report.page import pictures
+from rso.report.discrepancy.figures import draw, power, probabilities
+from rso.report.discrepancy.maps import FIRST, PANELS, residual_map
+from rso.report.discrepancy.reading import interval, panels, signatures, sized
+from rso.report.discrepancy.report import report
+from rso.report.discrepancy.signatures import ROWS, colours, signature_map
+from rso.report.layout.document import Facts, Picture, Table, Text
+from rso.report.layout.page import pictures
 
 NASTY = (
     r"""<script>alert("1")</script> & 'x' #panic("no") $\frac{1}{0}$ _a_ *b* @cite \ `raw` [c] {{ 7*7 }} // no ~ <l>"""

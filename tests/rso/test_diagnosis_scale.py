@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from rso.contract import Case, Programme
-from rso.diagnosis import build, diagnose, make_plan, noise, suited
-from rso.diagnosis.attribute import by_test
-from rso.diagnosis.localise import _regions
-from rso.diagnosis.planning import framed, jobs_of_base
-from rso.diagnosis.prediction import predict
-from rso.diagnosis.proposals import candidates
-from rso.diagnosis.runs import passes
-from rso.diagnosis.testplan import scale_of
-from rso.measurement import Noise, Repeat
+from rso.data import Noise, Repeat
+from rso.discrepancy import build, diagnose, make_plan, suited
+from rso.discrepancy.evidence import noise
+from rso.discrepancy.evidence.attribution import by_test
+from rso.discrepancy.evidence.localisation import _regions
+from rso.discrepancy.library.planning import framed, jobs_of_base
+from rso.discrepancy.library.prediction import predict
+from rso.discrepancy.library.simulations import passes
+from rso.discrepancy.library.test_plan import scale_of
+from rso.discrepancy.proposals import candidates
 
 NAMES = ("stiff", "soften", "g", "offset", "offset_each", "compliance", "backlash", "bias")
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from rso.contract import plain
-from rso.diagnosis import Diagnosis, Library, build, diagnose, make_plan
-from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judgement import BEATEN
-from rso.diagnosis.story import LEADING, leading, residuals, signatures
-from rso.measurement import Repeat
+from rso.data import Repeat
+from rso.discrepancy import Diagnosis, Library, build, diagnose, make_plan
+from rso.discrepancy.diagnosis_results import LEADING, leading, residuals, signatures
+from rso.discrepancy.evidence.hypotheses import Hypothesis
+from rso.discrepancy.evidence.verdict import BEATEN
 
 NAMES = ("stiff", "twin", "soften", "tilt", "bias", "offset_each")
 

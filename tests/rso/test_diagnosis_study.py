@@ -11,8 +11,8 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 
+from rso.discrepancy.study_diagnosis import _fitted, ask
 from rso.study import StudyError, load
-from rso.study.diagnosing import _fitted, ask
 
 HERE = Path(__file__).parent
 STUDY = """

@@ -7,10 +7,11 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-from rso.diagnosis import make_plan, noise
-from rso.diagnosis.runs import passes, passes_of
-from rso.diagnosis.testplan import BINS, STEP
-from rso.measurement import Measurement, Noise, Repeat
+from rso.data import Measurement, Noise, Repeat
+from rso.discrepancy import make_plan
+from rso.discrepancy.evidence import noise
+from rso.discrepancy.library.simulations import passes, passes_of
+from rso.discrepancy.library.test_plan import BINS, STEP
 
 NOTHING = Noise()
 

@@ -6,17 +6,17 @@ import diagnosis_backend as toy
 import numpy as np
 import pytest
 
-from rso.diagnosis import build, diagnose, make_plan, story
-from rso.diagnosis.attribute import FALSE_ALARM, SHARES, Contest, Evidence, critical, set_up
-from rso.diagnosis.hypotheses import Hypothesis
-from rso.diagnosis.judge import BEYOND, MISFIT, _beyond, _sides, most_left
-from rso.diagnosis.judgement import judge
-from rso.diagnosis.mixture import Posterior
-from rso.diagnosis.parameters import _outside, about, unproved
-from rso.diagnosis.shrinkage import Gap, summarise
-from rso.diagnosis.unfitted import HeldOut, held_out, predicts
-from rso.diagnosis.words import _alone, _cause, _gap, _named, _remainder, _shrinkage, _unlike, _where
-from rso.measurement import Noise, Repeat
+from rso.data import Noise, Repeat
+from rso.discrepancy import build, diagnose, make_plan, story
+from rso.discrepancy.diagnosis import BEYOND, MISFIT, _beyond, _sides, most_left
+from rso.discrepancy.evidence.attribution import FALSE_ALARM, SHARES, Contest, Evidence, critical, set_up
+from rso.discrepancy.evidence.cross_validation import HeldOut, held_out, predicts
+from rso.discrepancy.evidence.gaussian_mixture import Posterior
+from rso.discrepancy.evidence.hypotheses import Hypothesis
+from rso.discrepancy.evidence.shrinkage import Gap, summarise
+from rso.discrepancy.evidence.verdict import judge
+from rso.discrepancy.parameters import _outside, about, unproved
+from rso.discrepancy.wording import _alone, _cause, _gap, _named, _remainder, _shrinkage, _unlike, _where
 
 STIFF, SKIN = toy.effects("stiff", "skin")
 BIAS, SCATTER = toy.effects("bias", "offset_each")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rso import distributions as d
+from rso.core import distributions as d
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
-from rso.emulator import load
+from rso.calibration.plan import fe_design, full_design, make_plan
+from rso.emulation.emulator import load
 from rso.study import StudyError
 from rso.study import load as load_study
-from rso.study.plan import fe_design, full_design, make_plan
 
 PLAIN = "reduce = false\nheld_out = 0\n"
 

@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from rso import emulator as emulators
 from rso.benchmarks import indentation
 from rso.contract import Parameter, Response
+from rso.core.similarity import group
 from rso.doe import Box, design
-from rso.emulator import Output, Sample, learn, load, relearn, save
-from rso.similarity import group
-from rso.surrogates import beyond, saving
+from rso.emulation import beyond, saving
+from rso.emulation import emulator as emulators
+from rso.emulation.emulator import Output, Sample, learn, load, relearn, save
 
 PARAMETERS = (Parameter("mu", "", "MPa", 0.006, 0.02), Parameter("D1", "", "1/MPa", 10.0, 150.0))
 BOX = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.006, 10.0), (0.02, 150.0), (False, True))

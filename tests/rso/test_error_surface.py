@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rso.identify import fit_surface, surface_minima
+from rso.inference import fit_surface, surface_minima
 
 RNG = np.random.default_rng(0)
 X = RNG.random((60, 2)) * [0.02, 150.0]

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
+from rso.calibration.exit_codes import ended
+from rso.cli.checking import check
 from rso.contract import NotFinite, Response, SimulationFailed
-from rso.running.dispatch import simulate
+from rso.core.units import spaced
+from rso.evaluation.dispatch import simulate
+from rso.optimise.targets import Constraint, Target, against, within
+from rso.optimise.verification import agreement
 from rso.study import StudyError, load
-from rso.study.checking import check
-from rso.study.exits import ended
-from rso.targets import Constraint, Target, against, within
-from rso.units import spaced
-from rso.verify import agreement
 
 FE = {"verified": True, "meets": True, "state": "done", "name": "main 1", "worst": "e:Fz@1", "agreement": 0.2,
       "values": {"k": 1.0}, "demands": [],

@@ -7,8 +7,8 @@ import sideways_backend
 from sideways_backend import force, sideways
 
 from rso.report import render
-from rso.report.foretold import foretold_sentence
-from rso.report.predictions import prediction_fact, prediction_sentences
+from rso.report.calibration.predictions import prediction_fact, prediction_sentences
+from rso.report.calibration.predictive_check import foretold_sentence
 from rso.report.reading import experiment, experiments
 
 NOISE = 0.003  # N

@@ -12,18 +12,18 @@ from sample_studies import Inline
 from scipy.optimize import brentq
 from test_ladder import STUDY, climbed, curve
 
+from rso.calibration.plan import make_plan
 from rso.cli import main
 from rso.doe import Box
-from rso.emulator import Output, Sample
-from rso.identify import Experiment, Model, determine, expected_sd, told
-from rso.identify.likelihood import Misfit
-from rso.report.further import render_further, report
-from rso.store import RunStore
+from rso.emulation.emulator import Output, Sample
+from rso.emulation.hermite import along_one
+from rso.evaluation.store import RunStore
+from rso.inference import Experiment, Model, determine, expected_sd, told
+from rso.inference.likelihood import Misfit
+from rso.optimal_design.design_results import ENOUGH, by_truth, results, warnings
+from rso.optimal_design.study_design import run_next
+from rso.report.optimal_design.report import render_further, report
 from rso.study import StudyError, load
-from rso.study.further import run_next
-from rso.study.further_curves import along_one
-from rso.study.further_results import ENOUGH, by_truth, results, warnings
-from rso.study.plan import make_plan
 
 LINE = Box(("a", "b"), ("1", "1"), (1.0, 1.0), (3.0, 3.0), (False, False))
 
@@ -366,7 +366,7 @@ def test_readings_of_one_record_that_remember_each_other_do_so_once_more(tmp_pat
     knows = one_record(tmp_path / "memory", 0.1)
     assert knows.learnt[0].item.blocks[0].data.memory > 0.6
     assert one_record(tmp_path / "white", 0.0).learnt[0].item.blocks[0].data.memory == 0.0
-    monkeypatch.setattr("rso.study.further.remembered", lambda have, seed: list(have))
+    monkeypatch.setattr("rso.optimal_design.study_design.remembered", lambda have, seed: list(have))
     blind = one_record(tmp_path / "blind", 0.1)
     again = [next(t for t in v.told[0] if t.added == ("top once more",)).fisher["mu"] for v in (knows, blind)]
     mine = [v.joint[-1].determination.of("mu").sd_log for v in (knows, blind)]

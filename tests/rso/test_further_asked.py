@@ -5,11 +5,11 @@ from concurrent.futures import Executor
 import pytest
 import sample_studies as studies
 
-from rso.store import RunStore
+from rso.calibration.plan import make_plan
+from rso.cli.checking import check
+from rso.evaluation.store import RunStore
+from rso.optimal_design.study_design import run_next
 from rso.study import StudyError, load
-from rso.study.checking import check
-from rso.study.further import run_next
-from rso.study.plan import make_plan
 
 GOOD = 'name = "a"\nnoise = { Fz = "2 mN" }'
 MARKS = 'name = "m"\nmarks = [[0, 5]]\ndepths = [1, 2]'

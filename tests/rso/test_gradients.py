@@ -5,11 +5,11 @@ import pytest
 
 from rso.benchmarks import branin
 from rso.doe import design, sobol
-from rso.surrogates import fit, fit_kriging, held_out
-from rso.surrogates.common import legendre, legendre_slopes, powers
-from rso.surrogates.kernels import KERNELS, covariance
-from rso.surrogates.kriging import condition
-from rso.surrogates.likelihood import Data, restricted
+from rso.emulation import fit, fit_kriging, held_out
+from rso.emulation.common import legendre, legendre_slopes, powers
+from rso.emulation.kernels import KERNELS, covariance
+from rso.emulation.kriging import condition
+from rso.emulation.kriging_likelihood import Data, restricted
 
 
 def wave(X):

@@ -16,19 +16,19 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
-from rso import disk
+from rso.calibration.plan import source_of
+from rso.calibration.result_files import write_runs
 from rso.cli import commands, main
 from rso.cli.commands import _executor
 from rso.contract import Case, Programme, Response
-from rso.printable import one, printable
-from rso.running import Source, WorkerDied, WorkerPool, load_backend
-from rso.running.cluster import _keep
-from rso.running.fingerprints import fingerprint_of
-from rso.store import Done, RunStore, StoreError
+from rso.core import disk
+from rso.core.printable import one, printable
+from rso.evaluation import Source, WorkerDied, WorkerPool, load_backend
+from rso.evaluation.cluster import _keep
+from rso.evaluation.fingerprints import fingerprint_of
+from rso.evaluation.store import Done, RunStore, StoreError
 from rso.study import load
-from rso.study.files import write_runs
-from rso.study.plan import source_of
-from rso.study.texts import drawn, look_alikes, too_deep
+from rso.study.confusable_text import drawn, look_alikes, too_deep
 
 HERE = Path(__file__).parent
 CASE = Case("c", Programme.ramp((1.0,)))
@@ -51,7 +51,7 @@ def test_modules_of_the_folder_a_worker_is_started_in_are_not_imported(tmp_path)
     for name in SHADOWED:
         (tmp_path / f"{name}.py").write_text("raise SystemExit('executed')\n")
     code = (
-        "from rso.running import Source, WorkerPool\nimport math\n"
+        "from rso.evaluation import Source, WorkerPool\nimport math\n"
         "with WorkerPool(1, source=Source('dummy_backend:BACKEND')) as pool: "
         "print(pool.submit(math.sqrt, 4.0).result())"
     )
@@ -505,7 +505,7 @@ def test_closed_and_full_streams(tmp_path, closed):
 def test_workers_of_a_command_without_streams_work(tmp_path, closed):
     code = (
         "from rso.cli import _open_streams\n_open_streams()\n"
-        "from rso.running import WorkerPool\nimport math, pathlib, sys\n"
+        "from rso.evaluation import WorkerPool\nimport math, pathlib, sys\n"
         "with WorkerPool(1) as pool: pathlib.Path(sys.argv[1]).write_text(str(pool.submit(math.sqrt, 4.0).result()))"
     )
     answer, err = tmp_path / "answer", tmp_path / "err"

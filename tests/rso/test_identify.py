@@ -9,15 +9,15 @@ from scipy import stats
 from scipy.optimize import approx_fprime
 from scipy.stats import multivariate_normal, truncnorm
 
-from rso import identify
+from rso import inference
 from rso.contract import Response
-from rso.curves import metrics
+from rso.core.curves import metrics
+from rso.core.similarity import Group
 from rso.doe import Box
-from rso.emulator import Output, Sample, learn
-from rso.identify import Data, Misfit, Model
-from rso.identify.intervals import Interval, pieces
-from rso.identify.verdict import judge, sentences
-from rso.similarity import Group
+from rso.emulation.emulator import Output, Sample, learn
+from rso.inference import Data, Misfit, Model
+from rso.inference.intervals import Interval, pieces
+from rso.inference.verdict import judge, sentences
 
 TRUTH = (0.01, 20.0)  # mu D1 = 0.2
 
@@ -55,7 +55,7 @@ def test_covariance_is_that_of_simulated_repeats():
     y, slope = u**1.5, 1.5 * np.sqrt(u)
     sizes = {"white": 0.1, "correlated": 0.2, "length": 1.0, "gain": 0.03, "depth_noise": 0.04}
     s = 0.05 * y
-    C = identify.covariance(u, y, slope, repeats=r, numerical=s, **sizes)
+    C = inference.covariance(u, y, slope, repeats=r, numerical=s, **sizes)
     L = np.linalg.cholesky(np.exp(-np.abs(u[:, None] - u)))
     one = (
         0.1 * rng.standard_normal((n, r, 4))
@@ -67,7 +67,7 @@ def test_covariance_is_that_of_simulated_repeats():
     # Standard error of a covariance: √((C_ii C_jj + C_ij²)/n); four of them.
     spread = np.sqrt((np.outer(np.diag(C), np.diag(C)) + C**2) / n)
     np.testing.assert_array_less(np.abs(np.cov(drawn.T) - C), 4 * spread)
-    assert identify.covariance(u, y, slope, repeats=100, numerical=s, **sizes)[3, 3] > s[3] ** 2  # repeats do not help
+    assert inference.covariance(u, y, slope, repeats=100, numerical=s, **sizes)[3, 3] > s[3] ** 2  # repeats do not help
 
 
 def test_chi2_is_minus_twice_the_log_density():
@@ -92,7 +92,7 @@ def test_the_gradient_is_the_derivative_of_the_misfit():
         (lambda: Data("c", "N", np.ones(2), np.ones(3), np.eye(2)), "do not fit"),
         (lambda: Misfit(linear([[1.0]]), (curve([1.0]),), "best"), "choose one of noise, absolute, relative"),
         (lambda: Misfit(linear([[1.0]] * 2), (curve([1, 1], -np.eye(2)),)), "not positive definite"),
-        (lambda: identify.covariance([1.0], [1.0], [1.0], white=-1), ">= 0"),
+        (lambda: inference.covariance([1.0], [1.0], [1.0], white=-1), ">= 0"),
     ],
 )
 def test_misuse_is_refused_in_words(make, words):
@@ -119,7 +119,7 @@ def test_a_published_mooney_rivlin_fit_under_both_weightings(weighting, publishe
     I1, I2 = λ**2 + 2 / λ, 2 * λ + λ**-2
     A = 2 * (λ - λ**-2)[:, None] * np.stack([np.ones(12), 1 / λ, (I2 - 3) + (I1 - 3) / λ], axis=1)
     box = Box(["C10", "C01", "C11"], ["MPa"] * 3, [0.0, 0.0, -1.0], [3.0, 3.0, 1.0], [False] * 3)
-    fit = identify.gauss_newton(Misfit(linear(A, box=box), (curve(STRESS),), weighting), np.full(3, 0.5))
+    fit = inference.gauss_newton(Misfit(linear(A, box=box), (curve(STRESS),), weighting), np.full(3, 0.5))
     assert fit.converged and fit.at_bound == ()
     np.testing.assert_allclose(fit.theta, published, rtol=2e-4 if weighting == "absolute" else 2e-6)  # printed digits
 
@@ -134,7 +134,7 @@ def test_certified_standard_deviations():
         b = box.from_unit(X)
         return b[:, :1] * (1 - np.exp(-b[:, 1:] * x))
 
-    found = identify.determine(Misfit(Model(box, predict), (curve(y),), "absolute"), seed=0, mcmc=False)
+    found = inference.determine(Misfit(Model(box, predict), (curve(y),), "absolute"), seed=0, mcmc=False)
     np.testing.assert_allclose(found.fit.theta, [238.94212918, 5.5015643181e-4], rtol=1e-7)
     assert found.fit.chi2 == pytest.approx(0.12455138894, rel=1e-9)
     sd = np.array([k.sd_log for k in found.known]) * found.fit.theta
@@ -143,22 +143,22 @@ def test_certified_standard_deviations():
 
 def test_a_bound_is_kept_and_named():
     misfit = Misfit(linear(np.eye(2)), (curve([0.5, 1.4]),))
-    for fit in (identify.gauss_newton(misfit, np.array([0.2, 0.2])), identify.all_minima(misfit, seed=0)[0]):
+    for fit in (inference.gauss_newton(misfit, np.array([0.2, 0.2])), inference.all_minima(misfit, seed=0)[0]):
         np.testing.assert_allclose(fit.x, [0.5, 1.0], atol=1e-5)
         assert fit.at_bound == ("p1",)
 
 
 def test_many_starts_at_once_end_where_gauss_newton_ends():
     m = ball(0.003)
-    X = identify.descend(m, np.random.default_rng(0).random((12, 2)))
-    one = identify.gauss_newton(m, np.array([0.5, 0.5]))
+    X = inference.descend(m, np.random.default_rng(0).random((12, 2)))
+    one = inference.gauss_newton(m, np.array([0.5, 0.5]))
     np.testing.assert_allclose(X, np.tile(one.x, (12, 1)), atol=1e-4)
 
 
 def test_two_minima_are_both_found():
     box = Box(["p"], ["1"], [-1.0], [1.0], [False])
     model = Model(box, lambda X: np.hstack([(t := box.from_unit(X)) ** 2, 0.01 * t]))
-    found = identify.all_minima(Misfit(model, (curve([0.25, 0.0], sigma=0.1),)), seed=0)
+    found = inference.all_minima(Misfit(model, (curve([0.25, 0.0], sigma=0.1),)), seed=0)
     assert sorted(float(f.theta[0]) for f in found) == pytest.approx([-0.5, 0.5], abs=1e-3)
 
 
@@ -185,11 +185,11 @@ def test_a_backend_with_derivatives_costs_one_run_per_iteration():
         return one
 
     data = (soft_ball.data(*TRUTH, 0.003, depth=u),)
-    place = identify.Place("top", "Fz", u)
+    place = inference.Place("top", "Fz", u)
     fits = {}
     for kind in calls:
-        model = identify.simulated(soft_ball.BOX, run(kind), [place])
-        fits[kind] = identify.gauss_newton(Misfit(model, data), np.array([0.5, 0.5]), tolerance=1e-8)
+        model = inference.simulated(soft_ball.BOX, run(kind), [place])
+        fits[kind] = inference.gauss_newton(Misfit(model, data), np.array([0.5, 0.5]), tolerance=1e-8)
     assert calls["with"] <= fits["with"].evaluations + 1 <= 15  # one more where the end point is put on a bound
     assert calls["without"] > 2 * calls["with"]
     for fit in fits.values():
@@ -205,7 +205,7 @@ def test_a_curve_from_an_emulator_is_its_spline_through_the_emulated_travels():
         F = soft_ball.force(mu, D1, travel)
         samples.append(Sample({"mu": mu, "D1": D1}, {o.id: float(f) for o, f in zip(outputs, F, strict=True)}))
     emulator = learn(box, Group(None, 1.0, {}, {"Fz": 0}, ""), outputs, samples, kind="polynomial", seed=0)
-    model, band = identify.emulated(emulator, identify.Place("top", "Fz", soft_ball.DEPTH))
+    model, band = inference.emulated(emulator, inference.Place("top", "Fz", soft_ball.DEPTH))
     x = np.array([[0.4, 0.6]])
     exact = soft_ball.model().predict(x)
     np.testing.assert_allclose(model.predict(x), exact, rtol=0.05, atol=1e-3)  # the polynomials' own error
@@ -214,26 +214,26 @@ def test_a_curve_from_an_emulator_is_its_spline_through_the_emulated_travels():
     np.testing.assert_allclose(model.predict(x)[0, at], known, rtol=1e-9)
     assert band(x[0]).shape == (40,) and np.all(band(x[0]) > 0)
     with pytest.raises(ValueError, match="no Fx of 'top'"):
-        identify.emulated(emulator, identify.Place("top", "Fx", soft_ball.DEPTH))
+        inference.emulated(emulator, inference.Place("top", "Fx", soft_ball.DEPTH))
 
 
 # ---- intervals
 
 
 def test_the_gaussian_in_the_box_is_a_truncated_normal():
-    X = identify.intervals.gaussian(np.array([0.2]), np.array([[1 / 0.3**2]]), seed=0)
+    X = inference.intervals.gaussian(np.array([0.2]), np.array([[1 / 0.3**2]]), seed=0)
     p = [0.05, 0.5, 0.95]
     expected = truncnorm(-0.2 / 0.3, 0.8 / 0.3, 0.2, 0.3).ppf(p)
     np.testing.assert_allclose(np.quantile(X[:, 0], p), expected, atol=1e-3)  # 16384 quasi-random points
     # A direction that nothing is known of is uniform.
-    blind = identify.intervals.gaussian(np.array([0.5, 0.5]), np.diag([1e4, 0.0]), seed=0)
+    blind = inference.intervals.gaussian(np.array([0.5, 0.5]), np.diag([1e4, 0.0]), seed=0)
     np.testing.assert_allclose(np.quantile(blind[:, 1], p), p, atol=2e-3)
 
 
 def test_chain_profile_and_formula_agree_on_a_gaussian():
     A = np.array([[1.0, 0.9], [0.2, 1.0], [0.5, -0.3]])
     y = A @ [0.5, 0.45]
-    found = identify.determine(Misfit(linear(A), (curve(y, sigma=0.04),)), seed=0)
+    found = inference.determine(Misfit(linear(A), (curve(y, sigma=0.04),)), seed=0)
     sd = 0.04 * np.sqrt(np.diag(np.linalg.inv(A.T @ A)))
     for k, known in enumerate(found.known):
         ends = np.array([[known.profile_interval.low, known.profile_interval.high], [known.laplace.low,
@@ -247,7 +247,7 @@ def test_chain_profile_and_formula_agree_on_a_gaussian():
 
 def test_where_the_gaussian_fails_the_disagreement_is_noted_and_no_reason():
     box = Box(["p"], ["1"], [0.0], [1.0], [False])
-    found = identify.determine(Misfit(Model(box, lambda X: X**4), (curve([0.05], sigma=0.1),)), seed=0)
+    found = inference.determine(Misfit(Model(box, lambda X: X**4), (curve([0.05], sigma=0.1),)), seed=0)
     assert found.known[0].agreement is False and "Gaussian" not in found.known[0].reason
 
 
@@ -258,7 +258,7 @@ def test_draws_and_profile_hold_every_valley_that_the_data_leave():
     def f(X):
         return np.stack([(X[:, 0] - 0.2) * (X[:, 0] - 0.79), X[:, 1] - 0.5], axis=1)
 
-    d = identify.determine(Misfit(Model(box, f), (curve([0.0, 0.0], sigma=0.003),)), seed=0)
+    d = inference.determine(Misfit(Model(box, f), (curve([0.0, 0.0], sigma=0.003),)), seed=0)
     assert abs(np.mean(d.draws.X[:, 0] > 0.5) - 0.5) < 0.1
     a = d.of("a")
     for interval in (a.profile_interval, a.mcmc):
@@ -269,7 +269,7 @@ def test_draws_and_profile_hold_every_valley_that_the_data_leave():
 def test_pieces_of_a_profile_are_said_one_by_one():
     """θ² = 0.09 ± 0.0125 with θ in (-1, 1): 90 % are √(0.09 ± 1.645·0.0125) either way, and nothing between."""
     box = Box(["a"], ["MPa"], [-1.0], [1.0], [False])
-    d = identify.determine(Misfit(Model(box, lambda X: box.from_unit(X) ** 2), (curve([0.09], sigma=0.0125),)), seed=0)
+    d = inference.determine(Misfit(Model(box, lambda X: box.from_unit(X) ** 2), (curve([0.09], sigma=0.0125),)), seed=0)
     a = d.of("a")
     inner, outer = np.sqrt(0.09 + 1.6449 * 0.0125 * np.array([-1, 1]))
     found = [tuple(2 * np.array([i.low, i.high]) - 1) for i in a.profile.pieces()]
@@ -297,22 +297,22 @@ def test_a_refuted_model_determines_nothing():
     m = ball(0.003)
     (d,) = m.data
     bent = dataclasses.replace(d, value=d.value * (1 + 0.2 * np.sin(2 * d.depth)), covariance=d.covariance / 400)
-    wrong = identify.determine(Misfit(m.model, (bent,)), seed=0, mcmc=False)
+    wrong = inference.determine(Misfit(m.model, (bent,)), seed=0, mcmc=False)
     assert wrong.scale > 3.0 and {k.verdict.word for k in wrong.known} <= {"weakly", "not"}
     assert all(k.verdict.noise_factor is None for k in wrong.known)
     assert "misses the data by" in wrong.of("mu").story and "agrees" not in wrong.of("mu").story
 
 
 def test_the_same_seed_gives_the_same_draws():
-    a, b, c = (identify.determine(ball(0.003), seed=s).draws.X for s in (0, 0, 1))
+    a, b, c = (inference.determine(ball(0.003), seed=s).draws.X for s in (0, 0, 1))
     np.testing.assert_array_equal(a, b)
     assert not np.array_equal(a, c)
 
 
 def test_a_profile_follows_the_valley_and_says_what_the_curve_does_there():
     m = ball(0.06)
-    fit = identify.all_minima(m, seed=0)[0]
-    p = identify.profile(m, fit, 1)
+    fit = inference.all_minima(m, seed=0)[0]
+    p = inference.profile(m, fit, 1)
     for t, rise, x in zip(p.at[::8], p.rise[::8], p.path[::8], strict=True):
         grid = np.stack([np.linspace(0.2, 0.8, 20001), np.full(20001, t)], axis=1)
         assert rise == pytest.approx(m.chi2(grid).min() - fit.chi2, abs=2e-3) and x[1] == t
@@ -325,11 +325,11 @@ def test_a_profile_follows_the_valley_and_says_what_the_curve_does_there():
 
 
 def test_D1_is_determined_with_3_mN_and_not_with_60_mN():
-    good = [identify.determine(ball(0.003, seed), seed=0, mcmc=False).of("D1") for seed in range(8)]
+    good = [inference.determine(ball(0.003, seed), seed=0, mcmc=False).of("D1") for seed in range(8)]
     sd = np.median([k.sd_log for k in good])
     assert 0.1 < sd < 0.25  # of ln D1
     assert sum(k.verdict.word == "determined" for k in good) >= 7 and "is determined" in good[1].story
-    bad = [identify.determine(ball(0.06, seed), seed=0, mcmc=False).of("D1") for seed in range(8)]
+    bad = [inference.determine(ball(0.06, seed), seed=0, mcmc=False).of("D1") for seed in range(8)]
     assert sum(k.verdict.word == "not" for k in bad) >= 6 and all(k.verdict.word != "determined" for k in bad)
     assert "Over the whole interval of D1, the other parameters fitted again, the force changes" in bad[0].reason
     assert "mN against 60 mN, at " in bad[0].reason
@@ -343,21 +343,21 @@ def test_with_the_noise_that_is_asked_for_the_value_is_determined():
     """Where the most likely values are true, in curves of their own noise; with three times that it seldom is."""
     words = {1: [], 3: []}
     for seed in range(6):
-        first = identify.determine(ball(0.012, seed), seed=0, mcmc=False)
+        first = inference.determine(ball(0.012, seed), seed=0, mcmc=False)
         known = first.of("D1")
         f = known.verdict.noise_factor
         assert known.verdict.word != "determined"
         assert f"{known.value:.2g} 1/MPa, is right" in known.reason and f"{1 / f:.2g} times smaller" in known.reason
         for times, found in words.items():
             noisy = soft_ball.data(*first.fit.theta, 0.012 * f * times, np.random.default_rng(100 + seed))
-            again = identify.determine(Misfit(soft_ball.model(), (noisy,)), seed=0, mcmc=False)
+            again = inference.determine(Misfit(soft_ball.model(), (noisy,)), seed=0, mcmc=False)
             found.append(again.of("D1").verdict.word)
     assert words[1].count("determined") >= 5 and words[3].count("determined") <= 2
 
 
 def test_mu_is_determined_in_both_cases():
     for noise, digits in ((0.003, 3), (0.06, 2)):
-        mu = identify.determine(ball(noise), seed=0, mcmc=False).of("mu")
+        mu = inference.determine(ball(noise), seed=0, mcmc=False).of("mu")
         assert mu.verdict.word == "determined" and abs(mu.verdict.digits - digits) <= 1
 
 
@@ -415,11 +415,11 @@ def test_a_model_that_does_not_fit_widens_the_intervals_and_says_so():
     m = ball(0.003)
     (d,) = m.data
     bent = dataclasses.replace(d, value=d.value * (1 + 0.2 * np.sin(2 * d.depth)))
-    wrong, right = (identify.determine(Misfit(m.model, (v,)), seed=0, mcmc=False) for v in (bent, d))
+    wrong, right = (inference.determine(Misfit(m.model, (v,)), seed=0, mcmc=False) for v in (bent, d))
     assert right.scale == 1.0 and "within their errors" in right.story
     assert wrong.scale == pytest.approx(np.sqrt(wrong.fit.chi2 / 38)) and wrong.scale > 2 and "widened" in wrong.story
     np.testing.assert_allclose(
-        wrong.of("mu").sd_log, wrong.scale * identify.spread(wrong.fit.fisher)[0] * np.log(37 / 3.4), rtol=1e-6
+        wrong.of("mu").sd_log, wrong.scale * inference.spread(wrong.fit.fisher)[0] * np.log(37 / 3.4), rtol=1e-6
     )
 
 
@@ -428,7 +428,7 @@ def test_an_agreement_within_wide_errors_says_how_wide_they_are(share, told):
     (clean,) = ball(0.0).data
     sd = share * clean.value.max()
     noisy = ball(sd)
-    found = identify.determine(noisy, seed=0, mcmc=False).story
+    found = inference.determine(noisy, seed=0, mcmc=False).story
     assert "within their errors" in found
     assert (f"which are up to {100 * sd / noisy.data[0].value.max():.2g} % of the largest value" in found) is told
 
@@ -443,7 +443,7 @@ def test_directions_are_those_of_a_product():
     misfit = Misfit(model, (curve([np.log(30.0)], sigma=0.01),))
     x = box.to_unit(np.array([10.0, 3.0]))
     J = misfit.jacobian(x)
-    stiff, sloppy = identify.directions(box, x, J.T @ J)
+    stiff, sloppy = inference.directions(box, x, J.T @ J)
     np.testing.assert_allclose(list(stiff.change.values()), [0.5**0.5] * 2, rtol=1e-6)
     assert stiff.sd == pytest.approx(0.01 / 2**0.5, rel=1e-6) and "known to ±0.71 %" in stiff.story
     assert sloppy.sd > 1e3 or not np.isfinite(sloppy.sd)
@@ -451,7 +451,7 @@ def test_directions_are_those_of_a_product():
 
 def test_a_second_measurement_of_the_same_kind_halves_the_variance():
     m = ball(0.003)
-    found = identify.determine(m, seed=0, mcmc=False)
+    found = inference.determine(m, seed=0, mcmc=False)
     again = found.gains[0]
     for name in ("mu", "D1"):
         # The range counts as a weak prior: 1 % of the information here.
@@ -460,9 +460,9 @@ def test_a_second_measurement_of_the_same_kind_halves_the_variance():
 
 def test_the_best_depth_is_that_of_brute_force():
     m = ball(0.003)
-    fit = identify.all_minima(m, seed=0)[0]
+    fit = inference.all_minima(m, seed=0)[0]
     J = m.model.jacobian(fit.x)
-    at, best = identify.best_depth(soft_ball.BOX, fit.x, fit.fisher, 1, J, np.full(40, 0.003))
+    at, best = inference.best_depth(soft_ball.BOX, fit.x, fit.fisher, 1, J, np.full(40, 0.003))
     prior = 12 * np.eye(2)
     sd = [np.sqrt(np.linalg.inv(fit.fisher + prior + np.outer(j, j) / 0.003**2)[1, 1]) for j in J]
     assert at == int(np.argmin(sd)) and best.after["D1"] == pytest.approx(min(sd) * np.log(168), rel=1e-6)
@@ -475,11 +475,11 @@ def test_the_best_depth_is_that_of_brute_force():
 def test_metrics_are_those_of_rso_curves_and_their_minimum_that_of_a_grid(name):
     data = soft_ball.data(*TRUTH, 0.003, np.random.default_rng(0))
     model = soft_ball.model()
-    score = identify.curve_score(model, [data], name)
+    score = inference.curve_score(model, [data], name)
     X = np.random.default_rng(1).random((5, 2))
     expected = [getattr(metrics(data.value, f), name) for f in model.predict(X)]
     np.testing.assert_allclose(score(X), expected, rtol=1e-12)
-    found = identify.minimise(score, soft_ball.BOX, seed=0, steps=identify.downhill(model, [data], name))
+    found = inference.minimise(score, soft_ball.BOX, seed=0, steps=inference.downhill(model, [data], name))
     t = np.linspace(0, 1, 401)
     grid = np.stack(np.meshgrid(t, t), axis=-1).reshape(-1, 2)
     values = score(grid)
@@ -496,23 +496,23 @@ def test_both_minima_of_a_metric_are_reported_and_nothing_else():
         p, q = box.from_unit(X).T
         return np.minimum(np.abs(p - 0.5) + np.abs(q), 0.1 + np.abs(p + 0.5) + 2 * np.abs(q - 0.2))
 
-    found = identify.minimise(score, box, seed=0)
+    found = inference.minimise(score, box, seed=0)
     np.testing.assert_allclose([m.theta for m in found], [[0.5, 0.0], [-0.5, 0.2]], atol=1e-4)
 
 
 def test_a_metric_without_meaning_is_refused():
     data = curve([0.0, 0.0])
     with pytest.raises(ValueError, match="finite nowhere"):
-        identify.minimise(identify.curve_score(linear([[1.0]] * 2), [data], "mre"), linear([[1.0]]).box, seed=0)
+        inference.minimise(inference.curve_score(linear([[1.0]] * 2), [data], "mre"), linear([[1.0]]).box, seed=0)
     with pytest.raises(ValueError, match="choose one of rmse"):
-        identify.curve_score(linear([[1.0]] * 2), [data], "r2")
+        inference.curve_score(linear([[1.0]] * 2), [data], "r2")
 
 
 def test_what_only_the_range_of_another_parameter_limits_is_said():
     # One force: mu follows D1 to the ends of its range.
     data = soft_ball.data(*TRUTH, 1e-4, depth=np.array([0.5]))
     box = dataclasses.replace(soft_ball.BOX, low=(0.002, 1.0), high=(0.1, 1000.0))
-    found = identify.determine(Misfit(soft_ball.model(box, data.depth), (data,)), seed=0, mcmc=False)
+    found = inference.determine(Misfit(soft_ball.model(box, data.depth), (data,)), seed=0, mcmc=False)
     mu, D1 = found.known
     assert D1.verdict.word == "not" and mu.verdict.word != "determined" and "as long as D1 stays in range" in mu.story
     assert not mu.profile_interval.open and mu.profile.leaning() == (1,) and D1.profile.leaning() == ()
@@ -557,8 +557,8 @@ def test_a_gain_common_to_all_curves_does_not_average_out(names, right):
     for _ in range(200):
         g = 0.1 * rng.standard_normal()
         found = [dataclasses.replace(d, value=d.value * (1 + g) + 0.02 * rng.standard_normal(20)) for d in data]
-        fit = identify.fit_at(m := Misfit(model, tuple(found)), identify.descend(m, np.array([[0.5]]))[0])
-        held += abs(fit.theta[0] - 1.0) <= 1.645 * identify.spread(fit.fisher)[0] * 2.0
+        fit = inference.fit_at(m := Misfit(model, tuple(found)), inference.descend(m, np.array([[0.5]]))[0])
+        held += abs(fit.theta[0] - 1.0) <= 1.645 * inference.spread(fit.fisher)[0] * 2.0
     assert (0.83 <= held / 200 <= 0.97) if right else held / 200 < 0.8
 
 
@@ -566,7 +566,7 @@ def test_errors_known_from_few_readings_widen_intervals_and_thresholds():
     """With 5 degrees of freedom p is that of F(38, 5) and the interval wider by t/z = 1.225."""
     m = ball(0.003)
     few = dataclasses.replace(m, data=tuple(dataclasses.replace(d, freedom=5.0) for d in m.data))
-    sure, unsure = (identify.determine(v, seed=0, mcmc=False) for v in (m, few))
+    sure, unsure = (inference.determine(v, seed=0, mcmc=False) for v in (m, few))
     assert few.freedom == 5.0 and m.freedom == np.inf
     assert unsure.p_value == pytest.approx(stats.f.sf(unsure.fit.chi2 / 38, 38, 5))
     assert unsure.of("mu").sd_log / sure.of("mu").sd_log == pytest.approx(stats.t.ppf(0.95, 5) / 1.645, rel=1e-3)
@@ -575,6 +575,6 @@ def test_errors_known_from_few_readings_widen_intervals_and_thresholds():
 def test_errors_stated_much_larger_than_the_curves_show_are_remarked_upon():
     m = ball(0.003)
     wide = dataclasses.replace(m, scale=3.0)
-    found = (identify.determine(v, seed=0, mcmc=False) for v in (wide, m))
-    said, silent = (identify.lenient(d.fit.chi2, d.degrees, d.p_value) for d in found)
+    found = (inference.determine(v, seed=0, mcmc=False) for v in (wide, m))
+    said, silent = (inference.lenient(d.fit.chi2, d.degrees, d.p_value) for d in found)
     assert "stated errors" in said and "contact" in said and not silent

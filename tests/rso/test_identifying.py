@@ -6,13 +6,13 @@ import pytest
 import sample_studies as studies
 import soft_ball
 
-from rso import identify
+from rso import inference
+from rso.calibration import confirmed_optimum, identification_stage
+from rso.calibration.readings import error_at
 from rso.contract import Response
-from rso.identify import Misfit, Place
-from rso.report.identification import identification_section
-from rso.store import Done
-from rso.study import identifying, settling
-from rso.study.readings import error_at
+from rso.evaluation.store import Done
+from rso.inference import Misfit, Place
+from rso.report.calibration.identification import identification_section
 
 
 @pytest.fixture(scope="module")
@@ -43,10 +43,10 @@ def test_the_most_likely_point_is_recomputed_by_the_backend(study):
     assert run["outputs"]["top:Fz@2"] == pytest.approx(float(exact[0]), rel=1e-9)
 
 
-@pytest.mark.parametrize("settled", [settling.SETTLED, 1e-6])
+@pytest.mark.parametrize("settled", [confirmed_optimum.SETTLED, 1e-6])
 def test_what_is_verified_has_the_misfit_that_was_predicted(tmp_path, monkeypatch, settled):
     """A curve within 0.5 % of the largest force may be far off beside errors of 0.006 %: χ² has a say, and is told."""
-    monkeypatch.setattr(settling, "SETTLED", settled)
+    monkeypatch.setattr(confirmed_optimum, "SETTLED", settled)
     (tmp_path / "top.csv").write_text(studies.measured(noise=2e-5))
     found = studies.run(tmp_path, doe="runs = 8\nheld_out = 0")
     again = found["identification"]["recomputed"]
@@ -59,14 +59,14 @@ def test_what_is_verified_has_the_misfit_that_was_predicted(tmp_path, monkeypatc
 def test_the_most_likely_values_are_those_of_a_direct_fit(study):
     measured = study["experiments"][0]["measured"]
     u, y = np.array(measured["depth"]), np.array(measured["value"])
-    box = identify.Data("top", "N", u, y, np.diag(np.array(measured["sigma"]) ** 2))
+    box = inference.Data("top", "N", u, y, np.diag(np.array(measured["sigma"]) ** 2))
     space = soft_ball.Box(("mu", "D1"), ("MPa", "1/MPa"), (0.006, 10.0), (0.02, 150.0), (True, True))
 
     def exact(X):
         theta = space.from_unit(X)
         return indentation_backend.force(theta[:, :1], theta[:, 1:], u, studies.THICKNESS)
 
-    fit = identify.gauss_newton(Misfit(identify.Model(space, exact), (box,)), np.array([0.5, 0.5]))
+    fit = inference.gauss_newton(Misfit(inference.Model(space, exact), (box,)), np.array([0.5, 0.5]))
     for p, truth in zip(study["identification"]["parameters"], fit.theta, strict=True):
         # Polynomials of the curve are right within 0.3 %: a fraction of the interval.
         low, high = p["interval"]
@@ -91,7 +91,7 @@ def test_data_that_allow_no_likelihood_are_said_not_raised(tmp_path, monkeypatch
     def broken(*_):
         raise ValueError("top: the covariance of the errors is not positive definite")
 
-    monkeypatch.setattr(identifying, "evidence", broken)
+    monkeypatch.setattr(identification_stage, "evidence", broken)
     found = studies.run(tmp_path, doe="runs = 8\nheld_out = 0", identify='require = ["mu"]')
     assert found["identification"] is None and found["exit_code"] == 5
     assert found["determined"]["mu"]["interval"] == [None, None]

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rso.measurement import read
+from rso.data import read
 
 T = np.round(np.arange(61) * 0.1, 6)
 U = np.round(np.linspace(0.0, 1.2, 61), 6)  # mm

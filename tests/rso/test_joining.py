@@ -5,11 +5,11 @@ import dataclasses
 import pytest
 import sample_studies as studies
 
-from rso.store import RunStore
+from rso.calibration.joined_runs import find
+from rso.calibration.plan import make_plan
+from rso.calibration.stored_runs import answers, points
+from rso.evaluation.store import RunStore
 from rso.study import load
-from rso.study.joining import find
-from rso.study.plan import make_plan
-from rso.study.stored import answers, points
 
 # What joins is all that is asked here: one target, no sensitivities.
 SMALL = {
@@ -88,7 +88,7 @@ def test_a_study_that_was_killed_goes_on_as_it_would_have(changed, tmp_path):
                 raise KeyboardInterrupt
             return super().submit(fn, *args, **kwargs)
 
-    from rso.study.whole import run_study
+    from rso.calibration.pipeline import run_study
 
     with RunStore(tmp_path / "results") as store, pytest.raises(KeyboardInterrupt):
         run_study(plan, store, Killed(), tmp_path / "results", command="test", jobs=1)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from rso.cli import main
-from rso.measurement import Measurement, Repeat, recorded_speed
+from rso.data import Measurement, Repeat, recorded_speed
 from rso.study import load
-from rso.study.laboratory import files_of, in_words, study_text, unread
-from rso.study.nominal import read_nominal
+from rso.study.laboratory_folder import files_of, in_words, study_text, unread
+from rso.study.laboratory_nominal import read_nominal
 
 NOMINAL = {
     "specimen": {"semi_axes_mm": [60, 35, 35]},

@@ -10,20 +10,20 @@ import pytest
 from sample_studies import Inline
 from scipy.stats import chi2, f
 
-from rso import ladder
+from rso import model_selection
+from rso.calibration.readings import curve_data
 from rso.cli import main
 from rso.contract import SimulationFailed
 from rso.doe import Box
-from rso.identify import Data, Misfit, Model, emulated, fit_at
-from rso.ladder import Added, Check, Goodness, Judged, Left, Level, goodness
-from rso.report.digits import Unit
-from rso.report.ladder import render_ladder, report, value_text
-from rso.store import RunStore
-from rso.study import StudyError, climbing, load
-from rso.study.climbing import ladder_plan, run_ladder
-from rso.study.ladder_results import results, write
-from rso.study.ladder_runs import design
-from rso.study.readings import curve_data
+from rso.evaluation.store import RunStore
+from rso.inference import Data, Misfit, Model, emulated, fit_at
+from rso.model_selection import Added, Check, Goodness, Judged, Left, Level, goodness_of_fit, study_ladder
+from rso.model_selection.ladder_results import results, write
+from rso.model_selection.simulations import design
+from rso.model_selection.study_ladder import ladder_plan, run_ladder
+from rso.report.layout.digits import Unit
+from rso.report.model_selection.report import render_ladder, report, value_text
+from rso.study import StudyError, load
 
 MU, D1 = 0.01, 8.0
 STUDY = """
@@ -403,7 +403,7 @@ def line(n=30, sigma=0.1, seed=0, gain=0.0):
 def test_simulated_misfits_of_a_line_are_chi_squared():
     """Against the distribution that theory gives: n − 2 degrees of freedom."""
     misfit, fit, *_ = line(gain=0.1)
-    found = ladder.simulate(misfit, fit, seed=1, draws=4000)
+    found = model_selection.simulate(misfit, fit, seed=1, draws=4000)
     assert found.chi2.mean() == pytest.approx(28, abs=4 * np.sqrt(2 * 28 / 4000))
     assert np.mean(found.chi2 > chi2.ppf(0.95, 28)) == pytest.approx(0.05, abs=0.015)
 
@@ -412,7 +412,7 @@ def test_simulated_misfits_of_errors_known_from_few_readings_are_fisher_s():
     """χ²/ν is F(28, m) where the size of the errors is known from m = 12, and with it the threshold is higher."""
     misfit, fit, *_ = line(gain=0.1)
     known = replace(misfit, data=tuple(replace(d, freedom=12.0) for d in misfit.data))
-    found = ladder.simulate(known, fit, seed=1, draws=4000)
+    found = model_selection.simulate(known, fit, seed=1, draws=4000)
     assert np.mean(found.chi2 / 28 > f.ppf(0.95, 28, 12)) == pytest.approx(0.05, abs=0.015)
     assert np.mean(found.chi2 > chi2.ppf(0.95, 28)) > 0.15  # the control: the size is not known that well
 
@@ -423,7 +423,7 @@ def test_simulated_errors_that_curves_share_are_the_same_in_both():
 
     def drawn(names):
         g = [Data(n, "1", u, u, 0.5**2 * np.eye(10) + 1.0, shared={n: np.ones(10)}) for n in names]
-        noise = goodness._noise(g, 4000, np.random.default_rng(0))
+        noise = goodness_of_fit._noise(g, 4000, np.random.default_rng(0))
         return np.corrcoef(noise[:, 3], noise[:, 13])[0, 1]
 
     assert drawn("aa") == pytest.approx(0.8, abs=0.04) and drawn("ab") == pytest.approx(0.0, abs=0.07)
@@ -432,18 +432,18 @@ def test_simulated_errors_that_curves_share_are_the_same_in_both():
 def test_the_nrmse_of_simulated_data_is_that_of_noise():
     """Of white noise σ a line leaves σ √(1 − 2/n) in the mean square, over the mean of the curve."""
     misfit, fit, *_ = line()
-    found = ladder.simulate(misfit, fit, seed=1, draws=4000)
+    found = model_selection.simulate(misfit, fit, seed=1, draws=4000)
     expected = 0.1 * np.sqrt(1 - 2 / 30) / float(np.mean(misfit.data[0].value))
     assert np.sqrt(np.mean(found.nrmse[0] ** 2)) == pytest.approx(expected, rel=0.03)
 
 
 def test_the_p_value_counts_those_at_least_as_large():
     misfit, *_ = line()
-    found = ladder.Simulated(np.zeros((4, 2)), np.array([1.0, 2.0, 3.0, 4.0]), (np.zeros(4),))
+    found = model_selection.Simulated(np.zeros((4, 2)), np.array([1.0, 2.0, 3.0, 4.0]), (np.zeros(4),))
     residual = np.zeros(30)
     residual[0] = 0.1 * np.sqrt(3.0)
     left = Left(residual, misfit, replace(found, nrmse=(np.ones(4),)), ("fit",))
-    assert ladder.assess([left]).checks[0].p_value == pytest.approx(3 / 5)
+    assert model_selection.assess([left]).checks[0].p_value == pytest.approx(3 / 5)
 
 
 @pytest.mark.parametrize("gain", [0.0, 0.1])
@@ -455,7 +455,7 @@ def test_evidence_of_a_line_is_the_gaussian_integral(gain):
     r = y - A @ theta
     exact = -0.5 * r @ np.linalg.inv(C) @ r - 0.5 * np.linalg.slogdet(2 * np.pi * C)[1]
     exact += -0.5 * np.linalg.slogdet(F / (2 * np.pi))[1] - np.log(100.0)
-    assert ladder.log_evidence(misfit, fit, seed=1) == pytest.approx(exact, abs=0.02)
+    assert model_selection.log_evidence(misfit, fit, seed=1) == pytest.approx(exact, abs=0.02)
 
 
 def test_evidence_of_a_parameter_without_influence_is_that_without_it():
@@ -464,7 +464,9 @@ def test_evidence_of_a_parameter_without_influence_is_that_without_it():
     more = Misfit(Model(wide, lambda X: misfit.model.predict(X[:, :2])), misfit.data)
     there = fit_at(more, np.append(fit.x, 0.5))
     # a Gaussian of half the cube's width leaves the cube in a third of its draws: that much less is known
-    assert ladder.log_evidence(more, there, 1) == pytest.approx(ladder.log_evidence(misfit, fit, 1), abs=0.05)
+    assert model_selection.log_evidence(more, there, 1) == pytest.approx(
+        model_selection.log_evidence(misfit, fit, 1), abs=0.05
+    )
 
 
 def wave(share, seed, n=40, draws=199, sigma=0.01):
@@ -481,8 +483,8 @@ def wave(share, seed, n=40, draws=199, sigma=0.01):
     W = np.linalg.inv(np.linalg.cholesky(C))
     theta = np.linalg.lstsq(W @ A, W @ y, rcond=None)[0]
     fit = fit_at(misfit, box.to_unit(theta))
-    drawn = ladder.simulate(misfit, fit, seed, draws)
-    return ladder.assess([Left(A @ theta - y, misfit, drawn, ("fit",))])
+    drawn = model_selection.simulate(misfit, fit, seed, draws)
+    return model_selection.assess([Left(A @ theta - y, misfit, drawn, ("fit",))])
 
 
 def test_a_right_level_passes_in_its_share_of_data_sets_and_not_more_often():
@@ -520,10 +522,10 @@ def test_each_criterion_sees_what_the_other_is_blind_to():
     misfit = Misfit(Model(Box(("a",), ("1",), (0.5,), (2.0,), (False,)), lambda X: (0.5 + 1.5 * X) * f),
                     (Data("ball", "1", u, f, C),))  # fmt: skip
     fit = fit_at(misfit, np.array([1 / 3]))
-    drawn = ladder.simulate(misfit, fit, 3, 400)
+    drawn = model_selection.simulate(misfit, fit, 3, 400)
     jagged = np.where(u < 0.15, 0.012 * (-1.0) ** np.arange(50), 0.0)
     smooth = 2.4 * np.sqrt(np.diag(C)) * np.clip(u - 0.5, 0, None) ** 0.5
-    of_jagged, of_smooth = (ladder.assess([Left(r, misfit, drawn, ("fit",))]) for r in (jagged, smooth))
+    of_jagged, of_smooth = (model_selection.assess([Left(r, misfit, drawn, ("fit",))]) for r in (jagged, smooth))
     assert not of_jagged.passes and of_jagged.errors[0].nrmse <= of_jagged.errors[0].limit
     assert not of_smooth.passes and of_smooth.checks[0].chi2 <= of_smooth.checks[0].limit
 
@@ -533,8 +535,8 @@ def test_the_share_of_each_limit_follows_from_how_the_criteria_hang_together():
     rng = np.random.default_rng(8)
     same = np.repeat(rng.standard_normal((1, 4001)), 3, axis=0)
     apart = rng.standard_normal((3, 4001))
-    assert goodness.together(same, 0.05)[3] == pytest.approx(0.05, abs=5e-4)
-    assert goodness.together(apart, 0.05)[3] == pytest.approx(1 - 0.95 ** (1 / 3), rel=0.15)
+    assert goodness_of_fit.together(same, 0.05)[3] == pytest.approx(0.05, abs=5e-4)
+    assert goodness_of_fit.together(apart, 0.05)[3] == pytest.approx(1 - 0.95 ** (1 / 3), rel=0.15)
 
 
 def fake(name, p, evidence, added=(), select=None, problem=""):
@@ -551,7 +553,7 @@ def decided(*rungs):
         asked.append((level.name, holds.level.name if holds else None))
         return table[level.name]
 
-    return ladder.climb([[j.level for j in rung] for rung in rungs], judge), asked
+    return model_selection.climb([[j.level for j in rung] for rung in rungs], judge), asked
 
 
 def test_nothing_above_a_level_that_is_good_enough_is_asked():
@@ -624,7 +626,7 @@ def test_a_level_that_memory_of_the_noise_may_have_given_up_is_named(tmp_path):
 
 def test_what_is_far_more_than_noise_is_not_excused(tmp_path, monkeypatch):
     """The same records where hardly anything counts as noise."""
-    monkeypatch.setattr(climbing, "REFUTED", 0.0)
+    monkeypatch.setattr(study_ladder, "REFUTED", 0.0)
     for seed in range(3):
         _, said = remembering_record(tmp_path / str(seed), "neo", 0.25, seed)
         assert not any("if they remember each other" in w for w in said)

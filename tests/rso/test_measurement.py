@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lsim
 
 from rso.contract import parameters_of
-from rso.measurement import (
+from rso.data import (
     Chain,
     MeasuredCurve,
     Measurement,
@@ -20,7 +20,7 @@ from rso.measurement import (
     value_at,
     without_spikes,
 )
-from rso.measurement import lines as lines_module
+from rso.data.files import lines as lines_module
 
 U = np.linspace(0.1, 4.0, 40)
 NONE = {"gain": 0.0, "contact": 0.0, "correlation": 0.0}  # errors of a test as a whole: it is said that there are none

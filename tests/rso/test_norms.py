@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rso.curves import baseline, metrics
+from rso.core.curves import baseline, metrics
 from rso.norms import Printed, Problem, Shape, fit, log_evidence, norm, sample, shared_votes
 
 U = np.arange(1, 41) / 10

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from fem_backend.backend import BACKEND
+from rso.calibration.cost_model import GUESS, pace
 from rso.contract import Case, Programme
-from rso.diagnosis import build, make_plan, mended, planned_rerun
-from rso.running import Task
-from rso.store import RunStore
-from rso.study.pricing import GUESS, pace
+from rso.discrepancy import build, make_plan, mended, planned_rerun
+from rso.evaluation import Task
+from rso.evaluation.store import RunStore
 
 SLOW, FAST = ({"mu": 0.01, "stiff": s} for s in (0.5, 0.1))
 CASE = Case("a", Programme.ramp((1.0, 2.0)), {"point": [0.0, 0.0]})

@@ -5,7 +5,7 @@ import pytest
 import sample_studies as studies
 
 from rso.cli import main
-from rso.measurement import CONTACT, Column, read
+from rso.data import CONTACT, Column, read
 from rso.study import StudyError, load
 
 K = 8.76e-5  # N/mm, 0.0876 N/m

@@ -9,12 +9,12 @@ import pytest
 import sample_studies as studies
 import soft_ball
 
+from rso.calibration.readings import as_data
+from rso.data import Measurement, Noise, Repeat, combine
 from rso.doe import Box
-from rso.identify import Data, Misfit, Model, all_minima, determine, remembering
-from rso.identify.determination import _widening
-from rso.identify.verdict import REFUTED
-from rso.measurement import Measurement, Noise, Repeat, combine
-from rso.study.readings import as_data
+from rso.inference import Data, Misfit, Model, all_minima, determine, remembering
+from rso.inference.identifiability import _widening
+from rso.inference.verdict import REFUTED
 
 BOX = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.005, 5.0), (0.02, 100.0), (True, True))
 TRUTH = np.array([0.01, 25.0])

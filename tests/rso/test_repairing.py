@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
+from rso.calibration import pipeline, range_extension, stages
+from rso.calibration.plan import make_plan
+from rso.calibration.range_ends import End, Stated, limit, ordinary
 from rso.contract import knob, parameters_of
-from rso.report.numbers import report as document
-from rso.store import RunStore
-from rso.study import load, repairing, stages, whole
-from rso.study.ends import End, Stated, limit, ordinary
-from rso.study.plan import make_plan
+from rso.evaluation.store import RunStore
+from rso.report.calibration.numbers import report as document
+from rso.study import load
 
 BOX = 'mu = {{ low = {}, high = {}, scale = "log" }}\nD1 = {{ low = {}, high = {}, scale = "log" }}'
 ONE_MU = "mu = {{ low = {}, high = {} }}\nD1 = {{ value = 60 }}"
@@ -55,7 +56,7 @@ def repair(folder, **changes):
     with RunStore(folder / "results") as store:
         bench = stages.Bench(plan, store, studies.Inline())
         design = stages.run_design(bench)
-        return repairing.repair(bench, design, stages.fit_surrogates(bench, design))
+        return range_extension.repair(bench, design, stages.fit_surrogates(bench, design))
 
 
 def what(found):
@@ -128,7 +129,7 @@ def test_targets_out_of_reach_and_values_outside_the_stated_range_are_warnings(t
 @pytest.mark.parametrize("value, beyond", [(-1.0, False), (0.5, False), (-1.001, True), (0.501, True)])
 def test_a_range_may_be_negative_and_its_ends_are_inside(value, beyond):
     row = {"name": "tilt", "unit": "deg", "stated": [-1.0, 0.5]}
-    assert bool(whole._outside({"values": {"tilt": value}}, [row])) == beyond
+    assert bool(pipeline._outside({"values": {"tilt": value}}, [row])) == beyond
 
 
 def test_without_repair_it_is_not_found(tmp_path):

@@ -12,14 +12,15 @@ import numpy as np
 import pytest
 from report_fixture import STAGES, complete, one_parameter, until
 
-from rso.curves import baseline
-from rso.report import foretold, render
-from rso.report.digits import aligned, between, duration, percent, rounded, shown, significant, symbol, unit_text
-from rso.report.document import Picture, Table, Text
-from rso.report.figures import draw
+from rso.core.curves import baseline
+from rso.report import render
+from rso.report.calibration import predictive_check
+from rso.report.calibration.figures import draw
+from rso.report.calibration.numbers import report
+from rso.report.layout.digits import aligned, between, duration, percent, rounded, shown, significant, symbol, unit_text
+from rso.report.layout.document import Picture, Table, Text
+from rso.report.layout.page import html_page, pdf_page, pour
 from rso.report.notes import opening, sentences
-from rso.report.numbers import report
-from rso.report.page import html_page, pdf_page, pour
 from rso.report.reading import about_zero
 
 NASTY = (
@@ -711,8 +712,8 @@ def test_a_force_about_zero_is_said_in_newtons():
     told = page(results)
     assert f"measured curve {name} with an RMSE of" in told and f"{name} with an NRMSE of" not in told
     row = {"channel": "Fy", "unit": "N", "depth": [4.0], "measured": [0.001], "predicted": [0.0], "sigma": [0.001]}
-    assert "too low" not in foretold._off([row]) and "hardly more than noise" in foretold._off([row])
-    assert "100" in foretold._off([{**row, "measured": [0.1]}])
+    assert "too low" not in predictive_check._off([row]) and "hardly more than noise" in predictive_check._off([row])
+    assert "100" in predictive_check._off([{**row, "measured": [0.1]}])
 
 
 @pytest.mark.parametrize("p", [1.0, 1.5, 3.0])

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from report_fixture import complete
 
-from rso.report.document import Picture, Table, Text
-from rso.report.figures import draw
-from rso.report.influence import extrapolation
-from rso.report.numbers import report
+from rso.report.calibration.figures import draw
+from rso.report.calibration.influence import extrapolation
+from rso.report.calibration.numbers import report
+from rso.report.layout.document import Picture, Table, Text
 
 
 def section(results, name):

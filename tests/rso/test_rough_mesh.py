@@ -2,7 +2,7 @@
 
 import pytest
 
-from rso.study.whole import rough
+from rso.calibration.pipeline import rough
 
 
 def candidate(error: float) -> dict:

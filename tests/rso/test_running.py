@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from rso.contract import Case, Programme, SimulationFailed, run_key
-from rso.running import (
+from rso.evaluation import (
     Crashed,
     Done,
     Failed,
@@ -34,7 +34,7 @@ from rso.running import (
     load_backend,
     run_all,
 )
-from rso.store import RunStore
+from rso.evaluation.store import RunStore
 
 HERE = Path(__file__).parent
 SOURCE = Source(use="dummy_backend:BACKEND", base=str(HERE))
@@ -363,7 +363,7 @@ def test_fewer_threads_than_asked_do_the_work_and_none_is_said(monkeypatch):
 
 
 def test_other_work_of_a_study_outlives_the_workers(tmp_path):
-    from rso.study.stages import Bench
+    from rso.calibration.stages import Bench
 
     with RunStore(tmp_path) as store, WorkerPool(2, source=SOURCE) as pool:
         bench = Bench(None, store, pool)

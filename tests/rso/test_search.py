@@ -4,10 +4,10 @@ from scipy.spatial.distance import pdist
 
 from rso.benchmarks import ZDT1_HYPERVOLUME, ZDT2_HYPERVOLUME, branin, indentation, zdt1, zdt2
 from rso.doe import Box
-from rso.search import Front, choose, nsga2, story
-from rso.search.acceptable import shortest
-from rso.search.basins import basins
-from rso.targets import Constraint, Target, residuals, violations
+from rso.optimise import Front, choose, nsga2, story
+from rso.optimise.acceptable import shortest
+from rso.optimise.basins import basins
+from rso.optimise.targets import Constraint, Target, residuals, violations
 
 BOX = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.006, 1.0), (0.015, 160.0), (False, True))
 TRUTH = np.array([[0.0099, 30.0]])

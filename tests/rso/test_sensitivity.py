@@ -4,7 +4,7 @@ from scipy.stats import sobol_indices, uniform
 
 from rso.benchmarks import ishigami, ishigami_indices, sobol_g, sobol_g_indices
 from rso.doe import Box
-from rso.sensitivity import curve, local, morris, sobol
+from rso.emulation.sensitivity import curve, local, morris, sobol
 
 A = np.array([0.0, 1.0, 4.5, 9.0])
 

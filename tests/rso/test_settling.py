@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
+from rso.calibration import confirmed_optimum, identification_stage
+from rso.calibration.confirmed_optimum import Settled
+from rso.core.similarity import Group
 from rso.doe import Box
-from rso.emulator import Output, Sample, learn
-from rso.identify import Data, Misfit, Model, determine
-from rso.similarity import Group
-from rso.study import identifying, settling
-from rso.study.settling import Settled
+from rso.emulation.emulator import Output, Sample, learn
+from rso.inference import Data, Misfit, Model, determine
 
 BOX = Box(("a", "b"), ("", ""), (0.0, 0.0), (1.0, 1.0), (False, False))
 AT = np.linspace(0.1, 1.0, 10)
@@ -66,9 +66,9 @@ def test_what_a_surrogate_may_miss_is_a_share_of_the_spread_whatever_the_level(m
     box, out = Box(("x",), ("",), (0.0,), (1.0,), (False,)), Output("e", "Fz", 1.0, "N")
     samples = [Sample({"x": x}, {out.id: 1e5 + x**2}) for x in np.linspace(0.0, 1.0, 9)]
     emulator = learn(box, Group(None, 1.0, {}, {"Fz": 0}, ""), [out], samples, kind="polynomial", seed=0, degree=1)
-    monkeypatch.setattr(settling, "_fitted", lambda plan: [("e", "Fz")])
+    monkeypatch.setattr(confirmed_optimum, "_fitted", lambda plan: [("e", "Fz")])
     plan = SimpleNamespace(study=SimpleNamespace(surrogate=SimpleNamespace(tolerance=tolerance)))
-    assert bool(settling._poor(plan, emulator)) is poor
+    assert bool(confirmed_optimum._poor(plan, emulator)) is poor
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_what_a_surrogate_may_miss_is_a_share_of_the_spread_whatever_the_level(m
 def test_nothing_is_determined_that_simulations_do_not_confirm(settled, word, why):
     d = determine(dataclasses.replace(line(), scale=0.1), seed=0, mcmc=False)
     assert [k.verdict.word for k in d.known] == ["determined"] * 2
-    for k in identifying.doubted(d, settled).known:
+    for k in identification_stage.doubted(d, settled).known:
         assert k.verdict.word == word and why in k.reason
         assert k.story.startswith(
             f"{k.name} is {word.replace('weakly', 'weakly determined').replace('not', 'not determined')}"
@@ -116,15 +116,15 @@ def test_what_poor_surrogates_cannot_exclude_is_run(tmp_path, monkeypatch):
     called determined."""
     (tmp_path / "top.csv").write_text(studies.measured(noise=1e-3))
     noise = studies.SECTIONS["[experiments]"].replace("0.02 mN", "1 mN")
-    known = settling.spread_of
+    known = confirmed_optimum.spread_of
 
     def unsure(emulator, place, X):
         sd, R = known(emulator, place, X)
         return sd + 0.01, R
 
-    monkeypatch.setattr(settling, "spread_of", unsure)
+    monkeypatch.setattr(confirmed_optimum, "spread_of", unsure)
     found = studies.run(tmp_path, experiments=noise, doe="runs = 8\nheld_out = 0")
-    assert 0 < len([r for r in found["runs"] if r["purpose"] == "interval"]) <= settling.ENDS * 4
+    assert 0 < len([r for r in found["runs"] if r["purpose"] == "interval"]) <= confirmed_optimum.ENDS * 4
     assert any("not good enough for what the data say at what they cannot exclude" in w for w in found["warnings"])
     assert not any(v["determined"] for v in found["determined"].values())
 
@@ -138,13 +138,13 @@ def test_a_misfit_that_only_surrogates_could_explain_is_no_fit(tmp_path, monkeyp
     text = "depth_mm,Fz_N\n" + "".join(f"{a!r},{b!r}\n" for a, b in zip(u.tolist(), wavy.tolist(), strict=True))
     (tmp_path / "top.csv").write_text(text)
     noise = studies.SECTIONS["[experiments]"].replace("0.02 mN", "1 mN")
-    known = settling.emulated
+    known = confirmed_optimum.emulated
 
     def unsure(emulator, place):
         model, band = known(emulator, place)
         return model, lambda x: band(x) + band_N * np.sin(6 * place.depth)
 
-    monkeypatch.setattr(settling, "emulated", unsure)
+    monkeypatch.setattr(confirmed_optimum, "emulated", unsure)
     found = studies.run(tmp_path, experiments=noise, doe="runs = 16\nheld_out = 0", surrogate='kind = "kriging"')
     known, again = found["identification"], found["identification"]["recomputed"]
     assert again["p_value_bare"] < 1e-3

@@ -3,7 +3,7 @@ import pytest
 
 from rso.benchmarks import indentation
 from rso.contract import Parameter
-from rso.similarity import group, stress_exponent
+from rso.core.similarity import group, stress_exponent
 
 MU = Parameter("mu", "shear modulus", "MPa", 1e-4, 1.0)
 D1 = Parameter("D1", "compressibility", "1/MPa", 0.0, 1000.0)

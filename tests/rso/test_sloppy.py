@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
-from rso.measurement import Column, read
+from rso.cli.checking import check
+from rso.data import Column, read
 from rso.study import load
-from rso.study.checking import check
 
 U = np.linspace(0.0, 4.0, 41)
 F = 0.04 * U**1.5

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rso.contract import Case, Programme, Response
-from rso.store import Crashed, Done, Failed, RunStore, StoreError
+from rso.evaluation.store import Crashed, Done, Failed, RunStore, StoreError
 
 CASE = Case("ball", Programme.ramp((1.0, 2.0)), {"radius": 3.0, "support": {"kind": "fixed"}}, {"mesh": "ab" * 32})
 VALUES = {"mu": 0.01, "D1": 5.8}

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
+from rso.calibration.plan import make_plan
 from rso.contract import Parameter
 from rso.study import Study, StudyError, cases, load, resolve
-from rso.study.places import line_of, lines_of
-from rso.study.plan import make_plan
+from rso.study.line_numbers import line_of, lines_of
 
 GOOD = """\
 [study]

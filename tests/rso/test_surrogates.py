@@ -8,21 +8,21 @@ import pytest
 from rso.benchmarks import borehole, branin, indentation, ishigami
 from rso.contract import plain
 from rso.doe import Box, design, sobol
-from rso.surrogates import (
-    choice,
+from rso.emulation import (
     cross_validate,
     fit,
     fit_kriging,
     fit_polynomial,
     from_dict,
     held_out,
+    model_choice,
     pooled,
     refit,
     score,
 )
-from rso.surrogates.kernels import matern
-from rso.surrogates.kriging import condition
-from rso.surrogates.polynomial import select
+from rso.emulation.kernels import matern
+from rso.emulation.kriging import condition
+from rso.emulation.polynomial import select
 
 WIDE = Box(("mu", "D1"), ("MPa", "1/MPa"), (1e-4, 1.0), (0.1, 160.0), (True, True))
 
@@ -414,11 +414,11 @@ def test_many_runs_are_searched_with_some_and_learnt_with_all(monkeypatch):
         searches.append((len(args[1]), options["restarts"]))
         return fit_kriging(*args, **options)
 
-    monkeypatch.setattr(choice, "fit_kriging", watched)
+    monkeypatch.setattr(model_choice, "fit_kriging", watched)
     quick = fit("kriging", X, ishigami(X), seed=0)
     assert max(n for n, restarts in searches if restarts) == 150 and len(quick.X) == 200
     assert "sought with 150 of the runs" in quick.story and all(len(m.X) == 200 for _, m in quick.rivals)
-    monkeypatch.setattr(choice, "SEARCHED", 1000)
+    monkeypatch.setattr(model_choice, "SEARCHED", 1000)
     full = fit("kriging", X, ishigami(X), seed=0)
     assert "sought with" not in full.story
     errors = [held_out(m, Q, ishigami(Q)).rmse for m in (quick, full)]
@@ -427,8 +427,8 @@ def test_many_runs_are_searched_with_some_and_learnt_with_all(monkeypatch):
 
 def test_some_points_of_many_fill_the_space():
     X = np.random.default_rng(0).random((400, 2))
-    rows = choice.farthest_first(X, 25)
-    assert len(set(rows)) == 25 and np.array_equal(choice.farthest_first(X[:7], 25), np.arange(7))
+    rows = model_choice.farthest_first(X, 25)
+    assert len(set(rows)) == 25 and np.array_equal(model_choice.farthest_first(X[:7], 25), np.arange(7))
 
     def covering(points):
         return np.sqrt(((X[:, None] - points) ** 2).sum(axis=2)).min(axis=1).max()

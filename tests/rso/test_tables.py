@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rso.measurement import Column, Measurement, customary, read, tables
+from rso.data import Column, Measurement, read
+from rso.data.files import header_aliases, tables
 
 U = np.round(np.linspace(0.0, 4.0, 41), 6)
 COLUMNS = {"depth": Column("Weg", "mm"), "Fz": Column("Kraft", "N")}
@@ -243,7 +244,7 @@ def test_repeats_and_blocks_are_parted_by_looking_at_each_row_once(n):
     """A mask for each of n labels looks at n times all rows."""
     u = np.tile(np.linspace(0.0, 1.0, 8), n)
     labels = counted(np.repeat(np.arange(n).astype(str), 8))
-    assert customary.turned({"depth": -u, "Fz": u**1.5}, labels, ("depth", "Fz")) == ["depth"]
+    assert header_aliases.turned({"depth": -u, "Fz": u**1.5}, labels, ("depth", "Fz")) == ["depth"]
     assert Counted.compared <= 4 * len(u)
     line = counted(np.arange(8 * n) + np.repeat(np.arange(n), 8))
     rows = [(int(k), "") for k in np.asarray(line)]

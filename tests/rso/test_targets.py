@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from rso.targets import Constraint, Target, objectives, residuals, violations
+from rso.optimise.targets import Constraint, Target, objectives, residuals, violations
 
 T = (Target("middle", "Fz", 2.0, 0.5, 0.01, "N"), Target("middle", "Fz", 4.0, 1.5, 0.01, "N"))
 

@@ -13,7 +13,7 @@ import sample_studies as studies
 import test_cli
 
 from rso.cli import main
-from rso.store import RunStore, StoreError, set_aside
+from rso.evaluation.store import RunStore, StoreError, set_aside
 
 HERE = Path(__file__).parent
 # Small enough that what is tested here, which is around a study, takes the time and not the study.
@@ -179,7 +179,7 @@ def test_resuming_a_complete_study_keeps_its_times_and_its_results_meanwhile(tmp
         seen.append(json.loads(results.read_text())["stage"])
         return run(bench, values)
 
-    from rso.study import stages
+    from rso.calibration import stages
 
     run = stages.Bench.run
     monkeypatch.setattr(stages.Bench, "run", watched)
@@ -197,19 +197,19 @@ def test_resuming_a_complete_study_keeps_its_times_and_its_results_meanwhile(tmp
 
 
 def test_wall_time_of_an_interrupted_study_adds_up(tmp_path, monkeypatch):
-    from rso.study import searching
+    from rso.calibration import search_stage
 
     studies.write(tmp_path, **QUICK)
-    propose = searching.propose_all
+    propose = search_stage.propose_all
 
     def interrupted(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(searching, "propose_all", interrupted)
+    monkeypatch.setattr(search_stage, "propose_all", interrupted)
     assert main(["run", str(tmp_path), "--jobs", "1"]) == 130
     before = studies.read(tmp_path)
     assert before["stage"] == "sensitivity"
-    monkeypatch.setattr(searching, "propose_all", propose)
+    monkeypatch.setattr(search_stage, "propose_all", propose)
     assert main(["run", str(tmp_path), "--jobs", "1"]) == 0
     after = studies.read(tmp_path)
     assert all(after["timings"][k] > before["timings"][k] for k in ("design", "surrogates", "total"))
@@ -270,9 +270,9 @@ def test_a_stored_response_from_before_a_channel_was_added_is_computed_again(tmp
     """The backend learned to return one more channel; its other answers, and so its `numerics`, are the same."""
     (tmp_path / "grown.py").write_text(POOR.format(lack="channel").replace('"poor"', '"grown"'))
     studies.write(tmp_path, backend='use = "grown:BACKEND"', doe="runs = 8\nheld_out = 1")
-    from rso.running import Task, run_all
+    from rso.calibration.plan import make_plan
+    from rso.evaluation import Task, run_all
     from rso.study import load
-    from rso.study.plan import make_plan
 
     plan = make_plan(load(tmp_path))
     values = {"mu": 0.01, "D1": 50.0}

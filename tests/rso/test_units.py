@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rso.units import BARE_COLUMNS, COLUMNS, column_factor, header, quantity, unit_in
+from rso.core.units import BARE_COLUMNS, COLUMNS, column_factor, header, quantity, unit_in
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
-from rso.identify import Interval, elsewhere
+from rso.inference import Interval, elsewhere
 
 STATED = studies.SECTIONS["[experiments]"]
 SILENT = STATED.replace(', contact = "0 mm", gain = 0, correlation = "0 mm"', "")

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
+from rso.calibration import stages
+from rso.calibration.plan import make_plan
 from rso.cli import main
+from rso.cli.checking import check
 from rso.report.terminal import validated
-from rso.study import load, stages
-from rso.study.checking import check
-from rso.study.plan import make_plan
+from rso.study import load
 
 DOCS = Path(__file__).parents[2] / "docs" / "results.md"
 ONE = "runs = 8\nheld_out = 0"  # enough where another thing is tested

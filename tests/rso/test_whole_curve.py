@@ -8,9 +8,9 @@ import pytest
 
 from rso.benchmarks import indentation
 from rso.contract import plain
-from rso.curves import Resampling
+from rso.core.curves import Resampling
 from rso.doe import Box, design, sobol
-from rso.surrogates import CurvePoint, WholeCurve, fit_curve, on_common_grid, refit_curve
+from rso.emulation import CurvePoint, WholeCurve, fit_curve, on_common_grid, refit_curve
 
 BOX = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.006, 10.0), (0.02, 150.0), (True, True))
 DEPTHS = np.linspace(0.25, 2.0, 8)

@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from openpyxl import Workbook
 from test_laboratory import NOMINAL
 
-from rso.measurement import fingerprint, read
-from rso.study.laboratory import study_text
+from rso.data import fingerprint, read
+from rso.study.laboratory_folder import study_text
 
 U = np.linspace(0.0, 4.0, 41)
 F = 0.04 * U**1.5

@@ -57,7 +57,7 @@ def test_the_forces_are_read_from_what_ccx_prints(driver):
 
 
 def test_the_schema_is_one(copy):
-    from rso.running import load_backend
+    from rso.evaluation import load_backend
 
     backend = load_backend(command=[sys.executable, "ccx_indentation.py"], base=copy)
     assert [p.name for p in backend.parameters] == ["mu", "D1"] and backend.channels["Fz"] == "N"
@@ -127,7 +127,7 @@ def test_similarity_holds_in_calculix_too(copy, driver, tmp_path, monkeypatch):
 @pytest.mark.verification
 def test_a_time_out_stops_ccx_and_keeps_its_folder(copy, tmp_path):
     from rso.contract import Case, Programme
-    from rso.running import load_backend
+    from rso.evaluation import load_backend
 
     backend = load_backend(
         command=[sys.executable, "ccx_indentation.py"], base=copy, keep_folder=tmp_path / "kept", timeout_s=1.5

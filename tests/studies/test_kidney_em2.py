@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rso.contract import Parameter
-from rso.curves import baseline
-from rso.measurement import combine, read, value_at
+from rso.core.curves import baseline
+from rso.data import combine, read, value_at
 from rso.study import load, resolve
 
 FOLDER = Path(__file__).parents[2] / "studies" / "kidney_em2"

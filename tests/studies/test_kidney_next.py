@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rso.calibration.plan import make_plan
+from rso.optimal_design.experiments import done, planned, refuse
 from rso.study import load
-from rso.study.further_items import done, planned, refuse
-from rso.study.plan import make_plan
 
 KIDNEY = Path(__file__).parents[2] / "studies" / "kidney_em2"
 

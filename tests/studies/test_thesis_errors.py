@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rso.identify import fit_surface, surface_minima
+from rso.inference import fit_surface, surface_minima
 
 FOLDER = Path(__file__).parents[2] / "studies" / "kidney_em2" / "thesis"
 

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 from skfem import MeshTet, MeshTet2
 
-from fem_backend import indentation, meshing, model
-from fem_backend.experiment import Settings
+from fem_backend import meshing
 from fem_backend.geometry import Ellipsoid
-from fem_backend.indentation import Result
-from fem_backend.knobs import Knobs
-from fem_backend.model import Model, Placement
-from fem_backend.stepping import Control, Instant
+from fem_backend.simulation import assembly, indentation
+from fem_backend.simulation.assembly import Model, Placement
+from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.indentation import Result
+from fem_backend.simulation.knobs import Knobs
+from fem_backend.solver.load_steps import Control, Instant
 
 LIFT = 1e-6  # mm: the flat surface lies just above z = 0, below which the product holds the surface
 
@@ -55,7 +56,7 @@ def half_space(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(meshing, "assemble", lambda *arguments: mesh)
         return HalfSpace(
-            settings, placement, model.build(settings, meshing.Mesh(x, tets), body, (True, True), symmetric)
+            settings, placement, assembly.build(settings, meshing.Mesh(x, tets), body, (True, True), symmetric)
         )
 
 

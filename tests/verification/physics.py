@@ -6,15 +6,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fem_backend import bench, contact, experiment, following, geometry, indentation, model, stepping, stress
+from fem_backend import geometry
 from fem_backend.backend import passages
-from fem_backend.bench import Bench
-from fem_backend.experiment import Settings
-from fem_backend.indentation import Result
-from fem_backend.knobs import Knobs
-from fem_backend.model import Model, Placement
-from fem_backend.newton import Counters
-from fem_backend.stepping import Control, Instant, Point
+from fem_backend.contact import tractions
+from fem_backend.materials import stress
+from fem_backend.simulation import assembly, experiment, indentation, initial_state
+from fem_backend.simulation.assembly import Model, Placement
+from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.indentation import Result
+from fem_backend.simulation.initial_state import Bench
+from fem_backend.simulation.knobs import Knobs
+from fem_backend.solver import history_steps, load_steps
+from fem_backend.solver.load_steps import Control, Instant, Point
+from fem_backend.solver.newton import Counters
 from rso.contract import Programme
 
 SOFT = Knobs(mu=0.01, D1=5.8)
@@ -35,21 +39,21 @@ class Experiment:
 
     def bench(self) -> Bench:
         """System and loads."""
-        return bench.bench(self.settings, self.knobs, self.placement, self.model, Counters())
+        return initial_state.bench(self.settings, self.knobs, self.placement, self.model, Counters())
 
     def path(self, instants: list[Instant], control: Control) -> list[Point]:
         """All instants with penalties alone: the states whose forces do the work."""
         at = self.bench()
         history = stress.virgin(at.system.material, *self.model.body.w.shape)
         control = replace(control, augmentations=0, between=1e-6, medium=1e-6, tight=1e-6)
-        return following.follow(at.system, at.start, instants, control, Counters(), at.seated, history)
+        return history_steps.follow(at.system, at.start, instants, control, Counters(), at.seated, history)
 
 
 def prepare(knobs: Knobs, level: str = "coarse", **table) -> Experiment:
     """An experiment on a level's mesh."""
     settings = experiment.read_settings({"mesh": {"level": level}, **table})
-    placement = model.place(settings, knobs)
-    return Experiment(settings, knobs, placement, model.model_for(settings, knobs, placement, None))
+    placement = assembly.place(settings, knobs)
+    return Experiment(settings, knobs, placement, assembly.model_for(settings, knobs, placement, None))
 
 
 def ramp(*asked: float, speed: float = 1.0) -> list[Instant]:
@@ -80,7 +84,7 @@ def check_energy_balance(count: int = 81) -> float:
     at = b.bench()
     control = replace(Control(), augmentations=0, tight=1e-9)
     s = np.linspace(0.02, 3.0, count)
-    points = stepping.travel(at.system, at.start, list(s), control, Counters())
+    points = load_steps.travel(at.system, at.start, list(s), control, Counters())
     work = np.trapezoid([p.force[2] for p in points], s)
     stored = points[-1].evaluation.energy - points[0].evaluation.energy
     error = work / stored - 1
@@ -104,7 +108,7 @@ def check_complementarity(augmentations: int = 4) -> tuple[float, float, float]:
     # gaps by another formula: distance of the deformed points from the centre
     x = b.model.body.nodes + r.points[-1].evaluation.u
     centre = r.points[-1].load.touches[0].centre
-    distance = np.linalg.norm(contact.contact_points(pair.surface, x) - centre, axis=-1) - b.settings.R
+    distance = np.linalg.norm(tractions.contact_points(pair.surface, x) - centre, axis=-1) - b.settings.R
     assert distance.min() > -5e-3 * b.settings.R, distance.min()
     assert deepest < 5e-3 and product < 2e-4, (deepest, product)
     return deepest, product, float(np.abs(at.traction).max())
@@ -118,13 +122,13 @@ def check_friction_dissipates() -> float:
     pair, load = at.system.pairs[0], at.start(1.3)
     x0, x1 = (b.model.body.nodes + k * first.evaluation.u for k in (1.0, 1.3))
     touch0 = at.start(1.0).touches[0]
-    before = contact.remember(pair, x0, touch0, contact.evaluate(replace(pair, friction=0.0), x0, touch0))
-    state = contact.evaluate(pair, x1, replace(load.touches[0], before=before))
-    smooth = contact.evaluate(replace(pair, friction=0.0), x1, load.touches[0])
+    before = tractions.remember(pair, x0, touch0, tractions.evaluate(replace(pair, friction=0.0), x0, touch0))
+    state = tractions.evaluate(pair, x1, replace(load.touches[0], before=before))
+    smooth = tractions.evaluate(replace(pair, friction=0.0), x1, load.touches[0])
     # the work of the residual's frictional part against the sliding of the body past the ball
     work = float(((state.residual - smooth.residual) * (x1 - x0)).sum())
     moved = float(-(state.force - smooth.force) @ (load.touches[0].centre - touch0.centre))
-    slid = contact.contact_points(pair.surface, x1) - before.points - (load.touches[0].centre - touch0.centre)
+    slid = tractions.contact_points(pair.surface, x1) - before.points - (load.touches[0].centre - touch0.centre)
     at_points = (state.traction * slid).sum(-1)
     assert at_points.max() <= 1e-12 * np.abs(at_points).max(), at_points.max()
     assert work + moved > 0.0 or np.abs(at_points).max() == 0.0, (work, moved)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from contact_records import BODIES, record
 
-from rso.measurement.contact import onset
+from rso.data.contact_point import onset
 
 pytestmark = pytest.mark.verification
 N = 60  # the true 0.9 is below 0.8 in one of 300 such sets

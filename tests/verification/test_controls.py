@@ -9,10 +9,13 @@ import physics
 import pytest
 import test_finite_elements
 
-from fem_backend import contact, geometry, model, stress
+from fem_backend import geometry
+from fem_backend.contact import tractions
 from fem_backend.laws import NeoHooke
-from fem_backend.newton import NotConverged
-from fem_backend.stepping import Stopped
+from fem_backend.materials import stress
+from fem_backend.simulation import assembly
+from fem_backend.solver.load_steps import Stopped
+from fem_backend.solver.newton import NotConverged
 
 pytestmark = pytest.mark.verification
 
@@ -42,7 +45,7 @@ def test_reversed_normal_is_seen_by_complementarity(turned_normal):
 def test_reversed_friction_is_seen_by_its_work(monkeypatch):
     """Friction that helps the body slide."""
     physics.check_friction_dissipates()
-    true = contact.evaluate
+    true = tractions.evaluate
 
     def helping(pair, x, touch):
         state = true(pair, x, touch)
@@ -52,19 +55,19 @@ def test_reversed_friction_is_seen_by_its_work(monkeypatch):
         return replace(state, residual=2 * smooth.residual - state.residual, force=2 * smooth.force - state.force,
                        traction=-state.traction)  # fmt: skip
 
-    monkeypatch.setattr(contact, "evaluate", helping)
+    monkeypatch.setattr(tractions, "evaluate", helping)
     with pytest.raises(AssertionError):
         physics.check_friction_dissipates()
 
 
 def test_friction_beyond_its_cone_is_seen(monkeypatch):
     """A return map that forgets one per cent."""
-    true = contact.evaluate
+    true = tractions.evaluate
 
     def slack(pair, x, touch):
         return true(replace(pair, friction=1.01 * pair.friction), x, touch)
 
-    monkeypatch.setattr(contact, "evaluate", slack)
+    monkeypatch.setattr(tractions, "evaluate", slack)
     with pytest.raises(AssertionError):
         physics.check_coulomb(0.05)
 
@@ -103,8 +106,8 @@ def test_wrong_factor_in_the_stress_is_seen_by_the_energy(monkeypatch):
 
 def test_wrong_reference_area_is_seen_by_another_code(monkeypatch):
     """A part of the contact surface counted twice: forces on the indenter are no longer those of the body."""
-    true = model.multiplicity
-    monkeypatch.setattr(model, "multiplicity", lambda placement: true(placement) * 1.03)
+    true = assembly.multiplicity
+    monkeypatch.setattr(assembly, "multiplicity", lambda placement: true(placement) * 1.03)
     expected = np.array(test_finite_elements.OTHER["cases"]["plain"]["Fz_N"])
     with pytest.raises(AssertionError):
         np.testing.assert_allclose(test_finite_elements.forces("plain", "coarse") / expected, 1.0, atol=1.5e-2)

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rso import identify
-from rso.identify import Misfit
+from rso import inference
+from rso.inference import Misfit
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "rso"))
 import soft_ball
@@ -25,7 +25,7 @@ def runs(noise, **more):
     held, words = np.zeros((3, 2)), {"determined": 0, "weakly": 0, "not": 0}
     for seed in range(SETS):
         data = soft_ball.data(*TRUTH, noise, np.random.default_rng(seed), **more)
-        found = identify.determine(Misfit(soft_ball.model(), (data,)), seed=seed)
+        found = inference.determine(Misfit(soft_ball.model(), (data,)), seed=seed)
         for k, known in enumerate(found.known):
             intervals = [getattr(known, m) for m in METHODS]
             held[:, k] += [i.low <= x[k] <= i.high for i in intervals]
@@ -58,11 +58,11 @@ def test_too_small_errors_are_caught():
     plain, widened = 0, 0
     for seed in range(SETS):
         good = soft_ball.data(*TRUTH, 0.003, np.random.default_rng(seed))
-        data = identify.Data("top", "N", good.depth, good.value, good.covariance / 9)
+        data = inference.Data("top", "N", good.depth, good.value, good.covariance / 9)
         misfit = Misfit(soft_ball.model(), (data,))
-        fit = identify.all_minima(misfit, seed=seed)[0]
-        i = identify.laplace(fit)[0]
+        fit = inference.all_minima(misfit, seed=seed)[0]
+        i = inference.laplace(fit)[0]
         plain += i.low <= x[0] <= i.high
-        w = identify.determine(misfit, seed=seed, mcmc=False).of("mu").laplace
+        w = inference.determine(misfit, seed=seed, mcmc=False).of("mu").laplace
         widened += w.low <= x[0] <= w.high
     assert plain / SETS < 0.6 and widened / SETS >= 0.85, (plain, widened)

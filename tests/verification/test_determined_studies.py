@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from rso.doe import Box
-from rso.identify import Data, Misfit, Model, covariance, determine
-from rso.identify.determination import LEVEL
+from rso.inference import Data, Misfit, Model, covariance, determine
+from rso.inference.identifiability import LEVEL
 
 pytestmark = pytest.mark.verification
 

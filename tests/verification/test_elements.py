@@ -9,9 +9,10 @@ from skfem import ElementTetP2, MeshTet2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
-from fem_backend import element, linsolve, newton
+from fem_backend.kinematics import tetrahedra
 from fem_backend.laws import Material, NeoHooke
-from fem_backend.newton import Counters, Load, System
+from fem_backend.solver import direct, newton
+from fem_backend.solver.newton import Counters, Load, System
 
 pytestmark = pytest.mark.verification
 
@@ -21,8 +22,8 @@ LAWS = {"K/mu = 2": NeoHooke(0.01, 100.0), "K/mu = 200": NeoHooke(0.01, 1.0)}
 
 def equilibrium(mesh: MeshTet2, inner: np.ndarray, boundary: np.ndarray, law, dead=None) -> np.ndarray:
     """Displacement (n, 3) with the outer nodes where `boundary` (n, 3) puts them, from a start of its harmonic kind."""
-    body = element.discretise(mesh, ~np.repeat(inner[:, None], 3, 1))
-    system = System(body, Material(law), (), linsolve.solver(body.pattern), None, dead, least_force=law.mu)
+    body = tetrahedra.discretise(mesh, ~np.repeat(inner[:, None], 3, 1))
+    system = System(body, Material(law), (), direct.solver(body.pattern), None, dead, least_force=law.mu)
     u = np.zeros_like(boundary)
     for share in np.linspace(0.25, 1.0, 4):
         u = np.where(inner[:, None], u, share * boundary)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
+from rso.calibration.readings import as_data
+from rso.data import Measurement, Noise, Repeat, combine
 from rso.doe import Box
-from rso.identify import Misfit, Model, gauss_newton, remembering, spread
-from rso.identify.determination import _widening
-from rso.measurement import Measurement, Noise, Repeat, combine
-from rso.study.readings import as_data
+from rso.inference import Misfit, Model, gauss_newton, remembering, spread
+from rso.inference.identifiability import _widening
 
 pytestmark = pytest.mark.verification
 SETS = 200

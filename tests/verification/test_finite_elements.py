@@ -14,11 +14,13 @@ import pytest
 from half_space import half_space
 from scipy.optimize import brentq, least_squares
 
-from fem_backend import analytic, experiment, geometry, indentation, meshing, model, nested
+from fem_backend import geometry, meshing
+from fem_backend.accuracy import closed_forms, two_grid
+from fem_backend.accuracy.error_estimate import stated
 from fem_backend.backend import BACKEND
-from fem_backend.errors import stated
-from fem_backend.knobs import Knobs
-from fem_backend.stepping import Instant
+from fem_backend.simulation import assembly, experiment, indentation
+from fem_backend.simulation.knobs import Knobs
+from fem_backend.solver.load_steps import Instant
 from rso.contract import Case, Programme
 
 pytestmark = pytest.mark.verification
@@ -39,12 +41,12 @@ OTHER = json.loads(Path(__file__).with_name("independent.json").read_text(encodi
 def run(level: str, knobs: Knobs, asked, quarter: meshing.Mesh | None = None, **table) -> indentation.Result:
     """Result at the asked travels (1 mm/s), also on a mesh of its own."""
     settings = experiment.read_settings({"mesh": {"level": level}, **table})
-    placement = model.place(settings, knobs)
+    placement = assembly.place(settings, knobs)
     if quarter is None:
-        built = model.model_for(settings, knobs, placement, None)
+        built = assembly.model_for(settings, knobs, placement, None)
     else:
-        built = model.build(settings, quarter, placement.body, placement.planes)
-    solve = nested.limit if level == experiment.LIMIT else indentation.solve
+        built = assembly.build(settings, quarter, placement.body, placement.planes)
+    solve = two_grid.limit if level == experiment.LIMIT else indentation.solve
     result = solve(settings, knobs, placement, built, [Instant(float(s), float(s), True) for s in asked])
     np.testing.assert_allclose(result.reaction[:, 2], result.Fz, rtol=1e-6)
     return result
@@ -195,7 +197,7 @@ def test_a_ball_that_is_tilted_is_the_same_ball(record):
 
 def hooke() -> tuple[Knobs, float, float]:
     law = Knobs(mu=0.01, D1=5.8)
-    return law, analytic.youngs_modulus(law.mu, 2 / law.D1), analytic.poisson_ratio(law.mu, 2 / law.D1)
+    return law, closed_forms.youngs_modulus(law.mu, 2 / law.D1), closed_forms.poisson_ratio(law.mu, 2 / law.D1)
 
 
 def test_linear_elastic_ellipsoid_approaches_hertz(record):
@@ -207,7 +209,7 @@ def test_linear_elastic_ellipsoid_approaches_hertz(record):
     h = np.array([0.25, 0.5, 1.0, 2.0])
     F = run(FINEST, law, h, material={"law": "linear_elastic"}).Fz
     body, ball = geometry.Ellipsoid(60.0, 35.0, 35.0), geometry.Sphere(3.0)
-    ratio = F / analytic.hertz_force(h, geometry.hertz_radius(body, ball), E, nu)
+    ratio = F / closed_forms.hertz_force(h, geometry.hertz_radius(body, ball), E, nu)
     exponent = np.diff(np.log(F)) / np.diff(np.log(h))
     record("linear elastic ellipsoid over Hertz at 0.25 0.5 1 2 mm; exponents between",
            f"{np.round(ratio, 3).tolist()}; {np.round(exponent, 3).tolist()}")  # fmt: skip
@@ -224,12 +226,12 @@ def test_hertz_limit_on_a_half_space(record):
     law, E, nu = hooke()
     R, L = 3.0, 60.0
     h = np.linspace(0.04, 0.1, 5)
-    hertz = analytic.hertz_force(h, R, E, nu)
+    hertz = closed_forms.hertz_force(h, R, E, nu)
     n = np.array([8, 10, 12, 14, 16])
     excess = [(half_space(int(k), 1.2 / k, L, R, h[-1]).solve(law, h).Fz / hertz - 1).mean() for k in n]
     fit = least_squares(lambda x: x[0] + x[1] * (n / 8.0) ** -x[2] - excess, [0.0, 0.1, 2.0])
-    contact = [brentq(lambda a, d=d: analytic.sneddon_sphere(a, R, E, nu)[0] - d, 1e-3, R / 2) for d in h]
-    sneddon = analytic.sneddon_sphere(np.array(contact), R, E, nu)[1]
+    contact = [brentq(lambda a, d=d: closed_forms.sneddon_sphere(a, R, E, nu)[0] - d, 1e-3, R / 2) for d in h]
+    sneddon = closed_forms.sneddon_sphere(np.array(contact), R, E, nu)[1]
     limit, order = fit.x[0], fit.x[2]
     to_sneddon = ((1 + limit) * hertz / sneddon - 1).mean()
     record("half space: limit of five meshes over Hertz and Sneddon, order",

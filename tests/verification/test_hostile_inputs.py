@@ -23,11 +23,11 @@ import pytest
 import sample_studies as studies
 import test_diagnosis_study as toy
 
-import rso.running
+import rso.evaluation
 from fem_backend.geometry import Ellipsoid
 from fem_backend.meshing import recipes
 from rso.cli import commands, main
-from rso.printable import printable
+from rso.core.printable import printable
 
 pytestmark = pytest.mark.verification
 
@@ -45,7 +45,7 @@ class Unable(studies.Inline):
 
     def submit(self, fn, /, *args, **kwargs):
         future = Future()
-        future.set_exception(rso.running.WorkerDied("no machine"))
+        future.set_exception(rso.evaluation.WorkerDied("no machine"))
         return future
 
 
@@ -103,7 +103,7 @@ def called(case: damages.Case) -> tuple[int, str, str]:
     try:
         with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             patch.setattr(commands, "_executor", lambda *_: studies.Inline())
-            patch.setattr(rso.running, "WorkerPool", lambda *_, **__: Unable())
+            patch.setattr(rso.evaluation, "WorkerPool", lambda *_, **__: Unable())
             patch.setattr(tempfile, "tempdir", None)
             for name, value in case.environment.items():
                 patch.delenv(name, raising=False) if value is None else patch.setenv(name, value)

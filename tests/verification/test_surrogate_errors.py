@@ -5,7 +5,7 @@ import pytest
 
 from rso.benchmarks import branin, indentation, ishigami
 from rso.doe import Box, design, sobol
-from rso.surrogates import fit, held_out
+from rso.emulation import fit, held_out
 
 pytestmark = pytest.mark.verification
 

@@ -1,0 +1,136 @@
+"""Two meshes of one experiment: a coarse run to start a fine one from, or to extrapolate its forces with.
+
+Cold runs on fine meshes start from the coarse one: its solution at the asked travels, interpolated.  The way there is
+then never walked on the fine mesh.  Newton converges so far that the start does not show in an answer
+(`fem_backend.accuracy.warm_starts` relies on the same).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+from skfem import ElementTetP2
+
+from fem_backend.simulation import assembly as modelling
+from fem_backend.simulation import experiment, indentation
+from fem_backend.simulation.assembly import Model, NotModelled, Placement
+from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.indentation import Result
+from fem_backend.simulation.knobs import Knobs
+from fem_backend.simulation.outputs import FORCES
+from fem_backend.solver.load_steps import Guess, Instant, Point, Stopped
+
+WORTH = ("fine", "reference")  # levels whose way is dearer than a coarse run
+CRUDE = 1e-3  # relative residual of the coarse run: it is a start, without multipliers as the fine run begins
+CANDIDATES = 60  # cells whose centres are nearest
+KEPT = 0.21  # of the error of a force when every tetrahedron of the coarse mesh is cut into eight, h^2.25
+
+
+def worthwhile(settings: Settings, knobs: Knobs) -> bool:
+    """Whether a coarse run before pays: an elastic body on a fine mesh, held and without weight, specimen shipped."""
+    shipped = "template" in settings.recipe
+    return settings.level in WORTH and shipped and settings.support == "fixed" and knobs.weight == 0.0
+
+
+def coarse(
+    settings: Settings, knobs: Knobs, placement: Placement, instants: Sequence[Instant], slopes: Sequence[str] = (),
+    control: Mapping[str, float] | None = None,
+) -> tuple[Model, Result]:  # fmt: skip
+    """The same experiment on the coarse mesh; `control` replaces numerical settings.  Raises NotModelled, Stopped."""
+    crude = _on_coarse(settings)
+    crude = replace(crude, control=replace(crude.control, **(control or {})))
+    model = modelling.model_for(crude, knobs, placement, None)
+    return model, indentation.solve(crude, knobs, placement, model, instants, gradients=slopes)
+
+
+def _on_coarse(settings: Settings) -> Settings:
+    """The same experiment on the coarse mesh, without marks on the surface."""
+    plain = experiment.plain_settings(settings)
+    return experiment.read_settings(plain | {"profile": [], "mesh": {"level": "coarse"}, "solver": settings.solver})
+
+
+def guess(settings: Settings, knobs: Knobs, placement: Placement, model: Model, instants: Sequence[Instant]) -> Guess:
+    """Start (n, 3) at a travel (mm) from a run of the same experiment on the coarse mesh; None where that has none."""
+    try:
+        crude, result = coarse(settings, knobs, placement, instants, control={"tight": CRUDE, "augmentations": 0})
+        points: Sequence[Point] = result.points
+    except NotModelled:
+        return lambda s: None
+    except Stopped as stopped:
+        crude = modelling.model_for(_on_coarse(settings), knobs, placement, None)
+        points = stopped.points
+    return carried(crude, points, model)
+
+
+def carried(crude: Model, points: Sequence[Point], model: Model) -> Guess:
+    """Start (n, 3) at a travel (mm) from points on the coarse mesh, before their multipliers."""
+    cells, N = located(crude, model.body.nodes)
+    held = model.body.free.reshape(-1, 3) < 0
+    states = {p.travel: p.stages[0].equilibrium.evaluation.u for p in points}
+
+    def offer(s: float) -> list[np.ndarray] | None:
+        if s not in states:
+            return None
+        start = np.einsum("na,nai->ni", N, states[s][cells])
+        start[held] = 0.0
+        return [start]
+
+    return offer
+
+
+def limit(
+    settings: Settings, knobs: Knobs, placement: Placement, model: Model, instants: Sequence[Instant],
+    start: Guess | None = None, slopes: Sequence[str] = (),
+) -> Result:  # fmt: skip
+    """Result on the reference mesh with the forces, their derivatives and the reaction extrapolated:
+
+        F = (F_h/2 − k F_h) / (1 − k)
+
+    of the coarse mesh (h) and the same with every tetrahedron cut into eight (h/2); k = `KEPT` (Richardson 1911).
+    `start` may offer states.  Everything else is that of the reference mesh.  Raises NotModelled and Stopped, the
+    latter without a curve so far.
+    """
+    try:
+        crude, first = coarse(settings, knobs, placement, instants, slopes)
+        if start is None and settings.support == "fixed" and knobs.weight == 0.0:
+            start = carried(crude, first.points, model)
+        second = indentation.solve(settings, knobs, placement, model, instants, start, slopes)
+    except Stopped as stopped:
+        stopped.points = []
+        raise
+
+    def at_limit(name: str, fine: np.ndarray, rough: np.ndarray) -> np.ndarray:
+        return (fine - KEPT * rough) / (1.0 - KEPT) if name in FORCES else fine
+
+    return replace(
+        second,
+        channels={n: at_limit(n, v, first.channels.get(n, v)) for n, v in second.channels.items()},
+        reaction=at_limit("Fz", second.reaction, first.reaction),
+        gradients={
+            knob: {n: at_limit(n, v, first.gradients[knob].get(n, v)) for n, v in row.items()}
+            for knob, row in second.gradients.items()
+        },
+        residual=np.maximum(first.residual, second.residual),
+        cpu_s=first.cpu_s + second.cpu_s,
+    )
+
+
+def located(coarse: Model, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (p, 10) and shape functions (p, 10) of the coarse cell that each of `points` (p, 3) mm lies in.
+
+    Cells are taken as straight-sided; a point outside of all is moved into the nearest.
+    """
+    corner = coarse.body.nodes[coarse.body.cells[:, :4]]
+    inverse = np.linalg.inv(np.swapaxes(corner[:, 1:] - corner[:, :1], 1, 2))
+    _, near = cKDTree(corner.mean(1)).query(points, min(CANDIDATES, len(corner)))
+    x = np.einsum("pkij,pkj->pki", inverse[near], points[:, None] - corner[near, 0])
+    b = np.concatenate([1.0 - x.sum(-1, keepdims=True), x], axis=-1)
+    best = b.min(-1).argmax(1)
+    rows = np.arange(len(points))
+    b = np.maximum(b[rows, best], 0.0)
+    b /= b.sum(1, keepdims=True)
+    N = np.stack([ElementTetP2().lbasis(b[:, 1:].T, a)[0] for a in range(10)], axis=1)
+    return coarse.body.cells[near[rows, best]], N

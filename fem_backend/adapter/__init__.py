@@ -1,0 +1,1 @@
+"""What the backend tells `rso` beside its answers: priors, alternatives, levels of models, costs."""

@@ -1,0 +1,1 @@
+"""Contact of the deformable surface with rigid bodies."""

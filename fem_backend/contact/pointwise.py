@@ -1,0 +1,211 @@
+"""What contact does at its points: compiled loops over facets and quadrature points.
+
+Arrays and letters are those of :mod:`fem_backend.contact.tractions`; `opened` is the gap at the start of the step,
+`bound` a limit of the friction that does not follow the pressure now.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+TANGENTIAL = 0.3  # ε_T/ε: sticking points give way by t/ε_T, some 0.01 mm
+LAG = 0.3  # of the ball's way until it touches a point, by which that lags behind: least error of one to three steps
+OUT_OF_REACH = 40.0  # ranges of the adhesion: exp(−40) is beyond round-off
+
+
+@numba.njit(cache=True)
+def points(facets, N, x):  # type: ignore[no-untyped-def]
+    """Points (f, q, 3) of quadratic facets."""
+    points = np.zeros((len(facets), len(N), 3))
+    for f in range(len(facets)):
+        for q in range(len(N)):
+            for a in range(6):
+                for i in range(3):
+                    points[f, q, i] += N[q, a] * x[facets[f, a], i]
+    return points
+
+
+@numba.njit(cache=True)
+def _attract(g, work, length):  # type: ignore[no-untyped-def]
+    """ψ, σ = ψ′ and σ′ of the adhesion at a gap g."""
+    if g >= 0.0:
+        e = np.exp(-g / length)
+        return -work * e, work / length * e, -work / length**2 * e
+    e = np.exp(g / length)
+    return work * (2.0 * g / length - e), work / length * (2.0 - e), -work / length**2 * e
+
+
+@numba.njit(cache=True)
+def _share(gap, before, met):  # type: ignore[no-untyped-def]
+    """Share of the step in touch, its derivative by the gap, and the share of the rigid body's way that counts."""
+    if before <= 0.0:
+        return 1.0, 0.0, 1.0
+    if met >= 0.0:
+        return met, 0.0, 1.0 - LAG * (1.0 - met)
+    if gap >= 0.0:
+        return 0.0, 0.0, 1.0
+    return -gap / (before - gap), -before / (before - gap) ** 2, 1.0
+
+
+@numba.njit(cache=True)
+def _trial(n, point, start, traction, motion, counts, stiff, v, t):  # type: ignore[no-untyped-def]
+    """Fill v = t₀ − ε_T (Δx − what counts of Δc) and its tangential part t; returns |n|², n·v/|n|² and |t|."""
+    square, along = 0.0, 0.0
+    for i in range(3):
+        v[i] = traction[i] - stiff * (point[i] - start[i] - counts * motion[i])
+        square += n[i] * n[i]
+        along += n[i] * v[i]
+    along /= square
+    size = 0.0
+    for i in range(3):
+        t[i] = v[i] - along * n[i]
+        size += t[i] * t[i]
+    return square, along, np.sqrt(size)
+
+
+@numba.njit(cache=True)
+def evaluate(  # type: ignore[no-untyped-def]
+    facets, N, weights, count, points, gap, normal, epsilon, multiplier, friction, start, before, opened, bound, met,
+    motion, work, length,
+):  # fmt: skip
+    m, nq = weights.shape
+    residual, force = np.zeros((count, 3)), np.zeros(3)
+    pressure, attraction = np.zeros((m, nq)), np.zeros((m, nq))
+    traction, slipping = np.zeros((m, nq, 3)), np.zeros((m, nq), np.bool_)
+    v, t, load = np.empty(3), np.empty(3), np.empty(3)
+    energy = 0.0
+    for f in range(m):
+        for q in range(nq):
+            w, g, n = weights[f, q], gap[f, q], normal[f, q]
+            p = max(multiplier[f, q] - epsilon[f, q] * g, 0.0)
+            energy += 0.5 * w * (p * p - multiplier[f, q] ** 2) / epsilon[f, q]
+            near = work > 0.0 and g < OUT_OF_REACH * length
+            if not (p > 0.0 or near):
+                continue
+            pressure[f, q] = p
+            for i in range(3):
+                load[i] = p * n[i]
+            if friction > 0.0 and p > 0.0:
+                share, _, counts = _share(g, opened[f, q], met[f, q])
+                stiff = share * TANGENTIAL * epsilon[f, q]
+                _, _, size = _trial(n, points[f, q], start[f, q], before[f, q], motion, counts, stiff, v, t)
+                limit = bound[f, q] if bound[f, q] >= 0.0 else friction * p
+                slipping[f, q] = size > limit
+                cut = limit / size if slipping[f, q] else 1.0
+                if bound[f, q] >= 0.0 and stiff > 0.0:
+                    energy += w * (limit * (size - 0.5 * limit) if slipping[f, q] else 0.5 * size * size) / stiff
+                for i in range(3):
+                    traction[f, q, i] = cut * t[i]
+                    load[i] += traction[f, q, i]
+            if near:
+                potential, pull, _ = _attract(g, work, length)
+                attraction[f, q] = pull
+                energy += w * potential
+                for i in range(3):
+                    load[i] -= pull * n[i]
+            for i in range(3):
+                force[i] -= w * load[i]
+                for a in range(6):
+                    residual[facets[f, a], i] -= N[q, a] * w * load[i]
+    return residual, force, pressure, traction, slipping, attraction, energy
+
+
+@numba.njit(cache=True)
+def tangent(  # type: ignore[no-untyped-def]
+    facets, N, weights, place, points, normal, hessian, gap, pressure, epsilon, friction, start, before,
+    opened, bound, met, motion, work, length, direction, geometric, data, moving,
+):  # fmt: skip
+    m, nq = weights.shape
+    k, along_way, block = np.empty((3, 3)), np.empty((3, 3)), np.empty((18, 18))
+    v, t, went = np.empty(3), np.empty(3), np.empty(3)
+    for f in range(m):
+        block[:, :] = 0.0
+        for q in range(nq):
+            w, g, p, n, h, e = weights[f, q], gap[f, q], pressure[f, q], normal[f, q], hessian[f, q], epsilon[f, q]
+            near = work > 0.0 and g < OUT_OF_REACH * length
+            if not (p > 0.0 or near):
+                continue
+            stiff, turn = (e if p > 0.0 else 0.0), -p
+            if near:
+                _, pull, fall = _attract(g, work, length)
+                turn += pull
+                if geometric:
+                    stiff += fall
+            _normal(k, n, h, stiff, turn, geometric)
+            counts = 1.0
+            if friction > 0.0 and p > 0.0:
+                share, growth, counts = _share(g, opened[f, q], met[f, q])
+                stick = share * TANGENTIAL * e
+                square, along, size = _trial(n, points[f, q], start[f, q], before[f, q], motion, counts, stick, v, t)
+                for i in range(3):
+                    way = points[f, q, i] - start[f, q, i] - motion[i]
+                    went[i] = growth * TANGENTIAL * e * way if geometric else 0.0
+                if counts < 1.0:  # of the rigid body's way less counts than of the point's
+                    along_way[:, :] = k
+                    part, own = counts * stick, bound[f, q]
+                    _friction(along_way, n, h, square, along, size, t, v, p, e, part, went, friction, own, geometric)
+                _friction(k, n, h, square, along, size, t, v, p, e, stick, went, friction, bound[f, q], geometric)
+            if counts == 1.0:
+                along_way[:, :] = k
+            _add(block, k, N[q], w)
+            for i in range(3):
+                rate = along_way[i, 0] * direction[0] + along_way[i, 1] * direction[1] + along_way[i, 2] * direction[2]
+                for a in range(6):
+                    moving[facets[f, a], i] -= w * N[q, a] * rate
+        for r in range(18):
+            for c in range(18):
+                if place[f, r, c] >= 0:
+                    data[place[f, r, c]] += block[r, c]
+
+
+@numba.njit(cache=True)
+def _normal(k, n, h, stiff, turn, geometric):  # type: ignore[no-untyped-def]
+    """Fill k = stiff n⊗n + turn ∇∇g, the latter where it is `geometric`."""
+    for i in range(3):
+        for j in range(3):
+            k[i, j] = stiff * n[i] * n[j]
+            if geometric:
+                k[i, j] += turn * h[i, j]
+
+
+@numba.njit(cache=True)
+def _add(block, k, N, w):  # type: ignore[no-untyped-def]
+    """Add w N_a N_b k to the block (18, 18) of a facet."""
+    for a in range(6):
+        for i in range(3):
+            wa = w * N[a]
+            for b in range(6):
+                for j in range(3):
+                    block[3 * a + i, 3 * b + j] += wa * N[b] * k[i, j]
+
+
+@numba.njit(cache=True)
+def _friction(k, n, h, square, along, size, t, v, p, e, stick, went, friction, bound, geometric):  # type: ignore[no-untyped-def]
+    """k −= ∂t/∂x: sticking ∂t/∂x = −ε_T P − (n̂·v) M − n̂⊗(Mᵀv) − P w⊗n, M = ∂n̂/∂x, slipping cut to length μ_f p.
+
+    n = ∇g need not have unit length; `along` is n·v/|n|²; w = ∂ε_T/∂g (Δx − Δc) where a gap closed in this step.
+    """
+    d, M = np.empty((3, 3)), np.zeros((3, 3))
+    if geometric:
+        for j in range(3):
+            across = (n[0] * h[0, j] + n[1] * h[1, j] + n[2] * h[2, j]) / square
+            for i in range(3):
+                M[i, j] = h[i, j] - n[i] * across  # |n| ∂n̂/∂x
+    gone = (went[0] * n[0] + went[1] * n[1] + went[2] * n[2]) / square
+    for j in range(3):
+        turned = (v[0] * M[0, j] + v[1] * M[1, j] + v[2] * M[2, j]) / square
+        for i in range(3):
+            P = (1.0 if i == j else 0.0) - n[i] * n[j] / square
+            d[i, j] = -stick * P - along * M[i, j] - n[i] * turned - (went[i] - n[i] * gone) * n[j]
+    limit = bound if bound >= 0.0 else friction * p
+    growth = 0.0 if bound >= 0.0 else friction * e
+    if size <= limit:
+        for i in range(3):
+            for j in range(3):
+                k[i, j] -= d[i, j]
+        return
+    for j in range(3):
+        along_t = (t[0] * d[0, j] + t[1] * d[1, j] + t[2] * d[2, j]) / (size * size)
+        for i in range(3):
+            k[i, j] -= limit / size * (d[i, j] - t[i] * along_t) - growth * t[i] / size * n[j]

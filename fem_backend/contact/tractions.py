@@ -1,0 +1,274 @@
+"""Contact of the curved surface with rigid bodies: augmented Lagrangian, Coulomb friction, adhesion.
+
+Π_c = ∫ (p² − λ²)/(2ε) dA₀ with the pressure p = ⟨λ − ε g⟩ per reference area, gap g and multiplier λ ≥ 0
+(Wriggers 2006, §6.3.4).  ε is a multiple of the shear modulus per length, so that similarity stays exact.
+
+Friction by return mapping over a step (Wriggers 2006, §9.2): t = P(t₀ − ε_T (Δx − Δc)) cut to |t| ≤ μ_f p, P = I − n⊗n;
+it has no potential and, where points slip, an unsymmetric tangent.  A point that is touched within the step sticks from
+then on only: `met`.  Adhesion has a potential, Π_a = ∫ ψ(g) dA₀.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from skfem import ElementTriP2, MeshTet2
+from skfem.quadrature import get_quadrature
+from skfem.refdom import RefTri
+
+from fem_backend.contact import pointwise
+from fem_backend.geometry import Bowl, Ellipsoid, Sphere
+from fem_backend.kinematics.tetrahedra import Body
+
+ORDER = 6  # twelve points a facet
+
+
+@dataclass(frozen=True)
+class ContactSurface:
+    """Quadratic facets (f, 6) that may touch, shape functions N (q, 6), area weights (f, q) mm², matrix places.
+
+    `offset` (f, q, 3) mm is what the true surface lies beyond the quadratic one: a large facet that rolls in a bowl of
+    nearly its own shape would otherwise feel the error of its geometry.
+    """
+
+    facets: np.ndarray
+    N: np.ndarray
+    weights: np.ndarray
+    place: np.ndarray
+    offset: np.ndarray
+
+
+@dataclass(frozen=True)
+class Adhesion:
+    """Attraction σ = (W/ℓ) exp(−g/ℓ) per reference area: `work` of separation W (N/mm), `range` ℓ (mm).
+
+    Below g = 0 it goes on as (W/ℓ)(2 − exp(g/ℓ)), C¹ and bounded.
+    """
+
+    work: float
+    range: float
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The surface and a rigid body that it may touch: ε (f, q) MPa/mm, Coulomb coefficient (1), adhesion.
+
+    A `soft` one never gets multipliers.
+    """
+
+    surface: ContactSurface
+    rigid: Sphere | Bowl
+    epsilon: np.ndarray
+    friction: float = 0.0
+    adhesion: Adhesion | None = None
+    soft: bool = False
+
+
+@dataclass(frozen=True)
+class Before:
+    """Start of the step: points (f, q, 3) and centre (3,) mm, tangential traction (f, q, 3) MPa, gap (f, q) mm.
+
+    A point that was open is in touch for a share `met` (f, q) of the step; where that is not given, for −g/(g₀ − g) of
+    it: a gap that closes evenly.
+    With a `pressure` (f, q) MPa friction is limited by that, not by the pressure now (Tresca): such a step
+    has nearly a potential, and repeated with the pressure found it tends to Coulomb's.
+    """
+
+    points: np.ndarray
+    centre: np.ndarray
+    traction: np.ndarray
+    gap: np.ndarray
+    pressure: np.ndarray | None = None
+    met: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Load on a pair: centre (3,) mm, unit way `direction` (3,) into the body, λ (f, q) MPa.
+
+    A bowl stands still, its direction is zero.  `raised` (f, q) multiplies ε; `before` is needed with friction.
+    """
+
+    centre: np.ndarray
+    direction: np.ndarray
+    multiplier: np.ndarray
+    raised: np.ndarray | float = 1.0
+    before: Before | None = None
+
+
+@dataclass(frozen=True)
+class ContactState:
+    """One evaluation: energy (N mm), residual (n, 3) N, force on the rigid body (3,) N; at the points (f, q) the rest.
+
+    Pressure p ≥ 0 (MPa, the contact alone), gap g (mm), tangential traction on the body (f, q, 3) MPa, whether a point
+    slips, attraction σ ≥ 0 (MPa), all per reference area.  The energy is without friction, which has none.
+    """
+
+    energy: float
+    residual: np.ndarray
+    force: np.ndarray
+    pressure: np.ndarray
+    gap: np.ndarray
+    traction: np.ndarray
+    slipping: np.ndarray
+    attraction: np.ndarray
+
+
+def quadratic_facets(mesh: MeshTet2, facets: np.ndarray) -> np.ndarray:
+    """Nodes (f, 6) of boundary facets: three corners, then the middles of edges 01, 12, 02."""
+    n = mesh.nvertices
+    key = np.sort(mesh.edges, axis=0)
+    key = key[0].astype(np.int64) * n + key[1]
+    order = np.argsort(key)
+    corners = mesh.facets[:, facets]
+
+    def middle(i: int, j: int) -> np.ndarray:
+        a, b = np.minimum(corners[i], corners[j]), np.maximum(corners[i], corners[j])
+        return n + order[np.searchsorted(key[order], a.astype(np.int64) * n + b)]
+
+    return np.stack([*corners, middle(0, 1), middle(1, 2), middle(0, 2)], axis=1)
+
+
+def contact_surface(
+    body: Body, facets: np.ndarray, true: Ellipsoid | None = None, order: int = ORDER
+) -> ContactSurface:
+    """Quadrature on the quadratic facets (f, 6) of the undeformed surface, which stand for the surface of `true`."""
+    X, weights = get_quadrature(RefTri, order)
+    N, dN = (np.stack([ElementTriP2().lbasis(X, a)[k] for a in range(6)]) for k in (0, 1))
+    tangent = np.einsum("fai,akq->fqki", body.nodes[facets], dN)
+    area = np.linalg.norm(np.cross(tangent[:, :, 0], tangent[:, :, 1]), axis=-1)
+    dofs = body.free[(3 * facets[:, :, None] + np.arange(3)).reshape(len(facets), 18)]
+    facets = facets.astype(np.int64)
+    points = pointwise.points(facets, N.T.copy(), body.nodes)
+    offset = np.zeros_like(points)
+    if true is not None:
+        offset = true.project(points.reshape(-1, 3)).reshape(points.shape) - points
+    return ContactSurface(facets, N.T.copy(), area * weights, body.pattern.find(dofs), offset)
+
+
+def contact_points(surface: ContactSurface, x: np.ndarray) -> np.ndarray:
+    """Contact points (f, q, 3) mm at nodal positions x (n, 3)."""
+    return pointwise.points(surface.facets, surface.N, np.ascontiguousarray(x, float)) + surface.offset
+
+
+def remember(pair: Pair, x: np.ndarray, touch: Touch, state: ContactState) -> Before:
+    """What the next step has to know of a converged one."""
+    return Before(contact_points(pair.surface, x), np.array(touch.centre, float), state.traction, state.gap)
+
+
+def met(pair: Pair, before: Before, touch: Touch) -> np.ndarray | None:
+    """Share (f, q) of a step that points which were open spend in touch, None for a rigid body that stands still.
+
+    s = −g/(g₀ − g) with the gap g of the start's points to the rigid body half of its way on: the surface beside a
+    contact sinks by as much as the ball has still to go (Hertz: a point with the gap r²/2R* is met at travel r²/R*).
+    Until then the point follows the rigid body but for `LAG` of its way: it sticks at Δx = (1 − LAG (1 − s)) Δc.
+    Outside a stuck circle a surface follows by (2/π) asin(a/r) (Johnson 1985, §7.2), by 1/2 in the mean of one that
+    grows from nothing and by nearly all beside one that grows little.
+    The gap at the end of the step would tell nothing: contact keeps it at zero.
+    """
+    way = np.asarray(touch.centre, float) - np.asarray(before.centre, float)
+    if not way.any():
+        return None
+    half = pair.rigid.gap(before.points, np.asarray(before.centre, float) + 0.5 * way, touch.direction)[0]
+    return np.where(half < 0.0, -half / np.maximum(np.maximum(before.gap, 0.0) - half, 1e-300), 0.0)
+
+
+def evaluate(pair: Pair, x: np.ndarray, touch: Touch) -> ContactState:
+    """Energy, residual and force at current positions x (n, 3) mm.
+
+    Raises ValueError when a pair with friction does not know the start of the step.
+    """
+    surface = pair.surface
+    points = contact_points(surface, x)
+    gap, normal, _ = pair.rigid.gap(points, touch.centre, touch.direction)
+    before, motion = _before(pair, touch)
+    residual, force, pressure, traction, slipping, attraction, energy = pointwise.evaluate(
+        surface.facets, surface.N, surface.weights, len(x), points, gap, normal, _epsilon(pair, touch),
+        _full(touch.multiplier, gap.shape), float(pair.friction), *before, motion, *_adhesion(pair),
+    )  # fmt: skip
+    return ContactState(energy, residual, force, pressure, gap, traction, slipping, attraction)
+
+
+def tangent(
+    pair: Pair, x: np.ndarray, touch: Touch, state: ContactState, data: np.ndarray, geometric: bool = True
+) -> np.ndarray:
+    """Add ∂R/∂x to `data` and return ∂R/∂s (n, 3) N/mm for a rigid body moving as c + s·direction.
+
+    k = ε n⊗n − p ∇∇g − ∂t/∂x + σ′ n⊗n + σ ∇∇g at points within reach, the whole block, symmetric or not.  Without
+    `geometric` all that comes from the turning of the normal and the falling attraction is left out, which keeps the
+    symmetric part positive semi-definite where nothing slips, at the price of slower convergence.
+    """
+    surface = pair.surface
+    active = np.nonzero(((state.pressure > 0) | (state.attraction > 0)).any(1))[0]
+    points = (
+        pointwise.points(surface.facets[active], surface.N, np.ascontiguousarray(x, float)) + surface.offset[active]
+    )
+    _, normal, hessian = pair.rigid.gap(points, touch.centre, touch.direction)
+    start, motion = _before(pair, touch)
+    if pair.friction > 0.0:
+        start = tuple(array[active] for array in start)
+    moving = np.zeros(x.shape)
+    pointwise.tangent(
+        surface.facets[active], surface.N, surface.weights[active], surface.place[active], points, normal, hessian,
+        state.gap[active], state.pressure[active], _epsilon(pair, touch)[active], float(pair.friction), *start,
+        motion, *_adhesion(pair), np.asarray(touch.direction, float), geometric, data, moving,
+    )  # fmt: skip
+    return moving
+
+
+def first_touch(
+    surface: ContactSurface, x: np.ndarray, rigid: Sphere | Bowl, centre: np.ndarray, direction: np.ndarray
+) -> float:
+    """How far (mm, signed) the rigid body must still go along the unit `direction` to touch the deformed surface.
+
+    The least travel over the quadratic facets at nodal positions x (n, 3): a grid on every facet, then ever finer
+    grids on the best ones, so that the answer follows the deformation without steps; ∞ when it passes by.
+    """
+    i, j = np.indices((9, 9)).reshape(2, -1)[:, [k for k in range(81) if k // 9 + k % 9 <= 8]] / 8.0
+    travel = rigid.travel(np.einsum("aq,fai->fqi", _quadratic(i, j), x[surface.facets]), centre, direction)
+    best = np.argsort(travel.min(1), kind="stable")[:8]
+    nodes, at = x[surface.facets[best]], travel[best].argmin(1)
+    at, width, least = np.stack([i[at], j[at]]), 0.2, float(travel.min())
+    offsets = np.indices((7, 7)).reshape(2, -1) / 3.0 - 1.0
+    for _ in range(26):
+        grid = np.maximum(at[:, :, None] + width * offsets[:, None, :], 0.0)
+        grid /= np.maximum(grid.sum(0), 1.0)
+        travel = rigid.travel(np.einsum("afq,fai->fqi", _quadratic(*grid), nodes), centre, direction)
+        at = grid[:, np.arange(len(best)), travel.argmin(1)]
+        width, least = 0.5 * width, min(least, float(travel.min()))
+    return least
+
+
+def _quadratic(r: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Shape functions (6, …) of the quadratic triangle at (r, s)."""
+    t = 1.0 - r - s
+    return np.stack([t * (2 * t - 1), r * (2 * r - 1), s * (2 * s - 1), 4 * t * r, 4 * r * s, 4 * t * s])
+
+
+def _full(value: np.ndarray | float, shape: tuple[int, ...]) -> np.ndarray:
+    return np.ascontiguousarray(np.broadcast_to(np.asarray(value, float), shape))
+
+
+def _epsilon(pair: Pair, touch: Touch) -> np.ndarray:
+    return _full(np.asarray(pair.epsilon, float) * touch.raised, pair.surface.weights.shape)
+
+
+def _before(pair: Pair, touch: Touch) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+    """Points and traction at the start of the step and how far the rigid body has gone since; empty if frictionless."""
+    if not pair.friction > 0.0:
+        return (*(np.empty((0, 0, 3)) for _ in range(2)), *(np.empty((0, 0)) for _ in range(3))), np.zeros(3)
+    if touch.before is None:
+        raise ValueError("friction needs the start of the step: Touch.before is missing")
+    start = touch.before
+    motion = np.asarray(touch.centre, float) - np.asarray(start.centre, float)
+    points, traction = np.ascontiguousarray(start.points), np.ascontiguousarray(start.traction)
+    unknown = -np.ones(start.gap.shape)
+    bound = unknown if start.pressure is None else np.ascontiguousarray(pair.friction * start.pressure)
+    share = unknown if start.met is None else np.ascontiguousarray(start.met)
+    return (points, traction, np.ascontiguousarray(start.gap), bound, share), motion
+
+
+def _adhesion(pair: Pair) -> tuple[float, float]:
+    a = pair.adhesion
+    return (float(a.work), float(a.range)) if a is not None and a.work > 0.0 else (0.0, 1.0)

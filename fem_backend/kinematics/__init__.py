@@ -1,0 +1,1 @@
+"""Elements: shape functions, deformation gradients, assembly."""

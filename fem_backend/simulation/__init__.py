@@ -1,0 +1,1 @@
+"""One indentation test from its settings, knobs and programme to its curves."""

@@ -1,0 +1,398 @@
+"""From an experiment to what Newton solves: where the indenter goes, what is symmetric, what touches, what is held."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from skfem import MeshTet2
+
+from fem_backend import geometry, laws, meshing
+from fem_backend.contact.tractions import (
+    Adhesion,
+    ContactSurface,
+    Pair,
+    Touch,
+    contact_points,
+    contact_surface,
+    quadratic_facets,
+)
+from fem_backend.geometry import Bowl, Ellipsoid, Sphere
+from fem_backend.kinematics import tetrahedra
+from fem_backend.laws import Law, Material
+from fem_backend.materials import zones
+from fem_backend.meshing import Mesh
+from fem_backend.simulation.experiment import Settings
+from fem_backend.simulation.knobs import Knobs
+from fem_backend.solver import condensation, direct, krylov
+from fem_backend.solver.condensation import Condense
+from fem_backend.solver.load_steps import Control
+from fem_backend.solver.newton import Load, System
+
+PENALTY = 900.0  # ε R/μ: the multipliers remove its error, so it only steers convergence
+FINEST_RANGE = 30.0  # elements of h₀ resolve attraction of a range h₀ over this; below, its force has the wrong sign
+BOWL_PENALTY = 8.0  # the same at the bowl, where pressures are far smaller; a stiff one would be felt point by point
+BOWL_ORDER = 14  # 42 points on the large facets of the lower half: contact with the bowl spreads gradually
+RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep ball; width in R
+MISALIGNED = ("offset_x", "offset_y", "tilt_x", "tilt_y")
+FATTEST = 0.6  # radius of the ball over the smallest semi-axis; settings say 0.5, knobs that err may exceed it
+THINNEST = 0.2  # smallest semi-axis over that of the settings
+REACH = 3.0  # facets within REACH·R of the first contact may touch
+STIFFEST = 1000.0  # K/μ beyond which the displacement element is not verified
+FLAT = 35.0  # semi-axis c over the lip of a bowl: 1 mm for the usual body
+SPRINGS = 1e-4  # grounding springs of a body in a bowl, all together, over μR
+
+
+class NotModelled(ValueError):
+    """Values that this model does not cover; `cause` is a cause class of failed runs."""
+
+    def __init__(self, cause: str, message: str) -> None:
+        super().__init__(message)
+        self.cause = cause
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where and how the indenter moves, in the specimen's frame; lengths in mm.
+
+    `rotation` (3, 3) takes machine to specimen; `touch` is the sphere's centre at first contact with the undeformed
+    body, `direction` its way; `planes` says which of x = 0, y = 0 are planes of symmetry of everything.
+    """
+
+    body: Ellipsoid
+    R: float
+    rotation: np.ndarray
+    touch: np.ndarray
+    direction: np.ndarray
+    planes: tuple[bool, bool]
+
+    @property
+    def contact(self) -> np.ndarray:
+        """Point of first contact (3,)."""
+        return geometry.closest(self.body, self.touch)
+
+    @property
+    def down(self) -> np.ndarray:
+        """Direction of gravity (3,)."""
+        return self.rotation @ np.array([0.0, 0.0, -1.0])
+
+
+def place(settings: Settings, knobs: Knobs) -> Placement:
+    """Placement of an experiment; raises NotModelled (bad_geometry) for sizes that describe no body."""
+    axes = settings.body.semi_axes + np.array([knobs.delta_a, knobs.delta_b, knobs.delta_c])
+    R = settings.R + knobs.delta_R
+    least, fattest = THINNEST * settings.body.semi_axes.min(), FATTEST * axes.min()
+    if axes.min() <= least:
+        errors = ", ".join(f"{n} = {getattr(knobs, n):g}" for n in ("delta_a", "delta_b", "delta_c"))
+        raise NotModelled(
+            "bad_geometry", f"{errors} mm: semi-axes {axes.tolist()} mm, all must be larger than {least:g} mm "
+            f"({THINNEST:g} of the smallest asked for)",
+        )  # fmt: skip
+    if not 0 < R <= fattest:
+        raise NotModelled(
+            "bad_geometry", f"delta_R = {knobs.delta_R:g} mm: an indenter of {R:g} mm, must be larger than 0 and at "
+            f"most {fattest:g} mm ({FATTEST:g} of the smallest semi-axis)",
+        )  # fmt: skip
+    body = Ellipsoid(*axes)
+    x, y = settings.point[0] + knobs.offset_x, settings.point[1] + knobs.offset_y
+    a, b = np.deg2rad([knobs.tilt_x, knobs.tilt_y])
+    about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+    about_y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
+    rotation = (about_y @ about_x).T
+    direction = np.array([0.0, 0.0, -1.0])
+    through = np.array([x, y, 0.0])
+    inside = 1.0 - (settings.point[0] / axes[0]) ** 2 - (settings.point[1] / axes[1]) ** 2
+    if inside <= 0:
+        raise NotModelled("bad_geometry", f"point {settings.point} mm is not above the body")
+    if settings.direction == "normal":
+        on = np.array([*settings.point, axes[2] * np.sqrt(inside)])
+        direction = -on / axes**2
+        direction /= np.linalg.norm(direction)
+        through = on + np.array([knobs.offset_x, knobs.offset_y, 0.0])
+    direction, through = rotation @ direction, rotation @ through
+    try:
+        touch = geometry.first_contact(body, R, through, direction)
+    except ValueError as error:
+        raise NotModelled("bad_geometry", str(error)) from error
+    return Placement(body, R, rotation, touch, direction, _planes(settings, knobs, direction, through))
+
+
+def fine_at(settings: Settings, knobs: Knobs, placement: Placement) -> tuple[float, float]:
+    """Where the fine elements go (x, y) mm: the asked point, moved as misalignment and tilt move the first contact."""
+    aligned = dict.fromkeys(MISALIGNED, 0.0)
+    if all(getattr(knobs, name) == 0.0 for name in aligned):
+        return settings.point
+    moved = placement.contact - place(settings, replace(knobs, **aligned)).contact
+    x, y = (0.0 if placement.planes[k] else float(settings.point[k] + moved[k]) for k in (0, 1))
+    return x, y
+
+
+def _planes(settings: Settings, knobs: Knobs, direction: np.ndarray, through: np.ndarray) -> tuple[bool, bool]:
+    """A plane is one of symmetry if path, specimen, gravity, inclusion and fibres all are."""
+    angle = np.deg2rad(knobs.fibre_angle)
+    along = np.array([np.cos(angle), np.sin(angle)])
+    inclusion = knobs.inclusion_ratio != 1.0 and knobs.inclusion_radius > 0
+    tilt = (knobs.tilt_y, knobs.tilt_x)
+    centre = (knobs.inclusion_x, knobs.inclusion_y)
+
+    def symmetric(k: int) -> bool:
+        path = direction[k] == 0.0 and through[k] == 0.0 and tilt[k] == 0.0
+        fibres = knobs.fibre == 0.0 or min(abs(along[k]), abs(along[1 - k])) < 1e-12
+        return bool(path and fibres and not (inclusion and centre[k] != 0.0))
+
+    return symmetric(0), symmetric(1)
+
+
+def material(settings: Settings, knobs: Knobs) -> Material:
+    """The material of an experiment; raises NotModelled (not_supported) for combinations of laws that do not exist."""
+    mu, D1 = knobs.mu, knobs.D1
+    extra = {
+        "mooney_rivlin": knobs.C01 != 0.0,
+        "yeoh": knobs.C20 != 0.0 or knobs.C30 != 0.0,
+        "ogden": knobs.alpha != 2.0 or bool(settings.ogden),
+    }
+    used = [name for name, on in extra.items() if on]
+    base = settings.law if settings.law in extra else None
+    if len({*used, *([base] if base else [])}) > 1 or (used and settings.law == "linear_elastic"):
+        raise NotModelled("not_supported", f"law {settings.law} with knobs of {', '.join(used)}: laws do not combine")
+    kind = used[0] if used else settings.law
+    law: Law
+    if kind == "mooney_rivlin":
+        law = laws.MooneyRivlin(mu, D1, knobs.C01)
+    elif kind == "yeoh":
+        law = laws.Yeoh(mu, D1, knobs.C20, knobs.C30)
+    elif kind == "ogden":
+        share = tuple(s for _, s in settings.ogden)
+        law = laws.Ogden(mu, D1, (knobs.alpha, *(a for a, _ in settings.ogden)), (1.0 - sum(share), *share))
+    else:
+        law = laws.LinearElastic(mu, D1) if kind == "linear_elastic" else laws.NeoHooke(mu, D1)
+    terms = [(knobs.prony_g, knobs.prony_tau), (knobs.prony_g2, knobs.prony_tau2), (knobs.prony_g3, knobs.prony_tau3)]
+    terms = [t for t in terms if t[0] != 0.0] + list(settings.prony)
+    if sum(g for g, _ in terms) >= 1.0:
+        raise NotModelled("inadmissible", f"the Prony shares sum to {sum(g for g, _ in terms):g}, at least 1")
+    angle = np.deg2rad(knobs.fibre_angle)
+    fibre = laws.Fibre(knobs.fibre, knobs.fibre_k2, (float(np.cos(angle)), float(np.sin(angle)), 0.0))
+    mullins = laws.Mullins(knobs.mullins, knobs.mullins_m * mu, knobs.mullins_beta)
+    if law.small_strain and (knobs.fibre or terms or knobs.mullins):
+        raise NotModelled("not_supported", "the linear elastic law has no fibres, relaxation or softening")
+    return Material(
+        law,
+        fibre if knobs.fibre else None,
+        laws.Prony(tuple(g for g, _ in terms), tuple(t for _, t in terms)) if terms else None,
+        mullins if knobs.mullins else None,
+    )
+
+
+@dataclass(frozen=True)
+class Model:
+    """A discretised specimen that every material and every place of the indenter near its fine mesh can share.
+
+    `facets` (f, 6) are those of the specimen's surface, `held` the nodes of the support, `N` (q, 10) the shape
+    functions at the quadrature points of `body`.
+    """
+
+    mesh: MeshTet2
+    body: tetrahedra.Body
+    facets: np.ndarray
+    factor: direct.Factor
+    held: np.ndarray
+    condenser: Callable[[np.ndarray], Condense | None]
+
+
+def build(settings: Settings, mesh: Mesh, body: Ellipsoid, planes: tuple[bool, bool], symmetric: bool = True) -> Model:
+    """Model of a specimen: symmetry planes held in their normal, a fixed support holds the surface below z = 0.
+
+    Raises meshing.BadMesh when the elements cannot take this shape or place.
+    """
+    upright = meshing.mesher(settings.recipe) == "tetwild"  # the shipped meshes' answers were calibrated leaning
+    quadratic = meshing.assemble(mesh, meshing.nominal(settings.recipe), body, settings.point, planes, upright)
+    X = quadratic.doflocs.T
+    facets = quadratic_facets(quadratic, quadratic.boundary_facets())
+    for axis in (0, 1):
+        if planes[axis]:
+            facets = facets[~(X[facets, axis] == 0.0).all(1)]
+    held = np.zeros(X.shape, bool)
+    for axis in (0, 1):
+        if planes[axis]:
+            held[:, axis] = X[:, axis] == 0.0
+    lower = np.empty(0, np.int64)
+    if settings.support == "fixed":
+        lower = np.unique(facets)
+        lower = lower[X[lower, 2] <= 1e-9]
+        held[lower] = True
+    discrete = tetrahedra.discretise(quadratic, held, symmetric)
+    loose = settings.support == "bowl" and not all(planes)  # it may roll
+    factor = krylov.Loose(discrete.pattern, settings.solver).factor if loose else None
+    factor = factor or direct.solver(discrete.pattern, settings.solver)
+    condenser = condensation.condenser(discrete.pattern, settings.solver)
+    return Model(quadratic, discrete, facets, factor, lower, condenser)
+
+
+def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
+    """Raise NotModelled for a material or an adhesion out of reach, and for small strains of a body that may turn."""
+    stuff = material(settings, knobs)
+    if stuff.small_strain and settings.support == "bowl" and not all(placement.planes):
+        raise NotModelled(
+            "not_supported", 'law = "linear_elastic" with support = "bowl" where the body may turn (point, tilt or '
+            'misalignment off the axes): its strain, sym grad u, grows with a rotation; take law = "neo_hookean", '
+            'which agrees to first order, or support = "fixed"',
+        )  # fmt: skip
+    ratio = stuff.bulk_modulus / stuff.shear_modulus
+    if ratio > STIFFEST:
+        raise NotModelled(
+            "not_supported", f"K/mu = {ratio:.4g}: the element is verified to {STIFFEST:g} (nearly incompressible)"
+        )
+    if knobs.adhesion and knobs.adhesion_range < settings.h0 / FINEST_RANGE:
+        raise NotModelled(
+            "not_supported", f"adhesion_range = {knobs.adhesion_range:g} mm: elements of {settings.h0:.3g} mm at the "
+            f"contact resolve ranges of {settings.h0 / FINEST_RANGE:.3g} mm and more",
+        )  # fmt: skip
+
+
+def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> Model:
+    """The discretised specimen of an experiment; NotModelled without a mesh or for a material out of reach."""
+    admit(settings, knobs, placement)
+    symmetric = knobs.friction == 0.0 and not (settings.support == "bowl" and knobs.bowl_friction)
+    shared = Settings(settings.body, settings.R, support=settings.support, point=fine_at(settings, knobs, placement),
+                      recipe=settings.recipe, control=Control(), solver=settings.solver)  # fmt: skip
+    try:
+        return _model(shared, tuple(placement.body.semi_axes), placement.planes, symmetric, mesh)
+    except meshing.BadMesh as error:
+        raise NotModelled("bad_geometry", f"no mesh: {error}") from error
+
+
+@functools.lru_cache(maxsize=2)
+def _model(
+    settings: Settings, axes: tuple[float, ...], planes: tuple[bool, bool], symmetric: bool, mesh: str | None
+) -> Model:
+    """Shared by all runs of a worker on one mesh."""
+    made = meshing.cached(settings.recipe) if mesh is None else meshing.Mesh.from_file(mesh)
+    return build(settings, made, Ellipsoid(*axes), planes, symmetric)
+
+
+def system(
+    settings: Settings, knobs: Knobs, placement: Placement, model: Model, like: System | None = None
+) -> System:  # fmt: skip
+    """Everything that stays the same during a run.
+
+    `like` is a system whose knobs differ in moduli of the material alone: surfaces and zones are taken over from it.
+    Raises NotModelled for an inclusion outside the body and the like, and for laws that do not combine.
+    """
+    body = model.body
+    stuff = material(settings, knobs)
+    mu = stuff.shear_modulus
+    surfaces = touching(settings, placement, model) if like is None else [p.surface for p in like.pairs]
+    adhesion = Adhesion(knobs.adhesion, knobs.adhesion_range) if knobs.adhesion else None
+    epsilon = np.full(surfaces[0].weights.shape, PENALTY * mu / placement.R)
+    pairs = [Pair(surfaces[0], Sphere(placement.R, settings.shaft), epsilon, knobs.friction, adhesion)]
+    springs = None
+    if settings.support == "bowl":
+        epsilon = np.full(surfaces[1].weights.shape, BOWL_PENALTY * mu / placement.R)
+        inner, centre = tuple(placement.body.semi_axes + knobs.bowl_clearance), (0.0, 0.0, knobs.bowl_clearance)
+        bowl = Bowl(inner, centre, lip=settings.body.c / FLAT)
+        # multipliers stay with points of the body: where that turns, they do not hold its weight in place
+        soft = knobs.weight > 0.0 and not all(placement.planes)
+        pairs.append(Pair(surfaces[1], bowl, epsilon, knobs.bowl_friction, None, soft))
+        whole = body.w.sum()
+        springs = SPRINGS * mu * placement.R * lumped(body, np.ones_like(body.w)) / whole / multiplicity(placement)
+    dead = None
+    if knobs.weight:
+        dead = knobs.weight * lumped(body, filled(settings, knobs, placement, body))[:, None] * placement.down
+    scale = stiffening(settings, knobs, placement, body) if like is None else like.scale
+    least = 1e-3 * mu * placement.R**2  # about the force at R/100
+    return System(body, stuff, tuple(pairs), model.factor, scale, dead, springs, least)
+
+
+def touching(settings: Settings, placement: Placement, model: Model) -> list[ContactSurface]:
+    """Surfaces that may touch: the indenter around the first contact; in a bowl also the lower half of the body."""
+    middle = model.body.nodes[model.facets].mean(1)
+    near = np.linalg.norm(middle - placement.contact, axis=1) < REACH * placement.R
+    surfaces = [contact_surface(model.body, model.facets[near], placement.body)]
+    if settings.support == "bowl":
+        surfaces.append(contact_surface(model.body, model.facets[middle[:, 2] < 0.0], placement.body, BOWL_ORDER))
+    return surfaces
+
+
+def stiffening(settings: Settings, knobs: Knobs, placement: Placement, body: tetrahedra.Body) -> np.ndarray | None:
+    """Factor (m, q) of skin, inclusion and cavity on all moduli, None without them; raises NotModelled."""
+    inclusion = (knobs.inclusion_x, knobs.inclusion_y, placement.body.c - knobs.inclusion_depth)
+    try:
+        return zones.scale(
+            body, placement.body,
+            (knobs.skin_thickness, knobs.skin_ratio) if knobs.skin_ratio != 1.0 else None,
+            (inclusion, knobs.inclusion_radius, knobs.inclusion_ratio) if knobs.inclusion_ratio != 1.0 else None,
+            hole(settings, knobs, placement) if knobs.cavity else None,
+        )  # fmt: skip
+    except ValueError as error:
+        raise NotModelled("bad_geometry", str(error)) from error
+
+
+def filled(settings: Settings, knobs: Knobs, placement: Placement, body: tetrahedra.Body) -> np.ndarray:
+    """Share (m, q) of the volume that is no cavity: what weighs."""
+    whole = np.ones_like(body.w)
+    return whole - zones.cavity(body, *hole(settings, knobs, placement)) if knobs.cavity else whole
+
+
+def hole(settings: Settings, knobs: Knobs, placement: Placement) -> tuple[np.ndarray, np.ndarray]:
+    """Centre (3,) and semi-axes (3,) of the cavity in mm: around the lowest point of the body."""
+    return np.array([0.0, 0.0, -placement.body.c]), np.multiply(knobs.cavity, settings.cavity)
+
+
+def multiplicity(placement: Placement) -> int:
+    """How many images of the modelled part make the whole: 1, 2 or 4."""
+    return 2 ** sum(placement.planes)
+
+
+def lumped(body: tetrahedra.Body, density: np.ndarray) -> np.ndarray:
+    """∫ ρ N_a dV (n,) of a density (m, q): the consistent nodal share of a body force."""
+    out = np.zeros(len(body.nodes))
+    np.add.at(out, body.cells, (density * body.w) @ tetrahedra.shape_functions())
+    return out
+
+
+def condensing(system: System, model: Model, start: Load, end: Load) -> System:
+    """The system with what condenses its tangents to the dofs c that the indenter may touch between two loads.
+
+    Only where nothing else touches (a bowl does so everywhere), and where the dense matrix of those is no larger than
+    the sparse one: beyond, to factorise it in every iteration costs what a new tangent of the body would.
+    """
+    if system.springs is not None:
+        return system
+    pair, c = system.pairs[0], [load.touches[0].centre for load in (start, end)]
+    points = contact_points(pair.surface, system.body.nodes)
+    share = np.clip((points - c[0]) @ (c[1] - c[0]) / max(float((c[1] - c[0]) @ (c[1] - c[0])), 1e-300), 0.0, 1.0)
+    away = np.linalg.norm(points - c[0] - share[..., None] * (c[1] - c[0]), axis=-1)
+    nodes = np.unique(pair.surface.facets[(away < pair.rigid.R).any(1)])
+    dofs = model.body.free.reshape(-1, 3)[nodes]
+    dofs = dofs[dofs >= 0]
+    if len(dofs) ** 2 > len(model.body.pattern.indices):
+        return system
+    return replace(system, condense=model.condenser(dofs))
+
+
+def load(system: System, placement: Placement, travel: float, lag: float = 0.0) -> Load:
+    """Load at a travel (mm) without multipliers; `lag` is how much later the sagged body is touched than nominal."""
+    indenter = system.pairs[0]
+    way = travel + lag
+    centre, nothing = placement.touch + way * placement.direction, np.zeros(indenter.surface.weights.shape)
+    factor = raised(indenter.surface, system.body, placement, travel)
+    touches = [Touch(centre, placement.direction, nothing, factor, None)]
+    for pair in system.pairs[1:]:
+        touches.append(Touch(np.zeros(3), np.zeros(3), np.zeros(pair.surface.weights.shape), 1.0, None))
+    return Load(tuple(touches))
+
+
+def raised(surface: ContactSurface, body: tetrahedra.Body, placement: Placement, travel: float) -> np.ndarray | float:
+    """Factor (f, q) on ε around the first contact, 1 to R of travel, growing to 1 + RAISED from there to 2R.
+
+    ε acts per reference area, and the skin under a deep ball stretches up to twenty times in area: with a uniform ε the
+    ball would pierce the surface at depths beyond 2R.
+    """
+    deep = min(max(travel / placement.R - 1.0, 0.0), 1.0)
+    if deep == 0.0:
+        return 1.0
+    points = np.einsum("qa,fai->fqi", surface.N, body.nodes[surface.facets])
+    d = np.linalg.norm(points - placement.contact, axis=-1) / placement.R
+    return 1.0 + RAISED * deep * np.exp(-((d / RAISED_WITHIN) ** 2))

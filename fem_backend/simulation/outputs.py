@@ -1,0 +1,119 @@
+"""What is measured at a state of equilibrium: forces of the whole specimen, contact, surface, support."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from fem_backend import post
+from fem_backend.contact import tractions
+from fem_backend.simulation import assembly as modelling
+from fem_backend.simulation.assembly import Placement
+from fem_backend.simulation.experiment import Settings, profile_name
+from fem_backend.simulation.initial_state import Bench
+from fem_backend.simulation.schedule import merged
+from fem_backend.solver import history_steps
+from fem_backend.solver.load_steps import Point
+from fem_backend.solver.newton import Evaluation, Load, System
+
+UNITS = {
+    "time": "s", "travel": "mm", "Fx": "N", "Fy": "N", "Fz": "N", "uz_max": "mm", "bulge": "mm",
+    "contact_area": "mm^2", "contact_radius": "mm", "peak_pressure": "MPa", "slipping": "1",
+}  # fmt: skip
+FORCES = ("Fx", "Fy", "Fz")
+SOFTEST = 0.1  # of the force that a correction of the penalty may add
+
+
+def channels(at: Bench, system: System, evaluation: Evaluation, load: Load, stiffer: float = 1.0) -> dict[str, float]:
+    """Everything measured at one state, in the machine's frame, except time and travel; forces times `stiffer`."""
+    placement, body = at.placement, at.model.body
+    force = stiffer * whole(placement, evaluation.contact.force)
+    up = -placement.down
+    moved = (evaluation.u - at.seated) @ up
+    touching, surface = evaluation.contact, system.pairs[0].surface
+    centre = load.touches[0].centre
+    axis = (placement.touch - placement.contact) / placement.R
+    patch = post.contact_patch(
+        surface, body.nodes + evaluation.u, touching.pressure, centre, placement.R, axis, placement.planes,
+        attraction=touching.attraction,
+    )  # fmt: skip
+    active = touching.pressure > 0
+    share = (surface.weights * (active & touching.slipping)).sum() / max((surface.weights * active).sum(), 1e-300)
+    out = {
+        "Fx": force[0], "Fy": force[1], "Fz": force[2],
+        "uz_max": -float(moved.min()), "bulge": float(moved.max()),
+        "contact_area": patch.area, "contact_radius": patch.radius, "peak_pressure": patch.peak,
+        "slipping": float(share),
+    }  # fmt: skip
+    if at.probes is not None:
+        uz = post.displacements(at.probes, evaluation.u - at.seated) @ up
+        out |= {profile_name(p): float(v) for p, v in zip(at.settings.profile, uz, strict=True)}
+    return out
+
+
+def units(settings: Settings) -> dict[str, str]:
+    """Channel → unit of everything that an experiment returns."""
+    return UNITS | {profile_name(p): "mm" for p in settings.profile}
+
+
+def whole(placement: Placement, force: np.ndarray) -> np.ndarray:
+    """Force (3,) N of the whole specimen in the machine's frame from that of the modelled part."""
+    total = modelling.multiplicity(placement) * np.asarray(force, float)
+    for axis in (0, 1):
+        if placement.planes[axis]:
+            total[axis] = 0.0  # the images cancel
+    return placement.rotation.T @ total
+
+
+def softness(at: Bench, points: Sequence[Point]) -> np.ndarray:
+    """Share (k,) of the force that contact without multipliers lacks, as all surfaces give way by p/ε:
+
+        F = F_ε + dW/ds,   W = ½ ∫ (p − p₀)²/ε dA
+
+    along each way of the indenter (an elastic body has one) from the values at the asked travels s; p₀ carries the
+    weight in a bowl.  Of a body with a potential Π_ε = Π − W to first order in 1/ε, as Π_ε is the largest of Π's
+    Lagrangian less ½ ∫ (λ − p₀)²/ε over the multipliers λ, and F = dΠ/ds; otherwise an estimate.  Lateral forces are
+    taken to lack the same share.
+    """
+    near, n = merged([p.travel for p in points]), len(points)
+    s = np.array([near[p.travel] for p in points])
+    W = np.zeros((n, n))  # at each travel with ε as it is at each point: it grows with the depth
+    for k, pair in enumerate(at.system.pairs):
+        if pair.soft:  # where the body turns, pressures move over its points
+            continue
+        rest = _resting(at)[k]
+        taken = [p.evaluation.contacts[k].pressure - rest for p in points]
+        each = [0.5 * pair.surface.weights * p**2 / pair.epsilon for p in taken]
+        raised = [np.broadcast_to(p.load.touches[k].raised, pair.epsilon.shape) for p in points]
+        W += np.einsum("jfq,kfq->jk", each, 1.0 / np.array(raised))
+    moves = np.nonzero(np.diff(s))[0]  # from each of these points to the next; at rest nothing moves
+    turns = [int(k) for j, k in itertools.pairwise(moves) if (s[k + 1] - s[k]) * (s[j + 1] - s[j]) < 0.0]
+    turns = turns if at.path_dependent else []
+    rise = np.zeros(n)
+    for a, b in reversed(list(itertools.pairwise([0, *turns, n - 1]))):  # a turn belongs to the way there
+        way = np.arange(a, b + 1)[s[a : b + 1] > 0.0]
+        at_s, first = np.unique(s[way], return_index=True)  # at rest the first instant counts
+        h = W[way[first]] / at_s[:, None] ** 2  # smooth, as p ~ s^½ on an area ~ s
+        slope = 2.0 * h
+        if len(at_s) > 1:
+            slope = slope + at_s[:, None] * np.gradient(h, at_s, axis=0, edge_order=min(2, len(at_s) - 1))
+        rise[way] = [s[k] * np.interp(s[k], at_s, slope[:, k]) for k in way]
+    along = np.array([np.abs(p.force @ at.placement.direction) for p in points])
+    return np.clip(rise / np.maximum(along, 1e-300), 0.0, SOFTEST)
+
+
+def _resting(at: Bench) -> list[np.ndarray | float]:
+    """Pressures (f, q) MPa of every pair before the test: those of a bowl under the weight, else none."""
+    if at.carrying is None:
+        return [0.0 for _ in at.system.pairs]
+    pair, touch = history_steps.smooth(at.system).pairs[1], at.start(0.0).touches[1]
+    return [0.0, tractions.evaluate(pair, at.model.body.nodes + at.seated, touch).pressure]
+
+
+def reaction(at: Bench, evaluation: Evaluation) -> np.ndarray:
+    """Force (3,) N that the support carries in the machine's frame: of the held nodes, or on the bowl."""
+    if len(evaluation.contacts) > 1:
+        return whole(at.placement, -evaluation.contacts[1].force)
+    return whole(at.placement, (evaluation.residual - evaluation.contact.residual)[at.model.held].sum(0))

@@ -1,0 +1,77 @@
+"""Moments of a programme: which are computed once, and the steps between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fem_backend.solver.load_steps import Instant, Point
+
+SLOWER = 3.0  # times as long as the step before it is a step of a rest
+SAME = 1e-9  # of the largest: instants and travels nearer than that are computed once
+
+
+def together(instants: Sequence[Instant]) -> list[list[Instant]]:
+    """Instants in order of time, those within round-off of each other in time and travel side by side."""
+    time, travel = (SAME * max((abs(v) for v in of), default=0.0)
+                    for of in ([i.time for i in instants], [i.travel for i in instants]))  # fmt: skip
+    groups: list[list[Instant]] = []
+    for i in instants:
+        first = groups[-1][0] if groups else None
+        if first is not None and i.time - first.time <= time and abs(i.travel - first.travel) <= travel:
+            groups[-1].append(i)
+        else:
+            groups.append([i])
+    return groups
+
+
+def one(group: Sequence[Instant]) -> Instant:
+    """What is computed for instants within round-off of each other: the first that is asked for, or else the first."""
+    return next((i for i in group if i.asked), group[0])
+
+
+def each(groups: Sequence[Sequence[Instant]], points: Sequence[Point]) -> list[Point]:
+    """A point for every asked instant from one for every group, as many as there are."""
+    asked = [[i for i in group if i.asked] for group in groups]
+    return [
+        replace(point, time=i.time, travel=i.travel)
+        for group, point in zip([g for g in asked if g], points, strict=False) for i in group
+    ]  # fmt: skip
+
+
+def merged(travels: Sequence[float]) -> dict[float, float]:
+    """Each travel (mm) and the least of those within round-off of it, in increasing order."""
+    out, near = {}, SAME * max(travels, default=0.0)
+    for s in sorted(set(travels)):
+        least = next(reversed(out.values()), s)
+        out[s] = least if s - least <= near else s
+    return out
+
+
+def steps(instants: Sequence[Instant], largest: float, relaxes: bool = False) -> list[Instant]:
+    """The instants up to the last asked one and, between them, equal steps no larger than `largest` (mm of travel).
+
+    What `relaxes` does so in a rest, too: see `resting`.
+    """
+    last = max((k for k, i in enumerate(instants) if i.asked), default=-1)
+    still = SAME * max((abs(i.travel) for i in instants), default=0.0)
+    out: list[Instant] = []
+    t, s, began = 0.0, 0.0, 0.0
+    for i in instants[: last + 1]:
+        count = max(1, int(np.ceil(abs(i.travel - s) / largest - 1e-9)))
+        for k in range(1, count):
+            out.append(Instant(t + (i.time - t) * k / count, s + (i.travel - s) * k / count, False))
+        if abs(i.travel - s) > still:
+            began = i.time
+        elif relaxes:
+            out += [Instant(began + since, s, False) for since in resting(t - began, i.time - began)]
+        out.append(i)
+        t, s = i.time, i.travel
+    return out
+
+
+def resting(since: float, until: float) -> list[float]:
+    """Times (s) since a rest began that part it between two others: a third of `until` and a ninth, if so long."""
+    return [v for v in (until / SLOWER**2, until / SLOWER) if v > since]

@@ -1,0 +1,1 @@
+"""Equilibrium: linear solvers, Newton and its modifications, load steps with and without history."""

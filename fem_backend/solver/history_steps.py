@@ -1,0 +1,210 @@
+"""A programme followed step by step, for bodies whose answer hangs on the way: friction, relaxation, softening."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fem_backend.contact import tractions
+from fem_backend.contact.tractions import Before
+from fem_backend.materials.stress import History
+from fem_backend.solver import load_steps, rigid_motions
+from fem_backend.solver.load_steps import Control, Instant, Point, Start, Stopped
+from fem_backend.solver.newton import Counters, Equilibrium, Load, NotConverged, System
+
+PASSES = 8  # of friction limited by the pressure of the pass before, at most
+AGREE = 0.05  # of the force: limits that are near enough
+STUCK = 1e6  # times the shear modulus: a pressure whose friction holds everything
+
+
+@dataclass(frozen=True)
+class Reached:
+    """What a path goes on from: time (s), travel (mm), displacement and its rate per travel (n, 3), material history.
+
+    `before` is how each pair touched at the end of the step, `pressures` (MPa) are its pressures.
+    """
+
+    time: float
+    travel: float
+    u: np.ndarray
+    rate: np.ndarray
+    history: History | None
+    before: tuple[Before, ...]
+    pressures: list[np.ndarray]
+
+
+def follow(
+    system: System, start: Start, instants: Sequence[Instant], control: Control, counters: Counters,
+    u: np.ndarray, history: History | None = None, touching: float | None = None,
+) -> list[Point]:  # fmt: skip
+    """Equilibria at the asked instants where the way matters: friction, viscoelasticity, softening.
+
+    Between asked instants the penalty alone keeps the bodies apart (kept multipliers would let the pressures of the
+    many contact points drift apart).  At an asked instant the multipliers are a side branch: the path goes on from the
+    state without them.  A step without equilibrium is halved.  Raises Stopped with what was reached.
+
+    Friction counts from rest: the first step of a body that may turn begins with everything stuck that touches, at a
+    travel `touching` (mm) where that has to be sought.  Let slip before, it would lie against the wall of its bowl; so
+    it does where even that does not hold it.
+    """
+    here, first = _rest(system, start(0.0), u, history), None
+    if touching is not None:
+        try:
+            first = _held(system, start(touching), here, touching, control, counters)
+        except Stopped as error:
+            if error.cause == "time_limit":
+                raise
+            u = load_steps.seat(smooth(system), start(touching), u, control, counters)
+            here = _rest(system, start(0.0), u, history)
+    points: list[Point] = []
+    limit, pace = load_steps.BRISK, np.inf  # mm of a step that is likely to succeed
+    for instant in instants:
+        share, begin = 1.0, here.time  # of what is left to this instant
+        while here.time < instant.time:
+            share = min(share, pace / max(abs(instant.travel - here.travel), 1e-300))
+            last = share >= 0.9
+            goal = instant if last else _between(here, instant, share)
+            guess = load_steps.ahead(system, here.u, (goal.travel - here.travel) * here.rate)
+            guess = guess if first is None or here.time > 0.0 else first
+            load = _rubbing(system, replace(start(goal.travel), history=here.history, dt=goal.time - here.time), here)
+            try:
+                found, load, point = _step(system, load, guess, here, goal, control, counters, limit)
+            except NotConverged as error:
+                counters.cutbacks += 1
+                share *= 0.5
+                pace = 0.5 * abs(goal.travel - here.travel) or pace
+                least = 1 / 64 if system.springs is None else 1 / 8
+                lost = share * (instant.time - here.time) < least * (instant.time - begin)
+                if lost or error.cause == "time_limit":
+                    if not load_steps.may_go_on(system, limit, error):
+                        raise load_steps.stopped(error, here.travel, points, counters) from error
+                    limit, share, pace = load_steps.PATIENT, 1.0, np.inf
+                if share < 0.3:
+                    here = replace(here, rate=np.zeros_like(here.rate))
+                continue
+            counters.steps += 1
+            load_steps.proper(system, found, here.travel, goal.travel, points, counters)
+            points += [] if point is None else [_light(point)]
+            share, pace = 1.0, 1.5 * max(pace, abs(goal.travel - here.travel))
+            here = _arrived(system, load, found, goal)
+    return points
+
+
+def smooth(system: System) -> System:
+    """The system without friction and attraction."""
+    return replace(system, pairs=tuple(replace(p, friction=0.0, adhesion=None) for p in system.pairs))
+
+
+def _rest(system: System, load: Load, u: np.ndarray, history: History | None) -> Reached:
+    """Where a path begins: nothing has moved from u (n, 3), no pair carries a traction."""
+    x = system.body.nodes + u
+    before = tuple(
+        tractions.remember(p, x, touch, tractions.evaluate(replace(p, friction=0.0), x, touch))
+        for p, touch in zip(system.pairs, load.touches, strict=True)
+    )
+    return Reached(0.0, 0.0, u, np.zeros_like(u), history, before, [np.zeros_like(t.multiplier) for t in load.touches])
+
+
+def _held(system: System, load: Load, here: Reached, dt: float, control: Control, counters: Counters) -> np.ndarray:
+    """Displacement (n, 3) of a body at rest in its bowl with everything stuck that touches."""
+    load = _rubbing(system, replace(load, history=here.history, dt=dt), here, _stuck(system, load))
+    return load_steps.seat(system, load, here.u, control, counters)
+
+
+def _between(here: Reached, instant: Instant, share: float) -> Instant:
+    """A share of what is left to an instant."""
+    return Instant(
+        here.time + share * (instant.time - here.time), here.travel + share * (instant.travel - here.travel), False
+    )
+
+
+def _step(
+    system: System, load: Load, guess: np.ndarray, here: Reached, goal: Instant, control: Control, counters: Counters,
+    limit: int,
+) -> tuple[Equilibrium, Load, Point | None]:  # fmt: skip
+    """Equilibrium at the end of a step from which the path goes on, its load, and the answer where one is asked for."""
+    rolls, crude = rigid_motions.rolls(system), None
+    if system.springs is not None:  # a body that may slide far: friction by the pressure before
+        limits = _stuck(system, load) if rolls else here.pressures
+        crude, crude_load = _rested(system, load, guess, here, limits, control, counters, limit)
+        guess = crude.evaluation.u
+        load = _rubbing(system, load, here, [c.pressure for c in crude.evaluation.contacts])
+    if goal.asked:
+        patient = limit == load_steps.PATIENT
+        point = load_steps.settle(system, [guess], load, goal.travel, control, counters, goal.time, loose=patient)
+        found = point.stages[0].equilibrium
+        return replace(found, rate=crude.rate) if rolls else found, load, point
+    try:
+        found = load_steps.find(system, guess, load, control.between, counters, limit)
+        found = replace(found, rate=crude.rate) if rolls else found
+    except NotConverged as error:
+        if not rolls or error.cause == "time_limit":
+            raise
+        counters.loose += 1  # a body that hardly resists is followed to 1 % of the force there
+        found, load = crude, crude_load
+    return replace(found, linear=None, known=None), load, None
+
+
+def _arrived(system: System, load: Load, found: Equilibrium, goal: Instant) -> Reached:
+    at = found.evaluation
+    x = system.body.nodes + at.u
+    before = tuple(
+        tractions.remember(p, x, touch, c) for p, touch, c in zip(system.pairs, load.touches, at.contacts, strict=True)
+    )
+    return Reached(goal.time, goal.travel, at.u, found.rate, at.history, before, [c.pressure for c in at.contacts])
+
+
+def _stuck(system: System, load: Load) -> list[np.ndarray]:
+    """Pressures (MPa) by which friction holds everything that touches."""
+    return [np.full_like(t.multiplier, STUCK * system.material.shear_modulus) for t in load.touches]
+
+
+def _rubbing(system: System, load: Load, here: Reached, pressures: Sequence[np.ndarray] | None = None) -> Load:
+    """The load with the start of the step on every pair with friction, and the pressures (MPa) that limit it."""
+    touches = []
+    for k, (pair, touch) in enumerate(zip(system.pairs, load.touches, strict=True)):
+        before = None if pair.friction == 0.0 else here.before[k]
+        if before is not None:
+            before = replace(before, met=tractions.met(pair, before, touch))
+        if before is not None and pressures is not None:
+            before = replace(before, pressure=pressures[k])
+        touches.append(replace(touch, before=before))
+    return replace(load, touches=tuple(touches))
+
+
+def _rested(
+    system: System, load: Load, u: np.ndarray, here: Reached, limits: Sequence[np.ndarray], control: Control,
+    counters: Counters, limit: int,
+) -> tuple[Equilibrium, Load]:  # fmt: skip
+    """Equilibrium to 1 % of the force and its load, friction limited by pressures `limits` (MPa) of a solution before.
+
+    A body that may turn is looked for again with the pressures found, from everything stuck on down, until these and
+    the limits agree: what is at rest stays there where it can, and what slides does so under its own pressure.  Where
+    they do not in PASSES, the step counts as a loose one.  The rate is that of the first of them: the next step begins
+    with everything stuck again, and what it would be while sliding leads that far astray.
+    """
+    turns, rate = rigid_motions.rolls(system), None
+    for _ in range(PASSES if turns else 1):
+        load = _rubbing(system, load, here, limits)
+        found = load_steps.find(system, u, load, control.loose, counters, limit)
+        rate = found.rate if rate is None else rate
+        found = replace(found, linear=None, known=None)  # a matrix each
+        u, last, limits = found.evaluation.u, limits, [c.pressure for c in found.evaluation.contacts]
+        weights = [p.surface.weights for p in system.pairs]
+        off = sum(float((w * np.abs(p - q)).sum()) for w, p, q in zip(weights, limits, last, strict=True))
+        if off <= AGREE * sum(float((w * p).sum()) for w, p in zip(weights, limits, strict=True)):
+            break
+    else:
+        counters.loose += turns
+    return replace(found, rate=rate), load
+
+
+def _light(point: Point) -> Point:
+    """The point without what only the next step needs of its first stages: strains and history, megabytes each."""
+    stages = []
+    for stage in point.stages[:-1]:
+        at = replace(stage.equilibrium.evaluation, H=np.empty(0), history=None)
+        stages.append(replace(stage, equilibrium=replace(stage.equilibrium, evaluation=at)))
+    return replace(point, stages=(*stages, point.stages[-1]))

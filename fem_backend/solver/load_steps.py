@@ -1,0 +1,338 @@
+"""Travel of the indenter in steps with a predictor and cut-back, for bodies whose answer does not hang on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fem_backend.solver import modified_newton, newton, rigid_motions
+from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
+
+BRISK, PATIENT = 15, 40  # iterations of Newton at most: on the way, and where nothing else is left to try
+NOTHING: Known = (None, None)  # no factor is known, old ones may be used
+LOOSER = (1.0, 10.0, 100.0)  # times the residual that is left when seated
+CARRYING = 4  # augmentations of a bowl under the weight: 1e-3 mm and less are left of what it sinks in by
+SEATING = (1e5, 1e4, 1e3, 1e2, 1e1, 1.0)  # factors of the grounding springs until the support carries the body
+
+
+@dataclass(frozen=True)
+class Control:
+    """Numerical settings of a run; lengths in mm for R = 3 mm, see `scaled`.
+
+    `first` and `largest` step, `path` the largest where the answer depends on the way.  Relative residuals: travelling
+    (elastic `loose`, else `between`), when seated, between augmentations (`medium`) and at the end of them (`tight`).
+    Augmentations of the multipliers at asked travels; smallest step as a fraction of the first; process time after
+    which a run is given up (s).
+    """
+
+    first: float = 0.15
+    largest: float = 0.6
+    path: float = 0.34
+    loose: float = 1e-2
+    between: float = 1e-4
+    seating: float = 1e-5
+    medium: float = 1e-6
+    tight: float = 1e-9
+    augmentations: int = 1
+    smallest: float = 0.02
+    time_limit_s: float = 900.0
+
+    def scaled(self, R: float) -> Control:
+        """Steps for an indenter of radius R (mm)."""
+        k = R / 3.0
+        return replace(self, first=k * self.first, largest=k * self.largest, path=k * self.path)
+
+    def soft(self) -> Control:
+        """Without multipliers, and no tighter than the penalty is right."""
+        return replace(self, augmentations=0, tight=self.medium)
+
+
+@dataclass(frozen=True)
+class Instant:
+    """A moment of a programme: time (s), travel (mm), whether an answer is asked for."""
+
+    time: float
+    travel: float
+    asked: bool
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One of the solutions that lead to an asked point: equilibrium and its load (multipliers of the stage before)."""
+
+    equilibrium: Equilibrium
+    load: Load
+
+
+@dataclass(frozen=True)
+class Point:
+    """Equilibrium at an asked moment: time (s), travel (mm), the stages of its multipliers (the last one counts)."""
+
+    time: float
+    travel: float
+    stages: tuple[Stage, ...]
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """The final state."""
+        return self.stages[-1].equilibrium.evaluation
+
+    @property
+    def load(self) -> Load:
+        """The final load."""
+        return self.stages[-1].load
+
+    @property
+    def force(self) -> np.ndarray:
+        """Force of the modelled part of the specimen on the indenter (3,) N."""
+        return self.evaluation.contact.force
+
+    @property
+    def residual(self) -> float:
+        """What is left of the outer forces, as a share, at the worst of the stages."""
+        return max(stage.equilibrium.history[-1] for stage in self.stages)
+
+    @property
+    def previous_force(self) -> np.ndarray:
+        """The same before the last augmentation."""
+        return self.stages[max(len(self.stages) - 2, 0)].equilibrium.evaluation.contact.force
+
+
+class Stopped(ArithmeticError):
+    """The run ended early: cause class, message, points reached (`reached` is the result of them), residual history."""
+
+    reached: Any = None
+
+    def __init__(
+        self, cause: str, message: str, points: list[Point], history: tuple[float, ...], counters: Counters
+    ) -> None:
+        super().__init__(message)
+        self.cause, self.points, self.history, self.counters = cause, points, history, counters
+
+
+Start = Callable[[float], Load]
+Guess = Callable[[float], Sequence[np.ndarray] | None]  # states (n, 3) at the stages of an asked travel, or fewer
+Watch = Callable[[Stage, bool], None]  # called at each stage, and whether it is the last, while its factor is alive
+
+
+def find(
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = PATIENT,
+    known: Known | None = None,
+) -> Equilibrium:  # fmt: skip
+    """Equilibrium from u (n, 3) by Newton in `limit` iterations; a body in a bowl that is lost rolls there.
+
+    A body that may turn does so at once, in three times as many factorisations.  Raises NotConverged.
+    """
+    if not rigid_motions.rolls(system):
+        try:
+            return newton.solve(system, u, load, tolerance, counters, limit, known)
+        except NotConverged as error:
+            if system.springs is None or error.cause == "time_limit":
+                raise
+    return rigid_motions.solve(system, u, load, tolerance, counters, 3 * limit)
+
+
+def find_tight(
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, known: Known | None = None
+) -> Equilibrium:
+    """As `find`, with the body's tangent kept where old ones may be used and the system can be condensed.
+
+    That pays where many iterations follow each other at one place.  Raises NotConverged.
+    """
+    if known is not None and system.condense is not None:
+        try:
+            return modified_newton.solve(system, u, load, tolerance, counters, known)
+        except NotConverged as error:
+            if error.cause == "time_limit":
+                raise
+        known = NOTHING
+    return find(system, u, load, tolerance, counters, PATIENT, known)
+
+
+def ahead(system: System, u: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Displacement (n, 3) after a predicted step (n, 3), whose rigid part is made as one where the body may turn."""
+    return rigid_motions.moved(rigid_motions.motion(system.body), u, step) if rigid_motions.rolls(system) else u + step
+
+
+def seat(system: System, load: Load, u: np.ndarray, control: Control, counters: Counters) -> np.ndarray:
+    """Displacement (n, 3) with the grounding springs softened step by step until the contacts carry the body.
+
+    A body that may turn is sought less tightly where it finds no rest otherwise, and counts as a loose one.
+    Raises Stopped.
+    """
+    try:
+        for factor in SEATING:
+            u = find(system, u, replace(load, springs=factor), control.loose, counters).evaluation.u
+        return _resting(system, load, u, control.seating, control, counters).evaluation.u
+    except NotConverged as error:
+        raise Stopped(error.cause, f"while seating: {error}", [], error.history, counters) from error
+
+
+def carried(
+    system: System, load: Load, u: np.ndarray, control: Control, counters: Counters
+) -> tuple[np.ndarray, Load]:  # fmt: skip
+    """Displacement (n, 3) of a seated body, and its load, once multipliers λ ← p take what its weight sinks in by.
+
+    Raises Stopped.
+    """
+    tolerance = min(control.medium, control.seating)
+    try:
+        at = newton.evaluate(system, u, load)
+        for _ in range(CARRYING):
+            load = newton.augmented(system, load, at)
+            at = _resting(system, load, at.u, tolerance, control, counters).evaluation
+    except NotConverged as error:
+        raise Stopped(error.cause, f"while seating: {error}", [], error.history, counters) from error
+    return at.u, load
+
+
+def _resting(
+    system: System, load: Load, u: np.ndarray, tolerance: float, control: Control, counters: Counters
+) -> Equilibrium:
+    """Equilibrium as tight as a body that may turn is found at all; raises NotConverged."""
+    wanted = max(tolerance, control.seating) if rigid_motions.rolls(system) else tolerance
+    allowed = [min(k * wanted, max(control.loose, wanted)) for k in (LOOSER if rigid_motions.rolls(system) else (1.0,))]
+    for allow in dict.fromkeys(allowed):
+        try:
+            return find(system, u, load, allow, counters)
+        except NotConverged as error:
+            if error.cause == "time_limit":
+                raise
+            counters.loose += 1
+            lost = error
+    raise lost
+
+
+def travel(
+    system: System, start: Start, asked: Sequence[float], control: Control, counters: Counters,
+    u: np.ndarray | None = None, guess: Guess | None = None, watch: Watch | None = None,
+) -> list[Point]:  # fmt: skip
+    """Equilibria of a conservative system at the `asked` travels (mm, increasing) from the state u (n, 3) at travel 0.
+
+    `start(s)` is the load at travel s without multipliers.  Between asked travels the state only has to be near: the
+    answer at an asked travel does not depend on the way there, and `guess(s)` may offer states to start from.
+    Raises Stopped with what was reached.
+    """
+    limit = BRISK
+    u = np.zeros_like(system.body.nodes) if u is None else u
+    rate, here, step = np.zeros_like(u), 0.0, control.first
+    amiss = np.zeros_like(u)  # of what is offered, at the travel before
+    points: list[Point] = []
+    for target in asked:
+        offered = guess(target) if guess is not None else None
+        if offered is not None:
+            near = [state + amiss for state in offered]
+            try:
+                points.append(settle(system, near, start(target), target, control, counters, 0.0, watch, NOTHING))
+            except NotConverged as error:
+                if error.cause == "time_limit":
+                    raise stopped(error, target, points, counters) from error
+            else:
+                proper(system, points[-1].stages[-1].equilibrium, here, target, points[:-1], counters)
+                u, rate, here = _end(points[-1], target)
+                amiss = u - offered[0]
+                continue
+        known = NOTHING
+        while here < target - 1e-12:
+            goal = target if here + 1.2 * step >= target else here + step
+            try:
+                guessed = ahead(system, u, (goal - here) * rate)
+                found = find(system, guessed, start(goal), control.loose, counters, limit, NOTHING)
+            except NotConverged as error:
+                counters.cutbacks += 1
+                step = 0.5 * (goal - here)
+                if step < control.smallest * control.first or error.cause == "time_limit":
+                    if not may_go_on(system, limit, error):
+                        raise stopped(error, here, points, counters) from error
+                    limit, step = PATIENT, control.first
+                rate = rate if step > control.first / 4 else np.zeros_like(rate)
+                continue
+            counters.steps += 1
+            proper(system, found, here, goal, points, counters)
+            easy = len(found.history) <= 5
+            step = min((goal - here) * (1.6 if easy else 1.0), control.largest) if goal < target else step
+            u, rate, here = found.evaluation.u, found.rate, goal
+            known = found.known
+        try:
+            points.append(settle(system, [u], start(target), target, control, counters, 0.0, watch, known, loose=True))
+        except NotConverged as error:
+            raise stopped(error, target, points, counters) from error
+        proper(system, points[-1].stages[-1].equilibrium, here, target, points[:-1], counters)
+        u, rate, here = _end(points[-1], target)
+    return points
+
+
+def proper(
+    system: System, found: Equilibrium, here: float, goal: float, points: list[Point], counters: Counters
+) -> None:
+    """Raise Stopped where the displacements between two travels (mm) are beyond small strains.
+
+    With ε = sym ∇u, a line element shrinks to nothing at 1 + ε_min ≤ 0 and the body turns over at det(I + ∇u) ≤ 0: no
+    motion has such gradients, whatever its forces.
+    """
+    if not system.material.small_strain:
+        return
+    H = found.evaluation.H
+    shortest = 1.0 + float(np.linalg.eigvalsh(0.5 * (H + np.swapaxes(H, -1, -2)))[..., 0].min())
+    least = float(np.linalg.det(np.eye(3) + H).min())
+    if min(shortest, least) <= 0.0:
+        raise Stopped(
+            "inadmissible", f'law = "linear_elastic": small-strain kinematics end between {here:.4g} and {goal:.4g} mm '
+            f"of travel, where det(I + grad u) = {least:.3g} and 1 + the smallest strain = {shortest:.3g}; take a law "
+            "of finite strain, such as neo_hookean, or smaller depths", points, found.history, counters,
+        )  # fmt: skip
+
+
+def may_go_on(system: System, limit: int, error: NotConverged) -> bool:
+    """Whether a body that is lost in its bowl after `limit` iterations may be looked for with more patience."""
+    return system.springs is not None and limit < PATIENT and error.cause != "time_limit"
+
+
+def _end(point: Point, travel: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """State, rate and travel to go on from: those before the multipliers, which the next step does not have."""
+    first = point.stages[0].equilibrium
+    return first.evaluation.u, first.rate, travel
+
+
+def stopped(error: NotConverged, here: float, points: list[Point], counters: Counters) -> Stopped:
+    """The end of a run beyond a travel `here` (mm), with the class of its cause."""
+    kept = ("inversion", "time_limit", "instability")
+    cause = error.cause if error.cause in kept else "step_limit"
+    return Stopped(cause, f"no equilibrium beyond {here:.4g} mm ({error})", points, error.history, counters)
+
+
+def settle(
+    system: System, starts: Sequence[np.ndarray], load: Load, target: float, control: Control, counters: Counters,
+    time: float = 0.0, watch: Watch | None = None, known: Known | None = None, loose: bool = False,
+) -> Point:  # fmt: skip
+    """Tight equilibrium at an asked travel, multipliers λ ← p a fixed number of times (Uzawa); `known` as in Newton.
+
+    Of the states `starts` (n, 3) the first is where the search begins, the others tell what each stage will move.
+    A body that hardly resists being turned may be left with a residual of `control.loose`, and counts as a loose one,
+    if nothing else is left to try (`loose`).
+    Raises NotConverged.
+    """
+    stages: list[Stage] = []
+    u = starts[0]
+    for k in range(control.augmentations + 1):
+        tolerance = control.tight if k == control.augmentations or known is not None else control.medium
+        try:
+            found = find_tight(system, u, load, tolerance, counters, known)
+        except NotConverged as error:
+            if not loose or not rigid_motions.rolls(system) or error.cause == "time_limit":
+                raise
+            counters.loose += 1
+            found = find(system, u, load, control.loose, counters)
+        known = found.known if known is not None else None
+        stages.append(Stage(found, load))
+        if watch is not None:
+            watch(stages[-1], k == control.augmentations)
+        found = replace(found, linear=None, known=None)  # a matrix each
+        stages[-1] = Stage(found, load)
+        u, load = found.evaluation.u, newton.augmented(system, load, found.evaluation)
+        if k + 1 < len(starts):
+            u = u + (starts[k + 1] - starts[k])
+    return Point(time, target, tuple(stages))

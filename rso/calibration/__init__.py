@@ -1,0 +1,1 @@
+"""`rso run`: plan, runs, surrogates, search, verification, identification, prediction of held-out tests, results."""

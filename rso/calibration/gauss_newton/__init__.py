@@ -1,0 +1,1 @@
+"""`[search] method = "gauss_newton"`: parameters identified straight on simulations, with their derivatives."""

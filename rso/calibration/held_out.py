@@ -1,0 +1,79 @@
+"""Experiments that are not fitted: what was measured of every compared channel, and what a run says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rso.calibration.plan import Plan
+from rso.calibration.readings import measured
+from rso.contract import Case, Response
+from rso.core.curves import ahead, loading
+from rso.evaluation import Task
+from rso.study.cases import mark_channel
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """Readings (n,) of one channel from contact on, with the covariance (n, n) of their errors; depth in mm.
+
+    `simulated` names the channel of a response behind each: of a profile, whose places are in `position` (n, 2) mm
+    (else None), that of its mark.
+    """
+
+    experiment: str
+    channel: str
+    unit: str
+    depth: np.ndarray
+    value: np.ndarray
+    covariance: np.ndarray
+    simulated: np.ndarray
+    position: np.ndarray | None
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """Standard uncertainty (n,) of each reading."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def knows(self, response: Response, knob: str) -> bool:
+        """Whether a response has the derivatives by a knob behind every reading."""
+        return all(c in response.gradients.get(knob, {}) for c in set(self.simulated.tolist()))
+
+    def read(self, response: Response, knob: str = "") -> np.ndarray:
+        """What a run has at the readings (n,), or with a `knob` its derivatives by it."""
+        found = np.zeros_like(self.depth)
+        for channel in dict.fromkeys(self.simulated.tolist()):
+            curve, mine = response.curve(channel), self.simulated == channel
+            y = np.asarray(response.gradients[knob][channel]) if knob else curve.value
+            found[mine] = loading(curve.travel_mm, y)(np.minimum(self.depth[mine], curve.travel_mm.max()))
+        return found
+
+    def error(self, response: Response) -> np.ndarray:
+        """Estimated numerical error (n,) of what a run has there."""
+        found = np.zeros_like(self.depth)
+        for channel in dict.fromkeys(self.simulated.tolist()):
+            curve, mine = response.curve(channel), self.simulated == channel
+            on = ahead(curve.travel_mm)
+            found[mine] = np.interp(self.depth[mine], curve.travel_mm[on], curve.error[on])
+        return found
+
+
+def kept(plan: Plan, name: str) -> tuple[Kept, ...]:
+    """Every compared channel of an experiment."""
+    found = []
+    for channel in plan.study.experiment(name).compared:
+        curve = measured(plan, name, channel)
+        on = curve.depth > 0
+        place = None if curve.position is None else curve.position[on]
+        behind = [channel] * int(on.sum()) if place is None else [mark_channel(p) for p in place]
+        C = curve.covariance[np.ix_(on, on)]
+        found.append(Kept(name, channel, curve.unit, curve.depth[on], curve.value[on], C, np.array(behind), place))
+    return tuple(found)
+
+
+def task(plan: Plan, name: str, values: Mapping[str, float]) -> Task:
+    """The simulation of an experiment, alone."""
+    case: Case = plan.validation[name] if name in plan.validation else plan.cases[plan.case_of[name]]
+    return Task(values, case, frozenset(c for k in kept(plan, name) for c in k.simulated.tolist()))

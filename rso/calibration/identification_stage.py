@@ -1,0 +1,283 @@
+"""Identification of a study: what its measured curves say about the parameters, recomputed until it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rso.calibration.confirmed_optimum import Settled, covered, evidence, settle
+from rso.calibration.finished_runs import finished
+from rso.calibration.plan import Plan
+from rso.calibration.readings import curve_data
+from rso.calibration.search_stage import Found
+from rso.calibration.stages import Bench, Run
+from rso.calibration.unstated_errors import unstated
+from rso.core.units import spaced
+from rso.doe import Box
+from rso.emulation.emulator import Emulator
+from rso.evaluation import Task
+from rso.evaluation.store import RunStore
+from rso.inference import (
+    Determination,
+    Fit,
+    Known,
+    MetricMinimum,
+    Place,
+    compare_weightings,
+    curve_score,
+    downhill,
+    lenient,
+    minimise,
+    with_usual,
+)
+from rso.inference.identifiability import doubt
+from rso.inference.verdict import REFUTED, Word, physical
+
+NOISELESS = 1e-4  # of the largest value: readings that scatter less are computed ones
+METRICS = ("nrmse", "mre", "rrmse")
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """Data and what they determine; best fits by weighting, minima by metric."""
+
+    places: tuple[Place, ...]
+    determination: Determination
+    weightings: dict[str, Fit]
+    metrics: dict[str, tuple[MetricMinimum, ...]]
+
+
+def identify(plan: Plan, emulator: Emulator, found: Sequence[Found], store: RunStore) -> Identified:
+    """What follows from the likelihood, every finished run heard: intervals, verdicts, best fits by weighting, minima
+    by metric."""
+    now = evidence(plan, emulator, found)
+    misfit, near = now.misfit, now.near
+    model, data, seed = misfit.model, misfit.data, plan.seed
+    wanted = dict.fromkeys([plan.study.search.metric, *METRICS])
+    minima = {
+        m: minimise(curve_score(model, data, m), model.box, seed=seed, near=near, steps=downhill(model, data, m))
+        for m in wanted
+    }
+    runs, _ = finished(plan, emulator, store, misfit, now.places)
+    determination = with_usual(now.determined(plan, runs, mcmc=True), seed)
+    return Identified(now.places, determination, compare_weightings(misfit, near, seed=seed), minima)
+
+
+def of_identification(plan: Plan, found: Identified, settled: Settled) -> dict[str, Any]:
+    """identification, determined."""
+    box, d = found.determination.misfit.model.box, found.determination
+    first = d.fit
+    return {
+        "identification": {
+            "level": 0.9,
+            "data": [{"experiment": p.experiment, "channel": p.channel, "points": len(p.depth)} for p in found.places],
+            "values": _values(plan, box, first.x),
+            "chi2": first.chi2,
+            "degrees": d.degrees,
+            "p_value": d.p_value,
+            "noise_degrees": float(d.misfit.freedom) if np.isfinite(d.misfit.freedom) else None,
+            "scale": d.scale,
+            "story": d.story,
+            "recomputed": {
+                "agreement": settled.agreement,
+                "chi2": settled.chi2,
+                "chi2_bare": settled.chi2_bare,
+                "p_value_bare": settled.p_bare,
+                "verified": settled.verified,
+                "open": list(settled.open),
+            },
+            "other_minima": [{"values": _values(plan, box, m.x), "chi2": m.chi2} for m in d.others],
+            "parameters": [_known(box, k, known) for k, known in enumerate(d.known)],
+            "directions": [{"change": dict(v.change), "sd": v.sd, "story": v.story} for v in d.directions],
+            "gains": [{"test": g.test, "before": dict(g.before), "after": dict(g.after)} for g in d.gains],
+            "mcmc": None
+            if d.draws is None
+            else {
+                "method": d.draws.method,
+                "draws": len(d.draws.X),
+                "steps": d.draws.steps,
+                "tau": d.draws.tau,
+                "independent": d.draws.independent,
+                "r_hat": d.draws.r_hat,
+                "converged": d.draws.enough,
+            },
+            "weightings": [{"weighting": w, "values": _values(plan, box, f.x)} for w, f in found.weightings.items()],
+            "metrics": [
+                {"metric": name, "minima": [{"values": _values(plan, box, m.x), "value": m.value} for m in minima]}
+                for name, minima in found.metrics.items()
+            ],
+        },
+        "determined": {k.name: _determined(box, n, k) for n, k in enumerate(d.known)},
+    }
+
+
+def identification(
+    bench: Bench, emulator: Emulator, found: Sequence[Found], best: tuple[str, int] | None,
+    meanwhile: Sequence[Task] = (),
+) -> tuple[dict[str, Any], tuple[Run, ...], list[str], Determination | None]:  # fmt: skip
+    """Two parts of results.json, the runs made for them, warnings, what they tell; `best` is a search and a place.
+
+    What is wanted later may be run `meanwhile`.
+    """
+    plan = bench.plan
+    try:
+        settled = settle(bench, emulator, found, meanwhile)
+        plan = bench.around_failures(settled.emulator.group.reference is not None).plan
+        done = identify(plan, settled.emulator, found, bench.store)
+        done = replace(done, determination=doubted(done.determination, settled))
+    except (ValueError, np.linalg.LinAlgError) as error:
+        return not_identified(plan, str(error)), (), [f"identification: {error}"], None
+    d = done.determination
+    chi2, p = (d.fit.chi2, d.p_value) if settled.chi2_bare is None else (settled.chi2_bare, settled.p_bare)
+    warnings = [f"identification: {text}" for text in (d.warning, lenient(chi2, d.degrees, p)) if text]
+    warnings += [*unstated(d), *_noiseless(plan, done.places, d)]
+    if settled.agreement is None:
+        warnings.append("identification: the most likely point could not be recomputed, its run has no answer")
+    elif not settled.verified:
+        warnings.append(
+            f"identification: recomputed, the most likely curve differs from its prediction by up to "
+            f"{100 * settled.agreement:.2g} % of its largest value, and its χ² is {settled.chi2:.3g} where "
+            f"{d.fit.chi2:.3g} is expected: the surrogates are not good enough for what the data say"
+        )
+    elif settled.open:
+        more = f" and {len(settled.open) - 2} more" if len(settled.open) > 2 else ""
+        warnings.append(
+            f"identification: after {len(settled.runs)} runs the surrogates are not good enough for what the data say "
+            f"at {'; '.join(settled.open[:2])}{more}"
+        )
+    elif _hides_much(d, settled) and f"identification: {d.story}" not in warnings:
+        warnings.append(f"identification: {d.story}")
+    if d.draws is not None and not d.draws.enough:
+        why = d.draws.doubt or f"only {d.draws.independent:.0f} of its draws are independent"
+        text = f"identification: the chain of the posterior has not converged: {why}; its intervals are not given"
+        warnings.append(text)
+    if d.refuting:
+        warnings.append(
+            f"identification: {len(d.refuting)} finished run(s) agree with the data at values that the surrogates "
+            "exclude; their values are in the intervals, and what they refute is not called determined"
+        )
+    if best is not None:
+        values = next(f.result.candidates[best[1]].values for f in found if f.plan.name == best[0])
+        warnings += _far(d, f"{best[0]} {best[1] + 1}", values)
+    return of_identification(plan, done, settled), settled.runs, warnings, d
+
+
+def _hides_much(d: Determination, settled: Settled) -> bool:
+    """Whether the model agrees with the data only by what the surrogates may be off by, and misses them widely."""
+    much = settled.chi2_bare is not None and settled.chi2_bare > REFUTED**2 * d.degrees
+    return settled.verified and much and covered(d.p_value, settled.p_bare)
+
+
+def doubted(d: Determination, settled: Settled) -> Determination:
+    """What is known, with no parameter called determined where simulations do not confirm what the surrogates say, or
+    where what these may be off by hides a misfit of more than `REFUTED` times the errors; no p-value where
+    it hides any.
+    """
+    hidden = _hides_much(d, settled)
+    if settled.verified and settled.chi2_bare is not None and covered(d.p_value, settled.p_bare):
+        text = (
+            f"χ² = {d.fit.chi2:.3g} for {d.degrees} degrees of freedom by errors that hold what surrogates may be off "
+            f"by, {settled.chi2_bare:.3g} of the recomputed curve without it: whether the model fits cannot be said."
+        )
+        d = replace(d, p_value=None, story=text)
+    if settled.verified and not settled.open and not settled.poor and not hidden:
+        return d
+    word: Word = "weakly" if settled.verified else "not"
+    why = "They do not know the curves well enough to exclude other values"
+    if hidden and not settled.open:
+        why = "What they may be off by hides a misfit"
+    elif settled.agreement is None:
+        why = "The most likely point has no answer"
+    elif not settled.verified:
+        why = "Simulations do not confirm them"
+    elif settled.poor and not settled.open:
+        why = f"Surrogates of {len(settled.poor)} fitted outputs miss surrogate.tolerance, {settled.poor[0]} among them"
+    why += ': more runs (verify.max_infill, [doe]) or search.method = "gauss_newton" would tell.'
+    return replace(d, known=tuple(doubt(k, word, why) if k.verdict.word == "determined" else k for k in d.known))
+
+
+def _noiseless(plan: Plan, places: Sequence[Place], d: Determination) -> list[str]:
+    """Curves without stated noise whose readings show less than what is added for the computation of the curve."""
+    said = []
+    for p, data in zip(places, d.misfit.data, strict=True):
+        # Usual errors are of the test as a whole, no noise of its readings.
+        shown, data = curve_data(plan, p).as_stated, data.as_stated
+        largest = float(np.abs(data.value).max()) or 1.0
+        seen, whole = (float(np.sqrt(np.mean(v.sigma**2))) / largest for v in (shown, data))
+        if np.isfinite(shown.freedom) and seen < NOISELESS and whole > 2.0 * seen:
+            said.append(
+                f"identification: the readings of {data.name} show no noise ({100 * seen:.1g} % of the largest value); "
+                f"the intervals hold what the computed curve may be off by, {100 * whole:.1g} %, between the computed "
+                "depths for one. Real readings scatter: state noise under the experiment"
+            )
+    return said
+
+
+def _far(d: Determination, name: str, values: Mapping[str, float]) -> list[str]:
+    """A candidate that meets its targets may be far from what the whole curves say; half an interval away is said."""
+    box, said = d.misfit.model.box, []
+    x = box.to_unit(np.array([values[n] for n in box.names]))
+    for k, known in enumerate(d.known):
+        i = known.profile_interval
+        if max(i.low - x[k], x[k] - i.high) > 0.5 * (i.high - i.low):
+            low, high = physical(box, k, i)
+            span = f"{low:.4g} to {high:.4g}{spaced(box.units[k])}"
+            said.append(f"{known.name} = {values[known.name]:.4g} (the curves: {span})")
+    if not said:
+        return []
+    return [
+        f"the best candidate, {name}, is not what the whole curves say: {', '.join(said)}; its search knows only the "
+        "targets, more of them would bring it closer"
+    ]
+
+
+def not_identified(plan: Plan, reason: str) -> dict[str, Any]:
+    """The same where nothing could be identified."""
+    story = "Nothing can be said about {}: {}."
+    unknown = {
+        n: {"determined": False, "interval": [None, None], "story": story.format(n, reason)} for n in plan.box.names
+    }
+    return {"identification": None, "determined": unknown}
+
+
+# ------------------------------------------------------------------------------------------------------ pieces
+
+
+def _values(plan: Plan, box: Box, x: np.ndarray) -> dict[str, float]:
+    return {**dict(zip(box.names, map(float, box.from_unit(x)), strict=True)), **plan.resolved.fixed}
+
+
+def _known(box: Box, k: int, known: Known) -> dict[str, Any]:
+    p, X = known.profile, np.tile(np.full(box.d, 0.5), (len(known.profile.at), 1))
+    X[:, k] = p.at
+    ends = [w for w, at in (("lower", known.profile_interval.at_low), ("upper", known.profile_interval.at_high)) if at]
+    return {
+        "parameter": known.name,
+        "value": known.value,
+        "verdict": known.verdict.word,
+        "digits": known.verdict.digits,
+        "sd_log": known.sd_log,
+        "interval": list(physical(box, k, known.profile_interval)),
+        "as_stated": None if known.as_stated is None else list(physical(box, k, known.as_stated.interval)),
+        "usual_errors": {} if known.as_stated is None else dict(known.as_stated.shares),
+        "bounds": ends,
+        "laplace": list(physical(box, k, known.laplace)),
+        "mcmc": None if known.mcmc is None else list(physical(box, k, known.mcmc)),
+        "agreement": known.agreement,
+        "noise_factor": known.verdict.noise_factor,
+        "profile": {"values": box.from_unit(X)[:, k], "rise": p.rise, "change": p.change, "sigma": p.sigma},
+        "story": known.story,
+        "reason": known.reason,
+    }
+
+
+def _determined(box: Box, k: int, known: Known) -> dict[str, Any]:
+    interval = list(physical(box, k, known.profile_interval))
+    return {
+        "determined": known.verdict.word == "determined",
+        "interval": interval,
+        "story": f"{known.story} {known.reason}".strip(),
+    }

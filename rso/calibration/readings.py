@@ -1,0 +1,105 @@
+"""The measured curves of a study: which are compared, where, with which errors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rso.calibration.plan import Plan
+from rso.contract import Response
+from rso.core.curves import ahead, between
+from rso.data import MeasuredCurve, combine
+from rso.emulation.emulator import Output
+from rso.inference import Data, Place, resample, together
+
+
+def fitted_curves(plan: Plan, role: str) -> list[tuple[str, str]]:
+    """(experiment, channel) of the force curves of a role; a study always has one to fit."""
+    every = [e for e in plan.study.experiments if e.role == role and e.kind == "force"]
+    return [(e.name, c) for e in every for c in e.compared]
+
+
+def measured(plan: Plan, name: str, channel: str) -> MeasuredCurve:
+    """A channel of an experiment, its repeats combined."""
+    curve = plan.curves[name]
+    if curve.channel == channel:
+        return curve
+    return combine(plan.study.measurement(name), plan.study.noise_of(name), channel)
+
+
+def label(plan: Plan, name: str, channel: str) -> str:
+    """What a compared curve is called: its experiment, and where it is not the first of that the channel too."""
+    return name if channel == plan.study.experiment(name).compared[0] else f"{name} {channel}"
+
+
+def compared(plan: Plan) -> dict[str, tuple[str, MeasuredCurve]]:
+    """Label → experiment and measured curve of every channel that is compared of the experiments to fit and select."""
+    pairs = [(n, c) for n in plan.case_of for c in plan.study.experiment(n).compared]
+    return {label(plan, n, c): (n, measured(plan, n, c)) for n, c in pairs}
+
+
+def placed(plan: Plan, name: str, channel: str) -> Place:
+    """Where a curve was measured, from contact on."""
+    depth = measured(plan, name, channel).depth
+    return Place(name, channel, depth[depth > 0])
+
+
+def curve_data(plan: Plan, place: Place) -> Data:
+    """A measured curve with what repeats and the experimenter say about its errors."""
+    curve = measured(plan, place.experiment, place.channel)
+    keep = curve.depth > 0
+    several = len(plan.study.experiment(place.experiment).compared) > 1
+    label = f"{place.experiment} {place.channel}" if several else place.experiment
+    return as_data(label, place.experiment, curve, keep)
+
+
+def as_data(label: str, experiment: str, curve: MeasuredCurve, keep: np.ndarray) -> Data:
+    """A measured curve at the readings to `keep` (n,); errors that its channels share are of the experiment's own."""
+    C = curve.covariance[np.ix_(keep, keep)]
+    every = {"calibration"}  # one cell for all experiments
+    shared = {n if n in every else f"{experiment}: {n}": s[keep] for n, s in curve.shared.items()}
+    white = None if curve.white is None else curve.white[keep]
+    left = {n if n in every else f"{experiment}: {n}": U[keep] for n, U in curve.usual.items()}
+    return Data(
+        label, curve.unit, curve.depth[keep], curve.value[keep], C, curve.freedom, shared, white, usual=left,
+        itself=curve.n_repeats == 1,
+    )  # fmt: skip
+
+
+def curve_outputs(plan: Plan) -> list[Output]:
+    """The outputs of the plan that belong to compared channels."""
+    wanted = {(e, c) for r in ("fit", "select") for e, c in fitted_curves(plan, r)}
+    return [o for o in plan.outputs if (o.experiment, o.channel) in wanted]
+
+
+def numerical(plan: Plan, answer: tuple[Response, ...], place: Place, data: Data) -> np.ndarray:
+    """Estimated numerical error (n,) at the measured depths, in proportion to the size of the measured curve."""
+    response = answer[plan.case_of[place.experiment]]
+    error = error_at(response, place)
+    largest = float(np.abs(resample(response, place, "")).max())
+    return error if largest == 0.0 else error * float(np.abs(data.value).max()) / largest
+
+
+def of_interpolation(place: Place, travel: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Covariance (n, n) at the measured depths of what the spline through a curve computed at `travel` (m,) mm may be
+    off by; it belongs together between two of these."""
+    off = between(travel, value, place.depth)
+    spacing = float(np.median(np.diff(np.append(0.0, travel))))
+    return together(place.depth, off, spacing) if off.any() else np.zeros((len(off), len(off)))
+
+
+def interpolated(response: Response, place: Place) -> np.ndarray:
+    """The same of a response."""
+    curve = response.curve(place.channel)
+    used = ahead(curve.travel_mm)
+    return of_interpolation(place, curve.travel_mm[used], np.asarray(curve.value)[used])
+
+
+def error_at(response: Response, place: Place) -> np.ndarray:
+    """Estimated numerical error (n,) of a channel at the measured depths; between travels it grows as u^{3/2}.
+
+    It is no share of the value: a lateral force may vanish on its way, and its error does not.
+    """
+    curve = response.curve(place.channel)
+    used = ahead(curve.travel_mm)
+    u = curve.travel_mm[used]
+    return np.interp(place.depth, u, curve.error[used] / u**1.5) * place.depth**1.5

@@ -1,0 +1,122 @@
+"""What lies in the results folder beside the store: results.json and runs.csv."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from rso.contract import plain
+from rso.core import disk
+from rso.study.errors import StudyError
+
+OWNER = "study"  # file of a results folder that says whose they are
+STORE = "runs.sqlite"  # see rso.evaluation.store
+_FORMULA = ("=", "+", "-", "@", "＝", "＋", "－", "＠")
+STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "validate")
+
+
+def earlier(path: Path, begun: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Results that an earlier call left for the same study, data and backend as those that are `begun`; else None."""
+    try:
+        found = disk.read_json(path)
+        same = all(found[k] == begun[k] for k in ("schema", "outputs"))
+        same &= _as_stated(found["parameters"]) == _as_stated(begun["parameters"])
+        same &= all(found["backend"][k] == begun["backend"][k] for k in ("name", "numerics"))
+        same &= all(found["provenance"][k] == begun["provenance"][k] for k in ("rso", "study_sha256", "data_sha256"))
+        return found if same and found["stage"] in STAGES and isinstance(found["timings"], dict) else None
+    except (OSError, ValueError, LookupError, TypeError):  # there is none, or somebody wrote something else there
+        return None
+
+
+def _as_stated(parameters: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Without the ranges that a search has widened."""
+    return [{k: v for k, v in p.items() if k not in ("low", "high")} for p in parameters]
+
+
+def claim(folder: Path, study: Path) -> None:
+    """Note whose results a folder holds; StudyError where they are those of another study that still exists.
+
+    The study file is noted as it is found from the folder, so that both may be moved together.
+    """
+    owner, mine = _owner(folder), _seen_from(folder, study)
+    if owner and owner != mine and (folder / owner).exists():
+        words = f"{folder} holds the results of another study, {os.path.normpath(folder / owner)}"
+        raise StudyError([f"{study}: {words}: choose another --out; --store {folder} shares its simulations"])
+    if owner != mine:
+        folder.mkdir(parents=True, exist_ok=True)
+        disk.replace(folder / OWNER, mine + "\n")
+
+
+def may_be_moved(folder: Path, study: Path, inputs: Iterable[Path]) -> None:
+    """StudyError unless a folder that is there holds results, those of this study, and none of its `inputs`."""
+    owner = _owner(folder)
+    others = owner and owner != _seen_from(folder, study) and (folder / owner).exists()
+    inside = [f for f in (study, *inputs) if f.resolve().is_relative_to(folder.resolve())]
+    if others:
+        why = f"holds the results of another study, {os.path.normpath(folder / owner)}"
+    elif inside:
+        why = f"holds {inside[0]}, from which the study is read"
+    elif not (owner or (folder / STORE).is_file()) and any(folder.iterdir()):
+        why = f"is no folder of results: it has neither {STORE} nor the note {OWNER!r}"
+    else:
+        return
+    raise StudyError([f"{study}: --fresh moves no folder but that of this study's results: {folder} {why}: "
+                      "choose another --out"])  # fmt: skip
+
+
+def _owner(folder: Path) -> str:
+    """The study file whose results a folder holds, as it is found from there; empty where nothing says so."""
+    try:
+        return disk.read(folder / OWNER, 10_000).decode("utf-8").strip()
+    except (OSError, ValueError):
+        return ""
+
+
+def _seen_from(folder: Path, study: Path) -> str:
+    return os.path.relpath(study.absolute(), folder)
+
+
+def write(path: Path, results: Mapping[str, Any]) -> dict[str, Any]:
+    """Replace the file in one step, so that a reader never sees half of it; returns what was written, plain."""
+    data = plainly(results)
+    disk.replace(path, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False))
+    return data
+
+
+def plainly(results: Mapping[str, Any]) -> dict[str, Any]:
+    """The same as JSON can say it."""
+    data: dict[str, Any] = _finite(plain(results))
+    return data
+
+
+def write_runs(path: Path, found: Mapping[str, Any]) -> None:
+    """All runs as a table: state, values with units, outputs; empty cells where a run has no answer."""
+    units = {p["name"]: p["unit"] for p in found["parameters"]}
+    rows = [
+        {k: r[k] for k in ("key", "purpose", "state", "cause", "reason", "wall_s", "cpu_s")}
+        | {f"{n} [{units.get(n, '')}]": v for n, v in r["values"].items()}
+        | r["outputs"]
+        for r in found["runs"]
+    ]
+    table = [{_cell(k): _cell(v) for k, v in row.items()} for row in rows]
+    disk.replace(path, pd.DataFrame(table).to_csv(index=False, lineterminator="\n"))
+
+
+def _cell(value: Any) -> Any:
+    """A cell that no spreadsheet takes for a formula: text that begins like one has an apostrophe before it."""
+    return f"'{value}" if isinstance(value, str) and value.lstrip().startswith(_FORMULA) else value
+
+
+def _finite(data: Any) -> Any:
+    """NaN and infinities become null: JSON has no word for them."""
+    if isinstance(data, dict):
+        return {k: _finite(v) for k, v in data.items()}
+    if isinstance(data, list):
+        return [_finite(v) for v in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data

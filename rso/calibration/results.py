@@ -1,0 +1,464 @@
+"""results.json: what every stage found, as documented in docs/results.md; written after each stage."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import importlib.metadata
+import math
+import os
+import platform
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import rso
+from rso.calibration.plan import Plan, SearchPlan
+from rso.calibration.range_extension import Step
+from rso.calibration.readings import compared, measured
+from rso.calibration.search_stage import Found, Validation, baselines, mean_over_design, simulated_curves
+from rso.calibration.stages import Design, Fitted, Run, why
+from rso.calibration.stated_settings import extraordinary, unresolved
+from rso.contract import plain
+from rso.core import disk
+from rso.core.curves import ahead
+from rso.data import MeasuredCurve, sheet_of
+from rso.emulation import Scores
+from rso.emulation.emulator import Emulator, Output
+from rso.emulation.feasibility import Region
+from rso.evaluation import Outcome
+from rso.evaluation.store import Done
+from rso.optimise.targets import Checked
+from rso.study.cases import remarks
+from rso.study.schema import Study
+
+SCHEMA = 1
+LOUD = 3.0  # times its noise: what a lateral force must be to count in the choice of the best candidate
+GRID = 41  # points a side of a drawn response surface
+PACKAGES = ("numpy", "scipy", "scikit-learn", "pymoo", "scikit-fem", "pytetwild", "pymetis", "numba", "pypardiso")
+
+
+def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
+    """The part that is known before anything runs."""
+    study = plan.study
+    return {
+        "schema": SCHEMA,
+        "stage": "plan",
+        "study": {
+            "title": study.study.title, "file": study.file.name, "seed": study.study.seed, "units": study.study.units,
+        },
+        "backend": {
+            "name": plan.backend.name, "numerics": plan.backend.numerics, "settings": plain(study.backend.settings),
+        },
+        "parameters": parameters(plan, plan),
+        "experiments": [_experiment(plan, e.name) for e in study.experiments if e.name in plan.curves],
+        "outputs": [_output(o) for o in (*plan.outputs, *plan.extras)],
+        "verify": {"tolerance": study.verify.tolerance, "max_infill": study.verify.max_infill},
+        "metric": study.search.metric,
+        "baseline": {e: dataclasses.asdict(m) for e, m in baselines(plan).items()},
+        "warnings": [
+            *(f"{e.name}, {doubt}" for e in study.experiments for doubt in study.measurement(e.name).doubts),
+            *extraordinary(plan),
+            *unresolved(plan),
+        ],
+        "timings": {},
+        "provenance": {
+            "rso": rso.__version__,
+            "python": platform.python_version(),
+            "packages": _versions(),
+            "command": command,
+            "study_sha256": _sha(study.file),
+            "data_sha256": data_hashes(study),
+            "artefacts": {},
+            "started": started,
+            "finished": None,
+            "cores": os.cpu_count(),
+            "jobs": jobs,
+            "solver": None,
+        },
+    }  # fmt: skip
+
+
+def of_design(plan: Plan, design: Design) -> dict[str, Any]:
+    """design and the runs so far."""
+    table = plan.study.doe
+    needed = sum(r.purpose in ("design", "held_out", "proof") for r in design.runs)
+    saved = max(0, len(design.asked) + table.held_out - needed) if design.similar else 0
+    return {
+        "design": {
+            "kind": table.kind,
+            "asked": len(design.asked),
+            "points": [plan.values(x) for x in design.asked],
+            "held_out": table.held_out if any(r.purpose == "held_out" for r in design.runs) else 0,
+            "similarity": {
+                "applied": design.similar,
+                "story": design.story,
+                "reference": plan.group.reference if design.similar else None,
+                "runs_saved": saved,
+                "proof": [dataclasses.asdict(p) for p in design.proofs],
+            },
+        },
+        "runs": [run for r in design.runs for run in _runs(plan, r)],
+    }
+
+
+def foretelling_runs(runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """Rows of `runs` for single cases that none of the outputs belongs to."""
+    return [_row(o, r.purpose, r.values, {}) for r in runs for o in r.outcomes]
+
+
+def rows_of(plan: Plan, runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """Rows of `runs`."""
+    return [row for r in runs for row in _runs(plan, r)]
+
+
+def added_runs(plan: Plan, fitted: Fitted) -> list[dict[str, Any]]:
+    """Rows of `runs` for the points that were added to make the surrogates good enough."""
+    return [row for r in fitted.added for row in _runs(plan, r)]
+
+
+def of_surrogates(plan: Plan, design: Design, fitted: Fitted) -> dict[str, Any]:
+    """surrogates, surfaces, mean_over_runs."""
+    emulator = fitted.emulator
+    rows = []
+    for output in emulator.outputs:
+        model = emulator.surrogates.get(output.id)
+        rows.append(
+            {
+                "output": output.id,
+                "unit": output.unit,
+                "kind": "exact" if model is None else model.kind,
+                "story": "similarity leaves no dimension: one run says all" if model is None else model.story,
+                "n": len(emulator.samples),
+                "spread": emulator.spread(output),
+                "cross_validation": None if model is None else _scores(model.cv),
+                "held_out": _scores(fitted.held_out.get(output.id)),
+            }
+        )
+    shown = list(dict.fromkeys([*plan.searches[0].outputs, *(o for o in emulator.outputs if o in plan.extras)]))
+    return {
+        "surrogates": rows,
+        "surfaces": [_surface(plan, emulator, o) for o in shown],
+        "mean_over_runs": {e: dataclasses.asdict(m) for e, m in mean_over_design(plan, design, emulator).items()},
+    }
+
+
+def of_searches(plan: Plan, found: list[Found], audit: Sequence[Step]) -> dict[str, Any]:
+    """searches, best, closest; `audit` is that of the first; the runs of candidates are added by the caller."""
+    first = best(plan, found)
+    near = closest(found) if first is None else None
+    return {
+        "searches": [_search(plan, f, () if k else audit) for k, f in enumerate(found)],
+        "best": _named(first),
+        "closest": _named(near),
+    }
+
+
+def _named(place: tuple[str, int] | None) -> dict[str, str] | None:
+    return None if place is None else {"search": place[0], "candidate": f"{place[0]} {place[1] + 1}"}
+
+
+def of_region(plan: Plan, region: Region | None, runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """feasible: where runs have an answer, and a map over the first two open parameters."""
+    failed = {r["key"]: r["cause"] for r in runs if r["state"] == "failed"}
+    shown: dict[str, Any] = {
+        "failed": len(failed), "causes": dict(Counter(failed.values())), "share_infeasible": 0.0, "story": "",
+        "map": None,
+    }  # fmt: skip
+    if region is not None and region.model is not None:
+        shown["share_infeasible"], shown["story"] = region.share(plan.box, plan.seed), region.story()
+        if plan.box.d > 1:
+            x, y, X = _grid(plan)
+            theta = dict(zip(plan.box.names, plan.box.from_unit(X).T, strict=True))
+            shown["map"] = {"x": x, "y": y, "probability": region.probability(theta).reshape(GRID, GRID)}
+    return {"feasible": shown}
+
+
+def candidate_runs(plan: Plan, found: Found) -> list[dict[str, Any]]:
+    """Rows of `runs` for the infill of a search (candidates of its earlier rounds), then for its candidates."""
+    last = [c.values for c in found.result.candidates]
+    earlier = [Run("infill", c.values, c.outcomes) for c in found.result.earlier if c.values not in last]
+    candidates = [Run("candidate", c.values, c.outcomes) for c in found.result.candidates]
+    return [row for run in (*earlier, *candidates) for row in _runs(plan, run)]
+
+
+def validation_runs(found: list[Validation]) -> list[dict[str, Any]]:
+    """Rows of `runs` for the experiments kept for the end."""
+    rows = [_row(v.outcome, "validate", v.values, {}) for v in found]
+    return list({r["key"]: r for r in rows}.values())  # channels of one experiment are one run
+
+
+def of_validation(found: list[Validation]) -> dict[str, Any]:
+    """validation."""
+    rows = []
+    for v in found:
+        cause, reason = why(v.outcome)
+        rows.append(
+            {
+                "experiment": v.kept.experiment, "channel": v.kept.channel, "unit": v.kept.unit, "search": v.search,
+                "candidate": f"{v.search} {v.candidate + 1}", "state": type(v.outcome).__name__.lower(),
+                "cause": cause, "reason": reason, "depth": v.kept.depth, "measured": v.kept.value,
+                "sigma": v.kept.sigma, "predicted": [] if v.predicted is None else v.predicted,
+                "numerical_error": [] if v.error is None else v.error,
+                "metrics": None if v.metrics is None else dataclasses.asdict(v.metrics),
+                "position": _position(v.kept.position),
+            }
+        )  # fmt: skip
+    return {"validation": rows}
+
+
+def best(plan: Plan, found: list[Found]) -> tuple[str, int] | None:
+    """Search and place of the candidate with the smallest study metric, averaged over the fitted curves.
+
+    Only those are asked that are verified, meet every target and violate no constraint.
+    """
+    metric, telling = plan.study.search.metric, _telling(plan)
+    scored = [
+        (float(np.mean([getattr(m, metric) for n, m in scores.items() if n in telling])), f.plan.name, k)
+        for f in found
+        for k, (c, scores) in enumerate(zip(f.result.candidates, f.metrics, strict=True))
+        if c.verified and c.meets and scores
+    ]
+    scored = [s for s in scored if math.isfinite(s[0])]
+    if not scored:
+        return None
+    _, name, k = min(scored)
+    return name, k
+
+
+def closest(found: Sequence[Found]) -> tuple[str, int] | None:
+    """Search and place of the candidate that comes closest to what is demanded: constraints first, then targets."""
+    every = [
+        (
+            max((d.size for d in c.checked if d.kind != "target"), default=0.0),
+            max((d.size for d in c.checked if d.kind == "target"), default=0.0), f.plan.name, k,
+        )
+        for f in found
+        for k, c in enumerate(f.result.candidates)
+        if c.state == "done"
+    ]  # fmt: skip
+    return min(every)[2:] if every else None
+
+
+def _telling(plan: Plan) -> set[str]:
+    """Curves that a relative error says something about: a lateral force that is only noise about zero is none."""
+    loud = {n for n, (_, c) in compared(plan).items() if np.sum(c.value**2) > LOUD**2 * np.sum(c.sigma**2)}
+    return {*plan.case_of, *loud}
+
+
+# ------------------------------------------------------------------------------------------------------ pieces
+
+
+def parameters(stated: Plan, plan: Plan) -> list[dict[str, Any]]:
+    """parameters, with the ranges of the study file and those that the main search came to use."""
+    opened, written = ({a.name: a for a in p.resolved.axes} for p in (plan, stated))
+    rows = []
+    for p in plan.backend.parameters:
+        axis, fixed = opened.get(p.name), plan.resolved.fixed.get(p.name)
+        if axis is not None or fixed is not None:
+            rows.append(
+                {
+                    "name": p.name, "description": p.description, "unit": p.unit,
+                    "low": axis.low if axis else fixed, "high": axis.high if axis else fixed,
+                    "log": bool(axis and axis.scale == "log"), "fixed": fixed,
+                    "stated": [written[p.name].low, written[p.name].high] if axis else [fixed, fixed],
+                }
+            )  # fmt: skip
+    return rows
+
+
+def _experiment(plan: Plan, name: str) -> dict[str, Any]:
+    e, curve, said = plan.study.experiment(name), plan.curves[name], remarks(plan.study, name)
+    others = [measured(plan, name, c) for c in e.compared[1:]]
+    return {
+        "name": name, "role": e.role, "kind": e.kind, "channel": curve.channel, "unit": curve.unit,
+        "settings": plan.study.settings_of(name), "file": e.files,
+        "notes": [*said, *plan.study.measurement(name).notes], "remarks": len(said),
+        "n_repeats": curve.n_repeats,
+        "measured": _measured(curve),
+        "others": [{"channel": c.channel, "unit": c.unit, "measured": _measured(c)} for c in others],
+    }  # fmt: skip
+
+
+def _measured(c: MeasuredCurve) -> dict[str, Any]:
+    return {"depth": c.depth, "value": c.value, "sigma": c.sigma, "position": _position(c.position)}
+
+
+def _position(places: np.ndarray | None) -> list[list[float]]:
+    return [] if places is None else [[float(x), float(y)] for x, y in places]
+
+
+def _output(o: Output) -> dict[str, Any]:
+    return {"id": o.id, "experiment": o.experiment, "channel": o.channel, "depth_mm": o.depth_mm, "unit": o.unit}
+
+
+def _runs(plan: Plan, run: Run) -> list[dict[str, Any]]:
+    rows = []
+    for k, outcome in enumerate(run.outcomes):
+        outputs = {}
+        if isinstance(outcome, Done):
+            mine = [o for o in (*plan.outputs, *plan.extras) if plan.case_of[o.experiment] == k]
+            outputs = {o.id: o.read(outcome.response) for o in mine}
+        rows.append(_row(outcome, run.purpose, run.values, outputs))
+    return rows
+
+
+def _row(outcome: Outcome, purpose: str, values: Mapping[str, float], outputs: Mapping[str, float]) -> dict[str, Any]:
+    cause, reason = why(outcome)
+    return {
+        "key": outcome.key, "purpose": purpose, "state": type(outcome).__name__.lower(), "values": dict(values),
+        "outputs": dict(outputs), "cause": cause, "reason": reason, "wall_s": getattr(outcome, "wall_s", None),
+        "cpu_s": getattr(outcome, "cpu_s", None),
+    }  # fmt: skip
+
+
+def _surface(plan: Plan, emulator: Emulator, output: Output) -> dict[str, Any]:
+    """One output over the first two open parameters (or the only one), the others in the middle."""
+    box, d = plan.box, plan.box.d
+    x, y, X = _grid(plan)
+    mean, sd = emulator.predict(output, X)
+    middle = box.from_unit(np.full((1, d), 0.5))[0]
+    return {
+        "output": output.id,
+        "unit": output.unit,
+        "x": x,
+        "y": y,
+        "mean": mean.reshape(-1, GRID),
+        "sd": sd.reshape(-1, GRID),
+        "others": {box.names[k]: middle[k] for k in range(2, d)},
+    }
+
+
+def _grid(plan: Plan) -> tuple[dict[str, Any], dict[str, Any] | None, np.ndarray]:
+    """Ticks of the first two open parameters and all points (n, d) of the unit cube between them, a row per y."""
+    box, d = plan.box, plan.box.d
+    t = np.linspace(0.0, 1.0, GRID)
+    X = np.full((GRID if d == 1 else GRID * GRID, d), 0.5)
+    X[:, 0] = t if d == 1 else np.tile(t, GRID)
+    if d > 1:
+        X[:, 1] = np.repeat(t, GRID)
+    ticks = box.from_unit(np.tile(t[:, None], (1, d)))
+    x, *y = ({"parameter": box.names[k], "values": ticks[:, k]} for k in range(min(d, 2)))
+    return x, (y[0] if y else None), X
+
+
+def _search(plan: Plan, found: Found, audit: Sequence[Step]) -> dict[str, Any]:
+    choice, front = found.result.choice, found.front
+    return {
+        "name": found.plan.name,
+        "targets": [dataclasses.asdict(g) for g in found.plan.goals],
+        "ranges": {a.name: [a.low, a.high] for a in found.plan.axes},
+        "kind": choice.kind,
+        "reachable": choice.reachable,
+        "story": found.story,
+        "front": {"values": [plan.values(x) for x in front.X], "objectives": front.F},
+        "candidates": [_candidate(plan, found, k) for k in range(len(found.result.candidates))],
+        "infill": found.result.infill,
+        "verified": found.result.verified,
+        "met": any(c.meets for c in found.result.candidates),
+        "audit": [_step(plan, s) for s in audit],
+    }
+
+
+def _step(plan: Plan, s: Step) -> dict[str, Any]:
+    unit = None if s.parameter is None else plan.box.units[plan.box.names.index(s.parameter)]
+    return {
+        "round": s.round, "what": s.what, "why": s.why, "parameter": s.parameter, "end": s.end, "from": s.before,
+        "to": s.after, "unit": unit, "runs": s.runs,
+    }  # fmt: skip
+
+
+def _candidate(plan: Plan, found: Found, k: int) -> dict[str, Any]:
+    c, goals = found.result.candidates[k], {o.id: g for o, g in zip(found.plan.outputs, found.plan.goals, strict=True)}
+    emulator = found.result.emulator
+    errors = {}
+    if c.state == "done":
+        for name, index in plan.case_of.items():
+            for o in emulator.outputs:
+                if o.experiment == name:
+                    errors[o.id] = o.error(c.outcomes[index].response)
+    shown = list(dict.fromkeys([*found.plan.outputs, *(o for o in emulator.outputs if o in plan.extras)]))
+    return {
+        "name": f"{found.plan.name} {k + 1}",
+        "values": dict(c.values),
+        "state": c.state,
+        "outputs": [
+            {
+                "output": o.id, "predicted": c.predicted[o.id][0], "sd": c.predicted[o.id][1],
+                "recomputed": c.recomputed.get(o.id), "numerical_error": errors.get(o.id),
+                "target": goals[o.id].value if o.id in goals else None,
+            }
+            for o in shown
+        ],
+        "agreement": c.agreement,
+        "verified": c.verified,
+        "worst": c.worst,
+        "meets": c.meets if c.state == "done" else None,
+        "demands": [demand(d) for d in c.checked],
+        "curves": curves_of(plan, c.outcomes) if c.state == "done" else {},
+        "metrics": {e: dataclasses.asdict(m) for e, m in found.metrics[k].items()},
+        "at_bound": at_bound(found.plan, plan, c.values),
+        "extrapolated": extrapolated(plan, emulator, c.values),
+    }  # fmt: skip
+
+
+def demand(d: Checked) -> dict[str, Any]:
+    """One target or constraint and how a candidate meets it; `words` only where it does not."""
+    return {
+        "kind": d.kind, "output": d.output, "demand": d.demand, "value": d.value, "miss": d.miss,
+        "tolerance": d.tolerance, "unit": d.unit, "met": d.met, "words": None if d.met else str(d),
+    }  # fmt: skip
+
+
+def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Every compared curve in runs that are done."""
+    found = {}
+    for name, (experiment, _, curve) in simulated_curves(plan, outcomes).items():
+        loading = ahead(curve.travel_mm)
+        found[name] = {
+            "experiment": experiment, "channel": curve.channel, "depth": curve.travel_mm[loading],
+            "value": curve.value[loading], "error": curve.error[loading],
+        }  # fmt: skip
+    return found
+
+
+def extrapolated(plan: Plan, emulator: Emulator, values: Mapping[str, float]) -> bool:
+    """Whether a point lies outside the convex hull of the runs that the surrogates learnt from."""
+    x = plan.box.to_unit(np.array([[values[n] for n in plan.box.names]]))
+    return bool(emulator.beyond(np.clip(x, 0.0, 1.0))[0])
+
+
+def at_bound(search: SearchPlan, plan: Plan, values: Mapping[str, float]) -> list[str]:
+    """Parameters within 1 % of the width of the search's range of one of its ends."""
+    x = plan.box.to_unit(np.array([[values[n] for n in plan.box.names]]))[0]
+    width = np.maximum(search.high - search.low, 1e-12)
+    near = np.minimum(np.abs(x - search.low), np.abs(search.high - x)) < 0.01 * width
+    return [n for n, close in zip(plan.box.names, near, strict=True) if close]
+
+
+def _scores(scores: Scores | None) -> dict[str, Any] | None:
+    if scores is None:
+        return None
+    return {k: getattr(scores, k) for k in ("rmse", "max_abs", "relative_rmse", "q2", "n")}
+
+
+def _versions() -> dict[str, str]:
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def data_hashes(study: Study) -> dict[str, str]:
+    """SHA-256 of every data file, whichever of its sheets is read."""
+    return {f: _sha(sheet_of(study.folder / f)[0]) for e in study.experiments for f in e.data}
+
+
+def _sha(path: Path) -> str:
+    return hashlib.sha256(disk.read(path)).hexdigest()

@@ -1,0 +1,289 @@
+"""What `rso check` says: what would run, how much of it, and about how long.  Nothing is computed."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import shlex
+from pathlib import Path
+
+import numpy as np
+
+from rso import discrepancy
+from rso.calibration import confirmed_optimum, required_runs, stated_settings
+from rso.calibration.cost_model import Pace, pace
+from rso.calibration.gauss_newton.iteration import ENDS
+from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
+from rso.calibration.predictive_check import unfitted
+from rso.contract import Programme
+from rso.core.units import spaced
+from rso.data import SEGMENTS, MeasuredCurve, Measurement, usual_errors
+from rso.discrepancy.study_diagnosis import ask
+from rso.evaluation import Task
+from rso.model_selection import Level
+from rso.model_selection.candidate_models import STUDY, axes_of, rungs_of
+from rso.optimal_design import study_design
+from rso.study import cases
+from rso.study.cases import by_hertz
+from rso.study.errors import Problem, study_error
+from rso.study.schema import ExperimentTable, Study
+
+CORNERS = 6  # open parameters up to which all corners of their ranges are looked at
+ENCRYPTED = ("tls://", "wss://")  # schemes of Dask's addresses
+FAR = 5.0  # times: held thin bodies are up to three times as stiff as a half-space
+
+
+def check(study: Study, folder: Path, trust: bool, store: Path | None = None, jobs: int | None = None) -> list[str]:
+    """Lines about a loaded study whose results go to `folder`; StudyError for what its backend does not allow.
+
+    Times are those with as many `jobs` at a time, by default those of the study.
+
+    A backend that is not rso's own is code of somebody else: it is loaded only with `trust`.
+    """
+    source = source_of(study)
+    if (why := source.missing()) is not None:
+        place = ("backend", "use" if source.use else "command")
+        raise study_error(study.file, study.lines, [Problem(place, why, source.use)])
+    if not (trust or source.own):
+        what = repr(source.use) if source.use else shlex.join(source.command or ())
+        return [
+            f"{study.file}: good as far as this can be said without its backend",
+            f"  {what} is foreign code and was not loaded: names, units and bounds of the parameters, settings and",
+            "  the number of simulations were not checked; if you trust it: rso check --trust",
+            *(
+                f"  experiment {e.name!r}: {w}"
+                for e in study.experiments
+                for w in stated_settings.replaced(study, e.name)
+            ),
+            *_open_to_others(study),
+        ]
+    plan = make_plan(study)
+    if "ladder" in study.model_fields_set:
+        rungs_of(plan)  # names of levels are known
+    if "next" in study.model_fields_set:
+        study_design.asked(plan, axes_of(plan, Level(STUDY), {}))
+    if (few := required_runs.too_few(plan)) is not None:
+        raise few
+    direct = study.search.method == "gauss_newton"
+    parts, asked = directly(plan) if direct else on_surfaces(plan)
+    total = sum(parts.values())
+    shown = ", ".join(f"{n} {what}" for what, n in parts.items() if n)
+    lines = [f"{study.file}: good", f"  {study.study.title}", *_things(plan), *asked]
+    lines += [f"  similarity: {plan.group.why}", f"  simulations: {total} at most ({shown})" + ("" if direct else ",")]
+    if direct:
+        lines.append("    most descents need 3 to 8 points: they end as soon as a run agrees with its prediction;")
+        lines.append("    ends of intervals are run where they lie far from all of those")
+    else:
+        widening = " and each widening of its ranges" if study.search.repair and plan.searches else ""
+        lines.append(f"    and for the surrogates, each search{widening} up to {study.verify.max_infill} points more")
+        points = confirmed_optimum.ENDS * (2 * plan.box.d + confirmed_optimum.ROUNDS)
+        lines.append(f"    and where these do not know what the data allow up to {points} points")
+    known = pace(plan.backend, store or folder)
+    jobs = jobs or study.dispatch.jobs
+    seconds = known.seconds(_one_of_each(plan)) / len(plan.cases)
+    time = f"{_minutes(total * seconds / jobs)} with {jobs} job(s)"
+    lines.append(f"  {'at most' if direct else 'about'} {time} ({seconds:.3g} s a simulation, {known.basis})")
+    return [*lines, *_diagnosis(study, known, jobs), *_open_to_others(study), f"  results: {folder}"]
+
+
+def _open_to_others(study: Study) -> list[str]:
+    """A warning where simulations go to a scheduler that asks nobody who they are.
+
+    Dask takes no scheme for tcp://.
+    """
+    address = study.dispatch.address
+    if address is None or address.startswith(ENCRYPTED):
+        return []
+    return [
+        f"  warning: dispatch.address = {address!r} has no TLS, so neither encryption nor a password: whoever reaches",
+        "    that scheduler can run code as you there and change what is computed; tls:// with certificates is safe,",
+        "    or a network that only you can reach (docs/cluster.md)",
+    ]
+
+
+def _one_of_each(plan: Plan) -> list[Task]:
+    """A simulation of every case that is fitted, in the middle of the ranges."""
+    values = plan.values(np.full(plan.box.d, 0.5))
+    return [Task(values, case) for case in plan.cases]
+
+
+def _minutes(seconds: float) -> str:
+    return f"{seconds / 60:.1f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def _diagnosis(study: Study, known: Pace, jobs: int) -> list[str]:
+    """What `rso diagnose` would simulate, or why it cannot; StudyError only for a study that asks for it."""
+    try:
+        asked = ask(study)
+        library = [j.task for j in discrepancy.planned(asked.base, asked.plan, asked.effects)]
+    except ValueError as error:
+        if "diagnose" in study.model_fields_set:
+            raise
+        return [f"  rso diagnose: not with this study: {str(error).replace(f'{study.file}:', 'line ', 1)}"]
+    left = [t for t in library if not known.stored(t)]
+    there = f", of which {len(library) - len(left)} are there" if len(left) < len(library) else ""
+    cost = f"a library of {len(library)} simulations at most{there}, {_minutes(known.seconds(left) / jobs)}, made once"
+    lines = [f"  rso diagnose: {len(asked.effects)} effects; {cost}", *(f"    {words}" for words in asked.unseen)]
+    anew, each = discrepancy.planned_rerun(asked.base, asked.plan, asked.effects)
+    if anew:
+        time = _minutes(known.seconds(anew) * each / len(anew) / jobs)
+        count = f"{each:.0f} simulation{'s' * (round(each) != 1)}"
+        lines.append(f"    a cause that it names is computed anew: about {count}, {time}, twice at most")
+    tests = discrepancy.planned_tests(asked.base, asked.plan, asked.effects)
+    if tests:
+        runs = sum(len(found) * share for found, share in tests.values())
+        time = sum(known.seconds(j.task for j in found) * share for found, share in tests.values()) / jobs
+        lines.append(f"    where it names two, {len(tests)} tests that could settle it are computed: about {runs:.0f} "
+                     f"simulations, {_minutes(time)}")  # fmt: skip
+    return lines
+
+
+def on_surfaces(plan: Plan) -> tuple[dict[str, int], list[str]]:
+    """Simulations by purpose of a search on response surfaces, and a line about its design."""
+    study = plan.study
+    similar = plan.group.reference is not None
+    design, held = fe_design(plan, similar)
+    proof = proofs(plan, design) if similar else []
+    cases, candidates, exact = len(plan.cases), study.search.candidates, similar and plan.box.d == 1
+    parts = {
+        "design": cases * len(design),
+        "held out": cases * len(held),
+        "proof": cases * len(proof),
+        "candidates": cases * candidates * len(plan.searches),
+        "identification": 0 if exact else cases * confirmed_optimum.ROUNDS,
+        "validation": candidates * len(plan.validation) + len(unfitted(plan)),
+    }
+    return parts, [f"  design: {study.doe.kind}, {len(full_design(plan))} runs asked + {study.doe.held_out} held out"]
+
+
+def directly(plan: Plan) -> tuple[dict[str, int], list[str]]:
+    """Simulations by purpose of Gauss–Newton on simulations, at most, and lines about where it begins."""
+    table, cases = plan.study.search, len(plan.cases)
+    differences = table.derivatives == "differences"
+    points = cases * table.starts * table.max_runs
+    reduced = plan.box.d - plan.group.saved
+    parts = {
+        "iterates": points,
+        "differences": points * reduced if differences else 0,
+        "proof": cases * plan.group.saved if differences else 0,
+        "ends of intervals": cases * ENDS * 2 * plan.box.d,
+        "validation": len(plan.validation) + len(unfitted(plan)),
+    }
+    begin = ", ".join(f"{k} = {v:g}" for k, v in plan.resolved.start.items()) or "the middle of the ranges"
+    more = f" and {table.starts - 1} more start(s)" if table.starts > 1 else ""
+    whose = "differences between runs" if differences else "the backend's derivatives"
+    return parts, [f"  search: Gauss–Newton on simulations with {whose}, from {begin}{more}; no design, no surrogates"]
+
+
+def _things(plan: Plan) -> list[str]:
+    """Parameters, settings and experiments."""
+    lines = [
+        f"  {a.name}: {a.low:g} to {a.high:g}{spaced(a.parameter.unit)} ({a.scale}), {a.parameter.description}"
+        for a in plan.resolved.axes
+    ]
+    lines += [f"  {name} = {value:g} (fixed)" for name, value in plan.resolved.fixed.items()]
+    lines += [f"  {words}" for words in (*stated_settings.extraordinary(plan), *stated_settings.unresolved(plan))]
+    lines += _refused(plan)
+    lines += stated_settings.of_study(plan)
+    for e in plan.study.experiments:
+        curve = plan.curves[e.name]
+        places = [] if curve.position is None else curve.position.tolist()
+        remarks = cases.remarks(plan.study, e.name)
+        depths, marks = (len(set(x)) for x in (curve.depth.tolist(), map(tuple, places)))
+        what = f"{marks} mark(s) of a profile at " if e.kind == "profile" else ""
+        reach = f"{what}{depths} depth(s) to {curve.depth.max():g} mm, {curve.n_repeats} repeat(s)"
+        lines.append(f"  experiment {e.name!r} ({e.role}): {reach}")
+        measured = plan.study.measurement(e.name)
+        remarks += stated_settings.replaced(plan.study, e.name)
+        unread = f"not read: {', '.join(measured.unread)}" if measured.unread else ""
+        known = (_recorded(measured, curve), _pace(plan, e), *_by_hertz(plan, e.name, curve), _noise(plan.study, e))
+        about = (*known, unread, *remarks)
+        lines += [f"    {words}" for words in about if words]
+        lines += stated_settings.of_experiment(plan, e.name)
+    return lines
+
+
+def _refused(plan: Plan) -> list[str]:
+    """The first corner of the ranges that the backend refuses, and how many there are."""
+    refuses = getattr(plan.backend, "refused", None)
+    if refuses is None or plan.box.d > CORNERS:
+        return []
+    corners = [plan.values(np.array(x)) for x in itertools.product((0.0, 1.0), repeat=plan.box.d)]
+    why = [next(filter(None, (refuses(v, case) for case in plan.cases)), None) for v in corners]
+    first = next((k for k, reason in enumerate(why) if reason), None)
+    if first is None:
+        return []
+    at = ", ".join(f"{a.name} = {corners[first][a.name]:g}" for a in plan.resolved.axes)
+    count = sum(reason is not None for reason in why)
+    return [f"  not modelled in {count} of {len(why)} corners of these ranges, first {at}:",
+            f"    {why[first]};",
+            "    simulations there fail, and rso diagnose has no library without them: narrow the ranges"]  # fmt: skip
+
+
+def _recorded(m: Measurement, curve: MeasuredCurve) -> str:
+    """What a file holds, in words: readings of each branch and the range of the force, or that of the displacements."""
+    if m.kind != "force":
+        return f"{curve.channel} from {curve.value.min():.3g} to {curve.value.max():.3g}{spaced(curve.unit)}"
+    count = {s: sum(int(np.sum(r.segment == s)) for r in m.repeats) for s in SEGMENTS}
+    branches = ", ".join(f"{n} {s}" for s, n in count.items() if n)
+    F = curve.value
+    span = f"{F.min():.3g} to {F.max():.3g}{spaced(curve.unit)}"
+    return f"readings: {branches}; {curve.channel} from {span} while loading"
+
+
+def _pace(plan: Plan, e: ExperimentTable) -> str:
+    """The speed of an experiment and whose word that is, where the backend's answer depends on it."""
+    if e.kind != "force":
+        return ""
+    case = cases.case_for(plan.study, e.name, (float(plan.curves[e.name].depth.max()),))
+    speed, whose = cases.speed_of(plan.study, e.name)
+    slower = dataclasses.replace(case, programme=Programme.ramp(case.programme.asked_mm, 0.1 * speed))
+    example = plan.values(np.full(plan.box.d, 0.5))
+    kept, other = (plan.backend.canonical(example, c)[1].programme.time_s for c in (case, slower))
+    return f"loaded with {speed:.3g} mm/s ({whose})" if kept != other else ""
+
+
+def _by_hertz(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
+    """The modulus of the shallow half of a loading in Hertz's limit, where the backend knows one and Fz was measured:
+    far from its range a unit is wrong, or what is pressed is no half-space."""
+    out = []
+    opened = {a.name for a in plan.resolved.axes} | {k for k, v in plan.resolved.fixed.items() if v}
+    for knob, value in by_hertz(plan.backend, plan.study.settings_of(name), curve).items():
+        if "adhesion" in opened:
+            continue  # Hertz has none
+        if value <= 0.0:
+            n = [e.name for e in plan.study.experiments].index(name)
+            text = (f"Fz falls while the indenter goes deeper: Hertz's limit has {knob} = {value:.2g} MPa, which is no "
+                    "modulus; a sign, a zero, a tensile record, or adhesion: "
+                    "then open `adhesion` in [parameters]")  # fmt: skip
+            raise study_error(plan.study.file, plan.study.lines, [Problem(("experiments", n, "data"), text)])
+        out.append(f"Hertz's limit of its shallow half: {knob} about {value:.2g} MPa")
+        axis = next((a for a in plan.resolved.axes if a.name == knob), None)
+        ends = (axis.low, axis.high) if axis else (plan.resolved.fixed.get(knob),) * 2
+        if None not in ends and not ends[0] / FAR < value < ends[1] * FAR:
+            out.append(f"  that is far from {ends[0]:g} to {ends[1]:g} MPa: are the units of force and depth right?")
+    return out
+
+
+def _noise(study: Study, e: ExperimentTable) -> str:
+    """The stated noise of an experiment in words, and what its record says of its contact."""
+    units = {"uz": "mm", "depth": "mm", "correlation": "mm", "contact": "mm"}
+    units |= {"gain": "of the value, each test by itself", "calibration": "of the value, all experiments alike"}
+    own = {k: v for k, v in e.noise.model_dump().items() if v is not None and v > 0.0}
+    shown = ", ".join(f"{k} {v:g} {units.get(k, 'N')}" for k, v in own.items())
+    found = study.noise_of(e.name).contact if e.noise.contact is None else None
+    said = f"; contact {found:.2g} mm by the record" if found else ""
+    return f"stated noise: {shown or 'none'}{said}{_usual(study, e)}"
+
+
+def _usual(study: Study, e: ExperimentTable) -> str:
+    """What counts of the errors of its tests that nobody has stated."""
+    if e.kind != "force":
+        return ""
+    noise, m = study.noise_of(e.name), study.measurement(e.name)
+    once = noise.of_test(max(float(r.depth.max()) for r in m.repeats))
+    sizes = {"gain": f"gain {100 * once.gain:.2g} %", "contact": f"contact {once.contact:.2g} mm",
+             "correlation": f"{100 * usual_errors.CORRELATED:g} % of the largest force along the depth"}  # fmt: skip
+    each = ", ".join(sizes[n] for n in noise.unstated)
+    less = ", less as far as repeats show less" if len(m.repeats) > 1 else ""
+    return f"; not stated, so usual errors count: {each}{less}" if each else ""

@@ -1,0 +1,43 @@
+"""Measured curves: reading them, averaging repeats, and the measurement chain between the specimen and the file."""
+
+from rso.data import usual_errors
+from rso.data.branches import SEGMENTS
+from rso.data.files.cantilever import Unsaid
+from rso.data.files.columns import CONTACT, Column
+from rso.data.files.reading import Measurement, Repeat, fingerprint, read
+from rso.data.files.workbook import sheet_of
+from rso.data.instrument import CROSS, LATERAL, Chain, Record, correct, record, recorded, yielded
+from rso.data.loading_rate import recorded_speed
+from rso.data.outliers import kept, step_of, without_spikes
+from rso.data.repeats import MeasuredCurve, Noise, combine, value_at
+from rso.data.scatter import memory
+
+__all__ = [
+    "CONTACT",
+    "CROSS",
+    "LATERAL",
+    "SEGMENTS",
+    "Chain",
+    "Column",
+    "MeasuredCurve",
+    "Measurement",
+    "Noise",
+    "Record",
+    "Repeat",
+    "Unsaid",
+    "combine",
+    "correct",
+    "fingerprint",
+    "kept",
+    "memory",
+    "read",
+    "record",
+    "recorded",
+    "recorded_speed",
+    "sheet_of",
+    "step_of",
+    "usual_errors",
+    "value_at",
+    "without_spikes",
+    "yielded",
+]

@@ -1,0 +1,91 @@
+"""The lines of a measurement file: its bytes as text, its comments, cells of a header that have several lines."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from rso.data.files.columns import Row, is_number
+from rso.data.files.workbook import BEGINS, sheet_of, text_of_workbook
+
+MAX_BYTES = 200_000_000
+OLD = b"\xd0\xcf\x11\xe0"  # a workbook as spreadsheets wrote it until 2007
+_BROKEN = 8  # lines that the cells of a header may have
+_OPENS, _CLOSES = re.compile(r'(?:^|[;,\t])\s*"[^"]*$'), re.compile(r'[^"]*"\s*(?:[;,\t]|$)')
+# A cell that a spreadsheet could not show or compute is a bad number, not the begin of a comment.
+_FAULT = re.compile(r"#(?:#+|DIV/0!|N/A|NV|[A-ZÄÖÜ]+[!?])\s*[;,\t]\s*[^\s;,]")
+
+
+def text_of(path: Path) -> tuple[str, list[str]]:
+    """Contents as text, and remarks: UTF-16 with its mark, UTF-8 with or without one, else Latin-1; of a workbook its
+    readings."""
+    path, sheet = sheet_of(path)
+    try:
+        if not path.is_file():
+            raise ValueError(f"{path}: there is no such file" if not path.exists() else f"{path}: is not a file")
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise ValueError(f"{path}: {size / 1e6:.0f} MB is more than the {MAX_BYTES / 1e6:.0f} MB that are read")
+        raw = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror})") from error
+    if raw.startswith(BEGINS):
+        return text_of_workbook(path, raw, sheet)
+    if raw.startswith(OLD):
+        text = "is a workbook of the old kind (.xls) or has a password; save it as .xlsx, without one"
+        raise ValueError(f"{path}: {text}")
+    if sheet and not sheet.isdigit():
+        raise ValueError(f"{path}: is no workbook and has no sheet {sheet!r}")
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        try:
+            raw = raw.decode("utf-16").encode()
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{path}: begins as UTF-16 text and goes on as none; save it as UTF-8") from error
+    if b"\0" in raw and path.suffix.lower() == ".xlsx":
+        raise ValueError(f"{path}: is no workbook that can be read; damaged?")
+    if b"\0" in raw:
+        raise ValueError(f"{path}: is not a text file (it holds zero bytes); a CSV file or a workbook (.xlsx) is "
+                         "expected")  # fmt: skip
+    try:
+        return raw.decode("utf-8-sig"), []
+    except UnicodeDecodeError:
+        return raw.decode("latin-1"), []
+
+
+def lines_of(text: str, comments: list[Row]) -> Iterator[Row]:
+    """Numbered lines that hold more than separators; those of comments, without '#', go to `comments`."""
+    for number, line in enumerate(_joined(text), 1):
+        row = line.strip("\r\n")
+        if row.lstrip().startswith("#") and not _FAULT.match(row.lstrip()):
+            comments.append((number, row.lstrip()[1:].strip()))
+        elif row.strip(' \t;,"'):
+            yield number, row
+
+
+def _joined(text: str) -> Iterator[str]:
+    """Lines, where a cell in quotes has some of its own, "Weg⏎[mm]", as one, and empty ones in place of the others.
+
+    Readings are lines of their own wherever quotes open and close.
+    """
+    held: list[str] = []
+    for line in io.StringIO(text, newline=None):
+        if not held and not (line.count('"') % 2 and _OPENS.search(line)):
+            yield line
+            continue
+        held.append(line)
+        closed = sum(v.count('"') for v in held) % 2 == 0
+        if closed and _CLOSES.match(line) and not any(map(_is_reading, held[1:])):
+            yield " ".join(v.strip("\r\n") for v in held)
+            yield from [""] * (len(held) - 1)
+            held = []
+        elif closed or len(held) > _BROKEN:  # quotes that mean inches
+            yield from held
+            held = []
+    yield from held
+
+
+def _is_reading(line: str) -> bool:
+    """Whether a line holds two numbers and more: no part of a cell, but of a table with a stray quote above."""
+    return sum(map(is_number, re.split("[;,\t]", line.strip()))) > 1

@@ -1,0 +1,554 @@
+"""Reading measured CSV files.  Whatever is wrong is a ValueError naming file, line, column, value and choices.
+
+Header: names with units (:func:`rso.core.units.header`), or what a machine writes there (:class:`rso.data.Column`).
+Separator: semicolon, tab or comma, whichever the header has first in this order, or blanks where none of them parts the
+rows (:mod:`.whitespace_tables`); a decimal comma is understood, between commas in quotes.  Lines that start with
+'#' and lines above the header are notes, but for rows that start with #DIV/0!, #### or another fault of a spreadsheet,
+and a header in the last comment above bare numbers.  Tables beneath one another may be repeats
+(:mod:`rso.data.files.tables`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from rso.core.units import is_counted
+from rso.data import contact_point, curve_shape, force_holds, plausibility
+from rso.data.branches import SEGMENTS, SKIP, segments
+from rso.data.contact_point import Onset
+from rso.data.files import header_aliases, tables
+from rso.data.files.cantilever import bending
+from rso.data.files.cells import (
+    counters,
+    no_summary,
+    no_thousands,
+    number_in,
+    row_of,
+    segment_code,
+    segment_words,
+    within,
+)
+from rso.data.files.columns import (
+    CONTACT,
+    LESS,
+    Column,
+    Head,
+    Row,
+    cells_of,
+    fail,
+    find_head,
+    is_head,
+    of_file,
+    with_less,
+)
+from rso.data.files.commented_header import head_of
+from rso.data.files.lines import lines_of, text_of
+from rso.data.files.rows import rows_of
+from rso.data.files.tables import FORCES
+from rso.data.files.whitespace_tables import parted, width_of
+from rso.data.files.workbook import BEGINS, block_of, sheet_of
+
+DISPLACEMENTS = ("ux", "uy", "uz")
+BOTH = "a pull looks the same where pressing counts as positive"
+SHOWN = 8  # codes of segments that a message shows
+MOSTLY = 0.5  # of the depth: where more was subtracted of it, that is said
+
+
+@dataclass(frozen=True, eq=False)
+class Repeat:
+    """One test as recorded: arrays (n,) in N, mm, s.
+
+    `channels` holds forces (kind force) or x, y and displacements (kind profile); `sigma` the stated standard
+    uncertainty of each reading where the file has such a column; `segment` one of loading, hold, unloading.
+    """
+
+    label: str
+    depth: np.ndarray
+    time: np.ndarray | None
+    channels: Mapping[str, np.ndarray]
+    sigma: Mapping[str, np.ndarray]
+    segment: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """One measured file, or several of one kind: repeats, notes, what is doubtful and which columns are not read.
+
+    `path` is the file, of several the first, `more` the others.  `contact` (mm) is the standard deviation of where the
+    contact of all was found in their records, 0 where it was not sought there; `headers` are what the columns are
+    called in the file; `guessed` whether the signs of depth and force were both turned by their shape.  Notes are
+    comment lines without '#' and what stands above the header.
+    """
+
+    path: Path
+    kind: Literal["force", "profile"]
+    repeats: tuple[Repeat, ...]
+    notes: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()
+    more: tuple[Path, ...] = ()
+    contact: float = 0.0
+    headers: Mapping[str, str] = field(default_factory=dict)
+    guessed: bool = False
+
+    @property
+    def where(self) -> str:
+        """The files in words, for messages about all of them."""
+        return str(self.path) + (f" and {len(self.more)} more" if self.more else "")
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the measured channels (without x and y)."""
+        return tuple(k for k in self.repeats[0].channels if k not in ("x", "y"))
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Columns by name in base units, the label of each row's repeat and segment, and where each row stood.
+
+    `found` are columns whose zero is sought, `position` whether depth is a machine's position, `own` what one mm or N
+    of a column is in the file, `headers` what the columns are called there, `turned` those whose sign was turned,
+    `less` what was subtracted of the depth (n,) mm and `reckoned` that in words.
+    """
+
+    path: Path
+    columns: Mapping[str, np.ndarray]
+    labels: np.ndarray
+    segments: np.ndarray | None
+    line: np.ndarray
+    notes: tuple[str, ...]
+    unread: tuple[str, ...]
+    doubts: tuple[str, ...]
+    found: tuple[str, ...]
+    position: bool
+    own: Mapping[str, tuple[float, str]]
+    headers: Mapping[str, str]
+    turned: tuple[str, ...]
+    less: np.ndarray | None
+    reckoned: tuple[str, ...]
+
+    @cached_property
+    def rows(self) -> dict[str, np.ndarray]:
+        """Indices of the rows of each repeat."""
+        return rows_of(self.labels.tolist())
+
+
+def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] | None = None) -> Measurement:
+    """Read a measured file, or repeats of one test from several; ValueError for what is no clean table of numbers.
+
+    `columns` says by known name which columns of a machine's file are read; without them its header must say it.  Of
+    several files each holds one repeat, or several by its column `repeat`, and all hold the same columns.
+    """
+    paths = [Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path]
+    if not paths:
+        raise ValueError("a measurement needs at least one file")
+    own = [of_file(columns or {}, k, len(paths)) for k in range(len(paths))]
+    found = [_table(p, c, label) for p, c, label in zip(paths, own, _labels(paths), strict=True)]
+    _apart(paths)
+    kinds = [_kind(t, bool(columns)) for t in found]
+    for table, kind in zip(found, kinds, strict=True):
+        if (kind, table.columns.keys()) != (kinds[0], found[0].columns.keys()):
+            raise ValueError(
+                f"{table.path}: repeats need the same columns; it holds {', '.join(table.columns)}, "
+                f"{paths[0].name} holds {', '.join(found[0].columns)}"
+            )
+    each: list[tuple[_Table, Repeat]] = []
+    for table, kind in zip(found, kinds, strict=True):
+        with _reckoned(table):
+            each += [(table, _repeat(table, kind, label)) for label in table.rows]
+    in_air = any(_in_air(table, r) for table, r in each)
+    repeats: list[Repeat] = []
+    everywhere = dict.fromkeys(words for table in found for words in table.doubts)
+    doubts = [f"{', '.join(t.path.name for t in found if words in t.doubts)}: {words}" for words in everywhere]
+    onsets: list[Onset] = []
+    for table, raw in each:
+        with _reckoned(table):
+            r, onset, told = _from_contact(table, raw, in_air)
+            repeats.append(r)
+            doubts += told
+            onsets += [onset] if onset is not None else []
+            if kinds[0] == "force":
+                doubts += [*_plausible(table, r), *_left(table, r)]
+                repeats[-1], said = _without_creep(r)
+                doubts += said
+            elif "uz" in r.channels:
+                doubts += plausibility.profile(r.label, r.depth, r.channels["uz"])
+    if kinds[0] == "force":
+        doubts += plausibility.common([(r.label, r.depth[r.segment == "loading"]) for r in repeats])
+    notes, unread = (tuple(dict.fromkeys(v for t in found for v in getattr(t, k))) for k in ("notes", "unread"))
+    m = Measurement(paths[0], kinds[0], tuple(repeats), notes, tuple(doubts), unread, tuple(paths[1:]), _off(onsets),
+                    found[0].headers, any({"depth", "Fz"} <= set(t.turned) for t in found))  # fmt: skip
+    plausibility.alike(m.where, [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels])
+    for repeat in repeats:
+        if len(repeat.depth) == 1 and len(repeats) > 1 and m.kind == "force":
+            raise ValueError(f"{m.where}: repeat {repeat.label!r} has too few points (1) to be a curve")
+    return m
+
+
+@contextmanager
+def _reckoned(table: _Table) -> Iterator[None]:
+    """Says in every ValueError what was reckoned from the columns of the file."""
+    try:
+        yield
+    except ValueError as error:
+        if not table.reckoned:
+            raise
+        raise ValueError(f"{error} ({'; '.join(table.reckoned)})") from error
+
+
+def _left(table: _Table, r: Repeat) -> list[str]:
+    """What to say of a depth that is the smaller part of what it was reckoned from, at the deepest reading."""
+    if table.less is None:
+        return []
+    less, k = table.less[table.rows[r.label]], int(np.argmax(r.depth))
+    off, depth = float(less[k] - less[int(np.argmin(np.abs(r.depth)))]), float(r.depth[k])
+    if off <= MOSTLY * depth:
+        return []
+    per, unit = table.own["depth"]
+    return [
+        f"repeat {r.label}: at the deepest reading {off * abs(per):.3g} {unit} are subtracted and "
+        f"{depth * abs(per):.3g} {unit} are left: 1 % of what is subtracted is {off / depth:.2g} % of depth"
+    ]
+
+
+def _without_creep(r: Repeat) -> tuple[Repeat, list[str]]:
+    """A repeat up to where it is held at constant force, and what to say of the rest."""
+    found = force_holds.until(r.depth, r.channels["Fz"], r.time, r.segment) if "Fz" in r.channels else None
+    if found is None or found[0] < contact_point.FEWEST:
+        return r, []
+    n, words = found
+    told = (f"repeat {r.label}: {words}, held at constant force or a sensor at its end: creep cannot be expressed yet; "
+            f"the {len(r.depth) - n} readings from there on are left out")  # fmt: skip
+    parts = {k: {c: v[:n] for c, v in getattr(r, k).items()} for k in ("channels", "sigma")}
+    time = None if r.time is None else r.time[:n]
+    return replace(r, depth=r.depth[:n], time=time, segment=r.segment[:n], **parts), [told]
+
+
+def _plausible(table: _Table, r: Repeat) -> list[str]:
+    """Remarks on a force curve; what refuses it says, too, which signs were turned."""
+    lines, force = table.line[table.rows[r.label]], r.channels.get("Fz")
+    try:
+        return plausibility.check(table.path, r.label, r.depth, r.segment, force, r.time, lines, table.segments is None)
+    except ValueError as error:
+        if not table.turned:
+            raise
+        raise ValueError(f"{error} (the sign of {' and '.join(table.turned)} was turned, as the force seemed to grow "
+                         "that way; [columns] in the study file says what the columns are)") from error  # fmt: skip
+
+
+def _off(onsets: Sequence[Onset]) -> float:
+    """Standard deviation (mm) of the contact of all repeats together: what scatters averages out, a bias stays."""
+    if not onsets:
+        return 0.0
+    scatter, bias = (np.mean(np.square([getattr(o, k) for o in onsets])) for k in ("scatter", "bias"))
+    return float(np.sqrt(scatter / len(onsets) + bias))
+
+
+def _sought(table: _Table, r: Repeat) -> bool:
+    """Whether a machine's position may count from where its force tells the contact."""
+    return (
+        table.position
+        and not table.found
+        and "Fz" in r.channels
+        and np.sum(r.segment == "loading") > contact_point.FEWEST
+    )
+
+
+def _in_air(table: _Table, r: Repeat) -> bool:
+    """Whether such a record has an approach beyond doubt."""
+    at = r.segment == "loading"
+    return _sought(table, r) and contact_point.begins_in_air(r.depth[at], r.channels["Fz"][at])
+
+
+def _from_contact(table: _Table, r: Repeat, in_air: bool) -> tuple[Repeat, Onset | None, list[str]]:
+    """A repeat with depth, and forces, counted from contact where that is to be found in its record; and what to say.
+
+    Machines' positions are taken so where one of the repeats is `in_air` at first, else from their first readings.
+    """
+    loading, names = r.segment == "loading", table.found
+    if _sought(table, r):
+        if not in_air:
+            return _from_first(table, r)
+        names = ("depth", *(n for n in FORCES if n in r.channels))
+    if not names:
+        return r, None, []
+    try:
+        depth, channels, onset = contact_point.zeroed(r.depth, r.channels, loading, names)
+    except ValueError as error:
+        by = f"zero = {CONTACT!r}" if table.found else f"{table.headers['depth']!r} begins in air, by other repeats"
+        raise ValueError(f"{table.path}: repeat {r.label!r}: {by}: {error}; {plausibility.ZERO}") from error
+    told = f"repeat {r.label}: contact is found at {_own(table, onset.depth, onset.deviation)} by the shape of Fz"
+    told += f"; {', '.join(names)} count{'s' * (len(names) == 1)} from there"
+    level, (per, unit) = float(np.median(r.channels["Fz"] - channels["Fz"])), table.own["Fz"]
+    told += f", {level * per:.2g} {unit} is taken off" if "Fz" in names else ""
+    return replace(r, depth=depth, channels=channels), onset if "depth" in names else None, [told]
+
+
+def _from_first(table: _Table, r: Repeat) -> tuple[Repeat, Onset | None, list[str]]:
+    """A repeat whose record begins at contact from its first reading, where 0 is no place near or on its way."""
+    loading = r.segment == "loading"
+    first, way = float(r.depth[loading][0]), float(np.ptp(r.depth[loading]))
+    if -way < first <= curve_shape.EDGE * way:
+        return r, None, []
+    found = contact_point.onset(r.depth[loading], r.channels["Fz"][loading])
+    found = Onset(first, contact_point.LATE * way, 0.0) if found is None else replace(found, depth=first)
+    told = f"repeat {r.label}: depth counts from the first reading, at {_own(table, first, found.deviation)}"
+    return replace(r, depth=r.depth - first), found, [f"{told}, as no approach is seen before it"]
+
+
+def _own(table: _Table, depth: float, deviation: float) -> str:
+    """A depth and its deviation as the file has them, to the digits that the deviation allows."""
+    per, unit = table.own["depth"]
+    off = abs(deviation * per)
+    digits = max(1 - math.floor(math.log10(off)), 0) if off > 0.0 else 3
+    return f"{depth * per:.{digits}f} {unit} ± {off:.2g} {unit}"
+
+
+def _labels(paths: Sequence[Path]) -> list[str]:
+    """What repeats are called by their file: nothing for a single one, else its sheet or stem, or its path where these
+    agree."""
+    if len(paths) < 2:
+        return [""] * len(paths)
+    whole = [os.path.abspath(p) for p in paths]
+    if twice := [p for k, p in enumerate(paths) if whole[k] in whole[:k]]:
+        raise ValueError(f"{twice[0]}: is listed twice; a repeat counts once")
+    stems = [f"{p.stem}#{b}" if (b := block_of(one)) else sheet or p.stem
+             for one, (p, sheet) in zip(paths, map(sheet_of, paths), strict=True)]  # fmt: skip
+    return stems if len(set(stems)) == len(stems) else [os.path.relpath(p, os.path.commonpath(whole)) for p in whole]
+
+
+def fingerprint(path: Path) -> str:
+    """SHA-256 of what is read of a file: of its bytes, of a workbook of its sheet's, named or the only one."""
+    with sheet_of(path)[0].open("rb") as file:
+        if file.read(len(BEGINS)) == BEGINS:
+            return hashlib.sha256(text_of(path)[0].encode()).hexdigest()
+        file.seek(0)
+        digest = hashlib.file_digest(file, "sha256")
+        if block := block_of(path):
+            digest.update(f"#{block}".encode())
+        return digest.hexdigest()
+
+
+def _apart(paths: Sequence[Path]) -> None:
+    """ValueError where two files hold the same bytes."""
+    seen: dict[str, Path] = {}
+    for path in paths if len(paths) > 1 else ():
+        if (first := seen.setdefault(fingerprint(path), path)) is not path:
+            raise ValueError(f"{path}: holds the same bytes as {first}; a repeat counts once")
+
+
+def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
+    """The file as columns; `file_label` goes before the labels of its repeats."""
+    wanted = with_less(wanted)
+    comments: list[Row] = []
+    whole_text, told = text_of(path)
+    rows = list(lines_of(whole_text, comments))
+    width = width_of(rows)
+    rows = [parted(row, width) for row in rows]
+    above = [c for c in comments if rows and c[0] < rows[0][0]]
+    if above and is_head(path, nearest := parted(above[-1], width), rows, wanted):
+        rows.insert(0, nearest)
+        comments.remove(above[-1])
+    elif above:
+        rows[:0] = head_of(path, comments, rows)
+    notes = [text for _, text in comments]
+    if not rows:
+        raise ValueError(f"{path}: holds no header line such as depth_mm,Fz_N")
+    head, own, segmented = _segmented(find_head(path, rows, wanted, notes), rows)
+    notes += [" ".join(filter(None, cells_of(row, head.separator))) for _, row in rows[: head.above]]
+    parts, between, machines = tables.beneath(path, rows, head)
+    notes += between
+    if block := block_of(path):
+        parts = tables.block(path, parts, block)
+    codes = wanted["segment"].values if "segment" in wanted else own or None
+    if codes is not None:
+        parts = [(at, [row for row in part if segment_code(path, row, head, codes) != SKIP]) for at, part in parts]
+    parts, gaps = tables.without_gaps(parts, head)
+    rows = [row for _, part in parts for row in part]
+    no_thousands(path, rows, head)
+    columns = {name: array("d") for name in head.at if name not in ("repeat", "segment")}
+    text = {name: list[str]() for name in head.at if name not in columns}
+    line = array("q")
+    counting = counters(head, range(len(head.cells)), cells_of(rows[0][1], head.separator)) if rows else []
+    for number, row in rows:
+        cells = row_of(path, number, row, head)
+        line.append(number)
+        for name, values in text.items():
+            values.append(cells[head.at[name]])
+        for name, column in columns.items():
+            column.append(number_in(path, number, name, cells, head))
+        no_summary(path, number, cells, head, counting)
+        counting = counters(head, counting, cells)
+    if not line:
+        raise ValueError(f"{path}: too few points: there is no row of numbers below the header")
+    # + 0.0: no negative zero where the sign is turned
+    arrays = {name: (np.array(column) - head.zero[name]) * head.factor[name] + 0.0 for name, column in columns.items()}
+    for name, column in arrays.items():
+        within(path, line, name, column, head.unit[name])
+    less = arrays.pop(LESS, None)
+    if less is not None:
+        arrays["depth"] = arrays["depth"] - less
+    stated = None
+    if codes is not None:
+        stated = np.array([segment_code(path, row, head, codes) for row in rows])
+    elif "segment" in text:
+        stated = segment_words(path, line, text["segment"])
+    lines = np.array(line)
+    whole = lines - np.searchsorted(gaps, lines)  # a row that was left out parts no blocks
+    labels, doubts = tables.labels_of(path, parts, whole, arrays, text.get("repeat", []), stated)
+    try:
+        turned = header_aliases.turned(arrays, labels, head.customary) if head.customary else []
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    arrays |= {name: 0.0 - arrays[name] for name in turned}
+    doubts = [*told, *machines, *_taken(head, turned), *segmented, *tables.told(gaps, len(line)), *doubts]
+    if file_label:
+        several = "repeat" in text or len(set(labels)) > 1
+        labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])
+    units = {n: f"× {unit}" if is_counted(unit) else unit for n, unit in head.unit.items() if n in arrays and unit}
+    in_file = {n: ((-1.0 if n in turned else 1.0) / head.factor[n], unit) for n, unit in units.items()}
+    headers = {name: head.cells[k] for name, k in head.at.items() if name != LESS}
+    reckoned = _in_words(wanted)
+    doubts += reckoned + _unsubtracted(head, wanted)
+    position = "depth" in head.customary and not header_aliases.from_contact(headers["depth"])
+    if pulled := header_aliases.tensile([*head.cells, *notes]):
+        if head.customary:
+            raise ValueError(
+                f"{path}: {pulled[:60]!r} says that the specimen was pulled; a record of pressing is expected"
+            )
+        doubts.append(f"{pulled[:60]!r} says that the specimen was pulled: is this a record of pressing?")
+    return _Table(path, arrays, labels, stated, lines, tuple(notes), head.unread, tuple(doubts), head.found, position,
+                  in_file, headers, tuple(turned), less, tuple(reckoned))  # fmt: skip
+
+
+def _in_words(columns: Mapping[str, Column]) -> list[str]:
+    """What is reckoned from the columns of a file, one sentence for each."""
+    said = []
+    for name, column in columns.items():
+        less = column.minus
+        if name != LESS and (less is not None or column.stiffness is not None):
+            first = f"{name} is {'−' * column.flip}{column.header!r}{_times(column)}"
+            sign = "" if less is None else " + " if less.flip else " − "
+            said.append(f"{first}{sign}{'' if less is None else repr(less.header) + _times(less, LESS)}")
+    return said
+
+
+def _unsubtracted(head: Head, columns: Mapping[str, Column]) -> list[str]:
+    """What to say of a travel that a study calls depth beside a deflection, which it does not subtract."""
+    found = bending(head.cells, head.units, [None] * len(head.cells)) if columns and LESS not in columns else None
+    if found is None or head.at.get("depth") != found[0]:
+        return []
+    depth, bends = (head.cells[k] for k in found[:2])
+    return [f"depth is {depth!r} as it stands, beside {bends!r}: what bends is subtracted by minus in [columns]"]
+
+
+def _times(column: Column, name: str = "") -> str:
+    """By what the values of a column are multiplied, or divided where it is subtracted, in words."""
+    k = column.stiffness
+    times = "" if k is None else f" / ({1e3 * k:.4g} N/m)" if name == LESS else f" · {1e3 * k:.4g} N/m"
+    return times or ("" if column.compliance is None else f" · {column.compliance:.4g} mm/N")
+
+
+def _segmented(head: Head, rows: Sequence[Row]) -> tuple[Head, dict[str, str], list[str]]:
+    """The header with a column of a machine's segments, what its words mean, and what to say; where no column has that
+    name in files that are read by their usual names."""
+    k = head.at.get("segment", header_aliases.segment_column(head.cells) if head.customary else None)
+    if k is None:
+        return head, {}, []
+    below = (cells_of(text, head.separator) for _, text in rows[head.below :])
+    values = [cells[k] for cells in below if len(cells) == len(head.cells) and cells[k] not in ("", head.cells[k])]
+    codes, header = header_aliases.segment_codes(values), head.cells[k]
+    if not codes:
+        shown = [] if "segment" in head.at else list(dict.fromkeys(values))
+        each = ", ".join(f'"{v[:20]}" = "…"' for v in shown[:SHOWN])
+        table = f'segment = {{ header = "{header}", values = {{ {each} }} }}'
+        text = (
+            f"{header!r} is not read: {table} in [columns] says which of its codes are {', '.join(SEGMENTS)} or {SKIP}"
+        )
+        return head, {}, [text] if 1 < len(shown) <= SHOWN else []
+    meant = ", ".join(f"{word!r} is {what}" for word, what in codes.items() if word != what)
+    of_it = (("at", k), ("unit", ""), ("factor", 1.0), ("zero", 0.0))
+    more = {name: {**getattr(head, name), "segment": value} for name, value in of_it}
+    return replace(head, **more), codes, [f"{header!r} is read as segment: {meant}"] if meant else []
+
+
+def _taken(head: Head, turned: Sequence[str]) -> list[str]:
+    """What to say of columns that were taken by their customary names."""
+    if not head.customary:
+        return []
+    both = f"; both signs were turned, which is a guess: {BOTH}" if set(turned) >= {"depth", "Fz"} else ""
+    each = [f"{head.cells[head.at[n]]!r} is read as {n}" + (", its sign turned" if n in turned else "")
+            for n in head.customary]  # fmt: skip
+    return [f"{'; '.join(each)}{both}; [columns] in the study file says it otherwise"]
+
+
+def _kind(table: _Table, named: bool) -> Literal["force", "profile"]:
+    """Force curve or surface profile, by the columns present."""
+    names = [n for n in table.columns if not n.endswith("_sigma")]
+    forces = [n for n in names if n in FORCES]
+    surface = [n for n in names if n in DISPLACEMENTS]
+    found = f"; found are {', '.join(names)}"
+    if "depth" not in names:
+        also = ", and where [columns] names one column it names all that are read" if named else ""
+        raise ValueError(f"{table.path}: column depth_mm is missing{found}{also}")
+    if bool(forces) == bool(surface):
+        raise ValueError(
+            f"{table.path}: either forces (Fz_N, Fx_N, Fy_N) or a profile (x_mm, y_mm, uz_mm) is expected{found}"
+        )
+    if surface and not {"x", "y"} <= set(names):
+        raise ValueError(f"{table.path}: a profile needs the columns x_mm and y_mm{found}")
+    if forces and {"x", "y"} & set(names):
+        raise ValueError(f"{table.path}: x_mm and y_mm belong to a profile; a force curve's place is a setting{found}")
+    return "profile" if surface else "force"
+
+
+def _against(less: np.ndarray, force: np.ndarray) -> bool:
+    """Whether a deflection (n,) and a force (n,) clearly go against each other."""
+    x, y = less - less.mean(), force - force.mean()
+    return float(x @ y) < -0.5 * float(np.sqrt((x @ x) * (y @ y)))
+
+
+def _repeat(table: _Table, kind: str, label: str) -> Repeat:
+    """The rows of one repeat, checked."""
+    rows = table.rows[label]
+    data = {name: column[rows] for name, column in table.columns.items()}
+    if table.less is not None and "Fz" in data and _against(table.less[rows], data["Fz"]):
+        raise ValueError(
+            f"{table.path}: repeat {label!r}: what is subtracted of depth falls while Fz grows, and nothing bends so: "
+            "turn its sign (flip = true in minus, or without it), or that of Fz"
+        )
+    depth, time = data.pop("depth"), data.pop("time", None)
+    if kind == "force" and time is not None and np.any(np.diff(time) <= 0):
+        k = int(np.argmax(np.diff(time) <= 0)) + 1
+        hint = "" if len(set(table.labels.tolist())) > 1 else "; several tests in one file need a column 'repeat'"
+        if np.all(np.diff(time) < 0):
+            hint = "; all rows run backwards in time: sort them by it"
+        if time[k] == time[k - 1]:
+            few = np.sum(np.diff(time) == 0) <= max(1.0, 0.02 * len(time))
+            coarse = "a clock this coarse says nothing, leave its column out"
+            hint += f"; {'delete one of the two rows' if few else coarse}"
+        fail(
+            table.path,
+            int(table.line[rows][k]),
+            f"column 'time': {time[k]:g} s does not follow {time[k - 1]:g} s{hint}",
+        )
+    if table.segments is not None:
+        segment = table.segments[rows]
+    elif kind == "profile":
+        segment = np.full(len(depth), "loading")
+    else:
+        segment = segments(table.path, label, depth, time)
+    channels = {k: v for k, v in data.items() if not k.endswith("_sigma")}
+    sigma = {k.removesuffix("_sigma"): v for k, v in data.items() if k.endswith("_sigma")}
+    return Repeat(label, depth, time, channels, sigma, segment)

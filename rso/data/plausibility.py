@@ -1,0 +1,287 @@
+"""Force curves that cannot be what they are said to be: refused with a reason, or remarked upon.
+
+A sign, a unit or a tare that is wrong gives a curve as smooth as the right one, and a material for it.  What is refused
+here is no curve of an indenter that goes deeper into a body at rest; what is doubtful only is said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from rso.data import curve_shape
+from rso.data.contact_point import LATE, STEEPEST, begins_in_air
+
+FALLS = 0.5  # of its range by which a force must not fall while the indenter goes deeper
+UNTARED = 0.5  # of its range that a force may have where the indenter begins to press
+DOUBTFUL = 0.01  # the same, from which on it is remarked upon where it is no scatter
+STROKE = 0.5  # of the stroke that loading must cover
+SEEN = 20.0  # times the noise: a force that tells its sign and unit
+SKEW = 5.0  # ratio of the largest forces of two repeats to one depth
+UNSEEN = 0.03  # of its range that a force may scatter where too few readings tell it
+FLATTEST = 0.8  # power below which no force of a pressed body grows
+JUMP = 0.05  # of the stroke: a single depth this far out of line is a mistake
+LEAP = 0.02  # of the stroke: a step of depth this long, far beyond those beside it, is remarked upon
+POSITION = 0.5  # of the deepest travel: a record that begins beyond it has a force there, or depths from elsewhere
+TURN = "turn its sign (flip = true in [columns] of the study, or without it)"
+ZERO = "subtract the reading at contact (zero = … in [columns] of the study)"
+UP = 0.1  # of the deepest travel: a mark that goes up by more, and further than any goes down, has its sign turned
+BEYOND = 2.0  # times the deepest travel: no mark goes as far
+
+
+def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force: np.ndarray | None,
+          time: np.ndarray | None, lines: np.ndarray, sorted_here: bool) -> list[str]:  # fmt: skip
+    """Remarks on one repeat; ValueError naming file, repeat and column where it cannot be a test.
+
+    `depth` (n,) mm, `force` (n,) N is Fz, `lines` (n,) of the file; `sorted_here` where the segments were not given.
+    """
+    who = f"{path}: repeat {label!r}"
+    few = len(depth) < curve_shape.FEW
+    if len(depth) < curve_shape.FEWEST:
+        return []
+    for name, unit, values in (("depth", "mm", depth), ("Fz", "N", force)):
+        if values is not None and not few and len(wild := curve_shape.marks(values)):
+            count, rows = ("1 reading", "this row") if len(wild) == 1 else (f"{len(wild)} readings", "these rows")
+            raise ValueError(
+                f"{path}:{lines[wild[0]]}: column {name!r} is {values[wild[0]]:g} {unit} in {count} and of another "
+                f"size in all others: a mark for an overload or a gap; delete {rows}"
+            )
+    stroke = float(np.ptp(depth))
+    if stroke == 0.0:
+        raise ValueError(f"{who}: column 'depth' is {depth[0]:g} mm throughout, the indenter does not move")
+    if force is not None and np.ptp(force) == 0.0:
+        raise ValueError(f"{who}: column 'Fz' is {force[0]:g} N throughout, the indenter felt nothing: another column?")
+    if not few:
+        _jump(path, depth, stroke, lines)
+    loading = segment == "loading"
+    notes: list[str] = []
+    if few and force is not None and (k := curve_shape.slipped(depth, force)) is not None:
+        notes.append(
+            f"repeat {label}: {force[k]:g} N at {depth[k]:g} mm (line {lines[k]}) lies far beside a power of the depth "
+            "that all other readings follow; mistyped?"
+        )
+    if pad := 0 if few else curve_shape.padding(depth, force, stroke):
+        at = f"{depth[-1]:g} mm" + ("" if force is None else f" and {force[-1]:g} N")
+        notes.append(
+            f"repeat {label}: the last {pad} readings (from line {lines[-pad]}) are all {at}, after a jump; filled up "
+            "by a logger? Leave them out"
+        )
+    notes += [] if few else _breaks(label, depth, force, time, loading, lines)
+    if sorted_here:
+        notes += _of_order(who, label, depth, time, loading)
+    if depth.max() <= 0.0:
+        raise ValueError(
+            f"{who}: column 'depth' lies between {depth.min():g} and {depth.max():g} mm and never beyond 0, where "
+            f"contact is: {ZERO}"
+        )
+    if force is not None and np.sum(loading) >= curve_shape.FEWEST:
+        notes += _of_force(who, label, depth, force, time, loading)
+    return notes
+
+
+def _of_order(who: str, label: str, depth: np.ndarray, time: np.ndarray | None, loading: np.ndarray) -> list[str]:
+    """Remarks on the order of readings whose segments were not given; ValueError where they do not press."""
+    notes: list[str] = []
+    pressed = float(np.ptp(np.maximum(depth, 0.0)))  # how far it went home through the air says nothing
+    if np.sum(loading) < (2 if len(depth) < curve_shape.FEW else 3) or np.ptp(depth[loading]) < STROKE * pressed:
+        raise ValueError(
+            f"{who}: column 'depth' falls from {depth[0]:g} to {depth[-1]:g} mm and rises hardly anywhere; it must "
+            f"grow while the indenter goes deeper, from 0 at contact: {TURN} or subtract its start"
+        )
+    if back := curve_shape.back(depth):
+        notes.append(
+            f"repeat {label}: depth falls back by {back:.2g} mm before its deepest point and all is read as one "
+            "loading; a block before the test, or several tests, are told by a column 'repeat', or by 'segment'"
+        )
+    if time is None and (near := curve_shape.rest(depth)):
+        notes.append(
+            f"repeat {label}: {near} of {len(depth)} readings lie at the deepest point; if that is a rest, give a "
+            "column time_s, or 'segment' with loading, hold, unloading"
+        )
+    if time is not None and (rest := curve_shape.rest_on_the_way(depth, time)):
+        notes.append(
+            f"repeat {label}: the indenter rests for {rest[0]:.2g} s near {rest[1]:.2g} mm on its way, and all is "
+            "read as one loading at a steady speed; where the body relaxes leave the readings of rests out"
+        )
+    return notes
+
+
+def _of_force(who: str, label: str, depth: np.ndarray, force: np.ndarray, time: np.ndarray | None,
+              loading: np.ndarray) -> list[str]:  # fmt: skip
+    """Remarks on where the force of loading begins and how it ends; ValueError where it is none of pressing."""
+    d, F = depth[loading], force[loading]
+    span = float(np.ptp(force))
+    start = _force_at_start(who, d, F, span)
+    notes: list[str] = []
+    late, level, scatter = curve_shape.onset(d, F) or (0.0, start, UNSEEN * span)
+    if d[0] <= curve_shape.EDGE * d.max() and abs(level) > max(DOUBTFUL * span, 5.0 * scatter):
+        notes.append(f"repeat {label}: Fz is {level:.3g} N at {max(d[0], 0.0):.2g} mm; not tared, or touched before?")
+    if late > LATE * d.max() and begins_in_air(d, F):
+        notes.append(
+            f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm, up to there it stays within its "
+            f"scatter of {scatter:.1g} N; depth must count from contact: subtract what was air (zero = … or "
+            "\"contact\" in [columns]; rso diagnose looks at it as 'offset')"
+        )
+    if grown := curve_shape.before_contact(d, F):
+        notes.append(
+            f"repeat {label}: Fz grows by {grown:.3g} N from {d.min():.3g} mm to 0, where contact should be; depth "
+            f"must count from contact: {ZERO}"
+        )
+    if not notes and (power := curve_shape.power(d, F)) is not None and power < FLATTEST:
+        notes.append(
+            f"repeat {label}: Fz grows only as the power {power:.2g} of depth, a pressed body's at least in "
+            "proportion; are the columns depth and Fz exchanged?"
+        )
+    if flat := curve_shape.flat(depth, force, float(np.ptp(depth))):
+        notes.append(
+            f"repeat {label}: Fz stays at its largest value, {force.max():.4g} N, for {flat} readings; a sensor at its "
+            "end?"
+        )
+    elif creep := curve_shape.creep(d, F, None if time is None else time[loading]):
+        notes.append(
+            f"repeat {label}: Fz stays at {creep[1]:.3g} N from {creep[0]:.3g} to {d.max():.3g} mm; held at constant "
+            "force, a sensor at its end, or a ball that sank in? The model presses by travel: leave out what was held"
+        )
+    # nearer to the deepest point it is a rest, in which the body relaxes
+    if (fall := curve_shape.fall(F)) and d.max() - d[fall[0]] > 0.005 * np.ptp(depth):
+        top, low = fall
+        notes.append(
+            f"repeat {label}: Fz falls from {F[top]:.3g} N at {d[top]:.3g} mm to {low:.3g} N while the indenter goes "
+            f"on to {d.max():.3g} mm; slipped, broken, or taken off before the record ends? Leave such readings out"
+        )
+    return notes
+
+
+def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> float:
+    """The force (N) where loading begins; ValueError where it falls, is not tared, or depths are a machine's."""
+    n = max(3 if len(F) >= curve_shape.FEW else 1, int(curve_shape.EDGE * len(F)))
+    shallow = d <= max(curve_shape.EDGE * d.max(), float(d.min()))
+    start, end = float(np.median(F[shallow])), float(np.median(F[-n:]))
+    if end < start - FALLS * span:
+        raise ValueError(
+            f"{who}: column 'Fz' falls from {start:.3g} to {end:.3g} N while the indenter goes deeper; Fz is the force "
+            f"of the specimen on the indenter, positive upwards: {TURN}"
+        )
+    if d[0] > POSITION * d.max() > 0.0:
+        least = (d[0] / d.max()) ** STEEPEST * end
+        if start < 0.5 * least and least > SEEN * curve_shape.noise_of(F):
+            raise ValueError(
+                f"{who}: column 'depth' begins at {d[0]:g} mm with {start:.3g} N and ends at {d.max():g} mm with "
+                f"{end:.3g} N; a body pressed from 0 mm on has {least:.2g} N and more at the first of these: {ZERO}"
+            )
+    if d[0] <= curve_shape.EDGE * d.max() and abs(start) > UNTARED * span:
+        raise ValueError(
+            f"{who}: column 'Fz' is {start:.3g} N where the indenter begins to press, and changes by {span:.3g} N "
+            "in all: subtract the reading before contact (zero = … in [columns] of the study)"
+        )
+    return start
+
+
+def alike(path: str, repeats: Sequence[tuple[str, np.ndarray, np.ndarray]]) -> None:
+    """ValueError where the largest forces of repeats (label, depth, Fz) to about one depth differ by a factor SKEW."""
+    deepest = max((float(d.max()) for _, d, _ in repeats), default=0.0)
+    ends = []
+    for label, d, F in repeats:
+        force = (
+            float(np.median(F[d > 0.95 * d.max()])) if len(d) >= curve_shape.FEW and d.max() > 0.8 * deepest else 0.0
+        )
+        if abs(force) > SEEN * curve_shape.noise_of(F):
+            ends.append((label, force))
+    if len(ends) < 2:
+        return
+    low, high = (pick(ends, key=lambda v: v[1]) for pick in (min, max))
+    if low[1] * high[1] <= 0.0 or (high[1] / low[1] > SKEW and low[1] > 0.0):
+        raise ValueError(
+            f"{path}: the largest force of repeat {low[0]!r} is {low[1]:.3g} N, that of repeat {high[0]!r} "
+            f"{high[1]:.3g} N, to about the same depth: one of them has another sign, unit or tare"
+        )
+
+
+def profile(label: str, depth: np.ndarray, uz: np.ndarray) -> list[str]:
+    """Remarks on the vertical displacements uz (n,) mm of one repeat of a profile, recorded at `depth` (n,) mm."""
+    deepest, most, least = float(depth.max()), float(uz.max()), float(uz.min())
+    if max(most, -least) > BEYOND * deepest:
+        return [
+            f"repeat {label}: uz goes from {least:.3g} to {most:.3g} mm at depths to {deepest:.3g} mm, further than "
+            "the indenter; uz is the displacement, not the height, of a mark: is its unit right?"
+        ]
+    if most > max(UP * deepest, -least):
+        return [
+            f"repeat {label}: marks go up by {most:.3g} mm while the indenter goes {deepest:.3g} mm down; uz is "
+            f"positive upwards: {TURN}"
+        ]
+    return []
+
+
+def common(repeats: Sequence[tuple[str, np.ndarray]]) -> list[str]:
+    """Remarks on repeats (label, depth of loading in mm) that take from the depths which all of them reach."""
+    ways = [(label, float(d.min()), float(d.max())) for label, d in repeats if len(d)]
+    if len(ways) < 2:
+        return []
+    deepest, first = max(end for _, _, end in ways), min(start for _, start, _ in ways)
+    slack, notes = curve_shape.EDGE * deepest, []
+    for label, start, end in ways:
+        if end < deepest - slack:
+            notes.append(f"repeat {label} ends at {end:.3g} mm, others go to {deepest:.3g} mm: the mean ends there")
+        if start > max(first, 0.0) + slack:
+            notes.append(f"repeat {label} begins at {start:.3g} mm, others at {first:.3g} mm: the mean begins there")
+    return [f"{note}, the rest is left out; give it as an experiment of its own" for note in notes]
+
+
+def _jump(path: Path, depth: np.ndarray, stroke: float, lines: np.ndarray) -> None:
+    """A single reading of the depth far beside both its neighbours, or the last far beside all steps before."""
+    step = np.abs(np.diff(depth))
+    before, at, after = depth[1:-3], depth[2:-2], depth[3:-1]
+    beside = np.minimum(np.abs(at - before), np.abs(at - after))
+    near = np.maximum(step[:-3], step[3:])  # of the readings on both sides, among themselves
+    alone = (beside > np.maximum(JUMP * stroke, 8.0 * near)) & ((at - before) * (at - after) > 0.0)
+    if alone.any():
+        k = int(np.argmax(alone)) + 2
+        raise ValueError(
+            f"{path}:{lines[k]}: column 'depth' jumps to {depth[k]:g} mm for a single reading, between "
+            f"{depth[k - 1]:g} and {depth[k + 1]:g} mm: leave the row out"
+        )
+    if step[-1] > max(JUMP * stroke, 8.0 * step[:-1].max()):
+        raise ValueError(
+            f"{path}:{lines[-1]}: column 'depth' jumps to {depth[-1]:g} mm in the last reading, after "
+            f"{depth[-2]:g} mm: leave the row out"
+        )
+
+
+def _breaks(label: str, depth: np.ndarray, force: np.ndarray | None, time: np.ndarray | None, loading: np.ndarray,
+            lines: np.ndarray) -> list[str]:  # fmt: skip
+    """Remarks on the largest step of depth and of the force of loading that those beside it do not share.
+
+    A counter that slipped, a motor that lost steps and a cell tared on the way leave the rest of a record as smooth as
+    it was.  Where only readings are missing the speed, or the force, goes on with it: nothing is remarked upon.
+    """
+    notes, step = [], np.diff(depth)
+    far = curve_shape.alone(np.abs(step)) & (
+        np.abs(step) > max(LEAP * np.ptp(depth), 12.0 * curve_shape.noise_of(depth))
+    )
+    if time is not None:
+        far &= curve_shape.alone(np.abs(step) / np.maximum(np.diff(time), 1e-12))
+    elif force is not None:
+        far &= ~curve_shape.alone(np.abs(np.diff(force)), 3.0)
+    far = curve_shape.on_the_way(far, depth)
+    if far.any():
+        k = int(np.argmax(np.abs(step) * far))
+        notes.append(
+            f"repeat {label}: depth jumps by {step[k]:.3g} mm from {depth[k]:.3g} mm between two readings (line "
+            f"{lines[k + 1]}), far more than beside it; a counter that slipped, steps that a motor lost?"
+        )
+    if force is not None:
+        rise = np.diff(force)
+        far = curve_shape.alone(np.abs(rise)) & ~curve_shape.alone(np.abs(step), 3.0) & loading[:-1] & loading[1:]
+        far = curve_shape.on_the_way(
+            far & (np.abs(rise) > max(JUMP * np.ptp(force), 12.0 * curve_shape.noise_of(force))), depth
+        )
+        if far.any():
+            k = int(np.argmax(np.abs(rise) * far))
+            notes.append(
+                f"repeat {label}: Fz jumps by {rise[k]:.3g} N at {depth[k]:.3g} mm between two readings (line "
+                f"{lines[k + 1]}), far more than beside it; a slip, a crack, a cell tared on the way?"
+            )
+    return notes

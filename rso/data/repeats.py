@@ -1,0 +1,372 @@
+"""Repeats of one test → one curve with its uncertainty."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+
+from rso.core.distributions import student
+from rso.core.units import COLUMNS
+from rso.data import usual_errors
+from rso.data.files.reading import Measurement, Repeat
+from rso.data.outliers import without_spikes
+from rso.data.scatter import White, beyond_said, of_record, of_repeats, ratio_of
+from rso.data.variance_components import parts
+
+AIR = 0.05  # of the deepest travel: so much before contact still tells where that is
+# Dense records are averaged in blocks: a curve of this many points says all that such a test knows.
+MAX_POINTS = 200
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard uncertainties stated by the experimenter.
+
+    `Fx`, `Fy`, `Fz` N (x and y are as z unless given), `uz` mm (all displacements), `depth` mm, of each reading by
+    itself (white); `contact` mm, by which the depths of a whole test are off together; `gain`, relative, of all forces
+    of a test; `calibration`, relative, of all forces of all tests: that of their cell.  `correlation` mm: length over
+    which the force noise, then that of the mean of repeats, and what a column such as Fz_sigma_N states, is correlated
+    along the depth, exp(−|Δu|/correlation), 0 = white.
+
+    `gain`, `contact` and `correlation` are None where nobody states them: then what is usual counts
+    (:mod:`~rso.data.usual_errors`), as far as repeats do not show it; 0 says that there is none.  A stated calibration
+    states the gain as well.
+    """
+
+    Fz: float = 0.0
+    Fx: float | None = None
+    Fy: float | None = None
+    uz: float = 0.0
+    depth: float = 0.0
+    gain: float | None = None
+    correlation: float | None = None
+    contact: float | None = None
+    calibration: float = 0.0
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if value is not None and not (math.isfinite(value) and value >= 0):
+                raise ValueError(f"noise: {f.name} = {value} must be finite and >= 0")
+
+    def of(self, channel: str) -> float:
+        """Additive standard uncertainty of one channel."""
+        if channel in ("ux", "uy", "uz"):
+            return self.uz
+        own = {"Fx": self.Fx, "Fy": self.Fy, "Fz": self.Fz}[channel]
+        return self.Fz if own is None else own
+
+    @property
+    def unstated(self) -> tuple[str, ...]:
+        """Which of "gain", "contact" and "correlation" nobody has stated."""
+        gain = self.gain is None and self.calibration == 0.0
+        said = {"gain": not gain, "contact": self.contact is not None, "correlation": self.correlation is not None}
+        return tuple(name for name, stated in said.items() if not stated)
+
+    @property
+    def stated(self) -> Noise:
+        """The same with 0 where nothing is stated."""
+        each = {n: getattr(self, n) or 0.0 for n in ("gain", "contact", "correlation")}
+        return replace(self, **each)
+
+    def of_test(self, deepest: float) -> Noise:
+        """The same with what is usual of one test to the depth `deepest` (mm) where nothing is stated."""
+        each = {"gain": usual_errors.GAIN, "contact": usual_errors.CONTACT * deepest}
+        return replace(self.stated, **{n: v for n, v in each.items() if n in self.unstated})
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredCurve:
+    """Mean of the repeats of one channel: arrays (n,), `covariance` (n, n), `sigma` = √diag(covariance).
+
+    `position` (n, 2) holds x, y in mm for a profile and is None for a force curve.  The size of the errors is known
+    from `freedom` degrees of freedom, as far as it was taken from the readings; infinite where all of it is stated.
+    `shared` holds the parts s (n,) of C, s sᵀ each, that other curves have with the same sign: what is named alike in
+    curves of one test, and "calibration" in those of all tests, is one error.  `white` is the standard deviation (n,)
+    of what counts as white because one record alone does not tell and nothing is stated; None where it is known.
+    `usual` holds the parts U (n, q) of C, U Uᵀ each, that nobody has stated and the readings do not show.
+    """
+
+    channel: str
+    unit: str
+    depth: np.ndarray
+    value: np.ndarray
+    sigma: np.ndarray
+    n_repeats: int
+    covariance: np.ndarray
+    position: np.ndarray | None = None
+    freedom: float = math.inf
+    shared: Mapping[str, np.ndarray] = field(default_factory=dict)
+    white: np.ndarray | None = None
+    usual: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment: str = "loading") -> MeasuredCurve:
+    """Average the repeats on a common grid of the depths that all of them reach.
+
+        C = (κ w² + c² e^{−|Δu|/ℓ} + g² ŷ ŷᵀ + o² ŷ' ŷ'ᵀ)/r      scatter of the r repeats, usual errors of a test
+          + (s sᵀ + F²) e^{−|Δu|/ℓ} + diag((d ŷ')²)/m         stated of readings: column, force, depth
+          + (G² + K²) ŷ ŷᵀ + O² ŷ' ŷ'ᵀ                        stated of the test: gain, calibration, contact
+
+    What is stated of a single reading, white (ℓ = 0), goes with the square root of how many were averaged, m: repeats,
+    and readings of a block; what has a length of correlation is of the curve and does not.
+
+    The repeats' deviations are split into white noise w, of one variance or, where that shows, of one that changes
+    smoothly, a noise c correlated along the depth, and parts along ŷ (gain g) and ŷ' (contact o), estimated together
+    (:func:`~rso.data.variance_components.parts`); how well w is known is the curve's `freedom`.  g, o and c that nobody
+    states are of the usual size, the less so the more repeats there are; one record has these alone
+    (:mod:`~rso.data.usual_errors`).  What is stated counts as it is, unless repeats differ by more.
+    White noise that is stated is what the readings show, once more: the former counts, unless they clearly scatter by
+    more, whether about a smooth curve (one repeat alone, which shows no other) or about each other.
+    ŷ is a polynomial of degree 4 through the mean y: a gain of the readings themselves would take their noise along
+    and pull every fit low, by g² times their number (Peelle's puzzle; D'Agostini, Nucl. Instrum. Methods A 346 (1994)
+    306), one of ŷ by some g².  ValueError if channel or segment is not there, or the repeats share no depths.
+    """
+    if channel not in measurement.channels:
+        raise ValueError(f"{measurement.where}: no channel {channel!r}; there are {', '.join(measurement.channels)}")
+    if measurement.kind == "profile":
+        return _combine_profile(measurement, noise, channel)
+    measurement = without_spikes(measurement)[0]
+    branches = [_branch(r, channel, segment) for r in measurement.repeats if np.any(r.segment == segment)]
+    if not branches:
+        present = sorted({str(s) for r in measurement.repeats for s in r.segment})
+        raise ValueError(f"{measurement.where}: no segment {segment!r}; there are {', '.join(present)}")
+    u = _grid(measurement, [b[0] for b in branches])
+    y = np.array([_between(depth, value, u) for depth, value, *_ in branches])
+    many = len(branches) * np.array([np.interp(u, b[0], b[3]) for b in branches])  # averaged, if all were like this one
+    own_length = noise.correlation or 0.0
+    together = 1.0 if own_length > 0 else many
+    power = np.array([np.interp(u, depth, square) for depth, _, square, _ in branches])
+    stated = np.sqrt(np.mean(power / together, axis=0))
+    mean = y.mean(axis=0)
+    smooth, slope = _smooth(u, mean)
+    along = np.exp(-np.abs(u[:, None] - u) / own_length) if own_length > 0 else np.eye(len(u))
+    r = len(y)
+    deep = (noise.depth * slope) ** 2 * np.mean(1.0 / many, axis=0)
+    own = noise.of(channel) * np.sqrt(np.mean(1.0 / np.broadcast_to(together, y.shape), axis=0))
+    said = (np.outer(stated, stated) + np.outer(own, own)) * along + np.diag(deep)
+    if r > 1:
+        white_said = np.diag(said) if own_length == 0 else deep
+        seen, freedom, shared, left = _scatter(u, y, smooth, slope, white_said, np.diag(said), noise)
+    else:
+        noisy = of_record(u, mean - _ball(u, mean)(u), smooth, said)  # small force, steep bend: not to be noise
+        seen, freedom, shared, left = np.diag(noisy.variance), noisy.freedom, {}, _of_one(u, smooth, slope, noise)
+    covariance = seen + said
+    untold = r == 1 and own_length == 0
+    white = np.sqrt(np.diag(covariance)) if untold else None
+    whole = {"gain": noise.gain, "calibration": noise.calibration, "contact": noise.contact}
+    for name, size in whole.items():
+        if size:
+            shared[name] = size * (slope if name == "contact" else smooth)
+            covariance = covariance + np.outer(shared[name], shared[name])
+    for name, U in left.items():
+        covariance = covariance + U @ U.T
+        if U.shape[1] == 1:
+            shared[name] = U[:, 0]
+    sigma = np.sqrt(np.diag(covariance))
+    return MeasuredCurve(
+        channel, COLUMNS[channel], u, mean, sigma, len(branches), covariance,
+        freedom=freedom, shared=shared, white=white, usual=left,
+    )  # fmt: skip
+
+
+def value_at(curve: MeasuredCurve, depth: float) -> tuple[float, float]:
+    """Value and standard uncertainty of a measured curve at one depth (mm), between the readings on either side.
+
+    A straight line between them lies above a ball's force, by 4 % in the second interval: interpolated is what is left
+    beside a smooth a u^{3/2} + b u² + c u + d (as many of these terms as there are readings less one).  Half a point
+    spacing beyond either end is still granted (recorded depths scatter about the nominal ones), along the slope of
+    the end; ValueError farther out.
+    """
+    u, y = curve.depth, curve.value
+    slack = 0.5 * float(np.median(np.diff(u))) if len(u) > 1 else 1e-6 * max(1.0, abs(float(u[0])))
+    if not u[0] - slack <= depth <= u[-1] + slack:
+        raise ValueError(f"depth {depth:g} mm is outside the measured range {u[0]:g} to {u[-1]:g} mm")
+    inside = float(np.clip(depth, u[0], u[-1]))
+    value = float(_between(u, y, np.array([inside]))[0])
+    if inside != depth:
+        value += (depth - inside) * float(_smooth(u, y)[1][0 if depth < inside else -1])
+    return value, float(np.interp(depth, u, curve.sigma))
+
+
+def _between(u: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Readings y (n,) at depths u (n,), increasing, at other depths (m,) in their range; at their own as they are."""
+    straight = np.interp(at, u, y)
+    if len(u) < 2 or np.isin(at, u).all():
+        return straight
+    ball = _ball(u, y)
+    return straight + ball(at) - np.interp(at, u, ball(u))
+
+
+def _ball(u: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """a u^{3/2} + b u² + c u + d through readings y (n,) at u (n,): as many of these terms as readings less one."""
+
+    def terms(depth: np.ndarray) -> np.ndarray:
+        s = np.maximum(depth, 0.0) / (np.abs(u).max() or 1.0)
+        return np.stack([s**1.5, s**2, s, np.ones_like(s)], axis=-1)[..., : min(4, max(len(u) - 1, 1))]
+
+    c = np.linalg.lstsq(terms(u), y, rcond=None)[0]
+    return lambda depth: terms(depth) @ c
+
+
+def _branch(repeat: Repeat, channel: str, segment: str) -> tuple[np.ndarray, ...]:
+    """Depth, value, square of the stated sigma and number of readings, of one segment, sorted.
+
+    Equal depths are merged, dense records averaged in blocks; of an approach through air only its end is kept, as a
+    polynomial through the whole would bend for it.
+    """
+    rows = repeat.segment == segment
+    near = repeat.depth >= -AIR * max(float(repeat.depth[rows].max()), 0.0)
+    rows = rows & near if np.sum(rows & near) > 1 else rows
+    depth = repeat.depth[rows]
+    stated = repeat.sigma.get(channel, np.zeros_like(repeat.depth))[rows]
+    block = np.unique(depth, return_inverse=True)[1].ravel()
+    distinct = block.max() + 1
+    if distinct > MAX_POINTS:
+        block = block * MAX_POINTS // distinct
+    count = np.bincount(block)
+    each = (depth, repeat.channels[channel][rows], stated**2)
+    return *(np.bincount(block, weights=v) / count for v in each), count
+
+
+def _grid(measurement: Measurement, depths: list[np.ndarray]) -> np.ndarray:
+    """Depths common to all repeats: their own if they agree, else as many evenly spaced ones."""
+    first = depths[0]
+    if all(len(d) == len(first) and np.allclose(d, first, rtol=0, atol=1e-9) for d in depths):
+        return first
+    low, high = max(d[0] for d in depths), min(d[-1] for d in depths)
+    if low >= high:
+        raise ValueError(f"{measurement.where}: the repeats share no range of depths ({low:g} mm against {high:g} mm)")
+    return np.linspace(low, high, int(np.median([len(d) for d in depths])))
+
+
+def _smooth(u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A smooth curve through the points and its dy/du; one point alone is taken as Hertz's, 3/2 y/u."""
+    if len(u) == 1:
+        return y, 1.5 * y / u if u[0] > 0 else np.zeros(1)
+    # full=True: badly spread depths give the least-norm fit, without a warning.
+    fit = np.polynomial.Polynomial.fit(u, y, min(4, len(u) - 1), full=True)[0]
+    return fit(u), fit.deriv()(u)
+
+
+def _of_one(u: np.ndarray, smooth: np.ndarray, slope: np.ndarray, noise: Noise) -> dict[str, np.ndarray]:
+    """What one record is usually off by, as parts U (n, q) of C = U Uᵀ, where nothing is stated."""
+    sizes = {
+        "gain": usual_errors.GAIN,
+        "contact": usual_errors.CONTACT * float(u.max()),
+        "correlation": _correlated(smooth),
+    }
+    return _parts(u, smooth, slope, {n: v for n, v in sizes.items() if n in noise.unstated})
+
+
+def _correlated(smooth: np.ndarray) -> float:
+    return usual_errors.CORRELATED * float(np.abs(smooth).max())
+
+
+def _parts(
+    u: np.ndarray, smooth: np.ndarray, slope: np.ndarray, sizes: Mapping[str, float], length: float | None = None
+) -> dict[str, np.ndarray]:
+    """U (n, q) of errors of these standard deviations; correlated ones over a length, usually of half the travel."""
+    found = {n: sizes[n] * s[:, None] for n, s in (("gain", smooth), ("contact", slope)) if sizes.get(n, 0.0) > 0.0}
+    if sizes.get("correlation", 0.0) > 0.0 and len(u) > 1:
+        length = length or usual_errors.OVER * float(np.ptp(u))
+        found["correlation"] = sizes["correlation"] * _root(np.exp(-np.abs(u[:, None] - u) / length))
+    return found
+
+
+def _root(K: np.ndarray) -> np.ndarray:
+    """U of U Uᵀ = K (n, n)."""
+    λ, Q = np.linalg.eigh(K)
+    keep = λ > 1e-9 * λ.max()
+    return np.asarray(Q[:, keep] * np.sqrt(λ[keep]))
+
+
+def _scatter(
+    u: np.ndarray, y: np.ndarray, smooth: np.ndarray, slope: np.ndarray, white_said: np.ndarray, said: np.ndarray,
+    noise: Noise,
+) -> tuple[np.ndarray, float, dict[str, np.ndarray], dict[str, np.ndarray]]:  # fmt: skip
+    """Covariance (n, n) of the mean of two repeats y (r, n) and more beyond what is stated as white of it, `white_said`
+    (n,), its degrees of freedom, what is shared of it, and what is usual beyond it, in parts.
+
+    White noise of a size that was taken from readings and makes the share p of all noise, that which is `said` (n,)
+    included, counts m/p² of its own m (Satterthwaite, Biometrics Bull. 2 (1946) 110).  What gain and contact scatter by
+    is shared with other channels, a part for each repeat, whose sum has the correlation that the repeats have.
+    """
+    r = len(y)
+    found, part = of_repeats(y, smooth, slope)
+    contrasts = np.linalg.svd(np.eye(r) - 1.0 / r)[0][:, : r - 1].T @ y
+    prior = {n: v for n, v in zip(("correlation", "gain", "contact"), _priors(u, smooth, noise), strict=True)}
+    variance = np.maximum(found.variance, (1e-9 * float(np.abs(smooth).max() or 1.0)) ** 2)
+    p = parts(u, contrasts, variance, np.stack([smooth, slope]), tuple(prior.values()), usual_errors.PRIOR)
+    ratio = p.white * ratio_of(y, smooth, slope, r * white_said)
+    white = beyond_said(White(p.white * found.variance, found.freedom), ratio, r * white_said)
+    mean = white.variance / r
+    taken = np.where(mean > 0.0, mean + white_said, 0.0)
+    share = float(np.mean(taken / np.maximum(mean + said, 1e-300)))
+    dof = {"gain": r - 1.0, "contact": r - 1.0, "correlation": (r - 1) * (1.0 + 0.5 * float(np.ptp(u)) / p.length)}
+    shown, rest = {}, {}
+    for name, v in (("gain", p.gain), ("contact", p.contact), ("correlation", p.correlated)):
+        v0, k = prior[name], dof[name]
+        s2 = v if v0 is None else max(v * (usual_errors.PRIOR + k) - usual_errors.PRIOR * v0**2, 0.0) / k
+        a, b = (
+            usual_errors.counted(v0 or 0.0, k, s2)
+            if v0 is not None
+            else (student(usual_errors.PRIOR + k) ** 2 * v, 0.0)
+        )
+        stated = {"gain": noise.gain, "contact": noise.contact, "correlation": None}[name] or 0.0
+        shown[name], rest[name] = max(a / r - stated**2, 0.0), math.sqrt(b / r) if name in noise.unstated else 0.0
+    shared = {}
+    for name, shape, row in (("gain", smooth, part[0]), ("contact", slope, part[1])):
+        size = math.sqrt(shown[name] / max(float(row @ row), 1e-300))
+        shared |= {f"{name} of repeat {k + 1}": a * size * shape for k, a in enumerate(row) if a * size != 0.0}
+    K = np.exp(-np.abs(u[:, None] - u) / p.length)
+    C = np.diag(mean) + shown["correlation"] * K + sum(np.outer(s, s) for s in shared.values())
+    freedom = white.freedom / share**2 if share > 0 else math.inf
+    return C, freedom, shared, _parts(u, smooth, slope, rest, p.length)
+
+
+def _priors(u: np.ndarray, smooth: np.ndarray, noise: Noise) -> tuple[float | None, float | None, float | None]:
+    """Deviations of correlated noise, gain and contact of a test that are expected; None: nothing is known, or 0."""
+    sizes = (_correlated(smooth), usual_errors.GAIN, usual_errors.CONTACT * float(u.max()))
+    given = (None, noise.gain, noise.contact)
+    names = ("correlation", "gain", "contact")
+    return tuple(
+        usual_errors.scale(v) if n in noise.unstated else (usual_errors.scale(g) if g else None)
+        for n, v, g in zip(names, sizes, given, strict=True)
+    )  # type: ignore[return-value]
+
+
+def _combine_profile(measurement: Measurement, noise: Noise, channel: str) -> MeasuredCurve:
+    """Average a profile over repeats, place by place; places are those of the first repeat."""
+    tables = []
+    for repeat in measurement.repeats:
+        places = np.stack([repeat.depth, repeat.channels["x"], repeat.channels["y"]], axis=1)
+        order = np.lexsort(places.T[::-1])
+        stated = repeat.sigma.get(channel, np.zeros(len(order)))
+        tables.append((places[order], repeat.channels[channel][order], stated[order]))
+    places = tables[0][0]
+    if any(t[0].shape != places.shape or not np.allclose(t[0], places, rtol=0, atol=1e-9) for t in tables):
+        raise ValueError(f"{measurement.where}: the repeats of a profile need the same depths and places")
+    y = np.array([t[1] for t in tables])
+    r, n = y.shape
+    said = np.mean([t[2] ** 2 for t in tables], axis=0) + noise.of(channel) ** 2
+    q = np.var(y, axis=0, ddof=1) if r > 1 else np.zeros(n)
+    seen = White(np.full(n, q.mean()), (r - 1) * n if r > 1 else math.inf)
+    scatter = beyond_said(seen, float(np.mean(q / said)) if said.min() > 0.0 else math.inf, said)
+    variance = (scatter.variance + said) / r
+    share = float(np.mean(scatter.variance > 0.0))
+    freedom = scatter.freedom / share**2 if share > 0 else math.inf
+    return MeasuredCurve(
+        channel,
+        COLUMNS[channel],
+        places[:, 0],
+        y.mean(axis=0),
+        np.sqrt(variance),
+        len(y),
+        np.diag(variance),
+        places[:, 1:],
+        freedom,
+    )

@@ -1,0 +1,56 @@
+"""Where a fitted model differs from measurements, which unmodelled effect causes it, and how much of the gap it closes.
+
+effects      the catalogue: every knob with a neutral value and a plausible range
+testplan     what was measured, in bins        library     what is computed once per test plan
+runs, planning   what is simulated for it      responses   and what the simulations answered
+prediction   parameters → data vector          noise       what readings and models scatter by
+sensor       what filters or counts in steps
+mixture      exact evidence in tiles           attribute   the contest of hypotheses
+localise     where                             shrinkage   how much
+unfitted     what was left out of the fit      remainder   what a cause leaves
+undecided    what parameters could be besides  jumps, cracks, hum  what no smooth model has
+detectable   what this plan can see            judgement   what a contest says
+checks       how far to trust it               judge       the verdict
+rerun        finalists computed anew           next_test   what would settle it
+story        all of it as plain data           words, parameters   and in sentences
+"""
+
+from rso.discrepancy.diagnosis import Diagnosis, diagnose
+from rso.discrepancy.diagnosis_results import story
+from rso.discrepancy.evidence.detectable import announced, in_sight
+from rso.discrepancy.library.effects import Effect, bounded, catalogue, localised, recorded, suited
+from rso.discrepancy.library.planning import planned
+from rso.discrepancy.library.simulations import Base, BaseAxis
+from rso.discrepancy.library.tables import Library, NoAnswer, build
+from rso.discrepancy.library.test_plan import Experiment, TestPlan, make_plan
+from rso.discrepancy.proposals import planned_tests
+from rso.discrepancy.rerun import CLOSE, Check, finalists, mended, planned_rerun
+
+__all__ = [
+    "CLOSE",
+    "Base",
+    "BaseAxis",
+    "Check",
+    "Diagnosis",
+    "Effect",
+    "Experiment",
+    "Library",
+    "NoAnswer",
+    "TestPlan",
+    "announced",
+    "bounded",
+    "build",
+    "catalogue",
+    "diagnose",
+    "finalists",
+    "in_sight",
+    "localised",
+    "make_plan",
+    "mended",
+    "planned",
+    "planned_rerun",
+    "planned_tests",
+    "recorded",
+    "story",
+    "suited",
+]

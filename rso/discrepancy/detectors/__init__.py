@@ -1,0 +1,1 @@
+"""What no smooth model explains: jumps, steps that stay, periodic disturbances, sensors, autocorrelated readings."""

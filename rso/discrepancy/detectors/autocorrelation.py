@@ -1,0 +1,94 @@
+"""How far readings remember each other: from repeats, or from channels with nothing to show; never from a misfit."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+from scipy.optimize import brentq
+
+from rso.data import step_of
+from rso.discrepancy.library.responses import FORCES
+from rso.discrepancy.library.test_plan import TestPlan
+
+LONG = 20  # readings of a record that tells its memory
+RECORDS = 8  # of idle channels that tell it together
+IDLE = 0.15  # correlation of neighbours there that counts
+
+
+def memory(plan: TestPlan) -> float | None:
+    """Length (mm) over which readings remember each other, None where nothing shows that they do."""
+    return of_repeats(plan) or of_idle_channels(plan)
+
+
+def of_repeats(plan: TestPlan) -> float | None:
+    """Length (mm) over which the readings of all channels remember each other, from repeats; None if they do not.
+
+    Lag-1 correlation ρ of deviations from the mean of repeats, gain and contact taken out; length = −Δu / ln ρ.  It
+    counts where it exceeds twice its standard error: a small one changes little.
+    """
+    product = power = count = 0.0
+    steps = []
+    for e in plan.experiments:
+        repeats = [r for r in e.measurement.repeats if e.measurement.kind == "force"]
+        for c in FORCES:
+            curves = [r.channels[c][r.segment == "loading"] for r in repeats if c in r.channels]
+            if len(curves) < 4 or len({len(v) for v in curves}) > 1 or len(curves[0]) < 12:
+                continue
+            Y = np.array(curves[1:])  # the first may be a virgin one
+            mean = Y.mean(axis=0)
+            B = np.stack([mean, np.gradient(mean), np.ones(len(mean))], axis=1)
+            D = Y - mean
+            D = D - D @ np.linalg.pinv(B).T @ B.T
+            product += float(np.sum(D[:, 1:] * D[:, :-1]))
+            power += float(np.sum(D**2))
+            count += D.size * (len(Y) - 1) / len(Y)
+            steps.append(float(np.median(np.abs(np.diff(repeats[0].depth)))))
+            readings = len(mean)
+    if power == 0.0 or count < 40:
+        return None
+    ρ = product / power
+    if ρ < 2.0 / np.sqrt(count):
+        return None
+    ρ += (1.0 + 4.0 * ρ) / readings  # what taking out the mean costs (Marriott & Pope 1954)
+    return -float(np.median(steps)) / float(np.log(min(ρ, 0.98)))
+
+
+def of_idle_channels(plan: TestPlan) -> float | None:
+    """The same length from lateral forces that have nothing to show: none but noise about a cubic in the depth.
+
+    No gap of the model is in them, and they need neither repeats nor equal depths.  ρ is that of which AR(1) noise, the
+    cubic taken out, has the lag-1 correlation of all records together; it counts from `IDLE` on, of `RECORDS`.
+    """
+    found: list[tuple[float, float, int, float]] = []
+    for r in (r for e in plan.experiments if e.measurement.kind == "force" for r in e.measurement.repeats):
+        for c, branch in itertools.product(("Fx", "Fy"), ("loading", "unloading")):
+            at = r.segment == branch
+            if c not in r.channels or at.sum() < LONG:
+                continue
+            u, v = r.depth[at], r.channels[c][at]
+            D = v - _cubic(len(v)) @ (_cubic(len(v)).T @ v)
+            if np.ptp(v - D) < np.ptp(D) and step_of(r.channels[c]) < np.std(D):
+                found.append((float(D[1:] @ D[:-1]), float(D @ D), len(v), float(np.ptp(u)) / len(v)))
+    if len(found) < RECORDS:
+        return None
+    product, power, n, Δu = (np.array(v) for v in zip(*found, strict=True))
+    seen, count = float(np.sum(product / power * n) / n.sum()), int(np.median(n))
+    Q = _cubic(count)
+
+    def expected(ρ: float) -> float:
+        R = ρ ** np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+        R = R - Q @ (Q.T @ R)
+        R = R - (R @ Q) @ Q.T
+        return float(np.trace(R, 1) / np.trace(R))
+
+    if seen < expected(IDLE):
+        return None
+    ρ = brentq(lambda v: expected(v) - min(seen, expected(0.98)), 0.0, 0.98)
+    return -float(np.median(Δu)) / math.log(ρ)
+
+
+def _cubic(n: int) -> np.ndarray:
+    """Orthonormal cubic polynomials (n, 4) of the number of a reading."""
+    return np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, n), 4))[0]

@@ -1,0 +1,100 @@
+"""From responses of a backend to curves over the travels of a library's tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator, interp1d
+
+from rso.contract import Response
+from rso.core.curves import Resampling
+from rso.discrepancy.library.simulations import Pass
+from rso.discrepancy.library.test_plan import Place
+from rso.evaluation.store import Done
+
+FORCES = ("Fx", "Fy", "Fz")
+ENOUGH = 0.6  # of the deepest travel: what a failed run must have reached to be of use
+
+
+def forces_of(response: Response, modulus: float, back: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Travels (n,) in increasing order and forces over the modulus (n, 3) of the way there, or of the way back."""
+    travel, returning = response.channels["travel"], _returning(response)
+    F = np.stack([response.channels[c] if c in response.channels else np.zeros(len(travel)) for c in FORCES], 1)
+    if back and returning.any():
+        order = np.argsort(travel[returning])
+        return travel[returning][order], F[returning][order] / modulus
+    there = ~returning
+    return travel[there], F[there] / modulus
+
+
+def _returning(response: Response) -> np.ndarray:
+    """(n,) whether an answer is on the way back: asked travels come up once on the way there and once on that."""
+    travel, time = response.channels["travel"], response.channels["time"]
+    return time > time[int(np.argmax(travel >= travel.max() - 1e-6))]
+
+
+def loading_of(response: Response, u: np.ndarray, modulus: float) -> np.ndarray:
+    """Forces over the modulus (3, m) on the way there."""
+    travel, F = forces_of(response, modulus)
+    return Resampling(travel, F)(np.minimum(u, travel[-1])).T
+
+
+def relative(travel: np.ndarray, change: np.ndarray, reference: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """change / reference (3, m) over u, constant before the first and after the last travel."""
+    ratio = change / reference[:, None]
+    if len(travel) == 1:
+        return np.repeat(ratio.T, len(u), axis=1)
+    at = np.clip(u, travel[0], travel[-1])
+    return PchipInterpolator(np.sqrt(travel), ratio, axis=0)(np.sqrt(at)).T
+
+
+def reached_by(outcome: Any, deepest: float) -> Response | None:
+    """The response of a run, or what a failed one reached if that is most of the way; beyond it changes stay as they
+    were there."""
+    if isinstance(outcome, Done):
+        return outcome.response
+    partial = getattr(outcome, "partial", None)
+    if partial is None or partial.channels["travel"].max() < ENOUGH * deepest:
+        return None
+    return partial
+
+
+def changed(
+    ways: Sequence[Pass], u: np.ndarray, place: Place, reference: float, outcomes: Sequence[Any], base: Resampling,
+    foreseen: np.ndarray | None = None,
+) -> tuple[np.ndarray, int]:  # fmt: skip
+    """Changes (n_pass, 3, m) over `base` relative to its Fz, and how many passes have none.
+
+    `outcomes` are those of every pass, or one where the way does not matter.  What is `foreseen` (n_pass, 3, m) need
+    not be interpolated from travel to travel.
+    """
+    change, lost = np.zeros((len(ways), 3, len(u))), 0
+    for i, way in enumerate(ways):
+        response, back = reached_by(outcomes[min(i, len(outcomes) - 1)], place.deepest), way.peak is not None
+        if response is None or (back and len(outcomes) > 1 and not _returning(response).any()):
+            if foreseen is not None and (way.rest or way.pace != 1.0):  # it may be that alone which cannot be simulated
+                change[i] = foreseen[i]
+            else:
+                lost += 1
+            continue
+        travel, F = forces_of(response, reference, back=back and len(outcomes) > 1)
+        at = base(travel)
+        if foreseen is None:
+            change[i] = relative(travel, F - at, at[:, 2], u)
+        else:
+            known = interp1d(np.sqrt(u), foreseen[i])(np.sqrt(np.clip(travel, u[0], u[-1]))).T
+            change[i] = foreseen[i] + relative(travel, F - at - known * at[:, 2:], at[:, 2], u)
+    return change, lost
+
+
+def marks_of(response: Response, place: Place) -> np.ndarray:
+    """Displacements (n_depths · n_marks,) of the marks of profiles, depth by depth."""
+    if not place.marks:
+        return np.empty(0)
+    travel, out = response.channels["travel"], []
+    for d in place.mark_depths:
+        at = int(np.argmin(np.abs(travel - d)))
+        out += [float(response.channels[f"uz({x:g},{y:g})"][at]) for x, y in place.marks]
+    return np.array(out)

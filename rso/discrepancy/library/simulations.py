@@ -1,0 +1,240 @@
+"""What is simulated for a library: the base model and its axes, ways of the indenter, and runs at places and sizes."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from rso.contract import Backend, Case, Programme
+from rso.discrepancy.library.effects import Effect
+from rso.discrepancy.library.interpolation import timed
+from rso.discrepancy.library.test_plan import Test, TestPlan, rounded
+from rso.evaluation import Task
+
+ASKED = 9  # travels at which a run is asked for forces
+LIKE = 0.06  # by which rests and speeds of ways may differ and count as one
+STEP = 0.05  # of ln, to which they are rounded: data sets of one plan share most of their runs
+NEAR = 0.15  # of the depth of a mark: forces are asked for there, and need not be beside it
+Run = Callable[[Sequence[Task]], list[Any]]
+
+
+@dataclass(frozen=True)
+class BaseAxis:
+    """One open parameter besides the modulus, reduced by it: ln or linear range, exponent of stress.
+
+    `kept` is the range of the parameter itself, in its unit, that fits keep to; None: all of the axis, at any modulus.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    log: bool
+    exponent: int
+    kept: tuple[float, float] | None = None
+
+    def physical(self, x: np.ndarray | float, modulus: float = 1.0) -> np.ndarray:
+        """Value at coordinate x for a modulus."""
+        return (np.exp(x) if self.log else np.asarray(x, float)) * modulus**self.exponent
+
+    def coordinate(self, value: float, modulus: float = 1.0) -> float:
+        """The coordinate of a value, see `physical`."""
+        reduced = value / modulus**self.exponent
+        return float(np.log(reduced)) if self.log else float(reduced)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Range of the coordinate."""
+        return (float(np.log(self.low)), float(np.log(self.high))) if self.log else (self.low, self.high)
+
+
+@dataclass(frozen=True)
+class Base:
+    """The base model: its modulus with a reference value, the other open parameters, and fixed values.
+
+    Settings of many cheap runs, `draft`, and of those on the study's mesh, `lean`.  Fixed values with a stress in their
+    unit, `held` with its exponent e, stay where the modulus moves, so that it needs an axis of its own, named as it is:
+    at the reference modulus μ₀ they are p (μ/μ₀)^−e.  Without such an axis `low` = `high` is a modulus that is fixed.
+    """
+
+    backend: Backend
+    modulus: str
+    reference: float
+    low: float
+    high: float
+    axes: tuple[BaseAxis, ...]
+    fixed: Mapping[str, float]
+    draft: Mapping[str, Any]
+    lean: Mapping[str, Any] = field(default_factory=dict)
+    held: Mapping[str, int] = field(default_factory=dict)
+
+    def values(self, x: Sequence[float]) -> dict[str, float]:
+        """Knobs at coordinates x of the axes, at the reference modulus."""
+        own = {a.name: float(a.physical(v, self.reference)) for a, v in zip(self.axes, x, strict=True)}
+        scale = own.pop(self.modulus, self.reference) / self.reference
+        held = {k: self.fixed[k] * scale**-e for k, e in self.held.items()}
+        return {**self.fixed, **held, self.modulus: self.reference, **own}
+
+    @property
+    def tied(self) -> int | None:
+        """Which axis is the modulus itself."""
+        return next((k for k, a in enumerate(self.axes) if a.name == self.modulus), None)
+
+    def moduli(self, x: np.ndarray) -> np.ndarray | None:
+        """The modulus (T,) that belongs to coordinates x (T, d); None where it is free there."""
+        if self.tied is not None:
+            return np.asarray(self.axes[self.tied].physical(x[:, self.tied]))
+        return np.full(len(x), self.low) if self.low == self.high else None
+
+    @property
+    def centre(self) -> tuple[float, ...]:
+        """Middle of the axes."""
+        return tuple(0.5 * sum(a.ends) for a in self.axes)
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One way of the indenter: loading (peak None) or unloading from `peak`, after an earlier travel there.
+
+    Before unloading it rests for as long as it takes to go `rest` mm on the way there; then it goes `pace` times as
+    fast.
+    """
+
+    peak: float | None
+    earlier: float
+    rest: float = 0.0
+    pace: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What a task is for: place, effect (None: base), node, pass (None: loading that serves all passes)."""
+
+    place: int
+    effect: str | None
+    node: int
+    passing: int | None
+    task: Task
+    finer: bool = False
+
+
+def passes(plan: TestPlan, place: int) -> tuple[Pass, ...]:
+    """The different ways at a place; travels, rests and speeds that are nearly the same count as one."""
+    mine = [t for t in plan.tests if t.place == place]
+    ways = [Pass(None, plan.near(t.earlier)) for t in mine]
+    ways += [Pass(plan.near(t.peak), plan.near(t.earlier), *_resting(t)) for t in mine if t.returns]
+    found = [Pass(None, 0.0)]
+    for way in ways:
+        if not any((way.peak, way.earlier) == (p.peak, p.earlier) and alike(way, p) for p in found):
+            found.append(way)
+    return tuple(found)
+
+
+def alike(a: Pass, b: Pass) -> bool:
+    """Whether the ball rests as long and goes back as fast."""
+    return max(a.rest, b.rest) <= (1 + LIKE) * min(a.rest, b.rest) and abs(np.log(a.pace / b.pace)) < LIKE
+
+
+def passes_of(every: Sequence[Pass], test: Test) -> tuple[int, int]:
+    """Indices of the loading and of the unloading pass of a test."""
+    loading = nearest(every, Pass(None, test.earlier))
+    back = Pass(test.peak, test.earlier, *_resting(test))
+    return loading, nearest(every, back) if test.returns else loading
+
+
+def _resting(test: Test) -> tuple[float, float]:
+    """Rest in mm of the way there, and pace, as round numbers."""
+    return _round(test.rest * test.speed), _round(test.pace)
+
+
+def _round(v: float) -> float:
+    return float(f"{np.exp(STEP * round(np.log(v) / STEP)):.4g}") if v > 0.0 else 0.0
+
+
+def nearest(every: Sequence[Pass], way: Pass) -> int:
+    """Index of the pass of the same direction that is most alike."""
+
+    def apart(k: int) -> float:
+        travel = abs((every[k].peak or 0.0) - (way.peak or 0.0)) + abs(every[k].earlier - way.earlier)
+        return travel + abs(np.log((1.0 + every[k].rest) / (1.0 + way.rest))) + abs(np.log(every[k].pace / way.pace))
+
+    return min((k for k, p in enumerate(every) if (p.peak is None) == (way.peak is None)), key=apart)
+
+
+def knobs_at(base: Base, effect: Effect, at: np.ndarray) -> dict[str, float]:
+    """Knob values of a node at the reference modulus; times as they are at 1 mm/s."""
+    known = {p.name for p in base.backend.parameters}
+    pairs = [(size, float(size.value(s))) for size, s in zip(effect.knobs, at, strict=True)]
+    return {size.name: v * base.reference**size.exponent for size, v in pairs if size.name in known}
+
+
+def task_of(base: Base, plan: TestPlan, k: int, values: Mapping[str, float], way: Pass | None,
+            settings: Mapping[str, Any], finer: bool = False) -> Task:  # fmt: skip
+    """The run at place k: loading, or to and back from the peak of a way; `finer` ones are on the study's mesh."""
+    place = plan.places[k]
+    data = {**place.settings, **(base.lean if finer else base.draft), **settings}
+    if place.marks:
+        data["profile"] = [list(m) for m in place.marks]
+    deepest, to = plan.reach(k), lambda v: rounded(v, plan.scale, 4)
+    asked = {to(deepest * (j / ASKED) ** 1.7) for j in range(1, ASKED)} | {deepest}
+    asked = {a for a in asked if all(abs(a - d) > NEAR * d for d in place.mark_depths)} | set(place.mark_depths)
+    if way is None or way.peak is None:
+        programme = Programme((0.0, deepest), (0.0, deepest), tuple(sorted(asked)))
+    else:  # what relaxes does so at once after the turn
+        p = way.peak
+        inside = tuple(sorted({a for a in asked if a < 0.78 * p} | {to(f * p) for f in (0.8, 0.92, 0.98, 0.997)}))
+        between = [0.5 * (a + b) for a, b in itertools.pairwise((0.0, *inside)) if b < 0.9 * p]
+        corners = ((0.0, 0.0), (p, p), *([(p + way.rest, p)] if way.rest else []), (p + way.rest + p / way.pace, 0.0))
+        home = [float(f"{corners[-1][0] - v / way.pace:.12g}") for v in between]  # where contact is lost is steep
+        programme = Programme(*zip(*corners, strict=True), inside, tuple(sorted(home)))
+    if way is not None and way.earlier:
+        data["earlier"] = way.earlier
+    tidy = {name: float(f"{v:.12g}") for name, v in values.items()}  # equal nodes have equal keys
+    return Task(tidy, Case(f"place {k}", programme, data))
+
+
+def jobs_of(base: Base, plan: TestPlan, k: int, e: Effect | None, n: int, values: Mapping[str, float],
+            every: Sequence[Pass], finer: bool = False) -> list[Job]:  # fmt: skip
+    """One loading run where the way does not matter, else one run per pass; rest and pace only where times matter."""
+    name, settings = (None, {}) if e is None else (e.name, e.settings)
+    load = task_of(base, plan, k, values, None, settings, finer)
+    there_and_back = task_of(base, plan, k, values, Pass(min(1.0, plan.places[k].deepest), 0.0), settings)
+    programme = base.backend.canonical(there_and_back.values, there_and_back.case)[1].programme
+    if programme.travel_mm[-1] == max(programme.travel_mm):
+        return [Job(k, name, n, None, load)]
+    jobs = []
+    timely = (e is not None and any(timed(s) for s in e.shape)) or rated(base, plan)
+    for i, way in enumerate(every):
+        way = way if timely else replace(way, rest=0.0, pace=1.0)
+        task = task_of(base, plan, k, values, way, settings, finer)
+        if "earlier" in task.case.settings:  # what does not soften shares the virgin run
+            plain = base.backend.canonical(task.values, task.case)[1].settings
+            virgin = replace(task.case, settings={a: b for a, b in task.case.settings.items() if a != "earlier"})
+            if plain == base.backend.canonical(task.values, virgin)[1].settings:
+                task = replace(task, case=virgin)
+        jobs.append(Job(k, name, n, i, task))
+    return jobs
+
+
+def jobs_at(
+    base: Base, plan: TestPlan, k: int, e: Effect, x: Sequence[float], at: Sequence[float], ways: Sequence[Pass],
+    finer: bool,
+) -> list[Task]:  # fmt: skip
+    """Runs of an effect at size and shapes `at`, base coordinates `x`: one, or one per pass where the way matters.
+
+    `finer` ones are on the study's mesh.
+    """
+    values = {**base.values(x), **knobs_at(base, e, at)}
+    return [j.task for j in jobs_of(base, plan, k, e, 0, values, ways, finer)]
+
+
+def rated(base: Base, plan: TestPlan) -> bool:
+    """Whether the base model itself depends on the rate: an effect that is switched on has a time."""
+    task = task_of(base, plan, 0, base.values(base.centre), None, {})
+    kept = base.backend.canonical(task.values, task.case)[0]
+    on = {p.group for p in base.backend.parameters if p.group and p.neutral is not None and p.name in kept}
+    return any(p.unit == "s" and p.group in on for p in base.backend.parameters)

@@ -1,0 +1,281 @@
+"""Which test next: how likely it is to settle what is open, all that the hypotheses do not know included.
+
+    D² = (y_k − y_l)ᵀ (C + Σ_k + Σ_l)⁻¹ (y_k − y_l)
+
+y_k is the posterior mean of the new test under hypothesis k and Σ_k its covariance, so that what a re-fit could still
+move does not count (Atkinson & Fedorov 1975; Eriksson, Frisk & Krysander 2013 call D distinguishability).  Where k is
+true the log likelihood ratio against l is about N(D²/2, D²), so that the test settles the matter with probability
+
+    Σ_k P_k min_l Φ[ (D_kl² / 2 − ln(P_l / P_k) − ln(s / (1 − s))) / D_kl ],      s = SETTLED.
+
+Where the truth is none of the hypotheses that can be simulated nothing is settled: P need not sum to 1.  What every
+curve has for itself moves no mean, but widens Σ of the new curves.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from rso.core.distributions import normal_cdf, normal_logpdf, normal_ppf
+from rso.discrepancy.evidence import noise
+from rso.discrepancy.evidence.attribution import Bench, by_test
+from rso.discrepancy.evidence.gaussian_mixture import Posterior
+from rso.discrepancy.library.effects import Effect
+from rso.discrepancy.library.interpolation import timed
+from rso.discrepancy.library.prediction import predict
+from rso.discrepancy.library.tables import Library, build
+from rso.discrepancy.library.test_plan import make_plan
+from rso.discrepancy.proposals import READINGS, Candidate, afterwards, candidates, known, moved
+from rso.evaluation import Task
+
+DRAWS = 80
+SEPARATES = 4.0  # about 4 σ: what a test must reach to promise an answer
+FEW = 0.05  # of the draws of a time that may lie beyond the rates computed without a word
+READ_OFF = "its rate lies beyond those computed, of which the nearest stands for it"
+SETTLED = 0.95  # probability of one hypothesis at which a matter is settled
+NEED = float(np.log(SETTLED / (1.0 - SETTLED)))
+
+_BLOCK = "press a rigid block and hold, and a shim of known thickness on it"
+_SENSOR = "the sensor alone: a run in air, a dead weight, turned by 90 degrees"
+DIRECT = {  # tests that show an effect of the chain by itself, whatever the specimen; one visit to the bench each
+    "compliance": _BLOCK,
+    "creep": _BLOCK,
+    "offset": _BLOCK,
+    "bias": _SENSOR,
+    "bias_side": _SENSOR,
+    "drift": _SENSOR,
+    "gain": _SENSOR,
+    "cross_x": _SENSOR,
+    "cross_y": _SENSOR,
+    "nonlinearity": _SENSOR,
+    "turn": _SENSOR,
+    "depth_scale": "the drive against a gauge block",
+    "lag": "a tap with both clocks recorded",
+}
+
+
+@dataclass(frozen=True)
+class NextTest:
+    """A test, the `chance` that it settles what is open, the pair it separates worst and the distance D of that pair.
+
+    `resolves` counts the `pairs` with D ≥ SEPARATES.  `note` says what the forecast leans on.
+    """
+
+    test: str
+    chance: float
+    separates: tuple[str, str]
+    distance: float
+    resolves: int
+    pairs: int
+    note: str = ""
+
+
+Survivors = Mapping[str, tuple[tuple[Effect, ...], Posterior]]
+Scatter = Mapping[str, float]  # of effects that scatter, their standard deviation in the unit of the knob
+
+
+def next_tests(
+    library: Library, bench: Bench, survivors: Survivors, probability: Mapping[str, float],
+    run: Callable[[Sequence[Task]], list[Any]] | None, scatter: Scatter | None = None,
+) -> list[NextTest]:  # fmt: skip
+    """Candidate tests by the chance that they settle which of the survivors is true.
+
+    `survivors` maps a name to its effects and posterior, `probability` to its probability.  Without `run` only tests
+    at places and rates of the library are considered; where all survivors scatter only repeats help, and none is.
+    """
+    if len(survivors) < 2 or all(e.family == "scatter" for effects, _ in survivors.values() for e in effects):
+        return []
+    found = []
+    acting = {e.name for effects, _ in survivors.values() for e in effects}
+    for candidate in candidates(library):
+        if candidate.without and not candidate.without & acting:
+            continue  # what it keeps from acting is none of what is open
+        try:
+            there = simulated(library, candidate, survivors, run)
+        except ValueError:
+            continue
+        if there is not None:
+            D = distances(there, bench, survivors, candidate.without, scatter or {})
+            test = ranked(candidate.words, D, probability)
+            found.append(replace(test, note=READ_OFF if _out_of_reach(there, survivors) else ""))
+    found += [ranked(words, D, probability) for words, D in direct(library, bench, survivors).items()]
+    return sorted(found, key=merit, reverse=True)
+
+
+def merit(test: NextTest) -> tuple[float, int, float]:
+    """What tests are ordered by: the chance, then the pairs resolved, then the distance of the worst pair."""
+    return round(test.chance, 3), test.resolves, test.distance
+
+
+def simulated(
+    library: Library, candidate: Candidate, survivors: Survivors, run: Callable[[Sequence[Task]], list[Any]] | None
+) -> Library | None:
+    """The library of a candidate test, None where that would need simulations and there is no `run`.
+
+    Raises ValueError where the base model has no answer.
+    """
+    plan = make_plan(candidate.experiments, library.plan.scale)
+    plan = replace(plan, tests=tuple(afterwards(library.plan, plan, t) for t in plan.tests))
+    if known(library, plan):
+        return replace(library, plan=moved(library, plan))
+    if run is None:
+        return None
+    effects = {e.name: e for group, _ in survivors.values() for e in group}
+    return build(library.base, plan, tuple(effects.values()), run)
+
+
+def _out_of_reach(there: Library, survivors: Survivors) -> bool:
+    """Whether a survivor relaxes in times that, in the travel of the tests of a library, lie beyond those computed."""
+    d, speeds = len(there.base.axes), {t.speed for t in there.plan.tests}
+    for effects, post in survivors.values():
+        column = d
+        for e in (e for e in effects if e.family != "scatter"):  # these have no coordinate
+            timely = [k for k, s in enumerate(e.knobs) if k and timed(s)] if e.family == "model" else []
+            for k in timely:  # those of the chain are followed at any rate
+                level = there.places[there.home(e)].effects[e.name].nodes.levels[k]
+                for speed in speeds:
+                    at = post.at[:, column + k] + np.log(speed)
+                    if np.mean((at < level.min()) | (at > level.max())) > FEW:
+                        return True
+            column += len(e.knobs)
+    return False
+
+
+def ranked(words: str, distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> NextTest:
+    """A test by the distances D of the pairs and the probabilities of the survivors."""
+    worst = min(distance, key=lambda p: distance[p])
+    settled = sum(bool(v >= SEPARATES) for v in distance.values())
+    return NextTest(words, _chance(distance, probability), worst, float(distance[worst]), settled, len(distance))
+
+
+def _chance(distance: Mapping[tuple[str, str], float], probability: Mapping[str, float]) -> float:
+    whole = max(sum(probability.values()), 1.0)  # the causes of a pair hold the same probability twice
+    P = {k: max(v / whole, 1e-9) for k, v in probability.items()}
+    chance = 0.0
+    for k in P:
+        rivals = [((l if k == m else m), D) for (l, m), D in distance.items() if k in (l, m)]
+        chance += P[k] * min(float(_settles(D, np.log(P[k] / P[l]))) for l, D in rivals)
+    return chance
+
+
+def _settles(D: np.ndarray | float, odds: float) -> np.ndarray:
+    """Probability that a test of distance D leaves the truth with `SETTLED`, from the logarithm of its odds before."""
+    return normal_cdf((0.5 * np.square(D) + odds - NEED) / np.maximum(D, 1e-9))
+
+
+def distances(
+    there: Library, bench: Bench, survivors: Survivors, without: frozenset[str] = frozenset(),
+    scatter: Scatter | None = None,
+) -> dict[tuple[str, str], float]:  # fmt: skip
+    """D of every pair of survivors in the tests of a library's plan."""
+    mean, spread = {}, {}
+    for name, (effects, post) in survivors.items():
+        F = forecast(there, bench, effects, post, without)
+        mean[name], spread[name] = F.mean(axis=0), np.cov(F.T)
+        for e in (e for e in effects if e.family == "scatter"):
+            centre = np.median(post.at[:, : len(there.base.axes)], axis=0)[None]
+            g = (scatter or {})[e.name] * by_test(there, e, centre, float(np.median(post.modulus)))
+            spread[name] = spread[name] + g.T @ g
+    C = covariance(there, bench, next(iter(mean.values())))
+    out = {}
+    for k, l in itertools.combinations(survivors, 2):
+        Δ = mean[k] - mean[l]
+        out[k, l] = float(np.sqrt(Δ @ np.linalg.solve(C + spread[k] + spread[l], Δ)))
+    return out
+
+
+def forecast(
+    there: Library, bench: Bench, effects: Sequence[Effect], post: Posterior, without: frozenset[str] = frozenset()
+) -> np.ndarray:
+    """Draws (DRAWS, n) of what a hypothesis predicts, effects of `without` left out."""
+    effects = [e for e in effects if e.family != "scatter"]  # these move no mean
+    pick = np.linspace(0, len(post.modulus) - 1, DRAWS).astype(int)
+    d = len(there.base.axes)
+    columns, at = list(range(d)), d
+    for e in effects:
+        columns += [] if e.name in without else range(at, at + len(e.knobs))
+        at += len(e.knobs)
+    acting = [e for e in effects if e.name not in without]
+    A, c = predict(there, acting, post.at[pick][:, columns], bench.modulus)
+    return post.modulus[pick, None] * A + c
+
+
+def covariance(there: Library, bench: Bench, force: np.ndarray) -> np.ndarray:
+    """Noise (n, n) of new tests: that of the plan's."""
+    some = bench.levels.get("Fz", next(iter(bench.levels.values())))
+    mark = noise.Level(there.plan.scale * noise.MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "assumed")
+    levels = {c: bench.levels.get(c, some) for c in noise.FORCES} | {"uz": bench.levels.get("uz", mark)}
+    return noise.covariance(there, levels, force, noise.slope_of(there, force))
+
+
+def gauges(library: Library, bench: Bench) -> dict[str, tuple[str, float]]:
+    """Knob → a test that shows it by itself, whatever the rest, and what that test resolves in the knob's unit."""
+    level = bench.levels.get("Fz", next(iter(bench.levels.values())))
+    white = level.white / np.sqrt(READINGS)
+    F = max(float(np.max(np.abs(v))) for t in library.plan.tests for c, v in t.values.items() if c == t.channels[-1])
+    longest = max(float(t.time.max()) for t in library.plan.tests)
+    v = max(t.speed for t in library.plan.tests)
+    yields = 0.5 * level.contact / F
+    resolution = {
+        "compliance": yields, "creep": yields, "offset": level.contact,
+        "bias": white, "bias_side": white, "drift": white / longest, "gain": 0.002,
+        "lag": white / max(F * v / 4.0, 1e-300), "cross_x": white / F, "cross_y": white / F,
+        "nonlinearity": white / F**2, "turn": np.degrees(white / F), "depth_scale": 0.002,
+    }  # fmt: skip
+    own = {k: (DIRECT[k], resolution[k]) for k in DIRECT}
+    settings = dict(library.plan.places[0].settings)
+    return {**own, **getattr(library.base.backend, "gauges", lambda _: {})(settings)}
+
+
+def direct(library: Library, bench: Bench, survivors: Survivors) -> dict[str, dict[tuple[str, str], float]]:
+    """D of every pair in tests of one knob alone.
+
+    What such a test shows is the size itself, so that a size known badly before is as good as any.
+    """
+    known, pairs = gauges(library, bench), list(itertools.combinations(survivors, 2))
+    found: dict[str, dict[tuple[str, str], float]] = {}
+    for name, (effects, post) in survivors.items():
+        for e in effects:
+            if e.size.name not in known or e.size.neutral is None or e.place is not None or e.family == "scatter":
+                continue  # no bench shows what one test had
+            words, resolution = known[e.size.name]
+            off = sizes(bench, effects, post, e) - e.size.neutral
+            D = _as_likely(off, resolution)
+            own = found.setdefault(words, dict.fromkeys(pairs, 0.0))
+            for p in pairs:
+                other = p[0] if p[1] == name else p[1]
+                if name in p and e.name not in {x.name for x in survivors[other][0]}:
+                    own[p] = max(own[p], D)
+    return found
+
+
+def _as_likely(off: np.ndarray, resolution: float) -> float:
+    """D with the chance, at even odds, of a test that shows sizes `off` (m,) of one hypothesis, 0 of the other, itself.
+
+    Φ[D/2 − c/D] = ½ (⟨[ln p(x)/q(x) ≥ c]⟩ₚ + ⟨[ln q(x)/p(x) ≥ c]⟩_q), c = ln(s / (1 − s)), q = N(0, resolution²) and
+    p = N(mean, sd² + resolution²) of the sizes, solved for D; 0 where a size that is none is as likely.
+    """
+    spread = np.hypot(float(np.std(off)), resolution)
+    read = normal_ppf((np.arange(400) + 0.5) / 400)
+    mean = float(np.mean(off))
+
+    def odds(x: np.ndarray) -> np.ndarray:
+        """ln p/q at x."""
+        return normal_logpdf(x, mean, spread) - normal_logpdf(x, 0.0, resolution)
+
+    chance = 0.5 * np.mean(odds(mean + spread * read) >= NEED) + 0.5 * np.mean(-odds(resolution * read) >= NEED)
+    z = float(normal_ppf(np.clip(chance, 1e-12, 1 - 1e-12)))
+    return z + float(np.sqrt(z**2 + 2.0 * NEED))
+
+
+def sizes(bench: Bench, effects: Sequence[Effect], post: Posterior, effect: Effect) -> np.ndarray:
+    """Values (m,) of an effect's knob over the draws, in its unit."""
+    column = post.at.shape[1] - sum(len(e.knobs) for e in effects)
+    column += sum(len(e.knobs) for e in itertools.takewhile(lambda e: e is not effect, effects))
+    scale = post.modulus / (1.0 if effect.family == "model" else bench.modulus)
+    return effect.size.value(post.at[:, column]) * scale**effect.size.exponent

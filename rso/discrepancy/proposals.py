@@ -1,0 +1,204 @@
+"""Tests that could be done next: other rates, ways and places, again without an effect, with more channels or marks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from rso.data import Measurement, Repeat
+from rso.discrepancy.evidence import noise
+from rso.discrepancy.library.effects import Effect
+from rso.discrepancy.library.planning import framed, planned
+from rso.discrepancy.library.simulations import Base, Job, alike, passes, rated
+from rso.discrepancy.library.tables import Library
+from rso.discrepancy.library.test_plan import Experiment, Place, Test, TestPlan, make_plan
+
+READINGS = 20
+REPEATS = 3  # of a proposed test: what each has for itself averages out
+DEPTH = 4.0  # mm to which a test is proposed at most, in a plan of the usual depth
+TURN = 0.3  # mm between turns that count as one, in such a plan
+REST = 20.0  # of the time of loading: how long a hold is proposed to last
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A test to be simulated; knobs in `without` are kept from acting in it."""
+
+    words: str
+    experiments: tuple[Experiment, ...]
+    without: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class Outline:
+    """What of a library is known before any simulation, enough to name candidates."""
+
+    base: Base
+    plan: TestPlan
+    primary: int
+    effects: tuple[Effect, ...]
+
+
+def planned_tests(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> dict[str, tuple[list[Job], float]]:
+    """Candidate test → the simulations that it takes under every effect, and the share of them under two alone.
+
+    Those that a library tells without are left out.
+    """
+    outline = Outline(base, plan, framed(base, plan).primary, tuple(effects))
+    modelled = [e for e in effects if e.family == "model"]
+    found = {}
+    for candidate in candidates(outline):
+        try:
+            there = make_plan(candidate.experiments, plan.scale)
+            there = replace(there, tests=tuple(afterwards(plan, there, t) for t in there.tests))
+            if known(outline, there):
+                continue
+            jobs, without = planned(base, there, effects), len(planned(base, there, ()))
+        except ValueError:
+            continue
+        under_all = max(len(jobs) - without, 0)
+        each = under_all / max(len(modelled), 1)
+        found[candidate.words] = jobs, (without + min(2.0 * each, under_all)) / max(len(jobs), 1)
+    return found
+
+
+def candidates(library: Library | Outline) -> list[Candidate]:
+    """Tests that are not in the plan yet: other rates, unloading and a hold at a known place, what the backend
+    proposes."""
+    plan = library.plan
+    template = plan.experiments[next(t.experiment for t in plan.tests if t.place == library.primary)]
+    place = plan.places[library.primary]
+    speeds = [t.speed for t in plan.tests if t.place == library.primary]
+    has_unload = any(t.returns for t in plan.tests if t.place == library.primary)
+    has_hold = any(t.held.any() for t in plan.tests)
+    most = DEPTH * plan.scale
+    d = min(place.deepest, most)
+    template = replace(template, channels=_measured(plan))  # a cell of one axis stays one
+    out = []
+    if not has_unload:
+        out.append(Candidate("load and unload at the same point", (_experiment(template, d, speeds[0], True),)))
+    for factor, word in ((10.0, "ten times faster"), (0.1, "ten times slower")):
+        v = factor * (max(speeds) if factor > 1 else min(speeds))
+        words = f"load and unload {word} ({60 * v:.3g} mm/min)"
+        out.append(Candidate(words, (_experiment(template, d, v, True),)))
+    if not (has_hold or rated(library.base, plan)):
+        words = f"load at {60 * max(speeds):.3g} mm/min and hold for {REST:g} times as long"
+        out.append(Candidate(words, (_experiment(template, d, max(speeds), False, rest=REST),)))
+    backend = library.base.backend
+    for words, settings in getattr(backend, "tests", lambda _: {})(dict(place.settings)).items():
+        other = replace(template, settings={**template.settings, **settings})
+        out.append(Candidate(words, (_experiment(other, d, speeds[0], True),)))
+    tests = {t.place: t for t in plan.tests}
+    for label, settings in plan.labels().items() if len(plan.places) > 1 else ():
+        k = next(k for k, p in enumerate(plan.places) if p.settings == settings)
+        there = next(t.experiment for t in plan.tests if t.place == k)
+        own = replace(plan.experiments[there], channels=template.channels)
+        again = _experiment(own, min(plan.places[k].deepest, most), speeds[0], False)
+        moved = frozenset(e.name for e in library.effects if e.place == settings and len(e.size.ends()) == 2)
+        if moved:
+            out.append(Candidate(f"the test at {label} again, its place looked at", (again,), moved))
+    missing = [c for c in noise.FORCES if c not in template.channels]
+    for label, settings in plan.labels().items() if missing else ():
+        k = next(k for k, p in enumerate(plan.places) if p.settings == settings)
+        there = next(t.experiment for t in plan.tests if t.place == k)
+        more = replace(plan.experiments[there], channels=noise.FORCES)
+        again = _experiment(more, min(plan.places[k].deepest, most), speeds[0], False)
+        out.append(Candidate(f"the test at {label} again, with {' and '.join(missing)} measured", (again,)))
+    for words, marks in getattr(backend, "marks", lambda _: {})(dict(place.settings)).items():
+        if not _seen(marks, place.marks):
+            load = _experiment(template, d, speeds[0], False)
+            out.append(Candidate(words, (load, _profile(template, marks, (0.5 * d, d)))))
+    for words, knobs in getattr(backend, "prevented", lambda: {})().items():
+        each = [replace(plan.experiments[t.experiment], name=f"again {k}", channels=template.channels)
+                for k, t in tests.items()]  # fmt: skip
+        again = [
+            _experiment(e, min(plan.places[k].deepest, most), speeds[0], _turned(plan, k), e.name)
+            for k, e in zip(tests, each, strict=True)
+        ]
+        out.append(Candidate(words, tuple(again), frozenset(knobs)))
+    return out
+
+
+def afterwards(done: TestPlan, plan: TestPlan, test: Test) -> Test:
+    """A test of another plan as it is when all tests of a plan are done: last, at places that they pressed."""
+    settings = plan.places[test.place].settings
+    pressed = [t.peak for t in done.tests if done.places[t.place].settings == settings]
+    return replace(test, age=0.5, earlier=max([test.earlier, *pressed]))
+
+
+def known(library: Library | Outline, plan: TestPlan) -> bool:
+    """Whether a plan can be read off the tables: its places are the library's, its turns near theirs, as are rests and
+    speeds of ways back, no new marks."""
+    own = [_place(library, p) for p in plan.places]
+    return (
+        not plan.profiles
+        and all(k is not None for k in own)
+        and all(
+            not p.peaks or any(abs(v - q) < TURN * plan.scale for v in p.peaks for q in library.plan.places[k].peaks)
+            for p, k in zip(plan.places, own, strict=True)
+        )
+        and all(
+            way.peak is None or any(p.peak is not None and alike(way, p) for p in passes(library.plan, k))
+            for j, k in enumerate(own)
+            for way in passes(plan, j)
+        )
+    )
+
+
+def moved(library: Library, plan: TestPlan) -> TestPlan:
+    """The new tests at the library's own places."""
+    tests = tuple(replace(t, place=_place(library, plan.places[t.place])) for t in plan.tests)
+    return replace(library.plan, experiments=plan.experiments, tests=tests, profiles=())
+
+
+def _measured(plan: TestPlan) -> tuple[str, ...]:
+    """Components of the force that the laboratory can measure: those that some test has."""
+    return tuple(c for c in noise.FORCES if any(c in t.channels for t in plan.tests))
+
+
+def _experiment(
+    template: Experiment, depth: float, speed: float, unload: bool, name: str = "next test", rest: float = 0.0
+) -> Experiment:  # fmt: skip
+    """A test as it would be recorded in the template's channels, with no values in it; at the end held for `rest` times
+    the time of loading."""
+    u = np.linspace(0.0, depth, READINGS + 1)[1:]
+    way = np.concatenate([u, u[-2::-1]]) if unload else u
+    segment = np.array(["loading"] * len(u) + ["unloading"] * (len(way) - len(u)))
+    time = np.cumsum(np.abs(np.diff(np.concatenate([[0.0], way])))) / speed
+    if rest:
+        way, segment = np.append(way, np.full(READINGS, depth)), np.append(segment, ["hold"] * READINGS)
+        time = np.append(time, depth / speed * (1.0 + np.geomspace(1.0 / READINGS, rest, READINGS)))
+    channels = {c: np.zeros(len(way)) for c in template.channels}
+    repeats = tuple(Repeat(f"{k + 1}", way, time, channels, {}, segment) for k in range(REPEATS))
+    measurement = Measurement(Path("next test"), "force", repeats, ())
+    return replace(template, name=name, measurement=measurement, speed=speed, role="fit", after=())
+
+
+def _profile(template: Experiment, marks: Sequence[Sequence[float]], depths: Sequence[float]) -> Experiment:
+    """Displacements of surface marks at some depths, with no values in it."""
+    x, y = np.tile(np.array(marks, float).T, len(depths))
+    depth = np.repeat(depths, len(marks))
+    repeat = Repeat("1", depth, None, {"x": x, "y": y, "uz": np.zeros(len(x))}, {}, np.full(len(x), "loading"))
+    measurement = Measurement(Path("next test"), "profile", (repeat,), ())
+    return replace(template, name="next profile", measurement=measurement, role="fit", channels=("uz",), after=())
+
+
+def _seen(marks: Sequence[Sequence[float]], known: Sequence[Sequence[float]]) -> bool:
+    """Whether every mark lies as near to a known one as to its own neighbour."""
+    if not len(known):
+        return False
+    P, Q = np.array(marks, float), np.array(known, float)
+    spacing = np.median(np.linalg.norm(np.diff(P, axis=0), axis=1))
+    return bool(np.max(np.min(np.linalg.norm(P[:, None] - Q, axis=2), axis=1)) <= spacing)
+
+
+def _place(library: Library | Outline, place: Place) -> int | None:
+    return next((k for k, p in enumerate(library.plan.places) if p.settings == place.settings), None)
+
+
+def _turned(plan: TestPlan, place: int) -> bool:
+    """Whether a library of the plan knows the way back at a place."""
+    return any(p.peak is not None for p in passes(plan, place))

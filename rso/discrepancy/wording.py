@@ -1,0 +1,393 @@
+"""The verdict in sentences, in the order a reader asks: gap, where, cause, how much, how sure, what next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rso.discrepancy.evidence.noise import UNLIKE
+from rso.discrepancy.parameters import about, called, of_unit, values_of
+
+HALF = 0.5  # of the gap on curves left out: less is no confirmation
+LEAST = -10.0  # times the gap: what is opened more widely need not be counted
+DOUBT = 0.05  # probability of no gap above which it is said beside causes that cannot be told apart
+WORTH_SAYING = 0.1  # share of the gap from which a place is named
+LOUD = 1.1  # times the noise: a misfit that is said to be larger than it
+ONE_CURVE = 0.9  # share of what exceeds the floor from which a single curve is said to hold it
+FITS = 0.3  # probability from which an effect is said to fit where it is not named
+MOST = 0.7  # of what curves have each for itself (of the sum of squares): one that holds as much is named
+
+
+def words(found: Mapping[str, Any]) -> list[str]:
+    """Sentences from the plain data of a diagnosis; no number is computed here."""
+    d = found["diagnosis"]
+    out = [_gap(d, found), *_mirrored(found), *_unlike(found), *_jumps(d), *_hum(d)]
+    if d["verdict"] != "no_gap":
+        out += [_where(d, found), _cause(d, found) + _single(d, found) + _remainder(d, found)]
+    if (closed := _shrinkage(d, found)) is not None:
+        out.append(closed + _alone(d, found))
+    out += about(d, found)
+    if checks := _checks(found):
+        out.append(checks)
+    out += _unseen(d, found)
+    for t in d["next_test"][:1]:
+        note = f" ({t['note']})" if t.get("note") else ""
+        share = f"it settles the matter with a probability of {100 * t['chance']:.0f} %"
+        if t["chance"] >= 0.5:
+            out.append(f"Next test: {t['test']}; {share}{note}.")
+        else:
+            out.append(f"No test in the list is likely to settle it; the best is {t['test']}: {share}{note}.")
+    return out
+
+
+def _mirrored(found: Mapping[str, Any]) -> list[str]:
+    """Forces with the sign opposite to that of the model: before any cause a laboratory looks at its signs."""
+    rows = found.get("mirrored") or []
+    if not rows:
+        return []
+    each = ", ".join(f"{r['channel']} in {r['experiment']} ({r['times']:+.1f} times the model's)" for r in rows)
+    return [
+        f"Opposite to the model in sign: {each}. Are signs of channels and places right? Forces are those "
+        "of the specimen on the ball: a slope pushes it downhill. What else is said takes the data as they stand."
+    ]
+
+
+def _unlike(found: Mapping[str, Any]) -> list[str]:
+    """Repeats that differ by far more than stated or usual: where that counts as noise, no misfit shows what it is."""
+    out = []
+    for c, v in found["noise"].items():
+        (g, z), (by, at) = ((v[k]["gain"], v[k]["contact_mm"]) for k in ("expected", "repeats"))
+        if g and by > UNLIKE * g:
+            out.append(
+                f"Repeats differ by {100 * by:.2g} % in {c}, {100 * g:.2g} % is stated or usual: "
+                f"{_counts(v['gain'], by)} (recovery between tests, temperature, a gain that wanders)."
+            )
+        if z and at > UNLIKE * z:
+            out.append(
+                f"Contact points of repeats differ by {at:.2g} mm by {c}, {z:.2g} mm is usual: "
+                f"{_counts(v['contact_mm'], at)} (contact taken early or late, a specimen that creeps or moves)."
+            )
+    return out
+
+
+def _counts(taken: float, shown: float) -> str:
+    """Whether what repeats show went into the noise."""
+    if taken < shown:
+        return "far beyond what is stated, this counts as a gap"
+    return "taken for noise, this may be an effect of its own"
+
+
+def _jumps(d: Mapping[str, Any]) -> list[str]:
+    j = d.get("jumps") or {}
+    if not j.get("sudden"):
+        return []
+    if c := j.get("crack"):
+        stays = (
+            f"The force steps by {c['size']:+.3g} N in {c['experiment']}, at {c['depth']:.3g} mm, and stays so "
+            f"({c['z']:.1f} standard deviations): a crack, a slip, a part that touches. No smooth model has that."
+        )
+        if not j.get("skewed", True):
+            return [stays]
+    depths = ", ".join(f"{v:.3g}" for v in j["depths"])
+    return [
+        f"The force jumps suddenly (its steps are skewed, t = {j['t']:+.1f} and z = {j['z']:+.0f}; largest "
+        f"{j['size']:+.3g} N in {j['experiment']}, at {depths} mm): stick–slip, a crack or a grip that slips. "
+        "No smooth model has that."
+    ]
+
+
+def _hum(d: Mapping[str, Any]) -> list[str]:
+    h = d.get("hum") or {}
+    if not h.get("there"):
+        return []
+    timed = h.get("along", "time") == "time"
+    unit = "Hz" if timed else "periods a mm"
+    whence = "mains, a drive, or regular stick–slip" if timed else "a spindle, or stick–slip"
+    return [
+        f"The readings swing with {h['frequency']:.3g} {unit} (amplitude {h['amplitude']:.2g} N in {h['channel']}; "
+        f"chance of such a line in scatter 1e{h['log10_p']:.0f}): {whence}. "
+        "No material has that."
+    ]
+
+
+def _gap(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    p, g = d["gap"]["p_value"], d["gap"]
+    if d["verdict"] != "no_gap" and not g["statistic"] > g["threshold"]:
+        by = f"{g['size_over_noise']:.2f} times the noise"
+        miss = f": they miss the model by {by} that they show from one to the next"
+        return (
+            f"No smooth gap beyond noise (p = {p:.2g}), but the readings are not smooth"
+            f"{miss if g['size_over_noise'] > 1.0 else ''}."
+        )
+    if d["verdict"] == "no_gap" and p <= 0.05:
+        return (
+            f"No gap: a misfit as large as this is rare without one (p = {p:.2g}), but no hypothesis makes it more "
+            f"probable than none (ln Bayes factor {g['statistic']:.1f})."
+        )
+    if d["verdict"] == "no_gap":
+        return f"No gap beyond noise (p = {p:.2g}, misfit {g['size_over_noise']:.2f} times the noise)."
+    sign = "<" if p < 0.005 else "="
+    size = f"misfit {g['size_over_noise']:.2f} times the noise"
+    if (none := nothing(found)) > DOUBT:
+        large = "" if g["size_over_noise"] > LOUD else ", no more than noise"
+        return f"A gap is possible, not shown: p {sign} {max(p, 0.005):.2g}, {size}{large}; none has {chance(none)}."
+    return f"There is a gap beyond noise (p {sign} {max(p, 0.005):.2g}, {size})."
+
+
+def nothing(found: Mapping[str, Any]) -> float:
+    """Probability of no gap beside an ambiguous verdict; 0 beside others, which a test of the null has decided."""
+    ambiguous = (found.get("diagnosis") or {}).get("verdict") == "ambiguous"
+    p = (found.get("probabilities") or {}).get("none")
+    return float(p) if ambiguous and isinstance(p, int | float) else 0.0
+
+
+def _where(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    held = {(r["experiment"], r["channel"]): r["share"] for r in d["where"] if r["share"] >= WORTH_SAYING}
+    shares = [f"{100 * v:.0f} % of the gap in {e} {c}" for (e, c), v in list(held.items())[:3]]
+    several = sum(len(e["channels"]) for e in found["experiments"]) > 1
+    lies = f"Where: {', '.join(shares)}. " if shares and several else ""
+    clear = sorted((r for r in d["where"] if r["beyond_noise"]), key=lambda r: -abs(r["z"]))[:3]
+    if not clear:
+        each = any(c["family"] == "scatter" for c in d["causes"][:1])
+        spread = "one of single curves" if each and several else "one of shape, spread over the depth"
+        return lies + f"No single region stands out; the gap is {spread}."
+    percent = [f"{100 * r['amplitude']:+.1f} ± {100 * r['amplitude_sd']:.1f} %{_of(r)}" for r in clear]
+    each = [f"{r['experiment']} {r['channel']} {r['region']} ({v})" for r, v in zip(clear, percent, strict=True)]
+    others = f"all data but those of {d['odd']['experiment']} predict" if d.get("odd") else "all other data predict"
+    return f"{lies}Measured against what {others}: {'; '.join(each)}."
+
+
+def _of(region: Mapping[str, Any]) -> str:
+    return " of the largest force" if region.get("of_largest") else ""
+
+
+def _named(c: Mapping[str, Any]) -> str:
+    low, high = c["interval"]
+    unit, other = of_unit(c["unit"]), c.get("otherwise")
+    neutral = f", or {other['low']:.3g} to {other['high']:.3g}: {chance(other['probability'])}" if other else ""
+    if may_be_absent(c):
+        neutral += f", among them {c['neutral']:g}: it may be absent"
+    elif c["neutral"]:
+        neutral += f", absent at {c['neutral']:g}"
+    if c["railed"]:
+        neutral += "; a knob of it is at the end of what is plausible or was computed: size and interval mean little"
+    return f"{c['effect']} = {c['size']:.3g}{unit} (90 % {low:.3g} to {high:.3g}{neutral}){shaped(c)}"
+
+
+def shaped(c: Mapping[str, Any]) -> str:
+    """The knobs that shape an effect, as found: a thickness, a time, a place."""
+    each = []
+    for k in c.get("shape") or []:
+        (low, high), unit = k["interval"], of_unit(k["unit"])
+        each.append(f"{k['knob']} = {k['size']:.3g}{unit} ({low:.3g} to {high:.3g})")
+    return f" with {', '.join(each)}" if each else ""
+
+
+def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    causes, v = d["causes"], d["verdict"]
+    if v == "unexplained":
+        none = "Cause: none in the catalogue reproduces it, or none predicts curves it was not fitted to."
+        return none + _fitting(found) + _odd(found)
+    first = causes[0]
+    text = {e["name"]: e["description"] for e in found["effects"]}
+    unseen = hidden(d, found)
+    doubt = [", hardly to be seen here" if c.get("cause") in unseen else "" for c in causes]
+    each = ", ".join(f"{called(found, c['effect'])} ({chance(c['probability'])}{more})"
+                     for c, more in zip(causes, doubt, strict=True))  # fmt: skip
+    if v == "ambiguous":
+        if len(causes) == 1 and first.get("like_a_modulus"):
+            return (
+                f"Cause: every test has its own factor on the force, {_named(first)}, probability "
+                f"{chance(first['probability'])}. Of the load cell, or of the specimen (recovery between tests, "
+                "temperature): a modulus does the same. A known weight on the cell before each test tells."
+            )
+        if len(causes) == 1 and first.get("like_a_body"):
+            return (
+                f"Cause: what carries the body gives way with time, {_named(first)}, probability "
+                f"{chance(first['probability'])}, or the body itself does, as one out of which water is pressed "
+                "(poroelasticity): forces on the ball hardly tell these apart. A rigid block under the same load, for "
+                "as long, does."
+            )
+        if len(causes) == 1 and first.get("like_a_spot"):
+            return (
+                f"Cause: the specimen gives way under one place, {_named(first)}, probability "
+                f"{chance(first['probability'])}: how it sits there, or a softer spot of the body itself, such as an "
+                "inclusion. The same place with the specimen turned or set anew tells, or places around it."
+            )
+        if len(causes) == 1:
+            return f"Cause: {text[first['effect']]}, or something that is not in the catalogue: {each}."
+        whether = ", if there is a gap (chances given one)" if nothing(found) > DOUBT else ""
+        return f"Cause{whether}: cannot be told apart with these data: {each}."
+    if v == "partly" and d["ambiguous_with"]:
+        return f"Part of it, not all, looks like one of these, which cannot be told apart: {each}."
+    if v == "partly" and len(d["chosen"]) == 2:
+        both = " and ".join(f"{text[c['effect']]} ({_named(c)})" for c in causes if c["effect"] in d["chosen"])
+        return f"Cause: it takes two effects together, {both}. A pair mimics much: take it for a part of the truth."
+    head = {"explained": "Cause", "measurement": "It is the measurement", "partly": "Part of it, not all, looks like"}[
+        v
+    ]
+    each = " and ".join(_named(c) for c in causes[: 2 if v == "explained" else 1])
+    alike = " A modulus that differs from test to test does the same." if first.get("like_a_modulus") else ""
+    alike += " A body out of which water is pressed does nearly the same." if first.get("like_a_body") else ""
+    alike += " A softer spot of the body there does nearly the same." if first.get("like_a_spot") else ""
+    alike += _unconfirmed(first["effect"], found)
+    return f"{head}: {text[first['effect']]}, {each}; probability {chance(first['probability'])}.{alike}"
+
+
+def _fitting(found: Mapping[str, Any]) -> str:
+    """The effect that most of the probability fits with, and nothing was found to confirm."""
+    each: dict[str, float] = {}
+    for name, p in (found.get("probabilities") or {}).items():
+        parts = name.split(" + ")
+        for part in parts if "unexplained" not in parts else ():
+            each[part] = each.get(part, 0.0) + p
+    none = each.pop("none", 0.0)
+    best = max(each, key=lambda k: each[k], default=None)
+    if best is None or each[best] < FITS:
+        return ""
+    beside = f"; no gap has {chance(none)}" if none > DOUBT else ""
+    return f" {called(found, best)} fits best ({chance(each[best])}) and does not predict curves left out{beside}."
+
+
+def _odd(found: Mapping[str, Any]) -> str:
+    """The one experiment that is odd, where all others agree with the model."""
+    if not found["diagnosis"].get("odd"):
+        return ""
+    odd, p = (found["diagnosis"]["odd"][k] for k in ("experiment", "probability"))
+    points = {e["name"]: e["point"] for e in found["experiments"]}
+    alike = [n for n, p in points.items() if p == points[odd] and n != odd]
+    what = f"it and {', '.join(alike)} at the same point" if alike else "it: that place of the body, or that test"
+    said = f" It is in {odd} alone ({chance(p)}), the others agree with the model."
+    return f"{said} Ask what differs between {what}." if alike else f"{said} Ask what is special about {what}."
+
+
+def _unconfirmed(effect: str, found: Mapping[str, Any]) -> str:
+    """Where a cause acts in one experiment alone, of which the others can say nothing."""
+    rows = found.get("held_out") or []
+    own = [r["experiment"] for r in rows if effect not in r["gain"]]
+    if not own or len(own) == len(rows):
+        return ""
+    return f" Only {', '.join(own)} can show it: no other experiment confirms it."
+
+
+def _single(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    """The one curve that has most of what every curve has for itself, where there is one."""
+    out = ""
+    for c in d["causes"]:
+        each = c.get("each") or []
+        whole = sum(v["value"] ** 2 for v in each)
+        if len(each) < 2:
+            continue
+        first = max(each, key=lambda v: abs(v["value"]))
+        if first["value"] ** 2 < MOST * whole or abs(first["value"]) < 3.0 * first["sd"]:
+            continue
+        unit = of_unit(c["unit"])
+        curve = " ".join(v for v in (first["experiment"], first["label"]) if v)
+        size = f"{first['value']:+.2g} ± {first['sd']:.1g}{unit}"
+        out += f" Nearly all of it ({called(found, c['effect'])}) is in one curve, {curve}: {size}."
+    return out
+
+
+def _remainder(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    """What the likeliest cause leaves, where that is more than noise."""
+    r = d.get("remainder") or {}
+    if d["verdict"] == "partly" and not r.get("there") and (d.get("left") or 0.0) > LOUD**2:
+        return f" What is left is {d['left'] ** 0.5:.2g} times the noise."
+    if not r.get("there") or d["verdict"] != "partly":
+        return ""
+    of, like = called(found, r["of"]), called(found, r["looks_like"] or "nothing known")
+    return (
+        f" What {of} alone leaves is more than noise: it looks most like {like} (score {r['score']:.1f}; where {of} is "
+        f"all that there is about 1 % exceed {r['threshold']:.1f})."
+    )
+
+
+def _shrinkage(d: Mapping[str, Any], found: Mapping[str, Any]) -> str | None:
+    s = d["shrinkage"]
+    if s["before"] is None or s["before"] != s["before"]:
+        return "How much: one curve only, nothing is left to test a cause on."
+    model = f" ({values_of(s['fitted'], found)}, as the study found them)" if s.get("fitted") else ""
+    before, after = f"{s['before']:.2f} before{model}", f"{s['refit_only']:.2f} after a re-fit alone"
+    text = f"On held-out curves, {s['how']}, the gap is {before}, {after}"
+    if not d["chosen"]:  # nothing was added
+        text += " (noise floor 1)"
+    else:
+        text += f", {s['with_cause']:.2f} with the cause (noise floor 1){_otherwise(d, found)}"
+    if s["closed"] is None:
+        return text + "; before is not clearly above the floor, so no share is printed."
+    text += f": {100 * s['closed']:z.0f} % closed"
+    most, validated = s["closed"] if s["interval"] is None else s["interval"][1], "validate" in s["how"]
+    if (lone := in_one_curve(s)) is not None:
+        text += f" (nearly all of it in {lone[0]} alone: no interval over curves)."
+    else:
+        text += " (one curve: no interval)." if s["interval"] is None else f" (90 %: {percents(s['interval'])} %)."
+    if d["chosen"] and validated and most < HALF:
+        text += " What is named leaves most of the gap of curves that had no say: it is not all, or not it."
+    return text
+
+
+def in_one_curve(s: Mapping[str, Any]) -> tuple[str, float] | None:
+    """The one of several held-out curves that holds nearly all of what exceeds the floor, and its share."""
+    over = {str(c.get("curve")): max((c.get("before") or 0.0) - 1.0, 0.0) for c in s.get("curves") or ()}
+    total = sum(over.values())
+    if len(over) < 2 or not total > 0:
+        return None
+    name = max(over, key=lambda k: over[k])
+    return (name, over[name] / total) if over[name] >= ONE_CURVE * total else None
+
+
+def _otherwise(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    """Curves without which another cause, or none, would have been chosen."""
+    chosen, curves = set(d["chosen"]), d["shrinkage"]["curves"]
+    other = {c["curve"]: called(found, " + ".join(c["cause"])) or "none"
+             for c in curves if set(c.get("cause", chosen)) != chosen}  # fmt: skip
+    each = ", ".join(f"{v} without {k}" for k, v in other.items())
+    return f"; the cause would be {each}" if each else ""
+
+
+def _alone(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
+    """What a share closed cannot say of a cause that one place, or every curve, has for itself alone."""
+    if any(c["family"] == "scatter" for c in d["causes"][:1]) and len(d["shrinkage"]["curves"]) > 1:
+        return " What every curve has for itself no other can predict: on curves left out the share says nothing."
+    one_place = {e["name"] for e in found["effects"] if e.get("one_place")}
+    if not any(c["effect"] in one_place for c in d["causes"][:1]):
+        return ""
+    return " What one place alone has, no other can confirm: with its tests left out the cause does nothing."
+
+
+def may_be_absent(c: Mapping[str, Any]) -> bool:
+    """Whether the interval of a cause holds the size at which it is absent."""
+    return c.get("neutral") is not None and c["interval"][0] < c["neutral"] < c["interval"][1]
+
+
+def chance(p: float) -> str:
+    """A probability in per cent, never quite none or all."""
+    return "< 1 %" if p < 0.005 else "> 99 %" if p > 0.995 else f"{100 * p:.0f} %"
+
+
+def percents(interval: Sequence[float]) -> str:
+    """An interval of a share in per cent, its ends no lower than LEAST."""
+    ends = [f"{100 * v:z.0f}" if v > LEAST else f"less than {100 * LEAST:.0f}" for v in interval]
+    return " to ".join(dict.fromkeys(ends))
+
+
+def _checks(found: Mapping[str, Any]) -> str | None:
+    """How often data simulated from a hypothesis are judged to be of it."""
+    names = ["no gap" if c["hypothesis"] == "none" else called(found, c["hypothesis"]) for c in found["checks"]]
+    each = [f"{n} in {100 * c['returned']:.0f} %" for n, c in zip(names, found["checks"], strict=True)]
+    said = "Data simulated with this noise are recognised by the same contest"
+    return f"{said}: {', '.join(each)}." if each else None
+
+
+def hidden(d: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, str]:
+    """Causes of which no form is visible at any plausible size, each with its first form."""
+    source = {e["name"]: e.get("source") for e in found["effects"]}
+    rows = d.get("detectable") or ()
+    shown = {source[v["effect"]] for v in rows if v["visible"]}
+    first = {source[v["effect"]]: v["effect"] for v in reversed(rows)}
+    return {k: v for k, v in reversed(first.items()) if k not in shown}
+
+
+def _unseen(d: Mapping[str, Any], found: Mapping[str, Any]) -> list[str]:
+    blind = [called(found, name) for name in hidden(d, found).values()]
+    return [f"These data could not have shown, at any plausible size: {', '.join(blind)}."] if blind else []

@@ -1,0 +1,37 @@
+"""Running simulations: adapters for backends, a pool of worker processes, and `run_all`.
+
+Public names are listed here; the files behind them are private to this room.
+"""
+
+from rso.evaluation.adapters import CommandBackend, Source, load_backend
+from rso.evaluation.cluster import ClusterExecutor, open_cluster
+from rso.evaluation.dispatch import Event, Finished, Planned, Preparing, Retried, Task, begin, run_all
+from rso.evaluation.executor_loop import Ahead
+from rso.evaluation.pool import WorkerDied, WorkerPool, WorkersCannotStart
+from rso.evaluation.store import Crashed, Done, Failed
+
+Outcome = Done | Failed | Crashed
+
+__all__ = [
+    "Ahead",
+    "ClusterExecutor",
+    "CommandBackend",
+    "Crashed",
+    "Done",
+    "Event",
+    "Failed",
+    "Finished",
+    "Outcome",
+    "Planned",
+    "Preparing",
+    "Retried",
+    "Source",
+    "Task",
+    "WorkerDied",
+    "WorkerPool",
+    "WorkersCannotStart",
+    "begin",
+    "load_backend",
+    "open_cluster",
+    "run_all",
+]

@@ -1,0 +1,209 @@
+"""Least misfit straight on simulations: Gauss–Newton with what every run tells of its own derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rso.doe import sobol
+from rso.inference.least_squares import all_minima
+from rso.inference.likelihood import Data, Misfit, Model
+from rso.inference.tangents import Frame, Sight, tangents, unfolded
+
+RADIUS = 0.25  # of the unit cube: how far a tangent is trusted at first
+SMALLEST = 1e-3  # a step this short leads nowhere
+STILL = 0.1  # share of the tolerance by which a next step may still move a curve
+SETTLED, SHARE = 0.5, 0.01  # of χ², absolute and relative: what a next step may still gain
+CONTRADICTION = 0.5  # of a derivative: an error that is not believed to be one of curvature
+NEAR = 0.1  # of the unit cube: neighbours
+OUTSIDE = 1e-3  # of the unit cube: so far beyond the trusted region a step costs what the whole misfit is
+DIGITS = 10  # of x: the same study asks for the same runs wherever it goes on
+WRONG = "the runs do not follow the derivatives that the backend gives"
+
+Look = Callable[[Sequence[np.ndarray]], list[Sight | None]]
+DataOf = Callable[[Sight], tuple[Data, ...]]
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """One point that was run: x (d,), misfit and its prediction, largest miss of the prediction, length of the step.
+
+    `sight` is None where the run has no answer, and then `chi2` and `gap` are too; a start has no prediction. `gap` is
+    the largest difference of predicted and recomputed curve over the curve's largest value; `better` says whether it
+    became the best so far; `step` and `radius` are the largest change of a (reduced) parameter and what was allowed.
+    """
+
+    start: int
+    x: np.ndarray
+    sight: Sight | None
+    chi2: float | None
+    predicted: np.ndarray | None
+    expected: float | None
+    gap: float | None
+    step: float | None
+    radius: float
+    better: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """Where one start led to: every point on the way, the best run, whether a rerun confirmed it, and why it ended."""
+
+    iterates: tuple[Iterate, ...]
+    best: Sight | None
+    chi2: float | None
+    confirmed: bool
+    why: str
+
+    @property
+    def gap(self) -> float | None:
+        """How far the last run was from its prediction; None where it has no answer or none was predicted."""
+        return self.iterates[-1].gap if self.iterates else None
+
+
+def on_runs(
+    frame: Frame, look: Look, data_of: DataOf, starts: np.ndarray, *, tolerance: float, most: int, seed: int
+) -> list[Descent]:
+    """Least χ² by Gauss–Newton on runs with derivatives from each of the starts (k, d) in the unit cube.
+
+        x_(n+1) = argmin χ²[f_n(x)]  in the box and in |z − z_b| <= Δ
+
+    f_n are the curves through all runs so far (:func:`~rso.inference.tangents.tangents`; after one run its tangent, the
+    classic step), z the parameters that similarity leaves, b the best run.  Δ halves where the misfit falls by less
+    than a quarter of what was predicted, doubles where by more than three quarters; from a run without an answer the
+    next step stays twice as far away as it was.  A descent ends when a run agrees with its prediction to `tolerance`
+    and a next step would move no curve by a tenth of that and gain nothing, after `most` runs, or when steps shrink to
+    nothing.  It is not confirmed where the slopes of neighbouring runs contradict these (:func:`contradiction`).
+    A start without an answer is replaced by points of a Sobol sequence.  All descents share their runs.
+    Source: Levenberg, Q. Appl. Math. 2 (1944) 164, with the region of Conn, Gould & Toint, Trust-Region Methods (2000),
+    algorithm 6.1.1.
+    """
+    known: list[Sight] = []
+    first = look(list(starts))  # together: no worker waits
+    spare = iter(sobol(frame.box.d, 256, seed))
+    found = []
+    for k, (x, sight) in enumerate(zip(starts, first, strict=True)):
+        walk = [Iterate(k, x, sight, None, None, None, None, None, RADIUS, False)]
+        while sight is None and len(walk) < most:
+            x = next(spare)
+            (sight,) = look([x])
+            walk.append(Iterate(k, x, sight, None, None, None, None, None, RADIUS, False))
+        if sight is None:
+            found.append(Descent(tuple(walk), None, None, False, "no start has an answer"))
+            continue
+        known.append(sight)
+        walk[-1] = _started(walk[-1], frame, data_of)
+        found.append(_descend(frame, look, data_of, walk, sight, known, tolerance, most, seed))
+    return found
+
+
+def _started(i: Iterate, frame: Frame, data_of: DataOf) -> Iterate:
+    assert i.sight is not None
+    chi2 = _chi2(data_of(i.sight), i.sight.f, frame)
+    return Iterate(i.start, i.x, i.sight, chi2, None, None, None, None, RADIUS, True)
+
+
+def _descend(
+    frame: Frame, look: Look, data_of: DataOf, walk: list[Iterate], best: Sight, known: list[Sight], tolerance: float,
+    most: int, seed: int,
+) -> Descent:  # fmt: skip
+    """The descent from the last point of the walk, which has an answer."""
+    radius, start = RADIUS, walk[0].start
+    lost = [i.x for i in walk if i.sight is None]
+    while True:
+        data = data_of(best)
+        S = _chi2(data, best.f, frame)
+        reach = min((0.5 * float(np.abs(best.x - x).max()) for x in lost), default=1.0)
+        x, predicted = trial(tangents(frame, known, best), frame, data, best, radius, reach, seed)
+        z_best, z = (frame.reduced(v[None])[1][0] for v in (best.x, x))
+        step = float(np.abs(z - z_best).max(initial=0.0))
+        last, still = walk[-1].gap, np.array_equal(x, best.x)
+        expected = _chi2(data, predicted, frame)
+        small = moved(data, predicted, best.f) <= STILL * tolerance and S - expected <= max(SETTLED, SHARE * S)
+        if still or (small and last is not None and last <= tolerance):
+            if contradiction(frame, known) > CONTRADICTION:
+                return Descent(tuple(walk), best, S, False, WRONG)
+            return Descent(tuple(walk), best, S, True, "at rest")
+        if len(walk) >= most:
+            return Descent(tuple(walk), best, S, False, f"search.max_runs = {most} is spent")
+        if min(radius, reach) < SMALLEST:
+            why = WRONG if radius <= reach else "beyond, runs have no answer"
+            return Descent(tuple(walk), best, S, False, why)
+        (sight,) = look([x])
+        if sight is None:
+            lost.append(x)
+            walk.append(Iterate(start, x, None, None, predicted, expected, None, step, radius, False))
+            continue
+        gap, new = moved(data, predicted, sight.f), _chi2(data, sight.f, frame)
+        walk.append(Iterate(start, x, sight, new, predicted, expected, gap, step, radius, new < S))
+        known.append(sight)
+        gain = (S - new) / (S - expected) if S > expected else 1.0
+        if gap > tolerance and gain < 0.25:
+            radius = 0.5 * min(radius, step) if step > 0 else 0.5 * radius
+        elif gain > 0.75 and step > 0.8 * radius:
+            radius = min(2 * radius, 1.0)
+        best = sight if new < S else best
+
+
+def trial(
+    model: Model, frame: Frame, data: tuple[Data, ...], best: Sight, radius: float, reach: float, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The point x (d,) of least misfit of a model not farther than `radius` (in z) and `reach` (in x), and its curve.
+
+    Where nothing is better than the best run, that.
+    """
+    z_best = frame.reduced(best.x[None])[1][0]
+    S = _chi2(data, best.f, frame)
+    wall = np.sqrt(max(S, 1.0)) / OUTSIDE
+
+    def fenced(X: np.ndarray) -> np.ndarray:
+        over = np.abs(frame.reduced(X)[1] - z_best) - radius, np.abs(X - best.x) - reach
+        return np.hstack([model.predict(X), *(wall * np.maximum(v, 0.0) for v in over)])
+
+    rows = len(z_best) + len(best.x)
+    fence = Data("trusted", "", np.zeros(rows), np.zeros(rows), np.eye(rows))
+    misfit = Misfit(Model(frame.box, fenced), (*data, fence))
+    found = all_minima(misfit, seed=seed, near=best.x[None])[0]
+    x = np.clip(np.round(found.x, DIGITS), 0.0, 1.0)
+    predicted = model.predict(x[None])[0]
+    return (x, predicted) if _chi2(data, predicted, frame) < S else (best.x, best.f)
+
+
+def moved(data: Sequence[Data], a: np.ndarray, b: np.ndarray) -> float:
+    """Largest difference of two sets of curves (n,), each over the largest value that was measured or computed."""
+    ends = np.cumsum([len(d.value) for d in data])[:-1]
+    parts = [np.split(v, ends) for v in (a, b)]
+    sizes = np.array([max(np.abs(d.value).max(), np.abs(y).max()) for d, y in zip(data, parts[1], strict=True)])
+    # By symmetry a lateral force may be zero, or noise about it.
+    sizes = np.maximum(sizes, 1e-4 * sizes.max())
+    return max(float(np.abs(p - q).max() / s) for p, q, s in zip(*parts, sizes, strict=True))
+
+
+def contradiction(frame: Frame, runs: Sequence[Sight]) -> float:
+    """How wrong the derivatives are by one parameter, at most: 0 where they explain neighbouring runs, 2 for a sign.
+
+        min over α of Σ |t_j − t_i − Σ_k α_k c_k|² / |z_j − z_i|² + ρ |α − 1|²,   c_k = ½ (g_i + g_j)_k (z_j − z_i)_k
+
+    over all pairs (i, j) nearer than `NEAR`, or the nearest one: what the derivatives would have to be multiplied with;
+    t = ln f′ as in :func:`~rso.inference.tangents.tangents`.  The result is max |α_k − 1|; ρ keeps a parameter of which
+    these pairs tell nothing at 1.
+    """
+    Z, T, G, log = unfolded(frame, runs)
+    size = np.where(log, 1.0, np.abs(T).max(axis=0) + 1e-300)
+    apart = {(i, j): float(np.abs(Z[i] - Z[j]).max(initial=0.0)) for j in range(len(Z)) for i in range(j)}
+    apart = {p: d for p, d in apart.items() if d > 1e-4}  # what is closer differs by what the solver leaves
+    if not apart:
+        return 0.0
+    pairs = [p for p, d in apart.items() if d <= max(NEAR, min(apart.values()))]
+    C = np.vstack([0.5 * (G[i] + G[j]) * (Z[j] - Z[i]) / size[:, None] / apart[i, j] for i, j in pairs])
+    t = np.concatenate([(T[j] - T[i]) / size / apart[i, j] for i, j in pairs])
+    A = C.T @ C
+    ρ = 1e-4 * float(np.trace(A)) + 1e-300
+    return float(np.abs(np.linalg.solve(A + ρ * np.eye(len(A)), C.T @ (t - C.sum(axis=1)))).max())
+
+
+def _chi2(data: tuple[Data, ...], f: np.ndarray, frame: Frame) -> float:
+    misfit = Misfit(Model(frame.box, lambda X: np.tile(f, (len(X), 1))), data)
+    return float(np.sum(misfit.white(f - np.concatenate([d.value for d in data])) ** 2))

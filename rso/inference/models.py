@@ -1,0 +1,112 @@
+"""Models of measured curves: from an emulator, or from a backend's runs with its own derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rso.contract import Response
+from rso.core.curves import Resampling, loading
+from rso.doe import Box
+from rso.emulation.emulator import Emulator, Output
+from rso.inference.likelihood import Model
+
+Run = Callable[[Mapping[str, float]], Mapping[str, Response]]
+DIFFERENCE = 1e-3  # of the unit cube, for a backend without derivatives: above the scatter of converged runs
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where a curve was measured: depths (n,) mm of one channel of one experiment."""
+
+    experiment: str
+    channel: str
+    depth: np.ndarray
+
+
+def emulated(emulator: Emulator, place: Place) -> tuple[Model, Callable[[np.ndarray], np.ndarray]]:
+    """A curve from the emulator, and its standard deviation (n,) at x (d,).
+
+    The spline of :class:`~rso.core.curves.Resampling` is linear in the computed values: one matrix (n, m) for all.
+    ValueError if the emulator knows nothing of the curve, or not as deep.
+    """
+    outputs, R = _at(emulator, place)
+    travel = np.array([o.depth_mm for o in outputs])
+
+    def predict(X: np.ndarray) -> np.ndarray:
+        return emulator.means(outputs, np.asarray(X, float)) @ R.T
+
+    def band(x: np.ndarray) -> np.ndarray:
+        sd = np.array([emulator.predict(o, np.asarray(x, float)[None])[1][0] for o in outputs])
+        return np.interp(place.depth, np.append(0.0, travel), np.append(0.0, sd))
+
+    return Model(emulator.box, predict), band
+
+
+def spread_of(emulator: Emulator, place: Place, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Standard deviations (k, m) of the surrogates y of a curve at X (k, d), and R (n, m) of the curve R y.
+
+    ValueError as :func:`emulated`.
+    """
+    outputs, R = _at(emulator, place)
+    return np.stack([emulator.predict(o, np.asarray(X, float))[1] for o in outputs], axis=1), R
+
+
+def _at(emulator: Emulator, place: Place) -> tuple[list[Output], np.ndarray]:
+    """Outputs of a curve by travel, and the matrix (n, m) of the spline through them at its measured places."""
+    outputs = [o for o in emulator.outputs if (o.experiment, o.channel) == (place.experiment, place.channel)]
+    outputs.sort(key=lambda o: o.depth_mm)
+    if not outputs:
+        raise ValueError(f"the emulator has no {place.channel} of {place.experiment!r}")
+    travel = np.array([o.depth_mm for o in outputs])
+    return outputs, Resampling(travel, np.eye(len(travel)))(place.depth)
+
+
+def simulated(box: Box, run: Run, places: Sequence[Place], fixed: Mapping[str, float] | None = None) -> Model:
+    """Curves from runs of a backend: `run` values → response by experiment.
+
+    Derivatives are the response's own where it has those of every parameter of the box, else forward differences,
+    d more runs.  A run is kept until another is asked for, so that values and derivatives cost one run.
+    """
+    last: dict[bytes, Mapping[str, Response]] = {}
+
+    def at(x: np.ndarray) -> Mapping[str, Response]:
+        key = x.tobytes()
+        if key not in last:
+            theta = box.from_unit(x)
+            answer = run({**dict(zip(box.names, map(float, theta), strict=True)), **(fixed or {})})
+            last.clear()
+            last[key] = answer
+        return last[key]
+
+    def values(x: np.ndarray) -> np.ndarray:
+        return np.concatenate([resample(at(x)[p.experiment], p, "") for p in places])
+
+    def derivative(x: np.ndarray) -> np.ndarray:
+        answer = at(x)
+        if all(has_gradients(answer[p.experiment], p.channel, box) for p in places):
+            rows = [np.stack([resample(answer[p.experiment], p, n) for n in box.names], axis=1) for p in places]
+            return np.vstack(rows) * box.slope(x)
+        here = values(x)
+        columns = []
+        for k in range(box.d):
+            moved = x.copy()
+            moved[k] += DIFFERENCE if x[k] + DIFFERENCE <= 1 else -DIFFERENCE
+            columns.append((values(moved) - here) / (moved[k] - x[k]))
+        return np.stack(columns, axis=1)
+
+    return Model(box, lambda X: np.stack([values(x) for x in np.array(X, float)]), derivative)
+
+
+def has_gradients(response: Response, channel: str, box: Box) -> bool:
+    """Whether a response knows the derivatives of a channel by every parameter of the box."""
+    return all(channel in response.gradients.get(n, {}) for n in box.names)
+
+
+def resample(response: Response, place: Place, knob: str) -> np.ndarray:
+    """Values (n,) of a channel at the measured depths, or with a `knob` its derivatives by it."""
+    curve = response.curve(place.channel)
+    y = np.asarray(response.gradients[knob][place.channel]) if knob else curve.value
+    return loading(curve.travel_mm, y)(place.depth)

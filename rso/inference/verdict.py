@@ -1,0 +1,178 @@
+"""What an interval says about a parameter, in one word, in digits and in sentences."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from rso.core.units import spaced
+from rso.doe import Box
+from rso.inference.intervals import Interval, Profile
+
+Word = Literal["determined", "weakly", "not"]
+WORDS = {"determined": "is determined", "weakly": "is weakly determined", "not": "is not determined"}
+FACTOR = 1.75  # a 90 % interval of up to half of the value either way, one digit, is a value (sd of ln θ up to 0.34)
+LEANING = 1.25  # the same where the range of another parameter makes an end: that is not the merit of the data
+SHARE = 0.5  # of the range stated or searched: an interval that leaves more than this says nothing
+UNSEEN = 1e-6  # of the uncertainty: a change that is round-off
+NOISES = np.geomspace(1.0, 1e-3, 61)  # times what it is
+MARGIN = 0.7  # between the noise at which the profile is narrow enough and that at which a new one would be too
+REFUTED = 3.0  # times the stated errors: a model that misses the data by more does not determine anything
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One word; how many digits of the value are warranted (0: none); what of the noise would be little enough."""
+
+    word: Word
+    digits: int
+    noise_factor: float | None
+
+
+def judge(
+    box: Box, k: int, interval: Interval, leaning: tuple[str, ...] = (), scale: float = 1.0, stated: Box | None = None
+) -> Verdict:
+    """'not': the interval covers half of the box or of the `stated` range, or ends at both bounds, or at one of a model
+    that is refuted; else 'determined': it lies inside the box, its ends are within a factor 1.75 of its middle, and the
+    model is not refuted; 'weakly': what lies between.
+
+    Parameters that may be zero or negative are measured against their stated range: within ± 10 % of it is determined.
+    A range that was widened since makes no interval narrower.
+    `leaning` names other parameters whose bounds end the interval; then a factor 1.25 is asked for.  `scale` is what
+    the errors were multiplied with as the model does not fit: beyond `REFUTED` nothing is determined.
+    """
+    low, high = physical(box, k, interval)
+    width, covered = _shares(box, k, interval, box if stated is None else stated)
+    if low > 0:
+        most = math.log(LEANING if leaning else FACTOR)
+        close, digits = 0.5 * math.log(high / low) <= most, _digits(math.sqrt(low * high), low, high)
+    else:
+        close, digits = width <= 0.2, _digits(0.5 * (low + high), low, high)
+    pressed = interval.open and scale > REFUTED  # it wants to go on, and fits nowhere
+    word: Word = "not" if covered >= SHARE or (interval.at_low and interval.at_high) or pressed else "weakly"
+    if word == "weakly" and close and not interval.open and scale <= REFUTED:
+        return Verdict("determined", digits, None)
+    return Verdict(word, digits if word == "weakly" and not interval.open else 0, None)
+
+
+def _shares(box: Box, k: int, interval: Interval, stated: Box) -> tuple[float, float]:
+    """Width of an interval over the stated range, and the larger share of that range and of the box that it covers."""
+    X = np.full((2, box.d), 0.5)
+    X[:, k] = [interval.low, interval.high]
+    low, high = stated.to_unit(box.from_unit(X))[:, k]
+    return high - low, max(min(high, 1.0) - max(low, 0.0), interval.high - interval.low)
+
+
+def quieter(box: Box, k: int, profile: Profile, level: float = 0.9, stated: Box | None = None) -> float | None:
+    """What the noise would have to be multiplied with for parameter k to be determined; None if that is below 1/1000.
+
+    With f times the noise χ² rises by 1/f² times as much.  The most likely values would be others, within the noise:
+    hence `MARGIN`.
+    """
+    for f in NOISES:
+        louder = replace(profile, rise=profile.rise / f**2)
+        leaning = tuple(box.names[j] for j in louder.leaning(level))
+        if judge(box, k, louder.interval(level), leaning, stated=stated).word == "determined":
+            return MARGIN * float(f)
+    return None
+
+
+def physical(box: Box, k: int, interval: Interval) -> tuple[float, float]:
+    """Ends of an interval of parameter k in its unit."""
+    X = np.full((2, box.d), 0.5)
+    X[:, k] = np.clip([interval.low, interval.high], 0.0, 1.0)
+    low, high = box.from_unit(X)[:, k]
+    return float(low), float(high)
+
+
+def _digits(value: float, low: float, high: float) -> int:
+    """Significant digits down to the size of the half-width: 9.98 ± 0.12 has 2, 47 ± 30 has 1."""
+    half = 0.5 * (high - low)
+    if value == 0 or half <= 0:
+        return 1
+    return int(max(1, min(6, math.floor(math.log10(abs(value))) - math.floor(math.log10(half)) + 1)))
+
+
+def _apart(low: float, high: float) -> int:
+    """Significant digits of both ends: three, or as many as the half-width has its first of (second after a 1) in."""
+    half, largest = 0.5 * (high - low), max(abs(low), abs(high))
+    if not 0 < half < largest:
+        return 3
+    first = math.floor(math.log10(half))
+    last = first - (half < 2 * 10.0**first)
+    return max(3, min(12, math.floor(math.log10(largest)) - last + 1))
+
+
+def sentences(
+    box: Box, k: int, verdict: Verdict, interval: Interval, profile: Profile, *, unit: str, depth: np.ndarray,
+    level: float = 0.9, leaning: tuple[str, ...] = (), scale: float = 1.0,
+) -> tuple[str, str]:  # fmt: skip
+    """The verdict in one sentence, and its reason: how little the curve changes where nothing is determined.
+
+    `depth` (n,) mm of all measured points, in the order of the misfit's data, whose unit is `unit`; `scale` as in
+    :func:`judge`.
+    """
+    name, of = box.names[k], box.units[k]
+    tail = spaced(of)
+    low, high = physical(box, k, interval)
+    pieces = profile.pieces(level) if profile is not None else (interval,)
+    said = [_span(*physical(box, k, p)) for p in pieces]
+    span = f"{' or from '.join(said)}{tail}"
+    other = f", as long as {' and '.join(leaning)} stay{'s' if len(leaning) == 1 else ''} in range" if leaning else ""
+    missed = f"the model, which misses the data by {scale:.2g} times their errors" if scale > 1.0 else ""
+    if verdict.word == "determined":
+        given = f"under {missed}, " if missed else ""
+        sure = f"{given}with {100 * level:.0f} % confidence {span}{_either_way(low, high)}"
+        return f"{name} is determined: {sure}{other}.", ""
+    if scale > REFUTED and not interval.open and interval.high - interval.low < SHARE:
+        text = f"{name} {WORDS[verdict.word]}: {missed}, fits best from {span}{other}."
+        return text, "What the model lacks has to be found first."
+    ends = [w for w, at in (("lower", interval.at_low), ("upper", interval.at_high)) if at]
+    bounds = f", as far as the {' and the '.join(ends)} bound of the search" if ends else other
+    agrees = f"fits as well as any under {missed}" if missed else "agrees with the curve"
+    text = f"{name} {WORDS[verdict.word]}: every value from {span} {agrees}{bounds}."
+    inside = np.any([(profile.at >= p.low - 1e-9) & (profile.at <= p.high + 1e-9) for p in pieces], axis=0)
+    worst = int(np.flatnonzero(inside)[np.argmax(np.abs(profile.change[inside]) / profile.sigma[inside])])
+    over = f"Over the whole interval of {name}" if len(pieces) == 1 else f"Over all these values of {name}"
+    over += ", the other parameters fitted again," if box.d > 1 else ""
+    why = _little(over, abs(profile.change[worst]), profile.sigma[worst], depth[profile.point[worst]], unit)
+    if verdict.noise_factor is not None:
+        best = physical(box, k, Interval(*[float(profile.at[int(np.argmin(profile.rise))])] * 2))[0]
+        why += f" If its most likely value, {best:.2g}{tail}, is right, it would be determined if the noise were "
+        why += f"{1 / verdict.noise_factor:.2g} times smaller."
+    elif scale == 1.0 and not 0.0 < profile.at[int(np.argmin(profile.rise))] < 1.0:
+        why += " The curve fits best at an end of the range, so how little noise would do cannot be said."
+    return text, why
+
+
+def _span(low: float, high: float) -> str:
+    digits = _apart(low, high)
+    return f"{low:.{digits}g} to {high:.{digits}g}"
+
+
+def _little(over: str, change: float, sigma: float, depth: float, unit: str) -> str:
+    """How much a curve changes `over` an interval, against its uncertainty, where that shows most."""
+    what = {"N": "force", "mm": "displacement"}.get(unit, "curve")
+    if change < UNSEEN * sigma:
+        return f"{over} the {what} does not change."
+    much = f"{change / sigma:.2g} times" if change >= sigma else f"{100 * change / sigma:.2g} % of"
+    return (
+        f"{over} the {what} changes by at most {much} its uncertainty: "
+        f"{size(change, unit)} against {size(sigma, unit)}, at {depth:.3g} mm."
+    )
+
+
+def _either_way(low: float, high: float) -> str:
+    if low <= 0:
+        return ""
+    half = math.sqrt(high / low)
+    return f" (±{100 * (half - 1):.2g} %)" if half < 1.2 else f" (a factor {half:.2g} either way)"
+
+
+def size(value: float, unit: str) -> str:
+    """A small quantity with two digits: forces in mN, displacements in µm."""
+    scaled = {"N": ("mN", 1e3), "mm": ("µm", 1e3)}.get(unit, (unit, 1.0))
+    return f"{float(f'{value * scaled[1]:.2g}'):.6g} {scaled[0]}".rstrip()

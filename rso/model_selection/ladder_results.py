@@ -1,0 +1,172 @@
+"""`ladder.json`: a climb as plain data (layout in docs/results.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import rso
+from rso import model_selection
+from rso.calibration import result_files
+from rso.calibration.plan import Plan
+from rso.calibration.results import data_hashes
+from rso.inference.verdict import physical
+from rso.model_selection import Check, CurveError, Goodness, Judged
+from rso.model_selection.held_out import Unused
+from rso.model_selection.study_ladder import Climbed, Fitted
+
+FILE, SCHEMA = "ladder.json", 2
+LENIENT = 0.999  # of perfect models leave more than this: the stated errors are larger than the data show
+
+
+def results(plan: Plan, found: Climbed, command: str) -> dict[str, Any]:
+    """Everything that the page shows and the decision rests on, as strict JSON data."""
+    climb, table = found.climb, plan.study.ladder
+    rung_of = {v.name: n for n, rung in enumerate(found.rungs) for v in rung}
+    title_of = {v.name: v.label for rung in found.rungs for v in rung}
+    alarm = f"{100 * (1 - table.confidence):.3g}"
+    return result_files.plainly(
+        {
+            "schema": SCHEMA,
+            "study": {"title": plan.study.study.title, "file": plan.study.file.name, "seed": plan.seed,
+                      "units": plan.study.study.units},
+            "rule": model_selection.RULE.format(alarm=alarm),
+            "confidence": table.confidence,
+            "draws": table.draws,
+            "chosen": climb.chosen,
+            "adequate": climb.adequate,
+            "rivals": list(climb.rivals),
+            "words": climb.words,
+            "warnings": warnings(plan, found),
+            "start": _start(plan, found),
+            "steps": [{"level": s.name, "title": title_of[s.name], "rung": s.rung, "verdict": s.verdict,
+                       "words": s.words} for s in climb.steps],
+            "levels": [_level(plan, found, j, rung_of[j.level.name]) for j in climb.judged],
+            "counts": {"runs": len(found.cost)},
+            "timings": {"wall": found.seconds, "fe_cpu": sum(found.cost.values())},
+            "provenance": {"rso": rso.__version__, "backend": plan.backend.name, "numerics": plan.backend.numerics,
+                           "command": command, "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+                           "data_sha256": data_hashes(plan.study)},
+        }
+    )  # fmt: skip
+
+
+def warnings(plan: Plan, found: Climbed) -> list[str]:
+    """What a reader must know before believing the decision."""
+    climb, said = found.climb, []
+    if climb.chosen is None:
+        return said
+    j = climb.of(climb.chosen)
+    assert j.goodness is not None
+    t = j.goodness.checks[0]
+    if t.p_value > LENIENT * (1 - 1 / (plan.study.ladder.draws + 1)):
+        said.append(
+            f"the fitted curves leave χ² = {t.chi2:.3g} where a perfect model leaves {t.expected:.3g} on average: the "
+            "stated errors are larger than the curves show, so that the thresholds are lenient and the ladder may stop "
+            "too early"
+        )
+    for u in found.validation.get(climb.chosen, ()):
+        if u.goodness is None:
+            said.append(f"validation: whether {j.level.label} predicts {u.curve} is open: {u.why}")
+        elif not u.goodness.passes:
+            (e,) = u.goodness.errors
+            said.append(
+                f"validation: {j.level.label} misses {e.name} (NRMSE {100 * e.nrmse:.3g} %, threshold "
+                f"{100 * e.limit:.3g} %), which it did not see; with count_validation in [ladder] that curve counts in "
+                "the decision"
+            )
+    failing = {s.name for s in climb.steps if s.verdict == "fails"}
+    for v in [v for v in climb.judged if v.level.name in failing and v.if_remembering and v.if_remembering.passes][:1]:
+        said.append(
+            f"{v.level.label} is given up because neighbouring readings miss it together; if they remember each other "
+            f"by as much (an amplifier's filter) it is good enough (p = {v.if_remembering.p_value:.2g}), and what is "
+            "put on it may be noise: repeats, or noise.correlation, would tell"
+        )
+    bad = [v.level.name for v in climb.judged if v.detail and not v.detail.settled]
+    said += [f"{n}: the recomputed most likely curve is not yet its prediction" for n in bad]
+    return said
+
+
+def _start(plan: Plan, found: Climbed) -> dict[str, Any] | None:
+    if found.start is None:
+        return None
+    units = {p.name: p.unit for p in plan.backend.parameters}
+    own = {a.name: (a.low, a.high) for a in plan.resolved.axes}
+    rows = [
+        {"parameter": k, "unit": units[k], "low": low, "value": value, "high": high,
+         "study": list(own[k]) if k in own else None}
+        for k, (low, value, high) in found.start.items()
+    ]  # fmt: skip
+    return {"used": plan.study.ladder.ranges == "start", "parameters": rows}
+
+
+def _level(plan: Plan, found: Climbed, j: Judged, rung: int) -> dict[str, Any]:
+    head = {
+        "name": j.level.name, "title": j.level.label, "rung": rung, "description": j.level.description, "onto": j.onto,
+        "settings": dict(j.level.settings), "closed_form": j.level.closed_form, "problem": j.problem or None,
+    }  # fmt: skip
+    if j.problem:
+        return head
+    d: Fitted = j.detail
+    best = d.determination
+    own = {a.name for a in j.added}
+    rows = []
+    for k, known in enumerate(best.known):
+        low, high = physical(d.axes.box, k, known.profile_interval)
+        rows.append({
+            "name": known.name, "parameter": d.axes.knob[known.name], "unit": d.axes.box.units[k],
+            "range": [d.axes.box.low[k], d.axes.box.high[k]], "value": known.value, "interval": [low, high],
+            "verdict": known.verdict.word, "added": known.name in own, "story": known.story, "reason": known.reason,
+        })  # fmt: skip
+    g, elsewhere = j.goodness, found.validation.get(j.level.name, ())
+    assert g is not None
+    errors = [_error(e) for v in (g, *(u.goodness for u in elsewhere if u.goodness)) for e in v.errors]
+    return head | {
+        "parameters": rows,
+        "values": d.axes.physical(d.values),
+        "verdict": _verdict(g),
+        "fitted": _test(g.checks[0]),
+        "selected": _test(g.checks[1]) if len(g.checks) > 1 else None,
+        "validated": [_validated(u) for u in elsewhere],
+        "errors": errors,
+        "log_evidence": j.log_evidence,
+        "agreement": d.agreement,
+        "similarity": d.axes.group.why,
+        "runs": d.runs,
+        "cpu_s": d.cpu_s,
+        "curves": [
+            {
+                "name": v.name, "experiment": p.experiment, "channel": p.channel, "role": role, "unit": v.unit,
+                "depth": v.depth, "measured": v.value, "sigma": v.sigma, "predicted": f, "numerical_error": e,
+            }
+            for v, p, role, f, e in zip(d.data, d.places, d.roles, d.predicted, d.errors, strict=True)
+        ],
+    }  # fmt: skip
+
+
+def _validated(u: Unused) -> dict[str, Any]:
+    if u.goodness is None:
+        return {"curve": u.curve, "verdict": None, "why": u.why}
+    return {"curve": u.curve} | _test(u.goodness.checks[0]) | {"verdict": _verdict(u.goodness), "why": None}
+
+
+def _verdict(g: Goodness) -> dict[str, Any]:
+    return {"passes": g.passes, "p_value": g.p_value, "share": g.share}
+
+
+def _error(e: CurveError) -> dict[str, Any]:
+    return {"curve": e.name, "role": e.role, "nrmse": e.nrmse, "threshold": e.limit, "p_value": e.p_value}
+
+
+def _test(t: Check) -> dict[str, Any]:
+    return {"chi2": t.chi2, "expected": t.expected, "limit": t.limit, "p_value": t.p_value, "points": t.points}
+
+
+def write(folder: Path, found: Mapping[str, Any]) -> Path:
+    """Write ladder.json at once or not at all."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / FILE
+    result_files.write(path, found)
+    return path

@@ -1,0 +1,107 @@
+"""The simulations of a ladder: the design of a level, its runs, the proof of similarity, what is learnt from a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from rso import doe
+from rso.calibration.plan import Plan
+from rso.calibration.readings import curve_outputs
+from rso.contract import Case, Response
+from rso.emulation.emulator import Sample, reduced_box
+from rso.evaluation import Crashed, Done, Event, Task, run_all
+from rso.evaluation.store import RunStore
+from rso.model_selection import Level
+from rso.model_selection.candidate_models import Axes
+
+RUNS = {0: 1, 1: 8, 2: 16, 3: 30}  # of a level by the number of parameters that similarity leaves
+LEAST = 0.5  # of these, however many are known from the level below
+OTHER, SIMILAR = 1.25, 1e-6  # modulus of the run that proves similarity over the reference, and how well it must
+EACH = 12  # for every parameter beyond
+Watch = Callable[[Event], None]
+
+
+class NoAnswer(Exception):
+    """A level cannot be fitted; the message says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """Where the runs of a ladder happen, and which there were: key → CPU seconds."""
+
+    plan: Plan
+    store: RunStore
+    executor: Executor
+    watch: Watch | None = None
+    cost: dict[str, float] = field(default_factory=dict)
+
+    def run(self, level: Level, axes: Axes, cases: Sequence[Case], points: Sequence[Mapping[str, float]]):
+        """By point, the response of every case, or the reason why one has none; NoAnswer for a level not modelled."""
+        here = [replace(c, settings={**c.settings, **level.settings}) for c in cases]
+        values = [axes.physical(p) for p in points]
+        if level.closed_form:
+            return [tuple(self.plan.backend.closed_form(v, c) for c in here) for v in values]  # type: ignore[attr-defined]
+        tasks = [Task(v, c, frozenset()) for v in values for c in here]
+        try:
+            outcomes = run_all(self.plan.backend, tasks, self.store, self.executor, watch=self.watch)
+        except ValueError as error:  # nothing was run
+            raise NoAnswer(f"the backend does not model it: {error}") from error
+        self.cost.update({o.key: getattr(o, "cpu_s", 0.0) for o in outcomes if not isinstance(o, Crashed)})
+        n = len(here)
+        return [_answer(outcomes[k * n : (k + 1) * n]) for k in range(len(points))]
+
+
+def _answer(outcomes: Sequence[Any]) -> tuple[Response, ...] | str:
+    bad = [o.reason.splitlines()[0] for o in outcomes if not isinstance(o, Done)]
+    return bad[0] if bad else tuple(o.response for o in outcomes)
+
+
+def design(axes: Axes, runs: int | None, seed: int, inherited: int = 0) -> list[dict[str, float]]:
+    """Points to learn a level from: along one parameter evenly spaced, else a Latin hypercube, of the reduced box.
+
+    Runs that are `inherited` from the level below need not be made, up to half of them.
+    """
+    box = reduced_box(axes.box, axes.group)
+    reference = {} if axes.group.reference is None else {axes.group.reference: axes.group.reference_value}
+    if box is None:
+        return [reference]
+    usual = RUNS.get(box.d, EACH * box.d)
+    n = runs or max(usual - inherited, round(LEAST * usual))
+    X = np.linspace(0, 1, n)[:, None] if box.d == 1 else doe.design("lhs", box.d, n, seed)
+    return [reference | dict(zip(box.names, map(float, row), strict=True)) for row in box.from_unit(X)]
+
+
+def sampled(plan: Plan, axes: Axes, values: Mapping[str, float], answer: tuple[Response, ...]) -> Sample:
+    """What is learnt from a run: outputs and their derivatives by axis.
+
+    Numerical errors are not: they are common to all runs on one mesh, no scatter about a smooth surface, and the
+    likelihood has them already.
+    """
+    outputs, gradients = {}, {}
+    for o in curve_outputs(plan):
+        response = answer[plan.case_of[o.experiment]]
+        outputs[o.id] = o.read(response)
+        gradients[o.id] = axes.slopes(values, o.gradient(response))
+    return Sample(dict(values), outputs, {}, gradients)
+
+
+def prove(bench: Bench, level: Level, axes: Axes, known: Sample) -> None:
+    """One run of a design again at another modulus: NoAnswer where similarity does not predict it."""
+    group, plan = axes.group, bench.plan
+    if group.reference is None:
+        return
+    other = {k: v * OTHER ** group.exponents.get(k, 0) for k, v in known.values.items()}
+    (answer,) = bench.run(level, axes, plan.cases, [other])
+    if isinstance(answer, str):
+        raise NoAnswer(f"the run that was to prove similarity has no answer: {answer}")
+    found = sampled(plan, axes, other, answer).outputs
+    expected = {o.id: group.expand(o.channel, known.outputs[o.id], OTHER) for o in curve_outputs(plan)}
+    off = max(abs(found[i] - y) for i, y in expected.items()) / max(abs(y) for y in expected.values())
+    if off > SIMILAR:
+        text = f"similarity is off by {100 * off:.2g} % where the modulus is {OTHER:g} times as large"
+        raise NoAnswer(f"{text}: the model holds a stress that no parameter declares; set doe.reduce = false")

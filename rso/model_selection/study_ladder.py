@@ -1,0 +1,344 @@
+"""The ladder of a study: every level fitted to the same curves, as far up as noise and the data ask for."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rso import model_selection
+from rso.calibration.plan import Plan, make_plan
+from rso.calibration.readings import curve_data, curve_outputs, fitted_curves, interpolated, measured, numerical, placed
+from rso.contract import Response
+from rso.emulation.emulator import Emulator, Sample, learn, relearn
+from rso.evaluation.store import RunStore
+from rso.inference import (
+    Data,
+    Determination,
+    Known,
+    Misfit,
+    Place,
+    all_minima,
+    determine,
+    emulated,
+    remembering,
+    resample,
+    stack,
+    together,
+)
+from rso.inference.verdict import REFUTED, physical
+from rso.model_selection import Added, Climb, Judged, Left, Level
+from rso.model_selection.candidate_models import Axes, axes_of, rungs_of
+from rso.model_selection.held_out import Unused, validate
+from rso.model_selection.simulations import Bench, NoAnswer, Watch, design, prove, sampled
+from rso.study.schema import Study
+
+FEWEST = 4  # runs with an answer from which a level is learnt
+ROUNDS = 6  # runs of the most likely point, at most
+DIGITS = 6  # of the most likely values when they are recomputed
+SETTLED = 0.5  # of χ²: what the emulator may be off by at the most likely point
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A level at its best: axes, emulator, what the curves say, curves kept to select, the recomputed responses.
+
+    `agreement` is the largest difference of predicted and recomputed curves over their largest value, `settled` says
+    whether that is no matter beside the errors, `errors` are the numerical ones (n,) at fitted and selecting places.
+    """
+
+    axes: Axes
+    emulator: Emulator
+    determination: Determination
+    places: tuple[Place, ...]
+    roles: tuple[str, ...]
+    data: tuple[Data, ...]
+    predicted: tuple[np.ndarray, ...]
+    errors: tuple[np.ndarray, ...]
+    simulated: model_selection.Simulated
+    agreement: float
+    settled: bool
+    runs: int
+    cpu_s: float
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of the axes."""
+        return dict(zip(self.axes.box.names, map(float, self.determination.fit.theta), strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Climbed:
+    """The climb, the rungs, the start by closed form (None if the backend has none), validation by level."""
+
+    rungs: tuple[tuple[Level, ...], ...]
+    climb: Climb
+    start: Mapping[str, tuple[float, float, float]] | None
+    validation: Mapping[str, tuple[Unused, ...]]
+    cost: Mapping[str, float]
+    seconds: float
+
+
+def ladder_plan(study: Study) -> Plan:
+    """Plan of a study for its ladder; with count_validation its validation curves become curves to select with."""
+    if study.ladder.count_validation:
+        roles = {"validate": "select"}
+        every = [e.model_copy(update={"role": roles.get(e.role, e.role)}) if e.kind == "force" else e
+                 for e in study.experiments]  # fmt: skip
+        study = study.model_copy(update={"experiments": tuple(every)})
+    return make_plan(study)
+
+
+def run_ladder(
+    plan: Plan, store: RunStore, executor: Executor, *, watch: Watch | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> Climbed:  # fmt: skip
+    """Climb the ladder of a study; the curves for validation are looked at when the climb has ended."""
+    began, bench, table = time.perf_counter(), Bench(plan, store, executor, watch), plan.study.ladder
+    rungs, start = rungs_of(plan), starting(plan)
+    ranges = {k: (v[0], v[2]) for k, v in (start or {}).items()} if table.ranges == "start" else {}
+    known: dict[str, Fitted] = {}
+
+    def judge(level: Level, holds: Judged | None) -> Judged:
+        onto = holds.level if level.adds and holds is not None else None
+        if onto is not None and onto.closed_form:
+            return Judged(level, f"it cannot be put on the closed form {onto.name}", onto=onto.name)
+        whole = level if onto is None else put_on(level, onto)
+        say(f"level {level.name}" + (f" on {onto.name}" if onto is not None else ""))
+        try:
+            found = fit_level(bench, whole, ranges, known.get(whole.extends))
+        except NoAnswer as error:
+            return Judged(level, str(error), onto=onto.name if onto else "")
+        known[level.name] = found
+        return judged(plan, level, whole, found, onto.name if onto else "")
+
+    climb = model_selection.climb(rungs, judge)
+    checked = {}
+    for j in climb.judged:
+        if not j.problem and plan.validation:
+            checked[j.level.name] = validate(bench, j)
+    return Climbed(rungs, climb, start, checked, bench.cost, time.perf_counter() - began)
+
+
+def starting(plan: Plan) -> Mapping[str, tuple[float, float, float]] | None:
+    """Ranges and values by the backend's closed form from the first curve that is fitted; None where it has none."""
+    name, channel = fitted_curves(plan, "fit")[0]
+    if channel != "Fz" or not hasattr(plan.backend, "start"):
+        return None
+    curve = measured(plan, name, channel)
+    keep = curve.depth > 0
+    try:
+        return plan.backend.start(plan.cases[plan.case_of[name]], curve.depth[keep], curve.value[keep])
+    except ValueError:
+        return None
+
+
+def put_on(level: Level, onto: Level) -> Level:
+    """An effect on the level that holds."""
+    merged = replace(
+        onto, name=level.name, title=level.title, description=level.description,
+        settings={**onto.settings, **level.settings}, open={**onto.open, **level.open},
+        hold={k: v for k, v in onto.hold.items() if k not in level.open}, relative=onto.relative | level.relative,
+        extends="" if level.settings else onto.name,
+    )  # fmt: skip
+    return merged
+
+
+# ------------------------------------------------------------------------------------------------------ one level
+
+
+def fit_level(bench: Bench, level: Level, ranges: Mapping[str, tuple[float, float]], below: Fitted | None) -> Fitted:
+    """Design, emulator, most likely point recomputed until it holds, what the curves determine; NoAnswer if it cannot.
+
+    `below` is the level that this one is at neutral: its runs are learnt too.
+    """
+    plan, seed = bench.plan, bench.plan.seed
+    axes, before = axes_of(plan, level, ranges), set(bench.cost)
+    inherited = neutral(plan, axes, level, below)
+    points = design(axes, plan.study.ladder.runs, seed, len(inherited))
+    answers = bench.run(level, axes, plan.cases, points)
+    samples = [sampled(plan, axes, p, a) for p, a in zip(points, answers, strict=True) if not isinstance(a, str)]
+    last = next((a for a in answers if not isinstance(a, str)), None)
+    if last is None or len(samples) < min(FEWEST, len(points)):
+        why = next((a for a in answers if isinstance(a, str)), "")
+        raise NoAnswer(f"only {len(samples)} of {len(points)} simulations have an answer; the first without: {why}")
+    if not level.closed_form:
+        prove(bench, level, axes, samples[0])
+    samples += inherited
+    try:
+        emulator, last, gap, x, sure = settled(bench, level, axes, learnt(plan, axes, samples), last)
+        unsure = None if sure else x
+        misfit = likelihood(plan, emulator, last, "fit", unsure)
+        d = determine(misfit, seed=seed, near=x[None], mcmc=False)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise NoAnswer(str(error)) from error
+    return _finished(bench, axes, emulator, d, last, gap, unsure, before)
+
+
+def learnt(plan: Plan, axes: Axes, samples: Sequence[Sample], kind: str = "") -> Emulator:
+    """Emulator of the compared curves, of a `kind`.
+
+    Without one it is that of [surrogate], whole curves where it leaves the choice.
+    """
+    table = plan.study.surrogate
+    kind = kind or ("whole_curve" if table.kind == "auto" else table.kind)
+    return learn(axes.box, axes.group, curve_outputs(plan), samples, kind=kind, degree=table.degree, seed=plan.seed)
+
+
+def settled(
+    bench: Bench, level: Level, axes: Axes, emulator: Emulator, last: tuple[Response, ...]
+) -> tuple[Emulator, tuple[Response, ...], float, np.ndarray, bool]:
+    """The most likely point recomputed and learnt until the difference is no matter.
+
+    Emulator, last run, by how much of the largest value it was off, the point, and whether that was no matter: less
+    than half a unit of χ², whatever share that is of a small lateral force.  What still misses after half of the
+    rounds is learnt as whole curves: a polynomial of few terms comes no nearer by one more run.
+    """
+    plan, x = bench.plan, None
+    for done in range(ROUNDS):
+        misfit = likelihood(plan, emulator, last, "fit")
+        fit = all_minima(misfit, seed=plan.seed, near=None if x is None else x[None])[0]
+        if emulator.reduced is None:  # similarity, which was proved, knows every run already
+            return emulator, last, 0.0, fit.x, True
+        # Rounded, so that a ladder that is climbed again asks for the same runs.
+        theta = [float(f"{v:.{DIGITS}g}") for v in fit.theta]
+        x = np.clip(axes.box.to_unit(np.array(theta)), 0.0, 1.0)
+        values = dict(zip(axes.box.names, theta, strict=True))
+        (answer,) = bench.run(level, axes, plan.cases, [values])
+        if isinstance(answer, str):
+            raise NoAnswer(f"the most likely point has no answer: {answer}")
+        last, (gap, off) = answer, _gap(plan, misfit, x, answer)
+        if off > 1e-6:  # the same point twice would tell nothing
+            more = sampled(plan, axes, values, answer)
+            if done + 1 == ROUNDS // 2 and off > SETTLED:
+                emulator = learnt(plan, axes, [*emulator.samples, more], "whole_curve")
+            else:
+                emulator = relearn(emulator, [more], seed=plan.seed)
+        if off <= SETTLED:
+            return emulator, last, gap, x, True
+    return emulator, last, gap, x, False
+
+
+def _finished(
+    bench: Bench, axes: Axes, emulator: Emulator, d: Determination, last: tuple[Response, ...], gap: float,
+    unsure: np.ndarray | None, before: set[str],
+) -> Fitted:  # fmt: skip
+    plan, fit = bench.plan, d.fit
+    pairs = [(r, *pair) for r in ("fit", "select") for pair in fitted_curves(plan, r)]
+    places = tuple(placed(plan, name, channel) for _, name, channel in pairs)
+    errors = tuple(numerical(plan, last, p, curve_data(plan, p)) for p in places)
+    misfits = [likelihood(plan, emulator, last, r, unsure) for r in ("fit", "select") if fitted_curves(plan, r)]
+    data = tuple(v for m in misfits for v in m.data)
+    flat = np.concatenate([m.model.predict(fit.x[None])[0] for m in misfits])
+    predicted = tuple(np.split(flat, np.cumsum([len(v.value) for v in data])[:-1]))
+    simulated = model_selection.simulate(d.misfit, fit, plan.seed, plan.study.ladder.draws)
+    mine = set(bench.cost) - before
+    return Fitted(axes, emulator, d, places, tuple(r for r, *_ in pairs), data, predicted, errors, simulated, gap,
+                  unsure is None, len(mine), sum(bench.cost[k] for k in mine))  # fmt: skip
+
+
+def judged(plan: Plan, level: Level, whole: Level, found: Fitted, onto: str) -> Judged:
+    """The verdict, evidence and what the level adds."""
+    d, share, seed = found.determination, plan.study.ladder.confidence, plan.seed
+    k = found.roles.count("fit")
+    other = found.data[k:]
+    residual = [f - v.value for f, v in zip(found.predicted, found.data, strict=True)]
+    parts = [Left(np.concatenate(residual[:k]), d.misfit, found.simulated, found.roles[:k])]
+    if other:
+        model = stack([emulated(found.emulator, p)[0] for p in found.places[k:]])
+        elsewhere = model_selection.simulate_elsewhere(model, other, d.fit, found.simulated.X, seed)
+        parts.append(Left(np.concatenate(residual[k:]), Misfit(model, other), elsewhere, found.roles[k:]))
+    axis_of = {knob: axis for axis, knob in found.axes.knob.items()}
+    known = {v.name: v for v in d.known}
+    neutral_of = {p.name: p.neutral for p in plan.backend.parameters}
+    added = tuple(
+        Added(axis_of[n], known[axis_of[n]].verdict.word == "determined",
+              f"{known[axis_of[n]].story} {known[axis_of[n]].reason}".strip(),
+              _shown(known[axis_of[n]], found.axes, neutral_of.get(n)))
+        for n in level.open
+    )  # fmt: skip
+    evidence = model_selection.log_evidence(d.misfit, d.fit, seed)
+    goodness = model_selection.assess(parts, share)
+    excused = None if goodness.passes else if_remembering(plan, found, parts[1:])
+    return Judged(replace(whole, extends=level.extends), "", goodness, added, evidence, onto, found, excused)
+
+
+def if_remembering(plan: Plan, found: Fitted, elsewhere: Sequence[Left]) -> model_selection.Goodness | None:
+    """How good a level is if readings that count as white by default remember each other as what it leaves does.
+
+    The size of such errors is not seen in how neighbours differ: where nobody has stated it, it is what is left.
+    """
+    white, near = found.determination.misfit, found.determination.fit.x
+    misfit = remembering(white, near)
+    if not any(v.memory for v in misfit.data):
+        return None
+    fit = all_minima(misfit, seed=plan.seed, near=near[None])[0]
+    if math.isfinite(misfit.freedom):
+        larger = max(fit.chi2 / max(misfit.n - misfit.model.box.d, 1), 1.0)
+        if larger > REFUTED**2:
+            return None
+        misfit = replace(misfit, data=tuple(v.plus((larger - 1.0) * v.covariance) for v in misfit.data))
+    simulated = model_selection.simulate(misfit, fit, plan.seed, plan.study.ladder.draws)
+    residual = misfit.model.predict(fit.x[None])[0] - np.concatenate([v.value for v in misfit.data])
+    part = Left(residual, misfit, simulated, found.roles[: found.roles.count("fit")])
+    return model_selection.assess([part, *elsewhere], plan.study.ladder.confidence)
+
+
+def _shown(known: Known, axes: Axes, absent: float | None) -> bool:
+    """Whether the interval of a parameter ends, by the data and not at a bound, before the value where it is absent."""
+    i = known.profile_interval
+    low, high = physical(axes.box, axes.box.names.index(known.name), i)
+    return absent is not None and ((absent < low and not i.at_low) or (absent > high and not i.at_high))
+
+
+def neutral(plan: Plan, axes: Axes, level: Level, below: Fitted | None) -> list[Sample]:
+    """Runs of the level below as runs of this one, where its parameters are neutral; none where that is outside."""
+    off = {p.name: p.neutral for p in plan.backend.parameters}
+    if below is None or axes.group.reference != below.axes.group.reference or level.closed_form:
+        return []
+    values = {}
+    for axis, low, high in zip(axes.box.names, axes.box.low, axes.box.high, strict=True):
+        if axis not in below.axes.box.names:
+            v = off.get(axes.knob[axis])
+            if v is None or not low <= v <= high or (axes.power.get(axes.knob[axis]) and v != 0.0):
+                return []
+            values[axis] = float(v)
+    return [replace(s, values={**s.values, **values}) for s in below.emulator.samples]
+
+
+# ------------------------------------------------------------------------------------------------------ curves
+
+
+def likelihood(
+    plan: Plan, emulator: Emulator, answer: tuple[Response, ...], role: str, unsure: np.ndarray | None = None
+) -> Misfit:
+    """Misfit of the curves of a role: errors of the measurement and numerical error of `answer`.
+
+    Where the emulator was not settled, with what it does not know at the point `unsure` (d,).
+    """
+    models, data = [], []
+    for name, channel in fitted_curves(plan, role):
+        place = placed(plan, name, channel)
+        model, band = emulated(emulator, place)
+        d, length = curve_data(plan, place), float(place.depth.max())
+        d = d.plus(together(d.depth, numerical(plan, answer, place, d), length))
+        d = d.plus(interpolated(answer[plan.case_of[name]], place))
+        models.append(model)
+        data.append(d if unsure is None else d.plus(together(d.depth, band(unsure), length)))
+    return Misfit(stack(models) if len(models) > 1 else models[0], tuple(data))
+
+
+def _gap(plan: Plan, misfit: Misfit, x: np.ndarray, answer: tuple[Response, ...]) -> tuple[float, float]:
+    """Difference of the predicted and the recomputed curves: over the largest value of each, and in units of χ²."""
+    places = [placed(plan, name, channel) for name, channel in fitted_curves(plan, "fit")]
+    curves = [resample(answer[plan.case_of[p.experiment]], p, "") for p in places]
+    whole = misfit.model.predict(x[None])[0]
+    off = float(np.sum(misfit.white(whole - np.concatenate(curves)) ** 2))
+    f = np.split(whole, np.cumsum([len(c) for c in curves])[:-1])
+    top = max(float(np.abs(c).max()) for c in curves)
+    sizes = [max(float(np.abs(c).max()), 1e-4 * top) for c in curves]  # by symmetry a lateral force may be zero
+    return max(float(np.abs(a - b).max()) / s for a, b, s in zip(f, curves, sizes, strict=True)), off

@@ -1,0 +1,347 @@
+"""What the experiments done say together, and what each one not yet done would add (`rso next`)."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rso.calibration.plan import Plan
+from rso.calibration.readings import error_at
+from rso.contract import Response
+from rso.core.similarity import Group
+from rso.core.units import quantity
+from rso.emulation.emulator import Emulator, Output, Sample, learn, reduced_box
+from rso.emulation.hermite import along_one
+from rso.evaluation import Crashed, Done, Event, Task, run_all
+from rso.evaluation.store import RunStore
+from rso.inference import (
+    Determination,
+    Experiment,
+    Misfit,
+    Model,
+    Place,
+    Told,
+    all_minima,
+    covariance,
+    determine,
+    emulated,
+    on_valley,
+    remembering,
+    resample,
+    stack,
+    together,
+    told,
+)
+from rso.model_selection import Level
+from rso.model_selection.candidate_models import STUDY, Axes, axes_of
+from rso.model_selection.simulations import design
+from rso.optimal_design.experiments import Block, Item, done, kind, planned, refuse
+from rso.study.errors import Problem, choose, study_error
+
+FEWEST = 5  # runs with an answer from which an experiment is learnt
+AGAIN = " once more"  # after the name of an experiment that is repeated
+TRUTHS = 5  # values of the parameter that is known worst, unless the study names them
+Watch = Callable[[Event], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Learnt:
+    """An item with its emulator; `share` is by place the stated numerical error over the largest value of a curve.
+
+    `left_out` is the largest error over the largest value where an inner run is predicted by the others.
+    """
+
+    item: Item
+    experiment: Experiment
+    emulator: Emulator
+    share: Mapping[Place, np.ndarray]
+    runs: int
+    cpu_s: float
+    left_out: float
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """What experiments that have been done say together."""
+
+    names: tuple[str, ...]
+    determination: Determination
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Everything of `rso next`: fits of what exists; truths (k, d) in the unit cube, what each set tells at each.
+
+    `scale` >= 1 is what all errors were multiplied with because the model misses the data; `rise` (k,) is how far χ² of
+    what exists lies above its least value at each truth, after that.
+    """
+
+    axes: Axes
+    learnt: tuple[Learnt, ...]
+    problems: Mapping[str, str]
+    joint: tuple[Joint, ...]
+    weakest: int
+    truths: np.ndarray
+    rise: np.ndarray
+    scale: float
+    told: tuple[tuple[Told, ...], ...]
+
+
+def run_next(
+    plan: Plan, store: RunStore, executor: Executor, *, watch: Watch | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> Found:  # fmt: skip
+    """Simulate what is missing, fit what has been done alone and together, and ask what the rest would add."""
+    table, axes = plan.study.next, axes_of(plan, Level(STUDY), {})
+    possible, values = asked(plan, axes)
+    items = [*done(plan), *possible]
+    points = design(axes, table.runs, plan.seed)
+    learnt: list[Learnt] = []
+    problems: dict[str, str] = {}
+    for item in items:
+        say(f"{item.name}: {len(points)} runs")
+        found = learn_item(plan, axes, item, points, store, executor, watch)
+        if isinstance(found, str):
+            problems[item.name] = found
+        else:
+            learnt.append(found)
+    have = [v for v in learnt if v.item.done]
+    if not have:
+        raise study_error(plan.study.file, plan.study.lines, [Problem(("experiments",), "; ".join(problems.values()))])
+    have = remembered(have, plan.seed)
+    learnt = [*have, *(v for v in learnt if not v.item.done)]
+    joint = fits(plan, have)
+    whole = joint[-1].determination
+    weakest = axes.box.names.index(*values) if values else int(np.argmax([k.sd_log for k in whole.known]))
+    truths = on_valley(whole.misfit, whole.fit.x, weakest, _places(axes, weakest, values))
+    # What the model lacks it will lack in the next experiment too.
+    s = whole.scale
+    rise = (whole.misfit.chi2(truths) - whole.fit.chi2) / s**2
+    more = [widened(v.experiment, s) for v in learnt if not v.item.done]
+    again = [dataclasses.replace(widened(v.experiment, s), name=f"{v.item.name}{AGAIN}") for v in have]
+    singles = [(e,) for e in (*again, *more)]
+    sets = [(), *singles, *itertools.combinations(more, 2)]
+    existing = [widened(v.experiment, s) for v in have]
+    each = [
+        tuple(told(axes.box, x, weakest, existing, sets, plan.seed + 100 * k, table.draws))
+        for k, x in enumerate(truths)
+    ]
+    return Found(axes, tuple(learnt), problems, joint, weakest, truths, rise, s, tuple(each))
+
+
+def widened(e: Experiment, scale: float) -> Experiment:
+    """An experiment with errors `scale` times as large: C scale²."""
+    return dataclasses.replace(e, covariance=lambda x: scale**2 * e.covariance(x))
+
+
+def asked(plan: Plan, axes: Axes) -> tuple[list[Item], dict[str, list[float]]]:
+    """What `[next]` asks: experiments that might be done, and values of a parameter in its unit; before any simulation.
+
+    StudyError with all that is wrong.
+    """
+    items: list[Item] = []
+    problems: list[Problem] = []
+    for n, e in enumerate(plan.study.next.experiments):
+        try:
+            items.append(planned(plan, e))
+        except ValueError as error:
+            problems.append(Problem(("next", "experiments", n), str(error), e.name))
+    values = {name: _values(axes, name, given, problems) for name, given in plan.study.next.truths.items()}
+    refuse(plan, items, problems)
+    return items, values
+
+
+def _values(axes: Axes, name: str, given: Sequence[Any], problems: list[Problem]) -> list[float]:
+    """Values that a parameter is asked for, in its unit and its range; what is wrong is noted."""
+    if name not in axes.box.names:
+        problems.append(Problem(("next", "truths", name), f"not searched for; {choose(name, axes.box.names)}", name))
+        return []
+    k = axes.box.names.index(name)
+    low, high, unit = axes.box.low[k], axes.box.high[k], axes.box.units[k]
+    try:
+        values = [quantity(v, unit) for v in given]
+        if not values or not all(low <= v <= high for v in values):
+            raise ValueError(f"values from {low:g} to {high:g} {unit} expected")
+    except ValueError as error:
+        problems.append(Problem(("next", "truths", name), str(error), list(given)))
+        return []
+    return values
+
+
+# ------------------------------------------------------------------------------------------------------ simulations
+
+
+def learn_item(
+    plan: Plan, axes: Axes, item: Item, points: Sequence[Mapping[str, float]], store: RunStore, executor: Executor,
+    watch: Watch | None,
+) -> Learnt | str:  # fmt: skip
+    """Runs of an experiment over the (reduced) box and what is learnt from them, or why nothing is."""
+    tasks = [Task(axes.physical(p), item.case, frozenset()) for p in points]
+    outcomes = run_all(plan.backend, tasks, store, executor, watch=watch)
+    good = [(p, o.response) for p, o in zip(points, outcomes, strict=True) if isinstance(o, Done)]
+    if len(good) < min(FEWEST, len(points)):
+        why = next(o.reason.splitlines()[0] for o in outcomes if not isinstance(o, Done))
+        return f"only {len(good)} of {len(points)} simulations have an answer; the first without: {why}"
+    outputs = [
+        Output(item.name, p.channel, u, b.unit)
+        for b in item.blocks for p in b.places for u in item.case.programme.asked_mm
+    ]  # fmt: skip
+    samples = []
+    for values, response in good:
+        by_axis = {o.id: axes.slopes(values, o.gradient(response)) for o in outputs}
+        samples.append(Sample(dict(values), {o.id: o.read(response) for o in outputs}, {}, by_axis))
+    group = _with_marks(axes.group, outputs)
+    emulator, left = learnt_from(axes, group, outputs, samples, plan.seed)
+    share = {p: _share([r for _, r in good], p) for b in item.blocks for p in b.places}
+    cost = sum(getattr(o, "cpu_s", 0.0) for o in outcomes if not isinstance(o, Crashed))
+    experiment = Experiment(item.name, _model(emulator, item), lambda x: _errors(item, emulator, share, x))
+    return Learnt(item, experiment, emulator, share, len(tasks), cost, left)
+
+
+def _with_marks(group: Group, outputs: Sequence[Output]) -> Group:
+    """Displacements of surface points do not scale with a modulus."""
+    return dataclasses.replace(group, outputs={**group.outputs, **{o.channel: 0 for o in outputs if o.unit == "mm"}})
+
+
+def learnt_from(
+    axes: Axes, group: Group, outputs: Sequence[Output], samples: Sequence[Sample], seed: int
+) -> tuple[Emulator, float]:
+    """Emulator of all outputs, and the largest error over the largest value of a run predicted by the others.
+
+    Along one parameter, with derivatives, a cubic through values and slopes: many outputs at no cost.
+    """
+    reduced = reduced_box(axes.box, group)
+    curves = None if reduced is None or reduced.d > 1 else along_one(reduced, outputs, samples)
+    if curves is not None:
+        emulator = Emulator(axes.box, group, reduced, tuple(outputs), curves, tuple(samples))  # type: ignore[arg-type]
+        return emulator, max(c.left_out for c in curves.values()) / max(c.largest for c in curves.values())
+    emulator = learn(axes.box, group, outputs, samples, kind="whole_curve", seed=seed)
+    if len(samples) <= FEWEST:
+        return emulator, 0.0
+    k = len(samples) // 2
+    others = [s for i, s in enumerate(samples) if i != k]
+    less = learn(axes.box, group, outputs, others, kind="whole_curve", seed=seed)
+    x = axes.box.to_unit(np.array([samples[k].values[n] for n in axes.box.names]))
+    true = np.array([samples[k].outputs[o.id] for o in outputs])
+    return emulator, float(np.abs(less.means(outputs, x[None])[0] - true).max() / np.abs(true).max())
+
+
+def _share(responses: Sequence[Response], place: Place) -> np.ndarray:
+    """Stated numerical error (n,) of a curve over its largest value, the median of all runs."""
+    rows = []
+    for r in responses:
+        top = float(np.abs(resample(r, place, "")).max())
+        rows.append(error_at(r, place) / top if top > 0 else np.zeros_like(place.depth))
+    return np.median(rows, axis=0)
+
+
+def _model(emulator: Emulator, item: Item) -> Model:
+    return stack([emulated(emulator, p)[0] for b in item.blocks for p in b.places])
+
+
+def _errors(item: Item, emulator: Emulator, share: Mapping[Place, np.ndarray], x: np.ndarray) -> np.ndarray:
+    """Covariance (n, n) of all readings where x (d,) is true: measurement, numerical error, what is not learnt."""
+    parts = []
+    for b in item.blocks:
+        curves = [emulated(emulator, p)[0].predict(x[None])[0] for p in b.places]
+        y = np.concatenate(curves)
+        if b.data is None:
+            slope = np.concatenate([_slope(p.depth, f) for p, f in zip(b.places, curves, strict=True)])
+            n = b.noise
+            C = covariance(
+                b.depth, y, slope, white=0.0 if n.correlation else n.of(kind(b)),
+                correlated=n.of(kind(b)) if n.correlation else 0.0, length=n.correlation,
+                gain=math.hypot(n.gain, n.calibration), depth_noise=n.depth, contact=n.contact,
+            )  # fmt: skip
+        else:
+            C = b.data.covariance
+        parts.append(C + _of_model(b, emulator, share, x, curves))
+    n = sum(len(p) for p in parts)
+    C, at = np.zeros((n, n)), 0
+    for p in parts:
+        C[at : at + len(p), at : at + len(p)] = p
+        at += len(p)
+    return C
+
+
+def _of_model(
+    b: Block, emulator: Emulator, share: Mapping[Place, np.ndarray], x: np.ndarray, curves: Sequence[np.ndarray]
+) -> np.ndarray:
+    """Numerical error and what the emulator does not know; both belong together over the depth of a block."""
+    length = float(b.depth.max())
+    size = np.concatenate([share[p] * float(np.abs(f).max()) for p, f in zip(b.places, curves, strict=True)])
+    unknown = np.concatenate([emulated(emulator, p)[1](x) for p in b.places])
+    return together(b.depth, size, length) + together(b.depth, unknown, length)
+
+
+def _slope(depth: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """df/du (n,), with the contact at u = 0."""
+    return np.gradient(np.append(0.0, value), np.append(0.0, depth))[1:]
+
+
+# ------------------------------------------------------------------------------------------------------ inference
+
+
+def fits(plan: Plan, have: Sequence[Learnt]) -> tuple[Joint, ...]:
+    """Each experiment alone, the first with each other, and all together (last)."""
+    names = [v.item.name for v in have]
+    wanted = [(n,) for n in names] + [(names[0], n) for n in names[1:]] + [tuple(names)]
+    by_name = {v.item.name: v for v in have}
+    out = []
+    for each in dict.fromkeys(wanted):
+        out.append(Joint(each, determine(_misfit([by_name[n] for n in each], plan.seed), seed=plan.seed, mcmc=False)))
+    return tuple(out)
+
+
+def remembered(have: Sequence[Learnt], seed: int) -> list[Learnt]:
+    """What has been done with the memory of readings of one record, of which nobody says whether they have any; it will
+    have it once more."""
+    measured = _measured(have)
+    known = iter(remembering(measured, all_minima(measured, seed=seed)[0].x).data)
+    found = []
+    for v in have:
+        item = dataclasses.replace(
+            v.item, blocks=tuple(dataclasses.replace(b, data=next(known)) for b in v.item.blocks)
+        )
+        covariance = functools.partial(_errors, item, v.emulator, v.share)
+        found.append(
+            dataclasses.replace(v, item=item, experiment=dataclasses.replace(v.experiment, covariance=covariance))
+        )
+    return found
+
+
+def _measured(have: Sequence[Learnt]) -> Misfit:
+    """Likelihood of what was measured, without the model's own errors."""
+    data = tuple(b.data for v in have for b in v.item.blocks if b.data is not None)
+    return Misfit(stack([v.experiment.model for v in have]), data)
+
+
+def _misfit(have: Sequence[Learnt], seed: int) -> Misfit:
+    """Likelihood of what was measured, with the model's own errors at the most likely point."""
+    measured = _measured(have)
+    x = all_minima(measured, seed=seed)[0].x
+    whole = []
+    for v in have:
+        for b in v.item.blocks:
+            assert b.data is not None
+            curves = [emulated(v.emulator, p)[0].predict(x[None])[0] for p in b.places]
+            whole.append(b.data.plus(_of_model(b, v.emulator, v.share, x, curves)))
+    return dataclasses.replace(measured, data=tuple(whole))
+
+
+def _places(axes: Axes, k: int, values: Mapping[str, Sequence[float]]) -> np.ndarray:
+    """Places (t,) in the unit cube of the values that the parameter is asked for."""
+    given = values.get(axes.box.names[k])
+    if given is None:
+        return (np.arange(TRUTHS) + 0.5) / TRUTHS
+    theta = np.tile(axes.box.from_unit(np.full((1, axes.box.d), 0.5)), (len(given), 1))
+    theta[:, k] = given
+    return axes.box.to_unit(theta)[:, k]

@@ -1,0 +1,293 @@
+"""Every figure of the report as an SVG string, drawn from the results alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from rso.report.calibration.displacements import is_profile, profile_figure
+from rso.report.calibration.gauss_newton import descent_figure
+from rso.report.calibration.identification import allowed, profiles
+from rso.report.calibration.influence import along_figure, morris_figure, shapes_figure
+from rso.report.calibration.maps import fronts, sensitivity, surfaces
+from rso.report.calibration.verdict import how, interval_rows, likely
+from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, canvas, short, style, svg, tag
+from rso.report.layout.digits import Unit, channel_text, clean, ends, known, largest, percent, shortest, shown
+from rso.report.reading import (
+    Candidate,
+    Parameter,
+    Results,
+    candidates,
+    curve_unit,
+    drawn_at,
+    experiments,
+    fitted_curves,
+    listed,
+    number,
+    outputs,
+    points,
+    validations,
+)
+
+_FINE = 81  # points of a drawn curve
+_ROWS = 40  # more rows than this make a figure that nobody reads; the tables hold all
+
+
+def draw(results: Results, name: str) -> str:
+    """The figure that a :class:`~rso.report.layout.document.Picture` names; ValueError for an unknown name."""
+    kind, _, index = name.partition("-")
+    k = int(index or 0)
+    with style():
+        if kind == "determined":
+            return determined(results, name)
+        if kind == "profile":
+            return profiles(results, name)
+        if kind == "descent":
+            return descent_figure(results, name)
+        if kind == "verification":
+            return verification(results, name)
+        if kind == "curve":
+            return curves(results, fitted_curves(results)[k], name)
+        if kind == "validation":
+            e = experiments(results, "validate")[k]
+            return profile_figure(results, e, name) if is_profile(e) else validation(results, e, name)
+        if kind == "surface":
+            return surfaces(results, name)
+        if kind == "sensitivity":
+            return sensitivity(results, name)
+        if kind == "along":
+            return along_figure(results, k, name)
+        if kind == "shapes":
+            return shapes_figure(results, name)
+        if kind == "morris":
+            return morris_figure(results, name)
+        if kind == "front":
+            return fronts(results, listed(results, "searches")[k], name)
+    raise ValueError(f"no figure {name!r}")
+
+
+def determined(results: Results, name: str) -> str:
+    """One line per parameter: the range searched, what the data allow, the most likely value."""
+    rows = interval_rows(results)
+    figure = canvas(0.2 + 0.62 * len(rows))
+    axes = figure.subplots()
+    for k, (p, d) in enumerate(rows):
+        y, low, high = -k, *d["interval"]
+        a, b = p.share(p.low, low), p.share(p.low, high)
+        good = d.get("determined") is True
+        axes.plot([0, 1], [y, y], color=LIGHT, lw=1.2, solid_capstyle="butt")
+        for piece in allowed(results, p, d["interval"]):
+            bar = [p.share(p.low, v) for v in piece]
+            axes.plot(bar, [y, y], color=ACCENT if good else LIGHT, lw=7, solid_capstyle="butt")
+        axes.text(-0.12, y, p.letter, ha="right", va="center", fontsize=11)
+        for x, value, ha in ((-0.012, p.low, "right"), (1.012, p.high, "left")):
+            axes.text(x, y, shortest(float(f"{value * p.unit.factor:.4g}")), ha=ha, va="center", color=GREY, fontsize=8)
+        axes.text(1.1, y, p.unit.label, ha="left", va="center", color=GREY)
+        _scale(axes, y, p)
+        word = "determined" if good else how(results, p).removeprefix("is ")
+        axes.text((a + b) / 2, y + 0.24, word, ha="center", va="bottom", color=ACCENT if good else INK)
+        sides = ("left", "right") if b - a > 0.2 else ("right", "left")
+        for x, value, ha in zip((a, b), ends(low, high, p.unit), sides, strict=True):
+            axes.text(x, y - 0.2, value, ha=ha, va="top", fontsize=8)
+        x = likely(results, p)
+        if known(x):
+            axes.plot([p.share(p.low, x)], [y], "o", ms=6, mfc=PAPER, mec=INK, mew=1.2)
+    axes.set(xlim=(-0.17, 1.17), ylim=(-len(rows) + 0.45, 0.62))
+    axes.axis("off")
+    return svg(figure, name)
+
+
+def _scale(axes: Axes, y: float, p: Parameter) -> None:
+    """Ticks at 1, 2 and 5 on a logarithmic range, and the words; a linear one needs neither."""
+    if not (p.log and p.low > 0):
+        return
+    ends = [math.log10(v * p.unit.factor) for v in (p.low, p.high)]
+    decades = range(math.floor(ends[0]), math.ceil(ends[1]) + 1)
+    for v in (k * 10.0**n / p.unit.factor for n in decades for k in (1, 2, 5)):
+        if p.low < v < p.high:
+            axes.plot([p.share(p.low, v)] * 2, [y - 0.07, y + 0.07], color=GREY, lw=0.6, zorder=1)
+    axes.text(1.1, y - 0.2, "log scale", ha="left", va="top", color=GREY, fontsize=7)
+
+
+def verification(results: Results, name: str) -> str:
+    """Predicted − recomputed of every target, in per cent, one row per candidate."""
+    rows = [(c, found) for c in candidates(results) if (found := _differences(c))][:_ROWS]
+    views = outputs(results)
+    ids = list(dict.fromkeys(i for _, found in rows for i, _, _ in found))
+    figure = canvas(0.75 + 0.19 * len(rows))
+    axes = figure.subplots()
+    axes.axvline(0, color=GREY, lw=0.8)
+    for k, (c, found) in enumerate(rows):
+        colour = ACCENT if c.verified else WARM
+        for i, x, bar in found:
+            y = -k - 0.16 * (ids.index(i) - (len(ids) - 1) / 2)
+            axes.plot([x - bar, x + bar], [y, y], color=LIGHT, lw=1.6, solid_capstyle="butt", zorder=1)
+            axes.plot([x], [y], "os^Dv"[ids.index(i) % 5], ms=3.6, mfc=colour if c.verified else PAPER, mec=colour)
+    labels = [short(c.label) + ("" if c.verified else ", not verified") for c, _ in rows]
+    ticks = axes.set_yticks([-k for k in range(len(rows))], labels)
+    for tick, (c, _) in zip(ticks, rows, strict=True):
+        tick.label1.set_color(INK if c.verified else WARM)
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    axes.set(ylim=(-len(rows) + 0.3, 0.7), xlabel="predicted − recomputed (%)")
+    _key(axes, [(short(views[i].label if i in views else clean(i), 24), "os^Dv"[n % 5]) for n, i in enumerate(ids)])
+    return svg(figure, name)
+
+
+def _key(axes: Axes, entries: list[tuple[str, str]]) -> None:
+    handles = [axes.plot([], [], marker, ms=3.6, color=INK, ls="none")[0] for _, marker in entries]
+    axes.legend(
+        handles, [text for text, _ in entries], loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False,
+        fontsize=8, handletextpad=0.1, columnspacing=1.4, borderaxespad=0.2,
+    )  # fmt: skip
+
+
+def _differences(c: Candidate) -> list[tuple[str, float, float]]:
+    """(output, predicted − recomputed, two standard deviations), the numbers in per cent of the recomputed value."""
+    rows = []
+    for o in c.data.get("outputs") or ():
+        f, y, target = (number(o.get(k)) for k in ("predicted", "recomputed", "target"))
+        if f is not None and y and target is not None:
+            rows.append((o["output"], 100 * (f - y) / abs(y), 200 * (number(o.get("sd")) or 0) / abs(y)))
+    return rows
+
+
+def curves(results: Results, e: Mapping[str, Any], name: str) -> str:
+    """Measured and simulated curve with the band of the measurement, and what is left between them."""
+    unit, m = curve_unit(results, e["name"]), e.get("measured") or {}
+    u, y = (np.array(v) for v in points(m.get("depth"), m.get("value")))
+    simulated = [(c, *_finely(*c.curve(e["name"]), u)) for c in candidates(results) if c.curve(e["name"])[0]]
+    return _curves(name, e, unit, u, y, _sigma(m, u), simulated)
+
+
+def _finely(x: Sequence[float], f: Sequence[float], u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A simulated curve from contact on, as fine as it is drawn and where it was measured."""
+    at = np.unique(np.concatenate([np.linspace(0.0, x[-1], _FINE), u[(u > 0) & (u < x[-1])]]))
+    return at, drawn_at(x, f, at)
+
+
+def _sigma(m: Mapping[str, Any], u: np.ndarray) -> np.ndarray:
+    d, s = points(m.get("depth"), m.get("sigma"))
+    table = dict(zip(d, s, strict=True))
+    return np.array([table.get(x, 0.0) for x in u])
+
+
+def _curves(
+    name: str,
+    e: Mapping[str, Any],
+    unit: Unit,
+    u: np.ndarray,
+    y: np.ndarray,
+    sigma: np.ndarray,
+    simulated: Sequence[tuple[Candidate, np.ndarray, np.ndarray]],
+) -> str:
+    simulated = sorted(simulated, key=lambda row: row[0].best)
+    figure = canvas(4.6 if simulated else 3.0)
+    if simulated:
+        axes, rest = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1])
+    else:
+        axes, rest = figure.subplots(), None
+    axes.fill_between(u, (y - sigma) * unit.factor, (y + sigma) * unit.factor, color=LIGHT, lw=0, alpha=0.75)
+    axes.plot(u, y * unit.factor, "o" if len(u) <= 60 else "-", ms=3.2, mfc=PAPER, mec=INK, mew=0.8, color=INK)
+    for c, x, f in simulated:
+        look = {"color": ACCENT, "lw": 1.6, "zorder": 3} if c.best else {"color": GREY, "lw": 0.6, "zorder": 1}
+        axes.plot(x, f * unit.factor, **look)
+    band = " ± σ" if sigma.any() else ""
+    k = int(np.argmin(np.abs(u - 0.62 * u[-1])))
+    tag(axes, u[k], y[k] * unit.factor, f"measured{band}", offset=(-12, 9), ha="right")
+    others = [c for c, _, _ in simulated if not c.best]
+    for c, x, f in simulated[-1:]:
+        k = int(np.argmin(np.abs(x - 0.72 * x[-1])))
+        if c.best:
+            tag(axes, x[k], f[k] * unit.factor, short(c.label), colour=ACCENT, offset=(12, -9), ha="left")
+    if others:
+        word = f"{len(others)} other candidate{'s' if len(others) > 1 else ''} (thin)"
+        axes.text(0.985, 0.04, word, transform=axes.transAxes, ha="right", color=GREY)
+    axes.set_ylabel(f"{short(channel_text(e.get('channel')), 20)}{unit.bracket}")
+    axes.set_title(short(clean(e["name"]), 60), color=GREY)
+    axes.set_xlim(0, None)
+    if rest is None:
+        axes.set_xlabel("depth (mm)")
+    else:
+        _residuals(rest, e, u, y, sigma, simulated)
+    return svg(figure, name)
+
+
+def _residuals(
+    axes: Axes,
+    e: Mapping[str, Any],
+    u: np.ndarray,
+    y: np.ndarray,
+    sigma: np.ndarray,
+    simulated: Sequence[tuple[Candidate, np.ndarray, np.ndarray]],
+) -> None:
+    left = []
+    for c, x, f in simulated:
+        inside = (u > 0) & (u >= x[0]) & (u <= x[-1] * (1 + 1e-9))
+        left.append((c, u[inside], y[inside] - np.interp(u[inside], x, f)))
+    unit = shown(e.get("unit", ""), largest([float(v) for _, _, r in left for v in r]))
+    axes.fill_between(u, -sigma * unit.factor, sigma * unit.factor, color=LIGHT, lw=0, alpha=0.75)
+    axes.axhline(0, color=INK, lw=0.7)
+    for c, x, r in left:
+        look = {"color": ACCENT, "lw": 1.6, "zorder": 3} if c.best else {"color": GREY, "lw": 0.6, "zorder": 1}
+        axes.plot(x, r * unit.factor, **look)
+        if c.best:
+            d, error = c.error(e["name"])
+            if d:
+                wide = np.interp(x, d, error)
+                axes.fill_between(x, (r - wide) * unit.factor, (r + wide) * unit.factor, color=ACCENT, alpha=0.25, lw=0)
+    axes.set(xlabel="depth (mm)", ylabel=f"measured −\nsimulated{unit.bracket}")
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+
+
+def validation(results: Results, e: Mapping[str, Any], name: str) -> str:
+    """Predictions of an experiment that was not used: a curve, or rows of dots where it is a single point."""
+    unit = curve_unit(results, e["name"])
+    rows = [v for v in validations(results, e) if v.get("predicted")]
+    known_candidates = {(c.search, c.name): c for c in candidates(results)}
+    found = [
+        (c, *map(np.array, points(v.get("depth"), v.get("predicted"))))
+        for v in rows
+        if (c := known_candidates.get((clean(v.get("search")), clean(v.get("candidate"))))) is not None
+        and points(v.get("depth"), v.get("predicted"))[0]
+    ]
+    m = e.get("measured") or {}
+    u, y = (np.array(x) for x in points(m.get("depth"), m.get("value")))
+    if len(u) > 1:
+        return _curves(name, e, unit, u, y, _sigma(m, u), found)
+    return _dots(name, e, unit, float(y[0]), float(_sigma(m, u)[0]), [(c, float(f[-1])) for c, _, f in found])
+
+
+def _dots(
+    name: str, e: Mapping[str, Any], unit: Unit, y: float, sigma: float, rows: list[tuple[Candidate, float]]
+) -> str:
+    rows = rows[:_ROWS]
+    figure = canvas(0.85 + 0.19 * len(rows))
+    axes = figure.subplots()
+    for k, alpha in ((2, 0.35), (1, 0.6)):
+        axes.axvspan((y - k * sigma) * unit.factor, (y + k * sigma) * unit.factor, color=LIGHT, lw=0, alpha=alpha)
+    axes.axvline(y * unit.factor, color=INK, lw=1)
+    for k, (c, f) in enumerate(rows):
+        axes.plot([y * unit.factor, f * unit.factor], [-k, -k], color=PALE, lw=1.2, zorder=0)
+        axes.plot([f * unit.factor], [-k], "o", ms=5 if c.best else 4, color=ACCENT if c.best else GREY)
+        text = f"{percent(abs(f - y) / abs(y))} too {'high' if f > y else 'low'}" if y and f != y else ""
+        axes.annotate(
+            text, (f * unit.factor, -k), xytext=(6, 0), textcoords="offset points", va="center", fontsize=7.5,
+            color=ACCENT if c.best else INK, path_effects=HALO,
+        )  # fmt: skip
+    axes.set_yticks([-k for k in range(len(rows))], [short(c.label) for c, _ in rows])
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    axes.margins(x=0.12)
+    axes.set(ylim=(-len(rows) + 0.3, 0.7), xlabel=f"{short(channel_text(e.get('channel')), 20)}{unit.bracket}")
+    words = f"measured{' ± σ, ± 2σ' if sigma else ''}"
+    axes.annotate(
+        words, (y * unit.factor, 1), xycoords=("data", "axes fraction"), xytext=(0, 3), textcoords="offset points",
+        ha="center",
+    )  # fmt: skip
+    return svg(figure, name)

@@ -1,0 +1,264 @@
+"""The document's section on what the curves determine: intervals by three methods, directions, further tests."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from rso.inference.intervals import pieces
+from rso.report.canvas import ACCENT, GREY, INK, LIGHT, WARM, canvas, parameter_axis, svg
+from rso.report.layout.digits import (
+    DASH,
+    aligned,
+    between,
+    channel_text,
+    clean,
+    known,
+    largest,
+    percent,
+    sentence,
+    shortest,
+    shown,
+    significant,
+)
+from rso.report.layout.document import Block, Cell, Picture, Section, Table, Text, column, missing, table, words
+from rso.report.reading import Parameter, Results, lettered, number, pair, parameters, points
+
+_WORDS = {"determined": ("determined", "good"), "weakly": ("weakly", "warn"), "not": ("not determined", "warn")}
+_METHODS = (("interval", "profile"), ("laplace", "Gaussian"), ("mcmc", "MCMC"))
+_PANELS = 4
+
+
+def identification_section(results: Results) -> Section:
+    """Section 3: how well every parameter is determined by the measured curves, and what would determine it better."""
+    title, data = "What the curves determine", results.get("identification")
+    if not data:
+        return Section("identification", title, (missing("Likelihood and intervals", "verify"),))
+    rows = identified(results)
+    blocks: list[Block] = [Text(_fit(data))]
+    if profiled(results):
+        blocks.append(Picture("profile", _caption(data)))
+    blocks.append(_intervals(results, data, rows))
+    for p, d in rows:
+        if d.get("reason"):
+            blocks.append(Text(f"{p.letter}: {lettered(results, d['reason'])}"))
+    blocks += [t for t in (_directions(results, data), _gains(results, data), _values(results, data)) if t is not None]
+    return Section("identification", title, tuple(blocks))
+
+
+def identified(results: Results) -> list[tuple[Parameter, Mapping[str, Any]]]:
+    """Open parameters with what the identification says of them."""
+    data = (results.get("identification") or {}).get("parameters") or ()
+    by_name = {clean(d.get("parameter")): d for d in data}
+    return [(p, by_name[p.name]) for p in parameters(results, free=True) if p.name in by_name]
+
+
+def allowed(results: Results, p: Parameter, interval: Any) -> list[tuple[float, float]]:
+    """What the data allow a parameter, in its base unit: the pieces of its profile; of one piece, its `interval`."""
+    d = dict((q.name, d) for q, d in identified(results)).get(p.name) or {}
+    whole = [tuple(interval)] if pair(interval) else []
+    level, profile = number((results.get("identification") or {}).get("level")), d.get("profile") or {}
+    at, rise = (np.array(v) for v in points(profile.get("values"), profile.get("rise")))
+    if level is None or not 0 < level < 1 or len(at) < 2 or (p.log and at.min() <= 0):
+        return whole
+    found = pieces(np.log(at) if p.log else at, rise, level)
+    if len(found) == 1:
+        return whole
+    return [(float(np.exp(a)), float(np.exp(b))) if p.log else (a, b) for a, b in found]
+
+
+def spans(results: Results, p: Parameter, interval: Any) -> str:
+    """The same in words."""
+    return " or ".join(between(low, high, p.unit) for low, high in allowed(results, p, interval)) or DASH
+
+
+def profiled(results: Results) -> list[tuple[Parameter, Mapping[str, Any]]]:
+    """Those of which a profile can be drawn."""
+    found = []
+    for p, d in identified(results)[:_PANELS]:
+        profile = d.get("profile") or {}
+        if len(points(profile.get("values"), profile.get("rise"))[0]) > 1:
+            found.append((p, profile))
+    return found
+
+
+def _fit(data: Mapping[str, Any]) -> str:
+    said = [sentence(data.get("story"))]
+    numbers = [f"{shortest(data['degrees'])} degrees of freedom"] if _unsaid(said[0], data.get("degrees")) else []
+    numbers += [f"p = {significant(data['p_value'], 3)}"] if known(data.get("p_value")) else []
+    numbers += [f"errors × {significant(data['scale'], 3)}"] if (number(data.get("scale")) or 1.0) > 1.0 else []
+    said += [f"{', '.join(numbers)}."] if numbers else []
+    again = data.get("recomputed") or {}
+    if known(again.get("agreement")) and again.get("chi2") is None:
+        said.append("The most likely curve is that of a run by exact similarity.")
+    elif known(again.get("agreement")):
+        said.append(
+            f"Recomputed with the full model, the most likely curve is off by {percent(again['agreement'])} of its "
+            f"largest value{'' if again.get('verified') else ', more than it may be'}, "
+            f"and its χ² is {significant(again.get('chi2'), 3)}."
+        )
+    curves = [f"{channel_text(d.get('channel'))} of {clean(d.get('experiment'))} ({shortest(d.get('points'))} points)"
+              for d in data.get("data") or ()]  # fmt: skip
+    said += [f"Data: {', '.join(curves)}."] if curves else []
+    m = data.get("mcmc") or {}
+    if known(m.get("draws")):
+        said.append(
+            f"Posterior on a grid: {m['draws']} draws, "
+            f"as good as {significant(m.get('independent'), 3)} independent ones."
+            if m.get("method") == "cells"
+            else f"MCMC: {m['draws']} draws, autocorrelation time {significant(m.get('tau'), 2)} steps, as good as "
+            f"{significant(m.get('independent'), 3)} independent ones"
+            f"{'' if m.get('converged', True) else '; it has not converged, its intervals are not given'}."
+        )
+    return " ".join(said)
+
+
+def _unsaid(story: str, x: object) -> bool:
+    return known(x) and not re.search(rf"\b{shortest(x)}\b", story)
+
+
+def _caption(data: Mapping[str, Any]) -> str:
+    level = percent(number(data.get("level")))
+    return (
+        "Above: how much worse the best fit becomes when one parameter is held and the others follow; what lies below "
+        f"the line is the {level} interval. Below: the change of the curve where it shows most; band: ±σ of the data."
+    )
+
+
+def _intervals(results: Results, data: Mapping[str, Any], rows: list[tuple[Parameter, Mapping[str, Any]]]) -> Table:
+    value = [
+        significant(d["value"] * p.unit.factor, d["digits"]) if known(d.get("value")) and d.get("digits") else DASH
+        for p, d in rows
+    ]
+    columns = [
+        column("", words([p.letter for p, _ in rows]), number=False),
+        column("", words([p.unit.label for p, _ in rows]), number=False),
+        column("most likely", words(value)),
+        column("± sd", words([percent(number(d.get("sd_log"))) for _, d in rows])),
+    ]
+    level = percent(number(data.get("level")))
+    for key, label in _METHODS:
+        said = []
+        for p, d in rows:
+            ends = d.get(key) or (None, None)
+            text = spans(results, p, ends) if key == "interval" else between(*ends, p.unit)
+            said.append(text.replace(p.unit.after, "") if p.unit.after else text)
+        columns.append(column(label, words(said), level))
+    if any(pair(d.get("as_stated")) for _, d in rows):
+        said = [between(*(d.get("as_stated") or (None, None)), p.unit) for p, d in rows]
+        said = [t.replace(p.unit.after, "") if p.unit.after else t for t, (p, _) in zip(said, rows, strict=True)]
+        columns.insert(5, column("profile, as stated", words(said), level))
+    need = [f"× {significant(d['noise_factor'], 2)}" if known(d.get("noise_factor")) else DASH for _, d in rows]
+    columns.append(column("noise needed", words(need)))
+    state = [_WORDS.get(str(d.get("verdict")), (clean(d.get("verdict")) or DASH, "")) for _, d in rows]
+    columns.append(column("", tuple(Cell(t, mark=m) for t, m in state), number=False))  # type: ignore[arg-type]
+    apart = [p.letter for p, d in rows if d.get("agreement") is False]
+    note = "± sd is that of the logarithm, from the curvature of the misfit; a value has the digits that are known. "
+    note += "Profile: likelihood ratio; Gaussian: that curvature inside the range; MCMC: flat prior in the range."
+    if any(pair(d.get("as_stated")) for _, d in rows):
+        note += " As stated: without usual errors of a test that nobody has stated, which all others hold."
+    note += f" Gaussian and MCMC differ by more than 15 % of their width for {', '.join(apart)}." if apart else ""
+    return table("Parameters", columns, note)
+
+
+def _directions(results: Results, data: Mapping[str, Any]) -> Table | None:
+    rows = list(data.get("directions") or ())
+    if not rows:
+        return None
+    columns = [
+        column(p.letter, aligned([number((d.get("change") or {}).get(p.name)) for d in rows], 3, plus=True))
+        for p in parameters(results, free=True)
+    ]
+    columns.append(column("known to", words([_factor(number(d.get("sd"))) for d in rows])))
+    note = "Each row is a product of powers of the parameters (exponents), the best known first."
+    return table("Stiff and sloppy combinations", columns, note)
+
+
+def _factor(sd: float | None) -> str:
+    if sd is None:
+        return "not at all"
+    return f"± {percent(sd)}" if sd < 0.3 else f"a factor {significant(float(np.exp(min(sd, 30.0))), 3)}"
+
+
+def _gains(results: Results, data: Mapping[str, Any]) -> Table | None:
+    rows = list(data.get("gains") or ())
+    if not rows:
+        return None
+    columns = [column("One more test", words([clean(g.get("test")) for g in rows]), number=False)]
+    for p in parameters(results, free=True):
+        for key in ("before", "after"):
+            cells = [percent(number((g.get(key) or {}).get(p.name))) for g in rows]
+            columns.append(column(f"sd ln {p.letter}", words(cells), key))
+    return table("What would help", columns, "Expected from the slopes of the curve; the range counts as a weak prior.")
+
+
+def _values(results: Results, data: Mapping[str, Any]) -> Table | None:
+    """Most likely values, other minima, other weightings, and the minima of every metric, side by side."""
+    rows: list[tuple[str, Mapping[str, Any], float | None]] = []
+    rows.append(("most likely", data.get("values") or {}, number(data.get("chi2"))))
+    rows += [
+        ("another minimum of χ²", m.get("values") or {}, number(m.get("chi2"))) for m in data.get("other_minima") or ()
+    ]
+    rows += [
+        (f"errors: {clean(w.get('weighting'))}", w.get("values") or {}, None) for w in data.get("weightings") or ()
+    ]
+    for m in data.get("metrics") or ():
+        label = f"smallest {clean(m.get('metric')).upper()}"
+        for k, one in enumerate(m.get("minima") or ()):
+            rows.append(
+                (label if not k else f"{label}, minimum {k + 1}", one.get("values") or {}, number(one.get("value")))
+            )
+    if len(rows) < 2:
+        return None
+    columns = [column("", words([label for label, _, _ in rows]), number=False)]
+    for p in parameters(results, free=True):
+        values = [number(v.get(p.name)) for _, v, _ in rows]
+        columns.append(
+            column(p.letter, aligned([None if x is None else x * p.unit.factor for x in values]), p.unit.label)
+        )
+    columns.append(column("χ² or metric", words([significant(x, 3) for _, _, x in rows])))
+    note = "All on the response surface. Errors in proportion to the value, or all equal, weigh the curve differently."
+    return table("The same curves weighed differently", columns, note)
+
+
+def profiles(results: Results, name: str) -> str:
+    """Profile of the misfit and change of the curve along each parameter."""
+    found = profiled(results)
+    figure = canvas(3.6)
+    grid = figure.subplots(2, len(found), squeeze=False, sharex="col", height_ratios=[1.4, 1])
+    level = number((results.get("identification") or {}).get("level")) or 0.9
+    limit = NormalDist().inv_cdf(0.5 * (1 + min(level, 0.9999))) ** 2
+    for k, (p, profile) in enumerate(found):
+        x, rise = (np.array(v) for v in points(profile.get("values"), profile.get("rise")))
+        upper, lower = grid[0, k], grid[1, k]
+        upper.plot(x * p.unit.factor, rise, color=ACCENT)
+        upper.axhline(limit, color=WARM, lw=0.8, ls="--")
+        upper.set_ylim(0, min(max(4 * limit, 1.0), max(1.2 * float(rise.max()), 1.5 * limit)))
+        _change(lower, p, profile)
+        parameter_axis(lower, "x", p)
+        if not k:
+            upper.set_ylabel("χ² − least χ²")
+            where = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
+            upper.annotate(percent(level), (0, limit), xytext=(3, 2), color=WARM, fontsize=8, **where)
+    return svg(figure, name)
+
+
+def _change(axes: Axes, p: Parameter, profile: Mapping[str, Any]) -> None:
+    x, y = (np.array(v) for v in points(profile.get("values"), profile.get("change")))
+    u, s = (np.array(v) for v in points(profile.get("values"), profile.get("sigma")))
+    unit = shown("N", largest([*map(float, s)]) or largest([*map(float, y)]))
+    axes.axhline(0, color=GREY, lw=0.6)
+    if len(u):
+        axes.fill_between(u * p.unit.factor, -s * unit.factor, s * unit.factor, color=LIGHT, lw=0, alpha=0.75)
+    if len(x):
+        axes.plot(x * p.unit.factor, y * unit.factor, color=INK)
+        # Far away the change is many times the noise; what matters is where the two are alike.
+        high = 4 * float(np.median(s)) if len(s) else float(np.abs(y).max())
+        if high > 0:
+            axes.set_ylim(-high * unit.factor, high * unit.factor)
+    axes.set_ylabel(f"change{unit.bracket}")

@@ -1,0 +1,35 @@
+"""The report of a study: its results as a document, with its figures, as HTML and PDF."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rso.core import disk
+from rso.report.calibration.figures import draw
+from rso.report.calibration.numbers import report
+from rso.report.layout.page import pictures, pour
+
+
+def render(results: Mapping[str, Any], folder: Path, html: bool = True, pdf: bool = True) -> list[Path]:
+    """Write report.html and report.pdf into `folder` from the documented layout of results.json; list of files.
+
+    The same results give the same bytes. A study that is not complete gives a report that says what is missing; a
+    diagnosis that lies in the folder is told of, too.
+    """
+    results = _with_diagnosis(results, folder)
+    document = report(results)
+    return pour(document, {name: draw(results, name) for name in pictures(document)}, folder, "report", html, pdf)
+
+
+def _with_diagnosis(results: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
+    """A run writes its results anew, without what a diagnosis has put into them."""
+    path = folder / "diagnosis.json"
+    if results.get("diagnosis") or not path.exists():
+        return results
+    try:
+        found = disk.read_json(path)["diagnosis"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return results
+    return {**results, "diagnosis": found}

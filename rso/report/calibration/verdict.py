@@ -1,0 +1,328 @@
+"""The first page: what the material is, how sure that is, and what it cost, in sentences and a few large numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rso.inference.verdict import REFUTED
+from rso.report.calibration.gap import gap_fact, gap_sentences
+from rso.report.calibration.identification import allowed, identified, spans
+from rso.report.calibration.predictions import prediction_fact, prediction_sentences
+from rso.report.calibration.predictive_check import foretold, missed, missed_channel
+from rso.report.layout.digits import (
+    Unit,
+    clean,
+    duration,
+    known,
+    percent,
+    quantity,
+    rounded,
+    shortest,
+    significant,
+    unit_text,
+)
+from rso.report.layout.document import Block, Fact, Facts, Picture, Section, Text
+from rso.report.notes import data_remarks
+from rso.report.reading import (
+    STAGES,
+    Candidate,
+    Parameter,
+    Results,
+    about_zero,
+    best_candidate,
+    candidates,
+    experiment,
+    finished,
+    lettered,
+    listed,
+    number,
+    pair,
+    parameters,
+)
+
+
+def verdict(results: Results) -> Section:
+    """The answers, the most important first."""
+    blocks: list[Block] = []
+    facts = _facts(results)
+    if facts:
+        blocks.append(Facts(facts))
+    blocks += [Text(t, "missing") for t in unfinished(results)]
+    said = [Text(t, "lead" if k == 0 else "plain") for k, t in enumerate(sentences(results))]
+    blocks += [*said[:1], *data_remarks(results), *said[1:]]
+    blocks += [Text(lettered(results, w), "warning") for w in results.get("warnings") or ()]
+    if interval_rows(results):
+        blocks.append(Picture("determined", _determined_caption(results)))
+    return Section("verdict", "Verdict", tuple(blocks))
+
+
+def unfinished(results: Results) -> list[str]:
+    """What is missing of a study that is not complete."""
+    stage = results.get("stage")
+    if stage == STAGES[-1]:
+        return []
+    if stage not in STAGES:
+        return [f"This study has not finished any stage that this report knows (stage: {clean(stage) or 'none'})."]
+    later = ", ".join(STAGES[STAGES.index(stage) + 1 :])
+    return [f"This study is not complete. The last finished stage is “{stage}”; still to come: {later}."]
+
+
+def sentences(results: Results) -> list[str]:
+    """One paragraph per question; questions without an answer yet are left out."""
+    paragraphs = [
+        " ".join(_material(results)),
+        " ".join(prediction_sentences(results)),
+        *gap_sentences(results),
+        " ".join(_reason(results)),
+        " ".join(_verification(results)),
+        " ".join(_fit(results)),
+        _cost(results),
+    ]
+    return [p for p in paragraphs if p]
+
+
+NOT = "is not determined"
+
+
+def interval_rows(results: Results) -> list[tuple[Parameter, Mapping[str, Any]]]:
+    """Parameters whose interval is known."""
+    known_intervals = results.get("determined") or {}
+    rows = [(p, known_intervals.get(p.name) or {}) for p in parameters(results, free=True)]
+    return [(p, d) for p, d in rows if pair(d.get("interval")) and pair([p.low, p.high])]
+
+
+def _value(p: Parameter, x: float, interval: list[float], unit: Unit) -> str:
+    half = (interval[1] - interval[0]) / 2 * unit.factor
+    return f"{rounded(x * unit.factor, half)}{unit.after}"
+
+
+def likely(results: Results, p: Parameter) -> float | None:
+    """The most likely value; without an identification that of the best candidate."""
+    found = number(((results.get("identification") or {}).get("values") or {}).get(p.name))
+    best = best_candidate(results)
+    return found if found is not None else best.value(p.name) if best else None
+
+
+def how(results: Results, p: Parameter) -> str:
+    """How a parameter that is not determined is called."""
+    verdicts = {q.name: d.get("verdict") for q, d in identified(results)}
+    return "is weakly determined" if verdicts.get(p.name) == "weakly" else NOT
+
+
+def _also(p: Parameter, x: float, interval: list[float]) -> str:
+    base = Unit(unit_text(p.base))
+    return "" if base.label == p.unit.label else f" ({_value(p, x, interval, base)})"
+
+
+def _material(results: Results) -> list[str]:
+    said = []
+    for p, d in interval_rows(results):
+        x, span = likely(results, p), spans(results, p, d["interval"])
+        if d.get("determined") is True:
+            if x is None:
+                said.append(f"{p.letter} is determined: it lies between {span.replace(' to ', ' and ')}.")
+            else:
+                value = _value(p, x, d["interval"], p.unit) + _also(p, x, d["interval"])
+                said.append(
+                    f"{p.letter} is determined: {value}, and{_level(results)} anything from {span} is compatible with "
+                    "the data."
+                )
+        else:
+            whole = len(allowed(results, p, d["interval"])) == 1
+            width = f" ({_width(p, *d['interval'])})" if whole else ""
+            said.append(
+                f"{p.letter} {how(results, p)}:{_level(results)} every value from {span}{width} {_agrees(results)}."
+            )
+    return said
+
+
+def _refuted(results: Results) -> float | None:
+    """By how many times their errors the model misses the data, where it does so widely."""
+    scale = number((results.get("identification") or {}).get("scale"))
+    return scale if scale is not None and scale > REFUTED else None
+
+
+def _agrees(results: Results) -> str:
+    """What values within an interval do: agree with the data, or no better than the model does at all."""
+    if (times := _refuted(results)) is None:
+        return "agrees with the data"
+    by = shortest(float(f"{times:.2g}"))
+    return f"fits as well as any under the model, which misses the data by {by} times their errors"
+
+
+def _width(p: Parameter, low: float, high: float) -> str:
+    """How wide an interval is: a factor where the range is searched on a logarithmic scale, else a share of it."""
+    if p.log and 0 < low < high < 1.2 * low:
+        return f"±{percent(0.5 * (high / low - 1.0))}"
+    if p.log and low > 0:
+        return f"a factor of {shortest(float(f'{high / low:.2g}'))}"
+    return f"{percent(p.share(low, high))} of the range that was searched"
+
+
+def _level(results: Results) -> str:
+    level = number((results.get("identification") or {}).get("level"))
+    return "" if level is None else f" with {percent(level)} confidence"
+
+
+def _reason(results: Results) -> list[str]:
+    """Why a parameter is not determined: along the valley it changes much and the targets do not."""
+    open_ones = [(p, d) for p, d in interval_rows(results) if d.get("determined") is not True]
+    reasons = {p.name: clean(d.get("reason")) for p, d in identified(results)}
+    said = [lettered(results, reasons.get(p.name) or d.get("story")) for p, d in open_ones if d.get("story")]
+    valleys = [clean(s["name"]) for s in listed(results, "searches") if s.get("kind") == "valley"]
+    shown_by = [text for name in valleys for p, _ in open_ones if (text := _valley(results, name, p))]
+    return [*dict.fromkeys(said), *shown_by[:1]]
+
+
+def _valley(results: Results, name: str, p: Parameter) -> str:
+    """What the candidates of one search show about a parameter, or nothing."""
+    chosen = [c for c in candidates(results) if c.search == name and c.data.get("state") == "done"]
+    values = [v for c in chosen if known(v := c.value(p.name)) and v > 0]
+    spread = _spread(chosen)
+    if len(values) < 2 or spread is None:
+        return ""
+    return (
+        f"The candidates of search {name} show it: {p.letter} goes from {p.show(min(values), 3)} to "
+        f"{p.show(max(values), 3)}, a factor of {significant(max(values) / min(values), 2)}, and yet their recomputed "
+        f"target values differ by at most {percent(spread)}."
+    )
+
+
+def _spread(chosen: list[Candidate]) -> float | None:
+    """Largest relative difference between candidates over the targets, recomputed."""
+    by_output: dict[str, list[float]] = {}
+    for c in chosen:
+        for o in c.data.get("outputs") or ():
+            if known(o.get("target")) and known(o.get("recomputed")):
+                by_output.setdefault(o["output"], []).append(o["recomputed"])
+    spreads = [(max(v) - min(v)) / abs(sum(v) / len(v)) for v in by_output.values() if len(v) > 1 and sum(v)]
+    return max(spreads, default=None)
+
+
+def _verification(results: Results) -> list[str]:
+    every = candidates(results)
+    if not every:
+        return []
+    if not finished(results, "verify"):
+        return [f"{len(every)} candidates were found on the response surface; none has been recomputed yet."]
+    good = [c for c in every if c.verified]
+    worst = max((a for c in good if known(a := c.data.get("agreement"))), default=None)
+    said = [f"{len(good)} of {len(every)} candidates are verified: recomputed with the full model"]
+    said[0] += f", their target values agree with the prediction within {percent(worst)}." if worst is not None else "."
+    missed = [c for c in every if not c.verified and c.data.get("state") == "done"]
+    if missed:
+        each = ", ".join(f"{c.label} ({percent(c.data.get('agreement'))})" for c in missed)
+        said.append(f"Not within the tolerance: {each}.")
+    stopped = [
+        f"{c.label} ({clean(c.data.get('state'))})" for c in every if c.data.get("state") in ("failed", "crashed")
+    ]
+    if stopped:
+        said.append(f"Without an answer: {', '.join(stopped)}.")
+    added = sum(s.get("infill") or 0 for s in listed(results, "searches"))
+    if added:
+        said.append(f"{added} run{'s were' if added > 1 else ' was'} added to the response surface on the way.")
+    return said
+
+
+def _none_is_best(results: Results) -> list[str]:
+    """Why no candidate is called the best, and what the closest one misses."""
+    every = candidates(results)
+    if not any(c.verified for c in every):
+        return ["No candidate is verified, so none is called the best."]
+    near = results.get("closest") or {}
+    closest = next((c for c in every if (c.search, c.name) == (near.get("search"), near.get("candidate"))), None)
+    said = ["No verified candidate meets every target and constraint, so none is called the best."]
+    misses = [d for d in (closest.data.get("demands") or () if closest else ()) if d.get("met") is False]
+    if closest and misses:
+        said.append(f"The closest is {closest.label}: {'; '.join(lettered(results, d.get('words')) for d in misses)}.")
+    return said
+
+
+def _fit(results: Results) -> list[str]:
+    best, said = best_candidate(results), []
+    if best is None:
+        return _none_is_best(results) if finished(results, "verify") else []
+    for name in best.data.get("metrics") or {}:
+        m, base = best.metrics(name), (results.get("baseline") or {}).get(name) or {}
+        rmse, flat = quantity(m.get("rmse"), experiment(results, name).get("unit", ""), 3), about_zero(base)
+        score = f"RMSE of {rmse}" if flat else f"NRMSE of {percent(number(m.get('nrmse')))} (RMSE {rmse})"
+        text = f"The best candidate, {best.label}, reproduces the measured curve {clean(name)} with an {score}"
+        if not flat and known(base.get("nrmse")) and known(m.get("nrmse")) and m["nrmse"] > 0:
+            text += (
+                f"; the model that only predicts the mean of the curve has {percent(base['nrmse'])}, "
+                f"{significant(base['nrmse'] / m['nrmse'], 2)} times as much"
+            )
+        e = experiment(results, name)
+        v = foretold(results, e) if e.get("role") == "select" else None
+        if v is not None and v.get("verdict") == "no" and (name == e["experiment"] or missed_channel(e, v)):
+            text += f"; that is beyond its errors: {missed(v)}"
+        said.append(text + ".")
+    return said
+
+
+def _cost(results: Results) -> str:
+    c, t = results.get("counts") or {}, results.get("timings") or {}
+    if not known(c.get("fe_runs")):
+        return ""
+    text = f"This took {c['fe_runs']} simulations"
+    details = [f"{c[k]} {word}" for k, word in (("failed", "failed"), ("crashed", "crashed")) if c.get(k)]
+    text += f" ({', '.join(details)})" if details else ""
+    text += f" and {duration(t['total'])} of wall time" if known(t.get("total")) else ""
+    if c.get("saved_by_similarity"):
+        text += f"; {c['saved_by_similarity']} of the {c.get('asked')} runs asked for were saved by exact similarity"
+    text += f"; {c['from_store']} answers were in the store already" if c.get("from_store") else ""
+    return text + "."
+
+
+def _facts(results: Results) -> tuple[Fact, ...]:
+    facts, best = [], best_candidate(results)
+    sure = _level(results).removeprefix(" with ").replace(" confidence", " interval")
+    for p, d in interval_rows(results)[:3]:
+        span = spans(results, p, d["interval"])
+        if d.get("determined") is True:
+            x = likely(results, p)
+            value = span if x is None else _value(p, x, d["interval"], p.unit)
+            facts.append(Fact(p.letter, value, f"determined; {sure or 'compatible with the data'}: {span}", "good"))
+        else:
+            word = how(results, p).removeprefix("is ")
+            agrees = "all agree with the data" if _refuted(results) is None else "the model misses the data"
+            note = f"{sure}: {span}, {agrees}" if sure else f"{span}; {agrees}"
+            facts.append(Fact(p.letter, word, note, "warn"))
+    if any(s.get("met") is False for s in listed(results, "searches")):
+        facts.append(Fact("Targets", "not met", "by no recomputed candidate, within their tolerances", "warn"))
+    if best:
+        for name in list(best.data.get("metrics") or {})[:1]:
+            base = ((results.get("baseline") or {}).get(name) or {}).get("nrmse")
+            note = f"NRMSE of the best candidate; {percent(base)} for the mean of the curve"
+            facts.append(Fact("Fit", percent(number(best.metrics(name).get("nrmse"))), note))
+    facts += [*prediction_fact(results), *gap_fact(results)]
+    if finished(results, "verify") and candidates(results):
+        good = sum(c.verified for c in candidates(results))
+        note = "candidates verified: predicted = recomputed"
+        facts.append(Fact("Verified", f"{good} of {len(candidates(results))}", note))
+    c, t = results.get("counts") or {}, results.get("timings") or {}
+    if known(c.get("fe_runs")):
+        facts.append(Fact("Cost", f"{c['fe_runs']} runs", f"simulations, {duration(t.get('total'))} of wall time"))
+    return tuple(facts)
+
+
+def _determined_caption(results: Results) -> str:
+    rows = interval_rows(results)
+    fixed = [p.letter for p, d in rows if d.get("determined") is True]
+    weakly = [p.letter for p, d in rows if d.get("determined") is not True and how(results, p) != NOT]
+    loose = [p.letter for p, d in rows if d.get("determined") is not True and how(results, p) == NOT]
+    said = []
+    if fixed:
+        said.append(f"the data leave {_and(fixed)} only a part of the range that was searched")
+    if weakly:
+        said.append(f"the data narrow {_and(weakly)} down, but not to a value")
+    if loose:
+        said.append(f"the data leave {_and(loose)} open over half of the range and more")
+    text = "; ".join(said)
+    bar = f"bar: what the data allow{_level(results)}"
+    return f"{text[:1].upper()}{text[1:]}. Thin line: range searched; {bar}; dot: most likely value."
+
+
+def _and(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -1,0 +1,224 @@
+"""Numbers, units and names as text: as many digits as are known, otherwise four; never markup."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rso.core.units import LADDERS, people
+from rso.report.layout.document import Cell
+
+DASH = "–"
+NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
+_GREEK = dict(
+    zip(
+        "alpha beta gamma delta epsilon eta theta kappa lambda mu nu rho sigma tau phi".split(),
+        "αβγδεηθκλμνρστφ",
+        strict=True,
+    )
+)
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """How a quantity is shown: value in base units × `factor` is a number of `label`."""
+
+    label: str
+    factor: float = 1.0
+
+    @property
+    def after(self) -> str:
+        """The label with the unbreakable space that goes before it, or nothing."""
+        return f"{NBSP}{self.label}" if self.label else ""
+
+    @property
+    def bracket(self) -> str:
+        """The label in brackets for an axis, or nothing."""
+        return f" ({self.label})" if self.label else ""
+
+
+def clean(text: object) -> str:
+    """Any text without control characters and lone surrogates, which neither page can hold."""
+    return _CONTROL.sub("\N{REPLACEMENT CHARACTER}", "" if text is None else str(text))
+
+
+def symbol(name: str) -> str:
+    """The literature's letter of a parameter: mu → μ, D1 → D₁, C10 → C₁₀; any other name as it is."""
+    match = re.fullmatch(r"([A-Za-z]+?)_?(\d{0,2})", name)
+    if match is None:
+        return clean(name)
+    letter, index = match.groups()
+    if letter in _GREEK:
+        return _GREEK[letter] + index.translate(_SUBSCRIPT)
+    return letter + index.translate(_SUBSCRIPT) if len(letter) == 1 else clean(name)
+
+
+def unit_text(unit: str) -> str:
+    """A unit as it is printed: 1/MPa → MPa⁻¹, mm^2 → mm², 1 → nothing."""
+    if unit in ("1", "-", ""):
+        return ""
+    match = re.fullmatch(r"1/([A-Za-zµ]+)", unit)
+    return f"{match.group(1)}⁻¹" if match else raised(clean(unit))
+
+
+def raised(text: str) -> str:
+    """Text with its powers as superscripts: mm^2 → mm²."""
+    return re.sub(r"(?<=[A-Za-zµ])\^(-?\d+)", lambda m: m.group(1).translate(_SUPERSCRIPT), text)
+
+
+def channel_text(name: object) -> str:
+    """The name of a channel as people read it: contact_area → contact area."""
+    return clean(name).replace("_", " ")
+
+
+def sentence(text: object) -> str:
+    """Words of the program with true minus signs, and nothing parted from its %."""
+    return re.sub(r"(?<=\d) %", f"{NBSP}%", re.sub(r"(?<![\w.])-(?=\d)", "−", clean(text)))
+
+
+def shown(unit: str, size: float | None = None) -> Unit:
+    """The unit people would use for a quantity of this size (MPa, kPa or Pa; N or mN; mm or µm)."""
+    if unit not in LADDERS or not known(size) or size == 0:
+        return Unit(unit_text(unit))
+    return Unit(*people(unit, size))
+
+
+def known(x: object) -> bool:
+    """True for a finite number."""
+    return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
+
+
+def largest(values: Sequence[float | None]) -> float | None:
+    """The largest size among the known values, None where nothing is known."""
+    sizes = [abs(v) for v in values if known(v)]
+    return max(sizes, default=None)
+
+
+def places(x: float, digits: int = 4) -> int:
+    """Decimals with which x has that many significant digits (negative: tens, hundreds)."""
+    return digits - 1 - _exponent(x, digits) if x else digits - 1
+
+
+def _exponent(x: float, digits: int) -> int:
+    # After rounding: 9.9997 with three digits is 10.0.
+    return int(f"{abs(x):.{digits - 1}e}".split("e")[1])
+
+
+def fixed(x: float, decimals: int) -> str:
+    """x with that many decimals and a true minus sign; zero has no sign."""
+    text = f"{x:.{max(decimals, 0)}f}"
+    if not text.strip("-0."):
+        text = text.lstrip("-")
+    return text.replace("-", "−")
+
+
+def significant(x: float | None, digits: int = 4) -> str:
+    """x with that many significant digits, as a decimal between 1e-4 and 1e6 and as a power of ten outside."""
+    if not known(x):
+        return DASH
+    if x == 0:
+        return "0"
+    exponent = _exponent(x, digits)
+    if -5 < exponent < 6:
+        return fixed(x, digits - 1 - exponent)
+    mantissa = f"{x:.{digits - 1}e}".split("e")[0].replace("-", "−")
+    return f"{mantissa}{NBSP}×{NBSP}10{str(exponent).translate(_SUPERSCRIPT)}"
+
+
+def shortest(x: object) -> str:
+    """A number as a person wrote it (a depth, a count), or any text."""
+    if isinstance(x, str):
+        return clean(x)
+    return f"{x:.6g}".replace("-", "−") if known(x) else DASH
+
+
+def rounded(x: float | None, half_width: float | None) -> str:
+    """x to the digit in which its half-width has its first (second, where the first is a 1)."""
+    if not known(x) or not known(half_width) or half_width <= 0:
+        return significant(x)
+    digits = 2 if f"{half_width:.1e}"[0] == "1" else 1
+    decimals = places(half_width, digits)
+    if decimals < 0:
+        return fixed(round(x, decimals), 0)
+    # A half-width far below 1e-4 of x claims more digits than a reader can use.
+    return fixed(x, min(decimals, max(places(x, 5), 0)))
+
+
+def quantity(x: float | None, unit: str, digits: int = 4, size: float | None = None) -> str:
+    """A number with the unit people would use for it."""
+    if not known(x):
+        return DASH
+    use = shown(unit, x if size is None else size)
+    return f"{significant(x * use.factor, digits)}{use.after}"
+
+
+def signed(x: float | None, text: str) -> str:
+    """Text of a number with a plus sign where it is positive."""
+    return f"+{text}" if known(x) and x > 0 and text.strip("0.") else text
+
+
+def percent(fraction: float | None, digits: int = 2) -> str:
+    """A fraction as a percentage; below one part in 10⁵ it is only said to be so."""
+    if not known(fraction):
+        return DASH
+    if 0 < abs(fraction) < 1e-5:
+        return f"<{NBSP}0.001{NBSP}%"
+    return f"{significant(100 * fraction, digits)}{NBSP}%"
+
+
+def between(low: float | None, high: float | None, unit: Unit, digits: int = 3) -> str:
+    """Two ends of a range with one unit, rounded by its width where that is small."""
+    if not (known(low) and known(high)):
+        return DASH
+    if low == high:
+        return f"{significant(low * unit.factor, digits)}{unit.after}"
+    return f"{' to '.join(ends(low, high, unit, digits))}{unit.after}"
+
+
+def ends(low: float, high: float, unit: Unit, digits: int = 3) -> tuple[str, str]:
+    """Two ends of a range without their unit, rounded by its width where that is small."""
+    a, b = low * unit.factor, high * unit.factor
+    narrow = 0 < b - a < 0.5 * abs(b)
+    first, last = (rounded(v, (b - a) / 2) if narrow else significant(v, digits) for v in (a, b))
+    return first, last
+
+
+def duration(seconds: float | None) -> str:
+    """Seconds as people say them: 8.4 s, 4 min 12 s, 3 h 20 min."""
+    if not known(seconds):
+        return DASH
+    if seconds < 60:
+        return f"{significant(seconds, 2 if seconds < 10 else 3)}{NBSP}s"
+    whole = round(seconds)
+    hours, minutes = whole // 3600, whole % 3600 // 60
+    parts = (hours, "h", minutes, "min") if hours else (minutes, "min", whole % 60, "s")
+    return NBSP.join(map(str, parts))
+
+
+def aligned(values: Sequence[float | None], digits: int = 4, plus: bool = False) -> tuple[Cell, ...]:
+    """One column of numbers with their decimal points below each other.
+
+    The largest number gets `digits` significant digits and the others as many decimals; where
+    that leaves the smallest fewer than two each number gets its own digits, and invisible ones keep the points in line.
+    """
+    sizes = [abs(v) for v in values if known(v) and v != 0]
+    if not sizes:
+        return tuple(Cell(fixed(v, 0) if known(v) else DASH) for v in values)
+    decimals = max(places(max(sizes), digits), 0)
+    wide = max(sizes) >= 10 ** max(digits - 2, 1) * min(sizes) and not plus
+    if max(sizes) < 1e-5 or max(sizes) >= 1e6 or (wide and min(sizes) < 1e-4):
+        return tuple(Cell(significant(v, digits)) for v in values)
+    if wide:
+        text = [significant(v, digits) for v in values]
+    else:
+        text = [fixed(v, decimals) if known(v) else DASH for v in values]
+    text = [signed(v, s) for v, s in zip(values, text, strict=True)] if plus else text
+    tail = [t.partition(".")[2] for t in text]
+    longest = max(map(len, tail))
+    pad = ["0" * (longest - len(t)) if t else ("." + "0" * longest) * (longest > 0) for t in tail]
+    return tuple(Cell(t, "" if t == DASH else p) for t, p in zip(text, pad, strict=True))

@@ -1,0 +1,195 @@
+"""A folder as a laboratory leaves it, with `nominal.json` saying what the experimenter believes, as a study file.
+
+The CSV files are named for what they hold: ``point_20_0`` was pressed at (20, 0) mm, ``mp_cycle_30`` is a cycle at the
+top with 30 mm/min, ``mp_…`` and names with less than two numbers are force curves at the top, ``profile`` holds marks
+of the surface.  See docs/data_for_a_diagnosis.md.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rso.core.units import quantity
+from rso.data import read, recorded_speed
+from rso.study.cases import DEFAULT_SPEED
+from rso.study.columns_table import ColumnsTable
+from rso.study.errors import choose
+from rso.study.laboratory_nominal import FILE, Nominal, read_nominal
+from rso.study.schema import Study
+
+_NUMBER = r"(-?\d+(?:\.\d+)?)"
+_POINT = re.compile(rf"^(?:point|pt|p|pos|position|site)[_ ]?{_NUMBER}[_ ]{_NUMBER}$", re.IGNORECASE)
+_CYCLE = re.compile(r"^mp_cycle_(\d+(?:\.\d+)?)(?![\d.])", re.IGNORECASE)
+_PLACE = re.compile(r"^(point|pt|pos|position|site)([_ -]|\d)", re.IGNORECASE)  # a name that means a place
+_TOP = re.compile(r"^mp([_ -]|$)", re.IGNORECASE)  # middle point
+_NUMBERED = re.compile(r"^(\d+)[_ -]+(?=[^\W\d])")  # 04_site_20_0: the fourth test
+READ = (".csv", ".xlsx")
+LOCK = "~$"  # what a spreadsheet lays beside a workbook that is open
+MU, D1 = ("5 kPa", "20 kPa"), ("1 1/MPa", "100 1/MPa")  # their product, the axis of the library: ν from 0.125 to 0.499
+
+
+def study_text(folder: Path, seed: int, beside: Path) -> str:
+    """The study file for a folder; `beside` is where it will be written.  ValueError naming what is missing."""
+    nominal = read_nominal(folder)
+    files = sorted(f for f in folder.iterdir() if f.suffix.lower() in READ and not f.name.startswith(LOCK))
+    if not files:
+        raise ValueError(f"{folder}: holds no CSV file")
+    for f in files:
+        _refuse_unclear(f)
+    for name in nominal.columns_of:
+        if name not in (names := [f.name for f in files]):
+            raise ValueError(f"{folder / FILE}: columns_of.{name}: there is no such file; {choose(name, names)}")
+    files.sort(key=_order([f.stem for f in files]))
+    lines = [
+        "[study]", f"title = {json.dumps('Diagnosis of ' + folder.name)}", f"seed = {seed}", "", "[backend]",
+        'use = "fem_backend.backend:BACKEND"', "", "[backend.settings]",
+        f"specimen = {{ shape = \"ellipsoid\", semi_axes = {list(nominal.semi_axes)} }}",
+        f"indenter = {{ shape = \"sphere\", radius = {nominal.radius} }}",
+        f"support = {nominal.support}", "", "[parameters]",
+        f'mu = {{ low = "{MU[0]}", high = "{MU[1]}", scale = "log" }}',
+        f'D1 = {{ low = "{D1[0]}", high = "{D1[1]}", scale = "log" }}',
+        "", "[diagnose]", "keep_ranges = false  # nobody stated them", "",
+    ]  # fmt: skip
+    lines += ["[columns]", *_columns(nominal.columns), ""] if nominal.columns.headers() else []
+    before: list[str] = []
+    for file in files:
+        lines += [*_experiment(file, nominal, before, beside), ""]
+        before = before if _is_profile(file.stem) else [*before, file.stem]
+    return "\n".join(lines)
+
+
+def _experiment(file: Path, nominal: Nominal, before: list[str], beside: Path) -> list[str]:
+    """The lines of one experiment, tested after those `before`."""
+    name, profile = file.stem, _is_profile(file.stem)
+    own = nominal.columns_of.get(file.name)
+    lines = ["[[experiments]]", f"name = {json.dumps(name)}", 'role = "fit"',
+             f"data = {json.dumps(os.path.relpath(file, beside))}"]  # fmt: skip
+    lines += [f"columns = {{ {', '.join(_columns(own))} }}"] if own is not None else []
+    if profile:
+        lines += ['kind = "profile"']
+    elif {"Fx", "Fy"} <= set(read(file, nominal.of_file(file.name).columns()).channels):
+        lines += ['channels = ["Fz", "Fx", "Fy"]']
+    cycle = _CYCLE.match(_bare(name))
+    settings = [f"point = {list(place(name) or (0.0, 0.0))}"]
+    rate = float(cycle[1]) if cycle else nominal.rate
+    if rate and not profile:
+        settings += [f'speed = "{rate:g} mm/min"']
+    settings += ["unload = true"] if cycle else []
+    lines += [f"settings = {{ {', '.join(settings)} }}"]
+    of_force = {"Fz": "force_N", "depth": "depth_mm", "gain": "repeat_gain", "correlation": "correlation_mm"}
+    keys = {"uz": "profile_mm"} if profile else of_force
+    stated = ", ".join(f"{k} = {nominal.noise[v]}" for k, v in keys.items() if v in nominal.noise)
+    lines += [f"noise = {{ {stated} }}"] if stated else []
+    return lines + ([f"after = {json.dumps(before)}"] if before and not profile else [])
+
+
+def place(name: str) -> tuple[float, float] | None:
+    """The point (mm) that the name of a file says, if it says one."""
+    point = _POINT.match(_bare(name))
+    return (float(point[1]), float(point[2])) if point else None
+
+
+def may_be_a_place(name: str) -> bool:
+    """Whether the name of a file seems to say a point and is not understood."""
+    return place(name) is None and _PLACE.search(_bare(name)) is not None
+
+
+def unread(folder: Path) -> list[str]:
+    """Files of a folder that may hold readings and are not read."""
+    return [f"{f.name} is not read: only {' and '.join(READ)} files are" for f in sorted(folder.iterdir())
+            if f.suffix.lower() in (".txt", ".tsv", ".dat", ".asc", ".xls", ".ods")]  # fmt: skip
+
+
+def files_of(study: Study) -> list[dict[str, Any]]:
+    """What each file of a folder's study was taken for: place (mm), role, speed (mm/min), whether a cycle."""
+    found = []
+    for e in study.experiments:
+        m, settings = study.measurement(e.name), study.settings_of(e.name)
+        force, recorded = m.kind == "force", recorded_speed(m)
+        stated = quantity(settings["speed"], "mm/s") if "speed" in settings else None
+        speed = recorded or stated or DEFAULT_SPEED
+        returns = any(np.any(r.segment == "unloading") for r in m.repeats)
+        found.append({
+            "file": m.path.name, "kind": m.kind, "place_mm": settings["point"], "role": e.role,
+            "cycle": force and (returns or settings.get("unload") is True), "repeats": len(m.repeats),
+            "speed_mm_per_min": 60.0 * speed if force else None,
+            "speed_from": ("times" if recorded else "stated" if stated else "assumed") if force else None,
+        })  # fmt: skip
+    return found
+
+
+def in_words(file: Mapping[str, Any]) -> str:
+    """One line about a file of :func:`files_of`."""
+    x, y = file["place_mm"]
+    what = "surface marks while pressed" if file["kind"] == "profile" else "a cycle" if file["cycle"] else "force curve"
+    how = {"times": "by its times", "stated": "as stated", "assumed": "assumed"}.get(file["speed_from"])
+    digits = 2 if file["speed_from"] == "times" else 3  # measured ones differ in the third from file to file
+    speed = f"{float(format(file['speed_mm_per_min'], f'.{digits}g')):g} mm/min {how}, " if how else ""
+    return f"{file['file']}: {what} at ({x:g}, {y:g}) mm, role {file['role']}, {speed}{file['repeats']} repeat(s)"
+
+
+def _columns(table: ColumnsTable) -> Iterator[str]:
+    """The lines of a table of columns."""
+    for name, column in table:
+        if column is not None:
+            keys = column.model_dump(exclude_unset=True, exclude_none=True)
+            yield f"{name} = {inline(keys)}"
+
+
+def inline(value: Any) -> str:
+    """A value as TOML writes it within a line."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{_key(k)} = {inline(v)}' for k, v in value.items())} }}"
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # TOML knows no pairs of surrogates
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
+
+
+def _refuse_unclear(file: Path) -> None:
+    """ValueError for a name that seems to say where or how it was pressed in a way that is not understood."""
+    name = _bare(file.stem)
+    clear = _POINT.match(name) or _TOP.match(name)
+    if clear or not (_PLACE.search(name) or len(re.findall(r"\d+", name)) > 1):
+        return
+    raise ValueError(
+        f"{file}: the name does not say where it was pressed: understood are point_X_Y (point_20_0.csv: pressed at "
+        "(20, 0) mm; pt_, pos_, site_ or P_ likewise), mp_cycle_V (mp_cycle_30.csv: loaded and unloaded at the top "
+        "with 30 mm/min), mp_ with anything else and names with less than two numbers (at the top; profile.csv: "
+        "surface marks), each with the number of the test before it or without (04_site_20_0.csv)"
+    )
+
+
+def _bare(name: str) -> str:
+    """A name without the number of the test before it."""
+    return _NUMBERED.sub("", name)
+
+
+def _is_profile(name: str) -> bool:
+    return _bare(name).lower().startswith("profile")
+
+
+def _order(names: list[str]) -> Callable[[Path], tuple[float, float, str]]:
+    """Key of the order of testing: the numbers before the names where every test has one of its own, else by kind."""
+    numbers = {n: int(m[1]) for n in names if not _is_profile(n) and (m := _NUMBERED.match(n))}
+    told = len(set(numbers.values())) == sum(not _is_profile(n) for n in names)
+    return lambda f: (float(numbers.get(f.stem, math.inf)), 0.0, f.stem) if told else (*_rank(f.stem), f.stem)
+
+
+def _rank(name: str) -> tuple[int, float]:
+    """Order of testing: loading, cycles from slow to fast, deep, other points, profile."""
+    name = _bare(name)
+    cycle = _CYCLE.match(name)
+    if cycle:
+        return 1, float(cycle[1])
+    kinds = {"mp_load": 0, "mp_cycle": 1, "mp_deep": 2, "point": 3, "profile": 4}
+    return next((k for stem, k in kinds.items() if name.lower().startswith(stem)), 3), 0.0
