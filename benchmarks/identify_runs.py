@@ -30,7 +30,7 @@ from rso.calibration.plan import make_plan
 from rso.contract import Case, Programme
 from rso.evaluation import Task, run_all
 from rso.evaluation.store import Done, RunStore
-from rso.study import load
+from rso.study.loader import load
 
 SETTINGS: dict[str, Any] = {
     "specimen": {"shape": "ellipsoid", "semi_axes": [60.0, 35.0, 35.0]},

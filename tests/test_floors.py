@@ -246,10 +246,10 @@ LAYERS = {
     "rso.study": (
         "base_table confusable_text fields line_numbers",
         "columns_table errors noise_table search_table",
-        "analysis_tables laboratory_nominal",
+        "analysis_tables laboratory_nominal toml_text",
         "schema",
         "keys loader resolve",
-        "__init__ cases",
+        "cases",
         "laboratory_folder",
         "new_study",
     ),

@@ -46,7 +46,7 @@ from rso.discrepancy.library.tables import Library
 from rso.discrepancy.study_diagnosis import ask
 from rso.evaluation import run_all
 from rso.evaluation.store import RunStore
-from rso.study import load
+from rso.study.loader import load
 
 REPORT = Path(__file__).parents[2] / "reports" / "diagnosis_emulator.md"
 SECTIONS = (

@@ -86,7 +86,7 @@ def _foreseen(error: Exception) -> tuple[int, str]:
         from concurrent.futures import BrokenExecutor
 
         from rso.evaluation.store import StoreError
-        from rso.study import StudyError
+        from rso.study.errors import StudyError
     except Exception:  # not this call's doing: it is the machine that does not let the program be loaded
         why = one(f"{type(error).__name__}: {error}")[:800]
         return EXIT_BROKEN, (f"rso: cannot be loaded on this machine: {why}; where compiled code can be kept nowhere, "

@@ -21,7 +21,7 @@ EXIT_BROKEN, EXIT_BAD_INPUT, EXIT_FAILED_RUNS, EXIT_INTERRUPTED = 1, 2, 3, 130
 
 def check(options: argparse.Namespace, command: str) -> int:
     from rso.cli.checking import check
-    from rso.study import load
+    from rso.study.loader import load
 
     study = load(options.study)
     folder = _folder(options, study.folder)
@@ -33,7 +33,8 @@ def new(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.plan import make_plan
     from rso.cli.checking import check
     from rso.evaluation.adapters import load_backend
-    from rso.study import StudyError, load
+    from rso.study.errors import StudyError
+    from rso.study.loader import load
     from rso.study.new_study import Test, alone, begin
 
     point = None if options.point is None else tuple(options.point)
@@ -166,7 +167,7 @@ def run(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.stages import NothingToFit
     from rso.cli.progress import Progress
     from rso.evaluation.store import RunStore, set_aside
-    from rso.study import load
+    from rso.study.loader import load
 
     study = load(options.study)
     jobs = options.jobs or study.dispatch.jobs
@@ -210,7 +211,7 @@ def diagnose(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.plan import source_of
     from rso.discrepancy import NoAnswer
     from rso.discrepancy.study_diagnosis import ask, run_diagnosis
-    from rso.study import load
+    from rso.study.loader import load
 
     study = load(options.study)
     asked = ask(study)
@@ -253,7 +254,7 @@ def _told_again(folder: Path, pages: Any) -> list[Path]:
 def ladder(options: argparse.Namespace, command: str) -> int:
     from rso.model_selection.ladder_results import FILE, results, write
     from rso.model_selection.study_ladder import ladder_plan, run_ladder
-    from rso.study import load
+    from rso.study.loader import load
 
     study = load(options.study)
     plan = ladder_plan(study)
@@ -280,7 +281,7 @@ def next_test(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.plan import make_plan
     from rso.optimal_design.design_results import markdown, results, write
     from rso.optimal_design.study_design import run_next
-    from rso.study import load
+    from rso.study.loader import load
 
     study = load(options.study)
     plan = make_plan(study)
@@ -363,12 +364,13 @@ def _executor(table: Any, jobs: int, source: Any, folder: Path, warm: bool = Fal
 
 def status(options: argparse.Namespace, command: str) -> int:
     from rso.evaluation.store import RunStore
-    from rso.study import load
+    from rso.study.toml_text import tables_of, text_of
 
-    study = load(options.study)
-    folder = _folder(options, study.folder)
+    file, text = text_of(options.study)
+    tables_of(file, text)  # no study is no study, but its data and backend have no say in what has been done
+    folder = _folder(options, file.parent)
     if not folder.exists():
-        _say(f"{study.file}: not started ({folder} does not exist)")
+        _say(f"{file}: not started ({folder} does not exist)")
         return 0
     try:
         found = disk.read_json(folder / "results.json")
@@ -392,7 +394,7 @@ def report(options: argparse.Namespace, command: str) -> int:
     from rso.model_selection import ladder_results
     from rso.optimal_design import design_results
     from rso.report import render, render_diagnosis, render_further, render_ladder
-    from rso.study import load
+    from rso.study.loader import load
 
     study = load(options.study)
     folder, now = _folder(options, study.folder), data_hashes(study)
@@ -430,7 +432,7 @@ def report(options: argparse.Namespace, command: str) -> int:
 
 def _folder(options: argparse.Namespace, study: Path) -> Path:
     """Where results go; StudyError where the folder beside the study leads elsewhere and nobody said that it may."""
-    from rso.study import StudyError
+    from rso.study.errors import StudyError
 
     beside = (study / "results").absolute()
     if options.out is None and beside.is_symlink():

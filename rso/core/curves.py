@@ -6,9 +6,12 @@ import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicSpline, make_interp_spline
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 # Beyond the last computed travel by this share of it is round-off, not extrapolation.
 _ROUND_OFF = 1e-9
@@ -44,6 +47,8 @@ class Resampling:
 
     @cached_property
     def _spline(self) -> CubicSpline:
+        from scipy.interpolate import CubicSpline  # 0.3 s, which commands that compute nothing do without
+
         s = np.sqrt(np.concatenate([[0.0], self.travel]))
         y = np.concatenate([np.zeros_like(self.value[:1]), self.value])
         flat = np.zeros_like(y[0])
@@ -99,6 +104,8 @@ def between(travel: np.ndarray, value: np.ndarray, at: np.ndarray) -> np.ndarray
     knots = np.append(0.0, u)
     fine = np.unique(np.concatenate([a + (b - a) * np.linspace(0.0, 1.0, 9) for a, b in itertools.pairwise(knots)]))
     if len(u) >= 5:
+        from scipy.interpolate import make_interp_spline
+
         s = np.sqrt(knots)
         other = make_interp_spline(s, np.append(0.0, y), k=5)(np.sqrt(fine))
         off = np.abs(other - Resampling(u, y)(fine))

@@ -73,6 +73,26 @@ _LOW_LINE = re.compile(r".*_([^\s_]+)", re.DOTALL)
 _LOWER = MappingProxyType({name.lower(): name for name in COLUMN_NAMES})
 _LONGEST = 80
 
+# The units that nearly every study has, in m, kg, s, as pint knows them (tests/rso/test_units.py): others load pint,
+# which takes 0.4 s, a third of `rso check`.
+_LENGTH, _FORCE = (("meter", 1),), (("kilogram", 1), ("meter", 1), ("second", -2))
+_PRESSURE, _SPEED = (("kilogram", 1), ("meter", -1), ("second", -2)), (("meter", 1), ("second", -1))
+_COMPLIANCE = (("kilogram", -1), ("meter", 1), ("second", 2))
+_PLAIN = MappingProxyType(
+    {
+        **{f"{p}m": (Fraction(10) ** k, _LENGTH) for p, k in (("", 0), ("m", -3), ("u", -6), ("µ", -6), ("n", -9))},
+        **{f"{p}N": (Fraction(10) ** k, _FORCE) for p, k in (("", 0), ("k", 3), ("m", -3), ("u", -6), ("n", -9))},
+        **{f"{p}Pa": (Fraction(10) ** k, _PRESSURE) for p, k in (("", 0), ("k", 3), ("M", 6), ("G", 9))},
+        **{f"1/{p}Pa": (Fraction(10) ** -k, _COMPLIANCE) for p, k in (("", 0), ("k", 3), ("M", 6))},
+        "mm/s": (Fraction(1, 1000), _SPEED),
+        "mm/min": (Fraction(1, 60000), _SPEED),
+        "s": (Fraction(1), (("second", 1),)),
+        "%": (Fraction(1, 100), ()),
+        "1": (Fraction(1), ()),
+        "dimensionless": (Fraction(1), ()),
+    }
+)
+
 
 @functools.cache
 def _registry() -> pint.UnitRegistry:
@@ -82,12 +102,17 @@ def _registry() -> pint.UnitRegistry:
 
 
 @functools.lru_cache(maxsize=256)
-def _scale(unit: str) -> tuple[Fraction, pint.util.UnitsContainer]:
-    """A unit in base units of its kind, exactly, and its kind; ValueError if there is no such unit."""
+def _scale(unit: str) -> tuple[Fraction, tuple[tuple[str, Fraction | int], ...]]:
+    """A unit in m, kg, s, …, exactly, and its kind as their powers; ValueError if there is no such unit."""
+    written = unit.strip()
+    return _PLAIN[written] if written in _PLAIN else _by_pint(written)
+
+
+def _by_pint(written: str) -> tuple[Fraction, tuple[tuple[str, Fraction | int], ...]]:
+    """The same of any unit that pint knows."""
     import pint
 
     registry = _registry()
-    written = unit.strip()
     if len(written) > _LONGEST or not _UNIT.fullmatch(written):
         raise ValueError(f"{written[:_LONGEST]!r} is not a unit")
     if "px" in written:  # pint's are those of a screen
@@ -99,7 +124,7 @@ def _scale(unit: str) -> tuple[Fraction, pint.util.UnitsContainer]:
         scale, dimension = registry.get_base_units(registry.parse_units(written))
     except (pint.PintError, AttributeError, TypeError, SyntaxError) as error:
         raise ValueError(f"{written!r} is not a known unit") from error
-    return Fraction(scale), dimension
+    return Fraction(scale), tuple(sorted(dimension._units.items()))
 
 
 def spaced(unit: str) -> str:

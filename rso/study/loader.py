@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import re
-import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -15,15 +13,13 @@ from pydantic import ValidationError
 from rso.data import Measurement, Noise, combine, fingerprint, read, value_at
 from rso.study.base_table import Table
 from rso.study.columns_table import ColumnsTable
-from rso.study.confusable_text import look_alikes, too_deep
-from rso.study.errors import Problem, StudyError, choose, schema_problems, study_error
+from rso.study.confusable_text import look_alikes
+from rso.study.errors import Problem, choose, schema_problems, study_error
 from rso.study.line_numbers import Place, lines_of
 from rso.study.schema import DoeTable, ExperimentTable, Source, Study
 from rso.study.search_table import Constraint, Target
+from rso.study.toml_text import tables_of, text_of
 
-MAX_BYTES = 1_000_000
-MAX_LINE = 10_000  # the time to read a dotted key grows with the square of its length
-DEEPEST = 64  # tables and arrays within one another
 T = TypeVar("T", bound=Table)
 
 
@@ -33,8 +29,8 @@ def load(path: str | Path) -> Study:
     Data files are read too.  What needs the backend (names, units and hard bounds of the parameters) is
     checked by :func:`rso.study.resolve.resolve`.
     """
-    file, text = _text(path)
-    raw = _toml(file, text)
+    file, text = text_of(path)
+    raw = tables_of(file, text)
     lines = lines_of(text)
     problems: list[Problem] = []
     study = None
@@ -51,57 +47,6 @@ def load(path: str | Path) -> Study:
         raise study_error(file, lines, problems)
     study._source = Source(file, lines, measurements)
     return study
-
-
-def _text(path: str | Path) -> tuple[Path, str]:
-    """The study file and its text."""
-    file = Path(path)
-    try:
-        if file.is_dir():
-            file = file / "study.toml"
-        if not file.exists():
-            near = [f.name for f in file.parent.glob("*.toml")] if file.parent.is_dir() else []
-            raise StudyError([f"{file}: there is no such study file; {choose(file.name, near)}"])
-        if not file.is_file():
-            raise StudyError([f"{file}: is not a file; a study file such as study.toml is expected"])
-        size = file.stat().st_size
-        if size > MAX_BYTES:
-            raise StudyError([f"{file}: {size / 1e6:.1f} MB is too large for a study file ({MAX_BYTES / 1e6:.0f} MB)"])
-        raw = file.read_bytes()
-    except OSError as error:
-        raise StudyError([f"{path}: cannot be read ({error.strerror})"]) from error
-    except ValueError as error:
-        if isinstance(error, StudyError):
-            raise
-        raise StudyError([f"{str(path)!r}: is not a path ({error})"]) from error
-    try:
-        return file, raw.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
-        raise StudyError([f"{file}:{line}: is not UTF-8 text; save the study file as UTF-8"]) from error
-
-
-def _toml(file: Path, text: str) -> dict[str, Any]:
-    """The parsed file; a syntax error keeps its line."""
-    for number, line in enumerate(text.split("\n"), 1):
-        if len(line) > MAX_LINE:
-            raise StudyError([f"{file}:{number}: not a study file: a line of {len(line)} characters ({line[:60]!r}…)"])
-    try:
-        found = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        match = re.search(r"\(at line (\d+), column \d+\)", str(error))
-        line = int(match[1]) if match else text.count("\n") + 1
-        where = text.split("\n")[line - 1].strip()[:60]
-        raise StudyError([f"{file}:{line}: not valid TOML: {error}: {where!r}"]) from error
-    except RecursionError as error:
-        raise StudyError([f"{file}: not a study file: brackets are nested too deeply"]) from error
-    except ValueError as error:  # an integer of thousands of digits
-        raise StudyError([f"{file}: not valid TOML: {error}"]) from error
-    if (deep := too_deep(found, DEEPEST)) is not None:
-        raise StudyError(
-            [f"{file}: not a study file: {str(deep)[:60]} holds tables or arrays nested more than {DEEPEST} deep"]
-        )
-    return found
 
 
 def _tables(raw: dict[str, Any], *place: str) -> list[Any]:

@@ -259,7 +259,7 @@ class Source:
 
 
 class Study(Table):
-    """A whole study file; made by :func:`rso.study.load`."""
+    """A whole study file; made by :func:`rso.study.loader.load`."""
 
     study: StudyTable
     backend: BackendTable

@@ -15,7 +15,7 @@ from rso.discrepancy.evidence.attribution import Evidence, contests
 from rso.discrepancy.study_diagnosis import ask
 from rso.evaluation import run_all
 from rso.evaluation.store import RunStore
-from rso.study import load
+from rso.study.loader import load
 
 FOLDER = Path(__file__).parent
 STATEMENTS = {  # force N, depth mm, gain

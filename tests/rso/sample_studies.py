@@ -16,7 +16,7 @@ from rso.calibration.pipeline import run_study
 from rso.calibration.plan import make_plan
 from rso.contract import Case, Response
 from rso.evaluation.store import RunStore
-from rso.study import load
+from rso.study.loader import load
 
 MU, D1, THICKNESS = 0.012, 60.0, 8.0
 # Ranges stay as they are stated but in test_repairing.py.

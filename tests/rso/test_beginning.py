@@ -10,7 +10,7 @@ import sample_studies as studies
 
 from fem_backend.backend import BACKEND
 from rso.cli import main
-from rso.study import load
+from rso.study.loader import load
 from rso.study.new_study import Test, begin
 
 BODY = ("--semi-axes", "60", "35", "35", "--radius", "3")

@@ -7,7 +7,8 @@ import pytest
 import sample_studies as studies
 
 from rso.cli.checking import check
-from rso.study import StudyError, load
+from rso.study.errors import StudyError
+from rso.study.loader import load
 
 OWN = {
     "backend": 'use = "fem_backend.backend:BACKEND"',

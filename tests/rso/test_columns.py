@@ -12,9 +12,10 @@ from rso.calibration.results import begin
 from rso.cli.checking import check
 from rso.data import Column, combine, read
 from rso.data.repeats import Noise
-from rso.study import StudyError, load
 from rso.study.cases import measured_curves
 from rso.study.columns_table import ColumnsTable
+from rso.study.errors import StudyError
+from rso.study.loader import load
 
 # 4 mm there in 8 s, 4 s of rest, and back.
 U = np.r_[np.linspace(0, 4, 41), np.full(20, 4.0), np.linspace(3.9, 0, 40)]

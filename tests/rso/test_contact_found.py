@@ -10,7 +10,7 @@ import sample_studies as studies
 from rso.data import CONTACT, Column, read
 from rso.data.contact_point import approached, begins_in_air, onset
 from rso.data.files import header_aliases
-from rso.study import load
+from rso.study.loader import load
 
 TRUE, AIR = 0.0, 2.0
 

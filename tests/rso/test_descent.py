@@ -23,7 +23,8 @@ from rso.inference import Data, Frame, Sight, on_runs, tangents
 from rso.inference.gauss_newton import contradiction
 from rso.report import render
 from rso.report.terminal import summary
-from rso.study import StudyError, load
+from rso.study.errors import StudyError
+from rso.study.loader import load
 
 DOCS = Path(__file__).parents[2] / "docs" / "results.md"
 TRUTH = {"mu": studies.MU, "D1": studies.D1}

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from rso.discrepancy.study_diagnosis import _fitted, ask
-from rso.study import StudyError, load
+from rso.study.errors import StudyError
+from rso.study.loader import load
 
 HERE = Path(__file__).parent
 STUDY = """

@@ -6,8 +6,8 @@ import sample_studies as studies
 
 from rso.calibration.plan import fe_design, full_design, make_plan
 from rso.emulation.emulator import load
-from rso.study import StudyError
-from rso.study import load as load_study
+from rso.study.errors import StudyError
+from rso.study.loader import load as load_study
 
 PLAIN = "reduce = false\nheld_out = 0\n"
 

@@ -14,7 +14,8 @@ from rso.core.units import spaced
 from rso.evaluation.dispatch import simulate
 from rso.optimise.targets import Constraint, Target, against, within
 from rso.optimise.verification import agreement
-from rso.study import StudyError, load
+from rso.study.errors import StudyError
+from rso.study.loader import load
 
 FE = {"verified": True, "meets": True, "state": "done", "name": "main 1", "worst": "e:Fz@1", "agreement": 0.2,
       "values": {"k": 1.0}, "demands": [],

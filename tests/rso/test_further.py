@@ -23,7 +23,8 @@ from rso.inference.likelihood import Misfit
 from rso.optimal_design.design_results import ENOUGH, by_truth, results, warnings
 from rso.optimal_design.study_design import run_next
 from rso.report.optimal_design.report import render_further, report
-from rso.study import StudyError, load
+from rso.study.errors import StudyError
+from rso.study.loader import load
 
 LINE = Box(("a", "b"), ("1", "1"), (1.0, 1.0), (3.0, 3.0), (False, False))
 

@@ -9,7 +9,8 @@ from rso.calibration.plan import make_plan
 from rso.cli.checking import check
 from rso.evaluation.store import RunStore
 from rso.optimal_design.study_design import run_next
-from rso.study import StudyError, load
+from rso.study.errors import StudyError
+from rso.study.loader import load
 
 GOOD = 'name = "a"\nnoise = { Fz = "2 mN" }'
 MARKS = 'name = "m"\nmarks = [[0, 5]]\ndepths = [1, 2]'

@@ -27,8 +27,8 @@ from rso.evaluation import Source, WorkerDied, WorkerPool, load_backend
 from rso.evaluation.cluster import _keep
 from rso.evaluation.fingerprints import fingerprint_of
 from rso.evaluation.store import Done, RunStore, StoreError
-from rso.study import load
 from rso.study.confusable_text import drawn, look_alikes, too_deep
+from rso.study.loader import load
 
 HERE = Path(__file__).parent
 CASE = Case("c", Programme.ramp((1.0,)))

@@ -9,7 +9,7 @@ from rso.calibration.joined_runs import find
 from rso.calibration.plan import make_plan
 from rso.calibration.stored_runs import answers, points
 from rso.evaluation.store import RunStore
-from rso.study import load
+from rso.study.loader import load
 
 # What joins is all that is asked here: one target, no sensitivities.
 SMALL = {

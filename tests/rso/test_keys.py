@@ -6,8 +6,9 @@ import pytest
 import sample_studies as studies
 
 from rso.cli import main
-from rso.study import StudyError, load
+from rso.study.errors import StudyError
 from rso.study.keys import reference
+from rso.study.loader import load
 from rso.study.schema import Study
 
 PAGE = Path(__file__).parents[2] / "docs" / "study_file.md"

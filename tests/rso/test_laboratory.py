@@ -12,9 +12,9 @@ import pytest
 
 from rso.cli import main
 from rso.data import Measurement, Repeat, recorded_speed
-from rso.study import load
 from rso.study.laboratory_folder import files_of, in_words, study_text, unread
 from rso.study.laboratory_nominal import read_nominal
+from rso.study.loader import load
 
 NOMINAL = {
     "specimen": {"semi_axes_mm": [60, 35, 35]},

@@ -23,7 +23,8 @@ from rso.model_selection.simulations import design
 from rso.model_selection.study_ladder import ladder_plan, run_ladder
 from rso.report.layout.digits import Unit
 from rso.report.model_selection.report import render_ladder, report, value_text
-from rso.study import StudyError, load
+from rso.study.errors import StudyError
+from rso.study.loader import load
 
 MU, D1 = 0.01, 8.0
 STUDY = """

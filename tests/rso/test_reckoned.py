@@ -6,7 +6,8 @@ import sample_studies as studies
 
 from rso.cli import main
 from rso.data import CONTACT, Column, read
-from rso.study import StudyError, load
+from rso.study.errors import StudyError
+from rso.study.loader import load
 
 K = 8.76e-5  # N/mm, 0.0876 N/m
 MODULUS = 1e-4  # N/mm^1.5: F = MODULUS δ^1.5 of a ball of 5 µm on some kPa

@@ -15,7 +15,7 @@ from rso.calibration.range_ends import End, Stated, limit, ordinary
 from rso.contract import knob, parameters_of
 from rso.evaluation.store import RunStore
 from rso.report.calibration.numbers import report as document
-from rso.study import load
+from rso.study.loader import load
 
 BOX = 'mu = {{ low = {}, high = {}, scale = "log" }}\nD1 = {{ low = {}, high = {}, scale = "log" }}'
 ONE_MU = "mu = {{ low = {}, high = {} }}\nD1 = {{ value = 60 }}"

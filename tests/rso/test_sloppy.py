@@ -8,7 +8,7 @@ import sample_studies as studies
 
 from rso.cli.checking import check
 from rso.data import Column, read
-from rso.study import load
+from rso.study.loader import load
 
 U = np.linspace(0.0, 4.0, 41)
 F = 0.04 * U**1.5

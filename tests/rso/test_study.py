@@ -10,8 +10,12 @@ import sample_studies as studies
 
 from rso.calibration.plan import make_plan
 from rso.contract import Parameter
-from rso.study import Study, StudyError, cases, load, resolve
+from rso.study import cases
+from rso.study.errors import StudyError
 from rso.study.line_numbers import line_of, lines_of
+from rso.study.loader import load
+from rso.study.resolve import resolve
+from rso.study.schema import Study
 
 GOOD = """\
 [study]

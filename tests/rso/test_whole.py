@@ -16,7 +16,7 @@ from rso.calibration.plan import make_plan
 from rso.cli import main
 from rso.cli.checking import check
 from rso.report.terminal import validated
-from rso.study import load
+from rso.study.loader import load
 
 DOCS = Path(__file__).parents[2] / "docs" / "results.md"
 ONE = "runs = 8\nheld_out = 0"  # enough where another thing is tested

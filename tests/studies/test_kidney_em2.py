@@ -8,7 +8,8 @@ import pytest
 from rso.contract import Parameter
 from rso.core.curves import baseline
 from rso.data import combine, read, value_at
-from rso.study import load, resolve
+from rso.study.loader import load
+from rso.study.resolve import resolve
 
 FOLDER = Path(__file__).parents[2] / "studies" / "kidney_em2"
 

@@ -7,7 +7,7 @@ import pytest
 
 from rso.calibration.plan import make_plan
 from rso.optimal_design.experiments import done, planned, refuse
-from rso.study import load
+from rso.study.loader import load
 
 KIDNEY = Path(__file__).parents[2] / "studies" / "kidney_em2"
 
