@@ -110,13 +110,13 @@ def _scale(unit: str) -> tuple[Fraction, tuple[tuple[str, Fraction | int], ...]]
 
 def _by_pint(written: str) -> tuple[Fraction, tuple[tuple[str, Fraction | int], ...]]:
     """The same of any unit that pint knows."""
-    import pint
-
-    registry = _registry()
     if len(written) > _LONGEST or not _UNIT.fullmatch(written):
         raise ValueError(f"{written[:_LONGEST]!r} is not a unit")
     if "px" in written:  # pint's are those of a screen
         raise ValueError(f"{written!r} is a pixel, no length of a body: multiply by the length of one")
+    import pint
+
+    registry = _registry()
     try:
         # An offset unit (degree Celsius) has no factor.
         if registry.Quantity(Fraction(0), written).to_base_units().magnitude != 0:

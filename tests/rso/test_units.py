@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from rso.core import units
 from rso.core.units import BARE_COLUMNS, COLUMNS, column_factor, header, quantity, unit_in
 
 
@@ -144,3 +145,8 @@ def test_unknown_columns_are_answered_with_the_list(text):
     with pytest.raises(ValueError, match="understood are depth_mm") as caught:
         header(text)
     assert repr(text) in str(caught.value)
+
+
+def test_units_without_pint_are_those_of_pint():
+    for unit, (scale, kind) in units._PLAIN.items():
+        assert units._by_pint(unit) == (scale, kind), unit
