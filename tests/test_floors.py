@@ -28,19 +28,25 @@ LAYERS = {
         "error_estimate warm_starts",
         "admissible_depth",
     ),
-    "fem_backend.adapter": ("cost_model model_hierarchy priors",),
+    "fem_backend.adapter": (
+        "cost_model model_hierarchy priors",
+    ),
     "fem_backend.contact": (
         "pointwise",
         "tractions",
     ),
-    "fem_backend.kinematics": ("tetrahedra voigt",),
+    "fem_backend.kinematics": (
+        "tetrahedra voigt",
+    ),
     "fem_backend.laws": (
         "fibre law mullins prony",
         "linear_elastic mooney_rivlin neo_hooke ogden yeoh",
         "admissible material",
         "__init__",
     ),
-    "fem_backend.materials": ("stress zones",),
+    "fem_backend.materials": (
+        "stress zones",
+    ),
     "fem_backend.meshing": (
         "mesh",
         "mapped placing surface templates",
@@ -70,10 +76,8 @@ LAYERS = {
     "rso": (
         "__init__ contract doe norms",
         "benchmarks core",
-        "data emulation",
-        "inference study",
-        "evaluation",
-        "optimise",
+        "data emulation evaluation",
+        "inference optimise study",
         "calibration",
         "discrepancy model_selection",
         "optimal_design report",
@@ -101,7 +105,9 @@ LAYERS = {
         "__init__",
         "__main__",
     ),
-    "rso.core": ("curves disk distributions printable similarity units",),
+    "rso.core": (
+        "curves disk distributions printable similarity units",
+    ),
     "rso.data": (
         "contact_point instrument scatter usual_errors variance_components",
         "curve_shape",
@@ -170,7 +176,7 @@ LAYERS = {
         "hermite",
     ),
     "rso.evaluation": (
-        "derivatives executor_loop fingerprints guard store",
+        "executor_loop fingerprints guard store",
         "adapters",
         "pool",
         "cluster",
@@ -180,7 +186,7 @@ LAYERS = {
     "rso.inference": (
         "error_surface likelihood",
         "autocorrelated_residuals least_squares models posterior_grid tangents",
-        "curve_metric gauss_newton intervals",
+        "curve_metric gauss_newton intervals output_derivatives",
         "posterior_sampling sloppy_directions verdict",
         "expected_information identifiability",
         "usual_errors",
@@ -242,7 +248,9 @@ LAYERS = {
         "figures",
         "report",
     ),
-    "rso.report.optimal_design": ("report",),
+    "rso.report.optimal_design": (
+        "report",
+    ),
     "rso.study": (
         "base_table confusable_text fields line_numbers",
         "columns_table errors noise_table search_table",

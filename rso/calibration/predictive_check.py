@@ -25,11 +25,11 @@ from rso.calibration.stages import Bench, Run, why
 from rso.core.curves import Metrics, metrics
 from rso.core.distributions import chi2_sf
 from rso.evaluation import Outcome
-from rso.evaluation.derivatives import NoSlopes, jacobian
 from rso.evaluation.store import Done
 from rso.inference import Determination, gain, together
 from rso.inference.identifiability import WIDE
 from rso.inference.likelihood import SMALLEST
+from rso.inference.output_derivatives import NoSlopes, jacobian
 from rso.inference.sloppy_directions import UNIFORM
 
 UNLIKELY = 0.05  # a perfect model is said to miss in this share of data sets

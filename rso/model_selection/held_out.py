@@ -11,8 +11,8 @@ import numpy as np
 from rso import model_selection
 from rso.calibration.readings import curve_data, error_at, placed
 from rso.contract import Response
-from rso.evaluation.derivatives import NoSlopes, jacobian
 from rso.inference import Misfit, Model, Place, resample, together
+from rso.inference.output_derivatives import NoSlopes, jacobian
 from rso.model_selection import Goodness, Judged, Left
 from rso.model_selection.simulations import Bench
 from rso.study.schema import ExperimentTable

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rso.doe import Box
-from rso.evaluation.derivatives import NoSlopes, jacobian
+from rso.inference.output_derivatives import NoSlopes, jacobian
 
 BOX = Box(("mu", "c"), ("MPa", "1"), (1.0, 0.0), (100.0, 2.0), (True, False))
 U = np.linspace(0.1, 2.0, 7)
