@@ -28,25 +28,19 @@ LAYERS = {
         "error_estimate warm_starts",
         "admissible_depth",
     ),
-    "fem_backend.adapter": (
-        "cost_model model_hierarchy priors",
-    ),
+    "fem_backend.adapter": ("cost_model model_hierarchy priors",),
     "fem_backend.contact": (
         "pointwise",
         "tractions",
     ),
-    "fem_backend.kinematics": (
-        "tetrahedra voigt",
-    ),
+    "fem_backend.kinematics": ("tetrahedra voigt",),
     "fem_backend.laws": (
         "fibre law mullins prony",
         "linear_elastic mooney_rivlin neo_hooke ogden yeoh",
         "admissible material",
         "__init__",
     ),
-    "fem_backend.materials": (
-        "stress zones",
-    ),
+    "fem_backend.materials": ("stress zones",),
     "fem_backend.meshing": (
         "mesh",
         "mapped placing surface templates",
@@ -105,9 +99,7 @@ LAYERS = {
         "__init__",
         "__main__",
     ),
-    "rso.core": (
-        "curves disk distributions printable similarity units",
-    ),
+    "rso.core": ("curves disk distributions printable similarity units",),
     "rso.data": (
         "contact_point instrument scatter usual_errors variance_components",
         "curve_shape",
@@ -161,8 +153,15 @@ LAYERS = {
         "prediction",
     ),
     "rso.doe": (
-        "box constraints space_filling structured",
+        "box constraints sampler sequences",
+        "farthest",
+        "samplers",
+        "registry",
         "__init__",
+    ),
+    "rso.doe.samplers": (
+        "box_behnken central_composite factorial latin_hypercube sobol",
+        "optimal_space_filling",
     ),
     "rso.emulation": (
         "common convex_hull feasibility kernels saving scores sensitivity",
@@ -248,9 +247,7 @@ LAYERS = {
         "figures",
         "report",
     ),
-    "rso.report.optimal_design": (
-        "report",
-    ),
+    "rso.report.optimal_design": ("report",),
     "rso.study": (
         "base_table confusable_text fields line_numbers",
         "columns_table errors noise_table search_table",

@@ -169,7 +169,7 @@ def full_design(plan: Plan) -> np.ndarray:
         assert table.file is not None
         return _extended(plan, _from_file(plan, table.file))
     # The other kinds know their number of runs; the default of `runs` is not the user's wish.
-    stated = "runs" in table.model_fields_set or table.kind in ("lhs", "sobol", "osf")
+    stated = "runs" in table.model_fields_set or doe.SAMPLERS[table.kind].free
     try:
         X = _designed(plan, table.runs if stated else None)
         return _extended(plan, X)
@@ -191,10 +191,8 @@ def _left(plan: Plan) -> str:
 def _designed(plan: Plan, runs: int | None) -> np.ndarray:
     """Asked for several times in a study, and an optimised one takes a second."""
     table = plan.study.doe
-    X = doe.design(
-        table.kind, plan.box.d, runs, plan.seed, optimise=table.optimise, star=table.star, alpha=table.alpha,
-        centres=table.centres, levels=table.levels, feasible=plan.feasible if plan.conditions else None,
-    )  # fmt: skip
+    feasible = plan.feasible if plan.conditions else None
+    X = doe.design(table.kind, plan.box.d, runs, plan.seed, feasible=feasible, **table.options())
     X.flags.writeable = False
     return X
 
@@ -242,7 +240,7 @@ def fe_design(plan: Plan, similar: bool) -> tuple[list[dict[str, float]], list[d
 def _held_out(n: int, d: int, seed: int, feasible: doe.Feasible | None) -> np.ndarray:
     if not n:
         return np.empty((0, d))
-    return doe.latin(d, n, seed + 1) if feasible is None else doe.within("lhs", d, n, seed + 1, feasible)
+    return doe.latin(d, n, seed + 1) if feasible is None else doe.latin_within(d, n, seed + 1, feasible)
 
 
 def reduced_feasible(plan: Plan, reduced: Box, R: np.ndarray) -> np.ndarray:
@@ -299,10 +297,11 @@ def _box(study: Study, resolved: Resolved) -> Box:
         tuple(a.high for a in axes),
         tuple(a.scale == "log" for a in axes),
     )
-    if table.kind != "ccd" or table.star != "circumscribed":
-        return box
     try:
-        wide = box.widened(doe.star_distance(box.d, table.star, table.alpha, table.centres))
+        times = doe.SAMPLERS[table.kind].wider(box.d, table.options()) if table.kind in doe.SAMPLERS else 1.0
+        if times == 1.0:
+            return box
+        wide = box.widened(times)
         for a, low, high in zip(axes, wide.low, wide.high, strict=True):
             if not a.parameter.low <= low <= high <= a.parameter.high:
                 text = f"its star points, {low:g} and {high:g} {a.parameter.unit}, lie outside the bounds of {a.name}, "

@@ -5,32 +5,31 @@ Every design is an array `X` (n, d) with entries in [0, 1]; only :class:`Box` kn
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from rso.doe.box import Box
 from rso.doe.constraints import Condition, read_condition
-from rso.doe.space_filling import (
-    MOST_OPTIMISED,
-    Feasible,
-    extend,
-    extend_latin,
-    latin,
-    optimal_space_filling,
-    sobol,
-    within,
-)
-from rso.doe.structured import Alpha, Star, box_behnken, central_composite, factorial, star_distance
+from rso.doe.farthest import extend
+from rso.doe.registry import SAMPLERS
+from rso.doe.sampler import Feasible, Options, Sampler, Task
+from rso.doe.samplers.box_behnken import box_behnken
+from rso.doe.samplers.central_composite import central_composite, star_distance
+from rso.doe.samplers.factorial import factorial
+from rso.doe.samplers.latin_hypercube import MOST_OPTIMISED, extend_latin, latin, latin_within
+from rso.doe.samplers.optimal_space_filling import optimal_space_filling
+from rso.doe.sequences import sobol
 
 __all__ = [
-    "KINDS",
     "MOST_OPTIMISED",
-    "Alpha",
+    "SAMPLERS",
     "Box",
     "Condition",
     "Feasible",
-    "Star",
+    "Options",
+    "Sampler",
+    "Task",
     "box_behnken",
     "central_composite",
     "design",
@@ -39,36 +38,22 @@ __all__ = [
     "extend_latin",
     "factorial",
     "latin",
+    "latin_within",
     "optimal_space_filling",
     "read_condition",
     "sobol",
     "star_distance",
-    "within",
 ]
-
-KINDS = ("lhs", "sobol", "ccd", "box_behnken", "factorial", "osf")
 
 
 def design(
-    kind: str,
-    d: int,
-    runs: int | None,
-    seed: int,
-    *,
-    optimise: bool = True,
-    star: Star = "circumscribed",
-    alpha: Alpha | None = None,
-    centres: int = 1,
-    levels: Sequence[int] | None = None,
-    feasible: Feasible | None = None,
+    kind: str, d: int, runs: int | None, seed: int, *, feasible: Feasible | None = None, **options: Any
 ) -> np.ndarray:
     """A design X (n, d) of the named kind in the unit cube.
 
-    `runs` is needed by lhs, sobol and osf; the others have fixed counts: leave it None or state the right one.
-    `optimise` lowers the centred discrepancy of an lhs; `star`, `alpha` and `centres` belong to ccd, `levels` to
-    factorial.
-    `feasible(X)` marks the points that may be run: lhs, sobol and osf keep to these, a factorial leaves the others
-    out, ccd and box_behnken must not have any.
+    `runs` is needed by kinds that leave it free; the others have fixed counts: leave it None or state the right one.
+    `options` are those of the kind (:class:`Sampler`), others are passed over.  `feasible(X)` marks the points that
+    may be run.
 
     Raises
     ------
@@ -76,47 +61,18 @@ def design(
         for an unknown kind, a number of runs that the kind does not have (the message says which it has), or
         constraints that the kind cannot keep to.
     """
-    if kind not in KINDS:
-        raise ValueError(f"design: unknown kind {kind!r}; choose one of {', '.join(KINDS)}")
+    if kind not in SAMPLERS:
+        raise ValueError(f"design: unknown kind {kind!r}; choose one of {', '.join(SAMPLERS)}")
     if d < 1:
         raise ValueError(f"design: needs at least one parameter, got {d}")
-    if kind in ("lhs", "sobol", "osf"):
-        if runs is None or runs < 2:
-            raise ValueError(f"design: {kind} needs runs >= 2, got {runs}")
-        if kind == "osf" and runs > MOST_OPTIMISED:
-            raise ValueError(f"design: osf is for up to {MOST_OPTIMISED} runs, got {runs}; use lhs or sobol")
-        if feasible is not None:
-            return within(kind, d, runs, seed, feasible, optimise)
-        if kind == "lhs":
-            return latin(d, runs, seed, optimise)
-        return sobol(d, runs, seed) if kind == "sobol" else optimal_space_filling(d, runs, seed)
-    if kind == "factorial":
-        X = factorial(d, runs, levels)
-    else:
-        X = central_composite(d, star, alpha, centres) if kind == "ccd" else box_behnken(d)
-        if runs is not None and runs != len(X):
-            text = f"design: {kind} of {d} parameters has {len(X)} runs, not {runs}; leave runs out or use lhs"
-            raise ValueError(text)
-    if feasible is None:
-        return X
-    good = np.asarray(feasible(X), bool)
-    if kind == "factorial" and good.sum() >= 2:
-        return X[good]
-    if not good.all():
-        raise ValueError(f"design: {np.sum(~good)} of the {len(X)} points of {kind} violate the constraints; use lhs")
-    return X
+    mine = {k: v for k, v in options.items() if k in SAMPLERS[kind].options}
+    return SAMPLERS[kind].points(Task(d, runs, seed, mine, feasible))
 
 
 def extend_design(kind: str, existing: np.ndarray, n: int, seed: int, feasible: Feasible | None = None) -> np.ndarray:
-    """n further points (n, d) for a finished design of this kind; the old points and their runs stay.
+    """n further points (n, d) for a finished design (N, d) of this kind; the old points and their runs stay.
 
-    sobol goes on with its sequence (`existing` must be its beginning), lhs fills rows of cells that are empty
-    (:func:`extend_latin`), the others put points where they are thinnest (:func:`extend`).
+    A kind that is not a sampler's (points of a file) gets points where they are thinnest (:func:`extend`).
     """
-    if kind == "sobol":
-        N, d = np.shape(existing)
-        more = sobol(d, N + n, seed) if feasible is None else within("sobol", d, N + n, seed, feasible)
-        if not np.array_equal(more[:N], existing):
-            raise ValueError("extend: the existing points are not the beginning of this Sobol sequence")
-        return more[N:]
-    return (extend_latin if kind == "lhs" else extend)(existing, n, seed, feasible)
+    task = Task(np.shape(existing)[1], None, seed, {}, feasible)
+    return SAMPLERS[kind].extend(existing, n, task) if kind in SAMPLERS else extend(existing, n, seed, feasible)

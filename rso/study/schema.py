@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
@@ -20,6 +20,7 @@ from pydantic import (
 )
 
 from rso.data import Measurement, Noise
+from rso.doe import SAMPLERS
 from rso.emulation.polynomial import HIGHEST
 from rso.study.analysis_tables import DiagnoseTable, LadderTable, NextTable
 from rso.study.base_table import Table
@@ -44,6 +45,11 @@ from rso.study.fields import (
 from rso.study.line_numbers import Place
 from rso.study.noise_table import NoiseTable
 from rso.study.search_table import SearchTable
+
+if TYPE_CHECKING:
+    DesignKind = str
+else:
+    DesignKind = Literal[(*SAMPLERS, "file")]  # one for each file of rso.doe.samplers
 
 
 class StudyTable(Table):
@@ -139,8 +145,8 @@ class ExperimentTable(Table):
 class DoeTable(Table):
     """[doe]: the design of experiments, which simulations are run."""
 
-    kind: Literal["lhs", "sobol", "ccd", "box_behnken", "factorial", "osf", "file"] = "lhs"
-    """Latin hypercube, Sobol, central composite, Box-Behnken, factorial, optimal space filling, or points of a file."""
+    kind: DesignKind = "lhs"
+    """Box-Behnken, central composite, factorial, Latin hypercube, optimal space filling, Sobol, or points of a file."""
     runs: Runs = 40
     """What is asked for; with `reduce`, where similarity holds, fewer: `rso check` says how many."""
     held_out: Annotated[int, Field(ge=0, le=1000)] = 5
@@ -168,11 +174,15 @@ class DoeTable(Table):
     def _file_with_kind(self) -> DoeTable:
         if (self.kind == "file") != (self.file is not None):
             raise ValueError('file = "points.csv" and kind = "file" belong together')
-        owners = {"star": "ccd", "alpha": "ccd", "centres": "ccd", "levels": "factorial", "optimise": "lhs"}
+        owners = {k: s.name for s in SAMPLERS.values() for k in s.options}
         wrong = [k for k, kind in owners.items() if k in self.model_fields_set and self.kind != kind]
         if wrong:
             raise ValueError(f'{wrong[0]} belongs to kind = "{owners[wrong[0]]}", not to "{self.kind}"')
         return self
+
+    def options(self) -> dict[str, Any]:
+        """Values of the keys that belong to the kind of this design alone."""
+        return {k: getattr(self, k) for k in SAMPLERS[self.kind].options} if self.kind in SAMPLERS else {}
 
 
 class SurrogateTable(Table):

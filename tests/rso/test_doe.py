@@ -4,6 +4,7 @@ from scipy.spatial.distance import pdist
 from scipy.stats import qmc
 
 from rso.doe import (
+    SAMPLERS,
     Box,
     box_behnken,
     central_composite,
@@ -13,6 +14,8 @@ from rso.doe import (
     extend_latin,
     factorial,
     read_condition,
+    registry,
+    samplers,
     star_distance,
 )
 
@@ -284,3 +287,26 @@ def test_conditions_are_read_and_say_by_how_much_they_are_violated():
 def test_whatever_is_no_inequality_is_refused_and_not_executed(text):
     with pytest.raises(ValueError):
         read_condition(text, ("mu", "D1"))
+
+
+HALTON = """
+from scipy.stats import qmc
+from rso.doe.farthest import extend_by
+from rso.doe.sampler import Sampler, enough
+SAMPLER = Sampler(
+    "halton", "Halton", lambda t: qmc.Halton(t.d, rng=t.seed).random(enough("halton", t)), extend_by, free=True
+)
+"""
+
+
+def test_a_file_is_all_that_a_sampler_takes(tmp_path, monkeypatch):
+    (tmp_path / "halton_of_a_user.py").write_text(HALTON, encoding="utf-8")
+    monkeypatch.setattr(samplers, "__path__", [*samplers.__path__, str(tmp_path)])
+    found = registry._found()
+    assert set(found) == {*SAMPLERS, "halton"}
+    monkeypatch.setattr("rso.doe.SAMPLERS", found)
+    X = design("halton", 3, 16, 5)
+    assert X.shape == (16, 3) and X.min() >= 0 and X.max() <= 1
+    assert extend_design("halton", X, 2, 5).shape == (2, 3)
+    with pytest.raises(ValueError, match="halton needs runs >= 2"):
+        design("halton", 3, None, 5)

@@ -1,43 +1,20 @@
-"""Structured designs: factorial, central composite, Box–Behnken; fixed counts, no chance in them."""
+"""Central composite designs: corners, star points and a centre."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
+
+from rso.doe.farthest import extend_by
+from rso.doe.sampler import Options, Sampler, Task, counted
 
 Star = Literal["circumscribed", "inscribed", "face"]
 Alpha = float | Literal["rotatable", "orthogonal"]
 
 # Resolution V fractions: (Box, Hunter & Hunter 2005, table 6.22): extra factor = product of these base factors.
 _GENERATORS = {5: ((0, 1, 2, 3),), 6: ((0, 1, 2, 3, 4),), 7: ((0, 1, 2, 3, 4, 5),), 8: ((0, 1, 2, 3), (0, 1, 4, 5))}
-# Blocks of Box & Behnken (1960), table 4: which factors sit at +-1 together.
-_BLOCKS = {
-    6: ((0, 1, 3), (1, 2, 4), (2, 3, 5), (0, 3, 4), (1, 4, 5), (0, 2, 5)),
-    7: ((3, 4, 5), (0, 5, 6), (1, 4, 6), (0, 1, 3), (2, 3, 6), (0, 2, 4), (1, 2, 5)),
-}
-
-
-def factorial(d: int, runs: int | None = None, levels: Sequence[int] | None = None) -> np.ndarray:
-    """Every combination of `levels[j]` equidistant values per parameter (both ends included).
-
-    Without `levels`, `runs` must be a power L^d with L >= 2, otherwise ValueError names the nearest ones.
-    """
-    if levels is None:
-        if runs is None:
-            raise ValueError("design: factorial needs runs or levels")
-        L = max(2, round(runs ** (1 / d)))
-        if L**d != runs:
-            near = sorted({max(2, L - 1) ** d, L**d, (L + 1) ** d})
-            raise ValueError(f"design: factorial of {d} parameters has levels^{d} runs, not {runs}; try one of {near}")
-        levels = (L,) * d
-    if len(levels) != d or min(levels) < 2:
-        raise ValueError(f"design: factorial needs {d} levels >= 2, got {list(levels)}")
-    if runs is not None and runs != int(np.prod(levels)):
-        raise ValueError(f"design: levels {list(levels)} give {int(np.prod(levels))} runs, not {runs}")
-    return np.array(list(itertools.product(*(np.linspace(0, 1, L) for L in levels))))
 
 
 def central_composite(d: int, star: Star = "circumscribed", alpha: Alpha | None = None, centres: int = 1) -> np.ndarray:
@@ -85,19 +62,24 @@ def star_distance(d: int, star: Star = "circumscribed", alpha: Alpha | None = No
     return a
 
 
-def box_behnken(d: int) -> np.ndarray:
-    """Box–Behnken design for 3 to 7 parameters: edge or face midpoints and one centre; no corner is run."""
-    if not 3 <= d <= 7:
-        raise ValueError(f"design: box_behnken is for 3 to 7 parameters, got {d}; use ccd (2 to 8), lhs or osf")
-    rows = []
-    for block in _BLOCKS.get(d, tuple(itertools.combinations(range(d), 2))):
-        points = np.zeros((2 ** len(block), d))
-        points[:, block] = list(itertools.product((-1.0, 1.0), repeat=len(block)))
-        rows.append(points)
-    return 0.5 + 0.5 * np.vstack([*rows, np.zeros((1, d))])
-
-
 def _corners(d: int) -> np.ndarray:
     extra = _GENERATORS.get(d, ())
     base = np.array(list(itertools.product((-1.0, 1.0), repeat=d - len(extra))))
     return np.column_stack([base, *(base[:, list(g)].prod(axis=1) for g in extra)])
+
+
+def points(task: Task) -> np.ndarray:
+    """The design of the options `star`, `alpha` and `centres`, all of whose points must be feasible."""
+    return counted("ccd", central_composite(task.d, **_stated(task.options)), task)
+
+
+def wider(d: int, options: Options) -> float:
+    """α where the stated ranges are those of the corners, whose box the star points leave; 1 for the other kinds."""
+    return star_distance(d, **_stated(options)) if options.get("star", "circumscribed") == "circumscribed" else 1.0
+
+
+def _stated(options: Options) -> Options:
+    return {k: v for k, v in options.items() if k in ("star", "alpha", "centres")}
+
+
+SAMPLER = Sampler("ccd", "central composite", points, extend_by, options=("star", "alpha", "centres"), wider=wider)
