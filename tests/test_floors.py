@@ -1,6 +1,7 @@
 """The rooms of the house in order, and the modules within each: imports lead downwards only."""
 
 import ast
+import importlib.util
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -381,3 +382,26 @@ def test_a_forbidden_import_is_caught(module, source):
 )
 def test_allowed_imports_pass(module, source):
     assert trespasses(source, module) == []
+
+
+def test_the_picture_in_docs_is_of_these_imports():
+    spec = importlib.util.spec_from_file_location("architecture", ROOT / "docs/figures/architecture.py")
+    architecture = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(architecture)
+    assert architecture.FILE.read_text("utf-8") == architecture.picture()  # else: python docs/figures/architecture.py
+
+
+def test_a_new_module_is_in_the_picture(tmp_path, monkeypatch):
+    spec = importlib.util.spec_from_file_location("architecture", ROOT / "docs/figures/architecture.py")
+    architecture = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(architecture)
+    monkeypatch.setattr(architecture, "ROOT", tmp_path)
+    for name, text in (("low", '"""Low."""'), ("high", '"""High."""\nfrom rso import low'), ("__init__", "")):
+        for package in architecture.PACKAGES:
+            (tmp_path / package).mkdir(exist_ok=True)
+            (tmp_path / package / f"{name}.py").write_text(text.replace("rso", package), encoding="utf-8")
+    assert architecture.floors("rso") == [["low"], ["high"]]
+    assert "High." in architecture.picture()
+    (tmp_path / "rso" / "low.py").write_text("from rso import high", encoding="utf-8")
+    with pytest.raises(ValueError, match="import one another: high, low"):
+        architecture.floors("rso")
