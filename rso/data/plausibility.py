@@ -21,6 +21,7 @@ STROKE = 0.5  # of the stroke that loading must cover
 SEEN = 20.0  # times the noise: a force that tells its sign and unit
 SKEW = 5.0  # ratio of the largest forces of two repeats to one depth
 UNSEEN = 0.03  # of its range that a force may scatter where too few readings tell it
+DRIFTS = 0.01  # of all that the force changes by: a sensor may drift by as much in air
 FLATTEST = 0.8  # power below which no force of a pressed body grows
 JUMP = 0.05  # of the stroke: a single depth this far out of line is a mistake
 LEAP = 0.02  # of the stroke: a step of depth this long, far beyond those beside it, is remarked upon
@@ -118,7 +119,7 @@ def _of_force(who: str, label: str, depth: np.ndarray, force: np.ndarray, time: 
     late, level, scatter = curve_shape.onset(d, F) or (0.0, start, UNSEEN * span)
     if d[0] <= curve_shape.EDGE * d.max() and abs(level) > max(DOUBTFUL * span, 5.0 * scatter):
         notes.append(f"repeat {label}: Fz is {level:.3g} N at {max(d[0], 0.0):.2g} mm; not tared, or touched before?")
-    if late > LATE * d.max() and begins_in_air(d, F):
+    if late > LATE * d.max() and begins_in_air(d, F) and not _presses_before(late, d, F):
         notes.append(
             f"repeat {label}: by the shape of Fz the contact lies near {late:.2g} mm, up to there it stays within its "
             f"scatter of {scatter:.1g} N; depth must count from contact: subtract what was air (zero = … or "
@@ -152,6 +153,17 @@ def _of_force(who: str, label: str, depth: np.ndarray, force: np.ndarray, time: 
             f"on to {d.max():.3g} mm; slipped, broken, or taken off before the record ends? Leave such readings out"
         )
     return notes
+
+
+def _presses_before(late: float, d: np.ndarray, F: np.ndarray) -> bool:
+    """Whether the force grows already up to the depth `late` (mm): along a line, beyond its error and a usual drift."""
+    air = d <= late
+    if np.unique(d[air]).size < 3:
+        return False
+    line, cov = np.polyfit(d[air], F[air], 1, cov="unscaled")
+    left = F[air] - np.polyval(line, d[air])
+    error = np.sqrt(cov[0, 0] * float(left @ left) / (len(left) - 2))
+    return bool(line[0] > max(4.0 * error, DRIFTS * float(np.ptp(F)) / np.ptp(d[air])))
 
 
 def _force_at_start(who: str, d: np.ndarray, F: np.ndarray, span: float) -> float:

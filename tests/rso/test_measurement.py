@@ -704,6 +704,8 @@ def test_curves_from_contact_on_are_not_said_to_be_late(tmp_path, seed, noise, n
     curves = {f"power {p}": (u, 0.32 * (u / 4.0) ** p) for p in (1.0, 1.3, 1.5, 2.0, 2.2)}
     curves["compliant"] = (u + 2.0 * ball, ball)
     curves["relaxing"] = (u, ball * (0.5 + 0.5 * np.exp(-u)))
+    if noise < 0.01:  # else the layer is seen as little as air
+        curves["soft layer"] = (u, 0.005 * u + 0.04 * np.maximum(u - 1.0, 0.0) ** 1.5)
     curves["stiffening"] = (u, ball * (1.0 + 0.1 * u**2))
     curves["spike at the end"] = (u, once(ball, -1, 3.0))
     curves["approach"] = (np.r_[np.linspace(-4.0, -0.1, n), u], np.r_[np.zeros(n), ball])
