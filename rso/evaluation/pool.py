@@ -39,7 +39,7 @@ _PINNED = {
 _BOOT = """
 import sys
 sys.path[:] = sys.argv[2:]
-from rso.running.pool import serve
+from rso.evaluation.pool import serve
 serve(int(sys.argv[1]))
 """
 _NUMBER = 8  # bytes of the number of a call, which its answer repeats

@@ -201,7 +201,7 @@ def test_defaults_given_or_left_out_same_bits(it):
 FRESH = """
 import json, sys
 from rso.contract import Case, digest
-from rso.running import Source
+from rso.evaluation import Source
 source, values, case = json.loads(sys.stdin.read())
 source["command"] = tuple(source["command"]) if source["command"] else None
 r = Source(**source).load()(values, Case.from_json(case)).to_json()

@@ -503,7 +503,7 @@ def test_a_script_without_guard(tmp_path):
             import sys
             sys.path.insert(0, {str(HERE)!r})
             import dummy_backend as dummy
-            from rso.running import WorkerPool
+            from rso.evaluation import WorkerPool
             print("once")
             class Mine:
                 pass
@@ -526,8 +526,8 @@ import sys
 sys.path.insert(0, {str(HERE)!r})
 from pathlib import Path
 from test_running import SOURCE, killable_tasks
-from rso.running import WorkerPool, run_all
-from rso.store import RunStore
+from rso.evaluation import WorkerPool, run_all
+from rso.evaluation.store import RunStore
 folder = Path(sys.argv[1])
 sys.stdin.readline()  # everything is imported: go when told
 with RunStore(folder / "results") as store, WorkerPool(2, source=SOURCE) as pool:

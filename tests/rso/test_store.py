@@ -140,7 +140,7 @@ def test_two_writers_at_once(tmp_path):
 
 HOLDER = """
 import sys, time
-from rso.store import RunStore
+from rso.evaluation.store import RunStore
 with RunStore(sys.argv[1]):
     print("in", flush=True)
     time.sleep(60)
@@ -160,7 +160,7 @@ def test_lock_of_another_process_names_it_and_dies_with_it(tmp_path):
 
 DIES_WHILE_STARTING_A_WORKER = """
 import os, sys, time
-from rso.store import RunStore
+from rso.evaluation.store import RunStore
 RunStore(sys.argv[1]).__enter__()
 if os.fork() == 0:  # holds what its parent held until it becomes another program
     time.sleep(0.5)
@@ -178,7 +178,7 @@ def test_the_lock_of_a_process_that_has_ended_is_waited_for(tmp_path):
 WRITER = """
 import sys
 from rso.contract import Case, Programme, Response
-from rso.store import Done, RunStore
+from rso.evaluation.store import Done, RunStore
 case = Case("c", Programme.ramp((1.0,)))
 response = Response({"time": [0.1] * 200, "travel": [0.2] * 200}, {"time": "s", "travel": "mm"})
 with RunStore(sys.argv[1]) as store:
