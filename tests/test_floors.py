@@ -101,6 +101,13 @@ LAYERS = {
         "__init__",
         "__main__",
     ),
+    "rso.contract": (
+        "parameters plain_data",
+        "cases responses",
+        "backend capabilities",
+        "keys",
+        "__init__",
+    ),
     "rso.core": ("curves disk distributions printable similarity units",),
     "rso.data": (
         "contact_point instrument scatter usual_errors variance_components",

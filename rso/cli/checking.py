@@ -15,7 +15,7 @@ from rso.calibration.cost_model import Pace, pace
 from rso.calibration.gauss_newton.iteration import ENDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.calibration.predictive_check import unfitted
-from rso.contract import Programme
+from rso.contract import Programme, Refusals, capability
 from rso.core.units import spaced
 from rso.data import SEGMENTS, MeasuredCurve, Measurement, usual_errors
 from rso.discrepancy.study_diagnosis import ask
@@ -205,11 +205,11 @@ def _things(plan: Plan) -> list[str]:
 
 def _refused(plan: Plan) -> list[str]:
     """The first corner of the ranges that the backend refuses, and how many there are."""
-    refuses = getattr(plan.backend, "refused", None)
-    if refuses is None or plan.box.d > CORNERS:
+    refusals = capability(plan.backend, Refusals)
+    if refusals is None or plan.box.d > CORNERS:
         return []
     corners = [plan.values(np.array(x)) for x in itertools.product((0.0, 1.0), repeat=plan.box.d)]
-    why = [next(filter(None, (refuses(v, case) for case in plan.cases)), None) for v in corners]
+    why = [next(filter(None, (refusals.refused(v, case) for case in plan.cases)), None) for v in corners]
     first = next((k for k, reason in enumerate(why) if reason), None)
     if first is None:
         return []

@@ -19,7 +19,7 @@ from rso import discrepancy
 from rso.calibration import result_files
 from rso.calibration.plan import source_of
 from rso.calibration.results import data_hashes
-from rso.contract import Backend, Case, Programme, plain
+from rso.contract import Backend, Case, DraftSettings, LeanSettings, PhysicalBounds, Programme, capability, plain
 from rso.core import disk
 from rso.core.similarity import group, stress_exponent
 from rso.core.units import quantity
@@ -93,7 +93,8 @@ def ask(study: Study) -> Asked:
         effects = tuple(e for e in effects if e.name in wanted)
     largest = max(float(np.abs(v).max(initial=0.0)) for t in plan.tests for v in t.values.values())
     effects = discrepancy.suited(effects, largest, plan.scale, plan.times)
-    physical = getattr(backend, "physical", dict)()
+    bounds = capability(backend, PhysicalBounds)
+    physical = bounds.physical() if bounds else {}
     effects, unseen = discrepancy.bounded(
         effects, base.reference, physical, {p.name: p.high for p in backend.parameters}
     )
@@ -207,8 +208,9 @@ def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
     axes = [_axis(own[k], *ends, scaling.exponents[k], reference, keep) for k, ends in ranges.items()]
     if held and low < high:
         axes.insert(0, BaseAxis(modulus, own[modulus].parameter.unit, low / BEYOND, high * BEYOND, True, 0))
-    lean = getattr(backend, "lean", {})
-    draft = dict(getattr(backend, "draft", lean)) | dict(study.diagnose.settings)
+    forces, cheap = capability(backend, LeanSettings), capability(backend, DraftSettings)
+    lean = forces.lean if forces else {}
+    draft = dict(cheap.draft if cheap else lean) | dict(study.diagnose.settings)
     return Base(backend, modulus, reference, low, high, tuple(axes), fixed, draft, lean, held)
 
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rso.contract import Backend, Case, Programme, digest
+from rso.contract import Backend, Case, ContactModulus, Programme, capability, digest
 from rso.core.units import CHANNELS, COLUMNS, UNITS, quantity, same
 from rso.data import MeasuredCurve, Measurement, combine, recorded_speed, without_spikes
 from rso.study.errors import Problem, choose, study_error
@@ -325,7 +325,8 @@ def _no_channel(backend: Backend, place: Place, channel: str) -> Problem:
 
 def by_hertz(backend: Backend, settings: Mapping[str, object], curve: MeasuredCurve) -> Mapping[str, float]:
     """Knob → modulus (MPa) of the shallow half of a loading in Hertz's limit; nothing where the backend knows none."""
-    limit, deepest = getattr(backend, "hertz", None), 0.5 * float(curve.depth.max())
+    limit, deepest = capability(backend, ContactModulus), 0.5 * float(curve.depth.max())
     shallow = (curve.depth > 0.0) & (curve.depth <= deepest)
-    known = limit is not None and curve.channel == "Fz" and shallow.any()
-    return limit(settings, curve.depth[shallow], curve.value[shallow]) if known else {}
+    if limit is None or curve.channel != "Fz" or not shallow.any():
+        return {}
+    return limit.hertz(settings, curve.depth[shallow], curve.value[shallow])

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from rso.contract import Backend
+from rso.contract import AdhesiveContact, Backend, Resolution, capability
 from rso.core.units import COLUMN_NAMES
 from rso.data import CONTACT, Measurement, Noise, Unsaid, combine, read, recorded_speed, sheet_of
 from rso.study.cases import by_hertz
@@ -183,10 +183,10 @@ def _mesh(backend: Backend, test: Test, experiments: Sequence[_Experiment]) -> s
     """The cheapest level that resolves the shallowest of the tests, and what it misses at its deepest reading."""
     forces = [e for e in experiments if e.measurement.kind == "force"]
     depths = [max(float(r.depth.max()) for r in e.measurement.repeats) for e in forces]
-    ask, d = getattr(backend, "resolution", None), min(depths, default=0.0)
-    if ask is None or d <= 0.0:
+    meshes, d = capability(backend, Resolution), min(depths, default=0.0)
+    if meshes is None or d <= 0.0:
         return 'mesh = { level = "coarse" }  # standard, fine and reference cost more'
-    errors = ask({**test.settings(), "mesh": {"level": "coarse"}}, d)
+    errors = meshes.resolution({**test.settings(), "mesh": {"level": "coarse"}}, d)
     level = next((name for name, error in errors.items() if error <= RESOLVED), min(errors, key=errors.__getitem__))
     others = ", ".join(f"{n} {100 * v:.2g} %" for n, v in errors.items() if n != level)
     return (
@@ -203,8 +203,9 @@ def _parameters(backend: Backend, test: Test, experiments: Sequence[_Experiment]
         settings = {**test.settings(), "point": list(force.point or TOP)}
         curve = combine(force.measurement, Noise())
         mu = float(by_hertz(backend, settings, curve).get("mu", 0.0))
-        if _adheres(curve.value) and hasattr(backend, "jkr"):
-            pull = backend.jkr(settings, curve.depth, curve.value)
+        adhesive = capability(backend, AdhesiveContact)
+        if adhesive is not None and _adheres(curve.value):
+            pull = adhesive.jkr(settings, curve.depth, curve.value)
             mu = float(pull.get("mu", mu))
         if mu <= 0.0:
             raise ValueError(f"{force.files[0]}: the modulus by Hertz's limit would be {mu:.2g} MPa, which is none: "
