@@ -28,7 +28,7 @@ LAYERS = {
         "error_estimate warm_starts",
         "admissible_depth",
     ),
-    "fem_backend.adapter": ("cost_model model_hierarchy priors",),
+    "fem_backend.adapter": ("command_line cost_model model_hierarchy new_study priors",),
     "fem_backend.contact": (
         "pointwise",
         "tractions",
@@ -108,7 +108,7 @@ LAYERS = {
         "keys",
         "__init__",
     ),
-    "rso.core": ("curves disk distributions printable similarity units",),
+    "rso.core": ("curves default_backend disk distributions printable similarity units",),
     "rso.data": (
         "contact_point instrument scatter usual_errors variance_components",
         "curve_shape",
@@ -262,7 +262,14 @@ LAYERS = {
     ),
 }
 DEEPEST = 8  # layers within a room, its face not counted; the packages themselves are streets of rooms
-SEAM = {"simulation.knobs", "simulation.experiment", "adapter.model_hierarchy", "backend", "__main__"}
+SEAM = {
+    "simulation.knobs",
+    "simulation.experiment",
+    "adapter.model_hierarchy",
+    "adapter.new_study",
+    "backend",
+    "__main__",
+}
 # modules of fem_backend that may import rso.contract
 
 

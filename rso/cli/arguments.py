@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 from pathlib import Path
 from typing import Any
 
 import rso
 from rso.cli import commands
+from rso.core.default_backend import COMMAND_LINE
 
 MOST_JOBS = 10_000  # as in [dispatch]
 LABORATORY = """a folder, for example:
@@ -55,11 +57,10 @@ def _new(known: Any) -> None:
     new.add_argument("fit", nargs="+", metavar="FILE", help="a file to fit; book.xlsx#Sheet is a sheet of a workbook")
     new.add_argument("--repeats", action="store_true", help="these files are repeats of one test")
     new.add_argument("--validate", nargs="+", default=[], metavar="FILE", help="a file only looked at in the end")
-    new.add_argument("--semi-axes", nargs=3, type=float, required=True, metavar=("A", "B", "C"),
-                     help="of the ellipsoid along x, y and upwards, mm")  # fmt: skip
-    new.add_argument("--radius", type=float, required=True, metavar="R", help="of the ball, mm")
-    new.add_argument("--bowl", type=float, metavar="CLEARANCE", help="it lies in a bowl so much (mm) larger in each "
-                     "semi-axis (default: its lower half is held)")  # fmt: skip
+    for o in _backend().OPTIONS:
+        many = len(o["metavar"]) > 1
+        new.add_argument(f"--{o['name']}", nargs=len(o["metavar"]) if many else None, type=float, help=o["help"],
+                         required=o["required"], metavar=o["metavar"] if many else o["metavar"][0])  # fmt: skip
     new.add_argument("--point", nargs=2, type=float, metavar=("X", "Y"), help="where it was pressed, mm from the top "
                      "(default: as the name of a file says, point_20_0.csv, or else the top)")  # fmt: skip
     new.add_argument("--column", nargs="+", action="append", default=[], metavar=("NAME", "WORD"),
@@ -69,7 +70,12 @@ def _new(known: Any) -> None:
                      "Deflection nm stiffness '0.0876 N/m' makes a force of it (minus Load N compliance '0.4 mm/N' for "
                      "a frame)")  # fmt: skip
     new.add_argument("--out", type=Path, default=Path("study.toml"), help="the study file (default: study.toml)")
-    new.set_defaults(call=commands.new)
+    new.set_defaults(call=commands.new, of_backend=tuple(o["name"] for o in _backend().OPTIONS))
+
+
+def _backend() -> Any:
+    """What the command line asks of the backend that comes with `rso`: a module of plain data."""
+    return importlib.import_module(COMMAND_LINE)
 
 
 def _of_a_study(known: Any) -> None:

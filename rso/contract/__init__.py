@@ -18,7 +18,6 @@ Units inside are N, mm, MPa, s.  This package needs numpy and the standard libra
 from rso.contract.backend import Backend
 from rso.contract.capabilities import (
     CAPABILITIES,
-    AdhesiveContact,
     ClosedForm,
     ClosedFormStart,
     ContactModulus,
@@ -29,7 +28,9 @@ from rso.contract.capabilities import (
     FurtherTests,
     Gauges,
     LeanSettings,
+    Line,
     ModelHierarchy,
+    NewStudies,
     NominalValues,
     OrdinaryMaterials,
     PhysicalBounds,
@@ -52,7 +53,6 @@ from rso.contract.responses import CAUSES, Curve, NotFinite, Response, Simulatio
 __all__ = [
     "CAPABILITIES",
     "CAUSES",
-    "AdhesiveContact",
     "Backend",
     "Case",
     "ClosedForm",
@@ -66,7 +66,9 @@ __all__ = [
     "FurtherTests",
     "Gauges",
     "LeanSettings",
+    "Line",
     "ModelHierarchy",
+    "NewStudies",
     "NominalValues",
     "NotFinite",
     "OrdinaryMaterials",

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -110,14 +111,6 @@ class ContactModulus(Protocol):
         ...
 
 
-class AdhesiveContact(Protocol):
-    """Modulus and adhesion of a loading that pulls; without it `rso new` opens no adhesion."""
-
-    def jkr(self, settings: Settings, depth: np.ndarray, force: np.ndarray, /) -> Mapping[str, float]:
-        """Modulus (MPa), work of adhesion (N/mm) and contact (mm) by knob of Fz (n,) N at depths (n,) mm."""
-        ...
-
-
 # --- costs and accuracy ---------------------------------------------------------------------------------------------
 
 
@@ -206,6 +199,37 @@ class Gauges(Protocol):
         ...
 
 
+# --- new studies ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of a first study: plain data, what is said behind it, and whether nobody has stated it (a guess)."""
+
+    value: Any
+    remark: str = ""
+    guess: bool = False
+
+
+class NewStudies(Protocol):
+    """First studies by `rso new`; without it a study of this backend is written by hand.
+
+    Which options of the command line it is given stands as plain data, OPTIONS, in the module that
+    `rso/core/default_backend.py` names: name, words for its numbers, whether it is required, help.
+    """
+
+    def first_settings(self, given: Mapping[str, tuple[float, ...]], depths: Sequence[float], /) -> Mapping[str, Line]:
+        """Setting → its line, by options → their numbers and the deepest reading (mm) of each force test."""
+        ...
+
+    def first_parameters(self, settings: Settings, depth: np.ndarray, force: np.ndarray, /) -> Mapping[str, Line]:
+        """Knob → a table with low, high and scale, by a loading Fz (n,) N at depths (n,) mm; n = 0 without one.
+
+        ValueError for a record that no value explains.
+        """
+        ...
+
+
 # --- identity -------------------------------------------------------------------------------------------------------
 
 
@@ -221,9 +245,10 @@ class Fingerprint(Protocol):
 GROUPS: Mapping[str, tuple[type, ...]] = {
     "priors": (PlausibleRanges, NominalValues, PhysicalBounds, OrdinaryMaterials),
     "alternatives": (Variants, ModelHierarchy),
-    "closed forms": (ClosedForm, ClosedFormStart, ContactModulus, AdhesiveContact),
+    "closed forms": (ClosedForm, ClosedFormStart, ContactModulus),
     "costs and accuracy": (CostModel, LeanSettings, DraftSettings, Resolution, Refusals, DistortionDepth),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
+    "new studies": (NewStudies,),
     "identity": (Fingerprint,),
 }
 CAPABILITIES: tuple[type, ...] = tuple(kind for kinds in GROUPS.values() for kind in kinds)

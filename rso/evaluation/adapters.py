@@ -42,11 +42,12 @@ from rso.contract import (
     unfit,
 )
 from rso.core import disk
+from rso.core.default_backend import PACKAGE as OWN
+from rso.core.default_backend import USE
 from rso.evaluation.fingerprints import fingerprint_of
 
 GUARD = str(Path(__file__).with_name("guard.py"))
 SCHEMA_TIMEOUT_S = 60.0
-OWN = "fem_backend"
 
 
 @dataclass(frozen=True)
@@ -120,7 +121,7 @@ def load_backend(
 def _load_object(use: str, base: str | os.PathLike[str] | None) -> Backend:
     module_name, _, attribute = use.partition(":")
     if not module_name or not attribute:
-        raise ValueError(f'backend: use = {use!r} must read "module:ATTRIBUTE", e.g. "fem_backend.backend:BACKEND"')
+        raise ValueError(f'backend: use = {use!r} must read "module:ATTRIBUTE", e.g. "{USE}"')
     try:
         # Only where it is needed: nothing else may be imported from a study's folder by accident.
         elsewhere = importlib.util.find_spec(module_name.partition(".")[0]) is not None

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from rso.core.default_backend import USE
 from rso.core.units import quantity
 from rso.data import read, recorded_speed
 from rso.study.cases import DEFAULT_SPEED
@@ -50,7 +51,7 @@ def study_text(folder: Path, seed: int, beside: Path) -> str:
     files.sort(key=_order([f.stem for f in files]))
     lines = [
         "[study]", f"title = {json.dumps('Diagnosis of ' + folder.name)}", f"seed = {seed}", "", "[backend]",
-        'use = "fem_backend.backend:BACKEND"', "", "[backend.settings]",
+        f"use = {inline(USE)}", "", "[backend.settings]",
         f"specimen = {{ shape = \"ellipsoid\", semi_axes = {list(nominal.semi_axes)} }}",
         f"indenter = {{ shape = \"sphere\", radius = {nominal.radius} }}",
         f"support = {nominal.support}", "", "[parameters]",
