@@ -235,6 +235,11 @@ class FiniteElements:
         """The modulus (MPa) by knob that Fz (n,) N at depths (n,) mm would have in Hertz's limit, incompressible."""
         return {"mu": model_hierarchy.hertz(experiment.read_settings(settings), depth, force)}
 
+    def exponents(self, settings: Mapping[str, Any]) -> tuple[float, ...]:
+        """Exponents of force over small depths: Hertz's under a ball, and the first of what stiffens or softens."""
+        experiment.read_settings(settings)
+        return 1.5, 2.5
+
     def first_settings(self, given: Mapping[str, tuple[float, ...]], depths: Sequence[float]) -> Mapping[str, Line]:
         """Settings of a new study by the options of the command line, for tests whose deepest readings are `depths`."""
         lines = new_study.geometry(given)

@@ -111,6 +111,14 @@ class ContactModulus(Protocol):
         ...
 
 
+class ForceExponents(Protocol):
+    """How force grows over small depths; without it as 3/2, that of a smooth rounded tip."""
+
+    def exponents(self, settings: Settings, /) -> tuple[float, ...]:
+        """Exponents p of Fz = Σ_p a_p u^p at depths u (mm) small against the indenter, the leading one first."""
+        ...
+
+
 # --- costs and accuracy ---------------------------------------------------------------------------------------------
 
 
@@ -245,7 +253,7 @@ class Fingerprint(Protocol):
 GROUPS: Mapping[str, tuple[type, ...]] = {
     "priors": (PlausibleRanges, NominalValues, PhysicalBounds, OrdinaryMaterials),
     "alternatives": (Variants, ModelHierarchy),
-    "closed forms": (ClosedForm, ClosedFormStart, ContactModulus),
+    "closed forms": (ClosedForm, ClosedFormStart, ContactModulus, ForceExponents),
     "costs and accuracy": (CostModel, LeanSettings, DraftSettings, Resolution, Refusals, DistortionDepth),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
     "new studies": (NewStudies,),

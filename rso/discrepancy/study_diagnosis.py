@@ -19,7 +19,17 @@ from rso import discrepancy
 from rso.calibration import result_files
 from rso.calibration.plan import source_of
 from rso.calibration.results import data_hashes
-from rso.contract import Backend, Case, DraftSettings, LeanSettings, PhysicalBounds, Programme, capability, plain
+from rso.contract import (
+    Backend,
+    Case,
+    DraftSettings,
+    ForceExponents,
+    LeanSettings,
+    PhysicalBounds,
+    Programme,
+    capability,
+    plain,
+)
 from rso.core import disk
 from rso.core.similarity import group, stress_exponent
 from rso.core.units import quantity
@@ -62,7 +72,7 @@ def ask(study: Study) -> Asked:
     experiments = [_experiment(study, n) for n in range(len(study.experiments))]
     _refuse_what_is_not_modelled(study, backend, experiments)
     try:
-        plan = discrepancy.make_plan(experiments)
+        plan = discrepancy.make_plan(_powered(backend, experiments))
     except (ValueError, TypeError) as error:
         raise study_error(study.file, study.lines, [Problem(("experiments",), str(error))]) from error
     _refuse_what_is_too_deep(study, backend, plan)
@@ -142,6 +152,12 @@ def _refuse_what_is_not_modelled(study: Study, backend: Backend, experiments: Se
             problems += [] if found in problems else [found]  # what all experiments share is said once
     if problems:
         raise study_error(study.file, study.lines, problems)
+
+
+def _powered(backend: Backend, experiments: Sequence[Experiment]) -> list[Experiment]:
+    """The experiments with the exponent of force over small depths that the backend says of their indenter."""
+    forces = capability(backend, ForceExponents)
+    return [dataclasses.replace(e, power=forces.exponents(e.settings)[0]) if forces else e for e in experiments]
 
 
 def _refuse_what_is_too_deep(study: Study, backend: Backend, plan: discrepancy.TestPlan) -> None:

@@ -19,12 +19,12 @@ from rso.study.schema import ExperimentTable, Study
 from rso.study.search_table import Target
 
 DEFAULT_SPEED = 0.5  # mm/s
-STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for Hertz
+STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for u^{3/2}
 PROFILES = 2 * STEPS  # different depths of a profile up to which each is asked for
 PACES = 1e-5, 1e3  # mm/s: slower or quicker is nobody's test
 PACE = 1.5  # ratio of a stated to a recorded speed that is remarked upon
 SAME_PACE = 1.05  # ratio within which the stated one is meant: clocks and stages differ by as much
-SHALLOWEST = 1e-4  # of the radius of the ball: a deepest travel below this is a unit misread
+SHALLOWEST = 1e-4  # of the radius of the indenter: a deepest travel below this is a unit misread
 FINEST = 1e-5  # mm: the same where no radius is stated, for no instrument presses by so little
 LOUD = 0.5  # of a range: a stated noise beyond is remarked upon
 READINGS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory

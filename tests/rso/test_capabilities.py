@@ -41,6 +41,7 @@ ASKED = {  # what rso hands over, and a look at the answer
     "closed_form": ((VALUES, CASE), lambda v: np.allclose(v.channels["Fz"], [0.08, 0.16])),
     "start": ((CASE, U, 0.16 * U), lambda v: np.isclose(v["mu"][1], 0.01)),
     "hertz": ((SETTINGS, U, 0.16 * U), lambda v: np.isclose(v["mu"], 0.01)),
+    "exponents": ((SETTINGS,), lambda v: v[0] == 1.0),
     "cost": ((VALUES, CASE), lambda v: v == 8.0),
     "resolution": ((SETTINGS, 1.0), lambda v: v["coarse"] > v["fine"]),
     "refused": ((VALUES, CASE), lambda v: v is None),
