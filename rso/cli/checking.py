@@ -24,7 +24,7 @@ from rso.model_selection import Level
 from rso.model_selection.candidate_models import STUDY, axes_of, rungs_of
 from rso.optimal_design import study_design
 from rso.study import cases
-from rso.study.cases import by_hertz
+from rso.study.cases import contact_modulus
 from rso.study.errors import Problem, study_error
 from rso.study.schema import ExperimentTable, Study
 
@@ -196,7 +196,12 @@ def _things(plan: Plan) -> list[str]:
         measured = plan.study.measurement(e.name)
         remarks += stated_settings.replaced(plan.study, e.name)
         unread = f"not read: {', '.join(measured.unread)}" if measured.unread else ""
-        known = (_recorded(measured, curve), _pace(plan, e), *_by_hertz(plan, e.name, curve), _noise(plan.study, e))
+        known = (
+            _recorded(measured, curve),
+            _pace(plan, e),
+            *_small_contacts(plan, e.name, curve),
+            _noise(plan.study, e),
+        )
         about = (*known, unread, *remarks)
         lines += [f"    {words}" for words in about if words]
         lines += stated_settings.of_experiment(plan, e.name)
@@ -243,12 +248,12 @@ def _pace(plan: Plan, e: ExperimentTable) -> str:
     return f"loaded with {speed:.3g} mm/s ({whose})" if kept != other else ""
 
 
-def _by_hertz(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
-    """The modulus of the shallow half of a loading in Hertz's limit, where the backend knows one and Fz was measured:
-    far from its range a unit is wrong, or what is pressed is no half-space."""
+def _small_contacts(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
+    """The modulus of the shallow half of a loading Fz in the limit of small contacts, where the backend knows one: far
+    from its range a unit is wrong, or what is pressed is no half-space."""
     out = []
     opened = {a.name for a in plan.resolved.axes} | {k for k, v in plan.resolved.fixed.items() if v}
-    for knob, value in by_hertz(plan.backend, plan.study.settings_of(name), curve).items():
+    for knob, value in contact_modulus(plan.backend, plan.study.settings_of(name), curve).items():
         if "adhesion" in opened:
             continue  # Hertz has none
         if value <= 0.0:

@@ -323,8 +323,8 @@ def _no_channel(backend: Backend, place: Place, channel: str) -> Problem:
     )
 
 
-def by_hertz(backend: Backend, settings: Mapping[str, object], curve: MeasuredCurve) -> Mapping[str, float]:
-    """Knob → modulus (MPa) of the shallow half of a loading in Hertz's limit; nothing where the backend knows none."""
+def contact_modulus(backend: Backend, settings: Mapping[str, object], curve: MeasuredCurve) -> Mapping[str, float]:
+    """Knob → modulus (MPa) of the shallow half of a loading on a half-space; nothing where the backend knows none."""
     limit, deepest = capability(backend, ContactModulus), 0.5 * float(curve.depth.max())
     shallow = (curve.depth > 0.0) & (curve.depth <= deepest)
     if limit is None or curve.channel != "Fz" or not shallow.any():
