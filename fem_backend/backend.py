@@ -237,7 +237,6 @@ class FiniteElements:
 
     def exponents(self, settings: Mapping[str, Any]) -> tuple[float, ...]:
         """Exponents of force over small depths: Hertz's under a ball, and the first of what stiffens or softens."""
-        experiment.read_settings(settings)
         return 1.5, 2.5
 
     def first_settings(self, given: Mapping[str, tuple[float, ...]], depths: Sequence[float]) -> Mapping[str, Line]:

@@ -50,7 +50,8 @@ def parameters(depth: np.ndarray, force: np.ndarray, hertz: Limit, jkr: Limit) -
     The shallow half counts.  Where the force pulls, the JKR limit says modulus and adhesion.  ValueError for a record
     with no modulus.
     """
-    mu, pull = 0.0, {}
+    mu: float = 0.0
+    pull: Mapping[str, float] = {}
     if len(depth):
         shallow = (depth > 0.0) & (depth <= 0.5 * float(depth.max()))
         mu = float(hertz(depth[shallow], force[shallow])["mu"]) if shallow.any() else 0.0

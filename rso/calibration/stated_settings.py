@@ -57,8 +57,11 @@ def extraordinary(plan: Plan) -> list[str]:
 
 def unresolved(plan: Plan) -> list[str]:
     """Experiments whose deepest reading the mesh resolves badly, and by which level it would be better."""
-    lines, meshes = [], capability(plan.backend, Resolution)
-    for e in plan.study.experiments if meshes is not None else ():
+    meshes = capability(plan.backend, Resolution)
+    if meshes is None:
+        return []
+    lines = []
+    for e in plan.study.experiments:
         if e.kind != "force" or e.name not in plan.curves:
             continue
         settings = {k: v for k, v in plan.study.settings_of(e.name).items() if k != "unload"}
