@@ -15,6 +15,7 @@ from rso.contract import (
     Case,
     Fingerprint,
     Line,
+    Parameter,
     Programme,
     Response,
     capability,
@@ -23,6 +24,9 @@ from rso.contract import (
     unfit,
 )
 from rso.contract.capabilities import members
+from rso.discrepancy.library.effects import catalogue
+from rso.discrepancy.library.test_plan import Experiment, _depth_of_mean
+from rso.discrepancy.study_diagnosis import _powered
 from rso.evaluation.adapters import load_backend
 from rso.study.new_study import Test, begin
 
@@ -176,6 +180,32 @@ def test_a_cost_is_guessed_without_one():
     priced = type("Priced", (Bare,), {"cost": lambda self, values, case: 3.0})()
     assert _cost(Bare(), {}, CASE) == GUESS and _cost(priced, {}, CASE) == 3.0
     assert "kind of model" in Pace(priced, 1.0).basis and "kind of model" not in Pace(Bare(), 1.0).basis
+
+
+def test_the_depth_of_a_mean_force_goes_by_the_exponent_of_the_indenter():
+    u = np.array([1.0, 3.0])
+    e = Experiment("a", "fit", None, None, ("Fz",), SETTINGS, 0.5)
+    (flat,), (rounded,) = _powered(SLAB(), [e]), _powered(Bare(), [e])
+    assert _depth_of_mean(u, flat.power) == 2.0
+    assert _depth_of_mean(u, rounded.power) ** 1.5 == pytest.approx(np.mean(u**1.5))
+
+
+def test_effects_are_those_of_the_settings_where_the_backend_says_so():
+    knobs = (
+        Parameter("delta_t", "error of the thickness", "mm", -9.0, 9.0, 0.0, 0.0, plausible=(-1.0, 1.0)),
+        Parameter("C20", "stiffening", "MPa", 0.0, 9.0, 0.0, 0.0, plausible=(0.0, 1.0)),
+        Parameter("friction", "friction", "1", 0.0, 1.0, 0.0, 0.0, plausible=(0.0, 0.6)),
+    )
+    settings = {**SETTINGS, "friction": 0.2}
+    found = []
+    for kind in (SLAB, Bare):
+        backend = type("Toy", (kind,), {"parameters": knobs})()
+        every = catalogue(backend, settings, {}, ["C01"])
+        found.append({e.name: e.size for e in every if e.family == "model"})
+    said, bare = found
+    assert said.keys() == {"delta_t", "friction", "loose"} and bare.keys() == {"delta_t", "C20", "friction"}
+    assert (said["delta_t"].high, bare["delta_t"].high) == (0.25, 1.0)
+    assert (said["friction"].neutral, bare["friction"].neutral) == (0.2, 0.0)
 
 
 # ------------------------------------------------------------------------------------------------ asked in one way
