@@ -567,7 +567,7 @@ import os, sys
 from rso.cli import main
 code = main(sys.argv[1:])
 if code == 0:
-    from fem_backend import pointwise
+    from fem_backend.contact import pointwise
     print("kept", pointwise.points.stats.cache_path.startswith(os.environ["NUMBA_CACHE_DIR"]))
 sys.exit(code)
 """
