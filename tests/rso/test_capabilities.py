@@ -14,7 +14,6 @@ from rso.contract import (
     Backend,
     Case,
     Fingerprint,
-    Line,
     Parameter,
     Programme,
     Response,
@@ -63,7 +62,7 @@ BY_NAME = {kind.__name__: kind for kind in CAPABILITIES}
 def example():
     """The class of docs/adding.md."""
     block = re.search(r"```python\n(.*?)```", (ROOT / "docs/adding.md").read_text("utf-8"), re.DOTALL)[1]
-    names = {"np": np, "Response": Response, "Line": Line}
+    names: dict = {}
     exec(block, names)
     return names["Slab"], block
 
