@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import platform
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from fem_backend import meshing
 from fem_backend.accuracy import admissible_depth, closed_forms, two_grid, warm_starts
 from fem_backend.accuracy.error_estimate import DEEP, at_depth, stated
-from fem_backend.adapter import cost_model, model_hierarchy, priors
+from fem_backend.adapter import cost_model, model_hierarchy, new_study, priors
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import derivatives, experiment, indentation, outputs
 from fem_backend.simulation.assembly import MISALIGNED, Model, NotModelled, Placement
@@ -25,7 +25,7 @@ from fem_backend.simulation.outputs import UNITS
 from fem_backend.solver import direct
 from fem_backend.solver.load_steps import Instant, Stopped
 from fem_backend.solver.newton import System
-from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
+from rso.contract import Case, Line, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
 
 NUMERICS = 5  # raised when, and only when, answers change
 ADMITTED = 1e-12  # of the deepest travel: an asked one this near a corner's is that
@@ -234,6 +234,21 @@ class FiniteElements:
     def hertz(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, float]:
         """The modulus (MPa) by knob that Fz (n,) N at depths (n,) mm would have in Hertz's limit, incompressible."""
         return {"mu": model_hierarchy.hertz(experiment.read_settings(settings), depth, force)}
+
+    def exponents(self, settings: Mapping[str, Any]) -> tuple[float, ...]:
+        """Exponents of force over small depths: Hertz's under a ball, and the first of what stiffens or softens."""
+        return 1.5, 2.5
+
+    def first_settings(self, given: Mapping[str, tuple[float, ...]], depths: Sequence[float]) -> Mapping[str, Line]:
+        """Settings of a new study by the options of the command line, for tests whose deepest readings are `depths`."""
+        lines = new_study.geometry(given)
+        coarse = {**{k: line.value for k, line in lines.items()}, "mesh": {"level": "coarse"}}
+        return {**lines, "mesh": new_study.mesh(depths, lambda d: self.resolution(coarse, d))}
+
+    def first_parameters(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, Line]:
+        """Ranges of a new study by a loading Fz (n,) N at depths (n,) mm; see :mod:`fem_backend.adapter.new_study`."""
+        limits = (lambda u, F: self.hertz(settings, u, F)), (lambda u, F: self.jkr(settings, u, F))
+        return new_study.parameters(depth, force, *limits)
 
     def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
         """The mesh of the experiment and, for a body without memory, an anchor: states to start from."""

@@ -29,7 +29,7 @@ LAYERS = {
         "error_estimate warm_starts",
         "admissible_depth",
     ),
-    "fem_backend.adapter": ("cost_model model_hierarchy priors",),
+    "fem_backend.adapter": ("command_line cost_model model_hierarchy new_study priors",),
     "fem_backend.contact": (
         "pointwise",
         "tractions",
@@ -100,7 +100,14 @@ LAYERS = {
         "__init__",
         "__main__",
     ),
-    "rso.core": ("curves disk distributions printable similarity units",),
+    "rso.contract": (
+        "parameters plain_data",
+        "cases responses",
+        "backend capabilities",
+        "keys",
+        "__init__",
+    ),
+    "rso.core": ("curves default_backend disk distributions power_law printable similarity units",),
     "rso.data": (
         "contact_point instrument scatter usual_errors variance_components",
         "curve_shape",
@@ -261,7 +268,14 @@ LAYERS = {
     ),
 }
 DEEPEST = 8  # layers within a room, its face not counted; the packages themselves are streets of rooms
-SEAM = {"simulation.knobs", "simulation.experiment", "adapter.model_hierarchy", "backend", "__main__"}
+SEAM = {
+    "simulation.knobs",
+    "simulation.experiment",
+    "adapter.model_hierarchy",
+    "adapter.new_study",
+    "backend",
+    "__main__",
+}
 # modules of fem_backend that may import rso.contract
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from rso.contract import Backend, Case, digest, plain
+from rso.contract import Backend, Case, CostModel, capability, digest, plain
 from rso.evaluation import Task
 from rso.evaluation.store import Done, Failed, RunStore, StoreError
 
@@ -27,7 +27,8 @@ class Pace:
         """Where the seconds are from, in words."""
         if self.known:
             return "as measured in this study"
-        return "a guess, nothing was run yet" + (", by the kind of model" if hasattr(self.backend, "cost") else "")
+        kind = ", by the kind of model" if capability(self.backend, CostModel) else ""
+        return f"a guess, nothing was run yet{kind}"
 
     def seconds(self, tasks: Iterable[Task]) -> float:
         """Wall time of tasks, one after the other."""
@@ -63,9 +64,9 @@ def _runs(folder: Path) -> list[Done | Failed]:
 
 def _cost(backend: Backend, values: Mapping[str, float], case: Case) -> float:
     """What the backend says that a run takes (s), or a guess where it does not or where the run is none of its own."""
-    say = getattr(backend, "cost", None)
+    costs = capability(backend, CostModel)
     try:
-        return float(say(values, case)) if say is not None else GUESS
+        return float(costs.cost(values, case)) if costs is not None else GUESS
     except (ValueError, TypeError, KeyError):
         return GUESS
 

@@ -290,7 +290,7 @@ def _now() -> str:
 def rough(candidates: Sequence[Mapping[str, Any]]) -> list[str]:
     """Curves whose stated numerical error is a large share of them: an agreement within that says little.
 
-    A ball far smaller than the elements, pressed a little, has such a curve; so every material agrees with the data.
+    A contact far smaller than the elements has such a curve; so every material agrees with the data.
     """
     worst: dict[str, float] = {}
     for candidate in candidates:

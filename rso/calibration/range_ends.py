@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rso.calibration.plan import Plan
+from rso.contract import OrdinaryMaterials, capability
 from rso.doe import Condition, read_condition
 from rso.doe.constraints import FUNCTIONS
 from rso.study.resolve import Axis
@@ -112,7 +113,8 @@ def with_ends(axes: Sequence[Axis], wider: Mapping[End, float]) -> tuple[Axis, .
 
 def ordinary(plan: Plan) -> tuple[Condition, ...]:
     """Conditions of the backend that hold all over the plan's ranges: ranges that break one as stated are meant."""
-    said: Mapping[str, str] = getattr(plan.backend, "ordinary", dict)()
+    conditions = capability(plan.backend, OrdinaryMaterials)
+    said = conditions.ordinary() if conditions else {}
     fixed, axes = plan.resolved.fixed, plan.searches[0].axes
     found = []
     for text, words in said.items():

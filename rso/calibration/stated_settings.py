@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rso.calibration.plan import Plan
-from rso.contract import Case
+from rso.contract import Case, OrdinaryMaterials, Resolution, capability
 from rso.doe import read_condition
 from rso.study.cases import MISREAD, case_for, travels
 from rso.study.schema import Study
@@ -39,7 +39,8 @@ def of_study(plan: Plan) -> list[str]:
 
 def extraordinary(plan: Plan) -> list[str]:
     """What the backend says of ordinary materials and does not hold all over the ranges, a sentence each."""
-    said: Mapping[str, str] = getattr(plan.backend, "ordinary", dict)()
+    conditions = capability(plan.backend, OrdinaryMaterials)
+    said = conditions.ordinary() if conditions else {}
     at = [(a.name, (a.low, a.high)) for a in plan.resolved.axes]
     at += [(name, (value,)) for name, value in plan.resolved.fixed.items()]
     names, lines = [name for name, _ in at], []
@@ -56,13 +57,16 @@ def extraordinary(plan: Plan) -> list[str]:
 
 def unresolved(plan: Plan) -> list[str]:
     """Experiments whose deepest reading the mesh resolves badly, and by which level it would be better."""
-    lines, ask = [], getattr(plan.backend, "resolution", None)
-    for e in plan.study.experiments if ask is not None else ():
+    meshes = capability(plan.backend, Resolution)
+    if meshes is None:
+        return []
+    lines = []
+    for e in plan.study.experiments:
         if e.kind != "force" or e.name not in plan.curves:
             continue
         settings = {k: v for k, v in plan.study.settings_of(e.name).items() if k != "unload"}
         deepest = float(plan.curves[e.name].depth.max())
-        (own, error), *others = ask(settings, deepest).items()
+        (own, error), *others = meshes.resolution(settings, deepest).items()
         if deepest <= 0.0 or error <= COARSE:
             continue
         better = [f"{name} {100 * v:.2g} %" for name, v in others if v < 0.8 * error]

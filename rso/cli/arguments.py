@@ -8,6 +8,7 @@ from typing import Any
 
 import rso
 from rso.cli import commands
+from rso.core.default_backend import command_line
 
 MOST_JOBS = 10_000  # as in [dispatch]
 LABORATORY = """a folder, for example:
@@ -17,16 +18,14 @@ LABORATORY = """a folder, for example:
   profile.csv       displacements of surface marks while pressed at the top
   nominal.json:
 {
-  "specimen": {"shape": "ellipsoid", "semi_axes_mm": [60, 35, 35]},
-  "indenter": {"shape": "sphere", "radius_mm": 3},
-  "support": "fixed: lower half bonded to the holder",
+@example
   "noise": {"force_N": 0.003, "depth_mm": 0.005, "repeat_gain": 0.01, "profile_mm": 0.05},
   "rate_mm_per_min": 30,
   "remark": "whatever people should know: not read"
 }
 headers of a machine are named under "columns", with the keys of [columns] in a study;
-what is not understood is refused with what is, other keys are not used, which is said; mu is taken to be 5 to 20 kPa
-and D1 1 to 100 1/MPa: what this means is in docs/data_for_a_diagnosis.md"""
+what is not understood is refused with what is, other keys are not used, which is said; @ranges: what \
+this means is in docs/data_for_a_diagnosis.md"""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -55,11 +54,11 @@ def _new(known: Any) -> None:
     new.add_argument("fit", nargs="+", metavar="FILE", help="a file to fit; book.xlsx#Sheet is a sheet of a workbook")
     new.add_argument("--repeats", action="store_true", help="these files are repeats of one test")
     new.add_argument("--validate", nargs="+", default=[], metavar="FILE", help="a file only looked at in the end")
-    new.add_argument("--semi-axes", nargs=3, type=float, required=True, metavar=("A", "B", "C"),
-                     help="of the ellipsoid along x, y and upwards, mm")  # fmt: skip
-    new.add_argument("--radius", type=float, required=True, metavar="R", help="of the ball, mm")
-    new.add_argument("--bowl", type=float, metavar="CLEARANCE", help="it lies in a bowl so much (mm) larger in each "
-                     "semi-axis (default: its lower half is held)")  # fmt: skip
+    own = command_line().OPTIONS
+    for o in own:
+        many = len(o["metavar"]) > 1
+        new.add_argument(f"--{o['name']}", nargs=len(o["metavar"]) if many else None, type=float, help=o["help"],
+                         required=o["required"], metavar=o["metavar"] if many else o["metavar"][0])  # fmt: skip
     new.add_argument("--point", nargs=2, type=float, metavar=("X", "Y"), help="where it was pressed, mm from the top "
                      "(default: as the name of a file says, point_20_0.csv, or else the top)")  # fmt: skip
     new.add_argument("--column", nargs="+", action="append", default=[], metavar=("NAME", "WORD"),
@@ -69,7 +68,7 @@ def _new(known: Any) -> None:
                      "Deflection nm stiffness '0.0876 N/m' makes a force of it (minus Load N compliance '0.4 mm/N' for "
                      "a frame)")  # fmt: skip
     new.add_argument("--out", type=Path, default=Path("study.toml"), help="the study file (default: study.toml)")
-    new.set_defaults(call=commands.new)
+    new.set_defaults(call=commands.new, of_backend=tuple(o["name"] for o in own))
 
 
 def _of_a_study(known: Any) -> None:
@@ -101,13 +100,15 @@ def _of_a_study(known: Any) -> None:
 
 
 def _blind(known: Any) -> None:
+    own = command_line().LABORATORY
     words = (
         "Diagnose every laboratory folder below FOLDER: nominal.json says what the experimenter believes, the CSV "
         "files hold what was measured. Answers are written one by one; folders that have one are passed over, an error "
         "is none."
     )
     blind = known.add_parser("blind", help="diagnose laboratory folders (nominal.json, CSV)", description=words,
-                             epilog=LABORATORY, formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
+                             epilog=LABORATORY.replace("@example", own["example"]).replace("@ranges", own["ranges"]),
+                             formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
     blind.add_argument("folder", type=Path, help="a laboratory folder, or the folder that holds several")
     blind.add_argument("--out", type=Path, default=Path("answers"), help="where answers go (default: answers/)")
     blind.add_argument("--jobs", type=_jobs, default=2, help="simulations at a time")

@@ -15,7 +15,7 @@ from rso.calibration.cost_model import Pace, pace
 from rso.calibration.gauss_newton.iteration import ENDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
 from rso.calibration.predictive_check import unfitted
-from rso.contract import Programme
+from rso.contract import Programme, Refusals, capability
 from rso.core.units import spaced
 from rso.data import SEGMENTS, MeasuredCurve, Measurement, usual_errors
 from rso.discrepancy.study_diagnosis import ask
@@ -24,7 +24,7 @@ from rso.model_selection import Level
 from rso.model_selection.candidate_models import STUDY, axes_of, rungs_of
 from rso.optimal_design import study_design
 from rso.study import cases
-from rso.study.cases import by_hertz
+from rso.study.cases import contact_modulus
 from rso.study.errors import Problem, study_error
 from rso.study.schema import ExperimentTable, Study
 
@@ -196,7 +196,12 @@ def _things(plan: Plan) -> list[str]:
         measured = plan.study.measurement(e.name)
         remarks += stated_settings.replaced(plan.study, e.name)
         unread = f"not read: {', '.join(measured.unread)}" if measured.unread else ""
-        known = (_recorded(measured, curve), _pace(plan, e), *_by_hertz(plan, e.name, curve), _noise(plan.study, e))
+        known = (
+            _recorded(measured, curve),
+            _pace(plan, e),
+            *_small_contacts(plan, e.name, curve),
+            _noise(plan.study, e),
+        )
         about = (*known, unread, *remarks)
         lines += [f"    {words}" for words in about if words]
         lines += stated_settings.of_experiment(plan, e.name)
@@ -205,11 +210,11 @@ def _things(plan: Plan) -> list[str]:
 
 def _refused(plan: Plan) -> list[str]:
     """The first corner of the ranges that the backend refuses, and how many there are."""
-    refuses = getattr(plan.backend, "refused", None)
-    if refuses is None or plan.box.d > CORNERS:
+    refusals = capability(plan.backend, Refusals)
+    if refusals is None or plan.box.d > CORNERS:
         return []
     corners = [plan.values(np.array(x)) for x in itertools.product((0.0, 1.0), repeat=plan.box.d)]
-    why = [next(filter(None, (refuses(v, case) for case in plan.cases)), None) for v in corners]
+    why = [next(filter(None, (refusals.refused(v, case) for case in plan.cases)), None) for v in corners]
     first = next((k for k, reason in enumerate(why) if reason), None)
     if first is None:
         return []
@@ -243,12 +248,12 @@ def _pace(plan: Plan, e: ExperimentTable) -> str:
     return f"loaded with {speed:.3g} mm/s ({whose})" if kept != other else ""
 
 
-def _by_hertz(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
-    """The modulus of the shallow half of a loading in Hertz's limit, where the backend knows one and Fz was measured:
-    far from its range a unit is wrong, or what is pressed is no half-space."""
+def _small_contacts(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
+    """The modulus of the shallow half of a loading Fz in the limit of small contacts, where the backend knows one: far
+    from its range a unit is wrong, or what is pressed is no half-space."""
     out = []
     opened = {a.name for a in plan.resolved.axes} | {k for k, v in plan.resolved.fixed.items() if v}
-    for knob, value in by_hertz(plan.backend, plan.study.settings_of(name), curve).items():
+    for knob, value in contact_modulus(plan.backend, plan.study.settings_of(name), curve).items():
         if "adhesion" in opened:
             continue  # Hertz has none
         if value <= 0.0:

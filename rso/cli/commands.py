@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rso.core import disk
+from rso.core.default_backend import USE
 from rso.core.printable import one
 
 EXIT_BROKEN, EXIT_BAD_INPUT, EXIT_FAILED_RUNS, EXIT_INTERRUPTED = 1, 2, 3, 130
@@ -43,8 +44,8 @@ def new(options: argparse.Namespace, command: str) -> int:
         for name, table in map(_column, options.column):
             if columns.setdefault(name, table) is not table:
                 raise ValueError(f"--column {name}: is given twice")
-        test = Test(tuple(options.semi_axes), options.radius, options.bowl, point, options.repeats, columns)
-        text = begin(options.out, load_backend("fem_backend.backend:BACKEND"), test, options.fit, options.validate)
+        test = Test(_given(options), point, options.repeats, columns)
+        text = begin(options.out, load_backend(USE), test, options.fit, options.validate)
     except ValueError as error:
         _complain(error)
         return EXIT_BAD_INPUT
@@ -69,6 +70,12 @@ def new(options: argparse.Namespace, command: str) -> int:
     _print([*check(study, folder, False, folder), *([said] if said else []),
             f"then: {shlex.join(['rso', 'run', str(options.out), *there])}"])  # fmt: skip
     return 0
+
+
+def _given(options: argparse.Namespace) -> dict[str, tuple[float, ...]]:
+    """The backend's own options that were given: name → numbers."""
+    found = {name: getattr(options, name.replace("-", "_")) for name in options.of_backend}
+    return {k: tuple(v) if isinstance(v, list) else (v,) for k, v in found.items() if v is not None}
 
 
 CODES = ("loading", "hold", "unloading", "skip")
@@ -320,7 +327,7 @@ def blind(options: argparse.Namespace, command: str) -> int:
     bad = 0
     with (
         RunStore(options.out / "store") as store,
-        WorkerPool(options.jobs, source=Source("fem_backend.backend:BACKEND")) as pool,
+        WorkerPool(options.jobs, source=Source(USE)) as pool,
         Progress() as progress,
     ):
         found = answer(

@@ -24,8 +24,8 @@ class Resampling:
         F(u) = Σ_k c_k (√u − s_i)^k   on [s_i, s_{i+1}],   F(u ≤ 0) = 0
 
     `travel` (n,) mm, increasing and positive; `value` (n,) or (n, m) for m curves over the same travel.  The
-    spline is exact for F = a u + b u^{3/2}: Hertz is a cubic in s.  It is linear in `value`.  A single
-    point is taken as Hertz's F ∝ u^{3/2}.
+    spline is exact for F = a u + b u^{3/2}, cubic in s, as under a smooth rounded tip.  It is linear in `value`.
+    A single point is taken as F ∝ u^{3/2}.
 
     Raises ValueError for anything else, and for a travel beyond the last point: nothing is extrapolated.
     Assumption: F rises more slowly than √u at contact (every smooth indenter; a flat punch too).
@@ -52,7 +52,7 @@ class Resampling:
         s = np.sqrt(np.concatenate([[0.0], self.travel]))
         y = np.concatenate([np.zeros_like(self.value[:1]), self.value])
         flat = np.zeros_like(y[0])
-        # With one point the missing condition is Hertz's: no curvature in s at contact.
+        # With one point the missing condition is F ∝ u^{3/2}: no curvature in s at contact.
         end = "not-a-knot" if len(s) > 2 else (1, 3 * y[-1] / s[-1])
         return CubicSpline(s, y, bc_type=((1, flat), end))
 

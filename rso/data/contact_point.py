@@ -8,17 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-POWERS = (1.5, 2.5)  # of the travel of a ball: Hertz's, and the first of what stiffens or softens
-STIFFENS = 3.5  # a third one, where it is clear
-# Powers of the force beyond contact, with the priors of their families: balls that stiffen more and more, flat ends,
-# cones; and of what it does before: it stays, drifts, or relaxes over so much of the way from where the record begins.
-SHAPES = ((0.6, (POWERS, (*POWERS, STIFFENS), (*POWERS, STIFFENS, 4.5))), (0.2, ((1.0, 2.0),)), (0.2, ((2.0, 3.0),)))
+from rso.core.power_law import FAMILIES, LEADING, ROUNDED, STIFFENS
+
+# Priors of what a force does before contact: it stays, drifts, or relaxes over so much of the way from its start.
 STAYS, DRIFTS, CREEPS, RELAXES = 0.5, 0.3, 0.2, (0.05, 0.15, 0.4)
 BEFORE_MOST = 0.2  # of the range of the force that it does so by, at most
 CLEAR = 25.0  # fall of χ² with one number more that is no scatter
 UP_TO = 0.7  # of the largest force: what tells the contact
 SHARES = (UP_TO, 0.5 * UP_TO)
-BIAS = 0.005  # of the travel pressed up to there by which two powers miss a soft ellipsoid's contact
+BIAS = 0.005  # of the travel pressed up to there by which two powers miss the contact of a soft curved body
 SURE = 2.0  # standard deviations after the first reading
 LATE = 0.03  # of the travel: a contact this late is taken, or remarked upon, where nobody has asked for it
 STEEPEST = 4.0  # power beyond which no tissue stiffens; twice that is the β of the steepest e^{βt}
@@ -61,24 +59,24 @@ class _Fit:
 def onset(depth: np.ndarray, force: np.ndarray) -> Onset | None:
     """The contact of a loading curve (n,) in mm and N that begins in air; None where too few readings tell it.
 
-    The contact is a ball's (:func:`_of_a_ball`) with the weight that the record leaves to balls, else the average of
-    alternatives m of the shape beyond contact and of what the force does before it.  Its bias holds by how much it may
-    lie elsewhere by any of them, Σ w_m (var_m + (c_m − c)²) (S. T. Buckland, K. P. Burnham, N. H. Augustin, Biometrics
-    53 (1997) 603), or by half of the window.
+    The contact is a rounded tip's (:func:`_of_rounded`) with the weight that the record leaves to such tips, else the
+    average of alternatives m of the shape beyond contact and of what the force does before it.  Its bias holds by how
+    much it may lie elsewhere by any of them, Σ w_m (var_m + (c_m − c)²) (S. T. Buckland, K. P. Burnham, N. H. Augustin,
+    Biometrics 53 (1997) 603), or by half of the window.
     """
     u, F = _pressed(depth, force)
-    ball = _of_a_ball(u, F)
-    return None if ball is None else _widened(ball, u, F)
+    contact = _of_rounded(u, F)
+    return None if contact is None else _widened(contact, u, F)
 
 
-def _of_a_ball(u: np.ndarray, F: np.ndarray) -> Onset | None:
-    """The contact of a ball by means u, F (n,); None where too few of them tell it.
+def _of_rounded(u: np.ndarray, F: np.ndarray) -> Onset | None:
+    """The contact of a rounded tip by means u, F (n,); None where too few of them tell it.
 
-    Least squares of F = b + Σ_p a_p (u − c)^p, p of POWERS, up to UP_TO of the largest force, for c from the first
+    Least squares of F = b + Σ_p a_p (u − c)^p, p of ROUNDED, up to UP_TO of the largest force, for c from the first
     reading on, with a drift b' u and a third power where they are clear; c is the mean, its scatter the standard
-    deviation, of exp(−χ²/2) over c, with the residual's memory.  Its bias is that of two powers on a soft ellipsoid,
+    deviation, of exp(−χ²/2) over c, with the residual's memory.  Its bias is that of two powers on a soft body,
     or by how much more than scatter the contact moves if half of the force tells it.
-    Valid for a ball on a smooth body without adhesion (Hertz 1881 and what stiffens or softens beyond).
+    Valid for a rounded tip on a smooth body without adhesion, with what stiffens or softens beyond small depths.
     """
     whole, half = (_fit(u, F, share) for share in SHARES)
     if whole is None:
@@ -91,33 +89,33 @@ def _of_a_ball(u: np.ndarray, F: np.ndarray) -> Onset | None:
     return Onset(float(u[0]) + whole.way * whole.c, whole.way * math.sqrt(whole.spread), bias)
 
 
-def _widened(ball: Onset, u: np.ndarray, F: np.ndarray) -> Onset:
+def _widened(contact: Onset, u: np.ndarray, F: np.ndarray) -> Onset:
     """The same contact, by how much the alternatives say that it may be off beside its scatter."""
     found = [average for share in SHARES if (average := _averaged(u, F, share)) is not None]
     if not found:
-        return ball
+        return contact
     (c, within, between, weight), less = found[0], found[1:]
     moves = max(((c - other) ** 2 - within - between - v - w for other, v, w, _ in less), default=0.0)
-    depth = weight * ball.depth + (1.0 - weight) * (float(u[0]) + c)
+    depth = weight * contact.depth + (1.0 - weight) * (float(u[0]) + c)
     off = between + (float(u[0]) + c - depth) ** 2 + max(moves, 0.0)
-    return Onset(depth, max(ball.scatter, math.sqrt(within)), max(ball.bias, math.sqrt(off)))
+    return Onset(depth, max(contact.scatter, math.sqrt(within)), max(contact.bias, math.sqrt(off)))
 
 
 def approached(depth: np.ndarray, force: np.ndarray) -> Onset:
     """The contact of a loading curve that begins in air; ValueError where it does not show one."""
     u, F = _pressed(depth, force) if len(depth) >= FEWEST else (depth, force)
-    return _widened(_seen(depth, _of_a_ball(u, F) if len(depth) >= FEWEST else None), u, F)
+    return _widened(_seen(depth, _of_rounded(u, F) if len(depth) >= FEWEST else None), u, F)
 
 
-def _seen(depth: np.ndarray, ball: Onset | None) -> Onset:
-    """The contact of a ball where there is air before it beyond doubt; ValueError where there is not."""
-    if ball is None:
+def _seen(depth: np.ndarray, contact: Onset | None) -> Onset:
+    """The contact of a rounded tip where there is air before it beyond doubt; ValueError where there is not."""
+    if contact is None:
         raise ValueError("too few readings before 0.7 of the largest force to tell the contact")
-    before = int(np.sum(depth < ball.depth))
-    if before < BEFORE or ball.depth - float(depth.min()) < SURE * ball.deviation:
-        where = f"{ball.depth:.3g} ± {ball.deviation:.2g} mm"
+    before = int(np.sum(depth < contact.depth))
+    if before < BEFORE or contact.depth - float(depth.min()) < SURE * contact.deviation:
+        where = f"{contact.depth:.3g} ± {contact.deviation:.2g} mm"
         raise ValueError(f"no approach is seen: {before} reading(s) before {where}, where the force begins to rise")
-    return ball
+    return contact
 
 
 def begins_in_air(depth: np.ndarray, force: np.ndarray) -> bool:
@@ -130,14 +128,14 @@ def begins_in_air(depth: np.ndarray, force: np.ndarray) -> bool:
         return False
     u, F = _pressed(depth, force)
     try:
-        found = _seen(depth, _of_a_ball(u, F))
+        found = _seen(depth, _of_rounded(u, F))
     except ValueError:
         return False
     fit = _fit(u, F, UP_TO)
     if fit is None or found.depth - float(depth.min()) < LATE * float(np.ptp(depth)):
         return False
     shapes = [fit.t**p for p in np.linspace(1.0, STEEPEST, 61)]
-    shapes += [fit.t**1.5 * np.exp(b * fit.t) for b in np.linspace(0.1, 2.0 * STEEPEST, 80)]
+    shapes += [fit.t**LEADING * np.exp(b * fit.t) for b in np.linspace(0.1, 2.0 * STEEPEST, 80)]
     return min(_left(np.stack([np.ones_like(s), s], axis=1), fit.F) for s in shapes) > fit.left + CLEAR * fit.variance
 
 
@@ -161,7 +159,7 @@ def zeroed(
 
 
 def _pressed(depth: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means u, F (n,) of readings by depth, with about as much air before the contact as the ball is pressed."""
+    """Means u, F (n,) of readings by depth, with about as much air before the contact as the tip is pressed."""
     order = np.argsort(depth, kind="stable")
     u, F = _means(depth[order], force[order])
     low, high = float(np.quantile(F, 0.1)), float(np.median(F[-3:]))
@@ -186,13 +184,13 @@ def _fit(u: np.ndarray, F: np.ndarray, share: float) -> _Fit | None:
         return None
     way, least = float(u[n - 1] - u[0]), (1e-3 * float(np.ptp(F))) ** 2
     t, F = (u[:n] - u[0]) / way, F[:n]
-    best, more = _profile(t, F, POWERS, False, least), [(POWERS, True), ((*POWERS, STIFFENS), False)]
+    best, more = _profile(t, F, ROUNDED, False, least), [(ROUNDED, True), ((*ROUNDED, STIFFENS), False)]
     while best is not None and more and n > FEWEST + 3:
         found = [_profile(t, F, *terms, least) for terms in more]
         k = min(range(len(more)), key=lambda k: math.inf if found[k] is None else found[k][1])
         if found[k] is None or best[1] - found[k][1] < CLEAR * found[k][2]:
             break
-        best, more = found[k], [((*POWERS, STIFFENS), True)] * (len(more) > 1)
+        best, more = found[k], [((*ROUNDED, STIFFENS), True)] * (len(more) > 1)
     if best is None:
         return None
     left, smallest, variance = best
@@ -233,11 +231,11 @@ def _profile(
 
 
 def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float, float, float] | None:
-    """Contact (mm from the first reading), its variance within and between alternatives, and the weight of balls, by
-    the readings up to a share of the largest force; None where too few tell it.
+    """Contact (mm from the first reading), its variance within and between alternatives, and the weight of rounded
+    tips, by the readings up to a share of the largest force; None where too few tell it.
 
-    Mean and variance of c over all alternatives m, of SHAPES beyond contact and of what the force does before it, with
-    weights π_m exp(−(χ²(m, c) + k_m ln n)/2).
+    Mean and variance of c over all alternatives m, of FAMILIES beyond contact and of what the force does before it,
+    with weights π_m exp(−(χ²(m, c) + k_m ln n)/2).
     """
     low, high = float(np.quantile(F, 0.1)), float(np.median(F[-3:]))
     n = int(np.sum(low + share * (high - low) > F))  # a count: a reading out of line moves it by one
@@ -246,14 +244,14 @@ def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float,
     way, c = float(u[n - 1] - u[0]), np.linspace(0.0, FURTHEST, STEPS)
     t, F = (u[:n] - u[0]) / way, F[:n]
     every: list[tuple[float, int, np.ndarray, np.ndarray]] = []
-    balls: list[bool] = []
+    rounded: list[bool] = []
     for prior, before in _before(t):
-        for share_of, family in SHAPES:
+        for share_of, family in FAMILIES:
             for powers in family:
                 k = len(powers) + len(before)
                 if n > k + 2 and (fit := _squares(t, F, c, powers, before)) is not None:
                     every.append((prior * share_of / len(family), k, *fit))
-                    balls.append(POWERS in family)
+                    rounded.append(ROUNDED in family)
     if not every:
         return None
     least = (1e-3 * float(np.ptp(F))) ** 2
@@ -267,8 +265,8 @@ def _averaged(u: np.ndarray, F: np.ndarray, share: float) -> tuple[float, float,
     each, own = weight.sum(axis=1), weight @ c
     mean, between = float(own.sum()), float(np.sum(own**2 / np.maximum(each, 1e-300)) - own.sum() ** 2)
     within = float(weight.sum(axis=0) @ c**2) - mean**2 - between + (c[1] - c[0]) ** 2 / 12.0
-    of_balls = float(sum(e for e, p in zip(each, balls, strict=True) if p))
-    return way * mean, way**2 * max(within, 0.0), way**2 * max(between, 0.0), of_balls
+    of_rounded = float(sum(e for e, p in zip(each, rounded, strict=True) if p))
+    return way * mean, way**2 * max(within, 0.0), way**2 * max(between, 0.0), of_rounded
 
 
 def _own_share(rest: np.ndarray, n: int) -> float:

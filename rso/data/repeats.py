@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from rso.core.distributions import student
+from rso.core.power_law import LEADING
 from rso.core.units import COLUMNS
 from rso.data import usual_errors
 from rso.data.files.reading import Measurement, Repeat
@@ -152,7 +153,7 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
         white_said = np.diag(said) if own_length == 0 else deep
         seen, freedom, shared, left = _scatter(u, y, smooth, slope, white_said, np.diag(said), noise)
     else:
-        noisy = of_record(u, mean - _ball(u, mean)(u), smooth, said)  # small force, steep bend: not to be noise
+        noisy = of_record(u, mean - _power_series(u, mean)(u), smooth, said)  # small force, steep bend: not to be noise
         seen, freedom, shared, left = np.diag(noisy.variance), noisy.freedom, {}, _of_one(u, smooth, slope, noise)
     covariance = seen + said
     untold = r == 1 and own_length == 0
@@ -176,7 +177,7 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
 def value_at(curve: MeasuredCurve, depth: float) -> tuple[float, float]:
     """Value and standard uncertainty of a measured curve at one depth (mm), between the readings on either side.
 
-    A straight line between them lies above a ball's force, by 4 % in the second interval: interpolated is what is left
+    A straight line lies above the force of a rounded tip, by 4 % in the second interval: interpolated is what is left
     beside a smooth a u^{3/2} + b u² + c u + d (as many of these terms as there are readings less one).  Half a point
     spacing beyond either end is still granted (recorded depths scatter about the nominal ones), along the slope of
     the end; ValueError farther out.
@@ -197,16 +198,16 @@ def _between(u: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
     straight = np.interp(at, u, y)
     if len(u) < 2 or np.isin(at, u).all():
         return straight
-    ball = _ball(u, y)
-    return straight + ball(at) - np.interp(at, u, ball(u))
+    series = _power_series(u, y)
+    return straight + series(at) - np.interp(at, u, series(u))
 
 
-def _ball(u: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+def _power_series(u: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     """a u^{3/2} + b u² + c u + d through readings y (n,) at u (n,): as many of these terms as readings less one."""
 
     def terms(depth: np.ndarray) -> np.ndarray:
         s = np.maximum(depth, 0.0) / (np.abs(u).max() or 1.0)
-        return np.stack([s**1.5, s**2, s, np.ones_like(s)], axis=-1)[..., : min(4, max(len(u) - 1, 1))]
+        return np.stack([s**LEADING, s**2, s, np.ones_like(s)], axis=-1)[..., : min(4, max(len(u) - 1, 1))]
 
     c = np.linalg.lstsq(terms(u), y, rcond=None)[0]
     return lambda depth: terms(depth) @ c
@@ -244,9 +245,9 @@ def _grid(measurement: Measurement, depths: list[np.ndarray]) -> np.ndarray:
 
 
 def _smooth(u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A smooth curve through the points and its dy/du; one point alone is taken as Hertz's, 3/2 y/u."""
+    """A smooth curve through the points and its dy/du; one point alone is taken as y ~ u^{3/2}."""
     if len(u) == 1:
-        return y, 1.5 * y / u if u[0] > 0 else np.zeros(1)
+        return y, LEADING * y / u if u[0] > 0 else np.zeros(1)
     # full=True: badly spread depths give the least-norm fit, without a warning.
     fit = np.polynomial.Polynomial.fit(u, y, min(4, len(u) - 1), full=True)[0]
     return fit(u), fit.deriv()(u)

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from rso.contract import Gauges, capability
 from rso.core.distributions import normal_cdf, normal_logpdf, normal_ppf
 from rso.discrepancy.evidence import noise
 from rso.discrepancy.evidence.attribution import Bench, by_test
@@ -229,7 +230,8 @@ def gauges(library: Library, bench: Bench) -> dict[str, tuple[str, float]]:
     }  # fmt: skip
     own = {k: (DIRECT[k], resolution[k]) for k in DIRECT}
     settings = dict(library.plan.places[0].settings)
-    return {**own, **getattr(library.base.backend, "gauges", lambda _: {})(settings)}
+    gauges = capability(library.base.backend, Gauges)
+    return {**own, **(gauges.gauges(settings) if gauges else {})}
 
 
 def direct(library: Library, bench: Bench, survivors: Survivors) -> dict[str, dict[tuple[str, str], float]]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rso.contract import FurtherTests, PreventableEffects, SurfaceMarks, capability
 from rso.data import Measurement, Repeat
 from rso.discrepancy.evidence import noise
 from rso.discrepancy.library.effects import Effect
@@ -88,7 +89,8 @@ def candidates(library: Library | Outline) -> list[Candidate]:
         words = f"load at {60 * max(speeds):.3g} mm/min and hold for {REST:g} times as long"
         out.append(Candidate(words, (_experiment(template, d, max(speeds), False, rest=REST),)))
     backend = library.base.backend
-    for words, settings in getattr(backend, "tests", lambda _: {})(dict(place.settings)).items():
+    others, marked = capability(backend, FurtherTests), capability(backend, SurfaceMarks)
+    for words, settings in others.tests(dict(place.settings)).items() if others else ():
         other = replace(template, settings={**template.settings, **settings})
         out.append(Candidate(words, (_experiment(other, d, speeds[0], True),)))
     tests = {t.place: t for t in plan.tests}
@@ -107,11 +109,12 @@ def candidates(library: Library | Outline) -> list[Candidate]:
         more = replace(plan.experiments[there], channels=noise.FORCES)
         again = _experiment(more, min(plan.places[k].deepest, most), speeds[0], False)
         out.append(Candidate(f"the test at {label} again, with {' and '.join(missing)} measured", (again,)))
-    for words, marks in getattr(backend, "marks", lambda _: {})(dict(place.settings)).items():
+    for words, marks in marked.marks(dict(place.settings)).items() if marked else ():
         if not _seen(marks, place.marks):
             load = _experiment(template, d, speeds[0], False)
             out.append(Candidate(words, (load, _profile(template, marks, (0.5 * d, d)))))
-    for words, knobs in getattr(backend, "prevented", lambda: {})().items():
+    without = capability(backend, PreventableEffects)
+    for words, knobs in without.prevented().items() if without else ():
         each = [replace(plan.experiments[t.experiment], name=f"again {k}", channels=template.channels)
                 for k, t in tests.items()]  # fmt: skip
         again = [

@@ -19,7 +19,17 @@ from rso import discrepancy
 from rso.calibration import result_files
 from rso.calibration.plan import source_of
 from rso.calibration.results import data_hashes
-from rso.contract import Backend, Case, Programme, plain
+from rso.contract import (
+    Backend,
+    Case,
+    DraftSettings,
+    ForceExponents,
+    LeanSettings,
+    PhysicalBounds,
+    Programme,
+    capability,
+    plain,
+)
 from rso.core import disk
 from rso.core.similarity import group, stress_exponent
 from rso.core.units import quantity
@@ -62,7 +72,7 @@ def ask(study: Study) -> Asked:
     experiments = [_experiment(study, n) for n in range(len(study.experiments))]
     _refuse_what_is_not_modelled(study, backend, experiments)
     try:
-        plan = discrepancy.make_plan(experiments)
+        plan = discrepancy.make_plan(_powered(backend, experiments))
     except (ValueError, TypeError) as error:
         raise study_error(study.file, study.lines, [Problem(("experiments",), str(error))]) from error
     _refuse_what_is_too_deep(study, backend, plan)
@@ -93,7 +103,8 @@ def ask(study: Study) -> Asked:
         effects = tuple(e for e in effects if e.name in wanted)
     largest = max(float(np.abs(v).max(initial=0.0)) for t in plan.tests for v in t.values.values())
     effects = discrepancy.suited(effects, largest, plan.scale, plan.times)
-    physical = getattr(backend, "physical", dict)()
+    bounds = capability(backend, PhysicalBounds)
+    physical = bounds.physical() if bounds else {}
     effects, unseen = discrepancy.bounded(
         effects, base.reference, physical, {p.name: p.high for p in backend.parameters}
     )
@@ -141,6 +152,12 @@ def _refuse_what_is_not_modelled(study: Study, backend: Backend, experiments: Se
             problems += [] if found in problems else [found]  # what all experiments share is said once
     if problems:
         raise study_error(study.file, study.lines, problems)
+
+
+def _powered(backend: Backend, experiments: Sequence[Experiment]) -> list[Experiment]:
+    """The experiments with the exponent of force over small depths that the backend says of their indenter."""
+    forces = capability(backend, ForceExponents)
+    return [dataclasses.replace(e, power=forces.exponents(e.settings)[0]) if forces else e for e in experiments]
 
 
 def _refuse_what_is_too_deep(study: Study, backend: Backend, plan: discrepancy.TestPlan) -> None:
@@ -207,8 +224,9 @@ def _base(study: Study, backend: Backend, resolved: Resolved) -> Base:
     axes = [_axis(own[k], *ends, scaling.exponents[k], reference, keep) for k, ends in ranges.items()]
     if held and low < high:
         axes.insert(0, BaseAxis(modulus, own[modulus].parameter.unit, low / BEYOND, high * BEYOND, True, 0))
-    lean = getattr(backend, "lean", {})
-    draft = dict(getattr(backend, "draft", lean)) | dict(study.diagnose.settings)
+    forces, cheap = capability(backend, LeanSettings), capability(backend, DraftSettings)
+    lean = forces.lean if forces else {}
+    draft = dict(cheap.draft if cheap else lean) | dict(study.diagnose.settings)
     return Base(backend, modulus, reference, low, high, tuple(axes), fixed, draft, lean, held)
 
 

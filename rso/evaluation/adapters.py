@@ -26,24 +26,28 @@ from typing import Any, get_args
 from rso.contract import (
     Backend,
     Case,
+    Fingerprint,
     NotFinite,
     Parameter,
     Response,
     Scope,
     SimulationFailed,
+    capability,
     digest,
     drop_neutral,
     finite,
+    lacking,
     number,
     run_key,
+    unfit,
 )
 from rso.core import disk
+from rso.core.default_backend import PACKAGE as OWN
+from rso.core.default_backend import USE
 from rso.evaluation.fingerprints import fingerprint_of
 
 GUARD = str(Path(__file__).with_name("guard.py"))
 SCHEMA_TIMEOUT_S = 60.0
-OWN = "fem_backend"
-_MEMBERS = (*Backend.__annotations__, *(m for m in vars(Backend) if m == "__call__" or not m.startswith("_")))
 
 
 @dataclass(frozen=True)
@@ -117,7 +121,7 @@ def load_backend(
 def _load_object(use: str, base: str | os.PathLike[str] | None) -> Backend:
     module_name, _, attribute = use.partition(":")
     if not module_name or not attribute:
-        raise ValueError(f'backend: use = {use!r} must read "module:ATTRIBUTE", e.g. "fem_backend.backend:BACKEND"')
+        raise ValueError(f'backend: use = {use!r} must read "module:ATTRIBUTE", e.g. "{USE}"')
     try:
         # Only where it is needed: nothing else may be imported from a study's folder by accident.
         elsewhere = importlib.util.find_spec(module_name.partition(".")[0]) is not None
@@ -132,11 +136,13 @@ def _load_object(use: str, base: str | os.PathLike[str] | None) -> Backend:
     if not hasattr(module, attribute):
         raise ValueError(f"backend: module {module_name!r} ({module.__file__}) has no {attribute!r} (use = {use!r})")
     backend = getattr(module, attribute)
-    missing = [m for m in _MEMBERS if not hasattr(backend, m)]
+    missing = lacking(backend, Backend)
     if missing or isinstance(backend, type):
         lack = f"lacks {', '.join(missing)}" if missing else "is a class; an instance is needed"
         raise ValueError(f"backend: {use!r} is not a backend (rso.contract.Backend): it {lack}")
-    if module_name.partition(".")[0] != OWN and not hasattr(backend, "fingerprint"):
+    if wrong := unfit(backend):
+        raise ValueError(f"backend: {use!r}: {'; '.join(wrong)}")
+    if module_name.partition(".")[0] != OWN and capability(backend, Fingerprint) is None:
         backend = _marked(backend, use, module.__file__)
     return backend  # type: ignore[no-any-return]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rso.calibration.plan import Plan
-from rso.contract import Backend, Parameter
+from rso.contract import Backend, ModelHierarchy, Parameter, Variants, capability
 from rso.core.similarity import Group, group, stress_exponent
 from rso.core.units import quantity
 from rso.doe import Box
@@ -122,9 +122,8 @@ def rungs_of(plan: Plan) -> tuple[tuple[Level, ...], ...]:
 
 
 def _offered(backend: Backend, settings: Mapping[str, Any]) -> tuple[tuple[Level, ...], ...]:
-    if not hasattr(backend, "levels"):
-        return ()
-    return tuple(tuple(_plain(v) for v in rung) for rung in backend.levels(settings))
+    models = capability(backend, ModelHierarchy)
+    return tuple(tuple(_plain(v) for v in rung) for rung in models.levels(settings)) if models else ()
 
 
 def _plain(data: Mapping[str, Any]) -> Level:
@@ -145,7 +144,8 @@ def _named(
         return _own(table, known, place, problems)
     wanted = table.name
     settings = plan.study.backend.settings
-    variants = backend.variants(settings) if hasattr(backend, "variants") else {}
+    others = capability(backend, Variants)
+    variants = others.variants(settings) if others else {}
     members = [p for p in backend.parameters if p.name == wanted]
     group_of = wanted if wanted not in variants else str(variants[wanted].get("group", ""))
     members = members or [p for p in backend.parameters if group_of and p.group == group_of]

@@ -12,7 +12,7 @@ import numpy as np
 from rso import doe
 from rso.calibration.plan import Plan
 from rso.calibration.readings import curve_outputs
-from rso.contract import Case, Response
+from rso.contract import Case, ClosedForm, Response, capability
 from rso.emulation.emulator import Sample, reduced_box
 from rso.evaluation import Crashed, Done, Event, Task, run_all
 from rso.evaluation.store import RunStore
@@ -45,7 +45,10 @@ class Bench:
         here = [replace(c, settings={**c.settings, **level.settings}) for c in cases]
         values = [axes.physical(p) for p in points]
         if level.closed_form:
-            return [tuple(self.plan.backend.closed_form(v, c) for c in here) for v in values]  # type: ignore[attr-defined]
+            form = capability(self.plan.backend, ClosedForm)
+            if form is None:
+                raise NoAnswer("the backend has no closed_form, which this level needs")
+            return [tuple(form.closed_form(v, c) for c in here) for v in values]
         tasks = [Task(v, c, frozenset()) for v in values for c in here]
         try:
             outcomes = run_all(self.plan.backend, tasks, self.store, self.executor, watch=self.watch)

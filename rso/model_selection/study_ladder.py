@@ -13,7 +13,7 @@ import numpy as np
 from rso import model_selection
 from rso.calibration.plan import Plan, make_plan
 from rso.calibration.readings import curve_data, curve_outputs, fitted_curves, interpolated, measured, numerical, placed
-from rso.contract import Response
+from rso.contract import ClosedFormStart, Response, capability
 from rso.emulation.emulator import Emulator, Sample, learn, relearn
 from rso.evaluation.store import RunStore
 from rso.inference import (
@@ -127,12 +127,13 @@ def run_ladder(
 def starting(plan: Plan) -> Mapping[str, tuple[float, float, float]] | None:
     """Ranges and values by the backend's closed form from the first curve that is fitted; None where it has none."""
     name, channel = fitted_curves(plan, "fit")[0]
-    if channel != "Fz" or not hasattr(plan.backend, "start"):
+    form = capability(plan.backend, ClosedFormStart)
+    if channel != "Fz" or form is None:
         return None
     curve = measured(plan, name, channel)
     keep = curve.depth > 0
     try:
-        return plan.backend.start(plan.cases[plan.case_of[name]], curve.depth[keep], curve.value[keep])
+        return form.start(plan.cases[plan.case_of[name]], curve.depth[keep], curve.value[keep])
     except ValueError:
         return None
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rso.contract import Backend, Case, Programme, digest
+from rso.contract import Backend, Case, ContactModulus, Programme, capability, digest
 from rso.core.units import CHANNELS, COLUMNS, UNITS, quantity, same
 from rso.data import MeasuredCurve, Measurement, combine, recorded_speed, without_spikes
 from rso.study.errors import Problem, choose, study_error
@@ -19,12 +19,12 @@ from rso.study.schema import ExperimentTable, Study
 from rso.study.search_table import Target
 
 DEFAULT_SPEED = 0.5  # mm/s
-STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for Hertz
+STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for u^{3/2}
 PROFILES = 2 * STEPS  # different depths of a profile up to which each is asked for
 PACES = 1e-5, 1e3  # mm/s: slower or quicker is nobody's test
 PACE = 1.5  # ratio of a stated to a recorded speed that is remarked upon
 SAME_PACE = 1.05  # ratio within which the stated one is meant: clocks and stages differ by as much
-SHALLOWEST = 1e-4  # of the radius of the ball: a deepest travel below this is a unit misread
+SHALLOWEST = 1e-4  # of the radius of the indenter: a deepest travel below this is a unit misread
 FINEST = 1e-5  # mm: the same where no radius is stated, for no instrument presses by so little
 LOUD = 0.5  # of a range: a stated noise beyond is remarked upon
 READINGS = 3000  # of a profile: more say no more, and the covariance of all would fill the memory
@@ -323,9 +323,10 @@ def _no_channel(backend: Backend, place: Place, channel: str) -> Problem:
     )
 
 
-def by_hertz(backend: Backend, settings: Mapping[str, object], curve: MeasuredCurve) -> Mapping[str, float]:
-    """Knob → modulus (MPa) of the shallow half of a loading in Hertz's limit; nothing where the backend knows none."""
-    limit, deepest = getattr(backend, "hertz", None), 0.5 * float(curve.depth.max())
+def contact_modulus(backend: Backend, settings: Mapping[str, object], curve: MeasuredCurve) -> Mapping[str, float]:
+    """Knob → modulus (MPa) of the shallow half of a loading on a half-space; nothing where the backend knows none."""
+    limit, deepest = capability(backend, ContactModulus), 0.5 * float(curve.depth.max())
     shallow = (curve.depth > 0.0) & (curve.depth <= deepest)
-    known = limit is not None and curve.channel == "Fz" and shallow.any()
-    return limit(settings, curve.depth[shallow], curve.value[shallow]) if known else {}
+    if limit is None or curve.channel != "Fz" or not shallow.any():
+        return {}
+    return limit.hertz(settings, curve.depth[shallow], curve.value[shallow])

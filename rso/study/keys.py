@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from itertools import groupby
 from typing import Any
 
+from rso.core.default_backend import PACKAGE
 from rso.study.errors import choose
 from rso.study.schema import Study
 
@@ -14,12 +15,12 @@ Shape = Mapping[str, Any]  # a piece of a JSON schema
 LONGEST = 80  # characters of what somebody asked for that are shown
 HUGE = 1e6  # a bound that no study comes near is not worth a word
 
-HEAD = """# The study file
+HEAD = f"""# The study file
 
 A study is one TOML file. Numbers are in N, mm, MPa and s, or text with a unit of the same kind (`"3.2 kPa"`, `"1 %"`).
 An unknown key is an error that names file, line and choices; `rso check` reads a study and computes nothing. `rso keys`
 prints this page, `rso keys search` a part of it. Settings and parameters are the backend's: those of the one here stand
-in [the finite element model](finite_elements.md), and `python -m fem_backend --schema` prints them."""
+in [the finite element model](finite_elements.md), and `python -m {PACKAGE} --schema` prints them."""
 
 
 def reference(table: str = "") -> list[str]:

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from rso.core.default_backend import USE, command_line
 from rso.core.units import quantity
 from rso.data import read, recorded_speed
 from rso.study.cases import DEFAULT_SPEED
@@ -33,7 +34,6 @@ _TOP = re.compile(r"^mp([_ -]|$)", re.IGNORECASE)  # middle point
 _NUMBERED = re.compile(r"^(\d+)[_ -]+(?=[^\W\d])")  # 04_site_20_0: the fourth test
 READ = (".csv", ".xlsx")
 LOCK = "~$"  # what a spreadsheet lays beside a workbook that is open
-MU, D1 = ("5 kPa", "20 kPa"), ("1 1/MPa", "100 1/MPa")  # their product, the axis of the library: ν from 0.125 to 0.499
 
 
 def study_text(folder: Path, seed: int, beside: Path) -> str:
@@ -50,12 +50,9 @@ def study_text(folder: Path, seed: int, beside: Path) -> str:
     files.sort(key=_order([f.stem for f in files]))
     lines = [
         "[study]", f"title = {json.dumps('Diagnosis of ' + folder.name)}", f"seed = {seed}", "", "[backend]",
-        'use = "fem_backend.backend:BACKEND"', "", "[backend.settings]",
-        f"specimen = {{ shape = \"ellipsoid\", semi_axes = {list(nominal.semi_axes)} }}",
-        f"indenter = {{ shape = \"sphere\", radius = {nominal.radius} }}",
-        f"support = {nominal.support}", "", "[parameters]",
-        f'mu = {{ low = "{MU[0]}", high = "{MU[1]}", scale = "log" }}',
-        f'D1 = {{ low = "{D1[0]}", high = "{D1[1]}", scale = "log" }}',
+        f"use = {inline(USE)}", "", "[backend.settings]",
+        *(f"{key} = {inline(table)}" for key, table in nominal.settings.items()), "", "[parameters]",
+        *(f"{knob} = {inline(table)}" for knob, table in command_line().LABORATORY["parameters"].items()),
         "", "[diagnose]", "keep_ranges = false  # nobody stated them", "",
     ]  # fmt: skip
     lines += ["[columns]", *_columns(nominal.columns), ""] if nominal.columns.headers() else []

@@ -18,25 +18,27 @@ from pydantic import ValidationError
 
 from rso.contract import finite
 from rso.core import disk
+from rso.core.default_backend import command_line
 from rso.study.columns_table import ColumnsTable
 from rso.study.errors import choose, in_words, schema_problems
 
 FILE = "nominal.json"
 NOISE = ("force_N", "depth_mm", "repeat_gain", "profile_mm", "correlation_mm")
-HELD, BOWL = ("fixed", "held", "bonded", "glued", "clamped"), ("bowl", "platform")
-_DENIAL, _BETWEEN, _WORD = "not|no|non|never|without|neither|nor", "in|on|a|the|any", "|".join((*HELD, *BOWL))
+LABORATORY = command_line().LABORATORY
+PARTS, SUPPORTS, (ASSUMED, _WHY) = LABORATORY["parts"], LABORATORY["supports"], LABORATORY["assumed"]
+WORDS = tuple(word for kind in SUPPORTS.values() for word in kind["words"])
+_DENIAL, _BETWEEN, _WORD = "not|no|non|never|without|neither|nor", "in|on|a|the|any", "|".join(WORDS)
 _NEGATED = re.compile(rf"\b({_DENIAL})[ -]+(({_BETWEEN}) +)*({_WORD})\b", re.IGNORECASE)
-_LOOSE = re.compile(rf"\b(loose(ly)?|free(ly)?|{'|'.join(f'un{w}' for w in HELD)})\b", re.IGNORECASE)
+_LOOSE = re.compile(
+    rf"\b(loose(ly)?|free(ly)?|{'|'.join(f'un{w}' for w in SUPPORTS[ASSUMED]['words'])})\b", re.IGNORECASE
+)
 _NEARLY = 0.7  # likeness from which an unknown key is a misspelled one
-_SPECIMEN = {"shape": ["ellipsoid"]}  # what the model takes for granted, and may be said
-_INDENTER = {"shape": ["sphere"], "rigid": [True], "full_sphere": [True], "direction": [[0, 0, -1]], "friction": [0]}
-_BOWL = {"clearance_mm": 1.0, "friction": 0.2}
-_BESIDE = {"clearance_mm": "clearance_mm", "mu_platform": "friction"}  # older names beside the support
+_BESIDE = LABORATORY["beside"]  # older names beside the support
 MOST = 1_000_000  # bytes
 _UNITS = ["N, mm, MPa, s"]
 _WORDS = ("remark", "family", "frame", "depth", "force", "cycle_rates_mm_per_min", "rest_between_tests",
           "order_of_tests", "points_mm", "profile")  # fmt: skip  # for people: not read
-_KEYS = ("specimen", "indenter", "support", "noise", "rate_mm_per_min", "units", "columns", "columns_of", *_BESIDE,
+_KEYS = (*PARTS, "support", "noise", "rate_mm_per_min", "units", "columns", "columns_of", *_BESIDE,
          *_WORDS)  # fmt: skip
 
 
@@ -44,13 +46,12 @@ _KEYS = ("specimen", "indenter", "support", "noise", "rate_mm_per_min", "units",
 class Nominal:
     """What a nominal.json says.
 
-    Semi-axes and radius in mm, `rate` in mm/min, the support as a setting in TOML, stated noise by its key; `assumed`
-    says in words what was not stated; `columns` of all files as in a study, `columns_of` for single ones instead.
+    `settings` of the backend for specimen, indenter and support, lengths in mm; `rate` in mm/min, stated noise by its
+    key; `assumed` says in words what was not stated; `columns` of all files as in a study, `columns_of` for single ones
+    instead.
     """
 
-    semi_axes: tuple[float, ...]
-    radius: float
-    support: str
+    settings: Mapping[str, Mapping[str, Any]]
     noise: Mapping[str, float]
     rate: float | None
     assumed: tuple[str, ...]
@@ -79,13 +80,11 @@ def read_nominal(folder: Path) -> Nominal:
 
 def _nominal(data: Mapping[str, Any]) -> Nominal:
     unused = _unknown("", data, _KEYS)
-    specimen, indenter = (_table(data, name) for name in ("specimen", "indenter"))
-    for name, table, fixed, size in (
-        ("specimen.", specimen, _SPECIMEN, "semi_axes_mm"), ("indenter.", indenter, _INDENTER, "radius_mm"),
-    ):  # fmt: skip
-        unused += _unknown(name, table, (size, *fixed))
-        for key in fixed.keys() & table.keys():
-            _one_of(f"{name}{key}", table[key], fixed[key])
+    tables = {name: _table(data, name) for name in PARTS}
+    for name, part in PARTS.items():
+        unused += _unknown(f"{name}.", tables[name], (*part["sizes"], *part["granted"]))
+        for key in part["granted"].keys() & tables[name].keys():
+            _one_of(f"{name}.{key}", tables[name][key], part["granted"][key])
     if "units" in data:
         _one_of("units", data["units"], _UNITS)
     noise = _table(data, "noise")
@@ -95,15 +94,14 @@ def _nominal(data: Mapping[str, Any]) -> Nominal:
     unused += _unknown("noise.", noise, NOISE)
     stated = {k: _number(f"noise.{k}", noise[k]) for k in NOISE if k in noise}
     rate = _number("rate_mm_per_min", data["rate_mm_per_min"], zero=False) if "rate_mm_per_min" in data else None
-    axes = tuple(_lengths("specimen.semi_axes_mm", specimen.get("semi_axes_mm"), 3))
-    radius = _lengths("indenter.radius_mm", [indenter.get("radius_mm")], 1)[0]
-    support, assumed = _support(data)
+    settings = {name: _part(name, tables[name]) for name in PARTS}
+    settings["support"], assumed = _support(data)
     assumed = (*assumed, *(f"{FILE}: {key} is not used" for key in unused))
     if not stated:
         assumed = (*assumed, f"{FILE} states no noise: only what repeats and readings show counts")
     columns = _columns(("columns",), data.get("columns", {}))
     columns_of = {name: _columns(("columns_of", name), v) for name, v in _table(data, "columns_of").items()}
-    return Nominal(axes, radius, support, stated, rate, assumed, columns, columns_of)
+    return Nominal(settings, stated, rate, assumed, columns, columns_of)
 
 
 def _columns(place: tuple[str, ...], table: Any) -> ColumnsTable:
@@ -114,37 +112,50 @@ def _columns(place: tuple[str, ...], table: Any) -> ColumnsTable:
         raise ValueError(in_words(schema_problems(ColumnsTable, error)[0], place)) from error
 
 
-def _support(data: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
+def _part(name: str, table: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Specimen or indenter as a setting, its sizes in mm."""
+    found = dict(PARTS[name]["setting"])
+    for key, (setting, n) in PARTS[name]["sizes"].items():
+        given = table.get(key) if n > 1 else [table.get(key)]
+        sizes = _lengths(f"{name}.{key}", given, n)
+        found[setting] = sizes if n > 1 else sizes[0]
+    return found
+
+
+def _support(data: Mapping[str, Any]) -> tuple[Mapping[str, Any], tuple[str, ...]]:
     """The support as a setting, from words or a table with `kind`, and what of it was not stated."""
     beside = {new: data[old] for old, new in _BESIDE.items() if old in data}
     if "support" not in data:
-        said = f'{FILE} states no support: "fixed" is assumed, the lower half held'
-        return '{ kind = "fixed" }', (said, *_unused(beside))
+        said = f'{FILE} states no support: "{ASSUMED}" is assumed, {_WHY}'
+        return {"kind": ASSUMED}, (said, *_unused(beside))
     support = data["support"]
     table = dict(support) if isinstance(support, dict) else {"kind": support}
     kind = _kind("support.kind" if isinstance(support, dict) else "support", table.pop("kind", None))
-    if kind == "fixed":
+    numbers = SUPPORTS[kind]["numbers"]
+    if not numbers:
         if table:
             key, value = next(iter(table.items()))
-            raise ValueError(f'support.{key} = {value!r}: belongs to kind = "bowl"; "fixed" has no other key')
-        return '{ kind = "fixed" }', _unused(beside)
-    if unknown := set(table) - set(_BOWL):
+            others = " or ".join(f'"{k}"' for k, v in SUPPORTS.items() if v["numbers"])
+            raise ValueError(f'support.{key} = {value!r}: belongs to kind = {others}; "{kind}" has no other key')
+        return {"kind": kind}, _unused(beside)
+    if unknown := set(table) - set(numbers):
         key = sorted(unknown)[0]
-        raise ValueError(f"support.{key} is unknown; {choose(key, _BOWL)}")
-    found = {k: _number(f"support.{k}", v) for k, v in {**_BOWL, **beside, **table}.items()}
-    assumed = [f"{k} = {v:g}" for k, v in _BOWL.items() if k not in beside and k not in table]
-    words = f"{FILE} does not state all of the bowl: {', '.join(assumed)} assumed"
-    setting = f'{{ kind = "bowl", clearance = {found["clearance_mm"]}, friction = {found["friction"]} }}'
-    return setting, (words,) if assumed else ()
+        raise ValueError(f"support.{key} is unknown; {choose(key, numbers)}")
+    usual = {k: v for k, (_, v) in numbers.items()}
+    found = {k: _number(f"support.{k}", v) for k, v in {**usual, **beside, **table}.items()}
+    assumed = [f"{k} = {v:g}" for k, v in usual.items() if k not in beside and k not in table]
+    words = f"{FILE} does not state all of the {kind}: {', '.join(assumed)} assumed"
+    return {"kind": kind} | {numbers[k][0]: found[k] for k in numbers}, (words,) if assumed else ()
 
 
 def _kind(key: str, value: Any) -> str:
-    """Held or in a bowl: words of one of the two kinds alone, none of them denied."""
-    words = f"words with one of {', '.join((*HELD, *BOWL))}, or a table with kind, clearance_mm and friction"
+    """The kind of support: words of one kind alone, none of them denied."""
+    *keys, last = ("kind", *(key for kind in SUPPORTS.values() for key in kind["numbers"]))
+    words = f"words with one of {', '.join(WORDS)}, or a table with {', '.join(keys)} and {last}"
     if not isinstance(value, str):
         raise ValueError(f"{key} = {value!r}: {words}")
     said = _NEGATED.sub("", value)
-    kinds = [kind for kind, names in (("fixed", HELD), ("bowl", BOWL)) if _has(said, names)]
+    kinds = [kind for kind, its in SUPPORTS.items() if _has(said, its["words"])]
     loose = _LOOSE.search(said)
     if loose is not None:
         raise ValueError(f"{key} = {value!r}: {loose[0]!r} is not understood; say what is so, in {words}")
@@ -159,7 +170,7 @@ def _has(text: str, words: Iterable[str]) -> bool:
 
 
 def _unused(beside: Mapping[str, Any]) -> tuple[str, ...]:
-    return tuple(f"{k} is not used: the specimen is held" for k in beside)
+    return tuple(f"{k} is not used: {LABORATORY['without_numbers']}" for k in beside)
 
 
 def _unknown(table: str, given: Iterable[str], known: Sequence[str]) -> list[str]:

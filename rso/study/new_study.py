@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 import os
 import re
 import shlex
@@ -15,10 +14,10 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from rso.contract import Backend
+from rso.contract import Backend, Line, NewStudies, capability
+from rso.core.default_backend import USE
 from rso.core.units import COLUMN_NAMES
 from rso.data import CONTACT, Measurement, Noise, Unsaid, combine, read, recorded_speed, sheet_of
-from rso.study.cases import by_hertz
 from rso.study.columns_table import ColumnsTable
 from rso.study.errors import choose
 from rso.study.laboratory_folder import inline, may_be_a_place, place
@@ -26,37 +25,21 @@ from rso.study.laboratory_folder import inline, may_be_a_place, place
 GUESS = "# <-"  # behind what nobody has stated
 TURNED = "pressed, as both signs were turned; a pull looks the same: else [columns] says so"
 TOP = (0.0, 0.0)
-RESOLVED = 0.035  # of the force at the deepest reading: what the mesh of a new study may miss
-AROUND = 3.0  # of the modulus of Hertz's limit, whose half-space the body is not
-PULLS = 0.1  # of its range: a force that is negative by more pulls
-WIDE = (0.001, 1.0)  # MPa, of a modulus that no force curve tells
-PRODUCT = (0.01, 1.8)  # mu D1, at the middle of the range of mu and at its end: ν = 0.4975 and 0.15
 
 
 @dataclass(frozen=True)
 class Test:
     """What the readings do not tell.
 
-    Semi-axes, radius of the ball and clearance of the bowl (held without) in mm; the point that was pressed where the
-    name of a file says none (the top without); whether the files fitted are repeats of one test; and what columns are
-    called, with the keys of [columns], where the files do not say it themselves.
+    The backend's own options by name; the point (mm) that was pressed where the name of a file says none (the top
+    without); whether the files fitted are repeats of one test; and what columns are called, with the keys of
+    [columns], where the files do not say it themselves.
     """
 
-    semi_axes: tuple[float, float, float]
-    radius: float
-    clearance: float | None = None
+    given: Mapping[str, tuple[float, ...]]
     point: tuple[float, float] | None = None
     repeats: bool = False
     columns: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-
-    def settings(self) -> dict[str, object]:
-        """The same as settings of the backend."""
-        bowl = {"kind": "bowl", "clearance": self.clearance, "friction": 0.2}
-        return {
-            "specimen": {"shape": "ellipsoid", "semi_axes": list(self.semi_axes)},
-            "indenter": {"shape": "sphere", "radius": self.radius, "shaft": True},
-            "support": {"kind": "fixed"} if self.clearance is None else bowl,
-        }
 
 
 @dataclass(frozen=True)
@@ -78,16 +61,20 @@ def begin(file: Path, backend: Backend, test: Test, fitted: Sequence[str], valid
         raise ValueError(f"{file}: is there already; --out names another file")
     if not file.absolute().parent.is_dir():
         raise ValueError(f"{file}: there is no folder {file.parent}")
+    studies = capability(backend, NewStudies)
+    if studies is None:
+        raise ValueError(f"the backend {backend.name!r} begins no study: write one, rso keys says what it holds")
     experiments = _experiments(test, fitted, validated)
+    forces = [e for e in experiments if e.measurement.kind == "force"]
+    depths = [max(float(r.depth.max()) for r in e.measurement.repeats) for e in forces]
+    settings = studies.first_settings(test.given, depths)
     title = inline(f"Indentation: {experiments[0].name}")
     lines = [
         "# Begun by `rso new`.  Lines with <- are guesses to look at; `rso keys` says what else may stand here.",
         "[study]", f"title = {title}  {GUESS} for the report", "seed = 1", "",
-        "[backend]", 'use = "fem_backend.backend:BACKEND"', "", "[backend.settings]",
-        *(f"{key} = {inline(value)}{_remark(key, test)}" for key, value in test.settings().items()),
-        f'material = {{ law = "neo_hookean" }}  {GUESS} or linear_elastic, mooney_rivlin, yeoh, ogden',
-        _mesh(backend, test, experiments), "",
-        *_parameters(backend, test, experiments), "",
+        "[backend]", f"use = {inline(USE)}", "", "[backend.settings]",
+        *(_line(key, line) for key, line in settings.items()), "",
+        "[parameters]", *(_line(k, line) for k, line in _parameters(studies, settings, experiments).items()), "",
     ]  # fmt: skip
     if test.columns:
         lines += ["[columns]", *(f"{name} = {inline(dict(column))}" for name, column in test.columns.items()), ""]
@@ -173,69 +160,25 @@ def _words(name: str, column: Mapping[str, Any]) -> list[str]:
     return said if less is None else [*said, "minus", *_words("", less)]
 
 
-def _remark(key: str, test: Test) -> str:
-    if key == "support" and test.clearance is None:
-        return f'  {GUESS} its lower half; or {{ kind = "bowl", clearance = 1.0, friction = 0.2 }}'
-    return f"  {GUESS} its friction" if key == "support" else ""
+def _line(key: str, line: Line) -> str:
+    """A setting or parameter as the study says it, with what is said behind it."""
+    mark = f"  {GUESS} " if line.guess else "  # " if line.remark else ""
+    return f"{key} = {inline(line.value)}{mark}{line.remark}"
 
 
-def _mesh(backend: Backend, test: Test, experiments: Sequence[_Experiment]) -> str:
-    """The cheapest level that resolves the shallowest of the tests, and what it misses at its deepest reading."""
-    forces = [e for e in experiments if e.measurement.kind == "force"]
-    depths = [max(float(r.depth.max()) for r in e.measurement.repeats) for e in forces]
-    ask, d = getattr(backend, "resolution", None), min(depths, default=0.0)
-    if ask is None or d <= 0.0:
-        return 'mesh = { level = "coarse" }  # standard, fine and reference cost more'
-    errors = ask({**test.settings(), "mesh": {"level": "coarse"}}, d)
-    level = next((name for name, error in errors.items() if error <= RESOLVED), min(errors, key=errors.__getitem__))
-    others = ", ".join(f"{n} {100 * v:.2g} %" for n, v in errors.items() if n != level)
-    return (
-        f'mesh = {{ level = "{level}" }}  # about {100 * errors[level]:.2g} % in force at {_two(d)} mm, '
-        f"more where it is shallower; {others}"
-    )
-
-
-def _parameters(backend: Backend, test: Test, experiments: Sequence[_Experiment]) -> list[str]:
-    """Ranges about the modulus that Hertz's limit has in the first force curve, or a wide one."""
+def _parameters(
+    studies: NewStudies, settings: Mapping[str, Line], experiments: Sequence[_Experiment]
+) -> Mapping[str, Line]:
+    """Ranges by the first force curve, if there is one; ValueError naming its file."""
     force = next((e for e in experiments if "Fz" in e.measurement.channels), None)
-    mu, pull = 0.0, {}
-    if force is not None:
-        settings = {**test.settings(), "point": list(force.point or TOP)}
-        curve = combine(force.measurement, Noise())
-        mu = float(by_hertz(backend, settings, curve).get("mu", 0.0))
-        if _adheres(curve.value) and hasattr(backend, "jkr"):
-            pull = backend.jkr(settings, curve.depth, curve.value)
-            mu = float(pull.get("mu", mu))
-        if mu <= 0.0:
-            raise ValueError(f"{force.files[0]}: the modulus by Hertz's limit would be {mu:.2g} MPa, which is none: "
-                             "Fz falls while the ball goes deeper; is it a tensile record, "
-                             "or a sign or a zero wrong?")  # fmt: skip
-    low, high = (mu / AROUND, mu * AROUND) if mu > 0 else WIDE
-    limit = f"Hertz's limit of the shallow half says about {_two(1e3 * mu)} kPa"
-    limit = f"adhesion: the JKR limit says about {_two(1e3 * mu)} kPa" if pull else limit
-    why = limit if mu > 0 else "no reading tells: narrow it"
-    D1 = [_two(PRODUCT[0] / math.sqrt(low * high)), _two(PRODUCT[1] / high)]
-    return ["[parameters]",
-            f'mu = {{ low = "{_two(1e3 * low)} kPa", high = "{_two(1e3 * high)} kPa", scale = "log" }}  {GUESS} {why}',
-            f'D1 = {{ low = "{D1[0]} 1/MPa", high = "{D1[1]} 1/MPa", scale = "log" }}  '
-            f"{GUESS} bulk modulus K = 2 / D1; Poisson ratio 0.15 where both are high",
-            *_adhesion(pull)]  # fmt: skip
-
-
-def _adheres(force: np.ndarray) -> bool:
-    """Whether a loading curve (n,) is pulled by more than a tare or its scatter may be."""
-    noise = 1.5 * float(np.median(np.abs(np.diff(force, 2)))) / 6**0.5
-    return float(force.min()) < -max(PULLS * float(np.ptp(force)), 10.0 * noise) and int(np.argmin(force)) > 0
-
-
-def _adhesion(pull: Mapping[str, float]) -> list[str]:
-    """The line of a parameter of adhesion that the record shows."""
-    if not pull:
-        return []
-    w = float(pull["adhesion"])
-    return [f'adhesion = {{ low = "{_two(w / AROUND)} N/mm", high = "{_two(w * AROUND)} N/mm", scale = "log" }}  '
-            f"{GUESS} Fz pulls: adhesion; JKR says about {_two(w)} N/mm, "
-            f"contact at {pull['contact']:.3g} mm in the file"]  # fmt: skip
+    values = {key: line.value for key, line in settings.items()}
+    if force is None:
+        return studies.first_parameters(values, np.empty(0), np.empty(0))
+    curve = combine(force.measurement, Noise())
+    try:
+        return studies.first_parameters({**values, "point": list(force.point or TOP)}, curve.depth, curve.value)
+    except ValueError as error:
+        raise ValueError(f"{force.files[0]}: {error}") from error
 
 
 def _lines(e: _Experiment, beside: Path) -> list[str]:
@@ -277,7 +220,3 @@ def _names(files: Sequence[str]) -> list[str]:
         more = (f"{plain}_{k}" for k in itertools.count(2))
         names.append(plain if plain not in names else next(n for n in more if n not in (*names, *words)))
     return names
-
-
-def _two(value: float) -> str:
-    return f"{float(f'{value:.2g}'):g}"

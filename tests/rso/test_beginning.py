@@ -236,7 +236,12 @@ def test_a_ball_that_is_pulled_in_opens_adhesion_about_what_was_put_in(tmp_path)
     rows = [f"{v:.5f},{f:.5f}" for v, f in [*zip(air, 0 * air, strict=True),
             *zip(contact + u, np.interp(u, depth, force), strict=True)]]  # fmt: skip
     (tmp_path / "a.csv").write_text("\n".join(["depth_mm,Fz_N", *rows, ""]))
-    text = begin(tmp_path / "study.toml", BACKEND, Test((30.0, 30.0, 30.0), R), [str(tmp_path / "a.csv")])
+    text = begin(
+        tmp_path / "study.toml",
+        BACKEND,
+        Test({"semi-axes": (30.0, 30.0, 30.0), "radius": (R,)}),
+        [str(tmp_path / "a.csv")],
+    )
     read = tomllib.loads(text)["parameters"]
     for name, unit, truth in (("mu", 1e-3, mu), ("adhesion", 1.0, w)):
         low, high = (unit * float(read[name][k].split()[0]) for k in ("low", "high"))
@@ -249,7 +254,12 @@ def test_a_modulus_that_is_none_is_refused(tmp_path):
     rows = [f"{v:.4f},{-0.4 * v:.4f}" for v in u]
     (tmp_path / "a.csv").write_text("\n".join(["depth_mm,Fz_N", *rows, ""]))
     with pytest.raises(ValueError, match="falls"):
-        begin(tmp_path / "study.toml", BACKEND, Test((30.0, 30.0, 30.0), 3.0), [str(tmp_path / "a.csv")])
+        begin(
+            tmp_path / "study.toml",
+            BACKEND,
+            Test({"semi-axes": (30.0, 30.0, 30.0), "radius": (3.0,)}),
+            [str(tmp_path / "a.csv")],
+        )
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -21,7 +21,7 @@ import rso
 from rso.calibration import plan
 from rso.cli import main, progress
 from rso.evaluation import Finished, Planned
-from rso.study.laboratory_nominal import BOWL, HELD, NOISE, read_nominal
+from rso.study.laboratory_nominal import NOISE, WORDS, read_nominal
 
 HERE = Path(__file__).parent
 TOP = studies.SECTIONS["[experiments]"]
@@ -254,10 +254,10 @@ def test_the_example_of_a_folder_is_one_that_is_read(tmp_path, capsys):
     for text in (said, page):
         (tmp_path / "nominal.json").write_text(text[text.index("{") : text.rindex("}") + 1])
         found = read_nominal(tmp_path)
-        assert found.radius == 3.0 and found.rate == 30.0 and found.assumed == ()
+        assert found.settings["indenter"]["radius"] == 3.0 and found.rate == 30.0 and found.assumed == ()
         for word in ("mp_load.csv", "mp_cycle_30.csv", "point_20_0.csv", "profile.csv", "5 to 20 kPa", "remark"):
             assert word in text
-    for words in (*HELD, *BOWL, *NOISE):
+    for words in (*WORDS, *NOISE):
         assert words in page
 
 

@@ -17,7 +17,7 @@ from rso.data.files.rows import rows_of
 
 FROM_CONTACT = ("indentation", "penetration", "eindring", "enfoncement")  # such a travel is no machine's position
 PRESSED = ((0.6, 0.7), (0.8, 0.9), (0.95, 1.0))  # of the way: where a force is looked for
-STEEPER = 2.5  # times the last fifth of the way: u^0.7 is by 2.2, a ball that is taken off by 3
+STEEPER = 2.5  # times the last fifth of the way: u^0.7 is by 2.2, an indenter that is taken off by 3
 EARLIER = 0.1  # of the longest way: the way before it in the other sense, where the force is
 FEW = 7  # readings: more of them tell the shape of a curve
 _GROUP = re.compile(r"\[[^\[\]]*\]|\([^()]*\)")
@@ -122,7 +122,7 @@ def from_contact(cell: str) -> bool:
 def turned(columns: Mapping[str, np.ndarray], labels: np.ndarray, names: Sequence[str]) -> list[str]:
     """Which of the columns `names` count the other way, by most of the tests `labels` (n,), whatever their offsets.
 
-    A ball is pressed where the travel is furthest from where the record begins: there the force is larger than in the
+    It is pressed where the travel is furthest from where the record begins: there the force is larger than in the
     first half of the way, of which less than half may have been tared otherwise.  ValueError where the force changes
     most where the record begins.
     """
@@ -141,7 +141,7 @@ def _sense(travel: np.ndarray, force: np.ndarray) -> tuple[float, float]:
         return 0.0, 0.0
     other = int(np.argmax(-np.sign(way[end]) * way[:end])) if end else 0
     if -way[other] / way[end] > EARLIER and abs(force[other] - force[0]) > 2.0 * abs(force[end] - force[0]):
-        end = other  # a ball that was taken off further than it was pressed
+        end = other  # an indenter that was taken off further than it was pressed
     x, F = way[: end + 1] / way[end], force[: end + 1]
 
     def at(low: float, high: float) -> float:

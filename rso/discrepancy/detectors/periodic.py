@@ -7,7 +7,7 @@ Of every branch of every record a polynomial in the root of depth is taken out. 
 with Π_f the projection on cos 2πft, sin 2πft (what a polynomial cannot do of them) and everything whitened by the
 correlation of neighbouring readings, r_i − ρ r_{i−1}.  Of scatter each summand is exponential with mean 1, so that S is
 a Gamma variable of the number of records (Scargle 1982).  Mains has a period in time; a spindle and the
-slips of a ball have one in travel, another frequency at every speed, so that t is either.
+slips of an indenter have one in travel, another frequency at every speed, so that t is either.
 """
 
 from __future__ import annotations

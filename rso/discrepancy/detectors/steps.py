@@ -27,7 +27,7 @@ CLEAR = 4.5  # z: reached by 1 % of plans of some hundred readings with the tail
 CHANCE = 0.005  # of normal scatter, of that many steps in all: the limit of more readings
 GROWS = 1.5  # times that of the first part is the scatter of the last: less is scatter of it
 PARTS = 4  # of a record, that tell whether its scatter grows
-PRESSED = 0.05  # of the deepest travel: nearer to contact the ball may snap in
+PRESSED = 0.05  # of the deepest travel: nearer to contact the indenter may snap in
 SMALL = 0.005  # of the range of the force: less is no crack, but what a parabola misses where noise is small
 
 

@@ -19,7 +19,7 @@ from rso.discrepancy.library.test_plan import HELD, LOADING, UNLOADING, Profile,
 BASE_TILES = {0: 1, 1: 11, 2: 5}
 SIZE_TILES = 8
 SIZE_TILES_SIDE = 6  # per side of an effect with two signs
-VARIANT_TILES = (18, 6)  # of another support, fewer for pairs: what a body does in a bowl is far from linear
+VARIANT_TILES = (18, 6)  # of another support, fewer for pairs: what a body does on it is far from linear
 TIME_TILES = 6
 TIME_WIDTH = 1.0  # in ln τ
 PLACE_TILES = 5

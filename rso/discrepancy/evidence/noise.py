@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rso.contract import DistortionDepth, capability
 from rso.core.distributions import chi2_cdf, chi2_ppf
 from rso.data import Measurement, Repeat
 from rso.discrepancy.detectors.autocorrelation import memory
@@ -319,8 +320,8 @@ def _world(library: Library, force: np.ndarray) -> np.ndarray:
     same = (place[:, None] == place) & (channel[:, None] == channel)
     deepest = max(p.deepest for p in plan.places)
     along, near = (np.exp(-0.5 * ((u[:, None] - u) / (v * deepest)) ** 2) for v in (WORLD_LENGTH, GRAIN_LENGTH))
-    deep = getattr(library.base.backend, "deep", lambda _: 0.0)
-    distorted = max(deepest, *(deep(dict(p.settings)) for p in plan.places))
+    meshes = capability(library.base.backend, DistortionDepth)
+    distorted = max([deepest, *(meshes.deep(dict(p.settings)) for p in plan.places if meshes)])
     growing = DEEP * (u / distorted) ** STEEP * np.where(place < 100, force, 0.0)
     K = same * (np.outer(world, world) * along + np.outer(grain, grain) * near)
     return K + np.outer(growing, growing) * (channel[:, None] == channel)

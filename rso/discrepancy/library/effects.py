@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rso.contract import Backend, Parameter, Scope, parameters_of
+from rso.contract import Backend, NominalValues, Parameter, PlausibleRanges, Scope, Variants, capability, parameters_of
 from rso.core.similarity import stress_exponent
 from rso.data import CROSS, LATERAL, Chain
 
@@ -152,10 +152,12 @@ def catalogue(
     """
     neutral = {p.name: p.neutral for p in backend.parameters}
     given = {*opened, *(k for k, v in fixed.items() if v != neutral.get(k))}
-    ranges: Mapping[str, Any] = getattr(backend, "plausible", lambda *_: {})(settings, given)
+    priors, stated = capability(backend, PlausibleRanges), capability(backend, NominalValues)
+    others = capability(backend, Variants)
+    ranges = priors.plausible(settings, given) if priors else {}
     known = [replace(p, plausible=ranges.get(p.name, p.plausible)) for p in backend.parameters if p.name not in opened]
-    variants: Mapping[str, Mapping[str, Any]] = getattr(backend, "variants", lambda _: {})(settings)
-    nominal: Mapping[str, float] = getattr(backend, "nominal", lambda _: {})(settings)
+    variants = others.variants(settings) if others else {}
+    nominal = stated.nominal(settings) if stated else {}
     effects = _grouped(known, nominal, fixed, "model")
     for name, variant in variants.items():
         members = [p for p in known if p.group == variant["group"] and p.group and p.plausible]

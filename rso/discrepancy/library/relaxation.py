@@ -1,6 +1,6 @@
-"""What relaxation does to the force of a ball, nearly: tables hold it densely, simulations add what it misses.
+"""What relaxation does to the force of an indenter, nearly: tables hold it densely, simulations add what it misses.
 
-A ball pressed at a steady rate to the travel p and back meets, with the elastic force F_e(u) and the relaxation
+An indenter pressed at a steady rate to the travel p and back meets, with the elastic force F_e(u) and the relaxation
 function R(t) = 1 − g + g exp(−t/τ),
 
     F(t) = ∫₀^{t₁} R(t − s) F_e'(u(s)) u'(s) ds,

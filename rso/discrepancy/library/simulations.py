@@ -135,7 +135,7 @@ def passes(plan: TestPlan, place: int) -> tuple[Pass, ...]:
 
 
 def alike(a: Pass, b: Pass) -> bool:
-    """Whether the ball rests as long and goes back as fast."""
+    """Whether the indenter rests as long and goes back as fast."""
     return max(a.rest, b.rest) <= (1 + LIKE) * min(a.rest, b.rest) and abs(np.log(a.pace / b.pace)) < LIKE
 
 

@@ -28,7 +28,7 @@ from rso.discrepancy.library.test_plan import TestPlan
 from rso.evaluation.store import Done, Failed
 
 DEAR = 3.0  # times the unknowns at the primary place, as a whole model has: runs there are few
-ASIDE = 1.3  # times the fewest unknowns: a model with fewer planes of symmetry, whose body the ball pushes aside
+ASIDE = 1.3  # times the fewest unknowns: a model with fewer planes of symmetry, whose body is pushed aside
 ALIKE = 2.0  # times as large as at home: what the curve of an effect at another place may be at most
 GRID = 160  # travels of the tables, evenly spaced in √u
 

@@ -14,6 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from rso.contract import digest
+from rso.core.power_law import LEADING
 from rso.data import Measurement, Noise, Repeat, kept, without_spikes
 
 BINS = 14  # per branch: what a smooth curve can tell
@@ -31,7 +32,10 @@ Role = Literal["fit", "select", "validate"]
 
 @dataclass(frozen=True)
 class Experiment:
-    """One measured file and what is known about it; `speed` mm/s of loading, `after` the experiments before it."""
+    """One measured file and what is known about it; `speed` mm/s of loading, `after` the experiments before it.
+
+    `power` is the exponent of force over small depths of its indenter.
+    """
 
     name: str
     role: Role
@@ -42,6 +46,7 @@ class Experiment:
     speed: float
     mounting: str = "A"
     after: tuple[str, ...] = ()
+    power: float = LEADING
 
 
 @dataclass(frozen=True)
@@ -61,7 +66,7 @@ class Test:
     travel there before.
 
     `age` is where it stands in the order of testing, −1/2 the first and 1/2 the last.  `depth`, `time`, `count` (n,):
-    the depth where a ball has the mean force of the readings of a bin, when it was there (from the first reading on),
+    the depth that has the mean force of the readings of a bin, when it was there (from the first reading on),
     and their number; `since` (n,) s is the time since the indenter came to rest, 0 while it moves.  Before the way back
     it rests for `rest` s, and goes `pace` times as fast as on the way there.
     """
@@ -256,7 +261,7 @@ def _tests(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> 
         channels = tuple(c for c in ("Fx", "Fy", "Fz") if c in r.channels and c in e.channels)
         time = r.time - r.time[0] if r.time is not None else _times(r.depth, e.speed)
         stopped = _stopped(r, time, e.speed)
-        branches = [_binned(r, time, channels, b, stopped) for b in (LOADING, UNLOADING, HELD)]
+        branches = [_binned(r, time, channels, b, stopped, e.power) for b in (LOADING, UNLOADING, HELD)]
         d, t, b, m, values = (_joined(branches, i, channels) for i in range(5))
         peak = float(r.depth.max())
         since = np.where(b == HELD, t - stopped, 0.0)
@@ -384,7 +389,9 @@ def _without_spikes(e: Experiment, notes: list[str]) -> Experiment:
     return replace(e, measurement=measurement)
 
 
-def _binned(r: Repeat, time: np.ndarray, channels: tuple[str, ...], branch: int, stopped: float) -> tuple[Any, ...]:
+def _binned(
+    r: Repeat, time: np.ndarray, channels: tuple[str, ...], branch: int, stopped: float, power: float
+) -> tuple[Any, ...]:
     """Depth, time, branch, count and values of one branch, averaged over runs of readings: at most BINS, even in depth,
     while the indenter presses, AIR before it does so, and even in the logarithm of time since it `stopped` (s).
     """
@@ -404,19 +411,19 @@ def _binned(r: Repeat, time: np.ndarray, channels: tuple[str, ...], branch: int,
     groups = [g for g in groups if len(g)]
     mean = lambda v: np.array([v[g].mean() for g in groups])  # noqa: E731
     count = np.array([len(g) for g in groups], float)
-    depth = np.array([_depth_of_mean(r.depth[g]) for g in groups])
+    depth = np.array([_depth_of_mean(r.depth[g], power) for g in groups])
     went = r.depth[at[-1]] - r.depth[at[0]] if len(at) else 0.0
     pace = (time[at[-1]] - time[at[0]]) / went if went and branch != HELD else 0.0
     times = mean(time) + pace * (depth - mean(r.depth))  # when the indenter was there
     return depth, times, np.full(len(groups), branch), count, {c: mean(r.channels[c]) for c in channels}
 
 
-def _depth_of_mean(u: np.ndarray) -> float:
-    """Depth (mm) at which a ball has the mean of its forces at the depths u (n,), F ~ u^3/2; their mean in the air.
+def _depth_of_mean(u: np.ndarray, power: float) -> float:
+    """Depth (mm) that has the mean of the forces at the depths u (n,), F ~ u^power; the mean of them in the air.
 
     At the mean depth the force is less, in a first bin of many readings by an eighth.
     """
-    return float(np.mean(np.maximum(u, 0.0) ** 1.5) ** (2.0 / 3.0)) if u.mean() > 0.0 else float(u.mean())
+    return float(np.mean(np.maximum(u, 0.0) ** power) ** (1.0 / power)) if u.mean() > 0.0 else float(u.mean())
 
 
 def _joined(branches: Sequence[tuple[Any, ...]], i: int, channels: tuple[str, ...]) -> Any:

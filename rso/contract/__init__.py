@@ -1,0 +1,101 @@
+"""The seam between `rso` and whatever computes: knobs, cases, responses, failures, capabilities and the run key.
+
+A backend is any object with the attributes of :class:`Backend`.  It receives one value per knob and one
+:class:`Case`, and returns a :class:`Response` or raises :class:`SimulationFailed`.  A run therefore ends
+
+* **done**: a response;
+* **failed**: the backend itself says that there is no answer (:class:`SimulationFailed`, with a cause class), or
+  answers with what is no number (:class:`NotFinite`): what is finite is kept as a partial answer;
+* **crashed**: anything else (another exception, a killed process, a time-out).  It is shown apart and tried
+  again next time, so that a bug is never recorded as physics.
+
+What it may know beside its answers (priors, alternatives, closed forms, costs, further tests) are the optional
+protocols of `capabilities`, asked by :func:`capability`.
+
+Units inside are N, mm, MPa, s.  This package needs numpy and the standard library only.
+"""
+
+from rso.contract.backend import Backend
+from rso.contract.capabilities import (
+    CAPABILITIES,
+    ClosedForm,
+    ClosedFormStart,
+    ContactModulus,
+    CostModel,
+    DistortionDepth,
+    DraftSettings,
+    Fingerprint,
+    ForceExponents,
+    FurtherTests,
+    Gauges,
+    LeanSettings,
+    Line,
+    ModelHierarchy,
+    NewStudies,
+    NominalValues,
+    OrdinaryMaterials,
+    PhysicalBounds,
+    PlausibleRanges,
+    PreventableEffects,
+    Refusals,
+    Resolution,
+    SurfaceMarks,
+    Variants,
+    capability,
+    lacking,
+    unfit,
+)
+from rso.contract.cases import Case, Programme
+from rso.contract.keys import run_key
+from rso.contract.parameters import Parameter, Scope, drop_neutral, finite, knob, number, parameters_of
+from rso.contract.plain_data import digest, object_path, plain
+from rso.contract.responses import CAUSES, Curve, NotFinite, Response, SimulationFailed
+
+__all__ = [
+    "CAPABILITIES",
+    "CAUSES",
+    "Backend",
+    "Case",
+    "ClosedForm",
+    "ClosedFormStart",
+    "ContactModulus",
+    "CostModel",
+    "Curve",
+    "DistortionDepth",
+    "DraftSettings",
+    "Fingerprint",
+    "ForceExponents",
+    "FurtherTests",
+    "Gauges",
+    "LeanSettings",
+    "Line",
+    "ModelHierarchy",
+    "NewStudies",
+    "NominalValues",
+    "NotFinite",
+    "OrdinaryMaterials",
+    "Parameter",
+    "PhysicalBounds",
+    "PlausibleRanges",
+    "PreventableEffects",
+    "Programme",
+    "Refusals",
+    "Resolution",
+    "Response",
+    "Scope",
+    "SimulationFailed",
+    "SurfaceMarks",
+    "Variants",
+    "capability",
+    "digest",
+    "drop_neutral",
+    "finite",
+    "knob",
+    "lacking",
+    "number",
+    "object_path",
+    "parameters_of",
+    "plain",
+    "run_key",
+    "unfit",
+]

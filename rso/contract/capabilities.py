@@ -1,0 +1,311 @@
+"""What a backend may offer beside :class:`.Backend`: one typed protocol per question that `rso` can ask it.
+
+Each is optional and stands alone: a backend implements what it can answer, under the name given here, and
+:func:`capability` is how `rso` asks.  What happens without it stands in each docstring; no answer of a simulation
+and no run key hangs on a capability (but for :class:`Fingerprint`, which is part of every key).  Lengths are in mm,
+times in s, forces in N, moduli in MPa; `settings` are those of one case, as the study states them.
+`docs/adding.md` has an example of each.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from rso.contract.cases import Case
+from rso.contract.responses import Response
+
+C = TypeVar("C")
+Settings = Mapping[str, Any]
+
+# --- priors: what is known before a test ---------------------------------------------------------------------------
+
+
+class PlausibleRanges(Protocol):
+    """Ranges of knobs that depend on the settings; without it each knob's declared `plausible` range holds."""
+
+    def plausible(self, settings: Settings, given: Collection[str], /) -> Mapping[str, tuple[float, float] | None]:
+        """Knob → its plausible range (in its unit) at these settings, None where there is no such effect.
+
+        `given` are the knobs that have a value or are identified.  Knobs left out keep their declared range.
+        """
+        ...
+
+
+class NominalValues(Protocol):
+    """Values that the settings give to knobs; without it an effect is absent at its declared neutral value."""
+
+    def nominal(self, settings: Settings, /) -> Mapping[str, float]:
+        """Knob → the value that these settings state, where its effect is absent."""
+        ...
+
+
+class PhysicalBounds(Protocol):
+    """Bounds of nature; without it only the hard bounds of knobs limit the sizes of effects."""
+
+    def physical(self) -> Mapping[str, tuple[float, float]]:
+        """Knob → bounds in its unit that no ordinary material leaves, whatever its modulus."""
+        ...
+
+
+class OrdinaryMaterials(Protocol):
+    """Conditions between knobs; without it ranges are widened and checked with no condition."""
+
+    def ordinary(self) -> Mapping[str, str]:
+        """Condition between knobs (as in a study: ``mu * D1 <= 3``) → what it says, as a noun phrase."""
+        ...
+
+
+# --- alternatives: other models of the same experiment --------------------------------------------------------------
+
+
+class Variants(Protocol):
+    """Other settings that a diagnosis may try; without it only effects that a number switches are tried."""
+
+    def variants(self, settings: Settings, /) -> Mapping[str, Mapping[str, Any]]:
+        """Name → ``{"description": str, "settings": those replaced, "group": group of its knobs or ""}``."""
+        ...
+
+
+class ModelHierarchy(Protocol):
+    """Models from simple to rich for `rso ladder`; without it the ladder has the study's own model only."""
+
+    def levels(self, settings: Settings, /) -> tuple[tuple[Mapping[str, Any], ...], ...]:
+        """Rungs, each a tuple of models side by side, of which each is a table.
+
+        Keys: `name`, `title`, `description`, `settings` (replace the study's), `open` (knob → range, moduli as shares
+        of the modulus), `hold` (knob → value, moduli likewise), `closed_form`, `extends` (the model it is at neutral).
+        """
+        ...
+
+
+# --- closed forms: answers and starts without a simulation ----------------------------------------------------------
+
+
+class ClosedForm(Protocol):
+    """Answers of a level of `levels` with ``closed_form = True``, which such a level needs."""
+
+    def closed_form(self, values: Mapping[str, float], case: Case, /) -> Response:
+        """The response to a case in closed form: the channels that it knows at the asked travels of loading."""
+        ...
+
+
+class ClosedFormStart(Protocol):
+    """Ranges from a measured curve before any simulation; without it a ladder starts from the study's ranges."""
+
+    def start(self, case: Case, travel: np.ndarray, force: np.ndarray, /) -> Mapping[str, tuple[float, float, float]]:
+        """Knob → (low, value, high) in its unit from Fz (n,) N at travels (n,) mm; ValueError where none follow."""
+        ...
+
+
+class ContactModulus(Protocol):
+    """The modulus of a loading in the limit of small contacts; without it `rso check` and `rso new` state none."""
+
+    def hertz(self, settings: Settings, depth: np.ndarray, force: np.ndarray, /) -> Mapping[str, float]:
+        """Knob → the modulus (MPa) that Fz (n,) N at depths (n,) mm would have on a half-space."""
+        ...
+
+
+class ForceExponents(Protocol):
+    """How force grows over small depths; without it as 3/2, that of a smooth rounded tip."""
+
+    def exponents(self, settings: Settings, /) -> tuple[float, ...]:
+        """Exponents p of Fz = Σ_p a_p u^p at depths u (mm) small against the indenter, the leading one first."""
+        ...
+
+
+# --- costs and accuracy ---------------------------------------------------------------------------------------------
+
+
+class CostModel(Protocol):
+    """How long simulations take; without it each is taken for 10 s until runs are stored."""
+
+    def cost(self, values: Mapping[str, float], case: Case, /) -> float:
+        """Seconds of one run on one thread, right to a factor of two or so."""
+        ...
+
+
+class LeanSettings(Protocol):
+    """Settings of runs for forces alone, on the study's own mesh; without it such runs cost what all do."""
+
+    @property
+    def lean(self) -> Settings:
+        """Settings, replacing those of a case, that leave out what a diagnosis does not read."""
+        ...
+
+
+class DraftSettings(Protocol):
+    """Settings of many cheap runs whose differences count; without it those of :class:`LeanSettings` are taken."""
+
+    @property
+    def draft(self) -> Settings:
+        """Settings, replacing those of a case, of a cheap run."""
+        ...
+
+
+class Resolution(Protocol):
+    """What the discretisation misses; without it nothing is said of it before a run."""
+
+    def resolution(self, settings: Settings, depth: float, /) -> Mapping[str, float]:
+        """Level of the mesh, that of the settings first → share of the force that it misses at a depth (mm)."""
+        ...
+
+
+class Refusals(Protocol):
+    """Values that have no answer; without it `rso check` says nothing of the corners of the ranges."""
+
+    def refused(self, values: Mapping[str, float], case: Case, /) -> str | None:
+        """Why a simulation with these values would fail before its depth; None where nothing speaks against it."""
+        ...
+
+
+class DistortionDepth(Protocol):
+    """Where programs of one model part company; without it that is the deepest travel of the tests."""
+
+    def deep(self, settings: Settings, /) -> float:
+        """Travel (mm) from which the meshes of two programs distort differently; 0 for none."""
+        ...
+
+
+# --- further tests: what would tell causes apart --------------------------------------------------------------------
+
+
+class FurtherTests(Protocol):
+    """Tests of the same specimen to propose; without it tests with the same settings are proposed only."""
+
+    def tests(self, settings: Settings, /) -> Mapping[str, Settings]:
+        """The test in words → the settings that it replaces."""
+        ...
+
+
+class SurfaceMarks(Protocol):
+    """Displacements of the surface to propose; without it no such measurement is proposed."""
+
+    def marks(self, settings: Settings, /) -> Mapping[str, list[list[float]]]:
+        """Marks that a camera could follow, in words → their places [[x, y], …] in mm."""
+        ...
+
+
+class PreventableEffects(Protocol):
+    """Tests again without an effect to propose; without it none is proposed."""
+
+    def prevented(self) -> Mapping[str, tuple[str, ...]]:
+        """The tests again with something kept from acting, in words → the knobs that are neutral in them."""
+        ...
+
+
+class Gauges(Protocol):
+    """Measurements beside the tests to propose; without it those of the measurement chain are proposed only."""
+
+    def gauges(self, settings: Settings, /) -> Mapping[str, tuple[str, float]]:
+        """Knob → a measurement that shows it by itself, in words, and its standard uncertainty in the knob's unit."""
+        ...
+
+
+# --- new studies ----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of a first study: plain data, what is said behind it, and whether nobody has stated it (a guess)."""
+
+    value: Any
+    remark: str = ""
+    guess: bool = False
+
+
+class NewStudies(Protocol):
+    """First studies by `rso new`; without it a study of this backend is written by hand.
+
+    Which options of the command line it is given stands as plain data, OPTIONS, in the module that
+    `rso/core/default_backend.py` names: name, words for its numbers, whether it is required, help.
+    """
+
+    def first_settings(self, given: Mapping[str, tuple[float, ...]], depths: Sequence[float], /) -> Mapping[str, Line]:
+        """Setting → its line, by options → their numbers and the deepest reading (mm) of each force test."""
+        ...
+
+    def first_parameters(self, settings: Settings, depth: np.ndarray, force: np.ndarray, /) -> Mapping[str, Line]:
+        """Knob → a table with low, high and scale, by a loading Fz (n,) N at depths (n,) mm; n = 0 without one.
+
+        ValueError for a record that no value explains.
+        """
+        ...
+
+
+# --- identity -------------------------------------------------------------------------------------------------------
+
+
+class Fingerprint(Protocol):
+    """What answers hang on beside `numerics`; the loader sets it for a foreign backend that has none itself."""
+
+    @property
+    def fingerprint(self) -> str:
+        """A text that changes when, and only when, answers may; part of every run key, "" for none."""
+        ...
+
+
+GROUPS: Mapping[str, tuple[type, ...]] = {
+    "priors": (PlausibleRanges, NominalValues, PhysicalBounds, OrdinaryMaterials),
+    "alternatives": (Variants, ModelHierarchy),
+    "closed forms": (ClosedForm, ClosedFormStart, ContactModulus, ForceExponents),
+    "costs and accuracy": (CostModel, LeanSettings, DraftSettings, Resolution, Refusals, DistortionDepth),
+    "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
+    "new studies": (NewStudies,),
+    "identity": (Fingerprint,),
+}
+CAPABILITIES: tuple[type, ...] = tuple(kind for kinds in GROUPS.values() for kind in kinds)
+
+
+def capability(backend: object, kind: Callable[..., C]) -> C | None:
+    """The backend as one that answers the protocol `kind`, None where it lacks a member or has it as None.
+
+    `kind` is typed as what makes C, not as ``type[C]``, for which mypy takes no protocol.
+    """
+    return None if lacking(backend, kind) else backend  # type: ignore[return-value]
+
+
+def lacking(backend: object, kind: Callable[..., Any]) -> list[str]:
+    """Names of what a protocol asks for and the backend has not; those of :class:`.Backend` are no option."""
+    return [name for name in members(kind) if getattr(backend, name, None) is None]
+
+
+@functools.cache
+def members(kind: Callable[..., Any]) -> tuple[str, ...]:
+    """Names of what a protocol asks for, in order of declaration."""
+    methods = (name for name in vars(kind) if name == "__call__" or not name.startswith("_"))
+    return (*vars(kind).get("__annotations__", ()), *methods)
+
+
+def unfit(backend: object) -> list[str]:
+    """A sentence for each capability that a backend has by name and that cannot be asked as its protocol is."""
+    return [why for kind in CAPABILITIES for name in members(kind) if (why := _misfit(backend, kind, name))]
+
+
+def _misfit(backend: object, kind: type, name: str) -> str:
+    """Why a member does not answer a protocol as `rso` asks it; empty where it does or there is none."""
+    found, asked = getattr(backend, name, None), inspect.getattr_static(kind, name)
+    if found is None:
+        return ""
+    what = f"{name} (rso.contract.{kind.__name__})"
+    if isinstance(asked, property):
+        wanted, words = (str, "a text") if name == "fingerprint" else (Mapping, "a table of settings")
+        return "" if isinstance(found, wanted) else f"{what} must be {words}, not {type(found).__name__}"
+    names = [p for p in inspect.signature(asked).parameters if p != "self"]
+    call = f"{name}({', '.join(names)})"
+    if not callable(found):
+        return f"{what} must be a method {call}, not {type(found).__name__}"
+    try:
+        own = inspect.signature(found)
+    except (ValueError, TypeError):  # of compiled code nothing is known
+        return ""
+    try:
+        own.bind(*names)
+    except TypeError:
+        return f"{what} is asked as {call}, but its arguments are ({', '.join(own.parameters)})"
+    return ""

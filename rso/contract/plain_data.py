@@ -1,0 +1,47 @@
+"""Plain JSON data, its digest, and where what has a digest lies."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+
+def plain(data: Any) -> Any:
+    """Plain JSON data (dicts with string keys, lists, str, int, float, bool, None); ValueError for the rest."""
+    if isinstance(data, Mapping | MappingProxyType):
+        return {str(k): plain(v) for k, v in data.items()}
+    if isinstance(data, np.ndarray):
+        return plain(data.tolist())
+    if isinstance(data, list | tuple):
+        return [plain(v) for v in data]
+    if isinstance(data, np.bool_ | np.integer | np.floating):
+        return data.item()
+    if data is None or isinstance(data, str | bool | int | float):
+        return data
+    raise ValueError(f"{data!r} ({type(data).__name__}) is not plain data")
+
+
+def digest(data: Any) -> str:
+    """SHA-256 of plain data in canonical form; 4 and 4.0 are the same number, -0.0 is 0.0."""
+
+    def normal(x: Any) -> Any:
+        if isinstance(x, dict):
+            return {k: normal(v) for k, v in x.items()}
+        if isinstance(x, list):
+            return [normal(v) for v in x]
+        if isinstance(x, int | float) and not isinstance(x, bool):
+            return (float(x) + 0.0).hex()
+        return x
+
+    return hashlib.sha256(json.dumps(normal(plain(data)), sort_keys=True, ensure_ascii=True).encode()).hexdigest()
+
+
+def object_path(folder: Path, sha: str) -> Path:
+    """Where a content-addressed object lies below `folder`."""
+    return folder / sha[:2] / sha
