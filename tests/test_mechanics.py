@@ -19,7 +19,7 @@ WORDS = {  # a word → how it is found, in any case; parts of names count (by_h
     "mu": r"([\"'`])mu\1|`mu\b|\bmu \*",
     "D1": r"(?<![a-z0-9])D1(?![a-z0-9])",
     "radius": r"[\"']radius[\"']",
-}  # fmt: skip
+}
 PEOPLE = "a sentence for people, which stays as it is: every indenter so far is a ball"
 LETTERS = "letters of the literature in print: any other name is printed as it is"
 EXAMPLE = "an example of what somebody may write, in a docstring or a message"

@@ -1,12 +1,20 @@
 """What the command line of `rso` asks of this backend, as plain data: read at every start, so nothing is imported."""
 
 OPTIONS = (  # of `rso new`: as many numbers as there are words in metavar
-    {"name": "semi-axes", "metavar": ("A", "B", "C"), "required": True,
-     "help": "of the ellipsoid along x, y and upwards, mm"},
+    {
+        "name": "semi-axes",
+        "metavar": ("A", "B", "C"),
+        "required": True,
+        "help": "of the ellipsoid along x, y and upwards, mm",
+    },
     {"name": "radius", "metavar": ("R",), "required": True, "help": "of the ball, mm"},
-    {"name": "bowl", "metavar": ("CLEARANCE",), "required": False,
-     "help": "it lies in a bowl so much (mm) larger in each semi-axis (default: its lower half is held)"},
-)  # fmt: skip
+    {
+        "name": "bowl",
+        "metavar": ("CLEARANCE",),
+        "required": False,
+        "help": "it lies in a bowl so much (mm) larger in each semi-axis (default: its lower half is held)",
+    },
+)
 
 LABORATORY = {  # what a nominal.json of `rso blind` may say, and as which settings
     "parts": {
@@ -17,8 +25,13 @@ LABORATORY = {  # what a nominal.json of `rso blind` may say, and as which setti
         },
         "indenter": {
             "sizes": {"radius_mm": ("radius", 1)},
-            "granted": {"shape": ["sphere"], "rigid": [True], "full_sphere": [True], "direction": [[0, 0, -1]],
-                        "friction": [0]},
+            "granted": {
+                "shape": ["sphere"],
+                "rigid": [True],
+                "full_sphere": [True],
+                "direction": [[0, 0, -1]],
+                "friction": [0],
+            },
             "setting": {"shape": "sphere"},
         },
     },
@@ -41,4 +54,4 @@ LABORATORY = {  # what a nominal.json of `rso blind` may say, and as which setti
   "indenter": {"shape": "sphere", "radius_mm": 3},
   "support": "fixed: lower half bonded to the holder",""",
     "ranges": "mu is taken to be 5 to 20 kPa\nand D1 1 to 100 1/MPa",
-}  # fmt: skip
+}

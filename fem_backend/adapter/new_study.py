@@ -59,9 +59,11 @@ def parameters(depth: np.ndarray, force: np.ndarray, hertz: Limit, jkr: Limit) -
             pull = jkr(depth, force)
             mu = float(pull.get("mu", mu))
         if mu <= 0.0:
-            raise ValueError(f"the modulus by Hertz's limit would be {mu:.2g} MPa, which is none: "
-                             "Fz falls while the ball goes deeper; is it a tensile record, "
-                             "or a sign or a zero wrong?")  # fmt: skip
+            raise ValueError(
+                f"the modulus by Hertz's limit would be {mu:.2g} MPa, which is none: "
+                "Fz falls while the ball goes deeper; is it a tensile record, "
+                "or a sign or a zero wrong?"
+            )
     low, high = (mu / AROUND, mu * AROUND) if mu > 0 else WIDE
     limit = f"Hertz's limit of the shallow half says about {_two(1e3 * mu)} kPa"
     limit = f"adhesion: the JKR limit says about {_two(1e3 * mu)} kPa" if pull else limit

@@ -84,8 +84,9 @@ def knob(
     all tests, those of a mounting, those at a place, or none (each curve its own).  `label` is what reports call it.
     """
     start = neutral if default is None else default
-    declared = Parameter("", description, unit, low, high, start, neutral, group, typical, scope, plausible,
-                         cause, label)  # fmt: skip
+    declared = Parameter(
+        "", description, unit, low, high, start, neutral, group, typical, scope, plausible, cause, label
+    )
     metadata = {"parameter": declared}
     return field(metadata=metadata) if start is None else field(default=start, metadata=metadata)
 

@@ -115,8 +115,10 @@ def candidates(library: Library | Outline) -> list[Candidate]:
             out.append(Candidate(words, (load, _profile(template, marks, (0.5 * d, d)))))
     without = capability(backend, PreventableEffects)
     for words, knobs in without.prevented().items() if without else ():
-        each = [replace(plan.experiments[t.experiment], name=f"again {k}", channels=template.channels)
-                for k, t in tests.items()]  # fmt: skip
+        each = [
+            replace(plan.experiments[t.experiment], name=f"again {k}", channels=template.channels)
+            for k, t in tests.items()
+        ]
         again = [
             _experiment(e, min(plan.places[k].deepest, most), speeds[0], _turned(plan, k), e.name)
             for k, e in zip(tests, each, strict=True)
@@ -164,7 +166,7 @@ def _measured(plan: TestPlan) -> tuple[str, ...]:
 
 def _experiment(
     template: Experiment, depth: float, speed: float, unload: bool, name: str = "next test", rest: float = 0.0
-) -> Experiment:  # fmt: skip
+) -> Experiment:
     """A test as it would be recorded in the template's channels, with no values in it; at the end held for `rest` times
     the time of loading."""
     u = np.linspace(0.0, depth, READINGS + 1)[1:]

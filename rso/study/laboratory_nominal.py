@@ -36,10 +36,19 @@ _NEARLY = 0.7  # likeness from which an unknown key is a misspelled one
 _BESIDE = LABORATORY["beside"]  # older names beside the support
 MOST = 1_000_000  # bytes
 _UNITS = ["N, mm, MPa, s"]
-_WORDS = ("remark", "family", "frame", "depth", "force", "cycle_rates_mm_per_min", "rest_between_tests",
-          "order_of_tests", "points_mm", "profile")  # fmt: skip  # for people: not read
-_KEYS = (*PARTS, "support", "noise", "rate_mm_per_min", "units", "columns", "columns_of", *_BESIDE,
-         *_WORDS)  # fmt: skip
+_WORDS = (
+    "remark",
+    "family",
+    "frame",
+    "depth",
+    "force",
+    "cycle_rates_mm_per_min",
+    "rest_between_tests",
+    "order_of_tests",
+    "points_mm",
+    "profile",
+)  # for people: not read
+_KEYS = (*PARTS, "support", "noise", "rate_mm_per_min", "units", "columns", "columns_of", *_BESIDE, *_WORDS)
 
 
 @dataclass(frozen=True)

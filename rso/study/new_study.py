@@ -71,11 +71,20 @@ def begin(file: Path, backend: Backend, test: Test, fitted: Sequence[str], valid
     title = inline(f"Indentation: {experiments[0].name}")
     lines = [
         "# Begun by `rso new`.  Lines with <- are guesses to look at; `rso keys` says what else may stand here.",
-        "[study]", f"title = {title}  {GUESS} for the report", "seed = 1", "",
-        "[backend]", f"use = {inline(USE)}", "", "[backend.settings]",
-        *(_line(key, line) for key, line in settings.items()), "",
-        "[parameters]", *(_line(k, line) for k, line in _parameters(studies, settings, experiments).items()), "",
-    ]  # fmt: skip
+        "[study]",
+        f"title = {title}  {GUESS} for the report",
+        "seed = 1",
+        "",
+        "[backend]",
+        f"use = {inline(USE)}",
+        "",
+        "[backend.settings]",
+        *(_line(key, line) for key, line in settings.items()),
+        "",
+        "[parameters]",
+        *(_line(k, line) for k, line in _parameters(studies, settings, experiments).items()),
+        "",
+    ]
     if test.columns:
         lines += ["[columns]", *(f"{name} = {inline(dict(column))}" for name, column in test.columns.items()), ""]
     for e in experiments:
@@ -183,8 +192,12 @@ def _parameters(
 
 def _lines(e: _Experiment, beside: Path) -> list[str]:
     m, data = e.measurement, [_beside(f, beside) for f in e.files]
-    lines = ["[[experiments]]", f"name = {inline(e.name)}", f'role = "{e.role}"',
-             f"data = {inline(data[0] if len(data) == 1 else data)}{f'  {GUESS} {TURNED}' * m.guessed}"]  # fmt: skip
+    lines = [
+        "[[experiments]]",
+        f"name = {inline(e.name)}",
+        f'role = "{e.role}"',
+        f"data = {inline(data[0] if len(data) == 1 else data)}{f'  {GUESS} {TURNED}' * m.guessed}",
+    ]
     settings = [f"point = {list(e.point or TOP)}"]
     if m.kind == "profile":
         lines += ['kind = "profile"']
