@@ -97,9 +97,8 @@ class Body:
             for b, (k, n) in enumerate(index):
                 turned[..., a, b] = G[..., i, n] * G[..., k, j]
         A = s[..., None, None] * (
-            e - 2.0 / 3.0 * (outer(f, g) + outer(g, f))
-            + I1[..., None, None] * (2.0 / 9.0 * outer(g, g) + turned / 3.0)
-        )  # fmt: skip
+            e - 2.0 / 3.0 * (outer(f, g) + outer(g, f)) + I1[..., None, None] * (2.0 / 9.0 * outer(g, g) + turned / 3.0)
+        )
         A += (self.kappa * (2.0 * J - 1.0) * J)[..., None, None] * outer(g, g)
         A -= (self.kappa * (J - 1.0) * J)[..., None, None] * turned
         R = np.zeros(self.n)
@@ -156,9 +155,15 @@ class Body:
 
 
 def force(
-    c: float, R: float, mu: float, D1: float, asked: Sequence[float], h0: float = 0.2, growth: float = 0.35,
+    c: float,
+    R: float,
+    mu: float,
+    D1: float,
+    asked: Sequence[float],
+    h0: float = 0.2,
+    growth: float = 0.35,
     step: float = 0.08,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Force (k,) N at the asked depths (mm, increasing), NaN from the first that was not reached.
 
     c, R in mm, μ in MPa, D₁ in 1/MPa; h0 and `step` in R.

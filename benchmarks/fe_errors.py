@@ -199,8 +199,11 @@ def draw(seed: int, k: int) -> Draw:
     elif what == 1:
         values |= {"tilt_y": 3 * rng.normal(), "offset_x": 2 * rng.normal()}
     elif what == 2:
-        values |= [{"friction": rng.uniform(0.05, 0.6)}, {"mullins": rng.uniform(0.05, 0.5)},
-                   {"prony_g": rng.uniform(0.05, 0.6), "prony_tau": log(rng, 0.3, 60.0)}][k // 3 % 3]  # fmt: skip
+        values |= [
+            {"friction": rng.uniform(0.05, 0.6)},
+            {"mullins": rng.uniform(0.05, 0.5)},
+            {"prony_g": rng.uniform(0.05, 0.6), "prony_tau": log(rng, 0.3, 60.0)},
+        ][k // 3 % 3]
     asked = tuple(round(deepest * f, 4) for f in ASKED)
     return Draw(values, settings, asked, log(rng, 0.1, 2.0), back=what == 2)
 
@@ -351,8 +354,10 @@ def pinball(X: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def table(checked: list[Checked]) -> None:
     """Coverage and sharpness per channel: of all points, and of the runs of which all points are covered."""
-    print(f"\n{'channel':15s} {'points':>6s} {'covered %':>9s} {'runs %':>7s} {'stated/true':>12s}"
-          f" {'true %':>7s} {'stated %':>8s} {'coarse %':>9s} {'standard %':>10s} {'fine %':>7s}")  # fmt: skip
+    print(
+        f"\n{'channel':15s} {'points':>6s} {'covered %':>9s} {'runs %':>7s} {'stated/true':>12s}"
+        f" {'true %':>7s} {'stated %':>8s} {'coarse %':>9s} {'standard %':>10s} {'fine %':>7s}"
+    )
     found: dict[str, list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]] = {}
     for c in checked:
         for name, bound in error_estimate.stated(c.settings, c.knobs, c.result).items():
@@ -363,12 +368,16 @@ def table(checked: list[Checked]) -> None:
     for name, rows in found.items():
         bound, true, scale = (np.concatenate([r[i] for r in rows]) for i in (1, 2, 3))
         runs = np.mean([(r[1] >= r[2]).all() for r in rows])
-        by = [np.concatenate([r[1] >= r[2] for r in rows if r[0] == lv] or [np.array([np.nan])]).mean()
-              for lv in (*LEVELS, "fine")]  # fmt: skip
+        by = [
+            np.concatenate([r[1] >= r[2] for r in rows if r[0] == lv] or [np.array([np.nan])]).mean()
+            for lv in (*LEVELS, "fine")
+        ]
         shares = [100 * np.median(v / np.maximum(scale, 1e-12)) for v in (true, bound)]
-        print(f"{name:15s} {len(true):6d} {100 * np.mean(bound >= true):9.0f} {100 * runs:7.0f}"
-              f" {np.median(bound / np.maximum(true, 1e-15)):12.2f} {shares[0]:7.2f} {shares[1]:8.2f}"
-              f" {100 * by[0]:9.0f} {100 * by[1]:10.0f} {100 * by[2]:7.0f}")  # fmt: skip
+        print(
+            f"{name:15s} {len(true):6d} {100 * np.mean(bound >= true):9.0f} {100 * runs:7.0f}"
+            f" {np.median(bound / np.maximum(true, 1e-15)):12.2f} {shares[0]:7.2f} {shares[1]:8.2f}"
+            f" {100 * by[0]:9.0f} {100 * by[1]:10.0f} {100 * by[2]:7.0f}"
+        )
 
 
 def main() -> None:
@@ -399,10 +408,17 @@ def main() -> None:
     if options.draws:
         calibrate(first + even)
     tilted = [c for c in outside if "tilt_y" in draw(c.seed, c.k).values]
-    tables = {"seed 1, calibrated": first, "seed 2": second, "held (seeds 1 and 2)": first + second, "tilted": tilted,
-              "rubbing": rubbing, "held, tilted and rubbing": first + second + tilted + rubbing,
-              "outside, even: calibrated": even, "outside, odd: kept back": odd,
-              "turning: kept back": turning}  # fmt: skip
+    tables = {
+        "seed 1, calibrated": first,
+        "seed 2": second,
+        "held (seeds 1 and 2)": first + second,
+        "tilted": tilted,
+        "rubbing": rubbing,
+        "held, tilted and rubbing": first + second + tilted + rubbing,
+        "outside, even: calibrated": even,
+        "outside, odd: kept back": odd,
+        "turning: kept back": turning,
+    }
     for name, checked in tables.items():
         if checked:
             print(f"\n{name}, {len({(c.seed, c.k) for c in checked})} experiments, {len(checked)} runs", end="")

@@ -45,8 +45,9 @@ def theirs(path: str, increments: int) -> dict[str, object]:
 
     ball = Ball(field, data["near"], -1, multiplier=PENALTY)
     held = np.vstack([data["held"], [True, True, False]])
-    bounds = {c: fem.Boundary(field[0], mask=held[:, i], skip=tuple(k != i for k in range(3)))
-              for i, c in enumerate("xyz")}  # fmt: skip
+    bounds = {
+        c: fem.Boundary(field[0], mask=held[:, i], skip=tuple(k != i for k in range(3))) for i, c in enumerate("xyz")
+    }
     bounds["move"] = fem.Boundary(field[0], mask=np.arange(len(points)) == len(points) - 1, skip=(1, 1, 0))
     ramp = {bounds["move"]: -np.linspace(0.0, ASKED[-1], increments + 1)[1:]}
     step, force, iterations = fem.Step(items=[solid, ball], ramp=ramp, boundaries=bounds), {}, 0
@@ -56,8 +57,13 @@ def theirs(path: str, increments: int) -> dict[str, object]:
         force[round(travel, 6)] = 4.0 * abs(float(ball.assemble.vector(field).toarray()[-1, 0]))
         iterations += state.iterations
     spent = time.process_time() - start
-    return {"cpu_s": spent, "iterations": iterations, "increments": increments,
-            "Fz": [force.get(a) for a in ASKED], "dofs": int(np.count_nonzero(~held)) - 1}  # fmt: skip
+    return {
+        "cpu_s": spent,
+        "iterations": iterations,
+        "increments": increments,
+        "Fz": [force.get(a) for a in ASKED],
+        "dofs": int(np.count_nonzero(~held)) - 1,
+    }
 
 
 def ours(level: str, target: Path) -> tuple[list[float], float, dict[str, object]]:
@@ -107,8 +113,10 @@ def main() -> None:
             raise SystemExit("felupe found no solution")
         there = json.loads(done.stdout.splitlines()[-1])
         shown = " ".join("-" if f is None else f"{f:.4f}" for f in there["Fz"])
-        print(f"{'felupe':8s} {there['cpu_s']:7.2f} s {there['dofs']:6d} dofs {there['iterations']:4d} iterations  "
-              f"{shown} N ({there['increments']} increments)")  # fmt: skip
+        print(
+            f"{'felupe':8s} {there['cpu_s']:7.2f} s {there['dofs']:6d} dofs {there['iterations']:4d} iterations  "
+            f"{shown} N ({there['increments']} increments)"
+        )
         print(f"ratio {there['cpu_s'] / seconds:.1f}  (goal 5)")
 
 

@@ -54,14 +54,18 @@ def levels(models: dict[str, tuple[Settings, Model]]) -> None:
     runs = {level: timed(*models[level], REPEATS[level]) for level in REPEATS}
     finest = list(runs.values())[-1][0].Fz
     print(f"solver {direct.available()}; run to 4 mm, forces at {', '.join(f'{d:g}' for d in ASKED)} mm\n")
-    print(f"{'level':9} {'nodes':>7} {'dofs':>7} {'CPU s':>7} {'its':>4} {'fact.':>5} {'F(4) N':>8}"
-          f" {'to finest %':>26} {'to NGSolve %':>26}")  # fmt: skip
+    print(
+        f"{'level':9} {'nodes':>7} {'dofs':>7} {'CPU s':>7} {'its':>4} {'fact.':>5} {'F(4) N':>8}"
+        f" {'to finest %':>26} {'to NGSolve %':>26}"
+    )
     for level, (result, seconds) in runs.items():
         body = models[level][1].body
         to_finest, to_other = (100 * (result.Fz / other - 1) for other in (finest, INDEPENDENT))
-        print(f"{level:9} {len(body.nodes):7d} {body.pattern.size:7d} {seconds:7.2f} {result.counters.iterations:4d} "
-              f"{result.counters.factorisations:5d} {result.Fz[-1]:8.5f} "
-              f"{_row(to_finest):>26} {_row(to_other):>26}")  # fmt: skip
+        print(
+            f"{level:9} {len(body.nodes):7d} {body.pattern.size:7d} {seconds:7.2f} {result.counters.iterations:4d} "
+            f"{result.counters.factorisations:5d} {result.Fz[-1]:8.5f} "
+            f"{_row(to_finest):>26} {_row(to_other):>26}"
+        )
 
 
 def _row(percent: np.ndarray) -> str:

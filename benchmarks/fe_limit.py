@@ -145,8 +145,16 @@ def without_penalty(press: Press) -> float:
 def main() -> None:
     """One mesh, every order from the lowest."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for name, value in (("h0", 0.8), ("growth", 0.5), ("hmax", 10.0), ("rim", 0.0), ("D1", 5.8), ("C01", 0.0),
-                        ("C20", 0.0), ("C30", 0.0)):  # fmt: skip
+    for name, value in (
+        ("h0", 0.8),
+        ("growth", 0.5),
+        ("hmax", 10.0),
+        ("rim", 0.0),
+        ("D1", 5.8),
+        ("C01", 0.0),
+        ("C20", 0.0),
+        ("C30", 0.0),
+    ):
         parser.add_argument(f"--{name}", type=float, default=value)
     parser.add_argument("--orders", default="2,3,4")
     o = parser.parse_args()
@@ -169,8 +177,11 @@ def main() -> None:
             row.append(without_penalty(press))
             states[s] = press.u.vec.CreateVector(copy=True)
         before = press
-        print(f"order {order} {press.space.ndof:7d} dofs {time.process_time() - start:6.0f} s  "
-              + " ".join(f"{f:.6f}" for f in row), flush=True)  # fmt: skip
+        print(
+            f"order {order} {press.space.ndof:7d} dofs {time.process_time() - start:6.0f} s  "
+            + " ".join(f"{f:.6f}" for f in row),
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

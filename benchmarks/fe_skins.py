@@ -84,8 +84,7 @@ def table(skins: Iterator[Skin]) -> None:
 
 def row(values: Mapping[str, float]) -> str:
     """How a skin is called."""
-    return (f"K/mu {2.0 / (values['D1'] * MU):5.0f} ratio {values['skin_ratio']:5.2f}"
-            f" {values['skin_thickness']:4.2f} mm")  # fmt: skip
+    return f"K/mu {2.0 / (values['D1'] * MU):5.0f} ratio {values['skin_ratio']:5.2f} {values['skin_thickness']:4.2f} mm"
 
 
 def main() -> None:

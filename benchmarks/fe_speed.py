@@ -122,9 +122,16 @@ def overhead() -> float:
     case = Case("speed", Programme.ramp(ASKED), {"mesh": {"level": "standard"}})
     BACKEND(SET1, case)
     clock = Clock()
-    watched = [(tetrahedra, "internal_force"), (tetrahedra, "stiffness"), (tetrahedra, "displacement_gradients"),
-               (newton.stress, "evaluate"), (direct._Pardiso, "_call"), (direct.Schur, "_call"),
-               (condensation, "cho_factor"), (condensation, "cho_solve")]  # fmt: skip
+    watched = [
+        (tetrahedra, "internal_force"),
+        (tetrahedra, "stiffness"),
+        (tetrahedra, "displacement_gradients"),
+        (newton.stress, "evaluate"),
+        (direct._Pardiso, "_call"),
+        (direct.Schur, "_call"),
+        (condensation, "cho_factor"),
+        (condensation, "cho_solve"),
+    ]
     kept = [getattr(owner, name) for owner, name in watched]
     for (owner, name), function in zip(watched, kept, strict=True):
         setattr(owner, name, clock.watch(function))
@@ -160,8 +167,11 @@ def main() -> None:
                     shares.append(differentiated / (seconds[-1] - differentiated))
             iterations = sum(r.info["iterations"] for r in responses)
             off = "" if "penalty" not in name else f"{apart(*runs[-1], responses[-1].channels['Fz']):.2%}"
-            print(f"{name:28s} {np.median(seconds):7.2f} {responses[-1].info['dofs']:6d} {iterations:5d} "
-                  f"{np.median(shares):6.1%} {off:>6s}  {goal}", flush=True)  # fmt: skip
+            print(
+                f"{name:28s} {np.median(seconds):7.2f} {responses[-1].info['dofs']:6d} {iterations:5d} "
+                f"{np.median(shares):6.1%} {off:>6s}  {goal}",
+                flush=True,
+            )
     if direct.available() == "pardiso":
         print(f"whole run / (assembly + factorisation + solution), standard level: {overhead():.2f}  (goal 1.2)")
 

@@ -124,9 +124,11 @@ def main() -> None:
     ends = Counter(str(r["end"]) for r in known)
     cpu = np.array([r["cpu_s"] for r in known])
     print(f"{ends['done']} of {len(known)} finished ({100 * ends['done'] / len(known):.1f} %); {dict(ends)}")
-    print(f"CPU s: median {np.median(cpu):.1f}, 90 % {np.quantile(cpu, 0.9):.1f}, largest {cpu.max():.1f}; "
-          f"memory at most {max(r['memory_MB'] for r in known)} MB, "
-          f"above 500 MB in {sum(r['memory_MB'] > 500 for r in known)}")  # fmt: skip
+    print(
+        f"CPU s: median {np.median(cpu):.1f}, 90 % {np.quantile(cpu, 0.9):.1f}, largest {cpu.max():.1f}; "
+        f"memory at most {max(r['memory_MB'] for r in known)} MB, "
+        f"above 500 MB in {sum(r['memory_MB'] > 500 for r in known)}"
+    )
 
 
 if __name__ == "__main__":

@@ -107,8 +107,11 @@ def tell(found: dict[str, Any], truth: dict[str, float], F: np.ndarray, cpu: flo
     errors = ", ".join(f"{k} {100 * (values[k] / v - 1):+.2f} %" for k, v in truth.items())
     purposes = [r["purpose"] for r in found["runs"]]
     what = ", ".join(f"{purposes.count(p)} {p}" for p in dict.fromkeys(purposes))
-    print(f"{found['counts']['fe_runs']} runs ({what}), exit code {found['exit_code']}, every force within "
-          f"{100 * miss:.3f} %, errors {errors}; {cpu:.0f} s CPU", flush=True)  # fmt: skip
+    print(
+        f"{found['counts']['fe_runs']} runs ({what}), exit code {found['exit_code']}, every force within "
+        f"{100 * miss:.3f} %, errors {errors}; {cpu:.0f} s CPU",
+        flush=True,
+    )
 
 
 def main() -> None:
@@ -135,8 +138,11 @@ def main() -> None:
         (walk,) = found["descent"]["descents"]
         for i in walk["iterates"]:
             gap = "" if i["agreement"] is None else f", its prediction was off by {100 * i['agreement']:.3f} %"
-            print(f"  run {i['number']}: mu {1e3 * i['values']['mu']:.4g} kPa, D1 {i['values']['D1']:.4g} 1/MPa, "
-                  f"chi2 {i['chi2']:.4g}{gap}", flush=True)  # fmt: skip
+            print(
+                f"  run {i['number']}: mu {1e3 * i['values']['mu']:.4g} kPa, D1 {i['values']['D1']:.4g} 1/MPa, "
+                f"chi2 {i['chi2']:.4g}{gap}",
+                flush=True,
+            )
         print(f"Gauss-Newton ({walk['why']}): ", end="")
         tell(found, truth, F, cpu)
         for p in (found["identification"] or {"parameters": ()})["parameters"]:

@@ -21,11 +21,19 @@ from rso.contract import Case, Programme, SimulationFailed
 
 TOP = (0.0, 0.0)
 SPECIMENS = (
-    ((60.0, 35.0, 35.0), 3.0, TOP), ((30.0, 30.0, 30.0), 3.0, TOP), ((12.0, 10.0, 8.0), 1.0, TOP),
-    ((1.0, 0.8, 0.7), 0.1, TOP), ((25.0, 20.0, 15.0), 6.0, TOP), ((50.0, 40.0, 30.0), 3.0, TOP),
-    ((40.0, 40.0, 8.0), 3.0, TOP), ((40.0, 40.0, 8.0), 3.0, (14.0, 0.0)), ((80.0, 15.0, 15.0), 3.0, TOP),
-    ((80.0, 15.0, 15.0), 3.0, (28.0, 0.0)), ((60.0, 60.0, 12.0), 1.5, TOP), ((15.0, 15.0, 40.0), 3.0, TOP),
-)  # fmt: skip
+    ((60.0, 35.0, 35.0), 3.0, TOP),
+    ((30.0, 30.0, 30.0), 3.0, TOP),
+    ((12.0, 10.0, 8.0), 1.0, TOP),
+    ((1.0, 0.8, 0.7), 0.1, TOP),
+    ((25.0, 20.0, 15.0), 6.0, TOP),
+    ((50.0, 40.0, 30.0), 3.0, TOP),
+    ((40.0, 40.0, 8.0), 3.0, TOP),
+    ((40.0, 40.0, 8.0), 3.0, (14.0, 0.0)),
+    ((80.0, 15.0, 15.0), 3.0, TOP),
+    ((80.0, 15.0, 15.0), 3.0, (28.0, 0.0)),
+    ((60.0, 60.0, 12.0), 1.5, TOP),
+    ((15.0, 15.0, 40.0), 3.0, TOP),
+)
 SHARES = np.array([0.07, 0.1, 0.3, 0.6])
 KNOBS = {"mu": 0.01, "D1": 10.0}
 
@@ -36,8 +44,13 @@ def main() -> None:
     parser.add_argument("--only", default=",".join(map(str, range(len(SPECIMENS)))))
     args = parser.parse_args()
     for axes, R, point in (SPECIMENS[int(k)] for k in args.only.split(",")):
-        settings = {"specimen": {"shape": "ellipsoid", "semi_axes": list(axes)}, "indenter": {"radius": R},
-                    "mesh": {"level": args.level}, "point": list(point), "derivatives": False}  # fmt: skip
+        settings = {
+            "specimen": {"shape": "ellipsoid", "semi_axes": list(axes)},
+            "indenter": {"radius": R},
+            "mesh": {"level": args.level},
+            "point": list(point),
+            "derivatives": False,
+        }
         case = Case("specimen", Programme.ramp(tuple(float(f"{v:.6g}") for v in SHARES * R)), settings)
         named = f"{'x'.join(f'{v:g}' for v in axes)}, R = {R:g}, {point}"
         started = time.perf_counter()

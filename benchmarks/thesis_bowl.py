@@ -38,16 +38,21 @@ def forces(level: str) -> None:
     print("| clearance mm | Fz N at 4 mm | at 8 mm | of the thesis's |\n|---|---|---|---|")
     for g in CLEARANCES:
         support = {"kind": "bowl", "clearance": g, "friction": 0.2}
-        case = Case("bowl", Programme.ramp((2.0, 4.0, 6.0, 8.0)),
-                    {"support": support, "indenter": BALL, "mesh": {"level": level}})  # fmt: skip
+        case = Case(
+            "bowl",
+            Programme.ramp((2.0, 4.0, 6.0, 8.0)),
+            {"support": support, "indenter": BALL, "mesh": {"level": level}},
+        )
         try:
             found = BACKEND(SET_4, case)
         except SimulationFailed as failed:
             print(f"| {g:g} | – | {failed.cause} | – |", flush=True)
             continue
         F, s = found.channels["Fz"], found.error["Fz"]
-        print(f"| {g:g} | {F[1]:.4f} ± {s[1]:.4f} | {F[3]:.4f} ± {s[3]:.4f} | {100 * (F[3] / PRINTED - 1):+.1f} % |",
-              flush=True)  # fmt: skip
+        print(
+            f"| {g:g} | {F[1]:.4f} ± {s[1]:.4f} | {F[3]:.4f} ± {s[3]:.4f} | {100 * (F[3] / PRINTED - 1):+.1f} % |",
+            flush=True,
+        )
 
 
 def stress(folder: Path | None) -> None:

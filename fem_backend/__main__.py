@@ -64,8 +64,13 @@ def answer(request: dict[str, Any], vtu: Path | None = None, pictures: Path | No
         solved = BACKEND.solve(request["values"], Case.from_json(request["case"]))
     except SimulationFailed as failed:
         reached = {} if failed.partial is None else failed.partial.to_json()
-        return {**reached, "status": "failed", "cause": failed.cause, "reason": failed.reason,
-                "history": list(failed.history)}  # fmt: skip
+        return {
+            **reached,
+            "status": "failed",
+            "cause": failed.cause,
+            "reason": failed.reason,
+            "history": list(failed.history),
+        }
     if vtu is not None:
         output.write_files(solved, vtu)
     if pictures is not None:

@@ -34,9 +34,12 @@ def write_files(solved: Solved, folder: Path) -> list[Path]:
         surface = solved.system.pairs[0].surface
         pressure = post.pressure_at_nodes(surface, point.evaluation.contact.pressure, len(body.nodes))
         data = {
-            "cauchy_MPa": nodal.cauchy, "von_mises_MPa": nodal.von_mises, "stretches": nodal.stretches, "J": nodal.J,
+            "cauchy_MPa": nodal.cauchy,
+            "von_mises_MPa": nodal.von_mises,
+            "stretches": nodal.stretches,
+            "J": nodal.J,
             "contact_pressure_MPa": pressure,
-        }  # fmt: skip
+        }
         scale = solved.system.scale
         cells = {} if scale is None else {"stiffness_ratio": (scale * body.w).sum(1) / body.w.sum(1)}
         paths.append(folder / f"{k:03d}_{point.travel:.3f}mm.vtu")
@@ -61,10 +64,30 @@ def draw(solved: Solved, folder: Path) -> list[Path]:
         title = f"travel {point.travel:g} mm, Fz = {force:.4g} N"
         normal = (0.0, 1.0, 0.0) if placement.planes[1] or not placement.planes[0] else (1.0, 0.0, 0.0)
         paths.append(folder / f"{k:03d}_section.png")
-        pictures.draw_section(paths[-1], body, u, nodal.von_mises, "von Mises stress (MPa)", touch.centre, placement.R,
-                              normal, placement.planes, title, spikes)  # fmt: skip
+        pictures.draw_section(
+            paths[-1],
+            body,
+            u,
+            nodal.von_mises,
+            "von Mises stress (MPa)",
+            touch.centre,
+            placement.R,
+            normal,
+            placement.planes,
+            title,
+            spikes,
+        )
         paths.append(folder / f"{k:03d}_surface.png")
-        pictures.draw_surface(paths[-1], body.nodes, solved.model.facets, u, np.ascontiguousarray(u[:, 2]),
-                              "vertical displacement (mm)", placement.planes, touch.centre, placement.R,
-                              title)  # fmt: skip
+        pictures.draw_surface(
+            paths[-1],
+            body.nodes,
+            solved.model.facets,
+            u,
+            np.ascontiguousarray(u[:, 2]),
+            "vertical displacement (mm)",
+            placement.planes,
+            touch.centre,
+            placement.R,
+            title,
+        )
     return paths

@@ -87,9 +87,13 @@ def by_cause(diagnosis, exact=False):
     exact: names with a place, and those of `catalogue.LISTED`, stay as they were given.
     """
     known, listed = (set().union(*names.values()) for names in (ANSWERS, LISTED))
-    names = {c["effect"]: c["cause"] for c in diagnosis.get("causes") or []
-             if c["effect"] not in known and c.get("cause") in known
-             and not (exact and (c["effect"] in listed or " at (" in c["effect"]))}  # fmt: skip
+    names = {
+        c["effect"]: c["cause"]
+        for c in diagnosis.get("causes") or []
+        if c["effect"] not in known
+        and c.get("cause") in known
+        and not (exact and (c["effect"] in listed or " at (" in c["effect"]))
+    }
     found = [{**c, "effect": names.get(c["effect"], c["effect"])} for c in diagnosis.get("causes") or []]
     groups = [g if isinstance(g, str) else [names.get(n, n) for n in g] for g in diagnosis.get("ambiguous_with") or []]
     return {**diagnosis, "causes": found, "ambiguous_with": groups}

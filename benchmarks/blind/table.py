@@ -82,8 +82,11 @@ def main():
     late = [r for k, r in rounds.items() if k >= args.first]
     print("| figure | " + " | ".join(str(k) for k in rounds) + f" | {args.first} to {max(rounds)} (95 %) | goal |")
     print("|---" * (len(rounds) + 3) + "|")
-    print("| cases | " + " | ".join(str(sum(r["counts"].values())) for r in rounds.values())
-          + f" | {sum(sum(r['counts'].values()) for r in late)} | |")  # fmt: skip
+    print(
+        "| cases | "
+        + " | ".join(str(sum(r["counts"].values())) for r in rounds.values())
+        + f" | {sum(sum(r['counts'].values()) for r in late)} | |"
+    )
     for key, (words, goal) in ROWS.items():
         cells = [f"{v['k']}/{v['n']}" if (v := r.get(key)) and v["n"] else "–" for r in rounds.values()]
         known = [r[key] for r in late if key in r]

@@ -78,8 +78,9 @@ def library_of(folder: Path, store: Path) -> Library:
         copy = Path(folder_of_copy) / "store"
         shutil.copytree(store, copy, ignore=shutil.ignore_patterns("*.lock", "*.html", "*.pdf"))
         with RunStore(copy) as runs:
-            return discrepancy.build(asked.base, asked.plan, asked.effects,
-                                   lambda t: run_all(asked.base.backend, t, runs, NothingRuns()))  # fmt: skip
+            return discrepancy.build(
+                asked.base, asked.plan, asked.effects, lambda t: run_all(asked.base.backend, t, runs, NothingRuns())
+            )
 
 
 def options() -> argparse.Namespace:
@@ -112,8 +113,10 @@ def opening(s: Scored, library: Library, values: int, threshold: float, seed: in
     """What was simulated, and what the columns mean."""
     count = len(s.truth)
     return [
-        "# Diagnosis on cases of its own library", "",
-        f"`python benchmarks/diagnosis {' '.join(sys.argv[1:])}` (seed {seed})", "",
+        "# Diagnosis on cases of its own library",
+        "",
+        f"`python benchmarks/diagnosis {' '.join(sys.argv[1:])}` (seed {seed})",
+        "",
         f"{count} cases ({s.null.sum()} without a gap, {s.single.sum()} with one cause, "
         f"{(~s.null & ~s.single).sum()} with two) of {len(library.effects)} effects, {values} values of "
         f"{len(library.plan.tests)} curves and {len(library.plan.profiles)} profiles.  Sizes are log-uniform over the "
@@ -121,7 +124,7 @@ def opening(s: Scored, library: Library, values: int, threshold: float, seed: in
         f"{threshold:.2f}.  Columns from *cause on top* to *wrong and sure* count the cases found that have one cause; "
         "a class holds what the plan cannot tell apart, as computed before any data; *slope* is that of the outcome on "
         "logit P among causes (1: calibrated).",
-    ]  # fmt: skip
+    ]
 
 
 def main() -> None:

@@ -42,8 +42,13 @@ class Cases:
     def picked(self, rows: Sequence[int], Y: np.ndarray | None = None) -> Cases:
         """Some of the cases, with other data if given."""
         rows = list(rows)
-        return Cases(self.Y[rows] if Y is None else Y, self.mean[rows], tuple(self.effects[i] for i in rows),
-                     tuple(self.at[i] for i in rows), self.modulus[rows])  # fmt: skip
+        return Cases(
+            self.Y[rows] if Y is None else Y,
+            self.mean[rows],
+            tuple(self.effects[i] for i in rows),
+            tuple(self.at[i] for i in rows),
+            self.modulus[rows],
+        )
 
 
 def fitted(bench: Bench, y: np.ndarray) -> np.ndarray:
@@ -162,19 +167,30 @@ def contested(table: Table, rows: Sequence[int], first: Sequence[Contest], pairs
     """The second contest of rows that have a gap, as the product holds it; `first` are those of all rows."""
     last = {i: attribution.survivors(first[i]) for i in rows}
     order = {e.name: k for k, e in enumerate(table.effects)}
-    asked = {i: [tuple(sorted(p, key=lambda e: order[e.name])) for p in attribution.pairs_of(v)]
-             for i, v in last.items()} if pairs else {i: [] for i in rows}  # fmt: skip
+    asked = (
+        {i: [tuple(sorted(p, key=lambda e: order[e.name])) for p in attribution.pairs_of(v)] for i, v in last.items()}
+        if pairs
+        else {i: [] for i in rows}
+    )
     wanted: dict[tuple[Effect, Effect], list[int]] = {}
     for i, v in asked.items():
         for p in v:
             wanted.setdefault(p, []).append(i)
     table.add_pairs(wanted)
-    return [attribution.contests(table, np.array([i]), asked[i], finalists=frozenset(e.source for e in last[i]))[0]
-            for i in rows]  # fmt: skip
+    return [
+        attribution.contests(table, np.array([i]), asked[i], finalists=frozenset(e.source for e in last[i]))[0]
+        for i in rows
+    ]
 
 
-def other_bench(bench: Bench, y: np.ndarray, scale: float = 1.0, correlated: bool = True, projected: bool = True,
-                rows: np.ndarray | None = None) -> Bench:  # fmt: skip
+def other_bench(
+    bench: Bench,
+    y: np.ndarray,
+    scale: float = 1.0,
+    correlated: bool = True,
+    projected: bool = True,
+    rows: np.ndarray | None = None,
+) -> Bench:
     """The bench with `scale` times the covariance, without its correlation, without projection, or of some rows."""
     C = scale * (bench.C if correlated else np.diag(np.diag(bench.C)))
     rows = np.arange(len(C)) if rows is None else rows

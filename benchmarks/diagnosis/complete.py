@@ -41,14 +41,33 @@ def complete(say: Say, whole: Library, s: Scored, values: np.ndarray, count: int
         hit = [(d, i) for d, i in own if d.verdict != "no_gap" and s.truth[i]]
         named = [set(s.truth[i]) <= {source[n] for n in d.named} for d, i in hit]
         lost = [d.verdict == "unexplained" and s.verdict[i] in CAUSES for d, i in hit]
-        out.append([name, len(own), sum(d.verdict != "no_gap" for d, _ in own), sum(s.found[i] for _, i in own),
-                    sum(named), sum(s.in_set[i] for _, i in hit), sum(lost),
-                    sum(d.verdict in ("explained", "measurement") and set(s.truth[i]) != {source[n] for n in d.named}
-                        for d, i in own)])  # fmt: skip
+        out.append(
+            [
+                name,
+                len(own),
+                sum(d.verdict != "no_gap" for d, _ in own),
+                sum(s.found[i] for _, i in own),
+                sum(named),
+                sum(s.in_set[i] for _, i in hit),
+                sum(lost),
+                sum(
+                    d.verdict in ("explained", "measurement") and set(s.truth[i]) != {source[n] for n in d.named}
+                    for d, i in own
+                ),
+            ]
+        )
     ratio = np.array([c.ratio for c in shares])
     quiet = [d.shrinkage for d, k in zip(found, s.null[rows], strict=True) if k]
-    head = ["truth", "cases", "found", "found by the contest", "truth named", "named by the contest",
-            "lost after the contest", "wrong and sure"]  # fmt: skip
+    head = [
+        "truth",
+        "cases",
+        "found",
+        "found by the contest",
+        "truth named",
+        "named by the contest",
+        "lost after the contest",
+        "wrong and sure",
+    ]
     text = (
         f"Of those with one cause, not scatter, {len(shares)} have a share; over what the true effect takes from G: "
         f"{quartiles(ratio)}, {ENOUGH:g} and more in {share(ratio >= ENOUGH)}.  Of those without a gap "
@@ -64,14 +83,21 @@ def _modulus(whole: Library, s: Scored, rows: np.ndarray, found: Sequence[Diagno
         own = [(d, s.cases.modulus[i]) for d, i in zip(found, rows, strict=True) if m[i] and d.odd is None]
         if not own:
             continue
-        said, reached = (np.array([[getattr(d.reach[name], of)[k] for k in (0, 2)] for d, _ in own])
-                         for of in ("alone", "whole"))  # fmt: skip
+        said, reached = (
+            np.array([[getattr(d.reach[name], of)[k] for k in (0, 2)] for d, _ in own]) for of in ("alone", "whole")
+        )
         μ = np.array([v for _, v in own])
         held = [share((v[:, 0] <= μ) & (μ <= v[:, 1])) for v in (said, reached)]
         width = [f"{np.median(np.log(v[:, 1] / v[:, 0])):.3f}" for v in (said, reached)]
         out.append([kind, len(own), held[0], width[0], held[1], width[1]])
-    head = ["truth", "cases", f"{name} held if nothing else is there", "width in ln", "over all that the data allow",
-            "width in ln"]  # fmt: skip
+    head = [
+        "truth",
+        "cases",
+        f"{name} held if nothing else is there",
+        "width in ln",
+        "over all that the data allow",
+        "width in ln",
+    ]
     return ["", *table(head, out)]
 
 

@@ -41,8 +41,16 @@ def threshold_of(evidence: Evidence, y: np.ndarray, seed: int, keep: Filter = la
     return attribution.critical(np.array([keep(c).statistic for c in contests]))
 
 
-def scored(evidence: Evidence, y: np.ndarray, cases: Cases, classes, seed: int, keep: Filter = lambda c: c,
-           threshold: float | None = None, table: Table | None = None) -> Scored:  # fmt: skip
+def scored(
+    evidence: Evidence,
+    y: np.ndarray,
+    cases: Cases,
+    classes,
+    seed: int,
+    keep: Filter = lambda c: c,
+    threshold: float | None = None,
+    table: Table | None = None,
+) -> Scored:
     """First contest, null, second contest without pairs, judgement."""
     table = Table(evidence, cases.Y) if table is None else table
     first = [keep(c) for c in attribution.contests(table, np.arange(len(cases.Y)))]
@@ -150,13 +158,15 @@ def taken_out(
         both = judged_without(table, s, threshold, mine)
         few, judged = both[0][0], [j for _, j in both]
         blind += [j.verdict for j in judged]
-        out[s] = [looked_at(table.evidence, few.effects, j, cases.Y[i], seed + i)
-                  for i, j in zip(mine, judged, strict=True)]  # fmt: skip
+        out[s] = [
+            looked_at(table.evidence, few.effects, j, cases.Y[i], seed + i) for i, j in zip(mine, judged, strict=True)
+        ]
         for i, v, c in zip(mine, out[s], attribution.contests(few, np.array(mine)), strict=True):
             alone = [k for k, h in enumerate(c.hypotheses) if len(h.effects) == 1 and not h.unexplained]
             other = c.hypotheses[max(alone, key=lambda k, c=c: c.log_evidence[k] + c.log_prior[k])].effects
-            left = [misfit(table.evidence, hypotheses.Hypothesis(tuple(e)), cases.Y[i])
-                    for e in (other, cases.effects[i])]  # fmt: skip
+            left = [
+                misfit(table.evidence, hypotheses.Hypothesis(tuple(e)), cases.Y[i]) for e in (other, cases.effects[i])
+            ]
             tells.append((v, len(cases.Y[i]) * (left[0] - left[1])))
         for i, v, j, c in zip(mine, out[s], judged, attribution.contests(table, np.array(mine)), strict=True):
             if v in ALONE:
@@ -187,8 +197,10 @@ def taken_away(bench: Bench, y: np.ndarray, cases: Cases) -> dict[str, tuple[np.
     effects = [e for e in bench.library.effects if e.family != "scatter"]
 
     def rows(keep: Callable[[Test | Profile], np.ndarray | bool]) -> np.ndarray:
-        found = [np.arange(at.start, at.stop)[np.broadcast_to(keep(item), (at.stop - at.start,))]
-                 for item, _, at in plan.rows()]  # fmt: skip
+        found = [
+            np.arange(at.start, at.stop)[np.broadcast_to(keep(item), (at.stop - at.start,))]
+            for item, _, at in plan.rows()
+        ]
         return np.concatenate(found)
 
     force = lambda t: isinstance(t, Test)  # noqa: E731
@@ -199,9 +211,8 @@ def taken_away(bench: Bench, y: np.ndarray, cases: Cases) -> dict[str, tuple[np.
         "without other points": rows(lambda t: t.place == primary),
         "without unloading": rows(lambda t: t.branch == 0 if force(t) else True),
         "without cycles": rows(lambda t: not force(t) or not np.any(t.branch == 1)),
-        "loading at the main point only": rows(
-            lambda t: force(t) and t.place == primary and not np.any(t.branch == 1)),
-    }  # fmt: skip
+        "loading at the main point only": rows(lambda t: force(t) and t.place == primary and not np.any(t.branch == 1)),
+    }
     out = {}
     for name, own in parts.items():
         if len(own) < 10 or any(len(own) == n for _, n in out.values()):
@@ -225,8 +236,11 @@ def with_values(plan: TestPlan, y: np.ndarray) -> TestPlan:
             profiles[id(item)] = y[at]
         else:
             tests[id(item)][c] = y[at]
-    return replace(plan, tests=tuple(replace(t, values=tests[id(t)]) for t in plan.tests),
-                   profiles=tuple(replace(p, value=profiles[id(p)]) for p in plan.profiles))  # fmt: skip
+    return replace(
+        plan,
+        tests=tuple(replace(t, values=tests[id(t)]) for t in plan.tests),
+        profiles=tuple(replace(p, value=profiles[id(p)]) for p in plan.profiles),
+    )
 
 
 def next_tests(
@@ -242,8 +256,11 @@ def next_tests(
     library, bench, cases = evidence.bench.library, evidence.bench, result.cases
     known = {e.name: e for e in evidence.effects if e.family != "scatter"}
     everything = {n: ((e,), None) for n, e in known.items() if e.family == "model"}
-    there = {c.words: (c, v) for c in proposals.candidates(library)
-             if (v := next_test.simulated(library, c, everything, run)) is not None}  # fmt: skip
+    there = {
+        c.words: (c, v)
+        for c in proposals.candidates(library)
+        if (v := next_test.simulated(library, c, everything, run)) is not None
+    }
     plan = library.plan
     once_more = [[t for t in plan.tests if t.experiment == k] for k in sorted({t.experiment for t in plan.tests})]
     again = [replace(library, plan=replace(plan, tests=tuple(tests), profiles=())) for tests in once_more]
@@ -263,8 +280,9 @@ def next_tests(
         p = by_key(result.contests[i], result.contests[i].probability)
         prior = {n: p.get((known[n].source,), 0.0) for n in names}
         prior = {n: v / sum(prior.values()) for n, v in prior.items()}  # the truth is in the set
-        pairs = [next_test.ranked(w, next_test.distances(v, bench, posts, c.without), prior)
-                 for w, (c, v) in there.items()]  # fmt: skip
+        pairs = [
+            next_test.ranked(w, next_test.distances(v, bench, posts, c.without), prior) for w, (c, v) in there.items()
+        ]
         pairs += [next_test.ranked(w, D, prior) for w, D in next_test.direct(library, bench, posts).items()]
         best = max(pairs, key=next_test.merit)
         chances.append(best.chance)
@@ -272,16 +290,23 @@ def next_tests(
 
         right = np.array([known[n].source == truth.source for n in names])
         P = np.maximum([prior[n] for n in names], 1e-12)
-        each = {t.test: _settles(right, P,
-            _answer(there[t.test][1], bench, posts, cases, i, rng, there[t.test][0].without)
-            if t.test in there else _answer_direct(t.test, gauges, bench, posts, cases, i, rng)
-        ) for t in pairs}  # fmt: skip
+        each = {
+            t.test: _settles(
+                right,
+                P,
+                _answer(there[t.test][1], bench, posts, cases, i, rng, there[t.test][0].without)
+                if t.test in there
+                else _answer_direct(t.test, gauges, bench, posts, cases, i, rng),
+            )
+            for t in pairs
+        }
         out["proposed"].append(each[best.test])
         out["any of the list"].append(any(each.values()))
         out["random"].append(
-            each[pairs[pick].test] if pick < len(pairs)
+            each[pairs[pick].test]
+            if pick < len(pairs)
             else _settles(right, P, _answer(again[pick - len(pairs)], bench, posts, cases, i, rng))
-        )  # fmt: skip
+        )
     return {**{k: np.array(v) for k, v in out.items()}, "promised": np.array(chances)}
 
 

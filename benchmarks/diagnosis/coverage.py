@@ -86,12 +86,25 @@ def row(name: str, ends: np.ndarray, verdicts: Sequence[str]) -> list[object]:
     """A row of the table: cases, those without a gap, then coverage and mean half-width in % of each interval."""
     held = (ends[:, :, 0] <= 0.0) & (ends[:, :, 1] >= 0.0)
     half = 50.0 * (ends[:, :, 1] - ends[:, :, 0]).mean(axis=0)
-    return [name, len(ends), verdicts.count("no_gap"),
-            *(v for k in range(3) for v in (share(held[:, k]), f"{half[k]:.1f}"))]  # fmt: skip
+    return [
+        name,
+        len(ends),
+        verdicts.count("no_gap"),
+        *(v for k in range(3) for v in (share(held[:, k]), f"{half[k]:.1f}")),
+    ]
 
 
-HEAD = ["truth", "cases", "no gap", "held by what was said", "± %", "and another program counts", "± %",
-        "held by all that data allow", "± %"]  # fmt: skip
+HEAD = [
+    "truth",
+    "cases",
+    "no gap",
+    "held by what was said",
+    "± %",
+    "and another program counts",
+    "± %",
+    "held by all that data allow",
+    "± %",
+]
 
 
 def coverage(evidence: Evidence, y: np.ndarray, force: np.ndarray, threshold: float, count: int, seed: int):
@@ -112,6 +125,12 @@ def coverage(evidence: Evidence, y: np.ndarray, force: np.ndarray, threshold: fl
 def section(say: Say, evidence: Evidence, y: np.ndarray, threshold: float, seed: int, count: int = 150) -> None:
     """The table."""
     rows = list(coverage(evidence, y, fitted(evidence.bench, y), threshold, count, seed))
-    say(["## The interval of the modulus", "", "90 % intervals of cases that another program has made, so to say: each "
-         "curve is off as programs differ.  *Held* with 95 % intervals, mean half-width in % of the modulus.",
-         *table_of(HEAD, rows)])  # fmt: skip
+    say(
+        [
+            "## The interval of the modulus",
+            "",
+            "90 % intervals of cases that another program has made, so to say: each "
+            "curve is off as programs differ.  *Held* with 95 % intervals, mean half-width in % of the modulus.",
+            *table_of(HEAD, rows),
+        ]
+    )

@@ -53,8 +53,14 @@ def share(hits: Sequence[bool]) -> str:
 class Scored:
     """Contests, their judgement and what is right about it: arrays over the cases (B,)."""
 
-    def __init__(self, cases: Cases, contests: Sequence[Contest], threshold: float,
-                 classes: Mapping[str, frozenset[str]], first: Sequence[Contest] | None = None) -> None:  # fmt: skip
+    def __init__(
+        self,
+        cases: Cases,
+        contests: Sequence[Contest],
+        threshold: float,
+        classes: Mapping[str, frozenset[str]],
+        first: Sequence[Contest] | None = None,
+    ) -> None:
         first = contests if first is None else first
         self.cases, self.contests, self.threshold = cases, contests, threshold
         B = range(len(contests))
@@ -73,8 +79,9 @@ class Scored:
         self.in_set = np.array([set(t) <= n for t, n in zip(self.truth, self.named, strict=True)])
         self.sizes = np.array([len(n) for n in self.named])
         wide = [classes.get(t[0], frozenset(t)) if len(t) == 1 else frozenset(t) for t in self.truth]
-        self.class_top = np.array([(len(b) == 1 and b[0] in w) or b == t
-                                   for b, w, t in zip(best, wide, self.truth, strict=True)])  # fmt: skip
+        self.class_top = np.array(
+            [(len(b) == 1 and b[0] in w) or b == t for b, w, t in zip(best, wide, self.truth, strict=True)]
+        )
         self.class_set = self.in_set | np.array([bool(n & w) for n, w in zip(self.named, wide, strict=True)])
         self.verdict = np.array([j.verdict for j in self.judged])
         self.sure = np.isin(self.verdict, ("explained", "measurement"))
@@ -83,8 +90,9 @@ class Scored:
         of = np.array([p.get(t, 0.0) for p, t in zip(self.probability, self.truth, strict=True)])
         own = np.array([p.get(t, 0.0) for p, t in zip(self.prior, self.truth, strict=True)])
         self.log_score, self.log_prior = np.log(np.maximum(of, 1e-9)), np.log(np.maximum(own, 1e-9))
-        self.right = np.array([p.get(t, 0.0) / max(1.0 - p[()], 1e-300)
-                               for p, t in zip(self.probability, self.truth, strict=True)])  # fmt: skip
+        self.right = np.array(
+            [p.get(t, 0.0) / max(1.0 - p[()], 1e-300) for p, t in zip(self.probability, self.truth, strict=True)]
+        )
 
 
 def slope(scored: Scored, rows: np.ndarray, given: bool) -> float:
@@ -133,8 +141,9 @@ def value_of(e: Effect, s: np.ndarray, modulus: np.ndarray, reference: float) ->
     return e.size.value(s) * (modulus / (1.0 if e.family == "model" else reference)) ** e.size.exponent
 
 
-def covered(evidence: Evidence, scored: Scored, rows: Sequence[int], effects: Sequence[Sequence[Effect]],
-            loose: bool, seed: int) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+def covered(
+    evidence: Evidence, scored: Scored, rows: Sequence[int], effects: Sequence[Sequence[Effect]], loose: bool, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
     """(hit, low side) of the LEVEL interval of the size under one effect each; a wrong cause does not cover."""
     rng = np.random.default_rng(seed)
     d, hit, below = len(evidence.bench.library.base.axes), [], []

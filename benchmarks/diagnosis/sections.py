@@ -27,22 +27,45 @@ Say = Callable[[Iterable[str]], None]
 def figures(s: Scored) -> list[str]:
     """One row: false alarms, detection, then of those found with one cause: top, set, size, wrong and sure, score."""
     hit = s.found & s.single
-    return [share(s.found[s.null]), f"{np.mean(s.found[~s.null]):.3f}", f"{np.mean(s.top[hit]):.3f}",
-            f"{np.mean(s.class_top[hit]):.3f}", f"{np.mean(s.in_set[hit]):.3f}", f"{np.mean(s.class_set[hit]):.3f}",
-            f"{np.mean(s.sizes[hit]):.2f}", f"{np.mean(s.wrong[hit]):.3f}",
-            f"{np.mean(s.log_score[s.single | s.null]):.2f}", f"{slope(s, hit, True):.2f}"]  # fmt: skip
+    return [
+        share(s.found[s.null]),
+        f"{np.mean(s.found[~s.null]):.3f}",
+        f"{np.mean(s.top[hit]):.3f}",
+        f"{np.mean(s.class_top[hit]):.3f}",
+        f"{np.mean(s.in_set[hit]):.3f}",
+        f"{np.mean(s.class_set[hit]):.3f}",
+        f"{np.mean(s.sizes[hit]):.2f}",
+        f"{np.mean(s.wrong[hit]):.3f}",
+        f"{np.mean(s.log_score[s.single | s.null]):.2f}",
+        f"{slope(s, hit, True):.2f}",
+    ]
 
 
 TELLS = (("below 9", -np.inf, 9.0), ("9 to 25", 9.0, 25.0), ("25 to 100", 25.0, 100.0), ("100 and more", 100.0, np.inf))
-HEAD = ["false alarms (95 %)", "detected", "cause on top", "or its class", "in named set", "or its class", "set size",
-        "wrong and sure", "log score", "slope"]  # fmt: skip
+HEAD = [
+    "false alarms (95 %)",
+    "detected",
+    "cause on top",
+    "or its class",
+    "in named set",
+    "or its class",
+    "set size",
+    "wrong and sure",
+    "log score",
+    "slope",
+]
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> list[str]:
     """A Markdown table."""
     head = list(head)
-    return ["", "| " + " | ".join(head) + " |", "|" + "---|" * len(head),
-            *("| " + " | ".join(map(str, r)) + " |" for r in rows), ""]  # fmt: skip
+    return [
+        "",
+        "| " + " | ".join(head) + " |",
+        "|" + "---|" * len(head),
+        *("| " + " | ".join(map(str, r)) + " |" for r in rows),
+        "",
+    ]
 
 
 def by_effect(evidence: Evidence, s: Scored, before: Sequence[Detectable], seed: int) -> list[list[object]]:
@@ -71,9 +94,20 @@ def by_effect(evidence: Evidence, s: Scored, before: Sequence[Detectable], seed:
         mean = lambda v, r: f"{np.mean(v[r]):.2f}" if len(r) else "–"  # noqa: E731
         met = f"{'< ' * bool(found.all())}{at:.3g}" if np.isfinite(at) else "–"
         said = announced.get(e.name)
-        out.append([e.name, len(mine), f"{found.mean():.2f}", "–" if said is None else f"{said:.3g}", met,
-                    f"{np.mean(s.found[clear]):.2f} ({len(clear)})" if len(clear) else "–", mean(s.top, hit),
-                    mean(s.in_set, hit), cover, rival])  # fmt: skip
+        out.append(
+            [
+                e.name,
+                len(mine),
+                f"{found.mean():.2f}",
+                "–" if said is None else f"{said:.3g}",
+                met,
+                f"{np.mean(s.found[clear]):.2f} ({len(clear)})" if len(clear) else "–",
+                mean(s.top, hit),
+                mean(s.in_set, hit),
+                cover,
+                rival,
+            ]
+        )
     return out
 
 
@@ -86,9 +120,13 @@ def intervals(evidence: Evidence, s: Scored, seed: int) -> list[str]:
     tight, _ = covered(evidence, s, hit, own, False, seed)
     alone, _ = covered(evidence, s, hit, chosen, True, seed)
     same = np.array([len(c) == 1 and c[0].name == o[0].name for c, o in zip(chosen, own, strict=True)])
-    return ["", f"90 % interval of the size holds the truth: under the true cause {share(loose)}, truth below it "
-            f"{np.mean(below):.3f}; without looseness {share(tight)}; under the chosen cause where that is right "
-            f"{share(alone[same])}, over all found {np.mean(alone):.3f}.", ""]  # fmt: skip
+    return [
+        "",
+        f"90 % interval of the size holds the truth: under the true cause {share(loose)}, truth below it "
+        f"{np.mean(below):.3f}; without looseness {share(tight)}; under the chosen cause where that is right "
+        f"{share(alone[same])}, over all found {np.mean(alone):.3f}.",
+        "",
+    ]
 
 
 def inference(say: Say, s: Scored, evidence: Evidence, seed: int) -> None:
@@ -109,19 +147,37 @@ def inference(say: Say, s: Scored, evidence: Evidence, seed: int) -> None:
 
 def each_effect(say: Say, evidence: Evidence, s: Scored, before: Sequence[Detectable], seed: int) -> None:
     """The table by effect."""
-    head = ["effect", "cases", "found", "limit announced", "limit met", "found at 3 × limit", "on top", "in set",
-            "interval covers", "most often instead"]  # fmt: skip
-    say(["## By effect", "", "Limits are size coordinates: deviations from neutral, of ratios their logarithm.",
-         *table(head, by_effect(evidence, s, before, seed))])  # fmt: skip
+    head = [
+        "effect",
+        "cases",
+        "found",
+        "limit announced",
+        "limit met",
+        "found at 3 × limit",
+        "on top",
+        "in set",
+        "interval covers",
+        "most often instead",
+    ]
+    say(
+        [
+            "## By effect",
+            "",
+            "Limits are size coordinates: deviations from neutral, of ratios their logarithm.",
+            *table(head, by_effect(evidence, s, before, seed)),
+        ]
+    )
 
 
 def without(say: Say, bench: Bench, cases: Cases, y: np.ndarray, classes, seed: int) -> None:
     """Twice the noise, and the method without one of its parts, on the same cases."""
     few = cases.picked(range(0, len(cases.Y), max(1, len(cases.Y) // ABLATED)))
     evidence = Evidence(bench, bench.library.effects)
-    variants = {"as it is": lambda: controls.scored(evidence, y, few, classes, seed),
-                "noise doubled": lambda: controls.noisier(bench, y, few, classes, seed),
-                **controls.ablations(bench, y, few, classes, seed)}  # fmt: skip
+    variants = {
+        "as it is": lambda: controls.scored(evidence, y, few, classes, seed),
+        "noise doubled": lambda: controls.noisier(bench, y, few, classes, seed),
+        **controls.ablations(bench, y, few, classes, seed),
+    }
     rows = [[name, *figures(run())] for name, run in variants.items()]
     say(["## Without a part of it", "", f"{len(few.Y)} of the cases.", *table(["variant", *HEAD], rows)])
 
@@ -152,10 +208,20 @@ def beside(say: Say, own: Table, s: Scored) -> None:
     found, top = s.found[rows], s.top[rows]
     rules = {"this diagnosis": top, "closest imitations known (oracle)": oracle(own, part), **baselines(own, part)}
     prior = 1 / len({e.source for e in own.effects})
-    say(["## Beside simpler rules", "", "Cause on top, of cases with one cause that is not scatter.",
-         *table(["rule", "found", "all"], [
-             *([k, f"{v[found].mean():.3f}", f"{v.mean():.3f}"] for k, v in rules.items()),
-             ["prior only", f"{prior:.3f}", f"{prior:.3f}"]])])  # fmt: skip
+    say(
+        [
+            "## Beside simpler rules",
+            "",
+            "Cause on top, of cases with one cause that is not scatter.",
+            *table(
+                ["rule", "found", "all"],
+                [
+                    *([k, f"{v[found].mean():.3f}", f"{v.mean():.3f}"] for k, v in rules.items()),
+                    ["prior only", f"{prior:.3f}", f"{prior:.3f}"],
+                ],
+            ),
+        ]
+    )
 
 
 def checks(say: Say, bench: Bench, evidence: Evidence, own: Table, s: Scored, y, threshold: float, seed: int):
@@ -171,32 +237,47 @@ def checks(say: Say, bench: Bench, evidence: Evidence, own: Table, s: Scored, y,
     verdicts = ["no gap", "unexplained", "partly", "ambiguous", "one cause, sure", "cases"]
     out, blind, told, better, tells = controls.taken_out(own, s.cases, threshold, clear, seed)
     looked_at = [controls.looked_at(evidence, evidence.effects, s.judged[i], s.cases.Y[i], seed + i) for i in clear]
-    rows = [["as it is", *count(looked_at)],
-            ["as it is, no look at what is left", *count(s.verdict[clear])],
-            ["residuals permuted", *count(controls.permuted(evidence, s.cases.picked(few), threshold, seed))],
-            ["true effect not in the catalogue", *count(v for o in out.values() for v in o)],
-            ["true effect not in it, no look at what is left", *count(blind)],
-            ["true effect twice in it", *count(controls.with_twin(own, s.cases, threshold, clear))]]  # fmt: skip
+    rows = [
+        ["as it is", *count(looked_at)],
+        ["as it is, no look at what is left", *count(s.verdict[clear])],
+        ["residuals permuted", *count(controls.permuted(evidence, s.cases.picked(few), threshold, seed))],
+        ["true effect not in the catalogue", *count(v for o in out.values() for v in o)],
+        ["true effect not in it, no look at what is left", *count(blind)],
+        ["true effect twice in it", *count(controls.with_twin(own, s.cases, threshold, clear))],
+    ]
     part_of = lambda v: f"{np.mean(v):.2f}" if len(v) else "–"  # noqa: E731
-    say(["## Controls", *table(["cases found, one cause", *verdicts], rows),
-         f"Where one wrong cause is sure ({len(told)} cases), the true one, had it been there, would have been less "
-         f"than 20 times as probable as all others together in {part_of(told < np.log(20))} of them: in these the data "
-         f"do not tell.  With it χ² would be smaller by less than 9 in {part_of(better < 9)}, by less than 25 in "
-         f"{part_of(better < 25)}: what the named one leaves is hardly there.",
-         "",
-         "Not in the catalogue, by how much less χ² the true cause would leave than the best of the others: below some "
-         "25 among hundreds of readings nobody sees it who does not know it.",
-         *table(["less χ²", *verdicts], [[name, *count(v for v, less in tells if low <= less < high)]
-                                         for name, low, high in TELLS]),
-         "Not in the catalogue, by source:",
-         *table(["taken out", *verdicts], [[k, *count(v)] for k, v in out.items()])])  # fmt: skip
+    say(
+        [
+            "## Controls",
+            *table(["cases found, one cause", *verdicts], rows),
+            f"Where one wrong cause is sure ({len(told)} cases), the true one, had it been there, would have been "
+            f"less than 20 times as probable as all others together in {part_of(told < np.log(20))} of them: in these "
+            f"the data do not tell.  With it χ² would be smaller by less than 9 in {part_of(better < 9)}, by less than "
+            f"25 in {part_of(better < 25)}: what the named one leaves is hardly there.",
+            "",
+            "Not in the catalogue, by how much less χ² the true cause would leave than the best of the others: below "
+            "some 25 among hundreds of readings nobody sees it who does not know it.",
+            *table(
+                ["less χ²", *verdicts],
+                [[name, *count(v for v, less in tells if low <= less < high)] for name, low, high in TELLS],
+            ),
+            "Not in the catalogue, by source:",
+            *table(["taken out", *verdicts], [[k, *count(v)] for k, v in out.items()]),
+        ]
+    )
     part = s.cases.picked([i for i in np.nonzero(s.single)[0] if s.cases.effects[i][0].family != "scatter"])
     away = controls.taken_away(bench, y, part)
     full = away["everything"][0]
-    rows = [[k, n, f"{np.mean(p):.3f}", f"{np.mean(p - full):+.3f} ± {2 * np.std(p - full) / np.sqrt(len(p)):.3f}"]
-            for k, (p, n) in away.items()]  # fmt: skip
-    say(["Probability of the right cause given a gap, all cases with one cause that is not scatter:",
-         *table(["data", "values", "mean P", "against everything"], rows)])  # fmt: skip
+    rows = [
+        [k, n, f"{np.mean(p):.3f}", f"{np.mean(p - full):+.3f} ± {2 * np.std(p - full) / np.sqrt(len(p)):.3f}"]
+        for k, (p, n) in away.items()
+    ]
+    say(
+        [
+            "Probability of the right cause given a gap, all cases with one cause that is not scatter:",
+            *table(["data", "values", "mean P", "against everything"], rows),
+        ]
+    )
 
 
 def decisive(say: Say, evidence: Evidence, s: Scored, seed: int, folder: Path | None, jobs: int) -> None:
@@ -210,9 +291,15 @@ def decisive(say: Say, evidence: Evidence, s: Scored, seed: int, folder: Path | 
         with RunStore(folder) as runs, WorkerPool(jobs, source=Source("fem_backend.backend:BACKEND")) as pool:
             found = controls.next_tests(evidence, s, rows, seed, lambda t: run_all(backend, t, runs, pool))
     promised = found.pop("promised")
-    say(["## Next test", "", "Ambiguous sets that hold the truth; resolved: after one more test the right cause has "
-         f"{SETTLED:g} of the probability within the set.  The proposed test promised {np.mean(promised):.2f}.",
-         *table(["test", "resolved"], [[k, share(v)] for k, v in found.items()])])  # fmt: skip
+    say(
+        [
+            "## Next test",
+            "",
+            "Ambiguous sets that hold the truth; resolved: after one more test the right cause has "
+            f"{SETTLED:g} of the probability within the set.  The proposed test promised {np.mean(promised):.2f}.",
+            *table(["test", "resolved"], [[k, share(v)] for k, v in found.items()]),
+        ]
+    )
 
 
 def with_pairs(say: Say, own: Table, s: Scored, count: int) -> None:

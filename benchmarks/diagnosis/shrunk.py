@@ -113,8 +113,15 @@ def everywhere(whole: Library, evidence: Evidence, y: np.ndarray, cases: Cases, 
     return out
 
 
-def closed(whole: Library, evidence: Evidence, values: np.ndarray, hypothesis: Hypothesis, seed: int,
-           in_turn: bool = False, anew: bool = True) -> Shrinkage:  # fmt: skip
+def closed(
+    whole: Library,
+    evidence: Evidence,
+    values: np.ndarray,
+    hypothesis: Hypothesis,
+    seed: int,
+    in_turn: bool = False,
+    anew: bool = True,
+) -> Shrinkage:
     """The product's shrinkage for values (N,) of the whole plan; `in_turn` experiments that are seen are left out, and
     the hypothesis is chosen `anew` without them."""
     plan = with_values(whole.plan, values)
@@ -156,22 +163,40 @@ def summary(found: Sequence[Closed]) -> list[list[str]]:
 
     def row(words: str, own: Sequence[Closed]) -> list[str]:
         ratio = np.array([c.ratio for c in own])
-        return [words, str(len(own)), quartiles([c.chosen.closed for c in own]),
-                quartiles([c.achievable for c in own]), quartiles(ratio), share(ratio >= ENOUGH)]  # fmt: skip
+        return [
+            words,
+            str(len(own)),
+            quartiles([c.chosen.closed for c in own]),
+            quartiles([c.achievable for c in own]),
+            quartiles(ratio),
+            share(ratio >= ENOUGH),
+        ]
 
-    kinds = [k for k in ("explained", "measurement", "ambiguous", "partly", "unexplained")
-             if any(c.verdict == k for c in found)]  # fmt: skip
-    return [row("all", found), *(row(f"verdict {k}", [c for c in found if c.verdict == k]) for k in kinds),
-            row("another cause chosen, or none", [c for c in found if not c.same])]  # fmt: skip
+    kinds = [
+        k
+        for k in ("explained", "measurement", "ambiguous", "partly", "unexplained")
+        if any(c.verdict == k for c in found)
+    ]
+    return [
+        row("all", found),
+        *(row(f"verdict {k}", [c for c in found if c.verdict == k]) for k in kinds),
+        row("another cause chosen, or none", [c for c in found if not c.same]),
+    ]
 
 
 HEAD = ["cases", "with a share", "share closed: median (quartiles)", "by the true effect", "ratio", "ratio ≥ 0.9"]
 
 
 def one_cause(
-    whole: Library, evidence: Evidence, s: Scored, values: np.ndarray, rows: Sequence[int],
-    look: Callable[[int], Checked], seed: int, in_turn: bool,
-) -> list[Closed]:  # fmt: skip
+    whole: Library,
+    evidence: Evidence,
+    s: Scored,
+    values: np.ndarray,
+    rows: Sequence[int],
+    look: Callable[[int], Checked],
+    seed: int,
+    in_turn: bool,
+) -> list[Closed]:
     """What is closed of cases found."""
     out = []
     for i in rows:
@@ -234,9 +259,14 @@ def nominal(curves: int) -> float:
 
 
 def shrinkages(
-    say: Say, whole: Library, evidence: Evidence, s: Scored, values: np.ndarray, look: Callable[[int], Checked],
+    say: Say,
+    whole: Library,
+    evidence: Evidence,
+    s: Scored,
+    values: np.ndarray,
+    look: Callable[[int], Checked],
     seed: int,
-) -> None:  # fmt: skip
+) -> None:
     """Shares closed on the validate curves, and with experiments left out in turn."""
     hit = [i for i in np.nonzero(s.found & s.single)[0] if s.cases.effects[i][0].family != "scatter"]
     null = np.nonzero(s.null)[0]

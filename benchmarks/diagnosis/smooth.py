@@ -59,8 +59,10 @@ def of_no_cause(say: Say, evidence: Evidence, y: np.ndarray, threshold: float, s
     first = controls.scored(evidence, y, cases, {}, seed, threshold=threshold)
     flat = other_bench(bench, y, projected=False)
     alone = controls.only(lambda h: not h.unexplained)
-    after = [check(evidence, evidence.effects, j, v, seed + i)
-             for i, (j, v) in enumerate(zip(first.judged, cases.Y, strict=True))]  # fmt: skip
+    after = [
+        check(evidence, evidence.effects, j, v, seed + i)
+        for i, (j, v) in enumerate(zip(first.judged, cases.Y, strict=True))
+    ]
     verdicts = {
         "as it is": first.verdict,
         "without projection": controls.scored(Evidence(flat, evidence.effects), y, cases, {}, seed).verdict,
@@ -70,8 +72,7 @@ def of_no_cause(say: Say, evidence: Evidence, y: np.ndarray, threshold: float, s
     }
 
     def row(v: np.ndarray) -> list[str]:
-        return [*(f"{np.mean(v == k):.3f}" for k in KINDS), f"{np.mean(np.isin(v, controls.ALONE)):.3f}",
-                str(len(v))]  # fmt: skip
+        return [*(f"{np.mean(v == k):.3f}" for k in KINDS), f"{np.mean(np.isin(v, controls.ALONE)):.3f}", str(len(v))]
 
     last = verdicts["and the held-out check"]
     at = np.clip(np.searchsorted(EDGES, amplitude) - 1, 0, len(EDGES) - 2)
@@ -83,6 +84,13 @@ def of_no_cause(say: Say, evidence: Evidence, y: np.ndarray, threshold: float, s
         'channels there; places have nothing to do with each other.  Right is "unexplained" or "partly"; a set of '
         "causes is wrong, one sure cause most of all."
     )
-    say(["## A smooth gap of no known cause", "", text,
-         *table(["variant", *head], [[k, *row(v)] for k, v in verdicts.items()]),
-         "The last of these by the largest relative change:", *table(["change", *head], sizes)])  # fmt: skip
+    say(
+        [
+            "## A smooth gap of no known cause",
+            "",
+            text,
+            *table(["variant", *head], [[k, *row(v)] for k, v in verdicts.items()]),
+            "The last of these by the largest relative change:",
+            *table(["change", *head], sizes),
+        ]
+    )

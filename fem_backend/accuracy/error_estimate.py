@@ -138,12 +138,16 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
     forces = {n: left * np.abs(result.channels[n]) + pull * share for n, share in directed(result).items()}
     back = recovering(settings, knobs, result)
     points = {n: v + back[n] for n, v in points.items()}
-    return forces | points | {
-        "uz_max": deep + back["uz_max"] + UNEVEN * settings.R * contrast(knobs),
-        "contact_area": back["contact_area"],
-        "contact_radius": back["contact_radius"],
-        "slipping": np.minimum(SLIP * (step + result.channels["slipping"]), 1.0) * (knobs.friction > 0.0),
-    }  # fmt: skip
+    return (
+        forces
+        | points
+        | {
+            "uz_max": deep + back["uz_max"] + UNEVEN * settings.R * contrast(knobs),
+            "contact_area": back["contact_area"],
+            "contact_radius": back["contact_radius"],
+            "slipping": np.minimum(SLIP * (step + result.channels["slipping"]), 1.0) * (knobs.friction > 0.0),
+        }
+    )
 
 
 def distorted(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:

@@ -36,9 +36,13 @@ def worthwhile(settings: Settings, knobs: Knobs) -> bool:
 
 
 def coarse(
-    settings: Settings, knobs: Knobs, placement: Placement, instants: Sequence[Instant], slopes: Sequence[str] = (),
+    settings: Settings,
+    knobs: Knobs,
+    placement: Placement,
+    instants: Sequence[Instant],
+    slopes: Sequence[str] = (),
     control: Mapping[str, float] | None = None,
-) -> tuple[Model, Result]:  # fmt: skip
+) -> tuple[Model, Result]:
     """The same experiment on the coarse mesh; `control` replaces numerical settings.  Raises NotModelled, Stopped."""
     crude = _on_coarse(settings)
     crude = replace(crude, control=replace(crude.control, **(control or {})))
@@ -82,9 +86,14 @@ def carried(crude: Model, points: Sequence[Point], model: Model) -> Guess:
 
 
 def limit(
-    settings: Settings, knobs: Knobs, placement: Placement, model: Model, instants: Sequence[Instant],
-    start: Guess | None = None, slopes: Sequence[str] = (),
-) -> Result:  # fmt: skip
+    settings: Settings,
+    knobs: Knobs,
+    placement: Placement,
+    model: Model,
+    instants: Sequence[Instant],
+    start: Guess | None = None,
+    slopes: Sequence[str] = (),
+) -> Result:
     """Result on the reference mesh with the forces, their derivatives and the reaction extrapolated:
 
         F = (F_h/2 − k F_h) / (1 − k)

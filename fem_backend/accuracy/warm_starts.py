@@ -40,10 +40,17 @@ def recipe(settings: Settings, knobs: Knobs, asked_mm: Sequence[float]) -> str:
     plain = experiment.plain_settings(settings) | {"material": {"law": "neo_hookean"}, "profile": [], "earlier": 0.0}
     decade = 10.0 ** min(max(round(math.log10(ratio)), 0), 2)
     return json.dumps(
-        {"anchor": 2, "settings": plain, "recipe": settings.recipe, "planes": placement.planes, "K_over_mu": decade,
-         "clearance": knobs.bowl_clearance if settings.support == "bowl" else None, "asked_mm": list(asked_mm)},
+        {
+            "anchor": 2,
+            "settings": plain,
+            "recipe": settings.recipe,
+            "planes": placement.planes,
+            "K_over_mu": decade,
+            "clearance": knobs.bowl_clearance if settings.support == "bowl" else None,
+            "asked_mm": list(asked_mm),
+        },
         sort_keys=True,
-    )  # fmt: skip
+    )
 
 
 def is_anchor(recipe: str) -> bool:
@@ -89,9 +96,13 @@ def make(recipe: str) -> bytes:
     K = 2.0 / knobs.D1
     by_ratio = -((6.0 * K + 2.0 * knobs.mu) ** 2) / (9.0 * knobs.mu * K**2)  # dD₁/dν
     out = io.BytesIO()
-    np.savez(out, travel=np.array(reached), ratio=closed_forms.poisson_ratio(knobs.mu, K),
-             u=np.array([states[s] for s in reached], np.float32).reshape(shape),
-             slope=by_ratio * np.array([tangents[s] for s in reached], np.float32).reshape(shape))  # fmt: skip
+    np.savez(
+        out,
+        travel=np.array(reached),
+        ratio=closed_forms.poisson_ratio(knobs.mu, K),
+        u=np.array([states[s] for s in reached], np.float32).reshape(shape),
+        slope=by_ratio * np.array([tangents[s] for s in reached], np.float32).reshape(shape),
+    )
     return out.getvalue()
 
 

@@ -66,9 +66,25 @@ def _trial(n, point, start, traction, motion, counts, stiff, v, t):  # type: ign
 
 @numba.njit(cache=True)
 def evaluate(  # type: ignore[no-untyped-def]
-    facets, N, weights, count, points, gap, normal, epsilon, multiplier, friction, start, before, opened, bound, met,
-    motion, work, length,
-):  # fmt: skip
+    facets,
+    N,
+    weights,
+    count,
+    points,
+    gap,
+    normal,
+    epsilon,
+    multiplier,
+    friction,
+    start,
+    before,
+    opened,
+    bound,
+    met,
+    motion,
+    work,
+    length,
+):
     m, nq = weights.shape
     residual, force = np.zeros((count, 3)), np.zeros(3)
     pressure, attraction = np.zeros((m, nq)), np.zeros((m, nq))
@@ -113,9 +129,30 @@ def evaluate(  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def tangent(  # type: ignore[no-untyped-def]
-    facets, N, weights, place, points, normal, hessian, gap, pressure, epsilon, friction, start, before,
-    opened, bound, met, motion, work, length, direction, geometric, data, moving,
-):  # fmt: skip
+    facets,
+    N,
+    weights,
+    place,
+    points,
+    normal,
+    hessian,
+    gap,
+    pressure,
+    epsilon,
+    friction,
+    start,
+    before,
+    opened,
+    bound,
+    met,
+    motion,
+    work,
+    length,
+    direction,
+    geometric,
+    data,
+    moving,
+):
     m, nq = weights.shape
     k, along_way, block = np.empty((3, 3)), np.empty((3, 3)), np.empty((18, 18))
     v, t, went = np.empty(3), np.empty(3), np.empty(3)

@@ -184,9 +184,20 @@ def evaluate(pair: Pair, x: np.ndarray, touch: Touch) -> ContactState:
     gap, normal, _ = pair.rigid.gap(points, touch.centre, touch.direction)
     before, motion = _before(pair, touch)
     residual, force, pressure, traction, slipping, attraction, energy = pointwise.evaluate(
-        surface.facets, surface.N, surface.weights, len(x), points, gap, normal, _epsilon(pair, touch),
-        _full(touch.multiplier, gap.shape), float(pair.friction), *before, motion, *_adhesion(pair),
-    )  # fmt: skip
+        surface.facets,
+        surface.N,
+        surface.weights,
+        len(x),
+        points,
+        gap,
+        normal,
+        _epsilon(pair, touch),
+        _full(touch.multiplier, gap.shape),
+        float(pair.friction),
+        *before,
+        motion,
+        *_adhesion(pair),
+    )
     return ContactState(energy, residual, force, pressure, gap, traction, slipping, attraction)
 
 
@@ -210,10 +221,25 @@ def tangent(
         start = tuple(array[active] for array in start)
     moving = np.zeros(x.shape)
     pointwise.tangent(
-        surface.facets[active], surface.N, surface.weights[active], surface.place[active], points, normal, hessian,
-        state.gap[active], state.pressure[active], _epsilon(pair, touch)[active], float(pair.friction), *start,
-        motion, *_adhesion(pair), np.asarray(touch.direction, float), geometric, data, moving,
-    )  # fmt: skip
+        surface.facets[active],
+        surface.N,
+        surface.weights[active],
+        surface.place[active],
+        points,
+        normal,
+        hessian,
+        state.gap[active],
+        state.pressure[active],
+        _epsilon(pair, touch)[active],
+        float(pair.friction),
+        *start,
+        motion,
+        *_adhesion(pair),
+        np.asarray(touch.direction, float),
+        geometric,
+        data,
+        moving,
+    )
     return moving
 
 

@@ -285,11 +285,23 @@ class Schur:
             return array.ctypes.data_as(ctypes.POINTER(kind))
 
         s._mkl_pardiso(
-            many(s.pt, s._pt_type[0]), one(1), one(1), one(2), one(phase), one(self._size), many(data, ctypes.c_float),
-            many(self._indptr, ctypes.c_int32), many(self._indices, ctypes.c_int32),
-            many(self._chosen, ctypes.c_int32), one(1), many(s.iparm, ctypes.c_int32), one(0),
-            many(b, ctypes.c_float), many(x, ctypes.c_float), ctypes.byref(error),
-        )  # fmt: skip
+            many(s.pt, s._pt_type[0]),
+            one(1),
+            one(1),
+            one(2),
+            one(phase),
+            one(self._size),
+            many(data, ctypes.c_float),
+            many(self._indptr, ctypes.c_int32),
+            many(self._indices, ctypes.c_int32),
+            many(self._chosen, ctypes.c_int32),
+            one(1),
+            many(s.iparm, ctypes.c_int32),
+            one(0),
+            many(b, ctypes.c_float),
+            many(x, ctypes.c_float),
+            ctypes.byref(error),
+        )
         if error.value == -4:
             raise NotPositiveDefinite("negative pivot")
         if error.value:

@@ -36,9 +36,15 @@ class Reached:
 
 
 def follow(
-    system: System, start: Start, instants: Sequence[Instant], control: Control, counters: Counters,
-    u: np.ndarray, history: History | None = None, touching: float | None = None,
-) -> list[Point]:  # fmt: skip
+    system: System,
+    start: Start,
+    instants: Sequence[Instant],
+    control: Control,
+    counters: Counters,
+    u: np.ndarray,
+    history: History | None = None,
+    touching: float | None = None,
+) -> list[Point]:
     """Equilibria at the asked instants where the way matters: friction, viscoelasticity, softening.
 
     Between asked instants the penalty alone keeps the bodies apart (kept multipliers would let the pressures of the
@@ -121,9 +127,15 @@ def _between(here: Reached, instant: Instant, share: float) -> Instant:
 
 
 def _step(
-    system: System, load: Load, guess: np.ndarray, here: Reached, goal: Instant, control: Control, counters: Counters,
+    system: System,
+    load: Load,
+    guess: np.ndarray,
+    here: Reached,
+    goal: Instant,
+    control: Control,
+    counters: Counters,
     limit: int,
-) -> tuple[Equilibrium, Load, Point | None]:  # fmt: skip
+) -> tuple[Equilibrium, Load, Point | None]:
     """Equilibrium at the end of a step from which the path goes on, its load, and the answer where one is asked for."""
     rolls, crude = rigid_motions.rolls(system), None
     if system.springs is not None:  # a body that may slide far: friction by the pressure before
@@ -175,9 +187,15 @@ def _rubbing(system: System, load: Load, here: Reached, pressures: Sequence[np.n
 
 
 def _rested(
-    system: System, load: Load, u: np.ndarray, here: Reached, limits: Sequence[np.ndarray], control: Control,
-    counters: Counters, limit: int,
-) -> tuple[Equilibrium, Load]:  # fmt: skip
+    system: System,
+    load: Load,
+    u: np.ndarray,
+    here: Reached,
+    limits: Sequence[np.ndarray],
+    control: Control,
+    counters: Counters,
+    limit: int,
+) -> tuple[Equilibrium, Load]:
     """Equilibrium to 1 % of the force and its load, friction limited by pressures `limits` (MPa) of a solution before.
 
     A body that may turn is looked for again with the pressures found, from everything stuck on down, until these and

@@ -119,9 +119,14 @@ Watch = Callable[[Stage, bool], None]  # called at each stage, and whether it is
 
 
 def find(
-    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = PATIENT,
+    system: System,
+    u: np.ndarray,
+    load: Load,
+    tolerance: float,
+    counters: Counters,
+    limit: int = PATIENT,
     known: Known | None = None,
-) -> Equilibrium:  # fmt: skip
+) -> Equilibrium:
     """Equilibrium from u (n, 3) by Newton in `limit` iterations; a body in a bowl that is lost rolls there.
 
     A body that may turn does so at once, in three times as many factorisations.  Raises NotConverged.
@@ -171,9 +176,7 @@ def seat(system: System, load: Load, u: np.ndarray, control: Control, counters: 
         raise Stopped(error.cause, f"while seating: {error}", [], error.history, counters) from error
 
 
-def carried(
-    system: System, load: Load, u: np.ndarray, control: Control, counters: Counters
-) -> tuple[np.ndarray, Load]:  # fmt: skip
+def carried(system: System, load: Load, u: np.ndarray, control: Control, counters: Counters) -> tuple[np.ndarray, Load]:
     """Displacement (n, 3) of a seated body, and its load, once multipliers λ ← p take what its weight sinks in by.
 
     Raises Stopped.
@@ -207,9 +210,15 @@ def _resting(
 
 
 def travel(
-    system: System, start: Start, asked: Sequence[float], control: Control, counters: Counters,
-    u: np.ndarray | None = None, guess: Guess | None = None, watch: Watch | None = None,
-) -> list[Point]:  # fmt: skip
+    system: System,
+    start: Start,
+    asked: Sequence[float],
+    control: Control,
+    counters: Counters,
+    u: np.ndarray | None = None,
+    guess: Guess | None = None,
+    watch: Watch | None = None,
+) -> list[Point]:
     """Equilibria of a conservative system at the `asked` travels (mm, increasing) from the state u (n, 3) at travel 0.
 
     `start(s)` is the load at travel s without multipliers.  Between asked travels the state only has to be near: the
@@ -280,10 +289,14 @@ def proper(
     least = float(np.linalg.det(np.eye(3) + H).min())
     if min(shortest, least) <= 0.0:
         raise Stopped(
-            "inadmissible", f'law = "linear_elastic": small-strain kinematics end between {here:.4g} and {goal:.4g} mm '
+            "inadmissible",
+            f'law = "linear_elastic": small-strain kinematics end between {here:.4g} and {goal:.4g} mm '
             f"of travel, where det(I + grad u) = {least:.3g} and 1 + the smallest strain = {shortest:.3g}; take a law "
-            "of finite strain, such as neo_hookean, or smaller depths", points, found.history, counters,
-        )  # fmt: skip
+            "of finite strain, such as neo_hookean, or smaller depths",
+            points,
+            found.history,
+            counters,
+        )
 
 
 def may_go_on(system: System, limit: int, error: NotConverged) -> bool:
@@ -305,9 +318,17 @@ def stopped(error: NotConverged, here: float, points: list[Point], counters: Cou
 
 
 def settle(
-    system: System, starts: Sequence[np.ndarray], load: Load, target: float, control: Control, counters: Counters,
-    time: float = 0.0, watch: Watch | None = None, known: Known | None = None, loose: bool = False,
-) -> Point:  # fmt: skip
+    system: System,
+    starts: Sequence[np.ndarray],
+    load: Load,
+    target: float,
+    control: Control,
+    counters: Counters,
+    time: float = 0.0,
+    watch: Watch | None = None,
+    known: Known | None = None,
+    loose: bool = False,
+) -> Point:
     """Tight equilibrium at an asked travel, multipliers λ ← p a fixed number of times (Uzawa); `known` as in Newton.
 
     Of the states `starts` (n, 3) the first is where the search begins, the others tell what each stage will move.

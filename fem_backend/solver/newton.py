@@ -161,7 +161,7 @@ def tangent(system: System, at: Evaluation, load: Load, geometric: bool = True) 
 
 def factorise(
     system: System, at: Evaluation, load: Load, counters: Counters, geometric: bool = True, make: Make | None = None
-) -> tuple[Any, np.ndarray]:  # fmt: skip
+) -> tuple[Any, np.ndarray]:
     """Factor of the tangent at a state, and ∂R/∂s (n, 3); or what else to `make` of the data of body and contact.
 
     A matrix that is not positive definite is retried without the negative contact term, then with a growing shift of
@@ -226,9 +226,14 @@ def full(body: Body, v: np.ndarray) -> np.ndarray:
 
 
 def solve(
-    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = 40,
+    system: System,
+    u: np.ndarray,
+    load: Load,
+    tolerance: float,
+    counters: Counters,
+    limit: int = 40,
     known: Known | None = None,
-) -> Equilibrium:  # fmt: skip
+) -> Equilibrium:
     """Equilibrium from the start u (n, 3): |R| ≤ tolerance · |outer forces|, over free dofs.
 
     With `known`, the factor of a state nearby, and close to the solution a factor is used as long as each step with it
@@ -283,9 +288,14 @@ def at_round_off(history: Sequence[float]) -> bool:
 
 
 def descend(
-    system: System, at: Evaluation, step: np.ndarray, slope: float, load: Load, counters: Counters,
+    system: System,
+    at: Evaluation,
+    step: np.ndarray,
+    slope: float,
+    load: Load,
+    counters: Counters,
     history: list[float],
-) -> Evaluation:  # fmt: skip
+) -> Evaluation:
     """First α = 1, ½, ¼ … that lowers the potential (Armijo) or, near the solution, the residual."""
     alpha, inverted = 1.0, False
     norm = float(np.linalg.norm(reduced(system.body, at.residual)))
@@ -307,9 +317,14 @@ def descend(
 
 
 def _balance(
-    system: System, at: Evaluation, step: np.ndarray, slope: float, load: Load, counters: Counters,
+    system: System,
+    at: Evaluation,
+    step: np.ndarray,
+    slope: float,
+    load: Load,
+    counters: Counters,
     history: list[float],
-) -> Evaluation:  # fmt: skip
+) -> Evaluation:
     """α whose residual is nearly normal to the step, |d·R(u + α d)| ≤ 0.7 |d·R(u)|, by false position.
 
     Friction has no potential, but along one step the work of the residual behaves like the slope of one (Crisfield

@@ -160,7 +160,7 @@ def _found(body: Body, at: Evaluation, history: list[float], factor: Solve, movi
 
 def _step(
     system: System, data: np.ndarray, g: np.ndarray, damping: np.ndarray, easy: np.ndarray | None
-) -> tuple[Solve, np.ndarray]:  # fmt: skip
+) -> tuple[Solve, np.ndarray]:
     """Factor of the tangent, damped in place, and −(K + D)⁻¹ g (f,); `easy` (f, k) are rigid motions.
 
     Raises NotPositiveDefinite, also if K is not along the step.
@@ -175,9 +175,15 @@ def _step(
 
 
 def _search(
-    system: System, how: Motion, at: Evaluation, load: Load, step: np.ndarray, g: np.ndarray, damped: bool,
+    system: System,
+    how: Motion,
+    at: Evaluation,
+    load: Load,
+    step: np.ndarray,
+    g: np.ndarray,
+    damped: bool,
     counters: Counters,
-) -> tuple[Evaluation | None, float]:  # fmt: skip
+) -> tuple[Evaluation | None, float]:
     """State at α·step, where the work of the residual along the step has fallen, and α; None where there is none.
 
     −0.7 ≤ (d·R)(α)/|d·R|(0) < 0.7 by false position, with an energy that falls where there is one; damped steps, which

@@ -115,9 +115,12 @@ def of_identification(plan: Plan, found: Identified, settled: Settled) -> dict[s
 
 
 def identification(
-    bench: Bench, emulator: Emulator, found: Sequence[Found], best: tuple[str, int] | None,
+    bench: Bench,
+    emulator: Emulator,
+    found: Sequence[Found],
+    best: tuple[str, int] | None,
     meanwhile: Sequence[Task] = (),
-) -> tuple[dict[str, Any], tuple[Run, ...], list[str], Determination | None]:  # fmt: skip
+) -> tuple[dict[str, Any], tuple[Run, ...], list[str], Determination | None]:
     """Two parts of results.json, the runs made for them, warnings, what they tell; `best` is a search and a place.
 
     What is wanted later may be run `meanwhile`.

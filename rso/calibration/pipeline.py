@@ -122,8 +122,7 @@ def _learn(bench: Bench, notes: _Notes, say: Say) -> Repaired:
         fitted = stages.fit_surrogates(bench, design)
     except stages.NothingToFit as error:
         found["warnings"].append(str(error))
-        notes.write("design", end=True, counts=notes.counts(plan), exit_code=EXIT_FAILED_RUNS,
-                    exit_reason=str(error))  # fmt: skip
+        notes.write("design", end=True, counts=notes.counts(plan), exit_code=EXIT_FAILED_RUNS, exit_reason=str(error))
         raise
     ranges = range_extension.repair(bench.around_failures(design.similar), design, fitted, say)
     plan, fitted = ranges.bench.plan, ranges.fitted

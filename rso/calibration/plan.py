@@ -149,10 +149,22 @@ def make_plan(study: Study) -> Plan:
     outputs = list(dict.fromkeys([*outputs, *(o for s in searches for o in s.outputs)]))
     extras = [*_others(backend, fitted[0], asked[fitted[0].name], main.targets), *map(limited, constraints)]
     plan = Plan(
-        study, resolved, backend, source, box, _group(study, backend, resolved, box), cases, case_of, validation,
-        curves, tuple(outputs), tuple(o for o in dict.fromkeys(extras) if o not in outputs), constraints, searches,
+        study,
+        resolved,
+        backend,
+        source,
+        box,
+        _group(study, backend, resolved, box),
+        cases,
+        case_of,
+        validation,
+        curves,
+        tuple(outputs),
+        tuple(o for o in dict.fromkeys(extras) if o not in outputs),
+        constraints,
+        searches,
         _conditions(study, box),
-    )  # fmt: skip
+    )
     full_design(plan)  # whatever is wrong with the design is said now, not when runs have begun
     return plan
 
@@ -192,9 +204,17 @@ def _designed(plan: Plan, runs: int | None) -> np.ndarray:
     """Asked for several times in a study, and an optimised one takes a second."""
     table = plan.study.doe
     X = doe.design(
-        table.kind, plan.box.d, runs, plan.seed, optimise=table.optimise, star=table.star, alpha=table.alpha,
-        centres=table.centres, levels=table.levels, feasible=plan.feasible if plan.conditions else None,
-    )  # fmt: skip
+        table.kind,
+        plan.box.d,
+        runs,
+        plan.seed,
+        optimise=table.optimise,
+        star=table.star,
+        alpha=table.alpha,
+        centres=table.centres,
+        levels=table.levels,
+        feasible=plan.feasible if plan.conditions else None,
+    )
     X.flags.writeable = False
     return X
 

@@ -138,8 +138,10 @@ def _foretold(bench: Bench, d: Determination, name: str, values: Mapping[str, fl
         beside = [{**values, **dict(zip(box.names, map(float, box.from_unit(x)), strict=True))} for x in points]
         found = bench.run_tasks([task(plan, name, v) for v in beside])
         runs.extend(Run("difference", v, (o,)) for v, o in zip(beside, found, strict=True))
-        return [np.concatenate([k.read(o.response) for k in parts]) if isinstance(o, Done) else why(o)[1] or ""
-                for o in found]  # fmt: skip
+        return [
+            np.concatenate([k.read(o.response) for k in parts]) if isinstance(o, Done) else why(o)[1] or ""
+            for o in found
+        ]
 
     known = [n for n in box.names if all(k.knows(response, n) for k in parts)]
     own = {n: np.concatenate([k.read(response, n) for k in parts]) for n in known}
@@ -194,14 +196,29 @@ def of_predictions(found: Sequence[Foretold]) -> dict[str, Any]:
 
 def _row(v: Foretold) -> dict[str, Any]:
     return {
-        "experiment": v.experiment, "values": dict(v.values), "verdict": v.verdict, "why": v.why or None,
-        "chi2": v.chi2, "points": v.points, "p_value": v.p_value, "alone": v.alone,
+        "experiment": v.experiment,
+        "values": dict(v.values),
+        "verdict": v.verdict,
+        "why": v.why or None,
+        "chi2": v.chi2,
+        "points": v.points,
+        "p_value": v.p_value,
+        "alone": v.alone,
         "channels": [
             {
-                "channel": c.kept.channel, "unit": c.kept.unit, "depth": c.kept.depth, "measured": c.kept.value,
-                "sigma": c.kept.sigma, "predicted": c.predicted, "numerical_error": c.error, "spread": c.spread,
-                "chi2": c.chi2, "p_value": c.p_value, "missed": c.missed, "metrics": dataclasses.asdict(c.metrics),
+                "channel": c.kept.channel,
+                "unit": c.kept.unit,
+                "depth": c.kept.depth,
+                "measured": c.kept.value,
+                "sigma": c.kept.sigma,
+                "predicted": c.predicted,
+                "numerical_error": c.error,
+                "spread": c.spread,
+                "chi2": c.chi2,
+                "p_value": c.p_value,
+                "missed": c.missed,
+                "metrics": dataclasses.asdict(c.metrics),
             }
             for c in v.channels
         ],
-    }  # fmt: skip
+    }

@@ -60,9 +60,17 @@ def as_data(label: str, experiment: str, curve: MeasuredCurve, keep: np.ndarray)
     white = None if curve.white is None else curve.white[keep]
     left = {n if n in every else f"{experiment}: {n}": U[keep] for n, U in curve.usual.items()}
     return Data(
-        label, curve.unit, curve.depth[keep], curve.value[keep], C, curve.freedom, shared, white, usual=left,
+        label,
+        curve.unit,
+        curve.depth[keep],
+        curve.value[keep],
+        C,
+        curve.freedom,
+        shared,
+        white,
+        usual=left,
         itself=curve.n_repeats == 1,
-    )  # fmt: skip
+    )
 
 
 def curve_outputs(plan: Plan) -> list[Output]:

@@ -66,8 +66,9 @@ def may_be_moved(folder: Path, study: Path, inputs: Iterable[Path]) -> None:
         why = f"is no folder of results: it has neither {STORE} nor the note {OWNER!r}"
     else:
         return
-    raise StudyError([f"{study}: --fresh moves no folder but that of this study's results: {folder} {why}: "
-                      "choose another --out"])  # fmt: skip
+    raise StudyError(
+        [f"{study}: --fresh moves no folder but that of this study's results: {folder} {why}: choose another --out"]
+    )
 
 
 def _owner(folder: Path) -> str:

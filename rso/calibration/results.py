@@ -48,10 +48,15 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
         "schema": SCHEMA,
         "stage": "plan",
         "study": {
-            "title": study.study.title, "file": study.file.name, "seed": study.study.seed, "units": study.study.units,
+            "title": study.study.title,
+            "file": study.file.name,
+            "seed": study.study.seed,
+            "units": study.study.units,
         },
         "backend": {
-            "name": plan.backend.name, "numerics": plan.backend.numerics, "settings": plain(study.backend.settings),
+            "name": plan.backend.name,
+            "numerics": plan.backend.numerics,
+            "settings": plain(study.backend.settings),
         },
         "parameters": parameters(plan, plan),
         "experiments": [_experiment(plan, e.name) for e in study.experiments if e.name in plan.curves],
@@ -79,7 +84,7 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
             "jobs": jobs,
             "solver": None,
         },
-    }  # fmt: skip
+    }
 
 
 def of_design(plan: Plan, design: Design) -> dict[str, Any]:
@@ -165,9 +170,12 @@ def of_region(plan: Plan, region: Region | None, runs: list[dict[str, Any]]) -> 
     """feasible: where runs have an answer, and a map over the first two open parameters."""
     failed = {r["key"]: r["cause"] for r in runs if r["state"] == "failed"}
     shown: dict[str, Any] = {
-        "failed": len(failed), "causes": dict(Counter(failed.values())), "share_infeasible": 0.0, "story": "",
+        "failed": len(failed),
+        "causes": dict(Counter(failed.values())),
+        "share_infeasible": 0.0,
+        "story": "",
         "map": None,
-    }  # fmt: skip
+    }
     if region is not None and region.model is not None:
         shown["share_infeasible"], shown["story"] = region.share(plan.box, plan.seed), region.story()
         if plan.box.d > 1:
@@ -198,15 +206,23 @@ def of_validation(found: list[Validation]) -> dict[str, Any]:
         cause, reason = why(v.outcome)
         rows.append(
             {
-                "experiment": v.kept.experiment, "channel": v.kept.channel, "unit": v.kept.unit, "search": v.search,
-                "candidate": f"{v.search} {v.candidate + 1}", "state": type(v.outcome).__name__.lower(),
-                "cause": cause, "reason": reason, "depth": v.kept.depth, "measured": v.kept.value,
-                "sigma": v.kept.sigma, "predicted": [] if v.predicted is None else v.predicted,
+                "experiment": v.kept.experiment,
+                "channel": v.kept.channel,
+                "unit": v.kept.unit,
+                "search": v.search,
+                "candidate": f"{v.search} {v.candidate + 1}",
+                "state": type(v.outcome).__name__.lower(),
+                "cause": cause,
+                "reason": reason,
+                "depth": v.kept.depth,
+                "measured": v.kept.value,
+                "sigma": v.kept.sigma,
+                "predicted": [] if v.predicted is None else v.predicted,
                 "numerical_error": [] if v.error is None else v.error,
                 "metrics": None if v.metrics is None else dataclasses.asdict(v.metrics),
                 "position": _position(v.kept.position),
             }
-        )  # fmt: skip
+        )
     return {"validation": rows}
 
 
@@ -234,12 +250,14 @@ def closest(found: Sequence[Found]) -> tuple[str, int] | None:
     every = [
         (
             max((d.size for d in c.checked if d.kind != "target"), default=0.0),
-            max((d.size for d in c.checked if d.kind == "target"), default=0.0), f.plan.name, k,
+            max((d.size for d in c.checked if d.kind == "target"), default=0.0),
+            f.plan.name,
+            k,
         )
         for f in found
         for k, c in enumerate(f.result.candidates)
         if c.state == "done"
-    ]  # fmt: skip
+    ]
     return min(every)[2:] if every else None
 
 
@@ -261,12 +279,16 @@ def parameters(stated: Plan, plan: Plan) -> list[dict[str, Any]]:
         if axis is not None or fixed is not None:
             rows.append(
                 {
-                    "name": p.name, "description": p.description, "unit": p.unit,
-                    "low": axis.low if axis else fixed, "high": axis.high if axis else fixed,
-                    "log": bool(axis and axis.scale == "log"), "fixed": fixed,
+                    "name": p.name,
+                    "description": p.description,
+                    "unit": p.unit,
+                    "low": axis.low if axis else fixed,
+                    "high": axis.high if axis else fixed,
+                    "log": bool(axis and axis.scale == "log"),
+                    "fixed": fixed,
                     "stated": [written[p.name].low, written[p.name].high] if axis else [fixed, fixed],
                 }
-            )  # fmt: skip
+            )
     return rows
 
 
@@ -274,13 +296,19 @@ def _experiment(plan: Plan, name: str) -> dict[str, Any]:
     e, curve, said = plan.study.experiment(name), plan.curves[name], remarks(plan.study, name)
     others = [measured(plan, name, c) for c in e.compared[1:]]
     return {
-        "name": name, "role": e.role, "kind": e.kind, "channel": curve.channel, "unit": curve.unit,
-        "settings": plan.study.settings_of(name), "file": e.files,
-        "notes": [*said, *plan.study.measurement(name).notes], "remarks": len(said),
+        "name": name,
+        "role": e.role,
+        "kind": e.kind,
+        "channel": curve.channel,
+        "unit": curve.unit,
+        "settings": plan.study.settings_of(name),
+        "file": e.files,
+        "notes": [*said, *plan.study.measurement(name).notes],
+        "remarks": len(said),
         "n_repeats": curve.n_repeats,
         "measured": _measured(curve),
         "others": [{"channel": c.channel, "unit": c.unit, "measured": _measured(c)} for c in others],
-    }  # fmt: skip
+    }
 
 
 def _measured(c: MeasuredCurve) -> dict[str, Any]:
@@ -309,10 +337,16 @@ def _runs(plan: Plan, run: Run) -> list[dict[str, Any]]:
 def _row(outcome: Outcome, purpose: str, values: Mapping[str, float], outputs: Mapping[str, float]) -> dict[str, Any]:
     cause, reason = why(outcome)
     return {
-        "key": outcome.key, "purpose": purpose, "state": type(outcome).__name__.lower(), "values": dict(values),
-        "outputs": dict(outputs), "cause": cause, "reason": reason, "wall_s": getattr(outcome, "wall_s", None),
+        "key": outcome.key,
+        "purpose": purpose,
+        "state": type(outcome).__name__.lower(),
+        "values": dict(values),
+        "outputs": dict(outputs),
+        "cause": cause,
+        "reason": reason,
+        "wall_s": getattr(outcome, "wall_s", None),
         "cpu_s": getattr(outcome, "cpu_s", None),
-    }  # fmt: skip
+    }
 
 
 def _surface(plan: Plan, emulator: Emulator, output: Output) -> dict[str, Any]:
@@ -366,9 +400,16 @@ def _search(plan: Plan, found: Found, audit: Sequence[Step]) -> dict[str, Any]:
 def _step(plan: Plan, s: Step) -> dict[str, Any]:
     unit = None if s.parameter is None else plan.box.units[plan.box.names.index(s.parameter)]
     return {
-        "round": s.round, "what": s.what, "why": s.why, "parameter": s.parameter, "end": s.end, "from": s.before,
-        "to": s.after, "unit": unit, "runs": s.runs,
-    }  # fmt: skip
+        "round": s.round,
+        "what": s.what,
+        "why": s.why,
+        "parameter": s.parameter,
+        "end": s.end,
+        "from": s.before,
+        "to": s.after,
+        "unit": unit,
+        "runs": s.runs,
+    }
 
 
 def _candidate(plan: Plan, found: Found, k: int) -> dict[str, Any]:
@@ -387,8 +428,11 @@ def _candidate(plan: Plan, found: Found, k: int) -> dict[str, Any]:
         "state": c.state,
         "outputs": [
             {
-                "output": o.id, "predicted": c.predicted[o.id][0], "sd": c.predicted[o.id][1],
-                "recomputed": c.recomputed.get(o.id), "numerical_error": errors.get(o.id),
+                "output": o.id,
+                "predicted": c.predicted[o.id][0],
+                "sd": c.predicted[o.id][1],
+                "recomputed": c.recomputed.get(o.id),
+                "numerical_error": errors.get(o.id),
                 "target": goals[o.id].value if o.id in goals else None,
             }
             for o in shown
@@ -402,15 +446,22 @@ def _candidate(plan: Plan, found: Found, k: int) -> dict[str, Any]:
         "metrics": {e: dataclasses.asdict(m) for e, m in found.metrics[k].items()},
         "at_bound": at_bound(found.plan, plan, c.values),
         "extrapolated": extrapolated(plan, emulator, c.values),
-    }  # fmt: skip
+    }
 
 
 def demand(d: Checked) -> dict[str, Any]:
     """One target or constraint and how a candidate meets it; `words` only where it does not."""
     return {
-        "kind": d.kind, "output": d.output, "demand": d.demand, "value": d.value, "miss": d.miss,
-        "tolerance": d.tolerance, "unit": d.unit, "met": d.met, "words": None if d.met else str(d),
-    }  # fmt: skip
+        "kind": d.kind,
+        "output": d.output,
+        "demand": d.demand,
+        "value": d.value,
+        "miss": d.miss,
+        "tolerance": d.tolerance,
+        "unit": d.unit,
+        "met": d.met,
+        "words": None if d.met else str(d),
+    }
 
 
 def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
@@ -419,9 +470,12 @@ def curves_of(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     for name, (experiment, _, curve) in simulated_curves(plan, outcomes).items():
         loading = ahead(curve.travel_mm)
         found[name] = {
-            "experiment": experiment, "channel": curve.channel, "depth": curve.travel_mm[loading],
-            "value": curve.value[loading], "error": curve.error[loading],
-        }  # fmt: skip
+            "experiment": experiment,
+            "channel": curve.channel,
+            "depth": curve.travel_mm[loading],
+            "value": curve.value[loading],
+            "error": curve.error[loading],
+        }
     return found
 
 

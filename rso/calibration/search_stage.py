@@ -130,21 +130,36 @@ def propose(plan: Plan, wanted: SearchPlan, emulator: Emulator) -> Proposal:
     limits = violated if constrained or plan.conditions else None
 
     front = optimise.nsga2(
-        lambda X: np.abs(signed(X)), plan.box.d, seed=plan.seed, constraints=limits,
-        population=table.population, generations=table.generations, low=wanted.low,
+        lambda X: np.abs(signed(X)),
+        plan.box.d,
+        seed=plan.seed,
+        constraints=limits,
+        population=table.population,
+        generations=table.generations,
+        low=wanted.low,
         high=wanted.high,
-    )  # fmt: skip
+    )
     choice = optimise.choose(
-        front, signed, np.array([g.sigma for g in wanted.goals]), seed=plan.seed,
-        violations=limits, count=table.candidates, low=wanted.low, high=wanted.high,
-    )  # fmt: skip
+        front,
+        signed,
+        np.array([g.sigma for g in wanted.goals]),
+        seed=plan.seed,
+        violations=limits,
+        count=table.candidates,
+        low=wanted.low,
+        high=wanted.high,
+    )
     return Proposal(front, choice)
 
 
 def _candidate(
-    plan: Plan, wanted: SearchPlan, emulator: Emulator, x: np.ndarray, values: Mapping[str, float],
+    plan: Plan,
+    wanted: SearchPlan,
+    emulator: Emulator,
+    x: np.ndarray,
+    values: Mapping[str, float],
     outcomes: tuple[Outcome, ...],
-) -> Candidate:  # fmt: skip
+) -> Candidate:
     predicted = {}
     for output in emulator.outputs:
         mean, sd = emulator.predict(output, x[None])

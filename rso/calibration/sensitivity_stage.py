@@ -193,13 +193,21 @@ def of_sensitivity(plan: Plan, found: Sensitivity) -> dict[str, object]:
 
 def _bar(output: str, b: sensitivity.LocalBar) -> dict[str, object]:
     return {
-        "output": output, "parameter": b.name, "low": b.at_low, "high": b.at_high, "change": b.change,
+        "output": output,
+        "parameter": b.name,
+        "low": b.at_low,
+        "high": b.at_high,
+        "change": b.change,
         "elasticity": b.elasticity,
-    }  # fmt: skip
+    }
 
 
 def _share(output: str, s: sensitivity.SobolIndices, k: int, name: str) -> dict[str, object]:
     return {
-        "output": output, "parameter": name, "first": s.first[k], "first_interval": s.first_interval[k],
-        "total": s.total[k], "total_interval": s.total_interval[k],
-    }  # fmt: skip
+        "output": output,
+        "parameter": name,
+        "first": s.first[k],
+        "first_interval": s.first_interval[k],
+        "total": s.total[k],
+        "total_interval": s.total_interval[k],
+    }

@@ -305,9 +305,13 @@ def fit_surrogates(bench: Bench, design: Design) -> Fitted:
 
 
 def learnt_anew(
-    plan: Plan, group: Group, outputs: Sequence[Output], samples: Sequence[Sample], held: Sequence[Sample] = (),
+    plan: Plan,
+    group: Group,
+    outputs: Sequence[Output],
+    samples: Sequence[Sample],
+    held: Sequence[Sample] = (),
     each: Each = map,
-) -> Emulator:  # fmt: skip
+) -> Emulator:
     """Emulator of the outputs as [surrogate] wants it; the data choose what it leaves open."""
     table = plan.study.surrogate
     return learn(

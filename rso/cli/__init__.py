@@ -66,8 +66,10 @@ def _guarded(call: Callable[[], int]) -> int:
         return EXIT_INTERRUPTED
     except OSError as error:
         what = f"{error.filename}: " if error.filename else ""
-        _tell(f"rso: {one(what)}{error.strerror or error}: check that the folder is writable and that the disk is not "
-              "full, then run again; runs stored so far are kept")  # fmt: skip
+        _tell(
+            f"rso: {one(what)}{error.strerror or error}: check that the folder is writable and that the disk is not "
+            "full, then run again; runs stored so far are kept"
+        )
         return EXIT_BROKEN
     except MemoryError:
         _tell("rso: the memory of this machine is not enough; runs stored so far are kept")
@@ -89,8 +91,10 @@ def _foreseen(error: Exception) -> tuple[int, str]:
         from rso.study import StudyError
     except Exception:  # not this call's doing: it is the machine that does not let the program be loaded
         why = one(f"{type(error).__name__}: {error}")[:800]
-        return EXIT_BROKEN, (f"rso: cannot be loaded on this machine: {why}; where compiled code can be kept nowhere, "
-                             "let NUMBA_CACHE_DIR name a folder that can be written")  # fmt: skip
+        return EXIT_BROKEN, (
+            f"rso: cannot be loaded on this machine: {why}; where compiled code can be kept nowhere, "
+            "let NUMBA_CACHE_DIR name a folder that can be written"
+        )
     if isinstance(error, StudyError):
         return EXIT_BAD_INPUT, "\n".join(map(one, error.problems))
     if isinstance(error, StoreError | BrokenExecutor):
@@ -103,8 +107,10 @@ def _fault(error: Exception) -> str:
     frames = traceback.extract_tb(error.__traceback__)[-1:]
     where = "".join(f" at {os.path.basename(f.filename)}:{f.lineno}" for f in frames)
     said = one(f"{type(error).__name__}: {error}")
-    return (f"rso: a fault of the program{where}: {said[:800]}; runs stored so far are kept. Please report it, with "
-            f"what {DEBUG}=1 before the command prints")  # fmt: skip
+    return (
+        f"rso: a fault of the program{where}: {said[:800]}; runs stored so far are kept. Please report it, with "
+        f"what {DEBUG}=1 before the command prints"
+    )
 
 
 def _tell(text: str) -> None:

@@ -32,11 +32,12 @@ and D1 1 to 100 1/MPa: what this means is in docs/data_for_a_diagnosis.md"""
 def parser() -> argparse.ArgumentParser:
     """The whole command line; `call` of what it parses is the command."""
     rso_ = argparse.ArgumentParser(
-        prog="rso", description="Response surface optimisation for indentation tests.",
+        prog="rso",
+        description="Response surface optimisation for indentation tests.",
         epilog="exit codes: 0 done and verified, 1 results folder or workers unusable, 2 bad study or data, 3 some "
         "runs failed, 4 not verified, 5 a required parameter is not determined, 6 no candidate meets the targets and "
         "constraints, 7 a validation fails (--strict), 130 interrupted (resumable)",
-    )  # fmt: skip
+    )
     rso_.add_argument("--version", action="version", version=f"rso {rso.__version__}")
     known = rso_.add_subparsers(required=True, metavar="command")
     _new(known)
@@ -55,19 +56,41 @@ def _new(known: Any) -> None:
     new.add_argument("fit", nargs="+", metavar="FILE", help="a file to fit; book.xlsx#Sheet is a sheet of a workbook")
     new.add_argument("--repeats", action="store_true", help="these files are repeats of one test")
     new.add_argument("--validate", nargs="+", default=[], metavar="FILE", help="a file only looked at in the end")
-    new.add_argument("--semi-axes", nargs=3, type=float, required=True, metavar=("A", "B", "C"),
-                     help="of the ellipsoid along x, y and upwards, mm")  # fmt: skip
+    new.add_argument(
+        "--semi-axes",
+        nargs=3,
+        type=float,
+        required=True,
+        metavar=("A", "B", "C"),
+        help="of the ellipsoid along x, y and upwards, mm",
+    )
     new.add_argument("--radius", type=float, required=True, metavar="R", help="of the ball, mm")
-    new.add_argument("--bowl", type=float, metavar="CLEARANCE", help="it lies in a bowl so much (mm) larger in each "
-                     "semi-axis (default: its lower half is held)")  # fmt: skip
-    new.add_argument("--point", nargs=2, type=float, metavar=("X", "Y"), help="where it was pressed, mm from the top "
-                     "(default: as the name of a file says, point_20_0.csv, or else the top)")  # fmt: skip
-    new.add_argument("--column", nargs="+", action="append", default=[], metavar=("NAME", "WORD"),
-                     help="what a column is called in the files and its unit: --column Fz Kraft N; behind these flip "
-                     "turns its sign, contact finds its zero; --column segment SegmentID 1=loading 2=skip says what "
-                     "codes mean; --column depth Piezo nm minus Deflection nm subtracts a deflection, --column Fz "
-                     "Deflection nm stiffness '0.0876 N/m' makes a force of it (minus Load N compliance '0.4 mm/N' for "
-                     "a frame)")  # fmt: skip
+    new.add_argument(
+        "--bowl",
+        type=float,
+        metavar="CLEARANCE",
+        help="it lies in a bowl so much (mm) larger in each semi-axis (default: its lower half is held)",
+    )
+    new.add_argument(
+        "--point",
+        nargs=2,
+        type=float,
+        metavar=("X", "Y"),
+        help="where it was pressed, mm from the top "
+        "(default: as the name of a file says, point_20_0.csv, or else the top)",
+    )
+    new.add_argument(
+        "--column",
+        nargs="+",
+        action="append",
+        default=[],
+        metavar=("NAME", "WORD"),
+        help="what a column is called in the files and its unit: --column Fz Kraft N; behind these flip "
+        "turns its sign, contact finds its zero; --column segment SegmentID 1=loading 2=skip says what "
+        "codes mean; --column depth Piezo nm minus Deflection nm subtracts a deflection, --column Fz "
+        "Deflection nm stiffness '0.0876 N/m' makes a force of it (minus Load N compliance '0.4 mm/N' for "
+        "a frame)",
+    )
     new.add_argument("--out", type=Path, default=Path("study.toml"), help="the study file (default: study.toml)")
     new.set_defaults(call=commands.new)
 
@@ -77,12 +100,15 @@ def _of_a_study(known: Any) -> None:
         ("check", commands.check, "read a study, say what would run and about how long; compute nothing"),
         ("run", commands.run, "run a study, or go on with it, and write its report"),
         ("status", commands.status, "say how far a study is"),
-        ("diagnose", commands.diagnose,
-         "say where the model misses the measurements and which unmodelled effect causes it"),
+        (
+            "diagnose",
+            commands.diagnose,
+            "say where the model misses the measurements and which unmodelled effect causes it",
+        ),
         ("ladder", commands.ladder, "climb from the simplest model to the one that the data ask for, and not further"),
         ("next", commands.next_test, "say which experiment, not done yet, would tell most of what is known worst"),
         ("report", commands.report, "write the pages again from what run, diagnose, ladder and next have found"),
-    ):  # fmt: skip
+    ):
         command = known.add_parser(name, help=text, description=text)
         command.add_argument("study", type=Path, help="study.toml, or the folder that holds it")
         command.add_argument("--out", type=Path, help="folder of the results (default: results/ beside the study)")
@@ -96,8 +122,11 @@ def _of_a_study(known: Any) -> None:
             command.add_argument("--jobs", type=_jobs, help="simulations at a time (default: dispatch.jobs)")
         if name == "run":
             command.add_argument("--fresh", action="store_true", help="move the old results aside and start again")
-            command.add_argument("--strict", action="store_true", help="exit code 7 where an experiment kept for the "
-                                 "end is not predicted by the most likely values")  # fmt: skip
+            command.add_argument(
+                "--strict",
+                action="store_true",
+                help="exit code 7 where an experiment kept for the end is not predicted by the most likely values",
+            )
 
 
 def _blind(known: Any) -> None:
@@ -106,8 +135,13 @@ def _blind(known: Any) -> None:
         "files hold what was measured. Answers are written one by one; folders that have one are passed over, an error "
         "is none."
     )
-    blind = known.add_parser("blind", help="diagnose laboratory folders (nominal.json, CSV)", description=words,
-                             epilog=LABORATORY, formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
+    blind = known.add_parser(
+        "blind",
+        help="diagnose laboratory folders (nominal.json, CSV)",
+        description=words,
+        epilog=LABORATORY,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     blind.add_argument("folder", type=Path, help="a laboratory folder, or the folder that holds several")
     blind.add_argument("--out", type=Path, default=Path("answers"), help="where answers go (default: answers/)")
     blind.add_argument("--jobs", type=_jobs, default=2, help="simulations at a time")

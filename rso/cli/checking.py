@@ -133,8 +133,10 @@ def _diagnosis(study: Study, known: Pace, jobs: int) -> list[str]:
     if tests:
         runs = sum(len(found) * share for found, share in tests.values())
         time = sum(known.seconds(j.task for j in found) * share for found, share in tests.values()) / jobs
-        lines.append(f"    where it names two, {len(tests)} tests that could settle it are computed: about {runs:.0f} "
-                     f"simulations, {_minutes(time)}")  # fmt: skip
+        lines.append(
+            f"    where it names two, {len(tests)} tests that could settle it are computed: about {runs:.0f} "
+            f"simulations, {_minutes(time)}"
+        )
     return lines
 
 
@@ -215,9 +217,11 @@ def _refused(plan: Plan) -> list[str]:
         return []
     at = ", ".join(f"{a.name} = {corners[first][a.name]:g}" for a in plan.resolved.axes)
     count = sum(reason is not None for reason in why)
-    return [f"  not modelled in {count} of {len(why)} corners of these ranges, first {at}:",
-            f"    {why[first]};",
-            "    simulations there fail, and rso diagnose has no library without them: narrow the ranges"]  # fmt: skip
+    return [
+        f"  not modelled in {count} of {len(why)} corners of these ranges, first {at}:",
+        f"    {why[first]};",
+        "    simulations there fail, and rso diagnose has no library without them: narrow the ranges",
+    ]
 
 
 def _recorded(m: Measurement, curve: MeasuredCurve) -> str:
@@ -253,9 +257,11 @@ def _by_hertz(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
             continue  # Hertz has none
         if value <= 0.0:
             n = [e.name for e in plan.study.experiments].index(name)
-            text = (f"Fz falls while the indenter goes deeper: Hertz's limit has {knob} = {value:.2g} MPa, which is no "
-                    "modulus; a sign, a zero, a tensile record, or adhesion: "
-                    "then open `adhesion` in [parameters]")  # fmt: skip
+            text = (
+                f"Fz falls while the indenter goes deeper: Hertz's limit has {knob} = {value:.2g} MPa, which is no "
+                "modulus; a sign, a zero, a tensile record, or adhesion: "
+                "then open `adhesion` in [parameters]"
+            )
             raise study_error(plan.study.file, plan.study.lines, [Problem(("experiments", n, "data"), text)])
         out.append(f"Hertz's limit of its shallow half: {knob} about {value:.2g} MPa")
         axis = next((a for a in plan.resolved.axes if a.name == knob), None)
@@ -282,8 +288,11 @@ def _usual(study: Study, e: ExperimentTable) -> str:
         return ""
     noise, m = study.noise_of(e.name), study.measurement(e.name)
     once = noise.of_test(max(float(r.depth.max()) for r in m.repeats))
-    sizes = {"gain": f"gain {100 * once.gain:.2g} %", "contact": f"contact {once.contact:.2g} mm",
-             "correlation": f"{100 * usual_errors.CORRELATED:g} % of the largest force along the depth"}  # fmt: skip
+    sizes = {
+        "gain": f"gain {100 * once.gain:.2g} %",
+        "contact": f"contact {once.contact:.2g} mm",
+        "correlation": f"{100 * usual_errors.CORRELATED:g} % of the largest force along the depth",
+    }
     each = ", ".join(sizes[n] for n in noise.unstated)
     less = ", less as far as repeats show less" if len(m.repeats) > 1 else ""
     return f"; not stated, so usual errors count: {each}{less}" if each else ""

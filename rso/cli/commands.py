@@ -65,8 +65,13 @@ def new(options: argparse.Namespace, command: str) -> int:
     folder = study.folder / ("results" if own else f"results_{options.out.stem}")
     said = alone(test, options.fit)
     there = [] if own else ["--out", str(folder)]
-    _print([*check(study, folder, False, folder), *([said] if said else []),
-            f"then: {shlex.join(['rso', 'run', str(options.out), *there])}"])  # fmt: skip
+    _print(
+        [
+            *check(study, folder, False, folder),
+            *([said] if said else []),
+            f"then: {shlex.join(['rso', 'run', str(options.out), *there])}",
+        ]
+    )
     return 0
 
 
@@ -86,8 +91,10 @@ def _column(words: Sequence[str]) -> tuple[str, dict[str, Any]]:
         table["values"] = codes
     table |= _flags(rest, 2, {**FLAGS, "stiffness": None})
     if len(rest) not in (2, 3):
-        text = ("give NAME HEADER [UNIT] [stiffness K] [flip] [contact] [minus HEADER …], such as Fz Kraft N flip, or "
-                "segment HEADER 1=loading 2=skip")  # fmt: skip
+        text = (
+            "give NAME HEADER [UNIT] [stiffness K] [flip] [contact] [minus HEADER …], such as Fz Kraft N flip, or "
+            "segment HEADER 1=loading 2=skip"
+        )
         raise ValueError(f"--column {shlex.join(words)}: {text}")
     return rest[0], dict(zip(("header", "unit"), rest[1:], strict=False)) | table
 
@@ -155,8 +162,14 @@ def _hanging(line: str) -> str:
     """A line in the width of the terminal, what follows further in."""
     within = " " * (len(line) - len(line.lstrip()))
     width = max(shutil.get_terminal_size().columns, 40)
-    return textwrap.fill(line.strip(), width, initial_indent=within, subsequent_indent=within + "  ",
-                         break_long_words=False, break_on_hyphens=False)  # fmt: skip
+    return textwrap.fill(
+        line.strip(),
+        width,
+        initial_indent=within,
+        subsequent_indent=within + "  ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def run(options: argparse.Namespace, command: str) -> int:
@@ -183,9 +196,16 @@ def run(options: argparse.Namespace, command: str) -> int:
         with RunStore(_store(options, folder)) as store, Progress() as progress:
             try:
                 found = run_study(
-                    plan, store, pool, folder, command=command, jobs=jobs, watch=progress.watch, say=progress.say,
+                    plan,
+                    store,
+                    pool,
+                    folder,
+                    command=command,
+                    jobs=jobs,
+                    watch=progress.watch,
+                    say=progress.say,
                     strict=options.strict,
-                )  # fmt: skip
+                )
             except NothingToFit as error:
                 return _ended(EXIT_FAILED_RUNS, f"stopped: {error}")
     files = []
@@ -323,9 +343,15 @@ def blind(options: argparse.Namespace, command: str) -> int:
         Progress() as progress,
     ):
         found = answer(
-            cases, options.out, store, pool, seed=options.seed, reruns=options.reruns, watch=progress.watch,
+            cases,
+            options.out,
+            store,
+            pool,
+            seed=options.seed,
+            reruns=options.reruns,
+            watch=progress.watch,
             say=progress.say,
-        )  # fmt: skip
+        )
         bad = sum("error" in data for _, data in found)
     errors = f"; {bad} with an error, tried again at the next call" if bad else ""
     _say(f"{len(cases)} cases, answers in {options.out}{errors}")
@@ -397,9 +423,11 @@ def report(options: argparse.Namespace, command: str) -> int:
     study = load(options.study)
     folder, now = _folder(options, study.folder), data_hashes(study)
     shown: list[tuple[str, int, Callable[..., list[Path]], str]] = [
-        ("results.json", SCHEMA, render, "run"), ("diagnosis.json", TOLD, render_diagnosis, "diagnose"),
+        ("results.json", SCHEMA, render, "run"),
+        ("diagnosis.json", TOLD, render_diagnosis, "diagnose"),
         (ladder_results.FILE, ladder_results.SCHEMA, render_ladder, "ladder"),
-        (design_results.FILE, design_results.SCHEMA, render_further, "next")]  # fmt: skip
+        (design_results.FILE, design_results.SCHEMA, render_further, "next"),
+    ]
     there = [row for row in shown if (folder / row[0]).exists()]
     for name, schema, draw, again in there or shown[:1]:
         path = folder / name
@@ -416,15 +444,19 @@ def report(options: argparse.Namespace, command: str) -> int:
                 raise ValueError(f"schema {found['schema']}, expected {schema}")
             files = draw(found, folder, html=True, pdf=True)
         except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
-            _complain(f"{path}: holds no results that this version can show ({type(error).__name__}: {error}); "
-                      f"run the study again: rso {again} {options.study}")  # fmt: skip
+            _complain(
+                f"{path}: holds no results that this version can show ({type(error).__name__}: {error}); "
+                f"run the study again: rso {again} {options.study}"
+            )
             return EXIT_BAD_INPUT
         for file in files:
             _say(file)
         then = (found.get("provenance") or {}).get("data_sha256") or now
         if changed := sorted(f for f in then.keys() | now.keys() if then.get(f) != now.get(f)):
-            _complain(f"{path.name} and its page are of other data: since then {', '.join(changed)} changed, came or "
-                      f"went; run it again: rso {again} {options.study}")  # fmt: skip
+            _complain(
+                f"{path.name} and its page are of other data: since then {', '.join(changed)} changed, came or "
+                f"went; run it again: rso {again} {options.study}"
+            )
     return 0
 
 
@@ -434,8 +466,12 @@ def _folder(options: argparse.Namespace, study: Path) -> Path:
 
     beside = (study / "results").absolute()
     if options.out is None and beside.is_symlink():
-        raise StudyError([f"{beside}: is a symbolic link to {beside.resolve()}: say --out {beside.resolve()} if "
-                          "results are to go there"])  # fmt: skip
+        raise StudyError(
+            [
+                f"{beside}: is a symbolic link to {beside.resolve()}: say --out {beside.resolve()} if "
+                "results are to go there"
+            ]
+        )
     return options.out.absolute() if options.out else beside
 
 

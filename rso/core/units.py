@@ -46,9 +46,17 @@ UNITS = MappingProxyType(
 )  # of each kind, some
 WEIGHTS = MappingProxyType({"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"})  # masses where only a force can be
 _WORDS = MappingProxyType(  # the same, written out
-    {"gram": "gf", "gramme": "gf", "kilogram": "kgf", "kilogramme": "kgf", "kilo": "kgf", "pound": "lbf", "lb": "lbf",
-     "ounce": "ozf"}
-)  # fmt: skip
+    {
+        "gram": "gf",
+        "gramme": "gf",
+        "kilogram": "kgf",
+        "kilogramme": "kgf",
+        "kilo": "kgf",
+        "pound": "lbf",
+        "lb": "lbf",
+        "ounce": "ozf",
+    }
+)
 
 _EXAMPLES = {
     "MPa": '0.0032, "3.2 kPa" or "3200 Pa"',

@@ -219,9 +219,14 @@ class Chain:
     )
 
     bias_angle: float = knob(
-        "direction of the zero error from x to y", "deg", -180.0, 180.0, default=0.0, group="bias_side",
+        "direction of the zero error from x to y",
+        "deg",
+        -180.0,
+        180.0,
+        default=0.0,
+        group="bias_side",
         plausible=(-90.0, 90.0),
-    )  # fmt: skip
+    )
 
     def __post_init__(self) -> None:
         for parameter in parameters_of(type(self)):
@@ -242,9 +247,13 @@ class Record:
 
 
 def record(
-    chain: Chain, travel: np.ndarray, forces: Mapping[str, np.ndarray], time: np.ndarray | None = None,
-    age: float = 0.0, earlier: float = 0.0,
-) -> Record:  # fmt: skip
+    chain: Chain,
+    travel: np.ndarray,
+    forces: Mapping[str, np.ndarray],
+    time: np.ndarray | None = None,
+    age: float = 0.0,
+    earlier: float = 0.0,
+) -> Record:
     """True travel (n,) mm and forces (n,) N over `time` (n,) s → what the file holds at the same instants.
 
     `forces` holds Fz and whichever of Fx, Fy there are.  Drift and lag need `time`, which must increase; `age` is where
@@ -257,9 +266,13 @@ def record(
 
 
 def recorded(
-    knobs: Mapping[str, float | np.ndarray], u: np.ndarray, F: Mapping[str, np.ndarray], t: np.ndarray,
-    age: float = 0.0, earlier: float = 0.0,
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:  # fmt: skip
+    knobs: Mapping[str, float | np.ndarray],
+    u: np.ndarray,
+    F: Mapping[str, np.ndarray],
+    t: np.ndarray,
+    age: float = 0.0,
+    earlier: float = 0.0,
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Recorded depth and forces for knobs that are numbers or columns (T, 1); `u`, `F` and `t` are (n,) or (T, n)."""
     k = {p.name: knobs.get(p.name, p.default) for p in parameters_of(Chain)}
     F = {c: (1.0 + k["ageing"] * age) * v for c, v in F.items()}
@@ -281,9 +294,13 @@ def yielded(knobs: Mapping[str, float | np.ndarray], t: np.ndarray, Fz: np.ndarr
 
 
 def correct(
-    chain: Chain, depth: np.ndarray, forces: Mapping[str, np.ndarray], time: np.ndarray | None = None,
-    age: float = 0.0, earlier: float = 0.0,
-) -> Record:  # fmt: skip
+    chain: Chain,
+    depth: np.ndarray,
+    forces: Mapping[str, np.ndarray],
+    time: np.ndarray | None = None,
+    age: float = 0.0,
+    earlier: float = 0.0,
+) -> Record:
     """Inverse of :func:`record`: exact but for a lag, where the linear interpolation in time is undone by another, and
     for a backlash, where nobody sees the indenter wait."""
     d, R, t = _checked(chain, depth, forces, time)

@@ -31,8 +31,16 @@ UP = 0.1  # of the deepest travel: a mark that goes up by more, and further than
 BEYOND = 2.0  # times the deepest travel: no mark goes as far
 
 
-def check(path: Path, label: str, depth: np.ndarray, segment: np.ndarray, force: np.ndarray | None,
-          time: np.ndarray | None, lines: np.ndarray, sorted_here: bool) -> list[str]:  # fmt: skip
+def check(
+    path: Path,
+    label: str,
+    depth: np.ndarray,
+    segment: np.ndarray,
+    force: np.ndarray | None,
+    time: np.ndarray | None,
+    lines: np.ndarray,
+    sorted_here: bool,
+) -> list[str]:
     """Remarks on one repeat; ValueError naming file, repeat and column where it cannot be a test.
 
     `depth` (n,) mm, `force` (n,) N is Fz, `lines` (n,) of the file; `sorted_here` where the segments were not given.
@@ -108,8 +116,9 @@ def _of_order(who: str, label: str, depth: np.ndarray, time: np.ndarray | None, 
     return notes
 
 
-def _of_force(who: str, label: str, depth: np.ndarray, force: np.ndarray, time: np.ndarray | None,
-              loading: np.ndarray) -> list[str]:  # fmt: skip
+def _of_force(
+    who: str, label: str, depth: np.ndarray, force: np.ndarray, time: np.ndarray | None, loading: np.ndarray
+) -> list[str]:
     """Remarks on where the force of loading begins and how it ends; ValueError where it is none of pressing."""
     d, F = depth[loading], force[loading]
     span = float(np.ptp(force))
@@ -250,8 +259,14 @@ def _jump(path: Path, depth: np.ndarray, stroke: float, lines: np.ndarray) -> No
         )
 
 
-def _breaks(label: str, depth: np.ndarray, force: np.ndarray | None, time: np.ndarray | None, loading: np.ndarray,
-            lines: np.ndarray) -> list[str]:  # fmt: skip
+def _breaks(
+    label: str,
+    depth: np.ndarray,
+    force: np.ndarray | None,
+    time: np.ndarray | None,
+    loading: np.ndarray,
+    lines: np.ndarray,
+) -> list[str]:
     """Remarks on the largest step of depth and of the force of loading that those beside it do not share.
 
     A counter that slipped, a motor that lost steps and a cell tared on the way leave the rest of a record as smooth as

@@ -168,9 +168,18 @@ def combine(measurement: Measurement, noise: Noise, channel: str = "Fz", segment
             shared[name] = U[:, 0]
     sigma = np.sqrt(np.diag(covariance))
     return MeasuredCurve(
-        channel, COLUMNS[channel], u, mean, sigma, len(branches), covariance,
-        freedom=freedom, shared=shared, white=white, usual=left,
-    )  # fmt: skip
+        channel,
+        COLUMNS[channel],
+        u,
+        mean,
+        sigma,
+        len(branches),
+        covariance,
+        freedom=freedom,
+        shared=shared,
+        white=white,
+        usual=left,
+    )
 
 
 def value_at(curve: MeasuredCurve, depth: float) -> tuple[float, float]:
@@ -285,9 +294,14 @@ def _root(K: np.ndarray) -> np.ndarray:
 
 
 def _scatter(
-    u: np.ndarray, y: np.ndarray, smooth: np.ndarray, slope: np.ndarray, white_said: np.ndarray, said: np.ndarray,
+    u: np.ndarray,
+    y: np.ndarray,
+    smooth: np.ndarray,
+    slope: np.ndarray,
+    white_said: np.ndarray,
+    said: np.ndarray,
     noise: Noise,
-) -> tuple[np.ndarray, float, dict[str, np.ndarray], dict[str, np.ndarray]]:  # fmt: skip
+) -> tuple[np.ndarray, float, dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Covariance (n, n) of the mean of two repeats y (r, n) and more beyond what is stated as white of it, `white_said`
     (n,), its degrees of freedom, what is shared of it, and what is usual beyond it, in parts.
 

@@ -34,9 +34,14 @@ class Parts:
 
 
 def parts(
-    u: np.ndarray, contrasts: np.ndarray, white: np.ndarray, shapes: np.ndarray,
-    priors: Sequence[float | None], weight: float, least: float = 0.0,
-) -> Parts:  # fmt: skip
+    u: np.ndarray,
+    contrasts: np.ndarray,
+    white: np.ndarray,
+    shapes: np.ndarray,
+    priors: Sequence[float | None],
+    weight: float,
+    least: float = 0.0,
+) -> Parts:
     """The most likely parts of contrasts (k, n) at depths u (n,), of white noise of variance `white` (n,) each.
 
     `shapes` (2, n) are ŷ and ŷ'; `priors` are the usual deviations of correlated noise, gain and contact, known from
@@ -62,8 +67,9 @@ def parts(
         args = (np.maximum(λ, 0.0), rotated[:k] ** 2, rotated[:k], rotated[k:] * np.sqrt(unit[1:, None]), usual, held)
         tried.append((*min((float(_minus(s, *args)[0]), j) for j, s in enumerate(starts)), float(length), args))
     for _, j, length, args in sorted(tried, key=lambda t: t[0])[:POLISHED]:
-        result = minimize(_minus, starts[j], args, jac=True, method="L-BFGS-B", bounds=bounds,
-                          options={"maxiter": 40, "ftol": 1e-7})  # fmt: skip
+        result = minimize(
+            _minus, starts[j], args, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40, "ftol": 1e-7}
+        )
         if result.fun < best:
             best, v = result.fun, np.exp(result.x)
             v[1:][v[1:] < 10 * LOW] = 0.0

@@ -208,9 +208,17 @@ def reduced_box(box: Box, group: Group) -> Box | None:
 
 
 def learn(
-    box: Box, group: Group, outputs: Sequence[Output], samples: Sequence[Sample], *, kind: str, seed: int,
-    degree: int | None = None, held: Sequence[Sample] = (), each: Callable[..., Iterable[Any]] = map,
-) -> Emulator:  # fmt: skip
+    box: Box,
+    group: Group,
+    outputs: Sequence[Output],
+    samples: Sequence[Sample],
+    *,
+    kind: str,
+    seed: int,
+    degree: int | None = None,
+    held: Sequence[Sample] = (),
+    each: Callable[..., Iterable[Any]] = map,
+) -> Emulator:
     """Emulator of all outputs from the samples; the kind of each surrogate is chosen by cross-validation.
 
     `each` may be the `map` of an executor: one call an output.
@@ -237,12 +245,20 @@ def learn(
     rest = [o for o in outputs if o.id not in fitted]
     jobs: list[dict[str, Any]] = [
         {
-            "kind": "auto" if kind == "whole_curve" else kind, "X": X, "y": columns[o.id].y, "seed": seed,
-            "degree": degree, "unit": o.unit, "names": reduced.names, "noise_sd": columns[o.id].noise, "share": None,
-            "gradients": columns[o.id].gradients, "held": None if seen is None else (seen[0], seen[1][o.id].y),
+            "kind": "auto" if kind == "whole_curve" else kind,
+            "X": X,
+            "y": columns[o.id].y,
+            "seed": seed,
+            "degree": degree,
+            "unit": o.unit,
+            "names": reduced.names,
+            "noise_sd": columns[o.id].noise,
+            "share": None,
+            "gradients": columns[o.id].gradients,
+            "held": None if seen is None else (seen[0], seen[1][o.id].y),
         }
         for o in rest
-    ]  # fmt: skip
+    ]
     fitted |= dict(zip((o.id for o in rest), each(_fit, jobs), strict=True))
     return replace(bare, surrogates=fitted)
 
@@ -350,17 +366,20 @@ def save(emulator: Emulator, stem: Path) -> None:
             models[name] = {"kind": model.kind, "curve": index, "point": model.point}
         else:
             models[name] = model.to_dict()
-    emulation.save(stem, {
-        "schema": 1,
-        "box": dataclasses.asdict(emulator.box),
-        "reduced": None if emulator.reduced is None else dataclasses.asdict(emulator.reduced),
-        "group": dataclasses.asdict(emulator.group),
-        "outputs": [dataclasses.asdict(o) for o in emulator.outputs],
-        "samples": [dataclasses.asdict(s) for s in emulator.samples],
-        "degree": emulator.degree,
-        "curves": [c.to_dict() for c in curves],
-        "surrogates": models,
-    })  # fmt: skip
+    emulation.save(
+        stem,
+        {
+            "schema": 1,
+            "box": dataclasses.asdict(emulator.box),
+            "reduced": None if emulator.reduced is None else dataclasses.asdict(emulator.reduced),
+            "group": dataclasses.asdict(emulator.group),
+            "outputs": [dataclasses.asdict(o) for o in emulator.outputs],
+            "samples": [dataclasses.asdict(s) for s in emulator.samples],
+            "degree": emulator.degree,
+            "curves": [c.to_dict() for c in curves],
+            "surrogates": models,
+        },
+    )
 
 
 def load(stem: Path) -> Emulator:

@@ -63,9 +63,11 @@ class Region:
             return ""
         failed, n = int((~self.done).sum()), len(self.done)
         where = self._threshold() or self._extent()
-        at = "" if self.group.reference is None else (
-            f" (at {self.group.reference} = {self.group.reference_value:.4g}; elsewhere by similarity)"
-        )  # fmt: skip
+        at = (
+            ""
+            if self.group.reference is None
+            else (f" (at {self.group.reference} = {self.group.reference_value:.4g}; elsewhere by similarity)")
+        )
         return f"{failed} of {n} points have no answer: {where}{at}. Nothing is searched or averaged there."
 
     def _unit(self, theta: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -142,9 +142,19 @@ class Kriging:
         slopes = (None if data[k] is None else np.array(data[k], float) for k in ("slopes", "slope_noise"))
         cv = None if data["cv"] is None else Scores(**data["cv"])
         model = condition(
-            X, t, noise, data["trend"], data["variance"], lengths, data["log"], data["kernel"], data["share"], *slopes,
-            cv=cv, story=data["story"],
-        )  # fmt: skip
+            X,
+            t,
+            noise,
+            data["trend"],
+            data["variance"],
+            lengths,
+            data["log"],
+            data["kernel"],
+            data["share"],
+            *slopes,
+            cv=cv,
+            story=data["story"],
+        )
         rivals = tuple((r["weight"], cls.from_dict(r["model"])) for r in data.get("rivals", ()))
         return replace(model, inflate=data.get("inflate", 1.0), rivals=rivals)
 
@@ -276,18 +286,44 @@ def condition(
         if cv is None:
             cv = _leave_one_out(L, LA, LH, t, weights, log, data.keep)
     return Kriging(
-        X, t, np.asarray(noise), trend, float(variance), lengths, log, kernel, float(share), slopes, slope_noise, L,
-        beta, weights, LA, LH, cv, story,
-    )  # fmt: skip
+        X,
+        t,
+        np.asarray(noise),
+        trend,
+        float(variance),
+        lengths,
+        log,
+        kernel,
+        float(share),
+        slopes,
+        slope_noise,
+        L,
+        beta,
+        weights,
+        LA,
+        LH,
+        cv,
+        story,
+    )
 
 
 def conditioned(model: Kriging, rows: np.ndarray) -> Kriging:
     """The process with the hyper-parameters of `model`, conditioned on these rows of its data alone."""
     slopes, slope_noise = (None if v is None else v[rows] for v in (model.slopes, model.slope_noise))
     return condition(
-        model.X[rows], model.t[rows], model.noise[rows], model.trend, model.variance, model.lengths, model.log,
-        model.kernel, model.share, slopes, slope_noise, cv=model.cv,
-    )  # fmt: skip
+        model.X[rows],
+        model.t[rows],
+        model.noise[rows],
+        model.trend,
+        model.variance,
+        model.lengths,
+        model.log,
+        model.kernel,
+        model.share,
+        slopes,
+        slope_noise,
+        cv=model.cv,
+    )
 
 
 def _leave_one_out(L, LA, LH, t, weights, log, keep) -> Scores:

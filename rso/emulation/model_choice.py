@@ -132,10 +132,19 @@ def refit(
     if isinstance(model, Kriging):
         noise = noise_sd if model.noise.any() else None
         new: Surrogate = fit_kriging(
-            X, y, seed=seed, trend=model.trend, log=model.log, kernel=model.kernel, noise_sd=noise,
-            share=None if model.share != 1.0 else 1.0, gradients=None if model.slopes is None else gradients,
-            gradient_sd=0.0 if model.slopes is None else _gradient_sd(noise, X), restarts=0, start=model,
-        )  # fmt: skip
+            X,
+            y,
+            seed=seed,
+            trend=model.trend,
+            log=model.log,
+            kernel=model.kernel,
+            noise_sd=noise,
+            share=None if model.share != 1.0 else 1.0,
+            gradients=None if model.slopes is None else gradients,
+            gradient_sd=0.0 if model.slopes is None else _gradient_sd(noise, X),
+            restarts=0,
+            start=model,
+        )
         again = {"seed": seed, "noise_sd": noise_sd, "gradients": gradients}
         rivals = tuple((w, refit(rival, X, y, **again)) for w, rival in model.rivals)
         new = replace(new, inflate=model.inflate, rivals=rivals)
@@ -293,14 +302,29 @@ def _tame(models: list[Any], y: np.ndarray) -> list[Any]:
 
 
 def _kriging(
-    data: Data, option: tuple[str, int, bool], share: float | None, seed: int, *, restarts: int = 0,
+    data: Data,
+    option: tuple[str, int, bool],
+    share: float | None,
+    seed: int,
+    *,
+    restarts: int = 0,
     start: Kriging | None = None,
-) -> Kriging:  # fmt: skip
+) -> Kriging:
     kernel, trend, log = option
     return fit_kriging(
-        data.X, data.y, seed=seed, trend=trend, log=log, kernel=kernel, noise_sd=data.noise, share=share,
-        gradients=data.gradients, gradient_sd=_gradient_sd(data.noise, data.X), restarts=restarts, start=start,
-    )  # fmt: skip
+        data.X,
+        data.y,
+        seed=seed,
+        trend=trend,
+        log=log,
+        kernel=kernel,
+        noise_sd=data.noise,
+        share=share,
+        gradients=data.gradients,
+        gradient_sd=_gradient_sd(data.noise, data.X),
+        restarts=restarts,
+        start=start,
+    )
 
 
 def _gradient_sd(noise: np.ndarray | None, X: np.ndarray) -> np.ndarray | float:

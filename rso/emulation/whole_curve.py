@@ -78,10 +78,15 @@ class WholeCurve:
         """Plain data and arrays."""
         arrays = {k: getattr(self, k) for k in ("at", "weight", "centre", "modes", "truncation")}
         return {
-            "kind": self.kind, **arrays, "coefficients": [a.to_dict() for a in self.coefficients], "log": self.log,
-            "inflate": self.inflate, "covered": self.covered, "cv": [vars(s).copy() for s in self.cv],
+            "kind": self.kind,
+            **arrays,
+            "coefficients": [a.to_dict() for a in self.coefficients],
+            "log": self.log,
+            "inflate": self.inflate,
+            "covered": self.covered,
+            "cv": [vars(s).copy() for s in self.cv],
             "story": self.story,
-        }  # fmt: skip
+        }
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> WholeCurve:
@@ -168,9 +173,15 @@ def fit_curve(
         raise ValueError(f"whole curve: needs finite curves (n, m) at (m,) for X (n, d), got {Y.shape}, {at.shape}")
     tried = []
     for g in (log,) if log is not None else (False, True) if Y.min() > 0 else (False,):
-        model = _fit(X, at, Y, g, lambda a, s, G: fit(
-            kind, X, a, seed=seed, log=False, noise_sd=s, share=None, gradients=G, names=names
-        ), noise_sd, gradients)  # fmt: skip
+        model = _fit(
+            X,
+            at,
+            Y,
+            g,
+            lambda a, s, G: fit(kind, X, a, seed=seed, log=False, noise_sd=s, share=None, gradients=G, names=names),
+            noise_sd,
+            gradients,
+        )
         tried.append(_checked(model, X, Y, noise_sd, gradients, seed))
     model = min(tried, key=lambda m: sum(s.relative_rmse**2 for s in m.cv))
     return replace(model, story=_story(model, unit, len(X)))

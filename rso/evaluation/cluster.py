@@ -102,9 +102,15 @@ def _within(jobs: int) -> Any:
 
     quiet = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     with dask.config.set(quiet):
-        cluster = LocalCluster(n_workers=jobs, threads_per_worker=1, processes=False, protocol="inproc://",
-                               worker_dashboard_address=LOOPBACK, memory_limit=0,
-                               scheduler_kwargs={"dashboard": False, "dashboard_address": LOOPBACK})  # fmt: skip
+        cluster = LocalCluster(
+            n_workers=jobs,
+            threads_per_worker=1,
+            processes=False,
+            protocol="inproc://",
+            worker_dashboard_address=LOOPBACK,
+            memory_limit=0,
+            scheduler_kwargs={"dashboard": False, "dashboard_address": LOOPBACK},
+        )
     for node in (cluster.scheduler, *cluster.workers.values()):
         if (server := getattr(node, "http_server", None)) is not None:
             server.stop()
@@ -118,9 +124,14 @@ def _files(case: Case) -> Mapping[str, Path]:
 
 
 def _there(
-    source: Source | None, timeout_s: float | None, fn: Callable[..., Any], args: tuple[Any, ...],
-    kwargs: Mapping[str, Any], shas: tuple[str, ...], *contents: bytes,
-) -> Any:  # fmt: skip
+    source: Source | None,
+    timeout_s: float | None,
+    fn: Callable[..., Any],
+    args: tuple[Any, ...],
+    kwargs: Mapping[str, Any],
+    shas: tuple[str, ...],
+    *contents: bytes,
+) -> Any:
     """On a worker of the cluster: put the files where the case can find them, and compute in a process apart."""
     folder = Path(tempfile.gettempdir()) / f"rso-objects-{os.getuid()}"
     for sha, content in zip(shas, contents, strict=True):

@@ -308,9 +308,14 @@ def begin(backend: Backend, tasks: Sequence[Task], store: RunStore, executor: Ex
 
 
 def _go(
-    plans: Sequence[_Plan], backend: Backend, target: Backend | Source, store: RunStore, executor: Executor,
-    known: Mapping[str, str | SimulationFailed | _Lost], ahead: Ahead,
-) -> None:  # fmt: skip
+    plans: Sequence[_Plan],
+    backend: Backend,
+    target: Backend | Source,
+    store: RunStore,
+    executor: Executor,
+    known: Mapping[str, str | SimulationFailed | _Lost],
+    ahead: Ahead,
+) -> None:
     """Begin those runs of a pool that have all their artefacts and are not known."""
     if not isinstance(executor, WorkerPool):
         return

@@ -122,9 +122,13 @@ def surface_minima(surface: ErrorSurface) -> tuple[Minimum, ...]:
     found: list[np.ndarray] = []
     for z in _lowest_in_neighbourhood(surface, starts):
         result = minimize(
-            value, z, jac=slope, method="SLSQP", options={"ftol": 1e-14, "maxiter": 300},
+            value,
+            z,
+            jac=slope,
+            method="SLSQP",
+            options={"ftol": 1e-14, "maxiter": 300},
             constraints={"type": "ineq", "fun": lambda z: -(A @ z + b), "jac": lambda z: -A},
-        )  # fmt: skip
+        )
         x = _into(result.x, A, b)
         if all(np.abs(x - y).max() > 2 * SAME for y in found) and _is_minimum(value, x, A, b):
             found.append(x)

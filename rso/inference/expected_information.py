@@ -75,9 +75,14 @@ def on_valley(misfit: Misfit, start: np.ndarray, parameter: int, values: np.ndar
 
 
 def told(
-    box: Box, x: np.ndarray, weakest: int, existing: Sequence[Experiment], sets: Sequence[Sequence[Experiment]],
-    seed: int, draws: int = 60,
-) -> list[Told]:  # fmt: skip
+    box: Box,
+    x: np.ndarray,
+    weakest: int,
+    existing: Sequence[Experiment],
+    sets: Sequence[Sequence[Experiment]],
+    seed: int,
+    draws: int = 60,
+) -> list[Told]:
     """What each of the sets (the empty one: nothing more) adds to what exists, if x (d,) is true.
 
     With `draws` = 0 by Fisher information alone.
@@ -104,9 +109,14 @@ def told(
 
 
 def _points(
-    box: Box, x: np.ndarray, weakest: int, existing: Sequence[Experiment], fisher: np.ndarray, sharpest: float,
+    box: Box,
+    x: np.ndarray,
+    weakest: int,
+    existing: Sequence[Experiment],
+    fisher: np.ndarray,
+    sharpest: float,
     seed: int,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, d) that cover the posterior of what exists, and ln of their density but for a constant (n,).
 
     Along the weakest parameter over the whole box, the closer the nearer to the truth, so that the `sharpest` set
@@ -136,14 +146,24 @@ def _points(
 def _along(truth: float, sharpest: float) -> tuple[np.ndarray, np.ndarray]:
     """Points (n,) of [0, 1] and ln of their density: a mixture of uniform and Gaussians of all widths about a truth."""
     widths = np.geomspace(min(2.0 * sharpest, 0.5), 0.5, SCALES)
-    fine = np.unique(np.clip(np.concatenate([truth + np.outer(widths, np.linspace(-5, 5, 401)).ravel(),
-                                             np.linspace(0, 1, 2001)]), 0, 1))  # fmt: skip
-    shares = [fine, *((normal_cdf((fine - truth) / w) - normal_cdf(-truth / w))
-                      / (normal_cdf((1 - truth) / w) - normal_cdf(-truth / w)) for w in widths)]  # fmt: skip
+    fine = np.unique(
+        np.clip(
+            np.concatenate([truth + np.outer(widths, np.linspace(-5, 5, 401)).ravel(), np.linspace(0, 1, 2001)]), 0, 1
+        )
+    )
+    shares = [
+        fine,
+        *(
+            (normal_cdf((fine - truth) / w) - normal_cdf(-truth / w))
+            / (normal_cdf((1 - truth) / w) - normal_cdf(-truth / w))
+            for w in widths
+        ),
+    ]
     t = np.interp((np.arange(ALONG) + 0.5) / ALONG, np.mean(shares, axis=0), fine)
-    heights = [np.ones_like(t), *(normal_pdf((t - truth) / w) / w
-                                  / (normal_cdf((1 - truth) / w) - normal_cdf(-truth / w))
-                                  for w in widths)]  # fmt: skip
+    heights = [
+        np.ones_like(t),
+        *(normal_pdf((t - truth) / w) / w / (normal_cdf((1 - truth) / w) - normal_cdf(-truth / w)) for w in widths),
+    ]
     return t, np.log(np.mean(heights, axis=0))
 
 

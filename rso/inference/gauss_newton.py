@@ -106,9 +106,16 @@ def _started(i: Iterate, frame: Frame, data_of: DataOf) -> Iterate:
 
 
 def _descend(
-    frame: Frame, look: Look, data_of: DataOf, walk: list[Iterate], best: Sight, known: list[Sight], tolerance: float,
-    most: int, seed: int,
-) -> Descent:  # fmt: skip
+    frame: Frame,
+    look: Look,
+    data_of: DataOf,
+    walk: list[Iterate],
+    best: Sight,
+    known: list[Sight],
+    tolerance: float,
+    most: int,
+    seed: int,
+) -> Descent:
     """The descent from the last point of the walk, which has an answer."""
     radius, start = RADIUS, walk[0].start
     lost = [i.x for i in walk if i.sight is None]

@@ -112,9 +112,15 @@ class Runs:
 
 
 def determine(
-    misfit: Misfit, *, seed: int, near: np.ndarray | None = None, mcmc: bool = True, level: float = LEVEL,
-    runs: Runs | None = None, stated: Box | None = None,
-) -> Determination:  # fmt: skip
+    misfit: Misfit,
+    *,
+    seed: int,
+    near: np.ndarray | None = None,
+    mcmc: bool = True,
+    level: float = LEVEL,
+    runs: Runs | None = None,
+    stated: Box | None = None,
+) -> Determination:
     """Identify the parameters and say how well they are determined.
 
     Steps: all minima of χ² (also from the points `near`, (k, d)); errors widened by √(χ²/ν) where the fit is worse than
@@ -155,9 +161,20 @@ def determine(
         known.append(refuted(one, len(out)) if out else one)
     gains = _gains(used, fit)
     return Determination(
-        misfit, first, tuple(minima[1:]), ν, p, scale, tuple(known), along.directions(box, fit.x, fit.fisher), draws,
-        gains, _story(misfit, first, ν, p, scale), wider, tuple(sorted(refuting)),
-    )  # fmt: skip
+        misfit,
+        first,
+        tuple(minima[1:]),
+        ν,
+        p,
+        scale,
+        tuple(known),
+        along.directions(box, fit.x, fit.fisher),
+        draws,
+        gains,
+        _story(misfit, first, ν, p, scale),
+        wider,
+        tuple(sorted(refuting)),
+    )
 
 
 def _widening(
@@ -257,9 +274,18 @@ def exceeded(chi2: float, ν: float, *known: float) -> float:
 
 
 def _known(
-    misfit: Misfit, fit: Fit, name: str, k: int, sd: float, p: Profile, near_by: Interval, drawn: Interval | None,
-    level: float, scale: float, stated: Box | None,
-) -> Known:  # fmt: skip
+    misfit: Misfit,
+    fit: Fit,
+    name: str,
+    k: int,
+    sd: float,
+    p: Profile,
+    near_by: Interval,
+    drawn: Interval | None,
+    level: float,
+    scale: float,
+    stated: Box | None,
+) -> Known:
     box = misfit.model.box
     interval = p.interval(level)
     leaning = tuple(box.names[j] for j in p.leaning(level))
@@ -371,9 +397,13 @@ def _story(misfit: Misfit, fit: Fit, ν: int, p: float | None, scale: float) -> 
 
 def _by_what_is_left(misfit: Misfit) -> str:
     """What is said of curves of which errors have the size of what is left over."""
-    each = [f"{d.name} {size(float(d.white.max()) / student(d.sized), d.unit)} "
-            f"({100 * float(d.white.max()) / student(d.sized) / (float(np.abs(d.value).max()) or 1.0):.2g} % of its "
-            "largest value)" for d in misfit.data if d.sized and d.white is not None]  # fmt: skip
+    each = [
+        f"{d.name} {size(float(d.white.max()) / student(d.sized), d.unit)} "
+        f"({100 * float(d.white.max()) / student(d.sized) / (float(np.abs(d.value).max()) or 1.0):.2g} % of its "
+        "largest value)"
+        for d in misfit.data
+        if d.sized and d.white is not None
+    ]
     if not each:
         return ""
     return (
@@ -390,8 +420,10 @@ def _together(misfit: Misfit, fit: Fit) -> str:
         if d.memory:
             missed = (said - d.value)[np.argsort(d.depth, kind="stable")]
             left = math.sqrt(max(float(np.mean(missed[1:] * missed[:-1])), 0.0))  # without what each has by itself
-            each.append(f"{d.name} by {size(left, d.unit)} ({100 * left / float(np.abs(d.value).max()):.2g} % of its "
-                        "largest value)")  # fmt: skip
+            each.append(
+                f"{d.name} by {size(left, d.unit)} ({100 * left / float(np.abs(d.value).max()):.2g} % of its "
+                "largest value)"
+            )
     if not each:
         return ""
     return (

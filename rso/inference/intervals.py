@@ -143,9 +143,10 @@ class Profile:
             return self
         order = np.argsort(np.append(self.at, X[lower, k]), kind="stable")
         merged = {
-            "at": np.append(self.at, X[lower, k]), "rise": np.append(self.rise, np.maximum(rise[lower], 0.0)),
+            "at": np.append(self.at, X[lower, k]),
+            "rise": np.append(self.rise, np.maximum(rise[lower], 0.0)),
             "path": np.append(self.path, X[lower], axis=0),
-        }  # fmt: skip
+        }
         near = [int(np.argmin(np.abs(self.at - x))) for x in X[lower, k]]
         rest = {n: np.append(getattr(self, n), getattr(self, n)[near]) for n in ("change", "sigma", "point")}
         return replace(self, **{n: v[order] for n, v in {**merged, **rest}.items()})

@@ -49,9 +49,16 @@ def gauss_newton(misfit: Misfit, start: np.ndarray, *, tolerance: float = 1e-10,
     """
     x0 = np.clip(np.asarray(start, float), NEAR, 1 - NEAR)
     found = least_squares(
-        lambda x: misfit.residuals(x[None])[0], x0, jac=misfit.jacobian, bounds=(0.0, 1.0), x_scale="jac",
-        ftol=tolerance, xtol=tolerance, gtol=tolerance, max_nfev=most,
-    )  # fmt: skip
+        lambda x: misfit.residuals(x[None])[0],
+        x0,
+        jac=misfit.jacobian,
+        bounds=(0.0, 1.0),
+        x_scale="jac",
+        ftol=tolerance,
+        xtol=tolerance,
+        gtol=tolerance,
+        max_nfev=most,
+    )
     return fit_at(misfit, found.x, int(found.nfev), bool(found.status > 0))
 
 

@@ -70,11 +70,14 @@ class Data:
     def rows(self, order: np.ndarray) -> Data:
         """The same curve with its readings in another order, or some of them."""
         return replace(
-            self, depth=self.depth[order], value=self.value[order], covariance=self.covariance[np.ix_(order, order)],
+            self,
+            depth=self.depth[order],
+            value=self.value[order],
+            covariance=self.covariance[np.ix_(order, order)],
             shared={n: s[order] for n, s in self.shared.items()},
             white=None if self.white is None else self.white[order],
             usual={n: U[order] for n, U in self.usual.items()},
-        )  # fmt: skip
+        )
 
     @property
     def as_stated(self) -> Data:
@@ -85,10 +88,20 @@ class Data:
 
 
 def covariance(
-    depth: np.ndarray, value: np.ndarray, slope: np.ndarray, *, white: float = 0.0, correlated: float = 0.0,
-    length: float = 0.0, gain: float = 0.0, depth_noise: float = 0.0, contact: float = 0.0, repeats: int = 1,
-    numerical: np.ndarray | None = None, numerical_length: float = np.inf,
-) -> np.ndarray:  # fmt: skip
+    depth: np.ndarray,
+    value: np.ndarray,
+    slope: np.ndarray,
+    *,
+    white: float = 0.0,
+    correlated: float = 0.0,
+    length: float = 0.0,
+    gain: float = 0.0,
+    depth_noise: float = 0.0,
+    contact: float = 0.0,
+    repeats: int = 1,
+    numerical: np.ndarray | None = None,
+    numerical_length: float = np.inf,
+) -> np.ndarray:
     """Covariance (n, n) of the mean of `repeats` curves y(u) with slope y′ (n,), against a model with its own error.
 
         C = [σ² I + c² e^{−|Δu|/ℓ} + g² y yᵀ + δ² diag(y′²) + o² y′ y′ᵀ] / r  +  s sᵀ e^{−|Δu|/L}

@@ -86,8 +86,10 @@ def chain(misfit: Misfit, minima: Sequence[Fit], *, seed: int, walkers: int = 48
     for more in (250, 250, 500, 1000, 2000, 4000):
         if steps + more > most:
             break
-        ahead = [sampler.run_mcmc(s, more, skip_initial_state_check=True)
-                 for (sampler, _), s in zip(both, states, strict=True)]  # fmt: skip
+        ahead = [
+            sampler.run_mcmc(s, more, skip_initial_state_check=True)
+            for (sampler, _), s in zip(both, states, strict=True)
+        ]
         steps, states = steps + more, ahead
         found = _draws([sampler for sampler, _ in both], steps)
         if found.enough:

@@ -107,9 +107,18 @@ def _apart(low: float, high: float) -> int:
 
 
 def sentences(
-    box: Box, k: int, verdict: Verdict, interval: Interval, profile: Profile, *, unit: str, depth: np.ndarray,
-    level: float = 0.9, leaning: tuple[str, ...] = (), scale: float = 1.0,
-) -> tuple[str, str]:  # fmt: skip
+    box: Box,
+    k: int,
+    verdict: Verdict,
+    interval: Interval,
+    profile: Profile,
+    *,
+    unit: str,
+    depth: np.ndarray,
+    level: float = 0.9,
+    leaning: tuple[str, ...] = (),
+    scale: float = 1.0,
+) -> tuple[str, str]:
     """The verdict in one sentence, and its reason: how little the curve changes where nothing is determined.
 
     `depth` (n,) mm of all measured points, in the order of the misfit's data, whose unit is `unit`; `scale` as in

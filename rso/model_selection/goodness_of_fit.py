@@ -150,8 +150,13 @@ def simulate(misfit: Misfit, fit: Fit, seed: int, draws: int = DRAWS) -> Simulat
     d, rng = misfit.model.box.d, np.random.default_rng([seed, 11])
     f = misfit.model.predict(fit.x[None])[0]
     noise = _noise(misfit.data, draws, rng)
-    spare = Box((*misfit.model.box.names, ""), (*misfit.model.box.units, ""), (*misfit.model.box.low, 0.0),
-                (*misfit.model.box.high, 1.0), (*misfit.model.box.log, False))  # fmt: skip
+    spare = Box(
+        (*misfit.model.box.names, ""),
+        (*misfit.model.box.units, ""),
+        (*misfit.model.box.low, 0.0),
+        (*misfit.model.box.high, 1.0),
+        (*misfit.model.box.log, False),
+    )
 
     def shifted(X: np.ndarray) -> np.ndarray:
         return misfit.model.predict(X[:, :d]) - noise[np.rint(X[:, d] * (draws - 1)).astype(int)]

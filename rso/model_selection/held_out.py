@@ -41,8 +41,9 @@ def _validated(bench: Bench, j: Judged, e: ExperimentTable) -> list[Unused]:
 
     def look(points: Sequence[np.ndarray]) -> list[np.ndarray | str]:
         values = [dict(zip(box.names, map(float, box.from_unit(p)), strict=True)) for p in points]
-        return [a if isinstance(a, str) else _curves(a[0], places)
-                for a in bench.run(j.level, found.axes, [case], values)]  # fmt: skip
+        return [
+            a if isinstance(a, str) else _curves(a[0], places) for a in bench.run(j.level, found.axes, [case], values)
+        ]
 
     (answer,) = bench.run(j.level, found.axes, [case], [found.values])
     if isinstance(answer, str):

@@ -30,8 +30,12 @@ def results(plan: Plan, found: Climbed, command: str) -> dict[str, Any]:
     return result_files.plainly(
         {
             "schema": SCHEMA,
-            "study": {"title": plan.study.study.title, "file": plan.study.file.name, "seed": plan.seed,
-                      "units": plan.study.study.units},
+            "study": {
+                "title": plan.study.study.title,
+                "file": plan.study.file.name,
+                "seed": plan.seed,
+                "units": plan.study.study.units,
+            },
             "rule": model_selection.RULE.format(alarm=alarm),
             "confidence": table.confidence,
             "draws": table.draws,
@@ -41,16 +45,23 @@ def results(plan: Plan, found: Climbed, command: str) -> dict[str, Any]:
             "words": climb.words,
             "warnings": warnings(plan, found),
             "start": _start(plan, found),
-            "steps": [{"level": s.name, "title": title_of[s.name], "rung": s.rung, "verdict": s.verdict,
-                       "words": s.words} for s in climb.steps],
+            "steps": [
+                {"level": s.name, "title": title_of[s.name], "rung": s.rung, "verdict": s.verdict, "words": s.words}
+                for s in climb.steps
+            ],
             "levels": [_level(plan, found, j, rung_of[j.level.name]) for j in climb.judged],
             "counts": {"runs": len(found.cost)},
             "timings": {"wall": found.seconds, "fe_cpu": sum(found.cost.values())},
-            "provenance": {"rso": rso.__version__, "backend": plan.backend.name, "numerics": plan.backend.numerics,
-                           "command": command, "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-                           "data_sha256": data_hashes(plan.study)},
+            "provenance": {
+                "rso": rso.__version__,
+                "backend": plan.backend.name,
+                "numerics": plan.backend.numerics,
+                "command": command,
+                "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+                "data_sha256": data_hashes(plan.study),
+            },
         }
-    )  # fmt: skip
+    )
 
 
 def warnings(plan: Plan, found: Climbed) -> list[str]:
@@ -95,18 +106,30 @@ def _start(plan: Plan, found: Climbed) -> dict[str, Any] | None:
     units = {p.name: p.unit for p in plan.backend.parameters}
     own = {a.name: (a.low, a.high) for a in plan.resolved.axes}
     rows = [
-        {"parameter": k, "unit": units[k], "low": low, "value": value, "high": high,
-         "study": list(own[k]) if k in own else None}
+        {
+            "parameter": k,
+            "unit": units[k],
+            "low": low,
+            "value": value,
+            "high": high,
+            "study": list(own[k]) if k in own else None,
+        }
         for k, (low, value, high) in found.start.items()
-    ]  # fmt: skip
+    ]
     return {"used": plan.study.ladder.ranges == "start", "parameters": rows}
 
 
 def _level(plan: Plan, found: Climbed, j: Judged, rung: int) -> dict[str, Any]:
     head = {
-        "name": j.level.name, "title": j.level.label, "rung": rung, "description": j.level.description, "onto": j.onto,
-        "settings": dict(j.level.settings), "closed_form": j.level.closed_form, "problem": j.problem or None,
-    }  # fmt: skip
+        "name": j.level.name,
+        "title": j.level.label,
+        "rung": rung,
+        "description": j.level.description,
+        "onto": j.onto,
+        "settings": dict(j.level.settings),
+        "closed_form": j.level.closed_form,
+        "problem": j.problem or None,
+    }
     if j.problem:
         return head
     d: Fitted = j.detail
@@ -115,11 +138,20 @@ def _level(plan: Plan, found: Climbed, j: Judged, rung: int) -> dict[str, Any]:
     rows = []
     for k, known in enumerate(best.known):
         low, high = physical(d.axes.box, k, known.profile_interval)
-        rows.append({
-            "name": known.name, "parameter": d.axes.knob[known.name], "unit": d.axes.box.units[k],
-            "range": [d.axes.box.low[k], d.axes.box.high[k]], "value": known.value, "interval": [low, high],
-            "verdict": known.verdict.word, "added": known.name in own, "story": known.story, "reason": known.reason,
-        })  # fmt: skip
+        rows.append(
+            {
+                "name": known.name,
+                "parameter": d.axes.knob[known.name],
+                "unit": d.axes.box.units[k],
+                "range": [d.axes.box.low[k], d.axes.box.high[k]],
+                "value": known.value,
+                "interval": [low, high],
+                "verdict": known.verdict.word,
+                "added": known.name in own,
+                "story": known.story,
+                "reason": known.reason,
+            }
+        )
     g, elsewhere = j.goodness, found.validation.get(j.level.name, ())
     assert g is not None
     errors = [_error(e) for v in (g, *(u.goodness for u in elsewhere if u.goodness)) for e in v.errors]
@@ -138,12 +170,20 @@ def _level(plan: Plan, found: Climbed, j: Judged, rung: int) -> dict[str, Any]:
         "cpu_s": d.cpu_s,
         "curves": [
             {
-                "name": v.name, "experiment": p.experiment, "channel": p.channel, "role": role, "unit": v.unit,
-                "depth": v.depth, "measured": v.value, "sigma": v.sigma, "predicted": f, "numerical_error": e,
+                "name": v.name,
+                "experiment": p.experiment,
+                "channel": p.channel,
+                "role": role,
+                "unit": v.unit,
+                "depth": v.depth,
+                "measured": v.value,
+                "sigma": v.sigma,
+                "predicted": f,
+                "numerical_error": e,
             }
             for v, p, role, f, e in zip(d.data, d.places, d.roles, d.predicted, d.errors, strict=True)
         ],
-    }  # fmt: skip
+    }
 
 
 def _validated(u: Unused) -> dict[str, Any]:

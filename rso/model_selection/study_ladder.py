@@ -87,16 +87,22 @@ def ladder_plan(study: Study) -> Plan:
     """Plan of a study for its ladder; with count_validation its validation curves become curves to select with."""
     if study.ladder.count_validation:
         roles = {"validate": "select"}
-        every = [e.model_copy(update={"role": roles.get(e.role, e.role)}) if e.kind == "force" else e
-                 for e in study.experiments]  # fmt: skip
+        every = [
+            e.model_copy(update={"role": roles.get(e.role, e.role)}) if e.kind == "force" else e
+            for e in study.experiments
+        ]
         study = study.model_copy(update={"experiments": tuple(every)})
     return make_plan(study)
 
 
 def run_ladder(
-    plan: Plan, store: RunStore, executor: Executor, *, watch: Watch | None = None,
+    plan: Plan,
+    store: RunStore,
+    executor: Executor,
+    *,
+    watch: Watch | None = None,
     say: Callable[[str], None] = lambda _: None,
-) -> Climbed:  # fmt: skip
+) -> Climbed:
     """Climb the ladder of a study; the curves for validation are looked at when the climb has ended."""
     began, bench, table = time.perf_counter(), Bench(plan, store, executor, watch), plan.study.ladder
     rungs, start = rungs_of(plan), starting(plan)
@@ -140,11 +146,16 @@ def starting(plan: Plan) -> Mapping[str, tuple[float, float, float]] | None:
 def put_on(level: Level, onto: Level) -> Level:
     """An effect on the level that holds."""
     merged = replace(
-        onto, name=level.name, title=level.title, description=level.description,
-        settings={**onto.settings, **level.settings}, open={**onto.open, **level.open},
-        hold={k: v for k, v in onto.hold.items() if k not in level.open}, relative=onto.relative | level.relative,
+        onto,
+        name=level.name,
+        title=level.title,
+        description=level.description,
+        settings={**onto.settings, **level.settings},
+        open={**onto.open, **level.open},
+        hold={k: v for k, v in onto.hold.items() if k not in level.open},
+        relative=onto.relative | level.relative,
         extends="" if level.settings else onto.name,
-    )  # fmt: skip
+    )
     return merged
 
 
@@ -224,9 +235,15 @@ def settled(
 
 
 def _finished(
-    bench: Bench, axes: Axes, emulator: Emulator, d: Determination, last: tuple[Response, ...], gap: float,
-    unsure: np.ndarray | None, before: set[str],
-) -> Fitted:  # fmt: skip
+    bench: Bench,
+    axes: Axes,
+    emulator: Emulator,
+    d: Determination,
+    last: tuple[Response, ...],
+    gap: float,
+    unsure: np.ndarray | None,
+    before: set[str],
+) -> Fitted:
     plan, fit = bench.plan, d.fit
     pairs = [(r, *pair) for r in ("fit", "select") for pair in fitted_curves(plan, r)]
     places = tuple(placed(plan, name, channel) for _, name, channel in pairs)
@@ -237,8 +254,21 @@ def _finished(
     predicted = tuple(np.split(flat, np.cumsum([len(v.value) for v in data])[:-1]))
     simulated = model_selection.simulate(d.misfit, fit, plan.seed, plan.study.ladder.draws)
     mine = set(bench.cost) - before
-    return Fitted(axes, emulator, d, places, tuple(r for r, *_ in pairs), data, predicted, errors, simulated, gap,
-                  unsure is None, len(mine), sum(bench.cost[k] for k in mine))  # fmt: skip
+    return Fitted(
+        axes,
+        emulator,
+        d,
+        places,
+        tuple(r for r, *_ in pairs),
+        data,
+        predicted,
+        errors,
+        simulated,
+        gap,
+        unsure is None,
+        len(mine),
+        sum(bench.cost[k] for k in mine),
+    )
 
 
 def judged(plan: Plan, level: Level, whole: Level, found: Fitted, onto: str) -> Judged:
@@ -256,11 +286,14 @@ def judged(plan: Plan, level: Level, whole: Level, found: Fitted, onto: str) -> 
     known = {v.name: v for v in d.known}
     neutral_of = {p.name: p.neutral for p in plan.backend.parameters}
     added = tuple(
-        Added(axis_of[n], known[axis_of[n]].verdict.word == "determined",
-              f"{known[axis_of[n]].story} {known[axis_of[n]].reason}".strip(),
-              _shown(known[axis_of[n]], found.axes, neutral_of.get(n)))
+        Added(
+            axis_of[n],
+            known[axis_of[n]].verdict.word == "determined",
+            f"{known[axis_of[n]].story} {known[axis_of[n]].reason}".strip(),
+            _shown(known[axis_of[n]], found.axes, neutral_of.get(n)),
+        )
         for n in level.open
-    )  # fmt: skip
+    )
     evidence = model_selection.log_evidence(d.misfit, d.fit, seed)
     goodness = model_selection.assess(parts, share)
     excused = None if goodness.passes else if_remembering(plan, found, parts[1:])

@@ -35,13 +35,19 @@ def results(plan: Plan, found: Found, command: str) -> dict[str, Any]:
     return result_files.plainly(
         {
             "schema": SCHEMA,
-            "study": {"title": plan.study.study.title, "file": plan.study.file.name, "seed": plan.seed,
-                      "units": plan.study.study.units},
+            "study": {
+                "title": plan.study.study.title,
+                "file": plan.study.file.name,
+                "seed": plan.seed,
+                "units": plan.study.study.units,
+            },
             "focus": focus,
             "enough": ENOUGH,
             "draws": plan.study.next.draws,
-            "parameters": [{"name": n, "unit": box.units[k], "low": box.low[k], "high": box.high[k]}
-                           for k, n in enumerate(box.names)],
+            "parameters": [
+                {"name": n, "unit": box.units[k], "low": box.low[k], "high": box.high[k]}
+                for k, n in enumerate(box.names)
+            ],
             "truths": [dict(zip(box.names, map(float, row), strict=True)) for row in theta],
             "words": words(found, singles, pairs),
             "experiments": [_experiment(v) for v in found.learnt],
@@ -52,11 +58,16 @@ def results(plan: Plan, found: Found, command: str) -> dict[str, Any]:
             "best": {"one": list(singles[0]) if singles else None, "two": list(pairs[0]) if pairs else None},
             "timings": {"fe_cpu": sum(v.cpu_s for v in found.learnt)},
             "counts": {"runs": sum(v.runs for v in found.learnt)},
-            "provenance": {"rso": rso.__version__, "backend": plan.backend.name, "numerics": plan.backend.numerics,
-                           "command": command, "finished": datetime.now(UTC).isoformat(timespec="seconds"),
-                           "data_sha256": data_hashes(plan.study)},
+            "provenance": {
+                "rso": rso.__version__,
+                "backend": plan.backend.name,
+                "numerics": plan.backend.numerics,
+                "command": command,
+                "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+                "data_sha256": data_hashes(plan.study),
+            },
         }
-    )  # fmt: skip
+    )
 
 
 def ranked(found: Found, size: int) -> list[tuple[str, ...]]:
@@ -96,8 +107,10 @@ def words(found: Found, singles: Sequence[tuple[str, ...]], pairs: Sequence[tupl
         if again and best not in again:
             least, new = _sizes(found, again[0]), [n for n in singles if n not in again]
             no = [n[0] for n in new if np.mean(np.log(_sizes(found, n)) - np.log(least)) > -ALIKE]
-            said.append(f"“{again[0][0]}” would bring it to {known(least)}" + (
-                f"; hardly more would come from {', '.join(f'“{n}”' for n in no)}." if no else "."))  # fmt: skip
+            said.append(
+                f"“{again[0][0]}” would bring it to {known(least)}"
+                + (f"; hardly more would come from {', '.join(f'“{n}”' for n in no)}." if no else ".")
+            )
     if pairs:
         two = _sizes(found, pairs[0])
         said.append(f"The best two are “{pairs[0][0]}” and “{pairs[0][1]}”: {known(two)}.")
@@ -169,12 +182,17 @@ def _factor(sd: float) -> str:
 
 def _experiment(v: Learnt) -> dict[str, Any]:
     return {
-        "name": v.item.name, "words": v.item.words, "done": v.item.done,
+        "name": v.item.name,
+        "words": v.item.words,
+        "done": v.item.done,
         "readings": sum(len(b.depth) for b in v.item.blocks),
-        "channels": sorted({p.channel if not p.channel.startswith("uz(") else "uz"
-                            for b in v.item.blocks for p in b.places}),
-        "runs": v.runs, "cpu_s": v.cpu_s, "left_out": v.left_out,
-    }  # fmt: skip
+        "channels": sorted(
+            {p.channel if not p.channel.startswith("uz(") else "uz" for b in v.item.blocks for p in b.places}
+        ),
+        "runs": v.runs,
+        "cpu_s": v.cpu_s,
+        "left_out": v.left_out,
+    }
 
 
 def _fit(box: Any, j: Joint) -> dict[str, Any]:
@@ -182,21 +200,40 @@ def _fit(box: Any, j: Joint) -> dict[str, Any]:
     rows = []
     for k, known in enumerate(d.known):
         low, high = physical(box, k, known.profile_interval)
-        rows.append({"name": known.name, "value": known.value, "interval": [low, high], "sd_log": known.sd_log,
-                     "verdict": known.verdict.word, "story": known.story})  # fmt: skip
-    return {"experiments": list(j.names), "chi2": d.fit.chi2, "degrees": d.degrees, "p_value": d.p_value,
-            "scale": d.scale, "story": d.story, "parameters": rows}  # fmt: skip
+        rows.append(
+            {
+                "name": known.name,
+                "value": known.value,
+                "interval": [low, high],
+                "sd_log": known.sd_log,
+                "verdict": known.verdict.word,
+                "story": known.story,
+            }
+        )
+    return {
+        "experiments": list(j.names),
+        "chi2": d.fit.chi2,
+        "degrees": d.degrees,
+        "p_value": d.p_value,
+        "scale": d.scale,
+        "story": d.story,
+        "parameters": rows,
+    }
 
 
 def _row(found: Found, added: Sequence[str]) -> dict[str, Any]:
     return {
         "added": list(added),
         "at": [
-            {"alone": dict(t.alone), "fisher": dict(t.fisher), "expected": None if t.expected is None
-             else dict(t.expected), "coverage": t.coverage}
+            {
+                "alone": dict(t.alone),
+                "fisher": dict(t.fisher),
+                "expected": None if t.expected is None else dict(t.expected),
+                "coverage": t.coverage,
+            }
             for t in _of(found, added)
         ],
-    }  # fmt: skip
+    }
 
 
 def markdown(data: Mapping[str, Any], pairs: int = 3) -> list[str]:

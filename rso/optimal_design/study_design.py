@@ -96,9 +96,13 @@ class Found:
 
 
 def run_next(
-    plan: Plan, store: RunStore, executor: Executor, *, watch: Watch | None = None,
+    plan: Plan,
+    store: RunStore,
+    executor: Executor,
+    *,
+    watch: Watch | None = None,
     say: Callable[[str], None] = lambda _: None,
-) -> Found:  # fmt: skip
+) -> Found:
     """Simulate what is missing, fit what has been done alone and together, and ask what the rest would add."""
     table, axes = plan.study.next, axes_of(plan, Level(STUDY), {})
     possible, values = asked(plan, axes)
@@ -180,9 +184,14 @@ def _values(axes: Axes, name: str, given: Sequence[Any], problems: list[Problem]
 
 
 def learn_item(
-    plan: Plan, axes: Axes, item: Item, points: Sequence[Mapping[str, float]], store: RunStore, executor: Executor,
+    plan: Plan,
+    axes: Axes,
+    item: Item,
+    points: Sequence[Mapping[str, float]],
+    store: RunStore,
+    executor: Executor,
     watch: Watch | None,
-) -> Learnt | str:  # fmt: skip
+) -> Learnt | str:
     """Runs of an experiment over the (reduced) box and what is learnt from them, or why nothing is."""
     tasks = [Task(axes.physical(p), item.case, frozenset()) for p in points]
     outcomes = run_all(plan.backend, tasks, store, executor, watch=watch)
@@ -192,8 +201,10 @@ def learn_item(
         return f"only {len(good)} of {len(points)} simulations have an answer; the first without: {why}"
     outputs = [
         Output(item.name, p.channel, u, b.unit)
-        for b in item.blocks for p in b.places for u in item.case.programme.asked_mm
-    ]  # fmt: skip
+        for b in item.blocks
+        for p in b.places
+        for u in item.case.programme.asked_mm
+    ]
     samples = []
     for values, response in good:
         by_axis = {o.id: axes.slopes(values, o.gradient(response)) for o in outputs}
@@ -257,10 +268,16 @@ def _errors(item: Item, emulator: Emulator, share: Mapping[Place, np.ndarray], x
             slope = np.concatenate([_slope(p.depth, f) for p, f in zip(b.places, curves, strict=True)])
             n = b.noise
             C = covariance(
-                b.depth, y, slope, white=0.0 if n.correlation else n.of(kind(b)),
-                correlated=n.of(kind(b)) if n.correlation else 0.0, length=n.correlation,
-                gain=math.hypot(n.gain, n.calibration), depth_noise=n.depth, contact=n.contact,
-            )  # fmt: skip
+                b.depth,
+                y,
+                slope,
+                white=0.0 if n.correlation else n.of(kind(b)),
+                correlated=n.of(kind(b)) if n.correlation else 0.0,
+                length=n.correlation,
+                gain=math.hypot(n.gain, n.calibration),
+                depth_noise=n.depth,
+                contact=n.contact,
+            )
         else:
             C = b.data.covariance
         parts.append(C + _of_model(b, emulator, share, x, curves))

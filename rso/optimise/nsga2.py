@@ -117,9 +117,15 @@ def _one(objectives: Function, constraints: Function | None, X: np.ndarray) -> F
 
 
 def _start(
-    d: int, population: int, seed: int, start: np.ndarray | None, low: np.ndarray, high: np.ndarray, free: np.ndarray,
+    d: int,
+    population: int,
+    seed: int,
+    start: np.ndarray | None,
+    low: np.ndarray,
+    high: np.ndarray,
+    free: np.ndarray,
     narrow: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     U = sobol(int(free.sum()), population, seed)
     U[len(U) - len(narrow) :] = narrow
     if start is not None:

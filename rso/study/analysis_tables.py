@@ -95,8 +95,11 @@ class NextExperiment(Table):
     """Between two readings."""
     channels: Channels = ("Fz",)
     """What is read."""
-    marks: Annotated[tuple[Annotated[tuple[float, float], BeforeValidator(list_to_tuple)], ...],
-                     BeforeValidator(list_to_tuple), AfterValidator(apart)] = ()  # fmt: skip
+    marks: Annotated[
+        tuple[Annotated[tuple[float, float], BeforeValidator(list_to_tuple)], ...],
+        BeforeValidator(list_to_tuple),
+        AfterValidator(apart),
+    ] = ()
     """Or surface points [x, y], mm, whose displacement uz is read."""
     depths: Annotated[tuple[Depth, ...], BeforeValidator(list_to_tuple), AfterValidator(apart)] = ()
     """At which the marks are read."""

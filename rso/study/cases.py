@@ -59,8 +59,10 @@ def _measured(study: Study, kind: str) -> dict[str, MeasuredCurve]:
             deepest, radius = float(curve.depth.max()), _radius(study, e.name)
             if deepest < (SHALLOWEST * radius or FINEST):
                 share = f", {deepest / radius:.1g} of the radius of the indenter, {radius:g} mm" if radius else ""
-                raise ValueError(f"the largest depth is {deepest:g} mm{share}: is column 'depth' in the unit that it "
-                                 f"is read in? Choose from {UNITS['mm']}")  # fmt: skip
+                raise ValueError(
+                    f"the largest depth is {deepest:g} mm{share}: is column 'depth' in the unit that it "
+                    f"is read in? Choose from {UNITS['mm']}"
+                )
             curves[e.name] = curve
         except ValueError as error:
             problems.append(Problem(("experiments", n, "data"), f"cannot be used: {error}", e.files))
@@ -193,9 +195,12 @@ def stated_speed(study: Study, name: str) -> float | None:
 
 
 def merge(
-    study: Study, backend: Backend, fitted: list[ExperimentTable], asked: Mapping[str, tuple[float, ...]],
+    study: Study,
+    backend: Backend,
+    fitted: list[ExperimentTable],
+    asked: Mapping[str, tuple[float, ...]],
     resolved: Resolved,
-) -> tuple[tuple[Case, ...], dict[str, int]]:  # fmt: skip
+) -> tuple[tuple[Case, ...], dict[str, int]]:
     """Experiments whose canonical settings are equal become one case that is asked for all their travels."""
     # Inside the ranges: at their ends an effect may be neutral, and then more drops out than elsewhere.
     example = {a.name: 0.5 * (a.low + a.high) for a in resolved.axes} | dict(resolved.fixed)
@@ -286,8 +291,9 @@ def place_of_setting(study: Study, n: int, message: str) -> Place:
     if words and words[0] in ("travel", "travel_mm", "programme"):
         return ("experiments", n, "data")
     owners: list[tuple[Place, Mapping[str, object]]] = [
-        (("experiments", n, "settings"), own), (("backend", "settings"), study.backend.settings)
-    ]  # fmt: skip
+        (("experiments", n, "settings"), own),
+        (("backend", "settings"), study.backend.settings),
+    ]
     for key in words:
         for place, settings in owners:
             if key in settings:

@@ -143,6 +143,8 @@ def _plain(table: ColumnTable) -> Column:
 
 
 ColumnsTable = create_model(
-    "ColumnsTable", __base__=_Columns, __doc__=_Columns.__doc__,
+    "ColumnsTable",
+    __base__=_Columns,
+    __doc__=_Columns.__doc__,
     **{n: (Annotated[ColumnTable | None, AfterValidator(partial(_fits, n))], None) for n in COLUMN_NAMES},
-)  # fmt: skip
+)

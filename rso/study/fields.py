@@ -116,9 +116,10 @@ Settings = Annotated[dict[str, Any], AfterValidator(plain)]
 Names = Annotated[tuple[str, ...], BeforeValidator(list_to_tuple)]
 Channels = Annotated[Names, AfterValidator(apart)]
 Files = Annotated[
-    tuple[Annotated[str, Field(min_length=1)], ...], BeforeValidator(one_or_more),
+    tuple[Annotated[str, Field(min_length=1)], ...],
+    BeforeValidator(one_or_more),
     Field(min_length=1, json_schema_extra={"expected": "a file, or a list of files"}),
-]  # fmt: skip
+]
 _NAMED = "expected is a name of letters, digits, blanks and . + - _, at most 64, that begins with a letter, digit or _"
 Name = Annotated[str, formed(r"\w[\w .+-]{0,63}", _NAMED)]
 NotNegativeForce = number_in("N", ge=0)

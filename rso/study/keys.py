@@ -117,8 +117,16 @@ def _allowed(value: Shape) -> str:
 
 
 def _bounds(value: Shape) -> str:
-    signs = {"minimum": "≥", "ge": "≥", "exclusiveMinimum": ">", "gt": ">",
-             "maximum": "≤", "le": "≤", "exclusiveMaximum": "<", "lt": "<"}  # fmt: skip
+    signs = {
+        "minimum": "≥",
+        "ge": "≥",
+        "exclusiveMinimum": ">",
+        "gt": ">",
+        "maximum": "≤",
+        "le": "≤",
+        "exclusiveMaximum": "<",
+        "lt": "<",
+    }
     return "".join(f", {sign} {value[key]:.15g}" for key, sign in signs.items() if abs(value.get(key, HUGE)) < HUGE)
 
 

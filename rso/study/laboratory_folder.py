@@ -49,15 +49,26 @@ def study_text(folder: Path, seed: int, beside: Path) -> str:
             raise ValueError(f"{folder / FILE}: columns_of.{name}: there is no such file; {choose(name, names)}")
     files.sort(key=_order([f.stem for f in files]))
     lines = [
-        "[study]", f"title = {json.dumps('Diagnosis of ' + folder.name)}", f"seed = {seed}", "", "[backend]",
-        'use = "fem_backend.backend:BACKEND"', "", "[backend.settings]",
-        f"specimen = {{ shape = \"ellipsoid\", semi_axes = {list(nominal.semi_axes)} }}",
-        f"indenter = {{ shape = \"sphere\", radius = {nominal.radius} }}",
-        f"support = {nominal.support}", "", "[parameters]",
+        "[study]",
+        f"title = {json.dumps('Diagnosis of ' + folder.name)}",
+        f"seed = {seed}",
+        "",
+        "[backend]",
+        'use = "fem_backend.backend:BACKEND"',
+        "",
+        "[backend.settings]",
+        f'specimen = {{ shape = "ellipsoid", semi_axes = {list(nominal.semi_axes)} }}',
+        f'indenter = {{ shape = "sphere", radius = {nominal.radius} }}',
+        f"support = {nominal.support}",
+        "",
+        "[parameters]",
         f'mu = {{ low = "{MU[0]}", high = "{MU[1]}", scale = "log" }}',
         f'D1 = {{ low = "{D1[0]}", high = "{D1[1]}", scale = "log" }}',
-        "", "[diagnose]", "keep_ranges = false  # nobody stated them", "",
-    ]  # fmt: skip
+        "",
+        "[diagnose]",
+        "keep_ranges = false  # nobody stated them",
+        "",
+    ]
     lines += ["[columns]", *_columns(nominal.columns), ""] if nominal.columns.headers() else []
     before: list[str] = []
     for file in files:
@@ -70,8 +81,12 @@ def _experiment(file: Path, nominal: Nominal, before: list[str], beside: Path) -
     """The lines of one experiment, tested after those `before`."""
     name, profile = file.stem, _is_profile(file.stem)
     own = nominal.columns_of.get(file.name)
-    lines = ["[[experiments]]", f"name = {json.dumps(name)}", 'role = "fit"',
-             f"data = {json.dumps(os.path.relpath(file, beside))}"]  # fmt: skip
+    lines = [
+        "[[experiments]]",
+        f"name = {json.dumps(name)}",
+        'role = "fit"',
+        f"data = {json.dumps(os.path.relpath(file, beside))}",
+    ]
     lines += [f"columns = {{ {', '.join(_columns(own))} }}"] if own is not None else []
     if profile:
         lines += ['kind = "profile"']
@@ -104,8 +119,11 @@ def may_be_a_place(name: str) -> bool:
 
 def unread(folder: Path) -> list[str]:
     """Files of a folder that may hold readings and are not read."""
-    return [f"{f.name} is not read: only {' and '.join(READ)} files are" for f in sorted(folder.iterdir())
-            if f.suffix.lower() in (".txt", ".tsv", ".dat", ".asc", ".xls", ".ods")]  # fmt: skip
+    return [
+        f"{f.name} is not read: only {' and '.join(READ)} files are"
+        for f in sorted(folder.iterdir())
+        if f.suffix.lower() in (".txt", ".tsv", ".dat", ".asc", ".xls", ".ods")
+    ]
 
 
 def files_of(study: Study) -> list[dict[str, Any]]:
@@ -117,12 +135,18 @@ def files_of(study: Study) -> list[dict[str, Any]]:
         stated = quantity(settings["speed"], "mm/s") if "speed" in settings else None
         speed = recorded or stated or DEFAULT_SPEED
         returns = any(np.any(r.segment == "unloading") for r in m.repeats)
-        found.append({
-            "file": m.path.name, "kind": m.kind, "place_mm": settings["point"], "role": e.role,
-            "cycle": force and (returns or settings.get("unload") is True), "repeats": len(m.repeats),
-            "speed_mm_per_min": 60.0 * speed if force else None,
-            "speed_from": ("times" if recorded else "stated" if stated else "assumed") if force else None,
-        })  # fmt: skip
+        found.append(
+            {
+                "file": m.path.name,
+                "kind": m.kind,
+                "place_mm": settings["point"],
+                "role": e.role,
+                "cycle": force and (returns or settings.get("unload") is True),
+                "repeats": len(m.repeats),
+                "speed_mm_per_min": 60.0 * speed if force else None,
+                "speed_from": ("times" if recorded else "stated" if stated else "assumed") if force else None,
+            }
+        )
     return found
 
 

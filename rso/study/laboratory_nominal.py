@@ -34,10 +34,30 @@ _BOWL = {"clearance_mm": 1.0, "friction": 0.2}
 _BESIDE = {"clearance_mm": "clearance_mm", "mu_platform": "friction"}  # older names beside the support
 MOST = 1_000_000  # bytes
 _UNITS = ["N, mm, MPa, s"]
-_WORDS = ("remark", "family", "frame", "depth", "force", "cycle_rates_mm_per_min", "rest_between_tests",
-          "order_of_tests", "points_mm", "profile")  # fmt: skip  # for people: not read
-_KEYS = ("specimen", "indenter", "support", "noise", "rate_mm_per_min", "units", "columns", "columns_of", *_BESIDE,
-         *_WORDS)  # fmt: skip
+_WORDS = (  # for people: not read
+    "remark",
+    "family",
+    "frame",
+    "depth",
+    "force",
+    "cycle_rates_mm_per_min",
+    "rest_between_tests",
+    "order_of_tests",
+    "points_mm",
+    "profile",
+)
+_KEYS = (
+    "specimen",
+    "indenter",
+    "support",
+    "noise",
+    "rate_mm_per_min",
+    "units",
+    "columns",
+    "columns_of",
+    *_BESIDE,
+    *_WORDS,
+)
 
 
 @dataclass(frozen=True)
@@ -81,8 +101,9 @@ def _nominal(data: Mapping[str, Any]) -> Nominal:
     unused = _unknown("", data, _KEYS)
     specimen, indenter = (_table(data, name) for name in ("specimen", "indenter"))
     for name, table, fixed, size in (
-        ("specimen.", specimen, _SPECIMEN, "semi_axes_mm"), ("indenter.", indenter, _INDENTER, "radius_mm"),
-    ):  # fmt: skip
+        ("specimen.", specimen, _SPECIMEN, "semi_axes_mm"),
+        ("indenter.", indenter, _INDENTER, "radius_mm"),
+    ):
         unused += _unknown(name, table, (size, *fixed))
         for key in fixed.keys() & table.keys():
             _one_of(f"{name}{key}", table[key], fixed[key])

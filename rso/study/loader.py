@@ -173,8 +173,9 @@ def _check_experiments(raw: dict[str, Any], folder: Path, measurements: dict[str
     yield from _check_once(raw, experiments, folder, measurements)
 
 
-def _check_once(raw: dict[str, Any], experiments: dict[int, ExperimentTable], folder: Path,
-                measurements: dict[str, Measurement]) -> Iterator[Problem]:  # fmt: skip
+def _check_once(
+    raw: dict[str, Any], experiments: dict[int, ExperimentTable], folder: Path, measurements: dict[str, Measurement]
+) -> Iterator[Problem]:
     """Readings count once: those kept for validation are not fitted or selected on, no others stand in two tests.
 
     Files are the same where their bytes are, readings where they also stand beneath the same headers.
@@ -189,8 +190,10 @@ def _check_once(raw: dict[str, Any], experiments: dict[int, ExperimentTable], fo
         if not (same and twice):
             continue
         files = " and ".join(dict.fromkeys((known[n][min(same)], known[k][min(same)])))
-        text = (f"experiments {e.name!r} (role = {e.role!r}) and {other.name!r} (role = {other.role!r}) have the same "
-                f"data ({files})")  # fmt: skip
+        text = (
+            f"experiments {e.name!r} (role = {e.role!r}) and {other.name!r} (role = {other.role!r}) have the same "
+            f"data ({files})"
+        )
         if e.role == "validate" and other.role != "validate":
             yield Problem(("experiments", n, "data"), f"{text}: what was used before validates nothing", e.files)
         elif k < n and other.role != "validate" and _settings(raw, e) == _settings(raw, other):
@@ -315,8 +318,12 @@ def _check_look_alikes(raw: dict[str, Any]) -> Iterator[Problem]:
     rungs += [
         ((*place, n), inner) for place, tables in rungs for n, inner in enumerate(tables) if isinstance(inner, list)
     ]
-    kinds = [(("experiments",), "name"), (("experiments",), "mounting"), (("search", "variants"), "name"),
-             (("next", "experiments"), "name")]  # fmt: skip
+    kinds = [
+        (("experiments",), "name"),
+        (("experiments",), "mounting"),
+        (("search", "variants"), "name"),
+        (("next", "experiments"), "name"),
+    ]
     lists = [(place, key, _tables(raw, *place)) for place, key in kinds] + [(p, "name", t) for p, t in rungs]
     for place, key, tables in lists:
         named = [(n, t[key]) for n, t in enumerate(tables) if isinstance(t, dict) and isinstance(t.get(key), str)]

@@ -82,13 +82,21 @@ def begin(file: Path, backend: Backend, test: Test, fitted: Sequence[str], valid
     title = inline(f"Indentation: {experiments[0].name}")
     lines = [
         "# Begun by `rso new`.  Lines with <- are guesses to look at; `rso keys` says what else may stand here.",
-        "[study]", f"title = {title}  {GUESS} for the report", "seed = 1", "",
-        "[backend]", 'use = "fem_backend.backend:BACKEND"', "", "[backend.settings]",
+        "[study]",
+        f"title = {title}  {GUESS} for the report",
+        "seed = 1",
+        "",
+        "[backend]",
+        'use = "fem_backend.backend:BACKEND"',
+        "",
+        "[backend.settings]",
         *(f"{key} = {inline(value)}{_remark(key, test)}" for key, value in test.settings().items()),
         f'material = {{ law = "neo_hookean" }}  {GUESS} or linear_elastic, mooney_rivlin, yeoh, ogden',
-        _mesh(backend, test, experiments), "",
-        *_parameters(backend, test, experiments), "",
-    ]  # fmt: skip
+        _mesh(backend, test, experiments),
+        "",
+        *_parameters(backend, test, experiments),
+        "",
+    ]
     if test.columns:
         lines += ["[columns]", *(f"{name} = {inline(dict(column))}" for name, column in test.columns.items()), ""]
     for e in experiments:
@@ -207,19 +215,23 @@ def _parameters(backend: Backend, test: Test, experiments: Sequence[_Experiment]
             pull = backend.jkr(settings, curve.depth, curve.value)
             mu = float(pull.get("mu", mu))
         if mu <= 0.0:
-            raise ValueError(f"{force.files[0]}: the modulus by Hertz's limit would be {mu:.2g} MPa, which is none: "
-                             "Fz falls while the ball goes deeper; is it a tensile record, "
-                             "or a sign or a zero wrong?")  # fmt: skip
+            raise ValueError(
+                f"{force.files[0]}: the modulus by Hertz's limit would be {mu:.2g} MPa, which is none: "
+                "Fz falls while the ball goes deeper; is it a tensile record, "
+                "or a sign or a zero wrong?"
+            )
     low, high = (mu / AROUND, mu * AROUND) if mu > 0 else WIDE
     limit = f"Hertz's limit of the shallow half says about {_two(1e3 * mu)} kPa"
     limit = f"adhesion: the JKR limit says about {_two(1e3 * mu)} kPa" if pull else limit
     why = limit if mu > 0 else "no reading tells: narrow it"
     D1 = [_two(PRODUCT[0] / math.sqrt(low * high)), _two(PRODUCT[1] / high)]
-    return ["[parameters]",
-            f'mu = {{ low = "{_two(1e3 * low)} kPa", high = "{_two(1e3 * high)} kPa", scale = "log" }}  {GUESS} {why}',
-            f'D1 = {{ low = "{D1[0]} 1/MPa", high = "{D1[1]} 1/MPa", scale = "log" }}  '
-            f"{GUESS} bulk modulus K = 2 / D1; Poisson ratio 0.15 where both are high",
-            *_adhesion(pull)]  # fmt: skip
+    return [
+        "[parameters]",
+        f'mu = {{ low = "{_two(1e3 * low)} kPa", high = "{_two(1e3 * high)} kPa", scale = "log" }}  {GUESS} {why}',
+        f'D1 = {{ low = "{D1[0]} 1/MPa", high = "{D1[1]} 1/MPa", scale = "log" }}  '
+        f"{GUESS} bulk modulus K = 2 / D1; Poisson ratio 0.15 where both are high",
+        *_adhesion(pull),
+    ]
 
 
 def _adheres(force: np.ndarray) -> bool:
@@ -233,15 +245,21 @@ def _adhesion(pull: Mapping[str, float]) -> list[str]:
     if not pull:
         return []
     w = float(pull["adhesion"])
-    return [f'adhesion = {{ low = "{_two(w / AROUND)} N/mm", high = "{_two(w * AROUND)} N/mm", scale = "log" }}  '
-            f"{GUESS} Fz pulls: adhesion; JKR says about {_two(w)} N/mm, "
-            f"contact at {pull['contact']:.3g} mm in the file"]  # fmt: skip
+    return [
+        f'adhesion = {{ low = "{_two(w / AROUND)} N/mm", high = "{_two(w * AROUND)} N/mm", scale = "log" }}  '
+        f"{GUESS} Fz pulls: adhesion; JKR says about {_two(w)} N/mm, "
+        f"contact at {pull['contact']:.3g} mm in the file"
+    ]
 
 
 def _lines(e: _Experiment, beside: Path) -> list[str]:
     m, data = e.measurement, [_beside(f, beside) for f in e.files]
-    lines = ["[[experiments]]", f"name = {inline(e.name)}", f'role = "{e.role}"',
-             f"data = {inline(data[0] if len(data) == 1 else data)}{f'  {GUESS} {TURNED}' * m.guessed}"]  # fmt: skip
+    lines = [
+        "[[experiments]]",
+        f"name = {inline(e.name)}",
+        f'role = "{e.role}"',
+        f"data = {inline(data[0] if len(data) == 1 else data)}{f'  {GUESS} {TURNED}' * m.guessed}",
+    ]
     settings = [f"point = {list(e.point or TOP)}"]
     if m.kind == "profile":
         lines += ['kind = "profile"']

@@ -82,12 +82,25 @@ def deck(mu: float, D1: float, travels: list[float], s: dict[str, float]) -> str
         lines += [f"*NSET, NSET={name}"] + [f"{i}," for i in some]
     lines += ["*SURFACE, NAME=SKIN"] + [f"{e}, S3" for e in surface]
     lines += ["*SURFACE, NAME=TOOL"] + [f"{e}, S1" for e in b_elements]
-    lines += ["*MATERIAL, NAME=GEL", "*HYPERELASTIC, NEO HOOKE", f"{mu / 2:.12g}, {D1:.12g}",
-              "*MATERIAL, NAME=STEEL", "*ELASTIC", f"{1000 * mu:.12g}, 0.3",
-              "*SOLID SECTION, ELSET=BODY, MATERIAL=GEL", "*SOLID SECTION, ELSET=BALL, MATERIAL=STEEL",
-              "*SURFACE INTERACTION, NAME=SMOOTH", "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR",
-              f"{PENALTY * mu:.12g}", "*CONTACT PAIR, INTERACTION=SMOOTH, TYPE=SURFACE TO SURFACE", "SKIN, TOOL",
-              "*BOUNDARY", "HELD, 1, 2", "AXIS, 1, 1", "BALLNODES, 1, 1"]  # fmt: skip
+    lines += [
+        "*MATERIAL, NAME=GEL",
+        "*HYPERELASTIC, NEO HOOKE",
+        f"{mu / 2:.12g}, {D1:.12g}",
+        "*MATERIAL, NAME=STEEL",
+        "*ELASTIC",
+        f"{1000 * mu:.12g}, 0.3",
+        "*SOLID SECTION, ELSET=BODY, MATERIAL=GEL",
+        "*SOLID SECTION, ELSET=BALL, MATERIAL=STEEL",
+        "*SURFACE INTERACTION, NAME=SMOOTH",
+        "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR",
+        f"{PENALTY * mu:.12g}",
+        "*CONTACT PAIR, INTERACTION=SMOOTH, TYPE=SURFACE TO SURFACE",
+        "SKIN, TOOL",
+        "*BOUNDARY",
+        "HELD, 1, 2",
+        "AXIS, 1, 1",
+        "BALLNODES, 1, 1",
+    ]
     for u in travels:
         lines += ["*STEP, NLGEOM, INC=200", "*STATIC", "0.25, 1.0, 1e-4, 0.5"]
         lines += ["*BOUNDARY", f"BALLNODES, 2, 2, {-u:.12g}"]

@@ -201,8 +201,10 @@ def main() -> None:
     final = replace(curve, draws=np.concatenate([fits[n][2].at(curve.u) for n in good]))
     apart = (curve.mean - fits["bowl"][2].mean)[:-1] / curve.sd[:-1]
     ratio = curve.sd[:-1] / fits["bowl"][2].sd[:-1]
-    print(f"\nchain against Gaussian: at most {np.max(np.abs(apart)):.2f} standard deviations apart, their ratio "
-          f"{ratio.min():.2f} to {ratio.max():.2f}")  # fmt: skip
+    print(
+        f"\nchain against Gaussian: at most {np.max(np.abs(apart)):.2f} standard deviations apart, their ratio "
+        f"{ratio.min():.2f} to {ratio.max():.2f}"
+    )
     ell = trilateration.length(final)
     print(f"curve, average of: {'; '.join(good)}")
     print(f"  standard deviation {1e3 * final.sd[:-1].min():.1f} to {1e3 * final.sd.max():.1f} mN, ℓ = {ell:.1f} mm")

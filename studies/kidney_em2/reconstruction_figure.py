@@ -42,9 +42,15 @@ def draw(file: Path, data: Lists, final: Curve, p: Problem, curve: Curve, alone:
     a, b = (np.mean(q, axis=0) for q in p.predict(some, [data.nrmse, data.mre]))
     right.plot([0, 0.58], [0, 0.58], color="0.7", lw=0.8)
     right.errorbar(
-        data.mre.value, alone[0], 1.64 * alone[1], fmt="none", ecolor="#cc79a7", elinewidth=0.6, alpha=0.5,
+        data.mre.value,
+        alone[0],
+        1.64 * alone[1],
+        fmt="none",
+        ecolor="#cc79a7",
+        elinewidth=0.6,
+        alpha=0.5,
         label="MRE from the NRMSE list alone (90 %)",
-    )  # fmt: skip
+    )
     right.plot(data.nrmse.value, a, "o", color=COLOURS[1], ms=4, mfc="none", label="NRMSE (38)")
     right.plot(data.mre.value, b, "s", color="#cc79a7", ms=4, mfc="none", label="MRE (43)")
     right.set(xlabel="norm as printed", ylabel="norm of the curve found", xlim=(0, 0.58), ylim=(0, 0.58))

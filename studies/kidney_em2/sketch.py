@@ -47,16 +47,34 @@ def above(axes: Axes) -> None:
     axes.plot([-A, A], [0, 0], color=LIGHT, lw=0.7)
     axes.plot([0, 0], [-B, B], color=LIGHT, lw=0.7)
     axes.plot([-20, 20], [5, 5], color=WARM, lw=2.0, solid_capstyle="butt", zorder=2)
-    axes.annotate("profile u_z, 5 mm beside the axis", (-16, 5), (-62, 43), fontsize=7.5, color=WARM,
-                  arrowprops={"arrowstyle": "-", "color": WARM, "lw": 0.7})  # fmt: skip
+    axes.annotate(
+        "profile u_z, 5 mm beside the axis",
+        (-16, 5),
+        (-62, 43),
+        fontsize=7.5,
+        color=WARM,
+        arrowprops={"arrowstyle": "-", "color": WARM, "lw": 0.7},
+    )
     for name, (x, y) in POINTS.items():
         axes.plot([x], [y], "o", ms=5, mfc=PAPER if name != "blue point" else ACCENT, mec=INK, zorder=4)
         if name == "blue point":
-            axes.annotate("“blue point” (2.5, 2.5)", (x, y), (9, -24), fontsize=7.5,
-                          arrowprops={"arrowstyle": "-", "color": INK, "lw": 0.6}, zorder=5)  # fmt: skip
+            axes.annotate(
+                "“blue point” (2.5, 2.5)",
+                (x, y),
+                (9, -24),
+                fontsize=7.5,
+                arrowprops={"arrowstyle": "-", "color": INK, "lw": 0.6},
+                zorder=5,
+            )
         elif name == "top":
-            axes.annotate("top, “middle point”", (x, y), (-50, -52), fontsize=7.5,
-                          arrowprops={"arrowstyle": "-", "color": INK, "lw": 0.6}, zorder=5)  # fmt: skip
+            axes.annotate(
+                "top, “middle point”",
+                (x, y),
+                (-50, -52),
+                fontsize=7.5,
+                arrowprops={"arrowstyle": "-", "color": INK, "lw": 0.6},
+                zorder=5,
+            )
         else:
             axes.text(x + 2, y + 2, name, fontsize=7.5)
     axes.annotate("", (66, -58), (52, -58), arrowprops={"arrowstyle": "->", "color": GREY})

@@ -53,8 +53,10 @@ def table() -> list[str]:
     study = tomllib.loads((FOLDER / "study.toml").read_text(encoding="utf-8"))
     settings = study["backend"]["settings"]
     heads = [f"D₁ known to, ΔV read to {r:g} mm³" for r in RESOLUTIONS]
-    rows = [f"| D₁ MPa⁻¹ | Fz at 4 mm, N | ΔV simulated mm³ | ΔV by D₁Fh/6 mm³ | {' | '.join(heads)} |",
-            f"|{'---|' * (4 + len(heads))}"]  # fmt: skip
+    rows = [
+        f"| D₁ MPa⁻¹ | Fz at 4 mm, N | ΔV simulated mm³ | ΔV by D₁Fh/6 mm³ | {' | '.join(heads)} |",
+        f"|{'---|' * (4 + len(heads))}",
+    ]
     for D1 in study["next"]["truths"]["D1"]:
         force, lost = simulated(0.01, float(D1), 4.0, settings)
         each = [_words(known(D1, lost, r)) for r in RESOLUTIONS]

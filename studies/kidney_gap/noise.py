@@ -29,8 +29,9 @@ def main() -> None:
     """Print verdict, p and leading causes of each statement."""
     asked = ask(load(FOLDER / "study.toml"))
     with RunStore(FOLDER / "results") as store, ThreadPoolExecutor(1) as one:
-        library = discrepancy.build(asked.base, asked.plan, asked.effects,
-                                  lambda tasks: run_all(asked.base.backend, tasks, store, one))  # fmt: skip
+        library = discrepancy.build(
+            asked.base, asked.plan, asked.effects, lambda tasks: run_all(asked.base.backend, tasks, store, one)
+        )
     print(f"{'statement':26} {'verdict':10} {'p':>6} {'misfit':>7}  leading causes (probability given a gap)")
     for name, (force, depth, gain) in STATEMENTS.items():
         noise = Noise(Fz=force, depth=depth, gain=gain, correlation=2.2)

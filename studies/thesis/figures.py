@@ -31,9 +31,13 @@ def draw(outcomes: Mapping[str, Outcome], folder: Path) -> list[str]:
     bowl, held = (analysis.family(outcomes, k) for k in ("bowl", "held"))
     with style():
         made = {
-            "curves": curves(outcomes, bowl), "searches": searches(bowl), "errors": errors(bowl),
-            "sensitivity": sensitivity(bowl, held), "profile": profile(outcomes), "points": points(outcomes),
-        }  # fmt: skip
+            "curves": curves(outcomes, bowl),
+            "searches": searches(bowl),
+            "errors": errors(bowl),
+            "sensitivity": sensitivity(bowl, held),
+            "profile": profile(outcomes),
+            "points": points(outcomes),
+        }
         folder.mkdir(parents=True, exist_ok=True)
         for name, figure in made.items():
             figure.savefig(folder / f"thesis_{name}.png", dpi=200, facecolor=PAPER, metadata={"Software": None})
@@ -88,10 +92,15 @@ def searches(bowl: Family) -> Figure:
     for d, m in _pairs("1P FR"):
         left.plot(d, m, "o", ms=4, mfc=PAPER, mec=INK)
     left.text(
-        0.97, 0.96, "— 0.546 N, finite elements\n- - 0.546 N, quadratic surface\n○ thesis, one point",
-        transform=left.transAxes, ha="right", va="top", fontsize=7.5,
+        0.97,
+        0.96,
+        "— 0.546 N, finite elements\n- - 0.546 N, quadratic surface\n○ thesis, one point",
+        transform=left.transAxes,
+        ha="right",
+        va="top",
+        fontsize=7.5,
         bbox={"facecolor": PAPER, "edgecolor": "none", "alpha": 0.85, "pad": 2},
-    )  # fmt: skip
+    )
     left.set(xlabel="D₁ (1/MPa)", ylabel="μ (kPa)")
     left.set_title("force at 4 mm, full range", color=GREY)
     depth, force = analysis.measured()
@@ -109,8 +118,15 @@ def searches(bowl: Family) -> Figure:
     right.plot(x, y, "D", ms=4.5, mfc=PAPER, mec=WARM)
     tag(right, x, y, "set 4", colour=WARM, offset=(0, 9), ha="center")
     right.set(xlabel="D₁ (1/MPa)", ylabel="μ (kPa)", ylim=(5.5, 15.5), xlim=(-3, 170))
-    right.text(0.97, 0.04, "force met at  ⋯ 2 mm   - - 3 mm   — 3.9 mm", transform=right.transAxes, ha="right",
-               color=ACCENT, fontsize=7.5)  # fmt: skip
+    right.text(
+        0.97,
+        0.04,
+        "force met at  ⋯ 2 mm   - - 3 mm   — 3.9 mm",
+        transform=right.transAxes,
+        ha="right",
+        color=ACCENT,
+        fontsize=7.5,
+    )
     right.set_title("what each target allows; thesis: ○ 1P  □ 2P  △ 3P", color=GREY)
     return figure
 
@@ -184,8 +200,16 @@ def sensitivity(bowl: Family, held: Family) -> Figure:
     for name in ("FR", "RR", "2P", "3P"):
         middle = float(np.mean(RANGES[name][0]) * np.mean(RANGES[name][1]))
         right.axvline(middle, color=LIGHT, lw=0.9, zorder=0)
-        right.annotate(name, (middle, 1.0), xycoords=("data", "axes fraction"), xytext=(0, -8), fontsize=7.5,
-                       textcoords="offset points", ha="center", color=GREY)  # fmt: skip
+        right.annotate(
+            name,
+            (middle, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(0, -8),
+            fontsize=7.5,
+            textcoords="offset points",
+            ha="center",
+            color=GREY,
+        )
     right.set_title("— bowl  - - held; middle of each range", color=GREY)
     return figure
 

@@ -15,8 +15,13 @@ from studies.thesis.rows import Outcomes, num, per_cent, table
 from studies.thesis.simulations import PRINTED, SETS
 
 # The source's searches: ranges, target depths in mm.
-SEARCHES = {"1P FR": ("FR", (4.0,)), "1P RR": ("RR", (3.9,)), "2P RR": ("2P", (2.0, 3.9)), "2P FR": ("FR", (2.0, 3.9)),
-            "3P": ("3P", (2.0, 3.0, 3.9))}  # fmt: skip
+SEARCHES = {
+    "1P FR": ("FR", (4.0,)),
+    "1P RR": ("RR", (3.9,)),
+    "2P RR": ("2P", (2.0, 3.9)),
+    "2P FR": ("FR", (2.0, 3.9)),
+    "3P": ("3P", (2.0, 3.0, 3.9)),
+}
 MAIN = "2P FR"  # what [search] of study.toml is
 NORMS = ("nrmse", "mre", "rrmse")
 
@@ -49,11 +54,23 @@ def searches(bowl: Family, study: Mapping[str, Any] | None) -> dict[str, str]:
         ours = [] if s is None else [_candidate(c) for c in s["candidates"]]
         kind = "–" if s is None else s["kind"] + ("" if s["reachable"] else ", targets out of reach")
         rows.append(
-            [name, ", ".join(f"{u:g}" for u in depths), f"{m0 * 1e6:.0f}–{m1 * 1e6:.0f}, {d0:g}–{d1:g}",
-             "; ".join(theirs), "; ".join(ours) or "–", kind]
-        )  # fmt: skip
-    head = ["search", "targets mm", "ranges μ Pa, D₁ MPa⁻¹", "thesis (deepest target missed by)", "here (NRMSE)",
-            "kind of set"]  # fmt: skip
+            [
+                name,
+                ", ".join(f"{u:g}" for u in depths),
+                f"{m0 * 1e6:.0f}–{m1 * 1e6:.0f}, {d0:g}–{d1:g}",
+                "; ".join(theirs),
+                "; ".join(ours) or "–",
+                kind,
+            ]
+        )
+    head = [
+        "search",
+        "targets mm",
+        "ranges μ Pa, D₁ MPa⁻¹",
+        "thesis (deepest target missed by)",
+        "here (NRMSE)",
+        "kind of set",
+    ]
     runs = str((study or {}).get("counts", {}).get("fe_runs", "–"))
     determined = (study or {}).get("determined", {})
     mu, D1 = (determined.get(k, {}) for k in ("mu", "D1"))
@@ -94,10 +111,13 @@ def one_point(bowl: Family) -> dict[str, str]:
     reach = float(bowl.force(RANGES["RR"][0][1], RANGES["RR"][1][0], 4.0))
     return {
         "one_point": table(["D₁ MPa⁻¹", *(f"{v:g}" for v in D1)], rows),
-        "quadratic_low": per_cent(miss.min(), 0), "quadratic_high": per_cent(miss.max(), 0),
-        "parting": per_cent(parting).lstrip("+"), "reach": num(reach), "reach_miss": per_cent(reach / target - 1),
+        "quadratic_low": per_cent(miss.min(), 0),
+        "quadratic_high": per_cent(miss.max(), 0),
+        "parting": per_cent(parting).lstrip("+"),
+        "reach": num(reach),
+        "reach_miss": per_cent(reach / target - 1),
         "reduced_miss": per_cent(float(bowl.force(0.0085, 5.0, 4.0)) / target - 1),
-    }  # fmt: skip
+    }
 
 
 def sensitivities(bowl: Family, held: Family) -> dict[str, str]:
@@ -109,13 +129,23 @@ def sensitivities(bowl: Family, held: Family) -> dict[str, str]:
             rows.append([name, f"{u:g}", *(num(v, 1) for v in (s.change, h.change, s.log_change, s.elasticity))])
     four = analysis.elasticity_of_four(bowl, 4.0)
     s, h = (analysis.sensitivity(f, RANGES["FR"], 4.0) for f in (bowl, held))
-    head = ["ranges", "depth mm", "change, bowl", "change, held", "change about the geometric middle, bowl",
-            "elasticity, bowl"]  # fmt: skip
+    head = [
+        "ranges",
+        "depth mm",
+        "change, bowl",
+        "change, held",
+        "change about the geometric middle, bowl",
+        "elasticity, bowl",
+    ]
     return {
-        "sensitivity": table(head, rows), "change": num(s.change, 1), "change_held": num(h.change, 1),
-        "log_change": num(s.log_change, 1), "four": num(four, 2), "four_D1": num(four / 0.01, 0),
+        "sensitivity": table(head, rows),
+        "change": num(s.change, 1),
+        "change_held": num(h.change, 1),
+        "log_change": num(s.log_change, 1),
+        "four": num(four, 2),
+        "four_D1": num(four / 0.01, 0),
         "at_1": num(abs(np.divide(*bowl.slope(0.01, 1.0, 4.0))), 0),
-    }  # fmt: skip
+    }
 
 
 def polynomials() -> dict[str, str]:
@@ -127,8 +157,16 @@ def polynomials() -> dict[str, str]:
         ours = [f"{pair(*m.theta)} ({m.error:.3f} ± {m.sd:.3f}, {m.kind})" for m in surface_minima(fitted)]
         grid = np.stack(np.meshgrid(*np.linspace(points.min(axis=0), points.max(axis=0), 121).T), axis=-1)
         lowest = float(fitted(grid.reshape(-1, 2)).min())
-        rows.append([str(row["degree"]), row["metric"].upper(), f"{row['mu_Pa']} / {row['D1']}", "; ".join(ours),
-                     num(fitted.r2), num(lowest, 2)])  # fmt: skip
+        rows.append(
+            [
+                str(row["degree"]),
+                row["metric"].upper(),
+                f"{row['mu_Pa']} / {row['D1']}",
+                "; ".join(ours),
+                num(fitted.r2),
+                num(lowest, 2),
+            ]
+        )
     head = ["degree", "metric", "thesis μ Pa / D₁ MPa⁻¹", "here (error ± sd, where)", "R²", "lowest in the box"]
     return {"polynomials": table(head, rows)}
 
@@ -171,8 +209,16 @@ def means(bowl: Family) -> dict[str, str]:
         listed = "not printed" if name == "rrmse" else num(float(values.mean()), 4)
         here = [getattr(m, name) for m in analysis.errors_of(bowl, points, (u, y))]
         printed = PRINTED["means"][name]
-        rows.append([name.upper(), num(printed["mean"], 4), listed, num(float(np.mean(here)), 4),
-                     num(printed["baseline"], 4), num(getattr(own, name), 4)])  # fmt: skip
+        rows.append(
+            [
+                name.upper(),
+                num(printed["mean"], 4),
+                listed,
+                num(float(np.mean(here)), 4),
+                num(printed["baseline"], 4),
+                num(getattr(own, name), 4),
+            ]
+        )
     head = ["metric", "mean, thesis", "mean of its list", "mean here, same sets", "baseline, thesis", "baseline here"]
     mad = float(np.mean(np.abs(y - y.mean())) / y.mean())
     return {"means": table(head, rows), "mad": num(mad, 4)}

@@ -45,14 +45,26 @@ LINE = tuple(2.5 * k for k in range(9))  # mm along x; the line lies 5 mm beside
 PROFILE = [[x, 5.0] for x in LINE]
 LEVELS = ("coarse", "standard", "fine", "reference")
 # The blue point, the three nearby points, and the last of the five points on the diagonal.
-POINTS = {"blue": (2.5, 2.5), "10, 10": (10.0, 10.0), "20, 0": (20.0, 0.0), "0, 20": (0.0, 20.0),
-          "20, 20": (20.0, 20.0)}  # fmt: skip
+POINTS = {
+    "blue": (2.5, 2.5),
+    "10, 10": (10.0, 10.0),
+    "20, 0": (20.0, 0.0),
+    "0, 20": (0.0, 20.0),
+    "20, 20": (20.0, 20.0),
+}
 
 
 def task(
-    name: str, mu: float, D1: float, asked: Sequence[float], support: Mapping[str, Any] = BOWL, *,
-    level: str = "coarse", knobs: Mapping[str, float] | None = None, **settings: Any,
-) -> Task:  # fmt: skip
+    name: str,
+    mu: float,
+    D1: float,
+    asked: Sequence[float],
+    support: Mapping[str, Any] = BOWL,
+    *,
+    level: str = "coarse",
+    knobs: Mapping[str, float] | None = None,
+    **settings: Any,
+) -> Task:
     """One simulation; the ball has a shaft unless `indenter` says otherwise."""
     indenter = settings.pop("indenter", {"shape": "sphere", "radius": 3.0, "shaft": True})
     whole = {"support": dict(support), "indenter": indenter, "mesh": {"level": level}, **settings}
@@ -89,8 +101,15 @@ def plan() -> dict[str, Task]:
     add("EM I top no cavity", first["mu_MPa"], first["D1"], asked, HELD)
     add("EM I top friction", first["mu_MPa"], first["D1"], asked, HELD, knobs={"cavity": 1.0, "friction": 0.3})
     E, nu = first["E_Hertz_MPa"], 0.49
-    add("EM I linear", E / (2 * (1 + nu)), 6 * (1 - 2 * nu) / E, (*TO_4[:5], 3.0, first["depth_mm"]), HELD,
-        knobs={"cavity": 1.0}, material={"law": "linear_elastic"})  # fmt: skip
+    add(
+        "EM I linear",
+        E / (2 * (1 + nu)),
+        6 * (1 - 2 * nu) / E,
+        (*TO_4[:5], 3.0, first["depth_mm"]),
+        HELD,
+        knobs={"cavity": 1.0},
+        material={"law": "linear_elastic"},
+    )
     add("level coarse held", mu, D1, (0.4, *WHOLE), HELD)
     add(f"set 3 friction {FRICTION:g}", mu, D1, STEPS, rubbing, profile=PROFILE)
     for s in ("4", "3", "1"):
@@ -103,8 +122,11 @@ def plan() -> dict[str, Task]:
     for name in ("20, 0", "0, 20", "blue"):
         add(f"point {name} normal", mu, D1, WHOLE, HELD, point=list(POINTS[name]), direction="normal")
     for s, what, value in (
-        ("3", "clearance", 0.5), ("3", "clearance", 2.0), ("4", "clearance", 2.0), ("4", "friction", FRICTION),
-    ):  # fmt: skip
+        ("3", "clearance", 0.5),
+        ("3", "clearance", 2.0),
+        ("4", "clearance", 2.0),
+        ("4", "friction", FRICTION),
+    ):
         add(f"set {s} {what} {value:g}", *SETS[s], STEPS, BOWL | {what: value}, profile=PROFILE)
     add("set 4 weight", *SETS["4"], STEPS, rubbing, knobs={"weight": WEIGHT}, profile=PROFILE)
     add("level standard bowl", mu, D1, (0.4, *WHOLE), level="standard")

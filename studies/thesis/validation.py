@@ -67,10 +67,24 @@ def profiles(outcomes: Outcomes) -> dict[str, str]:
     for s in ("1", "3", "4"):
         z = [_line(outcomes, of_set("bowl", s), u) for u in (1.0, 2.0, 3.0, 4.0)]
         held = _line(outcomes, of_set("held", s), 4.0)
-        rows.append([s, num(PRINTED["sets"][s]["vc2"], 4), *(num(v[0], 2) for v in z), num(held[0], 2),
-                     num(_whole(z[-1]), 2), num(_whole(held), 2)])  # fmt: skip
-    head = ["set", "NRMSE thesis", *(f"next to the ball, {u} mm" for u in (1, 2, 3, 4)), "same, 4 mm, held",
-            "mean of the line, 4 mm", "same, held"]  # fmt: skip
+        rows.append(
+            [
+                s,
+                num(PRINTED["sets"][s]["vc2"], 4),
+                *(num(v[0], 2) for v in z),
+                num(held[0], 2),
+                num(_whole(z[-1]), 2),
+                num(_whole(held), 2),
+            ]
+        )
+    head = [
+        "set",
+        "NRMSE thesis",
+        *(f"next to the ball, {u} mm" for u in (1, 2, 3, 4)),
+        "same, 4 mm, held",
+        "mean of the line, 4 mm",
+        "same, held",
+    ]
     at_4 = {label: {s: _line(outcomes, of_set(label, s), 4.0) for s in ("1", "3", "4")} for label in ("bowl", "held")}
     checks = []
     allowed = {label: (0.0, np.inf) for label in at_4}
@@ -88,9 +102,10 @@ def profiles(outcomes: Outcomes) -> dict[str, str]:
     pairs = ["sets", "differ by, bowl mm", "allows a mean, bowl mm", "differ by, held mm", "allows a mean, held mm"]
     fall = [_whole(at_4["bowl"][s]) for s in ("3", "1", "4")]  # rising D1
     return {
-        "profile": table(head, rows), "profile_check": table(pairs, checks),
+        "profile": table(head, rows),
+        "profile_check": table(pairs, checks),
         "profile_order": yes(abs(fall[0]) < abs(fall[1]) < abs(fall[2])),
-    }  # fmt: skip
+    }
 
 
 def _line(outcomes: Outcomes, name: str, depth: float) -> np.ndarray:
@@ -116,24 +131,38 @@ def half_model(outcomes: Outcomes, bowl: Family) -> dict[str, str]:
     for factor, what in ((0.0, "whole model: Fy = 0"), (1.0, "Fy of one half"), (2.0, "doubled, as Fz of a half is")):
         total = metrics(y, np.hypot(Fz, factor * Fy)).nrmse
         mean = float(np.sqrt(np.mean((factor * Fy) ** 2))) / printed["Fy"]
-        rows.append([what, num(factor * abs(side[-1])), num(printed["total"], 4), num(total),
-                     "–" if not factor else f"{1e3 * mean:.1f} mN"])  # fmt: skip
+        rows.append(
+            [
+                what,
+                num(factor * abs(side[-1])),
+                num(printed["total"], 4),
+                num(total),
+                "–" if not factor else f"{1e3 * mean:.1f} mN",
+            ]
+        )
     head = ["reading", "size of Fy at 4 mm, N", "NRMSE of the total, thesis", "here", "mean measured Fy for 67.98"]
     return {
-        "half": table(head, rows), "half_4": num(abs(side[-1])), "half_share": num(100 * abs(side[-1]) / down[-1], 0),
+        "half": table(head, rows),
+        "half_4": num(abs(side[-1])),
+        "half_share": num(100 * abs(side[-1]) / down[-1], 0),
         "cv_x": num(float(np.sqrt(printed["Fx"] ** 2 - 1)), 2),
         "z_middle": num(metrics(y, Fz).nrmse),
-    }  # fmt: skip
+    }
 
 
 def blue(outcomes: Outcomes) -> dict[str, str]:
     """Table 5.5, blue point."""
     rows = []
-    for what, name in (("held, vertical", "point blue vertical"), ("held, along the normal", "point blue normal"),
-                       ("bowl, vertical", "bowl blue"), ("bowl and weight, vertical", "bowl blue weight")):  # fmt: skip
+    for what, name in (
+        ("held, vertical", "point blue vertical"),
+        ("held, along the normal", "point blue normal"),
+        ("bowl, vertical", "bowl blue"),
+        ("bowl and weight, vertical", "bowl blue weight"),
+    ):
         F = np.array([value(outcomes, name, c, 4.0) for c in ("Fx", "Fy", "Fz")])
-        rows.append([what, *(num(1e3 * f, 1) for f in F[:2]), *(num(f) for f in (F[2], np.linalg.norm(F))),
-                     num(F[1] / F[0], 1)])  # fmt: skip
+        rows.append(
+            [what, *(num(1e3 * f, 1) for f in F[:2]), *(num(f) for f in (F[2], np.linalg.norm(F))), num(F[1] / F[0], 1)]
+        )
     printed = PRINTED["components"]["blue"]
     rows.append(["NRMSE in the thesis", *(num(printed[k], 4) for k in ("Fx", "Fy", "Fz", "total")), ""])
     # Curves of one shape, k times too large: NRMSE = |k - 1| sqrt(1 + cv^2), with the cv of the force itself.
@@ -143,9 +172,12 @@ def blue(outcomes: Outcomes) -> dict[str, str]:
     per_mm = {c: value(outcomes, "point blue vertical", f"F{c}", 4.0) / POINTS["blue"][0] for c in "xy"}
     offsets = {f"offset_{c}": num(PRINTED["middle_point"][f"F{c}_N"] / per_mm[c], 1) for c in "xy"}
     return {
-        "blue": table(head, rows), "k_y": num(k, 1), "k_x": f"{100 * printed['Fx'] / shape:.0f} %",
-        "ratio_measured": num((60 / 35) ** 2 / k, 1), **offsets,
-    }  # fmt: skip
+        "blue": table(head, rows),
+        "k_y": num(k, 1),
+        "k_x": f"{100 * printed['Fx'] / shape:.0f} %",
+        "ratio_measured": num((60 / 35) ** 2 / k, 1),
+        **offsets,
+    }
 
 
 def _components(outcomes: Outcomes, place: str, direction: str) -> np.ndarray:
@@ -163,8 +195,11 @@ def points(outcomes: Outcomes) -> dict[str, str]:
             F = _components(outcomes, name, direction)
             cells += [num(1e3 * F[0], 0), num(1e3 * F[1], 0), num(F[2]), num(float(np.linalg.norm(F)))]
         rows.append(cells)
-    head = ["point mm", "slope", *(f"{c}, {d}" for d in ("vertical", "normal")
-            for c in ("Fx mN", "Fy mN", "Fz N", "total N"))]  # fmt: skip
+    head = [
+        "point mm",
+        "slope",
+        *(f"{c}, {d}" for d in ("vertical", "normal") for c in ("Fx mN", "Fy mN", "Fz N", "total N")),
+    ]
     return {"points": table(head, rows)}
 
 
@@ -178,8 +213,10 @@ def _slope(x: float, y: float) -> float:
 def statements(outcomes: Outcomes) -> dict[str, str]:
     """What section 2.4.3 says of the measured components, checked on the computed ones."""
     rows = []
-    checks = {d: _checks(*(_components(outcomes, p, d) for p in ("top", "0, 20", "20, 0", "20, 20")))
-              for d in ("vertical", "normal")}  # fmt: skip
+    checks = {
+        d: _checks(*(_components(outcomes, p, d) for p in ("top", "0, 20", "20, 0", "20, 20")))
+        for d in ("vertical", "normal")
+    }
     for words in checks["vertical"]:
         rows.append([words, *(yes(checks[d][words]) for d in checks)])
     head = ["the thesis on its measurements", "here, vertical", "here, normal"]
@@ -206,10 +243,11 @@ def first_experiment(outcomes: Outcomes) -> dict[str, str]:
     u, rows = first["depth_mm"], []
     top, near = (value(outcomes, f"EM I {p}", "Fz", u) for p in ("top", "nearby"))
     for what, name, target in (
-        ("top, cavity", "EM I top", first["middle_N"]), ("top, no cavity", "EM I top no cavity", first["middle_N"]),
+        ("top, cavity", "EM I top", first["middle_N"]),
+        ("top, no cavity", "EM I top no cavity", first["middle_N"]),
         ("top, cavity, friction 0.3 at the ball", "EM I top friction", first["middle_N"]),
         ("5 mm beside, along the minor axis", "EM I nearby", first["nearby_N"]),
-    ):  # fmt: skip
+    ):
         F = [value(outcomes, name, c, u) for c in ("Fx", "Fy", "Fz")]
         rows.append([what, num(target, 4), num(F[2], 4), per_cent(F[2] / target - 1), num(float(np.linalg.norm(F)), 4)])
     head = ["set (6700 Pa, 6 MPa⁻¹) at 3.8 mm", "measured N", "here Fz N", "difference", "here, total N"]
@@ -222,15 +260,19 @@ def first_experiment(outcomes: Outcomes) -> dict[str, str]:
     ending = "–" if o is None else "to the end" if isinstance(o, Done) else getattr(o, "cause", "crashed")
     return {
         "em1": table(head, rows),
-        "em1_ratio": num(first["nearby_N"] / first["middle_N"]), "em1_ratio_here": num(near / top),
+        "em1_ratio": num(first["nearby_N"] / first["middle_N"]),
+        "em1_ratio_here": num(near / top),
         "em1_mu": num(1e6 * first["mu_MPa"] * first["middle_N"] / top, 0),
-        "hertz_38": num(_hertz(u), 4), "linear_reach": num(float(reached[-1]) if len(reached) else np.nan, 2),
-        "linear_end": ending, "linear_2": num(linear(2.0)),
-        "linear_025": per_cent(linear(0.25) / _hertz(0.25), 0).lstrip("+"), "linear_3": num(linear(3.0)),
+        "hertz_38": num(_hertz(u), 4),
+        "linear_reach": num(float(reached[-1]) if len(reached) else np.nan, 2),
+        "linear_end": ending,
+        "linear_2": num(linear(2.0)),
+        "linear_025": per_cent(linear(0.25) / _hertz(0.25), 0).lstrip("+"),
+        "linear_3": num(linear(3.0)),
         "linear_38": num(linear(u)),
         "hooke_2": num(_hertz(2.0)),
         "neo_2": num(value(outcomes, "EM I top", "Fz", 2.0), 3),
-    }  # fmt: skip
+    }
 
 
 def _hertz(u: float, E: float = PRINTED["em1"]["E_Hertz_MPa"], nu: float = 0.49) -> float:
@@ -256,11 +298,29 @@ def support(outcomes: Outcomes) -> dict[str, str]:
             F = factor * np.array([value(outcomes, name, "Fz", v) for v in STEPS])
             z = _line(outcomes, name, 4.0)
             rows.append(
-                [s, what, num(F[3]), num(F[-1]), per_cent(F[-1] / reference - 1, 2), num(metrics(data, F).nrmse),
-                 num(value(outcomes, name, "bulge", 4.0), 2), num(z[0], 2), num(z[-1], 2)]
-            )  # fmt: skip
-    head = ["set", "support", "Fz N at 2 mm", "at 4 mm", "of the bowl's", "NRMSE", "bulge mm", "uz(0, 5) mm",
-            "uz(20, 5) mm"]  # fmt: skip
+                [
+                    s,
+                    what,
+                    num(F[3]),
+                    num(F[-1]),
+                    per_cent(F[-1] / reference - 1, 2),
+                    num(metrics(data, F).nrmse),
+                    num(value(outcomes, name, "bulge", 4.0), 2),
+                    num(z[0], 2),
+                    num(z[-1], 2),
+                ]
+            )
+    head = [
+        "set",
+        "support",
+        "Fz N at 2 mm",
+        "at 4 mm",
+        "of the bowl's",
+        "NRMSE",
+        "bulge mm",
+        "uz(0, 5) mm",
+        "uz(20, 5) mm",
+    ]
     return {"support": table(head, rows)}
 
 
@@ -279,13 +339,31 @@ def levels(outcomes: Outcomes) -> dict[str, str]:
         stated = float(o.response.error["Fz"][-1]) / F[-1] if done and "Fz" in o.response.error else np.nan
         cpu = o.cpu_s if done else np.nan
         rows.append(
-            [level, nodes, *(num(f, 4) for f in F), per_cent(F[-1] / best - 1, 2), per_cent(stated, 2).lstrip("+"),
-             num(value(outcomes, f"level {level} bowl", "Fz", 4.0), 4),
-             num(value(outcomes, deep.get(level, ""), "Fz", 8.0)),
-             num(value(outcomes, name, "contact_radius", 0.4), 2), num(cpu, 0)]
-        )  # fmt: skip
-    head = ["mesh", "nodes", "Fz N at 0.4 mm", "2 mm", "4 mm", "of the finest", "stated error", "bowl, 4 mm", "8 mm",
-            "contact radius at 0.4 mm", "CPU s"]  # fmt: skip
+            [
+                level,
+                nodes,
+                *(num(f, 4) for f in F),
+                per_cent(F[-1] / best - 1, 2),
+                per_cent(stated, 2).lstrip("+"),
+                num(value(outcomes, f"level {level} bowl", "Fz", 4.0), 4),
+                num(value(outcomes, deep.get(level, ""), "Fz", 8.0)),
+                num(value(outcomes, name, "contact_radius", 0.4), 2),
+                num(cpu, 0),
+            ]
+        )
+    head = [
+        "mesh",
+        "nodes",
+        "Fz N at 0.4 mm",
+        "2 mm",
+        "4 mm",
+        "of the finest",
+        "stated error",
+        "bowl, 4 mm",
+        "8 mm",
+        "contact radius at 0.4 mm",
+        "CPU s",
+    ]
     mu, D1 = SETS["3"]
     K = 2 / D1
     E, nu = 9 * K * mu / (3 * K + mu), (3 * K - 2 * mu) / (2 * (3 * K + mu))
@@ -298,6 +376,8 @@ def endings(outcomes: Outcomes) -> dict[str, str]:
     cpu = sum(getattr(o, "cpu_s", 0.0) for o in outcomes.values())
     pending = [f"*{k}*" for k in plan() if k not in outcomes]
     return {
-        "runs": str(len(outcomes)), "minutes": num(cpu / 60, 0),
-        "failed": "; ".join(failed) if failed else "none", "pending": "; ".join(pending) if pending else "none",
-    }  # fmt: skip
+        "runs": str(len(outcomes)),
+        "minutes": num(cpu / 60, 0),
+        "failed": "; ".join(failed) if failed else "none",
+        "pending": "; ".join(pending) if pending else "none",
+    }

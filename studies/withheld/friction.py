@@ -21,8 +21,12 @@ def main() -> None:
     fit = np.polyfit(rows["depth_mm"][near] - DEPTH, rows["Fx_N"][near], 2)
     print(f"data      {fit[-1]:.4f} N")
     for level in ("coarse", "standard", "fine"):
-        settings = {"material": {"law": "neo_hookean"}, "mesh": {"level": level}, "point": [20.0, 0.0],
-                    "indenter": {"radius": 3.0}}  # fmt: skip
+        settings = {
+            "material": {"law": "neo_hookean"},
+            "mesh": {"level": level},
+            "point": [20.0, 0.0],
+            "indenter": {"radius": 3.0},
+        }
         response = BACKEND(TRUTH, Case("friction", Programme.ramp((1.0, 2.0, 3.0, DEPTH), 0.5), settings))
         print(f"{level:9s} {response.channels['Fx'][-1]:.4f} N, stated to ± {response.error['Fx'][-1]:.4f}", flush=True)
 

@@ -56,9 +56,13 @@ class Bench:
         """The whole run to asked travels (mm, 1 mm/s) or through a programme, with other fields of the settings."""
         programme = asked if isinstance(asked, Programme) else Programme.ramp(tuple(asked), 1.0)
         return indentation.solve(
-            replace(self.settings, **settings), self.knobs, self.placement, self.model, passages(programme),
+            replace(self.settings, **settings),
+            self.knobs,
+            self.placement,
+            self.model,
+            passages(programme),
             gradients=gradients,
-        )  # fmt: skip
+        )
 
     def other(self, **knobs: float) -> Bench:
         """The same experiment with other knobs, on the same mesh; on the same model where the shape allows it."""

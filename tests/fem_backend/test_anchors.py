@@ -33,10 +33,15 @@ def placed(values, case, folder):
 
 @pytest.mark.parametrize(
     ("values", "settings"),
-    [({"D1": 12.0}, {}), ({"D1": 1.2}, {}), ({"D1": 60.0, "C20": 2e-3}, {}), ({"D1": 12.0, "bowl_friction": 0.0}, BOWL),
-     ({"D1": 12.0}, {"multipliers": False})],
+    [
+        ({"D1": 12.0}, {}),
+        ({"D1": 1.2}, {}),
+        ({"D1": 60.0, "C20": 2e-3}, {}),
+        ({"D1": 12.0, "bowl_friction": 0.0}, BOWL),
+        ({"D1": 12.0}, {"multipliers": False}),
+    ],
     ids=["same law", "less compressible", "stiffens", "bowl", "penalty"],
-)  # fmt: skip
+)
 def test_the_start_does_not_show_in_an_answer(values, settings, tmp_path):
     """All channels as from a cold run; Newton is converged to 1e-9 of the force (1e-6 without multipliers)."""
     values, case = {"mu": 0.01, **values}, dataclasses.replace(CASE, settings={**CASE.settings, **settings})

@@ -61,8 +61,12 @@ def test_a_body_that_slides_is_followed_in_the_steps_asked_for():
     A predictor that takes the sliding end of the last step for the start of the next, where everything is stuck, leads
     the ball millimetres into the body: three failed steps on this way.
     """
-    settings = {"mesh": {"level": "coarse"}, "point": [20.0, 0.0], "multipliers": False,
-                "support": {"kind": "bowl", "clearance": 1.5, "friction": 0.1}}  # fmt: skip
+    settings = {
+        "mesh": {"level": "coarse"},
+        "point": [20.0, 0.0],
+        "multipliers": False,
+        "support": {"kind": "bowl", "clearance": 1.5, "friction": 0.1},
+    }
     found = BACKEND({"mu": 0.01, "D1": 10.0}, Case("slides", Programme.ramp((0.1, 0.34, 0.68)), settings))
     assert found.info["cutbacks"] == 0 and found.info["steps"] == 3 and found.info["loose"] == 0
     assert found.channels["Fz"][-1] < 0.01  # where held it is 0.07 N

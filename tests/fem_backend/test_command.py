@@ -46,8 +46,10 @@ def test_request_and_response_from_the_shell(tmp_path):
     (tmp_path / "in.json").write_text(json.dumps(REQUEST))
     done = subprocess.run(
         [sys.executable, "-m", "fem_backend", str(tmp_path / "in.json"), str(tmp_path / "out.json")],
-        cwd=ROOT, capture_output=True, text=True,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
     assert (done.returncode, done.stderr) == (0, "")
     answer = json.loads((tmp_path / "out.json").read_text())
     assert answer["status"] == "done"
@@ -69,8 +71,10 @@ def test_bad_request_from_the_shell_has_no_traceback(tmp_path):
     (tmp_path / "in.json").write_text(json.dumps(changed(case__settings__support={"kind": "glue"})))
     done = subprocess.run(
         [sys.executable, "-m", "fem_backend", str(tmp_path / "in.json"), str(tmp_path / "out.json")],
-        cwd=ROOT, capture_output=True, text=True,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 2 and not (tmp_path / "out.json").exists()
     assert "Traceback" not in done.stderr
     assert "support.kind" in done.stderr and "glue" in done.stderr and "fixed" in done.stderr

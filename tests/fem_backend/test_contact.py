@@ -74,9 +74,12 @@ def wave(X: np.ndarray) -> np.ndarray:
 
 
 def pressed(
-    friction: float = 0.0, adhesion: Adhesion | None = None, rigid: Sphere | Bowl | None = None, depth: float = 0.4,
+    friction: float = 0.0,
+    adhesion: Adhesion | None = None,
+    rigid: Sphere | Bowl | None = None,
+    depth: float = 0.4,
     met: bool = False,
-) -> Case:  # fmt: skip
+) -> Case:
     """A random state off equilibrium, with multipliers and a step behind it, whose open points were `met` in it."""
     rng = np.random.default_rng(1)
     rigid = Sphere(3.0) if rigid is None else rigid
@@ -90,9 +93,11 @@ def pressed(
     epsilon = rng.uniform(2.0, 4.0, shape)
     start = tractions.contact_points(surface, body.nodes + 0.8 * wave(body.nodes))
     before = Before(
-        start + 0.02 * rng.normal(size=start.shape), centre - 0.05 * direction, 0.05 * rng.normal(size=start.shape),
+        start + 0.02 * rng.normal(size=start.shape),
+        centre - 0.05 * direction,
+        0.05 * rng.normal(size=start.shape),
         0.02 * rng.normal(size=shape),  # half of the points were open
-    )  # fmt: skip
+    )
     if met:
         before = replace(before, met=rng.uniform(0.0, 1.0, size=shape))
     touch = Touch(centre, direction, 0.1 * epsilon * rng.uniform(0, 1, shape), rng.uniform(1, 2, shape), before)
@@ -201,10 +206,12 @@ def test_moving_the_rigid_body_changes_the_residual_as_predicted(name, slopes):
     case = CASES[name]()
     _, move = smooth_way(case, case.touch.direction)
     at, rate = case.evaluate(), case.matrix()[1] * np.linalg.norm(move)
-    error = np.array([
-        np.linalg.norm(case.evaluate(centre=case.touch.centre + t * move).residual - at.residual - t * rate)
-        for t in STEPS
-    ])  # fmt: skip
+    error = np.array(
+        [
+            np.linalg.norm(case.evaluate(centre=case.touch.centre + t * move).residual - at.residual - t * rate)
+            for t in STEPS
+        ]
+    )
     np.testing.assert_allclose(slopes(error, STEPS), 2.0, atol=0.1)
 
 
@@ -515,9 +522,14 @@ def travel_oracle(surface, x, R: float, centre: np.ndarray, d: np.ndarray) -> fl
     for facet in surface.facets:
         for start in ([0.3, 0.3], [0.1, 0.1], [0.8, 0.1], [0.1, 0.8]):
             found = optimize.minimize(
-                way, start, (x[facet],), method="SLSQP", bounds=[(0, 1)] * 2, constraints=constraint,
+                way,
+                start,
+                (x[facet],),
+                method="SLSQP",
+                bounds=[(0, 1)] * 2,
+                constraints=constraint,
                 options={"ftol": 1e-14},
-            )  # fmt: skip
+            )
             least = min(least, found.fun)
     return least
 

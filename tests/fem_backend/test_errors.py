@@ -27,14 +27,20 @@ def result(force=(0.0, 0.0, 1.0), lengths=1.0, forces=1.0):
     travel, size = np.array([0.5, 1.0, 2.0]), np.array([0.03, 0.085, 0.229])
     radius = np.array([1.1, 1.6, 2.2])
     channels = {
-        "time": travel, "travel": lengths * travel,
+        "time": travel,
+        "travel": lengths * travel,
         **{n: forces * f * size for n, f in zip(error_estimate.FORCES, force, strict=True)},
-        "uz_max": lengths * 1.001 * travel, "bulge": lengths * 0.004 * travel,
-        "contact_area": lengths**2 * 3.5 * radius**2, "contact_radius": lengths * radius,
-        "peak_pressure": forces / lengths**2 * np.array([0.010, 0.014, 0.018]), "slipping": np.array([0.2, 0.1, 0.1]),
-        **{profile_name((lengths * x, lengths * y)): -lengths * u * travel
-           for (x, y), u in zip(PROFILE, (0.95, 0.1), strict=True)},
-    }  # fmt: skip
+        "uz_max": lengths * 1.001 * travel,
+        "bulge": lengths * 0.004 * travel,
+        "contact_area": lengths**2 * 3.5 * radius**2,
+        "contact_radius": lengths * radius,
+        "peak_pressure": forces / lengths**2 * np.array([0.010, 0.014, 0.018]),
+        "slipping": np.array([0.2, 0.1, 0.1]),
+        **{
+            profile_name((lengths * x, lengths * y)): -lengths * u * travel
+            for (x, y), u in zip(PROFILE, (0.95, 0.1), strict=True)
+        },
+    }
     return Result(channels, np.zeros((3, 3)), forces * 0.005 * size, np.zeros(3), Counters(), 0.0)
 
 
@@ -141,10 +147,12 @@ def moved(shares, **more):
     """Stated error of the second surface point at the last instant, once for each share of the travel it moves by."""
     found = result()
     name = profile_name(PROFILE[1])
-    return np.array([
-        stated(replace(found, channels=found.channels | {name: -share * found.travel}), **more)[name][-1]
-        for share in shares
-    ])  # fmt: skip
+    return np.array(
+        [
+            stated(replace(found, channels=found.channels | {name: -share * found.travel}), **more)[name][-1]
+            for share in shares
+        ]
+    )
 
 
 def test_a_point_that_hardly_moves_has_the_error_of_what_the_force_moves_there():
@@ -334,10 +342,27 @@ def test_stated_errors_have_their_channels_dimension():
     """Twice the size and three times the force: the errors follow (the shipped meshes scale with the ball)."""
     aside = (0.01, 0.0, 1.0)
     small = stated(result(aside), bowl(), weight=1e-6, bowl_clearance=0.5, skin_ratio=4.0, skin_thickness=0.3)
-    large = stated(result(aside, lengths=2.0, forces=12.0), bowl(scale=2.0), mu=0.03, D1=5.8 / 3,
-                   weight=1.5e-6, bowl_clearance=1.0, skin_ratio=4.0, skin_thickness=0.6)  # fmt: skip
-    power = {"Fx": 12.0, "Fz": 12.0, "uz_max": 2.0, "bulge": 2.0, "contact_area": 4.0, "contact_radius": 2.0,
-             "peak_pressure": 3.0, "uz(0.5,0)": 2.0, "uz(6,2)": 2.0}  # fmt: skip
+    large = stated(
+        result(aside, lengths=2.0, forces=12.0),
+        bowl(scale=2.0),
+        mu=0.03,
+        D1=5.8 / 3,
+        weight=1.5e-6,
+        bowl_clearance=1.0,
+        skin_ratio=4.0,
+        skin_thickness=0.6,
+    )
+    power = {
+        "Fx": 12.0,
+        "Fz": 12.0,
+        "uz_max": 2.0,
+        "bulge": 2.0,
+        "contact_area": 4.0,
+        "contact_radius": 2.0,
+        "peak_pressure": 3.0,
+        "uz(0.5,0)": 2.0,
+        "uz(6,2)": 2.0,
+    }
     scaled = {"uz(0.5,0)": "uz(1,0)", "uz(6,2)": "uz(12,4)"}
     for name, factor in power.items():
         np.testing.assert_allclose(large[scaled.get(name, name)], factor * small[name], rtol=1e-12, err_msg=name)
@@ -527,20 +552,37 @@ def test_attraction_of_a_short_range_errs_more_and_a_shorter_one_is_refused():
 
 
 DEEP = {  # K/mu -> (level, travel, force here, independent axisymmetric force of degree 4), mm and N
-    5.8: [("coarse", 6, 0.9157, 0.9061), ("coarse", 7, 1.0427, 1.0249), ("coarse", 7.5, 1.0916, 1.0639),
-          ("coarse", 8, 1.1305, 1.0874), ("standard", 6, 0.9135, 0.9061), ("standard", 7, 1.0390, 1.0249),
-          ("standard", 7.5, 1.0864, 1.0639), ("standard", 8, 1.1241, 1.0874)],
-    1.1: [("coarse", 6, 0.9420, 0.92496), ("coarse", 7, 1.0762, 1.04489), ("coarse", 7.5, 1.1317, 1.08804),
-          ("coarse", 8, 1.1804, 1.12075), ("standard", 6, 0.9381, 0.92496), ("standard", 7, 1.0699, 1.04489),
-          ("standard", 7.5, 1.1238, 1.08804), ("standard", 8, 1.1721, 1.12075)],
-}  # fmt: skip
+    5.8: [
+        ("coarse", 6, 0.9157, 0.9061),
+        ("coarse", 7, 1.0427, 1.0249),
+        ("coarse", 7.5, 1.0916, 1.0639),
+        ("coarse", 8, 1.1305, 1.0874),
+        ("standard", 6, 0.9135, 0.9061),
+        ("standard", 7, 1.0390, 1.0249),
+        ("standard", 7.5, 1.0864, 1.0639),
+        ("standard", 8, 1.1241, 1.0874),
+    ],
+    1.1: [
+        ("coarse", 6, 0.9420, 0.92496),
+        ("coarse", 7, 1.0762, 1.04489),
+        ("coarse", 7.5, 1.1317, 1.08804),
+        ("coarse", 8, 1.1804, 1.12075),
+        ("standard", 6, 0.9381, 0.92496),
+        ("standard", 7, 1.0699, 1.04489),
+        ("standard", 7.5, 1.1238, 1.08804),
+        ("standard", 8, 1.1721, 1.12075),
+    ],
+}
 
 
 def deep_error(D1, level, travel, force):
     """Stated relative error of a force at one depth below a ball of 3 mm, contact radius about R."""
     one = replace(result(), channels={n: v[-1:] for n, v in result().channels.items()})
-    channels = one.channels | {"travel": np.array([float(travel)]), "Fz": np.array([force]),
-                               "contact_radius": np.array([2.9])}  # fmt: skip
+    channels = one.channels | {
+        "travel": np.array([float(travel)]),
+        "Fz": np.array([force]),
+        "contact_radius": np.array([2.9]),
+    }
     found = replace(one, channels=channels, contact_error=np.zeros(1), residual=np.zeros(1))
     return float(error_estimate.stated(settings(level), knobs(D1=D1), found)["Fz"][0]) / force
 

@@ -108,17 +108,35 @@ def test_setting_without_influence_is_refused_when_it_is_nonsense(settings):
         BACKEND.check(case(**settings))
 
 
-@pytest.mark.parametrize("key", ["speed", "earlier", "indenter.radius", "specimen.semi_axes", "point", "profile",
-                                 "mesh.slip", "support.clearance", "material.prony", "mesh.n"])  # fmt: skip
+@pytest.mark.parametrize(
+    "key",
+    [
+        "speed",
+        "earlier",
+        "indenter.radius",
+        "specimen.semi_axes",
+        "point",
+        "profile",
+        "mesh.slip",
+        "support.clearance",
+        "material.prony",
+        "mesh.n",
+    ],
+)
 def test_whole_numbers_too_large_for_a_float_are_refused(key):
     huge = 10**400
     settings = {
-        "speed": {"speed": huge}, "earlier": {"earlier": huge}, "indenter.radius": {"indenter": {"radius": huge}},
-        "specimen.semi_axes": {"specimen": {"semi_axes": [huge, 35, 35]}}, "point": {"point": [0, -huge]},
-        "profile": {"profile": [[huge, 0.0]]}, "mesh.slip": {"mesh": {**MESH, "slip": huge}},
+        "speed": {"speed": huge},
+        "earlier": {"earlier": huge},
+        "indenter.radius": {"indenter": {"radius": huge}},
+        "specimen.semi_axes": {"specimen": {"semi_axes": [huge, 35, 35]}},
+        "point": {"point": [0, -huge]},
+        "profile": {"profile": [[huge, 0.0]]},
+        "mesh.slip": {"mesh": {**MESH, "slip": huge}},
         "support.clearance": {"support": {"kind": "bowl", "clearance": huge}},
-        "material.prony": {"material": {"prony": [[0.1, huge]]}}, "mesh.n": {"mesh": {**MESH, "n": huge}},
-    }[key]  # fmt: skip
+        "material.prony": {"material": {"prony": [[0.1, huge]]}},
+        "mesh.n": {"mesh": {**MESH, "n": huge}},
+    }[key]
     with pytest.raises(ValueError, match=re.escape(key)):
         BACKEND.check(case(**settings))
     with pytest.raises(ValueError, match=r"mu = 1000.* is too large"):

@@ -244,9 +244,14 @@ def test_step_limit_after_the_cut_backs_that_the_control_allows(small, monkeypat
 
 
 @pytest.mark.parametrize(
-    ("values", "law"), [({"C01": 0.012}, "mooney_rivlin"), ({"C01": -0.006}, "mooney_rivlin"), ({"C20": -2e-3}, "yeoh"),
-                        ({"C20": -4e-3}, "yeoh")]
-)  # fmt: skip
+    ("values", "law"),
+    [
+        ({"C01": 0.012}, "mooney_rivlin"),
+        ({"C01": -0.006}, "mooney_rivlin"),
+        ({"C20": -2e-3}, "yeoh"),
+        ({"C20": -4e-3}, "yeoh"),
+    ],
+)
 def test_a_law_that_softens_over_the_stretches_reached_is_no_material(values, law):
     """Pressed less deep than to where the body gave way such a run returned a force, with nothing said."""
     failure = failed(values, (0.2, 1.0, 1.65), material={"law": law})
@@ -259,9 +264,12 @@ def test_a_law_that_softens_over_the_stretches_reached_is_no_material(values, la
 
 @pytest.mark.parametrize(
     ("values", "material"),
-    [({"C01": -0.01}, {"law": "mooney_rivlin"}), ({"C20": -2e-2}, {"law": "yeoh"}),
-     ({}, {"law": "ogden", "ogden": [[8.0, -0.9]]})],
-)  # fmt: skip
+    [
+        ({"C01": -0.01}, {"law": "mooney_rivlin"}),
+        ({"C20": -2e-2}, {"law": "yeoh"}),
+        ({}, {"law": "ogden", "ogden": [[8.0, -0.9]]}),
+    ],
+)
 def test_a_law_that_cannot_reach_the_depth_is_refused_before_anything_is_meshed(values, material, monkeypatch):
     """By a strain that Hertz's contact reaches; what can be reached is not refused, and a skin forbids to foretell."""
     monkeypatch.setattr("fem_backend.simulation.assembly.build", lambda *a, **k: pytest.fail("something was built"))
@@ -295,8 +303,10 @@ def test_small_strains_end_where_the_body_would_turn_over(values):
     assert BACKEND.refused({**VALUES, **values}, replace(case, programme=Programme.ramp((1.0,), 1.0))) is None
 
 
-@pytest.mark.parametrize(("values", "law"), [({"C01": 0.002}, "mooney_rivlin"), ({"C20": 1e-3}, "yeoh"),
-                                             ({"alpha": -3.0}, "ogden"), ({"alpha": 1.2}, "ogden")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("values", "law"),
+    [({"C01": 0.002}, "mooney_rivlin"), ({"C20": 1e-3}, "yeoh"), ({"alpha": -3.0}, "ogden"), ({"alpha": 1.2}, "ogden")],
+)
 def test_stable_laws_answer(values, law):
     case = Case("c", Programme.ramp((0.4, 0.8), 1.0), {"mesh": SMALL, "material": {"law": law}})
     assert BACKEND({**VALUES, **values}, case).channels["Fz"].min() > 0.0

@@ -216,8 +216,13 @@ def test_first_contact_along_a_normal_and_at_the_top():
 @pytest.mark.parametrize("axes", [(60.0, 35.0, 35.0), (15.0, 15.0, 60.0), (20.0, 60.0, 60.0)])
 def test_the_place_of_first_contact_lies_on_the_body_and_on_the_ball(axes):
     """Also where the body is curved more strongly than the ball, as at the top of one that stands on its end."""
-    settings = read_settings({"specimen": {"semi_axes": axes}, "indenter": {"radius": 0.5 * min(axes)},
-                              "point": [0.35 * axes[0], 0.1 * axes[1]]})  # fmt: skip
+    settings = read_settings(
+        {
+            "specimen": {"semi_axes": axes},
+            "indenter": {"radius": 0.5 * min(axes)},
+            "point": [0.35 * axes[0], 0.1 * axes[1]],
+        }
+    )
     placement = assembly.place(settings, Knobs(mu=0.01, D1=5.8))
     x, body = placement.contact, placement.body
     np.testing.assert_allclose(((x / body.semi_axes) ** 2).sum(), 1.0, rtol=1e-12)

@@ -62,9 +62,10 @@ def right(size: int, seed: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "share,apart", [(None, True), (None, False), (0.0, True), (1e-4, True), (0.5, True)],
+    "share,apart",
+    [(None, True), (None, False), (0.0, True), (1e-4, True), (0.5, True)],
     ids=["symmetric", "modes unknown", "both triangles", "rubs a little", "rubs"],
-)  # fmt: skip
+)
 def test_solution_is_the_dense_one(loose, name, share, apart):
     pattern, data, whole, modes = loose
     if share is not None:

@@ -66,8 +66,9 @@ def test_closed_form_at_a_ball_a_body_or_a_place_that_is_not_as_stated(knobs, se
     stated = case(point=[2.0, 0.0])
     true = Case("x", stated.programme, {**stated.settings, **settings})
     values = {"mu": 0.01, "D1": 4.0}
-    found, expected, without = (BACKEND.closed_form(v, c).channels for v, c in
-                                (({**values, **knobs}, stated), (values, true), (values, stated)))  # fmt: skip
+    found, expected, without = (
+        BACKEND.closed_form(v, c).channels for v, c in (({**values, **knobs}, stated), (values, true), (values, stated))
+    )
     for channel in ("Fx", "Fy", "Fz"):
         np.testing.assert_allclose(found[channel], expected[channel], rtol=1e-12)
     assert not np.allclose(found["Fz"], without["Fz"], rtol=1e-3)
@@ -111,8 +112,11 @@ def test_the_start_of_the_source():
 def test_every_level_is_modelled_and_names_what_there_is():
     rungs = BACKEND.levels({**SETTINGS, "material": {"law": "neo_hookean", "prony": [[0.1, 2.0]]}})
     assert [[v["name"] for v in rung] for rung in rungs] == [
-        ["hertz"], ["linear_elastic"], ["neo_hooke"], ["mooney_rivlin", "yeoh", "ogden"],
-    ]  # fmt: skip
+        ["hertz"],
+        ["linear_elastic"],
+        ["neo_hooke"],
+        ["mooney_rivlin", "yeoh", "ogden"],
+    ]
     known = {p.name: p for p in BACKEND.parameters}
     for level in (v for rung in rungs for v in rung):
         BACKEND.check(case(**level.get("settings", {})))
@@ -123,8 +127,9 @@ def test_every_level_is_modelled_and_names_what_there_is():
         assert level.get("extends", "neo_hooke") == "neo_hooke"
 
 
-@pytest.mark.parametrize("settings", [{}, {"point": [20.0, 0.0]}, {"point": [35.0, 5.0]},
-                                      {"point": [35.0, 5.0], "direction": "normal"}])  # fmt: skip
+@pytest.mark.parametrize(
+    "settings", [{}, {"point": [20.0, 0.0]}, {"point": [35.0, 5.0]}, {"point": [35.0, 5.0], "direction": "normal"}]
+)
 def test_hertz_gives_back_the_modulus_of_its_own_force_on_a_slope_too(settings):
     """Taken as normal to the surface a vertical force on a slope told too small a modulus."""
     case = Case("c", Programme.ramp((0.1, 0.2, 0.4)), settings)

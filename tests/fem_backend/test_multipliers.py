@@ -81,8 +81,11 @@ def test_it_is_part_of_the_question_where_it_is_asked_for():
 
 
 def test_similarity_stays_exact():
-    case = Case("c", Programme.ramp((0.5, 1.0)), {"mesh": {"mesher": "mapped", "n": 6, "slip": 0.3},
-                                                  "multipliers": False, "derivatives": False})  # fmt: skip
+    case = Case(
+        "c",
+        Programme.ramp((0.5, 1.0)),
+        {"mesh": {"mesher": "mapped", "n": 6, "slip": 0.3}, "multipliers": False, "derivatives": False},
+    )
     one, other = BACKEND(VALUES, case), BACKEND({"mu": 0.03, "D1": 10.0 / 3.0}, case)
     np.testing.assert_allclose(other.channels["Fz"], 3.0 * one.channels["Fz"], rtol=1e-9)  # solver tolerance 1e-6
 
@@ -91,6 +94,8 @@ def test_a_run_that_fails_at_once_says_why():
     """The only travel asked for is beyond what is reached: there is nothing to correct."""
     case = Case("c", Programme.ramp((9.9,)), {"mesh": {"mesher": "mapped", "n": 6, "slip": 0.3}, "multipliers": False})
     with pytest.raises(SimulationFailed) as failed:
-        BACKEND({"mu": 0.01, "D1": 1.0, "alpha": -1.0}, dataclasses.replace(case, settings={
-            **case.settings, "material": {"law": "ogden"}}))  # fmt: skip
+        BACKEND(
+            {"mu": 0.01, "D1": 1.0, "alpha": -1.0},
+            dataclasses.replace(case, settings={**case.settings, "material": {"law": "ogden"}}),
+        )
     assert failed.value.cause and failed.value.partial is None

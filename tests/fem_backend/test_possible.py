@@ -12,8 +12,11 @@ LENGTHS = ("delta_a", "delta_b", "delta_c", "delta_R", "offset_x", "offset_y")
 @pytest.mark.parametrize("k", [1.0, 0.1, 5.0])
 def test_gauges_are_as_fine_beside_a_small_body_as_beside_a_large_one(k):
     """Their resolution keeps its share of what is plausible."""
-    settings = {"specimen": {"shape": "ellipsoid", "semi_axes": [60.0 * k, 35.0 * k, 35.0 * k]},
-                "indenter": {"shape": "sphere", "radius": 3.0 * k}, "support": {"kind": "fixed"}}  # fmt: skip
+    settings = {
+        "specimen": {"shape": "ellipsoid", "semi_axes": [60.0 * k, 35.0 * k, 35.0 * k]},
+        "indenter": {"shape": "sphere", "radius": 3.0 * k},
+        "support": {"kind": "fixed"},
+    }
     found, ranges = BACKEND.gauges(settings), BACKEND.plausible(settings)
     declared = {p.name: p.plausible for p in BACKEND.parameters}
     for name, (words, fine) in GAUGES.items():

@@ -400,8 +400,9 @@ def test_pictures_are_drawn(specimen, tmp_path, planes):
     u = np.zeros_like(body.nodes)
     centre = np.array([0.0, 0.0, 37.0])
     points, p = np.array([[0.1, 0.0, 34.9], [0.5, 0.1, 34.8]]), np.array([0.01, 0.005])
-    pictures.draw_section(tmp_path / "a.png", body, u, body.nodes[:, 2], "z (mm)", centre, 3.0, planes=planes,
-                          contact=(points, p))  # fmt: skip
+    pictures.draw_section(
+        tmp_path / "a.png", body, u, body.nodes[:, 2], "z (mm)", centre, 3.0, planes=planes, contact=(points, p)
+    )
     pictures.draw_surface(tmp_path / "b.png", body.nodes, facets, u, body.nodes[:, 2], "z (mm)", planes, centre, 3.0)
     pictures.draw_surface(tmp_path / "c.png", body.nodes, facets, u, body.nodes[:, 2], "z (mm)", planes)
     for name in "abc":

@@ -30,9 +30,15 @@ def run(values, programme, mesh=SMALL, **settings):
 def test_passages_are_in_order_of_time_with_every_corner():
     programme = Programme((0.0, 4.0, 6.0, 8.0), (0.0, 2.0, 2.0, 0.0), (0.5, 1.0), (5.0,))
     assert passages(programme) == [
-        Instant(1.0, 0.5, True), Instant(2.0, 1.0, True), Instant(4.0, 2.0, False), Instant(5.0, 2.0, True),
-        Instant(6.0, 2.0, False), Instant(7.0, 1.0, True), Instant(7.5, 0.5, True), Instant(8.0, 0.0, False),
-    ]  # fmt: skip
+        Instant(1.0, 0.5, True),
+        Instant(2.0, 1.0, True),
+        Instant(4.0, 2.0, False),
+        Instant(5.0, 2.0, True),
+        Instant(6.0, 2.0, False),
+        Instant(7.0, 1.0, True),
+        Instant(7.5, 0.5, True),
+        Instant(8.0, 0.0, False),
+    ]
 
 
 def test_a_turning_point_is_passed_once():
@@ -159,16 +165,29 @@ def test_elastic_runs_at_three_speeds_are_one():
 
 def test_groups_that_are_off_are_not_in_the_key():
     for off in (
-        {"prony_tau": 9.0}, {"prony_g": 0.0, "prony_tau": 9.0}, {"mullins_m": 0.3}, {"fibre_angle": 20.0},
-        {"skin_ratio": 1.0, "skin_thickness": 2.0}, {"inclusion_x": 3.0, "inclusion_radius": 2.0},
-        {"adhesion_range": 0.5}, {"bowl_clearance": 2.0, "bowl_friction": 0.5},
+        {"prony_tau": 9.0},
+        {"prony_g": 0.0, "prony_tau": 9.0},
+        {"mullins_m": 0.3},
+        {"fibre_angle": 20.0},
+        {"skin_ratio": 1.0, "skin_thickness": 2.0},
+        {"inclusion_x": 3.0, "inclusion_radius": 2.0},
+        {"adhesion_range": 0.5},
+        {"bowl_clearance": 2.0, "bowl_friction": 0.5},
         {"skin_thickness": 0.0, "skin_ratio": 2.0},
-    ):  # fmt: skip
+    ):
         assert key(off) == key({}), off
-    on = [RELAXING, {**RELAXING, "prony_tau": 3.0}, {"mullins": 0.2}, {"fibre": 1e-3},
-          {"fibre": 1e-3, "fibre_angle": 5},
-          {"skin_ratio": 2.0}, {"skin_ratio": 2.0, "skin_thickness": 0.6}, {"inclusion_ratio": 2.0},
-          {"inclusion_ratio": 2.0, "inclusion_radius": 4.0}, {"adhesion": 1e-4}]  # fmt: skip
+    on = [
+        RELAXING,
+        {**RELAXING, "prony_tau": 3.0},
+        {"mullins": 0.2},
+        {"fibre": 1e-3},
+        {"fibre": 1e-3, "fibre_angle": 5},
+        {"skin_ratio": 2.0},
+        {"skin_ratio": 2.0, "skin_thickness": 0.6},
+        {"inclusion_ratio": 2.0},
+        {"inclusion_ratio": 2.0, "inclusion_radius": 4.0},
+        {"adhesion": 1e-4},
+    ]
     assert len({key(v) for v in [{}, *on]}) == len(on) + 1  # negative control
 
 

@@ -37,9 +37,10 @@ CASES = {
     "misaligned": ({"offset_x": 1.0, "tilt_x": 2.0}, {}),
     "off the top": ({}, {"point": [12.0, 0.0], "direction": "normal"}),
     "all of it": (
-        {"friction": 0.2, "prony_g": 0.3, "mullins": 0.4, "skin_ratio": 2.0, "C20": 1e-3, "weight": 1e-5}, {}
+        {"friction": 0.2, "prony_g": 0.3, "mullins": 0.4, "skin_ratio": 2.0, "C20": 1e-3, "weight": 1e-5},
+        {},
     ),
-}  # fmt: skip
+}
 
 
 def run(values, settings):
@@ -90,8 +91,16 @@ def test_similarity_of_lengths(make_bench, k):
 
     def at(k):
         table = {"specimen": {"semi_axes": [60 * k, 35 * k, 35 * k]}, "indenter": {"radius": 3.0 * k}}
-        return make_bench({"weight": 1e-5 / k, "adhesion": 1e-4 * k, "adhesion_range": 0.2 * k, "skin_ratio": 2.0,
-                           "skin_thickness": 0.5 * k}, **table).solve([0.5 * k, 1.0 * k])  # fmt: skip
+        return make_bench(
+            {
+                "weight": 1e-5 / k,
+                "adhesion": 1e-4 * k,
+                "adhesion_range": 0.2 * k,
+                "skin_ratio": 2.0,
+                "skin_thickness": 0.5 * k,
+            },
+            **table,
+        ).solve([0.5 * k, 1.0 * k])
 
     one, two = at(1.0), at(k)
     np.testing.assert_allclose(two.Fz, k * k * one.Fz, rtol=1e-6)  # merged nodes have an absolute tolerance
@@ -104,9 +113,14 @@ def test_similarity_of_lengths_of_a_body_that_may_turn(k):
     """The lip of the bowl and the steps of what rolls there, too; forces to what merged nodes leave."""
 
     def at(k):
-        table = {"specimen": {"semi_axes": [60.0 * k, 35.0 * k, 35.0 * k]}, "indenter": {"radius": 3.0 * k},
-                 "support": {"kind": "bowl", "clearance": 2.0 * k, "friction": 0.0}, "point": [20.0 * k, 0.0],
-                 "mesh": SMALL, "derivatives": False}  # fmt: skip
+        table = {
+            "specimen": {"semi_axes": [60.0 * k, 35.0 * k, 35.0 * k]},
+            "indenter": {"radius": 3.0 * k},
+            "support": {"kind": "bowl", "clearance": 2.0 * k, "friction": 0.0},
+            "point": [20.0 * k, 0.0],
+            "mesh": SMALL,
+            "derivatives": False,
+        }
         return BACKEND(VALUES, Case("c", Programme.ramp((1.0 * k, 2.0 * k), k), table))
 
     one, two = at(1.0), at(k)

@@ -27,7 +27,7 @@ CASES = {  # values, settings, knobs that must come with a derivative
     "bowl": ({}, BOWL, ("mu", "D1")),
     "weight": ({"weight": 1e-5}, {}, ()),  # the sag before contact, where the depth counts from, is not differentiated
     "misaligned": ({"offset_x": 1.0}, {}, ("mu", "D1")),
-}  # fmt: skip
+}
 
 
 def run(values, settings):

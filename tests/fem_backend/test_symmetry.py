@@ -108,13 +108,23 @@ def test_body_turned_by_ninety_degrees_gives_turned_forces(make_bench, knobs):
 GRADED = {"mesher": "mapped", "n": 8, "slip": 0.5}  # on the small mesh a contact within an element feels no slope
 
 
-@pytest.mark.parametrize("knob,size,odd,table", [
-    ("offset_x", 1.5, "Fx", {}),
-    ("offset_y", 1.0, "Fy", {}),
-    ("tilt_y", 4.0, "Fx", {}),
-    ("tilt_x", 4.0, "Fy", {"specimen": {"semi_axes": [60.0, 45.0, 35.0]}}),  # round about x it would be the same body
-    pytest.param("offset_x", 1.5, "Fx", {"support": {"kind": "bowl", "clearance": 0.5, "friction": 0.0}}, marks=slow),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "knob,size,odd,table",
+    [
+        ("offset_x", 1.5, "Fx", {}),
+        ("offset_y", 1.0, "Fy", {}),
+        ("tilt_y", 4.0, "Fx", {}),
+        (
+            "tilt_x",
+            4.0,
+            "Fy",
+            {"specimen": {"semi_axes": [60.0, 45.0, 35.0]}},
+        ),  # round about x it would be the same body
+        pytest.param(
+            "offset_x", 1.5, "Fx", {"support": {"kind": "bowl", "clearance": 0.5, "friction": 0.0}}, marks=slow
+        ),
+    ],
+)
 def test_misalignment_changes_the_sign_of_the_sideways_force_only(make_bench, knob, size, odd, table):
     plus, minus = (make_bench({knob: s * size}, GRADED, **table).solve([0.8]).channels for s in (1, -1))
     size = abs(plus["Fz"][0])

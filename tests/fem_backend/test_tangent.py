@@ -32,9 +32,10 @@ EFFECTS = {
     "Mullins": ({"mullins": 0.5}, {}),
     "dead load": ({"weight": 1e-5}, {}),
     "all of it": (
-        {"friction": 0.2, "prony_g": 0.3, "mullins": 0.4, "skin_ratio": 2.0, "C20": 1e-3, "adhesion": 1e-4}, {}
+        {"friction": 0.2, "prony_g": 0.3, "mullins": 0.4, "skin_ratio": 2.0, "C20": 1e-3, "adhesion": 1e-4},
+        {},
     ),
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")

@@ -213,12 +213,28 @@ STATED = Noise(Fz=WHITE, gain=SCATTER)
 
 
 def recorded(
-    truth: Mapping[str, float], rng: np.random.Generator, *, peak: float = 4.0, speed: float = 0.5,
-    unload: bool = False, point: tuple[float, float] = (0.0, 0.0), support: str = "held", repeats: int = 1,
-    white: float = WHITE, scatter: float = SCATTER, earlier: float = 0.0, offset: float = 0.0, compliance: float = 0.0,
-    bias: float = 0.0, drift: float = 0.0, each_offset: float = 0.0, lateral: bool = False, readings: int = 84,
-    hold: float = 0.0, pace: float = 1.0,
-) -> tuple[Repeat, ...]:  # fmt: skip
+    truth: Mapping[str, float],
+    rng: np.random.Generator,
+    *,
+    peak: float = 4.0,
+    speed: float = 0.5,
+    unload: bool = False,
+    point: tuple[float, float] = (0.0, 0.0),
+    support: str = "held",
+    repeats: int = 1,
+    white: float = WHITE,
+    scatter: float = SCATTER,
+    earlier: float = 0.0,
+    offset: float = 0.0,
+    compliance: float = 0.0,
+    bias: float = 0.0,
+    drift: float = 0.0,
+    each_offset: float = 0.0,
+    lateral: bool = False,
+    readings: int = 84,
+    hold: float = 0.0,
+    pace: float = 1.0,
+) -> tuple[Repeat, ...]:
     """Repeats as a laboratory records them, the chain written out by hand; `hold` s of rest at the end of a loading,
     `pace` times as fast on the way back."""
     found = []
@@ -249,9 +265,18 @@ def recorded(
     return tuple(found)
 
 
-def experiment(name: str, repeats: tuple[Repeat, ...], *, role: str = "fit", point=(0.0, 0.0), support: str = "held",
-               speed: float = 0.5, noise: Noise = STATED, after: tuple[str, ...] = (),
-               **settings: object) -> Experiment:  # fmt: skip
+def experiment(
+    name: str,
+    repeats: tuple[Repeat, ...],
+    *,
+    role: str = "fit",
+    point=(0.0, 0.0),
+    support: str = "held",
+    speed: float = 0.5,
+    noise: Noise = STATED,
+    after: tuple[str, ...] = (),
+    **settings: object,
+) -> Experiment:
     """An experiment of the diagnosis around such repeats."""
     kind = "profile" if "x" in repeats[0].channels else "force"
     measurement = Measurement(Path(name), kind, repeats, ())
@@ -270,7 +295,7 @@ def laboratory(truth: Mapping[str, float], seed: int, validate: bool = False, **
         experiment("fast", recorded(truth, rng, speed=2.0, unload=True, earlier=4.0, **chain), speed=2.0, after=first),
         experiment("deep", recorded(truth, rng, peak=6.0, earlier=4.0, **chain), role=deep, after=first),
         experiment("side", recorded(truth, rng, point=(10.0, 0.0), lateral=True, **chain), point=(10.0, 0.0)),
-    ]  # fmt: skip
+    ]
 
 
 def base(axes: bool = True, low: float = 0.006, high: float = 0.024, **fixed: float) -> Base:

@@ -19,15 +19,23 @@ EFFECTS = [  # name, description, family, unit, neutral, low, high, smallest vis
     ("tilt_y", "specimen turned about y", "model", "deg", 0.0, -6.0, 6.0, 0.7, ["offset_x"]),
     ("weight", "specific weight, density times g", "model", "N/mm^3", 0.0, 1e-7, 4e-6, None, []),
     ("bowl_clearance", "bowl: semi-axes of the bowl minus those of the body", "model", "mm", None, 0.2, 4.0, None, []),
-    ("offset", "true depth at which the record says zero (above 0: contact was taken late, below: early)",
-     "measurement", "mm", 0.0, -0.4, 0.4,
-     0.037, ["delta_R"]),
+    (
+        "offset",
+        "true depth at which the record says zero (above 0: contact was taken late, below: early)",
+        "measurement",
+        "mm",
+        0.0,
+        -0.4,
+        0.4,
+        0.037,
+        ["delta_R"],
+    ),
     ("compliance", "load-train compliance", "measurement", "mm/N", 0.0, 0.01, 0.8, 0.05, ["prony_g"]),
     ("gain", "gain of the force channel", "measurement", "1", 1.0, 0.8, 1.25, None, []),
     ("bias", "zero error of the force channel", "measurement", "N", 0.0, -0.05, 0.05, 1.3e-3, []),
     ("drift", "drift of the force channel", "measurement", "N/s", 0.0, -4e-3, 4e-3, 6e-5, []),
     ("cross_x", "share of Fz that appears in Fx", "measurement", "1", 0.0, -0.2, 0.2, 0.004, ["offset_x"]),
-]  # fmt: skip
+]
 TESTS = [  # name, role, point, speed mm/s, deepest mm, unloads, repeats
     ("middle", "fit", [0.0, 0.0], 0.5, 4.0, False, 3),
     ("cycle_10", "fit", [0.0, 0.0], 10 / 60, 4.0, True, 1),

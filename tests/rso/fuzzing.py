@@ -21,13 +21,80 @@ GOOD, BAD, EITHER = {0}, {2}, {0, 2}
 Mutation = Callable[[random.Random, Path], set[int]]
 HUGE = ["1e308", "-1e308", "1e999", str(2**62), str(10**25), "9" * 5000, "5e-324"]
 VALUES: tuple[Any, ...] = (
-    None, True, False, 0, 1, -1, 3, 10**6, 10**9, 2**63, -(2**70), 10**400, 0.0, -0.0, 0.5, 1e-300, 1e300, math.inf,
-    -math.inf, math.nan, "", " ", "0", "nan", "6 kPa", "6kPa", "-6 kPa", "1e9999 kPa", "9**9**9 mm", "1 %", "1 mm",
-    "5 furlong", "3 degC", "0 N", "1/0 N", "１２ kPa", "mu", "D1", "top", "lhs", "sobol", "ccd", "file", "all", "local",
-    "dask", "../../../../etc/passwd", "/dev/zero", "/", ".", "a\0b", "x" * 10_000, "\u202e\ud7ff", "<script>", "%s%n",
-    [], [[]], [1, 2], ["mu"], ["a", 1], [[1, 2], [3]], {}, {"low": 1}, {"a": {"b": {"c": []}}}, [{}], "{}", "true",
-    "os:system", "json:dumps", "indentation_backend:BACKEND", "indentation_backend:", ":", "1 kPa" * 100,
-)  # fmt: skip
+    None,
+    True,
+    False,
+    0,
+    1,
+    -1,
+    3,
+    10**6,
+    10**9,
+    2**63,
+    -(2**70),
+    10**400,
+    0.0,
+    -0.0,
+    0.5,
+    1e-300,
+    1e300,
+    math.inf,
+    -math.inf,
+    math.nan,
+    "",
+    " ",
+    "0",
+    "nan",
+    "6 kPa",
+    "6kPa",
+    "-6 kPa",
+    "1e9999 kPa",
+    "9**9**9 mm",
+    "1 %",
+    "1 mm",
+    "5 furlong",
+    "3 degC",
+    "0 N",
+    "1/0 N",
+    "１２ kPa",
+    "mu",
+    "D1",
+    "top",
+    "lhs",
+    "sobol",
+    "ccd",
+    "file",
+    "all",
+    "local",
+    "dask",
+    "../../../../etc/passwd",
+    "/dev/zero",
+    "/",
+    ".",
+    "a\0b",
+    "x" * 10_000,
+    "\u202e\ud7ff",
+    "<script>",
+    "%s%n",
+    [],
+    [[]],
+    [1, 2],
+    ["mu"],
+    ["a", 1],
+    [[1, 2], [3]],
+    {},
+    {"low": 1},
+    {"a": {"b": {"c": []}}},
+    [{}],
+    "{}",
+    "true",
+    "os:system",
+    "json:dumps",
+    "indentation_backend:BACKEND",
+    "indentation_backend:",
+    ":",
+    "1 kPa" * 100,
+)
 
 
 def toml(value: Any) -> str:
@@ -76,8 +143,11 @@ def full() -> dict[str, Any]:
     level = {"name": "other", "settings": {"thickness": 9.0}, "open": {"mu": ["6 kPa", 0.02]}}
     study["experiments"][0] |= {"settings": {"speed": 0.5, "thickness": 8.0}, "columns": columns}
     study["doe"] |= {"constraints": ["mu <= 1"]}
-    more = {"ladder": {"levels": [level]}, "next": {"truths": {"mu": [0.01, "9 kPa"]}, "experiments": [possible]},
-            "diagnose": {"settings": {"thickness": 8.0}}}  # fmt: skip
+    more = {
+        "ladder": {"levels": [level]},
+        "next": {"truths": {"mu": [0.01, "9 kPa"]}, "experiments": [possible]},
+        "diagnose": {"settings": {"thickness": 8.0}},
+    }
     return study | more
 
 
@@ -135,10 +205,23 @@ def _at(data: Any, place: tuple[Any, ...]) -> Any:
 
 def no_required_key(rng: random.Random, folder: Path) -> set[int]:
     study = base()
-    required = [("study",), ("study", "title"), ("study", "seed"), ("backend",), ("backend", "use"), ("parameters",),
-                ("parameters", "mu"), ("parameters", "mu", "low"), ("experiments",), ("experiments", 0),
-                ("experiments", 0, "name"), ("experiments", 0, "role"), ("experiments", 0, "data"),
-                ("search", "targets", 0, "depth"), ("search", "variants", 0, "name")]  # fmt: skip
+    required = [
+        ("study",),
+        ("study", "title"),
+        ("study", "seed"),
+        ("backend",),
+        ("backend", "use"),
+        ("parameters",),
+        ("parameters", "mu"),
+        ("parameters", "mu", "low"),
+        ("experiments",),
+        ("experiments", 0),
+        ("experiments", 0, "name"),
+        ("experiments", 0, "role"),
+        ("experiments", 0, "data"),
+        ("search", "targets", 0, "depth"),
+        ("search", "variants", 0, "name"),
+    ]
     put(study, rng.choice(required), None)
     write(folder, study)
     return BAD
@@ -172,7 +255,7 @@ def wrong_value(rng: random.Random, folder: Path) -> set[int]:
         (("dispatch", "timeout"), [0, -1, "1 mm", "0 s"]),
         (("backend", "settings"), [{"thickness": -1}, {"colour": 1}, {"thickness": math.nan}, 3]),
         (("backend", "use"), ["nowhere:BACKEND", "indentation_backend", "a b:c", "json:dumps", "os:environ"]),
-    ]  # fmt: skip
+    ]
     place, values = rng.choice(wrong)
     put(study, place, rng.choice(values))
     write(folder, study)
@@ -215,10 +298,26 @@ def deep_nesting(rng: random.Random, folder: Path) -> set[int]:
 def bad_condition(rng: random.Random, folder: Path) -> set[int]:
     """Inequalities between parameters are text that is understood: nothing in it may run, or run for ever."""
     study = base()
-    texts = ("", "mu", "mu <", "nu < 1", "mu < 1; import os", "__import__('os').system('true') < 1", "mu.real < 1",
-             "(lambda: 1)() < mu", "[mu][0] < 1", "mu if 1 else 2", "mu < " + "(" * 500 + "1" + ")" * 500, "mu < '1'",
-             "-" * 5000 + "mu < 1", "mu < open('/etc/passwd')", "mu := 1", "mu < 1 and 1", "1 < 2",
-             "mu < 1j")  # fmt: skip
+    texts = (
+        "",
+        "mu",
+        "mu <",
+        "nu < 1",
+        "mu < 1; import os",
+        "__import__('os').system('true') < 1",
+        "mu.real < 1",
+        "(lambda: 1)() < mu",
+        "[mu][0] < 1",
+        "mu if 1 else 2",
+        "mu < " + "(" * 500 + "1" + ")" * 500,
+        "mu < '1'",
+        "-" * 5000 + "mu < 1",
+        "mu < open('/etc/passwd')",
+        "mu := 1",
+        "mu < 1 and 1",
+        "1 < 2",
+        "mu < 1j",
+    )
     study["doe"]["constraints"] = [rng.choice(texts)]
     write(folder, study)
     return BAD
@@ -226,8 +325,19 @@ def bad_condition(rng: random.Random, folder: Path) -> set[int]:
 
 def long_condition(rng: random.Random, folder: Path) -> set[int]:
     study = base()
-    texts = ("9**9**9 < mu", "mu**9**9**9 < 1", "mu * D1 <= 1e400", "sqrt(mu - 1) <= 1", "mu / 0 < 1", "log(-D1) > 0",
-             "mu <= D1 <= 200", "exp(exp(D1)) > 1", "2**-9999 < mu", "mu < 10**400", "0 * mu < 1 < 2 < 3")  # fmt: skip
+    texts = (
+        "9**9**9 < mu",
+        "mu**9**9**9 < 1",
+        "mu * D1 <= 1e400",
+        "sqrt(mu - 1) <= 1",
+        "mu / 0 < 1",
+        "log(-D1) > 0",
+        "mu <= D1 <= 200",
+        "exp(exp(D1)) > 1",
+        "2**-9999 < mu",
+        "mu < 10**400",
+        "0 * mu < 1 < 2 < 3",
+    )
     study["doe"]["constraints"] = [rng.choice(texts)]
     write(folder, study)
     return EITHER
@@ -275,9 +385,27 @@ def data_bytes(rng: random.Random, folder: Path) -> set[int]:
     cut = rng.randrange(len(text))
     flipped = text[:cut] + chr(ord(text[cut]) ^ (1 << rng.randrange(7))) + text[cut + 1 :]
     kind = rng.choice(
-        ("bom", "crlf", "cr", "utf-16", "latin-1", "semicolon", "tab", "quotes", "blank", "cut", "flip", "noise",
-         "zeros", "empty", "header", "note", "bytes", "other bom")
-    )  # fmt: skip
+        (
+            "bom",
+            "crlf",
+            "cr",
+            "utf-16",
+            "latin-1",
+            "semicolon",
+            "tab",
+            "quotes",
+            "blank",
+            "cut",
+            "flip",
+            "noise",
+            "zeros",
+            "empty",
+            "header",
+            "note",
+            "bytes",
+            "other bom",
+        )
+    )
     content, verdict = {
         "bom": (text.encode("utf-8-sig"), GOOD),
         "crlf": (text.replace("\n", "\r\n").encode(), GOOD),
@@ -304,8 +432,28 @@ def data_bytes(rng: random.Random, folder: Path) -> set[int]:
 
 def bad_cell(rng: random.Random, folder: Path) -> set[int]:
     rows = [r.split(",") for r in (folder / "top.csv").read_text().split()]
-    cells = ("nan", "NaN", "inf", "-inf", "", " ", "1e400", "1e300", "-1e13", "much", "1_000", "0x10", "1.2.3", "١٢",
-             "=1+1", "1;2", "<b>", "--1", "1e", "x" * 100_000)  # fmt: skip
+    cells = (
+        "nan",
+        "NaN",
+        "inf",
+        "-inf",
+        "",
+        " ",
+        "1e400",
+        "1e300",
+        "-1e13",
+        "much",
+        "1_000",
+        "0x10",
+        "1.2.3",
+        "١٢",
+        "=1+1",
+        "1;2",
+        "<b>",
+        "--1",
+        "1e",
+        "x" * 100_000,
+    )
     rows[rng.randrange(1, len(rows))][rng.randrange(2)] = rng.choice(cells)
     (folder / "top.csv").write_text("\n".join(map(",".join, rows)), encoding="utf-8")
     return EITHER if any("١٢" in c for r in rows for c in r) else BAD
@@ -313,10 +461,31 @@ def bad_cell(rng: random.Random, folder: Path) -> set[int]:
 
 def bad_columns(rng: random.Random, folder: Path) -> set[int]:
     _, *rows = (folder / "top.csv").read_text().split()
-    heads = ("depth_mm", "Fz_N", "depth_mm,depth_mm", "Fz_N,Fz_N", "depth_mm,Fz_mm", "depth_N,Fz_N", "depth,Fz", "1,2",
-             "depth_mm,force_N", "depth_mm,Fz_N,Fz_N", "depth_mm,Fz_N,time_s", "depth_mm;Fz_N", "time_s,Fz_N",
-             "depth_mm,Fz_N,", "depth_mm,uz_mm", "depth_mm,repeat", "segment,Fz_N", "depth_mm,Fx_N", "Fz_sigma_N,Fz_N",
-             "depth_9**9**9,Fz_N", "x" * 50_000, "depth_mm,Fz_°C", "depth_mm,Fz_N#2")  # fmt: skip
+    heads = (
+        "depth_mm",
+        "Fz_N",
+        "depth_mm,depth_mm",
+        "Fz_N,Fz_N",
+        "depth_mm,Fz_mm",
+        "depth_N,Fz_N",
+        "depth,Fz",
+        "1,2",
+        "depth_mm,force_N",
+        "depth_mm,Fz_N,Fz_N",
+        "depth_mm,Fz_N,time_s",
+        "depth_mm;Fz_N",
+        "time_s,Fz_N",
+        "depth_mm,Fz_N,",
+        "depth_mm,uz_mm",
+        "depth_mm,repeat",
+        "segment,Fz_N",
+        "depth_mm,Fx_N",
+        "Fz_sigma_N,Fz_N",
+        "depth_9**9**9,Fz_N",
+        "x" * 50_000,
+        "depth_mm,Fz_°C",
+        "depth_mm,Fz_N#2",
+    )
     (folder / "top.csv").write_text("\n".join([rng.choice(heads), *rows]), encoding="utf-8")
     return BAD
 

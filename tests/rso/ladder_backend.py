@@ -37,9 +37,12 @@ def force(u: Any, law: str, mu: float, D1: float, C20: float = 0.0, C01: float =
     u = np.asarray(u, float)
     c = mu * D1
     shape = {
-        "hertz": 1 + 0 * u, "linear": 1 - u / 8, "neo": 1 + 0.05 * u, "stiff": 1 + 0.05 * u + C20 / mu * u**2,
+        "hertz": 1 + 0 * u,
+        "linear": 1 - u / 8,
+        "neo": 1 + 0.05 * u,
+        "stiff": 1 + 0.05 * u + C20 / mu * u**2,
         "vain": 1 + 0.05 * u + 1e-4 * C01 / mu * u,
-    }[law]  # fmt: skip
+    }[law]
     return 12 * np.sqrt(3) * mu * u**1.5 * (6 + c) / (6 + 4 * c) * shape * (1 + grip * u**2 / 16)
 
 

@@ -142,7 +142,10 @@ def test_a_name_that_another_file_has_by_itself_is_left_to_it(tmp_path):
         (tmp_path / f).write_text(hertz(gain=1 + 0.01 * k))
     assert new(tmp_path, *(str(tmp_path / f) for f in files)) == 0
     assert {e.name: e.data for e in load(tmp_path).experiments} == {
-        "top": ("b/top.csv",), "top_3": ("top.csv",), "top_2": ("top_2.csv",)}  # fmt: skip
+        "top": ("b/top.csv",),
+        "top_3": ("top.csv",),
+        "top_2": ("top_2.csv",),
+    }
 
 
 def points(folder):
@@ -233,8 +236,10 @@ def test_a_ball_that_is_pulled_in_opens_adhesion_about_what_was_put_in(tmp_path)
     force = 16 * mu * a**3 / (3 * R) - np.sqrt(8 * np.pi * w * 4 * mu * a**3)
     u = np.linspace(0.0, 0.9, 40)
     air = np.linspace(0.0, 0.19, 20)
-    rows = [f"{v:.5f},{f:.5f}" for v, f in [*zip(air, 0 * air, strict=True),
-            *zip(contact + u, np.interp(u, depth, force), strict=True)]]  # fmt: skip
+    rows = [
+        f"{v:.5f},{f:.5f}"
+        for v, f in [*zip(air, 0 * air, strict=True), *zip(contact + u, np.interp(u, depth, force), strict=True)]
+    ]
     (tmp_path / "a.csv").write_text("\n".join(["depth_mm,Fz_N", *rows, ""]))
     text = begin(tmp_path / "study.toml", BACKEND, Test((30.0, 30.0, 30.0), R), [str(tmp_path / "a.csv")])
     read = tomllib.loads(text)["parameters"]

@@ -113,17 +113,28 @@ def test_the_exit_code_stays_while_a_case_has_an_error(tmp_path, capsys):
 
 
 def test_what_files_were_taken_for_is_said_at_the_first_reading_and_kept(libraries, tmp_path, monkeypatch):
-    file = {"file": "top.csv", "kind": "force", "place_mm": [0.0, 0.0], "role": "fit", "cycle": False, "repeats": 2,
-            "speed_mm_per_min": 30.0, "speed_from": "assumed"}  # fmt: skip
+    file = {
+        "file": "top.csv",
+        "kind": "force",
+        "place_mm": [0.0, 0.0],
+        "role": "fit",
+        "cycle": False,
+        "repeats": 2,
+        "speed_mm_per_min": 30.0,
+        "speed_from": "assumed",
+    }
     taken = {"files": [file], "support": {"kind": "fixed"}, "assumed": ["nominal.json states no support"]}
     monkeypatch.setattr(blind, "_taken", lambda case, one: taken)
     said: list[str] = []
     cases = [tmp_path / "case_1", tmp_path / "case_2"]
     found = list(blind.answer(cases, tmp_path, None, None, seed=0, say=said.append))
     assert said[:5] == [
-        "case_1:", "  top.csv: force curve at (0, 0) mm, role fit, 30 mm/min assumed, 2 repeat(s)",
-        '  support: {"kind": "fixed"}', "  nominal.json states no support", "case_2: taken for the same as case_1",
-    ]  # fmt: skip
+        "case_1:",
+        "  top.csv: force curve at (0, 0) mm, role fit, 30 mm/min assumed, 2 repeat(s)",
+        '  support: {"kind": "fixed"}',
+        "  nominal.json states no support",
+        "case_2: taken for the same as case_1",
+    ]
     assert all(data["taken"] == taken for _, data in found)
     assert json.loads((tmp_path / "case_2.json").read_text())["taken"]["files"] == [file]
 
@@ -134,6 +145,8 @@ def test_a_library_serves_cases_of_its_own_ranges_only():
     (e,) = toy.effects("stiff")
     wider = replace(e, size=replace(e.size, high=2.0 * e.size.high))
     (bias,) = toy.effects("bias")  # of the chain: nothing is computed for it
-    keys = [blind._key(blind.Asked(None, toy.base(), plan, effects)) for effects in
-            ((e, bias), (wider, bias), (e, replace(bias, size=replace(bias.size, high=9.0))))]  # fmt: skip
+    keys = [
+        blind._key(blind.Asked(None, toy.base(), plan, effects))
+        for effects in ((e, bias), (wider, bias), (e, replace(bias, size=replace(bias.size, high=9.0))))
+    ]
     assert keys[0] != keys[1] and keys[0] == keys[2]

@@ -33,8 +33,15 @@ def jpk(names="vDeflection height seriesTime", units="V m s", springs=True):
     parts = []
     for segment, turn in (("extend", slice(None)), ("retract", slice(None, None, -1))):
         constants = ["# springConstant: 0.0876", "# sensitivity: 6.2E-8"] * springs
-        head = ["# fileFormat: ascii", f"# segment: {segment}", *constants, "#",
-                f"# columns: {names}", f"# units: {units}", "#"]  # fmt: skip
+        head = [
+            "# fileFormat: ascii",
+            f"# segment: {segment}",
+            *constants,
+            "#",
+            f"# columns: {names}",
+            f"# units: {units}",
+            "#",
+        ]
         values = {**{k: v[turn] for k, v in known.items()}, "seriesTime": t + (segment == "retract") * 3.0}
         parts.append(table(head, *(values[n] for n in names.split()), separator=" "))
     return "\n".join(parts)
@@ -88,8 +95,10 @@ def test_a_new_study_asks_in_its_own_words(tmp_path, monkeypatch, capsys, name):
 
 
 def test_tables_that_hold_the_depth_are_not_asked_about(tmp_path):
-    for head, u in (("Indentation (nm),Load (nN),Cantilever (nm),Piezo (nm)", DEPTH),
-                    ("Tip position (nm),Deflection (nN),Height (nm),Piezo (nm)", DEPTH)):  # fmt: skip
+    for head, u in (
+        ("Indentation (nm),Load (nN),Cantilever (nm),Piezo (nm)", DEPTH),
+        ("Tip position (nm),Deflection (nN),Height (nm),Piezo (nm)", DEPTH),
+    ):
         (tmp_path / "a.csv").write_text(table([head], 1e6 * u, 1e9 * K * D, 1e6 * D, 1e6 * Z))
         r = read(tmp_path / "a.csv").repeats[0]
         np.testing.assert_allclose(np.ptp(r.depth), np.ptp(DEPTH), rtol=1e-6)
@@ -121,9 +130,12 @@ def test_a_header_in_comments_that_does_not_fit_names_both_counts(tmp_path):
     text = jpk(springs=False)
     for old, new, words in (
         ("# columns: vDeflection height seriesTime", "# columns: vDeflection height", "names 2 columns, .* have 3"),
-        ("# segment: retract\n#\n# columns: vDeflection height", "#\n# columns: height vDeflection",
-         "other columns are named"),
-    ):  # fmt: skip
+        (
+            "# segment: retract\n#\n# columns: vDeflection height",
+            "#\n# columns: height vDeflection",
+            "other columns are named",
+        ),
+    ):
         (tmp_path / "a.txt").write_text(text.replace(old, new))
         with pytest.raises(ValueError, match=words):
             read(tmp_path / "a.txt")

@@ -39,8 +39,12 @@ def test_what_the_backend_takes_an_experiment_for(tmp_path):
     assert "specimen.semi_axes = [60.0, 35.0, 35.0]" in default and "indenter.radius" not in default
     at = next(n for n, line in enumerate(lines) if "'side'" in line)
     own, *_ = (line for line in lines[at:] if "differs" in line)
-    for words in ("point = [10.0, 0.0] (study: [0.0, 0.0])", "indenter.radius = 3.0 (study: 5.0)",
-                  "indenter.shaft = false (study: true)", "bowl_clearance = 1.0 (study: 2.0)"):  # fmt: skip
+    for words in (
+        "point = [10.0, 0.0] (study: [0.0, 0.0])",
+        "indenter.radius = 3.0 (study: 5.0)",
+        "indenter.shaft = false (study: true)",
+        "bowl_clearance = 1.0 (study: 2.0)",
+    ):
         assert words in own
     assert not any("differs" in line for line in lines[:at])
 
@@ -99,29 +103,46 @@ REFUSED = {  # changes of the study, whether its backend is loaded, file line ke
     "unknown level": ({"ladder": 'levels = ["hertzz"]'}, ["ladder.levels[0] = 'hertzz'", "did you mean 'hertz'"]),
     "misspelt setting": (
         {"backend__settings": "suport = { kind = 'bowl' }", "experiments": TOP + "\nsettings = { point = [0, 0] }"},
-        ["study.toml:9: backend.settings.suport", "did you mean 'support'"]),
+        ["study.toml:9: backend.settings.suport", "did you mean 'support'"],
+    ),
     "misspelt key of a setting": (
-        {"backend__settings": "indenter = { radus = 5 }"}, ["backend.settings.indenter", "did you mean 'radius'"]),
+        {"backend__settings": "indenter = { radus = 5 }"},
+        ["backend.settings.indenter", "did you mean 'radius'"],
+    ),
     "misspelt choice": (
-        {"backend__settings": "support = { kind = 'bowel' }"}, ["backend.settings.support", "did you mean 'bowl'"]),
+        {"backend__settings": "support = { kind = 'bowel' }"},
+        ["backend.settings.support", "did you mean 'bowl'"],
+    ),
     "no such module": (
         {"backend": 'use = "fem_bakend.backend:BACKEND"'},
-        ["study.toml:6: backend.use", "no module 'fem_bakend'", "did you mean 'fem_backend'"]),
+        ["study.toml:6: backend.use", "no module 'fem_bakend'", "did you mean 'fem_backend'"],
+    ),
     "no such program": (
-        {"backend": 'command = ["no-such-solver"]'}, ["study.toml:6: backend.command", "'no-such-solver' of command"]),
+        {"backend": 'command = ["no-such-solver"]'},
+        ["study.toml:6: backend.command", "'no-such-solver' of command"],
+    ),
     "after each other": (
         {"experiments": f'{TOP}\nafter = ["b"]\n[[experiments]]\n{TOP.replace("top", "b", 1)}\nafter = ["top"]'},
-        ["experiments[0].after", "top, b, top"]),
+        ["experiments[0].after", "top, b, top"],
+    ),
     "after itself": ({"experiments": TOP + '\nafter = ["top"]'}, ["experiments[0].after", "no other experiment"]),
     "two beside what a modulus moves over": (
-        {"parameters": 'mu = { low = "6 kPa", high = "20 kPa" }\nD1 = { value = 60 }\n'
-         "friction = { low = 0.1, high = 0.2 }\ntilt_x = { low = 1, high = 2 }", "diagnose": ""},
-        ["study.toml:15: parameters.tilt_x", "(what stays where the modulus moves, D1, counts as one)"]),
+        {
+            "parameters": 'mu = { low = "6 kPa", high = "20 kPa" }\nD1 = { value = 60 }\n'
+            "friction = { low = 0.1, high = 0.2 }\ntilt_x = { low = 1, high = 2 }",
+            "diagnose": "",
+        },
+        ["study.toml:15: parameters.tilt_x", "(what stays where the modulus moves, D1, counts as one)"],
+    ),
     "three beside the modulus": (
-        {"parameters": f"{studies.SECTIONS['parameters']}\nfriction = {{ low = 0.1, high = 0.2 }}\n"
-         "tilt_x = { low = 1, high = 2 }", "diagnose": ""},
-        ["study.toml:15: parameters.tilt_x", "at most two open parameters besides the modulus"]),
-}  # fmt: skip
+        {
+            "parameters": f"{studies.SECTIONS['parameters']}\nfriction = {{ low = 0.1, high = 0.2 }}\n"
+            "tilt_x = { low = 1, high = 2 }",
+            "diagnose": "",
+        },
+        ["study.toml:15: parameters.tilt_x", "at most two open parameters besides the modulus"],
+    ),
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -133,21 +154,28 @@ def test_what_others_refuse_is_not_called_good(tmp_path, name):
         assert word in str(caught.value)
 
 
-@pytest.mark.parametrize("parameters", [
-    'mu = { low = "6 kPa", high = "20 kPa" }\nD1 = { value = 60 }',
-    'mu = { value = "6 kPa" }\nD1 = { low = 10, high = 150 }',
-    'mu = { low = "6 kPa", high = "20 kPa" }\nD1 = { value = 60 }\nfriction = { low = 0.1, high = 0.2 }',
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        'mu = { low = "6 kPa", high = "20 kPa" }\nD1 = { value = 60 }',
+        'mu = { value = "6 kPa" }\nD1 = { low = 10, high = 150 }',
+        'mu = { low = "6 kPa", high = "20 kPa" }\nD1 = { value = 60 }\nfriction = { low = 0.1, high = 0.2 }',
+    ],
+)
 def test_a_diagnosis_with_a_fixed_parameter_is_called_good(tmp_path, parameters):
     own = {**OWN, "backend__settings": "", "parameters": parameters, "diagnose": ""}
     lines = check(load(studies.write(tmp_path, **own)), tmp_path / "results", False)
     assert any("rso diagnose: " in line and "a library of" in line for line in lines)
 
 
-@pytest.mark.parametrize(("D1", "said"), [
-    ("{ low = 10, high = 400 }", "some of their corners"), ("{ value = 600 }", "any of their corners"),
-    ("{ low = 10, high = 140 }", ""),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("D1", "said"),
+    [
+        ("{ low = 10, high = 400 }", "some of their corners"),
+        ("{ value = 600 }", "any of their corners"),
+        ("{ low = 10, high = 140 }", ""),
+    ],
+)
 def test_a_negative_poisson_ratio_is_said(tmp_path, D1, said):
     """K/mu below 2/3 where mu D1 is above 3: auxetic bodies exist, but nobody means one without a word."""
     own = {**OWN, "backend__settings": "", "parameters": f'mu = {{ low = "6 kPa", high = "20 kPa" }}\nD1 = {D1}'}

@@ -65,8 +65,10 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
     "no title": ({"study": "seed = 1"}, {}, "study.title: is missing"),
     "tolerance of 5": ({"verify": "tolerance = 5"}, {}, "verify.tolerance = 5"),
     "a thousand points of Sobol": (
-        {"sensitivity": "samples = 1000"}, {},
-        "samples = 1000: points of a Sobol sequence come in powers of two, at least 4: take 512 or 1024"),
+        {"sensitivity": "samples = 1000"},
+        {},
+        "samples = 1000: points of a Sobol sequence come in powers of two, at least 4: take 512 or 1024",
+    ),
     "one point of Sobol": ({"sensitivity": "samples = 1"}, {}, "at least 4: take 4"),
     "five individuals": ({"search": "population = 5"}, {}, "search.population = 5: individuals mate in pairs"),
     "no workers": ({"dispatch": "jobs = 0"}, {}, "dispatch.jobs = 0"),
@@ -77,10 +79,15 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
     "log of zero": ({"parameters": MU + "\n" + D1.replace("10,", "0,")}, {}, "a log scale needs low > 0"),
     "half a range": ({"parameters": MU + "\nD1 = { low = 10 }"}, {}, "parameters.D1: give low and high"),
     "a fixed one with a range": (
-        {"parameters": MU + '\nD1 = { value = 60, low = 10, high = 150 }'}, {},
-        "parameters.D1: value fixes it, and low belongs to a range to search"),
+        {"parameters": MU + "\nD1 = { value = 60, low = 10, high = 150 }"},
+        {},
+        "parameters.D1: value fixes it, and low belongs to a range to search",
+    ),
     "a fixed one with a scale": (
-        {"parameters": MU + '\nD1 = { value = 60, scale = "log" }'}, {}, "value fixes it, and scale belongs"),
+        {"parameters": MU + '\nD1 = { value = 60, scale = "log" }'},
+        {},
+        "value fixes it, and scale belongs",
+    ),
     "unknown parameter": ({"parameters": PARAMETERS + "\nnu = { value = 0.4 }"}, {}, "parameters.nu: the backend has"),
     "nothing open": ({"parameters": "mu = { value = 0.01 }"}, {}, "parameters: nothing to identify"),
     "needed parameter": ({"parameters": D1}, {}, "the backend needs 'mu' (shear modulus, MPa)"),
@@ -90,11 +97,20 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
     "no backend at all": ({"backend": 'use = "json:dumps"'}, {}, "is not a backend"),
     "no such program": ({"backend": 'command = ["no-such-solver"]'}, {}, "program 'no-such-solver'"),
     "program and module": (
-        {"backend": 'use = "indentation_backend:BACKEND"\ncommand = ["ls"]'}, {}, "give either use ="),
+        {"backend": 'use = "indentation_backend:BACKEND"\ncommand = ["ls"]'},
+        {},
+        "give either use =",
+    ),
     "unknown setting": (
-        {"backend__settings": 'law = "yeoh"'}, {}, "study.toml:9: backend.settings.law: unknown settings ['law']"),
+        {"backend__settings": 'law = "yeoh"'},
+        {},
+        "study.toml:9: backend.settings.law: unknown settings ['law']",
+    ),
     "bad setting": (
-        experiments(first=TOP + "\nsettings = { thickness = -1 }"), {}, "experiments[0].settings.thickness: thickness"),
+        experiments(first=TOP + "\nsettings = { thickness = -1 }"),
+        {},
+        "experiments[0].settings.thickness: thickness",
+    ),
     "no such data": (experiments(first=TOP.replace("top.csv", "tip.csv")), {}, "tip.csv"),
     "wrong column": ({}, {"top.csv": "depth_mm,power_N\n1,2\n"}, "top.csv:1: unknown column 'power_N'"),
     "wrong unit of a column": ({}, {"top.csv": "depth_mm,Fz_mm\n1,2\n"}, "Fz_mm"),
@@ -103,39 +119,64 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
     "no data": ({}, {"top.csv": ""}, "top.csv"),
     "no contact": ({"search": None}, {"top.csv": "depth_mm,Fz_N\n-2,0\n-1,0\n"}, "no depth is positive"),
     "repeats apart": (
-        {"search": None}, {"top.csv": "depth_mm,Fz_N,repeat\n1,.1,a\n2,.2,a\n3,.3,b\n4,.4,b\n"}, "share no range"),
+        {"search": None},
+        {"top.csv": "depth_mm,Fz_N,repeat\n1,.1,a\n2,.2,a\n3,.3,b\n4,.4,b\n"},
+        "share no range",
+    ),
     "depths in metres said to be micrometres": (
-        {"search": None}, {"top.csv": "depth_um,Fz_N\n0.001,.1\n0.002,.2\n0.004,.4\n"},
-        "the largest depth is 4e-06 mm: is column 'depth' in the unit that it is read in?"),
+        {"search": None},
+        {"top.csv": "depth_um,Fz_N\n0.001,.1\n0.002,.2\n0.004,.4\n"},
+        "the largest depth is 4e-06 mm: is column 'depth' in the unit that it is read in?",
+    ),
     "depths to four nanometres": (
-        {"search": None}, {"top.csv": "depth_nm,Fz_N\n0,0\n1,.1\n2,.2\n4,.4\n"}, "Choose from mm, um"),
+        {"search": None},
+        {"top.csv": "depth_nm,Fz_N\n0,0\n1,.1\n2,.2\n4,.4\n"},
+        "Choose from mm, um",
+    ),
     "no such channel": (experiments(first=TOP + '\nchannels = ["Fq"]'), {}, "top.csv has no such channel"),
     "channel that is not modelled": (
         experiments(first=TOP + '\nchannels = ["Fy"]') | {"search": None},
-        {"top.csv": "depth_mm,Fy_N\n1,.1\n2,.2\n"}, "the backend 'layer' has no such channel"),
+        {"top.csv": "depth_mm,Fy_N\n1,.1\n2,.2\n"},
+        "the backend 'layer' has no such channel",
+    ),
     "forces in another unit": (
         {"backend": 'use = "layer_in_mN:BACKEND"'},
-        {"layer_in_mN.py": IN_MN}, "use: the backend 'layer' declares channel 'Fz' in mN; choose N"),
+        {"layer_in_mN.py": IN_MN},
+        "use: the backend 'layer' declares channel 'Fz' in mN; choose N",
+    ),
     "target that is not modelled": (
         targets('{ experiment = "top", depth = 1, channel = "Fy" }'),
-        {"top.csv": "depth_mm,Fz_N,Fy_N\n1,.1,.1\n2,.2,.2\n"}, "search.targets[0].channel = 'Fy'"),
+        {"top.csv": "depth_mm,Fz_N,Fy_N\n1,.1,.1\n2,.2,.2\n"},
+        "search.targets[0].channel = 'Fy'",
+    ),
     "target too deep": (targets('{ experiment = "top", depth = 4 }'), {}, "4 mm is outside the measured range"),
     "target elsewhere": (targets('{ experiment = "tip", depth = 1 }'), {}, "unknown experiment; did you mean 'top'"),
     "target of zero": (
         targets('{ experiment = "top", depth = 2, value = 0 }') | experiments(first=TOP.split("\nnoise")[0]),
-        {"top.csv": "depth_mm,Fz_N\n1,0\n2,0\n"}, "without uncertainty"),
+        {"top.csv": "depth_mm,Fz_N\n1,0\n2,0\n"},
+        "without uncertainty",
+    ),
     "target to validate": (
         experiments('name = "end"\nrole = "validate"\ndata = "end.csv"') | targets('{ experiment = "end", depth = 1 }'),
-        {"end.csv": "depth_mm,Fz_N\n1,.1\n2,.3\n"}, "cannot be a target"),
+        {"end.csv": "depth_mm,Fz_N\n1,.1\n2,.3\n"},
+        "cannot be a target",
+    ),
     "constraint to validate": (
         experiments('name = "end"\nrole = "validate"\ndata = "end.csv"')
         | {"search": 'constraints = [{ experiment = "end", channel = "Fz", depth = 1, low = 0 }]'},
-        {"end.csv": "depth_mm,Fz_N\n1,.1\n2,.3\n"}, "cannot be constrained"),
+        {"end.csv": "depth_mm,Fz_N\n1,.1\n2,.3\n"},
+        "cannot be constrained",
+    ),
     "constraint on nothing": (
         {"search": 'constraints = [{ experiment = "top", channel = "ux_max", depth = 1, low = 0 }]'},
-        {}, "did you mean 'uz_max'"),
+        {},
+        "did you mean 'uz_max'",
+    ),
     "variant outside": (
-        {"[search__variants]": 'name = "wide"\nranges = { mu = ["1 kPa", "9 kPa"] }'}, {}, "must lie inside"),
+        {"[search__variants]": 'name = "wide"\nranges = { mu = ["1 kPa", "9 kPa"] }'},
+        {},
+        "must lie inside",
+    ),
     "variant called as the search": ({"[search__variants]": 'name = "main"'}, {}, "is taken by the search itself"),
     "required but fixed": ({"identify": 'require = ["radius"]'}, {}, "identify.require[0] = 'radius'"),
     "two of one name": (experiments(TOP), {}, "this name is taken"),
@@ -143,16 +184,21 @@ BROKEN = {  # changes of the study file, other files, what the message must hold
     "nothing to fit": (experiments(first=TOP.replace('"fit"', '"select"')), {}, 'needs role = "fit"'),
     "profile": (
         experiments('name = "p"\nrole = "fit"\nkind = "profile"\ndata = "p.csv"'),
-        {"p.csv": "depth_mm,x_mm,y_mm,uz_mm\n1,0,5,-.1\n"}, "has no profiles"),
+        {"p.csv": "depth_mm,x_mm,y_mm,uz_mm\n1,0,5,-.1\n"},
+        "has no profiles",
+    ),
     "wrong number of runs": ({"doe": 'kind = "ccd"\nruns = 12'}, {}, "ccd of 2 parameters has 9 runs, not 12"),
     "too few parameters": ({"doe": 'kind = "box_behnken"'}, {}, "box_behnken is for 3 to 7"),
     "no factorial": ({"doe": 'kind = "factorial"\nruns = 10'}, {}, "try one of [4, 9, 16]"),
     "no points": ({"doe": 'kind = "file"\nfile = "p.csv"'}, {}, "doe.file = 'p.csv': there is no such file"),
     "points of others": ({"doe": 'kind = "file"\nfile = "p.csv"'}, {"p.csv": "mu,nu\n0.01,0.3\n"}, "p.csv"),
     "points outside": (
-        {"doe": 'kind = "file"\nfile = "p.csv"'}, {"p.csv": "mu,D1\n0.01,1000\n"}, "outside the parameters' ranges"),
+        {"doe": 'kind = "file"\nfile = "p.csv"'},
+        {"p.csv": "mu,D1\n0.01,1000\n"},
+        "outside the parameters' ranges",
+    ),
     "degree of 7": ({"surrogate": "degree = 7"}, {}, "surrogate.degree = 7: should be less than or equal to 4"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BROKEN)
@@ -318,8 +364,15 @@ def test_a_program_started_before_the_old_results_are_moved_runs_in_the_new_fold
     """Workers start while the plan is made, and may have loaded the program long before the folder is another."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "hertz.py").write_text(HERTZ)
-    path = str(studies.write(tmp_path, backend=f'command = ["{sys.executable}", "hertz.py"]', backend__settings=None,
-                             parameters=MU, doe="runs = 6\nheld_out = 1"))  # fmt: skip
+    path = str(
+        studies.write(
+            tmp_path,
+            backend=f'command = ["{sys.executable}", "hertz.py"]',
+            backend__settings=None,
+            parameters=MU,
+            doe="runs = 6\nheld_out = 1",
+        )
+    )
     assert main(["run", path, "--jobs", "1"]) in (0, 4, 6)
     log, real = tmp_path / "schema.log", plan.make_plan
     log.write_text("")

@@ -39,10 +39,17 @@ def test_an_address_without_dask_is_refused(tmp_path, capsys):
     assert 'it needs engine = "dask"' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("address", "warned"), [
-    ("tcp://head:8786", True), ("head:8786", True), ("ws://head:8786", True),
-    ("tls://head:8786", False), ("wss://head:8786", False), (None, False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("address", "warned"),
+    [
+        ("tcp://head:8786", True),
+        ("head:8786", True),
+        ("ws://head:8786", True),
+        ("tls://head:8786", False),
+        ("wss://head:8786", False),
+        (None, False),
+    ],
+)
 @pytest.mark.parametrize("trust", [[], ["--trust"]])
 def test_check_warns_of_a_scheduler_that_anybody_may_use(tmp_path, capsys, address, warned, trust):
     said = "" if address is None else f'\naddress = "{address}"'

@@ -153,10 +153,18 @@ def table(head: str, row: str = "{u},{F}") -> str:
     return "\n".join([head, *(row.format(u=u, F=F, t=2 * u) for u, F in TABLE), ""])
 
 
-@pytest.mark.parametrize("head", [
-    "Displacement (mm),Force (N)", "Extension [mm],Load [N]", "disp_mm,force_N", "Position/mm,Normal force/N",
-    "STROKE (mm),LOAD (N)", "Crosshead travel, mm\tAxial Force, N", "Weg (mm);Kraft (N)",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "head",
+    [
+        "Displacement (mm),Force (N)",
+        "Extension [mm],Load [N]",
+        "disp_mm,force_N",
+        "Position/mm,Normal force/N",
+        "STROKE (mm),LOAD (N)",
+        "Crosshead travel, mm\tAxial Force, N",
+        "Weg (mm);Kraft (N)",
+    ],
+)
 def test_travel_and_force_by_their_usual_names(tmp_path, head):
     separator = next(s for s in "\t;," if s in head)
     m = read(write(tmp_path, table(head, f"{{u}}{separator}{{F}}")))
@@ -268,92 +276,183 @@ SHORT_COLUMNS = {"depth": Column("Weg"), "Fz": Column("Kraft")}
 COUNTED = "Nr;Weg;Kraft\n1;0;0\n2;0,5;0,1\n3;1;0,2\n4;4,0;0,32\n"
 COUNTED_COLUMNS = {"depth": Column("Weg", "mm"), "Fz": Column("Kraft", "N")}
 REFUSED = {  # text, columns, words
-    "a name of nowhere": (zwick(), ZWICK | {"depth": Column("Standartweg")}, [
-        ":6:", "no header 'Standartweg' (depth)", "choose from 'Standardweg', 'Standardkraft'"]),
+    "a name of nowhere": (
+        zwick(),
+        ZWICK | {"depth": Column("Standartweg")},
+        [":6:", "no header 'Standartweg' (depth)", "choose from 'Standardweg', 'Standardkraft'"],
+    ),
     "two of nowhere": (SHORT, {"depth": Column("weg"), "Fz": Column("Last")}, [":1:", "'weg' (depth), 'Last' (Fz)"]),
     "not the file of a machine": (plain(), ZWICK, [":1:", "choose from", "'depth_mm'", "columns = {}"]),
     "none of the names": (zwick(), SHORT_COLUMNS, [":6:", "choose from 'Standardweg'"]),
-    "no header at all": ("0;0\n1;1\n", SHORT_COLUMNS, [
-        ":1:", "no header 'Weg' (depth), 'Kraft' (Fz)", "no header stands above these numbers: write one"]),
-    "no header at all, nor names": ("0;0\n1;1\n", None, [
-        ":1:", "unknown column '0'", "above these numbers: write one"]),
-    "twice the same header": ("Weg;Kraft;Weg\n0;0;0\n", {"depth": Column("Weg", "mm"), "Fz": Column("Kraft", "N")}, [
-        ":1:", "header 'Weg' appears twice", "rename one", "side by side"]),
-    "cycles without a count": (plain(TEXTS[:41] + TEXTS[61:] + TEXTS[:41]).replace("time_s", "t_s"), {
-        "depth": Column("depth_mm"), "Fz": Column("Fz_N")}, ["turns back more than once", "repeat = { header = "]),
-    "no unit": ("Weg;Kraft [N]\n0;0\n", {"depth": Column("Weg"), "Fz": Column("Kraft [N]")}, [
-        ":1:", "'depth'", "'Weg' says no unit", "mm, um"]),
+    "no header at all": (
+        "0;0\n1;1\n",
+        SHORT_COLUMNS,
+        [":1:", "no header 'Weg' (depth), 'Kraft' (Fz)", "no header stands above these numbers: write one"],
+    ),
+    "no header at all, nor names": (
+        "0;0\n1;1\n",
+        None,
+        [":1:", "unknown column '0'", "above these numbers: write one"],
+    ),
+    "twice the same header": (
+        "Weg;Kraft;Weg\n0;0;0\n",
+        {"depth": Column("Weg", "mm"), "Fz": Column("Kraft", "N")},
+        [":1:", "header 'Weg' appears twice", "rename one", "side by side"],
+    ),
+    "cycles without a count": (
+        plain(TEXTS[:41] + TEXTS[61:] + TEXTS[:41]).replace("time_s", "t_s"),
+        {"depth": Column("depth_mm"), "Fz": Column("Fz_N")},
+        ["turns back more than once", "repeat = { header = "],
+    ),
+    "no unit": (
+        "Weg;Kraft [N]\n0;0\n",
+        {"depth": Column("Weg"), "Fz": Column("Kraft [N]")},
+        [":1:", "'depth'", "'Weg' says no unit", "mm, um"],
+    ),
     "no unit that is known": (SHORT.replace("mm", "Millimeter"), SHORT_COLUMNS, [":1:", "'Millimeter' beneath"]),
-    "another unit in the header": ("Weg [mm];Kraft (kN)\n0;0\n", {
-        "depth": Column("Weg [mm]"), "Fz": Column("Kraft (kN)", "N")}, [
-        ":1:", "'Fz' ('Kraft (kN)')", "the study says 'N'", "the header 'kN'"]),
-    "another unit before other words": ("Weg [mm];Kraft [kN] (gefiltert)\n0;0\n", {
-        "depth": Column("Weg [mm]"), "Fz": Column("Kraft [kN] (gefiltert)", "N")}, [
-        ":1:", "the study says 'N'", "the header 'kN'"]),
-    "another unit behind a comma": (stage(), STAGE | {"Fz": Column("Fz, gf", "N", flip=True)}, [
-        ":7:", "'Fz' ('Fz, gf')", "the study says 'N'", "the header 'gf'"]),
-    "a channel behind a comma": ("Weg, mm;Kraft, A\n0;0\n", {"depth": Column("Weg, mm"), "Fz": Column("Kraft, A")}, [
-        ":1:", "'Kraft, A' says no unit"]),
-    "another unit in capitals": ("Weg [mm];Kraft [KN]\n0;0\n", {
-        "depth": Column("Weg [mm]"), "Fz": Column("Kraft [KN]", "N")}, [":1:", "the header says 'KN'"]),
-    "another unit beneath, in capitals": (SHORT.replace("N;s", "KN;s"), SHORT_COLUMNS | {"Fz": Column("Kraft", "N")}, [
-        ":1:", "'Fz' ('Kraft')", "the study says 'N'", "beneath the header 'KN'"]),
+    "another unit in the header": (
+        "Weg [mm];Kraft (kN)\n0;0\n",
+        {"depth": Column("Weg [mm]"), "Fz": Column("Kraft (kN)", "N")},
+        [":1:", "'Fz' ('Kraft (kN)')", "the study says 'N'", "the header 'kN'"],
+    ),
+    "another unit before other words": (
+        "Weg [mm];Kraft [kN] (gefiltert)\n0;0\n",
+        {"depth": Column("Weg [mm]"), "Fz": Column("Kraft [kN] (gefiltert)", "N")},
+        [":1:", "the study says 'N'", "the header 'kN'"],
+    ),
+    "another unit behind a comma": (
+        stage(),
+        STAGE | {"Fz": Column("Fz, gf", "N", flip=True)},
+        [":7:", "'Fz' ('Fz, gf')", "the study says 'N'", "the header 'gf'"],
+    ),
+    "a channel behind a comma": (
+        "Weg, mm;Kraft, A\n0;0\n",
+        {"depth": Column("Weg, mm"), "Fz": Column("Kraft, A")},
+        [":1:", "'Kraft, A' says no unit"],
+    ),
+    "another unit in capitals": (
+        "Weg [mm];Kraft [KN]\n0;0\n",
+        {"depth": Column("Weg [mm]"), "Fz": Column("Kraft [KN]", "N")},
+        [":1:", "the header says 'KN'"],
+    ),
+    "another unit beneath, in capitals": (
+        SHORT.replace("N;s", "KN;s"),
+        SHORT_COLUMNS | {"Fz": Column("Kraft", "N")},
+        [":1:", "'Fz' ('Kraft')", "the study says 'N'", "beneath the header 'KN'"],
+    ),
     "decimal commas between commas": ("depth_mm,Fz_N\n0,0,0,0\n1,5,0,04\n", None, [":2:", "are these decimal commas?"]),
-    "a force in meganewtons": ("Weg;FORCE (MN)\n0;0\n1;320\n", {
-        "depth": Column("Weg", "mm"), "Fz": Column("FORCE (MN)")}, [":1:", "'Fz'", "'MN' is a meganewton"]),
-    "a force beyond all": ("Weg;FORCE (kN)\n0;0\n1;32000\n", {
-        "depth": Column("Weg", "mm"), "Fz": Column("FORCE (kN)")}, [":3:", "'Fz'", "3.2e+07 N", "read as 'kN'"]),
+    "a force in meganewtons": (
+        "Weg;FORCE (MN)\n0;0\n1;320\n",
+        {"depth": Column("Weg", "mm"), "Fz": Column("FORCE (MN)")},
+        [":1:", "'Fz'", "'MN' is a meganewton"],
+    ),
+    "a force beyond all": (
+        "Weg;FORCE (kN)\n0;0\n1;32000\n",
+        {"depth": Column("Weg", "mm"), "Fz": Column("FORCE (kN)")},
+        [":3:", "'Fz'", "3.2e+07 N", "read as 'kN'"],
+    ),
     "a depth beyond all": ("depth [Mm];Fz [N]\n0;0\n4;1\n", None, [":3:", "'depth'", "4e+09 mm", "read as 'Mm'"]),
-    "a depth beyond all, turned": ("Weg [Mm];Fz [N]\n0;0\n4;1\n", {
-        "depth": Column("Weg [Mm]", flip=True), "Fz": Column("Fz [N]")}, [":3:", "-4e+09 mm"]),
-    "another unit beneath": (SHORT, SHORT_COLUMNS | {"Fz": Column("Kraft", "mN")}, [
-        ":1:", "the study says 'mN'", "the row beneath the header 'N'"]),
-    "header and row": ("Weg_um;Fz\nmm;N\n0;0\n", {"depth": Column("Weg_um"), "Fz": Column("Fz")}, [
-        "the header says 'um'", "the row beneath the header 'mm'"]),
+    "a depth beyond all, turned": (
+        "Weg [Mm];Fz [N]\n0;0\n4;1\n",
+        {"depth": Column("Weg [Mm]", flip=True), "Fz": Column("Fz [N]")},
+        [":3:", "-4e+09 mm"],
+    ),
+    "another unit beneath": (
+        SHORT,
+        SHORT_COLUMNS | {"Fz": Column("Kraft", "mN")},
+        [":1:", "the study says 'mN'", "the row beneath the header 'N'"],
+    ),
+    "header and row": (
+        "Weg_um;Fz\nmm;N\n0;0\n",
+        {"depth": Column("Weg_um"), "Fz": Column("Fz")},
+        ["the header says 'um'", "the row beneath the header 'mm'"],
+    ),
     "own header and row": ("depth_um;Fz\nmm;N\n0;0\n", None, ["the header says 'um'", "beneath the header 'mm'"]),
-    "a unit of another kind": (SHORT, SHORT_COLUMNS | {"Fz": Column("Zeit")}, [
-        ":1:", "'Fz' ('Zeit')", "'s' is not a unit of the kind 'N'", "choose from N, mN"]),
+    "a unit of another kind": (
+        SHORT,
+        SHORT_COLUMNS | {"Fz": Column("Zeit")},
+        [":1:", "'Fz' ('Zeit')", "'s' is not a unit of the kind 'N'", "choose from N, mN"],
+    ),
     "a stated unit of another kind": (SHORT, SHORT_COLUMNS | {"Fz": Column("Kraft", "mm")}, ["the study says 'mm'"]),
     "a mass": (texture(), TEXTURE | {"Fz": Column("Force (g)")}, [":1:", "'g' is a mass", "unit = 'gf'"]),
-    "a mass in words": (texture().replace("Force (g)", "Scale (grams)"), TEXTURE | {"Fz": Column("Scale (grams)")}, [
-        ":1:", "'grams' is a mass", "unit = 'gf'"]),
+    "a mass in words": (
+        texture().replace("Force (g)", "Scale (grams)"),
+        TEXTURE | {"Fz": Column("Scale (grams)")},
+        [":1:", "'grams' is a mass", "unit = 'gf'"],
+    ),
     "a mass as newtons": (texture(), TEXTURE | {"Fz": Column("Force (g)", "N")}, ["the header 'g'", "'N'"]),
     "own header without a unit": ("depth;Fz_N\n0;0\n", None, [":1:", "'depth' has no unit", "[columns]"]),
-    "own header of other names": (zwick().replace("Standardweg", "Kanal 1"), None, [
-        ":6:", "unknown column 'Kanal 1'", "depth_mm", "[columns]"]),
+    "own header of other names": (
+        zwick().replace("Standardweg", "Kanal 1"),
+        None,
+        [":6:", "unknown column 'Kanal 1'", "depth_mm", "[columns]"],
+    ),
     "own header below others, misspelt": ("a,b,c\nx\ntime_s,deph_mm,Fz_N\n0,0,0\n", None, [":3:", "'deph_mm'"]),
-    "a second table": (SHORT + "Zeit;Weg;Kraft\ns;mm;N\n0;0;0\n", SHORT_COLUMNS, [
-        ":5:", "'Zeit Weg Kraft' is no reading beneath the header 'Weg Kraft Zeit'", "a file of its own", "with #"]),
-    "a second table in other units": (SHORT + SHORT.replace("N", "mN"), SHORT_COLUMNS, [
-        ":6:", "'Fz'", "'mN' beneath the header of this table, 'N' beneath that of the first"]),
+    "a second table": (
+        SHORT + "Zeit;Weg;Kraft\ns;mm;N\n0;0;0\n",
+        SHORT_COLUMNS,
+        [":5:", "'Zeit Weg Kraft' is no reading beneath the header 'Weg Kraft Zeit'", "a file of its own", "with #"],
+    ),
+    "a second table in other units": (
+        SHORT + SHORT.replace("N", "mN"),
+        SHORT_COLUMNS,
+        [":6:", "'Fz'", "'mN' beneath the header of this table, 'N' beneath that of the first"],
+    ),
     "numbers under no header": ("Weg;Kraft;\nmm;N;\n0;0;7\n", SHORT_COLUMNS, [":3:", "'7' stands beneath no header"]),
-    "comma decimals between commas": ("Weg [mm],Kraft [N]\n0,5,0,1\n", {
-        "depth": Column("Weg [mm]"), "Fz": Column("Kraft [N]")}, [":2:", "4 values", "2 columns"]),
-    "neither units nor numbers": ("Weg [mm];Kraft [N]\n-;-\n0;0\n", {
-        "depth": Column("Weg [mm]"), "Fz": Column("Kraft [N]")}, [":2:", "'-'", "not a finite number"]),
+    "comma decimals between commas": (
+        "Weg [mm],Kraft [N]\n0,5,0,1\n",
+        {"depth": Column("Weg [mm]"), "Fz": Column("Kraft [N]")},
+        [":2:", "4 values", "2 columns"],
+    ),
+    "neither units nor numbers": (
+        "Weg [mm];Kraft [N]\n-;-\n0;0\n",
+        {"depth": Column("Weg [mm]"), "Fz": Column("Kraft [N]")},
+        [":2:", "'-'", "not a finite number"],
+    ),
     "a truncated end": (SHORT + "1;0,2", SHORT_COLUMNS, [":5:", "2 values", "3 columns", "delete"]),
     "an empty cell": (SHORT + "1;;2\n", SHORT_COLUMNS, [":5:", "'Fz'", "''", "delete the row"]),
     "thousands": (SHORT + "1.000,5;0,2;2\n", SHORT_COLUMNS, [":5:", "'depth'", "'1.000,5'"]),
     "perhaps thousands": ("Weg;Kraft\num;mN\n500;1\n750;2\n1,000;3\n", SHORT_COLUMNS, [":5:", "'depth'", "'1,000'"]),
-    "perhaps thousands after 0": ("depth [um]\tFz [mN]\n0\t0\n1,000\t40\n2,000\t113\n", None, [
-        ":3:", "'depth'", "'1,000' beside '0'"]),
-    "nothing but thousands": ("depth [um]\tFz [mN]\n10,000\t0\n11,000\t40\n12,000\t113\n", None, [
-        ":2:", "'depth'", "'10,000'", "write 10000 or 10,0000"]),
-    "perhaps thousands with a point": ("Weg;Kraft\num;mN\n0;0\n50;1\n1.000;2\n2.000;3\n", SHORT_COLUMNS, [
-        ":5:", "'depth'", "'1.000'"]),
-    "thousands in quotes": ('Weg,Kraft\num,mN\n0,"0"\n500,"14"\n"1,000","40"\n', SHORT_COLUMNS, [
-        ":5:", "'depth'", "'1,000' beside '0'"]),
-    "thousands in quotes beside decimals": ('Weg,Kraft\num,mN\n0.0,0\n"1,000.5",14\n', SHORT_COLUMNS, [
-        ":4:", "'1,000.5'"]),
-    "a summary between": (COUNTED + "Max;4,0;0,32\n4;4,1;0,33\n", COUNTED_COLUMNS, [
-        ":6:", "'Nr'", "'Max'", "summary; delete"]),
+    "perhaps thousands after 0": (
+        "depth [um]\tFz [mN]\n0\t0\n1,000\t40\n2,000\t113\n",
+        None,
+        [":3:", "'depth'", "'1,000' beside '0'"],
+    ),
+    "nothing but thousands": (
+        "depth [um]\tFz [mN]\n10,000\t0\n11,000\t40\n12,000\t113\n",
+        None,
+        [":2:", "'depth'", "'10,000'", "write 10000 or 10,0000"],
+    ),
+    "perhaps thousands with a point": (
+        "Weg;Kraft\num;mN\n0;0\n50;1\n1.000;2\n2.000;3\n",
+        SHORT_COLUMNS,
+        [":5:", "'depth'", "'1.000'"],
+    ),
+    "thousands in quotes": (
+        'Weg,Kraft\num,mN\n0,"0"\n500,"14"\n"1,000","40"\n',
+        SHORT_COLUMNS,
+        [":5:", "'depth'", "'1,000' beside '0'"],
+    ),
+    "thousands in quotes beside decimals": (
+        'Weg,Kraft\num,mN\n0.0,0\n"1,000.5",14\n',
+        SHORT_COLUMNS,
+        [":4:", "'1,000.5'"],
+    ),
+    "a summary between": (
+        COUNTED + "Max;4,0;0,32\n4;4,1;0,33\n",
+        COUNTED_COLUMNS,
+        [":6:", "'Nr'", "'Max'", "summary; delete"],
+    ),
     "sigma of nothing": (SHORT, SHORT_COLUMNS | {"Fx_sigma": Column("Zeit", "N")}, ["'Fx_sigma'", "not there"]),
     "comment as a number": (labview(), LABVIEW | {"Fz": Column("Comment", "N")}, [":6:", "3 values", "4 columns"]),
     "travel negative": (zwick(), ZWICK | {"depth": Column("Standardweg")}, ["mostly negative", "flip = true"]),
-    "travel negative, no way back": (zwick(TEXTS[:41]), ZWICK | {"depth": Column("Standardweg")}, [
-        "'depth' falls from 0 to -4", "flip = true"]),
+    "travel negative, no way back": (
+        zwick(TEXTS[:41]),
+        ZWICK | {"depth": Column("Standardweg")},
+        ["'depth' falls from 0 to -4", "flip = true"],
+    ),
     "compression negative": (zwick(), ZWICK | {"Fz": Column("Standardkraft")}, ["'Fz' falls", "flip = true"]),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("what", REFUSED)
@@ -385,21 +484,33 @@ def test_codes_of_a_machine_are_its_segments_and_what_is_no_test_is_skipped(tmp_
     np.testing.assert_array_equal(same.depth, r.depth)
 
 
-@pytest.mark.parametrize(("values", "words"), [
-    ({k: v for k, v in CODES.items() if k != "2"}, [
-        ":7:", "'segment' ('Phase')", "'2.0' is none of '0', '1', '3'", "skip"]),
-    (None, [":2:", "'0' is none of loading, hold, unloading", 'values = { "0" = "loading"']),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        (
+            {k: v for k, v in CODES.items() if k != "2"},
+            [":7:", "'segment' ('Phase')", "'2.0' is none of '0', '1', '3'", "skip"],
+        ),
+        (None, [":2:", "'0' is none of loading, hold, unloading", 'values = { "0" = "loading"']),
+    ],
+)
 def test_codes_that_nobody_explained_are_refused(tmp_path, values, words):
     said = refusal(write(tmp_path, CODED), coded(values))
     for word in words:
         assert word in said
 
 
-@pytest.mark.parametrize("cells", [
-    ("0", "0,5", "1", "1,125"), ("0.000", "0.500", "1.000", "1.125"), ("0,000", "1,000", "2,000", "3,000"),
-    ("0", "0.5", "1.000", "2.000"), ("0,125", "1", "1,250", "2"), ("0", "1", "2", "3000"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "cells",
+    [
+        ("0", "0,5", "1", "1,125"),
+        ("0.000", "0.500", "1.000", "1.125"),
+        ("0,000", "1,000", "2,000", "3,000"),
+        ("0", "0.5", "1.000", "2.000"),
+        ("0,125", "1", "1,250", "2"),
+        ("0", "1", "2", "3000"),
+    ],
+)
 def test_decimals_that_show_themselves_part_no_thousands(tmp_path, cells):
     rows = [f"{cell};{k}\n" for k, cell in enumerate(cells)]
     (r,) = read(write(tmp_path, "depth_um;Fz_mN\n" + "".join(rows))).repeats
@@ -420,10 +531,16 @@ def test_what_is_not_read_may_hold_markers_overflows_and_parted_thousands(tmp_pa
     assert m.repeats[0].depth.tolist() == [0.0, 1.0, 2.0, 3.0] and m.unread == ("Druck",)
 
 
-@pytest.mark.parametrize("written, wanted", [
-    ("Weg [\u00b5m]", "Weg [\u03bcm]"), ("Weg [\u03bcm]", "Weg [\u00b5m]"), ("Pru\u0308fweg [um]", "Pr\u00fcfweg [um]"),
-    ("Pr\u00fcfweg [um]", "Pru\u0308fweg [um]"), ("Weg\u00a0[um]", "Weg [um]"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "written, wanted",
+    [
+        ("Weg [\u00b5m]", "Weg [\u03bcm]"),
+        ("Weg [\u03bcm]", "Weg [\u00b5m]"),
+        ("Pru\u0308fweg [um]", "Pr\u00fcfweg [um]"),
+        ("Pr\u00fcfweg [um]", "Pru\u0308fweg [um]"),
+        ("Weg\u00a0[um]", "Weg [um]"),
+    ],
+)
 def test_letters_that_look_alike_are_alike_in_headers(tmp_path, written, wanted):
     path = write(tmp_path, f"{written};Kraft [N]\n0;0\n4000;3\n")
     (r,) = read(path, {"depth": Column(wanted), "Fz": Column("Kraft [N]")}).repeats
@@ -648,11 +765,13 @@ OTHERS = {  # the second of two files, and words
     "another channel": (plain().replace("Fz_N", "Fx_N"), ["b.csv", "same columns", "depth, Fx", "a.csv holds time"]),
     "no clock": ("depth_mm,Fz_N\n" + "".join(f"{u},{F}\n" for _, u, F in TEXTS), ["b.csv", "same columns"]),
     "a profile": ("depth_mm,x_mm,y_mm,uz_mm\n1,0,5,0\n", ["b.csv", "same columns", "uz"]),
-    "another unit": (plain([(t, u, f"{9.81 * float(F):.5f}") for t, u, F in TEXTS]), [
-        "a.csv and 1 more", "'a' is 0.32 N", "'b' 3.14 N", "another sign, unit or tare"]),
+    "another unit": (
+        plain([(t, u, f"{9.81 * float(F):.5f}") for t, u, F in TEXTS]),
+        ["a.csv and 1 more", "'a' is 0.32 N", "'b' 3.14 N", "another sign, unit or tare"],
+    ),
     "one reading": ("time_s,depth_mm,Fz_N\n0,1,1\n", ["'b' has too few points"]),
     "a bad cell": (plain().replace("4.0000", "4.0x", 1), ["b.csv:42:", "'depth'", "'4.0x'"]),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("what", OTHERS)
@@ -706,9 +825,13 @@ def study(folder: Path, data: str, columns: str | None = COLUMNS, more: str = ""
 
 
 def test_a_study_names_the_columns_of_all_experiments(folder):
-    path = study(folder, '"niere_0.tra"', more='[[experiments]]\nname = "own"\nrole = "select"\ndata = "top.csv"\n'
-                 'columns = {}\n[[experiments]]\nname = "other"\nrole = "select"\ndata = "other.csv"\n'
-                 'columns = { depth = { header = "Weg (um)" }, Fz = { header = "F", unit = "mN" } }')  # fmt: skip
+    path = study(
+        folder,
+        '"niere_0.tra"',
+        more='[[experiments]]\nname = "own"\nrole = "select"\ndata = "top.csv"\n'
+        'columns = {}\n[[experiments]]\nname = "other"\nrole = "select"\ndata = "other.csv"\n'
+        'columns = { depth = { header = "Weg (um)" }, Fz = { header = "F", unit = "mN" } }',
+    )
     (folder / "other.csv").write_text("Weg (um);F\n0;0\n500,5;1\n2000;4\n")
     loaded = load(path)
     curves = measured_curves(loaded)
@@ -773,8 +896,14 @@ def test_the_same_readings_are_fitted_or_selected_on_once(tmp_path, what, role):
         assert word in problem
 
 
-@pytest.mark.parametrize("more", ['role = "select"\nchannels = ["Fx"]\n', 'role = "validate"\nchannels = ["Fx"]\n',
-                                  'role = "fit"\nsettings = { thickness = 9 }\n'])  # fmt: skip
+@pytest.mark.parametrize(
+    "more",
+    [
+        'role = "select"\nchannels = ["Fx"]\n',
+        'role = "validate"\nchannels = ["Fx"]\n',
+        'role = "fit"\nsettings = { thickness = 9 }\n',
+    ],
+)
 def test_the_same_file_may_be_fitted_elsewhere_or_validate_by_another_channel(tmp_path, more):
     text = "depth_mm,Fz_N,Fx_N\n" + "".join(f"{u},{0.04 * u**1.5},{0.004 * u}\n" for u in np.linspace(0.1, 2, 20))
     write(tmp_path, text, name="top.csv")
@@ -850,35 +979,79 @@ BAD = {  # columns, data, key, words
     "no text": ('depth = { header = " " }', '"niere_0.tra"', "columns.depth.header", ["must not be blank"]),
     "a unit of another kind": (COLUMNS.replace('"N"', '"mm"'), '"niere_0.tra"', "columns.Fz", ["'mm'", "N, mN"]),
     "one header twice": (COLUMNS.replace("Standardkraft", "Standardweg"), '"niere_0.tra"', "columns", ["same header"]),
-    "the sign of a label": (COLUMNS + '\nrepeat = { header = "Nr", flip = true }', '"niere_0.tra"', "columns.repeat", [
-        "flip", "repeat"]),
-    "the sign of a sigma": (COLUMNS + '\nFz_sigma = { header = "s", flip = true }', '"niere_0.tra"',
-                            "columns.Fz_sigma", ["flip"]),
-    "the zero of a label": (COLUMNS + '\nrepeat = { header = "Nr", zero = 1 }', '"niere_0.tra"', "columns.repeat", [
-        "zero", "repeat"]),
-    "a zero that is none": (COLUMNS.replace("flip = true", "zero = inf", 1), '"niere_0.tra"', "columns.depth.zero", [
-        "finite"]),
-    "zeros that are none": (COLUMNS.replace("flip = true", 'zero = ["0"]', 1), '"niere_0.tra"', "columns.depth.zero", [
-        "a list with one for each file"]),
-    "zeros for other files": (COLUMNS.replace("flip = true", "flip = true, zero = [0, 0.0]", 1), '"niere_0.tra"',
-                              "experiments[0].data", ["column 'depth'", "zero = [0.0, 0.0] are 2 for 1 file"]),
-    "a count of another kind": (COLUMNS.replace('"N"', '"0.2 mm"'), '"niere_0.tra"', "columns.Fz", [
-        "'mm'", '"0.00125 N" for what one count is']),
+    "the sign of a label": (
+        COLUMNS + '\nrepeat = { header = "Nr", flip = true }',
+        '"niere_0.tra"',
+        "columns.repeat",
+        ["flip", "repeat"],
+    ),
+    "the sign of a sigma": (
+        COLUMNS + '\nFz_sigma = { header = "s", flip = true }',
+        '"niere_0.tra"',
+        "columns.Fz_sigma",
+        ["flip"],
+    ),
+    "the zero of a label": (
+        COLUMNS + '\nrepeat = { header = "Nr", zero = 1 }',
+        '"niere_0.tra"',
+        "columns.repeat",
+        ["zero", "repeat"],
+    ),
+    "a zero that is none": (
+        COLUMNS.replace("flip = true", "zero = inf", 1),
+        '"niere_0.tra"',
+        "columns.depth.zero",
+        ["finite"],
+    ),
+    "zeros that are none": (
+        COLUMNS.replace("flip = true", 'zero = ["0"]', 1),
+        '"niere_0.tra"',
+        "columns.depth.zero",
+        ["a list with one for each file"],
+    ),
+    "zeros for other files": (
+        COLUMNS.replace("flip = true", "flip = true, zero = [0, 0.0]", 1),
+        '"niere_0.tra"',
+        "experiments[0].data",
+        ["column 'depth'", "zero = [0.0, 0.0] are 2 for 1 file"],
+    ),
+    "a count of another kind": (
+        COLUMNS.replace('"N"', '"0.2 mm"'),
+        '"niere_0.tra"',
+        "columns.Fz",
+        ["'mm'", '"0.00125 N" for what one count is'],
+    ),
     "a count of nothing": (COLUMNS.replace('"N"', '"0 N"'), '"niere_0.tra"', "columns.Fz", ["must be positive"]),
     "a count turned": (COLUMNS.replace('"N"', '"-1 N"'), '"niere_0.tra"', "columns.Fz", ["positive", "flip"]),
-    "the unit of a label": (COLUMNS + '\nsegment = { header = "A", unit = "s" }', '"niere_0.tra"', "columns.segment", [
-        "no unit"]),
-    "a header of nowhere": (COLUMNS.replace("Standardweg", "Standartweg"), '"niere_0.tra"', "experiments[0].data", [
-        "niere_0.tra:6", "'Standartweg' (depth)", "'Standardweg'"]),
+    "the unit of a label": (
+        COLUMNS + '\nsegment = { header = "A", unit = "s" }',
+        '"niere_0.tra"',
+        "columns.segment",
+        ["no unit"],
+    ),
+    "a header of nowhere": (
+        COLUMNS.replace("Standardweg", "Standartweg"),
+        '"niere_0.tra"',
+        "experiments[0].data",
+        ["niere_0.tra:6", "'Standartweg' (depth)", "'Standardweg'"],
+    ),
     "no table": (None, '"kanal.tra"', "experiments[0].data", ["kanal.tra:6", "'Kanal 1'", "[columns]"]),
     "no files": (COLUMNS, "[]", "experiments[0].data", ["at least 1"]),
     "no text for a file": (COLUMNS, "3", "experiments[0].data", ["a list of files"]),
-    "one of two is missing": (COLUMNS, '["niere_0.tra", "niere_9.tra"]', "experiments[0].data", [
-        "niere_9.tra", "no such file"]),
+    "one of two is missing": (
+        COLUMNS,
+        '["niere_0.tra", "niere_9.tra"]',
+        "experiments[0].data",
+        ["niere_9.tra", "no such file"],
+    ),
     "a file twice": (COLUMNS, '["niere_0.tra", "niere_0.tra"]', "experiments[0].data", ["listed twice"]),
-    "a copy as a repeat": (COLUMNS, '["niere_0.tra", "niere_2.tra"]', "experiments[0].data", [
-        "niere_2.tra: holds the same bytes as", "niere_0.tra", "a repeat counts once"]),
-}  # fmt: skip
+    "a copy as a repeat": (
+        COLUMNS,
+        '["niere_0.tra", "niere_2.tra"]',
+        "experiments[0].data",
+        ["niere_2.tra: holds the same bytes as", "niere_0.tra", "a repeat counts once"],
+    ),
+}
 
 
 @pytest.mark.parametrize("what", BAD)

@@ -118,8 +118,10 @@ def test_a_shape_that_does_not_fit_is_in_the_deviation():
 
 def test_the_contact_of_many_repeats_is_known_better_than_that_of_one(tmp_path):
     rng, u = np.random.default_rng(10), np.linspace(-AIR, 4.0, 121)
-    files = [write(tmp_path / f"{k}.csv", "Displacement (mm),Force (N)", u, pressed(u) + noise) for k, noise in
-             enumerate(0.005 * rng.standard_normal((9, 121)))]  # fmt: skip
+    files = [
+        write(tmp_path / f"{k}.csv", "Displacement (mm),Force (N)", u, pressed(u) + noise)
+        for k, noise in enumerate(0.005 * rng.standard_normal((9, 121)))
+    ]
     # what the shape of one record leaves open does not average out
     assert 0.0 < read(files).contact < 0.8 * read(files[0]).contact
 
@@ -127,8 +129,10 @@ def test_the_contact_of_many_repeats_is_known_better_than_that_of_one(tmp_path):
 def test_repeats_of_one_test_all_count_from_contact_or_none_does(tmp_path):
     """Noise that hides the approach beyond doubt in some of them, alone."""
     rng, u = np.random.default_rng(10), np.linspace(-AIR, 4.0, 121)
-    files = [write(tmp_path / f"{k}.csv", "Displacement (mm),Force (N)", u, pressed(u) + noise) for k, noise in
-             enumerate(0.02 * rng.standard_normal((9, 121)))]  # fmt: skip
+    files = [
+        write(tmp_path / f"{k}.csv", "Displacement (mm),Force (N)", u, pressed(u) + noise)
+        for k, noise in enumerate(0.02 * rng.standard_normal((9, 121)))
+    ]
     alone = [read(file).contact > 0.0 for file in files]
     assert any(alone) and not all(alone)
     m = read(files)
@@ -191,8 +195,10 @@ def test_the_zero_of_a_machine_is_found_in_each_repeat(tmp_path):
     own = read(files[0], columns)  # of which only the force is off by what the record says
     assert own.contact == 0.0 and abs(own.repeats[0].depth[0] + AIR) < 1e-6
     with pytest.raises(ValueError, match=r"zero = 'contact': no approach is seen"):
-        read(write(tmp_path / "a.csv", "Pos (mm),F (N)", u[u >= 0], F[u >= 0]),
-             {"depth": Column("Pos (mm)", zero=CONTACT), "Fz": Column("F (N)")})  # fmt: skip
+        read(
+            write(tmp_path / "a.csv", "Pos (mm),F (N)", u[u >= 0], F[u >= 0]),
+            {"depth": Column("Pos (mm)", zero=CONTACT), "Fz": Column("F (N)")},
+        )
 
 
 def test_a_file_of_customary_names_counts_from_contact_and_others_do_as_they_say(tmp_path):
@@ -214,8 +220,10 @@ def test_repeats_in_one_file_have_their_own_contact_and_all_one_sense(tmp_path, 
     """Tables beneath one another whose positions lie further apart than one of them is long."""
     rng = np.random.default_rng(6)
     tests = [(record(rng, 61, 1e-3), start) for start in (8.0, 25.0, 1.0)]
-    table = [np.concatenate(v) for v in zip(*[(np.full(61, k), sign * (u + s), -F) for k, ((u, F), s) in
-                                              enumerate(tests)], strict=True)]  # fmt: skip
+    table = [
+        np.concatenate(v)
+        for v in zip(*[(np.full(61, k), sign * (u + s), -F) for k, ((u, F), s) in enumerate(tests)], strict=True)
+    ]
     m = read(write(tmp_path / "three.csv", "repeat,Position (mm),Load (N)", *table))
     assert len(m.repeats) == 3 and m.doubts[0].count("its sign turned") == (1 if sign > 0 else 2)
     for r, ((u, F), _) in zip(m.repeats, tests, strict=True):

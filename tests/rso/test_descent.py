@@ -253,9 +253,13 @@ def test_conditions_between_parameters_are_refused(tmp_path):
 
 def test_check_and_the_end_of_a_run_describe_it(tmp_path, capsys):
     file = studies.write(
-        tmp_path, backend='use = "sloped_backend:BACKEND"', backend__settings="thickness = 8.0",
-        search='method = "gauss_newton"\nstarts = 2\nmax_runs = 9\nstart = { mu = "9 kPa" }', doe=None, surrogate=None,
-    )  # fmt: skip
+        tmp_path,
+        backend='use = "sloped_backend:BACKEND"',
+        backend__settings="thickness = 8.0",
+        search='method = "gauss_newton"\nstarts = 2\nmax_runs = 9\nstart = { mu = "9 kPa" }',
+        doe=None,
+        surrogate=None,
+    )
     assert main(["check", str(file), "--trust"]) == 0
     said = capsys.readouterr().out
     assert "Gauss–Newton on simulations with the backend's derivatives, from mu = 0.009 and 1 more start" in said
@@ -325,8 +329,9 @@ def test_between_close_runs_the_error_falls_with_a_high_order():
         away = np.array([0.0, half])
         ends = [sight(f, middle - away), sight(f, middle + away)]
         y = sight(f, middle).f
-        errors.append([np.abs(tangents(f, runs, ends[0]).predict(middle[None])[0] / y - 1).max()
-                       for runs in (ends[:1], ends)])  # fmt: skip
+        errors.append(
+            [np.abs(tangents(f, runs, ends[0]).predict(middle[None])[0] / y - 1).max() for runs in (ends[:1], ends)]
+        )
     alone, both = np.log2(np.array(errors[0]) / errors[1])
     assert 1.5 < alone < 2.5 and both > 3.5 and errors[0][1] < 0.03 * errors[0][0]
 

@@ -99,8 +99,11 @@ def test_a_test_done_at_another_place_than_noted_is_the_measurement(away):
     def found(shift: float, everywhere: bool) -> tuple[Library, Diagnosis]:
         made, rng = experiments(4, {"shift": shift} if everywhere else None), np.random.default_rng(11)
         truth = {**TRUTH, "shift": shift}
-        made.append(toy.experiment("side", toy.recorded(truth, rng, point=(10.0, 0.0), lateral=True, repeats=2),
-                                   point=(10.0, 0.0)))  # fmt: skip
+        made.append(
+            toy.experiment(
+                "side", toy.recorded(truth, rng, point=(10.0, 0.0), lateral=True, repeats=2), point=(10.0, 0.0)
+            )
+        )
         plan = make_plan(made)
         effects = discrepancy.localised(toy.effects(*NAMES, "shift", "tilt"), plan.labels())
         library = build(BASE, plan, effects, toy.run)
@@ -214,8 +217,10 @@ def test_a_body_that_stiffens_from_test_to_test_is_found_and_is_no_scatter_of_ga
     made = []
     for e, k in zip(experiments(6), ((0, 1, 2), (3,), (4,)), strict=True):
         factor = [1.0 + 0.2 * (i / 4 - 0.5) for i in k]
-        repeats = tuple(dataclasses.replace(r, channels={"Fz": f * r.channels["Fz"]})
-                        for r, f in zip(e.measurement.repeats, factor, strict=True))  # fmt: skip
+        repeats = tuple(
+            dataclasses.replace(r, channels={"Fz": f * r.channels["Fz"]})
+            for r, f in zip(e.measurement.repeats, factor, strict=True)
+        )
         made.append(dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=repeats)))
     plan = make_plan(made)
     assert [t.age for t in plan.tests] == [-0.5, -0.25, 0.0, 0.25, 0.5]
@@ -261,8 +266,11 @@ def test_the_one_curve_whose_contact_is_off_is_named(late):
     """Which of the curves it was the answer did not say: only by how much contact points scatter."""
     made = experiments(7)
     first = made[0].measurement
-    repeats = (first.repeats[0], dataclasses.replace(first.repeats[1], depth=first.repeats[1].depth - late),
-               first.repeats[2])  # fmt: skip
+    repeats = (
+        first.repeats[0],
+        dataclasses.replace(first.repeats[1], depth=first.repeats[1].depth - late),
+        first.repeats[2],
+    )
     made[0] = dataclasses.replace(made[0], measurement=dataclasses.replace(first, repeats=repeats))
     library = build(BASE, make_plan(made), toy.effects("stiff", "soften", "offset_each"), toy.run)
     d = discrepancy.diagnose(library, 7, nulls=NULLS)
@@ -281,8 +289,9 @@ def factors(made: list, each: tuple[float, ...]) -> list:
     """The experiments with a factor on the force of each test."""
     out, k = [], iter(each)
     for e in made:
-        repeats = tuple(dataclasses.replace(r, channels={"Fz": next(k) * r.channels["Fz"]})
-                        for r in e.measurement.repeats)  # fmt: skip
+        repeats = tuple(
+            dataclasses.replace(r, channels={"Fz": next(k) * r.channels["Fz"]}) for r in e.measurement.repeats
+        )
         out.append(dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=repeats)))
     return out
 
@@ -397,8 +406,19 @@ def verdict(d: Diagnosis) -> str:
     causes = [(c.effect.name, c.probability, c.size, c.interval) for c in d.causes]
     held = [(h.experiment, dict(h.gain)) for h in d.held_out]
     checks = [dataclasses.astuple(c) for c in d.checks]
-    data = [d.verdict, d.p_value, d.statistic, d.named, d.probabilities, d.sensitivity, rows, causes, held, checks,
-            d.parameters]  # fmt: skip
+    data = [
+        d.verdict,
+        d.p_value,
+        d.statistic,
+        d.named,
+        d.probabilities,
+        d.sensitivity,
+        rows,
+        causes,
+        held,
+        checks,
+        d.parameters,
+    ]
     return json.dumps(plain(data))
 
 

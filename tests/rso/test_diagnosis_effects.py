@@ -77,21 +77,37 @@ def test_errors_of_the_force_channel_grow_with_the_forces():
 
 def test_errors_of_the_record_are_those_of_a_small_test():
     """Who presses by 0.3 mm and measures 1 mN has no cell that is out by 50 mN, nor a contact that is by 0.4 mm."""
-    found = toy.effects("stiff", "bias", "compliance", "gain", "offset", "offset_each", "backlash", "permanent_set",
-                        "nonlinearity")  # fmt: skip
+    found = toy.effects(
+        "stiff", "bias", "compliance", "gain", "offset", "offset_each", "backlash", "permanent_set", "nonlinearity"
+    )
     few = {e.name: np.array([e.size.low, e.size.high]) for e in suited(found, 0.01 * ORDINARY[0], 0.1)}
     usual = {e.name: np.array([e.size.low, e.size.high]) for e in found}
-    factors = {"stiff": 1, "bias": 0.01, "compliance": 10, "gain": 1, "offset": 0.1, "offset_each": 0.1,
-               "backlash": 0.1, "permanent_set": 1, "nonlinearity": 100}  # fmt: skip
+    factors = {
+        "stiff": 1,
+        "bias": 0.01,
+        "compliance": 10,
+        "gain": 1,
+        "offset": 0.1,
+        "offset_each": 0.1,
+        "backlash": 0.1,
+        "permanent_set": 1,
+        "nonlinearity": 100,
+    }
     for name, factor in factors.items():
         np.testing.assert_allclose(few[name], factor * usual[name], rtol=1e-12)
     for force in ORDINARY:
         assert [e.size for e in suited(found, force)] == [e.size for e in found]
 
 
-@pytest.mark.parametrize(("times", "lag", "drift"), [
-    ((2.4, 48.0), 1, 1), ((0.5, 1.0), 1 / 3, 5), ((10_800.0, 30_000.0), 540, 1 / 300), ((2.0, 500.0), 1, 0.2),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("times", "lag", "drift"),
+    [
+        ((2.4, 48.0), 1, 1),
+        ((0.5, 1.0), 1 / 3, 5),
+        ((10_800.0, 30_000.0), 540, 1 / 300),
+        ((2.0, 500.0), 1, 0.2),
+    ],
+)
 def test_errors_of_clock_and_drift_are_those_of_a_quick_or_a_slow_test(times, lag, drift):
     """Who presses within half a second has no clock that is a second late, nor sees a drift that shows in an hour, and
     what relaxes does so from the time of the quickest loading to that of the longest test."""
@@ -271,8 +287,17 @@ def test_lengths_are_plausible_in_proportion_to_body_and_ball():
 
     usual, declared = ranges(1.0), {p.name: p.plausible for p in BACKEND.parameters}
     names = {n for n in usual if n != "inclusion_depth"}
-    assert names == {"delta_a", "delta_b", "delta_c", "delta_R", "skin_thickness", "offset_x", "offset_y",
-                     "bowl_clearance", "inclusion_x"}  # fmt: skip
+    assert names == {
+        "delta_a",
+        "delta_b",
+        "delta_c",
+        "delta_R",
+        "skin_thickness",
+        "offset_x",
+        "offset_y",
+        "bowl_clearance",
+        "inclusion_x",
+    }
     assert {n: usual[n] for n in names} == {n: declared[n] for n in names}
     for n in names:
         np.testing.assert_allclose(ranges(0.25)[n], 0.25 * np.array(usual[n]), rtol=1e-12)
@@ -281,8 +306,10 @@ def test_lengths_are_plausible_in_proportion_to_body_and_ball():
 LAWS = ("neo_hookean", "linear_elastic", "mooney_rivlin", "yeoh", "ogden")
 
 
-@pytest.mark.parametrize(("law", "opened"), [*((law, ()) for law in LAWS), ("neo_hookean", ("C20",)),
-                                             ("neo_hookean", ("C01",)), ("neo_hookean", ("alpha",))])  # fmt: skip
+@pytest.mark.parametrize(
+    ("law", "opened"),
+    [*((law, ()) for law in LAWS), ("neo_hookean", ("C20",)), ("neo_hookean", ("C01",)), ("neo_hookean", ("alpha",))],
+)
 def test_no_effect_of_the_catalogue_is_refused_beside_the_law_of_the_study(law, opened):
     """Another law was a hypothesis all the same: its runs failed, and a diagnosis ended as one with failed runs."""
     from fem_backend.backend import BACKEND
@@ -306,9 +333,12 @@ def test_a_weight_is_that_of_a_body_and_no_multiple_of_its_modulus(modulus, seen
     from fem_backend.backend import BACKEND
     from rso.discrepancy import bounded, catalogue
 
-    settings = {"specimen": {"shape": "ellipsoid", "semi_axes": [30.0, 30.0, 30.0]},
-                "indenter": {"shape": "sphere", "radius": 3.0},
-                "support": {"kind": "fixed"}, "point": [0.0, 0.0]}  # fmt: skip
+    settings = {
+        "specimen": {"shape": "ellipsoid", "semi_axes": [30.0, 30.0, 30.0]},
+        "indenter": {"shape": "sphere", "radius": 3.0},
+        "support": {"kind": "fixed"},
+        "point": [0.0, 0.0],
+    }
     every = catalogue(BACKEND, settings, {}, ["mu", "D1"])
     kept, told = bounded(every, modulus, BACKEND.physical(), {})
     weights = [e for e in kept if e.size.name == "weight"]

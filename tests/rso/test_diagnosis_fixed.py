@@ -249,8 +249,10 @@ def pressed(low: float, high: float, truth=None):
     return h, y, post, μ, D, logs
 
 
-@pytest.mark.parametrize(("low", "high", "truth"), [(15.0, 150.0, None), (1.0, 20.0, None), (1.0, 20.0, "stiff"),
-                                                    (15.0, 150.0, "soften"), (90.0, 3000.0, None)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("low", "high", "truth"),
+    [(15.0, 150.0, None), (1.0, 20.0, None), (1.0, 20.0, "stiff"), (15.0, 150.0, "soften"), (90.0, 3000.0, None)],
+)
 def test_a_range_is_a_wall_for_evidence_and_draws(low, high, truth):
     """Against sums over a fine grid, where the data want D1 inside the range or far beyond; mu goes with D1."""
     h, y, post, μ, D, logs = pressed(low, high, truth and {truth: {"stiff": 0.4, "soften": 0.25}[truth]})
@@ -277,8 +279,9 @@ def test_a_parameter_at_the_end_of_its_range_is_said(median, pressed):
     assert _pressed({"parameters": {"after": now}}, {}) == []
 
 
-@pytest.mark.parametrize(("low", "high", "pressed"), [(80.0, 149.5, True), (20.0, 149.5, False), (15.1, 40.0, True),
-                                                      (80.0, 130.0, False)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("low", "high", "pressed"), [(80.0, 149.5, True), (20.0, 149.5, False), (15.1, 40.0, True), (80.0, 130.0, False)]
+)
 def test_an_interval_that_ends_where_the_range_does_and_starts_in_its_far_half_is_pressed(low, high, pressed):
     """One that reaches from end to end is not: it says that the parameter is not determined."""
     now = {"D1": {"low": low, "median": (low * high) ** 0.5, "high": high}}

@@ -93,9 +93,11 @@ def test_a_load_train_that_creeps_moves_as_its_equations_say(τ, k):
     """Loading, a hold, and the way back.  The chain takes the body's time for the drive's."""
     c, modulus = 1.5, 0.012
     rng = np.random.default_rng(0)
-    own = [toy.experiment("load", toy.recorded(toy.TRUTH, rng)),
-           toy.experiment("rest", toy.recorded(toy.TRUTH, rng, hold=30.0)),
-           toy.experiment("back", toy.recorded(toy.TRUTH, rng, unload=True))]  # fmt: skip
+    own = [
+        toy.experiment("load", toy.recorded(toy.TRUTH, rng)),
+        toy.experiment("rest", toy.recorded(toy.TRUTH, rng, hold=30.0)),
+        toy.experiment("back", toy.recorded(toy.TRUTH, rng, unload=True)),
+    ]
     chosen = {e.name: e for e in toy.effects("creep", "compliance")}
     library = build(toy.base(), make_plan(own), tuple(chosen.values()), toy.run)
     names, x = (["creep", "compliance"], [c, np.log(τ), k]) if k else (["creep"], [c, np.log(τ)])
@@ -156,11 +158,18 @@ def test_a_chain_without_an_error_changes_nothing_where_depths_scatter(name):
     """
     rng = np.random.default_rng(0)
     shaken = [
-        dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=tuple(
-            dataclasses.replace(r, depth=r.depth + 2e-3 * rng.standard_normal(len(r.depth)))
-            for r in e.measurement.repeats)))
+        dataclasses.replace(
+            e,
+            measurement=dataclasses.replace(
+                e.measurement,
+                repeats=tuple(
+                    dataclasses.replace(r, depth=r.depth + 2e-3 * rng.standard_normal(len(r.depth)))
+                    for r in e.measurement.repeats
+                ),
+            ),
+        )
         for e in plan_of(white=0.0, scatter=0.0)[1:]
-    ]  # fmt: skip
+    ]
     plan = make_plan(shaken)
     (effect,) = toy.effects(name)
     library = build(toy.base(), plan, (effect,), toy.run)
@@ -176,8 +185,15 @@ def test_a_hold_finds_relaxation_at_one_speed():
     """Size and time both; without the readings of the hold a single speed shows a stiffness, and no time at all."""
     truth = {**toy.TRUTH, "g": 0.3, "tau": 8.0}
     experiments = plan_of(truth, seed=3)
-    lost = [dataclasses.replace(e, measurement=dataclasses.replace(e.measurement, repeats=tuple(
-        dataclasses.replace(r, time=None) for r in e.measurement.repeats))) for e in experiments]  # fmt: skip
+    lost = [
+        dataclasses.replace(
+            e,
+            measurement=dataclasses.replace(
+                e.measurement, repeats=tuple(dataclasses.replace(r, time=None) for r in e.measurement.repeats)
+            ),
+        )
+        for e in experiments
+    ]
     found = {}
     for name, data in (("used", experiments), ("lost", lost)):
         plan = make_plan(data)
@@ -195,8 +211,11 @@ def test_a_repeat_without_a_way_there_breaks_nothing(how):
     """Its hold is left out with a note; every knob of the chain has an answer."""
     (whole,) = toy.recorded(toy.TRUTH, np.random.default_rng(1), unload=True)
     n = len(whole.depth)
-    segment = {"back alone": ["unloading"] * n, "a hold and back": ["hold"] * 20 + ["unloading"] * (n - 20),
-               "a hold alone": ["hold"] * n}[how]  # fmt: skip
+    segment = {
+        "back alone": ["unloading"] * n,
+        "a hold and back": ["hold"] * 20 + ["unloading"] * (n - 20),
+        "a hold alone": ["hold"] * n,
+    }[how]
     depth = np.r_[np.full(20, 4.0), np.linspace(4.0, 0.1, n - 20)]
     odd = dataclasses.replace(whole, depth=depth, segment=np.array(segment))
     plan = make_plan([toy.experiment("a", (whole,)), toy.experiment("b", (odd,))])
@@ -219,9 +238,11 @@ def test_drift_in_the_air_counts_from_the_first_reading():
     library = build(toy.base(), plan, (drift,), toy.run)
     with_, without = (
         0.012 * A[0] + c[0]
-        for A, c in (predict(library, effects, np.array([[np.log(0.72), *size]]), 0.012)
-                     for effects, size in (([drift], [1e-3]), ([], [])))
-    )  # fmt: skip
+        for A, c in (
+            predict(library, effects, np.array([[np.log(0.72), *size]]), 0.012)
+            for effects, size in (([drift], [1e-3]), ([], []))
+        )
+    )
     (test,) = plan.tests
     np.testing.assert_allclose(with_ - without, 1e-3 * test.time, rtol=0, atol=2e-5)  # of 28e-3: bins, and √u tables
 

@@ -41,8 +41,21 @@ def make(experiments=None, names=MODEL, base: Base = BASE) -> Library:
 
 @pytest.fixture(scope="module")
 def library() -> Library:
-    chain = ("offset", "compliance", "gain", "bias", "drift", "lag", "cross_x", "cross_y", "permanent_set",
-             "depth_scale", "nonlinearity", "turn", "bias_side")  # fmt: skip
+    chain = (
+        "offset",
+        "compliance",
+        "gain",
+        "bias",
+        "drift",
+        "lag",
+        "cross_x",
+        "cross_y",
+        "permanent_set",
+        "depth_scale",
+        "nonlinearity",
+        "turn",
+        "bias_side",
+    )
     return make([*toy.laboratory(toy.TRUTH, 0), profile()], names=(*MODEL, *chain))
 
 
@@ -66,8 +79,12 @@ def test_many_runs_are_cheap_ones_and_those_on_the_studys_mesh_lean():
     def run(tasks):
         seen.extend(dict(t.case.settings) for t in tasks)
         bare = [{k: v for k, v in t.case.settings.items() if k not in ("mesh", "exact")} for t in tasks]
-        return toy.run([dataclasses.replace(t, case=dataclasses.replace(t.case, settings=s))
-                        for t, s in zip(tasks, bare, strict=True)])  # fmt: skip
+        return toy.run(
+            [
+                dataclasses.replace(t, case=dataclasses.replace(t.case, settings=s))
+                for t, s in zip(tasks, bare, strict=True)
+            ]
+        )
 
     build(base, make_plan(toy.laboratory(toy.TRUTH, 0)), toy.effects("stiff"), run)
     assert all(s["exact"] is False for s in seen)
@@ -118,8 +135,9 @@ def exact(library: Library, values, **chain: float) -> np.ndarray:
     return np.concatenate(found)
 
 
-def worst(library: Library, names, at, values, modulus: float = MU, *, back: bool = True, places=(0, 1),
-          **chain: float) -> tuple[float, float]:  # fmt: skip
+def worst(
+    library: Library, names, at, values, modulus: float = MU, *, back: bool = True, places=(0, 1), **chain: float
+) -> tuple[float, float]:
     """Largest deviation of a predicted force over the largest force of its test, and that of the effect itself.
 
     Over tests at `places`, without unloading unless `back`.
@@ -225,8 +243,9 @@ def test_a_compliance_at_one_place_is_that_of_the_chain_there_and_nothing_elsewh
     (everywhere,) = toy.effects("compliance")
     there = localised((everywhere,), library.plan.labels())[2]
     X = np.array([[CENTRE, 0.3]])
-    (all_of_it, _), (own, _), (none, _) = (predict(library, e, X[:, : 1 + len(e)], MU) for e in
-                                           ((everywhere,), (there,), ()))  # fmt: skip
+    (all_of_it, _), (own, _), (none, _) = (
+        predict(library, e, X[:, : 1 + len(e)], MU) for e in ((everywhere,), (there,), ())
+    )
     moved = 0
     for item, _, rows in library.plan.rows():
         here = getattr(item, "place", 0) == 1
@@ -265,9 +284,19 @@ def test_nine_travels_are_enough_for_a_surface(library):
 # ---- the chain
 
 CHAINS = {
-    "offset": 0.15, "compliance": 0.4, "gain": 1.1, "bias": -0.02, "drift": 0.002, "lag": 0.3, "cross_x": 0.1,
-    "cross_y": -0.1, "permanent_set": 0.08, "depth_scale": 0.1, "nonlinearity": 0.15, "turn": 15.0,
-}  # fmt: skip
+    "offset": 0.15,
+    "compliance": 0.4,
+    "gain": 1.1,
+    "bias": -0.02,
+    "drift": 0.002,
+    "lag": 0.3,
+    "cross_x": 0.1,
+    "cross_y": -0.1,
+    "permanent_set": 0.08,
+    "depth_scale": 0.1,
+    "nonlinearity": 0.15,
+    "turn": 15.0,
+}
 
 
 @pytest.mark.parametrize("name", CHAINS)
@@ -428,8 +457,9 @@ def test_a_mended_library_says_what_was_simulated_there_and_nothing_new_elsewher
         q.name: float(q.value(s)) for q, s in zip(e.knobs, at, strict=True)
     }
     X, truth = point[None], exact(library, knobs) / MU
-    loading = np.concatenate([np.arange(r.start, r.stop)[t.branch == 0] for t, _, r in library.plan.rows() if t in
-                              library.plan.tests])  # fmt: skip
+    loading = np.concatenate(
+        [np.arange(r.start, r.stop)[t.branch == 0] for t, _, r in library.plan.rows() if t in library.plan.tests]
+    )
     scale = np.abs(truth[loading]).max()
     off = [np.abs(predict(v, (e,), X, MU)[0][0] - truth)[loading].max() / scale for v in (library, new)]
     # what is left lies between the nine travels of a run, not between sizes (unloading: peaks to 0.1 mm besides)
@@ -549,8 +579,10 @@ def test_the_grip_of_another_support_is_computed_where_the_ball_pushes_aside():
     loose = tuple(e for e in catalogue(backend, {}, {}, ("mu", "D1")) if e.name == "clearance")
     assert [s.name for s in loose[0].knobs] == ["clearance", "grip"]
     library = build(base, make_plan(toy.laboratory(toy.TRUTH, 0)), loose, run)
-    grips = {top: {t.values["grip"] for t in asked if "grip" in t.values and (t.case.settings["point"][0] == 0) == top}
-             for top in (True, False)}  # fmt: skip
+    grips = {
+        top: {t.values["grip"] for t in asked if "grip" in t.values and (t.case.settings["point"][0] == 0) == top}
+        for top in (True, False)
+    }
     assert len(grips[True]) == 1 and len(grips[False]) == 3
     side = next(k for k, p in enumerate(library.plan.places) if p.settings["point"][0] > 0)
     at = np.array([[np.log(1.0), g] for g in (0.1, 0.2, 0.4)])

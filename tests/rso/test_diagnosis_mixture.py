@@ -169,8 +169,16 @@ def small():
     names = ("one", "two", "three")
     plan = make_plan([toy.experiment(n, toy.recorded(toy.TRUTH, rng, unload=n == "two")) for n in names])
     u = np.concatenate([item.depth for item, _, _ in plan.rows()])
-    h0 = Tiles((u**1.5)[None], np.zeros((1, len(u))), (0.05 * u**2.5)[None, None], np.array([5.0]), np.zeros((1, 1)),
-               np.zeros(1), (0,), (False,))  # fmt: skip
+    h0 = Tiles(
+        (u**1.5)[None],
+        np.zeros((1, len(u))),
+        (0.05 * u**2.5)[None, None],
+        np.array([5.0]),
+        np.zeros((1, 1)),
+        np.zeros(1),
+        (0,),
+        (False,),
+    )
     sd = 2e-3 + 2e-4 * u
     cov = np.diag(sd**2) + 4e-6 * np.exp(-np.abs(u[:, None] - u) / 0.5)
     h = ready(h0, whitening(cov), 0.01)

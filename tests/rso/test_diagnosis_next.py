@@ -86,10 +86,14 @@ def survivors(library, names, data):
 def plan_of(truth, seed=0, **chain):
     """A cycle at the top and a loading curve beside it."""
     rng = np.random.default_rng(seed)
-    return make_plan([
-        toy.experiment("cycle", toy.recorded(truth, rng, unload=True, **chain)),
-        toy.experiment("aside", toy.recorded(truth, rng, point=(10.0, 0.0), lateral=True, **chain), point=(10.0, 0.0)),
-    ])  # fmt: skip
+    return make_plan(
+        [
+            toy.experiment("cycle", toy.recorded(truth, rng, unload=True, **chain)),
+            toy.experiment(
+                "aside", toy.recorded(truth, rng, point=(10.0, 0.0), lateral=True, **chain), point=(10.0, 0.0)
+            ),
+        ]
+    )
 
 
 def lab(backend):
@@ -130,19 +134,23 @@ def test_a_laboratory_with_one_axis_is_promised_what_one_axis_tells():
     )
     for lateral in (False, True):
         side = toy.recorded(truth, rng, point=(10.0, 0.0), lateral=lateral)
-        plan = make_plan([
-            toy.experiment("cycle", toy.recorded(truth, rng, unload=True)),
-            toy.experiment("aside", side, point=(10.0, 0.0)),
-        ])  # fmt: skip
+        plan = make_plan(
+            [
+                toy.experiment("cycle", toy.recorded(truth, rng, unload=True)),
+                toy.experiment("aside", side, point=(10.0, 0.0)),
+            ]
+        )
         library = build(lab(backend), plan, toy.effects("stiff", "bias"), toy.run)
         found = {c.words: {e.channels for e in c.experiments} for c in candidates(library)}
         more = {w: v for w, v in found.items() if "measured" in w}
         every = ("Fx", "Fy", "Fz")
         assert "another point" in found and "again without it" in found
         assert set().union(*(v for w, v in found.items() if w not in more)) == {every if lateral else ("Fz",)}
-        assert set(more) == (set() if lateral else {
-            f"the test at {place} again, with Fx and Fy measured" for place in ("(0, 0)", "(10, 0)")
-        })  # fmt: skip
+        assert set(more) == (
+            set()
+            if lateral
+            else {f"the test at {place} again, with Fx and Fy measured" for place in ("(0, 0)", "(10, 0)")}
+        )
         assert all(v == {every} for v in more.values())
 
 

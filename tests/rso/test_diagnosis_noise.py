@@ -83,8 +83,10 @@ def test_what_lateral_forces_remember_shows_where_they_have_nothing_to_show(ρ):
     rng, found = np.random.default_rng(5), []
     for slope in 25 * [0.0] + 5 * [0.3]:
         sizes = (61, 72, 80, 91, 101)
-        tests = [toy.experiment(f"x{n}", beside(rng, ρ, n, slope), point=(float(n), 0.0), noise=Noise(Fz=3e-3))
-                 for n in sizes]  # fmt: skip
+        tests = [
+            toy.experiment(f"x{n}", beside(rng, ρ, n, slope), point=(float(n), 0.0), noise=Noise(Fz=3e-3))
+            for n in sizes
+        ]
         length = autocorrelation.of_idle_channels(make_plan(tests))
         assert slope == 0.0 or length is None
         found += [] if slope else [0.0 if length is None else np.exp(-4.0 / 80 / length)]
@@ -115,8 +117,12 @@ def test_three_repeats_at_several_places_tell_what_contacts_scatter_by():
     for contact in (0.004, 0.08):
         shown = []
         for _ in range(20):
-            places = [toy.experiment(f"x{k}", thrice(rng, 4.0, contact), point=(float(3 * k), 0.0),
-                                     noise=Noise(Fz=1e-3, gain=0.005)) for k in range(5)]  # fmt: skip
+            places = [
+                toy.experiment(
+                    f"x{k}", thrice(rng, 4.0, contact), point=(float(3 * k), 0.0), noise=Noise(Fz=1e-3, gain=0.005)
+                )
+                for k in range(5)
+            ]
             shown.append(noise.levels(make_plan(places))["Fz"].shown[1])
         found[contact] = np.array(shown)
     assert np.mean(found[0.004] > 0.0) <= 0.1
@@ -160,8 +166,10 @@ def test_noise_that_remembers_is_not_taken_for_gain_or_contact():
 def test_a_gain_that_repeats_contradict_is_theirs_but_where_what_is_stated_binds():
     rng = np.random.default_rng(3)
     few = remembering(rng, 0.0, 41, 5)
-    wide = tuple(Repeat(r.label, r.depth, r.time, {"Fz": r.channels["Fz"] * g}, {}, r.segment)
-                 for r, g in zip(few, (0.94, 0.97, 1.0, 1.03, 1.06), strict=True))  # fmt: skip
+    wide = tuple(
+        Repeat(r.label, r.depth, r.time, {"Fz": r.channels["Fz"] * g}, {}, r.segment)
+        for r, g in zip(few, (0.94, 0.97, 1.0, 1.03, 1.06), strict=True)
+    )
     plans = [make_plan([toy.experiment("a", wide, noise=Noise(Fz=3e-3, gain=g))]) for g in (0.01, 0.02, 0.0)]
     assert all(v.gain == v.shown[0] for v in (noise.levels(p)["Fz"] for p in plans))
     said, hinted, unsaid = (noise.levels(p, binding=True)["Fz"] for p in plans)
@@ -188,8 +196,10 @@ def test_a_channel_that_moves_by_few_counts_scatters_by_a_count(largest):
     true = {"side": largest * step * (u / 4.0) ** 1.5, "top": 0.2 * step * (u / 4.0) ** 1.5}
     tests = []
     for name, Fx in true.items():
-        v = {c: step * np.round((F + 0.1 * step * rng.standard_normal(41)) / step)
-             for c, F in (("Fx", Fx), ("Fz", 0.04 * u**1.5))}  # fmt: skip
+        v = {
+            c: step * np.round((F + 0.1 * step * rng.standard_normal(41)) / step)
+            for c, F in (("Fx", Fx), ("Fz", 0.04 * u**1.5))
+        }
         tests.append(toy.experiment(name, (Repeat("1", u, u / 0.5, v, {}, np.full(41, "loading")),), noise=Noise()))
     plan = make_plan(tests)
     level = noise.levels(plan)["Fx"]
@@ -257,10 +267,16 @@ def test_a_loud_experiment_does_not_drown_a_quiet_one():
 
     def plan_of(sds, stated):
         rng = np.random.default_rng(5)
-        records = [Repeat("1", u, u / 0.5, {"Fz": F_of(u) + sd * rng.standard_normal(85)}, {}, np.full(85, "loading"))
-                   for sd in sds]  # fmt: skip
-        return make_plan([toy.experiment(str(k), (r,), noise=Noise(Fz=sd if stated else 0.0))
-                          for k, (r, sd) in enumerate(zip(records, sds, strict=True))])  # fmt: skip
+        records = [
+            Repeat("1", u, u / 0.5, {"Fz": F_of(u) + sd * rng.standard_normal(85)}, {}, np.full(85, "loading"))
+            for sd in sds
+        ]
+        return make_plan(
+            [
+                toy.experiment(str(k), (r,), noise=Noise(Fz=sd if stated else 0.0))
+                for k, (r, sd) in enumerate(zip(records, sds, strict=True))
+            ]
+        )
 
     for stated in (True, False):
         level = noise.levels(plan_of((2e-4, 2e-4, 5e-3), stated))["Fz"]

@@ -98,8 +98,10 @@ def test_a_way_back_where_home_has_none_and_one_that_cannot_be_simulated():
     def run(tasks):
         away = [len(t.case.programme.time_s) > 3 for t in tasks]  # a rest
         known = iter(toy.run([t for t, a in zip(tasks, away, strict=True) if not a]))
-        return [Failed("", t.values, t.case, "not_supported", "no rests") if a else next(known)
-                for t, a in zip(tasks, away, strict=True)]  # fmt: skip
+        return [
+            Failed("", t.values, t.case, "not_supported", "no rests") if a else next(known)
+            for t, a in zip(tasks, away, strict=True)
+        ]
 
     library, without = (build(toy.base(), plan, toy.effects("g", "soften", "stiff"), f) for f in (toy.run, run))
     assert {e.name for e in without.effects} == {"soften", "stiff", "g"} and without.failed

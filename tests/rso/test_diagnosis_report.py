@@ -203,16 +203,24 @@ def test_the_line_through_a_residual_is_what_the_cause_takes_up_of_it():
         for branch in (0, 1):
             k = s.branch == branch
             want = f * (record.base - record.cause)[k]
-            assert any(len(line.get_ydata()) == k.sum() and abs(line.get_ydata() - want).max() < 1e-9 * f
-                       for line in right.lines if line.get_color() == names["friction"])  # fmt: skip
+            assert any(
+                len(line.get_ydata()) == k.sum() and abs(line.get_ydata() - want).max() < 1e-9 * f
+                for line in right.lines
+                if line.get_color() == names["friction"]
+            )
 
 
 @pytest.mark.parametrize("kind", ["profile", "hold"])
 def test_a_signature_of_marks_and_of_a_hold_is_drawn_over_what_its_residual_is(kind):
     found = story("ambiguous")
     name = "profile" if kind == "profile" else "cycle_100"
-    found["diagnosis"]["where"] = [{"experiment": name, "channel": "uz" if kind == "profile" else "Fz",
-                                    "region": "profile at 4 mm" if kind == "profile" else "held 1–4 s"}]  # fmt: skip
+    found["diagnosis"]["where"] = [
+        {
+            "experiment": name,
+            "channel": "uz" if kind == "profile" else "Fz",
+            "region": "profile at 4 mm" if kind == "profile" else "held 1–4 s",
+        }
+    ]
     for r in (*found["residuals"], *found["signatures"]):
         if kind == "hold" and (r["experiment"], r["channel"]) == (name, "Fz"):
             n = len(r["depth"])
@@ -257,8 +265,13 @@ def test_what_scatters_has_no_line_and_what_did_not_hold_is_said_not_to():
 
 def test_keys_of_many_hypotheses_with_long_names_stay_on_the_page():
     found = story("ambiguous")
-    names = ["offset_y at (2.5, 2.5) + bowl_clearance", "offset_y at (2.5, 2.5)", "bowl_clearance",
-             "compliance at (20, 0)", "inclusion_ratio"]  # fmt: skip
+    names = [
+        "offset_y at (2.5, 2.5) + bowl_clearance",
+        "offset_y at (2.5, 2.5)",
+        "bowl_clearance",
+        "compliance at (20, 0)",
+        "inclusion_ratio",
+    ]
     for r in found["residuals"]:
         r["residual"][names[0]] = r["residual"].pop("friction")
     for r in found["signatures"]:

@@ -34,8 +34,9 @@ class Zoomed(toy.Toy):
         small = lambda v: tuple(round(x / k, 12) for x in v)  # noqa: E731
         settings = {**case.settings, "earlier": case.settings.get("earlier", 0.0) / k}
         v = {**values, "tau": values["tau"] / k} if "tau" in values else values
-        r = super().__call__(v, Case(case.name, Programme(small(p.time_s), small(p.travel_mm), small(p.asked_mm)),
-                                     settings))  # fmt: skip
+        r = super().__call__(
+            v, Case(case.name, Programme(small(p.time_s), small(p.travel_mm), small(p.asked_mm)), settings)
+        )
         goal = np.array(p.asked_mm)
         travel = goal[np.argmin(np.abs(k * r.channels["travel"][:, None] - goal), axis=1)]
         time = k * r.channels["time"]
@@ -91,9 +92,20 @@ def test_the_usual_lengths_are_those_of_a_plan_of_four_to_six_millimetres():
 
 @pytest.mark.parametrize(
     ("deepest", "scale"),
-    [(4.0, 1.0), (6.2, 1.0), (3.25, 1.0), (6.5, 2.0), (3.2, 0.4), (8.0, 2.0), (30.0, 4.0), (0.3, 0.04), (0.2, 0.04),
-     (0.005, 0.001), (100.0, 20.0)],
-)  # fmt: skip
+    [
+        (4.0, 1.0),
+        (6.2, 1.0),
+        (3.25, 1.0),
+        (6.5, 2.0),
+        (3.2, 0.4),
+        (8.0, 2.0),
+        (30.0, 4.0),
+        (0.3, 0.04),
+        (0.2, 0.04),
+        (0.005, 0.001),
+        (100.0, 20.0),
+    ],
+)
 def test_lengths_count_by_a_round_number(deepest, scale):
     assert scale_of(deepest) == scale
     assert scale_of(deepest * 1.001) == scale

@@ -31,14 +31,18 @@ def case(of: str) -> tuple[Library, Diagnosis]:
     """Repeats, a cycle, lateral forces, a hold, marks and a curve kept for validation."""
     truth, chain = {**toy.TRUTH, **PLANTED[of][0]}, PLANTED[of][1]
     rng = np.random.default_rng(3)
-    plan = make_plan([
-        toy.experiment("load", toy.recorded(truth, rng, repeats=3, **chain)),
-        toy.experiment("cycle", toy.recorded(truth, rng, unload=True, earlier=4.0, **chain), after=("load",)),
-        toy.experiment("side", toy.recorded(truth, rng, point=(10.0, 0.0), lateral=True, **chain), point=(10.0, 0.0)),
-        toy.experiment("rest", toy.recorded(truth, rng, hold=60.0, **chain)),
-        toy.experiment("marks", marks(truth, rng)),
-        toy.experiment("deep", toy.recorded(truth, rng, peak=6.0, **chain), role="validate"),
-    ])  # fmt: skip
+    plan = make_plan(
+        [
+            toy.experiment("load", toy.recorded(truth, rng, repeats=3, **chain)),
+            toy.experiment("cycle", toy.recorded(truth, rng, unload=True, earlier=4.0, **chain), after=("load",)),
+            toy.experiment(
+                "side", toy.recorded(truth, rng, point=(10.0, 0.0), lateral=True, **chain), point=(10.0, 0.0)
+            ),
+            toy.experiment("rest", toy.recorded(truth, rng, hold=60.0, **chain)),
+            toy.experiment("marks", marks(truth, rng)),
+            toy.experiment("deep", toy.recorded(truth, rng, peak=6.0, **chain), role="validate"),
+        ]
+    )
     library = build(toy.base(axes=False), plan, toy.effects(*NAMES), toy.run)
     return library, diagnose(library, 0, nulls=60)
 
@@ -68,8 +72,10 @@ def test_the_signature_of_the_chosen_one_is_what_it_takes_up_of_every_residual(o
             assert r.get(key) == s.get(key)
         taken = np.subtract(r["residual"]["none"], r["residual"][d.chosen.name])
         np.testing.assert_allclose(s["added"][d.chosen.name], taken, atol=1e-5 * np.abs(taken).max())
-    sizes = [sum(len(json.dumps(v)) for r in rows for v in r[key].values())
-             for rows, key in ((left, "residual"), (added, "added"))]  # fmt: skip
+    sizes = [
+        sum(len(json.dumps(v)) for r in rows for v in r[key].values())
+        for rows, key in ((left, "residual"), (added, "added"))
+    ]
     assert sizes[1] < 0.7 * sizes[0] * len(added[0]["added"]) / 2  # digits that nobody can see are not kept
 
 
@@ -109,8 +115,9 @@ def test_a_hypothesis_that_fell_keeps_its_signature():
     library, d = case("stiff")
     rest = Hypothesis((), True)
     fits = {"none": d.fits["none"], rest.name: d.fits["none"]}
-    fallen = dataclasses.replace(d, chosen=rest, named=(), fits=fits,
-                                 posteriors={**d.posteriors, rest.name: d.posteriors["none"]})  # fmt: skip
+    fallen = dataclasses.replace(
+        d, chosen=rest, named=(), fits=fits, posteriors={**d.posteriors, rest.name: d.posteriors["none"]}
+    )
     before, after = signatures(library, d), signatures(library, fallen)
     assert {"stiff", "twin"} < set(after[0]["added"])
     for b, a in zip(before, after, strict=True):

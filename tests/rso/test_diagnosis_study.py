@@ -115,8 +115,11 @@ def test_parameters_that_a_run_found_are_the_model_before(tmp_path, wrong):
     asked = ask(load(write(tmp_path / "toy")))
     best = {"name": "search 2", "values": {"mu": 0.011, "D1": 40.0}}
     search = {"name": "search", "candidates": [{"name": "search 1", "values": {"mu": 0.02, "D1": 20.0}}, best]}
-    found = {"backend": {"settings": dict(asked.study.backend.settings)}, "searches": [search],
-             "best": {"search": "search", "candidate": "search 2"}}  # fmt: skip
+    found = {
+        "backend": {"settings": dict(asked.study.backend.settings)},
+        "searches": [search],
+        "best": {"search": "search", "candidate": "search 2"},
+    }
     if wrong == "settings":
         found["backend"]["settings"]["law"] = "yeoh"
     if wrong == "candidate":

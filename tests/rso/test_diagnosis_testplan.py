@@ -121,8 +121,13 @@ def test_time_in_a_hold_counts_from_where_the_machine_stopped_between_two_readin
     (r,) = toy.recorded(toy.TRUTH, rng(), hold=10.0, unload=True)
     top = int(np.argmax(r.segment != "loading")) - 1
     dropped = np.delete(np.arange(len(r.depth)), top)
-    cut = dataclasses.replace(r, depth=r.depth[dropped], time=r.time[dropped], segment=r.segment[dropped],
-                              channels={c: v[dropped] for c, v in r.channels.items()})  # fmt: skip
+    cut = dataclasses.replace(
+        r,
+        depth=r.depth[dropped],
+        time=r.time[dropped],
+        segment=r.segment[dropped],
+        channels={c: v[dropped] for c, v in r.channels.items()},
+    )
     (whole,), (test,) = (make_plan([toy.experiment("a", (v,))]).tests for v in (r, cut))
     # toy.recorded has no noise in its depths and times
     np.testing.assert_allclose(test.since[test.held], whole.since[whole.held], rtol=0.0, atol=1e-9)
@@ -170,8 +175,13 @@ def test_the_way_back_after_a_hold_is_used_where_times_tell_how_long_it_was(seco
     put = lambda v: np.concatenate([v[:top], np.full(4, v[top - 1]), v[top:]])  # noqa: E731
     time = np.concatenate([r.time[:top], r.time[top - 1] + pause, r.time[top:] + pause[-1]])
     segment = np.array([*["loading"] * top, *["hold"] * 4, *["unloading"] * (len(r.depth) - top)])
-    held = dataclasses.replace(r, depth=put(r.depth), time=None if seconds is None else time, segment=segment,
-                               channels={c: put(v) for c, v in r.channels.items()})  # fmt: skip
+    held = dataclasses.replace(
+        r,
+        depth=put(r.depth),
+        time=None if seconds is None else time,
+        segment=segment,
+        channels={c: put(v) for c, v in r.channels.items()},
+    )
     plan = make_plan([toy.experiment("a", (held,))])
     assert plan.tests[0].returns == kept and bool(plan.places[0].peaks) == kept
     assert any("way back" in note for note in plan.notes) != kept
@@ -195,10 +205,12 @@ def test_a_pause_on_the_way_back_is_no_slow_way_and_air_before_contact_no_loadin
     n, speed = 200, 0.5
     air = {c: np.concatenate([np.zeros(n), v]) for c, v in r.channels.items()}
     late = dataclasses.replace(
-        r, depth=np.concatenate([np.linspace(-50.0, -0.1, n), r.depth]), channels=air,
+        r,
+        depth=np.concatenate([np.linspace(-50.0, -0.1, n), r.depth]),
+        channels=air,
         time=np.concatenate([np.linspace(0.0, 100.0, n), 100.1 + r.time]),
         segment=np.concatenate([["loading"] * n, r.segment]),
-    )  # fmt: skip
+    )
     for record in (paused, late):
         (test,) = make_plan([toy.experiment("a", (record,), speed=speed)]).tests
         assert test.pace == 1.0 and test.rest == pytest.approx(5.0, rel=0.03)
@@ -258,8 +270,17 @@ def test_a_profile_alone_is_no_diagnosis():
 # ------------------------------------------------------------------------------------------------------------ noise
 
 
-def synthetic(n: int, seed: int, white: float = 2e-3, gain: float = 0.0, contact: float = 0.0, sd: float = 0.0,
-              length: float = 1.0, shape=lambda u: 0.03 * u**1.5, readings: int = 120):  # fmt: skip
+def synthetic(
+    n: int,
+    seed: int,
+    white: float = 2e-3,
+    gain: float = 0.0,
+    contact: float = 0.0,
+    sd: float = 0.0,
+    length: float = 1.0,
+    shape=lambda u: 0.03 * u**1.5,
+    readings: int = 120,
+):
     """n repeats of one smooth curve with noise of known law."""
     g, repeats = rng(seed), []
     u = np.linspace(4 / readings, 4, readings)
@@ -363,10 +384,13 @@ def test_covariance_is_that_of_readings_with_such_noise():
     L = np.linalg.cholesky(K)
     growing = 0.015 * (np.tile(test.depth, 2) / plan.places[0].deepest) ** 8 * F
     world = np.linalg.cholesky(
-        np.outer(growing, growing) + q.contact**2 * np.outer(slope, slope) + 0.005**2 * np.outer(F, F)
+        np.outer(growing, growing)
+        + q.contact**2 * np.outer(slope, slope)
+        + 0.005**2
+        * np.outer(F, F)
         * np.exp(-0.5 * ((np.tile(test.depth, 2)[:, None] - np.tile(test.depth, 2)) / (0.35 * 4)) ** 2)
         + 1e-14 * np.eye(n)
-    )  # fmt: skip
+    )
     for _ in range(20_000):
         parts = []
         for k in range(2):
@@ -407,7 +431,12 @@ def test_bins_lie_on_the_curve_however_unevenly_it_was_read(how):
 def test_a_way_back_that_has_hardly_begun_is_no_branch():
     (r,) = toy.recorded(toy.TRUTH, rng(), unload=True)
     few = int(np.argmax(r.depth)) + 6
-    begun = dataclasses.replace(r, depth=r.depth[:few], time=r.time[:few], segment=r.segment[:few],
-                                channels={c: v[:few] for c, v in r.channels.items()})  # fmt: skip
+    begun = dataclasses.replace(
+        r,
+        depth=r.depth[:few],
+        time=r.time[:few],
+        segment=r.segment[:few],
+        channels={c: v[:few] for c, v in r.channels.items()},
+    )
     plan = make_plan([toy.experiment("a", (begun,))])
     assert not plan.tests[0].returns and plan.places[0].peaks == () and "hardly begun" in plan.notes[0]

@@ -21,9 +21,14 @@ from rso.discrepancy.wording import _alone, _cause, _gap, _named, _remainder, _s
 STIFF, SKIN = toy.effects("stiff", "skin")
 BIAS, SCATTER = toy.effects("bias", "offset_each")
 EVERY = (
-    Hypothesis(()), Hypothesis((STIFF,)), Hypothesis((SKIN,)), Hypothesis((BIAS,)), Hypothesis((STIFF,), True),
-    Hypothesis((STIFF, SKIN)), Hypothesis((), True),
-)  # fmt: skip
+    Hypothesis(()),
+    Hypothesis((STIFF,)),
+    Hypothesis((SKIN,)),
+    Hypothesis((BIAS,)),
+    Hypothesis((STIFF,), True),
+    Hypothesis((STIFF, SKIN)),
+    Hypothesis((), True),
+)
 
 
 def contest(**log_evidence: float) -> Contest:
@@ -67,8 +72,10 @@ def test_a_size_beyond_what_is_plausible_is_noticed_in_pairs_with_scatter_too():
 
 def test_the_share_closed_of_a_gap_in_one_curve_has_an_interval_that_means_something():
     """Resamples without that curve have no gap, and a share of nothing is none: not in the millions, not 224 %."""
-    curves = [Gap(f"curve {k}", "N", 30.0 if k == 0 else 0.97, 30.0, 2.0 if k == 0 else 1.1, (0.0, 0.0, 0.0))
-              for k in range(5)]  # fmt: skip
+    curves = [
+        Gap(f"curve {k}", "N", 30.0 if k == 0 else 0.97, 30.0, 2.0 if k == 0 else 1.1, (0.0, 0.0, 0.0))
+        for k in range(5)
+    ]
     found = summarise(curves, [40] * 5, "each left out", 1)
     low, high = found.interval
     assert 0.9 < low <= found.closed < high < 1.0 + 1e-9
@@ -89,8 +96,10 @@ def test_a_change_that_noise_makes_has_an_interval_that_holds_nothing():
         a, b = rng.standard_normal((2, 3)) / np.sqrt(4 * n)
         y = rng.standard_normal((3, n))
         G = [(np.mean((v - s) ** 2), np.mean((v - t) ** 2)) for v, s, t in zip(y, a, b, strict=True)]
-        curves = [Gap("", "N", g, w, w, (0.0, 0.0, 0.0), 2 * abs(t - s) / np.sqrt(n))
-                  for (g, w), s, t in zip(G, a, b, strict=True)]  # fmt: skip
+        curves = [
+            Gap("", "N", g, w, w, (0.0, 0.0, 0.0), 2 * abs(t - s) / np.sqrt(n))
+            for (g, w), s, t in zip(G, a, b, strict=True)
+        ]
         found = summarise(curves, [n] * 3, "", len(holds))
         if found.closed is not None:
             holds.append(found.interval[0] <= 0 <= found.interval[1])
@@ -162,8 +171,7 @@ def test_an_unusual_plan_has_a_story(what):
 
 def test_one_cause_and_what_is_in_no_catalogue_are_named_as_such():
     """Nine in ten for one cause and the rest for none of them: there is nothing else to tell it apart from."""
-    d = {"verdict": "ambiguous", "ambiguous_with": [["skin"]],
-         "causes": [{"effect": "skin", "probability": 0.92}]}  # fmt: skip
+    d = {"verdict": "ambiguous", "ambiguous_with": [["skin"]], "causes": [{"effect": "skin", "probability": 0.92}]}
     said = _cause(d, {"effects": [{"name": "skin", "description": "stiffness of a skin"}]})
     assert "stiffness of a skin, or something that is not in the catalogue" in said
     assert "cannot be told apart" not in said
@@ -171,8 +179,11 @@ def test_one_cause_and_what_is_in_no_catalogue_are_named_as_such():
 
 def test_beside_causes_that_cannot_be_told_apart_it_is_said_how_probable_none_is():
     """Two that hold 28 % together sound like a finding, where no gap at all has more than both."""
-    d = {"verdict": "ambiguous", "ambiguous_with": [["skin", "gain"]],
-         "causes": [{"effect": "skin", "probability": 0.999}, {"effect": "gain", "probability": 0.004}]}  # fmt: skip
+    d = {
+        "verdict": "ambiguous",
+        "ambiguous_with": [["skin", "gain"]],
+        "causes": [{"effect": "skin", "probability": 0.999}, {"effect": "gain", "probability": 0.004}],
+    }
     effects = [{"name": n, "description": n} for n in ("skin", "gain")]
     said = _cause(d, {"effects": effects})
     assert said == "Cause: cannot be told apart with these data: skin (> 99 %), gain (< 1 %)."
@@ -189,9 +200,12 @@ def test_beside_causes_that_cannot_be_told_apart_it_is_said_how_probable_none_is
 
 def test_a_named_cause_that_the_plan_cannot_show_is_said_to_be_one():
     """One cause of four was named with 6 % on a page that listed it among what these data could not have shown."""
-    d = {"verdict": "ambiguous", "ambiguous_with": [["friction", "skin"]],
-         "causes": [{"effect": n, "cause": n, "probability": 0.4} for n in ("skin", "friction")],
-         "detectable": [{"effect": n, "visible": n == "skin"} for n in ("skin", "friction")]}  # fmt: skip
+    d = {
+        "verdict": "ambiguous",
+        "ambiguous_with": [["friction", "skin"]],
+        "causes": [{"effect": n, "cause": n, "probability": 0.4} for n in ("skin", "friction")],
+        "detectable": [{"effect": n, "visible": n == "skin"} for n in ("skin", "friction")],
+    }
     effects = [{"name": n, "label": f"some {n}", "description": n, "source": n} for n in ("skin", "friction")]
     assert "some skin (40 %), some friction (40 %, hardly to be seen here)." in _cause(d, {"effects": effects})
 
@@ -199,9 +213,13 @@ def test_a_named_cause_that_the_plan_cannot_show_is_said_to_be_one():
 def test_parameters_are_said_one_by_one_in_the_units_of_people():
     """The modulus moved by 6 % and D1 by a factor of five, of which nothing was said."""
     band = lambda *v: dict(zip(("low", "median", "high"), v, strict=True))  # noqa: E731
-    d = {"verdict": "explained",
-         "parameters": {"before": {"mu": band(0.01392, 0.01416, 0.01439), "D1": band(15.0, 22.6, 31.0)},
-                        "after": {"mu": band(0.01299, 0.01328, 0.01355), "D1": band(1.3, 4.77, 10.6)}}}  # fmt: skip
+    d = {
+        "verdict": "explained",
+        "parameters": {
+            "before": {"mu": band(0.01392, 0.01416, 0.01439), "D1": band(15.0, 22.6, 31.0)},
+            "after": {"mu": band(0.01299, 0.01328, 0.01355), "D1": band(1.3, 4.77, 10.6)},
+        },
+    }
     units = {"units": {"mu": "MPa", "D1": "1/MPa"}, "effects": [{"name": "friction", "label": "rubbing"}]}
     assert about(d, units) == [
         "mu moves from 14.16 kPa (90 % 13.92 to 14.39) to 13.28 kPa (90 % 12.99 to 13.55).",
@@ -218,9 +236,15 @@ def test_how_well_a_parameter_is_known_is_said_with_what_that_hangs_on():
     """
     band = lambda *v: dict(zip(("low", "median", "high"), v, strict=True))  # noqa: E731
     found = {"units": {"mu": "MPa"}, "effects": [{"name": "compliance", "label": "compliant load train"}]}
-    d = {"verdict": "no_gap", "reach": {"mu": {"by": ["compliance"], "without": band(0.0097, 0.01, 0.0103)}},
-         "parameters": {"before": {"mu": band(0.0097, 0.01, 0.0103)}, "after": {"mu": band(0.0096, 0.0102, 0.012)},
-                        "if_nothing_else": {"mu": band(0.0098, 0.01, 0.0102)}}}  # fmt: skip
+    d = {
+        "verdict": "no_gap",
+        "reach": {"mu": {"by": ["compliance"], "without": band(0.0097, 0.01, 0.0103)}},
+        "parameters": {
+            "before": {"mu": band(0.0097, 0.01, 0.0103)},
+            "after": {"mu": band(0.0096, 0.0102, 0.012)},
+            "if_nothing_else": {"mu": band(0.0098, 0.01, 0.0102)},
+        },
+    }
     assert about(d, found) == [
         "mu is 10.2 kPa (90 % 9.6 to 12). It is known to 3 % (9.7 to 10.3 kPa) without compliant load train, else "
         "known to 12 % (9.6 to 12 kPa): the data neither show nor exclude it."
@@ -259,8 +283,15 @@ def test_repeats_that_differ_by_more_than_expected_are_spoken_of():
 
 def test_without_a_gap_no_cause_is_said_to_have_shrunk_it():
     """Nothing was added: a third number would be the second one, of other draws."""
-    s = {"how": "validate curves", "before": 0.63, "refit_only": 0.62, "with_cause": 0.61, "closed": None,
-         "interval": None, "curves": [{"curve": "deep", "cause": ["skin"]}]}  # fmt: skip
+    s = {
+        "how": "validate curves",
+        "before": 0.63,
+        "refit_only": 0.62,
+        "with_cause": 0.61,
+        "closed": None,
+        "interval": None,
+        "curves": [{"curve": "deep", "cause": ["skin"]}],
+    }
     none = _shrinkage({"verdict": "no_gap", "shrinkage": s, "chosen": []}, {})
     assert "0.63 before, 0.62 after a re-fit alone (noise floor 1)" in none and "cause" not in none
     some = _shrinkage({"verdict": "partly", "shrinkage": s, "chosen": ["skin"]}, {})
@@ -268,8 +299,15 @@ def test_without_a_gap_no_cause_is_said_to_have_shrunk_it():
 
 
 def test_without_a_cause_none_is_said_to_have_shrunk_the_gap():
-    s = {"how": "each", "before": 14.24, "refit_only": 14.23, "with_cause": 14.23, "closed": -1e-4,
-         "interval": [-2e-3, 2e-3], "curves": [{"curve": "deep", "cause": []}]}  # fmt: skip
+    s = {
+        "how": "each",
+        "before": 14.24,
+        "refit_only": 14.23,
+        "with_cause": 14.23,
+        "closed": -1e-4,
+        "interval": [-2e-3, 2e-3],
+        "curves": [{"curve": "deep", "cause": []}],
+    }
     none = _shrinkage({"verdict": "unexplained", "shrinkage": s, "chosen": []}, {})
     assert "14.23 after a re-fit alone (noise floor 1): 0 % closed (90 %: 0 %)" in none and "cause" not in none
 
@@ -279,8 +317,15 @@ def test_without_a_cause_none_is_said_to_have_shrunk_the_gap():
     [(0.0, None, True), (0.2, [0.1, 0.4], True), (0.4, [0.2, 0.7], False), (0.9, None, False)],
 )
 def test_a_cause_that_leaves_the_gap_of_curves_without_a_say_is_said_to(closed, interval, said):
-    s = {"how": "those with role validate", "before": 8.24, "refit_only": 8.25, "with_cause": 8.24 - 7.24 * closed,
-         "closed": closed, "interval": interval, "curves": [{"curve": "side"}]}  # fmt: skip
+    s = {
+        "how": "those with role validate",
+        "before": 8.24,
+        "refit_only": 8.25,
+        "with_cause": 8.24 - 7.24 * closed,
+        "closed": closed,
+        "interval": interval,
+        "curves": [{"curve": "side"}],
+    }
     words = _shrinkage({"verdict": "measurement", "shrinkage": s, "chosen": ["offset_x"]}, {})
     assert ("leaves most of the gap of curves that had no say" in words) == said
     assert "no say" not in _shrinkage({"verdict": "unexplained", "shrinkage": s, "chosen": []}, {})
@@ -296,8 +341,16 @@ def test_a_gap_that_no_region_shows_is_spread_or_of_single_curves(family, words)
 
 
 def test_a_factor_of_every_test_that_is_a_part_may_be_the_specimen_s_too():
-    c = {"effect": "gain_each", "probability": 0.99, "size": 0.1, "interval": [0.05, 0.2], "unit": "1", "neutral": 0.0,
-         "railed": False, "like_a_modulus": True}  # fmt: skip
+    c = {
+        "effect": "gain_each",
+        "probability": 0.99,
+        "size": 0.1,
+        "interval": [0.05, 0.2],
+        "unit": "1",
+        "neutral": 0.0,
+        "railed": False,
+        "like_a_modulus": True,
+    }
     d = {"verdict": "partly", "causes": [c], "ambiguous_with": [], "chosen": ["gain_each"]}
     found = {"effects": [{"name": "gain_each", "description": "gain of each curve"}]}
     assert _cause(d, found).endswith("A modulus that differs from test to test does the same.")
@@ -314,8 +367,10 @@ def test_without_any_force_no_modulus_is_known_to_predict_forces_with():
     assert d.shrinkage.how.startswith("each left out in turn where forces remain beside it, the cause")
 
 
-@pytest.mark.parametrize(("low", "high", "words"), [(4.1e-3, 4.7e-3, "stiffer"), (1.2e-3, 1.9e-3, "softer"),
-                                                     (3.9e-3, 4.7e-3, None), (1e-3, 9e-3, None)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("low", "high", "words"),
+    [(4.1e-3, 4.7e-3, "stiffer"), (1.2e-3, 1.9e-3, "softer"), (3.9e-3, 4.7e-3, None), (1e-3, 9e-3, None)],
+)
 def test_a_modulus_beyond_the_range_of_the_study_is_said(low, high, words):
     """Without a gap too: a body that is stiffer as a whole shows in nothing but its modulus."""
     now = {"mu": {"low": low, "median": 0.5 * (low + high), "high": high}}
@@ -334,10 +389,13 @@ def test_a_share_that_says_nothing_of_what_differs_from_curve_to_curve_is_said_t
     assert _alone(d | {"shrinkage": {"curves": [{}]}}, {"effects": [{"name": "gain_each"}]}) == ""
 
 
-@pytest.mark.parametrize(("points", "words"), [
-    ([[0, 0], [0, 0], [0, 0]], "Ask what differs between it and load, deep at the same point."),
-    ([[9, 0], [0, 0], [0, 0]], "Ask what is special about it: that place of the body, or that test."),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        ([[0, 0], [0, 0], [0, 0]], "Ask what differs between it and load, deep at the same point."),
+        ([[9, 0], [0, 0], [0, 0]], "Ask what is special about it: that place of the body, or that test."),
+    ],
+)
 def test_the_odd_one_is_told_and_asked_about(points, words):
     d = {"verdict": "unexplained", "causes": [], "odd": {"experiment": "cycle", "probability": 0.97}}
     names = ("cycle", "load", "deep")
@@ -346,16 +404,35 @@ def test_the_odd_one_is_told_and_asked_about(points, words):
     said = _cause(d, found)
     assert "It is in cycle alone (97 %), the others agree with the model." in said and said.endswith(words)
     assert "alone" not in _cause(d, {**found, "diagnosis": d | {"odd": None}})
-    region = {"experiment": "cycle", "channel": "Fx", "region": "loading", "z": -9.0, "amplitude": -0.02,
-              "amplitude_sd": 0.001, "share": 1.0, "beyond_noise": True, "of_largest": True}  # fmt: skip
-    assert "Measured against what all data but those of cycle predict: cycle Fx loading (-2.0 ± 0.1 % of the largest " \
-        "force)." in _where(d | {"where": [region]}, found)  # fmt: skip
+    region = {
+        "experiment": "cycle",
+        "channel": "Fx",
+        "region": "loading",
+        "z": -9.0,
+        "amplitude": -0.02,
+        "amplitude_sd": 0.001,
+        "share": 1.0,
+        "beyond_noise": True,
+        "of_largest": True,
+    }
+    assert (
+        "Measured against what all data but those of cycle predict: cycle Fx loading (-2.0 ± 0.1 % of the largest "
+        "force)." in _where(d | {"where": [region]}, found)
+    )
     assert "what all other data predict" in _where(d | {"where": [region], "odd": None}, found)
 
 
 def test_what_one_experiment_alone_can_show_is_said_to_be_unconfirmed():
-    c = {"effect": "turn", "probability": 0.99, "size": 9.0, "interval": [8.0, 10.0], "unit": "deg", "neutral": 0.0,
-         "railed": False, "like_a_modulus": False}  # fmt: skip
+    c = {
+        "effect": "turn",
+        "probability": 0.99,
+        "size": 9.0,
+        "interval": [8.0, 10.0],
+        "unit": "deg",
+        "neutral": 0.0,
+        "railed": False,
+        "like_a_modulus": False,
+    }
     d = {"verdict": "measurement", "causes": [c], "ambiguous_with": [], "chosen": ["turn"]}
     rows = [{"experiment": "side", "gain": {"none": 0.0}}, {"experiment": "top", "gain": {"none": 0.0, "turn": 0.1}}]
     found = {"effects": [{"name": "turn", "description": "a turn"}], "held_out": rows}
@@ -398,8 +475,16 @@ def test_a_mount_that_creeps_may_be_a_body_that_does():
         h = (Hypothesis(()), Hypothesis((effect,)), Hypothesis((), True))
         told = judge(Contest(h, np.array([0.0, 30.0, 1.0]), np.log([0.8, 0.1, 0.1])), True)
         assert (told.verdict, told.named) == (verdict, (effect.name,))
-    c = {"effect": "creep", "probability": 0.998, "size": 0.36, "interval": [0.27, 0.46], "unit": "mm/N",
-         "neutral": 0.0, "railed": False, "like_a_body": True}  # fmt: skip
+    c = {
+        "effect": "creep",
+        "probability": 0.998,
+        "size": 0.36,
+        "interval": [0.27, 0.46],
+        "unit": "mm/N",
+        "neutral": 0.0,
+        "railed": False,
+        "like_a_body": True,
+    }
     d = {"verdict": "ambiguous", "ambiguous_with": [["creep"]], "causes": [c]}
     said = _cause(d, {"effects": [{"name": "creep", "description": "creep compliance"}]})
     assert "poroelasticity" in said and "creep = 0.36 mm/N" in said and "rigid block" in said
@@ -413,8 +498,16 @@ def test_what_gives_way_at_one_place_may_be_a_soft_spot_of_the_body():
         h = (Hypothesis(()), Hypothesis((effect,)), Hypothesis((), True))
         told = judge(Contest(h, np.array([0.0, 30.0, 1.0]), np.log([0.8, 0.1, 0.1])), True)
         assert told.verdict == ("ambiguous" if effect.place else "measurement")
-    c = {"effect": "compliance at (10, 0)", "probability": 0.99, "size": 0.52, "interval": [0.34, 0.72], "unit": "mm/N",
-         "neutral": 0.0, "railed": False, "like_a_spot": True}  # fmt: skip
+    c = {
+        "effect": "compliance at (10, 0)",
+        "probability": 0.99,
+        "size": 0.52,
+        "interval": [0.34, 0.72],
+        "unit": "mm/N",
+        "neutral": 0.0,
+        "railed": False,
+        "like_a_spot": True,
+    }
     d = {"verdict": "ambiguous", "ambiguous_with": [["compliance at (10, 0)"]], "causes": [c]}
     said = _cause(d, {"effects": [{"name": "compliance at (10, 0)", "description": "load-train compliance"}]})
     assert "softer spot" in said and "inclusion" in said and "compliance at (10, 0) = 0.52 mm/N" in said
@@ -437,8 +530,11 @@ def test_two_signs_with_nothing_between_are_two_intervals():
 @pytest.mark.parametrize("of", ["through", "few", "variant"])
 def test_one_interval_where_sizes_go_through_neutral_or_hardly_any_has_the_other_sign(of):
     rng = np.random.default_rng(0)
-    at = {"through": rng.normal(0.1, 0.3, 4000), "few": np.append(rng.normal(-2.0, 0.1, 3990), [2.0] * 10),
-          "variant": np.append(np.full(2000, -2.0), np.full(2000, 2.0))}[of]  # fmt: skip
+    at = {
+        "through": rng.normal(0.1, 0.3, 4000),
+        "few": np.append(rng.normal(-2.0, 0.1, 3990), [2.0] * 10),
+        "variant": np.append(np.full(2000, -2.0), np.full(2000, 2.0)),
+    }[of]
     size = dataclasses.replace(STIFF.size, neutral=None) if of == "variant" else STIFF.size
     said, levels, otherwise = _sides(dataclasses.replace(STIFF, size=size), at, at)
     assert said.all() and levels == pytest.approx((0.05, 0.5, 0.95)) and otherwise is None

@@ -276,11 +276,24 @@ def test_conditions_are_read_and_say_by_how_much_they_are_violated():
 @pytest.mark.parametrize(
     "text",
     [
-        "mu", "mu == 1", "nu < 1", "__import__('os').system('true') < 1", "mu.real < 1", "mu[0] < 1", "1 < 2", "mu <",
-        "(lambda: mu)() < 1", "mu < 1 and mu > 0", "mu < True", "open(mu) < 1", "mu < 1e400", "mu < '1'", "(" * 150,
+        "mu",
+        "mu == 1",
+        "nu < 1",
+        "__import__('os').system('true') < 1",
+        "mu.real < 1",
+        "mu[0] < 1",
+        "1 < 2",
+        "mu <",
+        "(lambda: mu)() < 1",
+        "mu < 1 and mu > 0",
+        "mu < True",
+        "open(mu) < 1",
+        "mu < 1e400",
+        "mu < '1'",
+        "(" * 150,
         "mu < " + "9" * 400,
     ],
-)  # fmt: skip
+)
 def test_whatever_is_no_inequality_is_refused_and_not_executed(text):
     with pytest.raises(ValueError):
         read_condition(text, ("mu", "D1"))

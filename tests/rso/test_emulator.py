@@ -72,9 +72,11 @@ def test_what_a_response_says_about_one_travel():
     travel = np.array([0.5, 1.0])
     channels = {"time": travel, "travel": travel, "Fz": np.array([1.0, 3.0])}
     response = Response(
-        channels, {"time": "s", "travel": "mm", "Fz": "N"}, {"Fz": np.array([0.1, 0.2])},
+        channels,
+        {"time": "s", "travel": "mm", "Fz": "N"},
+        {"Fz": np.array([0.1, 0.2])},
         {"mu": {"Fz": np.array([10.0, 30.0])}, "D1": {}},
-    )  # fmt: skip
+    )
     o = Output("top", "Fz", 1.0, "N")
     assert (o.read(response), o.error(response), o.gradient(response)) == (3.0, 0.2, {"mu": 30.0})
     with pytest.raises(KeyError, match="holds travels"):

@@ -16,17 +16,27 @@ from rso.optimise.targets import Constraint, Target, against, within
 from rso.optimise.verification import agreement
 from rso.study import StudyError, load
 
-FE = {"verified": True, "meets": True, "state": "done", "name": "main 1", "worst": "e:Fz@1", "agreement": 0.2,
-      "values": {"k": 1.0}, "demands": [],
-      "outputs": [{"output": "e:Fz@1", "predicted": 1.0, "recomputed": 1.25}]}  # fmt: skip
+FE = {
+    "verified": True,
+    "meets": True,
+    "state": "done",
+    "name": "main 1",
+    "worst": "e:Fz@1",
+    "agreement": 0.2,
+    "values": {"k": 1.0},
+    "demands": [],
+    "outputs": [{"output": "e:Fz@1", "predicted": 1.0, "recomputed": 1.25}],
+}
 GOOD = {
-    "searches": [{"name": "main", "verified": True, "met": True, "candidates": [FE], "story": ""}], "closest": None,
-    "verify": {"tolerance": 0.005}, "outputs": [{"id": "e:Fz@1", "unit": "N"}], "determined": {"k": {
-        "determined": True, "story": "k is open."}},
-    "predictions": [{"experiment": "v", "verdict": "yes", "channels": [],
-        "p_value": 0.5, "why": None}], "experiments": [{"name": "v", "role": "validate"}],
+    "searches": [{"name": "main", "verified": True, "met": True, "candidates": [FE], "story": ""}],
+    "closest": None,
+    "verify": {"tolerance": 0.005},
+    "outputs": [{"id": "e:Fz@1", "unit": "N"}],
+    "determined": {"k": {"determined": True, "story": "k is open."}},
+    "predictions": [{"experiment": "v", "verdict": "yes", "channels": [], "p_value": 0.5, "why": None}],
+    "experiments": [{"name": "v", "role": "validate"}],
     "runs": [{"key": "1", "state": "done", "purpose": "design", "values": {}, "reason": None}],
-}  # fmt: skip
+}
 
 
 def changed(**what):
@@ -48,8 +58,13 @@ def changed(**what):
 
 def test_the_first_reason_in_the_order_4_6_5_7_3_is_the_exit_code():
     everything = ["unverified", "unmet", "open", "invalid", "failed"]
-    words = ["predicted as 1 N", "missed by +0.25 N (tolerance 0.01 N)", "k, required",
-             "'v' is not predicted (Fz missed)", "too deep"]  # fmt: skip
+    words = [
+        "predicted as 1 N",
+        "missed by +0.25 N (tolerance 0.01 N)",
+        "k, required",
+        "'v' is not predicted (Fz missed)",
+        "too deep",
+    ]
     for k, (code, said) in enumerate(zip([4, 6, 5, 7, 3], words, strict=True)):
         got, reason = ended(changed(**dict.fromkeys(everything[k:], True)), ["k"], strict=True)
         assert got == code and said in reason and "\n" not in reason
@@ -75,9 +90,14 @@ def test_runs_outside_the_ranges_or_of_before_make_no_3():
 
 def test_a_target_of_zero_is_verified_by_its_own_size():
     """At 0.5 % a prediction may be off by a tenth of a standard deviation; large values count relatively."""
-    for predicted, recomputed, good in ((0.0009, 0.0, True), (0.0011, 0.0, False), (-0.0009, -1e-12, True),
-                                        (100.4, 100.0, True), (100.6, 100.0, False),
-                                        (-100.6, -100.0, False)):  # fmt: skip
+    for predicted, recomputed, good in (
+        (0.0009, 0.0, True),
+        (0.0011, 0.0, False),
+        (-0.0009, -1e-12, True),
+        (100.4, 100.0, True),
+        (100.6, 100.0, False),
+        (-100.6, -100.0, False),
+    ):
         gap, worst = agreement({"a": (predicted, 0.0)}, {"a": recomputed}, {"a": 0.01})
         assert (gap <= 0.005) == good and worst == "a"
 

@@ -126,12 +126,19 @@ def test_indices_are_those_of_the_feasible_part(third_fails, tmp_path):
 def test_a_search_that_leads_into_failure_turns_back(tmp_path):
     """The truth (12 kPa) lies where runs fail, and no run of the design saw it: the candidates' failures teach it."""
     settings = "thickness = 8\nfail_below = 0.0125"
-    found = studies.run(
-        tmp_path, backend__settings=settings, doe='kind = "file"\nfile = "p.csv"\nheld_out = 0\nreduce = false',
-        verify="max_infill = 12\ntolerance = 0.02", **{"parameters": studies.SECTIONS["parameters"]},
-    ) if (tmp_path / "p.csv").write_text(
-        "mu,D1\n" + "".join(f"{m},{d}\n" for m in (0.006, 0.0135, 0.015, 0.018, 0.02) for d in (10, 40, 150))
-    ) else {}  # fmt: skip
+    found = (
+        studies.run(
+            tmp_path,
+            backend__settings=settings,
+            doe='kind = "file"\nfile = "p.csv"\nheld_out = 0\nreduce = false',
+            verify="max_infill = 12\ntolerance = 0.02",
+            **{"parameters": studies.SECTIONS["parameters"]},
+        )
+        if (tmp_path / "p.csv").write_text(
+            "mu,D1\n" + "".join(f"{m},{d}\n" for m in (0.006, 0.0135, 0.015, 0.018, 0.02) for d in (10, 40, 150))
+        )
+        else {}
+    )
     assert found["feasible"]["failed"] > 3  # some candidates failed and taught
     for search in found["searches"]:
         last = [c["state"] for c in search["candidates"]]

@@ -302,8 +302,10 @@ def test_data_of_the_ladder_backend_are_what_the_climb_sees(tmp_path):
     ends = box.from_unit(np.array([[mine.low, 0.5], [mine.high, 0.5]]))[:, 0]
     np.testing.assert_allclose(ends, [low, high], rtol=0.02)
     # the valley's ends by the closed form, F ~ mu (6 + mu D1) / (6 + 4 mu D1), and 0.2 % of gain beyond
-    grown = [brentq(lambda mu, D1=D1: mu * (6 + mu * D1) / (6 + 4 * mu * D1) - 0.01 * 6.08 / 6.32, 1e-3, 0.1)
-             for D1 in (2.0, 40.0)]  # fmt: skip
+    grown = [
+        brentq(lambda mu, D1=D1: mu * (6 + mu * D1) / (6 + 4 * mu * D1) - 0.01 * 6.08 / 6.32, 1e-3, 0.1)
+        for D1 in (2.0, 40.0)
+    ]
     np.testing.assert_allclose(ends, grown, rtol=0.01)
 
 

@@ -21,21 +21,29 @@ WRONG = {  # the table, key and words of what is said
     "out of range": ('truths = { mu = ["10 kPa", "30 kPa"] }', ["next.truths.mu", "values from 0.006 to 0.02 MPa"]),
     "none": ("truths = { mu = [] }", ["next.truths.mu", "values from"]),
     "a profile with the noise of a force": (
-        f'[[next.experiments]]\n{MARKS}\nnoise = {{ Fz = "2 mN" }}', ["next.experiments[0].noise", "noise.uz"]),
+        f'[[next.experiments]]\n{MARKS}\nnoise = {{ Fz = "2 mN" }}',
+        ["next.experiments[0].noise", "noise.uz"],
+    ),
     "a force with the noise of a profile": (
-        '[[next.experiments]]\nname = "a"\nnoise = { uz = "10 um" }', ["next.experiments[0].noise", "noise.Fz"]),
+        '[[next.experiments]]\nname = "a"\nnoise = { uz = "10 um" }',
+        ["next.experiments[0].noise", "noise.Fz"],
+    ),
     "one of two channels": (
         f'[[next.experiments]]\n{GOOD.replace("{ ", "{ Fx = 0.0, ")}\nchannels = ["Fz", "Fx"]',
-        ["next.experiments[0].noise", "noise.Fx"]),
+        ["next.experiments[0].noise", "noise.Fx"],
+    ),
     "no force": (
         f'[[next.experiments]]\n{GOOD}\nchannels = ["uz_max"]',
-        ["next.experiments[0].channels", "'uz_max'", "choose from Fx, Fz"]),
+        ["next.experiments[0].channels", "'uz_max'", "choose from Fx, Fz"],
+    ),
     "no speed": (
-        f"[[next.experiments]]\n{GOOD}\nsettings = {{ speed = 0 }}", ["next.experiments[0]", "speed = 0", "positive"]),
+        f"[[next.experiments]]\n{GOOD}\nsettings = {{ speed = 0 }}",
+        ["next.experiments[0]", "speed = 0", "positive"],
+    ),
     "up": (f'[[next.experiments]]\n{GOOD}\nsettings = {{ speed = "-1 mm/s" }}', ["next.experiments[0]", "positive"]),
     "a tiny depth": (f"[[next.experiments]]\n{GOOD}\ndepth = 1e-9\nstep = 1e-10", ["next.experiments[0]", "asked_mm"]),
     "a tiny step": (f"[[next.experiments]]\n{GOOD}\nstep = 1e-8", ["next.experiments[0]", "more than 1000 readings"]),
-}  # fmt: skip
+}
 
 
 class Refusing(Executor):

@@ -97,9 +97,7 @@ def test_gradients_help_and_shuffled_ones_do_harm(seed):
     y, truth = branin(X), branin(Q)
     G = np.column_stack([(branin(X + h * e) - branin(X - h * e)) / (2 * h) for e in np.eye(2)])
     shuffled = np.random.default_rng(seed).permutation(G)
-    errors = [
-        held_out(fit_kriging(X, y, seed=0, gradients=g), Q, truth).rmse for g in (G, None, shuffled)
-    ]  # fmt: skip
+    errors = [held_out(fit_kriging(X, y, seed=0, gradients=g), Q, truth).rmse for g in (G, None, shuffled)]
     assert errors[0] < 0.5 * errors[1] and errors[2] > 1.5 * errors[1]
     # `fit` notices.
     chosen = fit("kriging", X, y, seed=0, gradients=G, log=False)

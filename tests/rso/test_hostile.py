@@ -37,9 +37,13 @@ CASE = Case("c", Programme.ramp((1.0,)))
 def command(*arguments, folder="/", **options):
     """`python -P -m rso.cli` in a process of its own, started in a folder."""
     return subprocess.run(
-        [sys.executable, "-P", "-m", "rso.cli", *map(str, arguments)], cwd=folder, capture_output=True, text=True,
-        timeout=120, **options,
-    )  # fmt: skip
+        [sys.executable, "-P", "-m", "rso.cli", *map(str, arguments)],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        **options,
+    )
 
 
 # ------------------------------------------------------------------------------------------------------ workers
@@ -97,11 +101,16 @@ def _lives(process: str) -> bool:
         return False
 
 
-@pytest.mark.parametrize(("backend", "dispatch", "limit"), [
-    ('use = "a:B"\ntimeout = "2 s"', "jobs = 1", 2.0), ('use = "a:B"\ntimeout = "2 s"', 'timeout = "1 s"', 1.0),
-    ('use = "a:B"', 'timeout = "3 s"', 3.0), ('use = "a:B"', "jobs = 1", None),
-    ('command = ["a"]\ntimeout = "2 s"', "jobs = 1", None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("backend", "dispatch", "limit"),
+    [
+        ('use = "a:B"\ntimeout = "2 s"', "jobs = 1", 2.0),
+        ('use = "a:B"\ntimeout = "2 s"', 'timeout = "1 s"', 1.0),
+        ('use = "a:B"', 'timeout = "3 s"', 3.0),
+        ('use = "a:B"', "jobs = 1", None),
+        ('command = ["a"]\ntimeout = "2 s"', "jobs = 1", None),
+    ],
+)
 def test_the_time_out_of_a_backend_holds_for_an_object_too(tmp_path, backend, dispatch, limit):
     study = load(studies.write(tmp_path, backend=backend, dispatch=dispatch))
     with _executor(study.dispatch, 1, source_of(study), tmp_path) as pool:
@@ -111,12 +120,20 @@ def test_the_time_out_of_a_backend_holds_for_an_object_too(tmp_path, backend, di
 # ------------------------------------------------------------------------------------------------------ answers
 
 
-@pytest.mark.parametrize(("value", "words"), [
-    (np.array([1j, 2j]), "complex numbers"), ([1 + 0j, 2], "complex numbers"), (["1", "2"], "text"),
-    ([True, False], "truth values"), (np.ma.array([1.0, 2.0], mask=[True, False]), "masked"),
-    ([None, 1.0], "no number"), ([{}, 1.0], "a number is expected"), ([1.0, 10**400], "too large"),
-    ([np.nan, 1.0], "no number"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (np.array([1j, 2j]), "complex numbers"),
+        ([1 + 0j, 2], "complex numbers"),
+        (["1", "2"], "text"),
+        ([True, False], "truth values"),
+        (np.ma.array([1.0, 2.0], mask=[True, False]), "masked"),
+        ([None, 1.0], "no number"),
+        ([{}, 1.0], "a number is expected"),
+        ([1.0, 10**400], "too large"),
+        ([np.nan, 1.0], "no number"),
+    ],
+)
 def test_only_real_numbers_are_an_answer(value, words):
     units = {"time": "s", "travel": "mm", "Fz": "N"}
     good = {"time": [0.0, 1.0], "travel": [0.0, 1.0]}
@@ -202,13 +219,16 @@ def changed(file: Path, *statements: str) -> None:
     db.close()
 
 
-@pytest.mark.parametrize("statement", [
-    "UPDATE runs SET response = (SELECT response FROM runs WHERE key = 'key1') WHERE key = 'key0'",
-    "UPDATE runs SET \"values\" = '{\"x\": 7.0}' WHERE key = 'key0'",
-    "UPDATE runs SET wall_s = 3.0 WHERE key = 'key0'",
-    "UPDATE runs SET state = 'failed', cause = 'contact', reason = 'x', history = '[]' WHERE key = 'key0'",
-    "UPDATE runs SET key = CASE key WHEN 'key0' THEN 'key9' ELSE key END; ",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "UPDATE runs SET response = (SELECT response FROM runs WHERE key = 'key1') WHERE key = 'key0'",
+        "UPDATE runs SET \"values\" = '{\"x\": 7.0}' WHERE key = 'key0'",
+        "UPDATE runs SET wall_s = 3.0 WHERE key = 'key0'",
+        "UPDATE runs SET state = 'failed', cause = 'contact', reason = 'x', history = '[]' WHERE key = 'key0'",
+        "UPDATE runs SET key = CASE key WHEN 'key0' THEN 'key9' ELSE key END; ",
+    ],
+)
 def test_a_row_that_is_not_the_one_that_was_stored_is_refused(tmp_path, statement):
     file = stored(tmp_path)
     changed(file, statement)
@@ -234,10 +254,18 @@ def test_rows_of_an_older_version_stay_valid(tmp_path):
             store.get("key3")
 
 
-@pytest.mark.parametrize("text", [
-    b" " * (100 * 1024 * 1024), b'{"channels": ' + b"[" * 200_000, b"[1, 2]", b"{}", b'{"channels": 3, "units": []}',
-    b"nul", b'{"channels": {"time": ["x"], "travel": [1]}, "units": {}}',
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text",
+    [
+        b" " * (100 * 1024 * 1024),
+        b'{"channels": ' + b"[" * 200_000,
+        b"[1, 2]",
+        b"{}",
+        b'{"channels": 3, "units": []}',
+        b"nul",
+        b'{"channels": {"time": ["x"], "travel": [1]}, "units": {}}',
+    ],
+)
 def test_a_stored_answer_that_is_none_is_damage_in_words(tmp_path, text):
     file = stored(tmp_path)
     with sqlite3.connect(file) as db:
@@ -247,10 +275,20 @@ def test_a_stored_answer_that_is_none_is_damage_in_words(tmp_path, text):
         store.get("key0")
 
 
-@pytest.mark.parametrize(("column", "value"), [
-    ("cpu_s", "soon"), ("wall_s", b"1"), ("cpu_s", 1e999), ('"values"', "[]"), ('"values"', '{"x": "a"}'),
-    ('"values"', "[" * 9000), ("reason", b"\xff"), ("cause", b"\xff"), ("history", "[3]"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        ("cpu_s", "soon"),
+        ("wall_s", b"1"),
+        ("cpu_s", 1e999),
+        ('"values"', "[]"),
+        ('"values"', '{"x": "a"}'),
+        ('"values"', "[" * 9000),
+        ("reason", b"\xff"),
+        ("cause", b"\xff"),
+        ("history", "[3]"),
+    ],
+)
 def test_what_a_row_says_of_its_run_is_of_the_kind_that_was_stored(tmp_path, column, value):
     file = stored(tmp_path)
     with sqlite3.connect(file) as db:
@@ -262,11 +300,15 @@ def test_what_a_row_says_of_its_run_is_of_the_kind_that_was_stored(tmp_path, col
         store.get("key0")
 
 
-@pytest.mark.parametrize("statement", [
-    "CREATE VIEW more AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT * FROM n",
-    "CREATE TRIGGER t AFTER INSERT ON runs BEGIN DELETE FROM runs; END", "CREATE TABLE other (a)",
-    "ALTER TABLE runs ADD COLUMN computed AS (hex(key))",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "CREATE VIEW more AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT * FROM n",
+        "CREATE TRIGGER t AFTER INSERT ON runs BEGIN DELETE FROM runs; END",
+        "CREATE TABLE other (a)",
+        "ALTER TABLE runs ADD COLUMN computed AS (hex(key))",
+    ],
+)
 def test_a_database_that_computes_is_no_store(tmp_path, statement):
     changed(stored(tmp_path), statement)
     for read_only in (True, False):
@@ -386,14 +428,18 @@ def test_only_what_is_seen_reaches_a_terminal():
     assert one("a\nrso: forged\n  own") == "a\n    rso: forged\n  own"
 
 
-@pytest.mark.parametrize("change", [
-    {"study": f'title = {json.dumps("A" + BAD[:8])}\nseed = 0'}, {"study": 'title = "A\\n\\nrso: forged"\nseed = 0'},
-    {"study": f'title = "A"\nseed = 0\n{json.dumps(BAD[:8])} = 1'},
-    {"search": f'targets = [{{ experiment = {json.dumps("top" + BAD[:8])}, depth = 1 }}]'},
-    {"backend__settings": 'thickness = 8\n"a\\nrso: forged" = 3'},
-    {"[experiments]": 'name = "top"\nrole = "fit"\ndata = "a\\nrso: forged.csv"'},
-    {"[experiments]": 'name = "top"\nrole = "fit"\ndata = "top.csv"\nmounting = "a\\u001b[1m"'},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"study": f"title = {json.dumps('A' + BAD[:8])}\nseed = 0"},
+        {"study": 'title = "A\\n\\nrso: forged"\nseed = 0'},
+        {"study": f'title = "A"\nseed = 0\n{json.dumps(BAD[:8])} = 1'},
+        {"search": f"targets = [{{ experiment = {json.dumps('top' + BAD[:8])}, depth = 1 }}]"},
+        {"backend__settings": 'thickness = 8\n"a\\nrso: forged" = 3'},
+        {"[experiments]": 'name = "top"\nrole = "fit"\ndata = "a\\nrso: forged.csv"'},
+        {"[experiments]": 'name = "top"\nrole = "fit"\ndata = "top.csv"\nmounting = "a\\u001b[1m"'},
+    ],
+)
 def test_no_text_of_a_study_moves_the_cursor_or_forges_a_line(tmp_path, capsys, change):
     studies.write(tmp_path, **change)
     assert main(["check", "--trust", str(tmp_path)]) == 2
@@ -422,8 +468,17 @@ def test_a_folder_whose_name_holds_a_line_is_one_line(tmp_path, capsys, command,
 
 
 def test_cells_of_runs_are_no_formulas(tmp_path):
-    run = {"key": "k", "purpose": "design", "state": "crashed", "cause": "@SUM(A1)", "reason": '=cmd|"/c calc"!A1',
-           "wall_s": -1.0, "cpu_s": 1.0, "values": {"=mu": -0.5}, "outputs": {"+Fz": -2.0}}  # fmt: skip
+    run = {
+        "key": "k",
+        "purpose": "design",
+        "state": "crashed",
+        "cause": "@SUM(A1)",
+        "reason": '=cmd|"/c calc"!A1',
+        "wall_s": -1.0,
+        "cpu_s": 1.0,
+        "values": {"=mu": -0.5},
+        "outputs": {"+Fz": -2.0},
+    }
     write_runs(
         tmp_path / "runs.csv",
         {"parameters": [{"name": "=mu", "unit": "MPa"}], "runs": [run, run | {"reason": " -1+1"}]},
@@ -444,10 +499,19 @@ def _number(text: str) -> bool:
     return True
 
 
-@pytest.mark.parametrize(("one_name", "other"), [
-    ("top", "Top"), ("top", "tоp"), ("top", "top "), ("A 1", "А1"), ("Η", "H"), ("top", "ｔop"), ("side b", "sideb"),
-    ("l1", "ll"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("one_name", "other"),
+    [
+        ("top", "Top"),
+        ("top", "tоp"),
+        ("top", "top "),
+        ("A 1", "А1"),
+        ("Η", "H"),
+        ("top", "ｔop"),
+        ("side b", "sideb"),
+        ("l1", "ll"),
+    ],
+)
 def test_names_that_look_alike_are_told_apart_or_refused(tmp_path, capsys, one_name, other):
     assert drawn(one_name) == drawn(other)
     again = f'name = "{other}"\nrole = "validate"\ndata = "side.csv"'
@@ -581,8 +645,12 @@ def test_read_only_code_without_a_home_runs(tmp_path, read_only, temporary, code
     # Python goes on to /tmp and to where it stands unless it is told otherwise.
     nowhere = "import tempfile\ntempfile._candidate_tempdir_list = lambda: ['/dev/null']\n"
     (tmp_path / "sitecustomize.py").write_text(nowhere if code else "")
-    around = {"PYTHONPATH": f"{read_only}{os.pathsep}{tmp_path}", "HOME": "/dev/null", "PYTHONDONTWRITEBYTECODE": "1",
-              "TMPDIR": str(tmp_path / temporary)}  # fmt: skip
+    around = {
+        "PYTHONPATH": f"{read_only}{os.pathsep}{tmp_path}",
+        "HOME": "/dev/null",
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "TMPDIR": str(tmp_path / temporary),
+    }
     kept = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME")}
     command = ["check", str(HERE.parents[1] / "studies/kidney_em2")] if code else ["status", str(tmp_path / "study")]
     line = [sys.executable, "-P", "-c", KERNEL, *command]
@@ -598,6 +666,7 @@ def test_read_only_code_without_a_home_runs(tmp_path, read_only, temporary, code
 )
 def test_figures_are_drawn_whatever_a_machine_says_of_windows(name, value):
     code = "from rso.cli import main\nmain(['keys', 'study'])\nfrom rso.report import canvas\nprint('drawn')"
-    done = subprocess.run([sys.executable, "-P", "-c", code], cwd="/", env={**os.environ, name: value},
-                          capture_output=True, text=True)  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code], cwd="/", env={**os.environ, name: value}, capture_output=True, text=True
+    )
     assert done.stdout.endswith("drawn\n") and "Traceback" not in done.stderr, done.stderr

@@ -236,8 +236,13 @@ def test_chain_profile_and_formula_agree_on_a_gaussian():
     found = inference.determine(Misfit(linear(A), (curve(y, sigma=0.04),)), seed=0)
     sd = 0.04 * np.sqrt(np.diag(np.linalg.inv(A.T @ A)))
     for k, known in enumerate(found.known):
-        ends = np.array([[known.profile_interval.low, known.profile_interval.high], [known.laplace.low,
-                         known.laplace.high], [known.mcmc.low, known.mcmc.high]])  # fmt: skip
+        ends = np.array(
+            [
+                [known.profile_interval.low, known.profile_interval.high],
+                [known.laplace.low, known.laplace.high],
+                [known.mcmc.low, known.mcmc.high],
+            ]
+        )
         expected = np.array([0.5, 0.45])[k] + 1.6449 * sd[k] * np.array([-1, 1])
         np.testing.assert_allclose(ends[:2], np.tile(expected, (2, 1)), atol=1e-3 * sd[k] + 1e-6)
         # 5 % quantiles of N independent draws scatter by 2.1 sd/√N; four of that.

@@ -22,18 +22,23 @@ def table(
 
 MACHINES = {  # text of the file
     "Hysitron": "Number of Points = 61\n" + table(["Depth (nm)\tLoad (uN)\tTime (s)", "eoh"], [U * 1e6, F * 1e6, T]),
-    "plate reader rig": "Rig,7\nWell,X1\n\n" + table(
-        ["Timestamp(s),Z_Position(mm),Corrected_Force(N)"], [100 + T, -10 - U, -F], ",") + "Total_Time(s),6.0\n",
+    "plate reader rig": "Rig,7\nWell,X1\n\n"
+    + table(["Timestamp(s),Z_Position(mm),Corrected_Force(N)"], [100 + T, -10 - U, -F], ",")
+    + "Total_Time(s),6.0\n",
     "footer as wide as the table": table(["Indentation (mm),Force (N)"], [U, F], ",")
     + "Total_Measurement_Time(s),8.0\n",
     "Mach-1": "<Mach-1 File>\n<INFO>\nDate:\tTue\n<END INFO>\n<Stress Relaxation>\nRamp Amplitude, mm:\t1.2\n<DATA>\n"
-    + table(["Time, s\tPosition (z), mm\tFz, gf"], [T, U, -F / 9.80665e-3]) + "<END DATA>\n",
-    "Piuma": "Date\t01/02/2024\nTip radius (um)\t50\nk (N/m)\t0.5\n\n" + table(
-        ["Time (s)\tLoad (uN)\tIndentation (nm)\tCantilever (nm)\tPiezo (nm)"], [T, F * 1e6, U * 1e6, 0 * U, U * 1e6]),
+    + table(["Time, s\tPosition (z), mm\tFz, gf"], [T, U, -F / 9.80665e-3])
+    + "<END DATA>\n",
+    "Piuma": "Date\t01/02/2024\nTip radius (um)\t50\nk (N/m)\t0.5\n\n"
+    + table(
+        ["Time (s)\tLoad (uN)\tIndentation (nm)\tCantilever (nm)\tPiezo (nm)"], [T, F * 1e6, U * 1e6, 0 * U, U * 1e6]
+    ),
     "nanoindenter": table(
-        ["Displacement Into Surface,Load On Sample,Time On Sample", "nm,mN,s"], [U * 1e6, F * 1e3, T], ","),
-    "Bluehill": '"Specimen","1"\n\n' + table(
-        ['"Time","Compressive extension","Compressive load"', '"(sec)","(mm)","(N)"'], [T, U, F], ","),
+        ["Displacement Into Surface,Load On Sample,Time On Sample", "nm,mN,s"], [U * 1e6, F * 1e3, T], ","
+    ),
+    "Bluehill": '"Specimen","1"\n\n'
+    + table(['"Time","Compressive extension","Compressive load"', '"(sec)","(mm)","(N)"'], [T, U, F], ","),
     "TestXpert": "Prüfer;NN\n" + table(["Prüfzeit;Standardweg;Standardkraft", "s;mm;N"], [T, U, F], ";", comma=True),
     "French": table(["Temps (s);Profondeur (µm);Force normale (mN)"], [T, U * 1e3, F * 1e3], ";", comma=True),
     "Spanish": table(["Tiempo (s);Desplazamiento (mm);Carga (N)"], [T, U, F], ";", comma=True),
@@ -42,7 +47,7 @@ MACHINES = {  # text of the file
     "Chinese": table(["时间(s),位移(mm),力(N)"], [T, U, F], ","),
     "symbols": table(["t (s)\th (µm)\tP (mN)"], [T, U * 1e3, F * 1e3]),
     "a line drawn beneath": table(["Distance (mm)\tForce (N)", "-----\t-----"], [U, F]) + "--- end of data ---\n",
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("machine", MACHINES)
@@ -116,8 +121,10 @@ def test_a_hold_at_constant_force_is_never_loading(tmp_path, segments):
     creep = np.linspace(1.2, 1.29, 40)[1:]
     depth, force = np.r_[U, creep], np.r_[F, np.full(len(creep), F[-1])]
     path = tmp_path / "a.csv"
-    rows = [f"{0.1 * k:.1f},{u:.6f},{f:.6f}" + (",loading" if k < 61 else ",hold") * segments
-            for k, (u, f) in enumerate(zip(depth, force, strict=True))]  # fmt: skip
+    rows = [
+        f"{0.1 * k:.1f},{u:.6f},{f:.6f}" + (",loading" if k < 61 else ",hold") * segments
+        for k, (u, f) in enumerate(zip(depth, force, strict=True))
+    ]
     path.write_text("\n".join(["time_s,depth_mm,Fz_N" + ",segment" * segments, *rows, ""]))
     m = read(path)
     assert m.repeats[0].depth.max() <= 1.2001 and any("creep cannot be expressed yet" in d for d in m.doubts)
@@ -143,8 +150,11 @@ def test_a_double_turn_is_marked_as_a_guess(tmp_path):
     assert not any("guess" in d for d in read(path).doubts) and not read(path).guessed
 
 
-WORDS = {"English": ("Load", "Hold", "Unload"), "German": ("Belasten", "Halten", "Entlasten"),
-         "microscope": ("extend", "pause", "retract")}  # fmt: skip
+WORDS = {
+    "English": ("Load", "Hold", "Unload"),
+    "German": ("Belasten", "Halten", "Entlasten"),
+    "microscope": ("extend", "pause", "retract"),
+}
 THERE = np.r_[np.linspace(0.0, 1.2, 31), np.full(10, 1.2), np.linspace(1.2, 0.0, 21)[1:]]
 PARTS = np.r_[np.zeros(31, int), np.ones(10, int), np.full(20, 2)]
 

@@ -43,9 +43,11 @@ def lines(folder: Path) -> list[str]:
 
 def started(folder: Path) -> subprocess.Popen:
     return subprocess.Popen(
-        test_cli.command("run", folder, "--jobs", 2), env=test_cli.environment(), stdout=subprocess.DEVNULL,
+        test_cli.command("run", folder, "--jobs", 2),
+        env=test_cli.environment(),
+        stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
-    )  # fmt: skip
+    )
 
 
 def comparable(folder: Path) -> dict:

@@ -190,16 +190,29 @@ def test_the_speed_is_that_of_the_middle_of_the_stroke(way):
 
 
 GENERATED = {  # all that the folders of an earlier generator say
-    "family": "A", "support": "fixed: lower half surface (z<0) bonded to the holder", "units": "N, mm, MPa, s",
+    "family": "A",
+    "support": "fixed: lower half surface (z<0) bonded to the holder",
+    "units": "N, mm, MPa, s",
     "specimen": {"shape": "ellipsoid", "semi_axes_mm": [60, 35, 35]},
-    "indenter": {"shape": "sphere", "radius_mm": 3.0, "rigid": True, "full_sphere": True, "direction": [0, 0, -1],
-                 "friction": 0.0},
+    "indenter": {
+        "shape": "sphere",
+        "radius_mm": 3.0,
+        "rigid": True,
+        "full_sphere": True,
+        "direction": [0, 0, -1],
+        "friction": 0.0,
+    },
     "frame": "x along the major axis, z up, origin at the specimen centre; MP = (0,0,35)",
-    "depth": "indenter travel since first contact", "force": "Fz>0 pushes it up", "rate_mm_per_min": 30,
-    "cycle_rates_mm_per_min": [10, 30, 100], "rest_between_tests": "long", "order_of_tests": "mp_load, points",
-    "points_mm": [[2.5, 2.5], [20, 0]], "profile": "marks at y=5 mm",
+    "depth": "indenter travel since first contact",
+    "force": "Fz>0 pushes it up",
+    "rate_mm_per_min": 30,
+    "cycle_rates_mm_per_min": [10, 30, 100],
+    "rest_between_tests": "long",
+    "order_of_tests": "mp_load, points",
+    "points_mm": [[2.5, 2.5], [20, 0]],
+    "profile": "marks at y=5 mm",
     "noise": {"force_N": 0.003, "depth_mm": 0.005, "repeat_gain": 0.01, "profile_mm": 0.05},
-}  # fmt: skip
+}
 
 
 def test_all_that_the_generator_of_blind_cases_says_is_accepted(tmp_path):
@@ -213,8 +226,13 @@ def test_all_that_the_generator_of_blind_cases_says_is_accepted(tmp_path):
 
 def test_what_is_not_used_is_said_and_stops_nothing(tmp_path):
     """Who writes down more than is asked for gets an answer; what is nearly a key that is missing is one misspelled."""
-    lab = folder(tmp_path, weight_N=3.0, operator="me", noise={"force_N": 0.003, "temperature_K": 0.1},
-                 indenter={"radius_mm": 3.0, "material": "steel"})  # fmt: skip
+    lab = folder(
+        tmp_path,
+        weight_N=3.0,
+        operator="me",
+        noise={"force_N": 0.003, "temperature_K": 0.1},
+        indenter={"radius_mm": 3.0, "material": "steel"},
+    )
     said = " ".join(read_nominal(lab).assumed)
     for key in ("weight_N", "operator", "noise.temperature_K", "indenter.material"):
         assert f"{key} is not used" in said
@@ -246,9 +264,11 @@ def test_what_each_file_was_taken_for_is_said(tmp_path):
     (lab / "study.toml").write_text(text(lab))
     found = files_of(load(lab / "study.toml"))
     assert [(f["file"], f["kind"], f["place_mm"], f["role"], f["cycle"]) for f in found] == [
-        ("mp_load.csv", "force", [0.0, 0.0], "fit", False), ("mp_cycle_100.csv", "force", [0.0, 0.0], "fit", True),
-        ("point_2.5_-3.csv", "force", [2.5, -3.0], "fit", False), ("profile.csv", "profile", [0.0, 0.0], "fit", False),
-    ]  # fmt: skip
+        ("mp_load.csv", "force", [0.0, 0.0], "fit", False),
+        ("mp_cycle_100.csv", "force", [0.0, 0.0], "fit", True),
+        ("point_2.5_-3.csv", "force", [2.5, -3.0], "fit", False),
+        ("profile.csv", "profile", [0.0, 0.0], "fit", False),
+    ]
     assert [f["speed_from"] for f in found] == ["times", "stated", "assumed", None]
     np.testing.assert_allclose([f["speed_mm_per_min"] for f in found[:3]], [48, 100, 30])
     first, second, third, last = map(in_words, found)
@@ -292,18 +312,24 @@ def test_codes_of_segments_are_explained_in_nominal_json(tmp_path):
     assert r.segment.tolist() == ["loading"] * 9 + ["unloading"] * 2 and r.depth[0] == 0.0
 
 
-@pytest.mark.parametrize(("changes", "words"), [
-    ({"columns": {"depth": {"header": "Weg", "values": {"1": "loading"}}}}, "columns.depth: values says what"),
-    ({"columns": {"segment": {"header": "P", "values": {"1": "load"}}}}, "columns.segment.values.1 = 'load'"),
-    ({"columns": {"segment": {"header": "P", "values": {"1": "hold"}}}}, 'values names no code that is "loading"'),
-    ({"columns": {"depht": {"header": "Weg"}}}, "columns.depht: unknown key; did you mean 'depth'"),
-    ({"columns": {"depth": {"header": "Weg", "unit": "N"}}}, "columns.depth: unit = 'N'"),
-    ({"columns": {"depth": {"unit": "N"}}}, "columns.depth.header: is missing"),
-    ({"columns": []}, "columns = []: expected a table"),
-    ({"columns_of": {"a.csv": {"depth": {"header": "Weg", "zero": "1"}}}}, "columns_of.a.csv.depth.zero = '1'"),
-    ({"columns_of": {"mp_laod.csv": {}}}, "columns_of.mp_laod.csv: there is no such file; did you mean 'mp_load.csv'"),
-    ({"columns_of": 3}, "columns_of = 3: a table is expected"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"columns": {"depth": {"header": "Weg", "values": {"1": "loading"}}}}, "columns.depth: values says what"),
+        ({"columns": {"segment": {"header": "P", "values": {"1": "load"}}}}, "columns.segment.values.1 = 'load'"),
+        ({"columns": {"segment": {"header": "P", "values": {"1": "hold"}}}}, 'values names no code that is "loading"'),
+        ({"columns": {"depht": {"header": "Weg"}}}, "columns.depht: unknown key; did you mean 'depth'"),
+        ({"columns": {"depth": {"header": "Weg", "unit": "N"}}}, "columns.depth: unit = 'N'"),
+        ({"columns": {"depth": {"unit": "N"}}}, "columns.depth.header: is missing"),
+        ({"columns": []}, "columns = []: expected a table"),
+        ({"columns_of": {"a.csv": {"depth": {"header": "Weg", "zero": "1"}}}}, "columns_of.a.csv.depth.zero = '1'"),
+        (
+            {"columns_of": {"mp_laod.csv": {}}},
+            "columns_of.mp_laod.csv: there is no such file; did you mean 'mp_load.csv'",
+        ),
+        ({"columns_of": 3}, "columns_of = 3: a table is expected"),
+    ],
+)
 def test_columns_that_are_wrong_are_refused_at_their_key(tmp_path, changes, words):
     with pytest.raises(ValueError, match=r"nominal\.json: ") as caught:
         text(folder(tmp_path, **changes))

@@ -339,7 +339,10 @@ def test_the_page_has_values_only_of_what_is_determined_and_tells_of_unused_test
     level["validated"] = [{"curve": "deep", "verdict": {"passes": False}}]
     tiles = {f.label: f for b in report(data).sections[0].blocks if hasattr(b, "facts") for f in b.facts}
     assert (tiles["Unused test"].value, tiles["Unused test"].note, tiles["Unused test"].mark) == (
-        "missed", "deep", "warn")  # fmt: skip
+        "missed",
+        "deep",
+        "warn",
+    )
     level["validated"][0]["verdict"]["passes"] = True
     tiles = {f.label: f for b in report(data).sections[0].blocks if hasattr(b, "facts") for f in b.facts}
     assert tiles["Unused test"].value == "predicted"
@@ -519,8 +522,10 @@ def test_each_criterion_sees_what_the_other_is_blind_to():
     u = np.linspace(0.02, 1, 50)
     f = u**1.5
     C = np.diag((0.002 + 0.03 * f) ** 2)
-    misfit = Misfit(Model(Box(("a",), ("1",), (0.5,), (2.0,), (False,)), lambda X: (0.5 + 1.5 * X) * f),
-                    (Data("ball", "1", u, f, C),))  # fmt: skip
+    misfit = Misfit(
+        Model(Box(("a",), ("1",), (0.5,), (2.0,), (False,)), lambda X: (0.5 + 1.5 * X) * f),
+        (Data("ball", "1", u, f, C),),
+    )
     fit = fit_at(misfit, np.array([1 / 3]))
     drawn = model_selection.simulate(misfit, fit, 3, 400)
     jagged = np.where(u < 0.15, 0.012 * (-1.0) ** np.arange(50), 0.0)

@@ -233,8 +233,11 @@ def test_one_repeat_shows_its_white_noise(tmp_path):
     assert combine(m, Noise(**NONE)).sigma[0] == pytest.approx(0.003, rel=0.6)
 
 
-@pytest.mark.parametrize("depth", [U, np.sort(np.r_[0.05, 4.0, np.random.default_rng(1).uniform(0.05, 4.0, 60)]),
-                                   np.geomspace(0.05, 4.0, 40)], ids=["even", "random", "geometric"])  # fmt: skip
+@pytest.mark.parametrize(
+    "depth",
+    [U, np.sort(np.r_[0.05, 4.0, np.random.default_rng(1).uniform(0.05, 4.0, 60)]), np.geomspace(0.05, 4.0, 40)],
+    ids=["even", "random", "geometric"],
+)
 def test_white_noise_of_one_repeat_does_not_hang_on_where_the_readings_are(tmp_path, depth):
     """A smooth curve without noise has none; with noise it is found to the scatter of 30 files of 40 readings."""
     rows = table("depth_mm,Fz_N", zip(depth, 0.1 * depth**1.4, strict=True))
@@ -471,8 +474,23 @@ def test_each_knob_does_what_its_definition_says(name):
 
 
 def test_correct_undoes_record():
-    chain = Chain(0.05, 0.3, 1.1, 0.01, 0.001, 0.0, 0.02, -0.03, depth_scale=0.1, nonlinearity=-0.2, turn=-25.0,
-                  creep=0.2, creep_tau=2.0, bias_side=-0.01, bias_angle=70.0)  # fmt: skip
+    chain = Chain(
+        0.05,
+        0.3,
+        1.1,
+        0.01,
+        0.001,
+        0.0,
+        0.02,
+        -0.03,
+        depth_scale=0.1,
+        nonlinearity=-0.2,
+        turn=-25.0,
+        creep=0.2,
+        creep_tau=2.0,
+        bias_side=-0.01,
+        bias_angle=70.0,
+    )
     r = record(chain, U, FORCES, T)
     back = correct(chain, r.depth, r.forces, T)
     np.testing.assert_allclose(back.depth, U, rtol=1e-13, atol=0)
@@ -616,11 +634,16 @@ def test_tables_by_hand_have_sign_order_and_tare(tmp_path, what, fine):
     assert words in str(caught.value)
 
 
-@pytest.mark.parametrize("depth, force", [
-    ([0, 1, 2, 4], [0, 0.04, 0.11, 0.32]), ([0, 4, 2, 0], [0, 0.32, 0.1, 0]),
-    ([0.5, 1, 1.5, 2], [0.01, 0.04, 0.07, 0.1]),
-    ([0, 0.1, 0.2, 4], [0.001, 0.002, 0.004, 0.32]), ([0, 2, 4, 4, 2, 0], [0, 0.1, 0.3, 0.25, 0.1, 0]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "depth, force",
+    [
+        ([0, 1, 2, 4], [0, 0.04, 0.11, 0.32]),
+        ([0, 4, 2, 0], [0, 0.32, 0.1, 0]),
+        ([0.5, 1, 1.5, 2], [0.01, 0.04, 0.07, 0.1]),
+        ([0, 0.1, 0.2, 4], [0.001, 0.002, 0.004, 0.32]),
+        ([0, 2, 4, 4, 2, 0], [0, 0.1, 0.3, 0.25, 0.1, 0]),
+    ],
+)
 def test_good_tables_by_hand_are_not_doubted(tmp_path, depth, force):
     assert read(write(tmp_path, curve(np.array(depth), np.array(force)))).doubts == ()
 

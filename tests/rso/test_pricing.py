@@ -29,8 +29,11 @@ def stored(folder, *values, wall=3.0):
     with RunStore(folder) as store:
         for v in values:
             (run,) = toy.run([Task(v, CASE)])
-            store.put_done(dataclasses.replace(run, wall_s=wall, case=dataclasses.replace(
-                run.case, name="another", artefacts={"mesh": "0" * 64})))  # fmt: skip
+            store.put_done(
+                dataclasses.replace(
+                    run, wall_s=wall, case=dataclasses.replace(run.case, name="another", artefacts={"mesh": "0" * 64})
+                )
+            )
 
 
 def test_a_backend_that_says_nothing_takes_a_guess_until_something_ran(tmp_path):
@@ -68,8 +71,9 @@ def test_finite_elements_say_that_what_has_less_symmetry_takes_longer(support):
     if support == "fixed":
         assert cost([0, 0], prony_g=0.3) > top
     else:
-        assert top > 2 * BACKEND.cost({"mu": 0.01, "D1": 5.0}, dataclasses.replace(
-            CASE, settings={"mesh": {"level": "coarse"}}))  # fmt: skip
+        assert top > 2 * BACKEND.cost(
+            {"mu": 0.01, "D1": 5.0}, dataclasses.replace(CASE, settings={"mesh": {"level": "coarse"}})
+        )
 
 
 def test_computing_a_cause_anew_takes_as_many_runs_as_said():

@@ -39,8 +39,10 @@ def afm(tmp_path, up=1.0, bends=1.0, head=f"{Z},{D}"):
 @pytest.mark.parametrize("up", [1.0, -1.0])
 @pytest.mark.parametrize("bends", [1.0, -1.0])
 def test_a_cantilever_gives_the_indentation_and_the_force(tmp_path, up, bends):
-    columns = {"depth": Column(Z, flip=up < 0, zero=up * 1e6 * PARKED, minus=Column(D, flip=bends < 0)),
-               "Fz": Column(D, flip=bends < 0, zero=bends * 1e6 * LIGHT, stiffness=K)}  # fmt: skip
+    columns = {
+        "depth": Column(Z, flip=up < 0, zero=up * 1e6 * PARKED, minus=Column(D, flip=bends < 0)),
+        "Fz": Column(D, flip=bends < 0, zero=bends * 1e6 * LIGHT, stiffness=K),
+    }
     m = read(afm(tmp_path, up, bends), columns)
     _, d, depth = approach()
     (r,) = m.repeats
@@ -58,8 +60,10 @@ def test_contact_is_found_on_what_is_left_of_the_travel(tmp_path):
     off = r.depth - depth - (z - d - depth)  # the deflection's noise is in both
     assert np.ptp(off) < 1e-9 and abs(off[0]) < 3.0 * m.contact < 1e-4
     np.testing.assert_allclose(np.median(r.channels["Fz"][z < -2e-4]), 0.0, atol=1e-12)
-    plain = read(write(tmp_path / "b.csv", "Z (nm),F (mN)", 1e6 * (z - d), 1e3 * K * d),
-                 {"depth": Column("Z (nm)", zero=CONTACT), "Fz": Column("F (mN)", zero=CONTACT)})  # fmt: skip
+    plain = read(
+        write(tmp_path / "b.csv", "Z (nm),F (mN)", 1e6 * (z - d), 1e3 * K * d),
+        {"depth": Column("Z (nm)", zero=CONTACT), "Fz": Column("F (mN)", zero=CONTACT)},
+    )
     np.testing.assert_allclose(r.depth, plain.repeats[0].depth, atol=1e-9)
 
 
@@ -75,20 +79,27 @@ def test_a_force_is_subtracted_by_what_bends_under_it(tmp_path, by):
 def test_one_count_of_a_photodiode_is_a_length(tmp_path):
     z, d, depth = approach()
     path = write(tmp_path / "a.csv", "Z (nm),Defl (V)", 1e6 * z, 1e6 * d / 62.0)
-    columns = {"depth": Column("Z (nm)", minus=Column("Defl (V)", "62 nm")),
-               "Fz": Column("Defl (V)", "62 nm", stiffness=K)}  # fmt: skip
+    columns = {
+        "depth": Column("Z (nm)", minus=Column("Defl (V)", "62 nm")),
+        "Fz": Column("Defl (V)", "62 nm", stiffness=K),
+    }
     np.testing.assert_allclose(read(path, columns).repeats[0].depth, depth, atol=1e-10)
 
 
 def test_what_is_mostly_subtracted_is_said_and_what_is_not_is_not(tmp_path):
     z, d, _ = approach()
-    zero = {"depth": Column(Z, zero=1e6 * (PARKED - LIGHT), minus=Column(D)),
-            "Fz": Column(D, zero=1e6 * LIGHT, stiffness=K)}  # fmt: skip
+    zero = {
+        "depth": Column(Z, zero=1e6 * (PARKED - LIGHT), minus=Column(D)),
+        "Fz": Column(D, zero=1e6 * LIGHT, stiffness=K),
+    }
     soft = [v for v in read(afm(tmp_path), zero).doubts if "1 % of what is subtracted" in v]
     assert not soft and d[-1] < 0.5 * (z - d)[-1]
     stiff = write(tmp_path / "b.csv", f"{Z},{D}", 1e6 * (z + 40.0 * d), 40e6 * d)
-    (said,) = (v for v in read(stiff, {"depth": Column(Z, minus=Column(D)), "Fz": Column(D, stiffness=K)}).doubts
-               if "1 % of what is subtracted" in v)  # fmt: skip
+    (said,) = (
+        v
+        for v in read(stiff, {"depth": Column(Z, minus=Column(D)), "Fz": Column(D, stiffness=K)}).doubts
+        if "1 % of what is subtracted" in v
+    )
     ratio = 40.0 * d[-1] / z[-1]
     assert f"is {ratio:.2g} % of depth" in said
 
@@ -107,8 +118,10 @@ WRONG = {  # keys of depth, of minus, of Fz; words of the message
 @pytest.mark.parametrize("wrong", WRONG)
 def test_what_cannot_be_is_refused_in_words(tmp_path, wrong):
     depth, minus, Fz, words = WRONG[wrong]
-    columns = {"depth": Column(**{"header": Z, "zero": 1e6 * PARKED, **depth}, minus=Column(**{"header": D, **minus})),
-               "Fz": Column(**{"header": D, "zero": 1e6 * LIGHT, "stiffness": K, **Fz})}  # fmt: skip
+    columns = {
+        "depth": Column(**{"header": Z, "zero": 1e6 * PARKED, **depth}, minus=Column(**{"header": D, **minus})),
+        "Fz": Column(**{"header": D, "zero": 1e6 * LIGHT, "stiffness": K, **Fz}),
+    }
     with pytest.raises(ValueError, match=words) as error:
         read(afm(tmp_path), columns)
     assert "afm.csv" in str(error.value)
@@ -135,17 +148,25 @@ KEYS = {  # line of [columns], and what is said of it
     f'depth = {{ header = "{Z}", stiffness = 1.0 }}': ["columns.depth", "depth is none", "minus"],
     f'depth = {{ header = "{Z}", minus = {{ header = "{Z}" }} }}': ["columns.depth", "nothing would be left"],
     f'depth = {{ header = "{Z}", minus = {{ header = "{D}", unit = "nN" }} }}': [
-        "columns.depth.minus", "unit = 'nN'", "stiffness or compliance"],
+        "columns.depth.minus",
+        "unit = 'nN'",
+        "stiffness or compliance",
+    ],
     f'depth = {{ header = "{Z}", minus = {{ header = "{D}", zero = 3 }} }}': ["minus.zero", "unknown key", "flip"],
     f'depth = {{ header = "{Z}", minus = {{ header = "{D}", stiffness = 1.0, compliance = 1.0 }} }}': [
-        "compliance is 1 / stiffness"],
-}  # fmt: skip
+        "compliance is 1 / stiffness"
+    ],
+}
 
 
 def study(tmp_path, *lines):
     afm(tmp_path)
-    return studies.write(tmp_path, columns="\n".join(lines), search="repair = false",
-                         experiments='name = "top"\nrole = "fit"\ndata = "afm.csv"')  # fmt: skip
+    return studies.write(
+        tmp_path,
+        columns="\n".join(lines),
+        search="repair = false",
+        experiments='name = "top"\nrole = "fit"\ndata = "afm.csv"',
+    )
 
 
 @pytest.mark.parametrize("line", KEYS)

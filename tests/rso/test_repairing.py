@@ -153,9 +153,11 @@ def test_two_parameters_by_similarity(tmp_path):
 def test_hard_bounds_are_said_and_not_passed(tmp_path):
     """Too soft up to its hard bound: the search must end, and no run lies beyond."""
     found = repair(
-        tmp_path, parameters=ONE_MU.format(0.003, 0.006), backend='use = "test_repairing:BOUNDED"',
+        tmp_path,
+        parameters=ONE_MU.format(0.003, 0.006),
+        backend='use = "test_repairing:BOUNDED"',
         search=f"{SEARCH}\nrepair_limit = 1e6",
-    )  # fmt: skip
+    )
     last = found.audit[-1]
     assert last.what == "stopped" and "outside what any mu up to 0.009 MPa reaches: the best" in last.why
     assert last.why.endswith("; 0.009 MPa is the hard bound")
@@ -194,9 +196,13 @@ def test_the_stated_limit_ends_it(tmp_path):
     assert len(found.audit) <= 6
 
 
-@pytest.mark.parametrize("low, high, scale, ends", [
-    (3e-4, 6e-4, "linear", [3e-4, 9e-4]), (2e-4, 6e-4, "log", [2e-4, 1.8e-3]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "low, high, scale, ends",
+    [
+        (3e-4, 6e-4, "linear", [3e-4, 9e-4]),
+        (2e-4, 6e-4, "log", [2e-4, 1.8e-3]),
+    ],
+)
 def test_nobody_asked_for_more_than_one_width_on_the_scale_of_the_range(tmp_path, low, high, scale, ends):
     text = f'mu = {{ low = {low}, high = {high}, scale = "{scale}" }}\nD1 = {{ value = 60 }}'
     found = repair(tmp_path, parameters=text)
@@ -213,9 +219,9 @@ def test_a_range_of_one_sign_keeps_it_however_wide_it_may_become(tmp_path, low, 
     found = [limit(plan, axes, Stated(axes, ()), End(1, side)) for side in (0, 1)]
     widest = 5.0 * (high - low)
     np.testing.assert_allclose(
-        [far for far, _ in found], [max(low - widest, 0.0) if low >= 0 else low - widest,
-                                    min(high + widest, 0.0) if high <= 0 else high + widest],
-    )  # fmt: skip
+        [far for far, _ in found],
+        [max(low - widest, 0.0) if low >= 0 else low - widest, min(high + widest, 0.0) if high <= 0 else high + widest],
+    )
     assert ("change its sign" in found[0][1]) == (low >= 0) and ("change its sign" in found[1][1]) == (high <= 0)
 
 
@@ -243,9 +249,10 @@ def test_a_valley_is_not_followed_where_the_surrogates_fail(tmp_path):
 def test_runs_without_an_answer_bar_the_way(tmp_path, setting, word):
     low, high = (0.024, 0.04) if word == "inversion" else (0.003, 0.006)
     found = repair(
-        tmp_path, parameters=ONE_MU.format(low, high),
+        tmp_path,
+        parameters=ONE_MU.format(low, high),
         backend__settings=f"thickness = {studies.THICKNESS}\n{setting}",
-    )  # fmt: skip
+    )
     assert what(found) == ["widened", "taken back", "stopped"]
     assert f"no run has an answer. The simulation says: {word}, " in found.audit[-1].why
     assert ranges(found) == [low, high]

@@ -779,8 +779,12 @@ def test_what_a_command_answers_with_nan_fails_and_keeps_the_rest(program, tmp_p
     "text", ["Licence 4711 {trial}\n\n{}", "{}\n  {{not JSON\n", '{{"version": 3}}\n{}\nbye', "\ufeffHello\n  {}"]
 )
 def test_what_a_command_prints_around_its_schema_is_passed_over(tmp_path, text):
-    schema = {"name": "s", "numerics": 1, "channels": {"time": "s"}, "parameters": [
-        {"name": "x", "description": "", "unit": "1", "low": 0.0, "high": 1.0}]}  # fmt: skip
+    schema = {
+        "name": "s",
+        "numerics": 1,
+        "channels": {"time": "s"},
+        "parameters": [{"name": "x", "description": "", "unit": "1", "low": 0.0, "high": 1.0}],
+    }
     said = text.replace("{}", json.dumps(schema, indent=1)).replace("{{", "{").replace("}}", "}")
     (tmp_path / "said").write_text(said, encoding="utf-8")
     code = f"print(open({str(tmp_path / 'said')!r}, encoding='utf-8').read())"
@@ -872,8 +876,19 @@ def test_command_whose_schema_is_wrong_is_refused_by_knob_key_and_value(tmp_path
 
 def test_command_with_a_full_schema_is_taken(tmp_path):
     """Negative control of the refusals."""
-    x = {"name": "x", "description": "force", "unit": "N", "low": 0, "high": 10, "default": 1, "neutral": None,
-         "typical": 2, "plausible": [1, 20], "scope": "place", "group": "g"}  # fmt: skip
+    x = {
+        "name": "x",
+        "description": "force",
+        "unit": "N",
+        "low": 0,
+        "high": 10,
+        "default": 1,
+        "neutral": None,
+        "typical": 2,
+        "plausible": [1, 20],
+        "scope": "place",
+        "group": "g",
+    }
     schema = {"name": "s", "numerics": 1, "channels": {"time": "s", "travel": "mm"}, "parameters": [x]}
     (tmp_path / "schema.json").write_text(json.dumps(schema))
     backend = load_backend(command=[sys.executable, "-c", f"print(open({str(tmp_path / 'schema.json')!r}).read())"])

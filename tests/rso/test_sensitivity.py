@@ -119,10 +119,14 @@ def test_morris_keeps_to_the_feasible_set():
         morris(lambda X: X[:, 0], 2, 0, constraint=lambda X: X[:, 0] < 0.1)
 
 
-@pytest.mark.parametrize("f, d, exact", [
-    (ishigami, 3, ishigami_indices()), (lambda X: sobol_g(X, A), 4, sobol_g_indices(A)),
-    (lambda X: X @ np.array([1.0, 2.0, 3.0]), 3, (np.array([1, 4, 9]) / 14,) * 2),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "f, d, exact",
+    [
+        (ishigami, 3, ishigami_indices()),
+        (lambda X: sobol_g(X, A), 4, sobol_g_indices(A)),
+        (lambda X: X @ np.array([1.0, 2.0, 3.0]), 3, (np.array([1, 4, 9]) / 14,) * 2),
+    ],
+)
 def test_intervals_are_as_wide_as_the_estimates_scatter(f, d, exact):
     found = [sobol(f, d, seed, n=1024) for seed in range(25)]
     for name, truth in zip(("first", "total"), exact, strict=True):

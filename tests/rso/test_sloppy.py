@@ -50,23 +50,35 @@ READ = {  # text, encoding, columns
     "µ of an old machine": (table("depth [µm];Fz [mN]", 1000 * U, 1000 * F, separator=";"), "latin-1", None),
     "units in a second row": (table("depth,Fz\n[µm],[mN]", 1000 * U, 1000 * F), "utf-8", None),
     "forces in gf": (table("depth_mm,Fz_gf", U, F / 0.00980665), "utf-8", None),
-    "Excel, BOM, semicolons, commas": (table("time_s;depth_mm;Fz_N", T, U, F, separator=";").replace(".", ",").replace(
-        "\n", "\r\n"), "utf-8-sig", None),
+    "Excel, BOM, semicolons, commas": (
+        table("time_s;depth_mm;Fz_N", T, U, F, separator=";").replace(".", ",").replace("\n", "\r\n"),
+        "utf-8-sig",
+        None,
+    ),
     "the first line of Excel": ("sep=;\n" + table("depth_mm;Fz_N", U, F, separator=";"), "utf-8", None),
     "a header cell of two lines": (table('"depth\n[mm]";"Fz\r\n[N]"', U, F, separator=";"), "utf-8", None),
     "a comment in the middle": (table("depth_mm,Fz_N", U, F).replace("\n2,", "\n# paused\n2,"), "utf-8", None),
     "no end of the last line": (table("depth_mm,Fz_N", U, F).rstrip("\n"), "utf-8", None),
     "a clock": (table("time_s,depth_mm,Fz_N", CLOCK, U, F), "utf-8", None),
-    "a clock in its header": (table("Zeit [hh:mm:ss],depth_mm,Fz_N", CLOCK, U, F), "utf-8", PLAIN | {
-        "time": Column("Zeit [hh:mm:ss]")}),
+    "a clock in its header": (
+        table("Zeit [hh:mm:ss],depth_mm,Fz_N", CLOCK, U, F),
+        "utf-8",
+        PLAIN | {"time": Column("Zeit [hh:mm:ss]")},
+    ),
     "a clock that is not read": (table("Zeit,depth_mm,Fz_N", CLOCK, U, F), "utf-8", PLAIN),
-    "a typographic minus": (table("depth_mm,Fz_N", U, [f"−{v:.6g}" for v in F]), "utf-8", {
-        "depth": Column("depth_mm"), "Fz": Column("Fz_N", flip=True)}),
-    "a depth counted downwards, force compressive": (table("depth_mm,Fz_N", -U, -F), "utf-8", {
-        "depth": Column("depth_mm", flip=True), "Fz": Column("Fz_N", flip=True)}),
+    "a typographic minus": (
+        table("depth_mm,Fz_N", U, [f"−{v:.6g}" for v in F]),
+        "utf-8",
+        {"depth": Column("depth_mm"), "Fz": Column("Fz_N", flip=True)},
+    ),
+    "a depth counted downwards, force compressive": (
+        table("depth_mm,Fz_N", -U, -F),
+        "utf-8",
+        {"depth": Column("depth_mm", flip=True), "Fz": Column("Fz_N", flip=True)},
+    ),
     "seconds since 1970": (table("time_s,depth_mm,Fz_N", [f"{1.7e9 + t:.3f}" for t in T], U, F), "utf-8", None),
     "inches in a note": ('Ball 1/4"\nHolder 2"\n' + table("depth_mm,Fz_N", U, F), "utf-8", None),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("what", READ)
@@ -87,49 +99,91 @@ def test_a_quote_in_a_remark_takes_no_readings_with_it(tmp_path):
 
 
 REFUSED = {  # text, columns, place and words
-    "thousands in quotes": (table("depth_um,Fz_mN", [f'"{1000 * u:,.0f}"' for u in U], [f"{1e3 * v:.1f}" for v in F]),
-                            None, [":2:", "'1,000'", "parts thousands"]),
+    "thousands in quotes": (
+        table("depth_um,Fz_mN", [f'"{1000 * u:,.0f}"' for u in U], [f"{1e3 * v:.1f}" for v in F]),
+        None,
+        [":2:", "'1,000'", "parts thousands"],
+    ),
     "apostrophes": (grouped("'"), None, [":12:", "'depth'", "1'000", "write thousands without a mark"]),
     "thin blanks": (grouped("\u202f"), None, [":12:", "'depth'", "000'", "write thousands without a mark"]),
     "points": (grouped("."), None, [":12:", "'1.000'"]),
     "a date": (table("time_s,depth_mm,Fz_N", ["2024-02-01T10:00:00"] * 41, U, F), None, [":3:", "does not follow"]),
-    "a clock of minutes": (table("time_s,depth_mm,Fz_N", [t[3:] for t in CLOCK], U, F), None, [
-        ":2:", "'time'", "'00:00.000'", "no time of day as 10:00:03.5; write seconds", "settings.speed"]),
-    **{f"overload {cell!r}": (with_cell(cell), None, [":32:", "'Fz'", f"'{cell}'", "delete the row"])
-       for cell in ("----", "OVLD", "***")},
-    **{f"overload {cell!r}": (with_cell(cell), None, [":32:", "'Fz'", f"'{cell}'"])
-       for cell in ("1.#INF", "9.99E+37", "1.0D+00")},
-    "a gap as a number": (table("depth_mm,Fz_N", U, np.where(abs(U - 2) < 0.15, -9999.0, F)), None, [
-        ":21:", "'Fz' is -9999 N in 3 readings", "delete these rows"]),
-    "an overload as a number": (table("depth_mm,Fz_N", U, np.where(U > 3.45, 9999.0, F)), None, [
-        ":37:", "'Fz' is 9999 N in 6 readings", "a mark for an overload"]),
-    "a depth that is none": (table("depth_mm,Fz_N", np.where(U > 3.85, 999.0, U), F), None, [
-        ":41:", "'depth' is 999 mm in 2"]),
-    "a gap of either sign": (table("depth_mm,Fz_N", U, np.where(abs(U - 2) < 0.12, 9e3 * np.sign(U - 2.05), F)), None, [
-        ":21:", "'Fz' is -9000 N in 3 readings", "delete these rows"]),
-    "a single gap": (table("depth_mm,Fz_N", U, np.where(abs(U - 2) < 0.05, -9999.0, F)), None, [
-        ":22:", "'Fz' is -9999 N in 1 reading ", "delete this row"]),
+    "a clock of minutes": (
+        table("time_s,depth_mm,Fz_N", [t[3:] for t in CLOCK], U, F),
+        None,
+        [":2:", "'time'", "'00:00.000'", "no time of day as 10:00:03.5; write seconds", "settings.speed"],
+    ),
+    **{
+        f"overload {cell!r}": (with_cell(cell), None, [":32:", "'Fz'", f"'{cell}'", "delete the row"])
+        for cell in ("----", "OVLD", "***")
+    },
+    **{
+        f"overload {cell!r}": (with_cell(cell), None, [":32:", "'Fz'", f"'{cell}'"])
+        for cell in ("1.#INF", "9.99E+37", "1.0D+00")
+    },
+    "a gap as a number": (
+        table("depth_mm,Fz_N", U, np.where(abs(U - 2) < 0.15, -9999.0, F)),
+        None,
+        [":21:", "'Fz' is -9999 N in 3 readings", "delete these rows"],
+    ),
+    "an overload as a number": (
+        table("depth_mm,Fz_N", U, np.where(U > 3.45, 9999.0, F)),
+        None,
+        [":37:", "'Fz' is 9999 N in 6 readings", "a mark for an overload"],
+    ),
+    "a depth that is none": (
+        table("depth_mm,Fz_N", np.where(U > 3.85, 999.0, U), F),
+        None,
+        [":41:", "'depth' is 999 mm in 2"],
+    ),
+    "a gap of either sign": (
+        table("depth_mm,Fz_N", U, np.where(abs(U - 2) < 0.12, 9e3 * np.sign(U - 2.05), F)),
+        None,
+        [":21:", "'Fz' is -9000 N in 3 readings", "delete these rows"],
+    ),
+    "a single gap": (
+        table("depth_mm,Fz_N", U, np.where(abs(U - 2) < 0.05, -9999.0, F)),
+        None,
+        [":22:", "'Fz' is -9999 N in 1 reading ", "delete this row"],
+    ),
     "backwards": (table("time_s,depth_mm,Fz_N", T[::-1], U[::-1], F[::-1]), None, [":3:", "'time'", "sort them"]),
-    "a word in some rows": ("depth_mm  Fz_N  note\n" + "".join(f"{u} {v} {'' if k % 7 else 'x'}\n" for k, (u, v) in
-                            enumerate(zip(U, F, strict=True))).rstrip("x \n"), None, [
-        ":1:", "blanks part 3 words of this line and 2 of line 42", "by semicolons"]),
-    "one time twice": (table("time_s,depth_mm,Fz_N", np.where(T == T[20], T[19], T), U, F), None, [
-        ":22:", "'time'", "3.8 s does not follow 3.8 s", "delete one of the two rows"]),
+    "a word in some rows": (
+        "depth_mm  Fz_N  note\n"
+        + "".join(f"{u} {v} {'' if k % 7 else 'x'}\n" for k, (u, v) in enumerate(zip(U, F, strict=True))).rstrip(
+            "x \n"
+        ),
+        None,
+        [":1:", "blanks part 3 words of this line and 2 of line 42", "by semicolons"],
+    ),
+    "one time twice": (
+        table("time_s,depth_mm,Fz_N", np.where(T == T[20], T[19], T), U, F),
+        None,
+        [":22:", "'time'", "3.8 s does not follow 3.8 s", "delete one of the two rows"],
+    ),
     "a coarse clock": (table("time_s,depth_mm,Fz_N", np.floor(T), U, F), None, [":3:", "'time'", "clock this coarse"]),
     "depth downwards": (table("depth_mm,Fz_N", -U, F), None, ["'depth' falls from 0 to -4", "flip = true"]),
     "force compressive": (table("depth_mm,Fz_N", U, -F), None, ["'Fz' falls", "flip = true"]),
-    "a height, there and back": (table("depth_mm,Fz_N", 50 - CYCLE, 0.04 * CYCLE**1.5), None, [
-        "falls from 50 to 46 mm and comes back, is a height", "flip = true", "zero = "]),
-    "a height through 0": (table("depth_mm,Fz_N", 2 - CYCLE, 0.04 * CYCLE**1.5), None, [
-        "falls from 2 to -2 mm and comes back, is a height", "flip = true", "zero = "]),
+    "a height, there and back": (
+        table("depth_mm,Fz_N", 50 - CYCLE, 0.04 * CYCLE**1.5),
+        None,
+        ["falls from 50 to 46 mm and comes back, is a height", "flip = true", "zero = "],
+    ),
+    "a height through 0": (
+        table("depth_mm,Fz_N", 2 - CYCLE, 0.04 * CYCLE**1.5),
+        None,
+        ["falls from 2 to -2 mm and comes back, is a height", "flip = true", "zero = "],
+    ),
     "a position": (table("depth_mm,Fz_N", 50 + U, F), None, ["begins at 50 mm", "zero = "]),
-    "cycles": (table("depth_mm,Fz_N", np.tile(CYCLE, 3), np.tile(0.04 * CYCLE**1.5, 3)), None, [
-        "turns back more than once within 4 mm", "add a column 'repeat'"]),
+    "cycles": (
+        table("depth_mm,Fz_N", np.tile(CYCLE, 3), np.tile(0.04 * CYCLE**1.5, 3)),
+        None,
+        ["turns back more than once within 4 mm", "add a column 'repeat'"],
+    ),
     "units in the cells": (table("depth,Fz", [f"{u} mm" for u in U], [f"{v} N" for v in F]), None, [":1:", "no unit"]),
     "a mass": (table("depth_mm,Fz [g]", U, F), PLAIN | {"Fz": Column("Fz [g]")}, [":1:", "'g' is a mass", "'gf'"]),
     "cut off": (table("depth_mm,Fz_N", U, F)[:-6], None, [":42:", "1 values in a table of 2 columns", "'4'"]),
     "side by side": (table("depth_mm,Fz_N,depth_mm,Fz_N", U, F, U, F), None, [":1:", "twice", "files of their own"]),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("what", REFUSED)

@@ -478,10 +478,14 @@ def recorded(speed: float) -> str:
 
 @pytest.mark.parametrize(
     ("stated", "own", "speed", "whose"),
-    [(None, 0.01, 0.01, "by its times"), ("30 mm/min", 0.01, 0.01, "by its times"),
-     ("30 mm/min", 0.51, 0.5, "as stated"),
-     ("30 mm/min", None, 0.5, "as stated"), (None, None, cases.DEFAULT_SPEED, "assumed")],
-)  # fmt: skip
+    [
+        (None, 0.01, 0.01, "by its times"),
+        ("30 mm/min", 0.01, 0.01, "by its times"),
+        ("30 mm/min", 0.51, 0.5, "as stated"),
+        ("30 mm/min", None, 0.5, "as stated"),
+        (None, None, cases.DEFAULT_SPEED, "assumed"),
+    ],
+)
 def test_a_test_is_simulated_as_fast_as_its_record_says(tmp_path, stated, own, speed, whose):
     """One that took 300 s was simulated in 6, and what relaxes came out fifty times too quick, without a word."""
     (tmp_path / "top.csv").write_text(studies.measured() if own is None else recorded(own))

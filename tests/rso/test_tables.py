@@ -168,13 +168,16 @@ def test_words_beneath_the_last_reading_are_notes_or_refused_with_their_line(tmp
         assert m.notes == tuple(filter(None, footer)) and m.repeats[0].depth.tolist() == U.tolist()
 
 
-@pytest.mark.parametrize("lines", [
-    ["Weg, Kraft, Phase", *(f"{u}, {0.1 * u}, LOAD" for u in U)],
-    ["Weg,Kraft,Phase", *(f"{u},{0.1 * u},LOAD fast" for u in U)],
-    ["Weg;Kraft;Phase", *(f"{u}; {0.1 * u}; LOAD" for u in U)],
-    ["Weg\tKraft\tPhase", *(f"{u}\t{0.1 * u}\tLOAD 1" for u in U)],
-    ["Zeit,Weg,Kraft", *(f"2024-02-01 10:00:00,{u},{0.1 * u}" for u in U)],
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ["Weg, Kraft, Phase", *(f"{u}, {0.1 * u}, LOAD" for u in U)],
+        ["Weg,Kraft,Phase", *(f"{u},{0.1 * u},LOAD fast" for u in U)],
+        ["Weg;Kraft;Phase", *(f"{u}; {0.1 * u}; LOAD" for u in U)],
+        ["Weg\tKraft\tPhase", *(f"{u}\t{0.1 * u}\tLOAD 1" for u in U)],
+        ["Zeit,Weg,Kraft", *(f"2024-02-01 10:00:00,{u},{0.1 * u}" for u in U)],
+    ],
+)
 def test_words_between_separators_part_nothing_at_blanks(tmp_path, lines):
     assert read(write(tmp_path, lines), COLUMNS).repeats[0].depth.tolist() == U.tolist()
 

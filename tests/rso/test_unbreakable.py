@@ -33,9 +33,14 @@ def rso(*arguments: object, largest_file: int | None = None, cwd: Path | None = 
             resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file))
 
     return subprocess.run(
-        test_cli.command(*arguments), env=test_cli.environment(), capture_output=True, text=True, preexec_fn=limit,
-        timeout=120, cwd=cwd,
-    )  # fmt: skip
+        test_cli.command(*arguments),
+        env=test_cli.environment(),
+        capture_output=True,
+        text=True,
+        preexec_fn=limit,
+        timeout=120,
+        cwd=cwd,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -104,8 +109,16 @@ def _spoil(name: str, folder: Path) -> None:
             results.mkdir()
 
 
-DAMAGES = ["store cut", "store overwritten", "store of others", "results cut", "results of others", "results a list",
-           "results binary", "results a folder"]  # fmt: skip
+DAMAGES = [
+    "store cut",
+    "store overwritten",
+    "store of others",
+    "results cut",
+    "results of others",
+    "results a list",
+    "results binary",
+    "results a folder",
+]
 
 
 @pytest.mark.parametrize("name", DAMAGES)
@@ -299,9 +312,12 @@ def test_reports_escape_what_they_print(tmp_path):
     settings = f'thickness = 8\nfail_below = 0.007\nremark = "{HOSTILE}"'
     experiment = studies.SECTIONS["[experiments]"]
     studies.write(
-        tmp_path, study=f'title = "{HOSTILE}"\nseed = 0', backend__settings=settings, experiments=experiment,
+        tmp_path,
+        study=f'title = "{HOSTILE}"\nseed = 0',
+        backend__settings=settings,
+        experiments=experiment,
         **{**QUICK, "report": "html = true\npdf = true", "doe": "runs = 12\nheld_out = 1\nreduce = false"},
-    )  # fmt: skip
+    )
     assert main(["run", str(tmp_path), "--jobs", "1"]) in (0, 3, 4)
     page = (tmp_path / "results" / "report.html").read_text(encoding="utf-8")
     assert "&lt;script&gt;alert(1)" in page

@@ -657,8 +657,10 @@ def test_a_profile_kept_for_the_end_is_predicted(marked):
     assert sum(r["purpose"] == "validate" for r in found["runs"]) == 3
     for v, c in zip(found["validation"], found["searches"][0]["candidates"], strict=True):
         assert (v["state"], v["position"], v["depth"]) == (
-            "done", [[x, y] for _, x, y in SURFACE], [u for u, _, _ in SURFACE]
-        )  # fmt: skip
+            "done",
+            [[x, y] for _, x, y in SURFACE],
+            [u for u, _, _ in SURFACE],
+        )
         mine = c["values"]["mu"] * c["values"]["D1"]
         exact = [float(studies.displacement(np.array(u), x, y, mine)) for u, x, y in SURFACE]
         np.testing.assert_allclose(v["predicted"], exact, rtol=1e-12)  # its depths are computed ones
@@ -680,10 +682,16 @@ def test_the_command_line_counts_marks_and_sums_a_profile_up(marked, capsys):
     assert f"'surface' (validate): {marks} mark(s) of a profile at {depths} depth(s) to {deepest:g} mm" in said
     assert "'top' (fit): 20 depth(s) to 2 mm, 1 repeat(s)" in said
     profile = {
-        "position": [[0, 0], [5, 0]], "depth": [2, 2], "measured": [-1.5, -0.2], "predicted": [-1.4, -0.2],
-        "metrics": {"n": 2, "rmse": 0.0707}, "state": "done", "reason": None,
-        "channel": "Fz", "unit": "N",
-    }  # fmt: skip
+        "position": [[0, 0], [5, 0]],
+        "depth": [2, 2],
+        "measured": [-1.5, -0.2],
+        "predicted": [-1.4, -0.2],
+        "metrics": {"n": 2, "rmse": 0.0707},
+        "state": "done",
+        "reason": None,
+        "channel": "Fz",
+        "unit": "N",
+    }
     assert validated(profile) == "2 readings missed by 0.071 mm (RMSE), the largest measured is -1.5 mm"
     curve = profile | {"position": [], "depth": [3.0, 1.0]}  # the deepest reading need not be the last
     assert validated(curve) == "Fz predicted -1.4 N, measured -1.5 N at 3 mm"

@@ -49,7 +49,7 @@ READ = {
     "a header of two lines in a cell": [("a", [["depth\n[mm]", "Fz\n[N]"], *PLAIN[1:]])],
     "another sheet of results": [("Max", [["Force", 0.5, 2], ["Depth", 1, 4]]), ("Probe 1", PLAIN), ("empty", [])],
     "numbers as text with commas": [("a", readings(("depth_mm", "Fz_N"), as_text(U), as_text(F)))],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("sheets", READ.values(), ids=READ)
@@ -60,11 +60,15 @@ def test_a_sheet_of_readings_is_read_to_all_its_digits(tmp_path, sheets):
     assert_allclose(m.repeats[0].channels["Fz"], F, rtol=1e-15, atol=0.0)
 
 
-@pytest.mark.parametrize("clock", [
-    [START.time().replace(hour=10, minute=5, second=1 + k, microsecond=500_000) for k in range(41)],
-    [datetime.timedelta(seconds=k + 0.5) for k in range(41)],
-    [datetime.datetime(2026, 3, 1, 10, 5, 1) + datetime.timedelta(seconds=k) for k in range(41)],
-], ids=["time of day", "duration", "date and time"])  # fmt: skip
+@pytest.mark.parametrize(
+    "clock",
+    [
+        [START.time().replace(hour=10, minute=5, second=1 + k, microsecond=500_000) for k in range(41)],
+        [datetime.timedelta(seconds=k + 0.5) for k in range(41)],
+        [datetime.datetime(2026, 3, 1, 10, 5, 1) + datetime.timedelta(seconds=k) for k in range(41)],
+    ],
+    ids=["time of day", "duration", "date and time"],
+)
 def test_times_of_a_sheet_are_seconds(tmp_path, clock):
     m = read(saved(tmp_path / "data.xlsx", a=readings(("time_s", "depth_mm", "Fz_N"), clock, U, F)))
     assert_array_equal(np.diff(m.repeats[0].time), np.ones(40))

@@ -49,9 +49,15 @@ def outcomes(study, tmp_path_factory):
             F = formula(values["mu"], values["D1"], u)
             x, y = case.settings["point"]
             channels = {
-                "time": u, "travel": u, "Fz": F, "Fx": F * 35 * x / 60**2, "Fy": F * y / 35, "bulge": 0.1 * u,
-                "contact_radius": np.sqrt(3 * u), "Fy_half": 0.1 * F,
-            }  # fmt: skip
+                "time": u,
+                "travel": u,
+                "Fz": F,
+                "Fx": F * 35 * x / 60**2,
+                "Fy": F * y / 35,
+                "bulge": 0.1 * u,
+                "contact_radius": np.sqrt(3 * u),
+                "Fy_half": 0.1 * F,
+            }
             softer = 1 + 0.1 * values["mu"] * values["D1"]
             for a, b in case.settings["profile"]:
                 channels[f"uz({a:g},{b:g})"] = -0.5 * softer * u * np.exp(-a / 8)

@@ -32,14 +32,50 @@ FORGED = "\nrso: forged"
 VICTIM = "mine, and not to be touched\n"
 BODY = ("--semi-axes", "60", "35", "35", "--radius", "3")
 TEXTS = (
-    "", " ", "\x1b[2J\x1b]0;t\x07", "\u202egnp.exe", f"a{FORGED}", "a\rb\x9b31m", "\u2028\u200b", "=cmd|'/c calc'!A1",
-    "<script>alert(1)</script>", "x" * 20_000, "ａ", "nan", "1e999", "../../../etc/passwd", "%s{}{0.__class__}",
-    "a\tb", "\ufeff", "🜁" * 30,
-)  # fmt: skip
+    "",
+    " ",
+    "\x1b[2J\x1b]0;t\x07",
+    "\u202egnp.exe",
+    f"a{FORGED}",
+    "a\rb\x9b31m",
+    "\u2028\u200b",
+    "=cmd|'/c calc'!A1",
+    "<script>alert(1)</script>",
+    "x" * 20_000,
+    "ａ",
+    "nan",
+    "1e999",
+    "../../../etc/passwd",
+    "%s{}{0.__class__}",
+    "a\tb",
+    "\ufeff",
+    "🜁" * 30,
+)
 VALUES: tuple[Any, ...] = (
-    None, True, False, 0, -1, 1, 10**9, 2**63, 10**400, 0.5, 1e300, -1e300, 5e-324, float("nan"), float("inf"), [],
-    {}, [[]], [None], [1, "a"], {"a": {}}, "text", *TEXTS,
-)  # fmt: skip
+    None,
+    True,
+    False,
+    0,
+    -1,
+    1,
+    10**9,
+    2**63,
+    10**400,
+    0.5,
+    1e300,
+    -1e300,
+    5e-324,
+    float("nan"),
+    float("inf"),
+    [],
+    {},
+    [[]],
+    [None],
+    [1, "a"],
+    {"a": {}},
+    "text",
+    *TEXTS,
+)
 
 
 @dataclass(frozen=True)
@@ -323,10 +359,15 @@ def npz_members(rng: random.Random, file: Path) -> None:
     name = rng.choice(list(arrays))
     value = arrays[name]
     kinds: tuple[Callable[[], Any], ...] = (
-        lambda: value.ravel()[: value.size // 2], lambda: value[None], lambda: np.full(value.shape, np.nan),
-        lambda: np.array("text"), lambda: np.array([{}], dtype=object), lambda: value.astype(complex),
-        lambda: np.zeros((0, 3)), lambda: value * 1e300,
-    )  # fmt: skip
+        lambda: value.ravel()[: value.size // 2],
+        lambda: value[None],
+        lambda: np.full(value.shape, np.nan),
+        lambda: np.array("text"),
+        lambda: np.array([{}], dtype=object),
+        lambda: value.astype(complex),
+        lambda: np.zeros((0, 3)),
+        lambda: value * 1e300,
+    )
     if rng.random() < 0.2:
         del arrays[name]
     else:
@@ -353,21 +394,37 @@ def results(rng: random.Random, folder: Path) -> None:
 
 
 STATEMENTS = (
-    'UPDATE runs SET "values" = ?', 'UPDATE runs SET "case" = ?', "UPDATE runs SET response = ?",
-    "UPDATE runs SET wall_s = ?", "UPDATE runs SET name = ?", "UPDATE runs SET reason = ?",
-    "UPDATE runs SET created = ?", "UPDATE runs SET attempts = ?", "UPDATE runs SET checksum = ?",
-    "UPDATE runs SET checksum = NULL, response = ?", 'UPDATE runs SET checksum = NULL, "values" = ?',
-    'UPDATE runs SET checksum = NULL, "case" = ?', "UPDATE runs SET checksum = NULL, cpu_s = ?",
-    "UPDATE runs SET key = key || ?", "UPDATE runs SET checksum = NULL, state = 'failed', cause = ?",
+    'UPDATE runs SET "values" = ?',
+    'UPDATE runs SET "case" = ?',
+    "UPDATE runs SET response = ?",
+    "UPDATE runs SET wall_s = ?",
+    "UPDATE runs SET name = ?",
+    "UPDATE runs SET reason = ?",
+    "UPDATE runs SET created = ?",
+    "UPDATE runs SET attempts = ?",
+    "UPDATE runs SET checksum = ?",
+    "UPDATE runs SET checksum = NULL, response = ?",
+    'UPDATE runs SET checksum = NULL, "values" = ?',
+    'UPDATE runs SET checksum = NULL, "case" = ?',
+    "UPDATE runs SET checksum = NULL, cpu_s = ?",
+    "UPDATE runs SET key = key || ?",
+    "UPDATE runs SET checksum = NULL, state = 'failed', cause = ?",
     "UPDATE runs SET checksum = NULL, state = 'failed', history = ?",
     "INSERT INTO crashes VALUES ('k', ?, 'r', 1, 'n', '{}')",
     "INSERT INTO crashes VALUES ('k', 'w', ?, 1, 'n', '{}')",
     "INSERT INTO crashes VALUES ('k', 'w', 'r', ?, 'n', '{}')",
-    "INSERT INTO crashes VALUES ('k', 'w', 'r', 1, 'n', ?)", "INSERT INTO artefacts VALUES ('k', ?, 'n', 's')",
-    "DELETE FROM runs WHERE 1 OR ?", "DROP TABLE runs", "DROP TABLE crashes", "DROP TABLE artefacts",
-    "DROP INDEX crashes_key", "PRAGMA user_version = 7", "ALTER TABLE runs RENAME COLUMN cause TO other",
-    "CREATE TABLE more (a)", "ALTER TABLE runs DROP COLUMN history",
-)  # fmt: skip
+    "INSERT INTO crashes VALUES ('k', 'w', 'r', 1, 'n', ?)",
+    "INSERT INTO artefacts VALUES ('k', ?, 'n', 's')",
+    "DELETE FROM runs WHERE 1 OR ?",
+    "DROP TABLE runs",
+    "DROP TABLE crashes",
+    "DROP TABLE artefacts",
+    "DROP INDEX crashes_key",
+    "PRAGMA user_version = 7",
+    "ALTER TABLE runs RENAME COLUMN cause TO other",
+    "CREATE TABLE more (a)",
+    "ALTER TABLE runs DROP COLUMN history",
+)
 
 
 def store(rng: random.Random, folder: Path) -> None:
@@ -442,12 +499,20 @@ def laboratory(rng: random.Random, folder: Path) -> None:
 HOMES = ("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "TMPDIR", "MPLCONFIGDIR")
 ENVIRONMENTS: tuple[tuple[str, tuple[str | None, ...]], ...] = (
     *((name, (None, "", "/nonexistent", "/dev/null", "/proc", "/" + "x" * 300)) for name in HOMES),
-    ("COLUMNS", ("0", "-1", "", "x", "1", "999999999999")), ("LINES", ("0", "x")),
-    ("TERM", (None, "", "dumb", "\x1b[2J")), ("LANG", ("C", "xx_YY", None)), ("LC_ALL", ("C", "POSIX", "xx")),
-    ("NO_COLOR", ("1",)), ("TZ", ("nowhere", ":", "")), ("OMP_NUM_THREADS", ("0", "x", "999999")),
-    ("PYTHONHASHSEED", ("7",)), ("PATH", (None, "", "/nonexistent")), ("SOURCE_DATE_EPOCH", ("x", "-1")),
-    ("MPLBACKEND", ("nowhere",)), ("USER", (None,)),
-)  # fmt: skip
+    ("COLUMNS", ("0", "-1", "", "x", "1", "999999999999")),
+    ("LINES", ("0", "x")),
+    ("TERM", (None, "", "dumb", "\x1b[2J")),
+    ("LANG", ("C", "xx_YY", None)),
+    ("LC_ALL", ("C", "POSIX", "xx")),
+    ("NO_COLOR", ("1",)),
+    ("TZ", ("nowhere", ":", "")),
+    ("OMP_NUM_THREADS", ("0", "x", "999999")),
+    ("PYTHONHASHSEED", ("7",)),
+    ("PATH", (None, "", "/nonexistent")),
+    ("SOURCE_DATE_EPOCH", ("x", "-1")),
+    ("MPLBACKEND", ("nowhere",)),
+    ("USER", (None,)),
+)
 
 
 def environment(rng: random.Random) -> dict[str, str | None]:
@@ -461,9 +526,12 @@ DAMAGES: dict[str, tuple[Callable[[random.Random, Path], None], int, dict[str, i
     "results": (results, 15, {"report": 9, "status": 3, "run": 4, "diagnose": 3, "ladder": 1}),
     "store": (store, 17, {"status": 9, "run": 4, "diagnose": 3, "ladder": 1, "check": 5, "next": 1}),
     "laboratory": (laboratory, 6, {"blind": 1}),
-    "environment": (lambda rng, folder: None, 4,
-                    {"check": 4, "status": 2, "report": 2, "run": 1, "new": 1, "keys": 2, "diagnose": 1}),
-}  # fmt: skip
+    "environment": (
+        lambda rng, folder: None,
+        4,
+        {"check": 4, "status": 2, "report": 2, "run": 1, "new": 1, "keys": 2, "diagnose": 1},
+    ),
+}
 
 
 def case(n: int, bases: Path, folder: Path) -> Case:
@@ -502,8 +570,15 @@ def _line(rng: random.Random, command: str, damage: str, folder: Path) -> tuple[
     more = (*(jobs if command not in ("status", "report") else ()), *trust, *fresh, *strict)
     if rng.random() < 0.06:
         made = folder / "made"
-        places = (folder / "victim", made / "new", made / "\x1b[2J", made / ("x" * 300), f"{made}/a{FORGED}",
-                  "/proc/nowhere/results", "/dev/null")  # fmt: skip
+        places = (
+            folder / "victim",
+            made / "new",
+            made / "\x1b[2J",
+            made / ("x" * 300),
+            f"{made}/a{FORGED}",
+            "/proc/nowhere/results",
+            "/dev/null",
+        )
         option = "--out" if command == "report" else rng.choice(("--out", "--store"))
         more = (*more, option, str(rng.choice(places)))
     return (command, str(where), *more)
@@ -540,11 +615,24 @@ def cache(n: int, file: Path, other: Path) -> str:
 
 # What only a process of its own can be given: shell that stands before or behind the command, and variables.
 SHELLS = (
-    "{}", "{} >&-", "{} 2>&-", "{} <&- >&- 2>&-", "{} > /dev/full", "{} 2> /dev/full", "{} | true",
-    "{} | /usr/bin/head -c 100", "cd gone && /bin/rmdir ../gone && {}", "ulimit -f 0; {}", "ulimit -f 40; {}",
+    "{}",
+    "{} >&-",
+    "{} 2>&-",
+    "{} <&- >&- 2>&-",
+    "{} > /dev/full",
+    "{} 2> /dev/full",
+    "{} | true",
+    "{} | /usr/bin/head -c 100",
+    "cd gone && /bin/rmdir ../gone && {}",
+    "ulimit -f 0; {}",
+    "ulimit -f 40; {}",
     "ulimit -n 24; {}",
-    "umask 777; {}", "umask 0; {}", "ulimit -v 3000000; {}", "ulimit -u 1; {}", "ulimit -s 512; {}",
-)  # fmt: skip
+    "umask 777; {}",
+    "umask 0; {}",
+    "ulimit -v 3000000; {}",
+    "ulimit -u 1; {}",
+    "ulimit -s 512; {}",
+)
 
 
 def process(n: int, bases: Path, folder: Path) -> tuple[str, Case]:

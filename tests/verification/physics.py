@@ -160,8 +160,7 @@ def check_normals() -> None:
 def relaxed(knobs: Knobs) -> Knobs:
     """The elastic body that is left when everything has relaxed."""
     left = 1.0 - knobs.prony_g - knobs.prony_g2 - knobs.prony_g3
-    return replace(knobs, mu=left * knobs.mu, prony_g=0.0, prony_g2=0.0,
-                   prony_g3=0.0)  # fmt: skip
+    return replace(knobs, mu=left * knobs.mu, prony_g=0.0, prony_g2=0.0, prony_g3=0.0)
 
 
 def programme_points(b: Experiment, programme: Programme) -> Result:

@@ -52,8 +52,12 @@ def test_reversed_friction_is_seen_by_its_work(monkeypatch):
         if pair.friction == 0.0:
             return state
         smooth = true(replace(pair, friction=0.0), x, touch)
-        return replace(state, residual=2 * smooth.residual - state.residual, force=2 * smooth.force - state.force,
-                       traction=-state.traction)  # fmt: skip
+        return replace(
+            state,
+            residual=2 * smooth.residual - state.residual,
+            force=2 * smooth.force - state.force,
+            traction=-state.traction,
+        )
 
     monkeypatch.setattr(tractions, "evaluate", helping)
     with pytest.raises(AssertionError):

@@ -30,15 +30,31 @@ def box(low, high, log):
 
 
 PROBLEMS = {  # model θ (k, 2) → (k, n), box, truth, whether a and b can be determined by right
-    "determined": (lambda t: t[:, :1] * AT + t[:, 1:] * AT**2, box((0.1, 0.1), (10.0, 10.0), (True, True)),
-                   (1.0, 1.0), (True, True)),
-    "valley": (lambda t: t[:, :1] * t[:, 1:] * 2 * AT**1.5, box((0.1, 0.1), (10.0, 10.0), (True, True)),
-               (1.0, 1.0), (False, False)),
-    "two branches": (lambda t: t[:, :1] ** 2 * AT + t[:, 1:] * AT**2, box((-2.0, 0.1), (2.0, 10.0), (False, True)),
-                     (1.0, 1.0), (False, True)),
-    "bound": (lambda t: t[:, :1] * AT + t[:, 1:] * 0.03 * AT**2, box((0.1, 0.0), (10.0, 1.0), (True, False)),
-              (2.0, 0.5), (True, False)),
-}  # fmt: skip
+    "determined": (
+        lambda t: t[:, :1] * AT + t[:, 1:] * AT**2,
+        box((0.1, 0.1), (10.0, 10.0), (True, True)),
+        (1.0, 1.0),
+        (True, True),
+    ),
+    "valley": (
+        lambda t: t[:, :1] * t[:, 1:] * 2 * AT**1.5,
+        box((0.1, 0.1), (10.0, 10.0), (True, True)),
+        (1.0, 1.0),
+        (False, False),
+    ),
+    "two branches": (
+        lambda t: t[:, :1] ** 2 * AT + t[:, 1:] * AT**2,
+        box((-2.0, 0.1), (2.0, 10.0), (False, True)),
+        (1.0, 1.0),
+        (False, True),
+    ),
+    "bound": (
+        lambda t: t[:, :1] * AT + t[:, 1:] * 0.03 * AT**2,
+        box((0.1, 0.0), (10.0, 1.0), (True, False)),
+        (2.0, 0.5),
+        (True, False),
+    ),
+}
 
 
 def data_set(f, theta, sizes, seed):

@@ -51,8 +51,10 @@ def test_patch_of_curved_elements_converges_with_their_curvature(record):
         exact = mesh.doflocs.T @ A.T
         error.append(np.abs(equilibrium(mesh, inner, exact, LAWS["K/mu = 2"]) - exact).max() / np.abs(exact).max())
     rate = np.diff(np.log(error)) / np.diff(np.log(kappa))
-    record("patch test on curved elements (mid-edge nodes off by 0.1, 0.05, 0.025 h): error of u, rates",
-           f"{', '.join(f'{e:.1e}' for e in error)}; {np.round(rate, 2).tolist()}")  # fmt: skip
+    record(
+        "patch test on curved elements (mid-edge nodes off by 0.1, 0.05, 0.025 h): error of u, rates",
+        f"{', '.join(f'{e:.1e}' for e in error)}; {np.round(rate, 2).tolist()}",
+    )
     assert np.all(rate > 0.9) and error[0] < 5e-3
 
 
@@ -118,8 +120,10 @@ def test_manufactured_solution_has_the_orders_of_theory(record, name):
     n = np.array([3, 5, 8])
     e = np.array([errors(int(k), LAWS[name]) for k in n])
     orders = -np.diff(np.log(e), axis=0) / np.diff(np.log(n))[:, None]
-    record(f"manufactured solution, {name}: orders of u and grad u (theory 3 and 2); errors on the finest mesh",
-           f"{orders[-1, 0]:.2f} and {orders[-1, 1]:.2f}; {e[-1, 0]:.1e} and {e[-1, 1]:.1e}")  # fmt: skip
+    record(
+        f"manufactured solution, {name}: orders of u and grad u (theory 3 and 2); errors on the finest mesh",
+        f"{orders[-1, 0]:.2f} and {orders[-1, 1]:.2f}; {e[-1, 0]:.1e} and {e[-1, 1]:.1e}",
+    )
     assert np.all(orders[-1] > [2.7, 1.8]), orders
     assert np.all(orders[-1] < [4.0, 3.0]), orders
 

@@ -124,8 +124,10 @@ def test_forces_converge_with_the_mesh(record):
     a = run("coarse", SET1, ASKED, quarter).Fz / INDEPENDENT - 1
     b = run("coarse", SET1, ASKED, meshing.refined(settings.body, quarter, 2)).Fz / INDEPENDENT - 1
     limit, doubt = b - (a - b) / 3, (a - b) * (1 / (2**1.5 - 1) - 1 / 3)
-    record("h, h/2 and Richardson's limit (order 2) against NGSolve, mean of 1 to 4 mm",
-           f"{percent([a.mean(), b.mean(), limit.mean()])} ± {100 * abs(doubt).mean():.2f} %")  # fmt: skip
+    record(
+        "h, h/2 and Richardson's limit (order 2) against NGSolve, mean of 1 to 4 mm",
+        f"{percent([a.mean(), b.mean(), limit.mean()])} ± {100 * abs(doubt).mean():.2f} %",
+    )
     assert np.all(a > b)
     assert np.abs(limit).max() < 1.5e-3
 
@@ -133,8 +135,10 @@ def test_forces_converge_with_the_mesh(record):
 def test_levels_are_in_order(set1, record):
     """Every level is nearer to the finest than the one before, at every depth."""
     away = np.array([np.abs(set1[level] / set1[FINEST] - 1) for level in LEVELS[:-1]])
-    record("levels against the finest, largest of 1 to 4 mm", ", ".join(
-        f"{level} {100 * d:.2f} %" for level, d in zip(LEVELS, away.max(1), strict=False)))  # fmt: skip
+    record(
+        "levels against the finest, largest of 1 to 4 mm",
+        ", ".join(f"{level} {100 * d:.2f} %" for level, d in zip(LEVELS, away.max(1), strict=False)),
+    )
     assert np.all(np.diff(away.mean(1)) < 0)
 
 
@@ -186,8 +190,10 @@ def test_a_ball_that_is_tilted_is_the_same_ball(record):
     """
     ball = {"specimen": {"semi_axes": [35.0, 35.0, 35.0]}}
     one, two = (run("coarse", replace(SET1, tilt_x=t), [2.0], **ball) for t in (0.0, 5.0))
-    record("ball tilted by 5 degrees: change of Fz, Fy/Fz", f"{percent(two.Fz / one.Fz - 1)} %, "
-           f"{percent(two.channels['Fy'] / two.Fz)} %")  # fmt: skip
+    record(
+        "ball tilted by 5 degrees: change of Fz, Fy/Fz",
+        f"{percent(two.Fz / one.Fz - 1)} %, {percent(two.channels['Fy'] / two.Fz)} %",
+    )
     np.testing.assert_allclose(two.Fz, one.Fz, rtol=2e-3)
     assert abs(two.channels["Fy"][0]) < 2e-3 * two.Fz[0]
 
@@ -211,8 +217,10 @@ def test_linear_elastic_ellipsoid_approaches_hertz(record):
     body, ball = geometry.Ellipsoid(60.0, 35.0, 35.0), geometry.Sphere(3.0)
     ratio = F / closed_forms.hertz_force(h, geometry.hertz_radius(body, ball), E, nu)
     exponent = np.diff(np.log(F)) / np.diff(np.log(h))
-    record("linear elastic ellipsoid over Hertz at 0.25 0.5 1 2 mm; exponents between",
-           f"{np.round(ratio, 3).tolist()}; {np.round(exponent, 3).tolist()}")  # fmt: skip
+    record(
+        "linear elastic ellipsoid over Hertz at 0.25 0.5 1 2 mm; exponents between",
+        f"{np.round(ratio, 3).tolist()}; {np.round(exponent, 3).tolist()}",
+    )
     np.testing.assert_allclose(exponent[0], 1.5, atol=0.06)
     np.testing.assert_allclose(ratio[:2], 1.0, atol=0.06)
 
@@ -234,7 +242,9 @@ def test_hertz_limit_on_a_half_space(record):
     sneddon = closed_forms.sneddon_sphere(np.array(contact), R, E, nu)[1]
     limit, order = fit.x[0], fit.x[2]
     to_sneddon = ((1 + limit) * hertz / sneddon - 1).mean()
-    record("half space: limit of five meshes over Hertz and Sneddon, order",
-           f"{100 * limit:+.2f} %, {100 * to_sneddon:+.2f} %, {order:.2f}")  # fmt: skip
+    record(
+        "half space: limit of five meshes over Hertz and Sneddon, order",
+        f"{100 * limit:+.2f} %, {100 * to_sneddon:+.2f} %, {order:.2f}",
+    )
     assert abs(limit) < 0.01 and abs(to_sneddon) < 0.0125
     assert np.abs(fit.fun).max() < 2e-3 and 2.0 < order < 3.5

@@ -210,14 +210,24 @@ def _careless(options, command):
     return 0
 
 
-@pytest.mark.parametrize(("call", "what"), [
-    (_unforeseen, "a fault of the program"), (_raw, "unseen characters"), (_careless, "other files changed"),
-    (lambda *_: 9, "exit code 9"), (lambda *_: 2, "no message"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("call", "what"),
+    [
+        (_unforeseen, "a fault of the program"),
+        (_raw, "unseen characters"),
+        (_careless, "other files changed"),
+        (lambda *_: 9, "exit code 9"),
+        (lambda *_: 2, "no message"),
+    ],
+)
 def test_what_is_looked_for_is_found(tmp_path, bases, monkeypatch, call, what):
     """The same case is without fault, and with it when the command is replaced by one that has it."""
-    n = next(n for n in range(1000) if damages.case(n, bases, tmp_path / "case").arguments[0] == "status"
-             and (tmp_path / "case" / "study" / "study.toml").is_file())  # fmt: skip
+    n = next(
+        n
+        for n in range(1000)
+        if damages.case(n, bases, tmp_path / "case").arguments[0] == "status"
+        and (tmp_path / "case" / "study" / "study.toml").is_file()
+    )
     assert faults(n, bases, tmp_path / "case") is None
     monkeypatch.setattr(commands, "status", call)
     assert what in faults(n, bases, tmp_path / "case")

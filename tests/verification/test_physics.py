@@ -44,13 +44,16 @@ def test_work_of_the_indenter_is_the_energy_stored(record):
     assert abs(fine) < abs(coarse) / 4
 
 
-@pytest.mark.parametrize("name,knobs", [
-    ("elastic", SOFT),
-    ("friction 0.3", replace(SOFT, friction=0.3)),
-    ("friction 1", replace(SOFT, friction=1.0)),
-    ("Prony", PRONY),
-    ("Mullins", replace(SOFT, mullins=0.4)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name,knobs",
+    [
+        ("elastic", SOFT),
+        ("friction 0.3", replace(SOFT, friction=0.3)),
+        ("friction 1", replace(SOFT, friction=1.0)),
+        ("Prony", PRONY),
+        ("Mullins", replace(SOFT, mullins=0.4)),
+    ],
+)
 def test_a_loop_gives_no_energy_out(record, name, knobs):
     """∮ F ds ≥ 0 down to 2 mm and up again; the elastic loop is closed but for the tolerance."""
     b = prepare(knobs)
@@ -76,8 +79,10 @@ def test_contact_is_complementary(record):
     for k in (1, 4):
         deepest, product, shear = check_complementarity(k)
         found.append((deepest, product))
-        record(f"contact at 3 mm after {k} augmentations: penetration over R, integral of p times abs(g) over F R",
-               f"{deepest:.1e}, {product:.1e}")  # fmt: skip
+        record(
+            f"contact at 3 mm after {k} augmentations: penetration over R, integral of p times abs(g) over F R",
+            f"{deepest:.1e}, {product:.1e}",
+        )
         assert shear == 0.0
     assert found[1] < found[0]
 
@@ -91,8 +96,10 @@ def test_force_is_that_of_the_pressure(record):
     n = tractions.contact_points(pair.surface, x) - p.load.touches[0].centre
     n /= np.linalg.norm(n, axis=-1, keepdims=True)
     F = -4 * (pair.surface.weights[..., None] * p.evaluation.contact.pressure[..., None] * n).sum((0, 1))[2]
-    record("force over integral of the pressure, and over the reaction of the support",
-           f"{r.Fz[-1] / F - 1:+.0e}, {r.Fz[-1] / r.reaction[-1, 2] - 1:+.0e}")  # fmt: skip
+    record(
+        "force over integral of the pressure, and over the reaction of the support",
+        f"{r.Fz[-1] / F - 1:+.0e}, {r.Fz[-1] / r.reaction[-1, 2] - 1:+.0e}",
+    )
     np.testing.assert_allclose(r.Fz[-1], F, rtol=1e-10)
     np.testing.assert_allclose(r.Fz, r.reaction[:, 2], rtol=1e-7)
 
@@ -128,8 +135,10 @@ def test_friction_stays_below_its_limit_and_large_friction_sticks(record):
 def test_fast_is_instantaneous_and_slow_is_relaxed(record):
     fast, slow = (prepare(PRONY).solve(ramp(1.0, 2.0, speed=v)).Fz for v in (1e4, 1e-4))
     instant, at_rest = (prepare(k).solve(ramp(1.0, 2.0)).Fz for k in (replace(SOFT), relaxed(PRONY)))
-    record("Prony: fast test over the instantaneous body, slow test over the relaxed one, 1 and 2 mm",
-           f"{percent(fast / instant - 1)} %, {percent(slow / at_rest - 1)} %")  # fmt: skip
+    record(
+        "Prony: fast test over the instantaneous body, slow test over the relaxed one, 1 and 2 mm",
+        f"{percent(fast / instant - 1)} %, {percent(slow / at_rest - 1)} %",
+    )
     np.testing.assert_allclose(fast, instant, rtol=1e-3)
     np.testing.assert_allclose(slow, at_rest, rtol=1e-3)
     assert np.all(instant > 1.3 * at_rest)

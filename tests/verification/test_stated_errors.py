@@ -20,10 +20,15 @@ def experiment(k):
     if k >= STRAIGHT:
         values |= {"tilt_y": rng.normal(0.0, 3.0), "offset_x": rng.normal(0.0, 2.0)}
     values |= [
-        {}, {"C01": 0.2 * mu}, {"C20": 0.05 * mu, "C30": 0.005 * mu}, {"alpha": 5.0},
-        {"skin_ratio": 2.0, "skin_thickness": 0.8}, {"delta_c": 2.0, "delta_R": 0.1}, {"fibre": 0.5 * mu},
+        {},
+        {"C01": 0.2 * mu},
+        {"C20": 0.05 * mu, "C30": 0.005 * mu},
+        {"alpha": 5.0},
+        {"skin_ratio": 2.0, "skin_thickness": 0.8},
+        {"delta_c": 2.0, "delta_R": 0.1},
+        {"fibre": 0.5 * mu},
         {"cavity": 1.0},
-    ][k % 8]  # fmt: skip
+    ][k % 8]
     return values, np.round(rng.uniform(1.0, 4.0) * np.array([0.25, 0.5, 1.0]), 3)
 
 
@@ -34,10 +39,16 @@ def compared():
     for k in range(STRAIGHT + ASKEW):
         values, asked = experiment(k)
         coarse, fine = (
-            BACKEND(values, Case("depth", Programme.ramp(tuple(asked)), {"mesh": {"level": level},
-                                                                         "profile": [[4.0, 1.0], [9.0, 6.0]]}))
+            BACKEND(
+                values,
+                Case(
+                    "depth",
+                    Programme.ramp(tuple(asked)),
+                    {"mesh": {"level": level}, "profile": [[4.0, 1.0], [9.0, 6.0]]},
+                ),
+            )
             for level in ("coarse", "fine")
-        )  # fmt: skip
+        )
         for name, stated in coarse.error.items():
             true = (1.0 + REMAINS) * np.abs(coarse.channels[name] - fine.channels[name])
             label = "uz" if name.startswith("uz(") else name
@@ -49,9 +60,12 @@ def compared():
 
 @pytest.mark.parametrize(
     ("name", "covered"),
-    [("Fz", 0.9), ("Fx", 0.75), *((n, 0.8) for n in ("uz_max", "bulge", "contact_area", "contact_radius",
-                                                     "peak_pressure", "uz"))],
-)  # fmt: skip
+    [
+        ("Fz", 0.9),
+        ("Fx", 0.75),
+        *((n, 0.8) for n in ("uz_max", "bulge", "contact_area", "contact_radius", "peak_pressure", "uz")),
+    ],
+)
 def test_stated_errors_cover_and_are_not_idle(compared, name, covered):
     """33 points of 11 experiments: 90 % hold, within the scatter of so few for all but the force; at most 4 times."""
     stated, true = compared[name]

@@ -30,9 +30,12 @@ def of_design(plan: Plan, found: Descended) -> dict[str, Any]:
     """design, and the parts that only response surfaces have."""
     group = found.frame.group
     similarity = {
-        "applied": group.reference is not None, "story": found.similarity, "reference": group.reference,
-        "runs_saved": 0, "proof": [dataclasses.asdict(p) for p in found.proofs],
-    }  # fmt: skip
+        "applied": group.reference is not None,
+        "story": found.similarity,
+        "reference": group.reference,
+        "runs_saved": 0,
+        "proof": [dataclasses.asdict(p) for p in found.proofs],
+    }
     design = {"kind": "none", "asked": 0, "points": [], "held_out": 0, "similarity": similarity}
     return {"design": design, "surrogates": [], "surfaces": [], "sensitivity": None, "mean_over_runs": {}}
 
@@ -47,8 +50,12 @@ def of_descent(plan: Plan, found: Descended) -> dict[str, Any]:
             "max_runs": plan.study.search.max_runs,
             "descents": [
                 {
-                    "start": k + 1, "values": None if d.best is None else _values(plan, found, d.best.x),
-                    "chi2": d.chi2, "verified": d.confirmed, "why": d.why, "best": d is found.best,
+                    "start": k + 1,
+                    "values": None if d.best is None else _values(plan, found, d.best.x),
+                    "chi2": d.chi2,
+                    "verified": d.confirmed,
+                    "why": d.why,
+                    "best": d is found.best,
                     "iterates": [_iterate(plan, found, i, n) for n, i in enumerate(d.iterates, 1)],
                 }
                 for k, d in enumerate(found.descents)
@@ -72,7 +79,7 @@ def of_descent(plan: Plan, found: Descended) -> dict[str, Any]:
         ],
         "best": one if confirmed and met else None,
         "closest": None if confirmed and met else one,
-    }  # fmt: skip
+    }
 
 
 def warnings(plan: Plan, found: Descended, known: Identified | None) -> list[str]:
@@ -115,10 +122,16 @@ def _values(plan: Plan, found: Descended, x: np.ndarray) -> dict[str, float]:
 
 def _iterate(plan: Plan, found: Descended, i: Iterate, number: int) -> dict[str, Any]:
     return {
-        "number": number, "values": _values(plan, found, i.x), "state": "failed" if i.sight is None else "done",
-        "chi2": i.chi2, "expected": i.expected, "agreement": i.gap, "step": i.step, "radius": i.radius,
+        "number": number,
+        "values": _values(plan, found, i.x),
+        "state": "failed" if i.sight is None else "done",
+        "chi2": i.chi2,
+        "expected": i.expected,
+        "agreement": i.gap,
+        "step": i.step,
+        "radius": i.radius,
         "better": i.better,
-    }  # fmt: skip
+    }
 
 
 def _last(found: Descended) -> Iterate:
@@ -135,10 +148,16 @@ def _candidate(plan: Plan, found: Descended, checked: tuple[Checked, ...]) -> di
         outcome = found.outcomes[plan.case_of[o.experiment]]
         assert isinstance(outcome, Done)
         error = o.error(outcome.response)
-        rows.append({
-            "output": o.id, "predicted": _at(found, o, predicted), "sd": None, "recomputed": o.read(outcome.response),
-            "numerical_error": error, "target": g.value,
-        })  # fmt: skip
+        rows.append(
+            {
+                "output": o.id,
+                "predicted": _at(found, o, predicted),
+                "sd": None,
+                "recomputed": o.read(outcome.response),
+                "numerical_error": error,
+                "target": g.value,
+            }
+        )
     return {
         "name": f"{search.name} 1",
         "values": values,

@@ -165,9 +165,14 @@ def descend(bench: Bench) -> Descended:
     starts = starting_points(plan)
     proofs, story = _proved(eyes, _first(eyes, starts, table.max_runs))
     found = on_runs(
-        eyes.frame, eyes.look, eyes.data, starts, tolerance=plan.study.verify.tolerance, most=table.max_runs,
+        eyes.frame,
+        eyes.look,
+        eyes.data,
+        starts,
+        tolerance=plan.study.verify.tolerance,
+        most=table.max_runs,
         seed=plan.seed,
-    )  # fmt: skip
+    )
     good = [d for d in found if d.best is not None]
     if not good:
         lost = [why(o)[1] or "" for r in eyes.runs for o in r.outcomes if not isinstance(o, Done)]
@@ -176,9 +181,17 @@ def descend(bench: Bench) -> Descended:
     best = min(good, key=lambda d: (not d.confirmed, d.chi2))
     assert best.best is not None
     return Descended(
-        eyes.frame, tuple(found), best, tuple(eyes.runs), proofs, story, places, eyes.data(best.best),
-        eyes.outcomes[best.best.x.tobytes()], eyes,
-    )  # fmt: skip
+        eyes.frame,
+        tuple(found),
+        best,
+        tuple(eyes.runs),
+        proofs,
+        story,
+        places,
+        eyes.data(best.best),
+        eyes.outcomes[best.best.x.tobytes()],
+        eyes,
+    )
 
 
 def starting_points(plan: Plan) -> np.ndarray:

@@ -58,9 +58,13 @@ def bending(cells: Sequence[str], units: Sequence[str], known: Sequence[str | No
 
 
 def question(
-    place: str, cells: Sequence[str], units: Sequence[str], found: tuple[int, int, int], numbers: np.ndarray,
+    place: str,
+    cells: Sequence[str],
+    units: Sequence[str],
+    found: tuple[int, int, int],
+    numbers: np.ndarray,
     notes: Sequence[str],
-) -> Unsaid:  # fmt: skip
+) -> Unsaid:
     """What to ask of the columns of :func:`bending`, by `numbers` (n, columns) of some rows and notes above them."""
     travel, bend, force = found
     spring, sensitivity = (next((m[1] for t in notes if (m := p.search(t))), None) for p in (_SPRING, _SENSITIVITY))

@@ -35,9 +35,13 @@ def row_of(path: Path, number: int, row: str, head: Head) -> list[str]:
         n = words if words not in (0, len(head.cells)) else len(cells)
         halved = head.separator == "," and n == 2 * len(head.cells) and all(map(str.isdigit, "".join(cells[1::2])))
         comma = "are these decimal commas? part the columns by semicolons, or write points; else " if halved else ""
-        fail(path, number, f"{n} values in a table of {len(head.cells)} columns ({head.text!r}): {row.strip()[:60]!r}; "
-             f"{comma}delete what is no reading, or begin its line with #; a second table is a file of its own, unless "
-             "it has the same header")  # fmt: skip
+        fail(
+            path,
+            number,
+            f"{n} values in a table of {len(head.cells)} columns ({head.text!r}): {row.strip()[:60]!r}; "
+            f"{comma}delete what is no reading, or begin its line with #; a second table is a file of its own, unless "
+            "it has the same header",
+        )
     if not head.cells[-1] and cells[-1]:
         fail(path, number, f"{cells[-1][:40]!r} stands beneath no header ({head.text!r})")
     return cells
@@ -136,8 +140,12 @@ def segment_words(path: Path, line: array[int], text: list[str]) -> np.ndarray:
     for number, value in zip(line, text, strict=True):
         if value not in SEGMENTS:
             cell = value[:40]
-            fail(path, number, f"column 'segment': {cell!r} is none of {', '.join(SEGMENTS)}; what a machine's codes "
-                 f'mean is said with [columns] in the study: values = {{ "{cell}" = "loading", … }}')  # fmt: skip
+            fail(
+                path,
+                number,
+                f"column 'segment': {cell!r} is none of {', '.join(SEGMENTS)}; what a machine's codes "
+                f'mean is said with [columns] in the study: values = {{ "{cell}" = "loading", … }}',
+            )
     return np.array(text)
 
 
@@ -149,8 +157,12 @@ def segment_code(path: Path, row: Row, head: Head, codes: Mapping[str, str]) -> 
     found = next((own for own in codes if own == cell or _same_number(own, cell)), None)
     if found is None:
         known = ", ".join(map(repr, codes))
-        fail(path, number, f"column 'segment' ({head.cells[at]!r}): {cell[:40]!r} is none of {known}; say in its "
-             f"values what it is: {', '.join(SEGMENTS)} or {SKIP}")  # fmt: skip
+        fail(
+            path,
+            number,
+            f"column 'segment' ({head.cells[at]!r}): {cell[:40]!r} is none of {known}; say in its "
+            f"values what it is: {', '.join(SEGMENTS)} or {SKIP}",
+        )
     return codes[found]
 
 

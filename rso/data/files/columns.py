@@ -394,8 +394,10 @@ def _named(path: Path, rows: Sequence[Row], columns: Mapping[str, Column]) -> in
     cells = cells_of(text, separator_of(text))
     missing = {text: name for text, name in wanted.items() if text not in map(same_letters, cells)}
     first = next(iter(missing)).lower()
-    shown = sorted({cell[:_LONGEST] for cell in cells[:_SHOWN] if cell},
-                   key=lambda cell: (-SequenceMatcher(None, first, cell.lower()).ratio(), cell))  # fmt: skip
+    shown = sorted(
+        {cell[:_LONGEST] for cell in cells[:_SHOWN] if cell},
+        key=lambda cell: (-SequenceMatcher(None, first, cell.lower()).ratio(), cell),
+    )
     each = ", ".join(f"{text!r} ({name})" for text, name in missing.items())
     headless = _HEADLESS if numbers_in(text) else _by_blanks(rows, best)
     own = "; by itself this header is understood: columns = {} for its experiment" if _is_header(rows, best) else ""
@@ -435,27 +437,47 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
     odd["the header"] = bracketed(column.header, like) or ""
     for who, unit in odd.items():
         if unit and same and unit.lower() != same and not _alike(unit.lower(), column.unit or "", base):
-            fail(path, line, f"column {name!r} ({column.header!r}): the study says {column.unit!r}, {who} {unit!r}, "
-                 f"which is not a known unit; correct it in the file: {choices}")  # fmt: skip
+            fail(
+                path,
+                line,
+                f"column {name!r} ({column.header!r}): the study says {column.unit!r}, {who} {unit!r}, "
+                f"which is not a known unit; correct it in the file: {choices}",
+            )
     # In capitals S is a siemens, MM no millimetre, and the MN of a machine a mN.
     units = {who: unit for who, unit in said.items() if unit and (who == "the study" or unit.lower() != same)}
     for who, unit in units.items():
         if base == "N" and (force := weight(unit)):
             if column.unit is None:
-                fail(path, line, f"column {name!r} ({column.header!r}): {unit!r} is a mass; if its weight is meant, "
-                     f"say unit = {force!r} in [columns] of the study")  # fmt: skip
+                fail(
+                    path,
+                    line,
+                    f"column {name!r} ({column.header!r}): {unit!r} is a mass; if its weight is meant, "
+                    f"say unit = {force!r} in [columns] of the study",
+                )
             units[who] = force
     mega = [u for u in units.values() if base == "N" and is_of(base, u) and factor(u, base) >= MEGA]
     if mega and column.unit is None:
-        fail(path, line, f"column {name!r} ({column.header!r}): {mega[0]!r} is a meganewton, the weight of a hundred "
-             'tonnes; if a millinewton is meant, say unit = "mN" in [columns] of the study')  # fmt: skip
+        fail(
+            path,
+            line,
+            f"column {name!r} ({column.header!r}): {mega[0]!r} is a meganewton, the weight of a hundred "
+            'tonnes; if a millinewton is meant, say unit = "mN" in [columns] of the study',
+        )
     if not units:
         if wrong := odd["the header"]:
-            fail(path, line, f"column {name!r} ({column.header!r}): the header says {wrong!r}, which is not a known "
-                 f"unit; correct it in the file: {choices}")  # fmt: skip
+            fail(
+                path,
+                line,
+                f"column {name!r} ({column.header!r}): the header says {wrong!r}, which is not a known "
+                f"unit; correct it in the file: {choices}",
+            )
         told = f" ({beneath!r} beneath it is not a known unit)" if beneath else ""
-        fail(path, line, f"column {name!r}: the header {column.header!r} says no unit{told}; give unit = … in "
-             f"[columns] of the study: {choices}")  # fmt: skip
+        fail(
+            path,
+            line,
+            f"column {name!r}: the header {column.header!r} says no unit{told}; give unit = … in "
+            f"[columns] of the study: {choices}",
+        )
     first, known = next(iter(units)), {}
     for who, unit in units.items():
         try:

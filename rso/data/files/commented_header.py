@@ -28,8 +28,12 @@ def head_of(path: Path, comments: Sequence[Row], rows: Sequence[Row]) -> list[Ro
         if line < rows[0][0]:
             found[label] = line, words
         elif label in found and words != found[label][1]:
-            fail(path, line, f"other {label}s are named here than in line {found[label][0]}, {' '.join(words)[:80]!r} "
-                 f"after {' '.join(found[label][1])[:80]!r}: make the parts files of their own")  # fmt: skip
+            fail(
+                path,
+                line,
+                f"other {label}s are named here than in line {found[label][0]}, {' '.join(words)[:80]!r} "
+                f"after {' '.join(found[label][1])[:80]!r}: make the parts files of their own",
+            )
     if "column" not in found:
         return []
     separator = separator_of(rows[0][1])

@@ -46,8 +46,9 @@ def text_of(path: Path) -> tuple[str, list[str]]:
     if b"\0" in raw and path.suffix.lower() == ".xlsx":
         raise ValueError(f"{path}: is no workbook that can be read; damaged?")
     if b"\0" in raw:
-        raise ValueError(f"{path}: is not a text file (it holds zero bytes); a CSV file or a workbook (.xlsx) is "
-                         "expected")  # fmt: skip
+        raise ValueError(
+            f"{path}: is not a text file (it holds zero bytes); a CSV file or a workbook (.xlsx) is expected"
+        )
     try:
         return raw.decode("utf-8-sig"), []
     except UnicodeDecodeError:

@@ -49,9 +49,12 @@ def parted_from_readings(rows: Sequence[Row], head: Head) -> tuple[list[Row], li
         readings = all(j < len(rows) and j not in cells for j in range(after, after + FEWEST))
         if after in header or readings or after < min(set(range(len(rows))) - cells.keys(), default=0):
             found.add(k)
-    doubts = [f"line {rows[k][0]} ({' '.join(filter(None, cells[k]))[:40]!r}) stands beneath the readings and begins "
-              "with a word: it is taken for a note" for k in sorted(found)
-              if len(cells[k]) == width and _numbers(cells[k], head)]  # fmt: skip
+    doubts = [
+        f"line {rows[k][0]} ({' '.join(filter(None, cells[k]))[:40]!r}) stands beneath the readings and begins "
+        "with a word: it is taken for a note"
+        for k in sorted(found)
+        if len(cells[k]) == width and _numbers(cells[k], head)
+    ]
     notes = [" ".join(filter(None, cells[k])) for k in sorted(found)]
     return [row for k, row in enumerate(rows) if k not in found], notes, doubts
 

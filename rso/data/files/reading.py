@@ -187,8 +187,18 @@ def read(path: str | Path | Sequence[str | Path], columns: Mapping[str, Column] 
     if kinds[0] == "force":
         doubts += plausibility.common([(r.label, r.depth[r.segment == "loading"]) for r in repeats])
     notes, unread = (tuple(dict.fromkeys(v for t in found for v in getattr(t, k))) for k in ("notes", "unread"))
-    m = Measurement(paths[0], kinds[0], tuple(repeats), notes, tuple(doubts), unread, tuple(paths[1:]), _off(onsets),
-                    found[0].headers, any({"depth", "Fz"} <= set(t.turned) for t in found))  # fmt: skip
+    m = Measurement(
+        paths[0],
+        kinds[0],
+        tuple(repeats),
+        notes,
+        tuple(doubts),
+        unread,
+        tuple(paths[1:]),
+        _off(onsets),
+        found[0].headers,
+        any({"depth", "Fz"} <= set(t.turned) for t in found),
+    )
     plausibility.alike(m.where, [(r.label, r.depth, r.channels["Fz"]) for r in repeats if "Fz" in r.channels])
     for repeat in repeats:
         if len(repeat.depth) == 1 and len(repeats) > 1 and m.kind == "force":
@@ -228,8 +238,10 @@ def _without_creep(r: Repeat) -> tuple[Repeat, list[str]]:
     if found is None or found[0] < contact_point.FEWEST:
         return r, []
     n, words = found
-    told = (f"repeat {r.label}: {words}, held at constant force or a sensor at its end: creep cannot be expressed yet; "
-            f"the {len(r.depth) - n} readings from there on are left out")  # fmt: skip
+    told = (
+        f"repeat {r.label}: {words}, held at constant force or a sensor at its end: creep cannot be expressed yet; "
+        f"the {len(r.depth) - n} readings from there on are left out"
+    )
     parts = {k: {c: v[:n] for c, v in getattr(r, k).items()} for k in ("channels", "sigma")}
     time = None if r.time is None else r.time[:n]
     return replace(r, depth=r.depth[:n], time=time, segment=r.segment[:n], **parts), [told]
@@ -243,8 +255,10 @@ def _plausible(table: _Table, r: Repeat) -> list[str]:
     except ValueError as error:
         if not table.turned:
             raise
-        raise ValueError(f"{error} (the sign of {' and '.join(table.turned)} was turned, as the force seemed to grow "
-                         "that way; [columns] in the study file says what the columns are)") from error  # fmt: skip
+        raise ValueError(
+            f"{error} (the sign of {' and '.join(table.turned)} was turned, as the force seemed to grow "
+            "that way; [columns] in the study file says what the columns are)"
+        ) from error
 
 
 def _off(onsets: Sequence[Onset]) -> float:
@@ -323,8 +337,10 @@ def _labels(paths: Sequence[Path]) -> list[str]:
     whole = [os.path.abspath(p) for p in paths]
     if twice := [p for k, p in enumerate(paths) if whole[k] in whole[:k]]:
         raise ValueError(f"{twice[0]}: is listed twice; a repeat counts once")
-    stems = [f"{p.stem}#{b}" if (b := block_of(one)) else sheet or p.stem
-             for one, (p, sheet) in zip(paths, map(sheet_of, paths), strict=True)]  # fmt: skip
+    stems = [
+        f"{p.stem}#{b}" if (b := block_of(one)) else sheet or p.stem
+        for one, (p, sheet) in zip(paths, map(sheet_of, paths), strict=True)
+    ]
     return stems if len(set(stems)) == len(stems) else [os.path.relpath(p, os.path.commonpath(whole)) for p in whole]
 
 
@@ -428,8 +444,23 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
                 f"{path}: {pulled[:60]!r} says that the specimen was pulled; a record of pressing is expected"
             )
         doubts.append(f"{pulled[:60]!r} says that the specimen was pulled: is this a record of pressing?")
-    return _Table(path, arrays, labels, stated, lines, tuple(notes), head.unread, tuple(doubts), head.found, position,
-                  in_file, headers, tuple(turned), less, tuple(reckoned))  # fmt: skip
+    return _Table(
+        path,
+        arrays,
+        labels,
+        stated,
+        lines,
+        tuple(notes),
+        head.unread,
+        tuple(doubts),
+        head.found,
+        position,
+        in_file,
+        headers,
+        tuple(turned),
+        less,
+        tuple(reckoned),
+    )
 
 
 def _in_words(columns: Mapping[str, Column]) -> list[str]:
@@ -488,8 +519,10 @@ def _taken(head: Head, turned: Sequence[str]) -> list[str]:
     if not head.customary:
         return []
     both = f"; both signs were turned, which is a guess: {BOTH}" if set(turned) >= {"depth", "Fz"} else ""
-    each = [f"{head.cells[head.at[n]]!r} is read as {n}" + (", its sign turned" if n in turned else "")
-            for n in head.customary]  # fmt: skip
+    each = [
+        f"{head.cells[head.at[n]]!r} is read as {n}" + (", its sign turned" if n in turned else "")
+        for n in head.customary
+    ]
     return [f"{'; '.join(each)}{both}; [columns] in the study file says it otherwise"]
 
 

@@ -96,9 +96,13 @@ def told(gaps: Sequence[int], left: int) -> list[str]:
 
 
 def labels_of(
-    path: Path, tables: Sequence[tuple[int, list[Row]]], line: np.ndarray, columns: Mapping[str, np.ndarray],
-    own: Sequence[str], segment: np.ndarray | None,
-) -> tuple[np.ndarray, list[str]]:  # fmt: skip
+    path: Path,
+    tables: Sequence[tuple[int, list[Row]]],
+    line: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+    own: Sequence[str],
+    segment: np.ndarray | None,
+) -> tuple[np.ndarray, list[str]]:
     """What the repeat of each row (n,) is called, and remarks where the file does not say so by a column `own`.
 
     Tables beneath one another are repeats unless they go on where the one before ended; so are the blocks of a single
@@ -139,9 +143,10 @@ def labels_of(
         if not pressed or (not _alike(parts, START) and _go_on(parts) and not _anew(columns.get("time"), block)):
             return one, [f"{len(parts)} {what} {_lines(headers)} and are read as one test that goes on in each"]
         if not _alike(parts, HALF):
-            each = ", ".join(f"#{k + 1} from line {headers[k]}: {len(v)} readings, "
-                             f"depth from {v[0]:.4g} to {v[-1]:.4g} mm"
-                             for k, v in enumerate(parts[:SHOWN]))  # fmt: skip
+            each = ", ".join(
+                f"#{k + 1} from line {headers[k]}: {len(v)} readings, depth from {v[0]:.4g} to {v[-1]:.4g} mm"
+                for k, v in enumerate(parts[:SHOWN])
+            )
             raise ValueError(
                 f"{path}: {len(parts)} {what} and are no repeats of one test ({each}{', …' * (len(parts) > SHOWN)}): "
                 f'name the one that is meant, as in data = "{path.name}#{len(parts)}"'
@@ -158,8 +163,12 @@ def _apart(path: Path, table: np.ndarray, headers: Sequence[int], depth: np.ndar
         parts = [at[table[at] == k] for k in np.unique(table[at])]
         if not _go_on([depth[part] for part in parts]):
             line = headers[table[parts[1][0]]]
-            fail(path, line, f"a table begins again, with the repeat {label!r} of the one above: number its column "
-                 "'repeat' through all tables, or do without it, then each table is a repeat")  # fmt: skip
+            fail(
+                path,
+                line,
+                f"a table begins again, with the repeat {label!r} of the one above: number its column "
+                "'repeat' through all tables, or do without it, then each table is a repeat",
+            )
 
 
 def _alike(parts: Sequence[np.ndarray], share: float) -> bool:
@@ -189,17 +198,25 @@ def no_reading(path: Path, number: int, cells: Sequence[str], head: Head) -> Non
     read = [cells[k] for name, k in head.at.items() if name not in BARE_COLUMNS and k < len(cells)]
     if any(map(str.isalpha, "".join(read))) and not any(cell[:1].isdigit() or is_number(cell) for cell in read):
         row, above = (" ".join(filter(None, v))[:80] for v in (cells, head.cells))
-        fail(path, number, f"{row!r} is no reading beneath the header {above!r}; a second table is a file of its own "
-             "(repeats of one test may stand beneath one another, each with the same header); begin a note with #, or "
-             "delete it")  # fmt: skip
+        fail(
+            path,
+            number,
+            f"{row!r} is no reading beneath the header {above!r}; a second table is a file of its own "
+            "(repeats of one test may stand beneath one another, each with the same header); begin a note with #, or "
+            "delete it",
+        )
 
 
 def _same_units(path: Path, number: int, cells: Sequence[str], head: Head) -> None:
     for name, k in head.at.items():
         unit = cells[k].strip("[]() ") if k < len(cells) else ""
         if unit != head.units[k]:
-            fail(path, number, f"column {name!r}: {unit!r} beneath the header of this table, {head.units[k]!r} beneath "
-                 "that of the first; make them files of their own")  # fmt: skip
+            fail(
+                path,
+                number,
+                f"column {name!r}: {unit!r} beneath the header of this table, {head.units[k]!r} beneath "
+                "that of the first; make them files of their own",
+            )
 
 
 def _numbers(cells: Sequence[str], head: Head) -> int:

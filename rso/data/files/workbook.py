@@ -108,12 +108,16 @@ def _admit(path: Path, raw: bytes) -> None:
                 while piece := file.read(PIECE):
                     left -= len(piece)
                     if left < 0:
-                        raise Refused(f"{path}: unpacks to more than {UNPACKED / 1e6:.0f} MB, no sheet of readings "
-                                      "does; save the sheet as CSV")  # fmt: skip
+                        raise Refused(
+                            f"{path}: unpacks to more than {UNPACKED / 1e6:.0f} MB, no sheet of readings "
+                            "does; save the sheet as CSV"
+                        )
                     seen = (end + piece).replace(b"\0", b"")  # in UTF-16 too
                     if b"<!DOCTYPE" in seen and part.filename.endswith((".xml", ".rels")):
-                        raise Refused(f"{path}: its part {part.filename!r} declares entities, which no spreadsheet "
-                                      "writes; save the sheet as CSV")  # fmt: skip
+                        raise Refused(
+                            f"{path}: its part {part.filename!r} declares entities, which no spreadsheet "
+                            "writes; save the sheet as CSV"
+                        )
                     end = piece[-32:]
 
 
@@ -129,8 +133,10 @@ def _rows(path: Path, sheet: Any) -> list[list[Any]]:
         longest = max(longest, len(row))
         rows.append(row)
         if len(rows) * max(longest, 1) > CELLS:
-            raise Refused(f"{path}: sheet {sheet.title!r} spans more than {CELLS / 1e6:.0f} million cells; save what "
-                          "was measured as a file of its own")  # fmt: skip
+            raise Refused(
+                f"{path}: sheet {sheet.title!r} spans more than {CELLS / 1e6:.0f} million cells; save what "
+                "was measured as a file of its own"
+            )
     while rows and not rows[-1]:
         rows.pop()
     return [[*row, *[None] * (longest - len(row))] for row in rows]
@@ -145,8 +151,10 @@ def _chosen(path: Path, sheets: dict[str, list[list[Any]]], titles: Sequence[str
     if len(found) == 1:
         return found[0]
     if not found:
-        raise ValueError(f"{path}: none of its sheets ({_few(list(sheets))}) holds {FEWEST} rows of numbers; formulas "
-                         "that were never computed hold none")  # fmt: skip
+        raise ValueError(
+            f"{path}: none of its sheets ({_few(list(sheets))}) holds {FEWEST} rows of numbers; formulas "
+            "that were never computed hold none"
+        )
     longest = max(found, key=lambda title: len(sheets[title]))
     raise ValueError(
         f"{path}: {len(found)} of its sheets hold readings ({_few(found)}): name one behind a #, as in "
