@@ -138,7 +138,7 @@ def _load_object(use: str, base: str | os.PathLike[str] | None) -> Backend:
         raise ValueError(f"backend: {use!r} is not a backend (rso.contract.Backend): it {lack}")
     if module_name.partition(".")[0] != OWN and not hasattr(backend, "fingerprint"):
         backend = _marked(backend, use, module.__file__)
-    return backend  # type: ignore[no-any-return]
+    return backend
 
 
 def _marked(backend: Any, use: str, file: str | None) -> Any:
