@@ -218,7 +218,7 @@ class Problem:
             if i in self.learned:
                 k = self.shape.size + self.nuisances + self.learned.index(i)
                 share = 1.5 * (1.0 - (p.sigma / s) ** 2)  # d ln σ / dx
-                F[k, k] += p.weight.sum() * share**2 * 2 * ν / (ν + 3)
+                F[k, k] += np.sum(p.weight) * share**2 * 2 * ν / (ν + 3)
         return F
 
 

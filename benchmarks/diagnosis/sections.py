@@ -250,13 +250,13 @@ def checks(say: Say, bench: Bench, evidence: Evidence, own: Table, s: Scored, y,
         [
             "## Controls",
             *table(["cases found, one cause", *verdicts], rows),
-            f"Where one wrong cause is sure ({len(told)} cases), the true one, had it been there, would have been less "
-            f"than 20 times as probable as all others together in {part_of(told < np.log(20))} of them: in these the data "
-            f"do not tell.  With it χ² would be smaller by less than 9 in {part_of(better < 9)}, by less than 25 in "
-            f"{part_of(better < 25)}: what the named one leaves is hardly there.",
+            f"Where one wrong cause is sure ({len(told)} cases), the true one, had it been there, would have been "
+            f"less than 20 times as probable as all others together in {part_of(told < np.log(20))} of them: in these "
+            f"the data do not tell.  With it χ² would be smaller by less than 9 in {part_of(better < 9)}, by less than "
+            f"25 in {part_of(better < 25)}: what the named one leaves is hardly there.",
             "",
-            "Not in the catalogue, by how much less χ² the true cause would leave than the best of the others: below some "
-            "25 among hundreds of readings nobody sees it who does not know it.",
+            "Not in the catalogue, by how much less χ² the true cause would leave than the best of the others: below "
+            "some 25 among hundreds of readings nobody sees it who does not know it.",
             *table(
                 ["less χ²", *verdicts],
                 [[name, *count(v for v, less in tells if low <= less < high)] for name, low, high in TELLS],

@@ -107,7 +107,7 @@ def with_ends(axes: Sequence[Axis], wider: Mapping[End, float]) -> tuple[Axis, .
     """The axes with some ends moved."""
     changed = list(axes)
     for e, to in wider.items():
-        changed[e.j] = replace(changed[e.j], **{e.word: to})
+        changed[e.j] = replace(changed[e.j], low=to) if e.side == 0 else replace(changed[e.j], high=to)
     return tuple(changed)
 
 

@@ -415,12 +415,11 @@ def _step(plan: Plan, s: Step) -> dict[str, Any]:
 def _candidate(plan: Plan, found: Found, k: int) -> dict[str, Any]:
     c, goals = found.result.candidates[k], {o.id: g for o, g in zip(found.plan.outputs, found.plan.goals, strict=True)}
     emulator = found.result.emulator
-    errors = {}
-    if c.state == "done":
-        for name, index in plan.case_of.items():
-            for o in emulator.outputs:
-                if o.experiment == name:
-                    errors[o.id] = o.error(c.outcomes[index].response)
+    errors: dict[str, float] = {}
+    for name, index in plan.case_of.items() if c.state == "done" else ():
+        outcome = c.outcomes[index]
+        assert isinstance(outcome, Done)  # all of a candidate that is done are
+        errors |= {o.id: o.error(outcome.response) for o in emulator.outputs if o.experiment == name}
     shown = list(dict.fromkeys([*found.plan.outputs, *(o for o in emulator.outputs if o in plan.extras)]))
     return {
         "name": f"{found.plan.name} {k + 1}",

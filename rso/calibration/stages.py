@@ -213,13 +213,13 @@ def _run_design(bench: Bench) -> Design:
     return Design(asked, False, story, proved, (*runs, *_runs(bench, *fe_design(plan, False), [])))
 
 
-def _runs(bench: Bench, design: list[dict], held: list[dict], direct: list[dict]) -> tuple[Run, ...]:  # type: ignore[type-arg]
+def _runs(bench: Bench, design: list[dict], held: list[dict], direct: list[dict]) -> tuple[Run, ...]:
     purposes = ["design"] * len(design) + ["held_out"] * len(held) + ["proof"] * len(direct)
     points = [*design, *held, *direct]
     return tuple(Run(p, v, o) for p, v, o in zip(purposes, points, bench.run(points), strict=True))
 
 
-def _proof(plan: Plan, pair: tuple[dict, dict], runs: Sequence[Run]) -> Proof:  # type: ignore[type-arg]
+def _proof(plan: Plan, pair: tuple[dict, dict], runs: Sequence[Run]) -> Proof:
     """The output with the largest relative difference among those that are not noise about zero."""
     direct, similar = (next(r for r in runs if r.values == v) for v in pair)
     if not (direct.done and similar.done):

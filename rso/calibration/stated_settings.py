@@ -29,7 +29,8 @@ def of_study(plan: Plan) -> list[str]:
     if taken is None:
         return []
     said = _flat(plan.study.backend.settings)
-    other = {k: v for k, v in taken.items() if k not in (default or {}) or default[k] != v}
+    usual = default or {}
+    other = {k: v for k, v in taken.items() if k not in usual or usual[k] != v}
     # a table's other keys follow from those that are said
     stated = {k: v for k, v in taken.items() if k in said or (k in other and "." not in k)}
     unstated = {k: v for k, v in taken.items() if k not in stated and v not in ([], None)}
@@ -41,7 +42,7 @@ def extraordinary(plan: Plan) -> list[str]:
     """What the backend says of ordinary materials and does not hold all over the ranges, a sentence each."""
     conditions = capability(plan.backend, OrdinaryMaterials)
     said = conditions.ordinary() if conditions else {}
-    at = [(a.name, (a.low, a.high)) for a in plan.resolved.axes]
+    at: list[tuple[str, tuple[float, ...]]] = [(a.name, (a.low, a.high)) for a in plan.resolved.axes]
     at += [(name, (value,)) for name, value in plan.resolved.fixed.items()]
     names, lines = [name for name, _ in at], []
     corners = np.array(list(itertools.product(*(ends for _, ends in at)))[:MOST])

@@ -23,7 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ["MPLBACKEND"] = "agg"  # figures go to files; matplotlib does not start with a name that it lacks
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     out, err = Printable(sys.stdout), Printable(sys.stderr)
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):  # type: ignore[type-var]
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         options = parser().parse_args(arguments)
         code = _guarded(lambda: options.call(options, shlex.join(["rso", *arguments])))
         return _guarded(lambda: _flushed(code))

@@ -132,10 +132,10 @@ def _diagnosis(study: Study, known: Pace, jobs: int) -> list[str]:
     tests = discrepancy.planned_tests(asked.base, asked.plan, asked.effects)
     if tests:
         runs = sum(len(found) * share for found, share in tests.values())
-        time = sum(known.seconds(j.task for j in found) * share for found, share in tests.values()) / jobs
+        seconds = sum(known.seconds(j.task for j in found) * share for found, share in tests.values()) / jobs
         lines.append(
             f"    where it names two, {len(tests)} tests that could settle it are computed: about {runs:.0f} "
-            f"simulations, {_minutes(time)}"
+            f"simulations, {_minutes(seconds)}"
         )
     return lines
 
@@ -270,9 +270,10 @@ def _small_contacts(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
             raise study_error(plan.study.file, plan.study.lines, [Problem(("experiments", n, "data"), text)])
         out.append(f"Hertz's limit of its shallow half: {knob} about {value:.2g} MPa")
         axis = next((a for a in plan.resolved.axes if a.name == knob), None)
-        ends = (axis.low, axis.high) if axis else (plan.resolved.fixed.get(knob),) * 2
-        if None not in ends and not ends[0] / FAR < value < ends[1] * FAR:
-            out.append(f"  that is far from {ends[0]:g} to {ends[1]:g} MPa: are the units of force and depth right?")
+        fixed = plan.resolved.fixed.get(knob)
+        low, high = (axis.low, axis.high) if axis else (fixed, fixed)
+        if low is not None and high is not None and not low / FAR < value < high * FAR:
+            out.append(f"  that is far from {low:g} to {high:g} MPa: are the units of force and depth right?")
     return out
 
 

@@ -134,7 +134,7 @@ def _compiled() -> Callable[..., np.ndarray]:
     return numba.njit(cache=True)(_rows_at)
 
 
-def _rows_at(at, x, y):
+def _rows_at(at: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     out = np.empty(at.shape)
     last = x.shape[1] - 1
     for t in range(at.shape[0]):

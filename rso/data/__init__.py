@@ -9,7 +9,7 @@ from rso.data.files.workbook import sheet_of
 from rso.data.instrument import CROSS, LATERAL, Chain, Record, correct, record, recorded, yielded
 from rso.data.loading_rate import recorded_speed
 from rso.data.outliers import kept, step_of, without_spikes
-from rso.data.repeats import MeasuredCurve, Noise, combine, value_at
+from rso.data.repeats import MeasuredCurve, Noise, StatedNoise, combine, value_at
 from rso.data.scatter import memory
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     "Noise",
     "Record",
     "Repeat",
+    "StatedNoise",
     "Unsaid",
     "combine",
     "correct",

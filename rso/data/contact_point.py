@@ -173,7 +173,8 @@ def _pressed(depth: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def _means(u: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     n = min(len(u), MOST)
     block = np.arange(len(u)) * n // len(u)
-    return tuple(np.bincount(block, weights=v) / np.bincount(block) for v in (u, F))
+    count = np.bincount(block)
+    return np.bincount(block, weights=u) / count, np.bincount(block, weights=F) / count
 
 
 def _fit(u: np.ndarray, F: np.ndarray, share: float) -> _Fit | None:
@@ -186,11 +187,11 @@ def _fit(u: np.ndarray, F: np.ndarray, share: float) -> _Fit | None:
     t, F = (u[:n] - u[0]) / way, F[:n]
     best, more = _profile(t, F, ROUNDED, False, least), [(ROUNDED, True), ((*ROUNDED, STIFFENS), False)]
     while best is not None and more and n > FEWEST + 3:
-        found = [_profile(t, F, *terms, least) for terms in more]
-        k = min(range(len(more)), key=lambda k: math.inf if found[k] is None else found[k][1])
-        if found[k] is None or best[1] - found[k][1] < CLEAR * found[k][2]:
+        found = [p for terms in more if (p := _profile(t, F, *terms, least)) is not None]
+        better = min(found, key=lambda p: p[1], default=None)
+        if better is None or best[1] - better[1] < CLEAR * better[2]:
             break
-        best, more = found[k], [((*ROUNDED, STIFFENS), True)] * (len(more) > 1)
+        best, more = better, [((*ROUNDED, STIFFENS), True)] * (len(more) > 1)
     if best is None:
         return None
     left, smallest, variance = best

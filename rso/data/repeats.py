@@ -68,15 +68,33 @@ class Noise:
         return tuple(name for name, stated in said.items() if not stated)
 
     @property
-    def stated(self) -> Noise:
+    def stated(self) -> StatedNoise:
         """The same with 0 where nothing is stated."""
-        each = {n: getattr(self, n) or 0.0 for n in ("gain", "contact", "correlation")}
-        return replace(self, **each)
+        return StatedNoise(
+            Fz=self.Fz,
+            Fx=self.Fx,
+            Fy=self.Fy,
+            uz=self.uz,
+            depth=self.depth,
+            gain=self.gain or 0.0,
+            correlation=self.correlation or 0.0,
+            contact=self.contact or 0.0,
+            calibration=self.calibration,
+        )
 
-    def of_test(self, deepest: float) -> Noise:
+    def of_test(self, deepest: float) -> StatedNoise:
         """The same with what is usual of one test to the depth `deepest` (mm) where nothing is stated."""
         each = {"gain": usual_errors.GAIN, "contact": usual_errors.CONTACT * deepest}
         return replace(self.stated, **{n: v for n, v in each.items() if n in self.unstated})
+
+
+@dataclass(frozen=True)
+class StatedNoise(Noise):
+    """Noise of which nothing is left open."""
+
+    gain: float = 0.0
+    correlation: float = 0.0
+    contact: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,7 +351,7 @@ def _scatter(
         )
         stated = {"gain": noise.gain, "contact": noise.contact, "correlation": None}[name] or 0.0
         shown[name], rest[name] = max(a / r - stated**2, 0.0), math.sqrt(b / r) if name in noise.unstated else 0.0
-    shared = {}
+    shared: dict[str, np.ndarray] = {}
     for name, shape, row in (("gain", smooth, part[0]), ("contact", slope, part[1])):
         size = math.sqrt(shown[name] / max(float(row @ row), 1e-300))
         shared |= {f"{name} of repeat {k + 1}": a * size * shape for k, a in enumerate(row) if a * size != 0.0}

@@ -271,7 +271,9 @@ def _readings(
     return where, taken, scatter
 
 
-def _posterior(evidence: Evidence, effects, y: np.ndarray, rng, unexplained: bool = False) -> Posterior:
+def _posterior(
+    evidence: Evidence, effects: Sequence[Effect], y: np.ndarray, rng: np.random.Generator, unexplained: bool = False
+) -> Posterior:
     h = evidence.best(effects, y, unexplained, loose=bool(effects))
     return posterior(h, h.white(y), DRAWS, rng)
 

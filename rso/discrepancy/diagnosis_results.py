@@ -345,16 +345,16 @@ def _parts(plan: TestPlan) -> list[tuple[dict[str, Any], np.ndarray]]:
     """Each channel of each test, moving and at rest: what says where its readings were taken, and their rows."""
     found = []
     for item, c, at in plan.rows():
-        profile = isinstance(item, Profile)
-        branch = np.full(len(item.depth), LOADING) if profile else item.branch
+        test = None if isinstance(item, Profile) else item
+        branch = np.full(len(item.depth), LOADING) if test is None else test.branch
         for k in (branch != HELD, branch == HELD):
             if k.any():
                 head = {
                     "experiment": plan.experiments[item.experiment].name,
                     "channel": c,
-                    "label": "" if profile else item.label,
+                    "label": "" if test is None else test.label,
                     "depth": item.depth[k].tolist(),
-                    **({"since": item.since[k].tolist()} if np.all(branch[k] == HELD) else {}),
+                    **({"since": test.since[k].tolist()} if test is not None and np.all(branch[k] == HELD) else {}),
                     "branch": branch[k].tolist(),
                 }
                 found.append((head, np.arange(at.start, at.stop)[k]))

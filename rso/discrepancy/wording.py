@@ -152,9 +152,9 @@ def _where(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
         spread = "one of single curves" if each and several else "one of shape, spread over the depth"
         return lies + f"No single region stands out; the gap is {spread}."
     percent = [f"{100 * r['amplitude']:+.1f} ± {100 * r['amplitude_sd']:.1f} %{_of(r)}" for r in clear]
-    each = [f"{r['experiment']} {r['channel']} {r['region']} ({v})" for r, v in zip(clear, percent, strict=True)]
+    told = [f"{r['experiment']} {r['channel']} {r['region']} ({v})" for r, v in zip(clear, percent, strict=True)]
     others = f"all data but those of {d['odd']['experiment']} predict" if d.get("odd") else "all other data predict"
-    return f"{lies}Measured against what {others}: {'; '.join(each)}."
+    return f"{lies}Measured against what {others}: {'; '.join(told)}."
 
 
 def _of(region: Mapping[str, Any]) -> str:

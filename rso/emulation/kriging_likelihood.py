@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -46,7 +47,7 @@ def _threads() -> ThreadpoolController:
     return ThreadpoolController()
 
 
-def one_thread():
+def one_thread() -> AbstractContextManager[object]:
     """Context with one BLAS thread: two made such small fits 30 times slower on a loaded machine.
 
     Importing numpy before rso defeats the environment variables that rso sets.

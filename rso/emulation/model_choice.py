@@ -145,8 +145,9 @@ def refit(
             restarts=0,
             start=model,
         )
-        again = {"seed": seed, "noise_sd": noise_sd, "gradients": gradients}
-        rivals = tuple((w, refit(rival, X, y, **again)) for w, rival in model.rivals)
+        rivals = tuple(
+            (w, refit(rival, X, y, seed=seed, noise_sd=noise_sd, gradients=gradients)) for w, rival in model.rivals
+        )
         new = replace(new, inflate=model.inflate, rivals=rivals)
         new = replace(new, cv=_over_the_cube(new, new.cv))
     else:

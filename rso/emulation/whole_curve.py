@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -91,10 +91,24 @@ class WholeCurve:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> WholeCurve:
         """Inverse of :meth:`to_dict`; lists are as good as arrays."""
-        arrays = [np.array(data[k], float) for k in ("at", "weight", "centre", "modes", "truncation")]
+        at, weight, centre, modes, left = (
+            np.array(data[k], float) for k in ("at", "weight", "centre", "modes", "truncation")
+        )
         coefficients = tuple(from_dict(a) for a in data["coefficients"])
         cv = tuple(Scores(**s) for s in data["cv"])
-        return cls(*arrays, coefficients, data["log"], data["inflate"], data["covered"], cv, data["story"])
+        return cls(
+            at,
+            weight,
+            centre,
+            modes,
+            left,
+            coefficients,
+            data["log"],
+            data["inflate"],
+            data["covered"],
+            cv,
+            data["story"],
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +226,16 @@ def _scaled(Y: np.ndarray, log: bool) -> tuple[np.ndarray, np.ndarray]:
     return Y / weight, weight
 
 
-def _fit(X, at, Y, log, learn, noise_sd, gradients, start: WholeCurve | None = None) -> WholeCurve:
+def _fit(
+    X: np.ndarray,
+    at: np.ndarray,
+    Y: np.ndarray,
+    log: bool,
+    learn: Callable[..., Surrogate],
+    noise_sd: np.ndarray | None,
+    gradients: np.ndarray | None,
+    start: WholeCurve | None = None,
+) -> WholeCurve:
     """`learn(a, sd, G)` makes the surrogate of one coefficient; with `start` there are as many modes as it has."""
     T, weight = _scaled(Y, log)
     centre = T.mean(axis=0)
@@ -236,27 +259,42 @@ def _fit(X, at, Y, log, learn, noise_sd, gradients, start: WholeCurve | None = N
     return WholeCurve(at, weight, centre, modes, truncation, tuple(coefficients), log)
 
 
-def _again(model: WholeCurve, X, Y, noise_sd, gradients, seed) -> WholeCurve:
+def _again(
+    model: WholeCurve,
+    X: np.ndarray,
+    Y: np.ndarray,
+    noise_sd: np.ndarray | None,
+    gradients: np.ndarray | None,
+    seed: int,
+) -> WholeCurve:
     """Modes anew; each coefficient by the kind of surrogate it had, the last one's where there are more now."""
 
-    def learn(k: int, a, sd, G) -> Surrogate:
+    def learn(k: int, a: np.ndarray, sd: np.ndarray | None, G: np.ndarray | None) -> Surrogate:
         old = model.coefficients[min(k, len(model.coefficients) - 1)]
         return refit(old, X, a, seed=seed, noise_sd=sd, gradients=G)
 
     return _fit(X, model.at, Y, model.log, learn, noise_sd, gradients, model)
 
 
-def _checked(model: WholeCurve, X, Y, noise_sd, gradients, seed: int, folds: int = 10) -> WholeCurve:
+def _checked(
+    model: WholeCurve,
+    X: np.ndarray,
+    Y: np.ndarray,
+    noise_sd: np.ndarray | None,
+    gradients: np.ndarray | None,
+    seed: int,
+    folds: int = 10,
+) -> WholeCurve:
     """The model with scores and band from predictions of each fold by a model learnt without it."""
     n = len(X)
     mean, sd = np.empty_like(Y), np.empty_like(Y)
     for part in np.array_split(np.random.default_rng(seed).permutation(n), min(folds, n)):
         rows = np.setdiff1d(np.arange(n), part)
-        less = (None if v is None else v[rows] for v in (noise_sd, gradients))
+        noise, slopes = (None if v is None else v[rows] for v in (noise_sd, gradients))
         try:
-            mean[part], sd[part] = _again(model, X[rows], Y[rows], *less, seed).predict(X[part])
-        except ValueError as error:
-            raise ValueError(f"whole curve: too few points to check it: {error}") from error
+            mean[part], sd[part] = _again(model, X[rows], Y[rows], noise, slopes, seed).predict(X[part])
+        except ValueError as refusal:
+            raise ValueError(f"whole curve: too few points to check it: {refusal}") from refusal
     error = np.abs(mean - Y)
     floor = 1e-12 * np.abs(Y).max() + 1e-300  # an exact curve has no band to speak of
     z = error / np.maximum(sd, floor)

@@ -144,7 +144,7 @@ def _load_object(use: str, base: str | os.PathLike[str] | None) -> Backend:
         raise ValueError(f"backend: {use!r}: {'; '.join(wrong)}")
     if module_name.partition(".")[0] != OWN and capability(backend, Fingerprint) is None:
         backend = _marked(backend, use, module.__file__)
-    return backend  # type: ignore[no-any-return]
+    return backend
 
 
 def _marked(backend: Any, use: str, file: str | None) -> Any:

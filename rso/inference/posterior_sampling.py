@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.special import logsumexp
@@ -97,7 +98,7 @@ def chain(misfit: Misfit, minima: Sequence[Fit], *, seed: int, walkers: int = 48
     return found
 
 
-def _ensemble(misfit: Misfit, minima: Sequence[Fit], walkers: int, seed: int, number: int):
+def _ensemble(misfit: Misfit, minima: Sequence[Fit], walkers: int, seed: int, number: int) -> tuple[Any, np.ndarray]:
     """A sampler of emcee and where its walkers start."""
     import emcee  # 1.8 s with scipy.stats, which only this needs of it
 

@@ -11,7 +11,7 @@ from rso.calibration.plan import Plan
 from rso.calibration.readings import curve_data, fitted_curves, placed
 from rso.contract import Case, Programme
 from rso.core.units import quantity
-from rso.data import Noise
+from rso.data import StatedNoise
 from rso.inference import Data, Place
 from rso.study.analysis_tables import NextExperiment
 from rso.study.cases import DEFAULT_SPEED, STEPS, case_for, mark_channel, profile_case, profile_depths, travels
@@ -26,7 +26,7 @@ class Block:
 
     places: tuple[Place, ...]
     unit: str
-    noise: Noise
+    noise: StatedNoise
     data: Data | None = None
 
     @property
@@ -66,7 +66,7 @@ def done(plan: Plan) -> list[Item]:
 
 def _measured_profile(plan: Plan, name: str) -> Block:
     """A measured profile, its readings in the order of the marks; depths as they were asked for."""
-    curve, noise = plan.curves[name], plan.study.noise_of(name)
+    curve, noise = plan.curves[name], plan.study.noise_of(name).stated
     assert curve.position is not None
     asked = np.array(profile_depths(curve))
     keep = np.flatnonzero(curve.depth > 0)

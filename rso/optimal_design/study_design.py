@@ -281,8 +281,8 @@ def _errors(item: Item, emulator: Emulator, share: Mapping[Place, np.ndarray], x
         else:
             C = b.data.covariance
         parts.append(C + _of_model(b, emulator, share, x, curves))
-    n = sum(len(p) for p in parts)
-    C, at = np.zeros((n, n)), 0
+    size = sum(len(p) for p in parts)
+    C, at = np.zeros((size, size)), 0
     for p in parts:
         C[at : at + len(p), at : at + len(p)] = p
         at += len(p)

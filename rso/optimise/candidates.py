@@ -102,6 +102,7 @@ def choose(
     A, s = everything[good], score[good]
     pieces, longest = _pieces(A)
     lowest, highest = A.min(axis=0), A.max(axis=0)
+    kind: Kind
     if longest >= long or pieces > 1:
         kind = "valley" if longest >= long else "islands"
         X = A[_spread_out(A, _central(A, s), count, distinct)]
@@ -216,7 +217,7 @@ def _unreachable(
     keep = np.unique(np.append(np.flatnonzero(onfront if r.shape[1] > 1 else np.zeros(len(X), bool)), best))
     A, s, F = X[keep], score[keep], np.abs(r[keep])
     picks = _compromises(A, s, F, keep != best, count, distinct)
-    kind = "front" if len(picks) > 1 else "single"
+    kind: Kind = "front" if len(picks) > 1 else "single"
     chosen = A[picks]
     return Choice(chosen, r[keep][picks], tolerance, kind, False, feasible, chosen.min(0), chosen.max(0), (), count)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -147,7 +148,7 @@ def _evaluate(X: np.ndarray, objectives: Function, constraints: Function | None)
     return F, np.column_stack([np.maximum(G, 0.0), np.where(bad, WORST, 0.0)])
 
 
-def _algorithm(d: int, population: int, generations: int, seed: int, start: np.ndarray):
+def _algorithm(d: int, population: int, generations: int, seed: int, start: np.ndarray) -> tuple[Any, Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # pymoo still imports scipy.spatial.ckdtree
         from pymoo.algorithms.moo.nsga2 import NSGA2
@@ -158,7 +159,7 @@ def _algorithm(d: int, population: int, generations: int, seed: int, start: np.n
     return algorithm, problem
 
 
-def _pymoo_evaluation():
+def _pymoo_evaluation() -> tuple[Any, Any]:
     from pymoo.core.evaluator import Evaluator
     from pymoo.problems.static import StaticProblem
 

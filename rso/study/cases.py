@@ -184,7 +184,7 @@ def stated_speed(study: Study, name: str) -> float | None:
     if value is None:
         return None
     try:
-        speed = quantity(value, "mm/s")  # type: ignore[arg-type]
+        speed = quantity(value, "mm/s")
         if not 0.0 < speed < float("inf"):
             raise ValueError("must be positive and finite")
     except (TypeError, ValueError) as error:

@@ -128,11 +128,11 @@ def labels_of(
     loads = [k for k in range(len(parts)) if told is None or "loading" in told[k]]
     pressed = len(loads) == len(parts)
     if len(tables) < 2 and not pressed:
-        again = [parts[k] for k in loads]
-        if len(again) < 2 or min(map(len, again)) < FEWEST or not _alike(again, HALF):
+        anew = [parts[k] for k in loads]
+        if len(anew) < 2 or min(map(len, anew)) < FEWEST or not _alike(anew, HALF):
             return one, []
         where = _lines([int(line[first[k]]) for k in loads])
-        return one, [f"{len(again)} blocks load anew {where} and are read as one test; a column 'repeat' parts them"]
+        return one, [f"{len(anew)} blocks load anew {where} and are read as one test; a column 'repeat' parts them"]
     if len(tables) < 2:
         if not (min(map(len, parts)) >= FEWEST and _alike(parts, HALF)):
             return one, []

@@ -47,7 +47,7 @@ def hidden(experiments: Sequence[Experiment], channel: str, scatter: float) -> t
         filtered.append((share * float(np.std(rest)), -Δu / math.log(ρ)) if share else (0.0, 0.0))
         blocks.append((rest, Δu, w))
     of_filter = tuple(np.median(filtered, axis=0).tolist()) if filtered else (0.0, 0.0)
-    return max(of_filter, slow(blocks), max(counted, default=(0.0, 0.0)))  # type: ignore[return-value]
+    return max(of_filter, slow(blocks), max(counted, default=(0.0, 0.0)))
 
 
 def slow(records: Sequence[tuple[np.ndarray, float, float]]) -> tuple[float, float]:

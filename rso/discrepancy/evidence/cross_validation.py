@@ -15,7 +15,7 @@ from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
-from rso.discrepancy.library.test_plan import LOADING, Profile
+from rso.discrepancy.library.test_plan import LOADING, Profile, Test
 
 TOLD = 3.0  # standard deviations by which an effect must be able to move readings that are to tell of it
 
@@ -172,9 +172,11 @@ def _gap(
 ) -> shrinkage.Gap:
     C, δ = C[np.ix_(rows, rows)], fits[2][rows] - fits[0][rows]
     noise_of_change = 2.0 * float(np.sqrt(δ @ np.linalg.solve(C, δ))) / len(rows)
-    G = [shrinkage.gap(y[rows], f[rows], C) for f in fits]
-    rms = tuple(float(np.sqrt(np.mean((y[rows] - f[rows]) ** 2))) for f in fits)
-    return shrinkage.Gap(name, unit, *G, rms, noise_of_change, tuple(e.name for e in cause))
+    before, refit, after = (shrinkage.gap(y[rows], f[rows], C) for f in fits)
+    rms = [float(np.sqrt(np.mean((y[rows] - f[rows]) ** 2))) for f in fits]
+    return shrinkage.Gap(
+        name, unit, before, refit, after, (rms[0], rms[1], rms[2]), noise_of_change, tuple(e.name for e in cause)
+    )
 
 
 def _at(library: Library, values: Mapping[str, float], modulus: float) -> np.ndarray | None:
@@ -193,7 +195,7 @@ def _fitted_rows(library: Library) -> np.ndarray:
     rows = []
     for item, c, at in library.plan.rows():
         e = library.plan.experiments[item.experiment]
-        if hasattr(item, "branch") and e.role == "fit" and c == ("Fz" if "Fz" in item.channels else item.channels[0]):
+        if isinstance(item, Test) and e.role == "fit" and c == ("Fz" if "Fz" in item.channels else item.channels[0]):
             rows.append(np.arange(at.start, at.stop)[item.branch == LOADING])
     return np.concatenate(rows) if rows else np.arange(library.plan.n)
 
@@ -221,7 +223,9 @@ def _taught(bench: Bench, y: np.ndarray, rest: np.ndarray, effects: Sequence[Eff
     return tuple(e for e in effects if e.family == "scatter" or tells(e))
 
 
-def fit(bench: Bench, effects: Sequence[Effect], rows: np.ndarray, y: np.ndarray, rng, draws: int = 300) -> Posterior:
+def fit(
+    bench: Bench, effects: Sequence[Effect], rows: np.ndarray, y: np.ndarray, rng: np.random.Generator, draws: int = 300
+) -> Posterior:
     """The base model with effects as some rows of the data y (n,) have it."""
     white = whitening(bench.covariance(effects, attribution.SCATTER[-1]), rows)
     h = ready(bench.of(effects, loose=True), white, bench.modulus)
@@ -258,6 +262,6 @@ def _covariance(unseen: Library, bench: Bench, evidence: Evidence, y: np.ndarray
     return noise.covariance(unseen, _levels(bench, unseen), f, noise.slope_of(unseen, f))
 
 
-def _levels(bench: Bench, unseen: Library):
+def _levels(bench: Bench, unseen: Library) -> dict[str, noise.Level]:
     """Levels of the seen data, and for channels they lack those of the held-out files."""
     return {**noise.levels(unseen.plan), **bench.levels}

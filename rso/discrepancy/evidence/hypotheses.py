@@ -73,20 +73,21 @@ def tiles(
             levels.append(_even(*s.ends()[0], n - (FEWER if coarse and n > SHAPE_TILES else 0)))
     at = points([v.at for v in levels])
     moduli = library.base.moduli(at)
-    for j, own in kept.items() if moduli is not None else ():  # each tile has its modulus
-        at[:, j] += own.slope * np.log(moduli / modulus)
+    if moduli is not None:  # each tile has its modulus
+        for j, shifted in kept.items():
+            at[:, j] += shifted.slope * np.log(moduli / modulus)
     prior = np.array([sum(p) for p in itertools.product(*[v.log_prior for v in levels])])
     moving = [j for j, v in enumerate(levels) if v.width > 0]
     A, c = predict(library, effects, at, modulus)
     D = np.empty((len(at), len(moving), A.shape[1]))
     for k, j in enumerate(moving):
-        v, ends = levels[j], []
+        level, ends = levels[j], []
         for sign in (-1, 1):
             moved = at.copy()
-            step = sign * _STEP * v.width
-            moved[:, j] = at[:, j] * np.exp(step) if v.log else at[:, j] + step
+            step = sign * _STEP * level.width
+            moved[:, j] = at[:, j] * np.exp(step) if level.log else at[:, j] + step
             ends.append(predict(library, effects, moved, modulus))
-        D[:, k] = ((ends[1][0] - ends[0][0]) + (ends[1][1] - ends[0][1]) / modulus) / (2 * _STEP * v.width)
+        D[:, k] = ((ends[1][0] - ends[0][0]) + (ends[1][1] - ends[0][1]) / modulus) / (2 * _STEP * level.width)
     sd = np.array([0.5 * levels[j].width for j in moving])
     along = library.base.tied
     own = Tiles(
@@ -100,7 +101,7 @@ def tiles(
         tuple(levels[j].log for j in moving),
         moduli=moduli,
         tied=None if along is None else moving.index(along),
-        kept={moving.index(j): own for j, own in kept.items()},
+        kept={moving.index(j): v for j, v in kept.items()},
     )
     also = np.zeros((0, A.shape[1]))
     if base is not None:

@@ -20,13 +20,14 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from rso.discrepancy.evidence.gaussian_mixture import Ready, log_tiles
-from rso.discrepancy.library.test_plan import LOADING, UNLOADING, Profile, TestPlan
+from rso.discrepancy.library.test_plan import LOADING, UNLOADING, Profile, Test, TestPlan
 
 DEPTH_BINS = {LOADING: 3, UNLOADING: 2}
 TIME_BINS = 2  # of a hold, in the logarithm of time
@@ -135,9 +136,9 @@ def shared(where: Where, plan: TestPlan, gap: np.ndarray, C: np.ndarray, W: np.n
     return replace(where, regions=(*first, *(g for g in regions if g not in first)))
 
 
-def _regions(plan: TestPlan):
+def _regions(plan: TestPlan) -> Iterator[tuple[str, str, str, np.ndarray]]:
     """(experiment, channel, words, rows): repeats of an experiment together, in bins of depth or, held, of time."""
-    groups: dict[tuple[int, str], list[tuple[object, slice]]] = {}
+    groups: dict[tuple[int, str], list[tuple[Test | Profile, slice]]] = {}
     for item, c, at in plan.rows():
         groups.setdefault((item.experiment, c), []).append((item, at))
     for (k, c), members in groups.items():

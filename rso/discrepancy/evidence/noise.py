@@ -244,7 +244,8 @@ def _repeats(plan: TestPlan, channel: str, known: Level) -> tuple[float, float, 
             ρ = np.sum(rest[:, 1:] * rest[:, :-1]) / np.sum(rest**2) * variance / (variance - white)
             lengths.append(-np.mean(np.diff(u)) / np.log(np.clip(ρ, 0.05, 0.95)))
     if len(of_two) > 1:
-        v = _beyond(known, *np.mean(of_two, axis=0), len(of_two))
+        both, by_noise = np.mean(of_two, axis=0)
+        v = _beyond(known, both, by_noise, len(of_two))
         gains.append(np.sqrt(v[0]))
         contacts.append(np.sqrt(v[1]))
     best = lambda v: float(np.max(v)) if v else 0.0  # noqa: E731

@@ -288,8 +288,8 @@ def _scatter() -> list[Effect]:
     """Knobs of the chain that may differ from curve to curve."""
     found = []
     for p in parameters_of(Chain):
-        if p.scope in ("mounting", "curve") and p.plausible is not None:
-            high = max(abs(v - p.neutral) for v in p.plausible)
+        if p.scope in ("mounting", "curve") and p.plausible is not None and (neutral := p.neutral) is not None:
+            high = max(abs(v - neutral) for v in p.plausible)
             size = Size(p.name, f"{p.description}, each curve its own", p.unit, 0.1 * high, high, 0.0)
             label = f"{p.label or p.name} of each curve"
             found.append(Effect(f"{p.name}_each", size.description, "scatter", size, cause=p.name, label=label))

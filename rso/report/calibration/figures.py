@@ -77,7 +77,8 @@ def determined(results: Results, name: str) -> str:
     figure = canvas(0.2 + 0.62 * len(rows))
     axes = figure.subplots()
     for k, (p, d) in enumerate(rows):
-        y, low, high = -k, *d["interval"]
+        low, high = d["interval"]
+        y = -k
         a, b = p.share(p.low, low), p.share(p.low, high)
         good = d.get("determined") is True
         axes.plot([0, 1], [y, y], color=LIGHT, lw=1.2, solid_capstyle="butt")
@@ -92,11 +93,11 @@ def determined(results: Results, name: str) -> str:
         word = "determined" if good else how(results, p).removeprefix("is ")
         axes.text((a + b) / 2, y + 0.24, word, ha="center", va="bottom", color=ACCENT if good else INK)
         sides = ("left", "right") if b - a > 0.2 else ("right", "left")
-        for x, value, ha in zip((a, b), ends(low, high, p.unit), sides, strict=True):
-            axes.text(x, y - 0.2, value, ha=ha, va="top", fontsize=8)
-        x = likely(results, p)
-        if known(x):
-            axes.plot([p.share(p.low, x)], [y], "o", ms=6, mfc=PAPER, mec=INK, mew=1.2)
+        for x, text, ha in zip((a, b), ends(low, high, p.unit), sides, strict=True):
+            axes.text(x, y - 0.2, text, ha=ha, va="top", fontsize=8)
+        best = likely(results, p)
+        if known(best):
+            axes.plot([p.share(p.low, best)], [y], "o", ms=6, mfc=PAPER, mec=INK, mew=1.2)
     axes.set(xlim=(-0.17, 1.17), ylim=(-len(rows) + 0.45, 0.62))
     axes.axis("off")
     return svg(figure, name)
@@ -203,7 +204,9 @@ def _curves(
     axes.fill_between(u, (y - sigma) * unit.factor, (y + sigma) * unit.factor, color=LIGHT, lw=0, alpha=0.75)
     axes.plot(u, y * unit.factor, "o" if len(u) <= 60 else "-", ms=3.2, mfc=PAPER, mec=INK, mew=0.8, color=INK)
     for c, x, f in simulated:
-        look = {"color": ACCENT, "lw": 1.6, "zorder": 3} if c.best else {"color": GREY, "lw": 0.6, "zorder": 1}
+        look: dict[str, Any] = (
+            {"color": ACCENT, "lw": 1.6, "zorder": 3} if c.best else {"color": GREY, "lw": 0.6, "zorder": 1}
+        )
         axes.plot(x, f * unit.factor, **look)
     band = " ± σ" if sigma.any() else ""
     k = int(np.argmin(np.abs(u - 0.62 * u[-1])))
@@ -242,7 +245,9 @@ def _residuals(
     axes.fill_between(u, -sigma * unit.factor, sigma * unit.factor, color=LIGHT, lw=0, alpha=0.75)
     axes.axhline(0, color=INK, lw=0.7)
     for c, x, r in left:
-        look = {"color": ACCENT, "lw": 1.6, "zorder": 3} if c.best else {"color": GREY, "lw": 0.6, "zorder": 1}
+        look: dict[str, Any] = (
+            {"color": ACCENT, "lw": 1.6, "zorder": 3} if c.best else {"color": GREY, "lw": 0.6, "zorder": 1}
+        )
         axes.plot(x, r * unit.factor, **look)
         if c.best:
             d, error = c.error(e["name"])
@@ -259,10 +264,10 @@ def validation(results: Results, e: Mapping[str, Any], name: str) -> str:
     rows = [v for v in validations(results, e) if v.get("predicted")]
     known_candidates = {(c.search, c.name): c for c in candidates(results)}
     found = [
-        (c, *map(np.array, points(v.get("depth"), v.get("predicted"))))
+        (c, np.array(curve[0]), np.array(curve[1]))
         for v in rows
         if (c := known_candidates.get((clean(v.get("search")), clean(v.get("candidate"))))) is not None
-        and points(v.get("depth"), v.get("predicted"))[0]
+        and (curve := points(v.get("depth"), v.get("predicted")))[0]
     ]
     m = e.get("measured") or {}
     u, y = (np.array(x) for x in points(m.get("depth"), m.get("value")))

@@ -61,7 +61,7 @@ def identified(results: Results) -> list[tuple[Parameter, Mapping[str, Any]]]:
 def allowed(results: Results, p: Parameter, interval: Any) -> list[tuple[float, float]]:
     """What the data allow a parameter, in its base unit: the pieces of its profile; of one piece, its `interval`."""
     d = dict((q.name, d) for q, d in identified(results)).get(p.name) or {}
-    whole = [tuple(interval)] if pair(interval) else []
+    whole = [(interval[0], interval[1])] if pair(interval) else []
     level, profile = number((results.get("identification") or {}).get("level")), d.get("profile") or {}
     at, rise = (np.array(v) for v in points(profile.get("values"), profile.get("rise")))
     if level is None or not 0 < level < 1 or len(at) < 2 or (p.log and at.min() <= 0):
@@ -147,12 +147,13 @@ def _intervals(results: Results, data: Mapping[str, Any], rows: list[tuple[Param
     for key, label in _METHODS:
         said = []
         for p, d in rows:
-            ends = d.get(key) or (None, None)
-            text = spans(results, p, ends) if key == "interval" else between(*ends, p.unit)
+            low, high = ends = d.get(key) or (None, None)
+            text = spans(results, p, ends) if key == "interval" else between(low, high, p.unit)
             said.append(text.replace(p.unit.after, "") if p.unit.after else text)
         columns.append(column(label, words(said), level))
     if any(pair(d.get("as_stated")) for _, d in rows):
-        said = [between(*(d.get("as_stated") or (None, None)), p.unit) for p, d in rows]
+        stated = [d.get("as_stated") or (None, None) for _, d in rows]
+        said = [between(low, high, p.unit) for (low, high), (p, _) in zip(stated, rows, strict=True)]
         said = [t.replace(p.unit.after, "") if p.unit.after else t for t, (p, _) in zip(said, rows, strict=True)]
         columns.insert(5, column("profile, as stated", words(said), level))
     need = [f"× {significant(d['noise_factor'], 2)}" if known(d.get("noise_factor")) else DASH for _, d in rows]

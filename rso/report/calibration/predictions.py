@@ -11,7 +11,7 @@ import numpy as np
 from rso.report.calibration.displacements import is_profile, profile_words
 from rso.report.calibration.predictive_check import foretold, foretold_note, foretold_sentence
 from rso.report.layout.digits import NBSP, clean, known, percent, quantity, shortest
-from rso.report.layout.document import Fact
+from rso.report.layout.document import Fact, Mark
 from rso.report.reading import Results, best_candidate, candidates, experiments, finished, number, validations
 
 WITHIN = 2.0  # standard deviations of measurement and computation together
@@ -195,7 +195,7 @@ def prediction_fact(results: Results) -> list[Fact]:
         return []
     if len(rows) > 1:
         good, names = sum(v in ("yes", "among") for _, v, _ in rows), ", ".join(clean(e["name"]) for e, *_ in rows)
-        mark = "good" if good == len(rows) else "warn"
+        mark: Mark = "good" if good == len(rows) else "warn"
         return [Fact("Unused tests", f"{good} of {len(rows)} predicted", names, mark)]
     ((e, verdict, note),) = rows
     mark = "good" if verdict == "yes" else "warn" if verdict else ""

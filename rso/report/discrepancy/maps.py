@@ -150,7 +150,7 @@ def _branch(axes: Axes, p: Panel, which: str, branch: int, colour: str, width: f
     if not rows:
         return
     z = 3 if which == "cause" else 2
-    look = {"mfc": colour, "mew": 0} if branch != 1 else {"mfc": PAPER, "mec": colour, "mew": 0.6}
+    look: dict[str, Any] = {"mfc": colour, "mew": 0} if branch != 1 else {"mfc": PAPER, "mec": colour, "mew": 0.6}
     for x, y in rows:
         axes.plot(x, y, "o", ms=2.0 if branch != 1 else 2.4, alpha=0.65, zorder=z, **look)
     for x, y in _trend(rows):

@@ -42,6 +42,7 @@ from rso.report.layout.document import (
     Cell,
     Fact,
     Facts,
+    Mark,
     Picture,
     Report,
     Section,
@@ -159,7 +160,7 @@ def _listing(names: list[str], word: str) -> str:
 def _facts(found: Found) -> list[Fact]:
     d = core(found)
     g, s, v = d.get("gap") or {}, d.get("shrinkage") or {}, verdict_of(found)
-    mark = "good" if v in ("no_gap", "explained", "measurement") else "warn"
+    mark: Mark = "good" if v in ("no_gap", "explained", "measurement") else "warn"
     facts = [
         Fact("Verdict", _VERDICTS.get(v, (clean(v) or DASH, ""))[0], _policy(d), mark),
         Fact("p, if there were no gap", p_text(g.get("p_value")), "rare below 0.05"),

@@ -99,7 +99,8 @@ def _lines(rows: Sequence[tuple[np.ndarray, np.ndarray]]) -> Iterator[np.ndarray
 def _left_by_the_base(axes: Axes, p: Panel) -> None:
     """Readings minus the base model as dots, hollow where unloading."""
     f = p.unit.factor
-    filled, hollow = {"mfc": GREY, "mec": PAPER, "mew": 0.3}, {"mfc": PAPER, "mec": GREY, "mew": 0.7}
+    filled: dict[str, Any] = {"mfc": GREY, "mec": PAPER, "mew": 0.3}
+    hollow: dict[str, Any] = {"mfc": PAPER, "mec": GREY, "mew": 0.7}
     for r in p.records:
         places = [(x, k) for _, k, x in spread(p, r.depth)] if p.profile else [(r.depth, slice(None))]
         for x, k in places:

@@ -77,14 +77,14 @@ def curve(found: Found, k: int) -> Figure:
     unit = shown(clean(holds.get("unit")), largest(list(map(float, y))))
     fine = shown(clean(holds.get("unit")), largest([float(s) for s in holds.get("sigma") or ()]))
     look = looks(found)
-    marks = {"ls": "none", "marker": "o", "ms": 2.6, "mfc": PAPER, "mec": INK, "mew": 0.7, "zorder": 2}
+    marks: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 2.6, "mfc": PAPER, "mec": INK, "mew": 0.7, "zorder": 2}
     left.plot(u[:MOST], y[:MOST] * unit.factor, **marks)
-    s = np.interp(u, *map(np.array, points(holds.get("depth"), holds.get("sigma"))))
+    s = np.interp(u, *points(holds.get("depth"), holds.get("sigma")))
     right.fill_between(u, -2 * s * fine.factor, 2 * s * fine.factor, color=LIGHT, lw=0, alpha=0.75)
     right.axhline(0, color=INK, lw=0.7)
     for name, c in rows:
         x, f = (np.array(v) for v in points(c.get("depth"), c.get("predicted")))
-        m = np.interp(x, *map(np.array, points(c.get("depth"), c.get("measured"))))
+        m = np.interp(x, *points(c.get("depth"), c.get("measured")))
         left.plot(x, f * unit.factor, **look[name])
         right.plot(x, (m - f) * fine.factor, **look[name])
     handles = [Line2D([], [], **marks)] + [Line2D([], [], **look[n]) for n, _ in rows]

@@ -27,6 +27,7 @@ from rso.report.layout.document import (
     Cell,
     Fact,
     Facts,
+    Mark,
     Picture,
     Report,
     Section,
@@ -118,7 +119,8 @@ def _unused(level: Mapping[str, Any]) -> list[Fact]:
     missed = [clean(t.get("curve")) for t in tests if t.get("verdict") and t["verdict"].get("passes") is not True]
     unknown = [clean(t.get("curve")) for t in tests if not t.get("verdict")]
     names = ", ".join(missed or unknown or [clean(t.get("curve")) for t in tests])
-    value, mark = ("missed", "warn") if missed else ("open", "") if unknown else ("predicted", "good")
+    value = "missed" if missed else "open" if unknown else "predicted"
+    mark: Mark = "warn" if missed else "" if unknown else "good"
     return [Fact("Unused test" if len(tests) == 1 else "Unused tests", value, names, mark)]
 
 
@@ -133,7 +135,9 @@ def _steps(found: Found) -> Table:
     tests = [v.get("fitted") or {} for v in rows]
     others = [v.get("selected") or {} for v in rows]
     top = max((v["log_evidence"] for v in rows if known(v.get("log_evidence"))), default=0.0)
-    first = [next((e for e in v.get("errors") or () if e.get("role") == "fit"), {}) for v in rows]
+    first: list[Mapping[str, Any]] = [
+        next((e for e in v.get("errors") or () if e.get("role") == "fit"), {}) for v in rows
+    ]
     strong = [Cell(title(s), mark="strong" if s.get("level") == found.get("chosen") else "") for s in steps]
     columns = [
         column("Level", tuple(strong), number=False),
@@ -283,9 +287,9 @@ def how(found: Found) -> Section:
     blocks: list[Block] = [Text(clean(found.get("rule")))]
     blocks.append(
         Text(
-            "Evidence: the likelihood averaged over the ranges of the parameters, so that a parameter that is not needed "
-            "costs. Misfit and evidence count what repeats and the experimenter say about noise, gain and depth, the "
-            "estimated numerical error of the simulation, and what the emulator of a level does not know."
+            "Evidence: the likelihood averaged over the ranges of the parameters, so that a parameter that is not "
+            "needed costs. Misfit and evidence count what repeats and the experimenter say about noise, gain and "
+            "depth, the estimated numerical error of the simulation, and what the emulator of a level does not know."
         )
     )
     start = found.get("start") or {}

@@ -178,7 +178,7 @@ def exists(found: Found) -> Section:
             "90 % interval",
             words(
                 [
-                    between(*map(float, p["interval"]), u, 3) if pair(p.get("interval")) else DASH
+                    between(float(p["interval"][0]), float(p["interval"][1]), u, 3) if pair(p.get("interval")) else DASH
                     for u, (_, p) in zip(shapes, rows, strict=True)
                 ]
             ),
@@ -253,7 +253,9 @@ def sizes(found: Found) -> Figure:
     low, high = 0.7 * min([*every, enough]), 1.3 * max([*every, enough])
     axes.axvspan(low, enough, color="#e9f1ee", lw=0, zorder=0)
     axes.axvline(enough, color=GREY, lw=0.8, zorder=1)
-    y, ticks, labels = 0.0, [], []
+    y = 0.0
+    ticks: list[float] = []
+    labels: list[str] = []
     for r in rows:
         size = len(r["added"])
         y -= 1.0 if not ticks or size == len(rows[len(ticks) - 1]["added"]) else 1.5
