@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -139,7 +139,7 @@ def points(x: Sequence[Any] | None, y: Sequence[Any] | None) -> tuple[tuple[floa
     return tuple(a for a, _ in pairs), tuple(b for _, b in pairs)
 
 
-def pair(x: object) -> bool:
+def pair(x: object) -> TypeGuard[Sequence[float]]:
     """True for two known numbers, the ends of an interval."""
     return isinstance(x, list | tuple) and len(x) == 2 and all(map(known, x))
 

@@ -22,8 +22,8 @@ def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
     if likely:
         lines.append(f"  most likely by the whole curves: {_values(likely, units)}")
     if best:
-        every = [(s["name"], c) for s in found["searches"] for c in s["candidates"]]
-        candidate = next(c for name, c in every if (name, c["name"]) == (best["search"], best["candidate"]))
+        named = [(s["name"], c) for s in found["searches"] for c in s["candidates"]]
+        candidate = next(c for name, c in named if (name, c["name"]) == (best["search"], best["candidate"]))
         scores = "; ".join(
             f"NRMSE {m['nrmse']:.4f} on {e}"
             for e, m in candidate["metrics"].items()

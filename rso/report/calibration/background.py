@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rso.report.layout.digits import DASH, aligned, channel_text, clean, duration, known, percent, shortest, significant
-from rso.report.layout.document import Block, Cell, Section, Table, Text, column, table, words
+from rso.report.layout.document import Block, Cell, Mark, Section, Table, Text, column, table, words
 from rso.report.notes import sentences
 from rso.report.reading import (
     Output,
@@ -178,7 +178,7 @@ def provenance(results: Results) -> Section:
     return Section("provenance", "Provenance", tuple(blocks) or (Text("Nothing is known yet.", "missing"),))
 
 
-def _pairs(title: str, rows: list[tuple[str, str]], mark: str = "") -> Table:
+def _pairs(title: str, rows: list[tuple[str, str]], mark: Mark = "") -> Table:
     columns = [
         column("", words([k for k, _ in rows]), number=False),
         column("", tuple(Cell(v, mark=mark) for _, v in rows), number=False),

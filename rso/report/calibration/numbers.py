@@ -33,7 +33,20 @@ from rso.report.layout.digits import (
     shown,
     signed,
 )
-from rso.report.layout.document import Block, Cell, Picture, Report, Section, Table, Text, column, missing, table, words
+from rso.report.layout.document import (
+    Block,
+    Cell,
+    Mark,
+    Picture,
+    Report,
+    Section,
+    Table,
+    Text,
+    column,
+    missing,
+    table,
+    words,
+)
 from rso.report.notes import opening
 from rso.report.reading import (
     Candidate,
@@ -135,7 +148,8 @@ def _candidate_table(results: Results, s: Mapping[str, Any], chosen: list[Candid
     names = tuple(Cell(c.name, mark="strong" if c.best else "") if f else Cell("") for f, (c, _) in _zip(first, rows))
     columns = [column("", names, number=False)]
     for p in parameters(results, free=True):
-        cells = aligned([c.value(p.name) * p.unit.factor if known(c.value(p.name)) else None for c, _ in rows])
+        values = [c.value(p.name) for c, _ in rows]
+        cells = aligned([None if v is None else v * p.unit.factor for v in values])
         kept = tuple(cell if f else Cell("") for f, cell in _zip(first, cells))
         columns.append(column(p.letter, kept, p.unit.label))
     labels = [known_outputs[o["output"]].label if o.get("output") in known_outputs else DASH for _, o in rows]
@@ -230,7 +244,7 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     name = clean(e["name"])
     u, y = points(m.get("depth"), m.get("value"))
     x, f = best.curve(e["name"]) if best else ((), ())
-    if not x:
+    if best is None or not x:
         return f"{name}: {len(u)} measured points; no recomputed candidate yet."
     reached = [(a, b) for a, b in zip(u, y, strict=True) if 0 < a <= x[-1] * (1 + 1e-9)]
     predicted = drawn_at(x, f, np.array([min(a, x[-1]) for a, _ in reached]))
@@ -245,16 +259,18 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     return text
 
 
-def metric_rows(results: Results, name: str) -> list[tuple[str, str, Mapping[str, Any]]]:
+def metric_rows(results: Results, name: str) -> list[tuple[str, Mark, Mapping[str, Any]]]:
     """(model, kind, metrics) for every candidate, the baseline and the mean over the runs."""
-    rows = [(c.label, "strong" if c.best else "", c.metrics(name)) for c in candidates(results) if c.metrics(name)]
+    rows: list[tuple[str, Mark, Mapping[str, Any]]] = [
+        (c.label, "strong" if c.best else "", c.metrics(name)) for c in candidates(results) if c.metrics(name)
+    ]
     for key, label in (("baseline", "mean of the measured curve"), ("mean_over_runs", "mean over all design runs")):
         if (results.get(key) or {}).get(name):
             rows.append((label, "quiet", results[key][name]))
     return rows
 
 
-def _metric_table(results: Results, e: Mapping[str, Any], rows: list[tuple[str, str, Mapping[str, Any]]]) -> Table:
+def _metric_table(results: Results, e: Mapping[str, Any], rows: list[tuple[str, Mark, Mapping[str, Any]]]) -> Table:
     unit = shown(e.get("unit", ""), min((r for _, _, m in rows if (r := number(m.get("rmse")))), default=None))
     names = tuple(Cell(label, mark=kind) for label, kind, _ in rows)
     columns = [
@@ -307,7 +323,8 @@ def _validation_table(results: Results, e: Mapping[str, Any], rows: list[Mapping
     best, unit = best_candidate(results), curve_unit(results, e["name"])
     last = {k: [number((v.get(k) or [None])[-1]) for v in rows] for k in ("depth", "measured", "sigma", "predicted")}
     gap = [None if f is None or not y else 100 * (y - f) / abs(y) for f, y in _zip(last["predicted"], last["measured"])]
-    marks = [bool(best) and (v.get("search"), v.get("candidate")) == (best.search, best.name) for v in rows]
+    named = None if best is None else (best.search, best.name)
+    marks = [(v.get("search"), v.get("candidate")) == named for v in rows]
     label = {(c.search, c.name): c.label for c in candidates(results)}
     names = [label.get((clean(v.get("search")), clean(v.get("candidate"))), clean(v.get("candidate"))) for v in rows]
     state = [

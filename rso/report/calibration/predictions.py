@@ -11,7 +11,7 @@ import numpy as np
 from rso.report.calibration.displacements import is_profile, profile_words
 from rso.report.calibration.predictive_check import foretold, foretold_note, foretold_sentence
 from rso.report.layout.digits import NBSP, clean, known, percent, quantity, shortest
-from rso.report.layout.document import Fact
+from rso.report.layout.document import Fact, Mark
 from rso.report.reading import Results, best_candidate, candidates, experiments, finished, number, validations
 
 WITHIN = 2.0  # standard deviations of measurement and computation together
@@ -176,21 +176,21 @@ def noise(p: Prediction) -> str:
 
 def prediction_fact(results: Results) -> list[Fact]:
     """The tile of the tests that were not used."""
-    rows = []
+    rows: list[tuple[Mapping[str, Any], str, str]] = []
     for e in experiments(results, "validate"):
         v, found = foretold(results, e), predictions(results, e)
         if v is not None and e["name"] == e["experiment"]:
             rows.append((e, clean(v.get("verdict")), foretold_note(e, v)))
         elif v is None and found:
             note = f"{found[0].within} of {len(found[0].depth)} readings within 2σ" if is_profile(e) else off(found)
-            verdict = answer(found)
-            rows.append((e, verdict, note + (f"; uncertainty {noise(found[0])}" if verdict else "")))
+            said = answer(found)
+            rows.append((e, said, note + (f"; uncertainty {noise(found[0])}" if said else "")))
     if not rows:
         return []
     if len(rows) > 1:
         good, names = sum(v in ("yes", "among") for _, v, _ in rows), ", ".join(clean(e["name"]) for e, *_ in rows)
-        mark = "good" if good == len(rows) else "warn"
-        return [Fact("Unused tests", f"{good} of {len(rows)} predicted", names, mark)]
+        every: Mark = "good" if good == len(rows) else "warn"
+        return [Fact("Unused tests", f"{good} of {len(rows)} predicted", names, every)]
     ((e, verdict, note),) = rows
-    mark = "good" if verdict == "yes" else "warn" if verdict else ""
+    mark: Mark = "good" if verdict == "yes" else "warn" if verdict else ""
     return [Fact("Unused test", _TILES.get(verdict, "compared"), f"{clean(e['name'])}: {note}", mark)]

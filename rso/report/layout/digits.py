@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeGuard
 
 from rso.core.units import LADDERS, people
 from rso.report.layout.document import Cell
@@ -88,7 +89,7 @@ def shown(unit: str, size: float | None = None) -> Unit:
     return Unit(*people(unit, size))
 
 
-def known(x: object) -> bool:
+def known(x: object) -> TypeGuard[float]:
     """True for a finite number."""
     return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
 

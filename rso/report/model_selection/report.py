@@ -27,6 +27,7 @@ from rso.report.layout.document import (
     Cell,
     Fact,
     Facts,
+    Mark,
     Picture,
     Report,
     Section,
@@ -114,7 +115,8 @@ def _unused(level: Mapping[str, Any]) -> list[Fact]:
     missed = [clean(t.get("curve")) for t in tests if t.get("verdict") and t["verdict"].get("passes") is not True]
     unknown = [clean(t.get("curve")) for t in tests if not t.get("verdict")]
     names = ", ".join(missed or unknown or [clean(t.get("curve")) for t in tests])
-    value, mark = ("missed", "warn") if missed else ("open", "") if unknown else ("predicted", "good")
+    value = "missed" if missed else "open" if unknown else "predicted"
+    mark: Mark = "warn" if missed else "" if unknown else "good"
     return [Fact("Unused test" if len(tests) == 1 else "Unused tests", value, names, mark)]
 
 
@@ -129,7 +131,9 @@ def _steps(found: Found) -> Table:
     tests = [v.get("fitted") or {} for v in rows]
     others = [v.get("selected") or {} for v in rows]
     top = max((v["log_evidence"] for v in rows if known(v.get("log_evidence"))), default=0.0)
-    first = [next((e for e in v.get("errors") or () if e.get("role") == "fit"), {}) for v in rows]
+    first: list[Mapping[str, Any]] = [
+        next((e for e in v.get("errors") or () if e.get("role") == "fit"), {}) for v in rows
+    ]
     strong = [Cell(title(s), mark="strong" if s.get("level") == found.get("chosen") else "")
               for s in steps]  # fmt: skip
     columns = [
@@ -225,7 +229,7 @@ def parameters(found: Found) -> Section:
         column("Parameter", words([n + (" (added)" if p.get("added") else "") for n, (_, p) in
                                    zip(names, rows, strict=True)]), number=False),
         column("value", words([value_text(p, u) for u, (_, p) in zip(units, rows, strict=True)])),
-        column("90 % interval", words([_interval(p, u) for u, (_, p) in zip(units, rows, strict=True)])),
+        column("90 % interval", words([interval_text(p, u) for u, (_, p) in zip(units, rows, strict=True)])),
         column("", tuple(_determined(p.get("verdict")) for _, p in rows), number=False),
     ]  # fmt: skip
     note = "Profile likelihood. Only what a level adds must be determined; moduli that it adds are shares of μ."
@@ -249,7 +253,8 @@ def _times(x: Any, factor: float) -> float | None:
     return float(x) * factor if known(x) else None
 
 
-def _interval(p: Mapping[str, Any], unit: Any) -> str:
+def interval_text(p: Mapping[str, Any], unit: Unit) -> str:
+    """The interval of a parameter with its unit."""
     ends = p.get("interval")
     return between(float(ends[0]), float(ends[1]), unit, 3) if pair(ends) else DASH
 

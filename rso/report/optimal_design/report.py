@@ -15,7 +15,6 @@ from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, WARM, canvas, pla
 from rso.report.layout.byline import byline
 from rso.report.layout.digits import (
     DASH,
-    between,
     clean,
     duration,
     known,
@@ -27,8 +26,8 @@ from rso.report.layout.digits import (
 )
 from rso.report.layout.document import Block, Cell, Picture, Report, Section, Table, Text, column, table, words
 from rso.report.layout.page import pictures, pour
-from rso.report.model_selection.report import value_text
-from rso.report.reading import listed, number, pair
+from rso.report.model_selection.report import interval_text, value_text
+from rso.report.reading import listed, number
 
 Found = Mapping[str, Any]
 MOST = 12  # pairs in the table
@@ -166,8 +165,7 @@ def exists(found: Found) -> Section:
         column("Fitted together", words([" + ".join(f.get("experiments") or ()) for f, _ in rows]), number=False),
         column("", words([symbol(p["name"]) for _, p in rows]), number=False),
         column("value", words([value_text(p, u) for u, (_, p) in zip(shapes, rows, strict=True)])),
-        column("90 % interval", words([between(*map(float, p["interval"]), u, 3) if pair(p.get("interval")) else DASH
-                                       for u, (_, p) in zip(shapes, rows, strict=True)])),
+        column("90 % interval", words([interval_text(p, u) for u, (_, p) in zip(shapes, rows, strict=True)])),
         column("", tuple(_word(p.get("verdict")) for _, p in rows), number=False),
         column("χ² / ν", words([f"{significant(number(f.get('chi2')), 3)} / {f.get('degrees')}" for f, _ in rows])),
     ]  # fmt: skip
@@ -229,7 +227,9 @@ def sizes(found: Found) -> Figure:
     low, high = 0.7 * min([*every, enough]), 1.3 * max([*every, enough])
     axes.axvspan(low, enough, color="#e9f1ee", lw=0, zorder=0)
     axes.axvline(enough, color=GREY, lw=0.8, zorder=1)
-    y, ticks, labels = 0.0, [], []
+    y = 0.0
+    ticks: list[float] = []
+    labels: list[str] = []
     for r in rows:
         size = len(r["added"])
         y -= 1.0 if not ticks or size == len(rows[len(ticks) - 1]["added"]) else 1.5
