@@ -82,10 +82,10 @@ def ask(study: Study) -> Asked:
     effects = discrepancy.recorded(every, measured)
     wanted = study.diagnose.effects
     if wanted != "all":
-        known, unseen = [e.name for e in effects], {e.name for e in every}
+        known, hidden = [e.name for e in effects], {e.name for e in every}
         why = f"shows only in a channel that was not measured; measured are {', '.join(sorted(measured))}"
         problems = [
-            Problem(("diagnose", "effects"), why if n in unseen else f"no such effect; {choose(n, known)}", n)
+            Problem(("diagnose", "effects"), why if n in hidden else f"no such effect; {choose(n, known)}", n)
             for n in wanted if n not in known
         ]  # fmt: skip
         if problems:
@@ -108,7 +108,8 @@ def ask(study: Study) -> Asked:
 def _calibrated(study: Study, effects: Sequence[Effect], every: Sequence[Effect]) -> tuple[Effect, ...]:
     """The effects with what is known of them; the gain of the cell is as uncertain as the experiments state."""
     stated = max((study.noise_of(e.name).calibration for e in study.experiments), default=0.0)
-    known, problems = {"gain": stated} if stated else {}, []
+    known: dict[str, float] = {"gain": stated} if stated else {}
+    problems: list[Problem] = []
     units = {e.name: e.size.unit for e in every if e.family != "scatter" and e.size.neutral is not None}
     for name, written in study.diagnose.known.items():
         place = ("diagnose", "known", name)
@@ -150,8 +151,9 @@ def _refuse_what_is_too_deep(study: Study, backend: Backend, plan: discrepancy.T
         try:
             backend.check(Case("reach", Programme.ramp((reach,)), place.settings))
         except MISREAD as error:
-            there = [o for o in (*plan.tests, *plan.profiles) if o.place == k]
-            n = max(there, key=lambda o: float(o.depth.max())).experiment
+            there = [(float(t.depth.max()), t.experiment) for t in plan.tests if t.place == k]
+            there += [(float(p.depth.max()), p.experiment) for p in plan.profiles if p.place == k]
+            _, n = max(there, key=lambda row: row[0])
             words = f"a diagnosis computes to {reach:g} mm, beyond the deepest reading, for a contact found late"
             found = Problem(("experiments", n, "data"), f"{words}; leave out what is deeper: {error}")
             raise study_error(study.file, study.lines, [found]) from error
@@ -304,7 +306,7 @@ def judge(asked: Asked, library: Library, run: Callable[[Sequence[Task]], list[A
         say(f"computed anew at the size found: {', '.join(e.name for e in picks)}")
         library, check = discrepancy.mended(library, picks, run)
         checks.append(check)
-        if check.largest is None or check.rms < discrepancy.CLOSE:
+        if check.rms is None or check.rms < discrepancy.CLOSE:
             break
         result = discrepancy.diagnose(library, seed, fitted=fitted)
     named = f" ({', '.join(result.named)})" if result.named else ""

@@ -104,8 +104,8 @@ def set_up(library: Library, y: np.ndarray, binding: bool = False) -> Bench:
     base = tiles(library, (), modulus)
     rough = np.zeros(len(y))
     for item, c, at in library.plan.rows():
-        white = levels[c if c in levels else "uz"].of(item.experiment).white
-        rough[at] = white**2 + (0.03 * np.max(np.abs(y[at]))) ** 2
+        reading = levels[c if c in levels else "uz"].of(item.experiment).white
+        rough[at] = reading**2 + (0.03 * np.max(np.abs(y[at]))) ** 2
     force, slope = np.zeros(len(y)), np.zeros(len(y))
     C = np.diag(rough)
     for _ in range(2):
@@ -137,7 +137,7 @@ def set_up(library: Library, y: np.ndarray, binding: bool = False) -> Bench:
 def by_test(library: Library, scatter: Effect, centre: np.ndarray, modulus: float) -> np.ndarray:
     """∂y/∂knob (tests, n): what the knob of the chain does to each test by itself."""
     p = next(p for p in parameters_of(Chain) if p.name == scatter.cause)
-    assert p.plausible is not None
+    assert p.plausible is not None and p.neutral is not None  # so is every knob of the chain
     away = [v - p.neutral for v in p.plausible]
     by = scatter.size.high / max(map(abs, away))  # of a plan of the usual lengths and forces 1
     low, high = (p.neutral + by * v for v in away)

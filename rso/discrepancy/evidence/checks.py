@@ -39,12 +39,12 @@ def self_checks(evidence: Evidence, contest: Contest, finalists: frozenset[str],
     for i, h in enumerate(leading):
         Y = attribution.simulated(evidence, h.effects, y, CHECKS, seed + 10 + i, loose=True)
         returned = named = missed = 0
-        sources = {e.source for e in h.effects}
+        own = {e.source for e in h.effects}
         for c in attribution.contests(evidence, Y, pairs, finalists=finalists):
             j = judge(c, c.statistic > threshold)
             missed += j.verdict == "no_gap"
-            returned += sources == {e.source for e in j.chosen.effects}
-            named += sources <= {known[n] for n in j.named}
+            returned += own == {e.source for e in j.chosen.effects}
+            named += own <= {known[n] for n in j.named}
         found.append(SelfCheck(h.name, returned / CHECKS, missed / CHECKS, named / CHECKS, CHECKS))
     return tuple(found)
 

@@ -15,7 +15,7 @@ from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
-from rso.discrepancy.library.test_plan import LOADING, Profile
+from rso.discrepancy.library.test_plan import LOADING, Profile, Test
 
 TOLD = 3.0  # standard deviations by which an effect must be able to move readings that are to tell of it
 
@@ -147,9 +147,11 @@ def _gap(name: str, unit: str, rows: np.ndarray, y: np.ndarray, fits: Sequence[n
          cause: Sequence[Effect]) -> shrinkage.Gap:  # fmt: skip
     C, δ = C[np.ix_(rows, rows)], fits[2][rows] - fits[0][rows]
     noise_of_change = 2.0 * float(np.sqrt(δ @ np.linalg.solve(C, δ))) / len(rows)
-    G = [shrinkage.gap(y[rows], f[rows], C) for f in fits]
-    rms = tuple(float(np.sqrt(np.mean((y[rows] - f[rows]) ** 2))) for f in fits)
-    return shrinkage.Gap(name, unit, *G, rms, noise_of_change, tuple(e.name for e in cause))
+    before, again, with_cause = (shrinkage.gap(y[rows], f[rows], C) for f in fits)
+    a, b, c = (float(np.sqrt(np.mean((y[rows] - f[rows]) ** 2))) for f in fits)
+    return shrinkage.Gap(
+        name, unit, before, again, with_cause, (a, b, c), noise_of_change, tuple(e.name for e in cause)
+    )
 
 
 def _at(library: Library, values: Mapping[str, float], modulus: float) -> np.ndarray | None:
@@ -168,7 +170,7 @@ def _fitted_rows(library: Library) -> np.ndarray:
     rows = []
     for item, c, at in library.plan.rows():
         e = library.plan.experiments[item.experiment]
-        if hasattr(item, "branch") and e.role == "fit" and c == ("Fz" if "Fz" in item.channels else item.channels[0]):
+        if isinstance(item, Test) and e.role == "fit" and c == ("Fz" if "Fz" in item.channels else item.channels[0]):
             rows.append(np.arange(at.start, at.stop)[item.branch == LOADING])
     return np.concatenate(rows) if rows else np.arange(library.plan.n)
 

@@ -60,8 +60,8 @@ def tiles(
 
     `coarse` takes fewer tiles per effect, for pairs; the basis spans the forces of `base` too.
     """
-    kept = {j: v for j, a in enumerate(library.base.axes) if (v := _kept(a, modulus))}
-    levels = []
+    kept = {j: own for j, a in enumerate(library.base.axes) if (own := _kept(a, modulus))}
+    levels: list[_Levels] = []
     for j, a in enumerate(library.base.axes):
         shift = kept[j].slope * np.log(modulus) if j in kept else 0.0
         low, high = (kept[j].low + shift, kept[j].high + shift) if j in kept else a.ends
@@ -73,8 +73,9 @@ def tiles(
             levels.append(_even(*s.ends()[0], n - (FEWER if coarse and n > SHAPE_TILES else 0)))
     at = points([v.at for v in levels])
     moduli = library.base.moduli(at)
-    for j, own in kept.items() if moduli is not None else ():  # each tile has its modulus
-        at[:, j] += own.slope * np.log(moduli / modulus)
+    if moduli is not None:  # each tile has its modulus
+        for j, axis in kept.items():
+            at[:, j] += axis.slope * np.log(moduli / modulus)
     prior = np.array([sum(p) for p in itertools.product(*[v.log_prior for v in levels])])
     moving = [j for j, v in enumerate(levels) if v.width > 0]
     A, c = predict(library, effects, at, modulus)
@@ -89,13 +90,13 @@ def tiles(
         D[:, k] = ((ends[1][0] - ends[0][0]) + (ends[1][1] - ends[0][1]) / modulus) / (2 * _STEP * v.width)
     sd = np.array([0.5 * levels[j].width for j in moving])
     along = library.base.tied
-    own = Tiles(A, c, D, sd, at, prior, tuple(moving), tuple(levels[j].log for j in moving), moduli=moduli,
-                tied=None if along is None else moving.index(along),
-                kept={moving.index(j): own for j, own in kept.items()})  # fmt: skip
+    whole = Tiles(A, c, D, sd, at, prior, tuple(moving), tuple(levels[j].log for j in moving), moduli=moduli,
+                  tied=None if along is None else moving.index(along),
+                  kept={moving.index(j): own for j, own in kept.items()})  # fmt: skip
     also = np.zeros((0, A.shape[1]))
     if base is not None:
         also = np.concatenate([base.lift(base.A), base.lift(base.c) / modulus])
-    return compressed(own, list(blocks(library.plan).values()), also, modulus)
+    return compressed(whole, list(blocks(library.plan).values()), also, modulus)
 
 
 def blocks(plan: TestPlan) -> dict[tuple[int, str, int], np.ndarray]:

@@ -26,7 +26,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from rso.discrepancy.evidence.gaussian_mixture import Ready, log_tiles
-from rso.discrepancy.library.test_plan import LOADING, UNLOADING, Profile, TestPlan
+from rso.discrepancy.library.test_plan import LOADING, UNLOADING, Profile, Test, TestPlan
 
 DEPTH_BINS = {LOADING: 3, UNLOADING: 2}
 TIME_BINS = 2  # of a hold, in the logarithm of time
@@ -124,7 +124,7 @@ def shared(where: Where, plan: TestPlan, gap: np.ndarray, C: np.ndarray, W: np.n
 
 def _regions(plan: TestPlan):
     """(experiment, channel, words, rows): repeats of an experiment together, in bins of depth or, held, of time."""
-    groups: dict[tuple[int, str], list[tuple[object, slice]]] = {}
+    groups: dict[tuple[int, str], list[tuple[Test | Profile, slice]]] = {}
     for item, c, at in plan.rows():
         groups.setdefault((item.experiment, c), []).append((item, at))
     for (k, c), members in groups.items():
@@ -135,7 +135,8 @@ def _regions(plan: TestPlan):
             for d in sorted({plan.near(v) for v in depth}):
                 yield name, c, f"profile at {d:g} mm", rows[np.abs(depth - d) < 0.06 * plan.scale]
             continue
-        branch = np.concatenate([m.branch for m, _ in members])
+        tests = [m for m, _ in members if isinstance(m, Test)]  # a channel is of tests or of profiles
+        branch = np.concatenate([t.branch for t in tests])
         deepest = float(depth.max())
         digits = max(1, 1 - math.floor(math.log10(plan.scale)))
         for b, bins in DEPTH_BINS.items():
@@ -144,7 +145,7 @@ def _regions(plan: TestPlan):
                 inside = (branch == b) & (depth > low - (low == 0) * 1e3) & (depth <= high)
                 if inside.sum() >= 2:
                     yield name, c, f"{BRANCH[b]} {low:.{digits}f}–{high:.{digits}f} mm", rows[inside]
-        held, since = (np.concatenate([getattr(m, k) for m, _ in members]) for k in ("held", "since"))
+        held, since = (np.concatenate([getattr(t, k) for t in tests]) for k in ("held", "since"))
         if held.any():
             edges = np.geomspace(since[held].min(), since[held].max(), TIME_BINS + 1)
             for k, (low, high) in enumerate(itertools.pairwise(edges)):

@@ -80,7 +80,7 @@ def levels(plan: TestPlan, binding: bool = False) -> dict[str, Level]:
             continue
         numbers = list(dict.fromkeys(t.experiment for t in tests))
         seen = [plan.experiments[k] for k in numbers]
-        correlation = max(e.noise.stated.correlation for e in seen)
+        correlation = max(e.noise.correlation or 0.0 for e in seen)
         length = correlation or remembered or 0.0
         w, k = _bins(tests)
         ρ = math.exp(-w / (k * length)) if remembered and not correlation else 0.0
@@ -109,8 +109,8 @@ def levels(plan: TestPlan, binding: bool = False) -> dict[str, Level]:
         else:
             correlated, reach = hidden(seen, c, white)
         depth = max(e.noise.depth for e in seen)
-        gain = max(e.noise.stated.gain for e in seen)
-        off = max(e.noise.stated.contact for e in seen)
+        gain = max(e.noise.gain or 0.0 for e in seen)
+        off = max(e.noise.contact or 0.0 for e in seen)
         contact = max(plan.scale * CONTACT, 2 * depth, off)
         known = Level(white, correlated, reach, gain, contact, depth, source, loud, (gain or GAIN, contact))
         *shown, extra, its_reach = _repeats(plan, c, known)
@@ -240,7 +240,8 @@ def _repeats(plan: TestPlan, channel: str, known: Level) -> tuple[float, float, 
             ρ = np.sum(rest[:, 1:] * rest[:, :-1]) / np.sum(rest**2) * variance / (variance - white)
             lengths.append(-np.mean(np.diff(u)) / np.log(np.clip(ρ, 0.05, 0.95)))
     if len(of_two) > 1:
-        v = _beyond(known, *np.mean(of_two, axis=0), len(of_two))
+        found, of_noise = np.mean(of_two, axis=0)
+        v = _beyond(known, found, of_noise, len(of_two))
         gains.append(np.sqrt(v[0]))
         contacts.append(np.sqrt(v[1]))
     best = lambda v: float(np.max(v)) if v else 0.0  # noqa: E731

@@ -254,6 +254,7 @@ def _scatter() -> list[Effect]:
     found = []
     for p in parameters_of(Chain):
         if p.scope in ("mounting", "curve") and p.plausible is not None:
+            assert p.neutral is not None  # so is every knob of the chain
             high = max(abs(v - p.neutral) for v in p.plausible)
             size = Size(p.name, f"{p.description}, each curve its own", p.unit, 0.1 * high, high, 0.0)
             label = f"{p.label or p.name} of each curve"

@@ -149,7 +149,8 @@ class TestPlan:
 
     def rows(self) -> list[tuple[Test | Profile, str, slice]]:
         """(test or profile, channel, rows) in the order of the data vector."""
-        found, at = [], 0
+        found: list[tuple[Test | Profile, str, slice]] = []
+        at = 0
         for t in self.tests:
             for c in t.channels:
                 found.append((t, c, slice(at, at + t.n)))
