@@ -33,9 +33,16 @@ def cases_of(folder: Path) -> list[Path]:
 
 
 def answer(
-    cases: list[Path], out: Path, store: RunStore, executor: Executor, *, seed: int,
-    reruns: bool = False, watch: Callable[[Event], None] | None = None, say: Callable[[str], None] = lambda _: None,
-) -> Iterator[tuple[str, dict[str, Any]]]:  # fmt: skip
+    cases: list[Path],
+    out: Path,
+    store: RunStore,
+    executor: Executor,
+    *,
+    seed: int,
+    reruns: bool = False,
+    watch: Callable[[Event], None] | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> Iterator[tuple[str, dict[str, Any]]]:
     """Diagnose every case that has no answer yet; yields its name and the plain data, written to `out` as it comes.
 
     A case that cannot be read is answered with its error, so that one bad folder does not stop the others, and tried
@@ -102,8 +109,10 @@ def _read(case: Path, out: Path, seed: int) -> Asked | ValueError:
         return _asked(case, out, seed)
     except ValueError as error:
         if "columns" in str(error) and not str(error).startswith(str(case / FILE)):
-            return ValueError(f"{error}\n{case / FILE}: says as \"columns\" what a study says under [columns], for all "
-                              'files, and as "columns_of" for one: "columns_of": {"profile.csv": {}}')  # fmt: skip
+            return ValueError(
+                f'{error}\n{case / FILE}: says as "columns" what a study says under [columns], for all '
+                'files, and as "columns_of" for one: "columns_of": {"profile.csv": {}}'
+            )
         return error
 
 
@@ -136,8 +145,9 @@ def _library(asked: Asked, known: dict[str, Library], store: RunStore, executor:
     """A library of the same places, effects and base, made once; the tests of each case differ."""
     b, key = asked.base, _key(asked)
     if key not in known:
-        known[key] = discrepancy.build(b, asked.plan, asked.effects, lambda tasks: run_all(
-            b.backend, tasks, store, executor, watch=watch))  # fmt: skip
+        known[key] = discrepancy.build(
+            b, asked.plan, asked.effects, lambda tasks: run_all(b.backend, tasks, store, executor, watch=watch)
+        )
     own = {e.name: e for e in asked.effects}  # what is plausible may hang on the forces
     return replace(known[key], plan=asked.plan, effects=tuple(own[e.name] for e in known[key].effects))
 
@@ -147,11 +157,19 @@ def _key(asked: Asked) -> str:
     b, near = asked.base, asked.plan.near
     speeds = [min(t.speed for t in asked.plan.tests), max(t.speed for t in asked.plan.tests)]
     passes = [sorted({(t.place, near(t.earlier), near(t.peak) if t.returns else 0.0) for t in asked.plan.tests})]
-    return digest([
-        [[p.settings, p.deepest, p.peaks, p.marks, p.mark_depths] for p in asked.plan.places],
-        asked.plan.scale, [e.name for e in asked.effects], b.modulus, b.reference,
-        [[[k.low, k.high] for k in e.knobs] for e in asked.effects if e.family == "model"],
-        [[a.name, a.low, a.high] for a in b.axes],
-        dict(b.fixed), dict(b.draft), dict(b.lean), [float(f"{v:.2g}") for v in speeds],
-        [[list(p) for p in q] for q in passes],
-    ])  # fmt: skip
+    return digest(
+        [
+            [[p.settings, p.deepest, p.peaks, p.marks, p.mark_depths] for p in asked.plan.places],
+            asked.plan.scale,
+            [e.name for e in asked.effects],
+            b.modulus,
+            b.reference,
+            [[[k.low, k.high] for k in e.knobs] for e in asked.effects if e.family == "model"],
+            [[a.name, a.low, a.high] for a in b.axes],
+            dict(b.fixed),
+            dict(b.draft),
+            dict(b.lean),
+            [float(f"{v:.2g}") for v in speeds],
+            [[list(p) for p in q] for q in passes],
+        ]
+    )

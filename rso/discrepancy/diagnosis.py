@@ -132,8 +132,10 @@ def diagnose(
     verdict, chosen = judged.verdict, judged.chosen
     odd = evidence.odd(y) if chosen == UNEXPLAINED.chosen else None
     odd = odd if odd is not None and odd[1] > LONE else None
-    fits = {h.name: shrinkage.predicted(library, h.effects, posts[h.name], bench.modulus)
-            for h in dict.fromkeys([Hypothesis(()), chosen])}  # fmt: skip
+    fits = {
+        h.name: shrinkage.predicted(library, h.effects, posts[h.name], bench.modulus)
+        for h in dict.fromkeys([Hypothesis(()), chosen])
+    }
     where, taken, scatter = _readings(evidence, chosen, fits, y, seed, odd and odd[0])
     r = bench.whites[0](y - fits["none"])
     causes = _causes(evidence, contest, y, posts, verdict, judged.named)
@@ -154,8 +156,9 @@ def diagnose(
         where=where,
         held_out=held,
         shrinkage=shrinkage_of(whole, library, bench, evidence, y, chosen, seed, fitted),
-        checks=() if verdict == "no_gap" else
-        self_checks(evidence, contest, finalists, y, opened.threshold, opened.null, seed),
+        checks=()
+        if verdict == "no_gap"
+        else self_checks(evidence, contest, finalists, y, opened.threshold, opened.null, seed),
         parameters=_parameters(library, posts, reached),
         reach=reached,
         bench=bench,
@@ -170,7 +173,7 @@ def diagnose(
         odd=odd,
         taken=taken,
         reading=scatter,
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,17 +277,22 @@ def _posterior(evidence: Evidence, effects, y: np.ndarray, rng, unexplained: boo
 
 
 def _causes(
-    evidence: Evidence, contest: Contest, y: np.ndarray, posts: Mapping[str, Posterior], verdict: str,
+    evidence: Evidence,
+    contest: Contest,
+    y: np.ndarray,
+    posts: Mapping[str, Posterior],
+    verdict: str,
     named: Sequence[str],
-) -> tuple[Cause, ...]:  # fmt: skip
+) -> tuple[Cause, ...]:
     """Every named effect with its probability given a gap, and its size where it is alone or in the chosen pair."""
     if verdict in ("no_gap", "unexplained"):
         return ()
     given = given_a_gap(contest)
     found = []
     for name in named:
-        holders = [(q, h) for h, q in zip(contest.hypotheses[1:], given, strict=True) if name in
-                   [e.name for e in h.effects]]  # fmt: skip
+        holders = [
+            (q, h) for h, q in zip(contest.hypotheses[1:], given, strict=True) if name in [e.name for e in h.effects]
+        ]
         h = max(holders, key=lambda v: v[0])[1]
         post = posts.get(h.name)
         if post is None:

@@ -33,9 +33,13 @@ Run = Callable[[Sequence[Task]], list[Any]]
 
 
 def story(
-    library: Library, d: Diagnosis, visible: Sequence[Detectable], run: Run | None, title: str,
+    library: Library,
+    d: Diagnosis,
+    visible: Sequence[Detectable],
+    run: Run | None,
+    title: str,
     checked: Sequence[Check] = (),
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Everything of a diagnosis: `diagnosis` is the block of results.json, the rest serves the report.
 
     `visible` is what the plan can see, `run` simulates candidates of the next test, `checked` are the rounds in which
@@ -52,19 +56,33 @@ def story(
         "modulus": {"name": library.base.modulus, "low": library.base.low, "high": library.base.high},
         "diagnosis": block(d, visible, tests),
         "experiments": [_experiment(e) for e in library.plan.experiments],
-        "noise": {c: {"white": v.white, "correlated": v.correlated, "length_mm": v.length, "gain": v.gain,
-                      "contact_mm": v.contact, "depth_mm": v.depth, "source": v.source,
-                      "expected": {"gain": v.expected[0], "contact_mm": v.expected[1]},
-                      "repeats": {"gain": v.shown[0], "contact_mm": v.shown[1]}}
-                  for c, v in d.bench.levels.items()},
-        "trusted": {e.name: {"sd": sd, "unit": e.size.unit, "stated": e.known is not None} for e in library.effects
-                    if (sd := trusted(e)) is not None},
+        "noise": {
+            c: {
+                "white": v.white,
+                "correlated": v.correlated,
+                "length_mm": v.length,
+                "gain": v.gain,
+                "contact_mm": v.contact,
+                "depth_mm": v.depth,
+                "source": v.source,
+                "expected": {"gain": v.expected[0], "contact_mm": v.expected[1]},
+                "repeats": {"gain": v.shown[0], "contact_mm": v.shown[1]},
+            }
+            for c, v in d.bench.levels.items()
+        },
+        "trusted": {
+            e.name: {"sd": sd, "unit": e.size.unit, "stated": e.known is not None}
+            for e in library.effects
+            if (sd := trusted(e)) is not None
+        },
         "effects": [_effect(e) for e in library.effects],
         "probabilities": dict(sorted(d.probabilities.items(), key=lambda v: -v[1])[:20]),
         "sensitivity": d.sensitivity,
         "held_out": [{"experiment": h.experiment, "gain": h.gain} for h in d.held_out],
-        "checks": [{"hypothesis": c.hypothesis, "returned": c.returned, "in_set": c.in_set, "no_gap": c.no_gap,
-                    "n": c.n} for c in d.checks],
+        "checks": [
+            {"hypothesis": c.hypothesis, "returned": c.returned, "in_set": c.in_set, "no_gap": c.no_gap, "n": c.n}
+            for c in d.checks
+        ],
         "power": [{"effect": v.effect.name, "power": v.power} for v in visible],
         "residuals": residuals(plan, d),
         "signatures": signatures(library, d),
@@ -72,7 +90,7 @@ def story(
         "failed_runs": list(library.failed),
         "notes": list(library.plan.notes),
         "mirrored": mirrored(plan, d),
-    }  # fmt: skip
+    }
     return found | {"words": words(found)}
 
 
@@ -88,8 +106,9 @@ def mirrored(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
             out[name, c] = fy + float(f[at] @ y[at]), *more
     return [
         {"experiment": name, "channel": c, "times": fy / ff}
-        for (name, c), (fy, ff, noise) in out.items() if ff > (SHOWN * noise) ** 2 and fy / ff < OPPOSITE
-    ]  # fmt: skip
+        for (name, c), (fy, ff, noise) in out.items()
+        if ff > (SHOWN * noise) ** 2 and fy / ff < OPPOSITE
+    ]
 
 
 def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]) -> dict[str, Any]:
@@ -97,62 +116,161 @@ def block(d: Diagnosis, visible: Sequence[Detectable], tests: Sequence[NextTest]
     s = d.shrinkage
     return {
         "verdict": d.verdict,
-        "gap": {"p_value": d.p_value, "size_over_noise": d.size_over_noise, "statistic": d.statistic,
-                "threshold": d.threshold},
+        "gap": {
+            "p_value": d.p_value,
+            "size_over_noise": d.size_over_noise,
+            "statistic": d.statistic,
+            "threshold": d.threshold,
+        },
         "left": d.left,
-        "remainder": None if d.remainder is None else
-                     {"of": d.remainder.of, "there": d.remainder.there, "score": d.remainder.score,
-                      "threshold": d.remainder.threshold,
-                      "looks_like": d.remainder.effect.name if d.remainder.effect else None},
+        "remainder": None
+        if d.remainder is None
+        else {
+            "of": d.remainder.of,
+            "there": d.remainder.there,
+            "score": d.remainder.score,
+            "threshold": d.remainder.threshold,
+            "looks_like": d.remainder.effect.name if d.remainder.effect else None,
+        },
         "odd": None if d.odd is None else {"experiment": d.odd[0], "probability": d.odd[1]},
-        "jumps": {"sudden": d.jumps.sudden, "skewed": d.jumps.skewed, "t": d.jumps.t, "z": d.jumps.z,
-                  "experiment": d.jumps.experiment, "size": d.jumps.size, "depths": list(d.jumps.depths),
-                  "crack": None if (c := d.jumps.crack) is None else
-                  {"z": c.z, "experiment": c.experiment, "size": c.size, "depth": c.depth}},
-        "hum": {"there": d.hum.there, "log10_p": d.hum.log10_p, "frequency": d.hum.frequency,
-                "amplitude": d.hum.amplitude, "channel": d.hum.channel, "along": d.hum.along},
-        "where": [{"experiment": r.experiment, "channel": r.channel, "region": r.region, "z": r.z,
-                   "sign": "+" if r.z > 0 else "-", "amplitude": r.amplitude, "amplitude_sd": r.amplitude_sd,
-                   "of_largest": r.of_largest,
-                   "share": r.share, "beyond_noise": abs(r.z) > d.where.threshold} for r in d.where.regions[:REGIONS]],
+        "jumps": {
+            "sudden": d.jumps.sudden,
+            "skewed": d.jumps.skewed,
+            "t": d.jumps.t,
+            "z": d.jumps.z,
+            "experiment": d.jumps.experiment,
+            "size": d.jumps.size,
+            "depths": list(d.jumps.depths),
+            "crack": None
+            if (c := d.jumps.crack) is None
+            else {"z": c.z, "experiment": c.experiment, "size": c.size, "depth": c.depth},
+        },
+        "hum": {
+            "there": d.hum.there,
+            "log10_p": d.hum.log10_p,
+            "frequency": d.hum.frequency,
+            "amplitude": d.hum.amplitude,
+            "channel": d.hum.channel,
+            "along": d.hum.along,
+        },
+        "where": [
+            {
+                "experiment": r.experiment,
+                "channel": r.channel,
+                "region": r.region,
+                "z": r.z,
+                "sign": "+" if r.z > 0 else "-",
+                "amplitude": r.amplitude,
+                "amplitude_sd": r.amplitude_sd,
+                "of_largest": r.of_largest,
+                "share": r.share,
+                "beyond_noise": abs(r.z) > d.where.threshold,
+            }
+            for r in d.where.regions[:REGIONS]
+        ],
         "where_threshold": d.where.threshold,
-        "causes": [{"effect": c.effect.name, "cause": c.effect.source, "description": c.effect.description,
-                    "family": c.effect.family, "probability": c.probability, "size": c.size,
-                    "interval": list(c.interval), "unit": c.effect.size.unit, "neutral": c.effect.size.neutral,
-                    "railed": c.railed, "like_a_modulus": c.effect.like_a_modulus,
-                    "like_a_body": c.effect.like_a_body, "like_a_spot": c.effect.like_a_spot,
-                    **({"each": _each(d.bench.library.plan, c)} if c.each else {}),
-                    **({"otherwise": dict(zip(("probability", "low", "high"), c.otherwise, strict=True))}
-                       if c.otherwise else {}),
-                    "shape": [{"knob": k.name, "unit": k.unit, "size": mid, "interval": [low, high]}
-                              for k, (low, mid, high) in zip(c.effect.shape, c.shape, strict=False)]}
-                   for c in d.causes],
+        "causes": [
+            {
+                "effect": c.effect.name,
+                "cause": c.effect.source,
+                "description": c.effect.description,
+                "family": c.effect.family,
+                "probability": c.probability,
+                "size": c.size,
+                "interval": list(c.interval),
+                "unit": c.effect.size.unit,
+                "neutral": c.effect.size.neutral,
+                "railed": c.railed,
+                "like_a_modulus": c.effect.like_a_modulus,
+                "like_a_body": c.effect.like_a_body,
+                "like_a_spot": c.effect.like_a_spot,
+                **({"each": _each(d.bench.library.plan, c)} if c.each else {}),
+                **(
+                    {"otherwise": dict(zip(("probability", "low", "high"), c.otherwise, strict=True))}
+                    if c.otherwise
+                    else {}
+                ),
+                "shape": [
+                    {"knob": k.name, "unit": k.unit, "size": mid, "interval": [low, high]}
+                    for k, (low, mid, high) in zip(c.effect.shape, c.shape, strict=False)
+                ],
+            }
+            for c in d.causes
+        ],
         "chosen": [e.name for e in d.chosen.effects],
         "ambiguous_with": [list(d.named)] if _rivals(d) else [],
-        "shrinkage": {"held_out": [c.curve for c in s.curves], "before": s.before, "refit_only": s.refit_only,
-                      "with_cause": s.with_cause, "noise_floor": s.floor, "floor_error": s.floor_error,
-                      "closed": s.closed, "interval": None if s.interval is None else list(s.interval), "how": s.how,
-                      "curves": [{"curve": c.curve, "unit": c.unit, "before": c.before, "refit_only": c.refit_only,
-                                  "with_cause": c.with_cause, "rms": list(c.rms), "cause": list(c.cause)}
-                                 for c in s.curves],
-                      "fitted": None if s.fitted is None else dict(s.fitted)},
-        "parameters": {when: {k: {"low": v[0], "median": v[1], "high": v[2]} for k, v in p.items()}
-                       for when, p in d.parameters.items()},
-        "reach": {k: {"low": r.whole[0], "high": r.whole[2], "low_with": r.low_with, "high_with": r.high_with,
-                      "by": list(r.by), "without": None if r.without is None else
-                      dict(zip(("low", "median", "high"), r.without, strict=True))} for k, r in d.reach.items()},
-        "detectable": [{"effect": v.effect.name, "unit": v.effect.size.unit, "smallest_visible": v.value,
-                        "visible": v.limit is not None, "confused_with": list(v.confused_with),
-                        "confounded_with": list(v.confused_with), "recognised": v.recognised} for v in visible],
-        "next_test": [{"test": t.test, "chance": t.chance, "separates": list(t.separates), "distance": t.distance,
-                       "resolves": t.resolves, "pairs": t.pairs, "note": t.note} for t in tests],
-    }  # fmt: skip
+        "shrinkage": {
+            "held_out": [c.curve for c in s.curves],
+            "before": s.before,
+            "refit_only": s.refit_only,
+            "with_cause": s.with_cause,
+            "noise_floor": s.floor,
+            "floor_error": s.floor_error,
+            "closed": s.closed,
+            "interval": None if s.interval is None else list(s.interval),
+            "how": s.how,
+            "curves": [
+                {
+                    "curve": c.curve,
+                    "unit": c.unit,
+                    "before": c.before,
+                    "refit_only": c.refit_only,
+                    "with_cause": c.with_cause,
+                    "rms": list(c.rms),
+                    "cause": list(c.cause),
+                }
+                for c in s.curves
+            ],
+            "fitted": None if s.fitted is None else dict(s.fitted),
+        },
+        "parameters": {
+            when: {k: {"low": v[0], "median": v[1], "high": v[2]} for k, v in p.items()}
+            for when, p in d.parameters.items()
+        },
+        "reach": {
+            k: {
+                "low": r.whole[0],
+                "high": r.whole[2],
+                "low_with": r.low_with,
+                "high_with": r.high_with,
+                "by": list(r.by),
+                "without": None if r.without is None else dict(zip(("low", "median", "high"), r.without, strict=True)),
+            }
+            for k, r in d.reach.items()
+        },
+        "detectable": [
+            {
+                "effect": v.effect.name,
+                "unit": v.effect.size.unit,
+                "smallest_visible": v.value,
+                "visible": v.limit is not None,
+                "confused_with": list(v.confused_with),
+                "confounded_with": list(v.confused_with),
+                "recognised": v.recognised,
+            }
+            for v in visible
+        ],
+        "next_test": [
+            {
+                "test": t.test,
+                "chance": t.chance,
+                "separates": list(t.separates),
+                "distance": t.distance,
+                "resolves": t.resolves,
+                "pairs": t.pairs,
+                "note": t.note,
+            }
+            for t in tests
+        ],
+    }
 
 
 def _each(plan: TestPlan, c: Cause) -> list[dict[str, Any]]:
     """What every test has of a cause that scatters, with its standard deviation."""
-    return [{"experiment": plan.experiments[t.experiment].name, "label": t.label, "value": value, "sd": sd}
-            for t, (value, sd) in zip(plan.tests, c.each, strict=True)]  # fmt: skip
+    return [
+        {"experiment": plan.experiments[t.experiment].name, "label": t.label, "value": value, "sd": sd}
+        for t, (value, sd) in zip(plan.tests, c.each, strict=True)
+    ]
 
 
 def _rivals(d: Diagnosis) -> bool:
@@ -187,19 +305,32 @@ def residuals(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
     """
     y = plan.values()
     left = {name: y - f - d.taken for name, f in d.fits.items()}
-    return [{**head, "measured": y[k].tolist(), "sd": d.reading[k].tolist(),
-             "residual": {name: r[k].tolist() for name, r in left.items()}}
-            for head, k in _parts(plan)]  # fmt: skip
+    return [
+        {
+            **head,
+            "measured": y[k].tolist(),
+            "sd": d.reading[k].tolist(),
+            "residual": {name: r[k].tolist() for name, r in left.items()},
+        }
+        for head, k in _parts(plan)
+    ]
 
 
 def signatures(library: Library, d: Diagnosis) -> list[dict[str, Any]]:
     """By test and channel, as the residuals: what each leading hypothesis, fitted for itself, adds to the base model as
     fitted."""
     seen = replace(library, plan=library.plan.seen())
-    fits = {h.name: d.fits[h.name] if h.name in d.fits else
-            predicted(seen, h.effects, d.posteriors[h.name], d.bench.modulus) for h in leading(d)}  # fmt: skip
-    return [{**head, "added": {name: _rounded((f - d.fits["none"])[k]) for name, f in fits.items()}}
-            for head, k in _parts(seen.plan) if fits]  # fmt: skip
+    fits = {
+        h.name: d.fits[h.name]
+        if h.name in d.fits
+        else predicted(seen, h.effects, d.posteriors[h.name], d.bench.modulus)
+        for h in leading(d)
+    }
+    return [
+        {**head, "added": {name: _rounded((f - d.fits["none"])[k]) for name, f in fits.items()}}
+        for head, k in _parts(seen.plan)
+        if fits
+    ]
 
 
 def leading(d: Diagnosis) -> list[Hypothesis]:
@@ -222,10 +353,14 @@ def _parts(plan: TestPlan) -> list[tuple[dict[str, Any], np.ndarray]]:
         branch = np.full(len(item.depth), LOADING) if test is None else test.branch
         for k in (branch != HELD, branch == HELD):
             if k.any():
-                head = {"experiment": plan.experiments[item.experiment].name, "channel": c,
-                        "label": "" if test is None else test.label, "depth": item.depth[k].tolist(),
-                        **({} if test is None or np.any(branch[k] != HELD) else {"since": test.since[k].tolist()}),
-                        "branch": branch[k].tolist()}  # fmt: skip
+                head = {
+                    "experiment": plan.experiments[item.experiment].name,
+                    "channel": c,
+                    "label": "" if test is None else test.label,
+                    "depth": item.depth[k].tolist(),
+                    **({} if test is None or np.any(branch[k] != HELD) else {"since": test.since[k].tolist()}),
+                    "branch": branch[k].tolist(),
+                }
                 found.append((head, np.arange(at.start, at.stop)[k]))
     return found
 
@@ -243,12 +378,29 @@ def _units(base: Base) -> dict[str, str]:
 
 
 def _experiment(e: Any) -> dict[str, Any]:
-    return {"name": e.name, "role": e.role, "channels": list(e.channels), "speed": e.speed, "mounting": e.mounting,
-            "repeats": len(e.measurement.repeats), "kind": e.measurement.kind,
-            "point": list(e.settings.get("point", []))}  # fmt: skip
+    return {
+        "name": e.name,
+        "role": e.role,
+        "channels": list(e.channels),
+        "speed": e.speed,
+        "mounting": e.mounting,
+        "repeats": len(e.measurement.repeats),
+        "kind": e.measurement.kind,
+        "point": list(e.settings.get("point", [])),
+    }
 
 
 def _effect(e: Effect) -> dict[str, Any]:
-    return {"name": e.name, "label": e.label or e.name, "description": e.description, "family": e.family,
-            "unit": e.size.unit, "neutral": e.size.neutral, "low": e.size.low, "high": e.size.high, "source": e.source,
-            "shape": [s.name for s in e.shape], "one_place": e.place is not None}  # fmt: skip
+    return {
+        "name": e.name,
+        "label": e.label or e.name,
+        "description": e.description,
+        "family": e.family,
+        "unit": e.size.unit,
+        "neutral": e.size.neutral,
+        "low": e.size.low,
+        "high": e.size.high,
+        "source": e.source,
+        "shape": [s.name for s in e.shape],
+        "one_place": e.place is not None,
+    }

@@ -80,9 +80,13 @@ Scatter = Mapping[str, float]  # of effects that scatter, their standard deviati
 
 
 def next_tests(
-    library: Library, bench: Bench, survivors: Survivors, probability: Mapping[str, float],
-    run: Callable[[Sequence[Task]], list[Any]] | None, scatter: Scatter | None = None,
-) -> list[NextTest]:  # fmt: skip
+    library: Library,
+    bench: Bench,
+    survivors: Survivors,
+    probability: Mapping[str, float],
+    run: Callable[[Sequence[Task]], list[Any]] | None,
+    scatter: Scatter | None = None,
+) -> list[NextTest]:
     """Candidate tests by the chance that they settle which of the survivors is true.
 
     `survivors` maps a name to its effects and posterior, `probability` to its probability.  Without `run` only tests
@@ -169,9 +173,12 @@ def _settles(D: np.ndarray | float, odds: float) -> np.ndarray:
 
 
 def distances(
-    there: Library, bench: Bench, survivors: Survivors, without: frozenset[str] = frozenset(),
+    there: Library,
+    bench: Bench,
+    survivors: Survivors,
+    without: frozenset[str] = frozenset(),
     scatter: Scatter | None = None,
-) -> dict[tuple[str, str], float]:  # fmt: skip
+) -> dict[tuple[str, str], float]:
     """D of every pair of survivors in the tests of a library's plan."""
     mean, spread = {}, {}
     for name, (effects, post) in survivors.items():
@@ -222,11 +229,20 @@ def gauges(library: Library, bench: Bench) -> dict[str, tuple[str, float]]:
     v = max(t.speed for t in library.plan.tests)
     yields = 0.5 * level.contact / F
     resolution = {
-        "compliance": yields, "creep": yields, "offset": level.contact,
-        "bias": white, "bias_side": white, "drift": white / longest, "gain": 0.002,
-        "lag": white / max(F * v / 4.0, 1e-300), "cross_x": white / F, "cross_y": white / F,
-        "nonlinearity": white / F**2, "turn": np.degrees(white / F), "depth_scale": 0.002,
-    }  # fmt: skip
+        "compliance": yields,
+        "creep": yields,
+        "offset": level.contact,
+        "bias": white,
+        "bias_side": white,
+        "drift": white / longest,
+        "gain": 0.002,
+        "lag": white / max(F * v / 4.0, 1e-300),
+        "cross_x": white / F,
+        "cross_y": white / F,
+        "nonlinearity": white / F**2,
+        "turn": np.degrees(white / F),
+        "depth_scale": 0.002,
+    }
     own = {k: (DIRECT[k], resolution[k]) for k in DIRECT}
     settings = dict(library.plan.places[0].settings)
     return {**own, **getattr(library.base.backend, "gauges", lambda _: {})(settings)}

@@ -85,8 +85,13 @@ def beside(d: Mapping[str, Any], found: Mapping[str, Any], k: str) -> str:
 def unproved(d: Mapping[str, Any]) -> list[str]:
     """That a model without a gap need not have the right parameters, with how well they are known then."""
     alone, whole = ((d.get("parameters") or {}).get(when) or {} for when in ("if_nothing_else", "after"))
-    worth = [k for k in whole if k in alone and alone[k]["low"] < alone[k]["high"]
-             and whole[k]["high"] - whole[k]["low"] > WIDER * (alone[k]["high"] - alone[k]["low"])]  # fmt: skip
+    worth = [
+        k
+        for k in whole
+        if k in alone
+        and alone[k]["low"] < alone[k]["high"]
+        and whole[k]["high"] - whole[k]["low"] > WIDER * (alone[k]["high"] - alone[k]["low"])
+    ]
     each = [f"{k} {percent_of(alone[k])} if nothing is missing, else {percent_of(whole[k])}" for k in worth]
     return [f"That does not prove its parameters: known are {'; '.join(each)}."] if each else []
 

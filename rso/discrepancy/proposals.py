@@ -112,8 +112,10 @@ def candidates(library: Library | Outline) -> list[Candidate]:
             load = _experiment(template, d, speeds[0], False)
             out.append(Candidate(words, (load, _profile(template, marks, (0.5 * d, d)))))
     for words, knobs in getattr(backend, "prevented", lambda: {})().items():
-        each = [replace(plan.experiments[t.experiment], name=f"again {k}", channels=template.channels)
-                for k, t in tests.items()]  # fmt: skip
+        each = [
+            replace(plan.experiments[t.experiment], name=f"again {k}", channels=template.channels)
+            for k, t in tests.items()
+        ]
         every = [
             _experiment(e, min(plan.places[k].deepest, most), speeds[0], _turned(plan, k), e.name)
             for k, e in zip(tests, each, strict=True)
@@ -163,7 +165,7 @@ def _measured(plan: TestPlan) -> tuple[str, ...]:
 
 def _experiment(
     template: Experiment, depth: float, speed: float, unload: bool, name: str = "next test", rest: float = 0.0
-) -> Experiment:  # fmt: skip
+) -> Experiment:
     """A test as it would be recorded in the template's channels, with no values in it; at the end held for `rest` times
     the time of loading."""
     u = np.linspace(0.0, depth, READINGS + 1)[1:]

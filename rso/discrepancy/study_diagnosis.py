@@ -86,8 +86,9 @@ def ask(study: Study) -> Asked:
         why = f"shows only in a channel that was not measured; measured are {', '.join(sorted(measured))}"
         problems = [
             Problem(("diagnose", "effects"), why if n in hidden else f"no such effect; {choose(n, known)}", n)
-            for n in wanted if n not in known
-        ]  # fmt: skip
+            for n in wanted
+            if n not in known
+        ]
         if problems:
             raise study_error(study.file, study.lines, problems)
         effects = tuple(e for e in effects if e.name in wanted)
@@ -231,9 +232,15 @@ def _no_modulus(backend: Backend) -> list[Problem]:
 
 
 def run_diagnosis(
-    asked: Asked, store: RunStore, executor: Executor, folder: Path, *, command: str, watch: Watch | None = None,
+    asked: Asked,
+    store: RunStore,
+    executor: Executor,
+    folder: Path,
+    *,
+    command: str,
+    watch: Watch | None = None,
     say: Callable[[str], None] = lambda _: None,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Library, verdict and rerun; writes ``diagnosis.json`` and puts its core into ``results.json`` if there is one.
 
     The verdict is written before candidates of the next test are simulated, which may take longer than all before.
@@ -249,16 +256,22 @@ def run_diagnosis(
     built = time.perf_counter() - started
 
     def keep(found: dict[str, Any]) -> None:
-        found["timings"] = {"library_wall": built, "library_cpu": library.cpu_s, "library_runs": library.runs,
-                            "judging_cpu": time.process_time() - cpu}  # fmt: skip
+        found["timings"] = {
+            "library_wall": built,
+            "library_cpu": library.cpu_s,
+            "library_runs": library.runs,
+            "judging_cpu": time.process_time() - cpu,
+        }
         found["command"] = command
         found["settings"] = plain(dict(asked.study.backend.settings))
         found["study"] = {"file": asked.study.file.name, "seed": asked.study.study.seed}
         found["provenance"] = {
-            "rso": rso.__version__, "backend": asked.base.backend.name, "numerics": asked.base.backend.numerics,
+            "rso": rso.__version__,
+            "backend": asked.base.backend.name,
+            "numerics": asked.base.backend.numerics,
             "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "data_sha256": data_hashes(asked.study),
-        }  # fmt: skip
+        }
         _write(folder, found)
 
     found = judge(asked, library, run, say=say, fitted=_fitted(asked, folder), keep=keep)
@@ -282,9 +295,14 @@ def _fitted(asked: Asked, folder: Path) -> dict[str, float] | None:
     return {k: float(values[k]) for k in opened} if same and set(opened) <= set(values) else None
 
 
-def judge(asked: Asked, library: Library, run: Callable[[Sequence[Task]], list[Any]] | None,
-          say: Callable[[str], None] = lambda _: None, fitted: Mapping[str, float] | None = None,
-          keep: Callable[[dict[str, Any]], None] = lambda _: None) -> dict[str, Any]:  # fmt: skip
+def judge(
+    asked: Asked,
+    library: Library,
+    run: Callable[[Sequence[Task]], list[Any]] | None,
+    say: Callable[[str], None] = lambda _: None,
+    fitted: Mapping[str, float] | None = None,
+    keep: Callable[[dict[str, Any]], None] = lambda _: None,
+) -> dict[str, Any]:
     """The verdict on a finished library as plain data; `fitted` are open parameters as the study found them.
 
     With `run` the effects that the verdict names are computed anew at their sizes, the library is mended there and the

@@ -192,8 +192,10 @@ def _cause(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     text = {e["name"]: e["description"] for e in found["effects"]}
     unseen = hidden(d, found)
     doubt = [", hardly to be seen here" if c.get("cause") in unseen else "" for c in causes]
-    each = ", ".join(f"{called(found, c['effect'])} ({chance(c['probability'])}{more})"
-                     for c, more in zip(causes, doubt, strict=True))  # fmt: skip
+    each = ", ".join(
+        f"{called(found, c['effect'])} ({chance(c['probability'])}{more})"
+        for c, more in zip(causes, doubt, strict=True)
+    )
     if v == "ambiguous":
         if len(causes) == 1 and first.get("like_a_modulus"):
             return (
@@ -339,8 +341,11 @@ def in_one_curve(s: Mapping[str, Any]) -> tuple[str, float] | None:
 def _otherwise(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     """Curves without which another cause, or none, would have been chosen."""
     chosen, curves = set(d["chosen"]), d["shrinkage"]["curves"]
-    other = {c["curve"]: called(found, " + ".join(c["cause"])) or "none"
-             for c in curves if set(c.get("cause", chosen)) != chosen}  # fmt: skip
+    other = {
+        c["curve"]: called(found, " + ".join(c["cause"])) or "none"
+        for c in curves
+        if set(c.get("cause", chosen)) != chosen
+    }
     each = ", ".join(f"{v} without {k}" for k, v in other.items())
     return f"; the cause would be {each}" if each else ""
 

@@ -263,9 +263,12 @@ class Evidence:
 
 
 def contests(
-    evidence: Evidence, Y: np.ndarray, pairs: Sequence[tuple[Effect, Effect]] = (), partly: bool = True,
+    evidence: Evidence,
+    Y: np.ndarray,
+    pairs: Sequence[tuple[Effect, Effect]] = (),
+    partly: bool = True,
     finalists: frozenset[str] = frozenset(),
-) -> list[Contest]:  # fmt: skip
+) -> list[Contest]:
     """The contest of all hypotheses for every data set of Y (B, n); finalists, by cause, have loose tiles."""
 
     def column(h: Hypothesis) -> np.ndarray:

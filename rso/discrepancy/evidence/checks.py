@@ -26,8 +26,15 @@ class SelfCheck:
     n: int
 
 
-def self_checks(evidence: Evidence, contest: Contest, finalists: frozenset[str], y: np.ndarray, threshold: float,
-                null: np.ndarray, seed: int) -> tuple[SelfCheck, ...]:  # fmt: skip
+def self_checks(
+    evidence: Evidence,
+    contest: Contest,
+    finalists: frozenset[str],
+    y: np.ndarray,
+    threshold: float,
+    null: np.ndarray,
+    seed: int,
+) -> tuple[SelfCheck, ...]:
     """Null, winner and runner-up (another cause) simulated through the same contest."""
     leading = most_probable(contest, len(contest.hypotheses))
     sources = [{e.source for e in h.effects} for h in leading]

@@ -67,9 +67,15 @@ def _log_evidence(bench: Bench, h: Hypothesis, rows: np.ndarray, y: np.ndarray, 
 
 
 def shrinkage_of(
-    whole: Library, library: Library, bench: Bench, evidence: Evidence, y: np.ndarray, chosen: Hypothesis, seed: int,
+    whole: Library,
+    library: Library,
+    bench: Bench,
+    evidence: Evidence,
+    y: np.ndarray,
+    chosen: Hypothesis,
+    seed: int,
     fitted: Mapping[str, float] | None = None,
-) -> shrinkage.Shrinkage:  # fmt: skip
+) -> shrinkage.Shrinkage:
     """Gaps on the validate curves, or on each experiment left out in turn if there are none.
 
     `fitted` are the parameters as the study found them: on validate curves these are the model before, if they lie
@@ -94,9 +100,14 @@ def shrinkage_of(
 
 
 def left_out(
-    library: Library, bench: Bench, evidence: Evidence, y: np.ndarray, chosen: Hypothesis, seed: int,
+    library: Library,
+    bench: Bench,
+    evidence: Evidence,
+    y: np.ndarray,
+    chosen: Hypothesis,
+    seed: int,
     anew: bool = True,
-) -> shrinkage.Shrinkage:  # fmt: skip
+) -> shrinkage.Shrinkage:
     """Gaps on each experiment left out in turn, whatever is kept for validation; the cause is chosen `anew` without it,
     or known.
 
@@ -132,8 +143,15 @@ def _forces(library: Library) -> np.ndarray:
     return out
 
 
-def _fits(library: Library, bench: Bench, y: np.ndarray, first: np.ndarray, rows: np.ndarray,
-          cause: Sequence[Effect], seed: int) -> list[np.ndarray]:  # fmt: skip
+def _fits(
+    library: Library,
+    bench: Bench,
+    y: np.ndarray,
+    first: np.ndarray,
+    rows: np.ndarray,
+    cause: Sequence[Effect],
+    seed: int,
+) -> list[np.ndarray]:
     """Predictions (n,) of a library's plan: the base model fitted to the `first` rows of y, to `rows`, and with the
     cause; without one that is the second once more."""
     rng = np.random.default_rng(seed)
@@ -143,8 +161,15 @@ def _fits(library: Library, bench: Bench, y: np.ndarray, first: np.ndarray, rows
     return [before, again, shrinkage.predicted(library, cause, fit(bench, cause, rows, y, rng), bench.modulus)]
 
 
-def _gap(name: str, unit: str, rows: np.ndarray, y: np.ndarray, fits: Sequence[np.ndarray], C: np.ndarray,
-         cause: Sequence[Effect]) -> shrinkage.Gap:  # fmt: skip
+def _gap(
+    name: str,
+    unit: str,
+    rows: np.ndarray,
+    y: np.ndarray,
+    fits: Sequence[np.ndarray],
+    C: np.ndarray,
+    cause: Sequence[Effect],
+) -> shrinkage.Gap:
     C, δ = C[np.ix_(rows, rows)], fits[2][rows] - fits[0][rows]
     noise_of_change = 2.0 * float(np.sqrt(δ @ np.linalg.solve(C, δ))) / len(rows)
     before, again, with_cause = (shrinkage.gap(y[rows], f[rows], C) for f in fits)

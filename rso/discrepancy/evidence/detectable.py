@@ -92,8 +92,9 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
         if e.size.neutral is not None:
             power = isotonic_regression(power).x
         limit = _limit(np.abs(sizes) if e.size.neutral is not None else np.arange(len(sizes)), power)
-        clear = [i for i, q in zip(mine, power, strict=True)
-                 if limit is not None and (q > CLEAR or e.size.neutral is None)]  # fmt: skip
+        clear = [
+            i for i, q in zip(mine, power, strict=True) if limit is not None and (q > CLEAR or e.size.neutral is None)
+        ]
         clear = clear[:1] if e.size.neutral is not None else clear
         if limit is not None and not clear:  # never clear, but seen
             clear = [mine[int(np.argmax(power))]]
@@ -104,8 +105,16 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
         value = None if limit is None or e.size.neutral is None else float(e.size.value(sign * limit))
         if value is not None and e.family == "model":
             value *= evidence.bench.modulus**e.size.exponent
-        found.append(Detectable(e, limit, value, tuple(zip(map(float, sizes), map(float, power), strict=True)),
-                                tuple(rivals), float(mean[forms].sum())))  # fmt: skip
+        found.append(
+            Detectable(
+                e,
+                limit,
+                value,
+                tuple(zip(map(float, sizes), map(float, power), strict=True)),
+                tuple(rivals),
+                float(mean[forms].sum()),
+            )
+        )
     return tuple(found)
 
 

@@ -178,8 +178,17 @@ def ready(tiles: Tiles, white: Whitening, modulus: float) -> Ready:
     S = X @ X.transpose(0, 2, 1) + np.diag(P)
     _, log_det = np.linalg.slogdet(S)
     constant = tiles.log_prior - 0.5 * log_det - np.sum(np.log(tiles.sd)) - 0.5 * white.log_det
-    return Ready(tiles, X, c, np.linalg.inv(S), constant - 0.5 * len(white.rows) * np.log(2 * np.pi)
-                 + 0.5 * np.log(2 * np.pi), modulus, white, Q, _walls(tiles, modulus))  # fmt: skip
+    return Ready(
+        tiles,
+        X,
+        c,
+        np.linalg.inv(S),
+        constant - 0.5 * len(white.rows) * np.log(2 * np.pi) + 0.5 * np.log(2 * np.pi),
+        modulus,
+        white,
+        Q,
+        _walls(tiles, modulus),
+    )
 
 
 def _walls(tiles: Tiles, modulus: float) -> tuple[Wall, ...]:

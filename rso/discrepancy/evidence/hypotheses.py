@@ -90,9 +90,19 @@ def tiles(
         D[:, k] = ((ends[1][0] - ends[0][0]) + (ends[1][1] - ends[0][1]) / modulus) / (2 * _STEP * v.width)
     sd = np.array([0.5 * levels[j].width for j in moving])
     along = library.base.tied
-    whole = Tiles(A, c, D, sd, at, prior, tuple(moving), tuple(levels[j].log for j in moving), moduli=moduli,
-                  tied=None if along is None else moving.index(along),
-                  kept={moving.index(j): own for j, own in kept.items()})  # fmt: skip
+    whole = Tiles(
+        A,
+        c,
+        D,
+        sd,
+        at,
+        prior,
+        tuple(moving),
+        tuple(levels[j].log for j in moving),
+        moduli=moduli,
+        tied=None if along is None else moving.index(along),
+        kept={moving.index(j): own for j, own in kept.items()},
+    )
     also = np.zeros((0, A.shape[1]))
     if base is not None:
         also = np.concatenate([base.lift(base.A), base.lift(base.c) / modulus])

@@ -91,16 +91,29 @@ def localise(plan: TestPlan, h: Ready, C: np.ndarray, y: np.ndarray, seed: int, 
         weight = pattern @ S @ pattern  # inverse variance of the amplitude
         z = pattern @ S @ (R[rows] - W @ R[others]) / np.sqrt(weight)
         largest = np.maximum(largest, np.abs(z[1:]))
-        found.append(Region(experiment, channel, name, tuple(int(i) for i in rows), float(z[0]),
-                            float(z[0] / np.sqrt(weight)), float(1 / np.sqrt(weight)), of_largest))  # fmt: skip
+        found.append(
+            Region(
+                experiment,
+                channel,
+                name,
+                tuple(int(i) for i in rows),
+                float(z[0]),
+                float(z[0] / np.sqrt(weight)),
+                float(1 / np.sqrt(weight)),
+                of_largest,
+            )
+        )
     found.sort(key=lambda g: -abs(g.z))
     return Where(tuple(found), float(np.quantile(largest, 0.95)))
 
 
 def rows_of(plan: TestPlan, experiment: str | None) -> np.ndarray:
     """Rows (m,) of the data vector that an experiment has."""
-    rows = [np.arange(at.start, at.stop) for item, _, at in plan.rows()
-            if plan.experiments[item.experiment].name == experiment]  # fmt: skip
+    rows = [
+        np.arange(at.start, at.stop)
+        for item, _, at in plan.rows()
+        if plan.experiments[item.experiment].name == experiment
+    ]
     return np.concatenate(rows) if rows else np.zeros(0, int)
 
 

@@ -93,9 +93,14 @@ def trusted(e: Effect) -> float | None:
 
 
 def reach(
-    evidence: Evidence, contest: Contest, said: Hypothesis, y: np.ndarray, level: float, seed: int,
+    evidence: Evidence,
+    contest: Contest,
+    said: Hypothesis,
+    y: np.ndarray,
+    level: float,
+    seed: int,
     rows: np.ndarray | None = None,
-) -> dict[str, Reach]:  # fmt: skip
+) -> dict[str, Reach]:
     """Intervals of probability `level` of every open parameter, over what the data allow and for what is `said` alone.
 
     With `rows` only these readings (of n) count, and the base model is what is said.
@@ -114,8 +119,11 @@ def reach(
     alone = {k: quantiles(v) for k, v in draws(library, own).items()}
     unseen = _unseen(evidence, h, said, own, y, rng)
     number = rng.multinomial(DRAWS, np.array(list(shares.values())))
-    found = [_averaged(evidence, h if g == said else _with_code(evidence, g, y, rows), g, unseen, y, n, rng)
-             for g, n in zip(shares, number, strict=True) if n]  # fmt: skip
+    found = [
+        _averaged(evidence, h if g == said else _with_code(evidence, g, y, rows), g, unseen, y, n, rng)
+        for g, n in zip(shares, number, strict=True)
+        if n
+    ]
     there = {u.effect.name: np.concatenate([v[:, j] for _, v in found]) for j, u in enumerate(unseen)}
     there = {n: v for n, v in there.items() if v.any()}
     values = {k: np.concatenate([v[k] for v, _ in found]) for k in alone}
@@ -127,8 +135,11 @@ def _shares(contest: Contest, said: Hypothesis) -> dict[Hypothesis, float]:
 
     None has an effect that a calibration bounds: the contest knows what is plausible without one.
     """
-    free = [(h, float(v)) for h, v in zip(contest.hypotheses, contest.probability, strict=True)
-            if all(e.known is None for e in h.effects) or _key(h) == _key(said)]  # fmt: skip
+    free = [
+        (h, float(v))
+        for h, v in zip(contest.hypotheses, contest.probability, strict=True)
+        if all(e.known is None for e in h.effects) or _key(h) == _key(said)
+    ]
     p = {h: v for h, v in free if v >= LEAST}
     own = next((h for h in p if _key(h) == _key(said)), said)
     mine, rest = p.pop(own, 0.0), sum(p.values())
@@ -176,9 +187,14 @@ def _unseen(
 
 
 def _averaged(
-    evidence: Evidence, h: Ready, g: Hypothesis, unseen: Sequence[Unseen], y: np.ndarray, count: int,
+    evidence: Evidence,
+    h: Ready,
+    g: Hypothesis,
+    unseen: Sequence[Unseen],
+    y: np.ndarray,
+    count: int,
     rng: np.random.Generator,
-) -> tuple[dict[str, np.ndarray], np.ndarray]:  # fmt: skip
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Draws (count,) of the parameters under a hypothesis, and which of the unseen effects (count, k) each holds.
 
     Subsets are proposed from what the data say of each effect by itself and drawn anew by what they say of all together

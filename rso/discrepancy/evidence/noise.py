@@ -116,10 +116,13 @@ def levels(plan: TestPlan, binding: bool = False) -> dict[str, Level]:
         *shown, extra, its_reach = _repeats(plan, c, known)
         if extra > correlated:
             known = replace(known, correlated=extra, length=max(its_reach, reach))
-        gain, contact = (e if binding and said and v > UNLIKE * e else v
-                         for v, e, said in zip(shown, known.expected, (gain, depth or off), strict=True))  # fmt: skip
-        out[c] = replace(known, gain=max(known.gain, gain) or GAIN, contact=max(known.contact, contact),
-                         shown=(shown[0], shown[1]))  # fmt: skip
+        gain, contact = (
+            e if binding and said and v > UNLIKE * e else v
+            for v, e, said in zip(shown, known.expected, (gain, depth or off), strict=True)
+        )
+        out[c] = replace(
+            known, gain=max(known.gain, gain) or GAIN, contact=max(known.contact, contact), shown=(shown[0], shown[1])
+        )
     if plan.profiles:
         stated = max(plan.experiments[p.experiment].noise.uz for p in plan.profiles)
         out["uz"] = Level(stated or plan.scale * MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "stated" if stated else "assumed")

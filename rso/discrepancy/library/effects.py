@@ -25,9 +25,13 @@ BRISK = 1.5, 20.0  # s: the same for errors of the clock, of the fastest loading
 LASTING = 5.0, 100.0  # s: and for a drift, of the longest test
 # Of force, length, fastest loading and longest test in units of the chain.
 POWERS_IN = {
-    "N": (1, 0, 0, 0), "N/s": (1, 0, 0, -1), "1/N": (-1, 0, 0, 0),
-    "mm": (0, 1, 0, 0), "mm/N": (-1, 1, 0, 0), "s": (0, 0, 1, 0),
-}  # fmt: skip
+    "N": (1, 0, 0, 0),
+    "N/s": (1, 0, 0, -1),
+    "1/N": (-1, 0, 0, 0),
+    "mm": (0, 1, 0, 0),
+    "mm/N": (-1, 1, 0, 0),
+    "s": (0, 0, 1, 0),
+}
 ASTRAY = 5.0  # times what is plausible everywhere: how far a test at one place may have been done from there
 
 
@@ -160,19 +164,38 @@ def catalogue(
     for name, variant in variants.items():
         members = [p for p in known if p.group == variant["group"] and p.group and p.plausible]
         if members:
-            effects.append(Effect(members[0].name, f"{name}: {members[0].description}", "model",
-                                  _size(members[0], None), tuple(_size(p, None) for p in members[1:]),
-                                  variant["settings"], label=variant["description"]))  # fmt: skip
+            effects.append(
+                Effect(
+                    members[0].name,
+                    f"{name}: {members[0].description}",
+                    "model",
+                    _size(members[0], None),
+                    tuple(_size(p, None) for p in members[1:]),
+                    variant["settings"],
+                    label=variant["description"],
+                )
+            )
         else:
-            effects.append(Effect(name, variant["description"], "model", Size(name, variant["description"], "1", 0, 1,
-                                  None), (), variant["settings"], label=variant["description"]))  # fmt: skip
+            effects.append(
+                Effect(
+                    name,
+                    variant["description"],
+                    "model",
+                    Size(name, variant["description"], "1", 0, 1, None),
+                    (),
+                    variant["settings"],
+                    label=variant["description"],
+                )
+            )
     return (*effects, *_grouped(parameters_of(Chain), {}, {}, "measurement"), *_scatter())
 
 
 def bounded(
-    effects: Sequence[Effect], reference: float, physical: Mapping[str, tuple[float, float]],
+    effects: Sequence[Effect],
+    reference: float,
+    physical: Mapping[str, tuple[float, float]],
     hard: Mapping[str, float],
-) -> tuple[tuple[Effect, ...], list[str]]:  # fmt: skip
+) -> tuple[tuple[Effect, ...], list[str]]:
     """Effects with sizes that no ordinary body leaves at the modulus `reference` (MPa), and what to say of the others.
 
     Sizes with a stress in their unit are multiples of the modulus; `physical` bounds, and `hard` ones of the knobs, are
@@ -188,8 +211,10 @@ def bounded(
         elif most > k.low:
             kept.append(replace(e, size=replace(k, high=most)))
         else:
-            told.append(f"{e.label or k.name} is at most {most * unit:.2g} {k.unit} and cannot be seen in a body of "
-                        f"{reference:.2g} MPa: it is no hypothesis")  # fmt: skip
+            told.append(
+                f"{e.label or k.name} is at most {most * unit:.2g} {k.unit} and cannot be seen in a body of "
+                f"{reference:.2g} MPa: it is no hypothesis"
+            )
     return tuple(kept), told
 
 
@@ -243,9 +268,17 @@ def localised(effects: Sequence[Effect], places: Mapping[str, Mapping[str, Any]]
             if len(size.ends()) == 2:
                 low, high = (middle + ASTRAY * (v - middle) for v in (size.low, size.high))
                 size = replace(size, low=low, high=high)
-            found.append(replace(e, name=f"{e.name} at {label}", description=f"{e.description}, at {label} alone",
-                                 size=size, cause=f"{e.source} at one place", place=place,
-                                 label=f"{e.label or e.name} at {label}"))  # fmt: skip
+            found.append(
+                replace(
+                    e,
+                    name=f"{e.name} at {label}",
+                    description=f"{e.description}, at {label} alone",
+                    size=size,
+                    cause=f"{e.source} at one place",
+                    place=place,
+                    label=f"{e.label or e.name} at {label}",
+                )
+            )
     return tuple(found)
 
 
@@ -278,8 +311,9 @@ def _grouped(
         if group in found and p.name in nominal:
             group = p.name
         if group not in found and neutral is not None:
-            found[group] = Effect(p.name, p.description, family, _size(p, neutral), cause=p.cause, scope=p.scope,
-                                  label=p.label)  # fmt: skip
+            found[group] = Effect(
+                p.name, p.description, family, _size(p, neutral), cause=p.cause, scope=p.scope, label=p.label
+            )
         elif group in found and p.name not in fixed:
             e = found[group]
             found[group] = replace(e, shape=(*e.shape, _size(p, None)))

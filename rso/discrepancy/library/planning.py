@@ -120,9 +120,7 @@ def jobs_of_effects(
     return grid, jobs, rubbing
 
 
-def _of_base(
-    base: Base, plan: TestPlan, k: int, nodes: Iterable[Sequence[float]], ways: Sequence[Pass]
-) -> list[Job]:  # fmt: skip
+def _of_base(base: Base, plan: TestPlan, k: int, nodes: Iterable[Sequence[float]], ways: Sequence[Pass]) -> list[Job]:
     """Runs of the base model at place k: its nodes, its centre on every way that matters, and on the study's mesh."""
     jobs = [Job(k, None, n, None, task_of(base, plan, k, base.values(x), None, {})) for n, x in enumerate(nodes)]
     centre = base.values(base.centre)

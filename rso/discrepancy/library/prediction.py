@@ -75,8 +75,11 @@ def predict(
     def decays(place: int, speed: float, way: int) -> list[tuple[np.ndarray, np.ndarray]]:
         here = library.places[place]
         Fz = np.tensordot(W, here.base[:, 2:], axes=1)
-        return [(r[1], Fz * np.tensordot(w - r[0], here.effects[e.name].change[:, way], axes=1))
-                for e, w, r in weights[place, speed] if r is not None]  # fmt: skip
+        return [
+            (r[1], Fz * np.tensordot(w - r[0], here.effects[e.name].change[:, way], axes=1))
+            for e, w, r in weights[place, speed]
+            if r is not None
+        ]
 
     for item, channel, rows in plan.rows():
         if isinstance(item, Profile):
@@ -166,7 +169,7 @@ def _read(key: _Key) -> _Readings:
 
 def _recorded(
     library: Library, test: Test, curves: Curves, decays: Decays, chain: Chained, modulus: float
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Rows of a test (T, channels · n) as the chain records them, over the modulus."""
     here = library.places[test.place]
     u = here.u
@@ -250,9 +253,14 @@ def _stopped(u: np.ndarray, F: np.ndarray, top: np.ndarray) -> np.ndarray:
 
 
 def _yielding(
-    setting: Mapping[str, np.ndarray], u: np.ndarray, F: np.ndarray, top: np.ndarray, modulus: float, speed: float,
+    setting: Mapping[str, np.ndarray],
+    u: np.ndarray,
+    F: np.ndarray,
+    top: np.ndarray,
+    modulus: float,
+    speed: float,
     rest: np.ndarray,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Forces over the modulus (T, 3, n) that are lost `rest` (n,) s after the drive has stopped and the load train has
     not: with the stiffness K of the contact and κ = K / (1 + compliance K),
 

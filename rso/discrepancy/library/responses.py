@@ -62,9 +62,14 @@ def reached_by(outcome: Any, deepest: float) -> Response | None:
 
 
 def changed(
-    ways: Sequence[Pass], u: np.ndarray, place: Place, reference: float, outcomes: Sequence[Any], base: Resampling,
+    ways: Sequence[Pass],
+    u: np.ndarray,
+    place: Place,
+    reference: float,
+    outcomes: Sequence[Any],
+    base: Resampling,
     foreseen: np.ndarray | None = None,
-) -> tuple[np.ndarray, int]:  # fmt: skip
+) -> tuple[np.ndarray, int]:
     """Changes (n_pass, 3, m) over `base` relative to its Fz, and how many passes have none.
 
     `outcomes` are those of every pass, or one where the way does not matter.  What is `foreseen` (n_pass, 3, m) need

@@ -172,8 +172,15 @@ def knobs_at(base: Base, effect: Effect, at: Sequence[float] | np.ndarray) -> di
     return {size.name: v * base.reference**size.exponent for size, v in pairs if size.name in known}
 
 
-def task_of(base: Base, plan: TestPlan, k: int, values: Mapping[str, float], way: Pass | None,
-            settings: Mapping[str, Any], finer: bool = False) -> Task:  # fmt: skip
+def task_of(
+    base: Base,
+    plan: TestPlan,
+    k: int,
+    values: Mapping[str, float],
+    way: Pass | None,
+    settings: Mapping[str, Any],
+    finer: bool = False,
+) -> Task:
     """The run at place k: loading, or to and back from the peak of a way; `finer` ones are on the study's mesh."""
     place = plan.places[k]
     data = {**place.settings, **(base.lean if finer else base.draft), **settings}
@@ -197,8 +204,16 @@ def task_of(base: Base, plan: TestPlan, k: int, values: Mapping[str, float], way
     return Task(tidy, Case(f"place {k}", programme, data))
 
 
-def jobs_of(base: Base, plan: TestPlan, k: int, e: Effect | None, n: int, values: Mapping[str, float],
-            every: Sequence[Pass], finer: bool = False) -> list[Job]:  # fmt: skip
+def jobs_of(
+    base: Base,
+    plan: TestPlan,
+    k: int,
+    e: Effect | None,
+    n: int,
+    values: Mapping[str, float],
+    every: Sequence[Pass],
+    finer: bool = False,
+) -> list[Job]:
     """One loading run where the way does not matter, else one run per pass; rest and pace only where times matter."""
     name, settings = (None, {}) if e is None else (e.name, e.settings)
     load = task_of(base, plan, k, values, None, settings, finer)
@@ -221,9 +236,15 @@ def jobs_of(base: Base, plan: TestPlan, k: int, e: Effect | None, n: int, values
 
 
 def jobs_at(
-    base: Base, plan: TestPlan, k: int, e: Effect, x: Sequence[float] | np.ndarray, at: Sequence[float] | np.ndarray,
-    ways: Sequence[Pass], finer: bool,
-) -> list[Task]:  # fmt: skip
+    base: Base,
+    plan: TestPlan,
+    k: int,
+    e: Effect,
+    x: Sequence[float] | np.ndarray,
+    at: Sequence[float] | np.ndarray,
+    ways: Sequence[Pass],
+    finer: bool,
+) -> list[Task]:
     """Runs of an effect at size and shapes `at`, base coordinates `x`: one, or one per pass where the way matters.
 
     `finer` ones are on the study's mesh.

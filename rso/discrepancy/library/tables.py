@@ -173,27 +173,34 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
     jobs, outcomes = jobs + further, [*outcomes, *run([j.task for j in further])]
     different = {key_of(base, j): o for j, o in zip(jobs, outcomes, strict=True)}
     cpu = sum(float(o.response.info.get("cpu_s", 0.0)) for o in different.values() if isinstance(o, Done))
-    failed = tuple(dict.fromkeys(
-        f"{j.effect or 'base'} at {plan.places[j.place].settings.get('point', [0, 0])}: "
-        f"{o.cause if isinstance(o, Failed) else 'crashed'}"
-        for j, o in zip(jobs, outcomes, strict=True) if not isinstance(o, Done)
-    ))  # fmt: skip
+    failed = tuple(
+        dict.fromkeys(
+            f"{j.effect or 'base'} at {plan.places[j.place].settings.get('point', [0, 0])}: "
+            f"{o.cause if isinstance(o, Failed) else 'crashed'}"
+            for j, o in zip(jobs, outcomes, strict=True)
+            if not isinstance(o, Done)
+        )
+    )
     found = {(j.place, j.effect, j.node, j.passing, j.finer): o for j, o in zip(jobs, outcomes, strict=True)}
     first = _tables(base, plan, primary, every[primary], modelled, grid, levels, found, primary)
     others = {
         k: _tables(base, plan, k, every[k], modelled, grid, few, found, primary)
-        for k in range(len(plan.places)) if k != primary
-    }  # fmt: skip
+        for k in range(len(plan.places))
+        if k != primary
+    }
     tables = tuple(first if k == primary else _beside(first, levels, few, others[k]) for k in range(len(plan.places)))
     home = {e.name: _home(e, plan, primary) for e in modelled}
     lost = {name for name, k in home.items() if not tables[k].effects[name].known.any()}
     carried = tuple(
-        replace(here, effects={
-            e.name: here.effects[e.name] if k == home[e.name] else _carried(e, tables[home[e.name]], here)
-            for e in modelled
-        })
+        replace(
+            here,
+            effects={
+                e.name: here.effects[e.name] if k == home[e.name] else _carried(e, tables[home[e.name]], here)
+                for e in modelled
+            },
+        )
         for k, here in enumerate(tables)
-    )  # fmt: skip
+    )
     return Library(
         base,
         plan,
@@ -215,9 +222,17 @@ def _home(effect: Effect, plan: TestPlan, primary: int) -> int:
     return primary if effect.place is None else next(only, primary)
 
 
-def _tables(base: Base, plan: TestPlan, k: int, every: Sequence[Pass], modelled: Sequence[Effect],
-            grid: Mapping[tuple[str, int], Nodes], levels: Sequence[np.ndarray],
-            found: Mapping[tuple[Any, ...], Any], primary: int) -> PlaceTables:  # fmt: skip
+def _tables(
+    base: Base,
+    plan: TestPlan,
+    k: int,
+    every: Sequence[Pass],
+    modelled: Sequence[Effect],
+    grid: Mapping[tuple[str, int], Nodes],
+    levels: Sequence[np.ndarray],
+    found: Mapping[tuple[Any, ...], Any],
+    primary: int,
+) -> PlaceTables:
     place = plan.places[k]
     u = (np.linspace(0.0, np.sqrt(plan.reach(k)), GRID)) ** 2
     n_base = int(np.prod([len(v) for v in levels])) if levels else 1

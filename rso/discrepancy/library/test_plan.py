@@ -262,9 +262,22 @@ def _tests(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> 
         peak = float(r.depth.max())
         since = np.where(b == HELD, t - stopped, 0.0)
         yield Test(
-            k, r.label, site.index, e.speed, peak, site.deepest, channels, d, t, b, m, values,
-            since=since, rest=_rest(r, e.speed), pace=_pace(r, e.speed),
-        )  # fmt: skip
+            k,
+            r.label,
+            site.index,
+            e.speed,
+            peak,
+            site.deepest,
+            channels,
+            d,
+            t,
+            b,
+            m,
+            values,
+            since=since,
+            rest=_rest(r, e.speed),
+            pace=_pace(r, e.speed),
+        )
         site.deepest = max(site.deepest, peak)
         if np.any(b == UNLOADING):
             site.peaks.add(peak)

@@ -78,9 +78,18 @@ def profile_figure(results: Results, e: Mapping[str, Any], name: str) -> str:
             x = m.place[line, along]
             axes.plot(x, m.predicted[line] * unit.factor, color=ACCENT, alpha=shade, lw=1.4)
             axes.errorbar(
-                x, m.measured[line] * unit.factor, m.sigma[line] * unit.factor, fmt="o", ms=3.2, mfc=PAPER, mec=INK,
-                mew=0.8, ecolor=LIGHT, elinewidth=1.2, zorder=3,
-            )  # fmt: skip
+                x,
+                m.measured[line] * unit.factor,
+                m.sigma[line] * unit.factor,
+                fmt="o",
+                ms=3.2,
+                mfc=PAPER,
+                mec=INK,
+                mew=0.8,
+                ecolor=LIGHT,
+                elinewidth=1.2,
+                zorder=3,
+            )
         low = rows[np.argmax(np.abs(m.predicted[rows]))]
         text = f"{shortest(float(f'{m.depth[rows].mean():.3g}'))} mm"
         tag(axes, m.place[low, along], m.predicted[low] * unit.factor, text, colour=ACCENT, offset=(9, -4), ha="left")

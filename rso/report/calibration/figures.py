@@ -145,9 +145,17 @@ def verification(results: Results, name: str) -> str:
 def _key(axes: Axes, entries: list[tuple[str, str]]) -> None:
     handles = [axes.plot([], [], marker, ms=3.6, color=INK, ls="none")[0] for _, marker in entries]
     axes.legend(
-        handles, [text for text, _ in entries], loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False,
-        fontsize=8, handletextpad=0.1, columnspacing=1.4, borderaxespad=0.2,
-    )  # fmt: skip
+        handles,
+        [text for text, _ in entries],
+        loc="lower left",
+        bbox_to_anchor=(0, 1),
+        ncols=4,
+        frameon=False,
+        fontsize=8,
+        handletextpad=0.1,
+        columnspacing=1.4,
+        borderaxespad=0.2,
+    )
 
 
 def _differences(c: Candidate) -> list[tuple[str, float, float]]:
@@ -278,9 +286,15 @@ def _dots(
         axes.plot([f * unit.factor], [-k], "o", ms=5 if c.best else 4, color=ACCENT if c.best else GREY)
         text = f"{percent(abs(f - y) / abs(y))} too {'high' if f > y else 'low'}" if y and f != y else ""
         axes.annotate(
-            text, (f * unit.factor, -k), xytext=(6, 0), textcoords="offset points", va="center", fontsize=7.5,
-            color=ACCENT if c.best else INK, path_effects=HALO,
-        )  # fmt: skip
+            text,
+            (f * unit.factor, -k),
+            xytext=(6, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=7.5,
+            color=ACCENT if c.best else INK,
+            path_effects=HALO,
+        )
     axes.set_yticks([-k for k in range(len(rows))], [short(c.label) for c, _ in rows])
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
@@ -288,7 +302,11 @@ def _dots(
     axes.set(ylim=(-len(rows) + 0.3, 0.7), xlabel=f"{short(channel_text(e.get('channel')), 20)}{unit.bracket}")
     words = f"measured{' ± σ, ± 2σ' if sigma else ''}"
     axes.annotate(
-        words, (y * unit.factor, 1), xycoords=("data", "axes fraction"), xytext=(0, 3), textcoords="offset points",
+        words,
+        (y * unit.factor, 1),
+        xycoords=("data", "axes fraction"),
+        xytext=(0, 3),
+        textcoords="offset points",
         ha="center",
-    )  # fmt: skip
+    )
     return svg(figure, name)

@@ -106,8 +106,10 @@ def _fit(data: Mapping[str, Any]) -> str:
             f"largest value{'' if again.get('verified') else ', more than it may be'}, "
             f"and its χ² is {significant(again.get('chi2'), 3)}."
         )
-    curves = [f"{channel_text(d.get('channel'))} of {clean(d.get('experiment'))} ({shortest(d.get('points'))} points)"
-              for d in data.get("data") or ()]  # fmt: skip
+    curves = [
+        f"{channel_text(d.get('channel'))} of {clean(d.get('experiment'))} ({shortest(d.get('points'))} points)"
+        for d in data.get("data") or ()
+    ]
     said += [f"Data: {', '.join(curves)}."] if curves else []
     m = data.get("mcmc") or {}
     if known(m.get("draws")):

@@ -94,8 +94,11 @@ def _along_caption(results: Results, experiment: str, channel: str) -> str:
 def along_figure(results: Results, k: int, name: str) -> str:
     """Total Sobol index and elasticity of every parameter over the depth of the k-th curve."""
     key = _curves(results)[k]
-    panels = [(f, t) for f, t in (("total", "total Sobol index"), ("elasticity", "d ln y / d ln θ"))
-              if _over_depth(results, key, f)]  # fmt: skip
+    panels = [
+        (f, t)
+        for f, t in (("total", "total Sobol index"), ("elasticity", "d ln y / d ln θ"))
+        if _over_depth(results, key, f)
+    ]
     figure = canvas(2.5)
     for axes, (field, title) in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):
         lines = _over_depth(results, key, field)
@@ -231,9 +234,12 @@ def _screen(axes: Axes, mine: list[Row], unit: Unit, letters: Mapping[str, str])
     axes.plot(x, y, "o", ms=4.6, color=ACCENT)
     for m, a, b in zip(mine, x, y, strict=True):
         axes.annotate(
-            letters.get(m["parameter"], clean(m["parameter"])), (a, b), xytext=(5, 5), textcoords="offset points",
+            letters.get(m["parameter"], clean(m["parameter"])),
+            (a, b),
+            xytext=(5, 5),
+            textcoords="offset points",
             path_effects=HALO,
-        )  # fmt: skip
+        )
     axes.set(xlim=(-0.04 * top, 1.2 * top), ylim=(-0.04 * top, 1.2 * top), xlabel=f"μ*{unit.bracket}")
     axes.set_ylabel(f"σ{unit.bracket}")
     for axis in (axes.xaxis, axes.yaxis):

@@ -182,8 +182,13 @@ def _line(axes: Axes, results: Results, s: Mapping[str, Any], x: Parameter, outp
     for t in _targets(results, s["output"]):
         axes.axhline(t["value"] * output.unit.factor, color=ACCENT, lw=1.2)
         sigma = (number(t.get("sigma")) or 0) * output.unit.factor
-        axes.axhspan(t["value"] * output.unit.factor - sigma, t["value"] * output.unit.factor + sigma, color=ACCENT,
-                     alpha=0.15, lw=0)  # fmt: skip
+        axes.axhspan(
+            t["value"] * output.unit.factor - sigma,
+            t["value"] * output.unit.factor + sigma,
+            color=ACCENT,
+            alpha=0.15,
+            lw=0,
+        )
     done = [r for r in listed(results, "runs") if known((r.get("outputs") or {}).get(s["output"]))]
     pairs = [(r["values"].get(x.name), r["outputs"][s["output"]]) for r in done]
     if pairs:

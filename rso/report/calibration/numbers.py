@@ -81,8 +81,10 @@ _KINDS = {
 def report(results: Results) -> Report:
     """The whole document from the documented layout of results.json; what is missing is said to be missing."""
     study = results.get("study") or {}
-    fitted, chosen = (", ".join(clean(e["name"]) for e in fitted_curves(results) if e.get("role") == role)
-                      for role in ("fit", "select"))  # fmt: skip
+    fitted, chosen = (
+        ", ".join(clean(e["name"]) for e in fitted_curves(results) if e.get("role") == role)
+        for role in ("fit", "select")
+    )
     return Report(
         clean(study.get("title")) or "Untitled study",
         (f"Parameters identified from {fitted}" if fitted else "") + (f", chosen with {chosen} too" if chosen else ""),

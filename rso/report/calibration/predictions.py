@@ -105,8 +105,11 @@ def prediction_sentences(results: Results) -> list[str]:
         if e["name"] != e["experiment"] and foretold(results, e) is not None:
             continue  # one test of all its channels, said with the first
         best, found = best_candidate(results), predictions(results, e)
-        mine = [v for v in validations(results, e) if best and (v.get("search"), v.get("candidate")) == (
-            best.search, best.name)]  # fmt: skip
+        mine = [
+            v
+            for v in validations(results, e)
+            if best and (v.get("search"), v.get("candidate")) == (best.search, best.name)
+        ]
         if (v := foretold(results, e)) is not None:
             said.append(foretold_sentence(e, v))
         elif found:
@@ -123,9 +126,12 @@ def _sentence(e: Mapping[str, Any], found: Sequence[Prediction], mine: Sequence[
     name, unit, first = clean(e["name"]), e.get("unit", ""), found[0]
     verdict = answer(found)
     some = sum(bool(p.met) for p in found)
-    not_ = {"yes": "is predicted", "no": "is not predicted",
-            "among": f"lies among the predictions of {len(found)} candidates, {some or 'none'} of which meet"
-            f"{'s' if some == 1 else ''} it"}  # fmt: skip
+    not_ = {
+        "yes": "is predicted",
+        "no": "is not predicted",
+        "among": f"lies among the predictions of {len(found)} candidates, {some or 'none'} of which meet"
+        f"{'s' if some == 1 else ''} it",
+    }
     head = f"{_WORDS[verdict]}: " if verdict else ""
     text = f"{head}{name}, which was not used for the fit, {not_.get(verdict, 'is compared with no known uncertainty')}"
     if is_profile(e):

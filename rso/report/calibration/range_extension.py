@@ -22,8 +22,10 @@ def range_blocks(results: Results) -> list[Block]:
         return [Text(f"Ranges of the main search: {clean(last['why'])}.")] if last.get("what") == "stopped" else []
     views = {p.name: p for p in parameters(results)}
     rounds = [a.get("round") for a in moved]
-    first = [k == 0 or (a.get("round"), a.get("why")) != (moved[k - 1].get("round"), moved[k - 1].get("why"))
-             for k, a in enumerate(moved)]  # fmt: skip
+    first = [
+        k == 0 or (a.get("round"), a.get("why")) != (moved[k - 1].get("round"), moved[k - 1].get("why"))
+        for k, a in enumerate(moved)
+    ]
     columns = [
         column("Round", words([shortest(r) if f else "" for r, f in zip(rounds, first, strict=True)])),
         column("what", tuple(_word(a) for a in moved), number=False),

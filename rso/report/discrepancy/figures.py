@@ -104,16 +104,27 @@ def shrinkage(found: Found) -> Figure:
         axes.barh(-k, high - low, left=low, height=0.58, color=WARM if worse else colour, lw=0)
         text = f"{'' if none else '+' if worse else '−'}{text}" if step else text
         axes.annotate(
-            text, (max(low, high), -k), xytext=(5, 0), textcoords="offset points", va="center", path_effects=HALO,
-            color=WARM if worse else INK, zorder=5,
-        )  # fmt: skip
+            text,
+            (max(low, high), -k),
+            xytext=(5, 0),
+            textcoords="offset points",
+            va="center",
+            path_effects=HALO,
+            color=WARM if worse else INK,
+            zorder=5,
+        )
         if k < len(rows) - 1:
             x = high if k == 0 else low
             axes.plot([x, x], [-k - 0.29, -k - 0.71], color=GREY, lw=0.6)
     axes.annotate(
-        "noise floor", (floor, 0.42), xytext=(3, 0), textcoords="offset points", va="bottom", fontsize=8,
+        "noise floor",
+        (floor, 0.42),
+        xytext=(3, 0),
+        textcoords="offset points",
+        va="bottom",
+        fontsize=8,
         path_effects=HALO,
-    )  # fmt: skip
+    )
     axes.set_yticks([-k for k in range(len(rows))], [r[0] for r in rows])
     axes.set(xlim=(0, 1.12 * top), ylim=(0.5 - len(rows), 0.9), xlabel="G: mean of the squared misfit over its noise")
     axes.tick_params(axis="y", length=0)
@@ -153,8 +164,10 @@ def held_out_curves(found: Found) -> Figure:
     axes.set_yticks([-k for k in range(len(curves))], [short(clean(c.get("curve")), 28) for c in curves])
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
-    handles = [Line2D([], [], marker="o", ms=5, mew=0, lw=0, color=GREY, label="before"),
-               Line2D([], [], marker="|", ms=7, mew=1.3, lw=0, color=INK, label="re-fitted")]  # fmt: skip
+    handles = [
+        Line2D([], [], marker="o", ms=5, mew=0, lw=0, color=GREY, label="before"),
+        Line2D([], [], marker="|", ms=7, mew=1.3, lw=0, color=INK, label="re-fitted"),
+    ]
     if some:
         handles.append(Line2D([], [], marker="o", ms=5, mew=0, lw=0, color=ACCENT, label="with the cause"))
     legend(figure, handles)
@@ -222,8 +235,15 @@ def power(found: Found) -> Figure:
         if limit is not None:
             word = least(values) + amount(limit, entry.get("unit"), 2)
         axes.text(1.03, -k, word, va="center", fontsize=8, color=INK if entry.get("visible") else GREY)
-        axes.text(-0.015, -k, short(clean(called(found, name)), 62), va="center", ha="right", fontsize=8,
-                  color=INK if entry.get("visible") else GREY)  # fmt: skip
+        axes.text(
+            -0.015,
+            -k,
+            short(clean(called(found, name)), 62),
+            va="center",
+            ha="right",
+            fontsize=8,
+            color=INK if entry.get("visible") else GREY,
+        )
     axes.text(1.03, 0.95, "visible from", va="center", fontsize=8, color=GREY)
     axes.text(0.0, 0.95, "small", va="center", ha="left", fontsize=8, color=GREY)
     axes.text(1.0, 0.95, "large", va="center", ha="right", fontsize=8, color=GREY)

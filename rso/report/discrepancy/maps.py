@@ -74,9 +74,16 @@ def legend(figure: Figure, handles: Sequence[Any]) -> None:
     columns = next((c for c in range(COLUMNS, 1, -1) if wide(c) <= LETTERS), 1)
     by_column = [h for k in range(columns) for h in handles[k::columns]]  # as matplotlib fills them in
     figure.legend(
-        handles=by_column, loc="outside upper left", ncols=columns, frameon=False, fontsize=8, handlelength=1.6,
-        columnspacing=1.5, handletextpad=0.5, borderaxespad=0.2,
-    )  # fmt: skip
+        handles=by_column,
+        loc="outside upper left",
+        ncols=columns,
+        frameon=False,
+        fontsize=8,
+        handlelength=1.6,
+        columnspacing=1.5,
+        handletextpad=0.5,
+        borderaxespad=0.2,
+    )
 
 
 def _panel(axes: Axes, p: Panel) -> None:
@@ -135,8 +142,11 @@ def _noise(axes: Axes, p: Panel) -> None:
 
 def _branch(axes: Axes, p: Panel, which: str, branch: int, colour: str, width: float) -> None:
     """Readings as dots, hollow where unloading, and the mean of the repeats as a line."""
-    rows = [(r.depth[k], v[k] * p.unit.factor) for r in p.records
-            if (v := getattr(r, which)) is not None and np.any(k := r.branch == branch)]  # fmt: skip
+    rows = [
+        (r.depth[k], v[k] * p.unit.factor)
+        for r in p.records
+        if (v := getattr(r, which)) is not None and np.any(k := r.branch == branch)
+    ]
     if not rows:
         return
     z = 3 if which == "cause" else 2
@@ -151,8 +161,10 @@ def _trend(rows: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[np.ndarray]:
     """Mean of the repeats where they have the same number of bins, over five neighbouring bins."""
     same = len({len(x) for x, _ in rows}) == 1
     lines = [np.mean(rows, axis=0)] if same else [np.array(v) for v in rows]
-    near = [np.abs(np.subtract.outer(i, i)) <= np.minimum(2, np.minimum(i, i[::-1]))[:, None]
-            for i in (np.arange(v.shape[1]) for v in lines)]  # fmt: skip
+    near = [
+        np.abs(np.subtract.outer(i, i)) <= np.minimum(2, np.minimum(i, i[::-1]))[:, None]
+        for i in (np.arange(v.shape[1]) for v in lines)
+    ]
     return [v @ (k / k.sum(axis=1, keepdims=True)).T for v, k in zip(lines, near, strict=True)]
 
 

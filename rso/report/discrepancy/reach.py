@@ -72,8 +72,12 @@ def in_sight(found: Found) -> Section:
     order = {n: k for k, (n, _, _) in enumerate(power_rows(found))}
     rows.sort(key=lambda v: order.get(clean(v.get("effect")), len(order)))
     before = {n: least(values) for n, values, _ in power_rows(found)}
-    limit = [before.get(clean(v.get("effect")), "") + amount(v.get("smallest_visible"), v.get("unit"), 2)
-             if known(v.get("smallest_visible")) else "visible" for v in rows]  # fmt: skip
+    limit = [
+        before.get(clean(v.get("effect")), "") + amount(v.get("smallest_visible"), v.get("unit"), 2)
+        if known(v.get("smallest_visible"))
+        else "visible"
+        for v in rows
+    ]
     columns = [
         column("Effect", words([clean(called(found, v["effect"])) for v in rows]), number=False),
         column("knob", words([clean(v["effect"]) for v in rows], "code"), number=False),

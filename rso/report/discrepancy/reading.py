@@ -222,8 +222,11 @@ def panels(found: Found) -> list[Panel]:
             continue
         size = float(np.mean([np.mean((v.base / v.sd) ** 2) for v in records]))
         place = first.index(key) if key in first else len(first)
-        regions = tuple(a for r, k in zip(where, first, strict=True)
-                        if k == key and r.get("beyond_noise") and (a := _region(r.get("region"))))  # fmt: skip
+        regions = tuple(
+            a
+            for r, k in zip(where, first, strict=True)
+            if k == key and r.get("beyond_noise") and (a := _region(r.get("region")))
+        )
         profile = kinds.get(key[0]) == "profile"
         force = key[1].startswith("F")
         unit = FORCE if force else LENGTH

@@ -204,9 +204,10 @@ _POLICY = {
 }
 
 _EITHER = {
-    "like_a_modulus": "load cell or specimen", "like_a_body": "load train or specimen",
+    "like_a_modulus": "load cell or specimen",
+    "like_a_body": "load train or specimen",
     "like_a_spot": "its seat or the specimen",
-}  # fmt: skip
+}
 
 
 def _policy(d: Mapping[str, Any]) -> str:
@@ -396,8 +397,11 @@ def _held_out(found: Found) -> Table | None:
 def _signature_caption(found: Found) -> str:
     rows, names, cause = signatures(found), list(colours(found)), chosen(found)
     each = "each hypothesis adds" if len(names) > 1 else f"{brief(found, names[0])} adds"
-    lost = [brief(found, n) for n in names if n not in {clean(c.get("effect")) for c in core(found).get("causes") or ()}
-            and n != cause]  # fmt: skip
+    lost = [
+        brief(found, n)
+        for n in names
+        if n not in {clean(c.get("effect")) for c in core(found).get("causes") or ()} and n != cause
+    ]
     text = f"Left: what {each} to the base model"
     text += f" ({' and '.join(lost)}: not named, for comparison)" if lost and cause else ""
     text += ". Each is fitted to all curves with all its parameters, and so is the "

@@ -25,8 +25,12 @@ def how_much(found: Found) -> Section:
         text = f"{percent(s['closed'])} of what exceeds the noise floor is closed"
         text += f" (90{NBSP}%: {share_text(s.get('interval'))})" if pair(s.get("interval")) else ""
         own = " What every curve has for itself no other can predict: this share says nothing of it."
-        blocks.append(Text(f"{text}, on curves that took no part in {_part(found)}: {how}."
-                           f"{own if each_its_own(found) else ''}{_in_one_curve(s)}"))  # fmt: skip
+        blocks.append(
+            Text(
+                f"{text}, on curves that took no part in {_part(found)}: {how}."
+                f"{own if each_its_own(found) else ''}{_in_one_curve(s)}"
+            )
+        )
     else:
         blocks.append(Text(f"No share is printed: before is not clearly above the noise floor. Held out: {how}."))
     blocks.append(

@@ -63,8 +63,9 @@ def _keys(
     handles: list[Any] = [Line2D([], [], color=c, lw=1.8, label=short(brief(found, n), 28)) for n, c in colour.items()]
     if any(np.any(s.branch == 1) for _, own in rows for s in own):
         handles.append(Line2D([], [], color=INK, lw=1.3, label="loading"))
-        handles.append(Line2D([], [], color=INK, lw=0.9, ls=UNLOADING, marker="o", ms=3, mfc=PAPER, mew=0.6,
-                              label="unloading"))  # fmt: skip
+        handles.append(
+            Line2D([], [], color=INK, lw=0.9, ls=UNLOADING, marker="o", ms=3, mfc=PAPER, mew=0.6, label="unloading")
+        )
     handles.append(Line2D([], [], color=GREY, marker="o", ms=3.5, lw=0, mew=0, label="residual of the base model"))
     legend(figure, handles)
 

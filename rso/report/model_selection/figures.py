@@ -133,8 +133,9 @@ def threshold(found: Found) -> Figure:
             good = value <= limit
             axes.plot([value, limit], [y, y], color=LIGHT, lw=1.2, zorder=1)
             axes.plot([limit], [y], "|", ms=11, mew=2.2, color=ACCENT if n == found.get("chosen") else INK, zorder=2)
-            axes.plot([value], [y], "o", ms=5, mfc=ACCENT if good else PAPER, mec=ACCENT if good else WARM, mew=1.3,
-                      zorder=3)  # fmt: skip
+            axes.plot(
+                [value], [y], "o", ms=5, mfc=ACCENT if good else PAPER, mec=ACCENT if good else WARM, mew=1.3, zorder=3
+            )
             ticks.append(y)
             text = titles[n]
             labels.append(f"{short(curve_name, 24)} ({role_word(e.get('role'))})   {text}" if k == 0 else text)

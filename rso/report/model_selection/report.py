@@ -90,10 +90,14 @@ def _facts(found: Found) -> list[Fact]:
         return []
     good = found.get("adequate") is True
     test, facts = level.get("fitted") or {}, []
-    facts.append(Fact("Level", title(level), "good enough" if good else "the best, but it fails",
-                      "good" if good else "warn"))  # fmt: skip
-    facts.append(Fact("Misfit χ²", significant(number(test.get("chi2")), 3),
-                      f"limit {significant(number(test.get('limit')), 3)}"))  # fmt: skip
+    facts.append(
+        Fact("Level", title(level), "good enough" if good else "the best, but it fails", "good" if good else "warn")
+    )
+    facts.append(
+        Fact(
+            "Misfit χ²", significant(number(test.get("chi2")), 3), f"limit {significant(number(test.get('limit')), 3)}"
+        )
+    )
     first = next((e for e in level.get("errors") or () if e.get("role") == "fit"), None)
     if first is not None:
         limit = percent(number(first.get("threshold")), 2)
@@ -134,26 +138,35 @@ def _steps(found: Found) -> Table:
     first: list[Mapping[str, Any]] = [
         next((e for e in v.get("errors") or () if e.get("role") == "fit"), {}) for v in rows
     ]
-    strong = [Cell(title(s), mark="strong" if s.get("level") == found.get("chosen") else "")
-              for s in steps]  # fmt: skip
+    strong = [Cell(title(s), mark="strong" if s.get("level") == found.get("chosen") else "") for s in steps]
     columns = [
         column("Level", tuple(strong), number=False),
-        column("", tuple(_VERDICTS.get(clean(s.get("verdict")), Cell(clean(s.get("verdict")))) for s in steps),
-               number=False),
+        column(
+            "",
+            tuple(_VERDICTS.get(clean(s.get("verdict")), Cell(clean(s.get("verdict")))) for s in steps),
+            number=False,
+        ),
         column("χ²", aligned([number(t.get("chi2")) for t in tests], 4)),
         column("limit", aligned([number(t.get("limit")) for t in tests], 3)),
-    ]  # fmt: skip
+    ]
     if any(others):
-        columns += [column("χ²", aligned([number(t.get("chi2")) for t in others], 4), "selection"),
-                    column("limit", aligned([number(t.get("limit")) for t in others], 3))]  # fmt: skip
+        columns += [
+            column("χ²", aligned([number(t.get("chi2")) for t in others], 4), "selection"),
+            column("limit", aligned([number(t.get("limit")) for t in others], 3)),
+        ]
     columns += [
         column("NRMSE", aligned([_hundred(e.get("nrmse")) for e in first], 3), "%"),
         column("limit", aligned([_hundred(e.get("threshold")) for e in first], 3), "%"),
         column("p", words([p_text((v.get("verdict") or {}).get("p_value"), found) for v in rows]), "of all"),
-        column("ln evidence", words([DASH if not known(v.get("log_evidence")) else
-                                     significant(v["log_evidence"] - top, 3) for v in rows]), "below best"),
+        column(
+            "ln evidence",
+            words(
+                [DASH if not known(v.get("log_evidence")) else significant(v["log_evidence"] - top, 3) for v in rows]
+            ),
+            "below best",
+        ),
         column("runs", words([f"{v['runs']}" if known(v.get("runs")) else DASH for v in rows])),
-    ]  # fmt: skip
+    ]
     note = "χ² of the fitted curves, NRMSE of the first of them. A level passes if it is beyond no limit. "
     note += "Runs: simulations that a level was the first to need."
     return table("Every level", columns, note)
@@ -204,8 +217,11 @@ def thresholds(found: Found) -> Section:
         column("threshold", aligned([_hundred(e.get("threshold")) for _, e in rows], 3), "%"),
         column("", tuple(_within(e) for _, e in rows), number=False),
     ]
-    note = "Curves for validation took no part in the decision." if any(
-        e.get("role") == "validate" for _, e in rows) else ""  # fmt: skip
+    note = (
+        "Curves for validation took no part in the decision."
+        if any(e.get("role") == "validate" for _, e in rows)
+        else ""
+    )
     picture = Picture("threshold", "Error of every level (dot) and its threshold (tick: what noise alone would leave).")
     return Section("threshold", "How good is good enough", (Text(text), picture, table("Errors", columns, note)))
 
@@ -226,12 +242,15 @@ def parameters(found: Found) -> Section:
     names = [_axis(p.get("name")) for _, p in rows]
     columns = [
         column("Level", words([title(v) for v, _ in rows]), number=False),
-        column("Parameter", words([n + (" (added)" if p.get("added") else "") for n, (_, p) in
-                                   zip(names, rows, strict=True)]), number=False),
+        column(
+            "Parameter",
+            words([n + (" (added)" if p.get("added") else "") for n, (_, p) in zip(names, rows, strict=True)]),
+            number=False,
+        ),
         column("value", words([value_text(p, u) for u, (_, p) in zip(units, rows, strict=True)])),
         column("90 % interval", words([interval_text(p, u) for u, (_, p) in zip(units, rows, strict=True)])),
         column("", tuple(_determined(p.get("verdict")) for _, p in rows), number=False),
-    ]  # fmt: skip
+    ]
     note = "Profile likelihood. Only what a level adds must be determined; moduli that it adds are shares of μ."
     caption = "90 % interval of every parameter by level, and its value if the data tell one; pale: the range searched."
     picture = Picture("intervals", caption)
@@ -267,11 +286,13 @@ def _determined(word: Any) -> Cell:
 def how(found: Found) -> Section:
     """Section 5: the rule, the start, what was run."""
     blocks: list[Block] = [Text(clean(found.get("rule")))]
-    blocks.append(Text(
-        "Evidence: the likelihood averaged over the ranges of the parameters, so that a parameter that is not needed "
-        "costs. Misfit and evidence count what repeats and the experimenter say about noise, gain and depth, the "
-        "estimated numerical error of the simulation, and what the emulator of a level does not know."
-    ))  # fmt: skip
+    blocks.append(
+        Text(
+            "Evidence: the likelihood averaged over the ranges of the parameters, so that a parameter that is not "
+            "needed costs. Misfit and evidence count what repeats and the experimenter say about noise, gain and "
+            "depth, the estimated numerical error of the simulation, and what the emulator of a level does not know."
+        )
+    )
     start = found.get("start") or {}
     rows: Sequence[Mapping[str, Any]] = start.get("parameters") or ()
     if rows:
@@ -279,13 +300,29 @@ def how(found: Found) -> Section:
         own = [r.get("study") for r in rows]
         columns = [
             column("", words([symbol(clean(r.get("parameter"))) for r in rows]), number=False),
-            column("start", words([significant(_times(r.get("value"), u.factor), 3) + u.after
-                                   for r, u in zip(rows, units, strict=True)])),
-            column("range by closed form", words([between(float(r["low"]), float(r["high"]), u, 3)
-                                                  for r, u in zip(rows, units, strict=True)])),
-            column("range of the study", words([between(float(o[0]), float(o[1]), u, 3) if pair(o) else DASH
-                                                for o, u in zip(own, units, strict=True)])),
-        ]  # fmt: skip
+            column(
+                "start",
+                words(
+                    [
+                        significant(_times(r.get("value"), u.factor), 3) + u.after
+                        for r, u in zip(rows, units, strict=True)
+                    ]
+                ),
+            ),
+            column(
+                "range by closed form",
+                words([between(float(r["low"]), float(r["high"]), u, 3) for r, u in zip(rows, units, strict=True)]),
+            ),
+            column(
+                "range of the study",
+                words(
+                    [
+                        between(float(o[0]), float(o[1]), u, 3) if pair(o) else DASH
+                        for o, u in zip(own, units, strict=True)
+                    ]
+                ),
+            ),
+        ]
         which = "The ranges by closed form were searched." if start.get("used") else "The study's ranges were searched."
         blocks.append(table("Start without a simulation", columns, which))
     similar = next((clean(v.get("similarity")) for v in fitted(found) if v.get("similarity")), "")

@@ -92,9 +92,14 @@ def answer(found: Found) -> Section:
     blocks: list[Block] = [Text(sentence(w), "plain" if k or not more else "lead") for k, w in enumerate(said) if w]
     rows = [*rows_of(found, 0), *rows_of(found, 1)]
     titles = [r["added"][0] if r.get("added") else "only what has been done" for r in rows]
-    blocks.append(Picture("sizes", f"Expected uncertainty of {_focus(found)} after each experiment, for different true "
-                          "values. Full: from made-up data; ring: Fisher information; left of the line it would be "
-                          "determined."))  # fmt: skip
+    blocks.append(
+        Picture(
+            "sizes",
+            f"Expected uncertainty of {_focus(found)} after each experiment, for different true "
+            "values. Full: from made-up data; ring: Fisher information; left of the line it would be "
+            "determined.",
+        )
+    )
     blocks.append(_table(found, "Each experiment", rows, titles))
     blocks[1:1] = [Text(sentence(clean(w)), "warning") for w in found.get("warnings") or ()]
     for name, why in (found.get("problems") or {}).items():
@@ -143,8 +148,11 @@ def alone(found: Found) -> list[Table]:
     rows = [r for r in rows_of(found, 1) if not r["added"][0].endswith("once more")]
     truths, unit, out = _truths(found), _unit(found).strip(), []
     asked = [("alone", found["focus"], f"{_focus(found)} from one experiment alone")]
-    asked += [("expected", p["name"], f"{symbol(p['name'])}, with what has been done")
-              for p in listed(found, "parameters") if p["name"] != found["focus"]]  # fmt: skip
+    asked += [
+        ("expected", p["name"], f"{symbol(p['name'])}, with what has been done")
+        for p in listed(found, "parameters")
+        if p["name"] != found["focus"]
+    ]
     for which, name, title in asked:
         columns = [column("Experiment", words([r["added"][0] for r in rows]), number=False)]
         for k, truth in enumerate(truths):
@@ -168,7 +176,7 @@ def exists(found: Found) -> Section:
         column("90 % interval", words([interval_text(p, u) for u, (_, p) in zip(shapes, rows, strict=True)])),
         column("", tuple(_word(p.get("verdict")) for _, p in rows), number=False),
         column("χ² / ν", words([f"{significant(number(f.get('chi2')), 3)} / {f.get('degrees')}" for f, _ in rows])),
-    ]  # fmt: skip
+    ]
     note = "Profile likelihood; where the misfit is more than noise explains, intervals are widened by it."
     return Section("done", "What has been done", (table("Fits", columns, note),))
 
@@ -181,8 +189,10 @@ def _word(word: Any) -> Cell:
 def how(found: Found) -> Section:
     """Section 4: method and cost."""
     units = {p["name"]: clean(p.get("unit")) for p in listed(found, "parameters")}
-    truths = [", ".join(f"{symbol(k)} = {quantity(float(v), units.get(k, ''), 3)}" for k, v in t.items())
-              for t in listed(found, "truths")]  # fmt: skip
+    truths = [
+        ", ".join(f"{symbol(k)} = {quantity(float(v), units.get(k, ''), 3)}" for k, v in t.items())
+        for t in listed(found, "truths")
+    ]
     text = (
         "Each experiment is simulated over the whole range and learnt with its derivatives. At every truth, data of "
         f"all experiments are made up {found.get('draws')} times with the stated errors, the numerical error of the "
@@ -203,9 +213,16 @@ def how(found: Found) -> Section:
         column("left out", words([f"{100 * float(r.get('left_out') or 0):.1g} %" for r in rows])),
     ]
     note = "Left out: an inner run predicted by its neighbours, over the largest value."
-    return Section("how", "How this was found", (
-        Text(text), Text(f"Truths: {'; '.join(truths)}.", "note"), table("Experiments", columns, note), *alone(found),
-    ))  # fmt: skip
+    return Section(
+        "how",
+        "How this was found",
+        (
+            Text(text),
+            Text(f"Truths: {'; '.join(truths)}.", "note"),
+            table("Experiments", columns, note),
+            *alone(found),
+        ),
+    )
 
 
 def draw(found: Found, name: str) -> str:
@@ -257,8 +274,15 @@ def sizes(found: Found) -> Figure:
     axes.text(enough, -0.35, " not", ha="left", va="bottom", fontsize=7.5, color=WARM)
     handles = [Line2D([], [], ls="none", marker="o", ms=5, mfc=c, mec=PAPER) for c in shades]
     texts = [f"{significant(t, 3)}".rstrip("0").rstrip(".") if t < 1 else f"{t:.3g}" for t in truths]
-    figure.legend(handles, texts, title=f"true {focus}{shown(_raw_unit(found)).bracket}", loc="outside right upper",
-                  frameon=False, fontsize=8, title_fontsize=8)  # fmt: skip
+    figure.legend(
+        handles,
+        texts,
+        title=f"true {focus}{shown(_raw_unit(found)).bracket}",
+        loc="outside right upper",
+        frameon=False,
+        fontsize=8,
+        title_fontsize=8,
+    )
     return figure
 
 
