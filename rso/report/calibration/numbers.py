@@ -249,6 +249,8 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     if best is None or not x:
         return f"{name}: {len(u)} measured points; no recomputed candidate yet."
     reached = [(a, b) for a, b in zip(u, y, strict=True) if 0 < a <= x[-1] * (1 + 1e-9)]
+    if not reached:
+        return f"{name}: {len(u)} measured points; {best.label} ends before the first of them."
     predicted = drawn_at(x, f, np.array([min(a, x[-1]) for a, _ in reached]))
     inside = [(a, b, float(c)) for (a, b), c in zip(reached, predicted, strict=True)]
     a, b, c = max(inside, key=lambda row: abs(row[2] - row[1]))
