@@ -312,12 +312,17 @@ def _causes(
         scale = post.modulus / (1.0 if e.family == "model" else evidence.bench.modulus)
         values = [k.value(post.at[:, column + j]) * scale**k.exponent for j, k in enumerate(e.knobs)]
         side, levels, otherwise = _sides(e, post.at[:, column], values[0])
-        (low, mid, high), *shape = (tuple(map(float, np.quantile(v[side], levels))) for v in values)
+        (low, mid, high), *shape = (_quantiles(v[side], levels) for v in values)
         ends = [abs(v) for side in e.size.ends() for v in side]
         railed = bool(np.median(np.abs(post.at[:, column])) > 0.95 * max(ends)) and e.size.neutral is not None
         railed = railed or _strayed(e, column, post)
         found.append(Cause(e, float(probability), mid, (low, high), railed, (), tuple(shape), otherwise))
     return tuple(sorted(found, key=lambda c: -c.probability))
+
+
+def _quantiles(v: np.ndarray, levels: tuple[float, float, float]) -> tuple[float, float, float]:
+    low, mid, high = map(float, np.quantile(v, levels))
+    return low, mid, high
 
 
 def _sides(

@@ -11,6 +11,7 @@ import numpy as np
 
 from rso.discrepancy.diagnosis import Cause, Diagnosis
 from rso.discrepancy.evidence.detectable import Detectable
+from rso.discrepancy.evidence.gaussian_mixture import Posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.marginal_ranges import trusted
 from rso.discrepancy.evidence.shrinkage import predicted
@@ -18,7 +19,7 @@ from rso.discrepancy.evidence.verdict import SURE
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.simulations import Base
 from rso.discrepancy.library.tables import Library
-from rso.discrepancy.library.test_plan import HELD, LOADING, Profile, TestPlan
+from rso.discrepancy.library.test_plan import HELD, LOADING, Test, TestPlan
 from rso.discrepancy.next_test import NextTest, next_tests
 from rso.discrepancy.rerun import Check
 from rso.discrepancy.wording import words
@@ -95,7 +96,8 @@ def story(
 
 def mirrored(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:
     """Lateral forces that are those of the base model times a number below −0.5, where that has some to show."""
-    y, f, out = plan.values(), d.fits["none"], {}
+    y, f = plan.values(), d.fits["none"]
+    out: dict[tuple[str, str], tuple[float, float, float]] = {}
     for item, c, at in plan.rows():
         if c in ("Fx", "Fy"):
             name = plan.experiments[item.experiment].name
@@ -281,7 +283,9 @@ def _next(library: Library, d: Diagnosis, run: Run | None) -> list[NextTest]:
     """Tests that separate the named effects, each alone; two that were chosen together stand together."""
     effects = {e.name: (e,) for e in library.effects}
     scatter = {c.effect.name: c.size for c in d.causes if c.effect.family == "scatter"}
-    alive = {n: (effects[n], d.posteriors[n]) for n in d.named if n in d.posteriors and n in effects}
+    alive: dict[str, tuple[tuple[Effect, ...], Posterior]] = {
+        n: (effects[n], d.posteriors[n]) for n in d.named if n in d.posteriors and n in effects
+    }
     plain_library = replace(library, plan=library.plan.seen())
     probability = {c.effect.name: c.probability for c in d.causes if c.effect.name in alive}
     both = [e.name for e in d.chosen.effects]
@@ -345,7 +349,7 @@ def _parts(plan: TestPlan) -> list[tuple[dict[str, Any], np.ndarray]]:
     """Each channel of each test, moving and at rest: what says where its readings were taken, and their rows."""
     found = []
     for item, c, at in plan.rows():
-        test = None if isinstance(item, Profile) else item
+        test = item if isinstance(item, Test) else None
         branch = np.full(len(item.depth), LOADING) if test is None else test.branch
         for k in (branch != HELD, branch == HELD):
             if k.any():
@@ -354,7 +358,7 @@ def _parts(plan: TestPlan) -> list[tuple[dict[str, Any], np.ndarray]]:
                     "channel": c,
                     "label": "" if test is None else test.label,
                     "depth": item.depth[k].tolist(),
-                    **({"since": test.since[k].tolist()} if test is not None and np.all(branch[k] == HELD) else {}),
+                    **({} if test is None or np.any(branch[k] != HELD) else {"since": test.since[k].tolist()}),
                     "branch": branch[k].tolist(),
                 }
                 found.append((head, np.arange(at.start, at.stop)[k]))

@@ -148,8 +148,8 @@ def _where(d: Mapping[str, Any], found: Mapping[str, Any]) -> str:
     lies = f"Where: {', '.join(shares)}. " if shares and several else ""
     clear = sorted((r for r in d["where"] if r["beyond_noise"]), key=lambda r: -abs(r["z"]))[:3]
     if not clear:
-        each = any(c["family"] == "scatter" for c in d["causes"][:1])
-        spread = "one of single curves" if each and several else "one of shape, spread over the depth"
+        single = any(c["family"] == "scatter" for c in d["causes"][:1])
+        spread = "one of single curves" if single and several else "one of shape, spread over the depth"
         return lies + f"No single region stands out; the gap is {spread}."
     percent = [f"{100 * r['amplitude']:+.1f} ± {100 * r['amplitude_sd']:.1f} %{_of(r)}" for r in clear]
     told = [f"{r['experiment']} {r['channel']} {r['region']} ({v})" for r, v in zip(clear, percent, strict=True)]

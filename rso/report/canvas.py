@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -17,12 +18,15 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from rso.report.reading import Parameter
 
+if TYPE_CHECKING:  # matplotlib 3.9 does not name the keys of its settings
+    from matplotlib.typing import RcKeyType
+
 INK, GREY, LIGHT, PALE, PAPER = "#23272b", "#7b8085", "#c9ccca", "#eceeed", "#ffffff"
 ACCENT, WARM = "#0b5a7d", "#b4481e"
 WIDTH = 7.2  # inch: 9 pt type becomes 15 px in a column of 860 px and 8.2 pt on A4
 HALO: list[Stroke] = [withStroke(linewidth=2.2, foreground=PAPER)]
 
-_STYLE = {
+_STYLE: dict[RcKeyType, Any] = {
     "svg.hashsalt": "rso",
     "svg.fonttype": "path",
     "text.parse_math": False,  # names come from people's files and may hold a dollar sign
@@ -53,6 +57,20 @@ _STYLE = {
     "figure.facecolor": "none",
     "savefig.facecolor": "none",
 }
+
+
+class Look(TypedDict, total=False):
+    """How a line and its marks are drawn, as matplotlib names it."""
+
+    color: str
+    lw: float
+    ls: str | tuple[float, tuple[float, ...]]
+    marker: str
+    ms: float
+    mfc: str
+    mec: str
+    mew: float
+    zorder: float
 
 
 @contextmanager

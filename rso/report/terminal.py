@@ -22,10 +22,8 @@ def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
     if likely:
         lines.append(f"  most likely by the whole curves: {_values(likely, units)}")
     if best:
-        every = [(s["name"], c) for s in found["searches"] for c in s["candidates"]]
-        candidate: Mapping[str, Any] = next(
-            c for name, c in every if (name, c["name"]) == (best["search"], best["candidate"])
-        )
+        named = [(s["name"], c) for s in found["searches"] for c in s["candidates"]]
+        candidate = next(c for name, c in named if (name, c["name"]) == (best["search"], best["candidate"]))
         scores = "; ".join(
             f"NRMSE {m['nrmse']:.4f} on {e}"
             for e, m in candidate["metrics"].items()
@@ -36,8 +34,8 @@ def summary(found: Mapping[str, Any], files: Sequence[Path]) -> list[str]:
         if apart := [k for k, v in candidate["values"].items() if _outside(v, found["determined"].get(k))]:
             lines.append(f"    outside what agrees with the whole curves: its {' and '.join(apart)}")
     elif near := found.get("closest"):
-        mine = [c for s in found["searches"] for c in s["candidates"] if s["name"] == near["search"]]
-        candidate = next(c for c in mine if c["name"] == near["candidate"])
+        every = [c for s in found["searches"] for c in s["candidates"] if s["name"] == near["search"]]
+        candidate = next(c for c in every if c["name"] == near["candidate"])
         values = _values(candidate["values"], units)
         lines.append("  no candidate is both verified and within every target and constraint")
         lines.append(f"  the closest ({near['candidate']}): {values}")

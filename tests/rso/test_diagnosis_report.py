@@ -358,6 +358,15 @@ def test_a_cause_whose_interval_holds_its_absence_is_said_to_be_perhaps_absent()
     assert "may be absent" in said(found)
 
 
+def test_a_cause_of_the_other_sign_whose_ends_are_not_known_is_still_told():
+    found = story("explained")
+    cause = found["diagnosis"]["causes"][0]
+    cause["otherwise"] = {"probability": 0.2, "low": cause["size"], "high": 2 * cause["size"]}
+    assert "with the other sign, " in said(found) and ": 20 %." in said(found)
+    cause["otherwise"]["high"] = None
+    assert "with the other sign: 20 %." in said(found)
+
+
 def test_tests_that_settle_nothing_have_no_row():
     found = story("ambiguous")
     one = found["diagnosis"]["next_test"][0]

@@ -356,6 +356,18 @@ def test_unknown_numbers_are_dashes_not_errors(chance):
     assert figures and not any(re.search(r"\b(nan|None|inf)\b", t) for t in texts_)
 
 
+def test_a_simulation_that_ends_before_the_first_reading_is_said_to():
+    results = complete()
+    for s in results["searches"]:
+        for c in s["candidates"]:
+            for curve in c["curves"].values():
+                curve |= {k: v[:3] for k, v in curve.items() if isinstance(v, list)}
+    e = results["experiments"][0]
+    e["measured"] = {k: v[20:] for k, v in e["measured"].items()}
+    assert "ends before the first of them" in page(results)
+    assert "<svg" in draw(results, "curve-0")
+
+
 def test_curve_validation_many_parameters_and_other_shapes():
     results = complete()
     for v in results["validation"]:

@@ -46,8 +46,8 @@ def hidden(experiments: Sequence[Experiment], channel: str, scatter: float) -> t
         share, _ = of_bins(-Δu / math.log(ρ), w, w / Δu) if SMOOTH < ρ < 1.0 else (0.0, 0.0)
         filtered.append((share * float(np.std(rest)), -Δu / math.log(ρ)) if share else (0.0, 0.0))
         blocks.append((rest, Δu, w))
-    of_filter = tuple(np.median(filtered, axis=0).tolist()) if filtered else (0.0, 0.0)
-    return max(of_filter, slow(blocks), max(counted, default=(0.0, 0.0)))
+    size, length = np.median(filtered, axis=0).tolist() if filtered else (0.0, 0.0)
+    return max((size, length), slow(blocks), max(counted, default=(0.0, 0.0)))
 
 
 def slow(records: Sequence[tuple[np.ndarray, float, float]]) -> tuple[float, float]:

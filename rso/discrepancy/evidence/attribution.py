@@ -104,8 +104,8 @@ def set_up(library: Library, y: np.ndarray, binding: bool = False) -> Bench:
     base = tiles(library, (), modulus)
     rough = np.zeros(len(y))
     for item, c, at in library.plan.rows():
-        size = levels[c if c in levels else "uz"].of(item.experiment).white
-        rough[at] = size**2 + (0.03 * np.max(np.abs(y[at]))) ** 2
+        reading = levels[c if c in levels else "uz"].of(item.experiment).white
+        rough[at] = reading**2 + (0.03 * np.max(np.abs(y[at]))) ** 2
     force, slope = np.zeros(len(y)), np.zeros(len(y))
     C = np.diag(rough)
     for _ in range(2):
@@ -137,12 +137,11 @@ def set_up(library: Library, y: np.ndarray, binding: bool = False) -> Bench:
 def by_test(library: Library, scatter: Effect, centre: np.ndarray, modulus: float) -> np.ndarray:
     """∂y/∂knob (tests, n): what the knob of the chain does to each test by itself."""
     p = next(p for p in parameters_of(Chain) if p.name == scatter.cause)
-    neutral = p.neutral
-    assert p.plausible is not None and neutral is not None  # as of every knob of a chain that scatters
-    away = [v - neutral for v in p.plausible]
+    assert p.plausible is not None and p.neutral is not None  # so is every knob of the chain
+    away = [v - p.neutral for v in p.plausible]
     by = scatter.size.high / max(map(abs, away))  # of a plan of the usual lengths and forces 1
-    low, high = (neutral + by * v for v in away)
-    size = replace(scatter.size, name=p.name, low=low, high=high, neutral=neutral)
+    low, high = (p.neutral + by * v for v in away)
+    size = replace(scatter.size, name=p.name, low=low, high=high, neutral=p.neutral)
     knob = Effect(scatter.cause, scatter.description, "measurement", size)
     step = 0.05 * scatter.size.high
     ends = [predict(library, (knob,), np.append(centre, [[s * step]], axis=1), modulus)[0][0] for s in (-1.0, 1.0)]

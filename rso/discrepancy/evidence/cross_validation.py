@@ -172,10 +172,10 @@ def _gap(
 ) -> shrinkage.Gap:
     C, δ = C[np.ix_(rows, rows)], fits[2][rows] - fits[0][rows]
     noise_of_change = 2.0 * float(np.sqrt(δ @ np.linalg.solve(C, δ))) / len(rows)
-    before, refit, after = (shrinkage.gap(y[rows], f[rows], C) for f in fits)
-    rms = [float(np.sqrt(np.mean((y[rows] - f[rows]) ** 2))) for f in fits]
+    before, again, with_cause = (shrinkage.gap(y[rows], f[rows], C) for f in fits)
+    a, b, c = (float(np.sqrt(np.mean((y[rows] - f[rows]) ** 2))) for f in fits)
     return shrinkage.Gap(
-        name, unit, before, refit, after, (rms[0], rms[1], rms[2]), noise_of_change, tuple(e.name for e in cause)
+        name, unit, before, again, with_cause, (a, b, c), noise_of_change, tuple(e.name for e in cause)
     )
 
 

@@ -200,7 +200,7 @@ def _walls(tiles: Tiles, modulus: float) -> tuple[Wall, ...]:
     return tuple(found)
 
 
-def _ends(h: Ready, wall: Wall, mean: np.ndarray, tile: np.ndarray | slice) -> tuple[np.ndarray, np.ndarray]:
+def _ends(h: Ready, wall: Wall, mean: np.ndarray, tile: int | np.ndarray | slice) -> tuple[np.ndarray, np.ndarray]:
     """Ends of the local coordinate, which is a change times μ/μ₀, about the means (…, k') of tiles."""
     m = mean[..., 0] if h.tiles.moduli is None else h.tiles.moduli[tile] / h.scale
     return wall.low[tile] * np.maximum(m, 0.1), wall.high[tile] * np.maximum(m, 0.1)
@@ -341,6 +341,6 @@ def mean_prediction(h: Ready, y: np.ndarray) -> np.ndarray:
     weight = np.exp(logs - logsumexp(logs))
     z = y @ h.Q
     out = np.zeros_like(z)
-    for t in np.nonzero(weight > 1e-6)[0]:
+    for t in np.nonzero(weight > 1e-6)[0].tolist():
         out += weight[t] * (h.X[t].T @ _moved(h, t, h.S_inverse[t] @ (h.X[t] @ (z - h.c[t]))) + h.c[t])
     return h.Q @ out / weight[weight > 1e-6].sum()

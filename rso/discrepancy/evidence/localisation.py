@@ -149,7 +149,8 @@ def _regions(plan: TestPlan) -> Iterator[tuple[str, str, str, np.ndarray]]:
             for d in sorted({plan.near(v) for v in depth}):
                 yield name, c, f"profile at {d:g} mm", rows[np.abs(depth - d) < 0.06 * plan.scale]
             continue
-        branch = np.concatenate([m.branch for m, _ in members])
+        tests = [m for m, _ in members if isinstance(m, Test)]  # a channel is of tests or of profiles
+        branch = np.concatenate([t.branch for t in tests])
         deepest = float(depth.max())
         digits = max(1, 1 - math.floor(math.log10(plan.scale)))
         for b, bins in DEPTH_BINS.items():
@@ -158,7 +159,7 @@ def _regions(plan: TestPlan) -> Iterator[tuple[str, str, str, np.ndarray]]:
                 inside = (branch == b) & (depth > low - (low == 0) * 1e3) & (depth <= high)
                 if inside.sum() >= 2:
                     yield name, c, f"{BRANCH[b]} {low:.{digits}f}–{high:.{digits}f} mm", rows[inside]
-        held, since = (np.concatenate([getattr(m, k) for m, _ in members]) for k in ("held", "since"))
+        held, since = (np.concatenate([getattr(t, k) for t in tests]) for k in ("held", "since"))
         if held.any():
             edges = np.geomspace(since[held].min(), since[held].max(), TIME_BINS + 1)
             for k, (low, high) in enumerate(itertools.pairwise(edges)):

@@ -107,7 +107,11 @@ def reach(
     """
     library, rng = evidence.bench.library, np.random.default_rng(seed)
     ends = [(1 - level) / 2, 0.5, (1 + level) / 2]
-    quantiles = lambda v: tuple(map(float, np.quantile(v, ends)))  # noqa: E731
+
+    def quantiles(v: np.ndarray) -> tuple[float, float, float]:
+        low, mid, high = map(float, np.quantile(v, ends))
+        return low, mid, high
+
     shares = {Hypothesis(()): 1.0} if rows is not None else _shares(contest, said)
     said = said if rows is None else Hypothesis(())
     h = _with_code(evidence, said, y, rows)
@@ -215,7 +219,8 @@ def _averaged(
 
 def _told(values: np.ndarray, alone: tuple[float, float, float], there: Mapping[str, np.ndarray], quantiles) -> Reach:
     """Which effects widen the interval of the draws (m,) most: what is named, and what stands behind its ends."""
-    whole, without, by, left = quantiles(values), None, [], np.ones(len(values), bool)
+    whole, without, left = quantiles(values), None, np.ones(len(values), bool)
+    by: list[str] = []
     width = lambda v: v[2] - v[0]  # noqa: E731
     while len(by) < MOST:
         tried = {n: left & ~v for n, v in there.items() if n not in by and np.sum(left & ~v) >= FEW}

@@ -29,6 +29,7 @@ def loosened(library: Library, effects: Sequence[Effect], own: Tiles, base: Tile
     places each may have another size,  y_p → y_p + ζ_p ∂y_p/∂ ln s,  ζ_p ~ N(0, WAY²).  What rubs may in addition
     come back otherwise than it went:  y → y + ζ ℓ,  ζ ~ N(0, LOOP²),  ℓ its :func:`loops`.
     """
+    assert own.basis is not None  # tiles are compressed
     d = len(library.base.axes)
     near = np.array([int(np.argmin(np.sum((base.at[:, :d] - x) ** 2, axis=1))) for x in own.at[:, :d]])
     none = (base.lift(base.A) @ own.basis, base.lift(base.c) @ own.basis)  # own vectors span these

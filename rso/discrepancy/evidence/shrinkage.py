@@ -93,7 +93,7 @@ def summarise(curves: Sequence[Gap], sizes: Sequence[int], how: str, seed: int) 
     """
     G = np.array([[c.before, c.refit_only, c.with_cause] for c in curves])
     means = G.mean(axis=0)
-    before, refit, after = map(float, means)
+    before, refit_only, with_cause = map(float, means)
     # G of n independent readings scatters by √(2/n) around 1
     error = float(np.sqrt(np.sum([2.0 / n for n in sizes])) / len(sizes))
     closed, interval = None, None
@@ -101,7 +101,7 @@ def summarise(curves: Sequence[Gap], sizes: Sequence[int], how: str, seed: int) 
         closed = float((means[0] - means[2]) / (means[0] - 1.0))
         rng = np.random.default_rng(seed)
         if len(G) < 2:
-            return Shrinkage(tuple(curves), before, refit, after, 1.0, error, closed, None, how)
+            return Shrinkage(tuple(curves), before, refit_only, with_cause, 1.0, error, closed, None, how)
         pick = rng.integers(0, len(G), (BOOTSTRAPS, len(G)))
         z = rng.standard_normal(pick.shape) * np.array([c.change_sd for c in curves])[pick]
         m = G[pick].mean(axis=1)
@@ -109,4 +109,4 @@ def summarise(curves: Sequence[Gap], sizes: Sequence[int], how: str, seed: int) 
         m = m[m[:, 0] - 1.0 > 2 * error]  # where the gap sits in one curve, resamples without it have no share
         share = (m[:, 0] - m[:, 2]) / (m[:, 0] - 1.0)
         interval = (float(np.quantile(share, 0.05)), float(np.quantile(share, 0.95)))
-    return Shrinkage(tuple(curves), before, refit, after, 1.0, error, closed, interval, how)
+    return Shrinkage(tuple(curves), before, refit_only, with_cause, 1.0, error, closed, interval, how)

@@ -26,7 +26,7 @@ from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.interpolation import timed
 from rso.discrepancy.library.responses import FORCES
 from rso.discrepancy.library.simulations import passes_of
-from rso.discrepancy.library.tables import Library
+from rso.discrepancy.library.tables import Library, PlaceTables
 from rso.discrepancy.library.test_plan import LOADING, UNLOADING, Profile, Test
 
 AIR = 1.0  # mm before contact from which the chain is followed, in a plan of the usual depth
@@ -135,7 +135,7 @@ def _readings(library: Library, test: Test) -> _Readings:
 class _Key:
     """Tables and a test, equal where they are the same objects."""
 
-    places: tuple[object, ...]
+    places: tuple[PlaceTables, ...]
     test: Test
 
     def __hash__(self) -> int:

@@ -16,7 +16,7 @@ from rso.report.calibration.identification import allowed, profiles
 from rso.report.calibration.influence import along_figure, morris_figure, shapes_figure
 from rso.report.calibration.maps import fronts, sensitivity, surfaces
 from rso.report.calibration.verdict import how, interval_rows, likely
-from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, canvas, short, style, svg, tag
+from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, Look, canvas, short, style, svg, tag
 from rso.report.layout.digits import Unit, channel_text, clean, ends, known, largest, percent, shortest, shown
 from rso.report.reading import (
     Candidate,
@@ -35,6 +35,8 @@ from rso.report.reading import (
 )
 
 _FINE = 81  # points of a drawn curve
+_BEST: Look = {"color": ACCENT, "lw": 1.6, "zorder": 3}
+_OTHER: Look = {"color": GREY, "lw": 0.6, "zorder": 1}
 _ROWS = 40  # more rows than this make a figure that nobody reads; the tables hold all
 
 
@@ -77,8 +79,8 @@ def determined(results: Results, name: str) -> str:
     figure = canvas(0.2 + 0.62 * len(rows))
     axes = figure.subplots()
     for k, (p, d) in enumerate(rows):
-        low, high = d["interval"]
         y = -k
+        low, high = d["interval"]
         a, b = p.share(p.low, low), p.share(p.low, high)
         good = d.get("determined") is True
         axes.plot([0, 1], [y, y], color=LIGHT, lw=1.2, solid_capstyle="butt")
@@ -86,8 +88,8 @@ def determined(results: Results, name: str) -> str:
             bar = [p.share(p.low, v) for v in piece]
             axes.plot(bar, [y, y], color=ACCENT if good else LIGHT, lw=7, solid_capstyle="butt")
         axes.text(-0.12, y, p.letter, ha="right", va="center", fontsize=11)
-        for x, value, ha in ((-0.012, p.low, "right"), (1.012, p.high, "left")):
-            axes.text(x, y, shortest(float(f"{value * p.unit.factor:.4g}")), ha=ha, va="center", color=GREY, fontsize=8)
+        for x, end, ha in ((-0.012, p.low, "right"), (1.012, p.high, "left")):
+            axes.text(x, y, shortest(float(f"{end * p.unit.factor:.4g}")), ha=ha, va="center", color=GREY, fontsize=8)
         axes.text(1.1, y, p.unit.label, ha="left", va="center", color=GREY)
         _scale(axes, y, p)
         word = "determined" if good else how(results, p).removeprefix("is ")
@@ -204,10 +206,7 @@ def _curves(
     axes.fill_between(u, (y - sigma) * unit.factor, (y + sigma) * unit.factor, color=LIGHT, lw=0, alpha=0.75)
     axes.plot(u, y * unit.factor, "o" if len(u) <= 60 else "-", ms=3.2, mfc=PAPER, mec=INK, mew=0.8, color=INK)
     for c, x, f in simulated:
-        look: dict[str, Any] = (
-            {"color": ACCENT, "lw": 1.6, "zorder": 3} if c.best else {"color": GREY, "lw": 0.6, "zorder": 1}
-        )
-        axes.plot(x, f * unit.factor, **look)
+        axes.plot(x, f * unit.factor, **(_BEST if c.best else _OTHER))
     band = " ± σ" if sigma.any() else ""
     k = int(np.argmin(np.abs(u - 0.62 * u[-1])))
     tag(axes, u[k], y[k] * unit.factor, f"measured{band}", offset=(-12, 9), ha="right")
@@ -245,10 +244,7 @@ def _residuals(
     axes.fill_between(u, -sigma * unit.factor, sigma * unit.factor, color=LIGHT, lw=0, alpha=0.75)
     axes.axhline(0, color=INK, lw=0.7)
     for c, x, r in left:
-        look: dict[str, Any] = (
-            {"color": ACCENT, "lw": 1.6, "zorder": 3} if c.best else {"color": GREY, "lw": 0.6, "zorder": 1}
-        )
-        axes.plot(x, r * unit.factor, **look)
+        axes.plot(x, r * unit.factor, **(_BEST if c.best else _OTHER))
         if c.best:
             d, error = c.error(e["name"])
             if d:
@@ -263,14 +259,14 @@ def validation(results: Results, e: Mapping[str, Any], name: str) -> str:
     unit = curve_unit(results, e["name"])
     rows = [v for v in validations(results, e) if v.get("predicted")]
     known_candidates = {(c.search, c.name): c for c in candidates(results)}
-    found = [
-        (c, np.array(curve[0]), np.array(curve[1]))
-        for v in rows
-        if (c := known_candidates.get((clean(v.get("search")), clean(v.get("candidate"))))) is not None
-        and (curve := points(v.get("depth"), v.get("predicted")))[0]
-    ]
+    found = []
+    for v in rows:
+        c = known_candidates.get((clean(v.get("search")), clean(v.get("candidate"))))
+        x, f = points(v.get("depth"), v.get("predicted"))
+        if c is not None and x:
+            found.append((c, np.array(x), np.array(f)))
     m = e.get("measured") or {}
-    u, y = (np.array(x) for x in points(m.get("depth"), m.get("value")))
+    u, y = map(np.array, points(m.get("depth"), m.get("value")))
     if len(u) > 1:
         return _curves(name, e, unit, u, y, _sigma(m, u), found)
     return _dots(name, e, unit, float(y[0]), float(_sigma(m, u)[0]), [(c, float(f[-1])) for c, _, f in found])

@@ -26,10 +26,14 @@ from rso.report.layout.digits import (
     shown,
     significant,
 )
-from rso.report.layout.document import Block, Cell, Picture, Section, Table, Text, column, missing, table, words
+from rso.report.layout.document import Block, Cell, Mark, Picture, Section, Table, Text, column, missing, table, words
 from rso.report.reading import Parameter, Results, lettered, number, pair, parameters, points
 
-_WORDS = {"determined": ("determined", "good"), "weakly": ("weakly", "warn"), "not": ("not determined", "warn")}
+_WORDS: dict[str, tuple[str, Mark]] = {
+    "determined": ("determined", "good"),
+    "weakly": ("weakly", "warn"),
+    "not": ("not determined", "warn"),
+}
 _METHODS = (("interval", "profile"), ("laplace", "Gaussian"), ("mcmc", "MCMC"))
 _PANELS = 4
 
@@ -147,19 +151,19 @@ def _intervals(results: Results, data: Mapping[str, Any], rows: list[tuple[Param
     for key, label in _METHODS:
         said = []
         for p, d in rows:
-            low, high = ends = d.get(key) or (None, None)
-            text = spans(results, p, ends) if key == "interval" else between(low, high, p.unit)
+            low, high = d.get(key) or (None, None)
+            text = spans(results, p, (low, high)) if key == "interval" else between(low, high, p.unit)
             said.append(text.replace(p.unit.after, "") if p.unit.after else text)
         columns.append(column(label, words(said), level))
     if any(pair(d.get("as_stated")) for _, d in rows):
-        stated = [d.get("as_stated") or (None, None) for _, d in rows]
-        said = [between(low, high, p.unit) for (low, high), (p, _) in zip(stated, rows, strict=True)]
+        stated = [(p, d.get("as_stated") or (None, None)) for p, d in rows]
+        said = [between(low, high, p.unit) for p, (low, high) in stated]
         said = [t.replace(p.unit.after, "") if p.unit.after else t for t, (p, _) in zip(said, rows, strict=True)]
         columns.insert(5, column("profile, as stated", words(said), level))
     need = [f"× {significant(d['noise_factor'], 2)}" if known(d.get("noise_factor")) else DASH for _, d in rows]
     columns.append(column("noise needed", words(need)))
     state = [_WORDS.get(str(d.get("verdict")), (clean(d.get("verdict")) or DASH, "")) for _, d in rows]
-    columns.append(column("", tuple(Cell(t, mark=m) for t, m in state), number=False))  # type: ignore[arg-type]
+    columns.append(column("", tuple(Cell(t, mark=m) for t, m in state), number=False))
     apart = [p.letter for p, d in rows if d.get("agreement") is False]
     note = "± sd is that of the logarithm, from the curvature of the misfit; a value has the digits that are known. "
     note += "Profile: likelihood ratio; Gaussian: that curvature inside the range; MCMC: flat prior in the range."

@@ -276,7 +276,7 @@ def over(results: Results) -> str:
     data = results.get("sensitivity") or {}
     ranges, whose = (
         data.get("ranges") or {},
-        {"stated": "stated", "searched": "widened"}.get(str(data.get("ranges_are")), ""),
+        {"stated": "stated", "searched": "widened"}.get(clean(data.get("ranges_are")), ""),
     )
     spans = [
         f"{p.letter} from {p.show(ends[0])} to {p.show(ends[1])}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import Any
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -62,7 +62,7 @@ def surfaces(results: Results, name: str) -> str:
             axes.axis("off")
             continue
         s = shown_ones[k]
-        x, y = by_name.get(s["x"]["parameter"]), by_name.get(str((s.get("y") or {}).get("parameter")))
+        x, y = by_name.get(s["x"]["parameter"]), by_name.get(clean((s.get("y") or {}).get("parameter")))
         output = outputs(results).get(s["output"], Output(s["output"], "", clean(s["output"]), "", Unit("")))
         if x is not None and y is not None and len(s["y"]["values"]) > 1:
             _surface(axes, results, s, x, y, output)
@@ -112,8 +112,16 @@ def _region(axes: Axes, results: Results, x: Parameter, y: Parameter) -> None:
         axes.contour(X, Y, P, [0.5], colors=WARM, linewidths=1.0)
 
 
+class _Dots(TypedDict, total=False):
+    marker: Literal["o", "x", "^"]
+    s: float
+    c: str
+    edgecolors: str
+    linewidths: float
+
+
 def _runs(axes: Axes, results: Results, x: Parameter, y: Parameter) -> None:
-    looks: dict[str, dict[str, Any]] = {
+    looks: dict[str, _Dots] = {
         "done": {"marker": "o", "s": 9, "c": INK, "edgecolors": PAPER, "linewidths": 0.5},
         "failed": {"marker": "x", "s": 26, "c": WARM, "linewidths": 1.5},
         "crashed": {"marker": "^", "s": 26, "c": PAPER, "edgecolors": WARM, "linewidths": 1.3},
@@ -264,9 +272,9 @@ def _pair(
         rows = [o for k in (i, j) for o in output_rows(c, target_output(targets[k]))]
         miss = [abs(o["predicted"] - o["target"]) for o in rows if known(o["predicted"]) and known(o["target"])]
         if len(miss) == 2:
-            x, y = (v * unit.factor for v in miss)
-            axes.scatter(x, y, marker="D", s=46, c=PAPER, edgecolors=ACCENT, linewidths=0.9, zorder=3)
-            axes.annotate(c.mark, (x, y), ha="center", va="center", fontsize=6, zorder=4)
+            at = (miss[0] * unit.factor, miss[1] * unit.factor)
+            axes.scatter([at[0]], [at[1]], marker="D", s=46, c=PAPER, edgecolors=ACCENT, linewidths=0.9, zorder=3)
+            axes.annotate(c.mark, at, ha="center", va="center", fontsize=6, zorder=4)
     several = len({t.get("experiment") for t in targets}) > 1
     a, b = (
         f"|Δ{short(channel_text(t['channel']), 8)}|{' of ' + short(clean(t['experiment']), 10) if several else ''} "

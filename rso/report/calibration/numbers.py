@@ -150,7 +150,8 @@ def _candidate_table(results: Results, s: Mapping[str, Any], chosen: list[Candid
     names = tuple(Cell(c.name, mark="strong" if c.best else "") if f else Cell("") for f, (c, _) in _zip(first, rows))
     columns = [column("", names, number=False)]
     for p in parameters(results, free=True):
-        cells = aligned([v * p.unit.factor if known(v := c.value(p.name)) else None for c, _ in rows])
+        values = [c.value(p.name) for c, _ in rows]
+        cells = aligned([None if v is None else v * p.unit.factor for v in values])
         kept = tuple(cell if f else Cell("") for f, cell in _zip(first, cells))
         columns.append(column(p.letter, kept, p.unit.label))
     labels = [known_outputs[o["output"]].label if o.get("output") in known_outputs else DASH for _, o in rows]
@@ -248,6 +249,8 @@ def curve_caption(results: Results, e: Mapping[str, Any]) -> str:
     if best is None or not x:
         return f"{name}: {len(u)} measured points; no recomputed candidate yet."
     reached = [(a, b) for a, b in zip(u, y, strict=True) if 0 < a <= x[-1] * (1 + 1e-9)]
+    if not reached:
+        return f"{name}: {len(u)} measured points; {best.label} ends before the first of them."
     predicted = drawn_at(x, f, np.array([min(a, x[-1]) for a, _ in reached]))
     inside = [(a, b, float(c)) for (a, b), c in zip(reached, predicted, strict=True)]
     a, b, c = max(inside, key=lambda row: abs(row[2] - row[1]))
@@ -324,7 +327,8 @@ def _validation_table(results: Results, e: Mapping[str, Any], rows: list[Mapping
     best, unit = best_candidate(results), curve_unit(results, e["name"])
     last = {k: [number((v.get(k) or [None])[-1]) for v in rows] for k in ("depth", "measured", "sigma", "predicted")}
     gap = [None if f is None or not y else 100 * (y - f) / abs(y) for f, y in _zip(last["predicted"], last["measured"])]
-    marks = [best is not None and (v.get("search"), v.get("candidate")) == (best.search, best.name) for v in rows]
+    named = None if best is None else (best.search, best.name)
+    marks = [(v.get("search"), v.get("candidate")) == named for v in rows]
     label = {(c.search, c.name): c.label for c in candidates(results)}
     names = [label.get((clean(v.get("search")), clean(v.get("candidate"))), clean(v.get("candidate"))) for v in rows]
     state = [

@@ -182,21 +182,21 @@ def noise(p: Prediction) -> str:
 
 def prediction_fact(results: Results) -> list[Fact]:
     """The tile of the tests that were not used."""
-    rows = []
+    rows: list[tuple[Mapping[str, Any], str, str]] = []
     for e in experiments(results, "validate"):
         v, found = foretold(results, e), predictions(results, e)
         if v is not None and e["name"] == e["experiment"]:
             rows.append((e, clean(v.get("verdict")), foretold_note(e, v)))
         elif v is None and found:
             note = f"{found[0].within} of {len(found[0].depth)} readings within 2σ" if is_profile(e) else off(found)
-            verdict = answer(found)
-            rows.append((e, verdict, note + (f"; uncertainty {noise(found[0])}" if verdict else "")))
+            said = answer(found)
+            rows.append((e, said, note + (f"; uncertainty {noise(found[0])}" if said else "")))
     if not rows:
         return []
     if len(rows) > 1:
         good, names = sum(v in ("yes", "among") for _, v, _ in rows), ", ".join(clean(e["name"]) for e, *_ in rows)
-        mark: Mark = "good" if good == len(rows) else "warn"
-        return [Fact("Unused tests", f"{good} of {len(rows)} predicted", names, mark)]
+        every: Mark = "good" if good == len(rows) else "warn"
+        return [Fact("Unused tests", f"{good} of {len(rows)} predicted", names, every)]
     ((e, verdict, note),) = rows
-    mark = "good" if verdict == "yes" else "warn" if verdict else ""
+    mark: Mark = "good" if verdict == "yes" else "warn" if verdict else ""
     return [Fact("Unused test", _TILES.get(verdict, "compared"), f"{clean(e['name'])}: {note}", mark)]

@@ -17,7 +17,7 @@ def range_blocks(results: Results) -> list[Block]:
     rows = [a for s in listed(results, "searches")[:1] for a in s.get("audit") or ()]
     moved = [a for a in rows if a.get("parameter")]
     last = rows[-1] if rows else {}
-    end = {"done": "In the end ", "stopped": "It stopped there: "}.get(str(last.get("what")), "")
+    end = {"done": "In the end ", "stopped": "It stopped there: "}.get(clean(last.get("what")), "")
     if not moved:
         return [Text(f"Ranges of the main search: {clean(last['why'])}.")] if last.get("what") == "stopped" else []
     views = {p.name: p for p in parameters(results)}

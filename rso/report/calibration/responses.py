@@ -96,8 +96,8 @@ def _score_table(scores: list[Mapping[str, Any]], known_outputs: Mapping[str, Ou
             columns.append(column(word, cells, title))
         columns.append(column("Q²", tuple(Cell(significant(number(e.get("q2")), 4)) for e in each), title))
     columns.insert(3, column("errors in", words([u.label for u in sized]), number=False))
-    held = {(s.get("held_out") or {}).get("n") for s in scores}
-    new = ", ".join(f"{n}" for n in sorted(n for n in held if known(n)))
+    held = [(s.get("held_out") or {}).get("n") for s in scores]
+    new = ", ".join(f"{n}" for n in sorted({n for n in held if known(n)}))
     note = f"Held out: {new} runs that the surrogates had not seen when these scored them; then they learn them."
     return table("Errors of the surrogates", columns, note if new else "")
 
@@ -208,7 +208,7 @@ def front_section(results: Results) -> Section:
 
 def _front_caption(results: Results, s: Mapping[str, Any]) -> str:
     values, objectives = front(s)
-    targets = s.get("targets") or ()
+    targets: Sequence[Mapping[str, Any]] = s.get("targets") or ()
     what = f"Search {clean(s['name'])}: "
     if len(targets) < 2:
         spans = []

@@ -196,7 +196,7 @@ def _spread(chosen: list[Candidate]) -> float | None:
         for o in c.data.get("outputs") or ():
             if known(o.get("target")) and known(o.get("recomputed")):
                 by_output.setdefault(o["output"], []).append(o["recomputed"])
-    spreads = [(max(v) - min(v)) / abs(sum(v) / len(v)) for v in by_output.values() if len(v) > 1 and sum(v)]
+    spreads = [(max(v) - min(v)) / abs(sum(v) / len(v)) for v in by_output.values() if len(v) > 1 and sum(v) != 0]
     return max(spreads, default=None)
 
 

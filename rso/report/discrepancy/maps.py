@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, MaxNLocator
 
-from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, canvas, plain_log, short
+from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, Look, canvas, plain_log, short
 from rso.report.discrepancy.reading import Found, Panel, brief, chosen, panels
 from rso.report.layout.digits import shortest
 
@@ -150,7 +150,7 @@ def _branch(axes: Axes, p: Panel, which: str, branch: int, colour: str, width: f
     if not rows:
         return
     z = 3 if which == "cause" else 2
-    look: dict[str, Any] = {"mfc": colour, "mew": 0} if branch != 1 else {"mfc": PAPER, "mec": colour, "mew": 0.6}
+    look: Look = {"mfc": colour, "mew": 0} if branch != 1 else {"mfc": PAPER, "mec": colour, "mew": 0.6}
     for x, y in rows:
         axes.plot(x, y, "o", ms=2.0 if branch != 1 else 2.4, alpha=0.65, zorder=z, **look)
     for x, y in _trend(rows):

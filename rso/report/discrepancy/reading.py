@@ -152,7 +152,7 @@ def unit_of(unit: object, size: float | None = None) -> Unit:
 def amount(x: object, unit: object, digits: int = 3) -> str:
     """A number with its unit."""
     use = unit_of(unit, number(x))
-    return f"{significant(float(x) * use.factor, digits)}{use.after}" if known(x) else DASH
+    return f"{significant(x * use.factor, digits)}{use.after}" if known(x) else DASH
 
 
 def interval(values: tuple[float, float, float], unit: object) -> tuple[str, str]:
@@ -180,8 +180,8 @@ def sized(cause: Mapping[str, Any]) -> tuple[str, str, str]:
 
 def band(d: Mapping[str, Any] | None) -> tuple[float, float, float] | None:
     """(low, median, high) of a parameter, None unless all are known."""
-    values = [number((d or {}).get(k)) for k in ("low", "median", "high")]
-    return None if None in values else (values[0], values[1], values[2])  # type: ignore[return-value]
+    low, median, high = (number((d or {}).get(k)) for k in ("low", "median", "high"))
+    return None if low is None or median is None or high is None else (low, median, high)
 
 
 def said_when(found: Found) -> dict[str, str]:
@@ -223,15 +223,14 @@ def panels(found: Found) -> list[Panel]:
         size = float(np.mean([np.mean((v.base / v.sd) ** 2) for v in records]))
         place = first.index(key) if key in first else len(first)
         regions = tuple(
-            region
+            a
             for r, k in zip(where, first, strict=True)
-            if k == key and r.get("beyond_noise") and (region := _region(r.get("region")))
+            if k == key and r.get("beyond_noise") and (a := _region(r.get("region")))
         )
         profile = kinds.get(key[0]) == "profile"
         force = key[1].startswith("F")
         unit = FORCE if force else LENGTH
-        panel = Panel(clean(key[0]), clean(key[1]), profile, unit, records, regions, key[2])
-        rows.append(((place, -size), panel))
+        rows.append(((place, -size), Panel(clean(key[0]), clean(key[1]), profile, unit, records, regions, key[2])))
     return [v for _, v in sorted(rows, key=lambda v: v[0])]
 
 
@@ -249,10 +248,10 @@ def _record(r: Mapping[str, Any], cause: str | None) -> Record | None:
 
 def _known(columns: Sequence[Sequence[Any] | None]) -> np.ndarray | None:
     """Columns (k, n) of the rows of which all is known, None where there is none."""
-    there = [c for c in columns if c is not None]
-    if len(there) < len(columns):
+    whole = [c for c in columns if c is not None]
+    if len(whole) < len(columns):
         return None
-    rows = [v for v in zip(*there, strict=False) if all(map(known, v))]
+    rows = [v for v in zip(*whole, strict=False) if all(map(known, v))]
     return np.array(rows, float).T if rows else None
 
 

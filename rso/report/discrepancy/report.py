@@ -139,10 +139,11 @@ def _other(d: Mapping[str, Any]) -> str:
 
 def _not_settled(found: Found) -> str:
     """What an ambiguous verdict leaves beside the causes that it names: the many that are not, and no gap at all."""
-    held = [number(c.get("probability")) for c in core(found).get("causes") or ()]
-    if verdict_of(found) != "ambiguous" or not held or None in held:
+    causes = core(found).get("causes") or ()
+    held = [q for c in causes if (q := number(c.get("probability"))) is not None]
+    if verdict_of(found) != "ambiguous" or not held or len(held) < len(causes):
         return ""
-    total, text = sum(held), ""  # type: ignore[arg-type]
+    total, text = sum(held), ""
     if total < FEW:
         text += f" Given a gap, these hold {chance(total)} of the probability; the rest is spread over what is less "
         text += "likely."
@@ -348,8 +349,8 @@ def _other_sign(found: Found, cause: Mapping[str, Any]) -> str:
     if not other:
         return ""
     name, (low, high) = clean(called(found, str(cause.get("effect")))), (number(other.get(k)) for k in ("low", "high"))
-    ends = interval((low, low, high), cause.get("unit"))[1]  # type: ignore[arg-type]
-    return f" {name[:1].upper()}{name[1:]} with the other sign, {ends}: {chance(other.get('probability'))}."
+    between = "" if low is None or high is None else f", {interval((low, low, high), cause.get('unit'))[1]}"
+    return f" {name[:1].upper()}{name[1:]} with the other sign{between}: {chance(other.get('probability'))}."
 
 
 def _sensitivity(found: Found) -> Table | None:
@@ -381,7 +382,8 @@ def _held_out(found: Found) -> Table | None:
     columns = [column("Experiment", words([*[clean(h.get("experiment")) for h in rows], "all together"]), number=False)]
     for n in names:
         values = [number(h["gain"].get(n)) for h in rows]
-        total = None if None in values else sum(values)  # type: ignore[arg-type]
+        sure = [v for v in values if v is not None]
+        total = sum(sure) if len(sure) == len(values) else None
         cells = aligned([*values, total], 3, plus=True)
         last = Cell(cells[-1].text, cells[-1].pad, "strong")
         columns.append(column(brief(found, n), (*cells[:-1], last)))

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from rso.report.canvas import ACCENT, GREY, INK, PAPER, WARM, canvas, short
+from rso.report.canvas import ACCENT, GREY, INK, PAPER, WARM, Look, canvas, short
 from rso.report.discrepancy.maps import along, heading, legend, spread
 from rso.report.discrepancy.reading import Found, Panel, Signature, brief, chosen, signatures
 
@@ -80,7 +80,7 @@ def _hypothesis(axes: Axes, p: Panel, own: Sequence[Signature], name: str, colou
                 axes.plot(x, v[k], "-o", ms=1.2 * width, mew=0, color=colour, lw=0.5 * width, zorder=z)
         return
     for branch in (2,) if p.held else (0, 1):
-        look = {"lw": width} if branch != 1 else {"lw": 0.65 * width, "ls": UNLOADING}
+        look: Look = {"lw": width} if branch != 1 else {"lw": 0.65 * width, "ls": UNLOADING}
         for x, y in _lines([(s.depth[k], v[k]) for s, v in rows if np.any(k := s.branch == branch)]):
             axes.plot(x, y, color=colour, zorder=z, **look)
 
@@ -99,8 +99,8 @@ def _lines(rows: Sequence[tuple[np.ndarray, np.ndarray]]) -> Iterator[np.ndarray
 def _left_by_the_base(axes: Axes, p: Panel) -> None:
     """Readings minus the base model as dots, hollow where unloading."""
     f = p.unit.factor
-    filled: dict[str, Any] = {"mfc": GREY, "mec": PAPER, "mew": 0.3}
-    hollow: dict[str, Any] = {"mfc": PAPER, "mec": GREY, "mew": 0.7}
+    filled: Look = {"mfc": GREY, "mec": PAPER, "mew": 0.3}
+    hollow: Look = {"mfc": PAPER, "mec": GREY, "mew": 0.7}
     for r in p.records:
         places = [(x, k) for _, k, x in spread(p, r.depth)] if p.profile else [(r.depth, slice(None))]
         for x, k in places:

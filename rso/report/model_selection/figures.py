@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PALE, PAPER, WARM, canvas, plain_log, short, style, svg
+from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PALE, PAPER, WARM, Look, canvas, plain_log, short, style, svg
 from rso.report.layout.digits import Unit, channel_text, clean, known, largest, shown, symbol
 from rso.report.reading import listed, pair, points
 
@@ -41,9 +41,10 @@ def role_word(role: Any) -> str:
     return {"fit": "fitted", "select": "selection", "validate": "validation"}.get(clean(role), clean(role))
 
 
-def looks(found: Found) -> dict[str, dict[str, Any]]:
+def looks(found: Found) -> dict[str, Look]:
     """Colour and dash by level; the one that holds is drawn through and in front."""
-    out, k = {}, 0
+    out: dict[str, Look] = {}
+    k = 0
     for v in fitted(found):
         if v.get("name") == found.get("chosen"):
             out[v["name"]] = {"color": ACCENT, "ls": "-", "lw": 1.8, "zorder": 4}
@@ -77,14 +78,16 @@ def curve(found: Found, k: int) -> Figure:
     unit = shown(clean(holds.get("unit")), largest(list(map(float, y))))
     fine = shown(clean(holds.get("unit")), largest([float(s) for s in holds.get("sigma") or ()]))
     look = looks(found)
-    marks: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 2.6, "mfc": PAPER, "mec": INK, "mew": 0.7, "zorder": 2}
+    marks: Look = {"ls": "none", "marker": "o", "ms": 2.6, "mfc": PAPER, "mec": INK, "mew": 0.7, "zorder": 2}
     left.plot(u[:MOST], y[:MOST] * unit.factor, **marks)
-    s = np.interp(u, *points(holds.get("depth"), holds.get("sigma")))
+    at, sigma = points(holds.get("depth"), holds.get("sigma"))
+    s = np.interp(u, at, sigma)
     right.fill_between(u, -2 * s * fine.factor, 2 * s * fine.factor, color=LIGHT, lw=0, alpha=0.75)
     right.axhline(0, color=INK, lw=0.7)
     for name, c in rows:
         x, f = (np.array(v) for v in points(c.get("depth"), c.get("predicted")))
-        m = np.interp(x, *points(c.get("depth"), c.get("measured")))
+        at, measured = points(c.get("depth"), c.get("measured"))
+        m = np.interp(x, at, measured)
         left.plot(x, f * unit.factor, **look[name])
         right.plot(x, (m - f) * fine.factor, **look[name])
     handles = [Line2D([], [], **marks)] + [Line2D([], [], **look[n]) for n, _ in rows]

@@ -248,7 +248,7 @@ def parameters(found: Found) -> Section:
             number=False,
         ),
         column("value", words([value_text(p, u) for u, (_, p) in zip(units, rows, strict=True)])),
-        column("90 % interval", words([_interval(p, u) for u, (_, p) in zip(units, rows, strict=True)])),
+        column("90 % interval", words([interval_text(p, u) for u, (_, p) in zip(units, rows, strict=True)])),
         column("", tuple(_determined(p.get("verdict")) for _, p in rows), number=False),
     ]
     note = "Profile likelihood. Only what a level adds must be determined; moduli that it adds are shares of μ."
@@ -272,7 +272,8 @@ def _times(x: Any, factor: float) -> float | None:
     return float(x) * factor if known(x) else None
 
 
-def _interval(p: Mapping[str, Any], unit: Any) -> str:
+def interval_text(p: Mapping[str, Any], unit: Unit) -> str:
+    """The interval of a parameter with its unit."""
     ends = p.get("interval")
     return between(float(ends[0]), float(ends[1]), unit, 3) if pair(ends) else DASH
 

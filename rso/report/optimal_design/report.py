@@ -15,7 +15,6 @@ from rso.report.canvas import ACCENT, GREY, INK, LIGHT, PAPER, WARM, canvas, pla
 from rso.report.layout.byline import byline
 from rso.report.layout.digits import (
     DASH,
-    between,
     clean,
     duration,
     known,
@@ -27,8 +26,8 @@ from rso.report.layout.digits import (
 )
 from rso.report.layout.document import Block, Cell, Picture, Report, Section, Table, Text, column, table, words
 from rso.report.layout.page import pictures, pour
-from rso.report.model_selection.report import value_text
-from rso.report.reading import listed, number, pair
+from rso.report.model_selection.report import interval_text, value_text
+from rso.report.reading import listed, number
 
 Found = Mapping[str, Any]
 MOST = 12  # pairs in the table
@@ -174,15 +173,7 @@ def exists(found: Found) -> Section:
         column("Fitted together", words([" + ".join(f.get("experiments") or ()) for f, _ in rows]), number=False),
         column("", words([symbol(p["name"]) for _, p in rows]), number=False),
         column("value", words([value_text(p, u) for u, (_, p) in zip(shapes, rows, strict=True)])),
-        column(
-            "90 % interval",
-            words(
-                [
-                    between(float(p["interval"][0]), float(p["interval"][1]), u, 3) if pair(p.get("interval")) else DASH
-                    for u, (_, p) in zip(shapes, rows, strict=True)
-                ]
-            ),
-        ),
+        column("90 % interval", words([interval_text(p, u) for u, (_, p) in zip(shapes, rows, strict=True)])),
         column("", tuple(_word(p.get("verdict")) for _, p in rows), number=False),
         column("χ² / ν", words([f"{significant(number(f.get('chi2')), 3)} / {f.get('degrees')}" for f, _ in rows])),
     ]
