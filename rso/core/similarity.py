@@ -15,6 +15,9 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
 
 from rso.contract import Parameter
 
@@ -130,7 +133,11 @@ class Group:
                 ranges[k] = (min(ends), max(ends))
         return ranges
 
-    def expand(self, channel: str, y, scale: float):
+    @overload
+    def expand(self, channel: str, y: float, scale: float) -> float: ...
+    @overload
+    def expand(self, channel: str, y: np.ndarray, scale: float | np.ndarray) -> np.ndarray: ...
+    def expand(self, channel: str, y: float | np.ndarray, scale: float | np.ndarray) -> float | np.ndarray:
         """Output of the full problem, y s^(e_channel), from that of the reduced one; y number or array."""
         if channel not in self.outputs:
             raise ValueError(f"similarity: unknown channel {channel!r}; known: {', '.join(sorted(self.outputs))}")

@@ -175,7 +175,8 @@ def _pressed(depth: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def _means(u: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     n = min(len(u), MOST)
     block = np.arange(len(u)) * n // len(u)
-    return tuple(np.bincount(block, weights=v) / np.bincount(block) for v in (u, F))
+    count = np.bincount(block)
+    return np.bincount(block, weights=u) / count, np.bincount(block, weights=F) / count
 
 
 def _fit(u: np.ndarray, F: np.ndarray, share: float) -> _Fit | None:
@@ -189,10 +190,10 @@ def _fit(u: np.ndarray, F: np.ndarray, share: float) -> _Fit | None:
     best, more = _profile(t, F, POWERS, False, least), [(POWERS, True), ((*POWERS, STIFFENS), False)]
     while best is not None and more and n > FEWEST + 3:
         found = [_profile(t, F, *terms, least) for terms in more]
-        k = min(range(len(more)), key=lambda k: math.inf if found[k] is None else found[k][1])
-        if found[k] is None or best[1] - found[k][1] < CLEAR * found[k][2]:
+        new = min(found, key=lambda f: math.inf if f is None else f[1])
+        if new is None or best[1] - new[1] < CLEAR * new[2]:
             break
-        best, more = found[k], [((*POWERS, STIFFENS), True)] * (len(more) > 1)
+        best, more = new, [((*POWERS, STIFFENS), True)] * (len(more) > 1)
     if best is None:
         return None
     left, smallest, variance = best

@@ -124,7 +124,7 @@ def onset(depth: np.ndarray, force: np.ndarray) -> tuple[float, float, float] | 
     away, rise = shape - shape.mean(axis=2, keepdims=True), F - F.mean()
     a = away @ rise / np.sum(away**2, axis=2)
     left = np.where(a > 0.0, rise @ rise - a * (away @ rise), np.inf)
-    i, j = np.unravel_index(np.argmin(left), left.shape)
+    i, j = map(int, np.unravel_index(np.argmin(left), left.shape))
     if not np.isfinite(left[0]).any():
         return None
     variance = max(float(left[i, j]) / (n - 4), (1e-3 * float(np.ptp(force))) ** 2)

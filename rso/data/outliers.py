@@ -37,9 +37,9 @@ def without_spikes(measurement: Measurement) -> tuple[Measurement, list[str]]:
 
 def kept(r: Repeat, keep: np.ndarray) -> Repeat:
     """The readings of a repeat in a mask (n,)."""
-    parts = {k: {c: v[keep] for c, v in getattr(r, k).items()} for k in ("channels", "sigma")}
+    channels, sigma = ({c: v[keep] for c, v in parts.items()} for parts in (r.channels, r.sigma))
     time = None if r.time is None else r.time[keep]
-    return replace(r, depth=r.depth[keep], time=time, segment=r.segment[keep], **parts)
+    return replace(r, depth=r.depth[keep], time=time, segment=r.segment[keep], channels=channels, sigma=sigma)
 
 
 def _wild(r: Repeat) -> np.ndarray:
@@ -82,7 +82,7 @@ def _alone(v: np.ndarray) -> np.ndarray:
     bend[3:-3] = v[1:-1] - 0.5 * (v[:-2] + v[2:])
     back = -np.sign(bend[2:-2]) * [bend[:-4], bend[1:-3], bend[3:-1], bend[4:]]
     enough = back > BACK * np.abs(bend[2:-2])
-    before, behind = enough[:2].any(axis=0), enough[2:].any(axis=0)
+    before, behind = np.any(enough[:2], axis=0), np.any(enough[2:], axis=0)
     before[1] = behind[-2] = True  # nothing is known of what lies there
     return before & behind
 

@@ -318,7 +318,7 @@ def _scatter(
         )
         stated = {"gain": noise.gain, "contact": noise.contact, "correlation": None}[name] or 0.0
         shown[name], rest[name] = max(a / r - stated**2, 0.0), math.sqrt(b / r) if name in noise.unstated else 0.0
-    shared = {}
+    shared: dict[str, np.ndarray] = {}
     for name, shape, row in (("gain", smooth, part[0]), ("contact", slope, part[1])):
         size = math.sqrt(shown[name] / max(float(row @ row), 1e-300))
         shared |= {f"{name} of repeat {k + 1}": a * size * shape for k, a in enumerate(row) if a * size != 0.0}

@@ -230,9 +230,10 @@ def _without_creep(r: Repeat) -> tuple[Repeat, list[str]]:
     n, words = found
     told = (f"repeat {r.label}: {words}, held at constant force or a sensor at its end: creep cannot be expressed yet; "
             f"the {len(r.depth) - n} readings from there on are left out")  # fmt: skip
-    parts = {k: {c: v[:n] for c, v in getattr(r, k).items()} for k in ("channels", "sigma")}
+    channels, sigma = ({c: v[:n] for c, v in parts.items()} for parts in (r.channels, r.sigma))
     time = None if r.time is None else r.time[:n]
-    return replace(r, depth=r.depth[:n], time=time, segment=r.segment[:n], **parts), [told]
+    kept = replace(r, depth=r.depth[:n], time=time, segment=r.segment[:n], channels=channels, sigma=sigma)
+    return kept, [told]
 
 
 def _plausible(table: _Table, r: Repeat) -> list[str]:
@@ -394,8 +395,8 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
         raise ValueError(f"{path}: too few points: there is no row of numbers below the header")
     # + 0.0: no negative zero where the sign is turned
     arrays = {name: (np.array(column) - head.zero[name]) * head.factor[name] + 0.0 for name, column in columns.items()}
-    for name, column in arrays.items():
-        within(path, line, name, column, head.unit[name])
+    for name, values_of in arrays.items():
+        within(path, line, name, values_of, head.unit[name])
     less = arrays.pop(LESS, None)
     if less is not None:
         arrays["depth"] = arrays["depth"] - less
@@ -478,9 +479,14 @@ def _segmented(head: Head, rows: Sequence[Row]) -> tuple[Head, dict[str, str], l
         )
         return head, {}, [text] if 1 < len(shown) <= SHOWN else []
     meant = ", ".join(f"{word!r} is {what}" for word, what in codes.items() if word != what)
-    of_it = (("at", k), ("unit", ""), ("factor", 1.0), ("zero", 0.0))
-    more = {name: {**getattr(head, name), "segment": value} for name, value in of_it}
-    return replace(head, **more), codes, [f"{header!r} is read as segment: {meant}"] if meant else []
+    more = replace(
+        head,
+        at={**head.at, "segment": k},
+        unit={**head.unit, "segment": ""},
+        factor={**head.factor, "segment": 1.0},
+        zero={**head.zero, "segment": 0.0},
+    )
+    return more, codes, [f"{header!r} is read as segment: {meant}"] if meant else []
 
 
 def _taken(head: Head, turned: Sequence[str]) -> list[str]:

@@ -52,18 +52,19 @@ def extend_latin(existing: np.ndarray, n: int, seed: int, feasible: Feasible | N
         columns.append((rng.permutation(chosen) + rng.random(n)) / rows)
     Y = np.stack(columns, axis=1)
     if feasible is not None:
-        Y = swapped_inside(Y, feasible, rng)
-        if Y is None:
+        inside = swapped_inside(Y, feasible, rng)
+        if inside is None:
             return extend(X, n, seed, feasible)
+        Y = inside
     best = _nearest(Y, X)
     for _ in range(min(200 * n, 10_000) if d > 1 and n > 1 and rows <= MOST_OPTIMISED else 0):
-        a, b, j = *rng.choice(n, 2, replace=False), rng.integers(d)
-        Y[[a, b], j] = Y[[b, a], j]
+        a, b, k = *rng.choice(n, 2, replace=False), rng.integers(d)
+        Y[[a, b], k] = Y[[b, a], k]
         gap = _nearest(Y, X)
         if gap > best and (feasible is None or np.all(feasible(Y[[a, b]]))):
             best = gap
         else:
-            Y[[a, b], j] = Y[[b, a], j]
+            Y[[a, b], k] = Y[[b, a], k]
     return Y
 
 
