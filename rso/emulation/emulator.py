@@ -293,12 +293,18 @@ def _curves(outputs: Sequence[Output]) -> list[list[Output]]:
     return [sorted(g, key=lambda o: o.depth_mm) for g in groups.values() if len(g) >= FEWEST_TRAVELS]
 
 
-def _stacked(columns: Mapping[str, _Column], members: Sequence[Output]):
+def _stacked(
+    columns: Mapping[str, _Column], members: Sequence[Output]
+) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
     """Curves (n, m), their errors (n, m) and derivatives (n, d', m); None where a member has none."""
     mine = [columns[o.id] for o in members]
-    noise = None if any(c.noise is None for c in mine) else np.stack([c.noise for c in mine], axis=1)
-    G = None if any(c.gradients is None for c in mine) else np.stack([c.gradients for c in mine], axis=2)
-    return np.stack([c.y for c in mine], axis=1), noise, G
+    noise = [c.noise for c in mine if c.noise is not None]
+    slopes = [c.gradients for c in mine if c.gradients is not None]
+    return (
+        np.stack([c.y for c in mine], axis=1),
+        np.stack(noise, axis=1) if len(noise) == len(mine) else None,
+        np.stack(slopes, axis=2) if len(slopes) == len(mine) else None,
+    )
 
 
 def _points(emulator: Emulator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -326,6 +332,7 @@ def _data(emulator: Emulator) -> tuple[np.ndarray, dict[str, _Column]]:
 def _slopes(emulator: Emulator, o: Output, samples: Sequence[Sample], s: np.ndarray, X: np.ndarray, factor: np.ndarray):
     """∂f/∂x over the reduced unit cube from ∂y/∂θ: y = s^e f(θ′) and θ′_k = θ_k s^(−e_k), at constant modulus."""
     box, exponents = emulator.reduced, emulator.group.exponents
+    assert box is not None  # else there is nothing to learn, nor asked for
     if not any(p.gradients.get(o.id) for p in samples):
         return None
     scaled = emulator.group.reference is not None

@@ -86,10 +86,24 @@ class WholeCurve:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> WholeCurve:
         """Inverse of :meth:`to_dict`; lists are as good as arrays."""
-        arrays = [np.array(data[k], float) for k in ("at", "weight", "centre", "modes", "truncation")]
+        at, weight, centre, modes, truncation = (
+            np.array(data[k], float) for k in ("at", "weight", "centre", "modes", "truncation")
+        )
         coefficients = tuple(from_dict(a) for a in data["coefficients"])
         cv = tuple(Scores(**s) for s in data["cv"])
-        return cls(*arrays, coefficients, data["log"], data["inflate"], data["covered"], cv, data["story"])
+        return cls(
+            at,
+            weight,
+            centre,
+            modes,
+            truncation,
+            coefficients,
+            data["log"],
+            data["inflate"],
+            data["covered"],
+            cv,
+            data["story"],
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,14 +255,14 @@ def _checked(model: WholeCurve, X, Y, noise_sd, gradients, seed: int, folds: int
     mean, sd = np.empty_like(Y), np.empty_like(Y)
     for part in np.array_split(np.random.default_rng(seed).permutation(n), min(folds, n)):
         rows = np.setdiff1d(np.arange(n), part)
-        less = (None if v is None else v[rows] for v in (noise_sd, gradients))
+        noise, slopes = (None if v is None else v[rows] for v in (noise_sd, gradients))
         try:
-            mean[part], sd[part] = _again(model, X[rows], Y[rows], *less, seed).predict(X[part])
+            mean[part], sd[part] = _again(model, X[rows], Y[rows], noise, slopes, seed).predict(X[part])
         except ValueError as error:
             raise ValueError(f"whole curve: too few points to check it: {error}") from error
-    error = np.abs(mean - Y)
+    off = np.abs(mean - Y)
     floor = 1e-12 * np.abs(Y).max() + 1e-300  # an exact curve has no band to speak of
-    z = error / np.maximum(sd, floor)
+    z = off / np.maximum(sd, floor)
     covered = float(np.mean(z < NORMAL_95))
     inflate = max(1.0, float(np.quantile(z, 0.95)) / NORMAL_95)
     cv = tuple(score(mean[:, j], Y[:, j]) for j in range(Y.shape[1]))
