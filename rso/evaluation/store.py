@@ -433,7 +433,7 @@ def _listed(r: sqlite3.Row) -> Row:
         raise ValueError(f"run {str(r['key'])[:12]}: {error}") from error
     cause, reason = (None if r[k] is None else str(r[k]) for k in ("cause", "reason"))
     return Row(
-        str(r["key"]), r["state"], str(r["name"]), values, cause, reason, *r[6:8], str(r["created"]), r["attempts"]
+        str(r["key"]), r["state"], str(r["name"]), values, cause, reason, r[6], r[7], str(r["created"]), r["attempts"]
     )
 
 

@@ -192,8 +192,8 @@ def taken_up(misfit: Misfit, x: np.ndarray | None) -> float:
             columns.append(full)
         start += len(d.value)
     WU, J = misfit.white(np.hstack(columns).T).T, misfit.white(misfit.model.jacobian(x).T).T
-    Q = np.linalg.svd(J, full_matrices=False)
-    Q = Q[0][:, Q[1] > 1e-9 * max(float(Q[1].max(initial=0.0)), 1e-300)]
+    Q, S, _ = np.linalg.svd(J, full_matrices=False)
+    Q = Q[:, S > 1e-9 * max(float(S.max(initial=0.0)), 1e-300)]
     return float(np.sum(WU**2) - np.sum((Q.T @ WU) ** 2))
 
 

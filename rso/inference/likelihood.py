@@ -121,7 +121,7 @@ def common(data: Sequence[Data]) -> tuple[list[Data], np.ndarray]:
     names = [name for name, k in count.items() if k > 1]
     if not names:
         return list(data), np.zeros((sum(len(d.value) for d in data), 0))
-    alone = [d.plus(-sum(np.outer(s, s) for n, s in d.shared.items() if n in names)) for d in data]
+    alone = [d.plus(-np.asarray(sum(np.outer(s, s) for n, s in d.shared.items() if n in names))) for d in data]
     columns = [np.concatenate([d.shared.get(n, np.zeros(len(d.value))) for d in data]) for n in names]
     return alone, np.stack(columns, axis=1)
 

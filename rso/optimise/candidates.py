@@ -103,7 +103,7 @@ def choose(
     pieces, longest = _pieces(A)
     lowest, highest = A.min(axis=0), A.max(axis=0)
     if longest >= long or pieces > 1:
-        kind = "valley" if longest >= long else "islands"
+        kind: Kind = "valley" if longest >= long else "islands"
         X = A[_spread_out(A, _central(A, s), count, distinct)]
         X = _polished(X, goal)
     else:
@@ -216,7 +216,7 @@ def _unreachable(
     keep = np.unique(np.append(np.flatnonzero(onfront if r.shape[1] > 1 else np.zeros(len(X), bool)), best))
     A, s, F = X[keep], score[keep], np.abs(r[keep])
     picks = _compromises(A, s, F, keep != best, count, distinct)
-    kind = "front" if len(picks) > 1 else "single"
+    kind: Kind = "front" if len(picks) > 1 else "single"
     chosen = A[picks]
     return Choice(chosen, r[keep][picks], tolerance, kind, False, feasible, chosen.min(0), chosen.max(0), (), count)
 
