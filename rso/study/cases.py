@@ -108,7 +108,7 @@ def _loud(measurement: Measurement, e: ExperimentTable) -> list[str]:
             ranges[key] = (noise.of(channel), f"{channel} goes over", float(np.ptp([0.0, *values])), COLUMNS[channel])
     deepest = max(float(r.depth.max()) for r in measurement.repeats)
     ranges["depth"] = (noise.depth, "depth goes over", deepest, "mm")
-    ranges["contact"] = (noise.contact, "depth goes over", deepest, "mm")
+    ranges["contact"] = (noise.contact or 0.0, "depth goes over", deepest, "mm")
     return [
         f"noise.{key} = {stated:g} {unit} is more than half of the {span:.3g} {unit} that {what}: is its unit right?"
         for key, (stated, what, span, unit) in ranges.items()
@@ -327,5 +327,6 @@ def by_hertz(backend: Backend, settings: Mapping[str, object], curve: MeasuredCu
     """Knob → modulus (MPa) of the shallow half of a loading in Hertz's limit; nothing where the backend knows none."""
     limit, deepest = getattr(backend, "hertz", None), 0.5 * float(curve.depth.max())
     shallow = (curve.depth > 0.0) & (curve.depth <= deepest)
-    known = limit is not None and curve.channel == "Fz" and shallow.any()
-    return limit(settings, curve.depth[shallow], curve.value[shallow]) if known else {}
+    if limit is None or curve.channel != "Fz" or not shallow.any():
+        return {}
+    return limit(settings, curve.depth[shallow], curve.value[shallow])

@@ -48,7 +48,9 @@ class _Scanner:
             self.found.setdefault(place[:n], self.line)
 
     def _skip(self) -> None:
-        self.at = _BLANK.match(self.text, self.at).end()
+        match = _BLANK.match(self.text, self.at)
+        assert match is not None  # the empty text is blank, too
+        self.at = match.end()
 
     def _keys(self) -> list[str]:
         """A dotted key."""
@@ -95,6 +97,7 @@ class _Scanner:
             self._inside(place, first)
         else:
             match = _STRING.match(self.text, self.at) or _SCALAR.match(self.text, self.at)
+            assert match is not None  # the empty text is a scalar, too
             self.at = match.end()
 
     def _inside(self, place: Place, opening: str) -> None:

@@ -169,7 +169,8 @@ def _on_circles(after: Mapping[str, Sequence[str]]) -> set[str]:
 
 def _circle(name: str, after: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
     """Other names on a way along `after` that ends where it began, with the name at both ends; empty without one."""
-    ways, seen = [(name, other) for other in after[name] if other != name], {name}
+    ways: list[tuple[str, ...]] = [(name, other) for other in after[name] if other != name]
+    seen = {name}
     while ways:
         way = ways.pop()
         if way[-1] == name:
@@ -187,7 +188,7 @@ def _check_search(raw: dict[str, Any], measurements: dict[str, Measurement]) -> 
     places: list[Place] = [("search",), *(("search", "variants", n) for n in range(len(variants)))]
     owners = [raw.get("search"), *variants]
     experiments = [e for _, e in _valid(ExperimentTable, _tables(raw, "experiments"))]
-    roles = {e.name: e.role for e in reversed(experiments)}  # of two with one name the first counts
+    roles: dict[str, str] = {e.name: e.role for e in reversed(experiments)}  # of two with one name the first counts
     for owner, place in zip(owners, places, strict=True):
         if not isinstance(owner, dict):
             continue
@@ -256,7 +257,7 @@ def _check_names(raw: dict[str, Any], folder: Path) -> Iterator[Problem]:
 
 def _check_look_alikes(raw: dict[str, Any]) -> Iterator[Problem]:
     """Names of one kind that differ by nothing that a reader sees would be mistaken for one another."""
-    rungs = [(("ladder", "levels"), _tables(raw, "ladder", "levels"))]
+    rungs: list[tuple[Place, list[Any]]] = [(("ladder", "levels"), _tables(raw, "ladder", "levels"))]
     rungs += [
         ((*place, n), inner) for place, tables in rungs for n, inner in enumerate(tables) if isinstance(inner, list)
     ]

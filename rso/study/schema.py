@@ -302,7 +302,7 @@ class Study(Table):
 
     def inputs(self) -> list[Path]:
         """The files beside the study file from which it is read: data, and the points of a design."""
-        names = [f for e in self.experiments for f in e.data] + [self.doe.file] * (self.doe.file is not None)
+        names = [f for e in self.experiments for f in e.data] + ([] if self.doe.file is None else [self.doe.file])
         return [self.folder / name for name in names]
 
     @property

@@ -52,9 +52,9 @@ def tables_of(file: Path, text: str) -> dict[str, Any]:
         found = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         match = re.search(r"\(at line (\d+), column \d+\)", str(error))
-        line = int(match[1]) if match else text.count("\n") + 1
-        where = text.split("\n")[line - 1].strip()[:60]
-        raise StudyError([f"{file}:{line}: not valid TOML: {error}: {where!r}"]) from error
+        at = int(match[1]) if match else text.count("\n") + 1
+        where = text.split("\n")[at - 1].strip()[:60]
+        raise StudyError([f"{file}:{at}: not valid TOML: {error}: {where!r}"]) from error
     except RecursionError as error:
         raise StudyError([f"{file}: not a study file: brackets are nested too deeply"]) from error
     except ValueError as error:  # an integer of thousands of digits
