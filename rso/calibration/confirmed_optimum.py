@@ -252,7 +252,7 @@ def _unsure(
     open_ = np.argsort(hopeful)[: np.count_nonzero(hopeful <= limit)]
     each = [*ends, *((f"what they cannot exclude, {_named(box, X[j])}", X[j]) for j in open_)]
     taken = [plan.box.to_unit(np.array([r.values[n] for n in plan.box.names])) for r in runs]
-    kept = []
+    kept: list[tuple[str, np.ndarray]] = []
     for name, x in each:
         there = _wide(plan, x[None])[0]
         if len(kept) < 2 * box.d and min(np.abs(there - t).max() for t in taken) >= BESIDE:

@@ -178,7 +178,13 @@ def gains(plan: Plan, d: Determination, found: Sequence[Foretold]) -> list[dict[
     """What the force curves that were kept for the end would add if they were fitted too."""
     box, rows = d.misfit.model.box, []
     for v in found:
-        if v.J is None or v.experiment not in plan.validation or plan.study.experiment(v.experiment).kind != "force":
+        if (
+            v.J is None
+            or v.theirs is None
+            or v.ours is None
+            or v.experiment not in plan.validation
+            or plan.study.experiment(v.experiment).kind != "force"
+        ):
             continue
         y = np.concatenate([c.kept.value for c in v.channels])
         C = v.theirs * d.wider**2 + v.ours + 1e-12 * np.eye(len(y)) * float(np.abs(y).max()) ** 2

@@ -106,7 +106,8 @@ def with_ends(axes: Sequence[Axis], wider: Mapping[End, float]) -> tuple[Axis, .
     """The axes with some ends moved."""
     changed = list(axes)
     for e, to in wider.items():
-        changed[e.j] = replace(changed[e.j], **{e.word: to})
+        axis = changed[e.j]
+        changed[e.j] = replace(axis, low=to) if e.side == 0 else replace(axis, high=to)
     return tuple(changed)
 
 

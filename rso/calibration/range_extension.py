@@ -66,7 +66,8 @@ def repair(bench: Bench, design: Design, fitted: Fitted, say: Callable[[str], No
     """
     if not bench.plan.study.search.repair:
         return Repaired(bench, design, fitted, (), None)
-    stated, audit = Stated(bench.plan.searches[0].axes, ordinary(bench.plan)), []
+    stated = Stated(bench.plan.searches[0].axes, ordinary(bench.plan))
+    audit: list[Step] = []
     barred: dict[End, str] = {}  # ends that came back, with what stands in the way
     proposal = None
     for k in range(1, ROUNDS + 1):
@@ -221,7 +222,8 @@ def _widened(plan: Plan, axes: tuple[Axis, ...]) -> Plan:
     )
     main, *variants = plan.searches
     searches = [replace(main, axes=axes), *variants]
-    searches = [replace(s, **dict(zip(("low", "high"), ends_in(s.axes, box), strict=True))) for s in searches]
+    ends = [ends_in(s.axes, box) for s in searches]
+    searches = [replace(s, low=low, high=high) for s, (low, high) in zip(searches, ends, strict=True)]
     resolved = replace(plan.resolved, axes=axes)
     return replace(plan, box=box, resolved=resolved, searches=tuple(searches))
 
@@ -275,7 +277,7 @@ def _doubt(plan: Plan, proposal: Proposal, fitted: Fitted, runs: Sequence[Run]) 
     if runs and not any(r.done for r in runs):
         found = [why(o) for r in runs for o in r.outcomes if not isinstance(o, Done)]
         first = {cause: reason for cause, reason in reversed(found)}  # one example of each cause
-        said = [reason if cause == "not_supported" else f"{cause}, {reason}" for cause, reason in first.items()]
+        said = [f"{reason}" if cause == "not_supported" else f"{cause}, {reason}" for cause, reason in first.items()]
         return f"no run has an answer. The simulation says: {'; '.join(said)}"
     errors = stages.misses(plan, fitted.emulator, fitted.held_out).values()
     # Where the targets are met already, ranges that the surrogates do not follow would spoil more than they tell.

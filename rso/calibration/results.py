@@ -377,9 +377,11 @@ def _candidate(plan: Plan, found: Found, k: int) -> dict[str, Any]:
     errors = {}
     if c.state == "done":
         for name, index in plan.case_of.items():
+            outcome = c.outcomes[index]
+            assert isinstance(outcome, Done)
             for o in emulator.outputs:
                 if o.experiment == name:
-                    errors[o.id] = o.error(c.outcomes[index].response)
+                    errors[o.id] = o.error(outcome.response)
     shown = list(dict.fromkeys([*found.plan.outputs, *(o for o in emulator.outputs if o in plan.extras)]))
     return {
         "name": f"{found.plan.name} {k + 1}",

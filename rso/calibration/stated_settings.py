@@ -28,8 +28,9 @@ def of_study(plan: Plan) -> list[str]:
     taken, default = (_taken(plan, plan.study.experiments[0].name, s) for s in (plan.study.backend.settings, {}))
     if taken is None:
         return []
+    default = default or {}
     said = _flat(plan.study.backend.settings)
-    other = {k: v for k, v in taken.items() if k not in (default or {}) or default[k] != v}
+    other = {k: v for k, v in taken.items() if k not in default or default[k] != v}
     # a table's other keys follow from those that are said
     stated = {k: v for k, v in taken.items() if k in said or (k in other and "." not in k)}
     unstated = {k: v for k, v in taken.items() if k not in stated and v not in ([], None)}
@@ -40,7 +41,7 @@ def of_study(plan: Plan) -> list[str]:
 def extraordinary(plan: Plan) -> list[str]:
     """What the backend says of ordinary materials and does not hold all over the ranges, a sentence each."""
     said: Mapping[str, str] = getattr(plan.backend, "ordinary", dict)()
-    at = [(a.name, (a.low, a.high)) for a in plan.resolved.axes]
+    at: list[tuple[str, tuple[float, ...]]] = [(a.name, (a.low, a.high)) for a in plan.resolved.axes]
     at += [(name, (value,)) for name, value in plan.resolved.fixed.items()]
     names, lines = [name for name, _ in at], []
     corners = np.array(list(itertools.product(*(ends for _, ends in at)))[:MOST])
@@ -57,7 +58,9 @@ def extraordinary(plan: Plan) -> list[str]:
 def unresolved(plan: Plan) -> list[str]:
     """Experiments whose deepest reading the mesh resolves badly, and by which level it would be better."""
     lines, ask = [], getattr(plan.backend, "resolution", None)
-    for e in plan.study.experiments if ask is not None else ():
+    if ask is None:
+        return []
+    for e in plan.study.experiments:
         if e.kind != "force" or e.name not in plan.curves:
             continue
         settings = {k: v for k, v in plan.study.settings_of(e.name).items() if k != "unload"}

@@ -33,9 +33,10 @@ def points(plan: Plan, store: RunStore) -> list[Point]:
     found: dict[tuple[float, ...], Point] = {}
     for row in rows:
         values = {n: row.values.get(n, default[n]) for n in plan.box.names}
-        if any(v is None for v in values.values()):
+        known = {n: float(v) for n, v in values.items() if v is not None}
+        if len(known) < len(values):
             continue
-        asked = {**{n: float(v) for n, v in values.items()}, **plan.resolved.fixed}
+        asked = {**known, **plan.resolved.fixed}
         place = tuple(asked[n] for n in plan.box.names)
         if place not in found:
             keys = [_key(plan, t, artefacts) for t in plan.tasks(asked)]

@@ -132,9 +132,9 @@ def _diagnosis(study: Study, known: Pace, jobs: int) -> list[str]:
     tests = discrepancy.planned_tests(asked.base, asked.plan, asked.effects)
     if tests:
         runs = sum(len(found) * share for found, share in tests.values())
-        time = sum(known.seconds(j.task for j in found) * share for found, share in tests.values()) / jobs
+        seconds = sum(known.seconds(j.task for j in found) * share for found, share in tests.values()) / jobs
         lines.append(f"    where it names two, {len(tests)} tests that could settle it are computed: about {runs:.0f} "
-                     f"simulations, {_minutes(time)}")  # fmt: skip
+                     f"simulations, {_minutes(seconds)}")  # fmt: skip
     return lines
 
 
@@ -259,9 +259,10 @@ def _by_hertz(plan: Plan, name: str, curve: MeasuredCurve) -> list[str]:
             raise study_error(plan.study.file, plan.study.lines, [Problem(("experiments", n, "data"), text)])
         out.append(f"Hertz's limit of its shallow half: {knob} about {value:.2g} MPa")
         axis = next((a for a in plan.resolved.axes if a.name == knob), None)
-        ends = (axis.low, axis.high) if axis else (plan.resolved.fixed.get(knob),) * 2
-        if None not in ends and not ends[0] / FAR < value < ends[1] * FAR:
-            out.append(f"  that is far from {ends[0]:g} to {ends[1]:g} MPa: are the units of force and depth right?")
+        fixed = plan.resolved.fixed.get(knob)
+        low, high = (axis.low, axis.high) if axis else (fixed, fixed)
+        if low is not None and high is not None and not low / FAR < value < high * FAR:
+            out.append(f"  that is far from {low:g} to {high:g} MPa: are the units of force and depth right?")
     return out
 
 
@@ -282,7 +283,7 @@ def _usual(study: Study, e: ExperimentTable) -> str:
         return ""
     noise, m = study.noise_of(e.name), study.measurement(e.name)
     once = noise.of_test(max(float(r.depth.max()) for r in m.repeats))
-    sizes = {"gain": f"gain {100 * once.gain:.2g} %", "contact": f"contact {once.contact:.2g} mm",
+    sizes = {"gain": f"gain {100 * (once.gain or 0.0):.2g} %", "contact": f"contact {once.contact:.2g} mm",
              "correlation": f"{100 * usual_errors.CORRELATED:g} % of the largest force along the depth"}  # fmt: skip
     each = ", ".join(sizes[n] for n in noise.unstated)
     less = ", less as far as repeats show less" if len(m.repeats) > 1 else ""

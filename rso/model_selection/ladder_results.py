@@ -55,7 +55,8 @@ def results(plan: Plan, found: Climbed, command: str) -> dict[str, Any]:
 
 def warnings(plan: Plan, found: Climbed) -> list[str]:
     """What a reader must know before believing the decision."""
-    climb, said = found.climb, []
+    climb = found.climb
+    said: list[str] = []
     if climb.chosen is None:
         return said
     j = climb.of(climb.chosen)
@@ -78,10 +79,11 @@ def warnings(plan: Plan, found: Climbed) -> list[str]:
                 "the decision"
             )
     failing = {s.name for s in climb.steps if s.verdict == "fails"}
-    for v in [v for v in climb.judged if v.level.name in failing and v.if_remembering and v.if_remembering.passes][:1]:
+    remembering = [(v, v.if_remembering) for v in climb.judged if v.level.name in failing and v.if_remembering]
+    for v, goodness in [(v, g) for v, g in remembering if g.passes][:1]:
         said.append(
             f"{v.level.label} is given up because neighbouring readings miss it together; if they remember each other "
-            f"by as much (an amplifier's filter) it is good enough (p = {v.if_remembering.p_value:.2g}), and what is "
+            f"by as much (an amplifier's filter) it is good enough (p = {goodness.p_value:.2g}), and what is "
             "put on it may be noise: repeats, or noise.correlation, would tell"
         )
     bad = [v.level.name for v in climb.judged if v.detail and not v.detail.settled]

@@ -136,7 +136,8 @@ def climb(rungs: Sequence[Sequence[Level]], judge: Callable[[Level, Judged | Non
     judged: list[Judged] = []
     steps: list[Step] = []
     holds: Judged | None = None
-    done, rivals = False, ()
+    done = False
+    rivals: tuple[str, ...] = ()
     for n, rung in enumerate(rungs):
         if done:
             steps += [Step(v.name, n, "not_needed", f"{v.label} was not needed.") for v in rung]

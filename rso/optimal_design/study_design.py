@@ -120,7 +120,7 @@ def run_next(
     learnt = [*have, *(v for v in learnt if not v.item.done)]
     joint = fits(plan, have)
     whole = joint[-1].determination
-    weakest = axes.box.names.index(*values) if values else int(np.argmax([k.sd_log for k in whole.known]))
+    weakest = axes.box.names.index(next(iter(values))) if values else int(np.argmax([k.sd_log for k in whole.known]))
     truths = on_valley(whole.misfit, whole.fit.x, weakest, _places(axes, weakest, values))
     # What the model lacks it will lack in the next experiment too.
     s = whole.scale
@@ -258,14 +258,14 @@ def _errors(item: Item, emulator: Emulator, share: Mapping[Place, np.ndarray], x
             n = b.noise
             C = covariance(
                 b.depth, y, slope, white=0.0 if n.correlation else n.of(kind(b)),
-                correlated=n.of(kind(b)) if n.correlation else 0.0, length=n.correlation,
-                gain=math.hypot(n.gain, n.calibration), depth_noise=n.depth, contact=n.contact,
+                correlated=n.of(kind(b)) if n.correlation else 0.0, length=n.correlation or 0.0,
+                gain=math.hypot(n.gain or 0.0, n.calibration), depth_noise=n.depth, contact=n.contact or 0.0,
             )  # fmt: skip
         else:
             C = b.data.covariance
         parts.append(C + _of_model(b, emulator, share, x, curves))
-    n = sum(len(p) for p in parts)
-    C, at = np.zeros((n, n)), 0
+    size = sum(len(p) for p in parts)
+    C, at = np.zeros((size, size)), 0
     for p in parts:
         C[at : at + len(p), at : at + len(p)] = p
         at += len(p)
