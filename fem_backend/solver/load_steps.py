@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fem_backend.solver import modified_newton, newton, rigid_motions
+from fem_backend.solver.condensation import Kept
 from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
 
 BRISK, PATIENT = 15, 40  # iterations of Newton at most: on the way, and where nothing else is left to try
@@ -136,7 +137,7 @@ def find(
 
 
 def find_tight(
-    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, known: Known | None = None
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, known: Known | Kept | None = None
 ) -> Equilibrium:
     """As `find`, with the body's tangent kept where old ones may be used and the system can be condensed.
 
@@ -149,6 +150,7 @@ def find_tight(
             if error.cause == "time_limit":
                 raise
         known = NOTHING
+    assert known is None or isinstance(known, tuple)  # only a condensed system keeps something else
     return find(system, u, load, tolerance, counters, PATIENT, known)
 
 
@@ -235,7 +237,7 @@ def travel(
                 u, rate, here = _end(points[-1], target)
                 amiss = u - offered[0]
                 continue
-        known = NOTHING
+        known: Known | Kept | None = NOTHING
         while here < target - 1e-12:
             goal = target if here + 1.2 * step >= target else here + step
             try:
@@ -306,7 +308,7 @@ def stopped(error: NotConverged, here: float, points: list[Point], counters: Cou
 
 def settle(
     system: System, starts: Sequence[np.ndarray], load: Load, target: float, control: Control, counters: Counters,
-    time: float = 0.0, watch: Watch | None = None, known: Known | None = None, loose: bool = False,
+    time: float = 0.0, watch: Watch | None = None, known: Known | Kept | None = None, loose: bool = False,
 ) -> Point:  # fmt: skip
     """Tight equilibrium at an asked travel, multipliers λ ← p a fixed number of times (Uzawa); `known` as in Newton.
 
