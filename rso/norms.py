@@ -213,6 +213,7 @@ class Problem:
         F, ν = np.eye(d), self.dof
         for i, q in enumerate(self.predict(shifts)):
             p, s = self.printed[i], float(self.sigma(x[None], i)[0])
+            assert p.weight is not None  # see Printed.__post_init__
             J = (q[:d] - q[d:]).T / (2 * H * s)
             F += (J.T * p.weight) @ J * ((ν + 1) / (ν + 3) if p.scale > 0 else 1.0)
             if i in self.learned:

@@ -218,7 +218,8 @@ def tangent(
     _, normal, hessian = pair.rigid.gap(points, touch.centre, touch.direction)
     start, motion = _before(pair, touch)
     if pair.friction > 0.0:
-        start = tuple(array[active] for array in start)
+        points0, traction0, gap0, bound, met = start
+        start = points0[active], traction0[active], gap0[active], bound[active], met[active]
     moving = np.zeros(x.shape)
     pointwise.tangent(
         surface.facets[active],
@@ -280,10 +281,14 @@ def _epsilon(pair: Pair, touch: Touch) -> np.ndarray:
     return _full(np.asarray(pair.epsilon, float) * touch.raised, pair.surface.weights.shape)
 
 
-def _before(pair: Pair, touch: Touch) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+Five = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def _before(pair: Pair, touch: Touch) -> tuple[Five, np.ndarray]:
     """Points and traction at the start of the step and how far the rigid body has gone since; empty if frictionless."""
     if not pair.friction > 0.0:
-        return (*(np.empty((0, 0, 3)) for _ in range(2)), *(np.empty((0, 0)) for _ in range(3))), np.zeros(3)
+        vectors, scalars = np.empty((0, 0, 3)), np.empty((0, 0))
+        return (vectors, vectors, scalars, scalars, scalars), np.zeros(3)
     if touch.before is None:
         raise ValueError("friction needs the start of the step: Touch.before is missing")
     start = touch.before

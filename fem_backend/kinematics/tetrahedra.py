@@ -134,8 +134,8 @@ def _numbering(cells: np.ndarray, held: np.ndarray) -> np.ndarray:
     graph = _graph(cells, len(held))
     graph.setdiag(0)
     graph.eliminate_zeros()
-    order, _ = pymetis.nested_dissection(adjacency=pymetis.CSRAdjacency(graph.indptr, graph.indices))
-    order = np.asarray(order)
+    places, _ = pymetis.nested_dissection(adjacency=pymetis.CSRAdjacency(graph.indptr, graph.indices))
+    order = np.asarray(places)
     mask = ~held[order]
     free = np.full(held.shape, -1, dtype=np.int64)
     free[order] = np.where(mask, np.cumsum(mask.ravel()).reshape(mask.shape) - 1, -1)

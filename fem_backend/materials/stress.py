@@ -134,6 +134,7 @@ def _remember(
         return W, np.ones_like(W), np.zeros_like(W), np.zeros((1, 1, 6)), None
     if history is None:
         history = virgin(material, *W.shape)
+    assert history is not None  # the material is path-dependent
     eta, slope, potential, W_max = np.ones_like(W), np.zeros_like(W), W, history.W_max
     if material.mullins:
         eta, slope, potential = material.mullins.soften(W, W_max)

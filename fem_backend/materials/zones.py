@@ -254,7 +254,8 @@ def divided(n: int) -> tuple[np.ndarray, np.ndarray]:
         for order in itertools.permutations(range(3)):
             path = [corner]
             for axis in order:
-                path.append(tuple(c + (i == axis) for i, c in enumerate(path[-1])))
+                a, b, c = path[-1]
+                path.append((a + (axis == 0), b + (axis == 1), c + (axis == 2)))
             if all(p in index for p in path):
                 pieces.append([index[p] for p in path])
     x, y, z = np.array(list(index), float).T / n

@@ -51,6 +51,7 @@ def fields(
     """
     H = tetrahedra.displacement_gradients(body, u)
     F = H + np.eye(3)
+    stretches: np.ndarray
     if state is None:
         S = stress.evaluate(material, H, False).S[..., PLACE]
         S = S if scale is None else S * scale[..., None, None]

@@ -52,8 +52,8 @@ def section(
     h, v = np.einsum("ka,ca->ck", N, height[cells]), np.einsum("ka,ca->ck", N, values[cells])
     whole = np.concatenate([plan, v[..., None], h[..., None]], axis=-1)  # what is interpolated along an edge
     solid = _tetrahedra(whole[:, pieces].reshape(-1, 4, 4))
-    faces = [t[list(f)] for t in pieces for f in ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))]
-    faces = np.array([f for f in faces if np.any(np.all(at[f] == 0.0, axis=0))])
+    sides = [t[list(f)] for t in pieces for f in ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))]
+    faces = np.array([f for f in sides if np.any(np.all(at[f] == 0.0, axis=0))])
     return Section(solid[..., :2], solid[..., 2], _triangles(whole[:, faces].reshape(-1, 3, 4)))
 
 
@@ -138,7 +138,8 @@ def draw_section(
     for axes in (whole, near):
         for sign in signs:
             to = np.array([sign, 1.0])
-            mesh = Triangulation(*(flat * to).T, np.arange(len(flat)).reshape(-1, 3))
+            across, up = (flat * to).T
+            mesh = Triangulation(across, up, np.arange(len(flat)).reshape(-1, 3))
             image = axes.tripcolor(
                 mesh, cut.values.ravel(), shading="gouraud", cmap=COLOURS, vmin=limits[0], vmax=limits[1]
             )
@@ -216,7 +217,8 @@ def draw_surface(
     for axes in panels:
         for sign in signs:
             to = np.array(sign, float)
-            mesh = Triangulation(*(x[:, :2] * to).T, parts)
+            across, up = (x[:, :2] * to).T
+            mesh = Triangulation(across, up, parts)
             image = axes.tripcolor(mesh, values, shading="gouraud", cmap=COLOURS, vmin=limits[0], vmax=limits[1])
             axes.add_collection(LineCollection(loops * to, colors="k", linewidths=0.25, alpha=0.6))
         axes.set_aspect("equal")

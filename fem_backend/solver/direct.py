@@ -30,7 +30,7 @@ class NotPositiveDefinite(ArithmeticError):
 
 
 Solve = Callable[..., np.ndarray]  # b → x, or (b, accuracy) → x
-Factor = Callable[[np.ndarray], Solve]
+Factor = Callable[..., Solve]  # data → Solve, of the iterative one (data, motions of almost no energy) → Solve
 
 
 def solver(pattern: Pattern, prefer: str = "auto") -> Factor:
@@ -141,16 +141,17 @@ class _Mixed:
             self._poor += 1
             return exact
         upper = sparse.csr_matrix((data, self._pattern.indices, self._pattern.indptr), shape=2 * (self._pattern.size,))
-        state = {"exact": None}
+        double: Solve | None = None
 
         def solve(b: np.ndarray, accuracy: float = EXACT) -> np.ndarray:
-            if state["exact"] is None:
+            nonlocal double
+            if double is None:
                 x = self._refined(upper, rough, size, b, accuracy)
                 if x is not None:
                     return x
                 self._poor += 1
-                state["exact"] = self._factor(data)
-            return state["exact"](b)
+                double = self._factor(data)
+            return double(b)
 
         return solve
 

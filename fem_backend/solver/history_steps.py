@@ -147,12 +147,12 @@ def _step(
         patient = limit == load_steps.PATIENT
         point = load_steps.settle(system, [guess], load, goal.travel, control, counters, goal.time, loose=patient)
         found = point.stages[0].equilibrium
-        return replace(found, rate=crude.rate) if rolls else found, load, point
+        return replace(found, rate=crude.rate) if rolls and crude is not None else found, load, point
     try:
         found = load_steps.find(system, guess, load, control.between, counters, limit)
-        found = replace(found, rate=crude.rate) if rolls else found
+        found = replace(found, rate=crude.rate) if rolls and crude is not None else found
     except NotConverged as error:
-        if not rolls or error.cause == "time_limit":
+        if not rolls or crude is None or error.cause == "time_limit":
             raise
         counters.loose += 1  # a body that hardly resists is followed to 1 % of the force there
         found, load = crude, crude_load
@@ -216,6 +216,7 @@ def _rested(
             break
     else:
         counters.loose += turns
+    assert rate is not None  # of the first pass
     return replace(found, rate=rate), load
 
 

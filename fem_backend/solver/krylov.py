@@ -35,7 +35,8 @@ class Loose:
     def __init__(self, pattern: Pattern, prefer: str) -> None:
         self._pattern, self._prefer = pattern, prefer
         self._upper, self._mirror = _upper(pattern)
-        self._raw, self._rough = None, None
+        self._raw: tuple[Pattern, Callable[[np.ndarray], Solve], Callable[[], None]] | None = None
+        self._rough: Rough | None = None
 
     def factor(self, data: np.ndarray, modes: np.ndarray | None = None) -> Solve:
         """Solve with the matrix of these `data`; `modes` (f, k) are the motions that cost almost no energy.
@@ -62,8 +63,7 @@ class Loose:
                 x = iterate(times, apart(self._rough), b, accuracy, OLD)
                 if x is not None:
                     return x
-            self._renew(data)
-            x = iterate(times, apart(self._rough), b, accuracy, NEW)
+            x = iterate(times, apart(self._renew(data)), b, accuracy, NEW)
             if x is None:  # what no iteration solves
                 self._forget()
                 x = precise(self._pattern, self._prefer)(data)(b)
@@ -71,7 +71,8 @@ class Loose:
 
         return solve
 
-    def _renew(self, data: np.ndarray) -> None:
+    def _renew(self, data: np.ndarray) -> Rough:
+        """The factor of these `data`, or one that is positive definite and near to it."""
         upper = data
         if self._mirror is not None:
             upper = data[self._mirror[0]]
@@ -82,25 +83,26 @@ class Loose:
             shifted = (upper / size).astype(np.float32)
             shifted[self._upper.diagonal] *= np.float32(1.0 + shift)
             try:
-                self._make(self._upper, shifted, size)
-                return
+                return self._make(self._upper, shifted, size)
             except NotPositiveDefinite:
                 continue
         if self._pattern.symmetric:
             self._rough = None
             raise NotPositiveDefinite("negative pivot")
+        assert self._mirror is not None  # as no half of the matrix is stored
         mirrored = data[self._mirror[1]]
         if np.linalg.norm(upper - mirrored) <= SKEW * np.linalg.norm(mirrored):
             self._rough = None
             raise NotPositiveDefinite("negative pivot of the symmetric part")
         # Coulomb's friction: the caller looks at the step
-        self._make(self._pattern, (data / size).astype(np.float32), size)
+        return self._make(self._pattern, (data / size).astype(np.float32), size)
 
-    def _make(self, pattern: Pattern, data: np.ndarray, size: float) -> None:
+    def _make(self, pattern: Pattern, data: np.ndarray, size: float) -> Rough:
         """The factor of these `data`, times `size`, in the place of the one there was."""
         self._rough = None
-        if self._raw is None or self._raw[0] is not pattern:
+        if self._raw is not None and self._raw[0] is not pattern:
             self._forget()
+        if self._raw is None:
             self._raw = (pattern, *raw(pattern, self._prefer))
         solve = self._raw[1](data)
 
@@ -109,6 +111,7 @@ class Loose:
             return solve((r / scale).astype(np.float32)).astype(float) * (scale / size)
 
         self._rough = rough
+        return rough
 
     def _forget(self) -> None:
         self._rough = None

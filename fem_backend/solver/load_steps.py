@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fem_backend.solver import modified_newton, newton, rigid_motions
+from fem_backend.solver.condensation import Kept
 from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
 
 BRISK, PATIENT = 15, 40  # iterations of Newton at most: on the way, and where nothing else is left to try
@@ -119,14 +120,9 @@ Watch = Callable[[Stage, bool], None]  # called at each stage, and whether it is
 
 
 def find(
-    system: System,
-    u: np.ndarray,
-    load: Load,
-    tolerance: float,
-    counters: Counters,
-    limit: int = PATIENT,
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = PATIENT,
     known: Known | None = None,
-) -> Equilibrium:
+) -> Equilibrium:  # fmt: skip
     """Equilibrium from u (n, 3) by Newton in `limit` iterations; a body in a bowl that is lost rolls there.
 
     A body that may turn does so at once, in three times as many factorisations.  Raises NotConverged.
@@ -141,7 +137,7 @@ def find(
 
 
 def find_tight(
-    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, known: Known | None = None
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, known: Known | Kept | None = None
 ) -> Equilibrium:
     """As `find`, with the body's tangent kept where old ones may be used and the system can be condensed.
 
@@ -154,6 +150,7 @@ def find_tight(
             if error.cause == "time_limit":
                 raise
         known = NOTHING
+    assert known is None or isinstance(known, tuple)  # only a condensed system keeps something else
     return find(system, u, load, tolerance, counters, PATIENT, known)
 
 
@@ -176,7 +173,9 @@ def seat(system: System, load: Load, u: np.ndarray, control: Control, counters: 
         raise Stopped(error.cause, f"while seating: {error}", [], error.history, counters) from error
 
 
-def carried(system: System, load: Load, u: np.ndarray, control: Control, counters: Counters) -> tuple[np.ndarray, Load]:
+def carried(
+    system: System, load: Load, u: np.ndarray, control: Control, counters: Counters
+) -> tuple[np.ndarray, Load]:  # fmt: skip
     """Displacement (n, 3) of a seated body, and its load, once multipliers λ ← p take what its weight sinks in by.
 
     Raises Stopped.
@@ -210,15 +209,9 @@ def _resting(
 
 
 def travel(
-    system: System,
-    start: Start,
-    asked: Sequence[float],
-    control: Control,
-    counters: Counters,
-    u: np.ndarray | None = None,
-    guess: Guess | None = None,
-    watch: Watch | None = None,
-) -> list[Point]:
+    system: System, start: Start, asked: Sequence[float], control: Control, counters: Counters,
+    u: np.ndarray | None = None, guess: Guess | None = None, watch: Watch | None = None,
+) -> list[Point]:  # fmt: skip
     """Equilibria of a conservative system at the `asked` travels (mm, increasing) from the state u (n, 3) at travel 0.
 
     `start(s)` is the load at travel s without multipliers.  Between asked travels the state only has to be near: the
@@ -244,7 +237,7 @@ def travel(
                 u, rate, here = _end(points[-1], target)
                 amiss = u - offered[0]
                 continue
-        known = NOTHING
+        known: Known | Kept | None = NOTHING
         while here < target - 1e-12:
             goal = target if here + 1.2 * step >= target else here + step
             try:
@@ -289,14 +282,10 @@ def proper(
     least = float(np.linalg.det(np.eye(3) + H).min())
     if min(shortest, least) <= 0.0:
         raise Stopped(
-            "inadmissible",
-            f'law = "linear_elastic": small-strain kinematics end between {here:.4g} and {goal:.4g} mm '
+            "inadmissible", f'law = "linear_elastic": small-strain kinematics end between {here:.4g} and {goal:.4g} mm '
             f"of travel, where det(I + grad u) = {least:.3g} and 1 + the smallest strain = {shortest:.3g}; take a law "
-            "of finite strain, such as neo_hookean, or smaller depths",
-            points,
-            found.history,
-            counters,
-        )
+            "of finite strain, such as neo_hookean, or smaller depths", points, found.history, counters,
+        )  # fmt: skip
 
 
 def may_go_on(system: System, limit: int, error: NotConverged) -> bool:
@@ -318,17 +307,9 @@ def stopped(error: NotConverged, here: float, points: list[Point], counters: Cou
 
 
 def settle(
-    system: System,
-    starts: Sequence[np.ndarray],
-    load: Load,
-    target: float,
-    control: Control,
-    counters: Counters,
-    time: float = 0.0,
-    watch: Watch | None = None,
-    known: Known | None = None,
-    loose: bool = False,
-) -> Point:
+    system: System, starts: Sequence[np.ndarray], load: Load, target: float, control: Control, counters: Counters,
+    time: float = 0.0, watch: Watch | None = None, known: Known | Kept | None = None, loose: bool = False,
+) -> Point:  # fmt: skip
     """Tight equilibrium at an asked travel, multipliers λ ← p a fixed number of times (Uzawa); `known` as in Newton.
 
     Of the states `starts` (n, 3) the first is where the search begins, the others tell what each stage will move.

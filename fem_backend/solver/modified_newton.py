@@ -10,7 +10,6 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from fem_backend.materials import stress
 from fem_backend.solver import newton
 from fem_backend.solver.condensation import Kept, OutOfReach
 from fem_backend.solver.direct import NotPositiveDefinite, Solve
-from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Load, NotConverged, System
+from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, Load, NotConverged, System
 
 LIMIT = 60  # iterations
 KEPT = 0.5  # of the residual may be left by a step with a kept tangent
@@ -31,13 +30,14 @@ Pair = tuple[np.ndarray, np.ndarray]  # s, y
 
 
 def solve(
-    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, known: Any = None
+    system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, known: Known | Kept | None = None
 ) -> Equilibrium:
     """As :func:`fem_backend.solver.newton.solve`, for systems that can be condensed; `known` is that of a state nearby.
 
     Raises NotConverged.
     """
-    body, history = system.body, []
+    body = system.body
+    history: list[float] = []
     kept, fresh, age = known if callable(known) else None, False, 0
     pairs: deque[Pair] = deque(maxlen=PAIRS)
     try:
@@ -90,6 +90,7 @@ def _tangent(
             counters.shifts += 1
 
     def make(body: np.ndarray, touching: np.ndarray) -> tuple[Kept, Solve]:
+        assert system.condense is not None
         new = system.condense(body, touching)
         return new, new(touching)
 
@@ -99,15 +100,15 @@ def _tangent(
 
 def _corrected(solution: Solve, pairs: Iterable[Pair]) -> Solve:
     """b → H b of BFGS by its two loops, H₀ the solution given."""
-    pairs = [(s, y, float(s @ y)) for s, y in pairs]
+    known = [(s, y, float(s @ y)) for s, y in pairs]
 
     def correct(b: np.ndarray) -> np.ndarray:
         a, shares = b, []
-        for s, y, sy in reversed(pairs):
+        for s, y, sy in reversed(known):
             shares.append(float(s @ a) / sy)
             a = a - shares[-1] * y
         x = solution(a)
-        for (s, y, sy), share in zip(pairs, reversed(shares), strict=True):
+        for (s, y, sy), share in zip(known, reversed(shares), strict=True):
             x = x + (share - float(y @ x) / sy) * s
         return x
 

@@ -16,7 +16,7 @@ from fem_backend.kinematics.tetrahedra import Body
 from fem_backend.laws import Material
 from fem_backend.materials import stress
 from fem_backend.materials.stress import History
-from fem_backend.solver.condensation import Condense
+from fem_backend.solver.condensation import Condense, Kept
 from fem_backend.solver.direct import EXACT, ROUGH, Factor, NotPositiveDefinite, Solve
 
 FAR = 0.3  # relative residual above which the negative contact term is left out: it would only spoil the matrix
@@ -25,7 +25,7 @@ CHORD = 0.1  # of the residual may be left by a step with an old factor
 NEAR = 0.05  # relative residual below which an old factor is tried
 ROUND = 1e-7  # relative residual below which a step with a new factor that gains nothing has met round-off
 Make = Callable[[np.ndarray, np.ndarray], Any]
-Known = tuple[Solve, np.ndarray]  # a factor and ∂R/∂s that went with it
+Known = tuple[Solve | None, np.ndarray | None]  # a factor and ∂R/∂s that went with it
 
 
 class NotConverged(ArithmeticError):
@@ -118,7 +118,7 @@ class Equilibrium:
     rate: np.ndarray
     history: tuple[float, ...] = field(default=())
     linear: Callable[[np.ndarray], np.ndarray] | None = field(default=None, repr=False)
-    known: Known | None = field(default=None, repr=False)
+    known: Known | Kept | None = field(default=None, repr=False)
 
 
 def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
@@ -199,6 +199,7 @@ def bulk_tangent(system: System, at: Evaluation, load: Load) -> np.ndarray:
     """Data of the tangent of the body and its springs."""
     body = system.body
     state = stress.evaluate(system.material, at.H, True, load.history, load.dt, system.scale)
+    assert state.C is not None  # which was asked for
     bulk = tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
     if system.springs is not None:
         held = body.free.reshape(-1, 3)
@@ -242,7 +243,8 @@ def solve(
     Raises NotConverged (instability, contact, inversion or time_limit) after `limit` factorisations or a failed line
     search.
     """
-    body, history = system.body, []
+    body = system.body
+    history: list[float] = []
     factor, moving = known or (None, None)
     fresh, allowed, accuracy = False, limit, EXACT if known is None else ROUGH
     try:
@@ -263,6 +265,7 @@ def solve(
             factor = None  # a matrix is tens of megabytes: the old one goes first
             factor, moving = factorise(system, at, load, counters, history[-1] < FAR)
             limit -= 1
+        assert factor is not None and moving is not None  # at least of an iteration before
         fresh = not lazy
         if found:  # rate and sensitivities: the last factor is good enough
             linear = lambda v, factor=factor: full(body, factor(reduced(body, v), accuracy))  # noqa: E731

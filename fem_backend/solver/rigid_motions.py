@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from fem_backend.geometry import Bowl
 from fem_backend.kinematics.tetrahedra import Body
 from fem_backend.materials import stress
 from fem_backend.solver import newton
@@ -73,6 +74,13 @@ def rolls(system: System) -> bool:
     return system.springs is not None and bool(motion(system.body).allowed[3:].any())
 
 
+def _lip(system: System) -> float:
+    """Radius (mm) of the rim of the bowl, the second pair of a system with springs."""
+    bowl = system.pairs[1].rigid
+    assert isinstance(bowl, Bowl)
+    return bowl.lip
+
+
 def solve(
     system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = LIMIT
 ) -> Equilibrium:
@@ -86,8 +94,9 @@ def solve(
     free = body.free.reshape(-1, 3)
     mass = np.empty(body.pattern.size)
     mass[free[free >= 0]] = np.repeat(how.share[:, None], 3, axis=1)[free >= 0]
+    assert system.springs is not None
     mass *= float(np.abs(system.springs).sum()) / 1e-4  # about μR
-    damping, unit = 0.0, system.pairs[1].rigid.lip
+    damping, unit = 0.0, _lip(system)
     try:
         at = newton.evaluate(system, u, load)
     except stress.Inverted as error:
@@ -189,7 +198,7 @@ def _search(
     −0.7 ≤ (d·R)(α)/|d·R|(0) < 0.7 by false position, with an energy that falls where there is one; damped steps, which
     are too short, are lengthened threefold and more.
     """
-    slope, largest = float(g @ step), float(np.abs(step).max()) / system.pairs[1].rigid.lip
+    slope, largest = float(g @ step), float(np.abs(step).max()) / _lip(system)
     noise = NOISE * system.material.shear_modulus * float(system.body.w.sum())
     rubs = any(t.before is not None for t in load.touches)
     field = newton.full(system.body, step)

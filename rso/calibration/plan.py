@@ -130,7 +130,7 @@ def make_plan(study: Study) -> Plan:
     fitted = [e for e in study.experiments if e.role != "validate" and e.kind == "force"]
     main = Search("main", study.search.targets or _default_targets(curves, fitted), resolved.axes)
     wanted = [main, *(dataclasses.replace(v, targets=v.targets or main.targets) for v in resolved.variants)]
-    depths = [*(t for s in wanted for t in s.targets), *study.search.constraints]
+    depths: list[Target | ConstraintTable] = [*(t for s in wanted for t in s.targets), *study.search.constraints]
     asked = {e.name: travels(curves[e.name], {t.depth for t in depths if t.experiment == e.name}) for e in fitted}
     cases, case_of = merge(study, backend, fitted, asked, resolved)
     validation = {
@@ -243,10 +243,10 @@ def fe_design(plan: Plan, similar: bool) -> tuple[list[dict[str, float]], list[d
         H = _held_out(table.held_out, reduced.d, plan.seed, feasible)
     if total > count:
         X = np.vstack([X, doe.extend(X, total - count, plan.seed, feasible)])
-    design, held = (
+    design, left_out = (
         [_back(plan, dict(zip(reduced.names, row, strict=True))) for row in reduced.from_unit(P)] for P in (X, H)
     )
-    return design, held
+    return design, left_out
 
 
 def _held_out(n: int, d: int, seed: int, feasible: doe.Feasible | None) -> np.ndarray:
@@ -268,7 +268,7 @@ def reduced_feasible(plan: Plan, reduced: Box, R: np.ndarray) -> np.ndarray:
     theta = np.vstack(rows)
     good = box.contains(theta)
     good[good] = plan.feasible(np.clip(box.to_unit(theta[good]), 0, 1))
-    return good.reshape(len(scales), len(R)).any(axis=0)
+    return np.any(good.reshape(len(scales), len(R)), axis=0)
 
 
 def proofs(plan: Plan, design: list[dict[str, float]]) -> list[tuple[dict[str, float], dict[str, float]]]:
@@ -296,6 +296,7 @@ def proofs(plan: Plan, design: list[dict[str, float]]) -> list[tuple[dict[str, f
 
 def _back(plan: Plan, reduced: Mapping[str, float]) -> dict[str, float]:
     values = {k: float(v) for k, v in reduced.items()}
+    assert plan.group.reference is not None  # else nothing is reduced
     return {plan.group.reference: plan.group.reference_value, **values, **plan.resolved.fixed}
 
 
@@ -380,7 +381,8 @@ def _default_targets(curves: Mapping[str, MeasuredCurve], fitted: list[Experimen
         if e.role == "fit":
             u = curves[e.name].depth[curves[e.name].depth > 0]
             depths = {float(u[np.argmin(np.abs(u - share * u.max()))]) for share in (0.4, 0.7, 1.0)}
-            found += [Target(experiment=e.name, depth=depth, channel=e.compared[0]) for depth in sorted(depths)]
+            place = {"experiment": e.name, "channel": e.compared[0]}
+            found += [Target.model_validate({**place, "depth": depth}) for depth in sorted(depths)]
     return tuple(found)
 
 

@@ -277,7 +277,7 @@ def _doubt(plan: Plan, proposal: Proposal, fitted: Fitted, runs: Sequence[Run]) 
     if runs and not any(r.done for r in runs):
         found = [why(o) for r in runs for o in r.outcomes if not isinstance(o, Done)]
         first = {cause: reason for cause, reason in reversed(found)}  # one example of each cause
-        said = [reason if cause == "not_supported" else f"{cause}, {reason}" for cause, reason in first.items()]
+        said = [f"{reason}" if cause == "not_supported" else f"{cause}, {reason}" for cause, reason in first.items()]
         return f"no run has an answer. The simulation says: {'; '.join(said)}"
     errors = stages.misses(plan, fitted.emulator, fitted.held_out).values()
     # Where the targets are met already, ranges that the surrogates do not follow would spoil more than they tell.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -133,7 +134,7 @@ def _curve(predict, j: int, d: int, ranges) -> tuple[np.ndarray, np.ndarray]:
     return ranges.from_unit(U)[:, j], y
 
 
-def of_sensitivity(plan: Plan, found: Sensitivity) -> dict[str, object]:
+def of_sensitivity(plan: Plan, found: Sensitivity) -> dict[str, Any]:
     """The block `sensitivity` of results.json."""
     names = plan.box.names
     logs = [n for n, log in zip(names, plan.box.log, strict=True) if log]

@@ -132,7 +132,12 @@ def _by_pint(written: str) -> tuple[Fraction, tuple[tuple[str, Fraction | int], 
         scale, dimension = registry.get_base_units(registry.parse_units(written))
     except (pint.PintError, AttributeError, TypeError, SyntaxError) as error:
         raise ValueError(f"{written!r} is not a known unit") from error
-    return Fraction(scale), tuple(sorted(dimension._units.items()))
+    assert isinstance(scale, Fraction | int | float)
+    powers: list[tuple[str, Fraction | int]] = []
+    for name, power in sorted(dimension._units.items()):
+        assert isinstance(power, Fraction | int)
+        powers.append((name, power))
+    return Fraction(scale), tuple(powers)
 
 
 def spaced(unit: str) -> str:

@@ -229,10 +229,11 @@ class Chain:
     )
 
     def __post_init__(self) -> None:
-        for parameter in parameters_of(type(self)):
+        for parameter in parameters_of(Chain):
             parameter.check(getattr(self, parameter.name))
 
 
+_NEUTRAL: Mapping[str, float] = vars(Chain())
 CROSS = {"Fx": "cross_x", "Fy": "cross_y"}  # knobs that act on one channel alone
 TIMED = ("drift", "lag", "lag_filter", "creep")  # knobs that ask for the time of each reading
 LATERAL = ("turn", "bias_side")  # and those that act on Fx and Fy alone
@@ -274,7 +275,7 @@ def recorded(
     earlier: float = 0.0,
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Recorded depth and forces for knobs that are numbers or columns (T, 1); `u`, `F` and `t` are (n,) or (T, n)."""
-    k = {p.name: knobs.get(p.name, p.default) for p in parameters_of(Chain)}
+    k = {name: knobs.get(name, start) for name, start in _NEUTRAL.items()}
     F = {c: (1.0 + k["ageing"] * age) * v for c, v in F.items()}
     late = {c: _filtered(t, _shift(t, v, k["lag"]), k["lag_filter"]) for c, v in F.items()}
     Fz = late["Fz"]

@@ -10,17 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 
 LONGEST = 200
-_BINARY = {
+Number = np.ndarray | np.float64
+_BINARY: dict[type[ast.operator], Callable[[Number, Number], Number]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
     ast.Pow: operator.pow,
 }
-_UNARY = {ast.USub: operator.neg, ast.UAdd: operator.pos}
-FUNCTIONS = {"sqrt": np.sqrt, "log": np.log, "exp": np.exp, "abs": np.abs}
+_UNARY: dict[type[ast.unaryop], Callable[[Number], Number]] = {ast.USub: np.negative, ast.UAdd: np.positive}
+FUNCTIONS: dict[str, Callable[[Number], Number]] = {"sqrt": np.sqrt, "log": np.log, "exp": np.exp, "abs": np.abs}
 _COMPARISONS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
-Value = Callable[[Mapping[str, np.ndarray]], np.ndarray]
+Value = Callable[[Mapping[str, np.ndarray]], Number]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,7 @@ class Condition:
         return self.excess(theta) <= 0
 
     @staticmethod
-    def _size(gap: np.ndarray, strict: bool) -> np.ndarray:
+    def _size(gap: Number, strict: bool) -> np.ndarray:
         gap = np.where(np.isnan(gap), np.inf, gap)
         return np.where(gap == 0, np.finfo(float).tiny, gap) if strict else gap
 

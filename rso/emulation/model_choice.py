@@ -130,35 +130,44 @@ def refit(
     widens the band is kept, the rivals of a kriging model are fitted anew as it is.
     """
     if isinstance(model, Kriging):
-        noise = noise_sd if model.noise.any() else None
-        new: Surrogate = fit_kriging(
-            X,
-            y,
-            seed=seed,
-            trend=model.trend,
-            log=model.log,
-            kernel=model.kernel,
-            noise_sd=noise,
-            share=None if model.share != 1.0 else 1.0,
-            gradients=None if model.slopes is None else gradients,
-            gradient_sd=0.0 if model.slopes is None else _gradient_sd(noise, X),
-            restarts=0,
-            start=model,
-        )
-        rivals = tuple(
-            (w, refit(rival, X, y, seed=seed, noise_sd=noise_sd, gradients=gradients)) for w, rival in model.rivals
-        )
-        new = replace(new, inflate=model.inflate, rivals=rivals)
-        new = replace(new, cv=_over_the_cube(new, new.cv))
-    else:
-        new = replace(fit_polynomial(X, y, degree=degree, log=model.log), inflate=model.inflate)
+        return _refit_kriging(model, X, y, seed, noise_sd, gradients)
+    return replace(
+        fit_polynomial(X, y, degree=degree, log=model.log), inflate=model.inflate, story=_anew(model, len(y))
+    )
+
+
+def _refit_kriging(
+    model: Kriging, X: np.ndarray, y: np.ndarray, seed: int, noise_sd: np.ndarray | None, gradients: np.ndarray | None
+) -> Kriging:
+    noise = noise_sd if model.noise.any() else None
+    new = fit_kriging(
+        X, y, seed=seed, trend=model.trend, log=model.log, kernel=model.kernel, noise_sd=noise,
+        share=None if model.share != 1.0 else 1.0, gradients=None if model.slopes is None else gradients,
+        gradient_sd=0.0 if model.slopes is None else _gradient_sd(noise, X), restarts=0, start=model,
+    )  # fmt: skip
+    rivals = tuple((w, _refit_kriging(rival, X, y, seed, noise_sd, gradients)) for w, rival in model.rivals)
+    new = replace(new, inflate=model.inflate, rivals=rivals)
+    return replace(new, cv=_over_the_cube(new, scores_of(new)), story=_anew(model, len(y)))
+
+
+def _anew(model: Surrogate, n: int) -> str:
+    """The story of a model that is fitted again to n runs."""
     story = model.story.removesuffix(f" Fitted again to {model.cv.n if model.cv else 0} runs.")
-    return replace(new, story=f"{story} Fitted again to {len(y)} runs.")
+    return f"{story} Fitted again to {n} runs."
+
+
+def scores_of(model: Surrogate) -> Scores:
+    """The cross-validation scores, which every fitted surrogate has."""
+    assert model.cv is not None
+    return model.cv
 
 
 def from_dict(data: Mapping[str, Any]) -> Surrogate:
     """The surrogate that `to_dict` wrote."""
-    makers = {"polynomial": Polynomial.from_dict, "kriging": Kriging.from_dict}
+    makers: dict[str, Callable[[Mapping[str, Any]], Surrogate]] = {
+        "polynomial": Polynomial.from_dict,
+        "kriging": Kriging.from_dict,
+    }
     if data.get("kind") not in makers:
         raise ValueError(f"surrogate: unknown kind {data.get('kind')!r}; choose one of {', '.join(makers)}")
     return makers[data["kind"]](data)
@@ -207,7 +216,7 @@ def _best_kriging(data: Data, share: float | None, logs: tuple[bool, ...], seed:
     model = search(first, _option(model), share, 4)
     if not known and data.noise is not None and data.noise.any():
         noisy = search(data, _option(model), None, 2)
-        if noisy.cv.rmse < 0.99 * model.cv.rmse:
+        if scores_of(noisy).rmse < 0.99 * scores_of(model).rmse:
             model, first = noisy, data
 
     def again(rows: np.ndarray) -> Kriging:
@@ -276,9 +285,9 @@ def _rivals(error: float, others: list[Kriging]) -> tuple[tuple[float, Kriging],
     Source: Goel, Haftka, Shyy & Queipo, Struct. Multidisc. Optim. 33 (2007) 199 (weights by errors).
     """
     others = others[:RIVALS]
-    if error == 0.0 or not others or others[0].cv.rmse == 0.0:  # exact: nobody has a say beside it
+    if error == 0.0 or not others or scores_of(others[0]).rmse == 0.0:  # exact: nobody has a say beside it
         return ()
-    weights = np.array([(error / m.cv.rmse) ** 4 for m in others])
+    weights = np.array([(error / scores_of(m).rmse) ** 4 for m in others])
     return tuple(zip((weights / (1 + weights.sum())).tolist(), others, strict=True))
 
 
@@ -303,29 +312,14 @@ def _tame(models: list[Any], y: np.ndarray) -> list[Any]:
 
 
 def _kriging(
-    data: Data,
-    option: tuple[str, int, bool],
-    share: float | None,
-    seed: int,
-    *,
-    restarts: int = 0,
+    data: Data, option: tuple[str, int, bool], share: float | None, seed: int, *, restarts: int = 0,
     start: Kriging | None = None,
-) -> Kriging:
+) -> Kriging:  # fmt: skip
     kernel, trend, log = option
     return fit_kriging(
-        data.X,
-        data.y,
-        seed=seed,
-        trend=trend,
-        log=log,
-        kernel=kernel,
-        noise_sd=data.noise,
-        share=share,
-        gradients=data.gradients,
-        gradient_sd=_gradient_sd(data.noise, data.X),
-        restarts=restarts,
-        start=start,
-    )
+        data.X, data.y, seed=seed, trend=trend, log=log, kernel=kernel, noise_sd=data.noise, share=share,
+        gradients=data.gradients, gradient_sd=_gradient_sd(data.noise, data.X), restarts=restarts, start=start,
+    )  # fmt: skip
 
 
 def _gradient_sd(noise: np.ndarray | None, X: np.ndarray) -> np.ndarray | float:

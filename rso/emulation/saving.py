@@ -43,7 +43,7 @@ def save(stem: Path, data: Mapping[str, Any]) -> None:
 
     text = json.dumps(pack(data), indent=1)
     packed = io.BytesIO()
-    np.savez(packed, **arrays)
+    np.savez(packed, **arrays)  # type: ignore[arg-type]  # no array is called allow_pickle
     disk.replace(stem.with_name(f"{stem.name}.npz"), packed.getvalue())
     disk.replace(stem.with_name(f"{stem.name}.json"), text)
 

@@ -113,7 +113,8 @@ def load_backend(
     if (use is None) == (command is None):
         raise ValueError(f"backend: give either use or command, got use = {use!r} and command = {command!r}")
     if command is not None:
-        return _load_command(tuple(command), base, keep_folder, timeout_s)
+        # name and numerics of the protocol could be set, those of a frozen dataclass cannot, and nobody does
+        return _load_command(tuple(command), base, keep_folder, timeout_s)  # type: ignore[return-value]
     assert use is not None
     return _load_object(use, base)
 
@@ -225,7 +226,7 @@ class CommandBackend:
     def __call__(self, values: Mapping[str, float], case: Case) -> Response:
         """Run the program once; SimulationFailed if it says so, RuntimeError for a crash."""
         filled = check_values(self.parameters, values)
-        key = run_key(self, *self.canonical(values, case))
+        key = run_key(self, *self.canonical(values, case))  # type: ignore[arg-type]  # as in load_backend
         if self.keep_folder is not None:  # not when loaded: workers start before old results are moved aside
             disk.folder(Path(self.keep_folder))
         folder = Path(tempfile.mkdtemp(prefix=f"{key[:12]}-", dir=self.keep_folder))

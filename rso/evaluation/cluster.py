@@ -100,7 +100,7 @@ def _within(jobs: int) -> Any:
     import dask
     from distributed import LocalCluster
 
-    quiet = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+    quiet: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
     with dask.config.set(quiet):
         cluster = LocalCluster(
             n_workers=jobs,

@@ -142,21 +142,23 @@ class Profile:
         if not len(lower):
             return self
         order = np.argsort(np.append(self.at, X[lower, k]), kind="stable")
-        merged = {
-            "at": np.append(self.at, X[lower, k]),
-            "rise": np.append(self.rise, np.maximum(rise[lower], 0.0)),
-            "path": np.append(self.path, X[lower], axis=0),
-        }
         near = [int(np.argmin(np.abs(self.at - x))) for x in X[lower, k]]
-        rest = {n: np.append(getattr(self, n), getattr(self, n)[near]) for n in ("change", "sigma", "point")}
-        return replace(self, **{n: v[order] for n, v in {**merged, **rest}.items()})
+        return replace(
+            self,
+            at=np.append(self.at, X[lower, k])[order],
+            rise=np.append(self.rise, np.maximum(rise[lower], 0.0))[order],
+            path=np.append(self.path, X[lower], axis=0)[order],
+            change=np.append(self.change, self.change[near])[order],
+            sigma=np.append(self.sigma, self.sigma[near])[order],
+            point=np.append(self.point, self.point[near])[order],
+        )
 
     def leaning(self, level: float = 0.9) -> tuple[int, ...]:
         """Other parameters on a bound of the box just beyond an end of this interval: that bound makes the end."""
         i = self.interval(level)
         rows = [] if i.at_low else [int(np.flatnonzero(self.at < i.low)[-1])]
         rows += [] if i.at_high else [int(np.flatnonzero(self.at > i.high)[0])]
-        on = ((self.path[rows] <= 1e-3) | (self.path[rows] >= 1 - 1e-3)).any(axis=0)
+        on = np.any((self.path[rows] <= 1e-3) | (self.path[rows] >= 1 - 1e-3), axis=0)
         on[self.parameter] = False
         return tuple(int(j) for j in np.flatnonzero(on))
 
@@ -200,7 +202,7 @@ def profile(misfit: Misfit, fit: Fit, parameter: int, also: np.ndarray | None = 
     k, d = parameter, len(fit.x)
     sd = spread(fit.fisher)
     points = [fit.x, *(() if also is None else also)]
-    at = [np.linspace(0, 1, COARSE if d > 1 else ALONE), [p[k] for p in points]]  # a valley may be narrow
+    at = [np.linspace(0, 1, COARSE if d > 1 else ALONE), np.array([p[k] for p in points])]  # a valley may be narrow
     if np.isfinite(sd[k]):
         at += [np.clip(p[k] + min(sd[k], 0.25) * np.linspace(-4, 4, FINE), 0, 1) for p in points[:1]]
     t = np.unique(np.round(np.concatenate(at), 12))

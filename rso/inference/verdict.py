@@ -149,7 +149,8 @@ def sentences(
     over += ", the other parameters fitted again," if box.d > 1 else ""
     why = _little(over, abs(profile.change[worst]), profile.sigma[worst], depth[profile.point[worst]], unit)
     if verdict.noise_factor is not None:
-        best = physical(box, k, Interval(*[float(profile.at[int(np.argmin(profile.rise))])] * 2))[0]
+        likeliest = float(profile.at[int(np.argmin(profile.rise))])
+        best = physical(box, k, Interval(likeliest, likeliest))[0]
         why += f" If its most likely value, {best:.2g}{tail}, is right, it would be determined if the noise were "
         why += f"{1 / verdict.noise_factor:.2g} times smaller."
     elif scale == 1.0 and not 0.0 < profile.at[int(np.argmin(profile.rise))] < 1.0:

@@ -232,6 +232,7 @@ def settled(
                 emulator = relearn(emulator, [more], seed=plan.seed)
         if off <= SETTLED:
             return emulator, last, gap, x, True
+    assert x is not None  # of the last round
     return emulator, last, gap, x, False
 
 

@@ -96,13 +96,9 @@ class Found:
 
 
 def run_next(
-    plan: Plan,
-    store: RunStore,
-    executor: Executor,
-    *,
-    watch: Watch | None = None,
+    plan: Plan, store: RunStore, executor: Executor, *, watch: Watch | None = None,
     say: Callable[[str], None] = lambda _: None,
-) -> Found:
+) -> Found:  # fmt: skip
     """Simulate what is missing, fit what has been done alone and together, and ask what the rest would add."""
     table, axes = plan.study.next, axes_of(plan, Level(STUDY), {})
     possible, values = asked(plan, axes)
@@ -124,7 +120,7 @@ def run_next(
     learnt = [*have, *(v for v in learnt if not v.item.done)]
     joint = fits(plan, have)
     whole = joint[-1].determination
-    weakest = axes.box.names.index(*values) if values else int(np.argmax([k.sd_log for k in whole.known]))
+    weakest = axes.box.names.index(next(iter(values))) if values else int(np.argmax([k.sd_log for k in whole.known]))
     truths = on_valley(whole.misfit, whole.fit.x, weakest, _places(axes, weakest, values))
     # What the model lacks it will lack in the next experiment too.
     s = whole.scale
@@ -184,14 +180,9 @@ def _values(axes: Axes, name: str, given: Sequence[Any], problems: list[Problem]
 
 
 def learn_item(
-    plan: Plan,
-    axes: Axes,
-    item: Item,
-    points: Sequence[Mapping[str, float]],
-    store: RunStore,
-    executor: Executor,
+    plan: Plan, axes: Axes, item: Item, points: Sequence[Mapping[str, float]], store: RunStore, executor: Executor,
     watch: Watch | None,
-) -> Learnt | str:
+) -> Learnt | str:  # fmt: skip
     """Runs of an experiment over the (reduced) box and what is learnt from them, or why nothing is."""
     tasks = [Task(axes.physical(p), item.case, frozenset()) for p in points]
     outcomes = run_all(plan.backend, tasks, store, executor, watch=watch)
@@ -201,10 +192,8 @@ def learn_item(
         return f"only {len(good)} of {len(points)} simulations have an answer; the first without: {why}"
     outputs = [
         Output(item.name, p.channel, u, b.unit)
-        for b in item.blocks
-        for p in b.places
-        for u in item.case.programme.asked_mm
-    ]
+        for b in item.blocks for p in b.places for u in item.case.programme.asked_mm
+    ]  # fmt: skip
     samples = []
     for values, response in good:
         by_axis = {o.id: axes.slopes(values, o.gradient(response)) for o in outputs}
@@ -268,16 +257,10 @@ def _errors(item: Item, emulator: Emulator, share: Mapping[Place, np.ndarray], x
             slope = np.concatenate([_slope(p.depth, f) for p, f in zip(b.places, curves, strict=True)])
             n = b.noise
             C = covariance(
-                b.depth,
-                y,
-                slope,
-                white=0.0 if n.correlation else n.of(kind(b)),
-                correlated=n.of(kind(b)) if n.correlation else 0.0,
-                length=n.correlation,
-                gain=math.hypot(n.gain, n.calibration),
-                depth_noise=n.depth,
-                contact=n.contact,
-            )
+                b.depth, y, slope, white=0.0 if n.correlation else n.of(kind(b)),
+                correlated=n.of(kind(b)) if n.correlation else 0.0, length=n.correlation or 0.0,
+                gain=math.hypot(n.gain or 0.0, n.calibration), depth_noise=n.depth, contact=n.contact or 0.0,
+            )  # fmt: skip
         else:
             C = b.data.covariance
         parts.append(C + _of_model(b, emulator, share, x, curves))

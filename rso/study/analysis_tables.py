@@ -10,6 +10,7 @@ from rso.study.base_table import Table
 from rso.study.fields import (
     Bound,
     Channels,
+    Confidence,
     Depth,
     Name,
     Runs,
@@ -18,7 +19,6 @@ from rso.study.fields import (
     expected,
     list_to_tuple,
     names_of_effects,
-    number_in,
 )
 from rso.study.noise_table import NoiseTable
 from rso.study.search_table import Range
@@ -67,7 +67,7 @@ class LadderTable(Table):
     """From simple to rich, a list within the list holds alternatives; by default all that the backend offers."""
     runs: Runs | None = None
     """Size of the design of each level."""
-    confidence: number_in("1", gt=0.5, lt=1) = 0.95
+    confidence: Confidence = 0.95
     """A model is refuted where a true one would do as badly with less than the rest of this."""
     draws: Annotated[int, Field(ge=99, le=100_000)] = 400
     """Simulated data sets behind every p-value."""

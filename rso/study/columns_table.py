@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, create_model, model_validator
 
@@ -142,9 +142,10 @@ def _plain(table: ColumnTable) -> Column:
     return Column(**values, minus=None if less is None else Column(**less))
 
 
-ColumnsTable = create_model(
-    "ColumnsTable",
-    __base__=_Columns,
-    __doc__=_Columns.__doc__,
-    **{n: (Annotated[ColumnTable | None, AfterValidator(partial(_fits, n))], None) for n in COLUMN_NAMES},
-)
+_fields: dict[str, Any] = {
+    n: (Annotated[ColumnTable | None, AfterValidator(partial(_fits, n))], None) for n in COLUMN_NAMES
+}
+if TYPE_CHECKING:
+    ColumnsTable = _Columns
+else:
+    ColumnsTable = create_model("ColumnsTable", __base__=_Columns, __doc__=_Columns.__doc__, **_fields)

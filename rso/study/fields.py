@@ -106,9 +106,11 @@ def expected(words: str) -> Any:
     return Field(json_schema_extra={"expected": words})
 
 
-def number_in(unit: str, **bounds: float) -> Any:
+def number_in(
+    unit: str, *, gt: float | None = None, ge: float | None = None, lt: float | None = None, le: float | None = None
+) -> Any:
     """A number within bounds, as text with its unit or bare in `unit`."""
-    return Annotated[float, quantity_in(unit), Field(json_schema_extra={"unit": unit}, **bounds)]
+    return Annotated[float, quantity_in(unit), Field(json_schema_extra={"unit": unit}, gt=gt, ge=ge, lt=lt, le=le)]
 
 
 Bound = Annotated[Any, AfterValidator(as_written), expected('number, or text with a unit such as "3.2 kPa"')]
@@ -127,6 +129,7 @@ NotNegativeLength = number_in("mm", ge=0)
 Depth = number_in("mm", gt=0, le=1e6)
 Share = number_in("1", ge=0, lt=1)
 Tolerance = number_in("1", gt=0, lt=1)
+Confidence = number_in("1", gt=0.5, lt=1)
 Duration = number_in("s", gt=0)
 Stiffness = number_in("N/mm", gt=0)
 Compliance = number_in("mm/N", gt=0)

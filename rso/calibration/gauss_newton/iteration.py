@@ -238,7 +238,8 @@ def _drop(eyes: _Eyes, reason: str) -> None:
 
 def _second(eyes: _Eyes, sight: Sight) -> Proof | None:
     """The run that similarity says is the first one scaled; None where the ranges leave no room for it."""
-    frame, box = eyes.frame, eyes.frame.box
+    frame, box, reference = eyes.frame, eyes.frame.box, eyes.frame.group.reference
+    assert reference is not None  # there is a similarity to prove
     theta = dict(zip(box.names, box.from_unit(sight.x), strict=True))
     for q in (APART, 1 / APART, APART**0.25, APART**-0.25):
         moved = {n: v * q ** frame.group.exponents.get(n, 0) for n, v in theta.items()}
@@ -250,7 +251,7 @@ def _second(eyes: _Eyes, sight: Sight) -> Proof | None:
         outcomes = eyes.outcomes[x.tobytes()]
         if not _done(outcomes):
             return Proof(eyes.values(x), None, None, None)
-        q_exact = box.from_unit(x)[box.names.index(frame.group.reference)] / theta[frame.group.reference]
+        q_exact = box.from_unit(x)[box.names.index(reference)] / theta[reference]
         direct, similar = eyes._curve(outcomes), sight.f * q_exact**frame.powers
         k = int(np.argmax(np.abs(direct)))
         off = float(np.abs(direct - similar).max() / abs(direct[k]))

@@ -211,9 +211,12 @@ def find_head(path: Path, rows: Sequence[Row], columns: Mapping[str, Column], no
             "" if name in BARE_COLUMNS else "s" if timed else _unit(path, line, name, column, units[i])
         )
         factors[name] = column_factor(column.read_as(name), unit) * (-1.0 if column.flip else 1.0) * column.worth(name)
-    zeros = {name: columns[name].zero if name in columns else 0.0 for name in at}
-    found = tuple(name for name, zero in zeros.items() if zero == CONTACT)
-    zeros |= dict.fromkeys(found, 0.0)
+    said = {name: columns[name].zero if name in columns else 0.0 for name in at}
+    found = tuple(name for name, zero in said.items() if zero == CONTACT)
+    zeros: dict[str, float] = {}
+    for name, zero in said.items():
+        assert not isinstance(zero, tuple)  # each file has its own one: see `of_file`
+        zeros[name] = 0.0 if isinstance(zero, str) else zero
     notes = tuple(cells_of(row, separator)[0] for _, row in rows[:k])
     taken = tuple(n for n in usual if _name(cells[at[n]], units[at[n]]) is None)
     return Head(text, separator, tuple(cells), at, read_as, factors, zeros, k, below, notes, tuple(units), taken, found)
@@ -427,7 +430,8 @@ def _unit(path: Path, line: int, name: str, column: Column, beneath: str) -> str
     choices = f'{UNITS[base]}, or "0.00125 {base}" for what one count is{_bends(name, column)}'
     said = {"the study": column.unit, "the header": unit_in(column.header, like)}
     said["the row beneath the header"] = beneath if is_unit(beneath) else None
-    if is_counted(column.unit):  # what the file calls a count is its own affair, unless it is a unit of this kind
+    # what the file calls a count is its own affair, unless it is a unit of this kind
+    if column.unit is not None and is_counted(column.unit):
         for who in ("the header", "the row beneath the header"):
             if (unit := said[who]) and is_of(base, unit) and factor(unit, base) != worth(column.unit, base):
                 fail(path, line, f"column {name!r} ({column.header!r}): the study says {column.unit!r}, {who} {unit!r}")

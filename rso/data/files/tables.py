@@ -117,8 +117,8 @@ def labels_of(
         return np.array(own), []
     if columns.keys().isdisjoint(FORCES):
         places = np.stack([v for name, v in columns.items() if name in PLACES], axis=1)
-        again = len(np.unique(places, axis=0)) < len(places)
-        return ((table + 1).astype(str) if again else one), []
+        twice = len(np.unique(places, axis=0)) < len(places)
+        return ((table + 1).astype(str) if twice else one), []
     block = table if len(tables) > 1 else np.cumsum(np.diff(line, prepend=line[0]) > 1)
     first = np.flatnonzero(np.diff(block, prepend=-1))
     parts = np.split(depth, first[1:])
