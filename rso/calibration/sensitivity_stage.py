@@ -127,7 +127,7 @@ def _ranges(box: Box, low: np.ndarray, high: np.ndarray) -> Box:
     return Box(box.names, box.units, tuple(map(float, ends[0])), tuple(map(float, ends[1])), box.log)
 
 
-def _curve(predict, j: int, d: int, ranges) -> tuple[np.ndarray, np.ndarray]:
+def _curve(predict: Callable[[np.ndarray], np.ndarray], j: int, d: int, ranges: Box) -> tuple[np.ndarray, np.ndarray]:
     x, y = sensitivity.curve(predict, np.full(d, 0.5), j, n=CURVE)
     U = np.full((CURVE, d), 0.5)
     U[:, j] = x

@@ -65,12 +65,12 @@ def new(options: argparse.Namespace, command: str) -> int:
     study = load(options.out)
     own = options.out.stem == "study"  # a folder of results belongs to one study file
     folder = study.folder / ("results" if own else f"results_{options.out.stem}")
-    said = alone(test, options.fit)
+    note = alone(test, options.fit)
     there = [] if own else ["--out", str(folder)]
     _print(
         [
             *check(study, folder, False, folder),
-            *([said] if said else []),
+            *([note] if note else []),
             f"then: {shlex.join(['rso', 'run', str(options.out), *there])}",
         ]
     )

@@ -415,7 +415,9 @@ def _column(h: Hypothesis, effect: Effect, post: Posterior) -> int:
     return column
 
 
-def _parameters(library: Library, posts: Mapping[str, Posterior], reached: Mapping[str, Reach]):
+def _parameters(
+    library: Library, posts: Mapping[str, Posterior], reached: Mapping[str, Reach]
+) -> dict[str, dict[str, tuple[float, float, float]]]:
     """Open base parameters (low, median, high): of the base model, over all that the data allow, of what is said."""
     before = {k: tuple(map(float, np.quantile(v, ENDS))) for k, v in draws(library, posts["none"]).items()}
     after, alone = ({k: getattr(r, of) for k, r in reached.items()} for of in ("whole", "alone"))

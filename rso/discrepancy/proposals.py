@@ -15,7 +15,7 @@ from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.planning import framed, planned
 from rso.discrepancy.library.simulations import Base, Job, alike, passes, rated
 from rso.discrepancy.library.tables import Library
-from rso.discrepancy.library.test_plan import Experiment, Place, Test, TestPlan, make_plan
+from rso.discrepancy.library.test_plan import Experiment, Test, TestPlan, make_plan
 
 READINGS = 20
 REPEATS = 3  # of a proposed test: what each has for itself averages out
@@ -119,11 +119,11 @@ def candidates(library: Library | Outline) -> list[Candidate]:
             replace(plan.experiments[t.experiment], name=f"again {k}", channels=template.channels)
             for k, t in tests.items()
         ]
-        again = [
+        every = [
             _experiment(e, min(plan.places[k].deepest, most), speeds[0], _turned(plan, k), e.name)
             for k, e in zip(tests, each, strict=True)
         ]
-        out.append(Candidate(words, tuple(again), frozenset(knobs)))
+        out.append(Candidate(words, tuple(every), frozenset(knobs)))
     return out
 
 
@@ -137,10 +137,10 @@ def afterwards(done: TestPlan, plan: TestPlan, test: Test) -> Test:
 def known(library: Library | Outline, plan: TestPlan) -> bool:
     """Whether a plan can be read off the tables: its places are the library's, its turns near theirs, as are rests and
     speeds of ways back, no new marks."""
-    own = [_place(library, p) for p in plan.places]
+    own = _places(library, plan)
     return (
         not plan.profiles
-        and all(k is not None for k in own)
+        and own is not None
         and all(
             not p.peaks or any(abs(v - q) < TURN * plan.scale for v in p.peaks for q in library.plan.places[k].peaks)
             for p, k in zip(plan.places, own, strict=True)
@@ -154,8 +154,10 @@ def known(library: Library | Outline, plan: TestPlan) -> bool:
 
 
 def moved(library: Library, plan: TestPlan) -> TestPlan:
-    """The new tests at the library's own places."""
-    tests = tuple(replace(t, place=_place(library, plan.places[t.place])) for t in plan.tests)
+    """The new tests of a :func:`known` plan at the library's own places."""
+    own = _places(library, plan)
+    assert own is not None  # the plan is known
+    tests = tuple(replace(t, place=own[t.place]) for t in plan.tests)
     return replace(library.plan, experiments=plan.experiments, tests=tests, profiles=())
 
 
@@ -200,8 +202,15 @@ def _seen(marks: Sequence[Sequence[float]], known: Sequence[Sequence[float]]) ->
     return bool(np.max(np.min(np.linalg.norm(P[:, None] - Q, axis=2), axis=1)) <= spacing)
 
 
-def _place(library: Library | Outline, place: Place) -> int | None:
-    return next((k for k, p in enumerate(library.plan.places) if p.settings == place.settings), None)
+def _places(library: Library | Outline, plan: TestPlan) -> list[int] | None:
+    """Where the places of a plan are in the library, None unless it has all of them."""
+    own = []
+    for place in plan.places:
+        k = next((k for k, p in enumerate(library.plan.places) if p.settings == place.settings), None)
+        if k is None:
+            return None
+        own.append(k)
+    return own
 
 
 def _turned(plan: TestPlan, place: int) -> bool:

@@ -36,6 +36,7 @@ from rso.core.units import quantity
 from rso.data import recorded_speed
 from rso.discrepancy import Base, BaseAxis, Effect, Experiment, Library
 from rso.discrepancy.library.planning import framed
+from rso.discrepancy.library.test_plan import Profile, Test
 from rso.evaluation import Event, Task, run_all
 from rso.evaluation.store import RunStore
 from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, foreign_units, place_of_setting, stated_speed
@@ -92,10 +93,10 @@ def ask(study: Study) -> Asked:
     effects = discrepancy.recorded(every, measured)
     wanted = study.diagnose.effects
     if wanted != "all":
-        known, unseen = [e.name for e in effects], {e.name for e in every}
+        known, hidden = [e.name for e in effects], {e.name for e in every}
         why = f"shows only in a channel that was not measured; measured are {', '.join(sorted(measured))}"
         problems = [
-            Problem(("diagnose", "effects"), why if n in unseen else f"no such effect; {choose(n, known)}", n)
+            Problem(("diagnose", "effects"), why if n in hidden else f"no such effect; {choose(n, known)}", n)
             for n in wanted
             if n not in known
         ]
@@ -168,7 +169,8 @@ def _refuse_what_is_too_deep(study: Study, backend: Backend, plan: discrepancy.T
         try:
             backend.check(Case("reach", Programme.ramp((reach,)), place.settings))
         except MISREAD as error:
-            there = [o for o in (*plan.tests, *plan.profiles) if o.place == k]
+            items: list[Test | Profile] = [*plan.tests, *plan.profiles]
+            there = [o for o in items if o.place == k]
             n = max(there, key=lambda o: float(o.depth.max())).experiment
             words = f"a diagnosis computes to {reach:g} mm, beyond the deepest reading, for a contact found late"
             found = Problem(("experiments", n, "data"), f"{words}; leave out what is deeper: {error}")
@@ -340,7 +342,7 @@ def judge(
         say(f"computed anew at the size found: {', '.join(e.name for e in picks)}")
         library, check = discrepancy.mended(library, picks, run)
         checks.append(check)
-        if check.largest is None or check.rms < discrepancy.CLOSE:
+        if check.rms is None or check.rms < discrepancy.CLOSE:
             break
         result = discrepancy.diagnose(library, seed, fitted=fitted)
     named = f" ({', '.join(result.named)})" if result.named else ""

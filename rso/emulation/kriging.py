@@ -246,12 +246,19 @@ def _kept(slopes: np.ndarray) -> np.ndarray:
     return np.concatenate([np.full(len(slopes), True), ~np.isnan(slopes).T.ravel()])
 
 
-def _data(X, t, noise, trend, slopes, slope_noise) -> tuple[Data, np.ndarray]:
+def _data(
+    X: np.ndarray,
+    t: np.ndarray,
+    noise: np.ndarray,
+    trend: int,
+    slopes: np.ndarray | None,
+    slope_noise: np.ndarray | None,
+) -> tuple[Data, np.ndarray]:
     """Observations with their trend rows and noise, and z (N,)."""
     n, d = X.shape
     exponents = powers(d, trend)
     A = legendre(X, exponents)
-    if slopes is None:
+    if slopes is None or slope_noise is None:
         return Data(X, t, A, np.asarray(noise), np.full(n, True)), t
     keep = _kept(slopes)
     A = np.vstack([A, *legendre_slopes(X, exponents).transpose(1, 0, 2)])[keep]
@@ -326,7 +333,15 @@ def conditioned(model: Kriging, rows: np.ndarray) -> Kriging:
     )
 
 
-def _leave_one_out(L, LA, LH, t, weights, log, keep) -> Scores:
+def _leave_one_out(
+    L: np.ndarray,
+    LA: np.ndarray,
+    LH: np.ndarray,
+    t: np.ndarray,
+    weights: np.ndarray,
+    log: bool,
+    keep: np.ndarray,
+) -> Scores:
     """Dubrule (1983) in blocks: with P = K⁻¹ − K⁻¹A H⁻¹ AᵀK⁻¹, z_I − z_{−I} = P_II⁻¹ (P z)_I with covariance P_II⁻¹.
 
     A block I is the value of a point and whatever slopes are known there; P z are the weights.

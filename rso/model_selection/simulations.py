@@ -40,7 +40,9 @@ class Bench:
     watch: Watch | None = None
     cost: dict[str, float] = field(default_factory=dict)
 
-    def run(self, level: Level, axes: Axes, cases: Sequence[Case], points: Sequence[Mapping[str, float]]):
+    def run(
+        self, level: Level, axes: Axes, cases: Sequence[Case], points: Sequence[Mapping[str, float]]
+    ) -> list[tuple[Response, ...] | str]:
         """By point, the response of every case, or the reason why one has none; NoAnswer for a level not modelled."""
         here = [replace(c, settings={**c.settings, **level.settings}) for c in cases]
         values = [axes.physical(p) for p in points]

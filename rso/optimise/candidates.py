@@ -104,7 +104,7 @@ def choose(
     lowest, highest = A.min(axis=0), A.max(axis=0)
     kind: Kind
     if longest >= long or pieces > 1:
-        kind: Kind = "valley" if longest >= long else "islands"
+        kind = "valley" if longest >= long else "islands"
         X = A[_spread_out(A, _central(A, s), count, distinct)]
         X = _polished(X, goal)
     else:

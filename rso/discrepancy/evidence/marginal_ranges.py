@@ -11,7 +11,7 @@ program is from another (:func:`noise.other_code`), which no re-fit of the modul
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -217,7 +217,12 @@ def _averaged(
     return draws(evidence.bench.library, posterior_each(h, h.white(Y[picked]), rng)), there[picked]
 
 
-def _told(values: np.ndarray, alone: tuple[float, float, float], there: Mapping[str, np.ndarray], quantiles) -> Reach:
+def _told(
+    values: np.ndarray,
+    alone: tuple[float, float, float],
+    there: Mapping[str, np.ndarray],
+    quantiles: Callable[[np.ndarray], tuple[float, float, float]],
+) -> Reach:
     """Which effects widen the interval of the draws (m,) most: what is named, and what stands behind its ends."""
     whole, without, left = quantiles(values), None, np.ones(len(values), bool)
     by: list[str] = []

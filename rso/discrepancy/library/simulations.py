@@ -72,7 +72,7 @@ class Base:
     lean: Mapping[str, Any] = field(default_factory=dict)
     held: Mapping[str, int] = field(default_factory=dict)
 
-    def values(self, x: Sequence[float]) -> dict[str, float]:
+    def values(self, x: Sequence[float] | np.ndarray) -> dict[str, float]:
         """Knobs at coordinates x of the axes, at the reference modulus."""
         own = {a.name: float(a.physical(v, self.reference)) for a, v in zip(self.axes, x, strict=True)}
         scale = own.pop(self.modulus, self.reference) / self.reference
@@ -165,7 +165,7 @@ def nearest(every: Sequence[Pass], way: Pass) -> int:
     return min((k for k, p in enumerate(every) if (p.peak is None) == (way.peak is None)), key=apart)
 
 
-def knobs_at(base: Base, effect: Effect, at: np.ndarray) -> dict[str, float]:
+def knobs_at(base: Base, effect: Effect, at: Sequence[float] | np.ndarray) -> dict[str, float]:
     """Knob values of a node at the reference modulus; times as they are at 1 mm/s."""
     known = {p.name for p in base.backend.parameters}
     pairs = [(size, float(size.value(s))) for size, s in zip(effect.knobs, at, strict=True)]
@@ -197,7 +197,8 @@ def task_of(
         between = [0.5 * (a + b) for a, b in itertools.pairwise((0.0, *inside)) if b < 0.9 * p]
         corners = ((0.0, 0.0), (p, p), *([(p + way.rest, p)] if way.rest else []), (p + way.rest + p / way.pace, 0.0))
         home = [float(f"{corners[-1][0] - v / way.pace:.12g}") for v in between]  # where contact is lost is steep
-        programme = Programme(*zip(*corners, strict=True), inside, tuple(sorted(home)))
+        time, travel = zip(*corners, strict=True)
+        programme = Programme(time, travel, inside, tuple(sorted(home)))
     if way is not None and way.earlier:
         data["earlier"] = way.earlier
     tidy = {name: float(f"{v:.12g}") for name, v in values.items()}  # equal nodes have equal keys
@@ -240,8 +241,8 @@ def jobs_at(
     plan: TestPlan,
     k: int,
     e: Effect,
-    x: Sequence[float],
-    at: Sequence[float],
+    x: Sequence[float] | np.ndarray,
+    at: Sequence[float] | np.ndarray,
     ways: Sequence[Pass],
     finer: bool,
 ) -> list[Task]:
