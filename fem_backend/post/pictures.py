@@ -138,8 +138,8 @@ def draw_section(
     for axes in (whole, near):
         for sign in signs:
             to = np.array([sign, 1.0])
-            across, up = (flat * to).T
-            mesh = Triangulation(across, up, np.arange(len(flat)).reshape(-1, 3))
+            first, second = (flat * to).T
+            mesh = Triangulation(first, second, np.arange(len(flat)).reshape(-1, 3))
             image = axes.tripcolor(
                 mesh, cut.values.ravel(), shading="gouraud", cmap=COLOURS, vmin=limits[0], vmax=limits[1]
             )
@@ -217,8 +217,8 @@ def draw_surface(
     for axes in panels:
         for sign in signs:
             to = np.array(sign, float)
-            across, up = (x[:, :2] * to).T
-            mesh = Triangulation(across, up, parts)
+            first, second = (x[:, :2] * to).T
+            mesh = Triangulation(first, second, parts)
             image = axes.tripcolor(mesh, values, shading="gouraud", cmap=COLOURS, vmin=limits[0], vmax=limits[1])
             axes.add_collection(LineCollection(loops * to, colors="k", linewidths=0.25, alpha=0.6))
         axes.set_aspect("equal")
