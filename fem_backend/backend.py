@@ -21,10 +21,12 @@ from fem_backend.simulation.assembly import MISALIGNED, Model, NotModelled, Plac
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import SWITCHES, Knobs
+from fem_backend.simulation.knobs import known as every
 from fem_backend.simulation.outputs import UNITS
 from fem_backend.solver import direct
 from fem_backend.solver.load_steps import Instant, Stopped
 from fem_backend.solver.newton import System
+from fem_backend.supports import SUPPORTS
 from rso.contract import Case, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
 
 NUMERICS = 5  # raised when, and only when, answers change
@@ -78,7 +80,7 @@ class FiniteElements:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Every knob of :class:`fem_backend.simulation.knobs.Knobs`."""
-        return parameters_of(Knobs)
+        return parameters_of(every())
 
     @property
     def channels(self) -> Mapping[str, str]:
@@ -171,8 +173,8 @@ class FiniteElements:
         settings = experiment.read_settings(case.settings)
         known, own = {p.name: p for p in self.parameters}, {**priors.usual(settings), **dict(settings.defaults)}
         kept = {k: known[k].check(v) if k in known else v for k, v in {**own, **values}.items()}
-        if settings.support != "bowl":
-            kept = {k: v for k, v in kept.items() if not k.startswith("bowl_")}
+        absent = SUPPORTS.of_others(settings.support.name)
+        kept = {k: v for k, v in kept.items() if k not in absent}
         for group, switches in SWITCHES.items():
             if any(kept.get(name, known[name].default) == off for name, off in switches.items()):
                 kept = {k: v for k, v in kept.items() if k not in known or known[k].group != group}
@@ -317,7 +319,7 @@ class FiniteElements:
         missing = sorted(n for n, v in given.items() if v is None)
         if missing:
             raise ValueError(f"parameter {missing[0]!r} ({known[missing[0]].unit}) has no value")
-        return Knobs(**{n: known[n].check(v) for n, v in given.items()})
+        return every()(**{n: known[n].check(v) for n, v in given.items()})
 
 
 BACKEND = FiniteElements()
@@ -344,7 +346,7 @@ def _before(
 def path_dependent(settings: Settings, values: Mapping[str, float]) -> bool:
     """Whether the answer depends on times and on the way there."""
     rubbing = bool(values.get("friction") or values.get("adhesion"))
-    rubbing = rubbing or (settings.support == "bowl" and values.get("bowl_friction", Knobs.bowl_friction) != 0.0)
+    rubbing = rubbing or settings.support.friction(values) != 0.0
     memory = any(values.get(k) for k in ("prony_g", "prony_g2", "prony_g3", "mullins")) or settings.prony
     return bool(rubbing or memory)
 
@@ -358,7 +360,7 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))
     rests = any(a == b for a, b in itertools.pairwise(programme.travel_mm))
     hollow = kept.get("weight") and kept.get("cavity")
-    other = settings.support == "bowl" and settings.body.c != modelling.FLAT
+    other = settings.support.revised(settings.body)
     if max(programme.travel_mm) > DEEP * settings.R or settings.law == "linear_elastic":
         return 2
     return int(bool(hollow or kept.get("adhesion") or (relaxes and rests) or other))
@@ -371,12 +373,12 @@ def _from_zero(programme: Programme) -> Programme:
 
 
 def _may_turn(settings: Settings, kept: Mapping[str, float]) -> bool:
-    """Whether a body lies in a bowl and not both planes are planes of symmetry."""
-    if settings.support != "bowl":
+    """Whether a body is loose on its support and not both planes are planes of symmetry."""
+    if not settings.support.loose:
         return False
-    known = {f.name for f in dataclasses.fields(Knobs)}
+    known = {f.name for f in dataclasses.fields(every())}
     try:
-        knobs = Knobs(**{"mu": 1.0, "D1": 1.0, **{k: v for k, v in kept.items() if k in known}})
+        knobs = every()(**{"mu": 1.0, "D1": 1.0, **{k: v for k, v in kept.items() if k in known}})
         return not all(modelling.place(settings, knobs).planes)
     except NotModelled:
         return False  # the run itself will say why

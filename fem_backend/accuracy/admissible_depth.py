@@ -42,7 +42,7 @@ def inadmissible(settings: Settings, knobs: Knobs, deepest: float) -> End | None
     """The end of a law on the way to the `deepest` travel (mm); None where there is none for certain.
 
     Raises model.NotModelled for laws that do not combine.  Skins, holes, inclusions and fibres change what is reached
-    below the ball: nothing is foretold of them.  A body that sinks into its bowl is indented by less than the travel.
+    below the ball: nothing is foretold of them.  A body that sinks on its support is indented by less than the travel.
     """
     stuff = modelling.material(settings, knobs)
     law = stuff.law
@@ -50,8 +50,7 @@ def inadmissible(settings: Settings, knobs: Knobs, deepest: float) -> End | None
         return None
     R = settings.R + knobs.delta_R
     share = 1.0
-    if settings.support == "bowl":
-        share -= error_estimate.sinking(settings, knobs)
+    share -= error_estimate.sinking(settings, knobs)
     depths = np.linspace(0.0, deepest, COUNT)[1:]
     reached = np.exp(strain(share * depths, R))
     if admissible(law, float(reached[-1])) is None:

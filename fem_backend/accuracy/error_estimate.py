@@ -17,7 +17,13 @@ from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES
 
 LEVEL = {"coarse": 1.0, "standard": 0.6, "fine": 0.29, "reference": 0.18, "limit": 0.18}  # over that of coarse
-BELOW = {"coarse": 1.0, "standard": 0.85, "fine": 1.6, "reference": 0.25, "limit": 0.25}  # the same of a bowl's contact
+BELOW = {
+    "coarse": 1.0,
+    "standard": 0.85,
+    "fine": 1.6,
+    "reference": 0.25,
+    "limit": 0.25,
+}  # the same of contact with the support
 EXTRAPOLATED = {"limit": 0.6}  # of the error of the forces is left when they are extrapolated
 CALIBRATED = {  # of the columns of `columns`
     "force": (0.0015, 0.018, 0.006, 0.001),
@@ -99,7 +105,7 @@ def unreached(settings: Settings, knobs: Knobs, result: Result) -> float:
     """(h/0.9 h₀)² where the mean edge h below the ball is longer than that: fTetWild does not always get there."""
     if result.system is None or not settings.level:
         return 1.0
-    corners = result.system.body.nodes[result.system.pairs[0].surface.facets[:, :3]]
+    corners = result.system.body.nodes[result.system.indenter.surface.facets[:, :3]]
     x, y = beneath(settings, knobs)
     away = np.hypot(*(corners.mean(axis=1)[:, :2] - (x, y)).T)
     near = corners[away <= max(BELOW_BALL * settings.R, float(away.min()))]
@@ -340,23 +346,23 @@ def layered(settings: Settings, knobs: Knobs) -> float:
 
 
 def sunk(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
-    """How far (k,) mm the body sinks into its bowl during the test; zero where it is held.
+    """How far (k,) mm the body gives way as a whole on its support during the test; zero where it is held.
 
-    By Hertz, ball and bowl carrying the same force, bowl and body of nearly the same shape (Johnson 1985, eq. 4.23):
-    w = travel (R g/(b c))^(1/3) ((1 + W/F)^(2/3) − (W/F)^(2/3)), clearance g, weight W, semi-axes b and c.
+    w = travel · `sinking` · ((1 + W/F)^(2/3) − (W/F)^(2/3)), weight W, indenter and support carrying the same force by
+    Hertz (Johnson 1985, eq. 4.23).
     """
-    if settings.support != "bowl":
+    if not settings.support.loose:
         return np.zeros_like(result.travel)
     return np.abs(result.travel) * sinking(settings, knobs) * eased(settings, knobs, result)
 
 
 def sinking(settings: Settings, knobs: Knobs) -> float:
-    """The share (R g/(b c))^(1/3) of the travel by which a weightless body sinks into its bowl, at most 1."""
-    return min((settings.R * knobs.bowl_clearance / (settings.body.b * settings.body.c)) ** (1.0 / 3.0), 1.0)
+    """The share of the travel by which a weightless body gives way as a whole on its support, at most 1."""
+    return settings.support.sinking(settings.body, settings.R, knobs)
 
 
 def eased(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
-    """(1 + W/F)^(2/3) − (W/F)^(2/3), (k,): how much of what a weightless body sinks into its bowl a heavy one sinks."""
+    """(1 + W/F)^(2/3) − (W/F)^(2/3), (k,): what a heavy body sinks on its support over what a weightless one does."""
     force = np.maximum(whole_force(result), 1e-300)
     weight = knobs.weight * 4.0 / 3.0 * np.pi * float(np.prod(settings.body.semi_axes)) / force
     if knobs.weight and knobs.cavity and result.system is not None:  # a hole has none
@@ -379,11 +385,11 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     """What the error of each channel grows with, (k, j) in its unit.
 
     Forces, area, radius, pressure: m · value · (1, (h₀/a)², log₁₀ K/μ), a the contact radius, h₀ the element size and m
-    the `mesh_factor`; the value of a lateral force is what is `pressed`.  In a bowl forces have 3/2 F g/d
+    the `mesh_factor`; the value of a lateral force is what is `pressed`.  On a loose body forces have 3/2 F g/d
     besides, d the travel, times what is `eased`: facets misplace the wall by a share of the clearance g, F ~ d^(3/2);
     d is at least what makes that the force itself. A skin adds to the first two, see `lumped` and `layered`.
     `uz_max`: (m h₀ (h₀/a)², d²/2R), the ball's lowest point as far beside the axis, R Fx/Fz, as it is beside a node, d.
-    `bulge`: (m value, m travel, w), since it vanishes in a compressible body; w is what is `sunk` into a bowl, times
+    `bulge`: (m value, m travel, w), since it vanishes in a compressible body; w is what is `sunk` on its support, times
     what its elements there make of it.
     Surface points: (m g, m g log₁₀ K/μ, (4 q (1 − q))² h₀²/R, w), q = |u|/travel: what touches the ball moves with it.
     g = (1 − q) max(|u|, F/(4πμ max(r, a))), as a point load moves the surface (Johnson 1985, eq. 3.22b, ν = 1/2): a
@@ -395,10 +401,10 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     edge = lumped(settings, knobs) * (settings.h0 / np.maximum(at["contact_radius"], 0.5 * settings.h0)) ** 2
     stiff = np.full_like(travel, stiffness(knobs))
     shape = np.stack([np.ones_like(travel), edge, stiff], axis=-1)
-    below = BELOW.get(settings.level, 1.0)
-    astray = CALIBRATED["force"][3] * below * knobs.bowl_clearance  # no force is off by more than itself
-    play = below * 1.5 * knobs.bowl_clearance / np.maximum(travel, 1.5 * astray)
-    play = play * eased(settings, knobs, result) * (settings.support == "bowl")
+    below, room = BELOW.get(settings.level, 1.0), settings.support.clearance(knobs)
+    astray = CALIBRATED["force"][3] * below * room  # no force is off by more than itself
+    play = below * 1.5 * room / np.maximum(travel, 1.5 * astray)
+    play = play * eased(settings, knobs, result)
     through = shape * [layered(settings, knobs), 1.0, 1.0]
     forces = np.concatenate([EXTRAPOLATED.get(settings.level, 1.0) * mesh * through, play[:, None]], axis=-1)
     out = {n: size_n[:, None] * forces for n, size_n in pressed(settings, knobs, result).items()}

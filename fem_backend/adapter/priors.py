@@ -11,6 +11,7 @@ import numpy as np
 from fem_backend.materials import zones
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
+from fem_backend.supports import SUPPORTS
 
 LAW_KNOBS = {"mooney_rivlin": {"C01"}, "yeoh": {"C20", "C30"}, "ogden": {"alpha"}}  # each law's own
 WITHOUT_STRETCH = ["prony_g", "mullins", "fibre"]  # what small strains do not have
@@ -116,8 +117,9 @@ def marks(own: Settings) -> dict[str, list[list[float]]]:
 
 def variants(own: Settings) -> dict[str, Mapping[str, Any]]:
     """Other supports than that of the settings: what replaces them and the group of knobs that belongs to it."""
-    if own.support == "bowl":
-        held = {"settings": {"support": {"kind": "fixed"}}, "group": "", "description": "held instead of in a bowl"}
-        return {"held": held}
-    bowl = {"settings": {"support": {"kind": "bowl"}}, "group": "bowl", "description": "in a bowl instead of held"}
-    return {"bowl": bowl}
+    found = {}
+    for name, other in SUPPORTS.members.items():
+        if name != own.support.name and other().refusal(own.body) is None:
+            words = f"{other.words} instead of {own.support.words}"
+            found[other.variant] = {"settings": {"support": {"kind": name}}, "group": other.group, "description": words}
+    return found

@@ -19,7 +19,7 @@ from fem_backend.contact.tractions import (
     contact_surface,
     quadratic_facets,
 )
-from fem_backend.geometry import Bowl, Ellipsoid, Sphere
+from fem_backend.geometry import Ellipsoid, Sphere
 from fem_backend.kinematics import tetrahedra
 from fem_backend.laws import Law, Material
 from fem_backend.materials import zones
@@ -30,19 +30,17 @@ from fem_backend.solver import condensation, direct, krylov
 from fem_backend.solver.condensation import Condense
 from fem_backend.solver.load_steps import Control
 from fem_backend.solver.newton import Load, System
+from fem_backend.supports import SUPPORTS
 
 PENALTY = 900.0  # ε R/μ: the multipliers remove its error, so it only steers convergence
 FINEST_RANGE = 30.0  # elements of h₀ resolve attraction of a range h₀ over this; below, its force has the wrong sign
-BOWL_PENALTY = 8.0  # the same at the bowl, where pressures are far smaller; a stiff one would be felt point by point
-BOWL_ORDER = 14  # 42 points on the large facets of the lower half: contact with the bowl spreads gradually
 RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep ball; width in R
 MISALIGNED = ("offset_x", "offset_y", "tilt_x", "tilt_y")
 FATTEST = 0.6  # radius of the ball over the smallest semi-axis; settings say 0.5, knobs that err may exceed it
 THINNEST = 0.2  # smallest semi-axis over that of the settings
 REACH = 3.0  # facets within REACH·R of the first contact may touch
 STIFFEST = 1000.0  # K/μ beyond which the displacement element is not verified
-FLAT = 35.0  # semi-axis c over the lip of a bowl: 1 mm for the usual body
-SPRINGS = 1e-4  # grounding springs of a body in a bowl, all together, over μR
+SPRINGS = 1e-4  # grounding springs of a loose body, all together, over μR
 
 
 class NotModelled(ValueError):
@@ -202,7 +200,7 @@ class Model:
 
 
 def build(settings: Settings, mesh: Mesh, body: Ellipsoid, planes: tuple[bool, bool], symmetric: bool = True) -> Model:
-    """Model of a specimen: symmetry planes held in their normal, a fixed support holds the surface below z = 0.
+    """Model of a specimen: symmetry planes held in their normal, and what the support holds.
 
     Raises meshing.BadMesh when the elements cannot take this shape or place.
     """
@@ -217,27 +215,25 @@ def build(settings: Settings, mesh: Mesh, body: Ellipsoid, planes: tuple[bool, b
     for axis in (0, 1):
         if planes[axis]:
             held[:, axis] = X[:, axis] == 0.0
-    lower = np.empty(0, np.int64)
-    if settings.support == "fixed":
-        lower = np.unique(facets)
-        lower = lower[X[lower, 2] <= 1e-9]
-        held[lower] = True
+    carried = settings.support.held(body, X, np.unique(facets))
+    held |= carried
     discrete = tetrahedra.discretise(quadratic, held, symmetric)
-    loose = settings.support == "bowl" and not all(planes)  # it may roll
-    factor = krylov.Loose(discrete.pattern, settings.solver).factor if loose else None
+    rolls = settings.support.loose and not all(planes)
+    factor = krylov.Loose(discrete.pattern, settings.solver).factor if rolls else None
     factor = factor or direct.solver(discrete.pattern, settings.solver)
     condenser = condensation.condenser(discrete.pattern, settings.solver)
-    return Model(quadratic, discrete, facets, factor, lower, condenser)
+    return Model(quadratic, discrete, facets, factor, np.nonzero(carried.any(1))[0], condenser)
 
 
 def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
     """Raise NotModelled for a material or an adhesion out of reach, and for small strains of a body that may turn."""
     stuff = material(settings, knobs)
-    if stuff.small_strain and settings.support == "bowl" and not all(placement.planes):
+    if stuff.small_strain and settings.support.loose and not all(placement.planes):
+        holding = " or ".join(f'"{name}"' for name, member in SUPPORTS.members.items() if not member.loose)
         raise NotModelled(
-            "not_supported", 'law = "linear_elastic" with support = "bowl" where the body may turn (point, tilt or '
-            'misalignment off the axes): its strain, sym grad u, grows with a rotation; take law = "neo_hookean", '
-            'which agrees to first order, or support = "fixed"',
+            "not_supported", f'law = "linear_elastic" with support = "{settings.support.name}" where the body may turn '
+            "(point, tilt or misalignment off the axes): its strain, sym grad u, grows with a rotation; take law = "
+            f'"neo_hookean", which agrees to first order, or support = {holding}',
         )  # fmt: skip
     ratio = stuff.bulk_modulus / stuff.shear_modulus
     if ratio > STIFFEST:
@@ -254,8 +250,9 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
 def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> Model:
     """The discretised specimen of an experiment; NotModelled without a mesh or for a material out of reach."""
     admit(settings, knobs, placement)
-    symmetric = knobs.friction == 0.0 and not (settings.support == "bowl" and knobs.bowl_friction)
-    shared = Settings(settings.body, settings.R, support=settings.support, point=fine_at(settings, knobs, placement),
+    symmetric = knobs.friction == 0.0 and not settings.support.friction(vars(knobs))
+    shared = Settings(settings.body, settings.R, support=settings.support.holding(),
+                      point=fine_at(settings, knobs, placement),
                       recipe=settings.recipe, control=Control(), solver=settings.solver)  # fmt: skip
     try:
         return _model(shared, tuple(placement.body.semi_axes), placement.planes, symmetric, mesh)
@@ -283,18 +280,18 @@ def system(
     body = model.body
     stuff = material(settings, knobs)
     mu = stuff.shear_modulus
-    surfaces = touching(settings, placement, model) if like is None else [p.surface for p in like.pairs]
+    if like is None:
+        surface, below = touching(settings, placement, model)
+    else:
+        surface, below = like.indenter.surface, tuple(p.surface for p in like.seat)
     adhesion = Adhesion(knobs.adhesion, knobs.adhesion_range) if knobs.adhesion else None
-    epsilon = np.full(surfaces[0].weights.shape, PENALTY * mu / placement.R)
-    pairs = [Pair(surfaces[0], Sphere(placement.R, settings.shaft), epsilon, knobs.friction, adhesion)]
+    epsilon = np.full(surface.weights.shape, PENALTY * mu / placement.R)
+    indenter = Pair(surface, Sphere(placement.R, settings.shaft), epsilon, knobs.friction, adhesion)
+    # multipliers stay with points of the body: where that turns, they do not hold its weight in place
+    soft = knobs.weight > 0.0 and not all(placement.planes)
+    seat = settings.support.pairs(settings.body, placement.body, below, knobs, mu, placement.R, soft)
     springs = None
-    if settings.support == "bowl":
-        epsilon = np.full(surfaces[1].weights.shape, BOWL_PENALTY * mu / placement.R)
-        inner, centre = tuple(placement.body.semi_axes + knobs.bowl_clearance), (0.0, 0.0, knobs.bowl_clearance)
-        bowl = Bowl(inner, centre, lip=settings.body.c / FLAT)
-        # multipliers stay with points of the body: where that turns, they do not hold its weight in place
-        soft = knobs.weight > 0.0 and not all(placement.planes)
-        pairs.append(Pair(surfaces[1], bowl, epsilon, knobs.bowl_friction, None, soft))
+    if settings.support.loose:
         whole = body.w.sum()
         springs = SPRINGS * mu * placement.R * lumped(body, np.ones_like(body.w)) / whole / multiplicity(placement)
     dead = None
@@ -302,17 +299,17 @@ def system(
         dead = knobs.weight * lumped(body, filled(settings, knobs, placement, body))[:, None] * placement.down
     scale = stiffening(settings, knobs, placement, body) if like is None else like.scale
     least = 1e-3 * mu * placement.R**2  # about the force at R/100
-    return System(body, stuff, tuple(pairs), model.factor, scale, dead, springs, least)
+    return System(body, stuff, indenter, seat, model.factor, scale, dead, springs, least)
 
 
-def touching(settings: Settings, placement: Placement, model: Model) -> list[ContactSurface]:
-    """Surfaces that may touch: the indenter around the first contact; in a bowl also the lower half of the body."""
+def touching(
+    settings: Settings, placement: Placement, model: Model
+) -> tuple[ContactSurface, tuple[ContactSurface, ...]]:
+    """Surfaces that may touch: the indenter around the first contact, and what the support offers to touch."""
     middle = model.body.nodes[model.facets].mean(1)
     near = np.linalg.norm(middle - placement.contact, axis=1) < REACH * placement.R
-    surfaces = [contact_surface(model.body, model.facets[near], placement.body)]
-    if settings.support == "bowl":
-        surfaces.append(contact_surface(model.body, model.facets[middle[:, 2] < 0.0], placement.body, BOWL_ORDER))
-    return surfaces
+    below = settings.support.surfaces(placement.body, model.body, model.facets)
+    return contact_surface(model.body, model.facets[near], placement.body), below
 
 
 def stiffening(settings: Settings, knobs: Knobs, placement: Placement, body: tetrahedra.Body) -> np.ndarray | None:
@@ -355,12 +352,12 @@ def lumped(body: tetrahedra.Body, density: np.ndarray) -> np.ndarray:
 def condensing(system: System, model: Model, start: Load, end: Load) -> System:
     """The system with what condenses its tangents to the dofs c that the indenter may touch between two loads.
 
-    Only where nothing else touches (a bowl does so everywhere), and where the dense matrix of those is no larger than
-    the sparse one: beyond, to factorise it in every iteration costs what a new tangent of the body would.
+    Only where nothing else touches (a support may do so everywhere), and where the dense matrix of those is no larger
+    than the sparse one: beyond, to factorise it in every iteration costs what a new tangent of the body would.
     """
-    if system.springs is not None:
+    if system.seat:
         return system
-    pair, c = system.pairs[0], [load.touches[0].centre for load in (start, end)]
+    pair, c = system.indenter, [load.indenter.centre for load in (start, end)]
     points = contact_points(pair.surface, system.body.nodes)
     share = np.clip((points - c[0]) @ (c[1] - c[0]) / max(float((c[1] - c[0]) @ (c[1] - c[0])), 1e-300), 0.0, 1.0)
     away = np.linalg.norm(points - c[0] - share[..., None] * (c[1] - c[0]), axis=-1)
@@ -374,14 +371,12 @@ def condensing(system: System, model: Model, start: Load, end: Load) -> System:
 
 def load(system: System, placement: Placement, travel: float, lag: float = 0.0) -> Load:
     """Load at a travel (mm) without multipliers; `lag` is how much later the sagged body is touched than nominal."""
-    indenter = system.pairs[0]
+    indenter = system.indenter
     way = travel + lag
     centre, nothing = placement.touch + way * placement.direction, np.zeros(indenter.surface.weights.shape)
     factor = raised(indenter.surface, system.body, placement, travel)
-    touches = [Touch(centre, placement.direction, nothing, factor, None)]
-    for pair in system.pairs[1:]:
-        touches.append(Touch(np.zeros(3), np.zeros(3), np.zeros(pair.surface.weights.shape), 1.0, None))
-    return Load(tuple(touches))
+    seat = [Touch(np.zeros(3), np.zeros(3), np.zeros(pair.surface.weights.shape), 1.0, None) for pair in system.seat]
+    return Load(Touch(centre, placement.direction, nothing, factor, None), tuple(seat))
 
 
 def raised(surface: ContactSurface, body: tetrahedra.Body, placement: Placement, travel: float) -> np.ndarray | float:

@@ -68,7 +68,7 @@ class Slopes:
             touches = tuple(
                 replace(t, multiplier=t.multiplier + h * d) for t, d in zip(stage.load.touches, dlambda, strict=True)
             )
-            load, left = replace(stage.load, touches=touches), np.inf
+            load, left = stage.load.touching(touches), np.inf
             for k in range(REFINEMENTS + 1):  # the factor may be of an earlier iterate
                 change = (newton.evaluate(high, at.u + h * du, load).residual - at.residual) / h
                 before, left = left, float(np.linalg.norm(newton.reduced(body, change)))
@@ -121,4 +121,4 @@ class Slopes:
 
 def travel_of(at: Bench, load: Load) -> float:
     """Travel (mm) of the indenter in a load."""
-    return float((load.touches[0].centre - at.placement.touch) @ at.placement.direction) - at.lag
+    return float((load.indenter.centre - at.placement.touch) @ at.placement.direction) - at.lag

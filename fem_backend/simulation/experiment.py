@@ -15,12 +15,13 @@ from typing import Any
 from fem_backend import meshing
 from fem_backend.geometry import Ellipsoid
 from fem_backend.solver.load_steps import Control
+from fem_backend.supports import SUPPORTS, Support
 from rso.contract import finite
 
 LIMIT = "limit"  # the mesh level whose forces are extrapolated, see fem_backend.accuracy.two_grid
 LARGEST = 70  # semi-axis over the radius of the ball: of one three times as large fTetWild makes no sound mesh
 # Of canonical settings, raised when answers change where misalignment or tilt takes the fine elements along, those of
-# bodies that may turn in a bowl and whose way there matters, and those of `backend.mended`: no study states them.
+# loose bodies that may turn and whose way there matters, and those of `backend.mended`: no study states them.
 MARKS = {"follows": 1, "rolling": 3, "mended": 2}
 OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
 LAWS = ("neo_hookean", "linear_elastic", "mooney_rivlin", "yeoh", "ogden")
@@ -40,7 +41,7 @@ class Settings:
     body: Ellipsoid
     R: float
     shaft: bool = False
-    support: str = "fixed"
+    support: Support = field(default_factory=lambda: SUPPORTS.members[SUPPORTS.default]())
     law: str = "neo_hookean"
     ogden: tuple[tuple[float, float], ...] = ()
     prony: tuple[tuple[float, float], ...] = ()
@@ -55,7 +56,7 @@ class Settings:
     level: str = ""
     control: Control = field(default_factory=Control)
     solver: str = "auto"
-    defaults: tuple[tuple[str, float], ...] = ()  # knobs that the settings set: bowl_clearance, bowl_friction
+    defaults: tuple[tuple[str, float], ...] = ()  # knobs that the settings set
     derivatives: bool = True
     multipliers: bool = True
 
@@ -84,7 +85,9 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
             "it takes a smaller specimen for the same half-space"
         )
     shaft = _flag("indenter.shaft", indenter["shaft"])
-    support, defaults = _support(data)
+    support = SUPPORTS.read(data.pop("support", {}))
+    if refusal := support.refusal(body):
+        raise ValueError(refusal)
     law, ogden, prony = _material(data)
     point = tuple(_numbers("point", data.pop("point", [0.0, 0.0]), 2))
     if math.hypot(point[0] / body.a, point[1] / body.b) > meshing.FARTHEST:
@@ -120,7 +123,8 @@ def read_settings(settings: Mapping[str, Any]) -> Settings:
     control = Control().scaled(R)
     return Settings(
         body, R, shaft, support, law, ogden, prony, point, direction, cavity, places, earlier,
-        recipe, used, h0, level, control if multipliers else control.soft(), solver, defaults, derivatives, multipliers,
+        recipe, used, h0, level, control if multipliers else control.soft(), solver,
+        tuple(support.defaults().items()), derivatives, multipliers,
     )  # fmt: skip
 
 
@@ -135,7 +139,7 @@ def plain_settings(settings: Settings) -> dict[str, Any]:
         "specimen": {"shape": "ellipsoid", "semi_axes": settings.body.semi_axes.tolist(),
                      "cavity": list(settings.cavity)},
         "indenter": {"shape": "sphere", "radius": settings.R, "shaft": settings.shaft},
-        "support": {"kind": settings.support},
+        "support": settings.support.plain(),
         "material": {"law": settings.law, "ogden": [list(t) for t in settings.ogden],
                      "prony": [list(t) for t in settings.prony]},
         "point": list(settings.point),
@@ -156,24 +160,6 @@ def _distinct(places: Sequence[tuple[float, float]]) -> None:
         first = places[names.index(name)]
         raise ValueError(f"profile: the marks {list(first)} and [{x!r}, {y!r}] mm would share the channel {name}; "
                          "marks differ in their first six digits")  # fmt: skip
-
-
-def _support(data: dict[str, Any]) -> tuple[str, tuple[tuple[str, float], ...]]:
-    table = data.get("support", {})
-    kind = table.get("kind", "fixed") if isinstance(table, Mapping) else "fixed"
-    known: dict[str, Any] = {"kind": "fixed"}
-    if kind == "bowl" or not isinstance(table, Mapping):
-        known |= {"clearance": None, "friction": None}
-    table = _table(data, "support", known, "rolling" if kind == "bowl" else "")
-    _choice("support.kind", table["kind"], ["fixed", "bowl"])
-    defaults = []
-    for key in ("clearance", "friction"):
-        if table.get(key) is not None:
-            value = _numbers(f"support.{key}", [table[key]], 1)[0]
-            if value < 0 or (key == "clearance" and value == 0):
-                raise ValueError(f"support.{key} = {value}: must be {'positive' if key == 'clearance' else '>= 0'}")
-            defaults.append((f"bowl_{key}", value))
-    return kind, tuple(defaults)
 
 
 def _material(data: dict[str, Any]) -> tuple[str, tuple, tuple]:

@@ -136,8 +136,8 @@ def along(at: Bench, instants: Sequence[Instant], counters: Counters) -> list[Po
     control, u = at.settings.control, at.seated
     history = _earlier(at, counters)
     touching = None
-    if at.system.springs is not None and at.system.dead is None:
-        if rigid_motions.rolls(at.system) and at.system.pairs[1].friction:
+    if at.system.loose and at.system.dead is None:
+        if rigid_motions.rolls(at.system) and any(pair.friction for pair in at.system.seat):
             touching = 0.02 * at.placement.R
         else:
             u = load_steps.seat(history_steps.smooth(at.system), at.start(0.02 * at.placement.R), u, control, counters)
@@ -160,7 +160,7 @@ def elastic(
     asked = list(dict.fromkeys(computed.values()))
     at = replace(at, system=modelling.condensing(at.system, at.model, at.start(0.0), at.start(asked[-1])))
     control, u = at.settings.control, at.seated
-    if at.system.springs is not None and at.system.dead is None:
+    if at.system.loose and at.system.dead is None:
         u = load_steps.seat(at.system, at.start(0.02 * at.placement.R), u, control, counters)
     try:
         found = load_steps.travel(at.system, at.start, asked, control, counters, u, guess, watch)
@@ -205,7 +205,7 @@ def collect(
     gradients = slopes.at_travels(out["travel"]) if slopes is not None else {}
     gradients = {k: {n: v * soft if n in FORCES else v for n, v in rows.items()} for k, rows in gradients.items()}
     notes = {"sag_mm": at.lag, "derivatives_cpu_s": slopes.cpu_s if slopes is not None else 0.0}
-    if at.system.springs is not None and points:
+    if at.system.loose and points:
         carried = [np.abs((at.system.springs[:, None] * p.evaluation.u).sum(0)).max() for p in points]
         forces = [float(np.linalg.norm(p.force)) for p in points]
         notes["spring_share"] = float(max(c / max(c + f, 1e-300) for c, f in zip(carried, forces, strict=True)))

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
+from fem_backend.supports import SUPPORTS
 from rso.contract import knob
 
 
 @dataclass(frozen=True)
-class Knobs:
-    """Every number that a study may open; an effect also says the value that switches it off.
+class Common:
+    """Numbers of every experiment.
 
     Lengths in mm, angles in degrees, moduli in MPa.  `mu` is the initial shear modulus under every law, instantaneous
     where the material relaxes.  Defaults and plausible ranges that hold a length are those of the usual specimen and
@@ -206,23 +211,12 @@ class Knobs:
         label="adhesion",
     )
     adhesion_range: float = knob("range of the attraction", "mm", 1e-9, 1e3, default=0.2, group="adhesion")
-    bowl_clearance: float = knob(
-        "semi-axes of the bowl minus those of the body",
-        "mm",
-        1e-8,
-        1e3,
-        default=1.0,
-        group="bowl",
-        scope="mounting",
-        typical=1.0,
-        plausible=(0.2, 4.0),
-        label="clearance of the bowl",
-    )
-    bowl_friction: float = knob(
-        # from where it slides under most loads to where it sticks
-        "Coulomb friction between bowl and body", "1", 0.0, 5.0, default=0.2, group="bowl", plausible=(0.1, 0.4),
-        label="friction in the bowl"
-    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Pose:
+    """How specimen and indenter stand to each other."""
+
     delta_R: float = knob(
         "error of the indenter radius",
         "mm",
@@ -277,6 +271,33 @@ class Knobs:
         plausible=(-6.0, 6.0),
         label="tilt about y",
     )
+
+
+def composed(parts: Iterable[type], name: str = "Knobs") -> type:
+    """A frozen dataclass of all knobs that its parts declare, in their order; ValueError where two have one name."""
+    fields: dict[str, tuple[str, Any, dataclasses.Field]] = {}
+    for part in parts:
+        for f in dataclasses.fields(part):
+            if f.name in fields:
+                raise ValueError(f"knob {f.name!r} is declared twice")
+            default = {} if f.default is dataclasses.MISSING else {"default": f.default}
+            fields[f.name] = (f.name, f.type, dataclasses.field(metadata=f.metadata, **default))
+    made = dataclasses.make_dataclass(name, fields.values(), frozen=True, namespace={"__module__": __name__})
+    made.__doc__ = "Every number that a study may open; an effect also says the value that switches it off."
+    return made
+
+
+def known() -> type:
+    """The dataclass of all knobs with those of every member that is registered now."""
+    return _known(tuple([Common, *SUPPORTS.knobs(), Pose]))
+
+
+@functools.cache
+def _known(parts: tuple[type, ...]) -> type:
+    return composed(parts)
+
+
+Knobs: Any = known()
 
 
 SWITCHES = {  # a group has no influence while one of these knobs has the value beside it

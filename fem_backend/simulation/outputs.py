@@ -32,8 +32,8 @@ def channels(at: Bench, system: System, evaluation: Evaluation, load: Load, stif
     force = stiffer * whole(placement, evaluation.contact.force)
     up = -placement.down
     moved = (evaluation.u - at.seated) @ up
-    touching, surface = evaluation.contact, system.pairs[0].surface
-    centre = load.touches[0].centre
+    touching, surface = evaluation.contact, system.indenter.surface
+    centre = load.indenter.centre
     axis = (placement.touch - placement.contact) / placement.R
     patch = post.contact_patch(
         surface, body.nodes + evaluation.u, touching.pressure, centre, placement.R, axis, placement.planes,
@@ -73,7 +73,7 @@ def softness(at: Bench, points: Sequence[Point]) -> np.ndarray:
         F = F_ε + dW/ds,   W = ½ ∫ (p − p₀)²/ε dA
 
     along each way of the indenter (an elastic body has one) from the values at the asked travels s; p₀ carries the
-    weight in a bowl.  Of a body with a potential Π_ε = Π − W to first order in 1/ε, as Π_ε is the largest of Π's
+    weight of a loose body.  Of a body with a potential Π_ε = Π − W to first order in 1/ε, as Π_ε is the largest of Π's
     Lagrangian less ½ ∫ (λ − p₀)²/ε over the multipliers λ, and F = dΠ/ds; otherwise an estimate.  Lateral forces are
     taken to lack the same share.
     """
@@ -105,15 +105,18 @@ def softness(at: Bench, points: Sequence[Point]) -> np.ndarray:
 
 
 def _resting(at: Bench) -> list[np.ndarray | float]:
-    """Pressures (f, q) MPa of every pair before the test: those of a bowl under the weight, else none."""
+    """Pressures (f, q) MPa of every pair before the test: those of the seat under the weight, else none."""
     if at.carrying is None:
         return [0.0 for _ in at.system.pairs]
-    pair, touch = history_steps.smooth(at.system).pairs[1], at.start(0.0).touches[1]
-    return [0.0, tractions.evaluate(pair, at.model.body.nodes + at.seated, touch).pressure]
+    x, seat = at.model.body.nodes + at.seated, history_steps.smooth(at.system).seat
+    touches = at.start(0.0).seat
+    return [0.0, *(tractions.evaluate(p, x, touch).pressure for p, touch in zip(seat, touches, strict=True))]
 
 
 def reaction(at: Bench, evaluation: Evaluation) -> np.ndarray:
-    """Force (3,) N that the support carries in the machine's frame: of the held nodes, or on the bowl."""
-    if len(evaluation.contacts) > 1:
-        return whole(at.placement, -evaluation.contacts[1].force)
-    return whole(at.placement, (evaluation.residual - evaluation.contact.residual)[at.model.held].sum(0))
+    """Force (3,) N that the support carries in the machine's frame: of the held nodes, and what touches it."""
+    touched = [-state.force for state in evaluation.seat]
+    if len(at.model.held) or not touched:
+        contact = sum((state.residual for state in evaluation.contacts[1:]), evaluation.contact.residual)
+        touched.insert(0, (evaluation.residual - contact)[at.model.held].sum(0))
+    return whole(at.placement, sum(touched[1:], touched[0]))

@@ -14,7 +14,7 @@ from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, 
 BRISK, PATIENT = 15, 40  # iterations of Newton at most: on the way, and where nothing else is left to try
 NOTHING: Known = (None, None)  # no factor is known, old ones may be used
 LOOSER = (1.0, 10.0, 100.0)  # times the residual that is left when seated
-CARRYING = 4  # augmentations of a bowl under the weight: 1e-3 mm and less are left of what it sinks in by
+CARRYING = 4  # augmentations of a support under the weight: 1e-3 mm and less are left of what it sinks in by
 SEATING = (1e5, 1e4, 1e3, 1e2, 1e1, 1.0)  # factors of the grounding springs until the support carries the body
 
 
@@ -122,7 +122,7 @@ def find(
     system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = PATIENT,
     known: Known | None = None,
 ) -> Equilibrium:  # fmt: skip
-    """Equilibrium from u (n, 3) by Newton in `limit` iterations; a body in a bowl that is lost rolls there.
+    """Equilibrium from u (n, 3) by Newton in `limit` iterations; a loose body that is lost rolls there.
 
     A body that may turn does so at once, in three times as many factorisations.  Raises NotConverged.
     """
@@ -130,7 +130,7 @@ def find(
         try:
             return newton.solve(system, u, load, tolerance, counters, limit, known)
         except NotConverged as error:
-            if system.springs is None or error.cause == "time_limit":
+            if not system.loose or error.cause == "time_limit":
                 raise
     return rigid_motions.solve(system, u, load, tolerance, counters, 3 * limit)
 
@@ -287,8 +287,8 @@ def proper(
 
 
 def may_go_on(system: System, limit: int, error: NotConverged) -> bool:
-    """Whether a body that is lost in its bowl after `limit` iterations may be looked for with more patience."""
-    return system.springs is not None and limit < PATIENT and error.cause != "time_limit"
+    """Whether a loose body that is lost after `limit` iterations may be looked for with more patience."""
+    return system.loose and limit < PATIENT and error.cause != "time_limit"
 
 
 def _end(point: Point, travel: float) -> tuple[np.ndarray, np.ndarray, float]:

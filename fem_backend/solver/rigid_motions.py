@@ -1,4 +1,4 @@
-"""Equilibria of a body that may roll and slide far in its bowl: damped Newton along rigid motions.
+"""Equilibria of a body that may roll and slide far on its support: damped Newton along rigid motions.
 
 A Newton step that turns the body by θ stretches it by θ²/2, and in a body of 10⁵ mm³ that outweighs all that happens
 at the contacts: steps stay at 0.1 mm.  So the part of a step that is a rigid motion is made as one (a retraction;
@@ -22,7 +22,7 @@ from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Load, N
 
 LIMIT = 120  # factorisations
 LEAST, MOST = 1e-3, 1e8  # damping over μR
-FARTHEST = 1.0  # lips of the bowl (c/35) that a step should not surpass by lengthening
+FARTHEST = 1.0  # strides on its support that a step should not surpass by lengthening
 ROUND = 1e-10  # of that: a full step this short ends the iteration, whatever the residual of round-off is
 NOISE = 1e-13  # of μ times the volume: gains of energy below are round-off
 TRIALS = 10  # of a line search
@@ -69,8 +69,13 @@ def moved(how: Motion, u: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 def rolls(system: System) -> bool:
-    """Whether a body lies loosely in its bowl and may turn there: not both planes are planes of symmetry."""
-    return system.springs is not None and bool(motion(system.body).allowed[3:].any())
+    """Whether a body lies loosely on its support and may turn there: not both planes are planes of symmetry."""
+    return system.loose and bool(motion(system.body).allowed[3:].any())
+
+
+def stride(system: System) -> float:
+    """The shortest stride (mm) of the surfaces that carry the body."""
+    return min(pair.rigid.stride for pair in system.seat)
 
 
 def solve(
@@ -87,7 +92,7 @@ def solve(
     mass = np.empty(body.pattern.size)
     mass[free[free >= 0]] = np.repeat(how.share[:, None], 3, axis=1)[free >= 0]
     mass *= float(np.abs(system.springs).sum()) / 1e-4  # about μR
-    damping, unit = 0.0, system.pairs[1].rigid.lip
+    damping, unit = 0.0, stride(system)
     try:
         at = newton.evaluate(system, u, load)
     except stress.Inverted as error:
@@ -183,7 +188,7 @@ def _search(
     −0.7 ≤ (d·R)(α)/|d·R|(0) < 0.7 by false position, with an energy that falls where there is one; damped steps, which
     are too short, are lengthened threefold and more.
     """
-    slope, largest = float(g @ step), float(np.abs(step).max()) / system.pairs[1].rigid.lip
+    slope, largest = float(g @ step), float(np.abs(step).max()) / stride(system)
     noise = NOISE * system.material.shear_modulus * float(system.body.w.sum())
     rubs = any(t.before is not None for t in load.touches)
     field = newton.full(system.body, step)

@@ -11,10 +11,11 @@ from skfem import MeshTet, MeshTet2
 from fem_backend.contact import tractions
 from fem_backend.contact.pointwise import LAG, TANGENTIAL
 from fem_backend.contact.tractions import Adhesion, Before, ContactState, Pair, Touch
-from fem_backend.geometry import Bowl, Ellipsoid, Sphere, first_contact
+from fem_backend.geometry import Ellipsoid, Sphere, first_contact
 from fem_backend.kinematics import tetrahedra
 from fem_backend.laws import NeoHooke
 from fem_backend.solver import direct, newton
+from fem_backend.supports.bowl import Bowl
 
 STEPS = np.array([1.0, 0.5, 0.25, 0.125])
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -595,14 +596,14 @@ def indented(rigid: Sphere, friction: float = 0.0, augmentations: int = 0) -> tu
     surface = top(body, quadratic)
     nothing = np.zeros(surface.weights.shape)
     pair = Pair(surface, rigid, nothing + 2.0, friction)
-    system = newton.System(body, NeoHooke(0.01, 5.8), (pair,), direct.solver(body.pattern, "superlu"))
+    system = newton.System(body, NeoHooke(0.01, 5.8), pair, (), direct.solver(body.pattern, "superlu"))
     centre = np.array([0.1, 0.05, rigid.R])
     before = Before(tractions.contact_points(surface, body.nodes), centre, np.zeros((*nothing.shape, 3)), nothing)
     touch = Touch(centre + 0.2 * DOWN, DOWN, nothing, before=before)
     counters = newton.Counters()
     u = np.zeros_like(body.nodes)
     for _ in range(augmentations + 1):
-        at = newton.solve(system, u, newton.Load((touch,)), 1e-8, counters).evaluation
+        at = newton.solve(system, u, newton.Load(touch), 1e-8, counters).evaluation
         u, touch = at.u, replace(touch, multiplier=at.contact.pressure)
     return pair, at
 

@@ -175,7 +175,7 @@ def test_answers_that_were_mended_have_another_key(values, settings, programme, 
 
 def test_nothing_said_is_the_standard_case():
     s = read_settings({})
-    assert (s.body.a, s.body.b, s.body.c, s.R, s.law, s.support) == (60.0, 35.0, 35.0, 3.0, "neo_hookean", "fixed")
+    assert (s.body.a, s.body.b, s.body.c, s.R, s.law, s.support.name) == (60.0, 35.0, 35.0, 3.0, "neo_hookean", "fixed")
     assert (s.point, s.direction, s.shaft, s.earlier, s.profile) == ((0.0, 0.0), "vertical", False, 0.0, ())
     assert s.recipe == read_settings({"mesh": {"mesher": "tetwild", "level": "standard"}}).recipe
 

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from fem_backend.geometry import Bowl, Ellipsoid, Sphere, first_contact, hertz_radius
+from fem_backend.geometry import Ellipsoid, Sphere, first_contact, hertz_radius
 from fem_backend.simulation import assembly
 from fem_backend.simulation.experiment import read_settings
 from fem_backend.simulation.knobs import Knobs
+from fem_backend.supports.bowl import Bowl
 
 DIRECTION = np.array([0.3, -0.5, -0.8]) / np.linalg.norm([0.3, -0.5, -0.8])
 CENTRE = np.array([0.4, -0.7, 1.1])
