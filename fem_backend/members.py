@@ -10,7 +10,7 @@ import math
 import pkgutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, GetCoreSchemaHandler, TypeAdapter, ValidationError
@@ -111,27 +111,31 @@ def choose(word: str, choices: Sequence[str]) -> str:
 
 
 def refused(text: str, key: str = "", value: Any = None) -> PydanticCustomError:
-    """An error whose sentence is `key = value` followed by the text; a `key` below the place it is raised at."""
+    """An error whose sentence is `key = value` and the text: of a `key` below the place, with the `value` as read."""
     return PydanticCustomError("refused", "{text}", {"text": text, "key": key, "value": value})
 
 
 def problems(
-    error: ValidationError, sets: Mapping[str, OpenSet], below: tuple[str, ...] = (), known: Sequence[str] = ()
+    error: ValidationError,
+    sets: Mapping[str, OpenSet],
+    below: tuple[str, ...] = (),
+    known: Mapping[tuple[str, ...], Sequence[str]] = MappingProxyType({}),
 ) -> list[str]:
     """Every problem of a failed validation as one sentence: key, value, what is expected or the choices.
 
-    `sets` are the open sets by the key of their table, `below` the place of what was validated, `known` the keys that
-    there are outside of every table of an open set.
+    `sets` are the open sets by the key of their table, `below` the place of what was validated, `known` the keys of
+    other tables by their place.
     """
     out = []
     for e in error.errors():
         place = (*below, *(p for p in e["loc"] if isinstance(p, str)))
-        given, own, keys = e["input"], e.get("ctx", {}), known
+        given, own, keys = e["input"], e.get("ctx", {}), known.get(place[:-1], ())
         if place and place[0] in sets and place[1:2] and place[1] in sets[place[0]].members:
             keys = list(sets[place[0]].members[place[1]].Table.model_fields)
             place = (place[0], *place[2:])
         if e["type"] == "refused":
-            place, given = ((*place, own["key"]), own["value"]) if own["key"] else (place, given)
+            place = (*place, own["key"]) if own["key"] else place
+            given = given if own["value"] is None else own["value"]
             out.append(f"{'.'.join(place)} = {given!r}{own['text']}")
         elif e["type"] == "extra_forbidden":
             text = f"{'.'.join(place)} = {given!r}: unknown" if place[1:] else f"unknown setting {place[0]!r}"
@@ -180,7 +184,7 @@ def lengths(count: int) -> Callable[[Any], Any]:
     def check(value: Any) -> Any:
         given = numbers(count)(value)
         if min(given) <= 0.0:
-            raise refused(" mm: must be positive")
+            raise refused(" mm: must be positive", value=given[0] if count == 1 else list(given))
         return given[0] if count == 1 else given
 
     return check
@@ -191,7 +195,7 @@ def at_least(low: float, words: str) -> Callable[[Any], float]:
 
     def check(value: Any) -> float:
         if number(value) < low:
-            raise refused(f": {words}")
+            raise refused(f": {words}", value=float(value))
         return float(value)
 
     return check
@@ -202,7 +206,7 @@ def above(low: float, words: str) -> Callable[[Any], float]:
 
     def check(value: Any) -> float:
         if number(value) <= low:
-            raise refused(f": {words}")
+            raise refused(f": {words}", value=float(value))
         return float(value)
 
     return check

@@ -61,10 +61,10 @@ def draw(solved: Solved, folder: Path) -> list[Path]:
         title = f"travel {point.travel:g} mm, Fz = {force:.4g} N"
         normal = (0.0, 1.0, 0.0) if placement.planes[1] or not placement.planes[0] else (1.0, 0.0, 0.0)
         paths.append(folder / f"{k:03d}_section.png")
-        pictures.draw_section(paths[-1], body, u, nodal.von_mises, "von Mises stress (MPa)", touch.centre, placement.R,
-                              normal, placement.planes, title, spikes)  # fmt: skip
+        pictures.draw_section(paths[-1], body, u, nodal.von_mises, "von Mises stress (MPa)", touch.centre,
+                              placement.indenter, touch.direction, normal, placement.planes, title, spikes)  # fmt: skip
         paths.append(folder / f"{k:03d}_surface.png")
         pictures.draw_surface(paths[-1], body.nodes, solved.model.facets, u, np.ascontiguousarray(u[:, 2]),
-                              "vertical displacement (mm)", placement.planes, touch.centre, placement.R,
+                              "vertical displacement (mm)", placement.planes, touch.centre, placement.indenter.length,
                               title)  # fmt: skip
     return paths

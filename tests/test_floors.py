@@ -14,9 +14,9 @@ PACKAGES = ("rso", "fem_backend")
 # `__init__` is the face of a folder: what it shows lies below it, what uses it above.
 LAYERS = {
     "fem_backend": (
-        "geometry kinematics members",
+        "closed_forms geometry kinematics members",
         "contact laws meshing",
-        "materials supports",
+        "indenters materials specimens supports",
         "post solver",
         "simulation",
         "accuracy",
@@ -26,7 +26,7 @@ LAYERS = {
         "__main__",
     ),
     "fem_backend.accuracy": (
-        "closed_forms two_grid",
+        "two_grid",
         "error_estimate warm_starts",
         "admissible_depth",
     ),
@@ -35,11 +35,16 @@ LAYERS = {
         "pointwise",
         "tractions",
     ),
+    "fem_backend.indenters": (
+        "indenter spherical_patch",
+        "*",
+        "__init__",
+    ),
     "fem_backend.kinematics": ("tetrahedra voigt",),
     "fem_backend.laws": (
         "fibre law mullins prony",
-        "linear_elastic mooney_rivlin neo_hooke ogden yeoh",
         "admissible material",
+        "*",
         "__init__",
     ),
     "fem_backend.materials": ("stress zones",),
@@ -50,11 +55,12 @@ LAYERS = {
         "__init__",
     ),
     "fem_backend.post": (
-        "fields patch pictures probes vtu",
+        "fields pictures pressure probes vtu",
         "__init__",
     ),
     "fem_backend.simulation": (
         "experiment knobs schedule",
+        "symmetry",
         "assembly",
         "initial_state",
         "outputs",
@@ -68,6 +74,11 @@ LAYERS = {
         "modified_newton rigid_motions",
         "load_steps",
         "history_steps",
+    ),
+    "fem_backend.specimens": (
+        "specimen",
+        "*",
+        "__init__",
     ),
     "fem_backend.supports": (
         "support",
@@ -263,7 +274,7 @@ LAYERS = {
 }
 DEEPEST = 8  # layers within a room, its face not counted; the packages themselves are streets of rooms
 SEAM = {"simulation.knobs", "simulation.experiment", "adapter.model_hierarchy", "backend", "__main__"}
-OPEN = {"laws", "supports"}  # and every file of these: modules of fem_backend that may import rso.contract
+OPEN = {"indenters", "laws", "specimens", "supports"}  # every file of these may import rso.contract
 
 
 def imports(source: str, module: str, face: bool = False) -> Iterator[str]:

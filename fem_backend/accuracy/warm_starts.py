@@ -17,8 +17,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem_backend import meshing
-from fem_backend.accuracy import closed_forms
+from fem_backend import closed_forms, meshing
+from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import experiment, indentation
 from fem_backend.simulation.assembly import Model
@@ -37,7 +37,7 @@ def recipe(settings: Settings, knobs: Knobs, asked_mm: Sequence[float]) -> str:
     """
     placement = modelling.place(settings, knobs)
     ratio = 2.0 / (knobs.mu * knobs.D1)
-    plain = experiment.plain_settings(settings) | {"material": {"law": "neo_hookean"}, "profile": [], "earlier": 0.0}
+    plain = experiment.plain_settings(settings) | {"material": {"law": LAWS.default}, "profile": [], "earlier": 0.0}
     decade = 10.0 ** min(max(round(math.log10(ratio)), 0), 2)
     return json.dumps(
         {"anchor": 2, "settings": plain, "recipe": settings.recipe, "planes": placement.planes, "K_over_mu": decade,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fem_backend.laws import LinearElastic, NeoHooke, admissible
+from fem_backend.laws import admissible
 from fem_backend.materials import stress
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation.assembly import Model, Placement
@@ -116,8 +116,8 @@ def unstable(result: Result) -> tuple[int, str] | None:
     A body may find an equilibrium with a law whose stress falls with strain at some of its points: no answer to trust.
     """
     law, points = result.system.material.law, result.points
-    if isinstance(law, NeoHooke | LinearElastic) or not points:
-        return None  # small strains are watched on the way (stepping.travel)
+    if law.unconditional or not points:
+        return None
 
     def lost(point: Point) -> str | None:
         F = point.evaluation.H.reshape(-1, 3, 3) + np.eye(3)
@@ -138,9 +138,11 @@ def along(at: Bench, instants: Sequence[Instant], counters: Counters) -> list[Po
     touching = None
     if at.system.loose and at.system.dead is None:
         if rigid_motions.rolls(at.system) and any(pair.friction for pair in at.system.seat):
-            touching = 0.02 * at.placement.R
+            touching = 0.02 * at.placement.indenter.length
         else:
-            u = load_steps.seat(history_steps.smooth(at.system), at.start(0.02 * at.placement.R), u, control, counters)
+            u = load_steps.seat(
+                history_steps.smooth(at.system), at.start(0.02 * at.placement.indenter.length), u, control, counters
+            )
     groups = together(instants)
     way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None)
     try:
@@ -161,7 +163,7 @@ def elastic(
     at = replace(at, system=modelling.condensing(at.system, at.model, at.start(0.0), at.start(asked[-1])))
     control, u = at.settings.control, at.seated
     if at.system.loose and at.system.dead is None:
-        u = load_steps.seat(at.system, at.start(0.02 * at.placement.R), u, control, counters)
+        u = load_steps.seat(at.system, at.start(0.02 * at.placement.indenter.length), u, control, counters)
     try:
         found = load_steps.travel(at.system, at.start, asked, control, counters, u, guess, watch)
     except Stopped as stopped:

@@ -66,7 +66,7 @@ def bench(settings: Settings, knobs: Knobs, placement: Placement, model: Model, 
     ready = Bench(settings, knobs, placement, model, system, np.zeros_like(model.body.nodes), 0.0, probes)
     if system.dead is None:
         return ready
-    away = replace(ready, lag=-5.0 * placement.R).start(0.0)
+    away = replace(ready, lag=-5.0 * placement.indenter.length).start(0.0)
     relaxed = replace(history_steps.smooth(system), material=Material(system.material.law, system.material.fibre))
     u = ready.seated
     if system.loose:

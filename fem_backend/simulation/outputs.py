@@ -34,10 +34,9 @@ def channels(at: Bench, system: System, evaluation: Evaluation, load: Load, stif
     moved = (evaluation.u - at.seated) @ up
     touching, surface = evaluation.contact, system.indenter.surface
     centre = load.indenter.centre
-    axis = (placement.touch - placement.contact) / placement.R
-    patch = post.contact_patch(
-        surface, body.nodes + evaluation.u, touching.pressure, centre, placement.R, axis, placement.planes,
-        attraction=touching.attraction,
+    patch = placement.indenter.patch(
+        surface, body.nodes + evaluation.u, touching.pressure, centre, placement.normal, placement.planes,
+        touching.attraction,
     )  # fmt: skip
     active = touching.pressure > 0
     share = (surface.weights * (active & touching.slipping)).sum() / max((surface.weights * active).sum(), 1e-300)

@@ -280,9 +280,10 @@ def proper(
     least = float(np.linalg.det(np.eye(3) + H).min())
     if min(shortest, least) <= 0.0:
         raise Stopped(
-            "inadmissible", f'law = "linear_elastic": small-strain kinematics end between {here:.4g} and {goal:.4g} mm '
-            f"of travel, where det(I + grad u) = {least:.3g} and 1 + the smallest strain = {shortest:.3g}; take a law "
-            "of finite strain, such as neo_hookean, or smaller depths", points, found.history, counters,
+            "inadmissible", f'law = "{system.material.law.name}": small-strain kinematics end between {here:.4g} and '
+            f"{goal:.4g} mm of travel, where det(I + grad u) = {least:.3g} and 1 + the smallest strain = "
+            f"{shortest:.3g}; take a law of finite strain, such as neo_hookean, or smaller depths",
+            points, found.history, counters,
         )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from pydantic import BeforeValidator
 
 from fem_backend import members
 from fem_backend.contact.tractions import ContactSurface, Pair, contact_surface
-from fem_backend.geometry import STILL, arrays, closest_point
+from fem_backend.geometry import STILL, Ellipsoid, arrays, closest_point
 from fem_backend.kinematics.tetrahedra import Body
 from fem_backend.supports.support import SUPPORTS
 from rso.contract import knob
@@ -61,6 +61,7 @@ class BowlSupport:
         )  # fmt: skip
 
     name: ClassVar[str] = "bowl"
+    lengths: ClassVar[tuple[str, ...]] = ("bowl_clearance",)
     loose: ClassVar[bool] = True
     variant: ClassVar[str] = "bowl"
     words: ClassVar[str] = "in a bowl"
@@ -80,9 +81,9 @@ class BowlSupport:
 
     def refusal(self, specimen: Any) -> str | None:
         """Only a body with semi-axes has a bowl of its own shape."""
-        if hasattr(specimen, "semi_axes"):
+        if isinstance(specimen, Ellipsoid):
             return None
-        return f'support.kind = "bowl" has the shape of an ellipsoid, the specimen is a {specimen.name}'
+        return f'support.kind = "bowl" has the shape of the specimen, an ellipsoid; there is none of a {specimen.name}'
 
     def planes(self) -> tuple[bool, bool]:
         """As symmetric as the specimen."""

@@ -31,6 +31,7 @@ class Fixed:
 
     name: ClassVar[str] = "fixed"
     Knobs: ClassVar[type | None] = None
+    lengths: ClassVar[tuple[str, ...]] = ()
     loose: ClassVar[bool] = False
     variant: ClassVar[str] = "held"
     words: ClassVar[str] = "held"

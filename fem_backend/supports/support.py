@@ -22,13 +22,15 @@ class Support(Protocol):
 
     `loose` says whether it leaves rigid motions, which contact alone takes away: such a body is seated before the test
     and found with grounding springs.  `words` complete "… instead of …" and `variant` names it where it is an
-    alternative; `group` is that of its knobs.  `seconds` are those of a coarse elastic run with 0, 1, 2 planes of
+    alternative; `group` is that of its knobs, of which
+    `lengths` go with the size of the specimen.  `seconds` are those of a coarse elastic run with 0, 1, 2 planes of
     symmetry, and `way` how many times as long one takes where the way counts.
     """
 
     name: ClassVar[str]
     Table: ClassVar[type[Table]]
     Knobs: ClassVar[type | None]
+    lengths: ClassVar[tuple[str, ...]]
     loose: ClassVar[bool]
     variant: ClassVar[str]
     words: ClassVar[str]

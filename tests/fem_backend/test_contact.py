@@ -11,7 +11,8 @@ from skfem import MeshTet, MeshTet2
 from fem_backend.contact import tractions
 from fem_backend.contact.pointwise import LAG, TANGENTIAL
 from fem_backend.contact.tractions import Adhesion, Before, ContactState, Pair, Touch
-from fem_backend.geometry import Ellipsoid, Sphere, first_contact
+from fem_backend.geometry import Ellipsoid
+from fem_backend.indenters.sphere import Sphere
 from fem_backend.kinematics import tetrahedra
 from fem_backend.laws import NeoHooke
 from fem_backend.solver import direct, newton
@@ -555,7 +556,7 @@ def test_first_touch_of_known_surfaces():
     surface = top(body, quadratic, cap)
     x = body.nodes + np.array([0, 0, 7.0])
     d = np.array([0.1, -0.2, -1.0]) / np.linalg.norm([0.1, -0.2, -1.0])
-    centre = first_contact(ball, 2.0, [0.5, 0.3, 8.0], d)
+    centre = Sphere(2.0).first_contact(ball, [0.5, 0.3, 8.0], d)
     # quadratic facets of 0.67 mm follow the ellipsoid to some 1e-5
     np.testing.assert_allclose(tractions.first_touch(surface, x, Sphere(2.0), centre - 1.5 * d, d), 1.5, atol=1e-4)
     # a bowl going up meets the lowest point of a plate turned over

@@ -88,7 +88,7 @@ def test_support_carries_weight_and_force(small):
 def test_a_hole_weighs_nothing(small):
     """The nodal loads lack the weight of the cavity, as its place says; so does what the support carries."""
     b = small.other(weight=1e-5, cavity=2.5)
-    body, hollow = b.model.body, zones.cavity(b.model.body, *assembly.hole(b.settings, b.knobs, b.placement))
+    body, hollow = b.model.body, zones.cavity(b.model.body, *b.placement.specimen.hole(b.knobs.cavity))
     missing = 1e-5 * (body.w * hollow).sum()
     full = 1e-5 * body.w.sum()
     assert missing > 0.1 * full

@@ -58,7 +58,7 @@ def deformed(dimple, b) -> np.ndarray:
     if len(X) == len(dimple):
         u = dimple
     else:  # a model without symmetry planes: the dimple by a formula
-        r = np.linalg.norm(X - b.settings.body.top, axis=1)
+        r = np.linalg.norm(X - b.settings.specimen.top, axis=1)
         u = np.c_[0.0 * r, 0.0 * r, -2.0 * np.exp(-((r / 6.0) ** 2))]
     u = u + 0.02 * np.sin(X @ np.random.default_rng(1).normal(size=(3, 3)) / 10.0)
     if b.knobs.fibre:  # slack fibres carry nothing: where they tighten the force has a kink, so all of them are tight

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fem_backend import geometry
 from fem_backend.backend import passages
 from fem_backend.contact import tractions
+from fem_backend.indenters.sphere import Sphere
 from fem_backend.materials import stress
 from fem_backend.simulation import assembly, experiment, indentation, initial_state
 from fem_backend.simulation.assembly import Model, Placement
@@ -103,13 +103,13 @@ def check_complementarity(augmentations: int = 4) -> tuple[float, float, float]:
     outward = at.force[2]
     assert outward > 0.0, outward  # the body pushes the ball up
     assert at.pressure.min() >= 0.0 and at.pressure.max() > 0.0
-    deepest = max(-float(at.gap.min()), 0.0) / b.settings.R
-    product = float((pair.surface.weights * at.pressure * np.abs(at.gap)).sum()) / (outward * b.settings.R)
+    deepest = max(-float(at.gap.min()), 0.0) / b.settings.indenter.R
+    product = float((pair.surface.weights * at.pressure * np.abs(at.gap)).sum()) / (outward * b.settings.indenter.R)
     # gaps by another formula: distance of the deformed points from the centre
     x = b.model.body.nodes + r.points[-1].evaluation.u
     centre = r.points[-1].load.indenter.centre
-    distance = np.linalg.norm(tractions.contact_points(pair.surface, x) - centre, axis=-1) - b.settings.R
-    assert distance.min() > -5e-3 * b.settings.R, distance.min()
+    distance = np.linalg.norm(tractions.contact_points(pair.surface, x) - centre, axis=-1) - b.settings.indenter.R
+    assert distance.min() > -5e-3 * b.settings.indenter.R, distance.min()
     assert deepest < 5e-3 and product < 2e-4, (deepest, product)
     return deepest, product, float(np.abs(at.traction).max())
 
@@ -151,7 +151,7 @@ def check_normals() -> None:
     """The gap grows along its normal, which points from the ball to the body: by differences of the distance."""
     rng = np.random.default_rng(0)
     x = rng.normal(size=(50, 3)) * 5.0
-    ball, centre = geometry.Sphere(3.0), np.array([0.5, -0.2, 1.0])
+    ball, centre = Sphere(3.0), np.array([0.5, -0.2, 1.0])
     g, n, _ = ball.gap(x, centre)
     moved = np.linalg.norm(x + 1e-6 * n - centre, axis=1) - 3.0
     np.testing.assert_allclose((moved - g) / 1e-6, 1.0, rtol=1e-5)
