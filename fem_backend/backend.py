@@ -225,7 +225,8 @@ class FiniteElements:
 
     def hertz(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, float]:
         """The modulus (MPa) by knob that Fz (n,) N at depths (n,) mm would have in Hertz's limit, incompressible."""
-        return {"mu": model_hierarchy.hertz(experiment.read_settings(settings), depth, force)}
+        mu = model_hierarchy.hertz(experiment.read_settings(settings), depth, force)
+        return {} if mu is None else {"mu": mu}
 
     def recipes(self, values: Mapping[str, float], case: Case) -> Mapping[str, str]:
         """The mesh of the experiment and, for a body without memory, an anchor: states to start from."""

@@ -89,10 +89,16 @@ def start(settings: Settings, travel: np.ndarray, force: np.ndarray) -> dict[str
     return {"mu": (low, value, high), "D1": (D1(high, TIGHTEST), D1(value, NU), D1(low, LOOSEST))}
 
 
-def hertz(settings: Settings, travel: np.ndarray, force: np.ndarray) -> float:
-    """μ (MPa) that Fz (n,) N over travel (n,) mm would have in Hertz's limit, incompressible; see `closed_form`."""
+def hertz(settings: Settings, travel: np.ndarray, force: np.ndarray) -> float | None:
+    """μ (MPa) that Fz (n,) N over travel (n,) mm would have in Hertz's limit, incompressible; see `closed_form`.
+
+    None where the indenter has no closed form.
+    """
     normal, H, tilt = _touch(settings)
-    unit = normal[2] * _closed(settings.indenter.force(travel * tilt, H, 3.0, 0.5), settings)
+    unit = settings.indenter.force(travel * tilt, H, 3.0, 0.5)
+    if unit is None:
+        return None
+    unit = normal[2] * unit
     return float(unit @ force / (unit @ unit))
 
 

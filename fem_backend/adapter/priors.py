@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from fem_backend.indenters import INDENTERS
 from fem_backend.laws import ADDITIONS, LAWS
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import known
+from fem_backend.specimens import SPECIMENS
 from fem_backend.supports import SUPPORTS
 
 OF_THE_SPECIMEN = ("offset_x", "offset_y", "inclusion_radius", "inclusion_depth", "inclusion_x")  # lengths like it
@@ -30,13 +32,14 @@ def plausible(own: Settings, given: Collection[str], declared: Mapping[str, Any]
 
     Lengths are plausible in proportion to what they belong to.  An inclusion stays as far from the lower side as it
     does from the upper one, and inside wherever it sits.  Laws do not combine: beside that of the settings, or of knobs
-    that are `given` a value, there is no other.
+    that are `given` a value, there is no other; nor are there knobs of other specimens and indenters.
     """
     knobs = {name: LAWS.own(name) for name in LAWS.members}
     law = next((name for name, mine in knobs.items() if not mine.isdisjoint(given)), own.law)
     others = [k for name, mine in knobs.items() for k in mine if law not in (LAWS.default, name)]
     if LAWS.members[law].small_strain:  # no stretch to relax, soften or stiffen with
         others += [next(iter(next(iter(each.switches.values())))) for each in ADDITIONS]
+    others += SPECIMENS.of_others(own.specimen.name) | INDENTERS.of_others(own.indenter.name)
     return {**_lengths(own, declared), **_inclusion(own, declared), **dict.fromkeys(others)}
 
 

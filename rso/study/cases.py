@@ -230,9 +230,9 @@ def refuse_what_is_not_modelled(
             text = f"unload = {unload!r}: true or false is expected"
             problems.append(Problem(place_of_setting(study, n, "unload"), text))
         wrong = _refusal(backend, case_for(study, e.name, travels(curves[e.name], set())))
-        if wrong is not None:
-            at = place_of_setting(study, n, wrong)
-            found = Problem(at, wrong, e.files) if at[-1] == "data" else Problem(at, wrong)
+        for line in (wrong or "").splitlines():  # a backend may name several problems, one a line
+            at = place_of_setting(study, n, line)
+            found = Problem(at, line, e.files) if at[-1] == "data" else Problem(at, line)
             problems += [] if found in problems else [found]  # what all experiments share is said once
         if e.kind == "force":
             problems += [_no_channel(backend, (*place, "channels"), c) for c in e.compared if c not in backend.channels]
