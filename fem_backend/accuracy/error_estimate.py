@@ -38,7 +38,7 @@ CALIBRATED = {  # of the columns of `columns`
 CANCELS = 0.3  # of the sum of steps and creep where what sticks is left beside their difference: they cancel in part
 AUGMENTED = 0.1  # of what the last augmentation changed in the force
 WIDE = 0.9  # of h₀: mean edge below the ball of the shipped meshes, 0.78 to 0.89, and of most that are made
-BELOW_BALL = 0.7  # of R: what counts as below it
+BELOW_INDENTER = 0.7  # of R: what counts as below it
 OFF_TOP = 4.0  # times the squared distance from the top in semi-axes: elements are stretched on the way
 TINY = 0.14  # of the force, times h₀/a, where the contact radius a is below h₀/2: on all levels from 0.002 to 0.05 mm
 SHALLOW = 0.03  # of the force, times (h₀/a)², a by Hertz: what a mesh misses of a shallow contact
@@ -110,7 +110,7 @@ def unreached(settings: Settings, knobs: Knobs, result: Result) -> float:
     corners = result.system.body.nodes[result.system.indenter.surface.facets[:, :3]]
     x, y = beneath(settings, knobs)
     away = np.hypot(*(corners.mean(axis=1)[:, :2] - (x, y)).T)
-    near = corners[away <= max(BELOW_BALL * settings.indenter.length, float(away.min()))]
+    near = corners[away <= max(BELOW_INDENTER * settings.indenter.length, float(away.min()))]
     h = float(np.linalg.norm(near - np.roll(near, 1, axis=1), axis=2).mean())
     return max(1.0, (h / (WIDE * settings.h0)) ** 2)
 

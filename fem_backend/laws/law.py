@@ -67,6 +67,11 @@ class Table(members.Table):
         return self
 
 
+def plain(law: str, terms: tuple[tuple[float, float], ...], prony: tuple[tuple[float, float], ...]) -> dict[str, Any]:
+    """The table of a law as it enters the key of a run, with all defaults written out."""
+    return {"law": law, "ogden": [list(t) for t in terms], "prony": [list(t) for t in prony]}
+
+
 @dataclass(frozen=True)
 class Elastic:
     """Knobs of every law."""

@@ -17,6 +17,7 @@ from pydantic import BeforeValidator, TypeAdapter, ValidationError, create_model
 from fem_backend import members, meshing
 from fem_backend.indenters import INDENTERS, Indenter
 from fem_backend.laws import LAWS
+from fem_backend.laws.law import plain as law_table
 from fem_backend.members import OpenSet, refused
 from fem_backend.meshing import LIMIT
 from fem_backend.solver.load_steps import Control
@@ -229,8 +230,7 @@ def plain_settings(settings: Settings) -> dict[str, Any]:
         "specimen": settings.specimen.plain(),
         "indenter": settings.indenter.plain(),
         "support": settings.support.plain(),
-        "material": {"law": settings.law, "ogden": [list(t) for t in settings.terms],
-                     "prony": [list(t) for t in settings.prony]},
+        "material": law_table(settings.law, settings.terms, settings.prony),
         "point": list(settings.point),
         "direction": settings.direction,
         "profile": [list(p) for p in settings.profile],

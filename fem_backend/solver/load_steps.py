@@ -20,7 +20,7 @@ SEATING = (1e5, 1e4, 1e3, 1e2, 1e1, 1.0)  # factors of the grounding springs unt
 
 @dataclass(frozen=True)
 class Control:
-    """Numerical settings of a run; lengths in mm for R = 3 mm, see `scaled`.
+    """Numerical settings of a run; lengths in mm for an indenter of 3 mm, see `scaled`.
 
     `first` and `largest` step, `path` the largest where the answer depends on the way.  Relative residuals: travelling
     (elastic `loose`, else `between`), when seated, between augmentations (`medium`) and at the end of them (`tight`).
@@ -40,9 +40,9 @@ class Control:
     smallest: float = 0.02
     time_limit_s: float = 900.0
 
-    def scaled(self, R: float) -> Control:
-        """Steps for an indenter of radius R (mm)."""
-        k = R / 3.0
+    def scaled(self, length: float) -> Control:
+        """Steps for an indenter of that length (mm)."""
+        k = length / 3.0
         return replace(self, first=k * self.first, largest=k * self.largest, path=k * self.path)
 
     def soft(self) -> Control:
