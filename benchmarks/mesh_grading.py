@@ -63,7 +63,7 @@ def measure(mesh: Mesh, sizing: Sizing | None = None) -> Row:
     """Forces of one mesh for both laws."""
     settings = experiment.read_settings({})
     place = assembly.place(settings, LAWS[0])
-    made = assembly.build(settings, mesh, place.body, place.planes)
+    made = assembly.build(settings, mesh, place.specimen, place.planes)
     instants = [Instant(d, d, True) for d in ASKED]
     results = [indentation.solve(settings, law, place, made, instants) for law in LAWS]
     work, seconds = results[0].counters, results[0].cpu_s

@@ -66,7 +66,7 @@ def stress(folder: Path | None) -> None:
     body, point = solved.model.body, solved.result.points[0]
     nodal = post.nodal(body, output.fields(solved, point))
     x = body.nodes + point.evaluation.u
-    z = point.load.touches[0].centre[2] - 3.0 - x[:, 2]
+    z = point.load.indenter.centre[2] - 3.0 - x[:, 2]
     on = (np.hypot(x[:, 0], x[:, 1]) < 1e-6) & (z > 0.1 * a) & (z < 3.0 * a)
     order = np.argsort(z[on])
     ζ, σ = z[on][order] / a, nodal.cauchy[on][order]

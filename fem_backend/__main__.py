@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from fem_backend import output
-from fem_backend.backend import BACKEND, CHOICES
+from fem_backend.backend import BACKEND
+from fem_backend.simulation import experiment
 from rso.contract import CAUSES, Case, SimulationFailed
 
 
@@ -37,7 +38,7 @@ def schema() -> dict[str, Any]:
                     "asked_mm": [1, 2, 3, 4],
                     "asked_s": [12],
                 },
-                "settings": CHOICES,
+                "settings": experiment.choices(),
             },
         },
         "response": {

@@ -11,43 +11,32 @@ from typing import Any
 
 import numpy as np
 
-from fem_backend import meshing
-from fem_backend.accuracy import admissible_depth, closed_forms, two_grid, warm_starts
+from fem_backend import closed_forms, meshing
+from fem_backend.accuracy import admissible_depth, two_grid, warm_starts
 from fem_backend.accuracy.error_estimate import DEEP, at_depth, stated
 from fem_backend.adapter import cost_model, model_hierarchy, new_study, priors
+from fem_backend.indenters import INDENTERS
+from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import derivatives, experiment, indentation, outputs
 from fem_backend.simulation.assembly import MISALIGNED, Model, NotModelled, Placement
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import SWITCHES, Knobs
+from fem_backend.simulation.knobs import known as every
 from fem_backend.simulation.outputs import UNITS
 from fem_backend.solver import direct
 from fem_backend.solver.load_steps import Instant, Stopped
 from fem_backend.solver.newton import System
+from fem_backend.specimens import SPECIMENS
+from fem_backend.supports import SUPPORTS
 from rso.contract import Case, Line, Parameter, Programme, Response, SimulationFailed, drop_neutral, parameters_of
 
 NUMERICS = 5  # raised when, and only when, answers change
 ADMITTED = 1e-12  # of the deepest travel: an asked one this near a corner's is that
 ULPS = 8  # of a moment: what interpolating it may lose
 RESOLVING = ("coarse", "standard", "fine", "reference")  # levels from cheap to dear
-DEEPEST = 0.3  # of the smallest semi-axis
-ROUNDED = 1e-12  # of that: 0.3 · 18 is a little less than 5.4
-
-CHOICES = {  # the settings and what each may be, for --schema
-    "specimen": {"shape": "ellipsoid", "semi_axes": [60, 35, 35], "cavity": "semi-axes of a cavity below, knob cavity"},
-    "indenter": {"shape": "sphere", "radius": 3, "shaft": "false | true: a cylinder goes on above the ball"},
-    "support": {"kind": "fixed | bowl", "clearance": "mm, bowl only", "friction": "bowl only"},
-    "material": {"law": " | ".join(experiment.LAWS), "prony": [["g", "tau in s"]], "ogden": [["alpha", "share of mu"]]},
-    "point": [0, 0],
-    "direction": "vertical | normal",
-    "profile": [["x", "y"]],
-    "earlier": "mm: deepest travel at this place before the test (softening)",
-    "mesh": {"mesher": "tetwild | mapped", "level": "coarse | standard | fine | reference | limit"},
-    "solver": "auto | pardiso | superlu",
-    "derivatives": "true | false: those by the material knobs, a sixth to a third of an elastic run",
-    "multipliers": "true | false: exact contact, or a penalty corrected to first order, faster and without derivatives",
-}
+ROUNDED = 1e-12  # of the deepest travel: 0.3 · 18 is a little less than 5.4
 
 GRAM = 9.81e-6  # N/mm³, the specific weight of 1 g/cm³
 
@@ -70,7 +59,7 @@ class Solved:
 
 @dataclasses.dataclass(frozen=True)
 class FiniteElements:
-    """Indentation of a soft ellipsoid: Backend of `rso.contract`, picklable and stateless."""
+    """Indentation of a soft specimen: Backend of `rso.contract`, picklable and stateless."""
 
     name: str = "fem_backend"
     numerics: int = NUMERICS
@@ -78,7 +67,7 @@ class FiniteElements:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Every knob of :class:`fem_backend.simulation.knobs.Knobs`."""
-        return parameters_of(Knobs)
+        return parameters_of(every())
 
     @property
     def channels(self) -> Mapping[str, str]:
@@ -121,8 +110,8 @@ class FiniteElements:
         return priors.PREVENTED
 
     def deep(self, settings: Mapping[str, Any]) -> float:
-        """Travel (mm) by which elements under the ball are so distorted that programs part company."""
-        return priors.DEEP * experiment.read_settings(settings).R
+        """Travel (mm) by which elements under the indenter are so distorted that programs part company."""
+        return priors.DEEP * experiment.read_settings(settings).indenter.length
 
     def gauges(self, settings: Mapping[str, Any]) -> Mapping[str, tuple[str, float]]:
         """Knob → a measurement that shows it without indentation, and its standard uncertainty in the knob's unit."""
@@ -157,12 +146,10 @@ class FiniteElements:
             if not isinstance(sha, str):
                 raise ValueError(f"case.artefacts.{name} = {sha!r}: the SHA-256 of the artefact, a text, is expected")
         settings = experiment.read_settings(case.settings)
-        deepest = DEEPEST * float(settings.body.semi_axes.min())
+        deepest, words = settings.specimen.deepest
         for name, far in (("travel_mm", max(case.programme.travel_mm)), ("earlier", settings.earlier)):
             if far > deepest * (1.0 + ROUNDED):
-                raise ValueError(
-                    f"{name}: travel {far:g} mm: at most {deepest:g} mm ({DEEPEST:g} of the smallest semi-axis)"
-                )
+                raise ValueError(f"{name}: travel {far:g} mm: at most {deepest:g} mm ({words})")
         if case.programme.travel_mm[0] != 0.0 or min(case.programme.travel_mm) < 0.0:
             raise ValueError("programme: travel_mm starts at 0 (first contact) and is never negative")
 
@@ -171,8 +158,13 @@ class FiniteElements:
         settings = experiment.read_settings(case.settings)
         known, own = {p.name: p for p in self.parameters}, {**priors.usual(settings), **dict(settings.defaults)}
         kept = {k: known[k].check(v) if k in known else v for k, v in {**own, **values}.items()}
-        if settings.support != "bowl":
-            kept = {k: v for k, v in kept.items() if not k.startswith("bowl_")}
+        for kind, present in (
+            (SPECIMENS, settings.specimen),
+            (INDENTERS, settings.indenter),
+            (SUPPORTS, settings.support),
+        ):
+            absent = kind.of_others(present.name)
+            kept = {k: v for k, v in kept.items() if k not in absent}
         for group, switches in SWITCHES.items():
             if any(kept.get(name, known[name].default) == off for name, off in switches.items()):
                 kept = {k: v for k, v in kept.items() if k not in known or known[k].group != group}
@@ -233,7 +225,8 @@ class FiniteElements:
 
     def hertz(self, settings: Mapping[str, Any], depth: np.ndarray, force: np.ndarray) -> Mapping[str, float]:
         """The modulus (MPa) by knob that Fz (n,) N at depths (n,) mm would have in Hertz's limit, incompressible."""
-        return {"mu": model_hierarchy.hertz(experiment.read_settings(settings), depth, force)}
+        mu = model_hierarchy.hertz(experiment.read_settings(settings), depth, force)
+        return {} if mu is None else {"mu": mu}
 
     def exponents(self, settings: Mapping[str, Any]) -> tuple[float, ...]:
         """Exponents of force over small depths: Hertz's under a ball, and the first of what stiffens or softens."""
@@ -299,7 +292,7 @@ class FiniteElements:
             if guess is None and elastic and two_grid.worthwhile(settings, knobs):
                 guess = two_grid.guess(settings, knobs, placement, model, instants)
             before = time.process_time() - started
-            how = two_grid.limit if settings.level == experiment.LIMIT else indentation.solve
+            how = two_grid.limit if settings.level == meshing.LIMIT else indentation.solve
             result = how(settings, knobs, placement, model, instants, guess, slopes)
             result = _begun(dataclasses.replace(result, cpu_s=result.cpu_s + before), case.programme)
             if indentation.unstable(result) is not None:
@@ -332,7 +325,7 @@ class FiniteElements:
         missing = sorted(n for n, v in given.items() if v is None)
         if missing:
             raise ValueError(f"parameter {missing[0]!r} ({known[missing[0]].unit}) has no value")
-        return Knobs(**{n: known[n].check(v) for n, v in given.items()})
+        return every()(**{n: known[n].check(v) for n, v in given.items()})
 
 
 BACKEND = FiniteElements()
@@ -359,7 +352,7 @@ def _before(
 def path_dependent(settings: Settings, values: Mapping[str, float]) -> bool:
     """Whether the answer depends on times and on the way there."""
     rubbing = bool(values.get("friction") or values.get("adhesion"))
-    rubbing = rubbing or (settings.support == "bowl" and values.get("bowl_friction", Knobs.bowl_friction) != 0.0)
+    rubbing = rubbing or settings.support.friction(values) != 0.0
     memory = any(values.get(k) for k in ("prony_g", "prony_g2", "prony_g3", "mullins")) or settings.prony
     return bool(rubbing or memory)
 
@@ -373,8 +366,8 @@ def mended(settings: Settings, kept: Mapping[str, float], programme: Programme) 
     relaxes = settings.prony or any(kept.get(k) for k in ("prony_g", "prony_g2", "prony_g3"))
     rests = any(a == b for a, b in itertools.pairwise(programme.travel_mm))
     hollow = kept.get("weight") and kept.get("cavity")
-    other = settings.support == "bowl" and settings.body.c != modelling.FLAT
-    if max(programme.travel_mm) > DEEP * settings.R or settings.law == "linear_elastic":
+    other = settings.support.revised(settings.specimen)
+    if max(programme.travel_mm) > DEEP * settings.indenter.length or LAWS.members[settings.law].small_strain:
         return 2
     return int(bool(hollow or kept.get("adhesion") or (relaxes and rests) or other))
 
@@ -386,12 +379,12 @@ def _from_zero(programme: Programme) -> Programme:
 
 
 def _may_turn(settings: Settings, kept: Mapping[str, float]) -> bool:
-    """Whether a body lies in a bowl and not both planes are planes of symmetry."""
-    if settings.support != "bowl":
+    """Whether a body is loose on its support and not both planes are planes of symmetry."""
+    if not settings.support.loose:
         return False
-    known = {f.name for f in dataclasses.fields(Knobs)}
+    known = {f.name for f in dataclasses.fields(every())}
     try:
-        knobs = Knobs(**{"mu": 1.0, "D1": 1.0, **{k: v for k, v in kept.items() if k in known}})
+        knobs = every()(**{"mu": 1.0, "D1": 1.0, **{k: v for k, v in kept.items() if k in known}})
         return not all(modelling.place(settings, knobs).planes)
     except NotModelled:
         return False  # the run itself will say why
@@ -444,15 +437,15 @@ def differentiable(settings: Settings, knobs: Knobs) -> tuple[str, ...]:
     if not settings.derivatives or not settings.multipliers or way or knobs.weight:
         return ()
     neutral = {p.name: p.neutral for p in BACKEND.parameters}
-    names = [n for n in derivatives.MATERIAL_KNOBS if getattr(knobs, n) != neutral[n] or _always(settings, n)]
+    names = [n for n in derivatives.material_knobs() if getattr(knobs, n) != neutral[n] or _always(settings, n)]
     if "fibre" not in names or knobs.fibre_k2 == 0.0:
         names = [n for n in names if n != "fibre_k2"]
     return tuple(names)
 
 
 def _always(settings: Settings, name: str) -> bool:
-    """Whether a knob has its influence also at its neutral value: an Ogden exponent is one like any other."""
-    return name == "alpha" and settings.law == "ogden"
+    """Whether a knob has its influence also at its neutral value."""
+    return LAWS.members[settings.law].own_at_neutral and name in LAWS.own(settings.law)
 
 
 def _response(result: Result, model: Model, settings: Settings, knobs: Knobs) -> Response:

@@ -1,4 +1,4 @@
-"""Bodies and rigid surfaces: points, gaps, normals, curvatures.  Lengths in mm.
+"""An ellipsoid: points, distances, normals, curvatures.  Lengths in mm.
 
 Frame: x along the major axis, y along the minor one, z up, origin at the specimen's centre.
 """
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 STILL = (0.0, 0.0, 0.0)
+RIM = 1e-9  # mm from z = 0 that count as on it
 
 
 @dataclass(frozen=True)
@@ -40,112 +41,70 @@ class Ellipsoid:
         """4/3 π a b c (mm³)."""
         return 4.0 / 3.0 * np.pi * self.a * self.b * self.c
 
+    @property
+    def smallest(self) -> float:
+        """The smallest semi-axis (mm)."""
+        return float(self.semi_axes.min())
+
+    @property
+    def largest(self) -> float:
+        """The largest semi-axis (mm)."""
+        return float(self.semi_axes.max())
+
+    @property
+    def skin_limit(self) -> float:
+        """Half the smallest radius of curvature (mm): a skin is thinner."""
+        axes = self.semi_axes
+        return 0.5 * float(axes.min() ** 2 / axes.max())
+
+    def distance(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Distance (mm) of a point x (3,) outside, and its gradient N (3,) in direction, of any length."""
+        axes, y = self.semi_axes, np.empty(3)
+        tau = closest_point(np.ascontiguousarray(x, float), axes, y)
+        N = y / axes**2
+        return tau * float(np.linalg.norm(N)), N
+
+    def closest(self, x: ArrayLike) -> np.ndarray:
+        """Point (3,) of the surface that is closest to a point x (3,) mm outside."""
+        y = np.empty(3)
+        closest_point(np.ascontiguousarray(x, float), self.semi_axes, y)
+        return y
+
+    def depth(self, X: np.ndarray) -> np.ndarray:
+        """Distance (…,) mm of points X (…, 3) to the surface, negative outside."""
+        X = np.asarray(X, float)
+        return depths(self.semi_axes, np.ascontiguousarray(X.reshape(-1, 3))).reshape(X.shape[:-1])
+
+    def on_surface(self, X: np.ndarray) -> np.ndarray:
+        """Whether points X (…, 3) are nodes of the surface."""
+        return np.abs(((X / self.semi_axes) ** 2).sum(-1) - 1.0) < 1e-6
+
+    def above(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
+        """Point (3,) of the upper surface at (x, y) mm and outward normal (3,); ValueError beside the body."""
+        inside = 1.0 - (x / self.a) ** 2 - (y / self.b) ** 2
+        if inside <= 0:
+            raise ValueError(f"point {(x, y)} mm is not above the body")
+        on = np.array([x, y, self.c * np.sqrt(inside)])
+        normal = on / self.semi_axes**2
+        return on, normal / np.linalg.norm(normal)
+
+    def part(self, name: str, X: np.ndarray) -> np.ndarray:
+        """Whether points X (n, 3) of the surface are of its part `upper` (z ≥ 0) or `lower` (z ≤ 0), with the rim."""
+        return X[:, 2] >= -RIM if name == "upper" else X[:, 2] <= RIM
+
     def project(self, x: np.ndarray) -> np.ndarray:
         """Move points (n, 3) radially in the scaled frame onto the surface; exact planes stay exact planes."""
         s = x / self.semi_axes
         return x / np.linalg.norm(s, axis=1, keepdims=True)
 
 
-@dataclass(frozen=True)
-class Sphere:
-    """Rigid sphere of radius R (mm), with a shaft: continued by a cylinder of radius R opposite to `direction`.
-
-    Its surface is the zero of the gap g(x) = |x − c| − R, beside the shaft of the distance from the axis − R; the
-    joint is C¹.
-    """
-
-    R: float
-    shaft: bool = False
-
-    def gap(
-        self, x: np.ndarray, centre: np.ndarray, direction: ArrayLike = STILL
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Gap g (…), normal n = ∇g (…, 3) and Hessian ∇∇g = (I − n⊗n)/|x − c| (…, 3, 3) at points x (…, 3).
-
-        `direction` is the unit way into the body (mm/mm); only the shaft, which trails behind, needs it.
-        """
-        flat, centre, direction = _arrays(x, centre, direction)
-        g, n, hessian = _sphere_gap(flat, centre, direction, float(self.R), self.shaft)
-        return g.reshape(x.shape[:-1]), n.reshape(x.shape), hessian.reshape(*x.shape, 3)
-
-    def travel(self, x: np.ndarray, centre: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """How far (…) mm, signed, the sphere goes along the unit `direction` until it first meets the points x (…, 3).
-
-        s = d·v − √(R² − |v|² + (d·v)²) with v = x − c; ∞ for points beside its way.
-        """
-        v = x - centre
-        along = v @ np.asarray(direction, float)
-        inside = self.R**2 - ((v - along[..., None] * direction) ** 2).sum(-1)
-        return np.where(inside >= 0.0, along - np.sqrt(np.maximum(inside, 0.0)), np.inf)
-
-
-@dataclass(frozen=True)
-class Bowl:
-    """Rigid bowl: the body lies inside the ellipsoid of `semi_axes` (mm) around `centre`, below z = `rim_z` (mm).
-
-    The gap is the distance from the ellipsoid, positive inside.  Above the rim the wall bends away,
-    g + ⟨z − rim⟩²/(2·lip), so that a body sagging over the edge leaves it C¹; with no rim it would be held all round.
-    """
-
-    semi_axes: tuple[float, float, float]
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rim_z: float = 0.0
-    lip: float = 1.0
-
-    def gap(
-        self, x: np.ndarray, centre: ArrayLike = STILL, direction: ArrayLike = STILL
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Gap g (…), its gradient n (…, 3), which points to the body, and Hessian (…, 3, 3) at points x (…, 3).
-
-        |n| = 1 below the rim.  The bowl stands where its own centre says: `centre` and `direction` are not used.
-        Closest point y_i = s_i² x_i/(s_i² + τ), Σ (y_i/s_i)² = 1, largest root τ (Eberly 2013, §4).
-        """
-        flat, own, s = _arrays(x, self.centre, self.semi_axes)
-        g, n, hessian = _bowl_gap(flat, own, s, float(self.rim_z), float(self.lip))
-        return g.reshape(x.shape[:-1]), n.reshape(x.shape), hessian.reshape(*x.shape, 3)
-
-    def travel(self, x: np.ndarray, centre: ArrayLike, direction: np.ndarray) -> np.ndarray:
-        """How far (…) mm, signed, the bowl goes along the unit `direction` until its wall first meets points x (…, 3).
-
-        The larger root of |x − c − s d|_s = 1 in the scaled frame; ∞ for points that pass outside or above the rim.
-        """
-        v, d = (x - np.asarray(self.centre)) / self.semi_axes, np.asarray(direction, float) / self.semi_axes
-        a, b, c = d @ d, v @ d, (v * v).sum(-1) - 1.0
-        root = b * b - a * c
-        s = (b + np.sqrt(np.maximum(root, 0.0))) / a
-        meets = (root >= 0.0) & (x[..., 2] - s * direction[2] <= self.rim_z)
-        return np.where(meets, s, np.inf)
-
-
-def _arrays(x: np.ndarray, *vectors: ArrayLike) -> list[np.ndarray]:
+def arrays(x: np.ndarray, *vectors: ArrayLike) -> list[np.ndarray]:
     """Points as contiguous (n, 3) and vectors (3,), all float64, for the kernels."""
     return [np.ascontiguousarray(x, float).reshape(-1, 3), *(np.ascontiguousarray(v, float) for v in vectors)]
 
 
 @numba.njit(cache=True)
-def _sphere_gap(x, c, d, R, shaft):  # type: ignore[no-untyped-def]
-    count = len(x)
-    g, n, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))
-    for k in range(count):
-        v0, v1, v2 = x[k, 0] - c[0], x[k, 1] - c[1], x[k, 2] - c[2]
-        behind = -(v0 * d[0] + v1 * d[1] + v2 * d[2])
-        beside = shaft and behind > 0.0
-        if beside:  # only the part across the axis counts
-            v0, v1, v2 = v0 + behind * d[0], v1 + behind * d[1], v2 + behind * d[2]
-        r = max(np.sqrt(v0 * v0 + v1 * v1 + v2 * v2), 1e-300)
-        g[k] = r - R
-        n[k, 0], n[k, 1], n[k, 2] = v0 / r, v1 / r, v2 / r
-        for i in range(3):
-            for j in range(3):
-                h = (1.0 if i == j else 0.0) - n[k, i] * n[k, j]
-                if beside:
-                    h -= d[i] * d[j]
-                hessian[k, i, j] = h / r
-    return g, n, hessian
-
-
-@numba.njit(cache=True)
-def _closest(x, s, y):  # type: ignore[no-untyped-def]
+def closest_point(x, s, y):  # type: ignore[no-untyped-def]
     """Multiplier τ of x = y + τ (y/s²) with y the point of the ellipsoid closest to x; fills y (3,).
 
     Newton on 1 − 1/|p(τ)| with p_i = s_i x_i/(s_i² + τ): nearly linear, and monotonic from a start left of the root.
@@ -186,82 +145,6 @@ def depths(s, x):  # type: ignore[no-untyped-def]
     """Distance (n,) of points x (n, 3) to the ellipsoid of semi-axes s (3,), negative outside."""
     d, y = np.empty(len(x)), np.empty(3)
     for k in range(len(x)):
-        tau = _closest(x[k], s, y)
+        tau = closest_point(x[k], s, y)
         d[k] = -tau * np.sqrt((y[0] / s[0] ** 2) ** 2 + (y[1] / s[1] ** 2) ** 2 + (y[2] / s[2] ** 2) ** 2)
     return d
-
-
-@numba.njit(cache=True)
-def _bowl_gap(x, c, s, rim, lip):  # type: ignore[no-untyped-def]
-    count = len(x)
-    g, n, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))
-    y, v, N, A = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    for k in range(count):
-        for i in range(3):
-            v[i] = x[k, i] - c[i]
-        tau = _closest(v, s, y)
-        size, curved = 0.0, 0.0
-        for i in range(3):
-            N[i] = y[i] / (s[i] * s[i])
-            size += N[i] * N[i]
-            A[i] = 1.0 / max(1.0 + tau / (s[i] * s[i]), 1e-12)  # bounded where the closest point is not unique
-            curved += A[i] * N[i] * N[i]
-        size = np.sqrt(size)
-        g[k] = -tau * size
-        for i in range(3):
-            n[k, i] = -N[i] / size
-        # ∂y/∂x = A − AN⊗AN/(N·AN), ∇∇g = −(I − n⊗n) D ∂y/∂x/|N| with D = 1/s²
-        for i in range(3):
-            for j in range(3):
-                first = (A[i] if i == j else 0.0) - A[i] * N[i] * A[j] * N[j] / curved
-                hessian[k, i, j] = first / (s[i] * s[i])
-        for j in range(3):
-            across = 0.0
-            for i in range(3):
-                across += n[k, i] * hessian[k, i, j]
-            for i in range(3):
-                hessian[k, i, j] = -(hessian[k, i, j] - n[k, i] * across) / size
-        above = x[k, 2] - rim
-        if above > 0.0:
-            g[k] += 0.5 * above * above / lip
-            n[k, 2] += above / lip
-            hessian[k, 2, 2] += 1.0 / lip
-    return g, n, hessian
-
-
-def first_contact(body: Ellipsoid, R: float, through: ArrayLike, direction: ArrayLike) -> np.ndarray:
-    """Centre (3,) mm of a sphere of radius R where it first touches the undeformed body on its way.
-
-    The way of the centre is the line through the point `through` (3,) along `direction` (3,), any length.  The distance
-    from a convex body is convex along a line, so Newton from far away goes to the first contact without passing it.
-    Raises ValueError when the sphere passes by.
-    """
-    origin, d = np.asarray(through, float), np.asarray(direction, float)
-    d = d / np.linalg.norm(d)
-    axes, y = body.semi_axes, np.empty(3)
-    s = -(origin @ d) - 2.0 * (float(axes.max()) + R) - np.linalg.norm(origin - (origin @ d) * d)
-    for _ in range(100):
-        centre = origin + s * d
-        tau = _closest(centre, axes, y)
-        N = y / axes**2
-        size = float(np.linalg.norm(N))
-        rate = float(N @ d) / size
-        if rate >= 0.0:
-            break
-        step = -(tau * size - R) / rate
-        s += step
-        if abs(step) <= 4e-16 * (abs(s) + float(axes.max())):
-            return origin + s * d
-    raise ValueError(f"a sphere of radius {R} mm on the line through {origin} along {d} passes by the body")
-
-
-def closest(body: Ellipsoid, x: ArrayLike) -> np.ndarray:
-    """Point (3,) of the surface that is closest to a point x (3,) mm outside of the body."""
-    y = np.empty(3)
-    _closest(np.ascontiguousarray(x, float), body.semi_axes, y)
-    return y
-
-
-def hertz_radius(body: Ellipsoid, indenter: Sphere) -> float:
-    """Effective radius 1/(1/R + mean curvature) of first contact at the top (Johnson 1985, eq. 4.3; mm)."""
-    return 1.0 / (1.0 / indenter.R + body.mean_curvature_at_top())

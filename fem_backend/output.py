@@ -31,7 +31,7 @@ def write_files(solved: Solved, folder: Path) -> list[Path]:
     body, paths = solved.model.body, []
     for k, point in enumerate(solved.result.points):
         nodal = post.nodal(body, fields(solved, point))
-        surface = solved.system.pairs[0].surface
+        surface = solved.system.indenter.surface
         pressure = post.pressure_at_nodes(surface, point.evaluation.contact.pressure, len(body.nodes))
         data = {
             "cauchy_MPa": nodal.cauchy,
@@ -55,8 +55,8 @@ def draw(solved: Solved, folder: Path) -> list[Path]:
     body, placement, paths = solved.model.body, solved.placement, []
     for k, point in enumerate(solved.result.points):
         nodal = post.nodal(body, fields(solved, point))
-        u, touch = point.evaluation.u, point.load.touches[0]
-        surface = solved.system.pairs[0].surface
+        u, touch = point.evaluation.u, point.load.indenter
+        surface = solved.system.indenter.surface
         points = tractions.contact_points(surface, body.nodes + u)
         on = point.evaluation.contact.pressure > 0
         spikes = (points[on], point.evaluation.contact.pressure[on]) if on.any() else None
@@ -71,7 +71,8 @@ def draw(solved: Solved, folder: Path) -> list[Path]:
             nodal.von_mises,
             "von Mises stress (MPa)",
             touch.centre,
-            placement.R,
+            placement.indenter,
+            touch.direction,
             normal,
             placement.planes,
             title,
@@ -87,7 +88,7 @@ def draw(solved: Solved, folder: Path) -> list[Path]:
             "vertical displacement (mm)",
             placement.planes,
             touch.centre,
-            placement.R,
+            placement.indenter.length,
             title,
         )
     return paths

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fem_backend.accuracy import closed_forms
+from fem_backend import closed_forms
 from fem_backend.contact.pointwise import TANGENTIAL
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation.experiment import Settings, profile_name
@@ -17,7 +17,13 @@ from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES
 
 LEVEL = {"coarse": 1.0, "standard": 0.6, "fine": 0.29, "reference": 0.18, "limit": 0.18}  # over that of coarse
-BELOW = {"coarse": 1.0, "standard": 0.85, "fine": 1.6, "reference": 0.25, "limit": 0.25}  # the same of a bowl's contact
+BELOW = {
+    "coarse": 1.0,
+    "standard": 0.85,
+    "fine": 1.6,
+    "reference": 0.25,
+    "limit": 0.25,
+}  # the same of contact with the support
 EXTRAPOLATED = {"limit": 0.6}  # of the error of the forces is left when they are extrapolated
 CALIBRATED = {  # of the columns of `columns`
     "force": (0.0015, 0.018, 0.006, 0.001),
@@ -32,7 +38,7 @@ CALIBRATED = {  # of the columns of `columns`
 CANCELS = 0.3  # of the sum of steps and creep where what sticks is left beside their difference: they cancel in part
 AUGMENTED = 0.1  # of what the last augmentation changed in the force
 WIDE = 0.9  # of h₀: mean edge below the ball of the shipped meshes, 0.78 to 0.89, and of most that are made
-BELOW_BALL = 0.7  # of R: what counts as below it
+BELOW_INDENTER = 0.7  # of R: what counts as below it
 OFF_TOP = 4.0  # times the squared distance from the top in semi-axes: elements are stretched on the way
 TINY = 0.14  # of the force, times h₀/a, where the contact radius a is below h₀/2: on all levels from 0.002 to 0.05 mm
 SHALLOW = 0.03  # of the force, times (h₀/a)², a by Hertz: what a mesh misses of a shallow contact
@@ -92,25 +98,26 @@ def mesh_factor(settings: Settings, knobs: Knobs) -> float:
     ρ is the distance from the top in semi-axes.  Meshes without a level: by the square of their element size, of second
     order and not calibrated.
     """
-    return (LEVEL.get(settings.level) or (4.0 * settings.h0 / settings.R) ** 2) * stretched(settings, knobs)
+    return (LEVEL.get(settings.level) or (4.0 * settings.h0 / settings.indenter.length) ** 2) * stretched(
+        settings, knobs
+    )
 
 
 def unreached(settings: Settings, knobs: Knobs, result: Result) -> float:
     """(h/0.9 h₀)² where the mean edge h below the ball is longer than that: fTetWild does not always get there."""
     if result.system is None or not settings.level:
         return 1.0
-    corners = result.system.body.nodes[result.system.pairs[0].surface.facets[:, :3]]
+    corners = result.system.body.nodes[result.system.indenter.surface.facets[:, :3]]
     x, y = beneath(settings, knobs)
     away = np.hypot(*(corners.mean(axis=1)[:, :2] - (x, y)).T)
-    near = corners[away <= max(BELOW_BALL * settings.R, float(away.min()))]
+    near = corners[away <= max(BELOW_INDENTER * settings.indenter.length, float(away.min()))]
     h = float(np.linalg.norm(near - np.roll(near, 1, axis=1), axis=2).mean())
     return max(1.0, (h / (WIDE * settings.h0)) ** 2)
 
 
 def stretched(settings: Settings, knobs: Knobs) -> float:
     """The share of the place in it."""
-    x, y = beneath(settings, knobs)
-    return 1.0 + OFF_TOP * ((x / settings.body.a) ** 2 + (y / settings.body.b) ** 2)
+    return 1.0 + OFF_TOP * settings.specimen.off_top(*beneath(settings, knobs))
 
 
 def beneath(settings: Settings, knobs: Knobs) -> tuple[float, float]:
@@ -130,7 +137,7 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
     step = newly(settings, result)
     left = AUGMENTED * result.contact_error / np.maximum(size, 1e-300) + STEPS * knobs.friction * step
     left = left + result.residual + distorted(settings, knobs, result)
-    deep = PENETRATION * settings.R * (1.0 + stiffness(knobs))
+    deep = PENETRATION * settings.indenter.length * (1.0 + stiffness(knobs))
     points = {profile_name(place): deep * along(result, profile_name(place)) for place in settings.profile}
     left = left + relaxing(settings, knobs, result) / np.maximum(size, 1e-300)
     pull = 2.0 * np.pi * knobs.adhesion * effective_radius(settings)
@@ -142,7 +149,7 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
         forces
         | points
         | {
-            "uz_max": deep + back["uz_max"] + UNEVEN * settings.R * contrast(knobs),
+            "uz_max": deep + back["uz_max"] + UNEVEN * settings.indenter.length * contrast(knobs),
             "contact_area": back["contact_area"],
             "contact_radius": back["contact_radius"],
             "slipping": np.minimum(SLIP * (step + result.channels["slipping"]), 1.0) * (knobs.friction > 0.0),
@@ -159,7 +166,7 @@ def distorted(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
     benchmarks/axisymmetric.py, a second such program, agrees at x = 2 and has not been brought deeper.
     Of forces alone: what it does to other channels was not measured.
     """
-    x = (np.maximum(result.travel, 0.0) - sunk(settings, knobs, result)) / settings.R
+    x = (np.maximum(result.travel, 0.0) - sunk(settings, knobs, result)) / settings.indenter.length
     return (
         DISTORTED * DISTORTS.get(settings.level, 1.0) * (AT_LEAST + stiffness(knobs)) * np.maximum(x - DEEP, 0.0) ** 3
     )
@@ -223,7 +230,7 @@ def creeping(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.n
     Measured at (20, 0), friction 0.4, with ten times ε_T: 2.1, 2.2, 1.8 and 1.1 times that at 0.5, 1, 2 and 4 mm.
     """
     a = np.maximum(result.channels["contact_radius"], 0.5 * settings.h0)
-    share = CREEPS * 16.0 / (3.0 * np.pi * TANGENTIAL * modelling.PENALTY) * settings.R / a
+    share = CREEPS * 16.0 / (3.0 * np.pi * TANGENTIAL * modelling.PENALTY) * settings.indenter.length / a
     stuck = 1.0 - result.channels["slipping"]
     return {n: share * stuck * held for n, held in taken(settings, knobs, result).items()}
 
@@ -233,7 +240,7 @@ def taken(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.ndar
     out = {n: np.zeros_like(result.travel) for n in ("Fx", "Fy")}
     if knobs.friction:
         at = modelling.place(settings, knobs)
-        normal = at.rotation.T @ (at.touch - at.contact) / at.R
+        normal = at.rotation.T @ at.normal
         for n, along_n in zip(out, normal[:2], strict=True):
             if result.channels[n].any():  # else zero by symmetry
                 out[n] = np.abs(along_n * whole_force(result) - result.channels[n])
@@ -271,9 +278,11 @@ def unresolved(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np
     """
     at, size = result.channels, whole_force(result)
     K, R = 2.0 / knobs.D1, effective_radius(settings)
+    H = settings.specimen.mean_curvature(*settings.point)
     E, nu = closed_forms.youngs_modulus(knobs.mu, K), closed_forms.poisson_ratio(knobs.mu, K)
     travel = np.maximum(result.travel, 0.0)
-    force = np.maximum(size, closed_forms.hertz_force(travel, R, E, nu)) * (travel > 0.0)
+    small = settings.indenter.force(travel, H, E, nu)
+    force = (size if small is None else np.maximum(size, small)) * (travel > 0.0)
     share = TINY * settings.h0 / np.sqrt(R * np.maximum(travel, 1e-12)) * (at["contact_radius"] < 0.5 * settings.h0)
     return {n: along * share * force for n, along in directed(result).items()}
 
@@ -285,7 +294,7 @@ def at_depth(settings: Settings, depth: float) -> float:
     3 % (h₀/a)² on every level (at 0.024 R coarse and standard are 8 % above Hertz, fine and reference 3 %).
     """
     a = np.sqrt(effective_radius(settings) * max(depth, 1e-12))
-    level = LEVEL.get(settings.level) or (4.0 * settings.h0 / settings.R) ** 2
+    level = LEVEL.get(settings.level) or (4.0 * settings.h0 / settings.indenter.length) ** 2
     own, _, stiff, _ = CALIBRATED["force"]
     if a < 0.5 * settings.h0:
         return float(min(TINY * settings.h0 / a, 1.0))
@@ -303,9 +312,7 @@ def directed(result: Result) -> dict[str, float]:
 
 def effective_radius(settings: Settings) -> float:
     """R* (mm) of ball and body where they touch, 1/R* = 1/R + H, H the mean curvature (Johnson 1985, eq. 4.3)."""
-    s, (x, y) = settings.body.semi_axes, settings.point
-    z = s[2] * np.sqrt(1.0 - (x / s[0]) ** 2 - (y / s[1]) ** 2)
-    return 1.0 / (1.0 / settings.R + float(closed_forms.ellipsoid_mean_curvature(s, np.array([x, y, z]))))
+    return settings.indenter.effective_radius(settings.specimen.mean_curvature(*settings.point))
 
 
 def whole_force(result: Result) -> np.ndarray:
@@ -340,29 +347,29 @@ def lumped(settings: Settings, knobs: Knobs) -> float:
 def layered(settings: Settings, knobs: Knobs) -> float:
     """Factor of what is missed at any depth: 1 + 7 ln(ratio) t/R, of a skin stiffer than the core."""
     stiffer = contrast(knobs) * (knobs.skin_ratio > 1.0)
-    return 1.0 + LAYERED * stiffer * min(knobs.skin_thickness / settings.R, 1.0)
+    return 1.0 + LAYERED * stiffer * min(knobs.skin_thickness / settings.indenter.length, 1.0)
 
 
 def sunk(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
-    """How far (k,) mm the body sinks into its bowl during the test; zero where it is held.
+    """How far (k,) mm the body gives way as a whole on its support during the test; zero where it is held.
 
-    By Hertz, ball and bowl carrying the same force, bowl and body of nearly the same shape (Johnson 1985, eq. 4.23):
-    w = travel (R g/(b c))^(1/3) ((1 + W/F)^(2/3) − (W/F)^(2/3)), clearance g, weight W, semi-axes b and c.
+    w = travel · `sinking` · ((1 + W/F)^(2/3) − (W/F)^(2/3)), weight W, indenter and support carrying the same force by
+    Hertz (Johnson 1985, eq. 4.23).
     """
-    if settings.support != "bowl":
+    if not settings.support.loose:
         return np.zeros_like(result.travel)
     return np.abs(result.travel) * sinking(settings, knobs) * eased(settings, knobs, result)
 
 
 def sinking(settings: Settings, knobs: Knobs) -> float:
-    """The share (R g/(b c))^(1/3) of the travel by which a weightless body sinks into its bowl, at most 1."""
-    return min((settings.R * knobs.bowl_clearance / (settings.body.b * settings.body.c)) ** (1.0 / 3.0), 1.0)
+    """The share of the travel by which a weightless body gives way as a whole on its support, at most 1."""
+    return settings.support.sinking(settings.specimen, settings.indenter.length, knobs)
 
 
 def eased(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
-    """(1 + W/F)^(2/3) − (W/F)^(2/3), (k,): how much of what a weightless body sinks into its bowl a heavy one sinks."""
+    """(1 + W/F)^(2/3) − (W/F)^(2/3), (k,): what a heavy body sinks on its support over what a weightless one does."""
     force = np.maximum(whole_force(result), 1e-300)
-    weight = knobs.weight * 4.0 / 3.0 * np.pi * float(np.prod(settings.body.semi_axes)) / force
+    weight = knobs.weight * settings.specimen.volume() / force
     if knobs.weight and knobs.cavity and result.system is not None:  # a hole has none
         weight *= np.linalg.norm(result.system.dead.sum(0)) / (knobs.weight * result.system.body.w.sum())
     return (1.0 + weight) ** (2.0 / 3.0) - weight ** (2.0 / 3.0)
@@ -383,11 +390,11 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     """What the error of each channel grows with, (k, j) in its unit.
 
     Forces, area, radius, pressure: m · value · (1, (h₀/a)², log₁₀ K/μ), a the contact radius, h₀ the element size and m
-    the `mesh_factor`; the value of a lateral force is what is `pressed`.  In a bowl forces have 3/2 F g/d
+    the `mesh_factor`; the value of a lateral force is what is `pressed`.  On a loose body forces have 3/2 F g/d
     besides, d the travel, times what is `eased`: facets misplace the wall by a share of the clearance g, F ~ d^(3/2);
     d is at least what makes that the force itself. A skin adds to the first two, see `lumped` and `layered`.
     `uz_max`: (m h₀ (h₀/a)², d²/2R), the ball's lowest point as far beside the axis, R Fx/Fz, as it is beside a node, d.
-    `bulge`: (m value, m travel, w), since it vanishes in a compressible body; w is what is `sunk` into a bowl, times
+    `bulge`: (m value, m travel, w), since it vanishes in a compressible body; w is what is `sunk` on its support, times
     what its elements there make of it.
     Surface points: (m g, m g log₁₀ K/μ, (4 q (1 − q))² h₀²/R, w), q = |u|/travel: what touches the ball moves with it.
     g = (1 − q) max(|u|, F/(4πμ max(r, a))), as a point load moves the surface (Johnson 1985, eq. 3.22b, ν = 1/2): a
@@ -399,10 +406,10 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     edge = lumped(settings, knobs) * (settings.h0 / np.maximum(at["contact_radius"], 0.5 * settings.h0)) ** 2
     stiff = np.full_like(travel, stiffness(knobs))
     shape = np.stack([np.ones_like(travel), edge, stiff], axis=-1)
-    below = BELOW.get(settings.level, 1.0)
-    astray = CALIBRATED["force"][3] * below * knobs.bowl_clearance  # no force is off by more than itself
-    play = below * 1.5 * knobs.bowl_clearance / np.maximum(travel, 1.5 * astray)
-    play = play * eased(settings, knobs, result) * (settings.support == "bowl")
+    below, room = BELOW.get(settings.level, 1.0), settings.support.clearance(knobs)
+    astray = CALIBRATED["force"][3] * below * room  # no force is off by more than itself
+    play = below * 1.5 * room / np.maximum(travel, 1.5 * astray)
+    play = play * eased(settings, knobs, result)
     through = shape * [layered(settings, knobs), 1.0, 1.0]
     forces = np.concatenate([EXTRAPOLATED.get(settings.level, 1.0) * mesh * through, play[:, None]], axis=-1)
     out = {n: size_n[:, None] * forces for n, size_n in pressed(settings, knobs, result).items()}
@@ -414,8 +421,8 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     for name, floor in floors.items():
         value = at[name] + (pull if name == "peak_pressure" else 0.0)
         out[name] = mesh * (np.maximum(value, floor)[:, None] * shape)
-    beside = np.hypot(at["Fx"], at["Fy"]) / np.maximum(np.abs(at["Fz"]), 1e-300) * settings.R
-    missed = np.minimum(beside, 0.25 * settings.h0) ** 2 / (2.0 * settings.R)
+    beside = np.hypot(at["Fx"], at["Fy"]) / np.maximum(np.abs(at["Fz"]), 1e-300) * settings.indenter.length
+    missed = np.minimum(beside, 0.25 * settings.h0) ** 2 / (2.0 * settings.indenter.length)
     out["uz_max"] = np.stack([mesh * settings.h0 * edge, missed], axis=-1)
     down = below * sunk(settings, knobs, result)
     out["bulge"] = np.stack([mesh * np.abs(at["bulge"]), mesh * np.abs(result.travel), down], axis=-1)
@@ -424,7 +431,7 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
         q, r = along(result, name), np.hypot(place[0] - settings.point[0], place[1] - settings.point[1])
         load = size / (4.0 * np.pi * knobs.mu * np.maximum(at["contact_radius"], max(r, 0.5 * settings.h0)))
         free = mesh * (1.0 - q) * np.maximum(np.abs(at[name]), load)
-        kink = (4.0 * q * (1.0 - q)) ** 2 * settings.h0**2 / settings.R * stretched(settings, knobs)
+        kink = (4.0 * q * (1.0 - q)) ** 2 * settings.h0**2 / settings.indenter.length * stretched(settings, knobs)
         out[name] = np.stack([free, free * stiff, kink, down], axis=-1)
     return out
 

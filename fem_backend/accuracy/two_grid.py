@@ -32,7 +32,7 @@ KEPT = 0.21  # of the error of a force when every tetrahedron of the coarse mesh
 def worthwhile(settings: Settings, knobs: Knobs) -> bool:
     """Whether a coarse run before pays: an elastic body on a fine mesh, held and without weight, specimen shipped."""
     shipped = "template" in settings.recipe
-    return settings.level in WORTH and shipped and settings.support == "fixed" and knobs.weight == 0.0
+    return settings.level in WORTH and shipped and not settings.support.loose and knobs.weight == 0.0
 
 
 def coarse(
@@ -104,7 +104,7 @@ def limit(
     """
     try:
         crude, first = coarse(settings, knobs, placement, instants, slopes)
-        if start is None and settings.support == "fixed" and knobs.weight == 0.0:
+        if start is None and not settings.support.loose and knobs.weight == 0.0:
             start = carried(crude, first.points, model)
         second = indentation.solve(settings, knobs, placement, model, instants, start, slopes)
     except Stopped as stopped:

@@ -17,15 +17,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem_backend import meshing
-from fem_backend.accuracy import closed_forms
+from fem_backend import closed_forms, meshing
+from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import experiment, indentation
 from fem_backend.simulation.assembly import Model
 from fem_backend.simulation.derivatives import Slopes, travel_of
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.initial_state import bench
-from fem_backend.simulation.knobs import Knobs
+from fem_backend.simulation.knobs import Knobs, known
 from fem_backend.solver.load_steps import Guess, Instant, Stage, Stopped
 from fem_backend.solver.newton import Counters
 
@@ -37,7 +37,7 @@ def recipe(settings: Settings, knobs: Knobs, asked_mm: Sequence[float]) -> str:
     """
     placement = modelling.place(settings, knobs)
     ratio = 2.0 / (knobs.mu * knobs.D1)
-    plain = experiment.plain_settings(settings) | {"material": {"law": "neo_hookean"}, "profile": [], "earlier": 0.0}
+    plain = experiment.plain_settings(settings) | {"material": {"law": LAWS.default}, "profile": [], "earlier": 0.0}
     decade = 10.0 ** min(max(round(math.log10(ratio)), 0), 2)
     return json.dumps(
         {
@@ -46,7 +46,7 @@ def recipe(settings: Settings, knobs: Knobs, asked_mm: Sequence[float]) -> str:
             "recipe": settings.recipe,
             "planes": placement.planes,
             "K_over_mu": decade,
-            "clearance": knobs.bowl_clearance if settings.support == "bowl" else None,
+            **settings.support.anchored(knobs),
             "asked_mm": list(asked_mm),
         },
         sort_keys=True,
@@ -66,9 +66,7 @@ def make(recipe: str) -> bytes:
     """
     data = json.loads(recipe)
     settings = experiment.read_settings(data["settings"])
-    knobs = Knobs(mu=1.0, D1=2.0 / data["K_over_mu"], bowl_friction=0.0)
-    if data["clearance"] is not None:
-        knobs = replace(knobs, bowl_clearance=data["clearance"])
+    knobs = known()(mu=1.0, D1=2.0 / data["K_over_mu"], **settings.support.from_anchor(data))
     placement = replace(modelling.place(settings, knobs), planes=tuple(data["planes"]))
     model = modelling.model_for(settings, knobs, placement, None)
     instants = [Instant(s, s, True) for s in data["asked_mm"]]

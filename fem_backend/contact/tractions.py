@@ -11,6 +11,7 @@ then on only: `met`.  Adhesion has a potential, Π_a = ∫ ψ(g) dA₀.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from skfem import ElementTriP2, MeshTet2
@@ -18,10 +19,29 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTri
 
 from fem_backend.contact import pointwise
-from fem_backend.geometry import Bowl, Ellipsoid, Sphere
 from fem_backend.kinematics.tetrahedra import Body
 
 ORDER = 6  # twelve points a facet
+
+
+class Rigid(Protocol):
+    """A rigid surface: where it is, and how far it still has to go.  Lengths in mm, evaluated at all points at once."""
+
+    def gap(self, x: np.ndarray, centre: Any, direction: Any = ...) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Gap g (…), positive outside of it, its gradient n (…, 3) and Hessian (…, 3, 3) at points x (…, 3).
+
+        `centre` (3,) is its reference point, `direction` (3,) its unit way into the body, zero where it stands still.
+        """
+
+    def travel(self, x: np.ndarray, centre: Any, direction: np.ndarray) -> np.ndarray:
+        """How far (…), signed, it goes along the unit `direction` until it meets points x (…, 3); ∞ beside its way."""
+
+
+class Curved(Protocol):
+    """The true surface that quadratic facets stand for."""
+
+    def project(self, x: np.ndarray) -> np.ndarray:
+        """Points (n, 3) near the surface moved onto it."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +78,7 @@ class Pair:
     """
 
     surface: ContactSurface
-    rigid: Sphere | Bowl
+    rigid: Rigid
     epsilon: np.ndarray
     friction: float = 0.0
     adhesion: Adhesion | None = None
@@ -87,7 +107,7 @@ class Before:
 class Touch:
     """Load on a pair: centre (3,) mm, unit way `direction` (3,) into the body, λ (f, q) MPa.
 
-    A bowl stands still, its direction is zero.  `raised` (f, q) multiplies ε; `before` is needed with friction.
+    A support stands still, its direction is zero.  `raised` (f, q) multiplies ε; `before` is needed with friction.
     """
 
     centre: np.ndarray
@@ -130,9 +150,7 @@ def quadratic_facets(mesh: MeshTet2, facets: np.ndarray) -> np.ndarray:
     return np.stack([*corners, middle(0, 1), middle(1, 2), middle(0, 2)], axis=1)
 
 
-def contact_surface(
-    body: Body, facets: np.ndarray, true: Ellipsoid | None = None, order: int = ORDER
-) -> ContactSurface:
+def contact_surface(body: Body, facets: np.ndarray, true: Curved | None = None, order: int = ORDER) -> ContactSurface:
     """Quadrature on the quadratic facets (f, 6) of the undeformed surface, which stand for the surface of `true`."""
     X, weights = get_quadrature(RefTri, order)
     N, dN = (np.stack([ElementTriP2().lbasis(X, a)[k] for a in range(6)]) for k in (0, 1))
@@ -245,7 +263,7 @@ def tangent(
 
 
 def first_touch(
-    surface: ContactSurface, x: np.ndarray, rigid: Sphere | Bowl, centre: np.ndarray, direction: np.ndarray
+    surface: ContactSurface, x: np.ndarray, rigid: Rigid, centre: np.ndarray, direction: np.ndarray
 ) -> float:
     """How far (mm, signed) the rigid body must still go along the unit `direction` to touch the deformed surface.
 

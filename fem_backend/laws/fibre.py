@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numba
 import numpy as np
 
 from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, spread
+from rso.contract import knob
 
 
 @dataclass(frozen=True)
@@ -21,6 +24,34 @@ class Fibre:
     Raises ValueError for a negative constant or a direction of no length.
     Source: Holzapfel, Gasser & Ogden 2000, eq. 65, one family, with the isochoric Ī₄.
     """
+
+    @dataclass(frozen=True)
+    class Knobs:
+        """The numbers that a study may open."""
+
+        fibre: float = knob(
+            "fibre modulus k1",
+            "MPa",
+            0.0,
+            1e3,
+            neutral=0.0,
+            group="fibre",
+            typical=5e-3,
+            plausible=(0.05, 3.0),
+            label="fibres",
+        )
+        fibre_k2: float = knob("fibre stiffening exponent k2", "1", 0.0, 100.0, default=0.0, group="fibre")
+        fibre_angle: float = knob(
+            "fibre direction in the plane z = 0, from x",
+            "deg",
+            -180.0,
+            180.0,
+            default=0.0,
+            group="fibre",
+            plausible=(0.0, 90.0),
+        )
+
+    switches: ClassVar[Mapping[str, Mapping[str, float]]] = {"fibre": {"fibre": 0.0}}
 
     k1: float
     k2: float

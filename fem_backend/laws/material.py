@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from fem_backend.laws.fibre import Fibre
 from fem_backend.laws.law import Law
 from fem_backend.laws.mullins import Mullins
-from fem_backend.laws.ogden import Ogden
 from fem_backend.laws.prony import Prony
 
 
@@ -19,7 +18,7 @@ class Material:
     small-strain law, which has neither Ī₄ nor isochoric stresses to remember.
     """
 
-    law: Law | Ogden
+    law: Law
     fibre: Fibre | None = None
     prony: Prony | None = None
     mullins: Mullins | None = None

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.special import erf
+
+from rso.contract import knob
 
 
 @dataclass(frozen=True)
@@ -18,6 +22,34 @@ class Mullins:
     elastomers after the first cycle.  Raises ValueError unless 0 ≤ 1/r < 1, β ≥ 0 and m > 0.
     Source: Ogden & Roxburgh 1999 (β = 0 there; β as in Abaqus and ANSYS).
     """
+
+    @dataclass(frozen=True)
+    class Knobs:
+        """The numbers that a study may open."""
+
+        mullins: float = knob(
+            "largest Mullins softening, 1/r of Ogden-Roxburgh",
+            "1",
+            0.0,
+            0.95,
+            neutral=0.0,
+            group="mullins",
+            typical=0.2,
+            plausible=(0.03, 0.6),
+            label="Mullins softening",
+        )
+        mullins_m: float = knob(
+            "energy scale m of the softening over mu",
+            "1",
+            1e-4,
+            1e3,
+            default=0.1,
+            group="mullins",
+            plausible=(0.02, 0.5),
+        )
+        mullins_beta: float = knob("energy slope beta of the softening", "1", 0.0, 10.0, default=0.5, group="mullins")
+
+    switches: ClassVar[Mapping[str, Mapping[str, float]]] = {"mullins": {"mullins": 0.0}}
 
     r_inverse: float
     m: float

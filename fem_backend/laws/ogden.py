@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
 
 import numba
 import numpy as np
+from pydantic import field_validator
 
+from fem_backend import members
 from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, spread
-from fem_backend.laws.law import Isotropic
+from fem_backend.laws import law
+from fem_backend.laws.law import LAWS, Isotropic, pairs
+from rso.contract import knob
 
 
+@LAWS.register
 @dataclass(frozen=True)
 class Ogden(Isotropic):
     """W = Σᵢ (2μᵢ/αᵢ²)(λ̄₁^αᵢ + λ̄₂^αᵢ + λ̄₃^αᵢ − 3) + (1/D₁)(J − 1)², λ̄ = J^(-1/3) λ, μᵢ = shareᵢ μ, i ≤ 3.
@@ -25,6 +32,55 @@ class Ogden(Isotropic):
     Source: Ogden 1972; Holzapfel 2000, eq. 6.119 in isochoric stretches.
     """
 
+    class Table(law.Table):
+        """{ law = "ogden", prony = [[g, tau in s], …] }"""
+
+        law: Literal["ogden"] = "ogden"
+        """See :class:`Ogden`."""
+        ogden: tuple[tuple[float, float], ...] = ()
+        """Further terms (alpha, share of mu), at most two; the first term has the knob alpha."""
+
+        @field_validator("ogden", mode="before")
+        @classmethod
+        def _terms(cls, value: Any) -> tuple[tuple[float, float], ...]:
+            """At most two pairs of an exponent that is not 0 and a share; together below 1."""
+            terms = pairs("[alpha, share of mu]", value)
+            if len(terms) > 2:
+                raise members.refused(": at most two further terms (N <= 3)")
+            if any(a == 0 for a, _ in terms) or sum(s for _, s in terms) >= 1:
+                shown = list(map(list, terms))
+                raise members.refused(": exponents must not be 0 and the shares must sum to less than 1", value=shown)
+            return terms
+
+    @dataclass(frozen=True)
+    class Knobs:
+        """Its own constants."""
+
+        alpha: float = knob(
+            "Ogden exponent (one term)",
+            "1",
+            -30.0,
+            30.0,
+            neutral=2.0,
+            typical=5.0,
+            plausible=(0.8, 12.0),
+            cause="strain stiffening",
+            label="stiffening (Ogden)",
+        )
+
+    principal: ClassVar[bool] = True
+    own_at_neutral: ClassVar[bool] = True  # its exponent is one like any other
+
+    name: ClassVar[str] = "ogden"
+    rung: ClassVar[int] = 3
+    level: ClassVar[Mapping[str, Any]] = {
+        "name": "ogden",
+        "title": "Ogden",
+        "description": "one term",
+        "open": {"alpha": (0.8, 12.0)},
+        "extends": "neo_hooke",
+    }
+
     alpha: tuple[float, ...] = (2.0,)
     share: tuple[float, ...] = (1.0,)
 
@@ -33,6 +89,22 @@ class Ogden(Isotropic):
             raise ValueError(f"alpha = {self.alpha}, share = {self.share}: one to three terms, one share for each")
         if not math.isclose(math.fsum(self.share), 1.0, rel_tol=0.0, abs_tol=1e-9):
             raise ValueError(f"share = {self.share}: the shares of mu must sum to 1")
+
+    @classmethod
+    def of(cls, knobs: Any, terms: tuple[tuple[float, float], ...] = ()) -> Ogden:
+        """The knob's exponent first, with the share that further terms leave."""
+        share = tuple(s for _, s in terms)
+        return cls(knobs.mu, knobs.D1, (knobs.alpha, *(a for a, _ in terms)), (1.0 - sum(share), *share))
+
+    @classmethod
+    def used(cls, knobs: Any, terms: tuple[tuple[float, float], ...] = ()) -> bool:
+        """Whether the exponent is off 2 or there are further terms."""
+        return knobs.alpha != 2.0 or bool(terms)
+
+    def hessian(self, e: np.ndarray) -> np.ndarray:
+        """Σᵢ 2μᵢ exp(αᵢ e) on the diagonal."""
+        mu, alpha = self.terms
+        return (2.0 * mu * np.exp(e[..., None] * alpha)).sum(-1)[..., None] * np.eye(3)
 
     @property
     def terms(self) -> tuple[np.ndarray, np.ndarray]:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
+
+from rso.contract import knob
 
 
 @dataclass(frozen=True)
@@ -18,6 +22,46 @@ class Prony:
     Raises ValueError unless g and τ have one length, g ≥ 0, Σ g < 1 and τ > 0.
     Source: Simo 1987; Holzapfel 2000, §6.10, whose long-term moduli are here 1 − Σ g times the instantaneous ones.
     """
+
+    @dataclass(frozen=True)
+    class Knobs:
+        """The numbers that a study may open."""
+
+        prony_g: float = knob(
+            "relaxing share of the shear modulus, first term",
+            "1",
+            0.0,
+            0.95,
+            neutral=0.0,
+            group="prony",
+            typical=0.2,
+            plausible=(0.03, 0.6),
+            label="relaxation",
+        )
+        prony_tau: float = knob(
+            "relaxation time, first term",
+            "s",
+            1e-9,
+            1e9,
+            default=5.0,
+            group="prony",
+            typical=5.0,
+            plausible=(0.3, 100.0),
+        )
+        prony_g2: float = knob(
+            "relaxing share of the shear modulus, second term", "1", 0.0, 0.95, neutral=0.0, group="prony2", typical=0.1
+        )
+        prony_tau2: float = knob("relaxation time, second term", "s", 1e-9, 1e9, default=50.0, group="prony2")
+        prony_g3: float = knob(
+            "relaxing share of the shear modulus, third term", "1", 0.0, 0.95, neutral=0.0, group="prony3", typical=0.1
+        )
+        prony_tau3: float = knob("relaxation time, third term", "s", 1e-9, 1e9, default=0.5, group="prony3")
+
+    switches: ClassVar[Mapping[str, Mapping[str, float]]] = {
+        "prony": {"prony_g": 0.0},
+        "prony2": {"prony_g2": 0.0},
+        "prony3": {"prony_g3": 0.0},
+    }
 
     g: tuple[float, ...]
     tau: tuple[float, ...]

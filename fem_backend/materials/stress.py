@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from fem_backend.kinematics.voigt import COL, ROW, cauchy_green, spread
-from fem_backend.laws import Derivatives, Law, Material, Ogden
+from fem_backend.laws import Derivatives, Law, Material
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def evaluate(
     F = H + np.eye(3)
     i1, i2, J = invariants(F)
     _refuse(~(J > 0.0), "J <= 0")
-    if material.fibre or material.path_dependent or isinstance(law, Ogden):
+    if material.fibre or material.path_dependent or law.principal:
         return _composed(material, F, (i1, i2, J), tangent, history, dt, scale)
     d, energy = law.derivatives(i1, i2, J), law.energy(i1, i2, J)
     if scale is not None:
@@ -106,7 +106,7 @@ def _composed(
 ) -> PointState:
     """Isochoric part first, then fibres, memory and the volume on top of it."""
     law, (i1, i2, J) = material.law, invariant
-    if isinstance(law, Ogden):
+    if law.principal:
         W, S, C = law.isochoric(F, J, tangent)
         U, (u1, u2) = law.volume_energy(J), law.pressure(J)
     else:

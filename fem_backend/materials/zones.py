@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from typing import Protocol
 
 import numba
 import numpy as np
@@ -19,8 +20,20 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
 from fem_backend import geometry
-from fem_backend.geometry import Ellipsoid
 from fem_backend.kinematics.tetrahedra import Body
+
+
+class Shape(Protocol):
+    """What of a specimen zones need: its surface."""
+
+    skin_limit: float
+
+    def depth(self, X: np.ndarray) -> np.ndarray:
+        """Distance (…,) mm of points X (…, 3) to the surface, negative outside."""
+
+    def on_surface(self, X: np.ndarray) -> np.ndarray:
+        """Whether nodes X (…, 3) lie on the surface."""
+
 
 SPLIT = 8  # pieces along an edge of a cut cell
 CAVITY = 1e-3  # stiffness ratio of a hole: see `scale`
@@ -28,29 +41,28 @@ ROUND = 0.02  # half width of the rounded ends of [0, 1]: keeps the fractions di
 FACES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # corners of the face opposite to a corner
 
 
-def skin(body: Body, ellipsoid: Ellipsoid, thickness: float) -> np.ndarray:
+def skin(body: Body, specimen: Shape, thickness: float) -> np.ndarray:
     """Fraction (m, q) of each weight within `thickness` (mm) of the surface: d(X) ≤ t.
 
-    d is the exact distance to the ellipsoid along its normal, less the distance by which the quadratic facet misses the
-    ellipsoid, fading out linearly through the cell: so the skin of the meshed body has the asked thickness also where
-    cells are large.  Raises ValueError if t < 0 or t ≥ half the smallest radius of curvature.
+    d is the exact distance to the surface along its normal, less the distance by which the quadratic facet misses it,
+    fading out linearly through the cell: so the skin of the meshed body has the asked thickness also where
+    cells are large.  Raises ValueError if t < 0 or t ≥ half the smallest radius of curvature, `skin_limit`.
     """
-    axes = ellipsoid.semi_axes
-    limit = 0.5 * float(axes.min() ** 2 / axes.max())
+    limit = specimen.skin_limit
     if not 0.0 <= thickness < limit:
         raise ValueError(f"skin thickness {thickness!r} mm: from 0 to {limit:.4g} mm, half the smallest radius")
     if thickness == 0.0:
         return np.zeros_like(body.w)
-    faces = surface_faces(body, ellipsoid)
+    faces = surface_faces(body, specimen)
 
     def level(cells: np.ndarray, at: np.ndarray) -> np.ndarray:
-        d = depth(ellipsoid, _points(body, cells, at))
+        d = depth(specimen, _points(body, cells, at))
         for k in range(4):
             outer = faces[cells, k]
-            d[outer] -= _missed(body, ellipsoid, cells[outer], at, k)
+            d[outer] -= _missed(body, specimen, cells[outer], at, k)
         return d - thickness
 
-    near = depth(ellipsoid, body.nodes)[body.cells].min(1) < thickness
+    near = depth(specimen, body.nodes)[body.cells].min(1) < thickness
     return _fractions(body, level, near, np.zeros(len(near), bool))
 
 
@@ -77,7 +89,7 @@ def cavity(body: Body, centre: np.ndarray, semi_axes: np.ndarray) -> np.ndarray:
 
 def scale(
     body: Body,
-    ellipsoid: Ellipsoid,
+    specimen: Shape,
     skin: tuple[float, float] | None = None,
     inclusion: tuple[np.ndarray, float, float] | None = None,
     cavity: tuple[np.ndarray, np.ndarray] | None = None,
@@ -100,7 +112,7 @@ def scale(
     if skin is not None:
         thickness, ratio = skin
         _ratio("skin", ratio)
-        fraction = _skin(body, ellipsoid, thickness)
+        fraction = _skin(body, specimen, thickness)
         if thickness > 0.0 and ratio != 1.0:
             s += (ratio - 1.0) * fraction
             changed = True
@@ -112,7 +124,7 @@ def scale(
         fraction = _inclusion(body, centre, radius)
         if radius > 0.0 and ratio != 1.0:
             _on_planes("inclusion", body, centre, np.full(3, radius))
-            room = float(depth(ellipsoid, centre)) - thickness
+            room = float(depth(specimen, centre)) - thickness
             if not radius < room:
                 raise ValueError(
                     f"inclusion of radius {radius:g} mm at {centre.tolist()} mm: only {max(room, 0.0):.4g} mm to the "
@@ -127,7 +139,7 @@ def scale(
         fraction = _cavity(body, centre, axes)
         if np.all(axes > 0.0):
             _on_planes("cavity", body, centre, axes)
-            _inside(ellipsoid, centre, axes)
+            _inside(specimen, centre, axes)
             s = s * (1.0 - fraction) + CAVITY * fraction
             changed = True
     return s if changed else None
@@ -136,19 +148,18 @@ def scale(
 _skin, _inclusion, _cavity = skin, inclusion, cavity  # `scale` names its arguments like the functions
 
 
-def depth(ellipsoid: Ellipsoid, X: np.ndarray) -> np.ndarray:
-    """Distance (…,) mm of points X (…, 3) to the surface of the ellipsoid, negative outside."""
-    X = np.asarray(X, float)
-    return geometry.depths(ellipsoid.semi_axes, np.ascontiguousarray(X.reshape(-1, 3))).reshape(X.shape[:-1])
+def depth(specimen: Shape, X: np.ndarray) -> np.ndarray:
+    """Distance (…,) mm of points X (…, 3) to the surface of the specimen, negative outside."""
+    return specimen.depth(X)
 
 
-def surface_faces(body: Body, ellipsoid: Ellipsoid) -> np.ndarray:
+def surface_faces(body: Body, specimen: Shape) -> np.ndarray:
     """(m, 4) whether the face opposite to a cell's corner lies on the curved surface, not on a plane of symmetry."""
     faces = np.sort(body.cells[:, FACES], axis=-1).reshape(-1, 3)
     _, inverse, count = np.unique(faces, axis=0, return_inverse=True, return_counts=True)
     lone = count[inverse.ravel()] == 1
     X = body.nodes[faces]
-    on = np.abs(((X / ellipsoid.semi_axes) ** 2).sum(-1) - 1.0).max(-1) < 1e-6
+    on = specimen.on_surface(X).all(-1)
     flat = (X == 0.0).all(1).any(-1)
     return (lone & on & ~flat).reshape(-1, 4)
 
@@ -166,19 +177,19 @@ def _on_planes(name: str, body: Body, centre: np.ndarray, axes: np.ndarray) -> N
 
 
 def _apart(centre: np.ndarray, radius: float, middle: np.ndarray, axes: np.ndarray) -> None:
-    if not float(-depth(Ellipsoid(*axes), centre - middle)) > radius:
+    if not float(-geometry.Ellipsoid(*axes).depth(centre - middle)) > radius:
         raise ValueError(f"inclusion of radius {radius:g} mm at {centre.tolist()} mm touches the cavity")
 
 
-def _inside(ellipsoid: Ellipsoid, centre: np.ndarray, axes: np.ndarray) -> None:
+def _inside(specimen: Shape, centre: np.ndarray, axes: np.ndarray) -> None:
     """The cavity's centre is in the body or on it, and no part of it comes out above z = 0."""
-    if float(depth(ellipsoid, centre)) < -1e-6:
+    if float(depth(specimen, centre)) < -1e-6:
         raise ValueError(f"cavity at {centre.tolist()} mm: its centre lies outside the body")
     theta, phi = np.meshgrid(np.linspace(0, np.pi, 61), np.linspace(0, 2 * np.pi, 121), indexing="ij")
     wall = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
     wall = centre + axes * wall
     upper = wall[..., 2] > 0.0
-    if np.any(depth(ellipsoid, wall[upper]) <= 0.0):
+    if np.any(depth(specimen, wall[upper]) <= 0.0):
         raise ValueError(f"cavity of semi-axes {axes.tolist()} mm at {centre.tolist()} mm comes out above z = 0")
 
 
@@ -235,12 +246,12 @@ def _points(body: Body, cells: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.einsum("ka,cai->cki", shape(at)[0], body.nodes[body.cells[cells]])
 
 
-def _missed(body: Body, ellipsoid: Ellipsoid, cells: np.ndarray, at: np.ndarray, k: int) -> np.ndarray:
+def _missed(body: Body, specimen: Shape, cells: np.ndarray, at: np.ndarray, k: int) -> np.ndarray:
     """Depth of the facet opposite to corner k below the points, fading out towards that corner."""
     rest = 1.0 - at[:, k]
     foot = np.where(np.arange(4) == k, 0.0, at) / np.where(rest > 0.0, rest, 1.0)[:, None]
     foot[rest <= 0.0] = np.where(np.arange(4) == (k + 1) % 4, 1.0, 0.0)
-    return rest * depth(ellipsoid, _points(body, cells, foot))
+    return rest * depth(specimen, _points(body, cells, foot))
 
 
 def divided(n: int) -> tuple[np.ndarray, np.ndarray]:

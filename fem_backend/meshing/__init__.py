@@ -9,13 +9,25 @@ everywhere.  All give a `Mesh` of vertices and tetrahedra of the quarter x ≥ 0
 from fem_backend.meshing.mapped import kuhn_simplex, mapped_quarter
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, arrays, quadratic, volumes
 from fem_backend.meshing.placing import FARTHEST, assemble, scaled_jacobian
-from fem_backend.meshing.recipes import cached, make, mapped_recipe, mesher, nominal, template_recipe, tetwild_recipe
+from fem_backend.meshing.recipes import (
+    LIMIT,
+    MAKERS,
+    cached,
+    make,
+    mapped_recipe,
+    mesher,
+    nominal,
+    template_recipe,
+    tetwild_recipe,
+)
 from fem_backend.meshing.refined import refined
 from fem_backend.meshing.templates import LEVELS, RADIUS, template_fits, template_mesh
 
 __all__ = [
     "FARTHEST",
     "LEVELS",
+    "LIMIT",
+    "MAKERS",
     "RADIUS",
     "BadMesh",
     "Mesh",

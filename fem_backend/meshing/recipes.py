@@ -12,9 +12,10 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,8 @@ from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, volumes
 from fem_backend.meshing.templates import NOMINAL, template_hash, template_mesh
 
 ALIVE = 10.0  # s between two signs of life of a mesher
+LIMIT = "limit"  # the mesh level whose forces are extrapolated, see fem_backend.accuracy.two_grid
+MAKERS: dict[str, Callable[[Mapping[str, Any]], Mesh]] = {}  # of meshes of other bodies, by the mesher in a recipe
 OFF = 0.09  # of the volume: straight edges of a coarse mesh cut that much off, see `finish`
 
 
@@ -34,6 +37,8 @@ def make(recipe: str) -> Mesh:
     Raises BadMesh when it fails.
     """
     data = json.loads(recipe)
+    if data["mesher"] in MAKERS:
+        return MAKERS[data["mesher"]](data)
     if data["mesher"] == "mapped":
         return mapped_quarter(Ellipsoid(*data["semi_axes"]), data["n"], data["slip"])
     if data["mesher"] == "template":
@@ -108,9 +113,15 @@ def template_recipe(level: str, body: Ellipsoid = NOMINAL) -> str:
     Its hash makes a changed template a different recipe.
     """
     return json.dumps(
-        {"mesher": "template", "version": 1, "semi_axes": [float(v) for v in body.semi_axes], "level": level,
-         "sha256": template_hash(level)}, sort_keys=True
-    )  # fmt: skip
+        {
+            "mesher": "template",
+            "version": 1,
+            "semi_axes": [float(v) for v in body.semi_axes],
+            "level": level,
+            "sha256": template_hash(level),
+        },
+        sort_keys=True,
+    )
 
 
 def cached(recipe: str) -> Mesh:
@@ -162,6 +173,8 @@ def _kept(path: Path, recipe: str) -> Mesh | None:
             return None
         mesh = Mesh.from_bytes(data)
         v = volumes(mesh)
+        if mesher(recipe) in MAKERS:
+            return mesh if v.min() > 0 else None
         stands_for = v.min() > 0 and abs(v.sum() / (nominal(recipe).volume() / 4) - 1) <= OFF
     except (OSError, ValueError, IndexError, TypeError, MemoryError):
         return None

@@ -37,9 +37,23 @@ def tetwild_quarter(body: Ellipsoid, sizing: Sizing) -> Mesh:
     best, most, refused = None, -np.inf, BadMesh("fTetWild was not asked")
     for epsilon in TETWILD_EPSILON:
         points, tets = _extension().tetrahedralize_mesh(
-            vertices, faces.astype(np.uint32), True, True,  # optimise, keep the surface (it is graded already)
-            sizing.hmax / diagonal, 0.0, epsilon, 10.0, False, 1, 80, 6, True, True, False, *background,
-        )  # fmt: skip
+            vertices,
+            faces.astype(np.uint32),
+            True,
+            True,  # optimise, keep the surface (it is graded already)
+            sizing.hmax / diagonal,
+            0.0,
+            epsilon,
+            10.0,
+            False,
+            1,
+            80,
+            6,
+            True,
+            True,
+            False,
+            *background,
+        )
         try:
             mesh = finish(body, np.asarray(points), np.asarray(tets, int), 1.5 * epsilon * diagonal)
             assemble(mesh, body, body)  # sound as a quadratic mesh too: a sliver may have a volume and no use

@@ -1,20 +1,18 @@
-"""Everything a user sees beyond the forces, from arrays: fields, contact patch, probes, VTU files, pictures.
+"""Everything a user sees beyond the forces, from arrays: fields, pressures, probes, VTU files, pictures.
 
 Nothing here changes a state: body, displacement, pressure go in, numbers and files come out.  `pictures` is imported by
 who draws: a run that does not would start later and keep 20 MB more for it.
 """
 
 from fem_backend.post.fields import Fields, Nodal, fields, nodal, to_nodes
-from fem_backend.post.patch import Patch, contact_patch, pressure_at_nodes
+from fem_backend.post.pressure import pressure_at_nodes
 from fem_backend.post.probes import Probes, displacements, surface_points
 from fem_backend.post.vtu import write_vtu
 
 __all__ = [
     "Fields",
     "Nodal",
-    "Patch",
     "Probes",
-    "contact_patch",
     "displacements",
     "fields",
     "nodal",

@@ -4,17 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, Polygon
 from matplotlib.tri import Triangulation
 
 from fem_backend.kinematics.tetrahedra import Body
 from fem_backend.materials.zones import divided, shape
+
+
+class Outlined(Protocol):
+    """What of an indenter is drawn."""
+
+    length: float
+
+    def outline(self, centre: np.ndarray, direction: np.ndarray, across: np.ndarray) -> np.ndarray:
+        """Closed line (k, 2) mm of its cut by the plane of the unit vectors `across` (2, 3) through `centre` (3,)."""
+
 
 SPLIT = 3  # straight pieces of a quadratic edge
 COLOURS = "viridis"
@@ -109,13 +119,14 @@ def draw_section(
     values: np.ndarray,
     label: str,
     centre: np.ndarray,
-    radius: float,
+    indenter: Outlined,
+    direction: np.ndarray,
     normal: tuple[float, float, float] = (0.0, 1.0, 0.0),
     planes: tuple[bool, bool] = (False, False),
     title: str = "",
     contact: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> None:
-    """PNG of the deformed body cut through the ball's centre (3,) mm: all of it, and the contact from near.
+    """PNG of the deformed body cut through the indenter's reference point (3,) mm: all of it, and from near.
 
     `values` (n,) with their `label`, e.g. "von Mises stress (MPa)"; `planes` as in `contact_patch`: a cut of a part
     model is completed by its mirror image; `contact` = positions (k, 3) mm and pressures (k,) of points in contact,
@@ -125,7 +136,8 @@ def draw_section(
     n = np.asarray(normal, float) / np.linalg.norm(normal)
     cut = section(body, x, values, centre, n)
     across = plane_axes(n)
-    middle = across @ centre
+    middle, radius = across @ centre, indenter.length
+    outline = indenter.outline(centre, direction, across)
     mirrored = any(planes[k] and abs(across[0, k]) == 1.0 for k in range(2)) or (all(planes) and n[2] == 0.0)
     figure = Figure(figsize=(12.0, 5.2), layout="constrained")
     FigureCanvasAgg(figure)
@@ -144,7 +156,7 @@ def draw_section(
                 mesh, cut.values.ravel(), shading="gouraud", cmap=COLOURS, vmin=limits[0], vmax=limits[1]
             )
             axes.add_collection(LineCollection(cut.borders * to, colors="k", linewidths=0.25, alpha=0.6))
-        axes.add_patch(Circle(tuple(middle), radius, facecolor="0.85", edgecolor="0.3", zorder=3, alpha=0.9))
+        axes.add_patch(Polygon(outline, closed=True, facecolor="0.85", edgecolor="0.3", zorder=3, alpha=0.9))
         axes.set_aspect("equal")
         axes.set_xlabel(f"{_name(across[0])} (mm)")
         axes.set_ylabel(f"{_name(across[1])} (mm)")

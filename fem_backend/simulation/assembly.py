@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from skfem import MeshTet2
 
-from fem_backend import geometry, laws, meshing
+from fem_backend import laws, meshing
 from fem_backend.contact.tractions import (
     Adhesion,
     ContactSurface,
@@ -19,30 +19,27 @@ from fem_backend.contact.tractions import (
     contact_surface,
     quadratic_facets,
 )
-from fem_backend.geometry import Bowl, Ellipsoid, Sphere
+from fem_backend.indenters import Indenter
 from fem_backend.kinematics import tetrahedra
-from fem_backend.laws import Law, Material
+from fem_backend.laws import LAWS, Material
 from fem_backend.materials import zones
 from fem_backend.meshing import Mesh
+from fem_backend.simulation import symmetry
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.solver import condensation, direct, krylov
 from fem_backend.solver.condensation import Condense
 from fem_backend.solver.load_steps import Control
 from fem_backend.solver.newton import Load, System
+from fem_backend.specimens import Specimen
+from fem_backend.supports import SUPPORTS
 
-PENALTY = 900.0  # ε R/μ: the multipliers remove its error, so it only steers convergence
+PENALTY = 900.0  # ε L/μ, L the length of the indenter: the multipliers remove its error, so it only steers convergence
 FINEST_RANGE = 30.0  # elements of h₀ resolve attraction of a range h₀ over this; below, its force has the wrong sign
-BOWL_PENALTY = 8.0  # the same at the bowl, where pressures are far smaller; a stiff one would be felt point by point
-BOWL_ORDER = 14  # 42 points on the large facets of the lower half: contact with the bowl spreads gradually
-RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep ball; width in R
+RAISED, RAISED_WITHIN = 10.0, 0.7  # of the penalty under a deep indenter; width in its length
 MISALIGNED = ("offset_x", "offset_y", "tilt_x", "tilt_y")
-FATTEST = 0.6  # radius of the ball over the smallest semi-axis; settings say 0.5, knobs that err may exceed it
-THINNEST = 0.2  # smallest semi-axis over that of the settings
-REACH = 3.0  # facets within REACH·R of the first contact may touch
 STIFFEST = 1000.0  # K/μ beyond which the displacement element is not verified
-FLAT = 35.0  # semi-axis c over the lip of a bowl: 1 mm for the usual body
-SPRINGS = 1e-4  # grounding springs of a body in a bowl, all together, over μR
+SPRINGS = 1e-4  # grounding springs of a loose body, all together, over μ times the length of the indenter
 
 
 class NotModelled(ValueError):
@@ -57,12 +54,12 @@ class NotModelled(ValueError):
 class Placement:
     """Where and how the indenter moves, in the specimen's frame; lengths in mm.
 
-    `rotation` (3, 3) takes machine to specimen; `touch` is the sphere's centre at first contact with the undeformed
-    body, `direction` its way; `planes` says which of x = 0, y = 0 are planes of symmetry of everything.
+    `rotation` (3, 3) takes machine to specimen; `touch` is the indenter's reference point at first contact with
+    the undeformed body, `direction` its way; `planes` says which of x = 0, y = 0 are planes of symmetry of everything.
     """
 
-    body: Ellipsoid
-    R: float
+    specimen: Specimen
+    indenter: Indenter
     rotation: np.ndarray
     touch: np.ndarray
     direction: np.ndarray
@@ -71,7 +68,12 @@ class Placement:
     @property
     def contact(self) -> np.ndarray:
         """Point of first contact (3,)."""
-        return geometry.closest(self.body, self.touch)
+        return self.indenter.contact(self.specimen, self.touch)
+
+    @property
+    def normal(self) -> np.ndarray:
+        """Unit normal (3,) of the specimen there."""
+        return self.indenter.normal(self.specimen, self.touch)
 
     @property
     def down(self) -> np.ndarray:
@@ -81,42 +83,30 @@ class Placement:
 
 def place(settings: Settings, knobs: Knobs) -> Placement:
     """Placement of an experiment; raises NotModelled (bad_geometry) for sizes that describe no body."""
-    axes = settings.body.semi_axes + np.array([knobs.delta_a, knobs.delta_b, knobs.delta_c])
-    R = settings.R + knobs.delta_R
-    least, fattest = THINNEST * settings.body.semi_axes.min(), FATTEST * axes.min()
-    if axes.min() <= least:
-        errors = ", ".join(f"{n} = {getattr(knobs, n):g}" for n in ("delta_a", "delta_b", "delta_c"))
-        raise NotModelled(
-            "bad_geometry", f"{errors} mm: semi-axes {axes.tolist()} mm, all must be larger than {least:g} mm "
-            f"({THINNEST:g} of the smallest asked for)",
-        )  # fmt: skip
-    if not 0 < R <= fattest:
-        raise NotModelled(
-            "bad_geometry", f"delta_R = {knobs.delta_R:g} mm: an indenter of {R:g} mm, must be larger than 0 and at "
-            f"most {fattest:g} mm ({FATTEST:g} of the smallest semi-axis)",
-        )  # fmt: skip
-    body = Ellipsoid(*axes)
-    x, y = settings.point[0] + knobs.offset_x, settings.point[1] + knobs.offset_y
+    try:
+        specimen = settings.specimen.actual(knobs)
+        indenter = settings.indenter.actual(knobs, specimen)
+        on, normal = specimen.above(*settings.point)
+        rotation = turned(knobs)
+        direction = np.array([0.0, 0.0, -1.0])
+        through = np.array([settings.point[0] + knobs.offset_x, settings.point[1] + knobs.offset_y, 0.0])
+        if settings.direction == "normal":
+            direction = -normal
+            through = on + np.array([knobs.offset_x, knobs.offset_y, 0.0])
+        direction, through = rotation @ direction, rotation @ through
+        touch = indenter.first_contact(specimen, through, direction)
+    except ValueError as error:
+        raise NotModelled("bad_geometry", str(error)) from error
+    planes = symmetry.planes(settings, knobs, direction, through)
+    return Placement(specimen, indenter, rotation, touch, direction, planes)
+
+
+def turned(knobs: Knobs) -> np.ndarray:
+    """Rotation (3, 3) that takes the machine's frame to that of a tilted specimen."""
     a, b = np.deg2rad([knobs.tilt_x, knobs.tilt_y])
     about_x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
     about_y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
-    rotation = (about_y @ about_x).T
-    direction = np.array([0.0, 0.0, -1.0])
-    through = np.array([x, y, 0.0])
-    inside = 1.0 - (settings.point[0] / axes[0]) ** 2 - (settings.point[1] / axes[1]) ** 2
-    if inside <= 0:
-        raise NotModelled("bad_geometry", f"point {settings.point} mm is not above the body")
-    if settings.direction == "normal":
-        on = np.array([*settings.point, axes[2] * np.sqrt(inside)])
-        direction = -on / axes**2
-        direction /= np.linalg.norm(direction)
-        through = on + np.array([knobs.offset_x, knobs.offset_y, 0.0])
-    direction, through = rotation @ direction, rotation @ through
-    try:
-        touch = geometry.first_contact(body, R, through, direction)
-    except ValueError as error:
-        raise NotModelled("bad_geometry", str(error)) from error
-    return Placement(body, R, rotation, touch, direction, _planes(settings, knobs, direction, through))
+    return (about_y @ about_x).T
 
 
 def fine_at(settings: Settings, knobs: Knobs, placement: Placement) -> tuple[float, float]:
@@ -129,52 +119,21 @@ def fine_at(settings: Settings, knobs: Knobs, placement: Placement) -> tuple[flo
     return x, y
 
 
-def _planes(settings: Settings, knobs: Knobs, direction: np.ndarray, through: np.ndarray) -> tuple[bool, bool]:
-    """A plane is one of symmetry if path, specimen, gravity, inclusion and fibres all are."""
-    angle = np.deg2rad(knobs.fibre_angle)
-    along = np.array([np.cos(angle), np.sin(angle)])
-    inclusion = knobs.inclusion_ratio != 1.0 and knobs.inclusion_radius > 0
-    tilt = (knobs.tilt_y, knobs.tilt_x)
-    centre = (knobs.inclusion_x, knobs.inclusion_y)
-
-    def symmetric(k: int) -> bool:
-        path = direction[k] == 0.0 and through[k] == 0.0 and tilt[k] == 0.0
-        fibres = knobs.fibre == 0.0 or min(abs(along[k]), abs(along[1 - k])) < 1e-12
-        return bool(path and fibres and not (inclusion and centre[k] != 0.0))
-
-    return symmetric(0), symmetric(1)
-
-
 def material(settings: Settings, knobs: Knobs) -> Material:
     """The material of an experiment; raises NotModelled (not_supported) for combinations of laws that do not exist."""
-    mu, D1 = knobs.mu, knobs.D1
-    extra = {
-        "mooney_rivlin": knobs.C01 != 0.0,
-        "yeoh": knobs.C20 != 0.0 or knobs.C30 != 0.0,
-        "ogden": knobs.alpha != 2.0 or bool(settings.ogden),
-    }
-    used = [name for name, on in extra.items() if on]
-    base = settings.law if settings.law in extra else None
-    if len({*used, *([base] if base else [])}) > 1 or (used and settings.law == "linear_elastic"):
+    own = {name: law for name, law in LAWS.members.items() if law.Knobs is not None}
+    used = [name for name, law in own.items() if law.used(knobs, settings.terms)]
+    base = settings.law if settings.law in own else None
+    if len({*used, *([base] if base else [])}) > 1 or (used and LAWS.members[settings.law].small_strain):
         raise NotModelled("not_supported", f"law {settings.law} with knobs of {', '.join(used)}: laws do not combine")
-    kind = used[0] if used else settings.law
-    law: Law
-    if kind == "mooney_rivlin":
-        law = laws.MooneyRivlin(mu, D1, knobs.C01)
-    elif kind == "yeoh":
-        law = laws.Yeoh(mu, D1, knobs.C20, knobs.C30)
-    elif kind == "ogden":
-        share = tuple(s for _, s in settings.ogden)
-        law = laws.Ogden(mu, D1, (knobs.alpha, *(a for a, _ in settings.ogden)), (1.0 - sum(share), *share))
-    else:
-        law = laws.LinearElastic(mu, D1) if kind == "linear_elastic" else laws.NeoHooke(mu, D1)
+    law = LAWS.members[used[0] if used else settings.law].of(knobs, settings.terms)
     terms = [(knobs.prony_g, knobs.prony_tau), (knobs.prony_g2, knobs.prony_tau2), (knobs.prony_g3, knobs.prony_tau3)]
     terms = [t for t in terms if t[0] != 0.0] + list(settings.prony)
     if sum(g for g, _ in terms) >= 1.0:
         raise NotModelled("inadmissible", f"the Prony shares sum to {sum(g for g, _ in terms):g}, at least 1")
     angle = np.deg2rad(knobs.fibre_angle)
     fibre = laws.Fibre(knobs.fibre, knobs.fibre_k2, (float(np.cos(angle)), float(np.sin(angle)), 0.0))
-    mullins = laws.Mullins(knobs.mullins, knobs.mullins_m * mu, knobs.mullins_beta)
+    mullins = laws.Mullins(knobs.mullins, knobs.mullins_m * knobs.mu, knobs.mullins_beta)
     if law.small_strain and (knobs.fibre or terms or knobs.mullins):
         raise NotModelled("not_supported", "the linear elastic law has no fibres, relaxation or softening")
     return Material(
@@ -201,13 +160,14 @@ class Model:
     condenser: Callable[[np.ndarray], Condense | None]
 
 
-def build(settings: Settings, mesh: Mesh, body: Ellipsoid, planes: tuple[bool, bool], symmetric: bool = True) -> Model:
-    """Model of a specimen: symmetry planes held in their normal, a fixed support holds the surface below z = 0.
+def build(
+    settings: Settings, mesh: Mesh, specimen: Specimen, planes: tuple[bool, bool], symmetric: bool = True
+) -> Model:
+    """Model of a specimen: symmetry planes held in their normal, and what the support holds.
 
     Raises meshing.BadMesh when the elements cannot take this shape or place.
     """
-    upright = meshing.mesher(settings.recipe) == "tetwild"  # the shipped meshes' answers were calibrated leaning
-    quadratic = meshing.assemble(mesh, meshing.nominal(settings.recipe), body, settings.point, planes, upright)
+    quadratic = specimen.quadratic(mesh, settings.recipe, settings.point, planes)
     X = quadratic.doflocs.T
     facets = quadratic_facets(quadratic, quadratic.boundary_facets())
     for axis in (0, 1):
@@ -217,28 +177,27 @@ def build(settings: Settings, mesh: Mesh, body: Ellipsoid, planes: tuple[bool, b
     for axis in (0, 1):
         if planes[axis]:
             held[:, axis] = X[:, axis] == 0.0
-    lower = np.empty(0, np.int64)
-    if settings.support == "fixed":
-        lower = np.unique(facets)
-        lower = lower[X[lower, 2] <= 1e-9]
-        held[lower] = True
+    carried = settings.support.held(specimen, X, np.unique(facets))
+    held |= carried
     discrete = tetrahedra.discretise(quadratic, held, symmetric)
-    loose = settings.support == "bowl" and not all(planes)  # it may roll
-    factor = krylov.Loose(discrete.pattern, settings.solver).factor if loose else None
+    rolls = settings.support.loose and not all(planes)
+    factor = krylov.Loose(discrete.pattern, settings.solver).factor if rolls else None
     factor = factor or direct.solver(discrete.pattern, settings.solver)
     condenser = condensation.condenser(discrete.pattern, settings.solver)
-    return Model(quadratic, discrete, facets, factor, lower, condenser)
+    return Model(quadratic, discrete, facets, factor, np.nonzero(carried.any(1))[0], condenser)
 
 
 def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
     """Raise NotModelled for a material or an adhesion out of reach, and for small strains of a body that may turn."""
     stuff = material(settings, knobs)
-    if stuff.small_strain and settings.support == "bowl" and not all(placement.planes):
+    if stuff.small_strain and settings.support.loose and not all(placement.planes):
+        holding = " or ".join(f'"{name}"' for name, member in SUPPORTS.members.items() if not member.loose)
         raise NotModelled(
-            "not_supported", 'law = "linear_elastic" with support = "bowl" where the body may turn (point, tilt or '
-            'misalignment off the axes): its strain, sym grad u, grows with a rotation; take law = "neo_hookean", '
-            'which agrees to first order, or support = "fixed"',
-        )  # fmt: skip
+            "not_supported",
+            f'law = "{settings.law}" with support = "{settings.support.name}" where the body may turn '
+            "(point, tilt or misalignment off the axes): its strain, sym grad u, grows with a rotation; take law = "
+            f'"{LAWS.default}", which agrees to first order, or support = {holding}',
+        )
     ratio = stuff.bulk_modulus / stuff.shear_modulus
     if ratio > STIFFEST:
         raise NotModelled(
@@ -246,35 +205,41 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
         )
     if knobs.adhesion and knobs.adhesion_range < settings.h0 / FINEST_RANGE:
         raise NotModelled(
-            "not_supported", f"adhesion_range = {knobs.adhesion_range:g} mm: elements of {settings.h0:.3g} mm at the "
+            "not_supported",
+            f"adhesion_range = {knobs.adhesion_range:g} mm: elements of {settings.h0:.3g} mm at the "
             f"contact resolve ranges of {settings.h0 / FINEST_RANGE:.3g} mm and more",
-        )  # fmt: skip
+        )
 
 
 def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> Model:
     """The discretised specimen of an experiment; NotModelled without a mesh or for a material out of reach."""
     admit(settings, knobs, placement)
-    symmetric = knobs.friction == 0.0 and not (settings.support == "bowl" and knobs.bowl_friction)
-    shared = Settings(settings.body, settings.R, support=settings.support, point=fine_at(settings, knobs, placement),
-                      recipe=settings.recipe, control=Control(), solver=settings.solver)  # fmt: skip
+    symmetric = knobs.friction == 0.0 and not settings.support.friction(vars(knobs))
+    shared = Settings(
+        settings.specimen,
+        settings.indenter,
+        support=settings.support.holding(),
+        point=fine_at(settings, knobs, placement),
+        recipe=settings.recipe,
+        control=Control(),
+        solver=settings.solver,
+    )
     try:
-        return _model(shared, tuple(placement.body.semi_axes), placement.planes, symmetric, mesh)
+        return _model(shared, placement.specimen, placement.planes, symmetric, mesh)
     except meshing.BadMesh as error:
         raise NotModelled("bad_geometry", f"no mesh: {error}") from error
 
 
 @functools.lru_cache(maxsize=2)
 def _model(
-    settings: Settings, axes: tuple[float, ...], planes: tuple[bool, bool], symmetric: bool, mesh: str | None
+    settings: Settings, specimen: Specimen, planes: tuple[bool, bool], symmetric: bool, mesh: str | None
 ) -> Model:
     """Shared by all runs of a worker on one mesh."""
     made = meshing.cached(settings.recipe) if mesh is None else meshing.Mesh.from_file(mesh)
-    return build(settings, made, Ellipsoid(*axes), planes, symmetric)
+    return build(settings, made, specimen, planes, symmetric)
 
 
-def system(
-    settings: Settings, knobs: Knobs, placement: Placement, model: Model, like: System | None = None
-) -> System:  # fmt: skip
+def system(settings: Settings, knobs: Knobs, placement: Placement, model: Model, like: System | None = None) -> System:
     """Everything that stays the same during a run.
 
     `like` is a system whose knobs differ in moduli of the material alone: surfaces and zones are taken over from it.
@@ -282,49 +247,50 @@ def system(
     """
     body = model.body
     stuff = material(settings, knobs)
-    mu = stuff.shear_modulus
-    surfaces = touching(settings, placement, model) if like is None else [p.surface for p in like.pairs]
+    mu, length = stuff.shear_modulus, placement.indenter.length
+    if like is None:
+        surface, below = touching(settings, placement, model)
+    else:
+        surface, below = like.indenter.surface, tuple(p.surface for p in like.seat)
     adhesion = Adhesion(knobs.adhesion, knobs.adhesion_range) if knobs.adhesion else None
-    epsilon = np.full(surfaces[0].weights.shape, PENALTY * mu / placement.R)
-    pairs = [Pair(surfaces[0], Sphere(placement.R, settings.shaft), epsilon, knobs.friction, adhesion)]
+    epsilon = np.full(surface.weights.shape, PENALTY * mu / length)
+    indenter = Pair(surface, placement.indenter, epsilon, knobs.friction, adhesion)
+    # multipliers stay with points of the body: where that turns, they do not hold its weight in place
+    soft = knobs.weight > 0.0 and not all(placement.planes)
+    seat = settings.support.pairs(settings.specimen, placement.specimen, below, knobs, mu, length, soft)
     springs = None
-    if settings.support == "bowl":
-        epsilon = np.full(surfaces[1].weights.shape, BOWL_PENALTY * mu / placement.R)
-        inner, centre = tuple(placement.body.semi_axes + knobs.bowl_clearance), (0.0, 0.0, knobs.bowl_clearance)
-        bowl = Bowl(inner, centre, lip=settings.body.c / FLAT)
-        # multipliers stay with points of the body: where that turns, they do not hold its weight in place
-        soft = knobs.weight > 0.0 and not all(placement.planes)
-        pairs.append(Pair(surfaces[1], bowl, epsilon, knobs.bowl_friction, None, soft))
+    if settings.support.loose:
         whole = body.w.sum()
-        springs = SPRINGS * mu * placement.R * lumped(body, np.ones_like(body.w)) / whole / multiplicity(placement)
+        springs = SPRINGS * mu * length * lumped(body, np.ones_like(body.w)) / whole / multiplicity(placement)
     dead = None
     if knobs.weight:
         dead = knobs.weight * lumped(body, filled(settings, knobs, placement, body))[:, None] * placement.down
     scale = stiffening(settings, knobs, placement, body) if like is None else like.scale
-    least = 1e-3 * mu * placement.R**2  # about the force at R/100
-    return System(body, stuff, tuple(pairs), model.factor, scale, dead, springs, least)
+    least = 1e-3 * mu * length**2  # about the force at a hundredth of the length
+    return System(body, stuff, indenter, seat, model.factor, scale, dead, springs, least)
 
 
-def touching(settings: Settings, placement: Placement, model: Model) -> list[ContactSurface]:
-    """Surfaces that may touch: the indenter around the first contact; in a bowl also the lower half of the body."""
+def touching(
+    settings: Settings, placement: Placement, model: Model
+) -> tuple[ContactSurface, tuple[ContactSurface, ...]]:
+    """Surfaces that may touch: the indenter around the first contact, and what the support offers to touch."""
     middle = model.body.nodes[model.facets].mean(1)
-    near = np.linalg.norm(middle - placement.contact, axis=1) < REACH * placement.R
-    surfaces = [contact_surface(model.body, model.facets[near], placement.body)]
-    if settings.support == "bowl":
-        surfaces.append(contact_surface(model.body, model.facets[middle[:, 2] < 0.0], placement.body, BOWL_ORDER))
-    return surfaces
+    near = np.linalg.norm(middle - placement.contact, axis=1) < placement.indenter.reach
+    below = settings.support.surfaces(placement.specimen, model.body, model.facets)
+    return contact_surface(model.body, model.facets[near], placement.specimen), below
 
 
 def stiffening(settings: Settings, knobs: Knobs, placement: Placement, body: tetrahedra.Body) -> np.ndarray | None:
     """Factor (m, q) of skin, inclusion and cavity on all moduli, None without them; raises NotModelled."""
-    inclusion = (knobs.inclusion_x, knobs.inclusion_y, placement.body.c - knobs.inclusion_depth)
+    inclusion = (knobs.inclusion_x, knobs.inclusion_y, float(placement.specimen.top[2]) - knobs.inclusion_depth)
     try:
         return zones.scale(
-            body, placement.body,
+            body,
+            placement.specimen,
             (knobs.skin_thickness, knobs.skin_ratio) if knobs.skin_ratio != 1.0 else None,
             (inclusion, knobs.inclusion_radius, knobs.inclusion_ratio) if knobs.inclusion_ratio != 1.0 else None,
-            hole(settings, knobs, placement) if knobs.cavity else None,
-        )  # fmt: skip
+            placement.specimen.hole(knobs.cavity) if knobs.cavity else None,
+        )
     except ValueError as error:
         raise NotModelled("bad_geometry", str(error)) from error
 
@@ -332,12 +298,7 @@ def stiffening(settings: Settings, knobs: Knobs, placement: Placement, body: tet
 def filled(settings: Settings, knobs: Knobs, placement: Placement, body: tetrahedra.Body) -> np.ndarray:
     """Share (m, q) of the volume that is no cavity: what weighs."""
     whole = np.ones_like(body.w)
-    return whole - zones.cavity(body, *hole(settings, knobs, placement)) if knobs.cavity else whole
-
-
-def hole(settings: Settings, knobs: Knobs, placement: Placement) -> tuple[np.ndarray, np.ndarray]:
-    """Centre (3,) and semi-axes (3,) of the cavity in mm: around the lowest point of the body."""
-    return np.array([0.0, 0.0, -placement.body.c]), np.multiply(knobs.cavity, settings.cavity)
+    return whole - zones.cavity(body, *placement.specimen.hole(knobs.cavity)) if knobs.cavity else whole
 
 
 def multiplicity(placement: Placement) -> int:
@@ -355,16 +316,14 @@ def lumped(body: tetrahedra.Body, density: np.ndarray) -> np.ndarray:
 def condensing(system: System, model: Model, start: Load, end: Load) -> System:
     """The system with what condenses its tangents to the dofs c that the indenter may touch between two loads.
 
-    Only where nothing else touches (a bowl does so everywhere), and where the dense matrix of those is no larger than
-    the sparse one: beyond, to factorise it in every iteration costs what a new tangent of the body would.
+    Only where nothing else touches (a support may do so everywhere), and where the dense matrix of those is no larger
+    than the sparse one: beyond, to factorise it in every iteration costs what a new tangent of the body would.
     """
-    if system.springs is not None:
+    if system.seat:
         return system
-    pair, c = system.pairs[0], [load.touches[0].centre for load in (start, end)]
+    pair, c = system.indenter, [load.indenter.centre for load in (start, end)]
     points = contact_points(pair.surface, system.body.nodes)
-    share = np.clip((points - c[0]) @ (c[1] - c[0]) / max(float((c[1] - c[0]) @ (c[1] - c[0])), 1e-300), 0.0, 1.0)
-    away = np.linalg.norm(points - c[0] - share[..., None] * (c[1] - c[0]), axis=-1)
-    nodes = np.unique(pair.surface.facets[(away < pair.rigid.R).any(1)])
+    nodes = np.unique(pair.surface.facets[pair.rigid.swept(points, *c).any(1)])
     dofs = model.body.free.reshape(-1, 3)[nodes]
     dofs = dofs[dofs >= 0]
     if len(dofs) ** 2 > len(model.body.pattern.indices):
@@ -374,25 +333,24 @@ def condensing(system: System, model: Model, start: Load, end: Load) -> System:
 
 def load(system: System, placement: Placement, travel: float, lag: float = 0.0) -> Load:
     """Load at a travel (mm) without multipliers; `lag` is how much later the sagged body is touched than nominal."""
-    indenter = system.pairs[0]
+    indenter = system.indenter
     way = travel + lag
     centre, nothing = placement.touch + way * placement.direction, np.zeros(indenter.surface.weights.shape)
     factor = raised(indenter.surface, system.body, placement, travel)
-    touches = [Touch(centre, placement.direction, nothing, factor, None)]
-    for pair in system.pairs[1:]:
-        touches.append(Touch(np.zeros(3), np.zeros(3), np.zeros(pair.surface.weights.shape), 1.0, None))
-    return Load(tuple(touches))
+    seat = [Touch(np.zeros(3), np.zeros(3), np.zeros(pair.surface.weights.shape), 1.0, None) for pair in system.seat]
+    return Load(Touch(centre, placement.direction, nothing, factor, None), tuple(seat))
 
 
 def raised(surface: ContactSurface, body: tetrahedra.Body, placement: Placement, travel: float) -> np.ndarray | float:
-    """Factor (f, q) on ε around the first contact, 1 to R of travel, growing to 1 + RAISED from there to 2R.
+    """Factor (f, q) on ε around the first contact: 1 to a travel of the indenter's length, 1 + RAISED from twice it.
 
-    ε acts per reference area, and the skin under a deep ball stretches up to twenty times in area: with a uniform ε the
-    ball would pierce the surface at depths beyond 2R.
+    ε acts per reference area, and the skin under a deep indenter stretches up to twenty times in area: with a uniform ε
+    it would pierce the surface at depths beyond twice its length.
     """
-    deep = min(max(travel / placement.R - 1.0, 0.0), 1.0)
+    length = placement.indenter.length
+    deep = min(max(travel / length - 1.0, 0.0), 1.0)
     if deep == 0.0:
         return 1.0
     points = np.einsum("qa,fai->fqi", surface.N, body.nodes[surface.facets])
-    d = np.linalg.norm(points - placement.contact, axis=-1) / placement.R
+    d = np.linalg.norm(points - placement.contact, axis=-1) / length
     return 1.0 + RAISED * deep * np.exp(-((d / RAISED_WITHIN) ** 2))

@@ -4,22 +4,31 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
+from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation.initial_state import Bench
 from fem_backend.simulation.outputs import FORCES, channels, units, whole
 from fem_backend.solver import load_steps, newton
 from fem_backend.solver.newton import Load, System
 
-MATERIAL_KNOBS = ("mu", "D1", "C01", "C20", "C30", "alpha", "fibre", "fibre_k2", "skin_ratio", "inclusion_ratio")
 DIFFERENCE = 1e-5  # of a knob: truncation and round-off (K/μ = 10³) alike
 REFINED, REFINEMENTS = 1e-4, 10  # of a derivative's residual, and how often at most
 STRESSES = ("N", "MPa")  # units of what grows with all moduli
 ZONE_KNOBS = ("skin_ratio", "inclusion_ratio")
-POWERS = {"D1": -1, "C01": 1, "C20": 1, "C30": 1, "fibre": 1}  # of a stress in the knobs that have one, besides mu
+
+
+def material_knobs() -> tuple[str, ...]:
+    """Knobs by which runs are differentiated."""
+    return ("mu", "D1", *(f.name for k in LAWS.knobs() for f in fields(k)), "fibre", "fibre_k2", *ZONE_KNOBS)
+
+
+def powers() -> dict[str, int]:
+    """Power of a stress in the knobs that have one, besides mu."""
+    return {"D1": -1, **{k: p for law in LAWS.members.values() for k, p in law.powers.items()}, "fibre": 1}
 
 
 class Slopes:
@@ -38,11 +47,11 @@ class Slopes:
     def __init__(self, at: Bench, names: Sequence[str]) -> None:
         self.at, self.names = at, tuple(names)
         self.rows: dict[str, dict[float, dict[str, float]]] = {name: {} for name in names}
-        self._powers = {n: p for n, p in POWERS.items() if getattr(at.knobs, n)} if "mu" in names else {}
+        self._powers = {n: p for n, p in powers().items() if getattr(at.knobs, n)} if "mu" in names else {}
         self._ends: dict[str, tuple[float, System]] = {}
         for name in dict.fromkeys([n for n in names if n != "mu"] + list(self._powers)):
             value = getattr(at.knobs, name)
-            h = DIFFERENCE * (abs(value) or (at.system.material.shear_modulus if name in POWERS else 1.0))
+            h = DIFFERENCE * (abs(value) or (at.system.material.shear_modulus if name in powers() else 1.0))
             end = replace(at.knobs, **{name: value + h})
             high = modelling.system(at.settings, end, at.placement, at.model, at.system)
             if name in ZONE_KNOBS:
@@ -68,7 +77,7 @@ class Slopes:
             touches = tuple(
                 replace(t, multiplier=t.multiplier + h * d) for t, d in zip(stage.load.touches, dlambda, strict=True)
             )
-            load, left = replace(stage.load, touches=touches), np.inf
+            load, left = stage.load.touching(touches), np.inf
             for k in range(REFINEMENTS + 1):  # the factor may be of an earlier iterate
                 change = (newton.evaluate(high, at.u + h * du, load).residual - at.residual) / h
                 before, left = left, float(np.linalg.norm(newton.reduced(body, change)))
@@ -121,4 +130,4 @@ class Slopes:
 
 def travel_of(at: Bench, load: Load) -> float:
     """Travel (mm) of the indenter in a load."""
-    return float((load.touches[0].centre - at.placement.touch) @ at.placement.direction) - at.lag
+    return float((load.indenter.centre - at.placement.touch) @ at.placement.direction) - at.lag

@@ -1,29 +1,34 @@
-"""What an experiment is beside its numbers: shapes, support, law, place, mesh.
+"""What an experiment is beside its numbers: specimen, indenter, support, law, place, mesh.
 
-A setting or a value that this backend does not model is refused by name; it is never ignored.
+A setting or a value that this backend does not model is refused by name; it is never ignored.  The tables of the four
+open sets are discriminated unions of what their members declare.
 """
 
 from __future__ import annotations
 
-import difflib
-import math
+import functools
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
 
-from fem_backend import meshing
-from fem_backend.geometry import Ellipsoid
+from pydantic import BeforeValidator, TypeAdapter, ValidationError, create_model, model_validator
+
+from fem_backend import members, meshing
+from fem_backend.indenters import INDENTERS, Indenter
+from fem_backend.laws import LAWS
+from fem_backend.laws.law import plain as law_table
+from fem_backend.members import OpenSet, refused
+from fem_backend.meshing import LIMIT
 from fem_backend.solver.load_steps import Control
-from rso.contract import finite
+from fem_backend.specimens import SPECIMENS, Specimen
+from fem_backend.supports import SUPPORTS, Support
 
-LIMIT = "limit"  # the mesh level whose forces are extrapolated, see fem_backend.accuracy.two_grid
-LARGEST = 70  # semi-axis over the radius of the ball: of one three times as large fTetWild makes no sound mesh
 # Of canonical settings, raised when answers change where misalignment or tilt takes the fine elements along, those of
-# bodies that may turn in a bowl and whose way there matters, and those of `backend.mended`: no study states them.
-MARKS = {"follows": 1, "rolling": 3, "mended": 2}
+# loose bodies that may turn and whose way there matters, and those of `backend.mended`: no study states them.
+MARKS = {"follows": 1, **SUPPORTS.marks, **SPECIMENS.marks}
 OF_A_MESHER = {"tetwild": ("level",), "mapped": ("n", "slip")}  # keys of the mesh that only one of them has
-LAWS = ("neo_hookean", "linear_elastic", "mooney_rivlin", "yeoh", "ogden")
+SETS: dict[str, OpenSet] = {s.noun: s for s in (SPECIMENS, INDENTERS, SUPPORTS, LAWS)}
 
 
 @dataclass(frozen=True)
@@ -32,21 +37,19 @@ class Settings:
 
     `recipe` is that of the mesh, `mesh` the mesh table with the keys that count, `h0` the element size at the contact;
     `profile` are reference places (x, y) of surface points whose displacement is asked for; `earlier` is the deepest
-    travel at this place before the test (softening); `ogden` are (alpha, share) of further terms, `prony` (g, tau);
-    `derivatives` says whether those by the material knobs are wanted, `multipliers` whether the contact is exact or a
-    penalty whose softness is taken out of the forces to first order.
+    travel at this place before the test (softening); `terms` are (alpha, share) of further terms of the law, `prony`
+    (g, tau); `derivatives` says whether those by the material knobs are wanted, `multipliers` whether the contact is
+    exact or a penalty whose softness is taken out of the forces to first order; `defaults` are knobs that tables set.
     """
 
-    body: Ellipsoid
-    R: float
-    shaft: bool = False
-    support: str = "fixed"
-    law: str = "neo_hookean"
-    ogden: tuple[tuple[float, float], ...] = ()
+    specimen: Specimen
+    indenter: Indenter
+    support: Support = field(default_factory=lambda: SUPPORTS.read({}))
+    law: str = LAWS.default
+    terms: tuple[tuple[float, float], ...] = ()
     prony: tuple[tuple[float, float], ...] = ()
     point: tuple[float, float] = (0.0, 0.0)
     direction: str = "vertical"
-    cavity: tuple[float, float, float] = (15.0, 10.0, 10.0)
     profile: tuple[tuple[float, float], ...] = ()
     earlier: float = 0.0
     recipe: str = ""
@@ -55,73 +58,182 @@ class Settings:
     level: str = ""
     control: Control = field(default_factory=Control)
     solver: str = "auto"
-    defaults: tuple[tuple[str, float], ...] = ()  # knobs that the settings set: bowl_clearance, bowl_friction
+    defaults: tuple[tuple[str, float], ...] = ()
     derivatives: bool = True
     multipliers: bool = True
 
 
+# ----------------------------------------------------------------------------------------------------------- tables
+
+
+def _subdivisions(value: Any) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not 4 <= value <= 40:
+        raise refused(": number of subdivisions, an integer from 4 to 40")
+    return value
+
+
+def _slip(value: Any) -> float:
+    if not 0.0 <= members.number(value) <= 0.8:
+        raise refused(": grading of the mapped mesh, from 0 to 0.8")
+    return float(value)
+
+
+def _speed(value: Any) -> Any:
+    """The programme carries the times: a speed is only checked."""
+    written = None
+    if isinstance(value, str):
+        written = re.fullmatch(r"\s*(\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)\s*mm/(?:s|min)\s*", value)
+    number = float(written[1]) if written else value
+    if not members.finite(number) or number <= 0:
+        raise refused(': a positive speed such as "30 mm/min", or a number in mm/s')
+    return value
+
+
+def _places(value: Any) -> tuple[tuple[float, float], ...]:
+    if not isinstance(value, list | tuple):
+        raise refused(": a list of [x, y] in mm is expected")
+    return tuple(members.numbers(2)(v) for v in value)
+
+
+def _earlier(value: Any) -> float:
+    if members.number(value) < 0:
+        raise refused(" mm: the deepest travel before this test, at least 0", value=float(value))
+    return float(value)
+
+
+class MeshTable(members.Table):
+    """mesh: who makes it and how fine it is."""
+
+    mesher: Annotated[str, BeforeValidator(members.one_of(("tetwild", "mapped")))] = "tetwild"
+    """tetwild: graded at the contact; mapped: the same to the bit everywhere."""
+    level: Annotated[str, BeforeValidator(members.one_of((*meshing.LEVELS, LIMIT)))] = "standard"
+    """coarse | standard | fine | reference | limit, of tetwild."""
+    n: Annotated[int, BeforeValidator(_subdivisions)] = 12
+    """Subdivisions of the mapped mesh."""
+    slip: Annotated[float, BeforeValidator(_slip)] = 0.55
+    """Grading of the mapped mesh."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _own(cls, value: Any) -> Any:
+        """The table without the backend's mark; a key of the other mesher would be ignored."""
+        if not isinstance(value, Mapping):
+            raise refused(f": a table with the keys {', '.join(cls.model_fields)} is expected")
+        known = {"follows": MARKS["follows"]}
+        value = {k: v for k, v in value.items() if not members.marked(k, v, known)}
+        mesher = value.get("mesher", "tetwild")
+        for other, keys in OF_A_MESHER.items() if isinstance(mesher, str) and mesher in OF_A_MESHER else ():
+            for key in (k for k in keys if other != mesher and k in value):
+                raise refused(
+                    f' is for mesher = "{other}" and would be ignored by "{mesher}", which has '
+                    f"{', '.join(OF_A_MESHER[mesher])}",
+                    key,
+                    value[key],
+                )
+        return value
+
+
+class ExperimentTable(members.Table):
+    """The settings of one experiment beside the tables of the open sets."""
+
+    point: Annotated[tuple[float, float], BeforeValidator(members.numbers(2))] = (0.0, 0.0)
+    """Where the axis of the indenter meets the specimen, (x, y) mm."""
+    direction: Annotated[Literal["vertical", "normal"], BeforeValidator(members.one_of(("vertical", "normal")))] = (
+        "vertical"
+    )
+    """The way of the indenter."""
+    speed: Annotated[Any, BeforeValidator(_speed)] = 1.0
+    """Not used: the programme carries the times."""
+    unload: members.Flag = False
+    """Not used: the programme carries the way back."""
+    profile: Annotated[tuple[tuple[float, float], ...], BeforeValidator(_places)] = ()
+    """Surface marks (x, y) mm whose vertical displacement is asked for."""
+    earlier: Annotated[float, BeforeValidator(_earlier)] = 0.0
+    """Deepest travel at this place before the test (softening), mm."""
+    mesh: MeshTable = MeshTable()
+    """The mesh."""
+    solver: Annotated[str, BeforeValidator(members.one_of(("auto", "pardiso", "superlu")))] = "auto"
+    """auto | pardiso | superlu."""
+    derivatives: members.Flag = True
+    """Those by the material knobs: a sixth to a third of an elastic run."""
+    multipliers: members.Flag = True
+    """Exact contact, or a penalty corrected to first order, faster and without derivatives."""
+
+
+def table() -> type[members.Table]:
+    """The pydantic model of all settings, with the members that are registered now."""
+    return _table(tuple(tuple(s.members.items()) for s in SETS.values()))
+
+
+@functools.lru_cache(maxsize=16)
+def _table(now: tuple) -> type[members.Table]:
+    """One model as long as the members `now` are the same."""
+    unions = {noun: (Annotated[Any, s], field_of(s)) for noun, s in SETS.items()}
+    made = create_model("ExperimentSettings", __base__=ExperimentTable, **unions)
+    made.__doc__ = "Settings of an experiment; every table of an open set is one of those of its members."
+    return made
+
+
+def field_of(open_set: OpenSet) -> Any:
+    """The default of a union: the default member with its own defaults."""
+    return open_set.members[open_set.default].Table()
+
+
+@functools.lru_cache(maxsize=16)
+def _validator(model: type[members.Table]) -> TypeAdapter:
+    return TypeAdapter(model)
+
+
 def read_settings(settings: Mapping[str, Any]) -> Settings:
-    """Settings from plain data; raises ValueError naming key, value and choices."""
-    data = dict(settings)
-    specimen = _table(data, "specimen", {"shape": "ellipsoid", "semi_axes": [60.0, 35.0, 35.0], "cavity": None},
-                      "mended")  # fmt: skip
-    _choice("specimen.shape", specimen["shape"], ["ellipsoid"])
-    body = Ellipsoid(*_lengths("specimen.semi_axes", specimen["semi_axes"], 3))
-    hollow = [body.a / 4.0, body.b / 3.5, body.c / 3.5] if specimen["cavity"] is None else specimen["cavity"]
-    cavity = tuple(_lengths("specimen.cavity", hollow, 3))
-    indenter = _table(data, "indenter", {"shape": "sphere", "radius": 3.0, "shaft": False})
-    _choice("indenter.shape", indenter["shape"], ["sphere"])
-    R = _lengths("indenter.radius", [indenter["radius"]], 1)[0]
-    if R > 0.5 * float(body.semi_axes.min()):
-        most = f"at most {0.5 * float(body.semi_axes.min()):g} mm (half of its smallest semi-axis)"
-        raise ValueError(
-            f"indenter.radius = {R} mm: only indenters much smaller than the specimen are modelled, {most}"
-        )
-    if R < float(body.semi_axes.max()) / LARGEST:
-        least = f"at least {float(body.semi_axes.max()) / LARGEST:.3g} mm (1/{LARGEST} of its largest semi-axis)"
-        raise ValueError(
-            f"indenter.radius = {R} mm: no mesh is made for so small a ball on this specimen, {least}; "
-            "it takes a smaller specimen for the same half-space"
-        )
-    shaft = _flag("indenter.shaft", indenter["shaft"])
-    support, defaults = _support(data)
-    law, ogden, prony = _material(data)
-    point = tuple(_numbers("point", data.pop("point", [0.0, 0.0]), 2))
-    if math.hypot(point[0] / body.a, point[1] / body.b) > meshing.FARTHEST:
-        raise ValueError(
-            f"point = {list(point)} mm: off the top by at most {meshing.FARTHEST:g} of the semi-axes is modelled"
-        )
-    direction = _choice("direction", data.pop("direction", "vertical"), ["vertical", "normal"])
-    _speed(data.pop("speed", 1.0))  # the programme carries the times
-    _flag("unload", data.pop("unload", False))
-    profile = data.pop("profile", [])
-    if not isinstance(profile, list | tuple):
-        raise ValueError(f"profile = {profile!r}: a list of [x, y] in mm is expected")
-    places = tuple(tuple(_numbers("profile", p, 2)) for p in profile)
-    for x, y in places:
-        if math.hypot(x / body.a, y / body.b) > 1.0:
-            raise ValueError(f"profile: the mark ({x:g}, {y:g}) mm lies beside the specimen, whose semi-axes are "
-                             f"{body.a:g} and {body.b:g} mm")  # fmt: skip
-    _distinct(places)
-    earlier = _numbers("earlier", [data.pop("earlier", 0.0)], 1)[0]
-    if earlier < 0:
-        raise ValueError(f"earlier = {earlier} mm: the deepest travel before this test, at least 0")
-    plain = {"mesher": "tetwild", "level": "standard", "n": 12, "slip": 0.55}
-    _apart(data.get("mesh"))
-    mesh = _table(data, "mesh", plain, "follows")
-    solver = _choice("solver", data.pop("solver", "auto"), ["auto", "pardiso", "superlu"])
-    derivatives = _flag("derivatives", data.pop("derivatives", True))
-    multipliers = _flag("multipliers", data.pop("multipliers", True))
-    if data:
-        known = "specimen, indenter, support, material, point, direction, speed, unload, profile, earlier, mesh, "
-        known += "solver, derivatives, multipliers"
-        raise ValueError(f"unknown setting {sorted(data)[0]!r}; {_choose(sorted(data)[0], known.split(', '))}")
-    recipe, used, h0, level = _mesh(body, R, mesh)
-    control = Control().scaled(R)
+    """Settings from plain data; ValueError with every problem, one a line, naming key, value and choices."""
+    model = table()
+    known = {(): [*SETS, *ExperimentTable.model_fields], ("mesh",): [*MeshTable.model_fields]}
+    try:
+        read = _validator(model).validate_python(dict(settings))
+    except ValidationError as error:
+        raise ValueError("\n".join(members.problems(error, SETS, (), known))) from error
+    made = {noun: getattr(read, noun).build() for noun in SETS}
+    wrong = together(made, read)
+    if wrong:
+        raise ValueError("\n".join(wrong))
+    return _settings(made, read)
+
+
+def together(made: Mapping[str, Any], read: Any) -> list[str]:
+    """What cannot be together, though each is right by itself."""
+    specimen, wrong = made["specimen"], []
+    wrong += specimen.refusal(made["indenter"], read.point)
+    wrong += filter(None, [made["support"].refusal(specimen)])
+    wrong += filter(None, [specimen.beside(x, y) for x, y in read.profile])
+    return wrong + _distinct(read.profile)
+
+
+def _settings(made: Mapping[str, Any], read: Any) -> Settings:
+    specimen, indenter, support = (made[noun] for noun in ("specimen", "indenter", "support"))
+    mesh, material = read.mesh, made["material"]
+    meshed = specimen.meshing(indenter.length, mesh.mesher, mesh.level, mesh.n, mesh.slip)
+    control = Control().scaled(indenter.length)
     return Settings(
-        body, R, shaft, support, law, ogden, prony, point, direction, cavity, places, earlier,
-        recipe, used, h0, level, control if multipliers else control.soft(), solver, defaults, derivatives, multipliers,
-    )  # fmt: skip
+        specimen,
+        indenter,
+        support,
+        material.law,
+        material.ogden,
+        material.prony,
+        read.point,
+        read.direction,
+        read.profile,
+        read.earlier,
+        meshed.recipe,
+        meshed.used,
+        meshed.h0,
+        meshed.level,
+        control if read.multipliers else control.soft(),
+        read.solver,
+        tuple(support.defaults().items()),
+        read.derivatives,
+        read.multipliers,
+    )
 
 
 def profile_name(place: tuple[float, float]) -> str:
@@ -132,172 +244,34 @@ def profile_name(place: tuple[float, float]) -> str:
 def plain_settings(settings: Settings) -> dict[str, Any]:
     """What of the settings can change an answer, as plain data with all defaults written out."""
     return {
-        "specimen": {"shape": "ellipsoid", "semi_axes": settings.body.semi_axes.tolist(),
-                     "cavity": list(settings.cavity)},
-        "indenter": {"shape": "sphere", "radius": settings.R, "shaft": settings.shaft},
-        "support": {"kind": settings.support},
-        "material": {"law": settings.law, "ogden": [list(t) for t in settings.ogden],
-                     "prony": [list(t) for t in settings.prony]},
+        "specimen": settings.specimen.plain(),
+        "indenter": settings.indenter.plain(),
+        "support": settings.support.plain(),
+        "material": law_table(settings.law, settings.terms, settings.prony),
         "point": list(settings.point),
         "direction": settings.direction,
         "profile": [list(p) for p in settings.profile],
         "earlier": settings.earlier,
         "mesh": dict(settings.mesh),
         **({} if settings.multipliers else {"multipliers": False}),
-    }  # fmt: skip
+    }
 
 
-def _distinct(places: Sequence[tuple[float, float]]) -> None:
+def _distinct(places: Sequence[tuple[float, float]]) -> list[str]:
     """Each mark has a channel of its own."""
-    names = [profile_name(p) for p in places]
-    twice = [(p, n) for k, (p, n) in enumerate(zip(places, names, strict=True)) if n in names[:k]]
-    if twice:
-        (x, y), name = twice[0]
-        first = places[names.index(name)]
-        raise ValueError(f"profile: the marks {list(first)} and [{x!r}, {y!r}] mm would share the channel {name}; "
-                         "marks differ in their first six digits")  # fmt: skip
-
-
-def _support(data: dict[str, Any]) -> tuple[str, tuple[tuple[str, float], ...]]:
-    table = data.get("support", {})
-    kind = table.get("kind", "fixed") if isinstance(table, Mapping) else "fixed"
-    known: dict[str, Any] = {"kind": "fixed"}
-    if kind == "bowl" or not isinstance(table, Mapping):
-        known |= {"clearance": None, "friction": None}
-    table = _table(data, "support", known, "rolling" if kind == "bowl" else "")
-    _choice("support.kind", table["kind"], ["fixed", "bowl"])
-    defaults = []
-    for key in ("clearance", "friction"):
-        if table.get(key) is not None:
-            value = _numbers(f"support.{key}", [table[key]], 1)[0]
-            if value < 0 or (key == "clearance" and value == 0):
-                raise ValueError(f"support.{key} = {value}: must be {'positive' if key == 'clearance' else '>= 0'}")
-            defaults.append((f"bowl_{key}", value))
-    return kind, tuple(defaults)
-
-
-def _material(data: dict[str, Any]) -> tuple[str, tuple, tuple]:
-    table = _table(data, "material", {"law": "neo_hookean", "ogden": [], "prony": []})
-    law = _choice("material.law", table["law"], LAWS)
-    terms = {}
-    for key, what in (("ogden", "[alpha, share of mu]"), ("prony", "[g, tau in s]")):
-        if not isinstance(table[key], list | tuple):
-            raise ValueError(f"material.{key} = {table[key]!r}: a list of {what} is expected")
-        terms[key] = tuple(tuple(_numbers(f"material.{key}", t, 2)) for t in table[key])
-    if len(terms["ogden"]) > 2:
-        raise ValueError("material.ogden: at most two further terms (N <= 3)")
-    if terms["ogden"] and law != "ogden":
-        raise ValueError(f'material.ogden is given but law = "{law}"; set law = "ogden"')
-    if any(a == 0 for a, _ in terms["ogden"]) or sum(s for _, s in terms["ogden"]) >= 1:
-        raise ValueError(
-            f"material.ogden = {_plain(terms['ogden'])}: exponents must not be 0 and the shares must sum to less than 1"
-        )
-    if any(g < 0 or tau <= 0 for g, tau in terms["prony"]) or sum(g for g, _ in terms["prony"]) >= 1:
-        raise ValueError(
-            f"material.prony = {_plain(terms['prony'])}: g >= 0, tau > 0 and a sum of g below 1 are needed"
-        )
-    return law, terms["ogden"], terms["prony"]
-
-
-def _mesh(body: Ellipsoid, R: float, mesh: Mapping[str, Any]) -> tuple[str, tuple[tuple[str, Any], ...], float, str]:
-    """Recipe, the keys that count, element size at the contact and name of the level."""
-    mesher = _choice("mesh.mesher", mesh["mesher"], ["tetwild", "mapped"])
-    n, level = mesh["n"], _choice("mesh.level", mesh["level"], [*meshing.LEVELS, LIMIT])
-    if not isinstance(n, int) or isinstance(n, bool) or not 4 <= n <= 40:
-        raise ValueError(f"mesh.n = {n!r}: number of subdivisions, an integer from 4 to 40")
-    slip = _numbers("mesh.slip", [mesh["slip"]], 1)[0]
-    if not 0.0 <= slip <= 0.8:
-        raise ValueError(f"mesh.slip = {slip}: grading of the mapped mesh, from 0 to 0.8")
-    if mesher == "mapped":
-        h0 = 0.5 * math.pi * body.c / n * (1.0 - slip) / (1.0 + slip)
-        used = (("mesher", mesher), ("n", n), ("slip", slip))
-        return meshing.mapped_recipe(body, n, slip), used, float(h0), ""
-    made = "reference" if level == LIMIT else level  # its forces are extrapolated from that mesh and the coarse one
-    h0 = meshing.LEVELS[made].h0 * (R / meshing.RADIUS)
-    used = (("mesher", mesher), ("level", level))
-    if meshing.template_fits(body, R):
-        return meshing.template_recipe(made, body), used, h0, level
-    if level == LIMIT:
-        raise ValueError(f"mesh.level = {LIMIT!r}: only for specimens and indenters that the shipped meshes fit")
-    # similar specimens share one mesh, made for the ball that the levels are tuned for: the mesher knows millimetres
-    similar = Ellipsoid(*(float(f"{v:.12g}") for v in body.semi_axes * (meshing.RADIUS / R)))
-    sizing = replace(meshing.LEVELS[made], hmax=1.15 * float(similar.semi_axes.min()))
-    return meshing.tetwild_recipe(similar, sizing), used, h0, level
-
-
-def _apart(mesh: object) -> None:
-    """A key of the other mesher would be ignored."""
-    if not isinstance(mesh, Mapping) or mesh.get("mesher", "tetwild") not in [*OF_A_MESHER]:
-        return
-    mesher = mesh.get("mesher", "tetwild")
-    for other, keys in OF_A_MESHER.items():
-        alien = [k for k in keys if other != mesher and k in mesh]
-        if alien:
-            key = alien[0]
-            raise ValueError(
-                f'mesh.{key} = {mesh[key]!r} is for mesher = "{other}" and would be ignored by "{mesher}", '
-                f"which has {', '.join(OF_A_MESHER[mesher])}"
+    names, wrong = [profile_name(p) for p in places], []
+    for k, ((x, y), name) in enumerate(zip(places, names, strict=True)):
+        if name in names[:k]:
+            wrong.append(
+                f"profile: the marks {list(places[names.index(name)])} and [{x!r}, {y!r}] mm would share the "
+                f"channel {name}; marks differ in their first six digits"
             )
+    return wrong
 
 
-def _plain(terms: tuple) -> list[list[float]]:
-    return [list(t) for t in terms]
-
-
-def _speed(value: object) -> None:
-    written = None
-    if isinstance(value, str):
-        written = re.fullmatch(r"\s*(\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)\s*mm/(?:s|min)\s*", value)
-    number = float(written[1]) if written else value
-    if not finite(number) or number <= 0:
-        raise ValueError(f'speed = {value!r}: a positive speed such as "30 mm/min", or a number in mm/s')
-
-
-def _table(data: dict[str, Any], name: str, defaults: dict[str, Any], mark: str = "") -> dict[str, Any]:
-    """A table with its defaults; its `mark` is passed over as the backend writes it and unknown otherwise."""
-    value = data.pop(name, {})
-    if not isinstance(value, Mapping):
-        raise ValueError(f"{name} = {value!r}: a table with the keys {', '.join(defaults)} is expected")
-    if type(value.get(mark)) is int and 1 <= value[mark] <= MARKS[mark]:  # stored runs may have an earlier one
-        value = {k: v for k, v in value.items() if k != mark}
-    unknown = sorted(set(value) - set(defaults))
-    if unknown:
-        text = f"{name}.{unknown[0]} = {value[unknown[0]]!r}: unknown"
-        raise ValueError(f"{text}; {_choose(unknown[0], list(defaults))}")
-    return {**defaults, **value}
-
-
-def _choice(name: str, value: object, choices: object) -> str:
-    options = [str(c) for c in choices]  # type: ignore[attr-defined]
-    if value not in options:
-        raise ValueError(f"{name} = {value!r} is not modelled; {_choose(str(value), options)}")
-    return str(value)
-
-
-def _choose(word: str, choices: Sequence[str]) -> str:
-    """The nearest choice, if one is near, and all of them."""
-    near = difflib.get_close_matches(word, choices, n=1)
-    return f"{f'did you mean {near[0]!r}? ' if near else ''}choose from {', '.join(choices)}"
-
-
-def _flag(name: str, value: object) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError(f"{name} = {value!r}: true or false is expected")
-    return value
-
-
-def _numbers(name: str, value: object, count: int) -> list[float]:
-    good = isinstance(value, list | tuple) and len(value) == count
-    if not good or not all(map(finite, value)):
-        text = any(isinstance(v, str) for v in value) if good else isinstance(value, str)
-        plain = ", without quotes and units: lengths are in mm" if text else ""
-        shown = value[0] if good and count == 1 else value
-        raise ValueError(f"{name} = {shown!r}: {count} finite number(s) expected{plain}")
-    return [float(v) for v in value]
-
-
-def _lengths(name: str, value: object, count: int) -> list[float]:
-    numbers = _numbers(name, value, count)
-    if min(numbers) <= 0:
-        raise ValueError(f"{name} = {numbers[0] if count == 1 else numbers} mm: must be positive")
-    return numbers
+def choices() -> dict[str, Any]:
+    """The settings as JSON schemas, for `--schema`: those of every member by its name, then the common ones."""
+    members_of = {
+        noun: {name: member.Table.model_json_schema() for name, member in s.members.items()} for noun, s in SETS.items()
+    }
+    return {**members_of, "experiment": ExperimentTable.model_json_schema()}

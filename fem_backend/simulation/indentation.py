@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fem_backend.laws import LinearElastic, NeoHooke, admissible
+from fem_backend.laws import admissible
 from fem_backend.materials import stress
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation.assembly import Model, Placement
@@ -57,9 +57,14 @@ class Result:
         """The first k instants."""
         rows = {knob: {n: v[:k] for n, v in row.items()} for knob, row in self.gradients.items()}
         return replace(
-            self, channels={n: v[:k] for n, v in self.channels.items()}, reaction=self.reaction[:k], gradients=rows,
-            contact_error=self.contact_error[:k], residual=self.residual[:k], points=self.points[:k],
-        )  # fmt: skip
+            self,
+            channels={n: v[:k] for n, v in self.channels.items()},
+            reaction=self.reaction[:k],
+            gradients=rows,
+            contact_error=self.contact_error[:k],
+            residual=self.residual[:k],
+            points=self.points[:k],
+        )
 
     @property
     def Fz(self) -> np.ndarray:
@@ -68,9 +73,14 @@ class Result:
 
 
 def solve(
-    settings: Settings, knobs: Knobs, placement: Placement, model: Model, instants: Sequence[Instant],
-    guess: Guess | None = None, gradients: Sequence[str] = (),
-) -> Result:  # fmt: skip
+    settings: Settings,
+    knobs: Knobs,
+    placement: Placement,
+    model: Model,
+    instants: Sequence[Instant],
+    guess: Guess | None = None,
+    gradients: Sequence[str] = (),
+) -> Result:
     """Curves at the asked instants of a programme; raises Stopped with the result so far, and model.NotModelled.
 
     `guess(s)` may offer states to start from at travel s; `gradients` names material knobs.  Where it ends early for
@@ -95,9 +105,16 @@ def solve(
 
 
 def _attempt(
-    settings: Settings, knobs: Knobs, placement: Placement, model: Model, instants: Sequence[Instant],
-    guess: Guess | None, gradients: Sequence[str], started: float, deadline: float,
-) -> Result:  # fmt: skip
+    settings: Settings,
+    knobs: Knobs,
+    placement: Placement,
+    model: Model,
+    instants: Sequence[Instant],
+    guess: Guess | None,
+    gradients: Sequence[str],
+    started: float,
+    deadline: float,
+) -> Result:
     """Curves by one path; raises Stopped with the result so far."""
     counters = Counters(deadline=deadline)
     at = bench(settings, knobs, placement, model, counters)
@@ -116,8 +133,8 @@ def unstable(result: Result) -> tuple[int, str] | None:
     A body may find an equilibrium with a law whose stress falls with strain at some of its points: no answer to trust.
     """
     law, points = result.system.material.law, result.points
-    if isinstance(law, NeoHooke | LinearElastic) or not points:
-        return None  # small strains are watched on the way (stepping.travel)
+    if law.unconditional or not points:
+        return None
 
     def lost(point: Point) -> str | None:
         F = point.evaluation.H.reshape(-1, 3, 3) + np.eye(3)
@@ -136,11 +153,13 @@ def along(at: Bench, instants: Sequence[Instant], counters: Counters) -> list[Po
     control, u = at.settings.control, at.seated
     history = _earlier(at, counters)
     touching = None
-    if at.system.springs is not None and at.system.dead is None:
-        if rigid_motions.rolls(at.system) and at.system.pairs[1].friction:
-            touching = 0.02 * at.placement.R
+    if at.system.loose and at.system.dead is None:
+        if rigid_motions.rolls(at.system) and any(pair.friction for pair in at.system.seat):
+            touching = 0.02 * at.placement.indenter.length
         else:
-            u = load_steps.seat(history_steps.smooth(at.system), at.start(0.02 * at.placement.R), u, control, counters)
+            u = load_steps.seat(
+                history_steps.smooth(at.system), at.start(0.02 * at.placement.indenter.length), u, control, counters
+            )
     groups = together(instants)
     way = steps([one(group) for group in groups], control.path, at.system.material.prony is not None)
     try:
@@ -152,16 +171,19 @@ def along(at: Bench, instants: Sequence[Instant], counters: Counters) -> list[Po
 
 
 def elastic(
-    at: Bench, instants: Sequence[Instant], counters: Counters, guess: Guess | None = None,
+    at: Bench,
+    instants: Sequence[Instant],
+    counters: Counters,
+    guess: Guess | None = None,
     watch: Watch | None = None,
-) -> list[Point]:  # fmt: skip
+) -> list[Point]:
     """Points of a body that returns on its loading curve: each asked travel is solved once, every stage is watched."""
     computed = merged([i.travel for i in instants if i.asked])
     asked = list(dict.fromkeys(computed.values()))
     at = replace(at, system=modelling.condensing(at.system, at.model, at.start(0.0), at.start(asked[-1])))
     control, u = at.settings.control, at.seated
-    if at.system.springs is not None and at.system.dead is None:
-        u = load_steps.seat(at.system, at.start(0.02 * at.placement.R), u, control, counters)
+    if at.system.loose and at.system.dead is None:
+        u = load_steps.seat(at.system, at.start(0.02 * at.placement.indenter.length), u, control, counters)
     try:
         found = load_steps.travel(at.system, at.start, asked, control, counters, u, guess, watch)
     except Stopped as stopped:
@@ -200,15 +222,27 @@ def collect(
     rows = [channels(at, at.system, p.evaluation, p.load, k) for p, k in zip(points, soft, strict=True)]
     out = {"time": np.array([p.time for p in points]), "travel": np.array([p.travel for p in points])}
     out |= {name: np.array([r[name] for r in rows]) for name in units(at.settings) if name not in out}
-    change = [np.linalg.norm(whole(at.placement, p.force - p.previous_force + (k - 1.0) * p.force))
-              for p, k in zip(points, soft, strict=True)]  # fmt: skip
+    change = [
+        np.linalg.norm(whole(at.placement, p.force - p.previous_force + (k - 1.0) * p.force))
+        for p, k in zip(points, soft, strict=True)
+    ]
     gradients = slopes.at_travels(out["travel"]) if slopes is not None else {}
     gradients = {k: {n: v * soft if n in FORCES else v for n, v in rows.items()} for k, rows in gradients.items()}
     notes = {"sag_mm": at.lag, "derivatives_cpu_s": slopes.cpu_s if slopes is not None else 0.0}
-    if at.system.springs is not None and points:
+    if at.system.loose and points:
         carried = [np.abs((at.system.springs[:, None] * p.evaluation.u).sum(0)).max() for p in points]
         forces = [float(np.linalg.norm(p.force)) for p in points]
         notes["spring_share"] = float(max(c / max(c + f, 1e-300) for c, f in zip(carried, forces, strict=True)))
     reactions = np.array([k * reaction(at, p.evaluation) for p, k in zip(points, soft, strict=True)]).reshape(-1, 3)
-    return Result(out, reactions, np.array(change), np.array([p.residual for p in points]), counters, cpu_s,
-                  tuple(points), gradients, notes, at.system)  # fmt: skip
+    return Result(
+        out,
+        reactions,
+        np.array(change),
+        np.array([p.residual for p in points]),
+        counters,
+        cpu_s,
+        tuple(points),
+        gradients,
+        notes,
+        at.system,
+    )

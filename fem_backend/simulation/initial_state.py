@@ -22,8 +22,8 @@ from fem_backend.solver.newton import Counters, Load, System
 class Bench:
     """One experiment ready to run: what it is, where, what is solved, how much later the sagged body is touched.
 
-    `carrying` (f, q) MPa are the multipliers by which a bowl carries the weight: without them the body would sink in at
-    the datum, and rise into the ball where multipliers take that away.
+    `carrying`, (f, q) MPa of each pair of the seat, are the multipliers that carry the weight: without them the body
+    would sink in at the datum, and rise into the ball where multipliers take that away.
     """
 
     settings: Settings
@@ -34,19 +34,20 @@ class Bench:
     seated: np.ndarray
     lag: float
     probes: post.Probes | None = None
-    carrying: np.ndarray | None = None
+    carrying: tuple[np.ndarray, ...] | None = None
 
     def start(self, travel: float) -> Load:
         """Load at a travel (mm), without multipliers but those that carry the weight."""
         load = modelling.load(self.system, self.placement, travel, self.lag)
         if self.carrying is None:
             return load
-        return replace(load, touches=(load.touches[0], replace(load.touches[1], multiplier=self.carrying)))
+        seat = tuple(replace(t, multiplier=m) for t, m in zip(load.seat, self.carrying, strict=True))
+        return replace(load, seat=seat)
 
     @property
     def path_dependent(self) -> bool:
         """Whether the answer depends on the way: friction, relaxation, softening, adhesion (jumps)."""
-        rubbing = any(p.friction for p in self.system.pairs) or self.system.pairs[0].adhesion is not None
+        rubbing = any(p.friction for p in self.system.pairs) or self.system.indenter.adhesion is not None
         return rubbing or self.system.material.path_dependent
 
 
@@ -65,19 +66,19 @@ def bench(settings: Settings, knobs: Knobs, placement: Placement, model: Model, 
     ready = Bench(settings, knobs, placement, model, system, np.zeros_like(model.body.nodes), 0.0, probes)
     if system.dead is None:
         return ready
-    away = replace(ready, lag=-5.0 * placement.R).start(0.0)
+    away = replace(ready, lag=-5.0 * placement.indenter.length).start(0.0)
     relaxed = replace(history_steps.smooth(system), material=Material(system.material.law, system.material.fibre))
     u = ready.seated
-    if system.springs is not None:
+    if system.loose:
         control = settings.control
         u = load_steps.seat(relaxed, away, ready.seated, control, counters)
         if not np.isfinite(_lag(ready, u)):  # it rolled over for the last per cent of its weight: as it lay before
             counters.loose += 1
             control = replace(control, seating=control.loose)
             u = load_steps.seat(relaxed, away, ready.seated, control, counters)
-        if not system.pairs[1].soft:
+        if not any(pair.soft for pair in system.seat):
             u, rest = load_steps.carried(relaxed, away, u, control, counters)
-            ready = replace(ready, carrying=rest.touches[1].multiplier)
+            ready = replace(ready, carrying=tuple(touch.multiplier for touch in rest.seat))
     else:
         for share in (0.25, 0.5, 0.75, 1.0):
             try:
@@ -92,7 +93,7 @@ def bench(settings: Settings, knobs: Knobs, placement: Placement, model: Model, 
 
 def _lag(at: Bench, u: np.ndarray) -> float:
     """How much later (mm) a body displaced by u (n, 3) is touched; not finite if it is not."""
-    pair, placement, nodes = at.system.pairs[0], at.placement, at.model.body.nodes
+    pair, placement, nodes = at.system.indenter, at.placement, at.model.body.nodes
     first = [
         tractions.first_touch(pair.surface, x, pair.rigid, placement.touch, placement.direction)
         for x in (nodes, nodes + u)

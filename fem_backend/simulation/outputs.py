@@ -19,9 +19,18 @@ from fem_backend.solver.load_steps import Point
 from fem_backend.solver.newton import Evaluation, Load, System
 
 UNITS = {
-    "time": "s", "travel": "mm", "Fx": "N", "Fy": "N", "Fz": "N", "uz_max": "mm", "bulge": "mm",
-    "contact_area": "mm^2", "contact_radius": "mm", "peak_pressure": "MPa", "slipping": "1",
-}  # fmt: skip
+    "time": "s",
+    "travel": "mm",
+    "Fx": "N",
+    "Fy": "N",
+    "Fz": "N",
+    "uz_max": "mm",
+    "bulge": "mm",
+    "contact_area": "mm^2",
+    "contact_radius": "mm",
+    "peak_pressure": "MPa",
+    "slipping": "1",
+}
 FORCES = ("Fx", "Fy", "Fz")
 SOFTEST = 0.1  # of the force that a correction of the penalty may add
 
@@ -32,21 +41,30 @@ def channels(at: Bench, system: System, evaluation: Evaluation, load: Load, stif
     force = stiffer * whole(placement, evaluation.contact.force)
     up = -placement.down
     moved = (evaluation.u - at.seated) @ up
-    touching, surface = evaluation.contact, system.pairs[0].surface
-    centre = load.touches[0].centre
-    axis = (placement.touch - placement.contact) / placement.R
-    patch = post.contact_patch(
-        surface, body.nodes + evaluation.u, touching.pressure, centre, placement.R, axis, placement.planes,
-        attraction=touching.attraction,
-    )  # fmt: skip
+    touching, surface = evaluation.contact, system.indenter.surface
+    centre = load.indenter.centre
+    patch = placement.indenter.patch(
+        surface,
+        body.nodes + evaluation.u,
+        touching.pressure,
+        centre,
+        placement.normal,
+        placement.planes,
+        touching.attraction,
+    )
     active = touching.pressure > 0
     share = (surface.weights * (active & touching.slipping)).sum() / max((surface.weights * active).sum(), 1e-300)
     out = {
-        "Fx": force[0], "Fy": force[1], "Fz": force[2],
-        "uz_max": -float(moved.min()), "bulge": float(moved.max()),
-        "contact_area": patch.area, "contact_radius": patch.radius, "peak_pressure": patch.peak,
+        "Fx": force[0],
+        "Fy": force[1],
+        "Fz": force[2],
+        "uz_max": -float(moved.min()),
+        "bulge": float(moved.max()),
+        "contact_area": patch.area,
+        "contact_radius": patch.radius,
+        "peak_pressure": patch.peak,
         "slipping": float(share),
-    }  # fmt: skip
+    }
     if at.probes is not None:
         uz = post.displacements(at.probes, evaluation.u - at.seated) @ up
         out |= {profile_name(p): float(v) for p, v in zip(at.settings.profile, uz, strict=True)}
@@ -73,7 +91,7 @@ def softness(at: Bench, points: Sequence[Point]) -> np.ndarray:
         F = F_ε + dW/ds,   W = ½ ∫ (p − p₀)²/ε dA
 
     along each way of the indenter (an elastic body has one) from the values at the asked travels s; p₀ carries the
-    weight in a bowl.  Of a body with a potential Π_ε = Π − W to first order in 1/ε, as Π_ε is the largest of Π's
+    weight of a loose body.  Of a body with a potential Π_ε = Π − W to first order in 1/ε, as Π_ε is the largest of Π's
     Lagrangian less ½ ∫ (λ − p₀)²/ε over the multipliers λ, and F = dΠ/ds; otherwise an estimate.  Lateral forces are
     taken to lack the same share.
     """
@@ -105,15 +123,18 @@ def softness(at: Bench, points: Sequence[Point]) -> np.ndarray:
 
 
 def _resting(at: Bench) -> list[np.ndarray | float]:
-    """Pressures (f, q) MPa of every pair before the test: those of a bowl under the weight, else none."""
+    """Pressures (f, q) MPa of every pair before the test: those of the seat under the weight, else none."""
     if at.carrying is None:
         return [0.0 for _ in at.system.pairs]
-    pair, touch = history_steps.smooth(at.system).pairs[1], at.start(0.0).touches[1]
-    return [0.0, tractions.evaluate(pair, at.model.body.nodes + at.seated, touch).pressure]
+    x, seat = at.model.body.nodes + at.seated, history_steps.smooth(at.system).seat
+    touches = at.start(0.0).seat
+    return [0.0, *(tractions.evaluate(p, x, touch).pressure for p, touch in zip(seat, touches, strict=True))]
 
 
 def reaction(at: Bench, evaluation: Evaluation) -> np.ndarray:
-    """Force (3,) N that the support carries in the machine's frame: of the held nodes, or on the bowl."""
-    if len(evaluation.contacts) > 1:
-        return whole(at.placement, -evaluation.contacts[1].force)
-    return whole(at.placement, (evaluation.residual - evaluation.contact.residual)[at.model.held].sum(0))
+    """Force (3,) N that the support carries in the machine's frame: of the held nodes, and what touches it."""
+    touched = [-state.force for state in evaluation.seat]
+    if len(at.model.held) or not touched:
+        contact = sum((state.residual for state in evaluation.contacts[1:]), evaluation.contact.residual)
+        touched.insert(0, (evaluation.residual - contact)[at.model.held].sum(0))
+    return whole(at.placement, sum(touched[1:], touched[0]))

@@ -15,8 +15,10 @@ SAME = 1e-9  # of the largest: instants and travels nearer than that are compute
 
 def together(instants: Sequence[Instant]) -> list[list[Instant]]:
     """Instants in order of time, those within round-off of each other in time and travel side by side."""
-    time, travel = (SAME * max((abs(v) for v in of), default=0.0)
-                    for of in ([i.time for i in instants], [i.travel for i in instants]))  # fmt: skip
+    time, travel = (
+        SAME * max((abs(v) for v in of), default=0.0)
+        for of in ([i.time for i in instants], [i.travel for i in instants])
+    )
     groups: list[list[Instant]] = []
     for i in instants:
         first = groups[-1][0] if groups else None
@@ -37,8 +39,9 @@ def each(groups: Sequence[Sequence[Instant]], points: Sequence[Point]) -> list[P
     asked = [[i for i in group if i.asked] for group in groups]
     return [
         replace(point, time=i.time, travel=i.travel)
-        for group, point in zip([g for g in asked if g], points, strict=False) for i in group
-    ]  # fmt: skip
+        for group, point in zip([g for g in asked if g], points, strict=False)
+        for i in group
+    ]
 
 
 def merged(travels: Sequence[float]) -> dict[float, float]:

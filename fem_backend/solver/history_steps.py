@@ -52,8 +52,8 @@ def follow(
     state without them.  A step without equilibrium is halved.  Raises Stopped with what was reached.
 
     Friction counts from rest: the first step of a body that may turn begins with everything stuck that touches, at a
-    travel `touching` (mm) where that has to be sought.  Let slip before, it would lie against the wall of its bowl; so
-    it does where even that does not hold it.
+    travel `touching` (mm) where that has to be sought.  Let slip before, it would lie against a wall of its support;
+    so it does where even that does not hold it.
     """
     here, first = _rest(system, start(0.0), u, history), None
     if touching is not None:
@@ -81,7 +81,7 @@ def follow(
                 counters.cutbacks += 1
                 share *= 0.5
                 pace = 0.5 * abs(goal.travel - here.travel) or pace
-                least = 1 / 64 if system.springs is None else 1 / 8
+                least = 1 / 8 if system.loose else 1 / 64
                 lost = share * (instant.time - here.time) < least * (instant.time - begin)
                 if lost or error.cause == "time_limit":
                     if not load_steps.may_go_on(system, limit, error):
@@ -100,7 +100,7 @@ def follow(
 
 def smooth(system: System) -> System:
     """The system without friction and attraction."""
-    return replace(system, pairs=tuple(replace(p, friction=0.0, adhesion=None) for p in system.pairs))
+    return system.each(lambda p: replace(p, friction=0.0, adhesion=None))
 
 
 def _rest(system: System, load: Load, u: np.ndarray, history: History | None) -> Reached:
@@ -114,7 +114,7 @@ def _rest(system: System, load: Load, u: np.ndarray, history: History | None) ->
 
 
 def _held(system: System, load: Load, here: Reached, dt: float, control: Control, counters: Counters) -> np.ndarray:
-    """Displacement (n, 3) of a body at rest in its bowl with everything stuck that touches."""
+    """Displacement (n, 3) of a body at rest on its support with everything stuck that touches."""
     load = _rubbing(system, replace(load, history=here.history, dt=dt), here, _stuck(system, load))
     return load_steps.seat(system, load, here.u, control, counters)
 
@@ -138,7 +138,7 @@ def _step(
 ) -> tuple[Equilibrium, Load, Point | None]:
     """Equilibrium at the end of a step from which the path goes on, its load, and the answer where one is asked for."""
     rolls, crude = rigid_motions.rolls(system), None
-    if system.springs is not None:  # a body that may slide far: friction by the pressure before
+    if system.loose:  # a body that may slide far: friction by the pressure before
         limits = _stuck(system, load) if rolls else here.pressures
         crude, crude_load = _rested(system, load, guess, here, limits, control, counters, limit)
         guess = crude.evaluation.u
@@ -183,7 +183,7 @@ def _rubbing(system: System, load: Load, here: Reached, pressures: Sequence[np.n
         if before is not None and pressures is not None:
             before = replace(before, pressure=pressures[k])
         touches.append(replace(touch, before=before))
-    return replace(load, touches=tuple(touches))
+    return load.touching(touches)
 
 
 def _rested(

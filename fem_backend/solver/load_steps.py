@@ -15,13 +15,13 @@ from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Known, 
 BRISK, PATIENT = 15, 40  # iterations of Newton at most: on the way, and where nothing else is left to try
 NOTHING: Known = (None, None)  # no factor is known, old ones may be used
 LOOSER = (1.0, 10.0, 100.0)  # times the residual that is left when seated
-CARRYING = 4  # augmentations of a bowl under the weight: 1e-3 mm and less are left of what it sinks in by
+CARRYING = 4  # augmentations of a support under the weight: 1e-3 mm and less are left of what it sinks in by
 SEATING = (1e5, 1e4, 1e3, 1e2, 1e1, 1.0)  # factors of the grounding springs until the support carries the body
 
 
 @dataclass(frozen=True)
 class Control:
-    """Numerical settings of a run; lengths in mm for R = 3 mm, see `scaled`.
+    """Numerical settings of a run; lengths in mm for an indenter of 3 mm, see `scaled`.
 
     `first` and `largest` step, `path` the largest where the answer depends on the way.  Relative residuals: travelling
     (elastic `loose`, else `between`), when seated, between augmentations (`medium`) and at the end of them (`tight`).
@@ -41,9 +41,9 @@ class Control:
     smallest: float = 0.02
     time_limit_s: float = 900.0
 
-    def scaled(self, R: float) -> Control:
-        """Steps for an indenter of radius R (mm)."""
-        k = R / 3.0
+    def scaled(self, length: float) -> Control:
+        """Steps for an indenter of that length (mm)."""
+        k = length / 3.0
         return replace(self, first=k * self.first, largest=k * self.largest, path=k * self.path)
 
     def soft(self) -> Control:
@@ -123,7 +123,7 @@ def find(
     system: System, u: np.ndarray, load: Load, tolerance: float, counters: Counters, limit: int = PATIENT,
     known: Known | None = None,
 ) -> Equilibrium:  # fmt: skip
-    """Equilibrium from u (n, 3) by Newton in `limit` iterations; a body in a bowl that is lost rolls there.
+    """Equilibrium from u (n, 3) by Newton in `limit` iterations; a loose body that is lost rolls there.
 
     A body that may turn does so at once, in three times as many factorisations.  Raises NotConverged.
     """
@@ -131,7 +131,7 @@ def find(
         try:
             return newton.solve(system, u, load, tolerance, counters, limit, known)
         except NotConverged as error:
-            if system.springs is None or error.cause == "time_limit":
+            if not system.loose or error.cause == "time_limit":
                 raise
     return rigid_motions.solve(system, u, load, tolerance, counters, 3 * limit)
 
@@ -282,15 +282,16 @@ def proper(
     least = float(np.linalg.det(np.eye(3) + H).min())
     if min(shortest, least) <= 0.0:
         raise Stopped(
-            "inadmissible", f'law = "linear_elastic": small-strain kinematics end between {here:.4g} and {goal:.4g} mm '
-            f"of travel, where det(I + grad u) = {least:.3g} and 1 + the smallest strain = {shortest:.3g}; take a law "
-            "of finite strain, such as neo_hookean, or smaller depths", points, found.history, counters,
+            "inadmissible", f'law = "{system.material.law.name}": small-strain kinematics end between {here:.4g} and '
+            f"{goal:.4g} mm of travel, where det(I + grad u) = {least:.3g} and 1 + the smallest strain = "
+            f"{shortest:.3g}; take a law of finite strain, such as neo_hookean, or smaller depths",
+            points, found.history, counters,
         )  # fmt: skip
 
 
 def may_go_on(system: System, limit: int, error: NotConverged) -> bool:
-    """Whether a body that is lost in its bowl after `limit` iterations may be looked for with more patience."""
-    return system.springs is not None and limit < PATIENT and error.cause != "time_limit"
+    """Whether a loose body that is lost after `limit` iterations may be looked for with more patience."""
+    return system.loose and limit < PATIENT and error.cause != "time_limit"
 
 
 def _end(point: Point, travel: float) -> tuple[np.ndarray, np.ndarray, float]:

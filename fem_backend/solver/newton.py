@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -40,14 +40,16 @@ class NotConverged(ArithmeticError):
 class System:
     """Everything that stays the same during a run.
 
-    `pairs` are the surfaces that may touch rigid bodies, the indenter first; `scale` (m, q) multiplies all moduli;
-    `dead` (n, 3) N is a dead load, `springs` (n,) N/mm ground every component of a node, `least_force` (N) is the
-    force below which the residual is no longer measured relative to the load.
+    `indenter` and the pairs of the `seat`, which the support offers, are the surfaces that may touch rigid bodies;
+    `scale` (m, q) multiplies all moduli; `dead` (n, 3) N is a dead load, `springs` (n,) N/mm ground every component of
+    a node of a body that its support does not hold, `least_force` (N) is the force below which the residual is no
+    longer measured relative to the load.
     """
 
     body: Body
     material: Material
-    pairs: tuple[Pair, ...]
+    indenter: Pair | None
+    seat: tuple[Pair, ...]
     factor: Factor
     scale: np.ndarray | None = None
     dead: np.ndarray | None = None
@@ -55,16 +57,46 @@ class System:
     least_force: float = 0.0
     condense: Condense | None = None
 
+    @property
+    def pairs(self) -> tuple[Pair, ...]:
+        """All that may touch, in the order of `Load.touches`."""
+        return (*(() if self.indenter is None else (self.indenter,)), *self.seat)
+
+    @property
+    def loose(self) -> bool:
+        """Whether the support leaves rigid motions, which contact alone takes away."""
+        return self.springs is not None
+
+    def each(self, change: Callable[[Pair], Pair]) -> System:
+        """The system with every pair changed."""
+        indenter = None if self.indenter is None else change(self.indenter)
+        return replace(self, indenter=indenter, seat=tuple(change(p) for p in self.seat))
+
 
 @dataclass(frozen=True)
 class Load:
     """One load step: how each pair touches, share of the dead load, factor of the springs, history and Δt (s)."""
 
-    touches: tuple[Touch, ...]
+    indenter: Touch | None
+    seat: tuple[Touch, ...] = ()
     dead: float = 1.0
     springs: float = 1.0
     history: History | None = None
     dt: float = 0.0
+
+    @property
+    def touches(self) -> tuple[Touch, ...]:
+        """How every pair touches, in the order of `System.pairs`."""
+        return (*(() if self.indenter is None else (self.indenter,)), *self.seat)
+
+    def touching(self, touches: Iterable[Touch]) -> Load:
+        """The load with other touches, in the order of `touches`."""
+        new = tuple(touches)
+        return (
+            replace(self, indenter=None, seat=new)
+            if self.indenter is None
+            else replace(self, indenter=new[0], seat=new[1:])
+        )
 
     @property
     def conservative(self) -> bool:
@@ -91,6 +123,11 @@ class Evaluation:
     def contact(self) -> ContactState:
         """Contact with the indenter."""
         return self.contacts[0]
+
+    @property
+    def seat(self) -> tuple[ContactState, ...]:
+        """Contacts with the support."""
+        return self.contacts[1:]
 
 
 @dataclass
@@ -137,7 +174,7 @@ def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
         residual -= load.dead * system.dead
         energy -= load.dead * float((system.dead * u).sum())
         outside += load.dead**2 * float((system.dead**2).sum())
-    if system.springs is not None:
+    if system.loose:
         pull = load.springs * system.springs[:, None] * u
         residual += pull
         energy += 0.5 * float((pull * u).sum())
@@ -146,7 +183,7 @@ def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
 
 
 def touching(system: System, u: np.ndarray, load: Load) -> tuple[ContactState, ...]:
-    """Contact of every pair at a displacement u (n, 3) mm."""
+    """Contact of every pair, in the order of `System.pairs`, at a displacement u (n, 3) mm."""
     x = system.body.nodes + u
     return tuple(tractions.evaluate(p, x, touch) for p, touch in zip(system.pairs, load.touches, strict=True))
 
@@ -201,7 +238,7 @@ def bulk_tangent(system: System, at: Evaluation, load: Load) -> np.ndarray:
     state = stress.evaluate(system.material, at.H, True, load.history, load.dt, system.scale)
     assert state.C is not None  # which was asked for
     bulk = tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
-    if system.springs is not None:
+    if system.loose:
         held = body.free.reshape(-1, 3)
         springs = np.repeat(load.springs * system.springs, 3)[(held >= 0).ravel()]
         bulk[body.pattern.diagonal[held[held >= 0]]] += springs
@@ -365,4 +402,4 @@ def _balance(
 def augmented(system: System, load: Load, at: Evaluation) -> Load:
     """The load with multipliers λ ← p on every pair that is not soft (Uzawa)."""
     of_all = zip(system.pairs, load.touches, at.contacts, strict=True)
-    return replace(load, touches=tuple(t if p.soft else replace(t, multiplier=s.pressure) for p, t, s in of_all))
+    return load.touching(t if p.soft else replace(t, multiplier=s.pressure) for p, t, s in of_all)

@@ -1,4 +1,4 @@
-"""Equilibria of a body that may roll and slide far in its bowl: damped Newton along rigid motions.
+"""Equilibria of a body that may roll and slide far on its support: damped Newton along rigid motions.
 
 A Newton step that turns the body by θ stretches it by θ²/2, and in a body of 10⁵ mm³ that outweighs all that happens
 at the contacts: steps stay at 0.1 mm.  So the part of a step that is a rigid motion is made as one (a retraction;
@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fem_backend.geometry import Bowl
 from fem_backend.kinematics.tetrahedra import Body
 from fem_backend.materials import stress
 from fem_backend.solver import newton
@@ -23,7 +22,7 @@ from fem_backend.solver.newton import Counters, Equilibrium, Evaluation, Load, N
 
 LIMIT = 120  # factorisations
 LEAST, MOST = 1e-3, 1e8  # damping over μR
-FARTHEST = 1.0  # lips of the bowl (c/35) that a step should not surpass by lengthening
+FARTHEST = 1.0  # strides on its support that a step should not surpass by lengthening
 ROUND = 1e-10  # of that: a full step this short ends the iteration, whatever the residual of round-off is
 NOISE = 1e-13  # of μ times the volume: gains of energy below are round-off
 TRIALS = 10  # of a line search
@@ -70,15 +69,13 @@ def moved(how: Motion, u: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 def rolls(system: System) -> bool:
-    """Whether a body lies loosely in its bowl and may turn there: not both planes are planes of symmetry."""
-    return system.springs is not None and bool(motion(system.body).allowed[3:].any())
+    """Whether a body lies loosely on its support and may turn there: not both planes are planes of symmetry."""
+    return system.loose and bool(motion(system.body).allowed[3:].any())
 
 
-def _lip(system: System) -> float:
-    """Radius (mm) of the rim of the bowl, the second pair of a system with springs."""
-    bowl = system.pairs[1].rigid
-    assert isinstance(bowl, Bowl)
-    return bowl.lip
+def stride(system: System) -> float:
+    """The shortest stride (mm) of the surfaces that carry the body."""
+    return min(pair.rigid.stride for pair in system.seat)
 
 
 def solve(
@@ -96,7 +93,7 @@ def solve(
     mass[free[free >= 0]] = np.repeat(how.share[:, None], 3, axis=1)[free >= 0]
     assert system.springs is not None
     mass *= float(np.abs(system.springs).sum()) / 1e-4  # about μR
-    damping, unit = 0.0, _lip(system)
+    damping, unit = 0.0, stride(system)
     try:
         at = newton.evaluate(system, u, load)
     except stress.Inverted as error:
@@ -198,7 +195,7 @@ def _search(
     −0.7 ≤ (d·R)(α)/|d·R|(0) < 0.7 by false position, with an energy that falls where there is one; damped steps, which
     are too short, are lengthened threefold and more.
     """
-    slope, largest = float(g @ step), float(np.abs(step).max()) / _lip(system)
+    slope, largest = float(g @ step), float(np.abs(step).max()) / stride(system)
     noise = NOISE * system.material.shear_modulus * float(system.body.w.sum())
     rubs = any(t.before is not None for t in load.touches)
     field = newton.full(system.body, step)

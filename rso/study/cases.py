@@ -24,6 +24,7 @@ PROFILES = 2 * STEPS  # different depths of a profile up to which each is asked 
 PACES = 1e-5, 1e3  # mm/s: slower or quicker is nobody's test
 PACE = 1.5  # ratio of a stated to a recorded speed that is remarked upon
 SAME_PACE = 1.05  # ratio within which the stated one is meant: clocks and stages differ by as much
+_SETTING = re.compile(r"unknown setting |[a-z_.]+( = |: )")  # how a backend begins the sentence on one setting
 SHALLOWEST = 1e-4  # of the radius of the indenter: a deepest travel below this is a unit misread
 FINEST = 1e-5  # mm: the same where no radius is stated, for no instrument presses by so little
 LOUD = 0.5  # of a range: a stated noise beyond is remarked upon
@@ -235,9 +236,9 @@ def refuse_what_is_not_modelled(
             text = f"unload = {unload!r}: true or false is expected"
             problems.append(Problem(place_of_setting(study, n, "unload"), text))
         wrong = _refusal(backend, case_for(study, e.name, travels(curves[e.name], set())))
-        if wrong is not None:
-            at = place_of_setting(study, n, wrong)
-            found = Problem(at, wrong, e.files) if at[-1] == "data" else Problem(at, wrong)
+        for line in [] if wrong is None else _one_a_line(wrong):
+            at = place_of_setting(study, n, line)
+            found = Problem(at, line, e.files) if at[-1] == "data" else Problem(at, line)
             problems += [] if found in problems else [found]  # what all experiments share is said once
         if e.kind == "force":
             problems += [_no_channel(backend, (*place, "channels"), c) for c in e.compared if c not in backend.channels]
@@ -280,6 +281,12 @@ def _refusal(backend: Backend, case: Case) -> str | None:
     except MISREAD as error:
         return str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
     return None
+
+
+def _one_a_line(refusal: str) -> list[str]:
+    """The problems that a refusal names: its lines where each begins with a setting, else the whole of it."""
+    lines = refusal.splitlines()
+    return lines if len(lines) > 1 and all(map(_SETTING.match, lines)) else [refusal]
 
 
 def place_of_setting(study: Study, n: int, message: str) -> Place:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fem_backend.accuracy import closed_forms
+from fem_backend import closed_forms
 
 
 def test_moduli_of_the_incompressible_and_of_the_cork_limit():

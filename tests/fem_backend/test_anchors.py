@@ -9,7 +9,8 @@ import io
 import numpy as np
 import pytest
 
-from fem_backend.accuracy import closed_forms, warm_starts
+from fem_backend import closed_forms
+from fem_backend.accuracy import warm_starts
 from fem_backend.backend import BACKEND
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import experiment

@@ -184,7 +184,7 @@ def test_swept_dofs_hold_all_that_touches():
     solved = BACKEND.solve(VALUES, case)
     at = initial_state.bench(solved.settings, solved.knobs, solved.placement, solved.model, newton.Counters())
     pressed = (solved.result.points[-1].evaluation.contact.pressure > 0).any(1)
-    touched = np.unique(at.system.pairs[0].surface.facets[pressed])
+    touched = np.unique(at.system.indenter.surface.facets[pressed])
     mine = at.model.body.free.reshape(-1, 3)[touched]
     held = []
     model = dataclasses.replace(at.model, condenser=lambda dofs: held.append(dofs))

@@ -11,10 +11,12 @@ from skfem import MeshTet, MeshTet2
 from fem_backend.contact import tractions
 from fem_backend.contact.pointwise import LAG, TANGENTIAL
 from fem_backend.contact.tractions import Adhesion, Before, ContactState, Pair, Touch
-from fem_backend.geometry import Bowl, Ellipsoid, Sphere, first_contact
+from fem_backend.geometry import Ellipsoid
+from fem_backend.indenters.sphere import Sphere
 from fem_backend.kinematics import tetrahedra
 from fem_backend.laws import NeoHooke
 from fem_backend.solver import direct, newton
+from fem_backend.supports.bowl import Bowl
 
 STEPS = np.array([1.0, 0.5, 0.25, 0.125])
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -566,7 +568,7 @@ def test_first_touch_of_known_surfaces():
     surface = top(body, quadratic, cap)
     x = body.nodes + np.array([0, 0, 7.0])
     d = np.array([0.1, -0.2, -1.0]) / np.linalg.norm([0.1, -0.2, -1.0])
-    centre = first_contact(ball, 2.0, [0.5, 0.3, 8.0], d)
+    centre = Sphere(2.0).first_contact(ball, [0.5, 0.3, 8.0], d)
     # quadratic facets of 0.67 mm follow the ellipsoid to some 1e-5
     np.testing.assert_allclose(tractions.first_touch(surface, x, Sphere(2.0), centre - 1.5 * d, d), 1.5, atol=1e-4)
     # a bowl going up meets the lowest point of a plate turned over
@@ -607,14 +609,14 @@ def indented(rigid: Sphere, friction: float = 0.0, augmentations: int = 0) -> tu
     surface = top(body, quadratic)
     nothing = np.zeros(surface.weights.shape)
     pair = Pair(surface, rigid, nothing + 2.0, friction)
-    system = newton.System(body, NeoHooke(0.01, 5.8), (pair,), direct.solver(body.pattern, "superlu"))
+    system = newton.System(body, NeoHooke(0.01, 5.8), pair, (), direct.solver(body.pattern, "superlu"))
     centre = np.array([0.1, 0.05, rigid.R])
     before = Before(tractions.contact_points(surface, body.nodes), centre, np.zeros((*nothing.shape, 3)), nothing)
     touch = Touch(centre + 0.2 * DOWN, DOWN, nothing, before=before)
     counters = newton.Counters()
     u = np.zeros_like(body.nodes)
     for _ in range(augmentations + 1):
-        at = newton.solve(system, u, newton.Load((touch,)), 1e-8, counters).evaluation
+        at = newton.solve(system, u, newton.Load(touch), 1e-8, counters).evaluation
         u, touch = at.u, replace(touch, multiplier=at.contact.pressure)
     return pair, at
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem_backend.accuracy import admissible_depth
 from fem_backend.backend import BACKEND
+from fem_backend.indenters.sphere import Sphere
 from fem_backend.solver import load_steps, newton
 from fem_backend.solver.load_steps import Control, Stopped
 from rso.contract import CAUSES, Case, Programme, SimulationFailed
@@ -289,7 +289,7 @@ def test_a_neo_hookean_body_is_strained_more_than_is_foretold():
     for point in BACKEND.solve(VALUES, case).result.points:
         F = point.evaluation.H.reshape(-1, 3, 3) + np.eye(3)
         shortest = np.sqrt(np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)[:, 0].min())
-        assert 1.0 < -np.log(shortest) / admissible_depth.strain(point.travel, 3.0) < 1.7
+        assert 1.0 < -np.log(shortest) / Sphere(3.0).strain(point.travel) < 1.7
 
 
 @pytest.mark.parametrize("values", [{}, {"friction": 0.3}, {"D1": 139.0}], ids=["incompressible", "friction", "soft"])

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from fem_backend.geometry import Bowl, Ellipsoid, Sphere, first_contact, hertz_radius
+from fem_backend.geometry import Ellipsoid
+from fem_backend.indenters.sphere import Sphere
 from fem_backend.simulation import assembly
 from fem_backend.simulation.experiment import read_settings
 from fem_backend.simulation.knobs import Knobs
+from fem_backend.supports.bowl import Bowl
 
 DIRECTION = np.array([0.3, -0.5, -0.8]) / np.linalg.norm([0.3, -0.5, -0.8])
 CENTRE = np.array([0.4, -0.7, 1.1])
@@ -196,7 +198,7 @@ def test_first_contact_is_that_of_all_points(seed):
     body, R = Ellipsoid(60.0, 35.0, 30.0), 3.0
     through = np.array([*rng.uniform(-20, 20, 2), rng.uniform(-5, 60)])
     d = np.array([*rng.uniform(-0.6, 0.6, 2), -1.0])
-    found = first_contact(body, R, through, 2.0 * d)
+    found = Sphere(R).first_contact(body, through, 2.0 * d)
     d = d / np.linalg.norm(d)
     np.testing.assert_allclose(found, brute_force(body, R, through, d), atol=1e-6)
     off = found - through
@@ -206,11 +208,11 @@ def test_first_contact_is_that_of_all_points(seed):
 
 def test_first_contact_along_a_normal_and_at_the_top():
     body, R = Ellipsoid(60.0, 35.0, 35.0), 3.0
-    np.testing.assert_array_equal(first_contact(body, R, [0, 0, 35.0], [0, 0, -1.0]), [0, 0, 38.0])
+    np.testing.assert_array_equal(Sphere(R).first_contact(body, [0, 0, 35.0], [0, 0, -1.0]), [0, 0, 38.0])
     y = body.project(np.array([[20.0, 8.0, 28.0]]))[0]
     n = y / body.semi_axes**2
     n /= np.linalg.norm(n)
-    np.testing.assert_allclose(first_contact(body, R, y, -n), y + R * n, rtol=1e-13)
+    np.testing.assert_allclose(Sphere(R).first_contact(body, y, -n), y + R * n, rtol=1e-13)
 
 
 @pytest.mark.parametrize("axes", [(60.0, 35.0, 35.0), (15.0, 15.0, 60.0), (20.0, 60.0, 60.0)])
@@ -224,17 +226,17 @@ def test_the_place_of_first_contact_lies_on_the_body_and_on_the_ball(axes):
         }
     )
     placement = assembly.place(settings, Knobs(mu=0.01, D1=5.8))
-    x, body = placement.contact, placement.body
+    x, body = placement.contact, placement.specimen
     np.testing.assert_allclose(((x / body.semi_axes) ** 2).sum(), 1.0, rtol=1e-12)
     normal = x / body.semi_axes**2
     normal /= np.linalg.norm(normal)
-    np.testing.assert_allclose(placement.touch, x + settings.R * normal, rtol=1e-10)
+    np.testing.assert_allclose(placement.touch, x + settings.indenter.R * normal, rtol=1e-10)
 
 
 def test_sphere_that_passes_by_is_refused():
     with pytest.raises(ValueError, match="passes by"):
-        first_contact(Ellipsoid(60.0, 35.0, 35.0), 3.0, [0.0, 38.1, 0.0], [0.0, 0.0, -1.0])
-    grazing = first_contact(Ellipsoid(60.0, 35.0, 35.0), 3.0, [0.0, 37.9, 0.0], [0.0, 0.0, -1.0])
+        Sphere(3.0).first_contact(Ellipsoid(60.0, 35.0, 35.0), [0.0, 38.1, 0.0], [0.0, 0.0, -1.0])
+    grazing = Sphere(3.0).first_contact(Ellipsoid(60.0, 35.0, 35.0), [0.0, 37.9, 0.0], [0.0, 0.0, -1.0])
     np.testing.assert_allclose(np.hypot(*grazing[1:]), 38.0, rtol=1e-9)
 
 
@@ -252,9 +254,11 @@ def test_travel_ends_where_the_gap_is_zero(kind):
 
 
 def test_hertz_radius_of_two_spheres_and_of_the_specimen():
-    assert hertz_radius(Ellipsoid(300.0, 300.0, 300.0), Sphere(3.0)) == pytest.approx(1 / (1 / 3 + 1 / 300), rel=1e-15)
+    H = Ellipsoid(300.0, 300.0, 300.0).mean_curvature_at_top()
+    assert Sphere(3.0).effective_radius(H) == pytest.approx(1 / (1 / 3 + 1 / 300), rel=1e-15)
     # curvatures at the pole of the ellipsoid from its height z(x, 0) and z(0, y) by second differences
     a, b, c, h = 60.0, 35.0, 35.0, 1e-3
     kx = 2 * (c - c * np.sqrt(1 - (h / a) ** 2)) / h**2
     ky = 2 * (c - c * np.sqrt(1 - (h / b) ** 2)) / h**2
-    assert hertz_radius(Ellipsoid(a, b, c), Sphere(3.0)) == pytest.approx(1 / (1 / 3 + (kx + ky) / 2), rel=1e-6)
+    H = Ellipsoid(a, b, c).mean_curvature_at_top()
+    assert Sphere(3.0).effective_radius(H) == pytest.approx(1 / (1 / 3 + (kx + ky) / 2), rel=1e-6)

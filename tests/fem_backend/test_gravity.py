@@ -28,10 +28,10 @@ def column(law, weight: float, n: int, sign: float = -1.0) -> tuple[tetrahedra.B
     held[:, 2] = X[:, 2] == 0.0
     body = tetrahedra.discretise(mesh, held)
     dead = weight * assembly.lumped(body, np.ones_like(body.w))[:, None] * np.array([0.0, 0.0, sign])
-    system = System(body, Material(law(MU, D1)), (), direct.solver(body.pattern, "superlu"), None, dead)
+    system = System(body, Material(law(MU, D1)), None, (), direct.solver(body.pattern, "superlu"), None, dead)
     u = np.zeros_like(X)
     for share in (0.25, 0.5, 0.75, 1.0):
-        u = newton.solve(system, u, Load((), dead=share), 1e-10, Counters()).evaluation.u
+        u = newton.solve(system, u, Load(None, dead=share), 1e-10, Counters()).evaluation.u
     return body, u
 
 
@@ -88,7 +88,7 @@ def test_support_carries_weight_and_force(small):
 def test_a_hole_weighs_nothing(small):
     """The nodal loads lack the weight of the cavity, as its place says; so does what the support carries."""
     b = small.other(weight=1e-5, cavity=2.5)
-    body, hollow = b.model.body, zones.cavity(b.model.body, *assembly.hole(b.settings, b.knobs, b.placement))
+    body, hollow = b.model.body, zones.cavity(b.model.body, *b.placement.specimen.hole(b.knobs.cavity))
     missing = 1e-5 * (body.w * hollow).sum()
     full = 1e-5 * body.w.sum()
     assert missing > 0.1 * full

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fem_backend.accuracy import closed_forms
+from fem_backend import closed_forms
 from fem_backend.laws import (
     Fibre,
     LinearElastic,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from fem_backend.accuracy import closed_forms
+from fem_backend import closed_forms
 from fem_backend.kinematics.voigt import COL, ROW
 from fem_backend.laws import Fibre, LinearElastic, Material, MooneyRivlin, Mullins, NeoHooke, Ogden, Prony, Yeoh
 from fem_backend.materials import stress

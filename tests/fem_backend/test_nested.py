@@ -106,7 +106,7 @@ def test_extrapolated_forces_keep_similarity():
 def test_the_level_limit_is_that_of_the_two_nested_meshes():
     limit, reference = (experiment.read_settings({"mesh": {"level": level}}) for level in ("limit", "reference"))
     assert limit.recipe == reference.recipe and dict(limit.mesh) != dict(reference.mesh)  # one mesh, another key
-    eight = meshing.refined(limit.body, meshing.template_mesh("coarse"), 2)
+    eight = meshing.refined(limit.specimen, meshing.template_mesh("coarse"), 2)
     assert len(meshing.template_mesh("reference").tets) == len(eight.tets)
     with pytest.raises(ValueError, match="shipped"):
         experiment.read_settings({"mesh": {"level": "limit"}, "specimen": {"semi_axes": [30.0, 30.0, 30.0]}})

@@ -143,7 +143,7 @@ def test_work_of_the_indenter_is_the_energy_stored(small):
 def test_energy_is_the_strain_energy_and_that_of_the_contact(graded):
     """The potential from its definition, with invariants by numpy."""
     point = graded.travel([1.0], PENALTY_ONLY)[0]
-    pair, law = graded.system().pairs[0], graded.system().material.law
+    pair, law = graded.system().indenter, graded.system().material.law
     at, body, w = point.evaluation, graded.model.body, pair.surface.weights
     F = at.H + np.eye(3)
     J = np.linalg.det(F)

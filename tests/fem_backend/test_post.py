@@ -12,6 +12,9 @@ from fem_backend import meshing, post
 from fem_backend.contact import tractions
 from fem_backend.contact.tractions import quadratic_facets
 from fem_backend.geometry import Ellipsoid
+from fem_backend.indenters import spherical_patch
+from fem_backend.indenters.sphere import Sphere
+from fem_backend.indenters.spherical_patch import contact_patch
 from fem_backend.kinematics import tetrahedra
 from fem_backend.laws import LinearElastic, NeoHooke
 from fem_backend.materials import stress
@@ -138,14 +141,14 @@ def touched(ball, theta, k=0.05):
 
 def patch(ball, theta):
     surface, x, pressure, _ = touched(ball, theta)
-    return post.contact_patch(surface, x, pressure, np.zeros(3), 3.0, planes=(True, True))
+    return contact_patch(surface, x, pressure, np.zeros(3), 3.0, planes=(True, True))
 
 
 @pytest.mark.parametrize("theta", [0.5, 0.8, 1.4])
 def test_patch_of_a_cap(ball, theta):
     """Area 2πR²(1 − cos θ) and radius R sin θ of the whole, from a quarter."""
     surface, x, pressure, area = touched(ball, theta)
-    found = post.contact_patch(surface, x, pressure, np.zeros(3), 3.0, planes=(True, True))
+    found = contact_patch(surface, x, pressure, np.zeros(3), 3.0, planes=(True, True))
     np.testing.assert_allclose(found.area, area, rtol=0.03)  # the gap starts within elements of 0.4 mm
     np.testing.assert_allclose(found.radius, 3.0 * np.sin(theta), rtol=0.01)
     np.testing.assert_allclose(found.edge, found.radius, rtol=0.02)  # a circle
@@ -172,7 +175,7 @@ def test_the_peak_is_what_is_left_of_the_pressure_by_an_attraction(ball):
     surface, x, pressure, _ = touched(ball, 0.8)
 
     def peak(pull):
-        return post.contact_patch(surface, x, pressure, np.zeros(3), 3.0, planes=(True, True), attraction=pull).peak
+        return contact_patch(surface, x, pressure, np.zeros(3), 3.0, planes=(True, True), attraction=pull).peak
 
     plain, ones = patch(ball, 0.8).peak, np.ones_like(pressure)
     for pull in (0.005, 0.03):
@@ -196,9 +199,9 @@ def test_edge_of_a_hertz_gap():
     r = np.linspace(1.001, 2.5, 400)
     gap = r**2 / (2 * R) - a**2 / R + ((2 * a**2 - r**2) * np.arcsin(a / r) + a * np.sqrt(r**2 - a**2)) / (np.pi * R)
     s = 2.0 * R**2 * (1.0 - np.sqrt(1.0 - (r / R) ** 2))
-    harmonics = post.patch._harmonics((True, True))
+    harmonics = spherical_patch._harmonics((True, True))
     angle = np.linspace(0.0, 20.0, len(r)) % (np.pi / 2)
-    edge = post.patch._edge(s, gap, r, angle, np.ones(len(r), bool), harmonics, 0.01 * R)
+    edge = spherical_patch._edge(s, gap, r, angle, np.ones(len(r), bool), harmonics, 0.01 * R)
     found = np.sqrt(edge[0] * (1.0 - edge[0] / (4.0 * R**2)))
     np.testing.assert_allclose(found, a, rtol=5e-3)  # the expansion ends after two terms
     np.testing.assert_allclose(edge[1], 0.0, atol=5e-3)
@@ -207,7 +210,7 @@ def test_edge_of_a_hertz_gap():
 @pytest.mark.parametrize("planes", [(False, True), (True, False)])
 def test_the_harmonics_of_a_half_model_know_its_plane(planes):
     """Directions mirrored at the plane of a half model are mirrored by θ → −θ (y = 0) or θ → π − θ (x = 0)."""
-    harmonics = post.patch._harmonics(planes)
+    harmonics = spherical_patch._harmonics(planes)
     theta = np.linspace(0.0, 2 * np.pi, 17)
     image = -theta if planes[1] else np.pi - theta
     np.testing.assert_allclose(harmonics(image), harmonics(theta), atol=1e-12)
@@ -217,8 +220,8 @@ def test_a_turned_patch_is_the_same(ball):
     """Nothing depends on the direction of the axis when nothing is mirrored; an unsymmetric edge is followed."""
     surface, x, pressure, _ = touched(ball, 0.8)
     R = rotation(3)
-    plain = post.contact_patch(surface, x, pressure, np.zeros(3), 3.0)
-    turned = post.contact_patch(surface, x @ R.T, pressure, np.zeros(3), 3.0, axis=tuple(R[:, 2]))
+    plain = contact_patch(surface, x, pressure, np.zeros(3), 3.0)
+    turned = contact_patch(surface, x @ R.T, pressure, np.zeros(3), 3.0, axis=tuple(R[:, 2]))
     np.testing.assert_allclose(turned.counted_area, plain.counted_area, rtol=1e-12)
     np.testing.assert_allclose(turned.counted_radius, plain.counted_radius, rtol=1e-12)
     np.testing.assert_allclose(turned.peak, plain.peak, rtol=0.02)  # a quarter alone leaves the harmonics loose
@@ -228,7 +231,7 @@ def test_pressure_is_per_current_area(ball):
     body, facets = ball
     surface = tractions.contact_surface(body, facets)
     pressure = np.full(surface.weights.shape, 0.01)
-    found = post.contact_patch(surface, 2.0 * body.nodes, pressure, np.zeros(3), 6.0, planes=(True, True))
+    found = contact_patch(surface, 2.0 * body.nodes, pressure, np.zeros(3), 6.0, planes=(True, True))
     np.testing.assert_allclose(found.largest, 0.01 / 4.0, rtol=1e-12)
     np.testing.assert_allclose(found.counted_area, 4.0 * 4.0 * np.pi * 9.0, rtol=1e-3)  # quadratic facets on a sphere
 
@@ -236,7 +239,7 @@ def test_pressure_is_per_current_area(ball):
 def test_no_contact_is_zero(ball):
     body, facets = ball
     surface = tractions.contact_surface(body, facets)
-    found = post.contact_patch(surface, body.nodes, np.zeros(surface.weights.shape), np.zeros(3), 3.0)
+    found = contact_patch(surface, body.nodes, np.zeros(surface.weights.shape), np.zeros(3), 3.0)
     assert found.area == found.peak == found.radius == 0.0 and len(found.profile_radius) == 0
 
 
@@ -401,7 +404,16 @@ def test_pictures_are_drawn(specimen, tmp_path, planes):
     centre = np.array([0.0, 0.0, 37.0])
     points, p = np.array([[0.1, 0.0, 34.9], [0.5, 0.1, 34.8]]), np.array([0.01, 0.005])
     pictures.draw_section(
-        tmp_path / "a.png", body, u, body.nodes[:, 2], "z (mm)", centre, 3.0, planes=planes, contact=(points, p)
+        tmp_path / "a.png",
+        body,
+        u,
+        body.nodes[:, 2],
+        "z (mm)",
+        centre,
+        Sphere(3.0),
+        np.array([0.0, 0.0, -1.0]),
+        planes=planes,
+        contact=(points, p),
     )
     pictures.draw_surface(tmp_path / "b.png", body.nodes, facets, u, body.nodes[:, 2], "z (mm)", planes, centre, 3.0)
     pictures.draw_surface(tmp_path / "c.png", body.nodes, facets, u, body.nodes[:, 2], "z (mm)", planes)

@@ -9,8 +9,8 @@ import pytest
 
 from fem_backend import meshing
 from fem_backend.backend import BACKEND
-from fem_backend.geometry import Ellipsoid
 from fem_backend.simulation import assembly
+from fem_backend.specimens.ellipsoid import Ellipsoid
 from rso.contract import Case, Programme
 
 SMALL = {"mesher": "mapped", "n": 6, "slip": 0.3}
@@ -90,7 +90,7 @@ def test_body_turned_by_ninety_degrees_gives_turned_forces(make_bench, knobs):
         turned["fibre_angle"] = knobs["fibre_angle"] + 90.0
     if "tilt_x" in knobs:
         turned = {"tilt_y": turned.pop("tilt_x")}
-    axes = one.settings.body.semi_axes[[1, 0, 2]]
+    axes = one.settings.specimen.semi_axes[[1, 0, 2]]
     two = make_bench(turned, point=[-point[1], point[0]], specimen={"semi_axes": axes.tolist()}, **table)
     quarter = meshing.make(one.settings.recipe)
     mesh = meshing.Mesh(quarter.vertices[:, [1, 0, 2]], quarter.tets[:, [0, 2, 1, 3]])

@@ -59,13 +59,13 @@ def deformed(dimple, b) -> np.ndarray:
     if len(X) == len(dimple):
         u = dimple
     else:  # a model without symmetry planes: the dimple by a formula
-        r = np.linalg.norm(X - b.settings.body.top, axis=1)
+        r = np.linalg.norm(X - b.settings.specimen.top, axis=1)
         u = np.c_[0.0 * r, 0.0 * r, -2.0 * np.exp(-((r / 6.0) ** 2))]
     u = u + 0.02 * np.sin(X @ np.random.default_rng(1).normal(size=(3, 3)) / 10.0)
     if b.knobs.fibre:  # slack fibres carry nothing: where they tighten the force has a kink, so all of them are tight
         along = np.array(b.system().material.fibre.direction)
         u += 0.04 * np.outer(X @ along, along)
-    if b.settings.support == "bowl":
+    if b.settings.support.loose:
         u[:, 2] -= 0.05
     u[b.model.body.free.reshape(u.shape) < 0] = 0.0
     return u
@@ -81,9 +81,9 @@ def state(dimple, b) -> tuple[System, np.ndarray, Load]:
         x = b.model.body.nodes + 0.99 * u
         before.append(tractions.remember(pair, x, touch, tractions.evaluate(replace(pair, friction=0.0), x, touch)))
     if history is not None:
-        H = newton.evaluate(system, 0.9 * u, replace(load, history=history, touches=_with(load, before)))
+        H = newton.evaluate(system, 0.9 * u, replace(load.touching(_with(load, before)), history=history))
         history = H.history
-    return system, u, replace(load, history=history, touches=_with(load, before))
+    return system, u, replace(load.touching(_with(load, before)), history=history)
 
 
 def _with(load: Load, before: list) -> tuple:
@@ -134,8 +134,8 @@ def test_derivative_by_the_travel(dimple, experiment, slopes, effect):
     steps = 10.0 ** np.array([-4.0, -4.5, -5.0, -5.5])
     error = []
     for t in steps:
-        centre = load.touches[0].centre + t * load.touches[0].direction
-        moved = replace(load, touches=(replace(load.touches[0], centre=centre), *load.touches[1:]))
+        centre = load.indenter.centre + t * load.indenter.direction
+        moved = replace(load, indenter=replace(load.indenter, centre=centre))
         change = newton.reduced(b.model.body, newton.evaluate(system, u, moved).residual) - R
         error.append(np.linalg.norm(change - t * moving))
     np.testing.assert_allclose(slopes(np.array(error), steps), 2.0, atol=0.15)
@@ -161,7 +161,7 @@ def test_only_friction_makes_the_matrix_unsymmetric(dimple, graded, experiment):
     for friction in (0.0, 0.2):
         b = experiment("friction")  # a full pattern
         system, u, load = state(dimple, b)
-        system = replace(system, pairs=tuple(replace(p, friction=friction) for p in system.pairs))
+        system = system.each(lambda p, friction=friction: replace(p, friction=friction))
         K, _ = matrix(system, u, load)
         skew = np.abs((K - K.T).data).max() / np.abs(K.data).max()
         assert skew < 1e-14 if friction == 0.0 else skew > 1e-4
@@ -182,12 +182,12 @@ def full_order(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def test_search_without_a_potential_finds_the_same_state(small):
     """Friction's line search (residual normal to the step) on a problem that has a potential."""
     system, load = small.system(), small.load(0.8)
-    frictional = replace(system, pairs=(replace(system.pairs[0], friction=1e-30),))
+    frictional = replace(system, indenter=replace(system.indenter, friction=1e-30))
     x = small.model.body.nodes
-    touch = load.touches[0]
-    before = tractions.remember(system.pairs[0], x, touch, tractions.evaluate(system.pairs[0], x, touch))
+    touch = load.indenter
+    before = tractions.remember(system.indenter, x, touch, tractions.evaluate(system.indenter, x, touch))
     u = np.zeros_like(x)
     one = newton.solve(system, u, load, 1e-10, Counters())
-    two = newton.solve(frictional, u, replace(load, touches=(replace(touch, before=before),)), 1e-10, Counters())
+    two = newton.solve(frictional, u, replace(load, indenter=replace(touch, before=before)), 1e-10, Counters())
     np.testing.assert_allclose(two.evaluation.u, one.evaluation.u, atol=1e-9)
     assert load_steps.Control().tight < 1e-8

@@ -12,13 +12,14 @@ import pytest
 from skfem import MeshTet, MeshTet2
 
 from fem_backend import meshing
-from fem_backend.geometry import Ellipsoid
+from fem_backend.indenters.sphere import Sphere
 from fem_backend.simulation import assembly, indentation
 from fem_backend.simulation.assembly import Model, Placement
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.solver.load_steps import Control, Instant
+from fem_backend.specimens.ellipsoid import Ellipsoid
 
 LIFT = 1e-6  # mm: the flat surface lies just above z = 0, below which the product holds the surface
 
@@ -51,8 +52,8 @@ def half_space(
     control = Control(first=0.3 * deepest, largest=deepest, path=0.25 * deepest, augmentations=4)
     body, down = Ellipsoid(L, L, LIFT), np.array([0.0, 0.0, -1.0])
     recipe = meshing.mapped_recipe(body, n, 0.0)  # stands for the mesh that is put in its place
-    settings = Settings(body, R, recipe=recipe, law=law, control=control)
-    placement = Placement(body, R, np.eye(3), np.array([0.0, 0.0, LIFT + R]), down, (True, True))
+    settings = Settings(body, Sphere(R), recipe=recipe, law=law, control=control)
+    placement = Placement(body, Sphere(R), np.eye(3), np.array([0.0, 0.0, LIFT + R]), down, (True, True))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(meshing, "assemble", lambda *arguments: mesh)
         return HalfSpace(

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fem_backend import geometry
 from fem_backend.backend import passages
 from fem_backend.contact import tractions
+from fem_backend.indenters.sphere import Sphere
 from fem_backend.materials import stress
 from fem_backend.simulation import assembly, experiment, indentation, initial_state
 from fem_backend.simulation.assembly import Model, Placement
@@ -99,17 +99,17 @@ def check_complementarity(augmentations: int = 4) -> tuple[float, float, float]:
     """
     b = prepare(SOFT)
     r = b.solve(ramp(3.0), control=replace(b.settings.control, augmentations=augmentations))
-    at, pair = r.points[-1].evaluation.contact, b.bench().system.pairs[0]
+    at, pair = r.points[-1].evaluation.contact, b.bench().system.indenter
     outward = at.force[2]
     assert outward > 0.0, outward  # the body pushes the ball up
     assert at.pressure.min() >= 0.0 and at.pressure.max() > 0.0
-    deepest = max(-float(at.gap.min()), 0.0) / b.settings.R
-    product = float((pair.surface.weights * at.pressure * np.abs(at.gap)).sum()) / (outward * b.settings.R)
+    deepest = max(-float(at.gap.min()), 0.0) / b.settings.indenter.R
+    product = float((pair.surface.weights * at.pressure * np.abs(at.gap)).sum()) / (outward * b.settings.indenter.R)
     # gaps by another formula: distance of the deformed points from the centre
     x = b.model.body.nodes + r.points[-1].evaluation.u
-    centre = r.points[-1].load.touches[0].centre
-    distance = np.linalg.norm(tractions.contact_points(pair.surface, x) - centre, axis=-1) - b.settings.R
-    assert distance.min() > -5e-3 * b.settings.R, distance.min()
+    centre = r.points[-1].load.indenter.centre
+    distance = np.linalg.norm(tractions.contact_points(pair.surface, x) - centre, axis=-1) - b.settings.indenter.R
+    assert distance.min() > -5e-3 * b.settings.indenter.R, distance.min()
     assert deepest < 5e-3 and product < 2e-4, (deepest, product)
     return deepest, product, float(np.abs(at.traction).max())
 
@@ -119,16 +119,16 @@ def check_friction_dissipates() -> float:
     b = prepare(replace(SOFT, friction=0.3))
     at = b.bench()
     first = prepare(SOFT).solve(ramp(1.0)).points[-1]  # the frictionless state is a place to start from
-    pair, load = at.system.pairs[0], at.start(1.3)
+    pair, load = at.system.indenter, at.start(1.3)
     x0, x1 = (b.model.body.nodes + k * first.evaluation.u for k in (1.0, 1.3))
-    touch0 = at.start(1.0).touches[0]
+    touch0 = at.start(1.0).indenter
     before = tractions.remember(pair, x0, touch0, tractions.evaluate(replace(pair, friction=0.0), x0, touch0))
-    state = tractions.evaluate(pair, x1, replace(load.touches[0], before=before))
-    smooth = tractions.evaluate(replace(pair, friction=0.0), x1, load.touches[0])
+    state = tractions.evaluate(pair, x1, replace(load.indenter, before=before))
+    smooth = tractions.evaluate(replace(pair, friction=0.0), x1, load.indenter)
     # the work of the residual's frictional part against the sliding of the body past the ball
     work = float(((state.residual - smooth.residual) * (x1 - x0)).sum())
-    moved = float(-(state.force - smooth.force) @ (load.touches[0].centre - touch0.centre))
-    slid = tractions.contact_points(pair.surface, x1) - before.points - (load.touches[0].centre - touch0.centre)
+    moved = float(-(state.force - smooth.force) @ (load.indenter.centre - touch0.centre))
+    slid = tractions.contact_points(pair.surface, x1) - before.points - (load.indenter.centre - touch0.centre)
     at_points = (state.traction * slid).sum(-1)
     assert at_points.max() <= 1e-12 * np.abs(at_points).max(), at_points.max()
     assert work + moved > 0.0 or np.abs(at_points).max() == 0.0, (work, moved)
@@ -151,7 +151,7 @@ def check_normals() -> None:
     """The gap grows along its normal, which points from the ball to the body: by differences of the distance."""
     rng = np.random.default_rng(0)
     x = rng.normal(size=(50, 3)) * 5.0
-    ball, centre = geometry.Sphere(3.0), np.array([0.5, -0.2, 1.0])
+    ball, centre = Sphere(3.0), np.array([0.5, -0.2, 1.0])
     g, n, _ = ball.gap(x, centre)
     moved = np.linalg.norm(x + 1e-6 * n - centre, axis=1) - 3.0
     np.testing.assert_allclose((moved - g) / 1e-6, 1.0, rtol=1e-5)

@@ -11,6 +11,7 @@ import test_finite_elements
 
 from fem_backend import geometry
 from fem_backend.contact import tractions
+from fem_backend.indenters.sphere import Sphere
 from fem_backend.laws import NeoHooke
 from fem_backend.materials import stress
 from fem_backend.simulation import assembly
@@ -23,13 +24,13 @@ pytestmark = pytest.mark.verification
 @pytest.fixture
 def turned_normal(monkeypatch):
     """Contact normal reversed: the ball pulls where it should push."""
-    true = geometry.Sphere.gap
+    true = Sphere.gap
 
     def gap(self, x, centre, direction=geometry.STILL):
         g, n, hessian = true(self, x, centre, direction)
         return g, -n, -hessian
 
-    monkeypatch.setattr(geometry.Sphere, "gap", gap)
+    monkeypatch.setattr(Sphere, "gap", gap)
 
 
 def test_reversed_normal_is_seen_by_the_gap(turned_normal):

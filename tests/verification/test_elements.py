@@ -23,11 +23,11 @@ LAWS = {"K/mu = 2": NeoHooke(0.01, 100.0), "K/mu = 200": NeoHooke(0.01, 1.0)}
 def equilibrium(mesh: MeshTet2, inner: np.ndarray, boundary: np.ndarray, law, dead=None) -> np.ndarray:
     """Displacement (n, 3) with the outer nodes where `boundary` (n, 3) puts them, from a start of its harmonic kind."""
     body = tetrahedra.discretise(mesh, ~np.repeat(inner[:, None], 3, 1))
-    system = System(body, Material(law), (), direct.solver(body.pattern), None, dead, least_force=law.mu)
+    system = System(body, Material(law), None, (), direct.solver(body.pattern), None, dead, least_force=law.mu)
     u = np.zeros_like(boundary)
     for share in np.linspace(0.25, 1.0, 4):
         u = np.where(inner[:, None], u, share * boundary)
-        u = newton.solve(system, u, Load((), dead=share), 1e-11, Counters()).evaluation.u
+        u = newton.solve(system, u, Load(None, dead=share), 1e-11, Counters()).evaluation.u
     return u
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from half_space import half_space
 
-from fem_backend.accuracy import closed_forms
+from fem_backend import closed_forms
 from fem_backend.simulation.knobs import Knobs
 
 

@@ -91,9 +91,9 @@ def test_force_is_that_of_the_pressure(record):
     """F = ∫ p n dA₀ from the points, and the reaction of the support."""
     b = prepare(SOFT)
     r = b.solve(ramp(1.0, 3.0))
-    pair, p = b.bench().system.pairs[0], r.points[-1]
+    pair, p = b.bench().system.indenter, r.points[-1]
     x = b.model.body.nodes + p.evaluation.u
-    n = tractions.contact_points(pair.surface, x) - p.load.touches[0].centre
+    n = tractions.contact_points(pair.surface, x) - p.load.indenter.centre
     n /= np.linalg.norm(n, axis=-1, keepdims=True)
     F = -4 * (pair.surface.weights[..., None] * p.evaluation.contact.pressure[..., None] * n).sum((0, 1))[2]
     record(

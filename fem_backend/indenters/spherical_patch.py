@@ -171,19 +171,3 @@ def _profile(xi: np.ndarray, pressure: np.ndarray, area: np.ndarray, power: floa
     A = ((1.0 - x) ** power)[:, None] * x[:, None] ** np.arange(terms)
     root = np.sqrt(area[inside])
     return np.pad(np.linalg.lstsq(A * root[:, None], pressure[inside] * root, rcond=None)[0], (0, 4 - terms))
-
-
-def pressure_at_nodes(surface: ContactSurface, pressure: np.ndarray, count: int) -> np.ndarray:
-    """Pressure (count,) MPa at all nodes, zero off the contact: linear per facet, averaged by area, never negative."""
-    X, _ = get_quadrature(RefTri, ORDER)
-    at = np.column_stack([1.0 - X.sum(0), *X])
-    corners = np.einsum("cq,fq->fc", np.linalg.pinv(at), pressure)
-    area = surface.weights.sum(1)
-    weight, out = np.zeros(count), np.zeros(count)
-    for c in range(3):
-        np.add.at(weight, surface.facets[:, c], area)
-        np.add.at(out, surface.facets[:, c], area * corners[:, c])
-    out = np.clip(out / np.where(weight > 0.0, weight, 1.0), 0.0, None)
-    for k, (i, j) in enumerate(((0, 1), (1, 2), (0, 2))):
-        out[surface.facets[:, 3 + k]] = 0.5 * (out[surface.facets[:, i]] + out[surface.facets[:, j]])
-    return out

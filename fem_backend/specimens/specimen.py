@@ -1,0 +1,146 @@
+"""What a specimen says of itself: its surface with named parts, its sizes and their errors, its mesh at a contact.
+
+A new specimen is one file in this folder with one registered class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from skfem import MeshTet2
+
+from fem_backend import meshing
+from fem_backend.members import OpenSet, Table
+from fem_backend.meshing import Mesh
+
+
+class Specimens(OpenSet):
+    """Specimens by name; each brings what makes its meshes."""
+
+    def register(self, member: Any) -> Any:
+        """As for every open set; the member's makers of meshes are known from then on."""
+        meshing.MAKERS.update(member.makers)
+        return super().register(member)
+
+
+SPECIMENS: OpenSet[Specimen] = Specimens("specimen", "shape", "ellipsoid", marks={"mended": 2})
+
+
+@dataclass(frozen=True)
+class Meshing:
+    """How a specimen is meshed: recipe of the mesh, keys of the mesh table that count, element size at the contact."""
+
+    recipe: str
+    used: tuple[tuple[str, Any], ...]
+    h0: float
+    level: str
+
+
+class Specimen(Protocol):
+    """A specimen; lengths in mm, in its own frame: z up, origin on its axis.
+
+    Parts of the surface are `upper`, what an indenter may meet and a camera sees, and `lower`, what a support holds or
+    carries.  `smallest_words` say what its smallest length is; `makers` make a mesh from the data of a recipe, by the
+    name of the mesher in it; `gauges` as of an indenter.
+    """
+
+    name: ClassVar[str]
+    Table: ClassVar[type[Table]]
+    Knobs: ClassVar[type | None]
+    gauges: ClassVar[Mapping[str, float]]
+    makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]]
+    smallest_words: ClassVar[str]
+    smallest: float
+    largest: float
+    skin_limit: float
+    """Thickness (mm) that a skin stays below."""
+
+    def plain(self) -> dict[str, Any]:
+        """Its table as it enters the key of a run, with all defaults written out."""
+
+    def actual(self, knobs: Any) -> Specimen:
+        """Itself with the errors that knobs give it; ValueError naming knob, value and unit where nothing is left."""
+
+    def planes(self) -> tuple[bool, bool]:
+        """Whether it is symmetric about x = 0 and y = 0."""
+
+    def factors(self) -> Mapping[str, float]:
+        """Own knobs whose declared ranges and gauges go with one of its lengths → that over the usual one."""
+
+    @property
+    def ratio(self) -> float:
+        """Its size over the usual one, which other declared ranges are meant for."""
+
+    # ------------------------------------------------------------------------------------------------- surface
+
+    def above(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
+        """Point (3,) of the upper surface and outward unit normal (3,) at (x, y); ValueError beside the specimen."""
+
+    def part(self, name: str, X: np.ndarray) -> np.ndarray:
+        """Whether points X (n, 3) of the surface belong to its part `upper` or `lower`."""
+
+    def distance(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Distance (mm) of a point x (3,) outside, and its gradient (3,) in direction, of any length."""
+
+    def closest(self, x: np.ndarray) -> np.ndarray:
+        """Point (3,) of the surface closest to a point x (3,) outside."""
+
+    def depth(self, X: np.ndarray) -> np.ndarray:
+        """Distance (…,) of points X (…, 3) to the surface, negative outside."""
+
+    def project(self, x: np.ndarray) -> np.ndarray:
+        """Points (n, 3) near the surface moved onto it."""
+
+    def on_surface(self, X: np.ndarray) -> np.ndarray:
+        """Whether nodes X (…, 3) lie on the surface, rather than inside or on a plane of symmetry alone."""
+
+    def mean_curvature(self, x: float, y: float) -> float:
+        """Mean curvature (1/mm) of the upper surface at (x, y)."""
+
+    def volume(self) -> float:
+        """Volume (mm³)."""
+
+    @property
+    def top(self) -> np.ndarray:
+        """The highest point (3,)."""
+
+    @property
+    def lowest(self) -> np.ndarray:
+        """The lowest point (3,)."""
+
+    def hole(self, size: float) -> tuple[np.ndarray, np.ndarray]:
+        """Centre (3,) and semi-axes (3,) of its cavity, `size` times that of its table."""
+
+    # -------------------------------------------------------------------------------------------- what is modelled
+
+    def refusal(self, indenter: Any, point: tuple[float, float]) -> list[str]:
+        """Why an indenter or the place (x, y) of a test is not modelled on it, in sentences."""
+
+    def beside(self, x: float, y: float) -> str | None:
+        """Why there is no mark at (x, y) to be followed: it lies beside the specimen; None where it is on top."""
+
+    @property
+    def deepest(self) -> tuple[float, str]:
+        """The deepest travel that is modelled (mm), and what it is a share of, in words."""
+
+    def off_top(self, x: float, y: float) -> float:
+        """Squared distance of (x, y) from the top over the size: elements are stretched on the way."""
+
+    # ---------------------------------------------------------------------------------------------------- mesh
+
+    def meshing(self, length: float, mesher: str, level: str, n: int, slip: float) -> Meshing:
+        """How it is meshed for an indenter of a `length`."""
+
+    def quadratic(self, mesh: Mesh, recipe: str, point: tuple[float, float], planes: tuple[bool, bool]) -> MeshTet2:
+        """Quadratic mesh of itself, fine at `point`, of the part that planes of symmetry leave; raises BadMesh."""
+
+    # ------------------------------------------------------------------------------------------------- proposals
+
+    def places(self) -> tuple[tuple[float, float], ...]:
+        """Other places (x, y) at which one would test it."""
+
+    def lines(self, point: tuple[float, float], beside: float, unit: float) -> dict[str, list[list[float]]]:
+        """Rows of surface marks (x, y) by words, `beside` off the axis of a test at `point`, rounded in `unit`."""
