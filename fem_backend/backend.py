@@ -229,8 +229,8 @@ class FiniteElements:
         return {} if mu is None else {"mu": mu}
 
     def exponents(self, settings: Mapping[str, Any]) -> tuple[float, ...]:
-        """Exponents of force over small depths: Hertz's under a ball, and the first of what stiffens or softens."""
-        return 1.5, 2.5
+        """Exponents of force over small depths, the leading one first, as the indenter of these settings has them."""
+        return experiment.read_settings(settings).indenter.exponents
 
     def first_settings(self, given: Mapping[str, tuple[float, ...]], depths: Sequence[float]) -> Mapping[str, Line]:
         """Settings of a new study by the options of the command line, for tests whose deepest readings are `depths`."""

@@ -29,7 +29,8 @@ class Indenter(Rigid, Protocol):
     """A rigid indenter; lengths in mm, in the frame of the specimen.
 
     `length` is what steps, penalties, forces and errors scale with.  `noun` names it in sentences, `gauges` are its
-    knobs that a measurement on the bench shows, with the standard uncertainty of that for the usual size.
+    knobs that a measurement on the bench shows, with the standard uncertainty of that for the usual size.  `exponents` p
+    are those of Fz = Σ a_p u^p at small depths u, the leading one first.
     """
 
     name: ClassVar[str]
@@ -37,6 +38,7 @@ class Indenter(Rigid, Protocol):
     Table: ClassVar[type[Table]]
     Knobs: ClassVar[type | None]
     gauges: ClassVar[Mapping[str, float]]
+    exponents: ClassVar[tuple[float, ...]]
 
     @property
     def length(self) -> float: ...

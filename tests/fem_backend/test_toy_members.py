@@ -168,6 +168,7 @@ class Paraboloid:
 
     name: ClassVar[str] = "paraboloid"
     noun: ClassVar[str] = "paraboloid"
+    exponents: ClassVar[tuple[float, ...]] = (1.5,)
     gauges: ClassVar[Mapping[str, float]] = {"delta_tip": 0.02}
 
     length = property(lambda self: self.tip)
