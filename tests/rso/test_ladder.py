@@ -25,6 +25,7 @@ from rso.study.ladder_results import results, write
 from rso.study.ladder_runs import design
 from rso.study.readings import curve_data
 
+pytestmark = pytest.mark.usefixtures("curves_learnt_once")
 MU, D1 = 0.01, 8.0
 STUDY = """
 [study]
