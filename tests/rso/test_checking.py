@@ -90,7 +90,8 @@ def test_what_a_diagnosis_simulates_beyond_its_library_is_counted(tmp_path):
     """In a bowl that takes longer than held, and nothing of it was run yet."""
     times = []
     for kind in ("fixed", "bowl"):
-        lines = said(tmp_path / kind, backend__settings=f"support = {{ kind = '{kind}' }}")
+        own = {**OWN, "backend__settings": f"support = {{ kind = '{kind}' }}"}
+        lines = check(load(studies.write(tmp_path / kind, **own)), tmp_path / kind / "results", False)
         at = next(n for n, line in enumerate(lines) if "rso diagnose: " in line)
         pattern = r"names two, [1-9]\d* tests that could settle it are computed: about \d+ simulations, (.*) (min|h)$"
         assert "is computed anew: about" in lines[at + 1]
