@@ -98,7 +98,7 @@ def test_lengths_count_by_a_round_number(deepest, scale):
     assert scale_of(deepest * 1.001) == scale
 
 
-FEW = {"offset": ("stiff", "offset", "offset_each", "compliance"), "stiff": ("stiff", "g", "offset", "backlash")}
+FEW = {"offset": ("stiff", "offset", "offset_each", "backlash"), "stiff": ("stiff", "g", "compliance")}
 
 
 @pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.verification)])
