@@ -169,7 +169,10 @@ def test_too_few_readings_say_nothing():
     assert found.n == 0 and not found.sudden
 
 
-@pytest.mark.parametrize("share", [0.004, 0.01, 0.02, 0.04, 0.08])
+LONG = pytest.mark.verification
+
+
+@pytest.mark.parametrize("share", [0.004, pytest.param(0.01, marks=LONG), 0.02, pytest.param(0.04, marks=LONG), 0.08])
 @pytest.mark.parametrize("noise", [0.0, 0.15, 0.4])
 def test_counts_of_a_coarse_sensor_are_no_jumps(share, noise):
     """Readings in steps of a share of the largest force, of a sensor that scatters by a share of such a step."""
