@@ -29,8 +29,8 @@ class Indenter(Rigid, Protocol):
     """A rigid indenter; lengths in mm, in the frame of the specimen.
 
     `length` is what steps, penalties, forces and errors scale with.  `noun` names it in sentences, `gauges` are its
-    knobs that a measurement on the bench shows, with the standard uncertainty of that for the usual size.  `exponents` p
-    are those of Fz = Σ a_p u^p at small depths u, the leading one first.
+    knobs that a measurement on the bench shows, with the standard uncertainty of that for the usual size.
+    `exponents` p are those of Fz = Σ a_p u^p at small depths u, the leading one first.
     """
 
     name: ClassVar[str]

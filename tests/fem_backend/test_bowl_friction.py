@@ -31,7 +31,7 @@ def pressed(friction: float, x: float = X, depths: tuple[float, ...] = (0.35, 0.
     return turned, channels["Fx"] / channels["Fz"], channels["Fz"]
 
 
-@pytest.mark.parametrize("friction", [2.0 * NEEDED, 0.5])
+@pytest.mark.parametrize("friction", [2.0 * NEEDED, pytest.param(0.5, marks=pytest.mark.verification)])
 def test_friction_holds_the_body(friction):
     turned, ratio, _ = pressed(friction)
     assert abs(turned) < 0.03

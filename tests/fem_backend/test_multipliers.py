@@ -28,7 +28,11 @@ def run(values, settings, programme, multipliers):
     return BACKEND({**VALUES, **values}, Case("c", programme, own))
 
 
-@pytest.mark.parametrize("what", CASES)
+# Beside the top the way there and back below is daily.
+LONG = [pytest.param(w, marks=pytest.mark.verification) if w == "beside the top" else w for w in CASES]
+
+
+@pytest.mark.parametrize("what", LONG)
 def test_forces_are_those_of_exact_contact(what, monkeypatch):
     """Against the same with multipliers, which share neither the correction nor the penalty's error.
 

@@ -8,10 +8,16 @@ from fem_backend.backend import BACKEND
 BENCH = "specimen and ball on the bench: callipers, a micrometer, a balance"
 ALIGNED = "ink on the ball and a level on the holder"
 GAUGES = {
-    "delta_a": (BENCH, 0.1), "delta_b": (BENCH, 0.1), "delta_c": (BENCH, 0.1), "delta_R": (BENCH, 0.01),
-    "offset_x": (ALIGNED, 0.1), "offset_y": (ALIGNED, 0.1), "tilt_x": (ALIGNED, 0.1), "tilt_y": (ALIGNED, 0.1),
+    "delta_a": (BENCH, 0.1),
+    "delta_b": (BENCH, 0.1),
+    "delta_c": (BENCH, 0.1),
+    "delta_R": (BENCH, 0.01),
+    "offset_x": (ALIGNED, 0.1),
+    "offset_y": (ALIGNED, 0.1),
+    "tilt_x": (ALIGNED, 0.1),
+    "tilt_y": (ALIGNED, 0.1),
     "weight": (BENCH, 2e-7),
-}  # fmt: skip
+}
 LENGTHS = ("delta_a", "delta_b", "delta_c", "delta_R", "offset_x", "offset_y")
 
 

@@ -45,7 +45,7 @@ def test_gradients_are_differences_of_whole_runs(what):
     for knob in knobs:
         value = {**VALUES, **values}[knob]
         h = 1e-3 * value
-        low, high = (run({**values, knob: value + s * h}, settings) for s in (-1, 1))
+        low, high = (run({**values, knob: value + s * h}, {**settings, "derivatives": False}) for s in (-1, 1))
         for name in ("Fz", "uz_max", "bulge", "peak_pressure"):
             difference = (high.channels[name] - low.channels[name]) / (2 * h)
             size = np.abs(r.channels[name]).max() / value

@@ -61,8 +61,16 @@ class Block:
     class Knobs:
         """The error of its height."""
 
-        delta_height: float = knob("error of the height", "mm", -5.0, 5.0, neutral=0.0, typical=0.5,
-                                   plausible=(-1.0, 1.0), label="wrong height of the block")  # fmt: skip
+        delta_height: float = knob(
+            "error of the height",
+            "mm",
+            -5.0,
+            5.0,
+            neutral=0.0,
+            typical=0.5,
+            plausible=(-1.0, 1.0),
+            label="wrong height of the block",
+        )
 
     name: ClassVar[str] = "block"
     gauges: ClassVar[Mapping[str, float]] = {"delta_height": 0.05}
@@ -163,8 +171,16 @@ class Paraboloid:
     class Knobs:
         """The error of its radius."""
 
-        delta_tip: float = knob("error of the radius of the tip", "mm", -2.0, 2.0, neutral=0.0, typical=0.1,
-                                plausible=(-0.4, 0.4), label="wrong tip")  # fmt: skip
+        delta_tip: float = knob(
+            "error of the radius of the tip",
+            "mm",
+            -2.0,
+            2.0,
+            neutral=0.0,
+            typical=0.1,
+            plausible=(-0.4, 0.4),
+            label="wrong tip",
+        )
 
     name: ClassVar[str] = "paraboloid"
     noun: ClassVar[str] = "paraboloid"
@@ -278,15 +294,27 @@ class Exponential(Isotropic):
     class Knobs:
         """b."""
 
-        stiffens: float = knob("exponent b", "1", 0.0, 10.0, neutral=0.0, typical=1.0, plausible=(0.1, 5.0),
-                               cause="strain stiffening", label="stiffening (exponential)")  # fmt: skip
+        stiffens: float = knob(
+            "exponent b",
+            "1",
+            0.0,
+            10.0,
+            neutral=0.0,
+            typical=1.0,
+            plausible=(0.1, 5.0),
+            cause="strain stiffening",
+            label="stiffening (exponential)",
+        )
 
     name: ClassVar[str] = "exponential"
     rung: ClassVar[int] = 3
     level: ClassVar[Mapping[str, Any]] = {
-        "name": "exponential", "title": "exponential", "description": "one exponent", "open": {"stiffens": (0.0, 2.0)},
+        "name": "exponential",
+        "title": "exponential",
+        "description": "one exponent",
+        "open": {"stiffens": (0.0, 2.0)},
         "extends": "neo_hooke",
-    }  # fmt: skip
+    }
 
     def energy(self, i1, i2, J):
         x, b = i1 - 3.0, self.stiffens
@@ -378,9 +406,10 @@ def test_toys_stand_in_the_schema(toys, capsys):
 
 def test_wrong_toys_are_refused_all_at_once(toys):
     wrong = {
-        "specimen": {"shape": "blok"}, "indenter": {"shape": "paraboloid", "tip": -1},
+        "specimen": {"shape": "blok"},
+        "indenter": {"shape": "paraboloid", "tip": -1},
         "support": {"kind": "smooth", "x": 1},
-    }  # fmt: skip
+    }
     with pytest.raises(ValueError) as refused:
         BACKEND.check(case(wrong))
     lines = str(refused.value).splitlines()

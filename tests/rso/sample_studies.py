@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
+import subprocess
 from collections.abc import Mapping
 from concurrent.futures import Executor, Future
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import indentation_backend
 import numpy as np
+import pytest
 
 from rso.calibration.pipeline import run_study
 from rso.calibration.plan import make_plan
+from rso.cli import main
 from rso.contract import Case, Response
 from rso.evaluation.store import RunStore
 from rso.study.loader import load
@@ -33,6 +38,13 @@ SECTIONS = {
     "sensitivity": "samples = 64",
     "search": 'repair = false\npopulation = 20\ngenerations = 10\ntargets = [{ experiment = "top", depth = 0.8 }, '
     '{ experiment = "top", depth = 2 }]',
+    "report": "html = false\npdf = false",
+}
+# Small enough that what is tested around a study takes the time and not the study.
+QUICK = {
+    "doe": "runs = 8\nheld_out = 1",
+    "sensitivity": "sobol = false\nlocal = false",
+    "search": f"{SECTIONS['search']}\ncandidates = 1".replace("= 20", "= 8").replace("= 10", "= 4"),
     "report": "html = false\npdf = false",
 }
 
@@ -69,6 +81,23 @@ class Inline(Executor):
         except Exception as error:
             future.set_exception(error)
         return future
+
+
+class Here(Inline):
+    """In place of rso.running.WorkerPool where a command is tested and not its processes."""
+
+    def __init__(self, jobs: int, *, source: Any = None, timeout_s: float | None = None, warm: bool = False) -> None:
+        pass
+
+
+def command(*arguments: object) -> subprocess.CompletedProcess:
+    """The command line without any other process: exit code and what it prints."""
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setattr("rso.running.WorkerPool", Here)
+        patch.setenv("COLUMNS", "100")
+        code = main([*map(str, arguments)])
+    return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
 
 
 def measured(noise: float = 1e-5, thickness: float = THICKNESS, deepest: float = 2.0, D1: float = D1) -> str:

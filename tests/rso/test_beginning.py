@@ -43,6 +43,7 @@ def test_the_modulus_of_the_readings_is_the_middle_of_its_range(tmp_path, capsys
     assert (tmp_path / "study.toml").read_text().count("no times in the file") == 2
 
 
+@pytest.mark.usefixtures("no_library")
 def test_the_poisson_ratio_stays_positive_in_every_corner(tmp_path):
     (tmp_path / "top.csv").write_text(hertz(mu=0.5))
     assert new(tmp_path, str(tmp_path / "top.csv")) == 0
@@ -67,6 +68,7 @@ def test_repeats_cycles_lateral_forces_and_a_bowl(tmp_path):
     assert study.backend.settings["support"] == {"kind": "bowl", "clearance": 1.5, "friction": 0.2}
 
 
+@pytest.mark.usefixtures("no_library")
 def test_columns_that_a_file_does_not_tell_are_given_and_until_then_nothing_is_written(tmp_path, capsys):
     rows = hertz().replace("depth_mm,Fz_N", "weg;kraft").replace(",", ";").replace(";0.", ";-0.")
     (tmp_path / "weg.csv").write_text(rows)
@@ -82,6 +84,7 @@ def test_columns_that_a_file_does_not_tell_are_given_and_until_then_nothing_is_w
     assert float(mu.low.split()[0]) < 8 < float(mu.high.split()[0])
 
 
+@pytest.mark.usefixtures("no_library")
 def test_a_zero_may_be_the_contact_that_the_record_shows(tmp_path):
     rows = [f"{0.05 * k:.2f},{0.0 if k < 40 else -0.02 * (0.05 * (k - 40)) ** 1.5:.6f}" for k in range(100)]
     (tmp_path / "air.csv").write_text("\n".join(["depth_mm,Kraft", *rows]))
@@ -101,6 +104,7 @@ def test_a_column_that_is_none_is_named(tmp_path, capsys, column, said):
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("no_library")
 def test_names_are_apart_and_allowed(tmp_path):
     for folder in ("one", "two"):
         (tmp_path / folder).mkdir()
@@ -135,6 +139,7 @@ def test_what_cannot_be_is_refused_and_nothing_written(tmp_path, monkeypatch, ca
     assert not (tmp_path / "study.toml").exists()
 
 
+@pytest.mark.usefixtures("no_library")
 def test_a_name_that_another_file_has_by_itself_is_left_to_it(tmp_path):
     (tmp_path / "b").mkdir()
     files = ["b/top.csv", "top.csv", "top_2.csv"]
@@ -152,6 +157,7 @@ def points(folder):
     return [tuple(e.settings["point"]) for e in load(folder).experiments]
 
 
+@pytest.mark.usefixtures("no_library")
 def test_the_place_is_that_of_the_file_or_sheet_and_not_of_a_made_up_name(tmp_path):
     for k, f in enumerate(["a/point_20_0.csv", "b/point_20_0.csv", "a/p20.csv", "b/p20.csv"]):
         (tmp_path / f).parent.mkdir(exist_ok=True)
@@ -163,6 +169,7 @@ def test_the_place_is_that_of_the_file_or_sheet_and_not_of_a_made_up_name(tmp_pa
     assert text.count("<- by the name of the file") == 2 and text.count("<- the top") == 2
 
 
+@pytest.mark.usefixtures("no_library")
 def test_the_name_of_a_sheet_may_say_the_place(tmp_path):
     book = openpyxl.Workbook()
     for k, name in enumerate(("point_20_0", "point_0_10")):
@@ -200,6 +207,7 @@ def test_what_cannot_be_told_or_run_leaves_nothing_behind(tmp_path, monkeypatch,
     assert sorted(p.name for p in tmp_path.iterdir()) == before
 
 
+@pytest.mark.usefixtures("no_library")
 def test_a_study_behind_a_link_finds_its_data(tmp_path):
     (tmp_path / "far" / "deep").mkdir(parents=True)
     (tmp_path / "link").symlink_to(tmp_path / "far" / "deep")
@@ -207,6 +215,7 @@ def test_a_study_behind_a_link_finds_its_data(tmp_path):
     assert main(["new", str(tmp_path / "top.csv"), *BODY, "--out", str(tmp_path / "link" / "study.toml")]) == 0
 
 
+@pytest.mark.usefixtures("no_library")
 def test_what_may_be_repeats_and_a_second_study_in_a_folder_are_said(tmp_path, capsys):
     files = [str(tmp_path / f"rep_{k}.csv") for k in (1, 2)]
     for k, f in enumerate(files):
@@ -219,6 +228,7 @@ def test_what_may_be_repeats_and_a_second_study_in_a_folder_are_said(tmp_path, c
     assert "are tests of their own" not in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("no_library")
 def test_a_study_that_is_there_is_not_written_over(tmp_path, capsys):
     (tmp_path / "top.csv").write_text(hertz())
     path = studies.write(tmp_path)
@@ -268,6 +278,7 @@ def test_a_modulus_that_is_none_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.usefixtures("no_library")
 def test_two_signs_that_were_turned_are_marked_as_a_guess(tmp_path, sign):
     rows = [line.split(",") for line in hertz().splitlines()[1:]]
     (tmp_path / "top.csv").write_text(

@@ -84,6 +84,7 @@ def test_what_the_message_says_gives_the_indentation(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", ["table", "comments"])
+@pytest.mark.usefixtures("no_library")
 def test_a_new_study_asks_in_its_own_words(tmp_path, monkeypatch, capsys, name):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.txt").write_text(FILES[name][0])
@@ -94,6 +95,7 @@ def test_a_new_study_asks_in_its_own_words(tmp_path, monkeypatch, capsys, name):
     assert "depth is" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("no_library")
 def test_tables_that_hold_the_depth_are_not_asked_about(tmp_path):
     for head, u in (
         ("Indentation (nm),Load (nN),Cantilever (nm),Piezo (nm)", DEPTH),

@@ -58,9 +58,15 @@ def library(mu: float | None = None, D1: float | None = None, seed: int = 1, tru
     return dataclasses.replace(tables((mu, D1)), plan=make_plan(experiments(seed, truth)))
 
 
-def diagnose(mu: float | None = None, D1: float | None = None, seed: int = 1, truth=None):
-    own = library(mu, D1, seed, truth)
+@functools.cache
+def diagnosed(mu: float | None, D1: float | None, seed: int, truth: tuple[tuple[str, float], ...]):
+    own = library(mu, D1, seed, dict(truth))
     return own, discrepancy.diagnose(own, seed, nulls=60)
+
+
+def diagnose(mu: float | None = None, D1: float | None = None, seed: int = 1, truth=None):
+    """Library and answer, made once and not to be changed."""
+    return diagnosed(mu, D1, seed, tuple((truth or {}).items()))
 
 
 def width(span: tuple[float, float, float]) -> float:

@@ -181,8 +181,14 @@ def test_a_chain_without_an_error_changes_nothing_where_depths_scatter(name):
     np.testing.assert_allclose((C + d / 0.012)[0, at], (A + b / 0.012)[0, at], rtol=0, atol=3e-4 * A[0, at].max())
 
 
-def test_a_hold_finds_relaxation_at_one_speed():
-    """Size and time both; without the readings of the hold a single speed shows a stiffness, and no time at all."""
+FEW = ("g", "stiff", "soften", "offset", "compliance", "drift")
+
+
+@pytest.mark.parametrize("names", [FEW, pytest.param((), marks=pytest.mark.verification)], ids=["few", "all"])
+def test_a_hold_finds_relaxation_at_one_speed(names):
+    """Among few causes, and in the long verification among all.
+
+    Size and time both; without the readings of the hold a single speed shows a stiffness, and no time at all."""
     truth = {**toy.TRUTH, "g": 0.3, "tau": 8.0}
     experiments = plan_of(truth, seed=3)
     lost = [
@@ -197,7 +203,7 @@ def test_a_hold_finds_relaxation_at_one_speed():
     found = {}
     for name, data in (("used", experiments), ("lost", lost)):
         plan = make_plan(data)
-        library = build(toy.base(), plan, toy.effects(), toy.run)
+        library = build(toy.base(), plan, toy.effects(*names), toy.run)
         found[name] = diagnose(library, 0, nulls=60)
     used, without = found["used"], found["lost"]
     assert used.verdict == "explained" and used.named == ("g",)

@@ -1,6 +1,7 @@
 """The library's tables and what is predicted from them, against the closed form and the chain written out by hand."""
 
 import dataclasses
+import functools
 
 import diagnosis_backend as toy
 import numpy as np
@@ -95,6 +96,15 @@ def effect(library: Library, name: str):
     return next(e for e in library.effects if e.name == name)
 
 
+@functools.lru_cache(maxsize=64)
+def travelled(knobs, far: float, speed: float, back: bool, earlier: float, point, support: str):
+    """Time, travel and forces of the closed form over a dense way; repeats of a test go the same one."""
+    t = np.linspace(0, (2 if back else 1) * far / speed, 4001)
+    u = np.maximum(np.minimum(t * speed, 2 * far - t * speed), 0.0)
+    F = toy.along(dict(knobs), t, u, earlier, point=point, support=support)
+    return t, u, dict(zip(("Fz", "Fx", "Fy"), F, strict=True))
+
+
 def exact(library: Library, values, **chain: float) -> np.ndarray:
     """The data vector of the closed form, test by test, over dense ways; `chain` by hand."""
     plan, found = library.plan, []
@@ -111,9 +121,8 @@ def exact(library: Library, values, **chain: float) -> np.ndarray:
             for _ in range(40):  # the body's travel where the record turns
                 Fz = float(toy.elastic(knobs, np.array(far), **place)[0])
                 far = (test.peak - dent - k * Fz) / by + zero
-        t = np.linspace(0, (2 if back else 1) * far / test.speed, 4001)
-        u = np.maximum(np.minimum(t * test.speed, 2 * far - t * test.speed), 0.0)
-        F = dict(zip(("Fz", "Fx", "Fy"), toy.along(knobs, t, u, test.earlier, **place), strict=True))
+        here = tuple(place["point"]), place["support"]
+        t, u, F = travelled(tuple(knobs.items()), far, test.speed, back, test.earlier, *here)
         clock = test.time[0] - test.depth[0] / test.speed
         depth = by * (u - zero) + dent + k * F["Fz"]
         late = {c: np.interp(t - chain.get("lag", 0.0), t, v) for c, v in F.items()}

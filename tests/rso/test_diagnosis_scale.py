@@ -54,11 +54,11 @@ def laboratory(truth, times, **chain):
     return found
 
 
-def made(times, truth=toy.TRUTH, **chain):
+def made(times, truth=toy.TRUTH, names=NAMES, **chain):
     """Library of a laboratory of that size."""
     plan = make_plan(laboratory(truth, times, **chain))
     largest = max(float(np.abs(t.values["Fz"]).max()) for t in plan.tests)
-    effects = suited(toy.effects(*NAMES), largest, plan.scale)
+    effects = suited(toy.effects(*names), largest, plan.scale)
     backend = Zoomed(times=times)
     return build(dataclasses.replace(toy.base(), backend=backend), plan, effects, lambda tasks: toy.run(tasks, backend))
 
@@ -111,6 +111,10 @@ def test_lengths_count_by_a_round_number(deepest, scale):
     assert scale_of(deepest * 1.001) == scale
 
 
+FEW = {"offset": ("stiff", "offset", "offset_each", "backlash"), "stiff": ("stiff", "g", "compliance")}
+
+
+@pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.verification)])
 @pytest.mark.parametrize(
     ("times", "truth", "chain", "cause"),
     [
@@ -120,9 +124,11 @@ def test_lengths_count_by_a_round_number(deepest, scale):
         pytest.param(0.1, {"stiff": 0.3}, {}, "stiff", marks=pytest.mark.verification),
     ],
 )
-def test_the_verdict_on_a_small_or_large_test_is_that_on_the_usual_one(times, truth, chain, cause):
-    usual = made(1.0, {**toy.TRUTH, **truth}, **chain)
-    other = made(times, {**toy.TRUTH, **truth}, **chain)
+def test_the_verdict_on_a_small_or_large_test_is_that_on_the_usual_one(times, truth, chain, cause, whole):
+    """Among few causes, and in the long verification among all of the above."""
+    names = NAMES if whole else FEW[cause]
+    usual = made(1.0, {**toy.TRUTH, **truth}, names, **chain)
+    other = made(times, {**toy.TRUTH, **truth}, names, **chain)
     a, b = (diagnose(library, 0) for library in (usual, other))
     assert a.named and a.verdict == b.verdict and a.named == b.named and cause in b.named
     for name, p in a.probabilities.items():

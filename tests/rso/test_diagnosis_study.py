@@ -10,6 +10,7 @@ from pathlib import Path
 import diagnosis_backend as toy
 import numpy as np
 import pytest
+import sample_studies as studies
 
 from rso.discrepancy.study_diagnosis import _fitted, ask
 from rso.study.errors import StudyError
@@ -64,7 +65,11 @@ def write(folder: Path, text: str = STUDY, soften: float = 0.3) -> Path:
     return path
 
 
-def rso(*arguments: object) -> subprocess.CompletedProcess:
+rso = studies.command
+
+
+def process(*arguments: object) -> subprocess.CompletedProcess:
+    """The same in a process of its own, with its worker."""
     path = os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")])
     environment = {**os.environ, "PYTHONPATH": path, "COLUMNS": "100", "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "rso.cli", *map(str, arguments)]
@@ -143,7 +148,7 @@ def strict(path: Path) -> dict:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("toy")
-    done = rso("diagnose", write(folder))
+    done = process("diagnose", write(folder))
     assert done.returncode == 0, done.stderr
     assert "gap" in done.stdout and "Traceback" not in done.stderr
     return folder

@@ -92,9 +92,19 @@ def test_face_centred_points_lie_on_faces_and_stars_never_leave_the_box():
         np.testing.assert_allclose(np.sort(np.unique(X))[1], 0.5 - 0.5 / 1.7, rtol=1e-14)
 
 
-@pytest.mark.parametrize("d,centres,published", [
-    (2, 1, 1.000), (3, 1, 1.216), (4, 1, 1.414), (5, 1, 1.547), (6, 1, 1.724), (2, 5, 1.267), (3, 6, 1.525), (4, 12, 2),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "d,centres,published",
+    [
+        (2, 1, 1.000),
+        (3, 1, 1.216),
+        (4, 1, 1.414),
+        (5, 1, 1.547),
+        (6, 1, 1.724),
+        (2, 5, 1.267),
+        (3, 6, 1.525),
+        (4, 12, 2),
+    ],
+)
 def test_an_orthogonal_ccd_has_uncorrelated_squares(d, centres, published):
     # Khuri & Cornell 1996, table 4.5 and Myers, Montgomery & Anderson-Cook 2009, table 8.4, to the printed digits.
     a = star_distance(d, "circumscribed", "orthogonal", centres)

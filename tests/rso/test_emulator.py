@@ -61,9 +61,9 @@ def test_derivatives_become_those_of_the_reduced_output_over_the_reduced_cube(si
 def test_derivatives_of_the_responses_are_used_where_there_are_any(kind):
     X = np.random.default_rng(1).random((200, 2))
     truth = np.array([force(*t, 1.5) for t in BOX.from_unit(X)])
-    errors = []
+    errors, outputs = [], OUTPUTS if kind == "whole_curve" else OUTPUTS[2:3]
     for slopes in (True, False):
-        e = learn(BOX, FREE, OUTPUTS, samples(8, slopes=slopes), kind=kind, seed=0)
+        e = learn(BOX, FREE, outputs, samples(8, slopes=slopes), kind=kind, seed=0)
         errors.append(np.sqrt(np.mean((e.mean(OUTPUTS[2], X) / truth - 1) ** 2)))
     assert errors[0] < 0.5 * errors[1]
 
@@ -86,11 +86,12 @@ def test_what_a_response_says_about_one_travel():
 @pytest.mark.parametrize("kind", ["auto", "polynomial", "kriging", "whole_curve"])
 @pytest.mark.parametrize("similar", [GROUP, FREE])
 def test_an_emulator_on_disk_predicts_the_same_bits(tmp_path, kind, similar):
-    e = learn(BOX, similar, OUTPUTS, samples(8, slopes=kind == "kriging"), kind=kind, seed=0)
+    outputs = OUTPUTS if kind == "whole_curve" else OUTPUTS[::3]
+    e = learn(BOX, similar, outputs, samples(8, slopes=kind == "kriging"), kind=kind, seed=0)
     save(e, tmp_path / "surrogates")
     copy = load(tmp_path / "surrogates")
     X = np.random.default_rng(0).random((50, 2))
-    for o in OUTPUTS:
+    for o in outputs:
         for a, b in zip(copy.predict(o, X), e.predict(o, X), strict=True):
             assert np.array_equal(a, b)
     assert copy.outputs == e.outputs and copy.surrogates[OUTPUTS[0].id].story == e.surrogates[OUTPUTS[0].id].story

@@ -81,9 +81,16 @@ def sidewards(folder, factor, role="validate"):
     return studies.run(folder, experiments=SIDE.replace("ROLE", role), **DIRECT)
 
 
-def test_a_true_model_predicts_what_it_did_not_see_and_a_wrong_one_does_not(tmp_path):
+@pytest.fixture(scope="module")
+def ten_true(tmp_path_factory):
+    """Predictions of the true model from ten data sets."""
+    folder = tmp_path_factory.mktemp("true")
+    return [deeper(folder / str(s), s)["predictions"] for s in range(10)]
+
+
+def test_a_true_model_predicts_what_it_did_not_see_and_a_wrong_one_does_not(ten_true, tmp_path):
     """The fitted values are uncertain by ten times the noise at 8 mm: without it most true ones are refused."""
-    true = [deeper(tmp_path / f"true{s}", s)["predictions"] for s in range(10)]
+    true = ten_true
     wrong = [deeper(tmp_path / f"wrong{s}", s, c=0.01)["predictions"] for s in range(3)]
     refused = sum(v["verdict"] == "no" for (v,) in true)
     # 1 in 20 at p < 0.05: more than 2 of 10 would come about once in 90 times.
@@ -93,9 +100,9 @@ def test_a_true_model_predicts_what_it_did_not_see_and_a_wrong_one_does_not(tmp_
     assert mean == pytest.approx(40, abs=4 * np.sqrt(80 / 10))  # four standard errors of the mean of χ² of 40 readings
 
 
-def test_the_spread_is_that_of_the_fitted_values(tmp_path):
+def test_the_spread_is_that_of_the_fitted_values(ten_true):
     """The parameters of 10 data sets scatter, and with them the curve at 8 mm, as much as is said of each."""
-    found = [deeper(tmp_path / str(s), s)["predictions"][0]["channels"][0] for s in range(10)]
+    found = [v["channels"][0] for (v,) in ten_true]
     scatter = np.std([c["predicted"][-1] for c in found], ddof=1)
     said = np.mean([c["spread"][-1] for c in found])
     assert 0.5 < scatter / said < 1.6  # χ of 9 degrees is within in 98 % of all

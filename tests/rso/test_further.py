@@ -26,6 +26,7 @@ from rso.report.optimal_design.report import render_further, report
 from rso.study.errors import StudyError
 from rso.study.loader import load
 
+pytestmark = pytest.mark.usefixtures("curves_learnt_once")
 LINE = Box(("a", "b"), ("1", "1"), (1.0, 1.0), (3.0, 3.0), (False, False))
 
 
@@ -265,8 +266,9 @@ kind = "profile"
 data = "p.csv"
 noise = { uz = "0.01 mm" }
 [next]
+truths = { D1 = [60] }
 runs = 12
-draws = 20
+draws = 10
 """
 
 
@@ -323,15 +325,21 @@ def bent(folder, amplitude, sigma=2e-4):
     )
     top = studies.SECTIONS["[experiments]"].replace("0.02 mN", f"{1e3 * sigma} mN")
     table = 'truths = { D1 = [20, 60] }\nexperiments = [{ name = "deeper", depth = 3, noise = { Fz = "0.2 mN" } }]'
-    plan = make_plan(load(studies.write(folder, experiments=top, next=f"runs = 10\ndraws = 20\n{table}")))
+    plan = make_plan(load(studies.write(folder, experiments=top, next=f"runs = 10\ndraws = 10\n{table}")))
     with RunStore(folder / "results") as store:
         further = run_next(plan, store, Inline())
     return further, results(plan, further, "test")
 
 
-def test_what_the_model_lacks_it_lacks_in_the_next_experiment_too(tmp_path):
+@pytest.fixture(scope="module")
+def straight(tmp_path_factory):
+    """Where the model has it all."""
+    return bent(tmp_path_factory.mktemp("bent") / "right", 0.0)
+
+
+def test_what_the_model_lacks_it_lacks_in_the_next_experiment_too(straight, tmp_path):
     """With a misfit of s times the errors all that is expected is s times as wide; without one nothing is said."""
-    (right, plain), (wrong, data) = (bent(tmp_path / k, a) for k, a in (("right", 0.0), ("wrong", 1e-3)))
+    (right, plain), (wrong, data) = straight, bent(tmp_path / "wrong", 1e-3)
     s = wrong.scale
     assert right.scale == 1.0 and s == wrong.joint[-1].determination.scale > 3.0
     for a, b in zip(right.learnt, wrong.learnt, strict=True):  # the same errors are stated of every experiment
@@ -359,7 +367,7 @@ def one_record(folder, length):
     rows = "".join(f"{a!r},{b!r}\n" for a, b in zip(u.tolist(), F.tolist(), strict=True))
     (folder / "top.csv").write_text("depth_mm,Fz_N\n" + rows)
     top = studies.SECTIONS["[experiments]"].replace('Fz = "0.02 mN", ', "")
-    plan = make_plan(load(studies.write(folder, experiments=top, next="runs = 10\ndraws = 20")))
+    plan = make_plan(load(studies.write(folder, experiments=top, next="truths = { D1 = [60] }\nruns = 10\ndraws = 10")))
     with RunStore(folder / "results") as store:
         return run_next(plan, store, Inline())
 
@@ -376,9 +384,9 @@ def test_readings_of_one_record_that_remember_each_other_do_so_once_more(tmp_pat
     assert again[0] > 1.3 * again[1] and mine[0] > 1.3 * mine[1]
 
 
-def test_truths_that_the_data_exclude_are_said_to_be(tmp_path):
+def test_truths_that_the_data_exclude_are_said_to_be(straight):
     """D1 = 20 where 60 is true and well known; the rise is that of the misfit there."""
-    further, data = bent(tmp_path / "right", 0.0)
+    further, data = straight
     d = further.joint[-1].determination
     np.testing.assert_allclose(further.rise, d.misfit.chi2(further.truths) - d.fit.chi2)
     assert further.rise[0] > 20 and further.rise[1] < 6

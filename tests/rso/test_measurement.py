@@ -1,5 +1,6 @@
 """Reading, averaging and the measurement chain."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -265,11 +266,13 @@ def test_a_gain_error_neither_pulls_a_fit_nor_spoils_its_interval(tmp_path, coun
     """
     u = np.linspace(0.02, 4.0, 200)
     shape, rng, found, spoilt = 0.08 * u**1.5, np.random.default_rng(2), [], []
+    text = table("depth_mm,Fz_N,repeat", [(d, f, i) for i in range(count) for d, f in zip(u, shape, strict=True)])
+    empty = read(write(tmp_path, text))  # of the same depths
     for _ in range(120):
         gains = 1.0 + 0.03 * rng.standard_normal(count)
-        rows = [(u, g * shape + 0.002 * rng.standard_normal(len(u)), i) for i, g in enumerate(gains)]
-        text = table("depth_mm,Fz_N,repeat", [(d, f, i) for d, fs, i in rows for d, f in zip(d, fs, strict=True)])
-        curve = combine(read(write(tmp_path, text)), noise)
+        forces = [g * shape + 0.002 * rng.standard_normal(len(u)) for g in gains]
+        rows = [replace(r, channels={"Fz": F}) for r, F in zip(empty.repeats, forces, strict=True)]
+        curve = combine(replace(empty, repeats=tuple(rows)), noise)
         found.append(fitted(curve, shape, curve.covariance))
         if count == 1:  # as it was: the control
             own = 0.002**2 * np.eye(len(u)) + 0.03**2 * np.outer(curve.value, curve.value)

@@ -144,7 +144,10 @@ def test_a_valley_that_only_the_tolerance_makes_is_covered_as_a_fine_grid_covers
     np.testing.assert_allclose(BOX.from_unit(choice.X[0]), TRUTH[0], rtol=1e-5)  # the one exact hit is the centre
 
 
-@pytest.mark.parametrize("tolerance", [5e-4, 1e-3, 2e-3, 4e-3])
+LONG = pytest.mark.verification
+
+
+@pytest.mark.parametrize("tolerance", [5e-4, pytest.param(1e-3, marks=LONG), pytest.param(2e-3, marks=LONG), 4e-3])
 @pytest.mark.parametrize("thickness", [10.0, 20.0])
 def test_every_candidate_is_within_tolerance_when_the_target_is_reachable(tolerance, thickness):
     _, r = problem((1.0, 2.0, 3.0), thickness=thickness)

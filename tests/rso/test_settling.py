@@ -107,7 +107,7 @@ def test_conditions_between_parameters_hold_for_what_is_identified(tmp_path):
 def test_where_surrogates_are_good_nothing_more_is_run(tmp_path):
     (tmp_path / "top.csv").write_text(studies.measured(noise=5e-3))
     noise = studies.SECTIONS["[experiments]"].replace("0.02 mN", "5 mN")
-    found = studies.run(tmp_path, experiments=noise, doe="runs = 16\nheld_out = 0", surrogate='kind = "kriging"')
+    found = studies.run(tmp_path, experiments=noise, doe="runs = 8\nheld_out = 0", surrogate='kind = "kriging"')
     assert not [r for r in found["runs"] if r["purpose"] == "interval"]
 
 
@@ -145,7 +145,7 @@ def test_a_misfit_that_only_surrogates_could_explain_is_no_fit(tmp_path, monkeyp
         return model, lambda x: band(x) + band_N * np.sin(6 * place.depth)
 
     monkeypatch.setattr(confirmed_optimum, "emulated", unsure)
-    found = studies.run(tmp_path, experiments=noise, doe="runs = 16\nheld_out = 0", surrogate='kind = "kriging"')
+    found = studies.run(tmp_path, experiments=noise, doe="runs = 8\nheld_out = 0", surrogate='kind = "kriging"')
     known, again = found["identification"], found["identification"]["recomputed"]
     assert again["p_value_bare"] < 1e-3
     if band_N:

@@ -16,13 +16,7 @@ from rso.cli import main
 from rso.evaluation.store import RunStore, StoreError, set_aside
 
 HERE = Path(__file__).parent
-# Small enough that what is tested here, which is around a study, takes the time and not the study.
-QUICK = {
-    "doe": "runs = 8\nheld_out = 1",
-    "sensitivity": "sobol = false\nlocal = false",
-    "search": f"{studies.SECTIONS['search']}\ncandidates = 1".replace("= 20", "= 8").replace("= 10", "= 4"),
-    "report": "html = false\npdf = false",
-}
+QUICK = studies.QUICK
 
 
 def rso(*arguments: object, largest_file: int | None = None, cwd: Path | None = None) -> subprocess.CompletedProcess:
@@ -122,7 +116,7 @@ DAMAGES = [
 
 
 @pytest.mark.parametrize("name", DAMAGES)
-def test_damage_is_told_in_words_and_nothing_is_deleted(tmp_path, capsys, finished, name):
+def test_damage_is_told_in_words_and_nothing_is_deleted(tmp_path, capsys, finished, name, here):
     shutil.copytree(finished[0], tmp_path, dirs_exist_ok=True)
     folder = tmp_path / "results"
     _spoil(name, folder)
@@ -181,7 +175,7 @@ def test_two_asides_in_one_second_have_two_names(tmp_path):
 # ------------------------------------------------------------------------------------------------------ resuming
 
 
-def test_resuming_a_complete_study_keeps_its_times_and_its_results_meanwhile(tmp_path, finished, monkeypatch):
+def test_resuming_a_complete_study_keeps_its_times_and_its_results_meanwhile(tmp_path, finished, monkeypatch, here):
     folder, first = finished
     again = tmp_path / "again"
     shutil.copytree(folder, again)
@@ -209,7 +203,7 @@ def test_resuming_a_complete_study_keeps_its_times_and_its_results_meanwhile(tmp
     assert third["study"]["title"] == "Other" and third["timings"] != first["timings"]
 
 
-def test_wall_time_of_an_interrupted_study_adds_up(tmp_path, monkeypatch):
+def test_wall_time_of_an_interrupted_study_adds_up(tmp_path, monkeypatch, here):
     from rso.calibration import search_stage
 
     studies.write(tmp_path, **QUICK)
@@ -307,7 +301,7 @@ def test_a_stored_response_from_before_a_channel_was_added_is_computed_again(tmp
 HOSTILE = '<script>alert(1)</script><img src=x onerror=alert(2)> #let x = 1; $x$ *a* _b_ @c `d` \\\\ \\" &amp; [e](f)'
 
 
-def test_reports_escape_what_they_print(tmp_path):
+def test_reports_escape_what_they_print(tmp_path, here):
     (tmp_path / "top.csv").write_text(f"# note {HOSTILE}\n" + studies.measured())
     settings = f'thickness = 8\nfail_below = 0.007\nremark = "{HOSTILE}"'
     experiment = studies.SECTIONS["[experiments]"]

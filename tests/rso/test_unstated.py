@@ -20,7 +20,7 @@ def run(folder, experiments, shift=0.0, repeats=1):
         each = zip((u + shift).tolist(), (force + 2e-5 * k * rng.standard_normal(len(u))).tolist(), strict=True)
         rows += [f"{a!r},{b!r}" + (f",{k}" if repeats > 1 else "") for a, b in each]
     (folder / "top.csv").write_text("\n".join(["depth_mm,Fz_N" + (",repeat" if repeats > 1 else ""), *rows]) + "\n")
-    return studies.run(folder, experiments=experiments, surrogate='kind = "kriging"')
+    return studies.run(folder, experiments=experiments)
 
 
 def mu(found):
@@ -58,7 +58,7 @@ def test_repeats_narrow_it(tmp_path):
 def test_readings_without_noise_are_called_so_beside_usual_errors(tmp_path, noise, said):
     """Exact readings of which nothing is stated; the control scatters by 0.3 % of the largest force."""
     (tmp_path / "top.csv").write_text(studies.measured(noise=noise))
-    found = studies.run(tmp_path, experiments=STATED.split("\nnoise")[0], surrogate='kind = "kriging"')
+    found = studies.run(tmp_path, experiments=STATED.split("\nnoise")[0])
     assert any("show no noise" in w for w in found["warnings"]) is said
 
 
