@@ -84,7 +84,7 @@ class Inline(Executor):
 
 
 class Here(Inline):
-    """In place of rso.running.WorkerPool where a command is tested and not its processes."""
+    """In place of rso.evaluation.WorkerPool where a command is tested and not its processes."""
 
     def __init__(self, jobs: int, *, source: Any = None, timeout_s: float | None = None, warm: bool = False) -> None:
         pass
@@ -94,7 +94,7 @@ def command(*arguments: object) -> subprocess.CompletedProcess:
     """The command line without any other process: exit code and what it prints."""
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
-        patch.setattr("rso.running.WorkerPool", Here)
+        patch.setattr("rso.evaluation.WorkerPool", Here)
         patch.setenv("COLUMNS", "100")
         code = main([*map(str, arguments)])
     return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
