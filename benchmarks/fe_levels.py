@@ -16,7 +16,7 @@ from fem_backend.solver import direct
 
 from fem_backend.materials import stress  # isort: skip (pins the threads)
 from fem_backend.laws import NeoHooke
-from fem_backend.simulation.assembly import Model
+from fem_backend.simulation.assembly import AssembledModel
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import Knobs
@@ -30,25 +30,25 @@ INDEPENDENT = 0.99997 * np.array([0.08450, 0.22932, 0.40092, 0.58149])  # N, fe_
 REPEATS = {"coarse": 3, "standard": 2, "fine": 1, "reference": 1}  # the last is what the others are compared with
 
 
-def model_of(level: str) -> tuple[Settings, Model]:
+def model_of(level: str) -> tuple[Settings, AssembledModel]:
     """The level's model on the mesh of this user's cache."""
     settings = experiment.read_settings({"mesh": {"level": level}})
     return settings, assembly.model_for(settings, KNOBS, assembly.place(settings, KNOBS), None)
 
 
-def run(settings: Settings, built: Model, asked: np.ndarray = ASKED) -> Result:
+def run(settings: Settings, built: AssembledModel, asked: np.ndarray = ASKED) -> Result:
     """Run to the asked travels at 1 mm/s."""
     instants = [Instant(s, s, True) for s in asked]
     return indentation.solve(settings, KNOBS, assembly.place(settings, KNOBS), built, instants)
 
 
-def timed(settings: Settings, built: Model, repeats: int) -> tuple[Result, float]:
+def timed(settings: Settings, built: AssembledModel, repeats: int) -> tuple[Result, float]:
     """Result and the median of the CPU seconds."""
     results = [run(settings, built) for _ in range(repeats)]
     return results[0], float(np.median([r.cpu_s for r in results]))
 
 
-def levels(models: dict[str, tuple[Settings, Model]]) -> None:
+def levels(models: dict[str, tuple[Settings, AssembledModel]]) -> None:
     """Table of the levels; percentages are those of the depth where they are largest."""
     run(*models["coarse"], np.array([0.2]))  # compile the kernels
     runs = {level: timed(*models[level], REPEATS[level]) for level in REPEATS}
@@ -72,7 +72,7 @@ def _row(percent: np.ndarray) -> str:
     return " ".join(f"{p:+.2f}" for p in percent)
 
 
-def solvers(built: Model, repeats: int = 3) -> None:
+def solvers(built: AssembledModel, repeats: int = 3) -> None:
     """Seconds per factorisation and per solution of the undeformed stiffness on one mesh."""
     body = built.body
     state = stress.evaluate(NeoHooke(KNOBS.mu, KNOBS.D1), np.zeros((*body.w.shape, 3, 3)), tangent=True)
@@ -102,7 +102,7 @@ def solvers(built: Model, repeats: int = 3) -> None:
         print(f"{name:9} {max(first - seconds, 0.0):9.3f} {seconds:9.3f} {np.median(solved):9.4f} {residual:9.1e}")
 
 
-def augmentations(settings: Settings, built: Model) -> None:
+def augmentations(settings: Settings, built: AssembledModel) -> None:
     """Force error that is left after 0, 1 and 2 augmentations, against 4 of them, and what they cost."""
     counts = (0, 1, 2, 4)
     runs = [run(replace(settings, control=Control(augmentations=k)), built) for k in counts]

@@ -19,7 +19,7 @@ from rso.benchmarks import indentation
 from rso.calibration.readings import as_data
 from rso.data import Measurement, Noise, Repeat, combine
 from rso.doe import Box
-from rso.inference import Misfit, Model, all_minima, determine, remembering
+from rso.inference import Misfit, Model, all_minima, determine, with_autocorrelation
 
 BOX = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.003, 2.0), (0.03, 200.0), (True, True))
 MU, D1, SD = 0.01, 20.0, 2e-3
@@ -52,7 +52,7 @@ def main() -> None:
         root, rows = SD * np.linalg.cholesky(C), []
         for seed in range(sets):
             plain = misfit(u, indentation(u, MU, D1, 3.0, 8.0) + root @ np.random.default_rng(seed).standard_normal(n))
-            knows = remembering(plain, all_minima(plain, seed=0)[0].x)
+            knows = with_autocorrelation(plain, all_minima(plain, seed=0)[0].x)
             rows.append((covered(knows), covered(plain), knows.data[0].memory > 0.0))
         holds, white, seen = np.mean(rows, axis=0)
         print(f"{n:8d}  {length:9.1f}  {holds:5.2f}  {white:8.2f}  {seen:11.2f}", flush=True)

@@ -19,7 +19,7 @@ from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import derivatives, experiment, indentation, outputs
-from fem_backend.simulation.assembly import MISALIGNED, Model, NotModelled, Placement
+from fem_backend.simulation.assembly import MISALIGNED, AssembledModel, NotModelled, Placement
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import SWITCHES, Knobs
@@ -48,7 +48,7 @@ class Solved:
     settings: Settings
     knobs: Knobs
     placement: Placement
-    model: Model
+    model: AssembledModel
     result: Result
 
     @property
@@ -331,15 +331,15 @@ class FiniteElements:
 BACKEND = FiniteElements()
 
 
-def _inadmissible(result: Result, model: Model, settings: Settings, knobs: Knobs) -> SimulationFailed:
+def _inadmissible(result: Result, model: AssembledModel, settings: Settings, knobs: Knobs) -> SimulationFailed:
     """The end of a run whose law softens over the stretches reached, with the curve before."""
     k, why = indentation.unstable(result)  # type: ignore[misc]
     return SimulationFailed("inadmissible", why, _response(result.upto(k), model, settings, knobs) if k else None)
 
 
 def _before(
-    instants: list[Instant], end: admissible_depth.End | None
-) -> tuple[list[Instant], admissible_depth.End | None]:
+    instants: list[Instant], end: admissible_depth.LawEnd | None
+) -> tuple[list[Instant], admissible_depth.LawEnd | None]:
     """The instants before a law ends, and its end; NotModelled where no answer is asked for before it."""
     if end is None:
         return instants, None
@@ -448,7 +448,7 @@ def _always(settings: Settings, name: str) -> bool:
     return LAWS.members[settings.law].own_at_neutral and name in LAWS.own(settings.law)
 
 
-def _response(result: Result, model: Model, settings: Settings, knobs: Knobs) -> Response:
+def _response(result: Result, model: AssembledModel, settings: Settings, knobs: Knobs) -> Response:
     info: dict[str, Any] = {
         "cpu_s": result.cpu_s,
         **{k: v for k, v in dataclasses.asdict(result.counters).items() if k != "deadline"},

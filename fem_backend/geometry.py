@@ -16,7 +16,7 @@ RIM = 1e-9  # mm from z = 0 that count as on it
 
 
 @dataclass(frozen=True)
-class Ellipsoid:
+class EllipsoidShape:
     """Solid ellipsoid (x/a)² + (y/b)² + (z/c)² ≤ 1 with semi-axes a, b, c (mm)."""
 
     a: float

@@ -19,7 +19,7 @@ from pydantic_core import PydanticCustomError, core_schema
 Member = TypeVar("Member")
 
 
-class Table(BaseModel):
+class MemberTable(BaseModel):
     """A table of settings: no unknown keys, no conversions, no changes afterwards."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, use_attribute_docstrings=True)

@@ -11,10 +11,10 @@ from fem_backend.backend import Solved
 from fem_backend.contact import tractions
 from fem_backend.kinematics import tetrahedra
 from fem_backend.materials import stress
-from fem_backend.solver.load_steps import Point
+from fem_backend.solver.load_steps import LoadPoint
 
 
-def fields(solved: Solved, point: Point) -> post.Fields:
+def fields(solved: Solved, point: LoadPoint) -> post.Fields:
     """Stress and stretch at the quadrature points of one state, with the history that led there."""
     body, system, load = solved.model.body, solved.system, point.load
     H = tetrahedra.displacement_gradients(body, point.evaluation.u)

@@ -21,7 +21,7 @@ H = 1e-3  # step of the differences, in standard deviations of the prior
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class TrilaterationShape:
     """Prior of a positive increasing curve, y(u) = y_n exp(−∫_u^{u_n} p d ln u), with ln p a Gaussian process over √u.
 
     `u` (n,) mm, increasing and positive; `end` = y_n with standard uncertainty `end_sd`; ln p has mean ln `slope`,
@@ -149,14 +149,14 @@ Known = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class TrilaterationProblem:
     """The unknown: coordinates x (d,) of the curve, of `nuisances` and of the scales, all standard normal beforehand.
 
     `known(ν)` returns the known curves (w, k, n) on the depths of `shape` for nuisances ν (w, q).  What a norm is wrong
     by has Student's distribution with `dof` degrees of freedom: lists that people type hold outliers.
     """
 
-    shape: Shape
+    shape: TrilaterationShape
     known: Known
     nuisances: int
     printed: tuple[Printed, ...]
@@ -232,7 +232,7 @@ def _log_density(r: np.ndarray, dof: float | None) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class TrilaterationFit:
     """Most probable x (d,), covariance (d, d) by Laplace's method, and the evidence ln Z."""
 
     x: np.ndarray
@@ -246,7 +246,7 @@ class Fit:
         return self.x + np.random.default_rng(seed).standard_normal((n, len(self.x))) @ root.T
 
 
-def fit(problem: Problem, seed: int = 0, starts: int = 4, iterations: int = 80) -> Fit:
+def fit(problem: TrilaterationProblem, seed: int = 0, starts: int = 4, iterations: int = 80) -> TrilaterationFit:
     """Most probable curve by damped Fisher scoring from several starts (the prior's middle and draws of it)."""
     rng = np.random.default_rng(seed)
     best: tuple[float, np.ndarray] | None = None
@@ -258,10 +258,10 @@ def fit(problem: Problem, seed: int = 0, starts: int = 4, iterations: int = 80) 
     assert best is not None
     F = problem.information(best[1])
     evidence = best[0] + 0.5 * len(F) * np.log(2 * np.pi) - 0.5 * np.linalg.slogdet(F)[1]
-    return Fit(best[1], np.linalg.inv(F), best[0], float(evidence))
+    return TrilaterationFit(best[1], np.linalg.inv(F), best[0], float(evidence))
 
 
-def _climb(problem: Problem, x: np.ndarray, iterations: int) -> tuple[float, np.ndarray]:
+def _climb(problem: TrilaterationProblem, x: np.ndarray, iterations: int) -> tuple[float, np.ndarray]:
     value, damping, d = float(problem.log_posterior(x)[0]), 1.0, problem.size
     small = 0
     for _ in range(iterations):
@@ -284,7 +284,13 @@ def _climb(problem: Problem, x: np.ndarray, iterations: int) -> tuple[float, np.
 
 
 def sample(
-    problem: Problem, fitted: Fit, seed: int, walkers: int = 64, steps: int = 3000, burn: int = 1000, keep: int = 4000
+    problem: TrilaterationProblem,
+    fitted: TrilaterationFit,
+    seed: int,
+    walkers: int = 64,
+    steps: int = 3000,
+    burn: int = 1000,
+    keep: int = 4000,
 ) -> np.ndarray:
     """Draws (keep, d) of the posterior by ensemble MCMC, started as draws of the Gaussian that the posterior favours.
 
@@ -306,7 +312,7 @@ def sample(
     return chain[np.linspace(0, len(chain) - 1, keep).astype(int)]
 
 
-def log_evidence(problem: Problem, draws: np.ndarray, best: float) -> float:
+def log_evidence(problem: TrilaterationProblem, draws: np.ndarray, best: float) -> float:
     """ln Z from draws (n, d) of the posterior and its highest value: Laplace's formula with the draws' covariance.
 
     Source: Lewis & Raftery, J. Am. Stat. Assoc. 92 (1997) 648, eq. 6.

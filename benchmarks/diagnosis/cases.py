@@ -10,7 +10,7 @@ from scipy.linalg import cholesky
 from scipy.special import logsumexp
 
 from rso.discrepancy.evidence import attribution, noise
-from rso.discrepancy.evidence.attribution import GAPS, Bench, Contest, Evidence
+from rso.discrepancy.evidence.attribution import GAPS, Comparison, Evidence, Shared
 from rso.discrepancy.evidence.gaussian_mixture import log_evidence, log_tiles, mean_prediction, ready, whitening
 from rso.discrepancy.library.effects import Effect, Size
 from rso.discrepancy.library.prediction import predict
@@ -51,13 +51,13 @@ class Cases:
         )
 
 
-def fitted(bench: Bench, y: np.ndarray) -> np.ndarray:
+def fitted(bench: Shared, y: np.ndarray) -> np.ndarray:
     """Prediction (n,) of the base model fitted to y (n,)."""
     white = bench.whites[0]
     return white.L @ mean_prediction(ready(bench.tiles[()], white, bench.modulus), white(y))
 
 
-def draw_cases(bench: Bench, y: np.ndarray, count: int, seed: int, nothing: bool = False) -> Cases:
+def draw_cases(bench: Shared, y: np.ndarray, count: int, seed: int, nothing: bool = False) -> Cases:
     """Cases near the forces of the study: base axes, sizes and shapes from the priors, noise of covariance C.
 
     With `nothing` all are without a cause.  Sources are equally frequent, and forms within a source.  The means are
@@ -85,7 +85,7 @@ def draw_cases(bench: Bench, y: np.ndarray, count: int, seed: int, nothing: bool
     return Cases(Y, mean, names, tuple(x for f in found for x in f[1]), np.concatenate([f[2] for f in found]))
 
 
-def _drawn(bench: Bench, force: np.ndarray, effects: tuple[Effect, ...], count: int, rng: np.random.Generator):
+def _drawn(bench: Shared, force: np.ndarray, effects: tuple[Effect, ...], count: int, rng: np.random.Generator):
     library = bench.library
     columns = [rng.uniform(*a.ends, count) for a in library.base.axes]
     for e in effects:
@@ -163,7 +163,7 @@ class Table:
                     del memory[key]
 
 
-def contested(table: Table, rows: Sequence[int], first: Sequence[Contest], pairs: bool = False) -> list[Contest]:
+def contested(table: Table, rows: Sequence[int], first: Sequence[Comparison], pairs: bool = False) -> list[Comparison]:
     """The second contest of rows that have a gap, as the product holds it; `first` are those of all rows."""
     last = {i: attribution.survivors(first[i]) for i in rows}
     order = {e.name: k for k, e in enumerate(table.effects)}
@@ -178,19 +178,19 @@ def contested(table: Table, rows: Sequence[int], first: Sequence[Contest], pairs
             wanted.setdefault(p, []).append(i)
     table.add_pairs(wanted)
     return [
-        attribution.contests(table, np.array([i]), asked[i], finalists=frozenset(e.source for e in last[i]))[0]
+        attribution.comparisons(table, np.array([i]), asked[i], finalists=frozenset(e.source for e in last[i]))[0]
         for i in rows
     ]
 
 
 def other_bench(
-    bench: Bench,
+    bench: Shared,
     y: np.ndarray,
     scale: float = 1.0,
     correlated: bool = True,
     projected: bool = True,
     rows: np.ndarray | None = None,
-) -> Bench:
+) -> Shared:
     """The bench with `scale` times the covariance, without its correlation, without projection, or of some rows."""
     C = scale * (bench.C if correlated else np.diag(np.diag(bench.C)))
     rows = np.arange(len(C)) if rows is None else rows

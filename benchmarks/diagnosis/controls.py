@@ -17,18 +17,18 @@ from scores import Scored, by_key
 from rso.discrepancy import next_test, proposals
 from rso.discrepancy.diagnosis import WHOLE, misfit
 from rso.discrepancy.evidence import attribution, hypotheses
-from rso.discrepancy.evidence.attribution import Bench, Contest, Evidence
+from rso.discrepancy.evidence.attribution import Comparison, Evidence, Shared
 from rso.discrepancy.evidence.gaussian_mixture import mean_prediction, posterior
-from rso.discrepancy.evidence.residual_test import remainder
+from rso.discrepancy.evidence.residual_test import residual_score
 from rso.discrepancy.evidence.verdict import Judgement, judge
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
-from rso.discrepancy.library.test_plan import Profile, Test, TestPlan
+from rso.discrepancy.library.test_plan import SurfaceProfile, Test, TestPlan
 from rso.evaluation import Task
 
 NULLS = 400
-Filter = Callable[[Contest], Contest]
+Filter = Callable[[Comparison], Comparison]
 Run = Callable[[Sequence[Task]], list[Any]]
 
 
@@ -37,7 +37,7 @@ ALONE = ("explained", "measurement")  # verdicts that name one cause as sure
 
 def threshold_of(evidence: Evidence, y: np.ndarray, seed: int, keep: Filter = lambda c: c) -> float:
     """Threshold of the statistic from the pipeline's own null, as the product has it."""
-    contests = attribution.contests(evidence, attribution.nulls(evidence, y, NULLS, seed))
+    contests = attribution.comparisons(evidence, attribution.nulls(evidence, y, NULLS, seed))
     return attribution.critical(np.array([keep(c).statistic for c in contests]))
 
 
@@ -53,7 +53,7 @@ def scored(
 ) -> Scored:
     """First contest, null, second contest without pairs, judgement."""
     table = Table(evidence, cases.Y) if table is None else table
-    first = [keep(c) for c in attribution.contests(table, np.arange(len(cases.Y)))]
+    first = [keep(c) for c in attribution.comparisons(table, np.arange(len(cases.Y)))]
     limit = threshold_of(evidence, y, seed, keep) if threshold is None else threshold
     rows = [i for i, c in enumerate(first) if c.statistic > limit]
     last = list(first)
@@ -65,9 +65,9 @@ def scored(
 def only(names: Callable[[hypotheses.Hypothesis], bool]) -> Filter:
     """Contests of some hypotheses only."""
 
-    def keep(c: Contest) -> Contest:
+    def keep(c: Comparison) -> Comparison:
         own = [k for k, h in enumerate(c.hypotheses) if names(h)]
-        return Contest(tuple(c.hypotheses[k] for k in own), c.log_evidence[own], c.log_prior[own])
+        return Comparison(tuple(c.hypotheses[k] for k in own), c.log_evidence[own], c.log_prior[own])
 
     return keep
 
@@ -86,10 +86,10 @@ def finer_tiles():
             setattr(hypotheses, n, v)
 
 
-def ablations(bench: Bench, y: np.ndarray, cases: Cases, classes, seed: int) -> dict[str, Callable[[], Scored]]:
+def ablations(bench: Shared, y: np.ndarray, cases: Cases, classes, seed: int) -> dict[str, Callable[[], Scored]]:
     """The same cases judged without one part of the method each, and with finer tiles."""
 
-    def run(b: Bench, keep: Filter = lambda c: c) -> Scored:
+    def run(b: Shared, keep: Filter = lambda c: c) -> Scored:
         return scored(Evidence(b, b.library.effects), y, cases, classes, seed, keep)
 
     def fine() -> Scored:
@@ -104,7 +104,7 @@ def ablations(bench: Bench, y: np.ndarray, cases: Cases, classes, seed: int) -> 
     }
 
 
-def noisier(bench: Bench, y: np.ndarray, cases: Cases, classes, seed: int) -> Scored:
+def noisier(bench: Shared, y: np.ndarray, cases: Cases, classes, seed: int) -> Scored:
     """The same means with twice the noise, known to the diagnosis."""
     rng = np.random.default_rng(seed)
     Y = cases.mean + 2 * rng.standard_normal(cases.mean.shape) @ cholesky(bench.C, lower=True).T
@@ -129,13 +129,13 @@ def looked_at(evidence: Evidence, effects: Sequence[Effect], judged: Judgement, 
         return judged.verdict
     few = copy.copy(evidence)
     few.effects = tuple(effects)
-    return "partly" if remainder(few, judged.chosen, y, seed).there else judged.verdict
+    return "partly" if residual_score(few, judged.chosen, y, seed).there else judged.verdict
 
 
 def judged_without(table: Table, source: str, threshold: float, rows: Sequence[int]) -> list[tuple[Table, Judgement]]:
     """Judgements of some rows where a source is not in the catalogue, and the table without it."""
     few = table.seen_by([e for e in table.effects if e.source != source])
-    first = dict(zip(rows, attribution.contests(few, np.array(rows)), strict=True))
+    first = dict(zip(rows, attribution.comparisons(few, np.array(rows)), strict=True))
     gap = [i for i in rows if first[i].statistic > threshold]
     last = {**first, **dict(zip(gap, contested(few, gap, first), strict=True))}
     return [(few, judge(last[i], i in gap)) for i in rows]
@@ -161,14 +161,14 @@ def taken_out(
         out[s] = [
             looked_at(table.evidence, few.effects, j, cases.Y[i], seed + i) for i, j in zip(mine, judged, strict=True)
         ]
-        for i, v, c in zip(mine, out[s], attribution.contests(few, np.array(mine)), strict=True):
+        for i, v, c in zip(mine, out[s], attribution.comparisons(few, np.array(mine)), strict=True):
             alone = [k for k, h in enumerate(c.hypotheses) if len(h.effects) == 1 and not h.unexplained]
             other = c.hypotheses[max(alone, key=lambda k, c=c: c.log_evidence[k] + c.log_prior[k])].effects
             left = [
                 misfit(table.evidence, hypotheses.Hypothesis(tuple(e)), cases.Y[i]) for e in (other, cases.effects[i])
             ]
             tells.append((v, len(cases.Y[i]) * (left[0] - left[1])))
-        for i, v, j, c in zip(mine, out[s], judged, attribution.contests(table, np.array(mine)), strict=True):
+        for i, v, j, c in zip(mine, out[s], judged, attribution.comparisons(table, np.array(mine)), strict=True):
             if v in ALONE:
                 own = (j.chosen.effects, cases.effects[i])
                 left = [misfit(table.evidence, hypotheses.Hypothesis(tuple(e)), cases.Y[i]) for e in own]
@@ -185,18 +185,18 @@ def with_twin(table: Table, cases: Cases, threshold: float, rows: Sequence[int])
     for i in rows:
         e = cases.effects[i][0]
         two = table.seen_by([*table.effects, replace(e, name=e.name + TWIN, cause="")])
-        first = {i: attribution.contests(two, np.array([i]))[0]}
+        first = {i: attribution.comparisons(two, np.array([i]))[0]}
         gap = first[i].statistic > threshold
         out.append(judge(contested(two, [i], first)[0] if gap else first[i], gap).verdict)
     return out
 
 
-def taken_away(bench: Bench, y: np.ndarray, cases: Cases) -> dict[str, tuple[np.ndarray, int]]:
+def taken_away(bench: Shared, y: np.ndarray, cases: Cases) -> dict[str, tuple[np.ndarray, int]]:
     """Probability of the right cause given a gap with parts of the data taken away, and the length of what is left."""
     plan = bench.library.plan
     effects = [e for e in bench.library.effects if e.family != "scatter"]
 
-    def rows(keep: Callable[[Test | Profile], np.ndarray | bool]) -> np.ndarray:
+    def rows(keep: Callable[[Test | SurfaceProfile], np.ndarray | bool]) -> np.ndarray:
         found = [
             np.arange(at.start, at.stop)[np.broadcast_to(keep(item), (at.stop - at.start,))]
             for item, _, at in plan.rows()
@@ -220,7 +220,7 @@ def taken_away(bench: Bench, y: np.ndarray, cases: Cases) -> dict[str, tuple[np.
         b = other_bench(bench, y, rows=own)
         table = Table(Evidence(b, effects), cases.Y)
         right = []
-        for i, c in enumerate(attribution.contests(table, np.arange(len(cases.Y)))):
+        for i, c in enumerate(attribution.comparisons(table, np.arange(len(cases.Y)))):
             p = by_key(c, c.probability)
             right.append(p.get(cases.truth(i), 0.0) / max(1 - p[()], 1e-300))
         out[name] = (np.array(right), len(own))
@@ -232,7 +232,7 @@ def with_values(plan: TestPlan, y: np.ndarray) -> TestPlan:
     tests = {id(t): dict(t.values) for t in plan.tests}
     profiles = {}
     for item, c, at in plan.rows():
-        if isinstance(item, Profile):
+        if isinstance(item, SurfaceProfile):
             profiles[id(item)] = y[at]
         else:
             tests[id(item)][c] = y[at]
@@ -317,7 +317,7 @@ def _settles(right: np.ndarray, P: np.ndarray, logs: np.ndarray) -> bool:
 
 
 def _answer(
-    there: Library, bench: Bench, posts, cases: Cases, i: int, rng, without: frozenset[str] = frozenset()
+    there: Library, bench: Shared, posts, cases: Cases, i: int, rng, without: frozenset[str] = frozenset()
 ) -> np.ndarray:
     """Log density of a new test's data under every rival, data of the true effect."""
     acting = [e for e in cases.effects[i] if e.name not in without]
@@ -336,7 +336,7 @@ def _answer(
     return np.array(logs)
 
 
-def _answer_direct(words: str, gauges, bench: Bench, posts, cases: Cases, i: int, rng) -> np.ndarray:
+def _answer_direct(words: str, gauges, bench: Shared, posts, cases: Cases, i: int, rng) -> np.ndarray:
     """The same for a test that shows knobs by themselves: each is read with the uncertainty of the test."""
     d = len(bench.library.base.axes)
     logs = np.zeros(len(posts))

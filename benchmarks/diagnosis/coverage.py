@@ -67,7 +67,7 @@ def intervals(evidence: Evidence, cases: Cases, threshold: float, seed: int) -> 
     """ln of the ends of the modulus over the truth (B, 3, 2): of what is said as it was, of that where another program
     counts, over all that the data allow; and the verdicts of the contest."""
     library, table = evidence.bench.library, Table(evidence, cases.Y)
-    first = attribution.contests(table, np.arange(len(cases.Y)))
+    first = attribution.comparisons(table, np.arange(len(cases.Y)))
     rows = [i for i, c in enumerate(first) if c.statistic > threshold]
     last = dict(enumerate(first)) | dict(zip(rows, contested(table, rows, first), strict=True))
     out, verdicts = [], []

@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 from scipy.stats import beta
 
 from rso.discrepancy.diagnosis import LEVEL
-from rso.discrepancy.evidence.attribution import NO_GAP, PRIOR, Contest, Evidence
+from rso.discrepancy.evidence.attribution import NO_GAP, PRIOR, Comparison, Evidence
 from rso.discrepancy.evidence.gaussian_mixture import log_tiles, mean_prediction, posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.verdict import Judgement, judge
@@ -27,7 +27,7 @@ def keys(h: Hypothesis) -> Key:
     return tuple(sorted({e.source for e in h.effects})) or (UNEXPLAINED if h.unexplained else ())
 
 
-def by_key(contest: Contest, weights: np.ndarray) -> dict[Key, float]:
+def by_key(contest: Comparison, weights: np.ndarray) -> dict[Key, float]:
     """Sum of weights (hypotheses,) by their sources."""
     out: dict[Key, float] = {}
     for h, p in zip(contest.hypotheses, weights, strict=True):
@@ -56,10 +56,10 @@ class Scored:
     def __init__(
         self,
         cases: Cases,
-        contests: Sequence[Contest],
+        contests: Sequence[Comparison],
         threshold: float,
         classes: Mapping[str, frozenset[str]],
-        first: Sequence[Contest] | None = None,
+        first: Sequence[Comparison] | None = None,
     ) -> None:
         first = contests if first is None else first
         self.cases, self.contests, self.threshold = cases, contests, threshold

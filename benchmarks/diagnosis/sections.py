@@ -12,7 +12,7 @@ import numpy as np
 from cases import Cases, Table, contested
 from scores import Scored, baselines, covered, limit, oracle, share, slope
 
-from rso.discrepancy.evidence.attribution import Bench, Evidence
+from rso.discrepancy.evidence.attribution import Evidence, Shared
 from rso.discrepancy.evidence.detectable import Detectable
 from rso.discrepancy.next_test import SETTLED
 from rso.evaluation import WorkerPool, run_all
@@ -169,7 +169,7 @@ def each_effect(say: Say, evidence: Evidence, s: Scored, before: Sequence[Detect
     )
 
 
-def without(say: Say, bench: Bench, cases: Cases, y: np.ndarray, classes, seed: int) -> None:
+def without(say: Say, bench: Shared, cases: Cases, y: np.ndarray, classes, seed: int) -> None:
     """Twice the noise, and the method without one of its parts, on the same cases."""
     few = cases.picked(range(0, len(cases.Y), max(1, len(cases.Y) // ABLATED)))
     evidence = Evidence(bench, bench.library.effects)
@@ -224,7 +224,7 @@ def beside(say: Say, own: Table, s: Scored) -> None:
     )
 
 
-def checks(say: Say, bench: Bench, evidence: Evidence, own: Table, s: Scored, y, threshold: float, seed: int):
+def checks(say: Say, bench: Shared, evidence: Evidence, own: Table, s: Scored, y, threshold: float, seed: int):
     """Residuals permuted, cause taken out, cause twice, data taken away."""
     clear = [i for i in np.nonzero(s.found & s.single)[0] if s.cases.effects[i][0].family != "scatter"]
     few = clear[:: max(1, len(clear) // CONTROLS)]

@@ -15,7 +15,7 @@ from scores import Scored, share
 from sections import Say, table
 
 from rso.discrepancy.evidence import attribution, noise, shrinkage
-from rso.discrepancy.evidence.attribution import Contest, Evidence
+from rso.discrepancy.evidence.attribution import Comparison, Evidence
 from rso.discrepancy.evidence.cross_validation import left_out, shrinkage_of
 from rso.discrepancy.evidence.gaussian_mixture import posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
@@ -132,7 +132,7 @@ def closed(
     return shrinkage_of(own, library, evidence.bench, evidence, y, hypothesis, seed)
 
 
-def best_cause(contest: Contest) -> Hypothesis:
+def best_cause(contest: Comparison) -> Hypothesis:
     """The most probable single cause, as if there had to be one."""
     score = contest.log_evidence + contest.log_prior
     own = [k for k, h in enumerate(contest.hypotheses) if len(h.effects) == 1 and not h.unexplained]

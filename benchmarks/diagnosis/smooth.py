@@ -12,7 +12,7 @@ from scipy.linalg import cholesky
 from scipy.special import comb
 from sections import Say, table
 
-from rso.discrepancy.evidence.attribution import Bench, Evidence
+from rso.discrepancy.evidence.attribution import Evidence, Shared
 from rso.discrepancy.library.test_plan import Test
 
 CASES = 300
@@ -29,7 +29,7 @@ def shape(at: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return basis(np.clip(at, 0, 1)) @ weights / np.abs(basis(np.linspace(0, 1, 101)) @ weights).max()
 
 
-def gaps(bench: Bench, amplitude: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def gaps(bench: Shared, amplitude: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Relative changes (B, n) of the forces: a shape for each place, the same for its tests and channels; none of
     profiles."""
     plan = bench.library.plan
@@ -42,7 +42,7 @@ def gaps(bench: Bench, amplitude: np.ndarray, rng: np.random.Generator) -> np.nd
     return out
 
 
-def drawn(bench: Bench, y: np.ndarray, count: int, seed: int) -> tuple[Cases, np.ndarray]:
+def drawn(bench: Shared, y: np.ndarray, count: int, seed: int) -> tuple[Cases, np.ndarray]:
     """Cases of the base model with such a gap, and its amplitude (B,)."""
     plain = draw_cases(bench, y, count, seed, nothing=True)
     rng = np.random.default_rng(seed + 1)

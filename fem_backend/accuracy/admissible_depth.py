@@ -17,14 +17,14 @@ COUNT = 60  # depths looked at
 
 
 @dataclass(frozen=True)
-class End:
+class LawEnd:
     """A depth (mm) by which a law is not admissible any more, and why."""
 
     depth: float
     why: str
 
 
-def inadmissible(settings: Settings, knobs: Knobs, deepest: float) -> End | None:
+def inadmissible(settings: Settings, knobs: Knobs, deepest: float) -> LawEnd | None:
     """The end of a law on the way to the `deepest` travel (mm); None where there is none for certain.
 
     Raises model.NotModelled for laws that do not combine.  Skins, holes, inclusions and fibres change what is reached
@@ -45,7 +45,7 @@ def inadmissible(settings: Settings, knobs: Knobs, deepest: float) -> End | None
         return None
     k = next(k for k, stretch in enumerate(reached) if admissible(law, float(stretch)) is not None)
     why = admissible(law, float(reached[k]))
-    return End(float(depths[k]), f"{why}, which is reached at {depths[k]:.3g} mm of travel or before (closed form)")
+    return LawEnd(float(depths[k]), f"{why}, which is reached at {depths[k]:.3g} mm of travel or before (closed form)")
 
 
 def small_strains(settings: Settings, knobs: Knobs, deepest: float) -> str | None:

@@ -16,12 +16,12 @@ from skfem import ElementTetP2
 
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import experiment, indentation
-from fem_backend.simulation.assembly import Model, NotModelled, Placement
+from fem_backend.simulation.assembly import AssembledModel, NotModelled, Placement
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES
-from fem_backend.solver.load_steps import Guess, Instant, Point, Stopped
+from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped
 
 WORTH = ("fine", "reference")  # levels whose way is dearer than a coarse run
 CRUDE = 1e-3  # relative residual of the coarse run: it is a start, without multipliers as the fine run begins
@@ -42,7 +42,7 @@ def coarse(
     instants: Sequence[Instant],
     slopes: Sequence[str] = (),
     control: Mapping[str, float] | None = None,
-) -> tuple[Model, Result]:
+) -> tuple[AssembledModel, Result]:
     """The same experiment on the coarse mesh; `control` replaces numerical settings.  Raises NotModelled, Stopped."""
     crude = _on_coarse(settings)
     crude = replace(crude, control=replace(crude.control, **(control or {})))
@@ -56,11 +56,13 @@ def _on_coarse(settings: Settings) -> Settings:
     return experiment.read_settings(plain | {"profile": [], "mesh": {"level": "coarse"}, "solver": settings.solver})
 
 
-def guess(settings: Settings, knobs: Knobs, placement: Placement, model: Model, instants: Sequence[Instant]) -> Guess:
+def guess(
+    settings: Settings, knobs: Knobs, placement: Placement, model: AssembledModel, instants: Sequence[Instant]
+) -> Guess:
     """Start (n, 3) at a travel (mm) from a run of the same experiment on the coarse mesh; None where that has none."""
     try:
         crude, result = coarse(settings, knobs, placement, instants, control={"tight": CRUDE, "augmentations": 0})
-        points: Sequence[Point] = result.points
+        points: Sequence[LoadPoint] = result.points
     except NotModelled:
         return lambda s: None
     except Stopped as stopped:
@@ -69,7 +71,7 @@ def guess(settings: Settings, knobs: Knobs, placement: Placement, model: Model, 
     return carried(crude, points, model)
 
 
-def carried(crude: Model, points: Sequence[Point], model: Model) -> Guess:
+def carried(crude: AssembledModel, points: Sequence[LoadPoint], model: AssembledModel) -> Guess:
     """Start (n, 3) at a travel (mm) from points on the coarse mesh, before their multipliers."""
     cells, N = located(crude, model.body.nodes)
     held = model.body.free.reshape(-1, 3) < 0
@@ -89,7 +91,7 @@ def limit(
     settings: Settings,
     knobs: Knobs,
     placement: Placement,
-    model: Model,
+    model: AssembledModel,
     instants: Sequence[Instant],
     start: Guess | None = None,
     slopes: Sequence[str] = (),
@@ -127,7 +129,7 @@ def limit(
     )
 
 
-def located(coarse: Model, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def located(coarse: AssembledModel, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Nodes (p, 10) and shape functions (p, 10) of the coarse cell that each of `points` (p, 3) mm lies in.
 
     Cells are taken as straight-sided; a point outside of all is moved into the nearest.

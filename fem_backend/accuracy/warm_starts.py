@@ -21,10 +21,10 @@ from fem_backend import closed_forms, meshing
 from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation import experiment, indentation
-from fem_backend.simulation.assembly import Model
+from fem_backend.simulation.assembly import AssembledModel
 from fem_backend.simulation.derivatives import Slopes, travel_of
 from fem_backend.simulation.experiment import Settings
-from fem_backend.simulation.initial_state import bench
+from fem_backend.simulation.initial_state import initial_state
 from fem_backend.simulation.knobs import Knobs, known
 from fem_backend.solver.load_steps import Guess, Instant, Stage, Stopped
 from fem_backend.solver.newton import Counters
@@ -74,7 +74,7 @@ def make(recipe: str) -> bytes:
     states: dict[float, list[np.ndarray]] = {}
     tangents: dict[float, list[np.ndarray]] = {}
     try:
-        at = bench(settings, knobs, placement, model, counters)
+        at = initial_state(settings, knobs, placement, model, counters)
         slopes = Slopes(at, ("D1",))
 
         def keep(stage: Stage, last: bool) -> None:
@@ -104,7 +104,7 @@ def make(recipe: str) -> bytes:
     return out.getvalue()
 
 
-def guess(path: str, model: Model, ratio: float) -> Guess:
+def guess(path: str, model: AssembledModel, ratio: float) -> Guess:
     """Starts at a travel (mm), for a body of Poisson's ratio `ratio`, from an anchor's file.
 
     States (n, 3) at the stages of the multipliers; None where it offers nothing for this model.

@@ -170,7 +170,7 @@ def contact_points(surface: ContactSurface, x: np.ndarray) -> np.ndarray:
     return pointwise.points(surface.facets, surface.N, np.ascontiguousarray(x, float)) + surface.offset
 
 
-def remember(pair: Pair, x: np.ndarray, touch: Touch, state: ContactState) -> Before:
+def contact_history(pair: Pair, x: np.ndarray, touch: Touch, state: ContactState) -> Before:
     """What the next step has to know of a converged one."""
     return Before(contact_points(pair.surface, x), np.array(touch.centre, float), state.traction, state.gap)
 

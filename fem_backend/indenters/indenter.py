@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fem_backend.contact.tractions import ContactSurface, Rigid
-from fem_backend.members import OpenSet, Table
+from fem_backend.members import MemberTable, OpenSet
 
 INDENTERS: OpenSet[Indenter] = OpenSet("indenter", "shape", "sphere")
 
@@ -35,7 +35,7 @@ class Indenter(Rigid, Protocol):
 
     name: ClassVar[str]
     noun: ClassVar[str]
-    Table: ClassVar[type[Table]]
+    Table: ClassVar[type[MemberTable]]
     Knobs: ClassVar[type | None]
     gauges: ClassVar[Mapping[str, float]]
     exponents: ClassVar[tuple[float, ...]]

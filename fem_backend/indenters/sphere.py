@@ -37,7 +37,7 @@ class Sphere:
     R: float
     shaft: bool = False
 
-    class Table(members.Table):
+    class Table(members.MemberTable):
         """{ shape = "sphere", radius = 3.0, shaft = false }"""
 
         shape: Literal["sphere"] = "sphere"

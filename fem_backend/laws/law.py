@@ -45,7 +45,7 @@ def relaxation(value: Any) -> tuple[tuple[float, float], ...]:
     return terms
 
 
-class Table(members.Table):
+class LawTable(members.MemberTable):
     """What every law's table holds besides its name."""
 
     ogden: tuple[tuple[float, float], ...] = ()
@@ -62,7 +62,7 @@ class Table(members.Table):
             raise members.refused(f' is given but law = "{name}"; set law = "ogden"')
         return ()
 
-    def build(self) -> Table:
+    def build(self) -> LawTable:
         """The law is made with the knobs of a run: see `Law.of`."""
         return self
 
@@ -90,7 +90,7 @@ class Law(Protocol):
     """
 
     name: ClassVar[str]
-    Table: ClassVar[type[Table]]
+    Table: ClassVar[type[LawTable]]
     Knobs: ClassVar[type | None]
     powers: ClassVar[Mapping[str, int]]
     small_strain: ClassVar[bool]
@@ -133,7 +133,7 @@ class Isotropic:
     mu: float
     D1: float
 
-    Table: ClassVar[type] = Table
+    Table: ClassVar[type] = LawTable
     Knobs: ClassVar[type | None] = None
     powers: ClassVar[Mapping[str, int]] = {}
     small_strain: ClassVar[bool] = False

@@ -20,7 +20,7 @@ class LinearElastic(Isotropic):
     already violated there).  Source: thesis eq. 2.7–2.11.
     """
 
-    class Table(law.Table):
+    class Table(law.LawTable):
         """{ law = "linear_elastic", prony = [[g, tau in s], …] }"""
 
         law: Literal["linear_elastic"] = "linear_elastic"

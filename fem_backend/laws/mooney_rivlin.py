@@ -24,7 +24,7 @@ class MooneyRivlin(Isotropic):
     Source: Mooney 1940; thesis eq. 1.14 (eq. 1.15 there misses the factor 2 of μ); Holzapfel 2000, §6.5.
     """
 
-    class Table(law.Table):
+    class Table(law.LawTable):
         """{ law = "mooney_rivlin", prony = [[g, tau in s], …] }"""
 
         law: Literal["mooney_rivlin"] = "mooney_rivlin"

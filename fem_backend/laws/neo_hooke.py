@@ -21,7 +21,7 @@ class NeoHooke(Isotropic):
     elastomers).  Source: thesis eq. 2.5–2.6 with the isochoric Ī₁ of ANSYS; Bonet & Wood 2008, eq. 6.50.
     """
 
-    class Table(law.Table):
+    class Table(law.LawTable):
         """{ law = "neo_hookean", prony = [[g, tau in s], …] }"""
 
         law: Literal["neo_hookean"] = "neo_hookean"

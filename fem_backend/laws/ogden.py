@@ -32,7 +32,7 @@ class Ogden(Isotropic):
     Source: Ogden 1972; Holzapfel 2000, eq. 6.119 in isochoric stretches.
     """
 
-    class Table(law.Table):
+    class Table(law.LawTable):
         """{ law = "ogden", prony = [[g, tau in s], …] }"""
 
         law: Literal["ogden"] = "ogden"

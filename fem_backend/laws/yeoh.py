@@ -23,7 +23,7 @@ class Yeoh(Isotropic):
     (`admissible`).  Source: Yeoh 1993; Holzapfel 2000, §6.5.
     """
 
-    class Table(law.Table):
+    class Table(law.LawTable):
         """{ law = "yeoh", prony = [[g, tau in s], …] }"""
 
         law: Literal["yeoh"] = "yeoh"

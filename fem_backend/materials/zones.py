@@ -23,7 +23,7 @@ from fem_backend import geometry
 from fem_backend.kinematics.tetrahedra import Body
 
 
-class Shape(Protocol):
+class ZoneShape(Protocol):
     """What of a specimen zones need: its surface."""
 
     skin_limit: float
@@ -41,7 +41,7 @@ ROUND = 0.02  # half width of the rounded ends of [0, 1]: keeps the fractions di
 FACES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])  # corners of the face opposite to a corner
 
 
-def skin(body: Body, specimen: Shape, thickness: float) -> np.ndarray:
+def skin(body: Body, specimen: ZoneShape, thickness: float) -> np.ndarray:
     """Fraction (m, q) of each weight within `thickness` (mm) of the surface: d(X) ≤ t.
 
     d is the exact distance to the surface along its normal, less the distance by which the quadratic facet misses it,
@@ -89,7 +89,7 @@ def cavity(body: Body, centre: np.ndarray, semi_axes: np.ndarray) -> np.ndarray:
 
 def scale(
     body: Body,
-    specimen: Shape,
+    specimen: ZoneShape,
     skin: tuple[float, float] | None = None,
     inclusion: tuple[np.ndarray, float, float] | None = None,
     cavity: tuple[np.ndarray, np.ndarray] | None = None,
@@ -148,12 +148,12 @@ def scale(
 _skin, _inclusion, _cavity = skin, inclusion, cavity  # `scale` names its arguments like the functions
 
 
-def depth(specimen: Shape, X: np.ndarray) -> np.ndarray:
+def depth(specimen: ZoneShape, X: np.ndarray) -> np.ndarray:
     """Distance (…,) mm of points X (…, 3) to the surface of the specimen, negative outside."""
     return specimen.depth(X)
 
 
-def surface_faces(body: Body, specimen: Shape) -> np.ndarray:
+def surface_faces(body: Body, specimen: ZoneShape) -> np.ndarray:
     """(m, 4) whether the face opposite to a cell's corner lies on the curved surface, not on a plane of symmetry."""
     faces = np.sort(body.cells[:, FACES], axis=-1).reshape(-1, 3)
     _, inverse, count = np.unique(faces, axis=0, return_inverse=True, return_counts=True)
@@ -177,11 +177,11 @@ def _on_planes(name: str, body: Body, centre: np.ndarray, axes: np.ndarray) -> N
 
 
 def _apart(centre: np.ndarray, radius: float, middle: np.ndarray, axes: np.ndarray) -> None:
-    if not float(-geometry.Ellipsoid(*axes).depth(centre - middle)) > radius:
+    if not float(-geometry.EllipsoidShape(*axes).depth(centre - middle)) > radius:
         raise ValueError(f"inclusion of radius {radius:g} mm at {centre.tolist()} mm touches the cavity")
 
 
-def _inside(specimen: Shape, centre: np.ndarray, axes: np.ndarray) -> None:
+def _inside(specimen: ZoneShape, centre: np.ndarray, axes: np.ndarray) -> None:
     """The cavity's centre is in the body or on it, and no part of it comes out above z = 0."""
     if float(depth(specimen, centre)) < -1e-6:
         raise ValueError(f"cavity at {centre.tolist()} mm: its centre lies outside the body")
@@ -246,7 +246,7 @@ def _points(body: Body, cells: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.einsum("ka,cai->cki", shape(at)[0], body.nodes[body.cells[cells]])
 
 
-def _missed(body: Body, specimen: Shape, cells: np.ndarray, at: np.ndarray, k: int) -> np.ndarray:
+def _missed(body: Body, specimen: ZoneShape, cells: np.ndarray, at: np.ndarray, k: int) -> np.ndarray:
     """Depth of the facet opposite to corner k below the points, fading out towards that corner."""
     rest = 1.0 - at[:, k]
     foot = np.where(np.arange(4) == k, 0.0, at) / np.where(rest > 0.0, rest, 1.0)[:, None]

@@ -6,11 +6,11 @@ import itertools
 
 import numpy as np
 
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing.mesh import Mesh, finish, merge
 
 
-def mapped_quarter(body: Ellipsoid, n: int, slip: float) -> Mesh:
+def mapped_quarter(body: EllipsoidShape, n: int, slip: float) -> Mesh:
     """Quarter ellipsoid from two octants cut into n³ tetrahedra each, graded towards the top by a Möbius map.
 
     The hyperbolic translation of the unit ball x ↦ ((1 − s²)(x + s e) + |x + s e|² s e) / (1 + 2 s x·e + s²|x|²),

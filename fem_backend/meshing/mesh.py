@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from skfem import MeshTet, MeshTet2
 
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 
 
 class BadMesh(ValueError):
@@ -36,11 +36,11 @@ class Sizing:
     def __call__(self, d: np.ndarray | float) -> np.ndarray:
         return np.minimum(self.h0 + self.growth * np.maximum(np.asarray(d) - self.r0, 0.0), self.hmax)
 
-    def centre(self, body: Ellipsoid) -> np.ndarray:
+    def centre(self, body: EllipsoidShape) -> np.ndarray:
         """Where distances are taken from, (3,) mm."""
         return body.top + np.array([0.0, 0.0, self.lift])
 
-    def at(self, points: np.ndarray, body: Ellipsoid) -> np.ndarray:
+    def at(self, points: np.ndarray, body: EllipsoidShape) -> np.ndarray:
         """Target edge length at points (…, 3) of a body touched at its top."""
         return self(np.linalg.norm(points - self.centre(body), axis=-1) - self.lift)
 
@@ -96,7 +96,7 @@ def merge(vertices: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return vertices[first], cells[distinct]
 
 
-def finish(body: Ellipsoid, points: np.ndarray, tets: np.ndarray, near: float) -> Mesh:
+def finish(body: EllipsoidShape, points: np.ndarray, tets: np.ndarray, near: float) -> Mesh:
     """Orient, flatten the symmetry planes, put the surface on the ellipsoid and an edge chain on the rim z = 0."""
     points = points.copy()
     flipped = volumes(Mesh(points, tets)) < 0
@@ -125,7 +125,7 @@ def finish(body: Ellipsoid, points: np.ndarray, tets: np.ndarray, near: float) -
     return result
 
 
-def _align_rim(body: Ellipsoid, points: np.ndarray, curved: np.ndarray) -> None:
+def _align_rim(body: EllipsoidShape, points: np.ndarray, curved: np.ndarray) -> None:
     """Slide the nearer end of every surface edge that crosses z = 0 onto z = 0 along the surface."""
     edges = np.unique(np.sort(np.hstack([curved[[0, 1]], curved[[1, 2]], curved[[0, 2]]]).T, axis=1), axis=0)
     while True:
@@ -139,7 +139,7 @@ def _align_rim(body: Ellipsoid, points: np.ndarray, curved: np.ndarray) -> None:
         points[nearest] = body.project(points[None, nearest])[0]
 
 
-def quadratic(body: Ellipsoid, mesh: Mesh) -> MeshTet2:
+def quadratic(body: EllipsoidShape, mesh: Mesh) -> MeshTet2:
     """Ten-node tetrahedra whose mid-edge nodes lie on the ellipsoid, on the symmetry planes and on the rim."""
     linear = MeshTet(np.ascontiguousarray(mesh.vertices.T), np.ascontiguousarray(mesh.tets.T))
     numbers = MeshTet2.from_mesh(linear)  # its nodes are averages over cells: equal to the bit they are not

@@ -13,7 +13,7 @@ from skfem import ElementTetP2, MeshTet2
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing.mesh import BadMesh, Mesh, quadratic
 
 FARTHEST = 0.8  # semi-axes from the top: beyond it the coarse far side misses more than 1 % of the volume
@@ -23,8 +23,8 @@ WORST = 0.05  # scaled Jacobian below which an element only spoils the matrix; a
 
 def assemble(
     quarter: Mesh,
-    nominal: Ellipsoid,
-    body: Ellipsoid,
+    nominal: EllipsoidShape,
+    body: EllipsoidShape,
     point: tuple[float, float] = (0.0, 0.0),
     planes: tuple[bool, bool] = (True, True),
     upright: bool = False,
@@ -49,7 +49,7 @@ def assemble(
     X = moved(X, *share, nominal) if upright else translated(X, *share)
     if math.hypot(*share) > FARTHEST + 1e-12:
         raise BadMesh(f"point = {point} mm is {math.hypot(*share):.2f} semi-axes from the top, at most {FARTHEST}")
-    ball = quadratic(Ellipsoid(1.0, 1.0, 1.0), Mesh(X, tets))
+    ball = quadratic(EllipsoidShape(1.0, 1.0, 1.0), Mesh(X, tets))
     placed = MeshTet2(ball.doflocs * body.semi_axes[:, None], ball.t)
     worst = float(scaled_jacobian(placed).min())
     if worst < least:
@@ -90,7 +90,7 @@ def translated(X: np.ndarray, p: float, q: float) -> np.ndarray:
     return np.stack([(away * xs + moved * sx) / below, (away * ys + moved * sy) / below, away * z / below], 1) + 0.0
 
 
-def moved(X: np.ndarray, p: float, q: float, body: Ellipsoid) -> np.ndarray:
+def moved(X: np.ndarray, p: float, q: float, body: EllipsoidShape) -> np.ndarray:
     """As `translated`, but what stands on the pole stands on the surface of `body` at the new place.
 
     The conformal map does so in the ball; a body's own axes shear that, a plate of a/c = 5 by 60° at p = 0.35.  The

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing.mapped import mapped_quarter
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, volumes
 from fem_backend.meshing.templates import NOMINAL, template_hash, template_mesh
@@ -40,7 +40,7 @@ def make(recipe: str) -> Mesh:
     if data["mesher"] in MAKERS:
         return MAKERS[data["mesher"]](data)
     if data["mesher"] == "mapped":
-        return mapped_quarter(Ellipsoid(*data["semi_axes"]), data["n"], data["slip"])
+        return mapped_quarter(EllipsoidShape(*data["semi_axes"]), data["n"], data["slip"])
     if data["mesher"] == "template":
         if template_hash(data["level"]) != data["sha256"]:
             raise BadMesh(f"the template {data['level']!r} of this version is not the one of the recipe")
@@ -82,9 +82,9 @@ def _said(semi_axes: list[float]) -> Iterator[None]:
     print(f"  {what}: made in {time.monotonic() - began:.0f} s", file=sys.stderr, flush=True)
 
 
-def nominal(recipe: str) -> Ellipsoid:
+def nominal(recipe: str) -> EllipsoidShape:
     """The body (mm) that the mesh of a recipe stands for: similar specimens of all sizes may share one."""
-    return Ellipsoid(*json.loads(recipe)["semi_axes"])
+    return EllipsoidShape(*json.loads(recipe)["semi_axes"])
 
 
 def mesher(recipe: str) -> str:
@@ -92,7 +92,7 @@ def mesher(recipe: str) -> str:
     return str(json.loads(recipe)["mesher"])
 
 
-def tetwild_recipe(body: Ellipsoid, sizing: Sizing) -> str:
+def tetwild_recipe(body: EllipsoidShape, sizing: Sizing) -> str:
     """Recipe of a graded fTetWild mesh of the quarter body."""
     words = {k: v for k, v in asdict(sizing).items() if k != "lift" or v}  # recipes without it are as they were
     return json.dumps(
@@ -100,14 +100,14 @@ def tetwild_recipe(body: Ellipsoid, sizing: Sizing) -> str:
     )
 
 
-def mapped_recipe(body: Ellipsoid, n: int, slip: float) -> str:
+def mapped_recipe(body: EllipsoidShape, n: int, slip: float) -> str:
     """Recipe of the reproducible mapped mesh: n subdivisions, grading `slip` in [0, 1)."""
     return json.dumps(
         {"mesher": "mapped", "version": 1, "semi_axes": list(body.semi_axes), "n": n, "slip": slip}, sort_keys=True
     )
 
 
-def template_recipe(level: str, body: Ellipsoid = NOMINAL) -> str:
+def template_recipe(level: str, body: EllipsoidShape = NOMINAL) -> str:
     """Recipe of the shipped quarter mesh of a level, scaled to `body`; equal bits on every machine.
 
     Its hash makes a changed template a different recipe.

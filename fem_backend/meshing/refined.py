@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from skfem import MeshTet
 
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing.mapped import kuhn_simplex
 from fem_backend.meshing.mesh import BadMesh, Mesh, quadratic, volumes
 
 PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 
-def refined(body: Ellipsoid, mesh: Mesh, n: int) -> Mesh:
+def refined(body: EllipsoidShape, mesh: Mesh, n: int) -> Mesh:
     """Mesh (mm) with every quadratic tetrahedron of the quarter `mesh` cut into n³ (Freudenthal 1942).
 
     New vertices lie on the quadratic elements, those of the surface on the ellipsoid; planes and rim stay exact, edges
@@ -46,7 +46,7 @@ def refined(body: Ellipsoid, mesh: Mesh, n: int) -> Mesh:
     return Mesh(vertices, cells)
 
 
-def _exact(body: Ellipsoid, mesh: Mesh, linear: MeshTet, corners: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+def _exact(body: EllipsoidShape, mesh: Mesh, linear: MeshTet, corners: np.ndarray, vertices: np.ndarray) -> np.ndarray:
     """Put new vertices, each between `corners` (p, 4; −1 for none), on the surface, the planes and the rim."""
     between = np.where(corners >= 0, corners, corners.max(1, keepdims=True))
     for axis in range(3):

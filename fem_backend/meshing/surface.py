@@ -7,11 +7,11 @@ import itertools
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing.mesh import Sizing, merge
 
 
-def quarter_surface(body: Ellipsoid, sizing: Sizing) -> tuple[np.ndarray, np.ndarray]:
+def quarter_surface(body: EllipsoidShape, sizing: Sizing) -> tuple[np.ndarray, np.ndarray]:
     """Graded triangulation of the upper and the lower quarter body, each closed, sharing the face z = 0.
 
     The shared face is there for its rim: fTetWild keeps it, so that a support can end exactly at z = 0.
@@ -37,7 +37,7 @@ def quarter_surface(body: Ellipsoid, sizing: Sizing) -> tuple[np.ndarray, np.nda
     return merge(np.vstack(vertices), np.vstack(faces))
 
 
-def _segment(start: np.ndarray, end: np.ndarray, body: Ellipsoid, sizing: Sizing) -> np.ndarray:
+def _segment(start: np.ndarray, end: np.ndarray, body: EllipsoidShape, sizing: Sizing) -> np.ndarray:
     """Points strictly between `start` and `end`, graded by the sizing."""
     length = float(np.linalg.norm(end - start))
     s = [0.0]
@@ -47,7 +47,7 @@ def _segment(start: np.ndarray, end: np.ndarray, body: Ellipsoid, sizing: Sizing
     return start + (end - start) * s[1:-1, None]
 
 
-def _rings(body: Ellipsoid, sizing: Sizing) -> tuple[np.ndarray, np.ndarray, list[int], list[int], list[int]]:
+def _rings(body: EllipsoidShape, sizing: Sizing) -> tuple[np.ndarray, np.ndarray, list[int], list[int], list[int]]:
     """Rings of constant polar angle on the curved surface, stitched; the rim z = 0 is one of them."""
     diagonal = np.sqrt(0.5)
 
@@ -96,7 +96,7 @@ def _stitch(upper: list[int], lower: list[int]) -> list[tuple[int, int, int]]:
 
 
 def _plane_face(
-    body: Ellipsoid, sizing: Sizing, loop: np.ndarray, outward: np.ndarray
+    body: EllipsoidShape, sizing: Sizing, loop: np.ndarray, outward: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Triangulate the plane convex face inside `loop` (k, 3), graded, seen counter-clockwise along `outward`."""
     i, j = (k for k in range(3) if outward[k] == 0)

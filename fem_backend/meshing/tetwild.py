@@ -15,7 +15,7 @@ from types import ModuleType
 import numpy as np
 from skfem import MeshTet
 
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing.mesh import BadMesh, Mesh, Sizing, finish, volumes
 from fem_backend.meshing.placing import WORST, assemble, scaled_jacobian
 from fem_backend.meshing.surface import quarter_surface
@@ -25,7 +25,7 @@ SITES = (0.0, 0.0), (0.35, 0.0), (0.0, 0.35)  # shares of the semi-axes: where f
 TETWILD_SCALE = 0.72  # fTetWild's mean edge is 1.3 to 1.4 times what it is asked for
 
 
-def tetwild_quarter(body: Ellipsoid, sizing: Sizing) -> Mesh:
+def tetwild_quarter(body: EllipsoidShape, sizing: Sizing) -> Mesh:
     """Quarter ellipsoid by fTetWild (Hu et al. 2020) with a background sizing field about the top.
 
     One with which points off the top could not be reached is made again (no two are alike), at the end the best taken.
@@ -70,7 +70,7 @@ def tetwild_quarter(body: Ellipsoid, sizing: Sizing) -> Mesh:
     return best
 
 
-def soundness(mesh: Mesh, body: Ellipsoid) -> float:
+def soundness(mesh: Mesh, body: EllipsoidShape) -> float:
     """Smallest scaled Jacobian that the quarter mesh of a body has with its fine elements at places on the axes."""
     shapes = []
     for p, q in SITES:
@@ -94,7 +94,7 @@ def _extension() -> ModuleType:
     raise ImportError(f"pytetwild in {folder} has no compiled module for this Python; reinstall pytetwild==0.4.*")
 
 
-def _background(body: Ellipsoid, sizing: Sizing) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _background(body: EllipsoidShape, sizing: Sizing) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A graded box of Kuhn tetrahedra around the quarter body carrying the target edge length."""
 
     def ticks(low: float, high: float, centre: float) -> np.ndarray:
@@ -127,5 +127,5 @@ def _die_with_parent() -> None:
 if __name__ == "__main__":
     _die_with_parent()
     _recipe = json.loads(sys.argv[1])
-    _mesh = tetwild_quarter(Ellipsoid(*_recipe["semi_axes"]), Sizing(**_recipe["sizing"]))
+    _mesh = tetwild_quarter(EllipsoidShape(*_recipe["semi_axes"]), Sizing(**_recipe["sizing"]))
     Path(sys.argv[2]).write_bytes(_mesh.to_bytes())

@@ -31,7 +31,7 @@ COLOURS = "viridis"
 
 
 @dataclass(frozen=True)
-class Section:
+class CrossSection:
     """Plane cut: triangles (t, 3, 2) mm with values (t, 3), cell borders (s, 2, 2) mm."""
 
     triangles: np.ndarray
@@ -41,7 +41,7 @@ class Section:
 
 def section(
     body: Body, x: np.ndarray, values: np.ndarray, point: np.ndarray, normal: np.ndarray, split: int = SPLIT
-) -> Section:
+) -> CrossSection:
     """Cut of the cells at positions x (n, 3) by the plane (x − point)·normal = 0, with nodal `values` (n,).
 
     Cells are divided into split³ straight pieces, each cut exactly.  Plane coordinates: see `plane_axes`.  A point on a
@@ -64,7 +64,7 @@ def section(
     solid = _tetrahedra(whole[:, pieces].reshape(-1, 4, 4))
     sides = [t[list(f)] for t in pieces for f in ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))]
     faces = np.array([f for f in sides if np.any(np.all(at[f] == 0.0, axis=0))])
-    return Section(solid[..., :2], solid[..., 2], _triangles(whole[:, faces].reshape(-1, 3, 4)))
+    return CrossSection(solid[..., :2], solid[..., 2], _triangles(whole[:, faces].reshape(-1, 3, 4)))
 
 
 def plane_axes(normal: np.ndarray) -> np.ndarray:

@@ -145,7 +145,7 @@ def material(settings: Settings, knobs: Knobs) -> Material:
 
 
 @dataclass(frozen=True)
-class Model:
+class AssembledModel:
     """A discretised specimen that every material and every place of the indenter near its fine mesh can share.
 
     `facets` (f, 6) are those of the specimen's surface, `held` the nodes of the support, `N` (q, 10) the shape
@@ -162,7 +162,7 @@ class Model:
 
 def build(
     settings: Settings, mesh: Mesh, specimen: Specimen, planes: tuple[bool, bool], symmetric: bool = True
-) -> Model:
+) -> AssembledModel:
     """Model of a specimen: symmetry planes held in their normal, and what the support holds.
 
     Raises meshing.BadMesh when the elements cannot take this shape or place.
@@ -181,10 +181,10 @@ def build(
     held |= carried
     discrete = tetrahedra.discretise(quadratic, held, symmetric)
     rolls = settings.support.loose and not all(planes)
-    factor = krylov.Loose(discrete.pattern, settings.solver).factor if rolls else None
+    factor = krylov.KrylovSolver(discrete.pattern, settings.solver).factor if rolls else None
     factor = factor or direct.solver(discrete.pattern, settings.solver)
     condenser = condensation.condenser(discrete.pattern, settings.solver)
-    return Model(quadratic, discrete, facets, factor, np.nonzero(carried.any(1))[0], condenser)
+    return AssembledModel(quadratic, discrete, facets, factor, np.nonzero(carried.any(1))[0], condenser)
 
 
 def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
@@ -211,7 +211,7 @@ def admit(settings: Settings, knobs: Knobs, placement: Placement) -> None:
         )
 
 
-def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> Model:
+def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str | None) -> AssembledModel:
     """The discretised specimen of an experiment; NotModelled without a mesh or for a material out of reach."""
     admit(settings, knobs, placement)
     symmetric = knobs.friction == 0.0 and not settings.support.friction(vars(knobs))
@@ -233,13 +233,15 @@ def model_for(settings: Settings, knobs: Knobs, placement: Placement, mesh: str 
 @functools.lru_cache(maxsize=2)
 def _model(
     settings: Settings, specimen: Specimen, planes: tuple[bool, bool], symmetric: bool, mesh: str | None
-) -> Model:
+) -> AssembledModel:
     """Shared by all runs of a worker on one mesh."""
     made = meshing.cached(settings.recipe) if mesh is None else meshing.Mesh.from_file(mesh)
     return build(settings, made, specimen, planes, symmetric)
 
 
-def system(settings: Settings, knobs: Knobs, placement: Placement, model: Model, like: System | None = None) -> System:
+def system(
+    settings: Settings, knobs: Knobs, placement: Placement, model: AssembledModel, like: System | None = None
+) -> System:
     """Everything that stays the same during a run.
 
     `like` is a system whose knobs differ in moduli of the material alone: surfaces and zones are taken over from it.
@@ -271,7 +273,7 @@ def system(settings: Settings, knobs: Knobs, placement: Placement, model: Model,
 
 
 def touching(
-    settings: Settings, placement: Placement, model: Model
+    settings: Settings, placement: Placement, model: AssembledModel
 ) -> tuple[ContactSurface, tuple[ContactSurface, ...]]:
     """Surfaces that may touch: the indenter around the first contact, and what the support offers to touch."""
     middle = model.body.nodes[model.facets].mean(1)
@@ -313,7 +315,7 @@ def lumped(body: tetrahedra.Body, density: np.ndarray) -> np.ndarray:
     return out
 
 
-def condensing(system: System, model: Model, start: Load, end: Load) -> System:
+def condensing(system: System, model: AssembledModel, start: Load, end: Load) -> System:
     """The system with what condenses its tangents to the dofs c that the indenter may touch between two loads.
 
     Only where nothing else touches (a support may do so everywhere), and where the dense matrix of those is no larger

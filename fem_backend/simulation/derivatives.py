@@ -10,7 +10,7 @@ import numpy as np
 
 from fem_backend.laws import LAWS
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation.initial_state import Bench
+from fem_backend.simulation.initial_state import InitialState
 from fem_backend.simulation.outputs import FORCES, channels, units, whole
 from fem_backend.solver import load_steps, newton
 from fem_backend.solver.newton import Load, System
@@ -44,7 +44,7 @@ class Slopes:
     μ ∂c/∂μ = n c − Σ p θ ∂c/∂θ over the knobs θ of the dimension stressᵖ (Euler's identity).
     """
 
-    def __init__(self, at: Bench, names: Sequence[str]) -> None:
+    def __init__(self, at: InitialState, names: Sequence[str]) -> None:
         self.at, self.names = at, tuple(names)
         self.rows: dict[str, dict[float, dict[str, float]]] = {name: {} for name in names}
         self._powers = {n: p for n, p in powers().items() if getattr(at.knobs, n)} if "mu" in names else {}
@@ -128,6 +128,6 @@ class Slopes:
         return out
 
 
-def travel_of(at: Bench, load: Load) -> float:
+def travel_of(at: InitialState, load: Load) -> float:
     """Travel (mm) of the indenter in a load."""
     return float((load.indenter.centre - at.placement.touch) @ at.placement.direction) - at.lag

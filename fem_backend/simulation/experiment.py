@@ -101,7 +101,7 @@ def _earlier(value: Any) -> float:
     return float(value)
 
 
-class MeshTable(members.Table):
+class MeshTable(members.MemberTable):
     """mesh: who makes it and how fine it is."""
 
     mesher: Annotated[str, BeforeValidator(members.one_of(("tetwild", "mapped")))] = "tetwild"
@@ -133,7 +133,7 @@ class MeshTable(members.Table):
         return value
 
 
-class ExperimentTable(members.Table):
+class SettingsTable(members.MemberTable):
     """The settings of one experiment beside the tables of the open sets."""
 
     point: Annotated[tuple[float, float], BeforeValidator(members.numbers(2))] = (0.0, 0.0)
@@ -160,16 +160,16 @@ class ExperimentTable(members.Table):
     """Exact contact, or a penalty corrected to first order, faster and without derivatives."""
 
 
-def table() -> type[members.Table]:
+def table() -> type[members.MemberTable]:
     """The pydantic model of all settings, with the members that are registered now."""
     return _table(tuple(tuple(s.members.items()) for s in SETS.values()))
 
 
 @functools.lru_cache(maxsize=16)
-def _table(now: tuple) -> type[members.Table]:
+def _table(now: tuple) -> type[members.MemberTable]:
     """One model as long as the members `now` are the same."""
     unions = {noun: (Annotated[Any, s], field_of(s)) for noun, s in SETS.items()}
-    made = create_model("ExperimentSettings", __base__=ExperimentTable, **unions)
+    made = create_model("ExperimentSettings", __base__=SettingsTable, **unions)
     made.__doc__ = "Settings of an experiment; every table of an open set is one of those of its members."
     return made
 
@@ -180,14 +180,14 @@ def field_of(open_set: OpenSet) -> Any:
 
 
 @functools.lru_cache(maxsize=16)
-def _validator(model: type[members.Table]) -> TypeAdapter:
+def _validator(model: type[members.MemberTable]) -> TypeAdapter:
     return TypeAdapter(model)
 
 
 def read_settings(settings: Mapping[str, Any]) -> Settings:
     """Settings from plain data; ValueError with every problem, one a line, naming key, value and choices."""
     model = table()
-    known = {(): [*SETS, *ExperimentTable.model_fields], ("mesh",): [*MeshTable.model_fields]}
+    known = {(): [*SETS, *SettingsTable.model_fields], ("mesh",): [*MeshTable.model_fields]}
     try:
         read = _validator(model).validate_python(dict(settings))
     except ValidationError as error:
@@ -274,4 +274,4 @@ def choices() -> dict[str, Any]:
     members_of = {
         noun: {name: member.Table.model_json_schema() for name, member in s.members.items()} for noun, s in SETS.items()
     }
-    return {**members_of, "experiment": ExperimentTable.model_json_schema()}
+    return {**members_of, "experiment": SettingsTable.model_json_schema()}

@@ -11,15 +11,15 @@ import numpy as np
 from fem_backend.laws import admissible
 from fem_backend.materials import stress
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation.assembly import Model, Placement
+from fem_backend.simulation.assembly import AssembledModel, Placement
 from fem_backend.simulation.derivatives import Slopes
 from fem_backend.simulation.experiment import Settings
-from fem_backend.simulation.initial_state import Bench, bench
+from fem_backend.simulation.initial_state import InitialState, initial_state
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES, channels, reaction, softness, units, whole
 from fem_backend.simulation.schedule import each, merged, one, steps, together
 from fem_backend.solver import history_steps, load_steps, rigid_motions
-from fem_backend.solver.load_steps import Guess, Instant, Point, Stopped, Watch
+from fem_backend.solver.load_steps import Guess, Instant, LoadPoint, Stopped, Watch
 from fem_backend.solver.newton import Counters, System
 
 FINAL = ("time_limit", "inadmissible")  # ends of a run that no other path avoids
@@ -43,7 +43,7 @@ class Result:
     residual: np.ndarray
     counters: Counters
     cpu_s: float
-    points: tuple[Point, ...] = field(default=(), repr=False)
+    points: tuple[LoadPoint, ...] = field(default=(), repr=False)
     gradients: Mapping[str, Mapping[str, np.ndarray]] = field(default_factory=dict)
     notes: Mapping[str, float] = field(default_factory=dict)
     system: System | None = field(default=None, repr=False)
@@ -76,7 +76,7 @@ def solve(
     settings: Settings,
     knobs: Knobs,
     placement: Placement,
-    model: Model,
+    model: AssembledModel,
     instants: Sequence[Instant],
     guess: Guess | None = None,
     gradients: Sequence[str] = (),
@@ -108,7 +108,7 @@ def _attempt(
     settings: Settings,
     knobs: Knobs,
     placement: Placement,
-    model: Model,
+    model: AssembledModel,
     instants: Sequence[Instant],
     guess: Guess | None,
     gradients: Sequence[str],
@@ -117,7 +117,7 @@ def _attempt(
 ) -> Result:
     """Curves by one path; raises Stopped with the result so far."""
     counters = Counters(deadline=deadline)
-    at = bench(settings, knobs, placement, model, counters)
+    at = initial_state(settings, knobs, placement, model, counters)
     slopes = None if at.path_dependent else Slopes(at, gradients)
     try:
         points = along(at, instants, counters) if slopes is None else elastic(at, instants, counters, guess, slopes)
@@ -136,7 +136,7 @@ def unstable(result: Result) -> tuple[int, str] | None:
     if law.unconditional or not points:
         return None
 
-    def lost(point: Point) -> str | None:
+    def lost(point: LoadPoint) -> str | None:
         F = point.evaluation.H.reshape(-1, 3, 3) + np.eye(3)
         squares = np.linalg.eigvalsh(np.swapaxes(F, 1, 2) @ F)
         reached = float(np.sqrt(max(squares[:, 2].max(), 1.0 / squares[:, 0].min())))
@@ -148,7 +148,7 @@ def unstable(result: Result) -> tuple[int, str] | None:
     return next(((k, why) for k, p in enumerate(points) if (why := lost(p))), None)
 
 
-def along(at: Bench, instants: Sequence[Instant], counters: Counters) -> list[Point]:
+def along(at: InitialState, instants: Sequence[Instant], counters: Counters) -> list[LoadPoint]:
     """Points of a body for which the way counts: the programme is followed step by step."""
     control, u = at.settings.control, at.seated
     history = _earlier(at, counters)
@@ -171,12 +171,12 @@ def along(at: Bench, instants: Sequence[Instant], counters: Counters) -> list[Po
 
 
 def elastic(
-    at: Bench,
+    at: InitialState,
     instants: Sequence[Instant],
     counters: Counters,
     guess: Guess | None = None,
     watch: Watch | None = None,
-) -> list[Point]:
+) -> list[LoadPoint]:
     """Points of a body that returns on its loading curve: each asked travel is solved once, every stage is watched."""
     computed = merged([i.travel for i in instants if i.asked])
     asked = list(dict.fromkeys(computed.values()))
@@ -199,7 +199,7 @@ def elastic(
     return [replace(by_travel[computed[i.travel]], time=i.time, travel=i.travel) for i in instants if i.asked]
 
 
-def _earlier(at: Bench, counters: Counters) -> stress.History | None:
+def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
     """History of the material before the test: virgin, or softened by an earlier travel at this place."""
     body = at.model.body
     virgin = stress.virgin(at.system.material, *body.w.shape)
@@ -215,7 +215,7 @@ def _earlier(at: Bench, counters: Counters) -> stress.History | None:
 
 
 def collect(
-    at: Bench, points: Sequence[Point], counters: Counters, cpu_s: float, slopes: Slopes | None = None
+    at: InitialState, points: Sequence[LoadPoint], counters: Counters, cpu_s: float, slopes: Slopes | None = None
 ) -> Result:
     """Result from the points reached."""
     soft = np.ones(len(points)) if at.settings.multipliers or not points else 1.0 + softness(at, points)

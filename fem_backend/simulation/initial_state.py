@@ -10,7 +10,7 @@ from fem_backend import post
 from fem_backend.contact import tractions
 from fem_backend.laws import Material
 from fem_backend.simulation import assembly as modelling
-from fem_backend.simulation.assembly import Model, Placement
+from fem_backend.simulation.assembly import AssembledModel, Placement
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.solver import history_steps, load_steps, newton
@@ -19,7 +19,7 @@ from fem_backend.solver.newton import Counters, Load, System
 
 
 @dataclass(frozen=True)
-class Bench:
+class InitialState:
     """One experiment ready to run: what it is, where, what is solved, how much later the sagged body is touched.
 
     `carrying`, (f, q) MPa of each pair of the seat, are the multipliers that carry the weight: without them the body
@@ -29,7 +29,7 @@ class Bench:
     settings: Settings
     knobs: Knobs
     placement: Placement
-    model: Model
+    model: AssembledModel
     system: System
     seated: np.ndarray
     lag: float
@@ -51,7 +51,9 @@ class Bench:
         return rubbing or self.system.material.path_dependent
 
 
-def bench(settings: Settings, knobs: Knobs, placement: Placement, model: Model, counters: Counters) -> Bench:
+def initial_state(
+    settings: Settings, knobs: Knobs, placement: Placement, model: AssembledModel, counters: Counters
+) -> InitialState:
     """Set the specimen up: gravity first, then the depth counts from contact with what it has become.
 
     Raises model.NotModelled, and Stopped when the specimen finds no rest.
@@ -63,7 +65,7 @@ def bench(settings: Settings, knobs: Knobs, placement: Placement, model: Model, 
             probes = post.surface_points(model.body.nodes, model.facets, np.array(settings.profile), placement.planes)
         except ValueError as error:
             raise modelling.NotModelled("bad_geometry", f"profile: {error}") from error
-    ready = Bench(settings, knobs, placement, model, system, np.zeros_like(model.body.nodes), 0.0, probes)
+    ready = InitialState(settings, knobs, placement, model, system, np.zeros_like(model.body.nodes), 0.0, probes)
     if system.dead is None:
         return ready
     away = replace(ready, lag=-5.0 * placement.indenter.length).start(0.0)
@@ -91,7 +93,7 @@ def bench(settings: Settings, knobs: Knobs, placement: Placement, model: Model, 
     return replace(ready, seated=u, lag=lag)
 
 
-def _lag(at: Bench, u: np.ndarray) -> float:
+def _lag(at: InitialState, u: np.ndarray) -> float:
     """How much later (mm) a body displaced by u (n, 3) is touched; not finite if it is not."""
     pair, placement, nodes = at.system.indenter, at.placement, at.model.body.nodes
     first = [

@@ -12,10 +12,10 @@ from fem_backend.contact import tractions
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation.assembly import Placement
 from fem_backend.simulation.experiment import Settings, profile_name
-from fem_backend.simulation.initial_state import Bench
+from fem_backend.simulation.initial_state import InitialState
 from fem_backend.simulation.schedule import merged
 from fem_backend.solver import history_steps
-from fem_backend.solver.load_steps import Point
+from fem_backend.solver.load_steps import LoadPoint
 from fem_backend.solver.newton import Evaluation, Load, System
 
 UNITS = {
@@ -35,7 +35,9 @@ FORCES = ("Fx", "Fy", "Fz")
 SOFTEST = 0.1  # of the force that a correction of the penalty may add
 
 
-def channels(at: Bench, system: System, evaluation: Evaluation, load: Load, stiffer: float = 1.0) -> dict[str, float]:
+def channels(
+    at: InitialState, system: System, evaluation: Evaluation, load: Load, stiffer: float = 1.0
+) -> dict[str, float]:
     """Everything measured at one state, in the machine's frame, except time and travel; forces times `stiffer`."""
     placement, body = at.placement, at.model.body
     force = stiffer * whole(placement, evaluation.contact.force)
@@ -85,7 +87,7 @@ def whole(placement: Placement, force: np.ndarray) -> np.ndarray:
     return placement.rotation.T @ total
 
 
-def softness(at: Bench, points: Sequence[Point]) -> np.ndarray:
+def softness(at: InitialState, points: Sequence[LoadPoint]) -> np.ndarray:
     """Share (k,) of the force that contact without multipliers lacks, as all surfaces give way by p/ε:
 
         F = F_ε + dW/ds,   W = ½ ∫ (p − p₀)²/ε dA
@@ -122,7 +124,7 @@ def softness(at: Bench, points: Sequence[Point]) -> np.ndarray:
     return np.clip(rise / np.maximum(along, 1e-300), 0.0, SOFTEST)
 
 
-def _resting(at: Bench) -> list[np.ndarray | float]:
+def _resting(at: InitialState) -> list[np.ndarray | float]:
     """Pressures (f, q) MPa of every pair before the test: those of the seat under the weight, else none."""
     if at.carrying is None:
         return [0.0 for _ in at.system.pairs]
@@ -131,7 +133,7 @@ def _resting(at: Bench) -> list[np.ndarray | float]:
     return [0.0, *(tractions.evaluate(p, x, touch).pressure for p, touch in zip(seat, touches, strict=True))]
 
 
-def reaction(at: Bench, evaluation: Evaluation) -> np.ndarray:
+def reaction(at: InitialState, evaluation: Evaluation) -> np.ndarray:
     """Force (3,) N that the support carries in the machine's frame: of the held nodes, and what touches it."""
     touched = [-state.force for state in evaluation.seat]
     if len(at.model.held) or not touched:

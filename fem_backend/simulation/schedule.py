@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem_backend.solver.load_steps import Instant, Point
+from fem_backend.solver.load_steps import Instant, LoadPoint
 
 SLOWER = 3.0  # times as long as the step before it is a step of a rest
 SAME = 1e-9  # of the largest: instants and travels nearer than that are computed once
@@ -34,7 +34,7 @@ def one(group: Sequence[Instant]) -> Instant:
     return next((i for i in group if i.asked), group[0])
 
 
-def each(groups: Sequence[Sequence[Instant]], points: Sequence[Point]) -> list[Point]:
+def each(groups: Sequence[Sequence[Instant]], points: Sequence[LoadPoint]) -> list[LoadPoint]:
     """A point for every asked instant from one for every group, as many as there are."""
     asked = [[i for i in group if i.asked] for group in groups]
     return [

@@ -11,7 +11,7 @@ from fem_backend.contact import tractions
 from fem_backend.contact.tractions import Before
 from fem_backend.materials.stress import History
 from fem_backend.solver import load_steps, rigid_motions
-from fem_backend.solver.load_steps import Control, Instant, Point, Start, Stopped
+from fem_backend.solver.load_steps import Control, Instant, LoadPoint, Start, Stopped
 from fem_backend.solver.newton import Counters, Equilibrium, Load, NotConverged, System
 
 PASSES = 8  # of friction limited by the pressure of the pass before, at most
@@ -44,7 +44,7 @@ def follow(
     u: np.ndarray,
     history: History | None = None,
     touching: float | None = None,
-) -> list[Point]:
+) -> list[LoadPoint]:
     """Equilibria at the asked instants where the way matters: friction, viscoelasticity, softening.
 
     Between asked instants the penalty alone keeps the bodies apart (kept multipliers would let the pressures of the
@@ -64,7 +64,7 @@ def follow(
                 raise
             u = load_steps.seat(smooth(system), start(touching), u, control, counters)
             here = _rest(system, start(0.0), u, history)
-    points: list[Point] = []
+    points: list[LoadPoint] = []
     limit, pace = load_steps.BRISK, np.inf  # mm of a step that is likely to succeed
     for instant in instants:
         share, begin = 1.0, here.time  # of what is left to this instant
@@ -107,7 +107,7 @@ def _rest(system: System, load: Load, u: np.ndarray, history: History | None) ->
     """Where a path begins: nothing has moved from u (n, 3), no pair carries a traction."""
     x = system.body.nodes + u
     before = tuple(
-        tractions.remember(p, x, touch, tractions.evaluate(replace(p, friction=0.0), x, touch))
+        tractions.contact_history(p, x, touch, tractions.evaluate(replace(p, friction=0.0), x, touch))
         for p, touch in zip(system.pairs, load.touches, strict=True)
     )
     return Reached(0.0, 0.0, u, np.zeros_like(u), history, before, [np.zeros_like(t.multiplier) for t in load.touches])
@@ -135,7 +135,7 @@ def _step(
     control: Control,
     counters: Counters,
     limit: int,
-) -> tuple[Equilibrium, Load, Point | None]:
+) -> tuple[Equilibrium, Load, LoadPoint | None]:
     """Equilibrium at the end of a step from which the path goes on, its load, and the answer where one is asked for."""
     rolls, crude = rigid_motions.rolls(system), None
     if system.loose:  # a body that may slide far: friction by the pressure before
@@ -145,7 +145,7 @@ def _step(
         load = _rubbing(system, load, here, [c.pressure for c in crude.evaluation.contacts])
     if goal.asked:
         patient = limit == load_steps.PATIENT
-        point = load_steps.settle(system, [guess], load, goal.travel, control, counters, goal.time, loose=patient)
+        point = load_steps.equilibrate(system, [guess], load, goal.travel, control, counters, goal.time, loose=patient)
         found = point.stages[0].equilibrium
         return replace(found, rate=crude.rate) if rolls and crude is not None else found, load, point
     try:
@@ -163,7 +163,8 @@ def _arrived(system: System, load: Load, found: Equilibrium, goal: Instant) -> R
     at = found.evaluation
     x = system.body.nodes + at.u
     before = tuple(
-        tractions.remember(p, x, touch, c) for p, touch, c in zip(system.pairs, load.touches, at.contacts, strict=True)
+        tractions.contact_history(p, x, touch, c)
+        for p, touch, c in zip(system.pairs, load.touches, at.contacts, strict=True)
     )
     return Reached(goal.time, goal.travel, at.u, found.rate, at.history, before, [c.pressure for c in at.contacts])
 
@@ -220,7 +221,7 @@ def _rested(
     return replace(found, rate=rate), load
 
 
-def _light(point: Point) -> Point:
+def _light(point: LoadPoint) -> LoadPoint:
     """The point without what only the next step needs of its first stages: strains and history, megabytes each."""
     stages = []
     for stage in point.stages[:-1]:

@@ -25,7 +25,7 @@ EARLY, POOR = 3, 0.1  # step at which an earlier one is given up if what is left
 Rough = Callable[[np.ndarray], np.ndarray]
 
 
-class Loose:
+class KrylovSolver:
     """Factors of one pattern as :func:`fem_backend.solver.direct.solver` makes them; only one is alive at a time.
 
     A symmetric matrix with a negative direction raises NotPositiveDefinite when it is solved with, a general one is

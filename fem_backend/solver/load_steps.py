@@ -69,7 +69,7 @@ class Stage:
 
 
 @dataclass(frozen=True)
-class Point:
+class LoadPoint:
     """Equilibrium at an asked moment: time (s), travel (mm), the stages of its multipliers (the last one counts)."""
 
     time: float
@@ -108,7 +108,7 @@ class Stopped(ArithmeticError):
     reached: Any = None
 
     def __init__(
-        self, cause: str, message: str, points: list[Point], history: tuple[float, ...], counters: Counters
+        self, cause: str, message: str, points: list[LoadPoint], history: tuple[float, ...], counters: Counters
     ) -> None:
         super().__init__(message)
         self.cause, self.points, self.history, self.counters = cause, points, history, counters
@@ -211,7 +211,7 @@ def _resting(
 def travel(
     system: System, start: Start, asked: Sequence[float], control: Control, counters: Counters,
     u: np.ndarray | None = None, guess: Guess | None = None, watch: Watch | None = None,
-) -> list[Point]:  # fmt: skip
+) -> list[LoadPoint]:  # fmt: skip
     """Equilibria of a conservative system at the `asked` travels (mm, increasing) from the state u (n, 3) at travel 0.
 
     `start(s)` is the load at travel s without multipliers.  Between asked travels the state only has to be near: the
@@ -222,13 +222,13 @@ def travel(
     u = np.zeros_like(system.body.nodes) if u is None else u
     rate, here, step = np.zeros_like(u), 0.0, control.first
     amiss = np.zeros_like(u)  # of what is offered, at the travel before
-    points: list[Point] = []
+    points: list[LoadPoint] = []
     for target in asked:
         offered = guess(target) if guess is not None else None
         if offered is not None:
             near = [state + amiss for state in offered]
             try:
-                points.append(settle(system, near, start(target), target, control, counters, 0.0, watch, NOTHING))
+                points.append(equilibrate(system, near, start(target), target, control, counters, 0.0, watch, NOTHING))
             except NotConverged as error:
                 if error.cause == "time_limit":
                     raise stopped(error, target, points, counters) from error
@@ -259,7 +259,9 @@ def travel(
             u, rate, here = found.evaluation.u, found.rate, goal
             known = found.known
         try:
-            points.append(settle(system, [u], start(target), target, control, counters, 0.0, watch, known, loose=True))
+            points.append(
+                equilibrate(system, [u], start(target), target, control, counters, 0.0, watch, known, loose=True)
+            )
         except NotConverged as error:
             raise stopped(error, target, points, counters) from error
         proper(system, points[-1].stages[-1].equilibrium, here, target, points[:-1], counters)
@@ -268,7 +270,7 @@ def travel(
 
 
 def proper(
-    system: System, found: Equilibrium, here: float, goal: float, points: list[Point], counters: Counters
+    system: System, found: Equilibrium, here: float, goal: float, points: list[LoadPoint], counters: Counters
 ) -> None:
     """Raise Stopped where the displacements between two travels (mm) are beyond small strains.
 
@@ -294,23 +296,23 @@ def may_go_on(system: System, limit: int, error: NotConverged) -> bool:
     return system.loose and limit < PATIENT and error.cause != "time_limit"
 
 
-def _end(point: Point, travel: float) -> tuple[np.ndarray, np.ndarray, float]:
+def _end(point: LoadPoint, travel: float) -> tuple[np.ndarray, np.ndarray, float]:
     """State, rate and travel to go on from: those before the multipliers, which the next step does not have."""
     first = point.stages[0].equilibrium
     return first.evaluation.u, first.rate, travel
 
 
-def stopped(error: NotConverged, here: float, points: list[Point], counters: Counters) -> Stopped:
+def stopped(error: NotConverged, here: float, points: list[LoadPoint], counters: Counters) -> Stopped:
     """The end of a run beyond a travel `here` (mm), with the class of its cause."""
     kept = ("inversion", "time_limit", "instability")
     cause = error.cause if error.cause in kept else "step_limit"
     return Stopped(cause, f"no equilibrium beyond {here:.4g} mm ({error})", points, error.history, counters)
 
 
-def settle(
+def equilibrate(
     system: System, starts: Sequence[np.ndarray], load: Load, target: float, control: Control, counters: Counters,
     time: float = 0.0, watch: Watch | None = None, known: Known | Kept | None = None, loose: bool = False,
-) -> Point:  # fmt: skip
+) -> LoadPoint:  # fmt: skip
     """Tight equilibrium at an asked travel, multipliers λ ← p a fixed number of times (Uzawa); `known` as in Newton.
 
     Of the states `starts` (n, 3) the first is where the search begins, the others tell what each stage will move.
@@ -338,4 +340,4 @@ def settle(
         u, load = found.evaluation.u, newton.augmented(system, load, found.evaluation)
         if k + 1 < len(starts):
             u = u + (starts[k + 1] - starts[k])
-    return Point(time, target, tuple(stages))
+    return LoadPoint(time, target, tuple(stages))

@@ -27,12 +27,12 @@ PLACES = 0.35  # of a semi-axis
 
 @SPECIMENS.register
 @dataclass(frozen=True)
-class Ellipsoid(geometry.Ellipsoid):
+class Ellipsoid(geometry.EllipsoidShape):
     """(x/a)² + (y/b)² + (z/c)² ≤ 1 with the semi-axes a, b, c and those of a cavity around its lowest point (mm)."""
 
     cavity: tuple[float, float, float] = (15.0, 10.0, 10.0)
 
-    class Table(members.Table):
+    class Table(members.MemberTable):
         """{ shape = "ellipsoid", semi_axes = [60, 35, 35], cavity = semi-axes of a cavity below, knob cavity }"""
 
         shape: Literal["ellipsoid"] = "ellipsoid"
@@ -191,7 +191,7 @@ class Ellipsoid(geometry.Ellipsoid):
             raise ValueError(f"mesh.level = {level!r}: only for specimens and indenters that the shipped meshes fit")
         # similar specimens share one mesh, made for the size that levels are tuned for: the mesher knows millimetres
         axes = self.semi_axes * (meshing.RADIUS / length)
-        similar = geometry.Ellipsoid(*(float(f"{v:.12g}") for v in axes))
+        similar = geometry.EllipsoidShape(*(float(f"{v:.12g}") for v in axes))
         sizing = replace(meshing.LEVELS[made], hmax=1.15 * similar.smallest)
         return Meshing(meshing.tetwild_recipe(similar, sizing), used, h0, level)
 

@@ -13,7 +13,7 @@ import numpy as np
 from skfem import MeshTet2
 
 from fem_backend import meshing
-from fem_backend.members import OpenSet, Table
+from fem_backend.members import MemberTable, OpenSet
 from fem_backend.meshing import Mesh
 
 
@@ -48,7 +48,7 @@ class Specimen(Protocol):
     """
 
     name: ClassVar[str]
-    Table: ClassVar[type[Table]]
+    Table: ClassVar[type[MemberTable]]
     Knobs: ClassVar[type | None]
     gauges: ClassVar[Mapping[str, float]]
     makers: ClassVar[Mapping[str, Callable[[Mapping[str, Any]], Mesh]]]

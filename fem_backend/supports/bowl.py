@@ -13,7 +13,7 @@ from pydantic import BeforeValidator
 
 from fem_backend import members
 from fem_backend.contact.tractions import ContactSurface, Pair, contact_surface
-from fem_backend.geometry import STILL, Ellipsoid, arrays, closest_point
+from fem_backend.geometry import STILL, EllipsoidShape, arrays, closest_point
 from fem_backend.kinematics.tetrahedra import Body
 from fem_backend.supports.support import SUPPORTS
 from rso.contract import knob
@@ -32,7 +32,7 @@ class BowlSupport:
     wide: float | None = None
     friction_of: float | None = None
 
-    class Table(members.Table):
+    class Table(members.MemberTable):
         """{ kind = "bowl", clearance = 1.0, friction = 0.2 }"""
 
         kind: Literal["bowl"] = "bowl"
@@ -95,7 +95,7 @@ class BowlSupport:
 
     def refusal(self, specimen: Any) -> str | None:
         """Only a body with semi-axes has a bowl of its own shape."""
-        if isinstance(specimen, Ellipsoid):
+        if isinstance(specimen, EllipsoidShape):
             return None
         return f'support.kind = "bowl" has the shape of the specimen, an ellipsoid; there is none of a {specimen.name}'
 

@@ -19,7 +19,7 @@ from fem_backend.supports.support import SUPPORTS
 class Fixed:
     """u = 0 on the specimen's part `lower`."""
 
-    class Table(members.Table):
+    class Table(members.MemberTable):
         """{ kind = "fixed" }"""
 
         kind: Literal["fixed"] = "fixed"

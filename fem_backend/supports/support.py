@@ -12,7 +12,7 @@ import numpy as np
 
 from fem_backend.contact.tractions import ContactSurface, Pair
 from fem_backend.kinematics.tetrahedra import Body
-from fem_backend.members import OpenSet, Table
+from fem_backend.members import MemberTable, OpenSet
 
 SUPPORTS: OpenSet[Support] = OpenSet("support", "kind", "fixed", marks={"rolling": 3})
 
@@ -28,7 +28,7 @@ class Support(Protocol):
     """
 
     name: ClassVar[str]
-    Table: ClassVar[type[Table]]
+    Table: ClassVar[type[MemberTable]]
     Knobs: ClassVar[type | None]
     lengths: ClassVar[tuple[str, ...]]
     loose: ClassVar[bool]

@@ -11,8 +11,8 @@ from scipy.linalg import block_diag
 from rso.calibration.finished_runs import finished
 from rso.calibration.plan import Plan
 from rso.calibration.readings import as_data, error_at, measured, of_interpolation
-from rso.calibration.search_stage import Found
-from rso.calibration.stages import NOISE, Bench, Run, learn_more, learnt_anew, misses, sample
+from rso.calibration.search_stage import SearchResult
+from rso.calibration.stages import NOISE, Run, Runner, learn_more, learnt_anew, misses, sample
 from rso.core.distributions import chi2_ppf
 from rso.core.units import spaced
 from rso.doe import Box, sobol
@@ -20,22 +20,22 @@ from rso.emulation.emulator import Emulator, relearn
 from rso.evaluation import Outcome, Task
 from rso.evaluation.store import Done
 from rso.inference import (
+    CurvePlace,
     Data,
     Determination,
     Fit,
     Misfit,
     Model,
-    Place,
     Runs,
     all_minima,
     determine,
     emulated,
     p_value,
-    remembering,
     resample,
     spread_of,
     stack,
     together,
+    with_autocorrelation,
 )
 from rso.inference.identifiability import LEVEL, UNLIKELY
 from rso.inference.verdict import REFUTED
@@ -50,7 +50,7 @@ SETTLED = 0.5  # of χ² in units of its least value per degree of freedom: what
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class ConfirmedFit:
     """Likelihood of the fitted curves on an emulator, where they were measured, and starts (k, d) in the ranges.
 
     The errors of `bare` are those of `misfit` without what the surrogates may be off by.
@@ -58,7 +58,7 @@ class Evidence:
 
     misfit: Misfit
     bare: Misfit
-    places: tuple[Place, ...]
+    places: tuple[CurvePlace, ...]
     near: np.ndarray
 
     def determined(self, plan: Plan, runs: Runs, *, mcmc: bool) -> Determination:
@@ -67,7 +67,7 @@ class Evidence:
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class ConfirmedOptimum:
     """The most likely point, recomputed: the runs made for it, the emulator that knows them, how far it was off.
 
     `agreement` is the largest difference of predicted and recomputed curves over their largest value, `chi2` the
@@ -90,7 +90,7 @@ class Settled:
     p_bare: float | None = None
 
 
-def evidence(plan: Plan, emulator: Emulator, found: Sequence[Found]) -> Evidence:
+def evidence(plan: Plan, emulator: Emulator, found: Sequence[SearchResult]) -> ConfirmedFit:
     """Likelihood of every fitted curve in the ranges of the main search.
 
     Errors: those of the measurement, of the spline between computed depths, the estimated numerical error of the first
@@ -114,18 +114,20 @@ def evidence(plan: Plan, emulator: Emulator, found: Sequence[Found]) -> Evidence
     data = [d.plus(of_interpolation(p, *_curve(emulator, p, there))) for p, d in zip(places, data, strict=True)]
     plain, banded = replace(plain, data=tuple(data)), zip(data, pairs, strict=True)
     data = [d.plus(together(d.depth, band(there), float(d.depth.max()))) for d, (_, band) in banded]
-    misfit, bare = (remembering(m, first.x) for m in (replace(plain, data=tuple(data)), plain))
-    return Evidence(misfit, bare, tuple(places), np.vstack([first.x[None], near]))
+    misfit, bare = (with_autocorrelation(m, first.x) for m in (replace(plain, data=tuple(data)), plain))
+    return ConfirmedFit(misfit, bare, tuple(places), np.vstack([first.x[None], near]))
 
 
-def settle(bench: Bench, emulator: Emulator, found: Sequence[Found], meanwhile: Sequence[Task] = ()) -> Settled:
+def confirm_optimum(
+    bench: Runner, emulator: Emulator, found: Sequence[SearchResult], meanwhile: Sequence[Task] = ()
+) -> ConfirmedOptimum:
     """Recompute the most likely point and learn it, until prediction and simulation agree, then where surrogates do not
     know enough (:func:`_unsure`), and look for all again, `ENDS` times at most.
 
     Workers that are free begin what will be wanted later, `meanwhile`.
     """
     if emulator.reduced is None:  # exact: similarity knows every run already
-        return Settled(emulator, (), 0.0, None, True)
+        return ConfirmedOptimum(emulator, (), 0.0, None, True)
     similar, runs = emulator.group.reference is not None, list[Run]()
     for k in range(ENDS + 1):
         now = _most_likely(bench, emulator, found, meanwhile)
@@ -148,10 +150,12 @@ def settle(bench: Bench, emulator: Emulator, found: Sequence[Found], meanwhile: 
     return replace(now, runs=tuple(runs))
 
 
-def _most_likely(bench: Bench, emulator: Emulator, found: Sequence[Found], meanwhile: Sequence[Task]) -> Settled:
+def _most_likely(
+    bench: Runner, emulator: Emulator, found: Sequence[SearchResult], meanwhile: Sequence[Task]
+) -> ConfirmedOptimum:
     """The most likely point, run and learnt until prediction and simulation agree, `ROUNDS` times at most."""
     runs: list[Run] = []
-    last = Settled(emulator, (), None, None, False)
+    last = ConfirmedOptimum(emulator, (), None, None, False)
     for k in range(ROUNDS):
         plan = bench.around_failures(emulator.group.reference is not None).plan  # which the last run may have changed
         now = evidence(plan, emulator, found)
@@ -177,13 +181,13 @@ def _most_likely(bench: Bench, emulator: Emulator, found: Sequence[Found], meanw
         verified = gap <= plan.study.verify.tolerance and off <= SETTLED * _least(now, best)
         ν = now.misfit.n - len(best.x)
         p, p_bare = (p_value(m, v, ν, best.x) for m, v in ((now.misfit, chi2), (now.bare, bare)))
-        last = Settled(emulator, (), gap, chi2, verified, chi2_bare=bare, p_bare=p_bare)
+        last = ConfirmedOptimum(emulator, (), gap, chi2, verified, chi2_bare=bare, p_bare=p_bare)
         hidden = covered(p, p_bare) and bare > REFUTED**2 * ν
         if (verified and not hidden) or k == ROUNDS - 1:
             break
         emulator = learn_more(bench, emulator, [sample(plan, values, outcomes)])
     if not runs[-1].done and not last.verified:
-        return Settled(emulator, tuple(runs), None, None, False)
+        return ConfirmedOptimum(emulator, tuple(runs), None, None, False)
     return replace(last, emulator=emulator, runs=tuple(runs))
 
 
@@ -192,7 +196,7 @@ def covered(p: float | None, p_bare: float | None) -> bool:
     return (p is None or p >= UNLIKELY) and p_bare is not None and p_bare < UNLIKELY
 
 
-def _least(now: Evidence, best: Fit) -> float:
+def _least(now: ConfirmedFit, best: Fit) -> float:
     """Least χ² per degree of freedom, at least 1."""
     return max(1.0, best.chi2 / max(now.misfit.n - len(best.x), 1))
 
@@ -205,8 +209,8 @@ def _poor(plan: Plan, emulator: Emulator) -> tuple[str, ...]:
 
 
 def _heard(
-    bench: Bench, plan: Plan, emulator: Emulator, found: Sequence[Found]
-) -> tuple[Emulator, Evidence, Determination]:
+    bench: Runner, plan: Plan, emulator: Emulator, found: Sequence[SearchResult]
+) -> tuple[Emulator, ConfirmedFit, Determination]:
     """The emulator that has learnt every finished run that refutes it, what it says, and what is determined then.
 
     A run that agrees with the data outside of an interval is learnt where that is new; where it is not, kinds of
@@ -224,7 +228,7 @@ def _heard(
 
 
 def _unsure(
-    bench: Bench, plan: Plan, emulator: Emulator, found: Sequence[Found], runs: Sequence[Run]
+    bench: Runner, plan: Plan, emulator: Emulator, found: Sequence[SearchResult], runs: Sequence[Run]
 ) -> tuple[Emulator, list[tuple[str, np.ndarray]]]:
     """The emulator, all finished runs heard, and points (d,) of the plan's box, named, at which it does not know
     whether the data allow them.
@@ -261,7 +265,7 @@ def _unsure(
     return emulator, kept
 
 
-def _hopeful(plan: Plan, emulator: Emulator, now: Evidence, X: np.ndarray) -> np.ndarray:
+def _hopeful(plan: Plan, emulator: Emulator, now: ConfirmedFit, X: np.ndarray) -> np.ndarray:
     """χ² (k,) at X (k, d) with the covariance C + R S² Rᵀ, S = diag(DOUBTED s), s the surrogates' deviations there:
 
     |r|² − bᵀ (1 + S Vᵀ V S)⁻¹ b with W whitening by C, r = W (f − y), V = W R, b = S Vᵀ r (Woodbury).
@@ -292,7 +296,7 @@ def _wall(plan: Plan, box: Box) -> Callable[[np.ndarray], np.ndarray] | None:
 # ------------------------------------------------------------------------------------------------------ pieces
 
 
-def fitted_curves(plan: Plan) -> list[tuple[Place, Data]]:
+def fitted_curves(plan: Plan) -> list[tuple[CurvePlace, Data]]:
     """Where the fitted curves were measured, as deep as they are simulated, and their values with their errors."""
     found, fitted = [], _fitted(plan)
     for name, channel in fitted:
@@ -300,7 +304,7 @@ def fitted_curves(plan: Plan) -> list[tuple[Place, Data]]:
         deepest = max(o.depth_mm for o in plan.outputs if (o.experiment, o.channel) == (name, channel))
         keep = (curve.depth > 0) & (curve.depth <= deepest * (1 + 1e-9))
         label = name if len({c for e, c in fitted if e == name}) == 1 else f"{name} {channel}"
-        place = Place(name, channel, np.minimum(curve.depth[keep], deepest))
+        place = CurvePlace(name, channel, np.minimum(curve.depth[keep], deepest))
         found.append((place, as_data(label, name, curve, keep)))
     return found
 
@@ -318,7 +322,7 @@ def stated(plan: Plan) -> Box:
     return Box(plan.box.names, plan.box.units, tuple(a.low for a in axes), tuple(a.high for a in axes), plan.box.log)
 
 
-def _curve(emulator: Emulator, place: Place, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _curve(emulator: Emulator, place: CurvePlace, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Travels (m,) mm and values (m,) of a curve of the emulator at x (d,)."""
     outputs = [o for o in emulator.outputs if (o.experiment, o.channel) == (place.experiment, place.channel)]
     outputs.sort(key=lambda o: o.depth_mm)
@@ -335,7 +339,7 @@ def _within(plan: Plan, box: Box, model: Model) -> Model:
     return Model(box, lambda X: model.predict(_wide(plan, X)))
 
 
-def _start(plan: Plan, found: Sequence[Found]) -> np.ndarray:
+def _start(plan: Plan, found: Sequence[SearchResult]) -> np.ndarray:
     """Candidates (k, d) of all searches in the unit cube of the ranges."""
     main, box = plan.searches[0], plan.box
     values = [c.values for f in found for c in f.result.candidates]
@@ -350,7 +354,7 @@ def _fitted(plan: Plan) -> list[tuple[str, str]]:
     return [(e.name, c) for e in mine for c in e.compared]
 
 
-def _numerical(plan: Plan, found: Sequence[Found], place: Place) -> np.ndarray:
+def _numerical(plan: Plan, found: Sequence[SearchResult], place: CurvePlace) -> np.ndarray:
     """Estimated numerical error (n,) at the measured depths, of the first candidate that was recomputed; else 0."""
     for f in found:
         for c in f.result.candidates:
@@ -360,7 +364,7 @@ def _numerical(plan: Plan, found: Sequence[Found], place: Place) -> np.ndarray:
     return np.zeros_like(place.depth)
 
 
-def _recomputed(plan: Plan, outcomes: Sequence[Outcome], place: Place) -> np.ndarray:
+def _recomputed(plan: Plan, outcomes: Sequence[Outcome], place: CurvePlace) -> np.ndarray:
     """The simulated curve (n,) at the measured depths."""
     outcome = outcomes[plan.case_of[place.experiment]]
     assert isinstance(outcome, Done)

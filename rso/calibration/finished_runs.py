@@ -12,13 +12,13 @@ from rso.contract import Response
 from rso.core.curves import Resampling
 from rso.emulation.emulator import Emulator, Sample
 from rso.evaluation.store import RunStore
-from rso.inference import Misfit, Place, Runs, resample
+from rso.inference import CurvePlace, Misfit, Runs, resample
 
 SCALES = 257  # values of the modulus that similarity makes of one run
 
 
 def finished(
-    plan: Plan, emulator: Emulator, store: RunStore, misfit: Misfit, places: Sequence[Place]
+    plan: Plan, emulator: Emulator, store: RunStore, misfit: Misfit, places: Sequence[CurvePlace]
 ) -> tuple[Runs, list[Sample]]:
     """All runs inside the ranges of the misfit whose curves are known: those that the emulator has learnt, scaled by
     similarity to where they agree best, and those of the store; and the samples of the latter that it has not."""
@@ -51,7 +51,7 @@ def _point(plan: Plan, values: Mapping[str, float]) -> tuple[float, ...]:
     return tuple(float(f"{values[n]:.12g}") for n in plan.box.names)
 
 
-def _of_sample(emulator: Emulator, sample: Sample, places: Sequence[Place]) -> np.ndarray:
+def _of_sample(emulator: Emulator, sample: Sample, places: Sequence[CurvePlace]) -> np.ndarray:
     """The curves (n,) of a sample at the measured depths."""
     parts = []
     for p in places:
@@ -63,7 +63,7 @@ def _of_sample(emulator: Emulator, sample: Sample, places: Sequence[Place]) -> n
 
 
 def _scaled(
-    emulator: Emulator, misfit: Misfit, places: Sequence[Place], values: Mapping[str, float], curve: np.ndarray
+    emulator: Emulator, misfit: Misfit, places: Sequence[CurvePlace], values: Mapping[str, float], curve: np.ndarray
 ) -> list[tuple[Mapping[str, float], np.ndarray]]:
     """The run itself, and by similarity the one of its kind inside the ranges that agrees best with the data."""
     group, box = emulator.group, misfit.model.box

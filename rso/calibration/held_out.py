@@ -16,7 +16,7 @@ from rso.study.cases import mark_channel
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
+class HeldOutReadings:
     """Readings (n,) of one channel from contact on, with the covariance (n, n) of their errors; depth in mm.
 
     `simulated` names the channel of a response behind each: of a profile, whose places are in `position` (n, 2) mm
@@ -60,7 +60,7 @@ class Kept:
         return found
 
 
-def kept(plan: Plan, name: str) -> tuple[Kept, ...]:
+def held_out_readings(plan: Plan, name: str) -> tuple[HeldOutReadings, ...]:
     """Every compared channel of an experiment."""
     found = []
     for channel in plan.study.experiment(name).compared:
@@ -69,11 +69,13 @@ def kept(plan: Plan, name: str) -> tuple[Kept, ...]:
         place = None if curve.position is None else curve.position[on]
         behind = [channel] * int(on.sum()) if place is None else [mark_channel(p) for p in place]
         C = curve.covariance[np.ix_(on, on)]
-        found.append(Kept(name, channel, curve.unit, curve.depth[on], curve.value[on], C, np.array(behind), place))
+        found.append(
+            HeldOutReadings(name, channel, curve.unit, curve.depth[on], curve.value[on], C, np.array(behind), place)
+        )
     return tuple(found)
 
 
 def task(plan: Plan, name: str, values: Mapping[str, float]) -> Task:
     """The simulation of an experiment, alone."""
     case: Case = plan.validation[name] if name in plan.validation else plan.cases[plan.case_of[name]]
-    return Task(values, case, frozenset(c for k in kept(plan, name) for c in k.simulated.tolist()))
+    return Task(values, case, frozenset(c for k in held_out_readings(plan, name) for c in k.simulated.tolist()))

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from rso.calibration.confirmed_optimum import Settled, covered, evidence, settle
+from rso.calibration.confirmed_optimum import ConfirmedOptimum, confirm_optimum, covered, evidence
 from rso.calibration.finished_runs import finished
 from rso.calibration.plan import Plan
 from rso.calibration.readings import curve_data
-from rso.calibration.search_stage import Found
-from rso.calibration.stages import Bench, Run
+from rso.calibration.search_stage import SearchResult
+from rso.calibration.stages import Run, Runner
 from rso.calibration.unstated_errors import unstated
 from rso.core.units import spaced
 from rso.doe import Box
@@ -21,11 +21,11 @@ from rso.emulation.emulator import Emulator
 from rso.evaluation import Task
 from rso.evaluation.store import RunStore
 from rso.inference import (
+    CurvePlace,
     Determination,
     Fit,
     Known,
     MetricMinimum,
-    Place,
     compare_weightings,
     curve_score,
     downhill,
@@ -44,13 +44,13 @@ METRICS = ("nrmse", "mre", "rrmse")
 class Identified:
     """Data and what they determine; best fits by weighting, minima by metric."""
 
-    places: tuple[Place, ...]
+    places: tuple[CurvePlace, ...]
     determination: Determination
     weightings: dict[str, Fit]
     metrics: dict[str, tuple[MetricMinimum, ...]]
 
 
-def identify(plan: Plan, emulator: Emulator, found: Sequence[Found], store: RunStore) -> Identified:
+def identify(plan: Plan, emulator: Emulator, found: Sequence[SearchResult], store: RunStore) -> Identified:
     """What follows from the likelihood, every finished run heard: intervals, verdicts, best fits by weighting, minima
     by metric."""
     now = evidence(plan, emulator, found)
@@ -66,7 +66,7 @@ def identify(plan: Plan, emulator: Emulator, found: Sequence[Found], store: RunS
     return Identified(now.places, determination, compare_weightings(misfit, near, seed=seed), minima)
 
 
-def of_identification(plan: Plan, found: Identified, settled: Settled) -> dict[str, Any]:
+def of_identification(plan: Plan, found: Identified, settled: ConfirmedOptimum) -> dict[str, Any]:
     """identification, determined."""
     box, d = found.determination.misfit.model.box, found.determination
     first = d.fit
@@ -115,9 +115,9 @@ def of_identification(plan: Plan, found: Identified, settled: Settled) -> dict[s
 
 
 def identification(
-    bench: Bench,
+    bench: Runner,
     emulator: Emulator,
-    found: Sequence[Found],
+    found: Sequence[SearchResult],
     best: tuple[str, int] | None,
     meanwhile: Sequence[Task] = (),
 ) -> tuple[dict[str, Any], tuple[Run, ...], list[str], Determination | None]:
@@ -127,7 +127,7 @@ def identification(
     """
     plan = bench.plan
     try:
-        settled = settle(bench, emulator, found, meanwhile)
+        settled = confirm_optimum(bench, emulator, found, meanwhile)
         plan = bench.around_failures(settled.emulator.group.reference is not None).plan
         done = identify(plan, settled.emulator, found, bench.store)
         done = replace(done, determination=doubted(done.determination, settled))
@@ -168,13 +168,13 @@ def identification(
     return of_identification(plan, done, settled), settled.runs, warnings, d
 
 
-def _hides_much(d: Determination, settled: Settled) -> bool:
+def _hides_much(d: Determination, settled: ConfirmedOptimum) -> bool:
     """Whether the model agrees with the data only by what the surrogates may be off by, and misses them widely."""
     much = settled.chi2_bare is not None and settled.chi2_bare > REFUTED**2 * d.degrees
     return settled.verified and much and covered(d.p_value, settled.p_bare)
 
 
-def doubted(d: Determination, settled: Settled) -> Determination:
+def doubted(d: Determination, settled: ConfirmedOptimum) -> Determination:
     """What is known, with no parameter called determined where simulations do not confirm what the surrogates say, or
     where what these may be off by hides a misfit of more than `REFUTED` times the errors; no p-value where
     it hides any.
@@ -202,7 +202,7 @@ def doubted(d: Determination, settled: Settled) -> Determination:
     return replace(d, known=tuple(doubt(k, word, why) if k.verdict.word == "determined" else k for k in d.known))
 
 
-def _noiseless(plan: Plan, places: Sequence[Place], d: Determination) -> list[str]:
+def _noiseless(plan: Plan, places: Sequence[CurvePlace], d: Determination) -> list[str]:
     """Curves without stated noise whose readings show less than what is added for the computation of the curve."""
     said = []
     for p, data in zip(places, d.misfit.data, strict=True):

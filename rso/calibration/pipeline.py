@@ -29,9 +29,9 @@ from rso.calibration import (
 from rso.calibration.exit_codes import EXIT_FAILED_RUNS, ended
 from rso.calibration.gauss_newton import descent_results, iteration
 from rso.calibration.plan import Plan
-from rso.calibration.range_extension import Repaired
-from rso.calibration.search_stage import Found
-from rso.calibration.stages import Bench, Watch
+from rso.calibration.range_extension import ExtendedRanges
+from rso.calibration.search_stage import SearchResult
+from rso.calibration.stages import Runner, Watch
 from rso.core.units import spaced
 from rso.emulation import emulator as emulator_file
 from rso.evaluation.store import Done, RunStore
@@ -62,7 +62,7 @@ def run_study(
     """
     notes = _begin(plan, store, folder, command, jobs)
     notes.write("plan")
-    bench = Bench(plan, store, executor, watch)
+    bench = Runner(plan, store, executor, watch)
     if plan.study.search.method == "gauss_newton":
         return _directly(bench, notes, say, strict)
     ranges = _learn(bench, notes, say)
@@ -72,19 +72,19 @@ def run_study(
     return _validate(bench, ranges.design, search_stage.chosen(searches, chosen), determination, notes, say, strict)
 
 
-def _directly(bench: Bench, notes: _Notes, say: Say, strict: bool) -> dict[str, Any]:
+def _directly(bench: Runner, notes: _Notes, say: Say, strict: bool) -> dict[str, Any]:
     """The same without a design and its surfaces: Gauss–Newton on simulations with their derivatives."""
     plan, found = bench.plan, notes.found
     say("search: Gauss–Newton on simulations and their derivatives")
     try:
-        there = iteration.descend(bench)
+        there = iteration.run_gauss_newton(bench)
     except stages.NothingToFit as error:
         found["warnings"].append(str(error))
         notes.write("plan", end=True, exit_code=EXIT_FAILED_RUNS, exit_reason=str(error))
         raise
     design = descent_results.design_of(plan, there)
     found["runs"] = results.rows_of(plan, there.runs)
-    notes.write("search", **descent_results.of_design(plan, there), **descent_results.of_descent(plan, there))
+    notes.write("search", **descent_results.of_design(plan, there), **descent_results.of_gauss_newton(plan, there))
     say("identification: what the curves determine")
     one = (plan.searches[0].name, 0, found["searches"][0]["candidates"][0]["values"])
     bench.begin(search_stage.validation_tasks(plan, [one]))
@@ -103,7 +103,7 @@ def _directly(bench: Bench, notes: _Notes, say: Say, strict: bool) -> dict[str, 
     return _validate(bench, design, [one], None if known is None else known.determination, notes, say, strict)
 
 
-def _learn(bench: Bench, notes: _Notes, say: Say) -> Repaired:
+def _learn(bench: Runner, notes: _Notes, say: Say) -> ExtendedRanges:
     """Design, surrogates, the ranges that the main search needs, sensitivities."""
     plan, found = bench.plan, notes.found
     say("design: simulations to learn from")
@@ -124,7 +124,7 @@ def _learn(bench: Bench, notes: _Notes, say: Say) -> Repaired:
         found["warnings"].append(str(error))
         notes.write("design", end=True, counts=notes.counts(plan), exit_code=EXIT_FAILED_RUNS, exit_reason=str(error))
         raise
-    ranges = range_extension.repair(bench.around_failures(design.similar), design, fitted, say)
+    ranges = range_extension.extend_ranges(bench.around_failures(design.similar), design, fitted, say)
     plan, fitted = ranges.bench.plan, ranges.fitted
     found["runs"] += results.added_runs(plan, fitted)
     _warn_of_poor_surrogates(plan, fitted, found)
@@ -138,11 +138,11 @@ def _learn(bench: Bench, notes: _Notes, say: Say) -> Repaired:
     return ranges
 
 
-def _search(ranges: Repaired, notes: _Notes, say: Say) -> tuple[Bench, list[Found]]:
+def _search(ranges: ExtendedRanges, notes: _Notes, say: Say) -> tuple[Runner, list[SearchResult]]:
     """Candidates of every search, verified."""
     bench, emulator, similar = ranges.bench, ranges.fitted.emulator, ranges.design.similar
     plan, found = bench.plan, notes.found
-    searches: list[Found] = []
+    searches: list[SearchResult] = []
     say(f"search: NSGA-II for {', '.join(s.name for s in plan.searches)}; then all candidates are rerun")
     proposals = search_stage.propose_all(bench, emulator, ranges.proposal)
     audit = ranges.audit
@@ -163,7 +163,7 @@ def _search(ranges: Repaired, notes: _Notes, say: Say) -> tuple[Bench, list[Foun
 
 
 def _identify(
-    bench: Bench, searches: list[Found], chosen: tuple[str, int] | None, notes: _Notes, say: Say
+    bench: Runner, searches: list[SearchResult], chosen: tuple[str, int] | None, notes: _Notes, say: Say
 ) -> Determination | None:
     """What the curves determine; what is known then."""
     say("identification: what the curves determine")
@@ -179,7 +179,7 @@ def _identify(
 
 
 def _validate(
-    bench: Bench,
+    bench: Runner,
     design: stages.Design,
     chosen: list[search_stage.Chosen],
     determination: Determination | None,
@@ -193,13 +193,13 @@ def _validate(
         say("validation: experiments kept for the end")
     values = None if determination is None else predictive_check.most_likely(plan, determination, chosen)
     if values is not None:
-        bench.begin([held_out.task(plan, name, values) for name in predictive_check.unfitted(plan)])
+        bench.begin([held_out.task(plan, name, values) for name in predictive_check.held_out_experiments(plan)])
     checked = search_stage.validate(bench, chosen)
     found["runs"] += results.validation_runs(checked)
     foretold = []
     if determination is not None and values is not None:
-        foretold = predictive_check.foretell(bench, determination, values)
-        found["runs"] += results.foretelling_runs([r for v in foretold for r in v.runs])
+        foretold = predictive_check.predictive_checks(bench, determination, values)
+        found["runs"] += results.predictive_check_runs([r for v in foretold for r in v.runs])
         found["warnings"] += predictive_check.warnings(plan, foretold)
         found["identification"]["gains"] += predictive_check.gains(plan, determination, foretold)
     found["timings"]["fe_cpu"] = sum(r["cpu_s"] or 0.0 for r in _distinct(found["runs"]))
@@ -310,7 +310,7 @@ def rough(candidates: Sequence[Mapping[str, Any]]) -> list[str]:
     ]
 
 
-def _warn_of_constraints(one: Found, found: dict[str, Any]) -> None:
+def _warn_of_constraints(one: SearchResult, found: dict[str, Any]) -> None:
     if not one.result.choice.feasible:
         broken = [str(d) for c in one.result.candidates[:1] for d in c.checked if d.kind != "target" and not d.met]
         least = f"; where they are violated least, {'; '.join(broken)}" if broken else ""
@@ -333,12 +333,12 @@ def _outside(identification: dict[str, Any] | None, parameters: list[dict[str, A
     return said
 
 
-def _warn_of_reach(one: Found, found: dict[str, Any]) -> None:
+def _warn_of_reach(one: SearchResult, found: dict[str, Any]) -> None:
     if one.result.choice.feasible and not one.result.choice.reachable:
         found["warnings"].append(f"search {one.plan.name!r}: {one.story}")
 
 
-def _warn_of_extrapolation(plan: Plan, one: Found, found: dict[str, Any]) -> None:
+def _warn_of_extrapolation(plan: Plan, one: SearchResult, found: dict[str, Any]) -> None:
     emulator = one.result.emulator
     count = sum(results.extrapolated(plan, emulator, c.values) for c in one.result.candidates)
     if count:
@@ -348,7 +348,7 @@ def _warn_of_extrapolation(plan: Plan, one: Found, found: dict[str, Any]) -> Non
         )
 
 
-def _warn_of_poor_surrogates(plan: Plan, fitted: stages.Fitted, found: dict[str, Any]) -> None:
+def _warn_of_poor_surrogates(plan: Plan, fitted: stages.FittedSurrogates, found: dict[str, Any]) -> None:
     limit = plan.study.surrogate.tolerance
     used = {k: s for k, s in fitted.held_out.items() if k in stages.decisive(plan)}
     poor = stages.misses(plan, fitted.emulator, used)

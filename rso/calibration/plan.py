@@ -32,8 +32,8 @@ from rso.study.cases import (
 from rso.study.errors import Problem, study_error
 from rso.study.resolve import Axis, Resolved, Search, resolve
 from rso.study.schema import ExperimentTable, Study
-from rso.study.search_table import Constraint as ConstraintTable
-from rso.study.search_table import Target
+from rso.study.search_table import ConstraintTable as ConstraintTable
+from rso.study.search_table import TargetTable
 
 MOST_POINTS = 20_000_000  # bytes of a file of points
 FEWEST = 8  # runs of a reduced design
@@ -130,7 +130,7 @@ def make_plan(study: Study) -> Plan:
     fitted = [e for e in study.experiments if e.role != "validate" and e.kind == "force"]
     main = Search("main", study.search.targets or _default_targets(curves, fitted), resolved.axes)
     wanted = [main, *(dataclasses.replace(v, targets=v.targets or main.targets) for v in resolved.variants)]
-    depths: list[Target | ConstraintTable] = [*(t for s in wanted for t in s.targets), *study.search.constraints]
+    depths: list[TargetTable | ConstraintTable] = [*(t for s in wanted for t in s.targets), *study.search.constraints]
     asked = {e.name: travels(curves[e.name], {t.depth for t in depths if t.experiment == e.name}) for e in fitted}
     cases, case_of = merge(study, backend, fitted, asked, resolved)
     validation = {
@@ -361,7 +361,7 @@ def _group(study: Study, backend: Backend, resolved: Resolved, box: Box) -> Grou
 
 
 def _others(
-    backend: Backend, experiment: ExperimentTable, asked: tuple[float, ...], targets: tuple[Target, ...]
+    backend: Backend, experiment: ExperimentTable, asked: tuple[float, ...], targets: tuple[TargetTable, ...]
 ) -> list[Output]:
     """Every channel that is not compared, of the first experiment at its deepest target (or travel)."""
     names = [c for c in backend.channels if c not in ("time", "travel", *experiment.compared)]
@@ -374,7 +374,7 @@ def _constraint(table: ConstraintTable, units: Mapping[str, str]) -> Constraint:
     return Constraint(table.experiment, table.channel, table.depth, low, high, units[table.channel])
 
 
-def _default_targets(curves: Mapping[str, MeasuredCurve], fitted: list[ExperimentTable]) -> tuple[Target, ...]:
+def _default_targets(curves: Mapping[str, MeasuredCurve], fitted: list[ExperimentTable]) -> tuple[TargetTable, ...]:
     """Without targets: up to three points of each curve that is fitted, so that its whole shape counts."""
     found = []
     for e in fitted:
@@ -382,7 +382,7 @@ def _default_targets(curves: Mapping[str, MeasuredCurve], fitted: list[Experimen
             u = curves[e.name].depth[curves[e.name].depth > 0]
             depths = {float(u[np.argmin(np.abs(u - share * u.max()))]) for share in (0.4, 0.7, 1.0)}
             place = {"experiment": e.name, "channel": e.compared[0]}
-            found += [Target.model_validate({**place, "depth": depth}) for depth in sorted(depths)]
+            found += [TargetTable.model_validate({**place, "depth": depth}) for depth in sorted(depths)]
     return tuple(found)
 
 

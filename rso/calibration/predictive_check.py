@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag, cholesky, solve_triangular
 
-from rso.calibration.held_out import Kept, kept, task
+from rso.calibration.held_out import HeldOutReadings, held_out_readings, task
 from rso.calibration.plan import Plan
 from rso.calibration.search_stage import Chosen
-from rso.calibration.stages import Bench, Run, why
+from rso.calibration.stages import Run, Runner, why
 from rso.core.curves import Metrics, metrics
 from rso.core.distributions import chi2_sf
 from rso.evaluation import Outcome
@@ -42,7 +42,7 @@ WORDS = ("yes", "among", "no")  # among: it agrees because the fit leaves the pr
 class Channel:
     """One channel: readings, what is foretold there (n,), numerical error and the parameters' share of its sd (n,)."""
 
-    kept: Kept
+    kept: HeldOutReadings
     predicted: np.ndarray
     error: np.ndarray
     spread: np.ndarray
@@ -57,7 +57,7 @@ class Channel:
 
 
 @dataclass(frozen=True, eq=False)
-class Foretold:
+class PredictiveCheck:
     """One experiment: its test over all channels; `alone` is the p-value without the parameters' uncertainty.
 
     `verdict` is one of `WORDS`, None where nobody can say, and `why` then says why not.  J (n, d) and the covariances
@@ -102,20 +102,20 @@ def most_likely(plan: Plan, d: Determination, chosen: Sequence[Chosen]) -> dict[
     return {**dict(zip(box.names, theta, strict=True)), **plan.resolved.fixed}
 
 
-def foretell(bench: Bench, d: Determination, values: Mapping[str, float]) -> list[Foretold]:
+def predictive_checks(bench: Runner, d: Determination, values: Mapping[str, float]) -> list[PredictiveCheck]:
     """Every experiment that was not fitted by the `values` next to the most likely point."""
-    names = unfitted(bench.plan)
+    names = held_out_experiments(bench.plan)
     outcomes = bench.run_tasks([task(bench.plan, name, values) for name in names])
     return [_foretold(bench, d, name, values, o) for name, o in zip(names, outcomes, strict=True)]
 
 
-def unfitted(plan: Plan) -> list[str]:
+def held_out_experiments(plan: Plan) -> list[str]:
     """Experiments that took no part in the identification: those to select by, and those kept for the end."""
     chosen_by = [e.name for e in plan.study.experiments if e.role == "select" and e.kind == "force"]
     return [*chosen_by, *plan.validation]
 
 
-def warnings(plan: Plan, found: Sequence[Foretold]) -> list[str]:
+def warnings(plan: Plan, found: Sequence[PredictiveCheck]) -> list[str]:
     """Curves to select by that are missed: an NRMSE of some per cent may be far beyond their errors."""
     missed = [v for v in found if v.verdict == "no" and v.experiment not in plan.validation]
     return [
@@ -125,12 +125,14 @@ def warnings(plan: Plan, found: Sequence[Foretold]) -> list[str]:
     ]
 
 
-def _foretold(bench: Bench, d: Determination, name: str, values: Mapping[str, float], outcome: Outcome) -> Foretold:
-    plan, box, parts = bench.plan, d.misfit.model.box, kept(bench.plan, name)
+def _foretold(
+    bench: Runner, d: Determination, name: str, values: Mapping[str, float], outcome: Outcome
+) -> PredictiveCheck:
+    plan, box, parts = bench.plan, d.misfit.model.box, held_out_readings(bench.plan, name)
     runs = [Run("foretell", values, (outcome,))]
     if not isinstance(outcome, Done):
         text = f"the run of the most likely point has no answer: {why(outcome)[1]}"
-        return Foretold(name, tuple(runs), text, dict(values))
+        return PredictiveCheck(name, tuple(runs), text, dict(values))
     response = outcome.response
     x0 = box.to_unit(np.array([values[n] for n in box.names]))
 
@@ -149,7 +151,7 @@ def _foretold(bench: Bench, d: Determination, name: str, values: Mapping[str, fl
     try:
         J = jacobian(box, np.clip(x0, 0.0, 1.0), f, own, look)
     except NoSlopes as no:
-        return Foretold(name, tuple(runs), str(no), dict(values))
+        return PredictiveCheck(name, tuple(runs), str(no), dict(values))
     y, f = np.concatenate([k.value for k in parts]), f + J @ (d.fit.x - x0)
     ours = block_diag(*(together(k.depth, k.error(response), float(k.depth.max())) for k in parts))
     theirs = block_diag(*(k.covariance for k in parts))
@@ -165,7 +167,7 @@ def _foretold(bench: Bench, d: Determination, name: str, values: Mapping[str, fl
     text = "" if stated else "neither the errors of its readings nor those of its run are known"
     chi2, p = _test(y, f, theirs + ours + left) if stated else (None, None)
     alone = _test(y, f, theirs + ours)[1] if stated else None
-    return Foretold(name, tuple(runs), text, dict(values), tuple(channels), chi2, p, alone, J, theirs, ours)
+    return PredictiveCheck(name, tuple(runs), text, dict(values), tuple(channels), chi2, p, alone, J, theirs, ours)
 
 
 def _test(y: np.ndarray, f: np.ndarray, C: np.ndarray) -> tuple[float, float]:
@@ -176,7 +178,7 @@ def _test(y: np.ndarray, f: np.ndarray, C: np.ndarray) -> tuple[float, float]:
     return chi2, float(chi2_sf(chi2, len(y)))
 
 
-def gains(plan: Plan, d: Determination, found: Sequence[Foretold]) -> list[dict[str, Any]]:
+def gains(plan: Plan, d: Determination, found: Sequence[PredictiveCheck]) -> list[dict[str, Any]]:
     """What the force curves that were kept for the end would add if they were fitted too."""
     box, rows = d.misfit.model.box, []
     for v in found:
@@ -195,12 +197,12 @@ def gains(plan: Plan, d: Determination, found: Sequence[Foretold]) -> list[dict[
     return rows
 
 
-def of_predictions(found: Sequence[Foretold]) -> dict[str, Any]:
+def of_predictions(found: Sequence[PredictiveCheck]) -> dict[str, Any]:
     """predictions."""
     return {"predictions": [_row(v) for v in found]}
 
 
-def _row(v: Foretold) -> dict[str, Any]:
+def _row(v: PredictiveCheck) -> dict[str, Any]:
     return {
         "experiment": v.experiment,
         "values": dict(v.values),

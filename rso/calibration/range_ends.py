@@ -26,7 +26,7 @@ HALVINGS = 40
 
 
 @dataclass(frozen=True)
-class End:
+class RangeEnd:
     """The low (side 0) or high (side 1) end of the range of parameter j."""
 
     j: int
@@ -50,7 +50,7 @@ class Stated:
     ordinary: tuple[Condition, ...]
 
 
-def limit(plan: Plan, axes: Sequence[Axis], stated: Stated, e: End) -> tuple[float, str]:
+def limit(plan: Plan, axes: Sequence[Axis], stated: Stated, e: RangeEnd) -> tuple[float, str]:
     """How far an end may go while the others stay where they are, and what ends it there, in words."""
     axis, before, side = axes[e.j], stated.axes[e.j], e.side
     told, hard = plan.study.search.repair_limit, (axis.parameter.low, axis.parameter.high)[side]
@@ -69,7 +69,7 @@ def limit(plan: Plan, axes: Sequence[Axis], stated: Stated, e: End) -> tuple[flo
     return _kept(axes, stated.ordinary, e, far) or (far, words)
 
 
-def _kept(axes: Sequence[Axis], conditions: Sequence[Condition], e: End, far: float) -> tuple[float, str] | None:
+def _kept(axes: Sequence[Axis], conditions: Sequence[Condition], e: RangeEnd, far: float) -> tuple[float, str] | None:
     """The place nearest to `far` where an end breaks no condition, and which one is next; None where `far` does not."""
     what = broken(conditions, with_ends(axes, {e: far}))
     if not what:
@@ -81,14 +81,14 @@ def _kept(axes: Sequence[Axis], conditions: Sequence[Condition], e: End, far: fl
     return good, f"is where the ranges still have {what} all over: who means more states more"
 
 
-def room(axes: Sequence[Axis], stated: Stated, e: End, plan: Plan) -> bool:
+def room(axes: Sequence[Axis], stated: Stated, e: RangeEnd, plan: Plan) -> bool:
     """Whether an end may still be moved."""
     far, _ = limit(plan, axes, stated, e)
     now = e.of(axes)
     return now > far * (1 + 1e-9) if e.side == 0 and far > 0 else abs(far - now) > 1e-9 * max(abs(far), abs(now))
 
 
-def moved_to(plan: Plan, axes: Sequence[Axis], stated: Stated, e: End, share: float, whole: bool) -> float:
+def moved_to(plan: Plan, axes: Sequence[Axis], stated: Stated, e: RangeEnd, share: float, whole: bool) -> float:
     """Where an end goes next: to its limit where the `whole` way is wanted, else a `share` of a step."""
     far, _ = limit(plan, axes, stated, e)
     if whole:
@@ -103,7 +103,7 @@ def moved_to(plan: Plan, axes: Sequence[Axis], stated: Stated, e: End, share: fl
     return max(to, far) if e.side == 0 else min(to, far)
 
 
-def with_ends(axes: Sequence[Axis], wider: Mapping[End, float]) -> tuple[Axis, ...]:
+def with_ends(axes: Sequence[Axis], wider: Mapping[RangeEnd, float]) -> tuple[Axis, ...]:
     """The axes with some ends moved."""
     changed = list(axes)
     for e, to in wider.items():

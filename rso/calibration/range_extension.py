@@ -13,9 +13,9 @@ import numpy as np
 
 from rso.calibration import stages
 from rso.calibration.plan import Plan, SearchPlan, ends_in
-from rso.calibration.range_ends import End, Stated, limit, moved_to, ordinary, room, with_ends
+from rso.calibration.range_ends import RangeEnd, Stated, limit, moved_to, ordinary, room, with_ends
 from rso.calibration.search_stage import Proposal, propose
-from rso.calibration.stages import Bench, Design, Fitted, Run, sample, why
+from rso.calibration.stages import Design, FittedSurrogates, Run, Runner, sample, why
 from rso.core.units import spaced
 from rso.emulation.emulator import Emulator, reduced_box
 from rso.evaluation.store import Done
@@ -28,7 +28,7 @@ BATCH = 2  # new runs a round: at least this many, one more than there are param
 
 
 @dataclass(frozen=True)
-class Step:
+class RangeStep:
     """One line of the audit: what was done about which end of a range, why, and how many points were run for it.
 
     `what` is 'widened', 'taken back' or, in the last line, 'kept' (nothing to do), 'done' (candidates lie inside now)
@@ -46,17 +46,19 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Repaired:
+class ExtendedRanges:
     """The bench with the ranges as they are now, the surrogates over them, the audit; `proposal` is the last search."""
 
-    bench: Bench
+    bench: Runner
     design: Design
-    fitted: Fitted
-    audit: tuple[Step, ...]
+    fitted: FittedSurrogates
+    audit: tuple[RangeStep, ...]
     proposal: Proposal | None
 
 
-def repair(bench: Bench, design: Design, fitted: Fitted, say: Callable[[str], None] = lambda _: None) -> Repaired:
+def extend_ranges(
+    bench: Runner, design: Design, fitted: FittedSurrogates, say: Callable[[str], None] = lambda _: None
+) -> ExtendedRanges:
     """Widen the ranges of the main search until its candidates lie inside, or say why that is not to be had.
 
     An end that a valley touches moves to its limit at once: the valley either ends before it or does not.  Where the
@@ -65,10 +67,10 @@ def repair(bench: Bench, design: Design, fitted: Fitted, say: Callable[[str], No
     so far that what holds of every ordinary material, all over the stated ranges, would not in a corner of the wider.
     """
     if not bench.plan.study.search.repair:
-        return Repaired(bench, design, fitted, (), None)
+        return ExtendedRanges(bench, design, fitted, (), None)
     stated = Stated(bench.plan.searches[0].axes, ordinary(bench.plan))
-    audit: list[Step] = []
-    barred: dict[End, str] = {}  # ends that came back, with what stands in the way
+    audit: list[RangeStep] = []
+    barred: dict[RangeEnd, str] = {}  # ends that came back, with what stands in the way
     proposal = None
     for k in range(1, ROUNDS + 1):
         bench = bench.around_failures(design.similar)
@@ -77,14 +79,14 @@ def repair(bench: Bench, design: Design, fitted: Fitted, say: Callable[[str], No
         moving, reason = _pressed(plan, proposal, stated, barred, fitted.emulator)
         wider = _moved(plan, proposal, moving, stated) if k < ROUNDS else {}
         if not wider:
-            audit.append(Step(k, _last_word(plan, proposal, audit), reason + _obstacle(moving, k)))
+            audit.append(RangeStep(k, _last_word(plan, proposal, audit), reason + _obstacle(moving, k)))
             break
         said = [
             f"{axes[e.j].name} {e.of(axes):.4g} → {to:.4g}{spaced(axes[e.j].parameter.unit)}" for e, to in wider.items()
         ]
         say(f"ranges: {reason}; {', '.join(said)}")
         grown, fitted_there, runs = _grown(bench, design, fitted, wider)
-        rows = [Step(k, "widened", reason, axes[e.j].name, e.word, e.of(axes), to) for e, to in wider.items()]
+        rows = [RangeStep(k, "widened", reason, axes[e.j].name, e.word, e.of(axes), to) for e, to in wider.items()]
         audit += [replace(rows[0], runs=len(runs)), *rows[1:]]
         if doubt := _doubt(plan, proposal, fitted_there, runs):
             barred |= dict.fromkeys(wider, doubt)
@@ -93,32 +95,32 @@ def repair(bench: Bench, design: Design, fitted: Fitted, say: Callable[[str], No
         else:
             design = replace(design, asked=_same_points(plan, grown.plan, design.asked))
             bench, fitted, proposal = grown, fitted_there, None
-    return Repaired(bench, design, fitted, tuple(audit), proposal)
+    return ExtendedRanges(bench, design, fitted, tuple(audit), proposal)
 
 
-def afterwards(plan: Plan, audit: Sequence[Step], X: np.ndarray) -> tuple[Step, ...]:
+def afterwards(plan: Plan, audit: Sequence[RangeStep], X: np.ndarray) -> tuple[RangeStep, ...]:
     """The audit, and one line more if the last candidates X (n, d) lie at an end although the first ones did not."""
     main = plan.searches[0]
     at = _ends_at(main, X)
     if not audit or audit[-1].what == "stopped" or not at:
         return tuple(audit)
     said = f"after its reruns a candidate lies at {_named(plan, at)} after all"
-    return (*audit, Step(audit[-1].round, "stopped", said))
+    return (*audit, RangeStep(audit[-1].round, "stopped", said))
 
 
 # ------------------------------------------------------------------------------------------------------ what presses
 
 
-def _ends_at(main: SearchPlan, X: np.ndarray) -> list[End]:
+def _ends_at(main: SearchPlan, X: np.ndarray) -> list[RangeEnd]:
     """Ends at which any of the points X (n, d) of the unit cube lies."""
     close = AT_END * np.maximum(main.high - main.low, 1e-12)
     at = [(X - main.low < close).any(axis=0), (main.high - X < close).any(axis=0)]
-    return [End(j, side) for j in range(len(main.low)) for side in (0, 1) if at[side][j]]
+    return [RangeEnd(j, side) for j in range(len(main.low)) for side in (0, 1) if at[side][j]]
 
 
 def _pressed(
-    plan: Plan, proposal: Proposal, stated: Stated, barred: dict[End, str], emulator: Emulator
-) -> tuple[list[End], str]:
+    plan: Plan, proposal: Proposal, stated: Stated, barred: dict[RangeEnd, str], emulator: Emulator
+) -> tuple[list[RangeEnd], str]:
     """Ends worth moving and why; where there are none, why it ends."""
     choice, main = proposal.choice, plan.searches[0]
     if not choice.feasible:
@@ -126,7 +128,7 @@ def _pressed(
     touched = _ends_at(main, choice.X if choice.reachable else choice.X[:1])
     free = [e for e in touched if e not in barred and room(main.axes, stated, e, plan)]
 
-    def limits(ends: Sequence[End]) -> tuple[str, str]:
+    def limits(ends: Sequence[RangeEnd]) -> tuple[str, str]:
         return _and([_reach(plan, e) for e in ends]), _and([_stop(plan, stated, barred, e) for e in ends])
 
     if choice.reachable:
@@ -134,12 +136,12 @@ def _pressed(
     return _missed(plan, proposal, touched, free, limits, emulator)
 
 
-Words = Callable[[Sequence[End]], tuple[str, str]]
+Words = Callable[[Sequence[RangeEnd]], tuple[str, str]]
 
 
 def _reached(
-    plan: Plan, proposal: Proposal, touched: list[End], free: list[End], limits: Words
-) -> tuple[list[End], str]:
+    plan: Plan, proposal: Proposal, touched: list[RangeEnd], free: list[RangeEnd], limits: Words
+) -> tuple[list[RangeEnd], str]:
     valley = proposal.choice.kind == "valley"
     if not touched:
         return [], "every candidate lies inside the ranges and the targets are met"
@@ -153,8 +155,8 @@ def _reached(
 
 
 def _missed(
-    plan: Plan, proposal: Proposal, touched: list[End], free: list[End], limits: Words, emulator: Emulator
-) -> tuple[list[End], str]:
+    plan: Plan, proposal: Proposal, touched: list[RangeEnd], free: list[RangeEnd], limits: Words, emulator: Emulator
+) -> tuple[list[RangeEnd], str]:
     choice, miss = proposal.choice, _miss(plan, proposal)
     if not touched:
         edge = " at the edge of where runs have an answer" if _at_edge(plan, choice.X[0]) else ""
@@ -172,7 +174,7 @@ def _missed(
     return moving, f"the targets are out of reach (the best compromise misses {miss}) and press against {press}"
 
 
-def _gain(plan: Plan, emulator: Emulator, x: np.ndarray, e: End, tolerance: np.ndarray) -> float:
+def _gain(plan: Plan, emulator: Emulator, x: np.ndarray, e: RangeEnd, tolerance: np.ndarray) -> float:
     """How fast the root of the squared misses (in tolerances) falls towards the outside of an end, per width."""
     main = plan.searches[0]
     width = main.high[e.j] - main.low[e.j]
@@ -198,13 +200,13 @@ def _at_edge(plan: Plan, x: np.ndarray) -> bool:
 # ------------------------------------------------------------------------------------------------------ how far
 
 
-def _moved(plan: Plan, proposal: Proposal, moving: Sequence[End], stated: Stated) -> dict[End, float]:
+def _moved(plan: Plan, proposal: Proposal, moving: Sequence[RangeEnd], stated: Stated) -> dict[RangeEnd, float]:
     """New values of the ends; empty where similarity would run outside the hard bounds however little they moved."""
     axes = plan.searches[0].axes
     whole = proposal.choice.reachable and proposal.choice.kind in ("valley", "islands")
     share = 1.0
     for _ in range(6):
-        wider: dict[End, float] = {}
+        wider: dict[RangeEnd, float] = {}
         for e in moving:
             wider[e] = moved_to(plan, with_ends(axes, wider), stated, e, share, whole)
         if _may_run(_widened(plan, with_ends(axes, wider))):
@@ -244,8 +246,8 @@ def _may_run(plan: Plan) -> bool:
 
 
 def _grown(
-    bench: Bench, design: Design, fitted: Fitted, wider: dict[End, float]
-) -> tuple[Bench, Fitted, tuple[Run, ...]]:
+    bench: Runner, design: Design, fitted: FittedSurrogates, wider: dict[RangeEnd, float]
+) -> tuple[Runner, FittedSurrogates, tuple[Run, ...]]:
     """The bench over wider ranges, its surrogates, and the runs that were added for them."""
     plan = _widened(bench.plan, with_ends(bench.plan.searches[0].axes, wider))
     grown = replace(bench, plan=plan).around_failures(design.similar)
@@ -269,10 +271,10 @@ def _grown(
         if fresh := [sample(plan, r.values, r.outcomes) for r in more if r.done]:
             emulator, scores, more = stages.refine(grown, emulator, fresh, room - len(first), "repair")
             first += more
-    return grown, Fitted(emulator, scores, (*fitted.added, *first)), first
+    return grown, FittedSurrogates(emulator, scores, (*fitted.added, *first)), first
 
 
-def _doubt(plan: Plan, proposal: Proposal, fitted: Fitted, runs: Sequence[Run]) -> str:
+def _doubt(plan: Plan, proposal: Proposal, fitted: FittedSurrogates, runs: Sequence[Run]) -> str:
     """Why the new part of the ranges is of no use; empty if it is of use."""
     if runs and not any(r.done for r in runs):
         found = [why(o) for r in runs for o in r.outcomes if not isinstance(o, Done)]
@@ -293,34 +295,34 @@ def _same_points(before: Plan, now: Plan, X: np.ndarray) -> np.ndarray:
 # ------------------------------------------------------------------------------------------------------ words
 
 
-def _last_word(plan: Plan, proposal: Proposal, audit: Sequence[Step]) -> str:
+def _last_word(plan: Plan, proposal: Proposal, audit: Sequence[RangeStep]) -> str:
     choice = proposal.choice
     if choice.feasible and choice.reachable and not _ends_at(plan.searches[0], choice.X):
         return "done" if audit else "kept"
     return "stopped"
 
 
-def _obstacle(moving: Sequence[End], k: int) -> str:
+def _obstacle(moving: Sequence[RangeEnd], k: int) -> str:
     """Why ends that are worth moving do not move."""
     if not moving:
         return ""
     return f"; {k} rounds are enough" if k == ROUNDS else "; similarity would need values beyond the hard bounds"
 
 
-def _back(row: Step, reason: str) -> Step:
+def _back(row: RangeStep, reason: str) -> RangeStep:
     return replace(row, what="taken back", why=reason, before=row.after, after=row.before)
 
 
-def _reach(plan: Plan, e: End) -> str:
+def _reach(plan: Plan, e: RangeEnd) -> str:
     return f"{plan.searches[0].axes[e.j].name} {('down to', 'up to')[e.side]} {_place(plan, e)}"
 
 
-def _place(plan: Plan, e: End) -> str:
+def _place(plan: Plan, e: RangeEnd) -> str:
     axes = plan.searches[0].axes
     return f"{e.of(axes):.4g}{spaced(axes[e.j].parameter.unit)}"
 
 
-def _stop(plan: Plan, stated: Stated, barred: dict[End, str], e: End) -> str:
+def _stop(plan: Plan, stated: Stated, barred: dict[RangeEnd, str], e: RangeEnd) -> str:
     """'10 MPa is the hard bound', or whatever else stops that end."""
     if e in barred:
         return f"{('below', 'above')[e.side]} {_place(plan, e)} {barred[e]}"
@@ -335,7 +337,7 @@ def _stop(plan: Plan, stated: Stated, barred: dict[End, str], e: End) -> str:
     return f"{limit_is} ends the range at {_place(plan, e)}"
 
 
-def _named(plan: Plan, ends: Sequence[End]) -> str:
+def _named(plan: Plan, ends: Sequence[RangeEnd]) -> str:
     return _and([f"the {e.word} end of {plan.box.names[e.j]}" for e in ends])
 
 

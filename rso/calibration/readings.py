@@ -9,7 +9,7 @@ from rso.contract import Response
 from rso.core.curves import ahead, between
 from rso.data import MeasuredCurve, combine
 from rso.emulation.emulator import Output
-from rso.inference import Data, Place, resample, together
+from rso.inference import CurvePlace, Data, resample, together
 
 
 def fitted_curves(plan: Plan, role: str) -> list[tuple[str, str]]:
@@ -37,13 +37,13 @@ def compared(plan: Plan) -> dict[str, tuple[str, MeasuredCurve]]:
     return {label(plan, n, c): (n, measured(plan, n, c)) for n, c in pairs}
 
 
-def placed(plan: Plan, name: str, channel: str) -> Place:
+def placed(plan: Plan, name: str, channel: str) -> CurvePlace:
     """Where a curve was measured, from contact on."""
     depth = measured(plan, name, channel).depth
-    return Place(name, channel, depth[depth > 0])
+    return CurvePlace(name, channel, depth[depth > 0])
 
 
-def curve_data(plan: Plan, place: Place) -> Data:
+def curve_data(plan: Plan, place: CurvePlace) -> Data:
     """A measured curve with what repeats and the experimenter say about its errors."""
     curve = measured(plan, place.experiment, place.channel)
     keep = curve.depth > 0
@@ -79,7 +79,7 @@ def curve_outputs(plan: Plan) -> list[Output]:
     return [o for o in plan.outputs if (o.experiment, o.channel) in wanted]
 
 
-def numerical(plan: Plan, answer: tuple[Response, ...], place: Place, data: Data) -> np.ndarray:
+def numerical(plan: Plan, answer: tuple[Response, ...], place: CurvePlace, data: Data) -> np.ndarray:
     """Estimated numerical error (n,) at the measured depths, in proportion to the size of the measured curve."""
     response = answer[plan.case_of[place.experiment]]
     error = error_at(response, place)
@@ -87,7 +87,7 @@ def numerical(plan: Plan, answer: tuple[Response, ...], place: Place, data: Data
     return error if largest == 0.0 else error * float(np.abs(data.value).max()) / largest
 
 
-def of_interpolation(place: Place, travel: np.ndarray, value: np.ndarray) -> np.ndarray:
+def of_interpolation(place: CurvePlace, travel: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Covariance (n, n) at the measured depths of what the spline through a curve computed at `travel` (m,) mm may be
     off by; it belongs together between two of these."""
     off = between(travel, value, place.depth)
@@ -95,14 +95,14 @@ def of_interpolation(place: Place, travel: np.ndarray, value: np.ndarray) -> np.
     return together(place.depth, off, spacing) if off.any() else np.zeros((len(off), len(off)))
 
 
-def interpolated(response: Response, place: Place) -> np.ndarray:
+def interpolated(response: Response, place: CurvePlace) -> np.ndarray:
     """The same of a response."""
     curve = response.curve(place.channel)
     used = ahead(curve.travel_mm)
     return of_interpolation(place, curve.travel_mm[used], np.asarray(curve.value)[used])
 
 
-def error_at(response: Response, place: Place) -> np.ndarray:
+def error_at(response: Response, place: CurvePlace) -> np.ndarray:
     """Estimated numerical error (n,) of a channel at the measured depths; between travels it grows as u^{3/2}.
 
     It is no share of the value: a lateral force may vanish on its way, and its error does not.

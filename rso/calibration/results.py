@@ -17,10 +17,10 @@ import numpy as np
 
 import rso
 from rso.calibration.plan import Plan, SearchPlan
-from rso.calibration.range_extension import Step
+from rso.calibration.range_extension import RangeStep
 from rso.calibration.readings import compared, measured
-from rso.calibration.search_stage import Found, Validation, baselines, mean_over_design, simulated_curves
-from rso.calibration.stages import Design, Fitted, Run, why
+from rso.calibration.search_stage import SearchResult, Validation, baselines, mean_over_design, simulated_curves
+from rso.calibration.stages import Design, FittedSurrogates, Run, why
 from rso.calibration.stated_settings import extraordinary, unresolved
 from rso.contract import plain
 from rso.core import disk
@@ -28,7 +28,7 @@ from rso.core.curves import ahead
 from rso.data import MeasuredCurve, sheet_of
 from rso.emulation import Scores
 from rso.emulation.emulator import Emulator, Output
-from rso.emulation.feasibility import Region
+from rso.emulation.feasibility import FeasibleRegion
 from rso.evaluation import Outcome
 from rso.evaluation.store import Done
 from rso.optimise.targets import Checked
@@ -110,7 +110,7 @@ def of_design(plan: Plan, design: Design) -> dict[str, Any]:
     }
 
 
-def foretelling_runs(runs: Sequence[Run]) -> list[dict[str, Any]]:
+def predictive_check_runs(runs: Sequence[Run]) -> list[dict[str, Any]]:
     """Rows of `runs` for single cases that none of the outputs belongs to."""
     return [_row(o, r.purpose, r.values, {}) for r in runs for o in r.outcomes]
 
@@ -120,12 +120,12 @@ def rows_of(plan: Plan, runs: Sequence[Run]) -> list[dict[str, Any]]:
     return [row for r in runs for row in _runs(plan, r)]
 
 
-def added_runs(plan: Plan, fitted: Fitted) -> list[dict[str, Any]]:
+def added_runs(plan: Plan, fitted: FittedSurrogates) -> list[dict[str, Any]]:
     """Rows of `runs` for the points that were added to make the surrogates good enough."""
     return [row for r in fitted.added for row in _runs(plan, r)]
 
 
-def of_surrogates(plan: Plan, design: Design, fitted: Fitted) -> dict[str, Any]:
+def of_surrogates(plan: Plan, design: Design, fitted: FittedSurrogates) -> dict[str, Any]:
     """surrogates, surfaces, mean_over_runs."""
     emulator = fitted.emulator
     rows = []
@@ -151,7 +151,7 @@ def of_surrogates(plan: Plan, design: Design, fitted: Fitted) -> dict[str, Any]:
     }
 
 
-def of_searches(plan: Plan, found: list[Found], audit: Sequence[Step]) -> dict[str, Any]:
+def of_searches(plan: Plan, found: list[SearchResult], audit: Sequence[RangeStep]) -> dict[str, Any]:
     """searches, best, closest; `audit` is that of the first; the runs of candidates are added by the caller."""
     first = best(plan, found)
     near = closest(found) if first is None else None
@@ -166,7 +166,7 @@ def _named(place: tuple[str, int] | None) -> dict[str, str] | None:
     return None if place is None else {"search": place[0], "candidate": f"{place[0]} {place[1] + 1}"}
 
 
-def of_region(plan: Plan, region: Region | None, runs: list[dict[str, Any]]) -> dict[str, Any]:
+def of_region(plan: Plan, region: FeasibleRegion | None, runs: list[dict[str, Any]]) -> dict[str, Any]:
     """feasible: where runs have an answer, and a map over the first two open parameters."""
     failed = {r["key"]: r["cause"] for r in runs if r["state"] == "failed"}
     shown: dict[str, Any] = {
@@ -185,7 +185,7 @@ def of_region(plan: Plan, region: Region | None, runs: list[dict[str, Any]]) -> 
     return {"feasible": shown}
 
 
-def candidate_runs(plan: Plan, found: Found) -> list[dict[str, Any]]:
+def candidate_runs(plan: Plan, found: SearchResult) -> list[dict[str, Any]]:
     """Rows of `runs` for the infill of a search (candidates of its earlier rounds), then for its candidates."""
     last = [c.values for c in found.result.candidates]
     earlier = [Run("infill", c.values, c.outcomes) for c in found.result.earlier if c.values not in last]
@@ -226,7 +226,7 @@ def of_validation(found: list[Validation]) -> dict[str, Any]:
     return {"validation": rows}
 
 
-def best(plan: Plan, found: list[Found]) -> tuple[str, int] | None:
+def best(plan: Plan, found: list[SearchResult]) -> tuple[str, int] | None:
     """Search and place of the candidate with the smallest study metric, averaged over the fitted curves.
 
     Only those are asked that are verified, meet every target and violate no constraint.
@@ -245,7 +245,7 @@ def best(plan: Plan, found: list[Found]) -> tuple[str, int] | None:
     return name, k
 
 
-def closest(found: Sequence[Found]) -> tuple[str, int] | None:
+def closest(found: Sequence[SearchResult]) -> tuple[str, int] | None:
     """Search and place of the candidate that comes closest to what is demanded: constraints first, then targets."""
     every = [
         (
@@ -379,7 +379,7 @@ def _grid(plan: Plan) -> tuple[dict[str, Any], dict[str, Any] | None, np.ndarray
     return x, (y[0] if y else None), X
 
 
-def _search(plan: Plan, found: Found, audit: Sequence[Step]) -> dict[str, Any]:
+def _search(plan: Plan, found: SearchResult, audit: Sequence[RangeStep]) -> dict[str, Any]:
     choice, front = found.result.choice, found.front
     return {
         "name": found.plan.name,
@@ -397,7 +397,7 @@ def _search(plan: Plan, found: Found, audit: Sequence[Step]) -> dict[str, Any]:
     }
 
 
-def _step(plan: Plan, s: Step) -> dict[str, Any]:
+def _step(plan: Plan, s: RangeStep) -> dict[str, Any]:
     unit = None if s.parameter is None else plan.box.units[plan.box.names.index(s.parameter)]
     return {
         "round": s.round,
@@ -412,7 +412,7 @@ def _step(plan: Plan, s: Step) -> dict[str, Any]:
     }
 
 
-def _candidate(plan: Plan, found: Found, k: int) -> dict[str, Any]:
+def _candidate(plan: Plan, found: SearchResult, k: int) -> dict[str, Any]:
     c, goals = found.result.candidates[k], {o.id: g for o, g in zip(found.plan.outputs, found.plan.goals, strict=True)}
     emulator = found.result.emulator
     errors: dict[str, float] = {}

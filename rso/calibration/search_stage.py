@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rso import optimise
-from rso.calibration.held_out import Kept, kept, task
+from rso.calibration.held_out import HeldOutReadings, held_out_readings, task
 from rso.calibration.plan import Plan, SearchPlan, limited
 from rso.calibration.readings import compared
-from rso.calibration.stages import Bench, Design, learn_more, sample
+from rso.calibration.stages import Design, Runner, learn_more, sample
 from rso.contract import Curve
 from rso.core.curves import Metrics, Resampling, baseline, loading, metrics
 from rso.data import MeasuredCurve
 from rso.emulation.emulator import Emulator
-from rso.emulation.feasibility import Region
+from rso.emulation.feasibility import FeasibleRegion
 from rso.evaluation import Outcome, Task
 from rso.evaluation.store import Done
 from rso.optimise import Choice
@@ -33,7 +33,7 @@ class Proposal:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class SearchResult:
     """A search that is finished and verified."""
 
     plan: SearchPlan
@@ -50,7 +50,7 @@ class Validation:
     `predicted` and its numerical `error` are (n,) over the readings that were `kept`, None without an answer.
     """
 
-    kept: Kept
+    kept: HeldOutReadings
     search: str
     candidate: int
     values: Mapping[str, float]
@@ -63,7 +63,7 @@ class Validation:
 # ------------------------------------------------------------------------------------------------------ search
 
 
-def propose_all(bench: Bench, emulator: Emulator, first: Proposal | None = None) -> list[Proposal]:
+def propose_all(bench: Runner, emulator: Emulator, first: Proposal | None = None) -> list[Proposal]:
     """First proposal of every search; their candidates are run in one go, while the next searches are still at work.
 
     `first` is that of the main search on this emulator where it is known already.
@@ -77,7 +77,7 @@ def propose_all(bench: Bench, emulator: Emulator, first: Proposal | None = None)
     return proposals
 
 
-def find(bench: Bench, wanted: SearchPlan, emulator: Emulator, first: Proposal) -> Found:
+def find(bench: Runner, wanted: SearchPlan, emulator: Emulator, first: Proposal) -> SearchResult:
     """Candidates, their reruns, infill and new proposals until predicted and recomputed agree."""
     plan = bench.plan
     proposals = [first]
@@ -112,7 +112,9 @@ def find(bench: Bench, wanted: SearchPlan, emulator: Emulator, first: Proposal) 
 
     result = verify(emulator, wanted.outputs, again, rerun, enrich, plan.study.verify.max_infill)
     scores = tuple(curve_metrics(plan, c.outcomes) if c.state == "done" else {} for c in result.candidates)
-    return Found(wanted, proposals[-1].front, result, optimise.story(result.choice, plan.box, wanted.goals), scores)
+    return SearchResult(
+        wanted, proposals[-1].front, result, optimise.story(result.choice, plan.box, wanted.goals), scores
+    )
 
 
 def propose(plan: Plan, wanted: SearchPlan, emulator: Emulator) -> Proposal:
@@ -183,7 +185,7 @@ def demands(
     targets = [against(g, o.id, outputs[o.id], errors.get(o.id, 0.0)) for o, g in pairs]
     limits = [within(c, limited(c).id, outputs[limited(c).id]) for c in plan.constraints]
     theta = dict(zip(plan.box.names, plan.box.from_unit(x[None]).T, strict=True))
-    stated = [c for c in plan.conditions if not isinstance(c, Region)]
+    stated = [c for c in plan.conditions if not isinstance(c, FeasibleRegion)]
     excess = [max(float(c.excess(theta)[0]), 0.0) for c in stated]
     rules = [Checked("condition", None, c.text, e, e, 0.0, "") for c, e in zip(stated, excess, strict=True)]
     return (*targets, *limits, *rules)
@@ -246,19 +248,19 @@ def baselines(plan: Plan) -> dict[str, Metrics]:
 Chosen = tuple[str, int, Mapping[str, float]]  # a search, a place among its candidates, its values
 
 
-def chosen(found: Sequence[Found], best: tuple[str, int] | None) -> list[Chosen]:
+def chosen(found: Sequence[SearchResult], best: tuple[str, int] | None) -> list[Chosen]:
     """The candidates of the main search and the best one of all."""
     places = [(found[0].plan.name, k) for k in range(len(found[0].result.candidates))]
     values = {f.plan.name: [c.values for c in f.result.candidates] for f in found}
     return [(name, k, values[name][k]) for name, k in dict.fromkeys([*places, *([best] if best else [])])]
 
 
-def validate(bench: Bench, those: Sequence[Chosen]) -> list[Validation]:
+def validate(bench: Runner, those: Sequence[Chosen]) -> list[Validation]:
     """Predict every compared channel of the experiments kept for the end with the chosen candidates."""
     plan, tasks = bench.plan, validation_tasks(bench.plan, those)
     pairs = [(e, c) for e in plan.validation for c in those]
     outcomes = bench.run_tasks(tasks) if tasks else []
-    return [_validated(k, *c, o) for (e, c), o in zip(pairs, outcomes, strict=True) for k in kept(plan, e)]
+    return [_validated(k, *c, o) for (e, c), o in zip(pairs, outcomes, strict=True) for k in held_out_readings(plan, e)]
 
 
 def validation_tasks(plan: Plan, those: Sequence[Chosen]) -> list[Task]:
@@ -266,7 +268,9 @@ def validation_tasks(plan: Plan, those: Sequence[Chosen]) -> list[Task]:
     return [task(plan, e, v) for e in plan.validation for _, _, v in those]
 
 
-def _validated(k: Kept, search: str, candidate: int, values: Mapping[str, float], outcome: Outcome) -> Validation:
+def _validated(
+    k: HeldOutReadings, search: str, candidate: int, values: Mapping[str, float], outcome: Outcome
+) -> Validation:
     predicted = k.read(outcome.response) if isinstance(outcome, Done) else None
     error = k.error(outcome.response) if isinstance(outcome, Done) else None
     scores = None if predicted is None else metrics(k.value, predicted)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rso.calibration.plan import Plan, ends_in, limited
-from rso.calibration.stages import Fitted
+from rso.calibration.stages import FittedSurrogates
 from rso.doe import Box
 from rso.emulation import sensitivity
 from rso.emulation.emulator import Emulator, Output
@@ -49,7 +49,7 @@ class Sensitivity:
     refused: str | None
 
 
-def analyse(plan: Plan, fitted: Fitted, stated: Plan) -> Sensitivity:
+def analyse(plan: Plan, fitted: FittedSurrogates, stated: Plan) -> Sensitivity:
     """Sensitivities of the targets of the main search and of the extra outputs; along the curves those of the targets.
 
     They are over the ranges of the plan as `stated`, or, where `sensitivity.ranges` asks for it, over those of `plan`,

@@ -18,7 +18,7 @@ from rso.core.similarity import Group
 from rso.doe import Box
 from rso.emulation import Scores, feasibility
 from rso.emulation.emulator import Emulator, Output, Sample, learn, reduced_box, relearn
-from rso.emulation.feasibility import Region
+from rso.emulation.feasibility import FeasibleRegion
 from rso.evaluation import Ahead, Event, Outcome, Task, WorkerDied, WorkerPool, begin, run_all
 from rso.evaluation.store import Crashed, Done, Failed, RunStore
 
@@ -36,7 +36,7 @@ class NothingToFit(RuntimeError):
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class Runner:
     """Where runs happen: the store, an executor and somebody who watches."""
 
     plan: Plan
@@ -70,14 +70,14 @@ class Bench:
         """Let the workers begin what will be wanted soon, while this process goes on."""
         begin(self.plan.backend, tasks, self.store, self.executor, self.ahead)
 
-    def around_failures(self, similar: bool) -> Bench:
+    def around_failures(self, similar: bool) -> Runner:
         """The same bench, whose plan also asks that runs have an answer, as far as those that ended show where."""
         region = self.region(similar)
-        others = tuple(c for c in self.plan.conditions if not isinstance(c, Region))
+        others = tuple(c for c in self.plan.conditions if not isinstance(c, FeasibleRegion))
         known = () if region is None or region.model is None else (region,)
         return replace(self, plan=replace(self.plan, conditions=(*others, *known)))
 
-    def region(self, similar: bool) -> Region | None:
+    def region(self, similar: bool) -> FeasibleRegion | None:
         """Where runs have an answer.  A crash shows nothing, and of equal points one counts."""
         plan = self.plan
         group = plan.group if similar else replace(plan.group, reference=None)
@@ -149,7 +149,7 @@ class Design:
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FittedSurrogates:
     """Surrogates of all outputs, their errors on the last runs before these were learnt too, and the runs added."""
 
     emulator: Emulator
@@ -180,7 +180,7 @@ def why(outcome: Outcome) -> tuple[str | None, str | None]:
 # ------------------------------------------------------------------------------------------------------ design
 
 
-def run_design(bench: Bench, known: Sequence[Mapping[str, float]] = ()) -> Design:
+def run_design(bench: Runner, known: Sequence[Mapping[str, float]] = ()) -> Design:
     """Run the design; with similarity first the reduced one and its proof, and without a proof the full one.
 
     Points `known` from before, that are in the store, are taken as runs of the purpose 'stored'.
@@ -192,7 +192,7 @@ def run_design(bench: Bench, known: Sequence[Mapping[str, float]] = ()) -> Desig
     return replace(design, runs=(*design.runs, *runs))
 
 
-def _run_design(bench: Bench) -> Design:
+def _run_design(bench: Runner) -> Design:
     plan = bench.plan
     asked = full_design(plan)
     if plan.group.reference is None:
@@ -213,7 +213,7 @@ def _run_design(bench: Bench) -> Design:
     return Design(asked, False, story, proved, (*runs, *_runs(bench, *fe_design(plan, False), [])))
 
 
-def _runs(bench: Bench, design: list[dict], held: list[dict], direct: list[dict]) -> tuple[Run, ...]:
+def _runs(bench: Runner, design: list[dict], held: list[dict], direct: list[dict]) -> tuple[Run, ...]:
     purposes = ["design"] * len(design) + ["held_out"] * len(held) + ["proof"] * len(direct)
     points = [*design, *held, *direct]
     return tuple(Run(p, v, o) for p, v, o in zip(purposes, points, bench.run(points), strict=True))
@@ -282,7 +282,7 @@ def misses(
     return found
 
 
-def fit_surrogates(bench: Bench, design: Design) -> Fitted:
+def fit_surrogates(bench: Runner, design: Design) -> FittedSurrogates:
     """Fit all outputs; predict new runs, then learn them, until the predictions are good enough.
 
     The first new runs are the held-out ones.  While the error of a decisive output exceeds surrogate.tolerance,
@@ -301,7 +301,7 @@ def fit_surrogates(bench: Bench, design: Design) -> Fitted:
         shown = "; ".join(list(dict.fromkeys(reasons))[:REASONS]) or "none failed"
         done = sum(r.done for r in design.runs)
         raise NothingToFit(f"{error} ({done} of {len(design.runs)} runs done; the others: {shown})") from error
-    return Fitted(emulator, scores, added)
+    return FittedSurrogates(emulator, scores, added)
 
 
 def learnt_anew(
@@ -319,7 +319,7 @@ def learnt_anew(
     )
 
 
-def learn_more(bench: Bench, emulator: Emulator, new: Sequence[Sample]) -> Emulator:
+def learn_more(bench: Runner, emulator: Emulator, new: Sequence[Sample]) -> Emulator:
     """The emulator with new samples in it, of the kinds that it has.
 
     Where one that a search or a metric rests on is not good enough by cross-validation, kinds are chosen anew each time
@@ -335,7 +335,7 @@ def learn_more(bench: Bench, emulator: Emulator, new: Sequence[Sample]) -> Emula
 
 
 def refine(
-    bench: Bench, emulator: Emulator, new: list[Sample], room: int, purpose: str
+    bench: Runner, emulator: Emulator, new: list[Sample], room: int, purpose: str
 ) -> tuple[Emulator, dict[str, Scores], tuple[Run, ...]]:
     """Predict the `new` runs, learn them, add as many where the surrogates are least sure, and so on.
 

@@ -15,14 +15,14 @@ Values = Mapping[str, float]
 
 
 @dataclass(frozen=True)
-class Point:
+class StoredPoint:
     """Values at which every case of a study is stored, done or failed, and the keys of these runs, one per case."""
 
     values: Values
     keys: tuple[str, ...]
 
 
-def points(plan: Plan, store: RunStore) -> list[Point]:
+def points(plan: Plan, store: RunStore) -> list[StoredPoint]:
     """Points of the model that were run before, whatever their values, in the order of these.
 
     The order in which runs were stored hangs on the machine and the number of jobs, and what is learnt on the order.
@@ -30,7 +30,7 @@ def points(plan: Plan, store: RunStore) -> list[Point]:
     rows = [r for r in store.rows() if r.state != "crashed"]
     there, artefacts = {r.key for r in rows}, _Artefacts(store)
     default = {p.name: p.default if p.neutral is None else p.neutral for p in plan.backend.parameters}
-    found: dict[tuple[float, ...], Point] = {}
+    found: dict[tuple[float, ...], StoredPoint] = {}
     for row in rows:
         values = {n: row.values.get(n, default[n]) for n in plan.box.names}
         known = {n: float(v) for n, v in values.items() if v is not None}
@@ -41,11 +41,11 @@ def points(plan: Plan, store: RunStore) -> list[Point]:
         if place not in found:
             keys = [_key(plan, t, artefacts) for t in plan.tasks(asked)]
             if all(k in there for k in keys):
-                found[place] = Point(asked, tuple(k for k in keys if k is not None))
+                found[place] = StoredPoint(asked, tuple(k for k in keys if k is not None))
     return [found[place] for place in sorted(found)]
 
 
-def answers(store: RunStore, point: Point) -> tuple[Response, ...] | None:
+def answers(store: RunStore, point: StoredPoint) -> tuple[Response, ...] | None:
     """Responses of a point, one per case; None where one of its runs has no answer."""
     runs = [store.get(key) for key in point.keys]
     done = [run.response for run in runs if isinstance(run, Done)]

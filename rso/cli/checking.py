@@ -14,14 +14,14 @@ from rso.calibration import confirmed_optimum, required_runs, stated_settings
 from rso.calibration.cost_model import Pace, pace
 from rso.calibration.gauss_newton.iteration import ENDS
 from rso.calibration.plan import Plan, fe_design, full_design, make_plan, proofs, source_of
-from rso.calibration.predictive_check import unfitted
+from rso.calibration.predictive_check import held_out_experiments
 from rso.contract import Programme, Refusals, capability
 from rso.core.units import spaced
 from rso.data import SEGMENTS, MeasuredCurve, Measurement, usual_errors
 from rso.discrepancy.study_diagnosis import ask
 from rso.evaluation import Task
-from rso.model_selection import Level
-from rso.model_selection.candidate_models import STUDY, axes_of, rungs_of
+from rso.model_selection import ModelLevel
+from rso.model_selection.candidate_models import STUDY, axes_of, levels_of
 from rso.optimal_design import study_design
 from rso.study import cases
 from rso.study.cases import contact_modulus
@@ -59,9 +59,9 @@ def check(study: Study, folder: Path, trust: bool, store: Path | None = None, jo
         ]
     plan = make_plan(study)
     if "ladder" in study.model_fields_set:
-        rungs_of(plan)  # names of levels are known
+        levels_of(plan)  # names of levels are known
     if "next" in study.model_fields_set:
-        study_design.asked(plan, axes_of(plan, Level(STUDY), {}))
+        study_design.asked(plan, axes_of(plan, ModelLevel(STUDY), {}))
     if (few := required_runs.too_few(plan)) is not None:
         raise few
     direct = study.search.method == "gauss_newton"
@@ -153,7 +153,7 @@ def on_surfaces(plan: Plan) -> tuple[dict[str, int], list[str]]:
         "proof": cases * len(proof),
         "candidates": cases * candidates * len(plan.searches),
         "identification": 0 if exact else cases * confirmed_optimum.ROUNDS,
-        "validation": candidates * len(plan.validation) + len(unfitted(plan)),
+        "validation": candidates * len(plan.validation) + len(held_out_experiments(plan)),
     }
     return parts, [f"  design: {study.doe.kind}, {len(full_design(plan))} runs asked + {study.doe.held_out} held out"]
 
@@ -169,7 +169,7 @@ def directly(plan: Plan) -> tuple[dict[str, int], list[str]]:
         "differences": points * reduced if differences else 0,
         "proof": cases * plan.group.saved if differences else 0,
         "ends of intervals": cases * ENDS * 2 * plan.box.d,
-        "validation": len(plan.validation) + len(unfitted(plan)),
+        "validation": len(plan.validation) + len(held_out_experiments(plan)),
     }
     begin = ", ".join(f"{k} = {v:g}" for k, v in plan.resolved.start.items()) or "the middle of the ranges"
     more = f" and {table.starts - 1} more start(s)" if table.starts > 1 else ""

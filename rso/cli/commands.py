@@ -36,7 +36,7 @@ def new(options: argparse.Namespace, command: str) -> int:
     from rso.evaluation.adapters import load_backend
     from rso.study.errors import StudyError
     from rso.study.loader import load
-    from rso.study.new_study import Test, alone, begin
+    from rso.study.new_study import NewTest, alone, begin
 
     point = None if options.point is None else tuple(options.point)
     try:
@@ -44,7 +44,7 @@ def new(options: argparse.Namespace, command: str) -> int:
         for name, table in map(_column, options.column):
             if columns.setdefault(name, table) is not table:
                 raise ValueError(f"--column {name}: is given twice")
-        test = Test(_given(options), point, options.repeats, columns)
+        test = NewTest(_given(options), point, options.repeats, columns)
         text = begin(options.out, load_backend(USE), test, options.fit, options.validate)
     except ValueError as error:
         _complain(error)
@@ -236,7 +236,7 @@ def _ended(code: int, reason: str | None) -> int:
 
 def diagnose(options: argparse.Namespace, command: str) -> int:
     from rso.calibration.plan import source_of
-    from rso.discrepancy import NoAnswer
+    from rso.discrepancy import LibraryUnanswered
     from rso.discrepancy.study_diagnosis import ask, run_diagnosis
     from rso.study.loader import load
 
@@ -246,7 +246,7 @@ def diagnose(options: argparse.Namespace, command: str) -> int:
     with _workplace(options, study, source_of(study), folder) as (store, pool, progress):
         try:
             found = run_diagnosis(asked, store, pool, folder, command=command, watch=progress.watch, say=progress.say)
-        except NoAnswer as error:  # any other error is a fault of the program, and says where
+        except LibraryUnanswered as error:  # any other error is a fault of the program, and says where
             return _ended(EXIT_FAILED_RUNS, f"stopped: {error}")
     files = [folder / "diagnosis.json"]
     if study.report.html or study.report.pdf:
@@ -318,9 +318,9 @@ def next_test(options: argparse.Namespace, command: str) -> int:
     found = results(plan, further, command)
     files = [write(folder, found)]
     if study.report.html or study.report.pdf:
-        from rso.report.optimal_design.report import render_further
+        from rso.report.optimal_design.report import render_next
 
-        files += render_further(found, folder, html=study.report.html, pdf=study.report.pdf)
+        files += render_next(found, folder, html=study.report.html, pdf=study.report.pdf)
     print()
     _say(found["study"]["title"])
     unanswered = (f"no answer: {n}: {w}" for n, w in found["problems"].items())
@@ -426,7 +426,7 @@ def report(options: argparse.Namespace, command: str) -> int:
     from rso.discrepancy.diagnosis_results import SCHEMA as TOLD
     from rso.model_selection import ladder_results
     from rso.optimal_design import design_results
-    from rso.report import render, render_diagnosis, render_further, render_ladder
+    from rso.report import render, render_diagnosis, render_ladder, render_next
     from rso.study.loader import load
 
     study = load(options.study)
@@ -435,7 +435,7 @@ def report(options: argparse.Namespace, command: str) -> int:
         ("results.json", SCHEMA, render, "run"),
         ("diagnosis.json", TOLD, render_diagnosis, "diagnose"),
         (ladder_results.FILE, ladder_results.SCHEMA, render_ladder, "ladder"),
-        (design_results.FILE, design_results.SCHEMA, render_further, "next"),
+        (design_results.FILE, design_results.SCHEMA, render_next, "next"),
     ]
     there = [row for row in shown if (folder / row[0]).exists()]
     for name, schema, draw, again in there or shown[:1]:

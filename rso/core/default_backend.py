@@ -32,7 +32,7 @@ class Part(TypedDict):
     setting: Mapping[str, Any]
 
 
-class Support(TypedDict):
+class SupportWords(TypedDict):
     """A kind of support: words that mean it, and its numbers, key → key of the setting and value where not stated."""
 
     words: tuple[str, ...]
@@ -47,7 +47,7 @@ class Laboratory(TypedDict):
     """
 
     parts: Mapping[str, Part]
-    supports: Mapping[str, Support]
+    supports: Mapping[str, SupportWords]
     assumed: tuple[str, str]
     without_numbers: str
     beside: Mapping[str, str]

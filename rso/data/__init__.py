@@ -10,7 +10,7 @@ from rso.data.instrument import CROSS, LATERAL, Chain, Record, correct, record, 
 from rso.data.loading_rate import recorded_speed
 from rso.data.outliers import kept, step_of, without_spikes
 from rso.data.repeats import MeasuredCurve, Noise, StatedNoise, combine, value_at
-from rso.data.scatter import memory
+from rso.data.scatter import autocorrelation
 
 __all__ = [
     "CONTACT",
@@ -26,11 +26,11 @@ __all__ = [
     "Repeat",
     "StatedNoise",
     "Unsaid",
+    "autocorrelation",
     "combine",
     "correct",
     "fingerprint",
     "kept",
-    "memory",
     "read",
     "record",
     "recorded",

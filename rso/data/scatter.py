@@ -68,7 +68,7 @@ def of_repeats(y: np.ndarray, smooth: np.ndarray, slope: np.ndarray) -> tuple[Wh
     rest = off.T - shapes @ part
     size, left = _size(smooth), max(n - 2, 1)
     found = varying(np.sum(rest**2, axis=1) / (r - 1) * (n / left), size, size, (r - 1) * left)
-    ρ = memory(rest / np.sqrt(np.maximum(found.variance, 1e-300))[:, None], r - 1)
+    ρ = autocorrelation(rest / np.sqrt(np.maximum(found.variance, 1e-300))[:, None], r - 1)
     return White(found.variance, max(found.freedom * (1 - ρ**2) / (1 + ρ**2), 1.0)), part
 
 
@@ -98,7 +98,7 @@ def beyond_said(seen: White, ratio: float, said: np.ndarray) -> White:
     return White(np.maximum(seen.variance - said, 0.0) if even else said * (ratio - 1.0), seen.freedom)
 
 
-def memory(rest: np.ndarray, independent: int = 1) -> float:
+def autocorrelation(rest: np.ndarray, independent: int = 1) -> float:
     """Correlation ρ of neighbours in deviations (n, r), as many of the r curves `independent`; 0 where it may be none.
 
     It counts from `REMEMBERS` standard errors on; what taking out the mean and two shapes cost is put back (Marriott &

@@ -17,36 +17,36 @@ story        all of it as plain data           words, parameters   and in senten
 
 from rso.discrepancy.diagnosis import Diagnosis, diagnose
 from rso.discrepancy.diagnosis_results import story
-from rso.discrepancy.evidence.detectable import announced, in_sight
+from rso.discrepancy.evidence.detectable import announced, detectable_by_plan
 from rso.discrepancy.library.effects import Effect, bounded, catalogue, localised, recorded, suited
 from rso.discrepancy.library.planning import planned
 from rso.discrepancy.library.simulations import Base, BaseAxis
-from rso.discrepancy.library.tables import Library, NoAnswer, build
+from rso.discrepancy.library.tables import Library, LibraryUnanswered, build
 from rso.discrepancy.library.test_plan import Experiment, TestPlan, make_plan
 from rso.discrepancy.proposals import planned_tests
-from rso.discrepancy.rerun import CLOSE, Check, finalists, mended, planned_rerun
+from rso.discrepancy.rerun import CLOSE, RerunCheck, corrected_library, finalists, planned_rerun
 
 __all__ = [
     "CLOSE",
     "Base",
     "BaseAxis",
-    "Check",
     "Diagnosis",
     "Effect",
     "Experiment",
     "Library",
-    "NoAnswer",
+    "LibraryUnanswered",
+    "RerunCheck",
     "TestPlan",
     "announced",
     "bounded",
     "build",
     "catalogue",
+    "corrected_library",
+    "detectable_by_plan",
     "diagnose",
     "finalists",
-    "in_sight",
     "localised",
     "make_plan",
-    "mended",
     "planned",
     "planned_rerun",
     "planned_tests",

@@ -9,15 +9,15 @@ import numpy as np
 
 from rso.core.distributions import chi2_ppf
 from rso.discrepancy.detectors.jumps import Jumps, jumps
-from rso.discrepancy.detectors.periodic import Hum, hum
+from rso.discrepancy.detectors.periodic import PeriodicLine, periodic_line
 from rso.discrepancy.evidence import attribution, localisation, noise, shrinkage
-from rso.discrepancy.evidence.attribution import Bench, Contest, Evidence
+from rso.discrepancy.evidence.attribution import Comparison, Evidence, Shared
 from rso.discrepancy.evidence.checks import SelfCheck, self_checks, sensitivity
 from rso.discrepancy.evidence.cross_validation import HeldOut, fit, held_out, left_out, predicts, shrinkage_of
 from rso.discrepancy.evidence.gaussian_mixture import Posterior, mean_prediction, posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.evidence.marginal_ranges import Reach, draws, reach
-from rso.discrepancy.evidence.residual_test import Remainder, remainder
+from rso.discrepancy.evidence.residual_test import ResidualScore, residual_score
 from rso.discrepancy.evidence.verdict import (
     UNEXPLAINED,
     Judgement,
@@ -86,15 +86,15 @@ class Diagnosis:
     checks: tuple[SelfCheck, ...]
     parameters: Mapping[str, Mapping[str, tuple[float, float, float]]]
     reach: Mapping[str, Reach]
-    bench: Bench
-    contest: Contest
+    bench: Shared
+    contest: Comparison
     fits: Mapping[str, np.ndarray]
     posteriors: Mapping[str, Posterior]
     chosen: Hypothesis
     jumps: Jumps
-    hum: Hum
+    hum: PeriodicLine
     left: float
-    remainder: Remainder | None
+    remainder: ResidualScore | None
     odd: tuple[str, float] | None
     taken: np.ndarray
     reading: np.ndarray
@@ -112,7 +112,7 @@ def diagnose(
     opened = _opened(library, y, nulls, seed)
     evidence, bench, gap = opened.evidence, opened.evidence.bench, opened.gap
     contest, finalists, judged, rest = _contested(opened, y, seed)
-    steps, line = jumps(library.plan), hum(library.plan)
+    steps, line = jumps(library.plan), periodic_line(library.plan)
     judged = _restless(judged, opened, y, steps.sudden or line.there)
     rng = np.random.default_rng(seed + 1)
     posts = {"none": _posterior(evidence, (), y, rng)}
@@ -181,7 +181,7 @@ class _Opened:
     """The first contest, with the statistic of data simulated from the base model."""
 
     evidence: Evidence
-    first: Contest
+    first: Comparison
     null: np.ndarray
 
     @property
@@ -205,30 +205,30 @@ def _opened(library: Library, y: np.ndarray, nulls: int, seed: int) -> _Opened:
     return asked if asked.gap else opened
 
 
-def _first(bench: Bench, y: np.ndarray, nulls: int, seed: int) -> _Opened:
+def _first(bench: Shared, y: np.ndarray, nulls: int, seed: int) -> _Opened:
     evidence = Evidence(bench, bench.library.effects)
-    first = attribution.contests(evidence, y[None])[0]
+    first = attribution.comparisons(evidence, y[None])[0]
     simulated = attribution.nulls(evidence, y, nulls, seed)
-    return _Opened(evidence, first, np.array([c.statistic for c in attribution.contests(evidence, simulated)]))
+    return _Opened(evidence, first, np.array([c.statistic for c in attribution.comparisons(evidence, simulated)]))
 
 
 def _contested(
     opened: _Opened, y: np.ndarray, seed: int
-) -> tuple[Contest, frozenset[str], Judgement, Remainder | None]:
+) -> tuple[Comparison, frozenset[str], Judgement, ResidualScore | None]:
     """The contest with pairs of the survivors, also with what a cause leaves, the finalists, what it says, the rest."""
     evidence, gap = opened.evidence, opened.gap
     last = attribution.survivors(opened.first) if gap else []
     pairs, finalists = attribution.pairs_of(last), frozenset(e.source for e in last)
     contest = opened.first
     if gap:
-        contest = attribution.contests(evidence, y[None], pairs, finalists=finalists)[0]
+        contest = attribution.comparisons(evidence, y[None], pairs, finalists=finalists)[0]
     judged = judge(contest, gap)
     part = judged.verdict == "partly" and len(judged.chosen.effects) == 1
-    rest = remainder(evidence, judged.chosen, y, seed + 3) if part or judged.verdict in WHOLE else None
+    rest = residual_score(evidence, judged.chosen, y, seed + 3) if part or judged.verdict in WHOLE else None
     if rest is not None and rest.there:
         joined = beside(judged.chosen, rest, pairs)
         finalists |= {e.source for pair in joined for e in pair}
-        contest = attribution.contests(evidence, y[None], [*pairs, *joined], finalists=finalists)[0]
+        contest = attribution.comparisons(evidence, y[None], [*pairs, *joined], finalists=finalists)[0]
         judged = judge(contest, gap)
     return contest, finalists, judged, rest
 
@@ -243,7 +243,7 @@ def _restless(judged: Judgement, opened: _Opened, y: np.ndarray, restless: bool)
 
 
 def _whole_or_part(
-    judged: Judgement, evidence: Evidence, y: np.ndarray, posts: Mapping[str, Posterior], rest: Remainder | None
+    judged: Judgement, evidence: Evidence, y: np.ndarray, posts: Mapping[str, Posterior], rest: ResidualScore | None
 ) -> Judgement:
     """A cause is a part where it leaves too much, would have to be larger than is plausible, or something shows."""
     chosen = judged.chosen
@@ -280,7 +280,7 @@ def _posterior(
 
 def _causes(
     evidence: Evidence,
-    contest: Contest,
+    contest: Comparison,
     y: np.ndarray,
     posts: Mapping[str, Posterior],
     verdict: str,
@@ -345,7 +345,7 @@ def _sides(
     return main, ((1 - within) / 2, 0.5, (1 + within) / 2), (share, float(low), float(high))
 
 
-def holders_of(contest: Contest, given: np.ndarray, source: str) -> list[tuple[float, Hypothesis]]:
+def holders_of(contest: Comparison, given: np.ndarray, source: str) -> list[tuple[float, Hypothesis]]:
     """Hypotheses in which a source takes part, with their probabilities given a gap."""
     pairs = zip(given, contest.hypotheses[1:], strict=True)
     return [(float(q), h) for q, h in pairs if source in {e.source for e in h.effects}]

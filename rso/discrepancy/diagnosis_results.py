@@ -21,8 +21,8 @@ from rso.discrepancy.library.simulations import Base
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import HELD, LOADING, Test, TestPlan
 from rso.discrepancy.next_test import NextTest, next_tests
-from rso.discrepancy.rerun import Check
-from rso.discrepancy.wording import words
+from rso.discrepancy.rerun import RerunCheck
+from rso.discrepancy.wording import sentences
 from rso.evaluation import Task
 
 SCHEMA = 1
@@ -38,7 +38,7 @@ def story(
     visible: Sequence[Detectable],
     run: Run | None,
     title: str,
-    checked: Sequence[Check] = (),
+    checked: Sequence[RerunCheck] = (),
 ) -> dict[str, Any]:
     """Everything of a diagnosis: `diagnosis` is the block of results.json, the rest serves the report.
 
@@ -91,7 +91,7 @@ def story(
         "notes": list(library.plan.notes),
         "mirrored": mirrored(plan, d),
     }
-    return found | {"words": words(found)}
+    return found | {"words": sentences(found)}
 
 
 def mirrored(plan: TestPlan, d: Diagnosis) -> list[dict[str, Any]]:

@@ -24,14 +24,14 @@ import numpy as np
 from rso.contract import Gauges, capability
 from rso.core.distributions import normal_cdf, normal_logpdf, normal_ppf
 from rso.discrepancy.evidence import noise
-from rso.discrepancy.evidence.attribution import Bench, by_test
+from rso.discrepancy.evidence.attribution import Shared, by_test
 from rso.discrepancy.evidence.gaussian_mixture import Posterior
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.interpolation import timed
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library, build
 from rso.discrepancy.library.test_plan import make_plan
-from rso.discrepancy.proposals import READINGS, Candidate, afterwards, candidates, known, moved
+from rso.discrepancy.proposals import READINGS, CandidateTest, afterwards, candidates, known, moved
 from rso.evaluation import Task
 
 DRAWS = 80
@@ -82,7 +82,7 @@ Scatter = Mapping[str, float]  # of effects that scatter, their standard deviati
 
 def next_tests(
     library: Library,
-    bench: Bench,
+    bench: Shared,
     survivors: Survivors,
     probability: Mapping[str, float],
     run: Callable[[Sequence[Task]], list[Any]] | None,
@@ -118,7 +118,7 @@ def merit(test: NextTest) -> tuple[float, int, float]:
 
 
 def simulated(
-    library: Library, candidate: Candidate, survivors: Survivors, run: Callable[[Sequence[Task]], list[Any]] | None
+    library: Library, candidate: CandidateTest, survivors: Survivors, run: Callable[[Sequence[Task]], list[Any]] | None
 ) -> Library | None:
     """The library of a candidate test, None where that would need simulations and there is no `run`.
 
@@ -175,7 +175,7 @@ def _settles(D: np.ndarray | float, odds: float) -> np.ndarray:
 
 def distances(
     there: Library,
-    bench: Bench,
+    bench: Shared,
     survivors: Survivors,
     without: frozenset[str] = frozenset(),
     scatter: Scatter | None = None,
@@ -198,7 +198,7 @@ def distances(
 
 
 def forecast(
-    there: Library, bench: Bench, effects: Sequence[Effect], post: Posterior, without: frozenset[str] = frozenset()
+    there: Library, bench: Shared, effects: Sequence[Effect], post: Posterior, without: frozenset[str] = frozenset()
 ) -> np.ndarray:
     """Draws (DRAWS, n) of what a hypothesis predicts, effects of `without` left out."""
     effects = [e for e in effects if e.family != "scatter"]  # these move no mean
@@ -213,15 +213,15 @@ def forecast(
     return post.modulus[pick, None] * A + c
 
 
-def covariance(there: Library, bench: Bench, force: np.ndarray) -> np.ndarray:
+def covariance(there: Library, bench: Shared, force: np.ndarray) -> np.ndarray:
     """Noise (n, n) of new tests: that of the plan's."""
     some = bench.levels.get("Fz", next(iter(bench.levels.values())))
-    mark = noise.Level(there.plan.scale * noise.MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "assumed")
+    mark = noise.NoiseLevel(there.plan.scale * noise.MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "assumed")
     levels = {c: bench.levels.get(c, some) for c in noise.FORCES} | {"uz": bench.levels.get("uz", mark)}
     return noise.covariance(there, levels, force, noise.slope_of(there, force))
 
 
-def gauges(library: Library, bench: Bench) -> dict[str, tuple[str, float]]:
+def gauges(library: Library, bench: Shared) -> dict[str, tuple[str, float]]:
     """Knob → a test that shows it by itself, whatever the rest, and what that test resolves in the knob's unit."""
     level = bench.levels.get("Fz", next(iter(bench.levels.values())))
     white = level.white / np.sqrt(READINGS)
@@ -250,7 +250,7 @@ def gauges(library: Library, bench: Bench) -> dict[str, tuple[str, float]]:
     return {**own, **(gauges.gauges(settings) if gauges else {})}
 
 
-def direct(library: Library, bench: Bench, survivors: Survivors) -> dict[str, dict[tuple[str, str], float]]:
+def direct(library: Library, bench: Shared, survivors: Survivors) -> dict[str, dict[tuple[str, str], float]]:
     """D of every pair in tests of one knob alone.
 
     What such a test shows is the size itself, so that a size known badly before is as good as any.
@@ -291,7 +291,7 @@ def _as_likely(off: np.ndarray, resolution: float) -> float:
     return z + float(np.sqrt(z**2 + 2.0 * NEED))
 
 
-def sizes(bench: Bench, effects: Sequence[Effect], post: Posterior, effect: Effect) -> np.ndarray:
+def sizes(bench: Shared, effects: Sequence[Effect], post: Posterior, effect: Effect) -> np.ndarray:
     """Values (m,) of an effect's knob over the draws, in its unit."""
     column = post.at.shape[1] - sum(len(e.knobs) for e in effects)
     column += sum(len(e.knobs) for e in itertools.takewhile(lambda e: e is not effect, effects))

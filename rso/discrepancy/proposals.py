@@ -13,7 +13,7 @@ from rso.data import Measurement, Repeat
 from rso.discrepancy.evidence import noise
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.planning import framed, planned
-from rso.discrepancy.library.simulations import Base, Job, alike, passes, rated
+from rso.discrepancy.library.simulations import Base, LibraryJob, alike, passes, rated
 from rso.discrepancy.library.tables import Library
 from rso.discrepancy.library.test_plan import Experiment, Test, TestPlan, make_plan
 
@@ -25,7 +25,7 @@ REST = 20.0  # of the time of loading: how long a hold is proposed to last
 
 
 @dataclass(frozen=True)
-class Candidate:
+class CandidateTest:
     """A test to be simulated; knobs in `without` are kept from acting in it."""
 
     words: str
@@ -43,7 +43,7 @@ class Outline:
     effects: tuple[Effect, ...]
 
 
-def planned_tests(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> dict[str, tuple[list[Job], float]]:
+def planned_tests(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> dict[str, tuple[list[LibraryJob], float]]:
     """Candidate test → the simulations that it takes under every effect, and the share of them under two alone.
 
     Those that a library tells without are left out.
@@ -66,7 +66,7 @@ def planned_tests(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> dict
     return found
 
 
-def candidates(library: Library | Outline) -> list[Candidate]:
+def candidates(library: Library | Outline) -> list[CandidateTest]:
     """Tests that are not in the plan yet: other rates, unloading and a hold at a known place, what the backend
     proposes."""
     plan = library.plan
@@ -80,19 +80,19 @@ def candidates(library: Library | Outline) -> list[Candidate]:
     template = replace(template, channels=_measured(plan))  # a cell of one axis stays one
     out = []
     if not has_unload:
-        out.append(Candidate("load and unload at the same point", (_experiment(template, d, speeds[0], True),)))
+        out.append(CandidateTest("load and unload at the same point", (_experiment(template, d, speeds[0], True),)))
     for factor, word in ((10.0, "ten times faster"), (0.1, "ten times slower")):
         v = factor * (max(speeds) if factor > 1 else min(speeds))
         words = f"load and unload {word} ({60 * v:.3g} mm/min)"
-        out.append(Candidate(words, (_experiment(template, d, v, True),)))
+        out.append(CandidateTest(words, (_experiment(template, d, v, True),)))
     if not (has_hold or rated(library.base, plan)):
         words = f"load at {60 * max(speeds):.3g} mm/min and hold for {REST:g} times as long"
-        out.append(Candidate(words, (_experiment(template, d, max(speeds), False, rest=REST),)))
+        out.append(CandidateTest(words, (_experiment(template, d, max(speeds), False, rest=REST),)))
     backend = library.base.backend
     others, marked = capability(backend, FurtherTests), capability(backend, SurfaceMarks)
     for words, settings in others.tests(dict(place.settings)).items() if others else ():
         other = replace(template, settings={**template.settings, **settings})
-        out.append(Candidate(words, (_experiment(other, d, speeds[0], True),)))
+        out.append(CandidateTest(words, (_experiment(other, d, speeds[0], True),)))
     tests = {t.place: t for t in plan.tests}
     for label, settings in plan.labels().items() if len(plan.places) > 1 else ():
         k = next(k for k, p in enumerate(plan.places) if p.settings == settings)
@@ -101,18 +101,18 @@ def candidates(library: Library | Outline) -> list[Candidate]:
         again = _experiment(own, min(plan.places[k].deepest, most), speeds[0], False)
         moved = frozenset(e.name for e in library.effects if e.place == settings and len(e.size.ends()) == 2)
         if moved:
-            out.append(Candidate(f"the test at {label} again, its place looked at", (again,), moved))
+            out.append(CandidateTest(f"the test at {label} again, its place looked at", (again,), moved))
     missing = [c for c in noise.FORCES if c not in template.channels]
     for label, settings in plan.labels().items() if missing else ():
         k = next(k for k, p in enumerate(plan.places) if p.settings == settings)
         there = next(t.experiment for t in plan.tests if t.place == k)
         more = replace(plan.experiments[there], channels=noise.FORCES)
         again = _experiment(more, min(plan.places[k].deepest, most), speeds[0], False)
-        out.append(Candidate(f"the test at {label} again, with {' and '.join(missing)} measured", (again,)))
+        out.append(CandidateTest(f"the test at {label} again, with {' and '.join(missing)} measured", (again,)))
     for words, marks in marked.marks(dict(place.settings)).items() if marked else ():
         if not _seen(marks, place.marks):
             load = _experiment(template, d, speeds[0], False)
-            out.append(Candidate(words, (load, _profile(template, marks, (0.5 * d, d)))))
+            out.append(CandidateTest(words, (load, _profile(template, marks, (0.5 * d, d)))))
     without = capability(backend, PreventableEffects)
     for words, knobs in without.prevented().items() if without else ():
         each = [
@@ -123,7 +123,7 @@ def candidates(library: Library | Outline) -> list[Candidate]:
             _experiment(e, min(plan.places[k].deepest, most), speeds[0], _turned(plan, k), e.name)
             for k, e in zip(tests, each, strict=True)
         ]
-        out.append(Candidate(words, tuple(every), frozenset(knobs)))
+        out.append(CandidateTest(words, tuple(every), frozenset(knobs)))
     return out
 
 

@@ -37,7 +37,7 @@ DOUBTFUL = 0.15  # of the deepest travel: before that a relative deviation says 
 
 
 @dataclass(frozen=True)
-class Check:
+class RerunCheck:
     """Runs, failed ones, largest and root mean square deviation of the library from them over Fz."""
 
     runs: int
@@ -66,9 +66,9 @@ def finalists(library: Library, found: Diagnosis) -> dict[Effect, np.ndarray]:
     return dict(list(picks.items())[:MOST])
 
 
-def mended(
+def corrected_library(
     library: Library, picks: Mapping[Effect, np.ndarray], run: Callable[[Sequence[Task]], list[Any]]
-) -> tuple[Library, Check]:
+) -> tuple[Library, RerunCheck]:
     """The library with every effect of `picks` as computed at its coordinates (d + 1 + shapes,).
 
     Every place, way of the indenter and, where an effect has a time, every speed is computed.  A failed run mends
@@ -107,10 +107,10 @@ def mended(
         library = _with(library, e, k, at[d:] + late, change - was[0], more)
     names = tuple(e.name for e in picks)
     if not off:
-        return library, Check(len(every), failed, None, None, names)
+        return library, RerunCheck(len(every), failed, None, None, names)
     largest = max(float(np.abs(v).max()) for v in off)
     z = np.concatenate([v[:, FORCES.index("Fz")].ravel() for v in off])
-    return library, Check(len(every), failed, largest, float(np.sqrt(np.mean(z**2))), names)
+    return library, RerunCheck(len(every), failed, largest, float(np.sqrt(np.mean(z**2))), names)
 
 
 def planned_rerun(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> tuple[list[Task], float]:

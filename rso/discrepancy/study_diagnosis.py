@@ -36,7 +36,7 @@ from rso.core.units import quantity
 from rso.data import recorded_speed
 from rso.discrepancy import Base, BaseAxis, Effect, Experiment, Library
 from rso.discrepancy.library.planning import framed
-from rso.discrepancy.library.test_plan import Profile, Test
+from rso.discrepancy.library.test_plan import SurfaceProfile, Test
 from rso.evaluation import Event, Task, run_all
 from rso.evaluation.store import RunStore
 from rso.study.cases import DEFAULT_SPEED, MISREAD, READINGS, foreign_units, place_of_setting, stated_speed
@@ -169,7 +169,7 @@ def _refuse_what_is_too_deep(study: Study, backend: Backend, plan: discrepancy.T
         try:
             backend.check(Case("reach", Programme.ramp((reach,)), place.settings))
         except MISREAD as error:
-            items: list[Test | Profile] = [*plan.tests, *plan.profiles]
+            items: list[Test | SurfaceProfile] = [*plan.tests, *plan.profiles]
             there = [o for o in items if o.place == k]
             n = max(there, key=lambda o: float(o.depth.max())).experiment
             words = f"a diagnosis computes to {reach:g} mm, beyond the deepest reading, for a contact found late"
@@ -329,18 +329,18 @@ def judge(
     """
     seed = asked.study.study.seed
     say("what this test plan can show, before any cause meets the data")
-    visible = discrepancy.in_sight(library, seed)
+    visible = discrepancy.detectable_by_plan(library, seed)
     for line in discrepancy.announced(visible):
         say(textwrap.fill(line, WIDTH, subsequent_indent="  ", break_on_hyphens=False))
     say("verdict: evidence, held-out prediction and self-checks")
     result = discrepancy.diagnose(library, seed, fitted=fitted)
-    checks: list[discrepancy.Check] = []
+    checks: list[discrepancy.RerunCheck] = []
     while run is not None and len(checks) < ROUNDS:
         picks = discrepancy.finalists(library, result)
         if not picks:
             break
         say(f"computed anew at the size found: {', '.join(e.name for e in picks)}")
-        library, check = discrepancy.mended(library, picks, run)
+        library, check = discrepancy.corrected_library(library, picks, run)
         checks.append(check)
         if check.rms is None or check.rms < discrepancy.CLOSE:
             break

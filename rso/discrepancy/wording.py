@@ -18,7 +18,7 @@ FITS = 0.3  # probability from which an effect is said to fit where it is not na
 MOST = 0.7  # of what curves have each for itself (of the sum of squares): one that holds as much is named
 
 
-def words(found: Mapping[str, Any]) -> list[str]:
+def sentences(found: Mapping[str, Any]) -> list[str]:
     """Sentences from the plain data of a diagnosis; no number is computed here."""
     d = found["diagnosis"]
     out = [_gap(d, found), *_mirrored(found), *_unlike(found), *_jumps(d), *_hum(d)]

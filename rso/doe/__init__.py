@@ -13,7 +13,7 @@ from rso.doe.box import Box
 from rso.doe.constraints import Condition, read_condition
 from rso.doe.farthest import extend
 from rso.doe.registry import SAMPLERS
-from rso.doe.sampler import Feasible, Options, Sampler, Task
+from rso.doe.sampler import DesignTask, Feasible, Options, Sampler
 from rso.doe.samplers.box_behnken import box_behnken
 from rso.doe.samplers.central_composite import central_composite, star_distance
 from rso.doe.samplers.factorial import factorial
@@ -26,10 +26,10 @@ __all__ = [
     "SAMPLERS",
     "Box",
     "Condition",
+    "DesignTask",
     "Feasible",
     "Options",
     "Sampler",
-    "Task",
     "box_behnken",
     "central_composite",
     "design",
@@ -66,7 +66,7 @@ def design(
     if d < 1:
         raise ValueError(f"design: needs at least one parameter, got {d}")
     mine = {k: v for k, v in options.items() if k in SAMPLERS[kind].options}
-    return SAMPLERS[kind].points(Task(d, runs, seed, mine, feasible))
+    return SAMPLERS[kind].points(DesignTask(d, runs, seed, mine, feasible))
 
 
 def extend_design(kind: str, existing: np.ndarray, n: int, seed: int, feasible: Feasible | None = None) -> np.ndarray:
@@ -74,5 +74,5 @@ def extend_design(kind: str, existing: np.ndarray, n: int, seed: int, feasible: 
 
     A kind that is not a sampler's (points of a file) gets points where they are thinnest (:func:`extend`).
     """
-    task = Task(np.shape(existing)[1], None, seed, {}, feasible)
+    task = DesignTask(np.shape(existing)[1], None, seed, {}, feasible)
     return SAMPLERS[kind].extend(existing, n, task) if kind in SAMPLERS else extend(existing, n, seed, feasible)

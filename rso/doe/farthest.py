@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rso.doe.sampler import Feasible, Task
+from rso.doe.sampler import DesignTask, Feasible
 from rso.doe.sequences import sobol
 
 POOL = 4096  # points of a Sobol sequence among which the farthest is sought first
@@ -21,7 +21,7 @@ def extend(existing: np.ndarray, n: int, seed: int, feasible: Feasible | None = 
     return farthest(X, n, seed, feasible)
 
 
-def extend_by(X: np.ndarray, n: int, task: Task) -> np.ndarray:
+def extend_by(X: np.ndarray, n: int, task: DesignTask) -> np.ndarray:
     """The same as a sampler asks for it."""
     return extend(X, n, task.seed, task.feasible)
 

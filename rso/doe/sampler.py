@@ -13,7 +13,7 @@ Options = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Task:
+class DesignTask:
     """A design of d parameters that is asked for: `runs` points, or as many as the kind has where None.
 
     `options` are the keys of [doe] that belong to this kind alone; `feasible(X)` (n,) marks the points (n, d) of the
@@ -39,14 +39,14 @@ class Sampler:
 
     name: str
     title: str
-    points: Callable[[Task], np.ndarray]
-    extend: Callable[[np.ndarray, int, Task], np.ndarray]
+    points: Callable[[DesignTask], np.ndarray]
+    extend: Callable[[np.ndarray, int, DesignTask], np.ndarray]
     free: bool = False
     options: tuple[str, ...] = ()
     wider: Callable[[int, Options], float] = lambda d, options: 1.0
 
 
-def enough(kind: str, task: Task, most: int | None = None) -> int:
+def enough(kind: str, task: DesignTask, most: int | None = None) -> int:
     """The number of runs of a kind that leaves it free; ValueError for fewer than two or more than `most`."""
     runs = task.runs
     if runs is None or runs < 2:
@@ -56,7 +56,7 @@ def enough(kind: str, task: Task, most: int | None = None) -> int:
     return runs
 
 
-def counted(kind: str, X: np.ndarray, task: Task) -> np.ndarray:
+def counted(kind: str, X: np.ndarray, task: DesignTask) -> np.ndarray:
     """A design of a kind whose number of points is fixed; ValueError for another number, or points not feasible."""
     if task.runs is not None and task.runs != len(X):
         text = f"design: {kind} of {task.d} parameters has {len(X)} runs, not {task.runs}; leave runs out or use lhs"

@@ -24,7 +24,7 @@ CLEAN = 0.1  # share of the runs that a threshold may misjudge and still be told
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
+class FeasibleRegion:
     """Runs in the unit cube of `box` (after similarity, whose modulus is `group`'s): X (n, d), which are done (n,).
 
     `model` is None while no run has failed.  It can stand among the conditions between parameters of a study.
@@ -104,7 +104,7 @@ class Region:
 
 def learn(
     box: Box | None, group: Group, values: Sequence[Mapping[str, float]], done: Sequence[bool], seed: int
-) -> Region | None:
+) -> FeasibleRegion | None:
     """The region that these runs show; None if `box` is None (similarity leaves no parameter) or there is no run.
 
     `box` is that of the parameters after similarity.  Crashed runs must be left out: a bug is not a property of θ.
@@ -127,7 +127,7 @@ def learn(
             model.fit(X, good)
     elif not good.any():
         model = _Nowhere()
-    return Region(box, group, X, good, model)
+    return FeasibleRegion(box, group, X, good, model)
 
 
 class _Nowhere:

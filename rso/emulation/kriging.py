@@ -12,7 +12,7 @@ from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from rso.emulation.common import checked, from_log, inside, legendre, legendre_slopes, outside, powers, triangular
 from rso.emulation.kernels import KERNELS, WORDS, covariance
-from rso.emulation.kriging_likelihood import LENGTHS, Data, correlation, factor, hyper_parameters, one_thread
+from rso.emulation.kriging_likelihood import LENGTHS, KrigingData, correlation, factor, hyper_parameters, one_thread
 from rso.emulation.scores import Scores, score
 
 
@@ -214,7 +214,7 @@ def fit_kriging(
     if float(np.abs(rest).max()) <= 1e-12 * size or scale == 0.0:
         small = (1e-6 * size or 1.0) ** 2
         return condition(X, t, noise, trend, small, np.full(d, 1.0), log, kernel, 1.0, slopes, slope_noise)
-    scaled = Data(data.X, rest / scale, data.A, data.noise / scale, data.keep, data.slopes)
+    scaled = KrigingData(data.X, rest / scale, data.A, data.noise / scale, data.keep, data.slopes)
     first = None
     if start is not None:
         variance = np.clip(start.variance / scale**2, 1e-3, 1e4)
@@ -253,17 +253,17 @@ def _data(
     trend: int,
     slopes: np.ndarray | None,
     slope_noise: np.ndarray | None,
-) -> tuple[Data, np.ndarray]:
+) -> tuple[KrigingData, np.ndarray]:
     """Observations with their trend rows and noise, and z (N,)."""
     n, d = X.shape
     exponents = powers(d, trend)
     A = legendre(X, exponents)
     if slopes is None or slope_noise is None:
-        return Data(X, t, A, np.asarray(noise), np.full(n, True)), t
+        return KrigingData(X, t, A, np.asarray(noise), np.full(n, True)), t
     keep = _kept(slopes)
     A = np.vstack([A, *legendre_slopes(X, exponents).transpose(1, 0, 2)])[keep]
     z = np.concatenate([t, slopes.T.ravel()])[keep]
-    return Data(X, z, A, np.concatenate([noise, slope_noise.T.ravel()])[keep], keep, True), z
+    return KrigingData(X, z, A, np.concatenate([noise, slope_noise.T.ravel()])[keep], keep, True), z
 
 
 def condition(

@@ -23,7 +23,7 @@ TRIED = 8  # random starts that are looked at
 
 
 @dataclass(frozen=True, eq=False)
-class Data:
+class KrigingData:
     """What the likelihood sees: observations z (N,) with trend rows A (N, p) and noise (N,) at points X (n, d).
 
     `keep` (n + n d,) marks the values and slopes that were observed; `slopes` whether there are slopes at all.
@@ -71,13 +71,13 @@ def factor(K: np.ndarray, jitter: float = JITTER) -> np.ndarray:
             raise np.linalg.LinAlgError("kriging: the covariance is not positive definite")
 
 
-def correlation(data: Data, kernel: str, lengths: np.ndarray) -> np.ndarray:
+def correlation(data: KrigingData, kernel: str, lengths: np.ndarray) -> np.ndarray:
     """Correlation (N, N) of the observations."""
     K = covariance(kernel, data.X, data.X, lengths, left=data.slopes, right=data.slopes)
     return K if data.keep.all() else K[np.ix_(data.keep, data.keep)]
 
 
-def restricted(p: np.ndarray, data: Data, kernel: str, free_share: bool) -> tuple[float, np.ndarray]:
+def restricted(p: np.ndarray, data: KrigingData, kernel: str, free_share: bool) -> tuple[float, np.ndarray]:
     """Negative restricted log-likelihood, without constants, and its gradient in p = (ln ℓ, ln c, ln η).
 
     ½ ln|K| + ½ ln|AᵀK⁻¹A| + ½ zᵀPz, P = K⁻¹ − K⁻¹A(AᵀK⁻¹A)⁻¹AᵀK⁻¹, K = c R + η² diag(noise²)
@@ -128,7 +128,7 @@ def restricted(p: np.ndarray, data: Data, kernel: str, free_share: bool) -> tupl
 
 
 def hyper_parameters(
-    data: Data, kernel: str, *, seed: int, start: np.ndarray | None, restarts: int, free_share: bool
+    data: KrigingData, kernel: str, *, seed: int, start: np.ndarray | None, restarts: int, free_share: bool
 ) -> tuple[float, np.ndarray, float]:
     """(c, ℓ, η) of the smallest negative restricted likelihood; z is expected of size one.
 

@@ -27,7 +27,7 @@ ENOUGH = 1e-5  # relative error below which derivatives, which cost fits, are no
 
 
 @dataclass(frozen=True, eq=False)
-class Data:
+class TrainingData:
     """What one output is learnt from: X (n, d) in the unit cube, y (n,); noise sd (n,), gradients (n, d) or None."""
 
     X: np.ndarray
@@ -35,10 +35,10 @@ class Data:
     noise: np.ndarray | None = None
     gradients: np.ndarray | None = None
 
-    def rows(self, keep: np.ndarray) -> Data:
+    def rows(self, keep: np.ndarray) -> TrainingData:
         """Some of the points."""
         parts = (None if v is None else v[keep] for v in (self.noise, self.gradients))
-        return Data(self.X[keep], self.y[keep], *parts)
+        return TrainingData(self.X[keep], self.y[keep], *parts)
 
 
 def fit(
@@ -77,7 +77,7 @@ def fit(
         raise ValueError(f"surrogate: unknown kind {kind!r}; choose one of {', '.join(KINDS)}")
     X, y = np.asarray(X, float), np.asarray(y, float)
     noise = None if noise_sd is None else np.broadcast_to(np.asarray(noise_sd, float), y.shape)
-    data = Data(X, y, noise, None if gradients is None else np.asarray(gradients, float))
+    data = TrainingData(X, y, noise, None if gradients is None else np.asarray(gradients, float))
     logs = (log,) if log is not None else (False, True) if y.size and y.min() > 0 else (False,)
     makers: list[Callable[[], tuple[Surrogate, Scores]]] = []
     if kind != "kriging":
@@ -195,7 +195,7 @@ def _widening(model: Polynomial, X: np.ndarray, y: np.ndarray, mean: np.ndarray)
     return float(np.sqrt(max(np.mean(((mean - y) / of) ** 2) / max(stated, 1e-300), 1.0)))
 
 
-def _best_kriging(data: Data, share: float | None, logs: tuple[bool, ...], seed: int) -> tuple[Kriging, Scores]:
+def _best_kriging(data: TrainingData, share: float | None, logs: tuple[bool, ...], seed: int) -> tuple[Kriging, Scores]:
     n, d = data.X.shape
     known = share is not None and data.noise is not None
     # Twice as many points as trend terms, so that the process has something left to learn from.
@@ -204,7 +204,7 @@ def _best_kriging(data: Data, share: float | None, logs: tuple[bool, ...], seed:
     options = [(kernel, q, g) for kernel in KERNELS for g in logs for q in trends]
     few = farthest_first(data.X, _searched(d))
 
-    def search(data: Data, o: tuple[str, int, bool], share: float | None, restarts: int) -> Kriging:
+    def search(data: TrainingData, o: tuple[str, int, bool], share: float | None, restarts: int) -> Kriging:
         found = _kriging(data.rows(few), o, share, seed, restarts=restarts)
         return found if len(few) == n else _kriging(data, o, share, seed, start=found)
 
@@ -312,7 +312,7 @@ def _tame(models: list[Any], y: np.ndarray) -> list[Any]:
 
 
 def _kriging(
-    data: Data, option: tuple[str, int, bool], share: float | None, seed: int, *, restarts: int = 0,
+    data: TrainingData, option: tuple[str, int, bool], share: float | None, seed: int, *, restarts: int = 0,
     start: Kriging | None = None,
 ) -> Kriging:  # fmt: skip
     kernel, trend, log = option

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag, null_space
 
 from rso.core.distributions import chi2_cdf, student
-from rso.data import memory
+from rso.data import autocorrelation
 from rso.inference.likelihood import Data, Misfit, common
 
 SEEN = 0.001  # chance of errors of the stated size to leave so little: then it is not they that go together
@@ -17,7 +17,7 @@ UNKNOWN = 0.01  # of the largest value: a reading's error, where no reading is l
 SIZES = np.geomspace(1e-12, 1.0, 241)  # variances that are tried, over the square of the largest value
 
 
-def remembering(misfit: Misfit, x: np.ndarray) -> Misfit:
+def with_autocorrelation(misfit: Misfit, x: np.ndarray) -> Misfit:
     """The misfit with sizes (:func:`sized`), and with memory where the residuals at x (d,) of a curve show it and its
     errors were white by default.
 
@@ -94,7 +94,7 @@ def _remembering(data: Data, r: np.ndarray, order: np.ndarray) -> Data:
     """The curve with memory where whitened residuals r (n,), in `order` of depth, show it."""
     if data.white is None or data.memory:
         return data
-    ρ = memory(r[:, None])
+    ρ = autocorrelation(r[:, None])
     each = independent(ρ)
     if ρ == 0.0 or chi2_cdf(each * float(r @ r), each * len(r)) < SEEN:
         return data

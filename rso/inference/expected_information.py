@@ -31,7 +31,7 @@ LEVEL = 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class Experiment:
+class PossibleExperiment:
     """All readings (n,) of an experiment by its `model`; the covariance (n, n) of their errors if x (d,) is true."""
 
     name: str
@@ -52,7 +52,7 @@ class Experiment:
 
 
 @dataclass(frozen=True)
-class Told:
+class ExpectedInformation:
     """What a set of experiments tells at one truth: sd of ln θ by name.
 
     `alone` without what exists, `fisher` with it, `expected` the same from made-up data (root mean square),
@@ -74,15 +74,15 @@ def on_valley(misfit: Misfit, start: np.ndarray, parameter: int, values: np.ndar
     return descend(misfit, X, np.arange(len(start)) != parameter)
 
 
-def told(
+def expected_information(
     box: Box,
     x: np.ndarray,
     weakest: int,
-    existing: Sequence[Experiment],
-    sets: Sequence[Sequence[Experiment]],
+    existing: Sequence[PossibleExperiment],
+    sets: Sequence[Sequence[PossibleExperiment]],
     seed: int,
     draws: int = 60,
-) -> list[Told]:
+) -> list[ExpectedInformation]:
     """What each of the sets (the empty one: nothing more) adds to what exists, if x (d,) is true.
 
     With `draws` = 0 by Fisher information alone.
@@ -94,7 +94,7 @@ def told(
     names = [tuple(e.name for e in added) for added in sets]
     sds = [(expected_sd(box, x, F), expected_sd(box, x, base + F)) for F in rows]
     if not draws:
-        return [Told(n, a, f) for n, (a, f) in zip(names, sds, strict=True)]
+        return [ExpectedInformation(n, a, f) for n, (a, f) in zip(names, sds, strict=True)]
     sharpest = min(float(spread(base + F + UNIFORM * np.eye(box.d))[weakest]) for F in rows)
     X, log_q = _points(box, x, weakest, existing, base, sharpest, seed)
     rng = np.random.default_rng([seed, 21])
@@ -104,7 +104,7 @@ def told(
     for n, (a, f) in zip(names, sds, strict=True):
         total = start + sum((one[k] for k in n), np.zeros_like(start))
         sd, covered = _posterior(box, x, weakest, X, log_q, total)
-        out.append(Told(n, a, f, sd, covered))
+        out.append(ExpectedInformation(n, a, f, sd, covered))
     return out
 
 
@@ -112,7 +112,7 @@ def _points(
     box: Box,
     x: np.ndarray,
     weakest: int,
-    existing: Sequence[Experiment],
+    existing: Sequence[PossibleExperiment],
     fisher: np.ndarray,
     sharpest: float,
     seed: int,
@@ -167,7 +167,7 @@ def _along(truth: float, sharpest: float) -> tuple[np.ndarray, np.ndarray]:
     return t, np.log(np.mean(heights, axis=0))
 
 
-def _chi2(e: Experiment, x: np.ndarray, X: np.ndarray, draws: int, rng: np.random.Generator) -> np.ndarray:
+def _chi2(e: PossibleExperiment, x: np.ndarray, X: np.ndarray, draws: int, rng: np.random.Generator) -> np.ndarray:
     """χ² (n, draws) of the points X (n, d) against data made up at x (d,)."""
     W = e.whitening(x)
     P = (e.model.predict(X) - e.model.predict(x[None])[0]) @ W.T

@@ -10,7 +10,7 @@ import numpy as np
 from rso.doe import sobol
 from rso.inference.least_squares import all_minima
 from rso.inference.likelihood import Data, Misfit, Model
-from rso.inference.tangents import Frame, Sight, tangents, unfolded
+from rso.inference.tangents import EvaluatedPoint, TangentFrame, tangents, unfolded
 
 RADIUS = 0.25  # of the unit cube: how far a tangent is trusted at first
 SMALLEST = 1e-3  # a step this short leads nowhere
@@ -22,8 +22,8 @@ OUTSIDE = 1e-3  # of the unit cube: so far beyond the trusted region a step cost
 DIGITS = 10  # of x: the same study asks for the same runs wherever it goes on
 WRONG = "the runs do not follow the derivatives that the backend gives"
 
-Look = Callable[[Sequence[np.ndarray]], list[Sight | None]]
-DataOf = Callable[[Sight], tuple[Data, ...]]
+Look = Callable[[Sequence[np.ndarray]], list[EvaluatedPoint | None]]
+DataOf = Callable[[EvaluatedPoint], tuple[Data, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Iterate:
 
     start: int
     x: np.ndarray
-    sight: Sight | None
+    sight: EvaluatedPoint | None
     chi2: float | None
     predicted: np.ndarray | None
     expected: float | None
@@ -48,11 +48,11 @@ class Iterate:
 
 
 @dataclass(frozen=True, eq=False)
-class Descent:
+class GaussNewtonFit:
     """Where one start led to: every point on the way, the best run, whether a rerun confirmed it, and why it ended."""
 
     iterates: tuple[Iterate, ...]
-    best: Sight | None
+    best: EvaluatedPoint | None
     chi2: float | None
     confirmed: bool
     why: str
@@ -64,8 +64,8 @@ class Descent:
 
 
 def on_runs(
-    frame: Frame, look: Look, data_of: DataOf, starts: np.ndarray, *, tolerance: float, most: int, seed: int
-) -> list[Descent]:
+    frame: TangentFrame, look: Look, data_of: DataOf, starts: np.ndarray, *, tolerance: float, most: int, seed: int
+) -> list[GaussNewtonFit]:
     """Least χ² by Gauss–Newton on runs with derivatives from each of the starts (k, d) in the unit cube.
 
         x_(n+1) = argmin χ²[f_n(x)]  in the box and in |z − z_b| <= Δ
@@ -80,7 +80,7 @@ def on_runs(
     Source: Levenberg, Q. Appl. Math. 2 (1944) 164, with the region of Conn, Gould & Toint, Trust-Region Methods (2000),
     algorithm 6.1.1.
     """
-    known: list[Sight] = []
+    known: list[EvaluatedPoint] = []
     first = look(list(starts))  # together: no worker waits
     spare = iter(sobol(frame.box.d, 256, seed))
     found = []
@@ -91,7 +91,7 @@ def on_runs(
             (sight,) = look([x])
             walk.append(Iterate(k, x, sight, None, None, None, None, None, RADIUS, False))
         if sight is None:
-            found.append(Descent(tuple(walk), None, None, False, "no start has an answer"))
+            found.append(GaussNewtonFit(tuple(walk), None, None, False, "no start has an answer"))
             continue
         known.append(sight)
         walk[-1] = _started(walk[-1], frame, data_of)
@@ -99,23 +99,23 @@ def on_runs(
     return found
 
 
-def _started(i: Iterate, frame: Frame, data_of: DataOf) -> Iterate:
+def _started(i: Iterate, frame: TangentFrame, data_of: DataOf) -> Iterate:
     assert i.sight is not None
     chi2 = _chi2(data_of(i.sight), i.sight.f, frame)
     return Iterate(i.start, i.x, i.sight, chi2, None, None, None, None, RADIUS, True)
 
 
 def _descend(
-    frame: Frame,
+    frame: TangentFrame,
     look: Look,
     data_of: DataOf,
     walk: list[Iterate],
-    best: Sight,
-    known: list[Sight],
+    best: EvaluatedPoint,
+    known: list[EvaluatedPoint],
     tolerance: float,
     most: int,
     seed: int,
-) -> Descent:
+) -> GaussNewtonFit:
     """The descent from the last point of the walk, which has an answer."""
     radius, start = RADIUS, walk[0].start
     lost = [i.x for i in walk if i.sight is None]
@@ -131,13 +131,13 @@ def _descend(
         small = moved(data, predicted, best.f) <= STILL * tolerance and S - expected <= max(SETTLED, SHARE * S)
         if still or (small and last is not None and last <= tolerance):
             if contradiction(frame, known) > CONTRADICTION:
-                return Descent(tuple(walk), best, S, False, WRONG)
-            return Descent(tuple(walk), best, S, True, "at rest")
+                return GaussNewtonFit(tuple(walk), best, S, False, WRONG)
+            return GaussNewtonFit(tuple(walk), best, S, True, "at rest")
         if len(walk) >= most:
-            return Descent(tuple(walk), best, S, False, f"search.max_runs = {most} is spent")
+            return GaussNewtonFit(tuple(walk), best, S, False, f"search.max_runs = {most} is spent")
         if min(radius, reach) < SMALLEST:
             why = WRONG if radius <= reach else "beyond, runs have no answer"
-            return Descent(tuple(walk), best, S, False, why)
+            return GaussNewtonFit(tuple(walk), best, S, False, why)
         (sight,) = look([x])
         if sight is None:
             lost.append(x)
@@ -155,7 +155,13 @@ def _descend(
 
 
 def trial(
-    model: Model, frame: Frame, data: tuple[Data, ...], best: Sight, radius: float, reach: float, seed: int
+    model: Model,
+    frame: TangentFrame,
+    data: tuple[Data, ...],
+    best: EvaluatedPoint,
+    radius: float,
+    reach: float,
+    seed: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The point x (d,) of least misfit of a model not farther than `radius` (in z) and `reach` (in x), and its curve.
 
@@ -188,7 +194,7 @@ def moved(data: Sequence[Data], a: np.ndarray, b: np.ndarray) -> float:
     return max(float(np.abs(p - q).max() / s) for p, q, s in zip(*parts, sizes, strict=True))
 
 
-def contradiction(frame: Frame, runs: Sequence[Sight]) -> float:
+def contradiction(frame: TangentFrame, runs: Sequence[EvaluatedPoint]) -> float:
     """How wrong the derivatives are by one parameter, at most: 0 where they explain neighbouring runs, 2 for a sign.
 
         min over α of Σ |t_j − t_i − Σ_k α_k c_k|² / |z_j − z_i|² + ρ |α − 1|²,   c_k = ½ (g_i + g_j)_k (z_j − z_i)_k
@@ -211,6 +217,6 @@ def contradiction(frame: Frame, runs: Sequence[Sight]) -> float:
     return float(np.abs(np.linalg.solve(A + ρ * np.eye(len(A)), C.T @ (t - C.sum(axis=1)))).max())
 
 
-def _chi2(data: tuple[Data, ...], f: np.ndarray, frame: Frame) -> float:
+def _chi2(data: tuple[Data, ...], f: np.ndarray, frame: TangentFrame) -> float:
     misfit = Misfit(Model(frame.box, lambda X: np.tile(f, (len(X), 1))), data)
     return float(np.sum(misfit.white(f - np.concatenate([d.value for d in data])) ** 2))

@@ -12,7 +12,7 @@ from rso.core.distributions import chi2_cdf, chi2_ppf, chi2_sf, f_sf, student
 from rso.doe import Box
 from rso.inference import sloppy_directions as along
 from rso.inference.autocorrelated_residuals import independent
-from rso.inference.intervals import Interval, Profile, laplace, profile, quantiles, spread
+from rso.inference.intervals import Interval, ProfileInterval, laplace, profile, quantiles, spread
 from rso.inference.least_squares import SAME, Fit, all_minima, fit_at
 from rso.inference.likelihood import WEIGHTINGS, Data, Misfit
 from rso.inference.posterior_sampling import Draws, agree, sample
@@ -59,7 +59,7 @@ class Known:
     laplace: Interval
     mcmc: Interval | None
     agreement: bool | None
-    profile: Profile
+    profile: ProfileInterval
     verdict: Verdict
     story: str
     reason: str
@@ -279,7 +279,7 @@ def _known(
     name: str,
     k: int,
     sd: float,
-    p: Profile,
+    p: ProfileInterval,
     near_by: Interval,
     drawn: Interval | None,
     level: float,
@@ -317,7 +317,7 @@ def doubt(known: Known, word: Word, why: str, by: str = "by surrogates, ") -> Kn
     return replace(known, verdict=Verdict(word, 0, None), story=story, reason=why)
 
 
-def left_out(p: Profile, at: np.ndarray, rise: np.ndarray, level: float = LEVEL) -> list[int]:
+def left_out(p: ProfileInterval, at: np.ndarray, rise: np.ndarray, level: float = LEVEL) -> list[int]:
     """Indices of runs with the parameter `at` (m,) that agree with the data, χ² risen by `rise` (m,), but lie outside
     of all pieces of its interval by more than `BESIDE` of its width."""
     found, limit = p.pieces(level), chi2_ppf(level, 1)
@@ -341,7 +341,7 @@ def _apart(misfit: Misfit, fit: Fit, points: Sequence[np.ndarray]) -> np.ndarray
     return np.array(kept[1:]).reshape(-1, len(fit.x))
 
 
-def _along(profiles: Sequence[Profile]) -> np.ndarray:
+def _along(profiles: Sequence[ProfileInterval]) -> np.ndarray:
     """Points (k, d) of all profiles at which the data allow the model."""
     return np.concatenate([p.path[p.rise <= FAR] for p in profiles])
 

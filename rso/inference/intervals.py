@@ -99,7 +99,7 @@ def quantiles(X: np.ndarray, level: float = 0.9) -> list[Interval]:
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class ProfileInterval:
     """Least misfit for each fixed value of one parameter.
 
     `at` (g,) of the unit cube, `rise` (g,) = χ² − least χ², `path` (g, d) where the others go; `change` (g,) is the
@@ -132,7 +132,7 @@ class Profile:
         found = pieces(self.at, self.rise, level)
         return tuple(Interval(low, high, low <= ON_BOUND, high >= 1 - ON_BOUND) for low, high in found)
 
-    def with_runs(self, X: np.ndarray, rise: np.ndarray) -> Profile:
+    def with_runs(self, X: np.ndarray, rise: np.ndarray) -> ProfileInterval:
         """The profile with simulations at X (m, d) of which χ² rises by `rise` (m,) where that is less than its own.
 
         A least misfit is nowhere more than that of a run: whatever surrogates say, such values are not excluded.
@@ -192,7 +192,7 @@ def stretches(rise: np.ndarray, level: float = 0.9) -> list[tuple[int, int]]:
     return found
 
 
-def profile(misfit: Misfit, fit: Fit, parameter: int, also: np.ndarray | None = None) -> Profile:
+def profile(misfit: Misfit, fit: Fit, parameter: int, also: np.ndarray | None = None) -> ProfileInterval:
     """Profile of one parameter over the whole box, finer within ±4 standard deviations of the fit.
 
     At each value the others start where the Gaussian approximation takes them, at the best fit itself, at the points
@@ -223,7 +223,7 @@ def profile(misfit: Misfit, fit: Fit, parameter: int, also: np.ndarray | None = 
     order = np.argsort(t)
     t, best, path = t[order], best[order], path[order]
     floor = min(fit.chi2, float(best.min()))
-    return Profile(k, t, best - floor, path, *_changes(misfit, fit, path))
+    return ProfileInterval(k, t, best - floor, path, *_changes(misfit, fit, path))
 
 
 def _lowest(

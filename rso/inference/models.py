@@ -18,7 +18,7 @@ DIFFERENCE = 1e-3  # of the unit cube, for a backend without derivatives: above 
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class CurvePlace:
     """Where a curve was measured: depths (n,) mm of one channel of one experiment."""
 
     experiment: str
@@ -26,7 +26,7 @@ class Place:
     depth: np.ndarray
 
 
-def emulated(emulator: Emulator, place: Place) -> tuple[Model, Callable[[np.ndarray], np.ndarray]]:
+def emulated(emulator: Emulator, place: CurvePlace) -> tuple[Model, Callable[[np.ndarray], np.ndarray]]:
     """A curve from the emulator, and its standard deviation (n,) at x (d,).
 
     The spline of :class:`~rso.core.curves.Resampling` is linear in the computed values: one matrix (n, m) for all.
@@ -45,7 +45,7 @@ def emulated(emulator: Emulator, place: Place) -> tuple[Model, Callable[[np.ndar
     return Model(emulator.box, predict), band
 
 
-def spread_of(emulator: Emulator, place: Place, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def spread_of(emulator: Emulator, place: CurvePlace, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviations (k, m) of the surrogates y of a curve at X (k, d), and R (n, m) of the curve R y.
 
     ValueError as :func:`emulated`.
@@ -54,7 +54,7 @@ def spread_of(emulator: Emulator, place: Place, X: np.ndarray) -> tuple[np.ndarr
     return np.stack([emulator.predict(o, np.asarray(X, float))[1] for o in outputs], axis=1), R
 
 
-def _at(emulator: Emulator, place: Place) -> tuple[list[Output], np.ndarray]:
+def _at(emulator: Emulator, place: CurvePlace) -> tuple[list[Output], np.ndarray]:
     """Outputs of a curve by travel, and the matrix (n, m) of the spline through them at its measured places."""
     outputs = [o for o in emulator.outputs if (o.experiment, o.channel) == (place.experiment, place.channel)]
     outputs.sort(key=lambda o: o.depth_mm)
@@ -64,7 +64,7 @@ def _at(emulator: Emulator, place: Place) -> tuple[list[Output], np.ndarray]:
     return outputs, Resampling(travel, np.eye(len(travel)))(place.depth)
 
 
-def simulated(box: Box, run: Run, places: Sequence[Place], fixed: Mapping[str, float] | None = None) -> Model:
+def simulated(box: Box, run: Run, places: Sequence[CurvePlace], fixed: Mapping[str, float] | None = None) -> Model:
     """Curves from runs of a backend: `run` values → response by experiment.
 
     Derivatives are the response's own where it has those of every parameter of the box, else forward differences,
@@ -105,7 +105,7 @@ def has_gradients(response: Response, channel: str, box: Box) -> bool:
     return all(channel in response.gradients.get(n, {}) for n in box.names)
 
 
-def resample(response: Response, place: Place, knob: str) -> np.ndarray:
+def resample(response: Response, place: CurvePlace, knob: str) -> np.ndarray:
     """Values (n,) of a channel at the measured depths, or with a `knob` its derivatives by it."""
     curve = response.curve(place.channel)
     y = np.asarray(response.gradients[knob][place.channel]) if knob else curve.value

@@ -20,7 +20,7 @@ SMALL = 1e-13  # of the variance: keeps matrices of neighbouring runs definite
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class EvaluatedPoint:
     """What one run says: x (d,) in the unit cube of a box, the measured points f (n,) and ∂f/∂θ (n, d)."""
 
     x: np.ndarray
@@ -29,7 +29,7 @@ class Sight:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class TangentFrame:
     """Where curves are compared: the box of θ, its similarity, and the exponent of stress of each point (n,)."""
 
     box: Box
@@ -45,7 +45,7 @@ class Frame:
             return s, np.empty((len(X), 0))
         return s, inner.to_unit(np.stack([theta[k] * s ** -self._power(k) for k in inner.names], axis=1))
 
-    def inner(self, run: Sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def inner(self, run: EvaluatedPoint) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """z (d',), f′ = f s^(−e) (n,) and ∂f′/∂z (n, d') of a run."""
         (s,), (z,) = self.reduced(run.x[None])
         scaled = run.f * s**-self.powers
@@ -59,7 +59,7 @@ class Frame:
     def _power(self, name: str) -> int:
         return 0 if self.group.reference is None else self.group.exponents.get(name, 0)
 
-    def imbalance(self, run: Sight) -> float:
+    def imbalance(self, run: EvaluatedPoint) -> float:
         """How far the derivatives of a run are from similarity: max |Σ e_k θ_k ∂f/∂θ_k − e f| / max |f|, 0 without it.
 
         Euler's theorem on homogeneous functions: what scales as a power has exactly these derivatives.
@@ -71,7 +71,7 @@ class Frame:
         return float(np.abs(run.slopes @ (e * theta) - self.powers * run.f).max() / np.abs(run.f).max())
 
 
-def tangents(frame: Frame, runs: Sequence[Sight], base: Sight) -> Model:
+def tangents(frame: TangentFrame, runs: Sequence[EvaluatedPoint], base: EvaluatedPoint) -> Model:
     """Curves f(x) that agree with every run in value and slope; beyond the runs the tangent at `base`, one of them.
 
         ln f′(z) = ln f′_b + g_b·(z − z_b) + k(z)ᵀ K⁻¹ r        (f′ itself where a point is not positive in every run)
@@ -98,7 +98,9 @@ def tangents(frame: Frame, runs: Sequence[Sight], base: Sight) -> Model:
     return Model(frame.box, predict)
 
 
-def unfolded(frame: Frame, runs: Sequence[Sight]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def unfolded(
+    frame: TangentFrame, runs: Sequence[EvaluatedPoint]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """z (k, d'), ln f′ (k, n) and its slopes (k, n, d'), and the mask (n,) of the points positive in every run.
 
     The other points keep f′ itself.

@@ -10,7 +10,7 @@ import numpy as np
 
 from rso.core.units import spaced
 from rso.doe import Box
-from rso.inference.intervals import Interval, Profile
+from rso.inference.intervals import Interval, ProfileInterval
 
 Word = Literal["determined", "weakly", "not"]
 WORDS = {"determined": "is determined", "weakly": "is weakly determined", "not": "is not determined"}
@@ -66,7 +66,7 @@ def _shares(box: Box, k: int, interval: Interval, stated: Box) -> tuple[float, f
     return high - low, max(min(high, 1.0) - max(low, 0.0), interval.high - interval.low)
 
 
-def quieter(box: Box, k: int, profile: Profile, level: float = 0.9, stated: Box | None = None) -> float | None:
+def quieter(box: Box, k: int, profile: ProfileInterval, level: float = 0.9, stated: Box | None = None) -> float | None:
     """What the noise would have to be multiplied with for parameter k to be determined; None if that is below 1/1000.
 
     With f times the noise χ² rises by 1/f² times as much.  The most likely values would be others, within the noise:
@@ -111,7 +111,7 @@ def sentences(
     k: int,
     verdict: Verdict,
     interval: Interval,
-    profile: Profile,
+    profile: ProfileInterval,
     *,
     unit: str,
     depth: np.ndarray,

@@ -4,16 +4,25 @@ from rso.model_selection.evidence import log_evidence
 from rso.model_selection.goodness_of_fit import (
     CONFIDENCE,
     DRAWS,
-    Check,
     CurveError,
     Goodness,
+    GoodnessOfFit,
     Left,
     Simulated,
     assess,
     simulate,
     simulate_elsewhere,
 )
-from rso.model_selection.selection import MARGIN, RULE, Added, Climb, Judged, Level, Step, climb
+from rso.model_selection.selection import (
+    MARGIN,
+    RULE,
+    Added,
+    Judged,
+    ModelLevel,
+    Selection,
+    SelectionStep,
+    select_model,
+)
 
 __all__ = [
     "CONFIDENCE",
@@ -21,18 +30,18 @@ __all__ = [
     "MARGIN",
     "RULE",
     "Added",
-    "Check",
-    "Climb",
     "CurveError",
     "Goodness",
+    "GoodnessOfFit",
     "Judged",
     "Left",
-    "Level",
+    "ModelLevel",
+    "Selection",
+    "SelectionStep",
     "Simulated",
-    "Step",
     "assess",
-    "climb",
     "log_evidence",
+    "select_model",
     "simulate",
     "simulate_elsewhere",
 ]

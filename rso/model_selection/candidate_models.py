@@ -12,7 +12,7 @@ from rso.contract import Backend, ModelHierarchy, Parameter, Variants, capabilit
 from rso.core.similarity import Group, group, stress_exponent
 from rso.core.units import quantity
 from rso.doe import Box
-from rso.model_selection import Level
+from rso.model_selection import ModelLevel
 from rso.study.analysis_tables import LevelTable
 from rso.study.errors import Problem, choose, study_error
 from rso.study.line_numbers import Place
@@ -56,7 +56,7 @@ class Axes:
         return out
 
 
-def axes_of(plan: Plan, level: Level, ranges: Mapping[str, tuple[float, float]]) -> Axes:
+def axes_of(plan: Plan, level: ModelLevel, ranges: Mapping[str, tuple[float, float]]) -> Axes:
     """The study's open parameters (in `ranges` instead of their own where given) and those of the level."""
     known = {p.name: p for p in plan.backend.parameters}
     base = [a for a in plan.resolved.axes if a.name not in level.hold and a.name not in level.open]
@@ -101,12 +101,12 @@ def _modulus(plan: Plan, opened: Sequence[str], fixed: Mapping[str, float]) -> s
     return None
 
 
-def rungs_of(plan: Plan) -> tuple[tuple[Level, ...], ...]:
+def levels_of(plan: Plan) -> tuple[tuple[ModelLevel, ...], ...]:
     """The rungs that `[ladder]` asks for, by default all that the backend offers; StudyError for unknown names."""
     study, backend = plan.study, plan.backend
     offered = _offered(backend, study.backend.settings)
     if not study.ladder.levels:
-        return offered or ((Level(STUDY, "the model of the study file"),),)
+        return offered or ((ModelLevel(STUDY, "the model of the study file"),),)
     problems: list[Problem] = []
     rungs = []
     for n, rung in enumerate(study.ladder.levels):
@@ -121,22 +121,22 @@ def rungs_of(plan: Plan) -> tuple[tuple[Level, ...], ...]:
     return tuple(rungs)
 
 
-def _offered(backend: Backend, settings: Mapping[str, Any]) -> tuple[tuple[Level, ...], ...]:
+def _offered(backend: Backend, settings: Mapping[str, Any]) -> tuple[tuple[ModelLevel, ...], ...]:
     models = capability(backend, ModelHierarchy)
     return tuple(tuple(_plain(v) for v in rung) for rung in models.levels(settings)) if models else ()
 
 
-def _plain(data: Mapping[str, Any]) -> Level:
+def _plain(data: Mapping[str, Any]) -> ModelLevel:
     """A level that a backend offers: its moduli are shares."""
     opened = {k: (float(a), float(b)) for k, (a, b) in data.get("open", {}).items()}
     held = {k: float(v) for k, v in data.get("hold", {}).items()}
     rest = {k: data[k] for k in ("title", "description", "settings", "closed_form", "extends") if k in data}
-    return Level(data["name"], open=opened, hold=held, relative=frozenset({*opened, *held}), **rest)
+    return ModelLevel(data["name"], open=opened, hold=held, relative=frozenset({*opened, *held}), **rest)
 
 
 def _named(
-    table: LevelTable, plan: Plan, offered: tuple[tuple[Level, ...], ...], place: Place, problems: list[Problem]
-) -> Level | None:
+    table: LevelTable, plan: Plan, offered: tuple[tuple[ModelLevel, ...], ...], place: Place, problems: list[Problem]
+) -> ModelLevel | None:
     """A level by name (offered, a variant of the settings, a parameter or group of parameters) or by its own table."""
     backend = plan.backend
     known = {p.name: p for p in backend.parameters}
@@ -154,13 +154,13 @@ def _named(
         if v.name == wanted:
             return v
     if wanted == STUDY:
-        return Level(STUDY, "the model of the study file")
+        return ModelLevel(STUDY, "the model of the study file")
     if wanted in variants:
         text = str(variants[wanted].get("description", ""))
-        return Level(wanted, text, variants[wanted]["settings"], opened, relative=frozenset(opened), adds=True)
+        return ModelLevel(wanted, text, variants[wanted]["settings"], opened, relative=frozenset(opened), adds=True)
     if opened:
         text = "; ".join(p.description for p in members if p.name in opened)
-        return Level(wanted, text, {}, opened, relative=frozenset(opened), adds=True)
+        return ModelLevel(wanted, text, {}, opened, relative=frozenset(opened), adds=True)
     if members:
         text = f'no range is known for it; give a table: {{ name = "{wanted}", open = {{ {wanted} = [low, high] }} }}'
         problems.append(Problem(place, text, wanted))
@@ -171,7 +171,7 @@ def _named(
     return None
 
 
-def _own(table: LevelTable, known: Mapping[str, Parameter], place: Place, problems: list[Problem]) -> Level | None:
+def _own(table: LevelTable, known: Mapping[str, Parameter], place: Place, problems: list[Problem]) -> ModelLevel | None:
     """A level of the study file: its ranges are in the units of the parameters."""
     opened: dict[str, tuple[float, float]] = {}
     for name, ends in table.open.items():
@@ -186,4 +186,4 @@ def _own(table: LevelTable, known: Mapping[str, Parameter], place: Place, proble
         if low >= high:
             problems.append(Problem(place, f"low = {low:g} must be below high = {high:g} {known[name].unit}", name))
         opened[name] = (low, high)
-    return Level(table.name, table.description, table.settings, opened, adds=not table.alone)
+    return ModelLevel(table.name, table.description, table.settings, opened, adds=not table.alone)

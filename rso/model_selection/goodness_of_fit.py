@@ -33,7 +33,7 @@ DRAWS = 400  # simulated data sets: a p-value of 0.05 is then known to 0.01
 
 
 @dataclass(frozen=True)
-class Check:
+class GoodnessOfFit:
     """χ² of curves, the `limit` that it must stay below, the share of simulated χ² at least as large (`p_value`).
 
     `expected` is the mean of the simulated ones, of which there are `draws`.
@@ -68,7 +68,7 @@ class Goodness:
 
     p_value: float
     share: float
-    checks: tuple[Check, ...]
+    checks: tuple[GoodnessOfFit, ...]
     errors: tuple[CurveError, ...]
     confidence: float = CONFIDENCE
 
@@ -113,7 +113,7 @@ def assess(parts: Sequence[Left], confidence: float = CONFIDENCE) -> Goodness:
     for part in parts:
         s, chi2 = part.simulated, float(S[row][0])
         checks.append(
-            Check(chi2, float(s.chi2.mean()), float(limits[row]), float(each[row]), part.misfit.n, len(s.chi2))
+            GoodnessOfFit(chi2, float(s.chi2.mean()), float(limits[row]), float(each[row]), part.misfit.n, len(s.chi2))
         )
         for k, (v, role) in enumerate(zip(part.misfit.data, part.roles, strict=True), row + 1):
             errors.append(CurveError(v.name, role, float(S[k][0]), float(limits[k]), float(each[k])))

@@ -11,10 +11,10 @@ import numpy as np
 from rso import model_selection
 from rso.calibration.readings import curve_data, error_at, placed
 from rso.contract import Response
-from rso.inference import Misfit, Model, Place, resample, together
+from rso.inference import CurvePlace, Misfit, Model, resample, together
 from rso.inference.output_derivatives import NoSlopes, jacobian
 from rso.model_selection import Goodness, Judged, Left
-from rso.model_selection.simulations import Bench
+from rso.model_selection.simulations import LadderRunner
 from rso.study.schema import ExperimentTable
 
 
@@ -27,13 +27,13 @@ class Unused:
     why: str = ""
 
 
-def validate(bench: Bench, j: Judged) -> tuple[Unused, ...]:
+def validate(bench: LadderRunner, j: Judged) -> tuple[Unused, ...]:
     """Each curve kept for the end against what a perfect model with as uncertain parameters would leave there."""
     every = [e for e in bench.plan.study.experiments if e.role == "validate" and e.kind == "force"]
     return tuple(u for e in every for u in _validated(bench, j, e))
 
 
-def _validated(bench: Bench, j: Judged, e: ExperimentTable) -> list[Unused]:
+def _validated(bench: LadderRunner, j: Judged, e: ExperimentTable) -> list[Unused]:
     plan, found, case = bench.plan, j.detail, bench.plan.validation[e.name]
     places = [placed(plan, e.name, channel) for channel in e.compared]
     data = [curve_data(plan, p) for p in places]
@@ -64,11 +64,11 @@ def _validated(bench: Bench, j: Judged, e: ExperimentTable) -> list[Unused]:
     return out
 
 
-def _curves(response: Response, places: Sequence[Place]) -> np.ndarray:
+def _curves(response: Response, places: Sequence[CurvePlace]) -> np.ndarray:
     return np.concatenate([resample(response, p, "") for p in places])
 
 
-def _own(found: Any, response: Response, places: Sequence[Place]) -> dict[str, np.ndarray]:
+def _own(found: Any, response: Response, places: Sequence[CurvePlace]) -> dict[str, np.ndarray]:
     """Derivatives by axis of all curves together, as far as the run has them of each."""
     known = [k for k, g in response.gradients.items() if all(p.channel in g for p in places)]
     by_knob = {k: np.concatenate([resample(response, p, k) for p in places]) for k in known}

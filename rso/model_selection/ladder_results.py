@@ -14,15 +14,15 @@ from rso.calibration import result_files
 from rso.calibration.plan import Plan
 from rso.calibration.results import data_hashes
 from rso.inference.verdict import physical
-from rso.model_selection import Check, CurveError, Goodness, Judged
+from rso.model_selection import CurveError, Goodness, GoodnessOfFit, Judged
 from rso.model_selection.held_out import Unused
-from rso.model_selection.study_ladder import Climbed, Fitted
+from rso.model_selection.study_ladder import FittedLevel, LadderFit
 
 FILE, SCHEMA = "ladder.json", 2
 LENIENT = 0.999  # of perfect models leave more than this: the stated errors are larger than the data show
 
 
-def results(plan: Plan, found: Climbed, command: str) -> dict[str, Any]:
+def results(plan: Plan, found: LadderFit, command: str) -> dict[str, Any]:
     """Everything that the page shows and the decision rests on, as strict JSON data."""
     climb, table = found.climb, plan.study.ladder
     rung_of = {v.name: n for n, rung in enumerate(found.rungs) for v in rung}
@@ -65,7 +65,7 @@ def results(plan: Plan, found: Climbed, command: str) -> dict[str, Any]:
     )
 
 
-def warnings(plan: Plan, found: Climbed) -> list[str]:
+def warnings(plan: Plan, found: LadderFit) -> list[str]:
     """What a reader must know before believing the decision."""
     climb = found.climb
     said: list[str] = []
@@ -103,7 +103,7 @@ def warnings(plan: Plan, found: Climbed) -> list[str]:
     return said
 
 
-def _start(plan: Plan, found: Climbed) -> dict[str, Any] | None:
+def _start(plan: Plan, found: LadderFit) -> dict[str, Any] | None:
     if found.start is None:
         return None
     units = {p.name: p.unit for p in plan.backend.parameters}
@@ -122,7 +122,7 @@ def _start(plan: Plan, found: Climbed) -> dict[str, Any] | None:
     return {"used": plan.study.ladder.ranges == "start", "parameters": rows}
 
 
-def _level(plan: Plan, found: Climbed, j: Judged, rung: int) -> dict[str, Any]:
+def _level(plan: Plan, found: LadderFit, j: Judged, rung: int) -> dict[str, Any]:
     head = {
         "name": j.level.name,
         "title": j.level.label,
@@ -135,7 +135,7 @@ def _level(plan: Plan, found: Climbed, j: Judged, rung: int) -> dict[str, Any]:
     }
     if j.problem:
         return head
-    d: Fitted = j.detail
+    d: FittedLevel = j.detail
     best = d.determination
     own = {a.name for a in j.added}
     rows = []
@@ -203,7 +203,7 @@ def _error(e: CurveError) -> dict[str, Any]:
     return {"curve": e.name, "role": e.role, "nrmse": e.nrmse, "threshold": e.limit, "p_value": e.p_value}
 
 
-def _test(t: Check) -> dict[str, Any]:
+def _test(t: GoodnessOfFit) -> dict[str, Any]:
     return {"chi2": t.chi2, "expected": t.expected, "limit": t.limit, "p_value": t.p_value, "points": t.points}
 
 

@@ -23,7 +23,7 @@ RULE = (
 
 
 @dataclass(frozen=True)
-class Level:
+class ModelLevel:
     """One model of the ladder: what it sets and opens.  Only names and numbers; their meaning is the backend's.
 
     `title` is its name in sentences.
@@ -74,7 +74,7 @@ class Judged:
     not go together, or is far more than noise.
     """
 
-    level: Level
+    level: ModelLevel
     problem: str = ""
     goodness: Goodness | None = None
     added: tuple[Added, ...] = ()
@@ -95,7 +95,7 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class Step:
+class SelectionStep:
     """What became of a level: `adequate`, `fails`, `refused`, `no_answer`, `not_better` or `not_needed`, in words."""
 
     name: str
@@ -105,14 +105,14 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Climb:
+class Selection:
     """Everything fitted, a step for every level of the ladder, the level that holds and whether it is good enough.
 
     `rivals` are other levels of its rung that are good enough and not 20 times less likely.
     """
 
     judged: tuple[Judged, ...]
-    steps: tuple[Step, ...]
+    steps: tuple[SelectionStep, ...]
     chosen: str | None
     adequate: bool
     rivals: tuple[str, ...]
@@ -126,7 +126,9 @@ class Climb:
 # ------------------------------------------------------------------------------------------------------ deciding
 
 
-def climb(rungs: Sequence[Sequence[Level]], judge: Callable[[Level, Judged | None], Judged]) -> Climb:
+def select_model(
+    rungs: Sequence[Sequence[ModelLevel]], judge: Callable[[ModelLevel, Judged | None], Judged]
+) -> Selection:
     """Climb rung by rung; `judge` fits one level, given what holds so far, and is asked only where it is needed.
 
     A rung is tried when what holds so far fails.  Of its levels with an answer, nothing undetermined and more evidence
@@ -134,13 +136,13 @@ def climb(rungs: Sequence[Sequence[Level]], judge: Callable[[Level, Judged | Non
     over and the next rung is tried.
     """
     judged: list[Judged] = []
-    steps: list[Step] = []
+    steps: list[SelectionStep] = []
     holds: Judged | None = None
     done = False
     rivals: tuple[str, ...] = ()
     for n, rung in enumerate(rungs):
         if done:
-            steps += [Step(v.name, n, "not_needed", f"{v.label} was not needed.") for v in rung]
+            steps += [SelectionStep(v.name, n, "not_needed", f"{v.label} was not needed.") for v in rung]
             continue
         tried = [judge(level, holds) for level in rung]
         judged += tried
@@ -156,32 +158,36 @@ def climb(rungs: Sequence[Sequence[Level]], judge: Callable[[Level, Judged | Non
     refused = [label[s.name] for s in steps if s.verdict == "refused"]
     words = _conclusion(holds, done, [label[n] for n in rivals], refused)
     name = None if holds is None else holds.level.name
-    return Climb(tuple(judged), tuple(steps), name, done, rivals, words)
+    return Selection(tuple(judged), tuple(steps), name, done, rivals, words)
 
 
 def _beats(j: Judged, holds: Judged | None) -> bool:
     return holds is None or j.log_evidence > holds.log_evidence
 
 
-def _step(j: Judged, n: int, before: Judged | None, holds: Judged | None, rivals: tuple[str, ...]) -> Step:
+def _step(j: Judged, n: int, before: Judged | None, holds: Judged | None, rivals: tuple[str, ...]) -> SelectionStep:
     name, label = j.level.name, j.level.label
     if j.problem:
-        return Step(name, n, "no_answer", f"{label} has no answer: {j.problem}")
+        return SelectionStep(name, n, "no_answer", f"{label} has no answer: {j.problem}")
     measured = _measured(j)
     if j.undetermined:
         fits = "It would be good enough" if j.adequate else "It would fail too"
         why = " ".join(a.story for a in j.undetermined)
-        return Step(name, n, "refused", f"{label} is refused, what it adds is not determined. {why} {fits}: {measured}")
+        return SelectionStep(
+            name, n, "refused", f"{label} is refused, what it adds is not determined. {why} {fits}: {measured}"
+        )
     if before is not None and not _beats(j, before):
         state = "would be good enough" if j.adequate else "fails too"
-        return Step(name, n, "not_better", f"{label} {state} and is less likely than {before.level.label}: {measured}")
+        return SelectionStep(
+            name, n, "not_better", f"{label} {state} and is less likely than {before.level.label}: {measured}"
+        )
     if not j.adequate:
-        return Step(name, n, "fails", f"{label} fails: {measured}")
+        return SelectionStep(name, n, "fails", f"{label} fails: {measured}")
     text = "is good enough" if holds is j else "is good enough too, and not told apart"
     if holds is not j and name not in rivals:
         text = "is good enough too, but more than 20 times less likely"
     left_open = "".join(f" That it is there is shown, its size is not: {a.story}" for a in j.added if not a.determined)
-    return Step(name, n, "adequate", f"{label} {text}: {measured}{left_open}")
+    return SelectionStep(name, n, "adequate", f"{label} {text}: {measured}{left_open}")
 
 
 def _measured(j: Judged) -> str:

@@ -16,7 +16,7 @@ from rso.contract import Case, ClosedForm, Response, capability
 from rso.emulation.emulator import Sample, reduced_box
 from rso.evaluation import Crashed, Done, Event, Task, run_all
 from rso.evaluation.store import RunStore
-from rso.model_selection import Level
+from rso.model_selection import ModelLevel
 from rso.model_selection.candidate_models import Axes
 
 RUNS = {0: 1, 1: 8, 2: 16, 3: 30}  # of a level by the number of parameters that similarity leaves
@@ -26,12 +26,12 @@ EACH = 12  # for every parameter beyond
 Watch = Callable[[Event], None]
 
 
-class NoAnswer(Exception):
+class LadderUnanswered(Exception):
     """A level cannot be fitted; the message says why."""
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class LadderRunner:
     """Where the runs of a ladder happen, and which there were: key → CPU seconds."""
 
     plan: Plan
@@ -41,7 +41,7 @@ class Bench:
     cost: dict[str, float] = field(default_factory=dict)
 
     def run(
-        self, level: Level, axes: Axes, cases: Sequence[Case], points: Sequence[Mapping[str, float]]
+        self, level: ModelLevel, axes: Axes, cases: Sequence[Case], points: Sequence[Mapping[str, float]]
     ) -> list[tuple[Response, ...] | str]:
         """By point, the response of every case, or the reason why one has none; NoAnswer for a level not modelled."""
         here = [replace(c, settings={**c.settings, **level.settings}) for c in cases]
@@ -49,13 +49,13 @@ class Bench:
         if level.closed_form:
             form = capability(self.plan.backend, ClosedForm)
             if form is None:
-                raise NoAnswer("the backend has no closed_form, which this level needs")
+                raise LadderUnanswered("the backend has no closed_form, which this level needs")
             return [tuple(form.closed_form(v, c) for c in here) for v in values]
         tasks = [Task(v, c, frozenset()) for v in values for c in here]
         try:
             outcomes = run_all(self.plan.backend, tasks, self.store, self.executor, watch=self.watch)
         except ValueError as error:  # nothing was run
-            raise NoAnswer(f"the backend does not model it: {error}") from error
+            raise LadderUnanswered(f"the backend does not model it: {error}") from error
         self.cost.update({o.key: getattr(o, "cpu_s", 0.0) for o in outcomes if not isinstance(o, Crashed)})
         n = len(here)
         return [_answer(outcomes[k * n : (k + 1) * n]) for k in range(len(points))]
@@ -95,7 +95,7 @@ def sampled(plan: Plan, axes: Axes, values: Mapping[str, float], answer: tuple[R
     return Sample(dict(values), outputs, {}, gradients)
 
 
-def prove(bench: Bench, level: Level, axes: Axes, known: Sample) -> None:
+def prove(bench: LadderRunner, level: ModelLevel, axes: Axes, known: Sample) -> None:
     """One run of a design again at another modulus: NoAnswer where similarity does not predict it."""
     group, plan = axes.group, bench.plan
     if group.reference is None:
@@ -103,10 +103,10 @@ def prove(bench: Bench, level: Level, axes: Axes, known: Sample) -> None:
     other = {k: v * OTHER ** group.exponents.get(k, 0) for k, v in known.values.items()}
     (answer,) = bench.run(level, axes, plan.cases, [other])
     if isinstance(answer, str):
-        raise NoAnswer(f"the run that was to prove similarity has no answer: {answer}")
+        raise LadderUnanswered(f"the run that was to prove similarity has no answer: {answer}")
     found = sampled(plan, axes, other, answer).outputs
     expected = {o.id: group.expand(o.channel, known.outputs[o.id], OTHER) for o in curve_outputs(plan)}
     off = max(abs(found[i] - y) for i, y in expected.items()) / max(abs(y) for y in expected.values())
     if off > SIMILAR:
         text = f"similarity is off by {100 * off:.2g} % where the modulus is {OTHER:g} times as large"
-        raise NoAnswer(f"{text}: the model holds a stress that no parameter declares; set doe.reduce = false")
+        raise LadderUnanswered(f"{text}: the model holds a stress that no parameter declares; set doe.reduce = false")

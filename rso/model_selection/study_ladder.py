@@ -17,24 +17,24 @@ from rso.contract import ClosedFormStart, Response, capability
 from rso.emulation.emulator import Emulator, Sample, learn, relearn
 from rso.evaluation.store import RunStore
 from rso.inference import (
+    CurvePlace,
     Data,
     Determination,
     Known,
     Misfit,
-    Place,
     all_minima,
     determine,
     emulated,
-    remembering,
     resample,
     stack,
     together,
+    with_autocorrelation,
 )
 from rso.inference.verdict import REFUTED, physical
-from rso.model_selection import Added, Climb, Judged, Left, Level
-from rso.model_selection.candidate_models import Axes, axes_of, rungs_of
+from rso.model_selection import Added, Judged, Left, ModelLevel, Selection
+from rso.model_selection.candidate_models import Axes, axes_of, levels_of
 from rso.model_selection.held_out import Unused, validate
-from rso.model_selection.simulations import Bench, NoAnswer, Watch, design, prove, sampled
+from rso.model_selection.simulations import LadderRunner, LadderUnanswered, Watch, design, prove, sampled
 from rso.study.schema import Study
 
 FEWEST = 4  # runs with an answer from which a level is learnt
@@ -44,7 +44,7 @@ SETTLED = 0.5  # of χ²: what the emulator may be off by at the most likely poi
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FittedLevel:
     """A level at its best: axes, emulator, what the curves say, curves kept to select, the recomputed responses.
 
     `agreement` is the largest difference of predicted and recomputed curves over their largest value, `settled` says
@@ -54,7 +54,7 @@ class Fitted:
     axes: Axes
     emulator: Emulator
     determination: Determination
-    places: tuple[Place, ...]
+    places: tuple[CurvePlace, ...]
     roles: tuple[str, ...]
     data: tuple[Data, ...]
     predicted: tuple[np.ndarray, ...]
@@ -72,11 +72,11 @@ class Fitted:
 
 
 @dataclass(frozen=True, eq=False)
-class Climbed:
+class LadderFit:
     """The climb, the rungs, the start by closed form (None if the backend has none), validation by level."""
 
-    rungs: tuple[tuple[Level, ...], ...]
-    climb: Climb
+    rungs: tuple[tuple[ModelLevel, ...], ...]
+    climb: Selection
     start: Mapping[str, tuple[float, float, float]] | None
     validation: Mapping[str, tuple[Unused, ...]]
     cost: Mapping[str, float]
@@ -102,14 +102,14 @@ def run_ladder(
     *,
     watch: Watch | None = None,
     say: Callable[[str], None] = lambda _: None,
-) -> Climbed:
+) -> LadderFit:
     """Climb the ladder of a study; the curves for validation are looked at when the climb has ended."""
-    began, bench, table = time.perf_counter(), Bench(plan, store, executor, watch), plan.study.ladder
-    rungs, start = rungs_of(plan), starting(plan)
+    began, bench, table = time.perf_counter(), LadderRunner(plan, store, executor, watch), plan.study.ladder
+    rungs, start = levels_of(plan), starting(plan)
     ranges = {k: (v[0], v[2]) for k, v in (start or {}).items()} if table.ranges == "start" else {}
-    known: dict[str, Fitted] = {}
+    known: dict[str, FittedLevel] = {}
 
-    def judge(level: Level, holds: Judged | None) -> Judged:
+    def judge(level: ModelLevel, holds: Judged | None) -> Judged:
         onto = holds.level if level.adds and holds is not None else None
         if onto is not None and onto.closed_form:
             return Judged(level, f"it cannot be put on the closed form {onto.name}", onto=onto.name)
@@ -117,17 +117,17 @@ def run_ladder(
         say(f"level {level.name}" + (f" on {onto.name}" if onto is not None else ""))
         try:
             found = fit_level(bench, whole, ranges, known.get(whole.extends))
-        except NoAnswer as error:
+        except LadderUnanswered as error:
             return Judged(level, str(error), onto=onto.name if onto else "")
         known[level.name] = found
         return judged(plan, level, whole, found, onto.name if onto else "")
 
-    climb = model_selection.climb(rungs, judge)
+    climb = model_selection.select_model(rungs, judge)
     checked = {}
     for j in climb.judged:
         if not j.problem and plan.validation:
             checked[j.level.name] = validate(bench, j)
-    return Climbed(rungs, climb, start, checked, bench.cost, time.perf_counter() - began)
+    return LadderFit(rungs, climb, start, checked, bench.cost, time.perf_counter() - began)
 
 
 def starting(plan: Plan) -> Mapping[str, tuple[float, float, float]] | None:
@@ -144,7 +144,7 @@ def starting(plan: Plan) -> Mapping[str, tuple[float, float, float]] | None:
         return None
 
 
-def put_on(level: Level, onto: Level) -> Level:
+def put_on(level: ModelLevel, onto: ModelLevel) -> ModelLevel:
     """An effect on the level that holds."""
     merged = replace(
         onto,
@@ -163,7 +163,9 @@ def put_on(level: Level, onto: Level) -> Level:
 # ------------------------------------------------------------------------------------------------------ one level
 
 
-def fit_level(bench: Bench, level: Level, ranges: Mapping[str, tuple[float, float]], below: Fitted | None) -> Fitted:
+def fit_level(
+    bench: LadderRunner, level: ModelLevel, ranges: Mapping[str, tuple[float, float]], below: FittedLevel | None
+) -> FittedLevel:
     """Design, emulator, most likely point recomputed until it holds, what the curves determine; NoAnswer if it cannot.
 
     `below` is the level that this one is at neutral: its runs are learnt too.
@@ -177,17 +179,19 @@ def fit_level(bench: Bench, level: Level, ranges: Mapping[str, tuple[float, floa
     last = next((a for a in answers if not isinstance(a, str)), None)
     if last is None or len(samples) < min(FEWEST, len(points)):
         why = next((a for a in answers if isinstance(a, str)), "")
-        raise NoAnswer(f"only {len(samples)} of {len(points)} simulations have an answer; the first without: {why}")
+        raise LadderUnanswered(
+            f"only {len(samples)} of {len(points)} simulations have an answer; the first without: {why}"
+        )
     if not level.closed_form:
         prove(bench, level, axes, samples[0])
     samples += inherited
     try:
-        emulator, last, gap, x, sure = settled(bench, level, axes, learnt(plan, axes, samples), last)
+        emulator, last, gap, x, sure = confirm_level(bench, level, axes, learnt(plan, axes, samples), last)
         unsure = None if sure else x
         misfit = likelihood(plan, emulator, last, "fit", unsure)
         d = determine(misfit, seed=seed, near=x[None], mcmc=False)
     except (ValueError, np.linalg.LinAlgError) as error:
-        raise NoAnswer(str(error)) from error
+        raise LadderUnanswered(str(error)) from error
     return _finished(bench, axes, emulator, d, last, gap, unsure, before)
 
 
@@ -201,8 +205,8 @@ def learnt(plan: Plan, axes: Axes, samples: Sequence[Sample], kind: str = "") ->
     return learn(axes.box, axes.group, curve_outputs(plan), samples, kind=kind, degree=table.degree, seed=plan.seed)
 
 
-def settled(
-    bench: Bench, level: Level, axes: Axes, emulator: Emulator, last: tuple[Response, ...]
+def confirm_level(
+    bench: LadderRunner, level: ModelLevel, axes: Axes, emulator: Emulator, last: tuple[Response, ...]
 ) -> tuple[Emulator, tuple[Response, ...], float, np.ndarray, bool]:
     """The most likely point recomputed and learnt until the difference is no matter.
 
@@ -222,7 +226,7 @@ def settled(
         values = dict(zip(axes.box.names, theta, strict=True))
         (answer,) = bench.run(level, axes, plan.cases, [values])
         if isinstance(answer, str):
-            raise NoAnswer(f"the most likely point has no answer: {answer}")
+            raise LadderUnanswered(f"the most likely point has no answer: {answer}")
         last, (gap, off) = answer, _gap(plan, misfit, x, answer)
         if off > 1e-6:  # the same point twice would tell nothing
             more = sampled(plan, axes, values, answer)
@@ -237,7 +241,7 @@ def settled(
 
 
 def _finished(
-    bench: Bench,
+    bench: LadderRunner,
     axes: Axes,
     emulator: Emulator,
     d: Determination,
@@ -245,7 +249,7 @@ def _finished(
     gap: float,
     unsure: np.ndarray | None,
     before: set[str],
-) -> Fitted:
+) -> FittedLevel:
     plan, fit = bench.plan, d.fit
     pairs = [(r, *pair) for r in ("fit", "select") for pair in fitted_curves(plan, r)]
     places = tuple(placed(plan, name, channel) for _, name, channel in pairs)
@@ -256,7 +260,7 @@ def _finished(
     predicted = tuple(np.split(flat, np.cumsum([len(v.value) for v in data])[:-1]))
     simulated = model_selection.simulate(d.misfit, fit, plan.seed, plan.study.ladder.draws)
     mine = set(bench.cost) - before
-    return Fitted(
+    return FittedLevel(
         axes,
         emulator,
         d,
@@ -273,7 +277,7 @@ def _finished(
     )
 
 
-def judged(plan: Plan, level: Level, whole: Level, found: Fitted, onto: str) -> Judged:
+def judged(plan: Plan, level: ModelLevel, whole: ModelLevel, found: FittedLevel, onto: str) -> Judged:
     """The verdict, evidence and what the level adds."""
     d, share, seed = found.determination, plan.study.ladder.confidence, plan.seed
     k = found.roles.count("fit")
@@ -298,17 +302,17 @@ def judged(plan: Plan, level: Level, whole: Level, found: Fitted, onto: str) -> 
     )
     evidence = model_selection.log_evidence(d.misfit, d.fit, seed)
     goodness = model_selection.assess(parts, share)
-    excused = None if goodness.passes else if_remembering(plan, found, parts[1:])
+    excused = None if goodness.passes else if_autocorrelated(plan, found, parts[1:])
     return Judged(replace(whole, extends=level.extends), "", goodness, added, evidence, onto, found, excused)
 
 
-def if_remembering(plan: Plan, found: Fitted, elsewhere: Sequence[Left]) -> model_selection.Goodness | None:
+def if_autocorrelated(plan: Plan, found: FittedLevel, elsewhere: Sequence[Left]) -> model_selection.Goodness | None:
     """How good a level is if readings that count as white by default remember each other as what it leaves does.
 
     The size of such errors is not seen in how neighbours differ: where nobody has stated it, it is what is left.
     """
     white, near = found.determination.misfit, found.determination.fit.x
-    misfit = remembering(white, near)
+    misfit = with_autocorrelation(white, near)
     if not any(v.memory for v in misfit.data):
         return None
     fit = all_minima(misfit, seed=plan.seed, near=near[None])[0]
@@ -330,7 +334,7 @@ def _shown(known: Known, axes: Axes, absent: float | None) -> bool:
     return absent is not None and ((absent < low and not i.at_low) or (absent > high and not i.at_high))
 
 
-def neutral(plan: Plan, axes: Axes, level: Level, below: Fitted | None) -> list[Sample]:
+def neutral(plan: Plan, axes: Axes, level: ModelLevel, below: FittedLevel | None) -> list[Sample]:
     """Runs of the level below as runs of this one, where its parameters are neutral; none where that is outside."""
     off = {p.name: p.neutral for p in plan.backend.parameters}
     if below is None or axes.group.reference != below.axes.group.reference or level.closed_form:

@@ -15,9 +15,9 @@ from rso.calibration import result_files
 from rso.calibration.plan import Plan
 from rso.calibration.results import data_hashes
 from rso.core.distributions import chi2_ppf
-from rso.inference import Told
+from rso.inference import ExpectedInformation
 from rso.inference.verdict import FACTOR, REFUTED, physical
-from rso.optimal_design.study_design import AGAIN, Found, Joint, Learnt
+from rso.optimal_design.study_design import AGAIN, DesignResult, Joint, Learnt
 
 FILE, SCHEMA = "next.json", 1
 ENOUGH = math.log(FACTOR) / 1.645  # sd of ln θ with which a 90 % interval is a value
@@ -27,7 +27,7 @@ ON_BOUND = 1e-6  # of the unit cube
 APART = 1.5  # factor between Fisher information and made-up data that is worth a word
 
 
-def results(plan: Plan, found: Found, command: str) -> dict[str, Any]:
+def results(plan: Plan, found: DesignResult, command: str) -> dict[str, Any]:
     """Everything that the page shows, as strict JSON data."""
     box, focus = found.axes.box, found.axes.box.names[found.weakest]
     theta = box.from_unit(found.truths)
@@ -49,7 +49,7 @@ def results(plan: Plan, found: Found, command: str) -> dict[str, Any]:
                 for k, n in enumerate(box.names)
             ],
             "truths": [dict(zip(box.names, map(float, row), strict=True)) for row in theta],
-            "words": words(found, singles, pairs),
+            "words": sentences(found, singles, pairs),
             "experiments": [_experiment(v) for v in found.learnt],
             "warnings": warnings(found),
             "problems": dict(found.problems),
@@ -70,24 +70,24 @@ def results(plan: Plan, found: Found, command: str) -> dict[str, Any]:
     )
 
 
-def ranked(found: Found, size: int) -> list[tuple[str, ...]]:
+def ranked(found: DesignResult, size: int) -> list[tuple[str, ...]]:
     """Sets of so many experiments, best first by the mean of ln sd of the weakest parameter."""
     sets = [t.added for t in found.told[0] if len(t.added) == size]
     return sorted(sets, key=lambda n: np.mean(np.log(_sizes(found, n))))
 
 
-def _of(found: Found, added: Sequence[str]) -> list[Told]:
+def _of(found: DesignResult, added: Sequence[str]) -> list[ExpectedInformation]:
     """What a set tells, truth by truth."""
     return [next(t for t in row if t.added == tuple(added)) for row in found.told]
 
 
-def _sizes(found: Found, added: Sequence[str]) -> list[float]:
+def _sizes(found: DesignResult, added: Sequence[str]) -> list[float]:
     """Expected sd of ln θ of the weakest parameter at each truth."""
     focus = found.axes.box.names[found.weakest]
     return [float((t.expected or t.fisher)[focus]) for t in _of(found, added)]
 
 
-def words(found: Found, singles: Sequence[tuple[str, ...]], pairs: Sequence[tuple[str, ...]]) -> list[str]:
+def sentences(found: DesignResult, singles: Sequence[tuple[str, ...]], pairs: Sequence[tuple[str, ...]]) -> list[str]:
     """The answer in sentences."""
     box, k = found.axes.box, found.weakest
     name, at = box.names[k], [f"{v:.3g}" for v in box.from_unit(found.truths)[:, k]]
@@ -136,7 +136,7 @@ def words(found: Found, singles: Sequence[tuple[str, ...]], pairs: Sequence[tupl
     return said
 
 
-def warnings(found: Found) -> list[str]:
+def warnings(found: DesignResult) -> list[str]:
     """Where the model misses the data, and the truths that these exclude."""
     box, k, said = found.axes.box, found.weakest, []
     if found.scale > 1.0:
@@ -221,7 +221,7 @@ def _fit(box: Any, j: Joint) -> dict[str, Any]:
     }
 
 
-def _row(found: Found, added: Sequence[str]) -> dict[str, Any]:
+def _row(found: DesignResult, added: Sequence[str]) -> dict[str, Any]:
     return {
         "added": list(added),
         "at": [

@@ -12,7 +12,7 @@ from rso.calibration.readings import curve_data, fitted_curves, placed
 from rso.contract import Case, Programme
 from rso.core.units import quantity
 from rso.data import StatedNoise
-from rso.inference import Data, Place
+from rso.inference import CurvePlace, Data
 from rso.study.analysis_tables import NextExperiment
 from rso.study.cases import DEFAULT_SPEED, STEPS, case_for, mark_channel, profile_case, profile_depths, travels
 from rso.study.errors import Problem, choose, study_error
@@ -24,7 +24,7 @@ FORCES = ("Fx", "Fy", "Fz")
 class Block:
     """Readings that share errors: one channel of a force curve, or a whole profile; `data` is None if not measured."""
 
-    places: tuple[Place, ...]
+    places: tuple[CurvePlace, ...]
     unit: str
     noise: StatedNoise
     data: Data | None = None
@@ -76,7 +76,7 @@ def _measured_profile(plan: Plan, name: str) -> Block:
         mine = keep[names == channel]
         near = asked[np.argmin(np.abs(asked[:, None] - curve.depth[mine]), axis=0)]
         close = np.abs(near - curve.depth[mine]) <= 1e-3 * asked[-1]
-        places.append(Place(name, channel, np.where(close, near, curve.depth[mine])))
+        places.append(CurvePlace(name, channel, np.where(close, near, curve.depth[mine])))
         order += list(mine)
     depth = np.concatenate([p.depth for p in places])
     C = curve.covariance[np.ix_(order, order)]
@@ -91,11 +91,11 @@ def planned(plan: Plan, e: NextExperiment) -> Item:
     if e.marks:
         depths = tuple(sorted(e.depths))
         settings["profile"] = [list(map(float, m)) for m in e.marks]
-        places = tuple(Place(e.name, mark_channel(m), np.array(depths)) for m in e.marks)
+        places = tuple(CurvePlace(e.name, mark_channel(m), np.array(depths)) for m in e.marks)
         return Item(e.name, e.words, _case(e.name, depths, settings), (Block(places, "mm", noise),), False)
     readings = np.round(np.arange(1, round(e.depth / e.step) + 1) * e.depth / round(e.depth / e.step), 9)
     asked = (*(round(e.depth * k / STEPS, 6) for k in range(1, STEPS)), e.depth)
-    blocks = tuple(Block((Place(e.name, c, readings),), "N", noise) for c in e.channels)
+    blocks = tuple(Block((CurvePlace(e.name, c, readings),), "N", noise) for c in e.channels)
     return Item(e.name, e.words, _case(e.name, asked, settings), blocks, False)
 
 

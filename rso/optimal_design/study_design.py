@@ -23,24 +23,24 @@ from rso.emulation.hermite import along_one
 from rso.evaluation import Crashed, Done, Event, Task, run_all
 from rso.evaluation.store import RunStore
 from rso.inference import (
+    CurvePlace,
     Determination,
-    Experiment,
+    ExpectedInformation,
     Misfit,
     Model,
-    Place,
-    Told,
+    PossibleExperiment,
     all_minima,
     covariance,
     determine,
     emulated,
+    expected_information,
     on_valley,
-    remembering,
     resample,
     stack,
     together,
-    told,
+    with_autocorrelation,
 )
-from rso.model_selection import Level
+from rso.model_selection import ModelLevel
 from rso.model_selection.candidate_models import STUDY, Axes, axes_of
 from rso.model_selection.simulations import design
 from rso.optimal_design.experiments import Block, Item, done, kind, planned, refuse
@@ -60,9 +60,9 @@ class Learnt:
     """
 
     item: Item
-    experiment: Experiment
+    experiment: PossibleExperiment
     emulator: Emulator
-    share: Mapping[Place, np.ndarray]
+    share: Mapping[CurvePlace, np.ndarray]
     runs: int
     cpu_s: float
     left_out: float
@@ -77,7 +77,7 @@ class Joint:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class DesignResult:
     """Everything of `rso next`: fits of what exists; truths (k, d) in the unit cube, what each set tells at each.
 
     `scale` >= 1 is what all errors were multiplied with because the model misses the data; `rise` (k,) is how far χ² of
@@ -92,15 +92,15 @@ class Found:
     truths: np.ndarray
     rise: np.ndarray
     scale: float
-    told: tuple[tuple[Told, ...], ...]
+    told: tuple[tuple[ExpectedInformation, ...], ...]
 
 
 def run_next(
     plan: Plan, store: RunStore, executor: Executor, *, watch: Watch | None = None,
     say: Callable[[str], None] = lambda _: None,
-) -> Found:  # fmt: skip
+) -> DesignResult:  # fmt: skip
     """Simulate what is missing, fit what has been done alone and together, and ask what the rest would add."""
-    table, axes = plan.study.next, axes_of(plan, Level(STUDY), {})
+    table, axes = plan.study.next, axes_of(plan, ModelLevel(STUDY), {})
     possible, values = asked(plan, axes)
     items = [*done(plan), *possible]
     points = design(axes, table.runs, plan.seed)
@@ -116,7 +116,7 @@ def run_next(
     have = [v for v in learnt if v.item.done]
     if not have:
         raise study_error(plan.study.file, plan.study.lines, [Problem(("experiments",), "; ".join(problems.values()))])
-    have = remembered(have, plan.seed)
+    have = autocorrelated(have, plan.seed)
     learnt = [*have, *(v for v in learnt if not v.item.done)]
     joint = fits(plan, have)
     whole = joint[-1].determination
@@ -131,13 +131,13 @@ def run_next(
     sets = [(), *singles, *itertools.combinations(more, 2)]
     existing = [widened(v.experiment, s) for v in have]
     each = [
-        tuple(told(axes.box, x, weakest, existing, sets, plan.seed + 100 * k, table.draws))
+        tuple(expected_information(axes.box, x, weakest, existing, sets, plan.seed + 100 * k, table.draws))
         for k, x in enumerate(truths)
     ]
-    return Found(axes, tuple(learnt), problems, joint, weakest, truths, rise, s, tuple(each))
+    return DesignResult(axes, tuple(learnt), problems, joint, weakest, truths, rise, s, tuple(each))
 
 
-def widened(e: Experiment, scale: float) -> Experiment:
+def widened(e: PossibleExperiment, scale: float) -> PossibleExperiment:
     """An experiment with errors `scale` times as large: C scale²."""
     return dataclasses.replace(e, covariance=lambda x: scale**2 * e.covariance(x))
 
@@ -202,7 +202,7 @@ def learn_item(
     emulator, left = learnt_from(axes, group, outputs, samples, plan.seed)
     share = {p: _share([r for _, r in good], p) for b in item.blocks for p in b.places}
     cost = sum(getattr(o, "cpu_s", 0.0) for o in outcomes if not isinstance(o, Crashed))
-    experiment = Experiment(item.name, _model(emulator, item), lambda x: _errors(item, emulator, share, x))
+    experiment = PossibleExperiment(item.name, _model(emulator, item), lambda x: _errors(item, emulator, share, x))
     return Learnt(item, experiment, emulator, share, len(tasks), cost, left)
 
 
@@ -234,7 +234,7 @@ def learnt_from(
     return emulator, float(np.abs(less.means(outputs, x[None])[0] - true).max() / np.abs(true).max())
 
 
-def _share(responses: Sequence[Response], place: Place) -> np.ndarray:
+def _share(responses: Sequence[Response], place: CurvePlace) -> np.ndarray:
     """Stated numerical error (n,) of a curve over its largest value, the median of all runs."""
     rows = []
     for r in responses:
@@ -247,7 +247,7 @@ def _model(emulator: Emulator, item: Item) -> Model:
     return stack([emulated(emulator, p)[0] for b in item.blocks for p in b.places])
 
 
-def _errors(item: Item, emulator: Emulator, share: Mapping[Place, np.ndarray], x: np.ndarray) -> np.ndarray:
+def _errors(item: Item, emulator: Emulator, share: Mapping[CurvePlace, np.ndarray], x: np.ndarray) -> np.ndarray:
     """Covariance (n, n) of all readings where x (d,) is true: measurement, numerical error, what is not learnt."""
     parts = []
     for b in item.blocks:
@@ -273,7 +273,7 @@ def _errors(item: Item, emulator: Emulator, share: Mapping[Place, np.ndarray], x
 
 
 def _of_model(
-    b: Block, emulator: Emulator, share: Mapping[Place, np.ndarray], x: np.ndarray, curves: Sequence[np.ndarray]
+    b: Block, emulator: Emulator, share: Mapping[CurvePlace, np.ndarray], x: np.ndarray, curves: Sequence[np.ndarray]
 ) -> np.ndarray:
     """Numerical error and what the emulator does not know; both belong together over the depth of a block."""
     length = float(b.depth.max())
@@ -301,11 +301,11 @@ def fits(plan: Plan, have: Sequence[Learnt]) -> tuple[Joint, ...]:
     return tuple(out)
 
 
-def remembered(have: Sequence[Learnt], seed: int) -> list[Learnt]:
+def autocorrelated(have: Sequence[Learnt], seed: int) -> list[Learnt]:
     """What has been done with the memory of readings of one record, of which nobody says whether they have any; it will
     have it once more."""
     measured = _measured(have)
-    known = iter(remembering(measured, all_minima(measured, seed=seed)[0].x).data)
+    known = iter(with_autocorrelation(measured, all_minima(measured, seed=seed)[0].x).data)
     found = []
     for v in have:
         item = dataclasses.replace(

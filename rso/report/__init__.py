@@ -3,6 +3,6 @@
 from rso.report.calibration.report import render
 from rso.report.discrepancy.report import render_diagnosis
 from rso.report.model_selection.report import render_ladder
-from rso.report.optimal_design.report import render_further
+from rso.report.optimal_design.report import render_next
 
-__all__ = ["render", "render_diagnosis", "render_further", "render_ladder"]
+__all__ = ["render", "render_diagnosis", "render_ladder", "render_next"]

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import Stroke, withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
-from rso.report.reading import Parameter
+from rso.report.reading import ParameterView
 
 if TYPE_CHECKING:  # matplotlib 3.9 does not name the keys of its settings
     from matplotlib.typing import RcKeyType
@@ -106,7 +106,9 @@ def plain_log(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def parameter_axis(axes: Axes, which: str, p: Parameter, low: float | None = None, high: float | None = None) -> None:
+def parameter_axis(
+    axes: Axes, which: str, p: ParameterView, low: float | None = None, high: float | None = None
+) -> None:
     """Scale, range (the parameter's own unless given), ticks and label of an axis, in the unit people use."""
     axis = axes.xaxis if which == "x" else axes.yaxis
     low, high = p.low if low is None else low, p.high if high is None else high

@@ -30,7 +30,7 @@ STAGES = ("plan", "design", "surrogates", "sensitivity", "search", "verify", "va
 
 
 @dataclass(frozen=True)
-class Parameter:
+class ParameterView:
     """One parameter: its letter, the unit people use (values stay in base units), range and scale."""
 
     name: str
@@ -57,7 +57,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Output:
+class OutputView:
     """One scalar of the response: a short label and the unit people use for it."""
 
     id: str
@@ -68,7 +68,7 @@ class Output:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class CandidateView:
     """One candidate of one search, with its entry in the results."""
 
     search: str
@@ -149,7 +149,7 @@ def listed(results: Results, key: str) -> list[Mapping[str, Any]]:
     return list(results.get(key) or ())
 
 
-def parameters(results: Results, free: bool = False) -> tuple[Parameter, ...]:
+def parameters(results: Results, free: bool = False) -> tuple[ParameterView, ...]:
     """Every parameter, or only those that are not fixed."""
     views = []
     for p in listed(results, "parameters"):
@@ -157,7 +157,7 @@ def parameters(results: Results, free: bool = False) -> tuple[Parameter, ...]:
         low, high = (number(p.get(k)) for k in ("low", "high"))
         unit = shown(p.get("unit", ""), largest([high, fixed]))
         views.append(
-            Parameter(
+            ParameterView(
                 clean(p["name"]),
                 symbol(p["name"]),
                 clean(p.get("description")),
@@ -180,7 +180,7 @@ def lettered(results: Results, text: object) -> str:
     return said
 
 
-def outputs(results: Results) -> dict[str, Output]:
+def outputs(results: Results) -> dict[str, OutputView]:
     """Every output by its id; the experiment is part of the label only where there are several."""
     every = listed(results, "outputs")
     several = len({o["experiment"] for o in every}) > 1
@@ -191,7 +191,7 @@ def outputs(results: Results) -> dict[str, Output]:
         sizes += [number(e.get("predicted")) for c in candidates(results) for e in output_rows(c, o["id"])]
         unit = shown(o.get("unit", ""), largest(sizes))
         label = f"{clean(o['experiment'])}: {label}" if several else label
-        views[o["id"]] = Output(o["id"], clean(o["experiment"]), label, o.get("unit", ""), unit)
+        views[o["id"]] = OutputView(o["id"], clean(o["experiment"]), label, o.get("unit", ""), unit)
     return views
 
 
@@ -216,16 +216,16 @@ def seen(results: Results, rows: Iterable[Mapping[str, Any]]) -> list[Mapping[st
     return [r for r in rows if clean(r.get("output")) not in lost]
 
 
-def output_rows(candidate: Candidate, output: str) -> list[Mapping[str, Any]]:
+def output_rows(candidate: CandidateView, output: str) -> list[Mapping[str, Any]]:
     """The entry of a candidate for one output: a list of one, or empty."""
     return [o for o in candidate.data.get("outputs") or () if o.get("output") == output]
 
 
-def candidates(results: Results) -> tuple[Candidate, ...]:
+def candidates(results: Results) -> tuple[CandidateView, ...]:
     """Every candidate of every search."""
     best = results.get("best") or {}
     return tuple(
-        Candidate(
+        CandidateView(
             clean(s["name"]),
             clean(c["name"]),
             k,
@@ -237,7 +237,7 @@ def candidates(results: Results) -> tuple[Candidate, ...]:
     )
 
 
-def best_candidate(results: Results) -> Candidate | None:
+def best_candidate(results: Results) -> CandidateView | None:
     """The candidate named as the best, if one is."""
     return next((c for c in candidates(results) if c.best), None)
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
-from rso.study.base_table import Table
+from rso.study.base_table import StudyFileTable
 from rso.study.fields import (
     Bound,
     Channels,
@@ -24,7 +24,7 @@ from rso.study.noise_table import NoiseTable
 from rso.study.search_table import Range
 
 
-class DiagnoseTable(Table):
+class DiagnoseTable(StudyFileTable):
     """[diagnose]: where the model misses the measurements, and why."""
 
     effects: Annotated[Any, AfterValidator(names_of_effects), expected('"all" or a list of names')] = "all"
@@ -37,7 +37,7 @@ class DiagnoseTable(Table):
     """Effects that a calibration bounds, with the standard uncertainty of each, as compliance = "0.02 mm/N"."""
 
 
-class LevelTable(Table):
+class LevelTable(StudyFileTable):
     """One level of a ladder; with nothing but a name, or as bare text, what the backend knows by this name."""
 
     name: Name
@@ -60,7 +60,7 @@ def _rungs(value: Any) -> Any:
     return tuple(tuple({"name": v} if isinstance(v, str) else v for v in rung) for rung in rungs)
 
 
-class LadderTable(Table):
+class LadderTable(StudyFileTable):
     """[ladder]: models from simple to rich, until the data ask for no more."""
 
     levels: Annotated[tuple[tuple[LevelTable, ...], ...], BeforeValidator(_rungs)] = ()
@@ -80,7 +80,7 @@ class LadderTable(Table):
 READINGS = 1000  # of a curve that might be measured: their covariance is a matrix
 
 
-class NextExperiment(Table):
+class NextExperiment(StudyFileTable):
     """[[next.experiments]]: an experiment that might be done: a force curve, or with `marks` and `depths` a profile."""
 
     name: Name
@@ -117,7 +117,7 @@ class NextExperiment(Table):
         return self
 
 
-class NextTable(Table):
+class NextTable(StudyFileTable):
     """[next]: what experiments that nobody has done yet would tell."""
 
     experiments: Annotated[tuple[NextExperiment, ...], BeforeValidator(list_to_tuple)] = ()

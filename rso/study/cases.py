@@ -16,7 +16,7 @@ from rso.study.errors import Problem, choose, study_error
 from rso.study.line_numbers import Place
 from rso.study.resolve import Resolved
 from rso.study.schema import ExperimentTable, Study
-from rso.study.search_table import Target
+from rso.study.search_table import TargetTable
 
 DEFAULT_SPEED = 0.5  # mm/s
 STEPS = 8  # travels at which a whole curve is computed; between them a spline that is exact for u^{3/2}
@@ -311,7 +311,7 @@ def place_of_setting(study: Study, n: int, message: str) -> Place:
 def _refuse_search(study: Study, backend: Backend) -> list[Problem]:
     """Targets and constraints on channels that the backend has, constraints on experiments that are fitted."""
     problems = []
-    owners: list[tuple[Place, tuple[Target, ...]]] = [(("search",), study.search.targets)]
+    owners: list[tuple[Place, tuple[TargetTable, ...]]] = [(("search",), study.search.targets)]
     owners += [(("search", "variants", n), v.targets) for n, v in enumerate(study.search.variants)]
     for place, targets in owners:
         for n, t in enumerate(targets):

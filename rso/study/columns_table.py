@@ -10,7 +10,7 @@ from pydantic import AfterValidator, create_model, model_validator
 from rso.contract import finite
 from rso.core.units import BARE_COLUMNS, COLUMN_NAMES, COLUMNS, UNITS, kind_of, worth
 from rso.data import CONTACT, Column
-from rso.study.base_table import Table
+from rso.study.base_table import StudyFileTable
 from rso.study.fields import Compliance, Stiffness, expected, formed
 
 
@@ -29,7 +29,7 @@ def _zeros(value: Any) -> Any:
 Header = Annotated[str, formed(r"(?s:.*\S.*)", "must not be blank")]
 
 
-class MinusTable(Table):
+class MinusTable(StudyFileTable):
     """What is subtracted of depth: a cantilever's deflection, or what a frame gives way under a force.
 
     `depth = ±(header − zero) − minus`: each column is turned to its own sign first."""
@@ -55,7 +55,7 @@ class MinusTable(Table):
         return self
 
 
-class ColumnTable(Table):
+class ColumnTable(StudyFileTable):
     """A column of a machine's files, here that of the depth."""
 
     header: Header
@@ -115,7 +115,7 @@ def _known(unit: str, base: str, more: str) -> None:
         raise ValueError(f"unit = {unit!r}: {error}; choose from {choices}{more}") from error
 
 
-class _Columns(Table):
+class _Columns(StudyFileTable):
     """[columns]: what the columns of a testing machine's files are called, by their known names."""
 
     @model_validator(mode="after")

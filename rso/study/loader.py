@@ -11,16 +11,16 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from rso.data import Measurement, Noise, combine, fingerprint, read, value_at
-from rso.study.base_table import Table
+from rso.study.base_table import StudyFileTable
 from rso.study.columns_table import ColumnsTable
 from rso.study.confusable_text import look_alikes
 from rso.study.errors import Problem, choose, schema_problems, study_error
 from rso.study.line_numbers import Place, lines_of
-from rso.study.schema import DoeTable, ExperimentTable, Source, Study
-from rso.study.search_table import Constraint, Target
+from rso.study.schema import DoeTable, ExperimentTable, Study, StudySource
+from rso.study.search_table import ConstraintTable, TargetTable
 from rso.study.toml_text import tables_of, text_of
 
-T = TypeVar("T", bound=Table)
+T = TypeVar("T", bound=StudyFileTable)
 
 
 def load(path: str | Path) -> Study:
@@ -45,7 +45,7 @@ def load(path: str | Path) -> Study:
     problems += _check_look_alikes(raw)
     if problems or study is None:
         raise study_error(file, lines, problems)
-    study._source = Source(file, lines, measurements)
+    study._source = StudySource(file, lines, measurements)
     return study
 
 
@@ -195,11 +195,11 @@ def _check_search(raw: dict[str, Any], measurements: dict[str, Measurement]) -> 
     for owner, place in zip(owners, places, strict=True):
         if not isinstance(owner, dict):
             continue
-        for n, target in _valid(Target, _tables(owner, "targets")):
+        for n, target in _valid(TargetTable, _tables(owner, "targets")):
             yield from _check_target(target, (*place, "targets", n), names, roles, measurements)
         if place != ("search",):
             yield from _check_ranges(owner, (*place, "ranges"), raw.get("parameters"))
-    for n, constraint in _valid(Constraint, _tables(raw, "search", "constraints")):
+    for n, constraint in _valid(ConstraintTable, _tables(raw, "search", "constraints")):
         if constraint.experiment not in names:
             where = ("search", "constraints", n, "experiment")
             yield Problem(where, f"unknown experiment; {choose(constraint.experiment, names)}", constraint.experiment)
@@ -211,7 +211,7 @@ def _check_search(raw: dict[str, Any], measurements: dict[str, Measurement]) -> 
 
 
 def _check_target(
-    target: Target, place: Place, names: list[str], roles: dict[str, str], measurements: dict[str, Measurement]
+    target: TargetTable, place: Place, names: list[str], roles: dict[str, str], measurements: dict[str, Measurement]
 ) -> Iterator[Problem]:
     name = target.experiment
     if name not in names:

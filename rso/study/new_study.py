@@ -28,7 +28,7 @@ TOP = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Test:
+class NewTest:
     """What the readings do not tell.
 
     The backend's own options by name; the point (mm) that was pressed where the name of a file says none (the top
@@ -52,7 +52,7 @@ class _Experiment:
     by_name: bool
 
 
-def begin(file: Path, backend: Backend, test: Test, fitted: Sequence[str], validated: Sequence[str] = ()) -> str:
+def begin(file: Path, backend: Backend, test: NewTest, fitted: Sequence[str], validated: Sequence[str] = ()) -> str:
     """The text of a study to be written at `file`, from data files given as paths from where one stands.
 
     ValueError where a study is at `file` already, and for data that are not there, given twice or not understood.
@@ -92,7 +92,7 @@ def begin(file: Path, backend: Backend, test: Test, fitted: Sequence[str], valid
     return "\n".join(lines).rstrip() + "\n"
 
 
-def alone(test: Test, fitted: Sequence[str]) -> str:
+def alone(test: NewTest, fitted: Sequence[str]) -> str:
     """What is to be said of several files that are fitted as tests of their own at one point; else nothing."""
     found = [] if test.repeats else _experiments(test, fitted, ())
     same = {e.point: [o.files[0] for o in found if o.point == e.point] for e in found}
@@ -100,7 +100,7 @@ def alone(test: Test, fitted: Sequence[str]) -> str:
     return f"{'; '.join(said)}; repeats of one test are begun with --repeats" if said else ""
 
 
-def _experiments(test: Test, fitted: Sequence[str], validated: Sequence[str]) -> list[_Experiment]:
+def _experiments(test: NewTest, fitted: Sequence[str], validated: Sequence[str]) -> list[_Experiment]:
     given = [*fitted, *validated]
     for k, g in enumerate(given):
         path, sheet = sheet_of(Path(g))
@@ -123,7 +123,7 @@ def _experiments(test: Test, fitted: Sequence[str], validated: Sequence[str]) ->
     return found
 
 
-def _point(test: Test, role: str, files: Sequence[str]) -> tuple[tuple[float, float] | None, bool]:
+def _point(test: NewTest, role: str, files: Sequence[str]) -> tuple[tuple[float, float] | None, bool]:
     """Where a test was done, if anything says so, and whether that is the name of its file or sheet."""
     said = set()
     for f in files:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from rso.data import Noise
-from rso.study.base_table import Table
+from rso.study.base_table import StudyFileTable
 from rso.study.fields import NotNegativeForce, NotNegativeLength, Share
 
 
-class NoiseTable(Table):
+class NoiseTable(StudyFileTable):
     """[experiments.noise]: standard deviations of what its readings are off by; 0 says that there is no such error."""
 
     Fz: NotNegativeForce = 0.0

@@ -12,7 +12,7 @@ from rso.core.units import quantity
 from rso.study.errors import Problem, choose, study_error
 from rso.study.line_numbers import Place
 from rso.study.schema import ParameterTable, Study
-from rso.study.search_table import Target
+from rso.study.search_table import TargetTable
 
 _WIDEST = 1e30  # ratio of the ends of a log scale; beyond it their quotient overflows sooner or later
 
@@ -37,7 +37,7 @@ class Search:
     """One search: its name, its targets, and its ranges, one axis per free parameter of the study."""
 
     name: str
-    targets: tuple[Target, ...]
+    targets: tuple[TargetTable, ...]
     axes: tuple[Axis, ...]
 
 

@@ -23,7 +23,7 @@ from rso.data import Measurement, Noise
 from rso.doe import SAMPLERS
 from rso.emulation.polynomial import HIGHEST
 from rso.study.analysis_tables import DiagnoseTable, LadderTable, NextTable
-from rso.study.base_table import Table
+from rso.study.base_table import StudyFileTable
 from rso.study.columns_table import ColumnsTable
 from rso.study.fields import (
     Bound,
@@ -52,7 +52,7 @@ else:
     DesignKind = Literal[(*SAMPLERS, "file")]  # one for each file of rso.doe.samplers
 
 
-class StudyTable(Table):
+class StudyTable(StudyFileTable):
     """[study]: the study as a whole."""
 
     title: Annotated[str, Field(min_length=1, max_length=200), AfterValidator(seen)]
@@ -63,7 +63,7 @@ class StudyTable(Table):
     """Units of bare numbers; text may carry another unit of the same kind."""
 
 
-class BackendTable(Table):
+class BackendTable(StudyFileTable):
     """[backend]: what simulates, a Python object or an external command."""
 
     use: Annotated[str, formed(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", 'expected is "package.module:NAME"')] | None = None
@@ -82,7 +82,7 @@ class BackendTable(Table):
         return self
 
 
-class ParameterTable(Table):
+class ParameterTable(StudyFileTable):
     """[parameters]: a range to search, or a value that fixes it."""
 
     low: Bound = None
@@ -106,7 +106,7 @@ class ParameterTable(Table):
         return self
 
 
-class ExperimentTable(Table):
+class ExperimentTable(StudyFileTable):
     """[[experiments]]: a test that was done, and what the model is to do with it."""
 
     name: Name
@@ -142,7 +142,7 @@ class ExperimentTable(Table):
         return ", ".join(self.data)
 
 
-class DoeTable(Table):
+class DoeTable(StudyFileTable):
     """[doe]: the design of experiments, which simulations are run."""
 
     kind: DesignKind = "lhs"
@@ -185,7 +185,7 @@ class DoeTable(Table):
         return {k: getattr(self, k) for k in SAMPLERS[self.kind].options} if self.kind in SAMPLERS else {}
 
 
-class SurrogateTable(Table):
+class SurrogateTable(StudyFileTable):
     """[surrogate]: the response surfaces."""
 
     kind: Literal["auto", "polynomial", "kriging", "whole_curve"] = "auto"
@@ -197,7 +197,7 @@ class SurrogateTable(Table):
     runs are added, at most verify.max_infill of them; an error below the stated numerical error of the runs is none."""
 
 
-class SensitivityTable(Table):
+class SensitivityTable(StudyFileTable):
     """[sensitivity]: what moves the responses."""
 
     local: bool = True
@@ -212,14 +212,14 @@ class SensitivityTable(Table):
     """Base points of the Sobol indices, a power of two, at least 4."""
 
 
-class IdentifyTable(Table):
+class IdentifyTable(StudyFileTable):
     """[identify]: what the data must determine."""
 
     require: Names = ()
     """Parameters that the data must determine: exit code 5 where they do not."""
 
 
-class VerifyTable(Table):
+class VerifyTable(StudyFileTable):
     """[verify]: candidates are simulated again."""
 
     tolerance: Tolerance = 0.005
@@ -228,7 +228,7 @@ class VerifyTable(Table):
     """Runs that may be added until it does."""
 
 
-class DispatchTable(Table):
+class DispatchTable(StudyFileTable):
     """[dispatch]: how simulations are run."""
 
     jobs: Annotated[int, Field(ge=1, le=10_000)] = 2
@@ -250,7 +250,7 @@ class DispatchTable(Table):
         return self
 
 
-class ReportTable(Table):
+class ReportTable(StudyFileTable):
     """[report]: which pages are written."""
 
     html: bool = True
@@ -260,7 +260,7 @@ class ReportTable(Table):
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class StudySource:
     """Where a study came from: its file, the line of every key, and the measured files by experiment."""
 
     file: Path
@@ -268,7 +268,7 @@ class Source:
     measurements: Mapping[str, Measurement] = field(default_factory=dict)
 
 
-class Study(Table):
+class Study(StudyFileTable):
     """A whole study file; made by :func:`rso.study.loader.load`."""
 
     study: StudyTable
@@ -288,7 +288,7 @@ class Study(Table):
     dispatch: DispatchTable = DispatchTable()
     report: ReportTable = ReportTable()
 
-    _source: Source = PrivateAttr()
+    _source: StudySource = PrivateAttr()
 
     @property
     def file(self) -> Path:

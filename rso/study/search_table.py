@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from rso.core.units import COLUMNS, quantity
-from rso.study.base_table import Table
+from rso.study.base_table import StudyFileTable
 from rso.study.fields import Bound, Depth, Name, Positive, even, formed, list_to_tuple
 
 
-class Target(Table):
+class TargetTable(StudyFileTable):
     """A force (or displacement) to meet at one depth."""
 
     experiment: str
@@ -29,7 +29,7 @@ class Target(Table):
         return quantity(value, COLUMNS.get(info.data.get("channel", "Fz"), "N"))
 
 
-class Constraint(Table):
+class ConstraintTable(StudyFileTable):
     """A response that must stay within low and high at one depth."""
 
     experiment: str
@@ -52,7 +52,7 @@ class Constraint(Table):
         return quantity(value, COLUMNS.get(channel, "1"))
 
     @model_validator(mode="after")
-    def _ordered(self) -> Constraint:
+    def _ordered(self) -> ConstraintTable:
         if self.low is None and self.high is None:
             raise ValueError("give low, high or both")
         if self.low is not None and self.high is not None and self.low >= self.high:
@@ -63,18 +63,18 @@ class Constraint(Table):
 Range = Annotated[tuple[Bound, Bound], BeforeValidator(list_to_tuple)]
 
 
-class Variant(Table):
+class Variant(StudyFileTable):
     """One more search of the same study: other targets and narrower ranges."""
 
     name: Name
     """How the search is called in the report."""
-    targets: Annotated[tuple[Target, ...], BeforeValidator(list_to_tuple)] = ()
+    targets: Annotated[tuple[TargetTable, ...], BeforeValidator(list_to_tuple)] = ()
     """Its own, in place of those of [search]."""
     ranges: dict[str, Range] = Field(default_factory=dict)
     """Parameter and its narrower range, [low, high]."""
 
 
-class SearchTable(Table):
+class SearchTable(StudyFileTable):
     """[search]: where the parameters are looked for, on response surfaces of a design or straight on simulations.
 
     `start`, `starts`, `max_runs` and `derivatives` belong to method "gauss_newton", all others but `metric` to
@@ -91,9 +91,9 @@ class SearchTable(Table):
     """Points for each start."""
     derivatives: Literal["backend", "differences"] = "backend"
     """Those of the backend, or differences between more runs."""
-    targets: Annotated[tuple[Target, ...], BeforeValidator(list_to_tuple)] = ()
+    targets: Annotated[tuple[TargetTable, ...], BeforeValidator(list_to_tuple)] = ()
     """Values to meet; without, up to three points of each fitted curve."""
-    constraints: Annotated[tuple[Constraint, ...], BeforeValidator(list_to_tuple)] = ()
+    constraints: Annotated[tuple[ConstraintTable, ...], BeforeValidator(list_to_tuple)] = ()
     """Responses that must stay within bounds."""
     metric: Literal["rmse", "nrmse", "mre", "mape", "rrmse"] = "nrmse"
     """By which whole curves are compared."""

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from simulated import Simulations, Support, Table
 from trilateration import SETS, Curve
 
-from rso.norms import Printed, Problem, Shape, norm
+from rso.norms import Printed, TrilaterationProblem, TrilaterationShape, norm
 
 DEPTH, FORCE = 8.0, 1.283  # mm, N
 NRMSE = {1: 0.1503, 3: 0.1116, 4: 0.1425}  # Table 5.3
@@ -26,7 +26,7 @@ PROFILE = {1: 0.3126, 3: 0.2810, 4: 0.5645}  # Table 5.4
 COMPONENTS = {"x": 1.1329, "y": 67.984, "z": 0.0534, "total": 0.1669}  # Table 5.5, middle point, set 3
 
 
-def report(folder: Path, store: Path, jobs: int, p: Problem, curve: Curve) -> None:
+def report(folder: Path, store: Path, jobs: int, p: TrilaterationProblem, curve: Curve) -> None:
     """(e) Print it, and write what of the deeper test is known."""
     print("\n(e) other tests")
     deeper(folder, store, jobs)
@@ -38,11 +38,11 @@ def report(folder: Path, store: Path, jobs: int, p: Problem, curve: Curve) -> No
 def deeper(folder: Path, store: Path, jobs: int) -> None:
     """VC I: curves of the prior, weighted by three norms, the force at 8 mm, and then by the crossings in the text."""
     u = np.round(0.1 * np.arange(1, 81), 6)
-    shape, theta = Shape(u, FORCE, 0.0003, knots=12), np.array([SETS[k] for k in NRMSE])
+    shape, theta = TrilaterationShape(u, FORCE, 0.0003, knots=12), np.array([SETS[k] for k in NRMSE])
     printed = Printed("nrmse", range(len(NRMSE)), list(NRMSE.values()), SIGMA)
     for support in (simulated.HELD, Support(simulated.MIDDLE)):
         known = Simulations(theta, u, [table(store, support, jobs)])
-        p = Problem(shape, known, known.nuisances, (printed,))
+        p = TrilaterationProblem(shape, known, known.nuisances, (printed,))
         ends = known(np.zeros((1, known.nuisances)))[0, :, -1]
         told = ", ".join(f"set {k} {v:.3f} N" for k, v in zip(NRMSE, ends, strict=True))
         print(f"  VC I, {support}: simulated at 8 mm {told} (set 4 printed {END_OF_4[0]} N)")
@@ -54,7 +54,7 @@ def deeper(folder: Path, store: Path, jobs: int) -> None:
     save(folder, u, mean, sd)  # of the bowl, with all that is told
 
 
-def importance(p: Problem, words: int) -> tuple[np.ndarray, np.ndarray]:
+def importance(p: TrilaterationProblem, words: int) -> tuple[np.ndarray, np.ndarray]:
     """Draws x (n, d) and weights (n,) of the posterior; a normal density is fitted to it round by round."""
     rng = np.random.default_rng(trilateration.SEED)
     mean, root = np.zeros(p.size), np.eye(p.size)
@@ -71,7 +71,7 @@ def importance(p: Problem, words: int) -> tuple[np.ndarray, np.ndarray]:
     return x, w
 
 
-def likelihoods(p: Problem, x: np.ndarray) -> np.ndarray:
+def likelihoods(p: TrilaterationProblem, x: np.ndarray) -> np.ndarray:
     """ln likelihood (w, 3) of x (w, d): norms and the end of set 4's simulation, first crossings, second ones."""
     z, ν, _ = p.split(x)
     y, f = p.shape(z), p.known(ν)
@@ -135,7 +135,7 @@ def save(folder: Path, u: np.ndarray, mean: np.ndarray, sd: np.ndarray) -> None:
     trilateration.write(folder, "force_8mm_curve.csv", text, u[every], mean[every], sigma[every])
 
 
-def components(p: Problem, curve: Curve) -> None:
+def components(p: TrilaterationProblem, curve: Curve) -> None:
     """VC III, middle point: what side force the simulation must have had for its total to be so far off."""
     y = curve.mean
     f = np.mean(p.known(p.split(curve.x[::40])[1])[:, -2], axis=0)  # set 3

@@ -24,7 +24,7 @@ from scipy.special import ndtr
 from simulated import Support, Table
 from trilateration import Curve, Lists, crossings, residuals, rms
 
-from rso.norms import Fit, Problem, fit
+from rso.norms import TrilaterationFit, TrilaterationProblem, fit
 
 HERE = Path(__file__).parent
 STORE = HERE / "results" / "reconstruction"
@@ -34,7 +34,7 @@ Tables = dict[Support, Table]
 SEED = trilateration.SEED
 
 
-def gaussian(p: Problem, seed: int = SEED, n: int = 2000) -> tuple[Fit, Curve]:
+def gaussian(p: TrilaterationProblem, seed: int = SEED, n: int = 2000) -> tuple[TrilaterationFit, Curve]:
     """Most probable curve and draws of its Gaussian approximation."""
     found = fit(p, seed)
     x = found.draws(n, seed)
@@ -63,7 +63,7 @@ def out_of_sample(data: Lists, tables: Tables) -> tuple[np.ndarray, np.ndarray]:
     return alone
 
 
-def words(data: Lists, p: Problem, curve: Curve) -> None:
+def words(data: Lists, p: TrilaterationProblem, curve: Curve) -> None:
     """(b) What the thesis says in words; none of it was used."""
     print("\n(b) in words (not used)")
     some = curve.x[::8]
@@ -85,7 +85,7 @@ def words(data: Lists, p: Problem, curve: Curve) -> None:
     print(f"  force at 0.3 mm {np.mean(y[:, k]):.4f} N; of the simulations at most {stiffest:.4f} N")
 
 
-def supports(data: Lists, tables: Tables) -> dict[str, tuple[Problem, Fit, Curve]]:
+def supports(data: Lists, tables: Tables) -> dict[str, tuple[TrilaterationProblem, TrilaterationFit, Curve]]:
     """(c) Bowl or held, grids and priors: evidence and residuals."""
     print("\n(c) support, grid and prior, from everything printed (ln Z relative to the bowl on 0.1-4 mm)")
     cases = {
@@ -114,7 +114,7 @@ def supports(data: Lists, tables: Tables) -> dict[str, tuple[Problem, Fit, Curve
     return out
 
 
-def found(p: Problem, curve: Curve) -> None:
+def found(p: TrilaterationProblem, curve: Curve) -> None:
     """What else the norms say of the thesis's simulations."""
     ν = p.split(curve.x)[1]
     penetration = simulated.DEEPEST_PENETRATION * ndtr(ν[:, 2])
@@ -130,7 +130,7 @@ def found(p: Problem, curve: Curve) -> None:
         print(f"    {name}: {' / '.join(f'{q:.2f}' for q in np.quantile(v, (0.05, 0.5, 0.95)))}")
 
 
-def controls(fits: dict[str, tuple[Problem, Fit, Curve]], n: int = 3) -> None:
+def controls(fits: dict[str, tuple[TrilaterationProblem, TrilaterationFit, Curve]], n: int = 3) -> None:
     """(d) Norms made up with one support reject the other; a known curve is found again within its band."""
     print("\n(d) norms made up for a known curve, with the noise found and nuisances drawn from their prior")
     inside, error = [], []
@@ -144,8 +144,8 @@ def controls(fits: dict[str, tuple[Problem, Fit, Curve]], n: int = 3) -> None:
             nuisances = rng.standard_normal(right.nuisances)
             x = np.concatenate([z[97 * k], nuisances, curve.x[97 * k, -scales.shape[1] :]])
             made = trilateration.made_up(right, x, rng)
-            mine, again = gaussian(Problem(right.shape, right.known, right.nuisances, made), SEED + k)
-            other = fit(Problem(wrong.shape, wrong.known, wrong.nuisances, made), SEED + k)
+            mine, again = gaussian(TrilaterationProblem(right.shape, right.known, right.nuisances, made), SEED + k)
+            other = fit(TrilaterationProblem(wrong.shape, wrong.known, wrong.nuisances, made), SEED + k)
             gain.append(mine.log_evidence - other.log_evidence)
             y = right.shape(z[97 * k])[0]
             inside.append(np.abs(again.mean - y)[:-1] < 1.645 * again.sd[:-1])
@@ -157,7 +157,7 @@ def controls(fits: dict[str, tuple[Problem, Fit, Curve]], n: int = 3) -> None:
     )
 
 
-def notes(curve: Curve, ell: float, data: Lists, p: Problem) -> list[str]:
+def notes(curve: Curve, ell: float, data: Lists, p: TrilaterationProblem) -> list[str]:
     """Header of the file."""
     a, b = residuals(p, curve, data.nrmse), residuals(p, curve, data.mre)
     return [

@@ -9,12 +9,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from trilateration import Curve, Lists, crossings
 
-from rso.norms import Problem
+from rso.norms import TrilaterationProblem
 
 INK, COLOURS = "#222222", {1: "#0072b2", 3: "#d55e00", 4: "#009e73"}
 
 
-def draw(file: Path, data: Lists, final: Curve, p: Problem, curve: Curve, alone: tuple[np.ndarray, np.ndarray]) -> None:
+def draw(
+    file: Path, data: Lists, final: Curve, p: TrilaterationProblem, curve: Curve, alone: tuple[np.ndarray, np.ndarray]
+) -> None:
     """Write the figure; `alone` is the MRE list (43,) as predicted from the NRMSE list only, and its deviation."""
     figure = Figure(figsize=(10.5, 4.2), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)

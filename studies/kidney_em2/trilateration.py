@@ -8,7 +8,16 @@ from pathlib import Path
 import numpy as np
 from simulated import BOWLS, HELD, Simulations, Support, Table
 
-from rso.norms import Fit, Printed, Problem, Shape, fit, log_evidence, sample, shared_votes
+from rso.norms import (
+    Printed,
+    TrilaterationFit,
+    TrilaterationProblem,
+    TrilaterationShape,
+    fit,
+    log_evidence,
+    sample,
+    shared_votes,
+)
 
 HERE = Path(__file__).parent
 SETS = {1: (0.0099997, 5.8), 2: (0.0099752, 5.3), 3: (0.0102, 1.1), 4: (0.012453, 139.3)}  # Table 5.1: MPa, 1/MPa
@@ -64,7 +73,7 @@ def depths(spacing: float = 0.1) -> np.ndarray:
 
 def problem(
     data: Lists, tables: dict[Support, Table], held: bool = False, what: str = "all", spacing: float = 0.1
-) -> Problem:
+) -> TrilaterationProblem:
     """The inverse problem in a bowl or held, from the NRMSE list alone, both lists, or all that is printed."""
     u = depths(spacing)
     known = Simulations(data.theta, u, [tables[HELD]] if held else [tables[s] for s in BOWLS])
@@ -73,7 +82,7 @@ def problem(
         "lists": (data.nrmse, data.mre, *data.means),
         "all": (data.nrmse, data.mre, *data.table, *data.means),
     }
-    return Problem(Shape(u, F_DEEPEST, 0.0003), known, known.nuisances, blocks[what])
+    return TrilaterationProblem(TrilaterationShape(u, F_DEEPEST, 0.0003), known, known.nuisances, blocks[what])
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +114,7 @@ class Curve:
         return np.corrcoef(self.draws.T)
 
 
-def reconstruct(p: Problem, seed: int = SEED, steps: int = 1000) -> tuple[Fit, Curve]:
+def reconstruct(p: TrilaterationProblem, seed: int = SEED, steps: int = 1000) -> tuple[TrilaterationFit, Curve]:
     """Most probable curve and draws of the posterior."""
     found = fit(p, seed)
     x = sample(p, found, seed, walkers=2 * p.size + 16, steps=steps, burn=steps // 2)
@@ -127,7 +136,7 @@ def write(folder: Path, name: str, notes: list[str], u: np.ndarray, force: np.nd
     (folder / name).write_text(text, encoding="utf-8", newline="\n")
 
 
-def residuals(p: Problem, curve: Curve, printed: Printed) -> np.ndarray:
+def residuals(p: TrilaterationProblem, curve: Curve, printed: Printed) -> np.ndarray:
     """Predicted minus printed norms (k,), mean over some draws."""
     return np.mean(p.predict(curve.x[::20], [printed])[0], axis=0) - printed.value
 
@@ -147,7 +156,7 @@ def crossings(y: np.ndarray, f: np.ndarray, u: np.ndarray) -> list[np.ndarray]:
     return out
 
 
-def made_up(p: Problem, x: np.ndarray, rng: np.random.Generator) -> tuple[Printed, ...]:
+def made_up(p: TrilaterationProblem, x: np.ndarray, rng: np.random.Generator) -> tuple[Printed, ...]:
     """The blocks with the norms that x (d,) makes, and noise of the scales in x; near-duplicates share theirs."""
     out = []
     for i, (q, made) in enumerate(zip(p.printed, p.predict(x[None]), strict=True)):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rso import discrepancy
 from rso.data import Noise
-from rso.discrepancy.evidence.attribution import Evidence, contests
+from rso.discrepancy.evidence.attribution import Evidence, comparisons
 from rso.discrepancy.study_diagnosis import ask
 from rso.evaluation import run_all
 from rso.evaluation.store import RunStore
@@ -47,7 +47,7 @@ def main() -> None:
 
 def _factor(library: discrepancy.Library, found: discrepancy.Diagnosis, effect: discrepancy.Effect) -> float:
     evidence = Evidence(found.bench, library.effects)
-    (contest,) = contests(evidence, library.plan.values()[None])
+    (contest,) = comparisons(evidence, library.plan.values()[None])
     at = [h.name for h in contest.hypotheses].index(effect.name)
     return float(contest.log_evidence[at] - contest.log_evidence[0])
 

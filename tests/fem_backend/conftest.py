@@ -11,12 +11,12 @@ import pytest
 
 from fem_backend.backend import BACKEND, passages
 from fem_backend.simulation import assembly, experiment, indentation
-from fem_backend.simulation.assembly import Model, Placement
+from fem_backend.simulation.assembly import AssembledModel, Placement
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.solver import load_steps
-from fem_backend.solver.load_steps import Control, Instant, Point
+from fem_backend.solver.load_steps import Control, Instant, LoadPoint
 from fem_backend.solver.newton import Counters, Load, System
 from rso.contract import Programme
 
@@ -33,7 +33,7 @@ class Bench:
     settings: Settings
     knobs: Knobs
     placement: Placement
-    model: Model
+    model: AssembledModel
 
     def system(self) -> System:
         """The system that `indentation.solve` builds."""
@@ -43,7 +43,7 @@ class Bench:
         """Indenter at a travel (mm), no multipliers."""
         return assembly.load(self.system(), self.placement, travel)
 
-    def travel(self, asked: Sequence[float], control: Control) -> list[Point]:
+    def travel(self, asked: Sequence[float], control: Control) -> list[LoadPoint]:
         """Equilibria at the asked travels of an elastic body with other numerical settings."""
         system = self.system()
 

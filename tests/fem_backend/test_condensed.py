@@ -159,7 +159,7 @@ def test_a_shift_is_none_of_the_contact(monkeypatch):
     case = Case("shifted", Programme.ramp((0.5,)), {"mesh": {"level": "coarse"}})
     found = BACKEND.solve(VALUES, case)
     point = found.result.points[-1]
-    at = initial_state.bench(found.settings, found.knobs, found.placement, found.model, newton.Counters())
+    at = initial_state.initial_state(found.settings, found.knobs, found.placement, found.model, newton.Counters())
     system = modelling.condensing(at.system, at.model, at.start(0.0), at.start(0.5))
     bulk, counters = newton.bulk_tangent, newton.Counters()
 
@@ -182,7 +182,7 @@ def test_swept_dofs_hold_all_that_touches():
     """A ball of radius 3 mm that has gone 7 mm down no longer reaches the first dofs that it touched, its way does."""
     case = Case("swept", Programme.ramp((0.5,)), {"mesh": {"level": "coarse"}})
     solved = BACKEND.solve(VALUES, case)
-    at = initial_state.bench(solved.settings, solved.knobs, solved.placement, solved.model, newton.Counters())
+    at = initial_state.initial_state(solved.settings, solved.knobs, solved.placement, solved.model, newton.Counters())
     pressed = (solved.result.points[-1].evaluation.contact.pressure > 0).any(1)
     touched = np.unique(at.system.indenter.surface.facets[pressed])
     mine = at.model.body.free.reshape(-1, 3)[touched]

@@ -11,7 +11,7 @@ from skfem import MeshTet, MeshTet2
 from fem_backend.contact import tractions
 from fem_backend.contact.pointwise import LAG, TANGENTIAL
 from fem_backend.contact.tractions import Adhesion, Before, ContactState, Pair, Touch
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 from fem_backend.indenters.sphere import Sphere
 from fem_backend.kinematics import tetrahedra
 from fem_backend.laws import NeoHooke
@@ -404,7 +404,7 @@ def sliding(amplitude: float, friction: float, count: int = 400) -> tuple[np.nda
     for way in s:
         touch = Touch(centre + way * along, DOWN, nothing, before=before)
         at = tractions.evaluate(pair, body.nodes, touch)
-        before = tractions.remember(pair, body.nodes, touch, at)
+        before = tractions.contact_history(pair, body.nodes, touch, at)
         force.append(at.force @ along)
     return s, np.array(force), float((surface.weights * at.pressure).sum()), depth
 
@@ -427,7 +427,7 @@ def test_ball_on_a_still_plate_makes_the_loop_of_coulomb():
 def test_what_is_remembered_is_the_end_of_the_step():
     case = pressed(friction=0.3)
     at = case.evaluate()
-    b = tractions.remember(case.pair, case.x, case.touch, at)
+    b = tractions.contact_history(case.pair, case.x, case.touch, at)
     np.testing.assert_array_equal(
         b.points, np.einsum("qa,fai->fqi", case.pair.surface.N, case.x[case.pair.surface.facets])
     )
@@ -559,7 +559,7 @@ def test_first_touch_of_known_surfaces():
         found = tractions.first_touch(surface, body.nodes, Sphere(1.0, shaft), np.array([0.37, 0.21, 3.0]), DOWN)
         np.testing.assert_allclose(found, 2.0, rtol=1e-14)
     assert tractions.first_touch(surface, body.nodes, Sphere(1.0), np.array([5.0, 0.0, 3.0]), DOWN) == np.inf
-    ball = Ellipsoid(10.0, 8.0, 7.0)
+    ball = EllipsoidShape(10.0, 8.0, 7.0)
 
     def cap(X):
         return 7.0 * np.sqrt(1 - (X[0] / 10) ** 2 - (X[1] / 8) ** 2) - 7.0

@@ -152,7 +152,7 @@ def test_undeformed_stiffness_has_six_rigid_modes():
 
 def test_volume_converges_to_that_of_the_quarter_ellipsoid():
     """|Σ w − 4/3 π abc/4| = O(h⁴): quadratic surfaces interpolate to h³, symmetric edges gain one."""
-    body = geometry.Ellipsoid(60.0, 35.0, 35.0)
+    body = geometry.EllipsoidShape(60.0, 35.0, 35.0)
     n = np.array([6, 8, 10, 12])
     error = []
     for k in n:

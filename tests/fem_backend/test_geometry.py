@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 from fem_backend.indenters.sphere import Sphere
 from fem_backend.simulation import assembly
 from fem_backend.simulation.experiment import read_settings
@@ -177,7 +177,7 @@ def test_rim_lets_go():
 # ---------------------------------------------------------------------------------------------- first contact
 
 
-def brute_force(body: Ellipsoid, R: float, through: np.ndarray, d: np.ndarray) -> np.ndarray:
+def brute_force(body: EllipsoidShape, R: float, through: np.ndarray, d: np.ndarray) -> np.ndarray:
     """Least travel over all points of the ellipsoid: each is met where |y − c(s)| = R for the first time."""
 
     def travel(z: np.ndarray) -> float:
@@ -195,7 +195,7 @@ def brute_force(body: Ellipsoid, R: float, through: np.ndarray, d: np.ndarray) -
 def test_first_contact_is_that_of_all_points(seed):
     """An oblique way through a point off the top; the minimiser finds the travel to some 1e-7."""
     rng = np.random.default_rng(seed)
-    body, R = Ellipsoid(60.0, 35.0, 30.0), 3.0
+    body, R = EllipsoidShape(60.0, 35.0, 30.0), 3.0
     through = np.array([*rng.uniform(-20, 20, 2), rng.uniform(-5, 60)])
     d = np.array([*rng.uniform(-0.6, 0.6, 2), -1.0])
     found = Sphere(R).first_contact(body, through, 2.0 * d)
@@ -207,7 +207,7 @@ def test_first_contact_is_that_of_all_points(seed):
 
 
 def test_first_contact_along_a_normal_and_at_the_top():
-    body, R = Ellipsoid(60.0, 35.0, 35.0), 3.0
+    body, R = EllipsoidShape(60.0, 35.0, 35.0), 3.0
     np.testing.assert_array_equal(Sphere(R).first_contact(body, [0, 0, 35.0], [0, 0, -1.0]), [0, 0, 38.0])
     y = body.project(np.array([[20.0, 8.0, 28.0]]))[0]
     n = y / body.semi_axes**2
@@ -235,8 +235,8 @@ def test_the_place_of_first_contact_lies_on_the_body_and_on_the_ball(axes):
 
 def test_sphere_that_passes_by_is_refused():
     with pytest.raises(ValueError, match="passes by"):
-        Sphere(3.0).first_contact(Ellipsoid(60.0, 35.0, 35.0), [0.0, 38.1, 0.0], [0.0, 0.0, -1.0])
-    grazing = Sphere(3.0).first_contact(Ellipsoid(60.0, 35.0, 35.0), [0.0, 37.9, 0.0], [0.0, 0.0, -1.0])
+        Sphere(3.0).first_contact(EllipsoidShape(60.0, 35.0, 35.0), [0.0, 38.1, 0.0], [0.0, 0.0, -1.0])
+    grazing = Sphere(3.0).first_contact(EllipsoidShape(60.0, 35.0, 35.0), [0.0, 37.9, 0.0], [0.0, 0.0, -1.0])
     np.testing.assert_allclose(np.hypot(*grazing[1:]), 38.0, rtol=1e-9)
 
 
@@ -254,11 +254,11 @@ def test_travel_ends_where_the_gap_is_zero(kind):
 
 
 def test_hertz_radius_of_two_spheres_and_of_the_specimen():
-    H = Ellipsoid(300.0, 300.0, 300.0).mean_curvature_at_top()
+    H = EllipsoidShape(300.0, 300.0, 300.0).mean_curvature_at_top()
     assert Sphere(3.0).effective_radius(H) == pytest.approx(1 / (1 / 3 + 1 / 300), rel=1e-15)
     # curvatures at the pole of the ellipsoid from its height z(x, 0) and z(0, y) by second differences
     a, b, c, h = 60.0, 35.0, 35.0, 1e-3
     kx = 2 * (c - c * np.sqrt(1 - (h / a) ** 2)) / h**2
     ky = 2 * (c - c * np.sqrt(1 - (h / b) ** 2)) / h**2
-    H = Ellipsoid(a, b, c).mean_curvature_at_top()
+    H = EllipsoidShape(a, b, c).mean_curvature_at_top()
     assert Sphere(3.0).effective_radius(H) == pytest.approx(1 / (1 / 3 + (kx + ky) / 2), rel=1e-6)

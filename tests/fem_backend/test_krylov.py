@@ -72,7 +72,7 @@ def test_solution_is_the_dense_one(loose, name, share, apart):
         whole = rubbing(whole, share)
         pattern, data = general(whole)
     b = right(len(whole))
-    x = krylov.Loose(pattern, name).factor(data, modes if apart else None)(b)
+    x = krylov.KrylovSolver(pattern, name).factor(data, modes if apart else None)(b)
     exact = np.linalg.solve(whole, b)
     # the correction is below 1e-7; without the modes apart the factor's shift hides a thousandth of theirs
     assert np.linalg.norm(x - exact) < (1e-5 if apart else 1e-2) * np.linalg.norm(exact)
@@ -106,7 +106,7 @@ def counted(monkeypatch):
 
 def test_a_factor_serves_matrices_nearby_and_is_made_anew_for_others(loose, monkeypatch):
     pattern, data, whole, modes = loose
-    made, solver = counted(monkeypatch), krylov.Loose(pattern, "auto")
+    made, solver = counted(monkeypatch), krylov.KrylovSolver(pattern, "auto")
     damping, grip = 1e-4 * np.ones(pattern.size), np.zeros(pattern.size)
     grip[::7] = 1e3
     for change, factors in ((0.0 * grip, 1), (damping, 1), (grip, 2)):
@@ -125,17 +125,17 @@ def test_a_matrix_without_minimum_is_refused(loose, name, both):
     place = general(whole + springs) if both else None
     if both:
         with pytest.raises(NotPositiveDefinite):
-            krylov.Loose(place[0], name).factor(place[1], modes)
+            krylov.KrylovSolver(place[0], name).factor(place[1], modes)
     low = data.copy()
     low[pattern.diagonal] *= 0.5
     made = general(whole - 0.5 * np.diag(np.diag(whole))) if both else (pattern, low)
     with pytest.raises(NotPositiveDefinite):
-        krylov.Loose(made[0], name).factor(made[1])(right(pattern.size))
+        krylov.KrylovSolver(made[0], name).factor(made[1])(right(pattern.size))
 
 
 def test_a_factor_of_before_does_not_hide_that_there_is_no_minimum(loose):
     pattern, data, whole, _ = loose
-    solver = krylov.Loose(pattern, "auto")
+    solver = krylov.KrylovSolver(pattern, "auto")
     solver.factor(data)(right(pattern.size))
     stiffness, vectors = np.linalg.eigh(whole)
     soft = data.copy()
@@ -149,7 +149,7 @@ def test_only_what_may_turn_in_its_bowl_rolls(make_bench):
     for point, table, rolls in (([0, 0], bowl, False), ([8, 0], bowl, True), ([8, 4], bowl, True), ([8, 4], {}, False)):
         b = make_bench({"bowl_friction": 0.0}, point=[float(v) for v in point], **table)
         assert rolls == rigid_motions.rolls(b.system())
-        assert isinstance(getattr(b.model.factor, "__self__", None), krylov.Loose) == rolls
+        assert isinstance(getattr(b.model.factor, "__self__", None), krylov.KrylovSolver) == rolls
 
 
 def test_equilibrium_is_that_of_factors_in_double(make_bench):

@@ -5,11 +5,11 @@ import os
 import numpy as np
 import pytest
 
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing import recipes
 
-RECIPE = recipes.mapped_recipe(Ellipsoid(6.0, 4.0, 4.0), 8, 0.3)
-OTHER = recipes.mapped_recipe(Ellipsoid(6.0, 4.0, 5.0), 8, 0.3)
+RECIPE = recipes.mapped_recipe(EllipsoidShape(6.0, 4.0, 4.0), 8, 0.3)
+OTHER = recipes.mapped_recipe(EllipsoidShape(6.0, 4.0, 5.0), 8, 0.3)
 
 
 @pytest.fixture

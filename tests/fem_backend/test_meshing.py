@@ -11,12 +11,12 @@ from scipy.special import ellipe
 from skfem import MeshTet, MeshTet2
 
 from fem_backend import meshing
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing import BadMesh, Mesh, Sizing
 from fem_backend.meshing.surface import quarter_surface
 
 ROOT = Path(__file__).parents[2]
-BODY = Ellipsoid(60.0, 35.0, 35.0)
+BODY = EllipsoidShape(60.0, 35.0, 35.0)
 MAPPED = [(6, 0.3), (8, 0.5), (12, 0.55)]
 
 
@@ -42,7 +42,7 @@ def dihedral_angles(mesh: Mesh) -> np.ndarray:
     return np.degrees(np.array(out)).T
 
 
-def check_geometry(body: Ellipsoid, mesh: Mesh) -> None:
+def check_geometry(body: EllipsoidShape, mesh: Mesh) -> None:
     """What every mesh must keep, whoever made it."""
     X = mesh.vertices
     assert meshing.volumes(mesh).min() > 0
@@ -76,7 +76,7 @@ def quadratic_skin(mesh: MeshTet2) -> np.ndarray:
     return np.unique(np.r_[mesh.facets[:, skin].ravel(), mesh.nvertices + mesh.f2e[:, skin].ravel()])
 
 
-def check_quadratic(body: Ellipsoid, mesh: Mesh) -> None:
+def check_quadratic(body: EllipsoidShape, mesh: Mesh) -> None:
     quadratic = meshing.quadratic(body, mesh)
     X = quadratic.doflocs.T
     facets = quadratic_skin(quadratic)
@@ -140,8 +140,8 @@ def test_mesh_that_is_not_the_body_is_refused():
 def test_recipes_of_whole_numbers_are_those_of_real_ones():
     """An ellipsoid written with integers is the same ellipsoid."""
     sizing = Sizing(0.8, 2.5, 0.45, 40.0)
-    assert meshing.tetwild_recipe(Ellipsoid(60, 35, 35), sizing) == meshing.tetwild_recipe(BODY, sizing)
-    assert json.loads(meshing.mapped_recipe(Ellipsoid(60, 35, 35), 6, 0.3))["semi_axes"] == [60.0, 35.0, 35.0]
+    assert meshing.tetwild_recipe(EllipsoidShape(60, 35, 35), sizing) == meshing.tetwild_recipe(BODY, sizing)
+    assert json.loads(meshing.mapped_recipe(EllipsoidShape(60, 35, 35), 6, 0.3))["semi_axes"] == [60.0, 35.0, 35.0]
 
 
 def test_lift_makes_the_fine_region_a_lens():
@@ -288,7 +288,7 @@ def test_soundness_is_that_of_the_worst_place():
 
 def test_large_rings_of_a_body_on_its_end_have_three_chords():
     """With two for a quarter, every mesh of a body that stands on its end lacked a tenth of its volume."""
-    tower = Ellipsoid(15.0, 15.0, 40.0)
+    tower = EllipsoidShape(15.0, 15.0, 40.0)
     vertices, _ = quarter_surface(tower, Sizing(0.75, 3.0, 0.65, 17.25, 1.0))
     rim = (vertices[:, 2] == 0.0) & (((vertices / tower.semi_axes) ** 2).sum(1) > 1 - 1e-9)
     assert rim.sum() >= 4

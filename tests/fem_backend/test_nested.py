@@ -34,7 +34,7 @@ def test_a_field_is_carried_from_mesh_to_mesh():
     assert np.abs(found - field(X)).max() < 2.0  # far away they are 20 mm long
 
 
-def model(level: str) -> modelling.Model:
+def model(level: str) -> modelling.AssembledModel:
     settings = experiment.read_settings({"mesh": {"level": level}})
     knobs = BACKEND.knobs(VALUES, settings)
     return modelling.model_for(settings, knobs, modelling.place(settings, knobs), None)

@@ -165,7 +165,7 @@ def test_too_deep_is_stopped_with_a_cause_and_what_was_reached(small):
     assert [p.travel for p in failure.points] == [1.0]
     assert failure.counters.cutbacks > 0 and failure.history
     assert "mm" in str(failure)
-    at = initial_state.bench(small.settings, small.knobs, small.placement, small.model, Counters())
+    at = initial_state.initial_state(small.settings, small.knobs, small.placement, small.model, Counters())
     reached = indentation.collect(at, failure.points, failure.counters, 0.0)
     # the points reached are answers like any other
     np.testing.assert_allclose(reached.Fz, small.solve([1.0]).Fz, rtol=1e-12)

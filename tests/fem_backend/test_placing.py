@@ -5,7 +5,7 @@ import pytest
 from skfem import MeshTet, MeshTet2
 
 from fem_backend import meshing
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 from fem_backend.kinematics import tetrahedra
 from fem_backend.meshing import BadMesh, Mesh
 from fem_backend.meshing.placing import moved, translated
@@ -13,11 +13,11 @@ from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation.experiment import read_settings
 from fem_backend.simulation.knobs import Knobs
 
-NOMINAL = Ellipsoid(60.0, 35.0, 35.0)
+NOMINAL = EllipsoidShape(60.0, 35.0, 35.0)
 QUARTER = meshing.mapped_quarter(NOMINAL, 8, 0.5)
 FINE = meshing.mapped_quarter(NOMINAL, 16, 0.6)
 POINTS = [(0.0, 0.0), (2.5, 2.5), (20.0, 0.0), (0.0, 20.0), (20.0, 20.0), (-20.0, 5.0)]
-BODIES = [NOMINAL, Ellipsoid(66.0, 31.5, 38.5), Ellipsoid(54.0, 38.5, 31.5)]
+BODIES = [NOMINAL, EllipsoidShape(66.0, 31.5, 38.5), EllipsoidShape(54.0, 38.5, 31.5)]
 FULL = (False, False)
 
 
@@ -111,7 +111,7 @@ def test_nodes_are_linear_in_the_semi_axes():
     for share in ((0.0, 0.0), (0.3, -0.2)):
         X = {}
         for scale in (0.9, 1.0, 1.1):
-            body = Ellipsoid(60.0 * scale, 35.0, 35.0 * scale**2)
+            body = EllipsoidShape(60.0 * scale, 35.0, 35.0 * scale**2)
             mesh = meshing.assemble(QUARTER, NOMINAL, body, (share[0] * body.a, share[1] * body.b), FULL)
             X[scale] = mesh.doflocs.T / body.semi_axes
         np.testing.assert_allclose(X[0.9], X[1.0], rtol=0, atol=1e-14)
@@ -137,7 +137,7 @@ def test_translation_moves_the_pole_and_keeps_angles():
 @pytest.mark.parametrize("axes", [(40.0, 40.0, 8.0), (80.0, 15.0, 15.0), (20.0, 50.0, 26.0)])
 def test_elements_stay_upright_on_flat_and_on_long_bodies(axes, share):
     """What stands on the top stands on the surface at the point; surface, rim and planes are those of the other map."""
-    body, (p, q), h = Ellipsoid(*axes), share, 1e-6
+    body, (p, q), h = EllipsoidShape(*axes), share, 1e-6
     pole = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0 - h]])
     down = np.diff(moved(pole, p, q, body), axis=0)[0] * body.semi_axes
     normal = np.array([p, q, np.sqrt(1 - p**2 - q**2)]) / body.semi_axes
@@ -156,7 +156,7 @@ def test_elements_stay_upright_on_flat_and_on_long_bodies(axes, share):
 
 def test_meshes_made_for_other_specimens_are_placed_upright(monkeypatch):
     """Leaning, a plate's force off the top was 4 to 8 % too large beside 2 % stated; the shipped meshes lean by 20°."""
-    flat, point = Ellipsoid(40.0, 40.0, 8.0), (14.0, 0.0)
+    flat, point = EllipsoidShape(40.0, 40.0, 8.0), (14.0, 0.0)
     quarter = meshing.mapped_quarter(flat, 6, 0.3)
     monkeypatch.setattr(meshing, "cached", lambda recipe: quarter)
     settings = read_settings({"specimen": {"semi_axes": flat.semi_axes.tolist()}, "point": point})
@@ -220,7 +220,7 @@ def test_points_that_cannot_be_are_refused():
     meshing.assemble(QUARTER, NOMINAL, NOMINAL, (0.0, 28.0), FULL)
     with pytest.raises(BadMesh, match=r"0\.81 semi-axes from the top, at most 0\.8"):
         meshing.assemble(QUARTER, NOMINAL, NOMINAL, (0.0, 28.4), FULL)
-    needle = Ellipsoid(60.0, 35.0, 3.0)
+    needle = EllipsoidShape(60.0, 35.0, 3.0)
     with pytest.raises(BadMesh, match="elements are spoilt"):
         meshing.assemble(QUARTER, NOMINAL, needle, (30.0, 20.0), FULL)
 

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 from fem_backend import meshing, post
 from fem_backend.contact import tractions
 from fem_backend.contact.tractions import quadratic_facets
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 from fem_backend.indenters import spherical_patch
 from fem_backend.indenters.sphere import Sphere
 from fem_backend.indenters.spherical_patch import contact_patch
@@ -20,8 +20,8 @@ from fem_backend.laws import LinearElastic, NeoHooke
 from fem_backend.materials import stress
 from fem_backend.post import pictures
 
-BODY = Ellipsoid(60.0, 35.0, 35.0)
-BALL = Ellipsoid(3.0, 3.0, 3.0)
+BODY = EllipsoidShape(60.0, 35.0, 35.0)
+BALL = EllipsoidShape(3.0, 3.0, 3.0)
 LAW = NeoHooke(mu=0.01, D1=5.8)
 
 

@@ -27,7 +27,9 @@ def lying(request):
     knobs = BACKEND.knobs({"mu": 0.01, "D1": 20.0}, settings)
     placement = assembly.place(settings, knobs)
     counters = Counters()
-    at = initial_state.bench(settings, knobs, placement, assembly.model_for(settings, knobs, placement, None), counters)
+    at = initial_state.initial_state(
+        settings, knobs, placement, assembly.model_for(settings, knobs, placement, None), counters
+    )
     u, exact = at.seated, replace(at.system, factor=direct.precise(at.model.body.pattern))
     for springs in (1e5, 1e4, 1e3):
         load = replace(at.start(0.3), springs=springs)
@@ -153,7 +155,9 @@ def test_a_body_that_rolls_over_when_seated_tightly_stays_as_it_lay(monkeypatch)
     monkeypatch.setattr(load_steps, "seat", seat)
     monkeypatch.setattr(initial_state, "_lag", lambda at, u: np.inf if len(seats) == 1 else lag(at, 0.0 * u))
     counters = Counters()
-    at = initial_state.bench(settings, knobs, placement, assembly.model_for(settings, knobs, placement, None), counters)
+    at = initial_state.initial_state(
+        settings, knobs, placement, assembly.model_for(settings, knobs, placement, None), counters
+    )
     assert counters.loose == 1
     assert seats == [settings.control.seating, settings.control.loose]
     np.testing.assert_array_equal(at.seated, 0.2)

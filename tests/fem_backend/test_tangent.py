@@ -79,7 +79,9 @@ def state(dimple, b) -> tuple[System, np.ndarray, Load]:
     before = []
     for pair, touch in zip(system.pairs, b.load(2.0).touches, strict=True):
         x = b.model.body.nodes + 0.99 * u
-        before.append(tractions.remember(pair, x, touch, tractions.evaluate(replace(pair, friction=0.0), x, touch)))
+        before.append(
+            tractions.contact_history(pair, x, touch, tractions.evaluate(replace(pair, friction=0.0), x, touch))
+        )
     if history is not None:
         H = newton.evaluate(system, 0.9 * u, replace(load.touching(_with(load, before)), history=history))
         history = H.history
@@ -185,7 +187,7 @@ def test_search_without_a_potential_finds_the_same_state(small):
     frictional = replace(system, indenter=replace(system.indenter, friction=1e-30))
     x = small.model.body.nodes
     touch = load.indenter
-    before = tractions.remember(system.indenter, x, touch, tractions.evaluate(system.indenter, x, touch))
+    before = tractions.contact_history(system.indenter, x, touch, tractions.evaluate(system.indenter, x, touch))
     u = np.zeros_like(x)
     one = newton.solve(system, u, load, 1e-10, Counters())
     two = newton.solve(frictional, u, replace(load, indenter=replace(touch, before=before)), 1e-10, Counters())

@@ -8,7 +8,7 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
 from fem_backend import meshing
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing import BadMesh, templates
 
 NOMINAL = templates.NOMINAL
@@ -44,7 +44,7 @@ def test_levels_get_finer():
 def test_templates_stand_being_moved(level, point):
     """Quality and volume go down with the distance from the top but no element is spoilt."""
     mesh = meshing.template_mesh(level)
-    for body in (NOMINAL, Ellipsoid(66.0, 31.5, 38.5)):
+    for body in (NOMINAL, EllipsoidShape(66.0, 31.5, 38.5)):
         placed = meshing.assemble(mesh, NOMINAL, body, point, (False, False))
         assert meshing.scaled_jacobian(placed).min() > 0.07
         np.testing.assert_allclose(volume(placed), body.volume(), rtol=8e-3)
@@ -64,7 +64,7 @@ def test_recipe_names_the_numbers():
     assert recipe["sha256"] == hashlib.sha256(mesh.vertices.tobytes() + mesh.tets.tobytes()).hexdigest()
     with pytest.raises(BadMesh, match="not the one of the recipe"):
         meshing.make(json.dumps({**recipe, "sha256": "0" * 64}))
-    larger = Ellipsoid(120.0, 70.0, 70.0)
+    larger = EllipsoidShape(120.0, 70.0, 70.0)
     np.testing.assert_array_equal(meshing.make(json.dumps(recipe)).vertices, mesh.vertices)
     scaled = meshing.make(meshing.template_recipe("coarse", larger)).vertices
     np.testing.assert_array_equal(scaled, 2.0 * mesh.vertices)
@@ -81,10 +81,10 @@ def test_templates_are_not_copied_to_the_cache(tmp_path, monkeypatch):
 
 def test_fit_of_the_templates():
     """They fit a body of the reference size and any enlargement of body and indenter together."""
-    assert meshing.template_fits(NOMINAL, 3.0) and meshing.template_fits(Ellipsoid(120.0, 70.0, 70.0), 6.0)
-    assert meshing.template_fits(Ellipsoid(66.0, 31.5, 38.5), 3.0)
+    assert meshing.template_fits(NOMINAL, 3.0) and meshing.template_fits(EllipsoidShape(120.0, 70.0, 70.0), 6.0)
+    assert meshing.template_fits(EllipsoidShape(66.0, 31.5, 38.5), 3.0)
     assert not meshing.template_fits(NOMINAL, 6.0)
-    assert not meshing.template_fits(Ellipsoid(35.0, 35.0, 35.0), 3.0)
+    assert not meshing.template_fits(EllipsoidShape(35.0, 35.0, 35.0), 3.0)
 
 
 # ------------------------------------------------------------------------------------------------- refined

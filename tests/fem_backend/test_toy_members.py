@@ -27,7 +27,8 @@ from fem_backend.supports.fixed import Fixed
 from rso.cli.checking import check
 from rso.contract import Case, Programme, knob, run_key
 from rso.discrepancy.library.effects import catalogue
-from rso.study import StudyError, load
+from rso.study.errors import StudyError
+from rso.study.loader import load
 
 # ---------------------------------------------------------------------------------------------------------- members
 
@@ -47,7 +48,7 @@ class Block:
     half: float
     height: float
 
-    class Table(members.Table):
+    class Table(members.MemberTable):
         """{ shape = "block", half = 20.0, height = 15.0 }"""
 
         shape: Literal["block"] = "block"
@@ -158,7 +159,7 @@ class Paraboloid:
 
     tip: float
 
-    class Table(members.Table):
+    class Table(members.MemberTable):
         """{ shape = "paraboloid", tip = 4.0 }"""
 
         shape: Literal["paraboloid"] = "paraboloid"
@@ -258,7 +259,7 @@ class Paraboloid:
 class Smooth(Fixed):
     """The part `lower` stays in its plane and is free to slide there: symmetry has to hold the rest."""
 
-    class Table(members.Table):
+    class Table(members.MemberTable):
         """{ kind = "smooth" }"""
 
         kind: Literal["smooth"] = "smooth"
@@ -285,7 +286,7 @@ class Exponential(Isotropic):
 
     stiffens: float = 0.0
 
-    class Table(law.Table):
+    class Table(law.LawTable):
         """{ law = "exponential" }"""
 
         law: Literal["exponential"] = "exponential"

@@ -6,11 +6,11 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
 from fem_backend import meshing
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 from fem_backend.kinematics import tetrahedra
 from fem_backend.materials import zones
 
-BODY = Ellipsoid(60.0, 35.0, 35.0)
+BODY = EllipsoidShape(60.0, 35.0, 35.0)
 BELOW = np.array([0.0, 0.0, 25.0])
 
 

@@ -11,7 +11,7 @@ import sample_studies as studies
 from fem_backend.backend import BACKEND
 from rso.cli import main
 from rso.study.loader import load
-from rso.study.new_study import Test, begin
+from rso.study.new_study import NewTest, begin
 
 BODY = ("--semi-axes", "60", "35", "35", "--radius", "3")
 
@@ -254,7 +254,7 @@ def test_a_ball_that_is_pulled_in_opens_adhesion_about_what_was_put_in(tmp_path)
     text = begin(
         tmp_path / "study.toml",
         BACKEND,
-        Test({"semi-axes": (30.0, 30.0, 30.0), "radius": (R,)}),
+        NewTest({"semi-axes": (30.0, 30.0, 30.0), "radius": (R,)}),
         [str(tmp_path / "a.csv")],
     )
     read = tomllib.loads(text)["parameters"]
@@ -272,7 +272,7 @@ def test_a_modulus_that_is_none_is_refused(tmp_path):
         begin(
             tmp_path / "study.toml",
             BACKEND,
-            Test({"semi-axes": (30.0, 30.0, 30.0), "radius": (3.0,)}),
+            NewTest({"semi-axes": (30.0, 30.0, 30.0), "radius": (3.0,)}),
             [str(tmp_path / "a.csv")],
         )
 

@@ -19,7 +19,7 @@ from rso.contract import Parameter
 from rso.core.similarity import group
 from rso.doe import Box
 from rso.evaluation.store import RunStore
-from rso.inference import Data, Frame, Sight, on_runs, tangents
+from rso.inference import Data, EvaluatedPoint, TangentFrame, on_runs, tangents
 from rso.inference.gauss_newton import contradiction
 from rso.report import render
 from rso.report.terminal import summary
@@ -287,17 +287,17 @@ def test_the_report_shows_every_point(known, tmp_path):
 # ------------------------------------------------------------------------------------------------------ without a study
 
 
-def frame(similar: bool = True) -> Frame:
+def frame(similar: bool = True) -> TangentFrame:
     parameters = [
         Parameter("mu", "", "MPa", 0.003, 0.04),
         Parameter("D1", "", "1/MPa", 1.0, 170.0),
     ]
     found = group(parameters, {"Fz": "N"})
     box = Box(("mu", "D1"), ("MPa", "1/MPa"), (0.003, 1.0), (0.04, 170.0), (True, True))
-    return Frame(box, found if similar else dataclasses.replace(found, reference=None), np.ones(20))
+    return TangentFrame(box, found if similar else dataclasses.replace(found, reference=None), np.ones(20))
 
 
-def sight(f: Frame, x: np.ndarray, sign: float = 1.0) -> Sight:
+def sight(f: TangentFrame, x: np.ndarray, sign: float = 1.0) -> EvaluatedPoint:
     h, theta = np.linspace(0.1, 2, 20), f.box.from_unit(x)
 
     def F(t: np.ndarray) -> np.ndarray:
@@ -306,7 +306,7 @@ def sight(f: Frame, x: np.ndarray, sign: float = 1.0) -> Sight:
     ends = [(F(theta * (1 + 1e-6 * e)) - F(theta * (1 - 1e-6 * e))) / 2e-6 for e in np.eye(2)]
     J = np.stack(ends, axis=1) / theta
     J[:, 1] *= sign
-    return Sight(np.asarray(x, float), F(theta), J)
+    return EvaluatedPoint(np.asarray(x, float), F(theta), J)
 
 
 @pytest.mark.parametrize("similar", [True, False])

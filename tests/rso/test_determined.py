@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rso import emulation
-from rso.calibration.confirmed_optimum import Settled
+from rso.calibration.confirmed_optimum import ConfirmedOptimum
 from rso.calibration.identification_stage import doubted
 from rso.core.curves import Resampling, between
 from rso.doe import Box, sobol
@@ -172,6 +172,6 @@ def test_what_lies_between_computed_depths_is_within_what_is_stated(power):
 @pytest.mark.parametrize(("poor", "word"), [((), "determined"), (("e:Fz@1",), "weakly")])
 def test_nothing_is_determined_while_surrogates_miss_their_tolerance(poor, word):
     misfit = made(lambda t: t[:, :1] * AT + t[:, 1:2], SUM, (0.5, 0.4), 0.01)
-    d = doubted(determine(misfit, seed=0, mcmc=False), Settled(None, (), 0.001, 1.0, True, poor=poor))
+    d = doubted(determine(misfit, seed=0, mcmc=False), ConfirmedOptimum(None, (), 0.001, 1.0, True, poor=poor))
     assert [k.verdict.word for k in d.known] == [word] * 2
     assert all(("e:Fz@1" in k.reason) == bool(poor) for k in d.known)

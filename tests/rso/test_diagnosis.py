@@ -139,7 +139,7 @@ def test_forms_share_the_prior_of_their_cause_and_one_place_teaches_nothing_of_a
     y = plan.values()
     evidence = attribution.Evidence(attribution.set_up(library, y), library.effects)
     pair = tuple(e for e in library.effects if e.name in ("stiff", "shift"))
-    (contest,) = attribution.contests(evidence, y[None], [pair])
+    (contest,) = attribution.comparisons(evidence, y[None], [pair])
     P = {}
     for h, p in zip(contest.hypotheses, np.exp(contest.log_prior), strict=True):
         key = (*sorted(e.source for e in h.effects), h.unexplained)
@@ -624,7 +624,7 @@ def test_the_average_holds_all_hypotheses_by_their_probability():
     library = tables(NAMES, False)
     stiff, skin = (Hypothesis((next(e for e in library.effects if e.name == n),)) for n in ("stiff", "skin"))
     none, s = Hypothesis(()), np.log([0.7, 0.29, 0.01 - 1e-4, 1e-4])
-    contest = attribution.Contest((none, stiff, skin, Hypothesis((), True)), s, np.zeros(4))
+    contest = attribution.Comparison((none, stiff, skin, Hypothesis((), True)), s, np.zeros(4))
     shares = marginal_ranges._shares(contest, none)
     assert list(shares) == [none, stiff, skin] and abs(sum(shares.values()) - 1.0) < 1e-12
     assert abs(shares[none] - 0.7) < 0.01 and abs(shares[stiff] - 0.29) < 0.01
@@ -657,7 +657,7 @@ def test_what_a_plan_can_see_is_what_the_verdict_finds(monkeypatch):
     library = tables(NAMES, False)
     y = library.plan.values()
     evidence = attribution.Evidence(attribution.set_up(library, y), library.effects)
-    null = np.array([c.statistic for c in attribution.contests(evidence, attribution.nulls(evidence, y, 400, 5))])
+    null = np.array([c.statistic for c in attribution.comparisons(evidence, attribution.nulls(evidence, y, 400, 5))])
     assert np.quantile(null, 0.5) < 0.0 and np.mean(null > 0.0) < 0.1
     base, rng, over = evidence.ready(()), np.random.default_rng(3), []
     centre = base.tiles.at[int(np.argmax(room.log_tiles(base, base.white(y)[None])[0]))]
@@ -665,7 +665,7 @@ def test_what_a_plan_can_see_is_what_the_verdict_finds(monkeypatch):
         r = evidence.ready((seen.effect,))
         for t, (_, power) in zip(room._ladder(evidence, seen.effect, centre), seen.power, strict=True):
             Y = base.white.L @ r.middle(t) + rng.standard_normal((100, len(y))) @ base.white.L.T
-            over.append(power - np.mean([c.statistic > 0.0 for c in attribution.contests(evidence, Y)]))
+            over.append(power - np.mean([c.statistic > 0.0 for c in attribution.comparisons(evidence, Y)]))
     assert abs(np.mean(over)) < 0.05, over
 
 

@@ -252,7 +252,7 @@ def test_what_the_settings_of_a_support_set_are_effects_by_themselves():
 def test_an_inclusion_of_the_catalogue_lies_in_the_specimen(axes):
     """Depths to 30 mm were computed in a body of 30 mm from top to bottom: a third of its nodes failed."""
     from fem_backend.backend import BACKEND
-    from fem_backend.geometry import Ellipsoid
+    from fem_backend.geometry import EllipsoidShape
     from fem_backend.materials import zones
 
     settings = {"specimen": {"shape": "ellipsoid", "semi_axes": list(axes)}, "indenter": {"radius": 2.0}}
@@ -261,7 +261,7 @@ def test_an_inclusion_of_the_catalogue_lies_in_the_specimen(axes):
     x, deep = e.shape
     assert (x.name, deep.name) == ("inclusion_x", "inclusion_depth") and deep.low < deep.high and x.low < 0.0 < x.high
     centres = np.array([[a, 0.0, axes[2] - d] for a in (x.low, 0.0, x.high) for d in np.linspace(deep.low, deep.high)])
-    assert zones.depth(Ellipsoid(*axes), centres).min() > radius
+    assert zones.depth(EllipsoidShape(*axes), centres).min() > radius
 
 
 def test_an_inclusion_is_plausible_as_usual_where_it_fits_and_not_at_all_where_it_cannot():

@@ -10,7 +10,7 @@ import pytest
 
 from rso import discrepancy
 from rso.contract import plain
-from rso.discrepancy import Base, BaseAxis, Library, build, finalists, make_plan, mended, story
+from rso.discrepancy import Base, BaseAxis, Library, build, corrected_library, finalists, make_plan, story
 from rso.discrepancy.evidence import attribution
 from rso.discrepancy.evidence.attribution import Evidence
 from rso.discrepancy.evidence.cross_validation import _at
@@ -170,7 +170,7 @@ def test_a_cause_is_computed_anew_with_the_fixed_value():
     own, d = diagnose(D1=D1, truth={"soften": 0.25})
     picks, seen = finalists(own, d), []
     assert [e.name for e in picks] == ["soften"]
-    _, check = mended(own, picks, lambda tasks: seen.extend(tasks) or toy.run(tasks))
+    _, check = corrected_library(own, picks, lambda tasks: seen.extend(tasks) or toy.run(tasks))
     (at,) = picks.values()
     np.testing.assert_allclose([t.values["D1"] * t.values["mu"] for t in seen], D1 * np.exp(at[0]), rtol=1e-9)
     assert check.failed == 0 and check.rms < 0.01

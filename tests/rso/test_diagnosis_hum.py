@@ -10,7 +10,7 @@ from scipy.signal import butter, lfilter
 
 from rso.data import Repeat
 from rso.discrepancy import make_plan
-from rso.discrepancy.detectors.periodic import hum
+from rso.discrepancy.detectors.periodic import periodic_line
 
 
 def plan_with(change, seed: int = 0, repeats: int = 5, readings: int = 60):
@@ -36,7 +36,7 @@ def test_a_hum_of_the_size_of_the_scatter_is_found(cycles):
         seen["f"], seen["a"] = 1 / period, 1.7 * white(F)
         return F + seen["a"] * np.sin(2 * np.pi * t / period + rng.uniform(0, 6))
 
-    found = hum(plan_with(swing))
+    found = periodic_line(plan_with(swing))
     assert found.there and found.channel == "Fz"
     # the spectrum resolves 1 / duration; five records of one size fix the amplitude to about a tenth
     np.testing.assert_allclose(found.frequency, seen["f"], atol=0.5 * seen["f"] / cycles)
@@ -62,7 +62,7 @@ def test_what_an_amplifier_lets_pass_is_no_hum(how, repeats):
             v = FILTERS[how](rng.standard_normal(2300))[2000:]
             F = 0.04 * u**1.5 + 3e-3 * v / v.std()
             records.append(Repeat(str(k), u, u / 0.5, {"Fz": F}, {}, np.full(len(u), "loading")))
-        assert not hum(make_plan([toy.experiment("a", tuple(records))])).there
+        assert not periodic_line(make_plan([toy.experiment("a", tuple(records))])).there
 
 
 def test_a_hum_is_found_beside_what_a_filter_lets_pass():
@@ -72,7 +72,7 @@ def test_a_hum_is_found_beside_what_a_filter_lets_pass():
         v = FILTERS["Butterworth 0.05"](rng.standard_normal(2300))[2000:]
         F = 0.04 * u**1.5 + 3e-3 * v / v.std() + 3e-3 * np.sin(2 * np.pi * 3.0 * u / 0.5 + rng.uniform(0, 6))
         records.append(Repeat(str(k), u, u / 0.5, {"Fz": F}, {}, np.full(len(u), "loading")))
-    found = hum(make_plan([toy.experiment("a", tuple(records))]))
+    found = periodic_line(make_plan([toy.experiment("a", tuple(records))]))
     assert found.there
     np.testing.assert_allclose(found.frequency, 3.0, atol=0.1)  # 1 / (8 s) is resolved
 
@@ -86,11 +86,11 @@ def coloured(t, F, rng, ρ=0.8):
 
 @pytest.mark.parametrize("change", [lambda t, F, rng: F, coloured, lambda t, F, rng: F * (1 + 0.2 * t / t.max())])
 def test_scatter_and_bends_are_no_hum(change):
-    assert not any(hum(plan_with(change, seed)).there for seed in range(25))
+    assert not any(periodic_line(plan_with(change, seed)).there for seed in range(25))
 
 
 def test_too_few_readings_say_nothing():
-    found = hum(plan_with(lambda t, F, rng: F, readings=12))
+    found = periodic_line(plan_with(lambda t, F, rng: F, readings=12))
     assert found.log10_p == 0.0 and not found.there
 
 
@@ -98,14 +98,14 @@ def test_too_few_readings_say_nothing():
 def test_a_coarse_or_broken_clock_says_nothing_and_breaks_nothing(clock):
     rng = np.random.default_rng(0)
     recorded = [dataclasses.replace(r, time=clock(r.time)) for r in toy.recorded(toy.TRUTH, rng, readings=60)]
-    assert not hum(make_plan([toy.experiment("a", tuple(recorded))])).there
+    assert not periodic_line(make_plan([toy.experiment("a", tuple(recorded))])).there
 
 
 def test_a_fast_recorder_is_averaged_and_a_hum_still_found():
     def swing(t, F, rng):
         return F + 1.7 * white(F) * np.sin(2 * np.pi * 7.0 * t / np.ptp(t) + rng.uniform(0, 6))
 
-    assert hum(plan_with(swing, readings=20_000, repeats=2)).there
+    assert periodic_line(plan_with(swing, readings=20_000, repeats=2)).there
 
 
 def speeds_with(change):
@@ -122,10 +122,10 @@ def speeds_with(change):
 def test_what_is_periodic_in_travel_is_found_at_all_speeds_together():
     period = 0.45
     swing = lambda u, F: F + 1.2 * toy.WHITE * np.sin(2 * np.pi * u / period)  # noqa: E731
-    found = hum(speeds_with(swing))
+    found = periodic_line(speeds_with(swing))
     assert found.there and found.along == "travel"
     np.testing.assert_allclose(found.frequency, 1 / period, rtol=0.03)  # a branch is 9 periods long
-    assert not hum(speeds_with(lambda u, F: F)).there
+    assert not periodic_line(speeds_with(lambda u, F: F)).there
 
 
 @pytest.mark.parametrize("step", [0.02, 0.05, 0.1])
@@ -134,14 +134,14 @@ def test_the_steps_of_an_encoder_are_no_hum(step):
     rng = np.random.default_rng(1)
     recorded = toy.recorded(toy.TRUTH, rng, readings=480, repeats=3)
     coarse = [dataclasses.replace(r, depth=np.round(r.depth / step) * step) for r in recorded]
-    assert not hum(make_plan([toy.experiment("a", tuple(coarse))])).there
+    assert not periodic_line(make_plan([toy.experiment("a", tuple(coarse))])).there
 
 
 def test_the_steps_of_an_encoder_would_be_a_hum(monkeypatch):
     recorded = toy.recorded(toy.TRUTH, np.random.default_rng(1), readings=480, repeats=3)
     coarse = [dataclasses.replace(r, depth=np.round(r.depth / 0.1) * 0.1) for r in recorded]
     monkeypatch.setattr("rso.discrepancy.detectors.periodic._levels", lambda depth: None)
-    assert hum(make_plan([toy.experiment("a", tuple(coarse))])).there
+    assert periodic_line(make_plan([toy.experiment("a", tuple(coarse))])).there
 
 
 def test_without_times_a_line_over_the_travel_is_found_and_scatter_is_none():
@@ -152,7 +152,7 @@ def test_without_times_a_line_over_the_travel_is_found_and_scatter_is_none():
         for k in range(3):
             F = 0.04 * u**1.5 + 3e-3 * rng.standard_normal(300) + amplitude * np.sin(2 * np.pi * u / 0.4 + k)
             records.append(Repeat(str(k), u, None, {"Fz": F}, {}, np.full(300, "loading")))
-        found = hum(make_plan([toy.experiment("a", tuple(records))]))
+        found = periodic_line(make_plan([toy.experiment("a", tuple(records))]))
         assert found.there == (amplitude > 0.0)
         if found.there:
             assert found.along == "travel"

@@ -10,14 +10,14 @@ import pytest
 from rso.contract import Case, Parameter, Programme, Response
 from rso.core.curves import Resampling
 from rso.data import Chain, Repeat, record
-from rso.discrepancy import Base, build, make_plan, mended
+from rso.discrepancy import Base, build, corrected_library, make_plan
 from rso.discrepancy.library.effects import Effect, Size, catalogue, localised
 from rso.discrepancy.library.interpolation import Nodes, nodes
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.responses import changed
 from rso.discrepancy.library.simulations import Pass
-from rso.discrepancy.library.tables import Library, PlaceTables, Table, _carried, _transfer
-from rso.discrepancy.library.test_plan import Place
+from rso.discrepancy.library.tables import Library, LibraryTable, PlaceTables, _carried, _transfer
+from rso.discrepancy.library.test_plan import TestPlace
 from rso.evaluation.store import Failed
 
 MU = 0.012
@@ -242,7 +242,7 @@ def test_a_test_done_elsewhere_changes_its_own_place_alone(where):
         assert worst(library, (e.name,), (CENTRE, s), {"shift": s}, places=(where,))[0] < tolerance, s
         other = worst(library, (e.name,), (CENTRE, s), {}, places=(1 - where,))[0]
         assert other == worst(library, (), (CENTRE,), {}, places=(1 - where,))[0]
-    mends, check = mended(library, {e: np.array([CENTRE, 2.0])}, toy.run)
+    mends, check = corrected_library(library, {e: np.array([CENTRE, 2.0])}, toy.run)
     assert check.runs == 1 and check.failed == 0  # that place only
     assert worst(mends, (e.name,), (CENTRE, 2.0), {"shift": 2.0}, places=(where,))[0] < 0.003
 
@@ -409,7 +409,7 @@ def test_a_run_that_ends_at_the_turn_says_nothing_of_the_way_back(reached):
     failed = Failed("k", {}, case, "contact", "", partial)
     base = Resampling(asked, np.stack([0 * asked, 0 * asked, asked**1.5], axis=1))
     ways = [Pass(None, 0.0), Pass(4.0, 0.0)]
-    change, lost = changed(ways, asked, Place({}, 4.0, (4.0,)), 1.0, [failed, failed], base)
+    change, lost = changed(ways, asked, TestPlace({}, 4.0, (4.0,)), 1.0, [failed, failed], base)
     np.testing.assert_allclose(change[0, 2], 0.2, atol=1e-12)
     assert lost == (reached == "the turn")
     np.testing.assert_allclose(change[1, 2, 2], -0.4 if lost == 0 else 0.0, atol=1e-12)
@@ -460,7 +460,7 @@ def test_equal_runs_are_asked_once(tmp_path):
 def test_a_mended_library_says_what_was_simulated_there_and_nothing_new_elsewhere(library, name, at):
     e, κ = effect(library, name), CENTRE + 0.3
     point = np.array([κ, *at])
-    new, check = mended(library, {e: point}, toy.run)
+    new, check = corrected_library(library, {e: point}, toy.run)
     assert check.failed == 0 and check.runs >= len(library.places) and check.largest > 1e-5
     knobs = {"mu": MU, "D1": float(np.exp(κ)) / MU} | {
         q.name: float(q.value(s)) for q, s in zip(e.knobs, at, strict=True)
@@ -474,7 +474,7 @@ def test_a_mended_library_says_what_was_simulated_there_and_nothing_new_elsewher
     # what is left lies between the nine travels of a run, not between sizes (unloading: peaks to 0.1 mm besides)
     assert off[1] < max(0.35 * off[0], 2e-3), off
     # the same point again: nothing left to mend
-    _, again = mended(new, {e: point}, toy.run)
+    _, again = corrected_library(new, {e: point}, toy.run)
     assert again.largest < 1e-9
     far = point.copy()
     far[1] = point[1] * 0.08  # six Gaussian lengths away
@@ -488,22 +488,22 @@ def test_a_mended_library_says_what_was_simulated_there_and_nothing_new_elsewher
 def test_mending_twice_at_nearly_one_size_leads_nowhere(library, name, at):
     """The size moves a little from round to round: a line through both swung far beyond all that was known."""
     e = effect(library, name)
-    once, _ = mended(library, {e: np.array([CENTRE + 0.6, *at])}, toy.run)
-    twice, check = mended(once, {e: np.array([CENTRE - 0.6, at[0] * 1.0006, *at[1:]])}, toy.run)
+    once, _ = corrected_library(library, {e: np.array([CENTRE + 0.6, *at])}, toy.run)
+    twice, check = corrected_library(once, {e: np.array([CENTRE - 0.6, at[0] * 1.0006, *at[1:]])}, toy.run)
     assert check.largest > 1e-4
     X = np.array([[CENTRE, s, *at[1:]] for s in np.geomspace(e.size.low, e.size.high, 40)])
     before, after = (predict(v, (e,), X, MU)[0] for v in (once, twice))
     scale = np.abs(before).max()
     assert np.abs(after - before).max() < 2.0 * check.largest * scale
     point = np.array([[CENTRE - 0.6, at[0] * 1.0006, *at[1:]]])
-    _, again = mended(twice, {e: point[0]}, toy.run)
+    _, again = corrected_library(twice, {e: point[0]}, toy.run)
     assert again.largest < 1e-9
 
 
 def test_a_failed_finalist_mends_nothing_and_is_counted(library):
     e = effect(library, "skin")
     fails = lambda tasks: [Failed("k", "inversion", "no answer", None, ()) for _ in tasks]  # noqa: E731
-    new, check = mended(library, {e: np.array([CENTRE, 0.5])}, fails)
+    new, check = corrected_library(library, {e: np.array([CENTRE, 0.5])}, fails)
     assert check.failed == check.runs > 0 and check.largest is None and new.mended == {}
 
 
@@ -517,12 +517,12 @@ def test_what_sits_beside_one_point_sits_below_another():
     e = Effect("body", "a body inside", "model", Size("ratio", "its ratio", "1", 0.1, 10.0, 1.0), (where,))
     travel = np.linspace(0.1, 1.0, 5)
 
-    def table(primary: bool, x0: float) -> Table:
+    def table(primary: bool, x0: float) -> LibraryTable:
         own = nodes(e, primary, (0.1, 1.0))
         s, x = own.points.T
         change = (s * bell(x - x0))[:, None, None, None] * travel * np.array([1.0, 0.2, 1.0])[:, None]
         change[:, :, 1] *= np.sign(x)[:, None, None]
-        return Table(own, change, np.zeros((len(s), 0)), np.ones(len(s), bool))
+        return LibraryTable(own, change, np.zeros((len(s), 0)), np.ones(len(s), bool))
 
     top, aside = table(True, 0.0), table(False, 16.0)
     at = np.array([[1.0, x] for x in (-12.0, -4.0, 0.0, 6.0, 13.0)])
@@ -539,9 +539,9 @@ def test_another_support_is_known_at_as_many_sizes_as_can_be_paid_for(dear):
     saturating = lambda s: -0.5 * np.exp(2 * s) / (0.6 + np.exp(2 * s))  # noqa: E731
     travel = np.linspace(0.1, 1.0, 5)
 
-    def table(own: Nodes, factor: float) -> Table:
+    def table(own: Nodes, factor: float) -> LibraryTable:
         change = factor * saturating(own.points[:, 0])[:, None, None, None] * np.ones((3, 1)) * travel
-        return Table(own, change, np.zeros((len(own.points), 0)), np.ones(len(own.points), bool))
+        return LibraryTable(own, change, np.zeros((len(own.points), 0)), np.ones(len(own.points), bool))
 
     top = table(nodes(clearance, True, (0.1, 1.0)), 0.4)
     aside = table(nodes(clearance, False, (0.1, 1.0), dear), 1.0)
@@ -630,7 +630,7 @@ def test_the_shape_of_a_curve_is_carried_to_another_place_in_proportion(factor):
         change = np.zeros((len(s), 2, 3, len(u)))
         change[:, 1, 2] = -factor * s[:, None] * (1 - np.tanh(u / peak / np.exp(m)[:, None]))
         base = np.stack([0.0 * u, 0.0 * u, u**1.5])[None]
-        table = Table(own, change, np.zeros((len(s), 0)), np.ones(len(s), bool))
+        table = LibraryTable(own, change, np.zeros((len(s), 0)), np.ones(len(s), bool))
         none = np.zeros((3, len(u)))
         return PlaceTables(u, ways, base, np.zeros((1, 0)), none, np.zeros((2, *none.shape)), none, {"soften": table})
 

@@ -9,7 +9,7 @@ import pytest
 from rso.discrepancy import build, make_plan
 from rso.discrepancy.evidence import model_form_tolerance
 from rso.discrepancy.evidence.hypotheses import tiles
-from rso.discrepancy.evidence.model_form_tolerance import LATERAL, LOOP, SHARE, WAY, loops, loosened
+from rso.discrepancy.evidence.model_form_tolerance import LATERAL, LOOP, SHARE, WAY, loops, with_tolerance
 from rso.discrepancy.library.prediction import predict
 
 MODULUS = 0.012
@@ -54,9 +54,9 @@ def test_a_loop_lives_on_the_way_back_and_is_the_widest_one_at_its_base(library)
 @pytest.mark.parametrize(("name", "more"), [("soften", True), ("stiff", False)])
 def test_only_what_rubs_may_come_back_otherwise(library, name, more):
     effects, t, base = own(library, name)
-    loose = loosened(library, effects, t, base, MODULUS)
+    loose = with_tolerance(library, effects, t, base, MODULUS)
     added = loose.sd[len(t.sd) :]
-    ordinary = len(loosened(dataclasses.replace(library, rubbing=frozenset()), effects, t, base, MODULUS).sd)
+    ordinary = len(with_tolerance(dataclasses.replace(library, rubbing=frozenset()), effects, t, base, MODULUS).sd)
     assert len(loose.sd) - ordinary == more
     assert not more or added[-1] == LOOP
     assert set(added[: len(added) - more]) == {SHARE, LATERAL}
@@ -64,7 +64,7 @@ def test_only_what_rubs_may_come_back_otherwise(library, name, more):
 
 def test_an_effect_may_be_stronger_in_one_part_alone(library):
     effects, t, base = own(library, "stiff")
-    loose = loosened(library, effects, t, base, MODULUS)
+    loose = with_tolerance(library, effects, t, base, MODULUS)
     change = loose.lift(loose.D[:, len(t.sd) :])  # (T, parts, n)
     acts = np.abs(change).max(axis=0) > 1e-9
     assert np.all(acts.sum(axis=0) <= 1)  # no reading belongs to two parts
@@ -74,7 +74,7 @@ def test_an_effect_may_be_stronger_in_one_part_alone(library):
 
 def test_another_support_may_have_another_size_at_each_place(library):
     effects, t, base = own(library, "clearance")
-    loose = loosened(library, effects, t, base, MODULUS)
+    loose = with_tolerance(library, effects, t, base, MODULUS)
     places = sorted({item.place for item, c, _ in library.plan.rows() if c == "Fz"})
     assert set(loose.sd[len(t.sd) : -len(places)]) == {SHARE, LATERAL}
     assert set(loose.sd[-len(places) :]) == {WAY}
@@ -96,7 +96,7 @@ def test_another_support_may_have_another_size_at_each_place(library):
 
 def test_another_support_is_weaker_in_proportion_and_holds_nothing_where_it_held_nothing(library):
     effects, t, base = own(library, "clearance")
-    loose = loosened(library, effects, t, base, MODULUS)
+    loose = with_tolerance(library, effects, t, base, MODULUS)
     places = {item.place for item, c, _ in library.plan.rows() if c == "Fz"}
     more = loose.lift(loose.D[:, len(t.sd) : len(loose.sd) - len(places)]).sum(axis=1)
     F, F0 = t.lift(t.A), base.lift(base.A)[[int(np.argmin(np.abs(base.at[:, 0] - x))) for x in t.at[:, 0]]]

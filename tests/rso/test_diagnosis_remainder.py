@@ -17,7 +17,7 @@ from rso.discrepancy.evidence import attribution
 from rso.discrepancy.evidence.attribution import Evidence
 from rso.discrepancy.evidence.gaussian_mixture import posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
-from rso.discrepancy.evidence.residual_test import LEVEL, Remainder, _changes, remainder
+from rso.discrepancy.evidence.residual_test import LEVEL, ResidualScore, _changes, residual_score
 from rso.discrepancy.evidence.verdict import beside
 from rso.discrepancy.library.prediction import predict
 
@@ -57,38 +57,41 @@ def test_the_true_cause_leaves_noise(name, size):
     evidence, y = evidence_of(1, {name: size})
     own = of(evidence, name)
     Y = attribution.simulated(evidence, own.effects, y, 60, 5)
-    there = sum(remainder(evidence, own, v, k).there for k, v in enumerate(Y))
+    there = sum(residual_score(evidence, own, v, k).there for k, v in enumerate(Y))
     assert there <= binom.ppf(0.999, len(Y), LEVEL)
 
 
 @pytest.mark.parametrize("chain", [{"bias": 0.03}, {"drift": 0.003}])
 def test_a_second_effect_shows_in_what_the_first_leaves(chain):
     evidence, y = evidence_of(2, {"stiff": 0.6}, **chain)
-    found = remainder(evidence, of(evidence, "stiff"), y, 0)
+    found = residual_score(evidence, of(evidence, "stiff"), y, 0)
     assert found.there and found.effect.name == next(iter(chain)), found
     alone, y = evidence_of(2, {"stiff": 0.6})
-    assert not remainder(alone, of(alone, "stiff"), y, 0).there
+    assert not residual_score(alone, of(alone, "stiff"), y, 0).there
 
 
 def test_what_the_cause_itself_can_move_is_no_remainder():
     """A catalogue of the cause and its look-alike alone has nothing to look for."""
     evidence, y = evidence_of(3, {"stiff": 0.6}, names=("stiff", "twin"), bias=0.03)
-    found = remainder(evidence, of(evidence, "stiff"), y, 0)
-    assert found.score < 0.5 * remainder(*_with("bias", 3), y, 0).score
+    found = residual_score(evidence, of(evidence, "stiff"), y, 0)
+    assert found.score < 0.5 * residual_score(*_with("bias", 3), y, 0).score
     one, y = evidence_of(3, {"stiff": 0.6}, names=("stiff",), bias=0.03)
-    assert remainder(one, of(one, "stiff"), y, 0).effect is None and not remainder(one, of(one, "stiff"), y, 0).there
+    assert (
+        residual_score(one, of(one, "stiff"), y, 0).effect is None
+        and not residual_score(one, of(one, "stiff"), y, 0).there
+    )
     forms, y = evidence_of(3, {}, names=("lag", "lag_filter"))  # two of one cause
-    assert remainder(forms, of(forms, "lag"), y, 0).effect is None
+    assert residual_score(forms, of(forms, "lag"), y, 0).effect is None
 
 
 def test_what_shows_beside_a_single_cause_is_tried_as_a_pair_with_it():
     stiff, bias, each = toy.effects("stiff", "bias", "bias_each")
-    rest = Remainder("stiff", bias, 5.0, 3.0, (bias,))
+    rest = ResidualScore("stiff", bias, 5.0, 3.0, (bias,))
     assert beside(Hypothesis((stiff,)), rest, []) == [(stiff, bias)]
     assert beside(Hypothesis((stiff,)), rest, [(bias, stiff)]) == []  # it is among them
     assert beside(Hypothesis((each,)), rest, []) == []  # a scatter has no tiles to pair
     assert beside(Hypothesis((stiff, bias)), rest, []) == []
-    assert beside(Hypothesis((stiff,)), Remainder("", None, 0.0, np.inf), []) == []
+    assert beside(Hypothesis((stiff,)), ResidualScore("", None, 0.0, np.inf), []) == []
 
 
 def _with(name: str, seed: int) -> tuple[Evidence, Hypothesis]:
@@ -101,7 +104,9 @@ def test_the_score_of_a_direction_is_standard_normal_under_the_cause(other):
     """One other effect, whose sizes are nearly one direction: the median of |score| is that of a standard normal."""
     evidence, y = evidence_of(4, {"stiff": 0.5}, names=("stiff", other))
     own = of(evidence, "stiff")
-    scores = [remainder(evidence, own, v, 0).score for v in attribution.simulated(evidence, own.effects, y, 300, 7)]
+    scores = [
+        residual_score(evidence, own, v, 0).score for v in attribution.simulated(evidence, own.effects, y, 300, 7)
+    ]
     assert 0.58 < np.median(scores) < 0.80  # 0.674; 300 draws scatter it by 0.05, several sizes add to it
     assert 1.7 < np.quantile(scores, 0.95) < 2.4  # 1.96
 
@@ -114,7 +119,7 @@ def test_a_cause_that_is_not_in_the_catalogue_makes_another_one_a_part_of_it(mon
     d = discrepancy.diagnose(library, 2, nulls=100)
     assert d.remainder.there and d.left < MISFIT
     assert d.verdict == "partly" and "skin" in d.named, (d.verdict, d.named, d.remainder)
-    monkeypatch.setattr(rso.discrepancy.diagnosis, "remainder", lambda *_: Remainder("", None, 0.0, np.inf))
+    monkeypatch.setattr(rso.discrepancy.diagnosis, "residual_score", lambda *_: ResidualScore("", None, 0.0, np.inf))
     blind = discrepancy.diagnose(library, 2, nulls=100)
     assert blind.verdict in WHOLE and blind.named == ("skin",)
 
@@ -135,10 +140,10 @@ def test_a_remainder_with_an_open_parameter_and_a_profile():
     effects = toy.effects("stiff", "skin", "bias")
     library = build(base, plan(0.0, 0.0), effects, toy.run)
 
-    def left(name: str, **wrong: float) -> Remainder:
+    def left(name: str, **wrong: float) -> ResidualScore:
         own = dataclasses.replace(library, plan=plan(**{"mark": 0.0, "bias": 0.0, **wrong}))
         evidence = Evidence(attribution.set_up(own, own.plan.values()), own.effects)
-        return remainder(evidence, of(evidence, name), own.plan.values(), 0)
+        return residual_score(evidence, of(evidence, name), own.plan.values(), 0)
 
     quiet, found = left("stiff"), left("stiff", bias=0.03)
     assert not quiet.there and quiet.score < 5.0  # the largest of many standard normal ones

@@ -292,7 +292,7 @@ def synthetic(
     return [toy.experiment("a", tuple(repeats), noise=NOTHING)]
 
 
-def level(experiments, channel: str = "Fz") -> noise.Level:
+def level(experiments, channel: str = "Fz") -> noise.NoiseLevel:
     return noise.levels(make_plan(experiments))[channel]
 
 
@@ -372,7 +372,7 @@ def test_covariance_is_that_of_readings_with_such_noise():
     """White, correlated, gain and contact noise simulated reading by reading against the matrix, world error apart."""
     plan = make_plan(synthetic(2, 0))
     n, test = plan.n, plan.tests[0]
-    q = noise.Level(2e-3, 3e-3, 0.5, 0.03, 0.05, 0.01, "stated")
+    q = noise.NoiseLevel(2e-3, 3e-3, 0.5, 0.03, 0.05, 0.01, "stated")
     F, slope = 0.03 * np.tile(test.depth, 2) ** 1.5, 0.045 * np.tile(test.depth, 2) ** 0.5
     library = type("L", (), {})()
     library.plan, library.base = plan, type("B", (), {"backend": None})()

@@ -9,7 +9,7 @@ import pytest
 from rso.data import Noise, Repeat
 from rso.discrepancy import build, diagnose, make_plan, story
 from rso.discrepancy.diagnosis import BEYOND, MISFIT, _beyond, _sides, most_left
-from rso.discrepancy.evidence.attribution import FALSE_ALARM, SHARES, Contest, Evidence, critical, set_up
+from rso.discrepancy.evidence.attribution import FALSE_ALARM, SHARES, Comparison, Evidence, critical, set_up
 from rso.discrepancy.evidence.cross_validation import HeldOut, held_out, predicts
 from rso.discrepancy.evidence.gaussian_mixture import Posterior
 from rso.discrepancy.evidence.hypotheses import Hypothesis
@@ -31,12 +31,12 @@ EVERY = (
 )
 
 
-def contest(**log_evidence: float) -> Contest:
+def contest(**log_evidence: float) -> Comparison:
     names = {"none": 0, "stiff": 1, "skin": 2, "bias": 3, "more": 4, "pair": 5, "free": 6}
     z = np.full(len(EVERY), -50.0)
     for name, value in log_evidence.items():
         z[names[name]] = value
-    return Contest(EVERY, z, np.log(np.full(len(EVERY), 1 / len(EVERY))))
+    return Comparison(EVERY, z, np.log(np.full(len(EVERY), 1 / len(EVERY))))
 
 
 @pytest.mark.parametrize(
@@ -473,7 +473,7 @@ def test_a_mount_that_creeps_may_be_a_body_that_does():
     for effect in toy.effects("creep", "bias"):
         verdict = "ambiguous" if effect.name == "creep" else "measurement"
         h = (Hypothesis(()), Hypothesis((effect,)), Hypothesis((), True))
-        told = judge(Contest(h, np.array([0.0, 30.0, 1.0]), np.log([0.8, 0.1, 0.1])), True)
+        told = judge(Comparison(h, np.array([0.0, 30.0, 1.0]), np.log([0.8, 0.1, 0.1])), True)
         assert (told.verdict, told.named) == (verdict, (effect.name,))
     c = {
         "effect": "creep",
@@ -496,7 +496,7 @@ def test_what_gives_way_at_one_place_may_be_a_soft_spot_of_the_body():
     there = dataclasses.replace(everywhere, place={"point": [10.0, 0.0]}, label="(10, 0)")
     for effect in (everywhere, there):
         h = (Hypothesis(()), Hypothesis((effect,)), Hypothesis((), True))
-        told = judge(Contest(h, np.array([0.0, 30.0, 1.0]), np.log([0.8, 0.1, 0.1])), True)
+        told = judge(Comparison(h, np.array([0.0, 30.0, 1.0]), np.log([0.8, 0.1, 0.1])), True)
         assert told.verdict == ("ambiguous" if effect.place else "measurement")
     c = {
         "effect": "compliance at (10, 0)",

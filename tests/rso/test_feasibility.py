@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import sample_studies as studies
 
+from rso.calibration import pipeline
 from rso.core.similarity import Group
 from rso.doe import Box, latin
-from rso.calibration import pipeline
 from rso.emulation.feasibility import learn
 
 BOX = Box(("a", "b"), ("MPa", "mm"), (1.0, 2.0), (3.0, 20.0), (False, True))

@@ -8,7 +8,7 @@ from sideways_backend import force, sideways
 
 from rso.report import render
 from rso.report.calibration.predictions import prediction_fact, prediction_sentences
-from rso.report.calibration.predictive_check import foretold_sentence
+from rso.report.calibration.predictive_check import prediction_sentence
 from rso.report.reading import experiment, experiments
 
 NOISE = 0.003  # N
@@ -154,7 +154,7 @@ def test_without_slopes_nothing_is_said_of_it(tmp_path):
     found = deeper(tmp_path, 1, settings="deaf = 5.0")
     (v,) = found["predictions"]
     assert v["verdict"] is None and "changes with mu" in v["why"] and "only the first" in v["why"]
-    assert foretold_sentence(experiment(found, "deep"), v).startswith("Whether deep, which was not used for the fit")
+    assert prediction_sentence(experiment(found, "deep"), v).startswith("Whether deep, which was not used for the fit")
     assert found["exit_code"] == 3  # runs failed
 
 

@@ -18,11 +18,11 @@ from rso.doe import Box
 from rso.emulation.emulator import Output, Sample
 from rso.emulation.hermite import along_one
 from rso.evaluation.store import RunStore
-from rso.inference import Experiment, Model, determine, expected_sd, told
+from rso.inference import Model, PossibleExperiment, determine, expected_information, expected_sd
 from rso.inference.likelihood import Misfit
 from rso.optimal_design.design_results import ENOUGH, by_truth, results, warnings
 from rso.optimal_design.study_design import run_next
-from rso.report.optimal_design.report import render_further, report
+from rso.report.optimal_design.report import render_next, report
 from rso.study.errors import StudyError
 from rso.study.loader import load
 
@@ -33,14 +33,16 @@ LINE = Box(("a", "b"), ("1", "1"), (1.0, 1.0), (3.0, 3.0), (False, False))
 def linear(name, A, sigma):
     """Readings A θ with white errors."""
     A = np.asarray(A, float)
-    return Experiment(name, Model(LINE, lambda X: LINE.from_unit(X) @ A.T), lambda x: sigma**2 * np.eye(len(A)))
+    return PossibleExperiment(name, Model(LINE, lambda X: LINE.from_unit(X) @ A.T), lambda x: sigma**2 * np.eye(len(A)))
 
 
 def test_of_a_linear_model_all_three_ways_give_the_gaussian():
     """F = AᵀA/σ² in θ; far from the box's ends Fisher information and made-up data both are exact."""
     x = np.array([0.5, 0.5])
     sum_of, difference = linear("sum", [[1, 1]] * 4, 0.05), linear("difference", [[1, -1]], 0.04)
-    nothing, more = told(LINE, x, 1, [sum_of, linear("b", [[0, 1]], 0.06)], [(), (difference,)], seed=1, draws=400)
+    nothing, more = expected_information(
+        LINE, x, 1, [sum_of, linear("b", [[0, 1]], 0.06)], [(), (difference,)], seed=1, draws=400
+    )
     exact = np.linalg.inv(4 / 0.05**2 * np.ones((2, 2)) + np.diag([0, 1 / 0.06**2]) + 3 * np.eye(2))
     half = 2.0  # ln θ counts as Δθ/θ at θ = 2; the box as a prior is 12/(3 − 1)² = 3
     assert nothing.fisher["b"] == pytest.approx(np.sqrt(exact[1, 1]) / half, rel=1e-3)
@@ -53,7 +55,9 @@ def test_of_a_linear_model_all_three_ways_give_the_gaussian():
 
 def test_the_same_experiment_again_shrinks_by_the_root_of_two():
     e = linear("both", [[1, 0], [0, 1]], 0.02)
-    once, twice = told(LINE, np.array([0.5, 0.5]), 0, [e], [(), (linear("again", [[1, 0], [0, 1]], 0.02),)], seed=2)
+    once, twice = expected_information(
+        LINE, np.array([0.5, 0.5]), 0, [e], [(), (linear("again", [[1, 0], [0, 1]], 0.02),)], seed=2
+    )
     assert once.fisher["a"] / twice.fisher["a"] == pytest.approx(np.sqrt(2), rel=0.01)
     assert once.expected["a"] / twice.expected["a"] == pytest.approx(np.sqrt(2), rel=0.1)
 
@@ -61,7 +65,7 @@ def test_the_same_experiment_again_shrinks_by_the_root_of_two():
 def ball(name, depth, noise):
     """The soft ball's curve, read at depths."""
     model = soft_ball.model(depth=depth)
-    return Experiment(name, model, lambda x: noise**2 * np.eye(len(depth)))
+    return PossibleExperiment(name, model, lambda x: noise**2 * np.eye(len(depth)))
 
 
 def test_what_is_promised_is_what_inference_keeps():
@@ -72,7 +76,7 @@ def test_what_is_promised_is_what_inference_keeps():
     mu, D1, noise = 0.01, 60.0, 2e-4
     box, depth = soft_ball.BOX, np.linspace(0.2, 4.0, 20)
     x = box.to_unit(np.array([[mu, D1]]))[0]
-    (row,) = told(box, x, 1, [ball("top", depth, noise)], [()], seed=3, draws=100)
+    (row,) = expected_information(box, x, 1, [ball("top", depth, noise)], [()], seed=3, draws=100)
     rng, found = np.random.default_rng(4), []
     for _ in range(12):
         data = soft_ball.data(mu, D1, noise, rng, depth)
@@ -86,7 +90,9 @@ def test_a_truth_at_the_end_of_a_flat_valley_stays_undetermined():
     """Negative control: nearly incompressible, D1 does nothing to this curve; no amount of the same tells it."""
     box, depth = soft_ball.BOX, np.linspace(0.2, 4.0, 20)
     x = box.to_unit(np.array([[0.01, 1.0]]))[0]
-    once, twice = told(box, x, 1, [ball("top", depth, 3e-3)], [(), (ball("again", depth, 3e-3),)], seed=5, draws=60)
+    once, twice = expected_information(
+        box, x, 1, [ball("top", depth, 3e-3)], [(), (ball("again", depth, 3e-3),)], seed=5, draws=60
+    )
     assert once.expected["D1"] > ENOUGH and twice.expected["D1"] > ENOUGH
     # Fisher information does not know that the curve would show a high D1: it is twice too doubtful here.
     assert once.expected["D1"] < 0.6 * once.fisher["D1"]
@@ -94,7 +100,7 @@ def test_a_truth_at_the_end_of_a_flat_valley_stays_undetermined():
 
 def test_without_draws_only_fisher_information_is_given():
     e = linear("both", [[1, 0], [0, 1]], 0.02)
-    (row,) = told(LINE, np.array([0.5, 0.5]), 0, [e], [()], seed=2, draws=0)
+    (row,) = expected_information(LINE, np.array([0.5, 0.5]), 0, [e], [()], seed=2, draws=0)
     assert row.expected is None
     exact = expected_sd(LINE, np.array([0.5, 0.5]), np.eye(2) * 4 / 0.02**2)  # J = 2, the box's width, for all θ
     assert row.fisher == pytest.approx(exact, rel=1e-6)
@@ -179,10 +185,10 @@ def test_what_is_expected_is_said_truth_by_truth_with_units(found):
 
 def test_page_and_command(found, tmp_path, capsys):
     _, data, path = found
-    files = render_further(data, tmp_path)
+    files = render_next(data, tmp_path)
     assert [f.name for f in files] == ["next.html", "next.pdf", "next.svg"]
     assert "deeper" in files[0].read_text() and files[1].read_bytes().startswith(b"%PDF")
-    assert render_further(data, tmp_path / "again")[0].read_bytes() == files[0].read_bytes()
+    assert render_next(data, tmp_path / "again")[0].read_bytes() == files[0].read_bytes()
     assert main(["next", str(path), "--jobs", "1"]) == 0
     said = capsys.readouterr().out
     assert "best next experiment" in said and "one standard deviation" in " ".join(said.split())
@@ -377,7 +383,7 @@ def test_readings_of_one_record_that_remember_each_other_do_so_once_more(tmp_pat
     knows = one_record(tmp_path / "memory", 0.1)
     assert knows.learnt[0].item.blocks[0].data.memory > 0.6
     assert one_record(tmp_path / "white", 0.0).learnt[0].item.blocks[0].data.memory == 0.0
-    monkeypatch.setattr("rso.optimal_design.study_design.remembered", lambda have, seed: list(have))
+    monkeypatch.setattr("rso.optimal_design.study_design.autocorrelated", lambda have, seed: list(have))
     blind = one_record(tmp_path / "blind", 0.1)
     again = [next(t for t in v.told[0] if t.added == ("top once more",)).fisher["mu"] for v in (knows, blind)]
     mine = [v.joint[-1].determination.of("mu").sd_log for v in (knows, blind)]

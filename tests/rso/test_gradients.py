@@ -9,7 +9,7 @@ from rso.emulation import fit, fit_kriging, held_out
 from rso.emulation.common import legendre, legendre_slopes, powers
 from rso.emulation.kernels import KERNELS, covariance
 from rso.emulation.kriging import condition
-from rso.emulation.kriging_likelihood import Data, restricted
+from rso.emulation.kriging_likelihood import KrigingData, restricted
 
 
 def wave(X):
@@ -53,7 +53,7 @@ def test_the_gradient_of_the_likelihood(kernel, slopes, noisy):
     keep[12:14] = keep[12:14] & (not slopes)  # two slopes unknown
     A = np.vstack([legendre(X, powers(2, 1)), *legendre_slopes(X, powers(2, 1)).transpose(1, 0, 2)])[: len(keep)][keep]
     z = np.concatenate([y, G.T.ravel()])[: len(keep)][keep]
-    data = Data(X, z, A, np.full(len(z), 0.05 if noisy else 0.0), keep, slopes)
+    data = KrigingData(X, z, A, np.full(len(z), 0.05 if noisy else 0.0), keep, slopes)
     p = np.array([-1.6, -1.3, *([0.2, -0.5] if noisy else [])])  # short lengths: well conditioned
     found = restricted(p, data, kernel, noisy)[1]
     for k, step in enumerate(1e-5 * np.eye(len(p))):

@@ -209,7 +209,7 @@ def test_a_backend_with_derivatives_costs_one_run_per_iteration():
         return one
 
     data = (soft_ball.data(*TRUTH, 0.003, depth=u),)
-    place = inference.Place("top", "Fz", u)
+    place = inference.CurvePlace("top", "Fz", u)
     fits = {}
     for kind in calls:
         model = inference.simulated(soft_ball.BOX, run(kind), [place])
@@ -229,7 +229,7 @@ def test_a_curve_from_an_emulator_is_its_spline_through_the_emulated_travels():
         F = soft_ball.force(mu, D1, travel)
         samples.append(Sample({"mu": mu, "D1": D1}, {o.id: float(f) for o, f in zip(outputs, F, strict=True)}))
     emulator = learn(box, Group(None, 1.0, {}, {"Fz": 0}, ""), outputs, samples, kind="polynomial", seed=0)
-    model, band = inference.emulated(emulator, inference.Place("top", "Fz", soft_ball.DEPTH))
+    model, band = inference.emulated(emulator, inference.CurvePlace("top", "Fz", soft_ball.DEPTH))
     x = np.array([[0.4, 0.6]])
     exact = soft_ball.model().predict(x)
     np.testing.assert_allclose(model.predict(x), exact, rtol=0.05, atol=1e-3)  # the polynomials' own error
@@ -238,7 +238,7 @@ def test_a_curve_from_an_emulator_is_its_spline_through_the_emulated_travels():
     np.testing.assert_allclose(model.predict(x)[0, at], known, rtol=1e-9)
     assert band(x[0]).shape == (40,) and np.all(band(x[0]) > 0)
     with pytest.raises(ValueError, match="no Fx of 'top'"):
-        inference.emulated(emulator, inference.Place("top", "Fx", soft_ball.DEPTH))
+        inference.emulated(emulator, inference.CurvePlace("top", "Fx", soft_ball.DEPTH))
 
 
 # ---- intervals

@@ -11,7 +11,7 @@ from rso.calibration import confirmed_optimum, identification_stage
 from rso.calibration.readings import error_at
 from rso.contract import Response
 from rso.evaluation.store import Done
-from rso.inference import Misfit, Place
+from rso.inference import CurvePlace, Misfit
 from rso.report.calibration.identification import identification_section
 
 
@@ -111,5 +111,5 @@ def test_a_force_that_vanishes_on_its_way_keeps_its_numerical_error():
     channels = {"time": travel, "travel": travel, "Fx": Fx}
     units = {"time": "s", "travel": "mm", "Fx": "N"}
     response = Response(channels, units, error={"Fx": np.full(4, 0.002)})
-    error = error_at(response, Place("top", "Fx", np.array([1.2, 1.5, 1.8, 3.0])))
+    error = error_at(response, CurvePlace("top", "Fx", np.array([1.2, 1.5, 1.8, 3.0])))
     assert (error > 0.0019).all() and error[-1] == pytest.approx(0.002)

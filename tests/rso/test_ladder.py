@@ -17,7 +17,7 @@ from rso.contract import SimulationFailed
 from rso.doe import Box
 from rso.evaluation.store import RunStore
 from rso.inference import Data, Misfit, Model, emulated, fit_at
-from rso.model_selection import Added, Check, Goodness, Judged, Left, Level, goodness_of_fit, study_ladder
+from rso.model_selection import Added, Goodness, GoodnessOfFit, Judged, Left, ModelLevel, goodness_of_fit, study_ladder
 from rso.model_selection.ladder_results import results, write
 from rso.model_selection.simulations import design
 from rso.model_selection.study_ladder import ladder_plan, run_ladder
@@ -547,9 +547,9 @@ def test_the_share_of_each_limit_follows_from_how_the_criteria_hang_together():
 
 
 def fake(name, p, evidence, added=(), select=None, problem=""):
-    checks = tuple(Check(10.0, 8.0, 12.0, v, 20) for v in (p, select) if v is not None)
+    checks = tuple(GoodnessOfFit(10.0, 8.0, 12.0, v, 20) for v in (p, select) if v is not None)
     goodness = None if problem else Goodness(p, 0.05, checks, ())
-    return Judged(Level(name), problem, goodness, added, evidence)
+    return Judged(ModelLevel(name), problem, goodness, added, evidence)
 
 
 def decided(*rungs):
@@ -560,7 +560,7 @@ def decided(*rungs):
         asked.append((level.name, holds.level.name if holds else None))
         return table[level.name]
 
-    return model_selection.climb([[j.level for j in rung] for rung in rungs], judge), asked
+    return model_selection.select_model([[j.level for j in rung] for rung in rungs], judge), asked
 
 
 def test_nothing_above_a_level_that_is_good_enough_is_asked():

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from rso.core.curves import baseline, metrics
-from rso.norms import Printed, Problem, Shape, fit, log_evidence, norm, sample, shared_votes
+from rso.norms import Printed, TrilaterationProblem, TrilaterationShape, fit, log_evidence, norm, sample, shared_votes
 
 U = np.arange(1, 41) / 10
 K = 30
 NOISE = 0.004
-SHAPE = Shape(U, 0.546, 0.0003)
+SHAPE = TrilaterationShape(U, 0.546, 0.0003)
 
 
 def family(seed: int, bend: float) -> np.ndarray:
@@ -27,7 +27,7 @@ def problem(seed: int, made_with: float = 0.0, read_with: float = 0.0, kinds=("n
     known = family(seed, read_with)
     printed = [Printed(k, np.arange(K), norm(k, y, made) + NOISE * rng.standard_t(4, K), 0.0003, 0.005) for k in kinds]
     printed.append(Printed("spread", 0, norm("spread", y, y[None]), 0.0003))
-    return Problem(SHAPE, lambda ν: (1 + 0.012 * ν[:, :1, None]) * known, 1, tuple(printed)), y, made
+    return TrilaterationProblem(SHAPE, lambda ν: (1 + 0.012 * ν[:, :1, None]) * known, 1, tuple(printed)), y, made
 
 
 def test_norms_are_those_of_the_literature():
@@ -123,7 +123,9 @@ def test_outliers_do_not_move_the_curve():
     q = p.printed[0]
     value = q.value.copy()
     value[4] += 0.1  # a slip of the pen
-    spoiled = Problem(p.shape, p.known, 1, (Printed("nrmse", q.rows, value, q.sigma, q.scale), *p.printed[1:]))
+    spoiled = TrilaterationProblem(
+        p.shape, p.known, 1, (Printed("nrmse", q.rows, value, q.sigma, q.scale), *p.printed[1:])
+    )
     a, b = fit(p), fit(spoiled)
     y, z = (p.shape(p.split(f.x[None])[0])[0] for f in (a, b))
     sd = p.shape(p.split(a.draws(1000, 0))[0]).std(axis=0)
@@ -132,9 +134,9 @@ def test_outliers_do_not_move_the_curve():
 
 def test_misuse_is_told():
     with pytest.raises(ValueError, match="increasing positive"):
-        Shape(np.array([0.0, 1.0, 2.0]), 1.0, 0.1)
+        TrilaterationShape(np.array([0.0, 1.0, 2.0]), 1.0, 0.1)
     with pytest.raises(ValueError, match="slope"):
-        Shape(U, 1.0, 0.1, slope=0.0)
+        TrilaterationShape(U, 1.0, 0.1, slope=0.0)
     with pytest.raises(ValueError, match="no norm"):
         Printed("rmse", 0, 0.1, 0.001)
     with pytest.raises(ValueError, match="2 values"):

@@ -10,7 +10,7 @@ import pytest
 from fem_backend.backend import BACKEND
 from rso.calibration.cost_model import GUESS, pace
 from rso.contract import Case, Programme
-from rso.discrepancy import build, make_plan, mended, planned_rerun
+from rso.discrepancy import build, corrected_library, make_plan, planned_rerun
 from rso.evaluation import Task
 from rso.evaluation.store import RunStore
 
@@ -82,5 +82,5 @@ def test_computing_a_cause_anew_takes_as_many_runs_as_said():
     tasks, each = planned_rerun(toy.base(), plan, effects)
     library = build(toy.base(), plan, effects, toy.run)
     at = {"stiff": [0.0, 0.3], "g": [0.0, 0.2, np.log(3.0)]}
-    runs = [mended(library, {e: np.array(at[e.name])}, toy.run)[1].runs for e in effects if e.name in at]
+    runs = [corrected_library(library, {e: np.array(at[e.name])}, toy.run)[1].runs for e in effects if e.name in at]
     assert len(tasks) == sum(runs) and each == pytest.approx(np.mean(runs))

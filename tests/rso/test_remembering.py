@@ -12,7 +12,7 @@ import soft_ball
 from rso.calibration.readings import as_data
 from rso.data import Measurement, Noise, Repeat, combine
 from rso.doe import Box
-from rso.inference import Data, Misfit, Model, all_minima, determine, remembering
+from rso.inference import Data, Misfit, Model, all_minima, determine, with_autocorrelation
 from rso.inference.identifiability import _widening
 from rso.inference.verdict import REFUTED
 
@@ -44,7 +44,7 @@ def noise_of(length, rng):
 def found(curves, noise=None, known=True):
     m = misfit(curves, noise or Noise(**NONE))
     if known:
-        m = remembering(m, all_minima(m, seed=0, near=X[None])[0].x)
+        m = with_autocorrelation(m, all_minima(m, seed=0, near=X[None])[0].x)
     return determine(m, seed=0, near=X[None], mcmc=False)
 
 
@@ -110,7 +110,7 @@ def test_what_neighbours_miss_by_together_is_what_the_best_fit_leaves(numerical)
     m = misfit([y], Noise(Fz=SD, **NONE))
     theirs = numerical**2 * np.outer(F, F) * np.exp(-np.abs(np.subtract.outer(U, U)))
     m = dataclasses.replace(m, data=(m.data[0].plus(theirs),))
-    d = determine(remembering(m, all_minima(m, seed=0, near=X[None])[0].x), seed=0, near=X[None], mcmc=False)
+    d = determine(with_autocorrelation(m, all_minima(m, seed=0, near=X[None])[0].x), seed=0, near=X[None], mcmc=False)
     e = soft_ball.force(*d.fit.theta, U) - y
     left = np.sqrt(np.mean(e**2) - SD**2)
     said, share = map(float, re.search(r"top by ([\d.]+) mN \(([\d.]+) %", d.story).groups())
@@ -137,7 +137,7 @@ def test_the_order_of_the_readings_is_that_of_their_depths():
         white=d.white[mixed],
     )
     model = Model(BOX, lambda V: soft_ball.force(*BOX.from_unit(V).T[:, :, None], moved.depth))
-    a, b = remembering(m, X).data[0], remembering(Misfit(model, (moved,)), X).data[0]
+    a, b = with_autocorrelation(m, X).data[0], with_autocorrelation(Misfit(model, (moved,)), X).data[0]
     np.testing.assert_allclose(b.covariance, a.covariance[np.ix_(mixed, mixed)], rtol=1e-12)  # rounding
     assert a.memory == pytest.approx(b.memory, rel=1e-9)
 

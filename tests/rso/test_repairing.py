@@ -11,7 +11,7 @@ import sample_studies as studies
 
 from rso.calibration import pipeline, range_extension, stages
 from rso.calibration.plan import make_plan
-from rso.calibration.range_ends import End, Stated, limit, ordinary
+from rso.calibration.range_ends import RangeEnd, Stated, limit, ordinary
 from rso.contract import knob, parameters_of
 from rso.evaluation.store import RunStore
 from rso.report.calibration.numbers import report as document
@@ -54,9 +54,9 @@ def repair(folder, **changes):
     """Design, surrogates and repair alone."""
     plan = make_plan(load(studies.write(folder, **{"search": SEARCH, **changes})))
     with RunStore(folder / "results") as store:
-        bench = stages.Bench(plan, store, studies.Inline())
+        bench = stages.Runner(plan, store, studies.Inline())
         design = stages.run_design(bench)
-        return range_extension.repair(bench, design, stages.fit_surrogates(bench, design))
+        return range_extension.extend_ranges(bench, design, stages.fit_surrogates(bench, design))
 
 
 def what(found):
@@ -216,7 +216,7 @@ def test_a_range_of_one_sign_keeps_it_however_wide_it_may_become(tmp_path, low, 
     offset = dataclasses.replace(plan.searches[0].axes[1].parameter, low=-1e3, high=1e3)
     axis = dataclasses.replace(plan.searches[0].axes[1], parameter=offset, low=low, high=high, scale="linear")
     axes = (plan.searches[0].axes[0], axis)
-    found = [limit(plan, axes, Stated(axes, ()), End(1, side)) for side in (0, 1)]
+    found = [limit(plan, axes, Stated(axes, ()), RangeEnd(1, side)) for side in (0, 1)]
     widest = 5.0 * (high - low)
     np.testing.assert_allclose(
         [far for far, _ in found],

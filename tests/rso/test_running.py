@@ -363,10 +363,10 @@ def test_fewer_threads_than_asked_do_the_work_and_none_is_said(monkeypatch):
 
 
 def test_other_work_of_a_study_outlives_the_workers(tmp_path):
-    from rso.calibration.stages import Bench
+    from rso.calibration.stages import Runner
 
     with RunStore(tmp_path) as store, WorkerPool(2, source=SOURCE) as pool:
-        bench = Bench(None, store, pool)
+        bench = Runner(None, store, pool)
         assert bench.each(dummy.square, [1.0, 2.0, 3.0]) == [1.0, 4.0, 9.0]
         assert bench.each(dummy.die_elsewhere, [(os.getpid(), 5)]) == [5]
 

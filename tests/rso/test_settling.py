@@ -8,7 +8,7 @@ import pytest
 import sample_studies as studies
 
 from rso.calibration import confirmed_optimum, identification_stage
-from rso.calibration.confirmed_optimum import Settled
+from rso.calibration.confirmed_optimum import ConfirmedOptimum
 from rso.core.similarity import Group
 from rso.doe import Box
 from rso.emulation.emulator import Output, Sample, learn
@@ -74,12 +74,12 @@ def test_what_a_surrogate_may_miss_is_a_share_of_the_spread_whatever_the_level(m
 @pytest.mark.parametrize(
     ("settled", "word", "why"),
     [
-        (Settled(None, (), 0.001, 1.0, True), "determined", ""),
-        (Settled(None, (), 0.001, 1.0, True, ("a = 0.1",)), "weakly", "well enough to exclude"),
-        (Settled(None, (), 0.1, 1.0, False), "not", "do not confirm"),
-        (Settled(None, (), None, None, False), "not", "has no answer"),
-        (Settled(None, (), 0.001, 1.0, True, chi2_bare=900.0, p_bare=1e-9), "weakly", "hides a misfit"),
-        (Settled(None, (), 0.001, 1.0, True, chi2_bare=1.0, p_bare=0.5), "determined", ""),
+        (ConfirmedOptimum(None, (), 0.001, 1.0, True), "determined", ""),
+        (ConfirmedOptimum(None, (), 0.001, 1.0, True, ("a = 0.1",)), "weakly", "well enough to exclude"),
+        (ConfirmedOptimum(None, (), 0.1, 1.0, False), "not", "do not confirm"),
+        (ConfirmedOptimum(None, (), None, None, False), "not", "has no answer"),
+        (ConfirmedOptimum(None, (), 0.001, 1.0, True, chi2_bare=900.0, p_bare=1e-9), "weakly", "hides a misfit"),
+        (ConfirmedOptimum(None, (), 0.001, 1.0, True, chi2_bare=1.0, p_bare=0.5), "determined", ""),
     ],
 )
 def test_nothing_is_determined_that_simulations_do_not_confirm(settled, word, why):

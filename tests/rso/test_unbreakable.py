@@ -188,8 +188,8 @@ def test_resuming_a_complete_study_keeps_its_times_and_its_results_meanwhile(tmp
 
     from rso.calibration import stages
 
-    run = stages.Bench.run
-    monkeypatch.setattr(stages.Bench, "run", watched)
+    run = stages.Runner.run
+    monkeypatch.setattr(stages.Runner, "run", watched)
     assert main(["run", str(again), "--jobs", "1"]) == 0
     second = json.loads(results.read_text())
     assert set(seen) == {"validate"}  # never less than was known

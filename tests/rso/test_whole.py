@@ -523,7 +523,7 @@ def test_every_kind_of_design(tmp_path, doe, points):
     (tmp_path / "points.csv").write_text("D1,mu\n10,0.006\n150,0.006\n10,0.02\n150,0.02\n")
     plan = make_plan(load(studies.write(tmp_path, doe=doe + "\nheld_out = 0")))
     with RunStore(tmp_path / "results") as store:
-        bench = stages.Bench(plan, store, studies.Inline())
+        bench = stages.Runner(plan, store, studies.Inline())
         design = stages.run_design(bench)
         assert stages.fit_surrogates(bench, design).emulator.samples
     asked = [plan.values(x) for x in design.asked]

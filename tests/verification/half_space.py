@@ -14,7 +14,7 @@ from skfem import MeshTet, MeshTet2
 from fem_backend import meshing
 from fem_backend.indenters.sphere import Sphere
 from fem_backend.simulation import assembly, indentation
-from fem_backend.simulation.assembly import Model, Placement
+from fem_backend.simulation.assembly import AssembledModel, Placement
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import Knobs
@@ -30,7 +30,7 @@ class HalfSpace:
 
     settings: Settings
     placement: Placement
-    model: Model
+    model: AssembledModel
 
     def solve(self, knobs: Knobs, depths: np.ndarray) -> Result:
         """Result at the depths (mm), reached at 1 mm/s."""

@@ -11,13 +11,13 @@ from fem_backend.contact import tractions
 from fem_backend.indenters.sphere import Sphere
 from fem_backend.materials import stress
 from fem_backend.simulation import assembly, experiment, indentation, initial_state
-from fem_backend.simulation.assembly import Model, Placement
+from fem_backend.simulation.assembly import AssembledModel, Placement
 from fem_backend.simulation.experiment import Settings
 from fem_backend.simulation.indentation import Result
-from fem_backend.simulation.initial_state import Bench
+from fem_backend.simulation.initial_state import InitialState
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.solver import history_steps, load_steps
-from fem_backend.solver.load_steps import Control, Instant, Point
+from fem_backend.solver.load_steps import Control, Instant, LoadPoint
 from fem_backend.solver.newton import Counters
 from rso.contract import Programme
 
@@ -31,17 +31,17 @@ class Experiment:
     settings: Settings
     knobs: Knobs
     placement: Placement
-    model: Model
+    model: AssembledModel
 
     def solve(self, instants: list[Instant], **settings) -> Result:
         """Result through the instants."""
         return indentation.solve(replace(self.settings, **settings), self.knobs, self.placement, self.model, instants)
 
-    def bench(self) -> Bench:
+    def bench(self) -> InitialState:
         """System and loads."""
-        return initial_state.bench(self.settings, self.knobs, self.placement, self.model, Counters())
+        return initial_state.initial_state(self.settings, self.knobs, self.placement, self.model, Counters())
 
-    def path(self, instants: list[Instant], control: Control) -> list[Point]:
+    def path(self, instants: list[Instant], control: Control) -> list[LoadPoint]:
         """All instants with penalties alone: the states whose forces do the work."""
         at = self.bench()
         history = stress.virgin(at.system.material, *self.model.body.w.shape)
@@ -67,7 +67,7 @@ def there_and_back(deepest: float, count: int, speed: float = 1.0) -> list[Insta
     return [Instant(float(k + 1) * deepest / count / speed, float(v), True) for k, v in enumerate(s)]
 
 
-def loop_work(points: list[Point]) -> tuple[float, float]:
+def loop_work(points: list[LoadPoint]) -> tuple[float, float]:
     """Work put in (N mm) over a programme that starts at travel 0, and that of its loading alone (trapezoidal rule)."""
     s = np.array([0.0, *[p.travel for p in points]])
     F = np.array([0.0, *[p.force[2] for p in points]])
@@ -122,7 +122,7 @@ def check_friction_dissipates() -> float:
     pair, load = at.system.indenter, at.start(1.3)
     x0, x1 = (b.model.body.nodes + k * first.evaluation.u for k in (1.0, 1.3))
     touch0 = at.start(1.0).indenter
-    before = tractions.remember(pair, x0, touch0, tractions.evaluate(replace(pair, friction=0.0), x0, touch0))
+    before = tractions.contact_history(pair, x0, touch0, tractions.evaluate(replace(pair, friction=0.0), x0, touch0))
     state = tractions.evaluate(pair, x1, replace(load.indenter, before=before))
     smooth = tractions.evaluate(replace(pair, friction=0.0), x1, load.indenter)
     # the work of the residual's frictional part against the sliding of the body past the ball

@@ -9,7 +9,7 @@ from scipy.special import ndtri
 from rso.calibration.readings import as_data
 from rso.data import Measurement, Noise, Repeat, combine
 from rso.doe import Box
-from rso.inference import Misfit, Model, gauss_newton, remembering, spread
+from rso.inference import Misfit, Model, gauss_newton, spread, with_autocorrelation
 from rso.inference.identifiability import _widening
 
 pytestmark = pytest.mark.verification
@@ -38,7 +38,7 @@ def one(seed, n=50, r=1, noise=None, white=0.003, correlated=0.0, gain=0.0, cont
     repeats = tuple(Repeat(str(k), u, None, {"Fz": y}, {}, rows) for k, y in enumerate(curves))
     d = as_data("top", "top", combine(Measurement(Path("x.csv"), "force", repeats, ()), noise or Noise()), u > 0)
     m = Misfit(Model(BOX, lambda V: force(BOX.from_unit(V)[:, :1], d.depth)), (d,))
-    m = remembering(m, gauss_newton(m, X).x)
+    m = with_autocorrelation(m, gauss_newton(m, X).x)
     fit = gauss_newton(m, X)
     p, _, wider = _widening(m, fit.chi2, n - 1, 0.9, fit.x)
     half = ndtri(0.95) * wider * spread(fit.fisher)[0]

@@ -215,7 +215,7 @@ def test_linear_elastic_ellipsoid_approaches_hertz(record):
     law, E, nu = hooke()
     h = np.array([0.25, 0.5, 1.0, 2.0])
     F = run(FINEST, law, h, material={"law": "linear_elastic"}).Fz
-    body, ball = geometry.Ellipsoid(60.0, 35.0, 35.0), Sphere(3.0)
+    body, ball = geometry.EllipsoidShape(60.0, 35.0, 35.0), Sphere(3.0)
     ratio = F / closed_forms.hertz_force(h, ball.effective_radius(body.mean_curvature_at_top()), E, nu)
     exponent = np.diff(np.log(F)) / np.diff(np.log(h))
     record(

@@ -24,7 +24,7 @@ import sample_studies as studies
 import test_diagnosis_study as toy
 
 import rso.evaluation
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing import recipes
 from rso.cli import commands, main
 from rso.core.printable import printable
@@ -34,7 +34,7 @@ pytestmark = pytest.mark.verification
 FIRST, LAST = map(int, os.environ.get("RSO_HOSTILE", "0 2000").split())
 CHUNK, CACHES, PROCESSES = 50, 100, 51
 RSO = Path(studies.__file__).parent
-RECIPES = [recipes.mapped_recipe(Ellipsoid(60.0, 35.0, c), 6, 0.3) for c in (35.0, 30.0)]
+RECIPES = [recipes.mapped_recipe(EllipsoidShape(60.0, 35.0, c), 6, 0.3) for c in (35.0, 30.0)]
 CODES = {0, 1, 2, 3, 4, 5, 6, 7, 130}  # README
 COMPUTES = ("run", "diagnose", "ladder", "next", "blind")
 PATIENCE_S = 20  # of a command that computes nothing; one that computes is interrupted before, which is no fault

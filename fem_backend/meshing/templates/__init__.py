@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fem_backend.geometry import Ellipsoid
+from fem_backend.geometry import EllipsoidShape
 from fem_backend.meshing.mesh import Mesh, Sizing
 
-NOMINAL = Ellipsoid(60.0, 35.0, 35.0)
+NOMINAL = EllipsoidShape(60.0, 35.0, 35.0)
 RADIUS = 3.0  # of the indenter that the templates are graded for, mm
 LEVELS = {
     "coarse": Sizing(0.75, 3.0, 0.65, 40.25, 1.0),
@@ -41,7 +41,7 @@ def template_hash(level: str) -> str:
     return hashlib.sha256(mesh.vertices.tobytes() + mesh.tets.tobytes()).hexdigest()
 
 
-def template_fits(body: Ellipsoid, radius: float, within: float = 0.15) -> bool:
+def template_fits(body: EllipsoidShape, radius: float, within: float = 0.15) -> bool:
     """Whether the templates, scaled to `body`, have elements of the asked size (to `within`) under this indenter."""
     scale = body.semi_axes / NOMINAL.semi_axes / (radius / RADIUS)
     return bool(np.all(np.abs(np.log(scale)) <= np.log(1.0 + within)))

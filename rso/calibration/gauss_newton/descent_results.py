@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rso.calibration.gauss_newton.iteration import Descended
+from rso.calibration.gauss_newton.iteration import GaussNewtonRun
 from rso.calibration.identification_stage import Identified
 from rso.calibration.plan import Plan, limited
 from rso.calibration.results import at_bound, curves_of, demand
@@ -16,17 +16,17 @@ from rso.calibration.stages import Design
 from rso.calibration.unstated_errors import unstated
 from rso.emulation.emulator import Output
 from rso.evaluation.store import Done
-from rso.inference import Descent, Iterate, lenient
+from rso.inference import GaussNewtonFit, Iterate, lenient
 from rso.optimise.targets import Checked
 
 
-def design_of(plan: Plan, found: Descended) -> Design:
+def design_of(plan: Plan, found: GaussNewtonRun) -> Design:
     """The runs as a design that nobody asked for."""
     similar = found.frame.group.reference is not None
     return Design(np.empty((0, plan.box.d)), similar, found.similarity, found.proofs, found.runs)
 
 
-def of_design(plan: Plan, found: Descended) -> dict[str, Any]:
+def of_design(plan: Plan, found: GaussNewtonRun) -> dict[str, Any]:
     """design, and the parts that only response surfaces have."""
     group = found.frame.group
     similarity = {
@@ -40,7 +40,7 @@ def of_design(plan: Plan, found: Descended) -> dict[str, Any]:
     return {"design": design, "surrogates": [], "surfaces": [], "sensitivity": None, "mean_over_runs": {}}
 
 
-def of_descent(plan: Plan, found: Descended) -> dict[str, Any]:
+def of_gauss_newton(plan: Plan, found: GaussNewtonRun) -> dict[str, Any]:
     """descent, searches (one, with one candidate), best."""
     search, confirmed, checked = plan.searches[0], found.best.confirmed, _checked(plan, found)
     met, one = all(c.met for c in checked), {"search": search.name, "candidate": f"{search.name} 1"}
@@ -82,7 +82,7 @@ def of_descent(plan: Plan, found: Descended) -> dict[str, Any]:
     }
 
 
-def warnings(plan: Plan, found: Descended, known: Identified | None) -> list[str]:
+def warnings(plan: Plan, found: GaussNewtonRun, known: Identified | None) -> list[str]:
     """What a reader must not miss."""
     said = []
     assert found.best.best is not None
@@ -101,12 +101,12 @@ def warnings(plan: Plan, found: Descended, known: Identified | None) -> list[str
     return said
 
 
-def _apart(a: Descent, b: Descent) -> bool:
+def _apart(a: GaussNewtonFit, b: GaussNewtonFit) -> bool:
     assert a.best is not None and b.best is not None
     return bool(np.abs(a.best.x - b.best.x).max() > 0.02)
 
 
-def _story(best: Descent) -> str:
+def _story(best: GaussNewtonFit) -> str:
     n = len(best.iterates)
     lost = sum(i.sight is None for i in best.iterates)
     text = f"Gauss–Newton on simulations and their derivatives, {n} points" + (
@@ -115,12 +115,12 @@ def _story(best: Descent) -> str:
     return f"{text}: {'the last one agrees with its prediction' if best.confirmed else best.why}."
 
 
-def _values(plan: Plan, found: Descended, x: np.ndarray) -> dict[str, float]:
+def _values(plan: Plan, found: GaussNewtonRun, x: np.ndarray) -> dict[str, float]:
     box = found.frame.box
     return {**dict(zip(box.names, map(float, box.from_unit(x)), strict=True)), **plan.resolved.fixed}
 
 
-def _iterate(plan: Plan, found: Descended, i: Iterate, number: int) -> dict[str, Any]:
+def _iterate(plan: Plan, found: GaussNewtonRun, i: Iterate, number: int) -> dict[str, Any]:
     return {
         "number": number,
         "values": _values(plan, found, i.x),
@@ -134,11 +134,11 @@ def _iterate(plan: Plan, found: Descended, i: Iterate, number: int) -> dict[str,
     }
 
 
-def _last(found: Descended) -> Iterate:
+def _last(found: GaussNewtonRun) -> Iterate:
     return next(i for d in found.descents for i in d.iterates if i.sight is found.best.best)
 
 
-def _candidate(plan: Plan, found: Descended, checked: tuple[Checked, ...]) -> dict[str, Any]:
+def _candidate(plan: Plan, found: GaussNewtonRun, checked: tuple[Checked, ...]) -> dict[str, Any]:
     search, sight, goals = plan.searches[0], found.best.best, plan.searches[0].goals
     assert sight is not None
     values, last = _values(plan, found, sight.x), _last(found)
@@ -175,7 +175,7 @@ def _candidate(plan: Plan, found: Descended, checked: tuple[Checked, ...]) -> di
     }
 
 
-def _at(found: Descended, o: Output, curve: np.ndarray) -> float | None:
+def _at(found: GaussNewtonRun, o: Output, curve: np.ndarray) -> float | None:
     """A curve at the travel of an output, where it was measured there."""
     parts = np.split(curve, np.cumsum([len(p.depth) for p in found.places])[:-1])
     for p, y in zip(found.places, parts, strict=True):
@@ -185,7 +185,7 @@ def _at(found: Descended, o: Output, curve: np.ndarray) -> float | None:
     return None
 
 
-def _checked(plan: Plan, found: Descended) -> tuple[Checked, ...]:
+def _checked(plan: Plan, found: GaussNewtonRun) -> tuple[Checked, ...]:
     search = plan.searches[0]
     outputs, errors = {}, {}
     for o in (*search.outputs, *map(limited, plan.constraints)):

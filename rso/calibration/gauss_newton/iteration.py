@@ -8,29 +8,29 @@ from typing import Any
 
 import numpy as np
 
-from rso.calibration.confirmed_optimum import Settled, fitted_curves, ranges
+from rso.calibration.confirmed_optimum import ConfirmedOptimum, fitted_curves, ranges
 from rso.calibration.identification_stage import Identified
 from rso.calibration.plan import Plan
 from rso.calibration.readings import error_at, interpolated
-from rso.calibration.stages import REASONS, SIMILAR_TO, Bench, NothingToFit, Proof, Run, why
+from rso.calibration.stages import REASONS, SIMILAR_TO, NothingToFit, Proof, Run, Runner, why
 from rso.core.similarity import Group
 from rso.doe import sobol
 from rso.evaluation import Outcome
 from rso.evaluation.store import Done
 from rso.inference import (
+    CurvePlace,
     Data,
-    Descent,
     Determination,
-    Frame,
+    EvaluatedPoint,
+    GaussNewtonFit,
     Misfit,
-    Place,
-    Sight,
+    TangentFrame,
     determine,
     on_runs,
-    remembering,
     resample,
     tangents,
     together,
+    with_autocorrelation,
     with_usual,
 )
 from rso.inference import descend as descend_along
@@ -44,16 +44,16 @@ APART = 1.25  # factor of the modulus between the runs that prove similarity whe
 
 
 @dataclass(frozen=True, eq=False)
-class Descended:
+class GaussNewtonRun:
     """All descents, the best of them, what was run for them, and the model that the runs and their derivatives make."""
 
-    frame: Frame
-    descents: tuple[Descent, ...]
-    best: Descent
+    frame: TangentFrame
+    descents: tuple[GaussNewtonFit, ...]
+    best: GaussNewtonFit
     runs: tuple[Run, ...]
     proofs: tuple[Proof, ...]
     similarity: str
-    places: tuple[Place, ...]
+    places: tuple[CurvePlace, ...]
     data: tuple[Data, ...]
     outcomes: tuple[Outcome, ...]
     eyes: _Eyes
@@ -63,9 +63,9 @@ class Descended:
 class _Eyes:
     """Looks at points of the ranges: runs, and what they say of curves and slopes; keeps what was seen."""
 
-    bench: Bench
-    frame: Frame
-    places: tuple[Place, ...]
+    bench: Runner
+    frame: TangentFrame
+    places: tuple[CurvePlace, ...]
     curves: tuple[Data, ...]
     differenced: tuple[str, ...] | None = None  # parameters without derivatives; None before anything was seen
     runs: list[Run] = field(default_factory=list)
@@ -75,7 +75,7 @@ class _Eyes:
         box = self.frame.box
         return {**dict(zip(box.names, map(float, box.from_unit(x)), strict=True)), **self.bench.plan.resolved.fixed}
 
-    def look(self, X: Sequence[np.ndarray], purpose: str = "iterate") -> list[Sight | None]:
+    def look(self, X: Sequence[np.ndarray], purpose: str = "iterate") -> list[EvaluatedPoint | None]:
         """What runs at X say, with the runs for differences where the backend gives no derivatives."""
         if self.differenced is None:
             self._run(X, purpose)
@@ -116,7 +116,7 @@ class _Eyes:
             raise study_error(plan.study.file, plan.study.lines, [Problem(("search", "method"), text, "gauss_newton")])
         return tuple(lack)
 
-    def _sight(self, x: np.ndarray) -> Sight | None:
+    def _sight(self, x: np.ndarray) -> EvaluatedPoint | None:
         """Curves and slopes; None where a run that is needed has no answer."""
         plan, frame, outcomes = self.bench.plan, self.frame, self.outcomes[x.tobytes()]
         beside = {n: y for n, y in zip(self._wanted(), self._beside(x), strict=True)}
@@ -136,7 +136,7 @@ class _Eyes:
             value = dict(zip(frame.box.names, theta, strict=True))
             others = sum((e[n] * value[n] * g for n, g in columns.items()), np.zeros_like(f))
             columns[reference] = (frame.powers * f - others) / value[reference]
-        return Sight(x, f, np.stack([columns[n] for n in frame.box.names], axis=1))
+        return EvaluatedPoint(x, f, np.stack([columns[n] for n in frame.box.names], axis=1))
 
     def _wanted(self) -> list[str]:
         return [n for n in self.differenced or () if n != self.frame.group.reference]
@@ -145,7 +145,7 @@ class _Eyes:
         case_of = self.bench.plan.case_of
         return np.concatenate([resample(_response(outcomes[case_of[p.experiment]]), p, "") for p in self.places])
 
-    def data(self, sight: Sight) -> tuple[Data, ...]:
+    def data(self, sight: EvaluatedPoint) -> tuple[Data, ...]:
         """The measured curves with the numerical error of this run."""
         outcomes, case_of = self.outcomes[sight.x.tobytes()], self.bench.plan.case_of
         answers = [_response(outcomes[case_of[p.experiment]]) for p in self.places]
@@ -155,13 +155,13 @@ class _Eyes:
         )
 
 
-def descend(bench: Bench) -> Descended:
+def run_gauss_newton(bench: Runner) -> GaussNewtonRun:
     """Every descent that `[search]` asks for; StudyError without derivatives, NothingToFit without any answer."""
     plan = bench.plan
     table = plan.study.search
     places, curves = zip(*fitted_curves(plan), strict=True)
     powers = np.concatenate([np.full(len(p.depth), plan.group.outputs[p.channel]) for p in places])
-    eyes = _Eyes(bench, Frame(ranges(plan), plan.group, powers), places, curves)
+    eyes = _Eyes(bench, TangentFrame(ranges(plan), plan.group, powers), places, curves)
     starts = starting_points(plan)
     proofs, story = _proved(eyes, _first(eyes, starts, table.max_runs))
     found = on_runs(
@@ -180,7 +180,7 @@ def descend(bench: Bench) -> Descended:
         raise NothingToFit(f"no run from which a descent could start is done ({len(eyes.runs)} tried: {shown})")
     best = min(good, key=lambda d: (not d.confirmed, d.chi2))
     assert best.best is not None
-    return Descended(
+    return GaussNewtonRun(
         eyes.frame,
         tuple(found),
         best,
@@ -202,7 +202,7 @@ def starting_points(plan: Plan) -> np.ndarray:
     return np.vstack([first, sobol(box.d, max(plan.study.search.starts - 1, 1), plan.seed)])[: plan.study.search.starts]
 
 
-def _first(eyes: _Eyes, starts: np.ndarray, most: int) -> Sight | None:
+def _first(eyes: _Eyes, starts: np.ndarray, most: int) -> EvaluatedPoint | None:
     """The first start with an answer, or what :func:`~rso.inference.on_runs` takes in its place."""
     seen = next((s for s in eyes.look(list(starts)) if s is not None), None)
     for x in sobol(eyes.frame.box.d, 256, eyes.bench.plan.seed)[: most - 1]:
@@ -212,7 +212,7 @@ def _first(eyes: _Eyes, starts: np.ndarray, most: int) -> Sight | None:
     return seen
 
 
-def _proved(eyes: _Eyes, sight: Sight | None) -> tuple[tuple[Proof, ...], str]:
+def _proved(eyes: _Eyes, sight: EvaluatedPoint | None) -> tuple[tuple[Proof, ...], str]:
     """Similarity put to the test, on the derivatives of a run or on a second one; it is dropped where it fails."""
     frame, group = eyes.frame, eyes.frame.group
     if group.reference is None or sight is None:
@@ -236,7 +236,7 @@ def _drop(eyes: _Eyes, reason: str) -> None:
     eyes.frame = replace(eyes.frame, group=none)
 
 
-def _second(eyes: _Eyes, sight: Sight) -> Proof | None:
+def _second(eyes: _Eyes, sight: EvaluatedPoint) -> Proof | None:
     """The run that similarity says is the first one scaled; None where the ranges leave no room for it."""
     frame, box, reference = eyes.frame, eyes.frame.box, eyes.frame.group.reference
     assert reference is not None  # there is a similarity to prove
@@ -259,7 +259,7 @@ def _second(eyes: _Eyes, sight: Sight) -> Proof | None:
     return None
 
 
-def identified(plan: Plan, found: Descended) -> tuple[Identified, Settled]:
+def identified(plan: Plan, found: GaussNewtonRun) -> tuple[Identified, ConfirmedOptimum]:
     """What the curves determine, by the derivatives of the best run and what all of them say together.
 
     Where an interval ends far from every run, the model is run there too: a tangent is not believed that far.
@@ -269,7 +269,7 @@ def identified(plan: Plan, found: Descended) -> tuple[Identified, Settled]:
     known = [i.sight for d in found.descents for i in d.iterates if i.sight is not None]
     tried = [found.frame.reduced(i.x[None])[1][0] for d in found.descents for i in d.iterates]
     for k in range(ENDS + 1):
-        misfit = remembering(Misfit(tangents(found.frame, known, best), found.data), best.x)
+        misfit = with_autocorrelation(Misfit(tangents(found.frame, known, best), found.data), best.x)
         d: Determination = determine(misfit, seed=plan.seed, near=best.x[None], mcmc=False)
         ends = [] if k == ENDS else _ends(found.frame, misfit, d, tried)
         if not ends:
@@ -278,10 +278,10 @@ def identified(plan: Plan, found: Descended) -> tuple[Identified, Settled]:
     d = with_usual(d, plan.seed)
     gap = found.best.gap if found.best.gap is not None or not found.best.confirmed else 0.0
     extra, good = tuple(eyes.runs[len(runs) :]), gap is not None and gap <= plan.study.verify.tolerance
-    return Identified(found.places, d, {}, {}), Settled(None, extra, gap, found.best.chi2, good)  # type: ignore[arg-type]
+    return Identified(found.places, d, {}, {}), ConfirmedOptimum(None, extra, gap, found.best.chi2, good)  # type: ignore[arg-type]
 
 
-def _ends(frame: Frame, misfit: Misfit, d: Determination, tried: list[np.ndarray]) -> list[np.ndarray]:
+def _ends(frame: TangentFrame, misfit: Misfit, d: Determination, tried: list[np.ndarray]) -> list[np.ndarray]:
     """Points (d,) where an interval ends, the other parameters following, and nothing was tried near (noted then)."""
     found = []
     for k, known in enumerate(d.known):

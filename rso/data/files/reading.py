@@ -428,7 +428,7 @@ def _table(path: Path, wanted: Mapping[str, Column], file_label: str) -> _Table:
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     arrays |= {name: 0.0 - arrays[name] for name in turned}
-    doubts = [*told, *machines, *_taken(head, turned), *segmented, *tables.told(gaps, len(line)), *doubts]
+    doubts = [*told, *machines, *_taken(head, turned), *segmented, *tables.left_out_note(gaps, len(line)), *doubts]
     if file_label:
         several = "repeat" in text or len(set(labels)) > 1
         labels = np.array([f"{file_label} {label}" if several else file_label for label in labels])

@@ -86,7 +86,7 @@ def without_gaps(tables: Sequence[tuple[int, list[Row]]], head: Head) -> tuple[l
     return [(at, [row for row in rows if row[0] not in gone]) for at, rows in tables], lost
 
 
-def told(gaps: Sequence[int], left: int) -> list[str]:
+def left_out_note(gaps: Sequence[int], left: int) -> list[str]:
     """What to say of rows that were left out, by their lines, beside as many as are left."""
     if not gaps:
         return []

@@ -17,7 +17,7 @@ RECORDS = 8  # of idle channels that tell it together
 IDLE = 0.15  # correlation of neighbours there that counts
 
 
-def memory(plan: TestPlan) -> float | None:
+def autocorrelation_length(plan: TestPlan) -> float | None:
     """Length (mm) over which readings remember each other, None where nothing shows that they do."""
     return of_repeats(plan) or of_idle_channels(plan)
 

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from rso.data import step_of
-from rso.discrepancy.detectors.steps import Crack, crack
+from rso.discrepancy.detectors.steps import ForceStep, force_step
 from rso.discrepancy.library.test_plan import TestPlan
 
 OFTEN = 2.9  # t; with LARGE of scatter fewer than 0.5 % of plans reach it
@@ -44,7 +44,7 @@ class Jumps:
     experiment: str
     size: float
     depths: tuple[float, ...]
-    crack: Crack | None = None
+    crack: ForceStep | None = None
 
     @property
     def skewed(self) -> bool:
@@ -76,7 +76,7 @@ def jumps(plan: TestPlan) -> Jumps:
             raw.append((q, scale, counted))
             found += [(float(s), e.name, float(d)) for s, d in zip(q, r.depth[at][1:][even], strict=True)]
     if not raw:
-        return Jumps(0.0, 0.0, 0, "", 0.0, (), crack(plan))
+        return Jumps(0.0, 0.0, 0, "", 0.0, (), force_step(plan))
     usual = float(np.median([scale for _, scale, _ in raw]))  # a record of few readings may seem quieter than it is
     q = np.concatenate([np.clip(q / max(scale, usual), -_CLIP, _CLIP) for q, scale, _ in raw])
     s = np.concatenate([np.full(len(q), counted / max(scale, usual)) for q, scale, counted in raw])
@@ -85,7 +85,7 @@ def jumps(plan: TestPlan) -> Jumps:
     found.sort(key=lambda f: -f[0] * np.sign(z))
     name = found[0][1]
     largest = [f for f in found if f[1] == name][:5]
-    return Jumps(t, z, len(q), name, largest[0][0], tuple(sorted(d for _, _, d in largest)), crack(plan))
+    return Jumps(t, z, len(q), name, largest[0][0], tuple(sorted(d for _, _, d in largest)), force_step(plan))
 
 
 def _even(u: np.ndarray) -> np.ndarray:

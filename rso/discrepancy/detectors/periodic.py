@@ -38,7 +38,7 @@ Records = dict[tuple[str, str, str], list[tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 @dataclass(frozen=True)
-class Hum:
+class PeriodicLine:
     """The strongest line: log10 of its chance, frequency, and amplitude (N) in the channel where it is largest.
 
     The frequency is in Hz, or in 1/mm of a line over the travel (`along` says which).
@@ -56,7 +56,7 @@ class Hum:
         return self.log10_p < SURE
 
 
-def hum(plan: TestPlan) -> Hum:
+def periodic_line(plan: TestPlan) -> PeriodicLine:
     """The strongest line in all records of the plan, all channels and repeats together.
 
     Records without times are taken as sampled evenly over the travel.
@@ -96,10 +96,10 @@ def _records(plan: TestPlan, timed: bool) -> Records:
     return groups
 
 
-def _strongest(groups: Records, along: str) -> Hum:
+def _strongest(groups: Records, along: str) -> PeriodicLine:
     """The strongest line over the first coordinate of the records."""
     if not groups:
-        return Hum(0.0, 0.0, 0.0, "")
+        return PeriodicLine(0.0, 0.0, 0.0, "")
     longest = max(float(np.ptp(t)) for g in groups.values() for t, _, _ in g)
     fastest = max(FASTEST / float(np.median(np.diff(t))) for g in groups.values() for t, _, _ in g)
     f = np.arange(CYCLES / longest, fastest, max(1.0 / (FINE * longest), fastest / LINES))
@@ -123,11 +123,11 @@ def _strongest(groups: Records, along: str) -> Hum:
         line[inside] = np.median(A, axis=0)
         largest[c] = np.maximum(largest.get(c, 0.0), line)
     if not number.any():
-        return Hum(0.0, 0.0, 0.0, "")
+        return PeriodicLine(0.0, 0.0, 0.0, "")
     chance = np.where(number > 0, gamma_logsf(total, np.maximum(number, 1.0)), 0.0) / np.log(10.0)
     k = int(np.argmin(chance))
     channel = max(largest, key=lambda c: largest[c][k])
-    return Hum(float(chance[k]), float(f[k]), float(largest[channel][k]), channel, along)
+    return PeriodicLine(float(chance[k]), float(f[k]), float(largest[channel][k]), channel, along)
 
 
 def _levels(depth: np.ndarray) -> np.ndarray | None:

@@ -32,7 +32,7 @@ SMALL = 0.005  # of the range of the force: less is no crack, but what a parabol
 
 
 @dataclass(frozen=True)
-class Crack:
+class ForceStep:
     """A step of a force (N) at a depth (mm) in an experiment, z standard deviations high."""
 
     z: float
@@ -41,7 +41,7 @@ class Crack:
     depth: float
 
 
-def crack(plan: TestPlan) -> Crack | None:
+def force_step(plan: TestPlan) -> ForceStep | None:
     """The clearest step that stays, of Fz or of the first channel without one, in loading; None where none is clear."""
     found, scales = [], []
     for e in plan.experiments:
@@ -62,7 +62,7 @@ def crack(plan: TestPlan) -> Crack | None:
         z = np.divide(least, scale, out=np.zeros_like(least), where=scale > 0.0)
         k = int(np.argmax(z))
         if best is None or z[k] > best.z:
-            best = Crack(float(z[k]), name, float(size[k]), float(depth[k]))
+            best = ForceStep(float(z[k]), name, float(size[k]), float(depth[k]))
     limit = max(CLEAR, -float(ndtri(CHANCE / max(sum(len(f[1]) for f in found), 1))))
     return best if best is not None and best.z > limit else None
 

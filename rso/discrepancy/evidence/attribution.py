@@ -32,7 +32,7 @@ from rso.discrepancy.evidence.gaussian_mixture import (
     whitening,
 )
 from rso.discrepancy.evidence.hypotheses import Hypothesis, tiles
-from rso.discrepancy.evidence.model_form_tolerance import loosened
+from rso.discrepancy.evidence.model_form_tolerance import with_tolerance
 from rso.discrepancy.evidence.shrinkage import curves_of
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
@@ -53,14 +53,14 @@ NULLS = 400
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class Shared:
     """What all hypotheses share: library, noise, μ₀, tiles by effect names, whitening without and with a free gap.
 
     Of `whites` the first has no gap, then come GAPS in all experiments, then ALONE in each of `alone`, if any.
     """
 
     library: Library
-    levels: Mapping[str, noise.Level]
+    levels: Mapping[str, noise.NoiseLevel]
     modulus: float
     C: np.ndarray
     whites: tuple[Whitening, ...]
@@ -80,19 +80,19 @@ class Bench:
     def of(self, effects: Sequence[Effect], loose: bool = False) -> Tiles:
         """Tiles of a set of effects, made once; scatter moves no mean.
 
-        `loose` ones allow for what another code, or nature, makes of the effect itself: see :func:`loosened`.
+        `loose` ones allow for what another code, or nature, makes of the effect itself: see :func:`with_tolerance`.
         """
         effects = [e for e in effects if e.family != "scatter"]
         key = (*(e.name for e in effects), *(("loose",) if loose else ()))
         if key not in self.tiles:
             if loose and effects:
-                self.tiles[key] = loosened(self.library, effects, self.of(effects), self.of(()), self.modulus)
+                self.tiles[key] = with_tolerance(self.library, effects, self.of(effects), self.of(()), self.modulus)
             else:
                 self.tiles[key] = tiles(self.library, effects, self.modulus, len(effects) > 1, self.of(()))
         return self.tiles[key]
 
 
-def set_up(library: Library, y: np.ndarray, binding: bool = False) -> Bench:
+def set_up(library: Library, y: np.ndarray, binding: bool = False) -> Shared:
     """Noise from the plan's readings, the base model fitted once to weight them, and the free competitor.
 
     `binding` as in :func:`noise.levels`.
@@ -131,7 +131,7 @@ def set_up(library: Library, y: np.ndarray, binding: bool = False) -> Bench:
     alone = tuple(name for name, *_ in curves) if len(gaps) > len(GAPS) else ()
     centre = base.at[best_tile][None]
     scatter = {e.name: by_test(library, e, centre, modulus) for e in library.effects if e.family == "scatter"}
-    return Bench(library, levels, modulus, C, tuple(whites), scatter, {(): base}, alone)
+    return Shared(library, levels, modulus, C, tuple(whites), scatter, {(): base}, alone)
 
 
 def by_test(library: Library, scatter: Effect, centre: np.ndarray, modulus: float) -> np.ndarray:
@@ -154,7 +154,7 @@ def by_test(library: Library, scatter: Effect, centre: np.ndarray, modulus: floa
 
 
 @dataclass(frozen=True, eq=False)
-class Contest:
+class Comparison:
     """Hypotheses with log evidence and prior: the first is the base model."""
 
     hypotheses: tuple[Hypothesis, ...]
@@ -177,7 +177,7 @@ class Contest:
 class Evidence:
     """Evidence of single effects, with and without something unexplained, for many data sets at once."""
 
-    def __init__(self, bench: Bench, effects: Sequence[Effect]) -> None:
+    def __init__(self, bench: Shared, effects: Sequence[Effect]) -> None:
         self.bench, self.effects = bench, tuple(effects)
         self._ready: dict[tuple[tuple[str, ...], int, bool], Ready] = {}
 
@@ -262,13 +262,13 @@ class Evidence:
         return logsumexp(np.array(each) + self.log_weights(effects, unexplained)[:, None], axis=0)
 
 
-def contests(
+def comparisons(
     evidence: Evidence,
     Y: np.ndarray,
     pairs: Sequence[tuple[Effect, Effect]] = (),
     partly: bool = True,
     finalists: frozenset[str] = frozenset(),
-) -> list[Contest]:
+) -> list[Comparison]:
     """The contest of all hypotheses for every data set of Y (B, n); finalists, by cause, have loose tiles."""
 
     def column(h: Hypothesis) -> np.ndarray:
@@ -281,7 +281,7 @@ def contests(
     hypotheses += [Hypothesis(pair) for pair in pairs]
     table = np.array([column(h) for h in hypotheses]).T
     prior = np.array([log_prior(h, effects) for h in hypotheses])
-    return [Contest(tuple(hypotheses), row, prior) for row in table]
+    return [Comparison(tuple(hypotheses), row, prior) for row in table]
 
 
 def log_prior(h: Hypothesis, effects: Sequence[Effect]) -> float:
@@ -299,7 +299,7 @@ def log_prior(h: Hypothesis, effects: Sequence[Effect]) -> float:
     return float(np.log((1 - NO_GAP) * PRIOR[kind] / max(n, 1)))
 
 
-def survivors(contest: Contest, count: int = SURVIVORS) -> list[Effect]:
+def survivors(contest: Comparison, count: int = SURVIVORS) -> list[Effect]:
     """Causes whose best hypothesis has the most evidence, alone or with something unexplained, in their best form."""
     best: dict[str, tuple[float, Effect]] = {}
     for h, z, p in zip(contest.hypotheses, contest.log_evidence, contest.log_prior, strict=True):

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from rso.discrepancy.evidence import attribution
-from rso.discrepancy.evidence.attribution import Contest, Evidence
+from rso.discrepancy.evidence.attribution import Comparison, Evidence
 from rso.discrepancy.evidence.gaussian_mixture import log_tiles
 from rso.discrepancy.evidence.verdict import judge, most_probable
 
@@ -28,7 +28,7 @@ class SelfCheck:
 
 def self_checks(
     evidence: Evidence,
-    contest: Contest,
+    contest: Comparison,
     finalists: frozenset[str],
     y: np.ndarray,
     threshold: float,
@@ -47,7 +47,7 @@ def self_checks(
         Y = attribution.simulated(evidence, h.effects, y, CHECKS, seed + 10 + i, loose=True)
         returned = named = missed = 0
         own = {e.source for e in h.effects}
-        for c in attribution.contests(evidence, Y, pairs, finalists=finalists):
+        for c in attribution.comparisons(evidence, Y, pairs, finalists=finalists):
             j = judge(c, c.statistic > threshold)
             missed += j.verdict == "no_gap"
             returned += own == {e.source for e in j.chosen.effects}
@@ -57,7 +57,7 @@ def self_checks(
 
 
 def sensitivity(
-    evidence: Evidence, contest: Contest, finalists: frozenset[str], y: np.ndarray
+    evidence: Evidence, contest: Comparison, finalists: frozenset[str], y: np.ndarray
 ) -> dict[str, dict[str, float]]:
     """Probabilities with prior widths of the sizes halved and doubled: the far half of the sizes left out, or half the
     prior beyond what is plausible."""

@@ -9,13 +9,13 @@ import numpy as np
 from scipy.special import logsumexp
 
 from rso.discrepancy.evidence import attribution, noise, shrinkage
-from rso.discrepancy.evidence.attribution import Bench, Evidence
+from rso.discrepancy.evidence.attribution import Evidence, Shared
 from rso.discrepancy.evidence.gaussian_mixture import Posterior, log_evidence, log_tiles, posterior, ready, whitening
 from rso.discrepancy.evidence.hypotheses import Hypothesis
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
-from rso.discrepancy.library.test_plan import LOADING, Profile, Test
+from rso.discrepancy.library.test_plan import LOADING, SurfaceProfile, Test
 
 TOLD = 3.0  # standard deviations by which an effect must be able to move readings that are to tell of it
 
@@ -31,7 +31,7 @@ class HeldOut:
     gain: Mapping[str, float]
 
 
-def held_out(bench: Bench, y: np.ndarray, hypotheses: Sequence[Hypothesis]) -> tuple[HeldOut, ...]:
+def held_out(bench: Shared, y: np.ndarray, hypotheses: Sequence[Hypothesis]) -> tuple[HeldOut, ...]:
     """log p(y_g | y_rest, H) for every experiment g, over that of the first hypothesis."""
     curves = shrinkage.curves_of(bench.library)
     if len(curves) < 2:
@@ -55,7 +55,7 @@ def predicts(held: Sequence[HeldOut], h: Hypothesis) -> bool:
     return len(asked) < len(held) or not held or sum(asked) > 0
 
 
-def _log_evidence(bench: Bench, h: Hypothesis, rows: np.ndarray, y: np.ndarray, loose: bool = True) -> float:
+def _log_evidence(bench: Shared, h: Hypothesis, rows: np.ndarray, y: np.ndarray, loose: bool = True) -> float:
     """Log evidence of some rows, over levels of scatter."""
     shares = attribution.SCATTER if any(e.family == "scatter" for e in h.effects) else attribution.SCATTER[:1]
     found = []
@@ -69,7 +69,7 @@ def _log_evidence(bench: Bench, h: Hypothesis, rows: np.ndarray, y: np.ndarray, 
 def shrinkage_of(
     whole: Library,
     library: Library,
-    bench: Bench,
+    bench: Shared,
     evidence: Evidence,
     y: np.ndarray,
     chosen: Hypothesis,
@@ -101,7 +101,7 @@ def shrinkage_of(
 
 def left_out(
     library: Library,
-    bench: Bench,
+    bench: Shared,
     evidence: Evidence,
     y: np.ndarray,
     chosen: Hypothesis,
@@ -139,13 +139,13 @@ def _forces(library: Library) -> np.ndarray:
     """(n,) whether a reading is one of force."""
     out = np.zeros(library.plan.n, bool)
     for item, _, at in library.plan.rows():
-        out[at] = not isinstance(item, Profile)
+        out[at] = not isinstance(item, SurfaceProfile)
     return out
 
 
 def _fits(
     library: Library,
-    bench: Bench,
+    bench: Shared,
     y: np.ndarray,
     first: np.ndarray,
     rows: np.ndarray,
@@ -200,7 +200,7 @@ def _fitted_rows(library: Library) -> np.ndarray:
     return np.concatenate(rows) if rows else np.arange(library.plan.n)
 
 
-def _taught(bench: Bench, y: np.ndarray, rest: np.ndarray, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+def _taught(bench: Shared, y: np.ndarray, rest: np.ndarray, effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """Those effects of which the rows that are left can say anything: at its largest one moves them, beyond what a
     re-fit of the base model takes up, by TOLD standard deviations."""
     if not effects:
@@ -224,7 +224,12 @@ def _taught(bench: Bench, y: np.ndarray, rest: np.ndarray, effects: Sequence[Eff
 
 
 def fit(
-    bench: Bench, effects: Sequence[Effect], rows: np.ndarray, y: np.ndarray, rng: np.random.Generator, draws: int = 300
+    bench: Shared,
+    effects: Sequence[Effect],
+    rows: np.ndarray,
+    y: np.ndarray,
+    rng: np.random.Generator,
+    draws: int = 300,
 ) -> Posterior:
     """The base model with effects as some rows of the data y (n,) have it."""
     white = whitening(bench.covariance(effects, attribution.SCATTER[-1]), rows)
@@ -255,13 +260,13 @@ def _chosen_without(evidence: Evidence, rest: np.ndarray, y: np.ndarray, chosen:
     return max(scores, key=lambda h: scores[h]).effects
 
 
-def _covariance(unseen: Library, bench: Bench, evidence: Evidence, y: np.ndarray) -> np.ndarray:
+def _covariance(unseen: Library, bench: Shared, evidence: Evidence, y: np.ndarray) -> np.ndarray:
     rng = np.random.default_rng(0)
     h = evidence.best((), y)
     f = shrinkage.predicted(unseen, (), posterior(h, h.white(y), 2000, rng), bench.modulus)
     return noise.covariance(unseen, _levels(bench, unseen), f, noise.slope_of(unseen, f))
 
 
-def _levels(bench: Bench, unseen: Library) -> dict[str, noise.Level]:
+def _levels(bench: Shared, unseen: Library) -> dict[str, noise.NoiseLevel]:
     """Levels of the seen data, and for channels they lack those of the held-out files."""
     return {**noise.levels(unseen.plan), **bench.levels}

@@ -42,7 +42,7 @@ class Detectable:
     recognised: float
 
 
-def in_sight(library: Library, seed: int) -> tuple[Detectable, ...]:
+def detectable_by_plan(library: Library, seed: int) -> tuple[Detectable, ...]:
     """What a test plan can see, by its noise and by the base model as fitted; no effect has met the data."""
     seen = replace(library, plan=library.plan.seen())
     y = seen.plan.values()
@@ -121,7 +121,7 @@ def detectable(evidence: Evidence, y: np.ndarray, seed: int) -> tuple[Detectable
 def _alarms(evidence: Evidence, null: np.ndarray) -> float:
     """Share of data sets without a gap (B, n) in which the verdict finds one: FALSE_ALARM, or less where the largest of
     them make a gap no more probable than none."""
-    T = np.array([c.statistic for c in attribution.contests(evidence, null)])
+    T = np.array([c.statistic for c in attribution.comparisons(evidence, null)])
     return float(np.mean(T > attribution.critical(T)))
 
 

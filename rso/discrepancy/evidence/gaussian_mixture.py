@@ -27,7 +27,7 @@ TOLERANCE = 2e-5  # of the largest force: far below what readings scatter by
 
 
 @dataclass(frozen=True)
-class Kept:
+class TileFactors:
     """A parameter p with a range of its own, `low` to `high` of ln p, whose coordinate is ln p + `slope` ln μ: one that
     the modulus takes along, so that its direction moves p alone."""
 
@@ -57,7 +57,7 @@ class Tiles:
     basis: np.ndarray | None = None
     moduli: np.ndarray | None = None
     tied: int | None = None
-    kept: Mapping[int, Kept] = field(default_factory=dict)
+    kept: Mapping[int, TileFactors] = field(default_factory=dict)
 
     def lift(self, v: np.ndarray) -> np.ndarray:
         """Vectors v (…, r) over the data (…, n)."""
@@ -126,7 +126,7 @@ def whitening(C: np.ndarray, rows: np.ndarray | None = None) -> Whitening:
 
 
 @dataclass(frozen=True, eq=False)
-class Wall:
+class RangeEnds:
     """Ends (T,) of the coordinate `at` of draws in tiles, where its parameter has those of its range at μ₀, and the
     spread `sd` before any data."""
 
@@ -151,7 +151,7 @@ class Ready:
     scale: float
     white: Whitening
     Q: np.ndarray
-    walls: tuple[Wall, ...] = ()
+    walls: tuple[RangeEnds, ...] = ()
 
     def middle(self, t: int) -> np.ndarray:
         """Whitened prediction (n,) in the middle of a tile, at μ₀ where the modulus is free."""
@@ -191,16 +191,16 @@ def ready(tiles: Tiles, white: Whitening, modulus: float) -> Ready:
     )
 
 
-def _walls(tiles: Tiles, modulus: float) -> tuple[Wall, ...]:
+def _walls(tiles: Tiles, modulus: float) -> tuple[RangeEnds, ...]:
     first, free = (modulus, 1) if tiles.moduli is None else (tiles.moduli, 0)
     found = []
     for j, own in tiles.kept.items():
         middle = tiles.at[:, tiles.axes[j]] - own.slope * np.log(first)
-        found.append(Wall(free + j, own.low - middle, own.high - middle, float(tiles.sd[j])))
+        found.append(RangeEnds(free + j, own.low - middle, own.high - middle, float(tiles.sd[j])))
     return tuple(found)
 
 
-def _ends(h: Ready, wall: Wall, mean: np.ndarray, tile: int | np.ndarray | slice) -> tuple[np.ndarray, np.ndarray]:
+def _ends(h: Ready, wall: RangeEnds, mean: np.ndarray, tile: int | np.ndarray | slice) -> tuple[np.ndarray, np.ndarray]:
     """Ends of the local coordinate, which is a change times μ/μ₀, about the means (…, k') of tiles."""
     m = mean[..., 0] if h.tiles.moduli is None else h.tiles.moduli[tile] / h.scale
     return wall.low[tile] * np.maximum(m, 0.1), wall.high[tile] * np.maximum(m, 0.1)

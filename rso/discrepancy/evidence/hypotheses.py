@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rso.discrepancy.evidence.gaussian_mixture import Kept, Tiles, compressed
+from rso.discrepancy.evidence.gaussian_mixture import TileFactors, Tiles, compressed
 from rso.discrepancy.library.effects import Effect, Size
 from rso.discrepancy.library.interpolation import placed, points, timed
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.simulations import BaseAxis
 from rso.discrepancy.library.tables import Library
-from rso.discrepancy.library.test_plan import HELD, LOADING, UNLOADING, Profile, TestPlan
+from rso.discrepancy.library.test_plan import HELD, LOADING, UNLOADING, SurfaceProfile, TestPlan
 
 BASE_TILES = {0: 1, 1: 11, 2: 5}
 SIZE_TILES = 8
@@ -115,7 +115,7 @@ def blocks(plan: TestPlan) -> dict[tuple[int, str, int], np.ndarray]:
     for item, c, at in plan.rows():
         rows = np.arange(at.start, at.stop)
         for branch in (LOADING, UNLOADING, HELD):
-            if isinstance(item, Profile):
+            if isinstance(item, SurfaceProfile):
                 mine, key = rows if branch == LOADING else rows[:0], (-1, c, LOADING)
             else:
                 mine, key = rows[item.branch == branch], (item.place, c, branch)
@@ -124,7 +124,7 @@ def blocks(plan: TestPlan) -> dict[tuple[int, str, int], np.ndarray]:
     return {k: np.concatenate(v) for k, v in found.items()}
 
 
-def _kept(axis: BaseAxis, modulus: float) -> Kept | None:
+def _kept(axis: BaseAxis, modulus: float) -> TileFactors | None:
     """The range of a parameter itself; None where there is none, or where nothing of it was computed at a modulus."""
     if axis.kept is None:
         return None
@@ -132,7 +132,7 @@ def _kept(axis: BaseAxis, modulus: float) -> Kept | None:
     shift = -axis.exponent * np.log(modulus)
     if low + shift >= axis.ends[1] or high + shift <= axis.ends[0]:
         return None
-    return Kept(-float(axis.exponent), float(low), float(high))
+    return TileFactors(-float(axis.exponent), float(low), float(high))
 
 
 def _times(s: Size) -> int:

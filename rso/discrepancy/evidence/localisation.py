@@ -27,7 +27,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from rso.discrepancy.evidence.gaussian_mixture import Ready, log_tiles
-from rso.discrepancy.library.test_plan import LOADING, UNLOADING, Profile, Test, TestPlan
+from rso.discrepancy.library.test_plan import LOADING, UNLOADING, SurfaceProfile, Test, TestPlan
 
 DEPTH_BINS = {LOADING: 3, UNLOADING: 2}
 TIME_BINS = 2  # of a hold, in the logarithm of time
@@ -138,14 +138,14 @@ def shared(where: Where, plan: TestPlan, gap: np.ndarray, C: np.ndarray, W: np.n
 
 def _regions(plan: TestPlan) -> Iterator[tuple[str, str, str, np.ndarray]]:
     """(experiment, channel, words, rows): repeats of an experiment together, in bins of depth or, held, of time."""
-    groups: dict[tuple[int, str], list[tuple[Test | Profile, slice]]] = {}
+    groups: dict[tuple[int, str], list[tuple[Test | SurfaceProfile, slice]]] = {}
     for item, c, at in plan.rows():
         groups.setdefault((item.experiment, c), []).append((item, at))
     for (k, c), members in groups.items():
         name = plan.experiments[k].name
         depth = np.concatenate([m.depth for m, _ in members])
         rows = np.concatenate([np.arange(at.start, at.stop) for _, at in members])
-        if isinstance(members[0][0], Profile):
+        if isinstance(members[0][0], SurfaceProfile):
             for d in sorted({plan.near(v) for v in depth}):
                 yield name, c, f"profile at {d:g} mm", rows[np.abs(depth - d) < 0.06 * plan.scale]
             continue

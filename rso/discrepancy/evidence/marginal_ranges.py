@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import logsumexp, ndtri
 
 from rso.discrepancy.evidence import noise
-from rso.discrepancy.evidence.attribution import Contest, Evidence
+from rso.discrepancy.evidence.attribution import Comparison, Evidence
 from rso.discrepancy.evidence.gaussian_mixture import (
     Posterior,
     Ready,
@@ -94,7 +94,7 @@ def trusted(e: Effect) -> float | None:
 
 def reach(
     evidence: Evidence,
-    contest: Contest,
+    contest: Comparison,
     said: Hypothesis,
     y: np.ndarray,
     level: float,
@@ -130,7 +130,7 @@ def reach(
     return {k: _told(values[k], alone[k], there, quantiles) for k in alone}
 
 
-def _shares(contest: Contest, said: Hypothesis) -> dict[Hypothesis, float]:
+def _shares(contest: Comparison, said: Hypothesis) -> dict[Hypothesis, float]:
     """Probabilities of the hypotheses that count, at least DOUBTED of it that of what is said; they sum to 1.
 
     None has an effect that a calibration bounds: the contest knows what is plausible without one.

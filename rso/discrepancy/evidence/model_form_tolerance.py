@@ -20,7 +20,7 @@ WAY = 0.2  # of the size of another support: how far a body slides or rolls in i
 LOOP = 0.25  # of the widest loop that friction can make: whether it creeps before it slides no coefficient says
 
 
-def loosened(library: Library, effects: Sequence[Effect], own: Tiles, base: Tiles, modulus: float) -> Tiles:
+def with_tolerance(library: Library, effects: Sequence[Effect], own: Tiles, base: Tiles, modulus: float) -> Tiles:
     """Tiles whose effect may be somewhat stronger or weaker in each part of the data, and its loop another.
 
     y_g → y_g + ζ_g (y_g − base_g),  ζ_g ~ N(0, share²) for every place, branch, and Fz or lateral forces apart: the

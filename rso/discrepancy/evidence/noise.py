@@ -16,11 +16,11 @@ import numpy as np
 from rso.contract import DistortionDepth, capability
 from rso.core.distributions import chi2_cdf, chi2_ppf
 from rso.data import Measurement, Repeat
-from rso.discrepancy.detectors.autocorrelation import memory
+from rso.discrepancy.detectors.autocorrelation import autocorrelation_length
 from rso.discrepancy.detectors.sensor import count_of, hidden, of_bins
 from rso.discrepancy.library.responses import FORCES
 from rso.discrepancy.library.tables import Library
-from rso.discrepancy.library.test_plan import LOADING, UNLOADING, Profile, Test, TestPlan
+from rso.discrepancy.library.test_plan import LOADING, UNLOADING, SurfaceProfile, Test, TestPlan
 
 GAIN = 0.01  # of a test, where nothing is known
 CONTACT = 0.01  # mm, contact point of a test, of a plan of the usual depth
@@ -44,7 +44,7 @@ ALIKE = 0.3  # mm, of such a plan: tests at a place with no other history than t
 
 
 @dataclass(frozen=True)
-class Level:
+class NoiseLevel:
     """Noise of a channel: `white` per reading, `correlated` of a bin along `length` mm, `gain`, `contact` of a test.
 
     `loud` holds the experiments (by index) whose readings have another noise, and how many times this one; `expected`
@@ -62,19 +62,19 @@ class Level:
     expected: tuple[float, float] = (0.0, 0.0)
     shown: tuple[float, float] = (0.0, 0.0)
 
-    def of(self, experiment: int) -> Level:
+    def of(self, experiment: int) -> NoiseLevel:
         """That of the readings of one experiment."""
         k = self.loud.get(experiment, 1.0)
         return replace(self, white=k * self.white, correlated=k * self.correlated)
 
 
-def levels(plan: TestPlan, binding: bool = False) -> dict[str, Level]:
+def levels(plan: TestPlan, binding: bool = False) -> dict[str, NoiseLevel]:
     """Noise by channel of all tests together; 'uz' is that of profiles.
 
     Where what is stated is `binding`, gain and contact by which repeats differ far more are not noise.
     """
     out = {}
-    remembered = memory(plan)
+    remembered = autocorrelation_length(plan)
     for c in FORCES:
         tests = [t for t in plan.tests if c in t.channels]
         if not tests:
@@ -113,7 +113,7 @@ def levels(plan: TestPlan, binding: bool = False) -> dict[str, Level]:
         gain = max(e.noise.stated.gain for e in seen)
         off = max(e.noise.stated.contact for e in seen)
         contact = max(plan.scale * CONTACT, 2 * depth, off)
-        known = Level(white, correlated, reach, gain, contact, depth, source, loud, (gain or GAIN, contact))
+        known = NoiseLevel(white, correlated, reach, gain, contact, depth, source, loud, (gain or GAIN, contact))
         *shown, extra, its_reach = _repeats(plan, c, known)
         if extra > correlated:
             known = replace(known, correlated=extra, length=max(its_reach, reach))
@@ -126,7 +126,7 @@ def levels(plan: TestPlan, binding: bool = False) -> dict[str, Level]:
         )
     if plan.profiles:
         stated = max(plan.experiments[p.experiment].noise.uz for p in plan.profiles)
-        out["uz"] = Level(stated or plan.scale * MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "stated" if stated else "assumed")
+        out["uz"] = NoiseLevel(stated or plan.scale * MARK, 0.0, 0.0, 0.0, 0.0, 0.0, "stated" if stated else "assumed")
     return out
 
 
@@ -203,7 +203,7 @@ def _third(repeat: Repeat, channel: str) -> np.ndarray:
     return np.concatenate(found) if found else np.empty(0)
 
 
-def _repeats(plan: TestPlan, channel: str, known: Level) -> tuple[float, float, float, float]:
+def _repeats(plan: TestPlan, channel: str, known: NoiseLevel) -> tuple[float, float, float, float]:
     """(gain, contact mm, correlated noise, its length mm) from what repeats of one experiment differ by.
 
     Zero where no experiment has three repeats of equal history, and where they differ no more than `known` noise, gain
@@ -252,13 +252,13 @@ def _repeats(plan: TestPlan, channel: str, known: Level) -> tuple[float, float, 
     return best(gains), best(contacts), best(extras), best(lengths)
 
 
-def _beyond(known: Level, found: np.ndarray, of_noise: np.ndarray, dof: int) -> np.ndarray:
+def _beyond(known: NoiseLevel, found: np.ndarray, of_noise: np.ndarray, dof: int) -> np.ndarray:
     """Variances (2,) of gain and contact of which `found` is more than noise and what is `known` make of it."""
     usual = (np.array([known.gain, known.contact]) ** 2 + of_noise) * chi2_ppf(0.95, dof) / dof
     return np.where(found > usual, found - of_noise, 0.0)
 
 
-def _along(level: Level, at: np.ndarray) -> np.ndarray:
+def _along(level: NoiseLevel, at: np.ndarray) -> np.ndarray:
     """Covariance (n, n) of the correlated noise of bins at travels `at` (n,)."""
     return level.correlated**2 * np.exp(-np.abs(at[:, None] - at) / max(level.length, 1e-9))
 
@@ -271,16 +271,16 @@ def _bins(tests: Sequence[Test]) -> tuple[float, float]:
     return (float(np.median(widths)), float(np.median(counts))) if len(widths) else (1.0, 1.0)
 
 
-def covariance(library: Library, level: Mapping[str, Level], force: np.ndarray, slope: np.ndarray) -> np.ndarray:
+def covariance(library: Library, level: Mapping[str, NoiseLevel], force: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """C (n, n) of the data vector for a prediction `force` (n,) N (or mm) and its slope (n,) N/mm."""
     return scatter(library.plan, level, force, slope) + _world(library, force)
 
 
-def scatter(plan: TestPlan, level: Mapping[str, Level], force: np.ndarray, slope: np.ndarray) -> np.ndarray:
+def scatter(plan: TestPlan, level: Mapping[str, NoiseLevel], force: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """What tests and readings scatter by (n, n): readings, gain and contact of each test, the contact of all."""
     C = of_tests(plan, level, force, slope)
     for item, c, at in plan.rows():
-        if isinstance(item, Profile):
+        if isinstance(item, SurfaceProfile):
             C[at, at] += np.diag(np.full(at.stop - at.start, level["uz"].white ** 2))
             continue
         q = level[c].of(item.experiment)
@@ -291,7 +291,7 @@ def scatter(plan: TestPlan, level: Mapping[str, Level], force: np.ndarray, slope
     return C
 
 
-def of_tests(plan: TestPlan, level: Mapping[str, Level], force: np.ndarray, slope: np.ndarray) -> np.ndarray:
+def of_tests(plan: TestPlan, level: Mapping[str, NoiseLevel], force: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """What whole tests are off by (n, n): gain and contact of each, the contact of all."""
     C, placed, rows = np.zeros((plan.n, plan.n)), np.zeros(plan.n), plan.rows()
     for item in plan.tests:
@@ -311,7 +311,7 @@ def _world(library: Library, force: np.ndarray) -> np.ndarray:
     world, grain = np.zeros(n), np.zeros(n)
     u, place, channel = np.zeros(n), np.full(n, -1), np.zeros(n, int)
     for item, c, at in plan.rows():
-        if isinstance(item, Profile):
+        if isinstance(item, SurfaceProfile):
             world[at] = 0.01 * np.max(np.abs(force[at]))
             u[at], place[at], channel[at] = item.depth, 100 + item.place, 9 + item.mark
             continue
@@ -335,23 +335,23 @@ def other_code(plan: TestPlan, force: np.ndarray) -> np.ndarray:
     """What a model may be off by in all tests alike (n, n), as another program is: CODE of its prediction (n,)."""
     u, channel, size = np.zeros(plan.n), np.full(plan.n, -1), np.zeros(plan.n)
     for item, c, at in plan.rows():
-        if not isinstance(item, Profile):
+        if not isinstance(item, SurfaceProfile):
             u[at], channel[at], size[at] = item.depth, FORCES.index(c), CODE * force[at]
     deepest = max(p.deepest for p in plan.places)
     along = np.exp(-0.5 * ((u[:, None] - u) / (CODE_LENGTH * deepest)) ** 2)
     return np.outer(size, size) * along * (channel[:, None] == channel)
 
 
-def readings(plan: TestPlan, level: Mapping[str, Level], slope: np.ndarray) -> np.ndarray:
+def readings(plan: TestPlan, level: Mapping[str, NoiseLevel], slope: np.ndarray) -> np.ndarray:
     """Variance (n,) of each reading by itself, without what a test or a model may be off by as a whole."""
     out = np.zeros(plan.n)
     for item, c, at in plan.rows():
-        q = level["uz" if isinstance(item, Profile) else c].of(item.experiment)
-        out[at] = q.white**2 if isinstance(item, Profile) else _white(q, item, slope[at]) + q.correlated**2
+        q = level["uz" if isinstance(item, SurfaceProfile) else c].of(item.experiment)
+        out[at] = q.white**2 if isinstance(item, SurfaceProfile) else _white(q, item, slope[at]) + q.correlated**2
     return out
 
 
-def _white(level: Level, test: Test, slope: np.ndarray) -> np.ndarray:
+def _white(level: NoiseLevel, test: Test, slope: np.ndarray) -> np.ndarray:
     return (level.white**2 + (level.depth * slope) ** 2) / test.count
 
 
@@ -361,7 +361,7 @@ def _stated(library: Library, test: Test, channel: str) -> np.ndarray:
     return np.interp(test.depth, here.u, here.error[FORCES.index(channel)])
 
 
-def _rows_of(rows: list[tuple[Test | Profile, str, slice]], test: Test) -> slice:
+def _rows_of(rows: list[tuple[Test | SurfaceProfile, str, slice]], test: Test) -> slice:
     mine = [at for item, _, at in rows if item is test]
     return slice(mine[0].start, mine[-1].stop)
 
@@ -373,7 +373,7 @@ def unexplained(library: Library, force: np.ndarray, amplitude: float, length: f
     size, u, rest = np.zeros(n), np.zeros(n), np.zeros(n)
     place, channel, branch, test, speed = (np.full(n, -1) for _ in range(5))
     for k, (item, c, at) in enumerate(plan.rows()):
-        if isinstance(item, Profile):
+        if isinstance(item, SurfaceProfile):
             size[at] = 0.5 * np.max(np.abs(force[at]))
             u[at], place[at], channel[at], branch[at], test[at], speed[at] = item.depth, 100, 9 + item.mark, 0, k, 0
             continue
@@ -397,7 +397,7 @@ def slope_of(library: Library, force: np.ndarray) -> np.ndarray:
     profiles."""
     slope = np.zeros(len(force))
     for item, _, at in library.plan.rows():
-        if isinstance(item, Profile):
+        if isinstance(item, SurfaceProfile):
             continue
         for k in (LOADING, UNLOADING):
             mine = np.nonzero(item.branch == k)[0]

@@ -29,7 +29,7 @@ OWN = 0.1  # of a change: if the hypothesis can move all but this much of it, th
 
 
 @dataclass(frozen=True)
-class Remainder:
+class ResidualScore:
     """The effect that shows most in what a hypothesis (`of`) leaves, its score, and what few simulated data reach.
 
     `alike` are it and the next ones beyond that threshold, `MOST` at most: effects look like each other.
@@ -47,7 +47,7 @@ class Remainder:
         return self.score > self.threshold
 
 
-def remainder(evidence: Evidence, hypothesis: Hypothesis, y: np.ndarray, seed: int) -> Remainder:
+def residual_score(evidence: Evidence, hypothesis: Hypothesis, y: np.ndarray, seed: int) -> ResidualScore:
     """What a hypothesis of single effects, as fitted to y (n,), leaves."""
     name, rng = Hypothesis(hypothesis.effects).name, np.random.default_rng(seed)
     h = evidence.best(hypothesis.effects, y, loose=bool(hypothesis.effects))
@@ -58,19 +58,19 @@ def remainder(evidence: Evidence, hypothesis: Hypothesis, y: np.ndarray, seed: i
     others = [e for e in evidence.effects if e.family != "scatter" and e.source not in sources]
     changes = [_changes(evidence, e, post) for e in others]
     if not changes:
-        return Remainder(name, None, 0.0, np.inf)
+        return ResidualScore(name, None, 0.0, np.inf)
     Δ = h.white(np.concatenate(changes))
     d = _projected(Δ, h, W[0])
     length, whole = (np.linalg.norm(v, axis=1) for v in (d, Δ))
     shows = np.nonzero(length > np.maximum(OWN * whole, 1e-6))[0]
     if not len(shows):
-        return Remainder(name, None, 0.0, np.inf)
+        return ResidualScore(name, None, 0.0, np.inf)
     S = np.abs(r @ (d[shows] / length[shows, None]).T)
     owner = np.repeat(np.arange(len(others)), [len(c) for c in changes])
     threshold = float(np.quantile(S[1:].max(axis=1), 1 - LEVEL))
     best = np.array([max(S[0][owner[shows] == k], default=0.0) for k in range(len(others))])
     alike = tuple(others[k] for k in np.argsort(-best)[:MOST] if best[k] > threshold)
-    return Remainder(name, others[int(np.argmax(best))], float(best.max()), threshold, alike)
+    return ResidualScore(name, others[int(np.argmax(best))], float(best.max()), threshold, alike)
 
 
 def _changes(evidence: Evidence, effect: Effect, post: Posterior) -> np.ndarray:

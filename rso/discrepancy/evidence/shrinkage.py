@@ -17,7 +17,7 @@ from rso.discrepancy.evidence.gaussian_mixture import Posterior
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.tables import Library
-from rso.discrepancy.library.test_plan import Profile
+from rso.discrepancy.library.test_plan import SurfaceProfile
 
 DRAWS = 60
 BOOTSTRAPS = 2000
@@ -68,7 +68,7 @@ def curves_of(library: Library) -> list[tuple[str, str, np.ndarray]]:
     for item, _, at in library.plan.rows():
         name = library.plan.experiments[item.experiment].name
         groups.setdefault(name, []).append(np.arange(at.start, at.stop))
-        units[name] = "mm" if isinstance(item, Profile) else "N"
+        units[name] = "mm" if isinstance(item, SurfaceProfile) else "N"
     return [(k, units[k], np.concatenate(v)) for k, v in groups.items()]
 
 

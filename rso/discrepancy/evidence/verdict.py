@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from rso.discrepancy.evidence.attribution import Contest
+from rso.discrepancy.evidence.attribution import Comparison
 from rso.discrepancy.evidence.hypotheses import Hypothesis
-from rso.discrepancy.evidence.residual_test import Remainder
+from rso.discrepancy.evidence.residual_test import ResidualScore
 from rso.discrepancy.library.effects import Effect
 
 SURE = 0.95  # probability of one cause above which it is named alone
@@ -32,7 +32,7 @@ class Judgement:
 UNEXPLAINED = Judgement("unexplained", (), Hypothesis((), True))
 
 
-def judge(contest: Contest, gap: bool) -> Judgement:
+def judge(contest: Comparison, gap: bool) -> Judgement:
     """What a contest says; `gap` is the decision of the null's statistic.
 
     Forms of one cause count together.  A cause is sure when it takes part in hypotheses that hold SURE of the
@@ -85,7 +85,9 @@ def judge(contest: Contest, gap: bool) -> Judgement:
     return Judgement("measurement" if measured else "explained", own, chosen)
 
 
-def beside(chosen: Hypothesis, rest: Remainder, pairs: Sequence[tuple[Effect, Effect]]) -> list[tuple[Effect, Effect]]:
+def beside(
+    chosen: Hypothesis, rest: ResidualScore, pairs: Sequence[tuple[Effect, Effect]]
+) -> list[tuple[Effect, Effect]]:
     """Pairs of a single cause and what shows in its remainder, as far as they are not among the pairs."""
     if len(chosen.effects) != 1 or chosen.effects[0].family == "scatter":
         return []
@@ -93,13 +95,13 @@ def beside(chosen: Hypothesis, rest: Remainder, pairs: Sequence[tuple[Effect, Ef
     return [(chosen.effects[0], e) for e in rest.alike if {chosen.effects[0], e} not in known]
 
 
-def given_a_gap(contest: Contest) -> np.ndarray:
+def given_a_gap(contest: Comparison) -> np.ndarray:
     """Probabilities of all hypotheses but the first, given that it is not the first."""
     s = contest.log_evidence + contest.log_prior
     return np.exp(s[1:] - logsumexp(s[1:]))
 
 
-def most_probable(contest: Contest, count: int = 3) -> list[Hypothesis]:
+def most_probable(contest: Comparison, count: int = 3) -> list[Hypothesis]:
     """The most probable hypotheses that have effects, without what is unexplained."""
     s = contest.log_evidence + contest.log_prior
     found: list[Hypothesis] = []
@@ -110,12 +112,12 @@ def most_probable(contest: Contest, count: int = 3) -> list[Hypothesis]:
     return found[:count]
 
 
-def singles(contest: Contest, named: Sequence[str]) -> list[Hypothesis]:
+def singles(contest: Comparison, named: Sequence[str]) -> list[Hypothesis]:
     """Each named effect alone, all forms of it that are named."""
     return [h for h in contest.hypotheses if len(h.effects) == 1 and not h.unexplained and h.effects[0].name in named]
 
 
-def beaten(contest: Contest, named: Sequence[str]) -> list[Hypothesis]:
+def beaten(contest: Comparison, named: Sequence[str]) -> list[Hypothesis]:
     """The most probable single hypotheses of causes that are not named, and move a mean: what lost, to look at."""
     s = contest.log_evidence + contest.log_prior
     known = {e.name: e.source for h in contest.hypotheses for e in h.effects}

@@ -11,7 +11,7 @@ import numpy as np
 from rso.contract import run_key
 from rso.discrepancy.library.effects import Effect
 from rso.discrepancy.library.interpolation import Nodes, nodes
-from rso.discrepancy.library.simulations import Base, Job, Pass, jobs_of, knobs_at, passes, rated, task_of
+from rso.discrepancy.library.simulations import Base, LibraryJob, Pass, jobs_of, knobs_at, passes, rated, task_of
 from rso.discrepancy.library.test_plan import Test, TestPlan
 
 BASE_NODES = {1: 6, 2: 4}
@@ -19,7 +19,7 @@ FEW_BASE_NODES = {1: 3, 2: 3}  # where the ratio to the primary place is enough
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class LibraryFrame:
     """What is known of a library before any simulation.
 
     The place where most was measured, slowest and fastest speed (mm/s), nodes of the base there and elsewhere, and the
@@ -41,7 +41,7 @@ class Sizes:
     aside: np.ndarray
 
 
-def framed(base: Base, plan: TestPlan) -> Frame:
+def framed(base: Base, plan: TestPlan) -> LibraryFrame:
     """The frame of a library; ValueError for a base model that cannot have one."""
     d = len(base.axes)
     if d not in (0, *BASE_NODES):
@@ -56,7 +56,7 @@ def framed(base: Base, plan: TestPlan) -> Frame:
     # rounded: data sets recorded with the same nominal speeds share their library
     slowest, fastest = (float(f"{v([t.speed for t in plan.tests]):.2g}") for v in (min, max))
     judged = plan.seen().tests or plan.tests
-    return Frame(
+    return LibraryFrame(
         int(np.argmax([sum(_pressed(t) for t in judged if t.place == k) for k in range(len(plan.places))])),
         (slowest, fastest),
         tuple(_chebyshev(*a.ends, BASE_NODES[d]) for a in base.axes),
@@ -70,7 +70,7 @@ def _pressed(test: Test) -> int:
     return int(np.sum(test.depth > 0.0))
 
 
-def planned(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> list[Job]:
+def planned(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> list[LibraryJob]:
     """Different simulations that a library asks for at most; fewer where runs at a place turn out to be dear.
 
     Raises ValueError for a base model that cannot have one.
@@ -82,12 +82,12 @@ def planned(base: Base, plan: TestPlan, effects: Sequence[Effect]) -> list[Job]:
     return list({key_of(base, j): j for j in reversed(jobs)}.values())[::-1]
 
 
-def key_of(base: Base, job: Job) -> str:
+def key_of(base: Base, job: LibraryJob) -> str:
     """Equal for jobs that are the same simulation."""
     return run_key(base.backend, *base.backend.canonical(job.task.values, job.task.case))
 
 
-def jobs_of_base(base: Base, plan: TestPlan, frame: Frame) -> list[Job]:
+def jobs_of_base(base: Base, plan: TestPlan, frame: LibraryFrame) -> list[LibraryJob]:
     """Runs of the base model at every place."""
     jobs = []
     for k, ways in enumerate(frame.every):
@@ -97,11 +97,11 @@ def jobs_of_base(base: Base, plan: TestPlan, frame: Frame) -> list[Job]:
 
 
 def jobs_of_effects(
-    base: Base, plan: TestPlan, modelled: Sequence[Effect], frame: Frame, sizes: Sizes
-) -> tuple[dict[tuple[str, int], Nodes], list[Job], set[str]]:
+    base: Base, plan: TestPlan, modelled: Sequence[Effect], frame: LibraryFrame, sizes: Sizes
+) -> tuple[dict[tuple[str, int], Nodes], list[LibraryJob], set[str]]:
     """Nodes of every effect at every place, their runs, and effects of the contact whose way matters."""
     grid: dict[tuple[str, int], Nodes] = {}
-    jobs: list[Job] = []
+    jobs: list[LibraryJob] = []
     rubbing = set()
     alone = len(plan.places) == 1
     for e, k in itertools.product(modelled, range(len(plan.places))):
@@ -120,17 +120,19 @@ def jobs_of_effects(
     return grid, jobs, rubbing
 
 
-def _of_base(base: Base, plan: TestPlan, k: int, nodes: Iterable[Sequence[float]], ways: Sequence[Pass]) -> list[Job]:
+def _of_base(
+    base: Base, plan: TestPlan, k: int, nodes: Iterable[Sequence[float]], ways: Sequence[Pass]
+) -> list[LibraryJob]:
     """Runs of the base model at place k: its nodes, its centre on every way that matters, and on the study's mesh."""
-    jobs = [Job(k, None, n, None, task_of(base, plan, k, base.values(x), None, {})) for n, x in enumerate(nodes)]
+    jobs = [LibraryJob(k, None, n, None, task_of(base, plan, k, base.values(x), None, {})) for n, x in enumerate(nodes)]
     centre = base.values(base.centre)
-    jobs.append(Job(k, None, -1, None, task_of(base, plan, k, centre, None, {})))
+    jobs.append(LibraryJob(k, None, -1, None, task_of(base, plan, k, centre, None, {})))
     each = jobs_of(base, plan, k, None, -1, centre, ways)
     jobs += each if len(each) > 1 else []
-    return [*jobs, Job(k, None, -1, None, task_of(base, plan, k, centre, None, {}, finer=True), True)]
+    return [*jobs, LibraryJob(k, None, -1, None, task_of(base, plan, k, centre, None, {}, finer=True), True)]
 
 
-def _rubs(effect: Effect, jobs: Sequence[Job]) -> bool:
+def _rubs(effect: Effect, jobs: Sequence[LibraryJob]) -> bool:
     """Whether an effect is one of the contact whose way matters, all in one size, such as friction."""
     plain = not effect.settings and not effect.shape and effect.size.neutral is not None
     return plain and len(effect.size.ends()) == 1 and jobs[0].passing is not None

@@ -27,7 +27,7 @@ from rso.discrepancy.library.interpolation import timed
 from rso.discrepancy.library.responses import FORCES
 from rso.discrepancy.library.simulations import passes_of
 from rso.discrepancy.library.tables import Library, PlaceTables
-from rso.discrepancy.library.test_plan import LOADING, UNLOADING, Profile, Test
+from rso.discrepancy.library.test_plan import LOADING, UNLOADING, SurfaceProfile, Test
 
 AIR = 1.0  # mm before contact from which the chain is followed, in a plan of the usual depth
 NEARBY = 0.02  # of the travel, over which the stiffness of the contact is read
@@ -82,7 +82,7 @@ def predict(
         ]
 
     for item, channel, rows in plan.rows():
-        if isinstance(item, Profile):
+        if isinstance(item, SurfaceProfile):
             moved[:, rows] = _profile(library, item, x, model)
         elif acting := [(e, s) for e, s in chain if e.acts(plan.places[item.place].settings)]:
             if channel == item.channels[0]:  # all channels of a test come at once
@@ -289,7 +289,7 @@ def _bounded(effect: Effect, at: np.ndarray) -> dict[str, np.ndarray]:
     return out
 
 
-def _profile(library: Library, profile: Profile, x: np.ndarray, parts: Parts) -> np.ndarray:
+def _profile(library: Library, profile: SurfaceProfile, x: np.ndarray, parts: Parts) -> np.ndarray:
     """Displacements (T, n) of a profile's readings."""
     place = library.plan.places[profile.place]
     marks = library.marks(profile.place, x)

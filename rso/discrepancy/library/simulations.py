@@ -111,7 +111,7 @@ class Pass:
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
+class LibraryJob:
     """What a task is for: place, effect (None: base), node, pass (None: loading that serves all passes)."""
 
     place: int
@@ -214,14 +214,14 @@ def jobs_of(
     values: Mapping[str, float],
     every: Sequence[Pass],
     finer: bool = False,
-) -> list[Job]:
+) -> list[LibraryJob]:
     """One loading run where the way does not matter, else one run per pass; rest and pace only where times matter."""
     name, settings = (None, {}) if e is None else (e.name, e.settings)
     load = task_of(base, plan, k, values, None, settings, finer)
     there_and_back = task_of(base, plan, k, values, Pass(min(1.0, plan.places[k].deepest), 0.0), settings)
     programme = base.backend.canonical(there_and_back.values, there_and_back.case)[1].programme
     if programme.travel_mm[-1] == max(programme.travel_mm):
-        return [Job(k, name, n, None, load)]
+        return [LibraryJob(k, name, n, None, load)]
     jobs = []
     timely = (e is not None and any(timed(s) for s in e.shape)) or rated(base, plan)
     for i, way in enumerate(every):
@@ -232,7 +232,7 @@ def jobs_of(
             virgin = replace(task.case, settings={a: b for a, b in task.case.settings.items() if a != "earlier"})
             if plain == base.backend.canonical(task.values, virgin)[1].settings:
                 task = replace(task, case=virgin)
-        jobs.append(Job(k, name, n, i, task))
+        jobs.append(LibraryJob(k, name, n, i, task))
     return jobs
 
 

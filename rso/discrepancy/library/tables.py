@@ -23,7 +23,7 @@ from rso.discrepancy.library.interpolation import Nodes, cardinal, placed, point
 from rso.discrepancy.library.planning import Sizes, framed, jobs_of_base, jobs_of_effects, key_of
 from rso.discrepancy.library.relaxation import dense, foreseen, relaxes
 from rso.discrepancy.library.responses import FORCES, changed, forces_of, loading_of, marks_of, reached_by, relative
-from rso.discrepancy.library.simulations import Base, Job, Pass, Run, nearest
+from rso.discrepancy.library.simulations import Base, LibraryJob, Pass, Run, nearest
 from rso.discrepancy.library.test_plan import TestPlan
 from rso.evaluation.store import Done, Failed
 
@@ -33,12 +33,12 @@ ALIKE = 2.0  # times as large as at home: what the curve of an effect at another
 GRID = 160  # travels of the tables, evenly spaced in √u
 
 
-class NoAnswer(ValueError):
+class LibraryUnanswered(ValueError):
     """The base model has no answer where one is needed: there is nothing to compare with."""
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class LibraryTable:
     """Relative changes (n_nodes, n_pass, 3, m) by an effect at a place, displacements of marks (n_nodes, n_uz)."""
 
     nodes: Nodes
@@ -63,7 +63,7 @@ class PlaceTables:
     mesh: np.ndarray
     ways: np.ndarray
     error: np.ndarray
-    effects: Mapping[str, Table]
+    effects: Mapping[str, LibraryTable]
     unknowns: int = 0
 
 
@@ -139,7 +139,7 @@ class Library:
         return tensor(self.levels, x)
 
 
-def _told(base: Base, job: Job) -> str:
+def _told(base: Base, job: LibraryJob) -> str:
     """The values of a run, and how its open parameters came by them: nobody stated a product of two ranges."""
     values = job.task.values
     each = [f"{base.modulus} = {base.reference:.4g}", *(f"{a.name} = {values[a.name]:.4g}" for a in base.axes)]
@@ -166,7 +166,7 @@ def build(base: Base, plan: TestPlan, effects: Sequence[Effect], run: Run) -> Li
             unknowns[j.place] = float(o.response.info.get("dofs", 0))
         elif j.passing is None:
             at = plan.places[j.place].settings.get("point")
-            raise NoAnswer(f"the base model has no answer at {at} with {_told(base, j)}: {o.reason}")
+            raise LibraryUnanswered(f"the base model has no answer at {at} with {_told(base, j)}: {o.reason}")
     dear = unknowns > DEAR * unknowns[primary]
     aside = (unknowns >= ASIDE * unknowns.min()) & ~dear
     grid, further, rubbing = jobs_of_effects(base, plan, modelled, frame, Sizes(dear, aside))
@@ -245,7 +245,7 @@ def _tables(
         each = [found[k, None, -1, i, False] for i in range(len(every))]
         ways, lost = changed(every, u, place, base.reference, each, first)
         if lost:
-            raise NoAnswer(f"the base model has no answer on the way back at {place.settings.get('point')}")
+            raise LibraryUnanswered(f"the base model has no answer on the way back at {place.settings.get('point')}")
     best, unknowns = found.get((k, None, -1, None, True)), 0
     if isinstance(best, Done):
         unknowns = int(best.response.info.get("dofs", 0))
@@ -275,12 +275,12 @@ def _tables(
             marks[n] = 0.0 if reached is None else marks_of(reached, place) - base_marks[-1]
         if ahead is not None:
             change = np.where(known[:, None, None, None], change - ahead, 0.0)
-        rest = _filled(Table(grid[e.name, k], change, marks, known))
+        rest = _filled(LibraryTable(grid[e.name, k], change, marks, known))
         effects[e.name] = rest if ahead is None else _densely(rest, dense(grid[e.name, primary]), u, first(u), every)
     return PlaceTables(u, tuple(every), np.stack(scaled), base_marks[:-1], mesh, ways, error, effects, unknowns)
 
 
-def _densely(rest: Table, nodes: Nodes, u: np.ndarray, base: np.ndarray, every: Sequence[Pass]) -> Table:
+def _densely(rest: LibraryTable, nodes: Nodes, u: np.ndarray, base: np.ndarray, every: Sequence[Pass]) -> LibraryTable:
     """The table of an effect that relaxes: what is expected at dense `nodes`, and the `rest` that was computed at few.
 
     `base` (m, 3) are the forces without it.
@@ -288,7 +288,7 @@ def _densely(rest: Table, nodes: Nodes, u: np.ndarray, base: np.ndarray, every: 
     W = rest.nodes.weights(nodes.points)
     change = np.tensordot(W, rest.change, axes=1) + foreseen(u, base, nodes.points, every)
     change[:, :, 2] = np.maximum(change[:, :, 2], -1.0)  # nothing pulls
-    return Table(nodes, change, W @ rest.marks, np.full(len(W), rest.known.any()))
+    return LibraryTable(nodes, change, W @ rest.marks, np.full(len(W), rest.known.any()))
 
 
 def _beside(
@@ -310,7 +310,7 @@ def _beside(
     return replace(own, base=base, base_marks=W @ own.base_marks, mesh=mesh, error=error)
 
 
-def _filled(table: Table) -> Table:
+def _filled(table: LibraryTable) -> LibraryTable:
     """Failed nodes take the change of the nearest node that is known, in proportion to size."""
     if table.known.all() or not table.known.any():
         return table
@@ -323,7 +323,7 @@ def _filled(table: Table) -> Table:
     return replace(table, change=change, marks=marks)
 
 
-def _carried(effect: Effect, first: PlaceTables, own: PlaceTables) -> Table:
+def _carried(effect: Effect, first: PlaceTables, own: PlaceTables) -> LibraryTable:
     """The table of an effect at another place, at the nodes P of its home, from the few nodes O computed there:
 
         δ(P) = R δ(O) + c [δ'(P) − R δ'(O)],    c = ⟨δ(O), δ'(O)⟩ / ⟨δ'(O), δ'(O)⟩
@@ -344,7 +344,7 @@ def _carried(effect: Effect, first: PlaceTables, own: PlaceTables) -> Table:
         both, square = (np.sum(v * at * force**2, axis=(0, 3)) for v in (other.change, at))
         c = np.clip(both / np.maximum(square, 1e-300), 0.0, ALIKE)
         change = change + c[..., None] * (there - np.tensordot(R, at, axes=1))
-    return Table(known.nodes, change, R @ other.marks, np.ones(len(R), bool))
+    return LibraryTable(known.nodes, change, R @ other.marks, np.ones(len(R), bool))
 
 
 def _along_ways(change: np.ndarray, first: PlaceTables, own: PlaceTables) -> np.ndarray:
@@ -366,7 +366,7 @@ def _along_ways(change: np.ndarray, first: PlaceTables, own: PlaceTables) -> np.
     return out
 
 
-def _transfer(effect: Effect, primary: Table, other: Table) -> np.ndarray:
+def _transfer(effect: Effect, primary: LibraryTable, other: LibraryTable) -> np.ndarray:
     """(n_primary, n_other): what each primary node is in terms of the nodes that the other place has too.
 
     Where an effect sits is read off between the other place's own nodes: what is below one point is beside another.
@@ -393,7 +393,7 @@ def _transfer(effect: Effect, primary: Table, other: Table) -> np.ndarray:
     return R
 
 
-def _likened(primary: Table, P: np.ndarray, O: np.ndarray) -> np.ndarray | None:
+def _likened(primary: LibraryTable, P: np.ndarray, O: np.ndarray) -> np.ndarray | None:
     """(n, m): sizes and shapes P (n, 1 + d) in terms of O (m, 1 + d) by least squares over the changes at the primary
     place; None where the effect does not show there."""
     nodes = primary.change.reshape(len(primary.change), -1)

@@ -50,7 +50,7 @@ class Experiment:
 
 
 @dataclass(frozen=True)
-class Place:
+class TestPlace:
     """Settings of the backend, the deepest travel asked there, peaks of load–unload tests, and marks of profiles."""
 
     settings: Mapping[str, Any]
@@ -109,7 +109,7 @@ class Test:
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class SurfaceProfile:
     """Displacements of surface marks: `depth`, `mark` (index into the marks of the place) and `value`, each (n,)."""
 
     experiment: int
@@ -128,9 +128,9 @@ class TestPlan:
     """
 
     experiments: tuple[Experiment, ...]
-    places: tuple[Place, ...]
+    places: tuple[TestPlace, ...]
     tests: tuple[Test, ...]
-    profiles: tuple[Profile, ...]
+    profiles: tuple[SurfaceProfile, ...]
     notes: tuple[str, ...] = ()
     scale: float = 1.0
 
@@ -152,9 +152,9 @@ class TestPlan:
         """A travel (mm) as a round number that others like it share."""
         return rounded(travel, self.scale, 1)
 
-    def rows(self) -> list[tuple[Test | Profile, str, slice]]:
+    def rows(self) -> list[tuple[Test | SurfaceProfile, str, slice]]:
         """(test or profile, channel, rows) in the order of the data vector."""
-        found: list[tuple[Test | Profile, str, slice]] = []
+        found: list[tuple[Test | SurfaceProfile, str, slice]] = []
         at = 0
         for t in self.tests:
             for c in t.channels:
@@ -197,12 +197,14 @@ class _Site:
     marks: dict[tuple[float, float], int] = field(default_factory=dict)
     mark_depths: set[float] = field(default_factory=set)
 
-    def place(self, scale: float) -> Place:
+    def place(self, scale: float) -> TestPlace:
         """The place when all is gathered."""
         step = scale * STEP
         deepest = rounded(max(math.ceil(self.deepest / step - 0.2), 1) * step, scale, 6)
         peaks = {rounded(v, scale, 1) for v in self.peaks}
-        return Place(self.settings, deepest, tuple(sorted(peaks)), tuple(self.marks), tuple(sorted(self.mark_depths)))
+        return TestPlace(
+            self.settings, deepest, tuple(sorted(peaks)), tuple(self.marks), tuple(sorted(self.mark_depths))
+        )
 
 
 def scale_of(deepest: float) -> float:
@@ -288,7 +290,7 @@ def _tests(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> 
             site.peaks.add(peak)
 
 
-def _profiles(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> Iterator[Profile]:
+def _profiles(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) -> Iterator[SurfaceProfile]:
     """The profiles of experiment k; their marks and depths gather at its place."""
     if e.measurement.kind == "force":
         return
@@ -300,7 +302,7 @@ def _profiles(k: int, e: Experiment, sites: dict[str, _Site], notes: list[str]) 
         keys = [(float(x), float(y)) for x, y in zip(r.channels["x"], r.channels["y"], strict=True)]
         mark = np.array([site.marks.setdefault(m, len(site.marks)) for m in keys])
         for c in e.channels:
-            yield Profile(k, site.index, c, r.depth, mark, r.channels[c])
+            yield SurfaceProfile(k, site.index, c, r.depth, mark, r.channels[c])
         site.mark_depths |= {float(v) for v in r.depth}
         site.deepest = max(site.deepest, float(r.depth.max()))
 

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from rso.doe.farthest import extend_by
-from rso.doe.sampler import Sampler, Task, counted
+from rso.doe.sampler import DesignTask, Sampler, counted
 
 # Blocks of Box & Behnken (1960), table 4: which factors sit at +-1 together.
 _BLOCKS = {
@@ -28,7 +28,7 @@ def box_behnken(d: int) -> np.ndarray:
     return 0.5 + 0.5 * np.vstack([*rows, np.zeros((1, d))])
 
 
-def points(task: Task) -> np.ndarray:
+def points(task: DesignTask) -> np.ndarray:
     """The design, all of whose points must be feasible."""
     return counted("box_behnken", box_behnken(task.d), task)
 

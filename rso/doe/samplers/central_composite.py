@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from rso.doe.farthest import extend_by
-from rso.doe.sampler import Options, Sampler, Task, counted
+from rso.doe.sampler import DesignTask, Options, Sampler, counted
 
 Star = Literal["circumscribed", "inscribed", "face"]
 Alpha = float | Literal["rotatable", "orthogonal"]
@@ -68,7 +68,7 @@ def _corners(d: int) -> np.ndarray:
     return np.column_stack([base, *(base[:, list(g)].prod(axis=1) for g in extra)])
 
 
-def points(task: Task) -> np.ndarray:
+def points(task: DesignTask) -> np.ndarray:
     """The design of the options `star`, `alpha` and `centres`, all of whose points must be feasible."""
     return counted("ccd", central_composite(task.d, **_stated(task.options)), task)
 

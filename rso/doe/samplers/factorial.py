@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rso.doe.farthest import extend_by
-from rso.doe.sampler import Sampler, Task
+from rso.doe.sampler import DesignTask, Sampler
 
 
 def factorial(d: int, runs: int | None = None, levels: Sequence[int] | None = None) -> np.ndarray:
@@ -31,7 +31,7 @@ def factorial(d: int, runs: int | None = None, levels: Sequence[int] | None = No
     return np.array(list(itertools.product(*(np.linspace(0, 1, L) for L in levels))))
 
 
-def points(task: Task) -> np.ndarray:
+def points(task: DesignTask) -> np.ndarray:
     """Every combination that is feasible; ValueError where fewer than two are."""
     X = factorial(task.d, task.runs, task.options.get("levels"))
     good = np.full(len(X), True) if task.feasible is None else np.asarray(task.feasible(X), bool)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rso.doe.farthest import extend, farthest
-from rso.doe.sampler import Feasible, Sampler, Task, enough
+from rso.doe.sampler import DesignTask, Feasible, Sampler, enough
 
 MOST_OPTIMISED = 1000  # runs up to which a design is optimised, within about a second
 
@@ -97,7 +97,7 @@ def _nearest(Y: np.ndarray, X: np.ndarray) -> float:
     return float(min(apart, cdist(Y, X).min()))
 
 
-def points(task: Task) -> np.ndarray:
+def points(task: DesignTask) -> np.ndarray:
     """A Latin hypercube, spread out further where the option `optimise` says so."""
     runs, optimise = enough("lhs", task), task.options.get("optimise", True)
     if task.feasible is None:
@@ -105,7 +105,7 @@ def points(task: Task) -> np.ndarray:
     return latin_within(task.d, runs, task.seed, task.feasible, optimise)
 
 
-def further(X: np.ndarray, n: int, task: Task) -> np.ndarray:
+def further(X: np.ndarray, n: int, task: DesignTask) -> np.ndarray:
     """n points in rows of cells that X (m, d) leaves empty."""
     return extend_latin(X, n, task.seed, task.feasible)
 

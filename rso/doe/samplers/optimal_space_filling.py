@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rso.doe.farthest import extend_by, farthest
-from rso.doe.sampler import Sampler, Task, enough
+from rso.doe.sampler import DesignTask, Sampler, enough
 from rso.doe.samplers.latin_hypercube import MOST_OPTIMISED
 
 
@@ -44,7 +44,7 @@ def optimal_space_filling(d: int, runs: int, seed: int, sweeps: int = 60) -> np.
     return best
 
 
-def points(task: Task) -> np.ndarray:
+def points(task: DesignTask) -> np.ndarray:
     """The design; inside constraints each point is as far as possible from all before."""
     runs = enough("osf", task, MOST_OPTIMISED)
     if task.feasible is None:

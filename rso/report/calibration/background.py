@@ -9,8 +9,8 @@ from rso.report.layout.digits import DASH, aligned, channel_text, clean, duratio
 from rso.report.layout.document import Block, Cell, Mark, Section, Table, Text, column, table, words
 from rso.report.notes import sentences
 from rso.report.reading import (
-    Output,
-    Parameter,
+    OutputView,
+    ParameterView,
     Results,
     lettered,
     listed,
@@ -132,7 +132,7 @@ def _runs(results: Results, every: list[Mapping[str, Any]]) -> Table:
     return table(f"Every run ({len(every)})", columns, "All outputs of every run are in runs.csv.", folded=True)
 
 
-def _shown_outputs(results: Results) -> list[Output]:
+def _shown_outputs(results: Results) -> list[OutputView]:
     """The targets of the main search, or the first outputs if there are none: a page has room for a few columns."""
     every = outputs(results)
     if len(every) <= OUTPUT_COLUMNS:
@@ -203,7 +203,7 @@ def _parameters(results: Results) -> Table:
     return table("Parameters", columns)
 
 
-def _stated(p: Parameter, entry: Mapping[str, Any]) -> str:
+def _stated(p: ParameterView, entry: Mapping[str, Any]) -> str:
     """What the study file says of a range that the search has widened."""
     ends = entry.get("stated")
     if p.fixed is not None or not pair(ends) or (ends[0], ends[1]) == (p.low, p.high):

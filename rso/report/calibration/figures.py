@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from rso.report.calibration.displacements import is_profile, profile_figure
-from rso.report.calibration.gauss_newton import descent_figure
+from rso.report.calibration.gauss_newton import gauss_newton_figure
 from rso.report.calibration.identification import allowed, profiles
 from rso.report.calibration.influence import along_figure, morris_figure, shapes_figure
 from rso.report.calibration.maps import fronts, sensitivity, surfaces
@@ -19,8 +19,8 @@ from rso.report.calibration.verdict import how, interval_rows, likely
 from rso.report.canvas import ACCENT, GREY, HALO, INK, LIGHT, PALE, PAPER, WARM, Look, canvas, short, style, svg, tag
 from rso.report.layout.digits import Unit, channel_text, clean, ends, known, largest, percent, shortest, shown
 from rso.report.reading import (
-    Candidate,
-    Parameter,
+    CandidateView,
+    ParameterView,
     Results,
     candidates,
     curve_unit,
@@ -50,7 +50,7 @@ def draw(results: Results, name: str) -> str:
         if kind == "profile":
             return profiles(results, name)
         if kind == "descent":
-            return descent_figure(results, name)
+            return gauss_newton_figure(results, name)
         if kind == "verification":
             return verification(results, name)
         if kind == "curve":
@@ -105,7 +105,7 @@ def determined(results: Results, name: str) -> str:
     return svg(figure, name)
 
 
-def _scale(axes: Axes, y: float, p: Parameter) -> None:
+def _scale(axes: Axes, y: float, p: ParameterView) -> None:
     """Ticks at 1, 2 and 5 on a logarithmic range, and the words; a linear one needs neither."""
     if not (p.log and p.low > 0):
         return
@@ -158,7 +158,7 @@ def _key(axes: Axes, entries: list[tuple[str, str]]) -> None:
     )
 
 
-def _differences(c: Candidate) -> list[tuple[str, float, float]]:
+def _differences(c: CandidateView) -> list[tuple[str, float, float]]:
     """(output, predicted − recomputed, two standard deviations), the numbers in per cent of the recomputed value."""
     rows = []
     for o in c.data.get("outputs") or ():
@@ -195,7 +195,7 @@ def _curves(
     u: np.ndarray,
     y: np.ndarray,
     sigma: np.ndarray,
-    simulated: Sequence[tuple[Candidate, np.ndarray, np.ndarray]],
+    simulated: Sequence[tuple[CandidateView, np.ndarray, np.ndarray]],
 ) -> str:
     simulated = sorted(simulated, key=lambda row: row[0].best)
     figure = canvas(4.6 if simulated else 3.0)
@@ -234,7 +234,7 @@ def _residuals(
     u: np.ndarray,
     y: np.ndarray,
     sigma: np.ndarray,
-    simulated: Sequence[tuple[Candidate, np.ndarray, np.ndarray]],
+    simulated: Sequence[tuple[CandidateView, np.ndarray, np.ndarray]],
 ) -> None:
     left = []
     for c, x, f in simulated:
@@ -273,7 +273,7 @@ def validation(results: Results, e: Mapping[str, Any], name: str) -> str:
 
 
 def _dots(
-    name: str, e: Mapping[str, Any], unit: Unit, y: float, sigma: float, rows: list[tuple[Candidate, float]]
+    name: str, e: Mapping[str, Any], unit: Unit, y: float, sigma: float, rows: list[tuple[CandidateView, float]]
 ) -> str:
     rows = rows[:_ROWS]
     figure = canvas(0.85 + 0.19 * len(rows))

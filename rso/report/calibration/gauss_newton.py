@@ -13,14 +13,14 @@ from rso.report.layout.document import Block, Cell, Picture, Section, Table, Tex
 from rso.report.reading import Results, number, parameters
 
 
-def descents(results: Results) -> list[Mapping[str, Any]]:
+def gauss_newton_starts(results: Results) -> list[Mapping[str, Any]]:
     """Every descent; none where response surfaces were searched."""
     return list((results.get("descent") or {}).get("descents") or ())
 
 
-def descent_section(results: Results) -> Section:
+def gauss_newton_section(results: Results) -> Section:
     """How the parameters were found straight on simulations."""
-    every = descents(results)
+    every = gauss_newton_starts(results)
     data = results.get("descent") or {}
     whose = "differences between runs" if data.get("derivatives") == "differences" else "the backend's derivatives"
     lead = (
@@ -74,12 +74,12 @@ def _word(i: Mapping[str, Any]) -> Cell:
     return Cell("best so far", mark="good") if i.get("better") else Cell("not better", mark="quiet")
 
 
-def descent_figure(results: Results, name: str) -> str:
+def gauss_newton_figure(results: Results, name: str) -> str:
     """Misfit, and how far each run was from its prediction, over the runs of every descent."""
     figure = canvas(2.2)
     left, right = figure.subplots(1, 2)
     tolerance = number((results.get("verify") or {}).get("tolerance"))
-    for d in descents(results):
+    for d in gauss_newton_starts(results):
         colour = ACCENT if d.get("best") else GREY
         walk = [i for i in d.get("iterates") or () if known(i.get("number"))]
         marks = (left, "expected", 1, False), (left, "chi2", 1, True), (right, "agreement", 100, True)

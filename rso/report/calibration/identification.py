@@ -27,7 +27,7 @@ from rso.report.layout.digits import (
     significant,
 )
 from rso.report.layout.document import Block, Cell, Mark, Picture, Section, Table, Text, column, missing, table, words
-from rso.report.reading import Parameter, Results, lettered, number, pair, parameters, points
+from rso.report.reading import ParameterView, Results, lettered, number, pair, parameters, points
 
 _WORDS: dict[str, tuple[str, Mark]] = {
     "determined": ("determined", "good"),
@@ -55,14 +55,14 @@ def identification_section(results: Results) -> Section:
     return Section("identification", title, tuple(blocks))
 
 
-def identified(results: Results) -> list[tuple[Parameter, Mapping[str, Any]]]:
+def identified(results: Results) -> list[tuple[ParameterView, Mapping[str, Any]]]:
     """Open parameters with what the identification says of them."""
     data = (results.get("identification") or {}).get("parameters") or ()
     by_name = {clean(d.get("parameter")): d for d in data}
     return [(p, by_name[p.name]) for p in parameters(results, free=True) if p.name in by_name]
 
 
-def allowed(results: Results, p: Parameter, interval: Any) -> list[tuple[float, float]]:
+def allowed(results: Results, p: ParameterView, interval: Any) -> list[tuple[float, float]]:
     """What the data allow a parameter, in its base unit: the pieces of its profile; of one piece, its `interval`."""
     d = dict((q.name, d) for q, d in identified(results)).get(p.name) or {}
     whole = [(interval[0], interval[1])] if pair(interval) else []
@@ -76,12 +76,12 @@ def allowed(results: Results, p: Parameter, interval: Any) -> list[tuple[float, 
     return [(float(np.exp(a)), float(np.exp(b))) if p.log else (a, b) for a, b in found]
 
 
-def spans(results: Results, p: Parameter, interval: Any) -> str:
+def spans(results: Results, p: ParameterView, interval: Any) -> str:
     """The same in words."""
     return " or ".join(between(low, high, p.unit) for low, high in allowed(results, p, interval)) or DASH
 
 
-def profiled(results: Results) -> list[tuple[Parameter, Mapping[str, Any]]]:
+def profiled(results: Results) -> list[tuple[ParameterView, Mapping[str, Any]]]:
     """Those of which a profile can be drawn."""
     found = []
     for p, d in identified(results)[:_PANELS]:
@@ -136,7 +136,7 @@ def _caption(data: Mapping[str, Any]) -> str:
     )
 
 
-def _intervals(results: Results, data: Mapping[str, Any], rows: list[tuple[Parameter, Mapping[str, Any]]]) -> Table:
+def _intervals(results: Results, data: Mapping[str, Any], rows: list[tuple[ParameterView, Mapping[str, Any]]]) -> Table:
     value = [
         significant(d["value"] * p.unit.factor, d["digits"]) if known(d.get("value")) and d.get("digits") else DASH
         for p, d in rows
@@ -255,7 +255,7 @@ def profiles(results: Results, name: str) -> str:
     return svg(figure, name)
 
 
-def _change(axes: Axes, p: Parameter, profile: Mapping[str, Any]) -> None:
+def _change(axes: Axes, p: ParameterView, profile: Mapping[str, Any]) -> None:
     x, y = (np.array(v) for v in points(profile.get("values"), profile.get("change")))
     u, s = (np.array(v) for v in points(profile.get("values"), profile.get("sigma")))
     unit = shown("N", largest([*map(float, s)]) or largest([*map(float, y)]))

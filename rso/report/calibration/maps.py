@@ -27,9 +27,9 @@ from rso.report.canvas import (
 )
 from rso.report.layout.digits import Unit, channel_text, clean, known, largest, quantity, shortest, shown
 from rso.report.reading import (
-    Candidate,
-    Output,
-    Parameter,
+    CandidateView,
+    OutputView,
+    ParameterView,
     Results,
     candidates,
     front,
@@ -63,7 +63,7 @@ def surfaces(results: Results, name: str) -> str:
             continue
         s = shown_ones[k]
         x, y = by_name.get(s["x"]["parameter"]), by_name.get(clean((s.get("y") or {}).get("parameter")))
-        output = outputs(results).get(s["output"], Output(s["output"], "", clean(s["output"]), "", Unit("")))
+        output = outputs(results).get(s["output"], OutputView(s["output"], "", clean(s["output"]), "", Unit("")))
         if x is not None and y is not None and len(s["y"]["values"]) > 1:
             _surface(axes, results, s, x, y, output)
         elif x is not None:
@@ -77,7 +77,9 @@ def _targets(results: Results, output: str) -> list[Mapping[str, Any]]:
     return list({(t["value"], t.get("sigma")): t for t in every if known(t.get("value"))}.values())
 
 
-def _surface(axes: Axes, results: Results, s: Mapping[str, Any], x: Parameter, y: Parameter, output: Output) -> None:
+def _surface(
+    axes: Axes, results: Results, s: Mapping[str, Any], x: ParameterView, y: ParameterView, output: OutputView
+) -> None:
     X, Y = np.array(s["x"]["values"]) * x.unit.factor, np.array(s["y"]["values"]) * y.unit.factor
     Z = np.array([[np.nan if v is None else v for v in row] for row in s["mean"]], float) * output.unit.factor
     levels = MaxNLocator(9).tick_values(np.nanmin(Z), np.nanmax(Z))
@@ -102,7 +104,7 @@ def _surface(axes: Axes, results: Results, s: Mapping[str, Any], x: Parameter, y
         axes.set_title(f"target {', '.join(aims)}", loc="right", color=ACCENT, fontsize=8)
 
 
-def _region(axes: Axes, results: Results, x: Parameter, y: Parameter) -> None:
+def _region(axes: Axes, results: Results, x: ParameterView, y: ParameterView) -> None:
     """Hatched where runs would rather fail."""
     found = (results.get("feasible") or {}).get("map")
     if found and (found["x"]["parameter"], found["y"]["parameter"]) == (x.name, y.name):
@@ -120,7 +122,7 @@ class _Dots(TypedDict, total=False):
     linewidths: float
 
 
-def _runs(axes: Axes, results: Results, x: Parameter, y: Parameter) -> None:
+def _runs(axes: Axes, results: Results, x: ParameterView, y: ParameterView) -> None:
     looks: dict[str, _Dots] = {
         "done": {"marker": "o", "s": 9, "c": INK, "edgecolors": PAPER, "linewidths": 0.5},
         "failed": {"marker": "x", "s": 26, "c": WARM, "linewidths": 1.5},
@@ -140,12 +142,12 @@ def _runs(axes: Axes, results: Results, x: Parameter, y: Parameter) -> None:
             axes.scatter(a * x.unit.factor, b * y.unit.factor, zorder=4, clip_on=False, **look)
 
 
-def _within(p: Parameter, value: float) -> bool:
+def _within(p: ParameterView, value: float) -> bool:
     room = 1e-9 * max(abs(p.low), abs(p.high))
     return not (value < p.low - room or value > p.high + room)
 
 
-def _marks(axes: Axes, results: Results, x: Parameter, y: Parameter) -> None:
+def _marks(axes: Axes, results: Results, x: ParameterView, y: ParameterView) -> None:
     """Candidates as diamonds, those of the first search with their names."""
     every = candidates(results)
     lead = lead_search(results)
@@ -158,7 +160,7 @@ def _marks(axes: Axes, results: Results, x: Parameter, y: Parameter) -> None:
 
 
 def _mark(
-    axes: Axes, a: float | None, b: float | None, x: Parameter, y: Parameter, text: str, best: bool = False
+    axes: Axes, a: float | None, b: float | None, x: ParameterView, y: ParameterView, text: str, best: bool = False
 ) -> None:
     if a is None or b is None:
         return
@@ -171,7 +173,7 @@ def _mark(
     axes.annotate(text, at, ha="center", va="center", fontsize=7, color=ink, zorder=7, annotation_clip=False)
 
 
-def _line(axes: Axes, results: Results, s: Mapping[str, Any], x: Parameter, output: Output) -> None:
+def _line(axes: Axes, results: Results, s: Mapping[str, Any], x: ParameterView, output: OutputView) -> None:
     X = np.array(s["x"]["values"]) * x.unit.factor
     Y = np.array([np.nan if v is None else v for v in np.ravel(s["mean"])], float) * output.unit.factor
     score = next((g for g in listed(results, "surrogates") if g.get("output") == s["output"]), {})
@@ -264,7 +266,7 @@ def fronts(results: Results, s: Mapping[str, Any], name: str) -> str:
 
 
 def _pair(
-    axes: Axes, targets: Sequence[Mapping[str, Any]], F: np.ndarray, i: int, j: int, mine: list[Candidate]
+    axes: Axes, targets: Sequence[Mapping[str, Any]], F: np.ndarray, i: int, j: int, mine: list[CandidateView]
 ) -> None:
     unit = shown(targets[i].get("unit", ""), largest([float(v) for v in F[:, [i, j]].ravel()]))
     axes.plot(F[:, i] * unit.factor, F[:, j] * unit.factor, "o", ms=2.6, mfc=GREY, mec="none", alpha=0.8)
@@ -291,8 +293,8 @@ def _valley(
     s: Mapping[str, Any],
     front_values: list[Mapping[str, Any]],
     F: np.ndarray,
-    free: tuple[Parameter, ...],
-    mine: list[Candidate],
+    free: tuple[ParameterView, ...],
+    mine: list[CandidateView],
     wide: bool,
 ) -> None:
     values = [[number(v.get(p.name)) for p in free] for v in front_values]
@@ -321,7 +323,7 @@ def _valley(
     axes.set_ylabel(f"missed by{unit.bracket}")
 
 
-def _around(x: np.ndarray, p: Parameter) -> tuple[float, float]:
+def _around(x: np.ndarray, p: ParameterView) -> tuple[float, float]:
     """Limits a little outside the values, on the scale of the parameter."""
     if not len(x):
         return p.low, p.high

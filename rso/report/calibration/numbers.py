@@ -10,7 +10,7 @@ import numpy as np
 from rso.report.calibration.background import provenance, runs
 from rso.report.calibration.displacements import is_profile, profile_blocks
 from rso.report.calibration.gap import gap_sections
-from rso.report.calibration.gauss_newton import descent_section, descents
+from rso.report.calibration.gauss_newton import gauss_newton_section, gauss_newton_starts
 from rso.report.calibration.identification import identification_section
 from rso.report.calibration.influence import extrapolation
 from rso.report.calibration.predictions import off, predictions
@@ -49,7 +49,7 @@ from rso.report.layout.document import (
 )
 from rso.report.notes import opening
 from rso.report.reading import (
-    Candidate,
+    CandidateView,
     Results,
     best_candidate,
     candidates,
@@ -104,8 +104,8 @@ def report(results: Results) -> Report:
 
 def _how_found(results: Results) -> tuple[Section, ...]:
     """Response surfaces and what was done on them, or the descent that needed none."""
-    if descents(results):
-        return (descent_section(results),)
+    if gauss_newton_starts(results):
+        return (gauss_newton_section(results),)
     return surface_section(results), sensitivity_section(results), front_section(results)
 
 
@@ -135,7 +135,7 @@ def _verification_caption(results: Results) -> str:
     )
 
 
-def _candidate_table(results: Results, s: Mapping[str, Any], chosen: list[Candidate]) -> Table:
+def _candidate_table(results: Results, s: Mapping[str, Any], chosen: list[CandidateView]) -> Table:
     known_outputs = outputs(results)
     rows = [(c, o) for c in chosen for o in c.data.get("outputs") or () if known(o.get("target"))]
     rows = rows or [(c, {}) for c in chosen]
@@ -181,7 +181,7 @@ def _scaled(values: Sequence[float | None], unit: Unit, digits: int = 4) -> tupl
     return aligned([None if v is None else v * unit.factor for v in values], digits)
 
 
-def _state(c: Candidate) -> Cell:
+def _state(c: CandidateView) -> Cell:
     state = clean(c.data.get("state"))
     if c.verified:
         met = c.data.get("meets") is not False  # results of an older program do not say
@@ -196,7 +196,7 @@ def _search_title(s: Mapping[str, Any]) -> str:
     return f"Search {clean(s['name'])}" + (f": {_KINDS.get(kind, kind)}" if kind else "")
 
 
-def _search_note(results: Results, s: Mapping[str, Any], chosen: list[Candidate]) -> str:
+def _search_note(results: Results, s: Mapping[str, Any], chosen: list[CandidateView]) -> str:
     said = []
     ranges = s.get("ranges") or {}
     each = []

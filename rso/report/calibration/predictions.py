@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from rso.report.calibration.displacements import is_profile, profile_words
-from rso.report.calibration.predictive_check import foretold, foretold_note, foretold_sentence
+from rso.report.calibration.predictive_check import prediction_note, prediction_of, prediction_sentence
 from rso.report.layout.digits import NBSP, clean, known, percent, quantity, shortest
 from rso.report.layout.document import Fact, Mark
 from rso.report.reading import Results, best_candidate, candidates, experiments, finished, number, validations
@@ -102,7 +102,7 @@ def prediction_sentences(results: Results) -> list[str]:
     """One per test: yes or no, and by how much."""
     said = []
     for e in experiments(results, "validate"):
-        if e["name"] != e["experiment"] and foretold(results, e) is not None:
+        if e["name"] != e["experiment"] and prediction_of(results, e) is not None:
             continue  # one test of all its channels, said with the first
         best, found = best_candidate(results), predictions(results, e)
         mine = [
@@ -110,8 +110,8 @@ def prediction_sentences(results: Results) -> list[str]:
             for v in validations(results, e)
             if best and (v.get("search"), v.get("candidate")) == (best.search, best.name)
         ]
-        if (v := foretold(results, e)) is not None:
-            said.append(foretold_sentence(e, v))
+        if (v := prediction_of(results, e)) is not None:
+            said.append(prediction_sentence(e, v))
         elif found:
             said.append(_sentence(e, found, mine))
         elif mine and mine[0].get("state") != "done":
@@ -184,9 +184,9 @@ def prediction_fact(results: Results) -> list[Fact]:
     """The tile of the tests that were not used."""
     rows: list[tuple[Mapping[str, Any], str, str]] = []
     for e in experiments(results, "validate"):
-        v, found = foretold(results, e), predictions(results, e)
+        v, found = prediction_of(results, e), predictions(results, e)
         if v is not None and e["name"] == e["experiment"]:
-            rows.append((e, clean(v.get("verdict")), foretold_note(e, v)))
+            rows.append((e, clean(v.get("verdict")), prediction_note(e, v)))
         elif v is None and found:
             note = f"{found[0].within} of {len(found[0].depth)} readings within 2σ" if is_profile(e) else off(found)
             said = answer(found)

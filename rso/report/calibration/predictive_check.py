@@ -18,13 +18,13 @@ _WORDS = {
 }
 
 
-def foretold(results: Results, e: Mapping[str, Any]) -> Mapping[str, Any] | None:
+def prediction_of(results: Results, e: Mapping[str, Any]) -> Mapping[str, Any] | None:
     """The entry of an experiment in `predictions`; None where nothing was identified that could predict it."""
     mine = e.get("experiment", e["name"])
     return next((v for v in listed(results, "predictions") if v.get("experiment") == mine), None)
 
 
-def foretold_sentence(e: Mapping[str, Any], v: Mapping[str, Any]) -> str:
+def prediction_sentence(e: Mapping[str, Any], v: Mapping[str, Any]) -> str:
     """Yes or no, by how much the readings are missed, and against which uncertainty."""
     verdict, name, channels = clean(v.get("verdict")), clean(e["experiment"]), list(v.get("channels") or ())
     if verdict not in _WORDS:
@@ -56,7 +56,7 @@ def missed_channel(e: Mapping[str, Any], v: Mapping[str, Any]) -> bool:
     return any(c.get("channel") == e.get("channel") and c.get("missed") for c in v.get("channels") or ())
 
 
-def foretold_note(e: Mapping[str, Any], v: Mapping[str, Any]) -> str:
+def prediction_note(e: Mapping[str, Any], v: Mapping[str, Any]) -> str:
     """For the tile."""
     channels = list(v.get("channels") or ())
     if not v.get("verdict"):

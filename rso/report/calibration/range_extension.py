@@ -7,7 +7,7 @@ from typing import Any
 
 from rso.report.layout.digits import DASH, clean, known, shortest, significant
 from rso.report.layout.document import Block, Cell, Text, column, table, words
-from rso.report.reading import Parameter, Results, listed, parameters
+from rso.report.reading import ParameterView, Results, listed, parameters
 
 _WORDS = {"widened": "widened", "taken back": "taken back", "done": "done", "stopped": "stopped"}
 
@@ -46,11 +46,11 @@ def _word(a: Mapping[str, Any]) -> Cell:
     return Cell(_WORDS.get(a["what"], clean(a["what"])), mark="warn" if a["what"] == "taken back" else "")
 
 
-def _letter(views: Mapping[str, Parameter], a: Mapping[str, Any]) -> str:
+def _letter(views: Mapping[str, ParameterView], a: Mapping[str, Any]) -> str:
     return views[a["parameter"]].letter if a["parameter"] in views else clean(a["parameter"])
 
 
-def _value(views: Mapping[str, Parameter], a: Mapping[str, Any], key: str) -> str:
+def _value(views: Mapping[str, ParameterView], a: Mapping[str, Any], key: str) -> str:
     x = a.get(key)
     if not known(x):
         return DASH

@@ -24,7 +24,7 @@ from rso.report.layout.digits import (
 )
 from rso.report.layout.document import Block, Cell, Picture, Section, Table, Text, column, missing, table, words
 from rso.report.reading import (
-    Output,
+    OutputView,
     Results,
     drowned,
     front,
@@ -73,7 +73,7 @@ def _surface_caption(results: Results) -> str:
     return text + (f" Held: {', '.join(held)}." if held else "")
 
 
-def _score_table(scores: list[Mapping[str, Any]], known_outputs: Mapping[str, Output]) -> Table:
+def _score_table(scores: list[Mapping[str, Any]], known_outputs: Mapping[str, OutputView]) -> Table:
     views = [known_outputs.get(s["output"]) for s in scores]
     labels = [v.label if v else clean(s["output"]) for v, s in _zip(views, scores)]
     sized = [
@@ -102,7 +102,7 @@ def _score_table(scores: list[Mapping[str, Any]], known_outputs: Mapping[str, Ou
     return table("Errors of the surrogates", columns, note if new else "")
 
 
-def _choice_table(scores: list[Mapping[str, Any]], known_outputs: Mapping[str, Output]) -> Table:
+def _choice_table(scores: list[Mapping[str, Any]], known_outputs: Mapping[str, OutputView]) -> Table:
     """Which surrogate was taken for each output, and what the others had; the story says both."""
     views = [known_outputs.get(s["output"]) for s in scores]
     stories = [raised(sentence(s.get("story"))) for s in scores]

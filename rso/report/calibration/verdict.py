@@ -9,7 +9,7 @@ from rso.inference.verdict import REFUTED
 from rso.report.calibration.gap import gap_fact, gap_sentences
 from rso.report.calibration.identification import allowed, identified, spans
 from rso.report.calibration.predictions import prediction_fact, prediction_sentences
-from rso.report.calibration.predictive_check import foretold, missed, missed_channel
+from rso.report.calibration.predictive_check import missed, missed_channel, prediction_of
 from rso.report.layout.digits import (
     Unit,
     clean,
@@ -26,8 +26,8 @@ from rso.report.layout.document import Block, Fact, Facts, Picture, Section, Tex
 from rso.report.notes import data_remarks
 from rso.report.reading import (
     STAGES,
-    Candidate,
-    Parameter,
+    CandidateView,
+    ParameterView,
     Results,
     about_zero,
     best_candidate,
@@ -85,32 +85,32 @@ def sentences(results: Results) -> list[str]:
 NOT = "is not determined"
 
 
-def interval_rows(results: Results) -> list[tuple[Parameter, Mapping[str, Any]]]:
+def interval_rows(results: Results) -> list[tuple[ParameterView, Mapping[str, Any]]]:
     """Parameters whose interval is known."""
     known_intervals = results.get("determined") or {}
     rows = [(p, known_intervals.get(p.name) or {}) for p in parameters(results, free=True)]
     return [(p, d) for p, d in rows if pair(d.get("interval")) and pair([p.low, p.high])]
 
 
-def _value(p: Parameter, x: float, interval: list[float], unit: Unit) -> str:
+def _value(p: ParameterView, x: float, interval: list[float], unit: Unit) -> str:
     half = (interval[1] - interval[0]) / 2 * unit.factor
     return f"{rounded(x * unit.factor, half)}{unit.after}"
 
 
-def likely(results: Results, p: Parameter) -> float | None:
+def likely(results: Results, p: ParameterView) -> float | None:
     """The most likely value; without an identification that of the best candidate."""
     found = number(((results.get("identification") or {}).get("values") or {}).get(p.name))
     best = best_candidate(results)
     return found if found is not None else best.value(p.name) if best else None
 
 
-def how(results: Results, p: Parameter) -> str:
+def how(results: Results, p: ParameterView) -> str:
     """How a parameter that is not determined is called."""
     verdicts = {q.name: d.get("verdict") for q, d in identified(results)}
     return "is weakly determined" if verdicts.get(p.name) == "weakly" else NOT
 
 
-def _also(p: Parameter, x: float, interval: list[float]) -> str:
+def _also(p: ParameterView, x: float, interval: list[float]) -> str:
     base = Unit(unit_text(p.base))
     return "" if base.label == p.unit.label else f" ({_value(p, x, interval, base)})"
 
@@ -151,7 +151,7 @@ def _agrees(results: Results) -> str:
     return f"fits as well as any under the model, which misses the data by {by} times their errors"
 
 
-def _width(p: Parameter, low: float, high: float) -> str:
+def _width(p: ParameterView, low: float, high: float) -> str:
     """How wide an interval is: a factor where the range is searched on a logarithmic scale, else a share of it."""
     if p.log and 0 < low < high < 1.2 * low:
         return f"±{percent(0.5 * (high / low - 1.0))}"
@@ -175,7 +175,7 @@ def _reason(results: Results) -> list[str]:
     return [*dict.fromkeys(said), *shown_by[:1]]
 
 
-def _valley(results: Results, name: str, p: Parameter) -> str:
+def _valley(results: Results, name: str, p: ParameterView) -> str:
     """What the candidates of one search show about a parameter, or nothing."""
     chosen = [c for c in candidates(results) if c.search == name and c.data.get("state") == "done"]
     values = [v for c in chosen if known(v := c.value(p.name)) and v > 0]
@@ -189,7 +189,7 @@ def _valley(results: Results, name: str, p: Parameter) -> str:
     )
 
 
-def _spread(chosen: list[Candidate]) -> float | None:
+def _spread(chosen: list[CandidateView]) -> float | None:
     """Largest relative difference between candidates over the targets, recomputed."""
     by_output: dict[str, list[float]] = {}
     for c in chosen:
@@ -254,7 +254,7 @@ def _fit(results: Results) -> list[str]:
                 f"{significant(base['nrmse'] / m['nrmse'], 2)} times as much"
             )
         e = experiment(results, name)
-        v = foretold(results, e) if e.get("role") == "select" else None
+        v = prediction_of(results, e) if e.get("role") == "select" else None
         if v is not None and v.get("verdict") == "no" and (name == e["experiment"] or missed_channel(e, v)):
             text += f"; that is beyond its errors: {missed(v)}"
         said.append(text + ".")

@@ -35,7 +35,7 @@ _BRANCH = {"loading": 0, "unloading": 1, "held": 2}
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class RecordView:
     """One curve of one channel: arrays (n,), all known; `cause` is what is left with the cause, or None.
 
     During a hold `depth` is the time since the indenter came to rest.
@@ -70,7 +70,7 @@ class Panel:
     channel: str
     profile: bool
     unit: Unit
-    records: tuple[Record, ...]
+    records: tuple[RecordView, ...]
     regions: tuple[tuple[int | None, float, float], ...]
     held: bool = False
 
@@ -234,7 +234,7 @@ def panels(found: Found) -> list[Panel]:
     return [v for _, v in sorted(rows, key=lambda v: v[0])]
 
 
-def _record(r: Mapping[str, Any], cause: str | None) -> Record | None:
+def _record(r: Mapping[str, Any], cause: str | None) -> RecordView | None:
     """The readings of which everything is known."""
     residual = r.get("residual") or {}
     names = ["since" if "since" in r else "depth", "branch", "measured", "sd"]
@@ -243,7 +243,7 @@ def _record(r: Mapping[str, Any], cause: str | None) -> Record | None:
     if data is None or not np.any(keep := data[3] > 0):
         return None
     data = data[:, keep]
-    return Record(data[0], data[1].astype(int), data[2], data[3], data[4], data[5] if len(data) > 5 else None)
+    return RecordView(data[0], data[1].astype(int), data[2], data[3], data[4], data[5] if len(data) > 5 else None)
 
 
 def _known(columns: Sequence[Sequence[Any] | None]) -> np.ndarray | None:

@@ -18,7 +18,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Column:
+class TableColumn:
     """Heading of a column, with a second line for its unit or group; numbers stand to the right."""
 
     title: str
@@ -31,7 +31,7 @@ class Table:
     """Rows of cells under columns; `folded` tables are long and start closed where a page can do that."""
 
     title: str
-    columns: tuple[Column, ...]
+    columns: tuple[TableColumn, ...]
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
     folded: bool = False
@@ -97,9 +97,11 @@ class Report:
     sections: tuple[Section, ...]
 
 
-def column(title: str, cells: tuple[Cell, ...], unit: str = "", number: bool = True) -> tuple[Column, tuple[Cell, ...]]:
+def column(
+    title: str, cells: tuple[Cell, ...], unit: str = "", number: bool = True
+) -> tuple[TableColumn, tuple[Cell, ...]]:
     """A heading and the cells below it, for :func:`table`."""
-    return Column(title, unit, number), cells
+    return TableColumn(title, unit, number), cells
 
 
 def words(texts: list[str], mark: Mark = "") -> tuple[Cell, ...]:
@@ -107,7 +109,9 @@ def words(texts: list[str], mark: Mark = "") -> tuple[Cell, ...]:
     return tuple(Cell(t, mark=mark) for t in texts)
 
 
-def table(title: str, columns: list[tuple[Column, tuple[Cell, ...]]], note: str = "", folded: bool = False) -> Table:
+def table(
+    title: str, columns: list[tuple[TableColumn, tuple[Cell, ...]]], note: str = "", folded: bool = False
+) -> Table:
     """A table from its columns, all of the same length."""
     rows = tuple(zip(*(cells for _, cells in columns), strict=True))
     return Table(title, tuple(heading for heading, _ in columns), rows, note, folded)

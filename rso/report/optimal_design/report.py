@@ -34,7 +34,7 @@ MOST = 12  # pairs in the table
 SHADES = ("#9ecae1", "#6baed6", "#3182bd", "#0b5a7d", "#08306b", "#4a1486", "#7a0177")
 
 
-def render_further(found: Found, folder: Path, html: bool = True, pdf: bool = True) -> list[Path]:
+def render_next(found: Found, folder: Path, html: bool = True, pdf: bool = True) -> list[Path]:
     """Write next.html, next.pdf and next.svg into `folder` from the plain data of next.json; list of files.
 
     The same data give the same bytes.
