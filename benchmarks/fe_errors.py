@@ -8,7 +8,7 @@ coarse and it (ratio of the errors of the force to its Richardson limit at the t
 limit).  What a run leaves to its step size and its augmentations is measured on the coarse mesh with half the step and
 six augmentations, and added; what the penalty of friction lets creep with three times the penalty.
 
-The coefficients (fem_backend/accuracy/error_estimate.py has them rounded by hand) come from
+The coefficients (fem_backend/accuracy/calibration.toml has them rounded by hand) come from
 seed 1 and the even draws of `--outside`: a
 third each of bowls, tilts and misalignments, and the way back; those of the force, of contact and of depth are older
 and from seed 1 alone, those of lateral forces from balls that rub and from tilts (all but number 13 of the one).
@@ -36,6 +36,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from fem_backend.accuracy import error_estimate
+from fem_backend.accuracy.calibration import calibration
 from fem_backend.accuracy.error_estimate import FORCES
 from fem_backend.backend import BACKEND, passages
 from fem_backend.simulation import assembly as modelling
@@ -333,7 +334,7 @@ def calibrate(checked: list[Checked]) -> None:
                 rest = np.maximum(c.true[name] - other.get(name, 0.0), 0.0)
                 rows.setdefault(error_estimate.kind(name), []).append((parts, rest))
         for name, parts in error_estimate.aslant(c.settings, c.knobs, c.result).items():
-            own = columns[name] @ np.array(error_estimate.CALIBRATED["force"]) + other[name]
+            own = columns[name] @ np.array(calibration(c.settings).shares["force"]) + other[name]
             rows.setdefault("lateral", []).append((parts, np.sqrt(np.maximum(c.true[name] ** 2 - own**2, 0.0))))
     print(f"coefficients, {100 * QUANTILE:g} % below")
     for kind, parts in rows.items():

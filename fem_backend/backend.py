@@ -13,7 +13,8 @@ import numpy as np
 
 from fem_backend import closed_forms, meshing
 from fem_backend.accuracy import admissible_depth, two_grid, warm_starts
-from fem_backend.accuracy.error_estimate import DEEP, at_depth, stated
+from fem_backend.accuracy.calibration import uncalibrated
+from fem_backend.accuracy.error_estimate import at_depth, stated
 from fem_backend.adapter import cost_model, model_hierarchy, new_study, priors
 from fem_backend.indenters import INDENTERS
 from fem_backend.laws import LAWS
@@ -38,6 +39,7 @@ ULPS = 8  # of a moment: what interpolating it may lose
 RESOLVING = ("coarse", "standard", "fine", "reference")  # levels from cheap to dear
 ROUNDED = 1e-12  # of the deepest travel: 0.3 · 18 is a little less than 5.4
 
+DEEP = 1.5  # lengths of the indenter: errors deeper than this were stated anew once, see `mended`
 GRAM = 9.81e-6  # N/mm³, the specific weight of 1 g/cm³
 
 
@@ -112,6 +114,10 @@ class FiniteElements:
     def deep(self, settings: Mapping[str, Any]) -> float:
         """Travel (mm) by which elements under the indenter are so distorted that programs part company."""
         return priors.DEEP * experiment.read_settings(settings).indenter.length
+
+    def uncalibrated(self, settings: Mapping[str, Any]) -> str | None:
+        """What to know of the errors that runs with these settings state; None where they are calibrated."""
+        return uncalibrated(experiment.read_settings(settings))
 
     def gauges(self, settings: Mapping[str, Any]) -> Mapping[str, tuple[str, float]]:
         """Knob → a measurement that shows it without indentation, and its standard uncertainty in the knob's unit."""

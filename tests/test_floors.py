@@ -26,7 +26,8 @@ LAYERS = {
         "__main__",
     ),
     "fem_backend.accuracy": (
-        "error_estimate two_grid warm_starts",
+        "calibration two_grid warm_starts",
+        "error_estimate",
         "admissible_depth",
     ),
     "fem_backend.adapter": ("command_line cost_model model_hierarchy new_study priors",),
@@ -36,12 +37,14 @@ LAYERS = {
     ),
     "fem_backend.indenters": (
         "indenter spherical_patch",
-        "__init__ sphere",
+        "*",
+        "__init__",
     ),
     "fem_backend.kinematics": ("tetrahedra voigt",),
     "fem_backend.laws": (
         "fibre law mullins prony",
-        "admissible linear_elastic material mooney_rivlin neo_hooke ogden yeoh",
+        "admissible material",
+        "*",
         "__init__",
     ),
     "fem_backend.materials": ("stress zones",),
@@ -74,11 +77,13 @@ LAYERS = {
     ),
     "fem_backend.specimens": (
         "specimen",
-        "__init__ ellipsoid",
+        "*",
+        "__init__",
     ),
     "fem_backend.supports": (
         "support",
-        "__init__ bowl fixed",
+        "*",
+        "__init__",
     ),
     "rso": (
         "__init__ contract doe norms",
@@ -179,10 +184,7 @@ LAYERS = {
         "registry",
         "__init__",
     ),
-    "rso.doe.samplers": (
-        "box_behnken central_composite factorial latin_hypercube sobol",
-        "optimal_space_filling",
-    ),
+    "rso.doe.samplers": ("*",),
     "rso.emulation": (
         "common convex_hull feasibility kernels saving scores sensitivity",
         "kriging_likelihood polynomial",

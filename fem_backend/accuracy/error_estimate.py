@@ -1,7 +1,7 @@
 """The numerical error that a result states for each of its channels: mesh, contact and steps.
 
-Each channel's error is a share of a few lengths and values that the run knows; benchmarks/fe_errors.py prints the
-shares and what they cover.
+Each channel's error is a share of a few lengths and values that the run knows.  The shares of a specimen under an
+indenter stand in calibration.toml; benchmarks/fe_errors.py prints their fit and what they cover.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from fem_backend import closed_forms
+from fem_backend.accuracy.calibration import calibration
 from fem_backend.contact.pointwise import TANGENTIAL
 from fem_backend.simulation import assembly as modelling
 from fem_backend.simulation.experiment import Settings, profile_name
@@ -16,33 +17,10 @@ from fem_backend.simulation.indentation import Result
 from fem_backend.simulation.knobs import Knobs
 from fem_backend.simulation.outputs import FORCES
 
-LEVEL = {"coarse": 1.0, "standard": 0.6, "fine": 0.29, "reference": 0.18, "limit": 0.18}  # over that of coarse
-BELOW = {
-    "coarse": 1.0,
-    "standard": 0.85,
-    "fine": 1.6,
-    "reference": 0.25,
-    "limit": 0.25,
-}  # the same of contact with the support
-EXTRAPOLATED = {"limit": 0.6}  # of the error of the forces is left when they are extrapolated
-CALIBRATED = {  # of the columns of `columns`
-    "force": (0.0015, 0.018, 0.006, 0.001),
-    "lateral": (0.0005, 0.0007),
-    "uz_max": (0.001, 1.0),
-    "bulge": (0.15, 4e-4, 0.035),
-    "contact_area": (0.065, 0.02, 0.005),
-    "contact_radius": (0.026, 0.024, 0.0),
-    "peak_pressure": (0.005, 0.38, 0.0),
-    "uz": (0.0045, 0.0057, 0.014, 0.016),
-}
 CANCELS = 0.3  # of the sum of steps and creep where what sticks is left beside their difference: they cancel in part
 AUGMENTED = 0.1  # of what the last augmentation changed in the force
 WIDE = 0.9  # of h₀: mean edge below the ball of the shipped meshes, 0.78 to 0.89, and of most that are made
 BELOW_INDENTER = 0.7  # of R: what counts as below it
-OFF_TOP = 4.0  # times the squared distance from the top in semi-axes: elements are stretched on the way
-TINY = 0.14  # of the force, times h₀/a, where the contact radius a is below h₀/2: on all levels from 0.002 to 0.05 mm
-SHALLOW = 0.03  # of the force, times (h₀/a)², a by Hertz: what a mesh misses of a shallow contact
-PENETRATION = 1.4e-4  # of R, at K/μ = 1
 STEPS = 0.025  # of the force, at friction 1 in the first step
 STICKING = 0.05  # of what friction takes of a lateral force in the first step
 CREEPS = 2.5  # times what an even traction would let what sticks creep: it is largest at the edge
@@ -50,13 +28,6 @@ RELAXING = 0.075  # of the force, at Σg = 1 in the first step: 1.5 times what t
 ADHERES = 4e-4  # of 2πWR*, times (h₀/ℓ)²: attraction of a range ℓ between points of contact (h₀/ℓ = 4 to 30)
 CREEPING = 2.0  # times that is the share of what a body creeps by under its weight
 LINGERS = 0.3  # of the largest of these so far is still there on the way back, where the force vanishes
-LUMPED = 1.7  # times |ln ratio|: what elements miss of the edge of contact where they are as thick as the skin
-LAYERED = 7.0  # times ln ratio t/R: what they miss of a stiff skin at any depth
-UNEVEN = 1.3e-3  # of R, times |ln ratio|: where the lowest point below a skin is (1 to 13 μm at R = 3 mm)
-DEEP = 1.5  # of R: depth from which elements below the ball are distorted
-DISTORTED = 0.0125  # of the force, times 0.4 + log₁₀ K/μ and the third power of the depth beyond that in R
-AT_LEAST = 0.4  # beside log₁₀ K/μ: compressible bodies err, too
-DISTORTS = {"coarse": 1.0, "standard": 0.95, "fine": 0.6, "reference": 0.5, "limit": 0.5}  # finer elements hardly help
 SLIP = 0.7  # of the contact in the first step, and of the share that slips
 
 
@@ -79,17 +50,18 @@ def stated(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nda
     Forces to 2.7 R at the top: see `distorted`.
     Skins: at the top, K/μ = 60, 0.05 to 0.67 R thick, 0.1 to 30 times as stiff, coarse and standard beside fine.
     """
-    other = run_terms(settings, knobs, result)
+    c = calibration(settings)
+    shares, other = c.shares, run_terms(settings, knobs, result)
     out = {name: np.zeros_like(result.travel) for name in result.channels}
     for name, parts in columns(settings, knobs, result).items():
-        out[name] = parts @ np.array(CALIBRATED[kind(name)])
+        out[name] = parts @ np.array(shares[kind(name)])
     out |= {name: out[name] + left for name, left in other.items()}
     out |= {name: np.maximum(out[name], least) for name, least in unresolved(settings, knobs, result).items()}
-    turned = {n: parts @ np.array(CALIBRATED["lateral"]) for n, parts in aslant(settings, knobs, result).items()}
+    turned = {n: parts @ np.array(shares["lateral"]) for n, parts in aslant(settings, knobs, result).items()}
     stuck, crept = sticking(settings, knobs, result), creeping(settings, knobs, result)
     for n, part in turned.items():
         out[n] = np.linalg.norm([out[n], part, crept[n] - stuck[n], CANCELS * (crept[n] + stuck[n])], axis=0)
-    return out
+    return {n: c.inflated * v for n, v in out.items()} if c.inflated != 1.0 else out
 
 
 def mesh_factor(settings: Settings, knobs: Knobs) -> float:
@@ -98,9 +70,13 @@ def mesh_factor(settings: Settings, knobs: Knobs) -> float:
     ρ is the distance from the top in semi-axes.  Meshes without a level: by the square of their element size, of second
     order and not calibrated.
     """
-    return (LEVEL.get(settings.level) or (4.0 * settings.h0 / settings.indenter.length) ** 2) * stretched(
-        settings, knobs
-    )
+    return _of_level(settings) * stretched(settings, knobs)
+
+
+def _of_level(settings: Settings) -> float:
+    """The share of the level, or of the element size where the mesh has none."""
+    mesh = calibration(settings).at(settings.level).mesh
+    return mesh or (4.0 * settings.h0 / settings.indenter.length) ** 2
 
 
 def unreached(settings: Settings, knobs: Knobs, result: Result) -> float:
@@ -117,7 +93,7 @@ def unreached(settings: Settings, knobs: Knobs, result: Result) -> float:
 
 def stretched(settings: Settings, knobs: Knobs) -> float:
     """The share of the place in it."""
-    return 1.0 + OFF_TOP * settings.specimen.off_top(*beneath(settings, knobs))
+    return 1.0 + calibration(settings).off_top * settings.specimen.off_top(*beneath(settings, knobs))
 
 
 def beneath(settings: Settings, knobs: Knobs) -> tuple[float, float]:
@@ -137,7 +113,8 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
     step = newly(settings, result)
     left = AUGMENTED * result.contact_error / np.maximum(size, 1e-300) + STEPS * knobs.friction * step
     left = left + result.residual + distorted(settings, knobs, result)
-    deep = PENETRATION * settings.indenter.length * (1.0 + stiffness(knobs))
+    c = calibration(settings)
+    deep = c.penetration * settings.indenter.length * (1.0 + stiffness(knobs))
     points = {profile_name(place): deep * along(result, profile_name(place)) for place in settings.profile}
     left = left + relaxing(settings, knobs, result) / np.maximum(size, 1e-300)
     pull = 2.0 * np.pi * knobs.adhesion * effective_radius(settings)
@@ -149,7 +126,7 @@ def run_terms(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.
         forces
         | points
         | {
-            "uz_max": deep + back["uz_max"] + UNEVEN * settings.indenter.length * contrast(knobs),
+            "uz_max": deep + back["uz_max"] + c.uneven * settings.indenter.length * contrast(knobs),
             "contact_area": back["contact_area"],
             "contact_radius": back["contact_radius"],
             "slipping": np.minimum(SLIP * (step + result.channels["slipping"]), 1.0) * (knobs.friction > 0.0),
@@ -166,9 +143,10 @@ def distorted(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
     benchmarks/axisymmetric.py, a second such program, agrees at x = 2 and has not been brought deeper.
     Of forces alone: what it does to other channels was not measured.
     """
+    c = calibration(settings)
     x = (np.maximum(result.travel, 0.0) - sunk(settings, knobs, result)) / settings.indenter.length
     return (
-        DISTORTED * DISTORTS.get(settings.level, 1.0) * (AT_LEAST + stiffness(knobs)) * np.maximum(x - DEEP, 0.0) ** 3
+        c.distorted * c.at(settings.level).distorts * (c.at_least + stiffness(knobs)) * np.maximum(x - c.deep, 0.0) ** 3
     )
 
 
@@ -283,7 +261,12 @@ def unresolved(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np
     travel = np.maximum(result.travel, 0.0)
     small = settings.indenter.force(travel, H, E, nu)
     force = (size if small is None else np.maximum(size, small)) * (travel > 0.0)
-    share = TINY * settings.h0 / np.sqrt(R * np.maximum(travel, 1e-12)) * (at["contact_radius"] < 0.5 * settings.h0)
+    share = (
+        calibration(settings).tiny
+        * settings.h0
+        / np.sqrt(R * np.maximum(travel, 1e-12))
+        * (at["contact_radius"] < 0.5 * settings.h0)
+    )
     return {n: along * share * force for n, along in directed(result).items()}
 
 
@@ -294,11 +277,11 @@ def at_depth(settings: Settings, depth: float) -> float:
     3 % (h₀/a)² on every level (at 0.024 R coarse and standard are 8 % above Hertz, fine and reference 3 %).
     """
     a = np.sqrt(effective_radius(settings) * max(depth, 1e-12))
-    level = LEVEL.get(settings.level) or (4.0 * settings.h0 / settings.indenter.length) ** 2
-    own, _, stiff, _ = CALIBRATED["force"]
+    c, level = calibration(settings), _of_level(settings)
+    own, _, stiff, _ = c.shares["force"]
     if a < 0.5 * settings.h0:
-        return float(min(TINY * settings.h0 / a, 1.0))
-    return float(level * (own + 2.0 * stiff) + SHALLOW * (settings.h0 / a) ** 2)
+        return float(min(c.inflated * c.tiny * settings.h0 / a, 1.0))
+    return float(c.inflated * (level * (own + 2.0 * stiff) + c.shallow * (settings.h0 / a) ** 2))
 
 
 def directed(result: Result) -> dict[str, float]:
@@ -341,13 +324,13 @@ def lumped(settings: Settings, knobs: Knobs) -> float:
     w = t/2h₀, at most 1: nothing is missed of what is far thinner than an element, or thicker.
     """
     w = min(knobs.skin_thickness / (2.0 * settings.h0), 1.0)
-    return 1.0 + LUMPED * contrast(knobs) * 4.0 * w * (1.0 - w)
+    return 1.0 + calibration(settings).lumped * contrast(knobs) * 4.0 * w * (1.0 - w)
 
 
 def layered(settings: Settings, knobs: Knobs) -> float:
     """Factor of what is missed at any depth: 1 + 7 ln(ratio) t/R, of a skin stiffer than the core."""
     stiffer = contrast(knobs) * (knobs.skin_ratio > 1.0)
-    return 1.0 + LAYERED * stiffer * min(knobs.skin_thickness / settings.indenter.length, 1.0)
+    return 1.0 + calibration(settings).layered * stiffer * min(knobs.skin_thickness / settings.indenter.length, 1.0)
 
 
 def sunk(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
@@ -406,12 +389,13 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
     edge = lumped(settings, knobs) * (settings.h0 / np.maximum(at["contact_radius"], 0.5 * settings.h0)) ** 2
     stiff = np.full_like(travel, stiffness(knobs))
     shape = np.stack([np.ones_like(travel), edge, stiff], axis=-1)
-    below, room = BELOW.get(settings.level, 1.0), settings.support.clearance(knobs)
-    astray = CALIBRATED["force"][3] * below * room  # no force is off by more than itself
+    c, room = calibration(settings), settings.support.clearance(knobs)
+    below = c.at(settings.level).below
+    astray = c.shares["force"][3] * below * room  # no force is off by more than itself
     play = below * 1.5 * room / np.maximum(travel, 1.5 * astray)
     play = play * eased(settings, knobs, result)
     through = shape * [layered(settings, knobs), 1.0, 1.0]
-    forces = np.concatenate([EXTRAPOLATED.get(settings.level, 1.0) * mesh * through, play[:, None]], axis=-1)
+    forces = np.concatenate([c.at(settings.level).extrapolated * mesh * through, play[:, None]], axis=-1)
     out = {n: size_n[:, None] * forces for n, size_n in pressed(settings, knobs, result).items()}
     least = 0.5 * settings.h0 * (size > 0.0)  # a patch fitted over too few points may vanish
     radius = np.maximum(at["contact_radius"], least)
@@ -437,5 +421,5 @@ def columns(settings: Settings, knobs: Knobs, result: Result) -> dict[str, np.nd
 
 
 def kind(name: str) -> str:
-    """Row of CALIBRATED of a channel."""
+    """Which shares of a calibration are those of a channel."""
     return "force" if name in FORCES else "uz" if name.startswith("uz(") else name

@@ -21,7 +21,7 @@ from rso.calibration.range_extension import RangeStep
 from rso.calibration.readings import compared, measured
 from rso.calibration.search_stage import SearchResult, Validation, baselines, mean_over_design, simulated_curves
 from rso.calibration.stages import Design, FittedSurrogates, Run, why
-from rso.calibration.stated_settings import extraordinary, unresolved
+from rso.calibration.stated_settings import extraordinary, uncalibrated, unresolved
 from rso.contract import plain
 from rso.core import disk
 from rso.core.curves import ahead
@@ -67,6 +67,7 @@ def begin(plan: Plan, command: str, started: str, jobs: int) -> dict[str, Any]:
         "warnings": [
             *(f"{e.name}, {doubt}" for e in study.experiments for doubt in study.measurement(e.name).doubts),
             *extraordinary(plan),
+            *uncalibrated(plan),
             *unresolved(plan),
         ],
         "timings": {},

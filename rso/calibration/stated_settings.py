@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rso.calibration.plan import Plan
-from rso.contract import Case, OrdinaryMaterials, Resolution, capability
+from rso.contract import Case, ErrorCalibration, OrdinaryMaterials, Resolution, capability
 from rso.doe import read_condition
 from rso.study.cases import MISREAD, case_for, travels
 from rso.study.schema import Study
@@ -77,6 +77,15 @@ def unresolved(plan: Plan) -> list[str]:
             f"the force at {deepest:.3g} mm is about {100 * error:.2g} % off at mesh.level = {json.dumps(own)}{hint}"
         )
     return lines
+
+
+def uncalibrated(plan: Plan) -> list[str]:
+    """Experiments for which the backend's stated errors were not fitted, a sentence for each reason."""
+    errors = capability(plan.backend, ErrorCalibration)
+    if errors is None:
+        return []
+    said = [errors.uncalibrated(plan.study.settings_of(e.name)) for e in plan.study.experiments]
+    return list(dict.fromkeys(s for s in said if s))
 
 
 def of_experiment(plan: Plan, name: str) -> list[str]:

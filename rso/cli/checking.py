@@ -184,7 +184,14 @@ def _things(plan: Plan) -> list[str]:
         for a in plan.resolved.axes
     ]
     lines += [f"  {name} = {value:g} (fixed)" for name, value in plan.resolved.fixed.items()]
-    lines += [f"  {words}" for words in (*stated_settings.extraordinary(plan), *stated_settings.unresolved(plan))]
+    lines += [
+        f"  {words}"
+        for words in (
+            *stated_settings.extraordinary(plan),
+            *stated_settings.unresolved(plan),
+            *stated_settings.uncalibrated(plan),
+        )
+    ]
     lines += _refused(plan)
     lines += stated_settings.of_study(plan)
     for e in plan.study.experiments:

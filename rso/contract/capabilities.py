@@ -164,6 +164,14 @@ class Refusals(Protocol):
         ...
 
 
+class ErrorCalibration(Protocol):
+    """Whether stated numerical errors were fitted for what is modelled; without it they are taken as they are."""
+
+    def uncalibrated(self, settings: Settings, /) -> str | None:
+        """What a reader must know of the errors that runs with these settings state; None where they are calibrated."""
+        ...
+
+
 class DistortionDepth(Protocol):
     """Where programs of one model part company; without it that is the deepest travel of the tests."""
 
@@ -254,7 +262,15 @@ GROUPS: Mapping[str, tuple[type, ...]] = {
     "priors": (PlausibleRanges, NominalValues, PhysicalBounds, OrdinaryMaterials),
     "alternatives": (Variants, ModelHierarchy),
     "closed forms": (ClosedForm, ClosedFormStart, ContactModulus, ForceExponents),
-    "costs and accuracy": (CostModel, LeanSettings, DraftSettings, Resolution, Refusals, DistortionDepth),
+    "costs and accuracy": (
+        CostModel,
+        LeanSettings,
+        DraftSettings,
+        Resolution,
+        Refusals,
+        ErrorCalibration,
+        DistortionDepth,
+    ),
     "further tests": (FurtherTests, SurfaceMarks, PreventableEffects, Gauges),
     "new studies": (NewStudies,),
     "identity": (Fingerprint,),

@@ -13,11 +13,11 @@ from rso.doe.box import Box
 from rso.doe.constraints import Condition, read_condition
 from rso.doe.farthest import extend
 from rso.doe.registry import SAMPLERS
-from rso.doe.sampler import DesignTask, Feasible, Options, Sampler
+from rso.doe.sampler import MOST_OPTIMISED, DesignTask, Feasible, Options, Sampler
 from rso.doe.samplers.box_behnken import box_behnken
 from rso.doe.samplers.central_composite import central_composite, star_distance
 from rso.doe.samplers.factorial import factorial
-from rso.doe.samplers.latin_hypercube import MOST_OPTIMISED, extend_latin, latin, latin_within
+from rso.doe.samplers.latin_hypercube import extend_latin, latin, latin_within
 from rso.doe.samplers.optimal_space_filling import optimal_space_filling
 from rso.doe.sequences import sobol
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+MOST_OPTIMISED = 1000  # runs up to which a design is optimised, within about a second
 Feasible = Callable[[np.ndarray], np.ndarray]
 Options = Mapping[str, Any]
 

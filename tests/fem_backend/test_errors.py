@@ -10,6 +10,7 @@ import pytest
 
 from fem_backend import closed_forms
 from fem_backend.accuracy import error_estimate
+from fem_backend.accuracy.calibration import UNKNOWN, calibration, known, uncalibrated
 from fem_backend.backend import BACKEND
 from fem_backend.contact import tractions
 from fem_backend.meshing import LEVELS
@@ -404,7 +405,7 @@ def test_the_lowest_point_below_a_stiff_skin_is_off_by_what_is_stated(monkeypatc
     (r, run), fine = answered(values, monkeypatch), np.array([0.25095, 0.50057, 1.00054, 2.00068, 4.00056])
     off = np.abs(r.channels["uz_max"] - fine)
     assert (off < r.error["uz_max"]).all()
-    monkeypatch.setattr(error_estimate, "UNEVEN", 0.0)
+    monkeypatch.setattr(error_estimate, "calibration", lambda s: replace(calibration(s), uneven=0.0))
     assert (off > error_estimate.stated(*run)["uz_max"]).any()
 
 
@@ -610,7 +611,7 @@ def test_deep_forces_err_by_no_more_than_is_stated():
 
 
 def test_without_the_term_of_depth_most_deep_forces_lie_outside(monkeypatch):
-    monkeypatch.setattr(error_estimate, "DISTORTED", 0.0)
+    monkeypatch.setattr(error_estimate, "calibration", lambda s: replace(calibration(s), distorted=0.0))
     rows = [(D1, *row) for D1, found in DEEP.items() for row in found]
     true = np.array([abs(F / exact - 1.0) for *_, F, exact in rows])
     assert np.mean(np.array([deep_error(D1, level, s, F) for D1, level, s, F, _ in rows]) >= true) < 0.5
@@ -626,3 +627,14 @@ def test_what_a_mesh_misses_is_foretold_from_the_contact_radius():
     levels = BACKEND.resolution({"mesh": {"level": "standard"}}, 0.1)
     assert list(levels) == ["standard", "coarse", "fine", "reference"]
     assert levels["coarse"] > levels["standard"] > levels["fine"] > levels["reference"]
+
+
+def test_a_pair_that_nobody_fitted_states_more_and_says_so(monkeypatch):
+    """The same run as if its indenter had another name: every stated error is UNKNOWN times as large."""
+    at, other = settings(), replace(settings())
+    own = error_estimate.stated(at, knobs(), result())
+    assert uncalibrated(at) is None and ("ellipsoid", "sphere") in known()
+    monkeypatch.setattr(type(other.indenter), "name", "cone")
+    more = error_estimate.stated(other, knobs(), result())
+    assert all(np.array_equal(more[name], UNKNOWN * v) for name, v in own.items())
+    assert "'cone'" in uncalibrated(other) and f"{UNKNOWN:g} times" in uncalibrated(other)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fem_backend import meshing
-from fem_backend.accuracy import error_estimate
+from fem_backend.accuracy import calibration
 from fem_backend.backend import BACKEND
 from fem_backend.laws import LAWS
 from fem_backend.meshing import LIMIT
@@ -361,8 +361,9 @@ def test_settings_without_a_mesh_are_a_failed_run():
 
 
 def test_levels_exist_for_every_stated_error():
-    assert set(error_estimate.LEVEL) == {*meshing.LEVELS, LIMIT}
-    assert set(error_estimate.EXTRAPOLATED) == {LIMIT}
+    for c in calibration.known().values():
+        assert set(c.level) == {*meshing.LEVELS, LIMIT}
+        assert {name for name, level in c.level.items() if level.extrapolated != 1.0} == {LIMIT}
 
 
 @pytest.mark.parametrize("point", [[0.0, 0.0], [20.0, 0.0], [40.0, 5.0]])

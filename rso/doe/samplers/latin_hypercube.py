@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rso.doe.farthest import extend, farthest
-from rso.doe.sampler import DesignTask, Feasible, Sampler, enough
-
-MOST_OPTIMISED = 1000  # runs up to which a design is optimised, within about a second
+from rso.doe.sampler import MOST_OPTIMISED, DesignTask, Feasible, Sampler, enough
 
 
 def latin(d: int, runs: int, seed: int, optimise: bool = True) -> np.ndarray:

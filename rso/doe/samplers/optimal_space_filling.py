@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rso.doe.farthest import extend_by, farthest
-from rso.doe.sampler import DesignTask, Sampler, enough
-from rso.doe.samplers.latin_hypercube import MOST_OPTIMISED
+from rso.doe.sampler import MOST_OPTIMISED, DesignTask, Sampler, enough
 
 
 def optimal_space_filling(d: int, runs: int, seed: int, sweeps: int = 60) -> np.ndarray:
