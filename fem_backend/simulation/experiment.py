@@ -7,6 +7,7 @@ open sets are discriminated unions of what their members declare.
 from __future__ import annotations
 
 import functools
+import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -186,7 +187,20 @@ def _validator(model: type[members.MemberTable]) -> TypeAdapter:
 
 def read_settings(settings: Mapping[str, Any]) -> Settings:
     """Settings from plain data; ValueError with every problem, one a line, naming key, value and choices."""
-    model = table()
+    try:
+        text = json.dumps(settings, sort_keys=True)
+    except (TypeError, ValueError):  # not plain data: whoever reads it says what is wrong
+        return _read(table(), settings)
+    return _read_again(table(), text)
+
+
+@functools.lru_cache(maxsize=1024)
+def _read_again(model: Any, text: str) -> Settings:
+    """A study asks for a few settings thousands of times; they are frozen, and what is wrong is not kept."""
+    return _read(model, json.loads(text))
+
+
+def _read(model: Any, settings: Mapping[str, Any]) -> Settings:
     known = {(): [*SETS, *SettingsTable.model_fields], ("mesh",): [*MeshTable.model_fields]}
     try:
         read = _validator(model).validate_python(dict(settings))
