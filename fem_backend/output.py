@@ -31,7 +31,7 @@ def write_files(solved: Solved, folder: Path) -> list[Path]:
     body, paths = solved.model.body, []
     for k, point in enumerate(solved.result.points):
         nodal = post.nodal(body, fields(solved, point))
-        surface = solved.system.indenter.surface
+        surface = solved.system.pressing.surface
         pressure = post.pressure_at_nodes(surface, point.evaluation.contact.pressure, len(body.nodes))
         data = {
             "cauchy_MPa": nodal.cauchy,
@@ -56,7 +56,7 @@ def draw(solved: Solved, folder: Path) -> list[Path]:
     for k, point in enumerate(solved.result.points):
         nodal = post.nodal(body, fields(solved, point))
         u, touch = point.evaluation.u, point.load.indenter
-        surface = solved.system.indenter.surface
+        surface = solved.system.pressing.surface
         points = tractions.contact_points(surface, body.nodes + u)
         on = point.evaluation.contact.pressure > 0
         spikes = (points[on], point.evaluation.contact.pressure[on]) if on.any() else None

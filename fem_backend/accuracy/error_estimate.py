@@ -83,7 +83,7 @@ def unreached(settings: Settings, knobs: Knobs, result: Result) -> float:
     """(h/0.9 h₀)² where the mean edge h below the ball is longer than that: fTetWild does not always get there."""
     if result.system is None or not settings.level:
         return 1.0
-    corners = result.system.body.nodes[result.system.indenter.surface.facets[:, :3]]
+    corners = result.system.body.nodes[result.system.pressing.surface.facets[:, :3]]
     x, y = beneath(settings, knobs)
     away = np.hypot(*(corners.mean(axis=1)[:, :2] - (x, y)).T)
     near = corners[away <= max(BELOW_INDENTER * settings.indenter.length, float(away.min()))]

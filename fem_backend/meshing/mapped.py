@@ -40,11 +40,11 @@ def kuhn_simplex(n: int) -> tuple[np.ndarray, np.ndarray]:
     points = grid[inside]
     number[tuple(points.T)] = np.arange(len(points))
     cubes = np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), -1).reshape(-1, 3)
-    tets = []
+    parts = []
     for order in itertools.permutations(range(3)):
         corners = [cubes]
         for axis in order:
             corners.append(corners[-1] + np.eye(3, dtype=int)[axis])
-        tets.append(np.stack([number[tuple(c.T)] for c in corners], 1))
-    tets = np.vstack(tets)
+        parts.append(np.stack([number[tuple(c.T)] for c in corners], 1))
+    tets = np.vstack(parts)
     return points, tets[(tets >= 0).all(1)]

@@ -43,8 +43,8 @@ def _segment(start: np.ndarray, end: np.ndarray, body: EllipsoidShape, sizing: S
     s = [0.0]
     while s[-1] < length:
         s.append(s[-1] + float(sizing.at(start + (end - start) * s[-1] / length, body)))
-    s = np.array(s) / s[-1]
-    return start + (end - start) * s[1:-1, None]
+    along = np.array(s) / s[-1]
+    return start + (end - start) * along[1:-1, None]
 
 
 def _rings(body: EllipsoidShape, sizing: Sizing) -> tuple[np.ndarray, np.ndarray, list[int], list[int], list[int]]:
@@ -54,11 +54,11 @@ def _rings(body: EllipsoidShape, sizing: Sizing) -> tuple[np.ndarray, np.ndarray
     def point(theta: float) -> np.ndarray:
         return body.semi_axes * [np.sin(theta) * diagonal, np.sin(theta) * diagonal, np.cos(theta)]
 
-    angles = [0.0]
-    while angles[-1] < np.pi:
-        speed = np.linalg.norm(point(angles[-1] + np.pi / 2))
-        angles.append(angles[-1] + float(sizing.at(point(angles[-1]), body)) / speed)
-    angles = np.array(angles) * np.pi / angles[-1]
+    steps = [0.0]
+    while steps[-1] < np.pi:
+        speed = float(np.linalg.norm(point(steps[-1] + np.pi / 2)))
+        steps.append(steps[-1] + float(sizing.at(point(steps[-1]), body)) / speed)
+    angles = np.array(steps) * np.pi / steps[-1]
     angles[np.argmin(np.abs(angles - np.pi / 2))] = np.pi / 2
     rings, index, count = [], [], 0
     for k, theta in enumerate(angles):
@@ -108,20 +108,19 @@ def _plane_face(
 
     flat = loop[:, [i, j]]
     start = max(sizing.lift, 0.0) if j == 2 else 0.0  # nothing of a side face is nearer
-    cloud, r = [], start + 0.5 * size(start)
+    circles, r = [], start + 0.5 * size(start)
     while r < 2.5 * body.semi_axes.max():
         h = size(r)
         m = max(3, round(2 * np.pi * r / h))
         theta = (np.arange(m) + 0.5) / m * 2 * np.pi
-        cloud.append(top + r * np.c_[np.cos(theta), np.sin(theta)])
+        circles.append(top + r * np.c_[np.cos(theta), np.sin(theta)])
         r += 0.9 * h
-    cloud = np.vstack(cloud)
+    cloud = np.vstack(circles)
     inside = Delaunay(flat).find_simplex(cloud) >= 0
     cloud = cloud[inside]
     full = np.zeros((len(cloud), 3))
     full[:, [i, j]] = cloud
-    h = sizing.at(full, body)
-    cloud = cloud[cKDTree(flat).query(cloud)[0] > 0.6 * h]
+    cloud = cloud[cKDTree(flat).query(cloud)[0] > 0.6 * sizing.at(full, body)]
     centre = flat.mean(0)
     following, preceding = np.roll(flat, -1, 0) - flat, flat - np.roll(flat, 1, 0)
     turn = following[:, 0] * preceding[:, 1] - following[:, 1] * preceding[:, 0]

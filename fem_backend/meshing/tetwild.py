@@ -83,11 +83,14 @@ def soundness(mesh: Mesh, body: EllipsoidShape) -> float:
 def _extension() -> ModuleType:
     """pytetwild's compiled module alone: its package imports pyvista (600 MB) only for file conversion."""
     spec = importlib.util.find_spec("pytetwild")
+    if spec is None or not spec.submodule_search_locations:
+        raise ImportError("pytetwild is not installed; install pytetwild==0.4.*")
     folder = Path(spec.submodule_search_locations[0])
     for suffix in importlib.machinery.EXTENSION_SUFFIXES:
         path = folder / f"PyfTetWildWrapper{suffix}"
         if path.exists():
             module_spec = importlib.util.spec_from_file_location("PyfTetWildWrapper", path)
+            assert module_spec is not None and module_spec.loader is not None  # its suffix is that of a loader
             module = importlib.util.module_from_spec(module_spec)
             module_spec.loader.exec_module(module)
             return module

@@ -253,7 +253,7 @@ def system(
     if like is None:
         surface, below = touching(settings, placement, model)
     else:
-        surface, below = like.indenter.surface, tuple(p.surface for p in like.seat)
+        surface, below = like.pressing.surface, tuple(p.surface for p in like.seat)
     adhesion = Adhesion(knobs.adhesion, knobs.adhesion_range) if knobs.adhesion else None
     epsilon = np.full(surface.weights.shape, PENALTY * mu / length)
     indenter = Pair(surface, placement.indenter, epsilon, knobs.friction, adhesion)
@@ -323,7 +323,7 @@ def condensing(system: System, model: AssembledModel, start: Load, end: Load) ->
     """
     if system.seat:
         return system
-    pair, c = system.indenter, [load.indenter.centre for load in (start, end)]
+    pair, c = system.pressing, [load.pressing.centre for load in (start, end)]
     points = contact_points(pair.surface, system.body.nodes)
     nodes = np.unique(pair.surface.facets[pair.rigid.swept(points, *c).any(1)])
     dofs = model.body.free.reshape(-1, 3)[nodes]

@@ -130,4 +130,4 @@ class Slopes:
 
 def travel_of(at: InitialState, load: Load) -> float:
     """Travel (mm) of the indenter in a load."""
-    return float((load.indenter.centre - at.placement.touch) @ at.placement.direction) - at.lag
+    return float((load.pressing.centre - at.placement.touch) @ at.placement.direction) - at.lag

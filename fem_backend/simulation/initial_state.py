@@ -47,7 +47,7 @@ class InitialState:
     @property
     def path_dependent(self) -> bool:
         """Whether the answer depends on the way: friction, relaxation, softening, adhesion (jumps)."""
-        rubbing = any(p.friction for p in self.system.pairs) or self.system.indenter.adhesion is not None
+        rubbing = any(p.friction for p in self.system.pairs) or self.system.pressing.adhesion is not None
         return rubbing or self.system.material.path_dependent
 
 

@@ -43,8 +43,8 @@ def channels(
     force = stiffer * whole(placement, evaluation.contact.force)
     up = -placement.down
     moved = (evaluation.u - at.seated) @ up
-    touching, surface = evaluation.contact, system.indenter.surface
-    centre = load.indenter.centre
+    touching, surface = evaluation.contact, system.pressing.surface
+    centre = load.pressing.centre
     patch = placement.indenter.patch(
         surface,
         body.nodes + evaluation.u,

@@ -63,6 +63,12 @@ class System:
         return (*(() if self.indenter is None else (self.indenter,)), *self.seat)
 
     @property
+    def pressing(self) -> Pair:
+        """The pair of the indenter, which a system has once something presses."""
+        assert self.indenter is not None
+        return self.indenter
+
+    @property
     def loose(self) -> bool:
         """Whether the support leaves rigid motions, which contact alone takes away."""
         return self.springs is not None
@@ -88,6 +94,12 @@ class Load:
     def touches(self) -> tuple[Touch, ...]:
         """How every pair touches, in the order of `System.pairs`."""
         return (*(() if self.indenter is None else (self.indenter,)), *self.seat)
+
+    @property
+    def pressing(self) -> Touch:
+        """How the indenter touches, of a load that presses."""
+        assert self.indenter is not None
+        return self.indenter
 
     def touching(self, touches: Iterable[Touch]) -> Load:
         """The load with other touches, in the order of `touches`."""
