@@ -46,7 +46,7 @@ def test_a_logarithm_that_knows_nothing_of_a_corner_is_dropped():
     X = 0.3 + 0.2 * rng.random((12, 2))
     y = np.exp(3 * np.sin(40 * X[:, 0]) + 2 * rng.standard_normal(12))
     log, plain = (emulation.fit_kriging(X, y, seed=0, trend=2, log=g) for g in (True, False))
-    assert emulation.choice._tame([log, plain], y) == [plain]
+    assert emulation.model_choice._tame([log, plain], y) == [plain]
 
 
 SUM = box([0.0, 0.0], [1.0, 1.0])

@@ -17,7 +17,7 @@ from rso.discrepancy.library.prediction import predict
 from rso.discrepancy.library.responses import changed
 from rso.discrepancy.library.simulations import Pass
 from rso.discrepancy.library.tables import Library, LibraryTable, PlaceTables, _carried, _transfer
-from rso.discrepancy.library.test_plan import TestPlace
+from rso.discrepancy.library.test_plan import PlanPlace
 from rso.evaluation.store import Failed
 
 MU = 0.012
@@ -409,7 +409,7 @@ def test_a_run_that_ends_at_the_turn_says_nothing_of_the_way_back(reached):
     failed = Failed("k", {}, case, "contact", "", partial)
     base = Resampling(asked, np.stack([0 * asked, 0 * asked, asked**1.5], axis=1))
     ways = [Pass(None, 0.0), Pass(4.0, 0.0)]
-    change, lost = changed(ways, asked, TestPlace({}, 4.0, (4.0,)), 1.0, [failed, failed], base)
+    change, lost = changed(ways, asked, PlanPlace({}, 4.0, (4.0,)), 1.0, [failed, failed], base)
     np.testing.assert_allclose(change[0, 2], 0.2, atol=1e-12)
     assert lost == (reached == "the turn")
     np.testing.assert_allclose(change[1, 2, 2], -0.4 if lost == 0 else 0.0, atol=1e-12)

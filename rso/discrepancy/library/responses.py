@@ -11,7 +11,7 @@ from scipy.interpolate import PchipInterpolator, interp1d
 from rso.contract import Response
 from rso.core.curves import Resampling
 from rso.discrepancy.library.simulations import Pass
-from rso.discrepancy.library.test_plan import TestPlace
+from rso.discrepancy.library.test_plan import PlanPlace
 from rso.evaluation.store import Done
 
 FORCES = ("Fx", "Fy", "Fz")
@@ -64,7 +64,7 @@ def reached_by(outcome: Any, deepest: float) -> Response | None:
 def changed(
     ways: Sequence[Pass],
     u: np.ndarray,
-    place: TestPlace,
+    place: PlanPlace,
     reference: float,
     outcomes: Sequence[Any],
     base: Resampling,
@@ -94,7 +94,7 @@ def changed(
     return change, lost
 
 
-def marks_of(response: Response, place: TestPlace) -> np.ndarray:
+def marks_of(response: Response, place: PlanPlace) -> np.ndarray:
     """Displacements (n_depths · n_marks,) of the marks of profiles, depth by depth."""
     if not place.marks:
         return np.empty(0)

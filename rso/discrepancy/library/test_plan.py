@@ -50,7 +50,7 @@ class Experiment:
 
 
 @dataclass(frozen=True)
-class TestPlace:
+class PlanPlace:
     """Settings of the backend, the deepest travel asked there, peaks of load–unload tests, and marks of profiles."""
 
     settings: Mapping[str, Any]
@@ -128,7 +128,7 @@ class TestPlan:
     """
 
     experiments: tuple[Experiment, ...]
-    places: tuple[TestPlace, ...]
+    places: tuple[PlanPlace, ...]
     tests: tuple[Test, ...]
     profiles: tuple[SurfaceProfile, ...]
     notes: tuple[str, ...] = ()
@@ -197,12 +197,12 @@ class _Site:
     marks: dict[tuple[float, float], int] = field(default_factory=dict)
     mark_depths: set[float] = field(default_factory=set)
 
-    def place(self, scale: float) -> TestPlace:
+    def place(self, scale: float) -> PlanPlace:
         """The place when all is gathered."""
         step = scale * STEP
         deepest = rounded(max(math.ceil(self.deepest / step - 0.2), 1) * step, scale, 6)
         peaks = {rounded(v, scale, 1) for v in self.peaks}
-        return TestPlace(
+        return PlanPlace(
             self.settings, deepest, tuple(sorted(peaks)), tuple(self.marks), tuple(sorted(self.mark_depths))
         )
 
