@@ -56,6 +56,7 @@ class Solved:
     @property
     def system(self) -> System:
         """What was solved."""
+        assert self.result.system is not None  # of a run that was solved here
         return self.result.system
 
 
@@ -331,7 +332,7 @@ class FiniteElements:
         missing = sorted(n for n, v in given.items() if v is None)
         if missing:
             raise ValueError(f"parameter {missing[0]!r} ({known[missing[0]].unit}) has no value")
-        return every()(**{n: known[n].check(v) for n, v in given.items()})
+        return every()(**{n: known[n].check(v) for n, v in given.items() if v is not None})
 
 
 BACKEND = FiniteElements()

@@ -55,7 +55,7 @@ def draw(solved: Solved, folder: Path) -> list[Path]:
     body, placement, paths = solved.model.body, solved.placement, []
     for k, point in enumerate(solved.result.points):
         nodal = post.nodal(body, fields(solved, point))
-        u, touch = point.evaluation.u, point.load.indenter
+        u, touch = point.evaluation.u, point.load.pressing
         surface = solved.system.pressing.surface
         points = tractions.contact_points(surface, body.nodes + u)
         on = point.evaluation.contact.pressure > 0

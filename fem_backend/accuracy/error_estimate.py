@@ -353,8 +353,9 @@ def eased(settings: Settings, knobs: Knobs, result: Result) -> np.ndarray:
     """(1 + W/F)^(2/3) − (W/F)^(2/3), (k,): what a heavy body sinks on its support over what a weightless one does."""
     force = np.maximum(whole_force(result), 1e-300)
     weight = knobs.weight * settings.specimen.volume() / force
-    if knobs.weight and knobs.cavity and result.system is not None:  # a hole has none
-        weight *= np.linalg.norm(result.system.dead.sum(0)) / (knobs.weight * result.system.body.w.sum())
+    system = result.system
+    if knobs.weight and knobs.cavity and system is not None and system.dead is not None:  # a hole has none
+        weight *= np.linalg.norm(system.dead.sum(0)) / (knobs.weight * system.body.w.sum())
     return (1.0 + weight) ** (2.0 / 3.0) - weight ** (2.0 / 3.0)
 
 

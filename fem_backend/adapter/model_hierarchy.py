@@ -37,7 +37,8 @@ def levels(settings: Mapping[str, Any]) -> tuple[tuple[dict[str, Any], ...], ...
         level = {**law.level, "settings": {"material": {**kept, "law": law.name}}}
         return level | ({"hold": {"D1": HELD}} if "hold" in level else {})
 
-    indenter, rungs = INDENTERS.read(settings.get("indenter", {})), {}
+    indenter = INDENTERS.read(settings.get("indenter", {}))
+    rungs: dict[int, list[dict[str, Any]]] = {}
     for law in LAWS.members.values():
         rungs.setdefault(law.rung, []).append(of_law(law))
     hertz = {
@@ -85,7 +86,7 @@ def start(settings: Settings, travel: np.ndarray, force: np.ndarray) -> dict[str
     normal, H, tilt = _touch(settings)
     h, F = u[keep] * tilt, F[keep] / normal[2]
     shape = _closed(settings.indenter.force(h, H, 1.0, NU), settings)
-    E, single = float(shape @ F / (shape @ shape)), settings.indenter.modulus(F, h, H, NU)
+    E, single = float(shape @ F / (shape @ shape)), _closed(settings.indenter.modulus(F, h, H, NU), settings)
     value, low, high = (e / (2.0 * (1.0 + NU)) for e in (E, float(single.min()) / WIDER, float(single.max()) * WIDER))
 
     def D1(mu: float, nu: float) -> float:

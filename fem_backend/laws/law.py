@@ -33,8 +33,7 @@ def pairs(what: str, value: Any) -> tuple[tuple[float, float], ...]:
     """A list of pairs of finite numbers."""
     if not isinstance(value, list | tuple):
         raise members.refused(f": a list of {what} is expected")
-    two = members.numbers(2)
-    return tuple(two(v) for v in value)
+    return tuple((a, b) for a, b in map(members.numbers(2), value))
 
 
 def relaxation(value: Any) -> tuple[tuple[float, float], ...]:

@@ -335,7 +335,7 @@ def condensing(system: System, model: AssembledModel, start: Load, end: Load) ->
 
 def load(system: System, placement: Placement, travel: float, lag: float = 0.0) -> Load:
     """Load at a travel (mm) without multipliers; `lag` is how much later the sagged body is touched than nominal."""
-    indenter = system.indenter
+    indenter = system.pressing
     way = travel + lag
     centre, nothing = placement.touch + way * placement.direction, np.zeros(indenter.surface.weights.shape)
     factor = raised(indenter.surface, system.body, placement, travel)

@@ -84,6 +84,7 @@ class Slopes:
                 first = first or left
                 if left <= REFINED * first or left > 0.9 * before or k == REFINEMENTS:
                     break
+                assert stage.equilibrium.linear is not None  # which was asked for
                 du = du - stage.equilibrium.linear(change)
                 if not last and before < np.inf and left**2 / before <= 0.3 * REFINED * first:
                     break  # the step just made leaves about the share that the one before it left

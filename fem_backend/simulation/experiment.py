@@ -93,7 +93,7 @@ def _speed(value: Any) -> Any:
 def _places(value: Any) -> tuple[tuple[float, float], ...]:
     if not isinstance(value, list | tuple):
         raise refused(": a list of [x, y] in mm is expected")
-    return tuple(members.numbers(2)(v) for v in value)
+    return tuple((x, y) for x, y in map(members.numbers(2), value))
 
 
 def _earlier(value: Any) -> float:

@@ -132,8 +132,10 @@ def unstable(result: Result) -> tuple[int, str] | None:
 
     A body may find an equilibrium with a law whose stress falls with strain at some of its points: no answer to trust.
     """
+    if result.system is None or not result.points:
+        return None
     law, points = result.system.material.law, result.points
-    if law.unconditional or not points:
+    if law.unconditional:
         return None
 
     def lost(point: LoadPoint) -> str | None:
@@ -211,7 +213,9 @@ def _earlier(at: InitialState, counters: Counters) -> stress.History | None:
     ramp = steps([Instant(deepest, deepest, True)], at.settings.control.path)
     start = stress.virgin(first, *body.w.shape)
     point = history_steps.follow(system, at.start, ramp, at.settings.control, counters, at.seated, start)[-1]
-    return replace(virgin, W_max=point.evaluation.history.W_max)
+    history = point.evaluation.history
+    assert history is not None  # of a body that is followed
+    return replace(virgin, W_max=history.W_max)
 
 
 def collect(
@@ -230,7 +234,7 @@ def collect(
     gradients = {k: {n: v * soft if n in FORCES else v for n, v in rows.items()} for k, rows in gradients.items()}
     notes = {"sag_mm": at.lag, "derivatives_cpu_s": slopes.cpu_s if slopes is not None else 0.0}
     if at.system.loose and points:
-        carried = [np.abs((at.system.springs[:, None] * p.evaluation.u).sum(0)).max() for p in points]
+        carried = [np.abs((at.system.grounded[:, None] * p.evaluation.u).sum(0)).max() for p in points]
         forces = [float(np.linalg.norm(p.force)) for p in points]
         notes["spring_share"] = float(max(c / max(c + f, 1e-300) for c, f in zip(carried, forces, strict=True)))
     reactions = np.array([k * reaction(at, p.evaluation) for p, k in zip(points, soft, strict=True)]).reshape(-1, 3)

@@ -95,7 +95,7 @@ def initial_state(
 
 def _lag(at: InitialState, u: np.ndarray) -> float:
     """How much later (mm) a body displaced by u (n, 3) is touched; not finite if it is not."""
-    pair, placement, nodes = at.system.indenter, at.placement, at.model.body.nodes
+    pair, placement, nodes = at.system.pressing, at.placement, at.model.body.nodes
     first = [
         tractions.first_touch(pair.surface, x, pair.rigid, placement.touch, placement.direction)
         for x in (nodes, nodes + u)

@@ -46,7 +46,8 @@ def each(groups: Sequence[Sequence[Instant]], points: Sequence[LoadPoint]) -> li
 
 def merged(travels: Sequence[float]) -> dict[float, float]:
     """Each travel (mm) and the least of those within round-off of it, in increasing order."""
-    out, near = {}, SAME * max(travels, default=0.0)
+    out: dict[float, float] = {}
+    near = SAME * max(travels, default=0.0)
     for s in sorted(set(travels)):
         least = next(reversed(out.values()), s)
         out[s] = least if s - least <= near else s

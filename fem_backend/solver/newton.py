@@ -69,6 +69,12 @@ class System:
         return self.indenter
 
     @property
+    def grounded(self) -> np.ndarray:
+        """Springs (n,) N/mm of a loose body."""
+        assert self.springs is not None
+        return self.springs
+
+    @property
     def loose(self) -> bool:
         """Whether the support leaves rigid motions, which contact alone takes away."""
         return self.springs is not None
@@ -187,7 +193,7 @@ def evaluate(system: System, u: np.ndarray, load: Load) -> Evaluation:
         energy -= load.dead * float((system.dead * u).sum())
         outside += load.dead**2 * float((system.dead**2).sum())
     if system.loose:
-        pull = load.springs * system.springs[:, None] * u
+        pull = load.springs * system.grounded[:, None] * u
         residual += pull
         energy += 0.5 * float((pull * u).sum())
     scale = max(float(np.sqrt(outside)), system.least_force)
@@ -252,7 +258,7 @@ def bulk_tangent(system: System, at: Evaluation, load: Load) -> np.ndarray:
     bulk = tetrahedra.stiffness(body, state.F, state.S_geometric, state.C)
     if system.loose:
         held = body.free.reshape(-1, 3)
-        springs = np.repeat(load.springs * system.springs, 3)[(held >= 0).ravel()]
+        springs = np.repeat(load.springs * system.grounded, 3)[(held >= 0).ravel()]
         bulk[body.pattern.diagonal[held[held >= 0]]] += springs
     return bulk
 

@@ -288,7 +288,7 @@ def test_elements_longer_than_asked_for_below_the_ball_state_more(edge):
     far = np.array([[30.0, 0.0, 0.0], [45.0, 0.0, 0.0], [30.0, 15.0, 0.0]])
     body = SimpleNamespace(nodes=np.concatenate([nodes, far]))
     facets = np.array([[0, 1, 2, 0, 0, 0], [3, 4, 5, 3, 3, 3]])
-    system = SimpleNamespace(body=body, indenter=SimpleNamespace(surface=SimpleNamespace(facets=facets)))
+    system = SimpleNamespace(body=body, pressing=SimpleNamespace(surface=SimpleNamespace(facets=facets)))
     for level in ("coarse", "fine"):
         at, usual = settings(level), replace(result(), contact_error=np.zeros(3))
         factor = max(1.0, (edge / (0.9 * at.h0)) ** 2)
@@ -307,7 +307,7 @@ def test_a_tilt_counts_by_where_the_ball_touches():
     triangle = np.array([[-0.5, -0.3, 0.0], [0.5, -0.3, 0.0], [0.0, 0.75**0.5 - 0.3, 0.0]])
     nodes = np.concatenate([0.5 * at.h0 * triangle + np.array([x, y, 34.0]), 5.0 * triangle + at.specimen.top])
     surface = SimpleNamespace(facets=np.array([[0, 1, 2, 0, 0, 0], [3, 4, 5, 3, 3, 3]]))
-    system = SimpleNamespace(body=SimpleNamespace(nodes=nodes), indenter=SimpleNamespace(surface=surface))
+    system = SimpleNamespace(body=SimpleNamespace(nodes=nodes), pressing=SimpleNamespace(surface=surface))
     found = replace(result(), system=system)
     assert error_estimate.unreached(at, tilted, found) == 1.0
     assert error_estimate.unreached(at, knobs(), found) > 10.0  # below an upright one lie the long ones
