@@ -89,6 +89,7 @@ LAYERS = {
         "__init__ contract doe norms",
         "benchmarks core",
         "data emulation evaluation",
+        "store",
         "inference optimise study",
         "calibration",
         "discrepancy model_selection",
