@@ -11,6 +11,10 @@ from pathlib import Path
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
+# numpy takes it for a whole number once scipy imports all of it, and ends where it is none; nothing here asks for it.
+if not os.environ.get("SOURCE_DATE_EPOCH", "0").removeprefix("-").isdecimal():
+    del os.environ["SOURCE_DATE_EPOCH"]
+
 __version__ = "0.1.0"
 
 

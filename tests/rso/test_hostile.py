@@ -670,3 +670,13 @@ def test_figures_are_drawn_whatever_a_machine_says_of_windows(name, value):
         [sys.executable, "-P", "-c", code], cwd="/", env={**os.environ, name: value}, capture_output=True, text=True
     )
     assert done.stdout.endswith("drawn\n") and "Traceback" not in done.stderr, done.stderr
+
+
+@pytest.mark.parametrize("epoch", ["x", "", "1.5", "-1", "1700000000"])
+def test_a_date_of_builds_that_is_none_ends_no_command(epoch):
+    """numpy.f2py, which scipy's imports load, reads SOURCE_DATE_EPOCH as a whole number."""
+    code = "import rso, numpy.f2py, os; print(os.environ.get('SOURCE_DATE_EPOCH'))"
+    around = {**os.environ, "SOURCE_DATE_EPOCH": epoch, "PYTHONPATH": str(HERE.parents[1])}
+    done = subprocess.run([sys.executable, "-P", "-c", code], env=around, capture_output=True, text=True, timeout=60)
+    kept = epoch if epoch.removeprefix("-").isdecimal() else None
+    assert (done.returncode, done.stdout.strip()) == (0, str(kept)), done.stderr
