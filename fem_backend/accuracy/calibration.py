@@ -11,9 +11,7 @@ from pathlib import Path
 from fem_backend.simulation.experiment import Settings
 
 TABLE = Path(__file__).with_suffix(".toml")
-UNKNOWN = (
-    3.0  # times as much for a pair that nobody has fitted: what shares of the channels differ by at most in this one
-)
+UNKNOWN = 3.0  # times as much for a pair that nobody has fitted: a wide guess, no calibration
 
 
 @dataclass(frozen=True)
